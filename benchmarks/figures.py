@@ -14,7 +14,6 @@ GREEN, AMBER, VIOLET, BLUE, RED, GREY = "#0f766e", "#b45309", "#6d28d9", "#1d4ed
 COLOURS = (GREEN, AMBER, VIOLET, BLUE, RED, GREY)
 INK, SHADE = "#334155", "#e2e8f0"
 """Of lines and words, and of areas behind them."""
-DPI = 110
 
 Style = tuple[str, str]
 """Colour and mark."""

@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, fields, is_dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import numpy as np
 
@@ -22,15 +22,15 @@ from vbaa_calib.core.files import write_text
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+
 Arrays = TypeVar("Arrays")
+Row = TypeVar("Row")
 
 
 @dataclass(frozen=True)
 class Options:
     """What a subject is asked for.
 
-    Attributes
-    ----------
     draws : noise draws of each cell; what a draw is, the subject says.
     quick : less of everything, for a first look: the subject chooses where `draws` says nothing.
     jobs : processes, where a subject can use more than one.
@@ -46,8 +46,6 @@ class Options:
 class Findings:
     """What a subject found.
 
-    Attributes
-    ----------
     text : the tables for people.
     tables : file name → rows, all instances of one dataclass.
     figures : file name → what draws it.
@@ -98,6 +96,11 @@ def of_any(statistic: Callable[[np.ndarray], Any], values: np.ndarray) -> float 
     return float(statistic(values)) if len(values) else None
 
 
+def spread(values: np.ndarray, errors: np.ndarray) -> tuple[float | None, float | None, float | None]:
+    """Mean of values, scatter and root mean square of their errors; None without any."""
+    return of_any(np.mean, values), of_any(np.std, errors), or_none(rms_known(errors))
+
+
 def mean_of(rows: Sequence[Any], name: str) -> float:
     """Mean of one attribute over the rows that have it; NaN without any."""
     known = [value for row in rows if (value := getattr(row, name)) is not None]
@@ -113,9 +116,34 @@ def shares(values: Sequence[Any] | np.ndarray) -> str:
 # --- tables
 
 
-def column(heading: str = "", spec: str = "", scale: float = 1.0, **default: Any) -> Any:
-    """A field of a row: in text tables below its heading, times `scale`, by `spec`; without a heading in files only."""
-    return field(metadata={"heading": heading, "spec": spec, "scale": scale}, **default)
+def column(
+    heading: str = "", spec: str = "", scale: float = 1.0, of: Callable[[Any], Any] | None = None, **default: Any
+) -> Any:
+    """A field of a row: in text tables below its heading, times `scale`, by `spec`; without a heading in files only.
+
+    `of` : what works it out of what `row_of` is given.
+    """
+    return field(metadata={"heading": heading, "spec": spec, "scale": scale, "of": of}, **default)
+
+
+def row_of(kind: type[Row], given: Any, *first: Any, **own: Any) -> Row:
+    """A row: its first columns and others as they are, the rest worked out of what is given."""
+    worked = {one.name: one.metadata["of"] for one in fields(cast(Any, kind)) if one.metadata.get("of")}
+    return kind(*first, **own, **{name: of(given) for name, of in worked.items() if name not in own})
+
+
+class Draws:
+    """Many results as one: of an attribute that is an array all values in a row, of any other one number a result."""
+
+    def __init__(self, results: Sequence[Any]) -> None:
+        self._results = results
+
+    def __len__(self) -> int:
+        return len(self._results)
+
+    def __getattr__(self, name: str) -> np.ndarray:
+        values = [getattr(one, name) for one in self._results]
+        return np.concatenate(values) if np.ndim(values[0]) else np.array(values, float)
 
 
 def table(
@@ -154,7 +182,7 @@ def aligned(lines: Sequence[Sequence[str]], left: Sequence[bool], title: str = "
     return "\n".join([*([title] if title else []), *rows])
 
 
-def _cell(value: Any, spec: str, scale: float, heading: str) -> str:
+def _cell(value: Any, spec: str, scale: float, **_: Any) -> str:
     """For people; a dash where there is no number."""
     if value is None or (isinstance(value, float) and np.isnan(value)):
         return "–"
@@ -192,7 +220,6 @@ def write_csv(path: Path, rows: Sequence[Any], force: bool) -> None:
 
 # --- clock and machine
 
-_SLOW_S = 1.0
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 """Environment variables that limit the numerical libraries' threads."""
 
@@ -202,28 +229,32 @@ def median_seconds(function: Callable[[], object], repeats: int, least_s: float 
 
     Quick functions are repeated within each timing; one that takes over a second is timed once.
     """
-    begun = time.perf_counter()
-    function()
-    warm = time.perf_counter() - begun
-    calls, repeats = max(1, int(least_s / max(warm, 1e-7))), 1 if warm > _SLOW_S else repeats
-    return sorted(_timings(function, repeats, calls))[repeats // 2]
+    warm = _seconds(function)
+    calls, repeats = max(1, int(least_s / max(warm, 1e-7))), 1 if warm > 1.0 else repeats
+    return sorted(_seconds(function, calls) for _ in range(repeats))[repeats // 2]
 
 
 def least_seconds(function: Callable[[], object], repeats: int) -> float:
     """Least of `repeats` timings after one warm-up call: what the machine can do when nothing else disturbs."""
     function()
-    return min(_timings(function, repeats, 1))
+    return min(_seconds(function) for _ in range(repeats))
 
 
-def _timings(function: Callable[[], object], repeats: int, calls: int) -> list[float]:
-    """Seconds a call, `repeats` times, each the mean of so many calls."""
-    timings = []
-    for _ in range(repeats):
-        begun = time.perf_counter()
-        for _ in range(calls):
-            function()
-        timings.append((time.perf_counter() - begun) / calls)
-    return timings
+def processor_seconds(function: Callable[[], object], repeats: int, long_s: float = 0.25) -> float:
+    """Least processor time, of all threads together, of a first call and `repeats` more; one that is long counts."""
+    least = _seconds(function, clock=time.process_time)
+    for _ in range(repeats if least <= long_s else 0):
+        least = min(least, _seconds(function, clock=time.process_time))
+    return least
+
+
+def _seconds(function: Callable[[], object], calls: int = 1, clock: Callable[[], float] | None = None) -> float:
+    """A call, as the mean of so many."""
+    clock = clock or time.perf_counter
+    begun = clock()
+    for _ in range(calls):
+        function()
+    return (clock() - begun) / calls
 
 
 @contextmanager
@@ -246,8 +277,6 @@ def one_thread() -> Iterator[None]:
 class Machine:
     """What a benchmark ran on.
 
-    Attributes
-    ----------
     threads : environment variables that limit them, those that are set.
     versions : package → version, or "absent".
     """
@@ -292,26 +321,17 @@ def _version(package: str) -> str:
         return "absent"
 
 
-# --- the suite's summary
+# --- tables in pages of docs/
 
 
-@dataclass(frozen=True)
-class Line:
-    """One subject: its headline or why it failed, the seconds it took, the names of its files."""
-
-    subject: str
-    headline: str
-    seconds: float
-    files: tuple[str, ...]
-    failure: str = ""
+def markdown(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A Markdown table."""
+    return "\n".join(f"| {' | '.join(line)} |" for line in [head, ["---"] * len(head), *rows])
 
 
-def as_text(lines: Sequence[Line]) -> str:
-    """One line for each subject, its files below it, and a total."""
-    rows = [["subject", "s", "what it comes down to"]]
-    for line in lines:
-        rows.append([line.subject, f"{line.seconds:.0f}", f"failed: {line.failure}" if line.failure else line.headline])
-        rows += [["", "", ", ".join(line.files)]] if line.files else []
-    good = sum(not line.failure for line in lines)
-    rows.append(["all", f"{sum(line.seconds for line in lines):.0f}", f"{good} of {len(lines)} subjects measured"])
-    return aligned(rows, (True, False, True))
+def replace_marked(page: Path, script: str, text: str) -> None:
+    """Replace what is between the marks of a script, `benchmarks/NAME.py`."""
+    begin, end = f"<!-- begin: {script} -->", f"<!-- end: {script} -->"
+    before, _, rest = page.read_text(encoding="utf-8").partition(begin)
+    _, _, after = rest.partition(end)
+    write_text(page, f"{before}{begin}\n{text}\n{end}{after}", force=True)

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.pages import markdown, replace_marked
+from benchmarks.harness import markdown, replace_marked
 from targets.board import BoardSpec
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution, solve_intrinsics
 from vbaa_calib.calibrate.lens.uncertainty import projection_uncertainty, ray_covariance

@@ -3,9 +3,8 @@
 import numpy as np
 from drawing import BLUE, DARK, GREEN, ORANGE, RED, canvas, figures_folder, save
 
-from benchmarks.estimator.scenes import scenes
+from benchmarks.estimator.scenes import rod_shapes, scenes
 from benchmarks.estimator.setup import STIFFNESS_NM2, Setup
-from benchmarks.estimator.shapes import rod_shapes
 from estimator import ContactEstimator
 from vbaa_calib.antenna.elastica import normal_load
 

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from benchmarks import subjects
+from benchmarks import suite
 from benchmarks.harness import (
     Findings,
     Options,
@@ -27,14 +27,14 @@ from benchmarks.harness import (
     median_seconds,
     or_none,
     picked,
+    replace_marked,
     rms,
     rms_known,
     table,
     write_csv,
 )
 from benchmarks.metric import metric
-from benchmarks.pages import replace_marked
-from benchmarks.subjects import SUBJECTS, Subject
+from benchmarks.suite import SUBJECTS, Subject
 from vbaa_calib.cli import main
 
 SUITE = [subject for subject in SUBJECTS.values() if subject.suite]
@@ -71,7 +71,7 @@ def stubs(monkeypatch: pytest.MonkeyPatch) -> tuple[dict[str, SimpleNamespace], 
     """All subjects as stubs, by name, and what they were asked for."""
     asked: list[Options] = []
     made = {subject.name: SimpleNamespace(measure=stub(subject, asked)) for subject in SUBJECTS.values()}
-    monkeypatch.setattr(subjects, "import_module", lambda name: made[name.rpartition(".")[2]])
+    monkeypatch.setattr(suite, "import_module", lambda name: made[name.rpartition(".")[2]])
     return made, asked
 
 
@@ -88,7 +88,7 @@ def test_laws_of_the_registry() -> None:
         assert {name.rpartition(".")[2] for name in subject.files} == {"csv", "png"}
         assert all(name.startswith(subject.name) for name in (*subject.files, subject.record))
         assert subject.draws[0] >= subject.draws[1] >= subject.least >= 1
-        assert machine(subject.packages).versions.keys() == {"vbaa-calib", *subject.packages}
+        assert machine(subject.packages.split()).versions.keys() == {"vbaa-calib", *subject.packages.split()}
 
 
 @pytest.mark.slow

@@ -9,21 +9,24 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.chain.bound import (
+from benchmarks.chain.chain import Measured, bounds, run
+from benchmarks.chain.judge import found_points, verdict
+from benchmarks.chain.methods import OURS, Answers
+from benchmarks.chain.scenes import (
+    FRICTION_STD_RAD,
+    Cell,
     Information,
+    Photograph,
     at_places,
+    cell,
     contact_bound,
+    drawn,
     equal_information,
     frames_at_information,
     information_of,
+    seen_pixels,
 )
-from benchmarks.chain.chain import Measured, bounds, run
-from benchmarks.chain.judge import verdict
-from benchmarks.chain.losses import found_points
-from benchmarks.chain.methods import OURS, Answers
-from benchmarks.chain.scenes import FRICTION_STD_RAD, Cell, Photograph, cell, drawn, seen_pixels
-from benchmarks.estimator.scenes import push_for_slope, rolled, scenes
-from benchmarks.estimator.shapes import Touches, rod_shapes
+from benchmarks.estimator.scenes import Touches, push_for_slope, rod_shapes, rolled, scenes
 from estimator import ContactEstimator
 
 SIZE = (320, 320)

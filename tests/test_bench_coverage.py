@@ -119,14 +119,16 @@ def test_the_judge_sees_a_moved_camera_at_its_size() -> None:
     assert stiff["mass"].errors == pytest.approx(0.0)
 
 
-@pytest.mark.parametrize("number", range(len(RIGS)), ids=lambda number: RIGS[number].name)
-def test_a_few_calibrations_err_as_much_as_they_say(number: int) -> None:
-    """Pose, antenna and sensor of two draws together, 34 numbers: χ² within what one run in 5,000 exceeds."""
-    found = [outcome((20, number, one)) for one in range(2)]
+def test_calibrations_err_as_much_as_they_say() -> None:
+    """Pose, antenna and sensor, 17 numbers of one draw of each rig: χ² within what one run in 5,000 exceeds, each rig
+    by itself (deviations too small by 1.67 are found out) and all six together (by 1.27).
+    """
+    found = [outcome((20, number, 0)) for number in range(len(RIGS))]
     squares = np.array([one.errors["pose, antenna, sensor"].squares[0] for one in found])
-    assert chi2.ppf(1e-4, 17 * len(found)) < squares.sum() < chi2.isf(1e-4, 17 * len(found)), squares
+    for told, numbers in ((squares, 17), (squares.sum(), 17 * len(RIGS))):
+        assert np.all((chi2.ppf(1e-4, numbers) < told) & (told < chi2.isf(1e-4, numbers))), squares
     points = np.array([one.errors["points on C"].squares.mean() for one in found]) / 2
-    assert 0.02 < points.mean() < 4.0
+    assert 0.1 < points.mean() < 3.0
 
 
 @pytest.mark.slow

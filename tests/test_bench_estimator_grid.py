@@ -7,12 +7,11 @@ import pytest
 
 from benchmarks.estimator import grid as estimator_grid
 from benchmarks.estimator import rods as estimator_rods
-from benchmarks.estimator.bound import bound
+from benchmarks.estimator.bound import QUANTITIES, Estimates, bound, estimate, quality, standard_errors, truth
 from benchmarks.estimator.grid import summary
 from benchmarks.estimator.rods import POPULATIONS
 from benchmarks.estimator.scenes import Scenes, random_scenes
 from benchmarks.estimator.setup import Setup
-from benchmarks.estimator.statistics import QUANTITIES, Estimates, estimate, quality, standard_errors, truth
 
 UPRIGHT = Setup("none").rig()
 

@@ -10,14 +10,15 @@ import pytest
 from benchmarks.estimator.bound import bound
 from benchmarks.estimator.scenes import (
     deflection_of_push,
+    elastica_shapes,
     push_for_deflection,
     push_for_slope,
     random_scenes,
+    rod_shapes,
     rolled,
     scenes,
 )
 from benchmarks.estimator.setup import ACROSS, LENSES, RIG_STD, TOWARDS_CLAMP, Setup, drawn_truth, inside
-from benchmarks.estimator.shapes import elastica_shapes, rod_shapes
 
 UPRIGHT = Setup("none").rig()
 

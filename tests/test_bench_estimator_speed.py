@@ -10,10 +10,8 @@ import pytest
 
 from benchmarks.estimator import hard as estimator_hostile
 from benchmarks.estimator import speed as estimator_speed
-from benchmarks.estimator.baselines import PARTS, at_shares, baselines, one_contact
-from benchmarks.estimator.hard import estimated, run
-from benchmarks.estimator.hard_cases import CASES, Hard, resized
-from benchmarks.estimator.speed import population
+from benchmarks.estimator.hard import CASES, Hard, estimated, resized, run
+from benchmarks.estimator.speed import PARTS, at_shares, baselines, one_contact, population
 
 
 @cache
@@ -65,43 +63,53 @@ def test_size_does_not_matter() -> None:
     np.testing.assert_allclose(theirs / (1e3 * length), ours / length, rtol=1e-6)
 
 
-def test_hostile_frames_are_replayed_and_judged() -> None:
-    rows = estimator_hostile.hostile(60, 5, chunk=30)
-    assert [row.frames for row in rows] == [30, 30]
-    assert sum(row.exceptions + row.nan + row.imagined for row in rows) == 0
+FEW = 16
+"""Frames of a chunk: of these a third is claimed, and some have no reading."""
+_found = cache(lambda chunk: estimator_hostile.estimated_at_random(estimator_hostile.replay(5, chunk, FEW)))
+"""What the estimator makes of a chunk, once for all tests."""
+
+
+def judged(monkeypatch: pytest.MonkeyPatch, chunk: int, change=lambda found: found) -> estimator_hostile.HostileRow:
+    """A chunk's row, the estimator's answers changed before they are judged."""
+    monkeypatch.setattr(estimator_hostile, "estimated_at_random", lambda _: change(_found(chunk)))
+    return estimator_hostile.judged_at_random(5, chunk, FEW)
+
+
+def test_hostile_frames_are_replayed_and_judged(monkeypatch: pytest.MonkeyPatch) -> None:
+    _found(0), _found(1)
+    rows = [judged(monkeypatch, chunk) for chunk in (0, 1)]
+    assert [row.frames for row in rows] == [FEW, FEW]
+    assert sum(row.exceptions + row.nan + row.imagined + row.beyond for row in rows) == 0
     assert all(row.claimed > 0 for row in rows)
-    first, again = (estimator_hostile.replay(5, 0, 30) for _ in range(2))
+    first, again = (estimator_hostile.replay(5, 0, FEW) for _ in range(2))
     np.testing.assert_array_equal(first.scenes.points_px, again.scenes.points_px)
     np.testing.assert_array_equal(first.readings_Nm, again.readings_Nm)
 
 
 def test_hostile_counts_what_is_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
     """Contacts moved by ten deviations are found out, and so is a NaN."""
-    honest = estimator_hostile.estimated_at_random
-
-    def moved(drawn: estimator_hostile.Replayed) -> object:
-        found = honest(drawn)
-        force = found.force_N.copy()
-        force[:, 2] = np.nan
-        return replace(found, distance_m=found.distance_m + 10.0 * found.distance_std_m, force_N=force)
-
-    before = estimator_hostile.judged_at_random(5, 0, 30)
-    monkeypatch.setattr(estimator_hostile, "estimated_at_random", moved)
-    after = estimator_hostile.judged_at_random(5, 0, 30)
+    _found(0)
+    before = judged(monkeypatch, 0)
+    after = judged(
+        monkeypatch,
+        0,
+        lambda found: replace(
+            found,
+            distance_m=found.distance_m + 10.0 * found.distance_std_m,
+            force_N=np.where(np.arange(3) == 2, np.nan, found.force_N),
+        ),
+    )
     assert after.claimed == before.claimed
     assert after.nan == after.claimed
     assert after.beyond == after.claimed - after.imagined
 
 
 def test_hostile_counts_the_frames_that_raise(monkeypatch: pytest.MonkeyPatch) -> None:
-    honest = estimator_hostile.estimated_at_random
-
-    def brittle(drawn: estimator_hostile.Replayed) -> object:
+    def brittle(drawn: estimator_hostile.Replayed) -> None:
         if np.isnan(drawn.readings_Nm).any():
             raise ZeroDivisionError("no reading")
-        return honest(drawn)
 
     monkeypatch.setattr(estimator_hostile, "estimated_at_random", brittle)
-    row = estimator_hostile.judged_at_random(5, 0, 20)
-    assert row.exceptions == np.isnan(estimator_hostile.replay(5, 0, 20).readings_Nm).sum() > 0
+    row = estimator_hostile.judged_at_random(5, 0, FEW)
+    assert row.exceptions == np.isnan(estimator_hostile.replay(5, 0, FEW).readings_Nm).sum() > 0
     assert row.failure == "ZeroDivisionError: no reading"

@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from benchmarks.guided.guided import Row, as_text, pictures_needed, sequence
-from benchmarks.guided.rigs import rigs, true_error_mm
-from benchmarks.guided.strategies import PEOPLE, SUGGESTED
+from benchmarks.guided.rigs import PEOPLE, SUGGESTED, rigs, true_error_mm
 
 
 def row(way: str, pictures: int, true_mm: float, predicted_mm: float | None = None) -> Row:

@@ -10,9 +10,8 @@ import pytest
 
 from benchmarks.estimator.setup import drawn_truth
 from benchmarks.harness import rms_known
-from benchmarks.object.cases import AXIS, CENTRE, SETUP, SOFT, Case
-from benchmarks.object.judge import judge
-from benchmarks.object.scenes import Recorded, contacts, play
+from benchmarks.object.object import judge
+from benchmarks.object.scenes import AXIS, CENTRE, SETUP, SOFT, Case, Recorded, contacts, play
 from vbaa_calib.simulate.scene.objects import TouchObject
 from vbaa_calib.simulate.scene.scene import Sweep
 

@@ -7,9 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.vision.hard import HARDSHIPS, good
 from benchmarks.vision.judge import bound_px, score
-from benchmarks.vision.scenes import Bend, Block, Shot, aside_px, light, path_px, truth
+from benchmarks.vision.scenes import HARDSHIPS, Bend, Block, Shot, aside_px, good, light, path_px, truth
 from benchmarks.vision.vision import hardships, hostile
 from vbaa_calib.detect.whisker.centreline import Centreline
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.reported import apart, of_contacts, of_rig
+from benchmarks.processors import apart, of_contacts, of_rig
 from estimator.table.files import read_contacts
 from vbaa_calib.rig import Rig
 

@@ -17,9 +17,8 @@ import yaml
 
 import vbaa_calib.calibrate.pipeline as calibration
 import vbaa_calib.calibrate.plane_c as session_plane
-from benchmarks.estimator.hard_cases import CASES, Hard
-from benchmarks.processors import WAYS, simulated
-from benchmarks.reported import Report, apart, of_budget, of_contacts, of_lens, of_object, of_rig
+from benchmarks.estimator.hard import CASES, Hard
+from benchmarks.processors import WAYS, Report, apart, of_budget, of_contacts, of_lens, of_object, of_rig, simulated
 from estimator import ContactEstimator
 from estimator.budget.budget import error_budget
 from estimator.contact.recording import estimate_pictures

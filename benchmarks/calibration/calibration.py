@@ -5,18 +5,16 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from benchmarks.boards import Rig, draw, error_mm, rigs
 from benchmarks.figures import AMBER, GREEN, INK, RED, VIOLET, label, label_x, legend, panels
-from benchmarks.harness import Findings, Options, column, mean_of, or_none, table
+from benchmarks.harness import Findings, Options, column, mean_of, of_any, or_none, table
 from vbaa_calib.core.console import progress
 
-from .judge import error_mm
-from .methods import Outcome, methods
-from .peers import versions
-from .rigs import Rig, draw, rigs
+from .methods import Outcome, methods, versions
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -26,8 +24,6 @@ if TYPE_CHECKING:
 class Row:
     """One method on one rig, over the draws; None where the method is absent, mostly failed or does not say.
 
-    Attributes
-    ----------
     error_mm : median over draws of the rms error of points on C, whose true pose is given. ratio : the same over the
         oracle's. rms_ratio : root mean squares over draws likewise; None where a draw failed.
     jig_error_mm, jig_ratio, jig_rms_ratio : the same with the pose of C solved with the method's own lens.
@@ -64,43 +60,32 @@ def run(draws: int, seed: int) -> list[Row]:
                 rows.append(Row(rig.name, name, note=method))
                 continue
             outcomes = method(given)
-            errors = np.array([_errors(outcome, rig) for outcome in outcomes])
+            errors = np.array([[_error(outcome, rig, from_jig) for from_jig in (False, True)] for outcome in outcomes])
             oracle = errors if oracle is None else oracle
             rows.append(_row(rig, name, outcomes, errors, oracle))
     return rows
 
 
-def _errors(outcome: Outcome, rig: Rig) -> tuple[float, float]:
-    """Error in mm on C with its true pose, and with its pose solved."""
-    if outcome.camera is None:
-        return np.inf, np.inf
-    return error_mm(outcome.camera, rig.camera), error_mm(outcome.camera, rig.camera, from_jig=True)
+def _error(outcome: Outcome, rig: Rig, from_jig: bool) -> float:
+    return np.inf if outcome.camera is None else error_mm(outcome.camera, rig.camera, from_jig)
 
 
 def _row(rig: Rig, name: str, outcomes: Sequence[Outcome], errors: np.ndarray, oracle: np.ndarray) -> Row:
     """One method's row; errors (D, 2) mm of its outcomes and of the oracle's."""
-    solved = [outcome for outcome in outcomes if outcome.camera is not None]
-    failures = [outcome.failure for outcome in outcomes if outcome.camera is None]
-    chosen = Counter(outcome.model for outcome in outcomes if outcome.model)
-    middle, own_rms = np.median(errors, axis=0), np.sqrt(np.mean(errors**2, axis=0))
-    ratio, rms_ratio = middle / np.median(oracle, axis=0), own_rms / np.sqrt(np.mean(oracle**2, axis=0))
-    folds = [one.camera.valid_region().image_fraction < 1.0 for one in solved if one.camera is not None]
-    return Row(
-        rig=rig.name,
-        method=name,
-        error_mm=or_none(middle[0]),
-        ratio=or_none(ratio[0]),
-        rms_ratio=or_none(rms_ratio[0]),
-        jig_error_mm=or_none(middle[1]),
-        jig_ratio=or_none(ratio[1]),
-        jig_rms_ratio=or_none(rms_ratio[1]),
-        seconds=float(np.median([one.seconds for one in solved])) if solved else None,
-        folds=float(np.mean(folds)) if folds else None,
-        good_dropped=or_none(mean_of(outcomes, "good_dropped")),
-        outliers_found=or_none(mean_of(outcomes, "outliers_found")),
-        models=", ".join(f"{model} {count}" for model, count in chosen.most_common()),
-        note=f"{len(failures)} of {len(outcomes)} failed: {failures[0]}" if failures else "",
-    )
+    cameras = [one.camera for one in outcomes if one.camera is not None]
+    failures = [one.failure for one in outcomes if one.camera is None]
+    chosen = Counter(one.model for one in outcomes if one.model)
+    middle = np.median(errors, axis=0)
+    own_rms, least_rms = (np.sqrt(np.mean(each**2, axis=0)) for each in (errors, oracle))
+    ratios = middle / np.median(oracle, axis=0), own_rms / least_rms
+    numbers: list[Any] = [or_none(each[at]) for at in (0, 1) for each in (middle, *ratios)]
+    seconds = np.array([one.seconds for one in outcomes if one.camera is not None])
+    folds = np.array([camera.valid_region().image_fraction < 1.0 for camera in cameras])
+    numbers += [of_any(np.median, seconds), of_any(np.mean, folds)]
+    numbers += [or_none(mean_of(outcomes, told)) for told in ("good_dropped", "outliers_found")]
+    numbers.append(", ".join(f"{model} {count}" for model, count in chosen.most_common()))
+    numbers.append(f"{len(failures)} of {len(outcomes)} failed: {failures[0]}" if failures else "")
+    return Row(rig.name, name, *numbers)
 
 
 _TITLE = (
@@ -119,7 +104,7 @@ STYLES = {
 """Method → its colour and mark."""
 
 
-def figure(rows: Sequence[Row], draws: int) -> Figure:
+def _figure(rows: Sequence[Row], draws: int) -> Figure:
     """One panel per rig, both axes logarithmic; full marks with C's true pose, hollow ones with its pose solved."""
     names = list(dict.fromkeys(row.rig for row in rows))
     drawn, every = panels(len(names), 3, (3.7, 3.1), sharex=True, sharey=True)
@@ -141,20 +126,16 @@ def figure(rows: Sequence[Row], draws: int) -> Figure:
 
 def measure(options: Options) -> Findings:
     """Every method on every rig; a draw is one set of views."""
-    rows = run(options.draws, options.seed)
+    rows, draws = run(options.draws, options.seed), options.draws
+    spans = f"ours {_span(rows, 'ours, auto')}, OpenCV {_span(rows, 'OpenCV, default')}"
     return Findings(
-        table(rows, _TITLE.format(options.draws), once=1),
+        table(rows, _TITLE.format(draws), once=1),
         {"calibration.csv": rows},
-        {"calibration.png": lambda: figure(rows, options.draws)},
+        {"calibration.png": lambda: _figure(rows, draws)},
         {"rows": rows},
-        headline(rows),
+        f"rms error over the oracle's: {spans}",
         versions(),
     )
-
-
-def headline(rows: Sequence[Row]) -> str:
-    """Rms errors over the oracle's, ours and OpenCV's."""
-    return f"rms error over the oracle's: ours {_span(rows, 'ours, auto')}, OpenCV {_span(rows, 'OpenCV, default')}"
 
 
 def _span(rows: Sequence[Row], method: str) -> str:

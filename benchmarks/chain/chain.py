@@ -5,7 +5,6 @@ One limit is the Cramér–Rao bound of the whole chain, the other the time to r
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -16,15 +15,31 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from benchmarks.figures import AMBER, BLUE, GREEN, GREY, INK, SHADE, VIOLET, label, label_x, legend, name_points, panels
-from benchmarks.harness import Findings, Options, column, one_thread, table
+from benchmarks.harness import Findings, Options, column, one_thread, processor_seconds, table
 from vbaa_calib.core.console import progress
 
-from .bound import Information, contact_bound, frames_at_information, information_of
-from .judge import ASTRAY_BOUND, ASTRAY_STATED, Reading, StageRow, reading, stages, typical_seconds, verdict
-from .losses import LossRow, losses
-from .methods import CLASSIC, LINE, LOOP, ONE_LOOK, OURS, PAPER, Answers, Method, ours
-from .peers import others
-from .scenes import RIGS, SIZES, Cell, Photograph, cell
+from .judge import (
+    ASTRAY_BOUND,
+    ASTRAY_STATED,
+    LossRow,
+    StageRow,
+    losses,
+    reading_seconds,
+    stages,
+    typical_seconds,
+    verdict,
+)
+from .methods import CLASSIC, LINE, LOOP, ONE_LOOK, OURS, PAPER, Answers, Method, others, ours
+from .scenes import (
+    RIGS,
+    SIZES,
+    Cell,
+    Information,
+    cell,
+    contact_bound,
+    frames_at_information,
+    information_of,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -38,8 +53,6 @@ _LONG_S = 2.0
 class ChainRow:
     """One method on the pictures of one size and rig.
 
-    Attributes
-    ----------
     told : the truth decides which points it takes.
     ms, ms_recording : of one thread for one picture that comes alone, and for each of a recording.
     l_rms_mm, l_median_mm : error of the contact distance, of the pictures with a number; None without any.
@@ -87,21 +100,21 @@ def run(pictures: int, seed: int, quick: bool = False, sizes: Sequence[tuple[int
     found = Measured([], [], [])
     with one_thread():
         for size in sizes:
-            read = reading(size, repeats)
+            read_s = reading_seconds(size, repeats)
             for known in RIGS:
                 pages = cell(size, known, pictures, seed)
                 informations = [information_of(one) for one in pages.photographs]
                 bound_m = bounds(pages, informations)
                 methods = [*ours(pages.rig), *others(pages.rig)]
                 rows = [
-                    _row(pages, method, bound_m, read, timed, repeats)
+                    _row(pages, method, bound_m, read_s, timed, repeats)
                     for method in progress(methods, f"{pages.name}, {known} rig", len(methods))
                 ]
                 found.rows.extend(rows)
                 of_bound = {row.method: row.of_bound for row in rows}
                 found.losses.extend(losses(pages, informations, bound_m, of_bound, seed))
                 if RIGS[known]:
-                    found.stages.extend(stages(pages, read, timed, repeats))
+                    found.stages.extend(stages(pages, read_s, timed, repeats))
     return found
 
 
@@ -111,11 +124,12 @@ def bounds(pages: Cell, told: Sequence[Information]) -> np.ndarray:
     return contact_bound(frames_at_information(truths, told)).std[:, 0]
 
 
-def _row(pages: Cell, method: Method, bound_m: np.ndarray, read: Reading, timed: int, repeats: int) -> ChainRow:
+def _row(pages: Cell, method: Method, bound_m: np.ndarray, read_s: float, timed: int, repeats: int) -> ChainRow:
     photographs = pages.photographs
     singles = [partial(method.solve, photographs[index : index + 1]) for index in range(min(timed, len(pages)))]
     alone = typical_seconds(singles, repeats)
-    found, together = _recording(method, photographs, repeats)
+    found: list[Answers] = []
+    together = processor_seconds(lambda: found.append(method.solve(photographs)), repeats - 1, _LONG_S) / len(pages)
     return ChainRow(
         size=pages.name,
         rig=pages.known,
@@ -125,22 +139,10 @@ def _row(pages: Cell, method: Method, bound_m: np.ndarray, read: Reading, timed:
         pictures=len(pages),
         ms=1e3 * alone,
         ms_recording=1e3 * together,
-        **verdict(found, photographs, bound_m),
+        **verdict(found[-1], photographs, bound_m),
         bound_mm=1e3 * float(np.sqrt(np.mean(bound_m**2))),
-        read_ms=1e3 * read.memory_s,
+        read_ms=1e3 * read_s,
     )
-
-
-def _recording(method: Method, photographs: Sequence[Photograph], repeats: int) -> tuple[Answers, float]:
-    """Answers to all pictures in one call, and the least time of each."""
-    least = np.inf
-    for _ in range(repeats):
-        begun = time.process_time()
-        found = method.solve(photographs)
-        least = min(least, time.process_time() - begun)
-        if least > _LONG_S:
-            break
-    return found, float(least) / len(photographs)
 
 
 _NOTES = f"""\
@@ -159,9 +161,8 @@ a point; the points' stated deviations over their noise"""
 _STAGES = "where the time goes, auto, two looks; ms of a picture that comes alone and of each in a recording"
 
 
-def as_text(found: Measured) -> str:
+def _as_text(found: Measured, row: Any) -> str:
     """The tables for people, below the result in one sentence."""
-    row = _chosen(found.rows)
     lines = [
         f"auto, {row.size}, a calibrated rig: {row.ms:.1f} ms a picture, {row.ms_recording:.1f} ms in a recording; "
         f"{row.l_rms_mm:.2f} mm rms, {row.of_bound:.2f} ± {row.of_bound_error:.2f} times the bound; reading the "
@@ -173,15 +174,6 @@ def as_text(found: Measured) -> str:
         limits = f"{own[0].bound_mm:.3f} mm rms, {own[0].read_ms:.4f} ms"
         lines += ["", table(own, f"{size}, rig {rig}, {own[0].pictures} pictures; the limits: {limits}")]
     return "\n".join([*lines, "", table(found.losses, _LOSSES), "", table(found.stages, _STAGES)])
-
-
-def headline(rows: Sequence[ChainRow]) -> str:
-    """Time and error of `auto` on the largest pictures."""
-    row = _chosen(rows)
-    return (
-        f"picture to contact, auto, {row.size}: {row.ms:.0f} ms, {row.of_bound:.2f} × the bound; "
-        f"reading it {row.read_ms:.3f} ms"
-    )
 
 
 def _chosen(rows: Sequence[ChainRow]) -> Any:
@@ -202,7 +194,7 @@ _ALIKE = 1.25, 2.0
 """Rungs whose errors and times differ by no more than these factors share a label."""
 
 
-def figure(rows: Sequence[ChainRow]) -> Figure:
+def _figure(rows: Sequence[ChainRow]) -> Figure:
     """One panel for each picture size and rig; full marks a picture that comes alone, hollow ones in a recording."""
     shown = [row for row in rows if row.l_rms_mm is not None]
     cells = list(dict.fromkeys((row.size, row.rig) for row in rows))
@@ -262,10 +254,12 @@ def _together(one: ChainRow, other: ChainRow) -> bool:
 def measure(options: Options) -> Findings:
     """The subject `chain` of `vbaa bench`; a draw is a picture, of each size and rig."""
     found = run(options.draws, options.seed, options.quick)
+    row = _chosen(found.rows)
     return Findings(
-        text=as_text(found),
-        tables={"chain.csv": found.rows, "chain_stages.csv": found.stages, "chain_losses.csv": found.losses},
-        figures={"chain.png": lambda: figure(found.rows)},
-        numbers=vars(found),
-        headline=headline(found.rows),
+        _as_text(found, row),
+        {"chain.csv": found.rows, "chain_stages.csv": found.stages, "chain_losses.csv": found.losses},
+        {"chain.png": lambda: _figure(found.rows)},
+        vars(found),
+        f"picture to contact, auto, {row.size}: {row.ms:.0f} ms, {row.of_bound:.2f} × the bound; reading it "
+        f"{row.read_ms:.3f} ms",
     )

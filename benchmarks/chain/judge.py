@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 
-from benchmarks.harness import column, or_none, rms_known
+from benchmarks.chain.methods import MODELS, PAPER_RUNG, Answers, centreline, frame_of, seen
+from benchmarks.chain.scenes import FRICTION_STD_RAD, Cell, Information, Photograph, at_places, equal_information
+from benchmarks.estimator.scenes import Scenes, joined
+from benchmarks.harness import column, or_none, processor_seconds, rms_known
+from benchmarks.vision.scenes import aside_px
 from estimator import ContactEstimator
 from estimator.contact.recording import detect, measured
 from vbaa_calib.detect.whisker.antenna import find_along, pixels, width_px
 from vbaa_calib.detect.whisker.centreline import Centreline
-
-from .methods import Answers, frame_of, seen
-from .scenes import FRICTION_STD_RAD, Cell, Photograph
 
 ASTRAY_BOUND, ASTRAY_STATED = 5.0, 4.0
 """A number is wrong and confident when it is off by more than both: the bound's standard deviations, and its own."""
@@ -51,73 +51,34 @@ def verdict(found: Answers, photographs: Sequence[Photograph], bound_m: np.ndarr
 
 _BEYOND_CACHE_BYTES = 256 * 2**20
 """So much is read in turn that nothing of it is still in a processor's cache when its turn comes again."""
-_LONG_S = 0.25
-
-
-@dataclass(frozen=True)
-class Reading:
-    """Reading every byte of one picture once.
-
-    Attributes
-    ----------
-    memory_s : out of memory. cache_s : again and again, out of whatever cache holds it.
-    """
-
-    memory_s: float
-    cache_s: float
-
-
-def seconds(work: Callable[[], object], repeats: int) -> float:
-    """Least processor time, of all threads together, over so many calls, after one to warm up.
-
-    What takes longer than `_LONG_S` is timed once. With one thread it is the time that passes on a machine with nothing
-    else to do; what BLAS does in others, if OMP_NUM_THREADS lets it, counts too.
-    """
-    begun = time.process_time()
-    work()
-    least = time.process_time() - begun
-    if least > _LONG_S:
-        return least
-    for _ in range(repeats):
-        begun = time.process_time()
-        work()
-        least = min(least, time.process_time() - begun)
-    return least
 
 
 def typical_seconds(works: Sequence[Callable[[], object]], repeats: int) -> float:
-    """Median over several pieces of work of the least time of each."""
-    return float(np.median([seconds(work, repeats) for work in works]))
+    """Median over several pieces of work of the least processor time of each."""
+    return float(np.median([processor_seconds(work, repeats) for work in works]))
 
 
-def reading(size: tuple[int, int], repeats: int, room_bytes: int = _BEYOND_CACHE_BYTES) -> Reading:
-    """For 8-bit pictures of (width, height): by summing them eight bytes at a time, or by a copy, the faster way."""
+def reading_seconds(size: tuple[int, int], repeats: int) -> float:
+    """Reading every byte of an 8-bit picture of (width, height) once out of memory.
+
+    By summing eight bytes at a time, or by a copy, the faster way.
+    """
     words = size[0] * size[1] // 8
-    store = np.ones((max(room_bytes // (8 * words), 1), words), np.uint64)
+    store = np.ones((max(_BEYOND_CACHE_BYTES // (8 * words), 1), words), np.uint64)
     once = np.empty(words, np.uint64)
 
-    def summed(pictures: np.ndarray) -> None:
-        for picture in pictures:
-            picture.sum()
-
-    def copied(pictures: np.ndarray) -> None:
-        for picture in pictures:
+    def copied() -> None:
+        for picture in store:
             np.copyto(once, picture)
 
-    again = np.broadcast_to(store[:1], store.shape)
-    memory, cache = (
-        min(seconds(partial(way, pictures), repeats) for way in (summed, copied)) / len(store)
-        for pictures in (store, again)
-    )
-    return Reading(memory, cache)
+    ways = (lambda: [picture.sum() for picture in store], copied)
+    return min(processor_seconds(way, repeats) for way in ways) / len(store)
 
 
 @dataclass(frozen=True)
 class StageRow:
     """One stage of the way with the rung chosen automatically, two looks at a picture.
 
-    Attributes
-    ----------
     ms, ms_recording : of one thread, of a picture that comes alone and of each in a recording.
     share : of the whole, for a picture that comes alone.
     """
@@ -129,7 +90,7 @@ class StageRow:
     share: float = column("share %", ".1f", 100)
 
 
-def stages(pages: Cell, read: Reading, timed: int, repeats: int) -> list[StageRow]:
+def stages(pages: Cell, read_s: float, timed: int, repeats: int) -> list[StageRow]:
     """Reading the picture alone for comparison, each stage, and their sum."""
     estimator = ContactEstimator(pages.rig, friction=FRICTION_STD_RAD)
     few = pages.photographs[:timed]
@@ -139,12 +100,12 @@ def stages(pages: Cell, read: Reading, timed: int, repeats: int) -> list[StageRo
     alone[fit] -= alone[lens]
     once, twice = (list(seen(estimator, pages.photographs, looks)) for looks in (False, True))
     rough_ms, fit_ms = (
-        1e3 * seconds(work, repeats) / len(pages)
+        1e3 * processor_seconds(work, repeats) / len(pages)
         for work in (partial(estimator.rough, once), lambda: list(estimator.run(twice)))
     )
     together = alone | {rough: rough_ms, fit: max(fit_ms - alone[lens], 0.0)}
     whole, whole_together = sum(alone.values()), sum(together.values())
-    rows = [("(reading it once)", 1e3 * read.memory_s, 1e3 * read.memory_s)]
+    rows = [("(reading it once)", 1e3 * read_s, 1e3 * read_s)]
     rows += [(name, alone[name], together[name]) for name in alone]
     rows.append(("all", whole, whole_together))
     return [StageRow(pages.name, name, ms, recorded, ms / whole) for name, ms, recorded in rows]
@@ -174,3 +135,103 @@ def _steps(estimator: ContactEstimator, photograph: Photograph) -> dict[str, Cal
         "lens taken off the points": partial(rig.camera.normalized_with_slopes, offered.points_px),
         "fit": partial(estimator.measure, offered),
     }
+
+
+_DRAWS = 4
+"""Of ideal points, for each picture."""
+_FINER = 8
+"""The true path is taken so many times as dense as it was drawn: to a sixteenth of a pixel."""
+
+
+@dataclass(frozen=True)
+class LossRow:
+    """One rung on the pictures of one size and rig. Errors of the distance in the bound's standard deviations, rms.
+
+    noiseless : from points without noise: what the model leaves out, and what friction and the rig, which are not what
+        they were expected to be, do to it.
+    ideal : from points with the least noise that the picture allows: what model and solver make of perfect sight.
+    picture : from the pictures.
+    points : noise of the points that were found over the least; kept : share of the antenna's columns with a point.
+    stated : deviations that the points come with over the noise that they have.
+    None where there is no number.
+    """
+
+    size: str = column("picture")
+    rig: str = column("rig")
+    model: str = column("rung")
+    noiseless: float | None = column("no noise", ".2f")
+    ideal: float | None = column("best points", ".2f")
+    picture: float | None = column("picture", ".2f")
+    points: float | None = column("points", ".2f")
+    kept: float = column("kept %", ".1f", 100)
+    stated: float | None = column("stated", ".2f")
+
+
+@dataclass(frozen=True, eq=False)
+class _FoundPoints:
+    """The points of one picture: their errors (N,) over the least noise, stated deviations over it; as in `LossRow`."""
+
+    errors: np.ndarray
+    stated: np.ndarray
+    kept: float
+
+
+def losses(
+    pages: Cell,
+    informations: Sequence[Information],
+    bound_m: np.ndarray,
+    of_bound: Mapping[str, float | None],
+    seed: int,
+) -> list[LossRow]:
+    """Every rung but the lowest, which knows no weight; `of_bound` is what each reached from the pictures."""
+    rng = np.random.default_rng([seed, 1])
+    estimator = ContactEstimator(pages.rig)
+    found = [found_points(estimator, one, known) for one, known in zip(pages.photographs, informations, strict=True)]
+    errors, stated = (np.concatenate([getattr(one, name) for one in found]) for name in ("errors", "stated"))
+    points, size = or_none(rms_known(errors)), or_none(rms_known(stated))
+    places, sigma_px = equal_information(informations)
+    clean = joined(
+        [replace(at_places(replace(one.truth, sigma_px=sigma_px), places), rig=pages.rig) for one in pages.photographs]
+    )
+    noisy = clean.noisy(rng, _DRAWS)
+    rows = []
+    for model in [model for model in MODELS if model != PAPER_RUNG]:
+        fit = ContactEstimator(pages.rig, model=model, friction=FRICTION_STD_RAD)
+        noiseless, ideal = (_of_bound(fit, frames, bound_m) for frames in (clean, noisy))
+        rows.append(
+            LossRow(
+                size=pages.name,
+                rig=pages.known,
+                model=model,
+                noiseless=noiseless,
+                ideal=ideal,
+                picture=of_bound.get(model),
+                points=points,
+                kept=float(np.mean([one.kept for one in found])),
+                stated=size / points if size and points else None,
+            )
+        )
+    return rows
+
+
+def found_points(estimator: ContactEstimator, photograph: Photograph, known: Information) -> _FoundPoints:
+    """The points that the second look finds, by the path that the picture was drawn from."""
+    line = centreline(estimator, photograph)
+    path = photograph.drawing.tube.pixels
+    fine = np.linspace(0, len(path) - 1, _FINER * len(path))
+    dense = np.stack([np.interp(fine, np.arange(len(path)), axis) for axis in path.T], axis=1)
+    least = np.interp(line.points_px[:, 0], known.column, known.sigma_px)
+    return _FoundPoints(
+        errors=aside_px(dense, line.points_px)[0] / least,
+        stated=line.sigma_px * estimator.rig.image.noise_scale / least,
+        kept=len(line.points_px) / len(known.column),
+    )
+
+
+def _of_bound(fit: ContactEstimator, frames: Scenes, bound_m: np.ndarray) -> float | None:
+    """Rms error of the distances in the bound's deviations (K,), every picture's frames in a row."""
+    found = fit.estimate_batch(
+        frames.points_px, frames.moment_Nm, frames.pan_rad, frames.tilt_rad, sigma_px=frames.sigma_px
+    )
+    each = np.repeat(bound_m, len(frames) // len(bound_m))
+    return or_none(rms_known((found.distance_m - frames.distance_m) / each))

@@ -10,14 +10,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import block_diag
+from scipy.stats import norm
 
+from benchmarks.estimator.scenes import Scenes, Shapes, Touches, rod_shapes, seen
+from benchmarks.estimator.setup import moved
 from benchmarks.harness import concatenated
+from vbaa_calib.antenna.rungs import RUNGS
 from vbaa_calib.geometry.independent_axes import independent_axes
 from vbaa_calib.rig import POSE_PARAMETERS, RIG_PARAMETERS, RIG_STEPS, Rig
-
-from .scenes import Scenes, seen
-from .setup import moved
-from .shapes import Shapes, Touches, rod_shapes
 
 STEP = 1e-4
 """Of the contact distance in itself, of the push in EI/l², of the friction angle in rad."""
@@ -32,8 +32,6 @@ _GIVE = RIG_PARAMETERS.index("clamp_give_m")
 class Bound:
     """Of B scenes.
 
-    Attributes
-    ----------
     joint : (B, 4, 4) least covariance of l and the force (3,); infinite where the data do not hold them.
     condition : (B,) condition number of the information matrix, scaled to a unit diagonal.
     """
@@ -61,12 +59,8 @@ class Bound:
 def bound(scenes: Scenes, friction_std_rad: float = 0.0) -> Bound:
     """The bound at the truth of scenes; whether noise was added to them does not matter.
 
-    Parameters
-    ----------
     friction_std_rad : prior of the friction angle; with 0 the angle counts as known.
 
-    Notes
-    -----
     The rig's parameters take part where `scenes.rig.covariance` is not zero, and then by the rod; only the clamp's give
     does not, which the simulated clamps have not.
     """
@@ -185,3 +179,84 @@ def _inverse(information: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         "bik,bk,bjk->bij", axes, np.where(sound[:, None], 1.0 / np.where(sizes > 0, sizes, 1.0), 0.0), axes
     )
     return inverse / (scale[:, :, None] * scale[:, None, :]), np.where(sound, condition, np.inf)
+
+
+QUANTITIES = ("l", "f_y", "f_z")
+_REGION = 0.95
+
+
+@dataclass(frozen=True, eq=False)
+class Estimates:
+    """Of B frames; rows without numbers are NaN.
+
+    values, std : (B, 3) l in m, f_y and f_z in N. force_N : (B, 3).
+    status, model : (B,) words.
+    """
+
+    values: np.ndarray
+    std: np.ndarray
+    force_N: np.ndarray
+    status: np.ndarray
+    model: np.ndarray
+
+    @property
+    def numbered(self) -> np.ndarray:
+        """(B,) which frames came with numbers."""
+        return np.isfinite(self.values).all(axis=1) & np.isfinite(self.std).all(axis=1)
+
+    def share(self, status: str) -> float:
+        """Of the frames, with that status."""
+        return float((self.status == status).mean())
+
+
+def estimate(scenes: Scenes, model: str, friction_std_rad: float) -> Estimates:
+    """Every frame by the estimator, given the points' true deviation and the friction to expect."""
+    if not len(scenes):
+        nothing, words = np.zeros((0, 3)), np.zeros(0, str)
+        return Estimates(nothing, nothing, nothing, words, words)
+    contacts = scenes.estimated(model, friction_std_rad)
+    return Estimates(
+        values=np.column_stack([contacts.distance_m, contacts.force_N[:, 1:]]),
+        std=np.column_stack([contacts.distance_std_m, contacts.force_std_N[:, 1:]]),
+        force_N=contacts.force_N,
+        status=contacts.status,
+        model=np.array(RUNGS)[contacts.numbers.rung],
+    )
+
+
+def truth(scenes: Scenes) -> np.ndarray:
+    """(B, 3) true l, f_y and f_z."""
+    return np.concatenate([scenes.distance_m[:, None], scenes.force_N[:, 1:]], axis=1)
+
+
+@dataclass(frozen=True)
+class Quality:
+    """Of one quantity over the draws of one scene, or over many scenes.
+
+    of_bound : rms error over the bound's. bias : mean error over the sampled standard deviation.
+    covered : share of the 95 % intervals that hold the truth.
+    """
+
+    of_bound: float
+    bias: float
+    covered: float
+
+
+def quality(errors: np.ndarray, predicted_std: np.ndarray, bound_std: np.ndarray | float) -> Quality:
+    """Of errors (D,) with predicted deviations (D,) and bounds () or (D,); NaN with fewer than two."""
+    if len(errors) < 2:
+        return Quality(np.nan, np.nan, np.nan)
+    inside = np.abs(errors) <= norm.isf((1 - _REGION) / 2) * predicted_std
+    # in deviations, so that scenes of different size count alike
+    scaled = errors / bound_std
+    return Quality(
+        of_bound=float(np.sqrt(np.mean(scaled**2))),
+        bias=float(scaled.mean() / scaled.std(ddof=1)),
+        covered=float(inside.mean()),
+    )
+
+
+def standard_errors(draws: float) -> Quality:
+    """What `quality` scatters by from noise alone, for draws of an efficient estimator."""
+    spread = float(np.sqrt(_REGION * (1 - _REGION) / draws))
+    return Quality(float(1 / np.sqrt(2 * draws)), float(1 / np.sqrt(draws)), spread)

@@ -14,10 +14,9 @@ from benchmarks.harness import aligned, column, mean_of, picked, rms, rms_known,
 from vbaa_calib.core.console import progress
 from vbaa_calib.rig import Rig
 
-from .bound import bound
+from .bound import QUANTITIES, Estimates, bound, estimate, quality, standard_errors, truth
 from .scenes import STEEPEST_RAD, Scenes, push_for_deflection, push_for_slope, rolled, scenes
 from .setup import LENSES, SIGMA_PX, Setup
-from .statistics import QUANTITIES, Estimates, estimate, quality, standard_errors, truth
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -38,8 +37,6 @@ _HARDER = 1.25 ** np.arange(26)
 class CellRow:
     """One quantity in one cell. Shares and statistics are None in a cell that was not run, which `left_out` explains.
 
-    Attributes
-    ----------
     tilt_deg, azimuth_deg : of the camera, see `setup.Setup`. reach : contact distance over length.
     bound_l : the distance's bound over the distance. of_bound, bias, covered : see `statistics.Quality`.
     """
@@ -189,8 +186,6 @@ cell that just meets the goal in six of a thousand."""
 class SummaryRow:
     """One measure of one quantity over all cells that were run.
 
-    Attributes
-    ----------
     pooled : root mean square over the cells of of_bound, mean of the others. pooled_error : its standard error.
     worst : in the cell furthest from the goal. cell_error : standard error in one cell, from noise alone.
     beyond, clearly : number of cells beyond the goal, and by more than `_CLEARLY` standard errors.

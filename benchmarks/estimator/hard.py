@@ -2,21 +2,163 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from benchmarks.harness import column, or_none, rms, shares, table
-from estimator import ContactEstimator
+from benchmarks.estimator.scenes import Scenes, push_for_deflection, push_for_slope, rod_shapes, rolled, scenes
+from benchmarks.estimator.setup import (
+    ACROSS,
+    LENGTH_M,
+    LENSES,
+    SIGMA_PX,
+    TOWARDS_CLAMP,
+    Setup,
+    drawn_truth,
+    looking_pose,
+)
+from benchmarks.harness import column, of_any, or_none, rms, shares, table
 from estimator.contact.contacts import Contacts
 from vbaa_calib.core.console import progress
 from vbaa_calib.core.errors import InputError
+from vbaa_calib.geometry import Pose
+from vbaa_calib.rig import Rig
 
-from .hard_cases import CASES, Hard, Maker, with_outliers
-from .scenes import Scenes, push_for_slope, rolled, scenes
-from .setup import LENGTH_M, LENSES, Setup, drawn_truth
-from .shapes import rod_shapes
+Rng = np.random.Generator
+Maker = Callable[[int, Rng], "Hard"]
+_UPRIGHT = Setup()
+_ORDINARY_M = 0.006
+"""Deflection at the contact where a case is hard for something else."""
+
+
+@dataclass(frozen=True, eq=False)
+class Hard:
+    """Frames of one case, noisy, and how the estimator is given them."""
+
+    scenes: Scenes
+    with_moment: bool = True
+    single: bool = False
+
+    @property
+    def points_px(self) -> np.ndarray:
+        """(B, N, 2), in single precision where the case asks for it."""
+        return self.scenes.points_px.astype(np.float32) if self.single else self.scenes.points_px
+
+
+def _touched(
+    rig: Rig, rng: Rng, count: int, reach: tuple[float, float] = (0.3, 0.8), deflection_m: float = _ORDINARY_M
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Distances (B,), size of the pushes (B,) and rolls (B,)."""
+    antenna = rig.antenna
+    distance = rng.uniform(*reach, count) * antenna.length_m
+    deflection = np.minimum(deflection_m * antenna.length_m / LENGTH_M, 0.15 * distance)
+    return distance, push_for_deflection(deflection, distance, antenna.stiffness_Nm2), rng.uniform(-1.0, 1.0, count)
+
+
+def _ordinary(count: int, rng: Rng, rig: Rig | None = None, roll_rad: float | None = None, **touch: Any) -> Scenes:
+    rig = rig or _UPRIGHT.rig()
+    distance, size, roll = _touched(rig, rng, count, **touch)
+    return scenes(rig, distance, rolled(size, roll if roll_rad is None else roll_rad)).noisy(rng)
+
+
+def _edge_on(count: int, rng: Rng) -> Hard:
+    """The camera's centre within 0.02 rad of the deformation plane."""
+    rig = Setup(tilt_rad=np.radians(40.0), azimuth_rad=ACROSS).rig()
+    centre = rig.T_antenna_camera.translation_m
+    distance, size, _ = _touched(rig, rng, count)
+    roll = np.arctan2(centre[2], centre[1]) + rng.uniform(-0.02, 0.02, count)
+    return Hard(scenes(rig, distance, rolled(size, roll)).noisy(rng))
+
+
+def _huge_load(count: int, rng: Rng) -> Hard:
+    rig = Setup(swing_m=0.15).rig()
+    distance, _, roll = _touched(rig, rng, count)
+    size = push_for_slope(np.radians(rng.uniform(45.0, 75.0, count)), distance, rig.antenna.stiffness_Nm2)
+    return Hard(scenes(rig, distance, rolled(size, roll)).noisy(rng))
+
+
+def _coincident(count: int, rng: Rng) -> Hard:
+    frames = _ordinary(count, rng)
+    one = np.repeat(frames.points_px[:, 150:151], frames.points_px.shape[1], axis=1)
+    return Hard(replace(frames, points_px=one + rng.normal(0.0, SIGMA_PX, one.shape)))
+
+
+def _with(rig_of: Callable[[], Rig] = _UPRIGHT.rig, with_moment: bool = True, **how: Any) -> Maker:
+    """Ordinary frames, but for the rig, the roll, the reach or the deflection."""
+    return lambda count, rng: Hard(_ordinary(count, rng, rig_of(), **how), with_moment)
+
+
+def _without(hidden: Callable[[Scenes, Rng], np.ndarray]) -> Maker:
+    """Ordinary frames without the points (N,) or (B, N) that a function names."""
+
+    def make(count: int, rng: Rng) -> Hard:
+        frames = _ordinary(count, rng)
+        return Hard(replace(frames, points_px=np.where(hidden(frames, rng)[..., None], np.nan, frames.points_px)))
+
+    return make
+
+
+def _few_points(points: int) -> Maker:
+    def hidden(frames: Scenes, _: Rng) -> np.ndarray:
+        count = frames.points_px.shape[1]
+        return ~np.isin(np.arange(count), np.linspace(20, count - 1, points).astype(int))
+
+    return _without(hidden)
+
+
+def _close_by() -> Rig:
+    return replace(_UPRIGHT.rig(), T_antenna_camera=looking_pose(0.2, TOWARDS_CLAMP, 0.06))
+
+
+CASES: dict[str, Maker] = {
+    "l → 0": _with(reach=(0.01, 0.05)),
+    "l → L": _with(reach=(0.97, 1.0)),
+    "δ → 0": _with(deflection_m=3e-5),
+    "all points in one place": _coincident,
+    "points before the contact only": _without(lambda frames, _: frames.arclength_m > frames.distance_m[:, None]),
+    "points beyond the contact only": _without(lambda frames, _: frames.arclength_m < frames.distance_m[:, None]),
+    "ξ = 90°, upright camera": _with(roll_rad=np.pi / 2),
+    "camera inclined by 87°": _with(Setup(tilt_rad=np.radians(87.0)).rig),
+    "camera's centre almost in 𝒟": _edge_on,
+    "camera 60 mm away": _with(_close_by),
+    "τ = 0": _with(roll_rad=0.0),
+    "no sensor, camera at 45°": _with(Setup(tilt_rad=np.radians(45.0)).rig, with_moment=False),
+    "no sensor, upright camera": _with(with_moment=False),
+    "slopes of 45 to 75°": _huge_load,
+    "2 points": _few_points(2),
+    "3 points": _few_points(3),
+    "5 points": _few_points(5),
+    "40 % missing": _without(lambda frames, rng: rng.random(frames.points_px.shape[:2]) < 0.4),
+    "20 % outliers": lambda count, rng: Hard(with_outliers(_ordinary(count, rng), 0.2, rng)),
+    "float32 pixels": lambda count, rng: Hard(_ordinary(count, rng), single=True),
+    "1000 times larger": _with(lambda: resized(_UPRIGHT.rig(), 1e3)),
+    "1000 times smaller": _with(lambda: resized(_UPRIGHT.rig(), 1e-3)),
+}
+"""Name → what makes its frames."""
+
+
+def with_outliers(frames: Scenes, share: np.ndarray | float, rng: Rng, reach_px: float = 50.0) -> Scenes:
+    """Frames of whose points a share, () or (B, 1), lies up to `reach_px` off along u and v."""
+    points = frames.points_px
+    off = rng.uniform(-reach_px, reach_px, points.shape)
+    return replace(frames, points_px=np.where((rng.random(points.shape[:2]) < share)[..., None], points + off, points))
+
+
+def resized(rig: Rig, factor: float) -> Rig:
+    """A weightless rig in which all lengths are multiplied, forces stay, and so does the picture."""
+    antenna, sensor, pose = rig.antenna, rig.moment_sensor, rig.T_antenna_camera
+    parameters = antenna.parameters.copy()
+    parameters[6] += 2.0 * np.log(factor)
+    length, diameter = factor * antenna.length_m, factor * antenna.diameter_m
+    return replace(
+        rig,
+        T_antenna_camera=Pose(pose.rotation, factor * pose.translation_m),
+        antenna=replace(antenna, length_m=length, diameter_m=diameter, parameters=parameters),
+        moment_sensor=replace(sensor, std_Nm=factor * sensor.std_Nm),
+    )
+
 
 _CLAIMED = ("ok", "tip_contact")
 
@@ -25,8 +167,6 @@ _CLAIMED = ("ok", "tip_contact")
 class HardRow:
     """One hard case.
 
-    Attributes
-    ----------
     numbered : share of the frames that came with numbers. statuses : which there were, with their shares.
     l_rms_std, l_max_std, f_rms_std, f_max_std : errors of distance and of f_y, f_z in their own deviations.
     l_rms_mm : rms error of the distance; of an antenna of another size in mm for each 240 mm.
@@ -52,46 +192,36 @@ def run(frames: int, seed: int, cases: dict[str, Maker] | None = None) -> list[H
     chosen = CASES if cases is None else cases
     rows = []
     for number, (name, make) in enumerate(progress(chosen.items(), "hard cases", len(chosen))):
-        rows.append(judged(name, make(frames, np.random.default_rng((seed, number)))))
+        rows.append(_judged(name, make(frames, np.random.default_rng((seed, number)))))
     return rows
 
 
-def judged(name: str, hard: Hard) -> HardRow:
-    """One case's row."""
+def _judged(name: str, hard: Hard) -> HardRow:
     frames = hard.scenes
     try:
         found = estimated(hard)
     except Exception as error:  # whatever it is: that it was raised at all is the result
-        what = f"{type(error).__name__}: {error}"
-        return HardRow(name, len(frames), 0.0, "", exception=what)
-    off_l, off_f = deviations(found, frames)
-    size = frames.rig.antenna.length_m / LENGTH_M
+        return HardRow(name, len(frames), 0.0, "", exception=f"{type(error).__name__}: {error}")
     numbered = np.isfinite(found.distance_m)
+    off_l, off_f = (off[numbered] for off in deviations(found, frames))
+    miss_mm = 1e3 * LENGTH_M / frames.rig.antenna.length_m * (found.distance_m - frames.distance_m)[numbered]
     condition = found.numbers.condition[np.isfinite(found.numbers.condition)]
     return HardRow(
-        case=name,
-        frames=len(frames),
-        numbered=float(numbered.mean()),
-        statuses=shares(found.status),
-        l_rms_std=or_none(rms(off_l[numbered])),
-        l_max_std=_max(off_l[numbered]),
-        l_rms_mm=or_none(rms(1e3 / size * (found.distance_m - frames.distance_m)[numbered])),
-        f_rms_std=or_none(rms(off_f[numbered])),
-        f_max_std=_max(off_f[numbered]),
-        condition=float(np.median(condition)) if len(condition) else None,
+        name,
+        len(frames),
+        float(numbered.mean()),
+        shares(found.status),
+        *(or_none(rms(off_l)), of_any(np.max, np.abs(off_l)), or_none(rms(miss_mm))),
+        *(or_none(rms(off_f)), of_any(np.max, np.abs(off_f))),
+        of_any(np.median, condition),
     )
 
 
-def estimated(hard: Hard, model: str = "auto", friction_std_rad: float = 0.0) -> Contacts:
-    """The case's frames by the estimator, which knows the true deviation of a point."""
+def estimated(hard: Hard, model: str = "auto") -> Contacts:
+    """The case's frames by the estimator, which knows the true deviation of a point and expects no friction."""
     frames = hard.scenes
-    return ContactEstimator(frames.rig, model=model, friction=friction_std_rad).estimate_batch(
-        hard.points_px,
-        frames.moment_Nm if hard.with_moment else None,
-        frames.pan_rad,
-        frames.tilt_rad,
-        sigma_px=frames.sigma_px,
-    )
+    moment = frames.moment_Nm if hard.with_moment else None
+    return frames.estimated(model, points_px=hard.points_px, moment_Nm=moment)
 
 
 def deviations(found: Contacts, frames: Scenes) -> tuple[np.ndarray, np.ndarray]:
@@ -99,10 +229,6 @@ def deviations(found: Contacts, frames: Scenes) -> tuple[np.ndarray, np.ndarray]
     with np.errstate(divide="ignore", invalid="ignore"):
         off_l = (found.distance_m - frames.distance_m) / found.distance_std_m
         return off_l, ((found.force_N - frames.force_N) / found.force_std_N)[:, 1:]
-
-
-def _max(values: np.ndarray) -> float | None:
-    return float(np.max(np.abs(values))) if values.size else None
 
 
 _CHUNK = 1000
@@ -118,8 +244,6 @@ FREE, _NO_READING, _HOLED, _FOULED = 0.1, 0.2, 0.3, 0.1
 class HostileRow:
     """One chunk: one rig, one deviation of the points; `replay` makes it again from seed, chunk and frames.
 
-    Attributes
-    ----------
     exceptions : frames that raise one by themselves, or 1 where only all together do; the chunk is not judged then.
     nan : frames with NaN among what they claim. claimed : ok or tip_contact.
     beyond : claimed frames with the distance or a force component more than 6 deviations off. imagined : claimed
@@ -203,12 +327,8 @@ def _raising(drawn: Replayed) -> int:
 
 def estimated_at_random(drawn: Replayed) -> Contacts:
     """The chunk by the estimator as it comes."""
-    frames = drawn.scenes
-    estimator = ContactEstimator(frames.rig, friction=FRICTION_STD_RAD)
     readings = [None if np.isnan(reading) else float(reading) for reading in drawn.readings_Nm]
-    return estimator.estimate_batch(
-        frames.points_px, readings, frames.pan_rad, frames.tilt_rad, sigma_px=frames.sigma_px
-    )
+    return drawn.scenes.estimated("auto", FRICTION_STD_RAD, moment_Nm=readings)
 
 
 _NUMBERS = (

@@ -15,10 +15,9 @@ import numpy as np
 from benchmarks.harness import column, concatenated, rms, shares, table
 from vbaa_calib.core.console import progress
 
-from .bound import bound
+from .bound import Estimates, bound, estimate, quality, truth
 from .scenes import Scenes, deflection_of_push, random_scenes
 from .setup import ACROSS, TOWARDS_CLAMP, Setup, drawn_truth
-from .statistics import Estimates, estimate, quality, truth
 
 _SMALL_BIAS, _SMALL_BIAS_SHARE = 1 / 3, 0.99
 """A bias up to so much of the deviation is small; goal: so in this share of the `ok` frames."""
@@ -34,8 +33,6 @@ _SWING_M = 0.1
 class _Population:
     """Random scenes of one rig.
 
-    Attributes
-    ----------
     friction_std_rad : of the friction angle, with which it is drawn and which the estimator is given.
     """
 
@@ -64,8 +61,6 @@ FIRST_LOOK = (POPULATIONS[2], POPULATIONS[5])
 class RodRow:
     """One population.
 
-    Attributes
-    ----------
     statuses, models : shares of the noisy frames, and of those with numbers, in words.
     small_bias : share of the `ok` frames whose bias is small in l, f_y and f_z; bias_99 : the 99th percentile of the
         largest of the three, in deviations. None where friction or the rig moves every frame by design.

@@ -37,8 +37,6 @@ _MARGIN = 0.04
 class Setup:
     """How one rig is built.
 
-    Attributes
-    ----------
     lens : one of `LENSES`.
     tilt_rad, azimuth_rad : the camera's axis is inclined by the tilt from plane C's normal; the camera stands off that
         normal in the direction of plane C that the azimuth gives, counted from the antenna's x towards y.

@@ -5,17 +5,16 @@ from __future__ import annotations
 import ctypes
 import gc
 import os
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from benchmarks.figures import AMBER, GREEN, label, panels
-from benchmarks.harness import Findings, Options, aligned, or_none
+from benchmarks.harness import Findings, Options, aligned, processor_seconds
 from vbaa_calib.core.console import progress
 
 from . import work
@@ -34,8 +33,6 @@ _CAN_TELL = _STATUS.exists() and _RESET.exists()
 class Cost:
     """Of one size of work.
 
-    Attributes
-    ----------
     seconds : of the processor, all threads together, least of several timings: what else the machine does hardly
         counts, nor does waiting for the disk.
     risen_MB : how far the resident set rose above what it was before, at most; NaN where the system does not tell.
@@ -50,12 +47,16 @@ class Cost:
 def cost_of(function: Callable[[], object], repeats: int) -> Cost:
     """Run the work `repeats` times, or once where it is slow."""
     seconds, risen, peaks = [], [], []
+    trim = getattr(ctypes.CDLL(None), "malloc_trim", None) if os.name == "posix" else None
     for _ in range(max(repeats, 1)):
-        _release_memory()
+        # free what earlier work left behind, which an allocator would use again unseen, and reset the peak
+        gc.collect()
+        if trim is not None:
+            trim(0)
+        if _CAN_TELL:
+            _RESET.write_text("5")
         before = resident_MB("VmRSS")
-        begun = time.process_time()
-        function()
-        seconds.append(time.process_time() - begun)
+        seconds.append(processor_seconds(function, 0))
         peaks.append(resident_MB("VmHWM"))
         risen.append(peaks[-1] - before)
         if seconds[-1] > _SLOW_S:
@@ -69,16 +70,6 @@ def resident_MB(which: str) -> float:
         return float("nan")
     lines = _STATUS.read_text().splitlines()
     return next(float(line.split()[1]) * 1024e-6 for line in lines if line.startswith(f"{which}:"))
-
-
-def _release_memory() -> None:
-    """Free what earlier work left behind, which an allocator would use again unseen, and reset the peak."""
-    gc.collect()
-    trim = getattr(ctypes.CDLL(None), "malloc_trim", None) if os.name == "posix" else None
-    if trim is not None:
-        trim(0)
-    if _CAN_TELL:
-        _RESET.write_text("5")
 
 
 _LEAST = 3
@@ -134,8 +125,6 @@ def fitted(sizes: Sequence[float], costs: Sequence[float]) -> Power:
 class Series:
     """One kind of work.
 
-    Attributes
-    ----------
     name, unit : what grows. sizes, quick : how far it is followed; none: not with --quick.
     prepare : size and seed → what is timed; what comes before is not.
     time_exponent, memory_exponent : the largest that is all right. why : why so.
@@ -234,14 +223,19 @@ class Grown:
         return np.array([cost.risen_MB for cost in self.costs])
 
     @cached_property
+    def shown_MB(self) -> np.ndarray:
+        """(K,) the same where it is more than the allocator's grain, else NaN."""
+        return np.where(self.risen_MB >= _GRAIN_MB, self.risen_MB, np.nan)
+
+    @cached_property
     def time(self) -> Power:
         """Fitted to the seconds."""
         return fitted(self.sizes, self.seconds.tolist())
 
     @cached_property
     def memory(self) -> Power:
-        """Fitted to the memory, where it is more than the allocator's grain."""
-        return fitted(self.sizes, np.where(self.risen_MB >= _GRAIN_MB, self.risen_MB, np.nan).tolist())
+        """Fitted to the memory."""
+        return fitted(self.sizes, self.shown_MB.tolist())
 
     @property
     def worse(self) -> bool:
@@ -257,35 +251,30 @@ def follow(series: Series, sizes: Sequence[int], seed: int, repeats: int) -> Gro
 
 
 @dataclass(frozen=True)
-class GrowthRow:
+class _Row:
     """One size of one series: its cost, and the series' exponents with the largest that are all right."""
 
     series: str
     unit: str
     size: int
     seconds: float
-    risen_MB: float | None
-    peak_MB: float | None
-    time_exponent: float | None
-    time_exponent_std: float | None
+    risen_MB: float
+    peak_MB: float
+    time_exponent: float
+    time_exponent_std: float
     time_allowed: float
-    memory_exponent: float | None
-    memory_exponent_std: float | None
+    memory_exponent: float
+    memory_exponent_std: float
     memory_allowed: float
 
 
-def _as_rows(grown: Sequence[Grown]) -> list[GrowthRow]:
-    """Every size of every series."""
-    rows = []
-    for each in grown:
-        series = each.series
-        time_fit = or_none(each.time.exponent), or_none(each.time.std), series.time_exponent
-        memory_fit = or_none(each.memory.exponent), or_none(each.memory.std), series.memory_exponent
-        fits: tuple[Any, ...] = (*time_fit, *memory_fit)
-        for size, cost in zip(each.sizes, each.costs, strict=True):
-            risen, peak = or_none(cost.risen_MB), or_none(cost.peak_MB)
-            rows.append(GrowthRow(series.name, series.unit, size, cost.seconds, risen, peak, *fits))
-    return rows
+def _rows(each: Grown) -> list[_Row]:
+    series, time, memory = each.series, each.time, each.memory
+    fits = time.exponent, time.std, series.time_exponent, memory.exponent, memory.std, series.memory_exponent
+    return [
+        _Row(series.name, series.unit, size, cost.seconds, cost.risen_MB, cost.peak_MB, *fits)
+        for size, cost in zip(each.sizes, each.costs, strict=True)
+    ]
 
 
 def as_text(grown: Sequence[Grown]) -> str:
@@ -303,25 +292,7 @@ def as_text(grown: Sequence[Grown]) -> str:
     return "\n".join([text, "", *(f"{each.series.name}: {each.series.why}" for each in grown)])
 
 
-def numbers(grown: Sequence[Grown]) -> dict[str, Any]:
-    """For --json."""
-    return {
-        each.series.name: {
-            "sizes": list(each.sizes),
-            "seconds": each.seconds,
-            "risen_MB": each.risen_MB,
-            "time_exponent": each.time.exponent,
-            "time_exponent_std": each.time.std,
-            "memory_exponent": each.memory.exponent,
-            "memory_exponent_std": each.memory.std,
-            "worse": each.worse,
-        }
-        for each in grown
-    }
-
-
-def figure(grown: Sequence[Grown]) -> Figure:
-    """All series."""
+def _figure(grown: Sequence[Grown]) -> Figure:
     drawn, every = panels(len(grown), 4, (4.1, 3.5))
     for each, panel in zip(grown, every, strict=True):
         _panel(panel, each)
@@ -331,10 +302,9 @@ def figure(grown: Sequence[Grown]) -> Figure:
 def _panel(panel: Axes, each: Grown) -> None:
     """Seconds on the left, MB on the right, where they are more than the allocator's grain."""
     series, beside = each.series, panel.twinx()
-    shown_MB = np.where(each.risen_MB >= _GRAIN_MB, each.risen_MB, np.nan)
     for axes, values, power, most, colour, mark, name in (
         (panel, each.seconds, each.time, series.time_exponent, GREEN, "o", "time"),
-        (beside, shown_MB, each.memory, series.memory_exponent, AMBER, "s", "memory"),
+        (beside, each.shown_MB, each.memory, series.memory_exponent, AMBER, "s", "memory"),
     ):
         axes.loglog(each.sizes, values, mark, color=colour, ms=4.5)
         axes.tick_params(axis="y", colors=colour, which="both")
@@ -347,7 +317,7 @@ def _panel(panel: Axes, each: Grown) -> None:
         known = values[np.isfinite(values) & (values > 0.0)]
         if len(known):  # room for the legend
             axes.set_ylim(known.min() / 2.0, 25.0 * known.max())
-    beside.yaxis.set_visible(bool(np.isfinite(shown_MB).any()))
+    beside.yaxis.set_visible(bool(np.isfinite(each.shown_MB).any()))
     label(panel, series.name + (", worse than it should" if each.worse else ""), series.unit)
     panel.set_xticks([each.sizes[0], each.sizes[len(each.sizes) // 2], each.sizes[-1]])
     panel.xaxis.set_major_formatter("{x:,.0f}")
@@ -363,12 +333,26 @@ def measure(options: Options) -> Findings:
     asked = [(series, sizes) for series, sizes in chosen if sizes]
     grown = [follow(*each, options.seed, options.draws) for each in progress(asked, "growth", len(asked))]
     skipped = "".join(f"\n{series.name}: not with --quick" for series, sizes in chosen if not sizes)
-    worse = [each.series.name for each in grown if each.worse]
-    said = f"{len(grown)} kinds of work, none grows faster than it should"
+    worse = ", ".join(each.series.name for each in grown if each.worse)
+    numbers = {
+        each.series.name: {
+            "sizes": list(each.sizes),
+            "seconds": each.seconds,
+            "risen_MB": each.risen_MB,
+            "time_exponent": each.time.exponent,
+            "time_exponent_std": each.time.std,
+            "memory_exponent": each.memory.exponent,
+            "memory_exponent_std": each.memory.std,
+            "worse": each.worse,
+        }
+        for each in grown
+    }
     return Findings(
-        text=as_text(grown) + skipped,
-        tables={"growth.csv": _as_rows(grown)},
-        figures={"growth.png": lambda: figure(grown)},
-        numbers=numbers(grown),
-        headline=said if not worse else f"grows faster than it should: {', '.join(worse)}",
+        as_text(grown) + skipped,
+        {"growth.csv": [row for each in grown for row in _rows(each)]},
+        {"growth.png": lambda: _figure(grown)},
+        numbers,
+        f"grows faster than it should: {worse}"
+        if worse
+        else f"{len(grown)} kinds of work, none grows faster than it should",
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -12,14 +12,13 @@ from tempfile import TemporaryDirectory
 import cv2
 import numpy as np
 
-from benchmarks.calibration import rigs as calibration_rigs
+from benchmarks import boards
 from benchmarks.chain.scenes import JOINTS_RAD, cell
 from benchmarks.coverage.rigs import MOMENT_NM, NOMINAL, coverage_rigs, draw
 from benchmarks.coverage.solve import observations, prior_of
 from benchmarks.estimator.scenes import push_for_deflection, rolled, scenes
 from benchmarks.estimator.setup import LENGTH_M, SIGMA_PX, STIFFNESS_NM2, Setup
-from benchmarks.object.cases import CASES, SETUP
-from benchmarks.object.scenes import contacts, record
+from benchmarks.object.scenes import CASES, SETUP, contacts, record
 from estimator import ContactEstimator
 from estimator.contact.recording import estimate_picture, estimate_recording
 from estimator.object.estimate import estimate_object
@@ -79,25 +78,17 @@ def write_recording(folder: Path, frames: int, points: int, seed: int) -> None:
     with table.open("w") as rows, table.with_name("centrelines.csv").open("w") as lines:
         rows.write("frame,time_s,pan_rad,tilt_rad,moment_Nm\n")
         lines.write("frame,u_px,v_px,sigma_px\n")
-        noisy = [_rows(one, rng) for _ in range(min(_NOISES, -(-frames // _PERIOD)))]
+        noisy = []
+        for _ in range(min(_NOISES, -(-frames // _PERIOD))):
+            pixels = one.points_px + SIGMA_PX * rng.normal(size=one.points_px.shape)
+            # of each frame the ends of its rows, to be joined by its number
+            noisy.append([["", *(f",{u:.4f},{v:.4f},{SIGMA_PX}\n" for u, v in line)] for line in pixels.tolist()])
         noise_Nm = one.rig.moment_sensor.std_Nm
         for index in range(frames):
             at, name = index % _PERIOD, str(index)
             moment = one.moment_Nm[at] + noise_Nm * rng.normal()
             rows.write(f"{name},{index / RATE_HZ:.6f},0,0,{moment:.9g}\n")
             lines.write(name.join(noisy[index // _PERIOD % len(noisy)][at][: points + 1]))
-
-
-def _rows(one: _Period, rng: np.random.Generator) -> list[list[str]]:
-    """For each frame the ends of its rows, to be joined by its number."""
-    noisy = one.points_px + SIGMA_PX * rng.normal(size=one.points_px.shape)
-    return [list(_ends(points)) for points in noisy]
-
-
-def _ends(points_px: np.ndarray) -> Iterator[str]:
-    yield ""
-    for u, v in points_px.tolist():
-        yield f",{u:.4f},{v:.4f},{SIGMA_PX}\n"
 
 
 _FRAME_POINTS, _BATCH = 40, 64
@@ -151,8 +142,8 @@ def one_picture(size: int, seed: int) -> Work:
 
 def lens_solve(size: int, seed: int) -> Work:
     """The lens from so many views."""
-    drawn = calibration_rigs.draw(replace(calibration_rigs.rigs()[0], views=size), seed)
-    return lambda: solve_intrinsics(drawn.views, calibration_rigs.BOARD, model="opencv5")
+    drawn = boards.draw(replace(boards.rigs()[0], views=size), seed)
+    return lambda: solve_intrinsics(drawn.views, boards.BOARD, model="opencv5")
 
 
 def joint_solve(size: int, seed: int) -> Work:

@@ -10,15 +10,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from benchmarks.figures import COLOURS, INK, label, panels
-from benchmarks.harness import Findings, Options, aligned, rms
+from benchmarks.harness import Draws, Findings, Options, aligned, of_any, or_none, rms
 from vbaa_calib.calibrate.guide.next_view import lens_progress
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution, solve_intrinsics
 from vbaa_calib.core.console import progress
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.detect.board.corners import BoardView
 
-from .rigs import GOAL_MM, Photographer, Rig, rigs, true_error_mm
-from .strategies import NEED_A_LENS, PEOPLE, STRATEGIES, SUGGESTED
+from .rigs import GOAL_MM, NEED_A_LENS, PEOPLE, STRATEGIES, SUGGESTED, Photographer, Rig, rigs, true_error_mm
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -34,8 +33,6 @@ _NO_LENS_MM = 100.0
 class Row:
     """One strategy on one rig, after so many pictures, over the seeds.
 
-    Attributes
-    ----------
     true_rms_mm : root mean square over seeds of the true error of points on C, the camera's pose found again in the jig
         with this lens from exact corners; a seed without a lens counts as 100 mm. true_median_mm : the median.
     jig_rms_mm : the same with the board's pose found in rendered pictures of the jig; None where nothing is rendered.
@@ -115,23 +112,21 @@ def _judge(photographer: Photographer, views: list[BoardView], solution: LensSol
 
 
 def _row(rig: Rig, way: str, pictures: int, judged: list[_Judged]) -> Row:
-    true, jig, predicted = (np.array([getattr(one, name) for one in judged]) for name in ("true", "jig", "predicted"))
+    draws = Draws(judged)
+    true, jig, predicted = draws.true, draws.jig, draws.predicted
     known = np.isfinite(predicted)
     off = true[known] / predicted[known]
     models = Counter(one.model for one in judged if one.model)
     return Row(
-        rig=rig.name,
-        way=way,
-        pictures=pictures,
-        seeds=len(judged),
-        true_rms_mm=rms(true),
-        true_median_mm=float(np.median(true)),
-        jig_rms_mm=rms(jig) if np.isfinite(jig).all() and rig.picture is not None else None,
-        predicted_mm=rms(predicted[known]) if known.any() else None,
-        off=rms(off) if known.any() else None,
-        off_median=float(np.median(off)) if known.any() else None,
-        reached=float(np.mean(np.where(known, predicted, np.inf) <= GOAL_MM)),
-        models=", ".join(f"{model} {count}" for model, count in models.most_common()),
+        rig.name,
+        way,
+        pictures,
+        len(judged),
+        *(rms(true), float(np.median(true))),
+        rms(jig) if np.isfinite(jig).all() and rig.picture is not None else None,
+        *(or_none(rms(predicted[known])), or_none(rms(off)), of_any(np.median, off)),
+        float(np.mean(np.where(known, predicted, np.inf) <= GOAL_MM)),
+        ", ".join(f"{model} {count}" for model, count in models.most_common()),
     )
 
 
@@ -191,7 +186,7 @@ def _verdict(rows: Sequence[Row], rig: str) -> str:
     return f"{'met' if share <= _SHARE_GOAL else 'missed'}: {size}"
 
 
-def figure(rows: Sequence[Row]) -> Figure:
+def _figure(rows: Sequence[Row]) -> Figure:
     """True (line) and predicted (dashes) error over the number of pictures, rig by rig."""
     names, ways = (list(dict.fromkeys(getattr(row, name) for row in rows)) for name in ("rig", "way"))
     drawn, every = panels(len(names), len(names), (4.2, 4.0))
@@ -214,19 +209,15 @@ def figure(rows: Sequence[Row]) -> Figure:
 def measure(options: Options) -> Findings:
     """Every strategy on every rig; a draw is one sequence of pictures."""
     rows = run(options.draws, options.seed)
-    return Findings(
-        as_text(rows, options.draws),
-        {"guided.csv": rows},
-        {"guided.png": lambda: figure(rows)},
-        {"rows": rows},
-        headline(rows),
-    )
-
-
-def headline(rows: Sequence[Row]) -> str:
-    """Pictures needed on the rigs in turn, by suggestion and by chance."""
+    # on the rigs in turn, by suggestion and by chance
     suggested, random = (
         ", ".join(_needed(own) for rig in dict.fromkeys(row.rig for row in rows) if (own := _of(rows, rig, way)))
         for way in (SUGGESTED, PEOPLE)
     )
-    return f"{GOAL_MM} mm on plane C takes {suggested} suggested pictures, {random} at random"
+    return Findings(
+        as_text(rows, options.draws),
+        {"guided.csv": rows},
+        {"guided.png": lambda: _figure(rows)},
+        {"rows": rows},
+        f"{GOAL_MM} mm on plane C takes {suggested} suggested pictures, {random} at random",
+    )

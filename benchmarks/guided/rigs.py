@@ -2,18 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from benchmarks.boards import BARREL, BOARD, HD, MILD, VGA, WIDE
-from benchmarks.calibration.judge import pose_by, rms_on_plane_mm
+from benchmarks.boards import BARREL, BOARD, HD, MILD, VGA, WIDE, Optics, pose_by, rms_on_plane_mm
 from targets.board import BoardSpec, corner_points
-from vbaa_calib.calibrate.guide.suggestion import Suggestion, visible_corners
-from vbaa_calib.calibrate.guide.view_uncertainty import WorkPlane
+from vbaa_calib.calibrate.guide.next_view import lens_progress
+from vbaa_calib.calibrate.guide.suggestion import (
+    FURTHEST,
+    NEAREST,
+    Suggestion,
+    coarse_poses,
+    observation,
+    view_candidates,
+    visible_corners,
+)
+from vbaa_calib.calibrate.guide.view_uncertainty import LensInformation, WorkPlane, view_blocks
 from vbaa_calib.calibrate.lens.bundle import Observation
-from vbaa_calib.calibrate.lens.models import LENS_MODELS, camera_of
+from vbaa_calib.calibrate.lens.intrinsics import LensSolution
 from vbaa_calib.calibrate.pose.board_pose import solve_board_pose, start_poses
 from vbaa_calib.camera import Camera
 from vbaa_calib.detect.board.corners import BoardView, detect_corners
@@ -31,30 +40,18 @@ _LEAST_CORNERS, _TRIES = 8, 40
 
 
 @dataclass(frozen=True, eq=False)
-class Rig:
-    """A camera, its true lens, a board, and plane C: 240 x 120 mm at 0.4 m, tilted by 35°.
+class Rig(Optics):
+    """A camera, a board, and plane C: 240 x 120 mm at 0.4 m, tilted by 35°.
 
-    Attributes
-    ----------
-    lens : name of the true lens model. intrinsics : (4 + k,) its true parameters.
     sigma_px : deviation of a corner per axis, where corners are projected. picture : how pictures come about where
         they are rendered and the board is found in them; None where corners are projected.
     every : whether all strategies are compared, or the suggested and random poses alone.
     """
 
-    name: str
-    lens: str
-    image_size: tuple[int, int]
-    intrinsics: np.ndarray
     board: BoardSpec
     sigma_px: float
     picture: PictureSpec | None = None
     every: bool = False
-
-    @property
-    def camera(self) -> Camera:
-        """The true camera."""
-        return camera_of(LENS_MODELS[self.lens], self.intrinsics, self.image_size)
 
     @property
     def plane(self) -> WorkPlane:
@@ -167,3 +164,114 @@ def wanted_pose(suggestion: Suggestion, rig: Rig, camera: Camera | None) -> Pose
     width, height = 2.0 * rig.half_board_m[:2]
     corners = np.array([[0.0, 0.0, 0.0], [width, 0.0, 0.0], [width, height, 0.0], [0.0, height, 0.0]])
     return start_poses(corners, flat)[0]
+
+
+_TILT_RAD, _PEOPLES_TILT_RAD, _PEOPLES_PLACE = np.radians(45.0), np.radians(40.0), 0.33
+_SHARE = 0.35
+"""Of the board's corners that a picture must show."""
+_CELLS = (8, 6)
+_GIVEN_UP = 100
+"""Pictures with too little of the board in them that are taken before a strategy gives up."""
+
+Strategy = Callable[[Photographer, Sequence[BoardView], LensSolution | None], BoardView | None]
+
+
+def _suggested(
+    photographer: Photographer, views: Sequence[BoardView], solution: LensSolution | None
+) -> BoardView | None:
+    """What `lens_progress` asks for, held by hand."""
+    rig = photographer.rig
+    progress = lens_progress(views, rig.board, rig.plane, image_size=rig.image_size, solution=solution)
+    if progress.suggestion is None:
+        return None
+    camera = None if solution is None else solution.camera
+    return photographer.by_hand(wanted_pose(progress.suggestion, rig, camera))
+
+
+def _as_people_do(photographer: Photographer, *_: object) -> BoardView | None:
+    """Tilted by up to 40°, rolled a little, its middle in the middle two thirds, at any distance that is in focus."""
+    rng = photographer.rng
+
+    def tries() -> Iterator[BoardView | None]:
+        for _ in range(_GIVEN_UP):
+            rotation = _tilt(rng, _PEOPLES_TILT_RAD) * Rotation.from_rotvec([0.0, 0.0, rng.uniform(-0.5, 0.5)])
+            place = 0.5 + rng.uniform(-_PEOPLES_PLACE, _PEOPLES_PLACE, 2)
+            yield _picture(photographer, place, rotation, facing=False)
+
+    return _first(tries())
+
+
+def _anywhere(photographer: Photographer, *_: object) -> BoardView | None:
+    """Uniform over all that the suggestions are chosen from: every place, distance, direction, tilts up to 45°."""
+    rng = photographer.rng
+
+    def tries() -> Iterator[BoardView | None]:
+        for _ in range(_GIVEN_UP):
+            rotation = _tilt(rng, _TILT_RAD) * Rotation.from_rotvec([0.0, 0.0, rng.choice([0.0, np.pi / 2])])
+            yield _picture(photographer, rng.uniform(0.05, 0.95, 2), rotation, facing=True)
+
+    return _first(tries())
+
+
+def _covering(photographer: Photographer, views: Sequence[BoardView], _: LensSolution | None) -> BoardView | None:
+    """The rule of thumb: the board in the middle of the emptiest part of the picture, tilted at random."""
+    rng, counts = photographer.rng, np.zeros(_CELLS)
+    for view in views:
+        cells = np.clip(view.corners_px / np.array(photographer.rig.image_size) * _CELLS, 0, np.array(_CELLS) - 1)
+        np.add.at(counts, tuple(cells.astype(int).T), 1.0)
+    order = np.argsort(counts.ravel() + 0.01 * rng.uniform(size=counts.size)).tolist()
+    places = ((np.array(np.unravel_index(index, _CELLS)) + 0.5) / _CELLS for index in order * _GIVEN_UP)
+    return _first(_picture(photographer, place, _tilt(rng, _TILT_RAD), facing=True) for place in places)
+
+
+def _most_determinant(
+    photographer: Photographer, views: Sequence[BoardView], solution: LensSolution | None
+) -> BoardView | None:
+    """The pose, of those that suggestions are chosen from, that adds most to the determinant of the information."""
+    rig = photographer.rig
+    if solution is None:
+        return _suggested(photographer, views, None)
+    taken = LensInformation.of(solution, views, rig.board)
+    limits = NEAREST * rig.plane.distance_m, FURTHEST * rig.plane.distance_m
+    found = view_candidates(taken.design, rig.board, coarse_poses(taken.design, rig.board, *limits))
+    poses = np.array([candidate.T_camera_board.vector for candidate in found])
+    blocks, _ = view_blocks(taken.design, poses, [observation(candidate, rig.board) for candidate in found])
+    grown = np.linalg.slogdet(np.eye(len(taken.information)) + taken.information + blocks)[1]
+    return photographer.by_hand(found[int(np.argmax(grown))].T_camera_board)
+
+
+def _first(tries: Iterable[BoardView | None]) -> BoardView | None:
+    return next((view for view in tries if view is not None), None)
+
+
+def _tilt(rng: np.random.Generator, most_rad: float) -> Rotation:
+    """About a random axis in the picture."""
+    around = rng.uniform(0, 2 * np.pi)
+    return Rotation.from_rotvec(rng.uniform(0.0, most_rad) * np.array([np.cos(around), np.sin(around), 0.0]))
+
+
+def _picture(photographer: Photographer, place: np.ndarray, rotation: Rotation, facing: bool) -> BoardView | None:
+    """At a place (2,) of the picture, 0 to 1, and a random distance; None where too little of the board is seen.
+
+    facing : the rotation counts from a board that faces the camera, else from one parallel to the picture.
+    """
+    rig = photographer.rig
+    ray = photographer.camera.unproject((place * (np.array(rig.image_size) - 1))[None])[0][0]
+    turn = Rotation.align_vectors(ray[None], np.array([[0.0, 0.0, 1.0]]))[0].as_matrix() if facing else np.eye(3)
+    distance = rig.plane.distance_m * photographer.rng.uniform(NEAREST, 1.4)
+    whole = turn @ rotation.as_matrix()
+    view = photographer.picture(Pose(whole, distance * ray - whole @ rig.half_board_m))
+    return view if view is not None and len(view.ids) >= _SHARE * rig.board.corner_count else None
+
+
+SUGGESTED, PEOPLE = "as suggested", "random, as people do"
+STRATEGIES: dict[str, Strategy] = {
+    SUGGESTED: _suggested,
+    PEOPLE: _as_people_do,
+    "random, anywhere": _anywhere,
+    "emptiest part": _covering,
+    "largest determinant": _most_determinant,
+}
+"""Name → strategy; the first is ours."""
+NEED_A_LENS = (SUGGESTED, "largest determinant")
+"""Those that work out the next pose from the lens so far."""

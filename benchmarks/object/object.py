@@ -2,26 +2,140 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import time
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.stats import chi2, norm
 
 from benchmarks.estimator.setup import drawn_truth
 from benchmarks.figures import AMBER, GREEN, INK, RED, VIOLET, label, legend, panels
-from benchmarks.harness import Findings, Options, column, mean_of, or_none, rms_known, table
+from benchmarks.harness import Draws, Findings, Options, column, mean_of, or_none, rms_known, row_of, table
+from benchmarks.object import onset
+from benchmarks.object.scenes import CASES, RIGID, SETUP, SOFT, SOFTER, Case, Recorded, contacts, play
+from estimator.object.estimate import ObjectEstimate, estimate_object
 from estimator.table.contacts import FRICTION_RAD
 from vbaa_calib.core.console import progress
 
-from . import onset as object_onset
-from .cases import CASES, RIGID, SETUP, SOFT, SOFTER, Case
-from .judge import Judged, covered, judge
-from .onset import SPEEDS_M_S, AlarmRow
-from .scenes import Recorded, play
-
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+
+_REGION = 0.95
+_WIDE = float(norm.isf((1.0 - _REGION) / 2.0))
+_LEAST_VARIANCE = 1e-12
+_LEAST_FORCE_N = 0.01
+"""Directions of smaller forces are not judged."""
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """One draw against the truth; errors are estimated less true.
+
+    contacts, imagined : number of touches on the surface, and of located contacts of a free antenna.
+    surface_m, surface_std_m : (V,) distance of the drawn vertices from the object, and their deviations; NaN for these
+        where they are not known. touched_m : (P,) distance of the touches on the surface.
+    point_m, point_std_m : (P,) errors of the contact points along the object's normal, and their deviations.
+    normal_rad, normal_inside : (P,) angle to the true normal, and whether that lies in the 95 % region.
+    force_rad : (K,) angle of the forces above `_LEAST_FORCE_N` to the true normal.
+    mu, mu_inside, stiffness_N_m, stiffness_inside : NaN and False where they are undetermined.
+    """
+
+    contacts: int
+    imagined: int
+    surface_m: np.ndarray
+    surface_std_m: np.ndarray
+    touched_m: np.ndarray
+    point_m: np.ndarray
+    point_std_m: np.ndarray
+    normal_rad: np.ndarray
+    normal_inside: np.ndarray
+    force_rad: np.ndarray
+    true_mu: float
+    mu: float
+    mu_told: bool
+    mu_inside: bool
+    compliance_m_N: float
+    compliance_std_m_N: float
+    true_stiffness_N_m: float
+    stiffness_N_m: float
+    stiffness_told: bool
+    stiffness_inside: bool
+    estimate_s: float
+    feel_s: float
+
+
+def judge(recorded: Recorded, friction_rad: float = FRICTION_RAD) -> Judged:
+    """Estimate a recording's contacts and object, and compare them with the truth.
+
+    `friction_rad` is the deviation of the friction angle that the estimator is given.
+    """
+    begin = time.perf_counter()
+    table = contacts(recorded, friction=friction_rad)
+    estimated = time.perf_counter()
+    felt = estimate_object(table, recorded.given, friction_rad)
+    done = time.perf_counter()
+    truth, obj, surface = recorded.truth, recorded.object, felt.surface
+    rows = surface.touched_row
+    right = truth.in_contact[rows]
+    normal = truth.normal_world[rows]
+    forces = table.located & truth.in_contact & (np.linalg.norm(table.force_world_N, axis=1) > _LEAST_FORCE_N)
+    away = table.point_world_m[rows] - truth.point_world_m[rows]
+    turned, inside = _normals(felt, normal)
+    rub, soft = felt.friction, felt.compliance
+    return Judged(
+        contacts=len(rows),
+        imagined=int((table.located & ~truth.in_contact).sum()),
+        surface_m=obj.signed_distance(surface.points_m)[0],
+        surface_std_m=surface.std_m,
+        touched_m=obj.signed_distance(surface.touched_m)[0],
+        point_m=(away * normal).sum(axis=1)[right],
+        point_std_m=np.sqrt(np.einsum("pi,pij,pj->p", normal, table.covariance_world_m2[rows], normal))[right],
+        normal_rad=turned[right],
+        normal_inside=inside[right],
+        force_rad=_angle(table.force_world_N[forces], truth.normal_world[forces]),
+        true_mu=obj.friction,
+        mu=rub.mu,
+        mu_told=rub.determined,
+        mu_inside=bool(rub.interval[0] <= obj.friction <= rub.interval[1]),
+        compliance_m_N=soft.compliance_m_N,
+        compliance_std_m_N=soft.std_m_N,
+        true_stiffness_N_m=obj.stiffness_N_m,
+        stiffness_N_m=soft.stiffness_N_m,
+        stiffness_told=soft.determined,
+        stiffness_inside=bool(soft.interval_N_m[0] <= obj.stiffness_N_m <= soft.interval_N_m[1]),
+        estimate_s=estimated - begin,
+        feel_s=done - estimated,
+    )
+
+
+def _angle(vectors: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """(K,) between vectors, rad; exact for small ones too."""
+    across = np.linalg.norm(np.cross(vectors, others), axis=1)
+    return np.arctan2(across, (vectors * others).sum(axis=1))
+
+
+def _normals(felt: ObjectEstimate, true: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Angles (P,) of the estimated normals to the true ones, and whether these lie in their 95 % regions.
+
+    The turn is judged in those directions across the normal in which the covariance is not zero.
+    """
+    found, covariance = felt.normals.normal, felt.normals.covariance
+    miss = true - (true * found).sum(axis=1, keepdims=True) * found
+    values, axes = np.linalg.eigh(np.nan_to_num(covariance))
+    along = np.einsum("pij,pi->pj", axes, miss)
+    known = values > _LEAST_VARIANCE
+    square = np.where(known, along**2 / np.where(known, values, 1.0), 0.0).sum(axis=1)
+    limit = chi2.ppf(_REGION, np.maximum(known.sum(axis=1), 1))
+    return _angle(found, true), square <= limit
+
+
+def _covered(errors: np.ndarray, std: np.ndarray) -> float:
+    """Share of the 95 % intervals, where there are any, that hold the truth."""
+    known = np.isfinite(std) & np.isfinite(errors)
+    return float((np.abs(errors[known]) <= _WIDE * std[known]).mean()) if known.any() else np.nan
 
 
 _SURFACE_OF_POINTS_GOAL, _SURFACE_GOAL_M = 2.0, 1e-3
@@ -38,8 +152,6 @@ FRICTIONS = (0.0, 0.1, 0.4, 0.6)
 class Cell:
     """One object under one condition.
 
-    Attributes
-    ----------
     stiffness_N_m : infinite for a rigid object. friction : Coulomb's μ.
     exact : whether the rig is known exactly; otherwise as well as a calibration says.
     slippery : whether the estimator knows that there is no friction.
@@ -52,22 +164,21 @@ class Cell:
     slippery: bool = False
 
 
+def _stiffness_error(draws: Draws) -> float | None:
+    true = draws.true_stiffness_N_m[0]
+    return or_none(rms_known(draws.stiffness_N_m / true - 1.0)) if np.isfinite(true) else None
+
+
 @dataclass(frozen=True)
 class ObjectRow:
-    """One cell, over its draws; None where a number does not exist.
+    """One cell, over its draws; None where a number does not exist. Errors are root mean squares.
 
-    Attributes
-    ----------
-    stiffness_N_m : None for a rigid object.
-    contacts : touches on the surface, imagined : located contacts of a free antenna; both per draw.
-    surface_mm : rms distance of the drawn surface's vertices from the object; touched_mm : of the touches on it.
-    worst_mm : largest distance of a vertex in any draw.
-    point_mm, point_std_mm : rms error of the contact points along the normal, and rms of their deviations.
-    surface_covered, point_covered, normal_covered : shares of the 95 % regions that hold the truth.
-    normal_deg, force_deg : rms angle to the true normal, of the estimated normals and of the forces; force_median_deg.
-    mu_error : rms over the draws in which μ was told; mu_told : their share; mu_covered : share of all intervals.
-    stiffness_error : rms, relative; stiffness_told, stiffness_covered likewise.
-    compliance_error_std : rms error of the compliance in its own deviations, determined or not.
+    stiffness_N_m : None for a rigid object. imagined : located contacts of a free antenna; both per draw.
+    surface_mm : of the drawn surface's vertices, touched_mm : of the touches on it; worst_mm : the largest of any draw.
+    point_mm : of the contact points along the normal, whose own deviations are point_std_mm.
+    normal_deg, force_deg : angle of the estimated normals and of the forces to the true normal.
+    mu_error, stiffness_error (relative) : over the draws in which they are told; compliance_error_std : in its own
+        deviations, told or not. *_told : share of these draws. *_covered : shares of 95 % regions that hold the truth.
     estimate_s, feel_s : least time of a draw.
     """
 
@@ -75,29 +186,31 @@ class ObjectRow:
     stiffness_N_m: float | None = column("k N/m", ".0f")
     friction: float = column("μ", ".1f")
     rig: str = column("rig")
-    draws: int = column()
-    contacts: float = column("touches", ".0f")
-    imagined: float = column()
-    surface_mm: float = column("surface mm", ".3f")
-    worst_mm: float = column()
-    surface_covered: float = column("cov", ".2f")
-    touched_mm: float = column()
-    point_mm: float = column("points mm", ".3f")
-    point_std_mm: float = column("std", ".3f")
-    point_covered: float = column("cov", ".2f")
-    normal_deg: float = column("normal °", ".2f")
-    normal_covered: float = column("cov", ".2f")
-    force_deg: float = column("force °", ".2f")
-    force_median_deg: float = column()
-    mu_error: float | None = column("μ error", ".4f")
-    mu_told: float = column("told", ".2f")
-    mu_covered: float = column("cov", ".2f")
-    stiffness_error: float | None = column("k error %", ".1f", 100)
-    stiffness_told: float = column("told", ".2f")
-    stiffness_covered: float = column("cov", ".2f")
-    compliance_error_std: float = column()
-    estimate_s: float = column("s", ".1f")
-    feel_s: float = column("s object", ".1f")
+    draws: int = column(of=len)
+    contacts: float = column("touches", ".0f", of=lambda d: float(d.contacts.mean()))
+    imagined: float = column(of=lambda d: float(d.imagined.mean()))
+    surface_mm: float = column("surface mm", ".3f", of=lambda d: 1e3 * rms_known(d.surface_m))
+    worst_mm: float = column(of=lambda d: 1e3 * float(np.abs(d.surface_m).max()))
+    surface_covered: float = column("cov", ".2f", of=lambda d: _covered(d.surface_m, d.surface_std_m))
+    touched_mm: float = column(of=lambda d: 1e3 * rms_known(d.touched_m))
+    point_mm: float = column("points mm", ".3f", of=lambda d: 1e3 * rms_known(d.point_m))
+    point_std_mm: float = column("std", ".3f", of=lambda d: 1e3 * rms_known(d.point_std_m))
+    point_covered: float = column("cov", ".2f", of=lambda d: _covered(d.point_m, d.point_std_m))
+    normal_deg: float = column("normal °", ".2f", of=lambda d: float(np.degrees(rms_known(d.normal_rad))))
+    normal_covered: float = column("cov", ".2f", of=lambda d: float(d.normal_inside.mean()))
+    force_deg: float = column("force °", ".2f", of=lambda d: float(np.degrees(rms_known(d.force_rad))))
+    force_median_deg: float = column(of=lambda d: float(np.degrees(np.median(d.force_rad))))
+    mu_error: float | None = column("μ error", ".4f", of=lambda d: or_none(rms_known(d.mu - d.true_mu)))
+    mu_told: float = column("told", ".2f", of=lambda d: float(d.mu_told.mean()))
+    mu_covered: float = column("cov", ".2f", of=lambda d: float(d.mu_inside.mean()))
+    stiffness_error: float | None = column("k error %", ".1f", 100, of=_stiffness_error)
+    stiffness_told: float = column("told", ".2f", of=lambda d: float(d.stiffness_told.mean()))
+    stiffness_covered: float = column("cov", ".2f", of=lambda d: float(d.stiffness_inside.mean()))
+    compliance_error_std: float = column(
+        of=lambda d: rms_known((d.compliance_m_N - 1.0 / d.true_stiffness_N_m) / d.compliance_std_m_N)
+    )
+    estimate_s: float = column("s", ".1f", of=lambda d: float(d.estimate_s.min()))
+    feel_s: float = column("s object", ".1f", of=lambda d: float(d.feel_s.min()))
 
     @property
     def misses(self) -> tuple[str, ...]:
@@ -138,64 +251,26 @@ def _few_cells() -> list[Cell]:
 def run(draws: int, seed: int, chosen: Sequence[Cell] | None = None) -> list[ObjectRow]:
     """All cells, or those chosen, with so many draws each."""
     wanted = cells() if chosen is None else list(chosen)
-    return [_row(cell, judged) for cell, judged in progress(_judged(wanted, draws, seed), "objects", len(wanted))]
-
-
-def _judged(wanted: Sequence[Cell], draws: int, seed: int) -> Iterator[tuple[Cell, list[Judged]]]:
     played: dict[tuple[str, float, float], Recorded] = {}
-    for number, cell in enumerate(wanted):
-        key = (cell.case.name, cell.stiffness_N_m, cell.friction)
-        if key not in played:
-            played[key] = play(SETUP.rig(), cell.case.make(cell.stiffness_N_m, cell.friction), cell.case.strokes)
+    rows = []
+    for number, cell in enumerate(progress(wanted, "objects", len(wanted))):
+        name, stiffness, friction = cell.case.name, cell.stiffness_N_m, cell.friction
+        if (name, stiffness, friction) not in played:
+            played[name, stiffness, friction] = play(
+                SETUP.rig(), cell.case.make(stiffness, friction), cell.case.strokes
+            )
+        recorded = played[name, stiffness, friction]
         judged = []
         for index in range(draws):
             rng = np.random.default_rng((seed, number, index))
-            given = played[key].true if cell.exact else drawn_truth(replace(SETUP, exact=False).rig(), rng)
-            judged.append(judge(played[key].noisy(rng, given), 0.0 if cell.slippery else FRICTION_RAD))
-        yield cell, judged
+            given = recorded.true if cell.exact else drawn_truth(replace(SETUP, exact=False).rig(), rng)
+            judged.append(judge(recorded.noisy(rng, given), 0.0 if cell.slippery else FRICTION_RAD))
+        rig = ("exact" if cell.exact else "off") + (", slippery" if cell.slippery else "")
+        rows.append(row_of(ObjectRow, Draws(judged), name, or_none(stiffness), friction, rig))
+    return rows
 
 
-def _row(cell: Cell, judged: Sequence[Judged]) -> ObjectRow:
-    def joined(name: str) -> np.ndarray:
-        return np.concatenate([getattr(one, name) for one in judged])
-
-    def each(name: str) -> np.ndarray:
-        return np.array([getattr(one, name) for one in judged], float)
-
-    rigid = not np.isfinite(cell.stiffness_N_m)
-    compliance = 1.0 / cell.stiffness_N_m
-    return ObjectRow(
-        object=cell.case.name,
-        stiffness_N_m=None if rigid else cell.stiffness_N_m,
-        friction=cell.friction,
-        rig=("exact" if cell.exact else "off") + (", slippery" if cell.slippery else ""),
-        draws=len(judged),
-        contacts=float(each("contacts").mean()),
-        imagined=float(each("imagined").mean()),
-        surface_mm=1e3 * rms_known(joined("surface_m")),
-        worst_mm=1e3 * float(np.abs(joined("surface_m")).max()),
-        surface_covered=covered(joined("surface_m"), joined("surface_std_m")),
-        touched_mm=1e3 * rms_known(joined("touched_m")),
-        point_mm=1e3 * rms_known(joined("point_m")),
-        point_std_mm=1e3 * rms_known(joined("point_std_m")),
-        point_covered=covered(joined("point_m"), joined("point_std_m")),
-        normal_deg=float(np.degrees(rms_known(joined("normal_rad")))),
-        normal_covered=float(joined("normal_inside").mean()),
-        force_deg=float(np.degrees(rms_known(joined("force_rad")))),
-        force_median_deg=float(np.degrees(np.median(joined("force_rad")))),
-        mu_error=or_none(rms_known(each("mu") - cell.friction)),
-        mu_told=float(each("mu_told").mean()),
-        mu_covered=float(each("mu_inside").mean()),
-        stiffness_error=None if rigid else or_none(rms_known(each("stiffness_N_m") / cell.stiffness_N_m - 1.0)),
-        stiffness_told=float(each("stiffness_told").mean()),
-        stiffness_covered=float(each("stiffness_inside").mean()),
-        compliance_error_std=rms_known((each("compliance_m_N") - compliance) / each("compliance_std_m_N")),
-        estimate_s=float(each("estimate_s").min()),
-        feel_s=float(each("feel_s").min()),
-    )
-
-
-def as_text(rows: Sequence[ObjectRow], draws: int) -> str:
+def _as_text(rows: Sequence[ObjectRow], draws: int) -> str:
     """The table for people, then all cells with an exact rig and all with one that is off."""
     title = (
         f"{draws} draws a cell; rms errors; cov: share of the 95 % regions that hold the truth; points along the "
@@ -220,7 +295,7 @@ _REGIONS = {"surface": "surface", "points": "point", "normals": "normal", "μ": 
 _STYLES = {"cylinder": (GREEN, "o"), "sphere": (AMBER, "o"), "box edge": (VIOLET, "o"), "free form": (RED, "o")}
 
 
-def figure(rows: Sequence[ObjectRow]) -> Figure:
+def _figure(rows: Sequence[ObjectRow]) -> Figure:
     """Surface, normals, friction and stiffness, each with its goal; squares are soft objects."""
     drawn, every = panels(4, 2, (6, 4))
     deviation = "deviation of the contact points, mm"
@@ -255,22 +330,15 @@ def measure(options: Options) -> Findings:
     """Every cell, false alarms and first contacts; a draw is one recording of each."""
     draws, seed = options.draws, options.seed
     rows = run(draws, seed, _few_cells() if options.quick else cells())
-    alarms = object_onset.alarms(_FREE_FRAMES_PER_DRAW[options.quick] * draws, seed)
-    onsets = object_onset.onsets(draws, seed, SPEEDS_M_S[:: 3 if options.quick else 1])
-    return Findings(
-        f"{as_text(rows, draws)}\n\n{object_onset.as_text(alarms, onsets)}",
-        {"object.csv": rows, "object_alarms.csv": alarms, "object_onsets.csv": onsets},
-        {"object.png": lambda: figure(rows)},
-        {"rows": rows, "alarms": alarms, "onsets": onsets},
-        headline(rows, alarms),
-    )
-
-
-def headline(rows: Sequence[ObjectRow], alarms: Sequence[AlarmRow]) -> str:
-    """Cells that meet every goal, the worst surface, first contacts imagined."""
+    alarms = onset.alarms(_FREE_FRAMES_PER_DRAW[options.quick] * draws, seed)
+    onsets = onset.onsets(draws, seed, onset.SPEEDS_M_S[:: 3 if options.quick else 1])
     met, worst = sum(not row.misses for row in rows), max(row.surface_mm for row in rows)
     imagined, frames = sum(row.alarms for row in alarms), sum(row.frames for row in alarms)
-    return (
+    return Findings(
+        f"{_as_text(rows, draws)}\n\n{onset.as_text(alarms, onsets)}",
+        {"object.csv": rows, "object_alarms.csv": alarms, "object_onsets.csv": onsets},
+        {"object.png": lambda: _figure(rows)},
+        {"rows": rows, "alarms": alarms, "onsets": onsets},
         f"{met} of {len(rows)} cells meet every goal; surface within {worst:.2f} mm rms; "
-        f"{imagined} first contacts imagined in {frames} free frames"
+        f"{imagined} first contacts imagined in {frames} free frames",
     )

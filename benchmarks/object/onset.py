@@ -6,8 +6,9 @@ of an ordinary calibration's covariance. The instant of first touch is where the
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -50,8 +51,6 @@ class AlarmRow:
 class OnsetRow:
     """Approaches at one speed.
 
-    Attributes
-    ----------
     found : approaches whose contact was reported once, and not before it was.
     error_ms, rms_ms : mean and root mean square error of P₀'s time. std_ms : its own median deviation.
     normalised : root mean square of error over deviation, 1 where the deviation is right.
@@ -180,7 +179,7 @@ def onset_row(rig: str, speed_m_s: float, made: Sequence[Approach]) -> OnsetRow:
         found=len(good),
         error_ms=1e3 * _mean(error),
         rms_ms=1e3 * _mean(error**2) ** 0.5,
-        std_ms=1e3 * _median(std),
+        std_ms=1e3 * _mean(std, np.median),
         normalised=_mean(z**2) ** 0.5,
         covered=_mean(np.abs(z) < 1.96),
         delay_ms=1e3 * _mean(delay),
@@ -188,19 +187,15 @@ def onset_row(rig: str, speed_m_s: float, made: Sequence[Approach]) -> OnsetRow:
     )
 
 
+def _mean(values: np.ndarray, statistic: Callable[[np.ndarray], Any] = np.mean) -> float:
+    return float(statistic(values)) if len(values) else float("nan")
+
+
 def first_contact(one: Approach) -> Event | None:
     """The one first contact of an approach; None where it was not told, more than once, or before it was."""
     events = [event for event in follow(one.table, one.given).events if event.kind == "first_contact"]
     early = any(event.time_s + event.delay_s < one.touch_s for event in events)
     return events[0] if len(events) == 1 and not early and np.isfinite(events[0].time_s) else None
-
-
-def _mean(values: np.ndarray) -> float:
-    return float(np.mean(values)) if len(values) else float("nan")
-
-
-def _median(values: np.ndarray) -> float:
-    return float(np.median(values)) if len(values) else float("nan")
 
 
 def as_text(free: Sequence[AlarmRow], rows: Sequence[OnsetRow]) -> str:

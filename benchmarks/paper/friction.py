@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from benchmarks.estimator.setup import drawn_truth, rod_of
-from benchmarks.harness import column, of_any, or_none, rms_known
+from benchmarks.harness import column, of_any, or_none, rms_known, spread
 from estimator import ContactEstimator
 from estimator.object.estimate import ObjectEstimate
 from estimator.paper.two_point import contact_position
@@ -31,12 +31,7 @@ APPROACH, LEG = 24, 16
 
 @dataclass(frozen=True, eq=False)
 class _Dragged:
-    """One true antenna over one edge, B frames.
-
-    Attributes
-    ----------
-    rotation : (B, 3, 3) R_world_antenna; pan_rad, tilt_rad (B,). point_m : (B, 3) true contacts, world.
-    """
+    """One true antenna over one edge, B frames: R_world_antenna (B, 3, 3), joints (B,), contacts (B, 3) m, world."""
 
     touched: Pictures
     free: Pictures
@@ -200,19 +195,9 @@ def run(draws: int, seed: int, frictions: Sequence[float] = FRICTIONS) -> tuple[
 
 def _row(method: str, sigma_px: float, friction: float, normal_deg: np.ndarray, mu: np.ndarray) -> FrictionRow:
     said = np.isfinite(mu)
-    return FrictionRow(
-        method,
-        sigma_px,
-        friction,
-        draws=len(mu),
-        answered=float(said.mean()),
-        normal_true_deg=NORMAL_DEG,
-        normal_mean_deg=of_any(np.mean, normal_deg[said]),
-        normal_rms_deg=or_none(rms_known(normal_deg[said] - NORMAL_DEG)),
-        mu_mean=of_any(np.mean, mu[said]),
-        mu_std=of_any(np.std, mu[said]),
-        mu_rms=or_none(rms_known(mu - friction)),
-    )
+    normal, _, normal_rms = spread(normal_deg[said], normal_deg[said] - NORMAL_DEG)
+    found = spread(mu[said], mu[said] - friction)
+    return FrictionRow(method, sigma_px, friction, len(mu), float(said.mean()), NORMAL_DEG, normal, normal_rms, *found)
 
 
 def _object_row(sigma_px: float, friction: float, found: Sequence[ObjectEstimate]) -> FrictionRow:

@@ -47,8 +47,6 @@ def free_point(rig: Rig, distance_m: float) -> np.ndarray:
 class Pictures:
     """B frames as the true rig sees and feels them, without noise.
 
-    Attributes
-    ----------
     points_px : (B, N, 2). moment_Nm : (B, 2) readings (τ_z, τ_y); the sensor about z is as good as the rig's.
     """
 

@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 
 from benchmarks.estimator.setup import drawn_truth, rod_of
-from benchmarks.harness import concatenated, of_any, or_none, rms_known
+from benchmarks.harness import concatenated, of_any, or_none, rms_known, spread
 from estimator import ContactEstimator
 from estimator.paper.baselines import press_from_recording, run_method
 from vbaa_calib.geometry import Pose, rotation_world_antenna
@@ -33,8 +33,6 @@ TRUE_RIGS = 8
 class SensingRow:
     """One object touched at one distance, over the draws. None where no draw was answered.
 
-    Attributes
-    ----------
     answered : share of the draws. l_mean_mm, l_std_mm, l_rms_mm : of the distances, their scatter and errors.
     l_stated_mm : typical stated deviation. direction_* : of −f in the yz plane from y, in degrees. lean_rms_deg : the
     whole force, in space, from the object's normal at the contact. covered : share of 95 % intervals of l that hold it.
@@ -60,12 +58,7 @@ class SensingRow:
 
 @dataclass(frozen=True, eq=False)
 class _Edges:
-    """One object touched at D distances by one true antenna: pictures with and without it, and the truth.
-
-    Attributes
-    ----------
-    distance_m : (D,). force_N, normal : (D, 3) on the antenna and outward from the object, antenna frame.
-    """
+    """One object touched at distances (D,) by one true antenna; forces and outward normals (D, 3), antenna frame."""
 
     touched: Pictures
     free: Pictures
@@ -189,25 +182,21 @@ def _rows(
     rows = []
     for place in range(len(DISTANCES_M)):
         said = np.isfinite(off[:, place])
-        some = off[said, place], turned[said, place]
+        missed, stated = off[said, place], 1e3 * std[said, place]
         rows.append(
             SensingRow(
                 method,
                 sigma_px,
                 normal_deg,
-                l_true_mm=float(1e3 * true[:, place].mean()),
-                direction_true_deg=float(direction_deg(pushed[:, place]).mean()),
-                draws=len(said),
-                answered=float(said.mean()),
-                l_mean_mm=of_any(np.mean, 1e3 * distance[said, place]),
-                l_std_mm=of_any(np.std, some[0]),
-                l_rms_mm=or_none(rms_known(some[0])),
-                l_stated_mm=or_none(rms_known(1e3 * std[said, place])),
-                covered=of_any(np.mean, np.abs(some[0]) <= 1.96e3 * std[said, place]),
-                direction_mean_deg=of_any(np.mean, direction_deg(force[said, place])),
-                direction_std_deg=of_any(np.std, some[1]),
-                direction_rms_deg=or_none(rms_known(some[1])),
-                lean_rms_deg=or_none(rms_known(lean[said, place])),
+                float(1e3 * true[:, place].mean()),
+                float(direction_deg(pushed[:, place]).mean()),
+                len(said),
+                float(said.mean()),
+                *spread(1e3 * distance[said, place], missed),
+                or_none(rms_known(stated)),
+                of_any(np.mean, np.abs(missed) <= 1.96 * stated),
+                *spread(direction_deg(force[said, place]), turned[said, place]),
+                or_none(rms_known(lean[said, place])),
             )
         )
     return rows

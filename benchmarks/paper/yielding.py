@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from benchmarks.estimator.setup import drawn_truth, rod_of
-from benchmarks.harness import column, of_any, or_none, rms_known
+from benchmarks.harness import column, of_any, or_none, rms_known, spread
 from estimator import ContactEstimator
 from estimator.paper.baselines import Answer, Ring, press_from_recording, run_method
 from estimator.paper.baselines.vision import STANDS_OUT, compliance_of
@@ -30,8 +30,6 @@ _SLIPPERY_RAD = 0.0
 class YieldingRow:
     """One method against one stiffness, over the draws; None where no draw was answered.
 
-    Attributes
-    ----------
     answered : share of the draws that were given a distance. l_error_mm : mean, l_rms_mm : rms; l_expected_mm : what
     the Active Antenna's formula gains by theory, 3EI/(k·l²).
     object_answered, object_mean_N_m, object_rms : of the object's stiffness; the error relative to the true one.
@@ -129,17 +127,16 @@ def _row(method: str, stiffness_N_m: float, true_m: np.ndarray, readings: list[A
     said, determined = np.isfinite(off), np.isfinite(object_N_m)
     with np.errstate(invalid="ignore"):
         inside = np.abs(1.0 / object_N_m - 1.0 / stiffness_N_m) <= 2.0 * object_std / object_N_m**2
+    mean, _, rms = spread(off[said], off[said])
+    stated = or_none(rms_known(1e3 * np.array([each.distance_std_m for each in readings])[said]))
+    found = object_N_m[determined]
     return YieldingRow(
         method,
         stiffness_N_m,
-        draws=len(readings),
-        answered=float(said.mean()),
-        l_error_mm=of_any(np.mean, off[said]),
-        l_rms_mm=or_none(rms_known(off)),
-        l_stated_mm=or_none(rms_known(1e3 * np.array([each.distance_std_m for each in readings])[said])),
-        l_expected_mm=None,
-        object_answered=float(determined.mean()),
-        object_mean_N_m=of_any(np.mean, object_N_m[determined]),
-        object_rms=or_none(rms_known(object_N_m / stiffness_N_m - 1.0)),
-        object_covered=of_any(np.mean, inside[determined]),
+        len(readings),
+        float(said.mean()),
+        *(mean, rms, stated, None),
+        float(determined.mean()),
+        *(of_any(np.mean, found), or_none(rms_known(found / stiffness_N_m - 1.0))),
+        of_any(np.mean, inside[determined]),
     )

@@ -39,8 +39,6 @@ def usual_height(shot: Shot, rng: np.random.Generator) -> float:
 class Score:
     """One picture's centreline against the truth.
 
-    Attributes
-    ----------
     errors_px, sigma_px : (N,) signed distance of the points across the antenna, their deviations.
     false : (N,) whether a point is false.
     kept : share of the visible antenna that has a point within 2 px along it.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
@@ -11,15 +11,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from benchmarks.figures import AMBER, BLUE, GREEN, VIOLET, label, legend, panels
-from benchmarks.harness import Findings, Options, column, least_seconds, one_thread, rms, table
+from benchmarks.harness import Draws, Findings, Options, column, least_seconds, one_thread, rms, table
 from vbaa_calib.core.console import progress
 from vbaa_calib.core.errors import SolveError
 from vbaa_calib.detect.whisker.centreline import Centreline
 from vbaa_calib.detect.whisker.finder import AntennaFinder
 
-from .hard import HARDSHIPS, good, mixed
 from .judge import FALSE_PX, Score, bound_px, corridor, peers, score, usual_height
-from .scenes import Shot, photograph, truth
+from .scenes import HARDSHIPS, Shot, good, mixed, photograph, truth
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -34,8 +33,6 @@ _BOUND_PICTURES = 4
 class MethodRow:
     """One method on good pictures of one size.
 
-    Attributes
-    ----------
     ms : least time for one picture, the median over pictures; pictures_per_s : what that makes.
     rms_px, bias_px : of the points that are no further off than `FALSE_PX`. false : share of those that are.
     kept : share of the visible antenna that has a point.
@@ -55,8 +52,6 @@ class MethodRow:
 class HardRow:
     """One hardship.
 
-    Attributes
-    ----------
     found : share of the pictures whose verdict is "ok"; the rest of the row is about these.
     rms_px, bias_px : of the points that are not false. of_bound : their rms over the Cramér–Rao bound's.
     of_sigma : rms over the rms of the predicted deviations. kept, false : as in `judge.Score`.
@@ -87,52 +82,33 @@ class HostileRow:
     confident_false: float = column("false %", ".2f", 100)
 
 
-def methods(pictures: int, seed: int, repeats: int) -> list[MethodRow]:
-    """Ours and the peers on the same good pictures, one thread, decoding not counted."""
-    with one_thread():
-        return [row for size in SIZES for row in _methods_at(size, pictures, seed, repeats)]
-
-
-def _methods_at(size: tuple[int, int], pictures: int, seed: int, repeats: int) -> list[MethodRow]:
-    times: dict[str, list[float]] = {}
-    scores: dict[str, list[Score]] = {}
-    for index in progress(range(pictures), _named(size)):
-        rng = np.random.default_rng([seed, index])
-        shot = good(rng, size)
-        where, image, actual = corridor(shot, rng), photograph(shot, rng), truth(shot)
-        finder = AntennaFinder.prepare(where, size)
-        run: dict[str, Callable[[], np.ndarray]] = {"this finder": partial(_found, finder, image)}
-        run |= {name: partial(peer, image) for name, peer in peers(where, size).items()}
-        for name, method in run.items():
-            points = method()
-            times.setdefault(name, []).append(least_seconds(method, repeats))
-            line = Centreline(points, np.zeros(len(points)), 0.0, 0.0, 1.0)
-            scores.setdefault(name, []).append(score(line, actual))
-    return [_method_row(_named(size), name, times[name], scores[name]) for name in times]
-
-
-def _found(finder: AntennaFinder, image: np.ndarray) -> np.ndarray:
-    return finder.find(image).points_px
-
-
 def _named(size: tuple[int, int]) -> str:
     return f"{size[0]}x{size[1]}"
 
 
-def _method_row(size: str, name: str, seconds: Sequence[float], scores: Sequence[Score]) -> MethodRow:
-    errors, false = np.concatenate([s.errors_px for s in scores]), np.concatenate([s.false for s in scores])
-    near = errors[np.abs(errors) <= FALSE_PX]
-    typical = float(np.median(seconds))
-    return MethodRow(
-        size=size,
-        method=name,
-        ms=1e3 * typical,
-        pictures_per_s=1.0 / typical,
-        rms_px=rms(near),
-        bias_px=float(near.mean()),
-        false=float(false.mean()),
-        kept=float(np.mean([s.kept for s in scores])),
-    )
+def _methods(pictures: int, seed: int, repeats: int) -> list[MethodRow]:
+    """Ours and the peers on the same good pictures, one thread, decoding not counted."""
+    rows = []
+    with one_thread():
+        for size in SIZES:
+            found: dict[str, list[tuple[float, Score]]] = {}
+            for index in progress(range(pictures), _named(size)):
+                rng = np.random.default_rng([seed, index])
+                shot = good(rng, size)
+                where, image, actual = corridor(shot, rng), photograph(shot, rng), truth(shot)
+                finder = AntennaFinder.prepare(where, size)
+                run = {"this finder": lambda picture, finder=finder: finder.find(picture).points_px}
+                for name, method in (run | peers(where, size)).items():
+                    points, seconds = method(image), least_seconds(partial(method, image), repeats)
+                    line = Centreline(points, np.zeros(len(points)), 0.0, 0.0, 1.0)
+                    found.setdefault(name, []).append((seconds, score(line, actual)))
+            for name, results in found.items():
+                scores = Draws([each for _, each in results])
+                near = scores.errors_px[np.abs(scores.errors_px) <= FALSE_PX]
+                typical = float(np.median([seconds for seconds, _ in results]))
+                quality = rms(near), float(near.mean()), float(scores.false.mean()), float(scores.kept.mean())
+                rows.append(MethodRow(_named(size), name, 1e3 * typical, 1.0 / typical, *quality))
+    return rows
 
 
 def hardships(pictures: int, seed: int, names: Sequence[str] = ("none", *HARDSHIPS)) -> list[HardRow]:
@@ -142,57 +118,52 @@ def hardships(pictures: int, seed: int, names: Sequence[str] = ("none", *HARDSHI
 
 def _hard_row(name: str, pictures: int, seed: int) -> HardRow:
     scores: list[Score] = []
-    bounds: list[np.ndarray] = []
-    held: list[np.ndarray] = []
+    of_bound: list[np.ndarray] = []
     for index in range(pictures):
         rng = np.random.default_rng([seed, index, *name.encode()])
         shot = good(rng, SIZES[0])
         shot = HARDSHIPS[name](rng, shot) if name in HARDSHIPS else shot
         line = _seen(shot, rng)
         if line.found:
-            judged = score(line, truth(shot))
-            scores.append(judged)
-            if len(bounds) < _BOUND_PICTURES:
-                bounds.append(bound_px(shot, line.points_px[~judged.false]))
-                held.append(judged.errors_px[~judged.false])
+            scores.append(score(line, truth(shot)))
+            if len(of_bound) < _BOUND_PICTURES:
+                true = ~scores[-1].false
+                of_bound.append(scores[-1].errors_px[true] / bound_px(shot, line.points_px[true]))
     if not scores:
         return HardRow(name, pictures, 0.0)
-    true = [~s.false for s in scores]
-    errors = np.concatenate([s.errors_px[t] for s, t in zip(scores, true, strict=True)])
-    sigma = np.concatenate([s.sigma_px[t] for s, t in zip(scores, true, strict=True)])
+    every = Draws(scores)
+    errors, sigma = every.errors_px[~every.false], every.sigma_px[~every.false]
     return HardRow(
-        hardship=name,
-        pictures=pictures,
-        found=len(scores) / pictures,
+        name,
+        pictures,
+        len(scores) / pictures,
         rms_px=rms(errors),
         bias_px=float(errors.mean()),
-        of_bound=rms(np.concatenate(held) / np.concatenate(bounds)),
+        of_bound=rms(np.concatenate(of_bound)),
         of_sigma=rms(errors) / rms(sigma),
-        kept=float(np.mean([s.kept for s in scores])),
-        false=float(np.concatenate([s.false for s in scores]).mean()),
+        kept=float(every.kept.mean()),
+        false=float(every.false.mean()),
     )
 
 
 def hostile(pictures: int, seed: int, size: tuple[int, int] = _HARD_SIZE) -> list[HostileRow]:
     """As many pictures with an antenna under several hardships as without one."""
-    return [_hostile_row(empty, pictures, seed, size) for empty in (False, True)]
-
-
-def _hostile_row(empty: bool, pictures: int, seed: int, size: tuple[int, int]) -> HostileRow:
-    verdicts: Counter[str] = Counter()
-    wrong = 0
-    for index in progress(range(pictures), "without an antenna" if empty else "hard pictures"):
-        rng = np.random.default_rng([seed, index, int(empty)])
-        shot = mixed(rng, size, empty)
-        line = _seen(shot, rng)
-        if not (np.isfinite(line.points_px).all() and np.isfinite(line.sigma_px).all()):
-            raise SolveError(f"not a number in the centreline of picture {index} of seed {seed}")
-        verdicts[line.verdict] += 1
-        if line.found:
-            wrong += empty or score(line, truth(shot)).false.mean() > 0.5
-    kind = "no antenna, clutter" if empty else "two to four hardships"
-    shares = {name: verdicts[name] / pictures for name in ("ok", "no_antenna", "too_little", "ambiguous")}
-    return HostileRow(kind, pictures, **shares, confident_false=float(wrong / pictures))
+    rows = []
+    for kind, empty in (("two to four hardships", False), ("no antenna, clutter", True)):
+        verdicts: Counter[str] = Counter()
+        wrong = 0
+        for index in progress(range(pictures), "without an antenna" if empty else "hard pictures"):
+            rng = np.random.default_rng([seed, index, int(empty)])
+            shot = mixed(rng, size, empty)
+            line = _seen(shot, rng)
+            if not (np.isfinite(line.points_px).all() and np.isfinite(line.sigma_px).all()):
+                raise SolveError(f"not a number in the centreline of picture {index} of seed {seed}")
+            verdicts[line.verdict] += 1
+            if line.found:
+                wrong += empty or score(line, truth(shot)).false.mean() > 0.5
+        shares = {name: verdicts[name] / pictures for name in ("ok", "no_antenna", "too_little", "ambiguous")}
+        rows.append(HostileRow(kind, pictures, **shares, confident_false=float(wrong / pictures)))
+    return rows
 
 
 def _seen(shot: Shot, rng: np.random.Generator) -> Centreline:
@@ -200,19 +171,13 @@ def _seen(shot: Shot, rng: np.random.Generator) -> Centreline:
     return finder.with_usual_height(usual_height(shot, rng)).find(photograph(shot, rng), not shot.dark)
 
 
-def as_text(compared: Sequence[MethodRow], hard: Sequence[HardRow], mixed: Sequence[HostileRow]) -> str:
-    """The tables for people."""
-    good_title = (
-        f"good pictures, one thread, decoding not counted; rms of the points within {FALSE_PX} px, false: the others"
-    )
-    hard_title = (
-        f"one hardship at a time, {_named(SIZES[0])}; × bound: rms over the Cramér–Rao bound's; × sigma: over the "
-        "predicted"
-    )
-    mixed_title = "hard pictures at random: verdicts, and confident ones that are false"
-    return "\n\n".join((table(compared, good_title, 1), table(hard, hard_title), table(mixed, mixed_title)))
-
-
+_GOOD_TITLE = (
+    f"good pictures, one thread, decoding not counted; rms of the points within {FALSE_PX} px, false: the others"
+)
+_HARD_TITLE = (
+    f"one hardship at a time, {_named(SIZES[0])}; × bound: rms over the Cramér–Rao bound's; × sigma: over the predicted"
+)
+_MIXED_TITLE = "hard pictures at random: verdicts, and confident ones that are false"
 _STYLES = {
     "this finder": (GREEN, "s"),
     "cv2.ximgproc.thinning": (AMBER, "o"),
@@ -222,7 +187,7 @@ _STYLES = {
 """Method → its colour and mark."""
 
 
-def figure(compared: Sequence[MethodRow], hard: Sequence[HardRow]) -> Figure:
+def _figure(compared: Sequence[MethodRow], hard: Sequence[HardRow]) -> Figure:
     """Speed against error on the left, every hardship's error on the right."""
     drawn, (speed, errors) = panels(2, 2, (5.5, 4.4))
     for row in compared:
@@ -238,33 +203,24 @@ def figure(compared: Sequence[MethodRow], hard: Sequence[HardRow]) -> Figure:
     return drawn
 
 
-_HOSTILE_PER_DRAW = {False: 25, True: 10}
-"""Pictures with and without an antenna, at random, for each picture of a hardship; without and with --quick."""
 _GOOD_PER_DRAW, _LEAST_GOOD = 4, 2
 """A good picture of each size for so many of a hardship, and at least so many."""
-_REPEATS = {False: 15, True: 5}
-"""Timings of each method on each picture, without and with --quick."""
 
 
 def measure(options: Options) -> Findings:
     """Methods on good pictures, one hardship at a time, several at random; a draw is a picture of each hardship."""
     draws, seed = options.draws, options.seed
-    compared = methods(max(draws // _GOOD_PER_DRAW, _LEAST_GOOD), seed, _REPEATS[options.quick])
-    hard, mixed = hardships(draws, seed), hostile(_HOSTILE_PER_DRAW[options.quick] * draws, seed)
-    return Findings(
-        as_text(compared, hard, mixed),
-        {"vision.csv": hard, "vision_methods.csv": compared, "vision_random.csv": mixed},
-        {"vision.png": lambda: figure(compared, hard)},
-        {"methods": compared, "hardships": hard, "hostile": mixed},
-        headline(compared, mixed),
-    )
-
-
-def headline(compared: Sequence[MethodRow], mixed: Sequence[HostileRow]) -> str:
-    """Speed and error of this finder on the smaller good pictures, and what it is confidently wrong about."""
+    # pictures at random for each of a hardship, and timings of each method on each picture
+    per_draw, repeats = (10, 5) if options.quick else (25, 15)
+    compared = _methods(max(draws // _GOOD_PER_DRAW, _LEAST_GOOD), seed, repeats)
+    hard, mixed = hardships(draws, seed), hostile(per_draw * draws, seed)
     own = next(row for row in compared if row.method == "this finder")
     false = 100 * max(row.confident_false for row in mixed)
-    return (
-        f"{own.pictures_per_s:.0f} pictures/s of {own.size} at {own.rms_px:.3f} px; confident and false in "
-        f"{false:.1f} % of hard pictures"
+    return Findings(
+        "\n\n".join((table(compared, _GOOD_TITLE, 1), table(hard, _HARD_TITLE), table(mixed, _MIXED_TITLE))),
+        {"vision.csv": hard, "vision_methods.csv": compared, "vision_random.csv": mixed},
+        {"vision.png": lambda: _figure(compared, hard)},
+        {"methods": compared, "hardships": hard, "hostile": mixed},
+        f"{own.pictures_per_s:.0f} pictures/s of {own.size} at {own.rms_px:.3f} px; confident and false in {false:.1f} "
+        "% of hard pictures",
     )

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from benchmarks.boards import draw, rigs
 from benchmarks.calibration.methods import solve_oracle, solve_ours
-from benchmarks.calibration.rigs import draw, rigs
 from vbaa_calib.calibrate.lens.models import (
     LENS_MODELS,
     camera_of,

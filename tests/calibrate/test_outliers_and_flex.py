@@ -7,9 +7,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from benchmarks.calibration.judge import error_mm
+from benchmarks.boards import BOARD, draw, error_mm, rigs
 from benchmarks.calibration.methods import kept_corners, screening, solve_oracle, solve_ours
-from benchmarks.calibration.rigs import BOARD, draw, rigs
 from vbaa_calib.calibrate.lens.bundle import Bundle, Observation, refine
 from vbaa_calib.calibrate.lens.information import information, judge_flex, observations_of
 from vbaa_calib.calibrate.lens.initialization import LensOptions, fit_lens, unfolded

@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
-from benchmarks.estimator import shapes as estimator_shapes
-from benchmarks.estimator.scenes import Scenes, scenes
+from benchmarks.estimator.scenes import Scenes, Shapes, ShapesOf, scenes
+from benchmarks.estimator.scenes import Touches as SeenTouches
 from benchmarks.estimator.setup import ACROSS, RIG_STD, Setup, moved
-from benchmarks.estimator.shapes import Shapes, ShapesOf
 from estimator import ContactEstimator
 from estimator.budget.parts import ErrorSpace, Linearization, linearize
 from estimator.budget.touches import Touches
@@ -60,7 +59,7 @@ def moved_rig(rig: Rig, step: np.ndarray) -> Rig:
     return replace(other, camera=replace(camera, matrix=matrix, distortion=camera.distortion + lens[4:]))
 
 
-def rung_shapes(rig: Rig, touches: estimator_shapes.Touches, arclength_m: np.ndarray) -> Shapes:
+def rung_shapes(rig: Rig, touches: SeenTouches, arclength_m: np.ndarray) -> Shapes:
     """By the library's highest rung: much faster than the rod by shooting, from which it differs by less than 1 µm."""
     made = curves(
         "rod",

@@ -6,8 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from benchmarks.estimator.scenes import Scenes, push_for_slope, rolled, scenes
-from benchmarks.estimator.shapes import ShapesOf, rod_shapes
+from benchmarks.estimator.scenes import Scenes, ShapesOf, push_for_slope, rod_shapes, rolled, scenes
 from estimator import Contact, ContactEstimator
 from estimator.contact.contacts import Contacts
 from vbaa_calib.rig import Rig

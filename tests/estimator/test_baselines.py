@@ -7,9 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.estimator.scenes import scenes
+from benchmarks.estimator.scenes import rod_shapes, scenes
 from benchmarks.estimator.setup import RIG_STD, Setup
-from benchmarks.estimator.shapes import rod_shapes
 from estimator.paper.baselines import Answer, Noise, Press, Ring, Wire, press_from_recording, run_method
 from estimator.paper.inclined import project
 from vbaa_calib.antenna.rod import sample_shape

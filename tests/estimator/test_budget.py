@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
-from benchmarks.estimator.shapes import ShapesOf, rod_shapes
+from benchmarks.estimator.scenes import ShapesOf, rod_shapes
 from estimator import ContactEstimator
 from estimator.budget.budget import Budget, error_budget
 from estimator.budget.parts import (

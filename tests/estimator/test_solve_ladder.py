@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.estimator.shapes import elastica_shapes
+from benchmarks.estimator.scenes import elastica_shapes
 from estimator.contact.status import HIGHEST_BIAS
 from vbaa_calib.antenna.rungs import RUNGS
 

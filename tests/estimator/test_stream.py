@@ -9,8 +9,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from benchmarks.estimator.scenes import Scenes, rolled, scenes
-from benchmarks.estimator.shapes import rod_shapes
+from benchmarks.estimator.scenes import Scenes, rod_shapes, rolled, scenes
 from estimator import Contact, ContactEstimator, Measured
 from estimator.contact import recording
 from vbaa_calib.detect.whisker.centreline import NOTHING

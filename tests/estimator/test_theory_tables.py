@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.estimator.scenes import elastica_shapes, rod_shapes
 from benchmarks.estimator.setup import TOWARDS_CLAMP, Setup
-from benchmarks.estimator.shapes import elastica_shapes, rod_shapes
 from estimator import ContactEstimator
 from estimator.contact.motion import inertia
 from vbaa_calib.rig import Rig

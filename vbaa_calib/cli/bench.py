@@ -25,10 +25,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 def _suite() -> ModuleType:
     checkout = Path(vbaa_calib.__file__).parents[1]
-    if not (checkout / "benchmarks" / "cli.py").is_file():
+    if not (checkout / "benchmarks" / "suite.py").is_file():
         raise InputError(
             "the benchmarks are not part of the installed package",
             where="bench",
             remedy="run `vbaa bench` in a checkout of the repository, after `make install`",
         )
-    return importlib.import_module("benchmarks.cli")
+    return importlib.import_module("benchmarks.suite")

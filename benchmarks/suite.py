@@ -1,0 +1,309 @@
+"""`vbaa bench`: our numbers beside the alternatives', measured in one run; the subjects, and what each leaves."""
+
+from __future__ import annotations
+
+import argparse
+import time
+import traceback
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from vbaa_calib.core.console import say
+from vbaa_calib.core.errors import InputError, SolveError
+from vbaa_calib.core.files import refuse_overwrite, replacing, write_json
+
+from .harness import Findings, Options, aligned, as_json, machine, write_csv
+
+_NUMERIC = "numpy scipy torch"
+_PICTURES = "numpy scipy opencv-contrib-python-headless"
+ALL = "all"
+_MOST_DRAWS, _MOST_JOBS = 10_000_000, 256
+"""More do not fit into memory: a draw of `metric` takes some 100 bytes, a process some 300 MB."""
+_DPI = 110
+
+
+@dataclass(frozen=True)
+class Subject:
+    """One subject, measured by `measure(options)` of the module `benchmarks.NAME.NAME`.
+
+    about : one line of help. draw : what a draw is, in words. draws : how many, usually and with --quick.
+    packages : those whose versions are named beside ours. left : tables (.csv) and figures (.png) that it leaves.
+    least : fewest draws that say anything. suite : whether `vbaa bench` without a subject runs it.
+    jobs : whether it can use more than one process.
+    """
+
+    name: str
+    about: str
+    draw: str
+    draws: tuple[int, int]
+    packages: str
+    left: str
+    least: int = 1
+    suite: bool = True
+    jobs: bool = False
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """Tables and figures, all of them."""
+        return tuple(self.left.split())
+
+    @property
+    def record(self) -> str:
+        """File that says what the others were made with."""
+        return f"{self.name}.json"
+
+
+_ALL = (
+    Subject(
+        "metric",
+        "pixels to rays by OpenCV, kornia and the metric layer",
+        "random pixels of each lens",
+        (1_000_000, 20_000),
+        "numpy opencv-contrib-python-headless torch kornia",
+        "metric.csv metric.png",
+        least=200,
+    ),
+    Subject(
+        "calibration",
+        "lenses from corners, in mm on C: OpenCV, lensboy, mrcal (if VBAA_PEER_PYTHON has them), ours",
+        "sets of views of each rig",
+        (20, 3),
+        _PICTURES,
+        "calibration.csv calibration.png",
+    ),
+    Subject(
+        "vision",
+        "the antenna in good, hard and empty pictures, beside other methods",
+        "pictures of each hardship",
+        (40, 4),
+        _PICTURES,
+        "vision.csv vision_methods.csv vision_random.csv vision.png",
+    ),
+    Subject(
+        "estimator",
+        "contacts against the Cramér-Rao bound, speed against error, hard cases, random scenes",
+        "noise draws of each kind of scene",
+        (400, 12),
+        _NUMERIC,
+        "estimator.csv estimator_rods.csv estimator_speed.csv estimator_hard.csv estimator_random.csv "
+        "estimator.png estimator_grid.png",
+        least=4,
+    ),
+    Subject(
+        "object",
+        "objects stroked by the antenna: surface, normals, friction, stiffness, first contact",
+        "recordings of each kind",
+        (10, 1),
+        _NUMERIC,
+        "object.csv object_alarms.csv object_onsets.csv object.png",
+    ),
+    Subject(
+        "chain",
+        "from picture to contact: speed against error, every method and rung",
+        "pictures of each size and rig",
+        (30, 4),
+        f"{_PICTURES} torch",
+        "chain.csv chain_stages.csv chain_losses.csv chain.png",
+    ),
+    Subject(
+        "growth",
+        "cost as work grows: frames, points, picture size, views, contacts",
+        "timings of each size",
+        (3, 1),
+        f"{_PICTURES} torch",
+        "growth.csv growth.png",
+    ),
+    Subject(
+        "guided",
+        "pictures for the lens at suggested and at random poses, until plane C is known",
+        "sequences of pictures of each kind",
+        (20, 1),
+        f"{_PICTURES} torch",
+        "guided.csv guided.png",
+        suite=False,
+    ),
+    Subject(
+        "coverage",
+        "whether the deviations that whole calibrations predict are those that sampling shows",
+        "calibrations of each rig",
+        (500, 10),
+        f"{_PICTURES} torch",
+        "coverage.csv coverage_rigs.csv coverage.png",
+        least=2,
+        suite=False,
+        jobs=True,
+    ),
+    Subject(
+        "drift",
+        "rigs that changed since their calibration: contacts lost, silent errors, with and without free frames",
+        "rigs, each with its calibration, change and recording",
+        (30, 2),
+        f"{_PICTURES} torch",
+        "drift.csv drift.png",
+        suite=False,
+    ),
+    Subject(
+        "paper",
+        "the paper's experiments redone (docs/experiments.md)",
+        "noise draws of each setting",
+        (16, 2),
+        _NUMERIC,
+        "paper_sensing.csv paper_friction.csv paper_path.csv paper_yielding.csv "
+        "paper_fig7.png paper_fig5.png paper_yielding.png",
+        suite=False,
+    ),
+)
+SUBJECTS = {subject.name: subject for subject in _ALL}
+"""Name → subject, in the order in which they are run."""
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `vbaa bench`."""
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.epilog = "subjects:\n" + "\n".join(
+        f"  {subject.name:<13}{subject.about}\n{'':<15}--draws: {subject.draw}, {subject.draws[0]}, "
+        f"with --quick {subject.draws[1]}"
+        for subject in _ALL
+    )
+    suite, jobs = (", ".join(one.name for one in _ALL if getattr(one, name)) for name in ("suite", "jobs"))
+    parser.add_argument(
+        "subject",
+        nargs="?",
+        choices=(*SUBJECTS, ALL),
+        metavar="SUBJECT",
+        help=f"one of those below, or {ALL} (default, the suite: {suite})",
+    )
+    parser.add_argument(
+        "--out",
+        type=Path,
+        help="folder for tables and figures, SUBJECT.csv, SUBJECT.png and more, and SUBJECT.json, which says what "
+        "they were made with (default: print only)",
+    )
+    parser.add_argument("--quick", action="store_true", help="a first look: less of everything, within three minutes")
+    parser.add_argument("--draws", type=int, help="how much of one subject (default: see below)")
+    parser.add_argument("--jobs", type=int, default=1, help=f"processes, of {jobs}; the numbers stay (default: 1)")
+    parser.add_argument("--seed", type=int, default=0, help="of everything that is random (default: 0)")
+
+
+def run(args: argparse.Namespace) -> dict[str, Any]:
+    """Measure one subject, or several one after the other; print the tables, write the files."""
+    one = args.subject in SUBJECTS
+    chosen = [SUBJECTS[args.subject]] if one else [each for each in _ALL if each.suite or args.subject == ALL]
+    _refuse(args, chosen)
+    return _measured(args, chosen[0])[0] if one else _several(args, chosen)
+
+
+def _refuse(args: argparse.Namespace, chosen: Sequence[Subject]) -> None:
+    """What makes no sense, or would overwrite something, before any work."""
+    what, draws = args.subject or "the suite", args.draws
+    able = [subject.name for subject in _ALL if subject.jobs]
+    no_jobs = args.jobs > 1 and not any(subject.jobs for subject in chosen)
+    for wrong, said, remedy in (
+        (draws is not None and len(chosen) > 1, "draws", "name one subject: a draw means another thing in each"),
+        (draws is not None and draws < chosen[0].least, "draws", f"at least {chosen[0].least}"),
+        (draws is not None and draws > _MOST_DRAWS, "draws", f"at most {_MOST_DRAWS}"),
+        (args.jobs > _MOST_JOBS, "jobs", f"at most {_MOST_JOBS}, one for each core"),
+        (args.jobs < 1 or no_jobs, "jobs", f"1, or more for {' or '.join(able)}"),
+        (args.seed < 0, "seed", "a number from 0 on"),
+    ):
+        if wrong:
+            raise InputError(f"--{said} {getattr(args, said)} for {what}", remedy=remedy)
+    if args.out is None:
+        return
+    if not args.out.is_dir():
+        what = "is a file, not a folder" if args.out.exists() else "no such folder"
+        raise InputError(what, where=args.out, remedy="create it first")
+    for name in (name for subject in chosen for name in (*subject.files, subject.record)):
+        refuse_overwrite(args.out / name, args.force)
+
+
+def _measured(args: argparse.Namespace, subject: Subject) -> tuple[dict[str, Any], str]:
+    """One subject measured, its table shown, its files written: its numbers with what they were made with; headline."""
+    draws = args.draws or subject.draws[args.quick]
+    options = Options(args.seed, draws, args.quick, args.jobs if subject.jobs else 1)
+    begun = time.perf_counter()
+    measure: Callable[[Options], Findings] = import_module(f"benchmarks.{subject.name}.{subject.name}").measure
+    found = measure(options)
+    ran_on = machine(subject.packages.split(), found.versions)
+    quick = ", quick" if args.quick else ""
+    _show(args, f"{ran_on}, {draws} {subject.draw}, seed {args.seed}{quick}\n{found.text}")
+    flags = [f"--draws {draws}", f"--seed {args.seed}", *(["--quick"] if args.quick else [])]
+    flags += [f"--jobs {options.jobs}"] if options.jobs > 1 else []
+    record = {
+        "subject": subject.name,
+        "headline": found.headline,
+        "command": " ".join(["vbaa", "bench", subject.name, *flags]),
+        "draw": subject.draw,
+        "draws": draws,
+        "seed": args.seed,
+        "quick": args.quick,
+        "jobs": options.jobs,
+        "machine": as_json(ran_on),
+        "files": list(subject.files),
+        "seconds": round(time.perf_counter() - begun, 1),
+    }
+    if args.out:
+        _write(args, subject, found, record)
+    return as_json(found.numbers) | record, found.headline
+
+
+def _write(args: argparse.Namespace, subject: Subject, found: Findings, record: dict[str, Any]) -> None:
+    """All files of one subject: a table or figure that fails leaves none of them.
+
+    Raises SolveError for a table without rows, and where the files are not those that the subject is known for.
+    """
+    if {*found.tables, *found.figures} != set(subject.files):
+        raise SolveError(f"{subject.name} has {sorted({*found.tables, *found.figures})}, not {sorted(subject.files)}")
+    empty = [name for name, rows in found.tables.items() if not rows]
+    if empty:
+        raise SolveError(f"{subject.name} found nothing for {', '.join(empty)}: nothing is written")
+    names = (*subject.files, subject.record)
+    with ExitStack() as stack:
+        ready = {name: stack.enter_context(replacing(args.out / name, args.force)) for name in names}
+        for name, rows in found.tables.items():
+            write_csv(ready[name], rows, force=True)
+        for name, draw in found.figures.items():
+            draw().savefig(ready[name], dpi=_DPI)
+        write_json(ready[subject.record], record)
+
+
+def _show(args: argparse.Namespace, text: str) -> None:
+    """A table: on stdout, unless that is kept for JSON."""
+    if args.json:
+        say(text)
+    else:
+        print(text, flush=True)
+
+
+def _several(args: argparse.Namespace, chosen: Sequence[Subject]) -> dict[str, Any]:
+    """Each subject in turn, whatever becomes of the others; a summary at the end."""
+    lines = [["subject", "s", "what it comes down to"]]
+    numbers: dict[str, Any] = {}
+    failed: dict[str, str] = {}
+    started = time.perf_counter()
+    for place, subject in enumerate(chosen, start=1):
+        where = f"{place} of {len(chosen)}: {subject.name}"
+        say(where)
+        begun = time.perf_counter()
+        try:
+            numbers[subject.name], words = _measured(args, subject)
+        # whatever a subject or a peer of it raises must not lose what the others find
+        except Exception as error:
+            if args.debug:
+                traceback.print_exc()
+            failed[subject.name] = f"{type(error).__name__}: {error}"
+            words = f"failed: {failed[subject.name]}"
+        seconds = f"{time.perf_counter() - begun:.0f}"
+        lines.append([subject.name, seconds, words])
+        if args.out and subject.name in numbers:
+            lines.append(["", "", ", ".join((*subject.files, subject.record))])
+        say(f"{where}, {'failed after' if subject.name in failed else 'done in'} {seconds} s")
+        _show(args, "")
+    total = f"{time.perf_counter() - started:.0f}"
+    lines.append(["all", total, f"{len(numbers)} of {len(chosen)} subjects measured"])
+    _show(args, aligned(lines, (True, False, True)))
+    return {"subjects": numbers, "failed": failed, "exit_code": int(bool(failed))}
