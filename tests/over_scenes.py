@@ -14,10 +14,10 @@ from vbaa_calib.camera import Camera
 from vbaa_calib.geometry import Pose
 from vbaa_calib.simulate.render.board import print_sheet
 from vbaa_calib.simulate.render.picture import studio
+from vbaa_calib.simulate.render.render import free_wires, render_over
 from vbaa_calib.simulate.scene.lens import project
-from vbaa_calib.simulate.scene.scene import Joints, OverSpec, Scene, bundled_scene, camera_pose
+from vbaa_calib.simulate.scene.scene import OverSpec, Scene, bundled_scene, camera_pose
 from vbaa_calib.simulate.scene.scene_file import load_scene
-from vbaa_calib.simulate.write_boards import over_wires, render_over
 
 CLAMP_ABOUT_Y_STD, BOW_Y_STD, BOW_Z_STD, LOG_STIFFNESS_STD = 0.002, 0.02, 0.3, 0.05
 LENGTH_STD_M, HEIGHT_STD_M = 3e-4, 1e-4
@@ -31,7 +31,7 @@ class View:
     azimuth: float = 150.0
     distance: float = 0.366
     look_at: tuple[float, float, float] = (0.118, 0.0, 0.0)
-    over: OverSpec = field(default_factory=lambda: OverSpec(0.012, (0.13, 0.005), 0.3, 1, Joints(0.0, 0.0)))
+    over: OverSpec = field(default_factory=lambda: OverSpec(0.012, (0.13, 0.005), 1, 0.3))
     blur: float = 0.7
     noise: float = 1.2
     paint: float = 0.92
@@ -63,7 +63,7 @@ class Shown:
 
     def centreline_px(self) -> np.ndarray:
         """(4000, 2) the antenna's true centreline from clamp to tip."""
-        wire = over_wires(self.scene, self.over.joints)[0]
+        wire = free_wires(self.scene, self.over.joints)[0]
         s = np.linspace(0.0, wire.arclength_m[-1], 4000)
         points = np.stack([np.interp(s, wire.arclength_m, column) for column in wire.points_m.T], axis=1)
         return project(self.scene.lens, self.truth.inverse() @ points)
@@ -98,7 +98,7 @@ def shown(view: View, seed: int = 0, wires: int = 2) -> Shown:
         picture=replace(base.picture, antenna=view.paint, blur_px=view.blur, read_noise=view.noise),
     )
     place = studio(scene.lens, scene.picture, np.random.default_rng(seed))
-    drawn = over_wires(scene, view.over.joints)[:wires]
+    drawn = free_wires(scene, view.over.joints)[:wires]
     if not wires:
         view = replace(view, over=replace(view.over, shadow=0.0))
     picture = render_over(scene, place, print_sheet(scene.board), view.over, drawn, np.random.default_rng(seed))
@@ -122,7 +122,7 @@ def drawn_view(seed: int, paint: float) -> View:
         azimuth=rng.uniform(0.0, 360.0),
         distance=rng.uniform(0.34, 0.4),
         look_at=(rng.uniform(0.11, 0.125), rng.uniform(-0.01, 0.01), 0.0),
-        over=OverSpec(height, (float(centre[0]), float(centre[1])), turn, 1, Joints(0.0, 0.0)),
+        over=OverSpec(height, (float(centre[0]), float(centre[1])), 1, turn),
         blur=rng.uniform(0.5, 1.0),
         noise=rng.uniform(1.0, 3.0),
         paint=paint,

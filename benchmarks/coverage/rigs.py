@@ -26,7 +26,7 @@ from vbaa_calib.calibrate.antenna.session_rig import (
 from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.geometry import Kinematics, Pose
 from vbaa_calib.session import Load, NominalAntenna, Still, gravity_antenna
-from vbaa_calib.simulate.plan.plan import board_poses
+from vbaa_calib.simulate.plan import board_poses
 from vbaa_calib.simulate.scene.lens import Lens, project
 from vbaa_calib.simulate.scene.scene import IntrinsicsSpec, camera_pose
 

@@ -19,7 +19,7 @@ from estimator.object.track import Event, follow
 from estimator.table.contacts import ContactTable
 from vbaa_calib.core.console import progress
 from vbaa_calib.rig import Rig
-from vbaa_calib.simulate.plan.joint_paths import sweep_joints
+from vbaa_calib.simulate.joint_paths import sweep_joints
 from vbaa_calib.simulate.scene.objects import TouchObject
 from vbaa_calib.simulate.scene.scene import Joints, Sweep
 

@@ -20,9 +20,8 @@ from vbaa_calib.rig import Rig
 from vbaa_calib.session import Frame
 from vbaa_calib.simulate.contact.stick_slip import Bases
 from vbaa_calib.simulate.contact.touch import Touch, touch_strokes
-from vbaa_calib.simulate.plan.joint_paths import sweep_joints
-from vbaa_calib.simulate.scene.bumps import Bump
-from vbaa_calib.simulate.scene.objects import TouchObject
+from vbaa_calib.simulate.joint_paths import sweep_joints
+from vbaa_calib.simulate.scene.objects import Bump, TouchObject
 from vbaa_calib.simulate.scene.scene import Joints, Sweep
 
 _PRESS_FRAMES = 5

@@ -16,7 +16,7 @@ from vbaa_calib.antenna.rod import solve_rod
 from vbaa_calib.calibrate.check.assessment import Assessment, NewPictures
 from vbaa_calib.camera import Camera
 from vbaa_calib.rig import Antenna, AntennaImage, MomentSensor, Rig
-from vbaa_calib.simulate.plan.plan import AntennaShot, BoardShot, plan, stream
+from vbaa_calib.simulate.plan import AntennaShot, BoardShot, plan, stream
 from vbaa_calib.simulate.render.board import Sheet, print_sheet
 from vbaa_calib.simulate.render.picture import Studio, studio
 from vbaa_calib.simulate.render.render import render_shot

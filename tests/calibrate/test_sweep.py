@@ -17,12 +17,12 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.detect.board.corners import detect_files
 from vbaa_calib.geometry import Kinematics, Pose
 from vbaa_calib.session import SweepPicture
-from vbaa_calib.simulate.plan.plan import stream
+from vbaa_calib.simulate.plan import stream
 from vbaa_calib.simulate.render.board import print_sheet
 from vbaa_calib.simulate.render.picture import studio
 from vbaa_calib.simulate.scene.scene import Scene, bundled_scene
 from vbaa_calib.simulate.scene.scene_file import load_scene
-from vbaa_calib.simulate.write_boards import write_sweep
+from vbaa_calib.simulate.write import write_sweep
 
 from .sweeps import FEW, GRID, RIG, T_ANTENNA_CAMERA, Sweep, T_world_board, camera, misread, sweep
 from .synthetic_views import SPEC

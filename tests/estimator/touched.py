@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from estimator.object.surface import Touches
-from vbaa_calib.simulate.scene.bumps import Bump
-from vbaa_calib.simulate.scene.objects import TouchObject
+from vbaa_calib.simulate.scene.objects import Bump, TouchObject
 
 RADIUS_M = 4e-4
 """Of the antenna."""

@@ -15,8 +15,7 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_yaml
 from vbaa_calib.geometry import Pose
 from vbaa_calib.simulate.render.object import cast, object_layer, pressed_in
-from vbaa_calib.simulate.scene.bumps import Bump, surface_radius
-from vbaa_calib.simulate.scene.objects import BOX_FACE_M, TouchObject
+from vbaa_calib.simulate.scene.objects import BOX_FACE_M, Bump, TouchObject, surface_radius
 from vbaa_calib.simulate.scene.scene import bundled_scene
 from vbaa_calib.simulate.scene.scene_file import load_scene
 

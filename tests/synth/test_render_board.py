@@ -8,7 +8,7 @@ import pytest
 
 from targets.board import BoardSpec, corner_points, opencv_board
 from vbaa_calib.geometry import Pose
-from vbaa_calib.simulate.plan.plan import board_poses
+from vbaa_calib.simulate.plan import board_poses
 from vbaa_calib.simulate.render.board import PAPER, board_patch, outline, print_sheet
 from vbaa_calib.simulate.render.picture import digitise, expose, surroundings
 from vbaa_calib.simulate.scene.lens import project

@@ -11,8 +11,7 @@ from vbaa_calib.geometry import Kinematics, Pose
 from vbaa_calib.simulate.contact.stick_slip import Bases, Setting, gripped
 from vbaa_calib.simulate.contact.strokes import follow
 from vbaa_calib.simulate.contact.touch import Touch, touch, touch_strokes
-from vbaa_calib.simulate.scene.bumps import Bump
-from vbaa_calib.simulate.scene.objects import TouchObject
+from vbaa_calib.simulate.scene.objects import Bump, TouchObject
 
 L, EI, RADIUS = 0.24, 3.9e-3, 4e-4
 WEIGHT, NONE = np.array([0.0, 0.0, -9.80665]), np.zeros(3)

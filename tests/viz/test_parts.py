@@ -9,8 +9,7 @@ import pytest
 import pyvista as pv
 
 from estimator.table.contacts import ContactTable
-from vbaa_calib.simulate.scene.bumps import Bump
-from vbaa_calib.simulate.scene.objects import BOX_FACE_M, TouchObject
+from vbaa_calib.simulate.scene.objects import BOX_FACE_M, Bump, TouchObject
 from viz.parts.assemble import _truth_mesh, all_parts
 from viz.parts.part import Part, ball, stamp
 from viz.scene.readable import thinned

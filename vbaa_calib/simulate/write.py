@@ -2,28 +2,35 @@
 
 from __future__ import annotations
 
+import csv
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import yaml
 
 from vbaa_calib.core.console import progress
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import replacing_folder, write_json
+from vbaa_calib.geometry import Pose
 from vbaa_calib.session import SCHEMA
-from vbaa_calib.simulate.plan.plan import AntennaShot, Plan, plan, stream
-from vbaa_calib.simulate.render.board import Sheet, print_sheet
-from vbaa_calib.simulate.render.picture import Studio, studio
-from vbaa_calib.simulate.render.render import render_shot, seen_centreline
-from vbaa_calib.simulate.scene.scene import OverSpec, Scene
 
-from .write_boards import write_over, write_picture, write_rows, write_sweep
+from .joint_paths import sweep_of_the_board
+from .plan import AntennaShot, BoardShot, Plan, plan, stream
+from .render.board import Sheet, outline, print_sheet
+from .render.picture import Studio, studio
+from .render.render import free_wires, render_over, render_shot, seen_centreline
+from .scene.scene import Scene
 
-CENTRELINE_STD_PX = 0.1
+_CENTRELINE_STD_PX = 0.1
+_PNG = (cv2.IMWRITE_PNG_COMPRESSION, 2)
+"""Quick rather than small: a session has hundreds of pictures."""
+_SWEEP = 1_000_000
+"""The sweep's pictures take their noise after all those of the plan."""
 
 
 def refuse_target(path: Path, force: bool) -> None:
@@ -64,38 +71,87 @@ def write_session(scene: Scene, folder: Path, *, force: bool = False, recording_
         if scene.sweep:
             truth["sweep"] = {"T_world_board": write_sweep(scene, place, sheet, root).to_dict()}
         if scene.over is not None:
-            truth["over"] = write_over(scene, place, sheet, scene.over, root, stream(scene, "over"))
+            truth["over"] = _write_over(scene, place, sheet, root)
         write_json(root / "truth.json", truth)
         for name, rows in planned.tables.items():
             drop = () if recording_pictures or name != "recording/recording.csv" else ("image",)
-            write_rows(root / name, [{k: v for k, v in row.items() if k not in drop} for row in rows])
+            _write_rows(root / name, [{k: v for k, v in row.items() if k not in drop} for row in rows])
         if not recording_pictures:
-            write_rows(root / "recording/centrelines.csv", list(_centrelines(scene, place, planned)))
-        _write_pictures(scene, place, planned, root, recording_pictures)
+            _write_rows(root / "recording/centrelines.csv", list(_centrelines(scene, place, planned)))
+        _write_pictures(scene, place, sheet, planned, root, recording_pictures)
     return planned
 
 
-def _write_pictures(scene: Scene, place: Studio, planned: Plan, root: Path, recording_pictures: bool) -> None:
-    sheet = print_sheet(scene.board)
+def _write_picture(path: Path, picture: np.ndarray) -> None:
+    path.write_bytes(cv2.imencode(".png", picture, _PNG)[1].tobytes())
+
+
+def _write_rows(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
+    """At least one row; the columns are the first one's keys."""
+    with path.open("w", encoding="utf-8", newline="") as table:
+        writer = csv.DictWriter(table, fieldnames=list(rows[0]), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def _write_pictures(
+    scene: Scene, place: Studio, sheet: Sheet, planned: Plan, root: Path, recording_pictures: bool
+) -> None:
     # a picture's noise hangs on its place in the plan, not on which other pictures are taken
-    wanted = [
-        index
+    shots = {
+        index: shot
         for index, shot in enumerate(planned.shots)
         if recording_pictures or not shot.path.startswith("recording/")
-    ]
+    }
 
     def take(index: int) -> None:
-        _take(scene, place, sheet, planned, index, root)
+        picture = render_shot(scene, place, sheet, shots[index], stream(scene, "pictures", index))
+        _write_picture(root / shots[index].path, picture)
 
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        for _ in progress(pool.map(take, wanted), "pictures", len(wanted)):
+        for _ in progress(pool.map(take, shots), "pictures", len(shots)):
             pass
 
 
-def _take(scene: Scene, place: Studio, sheet: Sheet, planned: Plan, index: int, root: Path) -> None:
-    shot = planned.shots[index]
-    picture = render_shot(scene, place, sheet, shot, stream(scene, "pictures", index))
-    write_picture(root / shot.path, picture)
+def write_sweep(scene: Scene, place: Studio, sheet: Sheet, root: Path) -> Pose:
+    """Write sweep/*.png and sweep/sweep.csv into a session's folder: a board that stays in the world.
+
+    The board is put and the joints are turned so that the whole sheet stays in the picture.
+
+    Returns
+    -------
+    Pose : T_world_board of the printed face, what is true of the sweep.
+
+    Raises
+    ------
+    InputError : the camera sees no place where the board could stay in view.
+    """
+    T_world_board, joints = sweep_of_the_board(scene, outline(sheet))
+    folder = root / "sweep"
+    folder.mkdir()
+    rows: list[dict[str, Any]] = []
+    for index, at in enumerate(joints):
+        name = f"sweep_{index:03d}.png"
+        shot = BoardShot(f"sweep/{name}", at, scene.T_world_camera(at).inverse() @ T_world_board)
+        _write_picture(folder / name, render_shot(scene, place, sheet, shot, stream(scene, "pictures", _SWEEP + index)))
+        rows.append({"image": name, "pan_rad": at.pan_rad, "tilt_rad": at.tilt_rad})
+    _write_rows(folder / "sweep.csv", rows)
+    return T_world_board
+
+
+def _write_over(scene: Scene, place: Studio, sheet: Sheet, root: Path) -> dict[str, Any]:
+    """Write over/over_000.png …, and return what truth.json should hold of them."""
+    assert scene.over is not None
+    folder, over = root / "over", scene.over
+    folder.mkdir()
+    wires, rng = free_wires(scene, over.joints), stream(scene, "over")
+    for index in range(over.pictures):
+        _write_picture(folder / f"over_{index:03d}.png", render_over(scene, place, sheet, over, wires, rng))
+    return {
+        "T_antenna_board": over.T_antenna_board(sheet.spec).to_dict(),
+        "height_m": over.height_m,
+        "tip_antenna_m": wires[0].points_m[-1].tolist(),
+    }
 
 
 def _centrelines(scene: Scene, place: Studio, planned: Plan) -> Iterator[dict[str, Any]]:
@@ -104,29 +160,14 @@ def _centrelines(scene: Scene, place: Studio, planned: Plan) -> Iterator[dict[st
     for row, shot in zip(frames, shots, strict=True):
         points = seen_centreline(scene, place, shot)
         noise = stream(scene, "centrelines", int(row["frame"])).standard_normal(len(points))
-        for u, v in points[:, :2] + CENTRELINE_STD_PX * noise[:, None] * points[:, 2:]:
-            yield {
-                "frame": row["frame"],
-                "u_px": round(float(u), 4),
-                "v_px": round(float(v), 4),
-                "sigma_px": CENTRELINE_STD_PX,
-            }
-
-
-def _floats(values: np.ndarray | Iterable[float]) -> list[float]:
-    return [float(value) for value in values]
-
-
-def _over_key(scene: Scene) -> dict[str, Any]:
-    over: OverSpec | None = scene.over
-    if over is None:
-        return {}
-    return {"over": {"height_m": over.height_m, "pan_rad": over.joints.pan_rad, "tilt_rad": over.joints.tilt_rad}}
+        for u, v in points[:, :2] + _CENTRELINE_STD_PX * noise[:, None] * points[:, 2:]:
+            pixel = {"u_px": round(float(u), 4), "v_px": round(float(v), 4)}
+            yield {"frame": row["frame"]} | pixel | {"sigma_px": _CENTRELINE_STD_PX}
 
 
 def session_yaml(scene: Scene) -> str:
     """session.yaml: what the user of such a rig would know, not what is true of it."""
-    antenna = scene.antenna
+    antenna, over = scene.antenna, scene.over
     data = {
         "schema": SCHEMA,
         "board": scene.board.to_dict(),
@@ -134,10 +175,10 @@ def session_yaml(scene: Scene) -> str:
         "jig": {"T_antenna_board": scene.T_antenna_board.to_dict()},
         "kinematics": {
             "T_actuator_antenna": scene.kinematics.T_actuator_antenna.to_dict(),
-            "position_world_m": _floats(scene.kinematics.position_world_m),
+            "position_world_m": scene.kinematics.position_world_m.tolist(),
         },
-        **_over_key(scene),
-        "gravity_world": _floats(scene.gravity_world_m_s2) if scene.gravity_world_m_s2.any() else None,
+        **({} if over is None else {"over": {"height_m": over.height_m, **vars(over.joints)}}),
+        "gravity_world": scene.gravity_world_m_s2.tolist() if scene.gravity_world_m_s2.any() else None,
         "moment_sensor": {"std_Nm": scene.moment.std_Nm},
         # nobody reads a ruler here
         "load_readings": {"distance_std_m": 0.0, "force_std_relative": 0.0},

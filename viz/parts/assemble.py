@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 import pyvista as pv
 
-from vbaa_calib.simulate.scene.bumps import surface_radius
-from vbaa_calib.simulate.scene.objects import BOX_FACE_M, TouchObject
+from vbaa_calib.simulate.scene.objects import BOX_FACE_M, TouchObject, surface_radius
 from viz.scene.readable import enlargement, surface_scale, thinned
 from viz.scene.rig_items import RigItems
 from viz.scene.scene import ObjectMesh, Scene

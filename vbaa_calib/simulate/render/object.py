@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import cv2
@@ -9,13 +10,16 @@ import numpy as np
 
 from vbaa_calib.geometry import Pose
 from vbaa_calib.simulate.scene.lens import project
-from vbaa_calib.simulate.scene.objects import LINES, WEDGES, TouchObject, march, reach_m, surface_at
+from vbaa_calib.simulate.scene.objects import BOX_FACE_M, LINES, WEDGES, TouchObject, elevation, implicit
 
 from .antenna import DepthOfObstacle
 from .picture import LAMP_WORLD, Layer, Studio, frame_around
 
 BLADE_HALF_ANGLE_RAD, BLADE_DEPTH_M = np.deg2rad(3.0), 0.025
 _AMBIENT = 0.35
+_STEPS, _HIT_M = 100, 1e-6
+_STEEPEST = math.exp(-0.5)
+"""Largest slope of a bump, in its height over its width."""
 _SUBPIXELS = 4
 
 
@@ -36,9 +40,9 @@ def cast(obj: TouchObject, origin_m: np.ndarray, directions: np.ndarray) -> Hits
         return _cast_cylinder(obj, origin_m, directions)
     if obj.shape == "knife_edge":
         return _cast_blade(obj, origin_m, directions)
-    depth = march(obj, origin_m, directions)
+    depth = _march(obj, origin_m, directions)
     reach = np.where(np.isfinite(depth), depth, 0.0)
-    return _hits(depth, *surface_at(obj, origin_m + reach[:, None] * directions))
+    return _hits(depth, *_surface_at(obj, origin_m + reach[:, None] * directions))
 
 
 def _hits(depth: np.ndarray, normal: np.ndarray, face: np.ndarray) -> Hits:
@@ -105,6 +109,59 @@ def _cast_blade(obj: TouchObject, origin_m: np.ndarray, directions: np.ndarray) 
     return _hits(depth, normals[face], face)
 
 
+def _march(obj: TouchObject, origin_m: np.ndarray, directions: np.ndarray) -> np.ndarray:
+    """Depth (N,) of the first hits, in lengths of the rays' vectors (N, 3), world frame; inf for a miss."""
+    length = np.linalg.norm(directions, axis=1)
+    start = origin_m - obj.center_world_m
+    beyond = float(start @ start - (1.01 * _reach_m(obj)) ** 2)
+    enter, leave = _quadric(np.ones(len(length)), directions / length[:, None] @ start, beyond)
+    depth, found = np.maximum(enter, 0.0), np.full(len(enter), np.inf)
+    rows = np.flatnonzero(depth < leave)
+    for _ in range(_STEPS):
+        if rows.size == 0:
+            break
+        room = _room(obj, origin_m + (depth[rows] / length[rows])[:, None] * directions[rows])
+        hit = room < _HIT_M
+        found[rows[hit]] = depth[rows[hit]]
+        depth[rows] += room
+        rows = rows[~hit & (depth[rows] < leave[rows])]
+    return found / length
+
+
+def _room(obj: TouchObject, points_m: np.ndarray) -> np.ndarray:
+    """(N,) how far one may go on from points (N, 3) without passing the drawn surface of a box or a free form."""
+    offset = points_m - obj.center_world_m
+    if obj.shape == "freeform":
+        steepest = 1.0 + _STEEPEST * sum(abs(one.height_m) / one.width_m for one in obj.bumps)
+        return elevation(offset, obj.radius_m, obj.bumps) / steepest
+    normals, offsets = _box_ends(obj)
+    return np.asarray(np.maximum((offset @ normals.T - offsets).max(axis=1), obj.signed_distance(points_m)[0]))
+
+
+def _surface_at(obj: TouchObject, points_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Outward normal (N, 3) and number of the face (N,) at points of the drawn surface."""
+    offset = points_m - obj.center_world_m
+    if obj.shape == "freeform":
+        slope = implicit(offset, obj.radius_m, obj.bumps)[1]
+        return slope / np.linalg.norm(slope, axis=1, keepdims=True), np.zeros(len(offset), int)
+    (distance, normal), (normals, offsets) = obj.signed_distance(points_m), _box_ends(obj)
+    face = np.column_stack([distance, offset @ normals.T - offsets]).argmax(axis=1)
+    return np.where((face == 0)[:, None], normal, normals[np.maximum(face - 1, 0)]), face
+
+
+def _reach_m(obj: TouchObject) -> float:
+    """Radius about the centre that holds what is drawn."""
+    if obj.shape == "freeform":
+        return obj.radius_m + sum(max(one.height_m, 0.0) for one in obj.bumps)
+    return math.hypot(obj.half_length_m, math.sqrt(2.0) * max(BOX_FACE_M, obj.radius_m))
+
+
+def _box_ends(obj: TouchObject) -> tuple[np.ndarray, np.ndarray]:
+    """Half-spaces normal·(x − centre) ≤ offset, (4, 3) and (4,), that end the box's faces and its edge."""
+    axis = np.asarray(obj.axis_world, float)
+    return np.vstack([obj.into_faces, axis, -axis]), np.array([BOX_FACE_M] * 2 + [obj.half_length_m] * 2)
+
+
 def pressed_in(obj: TouchObject, depth_m: float) -> TouchObject:
     """The object with its skin drawn back: a soft one gives way to the antenna, which then is not buried in it."""
     if obj.shape in WEDGES:
@@ -134,7 +191,7 @@ def _bounding_points(obj: TouchObject) -> np.ndarray:
     reach = BLADE_DEPTH_M * 1.2 if obj.shape == "knife_edge" else obj.radius_m
     half = obj.half_length_m if obj.shape in LINES else obj.radius_m
     if obj.shape in ("box_edge", "freeform"):
-        reach = half = reach_m(obj)
+        reach = half = _reach_m(obj)
     corners = np.stack(np.meshgrid([-1, 1], [-1, 1], [-1, 1]), axis=-1).reshape(-1, 3)
     return obj.center_world_m + corners @ np.stack([half * axis, reach * side, reach * np.cross(axis, side)])
 

@@ -71,6 +71,17 @@ class Patch:
     brightness: np.ndarray
     alpha: np.ndarray
 
+    @property
+    def where(self) -> tuple[slice, slice]:
+        """Its pixels in the picture."""
+        rows, columns = (length // self.factor for length in self.alpha.shape)
+        return slice(self.top, self.top + rows), slice(self.left, self.left + columns)
+
+
+def behind(canvas: np.ndarray, patch: Patch) -> np.ndarray:
+    """The canvas behind a patch, in its sub-pixels."""
+    return cv2.resize(canvas[patch.where], patch.alpha.shape[::-1], interpolation=cv2.INTER_LINEAR)
+
 
 def studio(lens: Lens, spec: PictureSpec, rng: np.random.Generator) -> Studio:
     """Work out what all pictures share. Raises InputError when the lens folds inside the picture."""
@@ -128,7 +139,7 @@ def surroundings(place: Studio, R_world_camera: np.ndarray) -> np.ndarray:
     return cv2.remap(place.bench, texel, np.empty(0), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
 
 
-def over(canvas: np.ndarray, layer: Layer) -> np.ndarray:
+def composed(canvas: np.ndarray, layer: Layer) -> np.ndarray:
     """A new picture, (H, W) as the canvas is, with the layer in front."""
     result = canvas.copy()
     result[layer.where] = result[layer.where] * (1.0 - layer.alpha) + layer.brightness
@@ -156,12 +167,10 @@ def expose(place: Studio, canvas: np.ndarray, patches: Sequence[Patch] = ()) -> 
     """
     picture = _blur(canvas, place.spec.blur_px)
     for patch in patches:
-        rows, columns = (length // patch.factor for length in patch.alpha.shape)
-        where = slice(patch.top, patch.top + rows), slice(patch.left, patch.left + columns)
-        behind = cv2.resize(canvas[where], patch.alpha.shape[::-1], interpolation=cv2.INTER_LINEAR)
         # blur is linear: what the patch adds to what it hides can be blurred by itself, as finely as it was drawn
-        change = _blur(patch.brightness - patch.alpha * behind, place.spec.blur_px * patch.factor)
-        picture[where] += cv2.resize(change, (columns, rows), interpolation=cv2.INTER_AREA)
+        change = _blur(patch.brightness - patch.alpha * behind(canvas, patch), place.spec.blur_px * patch.factor)
+        region = picture[patch.where]
+        region += cv2.resize(change, region.shape[::-1], interpolation=cv2.INTER_AREA)
     return 255.0 * picture * place.light
 
 

@@ -1,47 +1,86 @@
-"""One planned picture, from back to front: the surroundings, the board or the object, the antenna, its holder."""
+"""One picture, from back to front: the surroundings, the board or the object, the antenna, its holder."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+
+import cv2
 import numpy as np
 
+from vbaa_calib.antenna.rod import solve_rod
 from vbaa_calib.geometry import Pose
-from vbaa_calib.simulate.plan.plan import AntennaShot, BoardShot
-from vbaa_calib.simulate.scene.scene import Scene
+from vbaa_calib.simulate.plan import AntennaShot, BoardShot
+from vbaa_calib.simulate.scene.scene import Joints, OverSpec, Scene, true_rod
 
 from .antenna import DepthOfObstacle, Tube, tube, tube_patch, visible_centreline
 from .board import Sheet, board_patch
 from .object import object_layer, obstacle, pressed_in
-from .picture import LAMP_WORLD, Patch, Studio, digitise, expose, over, surroundings
+from .picture import LAMP_WORLD, Patch, Studio, behind, composed, digitise, expose, surroundings
 
-HOLDER_PAINT = 0.07
+_HOLDER_PAINT = 0.07
+
+
+@dataclass(frozen=True, eq=False)
+class Wire:
+    """A curve in the antenna frame, (N,) and (N, 3), with the radius and the paint of the tube around it."""
+
+    arclength_m: np.ndarray
+    points_m: np.ndarray
+    radius_m: float
+    paint: float
+    asymmetry: float = 0.0
+
+    def seen(self, scene: Scene, lamp_camera: np.ndarray) -> Tube:
+        """In the camera's picture."""
+        points = scene.T_antenna_camera.inverse() @ self.points_m
+        return tube(scene.lens, self.arclength_m, points, self.radius_m, lamp_camera)
+
+
+def _wires(scene: Scene, arclength_m: np.ndarray, points_m: np.ndarray) -> list[Wire]:
+    """The antenna, and its holder where the scene has one."""
+    look = scene.picture
+    antenna = Wire(arclength_m, points_m, scene.radius_m, look.antenna, look.shading_asymmetry)
+    radius, length = scene.true.holder_m
+    if radius <= 0 or length <= 0:
+        return [antenna]
+    s = np.linspace(-length, 0.0, 8)
+    points = scene.true.clamp_offset_m + s[:, None] * np.array([1.0, 0.0, 0.0])
+    return [antenna, Wire(s, points, float(radius), _HOLDER_PAINT)]
+
+
+def free_wires(scene: Scene, joints: Joints) -> list[Wire]:
+    """The free antenna at these joint angles, and its holder where the scene has one."""
+    rod = true_rod(scene)
+    gravity = scene.T_world_antenna(joints).rotation.T @ scene.gravity_world_m_s2
+    shape = solve_rod(rod, gravity[None], np.array([rod.length_m]), np.zeros((1, 3)))
+    return _wires(scene, shape.arclength_m[0], shape.points_m[0])
 
 
 def render_shot(
     scene: Scene, place: Studio, sheet: Sheet, shot: BoardShot | AntennaShot, rng: np.random.Generator
 ) -> np.ndarray:
     """(height, width) uint8, the picture as the camera delivers it."""
-    T_world_camera = scene.T_world_antenna(shot.joints) @ scene.T_antenna_camera
+    T_world_camera = scene.T_world_camera(shot.joints)
     canvas = surroundings(place, T_world_camera.rotation)
+    patches: list[Patch | None]
     if isinstance(shot, BoardShot):
         patches = [board_patch(place, sheet, shot.T_camera_board, T_world_camera.rotation)]
     else:
-        patches = [_antenna_patch(scene, place, shot, T_world_camera), _holder_patch(scene, place, T_world_camera)]
+        antenna, *holder = _wires(scene, shot.arclength_m, shot.points_m)
+        patches = [_wire_patch(scene, place, antenna, T_world_camera, _obstacle(scene, place, shot, T_world_camera))]
+        patches += [_wire_patch(scene, place, wire, T_world_camera) for wire in holder]
         thing = None if shot.indentation_m is None else object_layer(place, scene.object, T_world_camera)
-        canvas = canvas if thing is None else over(canvas, thing)
+        canvas = canvas if thing is None else composed(canvas, thing)
     grey = expose(place, canvas, [patch for patch in patches if patch is not None])
     return digitise(place.spec, grey, rng)
 
 
 def seen_centreline(scene: Scene, place: Studio, shot: AntennaShot) -> np.ndarray:
     """(M, 4) pixels and unit normals of the antenna's centreline where this shot shows it, about one per pixel."""
-    T_world_camera = scene.T_world_antenna(shot.joints) @ scene.T_antenna_camera
-    hidden_by = _obstacle(scene, place, shot, T_world_camera)
-    return visible_centreline(scene.lens, _antenna(scene, shot, T_world_camera), hidden_by)
-
-
-def _antenna(scene: Scene, shot: AntennaShot, T_world_camera: Pose) -> Tube:
-    points = scene.T_antenna_camera.inverse() @ shot.points_m
-    return tube(scene.lens, shot.arclength_m, points, scene.radius_m, T_world_camera.rotation.T @ LAMP_WORLD)
+    T_world_camera = scene.T_world_camera(shot.joints)
+    antenna = _wires(scene, shot.arclength_m, shot.points_m)[0]
+    seen = antenna.seen(scene, T_world_camera.rotation.T @ LAMP_WORLD)
+    return visible_centreline(scene.lens, seen, _obstacle(scene, place, shot, T_world_camera))
 
 
 def _obstacle(scene: Scene, place: Studio, shot: AntennaShot, T_world_camera: Pose) -> DepthOfObstacle | None:
@@ -50,17 +89,58 @@ def _obstacle(scene: Scene, place: Studio, shot: AntennaShot, T_world_camera: Po
     return obstacle(place, pressed_in(scene.object, shot.indentation_m), T_world_camera)
 
 
-def _antenna_patch(scene: Scene, place: Studio, shot: AntennaShot, T_world_camera: Pose) -> Patch | None:
-    hidden_by = _obstacle(scene, place, shot, T_world_camera)
-    seen = _antenna(scene, shot, T_world_camera)
-    return tube_patch(place, seen, place.spec.antenna, place.spec.shading_asymmetry, hidden_by)
+def _wire_patch(
+    scene: Scene, place: Studio, wire: Wire, T_world_camera: Pose, hidden_by: DepthOfObstacle | None = None
+) -> Patch | None:
+    seen = wire.seen(scene, T_world_camera.rotation.T @ LAMP_WORLD)
+    return tube_patch(place, seen, wire.paint, wire.asymmetry, hidden_by)
 
 
-def _holder_patch(scene: Scene, place: Studio, T_world_camera: Pose) -> Patch | None:
-    radius, length = scene.true.holder_m
-    if radius <= 0 or length <= 0:
-        return None
-    s = np.linspace(-length, 0.0, 8)
-    points = scene.T_antenna_camera.inverse() @ (scene.true.clamp_offset_m + s[:, None] * np.array([1.0, 0.0, 0.0]))
-    seen = tube(scene.lens, s, points, radius, T_world_camera.rotation.T @ LAMP_WORLD)
-    return tube_patch(place, seen, HOLDER_PAINT)
+def render_over(
+    scene: Scene, place: Studio, sheet: Sheet, over: OverSpec, wires: list[Wire], rng: np.random.Generator
+) -> np.ndarray:
+    """(height, width) uint8: these wires over the board under the antenna."""
+    T_world_camera = scene.T_world_camera(over.joints)
+    T_camera_board = scene.T_antenna_camera.inverse() @ over.T_antenna_board(sheet.spec)
+    canvas = surroundings(place, T_world_camera.rotation)
+    board = board_patch(place, sheet, T_camera_board, T_world_camera.rotation)
+    patches = [_wire_patch(scene, place, wire, T_world_camera) for wire in wires]
+    if board is not None and over.shadow > 0:
+        board = _shaded(scene, place, board, over, wires[0])
+    if board is not None:
+        patches = [board, *(None if patch is None else _in_front(canvas, patch, board) for patch in patches)]
+    return digitise(place.spec, expose(place, canvas, [patch for patch in patches if patch is not None]), rng)
+
+
+def _in_front(canvas: np.ndarray, patch: Patch, board: Patch) -> Patch:
+    """A patch that `expose` may lay over the canvas beside the board's, and that looks as if it hid the board.
+
+    `expose` adds what each patch changes of the canvas alone; the difference between the board and the canvas behind
+    the patch is put into its brightness.
+    """
+    alpha, brightness = (_resampled(values, board, patch) for values in (board.alpha, board.brightness))
+    lacking = patch.alpha * (behind(canvas, patch) * alpha - brightness)
+    return replace(patch, brightness=(patch.brightness + lacking).astype(np.float32))
+
+
+def _resampled(values: np.ndarray, own: Patch, other: Patch) -> np.ndarray:
+    """Values in the sub-pixels of one patch in those of another; zero where the first does not reach."""
+    scale = own.factor / other.factor
+    shift = (np.array([other.left - own.left, other.top - own.top])) * own.factor + 0.5 * scale - 0.5
+    inner = np.array([[scale, 0.0, shift[0]], [0.0, scale, shift[1]]])
+    return cv2.warpAffine(values, inner, other.alpha.shape[::-1], flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
+
+
+def _shaded(scene: Scene, place: Studio, board: Patch, over: OverSpec, wire: Wire) -> Patch:
+    """The board with the wire's soft shadow on it."""
+    lamp = scene.T_world_antenna(over.joints).rotation.T @ LAMP_WORLD
+    fall = (wire.points_m[:, 2] + over.height_m) / max(float(lamp[2]), 0.2)
+    shadow = replace(wire, points_m=wire.points_m - fall[:, None] * lamp)
+    cast = tube_patch(place, shadow.seen(scene, lamp), 1.0)
+    if cast is None:
+        return board
+    depth = float((scene.T_antenna_camera.inverse() @ shadow.points_m[len(fall) // 2])[2])
+    soft = over.penumbra_m * float(np.diag(scene.lens.matrix)[:2].mean()) / depth * board.factor
+    cover = cv2.GaussianBlur(_resampled(cast.alpha, cast, board), (0, 0), max(soft, 0.5))
+    dimmed = 1.0 - over.shadow * np.minimum(cover, 1.0)
+    return replace(board, brightness=(board.brightness * dimmed).astype(np.float32))

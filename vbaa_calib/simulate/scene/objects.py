@@ -1,24 +1,60 @@
 """The objects that the antenna touches: a core grown by a radius, or a body in free form.
 
-The core is a line for the cylinder and the knife, a point for the sphere, a quarter of space for the box's edge.
+The core is a line for the cylinder and the knife, a point for the sphere, a quarter of space for the box's edge. The
+free form is a ball with bumps and dents; its surface is F(p) = 0 with p counted from the centre and
+
+    F(p) = |p| − R − Σ height · exp(−|p − R·direction|² / (2·width²))
+
+Gradient and curvature are exact, so that the nearest point of the surface is found by Newton's method.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from vbaa_calib.core.errors import InputError
 
-from .bumps import Bump, elevation, implicit, nearest_distance
-
 SHAPES = ("cylinder", "sphere", "knife_edge", "box_edge", "freeform")
 LINES = ("cylinder", "knife_edge", "box_edge")
 """Shapes with an axis, along which they end."""
 WEDGES = ("knife_edge", "box_edge")
+BOX_FACE_M = 0.03
+"""How deep a box's two faces are drawn."""
+
+_ITERATIONS = 30
+_TOLERANCE = 1e-14
+_RADIUS_ITERATIONS = 6
+_STEEPEST = 0.5
+"""Height over width up to which F still grows from the centre outwards near the surface: |F's slope| > 1 − 0.61·0.5."""
+
+
+@dataclass(frozen=True, eq=False)
+class Bump:
+    """A bump, or a dent where its height is negative.
+
+    Attributes
+    ----------
+    direction_world : (3,) unit vector from the body's centre to its middle.
+    height_m : above the ball. width_m : standard deviation of its Gaussian.
+    """
+
+    direction_world: np.ndarray
+    height_m: float
+    width_m: float
+
+    def __post_init__(self) -> None:
+        if not abs(float(np.linalg.norm(self.direction_world)) - 1.0) < 1e-6:
+            raise InputError("direction_world has not length 1", where="bump", remedy="give a unit vector")
+        if not (self.width_m > 0.0 and abs(self.height_m) <= _STEEPEST * self.width_m):
+            raise InputError(
+                f"a bump {self.height_m} m high and {self.width_m} m wide is too steep",
+                where="bump",
+                remedy=f"keep its height below {_STEEPEST} of its width",
+            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +138,7 @@ class TouchObject:
         """
         offset = np.asarray(points_world, float) - self.center_world_m
         if self.shape == "freeform":
-            distance, normal = nearest_distance(offset.reshape(-1, 3), self.radius_m, self.bumps)
+            distance, normal = _nearest_distance(offset.reshape(-1, 3), self.radius_m, self.bumps)
             return distance.reshape(offset.shape[:-1]), normal.reshape(offset.shape)
         if self.shape == "box_edge":
             return self._from_box(offset)
@@ -138,81 +174,81 @@ class TouchObject:
         )
 
 
-BOX_FACE_M = 0.03
-"""How deep a box's two faces are drawn."""
-_STEPS, _HIT_M = 100, 1e-6
-_STEEPEST = math.exp(-0.5)
-"""Largest slope of a bump, in its height over its width."""
+def implicit(points_m: np.ndarray, radius_m: float, bumps: Sequence[Bump]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """F (K,), its gradient (K, 3) and its second derivatives (K, 3, 3) at points (K, 3) from the centre, not on it."""
+    away = np.linalg.norm(points_m, axis=1)
+    outward = points_m / away[:, None]
+    value, slope = away - radius_m, outward.copy()
+    bend = (np.eye(3) - outward[:, :, None] * outward[:, None, :]) / away[:, None, None]
+    for bump in bumps:
+        offset = points_m - radius_m * bump.direction_world
+        square = bump.width_m**2
+        lift = bump.height_m * np.exp(-0.5 * (offset**2).sum(axis=1) / square)
+        value = value - lift
+        slope = slope + (lift / square)[:, None] * offset
+        outer = offset[:, :, None] * offset[:, None, :] / square
+        bend = bend + (lift / square)[:, None, None] * (np.eye(3) - outer)
+    return value, slope, bend
 
 
-def march(obj: TouchObject, origin_m: np.ndarray, directions: np.ndarray) -> np.ndarray:
-    """Depth (N,) of the first hits, in lengths of the rays' vectors (N, 3), world frame; inf for a miss."""
-    bound = _from_box(obj) if obj.shape == "box_edge" else _from_freeform(obj)
-    length = np.linalg.norm(directions, axis=1)
-    enter, leave = _ball(obj, origin_m, directions / length[:, None])
-    depth, found = enter.copy(), np.full(len(enter), np.inf)
-    rows = np.flatnonzero(enter < leave)
-    for _ in range(_STEPS):
-        if rows.size == 0:
-            break
-        room = bound(origin_m + (depth[rows] / length[rows])[:, None] * directions[rows])
-        hit = room < _HIT_M
-        found[rows[hit]] = depth[rows[hit]]
-        depth[rows] += room
-        rows = rows[~hit & (depth[rows] < leave[rows])]
-    return found / length
+def elevation(points_m: np.ndarray, radius_m: float, bumps: Sequence[Bump]) -> np.ndarray:
+    """F (...) at points (..., 3) from the centre."""
+    value = np.linalg.norm(points_m, axis=-1) - radius_m
+    for bump in bumps:
+        square = ((points_m - radius_m * bump.direction_world) ** 2).sum(axis=-1)
+        value = value - bump.height_m * np.exp(-0.5 * square / bump.width_m**2)
+    return np.asarray(value)
 
 
-def surface_at(obj: TouchObject, points_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Outward normal (N, 3) and number of the face (N,) at points of the drawn surface."""
-    offset = points_m - obj.center_world_m
-    if obj.shape == "freeform":
-        slope = implicit(offset, obj.radius_m, obj.bumps)[1]
-        return slope / np.linalg.norm(slope, axis=1, keepdims=True), np.zeros(len(offset), int)
-    ends = _box_ends(obj)
-    room = np.column_stack([obj.signed_distance(points_m)[0], offset @ ends[0].T - ends[1]])
-    face = room.argmax(axis=1)
-    normals = np.where((face == 0)[:, None], obj.signed_distance(points_m)[1], ends[0][np.maximum(face - 1, 0)])
-    return normals, face
+def _nearest_distance(points_m: np.ndarray, radius_m: float, bumps: Sequence[Bump]) -> tuple[np.ndarray, np.ndarray]:
+    """Signed distance (K,) from the surface, negative inside, and its outward normal (K, 3) at the nearest point.
+
+    Where no nearest point is found, deep inside, they are F over its slope, and the slope's direction; NaN in the
+    centre.
+    """
+    points = np.asarray(points_m, float)
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+        away = np.linalg.norm(points, axis=1)
+        outward = points / away[:, None]
+        # the surface along each point's direction from the centre, and the multiplier that belongs to it
+        radius = surface_radius(outward, radius_m, bumps)
+        foot, share = radius[:, None] * outward, away - radius
+        found, rows = np.zeros(len(points), bool), np.arange(len(points))
+        for _ in range(_ITERATIONS):
+            value, slope, bend = implicit(foot[rows], radius_m, bumps)
+            left = np.concatenate([foot[rows] + share[rows, None] * slope - points[rows], value[:, None]], axis=1)
+            found[rows] = np.abs(left).max(axis=1) <= _TOLERANCE
+            open_rows = ~found[rows]
+            rows, left = rows[open_rows], left[open_rows]
+            if rows.size == 0:
+                break
+            step = _solved(share[rows], slope[open_rows], bend[open_rows], left)
+            foot[rows] -= step[:, :3]
+            share[rows] -= step[:, 3]
+        at = np.where(found[:, None], foot, points)
+        value, slope, _ = implicit(at, radius_m, bumps)
+        steep = np.linalg.norm(slope, axis=1)
+        return np.where(found, share * steep, value / steep), slope / steep[:, None]
 
 
-def reach_m(obj: TouchObject) -> float:
-    """Radius about the centre that holds what is drawn."""
-    if obj.shape == "freeform":
-        return obj.radius_m + sum(max(one.height_m, 0.0) for one in obj.bumps)
-    return math.hypot(obj.half_length_m, math.sqrt(2.0) * max(BOX_FACE_M, obj.radius_m))
+def surface_radius(directions: np.ndarray, radius_m: float, bumps: Sequence[Bump]) -> np.ndarray:
+    """(K,) distance of the surface from the centre along unit vectors (K, 3)."""
+    radius = np.full(len(directions), radius_m)
+    for _ in range(_RADIUS_ITERATIONS):
+        value, slope, _ = implicit(radius[:, None] * directions, radius_m, bumps)
+        radius = radius - value / (slope * directions).sum(axis=1)
+    return radius
 
 
-def _box_ends(obj: TouchObject) -> tuple[np.ndarray, np.ndarray]:
-    """Half-spaces normal·(x − centre) ≤ offset, (4, 3) and (4,), that end the box's faces and its edge."""
-    axis = np.asarray(obj.axis_world, float)
-    return np.vstack([obj.into_faces, axis, -axis]), np.array([BOX_FACE_M] * 2 + [obj.half_length_m] * 2)
-
-
-def _from_box(obj: TouchObject) -> Callable[[np.ndarray], np.ndarray]:
-    normals, offsets = _box_ends(obj)
-
-    def bound(points_m: np.ndarray) -> np.ndarray:
-        ends = ((points_m - obj.center_world_m) @ normals.T - offsets).max(axis=1)
-        return np.asarray(np.maximum(ends, obj.signed_distance(points_m)[0]))
-
-    return bound
-
-
-def _from_freeform(obj: TouchObject) -> Callable[[np.ndarray], np.ndarray]:
-    steepest = 1.0 + _STEEPEST * sum(abs(one.height_m) / one.width_m for one in obj.bumps)
-
-    def bound(points_m: np.ndarray) -> np.ndarray:
-        return elevation(points_m - obj.center_world_m, obj.radius_m, obj.bumps) / steepest
-
-    return bound
-
-
-def _ball(obj: TouchObject, origin_m: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Where unit rays enter and leave the ball of `reach_m`, m; (inf, −inf) for those that pass by."""
-    start = origin_m - obj.center_world_m
-    half = directions @ start
-    root = half**2 - float(start @ start - (1.01 * reach_m(obj)) ** 2)
-    spread = np.sqrt(np.maximum(root, 0.0))
-    enter = np.where(root < 0, np.inf, np.maximum(-half - spread, 0.0))
-    return enter, np.where(root < 0, -np.inf, -half + spread)
+def _solved(share: np.ndarray, slope: np.ndarray, bend: np.ndarray, left: np.ndarray) -> np.ndarray:
+    """(K, 4) Newton's steps of foot and multiplier; zero where the system is singular."""
+    matrix = np.zeros((len(share), 4, 4))
+    matrix[:, :3, :3] = np.eye(3) + share[:, None, None] * bend
+    matrix[:, :3, 3] = matrix[:, 3, :3] = slope
+    usable = np.isfinite(matrix).all(axis=(1, 2)) & np.isfinite(left).all(axis=1)
+    step = np.zeros((len(share), 4))
+    try:
+        step[usable] = np.linalg.solve(matrix[usable], left[usable, :, None])[..., 0]
+    except np.linalg.LinAlgError:
+        step[usable] = np.einsum("bij,bj->bi", np.linalg.pinv(matrix[usable]), left[usable])
+    return step

@@ -128,13 +128,12 @@ class Joints:
 
 
 @dataclass(frozen=True)
-class KnownLoad:
+class KnownLoad(Joints):
     """A load that keeps its direction (a thread over a pulley): force components (y, z) in the antenna frame."""
 
-    joints: Joints
-    distance_m: float
-    force_y_N: float
-    force_z_N: float
+    distance_m: Annotated[Number, Field(ge=1e-3)]
+    force_y_N: Number
+    force_z_N: Number
 
 
 @dataclass(frozen=True)
@@ -179,18 +178,22 @@ class OverSpec:
     height_m : plane C above the printed face.
     center_m : the board's middle in plane C, antenna frame (x, y).
     turn_rad : of the board's x axis from the antenna's, seen by the viewer, clockwise.
-    pictures : how many.
-    joints : the joints' angles.
     shadow : how much of the light the antenna's shadow takes, 0 for none. penumbra_m : its softness on the board.
     """
 
-    height_m: float
-    center_m: tuple[float, float]
-    turn_rad: float
-    pictures: int
-    joints: Joints
-    shadow: float = 0.35
-    penumbra_m: float = 1.5e-3
+    height_m: Annotated[Number, Field(ge=0, le=0.5)]
+    center_m: tuple[Number, Number]
+    pictures: Annotated[WholeNumber, Field(ge=1, le=100)]
+    turn_rad: Annotated[float, Degrees(-360, 360), Field(alias="turn_deg")] = 0.0
+    pan_rad: Annotated[float, Degrees(-180, 180), Field(alias="pan_deg")] = 0.0
+    tilt_rad: Annotated[float, Degrees(-90, 90), Field(alias="tilt_deg")] = 0.0
+    shadow: _Share = 0.35
+    penumbra_m: Annotated[Number, Field(ge=0, le=0.1)] = 1.5e-3
+
+    @property
+    def joints(self) -> Joints:
+        """Its joint angles."""
+        return Joints(self.pan_rad, self.tilt_rad)
 
     def T_antenna_board(self, spec: BoardSpec) -> Pose:
         """Pose of the printed face: its z is the antenna frame's, turned round."""
@@ -246,6 +249,10 @@ class Scene:
     def T_world_antenna(self, joints: Joints) -> Pose:
         """Pose of the antenna frame at given joint angles."""
         return self.kinematics.T_world_antenna(joints.pan_rad, joints.tilt_rad)
+
+    def T_world_camera(self, joints: Joints) -> Pose:
+        """Pose of the camera at given joint angles."""
+        return self.T_world_antenna(joints) @ self.T_antenna_camera
 
 
 def true_rod(scene: Scene) -> Rod:

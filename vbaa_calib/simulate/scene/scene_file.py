@@ -18,9 +18,8 @@ from vbaa_calib.geometry import Kinematics, Pose
 from vbaa_calib.session import NominalAntenna
 from vbaa_calib.session.settings import AnyLength, Diameter, FilePose
 
-from .bumps import Bump
 from .lens import Lens, invertible
-from .objects import LINES, WEDGES, TouchObject
+from .objects import LINES, WEDGES, Bump, TouchObject
 from .scene import (
     Degrees,
     IntrinsicsSpec,
@@ -136,17 +135,7 @@ def _touch_object(read: _Object) -> TouchObject:
         if np.linalg.norm(wedge) < 0.1:
             raise ValueError("runs along the edge", "a direction from the edge into the body is needed", "wedge_world")
         wedge = wedge / np.linalg.norm(wedge)
-    return TouchObject(
-        shape=read.shape,
-        center_world_m=read.center_world_m,
-        axis_world=axis,
-        radius_m=read.radius_m,
-        half_length_m=read.half_length_m,
-        stiffness_N_m=read.stiffness_N_m,
-        friction=read.friction,
-        wedge_world=wedge,
-        bumps=tuple(read.bumps or ()),
-    )
+    return TouchObject(**vars(read) | {"axis_world": axis, "wedge_world": wedge, "bumps": tuple(read.bumps or ())})
 
 
 FileObject = Annotated[TouchObject, ReadAs(_Object, _touch_object)]
@@ -160,6 +149,11 @@ class _Antenna:
     youngs_modulus_Pa: Annotated[Number, Field(ge=1e5, le=2e12)]
     density_kg_m3: Annotated[Number, Field(ge=0, le=3e4)]
     actual: TrueAntenna = field(default_factory=TrueAntenna)
+
+
+def _nominal_and_true(read: _Antenna) -> tuple[NominalAntenna, TrueAntenna]:
+    nominal = NominalAntenna(read.length_m, read.diameter_m, read.youngs_modulus_Pa, read.density_kg_m3)
+    return nominal, read.actual
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,23 +171,6 @@ class _Kinematics:
     tilt_zero_rad: Annotated[float, Degrees(-20, 20), Field(alias="tilt_zero_deg")] = 0.0
 
 
-@dataclass(frozen=True)
-class _Load(Joints):
-    distance_m: Annotated[Number, Field(ge=1e-3)]
-    force_y_N: Number
-    force_z_N: Number
-
-
-@dataclass(frozen=True)
-class _Over:
-    height_m: Annotated[Number, Field(ge=0, le=0.5)]
-    center_m: tuple[Number, Number]
-    pictures: Annotated[WholeNumber, Field(ge=1, le=100)]
-    turn_rad: Annotated[float, Degrees(-360, 360), Field(alias="turn_deg")] = 0.0
-    pan_rad: Annotated[float, Degrees(-180, 180), Field(alias="pan_deg")] = 0.0
-    tilt_rad: Annotated[float, Degrees(-90, 90), Field(alias="tilt_deg")] = 0.0
-
-
 class SceneFile(FileModel):
     """A scene file: what a simulated rig is made of and what is done with it."""
 
@@ -205,62 +182,43 @@ class SceneFile(FileModel):
     camera: Annotated[tuple[Lens, Pose], ReadAs(_Camera, _lens_and_pose)]
     board: BoardSpec
     jig: _Jig
-    antenna: _Antenna
+    antenna: Annotated[tuple[NominalAntenna, TrueAntenna], ReadAs(_Antenna, _nominal_and_true)]
     moment_sensor: MomentSensor
-    kinematics: _Kinematics = Field(default_factory=_Kinematics)
+    kinematics: Annotated[Kinematics, ReadAs(_Kinematics, lambda read: Kinematics(**vars(read)))] = Field(
+        default_factory=Kinematics
+    )
     gravity_world: Annotated[np.ndarray, ArrayOf(3)]
     object: FileObject
     picture: PictureSpec = Field(default_factory=PictureSpec)
     intrinsics: IntrinsicsSpec
-    noload: Annotated[list[Joints], Strict(), Field(min_length=1)]
-    loads: Annotated[list[_Load], Strict(), Field(min_length=1)]
+    noload: Annotated[tuple[Joints, ...], ReadAs(Annotated[list[Joints], Strict(), Field(min_length=1)], tuple)]
+    loads: Annotated[tuple[KnownLoad, ...], ReadAs(Annotated[list[KnownLoad], Strict(), Field(min_length=1)], tuple)]
     recording: Recording
     sweep: Annotated[bool, Strict()] = False
-    over: _Over | None = None
+    over: OverSpec | None = None
 
 
 def load_scene(path: Path) -> Scene:
     """Read and check a scene file. Raises InputError naming the file and the key."""
     path = Path(path)
     read = checked(SceneFile, _without_nulls(read_yaml(path)), path, "the bundled scene demo shows every key")
-    (lens, T_antenna_camera), antenna, joints, over = read.camera, read.antenna, read.kinematics, read.over
+    (lens, T_antenna_camera), (nominal, true) = read.camera, read.antenna
     for number, load in enumerate(read.loads):
-        if load.distance_m > antenna.length_m:
-            what = f"loads.{number}.distance_m: {load.distance_m:g} is beyond the antenna's {antenna.length_m:g} m"
+        if load.distance_m > nominal.length_m:
+            what = f"loads.{number}.distance_m: {load.distance_m:g} is beyond the antenna's {nominal.length_m:g} m"
             raise InputError(what, where=path, remedy="give metres from the clamp along the antenna")
-    return Scene(
-        name=read.name,
-        seed=read.seed,
-        lens=lens,
-        T_antenna_camera=T_antenna_camera,
-        board=read.board,
-        T_antenna_board=read.jig.T_antenna_board,
-        jig_pictures=read.jig.pictures,
-        antenna=NominalAntenna(antenna.length_m, antenna.diameter_m, antenna.youngs_modulus_Pa, antenna.density_kg_m3),
-        true=antenna.actual,
-        moment=read.moment_sensor,
-        kinematics=Kinematics(
-            joints.T_actuator_antenna,
-            joints.position_world_m,
-            joints.axis_skew_rad,
-            joints.axis_offset_m,
-            joints.tilt_zero_rad,
-        ),
-        gravity_world_m_s2=read.gravity_world,
-        object=read.object,
-        picture=read.picture,
-        intrinsics=read.intrinsics,
-        noload=tuple(read.noload),
-        loads=tuple(
-            KnownLoad(Joints(load.pan_rad, load.tilt_rad), load.distance_m, load.force_y_N, load.force_z_N)
-            for load in read.loads
-        ),
-        recording=read.recording,
-        sweep=read.sweep,
-        over=None
-        if over is None
-        else OverSpec(over.height_m, over.center_m, over.turn_rad, over.pictures, Joints(over.pan_rad, over.tilt_rad)),
-    )
+    same = {name: getattr(read, name) for name in SceneFile.model_fields if name in Scene.__dataclass_fields__}
+    made = {
+        "lens": lens,
+        "T_antenna_camera": T_antenna_camera,
+        "T_antenna_board": read.jig.T_antenna_board,
+        "jig_pictures": read.jig.pictures,
+        "antenna": nominal,
+        "true": true,
+        "moment": read.moment_sensor,
+        "gravity_world_m_s2": read.gravity_world,
+    }
+    return Scene(**same | made)
 
 
 def _without_nulls(data: Any) -> Any:

@@ -42,30 +42,11 @@ def board_poses(lens: Lens, board: BoardSpec, spec: IntrinsicsSpec, rng: np.rand
     return poses
 
 
-SCHEMA = "vbaa.truth/1"
-
-
 def _frame_truth(scene: Scene, touched: Touch, index: int, T_world_antenna: Pose) -> dict[str, Any]:
     """What is true of one frame; None where there is no contact."""
-    if not touched.in_contact[index]:
-        names = (
-            "distance_m",
-            "contact_antenna_m",
-            "contact_world_m",
-            "touched_world_m",
-            "normal_world",
-            "indentation_m",
-        )
-        return {
-            "in_contact": False,
-            **dict.fromkeys(names),
-            "force_N": [0.0, 0.0, 0.0],
-            "sticks": False,
-            "slip_world_m": None,
-        }
     contact = T_world_antenna @ touched.contact_antenna_m[index]
     surface, normal = touched.touched_world_m[index], touched.normal_world[index]
-    return {
+    truth = {
         "in_contact": True,
         "distance_m": float(touched.contact_m[index]),
         "force_N": touched.force_antenna_N[index].tolist(),
@@ -77,6 +58,9 @@ def _frame_truth(scene: Scene, touched: Touch, index: int, T_world_antenna: Pose
         "sticks": bool(touched.sticks[index]),
         "slip_world_m": touched.slip_world_m[index].tolist(),
     }
+    if touched.in_contact[index]:
+        return truth
+    return dict.fromkeys(truth) | {"in_contact": False, "force_N": [0.0, 0.0, 0.0], "sticks": False}
 
 
 def _rig_truth(scene: Scene, rod: Rod) -> dict[str, Any]:
@@ -84,7 +68,7 @@ def _rig_truth(scene: Scene, rod: Rod) -> dict[str, Any]:
     obj = scene.object
     rigid = not np.isfinite(obj.stiffness_N_m)
     return {
-        "schema": SCHEMA,
+        "schema": "vbaa.truth/1",
         "scene": scene.name,
         "seed": scene.seed,
         "camera": {
@@ -175,9 +159,13 @@ def plan(scene: Scene) -> Plan:
     """Work out a scene. Raises InputError when path and object do not fit, or a load is too much."""
     rod = true_rod(scene)
     noise = stream(scene, "moments")
-    boards = _boards(scene)
-    noload, noload_rows, noload_truth = _held(scene, rod, [(j, None) for j in scene.noload], "noload", noise)
-    loads, load_rows, load_truth = _held(scene, rod, [(load.joints, load) for load in scene.loads], "loads", noise)
+    home = Joints(0.0, 0.0)
+    poses = board_poses(scene.lens, scene.board, scene.intrinsics, stream(scene, "boards"))
+    in_jig = scene.T_antenna_camera.inverse() @ scene.T_antenna_face
+    boards = [BoardShot(f"intrinsics/board_{i:03d}.png", home, pose) for i, pose in enumerate(poses)]
+    boards += [BoardShot(f"plane/jig_{i:03d}.png", home, in_jig) for i in range(scene.jig_pictures)]
+    noload, noload_rows, noload_truth = _held(scene, rod, scene.noload, "noload", noise)
+    loads, load_rows, load_truth = _held(scene, rod, scene.loads, "loads", noise)
     frames, frame_rows, frame_truth = _recording(scene, rod, noise)
     tables = {
         "noload/noload.csv": noload_rows,
@@ -185,31 +173,16 @@ def plan(scene: Scene) -> Plan:
         "recording/recording.csv": frame_rows,
     }
     held = {"noload": noload_truth, "loads": load_truth, "frames": frame_truth}
-    views = [shot.T_camera_board.to_dict() for shot in boards if shot.path.startswith("intrinsics/")]
-    truth = _rig_truth(scene, rod) | {"T_camera_board": views} | held
+    truth = _rig_truth(scene, rod) | {"T_camera_board": [pose.to_dict() for pose in poses]} | held
     return Plan([*boards, *noload, *loads, *frames], tables, truth)
 
 
-def _boards(scene: Scene) -> list[BoardShot]:
-    home = Joints(0.0, 0.0)
-    poses = board_poses(scene.lens, scene.board, scene.intrinsics, stream(scene, "boards"))
-    hand_held = [BoardShot(f"intrinsics/board_{i:03d}.png", home, pose) for i, pose in enumerate(poses)]
-    in_jig = scene.T_antenna_camera.inverse() @ scene.T_antenna_face
-    return hand_held + [BoardShot(f"plane/jig_{i:03d}.png", home, in_jig) for i in range(scene.jig_pictures)]
-
-
-def _gravity(scene: Scene, joints: Sequence[Joints]) -> np.ndarray:
-    return np.array([scene.T_world_antenna(j).rotation.T @ scene.gravity_world_m_s2 for j in joints])
-
-
-def _true_moments(shape: RodShape) -> np.ndarray:
-    """(B,) x·f_z − z·f_x of all loads, the paper's τ_y: minus the right-handed y moment."""
-    return -shape.clamp_moment_Nm[:, 1]
-
-
-def _readings(scene: Scene, true_Nm: np.ndarray, noise: np.random.Generator) -> np.ndarray:
-    sensor = scene.moment
-    return sensor.gain * true_Nm + sensor.offset_Nm + sensor.std_Nm * noise.standard_normal(len(true_Nm))
+def _measured(scene: Scene, shape: RodShape, noise: np.random.Generator) -> tuple[list[float], list[float]]:
+    """The true moments, x·f_z − z·f_x of all loads (the paper's τ_y), and what the sensor makes of them."""
+    # minus the right-handed y moment
+    true_Nm, sensor = -shape.clamp_moment_Nm[:, 1], scene.moment
+    readings = sensor.gain * true_Nm + sensor.offset_Nm + sensor.std_Nm * noise.standard_normal(len(true_Nm))
+    return true_Nm.tolist(), readings.tolist()
 
 
 def _row(image: str, joints: Joints, reading_Nm: float) -> dict[str, Any]:
@@ -217,30 +190,29 @@ def _row(image: str, joints: Joints, reading_Nm: float) -> dict[str, Any]:
 
 
 def _held(
-    scene: Scene, rod: Rod, cases: Sequence[tuple[Joints, KnownLoad | None]], folder: str, noise: np.random.Generator
+    scene: Scene, rod: Rod, cases: Sequence[Joints | KnownLoad], folder: str, noise: np.random.Generator
 ) -> tuple[list[AntennaShot], list[dict[str, Any]], list[dict[str, Any]]]:
     """Pictures, rows and truth of the antenna held still, free or under a known load."""
-    joints = [case[0] for case in cases]
-    contact = np.array([load.distance_m if load else rod.length_m for _, load in cases])
-    force = np.array([[0.0, load.force_y_N, load.force_z_N] if load else [0.0, 0.0, 0.0] for _, load in cases])
+    gravity = np.array([scene.T_world_antenna(at).rotation.T @ scene.gravity_world_m_s2 for at in cases])
+    loads = [
+        {name: getattr(case, name) for name in ("distance_m", "force_y_N", "force_z_N")}
+        if isinstance(case, KnownLoad)
+        else {}
+        for case in cases
+    ]
+    contact = np.array([load.get("distance_m", rod.length_m) for load in loads])
+    force = np.array([[0.0, load.get("force_y_N", 0.0), load.get("force_z_N", 0.0)] for load in loads])
     try:
-        shape = solve_rod(rod, _gravity(scene, joints), contact, force)
+        shape = solve_rod(rod, gravity, contact, force)
     except SolveError as error:
         where = f"scene {scene.name}: {folder}"
         raise InputError(str(error), where=where, remedy="take a smaller load or a stiffer antenna") from error
-    moments = _true_moments(shape)
     shots, rows, truth = [], [], []
-    for i, reading in enumerate(_readings(scene, moments, noise)):
-        image = f"{folder}_{i:03d}.png"
-        shots.append(AntennaShot(f"{folder}/{image}", joints[i], shape.arclength_m[i], shape.points_m[i]))
-        load = cases[i][1]
-        known = (
-            {"distance_m": load.distance_m, "force_y_N": load.force_y_N, "force_z_N": load.force_z_N} if load else {}
-        )
-        rows.append(_row(image, joints[i], float(reading)) | known)
-        truth.append(
-            {"image": image, "moment_true_Nm": float(moments[i]), "tip_antenna_m": shape.points_m[i, -1].tolist()}
-        )
+    for i, (moment, reading) in enumerate(zip(*_measured(scene, shape, noise), strict=True)):
+        image, points = f"{folder}_{i:03d}.png", shape.points_m[i]
+        shots.append(AntennaShot(f"{folder}/{image}", cases[i], shape.arclength_m[i], points))
+        rows.append(_row(image, cases[i], reading) | loads[i])
+        truth.append({"image": image, "moment_true_Nm": moment, "tip_antenna_m": points[-1].tolist()})
     return shots, rows, truth
 
 
@@ -272,14 +244,12 @@ def _recording(
     truth: list[dict[str, Any]] = []
     start_s = 0.0
     for joints, touched in _pressed(scene, rod):
-        moments = _true_moments(touched.shape)
-        readings = _readings(scene, moments, noise)
-        for i, at in enumerate(joints):
-            frame, image = len(rows), f"frame_{len(rows):04d}.png"
+        for i, (moment, reading) in enumerate(zip(*_measured(scene, touched.shape, noise), strict=True)):
+            frame, image, at = len(rows), f"frame_{len(rows):04d}.png", joints[i]
             facts = _frame_truth(scene, touched, i, scene.T_world_antenna(at))
             time_s = round(start_s + i / scene.recording.rate_hz, 6)
-            rows.append({"frame": frame, "time_s": time_s} | _row(image, at, float(readings[i])))
-            truth.append({"frame": frame} | facts | {"moment_true_Nm": float(moments[i])})
+            rows.append({"frame": frame, "time_s": time_s} | _row(image, at, reading))
+            truth.append({"frame": frame} | facts | {"moment_true_Nm": moment})
             arclength, points = touched.shape.arclength_m[i], touched.shape.points_m[i]
             shots.append(AntennaShot(f"recording/{image}", at, arclength, points, facts["indentation_m"] or 0.0))
         start_s += len(joints) / scene.recording.rate_hz + scene.recording.pause_s

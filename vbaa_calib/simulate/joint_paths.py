@@ -1,7 +1,9 @@
-"""The joint angles of a recording: where the free antenna first touches, and how far it is pushed past that."""
+"""Joint angles: of a recording, by where the free antenna first touches; of a sweep, by what the camera sees."""
 
 from __future__ import annotations
 
+from itertools import accumulate
+from operator import mul
 from typing import Protocol
 
 import numpy as np
@@ -9,8 +11,9 @@ import numpy as np
 from vbaa_calib.antenna.rod import Rod, solve_rod
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.geometry import Pose
+from vbaa_calib.simulate.scene.lens import project
 from vbaa_calib.simulate.scene.objects import TouchObject
-from vbaa_calib.simulate.scene.scene import Joints, Sweep
+from vbaa_calib.simulate.scene.scene import Joints, Scene, Sweep
 
 _SCAN_RAD = np.deg2rad(np.arange(-70.0, 70.5, 1.0))
 _POINTS = 500
@@ -97,3 +100,58 @@ def sweep_joints(place: Place, rod: Rod, sweep: Sweep) -> list[Joints]:
     pressed = np.concatenate([relative, touch[-1] + sweep.toward * clear[::-1]])
     others = np.concatenate([before, swept, after])
     return [_joints(sweep.press, float(p), float(o)) for p, o in zip(pressed, others, strict=True)]
+
+
+_FULL = ((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (1, -1), (-1, 1), (-1, -1))
+_HALF = ((1, 1), (-1, -1), (1, -1), (-1, 1))
+_PAN_RAD, _TILT_RAD = 0.5, 0.4
+_REACHES = list(accumulate([1.0] + 21 * [0.9], mul))
+"""Of the full sweep, largest first."""
+_SHARES = (0.6, 0.5, 0.4, 0.32, 0.25)
+_LEAN_RAD = (0.35, -0.25)
+
+
+def sweep_of_the_board(scene: Scene, outline_m: np.ndarray) -> tuple[Pose, list[Joints]]:
+    """T_world_board and the joint angles: the widest sweep with the board as large as that allows.
+
+    outline_m : (n, 3) points around the sheet's edge, board frame; they stay in the picture.
+
+    Raises InputError when they do not, however the board is put.
+    """
+    possible = []
+    for share in _SHARES:
+        T_world_board = _board_in_front(scene, share)
+        paths = ((reach, _pattern(reach)) for reach in _REACHES)
+        widest = next((path for path in paths if _in_view(scene, outline_m, T_world_board, path[1])), None)
+        if widest is not None:
+            possible.append((widest[0] * share, T_world_board, widest[1]))
+    if not possible:
+        raise InputError(
+            "the board does not stay in view while the joints move",
+            where=f"scene {scene.name}",
+            remedy="take a shorter lens or a smaller board",
+        )
+    # both a wide sweep and a large board tell more
+    return max(possible, key=lambda one: one[0])[1:]
+
+
+def _pattern(reach: float) -> list[Joints]:
+    moves = [*_FULL, *((0.5 * pan, 0.5 * tilt) for pan, tilt in _HALF)]
+    return [Joints(round(reach * _PAN_RAD * pan, 6), round(reach * _TILT_RAD * tilt, 6)) for pan, tilt in moves]
+
+
+def _board_in_front(scene: Scene, share: float) -> Pose:
+    """T_world_board of a leaning board in the middle of the picture with the joints at zero, filling a share of it."""
+    size = scene.board.square_m * np.array([scene.board.squares_x, scene.board.squares_y])
+    focal = np.diag(scene.lens.matrix)[:2]
+    distance = float((focal * size / (share * np.array(scene.lens.image_size))).max())
+    turn = Pose.from_rotvec(np.array([*_LEAN_RAD, 0.0]), np.zeros(3)).rotation
+    T_camera_board = Pose(turn, np.array([0.0, 0.0, distance]) - turn @ np.append(size / 2, 0.0))
+    return scene.T_world_camera(Joints(0.0, 0.0)) @ T_camera_board
+
+
+def _in_view(scene: Scene, outline_m: np.ndarray, T_world_board: Pose, joints: list[Joints]) -> bool:
+    poses = [scene.T_world_camera(at).inverse() @ T_world_board for at in joints]
+    pixels = project(scene.lens, np.array([pose @ outline_m for pose in poses]))
+    inside = (pixels >= 0) & (pixels <= np.array(scene.lens.image_size) - 1)
+    return bool(inside.all()) and all(pose.rotation[:, 2] @ pose.translation_m > 0 for pose in poses)

@@ -1,1 +1,0 @@
-"""What happens in a session, before the first picture."""
