@@ -14,10 +14,10 @@ from vbaa_calib.camera import Camera
 from vbaa_calib.geometry import Pose
 from vbaa_calib.simulate.render.board import print_sheet
 from vbaa_calib.simulate.render.picture import studio
-from vbaa_calib.simulate.render.render import free_wires, render_over
 from vbaa_calib.simulate.scene.lens import project
 from vbaa_calib.simulate.scene.scene import OverSpec, Scene, bundled_scene, camera_pose
 from vbaa_calib.simulate.scene.scene_file import load_scene
+from vbaa_calib.simulate.shots import free_wires, render_over
 
 CLAMP_ABOUT_Y_STD, BOW_Y_STD, BOW_Z_STD, LOG_STIFFNESS_STD = 0.002, 0.02, 0.3, 0.05
 LENGTH_STD_M, HEIGHT_STD_M = 3e-4, 1e-4

@@ -19,9 +19,9 @@ from vbaa_calib.rig import Antenna, AntennaImage, MomentSensor, Rig
 from vbaa_calib.simulate.plan import AntennaShot, BoardShot, plan, stream
 from vbaa_calib.simulate.render.board import Sheet, print_sheet
 from vbaa_calib.simulate.render.picture import Studio, studio
-from vbaa_calib.simulate.render.render import render_shot
 from vbaa_calib.simulate.scene.scene import Joints, Scene, bundled_scene, true_rod
 from vbaa_calib.simulate.scene.scene_file import load_scene
+from vbaa_calib.simulate.shots import render_shot
 from vbaa_calib.simulate.write import session_yaml
 
 PARTS = ("intrinsics", "plane", "noload", "loads")

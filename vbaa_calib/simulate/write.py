@@ -23,8 +23,8 @@ from .joint_paths import sweep_of_the_board
 from .plan import AntennaShot, BoardShot, Plan, plan, stream
 from .render.board import Sheet, outline, print_sheet
 from .render.picture import Studio, studio
-from .render.render import free_wires, render_over, render_shot, seen_centreline
 from .scene.scene import Scene
+from .shots import free_wires, render_over, render_shot, seen_centreline
 
 _CENTRELINE_STD_PX = 0.1
 _PNG = (cv2.IMWRITE_PNG_COMPRESSION, 2)

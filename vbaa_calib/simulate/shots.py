@@ -9,13 +9,13 @@ import numpy as np
 
 from vbaa_calib.antenna.rod import solve_rod
 from vbaa_calib.geometry import Pose
-from vbaa_calib.simulate.plan import AntennaShot, BoardShot
-from vbaa_calib.simulate.scene.scene import Joints, OverSpec, Scene, true_rod
 
-from .antenna import DepthOfObstacle, Tube, tube, tube_patch, visible_centreline
-from .board import Sheet, board_patch
-from .object import object_layer, obstacle, pressed_in
-from .picture import LAMP_WORLD, Patch, Studio, behind, composed, digitise, expose, surroundings
+from .plan import AntennaShot, BoardShot
+from .render.antenna import DepthOfObstacle, Tube, tube, tube_patch, visible_centreline
+from .render.board import Sheet, board_patch
+from .render.object import object_layer, obstacle, pressed_in
+from .render.picture import LAMP_WORLD, Patch, Studio, behind, composed, digitise, expose, surroundings
+from .scene.scene import Joints, OverSpec, Scene, true_rod
 
 _HOLDER_PAINT = 0.07
 
