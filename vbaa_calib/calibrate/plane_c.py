@@ -30,6 +30,12 @@ _CORNER_BIAS_PX = 0.02
 a line, and light and blur move them differently. On rendered pictures it is 0.015 px. It does not average out."""
 
 
+_SWEEP_NUMBERS = (
+    *("rms_px", "pictures", "angle_std_rad", "axes_free"),
+    *("axis_skew_rad", "axis_skew_std_rad", "axis_offset_m", "axis_offset_std_m"),
+)
+
+
 @dataclass(frozen=True, eq=False)
 class PlaneC:
     """The camera's pose by every method that was measured, and the differences of every pair.
@@ -70,15 +76,12 @@ class PlaneC:
             way: {"rms_px": board.rms_px, "second_solution_ratio": board.second_ratio}
             for way, board in self.boards.items()
         }
-        apart, sweep = [one.to_dict() for one in self.differences], self.sweep and _sweep_document(self.sweep)
+        sweep = self.sweep and {name: getattr(self.sweep, name) for name in _SWEEP_NUMBERS} | {
+            "left_out": [vars(view) for view in self.sweep.left_out],
+            "T_world_board": self.sweep.T_world_board.to_dict(),
+        }
+        apart = [one.to_dict() for one in self.differences]
         return {"ways": ways, "differences": apart, "boards": boards, "sweep": sweep}
-
-
-def _sweep_document(sweep: SweepSolution) -> dict[str, Any]:
-    names = ("rms_px", "pictures", "left_out", "angle_std_rad", "axes_free", "axis_skew_rad", "axis_skew_std_rad")
-    numbers = {name: getattr(sweep, name) for name in (*names, "axis_offset_m", "axis_offset_std_m")}
-    left_out = [vars(view) for view in sweep.left_out]
-    return numbers | {"left_out": left_out, "T_world_board": sweep.T_world_board.to_dict()}
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,14 +109,12 @@ def picture_folders(session: Session) -> list[str]:
 
 def read_views(session: Session) -> PlaneViews:
     """Find the boards. Raises InputError where a picture shows none, or not the one described."""
-    folders, jig, sweep, over = picture_folders(session), None, None, None
-    if "plane" in folders:
-        jig = detect_folder(session.root / "plane", session.board)
-    if "sweep" in folders:
-        sweep = detect_files([picture.image for picture in read_sweep(session)], session.board)
-    if "over" in folders:
-        over = {str(path): read_gray(path) for path in list_images(session.root / "over")}
-    return PlaneViews(jig, sweep, over)
+    folders, spec = picture_folders(session), session.board
+    return PlaneViews(
+        detect_folder(session.root / "plane", spec) if "plane" in folders else None,
+        detect_files([picture.image for picture in read_sweep(session)], spec) if "sweep" in folders else None,
+        {str(path): read_gray(path) for path in list_images(session.root / "over")} if "over" in folders else None,
+    )
 
 
 def find_plane(session: Session, camera: Camera, flex: BoardFlex, views: PlaneViews) -> PlaneC:

@@ -18,7 +18,6 @@ from vbaa_calib.calibrate.antenna.session_rig import LOG_MASS_STD
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution
 from vbaa_calib.calibrate.lens.uncertainty import projection_uncertainty
 from vbaa_calib.calibrate.pose.fusion import CONTRADICTION
-from vbaa_calib.camera import Camera
 from vbaa_calib.core.console import say
 from vbaa_calib.core.files import sha256
 from vbaa_calib.core.robust import chi_square_p
@@ -45,12 +44,13 @@ _ANISOTROPY_MATTERS = 0.01
 def still_doubts(joint: BundleAdjustment, stills: Sequence[Still], said: str = "") -> list[str]:
     """Stills whose rows look wrong, but for those whose pictures were named in `said`."""
     found = []
-    for index, still in enumerate(stills):
-        rms, off = joint.point_rms[index], joint.moment_residuals_Nm[index] / joint.problem.moment_std_Nm
-        if still.image and still.image.name in said:
+    offs = joint.moment_residuals_Nm / joint.problem.moment_std_Nm
+    for still, rms, off, kept in zip(stills, joint.point_rms, offs, joint.kept, strict=True):
+        name = still.image.name if still.image else "?"
+        what = f"{'load' if isinstance(still, Load) else 'no-load frame'} {name}"
+        if still.image and name in said:
             continue
-        what = f"{'load' if isinstance(still, Load) else 'no-load frame'} {still.image.name if still.image else '?'}"
-        if not joint.kept[index]:
+        if not kept:
             found.append(f"{what}: left out, its shape lies {rms:.1f} std off the model; is its row right?")
         elif abs(off) > FALSE_READING:
             found.append(f"{what}: the moment reading is {off:+.1f} std off; is its row right?")
@@ -131,22 +131,20 @@ def sensor_doubts(session: Session, rig: Rig, checks: Checks) -> list[str]:
 
 
 def _plane_doubts(plane: PlaneC) -> list[str]:
-    """Boards with two poses, and pictures and joints of the sweep that are not as the session says."""
     found = [
         f"the board of {way!r} has a second pose that fits nearly as well: take it from a steeper angle"
         for way, board in plane.boards.items()
         if board.is_ambiguous
     ]
-    if plane.sweep is None:
+    sweep = plane.sweep
+    if sweep is None:
         return found
-    found += [f"sweep {view.name}: left out, {view.reason}" for view in plane.sweep.left_out]
-    if plane.sweep.axes_free:
-        skew, offset = 1e3 * plane.sweep.axis_skew_rad, 1e3 * plane.sweep.axis_offset_m
-        found.append(
-            f"the joints' axes miss the right angle by {skew:.2f} mrad and pass each other by {offset:.2f} mm: solved "
-            "with that"
-        )
-    return found
+    axes = (
+        f"the joints' axes miss the right angle by {1e3 * sweep.axis_skew_rad:.2f} mrad and pass each other by "
+        f"{1e3 * sweep.axis_offset_m:.2f} mm: solved with that"
+    )
+    left_out = [f"sweep {view.name}: left out, {view.reason}" for view in sweep.left_out]
+    return [*found, *left_out, *([axes] if sweep.axes_free else [])]
 
 
 def doubts(calibration: Calibration) -> list[str]:
@@ -199,20 +197,15 @@ def summary(calibration: Calibration, warnings: Sequence[str]) -> dict[str, Any]
 
 
 def _evidence(calibration: Calibration, warnings: Sequence[str]) -> dict[str, Any]:
-    """What rig.json's quality section holds: the summary, and what it rests on, part by part."""
     nominal, joint = calibration.session.antenna, calibration.joint
     lens, jig = camera_document(calibration.lens, calibration.session.board), calibration.session.T_antenna_board
-    stills = []
-    for index, still in enumerate(calibration.stills):
-        row = {
-            "image": os.path.relpath(still.image, calibration.session.root) if still.image else None,
-            "point_rms": float(joint.point_rms[index]),
-            "moment_residual_Nm": float(joint.moment_residuals_Nm[index]),
-            "kept": bool(joint.kept[index]),
-        }
-        if isinstance(still, Load):
-            row |= {"distance_m": still.distance_m, "force_y_N": still.force_y_N, "force_z_N": still.force_z_N}
-        stills.append(row)
+    rows = zip(calibration.stills, joint.point_rms, joint.moment_residuals_Nm, joint.kept, strict=True)
+    stills: list[dict[str, Any]] = []
+    for still, rms, residual_Nm, kept in rows:
+        image = os.path.relpath(still.image, calibration.session.root) if still.image else None
+        numbers = {"point_rms": float(rms), "moment_residual_Nm": float(residual_Nm), "kept": bool(kept)}
+        load = ("distance_m", "force_y_N", "force_z_N") if isinstance(still, Load) else ()
+        stills.append({"image": image, **numbers, **{name: getattr(still, name) for name in load}})
     return summary(calibration, warnings) | {
         "lens": {key: value for key, value in lens.items() if key not in calibration.lens.camera.to_dict()},
         "plane": calibration.plane.to_dict(),
@@ -245,9 +238,11 @@ def rig_document(calibration: Calibration, warnings: Sequence[str], command: Seq
 
 def camera_document(solution: LensSolution, spec: BoardSpec) -> dict[str, Any]:
     """camera.json: what `Camera.load` reads, and the evidence for it (docs/formats.md)."""
-    covariance = solution.camera.covariance
+    covariance, flex = solution.camera.covariance, solution.board_flex
     assert covariance is not None
-    flex = solution.board_flex
+    # null where there is no ray
+    free, fixed = (projection_uncertainty(solution.camera, compensated) for compensated in (True, False))
+    free_px, fixed_px = (np.where(np.isfinite(one.std_px), one.std_px, np.array(None)) for one in (free, fixed))
     return {
         **solution.camera.to_dict(),
         "std": dict(zip(solution.camera.parameter_names, covariance.diagonal().clip(0.0) ** 0.5, strict=True)),
@@ -256,7 +251,12 @@ def camera_document(solution: LensSolution, spec: BoardSpec) -> dict[str, Any]:
         "verdict": solution.verdict,
         "rms_px": solution.rms_px,
         "rms_inliers_px": solution.rms_inliers_px,
-        "projection_uncertainty": _uncertainty_document(solution.camera),
+        "projection_uncertainty": {
+            "columns_px": free.pixels[0, :, 0].tolist(),
+            "rows_px": free.pixels[:, 0, 1].tolist(),
+            "std_px": free_px.tolist(),
+            "std_fixed_camera_px": fixed_px.tolist(),
+        },
         "board_flex": {
             **{name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in vars(flex).items()},
             "std_m": None if flex.std_m is None else flex.std_m.tolist(),
@@ -271,14 +271,3 @@ def camera_document(solution: LensSolution, spec: BoardSpec) -> dict[str, Any]:
         "warnings": list(solution.warnings),
         "board": spec.to_dict(),
     }
-
-
-def _uncertainty_document(camera: Camera) -> dict[str, Any]:
-    """Standard deviation of the projection in its worst direction over the picture, px; null where there is no ray.
-
-    `std_px` has what a turn of the camera explains taken out, `std_fixed_camera_px` has not.
-    """
-    maps = [projection_uncertainty(camera, compensated) for compensated in (True, False)]
-    columns, rows = maps[0].pixels[0, :, 0].tolist(), maps[0].pixels[:, 0, 1].tolist()
-    std = [np.where(np.isfinite(one.std_px), one.std_px, np.array(None)).tolist() for one in maps]
-    return {"columns_px": columns, "rows_px": rows, "std_px": std[0], "std_fixed_camera_px": std[1]}

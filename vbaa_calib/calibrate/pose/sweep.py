@@ -50,157 +50,18 @@ _LEAST_PICTURES = 5
 14 of 120 sweeps were off by over six of their standard deviations."""
 
 _LEAST_TURN_RAD = 0.01
-_GROSS_PICTURE = 5.0
-_GROSS_LEAST_PX = 0.5
-_GROSS_ANGLE = 5.0
-_ROUNDS = 6
-_FEW_PICTURES = 8
+_GROSS_PICTURE, _GROSS_LEAST_PX, _GROSS_ANGLE, _ROUNDS = 5.0, 0.5, 5.0, 6
+_FEW_PICTURES, _AGREE = 8, 0.1
 _NO_ENCODER_RAD = 5e-3  # joints at rest scatter less: such a misfit is one wrong row's
-_AGREE = 0.1
-_OWN_STEPS = 20
-_OWN_STEP_RAD = 0.2
-_OWN_FIT_PX = 5.0
+_OWN_STEPS, _OWN_STEP_RAD, _OWN_FIT_PX = 20, 0.2, 5.0
 _CROSS = "take a cross at least: the middle, pan to either side, tilt to either side, by 0.1 rad and more"
 _MEND = "look the rows through; the board must not move, the joints be at rest, the angles in radians"
-
-
-def _usable_pictures(
-    views: Sequence[BoardView], pictures: Sequence[SweepPicture], spec: BoardSpec, camera: Camera
-) -> tuple[list[BoardView], list[SweepPicture], list[DroppedView]]:
-    """Views that fix the board's pose, their readings, and the others with the reason.
-
-    Raises InputError when too few are left, or a picture has another size than the lens was calibrated at.
-    """
-    for view in views:
-        require_size(view.image_size, camera, view.name)
-    usable, dropped = usable_views(views, spec, 0)
-    places = [next(i for i, view in enumerate(views) if view is one) for one in usable]
-    if len(usable) < _LEAST_PICTURES:
-        raise InputError(
-            f"{len(usable)} pictures of the sweep show the board, at least {_LEAST_PICTURES} are needed", remedy=_CROSS
-        )
-    return usable, [pictures[place] for place in places], dropped
-
-
-def _refuse_one_joint(readings: Sequence[SweepPicture]) -> None:
-    """Raises InputError unless both joints moved in the pictures that can be used."""
-    spans = np.ptp([[reading.pan_rad, reading.tilt_rad] for reading in readings], axis=0)
-    if (spans < _LEAST_TURN_RAD).all():
-        raise InputError("neither joint moved in the pictures of the sweep", remedy=_CROSS)
-    if (spans < _LEAST_TURN_RAD).any():
-        moved, still = ("tilt", "pan") if spans[0] < spans[1] else ("pan", "tilt")
-        raise InputError(
-            f"only the {moved} moved in the sweep: the camera's turn about the {moved} axis and its place along it "
-            "stay open",
-            remedy=f"add pictures with the {still} turned by 0.1 rad and more",
-        )
-
-
-def _consistent_pictures(problem: SweepProblem, state: SweepState) -> tuple[SweepState, np.ndarray, np.ndarray]:
-    """A robust state, which pictures it explains (P,) bool, and the median error of each (P,) px.
-
-    A picture is taken back where its angles are no further off than those of the others scatter. Raises InputError when
-    the angles belong to hardly more than half of the pictures, or one row is wrong and nothing shows which.
-    """
-    corners = problem.corners
-    state = _initial_state(SweepProblem.of(problem.camera, corners, axes=False), state)
-    kept = np.ones(corners.pictures, bool)
-    for _ in range(_ROUNDS):
-        state, residuals = problem.robust(state, kept[corners.picture])
-        error = _picture_errors_px(residuals, corners)
-        before, kept = kept, error <= max(_GROSS_PICTURE * float(np.median(error[kept])), _GROSS_LEAST_PX)
-        if np.array_equal(kept, before):
-            break
-    kept = _taken_back(problem, state, kept)
-    if _LEAST_PICTURES <= kept.sum() <= _FEW_PICTURES:
-        state, kept = _without_the_odd_one(problem, state, kept)
-    if kept.sum() < max(_LEAST_PICTURES, 0.6 * corners.pictures):
-        what = f"the angles of sweep.csv explain {kept.sum()} of {corners.pictures} pictures, too few"
-        raise InputError(what, remedy=_MEND)
-    return state, kept, _picture_errors_px(linearise(problem.camera, state, corners).residuals_px, corners)
-
-
-def _initial_state(problem: SweepProblem, state: SweepState) -> SweepState:
-    """The better robust state of the two in which the board leans to one side or the other."""
-    every = np.ones(len(problem.corners.pixels), bool)
-    first = problem.robust(state, every)
-    other = problem.robust(turned_over(first[0], problem.corners), every)
-    return min((first, other), key=lambda one: float(np.linalg.norm(one[1], axis=1).sum()))[0]
-
-
-def _picture_errors_px(residuals: np.ndarray, corners: SweepCorners) -> np.ndarray:
-    distance = np.linalg.norm(residuals, axis=1)
-    return np.array([np.median(distance[corners.picture == index]) for index in range(corners.pictures)])
-
-
-def _taken_back(problem: SweepProblem, state: SweepState, kept: np.ndarray) -> np.ndarray:
-    corners = problem.corners
-    for _ in range(_ROUNDS):
-        if kept.all():
-            break
-        found, _ = problem.inlying(state, kept[corners.picture])
-        own = [_own_angles(problem, found.state, index) for index in np.flatnonzero(~kept).tolist()]
-        back = kept.copy()
-        back[~kept] = np.abs(own - corners.angles_rad[~kept]).max(axis=1) <= _GROSS_ANGLE * found.angle_std_rad
-        if np.array_equal(back, kept):
-            break
-        state, kept = found.state, back
-    return kept
-
-
-def _without_the_odd_one(problem: SweepProblem, state: SweepState, kept: np.ndarray) -> tuple[SweepState, np.ndarray]:
-    """Without the picture without which the angles of the others agree.
-
-    Among few pictures one wrong row bends the fit so far that all seem a little off.
-    """
-    picture = problem.corners.picture
-    whole, _ = problem.inlying(state, kept[picture])
-    if whole.angle_std_rad < _NO_ENCODER_RAD:
-        return whole.state, kept
-    places = np.arange(problem.corners.pictures)
-    others = [kept & (places != index) for index in np.flatnonzero(kept)]
-    fits = [problem.inlying(state, some[picture])[0] for some in others]
-    agree = [i for i, found in enumerate(fits) if found.angle_std_rad < _AGREE * whole.angle_std_rad]
-    if len(agree) > 1:
-        raise InputError(
-            f"one row of sweep.csv is off by {whole.angle_std_rad:.2g} rad or more, and nothing shows which",
-            remedy="check the rows, or take a few more pictures",
-        )
-    return (fits[agree[0]].state, others[agree[0]]) if agree else (whole.state, kept)
-
-
-def _own_angles(problem: SweepProblem, state: SweepState, picture: int) -> np.ndarray:
-    """(2,) pan and tilt at which one picture's corners would fit a state best; NaN where no angles near by do."""
-    corners, angles = problem.corners, problem.corners.angles_rad[picture]
-    mine = corners.picture == picture
-    alone = SweepCorners(corners.points_m[mine], corners.pixels[mine], np.zeros(int(mine.sum()), int), angles[None])
-    for _ in range(_OWN_STEPS):
-        moved = linearise(problem.camera, state, replace(alone, angles_rad=angles[None]))
-        step = np.linalg.lstsq(moved.by_angles.reshape(-1, 2), moved.residuals_px.ravel(), rcond=None)[0]
-        angles = angles + np.clip(step, -_OWN_STEP_RAD, _OWN_STEP_RAD)
-    error = float(np.median(np.linalg.norm(moved.residuals_px, axis=1)))
-    return angles if error < _OWN_FIT_PX else np.full(2, np.nan)
-
-
-def _left_out_reason(problem: SweepProblem, state: SweepState, index: int, error_px: float, zero_rad: float) -> str:
-    """Why a picture was left out, with the angles at which it would fit."""
-    what = f"its corners lie {error_px:.1f} px from where its angles put them"
-    angles = _own_angles(problem, state, index)
-    if np.isnan(angles).any():
-        return f"{what}; did the board or the camera move?"
-    (pan, tilt), (said_pan, said_tilt) = angles - [0, zero_rad], problem.corners.angles_rad[index] - [0, zero_rad]
-    return f"{what}: it looks like pan {pan:.3f}, tilt {tilt:.3f}, its row says {said_pan:.3f}, {said_tilt:.3f}"
-
-
 _AXIS_SKEW_STD_RAD = 5e-3
 _AXIS_OFFSET_STD_M = 5e-4
 """How near to the given skew and offset a careful workshop keeps the axes. Held exactly there, 0.3 mrad and 0.02 mm,
 which a good sweep hardly sees, put the camera seven of its standard deviations off."""
-
 _CONTRADICTED = 0.05
-_LOOSE_RAD = 0.02
-_LOOSE_SHARE = 0.05
-_LOOSE_ANGLES_RAD = 0.02
+_LOOSE_RAD, _LOOSE_SHARE, _LOOSE_ANGLES_RAD = 0.02, 0.05, 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -286,6 +147,119 @@ def solve_sweep(
     )
 
 
+def _usable_pictures(
+    views: Sequence[BoardView], pictures: Sequence[SweepPicture], spec: BoardSpec, camera: Camera
+) -> tuple[list[BoardView], list[SweepPicture], list[DroppedView]]:
+    """Views that fix the board's pose, their readings, and the others with the reason."""
+    for view in views:
+        require_size(view.image_size, camera, view.name)
+    usable, dropped = usable_views(views, spec, 0)
+    if len(usable) < _LEAST_PICTURES:
+        what = f"{len(usable)} pictures of the sweep show the board, at least {_LEAST_PICTURES} are needed"
+        raise InputError(what, remedy=_CROSS)
+    readings = {id(view): reading for view, reading in zip(views, pictures, strict=True)}
+    return usable, [readings[id(view)] for view in usable], dropped
+
+
+def _refuse_one_joint(readings: Sequence[SweepPicture]) -> None:
+    spans = np.ptp([[reading.pan_rad, reading.tilt_rad] for reading in readings], axis=0)
+    if (spans < _LEAST_TURN_RAD).all():
+        raise InputError("neither joint moved in the pictures of the sweep", remedy=_CROSS)
+    if (spans < _LEAST_TURN_RAD).any():
+        moved, still = ("tilt", "pan") if spans[0] < spans[1] else ("pan", "tilt")
+        raise InputError(
+            f"only the {moved} moved in the sweep: the camera's turn about the {moved} axis and its place along it "
+            "stay open",
+            remedy=f"add pictures with the {still} turned by 0.1 rad and more",
+        )
+
+
+def _consistent_pictures(problem: SweepProblem, state: SweepState) -> tuple[SweepState, np.ndarray, np.ndarray]:
+    """A robust state, which pictures it explains (P,) bool, and the median error of each (P,) px.
+
+    A picture is taken back where its angles are no further off than those of the others scatter. Raises InputError when
+    the angles belong to hardly more than half of the pictures, or one row is wrong and nothing shows which.
+    """
+    corners = problem.corners
+    # of the two in which the board leans to one side or the other the better one
+    fixed, every = SweepProblem.of(problem.camera, corners, axes=False), np.ones(len(corners.pixels), bool)
+    first = fixed.robust(state, every)
+    both = (first, fixed.robust(turned_over(first[0], corners), every))
+    state = min(both, key=lambda one: float(np.linalg.norm(one[1], axis=1).sum()))[0]
+    kept = np.ones(corners.pictures, bool)
+    for _ in range(_ROUNDS):
+        state, residuals = problem.robust(state, kept[corners.picture])
+        error = _picture_errors_px(residuals, corners)
+        before, kept = kept, error <= max(_GROSS_PICTURE * float(np.median(error[kept])), _GROSS_LEAST_PX)
+        if np.array_equal(kept, before):
+            break
+    here = state
+    for _ in range(_ROUNDS):
+        if kept.all():
+            break
+        found, _ = problem.inlying(here, kept[corners.picture])
+        own = [_own_angles(problem, found.state, index) for index in np.flatnonzero(~kept).tolist()]
+        back = kept.copy()
+        back[~kept] = np.abs(own - corners.angles_rad[~kept]).max(axis=1) <= _GROSS_ANGLE * found.angle_std_rad
+        if np.array_equal(back, kept):
+            break
+        here, kept = found.state, back
+    if _LEAST_PICTURES <= kept.sum() <= _FEW_PICTURES:
+        state, kept = _without_the_odd_one(problem, state, kept)
+    if kept.sum() < max(_LEAST_PICTURES, 0.6 * corners.pictures):
+        what = f"the angles of sweep.csv explain {kept.sum()} of {corners.pictures} pictures, too few"
+        raise InputError(what, remedy=_MEND)
+    return state, kept, _picture_errors_px(linearise(problem.camera, state, corners).residuals_px, corners)
+
+
+def _picture_errors_px(residuals: np.ndarray, corners: SweepCorners) -> np.ndarray:
+    distance = np.linalg.norm(residuals, axis=1)
+    return np.array([np.median(distance[corners.picture == index]) for index in range(corners.pictures)])
+
+
+def _without_the_odd_one(problem: SweepProblem, state: SweepState, kept: np.ndarray) -> tuple[SweepState, np.ndarray]:
+    """Without the picture without which the angles of the others agree.
+
+    Among few pictures one wrong row bends the fit so far that all seem a little off.
+    """
+    picture = problem.corners.picture
+    whole, _ = problem.inlying(state, kept[picture])
+    if whole.angle_std_rad < _NO_ENCODER_RAD:
+        return whole.state, kept
+    places = np.arange(problem.corners.pictures)
+    others = [kept & (places != index) for index in np.flatnonzero(kept)]
+    fits = [problem.inlying(state, some[picture])[0] for some in others]
+    agree = [i for i, found in enumerate(fits) if found.angle_std_rad < _AGREE * whole.angle_std_rad]
+    if len(agree) > 1:
+        raise InputError(
+            f"one row of sweep.csv is off by {whole.angle_std_rad:.2g} rad or more, and nothing shows which",
+            remedy="check the rows, or take a few more pictures",
+        )
+    return (fits[agree[0]].state, others[agree[0]]) if agree else (whole.state, kept)
+
+
+def _own_angles(problem: SweepProblem, state: SweepState, picture: int) -> np.ndarray:
+    """(2,) pan and tilt at which one picture's corners would fit a state best; NaN where no angles near by do."""
+    corners, angles = problem.corners, problem.corners.angles_rad[picture]
+    mine = corners.picture == picture
+    alone = SweepCorners(corners.points_m[mine], corners.pixels[mine], np.zeros(int(mine.sum()), int), angles[None])
+    for _ in range(_OWN_STEPS):
+        moved = linearise(problem.camera, state, replace(alone, angles_rad=angles[None]))
+        step = np.linalg.lstsq(moved.by_angles.reshape(-1, 2), moved.residuals_px.ravel(), rcond=None)[0]
+        angles = angles + np.clip(step, -_OWN_STEP_RAD, _OWN_STEP_RAD)
+    error = float(np.median(np.linalg.norm(moved.residuals_px, axis=1)))
+    return angles if error < _OWN_FIT_PX else np.full(2, np.nan)
+
+
+def _left_out_reason(problem: SweepProblem, state: SweepState, index: int, error_px: float, zero_rad: float) -> str:
+    what = f"its corners lie {error_px:.1f} px from where its angles put them"
+    angles = _own_angles(problem, state, index)
+    if np.isnan(angles).any():
+        return f"{what}; did the board or the camera move?"
+    (pan, tilt), (said_pan, said_tilt) = angles - [0, zero_rad], problem.corners.angles_rad[index] - [0, zero_rad]
+    return f"{what}: it looks like pan {pan:.3f}, tilt {tilt:.3f}, its row says {said_pan:.3f}, {said_tilt:.3f}"
+
+
 def _with_axes_prior(problem: SweepProblem, free: SweepFit, used: np.ndarray, kinematics: Kinematics) -> SweepFit:
     """The fit with a prior on the axes where they were given, unless the data contradict it."""
     given = np.array([kinematics.axis_skew_rad, kinematics.axis_offset_m])
@@ -306,7 +280,6 @@ def _with_axes_prior(problem: SweepProblem, free: SweepFit, used: np.ndarray, ki
 
 
 def _refuse_loose(found: SweepFit) -> None:
-    """Raises InputError where the moves were too small, or the angles too far off, to determine the pose."""
     if found.angle_std_rad > _LOOSE_ANGLES_RAD:
         raise InputError(
             f"the angles of sweep.csv scatter by {found.angle_std_rad:.2g} rad about what the pictures show",
