@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -36,9 +36,9 @@ from vbaa_calib.session import (
     read_pose,
 )
 
+SCHEMA = "vbaa.check/1"
 PARTS = ("intrinsics", "plane", "noload", "loads")
 _NO_JIG = "session.yaml does not say where the jig is"
-_NAME_SESSION = "name the session that the rig was calibrated from"
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,89 +67,6 @@ class NewPictures:
             raise InputError(f"moment_Nm is {self.moment_Nm:g}", remedy="give the sensor's reading in N·m, or leave it")
 
 
-@dataclass(frozen=True, eq=False)
-class CheckInputs:
-    """Pictures to check a rig against, and what must be known to read them.
-
-    session : board, jig, antenna and gravity; nothing more is read from its folder.
-    parts : those of `PARTS` that there are pictures of.
-    boards : part → its pictures. stills : of the free and the loaded antenna; `moment_Nm` NaN where not read.
-    no_jig : why the jig's place is not known, where it is not.
-    """
-
-    session: Session
-    parts: tuple[str, ...]
-    boards: Mapping[str, tuple[Path, ...]]
-    stills: tuple[Still, ...]
-    no_jig: str = _NO_JIG
-
-    @property
-    def pictures(self) -> list[Path]:
-        """All of them."""
-        boards = [path for paths in self.boards.values() for path in paths]
-        return boards + [still.image for still in self.stills if still.image is not None]
-
-
-def from_session(session: Session) -> CheckInputs:
-    """Everything in a session's folder. Raises InputError for a folder without any of `PARTS`."""
-    parts = tuple(part for part in PARTS if (session.root / part).exists())
-    if not parts:
-        what = f"has none of {', '.join(PARTS)}"
-        raise InputError(what, where=session.root, remedy="one picture in plane/ and one in noload/ will do")
-    noload = read_noload(session) if "noload" in parts else []
-    stills = [*noload, *(read_loads(session) if "loads" in parts else [])]
-    boards = {part: tuple(list_images(session.root / part)) for part in PARTS[:2] if part in parts}
-    return CheckInputs(session, parts, boards, tuple(stills))
-
-
-def from_pictures(session: Session, new: NewPictures, no_jig: str = _NO_JIG) -> CheckInputs:
-    """The new pictures alone; the session describes board, jig and antenna."""
-    moment_Nm = math.nan if new.moment_Nm is None else new.moment_Nm
-    boards = {} if new.board is None else {"plane": (new.board,)}
-    stills = () if new.free is None else (Still(new.free, new.pan_rad, new.tilt_rad, moment_Nm),)
-    return CheckInputs(session, (*boards, *(("noload",) if stills else ())), boards, stills, no_jig)
-
-
-def recorded_session(document: Mapping[str, Any], rig: Rig, path: Path) -> Session:
-    """Board and jig as rig.json records them (`quality.lens.board`, `quality.jig`), the rest from the rig.
-
-    The antenna's material is not known here. Raises InputError where the board is not recorded or not one.
-    """
-    board, jig = at(document, "quality", "lens", "board"), at(document, "quality", "jig")
-    remedy = f"{_NAME_SESSION}: `vbaa check rig.json SESSION --board …`"
-    if board is None:
-        raise InputError("quality.lens.board is not recorded", where=path, remedy=remedy)
-    spec = checked(BoardSpec, board, path, remedy, "quality.lens.board")
-    return Session(
-        root=path,
-        board=spec,
-        antenna=NominalAntenna(rig.antenna.length_m, rig.antenna.diameter_m, math.nan, math.nan),
-        T_antenna_board=jig and read_pose(at(jig, "T_antenna_board"), path, "quality.jig.T_antenna_board"),
-        kinematics=rig.kinematics,
-        gravity_world_m_s2=rig.gravity_world_m_s2,
-        moment_std_Nm=rig.moment_sensor.std_Nm,
-    )
-
-
-def refuse_calibration_pictures(document: Mapping[str, Any], new: NewPictures, path: Path) -> None:
-    """Raises InputError for a picture that the rig was calibrated from: it fits whatever has happened since."""
-    recorded = at(document, "inputs_sha256")
-    used = list(recorded.values()) if isinstance(recorded, Mapping) else []
-    for picture in (new.board, new.free):
-        if picture is not None and used and picture.is_file() and sha256(picture) in used:
-            what = f"is one of the pictures that {path} was calibrated from"
-            raise InputError(what, where=picture, remedy="take a new one: an old one cannot show what has changed")
-
-
-def recorded_bend(quality: Mapping[str, Any]) -> Bend | None:
-    """The board's shape as the calibration found it; None where it was solved with a flat one."""
-    if at(quality, "lens", "board_flex", "used") is not True:
-        return None
-    sagittas = np.array([number_at(value) or 0.0 for value in at(quality, "lens", "board_flex", "sagittas_m") or ()])
-    return Bend(sagittas, np.zeros((2, 2))) if sagittas.shape == (2,) else None
-
-
-SCHEMA = "vbaa.check/1"
 _VERDICTS = {
     HOLDS: "This rig holds.",
     LOOK: "Look at this rig before you rely on it.",
@@ -174,25 +91,29 @@ class Assessment:
     nominal_Nm2: float | None = None
 
     @property
+    def answers(self) -> list[Finding]:
+        """All of them, those on new pictures first."""
+        return [*(self.session.findings if self.session else ()), *self.findings]
+
+    @property
     def verdict(self) -> str:
         """The worst level of all answered questions."""
-        return worst([*self.findings, *(self.session.findings if self.session else ())])
+        return worst(self.answers)
 
     @property
     def words(self) -> str:
         """The verdict, and the questions that were not answered with "holds"."""
-        asked = [*(self.session.findings if self.session else ()), *self.findings]
         sentences = [_VERDICTS[self.verdict]]
         for level, start in ((FAILS, "Does not hold"), (LOOK, "Look at")):
-            found = [f"{one.name.replace('_', ' ')} ({one.words})" for one in asked if one.level == level]
-            if found:
-                sentences.append(f"{start}: {'; '.join(found)}.")
+            found = [f"{one.name.replace('_', ' ')} ({one.words})" for one in self.answers if one.level == level]
+            sentences += [f"{start}: {'; '.join(found)}."] if found else []
         if self.session is None:
             sentences.append("Judged by rig.json alone; give new pictures to see whether it is still so.")
         return " ".join(sentences)
 
     def to_dict(self) -> dict[str, Any]:
         """check.json: the report is made from this alone."""
+        session = self.session or Checked((), {})
         return {
             "schema": SCHEMA,
             "rig": str(self.path),
@@ -203,8 +124,8 @@ class Assessment:
             "numbers": rig_numbers(self.rig, self.nominal_Nm2),
             "maps": rig_maps(self.rig),
             "quality": dict(self.quality),
-            "session_findings": [finding.to_dict() for finding in self.session.findings] if self.session else [],
-            "session": None if self.session is None else dict(self.session.document),
+            "session_findings": [finding.to_dict() for finding in session.findings],
+            "session": dict(session.document) if self.session else None,
         }
 
 
@@ -215,7 +136,7 @@ def assess(path: Path, session_root: Path | None = None, new: NewPictures | None
     its own pictures are not read. Without a session, rig.json's record of both is used.
 
     Raises InputError for a broken rig or session, pictures of another size than the lens', a session without any of
-    `inputs.PARTS`, and a new picture that the rig was calibrated from.
+    `PARTS`, and a new picture that the rig was calibrated from.
     """
     path = Path(path)
     data = read_json(path)
@@ -227,20 +148,95 @@ def assess(path: Path, session_root: Path | None = None, new: NewPictures | None
     own = rig_findings(rig, quality, nominal)
     if session is not None:
         _refuse_other_antenna(rig, session)
-    inputs = None if session is None else from_session(session) if new is None else from_pictures(session, new)
+    inputs = None if session is None or new is not None else _from_session(session)
     if new is not None:
-        refuse_calibration_pictures(data, new, path)
-        if session is None:
-            no_jig = "rig.json does not record the jig: name its session"
-            inputs = from_pictures(recorded_session(data, rig, path), new, no_jig)
+        _refuse_calibration_pictures(data, new, path)
+        no_jig = _NO_JIG if session else "rig.json does not record the jig: name its session"
+        inputs = _from_pictures(session or _recorded_session(data, rig, path), new, no_jig)
     checked = None if inputs is None else _check_pictures(rig, quality, inputs)
     return Assessment(rig, path, tuple(own), quality, checked, nominal)
 
 
-def _check_pictures(rig: Rig, quality: Mapping[str, Any], inputs: CheckInputs) -> Checked:
+def _refuse_other_antenna(rig: Rig, session: Session) -> None:
+    for name in ("length_m", "diameter_m"):
+        own, other = getattr(rig.antenna, name), getattr(session.antenna, name)
+        if abs(own - other) > 1e-3 * own:
+            what = f"antenna.{name} is {other:g}, the rig's {own:g}"
+            raise InputError(what, where=session.root / "session.yaml", remedy="check a rig with its own antenna")
+
+
+@dataclass(frozen=True, eq=False)
+class _Inputs:
+    """Pictures to check a rig against, and what must be known to read them.
+
+    session : board, jig, antenna and gravity; nothing more is read from its folder.
+    boards : part → its pictures. stills : of the free and the loaded antenna; `moment_Nm` NaN where not read.
+    no_jig : why the jig's place is not known, where it is not.
+    """
+
+    session: Session
+    parts: tuple[str, ...]
+    boards: Mapping[str, Sequence[Path]]
+    stills: Sequence[Still]
+    no_jig: str = _NO_JIG
+
+
+def _from_session(session: Session) -> _Inputs:
+    parts = tuple(part for part in PARTS if (session.root / part).exists())
+    if not parts:
+        what = f"has none of {', '.join(PARTS)}"
+        raise InputError(what, where=session.root, remedy="one picture in plane/ and one in noload/ will do")
+    noload = read_noload(session) if "noload" in parts else []
+    loads = read_loads(session) if "loads" in parts else []
+    boards = {part: list_images(session.root / part) for part in PARTS[:2] if part in parts}
+    return _Inputs(session, parts, boards, [*noload, *loads])
+
+
+def _from_pictures(session: Session, new: NewPictures, no_jig: str) -> _Inputs:
+    moment_Nm = math.nan if new.moment_Nm is None else new.moment_Nm
+    boards = {} if new.board is None else {"plane": [new.board]}
+    stills = [] if new.free is None else [Still(new.free, new.pan_rad, new.tilt_rad, moment_Nm)]
+    return _Inputs(session, (*boards, *(["noload"] if stills else [])), boards, stills, no_jig)
+
+
+def _recorded_session(document: Mapping[str, Any], rig: Rig, path: Path) -> Session:
+    """Board and jig as rig.json records them, the rest from the rig. The antenna's material is not known here."""
+    board, jig = at(document, "quality", "lens", "board"), at(document, "quality", "jig")
+    remedy = "name the session that the rig was calibrated from: `vbaa check rig.json SESSION --board …`"
+    if board is None:
+        raise InputError("quality.lens.board is not recorded", where=path, remedy=remedy)
+    return Session(
+        root=path,
+        board=checked(BoardSpec, board, path, remedy, "quality.lens.board"),
+        antenna=NominalAntenna(rig.antenna.length_m, rig.antenna.diameter_m, math.nan, math.nan),
+        T_antenna_board=jig and read_pose(at(jig, "T_antenna_board"), path, "quality.jig.T_antenna_board"),
+        kinematics=rig.kinematics,
+        gravity_world_m_s2=rig.gravity_world_m_s2,
+        moment_std_Nm=rig.moment_sensor.std_Nm,
+    )
+
+
+def _refuse_calibration_pictures(document: Mapping[str, Any], new: NewPictures, path: Path) -> None:
+    """A picture that the rig was calibrated from fits whatever has happened since."""
+    recorded = at(document, "inputs_sha256")
+    used = list(recorded.values()) if isinstance(recorded, Mapping) else []
+    for picture in (new.board, new.free):
+        if picture is not None and used and picture.is_file() and sha256(picture) in used:
+            what = f"is one of the pictures that {path} was calibrated from"
+            raise InputError(what, where=picture, remedy="take a new one: an old one cannot show what has changed")
+
+
+def _check_pictures(rig: Rig, quality: Mapping[str, Any], inputs: _Inputs) -> Checked:
     """The lens, then the camera's pose, then the antenna and the sensor, each after those before."""
-    check_pictures(progress(inputs.pictures, "reading the pictures"), rig.camera.image_size, "the rig's lens is")
-    session, parts, bent = inputs.session, inputs.parts, recorded_bend(quality)
+    session, parts = inputs.session, inputs.parts
+    pictures = [path for paths in inputs.boards.values() for path in paths]
+    pictures += [still.image for still in inputs.stills if still.image is not None]
+    check_pictures(progress(pictures, "reading the pictures"), rig.camera.image_size, "the rig's lens is")
+    # the board's shape as the calibration found it
+    bent = None
+    if at(quality, "lens", "board_flex", "used") is True:
+        sagittas = [number_at(value) or 0.0 for value in at(quality, "lens", "board_flex", "sagittas_m") or ()]
+        bent = Bend(np.array(sagittas), np.zeros((2, 2))) if len(sagittas) == 2 else None
     boards = [(part, view) for part, paths in inputs.boards.items() for view in detect_files(paths, session.board)]
     recorded = number_at(quality, "lens", "rms_inliers_px") or number_at(quality, "lens_rms_px")
     lens = check_lens(rig.camera, boards, session.board, bent, recorded)
@@ -254,16 +250,8 @@ def _check_pictures(rig: Rig, quality: Mapping[str, Any], inputs: CheckInputs) -
         seen = observe(session, rig.kinematics, inputs.stills, expected, "antenna")
         stills = check_stills(current, seen, session.load_readings)
     antenna = check_antenna(current, stills, camera_known=pose.document["camera_pose"] is not None)
-    document = {"given": list(parts), "not_given": [part for part in PARTS if part not in parts]}
+    given = {"given": list(parts), "not_given": [part for part in PARTS if part not in parts]}
     return Checked(
         (*lens.findings, *pose.findings, *antenna.findings),
-        {**document, **lens.document, **pose.document, **antenna.document},
+        {**given, **lens.document, **pose.document, **antenna.document},
     )
-
-
-def _refuse_other_antenna(rig: Rig, session: Session) -> None:
-    for name in ("length_m", "diameter_m"):
-        own, other = getattr(rig.antenna, name), getattr(session.antenna, name)
-        if abs(own - other) > 1e-3 * own:
-            what = f"antenna.{name} is {other:g}, the rig's {own:g}"
-            raise InputError(what, where=session.root / "session.yaml", remedy="check a rig with its own antenna")

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -37,21 +37,20 @@ _CORRELATED = 4.0
 1.7 times the deviations that independent corners would have."""
 
 
-@dataclass(frozen=True, eq=False)
-class _CheckedView:
+class _CheckedView(NamedTuple):
     """One picture of the board under the rig's lens.
 
     corners_px, residuals_px : (N, 2) observed, and observed less predicted at the picture's own best pose.
-    good : (N,) corners that are no outliers. ids : of the good ones.
+    good : (N,) corners that are no outliers. ids : (N,).
     """
 
     name: str
     folder: str
     T_camera_board: Pose
+    ids: np.ndarray
     corners_px: np.ndarray
     residuals_px: np.ndarray
     good: np.ndarray
-    ids: np.ndarray
 
     def to_dict(self) -> dict[str, Any]:
         """For check.json, pixels to thousandths."""
@@ -87,9 +86,8 @@ def check_lens(
             (not_given("lens_fit", why), not_given("lens_focus", why)),
             {"boards": [], "boards_dropped": [], "boards_rms_px": None, "boards_expected_rms_px": None},
         )
-    blocks = [_pose_projected_out(camera, view, points_m[view.ids]) for view in views]
-    jacobian = np.concatenate([block[0] for block in blocks])
-    residuals = np.concatenate([block[1] for block in blocks])
+    blocks = zip(*(_pose_projected_out(camera, view, points_m[view.ids[view.good]]) for view in views), strict=True)
+    jacobian, residuals = map(np.concatenate, blocks)
     freedom = len(residuals) - 6 * len(views)
     count = len(camera.parameter_names)
     covariance = np.zeros((count, count)) if camera.covariance is None else camera.covariance
@@ -161,9 +159,8 @@ def _pictures(count: int) -> str:
 def _posed(
     camera: Camera, boards: Sequence[tuple[str, BoardView]], spec: BoardSpec, points: np.ndarray, bent: Bend | None
 ) -> tuple[list[_CheckedView], list[DroppedView]]:
-    """Views with their poses, and those that have none."""
     usable, dropped = usable_views([view for _, view in boards], spec, _MIN_CORNERS)
-    found = []
+    found: list[_CheckedView] = []
     for folder, view in ((folder, view) for folder, view in boards if any(view is one for one in usable)):
         try:
             pose = solve_board_pose([view], spec, camera, bent).T_camera_board
@@ -173,16 +170,13 @@ def _posed(
             dropped.append(DroppedView(view.name, error.what if isinstance(error, InputError) else str(error)))
             continue
         predicted, seen = camera.project(pose @ points[view.ids])
-        found.append((folder, view, pose, seen, view.corners_px[seen] - predicted[seen]))
-    masks = inlier_masks([entry[-1] for entry in found]) if found else []
-    kept = []
-    for (folder, view, pose, seen, residuals), good in zip(found, masks, strict=True):
-        if good.sum() >= _MIN_CORNERS:
-            ids = view.ids[seen][good]
-            kept.append(_CheckedView(view.name, folder, pose, view.corners_px[seen], residuals, good, ids))
-        else:
-            dropped.append(DroppedView(view.name, "most of its corners lie far off any pose of the board"))
-    return kept, dropped
+        ids, corners_px = view.ids[seen], view.corners_px[seen]
+        found.append(_CheckedView(view.name, folder, pose, ids, corners_px, corners_px - predicted[seen], seen))
+    masks = inlier_masks([view.residuals_px for view in found]) if found else []
+    found = [view._replace(good=good) for view, good in zip(found, masks, strict=True)]
+    odd = [view.name for view in found if view.good.sum() < _MIN_CORNERS]
+    dropped += [DroppedView(name, "most of its corners lie far off any pose of the board") for name in odd]
+    return [view for view in found if view.good.sum() >= _MIN_CORNERS], dropped
 
 
 def _pose_projected_out(camera: Camera, view: _CheckedView, board: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -262,7 +256,6 @@ def check_pose(
 
 
 def _with_jig_pose(rig: Rig, jig: PoseEstimate) -> Rig:
-    """The rig with the camera where the board in the jig puts it."""
     joint = joint_covariance(rig).copy()
     shared = jig.lens_sensitivity @ joint[_LENS, _LENS]
     joint[_POSE], joint[:, _POSE] = 0.0, 0.0

@@ -22,7 +22,13 @@ from vbaa_calib.geometry import Pose
 
 from .fusion import PoseEstimate
 
-_SAME_START_RAD = 0.02
+_SAME_START_RAD, _SAME_RAD = 0.02, 1e-3
+_MOVED_PX = 2.0
+_GROSS_CORNER, _GROSS_LEAST_PX = 20.0, 0.5
+_RULES = Rules(iterations=60, tolerance=1e-12, takes_last=True, may_rise_share=1e-13)
+AMBIGUOUS = 1.2
+"""A plane's second pose fits nearly as well where its error is less than this many times the first one's."""
+_OUT_OF_SIGHT_PX = 1e3
 
 
 def require_size(image_size: tuple[int, int], camera: Camera, where: object) -> None:
@@ -56,7 +62,6 @@ def start_poses(points: np.ndarray, normalized: np.ndarray) -> list[Pose]:
 
 
 def _turn_between(one: Pose, other: Pose) -> float:
-    """Angle between two orientations, rad."""
     return float(Rotation.from_matrix(one.rotation @ other.rotation.T).magnitude())
 
 
@@ -72,24 +77,6 @@ def mirrored(T_camera_board: Pose, points: np.ndarray) -> Pose:
     return Pose(rotation, centre - rotation @ centre_board)
 
 
-_MOVED_PX = 2.0
-_GROSS_CORNER = 20.0
-_GROSS_LEAST_PX = 0.5
-_SAME_RAD = 1e-3
-_RULES = Rules(iterations=60, tolerance=1e-12, takes_last=True, may_rise_share=1e-13)
-AMBIGUOUS = 1.2
-"""A plane's second pose fits nearly as well where its error is less than this many times the first one's."""
-_OUT_OF_SIGHT_PX = 1e3
-
-
-@dataclass(frozen=True, eq=False)
-class _PoseCandidate:
-    """A pose that explains the corners, and how well."""
-
-    T_camera_board: Pose
-    rms_px: float
-
-
 @dataclass(frozen=True, eq=False)
 class BoardPose:
     """Where the board is, seen from the camera. The board frame lies on the printed face; its thickness is the jig's.
@@ -99,7 +86,7 @@ class BoardPose:
     lens_sensitivity : (6, 4 + k) derivative of that tangent by the camera's (fx, fy, cx, cy, distortion). With the
         lens' covariance C the whole covariance is `covariance + S C Sᵀ`, and `S C` its covariance with the lens.
     rms_px : reprojection error over the corners used. corners : how many. left_out : how many were grossly wrong.
-    second : the other solution that a plane allows, where there is one.
+    second_ratio : the error of the second pose that a plane allows, over that of the first; None without one.
     """
 
     T_camera_board: Pose
@@ -108,12 +95,7 @@ class BoardPose:
     rms_px: float
     corners: int
     left_out: int
-    second: _PoseCandidate | None
-
-    @property
-    def second_ratio(self) -> float | None:
-        """Reprojection error of the second solution over that of the first."""
-        return None if self.second is None else self.second.rms_px / max(self.rms_px, 1e-12)
+    second_ratio: float | None
 
     @property
     def is_ambiguous(self) -> bool:
@@ -165,15 +147,10 @@ def solve_board_pose(
         by_point = by_pose[:, 3:].reshape(-1, 2, 3) @ first.rotation[:, 2]
         by_sagitta = inverse @ (by_point[..., None] * rise[inliers][:, None]).reshape(-1, 2)
         covariance = covariance + by_sagitta @ bent.covariance_m2 @ by_sagitta.T
-    return BoardPose(
-        first,
-        covariance,
-        -inverse @ by_lens,
-        _rms(residual),
-        len(good.points),
-        int((~inliers).sum()),
-        good.second(first, others),
-    )
+    rms_px, left_out = _rms(residual), int((~inliers).sum())
+    second_px = good.second_rms_px(first, others)
+    ratio = None if second_px is None else second_px / max(rms_px, 1e-12)
+    return BoardPose(first, covariance, -inverse @ by_lens, rms_px, len(good.points), left_out, ratio)
 
 
 def _mean_corners(views: Sequence[BoardView]) -> tuple[np.ndarray, np.ndarray]:
@@ -183,16 +160,14 @@ def _mean_corners(views: Sequence[BoardView]) -> tuple[np.ndarray, np.ndarray]:
     for row, view in zip(stack, views, strict=True):
         row[np.searchsorted(ids, view.ids)] = view.corners_px
     if not len(ids):
-        raise InputError(
-            "the board is not found in the pictures of the jig",
-            remedy="take them again with the board sharp, lit and wholly in view",
-        )
+        remedy = "take them again with the board sharp, lit and wholly in view"
+        raise InputError("the board is not found in the pictures of the jig", remedy=remedy)
     middle = np.nanmedian(stack, axis=0)
     for row, view in zip(stack, views, strict=True):
-        shift = np.linalg.norm(row - middle, axis=-1)
-        if np.isfinite(shift).any() and np.nanmedian(shift) > _MOVED_PX:
+        shift_px = np.linalg.norm(row - middle, axis=-1)
+        if np.isfinite(shift_px).any() and np.nanmedian(shift_px) > _MOVED_PX:
             raise InputError(
-                f"the board is {np.nanmedian(shift):.1f} px away from where the other pictures of the jig show it",
+                f"the board is {np.nanmedian(shift_px):.1f} px away from where the other pictures of the jig show it",
                 where=view.name,
                 remedy="keep the board fixed to the antenna's base, or remove that picture",
             )
@@ -257,12 +232,12 @@ class _Corners:
 
         return levenberg_marquardt(linearised(T_camera_board), step, moved, _RULES).at.pose
 
-    def second(self, first: Pose, others: Sequence[Pose]) -> _PoseCandidate | None:
-        """Another pose that explains the corners."""
+    def second_rms_px(self, first: Pose, others: Sequence[Pose]) -> float | None:
+        """Of another pose that explains the corners."""
         for start in others:
             pose = self.refined(start, SQUARES)
             if _turn_between(pose, first) > _SAME_RAD and self.camera.project(pose @ self.points)[1].all():
-                return _PoseCandidate(pose, _rms(self.residual(pose)))
+                return _rms(self.residual(pose))
         return None
 
 
