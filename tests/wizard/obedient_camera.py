@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 from benchmarks.guided.rigs import Rig, rigs, wanted_pose
-from vbaa_calib.calibrate.guide.next_view import LensProgress
+from vbaa_calib.calibrate.guide.next_view import ViewProgress
 from vbaa_calib.geometry import Pose
 from vbaa_calib.simulate.render.board import board_patch, print_sheet
 from vbaa_calib.simulate.render.picture import digitise, expose, studio, surroundings
@@ -35,7 +35,7 @@ class ObedientCamera:
     live = True
 
     def __init__(
-        self, wanted: Callable[[], LensProgress], frames: int, seed: int = 0, moving: int = 3, rig: Rig = RIG
+        self, wanted: Callable[[], ViewProgress], frames: int, seed: int = 0, moving: int = 3, rig: Rig = RIG
     ) -> None:
         self.name = "obedient"
         self.notes: tuple[str, ...] = ()

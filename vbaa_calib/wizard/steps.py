@@ -17,7 +17,7 @@ from vbaa_calib.calibrate.antenna.problem import GAIN, OFFSET
 from vbaa_calib.calibrate.check.assessment import assess
 from vbaa_calib.calibrate.faults.views import same_pose, view_set_diagnoses
 from vbaa_calib.calibrate.guide.next_load import load_progress
-from vbaa_calib.calibrate.guide.next_view import LensProgress, lens_progress, plane_progress
+from vbaa_calib.calibrate.guide.next_view import ViewProgress, lens_progress, plane_progress
 from vbaa_calib.calibrate.guide.suggestion import pose_match
 from vbaa_calib.calibrate.pipeline import calibrate
 from vbaa_calib.calibrate.report import doubts, rig_document
@@ -94,11 +94,11 @@ def _check_lens(state: SessionState, picture: Picture, readings: Readings | None
     return replace(check, closeness=close, closer=closer)
 
 
-def guidance(state: SessionState) -> LensProgress:
+def guidance(state: SessionState) -> ViewProgress:
     """How well the pictures determine points on plane C, and which pose improves that most."""
     size = state.live_size or (1280, 720)
 
-    def made() -> LensProgress:
+    def made() -> ViewProgress:
         try:
             solution = state.lens()
         except VbaaError:

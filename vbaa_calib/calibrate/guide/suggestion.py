@@ -11,14 +11,6 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from targets.board import BoardSpec, corner_points
-from vbaa_calib.calibrate.guide.view_uncertainty import (
-    LensDesign,
-    LensInformation,
-    WorkPlane,
-    mean_square,
-    nominal_intrinsics,
-    view_blocks,
-)
 from vbaa_calib.calibrate.lens.bundle import Observation
 from vbaa_calib.calibrate.lens.information import bend
 from vbaa_calib.calibrate.lens.models import LENS_MODELS, camera_of
@@ -27,21 +19,27 @@ from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.detect.board.view_quality import fixes_homography
 from vbaa_calib.geometry import Pose
 
+from .view_uncertainty import LensDesign, LensInformation, WorkPlane, mean_square, nominal_intrinsics, view_blocks
+
+NEAREST, FURTHEST = 0.6, 1.7
+"""Of plane C's distance: what lies beyond is out of focus in a camera that is sharp on plane C."""
 _FILLS = (0.9, 0.6, 0.4)
 """Shares of the picture's shorter relative side that the board takes up, near to far."""
-
-_COLUMNS, _LINES = (0.1, 0.3, 0.5, 0.7, 0.9), (0.1, 0.3, 0.5, 0.7, 0.9)
-_TILT_RAD = np.radians(38.0)
-_TILTS = 8
-LEAST_SHARE = 0.35
-"""Part of the board's corners that a picture must show."""
-_LEAST_CORNERS = 8
-_LEAST_MARKER_PX = 18.0
-_EDGE_PX = 3.0
+_GRID = (0.1, 0.3, 0.5, 0.7, 0.9)
+_TILT_RAD, _TILTS = np.radians(38.0), 8
+_LEAST_SHARE, _WHOLE_SHARE, _WHOLE_PICTURES = 0.35, 0.95, 3
+"""Part of the board's corners that a picture must show, the first few of them nearly all."""
+_LEAST_CORNERS, _LEAST_MARKER_PX, _EDGE_PX = 8, 18.0, 3.0
+_ROUNDS = 2
+_SIDES = ("right", "lower right", "lower", "lower left", "left", "upper left", "upper", "upper right")
+_FACING_RAD, _UPRIGHT_RAD = np.radians(8.0), np.radians(60.0)
+_MATCH_CORNERS = 6
+_PLACE_OFF, _DISTANCE_OFF, _TILT_OFF_RAD, _ROLL_OFF_RAD = 0.12, 0.2, np.radians(15.0), np.radians(40.0)
+_SAY = 0.6
 
 
 @dataclass(frozen=True, eq=False)
-class HeldPose:
+class _HeldPose:
     """How a board is held before the camera.
 
     place : (2,) of its middle in the picture, 0 to 1 from the upper left. distance_m : of its middle.
@@ -58,188 +56,12 @@ class HeldPose:
 
 
 @dataclass(frozen=True, eq=False)
-class ViewCandidate:
+class _ViewCandidate:
     """A pose of the board, and the ids (N,) of the corners that are visible with all their markers."""
 
-    held: HeldPose
+    held: _HeldPose
     T_camera_board: Pose
     ids: np.ndarray
-
-
-def coarse_poses(design: LensDesign, spec: BoardSpec, near_m: float, far_m: float) -> list[HeldPose]:
-    """A grid of distances within limits, of places, and of tilts in every direction."""
-    size = spec.square_m * np.array([spec.squares_x, spec.squares_y])
-    filled_m = np.max(size * design.intrinsics[:2] / np.array(design.image_size))
-    distances = sorted({float(np.clip(filled_m / fill, near_m, far_m)) for fill in _FILLS})
-    tilts = [(0.0, 0.0)] + [(_TILT_RAD, 2 * np.pi * index / _TILTS) for index in range(_TILTS)]
-    return [
-        HeldPose((x, y), distance, tilt, away, 0.0)
-        for distance in distances
-        for x in _COLUMNS
-        for y in _LINES
-        for tilt, away in tilts
-    ]
-
-
-def finer_poses(best: HeldPose, near_m: float, far_m: float) -> list[HeldPose]:
-    """Poses near the best so far: other places, distances and tilts, and a quarter turn."""
-    places = [(best.place[0] + dx, best.place[1] + dy) for dx in (-0.08, 0.0, 0.08) for dy in (-0.08, 0.0, 0.08)]
-    held = [replace(best, place=place) for place in places]
-    for ratio in (0.8, 1.0, 1.25):
-        distance = float(np.clip(ratio * best.distance_m, near_m, far_m))
-        for tilt in np.radians((0.0, 25.0, 38.0, 50.0)):
-            held += [HeldPose(best.place, distance, float(tilt), best.away_rad, roll) for roll in (0.0, np.pi / 2)]
-    return held
-
-
-def view_candidates(
-    design: LensDesign, spec: BoardSpec, held: Sequence[HeldPose], share: float = LEAST_SHARE
-) -> list[ViewCandidate]:
-    """Those poses that show at least a share of the board's corners, none too small or too steep to be read."""
-    places = np.array([one.place for one in held]) * (np.array(design.image_size) - 1)
-    rays, seen = design.camera.unproject(places)
-    kept = [one for one, ok in zip(held, seen.tolist(), strict=True) if ok]
-    poses = _poses(kept, rays[seen], spec)
-    shown = visible_corners(design.camera, poses, spec)
-    least = max(_LEAST_CORNERS, round(share * spec.corner_count))
-    return [
-        ViewCandidate(one, pose, ids) for one, pose, ids in zip(kept, poses, shown, strict=True) if len(ids) >= least
-    ]
-
-
-def visible_corners(camera: Camera, poses: Sequence[Pose], spec: BoardSpec) -> list[np.ndarray]:
-    """Ids (N,) of the corners whose four squares are in the picture, for each T_camera_board.
-
-    None where the board is seen so small or so steeply that its markers cannot be read.
-    """
-    if not poses:
-        return []
-    lattice, around = _lattice(spec)
-    pixels, valid = camera.project(np.concatenate([pose @ lattice for pose in poses]))
-    pixels, valid = pixels.reshape(len(poses), -1, 2), valid.reshape(len(poses), -1)
-    with np.errstate(invalid="ignore"):
-        inside = np.all((pixels > _EDGE_PX) & (pixels < np.array(camera.image_size) - 1 - _EDGE_PX), axis=-1)
-    found = []
-    for mask, own in zip((inside & valid)[:, around].all(axis=-1), pixels, strict=True):
-        ids = np.flatnonzero(mask)
-        readable = len(ids) and _smallest_px(own[around[ids]]) * spec.marker_m / spec.square_m > _LEAST_MARKER_PX
-        found.append(ids if readable else ids[:0])
-    return found
-
-
-def _poses(held: Sequence[HeldPose], rays: np.ndarray, spec: BoardSpec) -> list[Pose]:
-    """The board's middle on each ray (N, 3), turned to the camera, then tilted and rolled."""
-    if not held:
-        return []
-    across = np.stack([-rays[:, 1], rays[:, 0], np.zeros(len(rays))], axis=1)
-    sine = np.linalg.norm(across, axis=1)
-    facing = across * (np.arctan2(sine, rays[:, 2]) / np.maximum(sine, 1e-12))[:, None]
-    # tilted back towards `away`: the normal, which points away from the viewer, turns the opposite direction
-    tilt = np.array([[np.sin(one.away_rad), -np.cos(one.away_rad), 0.0] for one in held])
-    tilt *= np.array([one.tilt_rad for one in held])[:, None]
-    roll = np.array([[0.0, 0.0, one.roll_rad] for one in held])
-    turned = Rotation.from_rotvec(facing) * Rotation.from_rotvec(tilt) * Rotation.from_rotvec(roll)
-    half = spec.square_m * np.array([spec.squares_x, spec.squares_y, 0.0]) / 2
-    rotations = turned.as_matrix()
-    shifts = np.array([one.distance_m for one in held])[:, None] * rays - rotations @ half
-    return [Pose(rotation, shift) for rotation, shift in zip(rotations, shifts, strict=True)]
-
-
-@lru_cache(maxsize=8)
-def _lattice(spec: BoardSpec) -> tuple[np.ndarray, np.ndarray]:
-    """(m, 3) m all corners of squares, and (corner_count, 4) which lie diagonal to each inner corner."""
-    nx, ny = spec.squares_x + 1, spec.squares_y + 1
-    x, y = np.meshgrid(np.arange(nx), np.arange(ny))
-    lattice = spec.square_m * np.stack([x.ravel(), y.ravel(), np.zeros(nx * ny)], axis=1)
-    column, line = np.rint(corner_points(spec)[:, :2] / spec.square_m).astype(int).T
-    around = [(line + dy) * nx + column + dx for dy, dx in ((-1, -1), (-1, 1), (1, 1), (1, -1))]
-    return lattice, np.stack(around, axis=1)
-
-
-def _smallest_px(around: np.ndarray) -> float:
-    """Smallest height, px, of a square: from the diagonals (N, 4, 2) of the four squares around each corner."""
-    first, second = around[:, 2] - around[:, 0], around[:, 3] - around[:, 1]
-    area = np.abs(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]) / 2
-    sides = np.linalg.norm(around - np.roll(around, 1, axis=1), axis=-1)
-    return float((area / sides.max(axis=1)).min() / 2)
-
-
-def observation(candidate: ViewCandidate, spec: BoardSpec) -> Observation:
-    """Its corners, for derivatives alone: their pixels are 0."""
-    return Observation(corner_points(spec)[candidate.ids], np.zeros((len(candidate.ids), 2)), bend(spec)[candidate.ids])
-
-
-_SIDES = ("right", "lower right", "lower", "lower left", "left", "upper left", "upper", "upper right")
-_FACING_RAD = np.radians(8.0)
-_UPRIGHT_RAD = np.radians(60.0)
-_WHOLE = 0.95
-
-
-def seen_as(camera: Camera, T_camera_board: Pose, spec: BoardSpec) -> HeldPose:
-    """A pose as seen by the camera."""
-    half = spec.square_m * np.array([spec.squares_x, spec.squares_y, 0.0]) / 2
-    middle = T_camera_board @ half
-    distance = float(np.linalg.norm(middle))
-    ray = middle / distance
-    pixel, valid = camera.project(middle[None])
-    flat = camera.matrix[:2, 2] + np.diag(camera.matrix)[:2] * ray[:2] / max(ray[2], 0.05)
-    place = (pixel[0] if valid[0] else flat) / (np.array(camera.image_size) - 1)
-    normal = T_camera_board.rotation[:, 2]
-    cosine = float(normal @ ray)
-    tilt = -(normal - cosine * ray)
-    long_side = T_camera_board.rotation[:, 0 if spec.squares_x >= spec.squares_y else 1]
-    angle = float(np.arctan2(long_side[1], long_side[0]))
-    return HeldPose(
-        (float(place[0]), float(place[1])),
-        distance,
-        float(np.arccos(np.clip(abs(cosine), 0.0, 1.0))),
-        float(np.arctan2(tilt[1], tilt[0])),
-        float((angle + np.pi / 2) % np.pi - np.pi / 2),
-    )
-
-
-def _pose_words(camera: Camera, T_camera_board: Pose, spec: BoardSpec, corners: int, metric: bool) -> str:
-    """A pose for the terminal: where, how far, how turned; right and left as the picture shows them.
-
-    corners : how many of the board's are to be seen. metric : whether the distance is known.
-    """
-    seen = seen_as(camera, T_camera_board, spec)
-    parts = [f"board in the {_place_words(seen.place)} of the picture"]
-    if corners < _WHOLE * spec.corner_count:
-        parts[0] += f", partly outside it ({corners} of its {spec.corner_count} corners seen)"
-    if metric:
-        parts.append(f"{seen.distance_m:.2f} m away")
-    else:
-        size = spec.square_m * np.array([spec.squares_x, spec.squares_y])
-        share = np.max(size * np.diag(camera.matrix)[:2] / seen.distance_m / np.array(camera.image_size))
-        parts.append(f"so near that it fills {100 * min(share, 1.0):.0f} % of the picture's width or height")
-    parts.append(tilt_words(seen))
-    if abs(seen.roll_rad) > _UPRIGHT_RAD:
-        parts.append("its long side upright")
-    return ", ".join(parts)
-
-
-def tilt_words(held: HeldPose) -> str:
-    """Which edge is turned away from the camera, and by how much."""
-    if held.tilt_rad < _FACING_RAD:
-        return "facing the camera"
-    side, tilt_deg = _SIDES[round(held.away_rad / (np.pi / 4)) % 8], 5 * round(np.degrees(held.tilt_rad) / 5)
-    return f"its {side} {'corner' if ' ' in side else 'edge'} turned {tilt_deg}° away from the camera"
-
-
-def _place_words(place: tuple[float, float]) -> str:
-    """ "upper left", "middle", ... of the picture."""
-    across = "left" if place[0] < 0.4 else "right" if place[0] > 0.6 else ""
-    down = "upper" if place[1] < 0.4 else "lower" if place[1] > 0.6 else ""
-    return f"{down} {across or 'middle'}".strip()
-
-
-NEAREST, FURTHEST = 0.6, 1.7
-"""Of plane C's distance: what lies beyond is out of focus in a camera that is sharp on plane C."""
-
-_WHOLE_SHARE = 0.95
-_WHOLE_PICTURES = 3
-_ROUNDS = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -265,56 +87,179 @@ def best_next(
     """
     aim = np.eye(known.information.shape[0])[None] if sensitivity is None else sensitivity
     # the first pictures find the board and start the lens: all of it has to be seen
-    share = _WHOLE_SHARE if known.pictures < _WHOLE_PICTURES else LEAST_SHARE
+    share = _WHOLE_SHARE if known.pictures < _WHOLE_PICTURES else _LEAST_SHARE
     limits = NEAREST * plane.distance_m, FURTHEST * plane.distance_m
-    best = _best(known, coarse_poses(known.design, spec, *limits), spec, aim, share)
-    if best is None:
-        return None
-    for _ in range(_ROUNDS):
-        best = _best(known, [best[0].held, *finer_poses(best[0].held, *limits)], spec, aim, share) or best
-    candidate, square = best
+    held = coarse_poses(known.design, spec, *limits)
+    candidate, square = None, np.nan
+    for _ in range(1 + _ROUNDS):
+        found = view_candidates(known.design, spec, held, share)
+        if found:
+            poses = np.array([one.T_camera_board.vector for one in found])
+            blocks, _ = view_blocks(known.design, poses, [observation(one, spec) for one in found])
+            squares = mean_square(aim, known.information + blocks)
+            candidate, square = found[int(np.argmin(squares))], float(squares.min())
+        if candidate is None:
+            return None
+        held = [candidate.held, *_finer_poses(candidate.held, *limits)]
+    assert candidate is not None, "there is at least one round"
+    points, camera = corner_points(spec)[candidate.ids], known.design.camera
+    # corners outside the picture, where the lens may fold, by the homography of those inside
+    homography, _ = cv2.findHomography(points[:, :2], camera.project(candidate.T_camera_board @ points)[0])
+    outline = spec.square_m * np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) * (spec.squares_x, spec.squares_y)
     solved = known.solved and sensitivity is not None
     return Suggestion(
         candidate.T_camera_board,
-        _outline(known, candidate, spec),
-        _pose_words(known.design.camera, candidate.T_camera_board, spec, len(candidate.ids), known.solved),
+        cv2.perspectiveTransform(outline[None], homography)[0],
+        _pose_words(camera, candidate.T_camera_board, spec, len(candidate.ids), known.solved),
         known.inflation * float(np.sqrt(square)) if solved else np.nan,
     )
 
 
-def _best(
-    known: LensInformation, held: Sequence[HeldPose], spec: BoardSpec, aim: np.ndarray, share: float
-) -> tuple[ViewCandidate, float] | None:
-    found = view_candidates(known.design, spec, held, share)
-    if not found:
-        return None
-    poses = np.array([candidate.T_camera_board.vector for candidate in found])
-    blocks, _ = view_blocks(known.design, poses, [observation(candidate, spec) for candidate in found])
-    squares = mean_square(aim, known.information + blocks)
-    return found[int(np.argmin(squares))], float(squares.min())
+def coarse_poses(design: LensDesign, spec: BoardSpec, near_m: float, far_m: float) -> list[_HeldPose]:
+    """A grid of distances within limits, of places, and of tilts in every direction."""
+    size = spec.square_m * np.array([spec.squares_x, spec.squares_y])
+    filled_m = np.max(size * design.intrinsics[:2] / np.array(design.image_size))
+    distances = sorted({float(np.clip(filled_m / fill, near_m, far_m)) for fill in _FILLS})
+    tilts = [(0.0, 0.0)] + [(_TILT_RAD, 2 * np.pi * index / _TILTS) for index in range(_TILTS)]
+    places = [(x, y) for x in _GRID for y in _GRID]
+    return [_HeldPose(at, far, *tilt, 0.0) for far in distances for at in places for tilt in tilts]
 
 
-def _outline(known: LensInformation, candidate: ViewCandidate, spec: BoardSpec) -> np.ndarray:
-    """Corners that lie outside the picture, where the lens may fold, by the homography of those inside."""
-    points = corner_points(spec)[candidate.ids]
-    pixels, _ = known.design.camera.project(candidate.T_camera_board @ points)
-    homography, _ = cv2.findHomography(points[:, :2], pixels)
-    corners = spec.square_m * np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) * (spec.squares_x, spec.squares_y)
-    return cv2.perspectiveTransform(corners[None], homography)[0]
+def _finer_poses(best: _HeldPose, near_m: float, far_m: float) -> list[_HeldPose]:
+    """Poses near the best so far: other places, distances and tilts, and a quarter turn."""
+    places = [(best.place[0] + dx, best.place[1] + dy) for dx in (-0.08, 0.0, 0.08) for dy in (-0.08, 0.0, 0.08)]
+    held = [replace(best, place=place) for place in places]
+    for ratio in (0.8, 1.0, 1.25):
+        distance = float(np.clip(ratio * best.distance_m, near_m, far_m))
+        for tilt in np.radians((0.0, 25.0, 38.0, 50.0)):
+            held += [_HeldPose(best.place, distance, float(tilt), best.away_rad, roll) for roll in (0.0, np.pi / 2)]
+    return held
 
 
-_MATCH_CORNERS = 6
-_PLACE, _DISTANCE, _TILT_OFF_RAD = 0.12, 0.2, np.radians(15.0)
-_SAY = 0.6
-_LONG_RAD = np.radians(40.0)
+def view_candidates(
+    design: LensDesign, spec: BoardSpec, held: Sequence[_HeldPose], share: float = _LEAST_SHARE
+) -> list[_ViewCandidate]:
+    """Those poses that show at least a share of the board's corners, none too small or too steep to be read."""
+    places = np.array([one.place for one in held]) * (np.array(design.image_size) - 1)
+    rays, seen = design.camera.unproject(places)
+    kept = [one for one, ok in zip(held, seen.tolist(), strict=True) if ok]
+    poses = _poses(kept, rays[seen], spec)
+    shown = visible_corners(design.camera, poses, spec)
+    least = max(_LEAST_CORNERS, round(share * spec.corner_count))
+    every = map(_ViewCandidate, kept, poses, shown)
+    return [one for one in every if len(one.ids) >= least]
+
+
+def visible_corners(camera: Camera, poses: Sequence[Pose], spec: BoardSpec) -> list[np.ndarray]:
+    """Ids (N,) of the corners whose four squares are in the picture, for each T_camera_board.
+
+    None where the board is seen so small or so steeply that its markers cannot be read.
+    """
+    if not poses:
+        return []
+    lattice, around = _lattice(spec)
+    pixels, valid = camera.project(np.concatenate([pose @ lattice for pose in poses]))
+    pixels, valid = pixels.reshape(len(poses), -1, 2), valid.reshape(len(poses), -1)
+    with np.errstate(invalid="ignore"):
+        inside = np.all((pixels > _EDGE_PX) & (pixels < np.array(camera.image_size) - 1 - _EDGE_PX), axis=-1)
+    found = []
+    for mask, own in zip((inside & valid)[:, around].all(axis=-1), pixels, strict=True):
+        ids = np.flatnonzero(mask)
+        # the smallest height of a square, from the diagonals of the four squares around each corner
+        four = own[around[ids]]
+        first, second = four[:, 2] - four[:, 0], four[:, 3] - four[:, 1]
+        area = np.abs(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]) / 2
+        sides = np.linalg.norm(four - np.roll(four, 1, axis=1), axis=-1)
+        smallest_px = float((area / sides.max(axis=1)).min() / 2) if len(ids) else 0.0
+        found.append(ids if smallest_px * spec.marker_m / spec.square_m > _LEAST_MARKER_PX else ids[:0])
+    return found
+
+
+def _poses(held: Sequence[_HeldPose], rays: np.ndarray, spec: BoardSpec) -> list[Pose]:
+    """The board's middle on each ray (N, 3), turned to the camera, then tilted and rolled."""
+    if not held:
+        return []
+    across = np.stack([-rays[:, 1], rays[:, 0], np.zeros(len(rays))], axis=1)
+    sine = np.linalg.norm(across, axis=1)
+    facing = across * (np.arctan2(sine, rays[:, 2]) / np.maximum(sine, 1e-12))[:, None]
+    # tilted back towards `away`: the normal, which points away from the viewer, turns the opposite direction
+    tilt = np.array([[np.sin(one.away_rad), -np.cos(one.away_rad), 0.0] for one in held])
+    tilt *= np.array([one.tilt_rad for one in held])[:, None]
+    roll = np.array([[0.0, 0.0, one.roll_rad] for one in held])
+    turned = Rotation.from_rotvec(facing) * Rotation.from_rotvec(tilt) * Rotation.from_rotvec(roll)
+    rotations = turned.as_matrix()
+    shifts = np.array([one.distance_m for one in held])[:, None] * rays - rotations @ _half(spec)
+    return [Pose(rotation, shift) for rotation, shift in zip(rotations, shifts, strict=True)]
+
+
+def _half(spec: BoardSpec) -> np.ndarray:
+    return spec.square_m * np.array([spec.squares_x, spec.squares_y, 0.0]) / 2
+
+
+@lru_cache(maxsize=8)
+def _lattice(spec: BoardSpec) -> tuple[np.ndarray, np.ndarray]:
+    """(m, 3) m all corners of squares, and (corner_count, 4) which lie diagonal to each inner corner."""
+    nx, ny = spec.squares_x + 1, spec.squares_y + 1
+    x, y = np.meshgrid(np.arange(nx), np.arange(ny))
+    lattice = spec.square_m * np.stack([x.ravel(), y.ravel(), np.zeros(nx * ny)], axis=1)
+    column, line = np.rint(corner_points(spec)[:, :2] / spec.square_m).astype(int).T
+    around = [(line + dy) * nx + column + dx for dy, dx in ((-1, -1), (-1, 1), (1, 1), (1, -1))]
+    return lattice, np.stack(around, axis=1)
+
+
+def observation(candidate: _ViewCandidate, spec: BoardSpec) -> Observation:
+    """Its corners, for derivatives alone: their pixels are 0."""
+    return Observation(corner_points(spec)[candidate.ids], np.zeros((len(candidate.ids), 2)), bend(spec)[candidate.ids])
+
+
+def seen_as(camera: Camera, T_camera_board: Pose, spec: BoardSpec) -> _HeldPose:
+    """A pose as seen by the camera."""
+    middle = T_camera_board @ _half(spec)
+    distance = float(np.linalg.norm(middle))
+    ray = middle / distance
+    pixel, valid = camera.project(middle[None])
+    flat = camera.matrix[:2, 2] + np.diag(camera.matrix)[:2] * ray[:2] / max(ray[2], 0.05)
+    x, y = (pixel[0] if valid[0] else flat) / (np.array(camera.image_size) - 1)
+    normal = T_camera_board.rotation[:, 2]
+    cosine = float(normal @ ray)
+    across, down, _ = -(normal - cosine * ray)
+    long_side = T_camera_board.rotation[:, 0 if spec.squares_x >= spec.squares_y else 1]
+    angle = float(np.arctan2(long_side[1], long_side[0]))
+    tilt, away = float(np.arccos(np.clip(abs(cosine), 0.0, 1.0))), float(np.arctan2(down, across))
+    return _HeldPose((float(x), float(y)), distance, tilt, away, float((angle + np.pi / 2) % np.pi - np.pi / 2))
+
+
+def _pose_words(camera: Camera, T_camera_board: Pose, spec: BoardSpec, corners: int, metric: bool) -> str:
+    """A pose for the terminal: where, how far, how turned; right and left as the picture shows them.
+
+    corners : how many of the board's are to be seen. metric : whether the distance is known.
+    """
+    seen = seen_as(camera, T_camera_board, spec)
+    across = "left" if seen.place[0] < 0.4 else "right" if seen.place[0] > 0.6 else "middle"
+    down = "upper " if seen.place[1] < 0.4 else "lower " if seen.place[1] > 0.6 else ""
+    parts = [f"board in the {down}{across} of the picture"]
+    if corners < _WHOLE_SHARE * spec.corner_count:
+        parts[0] += f", partly outside it ({corners} of its {spec.corner_count} corners seen)"
+    if metric:
+        parts.append(f"{seen.distance_m:.2f} m away")
+    else:
+        size = 2.0 * _half(spec)[:2]
+        share = np.max(size * np.diag(camera.matrix)[:2] / seen.distance_m / np.array(camera.image_size))
+        parts.append(f"so near that it fills {100 * min(share, 1.0):.0f} % of the picture's width or height")
+    upright = ["its long side upright"] if abs(seen.roll_rad) > _UPRIGHT_RAD else []
+    return ", ".join([*parts, tilt_words(seen), *upright])
+
+
+def tilt_words(held: _HeldPose) -> str:
+    """Which edge is turned away from the camera, and by how much."""
+    if held.tilt_rad < _FACING_RAD:
+        return "facing the camera"
+    side, tilt_deg = _SIDES[round(held.away_rad / (np.pi / 4)) % 8], 5 * round(np.degrees(held.tilt_rad) / 5)
+    return f"its {side} {'corner' if ' ' in side else 'edge'} turned {tilt_deg}° away from the camera"
 
 
 def pose_match(
-    suggestion: Suggestion,
-    view: BoardView,
-    spec: BoardSpec,
-    camera: Camera | None,
-    image_size: tuple[int, int],
+    suggestion: Suggestion, view: BoardView, spec: BoardSpec, camera: Camera | None, image_size: tuple[int, int]
 ) -> tuple[float, str]:
     """0 to 1, and what to change in words ("further left, nearer"). Above about 0.6 is as good as the pose itself.
 
@@ -332,22 +277,19 @@ def pose_match(
         ok, rotvec, shift = cv2.solvePnP(points[valid], flat[valid], np.eye(3), None)
     if not ok or shift[2, 0] <= 0.0:
         return 0.0, "the board is seen at too flat an angle"
-    pose = Pose.from_rotvec(rotvec.ravel(), shift.ravel())
-    return _compared(seen_as(camera, suggestion.T_camera_board, spec), seen_as(camera, pose, spec))
-
-
-def _compared(wanted: HeldPose, seen: HeldPose) -> tuple[float, str]:
+    wanted = seen_as(camera, suggestion.T_camera_board, spec)
+    seen = seen_as(camera, Pose.from_rotvec(rotvec.ravel(), shift.ravel()), spec)
     across, down = np.subtract(wanted.place, seen.place)
     farther = np.log(wanted.distance_m / seen.distance_m)
     tilt = wanted.tilt_rad * np.exp(1j * wanted.away_rad) - seen.tilt_rad * np.exp(1j * seen.away_rad)
     turn = (wanted.roll_rad - seen.roll_rad + np.pi / 2) % np.pi - np.pi / 2
     parts = [
-        (abs(across) / _PLACE, "further right" if across > 0 else "further left"),
-        (abs(down) / _PLACE, "lower" if down > 0 else "higher"),
-        (abs(farther) / _DISTANCE, "farther away" if farther > 0 else "nearer"),
+        (abs(across) / _PLACE_OFF, "further right" if across > 0 else "further left"),
+        (abs(down) / _PLACE_OFF, "lower" if down > 0 else "higher"),
+        (abs(farther) / _DISTANCE_OFF, "farther away" if farther > 0 else "nearer"),
         (float(abs(tilt)) / _TILT_OFF_RAD, tilt_words(wanted)),
-        (0.6 * max(abs(turn) / _LONG_RAD - 0.5, 0.0) * 2, "turned by a quarter" if abs(turn) > 1.0 else "less askew"),
+        (1.2 * max(abs(turn) / _ROLL_OFF_RAD - 0.5, 0.0), "turned by a quarter" if abs(turn) > 1.0 else "less askew"),
     ]
     share = float(1.0 / (1.0 + 0.4 * sum(size**2 for size, _ in parts)))
     said = [words for size, words in sorted(parts, reverse=True) if size > _SAY][:3]
-    return share, ", ".join(said) if said else "hold it there"
+    return share, ", ".join(said) or "hold it there"
