@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from vbaa_calib.camera import Camera
@@ -159,7 +160,7 @@ def matrix_of(fx: float, fy: float, cx: float, cy: float) -> np.ndarray:
     return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
 
 
-def checked(model: str, size: tuple[int, int], matrix: np.ndarray, coefficients: Sequence[float], path: Path) -> Camera:
+def checked(model: str, size: tuple[int, int], matrix: np.ndarray, coefficients: ArrayLike, path: Path) -> Camera:
     """A camera from its matrix (3, 3) and its coefficients. Raises InputError naming the file."""
     try:
         return Camera(model, size, matrix, np.array(coefficients, float))
