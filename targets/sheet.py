@@ -1,9 +1,10 @@
-"""The printed board: its sizes, its description in words and YAML, and its layout on a page."""
+"""The printed board: papers, its description in words and YAML, its layout on a page, and what a page is made of."""
 
 from __future__ import annotations
 
 import hashlib
 import math
+import re
 from bisect import bisect_left
 from dataclasses import dataclass, replace
 from typing import Any
@@ -14,7 +15,90 @@ from reportlab.graphics.barcode import qrencoder
 from reportlab.lib.utils import simpleSplit
 
 from .board import DICTIONARY_SIZES, BoardSpec, spec_line
-from .paper import PAPERS_MM, Label, Paper
+
+Loop = tuple[tuple[float, float], ...]
+"""A closed polygon's corners (x, y), the last joined to the first."""
+PAPERS_MM = {
+    "A5": (148.0, 210.0),
+    "A4": (210.0, 297.0),
+    "Letter": (215.9, 279.4),
+    "Legal": (215.9, 355.6),
+    "A3": (297.0, 420.0),
+    "Tabloid": (279.4, 431.8),
+    "A2": (420.0, 594.0),
+    "A1": (594.0, 841.0),
+    "A0": (841.0, 1189.0),
+}
+"""Upright, the smallest first."""
+_LEAST_MM, _MOST_MM = 60.0, 5000.0  # a PDF page without user units ends at 5080 mm
+
+
+@dataclass(frozen=True)
+class Paper:
+    """A sheet of paper, upright: `width_mm` ≤ `height_mm`. `name` is how it was asked for."""
+
+    name: str
+    width_mm: float
+    height_mm: float
+
+
+def paper_named(text: str) -> Paper:
+    """A paper by its name, or by its size such as 210x297, in mm. Raises ValueError."""
+    for name, (width, height) in PAPERS_MM.items():
+        if text.strip().lower() == name.lower():
+            return Paper(name, width, height)
+    number = r"(\d+(?:\.\d+)?)"
+    found = re.fullmatch(rf"\s*{number}\s*[xX×]\s*{number}\s*(?:mm)?\s*", text)
+    if not found:
+        raise ValueError(
+            f"paper is {text!r}: {', '.join(PAPERS_MM)} or width x height in mm, such as 300x200, is needed"
+        )
+    width, height = sorted(float(side) for side in found.groups())
+    if width < _LEAST_MM or height > _MOST_MM:
+        raise ValueError(f"paper is {text!r}: sides from {_LEAST_MM:g} to {_MOST_MM:g} mm are needed")
+    return Paper(f"{width:g}x{height:g}", width, height)
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A black area: outlines in mm, filled by the even-odd rule."""
+
+    loops: tuple[Loop, ...]
+
+
+@dataclass(frozen=True)
+class Stroke:
+    """A straight line from (x0, y0) to (x1, y1), mm, with flat ends."""
+
+    x0: float
+    y0: float
+    x1: float
+    y1: float
+    width: float
+
+
+@dataclass(frozen=True)
+class Label:
+    """Text on a baseline that begins or is centred at (x, y) mm; `turned` reads upwards."""
+
+    x: float
+    y: float
+    text: str
+    size_mm: float
+    bold: bool = False
+    centred: bool = False
+    turned: bool = False
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """A page: x from its left edge to the right, y from its top edge down, mm."""
+
+    width_mm: float
+    height_mm: float
+    marks: tuple[Shape | Stroke | Label, ...]
+    title: str
+    subject: str
 
 
 def board_id(spec: BoardSpec) -> str:
@@ -156,12 +240,14 @@ def _fitting(spec: BoardSpec, paper: Paper, margin: float) -> Layout | None:
     for size in _SIZES:
         layouts = [layout for page in pages if (layout := _on_page(spec, page, margin, size)) is not None]
         if layouts:
-            return max(layouts, key=_room)
+            # that with the most white around the board
+            return max(
+                layouts,
+                key=lambda layout: min(
+                    layout.width - layout.board_width, layout.height - layout.board_height - layout.header_height
+                ),
+            )
     return None
-
-
-def _room(layout: Layout) -> float:
-    return min(layout.width - layout.board_width, layout.height - layout.board_height - layout.header_height)
 
 
 def _on_page(spec: BoardSpec, page: tuple[float, float], margin: float, size: float) -> Layout | None:

@@ -1,17 +1,19 @@
-"""The page with board, rulers, words and QR code, as PDF or SVG, in millimetres."""
+"""The board drawn: on a page with rulers, words and QR code as PDF or SVG, or for a screen in whole pixels."""
 
 from __future__ import annotations
 
 import io
+from collections import defaultdict
 from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from xml.sax.saxutils import escape
 
+import cv2
+import numpy as np
 from reportlab.pdfgen.canvas import FILL_EVEN_ODD, Canvas
 
-from .board import BoardSpec, spec_line
-from .paper import Drawing, Label, Shape, Stroke
-from .pattern import board_shapes, outlines, placed
-from .sheet import PT_PER_MM, Layout, board_id, font_name, qr_modules
+from .board import BoardSpec, opencv_board, spec_line
+from .sheet import PT_PER_MM, Drawing, Label, Layout, Loop, Shape, Stroke, board_id, font_name, qr_modules
 
 _TICK_WIDTH_MM, _END_WIDTH_MM = 0.12, 0.2
 _TICKS_MM = {1: 1.8, 5: 2.6, 10: 3.6}
@@ -22,12 +24,67 @@ _UNIT_MM = 2.6  # from the last tick, past half its number
 _QR_QUIET = 4
 
 
+def outlines(black: np.ndarray) -> tuple[Loop, ...]:
+    """The border of the black cells of a (rows, columns) mask, in cells; to be filled by the even-odd rule.
+
+    One outline round neighbouring cells, not one rectangle each: viewers that smooth edges show a hairline between
+    rectangles that touch.
+    """
+    steps: defaultdict[tuple[int, int], list[tuple[int, int]]] = defaultdict(list)
+    padded = np.pad(np.asarray(black, bool), 1)
+    # borders between a cell and the one below it run along x, between a cell and the one right of it along y
+    below, beside = (np.argwhere(changes).tolist() for changes in (np.diff(padded, axis=0), np.diff(padded, axis=1)))
+    for a, b in [((x - 1, y), (x, y)) for y, x in below] + [((x, y - 1), (x, y)) for y, x in beside]:
+        steps[a].append(b)
+        steps[b].append(a)
+    loops = []
+    while steps:
+        loop = [min(steps)]
+        while len(loop) == 1 or loop[-1] != loop[0]:
+            at, to = loop[-1], steps[loop[-1]].pop()
+            steps[to].remove(at)
+            for end in (at, to):
+                if not steps[end]:
+                    del steps[end]
+            loop.append(to)
+        ends = zip([loop[-2], *loop[:-2]], loop[:-1], loop[1:], strict=True)
+        # only where it turns
+        loops.append(tuple((x, y) for (ax, ay), (x, y), (bx, by) in ends if not (ax == x == bx or ay == y == by)))
+    return tuple(loops)
+
+
+def board_shapes(spec: BoardSpec) -> list[tuple[Loop, ...]]:
+    """The black squares all together, then marker by marker: outlines for the even-odd rule, mm in the board frame.
+
+    Together, because viewers move a rectangle that stands alone to whole pixels.
+    """
+    square, marker = 1e3 * spec.square_m, 1e3 * spec.marker_m
+    board, black = opencv_board(spec), np.ones((spec.squares_y, spec.squares_x), bool)
+    markers = []
+    for number, corners in zip(np.ravel(board.getIds()), board.getObjPoints(), strict=True):
+        column, row = (np.asarray(corners)[:, :2].mean(axis=0) // spec.square_m).astype(int).tolist()
+        black[row, column] = False
+        cells = cv2.aruco.generateImageMarker(board.getDictionary(), int(number), spec.modules) < 128
+        at = (length * square + (square - marker) / 2 for length in (column, row))
+        markers.append(placed(outlines(cells), marker / spec.modules, *at))
+    return [placed(outlines(black), square, 0.0, 0.0), *markers]
+
+
+def placed(loops: tuple[Loop, ...], scale: float, x: float, y: float) -> tuple[Loop, ...]:
+    """The same outlines, scaled and then shifted."""
+    return tuple(tuple((x + scale * u, y + scale * v) for u, v in loop) for loop in loops)
+
+
 def draw(spec: BoardSpec, layout: Layout) -> Drawing:
     """The whole page."""
     marks: list[Shape | Stroke | Label] = [
         Shape(placed(shape, 1.0, layout.board_x, layout.board_y)) for shape in board_shapes(spec)
     ]
-    marks += [*_ruler(layout, turned=False), *_ruler(layout, turned=True), *layout.header, _qr(spec, layout)]
+    dark = qr_modules(spec_line(spec))
+    # the quiet zone counts as part of the code's room, so that the code ends where the text's margin does
+    module = layout.qr / (len(dark) + _QR_QUIET)
+    qr = placed(outlines(dark), module, layout.width - layout.margin - module * len(dark), layout.margin)
+    marks += [*_ruler(layout, turned=False), *_ruler(layout, turned=True), *layout.header, Shape(qr)]
     return Drawing(layout.width, layout.height, tuple(marks), f"ChArUco board {board_id(spec)}", spec_line(spec))
 
 
@@ -52,26 +109,13 @@ def _ruler(layout: Layout, turned: bool) -> Iterator[Stroke | Label]:
         return (left - aside, up - along) if turned else (right + along, low + aside)
 
     yield Stroke(*at(0, 0), *at(length, 0), _TICK_WIDTH_MM)
-    for place, tick, width, number in _ticks(round(length)):
+    for place in range(round(length) + 1):
+        tick = max(each for every, each in _TICKS_MM.items() if place % every == 0)
+        width = _END_WIDTH_MM if place in (0, round(length)) else _TICK_WIDTH_MM
         yield Stroke(*at(place, 0), *at(place, size * tick), width)
-        if number:
-            yield Label(*at(place, numbers), number, letters, centred=True, turned=turned)
+        if place % 10 == 0:
+            yield Label(*at(place, numbers), str(place), letters, centred=True, turned=turned)
     yield Label(*at(length + size * _UNIT_MM, numbers), "mm", letters, turned=turned)
-
-
-def _ticks(length: int) -> Iterator[tuple[int, float, float, str]]:
-    for at in range(length + 1):
-        tick = max(size for every, size in _TICKS_MM.items() if at % every == 0)
-        width = _END_WIDTH_MM if at in (0, length) else _TICK_WIDTH_MM
-        yield at, tick, width, str(at) if at % 10 == 0 else ""
-
-
-def _qr(spec: BoardSpec, layout: Layout) -> Shape:
-    dark = qr_modules(spec_line(spec))
-    # the quiet zone counts as part of the code's room, so that the code ends where the text's margin does
-    module = layout.qr / (len(dark) + _QR_QUIET)
-    x = layout.width - layout.margin - module * len(dark)
-    return Shape(placed(outlines(dark), module, x, layout.margin))
 
 
 def as_pdf(drawing: Drawing) -> bytes:
@@ -153,3 +197,58 @@ def _element(mark: Shape | Stroke | Label) -> str:
 
 def _number(value: float) -> str:
     return f"{value:.6f}".rstrip("0").rstrip(".")
+
+
+_LEAST_MODULE_PX = 2
+_MOST_PIXELS = 100_000_000
+_PX_PER_MM = 0.5, 500.0
+
+
+@dataclass(frozen=True)
+class ScreenBoard:
+    """A board in pixels: sides of its squares and markers, and the white around it, all whole numbers.
+
+    `spec` has the sizes that it really has on that screen.
+    """
+
+    spec: BoardSpec
+    square_px: int
+    marker_px: int
+    margin_px: int
+
+    @property
+    def size_px(self) -> tuple[int, int]:
+        """Width and height of the picture."""
+        columns, rows = self.spec.squares_x, self.spec.squares_y
+        return columns * self.square_px + 2 * self.margin_px, rows * self.square_px + 2 * self.margin_px
+
+
+def on_screen(wanted: BoardSpec, px_per_mm: float) -> ScreenBoard:
+    """The board nearest to the wanted one whose squares, markers, modules and gaps are whole pixels.
+
+    Raises ValueError where a module would be smaller than two pixels, or the picture too large.
+    """
+    low, high = _PX_PER_MM
+    if not low <= px_per_mm <= high:
+        raise ValueError(f"the screen has {px_per_mm:g} pixels per mm: {low:g} to {high:g} are needed")
+    square, marker = (1e3 * length * px_per_mm for length in (wanted.square_m, wanted.marker_m))
+    module = round(marker / wanted.modules)
+    if module < _LEAST_MODULE_PX:
+        least = _LEAST_MODULE_PX * wanted.modules / px_per_mm * wanted.square_m / wanted.marker_m
+        raise ValueError(
+            f"squares of {1e3 * wanted.square_m:g} mm are {square:.1f} pixels there, too few to draw the markers; "
+            f"take squares of {least:.3g} mm or more"
+        )
+    marker_px = module * wanted.modules
+    side = marker_px + 2 * max(1, round((square - marker_px) / 2))
+    square_m, marker_m = (round(1e-3 * pixels / px_per_mm, 12) for pixels in (side, marker_px))
+    board = ScreenBoard(replace(wanted, square_m=square_m, marker_m=marker_m), side, marker_px, (side + 1) // 2)
+    width, height = board.size_px
+    if width * height > _MOST_PIXELS:
+        raise ValueError(f"the picture would have {width} x {height} pixels, more than any screen")
+    return board
+
+
+def as_pixels(board: ScreenBoard) -> np.ndarray:
+    """(rows, columns) uint8 picture, black on white."""
+    return np.asarray(opencv_board(board.spec).generateImage(board.size_px, marginSize=board.margin_px))

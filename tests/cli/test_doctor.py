@@ -16,8 +16,7 @@ import pytest
 
 from vbaa_calib.cli import doctor as verb
 from vbaa_calib.core.errors import Diagnosis
-from vbaa_calib.doctor import machine, packages
-from vbaa_calib.doctor.finding import FAILS, LOOK, OK, Finding
+from vbaa_calib.doctor import FAILS, LOOK, OK, Finding, machine, packages
 from vbaa_calib.doctor.machine import Tried
 
 

@@ -16,8 +16,7 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vbaa_calib.core.files import read_json, read_yaml, write_json, write_text
-from vbaa_calib.core.yaml_text import UniqueKeyDumper
+from vbaa_calib.core.files import UniqueKeyDumper, read_json, read_yaml, write_json, write_text
 from vbaa_calib.rig import Antenna, Rig
 from vbaa_calib.wizard.store import AcceptedPicture, Journal, RefusedPicture, StepRecord
 

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from targets.board import BoardSpec, corner_points, opencv_board
-from targets.paper import PAPERS_MM, paper_named
-from targets.screen import as_pixels, on_screen
-from targets.sheet import fill_in, lay_out
+from targets.sheet import PAPERS_MM, fill_in, lay_out, paper_named
+from targets.write_sheet import as_pixels, on_screen
 
 
 @pytest.mark.parametrize("seed", range(6))

@@ -13,10 +13,8 @@ import pytest
 import yaml
 
 from targets.board import BoardSpec, corner_points, opencv_board, spec_line
-from targets.paper import PAPERS_MM, Label, Shape, Stroke, paper_named
-from targets.pattern import board_shapes, outlines
-from targets.sheet import Layout, board_id, lay_out, spec_document
-from targets.write_sheet import as_pdf, as_svg, draw, ruler_origin
+from targets.sheet import PAPERS_MM, Label, Layout, Shape, Stroke, board_id, lay_out, paper_named, spec_document
+from targets.write_sheet import as_pdf, as_svg, board_shapes, draw, outlines, ruler_origin
 from vbaa_calib.detect.board.board_file import load_board
 
 A4_BOARD = BoardSpec(11, 7, 0.020, 0.015)

@@ -90,8 +90,7 @@ def _refuse_flags(args: argparse.Namespace, names: tuple[str, ...], why: str) ->
 
 
 def _for_paper(args: argparse.Namespace, kind: str) -> dict[str, Any]:
-    from targets.paper import paper_named
-    from targets.sheet import MARGIN_MM, lay_out
+    from targets.sheet import MARGIN_MM, lay_out, paper_named
     from targets.write_sheet import as_pdf, as_svg, draw
 
     paper = paper_named("A4" if args.paper is None else args.paper)
@@ -109,7 +108,13 @@ def _for_paper(args: argparse.Namespace, kind: str) -> dict[str, Any]:
     }
     say(f"paper    {paper.name} {layout.orientation}, {layout.width:g} x {layout.height:g} mm")
     say(f"rulers   {layout.ruler_x:g} mm along the lower edge (x), {layout.ruler_y:g} mm along the left one (y)")
-    _say_warnings(result, spec)
+    module, gap = 1e3 * spec.marker_m / spec.modules, 500 * (spec.square_m - spec.marker_m)
+    fine = f"a marker's module is {module:.2g} mm: few printers draw it clean, few cameras see it"
+    tight = f"{gap:.2g} mm of white around a marker is little: markers of 3/4 of the square are found best"
+    rules = (module < _FINE_MODULE_MM, fine), (gap < 0.5 * module, tight)
+    result["warnings"] = [words for holds, words in rules if holds]
+    for warning in result["warnings"]:
+        say(f"look at  {warning}")
     say("next     print it at 100 %, glue it to something flat, and measure both rulers (docs/board.md)")
     return result
 
@@ -117,7 +122,7 @@ def _for_paper(args: argparse.Namespace, kind: str) -> dict[str, Any]:
 def _for_screens(args: argparse.Namespace) -> dict[str, Any]:
     import cv2
 
-    from targets.screen import as_pixels, on_screen
+    from targets.write_sheet import as_pixels, on_screen
 
     if args.px_per_mm is None and args.screen_ppi is None:
         remedy = "give --screen-ppi (pixels along the diagonal by its inches) or --px-per-mm"
@@ -157,16 +162,13 @@ def _wanted(args: argparse.Namespace, **room: Any) -> BoardSpec:
             raise InputError(what, where="vbaa board", remedy=remedy)
     given = {name: getattr(args, name) for name in ("square_mm", "marker_mm", "dictionary")} | room
     given |= {"legacy_pattern": bool(args.legacy), "thickness_m": round(1e-3 * (args.thickness_mm or 0.0), 12)}
-    return fill_in(_counts(args.squares), **given)
-
-
-def _counts(text: str | None) -> tuple[int, int] | None:
-    if text is None:
-        return None
-    found = re.fullmatch(r"\s*([0-9]{1,6})\s*[xX×]\s*([0-9]{1,6})\s*", text)
+    if args.squares is None:
+        return fill_in(**given)
+    found = re.fullmatch(r"\s*([0-9]{1,6})\s*[xX×]\s*([0-9]{1,6})\s*", args.squares)
     if not found:
-        raise InputError(f"--squares is {text!r}", where="vbaa board", remedy="give columns x rows, such as 11x7")
-    return int(found[1]), int(found[2])
+        what = f"--squares is {args.squares!r}"
+        raise InputError(what, where="vbaa board", remedy="give columns x rows, such as 11x7")
+    return fill_in((int(found[1]), int(found[2])), **given)
 
 
 def _write_spec(args: argparse.Namespace, spec: BoardSpec, changed: bool) -> Path | None:
@@ -209,16 +211,3 @@ def _write(args: argparse.Namespace, data: bytes, spec: BoardSpec, written: Path
         "corners": spec.corner_count,
         "markers": spec.marker_count,
     }
-
-
-def _say_warnings(result: dict[str, Any], spec: BoardSpec) -> None:
-    module = 1e3 * spec.marker_m / spec.modules
-    gap = 500 * (spec.square_m - spec.marker_m)
-    warnings = []
-    if module < _FINE_MODULE_MM:
-        warnings.append(f"a marker's module is {module:.2g} mm: few printers draw it clean, few cameras see it")
-    if gap < 0.5 * module:
-        warnings.append(f"{gap:.2g} mm of white around a marker is little: markers of 3/4 of the square are found best")
-    result["warnings"] = warnings
-    for warning in warnings:
-        say(f"look at  {warning}")

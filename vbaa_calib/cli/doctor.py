@@ -9,8 +9,7 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from vbaa_calib.core.errors import Diagnosis
-from vbaa_calib.doctor import machine, packages
-from vbaa_calib.doctor.finding import FAILS, LOOK, OK, Finding
+from vbaa_calib.doctor import FAILS, LOOK, OK, Finding, machine, packages
 
 CHECKS: dict[str, Callable[[], Finding]] = {
     "python": packages.python_version,
@@ -44,7 +43,11 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         findings.append(finding)
         _print(_as_lines(finding))
     counts = {status: sum(finding.status == status for finding in findings) for status in (OK, LOOK, FAILS)}
-    _print(["", _verdict(counts)])
+    total = len(findings)
+    verdict = f"healthy; {counts[LOOK]} of {total} deserve a look" if counts[LOOK] else "healthy"
+    if counts[FAILS]:
+        verdict = f"not healthy: {counts[FAILS]} of {total} fail; do what stands beside them, and look again"
+    _print(["", verdict])
     return {
         "healthy": counts[FAILS] == 0,
         "exit_code": int(counts[FAILS] > 0),
@@ -62,16 +65,6 @@ def _examine(checks: Mapping[str, Callable[[], Finding]]) -> Iterator[Finding]:
             words = f"could not be looked at ({type(error).__name__}: {' '.join(str(error).split())})"
             remedy = "mend what is told above, and look again"
             yield Finding(name, words, (Diagnosis("check_broke", f"{name} {words}", remedy, grave=True),))
-
-
-def _verdict(counts: Mapping[str, int]) -> str:
-    if counts[FAILS]:
-        return (
-            f"not healthy: {counts[FAILS]} of {sum(counts.values())} fail; do what stands beside them, and look again"
-        )
-    if counts[LOOK]:
-        return f"healthy; {counts[LOOK]} of {sum(counts.values())} deserve a look"
-    return "healthy"
 
 
 def _as_lines(finding: Finding) -> list[str]:

@@ -60,7 +60,13 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         if args.output.exists() and not args.force:
             remedy = "give --overwrite to replace it, or another name"
             raise InputError("exists already", where=args.output, remedy=remedy)
-    moment = _second_moment(args.diameter, args.second_moment, args.distance_m)
+    diameter, moment = args.diameter, args.second_moment
+    if diameter is not None:
+        if not 0.0 < diameter < args.distance_m:
+            raise InputError(f"--diameter is {diameter:g}", remedy="give metres, less than the rod's length")
+        moment = math.pi * diameter**4 / 64.0
+    elif moment is not None and not 0.0 < moment < args.distance_m**4:
+        raise InputError(f"--second-moment is {moment:g}", remedy="give m^4 (1 mm^4 is 1e-12): π d⁴/64, or b h³/12")
     if not 0.0 <= args.clamp_share <= 1.0:
         raise InputError(f"--clamp-share is {args.clamp_share:g}", remedy="give a share from 0 (rigid) to 1")
     table = read_deflections(args.table, args.force_N, args.distance_m)
@@ -78,18 +84,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         say(f"wrote {args.output}")
         return {"output": str(args.output), **document}
     return document
-
-
-def _second_moment(diameter_m: float | None, second_moment_m4: float | None, distance_m: float) -> float | None:
-    if diameter_m is not None:
-        if not 0.0 < diameter_m < distance_m:
-            raise InputError(f"--diameter is {diameter_m:g}", remedy="give metres, less than the rod's length")
-        return math.pi * diameter_m**4 / 64.0
-    if second_moment_m4 is not None and not 0.0 < second_moment_m4 < distance_m**4:
-        raise InputError(
-            f"--second-moment is {second_moment_m4:g}", remedy="give m^4 (1 mm^4 is 1e-12): π d⁴/64, or b h³/12"
-        )
-    return second_moment_m4
 
 
 def _stiffness_document(

@@ -33,10 +33,12 @@ def csv_rows(path: Path, columns: Sequence[str], optional: Sequence[str] = ()) -
         raise InputError("is empty", where=path, remedy=f"the first line must name the columns {','.join(columns)}")
     places, line = places_of(header, columns, optional, path), 0
     for line, cells in rows:
-        check_count(cells, header, f"{path} line {line}")
+        if len(cells) != len(header):
+            what = f"has {len(cells)} cells, the header {len(header)}"
+            raise InputError(what, where=f"{path} line {line}", remedy="mend the row")
         yield {name: cells[at] for name, at in places.items()} | {"line": str(line)}
     if line == 0:
-        raise no_rows(path)
+        raise InputError("has a header but no rows", where=path, remedy="add at least one row")
 
 
 def _filled(path: Path) -> Iterator[tuple[int, list[str]]]:
@@ -52,7 +54,8 @@ def _filled(path: Path) -> Iterator[tuple[int, list[str]]]:
                 if any(cells):
                     yield line, cells
     except csv.Error as error:
-        raise no_csv(error, f"{path} line {reader.line_num}") from None
+        where = f"{path} line {reader.line_num}"
+        raise InputError(f"is not a valid CSV ({error})", where=where, remedy="write it again") from None
     except UnicodeDecodeError:
         raise InputError("is not UTF-8 text", where=path, remedy="save it as UTF-8") from None
     except OSError as error:
@@ -81,22 +84,6 @@ def places_of(header: Sequence[str], columns: Sequence[str], optional: Sequence[
             remedy = f"separate the cells by commas, not by {other!r}"
         raise InputError(f"column {name} {problem}", where=path, remedy=remedy)
     return {name: header.index(name) for name in known}
-
-
-def check_count(cells: Sequence[str], header: Sequence[str], where: str) -> None:
-    """Raises InputError for a row that has not as many cells as the header."""
-    if len(cells) != len(header):
-        raise InputError(f"has {len(cells)} cells, the header {len(header)}", where=where, remedy="mend the row")
-
-
-def no_csv(error: csv.Error, where: str) -> InputError:
-    """What to say of a line that is none of a CSV."""
-    return InputError(f"is not a valid CSV ({error})", where=where, remedy="write it again")
-
-
-def no_rows(path: Path) -> InputError:
-    """What to say of a header alone."""
-    return InputError("has a header but no rows", where=path, remedy="add at least one row")
 
 
 def number(row: Mapping[str, str], column: str, path: Path) -> float:

@@ -8,10 +8,11 @@ import io
 import json
 import math
 import os
+import re
 import shutil
 import stat
 import tempfile
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -19,12 +20,13 @@ from typing import Any
 import yaml
 
 from .errors import InputError
-from .yaml_text import UniqueKeyLoader
 
 MOST_BYTES = 2_000_000_000
 _MOST_YAML_BYTES = 1_000_000
 """What people write by hand; PyYAML takes seconds for it."""
 _MOST_JSON_BYTES = 256_000_000
+_MOST_VALUES = 1e6
+"""That a YAML file stands for, its aliases written out."""
 
 
 def read_bytes(path: Path, kind: str = "file", most: int = MOST_BYTES) -> bytes:
@@ -65,6 +67,80 @@ def read_text(path: Path, most: int = MOST_BYTES) -> str:
     except UnicodeDecodeError:
         raise InputError("is not UTF-8 text", where=path, remedy="save it as UTF-8") from None
     return io.IncrementalNewlineDecoder(None, translate=True).decode(text, final=True)
+
+
+def with_lines(text: str) -> tuple[Any, Callable[[Sequence[str | int]], int | None]]:
+    """What a YAML text holds, parsed once, and the line of a place in it, given by its keys."""
+    loader = UniqueKeyLoader(text)
+    root = loader.get_single_node()
+
+    def line_of(keys: Sequence[str | int]) -> int | None:
+        """The line where a place stands, or the last key on the way to it; None for none at all."""
+        node, line = root, None
+        for key in keys:
+            if isinstance(node, yaml.MappingNode):
+                pairs = [(name, value) for name, value in node.value if name.value == str(key)]
+            else:
+                items = node.value if isinstance(node, yaml.SequenceNode) else []
+                pairs = [(value, value) for number, value in enumerate(items) if number == key]
+            if not pairs:
+                break
+            line, node = pairs[0][0].start_mark.line + 1, pairs[0][1]
+        return line
+
+    # constructing flattens merges, but moves no key
+    return loader.construct_document(root), line_of
+
+
+class UniqueKeyLoader(yaml.SafeLoader):
+    """YAML without silent surprises: a key given twice is an error, not the last one wins."""
+
+    def get_single_node(self) -> yaml.Node | None:
+        """As SafeLoader's, but a small file whose aliases make it endless is refused."""
+        node = super().get_single_node()
+        if node is not None and _size(node, {}) > _MOST_VALUES:
+            raise yaml.composer.ComposerError(None, None, "its aliases never end", node.start_mark)
+        return node
+
+
+def _size(node: yaml.Node, sizes: dict[int, float]) -> float:
+    """How many values a node stands for with all aliases written out; infinite where it holds itself."""
+    if id(node) not in sizes:
+        sizes[id(node)] = math.inf  # what is found on coming back here before the sum is known
+        pairs = isinstance(node, yaml.MappingNode)
+        parts = [part for pair in node.value for part in pair] if pairs else node.value
+        sizes[id(node)] = 1 + sum(_size(part, sizes) for part in parts if isinstance(part, yaml.Node))
+    return sizes[id(node)]
+
+
+def _unique_mapping(loader: UniqueKeyLoader, node: yaml.MappingNode, deep: bool = False) -> dict:
+    seen: set[Hashable] = set()
+    for key_node, _ in node.value:
+        if key_node.tag == "tag:yaml.org,2002:merge":
+            continue
+        key = loader.construct_object(key_node, deep=True)
+        if not isinstance(key, Hashable):
+            break  # construct_mapping below refuses it
+        if key in seen:
+            raise yaml.constructor.ConstructorError(None, None, f"the key {key!r} stands twice", key_node.start_mark)
+        seen.add(key)
+    return loader.construct_mapping(node, deep)
+
+
+UniqueKeyLoader.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _unique_mapping)
+
+
+class UniqueKeyDumper(yaml.SafeDumper):
+    """Writes what `UniqueKeyLoader` reads: a text that looks like a number of ours is put in quotes."""
+
+
+for _each in (UniqueKeyLoader, UniqueKeyDumper):
+    # YAML 1.1 reads 193.0e9 (no sign in the exponent) as text; everyone who types a Young's modulus means a number.
+    _each.add_implicit_resolver(
+        "tag:yaml.org,2002:float",
+        re.compile(r"^[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$"),
+        list("-+0123456789."),
+    )
 
 
 def read_yaml(path: Path) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
 import struct
 import threading
@@ -54,7 +55,7 @@ def read_gray(path: Path) -> np.ndarray:
 def gray_from_bytes(data: bytes, path: Path) -> np.ndarray:
     """As `read_gray`, of a picture file's bytes that were read already; `path` is what errors name."""
     pixels = _pixels(data, path, cv2.IMREAD_GRAYSCALE)
-    return pixels if pixels.dtype == np.uint8 else _to_8_bit(pixels)
+    return pixels if pixels.dtype == np.uint8 else np.rint(pixels * _to_255(pixels)).astype(np.uint8)
 
 
 def read_picture(path: Path) -> np.ndarray:
@@ -75,13 +76,27 @@ def picture_from_bytes(data: bytes, path: Path) -> np.ndarray:
 def _pixels(data: bytes, path: Path, colours: int) -> np.ndarray:
     if not data:
         raise InputError("is an empty file", where=path, remedy=_AGAIN)
-    _refuse_truncated(data, path)
+    # decoders fill what is missing with gray and only print a warning
+    size_of_bmp = struct.unpack_from("<I", data, 2)[0] if data.startswith(b"BM") and len(data) >= 6 else 0
+    torn_png = data.startswith(b"\x89PNG\r\n\x1a\n") and not _png_is_whole(data)
+    torn_jpeg = data.startswith(b"\xff\xd8") and not _jpeg_is_whole(data)
+    if torn_png or torn_jpeg or len(data) < size_of_bmp:
+        raise InputError("is truncated or damaged", where=path, remedy=_AGAIN)
     width, height = map(abs, imagesize.get(io.BytesIO(data)))  # of a BMP −height: top row first; −1: unknown
     if width * height > _MOST_PIXELS:
         # a small file may announce pixels that fill the memory
         what = f"is {width}x{height} px, more than {_MOST_PIXELS / 1e6:.0f} million"
         raise InputError(what, where=path, remedy="export a smaller picture, or remove it")
-    pixels = _decode(data, colours)
+    # "unchanged" is all bits set, and keeps depth and orientation by itself
+    kept = 0 if colours == cv2.IMREAD_UNCHANGED else cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
+    pixels = None
+    # the level is global to the process, so two threads must not restore each other's
+    with _log_level, contextlib.suppress(cv2.error):
+        level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+        try:
+            pixels = cv2.imdecode(np.frombuffer(data, np.uint8), colours | kept)
+        finally:
+            cv2.utils.logging.setLogLevel(level)
     if pixels is not None and pixels.ndim == 3:
         pixels = pixels[..., :3] if pixels.shape[2] > 2 else pixels[..., 0]
     if pixels is None or pixels.ndim not in (2, 3) or pixels.size == 0:
@@ -93,44 +108,11 @@ def _pixels(data: bytes, path: Path, colours: int) -> np.ndarray:
     return pixels
 
 
-def _decode(data: bytes, colours: int) -> np.ndarray | None:
-    # "unchanged" is all bits set, and keeps depth and orientation by itself
-    kept = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
-    flags = colours if colours == cv2.IMREAD_UNCHANGED else colours | kept
-    # the level is global to the process, so two threads must not restore each other's
-    with _log_level:
-        level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
-        try:
-            return cv2.imdecode(np.frombuffer(data, np.uint8), flags)
-        except cv2.error:
-            return None
-        finally:
-            cv2.utils.logging.setLogLevel(level)
-
-
-def _to_8_bit(pixels: np.ndarray) -> np.ndarray:
-    return np.rint(pixels * _to_255(pixels)).astype(np.uint8)
-
-
 def _to_255(pixels: np.ndarray) -> float:
     """Factor to the range of 8 bits from the sensor's own depth."""
     brightest = int(pixels.max())
     bits = next(bits for bits in _SENSOR_BITS if brightest < 1 << bits)
     return 255.0 / ((1 << bits) - 1)
-
-
-def _refuse_truncated(data: bytes, path: Path) -> None:
-    # decoders fill what is missing with gray and only print a warning
-    if data.startswith(b"\x89PNG\r\n\x1a\n"):
-        whole = _png_is_whole(data)
-    elif data.startswith(b"\xff\xd8"):
-        whole = _jpeg_is_whole(data)
-    elif data.startswith(b"BM") and len(data) >= 6:
-        whole = len(data) >= struct.unpack_from("<I", data, 2)[0]
-    else:
-        return
-    if not whole:
-        raise InputError("is truncated or damaged", where=path, remedy=_AGAIN)
 
 
 def _png_is_whole(data: bytes) -> bool:

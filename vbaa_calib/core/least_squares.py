@@ -138,17 +138,6 @@ def without_own(shared: np.ndarray, own: np.ndarray, bounds: np.ndarray) -> list
     return left
 
 
-def _inverse_information(jacobian: np.ndarray) -> np.ndarray:
-    """(P, P) covariance of least squares over rows (R, P), whitened and weighted: the inverse of their information.
-
-    By the rows' triangular factor, so that no variance comes out negative.
-    """
-    scale = np.linalg.norm(jacobian, axis=0)
-    _, factor = np.linalg.qr(jacobian / scale)
-    root = solve_triangular(factor, np.eye(len(scale))) / scale[:, None]
-    return np.asarray(root @ root.T)
-
-
 class Loss(NamedTuple):
     """A robust loss: of residuals (R,) each one's loss, and its weight on their squares."""
 
@@ -207,8 +196,12 @@ class Linearised:
         return weighted.T @ weighted, weighted.T @ (self.residuals * weights), scale
 
     def covariance(self) -> np.ndarray:
-        """(P, P) inverse of the information."""
-        return _inverse_information(self.jacobian * self.weights[:, None])
+        """(P, P) inverse of the information, by the rows' triangular factor: no variance comes out negative."""
+        weighted = self.jacobian * self.weights[:, None]
+        scale = np.linalg.norm(weighted, axis=0)
+        _, factor = np.linalg.qr(weighted / scale)
+        root = solve_triangular(factor, np.eye(len(scale))) / scale[:, None]
+        return np.asarray(root @ root.T)
 
     def step(self, damping: float, at_end: bool | np.ndarray = False) -> tuple[np.ndarray, float]:
         """(P,) damped step, and the decrease that an undamped one promises.

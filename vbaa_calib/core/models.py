@@ -29,8 +29,7 @@ from pydantic_core import ErrorDetails, core_schema
 from yaml import YAMLError
 
 from .errors import InputError
-from .files import read_text
-from .yaml_text import with_lines
+from .files import read_text, with_lines
 
 T = TypeVar("T")
 Number = Annotated[float, Strict(), AllowInfNan(False)]
@@ -143,7 +142,11 @@ _UNKNOWN = ("extra_forbidden", "unexpected_keyword_argument")
 
 
 def _first(error: ValidationError) -> ErrorDetails:
-    return min(error.errors(include_url=False), key=_importance)
+    def importance(one: ErrorDetails) -> tuple[int, bool, bool]:
+        # a key that nobody knows explains the one that is missing, and so does another type of thing; else as declared
+        return len(one["loc"]), one["type"] not in _UNKNOWN, one["type"] != "literal_error"
+
+    return min(error.errors(include_url=False), key=importance)
 
 
 def _dotted(key: str, loc: Sequence[int | str]) -> str:
@@ -161,11 +164,6 @@ def _with_line(where: object, data: Any, loc: Sequence[int | str]) -> object:
     above = () if held == data else ("board",) if isinstance(held, dict) and held.get("board") == data else None
     line = None if above is None else line_of([*above, *loc])
     return where if line is None else f"{where} line {line}"
-
-
-def _importance(error: ErrorDetails) -> tuple[int, bool, bool]:
-    # a key that nobody knows explains the one that is missing, and so does another type of thing; else as declared
-    return len(error["loc"]), error["type"] not in _UNKNOWN, error["type"] != "literal_error"
 
 
 def _from_value_error(error: ValueError, where: object, remedy: str | None, name: str) -> InputError:
@@ -188,13 +186,12 @@ def _at(whole: Mapping[str, Any], part: Mapping[str, Any], loc: tuple[int | str,
         return _at(whole, part["anyOf"][0], loc)
     if not loc:
         return part
-    inner = part.get("properties", {}).get(loc[0], {}) if isinstance(loc[0], str) else _item(part, loc[0])
+    if isinstance(loc[0], str):
+        inner = part.get("properties", {}).get(loc[0], {})
+    else:
+        each = part.get("prefixItems", ())
+        inner = each[loc[0]] if loc[0] < len(each) else part.get("items", {})
     return _at(whole, inner, loc[1:])
-
-
-def _item(part: Mapping[str, Any], index: int) -> Mapping[str, Any]:
-    each = part.get("prefixItems", ())
-    return each[index] if index < len(each) else part.get("items", {})
 
 
 _TYPES = {
@@ -210,24 +207,20 @@ _TYPES = {
 def _wanted(error: ErrorDetails, part: Mapping[str, Any]) -> str:
     kind, context = error["type"], error.get("ctx", {})
     if kind.startswith(("greater_than", "less_than")):
-        low, high = (context.get("ge"), context.get("gt")), (context.get("le"), context.get("lt"))
-        known = dict(zip(("minimum", "exclusiveMinimum", "maximum", "exclusiveMaximum"), (*low, *high), strict=True))
-        return _allowed(part or known)
+        keys = {"minimum": "ge", "exclusiveMinimum": "gt", "maximum": "le", "exclusiveMaximum": "lt"}
+        bounds = part or {key: context.get(name) for key, name in keys.items()}
+        low, above, high, below = (bounds.get(key) for key in keys)
+        least, most = above if low is None else low, below if high is None else high
+        if least is None:
+            return f"{most:g} or less"
+        if most is None:
+            return f"above {least:g}" if low is None else f"{least:g} or more"
+        return f"between {least:g} and {most:g}"
     if kind in ("too_short", "too_long"):
         return f"{part.get('minItems', '')} or more values" if "maxItems" not in part else f"{part['maxItems']} values"
     if kind == "literal_error":
         return str(context["expected"])
     return _TYPES.get(part.get("type", ""), error["msg"][0].lower() + error["msg"][1:])
-
-
-def _allowed(bounds: Mapping[str, Any]) -> str:
-    low = next((bounds[key] for key in ("minimum", "exclusiveMinimum") if bounds.get(key) is not None), None)
-    high = next((bounds[key] for key in ("maximum", "exclusiveMaximum") if bounds.get(key) is not None), None)
-    if low is None:
-        return f"{high:g} or less"
-    if high is None:
-        return f"{low:g} or more" if bounds.get("minimum") is not None else f"above {low:g}"
-    return f"between {low:g} and {high:g}"
 
 
 def _not_finite(data: Any, loc: tuple[int | str, ...] = ()) -> tuple[int | str, ...] | None:

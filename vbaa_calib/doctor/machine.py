@@ -18,7 +18,7 @@ from typing import Any
 
 from vbaa_calib.core.errors import Diagnosis
 
-from .finding import Finding, by_system, pip
+from . import Finding, by_system, pip
 
 _DRAWING_SECONDS, _CAMERA_SECONDS, _TORCH_SECONDS = 90.0, 30.0, 120.0
 _SLOW_TORCH_SECONDS = 20.0
@@ -153,20 +153,6 @@ def torch(attempt: _Try = try_python) -> Finding:
 
 _MB, _GB = 1_000_000, 1_000_000_000
 _DISK_FULL, _DISK_LOW, _MEMORY_LOW = 200 * _MB, 2 * _GB, 2 * _GB
-
-
-def _the_folders() -> dict[str, Path | None]:
-    """What is written to: the current, the temporary and the cache folder. None: there is none."""
-    cache = Path(os.environ.get("MPLCONFIGDIR") or os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser())
-    while not cache.exists() and cache != cache.parent:
-        cache = cache.parent  # it would be made there
-    folders: dict[str, Path | None] = {"current": None, "temporary": None, "cache": cache}
-    for name, find in (("current", Path.cwd), ("temporary", lambda: Path(tempfile.gettempdir()))):
-        with contextlib.suppress(OSError):
-            folders[name] = find()
-    return folders
-
-
 _REMEDIES = {
     "current": "change to a folder of your own, or give outputs there",
     "temporary": "set TMPDIR (on Windows TEMP) to a folder that you may write to",
@@ -175,8 +161,16 @@ _REMEDIES = {
 
 
 def writable(folders: Mapping[str, Path | None] | None = None) -> Finding:
-    """Whether files can be written where one stands, to the temporary folder and to the cache."""
-    folders = _the_folders() if folders is None else folders
+    """Whether files can be written where one stands, to the temporary folder and to the cache. None: there is none."""
+    if folders is None:
+        caches = os.environ.get("MPLCONFIGDIR") or os.environ.get("XDG_CACHE_HOME")
+        cache = Path(caches) if caches else Path("~/.cache").expanduser()
+        while not cache.exists() and cache != cache.parent:
+            cache = cache.parent  # it would be made there
+        folders = found = {"current": None, "temporary": None, "cache": cache}
+        for name, find in (("current", Path.cwd), ("temporary", lambda: Path(tempfile.gettempdir()))):
+            with contextlib.suppress(OSError):
+                found[name] = find()
     problems = []
     for name, folder in folders.items():
         try:

@@ -15,7 +15,7 @@ from typing import Any
 
 from vbaa_calib.core.errors import Diagnosis
 
-from .finding import Finding, by_system, pip
+from . import Finding, by_system, pip
 
 _DISTRIBUTION = "vbaa-calib"
 _LEAST_PYTHON = (3, 11)
@@ -33,33 +33,26 @@ def python_version(version: tuple[int, ...] = tuple(sys.version_info[:3])) -> Fi
     return Finding("python", words, found, {"version": list(version)})
 
 
-def _asked_for() -> tuple[list[str], list[str]]:
-    """What the source tree, where there is one, and the installation ask for. Raises PackageNotFoundError."""
-    asked: list[str] = []
-    with contextlib.suppress(OSError, ValueError, KeyError):
-        project = tomllib.loads((_ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-        asked = list(project["dependencies"]) if project["name"] == _DISTRIBUTION else []
-    try:
-        installed = [line for line in metadata.requires(_DISTRIBUTION) or [] if "extra ==" not in line]
-    except metadata.PackageNotFoundError:
-        if not asked:
-            raise
-        installed = []
-    return asked or installed, installed
-
-
 def packages(requirements: Iterable[str] | None = None, version_of: Callable[[str], str] = metadata.version) -> Finding:
     """Every package that is asked for: there, and of a version that fits."""
     from packaging.requirements import Requirement
 
     problems, versions, known = list[Diagnosis](), dict[str, str](), None
     if requirements is None:
+        # of the source tree, where there is one, else of the installation
+        asked, known = list[str](), list[str]()
+        with contextlib.suppress(OSError, ValueError, KeyError):
+            project = tomllib.loads((_ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+            asked = list(project["dependencies"]) if project["name"] == _DISTRIBUTION else []
         try:
-            requirements, known = _asked_for()
+            known = [line for line in metadata.requires(_DISTRIBUTION) or [] if "extra ==" not in line]
         except metadata.PackageNotFoundError:
-            words = f"{_DISTRIBUTION} is not installed"
-            problem = Diagnosis("not_installed", words, pip("install", _DISTRIBUTION), grave=True)
-            return Finding("packages", "unknown", (problem,))
+            if not asked:
+                problem = Diagnosis(
+                    "not_installed", f"{_DISTRIBUTION} is not installed", pip("install", _DISTRIBUTION), grave=True
+                )
+                return Finding("packages", "unknown", (problem,))
+        requirements = asked or known
     wanted = [Requirement(line) for line in requirements]
     for one in wanted:
         remedy = pip("install", f'"{one.name}{one.specifier}"')
@@ -98,16 +91,12 @@ def _origin(name: str) -> Path | None:
     return path.parent if path.stem == "__init__" else path
 
 
-def _home(distribution: str) -> Path | None:
-    try:
-        return Path(str(metadata.distribution(distribution).locate_file("")))
-    except metadata.PackageNotFoundError:
-        return None
-
-
 def shadows(folder: Path | None = None) -> Finding:
     """Where packages are taken from now, and what the current folder would put in their place."""
-    homes = dict.fromkeys(_OURS, _ROOT) | {name: _home(distribution) for name, distribution in _LIBRARIES.items()}
+    homes: dict[str, Path | None] = {**dict.fromkeys(_OURS, _ROOT), **dict.fromkeys(_LIBRARIES)}
+    for name, distribution in _LIBRARIES.items():
+        with contextlib.suppress(metadata.PackageNotFoundError):
+            homes[name] = Path(str(metadata.distribution(distribution).locate_file("")))
     folder, problems, places = (folder or Path.cwd()).resolve(), [], dict[str, str]()
 
     def stands_in(name: str, words: str, place: Path, grave: bool) -> Diagnosis:
@@ -144,20 +133,13 @@ _NAMES = frozenset(
 )
 
 
-def _wheels() -> dict[str, str]:
-    found = {}
-    for each in metadata.distributions():
-        name = re.sub(r"[-_.]+", "-", each.metadata["Name"] or "").lower()
-        if name in _NAMES:
-            found[name] = each.version
-    return found
-
-
 def opencv(
     installed: Mapping[str, str] | None = None, load: Callable[[], Any] = lambda: importlib.import_module("cv2")
 ) -> Finding:
     """Several wheels at once overwrite each other's files; OpenCV 5 lacks what is needed; some wheels need libGL."""
-    installed = _wheels() if installed is None else installed
+    if installed is None:
+        known = {re.sub(r"[-_.]+", "-", each.metadata["Name"] or "").lower(): each for each in metadata.distributions()}
+        installed = {name: each.version for name, each in known.items() if name in _NAMES}
     named = ", ".join(f"{name} {version}" for name, version in sorted(installed.items())) or "no wheel of OpenCV"
     again = f'{pip("install", "--force-reinstall", "--no-deps")} "{_RIGHT}{_RIGHT_RANGE}"'
     problems = []
@@ -169,7 +151,12 @@ def opencv(
         cv2 = load()
         version, objects = cv2.__version__, hasattr(cv2, "aruco") and hasattr(cv2.aruco, "CharucoDetector")
     except Exception as error:  # a broken binary raises what it likes
-        problems.append(_not_loaded(error, again))
+        text, remedy = " ".join(str(error).split()), again
+        if re.search(r"(lib[\w+-]+\.so[.\d]*)", text):
+            remedy = by_system(f"apt-get install libgl1 libglib2.0-0, or without windows: {again}", again, again)
+        elif "DLL" in text:
+            remedy = f"winget install Microsoft.VCRedist.2015+.x64, then {again}"
+        problems.append(Diagnosis("opencv_broken", f"cv2 cannot be loaded ({text})", remedy, grave=True))
         return Finding("opencv", named, tuple(problems), {"wheels": dict(installed)})
     other = len(installed) == 1 and not next(iter(installed.values())).startswith(version)
     rules = (
@@ -183,17 +170,6 @@ def opencv(
     window = gui[1] if gui and gui[1] != "NONE" else None
     words = f"{version} of {named}, {f'windows by {window}' if window else 'headless'}"
     return Finding("opencv", words, tuple(problems), {"version": version, "wheels": dict(installed), "window": window})
-
-
-def _not_loaded(error: Exception, again: str) -> Diagnosis:
-    text = " ".join(str(error).split())
-    library = re.search(r"(lib[\w+-]+\.so[.\d]*)", text)
-    remedy = again
-    if library:
-        remedy = by_system(f"apt-get install libgl1 libglib2.0-0, or without windows: {again}", again, again)
-    elif "DLL" in text:
-        remedy = f"winget install Microsoft.VCRedist.2015+.x64, then {again}"
-    return Diagnosis("opencv_broken", f"cv2 cannot be loaded ({text})", remedy, grave=True)
 
 
 def detector() -> Finding:

@@ -1,24 +1,23 @@
 """recording/centrelines.csv, a frame at a time: the file is checked whole, and only the places of its frames are kept.
 
-Files of the usual kind (numbers and commas) go through NumPy in blocks; from the first block on that holds anything
-else (quotes, letters, a cell too few) the file is read row by row, which knows what to say of each.
+Files of the usual kind (numbers and commas) go through NumPy in blocks. Of one that holds anything else (quotes,
+letters, a cell too few) a plain copy is made row by row, by the reader that knows what to say of each.
 """
 
 from __future__ import annotations
 
-import csv
 import io
 import os
-from array import array
-from collections.abc import Iterator, Mapping
-from contextlib import suppress
+import tempfile
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager, nullcontext, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
 
-from vbaa_calib.core.csv_rows import check_count, no_csv, no_rows, number, places_of, whole_number
+from vbaa_calib.core.csv_rows import csv_rows, number, places_of, whole_number
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import require_file
 
@@ -29,7 +28,6 @@ COLUMNS, DEVIATION = ("frame", "u_px", "v_px"), "sigma_px"
 _FAR_PX = 1e7
 """Places and deviations beyond it are slips of the pen."""
 BLOCK = 1 << 20
-ENDLESS = "a line of more than 1 MB"
 _MOST_FRAME = 2**53
 _NEWLINE, _RETURN, _COMMA = b"\n\r,"
 
@@ -38,21 +36,23 @@ def read_centrelines(session: Session) -> Centrelines:
     """recording/centrelines.csv, checked from the first line to the last. Raises InputError naming file and line."""
     path = session.root / "recording" / "centrelines.csv"
     require_file(path)
-    try:
-        with path.open("rb") as stream:
-            return _indexed(stream, path)
-    except UnicodeDecodeError:
-        raise InputError("is not UTF-8 text", where=path, remedy="save it as UTF-8") from None
-    except OSError as error:
-        what = f"cannot be read ({error.strerror})"
-        raise InputError(what, where=path, remedy="check the path and its permissions") from None
+    found = None
+    with suppress(OSError), path.open("rb") as stream:
+        found = _indexed(stream)
+    if found is not None:
+        return Centrelines(path, lambda: path.open("rb"), *found)
+    copy = tempfile.TemporaryFile()  # noqa: SIM115 - it is read for as long as the mapping lives
+    _copy_plainly(path, copy)
+    found = _indexed(copy)
+    assert found is not None
+    return Centrelines(path, lambda: nullcontext(copy), *found)
 
 
 @dataclass(frozen=True)
-class Layout:
+class _Layout:
     """Cells of a row, and where the frame's, u's, v's and, where it is given, the deviation's stand."""
 
-    header: tuple[str, ...]
+    count: int
     places: tuple[int, ...]
 
 
@@ -64,9 +64,16 @@ class Centrelines(Mapping[int, np.ndarray]):
     Raises InputError, when asked for a frame, if the file is no longer the one that was checked.
     """
 
-    def __init__(self, path: Path, state: tuple[int, ...], layout: Layout, runs: np.ndarray) -> None:
-        """`runs` (R, 3) int64: frame, and the bytes of the file from which on and up to which its rows stand."""
-        self._path, self._state, self._layout = path, state, layout
+    def __init__(
+        self,
+        path: Path,
+        opened: Callable[[], AbstractContextManager[BinaryIO]],
+        state: tuple[int, ...],
+        layout: _Layout,
+        runs: np.ndarray,
+    ) -> None:
+        """`runs` (R, 3) int64: frame, and the bytes of what is `opened` where its rows begin and end."""
+        self._path, self._opened, self._state, self._layout = path, opened, state, layout
         self._runs = runs[np.argsort(runs[:, 0], kind="stable")]
         self._frames = np.unique(self._runs[:, 0])
 
@@ -84,10 +91,13 @@ class Centrelines(Mapping[int, np.ndarray]):
         if len(runs) == 0:
             raise KeyError(frame)
         table = np.empty((0, 0))
-        with suppress(OSError), self._path.open("rb") as stream:
-            rows = [_between(stream, begin, end) for _, begin, end in runs.tolist()]
+        with suppress(OSError), self._opened() as stream:
+            rows = []
+            for _, begin, end in runs.tolist():
+                stream.seek(begin)
+                rows.append(stream.read(end - begin).rstrip(b"\n") + b"\n")
             if _state(stream) == self._state:
-                table = _numbers(b"".join(rows).decode(), self._layout)
+                table = _loaded(b"".join(rows).decode(), self._layout)
         if len(table) == 0:
             remedy = "start again once nothing writes to it"
             raise InputError("has changed since it was checked", where=self._path, remedy=remedy)
@@ -107,48 +117,36 @@ def _state(stream: BinaryIO) -> tuple[int, ...]:
     return status.st_ino, status.st_size, status.st_mtime_ns
 
 
-def _between(stream: BinaryIO, begin: int, end: int) -> bytes:
-    stream.seek(begin)
-    rows = stream.read(end - begin)
-    return rows if rows.endswith((b"\n", b"\r")) else rows + b"\n"
-
-
-def _indexed(stream: BinaryIO, path: Path) -> Centrelines:
-    state, lines = _state(stream), _Lines(stream)
-    header = next(_cells(lines, path), [])
-    if not header:
-        raise InputError("is empty", where=path, remedy=f"the first line must name the columns {','.join(COLUMNS)}")
-    places = places_of(header, COLUMNS, (DEVIATION,), path)
-    layout = Layout(tuple(header), tuple(places.values()))
-    runs, at, line = [np.empty((0, 3), np.int64)], lines.at, lines.number
-    stream.seek(at)
+def _indexed(stream: BinaryIO) -> tuple[tuple[int, ...], _Layout, np.ndarray] | None:
+    """State, layout and runs (R, 3) of a file; None where anything in it is unusual, let alone wrong."""
+    state, line = _state(stream), stream.readline(BLOCK)
+    try:
+        header = [name.strip() for name in line.decode("utf-8-sig").split(",")]
+        layout = _Layout(len(header), tuple(places_of(header, COLUMNS, (DEVIATION,), Path()).values()))
+    except (UnicodeDecodeError, InputError):
+        return None
+    runs, at = [], len(line)
     while block := stream.read(BLOCK) + stream.readline(BLOCK):
-        ended = block.count(b"\n")
-        if len(block) == 2 * BLOCK and not block.endswith(b"\n") and b"\r" not in block:
-            raise no_csv(csv.Error(ENDLESS), f"{path} line {line + ended + 1}")
         found = _plain(block, layout)
         if found is None:
-            stream.seek(at)
-            runs.append(_row_by_row(_Lines(stream, at, line), layout, places, path))
-            break
+            return None
         runs.append(found + np.array([0, at, at]))
-        at, line = at + len(block), line + ended
-    every = np.concatenate(runs)
-    if not len(every):
-        raise no_rows(path)
-    return Centrelines(path, state, layout, every)
+        at += len(block)
+    every = np.concatenate(runs) if runs else np.empty(0)
+    return (state, layout, every) if len(every) else None
 
 
-def _plain(block: bytes, layout: Layout) -> np.ndarray | None:
+def _plain(block: bytes, layout: _Layout) -> np.ndarray | None:
     """(R, 3) runs of whole lines, by bytes of the block; None where anything is unusual, let alone wrong."""
-    if b'"' in block or block.count(b"\r") != block.count(b"\r\n"):
+    endless = len(block) == 2 * BLOCK and not block.endswith(b"\n")
+    if endless or b'"' in block or block.count(b"\r") != block.count(b"\r\n"):
         return None
     data = np.frombuffer(block if block.endswith(b"\n") else block + b"\n", np.uint8)
     ends = np.flatnonzero(data == _NEWLINE) + 1
     begins = np.concatenate([[0], ends[:-1]])
     filled = ends - begins > 1 + (data[begins] == _RETURN)
     commas = np.add.reduceat(data == _COMMA, begins, dtype=np.int64)
-    if (commas[filled] != len(layout.header) - 1).any():
+    if (commas[filled] != layout.count - 1).any():
         return None
     if not filled.any():
         return np.empty((0, 3), np.int64)
@@ -168,79 +166,23 @@ def _plain(block: bytes, layout: Layout) -> np.ndarray | None:
     return np.stack(runs, axis=1)
 
 
-def _loaded(text: str, layout: Layout) -> np.ndarray:
+def _loaded(text: str, layout: _Layout) -> np.ndarray:
     """(N, 3 or 4) the wanted columns of rows. Raises ValueError for what is no number."""
     return np.loadtxt(io.StringIO(text), delimiter=",", comments=None, usecols=layout.places, ndmin=2)
 
 
-def _numbers(text: str, layout: Layout) -> np.ndarray:
-    """The same of rows that were checked, quoted ones included."""
-    text = text.replace("\r\n", "\n").replace("\r", "\n")
-    try:
-        return _loaded(text, layout)
-    except ValueError:
-        rows = [cells for cells in csv.reader(io.StringIO(text)) if any(cell.strip() for cell in cells)]
-        return np.array([[float(cells[place]) for place in layout.places] for cells in rows])
-
-
-class _Lines:
-    """Text lines of a file of bytes, ended as any system ends them. `at` is the byte where the next one begins, and
-    `number` counts those that were given out."""
-
-    def __init__(self, stream: BinaryIO, at: int = 0, number: int = 0) -> None:
-        self.at, self.number = at, number
-        self._pieces = _pieces(stream)
-
-    def __iter__(self) -> _Lines:
-        return self
-
-    def __next__(self) -> str:
-        piece = next(self._pieces)
-        text = piece.decode("utf-8" if self.at else "utf-8-sig")
-        self.at, self.number = self.at + len(piece), self.number + 1
-        return text.rstrip("\r\n") + "\n"
-
-
-def _pieces(stream: BinaryIO) -> Iterator[bytes]:
-    rest = b""
-    while part := stream.readline(BLOCK):
-        *whole, rest = (rest + part).splitlines(keepends=True)
-        yield from whole
-        if rest.endswith(b"\n"):  # a \r may be the first half of an end
-            yield rest
-            rest = b""
-        elif len(rest) >= 2 * BLOCK:
-            raise csv.Error(ENDLESS)
-    if rest:
-        yield rest
-
-
-def _cells(lines: _Lines, path: Path) -> Iterator[list[str]]:
-    reader = csv.reader(lines, strict=True)
-    try:
-        for row in reader:
-            cells = [cell.strip() for cell in row]
-            if any(cells):
-                yield cells
-    except csv.Error as error:
-        raise no_csv(error, f"{path} line {lines.number}") from None
-
-
-def _row_by_row(lines: _Lines, layout: Layout, places: Mapping[str, int], path: Path) -> np.ndarray:
-    """(R, 3) runs of the rest of a file. Raises InputError naming the first line that is wrong."""
-    runs, begin = array("q"), lines.at
-    for cells in _cells(lines, path):
-        check_count(cells, layout.header, f"{path} line {lines.number}")
-        row = {name: cells[at] for name, at in places.items()} | {"line": str(lines.number)}
+def _copy_plainly(path: Path, copy: BinaryIO) -> None:
+    """Write the same numbers as they are usually written. Raises InputError naming the first line that is wrong."""
+    columns: tuple[str, ...] = ()
+    for row in csv_rows(path, COLUMNS, (DEVIATION,)):
+        if not columns:
+            columns = tuple(name for name in row if name != "line")
+            copy.write(",".join(columns).encode() + b"\n")
         if DEVIATION in row and number(row, DEVIATION, path) <= 0:
             raise wrong(row, path, "sigma_px is not positive", "give a standard deviation in pixels")
-        frame = whole_number(row, "frame", path)
-        for name in places.keys() - {"frame"}:
-            if abs(number(row, name, path)) > _FAR_PX:
+        frame, values = whole_number(row, "frame", path), [number(row, name, path) for name in columns[1:]]
+        for name, value in zip(columns[1:], values, strict=True):
+            if abs(value) > _FAR_PX:
                 raise wrong(row, path, f"{name} is {row[name]}", "give pixels: no picture is that large")
-        if runs and runs[-3] == frame:
-            runs[-1] = lines.at
-        else:
-            runs.extend((frame, begin, lines.at))
-        begin = lines.at
-    return np.frombuffer(runs, np.int64).reshape(-1, 3) if runs else np.empty((0, 3), np.int64)
+        copy.write(f"{frame},{','.join(map(repr, values))}\n".encode())
+    copy.seek(0)

@@ -16,7 +16,7 @@ import numpy as np
 from vbaa_calib.core.csv_rows import csv_rows, number, read_csv, whole_number
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_text
-from vbaa_calib.core.images import SUFFIXES
+from vbaa_calib.core.images import SUFFIXES, read_gray
 
 from .rows import Frame, Load, Still, SweepPicture, wrong
 from .settings import Session
@@ -44,8 +44,6 @@ def check_pictures(pictures: Iterable[Path], image_size: tuple[int, int], whose:
 
     Decoding is quick: better all of it before the long work than an error in the middle of it.
     """
-    from vbaa_calib.core.images import read_gray
-
     for path in pictures:
         height, width = read_gray(path).shape
         if (width, height) != tuple(image_size):
@@ -124,7 +122,7 @@ def read_recording(session: Session) -> list[Frame]:
     frames: list[Frame] = []
     seen: set[int] = set()
     for row in chain([first], rows):
-        moments: dict[str, Any] = {name: _reading(row, name, path) for name in _MOMENTS}
+        moments: dict[str, Any] = {name: number(row, name, path) if row.get(name) else np.nan for name in _MOMENTS}
         frame = Frame(**_view(row, path, with_images), **moments, frame=whole_number(row, "frame", path))
         if frame.frame in seen:
             raise wrong(row, path, f"frame {frame.frame} stands twice", "every frame needs its own number")
@@ -147,11 +145,6 @@ def _joints(row: Mapping[str, str], path: Path) -> dict[str, float]:
 def _view(row: Mapping[str, str], path: Path, with_image: bool = True) -> dict[str, Any]:
     seen = {"image": _picture(row, path) if with_image else None, **_joints(row, path)}
     return seen | ({"time_s": number(row, "time_s", path)} if "time_s" in row else {})
-
-
-def _reading(row: Mapping[str, str], column: str, path: Path) -> float:
-    """A sensor's reading; NaN where the cell is empty or the table has no such column: nothing was read."""
-    return number(row, column, path) if row.get(column) else np.nan
 
 
 def _picture(row: Mapping[str, str], path: Path) -> Path:

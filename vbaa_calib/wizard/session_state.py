@@ -26,9 +26,8 @@ from vbaa_calib.calibrate.plane_c import PlaneC, PlaneViews, find_plane
 from vbaa_calib.calibrate.pose.fusion import fused
 from vbaa_calib.calibrate.report import prior_doubts
 from vbaa_calib.core.errors import Diagnosis, InputError, VbaaError
-from vbaa_calib.core.files import read_yaml, write_text
+from vbaa_calib.core.files import UniqueKeyDumper, read_yaml, write_text
 from vbaa_calib.core.images import read_gray, read_picture
-from vbaa_calib.core.yaml_text import UniqueKeyDumper
 from vbaa_calib.detect.board.board_file import load_board
 from vbaa_calib.detect.board.corners import BoardView, detect_corners
 from vbaa_calib.session import SCHEMA, Load, Session, Still, gravity_antenna, has_sweep, load_session, session_from

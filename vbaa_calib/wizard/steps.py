@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from targets.paper import paper_named
-from targets.sheet import board_id, fill_in, lay_out, size_words, spec_document
+from targets.sheet import board_id, fill_in, lay_out, paper_named, size_words, spec_document
 from targets.write_sheet import as_pdf, draw
 from vbaa_calib.calibrate.antenna.problem import GAIN, OFFSET
 from vbaa_calib.calibrate.check.assessment import assess
