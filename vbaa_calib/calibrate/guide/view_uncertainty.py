@@ -21,6 +21,16 @@ from vbaa_calib.geometry import Pose
 
 _GRID = (13, 7)
 _HALF_WIDTH_PER_LENGTH = 0.25
+_FOCAL_PRIOR, _ASPECT_PRIOR, _CENTRE_PRIOR = 0.3, 0.01, 0.05
+_DISTORTION_PRIOR = {"radial": 0.1, "tangential": 0.01}
+_TANGENTIAL = ("p1", "p2", "s1", "s2", "s3", "s4", "tau_x", "tau_y")
+_SAGITTA_PER_EXTENT = 0.005
+_LEAST_JIG_CORNERS, _LEAST_RAYS = 6, 0.5
+_RICHER = {"none": "opencv5", "radial": "opencv5", "opencv4": "opencv5", "opencv5": "rational", "fisheye": "rational"}
+_NOMINAL_FOCAL_PER_WIDTH = 1.1
+"""A field of view of 49°, as most webcams and machine lenses have."""
+_NOMINAL_SIGMA_PX, _LEAST_SIGMA_PX = 0.2, 0.02
+_NOMINAL_MODEL = "radial"
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,19 +73,6 @@ class WorkPlane:
         return self.T_camera_plane @ Pose(turn, middle - turn @ np.append(half, 0.0))
 
 
-_FOCAL_PRIOR, _ASPECT_PRIOR, _CENTRE_PRIOR = 0.3, 0.01, 0.05
-_DISTORTION_PRIOR = {"radial": 0.1, "tangential": 0.01}
-_TANGENTIAL = ("p1", "p2", "s1", "s2", "s3", "s4", "tau_x", "tau_y")
-_SAGITTA_PER_EXTENT = 0.005
-_LEAST_JIG_CORNERS = 6
-_LEAST_RAYS = 0.5
-_RICHER = {"none": "opencv5", "radial": "opencv5", "opencv4": "opencv5", "opencv5": "rational", "fisheye": "rational"}
-_NOMINAL_FOCAL_PER_WIDTH = 1.1
-"""A field of view of 49°, as most webcams and machine lenses have."""
-_NOMINAL_SIGMA_PX, _LEAST_SIGMA_PX = 0.2, 0.02
-_NOMINAL_MODEL = "radial"
-
-
 @dataclass(frozen=True, eq=False)
 class LensDesign:
     """The lens about which uncertainty is linearised, with more parameters than the lens model that was chosen.
@@ -103,6 +100,11 @@ class LensDesign:
     def camera(self) -> Camera:
         """The camera of this lens, without a covariance."""
         return camera_of(self.model, self.intrinsics, self.image_size)
+
+    def in_picture(self, points: np.ndarray) -> np.ndarray:
+        """(N,) which points (N, 3) m, camera frame, it sees."""
+        pixels, valid = self.camera.project(points)
+        return valid & self.camera.in_picture(pixels)
 
 
 def nominal_intrinsics(image_size: tuple[int, int]) -> np.ndarray:
@@ -154,27 +156,21 @@ def _prior(
     both, apart = fx * unit[0] + fy * unit[1], fx * unit[0] - fy * unit[1]
     middle = [_CENTRE_PRIOR * max(image_size) * unit[index] for index in (2, 3)]
     columns = [_FOCAL_PRIOR * both, _ASPECT_PRIOR * apart, *middle]
-    moved = _largest_shift(model, intrinsics, image_size)
-    half_diagonal = np.hypot(*image_size) / 2
+    # by how many px a unit of each parameter moves the pixel that it moves most
+    rays, valid = camera_of(model, intrinsics, image_size).unproject(_grid(image_size))
+    rays, moved = rays[valid & (rays[:, 2] > 0.05)], np.zeros(size)
+    if len(rays):
+        seen = Observation(rays / rays[:, 2:], np.zeros((len(rays), 2)))
+        by_shared = rows(Bundle.start(model, intrinsics, np.zeros((1, 6))), [seen])[1]
+        moved = np.linalg.norm(by_shared, axis=1).max(axis=0)[:-FLEX]
     for index in model.free:
         kind = "tangential" if model.parameter_names[4 + index] in _TANGENTIAL else "radial"
-        columns.append(_DISTORTION_PRIOR[kind] * half_diagonal / max(moved[4 + index], 1e-9) * unit[4 + index])
+        half_diagonal = _DISTORTION_PRIOR[kind] * np.hypot(*image_size) / 2
+        columns.append(half_diagonal / max(moved[4 + index], 1e-9) * unit[4 + index])
     if flex:
         extent = spec.square_m * max(spec.squares_x, spec.squares_y)
         columns += [_SAGITTA_PER_EXTENT * extent * unit[size + index] for index in range(FLEX)]
     return np.stack(columns, axis=1)
-
-
-def _largest_shift(model: LensModel, intrinsics: np.ndarray, image_size: tuple[int, int]) -> np.ndarray:
-    """(4 + k,) px by which a unit of each parameter moves the pixel it moves most, over the picture."""
-    camera = camera_of(model, intrinsics, image_size)
-    rays, valid = camera.unproject(_grid(image_size))
-    rays = rays[valid & (rays[:, 2] > 0.05)]
-    if not len(rays):
-        return np.zeros(len(intrinsics))
-    seen = Observation(rays / rays[:, 2:], np.zeros((len(rays), 2)))
-    by_shared = rows(Bundle.start(model, intrinsics, np.zeros((1, 6))), [seen])[1]
-    return np.linalg.norm(by_shared, axis=1).max(axis=0)[:-FLEX]
 
 
 def view_blocks(
@@ -197,32 +193,26 @@ def plane_sensitivity(design: LensDesign, plane: WorkPlane, spec: BoardSpec) -> 
     The camera's pose is solved for again from the board in the jig, and compensates what a pose can. None where plane
     or board are hardly in the picture.
     """
-    points = plane.points
-    space = np.column_stack([points, np.zeros(len(points))])
-    inside = _in_picture(design, plane.T_camera_plane @ space)
+    space = np.pad(plane.points, ((0, 0), (0, 1)))
+    inside = design.in_picture(plane.T_camera_plane @ space)
     board, sagitta = corner_points(spec), bend(spec)
     T_camera_board = plane.board_pose(spec)
-    seen = _in_picture(design, T_camera_board @ board)
+    seen = design.in_picture(T_camera_board @ board)
     if inside.mean() < 0.5 or seen.sum() < _LEAST_JIG_CORNERS:
         return None
-    jig_shared, jig_pose, _ = _slopes(design, T_camera_board, Observation(board[seen], board[seen, :2], sagitta[seen]))
+
+    def slopes(view: Observation) -> tuple[np.ndarray, np.ndarray]:
+        _, by_shared, by_pose, _ = rows(design.bundle(T_camera_board.vector[None]), [view])
+        return by_shared @ design.scale, by_pose
+
+    jig_shared, jig_pose = slopes(Observation(board[seen], board[seen, :2], sagitta[seen]))
     # the plane's points turn about the board's origin, as the board does
     on_board = T_camera_board.inverse() @ (plane.T_camera_plane @ space[inside])
-    own_shared, own_pose, by_point = _slopes(design, T_camera_board, Observation(on_board, on_board[:, :2]))
+    own_shared, own_pose = slopes(Observation(on_board, on_board[:, :2]))
     compensated = np.linalg.lstsq(jig_pose.reshape(-1, 6), jig_shared.reshape(len(jig_shared) * 2, -1), rcond=None)[0]
     in_pixels = own_shared - own_pose @ compensated
-    in_plane = by_point @ plane.T_camera_plane.rotation[:, :2]
+    in_plane = own_pose[:, :, 3:] @ plane.T_camera_plane.rotation[:, :2]
     return -np.linalg.solve(in_plane, in_pixels)
-
-
-def _slopes(design: LensDesign, pose: Pose, view: Observation) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    _, by_shared, by_pose, _ = rows(design.bundle(pose.vector[None]), [view])
-    return by_shared @ design.scale, by_pose, by_pose[:, :, 3:]
-
-
-def _in_picture(design: LensDesign, points: np.ndarray) -> np.ndarray:
-    pixels, valid = design.camera.project(points)
-    return valid & design.camera.in_picture(pixels)
 
 
 def mean_square(sensitivity: np.ndarray, information: np.ndarray) -> np.ndarray:
@@ -265,22 +255,21 @@ class LensInformation:
     def of(solution: LensSolution, views: Sequence[BoardView], spec: BoardSpec) -> LensInformation:
         """Of the views that a lens was solved from, without their outliers."""
         camera, by_name = solution.camera, {view.name: view for view in views}
-        whole = observations_of([by_name[used.name] for used in solution.views], spec)
-        good = [~np.isin(by_name[used.name].ids, used.outlier_ids) for used in solution.views]
-        observations = [one.picked(mask) for one, mask in zip(whole, good, strict=True)]
-        poses = [used.T_camera_board.vector for used in solution.views]
+        own = [by_name[used.name] for used in solution.views]
+        good = [~np.isin(view.ids, used.outlier_ids) for view, used in zip(own, solution.views, strict=True)]
+        observations = [one.picked(mask) for one, mask in zip(observations_of(own, spec), good, strict=True)]
+        poses = np.array([used.T_camera_board.vector for used in solution.views])
         corners = sum(len(view.pixels) for view in observations)
-        freedom = 2 * corners - 6 * len(solution.views) - len(camera.parameter_names)
+        freedom = 2 * corners - 6 * len(poses) - len(camera.parameter_names)
         sigma_px = max(_LEAST_SIGMA_PX, solution.rms_inliers_px * float(np.sqrt(corners / max(freedom, 1))))
         sagittas = solution.board_flex.sagittas_m if solution.board_flex.used else None
         design = design_about(solution.model, camera.parameters, camera.image_size, sigma_px, spec, sagittas)
-        blocks, gradients = view_blocks(design, np.array(poses), observations)
+        blocks, gradients = view_blocks(design, poses, observations)
         chosen = [row for row in solution.comparison if row.model == solution.model and not row.split_half_agrees]
         inflation = max([1.0, *(float(row.halves) for row in chosen[:1] if row.halves is not None)])
         folds = "the lens folds inside the picture: pictures with the board near the border are missing"
         doubt = "" if solution.monotonic else folds
-        totals = blocks.sum(axis=0), gradients.sum(axis=0)
-        return LensInformation(design, *totals, len(poses), True, inflation, doubt)
+        return LensInformation(design, blocks.sum(axis=0), gradients.sum(axis=0), len(poses), True, inflation, doubt)
 
     @staticmethod
     def nominal(views: Sequence[BoardView], spec: BoardSpec, image_size: tuple[int, int]) -> LensInformation:

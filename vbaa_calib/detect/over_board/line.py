@@ -7,6 +7,7 @@ guessed one.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -43,6 +44,27 @@ _STEP_PX = 2.0
 _LEAST_STEPS = 12
 _LEAST_COVER = 0.5
 """Least part of the steps along the line, where the antenna would show, that must show it."""
+
+
+_SEEN_RATIO = 6.0
+_AMPLITUDES = 0.5, 1.6
+_FAINTEST = 0.12
+"""A line of less cover is a shadow, a scratch or the print's own misfit."""
+_WORST_CENTRE_PX = 0.5
+_DISTURBED = 2.0
+"""Profiles that leave this many times the residual of most show something else, too."""
+_GROWTH, _GROWTHS = 0.25, 8
+"""The path grows beyond what is seen of it by this part of its length at a time, as long as more comes into sight."""
+_ENDWARD = 0.03
+_LEAST_POINTS = 30
+_REWEIGHINGS = 4
+_END_STEP_PX = 0.1
+_END_STD_PX = 0.3
+"""Least standard deviation of an end: how square it is cut, and how far its flank shines, is not known."""
+_PRESENCE_STD = 0.15
+_WORST_SURPRISE = 9.0
+"""A column says no more against a place of the end than three standard deviations do."""
+_BORDER_PX = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +108,6 @@ class PlanePath:
 
     @property
     def normal(self) -> np.ndarray:
-        """(2,) across the direction."""
         return np.array([-self.direction[1], self.direction[0]])
 
     def along(self, points_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -107,7 +128,7 @@ class PlanePath:
         return PlanePath(self.origin, self.direction, coefficients, float(s.min()), float(s.max()))
 
 
-def search(picture: BoardPicture, plane: PlaneAbove, width_px: float, bright: bool) -> PlanePath | None:
+def _search(picture: BoardPicture, plane: PlaneAbove, width_px: float, bright: bool) -> PlanePath | None:
     """The path of the antenna over the board; None without one.
 
     Works on the board alone, where the background is known, for a line brighter (or darker) than the print behind it.
@@ -125,7 +146,21 @@ def search(picture: BoardPicture, plane: PlaneAbove, width_px: float, bright: bo
         if near.sum() < _LEAST_STEPS:
             return None
         path = path.fitted(points[near], strength[near], 1 if band == _BANDS[0] else 2)
-    return _covered(picture, plane, path, points[np.abs(path.along(points)[1]) < width], scale * _STEP_PX, bright)
+    # with its ends, where it shows often enough
+    s = path.along(points[np.abs(path.along(points)[1]) < width])[0]
+    step = scale * _STEP_PX
+    steps = np.arange(path.start, path.end, step)
+    if len(s) < _LEAST_STEPS or len(steps) < _LEAST_STEPS:
+        return None
+    pixels, valid = plane.to_pixels(path.points(steps))
+    height, width_of = picture.pattern.shape
+    column, row = np.clip(np.round(np.nan_to_num(pixels)), 0, [width_of - 1, height - 1]).astype(int).T
+    behind = np.where(valid, picture.pattern[row, column], np.nan)
+    shows = behind < 0.2 if bright else behind > 0.8
+    hit = np.isin(np.arange(len(steps)), np.round((s - path.start) / step).astype(int))
+    if (shows & hit).sum() < max(_LEAST_STEPS, _LEAST_COVER * shows.sum()):
+        return None
+    return replace(path, start=float(s.min()), end=float(s.max()))
 
 
 def _candidates(picture: BoardPicture, width_px: float, bright: bool) -> tuple[np.ndarray, np.ndarray]:
@@ -159,47 +194,6 @@ def _strongest_line(points: np.ndarray, strength: np.ndarray, width: float) -> P
             best, chosen = float(votes.max()), (float(angle), int(votes.argmax()) - reach)
     direction = np.array([np.cos(chosen[0]), np.sin(chosen[0])])
     return PlanePath(middle, direction, np.array([chosen[1] * width]), 0.0, 0.0)
-
-
-def _covered(
-    picture: BoardPicture, plane: PlaneAbove, path: PlanePath, points: np.ndarray, step: float, bright: bool
-) -> PlanePath | None:
-    """The path with its ends; None where it shows too seldom."""
-    s = path.along(points)[0]
-    steps = np.arange(path.start, path.end, step)
-    if len(s) < _LEAST_STEPS or len(steps) < _LEAST_STEPS:
-        return None
-    pixels, valid = plane.to_pixels(path.points(steps))
-    height, width = picture.pattern.shape
-    column, row = np.clip(np.round(np.nan_to_num(pixels)), 0, [width - 1, height - 1]).astype(int).T
-    behind = np.where(valid, picture.pattern[row, column], np.nan)
-    shows = behind < 0.2 if bright else behind > 0.8
-    hit = np.isin(np.arange(len(steps)), np.round((s - path.start) / step).astype(int))
-    seen = float((shows & hit).sum())
-    if seen < _LEAST_STEPS or seen < _LEAST_COVER * shows.sum():
-        return None
-    return PlanePath(path.origin, path.direction, path.coefficients, float(s.min()), float(s.max()))
-
-
-_SEEN_RATIO = 6.0
-_AMPLITUDES = 0.5, 1.6
-_FAINTEST = 0.12
-"""A line of less cover is a shadow, a scratch or the print's own misfit."""
-_WORST_CENTRE_PX = 0.5
-_DISTURBED = 2.0
-"""Profiles that leave this many times the residual of most show something else, too."""
-_GROWTH, _GROWTHS = 0.25, 8
-"""The path is followed beyond what is seen by this part of its length at a time, at most so often."""
-_ENDWARD = 0.03
-_LEAST_POINTS = 30
-_REWEIGHINGS = 4
-_END_STEP_PX = 0.1
-_END_STD_PX = 0.3
-"""Least standard deviation of an end: how square it is cut, and how far its flank shines, is not known."""
-_PRESENCE_STD = 0.15
-_WORST_SURPRISE = 9.0
-"""A column says no more against a place of the end than three standard deviations do."""
-_BORDER_PX = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -262,8 +256,7 @@ def find_over_board(
     return max(found, key=lambda one: one[0])[1] if found else None
 
 
-@dataclass(frozen=True, eq=False)
-class _Measured:
+class _Measured(NamedTuple):
     """Points (N, 2) px that were measured along a path, and their standard deviations (N,) across it."""
 
     points: np.ndarray
@@ -286,7 +279,7 @@ class _Tracker:
 
     def measured(self) -> tuple[float, BoardLine] | None:
         """The line with its cover; None where none is convincing."""
-        path = search(self.picture, self.plane, self.width_px, self.bright)
+        path = _search(self.picture, self.plane, self.width_px, self.bright)
         if path is None:
             return None
         scale = float(np.hypot(0.3 * self.width_px, self.picture.blur_px))
@@ -299,7 +292,13 @@ class _Tracker:
             paint = fit_paint(self._cut(path, 0.0), paint)
             if paint.cover < _FAINTEST:
                 return None
-        path = self._followed(path, paint)
+        for _ in range(_GROWTHS):
+            reach, now = path.end - path.start, self._along(path, paint, _GROWTH)
+            if len(now.points) < _LEAST_POINTS:
+                break
+            path = self._refitted(path, now)
+            if path.end - path.start < 1.02 * reach:
+                break
         now = self._along(path, paint, _ENDWARD, wary=True)
         ends = self._end(path, paint, -1), self._end(path, paint, 1)
         s = self._places(path, now.points)
@@ -317,18 +316,6 @@ class _Tracker:
     def _places(self, path: PlanePath, pixels: np.ndarray) -> np.ndarray:
         """(N,) coordinates along the path of pixels (N, 2)."""
         return path.along(self.plane.to_plane(pixels)[0])[0]
-
-    def _followed(self, path: PlanePath, paint: Paint) -> PlanePath:
-        """The path grown beyond what was seen of it for as long as more comes into sight."""
-        for _ in range(_GROWTHS):
-            reach = path.end - path.start
-            now = self._along(path, paint, _GROWTH)
-            if len(now.points) < _LEAST_POINTS:
-                break
-            path = self._refitted(path, now)
-            if path.end - path.start < 1.02 * reach:
-                break
-        return path
 
     def _cut(self, path: PlanePath, beyond: float, wider: float = 1.0) -> Profiles:
         more = beyond * (path.end - path.start)
@@ -381,7 +368,7 @@ class _Tracker:
         likely /= likely.sum()
         mean = float(likely @ candidates)
         spread = float(np.sqrt(likely @ (candidates - mean) ** 2))
-        point = np.array([np.interp(mean, along, place[:, i]) for i in range(2)])
+        point = np.array([np.interp(mean, along, axis) for axis in place.T])
         room = np.minimum(point, np.array(self.picture.seen.shape[::-1]) - 1 - point).min()
         if room < _BORDER_PX + 2.0 * spread:
             return None
