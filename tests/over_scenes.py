@@ -71,8 +71,8 @@ class Shown:
     def solved(self, **changes: Any) -> OverBoardSolution:
         """`solve_over_board` of this picture, with a guess that is a few degrees and millimetres off."""
         guess = self.truth.retract(np.array([0.03, -0.02, 0.05, 0.004, -0.004, 0.003]))
-        options = {"images": {"over.png": self.picture}, "guess": guess, "bright": None} | changes
-        pictures = {name: options.pop(name) for name in ("images", "guess", "bright")}
+        options = {"images": {"over.png": self.picture}, "guess": guess} | changes
+        pictures = {name: options.pop(name) for name in ("images", "guess")}
         known = {"antenna": self.antenna, "height_m": self.over.height_m, "height_std_m": HEIGHT_STD_M}
         setup = OverSetup(**{"spec": self.scene.board, "camera": self.camera} | known | options)
         return solve_over_board(setup=setup, **pictures)

@@ -170,7 +170,12 @@ def solve_over(problem: OverProblem, start: np.ndarray) -> tuple[PoseEstimate, f
     unknowns = np.concatenate([start, np.zeros(_UNKNOWNS - 3)])
     for _ in range(_PASSES):
         unknowns = _descended(problem, unknowns)
-        problem = _trimmed(problem, unknowns)
+        # without the points beyond the clamp and the tip
+        share = feet(problem.seen, problem.curves(unknowns[None])) / problem.setup.antenna.length_m
+        inside = (share > _END_MARGIN) & (share < 1 - _END_MARGIN)
+        if inside.sum() < _LEAST_POINTS:
+            raise SolveError(f"only {int(inside.sum())} points of the antenna lie between its clamp and its tip")
+        problem = replace(problem, seen=problem.seen.picked(inside))
         # squares that disturb alike are few: points that scatter little by chance get no more weight
         residuals = whitened_with_lens(problem.seen, problem.curves(unknowns[None]))[0][:, 0]
         before, scale = problem.noise_scale, max(noise_scale([residuals]), 1.0)
@@ -186,7 +191,12 @@ def solve_over(problem: OverProblem, start: np.ndarray) -> tuple[PoseEstimate, f
     pull[-(_UNKNOWNS - 3) :] = 0.0
     by_lens = -inverse @ ((solution.jacobian * weight[:, None]).T @ pull)
     by_lens[_BOARD] += by_board
-    by_unknowns = _tangents(problem, unknowns)
+    # (6, 19) the camera pose's tangent in the antenna frame by the unknowns
+    columns = []
+    for step in np.diag(_STEPS):
+        ahead, back = (problem.T_camera_antenna(unknowns + sign * step).inverse() for sign in (1, -1))
+        columns.append(ahead.tangent_from(back) / (2 * step.sum()))
+    by_unknowns = np.stack(columns, axis=1)
     covariance = by_unknowns @ inverse @ by_unknowns.T
     pose, foot = problem.T_camera_antenna(unknowns).inverse(), feet(problem.seen, curves)
     estimate = PoseEstimate("over board", pose, 0.5 * (covariance + covariance.T), by_unknowns @ by_lens)
@@ -198,21 +208,3 @@ def _descended(problem: OverProblem, unknowns: np.ndarray) -> np.ndarray:
     if descent.exhausted and descent.promise >= _ENOUGH:
         raise SolveError("the antenna over the board could not be fitted to its picture")
     return descent.at.parameters
-
-
-def _trimmed(problem: OverProblem, unknowns: np.ndarray) -> OverProblem:
-    """Without the points beyond the clamp and the tip."""
-    share = feet(problem.seen, problem.curves(unknowns[None])) / problem.setup.antenna.length_m
-    inside = (share > _END_MARGIN) & (share < 1 - _END_MARGIN)
-    if inside.sum() < _LEAST_POINTS:
-        raise SolveError(f"only {int(inside.sum())} points of the antenna lie between its clamp and its tip")
-    return replace(problem, seen=problem.seen.picked(inside))
-
-
-def _tangents(problem: OverProblem, unknowns: np.ndarray) -> np.ndarray:
-    """(6, 19) derivative of the camera pose's tangent in the antenna frame by the unknowns."""
-    columns = []
-    for step in np.diag(_STEPS):
-        ahead, back = (problem.T_camera_antenna(unknowns + sign * step).inverse() for sign in (1, -1))
-        columns.append(ahead.tangent_from(back) / (2 * step.sum()))
-    return np.stack(columns, axis=1)

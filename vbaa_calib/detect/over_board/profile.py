@@ -30,8 +30,6 @@ _STEEP, _FLAT = 0.08, 0.01
 class BoardPicture:
     """A picture in units of the board's own print: 0 is its black, 1 its white, wherever the light falls.
 
-    Attributes
-    ----------
     seen : (H, W) float32, the picture.
     pattern : (H, W) float32, the bare board, blurred like the picture; NaN off the board's outline.
     slope : (H, W) float32, how steep the pattern is, 1/px.
@@ -168,8 +166,6 @@ _EDGE_DOUBT_PX, _EDGE_REACH = 0.5, 1.5
 class Profiles:
     """Raw pixels along N columns (or rows) that a guide crosses, T of each, in units of the board's print.
 
-    Attributes
-    ----------
     crossing_px : (N, 2) where the guide crosses the middle of each column.
     axis : the pixel coordinate along the profiles: 1 (v) where the guide runs sideways, 0 (u) where upward.
     stretch : (N,) length along the profile per length across the line, at most about √2.
