@@ -212,7 +212,7 @@ def lay_out(spec: BoardSpec, paper: Paper, margin_mm: float = MARGIN_MM) -> Layo
     if fitting is not None:
         return fitting
     width, height = (1e3 * spec.square_m * count for count in (spec.squares_x, spec.squares_y))
-    square, counts = largest_square_mm(spec, paper, margin_mm), f"{spec.squares_x}x{spec.squares_y}"
+    square, counts = _largest_square_mm(spec, paper, margin_mm), f"{spec.squares_x}x{spec.squares_y}"
     smaller = f"the largest square that fits is {square:g} mm" if square else f"no board of {counts} squares does"
     larger = (name for name, size in PAPERS_MM.items() if _fitting(spec, Paper(name, *size), margin_mm))
     raise ValueError(
@@ -221,7 +221,7 @@ def lay_out(spec: BoardSpec, paper: Paper, margin_mm: float = MARGIN_MM) -> Layo
     )
 
 
-def largest_square_mm(spec: BoardSpec, paper: Paper, margin_mm: float) -> float | None:
+def _largest_square_mm(spec: BoardSpec, paper: Paper, margin_mm: float) -> float | None:
     """The largest square, in tenths, with which a board of this layout fits; None where none does."""
     ratio = spec.marker_m / spec.square_m
 
@@ -301,7 +301,7 @@ def _floor_to(value: float, step: float) -> float:
 # wrong. 60 corners, and 38 markers that one picture need not show all.
 SQUARES = (11, 7)
 # Three quarters: a marker of six modules leaves white of one module around itself.
-MARKER_SHARE = 0.75
+_MARKER_SHARE = 0.75
 _FAMILY, _USUAL = "DICT_4X4", 100
 _SCREEN_SQUARE_MM = 20.0
 
@@ -328,12 +328,12 @@ def fill_in(
         other["dictionary"] = f"{_FAMILY}_{enough[0]}"
     if square_mm is None and paper is not None:
         # only squares and dictionary decide the room
-        largest = largest_square_mm(BoardSpec(square_m=1.0, marker_m=MARKER_SHARE, **other), paper, margin_mm)
+        largest = _largest_square_mm(BoardSpec(square_m=1.0, marker_m=_MARKER_SHARE, **other), paper, margin_mm)
         if largest is None:
             what = f"no board of {columns}x{rows} squares fits on {paper.name}"
             raise ValueError(f"{what}; take fewer squares or more paper")
         # then a module (an eighth) is a round number too
         square_mm = round(_floor_to(largest, 4.0 if largest >= 12 else 1.0 if largest >= 2 else 0.1), 6)
     square = _SCREEN_SQUARE_MM if square_mm is None else square_mm
-    marker = MARKER_SHARE * square if marker_mm is None else marker_mm
+    marker = _MARKER_SHARE * square if marker_mm is None else marker_mm
     return BoardSpec(square_m=round(1e-3 * square, 12), marker_m=round(1e-3 * marker, 12), **other)

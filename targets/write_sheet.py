@@ -205,7 +205,7 @@ _PX_PER_MM = 0.5, 500.0
 
 
 @dataclass(frozen=True)
-class ScreenBoard:
+class _ScreenBoard:
     """A board in pixels: sides of its squares and markers, and the white around it, all whole numbers.
 
     `spec` has the sizes that it really has on that screen.
@@ -223,7 +223,7 @@ class ScreenBoard:
         return columns * self.square_px + 2 * self.margin_px, rows * self.square_px + 2 * self.margin_px
 
 
-def on_screen(wanted: BoardSpec, px_per_mm: float) -> ScreenBoard:
+def on_screen(wanted: BoardSpec, px_per_mm: float) -> _ScreenBoard:
     """The board nearest to the wanted one whose squares, markers, modules and gaps are whole pixels.
 
     Raises ValueError where a module would be smaller than two pixels, or the picture too large.
@@ -242,13 +242,13 @@ def on_screen(wanted: BoardSpec, px_per_mm: float) -> ScreenBoard:
     marker_px = module * wanted.modules
     side = marker_px + 2 * max(1, round((square - marker_px) / 2))
     square_m, marker_m = (round(1e-3 * pixels / px_per_mm, 12) for pixels in (side, marker_px))
-    board = ScreenBoard(replace(wanted, square_m=square_m, marker_m=marker_m), side, marker_px, (side + 1) // 2)
+    board = _ScreenBoard(replace(wanted, square_m=square_m, marker_m=marker_m), side, marker_px, (side + 1) // 2)
     width, height = board.size_px
     if width * height > _MOST_PIXELS:
         raise ValueError(f"the picture would have {width} x {height} pixels, more than any screen")
     return board
 
 
-def as_pixels(board: ScreenBoard) -> np.ndarray:
+def as_pixels(board: _ScreenBoard) -> np.ndarray:
     """(rows, columns) uint8 picture, black on white."""
     return np.asarray(opencv_board(board.spec).generateImage(board.size_px, marginSize=board.margin_px))

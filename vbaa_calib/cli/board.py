@@ -15,7 +15,7 @@ from vbaa_calib.core.files import refuse_overwrite, replacing, write_text
 if TYPE_CHECKING:
     from targets.board import BoardSpec
 
-SUFFIXES = (".pdf", ".svg", ".png")
+_SUFFIXES = (".pdf", ".svg", ".png")
 _FINE_MODULE_MM = 0.5
 _MM_PER_INCH = 25.4
 _LARGEST_MM = 10_000.0
@@ -67,8 +67,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Write the sheet and, where flags described the board, its board.yaml. Returns the numbers."""
     kind = args.output.suffix.lower()
-    if kind not in SUFFIXES:
-        raise InputError(f"has the suffix {kind!r}", where=args.output, remedy=f"take one of {', '.join(SUFFIXES)}")
+    if kind not in _SUFFIXES:
+        raise InputError(f"has the suffix {kind!r}", where=args.output, remedy=f"take one of {', '.join(_SUFFIXES)}")
     _refuse_flags(args, _OF_SCREENS if kind != ".png" else _OF_PAPER, f"has no meaning for a {kind} file")
     refuse_overwrite(args.output, args.force, [args.spec])
     from pydantic import TypeAdapter

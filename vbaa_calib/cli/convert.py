@@ -6,17 +6,17 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-NAMES = ("vbaa", "ros", "opencv", "kalibr", "mrcal", "colmap")
+_NAMES = ("vbaa", "ros", "opencv", "kalibr", "mrcal", "colmap")
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Arguments of `vbaa convert`."""
     parser.add_argument("file", type=Path, help="rig.json, camera.json, or another program's file")
-    parser.add_argument("--from", dest="source", choices=NAMES, help="its format (default: told by its contents)")
+    parser.add_argument("--from", dest="source", choices=_NAMES, help="its format (default: told by its contents)")
     parser.add_argument(
         "--to",
         dest="target",
-        choices=NAMES,
+        choices=_NAMES,
         default="vbaa",
         help="ros: camera_info YAML; opencv: FileStorage YAML; kalibr: camchain.yaml; mrcal: .cameramodel; colmap: "
         "cameras.txt; vbaa: camera.json (default: vbaa)",

@@ -9,7 +9,7 @@ from typing import Any
 from vbaa_calib.core.console import say
 from vbaa_calib.core.errors import InputError
 
-PICTURES = 5
+_PICTURES = 5
 _MOST_PICTURES = 1000
 
 
@@ -19,9 +19,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--pictures",
         type=int,
-        default=PICTURES,
+        default=_PICTURES,
         metavar="N",
-        help=f"poses for each of 9 sizes and blurs (default: {PICTURES})",
+        help=f"poses for each of 9 sizes and blurs (default: {_PICTURES})",
     )
     parser.add_argument("--seed", type=int, default=0, help="of the poses and the noise (default: 0)")
 

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from vbaa_calib.calibrate.antenna.deflection_table import DeflectionTable
     from vbaa_calib.calibrate.antenna.stiffness import Fit, StiffnessSolution
 
-SCHEMA = "vbaa.stiffness/1"
+_SCHEMA = "vbaa.stiffness/1"
 _PLAUSIBLE_MODULUS_PA = (1e8, 1.3e12)
 _FEW_READINGS = 8
 
@@ -95,7 +95,7 @@ def _stiffness_document(
 
     fit, rows = solution.fit, zip(table.x_m, table.deflection_m, solution.residuals_m, strict=True)
     document: dict[str, Any] = {
-        "schema": SCHEMA,
+        "schema": _SCHEMA,
         "force_N": force_N,
         "distance_m": distance_m,
         "readings": len(table.x_m),

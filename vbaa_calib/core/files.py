@@ -71,7 +71,7 @@ def read_text(path: Path, most: int = MOST_BYTES) -> str:
 
 def with_lines(text: str) -> tuple[Any, Callable[[Sequence[str | int]], int | None]]:
     """What a YAML text holds, parsed once, and the line of a place in it, given by its keys."""
-    loader = UniqueKeyLoader(text)
+    loader = _UniqueKeyLoader(text)
     root = loader.get_single_node()
 
     def line_of(keys: Sequence[str | int]) -> int | None:
@@ -92,7 +92,7 @@ def with_lines(text: str) -> tuple[Any, Callable[[Sequence[str | int]], int | No
     return loader.construct_document(root), line_of
 
 
-class UniqueKeyLoader(yaml.SafeLoader):
+class _UniqueKeyLoader(yaml.SafeLoader):
     """YAML without silent surprises: a key given twice is an error, not the last one wins."""
 
     def get_single_node(self) -> yaml.Node | None:
@@ -113,7 +113,7 @@ def _size(node: yaml.Node, sizes: dict[int, float]) -> float:
     return sizes[id(node)]
 
 
-def _unique_mapping(loader: UniqueKeyLoader, node: yaml.MappingNode, deep: bool = False) -> dict:
+def _unique_mapping(loader: _UniqueKeyLoader, node: yaml.MappingNode, deep: bool = False) -> dict:
     seen: set[Hashable] = set()
     for key_node, _ in node.value:
         if key_node.tag == "tag:yaml.org,2002:merge":
@@ -127,14 +127,14 @@ def _unique_mapping(loader: UniqueKeyLoader, node: yaml.MappingNode, deep: bool 
     return loader.construct_mapping(node, deep)
 
 
-UniqueKeyLoader.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _unique_mapping)
+_UniqueKeyLoader.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _unique_mapping)
 
 
 class UniqueKeyDumper(yaml.SafeDumper):
-    """Writes what `UniqueKeyLoader` reads: a text that looks like a number of ours is put in quotes."""
+    """Writes what `_UniqueKeyLoader` reads: a text that looks like a number of ours is put in quotes."""
 
 
-for _each in (UniqueKeyLoader, UniqueKeyDumper):
+for _each in (_UniqueKeyLoader, UniqueKeyDumper):
     # YAML 1.1 reads 193.0e9 (no sign in the exponent) as text; everyone who types a Young's modulus means a number.
     _each.add_implicit_resolver(
         "tag:yaml.org,2002:float",
@@ -146,7 +146,7 @@ for _each in (UniqueKeyLoader, UniqueKeyDumper):
 def read_yaml(path: Path) -> dict[str, Any]:
     """A YAML mapping. Raises InputError naming the line of what is wrong."""
     try:
-        data = yaml.load(read_text(path, _MOST_YAML_BYTES), Loader=UniqueKeyLoader)
+        data = yaml.load(read_text(path, _MOST_YAML_BYTES), Loader=_UniqueKeyLoader)
     except RecursionError:
         raise InputError("is not valid YAML (nested too deeply)", where=path, remedy="write it again") from None
     except (yaml.YAMLError, ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:

@@ -20,7 +20,7 @@ class _HasCost(Protocol):
     def cost(self) -> float: ...
 
 
-Point = TypeVar("Point", bound=_HasCost)
+_Point = TypeVar("_Point", bound=_HasCost)
 """A problem linearised at some parameters."""
 
 
@@ -53,20 +53,20 @@ class Rules:
 
 
 @dataclass(frozen=True, eq=False)
-class Descent(Generic[Point]):
+class Descent(Generic[_Point]):
     """Where a descent ended: the point, what its next step promises, and whether the iterations ran out before."""
 
-    at: Point
+    at: _Point
     promise: float
     exhausted: bool
 
 
 def levenberg_marquardt(
-    at: Point,
-    step: Callable[[Point, float], tuple[np.ndarray, float]],
-    moved: Callable[[Point, np.ndarray], Point | None],
+    at: _Point,
+    step: Callable[[_Point, float], tuple[np.ndarray, float]],
+    moved: Callable[[_Point, np.ndarray], _Point | None],
     rules: Rules,
-) -> Descent[Point]:
+) -> Descent[_Point]:
     """Descend to a least cost.
 
     Parameters

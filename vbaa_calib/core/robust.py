@@ -11,11 +11,11 @@ MAD_SCALE = 1.4826
 """Standard deviation of normal numbers over their median absolute value."""
 NORMAL_QUARTILE = 0.6745
 """Median absolute value of standard normal numbers, to the digits that are divided by."""
-RAYLEIGH_MEDIAN = 1.1774
+_RAYLEIGH_MEDIAN = 1.1774
 """Median length of a normal vector in the plane, in standard deviations per axis."""
 HUBER = 2.5
 """Whitened residuals beyond this count linearly (Huber): a few false points must not pull."""
-CAUCHY = 2.385
+_CAUCHY = 2.385
 """Scale of Cauchy's loss in standard deviations: 95 % efficiency on normal noise."""
 
 
@@ -26,7 +26,7 @@ def mad_std(residuals: np.ndarray) -> float:
 
 def radial_std(distances: np.ndarray) -> float:
     """Standard deviation per axis of plane normal vectors of these lengths (N,), from their median."""
-    return float(np.median(distances)) / RAYLEIGH_MEDIAN
+    return float(np.median(distances)) / _RAYLEIGH_MEDIAN
 
 
 def huber_losses(residuals: Array) -> Array:
@@ -49,7 +49,7 @@ def huber_weights(residuals: Array) -> Array:
 
 def cauchy_weights(distances: np.ndarray) -> np.ndarray:
     """Weights (N,) on squared distances (N,) of plane residuals for Cauchy's loss, its scale from their median."""
-    return 1.0 / (1.0 + (distances / (CAUCHY * max(radial_std(distances), 1e-9))) ** 2)
+    return 1.0 / (1.0 + (distances / (_CAUCHY * max(radial_std(distances), 1e-9))) ** 2)
 
 
 def soft_l1_weights(distances: np.ndarray, scale: float = 1.0) -> np.ndarray:

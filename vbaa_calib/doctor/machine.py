@@ -196,7 +196,7 @@ def disk(free_bytes: int | None = None) -> Finding:
     return Finding("disk", f"{free_bytes / _GB:.1f} GB free", problems, {"free_bytes": free_bytes})
 
 
-def available_memory(meminfo: Path = Path("/proc/meminfo")) -> int | None:
+def _available_memory(meminfo: Path = Path("/proc/meminfo")) -> int | None:
     """Bytes that may still be used; None where the system does not say."""
     with contextlib.suppress(OSError):
         found = re.search(r"MemAvailable:\s*(\d+) kB", meminfo.read_text())
@@ -207,7 +207,7 @@ def available_memory(meminfo: Path = Path("/proc/meminfo")) -> int | None:
     return None
 
 
-def computing(memory: Callable[[], int | None] = available_memory, environ: Mapping[str, str] = os.environ) -> Finding:
+def computing(memory: Callable[[], int | None] = _available_memory, environ: Mapping[str, str] = os.environ) -> Finding:
     """Cores, threads and memory."""
     free, threads = memory(), environ.get("OMP_NUM_THREADS")
     count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

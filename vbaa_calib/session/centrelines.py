@@ -24,7 +24,7 @@ from vbaa_calib.core.files import require_file
 from .rows import wrong
 from .settings import Session
 
-COLUMNS, DEVIATION = ("frame", "u_px", "v_px"), "sigma_px"
+_COLUMNS, _DEVIATION = ("frame", "u_px", "v_px"), "sigma_px"
 _FAR_PX = 1e7
 """Places and deviations beyond it are slips of the pen."""
 BLOCK = 1 << 20
@@ -122,7 +122,7 @@ def _indexed(stream: BinaryIO) -> tuple[tuple[int, ...], _Layout, np.ndarray] | 
     state, line = _state(stream), stream.readline(BLOCK)
     try:
         header = [name.strip() for name in line.decode("utf-8-sig").split(",")]
-        layout = _Layout(len(header), tuple(places_of(header, COLUMNS, (DEVIATION,), Path()).values()))
+        layout = _Layout(len(header), tuple(places_of(header, _COLUMNS, (_DEVIATION,), Path()).values()))
     except (UnicodeDecodeError, InputError):
         return None
     runs, at = [], len(line)
@@ -174,11 +174,11 @@ def _loaded(text: str, layout: _Layout) -> np.ndarray:
 def _copy_plainly(path: Path, copy: BinaryIO) -> None:
     """Write the same numbers as they are usually written. Raises InputError naming the first line that is wrong."""
     columns: tuple[str, ...] = ()
-    for row in csv_rows(path, COLUMNS, (DEVIATION,)):
+    for row in csv_rows(path, _COLUMNS, (_DEVIATION,)):
         if not columns:
             columns = tuple(name for name in row if name != "line")
             copy.write(",".join(columns).encode() + b"\n")
-        if DEVIATION in row and number(row, DEVIATION, path) <= 0:
+        if _DEVIATION in row and number(row, _DEVIATION, path) <= 0:
             raise wrong(row, path, "sigma_px is not positive", "give a standard deviation in pixels")
         frame, values = whole_number(row, "frame", path), [number(row, name, path) for name in columns[1:]]
         for name, value in zip(columns[1:], values, strict=True):

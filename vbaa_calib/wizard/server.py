@@ -38,9 +38,9 @@ NEWS_S = 20.0
 CONNECTION_S = 30.0
 """A connection is cut after this time, however slowly its bytes are sent or read."""
 CONNECTIONS = 64
-PICTURES_KEPT = 8
+_PICTURES_KEPT = 8
 """A browser that is a little behind still gets the picture that belongs to the corners it draws."""
-COMMANDS_KEPT = 100
+_COMMANDS_KEPT = 100
 
 FILES = {"/": "page.html"} | {
     f"/{name}": name for name in ("icon.svg", "page.css", "page.js", "picture.js", "question.js")
@@ -123,8 +123,8 @@ class PageServer:
         self._hosts = (f"127.0.0.1:{self.port}", f"localhost:{self.port}")
         self._lock = threading.Lock()
         self._number, self._body, self._report = 0, b"", ""
-        self._pictures: deque[tuple[int, bytes]] = deque(maxlen=PICTURES_KEPT)
-        self._commands: queue.Queue[PageCommand] = queue.Queue(COMMANDS_KEPT)
+        self._pictures: deque[tuple[int, bytes]] = deque(maxlen=_PICTURES_KEPT)
+        self._commands: queue.Queue[PageCommand] = queue.Queue(_COMMANDS_KEPT)
         self._changed = asyncio.Event()
         self._app = Starlette(
             routes=[

@@ -39,7 +39,7 @@ class Patience:
     retries_s: tuple[float, ...] = ()
 
 
-class LiveSource:
+class _LiveSource:
     """The newest frames of a device: those that nobody took in time are dropped, and not decoded.
 
     Frames count from 0; a number whose name is in `seen` is left out, so that names stay unique when a session goes on.
@@ -239,7 +239,7 @@ def parse_camera(text: str) -> CameraSettings:
     return CameraSettings(int(device) if number else device, **given)
 
 
-def open_camera(settings: CameraSettings, seen: Container[str] = (), patience: Patience | None = None) -> LiveSource:
+def open_camera(settings: CameraSettings, seen: Container[str] = (), patience: Patience | None = None) -> _LiveSource:
     """A camera, running. Raises InputError when it is not there or gives no picture."""
     name, notes = f"camera:{settings.device}", list[str]()
     _check_device(settings.device, name)
@@ -253,7 +253,7 @@ def open_camera(settings: CameraSettings, seen: Container[str] = (), patience: P
             notes[:] = [_ask_size(capture, settings), _stop_autofocus(capture), exposure]
         return capture
 
-    return LiveSource(name, opened, patience or Patience(), _CAMERA_FAULTS, seen, notes)
+    return _LiveSource(name, opened, patience or Patience(), _CAMERA_FAULTS, seen, notes)
 
 
 def _check_device(device: int | str, name: str) -> None:
@@ -314,7 +314,7 @@ _STREAM_FAULTS: dict[_Fault, tuple[str, str]] = {
 _STREAM_PATIENCE = Patience(failures=1, retries_s=(0.5, 1.0, 2.0, 4.0))
 
 
-def open_stream(url: str, seen: Container[str] = (), patience: Patience = _STREAM_PATIENCE) -> LiveSource:
+def open_stream(url: str, seen: Container[str] = (), patience: Patience = _STREAM_PATIENCE) -> _LiveSource:
     """A stream, running; when it breaks off it is opened again, a few times. Raises InputError.
 
     User, password and tokens in the URL are never shown.
@@ -339,7 +339,7 @@ def open_stream(url: str, seen: Container[str] = (), patience: Patience = _STREA
         return capture
 
     try:
-        return LiveSource(name, opened, patience, _STREAM_FAULTS, seen)
+        return _LiveSource(name, opened, patience, _STREAM_FAULTS, seen)
     except InputError:
         if not stored:
             raise
