@@ -17,8 +17,7 @@ from vbaa_calib.wizard.sources.picture import Picture, SourceLost, frame_picture
 from vbaa_calib.wizard.step import PictureCheck
 from vbaa_calib.wizard.store import Journal, Store
 
-from .small_session import call, tree
-from .tiny_wizard import Tiny, expect_refused, finished, tiny
+from .small_session import Tiny, call, expect_refused, finished, tiny, tree
 
 __all__ = ["finished", "tiny"]
 

@@ -1,17 +1,26 @@
-"""Cameras that hang, break and come back: played by a capture that does as it is told."""
+"""Cameras that hang, break and come back, streams from a server of our own, and what users may type instead."""
 
 from __future__ import annotations
 
+import socket
 import threading
 import time
+from collections.abc import Iterator
+from functools import partial
+from http.server import BaseHTTPRequestHandler, SimpleHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.wizard.sources import Source, SourceLost, live
-from vbaa_calib.wizard.sources.live import CameraSettings, Patience, open_camera, parse_camera
+from vbaa_calib.core.images import gray_from_bytes
+from vbaa_calib.wizard.sources import Source, SourceLost, live, open_source
+from vbaa_calib.wizard.sources.live import Patience, open_camera, open_stream, parse_camera
+from vbaa_calib.wizard.sources.picture import frame_picture, without_secrets
 
 QUICK = Patience(open_s=0.6, silence_s=0.4, failures=3)
 
@@ -83,13 +92,13 @@ def plug(monkeypatch: pytest.MonkeyPatch):
 
 
 def use_up(source: Source) -> None:
-    for _ in range(200):
+    for _ in range(400):
         source.next(0.1)
 
 
 def test_the_newest_frame_is_given_and_old_ones_are_dropped(plug) -> None:
     fake = plug(["go"])
-    source = open_camera(CameraSettings(0), patience=QUICK)
+    source = open_camera(0, patience=QUICK)
     offered = [source.next(1.0)]
     for _ in range(3):
         time.sleep(0.15)
@@ -108,7 +117,7 @@ def test_the_newest_frame_is_given_and_old_ones_are_dropped(plug) -> None:
                                              ("raise", "no more pictures"), ("empty", "no more pictures")])  # fmt: skip
 def test_an_unplugged_camera_is_told_soon(plug, play: str, words: str) -> None:
     fake = plug(["go"] * 5 + [play])
-    source = open_camera(CameraSettings(0), patience=QUICK)
+    source = open_camera(0, patience=QUICK)
     with pytest.raises(SourceLost, match=f"{words}; check cable and plug"):
         use_up(source)
     assert fake.released == (play != "hang")
@@ -126,7 +135,7 @@ def test_an_unplugged_camera_is_told_soon(plug, play: str, words: str) -> None:
 def test_a_camera_that_does_not_start_is_refused(plug, plays: list[str], opens: bool, words: str) -> None:
     plug(plays, opens=opens)
     with pytest.raises(InputError, match=words) as raised:
-        open_camera(CameraSettings(0), patience=QUICK)
+        open_camera(0, patience=QUICK)
     assert raised.value.remedy
     assert not isinstance(raised.value, SourceLost)
 
@@ -140,3 +149,142 @@ def test_a_camera_that_is_not_one_is_refused(text: str) -> None:
     with pytest.raises(InputError) as raised:
         parse_camera(text)
     assert raised.value.remedy
+
+
+PATIENT = Patience(open_s=2.0, silence_s=1.5, failures=1, retries_s=(0.05, 0.1))
+
+
+class Camera(ThreadingHTTPServer):
+    """An MJPEG camera that breaks off after `frames` of a connection, and answers at most `connections`."""
+
+    daemon_threads = True
+
+    def __init__(self) -> None:
+        super().__init__(("127.0.0.1", 0), _Handler)
+        self.frames, self.connections, self.stalls, self.sent = 10**6, 10**6, False, 0
+        self.url = f"http://anna:s3cr/et@127.0.0.1:{self.server_port}/video"
+
+    def handle_error(self, *_: object) -> None:
+        """The reader hung up."""
+
+
+class _Files(SimpleHTTPRequestHandler):
+    def log_message(self, *_: object) -> None:
+        """Silent."""
+
+
+class _Handler(BaseHTTPRequestHandler):
+    server: Camera
+
+    def log_message(self, *_: object) -> None:
+        """Silent."""
+
+    def do_GET(self) -> None:
+        self.server.connections -= 1
+        if self.server.connections < 0:
+            self.send_error(404)
+            return
+        self.send_response(200)
+        self.send_header("Content-Type", "multipart/x-mixed-replace; boundary=frame")
+        self.end_headers()
+        for _ in range(self.server.frames):
+            self.server.sent += 1
+            grey = np.full((120, 160, 3), 5 * self.server.sent % 256, np.uint8)
+            data = cv2.imencode(".jpg", grey)[1].tobytes()
+            self.wfile.write(b"--frame\r\nContent-Type: image/jpeg\r\nContent-Length: %d\r\n\r\n" % len(data))
+            self.wfile.write(data + b"\r\n")
+            time.sleep(0.02)
+        while self.server.stalls:
+            time.sleep(0.05)
+
+
+@pytest.fixture
+def server() -> Iterator[Camera]:
+    server = Camera()
+    server.url = server.url.replace("s3cr/et", "s3cret")
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    yield server
+    server.stalls = False
+    server.frames = 0
+    server.shutdown()
+    server.server_close()
+
+
+def test_a_stream_gives_frames_and_never_shows_its_password(server: Camera) -> None:
+    source = open_stream(server.url, patience=PATIENT)
+    found = [source.next(1.0) for _ in range(5)]
+    source.close()
+    assert [each.name for each in found] == [f"frame {index}" for index in range(5)]
+    assert found[0].image.shape == (120, 160)
+    assert source.live
+    assert not source.ended
+    assert source.name == f"http://***@127.0.0.1:{server.server_port}/video"
+
+
+def test_a_stream_that_breaks_off_is_reached_again_then_lost(server: Camera, capfd: pytest.CaptureFixture[str]) -> None:
+    server.frames, server.connections = 12, 3
+    source = open_stream(server.url, patience=PATIENT)
+    with pytest.raises(SourceLost, match="broke off and cannot be reached again") as raised:
+        use_up(source)
+    assert "s3cret" not in str(raised.value)
+    assert len(source.notes) == 2
+    assert "s3cret" not in "".join(source.notes)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_server_that_never_answers_or_is_not_there_is_refused(capfd: pytest.CaptureFixture[str]) -> None:
+    with socket.socket() as silent:
+        silent.bind(("127.0.0.1", 0))
+        silent.listen()
+        for url in (f"http://u:geheim@127.0.0.1:{silent.getsockname()[1]}/", "rtsp://u:geheim@127.0.0.1:9/x"):
+            with pytest.raises(InputError) as raised:
+                open_stream(url, patience=Patience(open_s=0.5))
+            assert "geheim" not in str(raised.value)
+            assert not isinstance(raised.value, SourceLost)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_video_that_a_server_keeps_is_no_stream(tmp_path: Path) -> None:
+    writer = cv2.VideoWriter(str(tmp_path / "x.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 10.0, (64, 48))
+    for grey in range(10):
+        writer.write(np.full((48, 64, 3), 20 * grey, np.uint8))
+    writer.release()
+    handler = partial(_Files, directory=str(tmp_path))
+    with ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        with pytest.raises(InputError, match="not a live stream; save it and name the file"):
+            open_stream(f"http://127.0.0.1:{server.server_port}/x.avi", patience=PATIENT)
+        server.shutdown()
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.text(max_size=20), st.text(max_size=20))
+def test_no_password_is_ever_shown(user: str, password: str) -> None:
+    secret = f"<{password}>"
+    assert secret not in without_secrets(f"rtsp://{user}:{secret}@host/path")
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "   ", "camera:", "camera:x", "camera:0?width=x", "camera:/no/such", "/dev/video99", "/dev/null", "0", "\0",
+     "a\0b", "x" * 5000, "x" * 300, "/no/such/folder", "file:///tmp", "ftp://host/x", "gopher://x", "://", "http://",
+     "http:///x", "rtsp://host:99999/x", "rtsp://[::1", "http://a b/x", "http://a\n/x", "udp://", "~nobody", "\ud800",
+     "C:\\pictures", "{}", "http://%zz:\x1b[31m@/"],
+)  # fmt: skip
+def test_hostile_texts_are_refused_with_a_remedy(text: str, capfd: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(InputError) as raised:
+        open_source(text)
+    assert raised.value.remedy
+    assert str(raised.value).isprintable()
+    assert len(str(raised.value)) < 400
+    assert capfd.readouterr() == ("", "")
+
+
+def test_grey_of_a_colour_frame_is_that_of_its_png() -> None:
+    """For 60 000 colours, since a library's grey may truncate, round, or weigh otherwise."""
+    rng = np.random.default_rng(0)
+    pixels = rng.integers(0, 256, (200, 300, 3), dtype=np.uint8)
+    pixels[:16, :16] = np.arange(256, dtype=np.uint8).reshape(16, 16, 1)
+    for frame in (pixels, pixels[..., 1].copy()):
+        offered = frame_picture("x", frame, 0.0)
+        np.testing.assert_array_equal(offered.image, gray_from_bytes(offered.data, Path("x.png")))

@@ -10,8 +10,7 @@ import pytest
 
 from ..hostile import damage as d
 from ..hostile.case import Damage
-from .small_session import call
-from .tiny_wizard import Tiny, expect_refused, finished, pictures, tiny
+from .small_session import Tiny, call, expect_refused, finished, pictures, tiny
 
 __all__ = ["finished", "tiny"]
 

@@ -10,10 +10,14 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.images import SUFFIXES
 
 from .files import FolderSource, VideoSource
-from .live import CameraSettings, open_camera, open_stream, parse_camera
-from .picture import Picture, Source, SourceLost, shown
+from .live import LiveSource, open_camera, open_stream, parse_camera
+from .picture import Picture, SourceLost, shown
 
 __all__ = ["Picture", "Source", "SourceLost", "open_source"]
+Source = FolderSource | VideoSource | LiveSource
+"""`next` gives the next picture, None where there is nothing new in time, and raises SourceLost; `close` may be called
+twice. name : for the screen, without a URL's secrets. notes : messages so far. live : a stream of frames, of which one
+is accepted when it is held still; else every picture counts."""
 _LONGEST = 4096
 _KINDS = "name a folder of pictures, a video, a camera like camera:0, or a stream like rtsp://host/path"
 
@@ -29,30 +33,26 @@ def open_source(text: str, seen: Container[str] = (), wait: bool = False) -> Sou
     if len(text) > _LONGEST or "\0" in text:
         raise InputError("is not a path that can be", where=shown(text), remedy=_KINDS)
     if text.startswith("camera:"):
-        return open_camera(parse_camera(text.removeprefix("camera:")), seen)
+        return open_camera(*parse_camera(text.removeprefix("camera:")), seen)
     if "://" in text:
         return open_stream(text, seen)
     path = Path(text)
-    mode = _mode(path, text)
-    if stat.S_ISDIR(mode):
-        return FolderSource(path, seen, wait)
-    if stat.S_ISCHR(mode):
-        return open_camera(CameraSettings(str(path.absolute())), seen)
-    if not stat.S_ISREG(mode):
-        raise InputError("is neither folder, video nor camera", where=shown(text), remedy=_KINDS)
-    if path.suffix.lower() in SUFFIXES:
-        raise InputError("is a single picture", where=shown(text), remedy="name the folder that holds the pictures")
-    return VideoSource(path, seen)
-
-
-def _mode(path: Path, text: str) -> int:
     try:
-        return path.stat().st_mode
+        mode = path.stat().st_mode
     except (FileNotFoundError, NotADirectoryError):
         if text.startswith("/dev/video"):
-            open_camera(CameraSettings(text))  # raises, with the cameras that are there
+            open_camera(text)  # raises, with the cameras that are there
         digits = f"for a camera write camera:{text}; or " if text.isdigit() and len(text) < 4 else ""
         raise InputError("no such folder or video", where=shown(text), remedy=f"{digits}{_KINDS}") from None
     except (OSError, ValueError) as error:
         why = getattr(error, "strerror", None) or error
         raise InputError(f"cannot be read ({why})", where=shown(text), remedy=_KINDS) from None
+    if stat.S_ISDIR(mode):
+        return FolderSource(path, seen, wait)
+    if stat.S_ISCHR(mode):
+        return open_camera(str(path.absolute()), seen=seen)
+    if not stat.S_ISREG(mode):
+        raise InputError("is neither folder, video nor camera", where=shown(text), remedy=_KINDS)
+    if path.suffix.lower() in SUFFIXES:
+        raise InputError("is a single picture", where=shown(text), remedy="name the folder that holds the pictures")
+    return VideoSource(path, seen)

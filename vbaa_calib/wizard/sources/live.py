@@ -39,7 +39,7 @@ class Patience:
     retries_s: tuple[float, ...] = ()
 
 
-class _LiveSource:
+class LiveSource:
     """The newest frames of a device: those that nobody took in time are dropped, and not decoded.
 
     Frames count from 0; a number whose name is in `seen` is left out, so that names stay unique when a session goes on.
@@ -205,22 +205,11 @@ _CAMERA_FAULTS: dict[_Fault, tuple[str, str]] = {
 }
 
 
-@dataclass(frozen=True)
-class CameraSettings:
-    """Which camera (OpenCV's index, or a device file), and what is asked of it; None: the camera's default.
+def parse_camera(text: str) -> tuple[int | str, dict[str, Any]]:
+    """What stands behind "camera:": which one (OpenCV's index, or a device file), and what is asked of it.
 
-    Many cameras are slow at full size without a fourcc such as MJPG.
+    Many cameras are slow at full size without a fourcc such as MJPG. Raises InputError.
     """
-
-    device: int | str
-    width: int | None = None
-    height: int | None = None
-    fps: int | None = None
-    fourcc: str | None = None
-
-
-def parse_camera(text: str) -> CameraSettings:
-    """What stands behind "camera:". Raises InputError."""
     device, _, query = text.partition("?")
     where, given = f"camera:{shown(text)}", dict[str, Any]()
     for key, value in parse_qsl(query, keep_blank_values=True):
@@ -236,24 +225,29 @@ def parse_camera(text: str) -> CameraSettings:
     number = re.fullmatch(r"[0-9]{1,3}", device)
     if not number and not device.startswith("/"):
         raise InputError("is neither a camera's number nor its device", where=where, remedy=_LIKE)
-    return CameraSettings(int(device) if number else device, **given)
+    return int(device) if number else device, given
 
 
-def open_camera(settings: CameraSettings, seen: Container[str] = (), patience: Patience | None = None) -> _LiveSource:
+def open_camera(
+    device: int | str,
+    asked: Mapping[str, Any] | None = None,
+    seen: Container[str] = (),
+    patience: Patience | None = None,
+) -> LiveSource:
     """A camera, running. Raises InputError when it is not there or gives no picture."""
-    name, notes = f"camera:{settings.device}", list[str]()
-    _check_device(settings.device, name)
+    name, notes = f"camera:{device}", list[str]()
+    _check_device(device, name)
 
     def opened() -> cv2.VideoCapture:
         silence_opencv()
         backend = cv2.CAP_V4L2 if sys.platform.startswith("linux") else cv2.CAP_ANY
-        capture = cv2.VideoCapture(settings.device, backend)
+        capture = cv2.VideoCapture(device, backend)
         if capture.isOpened():
             exposure = "the camera's automatic exposure is left as it is"
-            notes[:] = [_ask_size(capture, settings), _stop_autofocus(capture), exposure]
+            notes[:] = [_ask_size(capture, asked or {}), _stop_autofocus(capture), exposure]
         return capture
 
-    return _LiveSource(name, opened, patience or Patience(), _CAMERA_FAULTS, seen, notes)
+    return LiveSource(name, opened, patience or Patience(), _CAMERA_FAULTS, seen, notes)
 
 
 def _check_device(device: int | str, name: str) -> None:
@@ -276,12 +270,12 @@ def _check_device(device: int | str, name: str) -> None:
         raise InputError(f"{path} may not be used", where=name, remedy=remedy)
 
 
-def _ask_size(capture: cv2.VideoCapture, settings: CameraSettings) -> str:
+def _ask_size(capture: cv2.VideoCapture, wanted: Mapping[str, Any]) -> str:
     # the pixel format first: it decides which sizes there are
-    if settings.fourcc:
-        capture.set(cv2.CAP_PROP_FOURCC, cv2.VideoWriter.fourcc(*settings.fourcc))
-    sides = {cv2.CAP_PROP_FRAME_WIDTH: settings.width, cv2.CAP_PROP_FRAME_HEIGHT: settings.height}
-    for key, value in {**sides, cv2.CAP_PROP_FPS: settings.fps}.items():
+    if "fourcc" in wanted:
+        capture.set(cv2.CAP_PROP_FOURCC, cv2.VideoWriter.fourcc(*wanted["fourcc"]))
+    sides = {cv2.CAP_PROP_FRAME_WIDTH: wanted.get("width"), cv2.CAP_PROP_FRAME_HEIGHT: wanted.get("height")}
+    for key, value in {**sides, cv2.CAP_PROP_FPS: wanted.get("fps")}.items():
         if value:
             capture.set(key, value)
     capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
@@ -314,7 +308,7 @@ _STREAM_FAULTS: dict[_Fault, tuple[str, str]] = {
 _STREAM_PATIENCE = Patience(failures=1, retries_s=(0.5, 1.0, 2.0, 4.0))
 
 
-def open_stream(url: str, seen: Container[str] = (), patience: Patience = _STREAM_PATIENCE) -> _LiveSource:
+def open_stream(url: str, seen: Container[str] = (), patience: Patience = _STREAM_PATIENCE) -> LiveSource:
     """A stream, running; when it breaks off it is opened again, a few times. Raises InputError.
 
     User, password and tokens in the URL are never shown.
@@ -339,7 +333,7 @@ def open_stream(url: str, seen: Container[str] = (), patience: Patience = _STREA
         return capture
 
     try:
-        return _LiveSource(name, opened, patience, _STREAM_FAULTS, seen)
+        return LiveSource(name, opened, patience, _STREAM_FAULTS, seen)
     except InputError:
         if not stored:
             raise

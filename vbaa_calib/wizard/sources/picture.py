@@ -7,7 +7,6 @@ import os
 import re
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Protocol
 
 import cv2
 import numpy as np
@@ -70,30 +69,6 @@ class Picture:
     def sha256(self) -> str:
         """Hex digest of `data`."""
         return hashlib.sha256(self.data).hexdigest()
-
-
-class Source(Protocol):
-    """Where pictures come from; `name` is for the screen, without a URL's secrets, and `notes` are messages so far.
-
-    live : a stream of frames, of which one is accepted when it is held still; else every picture counts.
-    """
-
-    @property
-    def name(self) -> str: ...
-    @property
-    def live(self) -> bool: ...
-    @property
-    def ended(self) -> bool: ...
-    @property
-    def notes(self) -> tuple[str, ...]: ...
-
-    def next(self, timeout_s: float) -> Picture | None:
-        """The next picture; None where there is nothing new within `timeout_s`. Raises SourceLost."""
-        ...
-
-    def close(self) -> None:
-        """Let go of device, file or connection. May be called twice."""
-        ...
 
 
 def silence_opencv() -> None:
