@@ -58,12 +58,10 @@ class BoardSpec:
 
     @property
     def corner_count(self) -> int:
-        """Number of inner chessboard corners."""
         return (self.squares_x - 1) * (self.squares_y - 1)
 
     @property
     def marker_count(self) -> int:
-        """Number of markers."""
         return self.squares_x * self.squares_y // 2
 
     @property
@@ -82,7 +80,6 @@ class BoardSpec:
 
 
 def opencv_board(spec: BoardSpec) -> cv2.aruco.CharucoBoard:
-    """OpenCV's board object for a spec."""
     dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, spec.dictionary))
     board = cv2.aruco.CharucoBoard((spec.squares_x, spec.squares_y), spec.square_m, spec.marker_m, dictionary)
     board.setLegacyPattern(spec.legacy_pattern)

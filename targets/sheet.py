@@ -189,12 +189,10 @@ class Layout:
 
     @property
     def qr(self) -> float:
-        """Room for the QR code."""
         return _QR_MM * self.size
 
     @property
     def orientation(self) -> str:
-        """portrait or landscape."""
         return "landscape" if self.width > self.height else "portrait"
 
 
@@ -276,7 +274,6 @@ def _on_page(spec: BoardSpec, page: tuple[float, float], margin: float, size: fl
 
 
 def _header(spec: BoardSpec, margin: float, width_mm: float, size: float) -> tuple[Label, ...]:
-    """Title, sizes, spec and advice, wrapped to a width."""
     texts = (
         (f"ChArUco board {board_id(spec)}", 4.2, True),
         (size_words(spec), 3.0, False),

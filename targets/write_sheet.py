@@ -71,12 +71,10 @@ def board_shapes(spec: BoardSpec) -> list[tuple[Loop, ...]]:
 
 
 def placed(loops: tuple[Loop, ...], scale: float, x: float, y: float) -> tuple[Loop, ...]:
-    """The same outlines, scaled and then shifted."""
     return tuple(tuple((x + scale * u, y + scale * v) for u, v in loop) for loop in loops)
 
 
 def draw(spec: BoardSpec, layout: Layout) -> Drawing:
-    """The whole page."""
     marks: list[Shape | Stroke | Label] = [
         Shape(placed(shape, 1.0, layout.board_x, layout.board_y)) for shape in board_shapes(spec)
     ]
@@ -218,7 +216,6 @@ class _ScreenBoard:
 
     @property
     def size_px(self) -> tuple[int, int]:
-        """Width and height of the picture."""
         columns, rows = self.spec.squares_x, self.spec.squares_y
         return columns * self.square_px + 2 * self.margin_px, rows * self.square_px + 2 * self.margin_px
 

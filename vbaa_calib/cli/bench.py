@@ -13,7 +13,6 @@ from vbaa_calib.core.errors import InputError
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `vbaa bench`."""
     _suite().configure(parser)
 
 

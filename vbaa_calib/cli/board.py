@@ -24,7 +24,6 @@ _OF_PAPER, _OF_SCREENS = ("paper", "margin_mm"), ("px_per_mm", "screen_ppi")
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `vbaa board`."""
     parser.add_argument(
         "-o",
         "--output",

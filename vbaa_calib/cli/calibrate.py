@@ -10,7 +10,6 @@ from .intrinsics import MODELS
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `vbaa calibrate`."""
     parser.add_argument("session", type=Path, help="the session folder (docs/formats.md)")
     parser.add_argument("-o", "--output", type=Path, required=True, help="rig.json to write")
     parser.add_argument(

@@ -30,7 +30,6 @@ _WIDTH = 118
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `vbaa doctor`."""
     parser.add_argument(
         "--skip", action="append", default=[], choices=list(CHECKS), metavar="CHECK", help=f"one of {', '.join(CHECKS)}"
     )

@@ -19,7 +19,6 @@ MODELS = ("auto", "none", "radial", "opencv4", "opencv5", "rational", "thin", "t
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `vbaa intrinsics`."""
     parser.add_argument("images", type=Path, help="folder of photos of the board in many poses")
     parser.add_argument("--board", type=Path, required=True, help="board.yaml, or a session.yaml")
     parser.add_argument("-o", "--output", type=Path, required=True, help="camera.json to write")

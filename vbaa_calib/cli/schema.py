@@ -8,7 +8,6 @@ from typing import Any
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `vbaa schema`."""
     parser.add_argument("name", choices=("session", "rig"), help="which file")
 
 

@@ -14,7 +14,6 @@ _MOST_PICTURES = 1000
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `vbaa selftest`."""
     parser.add_argument("--board", type=Path, required=True, help="board.yaml, or a session.yaml")
     parser.add_argument(
         "--pictures",

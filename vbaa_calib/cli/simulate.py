@@ -9,7 +9,6 @@ from typing import Any
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments of `vbaa simulate`."""
     parser.add_argument("scene", help="a scene file, or the name of a bundled scene such as demo")
     parser.add_argument("-o", "--output", required=True, type=Path, metavar="SESSION", help="folder to write")
     parser.add_argument("--seed", type=int, help="random seed in place of the scene's")

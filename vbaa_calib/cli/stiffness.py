@@ -21,7 +21,6 @@ _FEW_READINGS = 8
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `vbaa stiffness`."""
     parser.add_argument("table", type=Path, help="CSV with the columns x_m,unloaded_y_m,loaded_y_m")
     # here --force is newtons, so that --overwrite stands for the usual flag of that name
     load = parser.add_argument_group("load", conflict_handler="resolve")
@@ -187,7 +186,6 @@ def _warnings(table: DeflectionTable, solution: StiffnessSolution, document: dic
 
 
 def report(document: dict[str, Any]) -> None:
-    """The result in a few lines of prose."""
     low, high = document["stiffness_interval_95_Nm2"]
     value, std = document["stiffness_Nm2"], document["stiffness_std_Nm2"]
     say(f"EI         {value:.5g} ± {std:.2g} N·m², 95 % {low:.5g} … {high:.5g}")

@@ -156,7 +156,6 @@ def numbers(values: Any, key: str, path: Path, counts: Sequence[int]) -> list[fl
 
 
 def matrix_of(fx: float, fy: float, cx: float, cy: float) -> np.ndarray:
-    """(3, 3) camera matrix."""
     return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
 
 
@@ -181,7 +180,6 @@ def pose_of(matrix: Any, key: str, path: Path) -> Pose:
 
 
 def intrinsics(camera: Camera) -> list[float]:
-    """fx, fy, cx, cy."""
     return [float(camera.matrix[index]) for index in ((0, 0), (1, 1), (0, 2), (1, 2))]
 
 

@@ -42,7 +42,6 @@ def csv_rows(path: Path, columns: Sequence[str], optional: Sequence[str] = ()) -
 
 
 def _filled(path: Path) -> Iterator[tuple[int, list[str]]]:
-    """Lines that are not blank, with their numbers."""
     require_file(path)
     line = 0
     try:

@@ -63,5 +63,4 @@ class Diagnosis:
         return f"{self.words}; {self.remedy}"
 
     def to_dict(self) -> dict[str, str | bool]:
-        """For JSON: the fields by name."""
         return {"name": self.name, "words": self.words, "remedy": self.remedy, "grave": self.grave}

@@ -183,7 +183,6 @@ class Linearised:
 
     @property
     def is_finite(self) -> bool:
-        """Whether all residuals and slopes are numbers."""
         return bool(np.isfinite(self.residuals).all() and np.isfinite(self.jacobian).all())
 
     def normal_equations(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

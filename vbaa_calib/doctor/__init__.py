@@ -26,11 +26,9 @@ class Finding:
 
     @property
     def status(self) -> str:
-        """ok, look or fails."""
         return FAILS if any(problem.grave for problem in self.problems) else LOOK if self.problems else OK
 
     def to_dict(self) -> dict[str, Any]:
-        """For JSON."""
         problems = [problem.to_dict() for problem in self.problems]
         head = {"name": self.name, "status": self.status, "words": self.words}
         return head | {"problems": problems, "numbers": self.numbers}

@@ -127,7 +127,6 @@ class Row:
 
 
 def opencv_corners(image: np.ndarray, spec: BoardSpec) -> BoardView:
-    """OpenCV's ChArUco corners as they come."""
     corners, ids, _, _ = cv2.aruco.CharucoDetector(opencv_board(spec)).detectBoard(image)
     height, width = image.shape
     found = np.zeros((0, 2)) if corners is None else np.asarray(corners, float).reshape(-1, 2)
@@ -244,7 +243,6 @@ def verdict(rows: Sequence[Row]) -> list[str]:
 
 
 def as_text(rows: Sequence[Row]) -> str:
-    """The table."""
     lines = [
         "square px  blur px  detector     found   bias u, v px        rms   median    worst  error/std",
         "----------------------------------------------------------------------------------------------",

@@ -187,7 +187,6 @@ def writable(folders: Mapping[str, Path | None] | None = None) -> Finding:
 
 
 def disk(free_bytes: int | None = None) -> Finding:
-    """Free space where one stands."""
     if free_bytes is None:
         free_bytes = shutil.disk_usage(Path.cwd()).free
     said = f"only {free_bytes / _MB:.0f} MB are free on this disk, and a session with its pictures may need some GB"
@@ -208,7 +207,6 @@ def _available_memory(meminfo: Path = Path("/proc/meminfo")) -> int | None:
 
 
 def computing(memory: Callable[[], int | None] = _available_memory, environ: Mapping[str, str] = os.environ) -> Finding:
-    """Cores, threads and memory."""
     free, threads = memory(), environ.get("OMP_NUM_THREADS")
     count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     said = f"{free / _GB:.1f} GB of memory" if free is not None else "memory unknown"

@@ -48,7 +48,6 @@ class Drift:
 
     @property
     def of_rig(self) -> bool:
-        """Whether anything of the rig changes."""
         return any(getattr(self, each.name) for each in fields(self) if each.name not in _OF_FRAMES)
 
     def times(self, factor: float) -> Drift:

@@ -36,7 +36,6 @@ class Page(View):
         return self._server.url
 
     def close(self) -> None:
-        """Stop answering."""
         self._server.close()
 
     def events(self, ui: Ui) -> Iterator[tuple[str, Any]]:
@@ -57,7 +56,6 @@ class Page(View):
                 yield command.kind, given
 
     def update(self, ui: Ui, change: str) -> None:
-        """Show all of it anew."""
         match change:
             case "step":
                 self._live, self._jpeg, self._commands_from = None, None, self._number + 1

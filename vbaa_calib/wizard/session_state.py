@@ -249,7 +249,6 @@ class SessionState:
                 _write_table(self.store.root / folder / f"{folder}.csv", taken)
 
     def taken(self, step: str) -> tuple[AcceptedPicture, ...]:
-        """The pictures of a step."""
         return self.store.journal.of(step).taken
 
     def _view(self, taken: AcceptedPicture) -> BoardView:
@@ -258,7 +257,6 @@ class SessionState:
         return self.cached(("view", taken.file), inputs, lambda: detect_corners(read_gray(path), spec, path.name))
 
     def views(self, step: str) -> list[BoardView]:
-        """The board in all pictures of a step."""
         return [self._view(taken) for taken in self.taken(step)]
 
     @property
@@ -268,7 +266,6 @@ class SessionState:
         return self._view(first[0]).image_size if first else None
 
     def lens(self) -> LensSolution:
-        """The lens by its pictures."""
         return self.cached("lens", self.inputs("lens"), lambda: solve_intrinsics(self.views("lens"), self.board))
 
     def plane(self) -> PlaneC:

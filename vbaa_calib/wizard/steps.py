@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import yaml
 
 from targets.sheet import board_id, fill_in, lay_out, paper_named, size_words, spec_document
 from targets.write_sheet import as_pdf, draw
@@ -25,7 +26,7 @@ from vbaa_calib.core.files import write_json, write_text
 from vbaa_calib.detect.board.board_file import load_board
 from vbaa_calib.session import load_session
 
-from .questions import PICTURES, STEPS
+from .questions import PICTURES
 from .session_state import BOARD, SessionState
 from .sources import Picture
 from .step import Number, PictureCheck, Progress, Readings, Step, Target, check_antenna, check_board, counted
@@ -56,7 +57,6 @@ def make_board(store: Store, answers: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def print_instructions(store: Store, answers: Mapping[str, Any]) -> str:
-    """What to do with the sheet."""
     if answers["board"] != "new":
         return "measure the print of your board"
     return (
@@ -281,62 +281,22 @@ def _verdict_progress(state: SessionState) -> Progress:
     return Progress(seen=(f"pictures: {', '.join(counts)}",), next="everything is solved together; this takes a minute")
 
 
-_STEPS = (
-    Step(
-        "board",
-        "Board",
-        "Print the board at 100 %, glue it flat, and measure the print in both directions.",
-        "The board is the ruler of everything: a print 1 % too small makes every distance 1 % wrong, and EI with it.",
-        _board_progress,
-    ),
-    Step(
-        "lens",
-        "Lens",
-        "Hold the board before the camera in different places, distances and tilts, still each time.",
-        "A lens bends straight lines. What it does to the place where the antenna moves has to be known.",
-        _lens_progress,
-        _check_lens,
-    ),
-    Step(
-        "plane",
-        "Plane C",
-        "Show the camera where the antenna's base is: the board in its jig, a sweep of the joints, or the board under "
-        "it.",
-        "The antenna bends in this plane. Pixels become millimetres of the antenna only when it is known.",
-        _plane_progress,
-        lambda state, picture, readings: check_board(state, picture, readings is None)[1],
-    ),
-    Step(
-        "noload",
-        "Free antenna",
-        "Let nothing touch the antenna. Turn it to a few pan and tilt angles, wait until it rests, read the moment "
-        "sensor.",
-        "Nothing is straight and nothing weighs nothing: bow, sag and the sensor's zero have to be known before a "
-        "contact.",
-        _free_progress,
-        partial(check_antenna, "noload"),
-    ),
-    Step(
-        "loads",
-        "Known loads",
-        "Hang known masses on the antenna, one at a time, at measured distances from the clamp; let it rest.",
-        "How far a known force bends it is its stiffness EI, and EI turns every bend seen later into newtons.",
-        _loads_progress,
-        partial(check_antenna, "loads"),
-    ),
-    Step(
-        "sensor",
-        "Moment sensor",
-        "Nothing to shoot: the sensor is compared with the pictures of the free and the loaded antenna.",
-        "It locates a contact along the antenna; turned round or loose, it puts it in the wrong place.",
-        _sensor_progress,
-    ),
-    Step(
-        "verdict",
-        "Verdict",
-        "Nothing to do: lens, plane C, antenna and sensor are solved together from all pictures.",
-        "What one step calls certain another may contradict; the report says what to trust, and how far.",
-        _verdict_progress,
-    ),
-)
-STEP_BY_NAME = dict(zip(STEPS, _STEPS, strict=True))
+_PROGRESS = {
+    "board": _board_progress,
+    "lens": _lens_progress,
+    "plane": _plane_progress,
+    "noload": _free_progress,
+    "loads": _loads_progress,
+    "sensor": _sensor_progress,
+    "verdict": _verdict_progress,
+}
+_CHECK = {
+    "lens": _check_lens,
+    "plane": lambda state, picture, readings: check_board(state, picture, readings is None)[1],
+    "noload": partial(check_antenna, "noload"),
+    "loads": partial(check_antenna, "loads"),
+}
+_WORDS = yaml.safe_load(Path(__file__).with_name("steps.yaml").read_text(encoding="utf-8"))
+STEP_BY_NAME = {
+    name: Step(name, **_WORDS[name], progress=progress, check=_CHECK.get(name)) for name, progress in _PROGRESS.items()
+}

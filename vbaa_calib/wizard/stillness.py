@@ -133,7 +133,6 @@ def _noise(image: np.ndarray) -> float:
 
 
 def _cut(small: np.ndarray) -> np.ndarray:
-    """(rows · 20, columns · 20) to (T, 400)."""
     rows, columns = (side // _TILE_PX for side in small.shape)
     cut = small.reshape(rows, _TILE_PX, columns, _TILE_PX).swapaxes(1, 2)
     return cut.reshape(rows * columns, _TILE_PX * _TILE_PX)

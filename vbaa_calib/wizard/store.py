@@ -57,7 +57,6 @@ def _step(name: str) -> str:
 
 
 def _answers(answers: dict[str, Any]) -> dict[str, Any]:
-    """Answers as they were given, checked again."""
     for key in answers.keys() - _QUESTIONS.keys():
         raise ValueError(f"{key!r} is no question")
     try:
@@ -90,8 +89,6 @@ class AcceptedPicture(_Model):
 
 
 class RefusedPicture(_Model):
-    """A picture that was not taken, and why."""
-
     source: str
     sha256: str
     why: str
@@ -117,15 +114,12 @@ class Journal(_Model):
     steps: dict[Annotated[str, AfterValidator(_step)], StepRecord]
 
     def of(self, step: str) -> StepRecord:
-        """The record of a step."""
         return self.steps.get(step, StepRecord())
 
     def with_answers(self, answers: Mapping[str, Any]) -> Journal:
-        """With exactly these answers."""
         return self.model_copy(update={"answers": dict(answers)})
 
     def without_answers(self, keys: Collection[str]) -> Journal:
-        """Without the answers to these questions."""
         return self.with_answers(_without(self.answers, keys))
 
     def with_step(self, step: str, **changes: Any) -> Journal:
@@ -133,7 +127,6 @@ class Journal(_Model):
         return self.model_copy(update={"steps": {**self.steps, step: self.of(step).model_copy(update=changes)}})
 
     def to_dict(self) -> dict[str, Any]:
-        """wizard.json."""
         return {"schema": _SCHEMA, **self.model_dump(mode="json")}
 
     @staticmethod
@@ -215,7 +208,6 @@ class Store:
         return FOLDERS.get(step) or WAYS[str(self.journal.answers.get("plane_way", "jig"))]
 
     def path(self, taken: AcceptedPicture) -> Path:
-        """Where a picture is."""
         return self.root / taken.file
 
     def save(self, journal: Journal) -> None:
@@ -268,7 +260,6 @@ class Store:
         return taken
 
     def refuse(self, step: str, picture: Picture, why: str) -> None:
-        """Remember that a picture was not taken."""
         refused = RefusedPicture(source=picture.name, sha256=picture.sha256, why=why)
         self._record(step, left=(*self.journal.of(step).left, refused))
 

@@ -88,7 +88,6 @@ class Screen:
         self._prompt = self._status = None
 
     def passing(self, text: str) -> None:
-        """A line that stands until something else is written."""
         self.clear()
         if self._moves:
             self._prompt = _clipped(text, self.width)
@@ -166,7 +165,6 @@ class Terminal(View):
                 self._write(f"{line!r} is none of {', '.join(COMMANDS)}", "doubt", "  ")
 
     def update(self, ui: Ui, change: str) -> None:
-        """Write what has changed above the prompt."""
         match change:
             case "greeting":
                 for paragraph in ui.greeting:
@@ -207,7 +205,6 @@ class Terminal(View):
                     self._write(f"{label:9s} {words}", style, "  ", _LABEL)
 
     def close(self) -> None:
-        """Leave the terminal as it was."""
         self._screen.clear()
 
 

@@ -129,15 +129,12 @@ class Ui:
         return [command for view in self.views for command, _ in view.events(self) if command != "answer"]
 
     def greet(self, paragraphs: Sequence[str]) -> None:
-        """The first words."""
         self._changed("greeting", greeting=paragraphs)
 
     def begin(self, step: Step) -> None:
-        """A step begins."""
         self._changed("step", step=step, progress=Progress(), question=None, picture=None, doing="")
 
     def show(self, step: Step, progress: Progress) -> None:
-        """How far the step is."""
         self._changed("progress", step=step, progress=progress, doing="")
 
     def working(self, words: str) -> None:
@@ -145,11 +142,9 @@ class Ui:
         self._changed("doing", doing=words)
 
     def live(self, picture: LivePicture) -> None:
-        """A live picture."""
         self._changed("live", picture=picture)
 
     def say(self, line: str) -> None:
-        """A line for the log."""
         self._changed("line", lines=[*self.lines[-59:], line])
 
     def wrong(self, line: str) -> None:

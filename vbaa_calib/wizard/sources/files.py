@@ -235,7 +235,6 @@ class VideoSource:
         return None
 
     def close(self) -> None:
-        """Let go of the file."""
         self.ended = True
         self._capture.release()
 

@@ -85,7 +85,6 @@ class LiveSource:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Messages so far."""
         times = range(1, self._reopened + 1)
         return (*self._notes, *(f"{self.name} broke off and was reached again, time {time}" for time in times))
 
@@ -103,7 +102,6 @@ class LiveSource:
         return frame_picture(name, *frame)
 
     def close(self) -> None:
-        """Let go of the device."""
         self._stop.set()
         self._thread.join(_LEAVE_S)
 
@@ -145,7 +143,6 @@ class LiveSource:
             self._stop.wait(wait_s)
 
     def _read_until_it_breaks(self) -> tuple[_Fault, int]:
-        """What happened, and how many frames came."""
         try:
             capture = self._opener()
         except cv2.error:

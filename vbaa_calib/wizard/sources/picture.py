@@ -67,7 +67,6 @@ class Picture:
 
     @cached_property
     def sha256(self) -> str:
-        """Hex digest of `data`."""
         return hashlib.sha256(self.data).hexdigest()
 
 
