@@ -290,7 +290,7 @@ _PROGRESS = {
     "sensor": _sensor_progress,
     "verdict": _verdict_progress,
 }
-_CHECK = {
+_CHECK: dict[str, Callable[[SessionState, Picture, Readings | None], PictureCheck]] = {
     "lens": _check_lens,
     "plane": lambda state, picture, readings: check_board(state, picture, readings is None)[1],
     "noload": partial(check_antenna, "noload"),
