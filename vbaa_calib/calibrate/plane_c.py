@@ -134,7 +134,12 @@ def find_plane(session: Session, camera: Camera, flex: BoardFlex, views: PlaneVi
         )
         estimates.append(sweep.estimate)
     if views.over is not None and session.over is not None:
-        over = _over(session, session.over, camera, views.over, estimates)
+        said = session.over
+        rotation = session.kinematics.T_world_antenna(said.pan_rad, said.tilt_rad).rotation
+        antenna = nominal_free_antenna(session.antenna, rotation.T @ session.gravity_world_m_s2)
+        mark = None if said.clamp_px is None else LineEnd(np.array(said.clamp_px), said.clamp_std_px)
+        setup = OverSetup(session.board, camera, antenna, said.height_m, said.height_std_m, mark)
+        over = solve_over_board(views.over, setup, fused(estimates) if estimates else None)
         doubt = _clamp_doubt(over, session.over, session.board)
         estimates.append(inflated(over.estimate, *doubt) if estimates else over.estimate)
     estimates = [inflated(estimate, *corner_bias(estimate, camera)) for estimate in estimates]
@@ -142,17 +147,6 @@ def find_plane(session: Session, camera: Camera, flex: BoardFlex, views: PlaneVi
     apart = differences(estimates, np.zeros((0, 0)) if camera.covariance is None else camera.covariance)
     require_agreement(apart, session.root)
     return PlaneC(tuple(estimates), tuple(apart), jig, sweep, over, _kinematics(session, sweep, estimates))
-
-
-def _over(
-    session: Session, over: OverBoard, camera: Camera, images: Mapping[str, np.ndarray], known: Sequence[PoseEstimate]
-) -> OverBoardSolution:
-    rotation = session.kinematics.T_world_antenna(over.pan_rad, over.tilt_rad).rotation
-    antenna = nominal_free_antenna(session.antenna, rotation.T @ session.gravity_world_m_s2)
-    guess = fused(known) if known else None
-    mark = None if over.clamp_px is None else LineEnd(np.array(over.clamp_px), over.clamp_std_px)
-    setup = OverSetup(session.board, camera, antenna, over.height_m, over.height_std_m, mark)
-    return solve_over_board(images, setup, guess)
 
 
 def _clamp_doubt(found: OverBoardSolution, over: OverBoard, board: BoardSpec) -> tuple[np.ndarray, np.ndarray]:

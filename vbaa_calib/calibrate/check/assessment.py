@@ -147,7 +147,11 @@ def assess(path: Path, session_root: Path | None = None, new: NewPictures | None
         nominal = session.antenna.stiffness_Nm2
     own = rig_findings(rig, quality, nominal)
     if session is not None:
-        _refuse_other_antenna(rig, session)
+        for name in ("length_m", "diameter_m"):
+            own_m, other_m = getattr(rig.antenna, name), getattr(session.antenna, name)
+            if abs(own_m - other_m) > 1e-3 * own_m:
+                what, where = f"antenna.{name} is {other_m:g}, the rig's {own_m:g}", session.root / "session.yaml"
+                raise InputError(what, where=where, remedy="check a rig with its own antenna")
     inputs = None if session is None or new is not None else _from_session(session)
     if new is not None:
         _refuse_calibration_pictures(data, new, path)
@@ -155,14 +159,6 @@ def assess(path: Path, session_root: Path | None = None, new: NewPictures | None
         inputs = _from_pictures(session or _recorded_session(data, rig, path), new, no_jig)
     checked = None if inputs is None else _check_pictures(rig, quality, inputs)
     return Assessment(rig, path, tuple(own), quality, checked, nominal)
-
-
-def _refuse_other_antenna(rig: Rig, session: Session) -> None:
-    for name in ("length_m", "diameter_m"):
-        own, other = getattr(rig.antenna, name), getattr(session.antenna, name)
-        if abs(own - other) > 1e-3 * own:
-            what = f"antenna.{name} is {other:g}, the rig's {own:g}"
-            raise InputError(what, where=session.root / "session.yaml", remedy="check a rig with its own antenna")
 
 
 @dataclass(frozen=True, eq=False)

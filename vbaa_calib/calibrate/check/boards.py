@@ -86,17 +86,29 @@ def check_lens(
             (not_given("lens_fit", why), not_given("lens_focus", why)),
             {"boards": [], "boards_dropped": [], "boards_rms_px": None, "boards_expected_rms_px": None},
         )
-    blocks = zip(*(_pose_projected_out(camera, view, points_m[view.ids[view.good]]) for view in views), strict=True)
-    jacobian, residuals = map(np.concatenate, blocks)
+    # without what the views' own poses explain
+    blocks = []
+    for view in views:
+        points = view.T_camera_board @ points_m[view.ids[view.good]]
+        _, by_lens, by_pose = PROJECTIONS[camera.model](points, np.zeros(6), camera.parameters)
+        axes, _ = np.linalg.qr(by_pose / np.linalg.norm(by_pose, axis=0))
+        both = np.column_stack([by_lens, view.residuals_px[view.good].ravel()])
+        blocks.append(both - axes @ (axes.T @ both))
+    jacobian, residuals = np.vstack(blocks)[:, :-1], np.vstack(blocks)[:, -1]
     freedom = len(residuals) - 6 * len(views)
     count = len(camera.parameter_names)
     covariance = np.zeros((count, count)) if camera.covariance is None else camera.covariance
     rms_px = float(np.sqrt(2.0 * (residuals @ residuals) / freedom))
     expected_px = None
     if recorded_rms_px is not None:
-        by_lens = 2.0 * float(np.einsum("np,pq,nq->", jacobian, covariance, jacobian)) / freedom
-        expected_px = float(np.sqrt(recorded_rms_px**2 + by_lens))
-    noise_px = np.sqrt(_CORRELATED) * _noise_px(jacobian, residuals, freedom)
+        from_lens = 2.0 * float(np.einsum("np,pq,nq->", jacobian, covariance, jacobian)) / freedom
+        expected_px = float(np.sqrt(recorded_rms_px**2 + from_lens))
+    # the noise of a coordinate that no change of the lens explains
+    axes, values, _ = np.linalg.svd(jacobian / np.maximum(np.linalg.norm(jacobian, axis=0), 1e-12), full_matrices=False)
+    axes = axes[:, values > 1e-6 * values.max()]
+    left = residuals - axes @ (axes.T @ residuals)
+    variance_px2 = max(float(left @ left / max(freedom - axes.shape[1], 1)), 1e-12)
+    noise_px = np.sqrt(_CORRELATED * variance_px2)
     data = Information.of(jacobian / noise_px, residuals / noise_px)
     focal = _NOTICEABLE_FOCAL * camera.matrix[[0, 1], [0, 1]]
     scale = np.concatenate([focal, [_NOTICEABLE_CENTRE_PX] * 2, np.full(len(camera.distortion), 0.01)])
@@ -177,24 +189,6 @@ def _posed(
     odd = [view.name for view in found if view.good.sum() < _MIN_CORNERS]
     dropped += [DroppedView(name, "most of its corners lie far off any pose of the board") for name in odd]
     return [view for view in found if view.good.sum() >= _MIN_CORNERS], dropped
-
-
-def _pose_projected_out(camera: Camera, view: _CheckedView, board: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Derivatives by the lens (2N, P) and residuals (2N,), px, without what the view's own pose explains."""
-    points = view.T_camera_board @ board
-    _, by_lens, by_pose = PROJECTIONS[camera.model](points, np.zeros(6), camera.parameters)
-    axes, _ = np.linalg.qr(by_pose / np.linalg.norm(by_pose, axis=0))
-    residuals = view.residuals_px[view.good].ravel()
-    return by_lens - axes @ (axes.T @ by_lens), residuals - axes @ (axes.T @ residuals)
-
-
-def _noise_px(jacobian: np.ndarray, residuals: np.ndarray, freedom: int) -> float:
-    """Standard deviation of a coordinate that no change of the lens explains."""
-    scaled = jacobian / np.maximum(np.linalg.norm(jacobian, axis=0), 1e-12)
-    axes, values, _ = np.linalg.svd(scaled, full_matrices=False)
-    axes = axes[:, values > 1e-6 * values.max()]
-    left = residuals - axes @ (axes.T @ residuals)
-    return max(float(np.sqrt(left @ left / max(freedom - axes.shape[1], 1))), 1e-6)
 
 
 _FLOOR_MM = 0.1

@@ -283,7 +283,11 @@ def load_progress(
     showing_gain = [index for index, one in enumerate(candidates) if abs(one.pull.direction[1]) > _OUT_OF_PLANE]
     gain_open = gain_std > _GAIN_STD and bool(showing_gain)
     best = min(showing_gain if gain_open else range(len(candidates)), key=lambda index: after[index], default=None)
-    reachable = _reachable(forecast)
+    # after the best few further loads; NaN without any
+    reachable, ahead = np.inf if candidates else np.nan, forecast
+    for _ in range(_AHEAD if candidates else 0):
+        ahead = ahead.after(int(np.argmin([std.total for std in ahead.after_each()])))
+        reachable = min(reachable, ahead.now().total)
     reached, helps = now.total <= goal_relative, reachable < (1 - _LEAST_GAIN) * now.total
     enough = len(hung) >= _LEAST_LOADS and not gain_open and (reached or not helps)
     suggestion = None
@@ -305,15 +309,6 @@ def load_progress(
         words += f": the best few loads of these weights lead to {_percent(reachable)}. What limits it is {_limit(now)}"
     missing = _missing(hung, gain_std, _pulls(session, kinematics, joint.problem.observations))
     return _LoadProgress(now, suggestion, enough, reached, missing, words)
-
-
-def _reachable(forecast: StiffnessForecast) -> float:
-    """EI's relative standard deviation after the best few further loads; NaN without any."""
-    reachable = np.inf if len(forecast.added) else np.nan
-    for _ in range(_AHEAD if len(forecast.added) else 0):
-        forecast = forecast.after(int(np.argmin([std.total for std in forecast.after_each()])))
-        reachable = min(reachable, forecast.now().total)
-    return reachable
 
 
 def _suggestion(one: _LoadCandidate, after: _StiffnessStd) -> _LoadSuggestion:

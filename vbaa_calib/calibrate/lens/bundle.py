@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -14,7 +15,12 @@ from vbaa_calib.core.robust import cauchy_weights, radial_std
 from .models import PROJECTIONS, LensModel, Unfolding
 
 FLEX = 2
-"""Numbers that describe a board that is not flat (`board_flex`)."""
+"""Numbers that describe a board that is not flat (`BoardFlex`)."""
+CONVERGED = Rules(300, 1e-8, may_rise_share=1e-13, damping=1e-3, growth=8.0, after_failure=0.0)
+"""Enough for decisions; `polished` for what is reported."""
+_STANDSTILL, _POLISH = 1e-6, replace(CONVERGED, iterations=10, damping=1e-8)
+_REWEIGHTINGS, _CONVERGED_WEIGHTS = 12, 1e-2
+_FEW_STEPS = replace(CONVERGED, iterations=2, tolerance=1e-4)
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,13 +63,6 @@ def rows(bundle: Bundle, observations: Sequence[Observation]) -> tuple[np.ndarra
     by_shared = np.concatenate([by_intrinsics.reshape(len(points), 2, -1), by_sagitta], axis=-1)
     residuals = np.concatenate([view.pixels for view in observations]) - pixels
     return residuals, by_shared, np.concatenate([by_turn, by_point], axis=-1), bounds
-
-
-CONVERGED = Rules(300, 1e-8, may_rise_share=1e-13, damping=1e-3, growth=8.0, after_failure=0.0)
-"""Enough for decisions; `polished` for what is reported."""
-_STANDSTILL, _POLISH = 1e-6, replace(CONVERGED, iterations=10, damping=1e-8)
-_REWEIGHTINGS, _CONVERGED_WEIGHTS = 12, 1e-2
-_FEW_STEPS = replace(CONVERGED, iterations=2, tolerance=1e-4)
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,8 +201,7 @@ class _Problem:
         return levenberg_marquardt(self.linearised(bundle), _step, self.moved, rules).at
 
 
-@dataclass(frozen=True, eq=False)
-class _System:
+class _System(NamedTuple):
     """The normal equations at a bundle; the last row and column of `total` and `coupling` are the residuals'."""
 
     bundle: Bundle

@@ -16,10 +16,8 @@ _TRIAL = replace(CONVERGED, iterations=15, tolerance=1e-3)
 _FEW_STEPS = replace(_TRIAL, iterations=6)
 _UNFOLDING = replace(CONVERGED, iterations=15, tolerance=1e-5)
 _PLAUSIBLE_PER_WIDTH = 1e-3
-_LEAST_SLOPES = (0.1, 0.2, 0.35)
-_STIFF = 1e4
-_UNFOLDING_MAY_COST = 0.01
-_UNFOLDING_DEVIATIONS = 20.0
+_LEAST_SLOPES, _STIFF = (0.1, 0.2, 0.35), 1e4
+_UNFOLDING_MAY_COST, _UNFOLDING_DEVIATIONS = 0.01, 20.0
 
 
 @dataclass(frozen=True)
@@ -66,42 +64,49 @@ def rough_lens(
 
     known : solutions of simpler lenses, by name, to start from.
     """
+    (width, height), square = options.image_size, options.square_pixels
+
+    def begun(rung: LensModel, intrinsics: np.ndarray, poses: np.ndarray) -> Bundle:
+        return Bundle.start(rung, widened(intrinsics, rung, options.image_size), poses, square)
+
     simpler = (known or {}).get(model.simpler or "")
     if simpler is not None:
-        return refine(_start(model, simpler.intrinsics, simpler.poses, options), observations, _TRIAL)
+        return refine(begun(model, simpler.intrinsics, simpler.poses), observations, _TRIAL)
     tried: list[Bundle] = []
     for focal in _focal_starts(observations, options.image_size):
-        bundle = _climbed(model, focal, observations, options)
+        intrinsics = np.array([focal, focal, (width - 1) / 2, (height - 1) / 2])
+        poses = start_poses(intrinsics, observations)
+        # through the simpler lenses: a rich lens from a cold start ends far from the minimum
+        for rung in reversed(_ladder(model)):
+            bundle = refine(begun(rung, intrinsics, poses), observations, _TRIAL if rung is model else _FEW_STEPS)
+            intrinsics, poses = bundle.intrinsics, bundle.poses
         # a mirrored solution (board behind the camera, negative focal length) can fit as well
-        if _is_physical(bundle) and bundle.sigma_px < _PLAUSIBLE_PER_WIDTH * max(options.image_size):
+        if _is_physical(bundle) and bundle.sigma_px < _PLAUSIBLE_PER_WIDTH * max(width, height):
             return bundle
         tried.append(bundle)
     physical = [bundle for bundle in tried if _is_physical(bundle)] or tried
     return min(physical, key=lambda bundle: np.nan_to_num(bundle.sigma_px, nan=np.inf))
 
 
-def _start(model: LensModel, intrinsics: np.ndarray, poses: np.ndarray, options: LensOptions) -> Bundle:
-    """Where a lens model starts from the solution of the next simpler one."""
-    return Bundle.start(model, widened(intrinsics, model, options.image_size), poses, options.square_pixels)
+def _focal_starts(observations: Sequence[Observation], image_size: tuple[int, int]) -> list[float]:
+    size, starts = max(image_size), [ratio * max(image_size) for ratio in _FOCAL_PER_WIDTH]
+    points = [view.points_m.astype(np.float32) for view in observations]
+    pixels = [view.pixels.astype(np.float32) for view in observations]
+    try:
+        closed_form = float(cv2.initCameraMatrix2D(points, pixels, image_size, 0)[0, 0])
+    except cv2.error:
+        return starts
+    usable = np.isfinite(closed_form) and 0.1 * size < closed_form < 50 * size
+    return [closed_form, *starts] if usable else starts
 
 
-def _climbed(model: LensModel, focal_px: float, observations: Sequence[Observation], options: LensOptions) -> Bundle:
-    """From one focal length through the simpler lenses: a rich lens from a cold start ends far from the minimum."""
-    width, height = options.image_size
-    intrinsics = np.array([focal_px, focal_px, (width - 1) / 2, (height - 1) / 2])
-    poses = start_poses(intrinsics, observations)
-    for rung in reversed(_ladder(model)):
-        bundle = refine(_start(rung, intrinsics, poses, options), observations, _TRIAL if rung is model else _FEW_STEPS)
-        intrinsics, poses = bundle.intrinsics, bundle.poses
-    return bundle
+def _is_physical(bundle: Bundle) -> bool:
+    return bool(np.all(bundle.intrinsics[:2] > 0.0) and np.all(bundle.poses[:, 5] > 0.0))
 
 
 def _ladder(model: LensModel) -> list[LensModel]:
     """The model and those that lead to it, the simplest last."""
-    ladder = [model]
-    while (below := ladder[-1].simpler) is not None:
-        ladder.append(LENS_MODELS[below])
-    return ladder
+    return [model, *([] if model.simpler is None else _ladder(LENS_MODELS[model.simpler]))]
 
 
 def unfolded(bundle: Bundle, observations: Sequence[Observation], image_size: tuple[int, int]) -> Bundle:
@@ -150,19 +155,3 @@ def start_poses(intrinsics: np.ndarray, observations: Sequence[Observation]) -> 
         _, rotvec, translation = cv2.solvePnP(view.points_m, view.pixels, matrix, None)
         poses.append(np.concatenate([rotvec.ravel(), translation.ravel()]))
     return np.array(poses)
-
-
-def _focal_starts(observations: Sequence[Observation], image_size: tuple[int, int]) -> list[float]:
-    starts = [ratio * max(image_size) for ratio in _FOCAL_PER_WIDTH]
-    points = [view.points_m.astype(np.float32) for view in observations]
-    pixels = [view.pixels.astype(np.float32) for view in observations]
-    try:
-        closed_form = float(cv2.initCameraMatrix2D(points, pixels, image_size, 0)[0, 0])
-    except cv2.error:
-        return starts
-    usable = np.isfinite(closed_form) and 0.1 * max(image_size) < closed_form < 50 * max(image_size)
-    return [closed_form, *starts] if usable else starts
-
-
-def _is_physical(bundle: Bundle) -> bool:
-    return bool(np.all(bundle.intrinsics[:2] > 0.0) and np.all(bundle.poses[:, 5] > 0.0))

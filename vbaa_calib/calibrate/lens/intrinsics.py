@@ -108,8 +108,14 @@ def solve_intrinsics(
     """
     if model != "auto" and model not in LENS_MODELS:
         raise InputError(f"there is no lens model {model!r}", remedy=f"take auto, {', '.join(LENS_MODELS)}")
+
+    def rank(view: BoardView) -> tuple[object, ...]:
+        """By name; views without one by their corners."""
+        order = np.argsort(view.ids)
+        return view.name, view.ids[order].tolist(), view.corners_px[order].ravel().tolist()
+
     # held-out views and halves are dealt out in turn: the lens must not depend on the order in which views were listed
-    usable, dropped = usable_views(sorted(views, key=_rank), spec, min_corners)
+    usable, dropped = usable_views(sorted(views, key=rank), spec, min_corners)
     observations = observations_of(usable, spec)
     _require_enough(observations, dropped, model)
     options = LensOptions(usable[0].image_size, model, min_corners, square_pixels)
@@ -144,12 +150,6 @@ def solve_intrinsics(
         verdict=_verdict(chosen, fit, warnings),
         warnings=warnings,
     )
-
-
-def _rank(view: BoardView) -> tuple[object, ...]:
-    """By name; views without one by their corners."""
-    order = np.argsort(view.ids)
-    return view.name, view.ids[order].tolist(), view.corners_px[order].ravel().tolist()
 
 
 def _contradicting(usable: Sequence[BoardView], kept: np.ndarray) -> list[DroppedView]:

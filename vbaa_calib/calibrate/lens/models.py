@@ -81,11 +81,8 @@ def camera_of(model: LensModel, intrinsics: np.ndarray, image_size: tuple[int, i
 
 _NUMERATOR = {"opencv": (0, 1, 4), "fisheye": (0, 1, 2, 3)}
 _DENOMINATOR = {"opencv": (5, 6, 7), "fisheye": ()}
-_SAMPLES = 160
-_FURTHEST_PER_CORNER = 4.0
-_BEYOND_CORNER = 1.02
-_WIDEST_RAD = 1.5
-_POLE = 1e-3
+_SAMPLES, _POLE = 160, 1e-3
+_FURTHEST_PER_CORNER, _BEYOND_CORNER, _WIDEST_RAD = 4.0, 1.02, 1.5
 _NEARLY, _BEFORE_POLE, _FAR = 0.02, 0.95, 1e-6
 
 
@@ -162,29 +159,21 @@ def is_monotonic(model: LensModel, intrinsics: np.ndarray, image_size: tuple[int
     A lens that folds back or has a pole inside the picture can still fit its corners well, but beyond them it maps two
     directions to one pixel.
     """
-    if _pole_in_view(model, intrinsics, image_size):
-        return False
-    return camera_of(model, intrinsics, image_size).valid_region().image_fraction == 1.0
-
-
-def _pole_in_view(model: LensModel, intrinsics: np.ndarray, image_size: tuple[int, int]) -> bool:
-    """Whether the radial curve has a pole, or nearly one, before it has left the picture or just beyond.
-
-    A pole with a zero beside it is narrower than any sampling of the curve, and which of the two comes first is often
-    decided by the last digits of the corners.
-    """
+    # A pole with a zero beside it is narrower than any sampling of the curve, and which of the two comes first is often
+    # decided by the last digits of the corners: one counts that lies before the curve has left the picture, or nearly.
     bottom = [index for index in _DENOMINATOR[model.camera_model] if index < len(intrinsics) - 4]
     coefficients = intrinsics[4:][bottom]
     if not np.isfinite(coefficients).all():
-        return True
+        return False
     # of one over the radius' square, so that small coefficients do no harm
     inverses = np.roots([1.0, *coefficients])
     squares = 1.0 / inverses[np.abs(inverses) > _FAR]
     near = squares[(squares.real > 0.0) & (np.abs(squares.imag) < _NEARLY * np.abs(squares))].real
-    if not len(near):
-        return False
-    before = np.linspace(0.0, _BEFORE_POLE * np.sqrt(near.min()), _SAMPLES)
-    return bool(radial_curve(model, intrinsics[4:], before)[0].max() < corner_radius(intrinsics, image_size))
+    if len(near):
+        before = np.linspace(0.0, _BEFORE_POLE * np.sqrt(near.min()), _SAMPLES)
+        if radial_curve(model, intrinsics[4:], before)[0].max() < corner_radius(intrinsics, image_size):
+            return False
+    return camera_of(model, intrinsics, image_size).valid_region().image_fraction == 1.0
 
 
 def rational_like(fisheye: LensModel, intrinsics: np.ndarray, image_size: tuple[int, int]) -> np.ndarray | None:

@@ -88,8 +88,15 @@ def solve_over_board(
     line = _from_clamp(line, plane, guess, setup, where)
     marks = _marks(line, setup, where)
     seen = see(setup.camera, line.points_px, line.sigma_px, with_lens=True)
-    problem = OverProblem(setup, board, seen, marks, toward)
-    estimate, scatter, reach_m = solve_over(problem, _start(line, plane, setup))
+    # from where the clamp would be if the antenna were straight
+    ends = plane.to_plane(_outermost(line))[0]
+    along = np.diff(ends, axis=0)[0]
+    unit = along / np.linalg.norm(along)
+    origin = ends[1] - setup.antenna.length_m * unit
+    if line.ends[1] is None and setup.clamp is not None:
+        origin = plane.to_plane(setup.clamp.point_px[None])[0][0]
+    start = np.array([np.arctan2(unit[1], unit[0]), *origin])
+    estimate, scatter, reach_m = solve_over(OverProblem(setup, board, seen, marks, toward), start)
     if scatter > _MOST_SCATTER:
         raise InputError(
             f"the antenna's points scatter {scatter:.1f} times as far as the picture's noise explains",
@@ -215,14 +222,3 @@ def _marks(line: BoardLine, setup: OverSetup, where: str) -> list[Mark]:
             "the antenna's tip is not in the picture, and its clamp is not marked", where=where, remedy=remedy
         )
     return marks
-
-
-def _start(line: BoardLine, plane: PlaneAbove, setup: OverSetup) -> np.ndarray:
-    """(3,) angle and clamp as if the antenna were straight."""
-    ends = plane.to_plane(_outermost(line))[0]
-    along = np.diff(ends, axis=0)[0]
-    unit = along / np.linalg.norm(along)
-    origin = ends[1] - setup.antenna.length_m * unit
-    if line.ends[1] is None and setup.clamp is not None:
-        origin = plane.to_plane(setup.clamp.point_px[None])[0][0]
-    return np.array([np.arctan2(unit[1], unit[0]), *origin])

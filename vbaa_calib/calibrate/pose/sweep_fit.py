@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -101,8 +101,7 @@ class SweepState:
         )
 
 
-@dataclass(frozen=True, eq=False)
-class Linearised:
+class Linearised(NamedTuple):
     """Residuals and their negative derivatives.
 
     residuals_px : (N, 2) observed less predicted; far off where the lens does not see the point.
@@ -250,8 +249,7 @@ class SweepFit:
         return float(np.sqrt(self.angle_ratio * self.variance_px2))
 
 
-@dataclass(frozen=True, eq=False)
-class _System:
+class _System(NamedTuple):
     """Normal equations A·step = b with the angles eliminated; `cost` is the sum of squares at no step."""
 
     state: SweepState
@@ -327,21 +325,6 @@ class SweepProblem:
             if abs(ratio - before) <= _SAME_RATIO * before:
                 break
         system = self._descended(state, weights, ratio, _RULES)
-        return self._with_covariance(system, weights, ratio)
-
-    def inlying(self, state: SweepState, candidates: np.ndarray) -> tuple[SweepFit, np.ndarray]:
-        """The fit to the candidates (N,) but for wrong ones, judged by the spread of the others; and who is in it."""
-        used = candidates
-        for _ in range(_CORNER_ROUNDS):
-            found = self.fit(state, used)
-            distance = np.linalg.norm(found.residuals_px, axis=1)
-            limit = max(_CHANCE_SIGMAS * radial_std(distance[used]), _LEAST_PX)
-            state, before, used = found.state, used, candidates & (distance <= limit)
-            if np.array_equal(used, before):
-                break
-        return found, before
-
-    def _with_covariance(self, system: _System, weights: np.ndarray, ratio: float) -> SweepFit:
         at, free = system.at, self.free
         count, lens = int(free.sum()), at.by_lens.shape[-1]
         blocks = self._blocks(at, weights, np.concatenate([at.by_state[..., free], at.by_lens], axis=-1))
@@ -356,6 +339,18 @@ class SweepProblem:
             shift = np.linalg.solve(blocks[:, -2:, -2:] + np.eye(2) / ratio, blocks[:, -2:, -3, None])[..., 0]
             residuals = residuals - np.einsum("nij,nj->ni", at.by_angles, shift[self.corners.picture])
         return SweepFit(system.state, ratio, variance, residuals, covariance, by_lens)
+
+    def inlying(self, state: SweepState, candidates: np.ndarray) -> tuple[SweepFit, np.ndarray]:
+        """The fit to the candidates (N,) but for wrong ones, judged by the spread of the others; and who is in it."""
+        used = candidates
+        for _ in range(_CORNER_ROUNDS):
+            found = self.fit(state, used)
+            distance = np.linalg.norm(found.residuals_px, axis=1)
+            limit = max(_CHANCE_SIGMAS * radial_std(distance[used]), _LEAST_PX)
+            state, before, used = found.state, used, candidates & (distance <= limit)
+            if np.array_equal(used, before):
+                break
+        return found, before
 
 
 def _without_angles(blocks: np.ndarray, angle_ratio: float) -> np.ndarray:
@@ -381,17 +376,14 @@ def _angle_variance_ratio(blocks: np.ndarray, rows: int) -> float:
         A, b = whole[:-1, :-1], whole[:-1, -1]
         left = max(float(whole[-1, -1]) - float(b @ solve_scaled(A, b)), 1e-30)
         shrink = float(np.linalg.slogdet(np.eye(2) + ratio * angles)[1].sum())
-        return shrink + _log_determinant(A) + freedom * np.log(left)
+        # the determinant of a positive matrix that may be singular to working precision
+        diagonal = np.maximum(np.diag(A), 1e-30)
+        values = np.linalg.eigvalsh(A / np.sqrt(np.outer(diagonal, diagonal)))
+        log_determinant = float(np.log(diagonal).sum() + np.log(np.maximum(values, 1e-15)).sum())
+        return shrink + log_determinant + freedom * np.log(left)
 
     # there may be several minima: a flat stretch, where the angles count as exact, may come before the right one
     powers = np.arange(*_RATIO_POWERS)
     best = powers[np.argmin([badness(power) for power in powers])]
     found = minimize_scalar(badness, bounds=(best - 1.0, best + 1.0), method="bounded", options={"xatol": 1e-5})
     return float(10**found.x / per_angle) if found.fun < badness(-np.inf) else 0.0
-
-
-def _log_determinant(matrix: np.ndarray) -> float:
-    """Of a positive matrix that may be singular to working precision."""
-    diagonal = np.maximum(np.diag(matrix), 1e-30)
-    values = np.linalg.eigvalsh(matrix / np.sqrt(np.outer(diagonal, diagonal)))
-    return float(np.log(diagonal).sum() + np.log(np.maximum(values, 1e-15)).sum())
