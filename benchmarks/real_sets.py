@@ -16,7 +16,8 @@ import numpy as np
 from benchmarks.harness import markdown, replace_marked
 from targets.board import BoardSpec
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution, solve_intrinsics
-from vbaa_calib.calibrate.lens.uncertainty import projection_uncertainty, ray_covariance
+from vbaa_calib.calibrate.lens.uncertainty import projection_uncertainty
+from vbaa_calib.camera.slopes import ray_derivatives
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.images import list_images, read_gray
 from vbaa_calib.detect.board.corners import BoardView, detect_corners, detect_folder
@@ -114,7 +115,8 @@ def _uncertainty_row(one: PhotoSet, solution: LensSolution) -> list[str]:
     row, column = (size // 2 for size in fixed.shape)
     middle = np.array(solution.camera.image_size) / 2.0 - 0.5
     distance = float(np.median([view.T_camera_board.translation_m[2] for view in solution.views]))
-    ray = float(np.sqrt(np.linalg.eigvalsh(ray_covariance(solution.camera, middle))[-1]))
+    by_lens = ray_derivatives(solution.camera.intrinsics, middle).by_parameter
+    ray = float(np.sqrt(np.linalg.eigvalsh(by_lens @ solution.camera.covariance @ by_lens.T)[-1]))
     cells = [fixed[row, column], np.nanmax(fixed), turning[row, column], np.nanmax(turning)]
     return [one.title, *(f"{cell:.3f}" for cell in cells), f"{distance:.2f}", f"{1e3 * distance * ray:.3f}"]
 

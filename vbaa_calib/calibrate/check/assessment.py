@@ -12,10 +12,6 @@ import numpy as np
 
 from targets.board import BoardSpec
 from vbaa_calib.calibrate.antenna.session_rig import ExpectedAntenna, observe
-from vbaa_calib.calibrate.check.antenna import CheckedStill, check_antenna, check_stills
-from vbaa_calib.calibrate.check.boards import check_lens, check_pose
-from vbaa_calib.calibrate.check.finding import FAILS, HOLDS, LOOK, NOT_GIVEN, Checked, Finding, worst
-from vbaa_calib.calibrate.check.rig import at, number_at, rig_findings, rig_maps, rig_numbers
 from vbaa_calib.calibrate.lens.information import Bend
 from vbaa_calib.core.console import progress
 from vbaa_calib.core.errors import InputError
@@ -35,6 +31,11 @@ from vbaa_calib.session import (
     read_noload,
     read_pose,
 )
+
+from .antenna import CheckedStill, check_antenna, check_stills
+from .boards import check_lens, check_pose
+from .finding import FAILS, HOLDS, LOOK, NOT_GIVEN, Checked, Finding, worst
+from .rig import at, number_at, rig_findings, rig_maps, rig_numbers
 
 SCHEMA = "vbaa.check/1"
 PARTS = ("intrinsics", "plane", "noload", "loads")

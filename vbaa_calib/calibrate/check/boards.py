@@ -9,8 +9,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from targets.board import BoardSpec, corner_points
-from vbaa_calib.calibrate.check.change import Change, Information, estimate_change, joint_covariance
-from vbaa_calib.calibrate.check.finding import HOLDS, LOOK, Checked, Evidence, Finding, judged, not_given, plus_minus
 from vbaa_calib.calibrate.lens.information import Bend, bend
 from vbaa_calib.calibrate.lens.models import PROJECTIONS
 from vbaa_calib.calibrate.lens.outliers import DroppedView, inlier_masks, usable_views
@@ -24,6 +22,9 @@ from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.geometry import Pose
 from vbaa_calib.rig import POSE_PARAMETERS, RIG_PARAMETERS, Rig
 from vbaa_calib.session import Session
+
+from .change import Change, Information, estimate_change, joint_covariance
+from .finding import HOLDS, LOOK, Checked, Evidence, Finding, judged, not_given, plus_minus
 
 _MIN_CORNERS = 6
 _FOCUS = 4

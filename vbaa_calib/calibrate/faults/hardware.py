@@ -12,11 +12,12 @@ from vbaa_calib.antenna.shape import PARAMETERS
 from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment, linearised, noise_scale
 from vbaa_calib.calibrate.antenna.problem import ANTENNA
 from vbaa_calib.calibrate.antenna.residual_checks import Estimate
-from vbaa_calib.calibrate.faults.explanations import Further, StillRows, fits, scatter_with_change
 from vbaa_calib.core.errors import Diagnosis
 from vbaa_calib.core.robust import huber_losses, mad_std
 from vbaa_calib.geometry import Kinematics
 from vbaa_calib.session import Load, Still, gravity_antenna
+
+from .explanations import Further, StillRows, fits, scatter_with_change
 
 _USUAL = 3.0
 """A bow is reported beyond so many standard deviations of a careful builder's wire."""

@@ -8,33 +8,13 @@ from dataclasses import replace
 from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment, adjust_bundle
 from vbaa_calib.calibrate.antenna.inputs import Observation, Prior
 from vbaa_calib.calibrate.antenna.residual_checks import check
-from vbaa_calib.calibrate.faults.explanations import (
-    SENSOR_OFF,
-    StillRows,
-    fits,
-    picture_scatter,
-    solve_free,
-    worst_still,
-)
-from vbaa_calib.calibrate.faults.hardware import (
-    bow_diagnosis,
-    gravity_diagnosis,
-    sensor_diagnoses,
-    soft_clamp,
-    step_diagnosis,
-)
-from vbaa_calib.calibrate.faults.loads import (
-    Row,
-    all_by_commonest,
-    corrected,
-    row_diagnoses,
-    typed_load_diagnoses,
-    unexplained,
-    wrong_rows,
-)
 from vbaa_calib.core.errors import Diagnosis, InputError, SolveError
 from vbaa_calib.geometry import Kinematics
 from vbaa_calib.session import Load, Session
+
+from .explanations import SENSOR_OFF, StillRows, fits, picture_scatter, solve_free, worst_still
+from .hardware import bow_diagnosis, gravity_diagnosis, sensor_diagnoses, soft_clamp, step_diagnosis
+from .loads import Row, all_by_commonest, corrected, row_diagnoses, typed_load_diagnoses, unexplained, wrong_rows
 
 _DISTANCE_STD_M, _FORCE_STD = 7e-4, 7e-3
 """Assumed of places and weights of loads: a little more than usual."""

@@ -8,12 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from targets.board import BoardSpec, corner_points
-from vbaa_calib.calibrate.lens.bundle import CONVERGED, FLEX, Bundle, Observation, refine, rows
-from vbaa_calib.calibrate.lens.models import LensModel, camera_of, is_monotonic
-from vbaa_calib.calibrate.lens.uncertainty import compensate, pixel_grid, projection_jacobian
 from vbaa_calib.core.least_squares import without_own
 from vbaa_calib.core.robust import chi_square, chi_square_p
 from vbaa_calib.detect.board.corners import BoardView
+
+from .bundle import CONVERGED, FLEX, Bundle, Observation, refine, rows
+from .models import LensModel, camera_of, is_monotonic
+from .uncertainty import compensate, pixel_grid, projection_jacobian
 
 _OPEN = 1e-10
 _FOLDS = 5
@@ -51,18 +52,13 @@ class Information:
     counts: np.ndarray
 
     @property
-    def variance_px2(self) -> float:
-        """Of the residuals, per axis."""
-        freedom = self.counts.sum() - self.half.shape[1] - 6 * len(self.counts)
-        return float(self.squares.sum()) / max(float(freedom), 1.0)
-
-    @property
     def covariance(self) -> np.ndarray:
         """(4 + k + 2, 4 + k + 2) of intrinsics and sagittas, poses marginalised, scaled by the residual variance.
 
         What holds the lens from folding is left out: it is no measurement.
         """
-        return self.variance_px2 * self.half @ self.half.T
+        freedom = self.counts.sum() - self.half.shape[1] - 6 * len(self.counts)
+        return float(self.squares.sum()) / max(float(freedom), 1.0) * self.half @ self.half.T
 
 
 def information(bundle: Bundle, observations: Sequence[Observation]) -> Information | None:

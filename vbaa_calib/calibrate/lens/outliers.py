@@ -10,15 +10,14 @@ import numpy as np
 from targets.board import BoardSpec, corner_points
 from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.detect.board.view_quality import fixes_homography
-from vbaa_calib.detect.quality.screen import screen_views
+from vbaa_calib.detect.quality.screen import screen_views, too_few
 
 from .bundle import Bundle, Observation, refine, residuals_px
 
-LEAST_CORNERS = 4
+_LEAST_CORNERS = 4
 """Four corners fix the pose of a plane."""
-
-_GROSS_VIEW = 5.0
-_GROSS_LEAST_PX = 0.5
+_GROSS_VIEW, _GROSS_LEAST_PX = 5.0, 0.5
+_CHANCE, _LEAST_PX, _ROUNDS, _BLURRED = 1e-9, 0.25, 8, 5.0
 
 
 @dataclass(frozen=True)
@@ -33,20 +32,16 @@ def usable_views(
     views: Sequence[BoardView], spec: BoardSpec, min_corners: int
 ) -> tuple[list[BoardView], list[DroppedView]]:
     """Views that fix a pose, and the others with the reason."""
-    least = max(min_corners, LEAST_CORNERS)
-    points = corner_points(spec)
+    least, points = max(min_corners, _LEAST_CORNERS), corner_points(spec)
     usable, dropped = [], []
     for view in views:
-        if len(view.ids) == 0:
-            reason = "the board is not found" if view.marker_count == 0 else "markers are found, corners are not"
-        elif len(view.ids) < least:
-            reason = f"{len(view.ids)} corners, at least {least} are needed"
-        elif not fixes_homography(points[view.ids, :2]):
+        reason = too_few(view, least)
+        if not reason and not fixes_homography(points[view.ids, :2]):
             reason = "its corners lie (nearly) on a line"
+        if reason:
+            dropped.append(DroppedView(view.name, reason))
         else:
             usable.append(view)
-            continue
-        dropped.append(DroppedView(view.name, reason))
     kept, poor = screen_views(usable, least)
     return kept, dropped + [DroppedView(view.name, reason) for view, reason in poor]
 
@@ -66,18 +61,12 @@ def _good_views(
         [
             error <= limit
             and mask.mean() > 0.5
-            and mask.sum() >= max(min_corners, LEAST_CORNERS)
+            and mask.sum() >= max(min_corners, _LEAST_CORNERS)
             and (mask.all() or fixes_homography(view.points_m[mask, :2]))
             for error, mask, view in zip(rms, good, observations, strict=True)
         ],
         bool,
     )
-
-
-_CHANCE = 1e-9
-_LEAST_PX = 0.25
-_ROUNDS = 8
-_BLURRED = 5.0
 
 
 @dataclass(frozen=True, eq=False)

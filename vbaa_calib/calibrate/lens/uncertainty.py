@@ -7,7 +7,7 @@ a turn of the camera explains.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,8 +18,7 @@ from vbaa_calib.core.errors import InputError
 GRID = (17, 13)
 
 
-@dataclass(frozen=True, eq=False)
-class _ProjectionUncertainty:
+class ProjectionUncertainty(NamedTuple):
     """Over a grid of pixels (R, C, 2), covariance (R, C, 2, 2) of the projection of each one's fixed ray; or NaN."""
 
     pixels: np.ndarray
@@ -36,26 +35,18 @@ class _ProjectionUncertainty:
 
 def projection_uncertainty(
     camera: Camera, compensated: bool = True, grid: tuple[int, int] = GRID
-) -> _ProjectionUncertainty:
+) -> ProjectionUncertainty:
     """Covariance of the projection over the whole picture, on `grid` = (columns, rows).
 
     compensated : without what a turn of the camera explains. Raises InputError when the camera has no covariance.
     """
+    if camera.covariance is None:
+        raise InputError("the camera has no covariance", remedy="calibrate it with vbaa intrinsics")
     pixels = pixel_grid(camera.image_size, grid)
     jacobian = projection_jacobian(camera, pixels)
     if compensated:
         jacobian = compensate(camera, pixels, jacobian)
-    return _ProjectionUncertainty(pixels, _carried(jacobian, camera))
-
-
-def ray_covariance(camera: Camera, pixels: np.ndarray) -> np.ndarray:
-    """(..., 3, 3) covariance of the unit rays of fixed pixels (..., 2), rad²; of rank 2; NaN where there is no ray.
-
-    Raises InputError when the camera has no covariance.
-    """
-    moved = ray_derivatives(camera.intrinsics, np.asarray(pixels, float))
-    covariance = _carried(moved.by_parameter, camera)
-    return np.where(moved.valid[..., None, None], covariance, np.nan)
+    return ProjectionUncertainty(pixels, jacobian @ camera.covariance @ np.swapaxes(jacobian, -1, -2))
 
 
 def pixel_grid(image_size: tuple[int, int], grid: tuple[int, int] = GRID) -> np.ndarray:
@@ -98,9 +89,3 @@ def _by_ray(by_pixel: np.ndarray, valid: np.ndarray) -> np.ndarray:
     safe = np.where(valid[..., None, None], by_pixel, np.eye(3)[:, :2])
     transposed = np.swapaxes(safe, -1, -2)
     return np.where(valid[..., None, None], np.linalg.solve(transposed @ safe, transposed), np.nan)
-
-
-def _carried(jacobian: np.ndarray, camera: Camera) -> np.ndarray:
-    if camera.covariance is None:
-        raise InputError("the camera has no covariance", remedy="calibrate it with vbaa intrinsics")
-    return jacobian @ camera.covariance @ np.swapaxes(jacobian, -1, -2)

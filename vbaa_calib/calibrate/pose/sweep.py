@@ -24,7 +24,16 @@ from scipy.linalg import block_diag
 
 from targets.board import BoardSpec
 from vbaa_calib.calibrate.lens.outliers import DroppedView, usable_views
-from vbaa_calib.calibrate.pose.sweep_fit import (
+from vbaa_calib.camera import Camera
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.robust import chi_square, chi_square_p
+from vbaa_calib.detect.board.corners import BoardView
+from vbaa_calib.geometry import Kinematics, Pose
+from vbaa_calib.session import SweepPicture
+
+from .board_pose import require_size
+from .fusion import PoseEstimate
+from .sweep_fit import (
     AXES,
     CAMERA,
     SweepCorners,
@@ -35,15 +44,6 @@ from vbaa_calib.calibrate.pose.sweep_fit import (
     linearise,
     turned_over,
 )
-from vbaa_calib.camera import Camera
-from vbaa_calib.core.errors import InputError
-from vbaa_calib.core.robust import chi_square, chi_square_p
-from vbaa_calib.detect.board.corners import BoardView
-from vbaa_calib.geometry import Kinematics, Pose
-from vbaa_calib.session import SweepPicture
-
-from .board_pose import require_size
-from .fusion import PoseEstimate
 
 _LEAST_PICTURES = 5
 """A cross. Three fix the pose, but fewer than five do not show how far the readings scatter: with four, and 0.3 mrad,

@@ -20,7 +20,6 @@ from scipy.optimize import minimize_scalar
 
 from targets.board import BoardSpec, corner_points
 from vbaa_calib.calibrate.lens.models import PROJECTIONS
-from vbaa_calib.calibrate.pose.board_pose import mirrored
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import SolveError
 from vbaa_calib.core.least_squares import Rules, levenberg_marquardt, schur_complement, solve_scaled, view_products
@@ -29,6 +28,8 @@ from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.detect.board.view_quality import fixes_homography
 from vbaa_calib.geometry import Kinematics, Pose, rotation_world_antenna
 from vbaa_calib.session import SweepPicture
+
+from .board_pose import mirrored
 
 CAMERA, BOARD, AXES = slice(0, 6), slice(6, 12), slice(12, 14)
 """Columns of a step: tangents of X and of B, then axis skew and axis offset."""

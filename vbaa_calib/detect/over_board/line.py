@@ -17,7 +17,9 @@ from scipy.special import ndtr
 
 from targets.board import BoardSpec
 from vbaa_calib.camera import Camera
-from vbaa_calib.detect.over_board.profile import (
+from vbaa_calib.geometry import Pose
+
+from .profile import (
     BESIDE,
     BoardPicture,
     Paint,
@@ -30,7 +32,6 @@ from vbaa_calib.detect.over_board.profile import (
     profiles,
     rough_centres,
 )
-from vbaa_calib.geometry import Pose
 
 _STANDS_OUT = 5.0
 """Least ridge response of a candidate pixel over its noise."""

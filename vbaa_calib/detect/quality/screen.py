@@ -35,7 +35,7 @@ def screen_views(
     typical = tuple(_median(values) for values in (blurs, contrasts, std_px))
     kept, dropped = [], []
     for view, std in zip(views, std_px, strict=True):
-        reason = _too_few(view, min_corners) or (view.quality and _too_poor(view.quality, std, typical))
+        reason = too_few(view, min_corners) or (view.quality and _too_poor(view.quality, std, typical))
         if reason:
             dropped.append((view, reason))
         else:
@@ -55,7 +55,8 @@ def _median(values: Sequence[float]) -> float:
     return float(np.median(known)) if len(known) else float("nan")
 
 
-def _too_few(view: BoardView, min_corners: int) -> str:
+def too_few(view: BoardView, min_corners: int) -> str:
+    """Why the corners are not enough, in words; empty where they are."""
     if len(view.ids) == 0:
         return "the board is not found" if view.marker_count == 0 else "markers are found, corners are not"
     if len(view.ids) < min_corners:
