@@ -68,11 +68,7 @@ class Change:
 
 
 def estimate_change(
-    information: Information,
-    covariance: np.ndarray,
-    wanted: np.ndarray,
-    scale: np.ndarray,
-    free: Sequence[int] = (),
+    information: Information, covariance: np.ndarray, wanted: np.ndarray, scale: np.ndarray, free: Sequence[int] = ()
 ) -> Change:
     """The change of the parameters with indices `wanted` (Q,), while those of `free` may take any value.
 

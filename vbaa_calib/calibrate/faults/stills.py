@@ -109,11 +109,7 @@ def _sensor(session: Session, joint: BundleAdjustment, moments_known: bool) -> l
 
 
 def with_cause(
-    session: Session,
-    kinematics: Kinematics,
-    observations: Sequence[Observation],
-    before: Prior,
-    error: SolveError,
+    session: Session, kinematics: Kinematics, observations: Sequence[Observation], before: Prior, error: SolveError
 ) -> SolveError | InputError:
     """An error of `solve_antenna` with its likely cause, where one is found."""
     causes = _failure_causes(session, kinematics, observations, before)

@@ -108,10 +108,7 @@ def inlier_masks(residuals: Sequence[np.ndarray]) -> list[np.ndarray]:
 
 
 def fit_without_outliers(
-    start: Bundle,
-    observations: Sequence[Observation],
-    min_corners: int,
-    masks: tuple[np.ndarray, ...] | None = None,
+    start: Bundle, observations: Sequence[Observation], min_corners: int, masks: tuple[np.ndarray, ...] | None = None
 ) -> tuple[Inliers, Bundle]:
     """Which views and corners are good, and the solution over the good ones alone.
 
