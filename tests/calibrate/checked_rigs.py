@@ -57,6 +57,7 @@ def changed_answers(found: Assessment) -> set[str]:
     return {name for name, level in answers(found).items() if level not in ("holds", "not given")}
 
 
+@cache
 def scene() -> Scene:
     """The upright camera of the bundled scene, with few pictures."""
     whole = load_scene(bundled_scene("upright_knife"))

@@ -50,19 +50,12 @@ def hung_loads(rng: np.random.Generator, count: int = 5, pulley: bool = True) ->
 class Faults:
     """What is wrong.
 
-    Attributes
-    ----------
-    noted : what is written down of the stills as they were.
     world : the rig as it is in a still, by its index; the same for all where nothing moves.
-    reading : what a sensor makes of a reading, by the still's index.
-    gravity_noted_m_s2 : (3,) world. ruler_std_m, balance_std : of every load's readings.
+    ruler_std_m, balance_std : of every load's readings.
     kink : (3,) a sharp bend: its arc length in m, and its angles about y and about z in rad.
     """
 
-    noted: Callable[[int, Still], Still] = field(default=lambda index, still: still)
     world: Callable[[int, World], World] = field(default=lambda index, world: world)
-    reading: Callable[[int, float], float] = field(default=lambda index, reading: reading)
-    gravity_noted_m_s2: np.ndarray = field(default_factory=lambda: GRAVITY_WORLD)
     ruler_std_m: float = 5e-4
     balance_std: float = 5e-3
     kink: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -83,13 +76,6 @@ def turned(world: World, about_y_rad: float, about_z_rad: float) -> World:
     """The same rig with its clamp turned."""
     parameters = world.parameters.copy()
     parameters[2:4] += (about_y_rad, about_z_rad)
-    return replace(world, parameters=parameters)
-
-
-def bowed(world: World, about_y_per_m: float, about_z_per_m: float) -> World:
-    """The same rig with its antenna bowed further."""
-    parameters = world.parameters.copy()
-    parameters[4:6] += (about_y_per_m, about_z_per_m)
     return replace(world, parameters=parameters)
 
 
@@ -115,9 +101,8 @@ def observed(
         pixels = seen(now.T_antenna_camera, points) + rng.normal(0.0, SIGMA_PX, (POINTS, 2))
         sensor = now.sensor
         read = -sensor.gain * bent.clamp_moment_Nm[0, 1] + sensor.offset_Nm + rng.normal(0.0, sensor.std_Nm)
-        noted = replace(faults.noted(index, still), moment_Nm=float(faults.reading(index, float(read))))
-        gravity = gravity_antenna(Kinematics(), faults.gravity_noted_m_s2, [noted])[0]
-        found.append(Observation(noted, pixels, np.full(POINTS, SIGMA_PX), gravity))
+        noted = replace(still, moment_Nm=float(read))
+        found.append(Observation(noted, pixels, np.full(POINTS, SIGMA_PX), true[0]))
     return found
 
 

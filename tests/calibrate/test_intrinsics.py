@@ -69,8 +69,8 @@ def test_the_rms_belongs_to_the_parameters_returned() -> None:
     assert solution.rms_px == pytest.approx(np.sqrt(np.concatenate(squares).mean()), rel=1e-9)
 
 
-@pytest.mark.parametrize("name", ["opencv5", "fisheye"])
-def test_predicted_standard_deviations_are_those_of_repeated_noise(name: str) -> None:
+def test_predicted_standard_deviations_are_those_of_repeated_noise() -> None:
+    name = "fisheye"
     rng, model, truth = np.random.default_rng(4), LENS_MODELS[name], LENSES[name]
     exact = solve_intrinsics(views_through(name, seed=5, count=10), SPEC, name)
     poses = np.array([[*v.T_camera_board.rotvec_rad, *v.T_camera_board.translation_m] for v in exact.views])

@@ -13,19 +13,14 @@ from targets.board import BoardSpec, opencv_board
 from vbaa_calib.detect.over_board.line import BoardLine, LineEnd, PlaneAbove, find_over_board
 from vbaa_calib.detect.over_board.profile import Paint, Profiles, board_picture, fit, pattern_texture
 
-from ..over_scenes import Shown, View, shown
+from ..over_scenes import View, shown
 
 PLAIN = View()
 
 
 @functools.cache
-def scene_of(view: View = PLAIN, wires: int = 2) -> Shown:
-    return shown(view, wires=wires)
-
-
-@functools.cache
-def found(view: View = PLAIN, wires: int = 2) -> BoardLine | None:
-    scene = scene_of(view, wires)
+def found(view: View = PLAIN, *, wires: bool = True) -> BoardLine | None:
+    scene = shown(view) if wires else shown(view, wires=0)
     plane = PlaneAbove(scene.camera, scene.T_camera_board, scene.over.height_m)
     return find_over_board(scene.picture, plane, scene.scene.board, scene.scene.antenna.diameter_m)
 
@@ -61,7 +56,7 @@ def test_the_texture_is_the_board_that_opencv_prints(spec: BoardSpec) -> None:
 
 
 def test_pixels_and_plane_lead_to_one_another() -> None:
-    scene = scene_of()
+    scene = shown(PLAIN)
     plane = PlaneAbove(scene.camera, scene.T_camera_board, 0.012)
     points = np.random.default_rng(0).uniform(0.0, 0.1, (50, 2))
     pixels, valid = plane.to_pixels(points)
@@ -72,7 +67,7 @@ def test_pixels_and_plane_lead_to_one_another() -> None:
 
 
 def test_the_bare_board_is_predicted_to_its_noise() -> None:
-    scene = scene_of(wires=0)
+    scene = shown(PLAIN, wires=0)
     picture = board_picture(scene.picture, scene.camera, scene.T_camera_board, scene.scene.board)
     assert picture is not None
     assert picture.blur_px == pytest.approx(0.7, abs=0.1)
@@ -112,7 +107,7 @@ def test_the_profile_fit_is_unbiased_before_a_pattern(brightness: float) -> None
     ],
 )
 def test_points_lie_on_the_centreline(view: View, most_rms_px: float) -> None:
-    line, truth = found(view), scene_of(view).centreline_px()
+    line, truth = found(view), shown(view).centreline_px()
     assert line is not None
     assert line.bright == (view.paint > 0.5)
     off = aside(line, truth)
@@ -124,7 +119,7 @@ def test_points_lie_on_the_centreline(view: View, most_rms_px: float) -> None:
 
 
 def test_over_white_there_are_no_points() -> None:
-    scene, line = scene_of(), found()
+    scene, line = shown(PLAIN), found()
     picture = board_picture(scene.picture, scene.camera, scene.T_camera_board, scene.scene.board)
     assert line is not None
     assert picture is not None
@@ -137,7 +132,7 @@ def test_over_white_there_are_no_points() -> None:
 def test_a_tip_over_white_is_doubtful_rather_than_wrong() -> None:
     # the tip ends on the white margin: between the last black square and the sheet's edge
     view = View(over=replace(PLAIN.over, center_m=(0.1575, 0.0), turn_rad=0.0))
-    line, truth = found(view), scene_of(view).centreline_px()
+    line, truth = found(view), shown(view).centreline_px()
     assert line is not None
     tip = tip_of(line, truth)
     assert tip.std_px > 1.0
@@ -145,11 +140,11 @@ def test_a_tip_over_white_is_doubtful_rather_than_wrong() -> None:
 
 
 def test_without_an_antenna_there_is_no_line() -> None:
-    assert found(wires=0) is None
+    assert found(wires=False) is None
 
 
 def test_distances_reach_to_the_ends() -> None:
-    line, truth = found(), scene_of().centreline_px()
+    line, truth = found(), shown(PLAIN).centreline_px()
     assert line is not None
     assert line.distance_px(truth[100:-100]).max() < 1.0
     assert line.reversed().distance_px(truth[:1] + np.array([[0.0, 30.0]]))[0] > 25.0
