@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vbaa_calib.wizard.readings import UNITS, ReadingsTable, complete, in_si, read_table, table_of
+from vbaa_calib.wizard.questions import UNITS, ReadingsTable, complete, in_si, read_table, table_of
 
 from .small_session import Tiny, call, expect_refused, finished, tiny
 

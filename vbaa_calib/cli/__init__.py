@@ -1,5 +1,3 @@
 """The front door: `vbaa VERB ...`."""
 
 from .main import main
-
-__all__ = ["main"]

@@ -21,8 +21,8 @@ from vbaa_calib.core.csv_rows import csv_rows, number, places_of, whole_number
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import require_file
 
-from .rows import wrong
 from .settings import Session
+from .tables import wrong
 
 _COLUMNS, _DEVIATION = ("frame", "u_px", "v_px"), "sigma_px"
 _FAR_PX = 1e7

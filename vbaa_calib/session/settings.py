@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from pydantic import AfterValidator, Field
@@ -19,7 +19,9 @@ from vbaa_calib.core.models import ArrayOf, FileModel, Number, ReadAs, checked
 from vbaa_calib.geometry import Kinematics, Pose
 
 from .drift import Drift, FileDrift
-from .rows import Still
+
+if TYPE_CHECKING:
+    from .tables import Still
 
 SCHEMA = "vbaa.session/1"
 _TILT_ZERO_STD_RAD = 0.01

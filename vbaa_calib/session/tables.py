@@ -1,4 +1,4 @@
-"""A session's CSV tables: no row is taken on trust."""
+"""A session's CSV tables, what one row of each holds, and that no row is taken on trust."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import difflib
 import io
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path
 from typing import Any, TypeVar
@@ -18,8 +19,54 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_text
 from vbaa_calib.core.images import SUFFIXES, read_gray
 
-from .rows import Frame, Load, Still, SweepPicture, wrong
 from .settings import Session
+
+
+@dataclass(frozen=True)
+class SweepPicture:
+    """One picture of a board fixed in the world, with the joints at rest at these readings."""
+
+    image: Path
+    pan_rad: float
+    tilt_rad: float
+
+
+@dataclass(frozen=True, slots=True)
+class Still:
+    """One picture of the antenna with the joints at rest. `moment_Nm` is the sensor's reading.
+
+    `time_s` is when it was taken, from any start, for the sensor's drift; None where nobody wrote it down.
+    """
+
+    image: Path | None
+    pan_rad: float
+    tilt_rad: float
+    moment_Nm: float
+    time_s: float | None = field(default=None, kw_only=True)
+
+
+@dataclass(frozen=True, slots=True)
+class Load(Still):
+    """A known load: force components (y, z), antenna frame, hung at an arc length from the clamp."""
+
+    distance_m: float
+    force_y_N: float
+    force_z_N: float
+
+
+@dataclass(frozen=True, slots=True)
+class Frame(Still):
+    """One frame of a recording. `moment_Nm`, and `moment_z_Nm` of a second axis, are NaN where nothing was read."""
+
+    frame: int
+    time_s: float = field(kw_only=True)
+    moment_z_Nm: float = field(default=np.nan, kw_only=True)
+
+
+def wrong(row: Mapping[str, str], path: Path, what: str, remedy: str) -> InputError:
+    """An error that names file and line of a row."""
+    return InputError(what, where=f"{path} line {row['line']}", remedy=remedy)
+
 
 FOLDERS = ("intrinsics", "plane", "sweep", "over", "noload", "loads", "recording")
 FILES = ("session.yaml", "board.yaml", "truth.json", "wizard.json")

@@ -10,8 +10,7 @@ from vbaa_calib.calibrate.faults.loads import typed_load_diagnoses
 from vbaa_calib.core.errors import Diagnosis, InputError
 from vbaa_calib.session import Load, Still, gravity_antenna
 
-from .questions import Question
-from .readings import ReadingsTable, asked, complete, in_si
+from .questions import Question, ReadingsTable, asked, complete, in_si
 from .session_state import SessionState, still_of
 from .sources import Picture, Source
 from .step import PictureCheck, Progress, Readings, Step

@@ -10,8 +10,7 @@ from vbaa_calib.core.errors import InputError, VbaaError
 
 from .asking import answer_all, set_unlisted_aside, take_back
 from .capture import GO_ON, Capture, NoMorePictures
-from .questions import BOARD_ANSWERS, BY_KEY, SOURCES, STEPS, Question
-from .readings import ReadingsTable, read_table, table_of
+from .questions import BOARD_ANSWERS, BY_KEY, SOURCES, STEPS, Question, ReadingsTable, read_table, table_of
 from .session_state import SessionState
 from .sources import Source, SourceLost, open_source
 from .step import Step

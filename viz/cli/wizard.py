@@ -80,7 +80,7 @@ def _answers_given(args: argparse.Namespace) -> dict[str, Any]:
     from vbaa_calib.core.errors import InputError
     from vbaa_calib.core.files import read_yaml
     from vbaa_calib.wizard.asking import absolute
-    from vbaa_calib.wizard.readings import table_of
+    from vbaa_calib.wizard.questions import table_of
 
     questions = {question.key: question for question in _OPTIONS}
     found: dict[str, Any] = {}

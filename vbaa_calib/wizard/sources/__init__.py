@@ -13,7 +13,6 @@ from .files import FolderSource, VideoSource
 from .live import LiveSource, open_camera, open_stream, parse_camera
 from .picture import Picture, SourceLost, shown
 
-__all__ = ["Picture", "Source", "SourceLost", "open_source"]
 Source = FolderSource | VideoSource | LiveSource
 """`next` gives the next picture, None where there is nothing new in time, and raises SourceLost; `close` may be called
 twice. name : for the screen, without a URL's secrets. notes : messages so far. live : a stream of frames, of which one
