@@ -150,29 +150,27 @@ def _why(bound_share: float, from_tip_std: float, seen_whole: bool) -> str:
 
 def _rows(setup: Setup, plan: Plan, index: int, frames: Scenes, found: Estimates) -> Iterator[CellRow]:
     """One cell's rows, from its own frames; without frames it was left out."""
-    good = found.numbered
+    good, run = found.numbered, len(frames) > 0
     errors = (found.values - truth(frames))[good]
-    run = len(frames) > 0
+    tilt, azimuth = (round(float(np.degrees(angle)), 6) for angle in (setup.tilt_rad, setup.azimuth_rad))
+    reach, bounds = float(plan.reach[index]), plan.bound_std[index]
+    nothing: tuple[None, None, None] = (None, None, None)
+    shares = (found.share("ok"), found.share("tip_contact"), float(1.0 - good.mean())) if run else nothing
     for which, quantity in enumerate(QUANTITIES):
-        bound_std = float(plan.bound_std[index, which])
-        numbers = quality(errors[:, which], found.std[good, which], bound_std)
+        numbers = quality(errors[:, which], found.std[good, which], float(bounds[which]))
         yield CellRow(
-            lens=setup.lens,
-            tilt_deg=round(float(np.degrees(setup.tilt_rad)), 6),
-            azimuth_deg=round(float(np.degrees(setup.azimuth_rad)), 6),
-            roll_deg=float(plan.roll_deg[index]),
-            reach=float(plan.reach[index]),
-            deflection_m=float(plan.deflection_m[index]),
-            bound_l=float(plan.bound_std[index, 0] / (plan.reach[index] * frames.rig.antenna.length_m)),
-            left_out=plan.left_out[index],
-            draws=len(frames),
-            ok=found.share("ok") if run else None,
-            tip_contact=found.share("tip_contact") if run else None,
-            without_numbers=float(1.0 - good.mean()) if run else None,
-            quantity=quantity,
-            of_bound=numbers.of_bound if run else None,
-            bias=numbers.bias if run else None,
-            covered=numbers.covered if run else None,
+            setup.lens,
+            tilt,
+            azimuth,
+            float(plan.roll_deg[index]),
+            reach,
+            float(plan.deflection_m[index]),
+            float(bounds[0] / (reach * frames.rig.antenna.length_m)),
+            plan.left_out[index],
+            len(frames),
+            *shares,
+            quantity,
+            *((numbers.of_bound, numbers.bias, numbers.covered) if run else nothing),
         )
 
 

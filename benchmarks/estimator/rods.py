@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.harness import column, concatenated, rms, shares, table
+from benchmarks.harness import Draws, column, concatenated, rms, shares, table
 from vbaa_calib.core.console import progress
 
-from .bound import Estimates, bound, estimate, quality, truth
+from .bound import bound, estimate, quality, truth
 from .scenes import Scenes, deflection_of_push, random_scenes
 from .setup import ACROSS, TOWARDS_CLAMP, Setup, drawn_truth
 
@@ -97,28 +97,29 @@ def run(frames: int, seed: int, model: str = "auto", chosen: Sequence[_Populatio
 
 
 def _row(population: _Population, frames: int, model: str, rng: np.random.Generator) -> RodRow:
-    clean, without_noise, noisy = [], [], []
-    biased = population.setup.exact and not population.friction_std_rad
-    for part in parts(population, frames, rng):
-        clean.append(part)
-        noisy.append(estimate(part.noisy(rng), model, population.friction_std_rad))
-        if biased:
-            without_noise.append(estimate(part, model, population.friction_std_rad))
+    friction = population.friction_std_rad
+    clean = _parts(population, frames, rng)
+    measured = concatenated([estimate(part.noisy(rng), model, friction) for part in clean])
     true = np.concatenate([truth(part) for part in clean])
-    least = [bound(part, population.friction_std_rad) for part in clean]
-    bounds = np.concatenate([one.std for one in least])
-    force_bounds = np.concatenate([one.force_std for one in least])
-    measured = concatenated(noisy)
+    least = Draws([bound(part, friction) for part in clean])
+    bounds, force_bounds = least.std, least.force_std
     good = measured.numbered
     errors = measured.values - true
     distance = quality(errors[good, 0], measured.std[good, 0], bounds[good, 0])
-    in_range = np.concatenate([_in_range(part) for part in clean])
-    possible = bounds[:, 0] <= _LOCATION_GOAL * true[:, 0]
-    judged = in_range & possible & (measured.status == "ok")
+    stiffness, length = clean[0].rig.antenna.stiffness_Nm2, clean[0].rig.antenna.length_m
     force = np.concatenate([part.force_N for part in clean])
     size = np.linalg.norm(force, axis=1)
+    # whether the goals for location and force are about a frame
+    in_range = deflection_of_push(size, true[:, 0], stiffness) >= _LEAST_DEFLECTION_M
+    in_range &= true[:, 0] <= _FURTHEST * length
+    possible = bounds[:, 0] <= _LOCATION_GOAL * true[:, 0]
+    judged = in_range & possible & (measured.status == "ok")
     missed = np.linalg.norm(measured.force_N - force, axis=1)
-    biases = _biases(concatenated(without_noise), true) if biased else None
+    biases = None
+    if population.setup.exact and not friction:
+        found = concatenated([estimate(part, model, friction) for part in clean])
+        ok = found.status == "ok"
+        biases = (np.abs(found.values[ok] - true[ok]) / found.std[ok]).max(axis=1)
     return RodRow(
         population=population.name,
         frames=len(true),
@@ -137,7 +138,7 @@ def _row(population: _Population, frames: int, model: str, rng: np.random.Genera
     )
 
 
-def parts(population: _Population, frames: int, rng: np.random.Generator) -> list[Scenes]:
+def _parts(population: _Population, frames: int, rng: np.random.Generator) -> list[Scenes]:
     """Scenes without noise; of a rig that is off, from several true ones."""
     rig = population.setup.rig()
     truths = [rig] if population.setup.exact else [drawn_truth(rig, rng) for _ in range(_DRAWN_RIGS)]
@@ -146,20 +147,6 @@ def parts(population: _Population, frames: int, rng: np.random.Generator) -> lis
         random_scenes(true_rig, each, rng, friction_std_rad=population.friction_std_rad, given=rig)
         for true_rig in truths
     ]
-
-
-def _in_range(scenes: Scenes) -> np.ndarray:
-    """(B,) whether the goals for location and force are about a frame."""
-    antenna = scenes.rig.antenna
-    size = np.linalg.norm(scenes.force_N, axis=1)
-    deflection = deflection_of_push(size, scenes.distance_m, antenna.stiffness_Nm2)
-    return (deflection >= _LEAST_DEFLECTION_M) & (scenes.distance_m <= _FURTHEST * antenna.length_m)
-
-
-def _biases(found: Estimates, true: np.ndarray) -> np.ndarray:
-    """(K,) largest bias of l, f_y and f_z in deviations, of the `ok` frames."""
-    good = found.status == "ok"
-    return (np.abs(found.values[good] - true[good]) / found.std[good]).max(axis=1)
 
 
 def rod_text(rows: Sequence[RodRow]) -> str:

@@ -193,35 +193,34 @@ class Judged:
 
 def run(frames: int, seed: int, repeats: int) -> list[SpeedRow]:
     """Every method over so many frames of N = 200 points under an upright camera."""
-    rows = [_formula_alone(_FORMULA_FRAMES, seed, repeats)]
-    rolled_frames, flat = population(frames, seed, ROLL_RAD), population(frames, seed + 1, 0.0)
-    rows += _baselines(rolled_frames, flat, seed, repeats)
-    rows.append(_loop(rolled_frames, flat, min(_LOOP_FRAMES, -(-frames // 4))))
-    calibrated = [_calibrated_population(frames, seed + 2, roll) for roll in (ROLL_RAD, 0.0)]
-    known = {"exact": (rolled_frames, flat), "calibrated": calibrated}
-    for rig, (judged, judged_flat) in known.items():
+    exact = population(frames, seed, ROLL_RAD), population(frames, seed + 1, 0.0)
+    rows = [_formula_alone(_FORMULA_FRAMES, seed, repeats), *_baselines(*exact, seed, repeats)]
+    rows.append(_loop(*exact, min(_LOOP_FRAMES, -(-frames // 4))))
+    calibrated = tuple(population(frames, seed + 2, roll, exact=False) for roll in (ROLL_RAD, 0.0))
+    for rig, (judged, judged_flat) in {"exact": exact, "calibrated": calibrated}.items():
         for model in progress(MODELS, f"rungs, {rig} rig", len(MODELS)):
             rows += list(_estimator(model, rig, judged, judged_flat, repeats))
     return rows
 
 
-def population(frames: int, seed: int, roll_rad: float) -> Judged:
-    """Noisy frames whose rig is exactly known, no friction, rolls evenly up to the given one."""
-    rig, rng = Setup().rig(), np.random.default_rng(seed)
-    clean = scenes(rig, *_touches(frames, rng, roll_rad))
-    return Judged(clean.noisy(rng), bound(clean).std[:, 0])
+def population(frames: int, seed: int, roll_rad: float, exact: bool = True) -> Judged:
+    """Noisy frames without friction, rolls evenly up to the given one.
 
-
-def _calibrated_population(frames: int, seed: int, roll_rad: float) -> Judged:
-    """The same with several true rigs, each one draw of the given rig's covariance away."""
-    given, rng = Setup(exact=False).rig(), np.random.default_rng(seed)
-    distance, push = _touches(frames, rng, roll_rad)
+    Of a rig that is not exactly known several true ones take part, each one draw of its covariance away.
+    """
+    given, rng = Setup(exact=exact).rig(), np.random.default_rng(seed)
+    antenna = given.antenna
+    distance = rng.uniform(*REACH, frames) * antenna.length_m
+    size = push_for_deflection(rng.uniform(*DEFLECTION_M, frames), distance, antenna.stiffness_Nm2)
+    push = rolled(size * rng.choice([-1.0, 1.0], frames), rng.uniform(-roll_rad, roll_rad, frames))
+    if exact:
+        clean = scenes(given, distance, push)
+        return Judged(clean.noisy(rng), bound(clean).std[:, 0])
     parts = []
     for own in np.array_split(np.arange(frames), min(TRUE_RIGS, frames)):
         truth = drawn_truth(given, rng)
         parts.append(scenes(truth, distance[own], push[own], made_by=rod_shapes, given=given).noisy(rng))
-    width = bound(scenes(given, distance, push, made_by=rod_shapes)).std[:, 0]
-    return Judged(joined(parts), width)
+    return Judged(joined(parts), bound(scenes(given, distance, push, made_by=rod_shapes)).std[:, 0])
 
 
 def _formula_alone(frames: int, seed: int, repeats: int) -> SpeedRow:
@@ -231,14 +230,6 @@ def _formula_alone(frames: int, seed: int, repeats: int) -> SpeedRow:
     y = linear.deflection(x, contact[:, None], rng.normal(size=(frames, 1)), stiffness)
     spent = least_seconds(lambda: two_point_contact(x, y, stiffness, length), repeats)
     return SpeedRow("two points, formula alone", PAPER, "exact", frames, 1e6 * spent / frames, None, None, None, None)
-
-
-def _touches(frames: int, rng: np.random.Generator, roll_rad: float) -> tuple[np.ndarray, np.ndarray]:
-    """Distances (B,) and pushes (B, 2)."""
-    antenna = Setup().rig().antenna
-    distance = rng.uniform(*REACH, frames) * antenna.length_m
-    size = push_for_deflection(rng.uniform(*DEFLECTION_M, frames), distance, antenna.stiffness_Nm2)
-    return distance, rolled(size * rng.choice([-1.0, 1.0], frames), rng.uniform(-roll_rad, roll_rad, frames))
 
 
 def _baselines(judged: Judged, flat: Judged, seed: int, repeats: int) -> Iterator[SpeedRow]:
