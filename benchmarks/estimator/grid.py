@@ -154,10 +154,11 @@ def _rows(setup: Setup, plan: Plan, index: int, frames: Scenes, found: Estimates
     errors = (found.values - truth(frames))[good]
     tilt, azimuth = (round(float(np.degrees(angle)), 6) for angle in (setup.tilt_rad, setup.azimuth_rad))
     reach, bounds = float(plan.reach[index]), plan.bound_std[index]
-    nothing: tuple[None, None, None] = (None, None, None)
-    shares = (found.share("ok"), found.share("tip_contact"), float(1.0 - good.mean())) if run else nothing
+    nothing: Any = (None,) * 3
+    shares: Any = (found.share("ok"), found.share("tip_contact"), float(1.0 - good.mean())) if run else nothing
     for which, quantity in enumerate(QUANTITIES):
         numbers = quality(errors[:, which], found.std[good, which], float(bounds[which]))
+        told: Any = (numbers.of_bound, numbers.bias, numbers.covered) if run else nothing
         yield CellRow(
             setup.lens,
             tilt,
@@ -170,7 +171,7 @@ def _rows(setup: Setup, plan: Plan, index: int, frames: Scenes, found: Estimates
             len(frames),
             *shares,
             quantity,
-            *((numbers.of_bound, numbers.bias, numbers.covered) if run else nothing),
+            *told,
         )
 
 
