@@ -155,10 +155,10 @@ def _rows(setup: Setup, plan: Plan, index: int, frames: Scenes, found: Estimates
     tilt, azimuth = (round(float(np.degrees(angle)), 6) for angle in (setup.tilt_rad, setup.azimuth_rad))
     reach, bounds = float(plan.reach[index]), plan.bound_std[index]
     nothing: Any = (None,) * 3
-    shares: Any = (found.share("ok"), found.share("tip_contact"), float(1.0 - good.mean())) if run else nothing
+    ok, tip, without = (found.share("ok"), found.share("tip_contact"), float(1.0 - good.mean())) if run else nothing
     for which, quantity in enumerate(QUANTITIES):
         numbers = quality(errors[:, which], found.std[good, which], float(bounds[which]))
-        told: Any = (numbers.of_bound, numbers.bias, numbers.covered) if run else nothing
+        of_bound, bias, covered = (numbers.of_bound, numbers.bias, numbers.covered) if run else nothing
         yield CellRow(
             setup.lens,
             tilt,
@@ -169,9 +169,9 @@ def _rows(setup: Setup, plan: Plan, index: int, frames: Scenes, found: Estimates
             float(bounds[0] / (reach * frames.rig.antenna.length_m)),
             plan.left_out[index],
             len(frames),
-            *shares,
+            *(ok, tip, without),
             quantity,
-            *told,
+            *(of_bound, bias, covered),
         )
 
 
