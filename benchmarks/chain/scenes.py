@@ -168,8 +168,12 @@ class Information:
         return 1.0 / np.sqrt(self.per_px2)
 
 
-def information(drawing: Drawing, arclength_m: np.ndarray, pixels: np.ndarray) -> Information:
-    """Of a picture whose antenna runs along u, through pixels (N, 2) at arc lengths (N,) from clamp to tip."""
+def information_of(photograph: Photograph) -> Information:
+    """Of a picture whose antenna runs along u."""
+    truth, drawing = photograph.truth, photograph.drawing
+    arclength = np.linspace(0.0, truth.rig.antenna.length_m, 4 * POINTS)
+    points = rod_shapes(truth.rig, truth.touches, arclength).points_m[0]
+    pixels = seen(truth.rig.camera, truth.rig.T_antenna_camera, points, True)
     whole = drawing.light()
     slope = (drawing.light(STEP_PX) - drawing.light(-STEP_PX)) / (2.0 * STEP_PX)
     height, width = whole.shape
@@ -186,39 +190,24 @@ def information(drawing: Drawing, arclength_m: np.ndarray, pixels: np.ndarray) -
     aside = np.broadcast_to(np.arange(-reach, reach + 1) / reach, line.shape)
     unknown = np.stack([np.ones_like(line), aside, line], axis=-1) * weight[..., None]
     signal = slope[at] * weight
-    left = signal - np.einsum("ctk,ck->ct", unknown, _least_squares(unknown, signal))
-    share = np.interp(column, pixels[:, 0], arclength_m) / arclength_m[-1]
+    normal = np.einsum("ctk,ctl->ckl", unknown, unknown)
+    taken_up = np.linalg.solve(normal, np.einsum("ctk,ct->ck", unknown, signal)[..., None])[..., 0]
+    left = signal - np.einsum("ctk,ck->ct", unknown, taken_up)
+    share = np.interp(column, pixels[:, 0], arclength) / arclength[-1]
     return Information(column, share, (left**2).sum(axis=1))
-
-
-def _least_squares(columns: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """(C, K) coefficients of columns (C, T, K) that come nearest to (C, T)."""
-    normal = np.einsum("ctk,ctl->ckl", columns, columns)
-    return np.linalg.solve(normal, np.einsum("ctk,ct->ck", columns, wanted)[..., None])[..., 0]
-
-
-def information_of(photograph: Photograph) -> Information:
-    """Of one of the benchmark's pictures."""
-    truth = photograph.truth
-    arclength = np.linspace(0.0, truth.rig.antenna.length_m, 4 * POINTS)
-    points = rod_shapes(truth.rig, truth.touches, arclength).points_m[0]
-    return information(photograph.drawing, arclength, seen(truth.rig.camera, truth.rig.T_antenna_camera, points, True))
 
 
 def equal_information(known: Sequence[Information], points: int = POINTS) -> tuple[np.ndarray, float]:
     """Places (N,) along the antenna between which there is equally much information, on average over pictures, and
     the standard deviation in px of a point at each that carries the information around it."""
     grid = np.linspace(0.0, 1.0, 2001)
-    summed = np.mean([_summed(one, grid) for one in known], axis=0)
+    every = []
+    for one in known:
+        edges = np.concatenate([one.share[:1], (one.share[1:] + one.share[:-1]) / 2, one.share[-1:]])
+        every.append(np.interp(grid, edges, np.concatenate([[0.0], np.cumsum(one.per_px2)])))
+    summed = np.mean(every, axis=0)
     places = np.interp((np.arange(points) + 0.5) / points * summed[-1], summed, grid)
     return places, float(np.sqrt(points / summed[-1]))
-
-
-def _summed(known: Information, grid: np.ndarray) -> np.ndarray:
-    """(G,) information, px⁻², from the clamp up to each place."""
-    total = np.concatenate([[0.0], np.cumsum(known.per_px2)])
-    edges = np.concatenate([known.share[:1], (known.share[1:] + known.share[:-1]) / 2, known.share[-1:]])
-    return np.interp(grid, edges, total)
 
 
 def frames_at_information(truths: Sequence[Scenes], known: Sequence[Information]) -> Scenes:

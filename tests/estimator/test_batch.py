@@ -134,12 +134,19 @@ def moving(count: int) -> tuple[World, list[Measured], list[float]]:
     return world, measured, contact.tolist()
 
 
+@cache
+def one_by_one() -> tuple[ContactEstimator, list[Measured], list[Contact]]:
+    """A recording, and each of its frames by itself."""
+    world, recording, _ = moving(12)
+    estimator = ContactEstimator(world.rig(0.25 * RIG_STD))
+    return estimator, recording, [estimator.measure(each) for each in recording]
+
+
 @pytest.mark.parametrize("live", [False, True])
 def test_a_recording_is_a_loop(live: bool) -> None:
     """Warm or cold, in chunks or one by one: the same answers in the same order."""
-    world, recording, _ = moving(12)
-    estimator = ContactEstimator(world.rig(0.25 * RIG_STD))
-    warm, cold = list(estimator.run(iter(recording), live=live)), [estimator.measure(each) for each in recording]
+    estimator, recording, cold = one_by_one()
+    warm = list(estimator.run(iter(recording), live=live))
     assert len(warm) == 12
     assert {contact.status for contact in warm} >= {"ok", "no_contact"}
     assert max(furthest(a, b) for a, b in zip(cold, warm, strict=True)) < STANDSTILL
@@ -158,15 +165,15 @@ def test_a_wrong_start_is_recovered_from() -> None:
 
 def test_a_recording_is_read_when_it_is_asked_for() -> None:
     """Nothing before, a chunk at a time, and no more than a chunk ahead."""
-    world, recording, _ = moving(10)
+    nothing = Measured(np.empty((0, 2)), np.empty(0), 0.0, 0.0, 0.0)
     taken: list[int] = []
 
     def source() -> Iterator[Measured]:
-        for index, measured in enumerate(recording * 8):
+        for index in range(4 * STREAM):
             taken.append(index)
-            yield measured
+            yield nothing
 
-    found = ContactEstimator(world.rig()).run(source())
+    found = ContactEstimator(RIG).run(source())
     assert not taken
     first = list(islice(found, 5))
     assert len(first) == 5

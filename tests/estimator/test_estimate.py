@@ -13,10 +13,10 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.rig import Rig
 
 from ..rod_scenes import LENGTH_M, RIG_STD, SIGMA_PX, STIFFNESS_NM2, Frame, World, camera_pose, frames, pushing
-from .contact_scenes import RIG, deviations, estimated, frame, point_nees
+from .contact_scenes import RIG, deviations, estimated, estimated_together, frame, point_nees
 
 
-def mixed(rng: np.random.Generator, worlds: int, each: int) -> list[tuple[Rig, Frame]]:
+def mixed(rng: np.random.Generator, worlds: int, each: int) -> list[tuple[Rig, list[Frame]]]:
     """Frames over inclined cameras, joint tilts, distances and rolls, on rigs that are off as their covariance says."""
     result = []
     for _ in range(worlds):
@@ -26,16 +26,18 @@ def mixed(rng: np.random.Generator, worlds: int, each: int) -> list[tuple[Rig, F
         lateral = [
             pushing(turn, tip, at) for turn, tip, at in zip(roll, rng.uniform(0.006, 0.04, each), contact, strict=True)
         ]
-        rig = believed.rig()
-        result += [(rig, seen) for seen in frames(true, contact, lateral, rng.uniform(0, np.pi / 3, each), rng)]
+        result.append((believed.rig(), frames(true, contact, lateral, rng.uniform(0, np.pi / 3, each), rng)))
     return result
 
 
 def test_errors_are_what_the_deviations_say() -> None:
     """Camera 0–60° inclined, joints tilted 0–60°, l/L 0.3–0.95, any roll, 66 frames on 11 rigs."""
     scenes = mixed(np.random.default_rng(11), worlds=11, each=6)
-    contacts = [estimated(seen, rig, friction=0.0) for rig, seen in scenes]
-    good = [(contact, seen) for contact, (_, seen) in zip(contacts, scenes, strict=True) if contact.status == "ok"]
+    found = [
+        pair for rig, seen in scenes for pair in zip(estimated_together(seen, rig, friction=0.0), seen, strict=True)
+    ]
+    contacts = [contact for contact, _ in found]
+    good = [(contact, seen) for contact, seen in found if contact.status == "ok"]
     assert len(good) >= 60
     # whatever is not given out must say why
     silent = {contact.status for contact in contacts} - {"ok"}
@@ -82,16 +84,16 @@ def test_large_deflections(contact: float, roll: float) -> None:
 
 def test_outliers_do_not_pull() -> None:
     """A fifth of the points lies anywhere within tens of pixels."""
-    squares = []
+    several = []
     for seed in range(8):
         seen = frame(roll=0.4 + seed, seed=seed)
         rng = np.random.default_rng(100 + seed)
         points = seen.points_px.copy()
         points[rng.permutation(len(points))[: len(points) // 5]] += rng.normal(0.0, 20.0, (len(points) // 5, 2))
-        contact = estimated(replace(seen, points_px=points))
-        assert contact.status == "ok"
-        squares.append(deviations(contact, seen) ** 2)
-    assert np.mean(squares) < 2.5
+        several.append(replace(seen, points_px=points))
+    found = estimated_together(several)
+    assert set(found.status) == {"ok"}
+    assert np.mean([deviations(*pair) ** 2 for pair in zip(found, several, strict=True)]) < 2.5
 
 
 @pytest.mark.parametrize("count", [0, 1, 2, FEWEST_POINTS - 1])

@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
+import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -16,9 +17,14 @@ from vbaa_calib.rig import Rig
 from ..rod_scenes import LENGTH_M, RIG_STD, World, camera_pose
 from .contact_scenes import STRAIGHT, frame
 
-QUIETLY = settings(
-    deadline=None, max_examples=8, derandomize=True, suppress_health_check=[HealthCheck.too_slow], database=None
-)
+
+def quietly(examples: int) -> settings:
+    """The same so many examples every time, however long they take."""
+    slow = [HealthCheck.too_slow]
+    return settings(deadline=None, max_examples=examples, derandomize=True, suppress_health_check=slow, database=None)
+
+
+FEW, MANY = quietly(3), quietly(60)
 
 
 @cache
@@ -61,9 +67,7 @@ def well_formed(contact: Contact, felt: bool) -> None:
     assert np.linalg.eigvalsh(covariance).min() > -1e-9 * np.abs(covariance).max()
 
 
-@QUIETLY
-@given(rig=RIGS, model=MODELS, seed=SEEDS, friction=st.sampled_from([0.0, 0.2, 1.0]), felt=st.booleans())
-def test_any_points_get_an_answer(rig: Rig, model: str, seed: int, friction: float, felt: bool) -> None:
+def any_points(rig: Rig, model: str, seed: int, friction: float, felt: bool) -> None:
     """Noise, straight lines, one spot, pixels far outside the picture: finite, but no antenna's."""
     rng = np.random.default_rng(seed)
     count = int(rng.integers(0, 60))
@@ -79,19 +83,7 @@ def test_any_points_get_an_answer(rig: Rig, model: str, seed: int, friction: flo
     well_formed(contact, felt)
 
 
-@QUIETLY
-@given(
-    rig=RIGS,
-    model=MODELS,
-    seed=SEEDS,
-    contact=st.floats(0.05, 1.0),
-    roll=st.floats(-np.pi, np.pi),
-    tip_m=st.floats(1e-6, 0.05),
-    felt=st.booleans(),
-)
-def test_any_contact_gets_an_answer(
-    rig: Rig, model: str, seed: int, contact: float, roll: float, tip_m: float, felt: bool
-) -> None:
+def any_contact(rig: Rig, model: str, seed: int, contact: float, roll: float, tip_m: float, felt: bool) -> None:
     """Antennas that may not be those of the rig, with holes and outliers."""
     rng = np.random.default_rng(seed)
     world = World(rig.T_antenna_camera)
@@ -102,3 +94,12 @@ def test_any_contact_gets_an_answer(
     moment = seen.moment_Nm if felt else None
     answer = ContactEstimator(rig, model).estimate(points, moment=moment, pan=0.0, tilt=seen.tilt_rad)
     well_formed(answer, felt)
+
+
+ANY = {"rig": RIGS, "model": MODELS, "seed": SEEDS, "felt": st.booleans()}
+POINTS = given(**ANY, friction=st.sampled_from([0.0, 0.2, 1.0]))
+CONTACT = given(**ANY, contact=st.floats(0.05, 1.0), roll=st.floats(-np.pi, np.pi), tip_m=st.floats(1e-6, 0.05))
+test_a_few_points_get_an_answer = FEW(POINTS(any_points))
+test_a_few_contacts_get_an_answer = FEW(CONTACT(any_contact))
+test_any_points_get_an_answer = pytest.mark.slow(MANY(POINTS(any_points)))
+test_any_contact_gets_an_answer = pytest.mark.slow(MANY(CONTACT(any_contact)))

@@ -43,7 +43,7 @@ def places_mm(contact: Contact) -> list[float]:
     return [] if found is None else [float(place) for place in found.groups()]
 
 
-@pytest.mark.parametrize("rig", list(RIGS))
+@pytest.mark.parametrize("rig", ["usual", pytest.param("exact", marks=pytest.mark.slow)])
 @pytest.mark.parametrize(
     ("first", "second", "share"), [(0.5, 0.75, 0.5), (0.5, 0.75, 1.0), (0.3, 0.9, 0.2), (0.5, 0.95, 0.3)]
 )
@@ -59,7 +59,7 @@ def test_two_contacts_are_named(first: float, second: float, share: float, rig: 
     assert far > 1e3 * LENGTH_M * first
 
 
-@pytest.mark.parametrize("share", [-0.5, -0.3])
+@pytest.mark.parametrize("share", [-0.5, pytest.param(-0.3, marks=pytest.mark.slow)])
 def test_opposed_contacts_are_no_contact_either(share: float) -> None:
     contact = twice_touched(0.33, 0.83, share, 10.0)
     assert contact.status == "failed"

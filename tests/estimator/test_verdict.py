@@ -11,7 +11,7 @@ from ..rod_scenes import LENGTH_M, RIG_STD, Frame, World, blunt, camera_pose, fr
 from . import contact_scenes
 from .contact_scenes import STRAIGHT as PLAIN
 from .contact_scenes import estimated as judged
-from .contact_scenes import withheld
+from .contact_scenes import estimated_together, withheld
 
 STD = 0.25 * RIG_STD
 INCLINED, UPRIGHT = World(camera_pose(0.9, 0.4)), World(camera_pose(0.0))
@@ -26,8 +26,9 @@ def frame(contact: float, roll: float, tip_m: float, world: World = INCLINED, se
 @pytest.mark.parametrize("world", [INCLINED, UPRIGHT])
 def test_the_free_antenna_touches_nothing(world: World) -> None:
     rng = np.random.default_rng(1)
-    for seen in frames(world, [0.1] * 6, np.zeros((6, 2)), rng.uniform(0, 1, 6), rng):
-        contact = judged(seen, world.rig())
+    for contact in estimated_together(
+        frames(world, [0.1] * 6, np.zeros((6, 2)), rng.uniform(0, 1, 6), rng), world.rig()
+    ):
         assert contact.status == "no_contact"
         assert not contact.in_contact
         assert withheld(contact)
@@ -46,11 +47,11 @@ def test_edge_on_is_unobservable(moment_std_Nm: float) -> None:
 
 
 def test_tiny_deflections_never_give_a_confident_number() -> None:
-    statuses = []
-    for seed, tip_m in enumerate(np.repeat([2e-5, 1e-4, 2e-4, 4e-4], 2)):
-        seen = frame(0.6, 0.4 + seed, tip_m, seed=seed)
-        contact = judged(seen, INCLINED.rig(STD))
-        statuses.append(contact.status)
+    tips = enumerate(np.repeat([2e-5, 1e-4, 2e-4, 4e-4], 2))
+    several = [frame(0.6, 0.4 + seed, tip_m, seed=seed) for seed, tip_m in tips]
+    found = estimated_together(several, INCLINED.rig(STD))
+    statuses = found.status.tolist()
+    for seen, contact in zip(several, found, strict=True):
         if contact.status in ("ok", "tip_contact"):
             assert abs(contact.distance_m - seen.distance_m) < 4 * contact.distance_std_m
         else:
@@ -76,7 +77,9 @@ def test_a_moment_that_contradicts_the_picture_is_said() -> None:
     seen = frame(0.6, 0.8, 0.03)
     rig = INCLINED.rig(0.2 * STD)
     assert "disagree" not in judged(seen, rig).reason
-    said = [judged(replace(seen, moment_Nm=seen.moment_Nm - off), rig) for off in np.linspace(0.0, 5e-3, 11)]
+    said = list(
+        estimated_together([replace(seen, moment_Nm=seen.moment_Nm - off) for off in np.linspace(0.0, 5e-3, 11)], rig)
+    )
     assert {contact.status for contact in said} == {"ok", "failed"}
     words = ["contradict" if "contradict" in c.reason else "disagree" if "disagree" in c.reason else "" for c in said]
     assert words == sorted(words, key=["", "disagree", "contradict"].index)
