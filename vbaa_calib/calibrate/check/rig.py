@@ -35,15 +35,15 @@ def rig_maps(rig: Rig) -> dict[str, Any]:
         found = projection_uncertainty(camera, compensated=True, grid=_GRID)
         projection = _map_document(found.pixels, found.std_px, "px")
     pixels, std_mm = plane_map(rig)
-    places = [
-        {"arclength_m": float(s), "u_px": _rounded(u), "v_px": _rounded(v), "std_mm": _rounded(1e3 * std)}
-        for s, (u, v), std in zip(*_along(rig), strict=True)
-    ]
+    along = zip(*_along(rig), strict=True)
     return {
         "projection": projection,
         "plane": _map_document(pixels, std_mm, "mm"),
         "has_ray": np.asarray(camera.unproject(pixels)[1]).tolist(),
-        "along_antenna": places,
+        "along_antenna": [
+            {"arclength_m": float(s), "u_px": _rounded(u), "v_px": _rounded(v), "std_mm": _rounded(1e3 * std)}
+            for s, (u, v), std in along
+        ],
     }
 
 
@@ -152,8 +152,24 @@ def rig_numbers(rig: Rig, nominal_Nm2: float | None) -> dict[str, Any]:
 
 def rig_findings(rig: Rig, quality: Mapping[str, Any], nominal_Nm2: float | None) -> list[Finding]:
     """The questions that rig.json answers by itself."""
-    by_rig = [_plane_c(rig), _lens_region(rig), _stiffness(rig, nominal_Nm2), _sensor(rig)]
-    return [*by_rig, _ambiguity(quality), _doubts(quality)]
+    lines = [line for at_ in ((), ("lens",)) for line in _listed(at(quality, *at_, "warnings"))]
+    remedy = "do what they say, then calibrate again"
+    doubts = _graded("doubts", len(lines), (0, np.inf), "; ".join(lines) or "none", remedy)
+    doubts = doubts if quality else Finding("doubts", NOT_GIVEN, "not recorded")
+    name, ratio = "planar_ambiguity", number_at(quality, "plane_second_solution_ratio")
+    if ratio is not None:
+        remedy = "take the board in the jig from a steeper angle, calibrate again"
+        words = f"its second pose fits {ratio:.1f} times worse"
+        second = _graded(name, -ratio, (-AMBIGUOUS, np.inf), words, remedy)
+    elif number_at(quality, "plane_rms_px") is None:
+        second = Finding(name, NOT_GIVEN, "not recorded")
+    else:
+        second = Finding(name, HOLDS, "a plane's second pose does not exist here")
+    return [_plane_c(rig), _lens_region(rig), _stiffness(rig, nominal_Nm2), _sensor(rig), second, doubts]
+
+
+def _listed(found: Any) -> list[str]:
+    return [str(line) for line in found] if isinstance(found, list) else []
 
 
 def _graded(name: str, value: float, limits: tuple[float, float], words: str, remedy: str) -> Finding:
@@ -220,23 +236,3 @@ def _sensor(rig: Rig) -> Finding:
         return Finding("sensor_known", FAILS, words, "its sign is turned round: check the wiring, calibrate again")
     remedy = "add known loads that leave plane C (force_z_N)"
     return _graded("sensor_known", std / sensor.gain, (_GAIN_LOOK, _GAIN_FAIL), words, remedy)
-
-
-def _ambiguity(quality: Mapping[str, Any]) -> Finding:
-    name, ratio = "planar_ambiguity", number_at(quality, "plane_second_solution_ratio")
-    if ratio is not None:
-        remedy = "take the board in the jig from a steeper angle, calibrate again"
-        return _graded(name, -ratio, (-AMBIGUOUS, np.inf), f"its second pose fits {ratio:.1f} times worse", remedy)
-    if number_at(quality, "plane_rms_px") is None:
-        return Finding(name, NOT_GIVEN, "not recorded")
-    return Finding(name, HOLDS, "a plane's second pose does not exist here")
-
-
-def _doubts(quality: Mapping[str, Any]) -> Finding:
-    if not quality:
-        return Finding("doubts", NOT_GIVEN, "not recorded")
-    lists = [at(quality, "warnings"), at(quality, "lens", "warnings")]
-    lines = [str(line) for found in lists if isinstance(found, list) for line in found]
-    return _graded(
-        "doubts", len(lines), (0, np.inf), "; ".join(lines) or "none", "do what they say, then calibrate again"
-    )
