@@ -118,10 +118,7 @@ def read_views(session: Session) -> PlaneViews:
 
 
 def find_plane(session: Session, camera: Camera, flex: BoardFlex, views: PlaneViews) -> PlaneC:
-    """Plane C by every method.
-
-    flex : the bend of the board, as the lens' views show it. Raises InputError when estimates contradict each other.
-    """
+    """Plane C by every method; flex : of the board, by the lens' views. Raises InputError for contradictions."""
     jig = sweep = over = None
     estimates: list[PoseEstimate] = []
     if views.jig is not None and session.T_antenna_board is not None:
@@ -150,11 +147,7 @@ def find_plane(session: Session, camera: Camera, flex: BoardFlex, views: PlaneVi
 
 
 def _clamp_doubt(found: OverBoardSolution, over: OverBoard, board: BoardSpec) -> tuple[np.ndarray, np.ndarray]:
-    """Directions (K, 6) and deviations (K,) in which the antenna's own frame may differ from that of jig and joints.
-
-    The antenna is clamped to within what a careful builder can be trusted with, and the board lies parallel to plane C
-    as well as its height is known at both its ends.
-    """
+    """Directions (K, 6), deviations (K,) of the antenna's own frame from jig's and joints': clamp and height."""
     camera_m = found.estimate.T_antenna_camera.translation_m
     turns = np.hstack([np.eye(3), np.cross(np.eye(3), camera_m)])
     across = np.hstack([np.zeros((2, 4)), np.eye(2)])
@@ -170,10 +163,7 @@ def corner_bias(estimate: PoseEstimate, camera: Camera) -> tuple[np.ndarray, np.
 
 
 def _print_doubt(estimate: PoseEstimate, session: Session) -> tuple[np.ndarray, np.ndarray]:
-    """Direction (1, 6) and deviation (1,): a print larger than measured puts the camera further away.
-
-    From the board in the jig; in a sweep and over a board from where the antenna's frame is.
-    """
+    """Direction (1, 6), deviation (1,): a print larger than measured puts the camera further from it."""
     camera_m = estimate.T_antenna_camera.translation_m
     origin_m = np.zeros(3)
     if estimate.way == "jig" and session.T_antenna_board is not None:

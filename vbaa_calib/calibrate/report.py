@@ -58,10 +58,7 @@ def still_doubts(joint: BundleAdjustment, stills: Sequence[Still], said: str = "
 
 
 def prior_doubts(joint: BundleAdjustment, said: Collection[str] = ()) -> list[str]:
-    """Where the antenna's pictures contradict the priors: plane C, the clamp, the loads.
-
-    said : names of the diagnoses that were said already; their consequences are not repeated.
-    """
+    """Where the pictures contradict plane C, clamp or loads; what a diagnosis already `said` is left out."""
     problem, found = joint.problem, []
     first = len(joint.solution.residuals) - problem.certain
     for index, estimate in enumerate(problem.prior.poses):

@@ -80,10 +80,7 @@ class CheckedStill:
 
 
 def check_stills(rig: Rig, observations: Sequence[Observation], readings: LoadReadings = EXACT) -> list[CheckedStill]:
-    """Every still against the rig's prediction, and how that moves with the rig's parameters.
-
-    readings : how well the loads' places and weights are known.
-    """
+    """Every still against the rig's prediction; readings : how well loads' places and weights are known."""
     sensor, noise, view = rig.moment_sensor, rig.image.noise_scale, rig.T_antenna_camera.inverse()
     # of unit covariance: steps along its axes are steps of its parameters
     lens = replace(rig.camera, covariance=np.eye(len(rig.camera.parameter_names)))
@@ -127,7 +124,7 @@ def check_stills(rig: Rig, observations: Sequence[Observation], readings: LoadRe
 
 
 def check_antenna(rig: Rig, stills: Sequence[CheckedStill], camera_known: bool) -> Checked:
-    """Free shape, then stiffness, then offset, then gain; what has changed is free in the estimates after it.
+    """Free shape, then stiffness, offset, gain; what has changed is free in the estimates after it.
 
     camera_known : the camera's pose was checked by a board.
     """

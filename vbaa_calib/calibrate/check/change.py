@@ -33,7 +33,7 @@ class Information:
     def of(jacobian: np.ndarray, residuals: np.ndarray, nuisance: np.ndarray | None = None) -> Information:
         """From whitened derivatives (N, P) of the predictions and residuals (N,), observed less predicted.
 
-        nuisance : (N, K) derivatives by K unknowns of these data alone, each 0 ± 1; they are marginalised.
+        nuisance : (N, K) derivatives by unknowns of these data alone, each 0 ± 1; they are marginalised.
         """
         if nuisance is None or not nuisance.any():
             return Information(jacobian.T @ jacobian, jacobian.T @ residuals)

@@ -25,11 +25,7 @@ _GAIN_LOOK, _GAIN_FAIL = 0.02, 0.1
 
 
 def rig_maps(rig: Rig) -> dict[str, Any]:
-    """For check.json: deviations of the projection, a turn of the camera compensated, and on plane C.
-
-    projection : None where the lens has no covariance. plane : by lens and camera pose together. has_ray : whether the
-    lens has a ray for each of its pixels. along_antenna : on plane C, at some places of the antenna's axis.
-    """
+    """For check.json: deviations of the projection, a turn of the camera taken out, and on plane C."""
     camera, projection = rig.camera, None
     if camera.covariance is not None:
         found = projection_uncertainty(camera, compensated=True, grid=_GRID)
@@ -48,10 +44,7 @@ def rig_maps(rig: Rig) -> dict[str, Any]:
 
 
 def plane_map(rig: Rig) -> tuple[np.ndarray, np.ndarray]:
-    """Pixels (R, C, 2), and the deviation (R, C), mm, in the worst direction, of the point on plane C that each shows.
-
-    NaN where no point that the antenna reaches is seen.
-    """
+    """Pixels (R, C, 2), worst deviation (R, C), mm, of the point on plane C that each shows; NaN out of reach."""
     pixels = pixel_grid(rig.camera.image_size, _GRID)
     points, seen = rig.camera_on_plane().project(pixels)
     near = seen & (np.linalg.norm(np.nan_to_num(points), axis=-1) <= _REACH_LENGTHS * rig.antenna.length_m)

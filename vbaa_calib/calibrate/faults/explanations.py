@@ -32,10 +32,7 @@ _ROUNDS, _UNWEIGHTED_ROUNDS, _CONVERGED = 10, 4, 0.02
 
 
 def solve_free(observations: Sequence[Observation], before: Prior, length_m: float, std_Nm: float) -> BundleAdjustment:
-    """The solve of the no-load frames alone, without the moment sensor: it may be what is wrong.
-
-    Raises SolveError when there are none, or it does not converge.
-    """
+    """The no-load frames alone, without the moment sensor, which may be what is wrong. Raises SolveError."""
     free = [one for one in observations if not isinstance(one.still, Load)]
     if not free:
         raise SolveError("there is no no-load frame")
@@ -43,10 +40,7 @@ def solve_free(observations: Sequence[Observation], before: Prior, length_m: flo
 
 
 def picture_scatter(observations: Sequence[Observation]) -> float:
-    """Scatter of the points about a smooth curve in their own picture, over their claimed deviations; no model in it.
-
-    At least 0.2, as in the joint solve.
-    """
+    """Scatter of the points about a smooth curve in their own picture, over their deviations; at least 0.2."""
     left = []
     for one in observations:
         if len(one.points_px) > 2 * _DEGREE:
@@ -151,10 +145,7 @@ class StillRows:
         return StillRows(joint, solution, points, moments, solution.weights, np.zeros((len(solution.residuals), 0)))
 
     def with_readings(self, distance_std_m: float, force_std: float, noise_scale: float) -> StillRows:
-        """The same with uncertain places and forces of the loads.
-
-        force_std : relative. noise_scale : factor on the points' deviations, of the free antenna, say.
-        """
+        """The same with uncertain places and (relative) forces; noise_scale : of the points' deviations."""
         factor = self.factor.copy()
         factor[: self.points[-1].stop] *= self.joint.noise_scale / noise_scale
         columns = [np.zeros((len(factor), 0))]

@@ -241,10 +241,7 @@ def _refitted(free: BundleAdjustment, gravity_m_s2: np.ndarray) -> tuple[float, 
 def _hypotheses(
     stills: Sequence[Still], kinematics: Kinematics, gravity_world_m_s2: np.ndarray, noted_m_s2: np.ndarray
 ) -> list[tuple[Diagnosis, np.ndarray]]:
-    """What could be wrong with gravity_world (3,) and the joint readings, and gravity (F, 3) in the frames if it were.
-
-    noted_m_s2 : (F, 3) antenna frame, by what was noted; what makes no difference to it is left out.
-    """
+    """What could be wrong with gravity or joint readings, and gravity (F, 3) in the frames if it were."""
     size = float(np.linalg.norm(gravity_world_m_s2)) or _STANDARD_GRAVITY_M_S2
     worlds = {f"gravity pointed to {name} of the world": size * axis for name, axis in _AXES.items()}
     if gravity_world_m_s2.any():

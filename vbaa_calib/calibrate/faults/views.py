@@ -99,10 +99,7 @@ def _apart_px(view: BoardView, other: BoardView, spec: BoardSpec) -> float | Non
 
 
 def poorly_covered(views: Sequence[BoardView]) -> Diagnosis | None:
-    """Whether the corners leave out much of the picture, and which of its corners: a quarter of its width by a third.
-
-    views : of one picture size, at least one.
-    """
+    """Whether the corners leave out much of the picture, and which of its corners; at least one view."""
     size, pixels = np.array(views[0].image_size), np.concatenate([view.corners_px for view in views])
     hull = float(cv2.contourArea(cv2.convexHull(pixels.astype(np.float32)))) / size.prod() if len(pixels) > 2 else 0.0
     column, row = np.clip((pixels + 0.5) / size * (4, 3), 0, (3, 2)).astype(int).T
@@ -322,10 +319,7 @@ def _shares(shapes: np.ndarray, scores: np.ndarray) -> np.ndarray:
 
 
 def _focus_changed(scores: SetScores) -> Diagnosis | None:
-    """Whether the focal length differs before and after some picture, or creeps from the first to the last.
-
-    It is observed by perspective, that is from tilted views alone: a face-on board that looks larger may be nearer.
-    """
+    """By perspective, that is from tilted views alone: a face-on board that looks larger may be nearer."""
     names, own = scores.names, scores.own_scores(SetScores.FOCAL)
     step = find_change(*own, steps(len(names)), scores.variance_px2)
     crept = find_change(*own, np.linspace(0.0, 1.0, len(names))[None], scores.variance_px2)
@@ -369,10 +363,7 @@ def _sides(step: Change, names: tuple[str, ...]) -> str:
 
 
 def view_set_diagnoses(views: Sequence[BoardView], solution: LensSolution, spec: BoardSpec) -> list[Diagnosis]:
-    """Faults of the set, the grave ones first.
-
-    views : in the order of capture; those that the solution does not use are passed over.
-    """
+    """Faults of the set, the grave ones first; views : in the order of capture, unused ones among them."""
     names = {view.name for view in solution.views}
     used = [view for view in views if view.name in names]
     if not used:

@@ -50,10 +50,7 @@ _AHEAD = 6
 
 @dataclass(frozen=True, eq=False)
 class _Pull:
-    """A direction in which a weight can pull, at a place of the joints.
-
-    direction : (2,) unit (y, z), antenna frame. over_pulley : it does not hang straight down.
-    """
+    """A direction (2,), unit (y, z), in which a weight can pull at a place of the joints, straight down or not."""
 
     pan_rad: float
     tilt_rad: float

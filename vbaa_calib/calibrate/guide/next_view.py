@@ -172,10 +172,7 @@ def _shares_m(board: BoardPose, camera: Camera, covariance: np.ndarray, plane: W
 
 
 def _next_share(views: Sequence[BoardView], board: BoardPose) -> float:
-    """Part by which one more picture lowers the variance of the board's pose.
-
-    Only what differs from picture to picture averages out; what they share, as print and lens, does not.
-    """
+    """Part by which one more picture lowers the variance of the board's pose: of what the pictures do not share."""
     count = len(views)
     if count < 2:
         return 1.0 - count / (count + 1)

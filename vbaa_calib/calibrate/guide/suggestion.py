@@ -81,7 +81,7 @@ class Suggestion:
 def best_next(
     known: LensInformation, plane: WorkPlane, spec: BoardSpec, sensitivity: np.ndarray | None
 ) -> Suggestion | None:
-    """The best of a designed set of poses, then of those near it. None where none shows enough of the board.
+    """The best of a designed set of poses, then of those near it; None where none shows enough of the board.
 
     sensitivity : of `plane_sensitivity`; without it the lens as a whole counts.
     """
@@ -151,10 +151,7 @@ def view_candidates(
 
 
 def visible_corners(camera: Camera, poses: Sequence[Pose], spec: BoardSpec) -> list[np.ndarray]:
-    """Ids (N,) of the corners whose four squares are in the picture, for each T_camera_board.
-
-    None where the board is seen so small or so steeply that its markers cannot be read.
-    """
+    """Ids (N,) of the corners whose four squares are in each picture; none where markers cannot be read."""
     if not poses:
         return []
     lattice, around = _lattice(spec)
@@ -230,10 +227,7 @@ def seen_as(camera: Camera, T_camera_board: Pose, spec: BoardSpec) -> _HeldPose:
 
 
 def _pose_words(camera: Camera, T_camera_board: Pose, spec: BoardSpec, corners: int, metric: bool) -> str:
-    """A pose for the terminal: where, how far, how turned; right and left as the picture shows them.
-
-    corners : how many of the board's are to be seen. metric : whether the distance is known.
-    """
+    """A pose for the terminal; corners : how many are to be seen, metric : whether the distance is known."""
     seen = seen_as(camera, T_camera_board, spec)
     across = "left" if seen.place[0] < 0.4 else "right" if seen.place[0] > 0.6 else "middle"
     down = "upper " if seen.place[1] < 0.4 else "lower " if seen.place[1] > 0.6 else ""

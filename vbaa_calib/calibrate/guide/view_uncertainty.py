@@ -176,10 +176,7 @@ def _prior(
 def view_blocks(
     design: LensDesign, poses: np.ndarray, observations: Sequence[Observation]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Of views at poses (V, 6): information (V, p, p) in `LensDesign` coordinates, and gradient (V, p).
-
-    The views' own poses are eliminated.
-    """
+    """Of views at poses (V, 6), eliminated: information (V, p, p) in `LensDesign` coordinates, gradient (V, p)."""
     residuals, by_shared, by_pose, bounds = rows(design.bundle(np.asarray(poses, float)), observations)
     whole = np.concatenate([by_shared @ design.scale, residuals[..., None]], axis=-1) / design.sigma_px
     count = design.scale.shape[1]
@@ -224,10 +221,7 @@ def mean_square(sensitivity: np.ndarray, information: np.ndarray) -> np.ndarray:
 
 
 def bias_square(sensitivity: np.ndarray, information: np.ndarray, gradient: np.ndarray) -> float:
-    """Mean square, m², by which points on the plane (n, 2, p) would move with the richer lens of the design.
-
-    gradient : (p,) of all views. Where the chosen lens is right, it is no more than `mean_square`.
-    """
+    """Mean square, m², by which points on the plane would move with the richer lens; gradient : (p,) of all views."""
     step = np.linalg.solve(information + np.eye(len(information)), gradient)
     return float(np.mean(np.sum((sensitivity @ step) ** 2, axis=1)))
 

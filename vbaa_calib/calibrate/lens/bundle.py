@@ -126,10 +126,7 @@ class Bundle:
 
 
 def free_directions(model: LensModel, square_pixels: bool = False, flex: bool = False) -> np.ndarray:
-    """(4 + k + 2, p) columns span what all views share and is solved for: intrinsics, then the board's sagittas.
-
-    With square pixels fx and fy move as one.
-    """
+    """(4 + k + 2, p) what is solved for: intrinsics, fx and fy as one with square pixels, then sagittas."""
     size = 4 + model.distortion_count
     unit = np.eye(size + FLEX)
     rest = [2, 3, *(4 + index for index in model.free), *((size, size + 1) if flex else ())]
@@ -140,10 +137,7 @@ def free_directions(model: LensModel, square_pixels: bool = False, flex: bool = 
 def refine(
     start: Bundle, observations: Sequence[Observation], rules: Rules = CONVERGED, robust: bool = False
 ) -> Bundle:
-    """Levenberg–Marquardt on the reprojection error.
-
-    robust : weigh corners down by Cauchy's loss, so that gross errors do not pull.
-    """
+    """Levenberg–Marquardt on the reprojection error; robust : by Cauchy's loss, so gross errors do not pull."""
     problem = _Problem(observations, np.ones(sum(len(view.pixels) for view in observations)))
     if robust:
         at, weights = start, cauchy_weights(np.linalg.norm(rows(start, observations)[0], axis=1))
@@ -159,10 +153,7 @@ def refine(
 
 
 def polished(bundle: Bundle, observations: Sequence[Observation]) -> Bundle:
-    """A solution whose next step would be under a millionth of the parameters' deviations, whatever the problem's size.
-
-    Reported numbers must not show where a descent happened to end; decisions need less.
-    """
+    """Converged to a millionth of the deviations: what is reported must not show where a descent ended."""
     sizes = sum(view.pixels.size for view in observations) - bundle.directions.shape[1] - 6 * len(observations)
     return refine(bundle, observations, replace(_POLISH, tolerance=_STANDSTILL**2 / max(sizes, 1)))
 

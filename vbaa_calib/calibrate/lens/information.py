@@ -53,10 +53,7 @@ class Information:
 
     @property
     def covariance(self) -> np.ndarray:
-        """(4 + k + 2, 4 + k + 2) of intrinsics and sagittas, poses marginalised, scaled by the residual variance.
-
-        What holds the lens from folding is left out: it is no measurement.
-        """
+        """(4 + k + 2, 4 + k + 2) of intrinsics and sagittas, scaled by the residual variance, without `prior`."""
         freedom = self.counts.sum() - self.half.shape[1] - 6 * len(self.counts)
         return float(self.squares.sum()) / max(float(freedom), 1.0) * self.half @ self.half.T
 
@@ -259,10 +256,7 @@ class BoardFlex:
 
 
 def bend(spec: BoardSpec) -> np.ndarray:
-    """(corner_count, 2) rise along z of each corner for a metre of each sagitta: u² − 1/3, u = ±1 at the outer corners.
-
-    Their mean over the board is nil, so that the board's frame stays in its mean plane.
-    """
+    """(corner_count, 2) rise of each corner for a metre of each sagitta: u² − 1/3, u = ±1 at the outer ones."""
     plane = corner_points(spec)[:, :2]
     low, high = plane.min(axis=0), plane.max(axis=0)
     half = 0.5 * (high - low)
@@ -277,10 +271,7 @@ def observations_of(views: Sequence[BoardView], spec: BoardSpec) -> list[Observa
 
 
 def judge_flex(bundle: Bundle, observations: Sequence[Observation], square_pixels: bool = False) -> BoardFlex:
-    """Whether the views require a bent board: significant, better on held-out views, and not absurd.
-
-    bundle : a solution of the lens, with or without a bent board.
-    """
+    """Whether the views of a solution require a bent board: significant, better held out, not absurd."""
     bent = refine(bundle.freed(square_pixels, flex=True), observations)
     sagittas, known = bent.sagittas_m, information(bent, observations)
     if known is None:

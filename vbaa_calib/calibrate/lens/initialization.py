@@ -38,11 +38,7 @@ def fit_lens(
     flex: bool = False,
     warm: Mapping[str, Bundle] | None = None,
 ) -> Bundle:
-    """The best solution of one lens model, from the most reliable start first.
-
-    flex : solve for the board's sagittas too.
-    warm : solutions by model name for nearly the same corners; where there is one it is the only start.
-    """
+    """The best solution of a lens model, with sagittas or without, from `warm` (by name) where it has one."""
     near = (warm or {}).get(model.name)
     if near is None:
         near = rough_lens(model, observations, options, warm)

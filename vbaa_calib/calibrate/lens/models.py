@@ -145,10 +145,7 @@ def _even_polynomial(coefficients: np.ndarray, radii: np.ndarray) -> tuple[np.nd
 
 
 def corner_radius(intrinsics: np.ndarray, image_size: tuple[int, int]) -> float:
-    """Distorted radius of the corner of a (width, height) picture that is furthest from the axis, and 2 % more.
-
-    intrinsics : (4 + k,); decentring, which moves the corner a little, is left out.
-    """
+    """Distorted radius of the picture's furthest corner from the axis, and 2 % more; intrinsics (4 + k,)."""
     furthest = np.maximum(np.array(image_size) - 0.5 - intrinsics[2:4], intrinsics[2:4] + 0.5)
     return _BEYOND_CORNER * float(np.hypot(*(furthest / intrinsics[:2])))
 

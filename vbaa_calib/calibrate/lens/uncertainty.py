@@ -56,10 +56,7 @@ def pixel_grid(image_size: tuple[int, int], grid: tuple[int, int] = GRID) -> np.
 
 
 def projection_jacobian(camera: Camera, pixels: np.ndarray) -> np.ndarray:
-    """(..., 2, 4 + k) how the projection of a fixed ray, the one of each pixel (..., 2), moves with the lens.
-
-    By the camera's (fx, fy, cx, cy, distortion); NaN where the pixel has no ray.
-    """
+    """(..., 2, 4 + k) how the projection of each pixel's fixed ray moves with the lens; NaN without a ray."""
     moved = ray_derivatives(camera.intrinsics, np.asarray(pixels, float))
     return _by_ray(moved.by_pixel, moved.valid) @ -moved.by_parameter
 
@@ -72,10 +69,7 @@ def turn_jacobian(camera: Camera, pixels: np.ndarray) -> np.ndarray:
 
 
 def compensate(camera: Camera, pixels: np.ndarray, jacobian: np.ndarray) -> np.ndarray:
-    """(..., 2, p) what is left of derivatives (..., 2, p) by p causes when the camera turns to meet each best.
-
-    Best is in the mean square over those pixels (..., 2) that have a ray.
-    """
+    """(..., 2, p) what derivatives by p causes leave when the camera turns to meet each best, in mean square."""
     turn = turn_jacobian(camera, pixels)
     known = np.isfinite(jacobian).all(axis=(-1, -2)) & np.isfinite(turn).all(axis=(-1, -2))
     if not known.any():

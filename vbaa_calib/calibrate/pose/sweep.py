@@ -218,10 +218,7 @@ def _picture_errors_px(residuals: np.ndarray, corners: SweepCorners) -> np.ndarr
 
 
 def _without_the_odd_one(problem: SweepProblem, state: SweepState, kept: np.ndarray) -> tuple[SweepState, np.ndarray]:
-    """Without the picture without which the angles of the others agree.
-
-    Among few pictures one wrong row bends the fit so far that all seem a little off.
-    """
+    """Without the one wrong row that among few pictures bends the fit so far that all seem a little off."""
     picture = problem.corners.picture
     whole, _ = problem.inlying(state, kept[picture])
     if whole.angle_std_rad < _NO_ENCODER_RAD:

@@ -363,10 +363,7 @@ def _without_angles(blocks: np.ndarray, angle_ratio: float) -> np.ndarray:
 
 
 def _angle_variance_ratio(blocks: np.ndarray, rows: int) -> float:
-    """Variance of the joint angles over that of a corner's coordinate, (rad/px)², by restricted likelihood.
-
-    blocks : (P, m, m) columns: free steps, residual, angles. rows : how many residuals there are.
-    """
+    """(rad/px)² joint angles over corners; blocks (P, m, m) : free steps, residual, angles."""
     freedom = rows - (blocks.shape[-1] - 3)
     angles = blocks[:, -2:, -2:]
     per_angle = float(np.mean(np.trace(angles, axis1=1, axis2=2))) / 2

@@ -130,10 +130,7 @@ class PlanePath:
 
 
 def _search(picture: BoardPicture, plane: PlaneAbove, width_px: float, bright: bool) -> PlanePath | None:
-    """The path of the antenna over the board; None without one.
-
-    Works on the board alone, where the background is known, for a line brighter (or darker) than the print behind it.
-    """
+    """The path of a bright or dark antenna, on the board alone, where the background is known; or None."""
     pixels, strength = _candidates(picture, width_px, bright)
     points, valid = plane.to_plane(pixels)
     points, strength = points[valid], strength[valid]

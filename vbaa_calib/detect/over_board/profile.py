@@ -201,10 +201,7 @@ class Paint:
 
 @dataclass(frozen=True, eq=False)
 class Fitted:
-    """Lines fitted to N profiles: centre along the profile from the guide, px; cover over the expected one (amplitude).
-
-    chi : root mean square of the residuals over their noise. All (N,).
-    """
+    """Lines fitted to N profiles: centre from the guide, px; cover over the expected; rms over noise. All (N,)."""
 
     centre: np.ndarray
     centre_std: np.ndarray
