@@ -17,7 +17,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.core.images import gray_from_bytes
+from vbaa_calib.core.images import read_gray
 from vbaa_calib.wizard.sources import Source, SourceLost, live, open_source
 from vbaa_calib.wizard.sources.live import Patience, open_camera, open_stream, parse_camera
 from vbaa_calib.wizard.sources.picture import frame_picture, without_secrets
@@ -287,4 +287,4 @@ def test_grey_of_a_colour_frame_is_that_of_its_png() -> None:
     pixels[:16, :16] = np.arange(256, dtype=np.uint8).reshape(16, 16, 1)
     for frame in (pixels, pixels[..., 1].copy()):
         offered = frame_picture("x", frame, 0.0)
-        np.testing.assert_array_equal(offered.image, gray_from_bytes(offered.data, Path("x.png")))
+        np.testing.assert_array_equal(offered.image, read_gray(Path("x.png"), offered.data))

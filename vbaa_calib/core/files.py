@@ -202,34 +202,28 @@ def refuse_overwrite(path: Path, force: bool, inputs: Iterable[Path | None] = ()
     A file in the way is refused unless `force` is on; a folder or a device always, and a folder that is not there, and
     one of the command's own `inputs`.
     """
-    path = Path(path)
-    kind = _kind(path)
-    if kind == "folder":
-        raise InputError("is a folder", where=path, remedy="name a file inside it")
-    if kind == "other":
-        raise InputError("is not a regular file", where=path, remedy="take another name")
-    there = [Path(each) for each in inputs if each is not None and kind == "file" and Path(each).exists()]
-    if any(path.samefile(each) for each in there):
-        raise InputError("is an input of this command", where=path, remedy="take another name")
-    if kind != "none" and not force:
+    path, mode = Path(path), None
+    try:
+        mode = path.stat().st_mode
+    except FileNotFoundError:
+        pass
+    except (OSError, ValueError) as error:
+        why = getattr(error, "strerror", None) or error
+        raise InputError(f"cannot be written ({why})", where=path, remedy="take another name") from None
+    if mode is not None:
+        if stat.S_ISDIR(mode):
+            raise InputError("is a folder", where=path, remedy="name a file inside it")
+        if not stat.S_ISREG(mode):
+            raise InputError("is not a regular file", where=path, remedy="take another name")
+        if any(path.samefile(each) for each in inputs if each is not None and Path(each).exists()):
+            raise InputError("is an input of this command", where=path, remedy="take another name")
+    if (mode is not None or path.is_symlink()) and not force:
         raise InputError("exists already", where=path, remedy="give --force to replace it, or another name")
     folder = path.resolve().parent
     if not folder.is_dir():
         raise InputError("its folder does not exist", where=path, remedy=f"create {path.parent} first")
     if not os.access(folder, os.W_OK | os.X_OK):
         raise InputError("its folder is read-only", where=path, remedy="write somewhere else")
-
-
-def _kind(path: Path) -> str:
-    """What stands at a path: none, file, folder, link (to nothing) or other. Raises InputError for no path at all."""
-    try:
-        mode = path.stat().st_mode
-    except FileNotFoundError:
-        return "link" if path.is_symlink() else "none"
-    except (OSError, ValueError) as error:
-        why = getattr(error, "strerror", None) or error
-        raise InputError(f"cannot be written ({why})", where=path, remedy="take another name") from None
-    return "folder" if stat.S_ISDIR(mode) else "file" if stat.S_ISREG(mode) else "other"
 
 
 @contextmanager

@@ -43,37 +43,30 @@ def list_images(folder: Path) -> list[Path]:
     return images
 
 
-def read_gray(path: Path) -> np.ndarray:
+def read_gray(path: Path, data: bytes | None = None) -> np.ndarray:
     """One picture as (H, W) uint8, in the sensor's own orientation (an EXIF rotation is not applied).
 
     Colour is turned to gray. A 16-bit picture is scaled by the smallest usual sensor depth (10, 12, 14, 16 bit) that
-    holds its brightest pixel. Raises InputError naming the file when it is missing, empty, truncated or damaged.
+    holds its brightest pixel. data : the file's bytes, where they were read already.
+
+    Raises InputError naming the file when it is missing, empty, truncated or damaged.
     """
-    return gray_from_bytes(read_bytes(Path(path), "picture"), Path(path))
-
-
-def gray_from_bytes(data: bytes, path: Path) -> np.ndarray:
-    """As `read_gray`, of a picture file's bytes that were read already; `path` is what errors name."""
-    pixels = _pixels(data, path, cv2.IMREAD_GRAYSCALE)
+    pixels = _pixels(data, Path(path), cv2.IMREAD_GRAYSCALE)
     return pixels if pixels.dtype == np.uint8 else np.rint(pixels * _to_255(pixels)).astype(np.uint8)
 
 
-def read_picture(path: Path) -> np.ndarray:
+def read_picture(path: Path, data: bytes | None = None) -> np.ndarray:
     """One picture in all its depth and colour: (H, W) grey or (H, W, 3) blue, green, red, in the sensor's orientation.
 
     uint8, or float32 from 0 to 255 where there are more bits, scaled as `read_gray` does. Transparency is left out.
-    Raises InputError as `read_gray` does.
+    data : the file's bytes, where they were read already. Raises InputError as `read_gray` does.
     """
-    return picture_from_bytes(read_bytes(Path(path), "picture"), Path(path))
-
-
-def picture_from_bytes(data: bytes, path: Path) -> np.ndarray:
-    """As `read_picture`, of a picture file's bytes that were read already; `path` is what errors name."""
-    pixels = _pixels(data, path, cv2.IMREAD_UNCHANGED)
+    pixels = _pixels(data, Path(path), cv2.IMREAD_UNCHANGED)
     return pixels if pixels.dtype == np.uint8 else (pixels * _to_255(pixels)).astype(np.float32)
 
 
-def _pixels(data: bytes, path: Path, colours: int) -> np.ndarray:
+def _pixels(data: bytes | None, path: Path, colours: int) -> np.ndarray:
+    data = read_bytes(path, "picture") if data is None else data
     if not data:
         raise InputError("is an empty file", where=path, remedy=_AGAIN)
     # decoders fill what is missing with gray and only print a warning

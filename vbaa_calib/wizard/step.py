@@ -10,7 +10,7 @@ import numpy as np
 
 from vbaa_calib.calibrate.faults.views import resolution_changed
 from vbaa_calib.core.errors import Diagnosis, InputError
-from vbaa_calib.core.images import picture_from_bytes
+from vbaa_calib.core.images import read_picture
 from vbaa_calib.detect.board.corners import BoardView, detect_corners
 from vbaa_calib.detect.quality.hints import picture_hints, wrong_board
 from vbaa_calib.detect.quality.screen import LEAST_CORNERS
@@ -117,7 +117,7 @@ def check_antenna(step: str, state: SessionState, picture: Picture, readings: Re
         return PictureCheck()
     path = Path(picture.name)
     try:
-        seen = state.observe(still_of(step, path, readings), step, picture_from_bytes(picture.data, path))
+        seen = state.observe(still_of(step, path, readings), step, read_picture(path, picture.data))
     except InputError as error:
         jig = "" if state.taken(step) else "; or the answers about the jig are wrong, so that it is sought elsewhere"
         return PictureCheck(f"{error.what}; shoot it again with the antenna lit and wholly in view{jig}")

@@ -13,7 +13,7 @@ from pathlib import Path
 import cv2
 
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.core.images import SUFFIXES, gray_from_bytes
+from vbaa_calib.core.images import SUFFIXES, read_gray
 
 from .picture import Picture, SourceLost, frame_picture, shown, silence_opencv
 
@@ -128,7 +128,7 @@ class FolderSource:
             self._watched[name] = _Watched(state, time.monotonic())
             return None
         try:
-            image = gray_from_bytes(data, Path(name))
+            image = read_gray(Path(name), data)
         except InputError as error:
             return self._failed(name, str(error))
         del self._watched[name]
