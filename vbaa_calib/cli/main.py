@@ -162,21 +162,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     except Exception as error:
         if "--debug" in argv:
             traceback.print_exc()
-        print(f"vbaa: {_printable(_in_words(error))}", file=sys.stderr)
+        words = (
+            f"something went wrong that should not ({type(error).__name__}: {error}); "
+            "run again with --debug and report what it shows"
+        )
+        if isinstance(error, VbaaError):
+            words = str(error)
+        elif isinstance(error, OSError) and error.strerror:  # a full disk, a lost network drive
+            words = f"{error.filename}: {error.strerror}" if error.filename else error.strerror
+        # a name from outside moves no cursor and paints nothing
+        line = "".join(each if each.isprintable() else "\N{REPLACEMENT CHARACTER}" for each in " ".join(words.split()))
+        print(f"vbaa: {line}", file=sys.stderr)
         return error.exit_code if isinstance(error, VbaaError) else 1
-
-
-def _printable(text: str) -> str:
-    """One line in which a name from outside moves no cursor and paints nothing."""
-    return "".join(each if each.isprintable() else "\N{REPLACEMENT CHARACTER}" for each in " ".join(text.split()))
-
-
-def _in_words(error: Exception) -> str:
-    if isinstance(error, VbaaError):
-        return str(error)
-    if isinstance(error, OSError) and error.strerror:  # a full disk, a lost network drive
-        return f"{error.filename}: {error.strerror}" if error.filename else error.strerror
-    return (
-        f"something went wrong that should not ({type(error).__name__}: {error}); "
-        "run again with --debug and report what it shows"
-    )

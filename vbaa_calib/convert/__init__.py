@@ -47,11 +47,15 @@ def _write(given: Exchanged) -> str:
     return json.dumps(given.camera.to_dict() | pose, indent=2, allow_nan=False) + "\n"
 
 
-def _is_ours(text: str) -> bool:
-    return text.lstrip().startswith("{") and (f'"{CAMERA_SCHEMA}"' in text or f'"{RIG_SCHEMA}"' in text)
-
-
-_OURS = Format("vbaa", "rig.json, camera.json", _read, _write, _is_ours, with_pose=True, with_covariance=True)
+_OURS = Format(
+    "vbaa",
+    "rig.json, camera.json",
+    _read,
+    _write,
+    lambda text: text.lstrip().startswith("{") and (f'"{CAMERA_SCHEMA}"' in text or f'"{RIG_SCHEMA}"' in text),
+    with_pose=True,
+    with_covariance=True,
+)
 FORMATS = {each.name: each for each in (_OURS, ROS, OPENCV, KALIBR, MRCAL, COLMAP)}
 """Name on the command line → format."""
 

@@ -79,18 +79,6 @@ _LIBRARIES = {"cv2": "opencv-contrib-python-headless", "yaml": "PyYAML"} | {
 """Name that is imported → distribution that it comes from."""
 
 
-def _origin(name: str) -> Path | None:
-    """The folder or file that `import name` would take; None where there is none, or only an empty namespace."""
-    try:
-        spec = importlib.util.find_spec(name)
-    except (ImportError, ValueError):
-        return None
-    if spec is None or spec.origin is None:
-        return None
-    path = Path(spec.origin)
-    return path.parent if path.stem == "__init__" else path
-
-
 def shadows(folder: Path | None = None) -> Finding:
     """Where packages are taken from now, and what the current folder would put in their place."""
     homes: dict[str, Path | None] = {**dict.fromkeys(_OURS, _ROOT), **dict.fromkeys(_LIBRARIES)}
@@ -104,8 +92,14 @@ def shadows(folder: Path | None = None) -> Finding:
         return Diagnosis(name, words, remedy, grave=grave)
 
     for name, expected in homes.items():
-        place = _origin(name)
-        if place is not None:
+        # the folder or file that an import would take; none for an empty namespace
+        try:
+            spec = importlib.util.find_spec(name)
+        except (ImportError, ValueError):
+            spec = None
+        if spec is not None and spec.origin is not None:
+            place = Path(spec.origin)
+            place = place.parent if place.stem == "__init__" else place
             places[name] = str(place)
             if expected is not None and place.resolve().parent != expected.resolve():
                 words = f"{name} is taken from {place}, not from {expected}"

@@ -61,10 +61,16 @@ def answer_all(state: SessionState, ui: Ui, step: Step) -> None:
     """
     store = state.store
     while True:
-        if step.name == "board":
-            _make_board(store, ui)
         answers = store.journal.answers
         questions = open_questions(step.name, answers)
+        first = questions[0].key if questions else ""
+        if step.name == "board" and "measure_x_mm" not in answers and first not in ("board", "paper"):
+            # it is known which board it is: board.yaml, the sheet, and how long its print should be
+            store.answer(make_board(store, answers))
+            if "board_along_x_mm" not in answers:
+                ui.say(print_instructions(store, answers))
+            _forget_if_inconsistent(store, ui)
+            continue
         if not questions or (questions[0].key == "source" and not ui.interactive and state.taken(step.name)):
             return
         question = questions[0]
@@ -97,18 +103,6 @@ def absolute(folder: Path, text: str) -> str:
     if text == "new" or "://" in text or text.startswith("camera:") or not os.path.exists(path):
         return text
     return path
-
-
-def _make_board(store: Store, ui: Ui) -> None:
-    """Once it is known which board it is: board.yaml, the sheet, and how long its print should be."""
-    answers = store.journal.answers
-    first = [question.key for question in open_questions("board", answers)[:1]]
-    if "measure_x_mm" in answers or first in (["board"], ["paper"]):
-        return
-    store.answer(make_board(store, answers))
-    if "board_along_x_mm" not in answers:
-        ui.say(print_instructions(store, answers))
-    _forget_if_inconsistent(store, ui)
 
 
 def _forget_if_inconsistent(store: Store, ui: Ui) -> None:

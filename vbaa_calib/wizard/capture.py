@@ -131,7 +131,13 @@ class Capture:
             self._decide(picture)
         elif self.source.ended:
             self._pass_notes()
-            return self._all_seen()
+            progress = self.step.progress(self.state)
+            self.ui.show(self.step, progress)
+            if not progress.usable:
+                what = f"{self.step.title}: {'; '.join(progress.missing) or 'no picture'}"
+                remedy = f"add pictures there and run it again: {progress.next}"
+                raise NoMorePictures(what, where=self.source.name, remedy=remedy)
+            return self._close("all pictures seen")
         return None
 
     def _pass_notes(self) -> None:
@@ -232,12 +238,3 @@ class Capture:
     def _close(self, how: str) -> str:
         self.store.close(self.step.name, how)
         return "closed"
-
-    def _all_seen(self) -> str:
-        progress = self.step.progress(self.state)
-        self.ui.show(self.step, progress)
-        if not progress.usable:
-            what = f"{self.step.title}: {'; '.join(progress.missing) or 'no picture'}"
-            remedy = f"add pictures there and run it again: {progress.next}"
-            raise NoMorePictures(what, where=self.source.name, remedy=remedy)
-        return self._close("all pictures seen")

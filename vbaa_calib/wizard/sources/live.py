@@ -240,8 +240,7 @@ def open_camera(
         backend = cv2.CAP_V4L2 if sys.platform.startswith("linux") else cv2.CAP_ANY
         capture = cv2.VideoCapture(device, backend)
         if capture.isOpened():
-            exposure = "the camera's automatic exposure is left as it is"
-            notes[:] = [_ask_size(capture, asked or {}), _stop_autofocus(capture), exposure]
+            notes[:] = [*_set_up(capture, asked or {}), "the camera's automatic exposure is left as it is"]
         return capture
 
     return LiveSource(name, opened, patience or Patience(), _CAMERA_FAULTS, seen, notes)
@@ -267,7 +266,8 @@ def _check_device(device: int | str, name: str) -> None:
         raise InputError(f"{path} may not be used", where=name, remedy=remedy)
 
 
-def _ask_size(capture: cv2.VideoCapture, wanted: Mapping[str, Any]) -> str:
+def _set_up(capture: cv2.VideoCapture, wanted: Mapping[str, Any]) -> tuple[str, str]:
+    """Asks for what is wanted, and for no autofocus; what came of it."""
     # the pixel format first: it decides which sizes there are
     if "fourcc" in wanted:
         capture.set(cv2.CAP_PROP_FOURCC, cv2.VideoWriter.fourcc(*wanted["fourcc"]))
@@ -277,16 +277,12 @@ def _ask_size(capture: cv2.VideoCapture, wanted: Mapping[str, Any]) -> str:
             capture.set(key, value)
     capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
     has = [int(capture.get(key)) for key in sides]
-    if all(asked in (None, given) for asked, given in zip(sides.values(), has, strict=True)):
-        return f"the camera gives {has[0]}x{has[1]} px"
-    asked_for = "x".join(str(value or "any") for value in sides.values())
-    return f"{asked_for} px were asked for, but the camera gives {has[0]}x{has[1]} px"
-
-
-def _stop_autofocus(capture: cv2.VideoCapture) -> str:
+    size = f"the camera gives {has[0]}x{has[1]} px"
+    if any(asked not in (None, given) for asked, given in zip(sides.values(), has, strict=True)):
+        size = f"{'x'.join(str(value or 'any') for value in sides.values())} px were asked for, but {size}"
     if capture.set(cv2.CAP_PROP_AUTOFOCUS, 0) and capture.get(cv2.CAP_PROP_AUTOFOCUS) == 0:
-        return "autofocus is switched off"
-    return (
+        return size, "autofocus is switched off"
+    return size, (
         "autofocus could not be switched off; if the camera has one, switch it off in its own program, "
         "since a lens that focuses anew is another lens"
     )
