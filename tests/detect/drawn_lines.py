@@ -28,9 +28,17 @@ def background(rng: np.random.Generator, clutter: float = 6.0, size: tuple[int, 
 
 
 def tube(
-    path_px: np.ndarray, width_px: float, height: float, blur_px: float = 0.8, size: tuple[int, int] = SIZE
+    path_px: np.ndarray,
+    width_px: float,
+    height: float,
+    blur_px: float = 0.8,
+    size: tuple[int, int] = SIZE,
+    cut: bool = False,
 ) -> np.ndarray:
-    """(H, W) grey levels of a shaded tube along a polyline (K, 2): distances on a fine grid, blurred, then averaged."""
+    """(H, W) grey levels of a shaded tube along a polyline (K, 2): distances on a fine grid, blurred, then averaged.
+
+    cut : its end is cut off square; otherwise it is round.
+    """
     rows, columns = size
     step = (np.arange(_FINE * max(size)) + 0.5) / _FINE - 0.5
     nearest = np.full((_FINE * rows, _FINE * columns), np.inf)
@@ -43,6 +51,9 @@ def tube(
         share = np.clip((du * along[0] + dv * along[1]) / (along @ along), 0.0, 1.0)
         nearest[here] = np.minimum(nearest[here], np.hypot(du - share * along[0], dv - share * along[1]))
     across = nearest / (0.5 * width_px)
+    if cut:
+        along = path_px[-1] - path_px[-2]
+        across[(step[: _FINE * rows, None] - b[1]) * along[1] + (step[: _FINE * columns] - b[0]) * along[0] > 0.0] = 1.0
     shade = np.where(across < 1.0, 0.4 + 0.6 * np.sqrt(np.clip(1.0 - across**2, 0.0, None)), 0.0)
     blurred = cv2.GaussianBlur(shade, (0, 0), blur_px * _FINE)
     return height * blurred.reshape(rows, _FINE, columns, _FINE).mean(axis=(1, 3))

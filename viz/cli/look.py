@@ -86,6 +86,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         "points": len(line.points_px),
         "sigma_median_px": float(np.median(line.sigma_px)) if measured else None,
         "end": line.end,
+        "end_std_px": None if np.isnan(line.end_std_px) else line.end_std_px,
         "end_px": line.end_px.tolist() if np.isfinite(line.end_px).all() else None,
         "amplitude": line.amplitude if measured else None,
         "noise": line.noise if measured else None,

@@ -35,7 +35,13 @@ _VERDICTS: dict[str, tuple[Colour, str]] = {
     "ambiguous": ((38, 38, 220), "two lines could be the antenna"),
 }
 """The badge's colour, and what it means."""
-_END_WORDS = {"tip": "tip", "hidden": "hidden from here", "border": "leaves the picture", "none": ""}
+_END_WORDS = {
+    "tip": "tip",
+    "unsure": "perhaps the tip",
+    "hidden": "hidden from here",
+    "border": "leaves the picture",
+    "none": "",
+}
 
 
 def background(image: np.ndarray, where: Corridor | None) -> np.ndarray:

@@ -9,13 +9,11 @@ import numpy as np
 from numpy.polynomial.chebyshev import chebvander
 
 from . import smooth
-from .centreline import Centreline, EndKind, Verdict, Visibility
+from .centreline import Centreline, Verdict, Visibility
 from .crossings import Crossings
 
 LEAST_SEEN, LEAST_SEEN_INSIDE = 0.3, 0.5
-"""Least fraction of the guide, and of what of it is in the picture, that must be seen."""
-LEAST_THERE = 0.7
-"""So much of it showing is enough too, where an object beside it keeps it from being measured."""
+"""Least fraction of the guide that must be seen, and, of a line that is not clear, of what of it is in the picture."""
 LEAST_ROOT, ROOT = 0.35, 0.33
 """Least fraction that must be seen of the first part of the guide: the antenna starts at the clamp."""
 NARROW, BROAD, LEAST_SEEN_BROAD = 0.3, 1.8, 0.85
@@ -35,8 +33,6 @@ OTHER_LINE_SEEN = 0.7
 """A second line of which this much is seen, of what is seen of the first, makes the picture ambiguous."""
 LEAST_POINTS = 12
 _SLOPES = np.diff(chebvander(np.linspace(-1.0, 1.0, 41), WANDER_ORDER), axis=0)
-TIP_SHARE, TIP_PX = 0.04, 4.0
-"""So near the guide's end, of its length and in pixels, the visible end is the tip."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +43,7 @@ class FittedLine:
     ----------
     centre, course : (N,) along the profiles, px; the course is smooth.
     sigma_px : (N,) standard deviation across the line.
-    kept : (N,) where it was measured. there : (N,) where it shows, though perhaps beside something that draws it aside.
+    kept : (N,) where it was measured.
     height : (N,) grey levels. noise : of a pixel, grey levels.
     breadth : over what an antenna in focus has.
     """
@@ -56,7 +52,6 @@ class FittedLine:
     course: np.ndarray
     sigma_px: np.ndarray
     kept: np.ndarray
-    there: np.ndarray
     height: np.ndarray
     noise: float
     breadth: float
@@ -90,8 +85,6 @@ def accepted(found: Crossings, line: FittedLine) -> Centreline:
         reason=reason,
         guide_px=found.moved(line.course),
         visibility=visibility,
-        end_px=points[-1] if len(points) else np.full(2, np.nan),
-        end=_end(found, visibility, last),
         noise=line.noise,
     )
 
@@ -126,16 +119,6 @@ def _differ(one: Centreline, other: Centreline, width_px: float) -> bool:
     return bool((gap > 2.0 * width_px + 4.0).mean() > 0.3)
 
 
-def _end(found: Crossings, visibility: np.ndarray, last: int) -> EndKind:
-    if last < 0:
-        return "none"
-    length = float(found.along[-1])
-    if length - found.along[last] <= max(TIP_PX, TIP_SHARE * length):
-        return "tip"
-    beyond = visibility[last + 1 : last + 6]
-    return "border" if (beyond == Visibility.OUTSIDE).any() else "hidden"
-
-
 def _doubt(found: Crossings, points: np.ndarray, line: FittedLine) -> tuple[Verdict, str] | None:
     """Why these points (N, 2) are no antenna, or not enough of one; None where nothing speaks against it."""
     kept, breadth, contrast = line.kept, line.breadth, line.contrast
@@ -150,10 +133,7 @@ def _doubt(found: Crossings, points: np.ndarray, line: FittedLine) -> tuple[Verd
     wander, snaking = _wander(found.along, points, kept)
     if wander > np.hypot(WANDER_PX, WANDER_SIGMA * smooth.median(line.sigma_px[kept])) or snaking > SNAKING_RAD:
         return "no_antenna", f"what could be the antenna is no smooth line ({share})"
-    enough = seen / inside >= LEAST_SEEN_INSIDE or (
-        line.there.mean() / inside >= LEAST_THERE and contrast > CLEAR_CONTRAST
-    )
-    if seen < LEAST_SEEN or not enough:
+    if seen < LEAST_SEEN or (contrast <= CLEAR_CONTRAST and seen / inside < LEAST_SEEN_INSIDE):
         return "too_little", f"too little of the antenna to be sure of it ({share})"
     if kept[found.along < ROOT * found.along[-1]].mean() < LEAST_ROOT:
         return "too_little", f"the part near the clamp is not seen ({share})"

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 Verdict = Literal["ok", "no_antenna", "too_little", "ambiguous"]
-EndKind = Literal["tip", "hidden", "border", "none"]
+EndKind = Literal["tip", "hidden", "border", "unsure", "none"]
 
 
 class Visibility(IntEnum):
@@ -50,9 +50,10 @@ class Centreline:
     guide_px : (K, 2) the path that was looked along, from the clamp to where a whole antenna ends; where the antenna
         is hidden it is bridged.
     visibility : (K,) one `Visibility` for each point of the guide.
-    end_px : (2,) the visible end; NaN where there is none.
-    end : what the visible end is: the antenna's "tip", "hidden" (the rest is, or the antenna is shorter than
-        expected), the picture's "border", or "none".
+    end_px : (2,) the visible end; NaN where there is none. end_std_px : its deviation along the antenna, NaN where it
+        is neither the tip nor perhaps the tip.
+    end : what the visible end is: the antenna's "tip"; "hidden": the rest is; the picture's "border"; "unsure": it may
+        be the tip, but lies nearer than expected, or shows something else, such as a ball or a sheath; or "none".
     other_line_px : (R, 2) the other line where the verdict is "ambiguous", else empty.
     noise : standard deviation of a pixel beside the line, grey levels.
     """
@@ -67,6 +68,7 @@ class Centreline:
     guide_px: np.ndarray = field(default_factory=_no_points)
     visibility: np.ndarray = field(default_factory=lambda: np.empty(0, np.uint8))
     end_px: np.ndarray = field(default_factory=lambda: np.full(2, np.nan))
+    end_std_px: float = np.nan
     end: EndKind = "none"
     other_line_px: np.ndarray = field(default_factory=_no_points)
     noise: float = 0.0

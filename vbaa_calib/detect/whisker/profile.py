@@ -6,7 +6,7 @@ ones share their noise, and shift a thin line with its phase on the pixel grid.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -19,6 +19,7 @@ from .centreline import NOTHING, Centreline
 from .crossings import Crossings, crossings
 from .line_shape import Binned, Fits, LineShape, between_flanks, binned, expected, fit, learn, nearest, tapering
 from .path_refinement import refine_path
+from .visible_end import visible_end
 
 SEEN_RATIO = 4.5
 """Least height over its standard deviation for a profile to count as seen."""
@@ -105,9 +106,13 @@ def _measured(image: np.ndarray, path_px: np.ndarray, width_px: float, half: int
     sigma = np.hypot(np.hypot(sigma, pulled), _edge_doubt(found, lines, there))
     kept, course = _without_strays(found, lines, sigma, kept)
     kept = binary_erosion(kept, iterations=MARGIN_PX, border_value=1)
+    if not kept.any():
+        return NOTHING
     breadth = lines.shape.half_width_px / _ordinary(width_px, half).half_width_px
-    line = FittedLine(lines.centre, course, sigma, kept, there, lines.fits.height, lines.noise, breadth)
-    return accepted(found, line)
+    line = FittedLine(lines.centre, course, sigma, kept, lines.fits.height, lines.noise, breadth)
+    measured = accepted(found, line)
+    end = visible_end(image, bright, measured.guide_px, kept, lines.shape, half, lines.noise)
+    return replace(measured, end_px=end.end_px, end_std_px=end.std_px, end=end.end)
 
 
 @dataclass(frozen=True, eq=False)
