@@ -2,7 +2,7 @@
 
 from vbaa_calib.session import MomentSensor
 
-from .parts import POSE_PARAMETERS, RIG_PARAMETERS, RIG_STEPS, SENSOR_PARAMETERS, Antenna, AntennaImage
+from .parts import POSE_PARAMETERS, RIG_PARAMETERS, RIG_STEPS, SENSOR_PARAMETERS, Antenna, AntennaImage, Tip
 from .rig import Rig
 from .rig_file import SCHEMA
 
@@ -16,4 +16,5 @@ __all__ = [
     "AntennaImage",
     "MomentSensor",
     "Rig",
+    "Tip",
 ]

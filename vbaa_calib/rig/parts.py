@@ -29,6 +29,23 @@ _NEAREST_M = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
+class Tip:
+    """Where the antenna's visible end lies.
+
+    offset_m : how far beyond `length_m` along the antenna. std_m : its standard deviation.
+    covariance : (17 + P,) with the parameters of the rig's joint covariance.
+    """
+
+    offset_m: float
+    std_m: float
+    covariance: np.ndarray
+
+    def to_dict(self) -> dict[str, Any]:
+        """The mapping `antenna.tip` of rig.json."""
+        return {"offset_m": self.offset_m, "std_m": self.std_m, "covariance": self.covariance.tolist()}
+
+
+@dataclass(frozen=True, eq=False)
 class Antenna:
     """The antenna as calibrated: `parameters` (9,) in the order of `antenna.shape.PARAMETERS`."""
 

@@ -127,6 +127,19 @@ def whitened_with_lens(seen: SeenPoints, curves: ImageCurves) -> tuple[np.ndarra
     return residuals, np.einsum("ni,nip->np", unit, seen.by_lens)
 
 
+def whitened_along(end: SeenPoints, curves: ImageCurves) -> tuple[np.ndarray, np.ndarray, float]:
+    """How far a seen end (one point) lies beyond the ends of K curves, along the first, over its deviation: (1, K).
+
+    With its slopes by the parameters of the lens (1, P), and by the curve's length, per m.
+    """
+    tip, slope = curves.nodes[:, -1], curves.slopes[0, -1]
+    stretch = float(np.hypot(*slope))
+    tangent = slope / stretch
+    unit = tangent / np.sqrt(tangent @ end.covariance[0] @ tangent)
+    by_lens = np.zeros((1, 0)) if end.by_lens is None else unit[None] @ end.by_lens[0]
+    return ((end.points[0] - tip) @ unit)[None], by_lens, -stretch * float(np.hypot(*unit))
+
+
 def with_slopes_on_curve(seen: SeenPoints, camera: Camera, image: ImageCurves) -> SeenPoints:
     """The points with their slopes by the lens taken at their feet on the first predicted curve.
 

@@ -23,10 +23,11 @@ from .parts import (
     RIG_PARAMETERS,
     Antenna,
     AntennaImage,
+    Tip,
     check_view,
     kinematics_to_dict,
 )
-from .rig_file import SCHEMA, Joint, RigFile
+from .rig_file import SCHEMA, FileTip, Joint, RigFile
 
 
 def _joint_covariance(joint: Joint, lens: tuple[str, ...], where: object) -> np.ndarray:
@@ -47,6 +48,22 @@ def _joint_covariance(joint: Joint, lens: tuple[str, ...], where: object) -> np.
     return covariance
 
 
+def _tip(read: FileTip | None, covariance: np.ndarray, where: object) -> Tip | None:
+    """The tip, whose covariance with the rig must be one. Raises InputError where it is none."""
+    if read is None:
+        return None
+    tip = Tip(read.offset_m, read.std_m, np.array(read.covariance, float))
+    if len(tip.covariance) == len(covariance):
+        across = tip.covariance[:, None]
+        if is_covariance(np.block([[covariance, across], [across.T, np.array([[tip.std_m**2]])]])):
+            return tip
+    raise InputError(
+        f"antenna.tip.covariance is none with the {len(covariance)} joint.parameters",
+        where=where,
+        remedy="run vbaa calibrate again",
+    )
+
+
 @dataclass(frozen=True, eq=False)
 class Rig:
     """A calibrated rig.
@@ -59,6 +76,7 @@ class Rig:
     second_moment_sensor : about z, of x·f_y − y·f_x of force and weight (antenna frame); None where a rig has none. Its
         gain and offset count as exact.
     drift : what may have changed since; it is not in the covariance.
+    tip : where the antenna's visible end lies; None where that is not known.
     """
 
     camera: Camera
@@ -71,11 +89,25 @@ class Rig:
     covariance: np.ndarray
     second_moment_sensor: MomentSensor | None = None
     drift: Drift = DRIFTS["none"]
+    tip: Tip | None = None
 
     def with_covariance(self, covariance: np.ndarray) -> Rig:
-        """With another joint covariance, (17 + P, 17 + P)."""
+        """With another joint covariance, (17 + P, 17 + P), or `covariance_with_tip`, (18 + P, 18 + P)."""
+        size, tip = len(self.covariance), self.tip
+        if tip is not None and len(covariance) > size:
+            tip = replace(tip, std_m=float(np.sqrt(covariance[size, size])), covariance=covariance[size, :size])
+            covariance = covariance[:size, :size]
         lens = slice(len(RIG_PARAMETERS), None)
-        return replace(self, covariance=covariance, camera=replace(self.camera, covariance=covariance[lens, lens]))
+        camera = replace(self.camera, covariance=covariance[lens, lens])
+        return replace(self, covariance=covariance, camera=camera, tip=tip)
+
+    @property
+    def covariance_with_tip(self) -> np.ndarray:
+        """(18 + P, 18 + P) the joint covariance with the tip's offset as its last parameter; without it where None."""
+        if self.tip is None:
+            return self.covariance
+        across = self.tip.covariance[:, None]
+        return np.block([[self.covariance, across], [across.T, np.array([[self.tip.std_m**2]])]])
 
     def drifted(self, part: float = 1.0) -> Rig:
         """With this part of what may have changed in the covariance, and the lens in it, too."""
@@ -100,7 +132,10 @@ class Rig:
         return np.diag(std**2) + np.outer(scale, scale)
 
     def moved(self, step: np.ndarray) -> Rig:
-        """With its parameters a step (17 + P,), or (17,), away; the covariance stays."""
+        """With its parameters a step (17 + P,), or (17,), away, or (18 + P,) with the tip; the covariance stays."""
+        tip = self.tip
+        if tip is not None and len(step) > len(self.covariance):
+            tip, step = replace(tip, offset_m=tip.offset_m + float(step[-1])), step[:-1]
         first, pose, antenna = len(RIG_PARAMETERS), len(POSE_PARAMETERS), self.antenna.parameters
         sensor = self.moment_sensor
         return replace(
@@ -111,6 +146,7 @@ class Rig:
             moment_sensor=replace(
                 sensor, gain=sensor.gain + float(step[first - 2]), offset_Nm=sensor.offset_Nm + float(step[first - 1])
             ),
+            tip=tip,
         )
 
     def camera_on_plane(self, plane: Plane = PLANE_C) -> CameraOnPlane:
@@ -178,6 +214,7 @@ class Rig:
             covariance=covariance,
             second_moment_sensor=read.second_moment_sensor,
             drift=read.drift,
+            tip=_tip(read.antenna.tip, covariance, where),
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -187,7 +224,10 @@ class Rig:
             "schema": SCHEMA,
             "camera": self.camera.to_dict(),
             "T_antenna_camera": self.T_antenna_camera.to_dict(),
-            "antenna": self.antenna.to_dict(self.std),
+            "antenna": {
+                **self.antenna.to_dict(self.std),
+                **({} if self.tip is None else {"tip": self.tip.to_dict()}),
+            },
             "moment_sensor": sensor
             | {"gain_std": self.std("moment_gain"), "offset_std_Nm": self.std("moment_offset_Nm")},
             **({} if second is None else {"second_moment_sensor": asdict(second)}),

@@ -48,6 +48,15 @@ class _Noload:
     ] = 0.0
 
 
+@dataclass(frozen=True)
+class FileTip:
+    """Where the antenna's visible end lies beyond length_m, and its covariance with joint.parameters."""
+
+    offset_m: Annotated[Number, Field(ge=-1, le=1)]
+    std_m: Annotated[Number, Field(gt=0, le=1)]
+    covariance: list[Annotated[Number, Field(ge=-1e12, le=1e12)]]
+
+
 @dataclass(frozen=True, eq=False)
 class _Antenna:
     length_m: AnyLength
@@ -57,6 +66,7 @@ class _Antenna:
     mass_per_length_kg_m: Annotated[Number, Field(ge=1e-9, le=100)]
     noload: _Noload
     mass_per_length_std_kg_m: Number | None = None
+    tip: FileTip | None = None
 
     def antenna(self) -> Antenna:
         free = self.noload

@@ -30,6 +30,7 @@ RULER_STD_M, WEIGHT_STD_RELATIVE = 5e-4, 5e-3
 """How well a load's place and weight are known where session.yaml does not say: a ruler, and weights as they are sold.
 """
 _CLAMP_STD_PX = 20.0
+_LEAST_TIP_STD_M = 1e-6
 
 
 def _not_zero(gain: float) -> float:
@@ -58,13 +59,36 @@ class MomentSensor:
 
 
 @dataclass(frozen=True)
+class Tip:
+    """How well the visible end is known to lie at `length_m`; by it the pictures tell the camera's distance."""
+
+    length_std_m: Annotated[Number, Field(ge=0, le=0.1, description="standard deviation of length_m")] = 3e-4
+    shape_std_m: Annotated[
+        Annotated[Number, Field(ge=0, le=0.1)] | None,
+        Field(description="what cutting and rounding leave open of where the end shows; null: a seventh of diameter_m"),
+    ] = None
+
+
+@dataclass(frozen=True)
 class NominalAntenna:
-    """What the user says of the antenna; stiffness and no-load shape are solved for."""
+    """What the user says of the antenna; stiffness and no-load shape are solved for.
+
+    tip : None where the visible end is none to measure by: a ball, a sheath, a tip out of every picture.
+    """
 
     length_m: AnyLength
     diameter_m: Diameter
     youngs_modulus_Pa: Annotated[Number, Field(ge=1e5, le=2e12)]
     density_kg_m3: Annotated[Number, Field(ge=10, le=3e4)]
+    tip: Tip | None = Tip()
+
+    @property
+    def tip_std_m(self) -> float | None:
+        """Standard deviation of where the visible end lies along the antenna; None where it is not to be used."""
+        if self.tip is None:
+            return None
+        shape_m = self.diameter_m / 7.0 if self.tip.shape_std_m is None else self.tip.shape_std_m
+        return max(math.hypot(self.tip.length_std_m, shape_m), _LEAST_TIP_STD_M)
 
     @property
     def stiffness_Nm2(self) -> float:

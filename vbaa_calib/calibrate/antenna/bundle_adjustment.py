@@ -18,9 +18,10 @@ from vbaa_calib.core.errors import SolveError
 from vbaa_calib.core.least_squares import Linearised, Rules, minimise
 from vbaa_calib.core.robust import MAD_SCALE, mad_std
 from vbaa_calib.geometry import Pose
+from vbaa_calib.rig import Tip
 
 from .inputs import Observation, Prior, ReadingGroups
-from .problem import GAIN, OFFSET, RIG, LensLost, Problem
+from .problem import GAIN, OFFSET, RIG, Evaluation, LensLost, Problem
 
 _ROUGHLY, _STANDSTILL = 0.1, 1e-11
 """A step that promises less than this much of the cost is the last: on the way half a standard deviation, at the
@@ -51,9 +52,7 @@ def exact_loads(solution: Linearised, readings: int) -> Linearised:
     )
 
 
-def _descended(
-    problem: Problem, start: np.ndarray, evaluated: tuple[list[np.ndarray], np.ndarray], standstill: float
-) -> Linearised:
+def _descended(problem: Problem, start: np.ndarray, evaluated: Evaluation, standstill: float) -> Linearised:
     """Parameters of least robust cost. evaluated : what `Problem.evaluate` gives at the start."""
     upper = problem.upper
     if (start <= upper).all():
@@ -128,6 +127,8 @@ class BundleAdjustment:
     covariance : (17 + P, 17 + P) of `RIG_PARAMETERS`, the pose's part about the solved pose, and of the lens.
     point_rms : (F,) per observation, in units of the scaled deviations.
     moment_residuals_Nm : (F,) reading less prediction.
+    tip : where the antenna's visible end lies, from the pictures; None where it was not seen, or not used.
+    tip_gap_std : by how many deviations the ends lie off the length, as everything else has it; NaN without any.
     """
 
     problem: Problem
@@ -139,6 +140,8 @@ class BundleAdjustment:
     covariance: np.ndarray
     point_rms: np.ndarray
     moment_residuals_Nm: np.ndarray
+    tip: Tip | None = None
+    tip_gap_std: float = np.nan
 
     @property
     def noise_scale(self) -> float:
@@ -184,30 +187,40 @@ def _solved(
 ) -> BundleAdjustment:
     problem = Problem.of(observations, prior, length_m, moment_std_Nm)
     parameters = problem.begin
-    distances, moments = problem.evaluate(parameters)
+    evaluated, gap_std = problem.evaluate(parameters), np.nan
     for turn in range(_PASSES + 1):
         kept = problem.kept
-        scale = noise_scale([block[:, 0] for block, inside in zip(distances, kept, strict=True) if inside])
+        scale = noise_scale([block[:, 0] for block, inside in zip(evaluated.points, kept, strict=True) if inside])
         change = abs(scale / problem.noise_scale - 1.0)
         problem = replace(problem, noise_scale=scale)
         exact = change < _NEAR or turn == _PASSES
-        solution = _descended(problem, parameters, (distances, moments), _STANDSTILL if exact else _ROUGHLY)
+        solution = _descended(problem, parameters, evaluated, _STANDSTILL if exact else _ROUGHLY)
         parameters = solution.parameters
         problem = problem.relinearised(parameters)
-        distances, moments = problem.evaluate(parameters)
+        evaluated = problem.evaluate(parameters)
         readings = parameters[problem.lens.stop :]
-        fits, rms = _fitting(distances, scale, problem.groups, readings, kept)
+        fits, rms = _fitting(evaluated.points, scale, problem.groups, readings, kept)
         # stills on the border do not come and go for ever, and the last pass is over those that it leaves
         fits = kept if turn == _PASSES else fits & kept if turn > _PASSES // 2 else fits
         problem = replace(problem, kept=fits)
         if change < _SETTLED and (fits == kept).all():
             break
+    if solution.converged:
+        problem, gap_std = _with_tips(problem, solution)
+        if len(problem.tips):
+            solution = _descended(problem, parameters, problem.evaluate(parameters), _STANDSTILL)
+            parameters = solution.parameters
+            problem = problem.relinearised(parameters)
+            evaluated = problem.evaluate(parameters)
     if not solution.converged:
         raise SolveError(
             "bundle adjustment of camera pose, antenna and sensor did not converge: check unit and sign of forces and "
             "distances, gravity, and the jig in session.yaml"
         )
-    inverse = solution.covariance()[: problem.lens.stop, : problem.lens.stop]
+    whole = solution.covariance()
+    if prior.line_px > 0.0:
+        whole = whole + _by_line_errors(problem, solution, whole)
+    inverse = whole[: problem.lens.stop, : problem.lens.stop]
     # the lens may be off by all its deviation, however short it was held: the solution follows it as it does its prior
     inverse = inverse + (share**-2 - 1.0) * inverse[:, RIG:] @ inverse[RIG:, :]
     # the lens in its own units
@@ -223,8 +236,78 @@ def _solved(
         camera=camera if len(covariance) == RIG else replace(camera, covariance=covariance[RIG:, RIG:]),
         covariance=covariance,
         point_rms=rms,
-        moment_residuals_Nm=problem.moment_residuals_Nm(parameters, moments),
+        moment_residuals_Nm=problem.moment_residuals_Nm(parameters, evaluated.moments),
+        tip=_tip(problem, evaluated, whole, axes),
+        tip_gap_std=gap_std,
     )
+
+
+_ODD_TIP_STD, _TIPS_CONTRADICT_STD = 4.0, 4.0
+"""An end so many deviations off the others is none; nor are all, where together they lie so far off the length."""
+
+
+def _with_tips(problem: Problem, solution: Linearised) -> tuple[Problem, float]:
+    """The same with the antenna's ends that agree, if they do not contradict everything else; and by how many
+    deviations all of them together lie off the length."""
+    std_m = problem.prior.tip_std_m
+    seen = np.array([bool(np.isfinite([*one.tip_px, one.tip_std_px]).all()) for one in problem.observations])
+    which = np.flatnonzero(seen & problem.kept)
+    if std_m is None or not len(which):
+        return problem, np.nan
+    try:
+        tried = replace(problem, tips=which).relinearised(solution.parameters)
+    except LensLost:
+        return problem, np.nan
+    found = tried.evaluate(solution.parameters)
+    slopes = tried.by_all(found.tips)
+    known = slopes @ solution.covariance() @ slopes.T
+    off = found.tips[:, 0]
+    # what all of them share is judged together
+    odd = np.abs(off - np.median(off)) > _ODD_TIP_STD * np.sqrt(1.0 + np.diag(known))
+    if odd.mean() >= 0.5:
+        return problem, np.nan
+    mean = ~odd / (~odd).sum()
+    common = std_m * found.by_length
+    gap_std = float(mean @ off / np.sqrt(mean @ (np.eye(len(off)) + np.outer(common, common) + known) @ mean))
+    if abs(gap_std) > _TIPS_CONTRADICT_STD:
+        return problem, gap_std
+    return replace(problem, tips=which[~odd]).relinearised(solution.parameters), gap_std
+
+
+def _tip(problem: Problem, evaluated: Evaluation, covariance: np.ndarray, axes: np.ndarray) -> Tip | None:
+    """Where the visible end lies: what its pictures say beside the rig's own errors, and its covariance with them.
+
+    covariance : of all parameters. axes : (17 + P, 17 + P) of the lens in its own units.
+    """
+    std_m = problem.prior.tip_std_m
+    if not len(problem.tips) or std_m is None:
+        return None
+    by_length = evaluated.by_length
+    variance = 1.0 / (std_m**-2 + by_length @ by_length)
+    # residual = seen less predicted: an end further out lies by_length · offset off
+    offset = -variance * by_length @ evaluated.tips[:, 0]
+    by_rig = -variance * by_length @ problem.by_all(evaluated.tips)
+    across = by_rig @ covariance
+    lens = slice(0, problem.lens.stop)
+    return Tip(float(offset), float(np.sqrt(variance + across @ by_rig)), axes @ across[lens])
+
+
+def _by_line_errors(problem: Problem, solution: Linearised, covariance: np.ndarray) -> np.ndarray:
+    """What the lines' own errors, that a still's points share, add to the covariance of all parameters."""
+    focal_px = float(np.sqrt(np.prod(np.diag(problem.prior.camera.matrix)[:2])))
+    weights, jacobian = solution.weights, solution.jacobian
+    row, added = 0, []
+    for seen, kept in zip(problem.seen_at_lens, problem.kept, strict=True):
+        if not kept:
+            continue
+        rows = slice(row, row + len(seen))
+        row = rows.stop
+        std = np.sqrt(0.5 * np.trace(seen.covariance, axis1=1, axis2=2)) * problem.noise_scale
+        along = np.linspace(-1.0, 1.0, len(seen))
+        modes = np.polynomial.legendre.legvander(along, 2) * (problem.prior.line_px / focal_px / std)[:, None]
+        added.append((jacobian[rows] * weights[rows, None] ** 2).T @ modes)
+    moved = covariance @ np.hstack(added)
+    return moved @ moved.T
 
 
 def noise_scale(residuals: Sequence[np.ndarray]) -> float:

@@ -97,6 +97,7 @@ class Observation:
     points_px : (N, 2) on the centreline. sigma_px : (N,) their standard deviations across it.
     gravity_m_s2 : (3,) antenna frame.
     paint : what sets the antenna off from its background. height : of its line above that, grey levels.
+    tip_px : (2,) the antenna's end; tip_std_px : its deviation along the antenna; NaN where it is not seen.
     """
 
     still: Still
@@ -105,6 +106,8 @@ class Observation:
     gravity_m_s2: np.ndarray
     paint: Paint = field(default_factory=Paint)
     height: float = 0.0
+    tip_px: np.ndarray = field(default_factory=lambda: np.full(2, np.nan))
+    tip_std_px: float = np.nan
 
     @property
     def load_N(self) -> np.ndarray:
@@ -128,6 +131,8 @@ class Prior:
     camera : the lens; one without a covariance counts as exact.
     mean, std : (11,) of the antenna's parameters, gain and offset.
     readings : how well the loads' places and forces are known.
+    tip_std_m : how well the visible end is known to lie at the antenna's length; None: it is not used.
+    line_px : what is common to all points of one picture's centreline, see `session.Drift`.
     """
 
     poses: Sequence[PoseEstimate]
@@ -136,6 +141,8 @@ class Prior:
     mean: np.ndarray
     std: np.ndarray
     readings: LoadReadings = EXACT
+    tip_std_m: float | None = None
+    line_px: float = 0.0
 
     @cached_property
     def lens_axes(self) -> np.ndarray:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from vbaa_calib.rig.reprojection import (
     SeenPoints,
     image_curves,
     see,
+    whitened_along,
     whitened_residuals,
     whitened_with_lens,
     with_slopes_on_curve,
@@ -71,6 +73,21 @@ class LensLost(SolveError):
     """A step of the lens within its covariance led to one that is none: its covariance is not to be trusted so far."""
 
 
+class Evaluation(NamedTuple):
+    """What a problem's parameters predict, and its slopes.
+
+    points : per observation (N, 16 + P + K), whitened distances, their slopes by pose, antenna, lens and readings.
+    moments : (F, 10 + K) of the antenna, and of one a step further along each of its parameters, then slopes by the
+        readings.
+    tips : (T, 16 + P + K) as `points`, along the antenna. by_length : (T,) their slopes by the visible length, per m.
+    """
+
+    points: list[np.ndarray]
+    moments: np.ndarray
+    tips: np.ndarray
+    by_length: np.ndarray
+
+
 @dataclass(frozen=True, eq=False)
 class Problem:
     """The residuals of everything, for parameters (17 + P + K,).
@@ -82,6 +99,7 @@ class Problem:
     seen_at_lens : every observation's points, through the lens that is `lens_at` (P,) steps away.
     noise_scale : factor on the deviations that the points claim.
     kept : (F,) which observations take part.
+    tips : (T,) of which observations the antenna's end is compared with the model's. tips_at_lens : those ends.
     """
 
     observations: Sequence[Observation]
@@ -94,6 +112,8 @@ class Problem:
     kept: np.ndarray
     groups: ReadingGroups
     readings_at: np.ndarray
+    tips: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
+    tips_at_lens: SeenPoints | None = None
 
     @staticmethod
     def of(observations: Sequence[Observation], prior: Prior, length_m: float, moment_std_Nm: float) -> Problem:
@@ -108,8 +128,17 @@ class Problem:
         """The same rig over other stills, their loads exact, none seen yet."""
         kept, groups = np.ones(len(observations), bool), ReadingGroups.of([], EXACT)
         return replace(
-            self, observations=observations, seen_at_lens=(), kept=kept, groups=groups, readings_at=np.zeros(0)
+            self.without_tips(),
+            observations=observations,
+            seen_at_lens=(),
+            kept=kept,
+            groups=groups,
+            readings_at=np.zeros(0),
         )
+
+    def without_tips(self) -> Problem:
+        """The same without the antenna's ends."""
+        return replace(self, tips=np.zeros(0, int), tips_at_lens=None)
 
     @property
     def upper(self) -> np.ndarray:
@@ -146,7 +175,20 @@ class Problem:
         ]
         if self.seen_at_lens and sum(map(len, seen)) < sum(map(len, self.seen_at_lens)):
             raise LensLost("the lens that the stills require folds inside the picture")
-        return replace(here, seen_at_lens=seen, lens_at=parameters[self.lens])
+        return replace(
+            here, seen_at_lens=seen, lens_at=parameters[self.lens], tips_at_lens=here.tips_seen(camera, self.tips)
+        )
+
+    def tips_seen(self, camera: Camera, which: np.ndarray) -> SeenPoints | None:
+        """The antenna's ends in some observations, by index (T,). Raises LensLost where the lens folds before them."""
+        some = [self.observations[index] for index in which]
+        if not some:
+            return None
+        px, std_px = np.array([one.tip_px for one in some]), np.array([one.tip_std_px for one in some])
+        tips = see(camera, px, std_px)
+        if len(tips) < len(some):
+            raise LensLost("the lens folds before the antenna's end")
+        return tips
 
     def camera(self, parameters: np.ndarray) -> Camera:
         """The lens of these parameters; its covariance is still the prior's."""
@@ -156,7 +198,8 @@ class Problem:
     @property
     def certain(self) -> int:
         """How many residuals, the last ones, are the priors': they are what they say, and are never weighed down."""
-        return 6 * len(self.prior.poses) + len(self.prior.mean) + len(self.prior.lens_axes) + self.groups.count
+        priors = 6 * len(self.prior.poses) + len(self.prior.mean) + len(self.prior.lens_axes) + self.groups.count
+        return len(self.tips) + priors
 
     def pose(self, parameters: np.ndarray) -> Pose:
         """Camera pose in the antenna frame."""
@@ -171,13 +214,8 @@ class Problem:
         """`still_curves` of A antennas (A, 9) in its observations."""
         return still_curves(self.observations, antennas, self.length_m, compliance=compliance)
 
-    def evaluate(self, parameters: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
-        """Per observation (N, 16 + P + K): whitened distances, their slopes by pose, antenna, lens and readings;
-        (F, 10 + K) moments.
-
-        The moments are those of the antenna and of one a step further along each of its parameters, then slopes by the
-        readings.
-        """
+    def evaluate(self, parameters: np.ndarray) -> Evaluation:
+        """What the parameters predict."""
         here = self._loaded(parameters)
         antennas = np.repeat(parameters[None, ANTENNA], _BENT, axis=0)
         antennas[1:] += np.diag(RIG_STEPS[6:])
@@ -185,19 +223,37 @@ class Problem:
         views = [each.inverse() for each in [pose, *map(pose.retract, np.diag(RIG_STEPS[:6]))]]
         curves = here.curves(antennas)
         order = np.array([0] * 7 + list(range(1, _BENT)))
-        seen, blocks = self.seen(parameters), []
+        seen, ends = self.seen(parameters), self._ends(parameters)
+        blocks, tips, by_length = [], {}, []
         for index, points in enumerate(seen):
             images = image_curves(curves.picked(_BENT * index + order), [*views, *[views[0]] * (_BENT - 1)])
-            distances, by_lens = whitened_with_lens(points, images)
-            slopes = (distances[:, 1:] - distances[:, :1]) / RIG_STEPS
-            blocks.append(np.hstack([distances[:, :1], slopes, by_lens @ self.prior.lens_axes]))
+            blocks.append(self._with_slopes(*whitened_with_lens(points, images)))
+            if index in ends:
+                along, by_lens, stretch = whitened_along(ends[index], images)
+                tips[index] = self._with_slopes(along, by_lens)
+                by_length.append(stretch)
         moments = curves.moment_Nm.reshape(len(self.observations), _BENT)
-        if not self.groups.count:
-            return blocks, moments
-        by_load = here.slopes_by_load(parameters, seen)
-        by_readings = [self.groups.columns(index, *slopes.T) for index, slopes in enumerate(by_load)]
-        blocks = [np.hstack([block, rows[:-1]]) for block, rows in zip(blocks, by_readings, strict=True)]
-        return blocks, np.hstack([moments, [rows[-1] for rows in by_readings]])
+        if self.groups.count:
+            by_load = here.slopes_by_load(parameters, seen)
+            by_readings = [self.groups.columns(index, *slopes.T) for index, slopes in enumerate(by_load)]
+            blocks = [np.hstack([block, rows[:-1]]) for block, rows in zip(blocks, by_readings, strict=True)]
+            moments = np.hstack([moments, [rows[-1] for rows in by_readings]])
+            by_own = here.tips_by_load(parameters, ends)
+            tips = {i: np.hstack([row, self.groups.columns(i, *by_own[i].T)]) for i, row in tips.items()}
+        width = 1 + len(RIG_STEPS) + len(self.prior.lens_axes) + self.groups.count
+        return Evaluation(blocks, moments, np.vstack([np.zeros((0, width)), *tips.values()]), np.array(by_length))
+
+    def _with_slopes(self, residuals: np.ndarray, by_lens: np.ndarray) -> np.ndarray:
+        """(N, 16 + P) residuals, and their slopes by pose, antenna and lens, from those (N, 16) of all steps."""
+        slopes = (residuals[:, 1:] - residuals[:, :1]) / RIG_STEPS
+        return np.hstack([residuals[:, :1], slopes, by_lens @ self.prior.lens_axes])
+
+    def _ends(self, parameters: np.ndarray) -> dict[int, SeenPoints]:
+        """The antenna's end through the lens of these parameters, by observation."""
+        if self.tips_at_lens is None:
+            return {}
+        moved = self.tips_at_lens.with_lens_moved(self.prior.lens_axes @ (parameters[self.lens] - self.lens_at))
+        return {int(index): moved.picked(np.array([row])) for row, index in enumerate(self.tips)}
 
     def _loaded(self, parameters: np.ndarray) -> Problem:
         """With the loads as the parameters have them."""
@@ -213,16 +269,26 @@ class Problem:
 
         By its place along the antenna, per m, and by the logarithm of its force; zero for a free one.
         """
-        three = [each for one in self.observations for each in (one, *one.with_readings_altered())]
-        curves = replace(self, observations=three).curves(parameters[None, ANTENNA])
-        view, found = [self.pose(parameters).inverse()] * 3, []
-        steps = np.array([-DISTANCE_STEP_M, LOG_FORCE_STEP])
+        curves, view = self._by_load(parameters, range(len(seen)))
+        found = []
         for index, points in enumerate(seen):
             which = np.arange(3 * index, 3 * index + 3)
             distances = whitened_residuals(points, image_curves(curves.picked(which), view))
-            whole = np.vstack([distances, curves.moment_Nm[which]])
-            found.append((whole[:, 1:] - whole[:, :1]) / steps)
+            found.append(_by_step(np.vstack([distances, curves.moment_Nm[which]])))
         return found
+
+    def tips_by_load(self, parameters: np.ndarray, ends: Mapping[int, SeenPoints]) -> dict[int, np.ndarray]:
+        """(1, 2) as `slopes_by_load`, of the antenna's end along it, for each of them."""
+        curves, view = self._by_load(parameters, list(ends))
+        at = {index: image_curves(curves.picked(np.arange(3 * n, 3 * n + 3)), view) for n, index in enumerate(ends)}
+        return {index: _by_step(whitened_along(ends[index], images)[0]) for index, images in at.items()}
+
+    def _by_load(self, parameters: np.ndarray, which: Sequence[int]) -> tuple[Curves, list[Pose]]:
+        """Three curves of each of some observations: as its load is, and with each of its readings altered."""
+        some = [self.observations[index] for index in which]
+        three = [each for one in some for each in (one, *one.with_readings_altered())]
+        curves = replace(self, observations=three).curves(parameters[None, ANTENNA])
+        return curves, [self.pose(parameters).inverse()] * 3
 
     def whitened_by_load(self, parameters: np.ndarray) -> list[np.ndarray]:
         """`slopes_by_load` in the units of the residuals."""
@@ -234,26 +300,26 @@ class Problem:
 
     def by_still(self, parameters: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
         """Per observation the residuals (N + 1,) of points and moment, and their slopes (N + 1, 17 + P + K)."""
-        distances, moments = self.evaluate(parameters)
+        distances, moments, *_ = self.evaluate(parameters)
         read = -self.moment_residuals_Nm(parameters, moments) / self.moment_std_Nm
         rows = self._moment_slopes(parameters, moments) / self.moment_std_Nm
         points = [(block[:, 0] / self.noise_scale, self._point_slopes(block)) for block in distances]
         together = zip(points, read, rows, strict=True)
         return [(np.append(off, own), np.vstack([slopes, row])) for (off, slopes), own, row in together]
 
-    def residuals(
-        self, parameters: np.ndarray, evaluated: tuple[list[np.ndarray], np.ndarray] | None = None
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """All residuals (R,) and their Jacobian (R, 17 + P + K): points, moments, poses, antenna to readings.
+    def residuals(self, parameters: np.ndarray, evaluated: Evaluation | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """All residuals (R,) and their Jacobian (R, 17 + P + K): points, moments, tips, poses, antenna to readings.
 
         evaluated : what `evaluate` gives there, if that is known.
         """
-        distances, moments = self.evaluate(parameters) if evaluated is None else evaluated
-        points = np.vstack([block for block, kept in zip(distances, self.kept, strict=True) if kept])
+        evaluated = self.evaluate(parameters) if evaluated is None else evaluated
+        moments = evaluated.moments
+        points = np.vstack([block for block, kept in zip(evaluated.points, self.kept, strict=True) if kept])
         misfit, rows = -self.moment_residuals_Nm(parameters, moments), self._moment_slopes(parameters, moments)
         parts = [
             (points[:, 0] / self.noise_scale, self._point_slopes(points)),
             (misfit[self.kept] / self.moment_std_Nm, rows[self.kept] / self.moment_std_Nm),
+            self._tip_rows(evaluated),
         ]
         parts += [self._pose_prior(estimate, parameters) for estimate in self.prior.poses]
         size = len(parameters)
@@ -262,9 +328,22 @@ class Problem:
         parts.append((away / std, np.hstack([np.zeros((size - 6, 6)), np.diag(1 / std)])))
         return np.concatenate([part for part, _ in parts]), np.vstack([rows for _, rows in parts])
 
+    def _tip_rows(self, evaluated: Evaluation) -> tuple[np.ndarray, np.ndarray]:
+        """Residuals (T,) and their Jacobian; how far all ends together are off the length is marginalised."""
+        if not len(self.tips):
+            return np.zeros(0), np.zeros((0, self.lens.stop + self.groups.count))
+        assert self.prior.tip_std_m is not None
+        common = self.prior.tip_std_m * evaluated.by_length
+        whiten = np.linalg.inv(np.linalg.cholesky(np.eye(len(common)) + np.outer(common, common)))
+        return whiten @ evaluated.tips[:, 0], whiten @ self.by_all(evaluated.tips)
+
     def _point_slopes(self, block: np.ndarray) -> np.ndarray:
-        """By all parameters; those of the sensor move no point."""
-        return np.hstack([block[:, 1 : 1 + GAIN], np.zeros((len(block), 2)), block[:, 1 + GAIN :]]) / self.noise_scale
+        return self.by_all(block) / self.noise_scale
+
+    @staticmethod
+    def by_all(rows: np.ndarray) -> np.ndarray:
+        """Slopes by all parameters, of rows of an `Evaluation`; those of the sensor move no point."""
+        return np.hstack([rows[:, 1 : 1 + GAIN], np.zeros((len(rows), 2)), rows[:, 1 + GAIN :]])
 
     def _moment_slopes(self, parameters: np.ndarray, moments: np.ndarray) -> np.ndarray:
         rows = np.zeros((len(moments), len(parameters)))
@@ -288,6 +367,11 @@ class Problem:
             rows[:, self.lens] = -whiten @ by_lens
             away = away - by_lens @ parameters[self.lens]
         return whiten @ away, rows
+
+
+def _by_step(three: np.ndarray) -> np.ndarray:
+    """(R, 2) slopes by a load's place, per m, and the logarithm of its force, from values (R, 3) with each altered."""
+    return (three[:, 1:] - three[:, :1]) / [-DISTANCE_STEP_M, LOG_FORCE_STEP]
 
 
 assert RIG == OFFSET + 1

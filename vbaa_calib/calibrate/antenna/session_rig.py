@@ -20,6 +20,7 @@ from vbaa_calib.rig import Antenna, AntennaImage, MomentSensor, Rig
 from vbaa_calib.session import (
     DRIFTS,
     LAB,
+    Drift,
     Load,
     LoadReadings,
     NominalAntenna,
@@ -76,7 +77,10 @@ class ExpectedAntenna:
                 where=still.image,
                 remedy="shoot it again with the antenna lit, or take its row out of the CSV",
             )
-        return Observation(still, line.points_px, line.sigma_px, gravity_m_s2, paint, line.amplitude)
+        tip_std_px = line.end_std_px if line.end == "tip" else np.nan
+        return Observation(
+            still, line.points_px, line.sigma_px, gravity_m_s2, paint, line.amplitude, line.end_px, tip_std_px
+        )
 
 
 def observe(
@@ -131,6 +135,7 @@ def prior(
     poses: Sequence[PoseEstimate],
     own_frame: bool = False,
     readings: LoadReadings = EXACT,
+    line_px: float = 0.0,
 ) -> Prior:
     """What is known before the stills.
 
@@ -147,6 +152,8 @@ def prior(
         mean=np.concatenate([nominal_parameters(antenna), [1.0, 0.0]]),
         std=np.array([*clamp, *rest]),
         readings=readings,
+        tip_std_m=antenna.tip_std_m,
+        line_px=line_px,
     )
 
 
@@ -160,6 +167,11 @@ def solve_antenna(session: Session, observations: Sequence[Observation], before:
     if sensor.noise_interval_95_Nm[0] > session.moment_std_Nm:
         joint = adjust_bundle(observations, before, session.antenna.length_m, sensor.noise_Nm)
     return joint
+
+
+def drift_of(session: Session) -> Drift:
+    """What may change between calibration and recording."""
+    return DRIFTS[LAB] if session.drift is None else session.drift
 
 
 def make_rig(
@@ -181,5 +193,6 @@ def make_rig(
         image=AntennaImage(sigma_px * joint.noise_scale, joint.noise_scale, paint.bright, paint.weights, height),
         covariance=joint.covariance,
         second_moment_sensor=session.second_moment_sensor,
-        drift=DRIFTS[LAB] if session.drift is None else session.drift,
+        drift=drift_of(session),
+        tip=joint.tip,
     )
