@@ -18,7 +18,7 @@ LENGTH_M, STIFFNESS_NM2, MASS_KG_M = 0.24, 3.9e-3, 3.97e-3
 GRAVITY_WORLD = np.array([0.0, 0.0, -9.80665])
 MATRIX = np.array([[1004.0, 0.0, 476.5], [0.0, 1001.0, 363.2], [0.0, 0.0, 1.0]])
 BROWN = np.array([-0.182, 0.061, 0.0007, -0.0005])
-SIGMA_PX = 0.03
+SIGMA_PX, TIP_PX = 0.03, 0.1
 
 RIG_STD = np.array(
     [2e-4] * 3 + [5e-5] * 3 + [2e-5] * 2 + [2e-4] * 2 + [2e-3] * 2 + [1e-3, 1e-2, 1e-5] + [2e-3, 5e-6],
@@ -79,6 +79,8 @@ class Frame:
     distance_m: float
     force_N: np.ndarray
     contact_world_m: np.ndarray
+    tip_px: np.ndarray
+    """(3,) the antenna's end, and its deviation."""
 
 
 def camera_pose(incline_rad: float = 0.0, azimuth_rad: float = 0.0, away_m: float = 0.36) -> Pose:
@@ -155,6 +157,7 @@ def frames(
                 distance_m=float(contact[index]),
                 force_N=force[index],
                 contact_world_m=Kinematics().T_world_antenna(0.0, tilt) @ touched,
+                tip_px=np.append(pixels[-1] + rng.normal(0.0, TIP_PX * np.sign(sigma_px), 2), TIP_PX),
             )
         )
     return result

@@ -147,7 +147,7 @@ def linearize(rig_arrays: RigArrays, space: ErrorSpace, touches: Touches, with_m
     prediction = predict(frames, RUNG, unknowns)
     by_rig = rig_jacobian(frames, RUNG, unknowns, prediction)
     fits = evaluate(frames, RUNG, by_rig, initial_state(frames, prediction, unknowns))
-    prior, moved = fits.problem.prior, fits.problem.moment_jacobian
+    prior, moved = fits.problem.prior, fits.problem.reading_jacobian
     columns = fits.problem.jacobian
     points = np.swapaxes(columns, 1, 2) @ fits.problem.sums.times(columns)
     rotation = world_rotation(rig_arrays.rig, touches)

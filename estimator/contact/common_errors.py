@@ -145,7 +145,7 @@ def _errors(frames: Frames, unknowns: np.ndarray, distance_std: np.ndarray) -> n
     fits = evaluate(
         frames, RUNG, rig_jacobian(frames, RUNG, unknowns, prediction), initial_state(frames, prediction, unknowns)
     )
-    prior, felt = fits.problem.prior, fits.problem.moment_jacobian
+    prior, felt = fits.problem.prior, fits.problem.reading_jacobian
     beside = np.eye(prior.shape[1]) * prior[:, None] + np.swapaxes(felt, 1, 2) @ felt
     covariance = _as_certain(fits.equations.information - beside, beside, distance_std**2)
     # what is off by one deviation pulls with the weight that the prior holds it

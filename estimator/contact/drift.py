@@ -90,7 +90,7 @@ class LearntRig:
         rig, covariance, _ = _posterior(free, now)
         step = _difference(rig, self.calibrated)
         now = rig.with_covariance(covariance)
-        past = (*self.history, (time_s, step, np.sqrt(np.diag(covariance))))
+        past = (*self.history, (time_s, step, np.sqrt(np.diag(now.covariance))))
         return LearntRig(self.calibrated, now, self.frames + len(rows), count, own, time_s, step, past)
 
 
@@ -141,8 +141,8 @@ def _free_problem(frames: Frames) -> Problem:
     rig_arrays = frames.rig_arrays
     free, count = free_antenna(frames, REFERENCE), len(frames)
     prior = np.ones((count, rig_arrays.axes.shape[1] + len(rig_arrays.line)))
-    by_rig, residual = free.by_rig, free.prediction.moment_residual
-    return Problem(free.points, by_rig.image, by_rig.moment, residual, prior, np.ones(count))
+    by_rig, residual = free.by_rig, free.prediction.reading_residual
+    return Problem(free.points, by_rig.image, by_rig.reading, residual, prior, np.ones(count))
 
 
 def _summed(equations: NormalEquations, steps: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

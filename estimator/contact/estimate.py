@@ -234,7 +234,7 @@ class ContactEstimator:
         if len(rows) == 0:
             return
         alone = select(frames, as_index(like(frames.points, rows)))
-        silent = replace(alone, sensor_available=0.0 * alone.sensor_available)
+        silent = replace(alone, available=alone.available * like(alone.available, [0.0, 0.0, 1.0]))
         fitted.explained_alone[rows] = ~unexplained(fit_numbers(solve(silent, self.model)))
 
 

@@ -30,6 +30,7 @@ class Batch:
     ----------
     points_px, sigma_px : (B, N, 2), (B, N) along the longer side of each frame's points, missing ones last.
     readings_Nm : (B, 2) about y and z; NaN where there is none.
+    tip_px : (B, 3) the antenna's end and its deviation along the antenna; NaN where it is not known.
     pan_rad, tilt_rad : (B,) joint angles.
     start : (B, 4) initial unknowns, NaN where there are none; None without any.
     """
@@ -37,6 +38,7 @@ class Batch:
     points_px: np.ndarray
     sigma_px: np.ndarray
     readings_Nm: np.ndarray
+    tip_px: np.ndarray
     pan_rad: np.ndarray
     tilt_rad: np.ndarray
     start: np.ndarray | None = None
@@ -46,14 +48,15 @@ class Batch:
 
     def __getitem__(self, which: slice | np.ndarray) -> Batch:
         start = None if self.start is None else self.start[which]
-        points_px, sigma_px = self.points_px[which], self.sigma_px[which]
-        return Batch(points_px, sigma_px, self.readings_Nm[which], self.pan_rad[which], self.tilt_rad[which], start)
+        points_px, sigma_px, tip_px = self.points_px[which], self.sigma_px[which], self.tip_px[which]
+        angles = self.pan_rad[which], self.tilt_rad[which]
+        return Batch(points_px, sigma_px, self.readings_Nm[which], tip_px, *angles, start)
 
     def frames(self, rig_arrays: RigArrays) -> Frames:
         """As the solver takes them, for one rig."""
         rotation, _ = rig_arrays.rig.kinematics.world_antenna(self.pan_rad, self.tilt_rad)
         gravity = np.einsum("bji,j->bi", rotation, rig_arrays.rig.gravity_world_m_s2)
-        values = (self.points_px, self.sigma_px, self.readings_Nm, gravity)
+        values = (self.points_px, self.sigma_px, self.readings_Nm, self.tip_px, gravity)
         owned = (np.require(each, float, ["C", "W"]) for each in values)
         return frames_from_pixels(rig_arrays, *(like(rig_arrays.prior, each) for each in owned))
 
@@ -70,7 +73,8 @@ class Batch:
             starts = np.where(np.isfinite(starts).all(axis=1, keepdims=True), starts, warm)
         known = np.isfinite(starts).all(axis=1).any()
         ordered = _in_order(points, sigma)
-        return Batch(*ordered, numbers[:, :2], numbers[:, 2], numbers[:, 3], starts if known else None)
+        tips = np.stack([each.tip_px for each in several])
+        return Batch(*ordered, numbers[:, :2], tips, numbers[:, 2], numbers[:, 3], starts if known else None)
 
     @staticmethod
     def checked(
@@ -90,7 +94,8 @@ class Batch:
             if np.isinf(values).any():
                 raise InputError(f"one of {name} is infinite", remedy="give N·m, or None where there is no reading")
         sigma = _deviations(points, rig.image.noise_px if sigma_px is None else sigma_px)
-        return Batch(*_in_order(points, sigma), np.stack(list(moments.values()), axis=-1), *angles)
+        no_tips = np.full((len(points), 3), np.nan)
+        return Batch(*_in_order(points, sigma), np.stack(list(moments.values()), axis=-1), no_tips, *angles)
 
 
 def checked_device(name: str) -> torch.device:

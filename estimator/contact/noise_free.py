@@ -16,8 +16,12 @@ MOST_POINTS = 400
 def empty_frames(rig_arrays: RigArrays, gravity_m_s2: np.ndarray) -> Frames:
     """Frames without points and readings, under gravity (B, 3) in the antenna frame."""
     count = len(gravity_m_s2)
-    silent = np.full((count, 2), np.nan)
-    return frames_from_pixels(rig_arrays, np.zeros((count, 1, 2)), np.ones((count, 1)), silent, gravity_m_s2)
+    return frames_from_pixels(rig_arrays, np.zeros((count, 1, 2)), np.ones((count, 1)), *_silent(count), gravity_m_s2)
+
+
+def _silent(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """No readings (B, 2), and no antenna's end (B, 3)."""
+    return np.full((count, 2), np.nan), np.full((count, 3), np.nan)
 
 
 def noise_free_frames(
@@ -47,7 +51,7 @@ def noise_free_frames(
     if point_per_px:
         sigma = sigma * np.sqrt(count / np.clip(length_px, 1.0, None))
     pixels, sigma = np.where(inside[..., None], pixels, np.nan), np.repeat(sigma[:, None], count, axis=1)
-    silent = np.full((len(pixels), 2), np.nan)
-    seen = frames_from_pixels(rig_arrays, pixels, sigma, silent, empty.gravity_m_s2)
+    seen = frames_from_pixels(rig_arrays, pixels, sigma, *_silent(len(pixels)), empty.gravity_m_s2)
     moment = predicted_moment(empty, shapes) * rig_arrays.std
-    return replace(seen, sensor_available=sensor_available * 1.0, moment_Nm=moment)
+    available = np.column_stack([sensor_available * 1.0, np.zeros(len(pixels))])
+    return replace(seen, available=available, moment_Nm=moment)

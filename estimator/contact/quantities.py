@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from estimator.solver.frames import reading_response
 from estimator.solver.ladder import Solution
 from estimator.solver.normal_equations import solve_columns
 from estimator.solver.prediction import point_jacobian
@@ -179,8 +180,8 @@ def _numbers(part: Solution, beam: Beam | None) -> FitNumbers:
         with_pose=plain(with_rig @ rig_arrays.axes[:POSES].T),
         shared=plain(with_rig @ with_rig.mT),
         shared_std=plain(xp.sqrt((distance_with_rig**2).sum(-1))),
-        residual=plain(fits.problem.moment_residual),
-        residual_std=plain(uncertainty.moment_std),
+        residual=plain(fits.problem.reading_residual[:, :2]),
+        residual_std=plain(uncertainty.reading_std[:, :2]),
         sensor_available=plain(fits.frames.sensor_available) > 0.0,
         rig_chi_square=plain((state.rig_steps**2).sum(-1)),
         rig_axes=np.full(count, state.rig_steps.shape[1]),
@@ -194,7 +195,7 @@ def drift_of(fits: Fits) -> tuple[np.ndarray, np.ndarray]:
     shared = fits.frames.rig_arrays.axes.shape[1]
     steps = fits.state.rig_steps[:, :shared, None]
     focal_px = float(np.sqrt(np.prod(np.diag(fits.frames.rig_arrays.rig.camera.matrix)[:2])))
-    image, moment = fits.by_rig.image[..., :shared] @ steps, fits.by_rig.moment[..., :shared] @ steps
+    image, moment = fits.by_rig.image[..., :shared] @ steps, fits.by_rig.reading[:, :2, :shared] @ steps
     return focal_px * np.sqrt((plain(image)[..., 0] ** 2).mean(axis=1)), np.abs(plain(moment)).max(axis=(1, 2))
 
 
@@ -271,12 +272,9 @@ def _by_inertia(fits: Fits, uncertainty: Uncertainty, beam: Beam) -> Array:
     columns = (bent[..., None] * point_jacobian(rig_arrays, fits.prediction)[:, :, None, 1:]).reshape(
         len(at), at.shape[1], 2 * PIECES
     )
-    moment = (
-        rig_arrays.moment_response(places * (beam.length_m / PIECES)).reshape(2, -1)
-        * fits.frames.sensor_available[..., None]
-    )
-    weights = huber_weights(problem.moment_residual)[..., None]
-    pull = problem.jacobian.mT @ problem.sums.times(columns) + problem.moment_jacobian.mT @ (weights * moment)
+    moment = reading_response(fits.frames, places * (beam.length_m / PIECES))
+    weights = huber_weights(problem.reading_residual)[..., None]
+    pull = problem.jacobian.mT @ problem.sums.times(columns) + problem.reading_jacobian.mT @ (weights * moment)
     moved = solve_columns(fits.equations.information, pull)[:, 0]
     return (moved / uncertainty.std[:, :1]).reshape(len(at), PIECES, 2)
 

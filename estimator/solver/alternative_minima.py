@@ -90,7 +90,7 @@ def mirror_ambiguous(frames: Frames, unknowns: Array, by_rig: RigJacobian) -> Ar
     along = _along_line_of_sight(frames, unknowns)
     # the sensor about y responds to f_z, the one about z to f_y
     response = rig_arrays.force_unit_N * rig_arrays.length_m * unknowns[:, :1] * rig_arrays.gain / rig_arrays.std
-    std = namespace(response).sqrt(1.0 + (by_rig.moment * by_rig.moment).sum(-1))  # noise and calibration
+    std = namespace(response).sqrt(1.0 + (by_rig.reading[:, :2] ** 2).sum(-1))  # noise and calibration
     change = abs(2.0 * response * along[:, [1, 0]]) * frames.sensor_available / std
     return (change < _DISTINGUISHABLE).all(-1)
 

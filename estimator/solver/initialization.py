@@ -167,8 +167,9 @@ class _UnitForces:
     def best(self, free: FreeAntenna, sums: NodeSums) -> tuple[Array, Array, tuple[Array, Array, Array]]:
         """Best forces (B, G, 2), the cost that each explains (B, G), and the rig steps that go with unit forces along
         y and z (B, R, G) and with none (B, R, 1)."""
-        xp, image, moment = namespace(sums.load), free.by_rig.image, free.by_rig.moment
-        residual, weighted = free.prediction.moment_residual[..., None], sums.times(image)
+        # moments only: a small force moves the antenna's end along it by second order
+        xp, image, moment = namespace(sums.load), free.by_rig.image, free.by_rig.reading[:, :2]
+        residual, weighted = free.prediction.reading_residual[:, :2, None], sums.times(image)
         rig_information = image.mT @ weighted + moment.mT @ moment + self.identity
         crossed = [(weighted * self.image[a][..., None]).mT @ self.shape + moment.mT @ self.moment[a] for a in (0, 1)]
         rig_side = image.mT @ sums.load[..., None] + moment.mT @ residual

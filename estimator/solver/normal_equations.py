@@ -1,4 +1,4 @@
-"""Robust least squares over points, moments and priors, for a batch of frames on the nodes of their curves."""
+"""Robust least squares over points, readings and priors, for a batch of frames on the nodes of their curves."""
 
 from __future__ import annotations
 
@@ -25,34 +25,34 @@ class Problem:
     ----------
     points : residuals of the points.
     jacobian : (B, M, K) of the curves' displacement along their normals.
-    moment_jacobian : (B, 2, K) of the predicted moments, in deviations.
-    moment_residual : (B, 2) in deviations.
+    reading_jacobian : (B, 3, K) of the predicted readings, in deviations.
+    reading_residual : (B, 3) in deviations.
     prior : (B, K) weights of the unknowns' squares.
     scatter : (B,) factor on the points' deviations.
     """
 
     points: PointResiduals
     jacobian: Array
-    moment_jacobian: Array
-    moment_residual: Array
+    reading_jacobian: Array
+    reading_residual: Array
     prior: Array
     scatter: Array
 
     def residuals_after(self, step: Array | None) -> tuple[Array, Array]:
-        """Points' distances (B, N) and moment residuals (B, 2), after a small step (B, K) if one is given."""
+        """Points' distances (B, N) and reading residuals (B, 3), after a small step (B, K) if one is given."""
         if step is None:
-            return self.points.distance, self.moment_residual
+            return self.points.distance, self.reading_residual
         shift = self.points.interpolate((self.jacobian @ step[..., None])[..., 0])
-        moment = self.moment_residual - (self.moment_jacobian @ step[..., None])[..., 0]
-        return self.points.distance - shift, moment
+        reading = self.reading_residual - (self.reading_jacobian @ step[..., None])[..., 0]
+        return self.points.distance - shift, reading
 
     def with_rig_steps(self, steps: Array) -> Problem:
         """The same with the rig's steps (B, R) taken out of the residuals."""
         if steps.shape[1] == 0:
             return self
         zero = namespace(steps).zeros_like(self.prior[:, : self.prior.shape[1] - steps.shape[1]])
-        distance, moment = self.residuals_after(namespace(steps).concat([zero, steps], -1))
-        return replace(self, points=replace(self.points, distance=distance), moment_residual=moment)
+        distance, reading = self.residuals_after(namespace(steps).concat([zero, steps], -1))
+        return replace(self, points=replace(self.points, distance=distance), reading_residual=reading)
 
     def weighted_sums(self, distance: Array, whitened: Array) -> NodeSums:
         """Distances (B, N) with the robust weights of `whitened` ones, summed over the nodes."""
@@ -87,32 +87,32 @@ def linear_problem(
     prior = xp.zeros_like(force)[:, None] + rig_arrays.prior
     prior[:, 1:3] = force[:, None]
     jacobian = xp.concat([prediction.jacobian, by_rig.image], -1)
-    moment_jacobian = xp.concat([prediction.moment_jacobian, by_rig.moment], -1)
-    return Problem(points, jacobian, moment_jacobian, prediction.moment_residual, prior, scatter)
+    reading_jacobian = xp.concat([prediction.reading_jacobian, by_rig.reading], -1)
+    return Problem(points, jacobian, reading_jacobian, prediction.reading_residual, prior, scatter)
 
 
 def cost(problem: Problem, at: Array, step: Array | None = None) -> Array:
     """(B,) robust cost with the priors of values `at` (B, K), after a small step (B, K) towards them."""
-    distance, moment = problem.residuals_after(step)
-    return _total_cost(problem, at, problem.whitened(distance), moment)
+    distance, reading = problem.residuals_after(step)
+    return _total_cost(problem, at, problem.whitened(distance), reading)
 
 
-def _total_cost(problem: Problem, at: Array, whitened: Array, moment: Array) -> Array:
+def _total_cost(problem: Problem, at: Array, whitened: Array, reading: Array) -> Array:
     points = huber_losses(whitened).sum(-1)
-    return points + huber_losses(moment).sum(-1) + 0.5 * (problem.prior * at * at).sum(-1)
+    return points + huber_losses(reading).sum(-1) + 0.5 * (problem.prior * at * at).sum(-1)
 
 
 def normal_equations(problem: Problem, at: Array, step: Array | None = None) -> NormalEquations:
     """Reweighted at the residuals after a small step (B, K), for a further step from values `at` (B, K)."""
-    distance, moment = problem.residuals_after(step)
+    distance, reading = problem.residuals_after(step)
     whitened = problem.whitened(distance)
     sums = problem.weighted_sums(distance, whitened)
-    weighted = huber_weights(moment)[..., None] * problem.moment_jacobian
-    information = problem.jacobian.mT @ sums.times(problem.jacobian) + problem.moment_jacobian.mT @ weighted
-    right_side = (problem.jacobian.mT @ sums.load[..., None] + weighted.mT @ moment[..., None])[..., 0]
+    weighted = huber_weights(reading)[..., None] * problem.reading_jacobian
+    information = problem.jacobian.mT @ sums.times(problem.jacobian) + problem.reading_jacobian.mT @ weighted
+    right_side = (problem.jacobian.mT @ sums.load[..., None] + weighted.mT @ reading[..., None])[..., 0]
     diagonal = arange_like(at, problem.jacobian.shape[-1])
     information[:, diagonal, diagonal] += problem.prior
-    total = _total_cost(problem, at, whitened, moment)
+    total = _total_cost(problem, at, whitened, reading)
     return NormalEquations(information, right_side - problem.prior * at, total)
 
 

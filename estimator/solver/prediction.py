@@ -12,7 +12,7 @@ from vbaa_calib.antenna.nodes import CONTACT
 from vbaa_calib.antenna.rungs import curves
 from vbaa_calib.antenna.shape import Curves
 from vbaa_calib.core.arrays import Array, arange_like, as_index, namespace
-from vbaa_calib.rig import RIG_PARAMETERS, RIG_STEPS
+from vbaa_calib.rig import RIG_STEPS
 
 from .curves import INNER, LAST, cubics, dot, evaluate_cubics, flat_rows, image_slopes, project, spacing
 from .frames import Frames
@@ -39,8 +39,9 @@ class Prediction:
     depth : (B, M, 1) before the camera, m.
     normals : (B, M, 2) unit normals of the image curve.
     jacobian : (B, M, 4) of the image's displacement along the normals.
-    moment_residual : (B, 2) moments read less predicted, in deviations of the sensors; 0 where there is no reading.
-    moment_jacobian : (B, 2, 4) of the predicted moments, in deviations.
+    reading_residual : (B, 3) what was read less what is predicted, in deviations: moments about y and z, and the
+        antenna's end along it in the picture; 0 where there is no reading.
+    reading_jacobian : (B, 3, 4) of the predicted readings, in deviations.
     point_force : (B, 6) contact point, m, and force, N, antenna frame. point_force_jacobian : (B, 6, 4).
     """
 
@@ -53,8 +54,8 @@ class Prediction:
     depth: Array
     normals: Array
     jacobian: Array
-    moment_residual: Array
-    moment_jacobian: Array
+    reading_residual: Array
+    reading_jacobian: Array
     point_force: Array
     point_force_jacobian: Array
 
@@ -84,10 +85,10 @@ class Prediction:
 
 @dataclass(frozen=True, eq=False)
 class RigJacobian:
-    """Derivatives of a prediction along the rig's R axes: image (B, M, R), moment (B, 2, R), point_force (B, 6, R)."""
+    """Derivatives of a prediction along the rig's R axes: image (B, M, R), reading (B, 3, R), point_force (B, 6, R)."""
 
     image: Array
-    moment: Array
+    reading: Array
     point_force: Array
 
 
@@ -126,13 +127,17 @@ def predict(frames: Frames, rung: str, unknowns: Array, derivatives: bool = True
     normal_u, normal_v = -slope_v / size, slope_u / size
     displacement = (u[:, 1:] - u[:, :1]) * normal_u[:, None] + (v[:, 1:] - v[:, :1]) * normal_v[:, None]
     jacobian = displacement / (_STEP * signs[..., None])
-    moment = predicted_moment(frames, shapes).reshape(*grid, 2)
-    moment_jacobian = (moment[:, 1:] - moment[:, :1]) / (_STEP * signs[..., None])
+    along = _tip_axis(frames, slope_u[:, -1], slope_v[:, -1])
+    tip = u[..., -1] * along[:, :1] + v[..., -1] * along[:, 1:2] + rig_arrays.tip_offset_m * along[:, 2:]
+    reading = xp.concat([predicted_moment(frames, shapes).reshape(*grid, 2), tip[..., None]], -1)
+    reading_jacobian = (reading[:, 1:] - reading[:, :1]) / (_STEP * signs[..., None])
+    seen_tip = (frames.tip * along[:, :2]).sum(-1)[:, None]
+    read = xp.concat([frames.moment_Nm / rig_arrays.std, seen_tip], -1)
     point_force = xp.concat([shapes.contact_m, shapes.force_N], -1).reshape(*grid, 6)
     point_force_jacobian = (point_force[:, 1:] - point_force[:, :1]) / (_STEP * signs[..., None])
     if 0 < free < UNKNOWNS:
         jacobian = xp.concat([jacobian, xp.zeros_like(jacobian[:, :1])], 1)
-        moment_jacobian = xp.concat([moment_jacobian, xp.zeros_like(moment_jacobian[:, :1])], 1)
+        reading_jacobian = xp.concat([reading_jacobian, xp.zeros_like(reading_jacobian[:, :1])], 1)
         by_friction = _force_by_friction(rig_arrays, shapes, point_force[:, :1])
         point_force_jacobian = xp.concat([point_force_jacobian, by_friction], 1)
     contact = xp.clip(unknowns[:, 0], None, 1.0 - 1e-6) * rig_arrays.length_m  # the last two nodes stay apart
@@ -147,8 +152,8 @@ def predict(frames: Frames, rung: str, unknowns: Array, derivatives: bool = True
         depth[:, 0, :, None],
         xp.stack([normal_u, normal_v], -1),
         jacobian.mT,
-        (frames.moment_Nm / rig_arrays.std - moment[:, 0]) * frames.sensor_available,
-        moment_jacobian.mT * frames.sensor_available[..., None],
+        (read - reading[:, 0]) * frames.available,
+        reading_jacobian.mT * frames.available[..., None],
         point_force[:, 0],
         point_force_jacobian.mT,
     )
@@ -164,11 +169,24 @@ def point_jacobian(rig_arrays: RigArrays, prediction: Prediction) -> Array:
 def difference(prediction: Prediction, other: Prediction) -> tuple[Array, Array, Array]:
     """What another prediction of the same frames says, less this one.
 
-    Along the normals (B, M), moments in deviations (B, 2), and contact point and force (B, 6).
+    Along the normals (B, M), readings in deviations (B, 3), and contact point and force (B, 6).
     """
     displacement = dot(other.nodes - prediction.nodes, prediction.normals)
-    moment = prediction.moment_residual - other.moment_residual
-    return displacement, moment, other.point_force - prediction.point_force
+    reading = prediction.reading_residual - other.reading_residual
+    return displacement, reading, other.point_force - prediction.point_force
+
+
+def _tip_axis(frames: Frames, slope_u: Array, slope_v: Array) -> Array:
+    """(B, 3) what turns a point of the picture into its place along the antenna's end, in deviations, and a length.
+
+    slope_u, slope_v : (B,) of the picture by arc length there.
+    """
+    xp = namespace(slope_u)
+    size = xp.clip(xp.hypot(slope_u, slope_v), 1e-30, None)
+    u, v = slope_u / size, slope_v / size
+    xx, xy, yy = frames.tip_covariance
+    std = xp.sqrt(xx * u * u + 2.0 * xy * u * v + yy * v * v)
+    return xp.stack([u / std, v / std, size / std], -1)
 
 
 def predicted_moment(frames: Frames, shapes: Curves) -> Array:
@@ -201,38 +219,48 @@ def rig_jacobian(frames: Frames, rung: str, unknowns: Array, prediction: Predict
     xp, rig_arrays = namespace(unknowns), frames.rig_arrays
     if rig_arrays.steps == 0:
         return RigJacobian(
-            prediction.nodes[..., :0], prediction.moment_jacobian[..., :0], prediction.point_force_jacobian[..., :0]
+            prediction.nodes[..., :0], prediction.reading_jacobian[..., :0], prediction.point_force_jacobian[..., :0]
         )
     grid = len(frames), ANTENNA + 1
     steps = xp.broadcast_to(rig_arrays.antenna_steps, (*grid, ANTENNA))
     rung = LINEAR if rung == "paper" else rung
     shapes = bend(frames, rung, xp.broadcast_to(unknowns[:, None], (*grid, UNKNOWNS)), steps)
-    u, v, _ = (part.reshape(*grid, -1) for part in project(rig_arrays, shapes.points_m))
+    u, v, depth = (part.reshape(*grid, -1) for part in project(rig_arrays, shapes.points_m))
     points, normals = shapes.points_m.reshape(*grid, -1, 3)[:, 0], prediction.normals
     sizes = rig_arrays.antenna_steps[1:].sum(0)
     normal_u, normal_v = normals[:, None, :, 0], normals[:, None, :, 1]
     by_antenna = ((u[:, 1:] - u[:, :1]) * normal_u + (v[:, 1:] - v[:, :1]) * normal_v).mT / sizes
+    tangents = shapes.tangents.reshape(*grid, -1, 3)[:, 0, -1:]
+    slopes = image_slopes(rig_arrays, tangents, *(part[:, 0, -1:] for part in (u, v, depth)))
+    along = _tip_axis(frames, *(slope[:, 0] for slope in slopes))
     moments = predicted_moment(frames, shapes).reshape(*grid, 2)
-    moment_by_antenna = (moments[:, 1:] - moments[:, :1]).mT / sizes
+    tips = u[..., -1] * along[:, :1] + v[..., -1] * along[:, 1:2]
+    readings = xp.concat([moments, tips[..., None]], -1)
+    reading_by_antenna = (readings[:, 1:] - readings[:, :1]).mT / sizes
     point_force = xp.concat([shapes.contact_m, shapes.force_N], -1).reshape(*grid, 6)
     point_force_by_antenna = (point_force[:, 1:] - point_force[:, :1]).mT / sizes
-    by_pose = _by_pose(rig_arrays, points, u[:, 0], v[:, 0], normals)
+    by_pose, tip_by_pose = _by_pose(rig_arrays, points, u[:, 0], v[:, 0], normals, along)
     image = [by_pose, by_antenna, xp.zeros_like(by_antenna[..., :2])]
-    moment = [xp.zeros_like(moment_by_antenna[..., :POSES]), moment_by_antenna, _by_sensor(rig_arrays, moments[:, 0])]
-    if len(rig_arrays.axes) > len(RIG_PARAMETERS):
+    no_moment = xp.zeros_like(reading_by_antenna[:, :2, :POSES])
+    reading = [xp.concat([no_moment, tip_by_pose], 1), reading_by_antenna, _by_sensor(rig_arrays, moments[:, 0])]
+    if rig_arrays.rig.with_lens:
         by_lens = rig_arrays.rig.camera.lens_slopes_at(prediction.nodes)
         by_lens = xp.where(xp.isfinite(by_lens), by_lens, xp.zeros_like(by_lens))
         image.append(-dot(normals[..., None, :], by_lens.mT))  # the lens moves the seen points, not the curve
-        moment.append(xp.zeros_like(image[-1][:, :2]))
+        tip_by_lens = -dot(along[:, None, :2], by_lens[:, -1].mT)[:, None]
+        reading.append(xp.concat([0.0 * image[-1][:, :2], tip_by_lens], 1))
+    if rig_arrays.rig.tip is not None:
+        image.append(xp.zeros_like(by_antenna[..., :1]))
+        reading.append(xp.stack([0.0 * along[:, 2], 0.0 * along[:, 2], along[:, 2]], 1)[..., None])
     found = (
         xp.concat(image, -1) @ rig_arrays.axes,
-        (xp.concat(moment, -1) @ rig_arrays.axes) * frames.sensor_available[..., None],
+        (xp.concat(reading, -1) @ rig_arrays.axes) * frames.available[..., None],
         point_force_by_antenna @ rig_arrays.axes[POSES : POSES + ANTENNA],
     )
     line = _by_line(rig_arrays, prediction)
     if line.shape[-1] == 0:
         return RigJacobian(*found)
-    none = (0.0 * part[:, 0, :, None] * rig_arrays.line for part in (moments, point_force))
+    none = (0.0 * part[:, 0, :, None] * rig_arrays.line for part in (readings, point_force))
     return RigJacobian(*(xp.concat([part, own], -1) for part, own in zip(found, (line, *none), strict=True)))
 
 
@@ -246,22 +274,30 @@ def _by_line(rig_arrays: RigArrays, prediction: Prediction) -> Array:
     return xp.stack([xp.ones_like(along), along, 1.5 * along * along - 0.5], -1) * rig_arrays.line
 
 
-def _by_pose(rig_arrays: RigArrays, points_m: Array, u: Array, v: Array, normals: Array) -> Array:
-    """(B, M, 6) displacement along the normals by the pose's tangent."""
-    found = []
+def _by_pose(
+    rig_arrays: RigArrays, points_m: Array, u: Array, v: Array, normals: Array, along: Array
+) -> tuple[Array, Array]:
+    """(B, M, 6) displacement along the normals by the pose's tangent, and (B, 1, 6) of the end along the antenna."""
+    found, tips = [], []
     for index in range(1, POSES + 1):
         moved_u, moved_v, _ = project(rig_arrays, points_m, index)
         moved = (moved_u - u) * normals[..., 0] + (moved_v - v) * normals[..., 1]
         found.append(moved / float(RIG_STEPS[index - 1]))
-    return namespace(u).stack(found, -1)
+        tip = (moved_u - u)[:, -1] * along[:, 0] + (moved_v - v)[:, -1] * along[:, 1]
+        tips.append(tip / float(RIG_STEPS[index - 1]))
+    xp = namespace(u)
+    return xp.stack(found, -1), xp.stack(tips, -1)[:, None]
 
 
 def _by_sensor(rig_arrays: RigArrays, predicted: Array) -> Array:
-    """(B, 2, 2) derivatives of predicted moments (B, 2), in deviations, by gain and offset of the sensor about y."""
+    """(B, 3, 2) derivatives of what is read, in deviations, by gain and offset of the sensor about y.
+
+    predicted : (B, 2) moments, in deviations.
+    """
     xp = namespace(predicted)
     moment = (predicted[:, 0] * rig_arrays.std[0] - rig_arrays.offset[0]) / rig_arrays.gain[0]
     about_y = xp.stack([moment, xp.ones_like(moment)], -1) / rig_arrays.std[0]
-    return xp.stack([about_y, xp.zeros_like(about_y)], 1)
+    return xp.stack([about_y, xp.zeros_like(about_y), xp.zeros_like(about_y)], 1)
 
 
 def _force_by_friction(rig_arrays: RigArrays, shapes: Curves, point_force: Array) -> Array:

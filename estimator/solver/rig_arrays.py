@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -32,7 +32,8 @@ class RigArrays:
     friction_rad : standard deviation of the contact force's angle from the antenna's normal; 0: no friction.
     antenna_parameters : (9,) `antenna.shape.PARAMETERS`.
     axes : (17 + P, R) independent steps of the rig's parameters and the lens, each of unit standard deviation:
-        axes @ axes.T is their covariance. R is 0 for a rig without uncertainty.
+        axes @ axes.T is their covariance. R is 0 for a rig without uncertainty. (18 + P, R) with the tip's offset.
+    tip_offset_m : of the antenna's visible end beyond its length; 0 where it is not used.
     rotations, translations : (7, 3, 3), (7, 3) of T_camera_antenna, and of the six finite-difference steps of it.
     gain, offset, std : (2,) of the moment sensors about y and z; a missing one has the gain 0.
     antenna_steps : (1 + 9, 9) finite-difference steps of the antenna's parameters; the first row is zero.
@@ -45,6 +46,7 @@ class RigArrays:
 
     rig: Rig
     friction_rad: float
+    tip_offset_m: float
     antenna_parameters: Array
     axes: Array
     rotations: Array
@@ -63,12 +65,13 @@ class RigArrays:
     def from_rig(rig: Rig, friction_rad: float, reference: Array, drift: bool = True) -> RigArrays:
         """The rig in the kind, precision and device of a reference array.
 
-        drift : whether it may have changed since its calibration, and lines have errors of their own.
+        drift : whether it may have changed since its calibration, lines have errors of their own, and the antenna's
+            end counts.
         """
-        rig = rig.drifted() if drift else rig
+        rig = rig.drifted() if drift else replace(rig, tip=None)
         poses = [rig.T_antenna_camera] + [rig.T_antenna_camera.retract(step) for step in np.diag(RIG_STEPS[:POSES])]
         inverses = [pose.inverse() for pose in poses]
-        axes = independent_axes(rig.covariance)
+        axes = independent_axes(rig.covariance_with_tip)
         size = np.abs(axes).max(axis=0)
         axes = axes[:, size > _NEGLIGIBLE * max(float(size.max()), 1e-300)]
         sensors = (rig.moment_sensor, rig.second_moment_sensor)
@@ -90,7 +93,8 @@ class RigArrays:
             np.eye(steps),
             own,
         )
-        return RigArrays(rig, friction_rad, *(like(reference, np.ascontiguousarray(values)) for values in arrays))
+        values = (like(reference, np.ascontiguousarray(each)) for each in arrays)
+        return RigArrays(rig, friction_rad, 0.0 if rig.tip is None else rig.tip.offset_m, *values)
 
     def zero_rig_steps(self, count: int) -> Array:
         """(count, R + L) rig steps of a rig as calibrated, and no error of the line."""

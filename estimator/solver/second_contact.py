@@ -7,6 +7,7 @@ from vbaa_calib.antenna.nodes import aligned_arclength
 from vbaa_calib.core.arrays import Array, arange_like, like, namespace, true_indices
 from vbaa_calib.core.robust import MAD_SCALE, huber_weights
 
+from .frames import reading_response
 from .normal_equations import Problem, solve_columns, solve_normal_equations
 from .prediction import point_jacobian
 from .rows import select
@@ -73,15 +74,15 @@ def _score_test(fits: Fits, uncertainty: Uncertainty) -> tuple[Array, Array, Arr
     # scaled to a metre at the tip
     bent = deflection(along[..., None], places, 6.0, 1.0) / (places * places * (3.0 - places))
     lever = 6.0 * xp.exp(rig_arrays.antenna_parameters[6]) / (places * (3.0 - places) * rig_arrays.length_m**2)
-    moment = rig_arrays.moment_response(lever).reshape(2, -1) * fits.frames.sensor_available[..., None]
+    moment = reading_response(fits.frames, lever)
     image = point_jacobian(rig_arrays, fits.prediction)[:, :, None, 1:]
     columns = (bent[..., None] * image).reshape(*along.shape, 2 * _GRID)
     sums = problem.sums
     weighted = sums.times(columns)
-    weights = huber_weights(problem.moment_residual)[..., None]
-    crossed = problem.jacobian.mT @ weighted + problem.moment_jacobian.mT @ (weights * moment)
+    weights = huber_weights(problem.reading_residual)[..., None]
+    crossed = problem.jacobian.mT @ weighted + problem.reading_jacobian.mT @ (weights * moment)
     # what is left for a second force once the first contact and the rig have made the most of it
-    residual, load = weights * problem.moment_residual[..., None], sums.load[..., None]
+    residual, load = weights * problem.reading_residual[..., None], sums.load[..., None]
     best = solve_normal_equations(equations.information, equations.right_side)
     right_side = (columns.mT @ load + moment.mT @ residual - crossed.mT @ best[..., None])[..., 0]
     explained = solve_columns(equations.information, crossed)

@@ -39,14 +39,14 @@ class Uncertainty:
     rig_response : (B, R, 4) how the rig's likeliest steps go with the unknowns.
     rig_covariance : (B, R, R) of the rig's steps for a known contact.
     condition : (B,) condition number of the contact's own information, scaled to a unit diagonal.
-    moment_std : (B, 2) deviation of each moment's whitened residual, below one as far as the moment was fitted.
+    reading_std : (B, 3) deviation of each reading's whitened residual, below one as far as the moment was fitted.
     """
 
     covariance: Array
     rig_response: Array
     rig_covariance: Array
     condition: Array
-    moment_std: Array
+    reading_std: Array
 
     @property
     def std(self) -> Array:
@@ -84,7 +84,7 @@ def uncertainty(fits: Fits) -> Uncertainty:
     regular = regular & (values[:, 0] > values[:, -1] / _SINGULAR)
     values = xp.clip(values, 1e-300, None)
     covariance = (vectors / values[:, None]) @ vectors.mT / (scale[:, :, None] * scale[:, None])
-    weighted = fits.problem.moment_jacobian * xp.sqrt(huber_weights(fits.problem.moment_residual))[..., None]
+    weighted = fits.problem.reading_jacobian * xp.sqrt(huber_weights(fits.problem.reading_residual))[..., None]
     own = weighted[..., :UNKNOWNS] + weighted[..., UNKNOWNS:] @ response
     fitted = ((own @ covariance) * own).sum(-1)
     fitted = fitted + ((weighted[..., UNKNOWNS:] @ rig_covariance) * weighted[..., UNKNOWNS:]).sum(-1)
@@ -145,15 +145,15 @@ def widened_by_profile(fits: Fits, found: Uncertainty, which: Array) -> Uncertai
     return replace(found, covariance=found.covariance * factor[:, None, None])
 
 
-def _linear_shift(fits: Fits, displacement: Array, moment: Array) -> Array:
+def _linear_shift(fits: Fits, displacement: Array, reading: Array) -> Array:
     """(B, 4) how far the unknowns would move, to first order, if the data changed.
 
-    `displacement` (B, M) along the prediction's normals, `moment` (B, 2) in deviations.
+    `displacement` (B, M) along the prediction's normals, `reading` (B, 3) in deviations.
     """
     problem = fits.problem
     right_side = (problem.jacobian.mT @ problem.sums.times(displacement[..., None]))[..., 0]
-    weighted = (huber_weights(problem.moment_residual) * moment)[..., None]
-    right_side = right_side + (problem.moment_jacobian.mT @ weighted)[..., 0]
+    weighted = (huber_weights(problem.reading_residual) * reading)[..., None]
+    right_side = right_side + (problem.reading_jacobian.mT @ weighted)[..., 0]
     return solve_normal_equations(fits.equations.information, right_side)[:, :UNKNOWNS]
 
 
@@ -180,8 +180,8 @@ def predicted_bias(
     std = xp.sqrt(xp.concat([found.covariance[:, :1, 0], covariance[:, :1, 0], covariance[:, 1:, 1]], -1))
     sound = xp.isfinite(std).all(-1)
 
-    def in_std(displacement: Array, moment: Array, point_force: Array) -> Array:
-        moved = _linear_shift(fits, displacement, moment)[..., None]
+    def in_std(displacement: Array, reading: Array, point_force: Array) -> Array:
+        moved = _linear_shift(fits, displacement, reading)[..., None]
         off = xp.concat([moved[:, 0], (by_force @ moved)[..., 0] - point_force[:, force]], -1)
         return xp.where(sound[:, None], xp.abs(off) / xp.where(sound[:, None], std, 1.0), xp.inf)
 
@@ -210,8 +210,8 @@ def model_errors(fits: Fits, reference: Prediction) -> Array:
     """
     xp, prediction = namespace(fits.state.scatter), fits.prediction
 
-    def errors(displacement: Array, moment: Array, point_force: Array) -> Array:
-        moved = _linear_shift(fits, displacement, moment)
+    def errors(displacement: Array, reading: Array, point_force: Array) -> Array:
+        moved = _linear_shift(fits, displacement, reading)
         return xp.concat([moved, (prediction.point_force_jacobian @ moved[..., None])[..., 0] - point_force], -1)
 
     truth = difference(prediction, reference)
@@ -226,7 +226,7 @@ def model_errors(fits: Fits, reference: Prediction) -> Array:
 def problem_on(fits: Fits, prediction: Prediction) -> Problem:
     """The fits' problem with the residuals that another rung's prediction at the same unknowns leaves."""
     points = point_residuals(fits.frames, prediction, fits.state.foot_m)
-    problem = replace(fits.problem, points=points, moment_residual=prediction.moment_residual)
+    problem = replace(fits.problem, points=points, reading_residual=prediction.reading_residual)
     return problem.with_rig_steps(fits.state.rig_steps)
 
 
@@ -240,8 +240,8 @@ def contact_evidence(fits: Fits, problem: Problem, free: FreeAntenna) -> Array:
     alone = Problem(
         free.points,
         free.by_rig.image,
-        free.by_rig.moment,
-        free.prediction.moment_residual,
+        free.by_rig.reading,
+        free.prediction.reading_residual,
         problem.prior[:, UNKNOWNS:],
         problem.scatter,
     )

@@ -277,6 +277,7 @@ class Measured:
     pan_rad, tilt_rad : joint angles.
     time_s : NaN where not known; a recording's frames are then taken as static.
     start : (4,) initial unknowns, as `ContactEstimator.rough` gives them; NaN where there are none.
+    tip_px : (3,) the antenna's visible end, and its deviation along the antenna; NaN where it is not known.
     """
 
     points_px: np.ndarray
@@ -287,3 +288,4 @@ class Measured:
     moment_z_Nm: float = np.nan
     time_s: float = np.nan
     start: np.ndarray = field(default_factory=lambda: np.full(4, np.nan))
+    tip_px: np.ndarray = field(default_factory=lambda: np.full(3, np.nan))

@@ -15,7 +15,7 @@ from estimator.solver.ladder import Solution, solve
 from estimator.solver.prediction import predict, rig_jacobian
 from estimator.solver.rig_arrays import RigArrays
 from estimator.solver.uncertainty import uncertainty
-from vbaa_calib.rig import Rig
+from vbaa_calib.rig import Rig, Tip
 
 from ..rod_scenes import LENGTH_M, RIG_STD, SIGMA_PX, Frame, World, camera_pose, frames, gravity_antenna, pushing
 
@@ -28,7 +28,8 @@ def framed(several: Sequence[Frame], rig: Rig, friction: float = 0.0) -> Frames:
     points = np.stack([seen.points_px for seen in several])
     readings = np.array([[seen.moment_Nm, np.nan] for seen in several])
     gravity = np.stack([gravity_antenna(seen.tilt_rad, rig.gravity_world_m_s2) for seen in several])
-    return frames_from_pixels(rig_arrays, points, np.full(points.shape[:2], SIGMA_PX), readings, gravity)
+    tips = np.stack([seen.tip_px for seen in several])
+    return frames_from_pixels(rig_arrays, points, np.full(points.shape[:2], SIGMA_PX), readings, tips, gravity)
 
 
 def solved(several: Sequence[Frame], rig: Rig, model: str = "rod", friction: float = 0.0) -> Solution:
@@ -90,27 +91,50 @@ def test_the_rigs_part_is_what_other_rigs_show() -> None:
 @pytest.mark.parametrize("friction", [0.0, 0.2])
 def test_the_rigs_table_is_its_derivative(friction: float) -> None:
     """Columns of the rig's table against moved rigs: picture, reading, contact point and force."""
-    seen, rig = quiet(0.55, 0.6, 0.02), WORLD.rig(RIG_STD)
+    seen, rig = quiet(0.55, 0.6, 0.02), replace(WORLD.rig(RIG_STD), tip=Tip(1e-4, 3e-4, np.zeros(17)))
     at = framed([seen], rig, friction)
     rig_arrays, unknowns = at.rig_arrays, solved([seen], rig, friction=friction).fits.state.unknowns
     prediction = predict(at, "rod", unknowns)
     by_rig = rig_jacobian(at, "rod", unknowns, prediction)
-    np.testing.assert_allclose(rig_arrays.axes @ rig_arrays.axes.T, rig.covariance, atol=1e-12 * rig.covariance.max())
-    assert rig_arrays.axes.shape == (17, 17)
-    for column in range(17):
+    whole = rig.covariance_with_tip
+    np.testing.assert_allclose(rig_arrays.axes @ rig_arrays.axes.T, whole, atol=1e-12 * whole.max())
+    assert rig_arrays.axes.shape == (18, 18)
+    for column in range(18):
         step = 0.02 * rig_arrays.axes[:, column]
-        moved = framed([seen], another(rig, WORLD.moved(step)), friction)
+        moved = framed([seen], rig.moved(step), friction)
         # the unit of force goes with the stiffness: the force itself is to stay
         scale = rig_arrays.force_unit_N / moved.rig_arrays.force_unit_N
         there = predict(moved, "rod", unknowns * np.array([1.0, scale, scale, 1.0]))
         picture = dot(there.nodes - prediction.nodes, prediction.normals) / 0.02
         limit = 0.03 * np.abs(by_rig.image).max() + 1e-7
         np.testing.assert_allclose(picture, by_rig.image[..., column], atol=limit)
-        read = -(there.moment_residual - prediction.moment_residual) / 0.02
-        np.testing.assert_allclose(read, by_rig.moment[..., column], atol=0.03 * np.abs(by_rig.moment).max() + 0.02)
+        read = -(there.reading_residual - prediction.reading_residual) / 0.02
+        np.testing.assert_allclose(read, by_rig.reading[..., column], atol=0.03 * np.abs(by_rig.reading).max() + 0.02)
         point_force = (there.point_force - prediction.point_force) / 0.02
         limits = 0.03 * np.abs(by_rig.point_force).max(axis=-1) + 1e-9
         assert (np.abs(point_force - by_rig.point_force[..., column]) < limits).all()
+
+
+def test_the_antennas_end_tells_the_cameras_distance() -> None:
+    """Rigs whose camera is too near or far by 3 mm: the end, known to 0.3 mm, tells most of it."""
+    rng, std = np.random.default_rng(5), RIG_STD.copy()
+    std[3:6] = 3e-3
+    off: dict[bool, list[float]] = {False: [], True: []}
+    said: dict[bool, list[float]] = {False: [], True: []}
+    for _ in range(24):
+        true = WORLD.moved(std * rng.normal(size=17))
+        seen = frames(true, [0.6 * LENGTH_M], [pushing(0.4, 0.02, 0.6 * LENGTH_M)], [0.3], rng, points=150)
+        # a longer antenna would do as well
+        length = Tip(0.0, 3e-4, np.zeros(17))
+        for tip in (None, length):
+            one = solved(seen, replace(WORLD.rig(std), tip=tip))
+            off[tip is not None].append(one.fits.state.unknowns[0, 0] * LENGTH_M - seen[0].distance_m)
+            said[tip is not None].append(float(one.uncertainty.std[0, 0]) * LENGTH_M)
+    for values in (off, said):
+        alone, with_tip = (np.sqrt(np.mean(np.square(values[seen]))) for seen in (False, True))
+        assert with_tip < 0.75 * alone
+    for seen in (False, True):
+        assert 0.6 < np.sqrt(np.mean((np.array(off[seen]) / said[seen]) ** 2)) < 1.5
 
 
 def test_evidence_without_contact_follows_its_law() -> None:
@@ -131,7 +155,7 @@ def test_an_upright_camera_leaves_nothing_to_test_the_moment_with() -> None:
     """Inclined, the picture knows f_z by itself and the moment's misfit is its own; upright, the moment is fitted."""
     small = 0.05 * RIG_STD
     inclined, upright = (
-        float(solved([quiet(0.6, 0.8, 0.03, world)], world.rig(small)).uncertainty.moment_std[0, 0])
+        float(solved([quiet(0.6, 0.8, 0.03, world)], world.rig(small)).uncertainty.reading_std[0, 0])
         for world in (World(camera_pose(1.0, 0.3)), World(camera_pose(0.0)))
     )
     assert inclined > 2 * upright

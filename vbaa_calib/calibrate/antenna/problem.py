@@ -238,7 +238,7 @@ class Problem:
             by_readings = [self.groups.columns(index, *slopes.T) for index, slopes in enumerate(by_load)]
             blocks = [np.hstack([block, rows[:-1]]) for block, rows in zip(blocks, by_readings, strict=True)]
             moments = np.hstack([moments, [rows[-1] for rows in by_readings]])
-            by_own = here.tips_by_load(parameters, ends)
+            by_own = here.tips_by_load(parameters, ends) if ends else {}
             tips = {i: np.hstack([row, self.groups.columns(i, *by_own[i].T)]) for i, row in tips.items()}
         width = 1 + len(RIG_STEPS) + len(self.prior.lens_axes) + self.groups.count
         return Evaluation(blocks, moments, np.vstack([np.zeros((0, width)), *tips.values()]), np.array(by_length))

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment, adjust_bundle
 from vbaa_calib.calibrate.antenna.inputs import Observation, Prior
 from vbaa_calib.calibrate.antenna.residual_checks import check
@@ -30,8 +32,16 @@ def still_diagnoses(session: Session, kinematics: Kinematics, joint: BundleAdjus
     A fault that explains others comes first, and these are then not looked for.
     kinematics : with the joints' zeros by a sweep. joint : of all stills, from `solve_antenna`.
     """
-    problem = joint.problem
-    own = picture_scatter(joint.noted)
+    length = _tips(joint)
+    # the other causes are told by the lines alone, whatever the length is
+    problem = joint.problem.without_tips()
+    problem = replace(problem, prior=replace(problem.prior, tip_std_m=None))
+    joint = replace(joint, problem=problem)
+    return [*length, *_diagnoses(session, kinematics, joint)]
+
+
+def _diagnoses(session: Session, kinematics: Kinematics, joint: BundleAdjustment) -> list[Diagnosis]:
+    problem, own = joint.problem, picture_scatter(joint.noted)
     try:
         free: BundleAdjustment | None = solve_free(joint.noted, problem.prior, problem.length_m, problem.moment_std_Nm)
     except SolveError:
@@ -55,6 +65,21 @@ def still_diagnoses(session: Session, kinematics: Kinematics, joint: BundleAdjus
     elif not found and (joint.noise_scale > _CONTRADICTS * own or worst_still(joint) > _ONE_CONTRADICTS * own):
         found = [_contradiction(joint, own, rows)]
     return [*found, *_sensor(session, joint, not found)]
+
+
+def _tips(joint: BundleAdjustment) -> list[Diagnosis]:
+    """Whether the antenna's ends contradict its length; they are then not used."""
+    if len(joint.problem.tips) or not np.isfinite(joint.tip_gap_std):
+        return []
+    return [
+        Diagnosis(
+            "antenna_length",
+            f"the antenna's end lies {abs(joint.tip_gap_std):.0f} deviations "
+            f"{'beyond' if joint.tip_gap_std > 0 else 'short of'} antenna.length_m in the pictures; it was not used",
+            "measure length_m from the clamp to the tip again, check the jig's distance, or set antenna.tip: null "
+            "where the visible end is not the tip",
+        )
+    ]
 
 
 def _moved(
