@@ -132,6 +132,8 @@ def _rig(
 
 
 CENTRELINE_PX, MOMENT_NM = 0.1, 2e-5
+TIP_PX = 0.1
+_ENDS = 7
 """Standard deviations of a centreline point, per axis, and of a moment reading."""
 _LOG_STIFFNESS_SPREAD, _GAIN_SPREAD, _OFFSET_SPREAD_NM = 0.05, 0.05, 5e-4
 """Of the true values, where they are narrower than the priors."""
@@ -148,6 +150,7 @@ class Seen:
     still: Still
     points_px: np.ndarray
     gravity_m_s2: np.ndarray
+    tip_px: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,6 +161,7 @@ class Draw:
     ----------
     views, jig_views : of the board by hand and in the jig. stills : of the free and the loaded antenna.
     truth : (11,) antenna parameters, gain, offset: `RIG_PARAMETERS` after the pose.
+    tip_m : how far beyond the antenna's length its visible end lies.
     """
 
     rig: CoverageRig
@@ -165,6 +169,7 @@ class Draw:
     jig_views: list[BoardView]
     stills: list[Seen]
     truth: np.ndarray
+    tip_m: float
 
 
 def draw(rig: CoverageRig, seed: tuple[int, ...]) -> Draw:
@@ -172,6 +177,8 @@ def draw(rig: CoverageRig, seed: tuple[int, ...]) -> Draw:
     rng = np.random.default_rng(seed)
     truth = drawn_truth(rng)
     T_camera_jig = rig.T_antenna_camera.inverse() @ T_ANTENNA_JIG
+    ends = np.random.default_rng((*seed, _ENDS))
+    tip_m = (NOMINAL.tip_std_m or 0.0) * float(ends.normal())
 
     def view(name: str, T_camera_board: Pose) -> BoardView:
         ids, pixels = rig.seen_corners(T_camera_board)
@@ -181,8 +188,9 @@ def draw(rig: CoverageRig, seed: tuple[int, ...]) -> Draw:
         rig=rig,
         views=[view(f"{index:02d}.png", pose) for index, pose in enumerate(rig.T_camera_board)],
         jig_views=[view(f"jig_{index}.png", T_camera_jig) for index in range(_JIG_PICTURES)],
-        stills=_stills(rig, truth, rng),
+        stills=_stills(rig, truth, rng, tip_m, ends),
         truth=truth,
+        tip_m=tip_m,
     )
 
 
@@ -212,7 +220,9 @@ def _planned_stills() -> list[Still]:
     return [*free, *hung]
 
 
-def _stills(rig: CoverageRig, truth: np.ndarray, rng: np.random.Generator) -> list[Seen]:
+def _stills(
+    rig: CoverageRig, truth: np.ndarray, rng: np.random.Generator, tip_m: float, ends: np.random.Generator
+) -> list[Seen]:
     stills = _planned_stills()
     gravity = gravity_antenna(Kinematics(), GRAVITY_WORLD_M_S2, stills)
     loads = [(s.distance_m, 0.0, s.force_y_N, s.force_z_N) if isinstance(s, Load) else (0.1, 0, 0, 0) for s in stills]
@@ -226,7 +236,8 @@ def _stills(rig: CoverageRig, truth: np.ndarray, rng: np.random.Generator) -> li
     for index, still in enumerate(stills):
         pixels = centreline(rig, shape, index, held[index], truth[:2])
         pixels = pixels + CENTRELINE_PX * rng.normal(size=pixels.shape)
-        seen.append(Seen(replace(still, moment_Nm=float(readings[index])), pixels, gravity[index]))
+        tip_px = seen_tip(rig, shape, index, held[index], truth[:2], tip_m) + TIP_PX * ends.normal(size=2)
+        seen.append(Seen(replace(still, moment_Nm=float(readings[index])), pixels, gravity[index], tip_px))
     return seen
 
 
@@ -234,6 +245,18 @@ def clamp_turns(truth: np.ndarray, gravity: np.ndarray, hung: np.ndarray) -> Rot
     """(F,) how far the clamp gives way to the moment that it holds in each still."""
     moment = solve_rod(true_rod(truth), gravity, hung[:, 0], hung[:, 1:]).clamp_moment_Nm
     return Rotation.from_rotvec(truth[8] / np.exp(truth[6]) * moment * [0.0, 1.0, 1.0])
+
+
+def seen_tip(
+    rig: CoverageRig, shape: RodShape, index: int, held: Rotation, clamp_yz_m: np.ndarray, tip_m: float
+) -> np.ndarray:
+    """(2,) true pixel of one antenna's visible end, which lies so far beyond its length; NaN outside the picture."""
+    one = RodShape(*(values[index : index + 1] for values in vars(shape).values()))
+    clamp, near = np.append(0.0, clamp_yz_m), 1e-3
+    last = sample_shape(one, np.array([[NOMINAL.length_m - near, NOMINAL.length_m]]))[0][0]
+    before, end = rig.antenna_pixels(clamp + held.apply(last - clamp))
+    tip_px = end + tip_m / near * (end - before)
+    return tip_px if rig.inside(tip_px[None])[0] else np.full(2, np.nan)
 
 
 def centreline(rig: CoverageRig, shape: RodShape, index: int, held: Rotation, clamp_yz_m: np.ndarray) -> np.ndarray:

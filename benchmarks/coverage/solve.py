@@ -18,7 +18,7 @@ from vbaa_calib.camera import Camera
 from vbaa_calib.geometry import Pose
 from vbaa_calib.rig import RIG_PARAMETERS
 
-from .rigs import BOARD, CENTRELINE_PX, MOMENT_NM, NOMINAL, T_ANTENNA_JIG, Draw
+from .rigs import BOARD, CENTRELINE_PX, MOMENT_NM, NOMINAL, T_ANTENNA_JIG, TIP_PX, Draw
 
 STAGES = ("lens", "plane", "joint")
 
@@ -81,7 +81,14 @@ def solve(given: Draw) -> Solved:
 def observations(given: Draw) -> list[Observation]:
     """The stills as the joint solve takes them, with the deviations that are true."""
     return [
-        Observation(seen.still, seen.points_px, np.full(len(seen.points_px), CENTRELINE_PX), seen.gravity_m_s2)
+        Observation(
+            seen.still,
+            seen.points_px,
+            np.full(len(seen.points_px), CENTRELINE_PX),
+            seen.gravity_m_s2,
+            tip_px=seen.tip_px,
+            tip_std_px=TIP_PX,
+        )
         for seen in given.stills
     ]
 

@@ -116,7 +116,8 @@ class Recording:
 
 def calibrated(given: rigs.Draw) -> Rig:
     """The rig that a draw's pictures and readings lead to."""
-    joint = adjust_bundle(solve.observations(given), solve.prior_of(given, []), rigs.NOMINAL.length_m, rigs.MOMENT_NM)
+    before = replace(solve.prior_of(given, []), line_px=DRIFTS["lab"].line_px)
+    joint = adjust_bundle(solve.observations(given), before, rigs.NOMINAL.length_m, rigs.MOMENT_NM)
     gain, offset = joint.sensor_gain_offset
     antenna = joint.parameters[len(POSE_PARAMETERS) : -2]
     return Rig(
@@ -128,6 +129,7 @@ def calibrated(given: rigs.Draw) -> Rig:
         gravity_world_m_s2=rigs.GRAVITY_WORLD_M_S2,
         image=AntennaImage(rigs.CENTRELINE_PX * joint.noise_scale, joint.noise_scale, True),
         covariance=joint.covariance,
+        tip=joint.tip,
     )
 
 
@@ -151,15 +153,19 @@ def recorded(given: rigs.Draw, change: Change, seed: tuple[int, ...]) -> Recordi
     readings = truth[10] - truth[9] * held.apply(shape.clamp_moment_Nm)[:, 1] + rigs.MOMENT_NM * rng.normal(size=count)
     step = np.concatenate([change.turn_rad * parts[3:6], change.shift_m * parts[6:9]])
     rig = replace(given.rig, T_antenna_camera=given.rig.T_antenna_camera.retract(step))
-    frames = []
+    frames, ends = [], np.random.default_rng((*seed, 7))
     for index in range(count):
         exact = rigs.centreline(rig, shape, index, held[index], truth[:2])
         off = change.light_px * parts[11:14] + change.line_px * rng.normal(size=3)
         line = exact + _across(exact) * _modes(len(exact), off)[:, None]
         line = (line - rig.lens.matrix[:2, 2]) * (1.0 + change.scale * parts[14]) + rig.lens.matrix[:2, 2]
         line = line + change.picture_px * parts[9:11] + rigs.CENTRELINE_PX * rng.normal(size=line.shape)
+        end = rigs.seen_tip(rig, shape, index, held[index], truth[:2], given.tip_m) + rigs.TIP_PX * ends.normal(size=2)
+        end = (end - rig.lens.matrix[:2, 2]) * (1.0 + change.scale * parts[14]) + rig.lens.matrix[:2, 2]
+        tip_px = np.append(end + change.picture_px * parts[9:11], rigs.TIP_PX)
         sigma = np.full(len(line), rigs.CENTRELINE_PX)
-        frames.append(Measured(line, sigma, float(readings[index]), float(pan[index]), float(tilt[index])))
+        angles = float(pan[index]), float(tilt[index])
+        frames.append(Measured(line, sigma, float(readings[index]), *angles, tip_px=tip_px))
     return Recording(frames, np.where(size_N > 0.0, distance, np.nan))
 
 
@@ -181,7 +187,8 @@ def estimated(rig: Rig, way: str, recording: Recording) -> list[Contact]:
         return list(estimator.run(recording.frames))
     frames = recording.frames
     columns = ([getattr(one, name) for one in frames] for name in ("points_px", "moment_Nm", "pan_rad", "tilt_rad"))
-    return list(estimator.estimate_batch(*columns, sigma_px=rigs.CENTRELINE_PX))
+    tips = np.array([one.tip_px for one in frames])
+    return list(estimator.estimate_batch(*columns, sigma_px=rigs.CENTRELINE_PX, tips_px=tips))
 
 
 @dataclass(frozen=True, eq=False)
