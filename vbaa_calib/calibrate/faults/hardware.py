@@ -232,7 +232,7 @@ def _refitted(free: BundleAdjustment, gravity_m_s2: np.ndarray) -> tuple[float, 
         now = moved
         if after > (1 - _CONVERGED) * before:
             break
-    blocks, _ = problem.evaluate(now.parameters)
+    blocks = problem.evaluate(now.parameters).points
     # the points' own: a bow that is not ordinary is no sign of another gravity
     points = now.residuals[: -now.certain]
     return 2.0 * float(huber_losses(points).sum()), noise_scale([block[:, 0] for block in blocks])
@@ -293,7 +293,7 @@ def sensor_diagnoses(
     drift : of its readings, N·m `per` s or row; None where it is not known.
     moments_known : the loads are what was noted. If not, only an unconnected sensor can be recognised.
     """
-    _, moments = joint.problem.evaluate(joint.solution.parameters)
+    moments = joint.problem.evaluate(joint.solution.parameters).moments
     read = np.array([one.still.moment_Nm for one in joint.noted])[joint.kept]
     true = moments[joint.kept, 0]
     if len(read) < 3 or not np.isfinite(read).all() or np.ptp(true) / std_Nm < _LEAST_SPREAD_STD:
