@@ -20,14 +20,26 @@ from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import SolveError
 from vbaa_calib.geometry import Kinematics
 from vbaa_calib.rig import RIG_PARAMETERS
-from vbaa_calib.session import Load, NominalAntenna, Session, Still
+from vbaa_calib.session import Load, LoadReadings, NominalAntenna, Session, Still
 
-from ..rod_scenes import BROWN, GRAVITY_WORLD, LENGTH_M, MATRIX, World, along, camera_pose, gravity_antenna, seen
+from ..rod_scenes import (
+    BROWN,
+    GRAVITY_WORLD,
+    LENGTH_M,
+    MATRIX,
+    TIP_PX,
+    World,
+    along,
+    camera_pose,
+    gravity_antenna,
+    seen,
+)
 
 CAMERA = Camera("opencv", (960, 720), MATRIX, BROWN)
 NOMINAL = NominalAntenna(LENGTH_M, 0.8e-3, 193e9, 7900.0)
 POSE_COVARIANCE = np.diag([3e-4**2] * 3 + [1e-4**2] * 3)
 TRUE = World(camera_pose(0.6, 1.0))
+RULER = LoadReadings(5e-4, 5e-3)
 TILTS = (0.0, 0.5, -0.4, 0.9)
 LOADS = [(0.12, 0.08), (0.18, -0.04), (0.22, 0.03), (0.15, 0.05)]
 
@@ -50,8 +62,13 @@ def observed(
     claimed: float = 1.0,
     points: int = 200,
     softer_to_z: float = 1.0,
+    tip_m: float | None = None,
+    line_px: float = 0.0,
 ) -> list[Observation]:
     """What the camera sees of the stills, and what the sensor reads; deviations `claimed` times the true ones.
+
+    The antenna's end, `tip_m` beyond its length, is seen where that is given. Lines are off by smooth curves of
+    deviation `line_px`.
 
     Loads to z act `softer_to_z` times as strongly on the shape as they do on the sensor.
     """
@@ -67,7 +84,15 @@ def observed(
         sensor, pressed = world.sensor, solve_rod(world.rod, gravity[None], contact, force[None])
         reading = -sensor.gain * pressed.clamp_moment_Nm[0, 1] + sensor.offset_Nm + rng.normal(0.0, sensor.std_Nm)
         read = replace(still, moment_Nm=float(reading))
+        if line_px:
+            across = np.gradient(pixels, axis=0)[len(pixels) // 2][::-1] * [-1.0, 1.0]
+            off = np.polynomial.legendre.legval(np.linspace(-1.0, 1.0, points), line_px * rng.normal(size=3))
+            pixels = pixels + off[:, None] * across / np.linalg.norm(across)
         result.append(Observation(read, pixels, np.full(points, claimed * sigma_px), gravity))
+        if tip_m is not None:
+            before, end = seen(world.T_antenna_camera, along(bent, np.array([LENGTH_M - 1e-3, LENGTH_M])))
+            tip_px = end + 1e3 * tip_m * (end - before) + rng.normal(0.0, TIP_PX, 2)
+            result[-1] = replace(result[-1], tip_px=tip_px, tip_std_px=TIP_PX)
     return result
 
 
@@ -76,6 +101,86 @@ def solved(observations: list[Observation], rng: np.random.Generator) -> BundleA
     start = TRUE.T_antenna_camera.retract(np.sqrt(np.diag(POSE_COVARIANCE)) * rng.normal(size=6))
     before = prior(NOMINAL, CAMERA, [PoseEstimate("jig", start, POSE_COVARIANCE, np.zeros((6, 8)))])
     return adjust_bundle(observations, before, LENGTH_M, TRUE.sensor.std_Nm)
+
+
+def with_tips(tip_m: float, seed: int, known_m: float = 5e-5) -> tuple[BundleAdjustment, BundleAdjustment]:
+    """One rig from stills whose camera is known to a millimetre, without and with the antenna's end in them."""
+    rng = np.random.default_rng(seed)
+    loose = np.diag([1e-3**2] * 6)
+    start = TRUE.T_antenna_camera.retract(1e-3 * rng.normal(size=6))
+    before = prior(NOMINAL, CAMERA, [PoseEstimate("jig", start, loose, np.zeros((6, 8)))], readings=RULER)
+    before = replace(before, tip_std_m=known_m)
+    observations = observed(TRUE, rng, tip_m=tip_m)
+    blind = [replace(one, tip_std_px=np.nan) for one in observations]
+    alone, both = (adjust_bundle(each, before, LENGTH_M, TRUE.sensor.std_Nm) for each in (blind, observations))
+    return alone, both
+
+
+def end_variance(joint: BundleAdjustment) -> float:
+    """Variance (m²) along the antenna of where the camera's pose puts the end that it sees."""
+    pose = joint.T_antenna_camera
+    end = pose.inverse() @ np.array([LENGTH_M, 0.0, 0.0])
+    moved = [(pose.retract(step) @ end)[0] for step in 1e-6 * np.eye(6)]
+    slope = (np.array(moved) - LENGTH_M) / 1e-6
+    return float(slope @ joint.covariance[:6, :6] @ slope)
+
+
+def test_the_antennas_end_tells_where_the_camera_is_along_it() -> None:
+    rng = np.random.default_rng(11)
+    z, offsets = [], []
+    for seed in range(3):
+        tip_m = float(5e-5 * rng.normal())
+        alone, both = with_tips(tip_m, seed)
+        assert alone.tip is None
+        assert both.tip is not None
+        z.append(errors(both)[:6] / np.sqrt(np.diag(both.covariance))[:6])
+        offsets.append((both.tip.offset_m - tip_m) / both.tip.std_m)
+        # of the end in plane C, by the camera's turn and place
+        blind, told = (end_variance(each) for each in (alone, both))
+        assert told < 0.5 * blind
+        whole = np.block(
+            [
+                [both.covariance, both.tip.covariance[:, None]],
+                [both.tip.covariance[None], np.array([[both.tip.std_m**2]])],
+            ]
+        )
+        std = np.sqrt(np.diag(whole))
+        assert np.linalg.eigvalsh(whole / np.outer(std, std)).min() > 0
+    assert 0.3 < np.mean(np.square(z)) < 2.5
+    assert np.sqrt(np.mean(np.square(offsets))) < 2.2
+
+
+def test_ends_that_contradict_the_length_are_not_used() -> None:
+    alone, both = with_tips(8e-3, 3)
+    assert both.tip is None
+    assert both.tip_gap_std > 4
+    np.testing.assert_allclose(both.parameters, alone.parameters, rtol=1e-9, atol=1e-12)
+
+
+def test_an_end_that_lies_off_the_others_is_left_out() -> None:
+    rng = np.random.default_rng(4)
+    observations = observed(TRUE, rng, tip_m=0.0)
+    hidden = replace(observations[5], tip_px=observations[5].tip_px + np.array([12.0, 3.0]))
+    before = prior(NOMINAL, CAMERA, [PoseEstimate("jig", TRUE.T_antenna_camera, POSE_COVARIANCE, np.zeros((6, 8)))])
+    joint = adjust_bundle([*observations[:5], hidden, *observations[6:]], before, LENGTH_M, TRUE.sensor.std_Nm)
+    assert joint.problem.tips.tolist() == [index for index in range(len(observations)) if index != 5]
+
+
+def test_errors_that_a_line_shares_are_in_the_covariance() -> None:
+    """Lines off by a hundredth of a pixel, all along: white noise alone would claim far too much."""
+    whole: dict[float, list[float]] = {0.0: [], 0.01: []}
+    for seed in range(2):
+        rng = np.random.default_rng((12, seed))
+        observations = observed(TRUE, rng, line_px=0.01)
+        for line_px, found in whole.items():
+            start = TRUE.T_antenna_camera.retract(np.sqrt(np.diag(POSE_COVARIANCE)) * rng.normal(size=6))
+            estimate = PoseEstimate("jig", start, POSE_COVARIANCE, np.zeros((6, 8)))
+            joint = adjust_bundle(
+                observations, prior(NOMINAL, CAMERA, [estimate], line_px=line_px), LENGTH_M, TRUE.sensor.std_Nm
+            )
+            found.append(errors(joint) @ np.linalg.solve(joint.covariance, errors(joint)) / 17)
+    assert np.mean(whole[0.0]) > 1.5 * np.mean(whole[0.01])
+    assert 0.4 < np.mean(whole[0.01]) < 2.0
 
 
 def errors(joint: BundleAdjustment) -> np.ndarray:
