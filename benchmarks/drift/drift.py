@@ -88,6 +88,8 @@ class Row:
     usable : share of contacts that are located. lost : share of those that were so without the change, and are not now.
     silent : share of located contacts whose distance is off by over five deviations. worst : the largest of these.
     ratio : l_rms_mm over that without the change, drift ignored, of the contacts that are located in both.
+    bound : what can be known at best, as the same ratio: of the deviations that the information in the frames leaves, with
+        all that may have changed unknown (`NONE`: nothing).
     held : share of distances within their 95 % intervals. free : share of free frames that are so called.
     """
 
@@ -101,6 +103,7 @@ class Row:
     l_rms_mm: float = column("l rms mm", ".2f")
     l_median_mm: float = column("median", ".2f")
     ratio: float = column("× unchanged", ".2f")
+    bound: float = column("bound", ".2f")
     held: float = column("held %", ".1f", 100.0)
     free: float = column("free %", ".1f", 100.0)
     frame_ms: float = column("ms a frame", ".1f")
@@ -233,7 +236,7 @@ def _draws(options: Options) -> Iterator[tuple[rigs.Draw, int]]:
 
 
 def _row(change: str, way: str, several: Sequence[_Judged], base: Sequence[_Judged]) -> Row:
-    error, std, free, touched, before = (
+    error, std, free, touched, before, std_before = (
         np.concatenate(parts)
         for parts in (
             [one.error_m for one in several],
@@ -241,6 +244,7 @@ def _row(change: str, way: str, several: Sequence[_Judged], base: Sequence[_Judg
             [one.free for one in several],
             [one.touched for one in several],
             [one.error_m for one in base],
+            [one.std_m for one in base],
         )
     )
     located, was = touched & np.isfinite(error), touched & np.isfinite(before)
@@ -257,6 +261,7 @@ def _row(change: str, way: str, several: Sequence[_Judged], base: Sequence[_Judg
         l_rms_mm=1e3 * rms(error[located]),
         l_median_mm=1e3 * float(np.median(np.abs(error[located]))) if located.any() else float("nan"),
         ratio=rms(error[both]) / rms(before[both]),
+        bound=rms(std[both]) / rms(std_before[both]),
         held=float((off < 1.96).mean()) if len(off) else float("nan"),
         free=float(free[~touched].mean()),
         frame_ms=1e3 * sum(one.seconds for one in several) / len(touched),
