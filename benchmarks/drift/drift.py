@@ -88,8 +88,8 @@ class Row:
     usable : share of contacts that are located. lost : share of those that were so without the change, and are not now.
     silent : share of located contacts whose distance is off by over five deviations. worst : the largest of these.
     ratio : l_rms_mm over that without the change, drift ignored, of the contacts that are located in both.
-    bound : what can be known at best, as the same ratio: of the deviations that the information in the frames leaves, with
-        all that may have changed unknown (`NONE`: nothing).
+    bound : the same of the deviations that the frames' information leaves, with what may have changed unknown: what can
+        be known at best.
     held : share of distances within their 95 % intervals. free : share of free frames that are so called.
     """
 
