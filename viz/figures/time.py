@@ -74,19 +74,32 @@ def curve(
     value: np.ndarray,
     std: np.ndarray,
     truth: np.ndarray | None = None,
+    shared: np.ndarray | None = None,
     meaning: str = "estimate ± 2 std",
 ) -> Axes:
     """One quantity over time: points, band of two standard deviations, truth as a line.
 
+    With the part of the deviations that all frames share, the band shows that part, and bars each frame's own.
+
     Parameters
     ----------
-    value, std, truth : (B,) in one unit, NaN where there is none. meaning : of points and band, for the legend.
+    value, std, truth, shared : (B,) in one unit, NaN where there is none.
+    meaning : of points and band, for the legend.
     """
     # the values with their usual bands: the band of a frame that is hardly known is cut
     usual = 2 * np.where(np.isfinite(std), np.minimum(std, 5 * _usual(std)), 0.0)
     axes = clock.axes(title, limits(value - usual, value + usual, [] if truth is None else truth))
-    spread = 2 * np.where(np.isfinite(std), std, 0.0)
+    apart = shared is not None and bool(np.isfinite(shared).any())
+    spread = 2 * np.nan_to_num(shared if apart and shared is not None else std)
     _bands(axes, clock, value - spread, value + spread, ESTIMATE)
+    if apart:
+        own = 2 * np.sqrt(np.clip(np.nan_to_num(std) ** 2 - (spread / 2) ** 2, 0.0, None))
+        known = np.isfinite(value)
+        x, low, _, high = clock.gathered(clock.time_s[known], (value - own)[known], (value + own)[known])
+        if known.sum() <= MOST_DOTS:
+            x, low, high = clock.time_s[known], (value - own)[known], (value + own)[known]
+        bars(axes, x, low, high, f"{ESTIMATE}99")
+        meaning = "estimate ± 2 std, its own"
     if truth is not None:
         _lines(axes, clock, truth, TRUTH, 1.6)
         known = np.isfinite(truth)
@@ -94,7 +107,8 @@ def curve(
         _points(axes, clock, np.where(alone | (known.sum() > MOST_DOTS), truth, np.nan), TRUTH, 3.0)
     _lines(axes, clock, value, f"{ESTIMATE}77", 0.8)
     _points(axes, clock, value, ESTIMATE)
-    legend(axes, [(ESTIMATE, meaning, "dot"), *([] if truth is None else [(TRUTH, "truth", "line")])])
+    both = [(ESTIMATE, "shared", "band")] if apart else []
+    legend(axes, [(ESTIMATE, meaning, "dot"), *both, *([] if truth is None else [(TRUTH, "truth", "line")])])
     return axes
 
 

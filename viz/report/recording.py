@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from estimator.object.estimate import ObjectEstimate
     from estimator.object.track import Event, Track
 
+_DRIFT_COLOURS = ("#0072b2", "#c2410c", "#334155", "#7c3aed")
 ALONG, ACROSS, RESIDUAL, RINGING = "#0072b2", "#c2410c", "#334155", "#7c3aed"
 MOST_ROWS = 500
 SummaryRow = tuple[str, float, str, float | None]
@@ -85,6 +86,7 @@ def page(report: Report) -> str:
         **_contacts(report),
         summary=_summary_table(report.summary),
         drift=_drift_table(report.drift),
+        drift_figure=_drift_figure(report.drift),
         contacts=_contacts_table(table, None if track is None else track.phase.tolist()),
         glossary=glossary(),
         origin=Table((), report.origin),
@@ -126,19 +128,20 @@ def _colours(kinds: Mapping[str, tuple[str, str]]) -> dict[str, str]:
     return {name: colour for name, (colour, _) in kinds.items()}
 
 
-def _quantities(report: Report) -> list[tuple[str, np.ndarray, np.ndarray, np.ndarray | None]]:
-    """Title with its unit, value, deviation and truth of what was estimated of each frame."""
+def _quantities(report: Report) -> list[tuple[str, np.ndarray, np.ndarray, np.ndarray | None, np.ndarray | None]]:
+    """Title with its unit, value, deviation, truth and shared deviation of what was estimated of each frame."""
     table, truth, located = report.table, report.truth, report.table.located
     found = []
-    for name, words in (
-        ("distance_m", "contact distance l along the antenna"),
-        ("force_y_N", "force f_y"),
-        ("force_z_N", "force f_z"),
+    for name, words, shared in (
+        ("distance_m", "contact distance l along the antenna", table.distance_shared_std_m),
+        ("force_y_N", "force f_y", table.force_shared_std_N[:, 1]),
+        ("force_z_N", "force f_z", table.force_shared_std_N[:, 2]),
     ):
         unit, scale = shown_unit(name)
-        value, std = (np.where(located, scale * one, np.nan) for one in (getattr(table, name), _std(table, name)))
+        columns = (getattr(table, name), _std(table, name), shared)
+        value, std, common = (np.where(located, scale * one, np.nan) for one in columns)
         true = None if truth is None else scale * getattr(truth, name)
-        found.append((f"{words}, {unit}", value, std, true))
+        found.append((f"{words}, {unit}", value, std, true, common))
     y, z = table.force_y_N, table.force_z_N
     size = np.where(located, np.hypot(y, z), np.nan)
     y_part, z_part = np.abs(y) * table.force_y_std_N, np.abs(z) * table.force_z_std_N
@@ -146,7 +149,7 @@ def _quantities(report: Report) -> list[tuple[str, np.ndarray, np.ndarray, np.nd
     crossed = np.where(np.isfinite(table.force_covariance_yz_N2), y * z * table.force_covariance_yz_N2, y_part * z_part)
     std = np.sqrt(np.clip(y_part**2 + z_part**2 + 2 * crossed, 0.0, None)) / np.where(size > 0, size, np.nan)
     true = None if truth is None else scale * np.hypot(truth.force_y_N, truth.force_z_N)
-    return [*found, (f"force across the antenna, |f|, {unit}", scale * size, scale * std, true)]
+    return [*found, (f"force across the antenna, |f|, {unit}", scale * size, scale * std, true, None)]
 
 
 def _std(table: ContactTable, name: str) -> np.ndarray:
@@ -203,6 +206,21 @@ def _drift_table(drift: Mapping[str, Any] | None) -> Table:
         for name, one in drift["parameters"].items()
     ]
     return Table(("parameter", "change", "std", "thought possible, std", ""), rows, ("parameter",))
+
+
+def _drift_figure(drift: Mapping[str, Any] | None) -> Markup | None:
+    """What has changed most, over time, in the deviations that were thought possible; None with one lot of frames."""
+    past = [one for one in (drift or {}).get("over_time", []) if one["time_s"] is not None]
+    if drift is None or len(past) < 2:
+        return None
+    names, prior = zip(*((name, one["prior_std"]) for name, one in drift["parameters"].items()), strict=True)
+    size = len(names)
+    change = np.array([one["change"][:size] for one in past]) / np.maximum(prior, 1e-300)
+    most = np.argsort(-np.abs(change).max(axis=0))[: len(_DRIFT_COLOURS)]
+    clock = TimeAxis(np.array([one["time_s"] for one in past], float))
+    values = [(names[index], colour, change[:, index]) for index, colour in zip(most, _DRIFT_COLOURS, strict=True)]
+    title = "change since the calibration, in std of what was thought possible"
+    return clock.svg(signals(clock, title, values, np.ones(len(past)), "what was thought possible"))
 
 
 def _events_table(events: Sequence[Event]) -> Table:
