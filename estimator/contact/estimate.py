@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections import deque
+from collections.abc import Generator, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
 
@@ -33,6 +34,8 @@ CHUNK, CHUNK_ON_DEVICE = 512, 1024
 """Frames that are solved at once: on the processor their arrays stay in its cache."""
 STREAM = 64
 """Frames of a recording that are solved at once, each chunk from where the one before ended."""
+MOST_WAITING = 1024
+"""Frames of a recording that wait for its first free frames."""
 SINGLE = 4
 """Batches up to this size stay on the processor."""
 PROCESSOR = "cpu"
@@ -147,20 +150,33 @@ class ContactEstimator:
         """A recording frame by frame, in order and in constant memory.
 
         Frames are taken `STREAM` at a time, and the solver begins at the last contact before them. Frames with times
-        are tested for motion with those around them (`motion`), so that a contact comes out a little later. With
-        `live` each frame is answered as it comes, tested with those before it.
+        are tested for motion with those around them (`motion`), so that a contact comes out a little later. A recording
+        that begins with contacts waits for its first free frames, `MOST_WAITING` frames at most: they say how the rig
+        has changed. With `live` each frame is answered as it comes, tested with those before it.
         """
         frames, warm = iter(recording), None
-        motion, now = MotionCheck(self.rig, live), self
+        motion, now, waiting = MotionCheck(self.rig, live), self, deque[list[Measured]]()
         while several := list(islice(frames, 1 if live else STREAM)):
-            batch = Batch.of(several, warm)
-            now = now._after_free_frames(batch, max(each.time_s for each in several))
+            now = now._after_free_frames(Batch.of(several), max(each.time_s for each in several))
             self.drift = now.drift
-            found = now._contacts(batch, Beam.of(self.rig))
-            located = np.flatnonzero(np.isfinite(found.distance_m))
-            warm = found.numbers.unknowns[located[-1]] if len(located) else None
-            yield from motion.push(several, found)
+            waiting.append(several)
+            unknown = now.drift.frames == 0 and self.rig.drift.of_rig and not live
+            if unknown and sum(map(len, waiting)) < MOST_WAITING:
+                continue
+            while waiting:
+                warm = yield from now._pushed(waiting.popleft(), warm, motion)
+        while waiting:
+            warm = yield from now._pushed(waiting.popleft(), warm, motion)
         yield from motion.finish()
+
+    def _pushed(
+        self, several: list[Measured], warm: np.ndarray | None, motion: MotionCheck
+    ) -> Generator[Contact, None, np.ndarray | None]:
+        """Contacts as motion lets them go, and the unknowns of the last one located."""
+        found = self._contacts(Batch.of(several, warm), motion.beam)
+        yield from motion.push(several, found)
+        located = np.flatnonzero(np.isfinite(found.distance_m))
+        return found.numbers.unknowns[located[-1]] if len(located) else None
 
     def _after_free_frames(self, batch: Batch, time_s: float) -> ContactEstimator:
         """The estimator for the rig as it is by now: what the free ones of some frames tell of its drift is learnt."""

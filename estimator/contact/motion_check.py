@@ -27,7 +27,8 @@ class MotionCheck:
     """
 
     def __init__(self, rig: Rig, live: bool) -> None:
-        self._rig, self._motion = rig, Motion(Beam.of(rig), live)
+        self.beam = Beam.of(rig)
+        self._rig, self._motion = rig, Motion(self.beam, live)
         self._waiting: deque[tuple[Contact, np.ndarray]] = deque()
 
     def push(self, several: Sequence[Measured], found: Contacts) -> Iterator[Contact]:

@@ -71,6 +71,17 @@ def test_free_frames_tell_what_has_changed(given: Draw, rig: Rig) -> None:
     assert told["beyond"] == []
 
 
+def test_contacts_wait_for_the_free_frames_that_come_after_them(given: Draw, rig: Rig) -> None:
+    recording = recorded(given, ALL, (2,))
+    free, touched = recording.frames[:FREE], recording.frames[FREE:]
+    estimator = ContactEstimator(replace(rig, drift=LAB))
+    # more than are solved at once
+    late, first = list(estimator.run([*3 * touched, *free])), list(estimator.run([*free, *touched]))
+    assert [one.status for one in late[: len(touched)]] == [one.status for one in first[FREE:]]
+    before, after = ([one.distance_std_m for one in part] for part in (late[: len(touched)], first[FREE:]))
+    np.testing.assert_allclose(before, after, rtol=0.15)
+
+
 def test_free_frames_give_back_what_drift_costs(given: Draw, rig: Rig) -> None:
     recording = recorded(given, Change("nothing"), (2,))
     ignored, unseen, seen = (
