@@ -7,6 +7,7 @@ from .settings import (
     LoadReadings,
     MomentSensor,
     NominalAntenna,
+    NominalTip,
     OverBoard,
     Session,
     gravity_antenna,

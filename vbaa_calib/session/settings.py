@@ -59,7 +59,7 @@ class MomentSensor:
 
 
 @dataclass(frozen=True)
-class Tip:
+class NominalTip:
     """How well the visible end is known to lie at `length_m`; by it the pictures tell the camera's distance."""
 
     length_std_m: Annotated[Number, Field(ge=0, le=0.1, description="standard deviation of length_m")] = 3e-4
@@ -80,7 +80,7 @@ class NominalAntenna:
     diameter_m: Diameter
     youngs_modulus_Pa: Annotated[Number, Field(ge=1e5, le=2e12)]
     density_kg_m3: Annotated[Number, Field(ge=10, le=3e4)]
-    tip: Tip | None = Tip()
+    tip: NominalTip | None = NominalTip()
 
     @property
     def tip_std_m(self) -> float | None:
