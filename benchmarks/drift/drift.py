@@ -188,10 +188,7 @@ def estimated(rig: Rig, way: str, recording: Recording) -> list[Contact]:
     estimator = ContactEstimator(replace(rig, drift=Drift() if way == NONE else DRIFTS["lab"]))
     if way == SEEN:
         return list(estimator.run(recording.frames))
-    frames = recording.frames
-    columns = ([getattr(one, name) for one in frames] for name in ("points_px", "moment_Nm", "pan_rad", "tilt_rad"))
-    tips = np.array([one.tip_px for one in frames])
-    return list(estimator.estimate_batch(*columns, sigma_px=rigs.CENTRELINE_PX, tips_px=tips))
+    return list(estimator.measure_batch(recording.frames))
 
 
 @dataclass(frozen=True, eq=False)

@@ -88,7 +88,6 @@ class ContactEstimator:
         tilt: float,
         sigma_px: np.ndarray | float | None = None,
         moment_z: float | None = None,
-        tip_px: np.ndarray | None = None,
     ) -> Contact:
         """One frame.
 
@@ -99,8 +98,6 @@ class ContactEstimator:
         pan, tilt : joint angles, rad.
         sigma_px : standard deviation across the antenna, one or (N,); by default what the rig's own pictures showed.
         moment_z : reading of a second sensor about z, if the rig has one.
-        tip_px : (3,) the antenna's visible end, and its deviation along the antenna; without it less is known of how
-            far the camera is.
 
         Raises
         ------
@@ -113,10 +110,7 @@ class ContactEstimator:
         if sigma is not None and sigma.shape not in ((), points.shape[:1]):
             raise InputError(f"sigma_px has shape {sigma.shape}", remedy="give one number or (N,) of them")
         sigma = sigma if sigma is None or sigma.ndim == 0 else sigma[None]
-        tips = None if tip_px is None else np.asarray(tip_px, float)[None]
-        return self.estimate_batch(
-            points[None], [moment], [pan], [tilt], sigma_px=sigma, moments_z=[moment_z], tips_px=tips
-        )[0]
+        return self.estimate_batch(points[None], [moment], [pan], [tilt], sigma_px=sigma, moments_z=[moment_z])[0]
 
     def estimate_batch(
         self,
@@ -127,7 +121,6 @@ class ContactEstimator:
         *,
         sigma_px: np.ndarray | float | None = None,
         moments_z: Sequence[float | None] | np.ndarray | None = None,
-        tips_px: np.ndarray | None = None,
     ) -> Contacts:
         """B frames at once: a sequence of `Contact`, and its columns as arrays.
 
@@ -136,7 +129,6 @@ class ContactEstimator:
         centrelines_px : (B, N, 2), or B arrays (N_i, 2) of their own lengths; rows with NaN are ignored.
         moments, moments_z : (B,) N·m, None or an entry None or NaN for vision alone. pans, tilts : (B,) rad.
         sigma_px : one, (B, 1) or (B, N); by default what the rig's own pictures showed.
-        tips_px : (B, 3) the antenna's visible end and its deviation along the antenna, NaN where it is not seen.
 
         Raises
         ------
@@ -144,7 +136,7 @@ class ContactEstimator:
         """
         readings: dict[str, Values] = {"moments": moments, "moments_z": moments_z}
         joints: dict[str, Values] = {"pans": pans, "tilts": tilts}
-        return self._contacts(Batch.checked(self.rig, centrelines_px, readings, joints, sigma_px, tips_px))
+        return self._contacts(Batch.checked(self.rig, centrelines_px, readings, joints, sigma_px))
 
     def run(self, recording: Iterable[Measured], *, live: bool = False) -> Iterator[Contact]:
         """A recording frame by frame, in order and in constant memory.
@@ -191,7 +183,11 @@ class ContactEstimator:
 
     def measure(self, measured: Measured) -> Contact:
         """One frame that was checked already."""
-        return self._contacts(Batch.of([measured]))[0]
+        return self.measure_batch([measured])[0]
+
+    def measure_batch(self, several: Sequence[Measured]) -> Contacts:
+        """Frames that were checked already, each by itself: unlike the other calls also with the antenna's end."""
+        return self._contacts(Batch.of(several))
 
     def rough(self, several: Sequence[Measured]) -> list[RoughFit | None]:
         """A quick fit of each frame on a low rung. None with too few points."""

@@ -83,7 +83,6 @@ class Batch:
         readings: dict[str, Values],
         joints: dict[str, Values],
         sigma_px: np.ndarray | float | None,
-        tips_px: np.ndarray | None = None,
     ) -> Batch:
         """Frames as users give them, with readings about y and z, and pan and tilt, by name. Raises InputError."""
         points = _padded(centrelines_px)
@@ -95,10 +94,8 @@ class Batch:
             if np.isinf(values).any():
                 raise InputError(f"one of {name} is infinite", remedy="give N·m, or None where there is no reading")
         sigma = _deviations(points, rig.image.noise_px if sigma_px is None else sigma_px)
-        tips = np.full((len(points), 3), np.nan) if tips_px is None else np.asarray(tips_px, float)
-        if tips.shape != (len(points), 3) or (tips[:, 2] <= 0.0).any():
-            raise InputError("tips are not (B, 3) with positive deviations", remedy="give u, v and their deviation, px")
-        return Batch(*_in_order(points, sigma), np.stack(list(moments.values()), axis=-1), tips, *angles)
+        no_tips = np.full((len(points), 3), np.nan)
+        return Batch(*_in_order(points, sigma), np.stack(list(moments.values()), axis=-1), no_tips, *angles)
 
 
 def checked_device(name: str) -> torch.device:

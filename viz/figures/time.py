@@ -75,7 +75,6 @@ def curve(
     std: np.ndarray,
     truth: np.ndarray | None = None,
     shared: np.ndarray | None = None,
-    meaning: str = "estimate ± 2 std",
 ) -> Axes:
     """One quantity over time: points, band of two standard deviations, truth as a line.
 
@@ -84,11 +83,11 @@ def curve(
     Parameters
     ----------
     value, std, truth, shared : (B,) in one unit, NaN where there is none.
-    meaning : of points and band, for the legend.
     """
     # the values with their usual bands: the band of a frame that is hardly known is cut
     usual = 2 * np.where(np.isfinite(std), np.minimum(std, 5 * _usual(std)), 0.0)
     axes = clock.axes(title, limits(value - usual, value + usual, [] if truth is None else truth))
+    meaning = "estimate ± 2 std" if np.isfinite(std).any() else "each frame"
     apart = shared is not None and bool(np.isfinite(shared).any())
     spread = 2 * np.nan_to_num(shared if apart and shared is not None else std)
     _bands(axes, clock, value - spread, value + spread, ESTIMATE)

@@ -114,7 +114,7 @@ def _over_time(report: Report) -> list[Markup]:
     if rig is None:
         unit, scale = shown_unit("moment_residual_Nm")
         nothing = np.full(len(table), np.nan)
-        drawn.append(curve(clock, f"{title}, {unit}", scale * residual, nothing, meaning="residual"))
+        drawn.append(curve(clock, f"{title}, {unit}", scale * residual, nothing))
     else:
         title += ", in std of the sensor's noise"
         scaled = [("residual", RESIDUAL, residual / rig.moment_sensor.std_Nm)]

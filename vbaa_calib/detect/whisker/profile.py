@@ -19,7 +19,7 @@ from .centreline import NOTHING, Centreline
 from .crossings import Crossings, crossings
 from .line_shape import Binned, Fits, LineShape, between_flanks, binned, expected, fit, learn, nearest, tapering
 from .path_refinement import refine_path
-from .visible_end import visible_end
+from .visible_end import Look, visible_end
 
 SEEN_RATIO = 4.5
 """Least height over its standard deviation for a profile to count as seen."""
@@ -111,7 +111,7 @@ def _measured(image: np.ndarray, path_px: np.ndarray, width_px: float, half: int
     breadth = lines.shape.half_width_px / _ordinary(width_px, half).half_width_px
     line = FittedLine(lines.centre, course, sigma, kept, lines.fits.height, lines.noise, breadth)
     measured = accepted(found, line)
-    end = visible_end(image, bright, measured.guide_px, kept, lines.shape, half, lines.noise)
+    end = visible_end(image, measured.guide_px, kept, Look(lines.shape, half, lines.noise, bright))
     return replace(measured, end_px=end.end_px, end_std_px=end.std_px, end=end.end)
 
 

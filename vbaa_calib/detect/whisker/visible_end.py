@@ -64,23 +64,24 @@ class _Step:
     rms: float
 
 
-def visible_end(
-    image: np.ndarray,
-    bright: bool,
-    path_px: np.ndarray,
-    seen: np.ndarray,
-    shape: LineShape,
-    half: int,
-    noise: float,
-) -> VisibleEnd:
-    """The end of a measured line.
+@dataclass(frozen=True, eq=False)
+class Look:
+    """What the line looks like: its cross-section, seen in profiles of 2·half + 1 pixels with this noise, grey levels;
+    whether it is brighter than its background."""
+
+    shape: LineShape
+    half: int
+    noise: float
+    bright: bool
+
+
+def visible_end(image: np.ndarray, path_px: np.ndarray, seen: np.ndarray, look: Look) -> VisibleEnd:
+    """The end of a line in an (H, W) picture.
 
     Parameters
     ----------
-    image : (H, W) grey levels. bright : the line is brighter than its background.
     path_px : (K, 2) the line, from the clamp to where a whole antenna ends; bridged where it is hidden.
     seen : (K,) where it was measured.
-    shape : its cross-section. half : of a profile, px. noise : of a pixel, grey levels.
     """
     last = int(np.flatnonzero(seen)[-1])
     nothing = VisibleEnd(path_px[last], np.nan, "hidden")
@@ -89,11 +90,11 @@ def visible_end(
     beyond = _continued(path_px, seen, last, along)
     if beyond is None:
         return nothing
-    found = crossings(image, beyond, half, bright)
+    found = crossings(image, beyond, look.half, look.bright)
     here = found.along  # from the first point of the path that is looked at
     if len(here) < 12:
         return nothing
-    fits = fit(shape, found, np.zeros(len(here)))
+    fits = fit(look.shape, found, np.zeros(len(here)))
     last_at = float(_lengths(beyond)[np.hypot(*(beyond - path_px[last]).T).argmin()])
     before = found.inside & (here < last_at - 4.0)
     if before.sum() < 8:
@@ -111,13 +112,13 @@ def visible_end(
         # bent towards the camera, it is longer in the picture than a whole antenna of the corridor
         path = np.vstack([path_px[: last + 1], found.moved(fits.shift)[on]])
         longer = np.concatenate([seen[: last + 1], np.ones(len(on), bool)])
-        return visible_end(image, bright, path, longer, shape, half, noise)
-    step = _fitted(here[used], fits.height[used] / usual, noise * fits.unit_height[used] / usual)
+        return visible_end(image, path, longer, look)
+    step = _fitted(here[used], fits.height[used] / usual, look.noise * fits.unit_height[used] / usual)
     if step is None or (edge and here[used[-1]] < step.place + CLEAN_PX + 2.0 * step.blur):
         return VisibleEnd(path_px[last], np.nan, "border" if edge else "hidden")
     shorter_px = whole - along[last] - (step.place - last_at)
     ground = found.profiles[:, [0, 1, -2, -1]].mean(axis=1) / usual  # beside the line
-    kind = _kind(_Seen(here[used], fits.height[used] / usual, ground[used], fits.rms[used] / noise), step)
+    kind = _kind(_Seen(here[used], fits.height[used] / usual, ground[used], fits.rms[used] / look.noise), step)
     if kind == "tip" and shorter_px > max(SHORTER * whole, SHORTER_PX):
         kind = "unsure"
     if kind == "hidden":
