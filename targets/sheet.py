@@ -160,8 +160,6 @@ _ADVICE = (
 class Layout:
     """A sheet's measures, mm, from the page's upper left corner.
 
-    Attributes
-    ----------
     board_x, board_y : the board's first corner. quiet : white that is kept around the board, at least.
     ruler_x, ruler_y : lengths of the rulers along x and y.
     header : lines of text; their room is `header_height`, which the QR code beside them may need too.

@@ -24,8 +24,6 @@ _FLOATS = ("float32", "float64")
 class Working:
     """An input made ready for work, and the way back.
 
-    Attributes
-    ----------
     xp : numpy or torch.
     values : the input in float64, or in float32 on a device that has no float64.
     restore : takes a result to the input's dtype.

@@ -17,8 +17,6 @@ class VbaaError(Exception):
 class InputError(VbaaError):
     """Something that came from outside is wrong: a file, a value, a call.
 
-    Parameters
-    ----------
     what : what is wrong, in one clause.
     where : file, and row or key, if there is one.
     remedy : what the user can do about it.

@@ -28,8 +28,6 @@ _Point = TypeVar("_Point", bound=_HasCost)
 class Rules:
     """When a descent ends.
 
-    Attributes
-    ----------
     iterations : at most.
     tolerance, standstill : it ends at a step that promises to lower the cost by less than this share, or this amount.
     takes_last : whether that step is still taken. Where the slopes are exact and a linearisation is dear it need not
@@ -69,8 +67,6 @@ def levenberg_marquardt(
 ) -> Descent[_Point]:
     """Descend to a least cost.
 
-    Parameters
-    ----------
     step : of a point and a damping, in units of the diagonal of the normal equations; and the decrease it promises.
     moved : the point a step further; None where there is none.
     """
@@ -115,8 +111,6 @@ def view_products(rows: np.ndarray, bounds: np.ndarray) -> np.ndarray:
 def schur_complement(total: np.ndarray, cross: np.ndarray, own: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """What is left of normal equations once each view's own unknowns are eliminated.
 
-    Parameters
-    ----------
     total : (m, m) of what all views share. own : (V, k, k) of the views' own. cross : (V, k, m) between them.
 
     Returns the reduced equations (m, m), and own⁻¹·cross (V, k, m), from which the own unknowns follow.
@@ -154,8 +148,6 @@ SQUARES = Loss(lambda residuals: 0.5 * residuals**2, np.ones_like)
 class Linearised:
     """A dense problem at its parameters: residuals of what was measured, then of priors.
 
-    Attributes
-    ----------
     parameters : (P,). residuals : (R,) in units of the loss. jacobian : (R, P) of them.
     certain : how many of the residuals, the last ones, are priors': they are never weighed down.
     converged : whether the solver converged. loss : of what was measured.
