@@ -13,8 +13,7 @@ import pytest
 from vbaa_calib.detect.board import corners
 from vbaa_calib.rig import Rig
 
-from .conftest import Call
-from .damage import grey, noise, refused, repaint
+from .conftest import Call, grey, noise, refused, repaint
 
 
 def refuse_to_begin(*_: object) -> None:

@@ -172,16 +172,21 @@ def pictures(root: Path) -> set[str]:
     return {digest for name, digest in tree(root, "").items() if name.endswith(".png")}
 
 
-def expect_refused(tiny: Tiny, outcome: tuple[int, str], *words: str) -> None:
-    """Exit 2, one line with these words and a remedy, and every picture is still there."""
+def expect_line(outcome: tuple[int, str], *words: str) -> None:
+    """Exit 2; the last line, and no other, is of an error, and holds these words and a remedy."""
     code, said = outcome
     last = said.strip().splitlines()[-1]
     assert code == 2, said
     assert said.count("vbaa: ") == 1
+    assert last.startswith("vbaa: ")
     assert "; " in last, f"no remedy: {last}"
     assert "Traceback" not in said
-    for word in words:
-        assert word in last, f"{word!r} is not in {last!r}"
+    assert all(word in last for word in words), f"{words} not in {last!r}"
+
+
+def expect_refused(tiny: Tiny, outcome: tuple[int, str], *words: str) -> None:
+    """As `expect_line`, and every picture is still there."""
+    expect_line(outcome, *words)
     if tiny.session.is_dir():
         assert pictures(tiny.session) >= pictures(tiny.source) - pictures(tiny.source / "sweep") - {bad(tiny.source)}
 

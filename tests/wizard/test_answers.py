@@ -12,7 +12,7 @@ import pytest
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.wizard.questions import QUESTIONS, SOURCES, TABLES, Question
 
-from .small_session import answers_file, call
+from .small_session import answers_file, call, expect_line
 
 RNG_SEED = 11
 
@@ -50,18 +50,6 @@ WRITTEN: dict[str, list[object]] = {
     "choice": [None, True, 3, ["x"], {"x": 1}],
     "text": [None, 3, {"path": "x"}, "x" * 5000],
 }
-
-
-def expect_line(outcome: tuple[int, str], *words: str) -> None:
-    """Exit 2; one line, which holds these words and a remedy."""
-    code, said = outcome
-    last = said.strip().splitlines()[-1]
-    assert code == 2, said
-    assert said.count("vbaa: ") == 1
-    assert last.startswith("vbaa: ")
-    assert "; " in last, f"no remedy: {last}"
-    assert "Traceback" not in said
-    assert all(word in last for word in words), f"{words} not in {last!r}"
 
 
 def ranges(question: Question) -> tuple[float, ...]:

@@ -13,7 +13,7 @@ import pytest
 from vbaa_calib.core.images import read_gray
 from vbaa_calib.wizard import flow
 
-from .small_session import answers, answers_file, call, rendered, unseen_steps
+from .small_session import answers, answers_file, call, expect_line, rendered, unseen_steps
 
 Change = Callable[[np.ndarray], np.ndarray]
 
@@ -27,19 +27,12 @@ def repainted(tmp_path: Path, folder: str, change: Change, which: slice = slice(
     return source
 
 
-def left(said: str) -> list[str]:
-    return [line.strip() for line in said.splitlines() if line.strip().startswith("left ")]
-
-
 def expect(outcome: tuple[int, str], count: int, reason: str, last: Iterable[str]) -> None:
     """Exit 2; so many pictures were left for this reason; the last line holds these words."""
-    code, said = outcome
-    assert code == 2, said
-    assert said.count("vbaa: ") == 1
-    assert len(left(said)) == count
-    assert all(reason in line for line in left(said)), left(said)
-    for word in ("; ", *last):
-        assert word in said.strip().splitlines()[-1]
+    expect_line(outcome, *last)
+    left = [line.strip() for line in outcome[1].splitlines() if line.strip().startswith("left ")]
+    assert len(left) == count
+    assert all(reason in line for line in left), left
 
 
 LENS: dict[str, tuple[Change, str]] = {
