@@ -37,8 +37,8 @@ from .boards import check_lens, check_pose
 from .finding import FAILS, HOLDS, LOOK, NOT_GIVEN, Checked, Finding, worst
 from .rig import at, number_at, rig_findings, rig_maps, rig_numbers
 
-SCHEMA = "vbaa.check/1"
-PARTS = ("intrinsics", "plane", "noload", "loads")
+_SCHEMA = "vbaa.check/1"
+_PARTS = ("intrinsics", "plane", "noload", "loads")
 _NO_JIG = "session.yaml does not say where the jig is"
 
 
@@ -116,7 +116,7 @@ class Assessment:
         """check.json: the report is made from this alone."""
         session = self.session or Checked((), {})
         return {
-            "schema": SCHEMA,
+            "schema": _SCHEMA,
             "rig": str(self.path),
             "verdict": self.verdict,
             "headline": _VERDICTS[self.verdict],
@@ -137,7 +137,7 @@ def assess(path: Path, session_root: Path | None = None, new: NewPictures | None
     its own pictures are not read. Without a session, rig.json's record of both is used.
 
     Raises InputError for a broken rig or session, pictures of another size than the lens', a session without any of
-    `PARTS`, and a new picture that the rig was calibrated from.
+    `_PARTS`, and a new picture that the rig was calibrated from.
     """
     path = Path(path)
     data = read_json(path)
@@ -179,13 +179,13 @@ class _Inputs:
 
 
 def _from_session(session: Session) -> _Inputs:
-    parts = tuple(part for part in PARTS if (session.root / part).exists())
+    parts = tuple(part for part in _PARTS if (session.root / part).exists())
     if not parts:
-        what = f"has none of {', '.join(PARTS)}"
+        what = f"has none of {', '.join(_PARTS)}"
         raise InputError(what, where=session.root, remedy="one picture in plane/ and one in noload/ will do")
     noload = read_noload(session) if "noload" in parts else []
     loads = read_loads(session) if "loads" in parts else []
-    boards = {part: list_images(session.root / part) for part in PARTS[:2] if part in parts}
+    boards = {part: list_images(session.root / part) for part in _PARTS[:2] if part in parts}
     return _Inputs(session, parts, boards, [*noload, *loads])
 
 
@@ -247,7 +247,7 @@ def _check_pictures(rig: Rig, quality: Mapping[str, Any], inputs: _Inputs) -> Ch
         seen = observe(session, rig.kinematics, inputs.stills, expected, "antenna")
         stills = check_stills(current, seen, session.load_readings)
     antenna = check_antenna(current, stills, camera_known=pose.document["camera_pose"] is not None)
-    given = {"given": list(parts), "not_given": [part for part in PARTS if part not in parts]}
+    given = {"given": list(parts), "not_given": [part for part in _PARTS if part not in parts]}
     return Checked(
         (*lens.findings, *pose.findings, *antenna.findings),
         {**given, **lens.document, **pose.document, **antenna.document},

@@ -25,7 +25,7 @@ _SAME_SHAPE = 0.01
 _MOVED_SQUARES = 0.5
 """A board that moved by less than so many of its squares is in the same place."""
 _RESHAPED = 0.006
-"""Change of its outline's shape, rms per extent, below which it is tilted as before, to about 6°."""
+"""_Change of its outline's shape, rms per extent, below which it is tilted as before, to about 6°."""
 _FEWEST_VIEWS = 5
 _TILTED_DEG = 15.0
 _LEAST_HULL, _REPEATED = 0.5, 0.5
@@ -98,7 +98,7 @@ def _apart_px(view: BoardView, other: BoardView, spec: BoardSpec) -> float | Non
     return moved_px if same else None
 
 
-def poorly_covered(views: Sequence[BoardView]) -> Diagnosis | None:
+def _poorly_covered(views: Sequence[BoardView]) -> Diagnosis | None:
     """Whether the corners leave out much of the picture, and which of its corners; at least one view."""
     size, pixels = np.array(views[0].image_size), np.concatenate([view.corners_px for view in views])
     hull = float(cv2.contourArea(cv2.convexHull(pixels.astype(np.float32)))) / size.prod() if len(pixels) > 2 else 0.0
@@ -115,7 +115,7 @@ def poorly_covered(views: Sequence[BoardView]) -> Diagnosis | None:
     )
 
 
-def little_variety(views: Sequence[BoardView], solution: LensSolution, spec: BoardSpec) -> list[Diagnosis]:
+def _little_variety(views: Sequence[BoardView], solution: LensSolution, spec: BoardSpec) -> list[Diagnosis]:
     """Poses that repeat, boards that are never tilted, or about one axis only."""
     found: list[Diagnosis] = []
     kept: list[BoardView] = []
@@ -259,7 +259,7 @@ def _print_stretched(scores: SetScores) -> Diagnosis | None:
 
 
 @dataclass(frozen=True)
-class Change:
+class _Change:
     """The pattern over the views that explains most.
 
     index : of the pattern. size : of the change, in the parameter's unit, with its standard deviation `std`: from the
@@ -278,7 +278,9 @@ def steps(count: int) -> np.ndarray:
     return (np.arange(count) >= np.arange(_SIDE_VIEWS, count - _SIDE_VIEWS + 1)[:, None]).astype(float)
 
 
-def find_change(score: np.ndarray, information: np.ndarray, patterns: np.ndarray, variance_px2: float) -> Change | None:
+def find_change(
+    score: np.ndarray, information: np.ndarray, patterns: np.ndarray, variance_px2: float
+) -> _Change | None:
     """The pattern (K, V) that a parameter's values over the views follow best; None with too few views.
 
     score, information : (V,), (V, V) from `SetScores.own_scores`.
@@ -310,7 +312,7 @@ def find_change(score: np.ndarray, information: np.ndarray, patterns: np.ndarray
     exceeded = (_shares(shapes, draws).max(axis=1) >= share[best]).sum()
     # the second is the bound by the residuals' variance alone
     chance = max((1 + exceeded) / (1 + count), min(1.0, 2.0 * len(shapes) * float(norm.sf(abs(size / std)))))
-    return Change(int(np.flatnonzero(seen)[best]), size, std, float(chance))
+    return _Change(int(np.flatnonzero(seen)[best]), size, std, float(chance))
 
 
 def _shares(shapes: np.ndarray, scores: np.ndarray) -> np.ndarray:
@@ -357,7 +359,7 @@ def centre_moved(scores: SetScores) -> Diagnosis | None:
     return Diagnosis("centre_moved", f"the lens' centre moves {where}", remedy, grave=True)
 
 
-def _sides(step: Change, names: tuple[str, ...]) -> str:
+def _sides(step: _Change, names: tuple[str, ...]) -> str:
     first = int(np.flatnonzero(steps(len(names))[step.index])[0])
     return f"{names[first - 1]} and {names[first]}"
 
@@ -373,5 +375,5 @@ def view_set_diagnoses(views: Sequence[BoardView], solution: LensSolution, spec:
     if scores is not None and not any(judged):
         # a lens that did not stay the same shifts the print's aspect by several of its standard deviations
         judged.append(_print_stretched(scores))
-    found = [one for one in (*judged, poorly_covered(used)) if one is not None]
-    return sorted([*found, *little_variety(used, solution, spec)], key=lambda one: not one.grave)
+    found = [one for one in (*judged, _poorly_covered(used)) if one is not None]
+    return sorted([*found, *_little_variety(used, solution, spec)], key=lambda one: not one.grave)

@@ -126,7 +126,7 @@ def solved_squares(bundle: Bundle, observations: Sequence[Observation]) -> np.nd
     return squares
 
 
-def rms_over(squares: np.ndarray, observations: Sequence[Observation]) -> float:
+def _rms_over(squares: np.ndarray, observations: Sequence[Observation]) -> float:
     """Root mean square distance, px, out of each view's sum of squares (V,)."""
     return float(np.sqrt(squares.sum() / sum(len(view.pixels) for view in observations)))
 
@@ -208,7 +208,7 @@ def assess(
     free = int(np.any(bundle.directions[:-FLEX] != 0.0, axis=0).sum())
     monotonic = is_monotonic(bundle.model, bundle.intrinsics, image_size)
     halves = compare_split_half(bundle.model, bundle.intrinsics, known, image_size)
-    held_out_px = rms_over(squares, observations)
+    held_out_px = _rms_over(squares, observations)
     return Candidate(bundle.model.name, free, bundle.rms_px, held_out_px, monotonic, *halves), squares
 
 
@@ -285,7 +285,7 @@ def judge_flex(bundle: Bundle, observations: Sequence[Observation], square_pixel
     without = information(flat, observations)
     assert without is not None, "a flat board leaves open no more than a bent one"
     squares = [held_out_squares(flat, observations, without), held_out_squares(bent, observations, known)]
-    (flat_rms, bent_rms), gain = (rms_over(errors, observations) for errors in squares), excess_in_errors(*squares)
+    (flat_rms, bent_rms), gain = (_rms_over(errors, observations) for errors in squares), excess_in_errors(*squares)
     errors = f"{bent_rms:.3f} px on held-out views against {flat_rms:.3f} px flat, {gain:.1f} standard errors"
     extent = max(float(np.ptp(view.points_m[:, :2], axis=0).max()) for view in observations)
     most, used = np.abs(sagittas).max(), False

@@ -15,10 +15,10 @@ from vbaa_calib.camera import Camera
 from vbaa_calib.camera.slopes import ray_derivatives
 from vbaa_calib.core.errors import InputError
 
-GRID = (17, 13)
+_GRID = (17, 13)
 
 
-class ProjectionUncertainty(NamedTuple):
+class _ProjectionUncertainty(NamedTuple):
     """Over a grid of pixels (R, C, 2), covariance (R, C, 2, 2) of the projection of each one's fixed ray; or NaN."""
 
     pixels: np.ndarray
@@ -34,8 +34,8 @@ class ProjectionUncertainty(NamedTuple):
 
 
 def projection_uncertainty(
-    camera: Camera, compensated: bool = True, grid: tuple[int, int] = GRID
-) -> ProjectionUncertainty:
+    camera: Camera, compensated: bool = True, grid: tuple[int, int] = _GRID
+) -> _ProjectionUncertainty:
     """Covariance of the projection over the whole picture, on `grid` = (columns, rows).
 
     compensated : without what a turn of the camera explains. Raises InputError when the camera has no covariance.
@@ -46,10 +46,10 @@ def projection_uncertainty(
     jacobian = projection_jacobian(camera, pixels)
     if compensated:
         jacobian = compensate(camera, pixels, jacobian)
-    return ProjectionUncertainty(pixels, jacobian @ camera.covariance @ np.swapaxes(jacobian, -1, -2))
+    return _ProjectionUncertainty(pixels, jacobian @ camera.covariance @ np.swapaxes(jacobian, -1, -2))
 
 
-def pixel_grid(image_size: tuple[int, int], grid: tuple[int, int] = GRID) -> np.ndarray:
+def pixel_grid(image_size: tuple[int, int], grid: tuple[int, int] = _GRID) -> np.ndarray:
     """(rows, columns, 2) pixels from border to border of a (width, height) picture, for `grid` = (columns, rows)."""
     columns, rows = (np.linspace(-0.5, size - 0.5, count) for size, count in zip(image_size, grid, strict=True))
     return np.stack(np.meshgrid(columns, rows), axis=-1)

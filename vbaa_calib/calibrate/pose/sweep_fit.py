@@ -31,11 +31,11 @@ from vbaa_calib.session import SweepPicture
 
 from .board_pose import mirrored
 
-CAMERA, BOARD, AXES = slice(0, 6), slice(6, 12), slice(12, 14)
+CAMERA, _BOARD, AXES = slice(0, 6), slice(6, 12), slice(12, 14)
 """Columns of a step: tangents of X and of B, then axis skew and axis offset."""
 
-STATE = 14
-_AXES_FIXED = np.arange(STATE) < AXES.start
+_STATE = 14
+_AXES_FIXED = np.arange(_STATE) < AXES.start
 _OUT_OF_SIGHT_PX = 1e3
 _ROUNDS, _SHARP_RAD, _SHARP_M = 20, 0.01, 1e-3
 _SOFT_PER_SIGMA = 1.5
@@ -93,16 +93,16 @@ class SweepState:
     axis_offset_m: float
 
     def moved(self, step: np.ndarray) -> SweepState:
-        """By a step (14,) as CAMERA, BOARD and AXES split it."""
+        """By a step (14,) as CAMERA, _BOARD and AXES split it."""
         return SweepState(
             self.T_actuator_camera.retract(step[CAMERA]),
-            self.T_foot_board.retract(step[BOARD]),
+            self.T_foot_board.retract(step[_BOARD]),
             self.axis_skew_rad + float(step[12]),
             self.axis_offset_m + float(step[13]),
         )
 
 
-class Linearised(NamedTuple):
+class _Linearised(NamedTuple):
     """Residuals and their negative derivatives.
 
     residuals_px : (N, 2) observed less predicted; far off where the lens does not see the point.
@@ -127,7 +127,7 @@ def _tilted_x(corners: SweepCorners) -> np.ndarray:
     return np.stack([np.cos(tilt), np.zeros_like(tilt), -np.sin(tilt)], axis=1)
 
 
-def linearise(camera: Camera, state: SweepState, corners: SweepCorners) -> Linearised:
+def linearise(camera: Camera, state: SweepState, corners: SweepCorners) -> _Linearised:
     """Residuals and derivatives of all corners at a state."""
     X, B = state.T_actuator_camera, state.T_foot_board
     world = _turns_actuator_foot(corners, state.axis_skew_rad)[corners.picture]
@@ -155,7 +155,7 @@ def linearise(camera: Camera, state: SweepState, corners: SweepCorners) -> Linea
         np.cross(_Y, at)[:, None],
     ]
     by_state = by_point @ X.rotation.T @ np.swapaxes(np.concatenate(moves, axis=1), -1, -2)
-    return Linearised(corners.pixels - pixels, by_state[..., :STATE], by_state[..., STATE:], by_lens)
+    return _Linearised(corners.pixels - pixels, by_state[..., :_STATE], by_state[..., _STATE:], by_lens)
 
 
 def initial_state(camera: Camera, corners: SweepCorners, kinematics: Kinematics) -> SweepState:
@@ -254,7 +254,7 @@ class _System(NamedTuple):
     """Normal equations A·step = b with the angles eliminated; `cost` is the sum of squares at no step."""
 
     state: SweepState
-    at: Linearised
+    at: _Linearised
     blocks: np.ndarray
     A: np.ndarray
     b: np.ndarray
@@ -272,9 +272,9 @@ class SweepProblem:
     @staticmethod
     def of(camera: Camera, corners: SweepCorners, axes: bool = True) -> SweepProblem:
         """With the axes' skew and offset free, or fixed where they are."""
-        return SweepProblem(camera, corners, np.ones(STATE, bool) if axes else _AXES_FIXED)
+        return SweepProblem(camera, corners, np.ones(_STATE, bool) if axes else _AXES_FIXED)
 
-    def _blocks(self, at: Linearised, weights: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    def _blocks(self, at: _Linearised, weights: np.ndarray, columns: np.ndarray) -> np.ndarray:
         """(P, m, m) products of columns (N, 2, ...), then the residual, then the picture's own angles."""
         whole = np.concatenate([columns, at.residuals_px[..., None], at.by_angles], axis=-1)
         bounds = np.searchsorted(self.corners.picture, np.arange(self.corners.pictures + 1))
@@ -292,7 +292,7 @@ class SweepProblem:
             return move, float(system.b @ move)
 
         def moved(system: _System, move: np.ndarray) -> _System:
-            whole = np.zeros(STATE)
+            whole = np.zeros(_STATE)
             whole[self.free] = move
             return linearised(system.state.moved(whole))
 
@@ -332,7 +332,7 @@ class SweepProblem:
         whole = _without_angles(blocks, ratio)
         A, coupling, cost = whole[:count, :count], whole[:count, count:-1], float(whole[-1, -1])
         variance = max(cost / max(2 * weights.sum() - count, 1.0), _ROUNDING_PX**2)
-        covariance, by_lens = np.zeros((STATE, STATE)), np.zeros((STATE, lens))
+        covariance, by_lens = np.zeros((_STATE, _STATE)), np.zeros((_STATE, lens))
         covariance[np.ix_(free, free)] = variance * solve_scaled(A, np.eye(count))
         by_lens[free] = -solve_scaled(A, coupling)
         residuals = at.residuals_px

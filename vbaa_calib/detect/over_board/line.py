@@ -98,7 +98,7 @@ class PlaneAbove:
 
 
 @dataclass(frozen=True, eq=False)
-class PlanePath:
+class _PlanePath:
     """A bent line on the plane: origin + s·direction + (c0 + c1·s + …)·normal, from s = start to end, m."""
 
     origin: np.ndarray
@@ -122,14 +122,14 @@ class PlanePath:
         aside = polyval(s, self.coefficients)
         return self.origin + s[:, None] * self.direction + aside[:, None] * self.normal
 
-    def fitted(self, points_m: np.ndarray, weights: np.ndarray, degree: int = 2) -> PlanePath:
+    def fitted(self, points_m: np.ndarray, weights: np.ndarray, degree: int = 2) -> _PlanePath:
         """The path through points (N, 2) with weights (N,) on their squares."""
         s, aside = (points_m - self.origin) @ self.direction, (points_m - self.origin) @ self.normal
         coefficients = Polynomial.fit(s, aside, degree, w=np.sqrt(weights)).convert().coef
-        return PlanePath(self.origin, self.direction, coefficients, float(s.min()), float(s.max()))
+        return _PlanePath(self.origin, self.direction, coefficients, float(s.min()), float(s.max()))
 
 
-def _search(picture: BoardPicture, plane: PlaneAbove, width_px: float, bright: bool) -> PlanePath | None:
+def _search(picture: BoardPicture, plane: PlaneAbove, width_px: float, bright: bool) -> _PlanePath | None:
     """The path of a bright or dark antenna, on the board alone, where the background is known; or None."""
     pixels, strength = _candidates(picture, width_px, bright)
     points, valid = plane.to_plane(pixels)
@@ -179,7 +179,7 @@ def _candidates(picture: BoardPicture, width_px: float, bright: bool) -> tuple[n
     return np.column_stack([columns[best], rows[best]]).astype(float), strength[best]
 
 
-def _strongest_line(points: np.ndarray, strength: np.ndarray, width: float) -> PlanePath:
+def _strongest_line(points: np.ndarray, strength: np.ndarray, width: float) -> _PlanePath:
     """The line of the greatest summed strength, by Hough's transform about the points' middle."""
     middle = points.mean(axis=0)
     offset = points - middle
@@ -191,7 +191,7 @@ def _strongest_line(points: np.ndarray, strength: np.ndarray, width: float) -> P
         if votes.max() > best:
             best, chosen = float(votes.max()), (float(angle), int(votes.argmax()) - reach)
     direction = np.array([np.cos(chosen[0]), np.sin(chosen[0])])
-    return PlanePath(middle, direction, np.array([chosen[1] * width]), 0.0, 0.0)
+    return _PlanePath(middle, direction, np.array([chosen[1] * width]), 0.0, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -311,11 +311,11 @@ class _Tracker:
         shadow = darkest_beside(self._cut(path, 0.0, BESIDE), self._core_px)
         return paint.cover, BoardLine(now.points[order], now.sigma[order], ends, self.bright, self.width_px, shadow)
 
-    def _places(self, path: PlanePath, pixels: np.ndarray) -> np.ndarray:
+    def _places(self, path: _PlanePath, pixels: np.ndarray) -> np.ndarray:
         """(N,) coordinates along the path of pixels (N, 2)."""
         return path.along(self.plane.to_plane(pixels)[0])[0]
 
-    def _cut(self, path: PlanePath, beyond: float, wider: float = 1.0) -> Profiles:
+    def _cut(self, path: _PlanePath, beyond: float, wider: float = 1.0) -> Profiles:
         more = beyond * (path.end - path.start)
         steps = np.linspace(path.start - more, path.end + more, 600)
         pixels, valid = self.plane.to_pixels(path.points(steps))
@@ -323,7 +323,7 @@ class _Tracker:
         return profiles(self.picture, pixels[inside], wider * self._core_px)
 
     def _along(
-        self, path: PlanePath, paint: Paint, beyond: float = 0.0, *, rough: bool = False, wary: bool = False
+        self, path: _PlanePath, paint: Paint, beyond: float = 0.0, *, rough: bool = False, wary: bool = False
     ) -> _Measured:
         cut = self._cut(path, beyond)
         fitted = fit(cut, paint, rough_centres(cut, paint) if rough else 0.0, wary=wary)
@@ -336,7 +336,7 @@ class _Tracker:
             good &= fitted.chi < _DISTURBED * max(float(np.median(fitted.chi[good])), 0.5)
         return _Measured(cut.centred(fitted.centre)[good], (fitted.centre_std * wider / cut.stretch)[good])
 
-    def _refitted(self, path: PlanePath, now: _Measured) -> PlanePath:
+    def _refitted(self, path: _PlanePath, now: _Measured) -> _PlanePath:
         points, valid = self.plane.to_plane(now.points)
         points, weight = points[valid], 1.0 / (now.sigma[valid] ** 2 + 0.05**2)
         fresh = path.fitted(points, weight)
@@ -345,7 +345,7 @@ class _Tracker:
             fresh = path.fitted(points, weight / np.maximum(1.0, off / (2.0 * np.median(off) + 1e-9)))
         return fresh
 
-    def _end(self, path: PlanePath, paint: Paint, way: int) -> LineEnd | None:
+    def _end(self, path: _PlanePath, paint: Paint, way: int) -> LineEnd | None:
         """Where the line ends beyond the path's start (−1) or end (+1)."""
         cut = self._cut(path, _GROWTH)
         amplitude, std = presence(cut, paint)

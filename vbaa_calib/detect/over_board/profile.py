@@ -200,7 +200,7 @@ class Paint:
 
 
 @dataclass(frozen=True, eq=False)
-class Fitted:
+class _Fitted:
     """Lines fitted to N profiles: centre from the guide, px; cover over the expected; rms over noise. All (N,)."""
 
     centre: np.ndarray
@@ -262,7 +262,7 @@ def _with_flanks(
 
 def fit(
     cut: Profiles, paint: Paint, start: float | np.ndarray = 0.0, steps: int = _GAUSS_NEWTON, wary: bool = False
-) -> Fitted:
+) -> _Fitted:
     """Weighted Gauss–Newton for the line's centre and cover in a light of its own and its slope, all profiles at once.
 
     The line hides what is behind it: at each pixel it adds its cover times (its brightness − what is behind).
@@ -300,7 +300,7 @@ def fit(
     freedom = np.maximum(usable.sum(axis=1) - 4, 1)
     std = np.sqrt(np.clip(np.diagonal(inverse, axis1=1, axis2=2), 0.0, None))
     chi = np.sqrt((residual**2).sum(axis=1) / freedom)
-    return Fitted(centre, std[:, 3] / np.abs(amplitude), found[:, 2], std[:, 2], chi)
+    return _Fitted(centre, std[:, 3] / np.abs(amplitude), found[:, 2], std[:, 2], chi)
 
 
 def presence(cut: Profiles, paint: Paint) -> tuple[np.ndarray, np.ndarray]:
