@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,11 +11,12 @@ import cv2
 import numpy as np
 import pytest
 
+from vbaa_calib.calibrate.lens.models import LENS_MODELS, camera_of
 from vbaa_calib.calibrate.pose.sweep import SweepSolution, solve_sweep
 from vbaa_calib.calibrate.pose.sweep_fit import SweepCorners, SweepState, linearise
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.detect.board.corners import detect_files
+from vbaa_calib.detect.board.corners import BoardView, detect_files
 from vbaa_calib.geometry import Kinematics, Pose
 from vbaa_calib.session import SweepPicture
 from vbaa_calib.simulate.plan import stream
@@ -24,8 +26,59 @@ from vbaa_calib.simulate.scene.scene import Scene, bundled_scene
 from vbaa_calib.simulate.scene.scene_file import load_scene
 from vbaa_calib.simulate.write import write_sweep
 
-from .sweeps import FEW, GRID, RIG, T_ANTENNA_CAMERA, Sweep, T_world_board, camera, misread, sweep
-from .synthetic_views import SPEC
+from .synthetic_views import CENTRE, SPEC, board_view, project_board
+
+SIZE = (1280, 960)
+LENSES = {
+    "opencv4": np.array([1100.0, 1098.0, 645.0, 476.0, -0.18, 0.06, 5e-4, -6e-4]),
+    "rational": np.array([600.0, 602.0, 645.0, 476.0, 0.3, 0.05, 4e-4, -6e-4, 0.002, 0.65, 0.12, 0.01]),
+    "fisheye": np.array([420.0, 421.0, 641.0, 478.0, 0.05, -0.01, 0.003, -0.001]),
+}
+T_ANTENNA_CAMERA = Pose.from_rotvec(np.array([2.6, 0.3, -0.4]), np.array([0.03, -0.02, 0.3]))
+RIG = Kinematics(
+    Pose.from_rotvec(np.array([0.02, -0.3, 0.1]), np.array([0.012, 0.004, 0.006])), np.array([0.1, 0.2, 0.15])
+)
+FEW = [(0.0, 0.0), (0.25, 0.0), (0.0, 0.2), (-0.2, 0.0), (0.0, -0.2), (0.2, 0.2)]
+GRID = [(pan, tilt) for pan in (-0.25, 0.0, 0.25) for tilt in (-0.2, 0.0, 0.2)] + [(0.12, 0.1), (-0.12, -0.1)]
+Sweep = tuple[list[BoardView], list[SweepPicture]]
+
+
+def camera(lens: str = "opencv4", change: np.ndarray | float = 0.0) -> Camera:
+    return camera_of(LENS_MODELS[lens], LENSES[lens] + change, SIZE)
+
+
+def T_world_board() -> Pose:
+    """In the middle of the picture with the joints at zero, leaning."""
+    turn = Pose.from_rotvec(np.array([0.45, -0.25, 0.1]), np.zeros(3)).rotation
+    return RIG.T_world_antenna(0.0, 0.0) @ T_ANTENNA_CAMERA @ Pose(turn, np.array([0.0, 0.0, 0.22]) - turn @ CENTRE)
+
+
+def sweep(
+    rig: Kinematics = RIG,
+    angles: Sequence[tuple[float, float]] = GRID,
+    sigma_px: float = 0.1,
+    angle_std_rad: float = 0.0,
+    seed: int = 0,
+    lens: str = "opencv4",
+) -> Sweep:
+    """The board in every picture, and the readings, which scatter about the true angles."""
+    rng = np.random.default_rng(seed)
+    views, pictures = [], []
+    for index, (pan, tilt) in enumerate(angles):
+        true = np.array([pan, tilt]) + angle_std_rad * rng.standard_normal(2)
+        T_camera_board = (rig.T_world_antenna(*true) @ T_ANTENNA_CAMERA).inverse() @ T_world_board()
+        pixels = project_board(LENS_MODELS[lens], LENSES[lens], T_camera_board)
+        views.append(board_view(f"{index}.png", pixels, SIZE, rng, sigma_px))
+        pictures.append(SweepPicture(Path(f"{index}.png"), pan, tilt))
+    return views, pictures
+
+
+def misread(taken: Sweep, index: int, pan_rad: float = 0.0, tilt_rad: float = 0.0) -> Sweep:
+    """The same with one row wrong by so much."""
+    views, pictures = taken
+    row = pictures[index]
+    wrong = replace(row, pan_rad=row.pan_rad + pan_rad, tilt_rad=row.tilt_rad + tilt_rad)
+    return views, [*pictures[:index], wrong, *pictures[index + 1 :]]
 
 
 def solve(taken: Sweep, rig: Kinematics = RIG, lens: Camera | None = None, zero_std: float = 0.0) -> SweepSolution:
@@ -101,7 +154,7 @@ class TestUncertainty:
         taken = [sweep(rig, FEW, seed=100 + seed) for seed, rig in enumerate(rigs)]
         assert_as_predicted([solve(one, zero_std=doubt) for one in taken])
 
-    @pytest.mark.parametrize("rounds", [16, pytest.param(300, marks=pytest.mark.slow)])
+    @pytest.mark.parametrize("rounds", [12, pytest.param(300, marks=pytest.mark.slow)])
     def test_angles_that_scatter_count_a_picture_once(self, rounds: int) -> None:
         solutions = [solve(sweep(angle_std_rad=5e-4, seed=seed)) for seed in range(rounds)]
         assert_as_predicted(solutions)
