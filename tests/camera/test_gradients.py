@@ -7,8 +7,7 @@ import pytest
 import torch
 from torch.autograd import gradcheck, gradgradcheck
 
-from vbaa_calib.camera.projection import Intrinsics, chart_to_pixel, pixel_to_chart, pixel_to_ray
-from vbaa_calib.camera.slopes import ray_derivatives
+from vbaa_calib.camera.projection import Intrinsics, chart_to_pixel, pixel_to_chart, pixel_to_ray, ray_derivatives
 
 from .lenses import LENSES
 

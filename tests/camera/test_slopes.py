@@ -10,7 +10,7 @@ import torch
 
 from vbaa_calib.camera import Camera
 from vbaa_calib.camera.lens import lens_of
-from vbaa_calib.camera.slopes import by_lens_of_points, by_pixel_of_points, ray_derivatives
+from vbaa_calib.camera.projection import by_lens_of_points, by_pixel_of_points, ray_derivatives
 
 from .lenses import LENSES, border_and_grid
 from .lenses import camera as camera_of

@@ -16,8 +16,15 @@ from vbaa_calib.geometry.independent_axes import is_covariance
 
 from .lens import lens_of
 from .models import MODELS, LensModel
-from .projection import Intrinsics, pixel_to_chart, pixel_to_normalized, pixel_to_ray, point_to_pixel
-from .slopes import normalized_by_lens, pixel_to_normalized_with_slopes
+from .projection import (
+    Intrinsics,
+    normalized_by_lens,
+    pixel_to_chart,
+    pixel_to_normalized,
+    pixel_to_normalized_with_slopes,
+    pixel_to_ray,
+    point_to_pixel,
+)
 
 
 def _checked_image_size(image_size: Any) -> tuple[int, int]:

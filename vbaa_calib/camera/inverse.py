@@ -10,13 +10,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import torch
 
-from vbaa_calib.camera.models.model import Coefficients
 from vbaa_calib.core.arrays import Array, empty, namespace
 
-from .lens import Lens, each_lens, lens_of
-from .limits import Sectors, definite
-from .models import LensModel
-from .radial import RadialTable, invert_radial, tolerance
+from .lens import Lens, RadialTable, Sectors, definite, each_lens, invert_radial, lens_of, tolerance
+from .models import Coefficients, LensModel, Matrix
 
 _PIECE = 16384
 """Points in a piece. Smaller ones pay more for calls: with 4096, a fourth to a third more time."""
@@ -68,7 +65,7 @@ class _Inverted(NamedTuple):
     x: Array
     y: Array
     valid: Array
-    jacobian: tuple[Array, Array, Array, Array]
+    jacobian: Matrix
     put_off: Array
 
 
@@ -147,26 +144,23 @@ def _newton(xp: ModuleType, lens: Lens, region: Sectors, x: Array, y: Array, tho
     return found
 
 
-def _start(xp: ModuleType, lens: Lens, x: Array, y: Array, distorted: Array) -> tuple[Array, Array]:
-    """The radial terms undone, roughly; what they cannot reach starts from the rim."""
+def _start(xp: ModuleType, lens: Lens, x: Array, y: Array, distorted: Array) -> tuple[Array, Array, Array, Array]:
+    """The radial terms undone, roughly; what they cannot reach starts from the rim. Also r/ρ, and the table's step."""
     assert lens.table is not None
-    within = distorted.clip(0.0, lens.table.distorted_limit)
-    ratio = lens.table.start(xp, within)[0] / (distorted + _NO_RADIUS)
-    return x * ratio, y * ratio
+    radius, _, step = lens.table.start(xp, distorted.clip(0.0, lens.table.distorted_limit))
+    ratio = radius / (distorted + _NO_RADIUS)
+    return x * ratio, y * ratio, ratio, step
 
 
 def _mended_start(xp: ModuleType, lens: Lens, x: Array, y: Array, distorted: Array) -> tuple[Array, Array]:
     """`_start`, and one Newton step in which only the radial terms count as slopes: half a full step's price."""
-    table = lens.table
-    assert table is not None
-    radius, _, step = table.start(xp, distorted.clip(0.0, table.distorted_limit))
-    distorted = distorted + _NO_RADIUS
-    ratio = radius / distorted
-    ideal_x, ideal_y = x * ratio, y * ratio
+    assert lens.table is not None
+    ideal_x, ideal_y, ratio, step = _start(xp, lens, x, y, distorted)
     dx, dy = lens.model.beside(ideal_x, ideal_y, lens.coefficients)
+    distorted = distorted + _NO_RADIUS
     # the table's own slope along the radius, r/ρ across it
     past = 1.0 + distorted
-    along = (step * table.nodes_per_unit / (past * past) - ratio) * (x * dx + y * dy) / (distorted * distorted)
+    along = (step * lens.table.nodes_per_unit / (past * past) - ratio) * (x * dx + y * dy) / (distorted * distorted)
     return ideal_x - (ratio * dx + along * x), ideal_y - (ratio * dy + along * y)
 
 
@@ -179,7 +173,7 @@ def _damped(
     """
     model, c = lens.model, lens.coefficients
     allowed = tolerance(xp, xp.sqrt(x * x + y * y))
-    safe_x, safe_y = _start(xp, lens, x, y, xp.sqrt(x * x + y * y))
+    safe_x, safe_y, *_ = _start(xp, lens, x, y, xp.sqrt(x * x + y * y))
     deep = 0.5 * region.ideal.inner
     shrink = deep / xp.clip(xp.sqrt(safe_x * safe_x + safe_y * safe_y), deep, None)
     ideal_x, ideal_y = xp.where(usable, guess_x, safe_x * shrink), xp.where(usable, guess_y, safe_y * shrink)

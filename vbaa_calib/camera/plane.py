@@ -15,8 +15,7 @@ from vbaa_calib.geometry import PLANE_C, Plane, Pose
 
 from .camera import Camera
 from .models import MODELS
-from .projection import Intrinsics, pixel_to_ray
-from .slopes import ray_derivatives
+from .projection import Intrinsics, pixel_to_ray, ray_derivatives
 
 _GRAZING_RAD = 1e-3
 """Rays that meet a plane at a smaller angle are not intersected: an error of 0.001 rad would move them without end."""

@@ -1,25 +1,28 @@
-"""Between pixels, a model's chart and rays: the same formulas for NumPy and torch, differentiable in torch.
+"""Between pixels, a model's chart and rays, and how they move with pixel and lens: the same for NumPy and torch.
 
-Nothing is checked here and nothing is NaN: points that are not valid are harmless finite numbers beside a False.
+Nothing is checked here and nothing is NaN where it is not said: points that are not valid are harmless finite numbers
+beside a False. The ways there and back are differentiable in torch; the slopes are in closed form, without gradients,
+and their intrinsics must be floats.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from types import ModuleType
 
 import numpy as np
 import torch
 
-from vbaa_calib.camera.models.model import Coefficients
-from vbaa_calib.core.arrays import Array, matrix, namespace
+from vbaa_calib.core.arrays import Array, detached, empty, matrix, namespace
 
-from .inverse import invert
-from .lens import each_lens, lens_of
-from .models import LensModel
+from .inverse import in_pieces, invert, invert_distortion
+from .lens import Lens, each_lens, lens_of
+from .models import Coefficients, LensModel, Matrix
 
-Angles = tuple[Array, Array]
+_Angles = tuple[Array, Array]
 
 
 def _sin_cos(angle: Array) -> tuple[Array, Array]:
@@ -28,7 +31,7 @@ def _sin_cos(angle: Array) -> tuple[Array, Array]:
     return math.sin(angle), math.cos(angle)
 
 
-def apply_tilt(x: Array, y: Array, angles: Angles) -> tuple[Array, Array, Array]:
+def _apply_tilt(x: Array, y: Array, angles: _Angles) -> tuple[Array, Array, Array]:
     """Onto the tilted sensor: (x, y) → (x, y, whether the point is in front of it)."""
     (sx, cx), (sy, cy) = map(_sin_cos, angles)
     a, b, w = cy * x + sy * sx * y - sy * cx, cx * y + sx, sy * x - cy * sx * y + cy * cx
@@ -37,8 +40,8 @@ def apply_tilt(x: Array, y: Array, angles: Angles) -> tuple[Array, Array, Array]
     return cy * cx * (a / w) + sy * cx, cy * cx * (b / w) - sx, front
 
 
-def remove_tilt(x: Array, y: Array, angles: Angles) -> tuple[Array, Array, Array]:
-    """From the tilted sensor back: the inverse of apply_tilt."""
+def _remove_tilt(x: Array, y: Array, angles: _Angles) -> tuple[Array, Array, Array]:
+    """From the tilted sensor back: the inverse of _apply_tilt."""
     (sx, cx), (sy, cy) = map(_sin_cos, angles)
     a, b = (x - sy * cx) / (cy * cx), (y + sx) / (cy * cx)
     m0, m1, m2 = cy * a + sy, sy * sx * a + cx * b - cy * sx, -sy * cx * a + sx * b + cy * cx
@@ -47,34 +50,28 @@ def remove_tilt(x: Array, y: Array, angles: Angles) -> tuple[Array, Array, Array
     return m0 / m2, m1 / m2, front
 
 
-def _rotation(angles: Angles) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """R and its derivatives by τ_x and by τ_y, each (3, 3)."""
+def _remove_tilt_slopes(x: Array, y: Array, angles: tuple[float, float]) -> tuple[Matrix, Matrix]:
+    """d(remove_tilt)/d(x, y) and d(remove_tilt)/d(τ_x, τ_y) at tilted points (x, y)."""
     (sx, cx), (sy, cy) = map(_sin_cos, angles)
-    rotation = np.array([[cy, sy * sx, -sy * cx], [0.0, cx, sx], [sy, -cy * sx, cy * cx]])
-    by_x = np.array([[0.0, sy * cx, sy * sx], [0.0, -sx, cx], [0.0, -cy * cx, -cy * sx]])
-    by_y = np.array([[-sy, cy * sx, -cy * cx], [0.0, 0.0, 0.0], [cy, sy * sx, -sy * cx]])
-    return rotation, by_x, by_y
-
-
-def remove_tilt_jacobians(xp: ModuleType, x: Array, y: Array, angles: tuple[float, float]) -> tuple[Array, Array]:
-    """d(remove_tilt)/d(x, y) and d(remove_tilt)/d(τ_x, τ_y), each (..., 2, 2), at tilted points (x, y)."""
-    rotation, *by_angle = _rotation(angles)
-    R = rotation.tolist()
+    R = [[cy, sy * sx, -sy * cx], [0.0, cx, sx], [sy, -cy * sx, cy * cx]]
+    by_x = [[0.0, sy * cx, sy * sx], [0.0, -sx, cx], [0.0, -cy * cx, -cy * sx]]
+    by_y = [[-sy, cy * sx, -cy * cx], [0.0, 0.0, 0.0], [cy, sy * sx, -sy * cx]]
     a, b = (x + R[0][2]) / R[2][2], (y + R[1][2]) / R[2][2]
     m = [R[0][i] * a + R[1][i] * b + R[2][i] for i in range(3)]
     ideal = m[0] / m[2], m[1] / m[2]
 
-    def column(dm: list[Array]) -> tuple[Array, Array]:
-        return (dm[0] - ideal[0] * dm[2]) / m[2], (dm[1] - ideal[1] * dm[2]) / m[2]
+    def slopes(*moved: list[Array]) -> Matrix:
+        """Of the ideal point, by those of m."""
+        xx, xy = ((dm[0] - ideal[0] * dm[2]) / m[2] for dm in moved)
+        yx, yy = ((dm[1] - ideal[1] * dm[2]) / m[2] for dm in moved)
+        return xx, xy, yx, yy
 
-    def by_tilt(D: list[list[float]]) -> tuple[Array, Array]:
+    def by_angle(D: list[list[float]]) -> list[Array]:
         da, db = (D[0][2] - a * D[2][2]) / R[2][2], (D[1][2] - b * D[2][2]) / R[2][2]
-        moved = [R[0][i] * da + R[1][i] * db + D[0][i] * a + D[1][i] * b + D[2][i] for i in range(3)]
-        return column(moved)
+        return [R[0][i] * da + R[1][i] * db + D[0][i] * a + D[1][i] * b + D[2][i] for i in range(3)]
 
-    by_point = [column([R[row][i] / R[2][2] for i in range(3)]) for row in range(2)]
-    by_angles = [by_tilt(derivative.tolist()) for derivative in by_angle]
-    return tuple(matrix(xp, [[c[k] for c in columns] for k in range(2)]) for columns in (by_point, by_angles))
+    by_point = ([R[row][i] / R[2][2] for i in range(3)] for row in range(2))
+    return slopes(*by_point), slopes(by_angle(by_x), by_angle(by_y))
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +100,7 @@ def pixel_to_chart(intrinsics: Intrinsics, u: Array, v: Array) -> tuple[Array, A
     x, y = (u - intrinsics.cx) / intrinsics.fx, (v - intrinsics.cy) / intrinsics.fy
     angles = intrinsics.model.tilt(intrinsics.separate)
     if angles is not None:
-        x, y, front = remove_tilt(x, y, angles)
+        x, y, front = _remove_tilt(x, y, angles)
         valid = valid & front
     x, y, solved = invert(intrinsics.model, x, y, intrinsics.coefficients)
     return x, y, valid & solved
@@ -116,7 +113,7 @@ def chart_to_pixel(intrinsics: Intrinsics, x: Array, y: Array) -> tuple[Array, A
     x, y = model.distort(xp.where(valid, x, 0.0), xp.where(valid, y, 0.0), intrinsics.separate)
     angles = model.tilt(intrinsics.separate)
     if angles is not None:
-        x, y, front = apply_tilt(x, y, angles)
+        x, y, front = _apply_tilt(x, y, angles)
         valid = valid & front
     return x * intrinsics.fx + intrinsics.cx, y * intrinsics.fy + intrinsics.cy, valid
 
@@ -157,3 +154,138 @@ def point_to_pixel(intrinsics: Intrinsics, points: Array) -> tuple[Array, Array]
     x, y, seen = intrinsics.model.chart.to_plane(xp, X, Y, Z)
     u, v, valid = chart_to_pixel(intrinsics, x, y)
     return xp.stack([u, v], -1), valid & seen
+
+
+_OfPoints = Callable[[ModuleType, Intrinsics, Lens, Array, Array, bool], tuple[Array, ...]]
+
+
+def pixel_to_normalized_with_slopes(intrinsics: Intrinsics, pixels: Array) -> tuple[Array, Array, Array]:
+    """Ideal points (..., 2) of pixels (..., 2), d(X/Z, Y/Z)/d(u, v) (..., 2, 2), and validity (...).
+
+    NaN where not valid.
+    """
+    points, valid = _worked(by_pixel_of_points, intrinsics, pixels, 6)
+    return points[..., :2], points[..., 2:].reshape(*pixels.shape, 2), valid
+
+
+def normalized_by_lens(intrinsics: Intrinsics, points: Array) -> Array:
+    """d(X/Z, Y/Z)/d(fx, fy, cx, cy, *distortion) of the fixed pixels of ideal points (..., 2): (..., 2, 4 + k).
+
+    NaN where the lens does not see the point one to one.
+    """
+    parameters = 4 + len(intrinsics.coefficients)
+    slopes, _ = _worked(by_lens_of_points, intrinsics, points, 2 * parameters)
+    return slopes.reshape(*points.shape, parameters)
+
+
+def _worked(function: _OfPoints, intrinsics: Intrinsics, given: Array, count: int) -> tuple[Array, Array]:
+    """(..., count) numbers of points (..., 2), NaN where not valid, and validity (...)."""
+    if isinstance(given, torch.Tensor) and given.device.type == "cpu":
+        # NumPy needs a fraction of the time per call, and its pieces stay in the cache; the memory is shared
+        values, valid = map(torch.from_numpy, _worked(function, intrinsics, detached(given).numpy(), count))
+        return values, valid
+    shape, flat = tuple(given.shape[:-1]), detached(given).reshape(-1, 2)
+    values, valid = empty(given, (len(flat), count)), empty(given, (len(flat),), boolean=True)
+    lens = lens_of(intrinsics.model, intrinsics.coefficients)
+    work = partial(function, namespace(given), intrinsics, lens)
+    with np.errstate(all="ignore"):
+        in_pieces(work, flat[:, 0], flat[:, 1], [*(values[:, i] for i in range(count)), valid])
+    values[~valid] = np.nan
+    return values.reshape(*shape, count), valid.reshape(shape)
+
+
+def by_pixel_of_points(
+    xp: ModuleType, intrinsics: Intrinsics, lens: Lens, u: Array, v: Array, thorough: bool
+) -> tuple[Array, ...]:
+    """X/Z, Y/Z, the four slopes row by row, validity and which are put off, each (...), of pixels (u, v)."""
+    sensor_x, sensor_y = (u - intrinsics.cx) / intrinsics.fx, (v - intrinsics.cy) / intrinsics.fy
+    angles = lens.model.tilt(lens.coefficients)
+    x, y = sensor_x, sensor_y
+    if angles is not None:
+        x, y, front = _remove_tilt(x, y, angles)
+    x, y, valid, jacobian, put_off = invert_distortion(xp, lens, x, y, thorough)
+    by_sensor = _inverse(jacobian)
+    if angles is not None:
+        by_sensor = _product(by_sensor, _remove_tilt_slopes(sensor_x, sensor_y, angles)[0])
+        valid, put_off = valid & front, put_off & front
+    if not lens.model.chart.is_normalized:
+        x, y, by_chart, ahead = lens.model.chart.normalized(xp, x, y)
+        by_sensor, valid = _product(by_chart, by_sensor), valid & ahead
+    xx, xy, yx, yy = by_sensor
+    fx, fy = intrinsics.fx, intrinsics.fy
+    return x, y, xx / fx, xy / fy, yx / fx, yy / fy, valid, put_off
+
+
+def by_lens_of_points(
+    xp: ModuleType, intrinsics: Intrinsics, lens: Lens, X: Array, Y: Array, _: bool
+) -> tuple[Array, ...]:
+    """The slopes row by row, validity, and that nothing is put off, each (...), of ideal points (X, Y)."""
+    chart = lens.model.chart
+    x, y = (X, Y) if chart.is_normalized else chart.to_plane(xp, X, Y, xp.ones_like(X))[:2]
+    by_chart = None if chart.is_normalized else chart.normalized(xp, x, y)[2]
+    columns, front = _by_sensor_and_lens(xp, intrinsics, lens, (x, y), by_chart)[1:]
+    return *(column[row] for row in range(2) for column in columns), lens.contains(xp, x, y) & front, False
+
+
+@dataclass(frozen=True, eq=False)
+class _RayDerivatives:
+    """Unit rays (..., 3), the axis where not valid (...), and how they move.
+
+    by_pixel : (..., 3, 2) d(ray)/d(u, v).
+    by_parameter : (..., 3, 4 + k) d(ray)/d(fx, fy, cx, cy, *distortion) for a fixed pixel.
+    """
+
+    rays: Array
+    by_pixel: Array
+    by_parameter: Array
+    valid: Array
+
+
+def ray_derivatives(intrinsics: Intrinsics, pixels: Array) -> _RayDerivatives:
+    """Rays of pixels (..., 2) with their derivatives."""
+    xp, chart = namespace(pixels), intrinsics.model.chart
+    x, y, valid = pixel_to_chart(intrinsics, pixels[..., 0], pixels[..., 1])
+    lens = lens_of(intrinsics.model, intrinsics.coefficients)
+    (xx, xy, yx, yy), columns, _ = _by_sensor_and_lens(xp, intrinsics, lens, (x, y))
+    by_pixel = matrix(xp, [[xx / intrinsics.fx, xy / intrinsics.fy], [yx / intrinsics.fx, yy / intrinsics.fy]])
+    by_parameter = matrix(xp, [[column[row] for column in columns] for row in range(2)])
+    by_chart, rays = chart.ray_jacobian(xp, x, y), xp.stack(chart.to_ray(xp, x, y), -1)
+    return _RayDerivatives(rays, by_chart @ by_pixel, by_chart @ by_parameter, valid)
+
+
+def _by_sensor_and_lens(
+    xp: ModuleType, intrinsics: Intrinsics, lens: Lens, at: tuple[Array, Array], by_chart: Matrix | None = None
+) -> tuple[Matrix, list[tuple[Array, Array]], Array]:
+    """How a chart point with a fixed pixel moves with its place on the sensor's plane, and with each parameter.
+
+    By the implicit function theorem −(∂pixel/∂ideal)⁻¹ ∂pixel/∂parameter, by_chart (2, 2) from the left. Returns also
+    whether the point is in front of the sensor.
+    """
+    (x, y), model, c = at, lens.model, lens.coefficients
+    sensor_x, sensor_y, *jacobian = model.linearize(x, y, c)
+    by_distorted, front, by_tilt = _inverse(tuple(jacobian)), xp.isfinite(x), []
+    if by_chart is not None:
+        by_distorted = _product(by_chart, by_distorted)
+    by_sensor, angles = by_distorted, model.tilt(c)
+    if angles is not None:
+        sensor_x, sensor_y, front = _apply_tilt(sensor_x, sensor_y, angles)
+        untilted, turned = _remove_tilt_slopes(sensor_x, sensor_y, angles)
+        by_sensor, (xx, xy, yx, yy) = _product(by_distorted, untilted), _product(by_distorted, turned)
+        by_tilt = [(xx, yx), (xy, yy)]
+    xx, xy, yx, yy = by_sensor
+    by_u, by_v = (xx / -intrinsics.fx, yx / -intrinsics.fx), (xy / -intrinsics.fy, yy / -intrinsics.fy)
+    by_focal = [(by_u[0] * sensor_x, by_u[1] * sensor_x), (by_v[0] * sensor_y, by_v[1] * sensor_y)]
+    xx, xy, yx, yy = (-entry for entry in by_distorted)
+    by_coefficient = [(xx * dx + xy * dy, yx * dx + yy * dy) for dx, dy in model.by_coefficient(x, y, c)]
+    return by_sensor, [*by_focal, by_u, by_v, *by_coefficient, *by_tilt], front
+
+
+def _inverse(of: Matrix) -> Matrix:
+    xx, xy, yx, yy = of
+    scale = 1.0 / (xx * yy - xy * yx)
+    return yy * scale, -xy * scale, -yx * scale, xx * scale
+
+
+def _product(left: Matrix, right: Matrix) -> Matrix:
+    (a, b, c, d), (e, f, g, h) = left, right
+    return a * e + b * g, a * f + b * h, c * e + d * g, c * f + d * h

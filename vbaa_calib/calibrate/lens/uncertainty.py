@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vbaa_calib.camera import Camera
-from vbaa_calib.camera.slopes import ray_derivatives
+from vbaa_calib.camera.projection import ray_derivatives
 from vbaa_calib.core.errors import InputError
 
 _GRID = (17, 13)
