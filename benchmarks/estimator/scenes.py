@@ -13,8 +13,7 @@ from benchmarks.harness import concatenated, picked
 from estimator import ContactEstimator
 from estimator.contact.contacts import Contacts
 from vbaa_calib.antenna.elastica import normal_load, planar_elastica
-from vbaa_calib.antenna.newton import newton
-from vbaa_calib.antenna.rod import STEPS_PER_SEGMENT, RodShape, node_arclength, sample_shape, shoot
+from vbaa_calib.antenna.rod import STEPS_PER_SEGMENT, RodShape, newton, node_arclength, sample_shape, shoot
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError, SolveError
 from vbaa_calib.geometry import Pose

@@ -11,7 +11,7 @@ import torch
 from scipy.integrate import solve_bvp, solve_ivp
 from scipy.optimize import brentq
 
-from vbaa_calib.antenna import elastica, linear, universal
+from vbaa_calib.antenna import elastica, linear
 
 EI, LENGTH = 3.9e-3, 0.24
 REFERENCE = Path(__file__).parents[3] / "shared/data/elastica_reference.txt"
@@ -54,7 +54,7 @@ def integrated(s: np.ndarray, load: float, angle_of_force: float, curvature: flo
 
 
 def test_dead_tip_load_against_the_table() -> None:
-    shape = elastica.dead_load([1.0], DEAD_TIP_LOAD[:, 0])
+    shape = elastica.planar_elastica_dead([1.0], 1.0, DEAD_TIP_LOAD[:, 0], 1.0)
     computed = np.concatenate([shape.w_m, 1.0 - shape.x_m, shape.theta_rad], axis=1)
     np.testing.assert_allclose(computed, DEAD_TIP_LOAD[:, 1:], atol=1e-8)
 
@@ -64,7 +64,7 @@ def test_dead_tip_load_against_the_reference_file() -> None:
         pytest.skip(f"{REFERENCE} is not here")
     rows = [line.split() for line in REFERENCE.read_text().splitlines() if line.strip() and not line.startswith("#")]
     table = np.array([[float(row[k]) for k in (0, 2, 4, 6)] for row in rows])
-    shape = elastica.dead_load([1.0], table[:, 0])
+    shape = elastica.planar_elastica_dead([1.0], 1.0, table[:, 0], 1.0)
     computed = np.concatenate([shape.w_m, 1.0 - shape.x_m, shape.theta_rad], axis=1)
     np.testing.assert_allclose(computed, table[:, 1:], atol=5.1e-7)
 
@@ -88,7 +88,7 @@ def test_dead_tip_load_against_elliptic_integrals(load: float) -> None:
         m, amplitude = squared_and_amplitude(theta)
         w = 1 - 2 / root * (mpmath.ellipe(m) - mpmath.ellipe(amplitude, m))
         expected = [float(mpmath.sqrt(2 * mpmath.sin(theta) / load)), float(w), float(theta)]
-    shape = elastica.dead_load([1.0], [load])
+    shape = elastica.planar_elastica_dead([1.0], 1.0, [load], 1.0)
     np.testing.assert_allclose([shape.x_m[0, 0], shape.w_m[0, 0], shape.theta_rad[0, 0]], expected, rtol=0, atol=1e-11)
 
 
@@ -117,7 +117,9 @@ def test_dead_force_against_a_boundary_value_solver(lean: float) -> None:
         max_nodes=50000,
     )
     assert solution.success
-    np.testing.assert_allclose(elastica.dead_load(s, [3.0], lean).theta_rad[0], solution.sol(s)[0], atol=1e-9)
+    np.testing.assert_allclose(
+        elastica.planar_elastica_dead(s, 1.0, [3.0], 1.0, lean).theta_rad[0], solution.sol(s)[0], atol=1e-9
+    )
 
 
 def test_dead_forces_of_every_lean_and_load_close_at_the_clamp() -> None:
@@ -133,7 +135,7 @@ def test_series_and_closed_form_agree() -> None:
     rng = np.random.default_rng(0)
     lean = rng.uniform(-1.55, 1.55, 500)
     upsilon = np.sqrt(rng.uniform(0.0, 2.5, (500, 1))) * np.linspace(1.0, 0.0, 25)
-    difference = universal._series(upsilon, lean) - universal._closed_form(upsilon, lean)
+    difference = elastica._series(upsilon, lean) - elastica._closed_form(upsilon, lean)
     assert np.abs(difference).max() < 1e-14
 
 

@@ -8,7 +8,7 @@ import pytest
 import torch
 from scipy.special import ellipeinc, ellipj, ellipk
 
-from vbaa_calib.antenna.universal import jacobi
+from vbaa_calib.antenna.elastica import jacobi
 
 
 @pytest.mark.parametrize("m", [0.0, 1e-12, 1e-3, 0.1, 0.5, 0.9, 0.999, 1 - 1e-5])

@@ -20,11 +20,15 @@ x along the antenna, the force in the plane of x and y. Fields are triples of co
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeAlias
+from functools import cache
+from typing import Any, TypeAlias
 
-from vbaa_calib.core.arrays import Array
+import numpy as np
+import torch
 
-from .hinge import Hinge
+from vbaa_calib.core.arrays import Array, like, namespace
+
+from .elastica import SERIES_LOAD, SERIES_TERMS, angle_coefficients, universal_curve
 from .nodes import INNER_NODES, grid_like
 
 _TORSION_RATIO = 1.3
@@ -38,6 +42,30 @@ Frame: TypeAlias = tuple[Vector, Vector, Vector]
 
 
 @dataclass(frozen=True, eq=False)
+class _Hinge:
+    """Rotations about z by angles (B, M), as their sine and cosine, and their slopes along the antenna."""
+
+    sin: Array
+    cos: Array
+    curvature_per_m: Array
+
+    def turned(self, vectors: Vector) -> Vector:
+        """Components of H·v."""
+        x, y, z = vectors
+        return self.cos * x - self.sin * y, self.sin * x + self.cos * y, z
+
+    def turned_back(self, vectors: Vector) -> Vector:
+        """Components of Hᵀ·v."""
+        x, y, z = vectors
+        return self.cos * x + self.sin * y, self.cos * y - self.sin * x, z
+
+    def at(self, node: int) -> _Hinge:
+        """At one node, M = 1."""
+        one = slice(node, node + 1)
+        return _Hinge(self.sin[:, one], self.cos[:, one], self.curvature_per_m[:, one])
+
+
+@dataclass(frozen=True, eq=False)
 class Loads:
     """What bends B antennas, along the clamp's axes and over EI. All (B, 1) but where said.
 
@@ -45,7 +73,7 @@ class Loads:
     ----------
     contact_m, length_m : arc length of the contact, and () of the tip.
     push_per_m2 : the contact force's component along the normal.
-    lean : tangent of its angle from the normal, positive towards the clamp; None where there is no friction.
+    lean_rad : (B,) angle of the whole force from the normal, positive towards the clamp; None without friction.
     dead_per_m2 : a force that keeps its direction, in place of the other; None where it follows the antenna's normal.
     weight_per_m3 : per length.
     bow_per_m : natural curvature about y and z.
@@ -55,7 +83,7 @@ class Loads:
     contact_m: Array
     length_m: float
     push_per_m2: Array
-    lean: Array | None
+    lean_rad: Array | None
     dead_per_m2: Vector | None
     weight_per_m3: Vector
     bow_per_m: tuple[Array, Array]
@@ -100,11 +128,12 @@ def side_lengths(contact_m: Array, length_m: float) -> Array:
     return contact_m * before + (length_m - contact_m) * (1.0 - before)
 
 
-def equilibrium(loads: Loads, hinge: Hinge, sweeps: int) -> Equilibrium:
+def equilibrium(loads: Loads, sweeps: int) -> Equilibrium:
     """Sweep so many times, from the rotations that weight and bow cause by themselves."""
     grid = grid_like(loads.contact_m)
     side = side_lengths(loads.contact_m, loads.length_m)
     rest = loads.length_m - loads.contact_m * grid.inner - (loads.length_m - loads.contact_m) * grid.outer
+    hinge = _elastica_hinge(loads)
     base = hinge.at(0)
     turns = _first_turns(loads, hinge, rest)
     state = _state(loads, hinge, turns, rest, side)
@@ -117,7 +146,7 @@ def equilibrium(loads: Loads, hinge: Hinge, sweeps: int) -> Equilibrium:
     return Equilibrium((x_axis, y_axis, _cross(x_axis, y_axis)), state.tangents, state.force, _at(state.moments, 0))
 
 
-def _first_turns(loads: Loads, hinge: Hinge, rest: Array) -> _Turns:
+def _first_turns(loads: Loads, hinge: _Hinge, rest: Array) -> _Turns:
     """Those of a straight antenna that weight, bow and its clamp's give bend a little."""
     length = loads.length_m
     along = length - rest
@@ -134,22 +163,22 @@ def _first_turns(loads: Loads, hinge: Hinge, rest: Array) -> _Turns:
     return _rolled(hinge.at(0), field, (given_y, given_z))
 
 
-def _state(loads: Loads, hinge: Hinge, turns: _Turns, rest: Array, side: Array) -> _State:
+def _state(loads: Loads, hinge: _Hinge, turns: _Turns, rest: Array, side: Array) -> _State:
     grid, base = grid_like(side), hinge.at(0)
     seen = _seen_from_contact(turns)
     weight = base.turned(_turned(seen, loads.weight_per_m3))
     if loads.dead_per_m2 is not None:
         force = base.turned(_turned(seen, loads.dead_per_m2))
     else:
-        push = loads.push_per_m2
-        force = (0.0 * push if loads.lean is None else -push * loads.lean, push, 0.0 * push)
+        push, lean = loads.push_per_m2, loads.lean_rad
+        force = (0.0 * push if lean is None else -push * namespace(push).tan(lean)[:, None], push, 0.0 * push)
     local = _turned_x(turns.field)
     tangents = hinge.turned(local)
     x, y, z = (rest * w + grid.before * f for w, f in zip(weight, force, strict=True))
     return _State(seen, local, tangents, force, _mapped(_cross(tangents, (x, y, z)), side, grid.from_tip))
 
 
-def _swept(loads: Loads, hinge: Hinge, turns: _Turns, state: _State, side: Array) -> _Turns:
+def _swept(loads: Loads, hinge: _Hinge, turns: _Turns, state: _State, side: Array) -> _Turns:
     """The turns (see the module) under the moments of the present ones."""
     m_x, m_y, m_z = hinge.turned_back(state.moments)
     _, held_y, held_z = _turned(_negative(state.seen), (m_x[:, :1], m_y[:, :1], m_z[:, :1]))
@@ -161,7 +190,7 @@ def _swept(loads: Loads, hinge: Hinge, turns: _Turns, state: _State, side: Array
     return _rolled(hinge.at(0), (x, y, z), given)
 
 
-def _rolled(base: Hinge, field: Vector, given: tuple[Array, Array]) -> _Turns:
+def _rolled(base: _Hinge, field: Vector, given: tuple[Array, Array]) -> _Turns:
     """With the sections turned about their own axes until the clamp's turn to the contact's axes has no roll in it."""
     d_x, d_y, _ = _seen_from_contact(_Turns(field, given))
     roll = base.sin / (1.0 + base.cos) * d_y - d_x
@@ -222,3 +251,53 @@ def _cross(a: Vector, b: Vector) -> Vector:
 
 def _mapped(values: Vector, side: Array, through: Array) -> Vector:
     return (values[0] * side) @ through, (values[1] * side) @ through, (values[2] * side) @ through
+
+
+def _elastica_hinge(loads: Loads) -> _Hinge:
+    """The elastica's rotations from the contact's section to those at the M nodes of `antenna.nodes`: −ψ."""
+    xp, lean = namespace(loads.contact_m), loads.lean_rad
+    force = loads.push_per_m2 if lean is None else loads.push_per_m2 / xp.cos(lean)[:, None]
+    load = force * loads.contact_m**2
+    large = load > SERIES_LOAD
+    psi, slope = _by_series(xp.where(large, 0.0, load), lean)
+    if large.any():
+        exact = _by_curve(xp.where(large, load, SERIES_LOAD), lean)
+        psi, slope = xp.where(large, exact[0], psi), xp.where(large, exact[1], slope)
+    return _Hinge(-xp.sin(psi), xp.cos(psi), slope * (force * loads.contact_m))
+
+
+def _by_series(load: Array, lean_rad: Array | None) -> tuple[Array, Array]:
+    """ψ and θ′·EI/(F·l), each (B, M), for loads (B, 1) that the series serves."""
+    powers = load ** like(load, np.arange(SERIES_TERMS))
+    if lean_rad is not None:
+        both = (powers * angle_coefficients(lean_rad)) @ _by_term_like(load, False)
+    else:
+        both = powers @ _by_term_like(load, True)
+    nodes = both.shape[-1] // 2
+    return load * both[:, :nodes], both[:, nodes:]
+
+
+def _by_curve(load: Array, lean_rad: Array | None) -> tuple[Array, Array]:
+    """The same for any load, by the universal curve; ψ′ = C cos α − S sin α."""
+    xp = namespace(load)
+    lean = xp.zeros_like(load[:, 0]) if lean_rad is None else lean_rad
+    root = xp.sqrt(load)
+    upsilon = root * (1.0 - grid_like(load).inner)
+    psi, along, across = universal_curve(upsilon, lean)
+    slope = along * xp.cos(lean)[:, None] - across * xp.sin(lean)[:, None]
+    return psi, slope / root
+
+
+def _by_term_like(values: Array, normal: bool) -> Array:
+    return _by_term_of(values.dtype, values.device if namespace(values) is torch else None, normal)
+
+
+@cache
+def _by_term_of(dtype: Any, device: torch.device | None, normal: bool) -> Array:
+    """(terms, 2·M): what each term of ψ's series adds to ψ and to θ′; for a force along the normal in full."""
+    back = 1.0 - grid_like(np.empty(0)).inner
+    power = 2.0 * np.arange(SERIES_TERMS)[:, None]
+    table = np.concatenate([back ** (power + 2.0), (power + 2.0) * back ** (power + 1.0)], axis=-1)
+    if normal:
+        table = angle_coefficients(np.zeros(1)).T * table
+    return table.astype(dtype) if device is None else torch.as_tensor(table, dtype=dtype, device=device)

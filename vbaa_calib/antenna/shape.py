@@ -15,7 +15,6 @@ import numpy as np
 from vbaa_calib.core.arrays import Array, namespace
 
 from .equilibrium import Equilibrium, Frame, Loads, Vector, equilibrium, side_lengths
-from .hinge import elastica_hinge
 from .nodes import CONTACT, aligned_arclength, grid_like, on_shaft
 
 __all__ = ["CONTACT", "PARAMETERS", "Curves", "aligned_arclength", "bend"]
@@ -62,13 +61,7 @@ class Curves:
 
     def picked(self, which: Array) -> Curves:
         """The curves with these indices (K,), which may repeat."""
-        return Curves(
-            self.arclength_m[which],
-            self.points_m[which],
-            self.tangents[which],
-            self.force_N[which],
-            self.moment_Nm[which],
-        )
+        return Curves(*(values[which] for values in vars(self).values()))
 
 
 def bend(
@@ -116,20 +109,17 @@ def bend(
     linear_weight = xp.exp(parameters[:, 7:8]) * gravity_m_s2
     by_stiffness = linear_weight / stiffness
     weight: Vector = (by_stiffness[:, :1], by_stiffness[:, 1:2], by_stiffness[:, 2:])
-    lean = None if dead or friction_rad is None else friction_rad
     loads = Loads(
         contact_m=contact_m[:, None],
         length_m=length_m,
         push_per_m2=size,
-        lean=None if lean is None else xp.tan(lean)[:, None],
+        lean_rad=None if dead else friction_rad,
         dead_per_m2=(applied[0], size, xp.zeros_like(size)) if dead else None,
         weight_per_m3=_turned_back(frame, weight),
         bow_per_m=_across(parameters[:, 4:5], parameters[:, 5:6], toward),
         give_m=parameters[:, 8:],
     )
-    whole = size if lean is None else size / xp.cos(lean)[:, None]
-    found = equilibrium(loads, elastica_hinge(loads.contact_m, whole, lean), sweeps)
-    return _curves(loads, found, frame, parameters, weight, stiffness)
+    return _curves(loads, equilibrium(loads, sweeps), frame, parameters, weight, stiffness)
 
 
 def _curves(

@@ -138,7 +138,7 @@ def _newton(xp: ModuleType, lens: Lens, region: Sectors, x: Array, y: Array, tho
     found = _Inverted(ideal_x, ideal_y, valid, (xx, xy, yx, yy), rest)
     if not thorough or not bool(rest.any()):
         return found
-    damped = _damped(xp, lens, region, x[rest], y[rest], ideal_x[rest], ideal_y[rest], inside[rest])
+    damped = _damped(xp, lens, x[rest], y[rest], (ideal_x[rest], ideal_y[rest]), inside[rest])
     for whole, part in zip((*found[:3], *found.jacobian), (*damped[:3], *damped.jacobian), strict=True):
         whole[rest] = part
     return found
@@ -164,19 +164,18 @@ def _mended_start(xp: ModuleType, lens: Lens, x: Array, y: Array, distorted: Arr
     return ideal_x - (ratio * dx + along * x), ideal_y - (ratio * dy + along * y)
 
 
-def _damped(
-    xp: ModuleType, lens: Lens, region: Sectors, x: Array, y: Array, guess_x: Array, guess_y: Array, usable: Array
-) -> _Inverted:
+def _damped(xp: ModuleType, lens: Lens, x: Array, y: Array, guess: tuple[Array, Array], usable: Array) -> _Inverted:
     """Newton with each step shortened until it stays inside the region and the residual falls.
 
     It starts from the guess where that is usable, else from deep inside the region.
     """
-    model, c = lens.model, lens.coefficients
+    assert lens.sectors is not None
+    model, c, region = lens.model, lens.coefficients, lens.sectors
     allowed = tolerance(xp, xp.sqrt(x * x + y * y))
     safe_x, safe_y, *_ = _start(xp, lens, x, y, xp.sqrt(x * x + y * y))
     deep = 0.5 * region.ideal.inner
     shrink = deep / xp.clip(xp.sqrt(safe_x * safe_x + safe_y * safe_y), deep, None)
-    ideal_x, ideal_y = xp.where(usable, guess_x, safe_x * shrink), xp.where(usable, guess_y, safe_y * shrink)
+    ideal_x, ideal_y = xp.where(usable, guess[0], safe_x * shrink), xp.where(usable, guess[1], safe_y * shrink)
     length = xp.ones_like(x)
     xd, yd, xx, xy, yx, yy = model.linearize(ideal_x, ideal_y, c)
     for _ in range(_DAMPED_STEPS):

@@ -92,7 +92,7 @@ def invert_radial(
         return found
     rest = ~found.valid
     _, node, step = table.start(xp, distorted[rest])
-    radius[rest] = _bracketed(xp, model, c, distorted[rest], node - step, node + 2.0 * step)
+    radius[rest] = _bracketed(xp, model, c, distorted[rest], (node - step, node + 2.0 * step), _SAFE_STEPS)
     return _checked(xp, model, c, table, radius, distorted)
 
 
@@ -107,15 +107,10 @@ def _checked(
 
 
 def _bracketed(
-    xp: ModuleType,
-    model: LensModel,
-    c: Sequence[float],
-    distorted: Array,
-    low: Array,
-    high: Array,
-    steps: int = _SAFE_STEPS,
+    xp: ModuleType, model: LensModel, c: Sequence[float], distorted: Array, bracket: tuple[Array, Array], steps: int
 ) -> Array:
-    """Radius for each distorted radius by Newton kept inside [low, high], halving where it would leave."""
+    """Radius for each distorted radius by Newton kept inside the bracket, halving where it would leave."""
+    low, high = bracket
     radius, close = 0.5 * (low + high), 0.1 * tolerance(xp, distorted)
     for _ in range(steps):
         s = radius * radius
@@ -147,7 +142,7 @@ def _radial_table(model: LensModel, c: Sequence[float]) -> RadialTable:
     even = np.linspace(0.0, distorted[-1] / (1.0 + distorted[-1]), _NODES)
     targets = np.append(even[:-1] / (1.0 - even[:-1]), distorted[-1])
     upper = np.clip(np.searchsorted(distorted, targets), 1, count - 1)
-    nodes = _bracketed(np, model, c, targets, radius[upper - 1], radius[upper], _TABLE_STEPS)
+    nodes = _bracketed(np, model, c, targets, (radius[upper - 1], radius[upper]), _TABLE_STEPS)
     nodes = np.maximum.accumulate(nodes)
     return RadialTable(
         ideal_limit=float(radius[-1]),

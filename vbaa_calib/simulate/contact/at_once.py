@@ -27,8 +27,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vbaa_calib.antenna.newton import newton
-from vbaa_calib.antenna.rod import STEPS_PER_SEGMENT, Rod, RodShape, sample_shape, shoot, solve_rod
+from vbaa_calib.antenna.rod import STEPS_PER_SEGMENT, Rod, RodShape, newton, sample_shape, shoot, solve_rod
 from vbaa_calib.core.errors import SolveError
 from vbaa_calib.simulate.scene.objects import TouchObject
 
