@@ -18,8 +18,7 @@ from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import replacing_folder
 from vbaa_calib.core.images import read_gray
-from vbaa_calib.detect.drawing.canvas import WHITE, Canvas, Colour
-from vbaa_calib.detect.drawing.legend import Key, strip
+from vbaa_calib.detect.drawing.canvas import WHITE, Canvas, Colour, Key, strip
 from vbaa_calib.detect.drawing.overlay import (
     background,
     described,

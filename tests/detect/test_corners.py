@@ -14,7 +14,7 @@ import yaml
 from targets.board import BoardSpec, corner_points, opencv_board
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.detect.board.corners import detect_corners, detect_folder
-from vbaa_calib.detect.board.layout import Markers, judge, marker_cells
+from vbaa_calib.detect.board.diagnosis import Markers, judge, marker_cells
 
 SPEC = BoardSpec(squares_x=9, squares_y=6, square_m=0.012, marker_m=0.009)
 SIZE = (960, 720)

@@ -7,7 +7,6 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from vbaa_calib.detect.drawing.canvas import ascii_text, text_size, wrapped
 from vbaa_calib.detect.drawing.overlay import (
     HIDDEN,
     OTHER_LINE,
@@ -113,10 +112,3 @@ def test_colours_of_deviations_go_one_way() -> None:
     colours = sigma_colours(np.array([0.0, 0.02, 0.05, 0.1, 0.5, 9.0, np.nan])).astype(int)
     assert (np.diff(colours[:, 1]) <= 0).all()
     assert (colours[0].tolist(), colours[-1].tolist()) == ([255, 255, 0], [255, 0, 255])
-
-
-def test_words_are_wrapped_and_in_letters_that_can_be_drawn() -> None:
-    lines = wrapped("a reason of many words, 0.3° ± 0.1° or so, and avery" + "long" * 40, 200, 0.5)
-    assert len(lines) > 2
-    assert all(text_size(line, 0.5)[0] <= 200 for line in lines)
-    assert ascii_text("1 µN·m ± 2 %, 😀") == "1 uN.m +- 2 %, ?"

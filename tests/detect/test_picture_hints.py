@@ -11,8 +11,7 @@ import pytest
 from targets.board import BoardSpec, opencv_board
 from vbaa_calib.core.errors import Diagnosis
 from vbaa_calib.detect.board.corners import detect_corners
-from vbaa_calib.detect.quality.blur import blur_ellipse, edge_blur
-from vbaa_calib.detect.quality.hints import picture_hints, wrong_board
+from vbaa_calib.detect.quality.hints import blur_ellipse, edge_blur, picture_hints, wrong_board
 from vbaa_calib.doctor.detector_test import Conditions, DrawnBoard
 
 from .drawn_boards import GOOD, SPEC, drawn, picture, smeared

@@ -16,8 +16,7 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.images import list_images, read_gray
 
 from .covariance import corner_covariances
-from .diagnosis import explain_mismatch, rows_too_many
-from .layout import Markers, px_per_square
+from .diagnosis import Markers, explain_mismatch, px_per_square, rows_too_many
 from .view_quality import ViewQuality, measure_quality
 
 _WORKERS = 2

@@ -1,17 +1,19 @@
-"""Why a board spec does not fit the pictures: the causes in words and the spec that fits, found by trying."""
+"""Why a board spec does not fit the pictures: the causes in words and the spec that fits, found by trying.
+
+A layout fits when markers that are neighbours in it stand to one another as it has them.
+"""
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
 
 from targets.board import DICTIONARIES, DICTIONARY_SIZES, BoardSpec, spec_line
-
-from .layout import PAIRS_NEEDED, Layout, Markers, best_layout, distinctive_pairs, judge, vacant_below
 
 MIRRORED = "the markers are found only in the mirror image (the pictures are mirrored: mirror them back)"
 _NEGATIVE = "the markers are found only with black and white exchanged (the board is a negative: print it anew)"
@@ -24,6 +26,160 @@ _CONTRADICTED = 0.2
 _RATIO_OFF, _RATIO_OFF_PX = 0.08, 2.0
 """How far the markers' share of a square may be off before it is called wrong. By 0.1 it costs up to half as much again
 in drawn corners (0.03 px to 0.05 px), by 0.25 up to ten times (0.04 px to 0.4 px)."""
+_PAIRS_NEEDED = 6
+"""Pairs of markers that must agree before anything is concluded from them."""
+_MISS_SQUARES = 0.6
+_LARGEST_WIDTH = 60
+_RATIOS = (0.2, 1.0)
+_NEAR = 2
+# the unit square's outline in OpenCV's marker corner order, about its centre
+_OUTLINE = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
+# contours run through the centres of the outermost black pixels: half a pixel inside the edge, on either side
+_CONTOUR_PX = 1.0
+
+
+def marker_cells(squares_x: int, on_even_squares: bool, count: int) -> np.ndarray:
+    """(count, 2) column and row of each marker id: markers are numbered along the rows, on every other square.
+
+    on_even_squares: the first square holds a marker (OpenCV's legacy layout with an even number of rows).
+    """
+    rows = 2 * count // squares_x + 2
+    row, column = np.mgrid[:rows, :squares_x]
+    holds_marker = (row + column) % 2 == (0 if on_even_squares else 1)
+    return np.stack([column[holds_marker], row[holds_marker]], axis=-1)[:count]
+
+
+def px_per_square(outlines: np.ndarray, marker_per_square: float) -> np.ndarray:
+    """(M, 2, 2) pixels per square along the board's x and y (columns) at each marker, outlines (M, 4, 2) px.
+
+    The least-squares affine map of its four corners.
+    """
+    return np.einsum("mcp,cb->mpb", outlines, _OUTLINE) / marker_per_square
+
+
+@dataclass(frozen=True, eq=False)
+class Markers:
+    """The markers of one picture: ids (M,) and their outlines (M, 4, 2) px."""
+
+    ids: np.ndarray
+    outlines: np.ndarray
+
+    @cached_property
+    def px_per_marker(self) -> np.ndarray:
+        """(M, 2, 2) pixels per marker side along the board's x and y (columns)."""
+        found = px_per_square(self.outlines, 1.0)
+        side_px = np.sqrt(np.maximum(np.abs(np.linalg.det(found)), 1e-6))
+        return found * (1.0 + _CONTOUR_PX / side_px)[:, None, None]
+
+    @cached_property
+    def offsets(self) -> np.ndarray:
+        """(M, M, 2) from each marker's centre to every other one's, in sides of the first along the board's x and y."""
+        centres = self.outlines.mean(axis=1)
+        return np.einsum("ibp,ijp->ijb", np.linalg.pinv(self.px_per_marker), centres[None] - centres[:, None])
+
+    def below(self, count: int) -> Markers:
+        """Those with ids under a count."""
+        low = self.ids < count
+        return self if low.all() else Markers(self.ids[low], self.outlines[low])
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """How well markers stand as a layout has them.
+
+    Attributes
+    ----------
+    squares_x, on_even_squares : the layout (`marker_cells`).
+    ratio : marker side over square side that fits it best.
+    wrong, total : pairs of markers at most two squares apart in it: that contradict it, and all.
+    fits : (count,) of how many fitting pairs each id is the first.
+    """
+
+    squares_x: int
+    on_even_squares: bool
+    ratio: float
+    wrong: int
+    total: int
+    fits: np.ndarray
+
+    @property
+    def agreeing(self) -> int:
+        """Pairs that stand as the layout has them."""
+        return self.total - self.wrong
+
+    @property
+    def share_wrong(self) -> float:
+        """wrong / total."""
+        return self.wrong / max(self.total, 1)
+
+    @property
+    def cells(self) -> np.ndarray:
+        """(count, 2) column and row of each id."""
+        return marker_cells(self.squares_x, self.on_even_squares, len(self.fits))
+
+
+def judge(pictures: Sequence[Markers], squares_x: int, on_even_squares: bool, count: int) -> Layout:
+    """How well the markers with ids under `count` fit a layout.
+
+    Each marker's outline predicts where its neighbours stand; a pair fits when that misses by less than 0.6 squares.
+    Being local, this bears any lens. The marker's size against the square's is found from the same pairs.
+    """
+    cells = marker_cells(squares_x, on_even_squares, count)
+    ids, steps, offsets = [np.zeros(0, int)], [np.zeros((0, 2))], [np.zeros((0, 2))]
+    for picture in (picture.below(count) for picture in pictures):
+        step = cells[picture.ids][None] - cells[picture.ids][:, None]
+        near = (np.abs(step).max(axis=-1) <= _NEAR) & step.any(axis=-1)
+        ids.append(picture.ids[np.nonzero(near)[0]])
+        steps.append(step[near].astype(float))
+        offsets.append(picture.offsets[near])
+    step, offset = np.concatenate(steps), np.concatenate(offsets)
+    along = (step * offset).sum(axis=1)
+    ahead = along > 0.0
+    typical = np.median((step[ahead] ** 2).sum(axis=1) / along[ahead]) if ahead.any() else np.mean(_RATIOS)
+    ratio = float(np.clip(typical, *_RATIOS))
+    good = np.linalg.norm(ratio * offset - step, axis=1) < _MISS_SQUARES
+    fits = np.bincount(np.concatenate(ids)[good], minlength=count)
+    return Layout(squares_x, on_even_squares, ratio, int((~good).sum()), len(good), fits)
+
+
+def _distinctive_pairs(pictures: Sequence[Markers], here: Layout, other: Layout) -> int:
+    """How many pairs of neighbouring markers fit one layout and stand differently in the other, of as many ids."""
+    cells, votes = (here.cells, other.cells), 0
+    for picture in (picture.below(len(here.fits)) for picture in pictures):
+        step, rival = (layout[picture.ids][None] - layout[picture.ids][:, None] for layout in cells)
+        near = (np.abs(step).max(axis=-1) <= _NEAR) & (step != rival).any(axis=-1)
+        votes += int((near & (np.linalg.norm(here.ratio * picture.offsets - step, axis=-1) < _MISS_SQUARES)).sum())
+    return votes
+
+
+def _best_layout(pictures: Sequence[Markers], prefer: tuple[int, bool]) -> Layout | None:
+    """The layout that the fewest pairs contradict; the preferred (squares_x, on_even_squares) where none is better.
+
+    None where too few pairs say anything, or one in ten contradicts the best.
+    """
+    count = 1 + max((int(picture.ids.max(initial=-1)) for picture in pictures), default=-1)
+    every = [(squares_x, even) for squares_x in range(2, _LARGEST_WIDTH + 1) for even in (False, True)]
+    best: Layout | None = None
+    for squares_x, even in [prefer, *every]:
+        layout = judge(pictures, squares_x, even, count)
+        if layout.agreeing >= _PAIRS_NEEDED and (best is None or layout.share_wrong < best.share_wrong - 1e-9):
+            best = layout
+    return best if best is not None and best.share_wrong <= 0.1 else None
+
+
+def _vacant_below(picture: Markers, layout: Layout, row: int, image_size: tuple[int, int]) -> int:
+    """How many markers of the row after `row` would stand well inside the picture, beside markers of `row` in it."""
+    picture = picture.below(len(layout.fits))
+    column, its_row = layout.cells[picture.ids].T
+    last = its_row == row
+    centres, per_square = picture.outlines.mean(axis=1)[last], picture.px_per_marker[last] / layout.ratio
+    size_px, vacant = np.linalg.norm(per_square, axis=(1, 2)), 0
+    for side in (-1, 1):
+        where = centres + per_square @ np.array([side, 1.0])
+        room = np.minimum(where, np.array(image_size) - 1 - where).min(axis=1)
+        beside = column[last] + side
+        vacant += int(((room > size_px) & (beside >= 0) & (beside < layout.squares_x)).sum())
+    return vacant
 
 
 @dataclass(frozen=True)
@@ -56,16 +212,16 @@ def explain_mismatch(
     found : whether the board's corners are found in a fair share of the pictures.
     """
     own = judge(markers, spec.squares_x, spec.starts_with_marker, spec.marker_count)
-    doubtful = own.total >= PAIRS_NEEDED and own.share_wrong > _CONTRADICTED
+    doubtful = own.total >= _PAIRS_NEEDED and own.share_wrong > _CONTRADICTED
     legacy_is_wrong = _legacy_is_wrong(markers, own, spec)
     if found and not doubtful and not legacy_is_wrong:
         highest = max((int(picture.ids.max(initial=-1)) for picture in markers), default=-1)
         layout = judge(markers, spec.squares_x, spec.starts_with_marker, max(highest + 1, 1))
         return _compared(_Sighting(spec.dictionary, "", markers, layout), spec)
     rich = sorted(markers, key=lambda picture: len(picture.ids))[-_LAYOUT_PICTURES:]
-    seen = best_layout(rich, (spec.squares_x, spec.starts_with_marker))
+    seen = _best_layout(rich, (spec.squares_x, spec.starts_with_marker))
     # so many that they are no chance finds of a dictionary that is not on the board
-    if seen is not None and (seen.fits > 0).sum() >= PAIRS_NEEDED:
+    if seen is not None and (seen.fits > 0).sum() >= _PAIRS_NEEDED:
         if legacy_is_wrong:
             seen = judge(markers, spec.squares_x, not spec.starts_with_marker, len(seen.fits))
         return _compared(_Sighting(spec.dictionary, "", markers, seen), spec)
@@ -82,8 +238,8 @@ def _legacy_is_wrong(markers: Sequence[Markers], own: Layout, spec: BoardSpec) -
     if spec.squares_y % 2:
         return False
     rival = judge(markers, spec.squares_x, not own.on_even_squares, spec.marker_count)
-    here, other = distinctive_pairs(markers, own, rival), distinctive_pairs(markers, rival, own)
-    return other >= PAIRS_NEEDED and here < 0.2 * other
+    here, other = _distinctive_pairs(markers, own, rival), _distinctive_pairs(markers, rival, own)
+    return other >= _PAIRS_NEEDED and here < 0.2 * other
 
 
 def _searched(read: Callable[[int], np.ndarray], count: int, spec: BoardSpec) -> _Sighting | None:
@@ -95,7 +251,7 @@ def _searched(read: Callable[[int], np.ndarray], count: int, spec: BoardSpec) ->
         found = []
         for dictionary in _FAMILIES:
             markers = [_find_markers(picture, dictionary) for picture in seen]
-            layout = best_layout(markers, (spec.squares_x, spec.starts_with_marker))
+            layout = _best_layout(markers, (spec.squares_x, spec.starts_with_marker))
             if layout is not None:
                 found.append(_Sighting(dictionary, turned, markers, layout))
         if found:
@@ -136,7 +292,7 @@ def _compared(sighting: _Sighting, spec: BoardSpec) -> Mismatch | None:
 def _fitting_spec(sighting: _Sighting, spec: BoardSpec) -> BoardSpec | None:
     """The spec that the pictures show: what they leave open is kept; None where its dictionary is none of ours."""
     layout, columns, even = sighting.layout, sighting.layout.squares_x, sighting.layout.on_even_squares
-    seen = layout.fits >= PAIRS_NEEDED
+    seen = layout.fits >= _PAIRS_NEEDED
     rows = int(layout.cells[seen if seen.any() else layout.fits > 0, 1].max(initial=-1)) + 1
     # the first square holds a marker only on boards with an even number of rows
     rows = max(rows + rows % 2 if even else rows, 2)
@@ -163,7 +319,7 @@ def _marker_m(sighting: _Sighting, spec: BoardSpec) -> float:
     sides = [np.sqrt(np.abs(np.linalg.det(picture.px_per_marker))) for picture in sighting.markers if len(picture.ids)]
     side_px = float(np.median(np.concatenate(sides))) if sides else 0.0
     tolerance = max(_RATIO_OFF, _RATIO_OFF_PX * ratio / max(side_px, 1.0))
-    sure = sighting.layout.agreeing >= PAIRS_NEEDED and 0.25 < ratio < 0.98
+    sure = sighting.layout.agreeing >= _PAIRS_NEEDED and 0.25 < ratio < 0.98
     return float(f"{round(ratio, 2) * spec.square_m:.4g}") if sure and abs(ratio - named) > tolerance else spec.marker_m
 
 
@@ -176,6 +332,6 @@ def rows_too_many(markers: Sequence[Markers], spec: BoardSpec, image_size: tuple
     if not layout.fits.any():
         return 0
     last = int(layout.cells[np.flatnonzero(layout.fits)[-1], 1])
-    vacant = [vacant_below(picture, layout, last, image_size) for picture in markers]
-    sure = sum(vacant) >= PAIRS_NEEDED and sum(one >= 2 for one in vacant) >= min(3, len(markers))
+    vacant = [_vacant_below(picture, layout, last, image_size) for picture in markers]
+    sure = sum(vacant) >= _PAIRS_NEEDED and sum(one >= 2 for one in vacant) >= min(3, len(markers))
     return spec.squares_y - 1 - last if sure else 0

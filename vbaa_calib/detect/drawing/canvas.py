@@ -1,8 +1,10 @@
-"""A colour picture to draw on in the picture's own pixels, enlarged where they are few."""
+"""A colour picture to draw on in the picture's own pixels, enlarged where they are few, and the legend under it."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import cv2
 import numpy as np
@@ -21,6 +23,11 @@ _FARTHEST = 8000.0
 _FONT = cv2.FONT_HERSHEY_SIMPLEX
 _ASCII = {"±": "+-", "°": " deg", "µ": "u", "·": ".", "–": "-", "→": "->", "≤": "<=", "ξ": "xi", "×": "x", "²": "^2"}
 """OpenCV's fonts have _ASCII only."""
+_GROUND: Colour = (30, 26, 24)
+_SOFT: Colour = (190, 182, 176)
+_TEXT_SIZE = 0.5
+_LINE_HEIGHT = 22
+_MARGIN = 14
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,12 +114,12 @@ class Canvas:
 
     def words(self, text: str, at_px: np.ndarray, colour: Colour, aside: tuple[float, float] = (9.0, -9.0)) -> None:
         """A label beside a point, to its left where `aside` says so; kept inside the canvas, with a black edge."""
-        width, height = text_size(text, 0.5 * self.unit)
+        width, height = _text_size(text, 0.5 * self.unit)
         spot = self.at(np.asarray(at_px)) + np.array(aside) * self.unit - [width if aside[0] < 0 else 0, 0]
         rows, columns = self.image.shape[:2]
         spot = np.clip(spot, [3, height + 3], [max(3, columns - width - 4), max(height + 3, rows - 5)])
         for ink, thick in ((BLACK, 4), (colour, 1)):
-            put(self.image, text, (int(spot[0]), int(spot[1])), 0.5 * self.unit, ink, thick)
+            _put(self.image, text, (int(spot[0]), int(spot[1])), 0.5 * self.unit, ink, thick)
 
     def _thickness(self, thick: float) -> int:
         return max(1, round(thick * self.unit))
@@ -125,30 +132,130 @@ class Canvas:
         return np.rint(limit * (1 << _PARTS_BITS)).astype(np.int32)
 
 
-def ascii_text(text: str) -> str:
+def _ascii_text(text: str) -> str:
     """The text in the letters that OpenCV can draw."""
     return "".join(_ASCII.get(letter, letter) for letter in text).encode("ascii", "replace").decode()
 
 
-def text_size(text: str, size: float, thick: int = 1) -> tuple[int, int]:
+def _text_size(text: str, size: float, thick: int = 1) -> tuple[int, int]:
     """Width and height of a text in canvas pixels."""
-    (width, height), _ = cv2.getTextSize(ascii_text(text), _FONT, size, thick)
+    (width, height), _ = cv2.getTextSize(_ascii_text(text), _FONT, size, thick)
     return int(width), int(height)
 
 
-def put(image: np.ndarray, text: str, at: tuple[int, int], size: float, colour: Colour, thick: int = 1) -> None:
+def _put(image: np.ndarray, text: str, at: tuple[int, int], size: float, colour: Colour, thick: int = 1) -> None:
     """Write on an image (H, W, 3), from the lower left corner `at`."""
-    cv2.putText(image, ascii_text(text), at, _FONT, size, colour, thick, cv2.LINE_AA)
+    cv2.putText(image, _ascii_text(text), at, _FONT, size, colour, thick, cv2.LINE_AA)
 
 
-def wrapped(text: str, width: float, size: float) -> list[str]:
+def _wrapped(text: str, width: float, size: float) -> list[str]:
     """The text in lines that are no wider than so many canvas pixels; a single longer word is cut."""
     lines: list[str] = []
-    for word in ascii_text(text).split():
-        while text_size(word, size)[0] > width and len(word) > 1:
+    for word in _ascii_text(text).split():
+        while _text_size(word, size)[0] > width and len(word) > 1:
             word = word[:-1]
-        if lines and text_size(f"{lines[-1]} {word}", size)[0] <= width:
+        if lines and _text_size(f"{lines[-1]} {word}", size)[0] <= width:
             lines[-1] = f"{lines[-1]} {word}"
         else:
             lines.append(word)
     return lines
+
+
+@dataclass(frozen=True)
+class Key:
+    """One entry of the legend: a sample of the mark, and what it means; `scale` (K, 3) is drawn as a bar."""
+
+    words: str
+    colour: Colour = WHITE
+    mark: Literal["line", "dashes", "ring", "arrow", "scale"] = "line"
+    scale: np.ndarray | None = None
+
+
+def strip(
+    width: int,
+    unit: float,
+    badge: tuple[str, Colour],
+    heading: tuple[str, str],
+    lines: Sequence[str],
+    keys: Sequence[Key],
+) -> np.ndarray:
+    """An image (H, width, 3): the badge, headings to the left and the right, wrapped paragraphs, and the keys."""
+    margin, step, size = round(_MARGIN * unit), round(_LINE_HEIGHT * unit), _TEXT_SIZE * unit
+    inner = width - 2 * margin
+    paragraphs = [_wrapped(line, inner, size) for line in lines if line]
+    rows = _in_rows(keys, inner, unit)
+    height = 2 * margin + round(1.5 * step) + step * (sum(map(len, paragraphs)) + len(rows)) + step // 2
+    image = np.full((height, width, 3), _GROUND, np.uint8)
+    below = _headed(image, badge, heading, margin, unit)
+    for index, paragraph in enumerate(paragraphs):
+        for line in paragraph:
+            below += step
+            _put(image, line, (margin, below), size, WHITE if index == 0 else _SOFT)
+    below += step // 2
+    for row in rows:
+        below += step
+        across = margin
+        for key in row:
+            _draw_key(image, key, (across, below), unit)
+            across += _key_width(key, unit)
+    return image
+
+
+def _headed(image: np.ndarray, badge: tuple[str, Colour], heading: tuple[str, str], margin: int, unit: float) -> int:
+    """Draw badge and headings, the right one as far as there is room; returns the base line."""
+    word, colour = badge
+    size, pad = 0.62 * unit, round(8 * unit)
+    width, height = _text_size(word, size, 2)
+    base = margin + height + pad // 2
+    cv2.rectangle(image, (margin, margin - pad // 2), (margin + width + 2 * pad, base + pad), colour, cv2.FILLED)
+    ink = BLACK if np.dot(colour, (0.114, 0.587, 0.299)) > 110 else WHITE
+    _put(image, word, (margin + pad, base), size, ink, max(1, round(1.4 * unit)))
+    size, left = 0.56 * unit, margin + width + 4 * pad
+    _put(image, heading[0], (left, base), size, WHITE)
+    left += _text_size(heading[0], size)[0] + 3 * pad
+    room = image.shape[1] - margin - left
+    for line in _wrapped(heading[1], room, size)[:1] if room > 0 else []:
+        _put(image, line, (image.shape[1] - margin - _text_size(line, size)[0], base), size, _SOFT)
+    return base + pad // 2
+
+
+def _key_width(key: Key, unit: float) -> int:
+    """From where a key starts to where the next one does."""
+    sample = round((44 if key.mark != "scale" else 100) * unit)
+    return sample + _text_size(key.words, 0.9 * _TEXT_SIZE * unit)[0] + round(18 * unit)
+
+
+def _in_rows(keys: Sequence[Key], inner: int, unit: float) -> list[list[Key]]:
+    rows: list[list[Key]] = [[]]
+    used = 0
+    for key in keys:
+        width = _key_width(key, unit)
+        if rows[-1] and used + width > inner:
+            rows.append([])
+            used = 0
+        rows[-1].append(key)
+        used += width
+    return rows
+
+
+def _draw_key(image: np.ndarray, key: Key, at: tuple[int, int], unit: float) -> None:
+    """One key with its sample."""
+    left, base = at
+    middle = base - round(5 * unit)
+    canvas = Canvas(image, 1.0, unit=unit)
+    long = round((34 if key.mark != "scale" else 90) * unit)
+    ends = np.array([[left, middle], [left + long, middle]], float)
+    if key.mark == "scale" and key.scale is not None:
+        bar = cv2.resize(key.scale[None], (long, max(3, round(9 * unit))), interpolation=cv2.INTER_LINEAR)
+        top = middle - bar.shape[0] // 2
+        there = image[top : top + bar.shape[0], left : left + long]
+        there[:] = bar[: there.shape[0], : there.shape[1]]
+    elif key.mark == "dashes":
+        canvas.dashes(ends, key.colour, 1.5, 6.0)
+    elif key.mark == "ring":
+        canvas.ring(ends.mean(axis=0), 5.0, key.colour)
+    elif key.mark == "arrow":
+        canvas.arrow(ends[0], ends[1], key.colour)
+    else:
+        canvas.line(ends, key.colour, 2.0)
+    _put(image, key.words, (left + long + round(8 * unit), base), 0.9 * _TEXT_SIZE * unit, _SOFT)

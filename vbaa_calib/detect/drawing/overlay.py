@@ -8,8 +8,7 @@ import numpy as np
 from vbaa_calib.detect.whisker.centreline import Centreline, Visibility
 from vbaa_calib.detect.whisker.corridor import Corridor, normals
 
-from .canvas import WHITE, Canvas, Colour
-from .legend import Key, strip
+from .canvas import WHITE, Canvas, Colour, Key, strip
 
 _CORRIDOR: Colour = (150, 128, 112)
 _FREE: Colour = (255, 150, 90)

@@ -10,7 +10,7 @@ import numpy as np
 
 from targets.board import BoardSpec
 from vbaa_calib.detect.board.corners import BoardView
-from vbaa_calib.detect.board.layout import marker_cells
+from vbaa_calib.detect.board.diagnosis import marker_cells
 from vbaa_calib.detect.board.view_quality import fixes_homography
 
 _TEXELS = 12
