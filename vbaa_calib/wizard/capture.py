@@ -8,7 +8,7 @@ from typing import Any
 
 from vbaa_calib.calibrate.faults.loads import typed_load_diagnoses
 from vbaa_calib.core.errors import Diagnosis, InputError
-from vbaa_calib.session import Load, Still, gravity_antenna
+from vbaa_calib.session import Load, Still
 
 from .questions import Question, ReadingsTable, asked, complete, in_si
 from .session_state import SessionState, still_of
@@ -25,55 +25,6 @@ _WAIT_S = 0.2
 
 class NoMorePictures(InputError):
     """The source has ended, and what it gave is not enough to go on."""
-
-
-def _readings_of(state: SessionState, ui: Ui, step: str, table: ReadingsTable, name: str) -> dict[str, float]:
-    """Readings in SI of the picture `name`, none where the step has none to read.
-
-    Raises InputError for readings that are missing or cannot be where nobody is there to be asked, and for rows of the
-    table that cannot be; Interrupted for a command.
-    """
-    taken = state.taken(step)
-    questions = asked(state.store.folder(step), taken[-1].readings if taken else None)
-    if not questions:
-        return {}
-    where = f"{table.where or step} {name}"
-    row = table.of(name, len(taken))
-    if row is not None:
-        readings = _completed(state, step, row, where)
-        doubts = _load_doubts(state, step, readings)
-        if doubts and doubts[0].grave:
-            raise InputError(doubts[0].words, where=where, remedy=doubts[0].remedy)
-        return readings
-    if not ui.interactive:
-        what = f"the readings of the picture are missing ({', '.join(question.key for question in questions)})"
-        remedy = f"give --{step}-readings, a CSV with a column image, or write it in --answers FILE"
-        raise InputError(what, where=name, remedy=remedy)
-    while True:
-        ui.say(f"{name}: what was read with it?")
-        typed = {question.key: ui.ask(question) for question in questions}
-        try:
-            readings = _completed(state, step, typed, where)
-        except InputError as error:
-            ui.wrong(f"{error.what}; {error.remedy}")
-            continue
-        doubts = _load_doubts(state, step, readings)
-        for doubt in doubts:
-            ui.say(str(doubt))
-        if not doubts or ui.ask(_KEEP):
-            return readings
-
-
-def _completed(state: SessionState, step: str, typed: Mapping[str, Any], where: str) -> dict[str, float]:
-    session, si = state.session, in_si(typed, where)
-    still = Still(None, si.get("pan_rad", 0.0), si.get("tilt_rad", 0.0), 0.0)
-    pull = gravity_antenna(session.kinematics, session.gravity_world_m_s2, [still])[0]
-    return complete(state.store.folder(step), typed, pull, session.antenna.length_m, where)
-
-
-def _load_doubts(state: SessionState, step: str, readings: Readings) -> list[Diagnosis]:
-    load = still_of(step, None, readings) if step == "loads" else None
-    return typed_load_diagnoses([load], state.session.antenna) if isinstance(load, Load) else []
 
 
 @dataclass
@@ -216,7 +167,7 @@ class Capture:
         if twin is not None:
             self._refuse(picture, f"is the same picture as {twin.file}")
             return
-        readings = _readings_of(self.state, self.ui, name, self.table, picture.name)
+        readings = self._readings_of(picture.name)
         check = self._check(picture, readings)
         if check.refusal:
             self._refuse(picture, check.refusal)
@@ -227,6 +178,49 @@ class Capture:
         self.state.write_files()
         self.ui.say(f"took      {picture.name} as {taken.file}{f', {check.words}' if check.words else ''}")
         self.progress = None
+
+    def _readings_of(self, picture: str) -> dict[str, float]:
+        """Readings in SI of a picture, none where the step has none to read.
+
+        Raises InputError for readings that are missing or cannot be where nobody is there to be asked, and for rows of
+        the table that cannot be; Interrupted for a command.
+        """
+        step, ui, taken = self.step.name, self.ui, self.state.taken(self.step.name)
+        questions = asked(self.store.folder(step), taken[-1].readings if taken else None)
+        if not questions:
+            return {}
+        where = f"{self.table.where or step} {picture}"
+        row = self.table.of(picture, len(taken))
+        if row is not None:
+            readings, doubts = self._judged(row, where)
+            if doubts and doubts[0].grave:
+                raise InputError(doubts[0].words, where=where, remedy=doubts[0].remedy)
+            return readings
+        if not ui.interactive:
+            what = f"the readings of the picture are missing ({', '.join(question.key for question in questions)})"
+            remedy = f"give --{step}-readings, a CSV with a column image, or write it in --answers FILE"
+            raise InputError(what, where=picture, remedy=remedy)
+        while True:
+            ui.say(f"{picture}: what was read with it?")
+            typed = {question.key: ui.ask(question) for question in questions}
+            try:
+                readings, doubts = self._judged(typed, where)
+            except InputError as error:
+                ui.wrong(f"{error.what}; {error.remedy}")
+                continue
+            for doubt in doubts:
+                ui.say(str(doubt))
+            if not doubts or ui.ask(_KEEP):
+                return readings
+
+    def _judged(self, typed: Mapping[str, Any], where: str) -> tuple[dict[str, float], list[Diagnosis]]:
+        """Readings as the tables want them, and what looks wrong with a load."""
+        session, step, si = self.state.session, self.step.name, in_si(typed, where)
+        still = Still(None, si.get("pan_rad", 0.0), si.get("tilt_rad", 0.0), 0.0)
+        pull = session.gravity_antenna([still])[0]
+        readings = complete(self.store.folder(step), typed, pull, session.antenna.length_m, where)
+        load = still_of(step, None, readings) if step == "loads" else None
+        return readings, typed_load_diagnoses([load], session.antenna) if isinstance(load, Load) else []
 
     def _refuse(self, picture: Picture, why: str) -> None:
         self.store.refuse(self.step.name, picture, why)

@@ -45,18 +45,18 @@ _GRAVITY_M_S2 = 9.80665
 _DIRECTIONS = {"x": (1, 0, 0), "-x": (-1, 0, 0), "y": (0, 1, 0), "-y": (0, -1, 0), "z": (0, 0, 1), "-z": (0, 0, -1)}
 _UNITS = {
     "antenna": {
-        "length_m": ("antenna_length_mm", 1e-3, 1e3),
-        "diameter_m": ("antenna_diameter_mm", 1e-3, 1e3),
-        "youngs_modulus_Pa": ("youngs_modulus_GPa", 1e9, 1e-9),
-        "density_kg_m3": ("density_kg_m3", 1.0, 1.0),
+        "length_m": ("antenna_length_mm", 1e-3),
+        "diameter_m": ("antenna_diameter_mm", 1e-3),
+        "youngs_modulus_Pa": ("youngs_modulus_GPa", 1e9),
+        "density_kg_m3": ("density_kg_m3", 1.0),
     },
-    "moment_sensor": {"std_Nm": ("moment_std_mNm", 1e-3, 1e3)},
+    "moment_sensor": {"std_Nm": ("moment_std_mNm", 1e-3)},
     "load_readings": {
-        "distance_std_m": ("distance_std_mm", 1e-3, 1e3),
-        "force_std_relative": ("mass_std_percent", 1e-2, 1e2),
+        "distance_std_m": ("distance_std_mm", 1e-3),
+        "force_std_relative": ("mass_std_percent", 1e-2),
     },
 }
-"""Section and key of session.yaml → the answer, its size in SI, and SI's size in its unit."""
+"""Section and key of session.yaml → the answer, and the size of its unit in SI."""
 _PASSING = {"antenna_length_mm": 100.0, "antenna_diameter_mm": 1.0}
 """Taken until they are answered, since they have no default."""
 
@@ -125,9 +125,9 @@ def answers_of(session_yaml: Path) -> dict[str, Any]:
         "load_readings": session.load_readings,
     }
     found: dict[str, Any] = {
-        name: per_si * getattr(sections[section], key)
+        name: (1 / size) * getattr(sections[section], key)
         for section, keys in _UNITS.items()
-        for key, (name, _, per_si) in keys.items()
+        for key, (name, size) in keys.items()
     }
     for axis, squares in (("x", session.board.squares_x), ("y", session.board.squares_y)):
         length_mm = 1e3 * session.board.square_m * squares
@@ -208,7 +208,7 @@ class SessionState:
         answers, board, scale = self._answers, self.board, self.scale
         value = {key: answers.get(key, question.default) for key, question in BY_KEY.items()}
         read = {
-            section: {key: size * (value[name] or _PASSING.get(name, 0.0)) for key, (name, size, _) in keys.items()}
+            section: {key: size * (value[name] or _PASSING.get(name, 0.0)) for key, (name, size) in keys.items()}
             for section, keys in _UNITS.items()
         }
         data = dict(before) | {"schema": SCHEMA, "board": board.to_dict(), "antenna": read["antenna"]}
