@@ -16,7 +16,7 @@ from benchmarks.paper.friction import Cone, Trace, cone
 from benchmarks.paper.rig import paper_rig, ring_down
 from benchmarks.paper.sensing import ALL_POINTS, TWO_POINTS
 from estimator.paper.baselines import Ring
-from estimator.paper.baselines.vibration import fit_ringing
+from estimator.paper.baselines.moment import fit_ringing
 from tests.estimator import vibrations
 
 

@@ -24,13 +24,15 @@ from .parts import (
     RESULTS,
     ErrorSpace,
     Linearization,
+    Touches,
     correlated_variance,
     linearize,
+    ordinary_touches,
     per_result,
     propagate,
+    unknowns_of,
     variance_by_cause,
 )
-from .touches import Touches, ordinary_touches, unknowns_of
 
 
 class _Cause(NamedTuple):

@@ -1,4 +1,5 @@
-"""Linear error propagation: the variance of each result by its causes, as known or with a cause known better.
+"""Contacts as a rig would see them, without noise, and linear error propagation over them: the variance of each result
+by its causes, as known or with a cause known better.
 
 To first order an estimate is off by T·C·Jᵀ·W·n − T·C·P·x − D·z. n is the noise of points and readings, weighed by W. x
 holds the friction angle and the independent errors of rig and joint axes, z of them, all of unit deviation, with the
@@ -8,17 +9,94 @@ determines. Noise and errors are independent, so that the variance is the sum of
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import factorial
 
 import numpy as np
 
+from estimator.contact.common_errors import empty_frames, noise_free_frames
+from estimator.solver.frames import Frames
 from estimator.solver.prediction import predict, rig_jacobian
 from estimator.solver.rig_arrays import UNKNOWNS, RigArrays
 from estimator.solver.state import evaluate, initial_state
-from vbaa_calib.rig import POSE_PARAMETERS, RIG_PARAMETERS
+from vbaa_calib.antenna.nodes import CONTACT
+from vbaa_calib.rig import POSE_PARAMETERS, RIG_PARAMETERS, Rig
 
-from .touches import RUNG, Touches, noise_free_touches, unknowns_of, world_rotation
+_RUNG = "rod"  # what a fit on a lower rung would say is as good as the same where that rung would be taken
+# Ordinary contacts: parts of the length; slopes of the antenna at the contact, of a light touch, a firm one, and nearly
+# as much as is ordinary; and directions around the antenna. Nearer to the clamp than `_STRONGEST_AT` of the length the
+# force stays what gives that slope there: who presses there with a force that bends the antenna as much presses several
+# times as hard.
+_DISTANCES, _SLOPES_DEG, _DIRECTIONS, _STRONGEST_AT = (0.2, 0.35, 0.5, 0.65, 0.8, 0.95), (5.0, 15.0, 30.0), 8, 0.5
+_STEEPEST_RAD = np.radians(45.0)  # slopes beyond it are not compared with the rod
+_FORCE_TOLERANCE, _FORCE_STEPS = 1e-6, 6
+
+
+@dataclass(frozen=True, eq=False)
+class Touches:
+    """B contacts, antenna frame: `distance_m` (B,), and `push_N` (B, 2), the force across the clamp's x axis before
+    friction; the joints' `pan_rad` and `tilt_rad` for all of them."""
+
+    distance_m: np.ndarray
+    push_N: np.ndarray
+    pan_rad: float = 0.0
+    tilt_rad: float = 0.0
+
+    def __len__(self) -> int:
+        return len(self.distance_m)
+
+    def picked(self, which: np.ndarray) -> Touches:
+        """Those of a mask or of indices."""
+        return replace(self, distance_m=self.distance_m[which], push_N=self.push_N[which])
+
+
+def ordinary_touches(rig: Rig, pan_rad: float = 0.0, tilt_rad: float = 0.0) -> Touches:
+    """A grid over distance, force by the slope that it makes, and direction of the force around the antenna."""
+    around = 2.0 * np.pi * (np.arange(_DIRECTIONS) + 0.5) / _DIRECTIONS
+    grid = np.meshgrid(np.array(_DISTANCES) * rig.antenna.length_m, np.radians(_SLOPES_DEG), around, indexing="ij")
+    distance, slope, angle = (part.reshape(-1) for part in grid)
+    lever = np.maximum(distance, _STRONGEST_AT * rig.antenna.length_m)
+    size = 2.0 * rig.antenna.stiffness_Nm2 * slope / lever**2
+    return Touches(distance, size[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1), pan_rad, tilt_rad)
+
+
+def unknowns_of(rig_arrays: RigArrays, touches: Touches) -> np.ndarray:
+    """(B, 4) `rig_arrays.UNKNOWNS`, without friction."""
+    unknowns = np.zeros((len(touches), UNKNOWNS))
+    unknowns[:, 0] = touches.distance_m / rig_arrays.length_m
+    unknowns[:, 1:3] = touches.push_N / rig_arrays.force_unit_N
+    return unknowns
+
+
+def touch_of_force(
+    rig_arrays: RigArrays, distance_m: float, force_N: np.ndarray, pan_rad: float, tilt_rad: float
+) -> Touches:
+    """The one contact whose lateral force, antenna frame, is `force_N` (2,); of a push NaN where it bends too far."""
+    touch = Touches(np.array([distance_m]), force_N[None].astype(float), pan_rad, tilt_rad)
+    empty = _empty(rig_arrays, touch)
+    unknowns = unknowns_of(rig_arrays, touch)
+    with np.errstate(all="ignore"):
+        for _ in range(_FORCE_STEPS):
+            prediction = predict(empty, _RUNG, unknowns)
+            slopes = prediction.point_force_jacobian[:, 4:6, 1:3]
+            if not np.isfinite(slopes).all():
+                break
+            unknowns[:, 1:3] += np.linalg.solve(slopes, (force_N - prediction.point_force[:, 4:6])[..., None])[..., 0]
+        prediction = predict(empty, _RUNG, unknowns)
+        found = np.abs(prediction.point_force[0, 4:6] - force_N).max() <= _FORCE_TOLERANCE * np.hypot(*force_N)
+        ordinary = prediction.tangents[0, CONTACT] @ prediction.tangents[0, 0] >= np.cos(_STEEPEST_RAD)
+    return replace(touch, push_N=unknowns[:, 1:3] * (rig_arrays.force_unit_N if found and ordinary else np.nan))
+
+
+def _world_rotation(rig: Rig, touches: Touches) -> np.ndarray:
+    """(3, 3) from the antenna frame to the world's at the contacts' joints."""
+    return np.asarray(rig.kinematics.T_world_antenna(touches.pan_rad, touches.tilt_rad).rotation)
+
+
+def _empty(rig_arrays: RigArrays, touches: Touches) -> Frames:
+    gravity = _world_rotation(rig_arrays.rig, touches).T @ rig_arrays.rig.gravity_world_m_s2
+    return empty_frames(rig_arrays, np.tile(gravity, (len(touches), 1)))
+
 
 LENS, JOINT_AXES = "lens", "joint_axes"
 RIG_CAUSES = {
@@ -41,8 +119,6 @@ _DEPENDENT = 1e-7  # a row of unit deviation that adds less than this to others 
 class ErrorSpace:
     """S independent errors of unit deviation that make all errors of rig and joint axes.
 
-    Attributes
-    ----------
     causes : names of the G causes that have any error, of `RIG_CAUSES`, `LENS` and `JOINT_AXES`.
     determined : (G, S, S) projector onto the errors that are determined once a cause is known, by correlation, too;
         determined_by_others : the same of all the other causes together. shares : each cause's part, see `split`.
@@ -143,14 +219,16 @@ class Linearization:
 
 def linearize(rig_arrays: RigArrays, space: ErrorSpace, touches: Touches, with_moment: bool = True) -> Linearization:
     """Linearise contacts about their noise-free frames."""
-    frames, unknowns = noise_free_touches(rig_arrays, touches, with_moment), unknowns_of(rig_arrays, touches)
-    prediction = predict(frames, RUNG, unknowns)
-    by_rig = rig_jacobian(frames, RUNG, unknowns, prediction)
-    fits = evaluate(frames, RUNG, by_rig, initial_state(frames, prediction, unknowns))
+    available = np.ones((len(touches), 2)) * (with_moment & (rig_arrays.gain != 0.0))
+    unknowns = unknowns_of(rig_arrays, touches)
+    frames = noise_free_frames(_empty(rig_arrays, touches), _RUNG, unknowns, available, point_per_px=True)
+    prediction = predict(frames, _RUNG, unknowns)
+    by_rig = rig_jacobian(frames, _RUNG, unknowns, prediction)
+    fits = evaluate(frames, _RUNG, by_rig, initial_state(frames, prediction, unknowns))
     prior, moved = fits.problem.prior, fits.problem.reading_jacobian
     columns = fits.problem.jacobian
     points = np.swapaxes(columns, 1, 2) @ fits.problem.sums.times(columns)
-    rotation = world_rotation(rig_arrays.rig, touches)
+    rotation = _world_rotation(rig_arrays.rig, touches)
     touch = np.concatenate([prediction.point_force_jacobian, by_rig.point_force], axis=2)
     distance = np.zeros_like(touch[:, :1])
     distance[:, 0, 0] = rig_arrays.length_m
@@ -171,7 +249,7 @@ def linearize(rig_arrays: RigArrays, space: ErrorSpace, touches: Touches, with_m
 
 
 @dataclass(frozen=True, eq=False)
-class Propagation:
+class _Propagation:
     """The errors of B results.
 
     `gain` (B, 6, K) is how far they follow what pulls at the unknowns; `by_noise` the variance (B, 6) by each kind of
@@ -189,7 +267,7 @@ class Propagation:
         return np.asarray(whole + (self.by_errors**2).sum(axis=-1))
 
 
-def propagate(linear: Linearization, space: ErrorSpace, cause: str = "", factor: float = 1.0) -> Propagation:
+def propagate(linear: Linearization, space: ErrorSpace, cause: str = "", factor: float = 1.0) -> _Propagation:
     """The errors of contacts that are estimated with what is known, or with a cause's deviation times a factor.
 
     A rig's cause is then known as if it were measured again, which narrows others, too.
@@ -214,10 +292,10 @@ def propagate(linear: Linearization, space: ErrorSpace, cause: str = "", factor:
     by_prior = gain[..., :UNKNOWNS] ** 2 * weights[..., :UNKNOWNS]
     by_noise |= {FRICTION: by_prior[..., -1], FORCE_PRIOR: by_prior[..., 1:-1].sum(axis=-1)}
     by_errors = -gain[..., UNKNOWNS:] * weights[..., UNKNOWNS:] - linear.beyond @ left[UNKNOWNS:, UNKNOWNS:]
-    return Propagation(gain, by_noise, by_errors)
+    return _Propagation(gain, by_noise, by_errors)
 
 
-def correlated_variance(space: ErrorSpace, propagation: Propagation) -> np.ndarray:
+def correlated_variance(space: ErrorSpace, propagation: _Propagation) -> np.ndarray:
     """(B, 6) variance by errors that belong to no cause alone, by their correlations; negative where they cancel.
 
     What all of them make less what each makes beyond what the others determine. `variance_by_cause` divides it.
@@ -228,7 +306,7 @@ def correlated_variance(space: ErrorSpace, propagation: Propagation) -> np.ndarr
     return np.asarray(whole - (whole - others).sum(axis=0))
 
 
-def variance_by_cause(space: ErrorSpace, propagation: Propagation) -> dict[str, np.ndarray]:
+def variance_by_cause(space: ErrorSpace, propagation: _Propagation) -> dict[str, np.ndarray]:
     """(B, 6) variance by every cause; they add up to `Propagation.variance`."""
     errors = propagation.by_errors
     shared = np.einsum("bqi,gij,bqj->gbq", errors, space.shares, errors, optimize=True)

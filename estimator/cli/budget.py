@@ -7,13 +7,12 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .estimate import FRICTION_RAD
-
 if TYPE_CHECKING:
-    from estimator.budget.touches import Touches
+    from estimator.budget.parts import Touches
     from vbaa_calib.rig import Rig
 
-FIGURES = (".png", ".pdf", ".svg")
+_FIGURES = (".png", ".pdf", ".svg")
+_FRICTION_RAD = 0.2  # as the contacts' default, which is not imported for the sake of a quick --help
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -24,9 +23,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--friction",
         type=float,
-        default=FRICTION_RAD,
+        default=_FRICTION_RAD,
         metavar="RAD",
-        help=f"deviation of the friction angle, as for `vbaa estimate` (default: {FRICTION_RAD}); 0: no friction",
+        help=f"deviation of the friction angle, as for `vbaa estimate` (default: {_FRICTION_RAD}); 0: no friction",
     )
     parser.add_argument("--no-moment", action="store_true", help="vision alone: leave the moment reading aside")
     one = parser.add_argument_group("one contact", "all three together; without them ordinary contacts all over")
@@ -42,13 +41,29 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     import json
 
     from estimator.budget.budget import error_budget
-    from estimator.budget.report import SCHEMA, advice, as_data, contacts_as_data, table
+    from estimator.budget.report import SCHEMA, advice, as_data, contacts_as_data, table, write_figure
     from vbaa_calib.core.console import say
-    from vbaa_calib.core.files import write_text
+    from vbaa_calib.core.errors import InputError
+    from vbaa_calib.core.files import refuse_overwrite, write_text
     from vbaa_calib.rig import Rig
 
-    _check_outputs(args)
-    _check_numbers(args)
+    outputs = {"budget": args.output, "figure": args.figure}
+    for path in outputs.values():
+        if path is not None:
+            refuse_overwrite(path, args.force, (args.rig,))
+    if args.output is not None and args.output.suffix.lower() != ".json":
+        raise InputError("is not a .json", where=args.output, remedy="name it budget.json")
+    if args.figure is not None and args.figure.suffix.lower() not in _FIGURES:
+        raise InputError(f"is none of {', '.join(_FIGURES)}", where=args.figure, remedy="name it budget.png")
+    numbers = {"--distance": args.distance, "--force-y": args.force_y, "--force-z": args.force_z}
+    missing = [name for name, value in numbers.items() if value is None]
+    if 0 < len(missing) < len(numbers):
+        raise InputError("one contact needs --distance, --force-y and --force-z", remedy=f"add {', '.join(missing)}")
+    for name, value in {**numbers, "--pan": args.pan, "--tilt": args.tilt, "--friction": args.friction}.items():
+        if value is not None and not math.isfinite(value):
+            raise InputError(f"{name} is {value}", remedy="give a finite number")
+    if not 0.0 <= args.friction <= 1.0:
+        raise InputError(f"--friction is {args.friction}", remedy="give the angle's deviation in rad, 0 to 1")
     rig = Rig.load(args.rig)
     touches = _touches(args, rig)
     budget = error_budget(rig, touches, friction=args.friction, with_moment=not args.no_moment)
@@ -65,23 +80,21 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     for line in [*budget.notes, *advice(budget)]:
         say(line)
     if args.figure is not None:
-        from estimator.budget.figure import write_figure
-
         write_figure(args.figure, budget, args.force)
     if args.output is not None:
         whole = {"schema": SCHEMA, **result, "by_contact": contacts_as_data(budget)}
         write_text(args.output, json.dumps(whole, indent=2, allow_nan=False) + "\n", args.force)
-    written = [str(path) for path in (args.output, args.figure) if path is not None]
-    if written:
-        say("wrote " + " and ".join(written))
-    return {**result, "budget": _name(args.output), "figure": _name(args.figure)}
+    written = {name: None if path is None else str(path) for name, path in outputs.items()}
+    if any(written.values()):
+        say("wrote " + " and ".join(filter(None, written.values())))
+    return {**result, **written}
 
 
 def _touches(args: argparse.Namespace, rig: Rig) -> Touches:
     """The contacts that are asked for. Raises InputError for one that is not on the antenna, or bends it too far."""
     import numpy as np
 
-    from estimator.budget.touches import ordinary_touches, touch_of_force
+    from estimator.budget.parts import ordinary_touches, touch_of_force
     from estimator.solver.convergence import NEAREST
     from estimator.solver.rig_arrays import RigArrays
     from vbaa_calib.core.errors import InputError
@@ -103,34 +116,3 @@ def _touches(args: argparse.Namespace, rig: Rig) -> Touches:
             remedy="give a smaller force: slopes are ordinary below 35°",
         )
     return touch
-
-
-def _check_outputs(args: argparse.Namespace) -> None:
-    from vbaa_calib.core.errors import InputError
-    from vbaa_calib.core.files import refuse_overwrite
-
-    for path in (args.output, args.figure):
-        if path is not None:
-            refuse_overwrite(path, args.force, (args.rig,))
-    if args.output is not None and args.output.suffix.lower() != ".json":
-        raise InputError("is not a .json", where=args.output, remedy="name it budget.json")
-    if args.figure is not None and args.figure.suffix.lower() not in FIGURES:
-        raise InputError(f"is none of {', '.join(FIGURES)}", where=args.figure, remedy="name it budget.png")
-
-
-def _check_numbers(args: argparse.Namespace) -> None:
-    from vbaa_calib.core.errors import InputError
-
-    numbers = {"--distance": args.distance, "--force-y": args.force_y, "--force-z": args.force_z}
-    missing = [name for name, value in numbers.items() if value is None]
-    if 0 < len(missing) < len(numbers):
-        raise InputError("one contact needs --distance, --force-y and --force-z", remedy=f"add {', '.join(missing)}")
-    for name, value in {**numbers, "--pan": args.pan, "--tilt": args.tilt, "--friction": args.friction}.items():
-        if value is not None and not math.isfinite(value):
-            raise InputError(f"{name} is {value}", remedy="give a finite number")
-    if not 0.0 <= args.friction <= 1.0:
-        raise InputError(f"--friction is {args.friction}", remedy="give the angle's deviation in rad, 0 to 1")
-
-
-def _name(path: Path | None) -> str | None:
-    return None if path is None else str(path)

@@ -16,10 +16,7 @@ COLUMNS = (
     *("slip_X_m_s", "slip_Y_m_s", "slip_Z_m_s", "ringing"),
 )
 """Of track.csv; a number that does not exist is an empty cell. The three in capitals are along the world's axes."""
-
-
-MOST_EVENTS = 20
-"""Events that are printed; --json has all."""
+_MOST_EVENTS = 20  # that are printed; --json has all
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -69,10 +66,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         write_contacts(args.smooth, smoothed.rows(), args.force)
     counts = Counter(track.phase.tolist())
     say(f"{len(table)} frames: " + ", ".join(f"{count} {phase}" for phase, count in counts.most_common()))
-    for event in track.events[:MOST_EVENTS]:
+    for event in track.events[:_MOST_EVENTS]:
         say(f"  {event.words}")
-    if len(track.events) > MOST_EVENTS:
-        say(f"  … and {len(track.events) - MOST_EVENTS} more events: --json has all")
+    if len(track.events) > _MOST_EVENTS:
+        say(f"  … and {len(track.events) - _MOST_EVENTS} more events: --json has all")
     for line in track.notes:
         say(f"  {line}")
     say("wrote " + ", ".join(map(str, outputs)))
@@ -82,7 +79,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         "frames": len(table),
         "phases": dict(counts),
         "ringing": int(track.ringing.sum()),
-        "events": _events_as_data(track),
+        "events": [
+            {name: None if value != value else value for name, value in vars(event).items()}  # NaN is unknown
+            for event in track.events
+        ],
         "notes": list(track.notes),
     }
 
@@ -102,17 +102,3 @@ def _as_csv(table: ContactTable, track: Track) -> str:
         begin = (str(table.frame[i]), cell(table.time_s[i], 15), str(track.phase[i]))
         lines.append(",".join((*begin, *cells, str(bool(track.ringing[i])).lower())))
     return "\n".join(lines) + "\n"
-
-
-def _events_as_data(track: Track) -> list[dict[str, Any]]:
-    """The events as plain data; an unknown time is None."""
-    import math
-    from dataclasses import asdict
-
-    return [
-        {
-            name: None if isinstance(value, float) and math.isnan(value) else value
-            for name, value in asdict(event).items()
-        }
-        for event in track.events
-    ]

@@ -2,25 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimator.solver.frames import Frames
-from estimator.solver.prediction import bend, predict, rig_jacobian
+from estimator.solver.frames import Frames, frames_from_pixels
+from estimator.solver.prediction import bend, predict, predicted_moment, rig_jacobian
 from estimator.solver.rig_arrays import ANTENNA, POSES, UNKNOWNS, RigArrays
 from estimator.solver.state import evaluate, initial_state
-from estimator.table.contacts import ContactTable
-from estimator.table.joint_angles import joint_angles
+from estimator.table.contacts import ContactTable, joint_angles
 from vbaa_calib.antenna.nodes import CONTACT
 from vbaa_calib.rig import POSE_PARAMETERS, Rig
 
-from .noise_free import empty_frames, noise_free_frames
-
-RUNG = "elastica"
-CHUNK = 256
-STEP = 0.1
-"""Of the deviations along which contacts are moved: small against what bends."""
+_RUNG = "elastica"
+_CHUNK = 256
+_STEP = 0.1  # of the deviations along which contacts are moved: small against what bends
 _FORCE_STEPS = 4
 _WEIGHTS, _HALVINGS = (1e-3, 1e3), 14
 
@@ -58,8 +54,6 @@ class CommonErrors:
 def shared_errors(rig: Rig, table: ContactTable, friction_rad: float | None = None) -> CommonErrors:
     """The errors that the contacts of one recording share.
 
-    Parameters
-    ----------
     friction_rad : what the contacts were estimated with, see `ContactEstimator`; by default what the table says.
 
     Raises
@@ -71,7 +65,7 @@ def shared_errors(rig: Rig, table: ContactTable, friction_rad: float | None = No
         rig, table.assumed_friction_rad if friction_rad is None else friction_rad, np.empty(0), drift=False
     )
     rows = np.flatnonzero(table.located & np.isfinite(pan + tilt + table.distance_std_m))
-    chunks = (rows[begin : begin + CHUNK] for begin in range(0, len(rows), CHUNK))
+    chunks = (rows[begin : begin + _CHUNK] for begin in range(0, len(rows), _CHUNK))
     parts = [_moved(rig_arrays, table, row, pan[row], tilt[row]) for row in chunks]
     size = parts[0].shape[-1] if parts else 1
     moved = np.full((len(table), 9, size), np.nan)
@@ -99,14 +93,14 @@ def _moved(
     frames = empty_frames(rig_arrays, gravity)
     unknowns = _unknowns(frames, table, rows)
     read = np.isfinite(table.moment_residual_Nm[rows]) & (rig_arrays.gain[0] != 0.0)
-    seen = noise_free_frames(frames, RUNG, unknowns, np.stack([read, 0.0 * read], axis=1), point_per_px=False)
+    seen = noise_free_frames(frames, _RUNG, unknowns, np.stack([read, 0.0 * read], axis=1), point_per_px=False)
     by_error = _errors(seen, unknowns, table.distance_std_m[rows] / rig_arrays.length_m)
     by_error = np.concatenate([0.0 * by_error[:, :1], by_error], axis=1)  # the contacts themselves first
     by_antenna = by_error[..., UNKNOWNS:] @ rig_arrays.axes[POSES : POSES + ANTENNA].T
-    shapes = bend(frames, RUNG, unknowns[:, None] + STEP * by_error[..., :UNKNOWNS], STEP * by_antenna)
+    shapes = bend(frames, _RUNG, unknowns[:, None] + _STEP * by_error[..., :UNKNOWNS], _STEP * by_antenna)
     values = np.stack([shapes.contact_m, shapes.force_N, shapes.tangents[:, CONTACT]], axis=-2)
     values = values.reshape(len(rows), -1, 3, 3)
-    slopes = (values[:, 1:] - values[:, :1]) / STEP
+    slopes = (values[:, 1:] - values[:, :1]) / _STEP
     turned = np.einsum("bij,bsqj->bqis", rotation, slopes)
     by_axes = _by_axes(rig_arrays, values[:, 0], pan, tilt)
     kinematics = rig_arrays.rig.kinematics
@@ -128,7 +122,7 @@ def _unknowns(frames: Frames, table: ContactTable, rows: np.ndarray) -> np.ndarr
     if rig_arrays.friction_rad > 0.0:
         unknowns[:, 3] = np.nan_to_num(table.friction_angle_rad[rows]) / rig_arrays.friction_rad
     for _ in range(_FORCE_STEPS):
-        prediction = predict(frames, RUNG, unknowns)
+        prediction = predict(frames, _RUNG, unknowns)
         step = np.linalg.solve(
             prediction.point_force_jacobian[:, 4:6, 1:3], (force - prediction.point_force[:, 4:6])[..., None]
         )
@@ -141,9 +135,9 @@ def _errors(frames: Frames, unknowns: np.ndarray, distance_std: np.ndarray) -> n
 
     How many points a frame really had shows in the deviation (B,) of its distance, in antenna lengths.
     """
-    prediction = predict(frames, RUNG, unknowns)
+    prediction = predict(frames, _RUNG, unknowns)
     fits = evaluate(
-        frames, RUNG, rig_jacobian(frames, RUNG, unknowns, prediction), initial_state(frames, prediction, unknowns)
+        frames, _RUNG, rig_jacobian(frames, _RUNG, unknowns, prediction), initial_state(frames, prediction, unknowns)
     )
     prior, felt = fits.problem.prior, fits.problem.reading_jacobian
     beside = np.eye(prior.shape[1]) * prior[:, None] + np.swapaxes(felt, 1, 2) @ felt
@@ -170,3 +164,50 @@ def _by_axes(rig_arrays: RigArrays, values: np.ndarray, pan: np.ndarray, tilt: n
     moved = np.einsum("kbij,bqj->bqik", turned, values)
     moved[:, 0] += np.moveaxis(shifted, 0, -1)
     return moved
+
+
+MOST_POINTS = 400
+
+
+def empty_frames(rig_arrays: RigArrays, gravity_m_s2: np.ndarray) -> Frames:
+    """Frames without points and readings, under gravity (B, 3) in the antenna frame."""
+    count = len(gravity_m_s2)
+    return frames_from_pixels(rig_arrays, np.zeros((count, 1, 2)), np.ones((count, 1)), *_silent(count), gravity_m_s2)
+
+
+def _silent(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """No readings (B, 2), and no antenna's end (B, 3)."""
+    return np.full((count, 2), np.nan), np.full((count, 3), np.nan)
+
+
+def noise_free_frames(
+    empty: Frames, rung: str, unknowns: np.ndarray, sensor_available: np.ndarray, *, point_per_px: bool
+) -> Frames:
+    """Frames that show contacts with these unknowns (B, 4), with the readings that are available (B, 2).
+
+    All have the points of the longest, about one a pixel but not more than `MOST_POINTS`; with `point_per_px` each
+    point's deviation makes up for it, so that they weigh as much as one a pixel.
+    """
+    rig_arrays, rig = empty.rig_arrays, empty.rig_arrays.rig
+    T_camera_antenna = rig.T_antenna_camera.inverse()
+    shapes = bend(empty, rung, unknowns[:, None])
+    nodes, _ = rig.camera.project(T_camera_antenna @ shapes.points_m)
+    length_px = np.nansum(np.hypot(*np.moveaxis(np.diff(nodes, axis=1), -1, 0)), axis=1)
+    count = int(np.clip(np.max(length_px, initial=2.0), 2, MOST_POINTS))
+    share = (np.arange(count) + 0.5) / count
+    points = np.stack(
+        [
+            np.stack([np.interp(share * arc[-1], arc, axis) for axis in curve.T], axis=1)
+            for arc, curve in zip(shapes.arclength_m, shapes.points_m, strict=True)
+        ]
+    )
+    pixels, valid = rig.camera.project(T_camera_antenna @ points)
+    inside = valid & ((pixels >= 0.0) & (pixels <= np.array(rig.camera.image_size) - 1.0)).all(axis=-1)
+    sigma = np.full(len(pixels), rig.image.noise_px)
+    if point_per_px:
+        sigma = sigma * np.sqrt(count / np.clip(length_px, 1.0, None))
+    pixels, sigma = np.where(inside[..., None], pixels, np.nan), np.repeat(sigma[:, None], count, axis=1)
+    seen = frames_from_pixels(rig_arrays, pixels, sigma, *_silent(len(pixels)), empty.gravity_m_s2)
+    moment = predicted_moment(empty, shapes) * rig_arrays.std
+    available = np.column_stack([sensor_available * 1.0, np.zeros(len(pixels))])
+    return replace(seen, available=available, moment_Nm=moment)

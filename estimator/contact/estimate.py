@@ -22,11 +22,10 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import DRIFTS
 
-from .contacts import Contacts, contacts_of
+from .contacts import Contacts, MotionCheck, contacts_of
 from .drift import LearntRig
 from .inputs import Batch, Values, checked_device
 from .motion import Beam
-from .motion_check import MotionCheck
 from .quantities import FitNumbers, drift_of, fit_numbers, plain
 from .status import CONTACT_EVIDENCE, FEWEST_POINTS, unexplained
 

@@ -18,18 +18,15 @@ from scipy.stats import norm
 from vbaa_calib.core.arrays import Array, as_index, like, namespace
 from vbaa_calib.rig import Rig
 
-MOST = 64
-"""At most so many frames on either side count: what a judge of a recording must remember is bounded."""
-PATH, TESTED = 4, 7
+_MOST = 64  # at most so many frames on either side count: what a judge of a recording must remember is bounded
+_PATH, _TESTED = 4, 7
 """Degree of the path about which points should scatter as they are said to, and the fewest frames that can test it."""
 
 
 @dataclass(frozen=True, eq=False)
-class Neighbours:
+class _Neighbours:
     """For each of R judged frames W others near to it in time, itself among them, out of n.
 
-    Attributes
-    ----------
     centre, at : (R,) index of the judged frame, (R, W) of its neighbours.
     after_s : (R, W) their time from the judged frame.
     inside : (R, W) which of them count.
@@ -43,11 +40,9 @@ class Neighbours:
     enough: Array
 
 
-def neighbours(time_s: Array, judged: Array, reach_s: Array, longest_s: float, *, live: bool = False) -> Neighbours:
+def _neighbours(time_s: Array, judged: Array, reach_s: Array, longest_s: float, *, live: bool = False) -> _Neighbours:
     """The frames around each judged one.
 
-    Parameters
-    ----------
     time_s : (n,)
     judged : (R,) indices.
     reach_s : (R,) how far from a judged frame others may be; the next on either side counts in any case.
@@ -60,27 +55,27 @@ def neighbours(time_s: Array, judged: Array, reach_s: Array, longest_s: float, *
     # frames that share a number have no wrong gap between them
     run = xp.cumsum(xp.concat([like(time_s, np.zeros(1)), broken]), 0)
     least = 2 if live else 1
-    offsets = like(time_s, np.arange(-MOST, 1 if live else MOST + 1))
+    offsets = like(time_s, np.arange(-_MOST, 1 if live else _MOST + 1))
     place = like(time_s, judged)[:, None] + offsets
     at = as_index(xp.clip(place, 0.0, len(time_s) - 1.0))
     after = time_s[at] - time_s[judged][:, None]
     near = (abs(after) <= reach_s[:, None]) | (abs(offsets) <= least)
     inside = near & (run[at] == run[judged][:, None]) & (place == at)
-    enough = inside[:, MOST - least : MOST + 1 if live else MOST + 2].all(-1)
+    enough = inside[:, _MOST - least : _MOST + 1 if live else _MOST + 2].all(-1)
     used = inside.any(0) | (offsets == 0.0)
-    return Neighbours(judged, at[:, used], after[:, used], inside[:, used], enough)
+    return _Neighbours(judged, at[:, used], after[:, used], inside[:, used], enough)
 
 
-def _second_derivative(near: Neighbours, points: Array, std: Array) -> tuple[Array, Array, Array]:
+def _second_derivative(near: _Neighbours, points: Array, std: Array) -> tuple[Array, Array, Array]:
     """Second derivatives (R, G, 3) of points (n, G, 3), their standard deviations (R, G, 3) and weights (R, W).
 
-    `std` (n, 1) or (n, G) is that of one component of a point. Where there are `TESTED` frames or more, and the points
+    `std` (n, 1) or (n, G) is that of one component of a point. Where there are `_TESTED` frames or more, and the points
     scatter about a smooth path by more, the result's grows by as much; it never shrinks. NaN where there is not enough.
     """
     xp = namespace(points)
     unit, by_last, tested = _orthonormal(near)
     start = points[near.centre]
-    parts = [0.0 * start] * (PATH + 1)
+    parts = [0.0 * start] * (_PATH + 1)
     squares, variance = 0.0 * start, 0.0 * std[near.centre]
     expected = variance
     for column in range(unit.shape[-1]):
@@ -92,36 +87,36 @@ def _second_derivative(near: Neighbours, points: Array, std: Array) -> tuple[Arr
         variance = variance + unit[:, 2, column, None] ** 2 * own
         expected = expected + counts * own
     count = like(points, near.inside).sum(-1)[:, None]
-    spare = xp.where(tested[:, None], expected * (count - PATH - 1.0) / count, np.inf)
+    spare = xp.where(tested[:, None], expected * (count - _PATH - 1.0) / count, np.inf)
     scatter = (squares - sum(part**2 for part in parts)) / spare[..., None]
     std = xp.sqrt(variance[..., None] * xp.clip(scatter, 1.0, None))
     scale = xp.where(near.enough, by_last, np.nan)
     return scale[:, None, None] * parts[2], scale[:, None, None] * std, scale[:, None] * unit[:, 2]
 
 
-def _orthonormal(near: Neighbours) -> tuple[Array, Array, Array]:
+def _orthonormal(near: _Neighbours) -> tuple[Array, Array, Array]:
     """Polynomials (R, PATH + 1, W) of rising degree, orthonormal over each neighbourhood.
 
     Also the quadratic one's second derivative (R,), and which neighbourhoods have frames enough for those beyond it.
     """
     xp = namespace(near.after_s)
     counts = like(near.after_s, near.inside & near.enough[:, None])
-    tested = counts.sum(-1) >= TESTED
+    tested = counts.sum(-1) >= _TESTED
     reach = xp.where(near.enough, xp.amax(abs(near.after_s) * counts, -1), 1.0)
     tau = near.after_s / reach[:, None]
-    usable = xp.stack([near.enough] * 3 + [tested] * (PATH - 2), -1)
-    powers = xp.stack([counts * tau**power for power in range(PATH + 1)], -2) * like(tau, usable)[..., None]
+    usable = xp.stack([near.enough] * 3 + [tested] * (_PATH - 2), -1)
+    powers = xp.stack([counts * tau**power for power in range(_PATH + 1)], -2) * like(tau, usable)[..., None]
     # a unit in place of each one that there is not enough for
-    gram = xp.einsum("riw,rjw->rij", powers, powers) + like(tau, ~usable)[..., None] * like(tau, np.eye(PATH + 1))
+    gram = xp.einsum("riw,rjw->rij", powers, powers) + like(tau, ~usable)[..., None] * like(tau, np.eye(_PATH + 1))
     lower = xp.linalg.cholesky(gram)
     return xp.linalg.solve(lower, powers), 2.0 / (reach**2 * lower[:, 2, 2]), tested
 
 
 PIECES = 12
 """The antenna is judged at the middles of so many equal pieces; each one's inertia acts there as a point force."""
-FALSE_ALARM = 1e-5
+_FALSE_ALARM = 1e-5
 """Probability that a frame at rest is taken for a moving one, at most: over all pieces and axes together."""
-CLAMPED_FREE, FASTEST = 1.8751040687119611, 4.6945
+_CLAMPED_FREE, _FASTEST = 1.8751040687119611, 4.6945
 """βL of the free antenna's first mode, and a bound for any contact's: where it sits on a node of the second mode."""
 _TABLE = 65
 
@@ -205,8 +200,6 @@ class Shapes:
 class Inertia:
     """What inertia does to the antenna in R frames. NaN where it cannot be told.
 
-    Attributes
-    ----------
     load_N_m : (R, G, 3) −ρA·a at `Beam.pieces_m`, world frame, beside the weight.
     load_std_N_m : (R, G, 3) standard deviation.
     response : (R,) how much of an oscillation in the first mode frames at these times show, 0 to 1: the load is too
@@ -220,7 +213,7 @@ class Inertia:
 
     @property
     def significant(self) -> Array:
-        """(R,) whether noise alone would hardly ever show as much (`FALSE_ALARM`); False where it cannot be told."""
+        """(R,) whether noise alone would hardly ever show as much (`_FALSE_ALARM`); False where it cannot be told."""
         return (abs(self.load_N_m) > _threshold() * self.load_std_N_m).any(-1).any(-1)
 
 
@@ -241,7 +234,7 @@ def inertia(shapes: Shapes, beam: Beam, judged: slice = slice(None), *, live: bo
     kept = shapes.picked(known) if known.any() else shapes
     place = xp.clip(xp.cumsum(like(shapes.time_s, known), 0)[judged] - 1.0, 0.0, None)
     half_period_s = math.pi / float(beam.first_mode_rad_s(np.zeros(())))
-    near = neighbours(kept.time_s, as_index(place), 0.5 * math.pi / mode, half_period_s, live=live)
+    near = _neighbours(kept.time_s, as_index(place), 0.5 * math.pi / mode, half_period_s, live=live)
     near = replace(near, enough=near.enough & known[judged])
     acceleration, std, weights = _second_derivative(near, kept.points_m, kept.std_m)
     response = -(weights * xp.cos(mode[:, None] * near.after_s)).sum(-1) / mode**2
@@ -266,7 +259,7 @@ class Motion:
         held = shapes if self._held is None else self._held.followed_by(shapes)
         waiting = held.picked(slice(self._judged, None))
         complete = len(waiting) if self._live else _complete(waiting, self._beam)
-        return self._judge(held, max(complete, len(waiting) - MOST))
+        return self._judge(held, max(complete, len(waiting) - _MOST))
 
     def finish(self) -> Inertia | None:
         """The verdicts on the frames that still wait; None if none was ever pushed, or none waits."""
@@ -275,7 +268,7 @@ class Motion:
     def _judge(self, held: Shapes, count: int) -> Inertia:
         end = self._judged + count
         verdicts = inertia(held, self._beam, slice(self._judged, end), live=self._live)
-        start = max(0, end - MOST)
+        start = max(0, end - _MOST)
         self._held, self._judged = held.picked(slice(start, None)), end - start
         return verdicts
 
@@ -292,8 +285,8 @@ def _complete(waiting: Shapes, beam: Beam) -> int:
 
 @cache
 def _threshold() -> float:
-    """Standard deviations that noise exceeds, on any piece and axis, with `FALSE_ALARM`'s probability."""
-    return float(norm.isf(FALSE_ALARM / (2 * 3 * PIECES)))
+    """Standard deviations that noise exceeds, on any piece and axis, with `_FALSE_ALARM`'s probability."""
+    return float(norm.isf(_FALSE_ALARM / (2 * 3 * PIECES)))
 
 
 @cache
@@ -317,4 +310,4 @@ def _wave_number(contact: float) -> float:
         free = 1.0 + math.cosh(outer) * math.cos(outer)
         return hinged(inner) * free - hinged(outer) * clamped
 
-    return brentq(moment, CLAMPED_FREE, FASTEST) if contact > 0.0 else CLAMPED_FREE
+    return brentq(moment, _CLAMPED_FREE, _FASTEST) if contact > 0.0 else _CLAMPED_FREE

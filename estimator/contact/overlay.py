@@ -8,13 +8,13 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import cv2
 import jinja2
 import numpy as np
 
 from estimator.table.contacts import LOCATED, STATUSES, Contact
-from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import replacing_folder
 from vbaa_calib.core.images import read_gray
@@ -47,6 +47,21 @@ STATUS_COLOURS = {
     "failed": "#d55e00",
 }
 """As in the report; told apart by the colour-blind as well."""
+CONTACT: Colour = (60, 220, 255)
+_UNFITTED = ("no_contact", "no_antenna")  # statuses without a shape beside the free one to show
+_RADIUS_95 = 2.448  # in deviations: the ellipse of this size holds 95 % of a plane's normal distribution
+_FORCE_SHARE = 0.15  # length of the force's arrow, of the antenna's
+# the close-up's side, of the picture's shorter side, how far it shows the contact's surroundings, px, and the factor on
+# its grey levels
+_CLOSE_UP, _CLOSE_UP_PX, _CLOSE_UP_LIGHT = 0.3, (8.0, 80.0), 1.2
+_SLOPE_STEP = 1e-5  # of the finite differences by a point, of its distance from the camera
+_PAGE = "index.html"
+_OURS = '<meta name="generator" content="vbaa estimate --overlay">'  # a folder whose page has this line may be replaced
+_THUMBNAILS, _THUMBNAIL_WIDTH = "thumbnails", 320
+_JPEG = [
+    *(cv2.IMWRITE_JPEG_QUALITY, 92),
+    *(cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444),  # thin coloured lines stay sharp
+]
 
 
 def status_colour(status: str) -> tuple[int, int, int]:
@@ -55,57 +70,10 @@ def status_colour(status: str) -> tuple[int, int, int]:
     return blue, green, red
 
 
-def numbers(contact: Contact) -> str:
-    """Distance and force with their standard deviations, and the moment residual; empty where there are none."""
-    parts = []
-    if contact.status in LOCATED:
-        force, std = 1e3 * contact.force_N, 1e3 * contact.force_std_N
-        parts = [
-            f"contact {1e3 * contact.distance_m:.2f} ± {1e3 * contact.distance_std_m:.2f} mm from the clamp",
-            f"force {np.linalg.norm(force):.2f} mN (y {force[1]:.2f} ± {std[1]:.2f}, z {force[2]:.2f} ± {std[2]:.2f})",
-        ]
-    if np.isfinite(contact.moment_residual_Nm):
-        parts.append(f"moment residual {1e6 * contact.moment_residual_Nm:.1f} µN·m")
-    return "; ".join(parts)
-
-
-def in_brief(contact: Contact) -> str:
-    """Where and how hard, or why that is not known."""
-    if contact.status not in LOCATED:
-        return contact.reason
-    distance, std = 1e3 * contact.distance_m, 1e3 * contact.distance_std_m
-    return f"{distance:.2f} ± {std:.2f} mm from the clamp, {1e3 * np.linalg.norm(contact.force_N):.1f} mN"
-
-
-def seen(item: FrameContact) -> str:
-    """What was seen of the antenna."""
-    if item.line is not None:
-        return described(item.line)
-    count = 0 if item.measured is None else len(item.measured.points_px)
-    return f"{count} points from centrelines.csv, no picture"
-
-
-CONTACT: Colour = (60, 220, 255)
-_UNFITTED = ("no_contact", "no_antenna")
-"""Statuses without a shape beside the free one to show."""
-_RADIUS_95 = 2.448
-"""In deviations: the ellipse of this size holds 95 % of a plane's normal distribution."""
-_FORCE_SHARE = 0.15
-"""Length of the force's arrow, of the antenna's."""
-_CLOSE_UP, _CLOSE_UP_PX = 0.3, (8.0, 80.0)
-"""The close-up's side, of the picture's shorter side, and how far it shows the contact's surroundings, px."""
-_CLOSE_UP_LIGHT = 1.2
-"""Factor on its grey levels."""
-_SLOPE_STEP = 1e-5
-"""Of the finite differences by a point, of its distance from the camera."""
-
-
 @dataclass(frozen=True, eq=False)
-class Marks:
+class _Marks:
     """Where a frame's contact lies in its picture, px.
 
-    Attributes
-    ----------
     shape : (M, 2) the fitted antenna; M is 0 where nothing was fitted. width : the antenna's.
     contact : (2,), NaN where it was not located. ellipse : (K, 2) around it, holds it with 95 % probability.
     force : (2,) head of the arrow from the contact along the force on the antenna.
@@ -141,52 +109,53 @@ def frame_picture(estimator: ContactEstimator, item: FrameContact) -> np.ndarray
     canvas = Canvas.over(grey)
     if where is not None:
         draw_corridor(canvas, where)
-    draw(canvas, item, found)
+    _draw(canvas, item, found)
     if where is not None:
         draw_clamp(canvas, where)
     if found.located:
         below = found.force[1] < found.contact[1]
         canvas.words("contact", found.contact, CONTACT, (9.0, 26.0 if below else -14.0))
         _close_up(canvas, grey, item, found)
+    numbers, drawn = [], [Key("fitted shape, drawn around the antenna")] if len(found.shape) >= 2 else []
+    if found.located:
+        drawn += [Key("contact, 95 % ellipse", CONTACT, "ring"), Key("force on the antenna", CONTACT, "arrow")]
+        force, std = 1e3 * contact.force_N, 1e3 * contact.force_std_N
+        numbers = [
+            f"contact {1e3 * contact.distance_m:.2f} ± {1e3 * contact.distance_std_m:.2f} mm from the clamp",
+            f"force {np.linalg.norm(force):.2f} mN (y {force[1]:.2f} ± {std[1]:.2f}, z {force[2]:.2f} ± {std[2]:.2f})",
+        ]
+    if np.isfinite(contact.moment_residual_Nm):
+        numbers.append(f"moment residual {1e6 * contact.moment_residual_Nm:.1f} µN·m")
+    points = 0 if item.measured is None else len(item.measured.points_px)
+    seen = f"{points} points from centrelines.csv, no picture" if item.line is None else described(item.line)
     legend = strip(
         canvas.image.shape[1],
         canvas.unit,
         (contact.status, status_colour(contact.status)),
         (STATUSES[contact.status], f"frame {frame.frame}, {frame.time_s:.2f} s"),
-        [numbers(contact), contact.reason, seen(item)],
-        [*keys(item.line, where), *_keys(found)],
+        ["; ".join(numbers), contact.reason, seen],
+        [*keys(item.line, where), *drawn],
     )
     return np.vstack([canvas.image, legend])
 
 
-def marks(estimator: ContactEstimator, item: FrameContact) -> Marks:
+def marks(estimator: ContactEstimator, item: FrameContact) -> _Marks:
     """A frame's fitted shape, contact and force as they lie in its picture."""
     rig, contact = estimator.rig, item.contact
     T_camera_antenna = rig.T_antenna_camera.inverse()
-    points = _fitted_m(estimator, item)
+    # the fit is done again, as it was: a picture is not worth keeping every fit of a recording for
+    fitted = None if contact.status in _UNFITTED else estimator.shape(item.measured)
+    points = np.empty((0, 3)) if fitted is None else fitted[np.isfinite(fitted).all(axis=1)]
     shape = pixels(rig.camera, T_camera_antenna, points) if len(points) else np.empty((0, 2))
     width = width_px(rig.camera, T_camera_antenna, points, rig.antenna.diameter_m) if len(points) else 0.0
     if contact.status not in LOCATED:
-        return Marks(shape, width, np.full(2, np.nan), np.empty((0, 2)), np.full(2, np.nan))
+        return _Marks(shape, width, np.full(2, np.nan), np.empty((0, 2)), np.full(2, np.nan))
     head = contact.point_antenna_m + _FORCE_SHARE * rig.antenna.length_m * contact.force_N / max(
         float(np.linalg.norm(contact.force_N)), 1e-300
     )
     ends, _ = rig.camera.project(T_camera_antenna @ np.stack([contact.point_antenna_m, head]))
     rotation = rig.kinematics.T_world_antenna(item.frame.pan_rad, item.frame.tilt_rad).rotation
-    return Marks(shape, width, ends[0], ellipse(rig, contact, rotation), ends[1])
-
-
-def _fitted_m(estimator: ContactEstimator, item: FrameContact) -> np.ndarray:
-    """(M, 3) the fitted antenna, antenna frame; M is 0 where nothing was fitted.
-
-    The fit is done again, as it was: a picture is not worth keeping every fit of a recording for.
-    """
-    points = None
-    if item.contact.status not in _UNFITTED:
-        points = estimator.shape(item.measured)
-    if points is None:
-        return np.empty((0, 3))
-    return points[np.isfinite(points).all(axis=1)]
+    return _Marks(shape, width, ends[0], ellipse(rig, contact, rotation), ends[1])
 
 
 def ellipse(rig: Rig, contact: Contact, rotation_world_antenna: np.ndarray) -> np.ndarray:
@@ -194,21 +163,16 @@ def ellipse(rig: Rig, contact: Contact, rotation_world_antenna: np.ndarray) -> n
     T_camera_antenna = rig.T_antenna_camera.inverse()
     point = T_camera_antenna @ contact.point_antenna_m
     turn = T_camera_antenna.rotation @ rotation_world_antenna.T
-    slopes = _slopes(rig.camera, point) @ turn
+    step = _SLOPE_STEP * float(np.linalg.norm(point))
+    ahead, behind = (rig.camera.project(point + sign * step * np.eye(3))[0] for sign in (1.0, -1.0))
+    slopes = np.asarray((ahead - behind) / (2.0 * step)).T @ turn  # (2, 3) px/m: how the pixel moves with the point
     sizes, axes = np.linalg.eigh(slopes @ contact.covariance_world_m2 @ slopes.T)
     angle = np.linspace(0.0, 2.0 * np.pi, 49)
     circle = _RADIUS_95 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     return np.asarray(rig.camera.project(point[None])[0][0] + circle * np.sqrt(np.clip(sizes, 0.0, None)) @ axes.T)
 
 
-def _slopes(camera: Camera, point_m: np.ndarray) -> np.ndarray:
-    """(2, 3) px/m: how a camera-frame point's pixel moves with it."""
-    step = _SLOPE_STEP * float(np.linalg.norm(point_m))
-    ahead, behind = (camera.project(point_m + sign * step * np.eye(3))[0] for sign in (1.0, -1.0))
-    return np.asarray((ahead - behind) / (2.0 * step)).T
-
-
-def draw(canvas: Canvas, item: FrameContact, found: Marks, *, close: bool = False) -> None:
+def _draw(canvas: Canvas, item: FrameContact, found: _Marks, *, close: bool = False) -> None:
     """The fitted shape as a sleeve around the antenna, the seen centreline, the contact and its force."""
     if len(found.shape) >= 2:
         aside = normals(found.shape) * (0.5 * found.width + 3.5 * canvas.unit / canvas.scale)
@@ -225,57 +189,23 @@ def draw(canvas: Canvas, item: FrameContact, found: Marks, *, close: bool = Fals
         canvas.line(found.ellipse, CONTACT, 2.0)
 
 
-def _close_up(canvas: Canvas, grey: np.ndarray, item: FrameContact, found: Marks) -> None:
+def _close_up(canvas: Canvas, grey: np.ndarray, item: FrameContact, found: _Marks) -> None:
     """The contact's surroundings enlarged, in the corner that is farthest from the antenna."""
     rows, columns = canvas.image.shape[:2]
     size = int(_CLOSE_UP * min(rows, columns))
     reach = float(np.abs(found.ellipse - found.contact).max()) if len(found.ellipse) else 0.0
     radius = float(np.clip(max(2.0 * reach, 3.0 * found.width), *_CLOSE_UP_PX))
     part = canvas.cut(cv2.convertScaleAbs(grey, alpha=_CLOSE_UP_LIGHT), found.contact, radius, size)
-    draw(part, item, found, close=True)
+    _draw(part, item, found, close=True)
     corner = found.contact + np.array([-radius, radius])
     part.words(f"contact, {part.scale / canvas.scale:.0f} times larger", corner, CONTACT, (6.0, -6.0))
     cv2.rectangle(part.image, (0, 0), (size - 1, size - 1), CONTACT, 2)
-    top, left = _free_corner(canvas, found, size)
-    canvas.image[top : top + size, left : left + size] = part.image
-
-
-def _free_corner(canvas: Canvas, found: Marks, size: int) -> tuple[int, int]:
-    """Upper left corner (row, column) of a square in the corner of the canvas with the antenna farthest off."""
-    rows, columns = canvas.image.shape[:2]
     corners = [(top, left) for top in (0, rows - size) for left in (0, columns - size)]
     taken = canvas.at(np.vstack([found.shape, found.contact, found.force]))
     middles = np.array([[left, top] for top, left in corners]) + 0.5 * size
     distance = np.abs(taken[None] - middles[:, None]).max(axis=-1)
-    return corners[int(np.nan_to_num(distance, nan=np.inf).min(axis=1).argmax())]
-
-
-def _keys(found: Marks) -> list[Key]:
-    drawn = [Key("fitted shape, drawn around the antenna")] if len(found.shape) >= 2 else []
-    if found.located:
-        drawn += [Key("contact, 95 % ellipse", CONTACT, "ring"), Key("force on the antenna", CONTACT, "arrow")]
-    return drawn
-
-
-_PAGE = "index.html"
-_OURS = '<meta name="generator" content="vbaa estimate --overlay">'
-"""A folder whose page has this line may be replaced."""
-_THUMBNAILS, _THUMBNAIL_WIDTH = "thumbnails", 320
-_JPEG = [
-    *(cv2.IMWRITE_JPEG_QUALITY, 92),
-    *(cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444),  # thin coloured lines stay sharp
-]
-
-
-@dataclass(frozen=True)
-class Entry:
-    """One frame's line on the page: `name` of its picture without suffix, and what it says."""
-
-    frame: int
-    time_s: float
-    status: str
-    name: str
-    words: str
+    top, left = corners[int(np.nan_to_num(distance, nan=np.inf).min(axis=1).argmax())]
+    canvas.image[top : top + size, left : left + size] = part.image
 
 
 def refuse_folder(path: Path, force: bool) -> None:
@@ -303,45 +233,41 @@ def overlaid(
 ) -> Iterator[Iterator[FrameContact]]:
     """The same frames, each drawn into the folder as it passes; the folder is there once all went well."""
     refuse_folder(path, force)
+    entries: list[dict[str, Any]] = []
+
+    def drawn(folder: Path) -> Iterator[FrameContact]:
+        for item in found:
+            frame, contact = item.frame, item.contact
+            image, name = frame_picture(estimator, item), f"frame_{frame.frame:06d}_{contact.status}"
+            # a thumbnail is of the part above the legend
+            width, height = estimator.rig.camera.image_size
+            rows = round(image.shape[1] * height / width)
+            small = (_THUMBNAIL_WIDTH, max(1, round(_THUMBNAIL_WIDTH * rows / image.shape[1])))
+            thumbnail = cv2.resize(image[:rows], small, interpolation=cv2.INTER_AREA)
+            for place, picture in ((folder, image), (folder / _THUMBNAILS, thumbnail)):
+                (place / f"{name}.jpg").write_bytes(cv2.imencode(".jpg", picture, _JPEG)[1].tobytes())
+            words = contact.reason
+            if contact.status in LOCATED:
+                where = f"{1e3 * contact.distance_m:.2f} ± {1e3 * contact.distance_std_m:.2f} mm from the clamp"
+                words = f"{where}, {1e3 * np.linalg.norm(contact.force_N):.1f} mN"
+            about = {"frame": frame.frame, "time_s": frame.time_s, "status": contact.status}
+            entries.append(about | {"name": name, "words": words})
+            yield item
+
     with replacing_folder(path) as folder:
         (folder / _THUMBNAILS).mkdir()
-        entries: list[Entry] = []
-        yield _drawn(found, estimator, folder, entries)
-        (folder / _PAGE).write_text(page(entries), encoding="utf-8")
-
-
-def _drawn(
-    found: Iterable[FrameContact], estimator: ContactEstimator, folder: Path, entries: list[Entry]
-) -> Iterator[FrameContact]:
-    for item in found:
-        frame, status = item.frame, item.contact.status
-        entry = Entry(frame.frame, frame.time_s, status, f"frame_{frame.frame:06d}_{status}", in_brief(item.contact))
-        _write(frame_picture(estimator, item), estimator.rig.camera.image_size, folder, entry.name)
-        entries.append(entry)
-        yield item
-
-
-def _write(image: np.ndarray, image_size: tuple[int, int], folder: Path, name: str) -> None:
-    """The picture, and a thumbnail of its part above the legend."""
-    rows = round(image.shape[1] * image_size[1] / image_size[0])
-    small = (_THUMBNAIL_WIDTH, max(1, round(_THUMBNAIL_WIDTH * rows / image.shape[1])))
-    thumbnail = cv2.resize(image[:rows], small, interpolation=cv2.INTER_AREA)
-    for place, drawn in ((folder, image), (folder / _THUMBNAILS, thumbnail)):
-        (place / f"{name}.jpg").write_bytes(cv2.imencode(".jpg", drawn, _JPEG)[1].tobytes())
-
-
-def page(entries: list[Entry]) -> str:
-    """The page: thumbnails in the order of the frames, and buttons that show one status alone. No scripts."""
-    loader = jinja2.PackageLoader("estimator.contact", package_path="")
-    environment = jinja2.Environment(
-        loader=loader, autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    counts = Counter(entry.status for entry in entries)
-    return environment.get_template("overlay.html.j2").render(
-        generator=_OURS,
-        entries=sorted(entries, key=lambda entry: entry.frame),
-        counts={status: counts[status] for status in STATUS_COLOURS if counts[status]},
-        meanings=STATUSES,
-        colours=STATUS_COLOURS,
-        thumbnails=_THUMBNAILS,
-    )
+        yield drawn(folder)
+        loader = jinja2.PackageLoader("estimator.contact", package_path="")
+        environment = jinja2.Environment(
+            loader=loader, autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
+        )
+        counts = Counter(entry["status"] for entry in entries)
+        page = environment.get_template("overlay.html.j2").render(
+            generator=_OURS,
+            entries=sorted(entries, key=lambda entry: entry["frame"]),
+            counts={status: counts[status] for status in STATUS_COLOURS if counts[status]},
+            meanings=STATUSES,
+            colours=STATUS_COLOURS,
+            thumbnails=_THUMBNAILS,
+        )
+        (folder / _PAGE).write_text(page, encoding="utf-8")

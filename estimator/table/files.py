@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import math
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import ExitStack
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -27,22 +28,19 @@ from .contacts import (
     column_names,
 )
 
-PARQUET = ".parquet"
-ROW_GROUP = 4096
-"""Rows of a Parquet row group."""
-ROWS_TOGETHER = 1024
-"""Rows that are put into columns at once: as columns they take a fifth of the room."""
+_PARQUET = ".parquet"
+_ROW_GROUP = 4096  # rows of a Parquet row group
+_ROWS_TOGETHER = 1024  # rows that are put into columns at once: as columns they take a fifth of the room
 _UPPER = np.triu_indices(3)
 _NAMES = {field: column_names([field]) for field in COLUMNS}
 _DIGITS = {name: column.digits for field, column in COLUMNS.items() for name in _NAMES[field]}
 _BOOLEANS = {"true": True, "1": True, "false": False, "0": False}
-_TEXTS = ("frame", "time_s", "status", "in_contact", "model", "reason")
-"""The fields that are read in a way of their own."""
+_TEXTS = ("frame", "time_s", "status", "in_contact", "model", "reason")  # are read in a way of their own
 
 
 def check_format(path: Path) -> None:
     """Raises InputError for a suffix that is neither .csv nor .parquet."""
-    if path.suffix not in (".csv", PARQUET):
+    if path.suffix not in (".csv", _PARQUET):
         raise InputError("is neither .csv nor .parquet", where=path, remedy="the suffix chooses the format")
 
 
@@ -54,14 +52,24 @@ def write_contacts(path: Path, rows: Iterable[ContactRow], force: bool = False) 
     Raises InputError when the file exists and `force` is off.
     """
     path = Path(path)
-    if path.suffix == PARQUET:
-        _write_parquet(path, map(_cells, rows), force)
-        return
-    with replacing(path, force) as temporary, temporary.open("w", encoding="utf-8", newline="") as stream:
+    cells = map(_cells, rows)
+    with ExitStack() as open_files:
+        temporary = open_files.enter_context(replacing(path, force))
+        if path.suffix == _PARQUET:
+            import pyarrow
+            from pyarrow.parquet import ParquetWriter
+
+            parquet = None
+            while several := list(islice(cells, _ROW_GROUP)):
+                table = pyarrow.table({name: [row[name] for row in several] for name in several[0]})
+                parquet = parquet or open_files.enter_context(ParquetWriter(temporary, table.schema))
+                parquet.write_table(table)
+            return
+        stream = open_files.enter_context(temporary.open("w", encoding="utf-8", newline=""))
         writer = csv.writer(stream, lineterminator="\n")
         writer.writerow(_DIGITS)
-        for row in rows:
-            writer.writerow([_text(value, _DIGITS[name]) for name, value in _cells(row).items()])
+        for row in cells:
+            writer.writerow([_text(value, _DIGITS[name]) for name, value in row.items()])
 
 
 def read_contacts(path: Path) -> ContactTable:
@@ -73,7 +81,7 @@ def read_contacts(path: Path) -> ContactTable:
         matrix that is no covariance; with file, line and remedy.
     """
     path = Path(path)
-    read = _parquet_rows if path.suffix == PARQUET else csv_rows
+    read = _parquet_rows if path.suffix == _PARQUET else csv_rows
     rows: list[ContactRow] = []
     parts: list[ContactTable] = []
     lines: dict[int, str] = {}
@@ -88,7 +96,7 @@ def read_contacts(path: Path) -> ContactTable:
             raise InputError(f"time_s runs backwards, {time_s:g} to {row.time_s:g}", where=where, remedy="sort by time")
         lines[row.frame], time_s = record["line"], row.time_s
         rows.append(row)
-        if len(rows) == ROWS_TOGETHER:
+        if len(rows) == _ROWS_TOGETHER:
             parts.append(ContactTable.from_rows(rows))
             rows.clear()
     if rows:
@@ -118,23 +126,6 @@ def _text(value: Any, digits: int = 0) -> str:
     return str(value).lower() if isinstance(value, bool) else str(value)
 
 
-def _write_parquet(path: Path, rows: Iterable[Mapping[str, Any]], force: bool) -> None:
-    """Write rows as they come; NaN stays NaN."""
-    import pyarrow
-    from pyarrow.parquet import ParquetWriter
-
-    rest, writer = iter(rows), None
-    with replacing(path, force) as temporary:
-        try:
-            while several := list(islice(rest, ROW_GROUP)):
-                table = pyarrow.table({name: [row[name] for row in several] for name in several[0]})
-                writer = ParquetWriter(temporary, table.schema) if writer is None else writer
-                writer.write_table(table)
-        finally:
-            if writer is not None:
-                writer.close()
-
-
 def _parquet_rows(path: Path, columns: tuple[str, ...], optional: tuple[str, ...]) -> Iterator[dict[str, str]]:
     """Rows as text, as `csv_rows` gives them: "" for null and NaN, and the row's number from 1 on as `line`."""
     import pyarrow
@@ -149,7 +140,7 @@ def _parquet_rows(path: Path, columns: tuple[str, ...], optional: tuple[str, ...
                 remedy = f"the columns {','.join(columns)} are needed"
                 raise InputError(f"column {missing} is missing", where=path, remedy=remedy)
             known = [name for name in (*columns, *optional) if name in names]
-            for batch in file.iter_batches(ROW_GROUP, columns=known):
+            for batch in file.iter_batches(_ROW_GROUP, columns=known):
                 for record in batch.to_pylist():
                     line += 1
                     yield {name: _text(value) for name, value in record.items()} | {"line": str(line)}
@@ -179,7 +170,14 @@ def _row_of(record: Mapping[str, str], path: Path) -> ContactRow:
             if not np.isfinite(values[name]).all():
                 what = f"{', '.join(_NAMES[name])} is empty in a row that is {status}"
                 raise InputError(what, where=where, remedy="give it, or a status that says why it is missing")
-    values["covariance_world_m2"] = _covariance(values["covariance_world_m2"], where)
+    upper, matrix = values["covariance_world_m2"], np.empty((3, 3))
+    matrix[_UPPER] = matrix.T[_UPPER] = upper
+    if np.isfinite(upper).all():
+        smallest, _, largest = np.linalg.eigvalsh(matrix)
+        if smallest < -1e-6 * max(largest, 1e-30):
+            remedy = "check cov_XX to cov_ZZ: no direction may have a negative variance"
+            raise InputError("the covariance of the world point is not one", where=where, remedy=remedy)
+    values["covariance_world_m2"] = matrix
     return ContactRow(
         frame=whole_number(record, "frame", path),
         time_s=number(record, "time_s", path),
@@ -202,15 +200,3 @@ def _numbers(record: Mapping[str, str], field: str, path: Path) -> Any:
     if "_std_" in field and values[0] < 0:
         raise InputError(f"{field} is {record[field]}", where=where, remedy="a standard deviation is not negative")
     return values[0]
-
-
-def _covariance(upper: np.ndarray, where: str) -> np.ndarray:
-    """(6,) upper triangle to (3, 3), checked."""
-    matrix = np.empty((3, 3))
-    matrix[_UPPER] = matrix.T[_UPPER] = upper
-    if np.isfinite(upper).all():
-        smallest, _, largest = np.linalg.eigvalsh(matrix)
-        if smallest < -1e-6 * max(largest, 1e-30):
-            remedy = "check cov_XX to cov_ZZ: no direction may have a negative variance"
-            raise InputError("the covariance of the world point is not one", where=where, remedy=remedy)
-    return matrix

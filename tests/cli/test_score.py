@@ -10,7 +10,7 @@ import pytest
 
 from estimator.table.contacts import ContactRow, ContactTable
 from vbaa_calib.geometry import Pose
-from viz.cli.score import score
+from viz.cli.demo import score
 
 MATRIX = np.array([[1000.0, 0.0, 480.0], [0.0, 1000.0, 360.0], [0.0, 0.0, 1.0]])
 POSE = Pose.from_rotvec(np.array([3.0, 0.1, 0.0]), np.array([0.1, 0.0, 0.4]))

@@ -12,8 +12,7 @@ from benchmarks.estimator.scenes import Scenes, Shapes, ShapesOf, scenes
 from benchmarks.estimator.scenes import Touches as SeenTouches
 from benchmarks.estimator.setup import ACROSS, RIG_STD, Setup, moved
 from estimator import ContactEstimator
-from estimator.budget.parts import ErrorSpace, Linearization, linearize
-from estimator.budget.touches import Touches
+from estimator.budget.parts import ErrorSpace, Linearization, Touches, linearize
 from estimator.solver.rig_arrays import RigArrays
 from vbaa_calib.antenna.nodes import CONTACT
 from vbaa_calib.antenna.rungs import curves

@@ -24,12 +24,11 @@ from estimator.budget.parts import (
     propagate,
     split,
     subsets,
+    touch_of_force,
     variance_by_cause,
 )
-from estimator.budget.touches import touch_of_force
 from estimator.cli.budget import configure, run
-from estimator.contact.common_errors import shared_errors
-from estimator.contact.noise_free import MOST_POINTS
+from estimator.contact.common_errors import MOST_POINTS, shared_errors
 from estimator.solver.rig_arrays import RigArrays
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.rig import Rig

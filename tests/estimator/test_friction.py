@@ -9,8 +9,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from estimator.object.friction import Friction, friction
-from estimator.object.friction.angles import Axes, friction_touches
 from estimator.object.friction.coefficient import Angles, Evidence, FrictionTouches, coefficient
+from estimator.object.friction.friction import Axes, friction_touches
 from estimator.object.surface import Surface, reconstruct, touches_of
 
 from .rubbed import PRIOR_RAD, WIRE_M, Errors, Rubbed, rubbed

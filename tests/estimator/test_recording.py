@@ -7,13 +7,13 @@ from itertools import islice
 
 import numpy as np
 
-from estimator.cli import estimate as cli
 from estimator.contact.recording import estimate_centrelines
 from estimator.table.contacts import FRICTION_RAD, Contact, Measured
 from tests.estimator.drawn_frames import rig_of
 from vbaa_calib.antenna.rungs import RUNGS
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import Frame
+from viz.cli import estimate as cli
 
 FRAMES = [
     Frame(None, 0.01 * n, -0.02 * n, 1e-3 * n, frame=10 + n, time_s=0.1 * n, moment_z_Nm=-1e-3 * n) for n in range(10)

@@ -5,9 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from estimator.object.surface.equations import Equations
-from estimator.object.surface.kernel import Functionals, Prior, covariance, pairs, slopes_at, values_at, variance
-from estimator.object.surface.solution import PatchModel, solve
+from estimator.object.surface.solution import (
+    Equations,
+    Functionals,
+    PatchModel,
+    Prior,
+    covariance,
+    pairs,
+    slopes_at,
+    solve,
+    values_at,
+    variance,
+)
 
 PRIOR = Prior(length_m=0.02, amplitude_m=0.004, offset_m=0.1, incline=1.5)
 

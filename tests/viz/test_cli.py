@@ -141,7 +141,7 @@ def test_an_estimate_ends_with_a_report(
         done.append(args.output)
         return {"contacts": str(args.output), "drift": None}
 
-    monkeypatch.setattr(estimate_cli.cli, "run", run)
+    monkeypatch.setattr(estimate_cli, "_estimate", run)
     out, call = files.folder / "a.csv", ("estimate", files.folder, "--rig", files.rig, "-o")
     assert outcome(capsys, *call, out, "--no-report")[0] == 0
     assert not (files.folder / "a_report.html").exists()

@@ -18,8 +18,8 @@ from estimator.table.contacts import COLUMNS, STATUSES, ContactTable
 from vbaa_calib.rig import Rig
 from viz.render.probe import can_render
 from viz.report.make import scene_picture
-from viz.report.recording import MOST_ROWS, Picture, Report, _drift_table, page
-from viz.report.words import SYMBOLS, facts_of, frame_facts, headline, origin
+from viz.report.recording import MOST_ROWS, SYMBOLS, Picture, Report, _drift_table, page
+from viz.report.words import facts_of, frame_facts, headline, origin
 from viz.scene.scene import Fact, build_scene
 from viz.scene.truth import true_contacts
 

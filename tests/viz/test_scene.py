@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from estimator.table.contacts import ContactTable
-from estimator.table.joint_angles import from_points
+from estimator.table.contacts import ContactTable, from_points
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.geometry import Kinematics

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from vbaa_calib.calibrate.check.assessment import NewPictures
+from typing import Any
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -31,17 +28,25 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     Raises InputError for a broken rig or session, or a file in the way.
     """
+    from vbaa_calib.core.errors import InputError
     from vbaa_calib.core.files import write_json, write_text
     from viz.files.outputs import PAGES, refuse_output
 
     for path, suffixes in ((args.html, PAGES), (args.output, (".json",))):
         if path is not None:
             refuse_output(path, suffixes, args.force)
-    new = _new_pictures(args)
-    from vbaa_calib.calibrate.check.assessment import assess
+    free = {name: getattr(args, name) for name in ("pan", "tilt", "moment") if getattr(args, name) is not None}
+    if args.free is None and free:
+        flags = ", ".join(f"--{name}" for name in free)
+        raise InputError(f"{flags} without --free", remedy="they belong to the picture of the free antenna")
+
+    from vbaa_calib.calibrate.check.assessment import NewPictures, assess
     from vbaa_calib.core.console import say
     from viz.report.check import page
 
+    new = None
+    if args.board is not None or args.free is not None:
+        new = NewPictures(args.board, args.free, free.get("pan", 0.0), free.get("tilt", 0.0), free.get("moment"))
     document = assess(args.rig, args.session, new).to_dict()
     for finding in [*document["session_findings"], *document["findings"]]:
         say(f"{finding['level']:14s} {finding['question']} {finding['words']}")
@@ -55,17 +60,3 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         write_text(args.html, page(document), args.force)
         say(f"wrote {args.html}")
     return document
-
-
-def _new_pictures(args: argparse.Namespace) -> NewPictures | None:
-    from vbaa_calib.calibrate.check.assessment import NewPictures
-    from vbaa_calib.core.errors import InputError
-
-    with_free = {name: getattr(args, name) for name in ("pan", "tilt", "moment") if getattr(args, name) is not None}
-    if args.free is None and with_free:
-        flags = ", ".join(f"--{name}" for name in with_free)
-        raise InputError(f"{flags} without --free", remedy="they belong to the picture of the free antenna")
-    if args.board is None and args.free is None:
-        return None
-    pan, tilt, moment = with_free.get("pan", 0.0), with_free.get("tilt", 0.0), with_free.get("moment")
-    return NewPictures(args.board, args.free, pan, tilt, moment)

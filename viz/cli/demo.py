@@ -6,15 +6,19 @@ import argparse
 import os
 import shlex
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from vbaa_calib.core.console import say
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import write_json
+
+if TYPE_CHECKING:
+    from estimator.table.contacts import ContactTable
+    from vbaa_calib.rig import Rig
 
 SCENES = ("demo", "upright_knife", "steep_sphere")
 
@@ -39,13 +43,27 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
-    """Simulate, calibrate, estimate, reconstruct, view; then compare with the truth."""
+    """Simulate, calibrate, estimate, reconstruct, view; then compare with the truth.
+
+    Raises InputError when the folder holds something that is not a demo's, or a demo without `force`.
+    """
     from vbaa_calib.cli.main import run_verb
     from viz.render.probe import can_render
 
     started = time.perf_counter()
     out: Path = args.out
-    _prepare(out, args.force)
+    if os.path.isdir(out) and any(out.iterdir()):
+        if not (out / "session" / "session.yaml").is_file():
+            raise InputError("is not empty and not a demo's folder", where=out, remedy="name another with --out")
+        if not args.force:
+            raise InputError("exists already", where=out, remedy="give --force to replace it, or another --out")
+    elif os.path.lexists(out) and not os.path.isdir(out):
+        raise InputError("is a file", where=out, remedy="name a folder with --out")
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except (OSError, ValueError) as error:
+        why = getattr(error, "strerror", None) or error
+        raise InputError(f"cannot be made ({why})", where=out, remedy="name another folder with --out") from None
     drawable = can_render()
     if not drawable:
         say("no OpenGL here: scene.png is left out; to have it, install libegl1 and libgl1-mesa-dri")
@@ -57,22 +75,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     result = _finish(out, time.perf_counter() - started, args.argv)
     say(f"\neverything is in {out}/: open {out}/report.html and {out}/scene.html")
     return result
-
-
-def _prepare(out: Path, force: bool) -> None:
-    """Make the folder. Raises InputError when it holds something that is not a demo's, or a demo without `force`."""
-    if os.path.isdir(out) and any(out.iterdir()):
-        if not (out / "session" / "session.yaml").is_file():
-            raise InputError("is not empty and not a demo's folder", where=out, remedy="name another with --out")
-        if not force:
-            raise InputError("exists already", where=out, remedy="give --force to replace it, or another --out")
-    elif os.path.lexists(out) and not os.path.isdir(out):
-        raise InputError("is a file", where=out, remedy="name a folder with --out")
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except (OSError, ValueError) as error:
-        why = getattr(error, "strerror", None) or error
-        raise InputError(f"cannot be made ({why})", where=out, remedy="name another folder with --out") from None
 
 
 def _commands(out: Path, scene: str, screenshot: bool) -> list[list[str]]:
@@ -96,8 +98,6 @@ def _finish(out: Path, seconds: float, argv: Sequence[str]) -> dict[str, Any]:
     from vbaa_calib.rig import Rig
     from viz.report.make import Sources, make_report
 
-    from .score import score
-
     rig, contacts = Rig.load(out / "rig.json"), read_contacts(out / "contacts.csv")
     truth = read_json(out / "session" / "truth.json")
     errors = score(rig, contacts, truth)
@@ -116,3 +116,48 @@ def _finish(out: Path, seconds: float, argv: Sequence[str]) -> dict[str, Any]:
     result = {"session": str(session), "seconds": round(seconds, 2), **errors}
     write_json(out / "summary.json", result, force=True)
     return result
+
+
+def score(rig: Rig, contacts: ContactTable, truth: Mapping[str, Any]) -> dict[str, Any]:
+    """Root mean square errors over the frames that were located, and the calibration's errors. SI units.
+
+    `frames_ok` counts the frames whose status is right: located where there is contact, free where not. Force and
+    direction are those across the antenna (y, z), the force's error over its true size. `nees` is the mean squared
+    error of the contact point over its own covariance, per degree of freedom; 1 is honest.
+
+    truth : truth.json's mapping.
+    """
+    from scipy.spatial.transform import Rotation
+
+    from vbaa_calib.geometry import Pose
+    from viz.scene.truth import true_contacts
+
+    true = true_contacts(contacts, truth)
+    touching = np.isfinite(true.distance_m)
+    right = np.where(touching, contacts.located, contacts.status == "no_contact")
+    both = touching & contacts.located
+    force = np.stack([true.force_y_N[both], true.force_z_N[both]], axis=1)
+    found = np.stack([contacts.force_y_N[both], contacts.force_z_N[both]], axis=1)
+    off = (contacts.point_world_m - true.point_world_m)[both]
+    weighted = np.linalg.solve(contacts.covariance_world_m2[both], off[..., None])[..., 0]
+    across = force[:, 0] * found[:, 1] - force[:, 1] * found[:, 0]
+    matrix, true_matrix = rig.camera.matrix, np.array(truth["camera"]["matrix"])
+    T_true = Pose.from_dict(truth["T_antenna_camera"])
+    rotation = Rotation.from_matrix(rig.T_antenna_camera.rotation @ T_true.rotation.T).magnitude()
+
+    def rms(values: np.ndarray) -> float:
+        return float(np.sqrt((values**2).mean()))
+
+    return {
+        "frames": len(contacts),
+        "frames_ok": int(right.sum()),
+        "contact_point_rmse_m": rms(np.linalg.norm(off, axis=1)),
+        "distance_rmse_m": rms((contacts.distance_m - true.distance_m)[both]),
+        "force_rmse_relative": rms(np.linalg.norm(found - force, axis=1) / np.linalg.norm(force, axis=1)),
+        "direction_rmse_rad": rms(np.arctan2(across, (force * found).sum(axis=1))),
+        "stiffness_relative_error": abs(rig.antenna.stiffness_Nm2 / truth["stiffness_Nm2"] - 1),
+        "focal_relative_error": float(np.abs(np.diag(matrix)[:2] / np.diag(true_matrix)[:2] - 1).max()),
+        "camera_position_error_m": float(np.linalg.norm(rig.T_antenna_camera.translation_m - T_true.translation_m)),
+        "camera_rotation_error_rad": float(rotation),
+        "nees": float((off * weighted).sum(axis=1).mean() / 3),
+    }

@@ -1,38 +1,206 @@
-"""`vbaa estimate`: a recording to contacts.csv, and a report to read."""
+"""`vbaa estimate SESSION --rig rig.json -o contacts.csv`: a recording to contacts, and a report to read."""
 
 from __future__ import annotations
 
 import argparse
+import math
+from array import array
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from estimator.cli import estimate as cli
+if TYPE_CHECKING:
+    from estimator.contact.estimate import ContactEstimator
+    from estimator.table.contacts import ContactRow
+    from vbaa_calib.rig import Rig
+    from vbaa_calib.session import Frame, Session
+
+MODELS = ("auto", "paper", "linear", "elastica", "rod")
+"""auto and `vbaa_calib.antenna.rungs.RUNGS`, which is not imported for the sake of a quick --help."""
+_DRIFTS = ("none", "lab", "rough")  # `vbaa_calib.session.DRIFTS`, not imported either
+FRICTION_RAD = 0.2
+"""The estimator's own, `estimate.FRICTION_RAD`, not imported either."""
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Arguments of `vbaa estimate`."""
-    cli.configure(parser)
+    parser.add_argument("session", type=Path, help="the session folder with recording/ in it")
+    parser.add_argument("--rig", type=Path, required=True, help="rig.json of `vbaa calibrate`")
+    parser.add_argument("-o", "--output", type=Path, required=True, help="contacts.csv to write, or contacts.parquet")
+    parser.add_argument(
+        "--model",
+        default="auto",
+        choices=MODELS,
+        help="mechanical model (default: the lowest that suffices)",
+    )
+    parser.add_argument(
+        "--friction",
+        type=float,
+        default=FRICTION_RAD,
+        metavar="RAD",
+        help="how far friction may turn the force from the antenna's normal, as a standard deviation "
+        f"(default: {FRICTION_RAD}); 0: no friction",
+    )
+    parser.add_argument(
+        "--drift",
+        choices=_DRIFTS,
+        help="what may have changed since the calibration (default: as session.yaml says, else as rig.json does)",
+    )
+    parser.add_argument("--no-moment", action="store_true", help="vision alone: leave the moment readings aside")
+    parser.add_argument(
+        "--device", default="cpu", help="cpu (NumPy), or a torch device for the fits, as cuda:0 (default: cpu)"
+    )
+    parser.add_argument(
+        "--background",
+        type=Path,
+        metavar="IMAGE",
+        help="the same view without the antenna, taken off every picture: where camera and surroundings stand still",
+    )
+    parser.add_argument(
+        "--overlay",
+        type=Path,
+        metavar="DIR",
+        help="folder to write with a picture of every frame that shows what was seen, and index.html to leaf through",
+    )
     parser.add_argument("--report", type=Path, metavar="PAGE", help="the report's name (default: beside the output)")
     parser.add_argument("--no-report", action="store_true", help="leave the report out")
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Estimate every frame of a recording, write contacts.csv, then report.html. Refuses before any work."""
+    from estimator.contact.overlay import refuse_folder
+    from estimator.table.files import check_format
     from vbaa_calib.core.console import say
     from vbaa_calib.core.errors import InputError
+    from vbaa_calib.core.files import refuse_overwrite
+    from vbaa_calib.session import refuse_measured
     from viz.files.outputs import PAGES, refuse_output
     from viz.report.make import Sources, beside, make_report
 
+    if args.no_report and args.report is not None:
+        raise InputError("--report and --no-report", where="vbaa estimate", remedy="give one of them")
+    refuse_overwrite(args.output, args.force, (args.rig, args.background))
+    refuse_measured(args.output, args.session)
+    check_format(args.output)
+    if args.overlay is not None:
+        refuse_folder(args.overlay, args.force)
     if args.no_report:
-        if args.report is not None:
-            raise InputError("--report and --no-report", where="vbaa estimate", remedy="give one of them")
-        return {**cli.run(args), "report": None}
-    cli.check_outputs(args)
+        return {**_estimate(args), "report": None}
     output = beside(args.output) if args.report is None else args.report
     refuse_output(output, PAGES, args.force)
-    result = cli.run(args)
+    result = _estimate(args)
     sources = Sources(args.output, args.rig, args.session, background=args.background, drift=result["drift"])
     title = f"Contacts of the antenna: {args.session.resolve().name}"
     make_report(output, sources, title=title, argv=args.argv, force=args.force)
     say(f"wrote {output}: open it in a browser")
     return {**result, "report": str(output)}
+
+
+def _estimate(args: argparse.Namespace) -> dict[str, Any]:
+    """contacts.csv, and what became of the frames."""
+    from dataclasses import replace
+
+    import numpy as np
+
+    from estimator.contact.drift import summary
+    from estimator.contact.estimate import ContactEstimator
+    from estimator.table.files import write_contacts
+    from vbaa_calib.core.console import say
+    from vbaa_calib.rig import Rig
+    from vbaa_calib.session import DRIFTS as drifts
+    from vbaa_calib.session import check_pictures, load_session
+
+    session, rig = load_session(args.session), Rig.load(args.rig)
+    drift = session.drift if args.drift is None else drifts[args.drift]
+    rig = rig if drift is None else replace(rig, drift=drift)
+    estimator = ContactEstimator(rig, args.model, friction=args.friction, device=args.device)
+    frames = _frames(session, rig, args.no_moment)
+    pictures = [frame.image for frame in frames if frame.image is not None]
+    check_pictures(pictures, rig.camera.image_size, "the rig was calibrated at")
+    tally = _Tally()
+    write_contacts(args.output, tally.counted(_rows(args, estimator, session, frames)), args.force)
+    say(f"{len(frames)} frames: " + ", ".join(f"{count} {status}" for status, count in tally.status.most_common()))
+    located = float(np.median(tally.distance_std_m)) if tally.distance_std_m else None
+    if located is not None:
+        say(f"contact distance known to {1e3 * located:.2f} mm (median standard deviation)")
+    changed = summary(estimator.drift)
+    if changed["free_frames"]:
+        say(
+            f"the free antenna, seen in {changed['free_frames']} frames, has moved {changed['picture_px']:.2g} px "
+            f"since the calibration, and the sensor's zero by {changed['moment_zero_std']:.2g} std"
+        )
+    elif rig.drift.of_rig:
+        say("no frame shows the free antenna: begin with some, and the rig's drift costs less")
+    if changed["beyond"]:
+        say(f"warning: {', '.join(changed['beyond'])} changed more than drift does: run vbaa check, or calibrate again")
+    say(f"wrote {args.output}")
+    if args.overlay is not None:
+        say(f"wrote {args.overlay}: open {args.overlay / 'index.html'} to see what was seen in each frame")
+    return {
+        "contacts": str(args.output),
+        "overlay": None if args.overlay is None else str(args.overlay),
+        "frames": len(frames),
+        "status": dict(tally.status),
+        "models": dict(tally.models),
+        "distance_std_median_m": located,
+        "drift": changed,
+    }
+
+
+def _frames(session: Session, rig: Rig, no_moment: bool) -> list[Frame]:
+    """The frames of the recording, without their moments where these are not to be used, and a word about that."""
+    from dataclasses import replace
+
+    import numpy as np
+
+    from vbaa_calib.core.console import say
+    from vbaa_calib.session import read_recording
+
+    frames = read_recording(session)
+    if no_moment:
+        return [replace(frame, moment_Nm=np.nan, moment_z_Nm=np.nan) for frame in frames]
+    silent = sum(np.isnan(frame.moment_Nm) for frame in frames)
+    if silent:
+        say(f"{silent} of {len(frames)} frames have no moment reading: vision alone there")
+    if rig.second_moment_sensor is None and not all(np.isnan(frame.moment_z_Nm) for frame in frames):
+        say("moment_z_Nm is left aside: rig.json has no second_moment_sensor")
+    return frames
+
+
+def _rows(
+    args: argparse.Namespace, estimator: ContactEstimator, session: Session, frames: Sequence[Frame]
+) -> Iterator[ContactRow]:
+    """A row for every frame, each drawn into the overlay folder on its way where one is asked for."""
+    from contextlib import ExitStack
+
+    from estimator.contact.overlay import overlaid
+    from estimator.contact.recording import estimate_recording, read_ground
+    from estimator.table.contacts import ContactRow
+    from vbaa_calib.core.console import progress
+
+    ground = None if args.background is None else read_ground(estimator.rig, args.background)
+    found = progress(estimate_recording(estimator, session, frames, ground), "contacts", len(frames))
+    with ExitStack() as stack:
+        if args.overlay is not None:
+            found = stack.enter_context(overlaid(found, estimator, args.overlay, args.force))
+        for item in found:
+            yield ContactRow.of(item.frame, item.contact)
+
+
+class _Tally:
+    """What became of the rows that have passed: a few numbers of each are kept."""
+
+    def __init__(self) -> None:
+        self.status: Counter[str] = Counter()
+        self.models: Counter[str] = Counter()
+        self.distance_std_m = array("d")
+
+    def counted(self, rows: Iterable[ContactRow]) -> Iterator[ContactRow]:
+        """The same rows."""
+        for row in rows:
+            self.status[row.status] += 1
+            self.models[row.model] += 1
+            if math.isfinite(row.distance_std_m):
+                self.distance_std_m.append(row.distance_std_m)
+            yield row

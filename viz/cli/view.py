@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from viz.scene.scene import Scene
 
-OUTPUTS = {"screenshot": (".png",), "html": (".html", ".htm"), "gltf": (".glb", ".gltf")}
+_OUTPUTS = {"screenshot": (".png",), "html": (".html", ".htm"), "gltf": (".glb", ".gltf")}
 """What can be written → the suffixes that it may have."""
 
 
@@ -40,10 +40,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """
     from viz.files.outputs import refuse_output
 
-    outputs: dict[str, Path] = {name: path for name in OUTPUTS if (path := getattr(args, name)) is not None}
+    outputs: dict[str, Path] = {name: path for name in _OUTPUTS if (path := getattr(args, name)) is not None}
     inputs = (args.contacts, args.rig, args.object, args.truth, args.picture)
     for name, path in outputs.items():
-        refuse_output(path, OUTPUTS[name], args.force, inputs)
+        refuse_output(path, _OUTPUTS[name], args.force, inputs)
     unseen = not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
     if not outputs and unseen and sys.platform.startswith("linux"):
         raise _no_display()
@@ -76,7 +76,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         "frames": frames,
         "moments": len(scene.instants),
         "facts": list(scene.facts),
-        **{name: str(outputs[name]) if name in outputs else None for name in OUTPUTS},
+        **{name: str(outputs[name]) if name in outputs else None for name in _OUTPUTS},
     }
 
 

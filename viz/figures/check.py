@@ -17,7 +17,7 @@ from .drawing import AMBER, INK, RED, TEAL, band, bars, dots, legend, limits, ne
 
 _MAP = LinearSegmentedColormap.from_list("std", ("#f3faf7", "#bfe3d8", "#6cbfb4", "#23878f", "#15506f", "#1b2a4e"))
 _INNER_PX = 420.0
-_MOST_ARROWS, _MOST_VIEWS = 4000, 30
+_MOST_ARROWS, _MOST_VIEWS, _MOST_LEVELS = 4000, 30, 6
 _CELLS = (8, 6)
 _STILLS = ("#0f766e", "#1d4ed8", "#b45309", "#7c3aed", "#be185d", "#475569")
 _PALE = "#6cbfb4"
@@ -36,8 +36,6 @@ def _picture_axes(title: str, image_size: Sequence[float], right: float = 18.0) 
 def heat_map(title: str, data: Mapping[str, Any], image_size: Sequence[float], extra: Sequence[Mapping] = ()) -> Axes:
     """A map of standard deviations as a picture with contours, a scale, and what lies over it.
 
-    Parameters
-    ----------
     data : a map of check.json, and `has_ray`, where the lens has a ray.
     extra : rows of `along_antenna`: the antenna's axis is drawn through them.
     """
@@ -54,8 +52,13 @@ def heat_map(title: str, data: Mapping[str, Any], image_size: Sequence[float], e
     ends = axes.get_xlim(), axes.get_ylim()
     drawn = axes.imshow(values, _MAP, vmin=low, vmax=high, extent=extent, aspect="auto", interpolation="bilinear")
     axes.set(xlim=ends[0], ylim=ends[1])
-    levels = _contour_levels(low, high)
+    levels: list[float] = []
+    if 0 < low < high:  # round values, evenly spaced, or by factors where high is many times low
+        even = MaxNLocator(_MOST_LEVELS - 1, steps=[1, 2, 5, 10])
+        ticks = even if high < 5 * low else LogLocator(subs=(1.0, 2.0, 5.0), numticks=99)
+        levels = [float(f"{value:.6g}") for value in ticks.tick_values(low, high) if low < value < high]
     if levels:
+        levels = levels[:: -(-len(levels) // _MOST_LEVELS)]
         lines = axes.contour(x, y, values, levels, colors="#111827", linewidths=1.0)
         for label in axes.clabel(lines, fontsize=12, fmt="%g", inline=False):
             label.set(bbox=_HALO, rotation=0)
@@ -75,16 +78,6 @@ def heat_map(title: str, data: Mapping[str, Any], image_size: Sequence[float], e
     scale.set_title(f"± {data['unit']}", size=12.5, weight="normal", pad=6)
     scale.grid(visible=False)
     return axes
-
-
-def _contour_levels(low: float, high: float, most: int = 6) -> list[float]:
-    """Round values inside (low, high), at most so many: evenly spaced, by factors where high is many times low."""
-    if not 0 < low < high:
-        return []
-    even = high < 5 * low
-    ticks = MaxNLocator(most - 1, steps=[1, 2, 5, 10]) if even else LogLocator(subs=(1.0, 2.0, 5.0), numticks=99)
-    found = [float(f"{value:.6g}") for value in ticks.tick_values(low, high) if low < value < high]
-    return found[:: -(-len(found) // most)] if found else []
 
 
 @style

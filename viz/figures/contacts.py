@@ -35,13 +35,12 @@ if TYPE_CHECKING:
 
 _VIEWS = (("from above", 0, 1), ("from the side, along y", 0, 2), ("from the side, along x", 1, 2))
 """Name, and which world axes run to the right and up."""
-MOST_ELLIPSES, MOST_POINTS, MOST_TRIANGLES = 300, 1500, 3000
-SIDE_PX, SEEN_PX = 276.0, 5.0
-"""Ellipses whose usual radius is smaller than `SEEN_PX` are drawn larger, and the key says how much."""
+_MOST_ELLIPSES, _MOST_POINTS, _MOST_TRIANGLES = 300, 1500, 3000
+_SIDE_PX, _SEEN_PX = 276.0, 5.0
+"""Ellipses whose usual radius is smaller than `_SEEN_PX` are drawn larger, and the key says how much."""
 OBJECT = SLATE
-SLIDING, STICKING, UNUSED = "#0072b2", "#c2410c", "#94a3b8"
-_STEEP = 1.5
-"""A bound on μ beyond this is not worth the room to draw it."""
+SLIDING, _STICKING, _UNUSED = "#0072b2", "#c2410c", "#94a3b8"
+_STEEP = 1.5  # a bound on μ beyond this is not worth the room to draw it
 _SIZE = (480.0, 440.0)
 
 
@@ -54,7 +53,7 @@ def contact_maps(contacts: ContactTable, surface: Surface | None, truth_m: np.nd
     middle = 0.5 * (shown.min(axis=0) + shown.max(axis=0))
     half = max(0.56 * float(np.ptp(shown, axis=0).max()), 1.12)
     std_mm = 1e3 * np.sqrt(np.trace(contacts.covariance_world_m2, axis1=1, axis2=2))
-    factor = enlargement(SIDE_PX / half * std_mm, SEEN_PX)
+    factor = enlargement(_SIDE_PX / half * std_mm, _SEEN_PX)
     ends = middle[:, None] + half * np.array([-1.0, 1.0])
     return [_contact_map(contacts, surface, truth_m, ends, view, factor) for view in _VIEWS], factor
 
@@ -71,25 +70,25 @@ def _contact_map(
     name, *pair = view
     x, y = ends_mm[pair]
     labels = (f"{'XYZ'[pair[0]]}, mm", f"{'XYZ'[pair[1]]}, mm")
-    axes = new_axes(name, (SIDE_PX + 74, SIDE_PX + 80), (62, 12, 34, 46), tuple(x), tuple(y), labels)
+    axes = new_axes(name, (_SIDE_PX + 74, _SIDE_PX + 80), (62, 12, 34, 46), tuple(x), tuple(y), labels)
     if surface is not None:
         object_mm = 1e3 * surface.points_m[:, pair]
-        triangles = object_mm[thinned(surface.triangles, MOST_TRIANGLES)]
+        triangles = object_mm[thinned(surface.triangles, _MOST_TRIANGLES)]
         a, b = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
         # all turn one way: together they fill their union
         triangles = np.where((a[:, 0] * b[:, 1] < a[:, 1] * b[:, 0])[:, None, None], triangles[:, ::-1], triangles)
         paths(axes, triangles, closed=True, fc=OBJECT, ec="none", alpha=0.25, label="object")
-        paths(axes, object_mm[surface.lines[:MOST_TRIANGLES]], ec=OBJECT, lw=1.6, label="object")
-    truth = 1e3 * thinned(truth_m, MOST_POINTS)[:, pair]
-    arm = 2 * float(np.ptp(x)) / SIDE_PX
+        paths(axes, object_mm[surface.lines[:_MOST_TRIANGLES]], ec=OBJECT, lw=1.6, label="object")
+    truth = 1e3 * thinned(truth_m, _MOST_POINTS)[:, pair]
+    arm = 2 * float(np.ptp(x)) / _SIDE_PX
     for diagonal in ([1, 1], [1, -1]):
         crosses = truth[:, None] + arm * np.array([[-1], [1]]) * diagonal
         paths(axes, crosses, ec="#111827", lw=0.8, label="truth")
     points, covariance = 1e3 * contacts.point_world_m[:, pair], contacts.covariance_world_m2
-    known = thinned(np.flatnonzero(np.isfinite(covariance).all(axis=(1, 2))), MOST_ELLIPSES)
+    known = thinned(np.flatnonzero(np.isfinite(covariance).all(axis=(1, 2))), _MOST_ELLIPSES)
     blocks = 1e6 * factor**2 * covariance[known][:, pair][:, :, pair]
     ellipses(axes, points[known], blocks, time_colours(contacts.time_s)[known])
-    shown = thinned(np.arange(len(points)), MOST_POINTS)
+    shown = thinned(np.arange(len(points)), _MOST_POINTS)
     dots_by_time(axes, points[shown], contacts.time_s[shown])
     return axes
 
@@ -104,11 +103,11 @@ def forces_across(contacts: ContactTable) -> Axes:
     axes = new_axes("force across the antenna", _SIZE, (90, 68, 70, 48), ends, ends, ("f_y, mN", "f_z, mN"))
     axes.axhline(0, color=SOFT, lw=1)
     axes.axvline(0, color=SOFT, lw=1)
-    shown = thinned(np.arange(len(force)), MOST_POINTS)
-    if len(shown) <= MOST_ELLIPSES:
+    shown = thinned(np.arange(len(force)), _MOST_POINTS)
+    if len(shown) <= _MOST_ELLIPSES:
         tips = force[shown]
         paths(axes, np.stack([0 * tips, tips], axis=1), ec=SOFT, lw=0.4, label="arrows")
-    known = thinned(shown[np.isfinite(std[shown]).all(axis=1)], MOST_ELLIPSES)
+    known = thinned(shown[np.isfinite(std[shown]).all(axis=1)], _MOST_ELLIPSES)
     ellipses(axes, force[known], std[known, :, None] ** 2 * np.eye(2), time_colours(contacts.time_s)[known])
     dots_by_time(axes, force[shown], contacts.time_s[shown])
     dots(axes, np.zeros(1), np.zeros(1), INK)
@@ -119,8 +118,6 @@ def forces_across(contacts: ContactTable) -> Axes:
 def friction_cone(friction: Friction, force_N: np.ndarray, true_mu: float = np.nan) -> Axes:
     """Force across antenna and normal over that along the object's normal, within the cone tan α = μ.
 
-    Parameters
-    ----------
     force_N : (P, 3) of the contacts that friction was estimated from. true_mu : NaN where it is not known.
     """
     size = 1e3 * np.linalg.norm(force_N, axis=1)
@@ -134,12 +131,12 @@ def friction_cone(friction: Friction, force_N: np.ndarray, true_mu: float = np.n
     axes = new_axes("friction cone", _SIZE, (70, 14, 52, 48), (0.0, furthest), (-reach, reach), labels)
     entries = _cone_lines(axes, mu, friction.interval, true_mu)
     axes.axhline(0, color=SOFT, lw=1)
-    shown = thinned(np.flatnonzero(known), MOST_POINTS)
+    shown = thinned(np.flatnonzero(known), _MOST_POINTS)
     used_as = np.asarray(friction.used_as)[shown]
     marks = []
     for here, words, colour, mark in (
-        (~np.isin(used_as, ("sliding", "sticking")), "neither", UNUSED, "dot"),
-        (used_as == "sticking", "sticks, or undecided", STICKING, "ring"),
+        (~np.isin(used_as, ("sliding", "sticking")), "neither", _UNUSED, "dot"),
+        (used_as == "sticking", "sticks, or undecided", _STICKING, "ring"),
         (used_as == "sliding", "slides", SLIDING, "dot"),
     ):
         index = shown[here]
@@ -180,8 +177,6 @@ def _cone_lines(axes: Axes, mu: float, interval: np.ndarray, true_mu: float) -> 
 def indentation(surface: Surface, contacts: ContactTable, radius_m: float, true_compliance_m_N: float = np.nan) -> Axes:
     """Indentation over the normal force of the surface's touches, with the fitted line.
 
-    Parameters
-    ----------
     contacts : the table's rows of the touches. radius_m : of the antenna. true_compliance_m_N : NaN if not known.
     """
     normal, soft = surface.touched_normal, surface.compliance
@@ -189,7 +184,7 @@ def indentation(surface: Surface, contacts: ContactTable, radius_m: float, true_
     inside = 1e3 * (((surface.touched_m - contacts.point_world_m) * normal).sum(axis=1) + radius_m)
     variance = np.einsum("pi,pij,pj->p", normal, contacts.covariance_world_m2, normal)
     std = 1e3 * np.sqrt(np.clip(variance, 0.0, None))
-    known = thinned(np.flatnonzero(np.isfinite(force) & np.isfinite(inside)), MOST_POINTS)
+    known = thinned(np.flatnonzero(np.isfinite(force) & np.isfinite(inside)), _MOST_POINTS)
     force, inside, std = force[known], inside[known], std[known]
     usual = float(np.nanmedian(std)) if np.isfinite(std).any() else 0.0
     spread = 2 * np.where(np.isfinite(std), np.minimum(std, 3 * usual), 0.0)

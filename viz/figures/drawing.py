@@ -6,6 +6,7 @@ import io
 import re
 from collections.abc import Sequence
 from html import escape
+from typing import Any
 
 import matplotlib
 import numpy as np
@@ -88,8 +89,6 @@ def new_axes(
 def svg(axes: Axes, name: str = "", attributes: str = "") -> Markup:
     """The figure for a page. What an artist's gid says after "tip:" shows while the mouse is over it.
 
-    Parameters
-    ----------
     name : for readers who do not see it; the title without one. attributes : further ones of the tag, as HTML.
     """
     name, text = name or axes.get_title(loc="left"), io.StringIO()
@@ -173,18 +172,19 @@ def legend(axes: Axes, entries: Sequence[tuple[str, str, str]]) -> None:
 
     A mark is "dot", "ring", "line", "dashes" or "band".
     """
-    handles = [_mark(colour, mark) for colour, _, mark in entries]
+    point: dict[str, Any] = {"ls": "", "marker": "o", "ms": 6.5}
+    looks: dict[str, dict[str, Any]] = {
+        "line": {"lw": 2, "ls": "-"},
+        "dashes": {"lw": 2, "ls": (0, (2, 1.5))},
+        "ring": {**point, "mfc": "white", "mew": 1.5},
+        "dot": {**point, "mew": 0},
+    }
+    handles = [
+        Patch(fc=colour, alpha=0.35) if mark == "band" else Line2D([], [], color=colour, **looks[mark])
+        for colour, _, mark in entries
+    ]
     words = [words for _, words, _ in entries]
     axes.legend(handles, words, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=len(words))
-
-
-def _mark(colour: str, mark: str) -> Line2D | Patch:
-    if mark == "band":
-        return Patch(fc=colour, alpha=0.35)
-    if mark in ("line", "dashes"):
-        return Line2D([], [], color=colour, lw=2, ls="-" if mark == "line" else (0, (2, 1.5)))
-    face, edge = (colour, 0) if mark == "dot" else ("white", 1.5)
-    return Line2D([], [], ls="", marker="o", ms=6.5, mfc=face, mec=colour, mew=edge)
 
 
 def limits(*values: np.ndarray | Sequence[float]) -> tuple[float, float]:

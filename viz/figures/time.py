@@ -10,19 +10,16 @@ from matplotlib.axes import Axes
 
 from .drawing import ESTIMATE, INK, SOFT, TRUTH, band, bars, dots, legend, limits, new_axes, paths, style, svg
 
-LEFT, RIGHT, TOP, WIDTH = 148.0, 14.0, 34.0, 960.0
+_LEFT, _RIGHT, _TOP, _WIDTH = 148.0, 14.0, 34.0, 960.0
 MOST_DOTS = 1500
 """More frames than this are drawn as the range of each column of pixels."""
-MOST_EVENTS = 40
-_GAP = 3.0
-"""Frames farther apart than so many usual steps are not joined."""
+_MOST_EVENTS = 40
+_GAP = 3.0  # frames farther apart than so many usual steps are not joined
 
 
 class TimeAxis:
     """The time axis that all figures over time share. Times (B,), B ≥ 1, that begin far from 0 count from the first.
 
-    Attributes
-    ----------
     time_s : (B,) since `start_s`, rising. step_s : the usual time between frames; 1 for a single frame.
     ends_s : half a step before the first frame and after the last. pixel_s : what a pixel's width is.
     events_s : times of events, with words: drawn through every figure.
@@ -33,18 +30,18 @@ class TimeAxis:
         self.time_s, steps = time_s - self.start_s, np.diff(time_s)
         self.step_s = float(np.median(steps[steps > 0])) if (steps > 0).any() else 1.0
         self.ends_s = float(self.time_s[0]) - 0.5 * self.step_s, float(self.time_s[-1]) + 0.5 * self.step_s
-        self.pixel_s = (self.ends_s[1] - self.ends_s[0]) / (WIDTH - LEFT - RIGHT)
+        self.pixel_s = (self.ends_s[1] - self.ends_s[0]) / (_WIDTH - _LEFT - _RIGHT)
         shown = [(at - self.start_s, words) for at, words in events_s if np.isfinite(at)]
-        self.events_s = shown if len(shown) <= MOST_EVENTS else []
+        self.events_s = shown if len(shown) <= _MOST_EVENTS else []
 
     def axes(self, title: str, y: tuple[float, float], height: float = 190.0, bottom: float = 24.0) -> Axes:
         """Axes over the whole recording."""
-        return new_axes(title, (WIDTH, height), (LEFT, RIGHT, TOP, bottom), self.ends_s, y)
+        return new_axes(title, (_WIDTH, height), (_LEFT, _RIGHT, _TOP, bottom), self.ends_s, y)
 
     def columns(self, time_s: np.ndarray) -> np.ndarray:
         """The column of pixels, from 0, of each time."""
         first, last = self.ends_s
-        return np.floor((time_s - first) / (last - first) * (WIDTH - LEFT - RIGHT)).astype(int)
+        return np.floor((time_s - first) / (last - first) * (_WIDTH - _LEFT - _RIGHT)).astype(int)
 
     def gathered(self, time_s: np.ndarray, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, ...]:
         """Values from low to high (N,) by columns of pixels: time, least, middle and largest of each, (C,)."""
@@ -54,7 +51,7 @@ class TimeAxis:
         if not len(found):
             return (np.zeros(0),) * 4
         start, end = self.ends_s
-        centre = start + (found + 0.5) / (WIDTH - LEFT - RIGHT) * (end - start)
+        centre = start + (found + 0.5) / (_WIDTH - _LEFT - _RIGHT) * (end - start)
         middle = 0.5 * (low + high)[order][first + count // 2]
         return centre, np.minimum.reduceat(low[order], first), middle, np.maximum.reduceat(high[order], first)
 
@@ -63,7 +60,9 @@ class TimeAxis:
         for at, words in self.events_s:
             axes.axvline(at, color=SOFT, lw=1, ls=(0, (3, 3)), gid=f"tip:{words}")
         first, last = (end + self.start_s for end in self.ends_s)
-        scale = f'data-left="{LEFT:g}" data-right="{WIDTH - RIGHT:g}" data-first="{first:.15g}" data-last="{last:.15g}"'
+        scale = (
+            f'data-left="{_LEFT:g}" data-right="{_WIDTH - _RIGHT:g}" data-first="{first:.15g}" data-last="{last:.15g}"'
+        )
         return svg(axes, attributes=f'class="time" {scale}')
 
 
@@ -80,8 +79,6 @@ def curve(
 
     With the part of the deviations that all frames share, the band shows that part, and bars each frame's own.
 
-    Parameters
-    ----------
     value, std, truth, shared : (B,) in one unit, NaN where there is none.
     """
     # the values with their usual bands: the band of a frame that is hardly known is cut
@@ -117,8 +114,6 @@ def signals(
 ) -> Axes:
     """Quantities that are 0 unless there is something to see, with the band of ± 2 std that noise alone would fill.
 
-    Parameters
-    ----------
     values : name, colour and (B,) of each in one unit. noise_std : (B,) of any of them.
     noise : its source, for the legend.
     """
@@ -138,15 +133,13 @@ def signals(
 def lanes(clock: TimeAxis, title: str, label: Sequence[str], colour: Mapping[str, str], last: bool = False) -> Axes:
     """The state of every frame: a lane for each label that occurs, in the order of `colour`, with its count.
 
-    Parameters
-    ----------
     label : (B,) of each frame, one of `colour`'s keys, or "" for none. Where there are more frames than pixels, a lane
         is as high as its share of them.
     last : write the time axis' label under it.
     """
     given, names = np.asarray(label), [name for name in colour if name in set(label)]
     count, bottom = max(len(names), 1), 46.0 if last else 24.0
-    axes = clock.axes(title, (count, 0.0), TOP + 17.0 * count + bottom, bottom)
+    axes = clock.axes(title, (count, 0.0), _TOP + 17.0 * count + bottom, bottom)
     axes.grid(axis="y", visible=False)
     axes.set_yticks(np.arange(len(names)) + 0.5, [f"{name} ({int((given == name).sum())})" for name in names])
     if last:

@@ -291,8 +291,7 @@ def _row_kind(body: bytes, position: int, properties: list[_Property]) -> np.dty
 _NAME = "reconstructed object"
 _TRIANGLES, _LINES, _POINTS = 4, 1, 0
 _GLB_TYPES = {5126: "<f4", 5125: "<u4"}
-_UNKNOWN_STD_M = -1.0
-"""Stands for NaN, which glTF does not allow."""
+_UNKNOWN_STD_M = -1.0  # stands for NaN, which glTF does not allow
 
 
 def _glb_bytes(mesh: ObjectMesh) -> bytes:

@@ -111,8 +111,6 @@ def wires(paths: list[np.ndarray], radius_m: float, sides: int = 10) -> pv.PolyD
 def stamp(mesh: pv.PolyData, linear: np.ndarray, places: np.ndarray) -> pv.PolyData:
     """The mesh at K places, in their order.
 
-    Parameters
-    ----------
     mesh : triangles with normals.
     linear : (K, 3, 3) invertible: what is done to the mesh before it is moved to places (K, 3).
     """

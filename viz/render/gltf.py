@@ -53,8 +53,22 @@ def _document(plotter: pv.Plotter, names: list[str]) -> tuple[dict[str, Any], by
         exporter.SaveNormalOn()
         exporter.Write()
         made = json.loads(path.read_text(encoding="utf-8"))
-    blob = _one_buffer(made)
-    _to_linear(made, blob)
+    # VTK writes a buffer per array; a .glb has only one
+    blob, starts = bytearray(), []
+    for buffer in made["buffers"]:
+        starts.append(len(blob))
+        blob += base64.b64decode(buffer["uri"].partition(",")[2])
+        blob += b"\0" * (-len(blob) % 4)
+    for view in made["bufferViews"]:
+        view["byteOffset"] = view.get("byteOffset", 0) + starts[view["buffer"]]
+        view["buffer"] = 0
+    # the colours of vertices from sRGB, as screens and VTK have them, to linear light
+    for primitive in (each for mesh in made["meshes"] for each in mesh["primitives"]):
+        if "COLOR_0" in primitive["attributes"]:
+            accessor = made["accessors"][primitive["attributes"]["COLOR_0"]]
+            offset = made["bufferViews"][accessor["bufferView"]]["byteOffset"]
+            colours = np.frombuffer(blob, np.uint8, 4 * accessor["count"], offset).reshape(-1, 4)
+            colours[:, :3] = (255 * linear(colours[:, :3] / 255)).round()
     meshes = [node for node in made["nodes"] if "mesh" in node]
     for node, name in zip(meshes, names, strict=True):
         node["name"] = name
@@ -87,26 +101,3 @@ def packed(made: dict[str, Any], blob: bytes, suffix: str) -> bytes:
 def linear(rgb: np.ndarray) -> np.ndarray:
     """sRGB (..., 3) from 0 to 1 as the linear light that glTF's factors and vertex colours are in."""
     return np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
-
-
-def _to_linear(made: dict[str, Any], blob: bytearray) -> None:
-    """Turn the colours of all vertices from sRGB, as screens and VTK have them, to linear light."""
-    for primitive in (each for mesh in made["meshes"] for each in mesh["primitives"]):
-        if "COLOR_0" in primitive["attributes"]:
-            accessor = made["accessors"][primitive["attributes"]["COLOR_0"]]
-            view = made["bufferViews"][accessor["bufferView"]]
-            colours = np.frombuffer(blob, np.uint8, 4 * accessor["count"], view["byteOffset"]).reshape(-1, 4)
-            colours[:, :3] = (255 * linear(colours[:, :3] / 255)).round()
-
-
-def _one_buffer(made: dict[str, Any]) -> bytearray:
-    """VTK writes a buffer per array; a .glb has only one."""
-    blob, starts = bytearray(), []
-    for buffer in made["buffers"]:
-        starts.append(len(blob))
-        blob += base64.b64decode(buffer["uri"].partition(",")[2])
-        blob += b"\0" * (-len(blob) % 4)
-    for view in made["bufferViews"]:
-        view["byteOffset"] = view.get("byteOffset", 0) + starts[view["buffer"]]
-        view["buffer"] = 0
-    return blob

@@ -14,7 +14,7 @@ from matplotlib.patches import Rectangle
 from vbaa_calib.core.files import replacing
 from viz.parts.assemble import all_parts
 from viz.parts.part import INK, Part, layers_of
-from viz.scene.readable import Scale, contact_scale, object_scale, round_down
+from viz.scene.readable import contact_scale, object_scale, round_down
 from viz.scene.scene import Scene
 
 from .probe import require_opengl
@@ -22,9 +22,9 @@ from .stage import Stage, quiet
 
 _DPI = 100
 WIDE, TALL = 1900, 1080
-LEFT, STRIP = 740, 120
+LEFT, _STRIP = 740, 120
 """Pixels: width of the column with the rig, height of the strip with the scales under the close-up."""
-RIG_SIZE, NEAR_SIZE = (LEFT, 700), (WIDE - LEFT, TALL - STRIP)
+RIG_SIZE, NEAR_SIZE = (LEFT, 700), (WIDE - LEFT, TALL - _STRIP)
 _QUIET = "#64748b"
 
 
@@ -47,16 +47,28 @@ def screenshot(scene: Scene, path: Path, *, mode: str = "force", force: bool = F
             overview = _drawn(whole)
         figure = Figure(figsize=(WIDE / _DPI, TALL / _DPI), dpi=_DPI, facecolor="white")
         canvas = FigureCanvasAgg(figure)
-        _axes(figure, LEFT, STRIP, NEAR_SIZE).imshow(close_up, interpolation="none")
+        _axes(figure, LEFT, _STRIP, NEAR_SIZE).imshow(close_up, interpolation="none")
         if overview is not None:
             _axes(figure, 0, TALL - RIG_SIZE[1], RIG_SIZE).imshow(overview, interpolation="none")
         sheet = _axes(figure, 0, 0, (WIDE, TALL))
         sheet.set(xlim=(0, WIDE), ylim=(0, TALL), facecolor="none")
-        _scale_bar(sheet, 2 * half_m / NEAR_SIZE[1])
+        m_per_pixel = 2 * half_m / NEAR_SIZE[1]
+        length = round_down(0.16 * NEAR_SIZE[0] * m_per_pixel)
+        left, right, y = WIDE - 40 - length / m_per_pixel, WIDE - 40, _STRIP + 34
+        sheet.plot([left, right], [y, y], color=INK, lw=3.5, solid_capstyle="butt")
+        sheet.text((left + right) / 2, y + 9, f"{1e3 * length:g} mm", ha="center", color=INK, size=13)
         _legend(sheet, scene, parts, TALL - RIG_SIZE[1] if overview is not None else TALL)
         bars = [bar for bar in (contact_scale(scene, mode), object_scale(scene)) if bar is not None]
         for index, bar in enumerate(bars):
-            _colour_bar(_axes(figure, LEFT + 60 + index * 560, 46, (460, 18)), bar)
+            axes = _axes(figure, LEFT + 60 + index * 560, 46, (460, 18))
+            axes.axis("on")
+            ends = (bar.ticks[0], bar.ticks[-1], 0, 1)
+            axes.imshow(np.linspace(0, 1, 256)[None], aspect="auto", cmap=bar.colormap, extent=ends)
+            axes.set_yticks([])
+            axes.set_xticks(bar.ticks, [f"{tick:.4g}" for tick in bar.ticks])
+            axes.tick_params(labelsize=12, color=INK, labelcolor=INK, length=3)
+            axes.set_title(bar.ends[1], size=13.5, color=INK, pad=7)
+            axes.spines[:].set_visible(False)
         canvas.print_png(str(temporary))
 
 
@@ -81,13 +93,6 @@ def _axes(figure: Figure, x: int, y: int, size: tuple[int, int]) -> Axes:
     return axes
 
 
-def _scale_bar(sheet: Axes, m_per_pixel: float) -> None:
-    length = round_down(0.16 * NEAR_SIZE[0] * m_per_pixel)
-    left, right, y = WIDE - 40 - length / m_per_pixel, WIDE - 40, STRIP + 34
-    sheet.plot([left, right], [y, y], color=INK, lw=3.5, solid_capstyle="butt")
-    sheet.text((left + right) / 2, y + 9, f"{1e3 * length:g} mm", ha="center", color=INK, size=13)
-
-
 def _legend(sheet: Axes, scene: Scene, parts: list[Part], top: int) -> None:
     scaled = ("contacts", "forces", "now", *(["object"] if object_scale(scene) is not None else []))
     rows = [part for part in layers_of(parts) if part.name not in scaled]
@@ -103,14 +108,3 @@ def _legend(sheet: Axes, scene: Scene, parts: list[Part], top: int) -> None:
     lines = [line for fact in scene.facts for line in textwrap.wrap(fact, 82)][: max((below - 16) // 23, 0)]
     for index, line in enumerate(lines):
         sheet.text(36, below - 23 * index, line, size=11.5, color=_QUIET, va="center")
-
-
-def _colour_bar(axes: Axes, scale: Scale) -> None:
-    axes.axis("on")
-    ends = (scale.ticks[0], scale.ticks[-1], 0, 1)
-    axes.imshow(np.linspace(0, 1, 256)[None], aspect="auto", cmap=scale.colormap, extent=ends)
-    axes.set_yticks([])
-    axes.set_xticks(scale.ticks, [f"{tick:.4g}" for tick in scale.ticks])
-    axes.tick_params(labelsize=12, color=INK, labelcolor=INK, length=3)
-    axes.set_title(scale.ends[1], size=13.5, color=INK, pad=7)
-    axes.spines[:].set_visible(False)

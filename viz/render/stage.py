@@ -17,8 +17,6 @@ from viz.scene.scene import Scene
 class Stage:
     """What draws a scene in a plotter of its own.
 
-    Attributes
-    ----------
     parts, actors : each part and what draws it, in the same order.
     """
 

@@ -94,26 +94,22 @@ def _session(session: Mapping[str, Any], numbers: Mapping[str, Any]) -> dict[str
     read = [row for row in (*free, *loads) if row["moment_residual_mNm"] is not None]
     if read:
         antenna.append(figures.moment_residuals(read, numbers["moment_sensor"]["std_Nm"]))
+    pose, motion = session["camera_pose"], None  # of the camera since the calibration, axis by axis
+    if pose is not None:
+        rows = [
+            [f"{what} {axis}", fixed(value, 3), fixed(std, 3), f"{abs(value) / std:.1f}", unit]
+            for what, key, unit in (("shift", "shift", "mm"), ("turn about", "turn", "mrad"))
+            for axis, value, std in zip("xyz", pose[f"{key}_{unit}"], pose[f"{key}_std_{unit}"], strict=True)
+        ]
+        head = ("motion since the calibration", "seen", "± predicted", "in std", "unit")
+        motion = Table(head, rows, head[:1])
     return {
         "boards": [svg(drawn) for drawn in over_boards],
         "dropped_boards": records(session["boards_dropped"], _DROPPED, 2),
-        "motion": _motion(session["camera_pose"]),
+        "motion": motion,
         "antenna": [svg(drawn) for drawn in antenna],
         "loads": records([row | {"number": index + 1} for index, row in enumerate(loads)], _LOADS),
     }
-
-
-def _motion(pose: Mapping[str, Any] | None) -> Table | None:
-    """Of the camera since the calibration, axis by axis."""
-    if pose is None:
-        return None
-    rows = [
-        [f"{what} {axis}", fixed(value, 3), fixed(std, 3), f"{abs(value) / std:.1f}", unit]
-        for what, key, unit in (("shift", "shift", "mm"), ("turn about", "turn", "mrad"))
-        for axis, value, std in zip("xyz", pose[f"{key}_{unit}"], pose[f"{key}_std_{unit}"], strict=True)
-    ]
-    head = ("motion since the calibration", "seen", "± predicted", "in std", "unit")
-    return Table(head, rows, head[:1])
 
 
 def _calibrated(numbers: Mapping[str, Any]) -> list[tuple[str, Table]]:
@@ -123,6 +119,12 @@ def _calibrated(numbers: Mapping[str, Any]) -> list[tuple[str, Table]]:
     nominal = antenna["nominal_stiffness_Nm2"]
     places = zip("xyz", pose["translation_m"], pose["translation_std_m"], strict=True)
     turns = zip("xyz", pose["rotation_std_rad"], strict=True)
+    shape = []
+    for row in antenna["free_shape"]:
+        kinds = (("_per_m", 1.0, "1/m"), ("_rad", 1e3, "mrad"), ("_m", 1e3, "mm"), ("", 1e3, "mm"))
+        end, scale, unit = next(kind for kind in kinds if row["name"].endswith(kind[0]))
+        name = row["name"].removesuffix(end).replace("_", " ")
+        shape.append([name, with_std(row["value"], row["std"], scale), unit])
     coefficients = zip(lens["parameters"], lens["values"], lens_std, strict=True)
     tables = {
         "Camera in the antenna's frame": [
@@ -139,7 +141,7 @@ def _calibrated(numbers: Mapping[str, Any]) -> list[tuple[str, Table]]:
             _row("mass per length", antenna, "mass_per_length", "_kg_m", 1e3, "g/m"),
             ["length", number(1e3 * antenna["length_m"]), "mm"],
             ["diameter", number(1e3 * antenna["diameter_m"]), "mm"],
-            *map(_shape_row, antenna["free_shape"]),
+            *shape,
         ],
         "Moment sensor": [
             _row("gain", sensor, "gain", "", 1.0, ""),
@@ -152,12 +154,6 @@ def _calibrated(numbers: Mapping[str, Any]) -> list[tuple[str, Table]]:
 
 def _row(words: str, data: Mapping[str, Any], name: str, suffix: str, scale: float, unit: str) -> list[str]:
     return [words, with_std(data[name + suffix], data[f"{name}_std{suffix}"], scale), unit]
-
-
-def _shape_row(row: Mapping[str, Any]) -> list[str]:
-    kinds = (("_per_m", 1.0, "1/m"), ("_rad", 1e3, "mrad"), ("_m", 1e3, "mm"), ("", 1e3, "mm"))
-    end, scale, unit = next(kind for kind in kinds if row["name"].endswith(kind[0]))
-    return [row["name"].removesuffix(end).replace("_", " "), with_std(row["value"], row["std"], scale), unit]
 
 
 def _quality(quality: Mapping[str, Any]) -> dict[str, Any]:

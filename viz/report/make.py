@@ -35,8 +35,6 @@ _CAPTION = (
 class Sources:
     """What a report is made from.
 
-    Attributes
-    ----------
     contacts : contacts.csv or .parquet.
     rig : rig.json: adds friction, stiffness, the scene and the residual's scale.
     session : adds a picture of the recording; needs the rig.
@@ -74,8 +72,8 @@ def make_report(
     `argv` is the command line that asked for it, `summary` holds errors against truth with the goal of each.
     Raises InputError when a source cannot be read, or the page exists and `force` is off.
     """
+    from estimator.table.contacts import joint_angles
     from estimator.table.files import read_contacts
-    from estimator.table.joint_angles import joint_angles
     from vbaa_calib.core.files import read_json, write_text
     from vbaa_calib.rig import Rig
     from viz.scene.truth import true_contacts

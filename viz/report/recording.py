@@ -10,7 +10,7 @@ import numpy as np
 from markupsafe import Markup
 
 from estimator.contact.overlay import STATUS_COLOURS
-from estimator.table.contacts import ContactTable
+from estimator.table.contacts import COLUMNS, LOCATED, STATUSES, ContactTable
 from vbaa_calib.rig import Rig
 from viz.figures.contacts import OBJECT, contact_maps, forces_across, friction_cone, indentation
 from viz.figures.drawing import RAMP, svg
@@ -20,18 +20,46 @@ from viz.scene.readable import thinned
 from viz.scene.scene import Fact
 from viz.scene.truth import TrueContacts
 
-from .words import MODELS, PHASES, SYMBOLS, dotted, frame_facts, glossary, headline, shown_unit
+from .words import frame_facts, headline
 
 if TYPE_CHECKING:
     from estimator.object.estimate import ObjectEstimate
-    from estimator.object.track import Event, Track
+    from estimator.object.track import Track
 
-_DRIFT_COLOURS = ("#0072b2", "#c2410c", "#334155", "#7c3aed")
-ALONG, ACROSS, RESIDUAL, RINGING = "#0072b2", "#c2410c", "#334155", "#7c3aed"
+_COLOURS = _ALONG, _ACROSS, _RESIDUAL, _RINGING = "#0072b2", "#c2410c", "#334155", "#7c3aed"
 MOST_ROWS = 500
 SummaryRow = tuple[str, float, str, float | None]
 """Name, value, unit, and the goal that the value must not exceed, if there is one."""
 _GOAL = {True: Markup('<span class="good">met</span>'), False: Markup('<span class="bad">missed</span>')}
+_MODELS = {
+    "linear": ("#56b4e9", "small deflections, with weight, natural curvature and clamp"),
+    "elastica": ("#0072b2", "large deflections; weight, curvature, clamp and torsion in one pass"),
+    "rod": ("#7c3aed", "the static rod with weight, curvature, clamp and torsion, solved without approximations"),
+    "paper": ("#e69f00", "straight, weightless, rigidly clamped; small deflections"),
+}
+_PHASES = {
+    "free": ("#cbd5e1", "nothing touches the antenna"),
+    "touching": ("#56b4e9", "in contact; whether it sticks or slides is undecided"),
+    "sticking": ("#c2410c", "the antenna's material at the contact stands still against the object"),
+    "sliding": ("#0072b2", "it moves along the object"),
+    "rolling": ("#009e73", "the contact moves along the antenna, its material does not slip"),
+    "unknown": ("#64748b", "undetermined by the data"),
+}
+SYMBOLS = {
+    "distance_m": ("l",),
+    "force_y_N": ("f_y",),
+    "force_z_N": ("f_z",),
+    "point_world_m": ("X", "Y", "Z"),
+    "moment_residual_Nm": ("residual",),
+}
+"""Column of contacts.csv that the report shows → its symbols there."""
+_UNITS = {"m": ("mm", 1e3), "N": ("mN", 1e3), "N·m": ("µN·m", 1e6)}
+_OTHER_QUANTITIES = (
+    ("antenna frame", "", "x along the undeformed antenna from its clamp, xy the calibration plane C"),
+    ("slip", "mm/s", "velocity of the antenna's material at the contact against the object, which stands still"),
+    ("μ, α", "1, °", "coefficient of friction; half angle of the friction cone, tan α = μ"),
+    ("±", "", "one standard deviation, calibration errors included; bands and ellipses are two of them"),
+)
 
 
 @dataclass(frozen=True)
@@ -46,8 +74,6 @@ class Picture:
 class Report:
     """Everything that stands in a report.
 
-    Attributes
-    ----------
     table : the contacts, at least one row. rig : adds the moment residual in the sensor's deviations.
     estimate, track, facts : what the contacts say together; None where it is undetermined.
     truth : drawn beside the estimates. summary : errors against truth, or other numbers with a goal each.
@@ -73,6 +99,22 @@ def page(report: Report) -> str:
     """The whole report as HTML."""
     table, track = report.table, report.track
     words, colour = headline(table)
+    errors = [
+        (name, f"{value:.4g}", unit, *(("", "") if goal is None else (f"≤ {goal:.4g}", _GOAL[value <= goal])))
+        for name, value, unit, goal in report.summary
+    ]
+    events = () if track is None else track.events
+    told = [
+        (
+            event.kind.replace("_", " "),
+            Markup('<span class="long">{}</span>').format(event.words),
+            with_std(float(event.time_s), float(event.time_std_s)) if np.isfinite(event.time_s) else "–",
+            fixed(event.delay_s, 3) if np.isfinite(event.delay_s) else "–",
+            event.frame,
+        )
+        for event in events[:MOST_ROWS]
+    ]
+    cut = "" if len(told) == len(events) else f"The first {len(told)} of {len(events)}."
     return render(
         "recording.html.j2",
         title=report.title,
@@ -82,13 +124,13 @@ def page(report: Report) -> str:
         pictures=report.pictures,
         times=_over_time(report),
         crowded=len(table) > MOST_DOTS,
-        events=_events_table(() if track is None else track.events),
+        events=Table(("event", "in words", "time, s", "decided after, s", "frame"), told, ("event", "in words"), cut),
         **_contacts(report),
-        summary=_summary_table(report.summary),
+        summary=Table(("quantity", "error", "unit", "goal", ""), errors, ("quantity", "unit")),
         drift=_drift_table(report.drift),
         drift_figure=_drift_figure(report.drift),
         contacts=_contacts_table(table, None if track is None else track.phase.tolist()),
-        glossary=glossary(),
+        glossary=_glossary(),
         origin=Table((), report.origin),
     )
 
@@ -100,27 +142,27 @@ def _over_time(report: Report) -> list[Markup]:
     clock = TimeAxis(table.time_s, events)
     drawn = [lanes(clock, "status", table.status.tolist(), STATUS_COLOURS)]
     if track is not None:
-        drawn.append(lanes(clock, "phase", track.phase.tolist(), _colours(PHASES)))
+        drawn.append(lanes(clock, "phase", track.phase.tolist(), _colours(_PHASES)))
         if track.ringing.any():
             ringing = np.where(track.ringing, "ringing", "").tolist()
-            drawn.append(lanes(clock, "ringing of the antenna", ringing, {"ringing": RINGING}))
+            drawn.append(lanes(clock, "ringing of the antenna", ringing, {"ringing": _RINGING}))
     drawn += [curve(clock, *quantity) for quantity in _quantities(report)]
     if track is not None and np.isfinite(track.slip_std_m_s).any():
         along, across = 1e3 * track.longitudinal_m_s, 1e3 * track.lateral_m_s
-        slip = [("along the antenna", ALONG, along), ("across it", ACROSS, across)]
+        slip = [("along the antenna", _ALONG, along), ("across it", _ACROSS, across)]
         title = "slip of the antenna on the object, mm/s"
         drawn.append(signals(clock, title, slip, 1e3 * track.slip_std_m_s, "the noise, at most"))
     title, residual = "moment: read less predicted by the fit", table.moment_residual_Nm
     if rig is None:
-        unit, scale = shown_unit("moment_residual_Nm")
+        unit, scale = _shown_unit("moment_residual_Nm")
         nothing = np.full(len(table), np.nan)
         drawn.append(curve(clock, f"{title}, {unit}", scale * residual, nothing))
     else:
         title += ", in std of the sensor's noise"
-        scaled = [("residual", RESIDUAL, residual / rig.moment_sensor.std_Nm)]
+        scaled = [("residual", _RESIDUAL, residual / rig.moment_sensor.std_Nm)]
         drawn.append(signals(clock, title, scaled, np.ones(len(table)), "the sensor"))
     model = np.where(table.located, table.model, "").tolist()
-    drawn.append(lanes(clock, "model chosen for a located contact", model, _colours(MODELS), last=True))
+    drawn.append(lanes(clock, "model chosen for a located contact", model, _colours(_MODELS), last=True))
     return [clock.svg(axes) for axes in drawn]
 
 
@@ -137,7 +179,7 @@ def _quantities(report: Report) -> list[tuple[str, np.ndarray, np.ndarray, np.nd
         ("force_y_N", "force f_y", table.force_shared_std_N[:, 1]),
         ("force_z_N", "force f_z", table.force_shared_std_N[:, 2]),
     ):
-        unit, scale = shown_unit(name)
+        unit, scale = _shown_unit(name)
         columns = (getattr(table, name), _std(table, name), shared)
         value, std, common = (np.where(located, scale * one, np.nan) for one in columns)
         true = None if truth is None else scale * getattr(truth, name)
@@ -190,13 +232,6 @@ def _contacts(report: Report) -> dict[str, Any]:
     }
 
 
-def _summary_table(rows: Sequence[SummaryRow]) -> Table:
-    """Values with the goals that they meet or miss."""
-    goals = [("", "") if goal is None else (f"≤ {goal:.4g}", _GOAL[value <= goal]) for _, value, _, goal in rows]
-    cells = [(name, f"{value:.4g}", unit, *goal) for (name, value, unit, _), goal in zip(rows, goals, strict=True)]
-    return Table(("quantity", "error", "unit", "goal", ""), cells, ("quantity", "unit"))
-
-
 def _drift_table(drift: Mapping[str, Any] | None) -> Table:
     """What has changed of the rig, parameter by parameter, beside what was thought possible."""
     drift = drift or {"parameters": {}, "beyond": ()}
@@ -216,27 +251,11 @@ def _drift_figure(drift: Mapping[str, Any] | None) -> Markup | None:
     names, prior = zip(*((name, one["prior_std"]) for name, one in drift["parameters"].items()), strict=True)
     size = len(names)
     change = np.array([one["change"][:size] for one in past]) / np.maximum(prior, 1e-300)
-    most = np.argsort(-np.abs(change).max(axis=0))[: len(_DRIFT_COLOURS)]
+    most = np.argsort(-np.abs(change).max(axis=0))[: len(_COLOURS)]
     clock = TimeAxis(np.array([one["time_s"] for one in past], float))
-    values = [(names[index], colour, change[:, index]) for index, colour in zip(most, _DRIFT_COLOURS, strict=True)]
+    values = [(names[index], colour, change[:, index]) for index, colour in zip(most, _COLOURS, strict=True)]
     title = "change since the calibration, in std of what was thought possible"
     return clock.svg(signals(clock, title, values, np.ones(len(past)), "what was thought possible"))
-
-
-def _events_table(events: Sequence[Event]) -> Table:
-    """Events in time; the first ones where there are very many."""
-    rows = [
-        (
-            event.kind.replace("_", " "),
-            Markup('<span class="long">{}</span>').format(event.words),
-            with_std(float(event.time_s), float(event.time_std_s)) if np.isfinite(event.time_s) else "–",
-            fixed(event.delay_s, 3) if np.isfinite(event.delay_s) else "–",
-            event.frame,
-        )
-        for event in events[:MOST_ROWS]
-    ]
-    cut = "" if len(rows) == len(events) else f"The first {len(rows)} of {len(events)}."
-    return Table(("event", "in words", "time, s", "decided after, s", "frame"), rows, ("event", "in words"), cut)
 
 
 def _contacts_table(table: ContactTable, phase: Sequence[str] | None) -> Table:
@@ -246,23 +265,51 @@ def _contacts_table(table: ContactTable, phase: Sequence[str] | None) -> Table:
     columns: dict[str, Sequence[object]] = {
         "frame": part.frame.tolist(),
         "time, s": [f"{time_s:.3f}" for time_s in part.time_s],
-        "status": [dotted(STATUS_COLOURS[status], status) for status in part.status],
+        "status": [_dotted(STATUS_COLOURS[status], status) for status in part.status],
         "model": part.model.tolist(),
     }
     if phase is not None:
         columns["phase"] = [phase[row] for row in shown]
     text = [name for name in columns if name in ("status", "model", "phase")]
+
+    def cell(value: float, std: float, scale: float) -> str:
+        if not np.isfinite(value):
+            return ""
+        return with_std(float(value), float(std), scale) if np.isfinite(std) else fixed(scale * float(value), 1)
+
     for name, symbols in SYMBOLS.items():
-        unit, scale = shown_unit(name)
+        unit, scale = _shown_unit(name)
         values, std = (one.reshape(len(part), -1).T for one in (getattr(part, name), _std(part, name)))
         for symbol, value, own in zip(symbols, values, std, strict=True):
-            columns[f"{symbol}, {unit}"] = [_cell(*pair, scale) for pair in zip(value, own, strict=True)]
+            columns[f"{symbol}, {unit}"] = [cell(*pair, scale) for pair in zip(value, own, strict=True)]
     columns["reason"] = [Markup('<small class="long">{}</small>').format(reason) for reason in part.reason]
     cut = "" if len(shown) == len(table) else f"{len(shown)} of {len(table)} frames, evenly spread."
     return Table(tuple(columns), list(zip(*columns.values(), strict=True)), (*text, "reason"), cut)
 
 
-def _cell(value: float, std: float, scale: float) -> str:
-    if not np.isfinite(value):
-        return ""
-    return with_std(float(value), float(std), scale) if np.isfinite(std) else fixed(scale * float(value), 1)
+def _glossary() -> list[tuple[str, Table]]:
+    """Statuses, phases, models and quantities."""
+    use = {name: "may be used" if name in LOCATED else "no contact point" for name in STATUS_COLOURS}
+    statuses = [(_dotted(colour, name), STATUSES[name], use[name]) for name, colour in STATUS_COLOURS.items()]
+    phases, models = (
+        [(_dotted(colour, name), words) for name, (colour, words) in kinds.items()] for kinds in (_PHASES, _MODELS)
+    )
+    quantities = [
+        (", ".join(symbols), _shown_unit(name)[0], COLUMNS[name].meaning) for name, symbols in SYMBOLS.items()
+    ]
+    return [
+        ("Status of a frame", Table(("status", "meaning", "its numbers"), statuses)),
+        ("Phase of a frame", Table(("phase", "meaning"), phases)),
+        ("Mechanical model, the lowest that suffices", Table(("model", "meaning"), models)),
+        ("Quantities", Table(("name", "unit", "meaning"), (*quantities, *_OTHER_QUANTITIES))),
+    ]
+
+
+def _shown_unit(column: str) -> tuple[str, float]:
+    """The unit in which the report shows a column of contacts.csv, and the factor to it."""
+    return _UNITS[COLUMNS[column].unit]
+
+
+def _dotted(colour: str, name: str) -> Markup:
+    """A name behind a dot of its colour."""
+    return Markup('<i class="dot" style="background:{}"></i>{}').format(colour, name)

@@ -16,59 +16,22 @@ from markupsafe import Markup
 import vbaa_calib
 from estimator.contact.overlay import STATUS_COLOURS
 from estimator.object.surface.touches import BIASED_STD
-from estimator.table.contacts import COLUMNS, LOCATED, STATUSES, ContactTable
+from estimator.table.contacts import STATUSES, ContactTable
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import sha256
 from vbaa_calib.rig import Rig
 from viz.figures.drawing import AMBER, SLATE, TEAL
-from viz.pages.page import Table, decimals_of, number
+from viz.pages.page import decimals_of, number
 from viz.scene.scene import Fact, object_facts, sentence
 
 if TYPE_CHECKING:
     from estimator.object.estimate import ObjectEstimate
-    from estimator.object.surface import Surface
     from estimator.object.track import Track
 
-_MANY = 0.2
-"""A larger part of the frames lost is said in the verdict's colour, too."""
-_LARGE_RESIDUAL = 3.0
-"""A moment residual of more than so many of the sensor's deviations (rms) is worth a look."""
+_MANY = 0.2  # a larger part of the frames lost is said in the verdict's colour, too
+_LARGE_RESIDUAL = 3.0  # a moment residual of more than so many of the sensor's deviations (rms) is worth a look
 _MOST_TIMES = 8
 _LOST = ("no_antenna", "failed", "unobservable", "low_signal", "not_quasistatic")
-MODELS = {
-    "linear": ("#56b4e9", "small deflections, with weight, natural curvature and clamp"),
-    "elastica": ("#0072b2", "large deflections; weight, curvature, clamp and torsion in one pass"),
-    "rod": ("#7c3aed", "the static rod with weight, curvature, clamp and torsion, solved without approximations"),
-    "paper": ("#e69f00", "straight, weightless, rigidly clamped; small deflections"),
-}
-PHASES = {
-    "free": ("#cbd5e1", "nothing touches the antenna"),
-    "touching": ("#56b4e9", "in contact; whether it sticks or slides is undecided"),
-    "sticking": ("#c2410c", "the antenna's material at the contact stands still against the object"),
-    "sliding": ("#0072b2", "it moves along the object"),
-    "rolling": ("#009e73", "the contact moves along the antenna, its material does not slip"),
-    "unknown": ("#64748b", "undetermined by the data"),
-}
-SYMBOLS = {
-    "distance_m": ("l",),
-    "force_y_N": ("f_y",),
-    "force_z_N": ("f_z",),
-    "point_world_m": ("X", "Y", "Z"),
-    "moment_residual_Nm": ("residual",),
-}
-"""Column of contacts.csv that the report shows → its symbols there."""
-_UNITS = {"m": ("mm", 1e3), "N": ("mN", 1e3), "N·m": ("µN·m", 1e6)}
-_OTHER_QUANTITIES = (
-    ("antenna frame", "", "x along the undeformed antenna from its clamp, xy the calibration plane C"),
-    ("slip", "mm/s", "velocity of the antenna's material at the contact against the object, which stands still"),
-    ("μ, α", "1, °", "coefficient of friction; half angle of the friction cone, tan α = μ"),
-    ("±", "", "one standard deviation, calibration errors included; bands and ellipses are two of them"),
-)
-
-
-def shown_unit(column: str) -> tuple[str, float]:
-    """The unit in which the report shows a column of contacts.csv, and the factor to it."""
-    return _UNITS[COLUMNS[column].unit]
 
 
 def object_found(table: ContactTable, rig: Rig | None) -> tuple[ObjectEstimate | None, Track | None, tuple[Fact, ...]]:
@@ -94,7 +57,14 @@ def object_found(table: ContactTable, rig: Rig | None) -> tuple[ObjectEstimate |
 
 def facts_of(estimate: ObjectEstimate) -> tuple[Fact, ...]:
     """An object estimate in words."""
-    return _event_fact(estimate.track), *object_facts(estimate), _shape_fact(estimate.surface)
+    surface = estimate.surface
+    patches = len(np.unique(surface.touched_patch))
+    known = surface.std_m[np.isfinite(surface.std_m)]
+    well = f", known to {1e3 * float(np.median(known)):.2f} mm (median standard deviation)" if len(known) else ""
+    kind = "a surface" if len(surface.triangles) else "lines: too narrow for a surface"
+    words = f"{len(surface.touched_m)} contacts on {patches} patch{'es' * (patches != 1)}, joined to {kind}{well}."
+    shape = Fact("Shape", " ".join([words, *map(sentence, surface.notes)]))
+    return _event_fact(estimate.track), *object_facts(estimate), shape
 
 
 def _event_fact(track: Track) -> Fact:
@@ -104,31 +74,19 @@ def _event_fact(track: Track) -> Fact:
     if not track.events:
         return Fact("In time", " ".join(["No first contact, loss or slip was found.", *notes]), "undetermined")
     contacts = [event for event in track.events if event.kind in names]
-    words = [f"{names[event.kind]} {_time(event.time_s, event.time_std_s)}" for event in contacts[:_MOST_TIMES]]
+    words = []
+    for event in contacts[:_MOST_TIMES]:
+        when, std = "at an unknown time", event.time_std_s
+        if np.isfinite(event.time_s):
+            digits = min(decimals_of(std), 6) if std > 0 and np.isfinite(std) else 3
+            spread = f" ± {std:.{digits}f}" if std > 0 and np.isfinite(std) else ""
+            when = f"at {event.time_s:.{digits}f}{spread} s"
+        words.append(f"{names[event.kind]} {when}")
     words += [f"{len(contacts) - _MOST_TIMES} more"] if len(contacts) > _MOST_TIMES else []
     for kind, verb in (("slip_start", "began"), ("slip_end", "ended")):
         count = sum(event.kind == kind for event in track.events)
         words += [f"{count} slip{'s' * (count != 1)} {verb}"] if count else []
     return Fact("In time", " ".join([sentence("; ".join(words)), *notes]))
-
-
-def _time(time_s: float, std_s: float) -> str:
-    if not np.isfinite(time_s):
-        return "at an unknown time"
-    if not (np.isfinite(std_s) and std_s > 0):
-        return f"at {time_s:.3f} s"
-    digits = min(decimals_of(std_s), 6)
-    return f"at {time_s:.{digits}f} ± {std_s:.{digits}f} s"
-
-
-def _shape_fact(surface: Surface) -> Fact:
-    """How much of the object is known, and how well."""
-    patches = len(np.unique(surface.touched_patch))
-    known = surface.std_m[np.isfinite(surface.std_m)]
-    well = f", known to {1e3 * float(np.median(known)):.2f} mm (median standard deviation)" if len(known) else ""
-    kind = "a surface" if len(surface.triangles) else "lines: too narrow for a surface"
-    words = f"{len(surface.touched_m)} contacts on {patches} patch{'es' * (patches != 1)}, joined to {kind}{well}."
-    return Fact("Shape", " ".join([words, *(sentence(note) for note in surface.notes)]))
 
 
 def headline(table: ContactTable) -> tuple[str, str]:
@@ -175,27 +133,6 @@ def frame_facts(table: ContactTable, rig: Rig | None) -> list[Fact]:
         words = f"picture and moment sensor disagree by {rms:.1f} times the sensor's noise (rms)"
         facts += [Fact("To look at", f"{words}: `vbaa check` asks why.", "look")] if rms > _LARGE_RESIDUAL else []
     return facts
-
-
-def glossary() -> list[tuple[str, Table]]:
-    """Statuses, phases, models and quantities."""
-    use = {name: "may be used" if name in LOCATED else "no contact point" for name in STATUS_COLOURS}
-    statuses = [(dotted(colour, name), STATUSES[name], use[name]) for name, colour in STATUS_COLOURS.items()]
-    phases, models = (
-        [(dotted(colour, name), words) for name, (colour, words) in kinds.items()] for kinds in (PHASES, MODELS)
-    )
-    quantities = [(", ".join(symbols), shown_unit(name)[0], COLUMNS[name].meaning) for name, symbols in SYMBOLS.items()]
-    return [
-        ("Status of a frame", Table(("status", "meaning", "its numbers"), statuses)),
-        ("Phase of a frame", Table(("phase", "meaning"), phases)),
-        ("Mechanical model, the lowest that suffices", Table(("model", "meaning"), models)),
-        ("Quantities", Table(("name", "unit", "meaning"), (*quantities, *_OTHER_QUANTITIES))),
-    ]
-
-
-def dotted(colour: str, name: str) -> Markup:
-    """A name behind a dot of its colour."""
-    return Markup('<i class="dot" style="background:{}"></i>{}').format(colour, name)
 
 
 def origin(files: Mapping[str, Path | None], rig: Rig | None, argv: Sequence[str]) -> list[tuple[str, str]]:

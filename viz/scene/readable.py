@@ -43,8 +43,6 @@ def round_down(value: float) -> float:
 class Scale:
     """A colour scale and what it gives N values.
 
-    Attributes
-    ----------
     title, unit : what it shows. ticks : round values in that unit, from its low to its high end.
     rgb : (N, 3) uint8, `UNKNOWN` for a value that is NaN.
     stops : hex colours from low to high.
@@ -95,25 +93,23 @@ def object_scale(scene: Scene) -> Scale | None:
 
 
 def scale(values: np.ndarray, title: str, unit: str, name: str, part: tuple[float, float] = (0.0, 0.96)) -> Scale:
-    """`part` of matplotlib's colour map `name` over the values (N,), between round ends."""
-    ticks = _round_ticks(values)
-    rgb8 = colormaps[name](np.linspace(*part, 256), bytes=True)[:, :3]
+    """`part` of matplotlib's colour map `name` over the values (N,).
+
+    Its ticks are a handful of evenly spaced round numbers, the first and last of which hold all values; 0, 1 for none.
+    """
+    ticks: tuple[float, ...] = 0.0, 1.0
     known = np.isfinite(values)
+    if known.any():
+        low, high = float(np.nanmin(values)), float(np.nanmax(values))
+        wanted = max(high - low, 0.05 * abs(high), 1e-9) / 4
+        power = 10.0 ** np.floor(np.log10(wanted))
+        size = power * max(factor for factor in (1, 2, 5) if factor * power <= 1.0001 * wanted)
+        first, last = int(np.floor(low / size + 1e-9)), int(np.ceil(high / size - 1e-9))
+        count = max(last - first, 1)
+        every = next((step for step in range(1, 6) if count <= 6 * step and count % step == 0), 1)
+        ticks = tuple(float(size * index) for index in range(first, first + count + 1, every))
+    rgb8 = colormaps[name](np.linspace(*part, 256), bytes=True)[:, :3]
     step = np.interp(np.where(known, values, ticks[0]), (ticks[0], ticks[-1]), (0, 255)).round().astype(int)
     rgb = np.where(known[:, None], rgb8[step], np.array(UNKNOWN, np.uint8))
     stops = tuple("#{:02x}{:02x}{:02x}".format(*row) for row in rgb8[np.linspace(0, 255, 9).round().astype(int)])
     return Scale(title, unit, ticks, rgb, stops)
-
-
-def _round_ticks(values: np.ndarray) -> tuple[float, ...]:
-    """A handful of evenly spaced round numbers, the first and last of which hold all values (N,). Without any: 0, 1."""
-    if not np.isfinite(values).any():
-        return 0.0, 1.0
-    low, high = float(np.nanmin(values)), float(np.nanmax(values))
-    wanted = max(high - low, 0.05 * abs(high), 1e-9) / 4
-    power = 10.0 ** np.floor(np.log10(wanted))
-    step = power * max(factor for factor in (1, 2, 5) if factor * power <= 1.0001 * wanted)
-    first, last = int(np.floor(low / step + 1e-9)), int(np.ceil(high / step - 1e-9))
-    count = max(last - first, 1)
-    every = next((size for size in range(1, 6) if count <= 6 * size and count % size == 0), 1)
-    return tuple(float(step * index) for index in range(first, first + count + 1, every))

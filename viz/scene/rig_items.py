@@ -8,8 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from estimator.table.contacts import ContactTable
-from estimator.table.joint_angles import joint_angles
+from estimator.table.contacts import ContactTable, joint_angles
 from vbaa_calib.antenna.shape import bend
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError
@@ -20,8 +19,7 @@ from vbaa_calib.session import load_session, read_recording
 from .readable import thinned
 
 _GHOSTS, _WIDEST_PX = 6, 360
-_PICTURE_GRID = (10, 13)
-"""Nodes down and across of the drawn picture: between them the lens counts as straight."""
+_PICTURE_GRID = (10, 13)  # nodes down and across of the drawn picture: between them the lens counts as straight
 
 
 @dataclass(frozen=True, eq=False)

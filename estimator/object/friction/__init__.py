@@ -1,6 +1,5 @@
 """Friction between antenna and object, the force against the normal, and normals that the force has confirmed."""
 
-from .angles import NORMAL_KNOWN_RAD
-from .friction import Friction, friction
+from .friction import NORMAL_KNOWN_RAD, Friction, friction
 
 __all__ = ["NORMAL_KNOWN_RAD", "Friction", "friction"]

@@ -39,8 +39,6 @@ class Angles:
 class FrictionTouches:
     """P touches. The lateral axis is n × t, across the antenna on the object's surface; the longitudinal one is t.
 
-    Attributes
-    ----------
     used_as : (P,) as `Friction`'s. slides : (P,) bool, in the midst of sliding, used or not.
     spread_across : (P,) bool, whether neighbours across the antenna let the shape determine the normal.
     lateral : of the force from the shape's normal, about the antenna, positive along n × t; with the normal's errors.
@@ -228,8 +226,6 @@ def _profile(evidence: Evidence, mu: np.ndarray, start: np.ndarray | None = None
 class Coefficient:
     """What the touches say of μ: mean and standard deviation of the posterior, all μ up to `_LARGEST` alike before.
 
-    Attributes
-    ----------
     interval : (2,) the shortest that holds 95 %. bounds : (2,) one-sided at 95 %, 0 and inf where there is none.
     scatter : median of the own residuals; the deviations were widened by it where above 1.
     wrong : share of the sliding touches that are not believed.
@@ -269,11 +265,15 @@ def coefficient(evidence: Evidence) -> Coefficient:
     weight = np.exp(found.evidence.min() - found.evidence) * np.gradient(found.mu)
     weight /= weight.sum()
     mu, best = float(weight @ found.mu), int(np.argmin(found.cost))
+    # the shortest interval: from the boundary on, where the posterior is highest there
+    edges = np.concatenate([found.mu[:1], 0.5 * (found.mu[1:] + found.mu[:-1]), found.mu[-1:]])
+    total, begin = np.concatenate([[0.0], np.cumsum(weight)]), np.linspace(0.0, 1.0 - _SHARE, 101)
+    ends = np.interp([begin, np.minimum(begin + _SHARE, total[-1])], total, edges)
     off, modes = np.abs(found.off[best, evidence.slides]), found.modes[best]
     return Coefficient(
         mu,
         float(np.sqrt(weight @ (found.mu - mu) ** 2)),
-        _shortest(found.mu, weight),
+        ends[:, np.argmin(ends[1] - ends[0])],
         _bounds(evidence, found),
         scatter,
         wrong=float(np.mean(off > WRONG)) if len(off) else 0.0,
@@ -300,16 +300,6 @@ def _cost_without_worst(evidence: Evidence, found: _Profile) -> np.ndarray:
     """(G,) the costs without the touches farthest outside the cone."""
     outside = np.sort(_student_t_losses(found.off[:, ~evidence.slides]), axis=1)
     return found.cost - outside[:, max(outside.shape[1] - _SPARED, 0) :].sum(axis=1)
-
-
-def _shortest(grid: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """(2,) the shortest interval of that share: from the boundary on, where the posterior is highest there."""
-    edges = np.concatenate([[grid[0]], 0.5 * (grid[1:] + grid[:-1]), [grid[-1]]])
-    total = np.concatenate([[0.0], np.cumsum(weight)])
-    begin = np.linspace(0.0, 1.0 - _SHARE, 101)
-    low, high = np.interp(begin, total, edges), np.interp(np.minimum(begin + _SHARE, total[-1]), total, edges)
-    best = int(np.argmin(high - low))
-    return np.array([low[best], high[best]])
 
 
 def _bounds(evidence: Evidence, found: _Profile) -> np.ndarray:
@@ -360,7 +350,16 @@ def judge(rubs: FrictionTouches, mu: Coefficient | None) -> tuple[bool, str, np.
         )
         return False, f"{words} by far more than they should be; did the object move?", nothing
     if mu.std > max(_STD, _STD_SHARE * mu.mu):
-        return False, f"{_why_imprecise(rubs)}{_bound_words(mu.bounds)}", mu.bounds
+        slides, words = rubs.used_as == SLIDING, f"the {sliding} sliding contacts"
+        across = rubs.slip[slides, 0]
+        if np.median(np.abs(across)) < 0.3:
+            words += " slide along the antenna, where the force is hardly known; slide across it, too"
+        else:
+            accuracy = np.degrees(np.nanmedian(rubs.lateral.whole_std_rad[slides]))
+            words += f" know the force against the normal to {accuracy:.1f}°"
+            one_way = abs(np.sign(across).sum()) > 0.8 * sliding
+            words += "; stroke the same place the other way, too" if one_way else ""
+        return False, f"{words}{_bound_words(mu.bounds)}", mu.bounds
     widened = f", scattering {mu.scatter:.1f} times as much as they should" if mu.scatter > 1.5 else ""
     beside = f" and {used - sliding} that must not exceed it" if used > sliding else ""
     return True, f"from {sliding} sliding contacts{widened}{beside}", mu.interval
@@ -372,14 +371,3 @@ def _bound_words(bounds: np.ndarray) -> str:
     if bounds[0] > 0.005 and high < np.inf:
         return f"; μ lies from {low:.2f} to {high:.2f} (each bound 95 %)"
     return f"; μ ≥ {low:.2f} (95 %)" if bounds[0] > 0.005 else f"; μ ≤ {high:.2f} (95 %)" if high < np.inf else ""
-
-
-def _why_imprecise(rubs: FrictionTouches) -> str:
-    sliding = rubs.used_as == SLIDING
-    across, many = rubs.slip[sliding, 0], f"the {sliding.sum()} sliding contacts"
-    if np.median(np.abs(across)) < 0.3:
-        return f"{many} slide along the antenna, where the force is hardly known; slide across it, too"
-    one_way = abs(np.sign(across).sum()) > 0.8 * sliding.sum()
-    advice = "; stroke the same place the other way, too" if one_way else ""
-    known = np.degrees(np.nanmedian(rubs.lateral.whole_std_rad[sliding]))
-    return f"{many} know the force against the normal to {known:.1f}°{advice}"

@@ -1,12 +1,18 @@
-"""Patches: contacts that hang together and whose normals face alike."""
+"""Patches: contacts that hang together and whose normals face alike; and what the touches of one say of its shape,
+linearised: y = views of the shape + compliance + errors."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from scipy.cluster.vq import kmeans2
+from scipy.linalg import block_diag
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
 from scipy.spatial.distance import cdist
+
+from .solution import Equations, Functionals, concatenate, slopes_at, values_at
 
 _LINK_NORMALS_RAD = np.radians(50)  # neighbours whose normals differ by more lie on different sides of the object
 _PATCH_NORMALS_RAD = np.radians(65)  # a patch is a height field: no normal may lean farther than this from its mean
@@ -93,3 +99,140 @@ def tangent_frame(points_m: np.ndarray, normals: np.ndarray, own_m2: np.ndarray)
     wide = width > max(_RESOLVED**2 * scatter, _NARROW**2 * length, 1e-18) and len(points_m) >= _LEAST_TOUCHES
     along = axes[0] @ plane
     return center, np.stack([along, np.cross(up, along), up]), bool(wide)
+
+
+# added to every deviation of a point and of a tangent, so that exact ones can be solved for
+_LEAST_STD_M, _LEAST_STD_RAD = 1e-7, 3e-4
+UNSEEN_BEND_PER_M = 50.0  # standard deviation of an object's curvature across a curve, before the data
+_ROUND_M = 0.03  # the same of its radius: how far an axis is off about which it may be round
+IGNORED = 1e8  # the covariance of a touch that is left out is taken as so many times as large
+_MOST_OFF_M = 1e-3  # what it takes a point off at most: contacts worse than that are left out anyway
+# what a slack of 1 rad is for a curve: how far touches lie beside it for other reasons than its shape; the path of the
+# contacts zigzags with the force, and is no function over its long direction
+_BESIDE_M = 0.05
+_UNBELIEVED_RAD = 10.0  # deviation of a tangent that is not to be believed
+
+
+@dataclass(frozen=True, eq=False)
+class Patch:
+    """Touches that hang together: indices (N,), centre (3,), and the rows (3, 3) along, across, up of its frame.
+
+    A `wide` one is a height field over the plane through along and across, any other a curve over along.
+    """
+
+    members: np.ndarray
+    center_m: np.ndarray
+    frame: np.ndarray
+    wide: bool
+
+    @property
+    def dimensions(self) -> int:
+        """Of the coordinates over which the shape is a function."""
+        return 2 if self.wide else 1
+
+    def slope_rows(self, x: np.ndarray) -> Functionals:
+        """Views of the slopes at places (N, D): ∂h/∂u of all, then ∂h/∂v; of a curve dv/du, then dh/du."""
+        sides = np.eye(2)[:, None] if self.wide else np.eye(2)[:, :, None]
+        return concatenate(*(slopes_at(x, side) for side in sides))
+
+    def value_rows(self, x: np.ndarray) -> Functionals:
+        """Views of the heights over (N, 2), or of v and then h of a curve over (N, 1)."""
+        return concatenate(*(values_at(x, side) for side in (np.ones((1, 1)) if self.wide else np.eye(2))))
+
+
+@dataclass(frozen=True, eq=False)
+class LocalTouches:
+    """The N touches of a patch as they are seen now: points on the object and what moves them, in the patch's frame.
+
+    own_m2 : (N, 3, 3) covariance of a point's own error. modes_m, tangent_modes : (N, 3, S) effect of common errors.
+    yield_N : (N, 3) how the point moves with the compliance: the normal force along −normal.
+    slope : (N, 2) as `Patch.slope_rows`; bend_per_m : (N, 2, 2) how it changes over the coordinates.
+    ignored : (N,) touches that are not to be believed, nor their tangents, which may be NaN, too.
+    """
+
+    point_m: np.ndarray
+    tangent: np.ndarray
+    own_m2: np.ndarray
+    modes_m: np.ndarray
+    tangent_modes: np.ndarray
+    yield_N: np.ndarray
+    slope: np.ndarray
+    bend_per_m: np.ndarray
+    normal: np.ndarray
+    ignored: np.ndarray
+
+
+def height_field(seen: LocalTouches) -> Equations:
+    """Heights over (u, v), and that the surface holds the antenna's tangent t: ∇h · t_uv = t_h.
+
+    Of a point's error only what is across the surface counts as one of height; what is along it takes the tangent to
+    where the surface has another slope.
+    """
+    count, held = len(seen.point_m), np.flatnonzero(np.isfinite(seen.tangent).all(axis=1))
+    up = np.column_stack([-seen.slope, np.ones(count)])
+    tangent, tilt = seen.tangent[held], up[held]
+    # to second order: an error along a surface that bends takes a point off it
+    bent = seen.bend_per_m @ seen.own_m2[:, :2, :2]
+    off = np.clip(0.5 * np.trace(bent, axis1=1, axis2=2), -_MOST_OFF_M, _MOST_OFF_M)
+    beside = [0.5 * np.trace(bent @ bent, axis1=1, axis2=2), np.where(seen.ignored[held], _UNBELIEVED_RAD**2, 0.0)]
+    turn = np.zeros((len(held), 3))
+    turn[:, :2] = -np.einsum("ni,nij->nj", tangent[:, :2], seen.bend_per_m[held])
+    tangents_own = _project(tilt, seen.tangent_modes[held])
+    points, slopes = seen.point_m[:, :2], slopes_at(seen.point_m[held, :2], tangent[:, None, :2])
+    noise = _noise([up, turn], [np.arange(count), held], seen.own_m2, [_LEAST_STD_M, _LEAST_STD_RAD])
+    return Equations(
+        rows=concatenate(values_at(points, np.ones(1)), slopes),
+        y=np.concatenate([seen.point_m[:, 2] + off, tangent[:, 2]]),
+        noise=noise + np.diag(np.concatenate(beside)),
+        modes=np.concatenate([_project(up, seen.modes_m), _project(turn, seen.modes_m[held]) + tangents_own]),
+        force_N=np.concatenate([np.sum(up * seen.yield_N, axis=1), np.sum(turn * seen.yield_N[held], axis=1)]),
+        slack=np.concatenate([np.zeros(count), np.linalg.norm(tilt, axis=1)]),
+    )
+
+
+def curve(seen: LocalTouches) -> Equations:
+    """The coordinates (v, h) across the curve over u, each a function of its own: along the normal, and beside it.
+
+    The antenna touches a round body now here, now there beside the curve, so that what is seen along the surface must
+    say nothing of the errors across it. How the object bends across the curve is not seen, but takes points with an
+    error along the antenna off it, all to the same side; and if it is round, the normal turns as the contact rolls over
+    it, at one distance from an axis instead of one point: two more common errors.
+    """
+    count = len(seen.point_m)
+    outward, beside = across_curve(seen.normal)
+    sides = [np.column_stack([-np.sum(each * seen.slope, axis=1), each]) for each in (outward, beside)]
+    along = _project(sides[1], seen.modes_m)
+    tangent = np.where(np.isfinite(seen.tangent), seen.tangent, 0.0)
+    off = 0.5 * UNSEEN_BEND_PER_M * np.einsum("ni,nij,nj->n", tangent, seen.own_m2, tangent)
+    off = np.minimum(off, _MOST_OFF_M)
+    angle, over = np.arctan2(outward[:, 0], outward[:, 1]), seen.point_m[:, :1]
+    line = np.column_stack([np.ones(count), over])
+    turned = angle - line @ np.linalg.lstsq(line, angle, rcond=None)[0]
+    rolled = _ROUND_M * np.concatenate([1.0 - np.cos(turned), -np.sin(turned)])
+    noises = [_noise([side], [np.arange(count)], seen.own_m2, [_LEAST_STD_M]) for side in sides]
+    across = noises[0] + np.outer(off, off) + np.diag(2.0 * off**2)
+    return Equations(
+        rows=concatenate(values_at(over, outward), values_at(over, beside)),
+        y=np.concatenate([np.sum(each * seen.point_m[:, 1:], axis=1) for each in (outward, beside)]),
+        noise=block_diag(across, noises[1] + along @ along.T) + np.outer(rolled, rolled),
+        modes=np.concatenate([_project(sides[0], seen.modes_m), np.zeros(along.shape)]),
+        force_N=np.concatenate([np.sum(sides[0] * seen.yield_N, axis=1), np.zeros(count)]),
+        slack=np.concatenate([np.zeros(count), np.full(count, _BESIDE_M)]),
+    )
+
+
+def across_curve(normal: np.ndarray, least: float = 0.1) -> tuple[np.ndarray, np.ndarray]:
+    """(N, 2) each, across a curve in its patch's frame: along normals (N, 3), and beside them."""
+    outward = normal[:, 1:] / np.maximum(np.linalg.norm(normal[:, 1:], axis=1, keepdims=True), least)
+    return outward, np.column_stack([-outward[:, 1], outward[:, 0]])
+
+
+def _project(side: np.ndarray, modes: np.ndarray) -> np.ndarray:
+    return np.einsum("ni,nis->ns", side, modes)
+
+
+def _noise(sides: list[np.ndarray], owners: list[np.ndarray], own_m2: np.ndarray, least: list[float]) -> np.ndarray:
+    """(M, M) covariance of sides (N, 3) of the errors of their owners; errors of different touches are independent."""
+    side, owner = np.concatenate(sides), np.concatenate(owners)
+    result = np.einsum("ai,aij,bj->ab", side, own_m2[owner], side) * (owner[:, None] == owner[None])
+    return result + np.diag(np.concatenate([np.full(len(o), std**2) for o, std in zip(owners, least, strict=True)]))

@@ -1,4 +1,6 @@
-"""All patches of an object in one linear Gaussian solve: shapes, common errors and one compliance (universal kriging).
+"""A Gaussian process with a linear trend, seen by values and by slopes: Matérn 5/2 (Rasmussen and Williams, Eqs. 4.17
+and 9.1), in one or two coordinates; and all patches of an object in one linear Gaussian solve: shapes, common errors
+and one compliance (universal kriging).
 
 y = K-shapes + modes · s + noise + compliance · force,   s ~ N(0, 1), the compliance without any prior
 """
@@ -11,9 +13,135 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import LinAlgError, block_diag, cho_factor, cho_solve, solve_triangular
 from scipy.optimize import minimize
+from scipy.spatial.distance import cdist
 
-from .equations import Equations
-from .kernel import Functionals, Prior, covariance, covariance_by_log_length, pairs, trend, variance
+
+@dataclass(frozen=True, eq=False)
+class Functionals:
+    """N views Σ value_c · h_c(x) + slope_c · ∇h_c(x) of C functions at x (N, D), m: value (N, C), slope (N, C, D)."""
+
+    x: np.ndarray
+    value: np.ndarray
+    slope: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.x)
+
+    def select(self, which: np.ndarray) -> Functionals:
+        """Some of the views."""
+        return Functionals(self.x[which], self.value[which], self.slope[which])
+
+    @property
+    def of_lines(self) -> np.ndarray:
+        """(N, C·D) what each view sees of lines through the origin."""
+        return (self.value[:, :, None] * self.x[:, None, :] + self.slope).reshape(len(self), -1)
+
+
+@dataclass(frozen=True)
+class Prior:
+    """Of the function: Matérn of this length and amplitude, and a linear trend of these standard deviations."""
+
+    length_m: float
+    amplitude_m: float
+    offset_m: float
+    incline: float
+
+    @property
+    def steepness(self) -> float:
+        """Prior variance of a slope, without the trend."""
+        return 5.0 * self.amplitude_m**2 / (3.0 * self.length_m**2)
+
+
+@dataclass(frozen=True, eq=False)
+class _Pairs:
+    """What does not change with the prior between N and M views, (N, M) each: products of their values and slopes."""
+
+    distance_m: np.ndarray
+    values: np.ndarray
+    mixed: np.ndarray
+    slopes: np.ndarray
+    along: np.ndarray
+    linear: np.ndarray
+
+
+def values_at(x: np.ndarray, value: np.ndarray) -> Functionals:
+    """Sums of the functions' values (N, C) at places (N, D); `value` (C,) stands for all."""
+    value = np.broadcast_to(value, (len(x), np.shape(value)[-1]))
+    return Functionals(x, value, np.zeros((*value.shape, x.shape[1])))
+
+
+def slopes_at(x: np.ndarray, slope: np.ndarray) -> Functionals:
+    """Sums of the functions' slopes at places (N, D) along directions (N, C, D), which need not have length 1."""
+    slope = np.broadcast_to(slope, (len(x), *np.shape(slope)[-2:]))
+    return Functionals(x, np.zeros(slope.shape[:2]), slope)
+
+
+def concatenate(*parts: Functionals) -> Functionals:
+    """One after the other."""
+    return Functionals(*(np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0])))
+
+
+def pairs(a: Functionals, b: Functionals) -> _Pairs:
+    """Every view of a with every view of b."""
+    mixed, along = np.zeros((2, len(a), len(b)))
+    for index in range(a.value.shape[1]):
+        value_a, slope_a, value_b, slope_b = a.value[:, index], a.slope[:, index], b.value[:, index], b.slope[:, index]
+        along_a = np.sum(a.x * slope_a, axis=1)[:, None] - slope_a @ b.x.T
+        along_b = a.x @ slope_b.T - np.sum(b.x * slope_b, axis=1)
+        mixed += value_a[:, None] * along_b - value_b * along_a
+        along += along_a * along_b
+    values, slopes = a.value @ b.value.T, a.slope.reshape(len(a), -1) @ b.slope.reshape(len(b), -1).T
+    return _Pairs(cdist(a.x, b.x), values, mixed, slopes, along, a.of_lines @ b.of_lines.T)
+
+
+def covariance(between: _Pairs, prior: Prior) -> np.ndarray:
+    """(N, M) prior covariance of the views."""
+    scaled = np.sqrt(5.0) / prior.length_m * between.distance_m
+    result = between.values * (prior.amplitude_m**2 * (1.0 + scaled + scaled**2 / 3.0))
+    result += (prior.steepness * (1.0 + scaled)) * (between.mixed + between.slopes)
+    result -= (prior.steepness * 5.0 / prior.length_m**2) * between.along
+    result *= np.exp(-scaled)
+    return result + prior.offset_m**2 * between.values + prior.incline**2 * between.linear
+
+
+def _covariance_by_log_length(between: _Pairs, prior: Prior) -> np.ndarray:
+    """(N, M) derivative of `covariance` by the logarithm of the prior's length."""
+    scaled = np.sqrt(5.0) / prior.length_m * between.distance_m
+    result = between.values * (prior.amplitude_m**2 * scaled**2 * (1.0 + scaled) / 3.0)
+    result += (prior.steepness * (scaled**2 - 2.0 * scaled - 2.0)) * (between.mixed + between.slopes)
+    result -= (prior.steepness * 5.0 / prior.length_m**2 * (scaled - 4.0)) * between.along
+    return np.asarray(result * np.exp(-scaled))
+
+
+def _trend(rows: Functionals, prior: Prior) -> np.ndarray:
+    """(N, C + C·D) H with H·Hᵀ the covariance of the prior's linear trend."""
+    return np.hstack([prior.offset_m * rows.value, prior.incline * rows.of_lines])
+
+
+def variance(rows: Functionals, prior: Prior) -> np.ndarray:
+    """(N,) prior variance of each view, the diagonal of `covariance(pairs(rows, rows), prior)`."""
+    result = (rows.value**2).sum(axis=1) * (prior.amplitude_m**2 + prior.offset_m**2)
+    result = result + prior.steepness * (rows.slope**2).sum(axis=(1, 2))
+    return np.asarray(result + prior.incline**2 * (rows.of_lines**2).sum(axis=1))
+
+
+@dataclass(frozen=True, eq=False)
+class Equations:
+    """M linear equations: the first N, or twice N for a curve, are of the points, the others of tangents.
+
+    y (M,) was measured of what `rows` see of the shape; noise (M, M) is the covariance of the touches' own errors,
+    modes (M, S) the effect of the common ones, force_N (M,) of the compliance, slack (M,) of 1 rad of the tangent.
+    """
+
+    rows: Functionals
+    y: np.ndarray
+    noise: np.ndarray
+    modes: np.ndarray
+    force_N: np.ndarray
+    slack: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.y)
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +215,7 @@ class Solution:
         return self.weights / np.sqrt(np.sum(half**2, axis=0))
 
 
-def factor(matrix: np.ndarray) -> np.ndarray:
+def _factor(matrix: np.ndarray) -> np.ndarray:
     """Lower Cholesky factor; what rounding takes away is given back, as little as will do."""
     for jitter in (0.0, 1e-12, 1e-10, 1e-8):
         try:
@@ -102,7 +230,7 @@ def solve(patches: tuple[PatchModel, ...], yielding: bool) -> Solution:
     every = [fitted.equations for fitted in patches]
     modes = np.concatenate([each.modes for each in every])
     y, force = np.concatenate([each.y for each in every]), np.concatenate([each.force_N for each in every])
-    lower = factor(block_diag(*(fitted.own for fitted in patches)) + modes @ modes.T)
+    lower = _factor(block_diag(*(fitted.own for fitted in patches)) + modes @ modes.T)
     weights, lift = cho_solve((lower, True), y), cho_solve((lower, True), force)
     compliance = spread = 0.0
     information = float(force @ lift)
@@ -157,11 +285,11 @@ def learn_prior(
         doubt = (turn * slack) ** 2
         whole = shape + fixed + np.diag(doubt)
         try:
-            lower = factor(whole)
+            lower = _factor(whole)
         except LinAlgError:
             # a search that meets a wall stops there: somewhat rougher numbers lead on
             lower = np.linalg.cholesky(whole + _ROUGHER * np.diag(np.diag(whole)))
-        columns = np.column_stack([np.eye(count), trend(rows, prior), y])
+        columns = np.column_stack([np.eye(count), _trend(rows, prior), y])
         white = solve_triangular(lower, columns, lower=True, check_finite=False)
         inverse, lines, seen = white[:, :count], white[:, count:-1], white[:, -1]
         inner = np.linalg.cholesky(np.eye(lines.shape[1]) + lines.T @ lines)
@@ -172,7 +300,7 @@ def learn_prior(
         unlikely += float(np.log(np.diag(lower)).sum() + np.log(np.diag(inner)).sum())
         along = solve_triangular(inner, lines.T @ inverse, lower=True)
         left = inverse.T @ inverse - along.T @ along - np.outer(weights, weights)
-        by_length = np.sum(left * covariance_by_log_length(between, prior))
+        by_length = np.sum(left * _covariance_by_log_length(between, prior))
         slopes = np.array([by_length, 2.0 * np.sum(left * shape), 2.0 * np.diag(left) @ doubt])
         away = (logs - _BEST[:free]) / _WIDTH[:free]
         return unlikely + 0.5 * float(away @ away), 0.5 * slopes[:free] + away / _WIDTH[:free]

@@ -10,7 +10,7 @@ from estimator.contact.common_errors import CommonErrors
 from estimator.table.contacts import ContactTable
 from vbaa_calib.core.errors import InputError
 
-MAX_TOUCHES = 500  # more contacts are thinned evenly: the solve costs their number cubed
+_MAX_TOUCHES = 500  # more contacts are thinned evenly: the solve costs their number cubed
 BIASED_STD = 1.0  # contacts whose model's predicted bias exceeds so many of their deviations are not believed
 
 
@@ -18,8 +18,6 @@ BIASED_STD = 1.0  # contacts whose model's predicted bias exceeds so many of the
 class Touches:
     """P located contacts, world frame.
 
-    Attributes
-    ----------
     point_m : (P, 3) on the antenna's centreline. distance_m : (P,) arc length from the clamp.
     force_N : (P, 3) the object's force on the antenna, of some size.
     tangent : (P, 3) of the antenna, towards the tip; NaN where unknown and at the tip, whose end is not tangent to it.
@@ -45,7 +43,7 @@ class Touches:
 
 
 def touches_of(table: ContactTable, shared: CommonErrors | None = None) -> Touches:
-    """The contacts that can be used: located, with a force whose direction is known; thinned to `MAX_TOUCHES`.
+    """The contacts that can be used: located, with a force whose direction is known; thinned to `_MAX_TOUCHES`.
 
     `shared` is what of their errors is common; without it all of it counts as each contact's own. Raises InputError
     where no frame has a contact point with its force.
@@ -55,13 +53,22 @@ def touches_of(table: ContactTable, shared: CommonErrors | None = None) -> Touch
     biased = usable & (table.bias_std > BIASED_STD)
     row = np.flatnonzero(usable & ~biased)
     if not len(row):
-        raise _nothing_usable(table, int(np.sum(biased)))
+        what = "no frame has a located contact with a force (status ok or tip_contact)"
+        remedy = "record contacts, or see the reason column of contacts.csv"
+        if biased.any():
+            what = (
+                f"all {np.sum(biased)} contacts were found with a model that is off by more than one standard deviation"
+            )
+            remedy = "estimate them with --model auto"
+        elif table.located.any() and not np.isfinite(table.force_world_N).all(axis=1).any():
+            what, remedy = "the contacts have no force in the world frame (FX_N, FY_N, FZ_N)", "estimate them again"
+        raise InputError(what, remedy=remedy)
     notes: tuple[str, ...] = ()
     if biased.any():
         notes = (f"{np.sum(biased)} contacts were not used: their model is off by more than one standard deviation",)
-    if len(row) > MAX_TOUCHES:
-        notes += (f"{len(row)} contacts were thinned evenly to {MAX_TOUCHES}",)
-        row = row[np.round(np.linspace(0, len(row) - 1, MAX_TOUCHES)).astype(int)]
+    if len(row) > _MAX_TOUCHES:
+        notes += (f"{len(row)} contacts were thinned evenly to {_MAX_TOUCHES}",)
+        row = row[np.round(np.linspace(0, len(row) - 1, _MAX_TOUCHES)).astype(int)]
     unknown = 0 if shared is None else int(np.sum(~np.isfinite(shared.point_m[row]).all(axis=(1, 2))))
     if unknown:
         why = "the calibration's errors are not told (distance_std_m): they count as their own"
@@ -85,17 +92,3 @@ def touches_of(table: ContactTable, shared: CommonErrors | None = None) -> Touch
         row=row,
         notes=notes,
     )
-
-
-def _nothing_usable(table: ContactTable, biased: int) -> InputError:
-    """Why no contact of a table can be used."""
-    what, remedy = (
-        "no frame has a located contact with a force (status ok or tip_contact)",
-        "record contacts, or see the reason column of contacts.csv",
-    )
-    if biased:
-        what = f"all {biased} contacts were found with a model that is off by more than one standard deviation"
-        remedy = "estimate them with --model auto"
-    elif table.located.any() and not np.isfinite(table.force_world_N).all(axis=1).any():
-        what, remedy = "the contacts have no force in the world frame (FX_N, FY_N, FZ_N)", "estimate them again"
-    return InputError(what, remedy=remedy)

@@ -208,8 +208,6 @@ def _material_noise(
 class _Slip:
     """Velocities in a stroke of P frames, world frame.
 
-    Attributes
-    ----------
     velocity_m_s, covariance_m2_s2 : (P, 3), (P, 3, 3) slip in the plane of contact; parts_m_s, parts_m2_s2 : (P, 2),
         (P, 2, 2) along the tangent and along normal × tangent.
     contact_m_s, contact_std_m_s : (P,) how fast the contact itself moves over the object; carried_m_s : if the joints

@@ -126,7 +126,9 @@ def contact_states(table: ContactTable, ringing: np.ndarray) -> ContactStates:
             now, run = -1, []
         last, alone = float(table.time_s[row]), int(said[row])
         before = changes[-1].known_before if changes and changes[-1].begins else np.empty(0, int)
-        base = _baseline(run if now == 0 else before.tolist(), row, joints, root)
+        # the last free frames in poses like this frame's; none where the joints are not known
+        base = np.array(baseline_candidates(run if now == 0 else before.tolist()), int)
+        base = base[(np.abs(joints[base] - joints[row]) <= _SPAN_RAD).all(axis=1) & np.isfinite(root[base])]
         if now == 1:
             late = np.array([*run[1 - _LEAVING :], row])
             if not (table.evidence[run[-_RECENT:]] <= _FIRM).all():
@@ -153,12 +155,6 @@ def baseline_candidates(free: Sequence[int]) -> Sequence[int]:
     recent = free[-_BASELINE - _LAG :]
     early = recent[:-_LAG] if len(recent) >= _LAG + _LEAST_BASELINE else recent[: -_WINDOWS[-1]]
     return early[-_BASELINE:]
-
-
-def _baseline(free: Sequence[int], row: int, joints: np.ndarray, root: np.ndarray) -> np.ndarray:
-    """(K,) the last free frames in poses like this frame's; none where the joints are not known."""
-    near = np.array(baseline_candidates(free), int)
-    return near[(np.abs(joints[near] - joints[row]) <= _SPAN_RAD).all(axis=1) & np.isfinite(root[near])]
 
 
 def _rises(root: np.ndarray, run: Sequence[int], base: np.ndarray) -> bool:

@@ -14,8 +14,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from estimator.contact.common_errors import CommonErrors, shared_errors
-from estimator.table.contacts import ContactTable
-from estimator.table.joint_angles import joint_angles
+from estimator.table.contacts import ContactTable, joint_angles
 from vbaa_calib.rig import Rig
 
 from .follow import follow, runs

@@ -6,12 +6,11 @@ from collections.abc import Callable
 
 from vbaa_calib.core.errors import InputError
 
+from .moment import active_antenna, active_antenna_3d, dynamic_active_antenna
 from .press import Answer, Press
-from .rotation import active_antenna, active_antenna_3d
-from .vibration import dynamic_active_antenna
 from .vision import vbaa_2d, vbaa_2d_pushing, vbaa_3d_camera_a, vbaa_3d_camera_b
 
-NEEDS = {
+_NEEDS = {
     "turns": "the base's turns since first contact",
     "moment_y": "a moment sensor about y",
     "moment_z": "a moment sensor about z",
@@ -27,7 +26,7 @@ METHODS: dict[str, tuple[Callable[[Press], Answer], str]] = {
     "3D-VBAA, camera A": (vbaa_3d_camera_a, "centreline moment_y"),
     "3D-VBAA, camera B": (vbaa_3d_camera_b, "centreline moment_y"),
 }
-"""How each answers, and which of `NEEDS` it needs; of those joined by | any one is enough."""
+"""How each answers, and which of `_NEEDS` it needs; of those joined by | any one is enough."""
 
 
 def run_method(name: str, press: Press) -> Answer:
@@ -39,5 +38,5 @@ def run_method(name: str, press: Press) -> Answer:
         raise InputError(f"no method {name!r}", remedy=f"one of {', '.join(METHODS)}")
     solve, needs = METHODS[name]
     any_of = [need.split("|") for need in needs.split()]
-    lacking = [" or ".join(NEEDS[each] for each in need) for need in any_of if press.has.isdisjoint(need)]
+    lacking = [" or ".join(_NEEDS[each] for each in need) for need in any_of if press.has.isdisjoint(need)]
     return Answer(reason=f"needs {' and '.join(lacking)}") if lacking else solve(press)

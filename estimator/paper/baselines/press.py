@@ -142,8 +142,6 @@ def press_from_recording(
 ) -> Press:
     """What every method of `METHODS` is given of one touch, from first contact on.
 
-    Parameters
-    ----------
     pictures : centrelines (F, N, 2) px, NaN where nothing is seen; and moment readings (F, 2) about z and about y, NaN
         without a sensor.
     free : the same of the free antenna, (1 or F, M, 2) and (1 or F, 2), at the same joint angles or at one pose that
@@ -169,21 +167,19 @@ def press_from_recording(
     pixels, _ = rig.camera.project(rig.T_antenna_camera.inverse() @ middle)
     scale = float(np.sqrt(np.abs(np.linalg.det(layer.pixel_jacobian(pixels)))[0]))
     point_std = (rig.image.noise_px if sigma_px is None else sigma_px) * scale
+    seen = np.empty(bent.shape)
+    for place, points, line in zip(seen, bent, lines, strict=True):  # y less a quartic through the free antenna
+        line = line[np.isfinite(line).all(axis=1)]
+        if len(line) <= _QUARTIC:
+            raise InputError(f"{len(line)} points of the free antenna", remedy=f"at least {_QUARTIC + 1} are needed")
+        shape = np.polynomial.Polynomial.fit(line[:, 0], line[:, 1], _QUARTIC)
+        place[:] = np.stack([points[:, 0], points[:, 1] - shape(points[:, 0])], axis=-1)
     return Press(
         Wire(rig.antenna.length_m, stiffness, mass, *deviations),
         Noise(point_std, float(np.sqrt(2.0)) * sensor.std_Nm / sensor.gain, 0.0),
         world_turn(rotations),
         # offset and weight drop out
         (np.asarray(pictures[1], float) - np.asarray(free[1], float)) / gain,
-        np.stack([_deflections(one, line) for one, line in zip(bent, lines, strict=True)]),
+        seen,
         ring=ring,
     )
-
-
-def _deflections(points_m: np.ndarray, free_m: np.ndarray) -> np.ndarray:
-    """(N, 2) points on plane C, their y less a quartic through the free antenna's (M, 2)."""
-    free = free_m[np.isfinite(free_m).all(axis=1)]
-    if len(free) <= _QUARTIC:
-        raise InputError(f"{len(free)} points of the free antenna", remedy=f"at least {_QUARTIC + 1} are needed")
-    line = np.polynomial.Polynomial.fit(free[:, 0], free[:, 1], _QUARTIC)
-    return np.stack([points_m[:, 0], points_m[:, 1] - line(points_m[:, 0])], axis=-1)

@@ -27,8 +27,7 @@ _KNOWN = 0.2  # frames whose force is less certain than this share of itself are
 STANDS_OUT = 3.0
 """The compliance must be so many of its deviations."""
 
-_Formula = Callable[[np.ndarray], np.ndarray]
-"""From M inputs (M, K) to results (M, Q)."""
+_Formula = Callable[[np.ndarray], np.ndarray]  # from M inputs (M, K) to results (M, Q)
 
 
 def vbaa_2d(press: Press) -> Answer:
