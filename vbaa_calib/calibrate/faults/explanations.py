@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -29,6 +30,8 @@ _FITS = 1.5
 """An explanation fits that leaves at most this multiple of the pictures' own scatter."""
 _ROUNDS, _UNWEIGHTED_ROUNDS, _CONVERGED = 10, 4, 0.02
 """Most rounds of a solve, the first ones without robust weights; it ends when the scatter falls by less than a part."""
+_UNOBSERVABLE = 1e-9
+"""Share of a further parameter's information that must be left beside the others', for it to be estimated."""
 
 
 def solve_free(observations: Sequence[Observation], before: Prior, length_m: float, std_Nm: float) -> BundleAdjustment:
@@ -105,10 +108,6 @@ def scatter_with_change(joint: BundleAdjustment, which: Sequence[int], after: Se
     return min(scale, least)
 
 
-_UNOBSERVABLE = 1e-9
-"""Share of a further parameter's information that must be left beside the others', for it to be estimated."""
-
-
 @dataclass(frozen=True, eq=False)
 class StillRows:
     """A linearised bundle adjustment with its rows by still.
@@ -148,11 +147,11 @@ class StillRows:
         """The same with uncertain places and (relative) forces; noise_scale : of the points' deviations."""
         factor = self.factor.copy()
         factor[: self.points[-1].stop] *= self.joint.noise_scale / noise_scale
-        columns = [np.zeros((len(factor), 0))]
-        for index, slopes in self.by_load().items():
-            columns.append(np.zeros((len(factor), 2)))
-            columns[-1][self.of_stills([index])] = slopes * (distance_std_m, force_std)
-        return replace(self, factor=factor, readings=np.hstack(columns))
+        loads = self.by_load()
+        readings = np.zeros((len(factor), 2 * len(loads)))
+        for column, (index, slopes) in enumerate(loads.items()):
+            readings[self.of_stills([index]), 2 * column : 2 * column + 2] = slopes * (distance_std_m, force_std)
+        return replace(self, factor=factor, readings=readings)
 
     def without_sensor(self) -> StillRows:
         """The same without the moment readings, whose faults must not be attributed to something else."""
@@ -162,11 +161,9 @@ class StillRows:
 
     def estimate(self) -> tuple[np.ndarray, np.ndarray]:
         """(17 + P,) parameters and their covariance, with the uncertainty of the loads' places and forces."""
-        jacobian, residuals, information = self._weighted()
-        scale = np.linalg.norm(jacobian, axis=0)
-        scaled = jacobian / scale
-        inverse = np.linalg.inv(scaled.T @ scaled + np.diag(information / scale**2))
-        step = -(inverse @ (scaled.T @ residuals)) / scale
+        jacobian, residuals, matrix, scale = self._equations()
+        inverse = np.linalg.inv(matrix)
+        step = -(inverse @ (jacobian.T @ residuals)) / scale
         count = self.solution.jacobian.shape[1]
         covariance = (inverse / np.outer(scale, scale))[:count, :count]
         return self.solution.parameters + step[:count], covariance
@@ -184,12 +181,9 @@ class StillRows:
         if not (size > 0).all():
             return None
         own = own / size
-        jacobian, residuals, information = self._weighted()
-        scale = np.linalg.norm(jacobian, axis=0)
-        jacobian = jacobian / scale
+        jacobian, residuals, matrix, _ = self._equations()
         mixed = jacobian.T @ own
-        both = np.column_stack([mixed, jacobian.T @ residuals])
-        solved = np.linalg.solve(jacobian.T @ jacobian + np.diag(information / scale**2), both)
+        solved = np.linalg.solve(matrix, np.column_stack([mixed, jacobian.T @ residuals]))
         left = own.T @ own - mixed.T @ solved[:, :-1]
         score = own.T @ residuals - mixed.T @ solved[:, -1]
         if np.linalg.eigvalsh(left).min() <= _UNOBSERVABLE:
@@ -197,12 +191,14 @@ class StillRows:
         covariance = np.linalg.inv(left + np.diag((size * prior_std) ** -2.0))
         return Further(-(covariance @ score) / size, covariance / np.outer(size, size))
 
-    def _weighted(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Jacobian and residuals of least squares, the readings' columns last, and each column's prior information."""
+    def _equations(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Jacobian, the readings' columns last, residuals and information of least squares; the Jacobian's scale."""
         jacobian = np.hstack([self.solution.jacobian, self.readings]) * self.factor[:, None]
+        scale = np.linalg.norm(jacobian, axis=0)
+        jacobian = jacobian / scale
         # the solve's own priors are among its rows
-        information = np.repeat([0.0, 1.0], [self.solution.jacobian.shape[1], self.readings.shape[1]])
-        return jacobian, self.solution.residuals * self.factor, information
+        prior = np.repeat([0.0, 1.0], [self.solution.jacobian.shape[1], self.readings.shape[1]])
+        return jacobian, self.solution.residuals * self.factor, jacobian.T @ jacobian + np.diag(prior / scale**2), scale
 
     def of_stills(self, which: Sequence[int] | np.ndarray) -> np.ndarray:
         """(R,) whether a row belongs to one of these stills."""
@@ -219,8 +215,7 @@ class StillRows:
         return {i: slopes[i] for i, one in observations if isinstance(one.still, Load) and self.moments[i] >= 0}
 
 
-@dataclass(frozen=True, eq=False)
-class Further:
+class Further(NamedTuple):
     """Further parameters of a linearised solve: values (K,) and covariance (K, K)."""
 
     values: np.ndarray

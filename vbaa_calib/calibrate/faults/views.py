@@ -260,12 +260,8 @@ def _print_stretched(scores: SetScores) -> Diagnosis | None:
 
 @dataclass(frozen=True)
 class _Change:
-    """The pattern over the views that explains most.
-
-    index : of the pattern. size : of the change, in the parameter's unit, with its standard deviation `std`: from the
-        scatter between the views, or from the residuals' variance if that is larger.
-    chance : of one so clear among all tested patterns, were there none.
-    """
+    """The pattern over the views that explains most: its index, its size with a deviation, in the parameter's unit, by
+    the scatter of views or residuals; and the chance of one so clear among all tested patterns, were there none."""
 
     index: int
     size: float
