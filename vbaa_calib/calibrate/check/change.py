@@ -72,8 +72,6 @@ def estimate_change(
 ) -> Change:
     """The change of the parameters with indices `wanted` (Q,), while those of `free` may take any value.
 
-    Parameters
-    ----------
     covariance : (P, P) of the rig's parameters.
     scale : (P,) a noticeable change of each parameter. Directions in which the data do not show one are left out.
     """

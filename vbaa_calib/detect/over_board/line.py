@@ -206,8 +206,6 @@ class LineEnd:
 class BoardLine:
     """The antenna over a board.
 
-    Attributes
-    ----------
     points_px : (N, 2) points of the centreline in their order along it.
     sigma_px : (N,) standard deviation across it.
     ends : where it ends beyond the first and the last point; None where it leaves the picture.
