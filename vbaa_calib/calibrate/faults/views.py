@@ -216,15 +216,9 @@ def set_scores(views: Sequence[BoardView], solution: LensSolution, spec: BoardSp
     if freedom <= 0 or not np.isfinite(flat).all():
         return None
     rest = flat[:, -1] - basis @ (basis.T @ flat[:, -1])
-    return SetScores(
-        tuple(view.name for view in chosen),
-        flat[:, -1],
-        flat[:, directions.shape[1] : -1],
-        basis,
-        2 * bounds,
-        (float(intrinsics[0]), float(intrinsics[1])),
-        float(rest @ rest) / freedom,
-    )
+    names, focal_px = tuple(view.name for view in chosen), (float(intrinsics[0]), float(intrinsics[1]))
+    own = flat[:, directions.shape[1] : -1]
+    return SetScores(names, flat[:, -1], own, basis, 2 * bounds, focal_px, float(rest @ rest) / freedom)
 
 
 def print_aspect(scores: SetScores) -> tuple[float, float] | None:
@@ -316,20 +310,24 @@ def _shares(shapes: np.ndarray, scores: np.ndarray) -> np.ndarray:
     return (scores @ shapes.T) ** 2 / np.maximum((scores**2).sum(axis=1, keepdims=True), 1e-300)
 
 
+def _clear_changes(scores: SetScores, parameter: int, patterns: np.ndarray, least: float) -> list[_Change]:
+    """The change of a parameter that is no chance and at least so large, if there is one."""
+    change = find_change(*scores.own_scores(parameter), patterns, scores.variance_px2)
+    return [change] if change is not None and change.chance < _CHANCE and abs(change.size) > least else []
+
+
 def _focus_changed(scores: SetScores) -> Diagnosis | None:
     """By perspective, that is from tilted views alone: a face-on board that looks larger may be nearer."""
-    names, own = scores.names, scores.own_scores(SetScores.FOCAL)
-    step = find_change(*own, steps(len(names)), scores.variance_px2)
-    crept = find_change(*own, np.linspace(0.0, 1.0, len(names))[None], scores.variance_px2)
-    clear = [one for one in (step, crept) if one is not None and one.chance < _CHANCE and abs(one.size) > _NOTICEABLE]
+    names, creeping = scores.names, np.linspace(0.0, 1.0, len(scores.names))[None]
+    stepped = _clear_changes(scores, SetScores.FOCAL, steps(len(names)), _NOTICEABLE)
+    clear = [*stepped, *_clear_changes(scores, SetScores.FOCAL, creeping, _NOTICEABLE)]
     if not clear:
         return None
     clearest = max(clear, key=lambda one: abs(one.size / one.std))
     by = f"by {100 * clearest.size:+.2f} ± {100 * clearest.std:.2f} %"
-    if clearest is step:
+    name, words = "focus_crept", f"the focal length creeps {by} from {names[0]} to {names[-1]}"
+    if clearest in stepped:
         name, words = "focus_changed", f"the focal length changes between {_sides(clearest, names)} {by}"
-    else:
-        name, words = "focus_crept", f"the focal length creeps {by} from {names[0]} to {names[-1]}"
     remedy = (
         "switch autofocus and zoom off, fix them with tape, and take the pictures again; or keep those on one side only"
     )
@@ -338,13 +336,12 @@ def _focus_changed(scores: SetScores) -> Diagnosis | None:
 
 def centre_moved(scores: SetScores) -> Diagnosis | None:
     """Whether the picture's centre differs before and after some picture: an image stabiliser, or a cropped mode."""
-    found = []
-    for axis, (parameter, sides) in enumerate(
-        ((SetScores.CENTRE_X, ("to the left", "to the right")), (SetScores.CENTRE_Y, ("up", "down")))
-    ):
-        change = find_change(*scores.own_scores(parameter), steps(len(scores.names)), scores.variance_px2)
-        if change is not None and change.chance < _CHANCE and abs(change.size) > _NOTICEABLE * scores.focal_px[axis]:
-            found.append((change, sides[change.size > 0]))
+    axes = ((SetScores.CENTRE_X, ("to the left", "to the right")), (SetScores.CENTRE_Y, ("up", "down")))
+    found = [
+        (change, sides[change.size > 0])
+        for (parameter, sides), focal_px in zip(axes, scores.focal_px, strict=True)
+        for change in _clear_changes(scores, parameter, steps(len(scores.names)), _NOTICEABLE * focal_px)
+    ]
     if not found:
         return None
     change, direction = min(found, key=lambda one: one[0].chance)
@@ -356,7 +353,7 @@ def centre_moved(scores: SetScores) -> Diagnosis | None:
 
 
 def _sides(step: _Change, names: tuple[str, ...]) -> str:
-    first = int(np.flatnonzero(steps(len(names))[step.index])[0])
+    first = step.index + _SIDE_VIEWS
     return f"{names[first - 1]} and {names[first]}"
 
 
