@@ -11,19 +11,13 @@ from vbaa_calib.calibrate.lens.intrinsics import LensSolution, solve_intrinsics
 
 from .photo_sets import detected
 
-# set, smallest number of corners in a view, RMS, fx, fy as its NOTES.txt gives them
+# set, smallest number of corners in a view, RMS, fx, fy as its NOTES.txt gives them; the model, and whether fx = fy
 REFERENCES = [
-    ("realsense", 6, 0.6235, 898.74, 901.55),
-    ("gopro", 6, 0.3010, 586.97, 586.97),
-    ("ucl_left", 20, 0.571, 833.51, 909.43),
-    ("ucl_right", 20, 0.538, 834.21, 908.66),
+    ("realsense", 6, (0.6235, 898.74, 901.55), ("opencv5", False)),
+    ("gopro", 6, (0.3010, 586.97, 586.97), ("rational", True)),
+    ("ucl_left", 20, (0.571, 833.51, 909.43), ("opencv5", False)),
+    ("ucl_right", 20, (0.538, 834.21, 908.66), ("opencv5", False)),
 ]
-FITTING = {
-    "realsense": ("opencv5", False),
-    "gopro": ("rational", True),
-    "ucl_left": ("opencv5", False),
-    "ucl_right": ("opencv5", False),
-}
 
 
 def assert_matches(solution: LensSolution, rms: float, fx: float, fy: float) -> None:
@@ -33,30 +27,27 @@ def assert_matches(solution: LensSolution, rms: float, fx: float, fy: float) -> 
     assert solution.camera.matrix[1, 1] == pytest.approx(fy, rel=0.005)
 
 
-@pytest.mark.parametrize(("name", "min_corners", "rms", "fx", "fy"), REFERENCES)
+@pytest.mark.parametrize(("name", "min_corners", "reference", "fitting"), REFERENCES)
 def test_the_fitting_lens_model_reproduces_the_reference(
-    name: str, min_corners: int, rms: float, fx: float, fy: float
+    name: str, min_corners: int, reference: tuple[float, float, float], fitting: tuple[str, bool]
 ) -> None:
     views, spec = detected(name)
-    model, square = FITTING[name]
+    model, square = fitting
     solution = solve_intrinsics(views, spec, model, min_corners, square)
-    assert_matches(solution, rms, fx, fy)
+    assert_matches(solution, *reference)
     assert len(solution.views) == sum(len(view.ids) >= min_corners for view in views), "no good view may be lost"
 
 
 @pytest.mark.parametrize(
-    ("name", "min_corners", "rms", "fx", "fy"),
-    [
-        pytest.param(*reference, marks=pytest.mark.slow if reference[0] == "ucl_left" else ())
-        for reference in REFERENCES
-    ],
+    ("name", "min_corners", "reference"),
+    [pytest.param(*one[:3], marks=pytest.mark.slow if one[0] == "ucl_left" else ()) for one in REFERENCES],
 )
 def test_the_chosen_lens_model_reproduces_the_reference_and_does_not_fold(
-    name: str, min_corners: int, rms: float, fx: float, fy: float
+    name: str, min_corners: int, reference: tuple[float, float, float]
 ) -> None:
     views, spec = detected(name)
     solution = solve_intrinsics(views, spec, "auto", min_corners)
-    assert_matches(solution, rms, fx, fy)
+    assert_matches(solution, *reference)
     assert solution.monotonic
     held_out = {candidate.model: candidate.held_out_rms_px for candidate in solution.comparison}
     assert held_out[solution.model] <= 1.1 * min(held_out.values())

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import replace
 
 import cv2
@@ -13,6 +12,7 @@ from targets.board import corner_points
 from vbaa_calib.calibrate.lens.information import Bend
 from vbaa_calib.calibrate.lens.intrinsics import solve_intrinsics
 from vbaa_calib.calibrate.lens.models import LENS_MODELS
+from vbaa_calib.calibrate.lens.models import camera_of as lens_camera
 from vbaa_calib.calibrate.pose.board_pose import mirrored, solve_board_pose
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError
@@ -32,8 +32,7 @@ CAMERAS = {
 
 
 def camera_of(name: str, intrinsics: np.ndarray) -> Camera:
-    matrix = np.array([[intrinsics[0], 0, intrinsics[2]], [0, intrinsics[1], intrinsics[3]], [0, 0, 1.0]])
-    return Camera(LENS_MODELS[name].camera_model, SIZE, matrix, intrinsics[4:])
+    return lens_camera(LENS_MODELS[name], intrinsics, SIZE)
 
 
 def pictures(name: str, pose: Pose, rng: np.random.Generator, sigma_px: float, count: int = 1) -> list[BoardView]:
@@ -92,7 +91,7 @@ def test_many_pictures_average_their_noise_and_not_what_they_share() -> None:
 def test_a_board_that_moved_is_refused() -> None:
     rng, camera = np.random.default_rng(6), camera_of("rational", WIDE)
     views = pictures("rational", facing([0.5, 0.2, 0.1]), rng, 0.1, count=3)
-    views[2] = dataclasses.replace(views[2], name="moved.png", corners_px=views[2].corners_px + 5.0)
+    views[2] = replace(views[2], name="moved.png", corners_px=views[2].corners_px + 5.0)
     with pytest.raises(InputError, match=r"moved\.png: the board is 7\.\d px"):
         solve_board_pose(views, SPEC, camera)
 
@@ -102,7 +101,7 @@ def test_a_gross_corner_does_not_pull() -> None:
     (view,) = pictures("rational", true, rng, 0.1)
     spoilt = view.corners_px.copy()
     spoilt[[3, 17]] += np.array([25.0, -12.0])
-    solved = solve_board_pose([dataclasses.replace(view, corners_px=spoilt)], SPEC, camera)
+    solved = solve_board_pose([replace(view, corners_px=spoilt)], SPEC, camera)
     step = solved.T_camera_board.tangent_from(true)
     assert solved.left_out == 2
     assert step @ np.linalg.solve(solved.covariance, step) < 25
@@ -181,9 +180,9 @@ def test_no_board_a_line_and_another_picture_size_are_refused() -> None:
     with pytest.raises(InputError, match="not found"):
         solve_board_pose([], SPEC, camera)
     with pytest.raises(InputError, match="do not fix its pose"):
-        solve_board_pose([dataclasses.replace(view, ids=line, corners_px=view.corners_px[line])], SPEC, camera)
+        solve_board_pose([replace(view, ids=line, corners_px=view.corners_px[line])], SPEC, camera)
     with pytest.raises(InputError, match="calibrated at 1280x960"):
-        solve_board_pose([dataclasses.replace(view, image_size=(640, 480))], SPEC, camera)
+        solve_board_pose([replace(view, image_size=(640, 480))], SPEC, camera)
 
 
 @pytest.mark.parametrize(("name", "model"), [("gopro", "fisheye"), ("realsense", "radial")])
