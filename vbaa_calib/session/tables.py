@@ -6,7 +6,7 @@ import csv
 import difflib
 import io
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path
@@ -105,53 +105,44 @@ _MOMENTS = ("moment_Nm", "moment_z_Nm")
 
 def read_sweep(session: Session) -> list[SweepPicture]:
     """sweep/sweep.csv: a board fixed in the world, seen while the joints move, a picture a row."""
-
-    def made(row: Mapping[str, str], path: Path) -> SweepPicture:
-        return SweepPicture(image=_picture(row, path), **_joints(row, path))
-
-    return _pictures(session, "sweep", "it gives the joint angles of every picture of the sweep", made)
+    why = "it gives the joint angles of every picture of the sweep"
+    return [picture for _, picture in _pictures(session, "sweep", why, SweepPicture)]
 
 
 def read_noload(session: Session) -> list[Still]:
     """noload/noload.csv: the free antenna, a picture a row."""
-
-    def made(row: Mapping[str, str], path: Path) -> Still:
-        return Still(**_view(row, path), moment_Nm=number(row, "moment_Nm", path))
-
-    return _pictures(session, "noload", "calibration needs the free antenna", made, "moment_Nm")
+    why = "calibration needs the free antenna"
+    return [still for _, still in _pictures(session, "noload", why, Still, "moment_Nm")]
 
 
 def read_loads(session: Session) -> list[Load]:
     """loads/loads.csv: known loads, each on the antenna, a picture a row."""
-    values, length_m = ("moment_Nm", "distance_m", "force_y_N", "force_z_N"), session.antenna.length_m
-
-    def made(row: Mapping[str, str], path: Path) -> Load:
-        load = Load(**(_view(row, path) | {name: number(row, name, path) for name in values}))
-        if not 0 < load.distance_m <= length_m:
-            what = f"distance_m is {load.distance_m:g}, the antenna {length_m:g} m long"
+    why, loads = "calibration needs known loads, for the stiffness", []
+    values, path = ("moment_Nm", "distance_m", "force_y_N", "force_z_N"), session.root / "loads" / "loads.csv"
+    for row, load in _pictures(session, "loads", why, Load, *values):
+        if not 0 < load.distance_m <= session.antenna.length_m:
+            what = f"distance_m is {load.distance_m:g}, the antenna {session.antenna.length_m:g} m long"
             raise wrong(row, path, what, "give metres from the clamp along the antenna")
         if load.force_y_N == load.force_z_N == 0:
             raise wrong(row, path, "the force is zero", "free frames belong into noload/")
-        return load
-
-    return _pictures(session, "loads", "calibration needs known loads, for the stiffness", made, *values)
+        loads.append(load)
+    return loads
 
 
 def _pictures(
-    session: Session, name: str, why: str, made: Callable[[Mapping[str, str], Path], _Row], *values: str
-) -> list[_Row]:
+    session: Session, name: str, why: str, kind: type[_Row], *values: str
+) -> Iterator[tuple[Mapping[str, str], _Row]]:
     """The rows of a table, each of a picture of its own, with its joints and the columns `values`."""
-    path = session.root / name / f"{name}.csv"
+    path, lines = session.root / name / f"{name}.csv", dict[Path, str]()
     _require(path, why)
-    rows, lines = [], dict[Path | None, str]()
     for row in read_csv(path, ("image", "pan_rad", "tilt_rad", *values), ("time_s",) if values else ()):
-        rows.append(made(row, path))
-        image = rows[-1].image
-        if image in lines:
-            what = f"the picture {row['image']} stands in line {lines[image]}, too"
+        view = _view(row, path)
+        if view["image"] in lines:
+            what = f"the picture {row['image']} stands in line {lines[view['image']]}, too"
             raise wrong(row, path, what, "every row needs its own picture")
-        lines[image] = row["line"]
-    return rows
+        lines[view["image"]] = row["line"]
+        entries = view | {value: number(row, value, path) for value in values}
+        yield row, kind(**entries)
 
 
 def read_recording(session: Session) -> list[Frame]:
@@ -180,28 +171,18 @@ def read_recording(session: Session) -> list[Frame]:
     return frames
 
 
-def _joints(row: Mapping[str, str], path: Path) -> dict[str, float]:
-    """`pan_rad` and `tilt_rad`. Raises InputError for what can only be degrees."""
-    angles = {name: number(row, name, path) for name in ("pan_rad", "tilt_rad")}
-    for name, value in angles.items():
-        if abs(value) > 2 * np.pi:
-            raise wrong(row, path, f"{name} is {value:g}, more than a turn", "give radians")
-    return angles
-
-
 def _view(row: Mapping[str, str], path: Path, with_image: bool = True) -> dict[str, Any]:
-    seen = {"image": _picture(row, path) if with_image else None, **_joints(row, path)}
-    return seen | ({"time_s": number(row, "time_s", path)} if "time_s" in row else {})
-
-
-def _picture(row: Mapping[str, str], path: Path) -> Path:
-    """The picture that a row names, relative to its table. Raises InputError when it is not there."""
-    if not row["image"]:
+    """The picture that a row names, relative to its table; joints; time. Raises InputError for what cannot be."""
+    seen: dict[str, Any] = {"image": path.parent / row["image"] if with_image else None}
+    if with_image and not row["image"]:
         raise wrong(row, path, "image is empty", "name the picture")
-    image = path.parent / row["image"]
-    if not os.path.isfile(image):  # Path.is_file raises for a name that is too long
-        raise wrong(row, path, f"the picture {row['image']} is not there", f"put it at {image}")
-    return image
+    if with_image and not os.path.isfile(seen["image"]):  # Path.is_file raises for a name that is too long
+        raise wrong(row, path, f"the picture {row['image']} is not there", f"put it at {seen['image']}")
+    for name in ("pan_rad", "tilt_rad"):
+        seen[name] = number(row, name, path)
+        if abs(seen[name]) > 2 * np.pi:
+            raise wrong(row, path, f"{name} is {seen[name]:g}, more than a turn", "give radians")
+    return seen | ({"time_s": number(row, "time_s", path)} if "time_s" in row else {})
 
 
 def _refuse_misspelt(path: Path, wanted: str, known: Sequence[str]) -> None:
