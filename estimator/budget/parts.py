@@ -30,6 +30,25 @@ _RUNG = "rod"  # what a fit on a lower rung would say is as good as the same whe
 _DISTANCES, _SLOPES_DEG, _DIRECTIONS, _STRONGEST_AT = (0.2, 0.35, 0.5, 0.65, 0.8, 0.95), (5.0, 15.0, 30.0), 8, 0.5
 _STEEPEST_RAD = np.radians(45.0)  # slopes beyond it are not compared with the rod
 _FORCE_TOLERANCE, _FORCE_STEPS = 1e-6, 6
+LENS, JOINT_AXES = "lens", "joint_axes"
+RIG_CAUSES = {
+    "camera_rotation": POSE_PARAMETERS[:3],
+    "camera_position": POSE_PARAMETERS[3:],
+    "clamp_offset": ("clamp_y_m", "clamp_z_m"),
+    "clamp_angle": ("clamp_about_y_rad", "clamp_about_z_rad"),
+    "clamp_give": ("clamp_give_m",),
+    "bow": ("bow_about_y_per_m", "bow_about_z_per_m"),
+    "stiffness": ("log_stiffness_Nm2",),
+    "mass": ("log_mass_per_length_kg_m",),
+    "moment_gain": ("moment_gain",),
+    "moment_offset": ("moment_offset_Nm",),
+}
+"""Causes and their rows of the joint covariance; the lens' rows follow them."""
+_DEPENDENT = 1e-7  # a row of unit deviation that adds less than this to others is determined by them
+PIXELS, MOMENT_NOISE, FRICTION, FORCE_PRIOR = "pixels", "moment_noise", "friction", "force_prior"
+RESULTS = {"distance_m": (0,), "force_y_N": (1,), "force_z_N": (2,), "force_N": (1, 2), "point_m": (3, 4, 5)}
+"""Results and the rows that they are made of: of several, the variance is the sum."""
+_EXACT_NOISE = 0.01  # noise counts as gone at this part of itself: without any, a picture would tell the whole rig
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,23 +115,6 @@ def _world_rotation(rig: Rig, touches: Touches) -> np.ndarray:
 def _empty(rig_arrays: RigArrays, touches: Touches) -> Frames:
     gravity = _world_rotation(rig_arrays.rig, touches).T @ rig_arrays.rig.gravity_world_m_s2
     return empty_frames(rig_arrays, np.tile(gravity, (len(touches), 1)))
-
-
-LENS, JOINT_AXES = "lens", "joint_axes"
-RIG_CAUSES = {
-    "camera_rotation": POSE_PARAMETERS[:3],
-    "camera_position": POSE_PARAMETERS[3:],
-    "clamp_offset": ("clamp_y_m", "clamp_z_m"),
-    "clamp_angle": ("clamp_about_y_rad", "clamp_about_z_rad"),
-    "clamp_give": ("clamp_give_m",),
-    "bow": ("bow_about_y_per_m", "bow_about_z_per_m"),
-    "stiffness": ("log_stiffness_Nm2",),
-    "mass": ("log_mass_per_length_kg_m",),
-    "moment_gain": ("moment_gain",),
-    "moment_offset": ("moment_offset_Nm",),
-}
-"""Causes and their rows of the joint covariance; the lens' rows follow them."""
-_DEPENDENT = 1e-7  # a row of unit deviation that adds less than this to others is determined by them
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,12 +188,6 @@ def split(determined: np.ndarray) -> np.ndarray:
         return np.zeros((0, *determined.shape[1:]))
     joins, stays = weight[np.clip(sizes - 1, 0, None)][:, None], weight[np.clip(sizes, None, count - 1)][:, None]
     return np.asarray(np.einsum("ug,uij->gij", np.where(members == 1, joins, -stays), determined))
-
-
-PIXELS, MOMENT_NOISE, FRICTION, FORCE_PRIOR = "pixels", "moment_noise", "friction", "force_prior"
-RESULTS = {"distance_m": (0,), "force_y_N": (1,), "force_z_N": (2,), "force_N": (1, 2), "point_m": (3, 4, 5)}
-"""Results and the rows that they are made of: of several, the variance is the sum."""
-_EXACT_NOISE = 0.01  # noise counts as gone at this part of itself: without any, a picture would tell the whole rig
 
 
 @dataclass(frozen=True, eq=False)

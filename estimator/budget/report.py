@@ -28,6 +28,13 @@ _RESULT_NAMES = {
 }
 _TABLES = ("distance_m", "force_y_N", "force_z_N", "point_m")
 SCHEMA = "vbaa.budget/1"
+_CALIBRATION = "calibration"
+_SHORT = {"distance_m": "l", "force_y_N": "f_y", "force_z_N": "f_z", "point_m": "world\npoint"}
+_LEAST_SHARE = 0.1  # of the variance, in percent, that is drawn
+_STYLES: dict[str, dict[str, Any]] = {
+    name: {"color": cause.colour, "label": cause.name} for name, cause in CAUSES.items()
+}
+_STYLES[_CALIBRATION] = {"color": "#334155", "label": _CALIBRATION}
 
 
 def table(budget: Budget) -> str:
@@ -152,15 +159,6 @@ def _first(result: ResultBudget, name: str) -> str:
 
 def _unit(name: str) -> str:
     return "mm" if name.endswith("_m") else "mN"
-
-
-_CALIBRATION = "calibration"
-_SHORT = {"distance_m": "l", "force_y_N": "f_y", "force_z_N": "f_z", "point_m": "world\npoint"}
-_LEAST_SHARE = 0.1  # of the variance, in percent, that is drawn
-_STYLES: dict[str, dict[str, Any]] = {
-    name: {"color": cause.colour, "label": cause.name} for name, cause in CAUSES.items()
-}
-_STYLES[_CALIBRATION] = {"color": "#334155", "label": _CALIBRATION}
 
 
 def write_figure(path: Path, budget: Budget, force: bool) -> None:

@@ -19,6 +19,7 @@ _CHUNK = 256
 _STEP = 0.1  # of the deviations along which contacts are moved: small against what bends
 _FORCE_STEPS = 4
 _WEIGHTS, _HALVINGS = (1e-3, 1e3), 14
+MOST_POINTS = 400
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,9 +165,6 @@ def _by_axes(rig_arrays: RigArrays, values: np.ndarray, pan: np.ndarray, tilt: n
     moved = np.einsum("kbij,bqj->bqik", turned, values)
     moved[:, 0] += np.moveaxis(shifted, 0, -1)
     return moved
-
-
-MOST_POINTS = 400
 
 
 def empty_frames(rig_arrays: RigArrays, gravity_m_s2: np.ndarray) -> Frames:

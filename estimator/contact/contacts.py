@@ -17,6 +17,8 @@ from .motion import Beam, Inertia, Motion, Shapes
 from .quantities import FitNumbers
 from .status import FAILED, NO_ANTENNA, NO_CONTACT, OK, TIP, reason, statuses
 
+_LARGEST_SHIFT = 1 / 3  # inertia that would move the distance by more than this part of its deviation is too much
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Contacts(ContactEstimate[np.ndarray, np.ndarray, np.ndarray], Sequence[Contact]):
@@ -118,9 +120,6 @@ def _by_axes(rig: Rig, numbers: FitNumbers, rotation: np.ndarray, by_axes: tuple
     shared = rotation @ numbers.with_pose[:, :3] @ np.swapaxes(by_pose, 1, 2)
     own = (moved * kinematics.axes_std**2) @ np.swapaxes(moved, 1, 2)
     return own + by_pose @ rig.covariance[pose, pose] @ np.swapaxes(by_pose, 1, 2) + shared + np.swapaxes(shared, 1, 2)
-
-
-_LARGEST_SHIFT = 1 / 3  # inertia that would move the distance by more than this part of its deviation is too much
 
 
 class MotionCheck:

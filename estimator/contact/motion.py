@@ -21,6 +21,13 @@ from vbaa_calib.rig import Rig
 _MOST = 64  # at most so many frames on either side count: what a judge of a recording must remember is bounded
 _PATH, _TESTED = 4, 7
 """Degree of the path about which points should scatter as they are said to, and the fewest frames that can test it."""
+PIECES = 12
+"""The antenna is judged at the middles of so many equal pieces; each one's inertia acts there as a point force."""
+_FALSE_ALARM = 1e-5
+"""Probability that a frame at rest is taken for a moving one, at most: over all pieces and axes together."""
+_CLAMPED_FREE, _FASTEST = 1.8751040687119611, 4.6945
+"""βL of the free antenna's first mode, and a bound for any contact's: where it sits on a node of the second mode."""
+_TABLE = 65
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,15 +117,6 @@ def _orthonormal(near: _Neighbours) -> tuple[Array, Array, Array]:
     gram = xp.einsum("riw,rjw->rij", powers, powers) + like(tau, ~usable)[..., None] * like(tau, np.eye(_PATH + 1))
     lower = xp.linalg.cholesky(gram)
     return xp.linalg.solve(lower, powers), 2.0 / (reach**2 * lower[:, 2, 2]), tested
-
-
-PIECES = 12
-"""The antenna is judged at the middles of so many equal pieces; each one's inertia acts there as a point force."""
-_FALSE_ALARM = 1e-5
-"""Probability that a frame at rest is taken for a moving one, at most: over all pieces and axes together."""
-_CLAMPED_FREE, _FASTEST = 1.8751040687119611, 4.6945
-"""βL of the free antenna's first mode, and a bound for any contact's: where it sits on a node of the second mode."""
-_TABLE = 65
 
 
 @dataclass(frozen=True)

@@ -10,38 +10,6 @@ from viz.figures.drawing import AMBER, RED, SLATE, TEAL, svg
 from viz.pages.page import Table, at, fixed, listing, number, records, render, with_std
 
 LEVEL_COLOURS = {"holds": TEAL, "look at": AMBER, "does not hold": RED, "not given": SLATE}
-
-
-def page(document: Mapping[str, Any]) -> str:
-    """The whole report as HTML, from what `Assessment.to_dict` makes."""
-    findings = [*document["session_findings"], *document["findings"]]
-    maps, numbers, session = document["maps"], document["numbers"], document["session"]
-    rays, size = {"has_ray": maps["has_ray"]}, numbers["lens"]["image_size"]
-    drawn = [figures.heat_map("on plane C, mm", maps["plane"] | rays, size, maps["along_antenna"])]
-    if maps["projection"] is not None:
-        drawn.append(figures.heat_map("of the projection, px", maps["projection"] | rays, size))
-    along = [[f"{1e3 * row['arclength_m']:.0f}", number(row["std_mm"], 3)] for row in maps["along_antenna"]]
-    return render(
-        "check.html.j2",
-        title=document["rig"],
-        colour=LEVEL_COLOURS[document["verdict"]],
-        colours=LEVEL_COLOURS,
-        headline=document["headline"],
-        problems=[one for level in ("does not hold", "look at") for one in findings if one["level"] == level],
-        answered=sum(one["level"] != "not given" for one in findings),
-        session_findings=document["session_findings"],
-        own_findings=document["findings"],
-        session=session,
-        maps=[svg(axes) for axes in drawn],
-        lens_map_recorded=maps["projection"] is not None,
-        along_antenna=Table(("along the antenna, mm", "± on plane C, mm"), along, ("along the antenna, mm",)),
-        numbers=numbers,
-        calibrated=_calibrated(numbers),
-        **_quality(document["quality"]),
-        **({} if session is None else _session(session, numbers)),
-    )
-
-
 _LOADS = (
     ("image", "picture", None),
     ("number", "load", 0),
@@ -74,6 +42,36 @@ _STILLS = (
 )
 _DROPPED = (("name", "picture", None), ("reason", "why it was not used", None))
 """Keys of rows of check.json and rig.json, their headings and decimals."""
+
+
+def page(document: Mapping[str, Any]) -> str:
+    """The whole report as HTML, from what `Assessment.to_dict` makes."""
+    findings = [*document["session_findings"], *document["findings"]]
+    maps, numbers, session = document["maps"], document["numbers"], document["session"]
+    rays, size = {"has_ray": maps["has_ray"]}, numbers["lens"]["image_size"]
+    drawn = [figures.heat_map("on plane C, mm", maps["plane"] | rays, size, maps["along_antenna"])]
+    if maps["projection"] is not None:
+        drawn.append(figures.heat_map("of the projection, px", maps["projection"] | rays, size))
+    along = [[f"{1e3 * row['arclength_m']:.0f}", number(row["std_mm"], 3)] for row in maps["along_antenna"]]
+    return render(
+        "check.html.j2",
+        title=document["rig"],
+        colour=LEVEL_COLOURS[document["verdict"]],
+        colours=LEVEL_COLOURS,
+        headline=document["headline"],
+        problems=[one for level in ("does not hold", "look at") for one in findings if one["level"] == level],
+        answered=sum(one["level"] != "not given" for one in findings),
+        session_findings=document["session_findings"],
+        own_findings=document["findings"],
+        session=session,
+        maps=[svg(axes) for axes in drawn],
+        lens_map_recorded=maps["projection"] is not None,
+        along_antenna=Table(("along the antenna, mm", "± on plane C, mm"), along, ("along the antenna, mm",)),
+        numbers=numbers,
+        calibrated=_calibrated(numbers),
+        **_quality(document["quality"]),
+        **({} if session is None else _session(session, numbers)),
+    )
 
 
 def _session(session: Mapping[str, Any], numbers: Mapping[str, Any]) -> dict[str, Any]:

@@ -19,6 +19,25 @@ import numpy as np
 from vbaa_calib.core.robust import NORMAL_QUARTILE, chi_square_p
 
 SLIDING, STICKING, UNUSED = "sliding", "sticking", "unused"
+_LARGEST = 2.0  # no larger μ is looked for
+_BOUND = 0.5 * 1.645**2  # what a bound that holds in 95 % costs, in logarithms of the likelihood
+_SPARED = 2  # of the touches that need not slide so many may be wrong without having set a bound
+_SHARE = 0.95
+_COARSE, _FINE, _FAR, _BETWEEN = 41, 61, 9.0, 17  # points of the grids of μ, and in which losses the fine one lies
+_SCATTERED = 8  # fewer sliding angles do not tell their scatter
+_FEWEST = 5  # so many touches have to slide
+_KNOWN_SHARE = 0.25  # directions that are known for fewer of the touches are known by accident
+_STD, _STD_SHARE = 0.03, 0.1  # μ is told where its deviation is below the first, or below this share of μ
+# Sliding touches that scatter so many times as much as they should do not follow the law, nor where so many lie far
+# off, nor where they need common errors as improbable as this.
+_CONTRADICTED, _WRONG_SHARE, _STRAINED = 4.0, 0.25, 1e-5
+_FREEDOM = 5.0  # own errors follow Student's t of so many degrees of freedom: a few frames may be wrong, by any amount
+_DIRECTED = 4.0  # a part of the slip not so many times its deviation says nothing of μ, which could be of any size then
+WRONG = 4.0  # in own deviations: farther off, a touch is not believed
+# what need not slide speaks of μ only where it lies so many of its own deviations outside the cone: noise alone would
+# else ask for a wider one, the more the more such touches there are
+_NOISE = 3.0
+_STEPS, _ENOUGH, _LEAST_SHARE = 40, 1e-5, 1e-2
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,27 +88,6 @@ class FrictionTouches:
     def counts(self) -> tuple[int, int]:
         """How many touches slide, and how many are used at all."""
         return int(np.sum(self.used_as == SLIDING)), int(np.sum(self.used_as != UNUSED))
-
-
-_LARGEST = 2.0  # no larger μ is looked for
-_BOUND = 0.5 * 1.645**2  # what a bound that holds in 95 % costs, in logarithms of the likelihood
-_SPARED = 2  # of the touches that need not slide so many may be wrong without having set a bound
-_SHARE = 0.95
-_COARSE, _FINE, _FAR, _BETWEEN = 41, 61, 9.0, 17  # points of the grids of μ, and in which losses the fine one lies
-_SCATTERED = 8  # fewer sliding angles do not tell their scatter
-_FEWEST = 5  # so many touches have to slide
-_KNOWN_SHARE = 0.25  # directions that are known for fewer of the touches are known by accident
-_STD, _STD_SHARE = 0.03, 0.1  # μ is told where its deviation is below the first, or below this share of μ
-# Sliding touches that scatter so many times as much as they should do not follow the law, nor where so many lie far
-# off, nor where they need common errors as improbable as this.
-_CONTRADICTED, _WRONG_SHARE, _STRAINED = 4.0, 0.25, 1e-5
-_FREEDOM = 5.0  # own errors follow Student's t of so many degrees of freedom: a few frames may be wrong, by any amount
-_DIRECTED = 4.0  # a part of the slip not so many times its deviation says nothing of μ, which could be of any size then
-WRONG = 4.0  # in own deviations: farther off, a touch is not believed
-# what need not slide speaks of μ only where it lies so many of its own deviations outside the cone: noise alone would
-# else ask for a wider one, the more the more such touches there are
-_NOISE = 3.0
-_STEPS, _ENOUGH, _LEAST_SHARE = 40, 1e-5, 1e-2
 
 
 @dataclass(frozen=True, eq=False)

@@ -32,6 +32,26 @@ if TYPE_CHECKING:
     from vbaa_calib.rig import Rig
 
 _UNKNOWN_MU = 1.0  # of an object whose friction is not known the force is thought to lean as far as this allows
+_LEAST_STD_RAD = 1e-4  # no direction is known better: rigs said to be exact would else be believed without limit
+_LEAST_OWN = 0.2  # so much of a deviation at least is taken for the frame's own
+# Touches within so much of the patch's extent of each are looked at: where it stuck there may be many in one place.
+# They must spread across the antenna by so much of what they spread along it, and by so many of the deviations that
+# they usually have: a shape that was only felt along the antenna has no slope across it, and small errors of the points
+# along it pass for one.
+_NEAR, _SHARE, _NOISE = 0.3, 0.2, 4.0
+NORMAL_KNOWN_RAD = 0.12  # a touch whose normal the shape does not tell to this tells nothing of friction across it
+_FORCE_KNOWN_RAD = 0.25  # nor does one whose force is not known to this
+_SLIPS = 2.0  # a slip speed of so many deviations has a direction
+# so much of a friction angle's deviation at least is the frame's own: the difference of two that are nearly alike, the
+# whole and the common one, would be anything
+_LEAST_OWN_SHARE = 0.7
+# A touch slides for certain if so many frames before and after it, as far as they lie within this time, and the next
+# ones in any case, slide the same way (cosine between their slips): the slip is taken from several frames at a time, so
+# that it begins early and ends late, and turns slowly where it turned at once.
+_NEIGHBOURS, _NEAR_S, _SAME_WAY = 2, 0.07, 0.5
+# A friction angle is seen where its deviation falls to so much of the one before the frame was seen. Above that the
+# prior, which is taken out again, would be most of what is left.
+_SEEN = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,28 +210,6 @@ def _by_fit(before: np.ndarray, rubs: FrictionTouches, mu: Coefficient) -> tuple
         off[touch] += weight * np.where(np.abs(error) < WRONG, 0.0, error * spread)
     used = rubs.across
     return np.where(used, total, 0.0), np.where(used, np.maximum(square - total**2, 1e-12), before), off
-
-
-_LEAST_STD_RAD = 1e-4  # no direction is known better: rigs said to be exact would else be believed without limit
-_LEAST_OWN = 0.2  # so much of a deviation at least is taken for the frame's own
-# Touches within so much of the patch's extent of each are looked at: where it stuck there may be many in one place.
-# They must spread across the antenna by so much of what they spread along it, and by so many of the deviations that
-# they usually have: a shape that was only felt along the antenna has no slope across it, and small errors of the points
-# along it pass for one.
-_NEAR, _SHARE, _NOISE = 0.3, 0.2, 4.0
-NORMAL_KNOWN_RAD = 0.12  # a touch whose normal the shape does not tell to this tells nothing of friction across it
-_FORCE_KNOWN_RAD = 0.25  # nor does one whose force is not known to this
-_SLIPS = 2.0  # a slip speed of so many deviations has a direction
-# so much of a friction angle's deviation at least is the frame's own: the difference of two that are nearly alike, the
-# whole and the common one, would be anything
-_LEAST_OWN_SHARE = 0.7
-# A touch slides for certain if so many frames before and after it, as far as they lie within this time, and the next
-# ones in any case, slide the same way (cosine between their slips): the slip is taken from several frames at a time, so
-# that it begins early and ends late, and turns slowly where it turned at once.
-_NEIGHBOURS, _NEAR_S, _SAME_WAY = 2, 0.07, 0.5
-# A friction angle is seen where its deviation falls to so much of the one before the frame was seen. Above that the
-# prior, which is taken out again, would be most of what is left.
-_SEEN = 0.5
 
 
 @dataclass(frozen=True, eq=False)

@@ -26,6 +26,18 @@ _GUESSED_STD_M = 2e-4  # for touches without covariance, to smooth them by; no d
 # touches that scatter more than this about the surface have covariances that are too small: all are widened; fewer
 # touches than that do not tell their own scatter
 _SCATTER_TOLERATED, _ENOUGH = 1.5, 12
+_CELLS = 44  # along the longer side of a patch; a curve has as many pieces
+_CLOSING = 0.6  # what lies within this many bridged gaps of touches on all sides belongs to the footprint
+# the footprint ends this part of the patch's extent, or half a usual gap, beyond the outermost touches; and no farther
+# than the standard deviation of the patch's width
+_MARGIN = 0.03
+_LINE_GAP = 0.1  # a line runs on across gaps up to this part of its length, or a few times as wide as the usual ones
+_NEARBY = 0.05  # contacts this part of a line's length away still have a say in its normals
+_VAGUE = 3.0  # touches known along the surface this many times worse than most do not widen the footprint
+_LONE_SHOWN_M = 2e-3  # a patch of one place is drawn where it is known to this
+# no surface where its deviation is larger than both so many times that at nine tenths of the patch's touches, and this
+_STD_FACTOR, _STD_SHOWN_M = 2.5, 3e-4
+_Piece = dict[str, np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,22 +222,6 @@ def _surface(found: Fit, compliance: Compliance, known: bool, notes: list[str]) 
         compliance=compliance,
         notes=tuple(notes),
     )
-
-
-_CELLS = 44  # along the longer side of a patch; a curve has as many pieces
-_CLOSING = 0.6  # what lies within this many bridged gaps of touches on all sides belongs to the footprint
-# the footprint ends this part of the patch's extent, or half a usual gap, beyond the outermost touches; and no farther
-# than the standard deviation of the patch's width
-_MARGIN = 0.03
-_LINE_GAP = 0.1  # a line runs on across gaps up to this part of its length, or a few times as wide as the usual ones
-_NEARBY = 0.05  # contacts this part of a line's length away still have a say in its normals
-_VAGUE = 3.0  # touches known along the surface this many times worse than most do not widen the footprint
-_LONE_SHOWN_M = 2e-3  # a patch of one place is drawn where it is known to this
-# no surface where its deviation is larger than both so many times that at nine tenths of the patch's touches, and this
-_STD_FACTOR, _STD_SHOWN_M = 2.5, 3e-4
-
-
-_Piece = dict[str, np.ndarray]
 
 
 def _piece(points: np.ndarray, normals: np.ndarray, std: np.ndarray, across: np.ndarray, **cells: np.ndarray) -> _Piece:

@@ -23,6 +23,12 @@ _TOO_FAR, _MOST_LEFT_OUT = 5.0, 0.1
 # a touch that is known along the surface worse than both this, and so many times worse than most, is not used
 _VAGUE_M, _VAGUE_FACTOR = 1e-3, 3.0
 _STEEPEST, _SHARPEST_M = 3.0, 3e-4  # on the way no larger slope is believed, nor a bend with a smaller radius
+_UNKNOWN_RAD = 1.0  # the deviation that stands for: not known
+_FORCE_STD_RAD = 0.35  # how far the force leans from the normal, where it has to help find the surface
+_TANGENT_STD_RAD = 1e-3  # own error of a tangent: the antenna's slope is what its picture shows best
+_MODES = 24  # common errors of the normals that are kept apart; the rest counts as each touch's own
+_Turned = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""Normals (N, 3) of a patch's touches in its frame, (N, 3, 2) how slopes turn them, own covariance (N, 3, 3)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,12 +202,6 @@ def _widened(patches: tuple[Patch, ...], solution: Solution, state: _FitState) -
     return np.where(wrong, IGNORED, state.widened) if few else state.widened
 
 
-_UNKNOWN_RAD = 1.0  # the deviation that stands for: not known
-_FORCE_STD_RAD = 0.35  # how far the force leans from the normal, where it has to help find the surface
-_TANGENT_STD_RAD = 1e-3  # own error of a tangent: the antenna's slope is what its picture shows best
-_MODES = 24  # common errors of the normals that are kept apart; the rest counts as each touch's own
-
-
 @dataclass(frozen=True, eq=False)
 class Normals:
     """At P touches, world frame: unit, outward (P, 3); covariance (P, 3, 3), rad²; modes (P, 3, K), its common part."""
@@ -260,10 +260,6 @@ def _estimate_normals(
         variance, axes = eigh(turned.reshape(size, size), subset_by_index=(size - kept, size - 1))
         modes = (axes * np.sqrt(np.maximum(variance, 0.0))).reshape(count, 3, kept)
     return Normals(normal, covariance, modes)
-
-
-_Turned = tuple[np.ndarray, np.ndarray, np.ndarray]
-"""Normals (N, 3) of a patch's touches in its frame, (N, 3, 2) how slopes turn them, own covariance (N, 3, 3)."""
 
 
 def _of_field(seen: LocalTouches, slope: np.ndarray, slack_rad: float) -> _Turned:

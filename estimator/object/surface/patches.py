@@ -24,6 +24,16 @@ _NEIGHBOURS, _ALIKE_RAD = 8, np.radians(75)
 # a patch is wide when its width stands out of the contacts' own spread this much, is at least this fraction of its
 # length, and has at least so many contacts
 _RESOLVED, _NARROW, _LEAST_TOUCHES = 4.0, 0.02, 4
+# added to every deviation of a point and of a tangent, so that exact ones can be solved for
+_LEAST_STD_M, _LEAST_STD_RAD = 1e-7, 3e-4
+UNSEEN_BEND_PER_M = 50.0  # standard deviation of an object's curvature across a curve, before the data
+_ROUND_M = 0.03  # the same of its radius: how far an axis is off about which it may be round
+IGNORED = 1e8  # the covariance of a touch that is left out is taken as so many times as large
+_MOST_OFF_M = 1e-3  # what it takes a point off at most: contacts worse than that are left out anyway
+# what a slack of 1 rad is for a curve: how far touches lie beside it for other reasons than its shape; the path of the
+# contacts zigzags with the force, and is no function over its long direction
+_BESIDE_M = 0.05
+_UNBELIEVED_RAD = 10.0  # deviation of a tangent that is not to be believed
 
 
 def facing(force_N: np.ndarray, tangent: np.ndarray, points_m: np.ndarray) -> np.ndarray:
@@ -99,18 +109,6 @@ def tangent_frame(points_m: np.ndarray, normals: np.ndarray, own_m2: np.ndarray)
     wide = width > max(_RESOLVED**2 * scatter, _NARROW**2 * length, 1e-18) and len(points_m) >= _LEAST_TOUCHES
     along = axes[0] @ plane
     return center, np.stack([along, np.cross(up, along), up]), bool(wide)
-
-
-# added to every deviation of a point and of a tangent, so that exact ones can be solved for
-_LEAST_STD_M, _LEAST_STD_RAD = 1e-7, 3e-4
-UNSEEN_BEND_PER_M = 50.0  # standard deviation of an object's curvature across a curve, before the data
-_ROUND_M = 0.03  # the same of its radius: how far an axis is off about which it may be round
-IGNORED = 1e8  # the covariance of a touch that is left out is taken as so many times as large
-_MOST_OFF_M = 1e-3  # what it takes a point off at most: contacts worse than that are left out anyway
-# what a slack of 1 rad is for a curve: how far touches lie beside it for other reasons than its shape; the path of the
-# contacts zigzags with the force, and is no function over its long direction
-_BESIDE_M = 0.05
-_UNBELIEVED_RAD = 10.0  # deviation of a tangent that is not to be believed
 
 
 @dataclass(frozen=True, eq=False)

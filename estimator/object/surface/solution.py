@@ -15,6 +15,17 @@ from scipy.linalg import LinAlgError, block_diag, cho_factor, cho_solve, solve_t
 from scipy.optimize import minimize
 from scipy.spatial.distance import cdist
 
+_MOST_EQUATIONS = 480  # more are thinned for this search: three numbers need no more
+_INCLINE = 2.0  # prior standard deviation of the trend's slope over the tangent plane: any that a patch may have
+# before the data: logarithms of length and amplitude over the patch's extent, and of the tangents' slack in rad; the
+# standard deviations of these logarithms; and their bounds
+_BEST, _WIDTH = np.log([0.7, 0.2, 0.01]), np.array([1.2, 1.5, 1.5])
+_LOWEST, _HIGHEST = np.log([0.03, 1e-4, 1e-4]), np.log([30.0, 100.0, 3.0])
+_ROUGHER = 1e-4
+# Newton's steps after the search, the step of their differences, and the longest that is believed: a prior that hangs
+# on where a search stopped moves the surface by parts of its deviation
+_POLISHING, _STEP, _NEAR = 2, 1e-3, 0.5
+
 
 @dataclass(frozen=True, eq=False)
 class Functionals:
@@ -240,18 +251,6 @@ def solve(patches: tuple[PatchModel, ...], yielding: bool) -> Solution:
         weights = weights - compliance * lift
     start = np.cumsum([0, *map(len, every[:-1])])
     return Solution(patches, start, lower, weights, lift, compliance, spread)
-
-
-_MOST_EQUATIONS = 480  # more are thinned for this search: three numbers need no more
-_INCLINE = 2.0  # prior standard deviation of the trend's slope over the tangent plane: any that a patch may have
-# before the data: logarithms of length and amplitude over the patch's extent, and of the tangents' slack in rad; the
-# standard deviations of these logarithms; and their bounds
-_BEST, _WIDTH = np.log([0.7, 0.2, 0.01]), np.array([1.2, 1.5, 1.5])
-_LOWEST, _HIGHEST = np.log([0.03, 1e-4, 1e-4]), np.log([30.0, 100.0, 3.0])
-_ROUGHER = 1e-4
-# Newton's steps after the search, the step of their differences, and the longest that is believed: a prior that hangs
-# on where a search stopped moves the surface by parts of its deviation
-_POLISHING, _STEP, _NEAR = 2, 1e-3, 0.5
 
 
 def learn_prior(

@@ -38,6 +38,19 @@ _LEAST_FRAMES, _LEAST_PERIODS, _TRIALS = 8, 1.5, 400
 _CHANCE = 1e-3  # probability that noise alone shows a line as strong, at most
 _BEFORE, _AFTER = 45, 12  # frames around a change whose evidence is looked at
 _FORCES, _FORCE_S = 6, 0.5  # forces after a change that are looked at: at most so many, and none later than this
+_TRUSTED = 60.0  # evidence up to which it grows with the square of the deflection
+_RATES = np.geomspace(0.3, 30.0, 36)  # trial rates of growth over the one that the last frame alone would ask for
+_COSINES = np.linspace(-0.8, 0.8, 5)
+# trial changes of the rate over the frames looked at, in `_UNEVEN`s, and their probabilities; `_UNEVEN` is how unevenly
+# an approach is thought to grow from t₀ to the last frame looked at: standard deviation of the share
+_BENDS, _SHARES, _UNEVEN = np.array([-1.4, 0.0, 1.4]), np.array([0.25, 0.5, 0.25]), 0.15
+# part of the common error behind which a deflection may hide besides: distance and direction are fitted to that error
+# first, and only by and by to the contact
+_HIDDEN = 0.6
+# probability that forces did not grow from zero at one rate: a base that moves in steps lands between two frames
+_STEPPED = 0.02
+_INSTANTS = 64
+_OWN_SHARE, _RELATIVE = 0.5, 0.03  # how much of a force's deviation differs between frames, and of its size besides
 
 
 def ringing_frames(table: ContactTable) -> np.ndarray:
@@ -104,21 +117,6 @@ def frequency(time_s: np.ndarray, signal: np.ndarray, fastest_Hz: float) -> tupl
     left = max(1.0 - float(share[best]), 1e-6)
     std = np.sqrt(6.0 * left / (float(share[best]) * count)) / (np.pi * span)
     return float(trials[best]), float(np.hypot(std, (trials[1] - trials[0]) / np.sqrt(12.0)))
-
-
-_TRUSTED = 60.0  # evidence up to which it grows with the square of the deflection
-_RATES = np.geomspace(0.3, 30.0, 36)  # trial rates of growth over the one that the last frame alone would ask for
-_COSINES = np.linspace(-0.8, 0.8, 5)
-# trial changes of the rate over the frames looked at, in `_UNEVEN`s, and their probabilities; `_UNEVEN` is how unevenly
-# an approach is thought to grow from t₀ to the last frame looked at: standard deviation of the share
-_BENDS, _SHARES, _UNEVEN = np.array([-1.4, 0.0, 1.4]), np.array([0.25, 0.5, 0.25]), 0.15
-# part of the common error behind which a deflection may hide besides: distance and direction are fitted to that error
-# first, and only by and by to the contact
-_HIDDEN = 0.6
-# probability that forces did not grow from zero at one rate: a base that moves in steps lands between two frames
-_STEPPED = 0.02
-_INSTANTS = 64
-_OWN_SHARE, _RELATIVE = 0.5, 0.03  # how much of a force's deviation differs between frames, and of its size besides
 
 
 @dataclass(frozen=True, eq=False)

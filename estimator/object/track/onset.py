@@ -26,6 +26,19 @@ FIRST_CONTACT, LOSS, SLIP_START, SLIP_END, RINGING = "first_contact", "loss", "s
 
 HALF_WINDOW_S = 0.1
 """Slips are slopes over the frames within this time."""
+_WINDOWS = (3, 6, 12)  # last frames that are taken together
+_ALARM = 1e-6  # probability of a false alarm by each of the windows, in a frame of the free antenna
+# free frames that tell what the free antenna looks like, at most and at least; so many of the last are left out where
+# there are enough before them: a slow approach is in them
+_BASELINE, _LEAST_BASELINE, _LAG = 60, 12, 30
+_SPAN_RAD = 0.05  # it looks alike within so much joint travel: a weight that is known badly shows with the pose
+_LEAST_SCATTER = 0.2  # of the cube root, below which no recording is believed: something else would drift
+# a contact with that much evidence in one of its last frames is lost with the first frame that is within so many
+# deviations of the baseline's mean; a weaker one with the mean of so many: near the threshold noise alone would end it
+_FREE_AGAIN, _FIRM, _RECENT = 2.5, 40.0, 3
+_FREE_TOGETHER, _LEAVING = 1.0, 6
+_GAP_S = 0.5  # over a longer gap nothing is carried: what happened in it is not known
+_TOUCHING = ("ok", "tip_contact", "low_signal")  # tell a contact; `no_contact` tells none, all others tell neither
 
 
 @dataclass(frozen=True)
@@ -68,21 +81,6 @@ class Track:
     ringing: np.ndarray
     events: tuple[Event, ...]
     notes: tuple[str, ...]
-
-
-_WINDOWS = (3, 6, 12)  # last frames that are taken together
-_ALARM = 1e-6  # probability of a false alarm by each of the windows, in a frame of the free antenna
-# free frames that tell what the free antenna looks like, at most and at least; so many of the last are left out where
-# there are enough before them: a slow approach is in them
-_BASELINE, _LEAST_BASELINE, _LAG = 60, 12, 30
-_SPAN_RAD = 0.05  # it looks alike within so much joint travel: a weight that is known badly shows with the pose
-_LEAST_SCATTER = 0.2  # of the cube root, below which no recording is believed: something else would drift
-# a contact with that much evidence in one of its last frames is lost with the first frame that is within so many
-# deviations of the baseline's mean; a weaker one with the mean of so many: near the threshold noise alone would end it
-_FREE_AGAIN, _FIRM, _RECENT = 2.5, 40.0, 3
-_FREE_TOGETHER, _LEAVING = 1.0, 6
-_GAP_S = 0.5  # over a longer gap nothing is carried: what happened in it is not known
-_TOUCHING = ("ok", "tip_contact", "low_signal")  # tell a contact; `no_contact` tells none, all others tell neither
 
 
 @dataclass(frozen=True, eq=False)

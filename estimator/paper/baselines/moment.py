@@ -27,6 +27,8 @@ _STANDS_OUT = 5.0  # the moment's growth, or the ringing's amplitude, must be so
 _ASIDE_RAD = 0.05  # moment and turn that differ in direction by more, and by more than noise, tell of a slip sideways
 
 _Slope = tuple[float, float, float]
+_FEWEST_PERIODS, _FEWEST_SAMPLES = 2.0, 12
+_NODES, _FINER = 65, 8  # places at which the first mode is exact; how much finer than its own the periodogram is
 
 
 def active_antenna(press: Press) -> Answer:
@@ -92,10 +94,6 @@ def _distance(press: Press, found: _Slope, moment_Nm: np.ndarray, direction: np.
     force, force_std = np.full(3, np.nan), np.full(3, np.nan)
     force[1:][turned], force_std[1:][turned] = push[turned], np.sqrt(np.maximum(variance, 0.0))[turned]
     return Answer(distance, distance * relative, force, force_std)
-
-
-_FEWEST_PERIODS, _FEWEST_SAMPLES = 2.0, 12
-_NODES, _FINER = 65, 8  # places at which the first mode is exact; how much finer than its own the periodogram is
 
 
 def dynamic_active_antenna(press: Press) -> Answer:
