@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import re
 import shutil
+from itertools import count
 from pathlib import Path
 
 import cv2
@@ -12,6 +13,8 @@ import numpy as np
 import pytest
 
 from estimator.contact import overlay
+from estimator.contact.estimate import ContactEstimator
+from estimator.contact.recording import FrameContact
 
 from ..hostile import damage
 from .conftest import PICTURES, Call, grey, noise, refused, repaint, smaller
@@ -81,16 +84,15 @@ def test_nothing_is_left_behind(
     if when == "before the work":
         damage.cut(0.7)(session / PICTURES["recording"])
     else:
-        written: list[str] = []
+        pictures = count()
 
-        def full(image: np.ndarray, image_size: tuple[int, int], folder: Path, name: str) -> None:
-            written.append(name)
-            if len(written) == 3:
-                raise OSError(28, "No space left on device", str(folder / name))
-            write(image, image_size, folder, name)
+        def full(estimator: ContactEstimator, item: FrameContact) -> np.ndarray:
+            if next(pictures) == 2:
+                raise OSError(28, "No space left on device", str(tmp_path / "seen"))
+            return frame_picture(estimator, item)
 
-        write = overlay._write
-        monkeypatch.setattr(overlay, "_write", full)
+        frame_picture = overlay.frame_picture
+        monkeypatch.setattr(overlay, "frame_picture", full)
     before = left(tmp_path)
     said = drawn(tmp_path / "seen")
     assert said.code == 2

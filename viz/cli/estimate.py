@@ -6,12 +6,11 @@ import argparse
 import math
 from array import array
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from estimator.contact.estimate import ContactEstimator
     from estimator.table.contacts import ContactRow
     from vbaa_calib.rig import Rig
     from vbaa_calib.session import Frame, Session
@@ -99,14 +98,18 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 def _estimate(args: argparse.Namespace) -> dict[str, Any]:
     """contacts.csv, and what became of the frames."""
+    from contextlib import ExitStack
     from dataclasses import replace
 
     import numpy as np
 
     from estimator.contact.drift import summary
     from estimator.contact.estimate import ContactEstimator
+    from estimator.contact.overlay import overlaid
+    from estimator.contact.recording import estimate_recording, read_ground
+    from estimator.table.contacts import ContactRow
     from estimator.table.files import write_contacts
-    from vbaa_calib.core.console import say
+    from vbaa_calib.core.console import progress, say
     from vbaa_calib.rig import Rig
     from vbaa_calib.session import DRIFTS as drifts
     from vbaa_calib.session import check_pictures, load_session
@@ -118,10 +121,26 @@ def _estimate(args: argparse.Namespace) -> dict[str, Any]:
     frames = _frames(session, rig, args.no_moment)
     pictures = [frame.image for frame in frames if frame.image is not None]
     check_pictures(pictures, rig.camera.image_size, "the rig was calibrated at")
-    tally = _Tally()
-    write_contacts(args.output, tally.counted(_rows(args, estimator, session, frames)), args.force)
-    say(f"{len(frames)} frames: " + ", ".join(f"{count} {status}" for status, count in tally.status.most_common()))
-    located = float(np.median(tally.distance_std_m)) if tally.distance_std_m else None
+    statuses, models, std_m = Counter[str](), Counter[str](), array("d")  # all that is kept of the rows
+
+    def rows() -> Iterator[ContactRow]:
+        """Of every frame, each drawn into the overlay folder on its way where one is asked for."""
+        ground = None if args.background is None else read_ground(rig, args.background)
+        found = progress(estimate_recording(estimator, session, frames, ground), "contacts", len(frames))
+        with ExitStack() as stack:
+            if args.overlay is not None:
+                found = stack.enter_context(overlaid(found, estimator, args.overlay, args.force))
+            for item in found:
+                row = ContactRow.of(item.frame, item.contact)
+                statuses[row.status] += 1
+                models[row.model] += 1
+                if math.isfinite(row.distance_std_m):
+                    std_m.append(row.distance_std_m)
+                yield row
+
+    write_contacts(args.output, rows(), args.force)
+    say(f"{len(frames)} frames: " + ", ".join(f"{count} {status}" for status, count in statuses.most_common()))
+    located = float(np.median(std_m)) if std_m else None
     if located is not None:
         say(f"contact distance known to {1e3 * located:.2f} mm (median standard deviation)")
     changed = summary(estimator.drift)
@@ -141,8 +160,8 @@ def _estimate(args: argparse.Namespace) -> dict[str, Any]:
         "contacts": str(args.output),
         "overlay": None if args.overlay is None else str(args.overlay),
         "frames": len(frames),
-        "status": dict(tally.status),
-        "models": dict(tally.models),
+        "status": dict(statuses),
+        "models": dict(models),
         "distance_std_median_m": located,
         "drift": changed,
     }
@@ -166,41 +185,3 @@ def _frames(session: Session, rig: Rig, no_moment: bool) -> list[Frame]:
     if rig.second_moment_sensor is None and not all(np.isnan(frame.moment_z_Nm) for frame in frames):
         say("moment_z_Nm is left aside: rig.json has no second_moment_sensor")
     return frames
-
-
-def _rows(
-    args: argparse.Namespace, estimator: ContactEstimator, session: Session, frames: Sequence[Frame]
-) -> Iterator[ContactRow]:
-    """A row for every frame, each drawn into the overlay folder on its way where one is asked for."""
-    from contextlib import ExitStack
-
-    from estimator.contact.overlay import overlaid
-    from estimator.contact.recording import estimate_recording, read_ground
-    from estimator.table.contacts import ContactRow
-    from vbaa_calib.core.console import progress
-
-    ground = None if args.background is None else read_ground(estimator.rig, args.background)
-    found = progress(estimate_recording(estimator, session, frames, ground), "contacts", len(frames))
-    with ExitStack() as stack:
-        if args.overlay is not None:
-            found = stack.enter_context(overlaid(found, estimator, args.overlay, args.force))
-        for item in found:
-            yield ContactRow.of(item.frame, item.contact)
-
-
-class _Tally:
-    """What became of the rows that have passed: a few numbers of each are kept."""
-
-    def __init__(self) -> None:
-        self.status: Counter[str] = Counter()
-        self.models: Counter[str] = Counter()
-        self.distance_std_m = array("d")
-
-    def counted(self, rows: Iterable[ContactRow]) -> Iterator[ContactRow]:
-        """The same rows."""
-        for row in rows:
-            self.status[row.status] += 1
-            self.models[row.model] += 1
-            if math.isfinite(row.distance_std_m):
-                self.distance_std_m.append(row.distance_std_m)
-            yield row
