@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -38,8 +39,7 @@ _PLACE_OFF, _DISTANCE_OFF, _TILT_OFF_RAD, _ROLL_OFF_RAD = 0.12, 0.2, np.radians(
 _SAY = 0.6
 
 
-@dataclass(frozen=True, eq=False)
-class _HeldPose:
+class _HeldPose(NamedTuple):
     """How a board is held before the camera.
 
     place : (2,) of its middle in the picture, 0 to 1 from the upper left. distance_m : of its middle.
@@ -55,8 +55,7 @@ class _HeldPose:
     roll_rad: float
 
 
-@dataclass(frozen=True, eq=False)
-class _ViewCandidate:
+class _ViewCandidate(NamedTuple):
     """A pose of the board, and the ids (N,) of the corners that are visible with all their markers."""
 
     held: _HeldPose
@@ -128,7 +127,7 @@ def coarse_poses(design: LensDesign, spec: BoardSpec, near_m: float, far_m: floa
 def _finer_poses(best: _HeldPose, near_m: float, far_m: float) -> list[_HeldPose]:
     """Poses near the best so far: other places, distances and tilts, and a quarter turn."""
     places = [(best.place[0] + dx, best.place[1] + dy) for dx in (-0.08, 0.0, 0.08) for dy in (-0.08, 0.0, 0.08)]
-    held = [replace(best, place=place) for place in places]
+    held = [best._replace(place=place) for place in places]
     for ratio in (0.8, 1.0, 1.25):
         distance = float(np.clip(ratio * best.distance_m, near_m, far_m))
         for tilt in np.radians((0.0, 25.0, 38.0, 50.0)):

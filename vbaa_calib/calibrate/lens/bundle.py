@@ -138,17 +138,15 @@ def refine(
     start: Bundle, observations: Sequence[Observation], rules: Rules = CONVERGED, robust: bool = False
 ) -> Bundle:
     """Levenberg–Marquardt on the reprojection error; robust : by Cauchy's loss, so gross errors do not pull."""
-    problem = _Problem(observations, np.ones(sum(len(view.pixels) for view in observations)))
+    weights = np.ones(sum(len(view.pixels) for view in observations))
     if robust:
-        at, weights = start, cauchy_weights(np.linalg.norm(rows(start, observations)[0], axis=1))
+        weights = cauchy_weights(np.linalg.norm(rows(start, observations)[0], axis=1))
         for _ in range(_REWEIGHTINGS):
-            problem = replace(problem, weights=weights)
-            system = problem.descended(at, _FEW_STEPS)
-            at, weights = system.bundle, cauchy_weights(np.linalg.norm(system.residuals_px, axis=1))
-            if np.abs(weights - problem.weights).max() < _CONVERGED_WEIGHTS:
+            before, system = weights, _descended(start, observations, weights, _FEW_STEPS)
+            start, weights = system.bundle, cauchy_weights(np.linalg.norm(system.residuals_px, axis=1))
+            if np.abs(weights - before).max() < _CONVERGED_WEIGHTS:
                 break
-        start, problem = at, replace(problem, weights=weights)
-    system = problem.descended(start, rules)
+    system = _descended(start, observations, weights, rules)
     return replace(system.bundle, residuals_px=tuple(np.split(system.residuals_px, system.bounds[1:-1])))
 
 
@@ -164,34 +162,6 @@ def residuals_px(bundle: Bundle, observations: Sequence[Observation]) -> list[np
     return np.split(residuals, bounds[1:-1])
 
 
-@dataclass(frozen=True, eq=False)
-class _Problem:
-    """What is minimised: the weighted corners, and what keeps the lens from folding."""
-
-    observations: Sequence[Observation]
-    weights: np.ndarray
-
-    def linearised(self, bundle: Bundle) -> _System:
-        residuals, by_shared, by_pose, bounds = rows(bundle, self.observations)
-        columns = np.concatenate([by_shared @ bundle.directions, residuals[..., None], by_pose], axis=-1)
-        blocks = view_products(columns * np.sqrt(self.weights)[:, None, None], bounds)
-        total = blocks[:, :-6, :-6].sum(axis=0)
-        if bundle.unfolding is not None:
-            lacking, by_lens = bundle.unfolding.rows(bundle.model, bundle.intrinsics)
-            held = np.column_stack([by_lens @ bundle.directions[:-FLEX], lacking])
-            total = total + held.T @ held
-        cost, coupling, poses = float(total[-1, -1]), blocks[:, -6:, :-6], blocks[:, -6:, -6:]
-        return _System(bundle, residuals, bounds, cost, total, coupling, poses)
-
-    def moved(self, system: _System, step: np.ndarray) -> _System:
-        directions = system.bundle.directions
-        shared, poses = np.split(step, [directions.shape[1]])
-        return self.linearised(system.bundle.moved(directions @ shared, poses.reshape(-1, 6)))
-
-    def descended(self, bundle: Bundle, rules: Rules) -> _System:
-        return levenberg_marquardt(self.linearised(bundle), _step, self.moved, rules).at
-
-
 class _System(NamedTuple):
     """The normal equations at a bundle; the last row and column of `total` and `coupling` are the residuals'."""
 
@@ -204,11 +174,32 @@ class _System(NamedTuple):
     poses: np.ndarray
 
 
-def _step(system: _System, damping: float) -> tuple[np.ndarray, float]:
-    """Steps of what is shared and of the poses, and what they take off the cost if the problem is linear, or less."""
-    damped = system.total + damping * np.diag(np.append(np.diag(system.total)[:-1], 0.0))
-    reduced, through = schur_complement(damped, system.coupling, system.poses * (1.0 + damping * np.eye(6)))
-    shared = solve_scaled(reduced[:-1, :-1], reduced[:-1, -1])
-    poses = through[..., -1] - through[..., :-1] @ shared
-    promise = float(system.total[:-1, -1] @ shared + np.sum(system.coupling[..., -1] * poses))
-    return np.concatenate([shared, poses.ravel()]), promise
+def _descended(bundle: Bundle, observations: Sequence[Observation], weights: np.ndarray, rules: Rules) -> _System:
+    """The least cost of the corners with weights (N,), and of what keeps the lens from folding."""
+
+    def linearised(bundle: Bundle) -> _System:
+        residuals, by_shared, by_pose, bounds = rows(bundle, observations)
+        columns = np.concatenate([by_shared @ bundle.directions, residuals[..., None], by_pose], axis=-1)
+        blocks = view_products(columns * np.sqrt(weights)[:, None, None], bounds)
+        total = blocks[:, :-6, :-6].sum(axis=0)
+        if bundle.unfolding is not None:
+            lacking, by_lens = bundle.unfolding.rows(bundle.model, bundle.intrinsics)
+            held = np.column_stack([by_lens @ bundle.directions[:-FLEX], lacking])
+            total = total + held.T @ held
+        cost, coupling, poses = float(total[-1, -1]), blocks[:, -6:, :-6], blocks[:, -6:, -6:]
+        return _System(bundle, residuals, bounds, cost, total, coupling, poses)
+
+    def step(system: _System, damping: float) -> tuple[np.ndarray, float]:
+        damped = system.total + damping * np.diag(np.append(np.diag(system.total)[:-1], 0.0))
+        reduced, through = schur_complement(damped, system.coupling, system.poses * (1.0 + damping * np.eye(6)))
+        shared = solve_scaled(reduced[:-1, :-1], reduced[:-1, -1])
+        poses = through[..., -1] - through[..., :-1] @ shared
+        promise = float(system.total[:-1, -1] @ shared + np.sum(system.coupling[..., -1] * poses))
+        return np.concatenate([shared, poses.ravel()]), promise
+
+    def moved(system: _System, step: np.ndarray) -> _System:
+        directions = system.bundle.directions
+        shared, poses = np.split(step, [directions.shape[1]])
+        return linearised(system.bundle.moved(directions @ shared, poses.reshape(-1, 6)))
+
+    return levenberg_marquardt(linearised(bundle), step, moved, rules).at

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -181,16 +182,12 @@ def _rms(residual: np.ndarray) -> float:
     return float(np.sqrt(2.0 * np.mean(residual**2)))
 
 
-@dataclass(frozen=True, eq=False)
-class _Point:
-    """A pose, and the corners' residuals and their derivatives by its tangent there."""
+class _Point(NamedTuple):
+    """A pose, the corners' residuals and their derivatives by its tangent there, and their cost."""
 
     pose: Pose
     rows: Linearised
-
-    @property
-    def cost(self) -> float:
-        return self.rows.cost
+    cost: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,7 +219,7 @@ class _Corners:
 
         def linearised(pose: Pose) -> _Point:
             rows = Linearised(np.zeros(6), self.residual(pose), self.derivatives(pose)[0], 0, loss=loss)
-            return _Point(pose, rows)
+            return _Point(pose, rows, rows.cost)
 
         def step(at: _Point, damping: float) -> tuple[np.ndarray, float]:
             return at.rows.step(damping)
