@@ -75,7 +75,7 @@ def obeyed(tmp_path_factory: pytest.TempPathFactory) -> Seen:
     """The lens by an obedient camera, the page looking on."""
     with rig(tmp_path_factory.mktemp("obeyed")) as state:
         watching = Watching()
-        ui = Ui(watching, Page(state, {name: step.title for name, step in STEP_BY_NAME.items()}))
+        ui = Ui(watching, Page(state))
         try:
             ui.begin(LENS)
             end = Capture(state, ui, LENS, ObedientCamera(lambda: guidance(state), MOST_FRAMES)).run()

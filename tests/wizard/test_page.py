@@ -75,7 +75,7 @@ def led(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Dialogue]:
     monkeypatch.setattr("vbaa_calib.wizard.page.PageServer", Shown)
     monkeypatch.setattr(SessionState, "views", lambda *_: [SimpleNamespace(corners_px=np.array([[5.0, 5.0]]))])
     with Store(tmp_path / "rig") as store:
-        page = Page(SessionState(store), {name: step.title for name, step in STEP_BY_NAME.items()})
+        page = Page(SessionState(store))
         shown = page._server
         assert isinstance(shown, Shown)
         yield Dialogue(Ui(page, interactive=True), page, shown, store)

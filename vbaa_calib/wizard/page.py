@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import asdict
 from typing import Any
 
@@ -13,6 +13,7 @@ from .questions import STEPS, typed
 from .server import PageServer
 from .session_state import SessionState
 from .step import counted
+from .steps import STEP_BY_NAME
 from .ui import LivePicture, Ui, View
 
 _COLUMNS, _ROWS = 12, 8
@@ -21,10 +22,10 @@ _NOT_STILL: dict[str, Any] = {"hold": 0.0, "suggested_px": None, "suggestion": "
 
 
 class Page(View):
-    """The view in a browser. titles : of the steps by name."""
+    """The view in a browser."""
 
-    def __init__(self, state: SessionState, titles: Mapping[str, str], port: int = 0) -> None:
-        self._state, self._titles, self._server = state, titles, PageServer(port)
+    def __init__(self, state: SessionState, port: int = 0) -> None:
+        self._state, self._server = state, PageServer(port)
         self._live: dict[str, Any] | None = None
         self._jpeg: bytes | None = None
         # numbers of states: the last one; the first that commands may be meant for; the first with the question
@@ -71,12 +72,12 @@ class Page(View):
         texts = {name: getattr(step, name, "") for name in ("name", "title", "what", "why")}
         verdict = {"level": ui.document["verdict"], "words": ui.document["words"]} if ui.document else None
         lines = []
-        for name in STEPS:
+        for name, one in STEP_BY_NAME.items():
             record = self._state.store.journal.of(name)
             now = step is not None and name == step.name and not ui.document
             status = "now" if now else "done" if record.closed or ui.document else "todo"
             note = counted(len(record.taken), "picture") if record.taken else ""
-            lines.append({"name": name, "title": self._titles[name], "status": status, "note": note})
+            lines.append({"name": name, "title": one.title, "status": status, "note": note})
         state = {
             "session": str(self._state.store.root),
             "steps": lines,

@@ -107,24 +107,23 @@ def _answers_given(args: argparse.Namespace) -> dict[str, Any]:
 
 def _run(args: argparse.Namespace, store: Store, given: dict[str, Any]) -> dict[str, Any]:
     from vbaa_calib.wizard.asking import adopt, check_together, set_unlisted_aside
-    from vbaa_calib.wizard.flow import STEP_BY_NAME, Quit, redo, walk
+    from vbaa_calib.wizard.flow import Quit, redo, walk
     from vbaa_calib.wizard.session_state import SessionState
     from vbaa_calib.wizard.steps import REPORT
     from vbaa_calib.wizard.ui import Interrupted, Ui
     from viz.report import check as report
 
     state, ui, url = SessionState(store), Ui(), ""
-    titles = {name: step.title for name, step in STEP_BY_NAME.items()}
     # a stream is None where it was closed
     if not args.batch and all(stream is not None and stream.isatty() for stream in (sys.stdin, sys.stderr)):
         from vbaa_calib.wizard.page import Page
         from vbaa_calib.wizard.terminal import Terminal
 
-        page = None if args.no_page else Page(state, titles, args.port)
+        page = None if args.no_page else Page(state, args.port)
         url = "" if page is None else page.url
         ui = Ui(Terminal(), *([page] if page else []), interactive=True)
     try:
-        ui.greet(_greeting(store, args.session, url, titles))
+        ui.greet(_greeting(store, args.session, url))
         adopt(store, ui)
         # first: a picture that was changed is unlisted from then on
         if lost := store.forget_lost():
@@ -158,8 +157,11 @@ def _run(args: argparse.Namespace, store: Store, given: dict[str, Any]) -> dict[
         ui.close()
 
 
-def _greeting(store: Store, session: Path, url: str, titles: Mapping[str, str]) -> list[str]:
-    """Paragraphs for whoever starts the wizard. url : of the live page, "" for none. titles : of the steps."""
+def _greeting(store: Store, session: Path, url: str) -> list[str]:
+    """Paragraphs for whoever starts the wizard. url : of the live page, "" for none."""
+    from vbaa_calib.wizard.steps import STEP_BY_NAME
+
+    titles = {name: step.title for name, step in STEP_BY_NAME.items()}
     lines = [
         "From a camera and a steel whisker to a calibrated rig. You need: the camera, fixed and focused, its autofocus "
         "off; the antenna with its moment sensor; a printer, a ruler or caliper, and something flat to glue the board "
