@@ -116,7 +116,7 @@ def test_the_chance_of_a_change_is_what_it_says() -> None:
     rng = np.random.default_rng(0)
     for factor in (1.0, 5.0):
         chances = []
-        for _ in range(120):
+        for _ in range(80):
             strength = rng.uniform(0.2, 3.0, 12)
             information = np.diag(strength**2)
             score = factor * strength * rng.normal(size=12)

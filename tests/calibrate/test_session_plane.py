@@ -7,11 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution, solve_intrinsics
 from vbaa_calib.calibrate.pipeline import calibrate
 from vbaa_calib.calibrate.plane_c import PlaneViews, find_plane, picture_folders, read_views
 from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.files import read_yaml
 from vbaa_calib.detect.board.corners import detect_folder
 from vbaa_calib.geometry import Pose
 from vbaa_calib.session import Session, load_session
@@ -19,11 +21,11 @@ from vbaa_calib.simulate.scene.scene import Scene, bundled_scene
 from vbaa_calib.simulate.scene.scene_file import load_scene
 from vbaa_calib.simulate.write import write_session
 
-WAYS = """
-kinematics: {axis_offset_m: 0.002, axis_skew_deg: 0.3, tilt_zero_deg: 0.25}
-sweep: true
-over: {height_m: 0.012, center_m: [0.13, 0.0], turn_deg: 8.0, pictures: 1}
-"""
+WAYS = {
+    "kinematics": {"axis_offset_m": 0.002, "axis_skew_deg": 0.3, "tilt_zero_deg": 0.25},
+    "sweep": True,
+    "over": {"height_m": 0.012, "center_m": [0.13, 0.0], "turn_deg": 8.0, "pictures": 1},
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,8 +41,12 @@ class Rendered:
 @pytest.fixture(scope="module")
 def rendered(tmp_path_factory: pytest.TempPathFactory) -> Rendered:
     folder = tmp_path_factory.mktemp("ways")
-    source = bundled_scene("upright_knife").read_text(encoding="utf-8")
-    (folder / "scene.yaml").write_text(source + WAYS, encoding="utf-8")
+    data = read_yaml(bundled_scene("upright_knife")) | WAYS
+    # two thirds of the picture, and fewer of the board
+    data["camera"]["image_size"] = [640, 480]
+    data["camera"]["matrix"] = [[645.3, 0.0, 321.9], [0.0, 646.7, 236.8], [0.0, 0.0, 1.0]]
+    data["intrinsics"]["pictures"] = 14
+    (folder / "scene.yaml").write_text(yaml.safe_dump(data), encoding="utf-8")
     scene = load_scene(folder / "scene.yaml")
     stroke = replace(scene.recording.sweeps[0], frames=1, free_frames=0)
     scene = replace(scene, recording=replace(scene.recording, sweeps=(stroke,)))

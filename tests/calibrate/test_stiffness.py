@@ -101,14 +101,14 @@ def test_the_fit_is_the_least_squares_one(forward) -> None:
 
 @pytest.mark.parametrize("correlation_length_m", [pytest.param(0.0, marks=pytest.mark.slow), 0.06])
 def test_the_95_percent_interval_covers(correlation_length_m: float) -> None:
-    """200 tables each, plain scatter and errors shared by neighbours."""
+    """100 tables each, plain scatter and errors shared by neighbours; deviations too small by a third are found out."""
     rng = np.random.default_rng(11)
     inside = 0
-    for _ in range(200):
+    for _ in range(100):
         table = stiff_table(rng, length_m=correlation_length_m)
         low, high = solve_stiffness(table, FORCE_N, LENGTH_m, clamp_share_std=0.0).interval_Nm2
         inside += low <= EI <= high
-    assert 180 <= inside <= 198
+    assert 90 <= inside <= 99
 
 
 @pytest.mark.slow

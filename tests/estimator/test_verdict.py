@@ -137,7 +137,7 @@ def test_a_camera_that_was_knocked_is_said() -> None:
     knocked[3:6] = 1e-3
     contact = judged(seen, INCLINED.moved(knocked).rig(STD))
     assert contact.status == "failed" or "check the rig" in contact.reason
-    knocked[3:6] = 2e-2
+    knocked[3:6] = 3e-3
     assert judged(seen, INCLINED.moved(knocked).rig(STD)).status == "failed"
 
 
