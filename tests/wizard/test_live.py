@@ -2,25 +2,131 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation, Slerp
 
+from benchmarks.guided.rigs import rigs, wanted_pose
 from targets.sheet import spec_document
+from vbaa_calib.calibrate.guide.next_view import ViewProgress
+from vbaa_calib.geometry import Pose
+from vbaa_calib.simulate.render.board import board_patch, print_sheet
+from vbaa_calib.simulate.render.picture import digitise, expose, studio, surroundings
+from vbaa_calib.simulate.scene.lens import Lens
 from vbaa_calib.wizard.capture import Capture
 from vbaa_calib.wizard.flow import STEP_BY_NAME
 from vbaa_calib.wizard.page import Page
 from vbaa_calib.wizard.session_state import SessionState
+from vbaa_calib.wizard.sources.picture import Picture, frame_picture
 from vbaa_calib.wizard.step import Progress
 from vbaa_calib.wizard.steps import guidance
 from vbaa_calib.wizard.store import StepRecord, Store
 from vbaa_calib.wizard.ui import LivePicture, Ui, View
 
-from .obedient_camera import RIG, ObedientCamera
+RIG = rigs()[1]
+FPS = 6.0
+MOVING_FRAMES, PATIENCE_FRAMES = 3, 9
+_DOWN = np.diag([1.0, -1.0, -1.0])
+_TREMBLE_M, _TREMBLE_RAD = 3e-5, 1e-4
+_SLIP_RAD, _SLIP_SHARE = np.radians(4.0), 0.03
+_EXPOSURE = 0.4
+"""Of the time from frame to frame."""
+
+
+class ObedientCamera:
+    """A live source of rendered frames of `RIG`. `wanted` says where the board should be; it ends after `frames`.
+
+    Whoever holds the board goes to the pose that is wanted in a few frames and stays there, trembling; when nothing
+    happens, somewhere beside it. The first frame shows no board. Depends on nothing but what is wanted.
+    """
+
+    live = True
+
+    def __init__(self, wanted: Callable[[], ViewProgress], frames: int) -> None:
+        self.name = "obedient"
+        self.notes: tuple[str, ...] = ()
+        self.ended, self.number = False, 0
+        self._wanted, self._frames = wanted, frames
+        self._rng = np.random.default_rng(0)
+        lens = Lens(RIG.camera.model, RIG.image_size, RIG.camera.matrix, RIG.camera.distortion)
+        assert RIG.picture is not None
+        self._studio, self._sheet = studio(lens, RIG.picture, self._rng), print_sheet(RIG.board)
+        self._behind = surroundings(self._studio, _DOWN)
+        self._at = self._from = self._to = WorkPose.of(Pose(np.eye(3), np.array([-0.05, -0.04, 0.5])))
+        self._for: object = None
+        self._since = 0
+
+    def next(self, timeout_s: float) -> Picture | None:
+        """The next frame."""
+        if self.ended:
+            return None
+        number, self.number = self.number, self.number + 1
+        self.ended = self.number >= self._frames
+        pixels = self._frame() if number else self._shot([None])
+        return frame_picture(f"frame {number}", pixels, number / FPS)
+
+    def close(self) -> None:
+        """Nothing is held open."""
+
+    def _frame(self) -> np.ndarray:
+        now = self._wanted()
+        if now.suggestion is not self._for or self._since > MOVING_FRAMES + PATIENCE_FRAMES:
+            beside = now.suggestion is self._for
+            self._for, self._since, self._from = now.suggestion, 0, self._at
+            if now.suggestion is not None:
+                camera = None if now.solution is None else now.solution.camera
+                wanted = WorkPose.of(wanted_pose(now.suggestion, RIG, camera))
+                self._to = wanted.moved(self._rng, _SLIP_RAD, _SLIP_SHARE * wanted.shift[2]) if beside else wanted
+        before, self._since = self._at, self._since + 1
+        part = min(self._since / MOVING_FRAMES, 1.0)
+        self._at = self._from.towards(self._to, part)
+        if part < 1.0 or self._since == MOVING_FRAMES:
+            return self._shot([before.towards(self._at, share) for share in np.linspace(1 - _EXPOSURE, 1, 3)])
+        self._at = self._to.moved(self._rng, _TREMBLE_RAD, _TREMBLE_M)
+        return self._shot([self._at])
+
+    def _shot(self, poses: Sequence[WorkPose | None]) -> np.ndarray:
+        """A frame during which the board was at these poses, or nowhere."""
+        light = np.zeros_like(self._behind)
+        for pose in poses:
+            patch = None if pose is None else board_patch(self._studio, self._sheet, pose.pose, _DOWN)
+            light += expose(self._studio, self._behind, [] if patch is None else [patch])
+        return digitise(self._studio.spec, light / len(poses), self._rng)
+
+
+class WorkPose:
+    """A pose of the board that can be gone to: turn and place of T_camera_board."""
+
+    def __init__(self, turn: Rotation, shift: np.ndarray) -> None:
+        self.turn, self.shift = turn, shift
+
+    @staticmethod
+    def of(pose: Pose) -> WorkPose:
+        """From a pose."""
+        return WorkPose(Rotation.from_matrix(pose.rotation), pose.translation_m)
+
+    @property
+    def pose(self) -> Pose:
+        """T_camera_board."""
+        return Pose(self.turn.as_matrix(), self.shift)
+
+    def towards(self, other: WorkPose, part: float) -> WorkPose:
+        """A part of the way."""
+        turns = Rotation.concatenate([self.turn, other.turn])
+        return WorkPose(Slerp([0.0, 1.0], turns)(part), (1 - part) * self.shift + part * other.shift)
+
+    def moved(self, rng: np.random.Generator, turn_rad: float, shift_m: float) -> WorkPose:
+        """By chance."""
+        return WorkPose(
+            Rotation.from_rotvec(turn_rad * rng.normal(size=3)) * self.turn, self.shift + shift_m * rng.normal(size=3)
+        )
+
 
 MOST_FRAMES = 150
 LENS = STEP_BY_NAME["lens"]
