@@ -63,20 +63,19 @@ def _frame_truth(scene: Scene, touched: Touch, index: int, T_world_antenna: Pose
     return dict.fromkeys(truth) | {"in_contact": False, "force_N": [0.0, 0.0, 0.0], "sticks": False}
 
 
+def _plain(data: Any) -> dict[str, Any]:
+    """A dataclass as JSON has it: lists for arrays, null for what is infinite."""
+    fields = {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in vars(data).items()}
+    return {name: None if value == np.inf else value for name, value in fields.items()}
+
+
 def _rig_truth(scene: Scene, rod: Rod) -> dict[str, Any]:
     """The rig, its sensors and the object, in the units that their names say."""
-    obj = scene.object
-    rigid = not np.isfinite(obj.stiffness_N_m)
     return {
         "schema": "vbaa.truth/1",
         "scene": scene.name,
         "seed": scene.seed,
-        "camera": {
-            "model": scene.lens.model,
-            "image_size": list(scene.lens.image_size),
-            "matrix": scene.lens.matrix.tolist(),
-            "distortion": scene.lens.distortion.tolist(),
-        },
+        "camera": _plain(scene.lens),
         "T_antenna_camera": scene.T_antenna_camera.to_dict(),
         "stiffness_Nm2": rod.bending_stiffness_Nm2,
         "antenna": {
@@ -88,25 +87,8 @@ def _rig_truth(scene: Scene, rod: Rod) -> dict[str, Any]:
             "clamp_angle_rad": scene.true.clamp_angle_rad.tolist(),
             "natural_curvature_per_m": rod.natural_curvature_per_m.tolist(),
         },
-        "moment_sensor": {
-            "gain": scene.moment.gain,
-            "offset_Nm": scene.moment.offset_Nm,
-            "std_Nm": scene.moment.std_Nm,
-        },
-        "object": {
-            "shape": obj.shape,
-            "center_world_m": obj.center_world_m.tolist(),
-            "axis_world": obj.axis_world.tolist(),
-            "wedge_world": obj.wedge_world.tolist(),
-            "radius_m": obj.radius_m,
-            "half_length_m": obj.half_length_m,
-            "stiffness_N_m": None if rigid else obj.stiffness_N_m,
-            "friction": obj.friction,
-            "bumps": [
-                {"direction_world": one.direction_world.tolist(), "height_m": one.height_m, "width_m": one.width_m}
-                for one in obj.bumps
-            ],
-        },
+        "moment_sensor": _plain(scene.moment),
+        "object": _plain(scene.object) | {"bumps": [_plain(bump) for bump in scene.object.bumps]},
     }
 
 

@@ -61,7 +61,7 @@ class _Camera:
     matrix: Annotated[np.ndarray, ReadAs(Annotated[np.ndarray, ArrayOf(3, 3)], _camera_matrix)]
     distortion: Annotated[list[Number], Strict()] = field(default_factory=list)
     model: Literal["opencv", "fisheye"] = "opencv"
-    pose: _LookAt | None = None
+    pose: Annotated[Pose, ReadAs(_LookAt, lambda read: camera_pose(**vars(read)))] | None = None
     T_antenna_camera: FilePose | None = None
 
 
@@ -75,11 +75,9 @@ def _lens_and_pose(read: _Camera) -> tuple[Lens, Pose]:
         raise ValueError("folds back or has a pole inside the picture", "distort less", "distortion")
     if (read.pose is None) == (read.T_antenna_camera is None):
         raise ValueError("and T_antenna_camera: exactly one is needed", "give one of the two", "pose")
-    if read.T_antenna_camera is not None:
-        return lens, read.T_antenna_camera
-    assert read.pose is not None
-    look = read.pose
-    return lens, camera_pose(look.inclination_rad, look.azimuth_rad, look.roll_rad, look.distance_m, look.look_at_m)
+    pose = read.pose or read.T_antenna_camera
+    assert pose is not None
+    return lens, pose
 
 
 def _direction(vector: np.ndarray) -> np.ndarray:
