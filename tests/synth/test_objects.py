@@ -1,4 +1,4 @@
-"""Box edge and free form: distance, scene file, and how the camera sees them."""
+"""The objects: distance, scene file, rays, and how the camera sees them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_yaml
 from vbaa_calib.geometry import Pose
-from vbaa_calib.simulate.render.object import cast, object_layer, pressed_in
+from vbaa_calib.simulate.render.object import cast, object_layer, obstacle, pressed_in
 from vbaa_calib.simulate.scene.objects import BOX_FACE_M, Bump, TouchObject, surface_radius
 from vbaa_calib.simulate.scene.scene import bundled_scene
 from vbaa_calib.simulate.scene.scene_file import load_scene
@@ -31,16 +31,35 @@ BUMPS = (
 )
 
 
-def box(**kwargs: float) -> TouchObject:
-    return TouchObject("box_edge", CENTRE, AXIS, 4e-3, 0.05, wedge_world=WEDGE, **kwargs)
+ORIGIN = np.array([0.05, -0.1, 0.35])
+CAMERA = Pose(np.diag([1.0, -1.0, -1.0]), np.array([0.14, 0.0, 0.36]))
 
 
-def freeform(**kwargs: float) -> TouchObject:
-    return TouchObject("freeform", CENTRE, AXIS, 0.03, 1.0, bumps=BUMPS, **kwargs)
+def solid(shape: str, radius_m: float = 0.02, half_length_m: float = 0.06) -> TouchObject:
+    return TouchObject(shape, CENTRE, AXIS, radius_m, half_length_m, wedge_world=WEDGE)
 
 
-@pytest.mark.parametrize("obj", [box(), freeform()], ids=["box", "free form"])
-def test_distance_has_the_normal_as_gradient_and_ends_on_the_surface(obj: TouchObject) -> None:
+def box() -> TouchObject:
+    return solid("box_edge", 4e-3, 0.05)
+
+
+def freeform() -> TouchObject:
+    return TouchObject("freeform", CENTRE, AXIS, 0.03, 1.0, bumps=BUMPS)
+
+
+def rays(count: int, spread_m: float) -> np.ndarray:
+    """From `ORIGIN` past the object's middle."""
+    return CENTRE + np.random.default_rng(2).uniform(-spread_m, spread_m, (count, 3)) - ORIGIN
+
+
+EVERY = {
+    each.shape: each for each in (solid("cylinder"), solid("sphere"), solid("knife_edge", 2e-4), box(), freeform())
+}
+
+
+@pytest.mark.parametrize("shape", EVERY)
+def test_distance_has_the_normal_as_gradient_and_ends_on_the_surface(shape: str) -> None:
+    obj = EVERY[shape]
     rng = np.random.default_rng(3)
     points = CENTRE + 0.05 * rng.normal(size=(4, 60, 3))
     distance, normal = obj.signed_distance(points)
@@ -88,36 +107,94 @@ def test_the_box_is_two_planes_that_meet_in_a_rounding() -> None:
     np.testing.assert_array_equal(box().within(CENTRE + np.array([[-0.049], [0.051]]) * AXIS), [True, False])
 
 
-@pytest.mark.parametrize("obj", [box(), freeform()], ids=["box", "free form"])
-def test_rays_end_on_the_surface_and_missing_ones_never_touch_it(obj: TouchObject) -> None:
-    origin = np.array([0.05, -0.1, 0.35])
-    directions = CENTRE + np.random.default_rng(2).uniform(-0.06, 0.06, (1500, 3)) - origin
-    hits = cast(obj, origin, directions)
+@pytest.mark.parametrize("shape", ["cylinder", "sphere", "box_edge", "freeform"])
+def test_rays_end_on_the_surface_and_missing_ones_never_touch_it(shape: str) -> None:
+    obj, exact = EVERY[shape], shape in ("cylinder", "sphere")
+    directions = rays(3000, 0.05)
+    hits = cast(obj, ORIGIN, directions)
     hit = np.isfinite(hits.depth)
-    assert 200 < hit.sum() < 1400
+    assert 200 < hit.sum() < 2800
     on = hit & (hits.face == 0)
-    distance, normal = obj.signed_distance(origin + hits.depth[on, None] * directions[on])
-    np.testing.assert_allclose(distance, 0.0, atol=3e-6)
-    np.testing.assert_allclose(hits.normal[on], normal, atol=1e-3)
+    distance, normal = obj.signed_distance(ORIGIN + hits.depth[on, None] * directions[on])
+    np.testing.assert_allclose(distance, 0.0, atol=1e-12 if exact else 3e-6)
+    np.testing.assert_allclose(hits.normal[on], normal, atol=1e-9 if exact else 1e-3)
     assert ((hits.normal[hit] * directions[hit]).sum(axis=1) < 1e-3).all()
-    along = origin + np.linspace(0.6, 1.6, 80)[:, None, None] * directions[~hit]
+    along = ORIGIN + np.linspace(0.5, 1.6, 90)[:, None, None] * directions[~hit]
     bodies = obj.signed_distance(along)[0]
-    if obj.shape == "box_edge":
-        depth = (along - CENTRE) @ obj.into_faces.T - BOX_FACE_M
-        ends = np.abs((along - CENTRE) @ AXIS) - obj.half_length_m
-        bodies = np.maximum(np.maximum(bodies, depth.max(axis=-1)), ends)
+    if shape in ("cylinder", "box_edge"):
+        bodies = np.maximum(bodies, np.abs((along - CENTRE) @ AXIS) - obj.half_length_m)
+    if shape == "box_edge":
+        bodies = np.maximum(bodies, ((along - CENTRE) @ obj.into_faces.T - BOX_FACE_M).max(axis=-1))
     assert bodies.min() > -1e-5
 
 
-@pytest.mark.parametrize("obj", [box(), freeform()], ids=["box", "free form"])
-def test_the_camera_sees_it_and_a_pressed_skin_is_drawn_back(obj: TouchObject) -> None:
-    camera = Pose(np.diag([1.0, -1.0, -1.0]), np.array([0.14, 0.0, 0.36]))
-    layer = object_layer(place(), obj, camera)
+def test_the_cylinder_ends_at_its_caps() -> None:
+    obj = solid("cylinder", half_length_m=0.01)
+    directions = rays(4000, 0.05)
+    hits = cast(obj, ORIGIN, directions)
+    on = np.isfinite(hits.depth)
+    along = (ORIGIN + hits.depth[on, None] * directions[on] - CENTRE) @ AXIS
+    assert np.abs(along).max() < 0.01 + 1e-12
+    np.testing.assert_allclose(np.abs(along[hits.face[on] > 0]), 0.01, atol=1e-12)
+
+
+def test_the_blade_reaches_to_its_edge_and_no_further() -> None:
+    obj = EVERY["knife_edge"]
+    directions = rays(40000, 0.05)
+    hits = cast(obj, ORIGIN, directions)
+    on = np.isfinite(hits.depth)
+    inward = (ORIGIN + hits.depth[on, None] * directions[on] - CENTRE) @ WEDGE
+    assert on.sum() > 200
+    assert inward.min() > -0.0002 - 1e-12
+    assert inward.min() < 0.002
+    assert inward.max() < 0.025 + 1e-12
+
+
+def test_the_picture_of_a_sphere_covers_its_cone_of_sight() -> None:
+    scene, obj = place("pinhole"), EVERY["sphere"]
+    layer = object_layer(scene, obj, CAMERA)
+    rows, columns = np.mgrid[layer.where]
+    toward = CAMERA.inverse() @ CENTRE
+    # the outline of a sphere is an ellipse: semi-axes of the cone's section with the picture plane
+    half = np.arcsin(0.02 / np.linalg.norm(toward))
+    off = np.arctan2(np.hypot(toward[0], toward[1]), toward[2])
+    fx, fy = np.diag(scene.rays.lens.matrix)[:2]
+    major = (np.tan(off + half) - np.tan(off - half)) / 2
+    middle = (np.tan(off + half) + np.tan(off - half)) / 2
+    minor = np.sin(half) / np.sqrt(np.cos(half) ** 2 - np.sin(off) ** 2)
+    assert layer.alpha.sum() == pytest.approx(np.pi * major * minor * fx * fy, rel=2e-3)
+    centre = np.array([(columns * layer.alpha).sum(), (rows * layer.alpha).sum()]) / layer.alpha.sum()
+    aim = toward[:2] / np.hypot(*toward[:2]) * middle
+    np.testing.assert_allclose(centre, aim * [fx, fy] + scene.rays.lens.matrix[:2, 2], atol=0.05)
+
+
+def test_depth_counts_along_the_cameras_axis() -> None:
+    scene, obj = place("brown"), EVERY["sphere"]
+    depth = obstacle(scene, obj, CAMERA)
+    toward = CAMERA.inverse() @ CENTRE
+    pixel = scene.rays.lens.matrix[:2, :2] @ (toward[:2] / toward[2]) + scene.rays.lens.matrix[:2, 2]
+    found = depth(np.array([pixel, [5.0, 5.0]]))
+    assert found[0] == pytest.approx(toward[2] - 0.02, abs=2e-4)
+    assert np.isinf(found[1])
+
+
+@pytest.mark.parametrize("shape", EVERY)
+def test_a_pressed_object_gives_way(shape: str) -> None:
+    obj = EVERY[shape]
+    ahead = CENTRE - 0.05 * (WEDGE if shape != "freeform" else np.array([0.0, 0.0, 1.0]))
+    before, after = obj.signed_distance(ahead)[0], pressed_in(obj, 0.001).signed_distance(ahead)[0]
+    # the bumps go with their places
+    assert after - before == pytest.approx(0.001, abs=5e-4 if shape == "freeform" else 1e-9)
+
+
+@pytest.mark.parametrize("shape", EVERY)
+def test_the_camera_sees_it_unless_it_is_outside_the_picture(shape: str) -> None:
+    layer = object_layer(place(), EVERY[shape], CAMERA)
     assert layer is not None
     assert (layer.alpha > 0.99).sum() > 500
     assert np.isfinite(layer.brightness).all()
-    outside = CENTRE - (0.05 * WEDGE if obj.shape == "box_edge" else np.array([0.0, 0.0, -0.05]))
-    assert pressed_in(obj, 1e-3).signed_distance(outside)[0] > obj.signed_distance(outside)[0] + 5e-4
+    away = Pose(CAMERA.rotation, CAMERA.translation_m + np.array([3.0, 0.0, 0.0]))
+    assert object_layer(place(), EVERY[shape], away) is None
 
 
 def _read(folder: Path, **changes: Any) -> TouchObject:

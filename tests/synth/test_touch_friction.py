@@ -5,28 +5,17 @@ import math
 import numpy as np
 import pytest
 
-from vbaa_calib.antenna.rod import Rod, sample_shape
 from vbaa_calib.core.errors import SolveError
 from vbaa_calib.geometry import Kinematics, Pose
 from vbaa_calib.simulate.contact.stick_slip import Bases, Setting, gripped
 from vbaa_calib.simulate.contact.strokes import follow
-from vbaa_calib.simulate.contact.touch import Touch, touch, touch_strokes
+from vbaa_calib.simulate.contact.touch import touch, touch_strokes
 from vbaa_calib.simulate.scene.objects import Bump, TouchObject
 
-L, EI, RADIUS = 0.24, 3.9e-3, 4e-4
-WEIGHT, NONE = np.array([0.0, 0.0, -9.80665]), np.zeros(3)
-X, Y, Z = np.eye(3)
+from .rods import EI, NONE, RADIUS, WEIGHT, X, Y, Z, bare_rod, in_world, real_rod
+
 AXIS = np.array([0.0, 0.28, 0.96])
 WEDGE = np.array([0.0, 0.96, -0.28])
-
-
-def bare_rod() -> Rod:
-    return Rod(L, EI, 3e-3, 0.0)
-
-
-def real_rod() -> Rod:
-    clamp = Pose.from_rotvec(np.array([0.0, 0.02, -0.03]), np.array([0.001, 0.0, -0.001]))
-    return Rod(L, EI, 3e-3, 0.004, clamp, np.array([0.2, -0.1]))
 
 
 def swept(pan_deg: np.ndarray, tilt_deg: np.ndarray) -> list[Pose]:
@@ -52,16 +41,6 @@ def box(**kwargs: float) -> TouchObject:
 def freeform(height_m: float = 0.002, **kwargs: float) -> TouchObject:
     bumps = (Bump(-Y, height_m, 0.012), Bump((X - Z) / math.sqrt(2.0), -height_m, 0.012)) if height_m else ()
     return TouchObject("freeform", np.array([0.15, 0.032, -0.004]), Z, 0.025, 1.0, bumps=bumps, **kwargs)
-
-
-def in_world(poses: list[Pose], result: Touch) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Contact points, tangents and forces (B, 3) in the world frame."""
-    turn = np.stack([pose.rotation for pose in poses])
-    at = np.nan_to_num(result.contact_m, nan=L / 2)[:, None]
-    tangent = sample_shape(result.shape, at)[1][:, 0]
-    vectors = (np.einsum("bij,bj->bi", turn, v) for v in (result.contact_antenna_m, tangent, result.force_antenna_N))
-    point, tangent, force = vectors
-    return point + np.stack([pose.translation_m for pose in poses]), tangent, force
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.3])
@@ -164,8 +143,7 @@ def test_laws_of_a_contact_with_friction(name: str) -> None:
     against = -(grip * slip).sum(axis=1) / np.linalg.norm(grip, axis=1) / np.linalg.norm(slip, axis=1).clip(1e-12)
     assert against[slides].min() > 0.9
     # the way is what the contact point and its arc length say
-    whole = in_world(poses, result)[0]
-    middle = in_world(poses, result)[1]
+    whole, middle, _ = in_world(poses, result)
     middle = middle[1:] + middle[:-1]
     middle /= np.linalg.norm(middle, axis=1, keepdims=True)
     way = np.diff(whole, axis=0) - np.diff(result.contact_m)[:, None] * middle

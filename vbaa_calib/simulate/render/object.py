@@ -33,21 +33,37 @@ class Hits:
 
 
 def cast(obj: TouchObject, origin_m: np.ndarray, directions: np.ndarray) -> Hits:
-    """First hits of rays from one origin (3,) along directions (N, 3), world frame."""
-    if obj.shape == "sphere":
-        return _cast_sphere(obj, origin_m, directions)
-    if obj.shape == "cylinder":
-        return _cast_cylinder(obj, origin_m, directions)
-    if obj.shape == "knife_edge":
-        return _cast_blade(obj, origin_m, directions)
-    depth = _march(obj, origin_m, directions)
-    reach = np.where(np.isfinite(depth), depth, 0.0)
-    return _hits(depth, *_surface_at(obj, origin_m + reach[:, None] * directions))
-
-
-def _hits(depth: np.ndarray, normal: np.ndarray, face: np.ndarray) -> Hits:
+    """First hits of rays from one origin (3,) along directions (N, 3), world frame; a round side is face 0."""
+    start = origin_m - obj.center_world_m
+    if obj.shape in ("box_edge", "freeform"):
+        depth = _march(obj, origin_m, directions)
+        normal, face = _surface_at(obj, origin_m + _reach(depth) * directions)
+    else:
+        # a convex body: behind all of its planes and inside its quadric
+        normals, offsets = _ends(obj)
+        speed = directions @ normals.T
+        speed = np.where(np.abs(speed) < 1e-12, 1e-12, speed)
+        cross = (offsets - normals @ start) / speed
+        enter, leave = np.where(speed < 0, cross, -np.inf), np.where(speed > 0, cross, np.inf)
+        if obj.shape != "knife_edge":
+            across, aside = directions @ obj.across, obj.across @ start
+            into, out = _quadric((across**2).sum(axis=1), across @ aside, float(aside @ aside - obj.radius_m**2))
+            enter, leave = np.column_stack([into, enter]), np.column_stack([out, leave])
+        first, face = enter.max(axis=1), enter.argmax(axis=1)
+        depth = np.where((first < leave.min(axis=1)) & (first > 0), first, np.inf)
+        if obj.shape == "knife_edge":
+            normal = normals[face]
+        else:
+            side = (aside + _reach(depth) * across) / obj.radius_m
+            flat = np.vstack([np.zeros(3), normals])[face]
+            normal = np.where((face == 0)[:, None], side, flat)
     missed = ~np.isfinite(depth)
     return Hits(depth, np.where(missed[:, None], 0.0, normal), np.where(missed, -1, face))
+
+
+def _reach(depth: np.ndarray) -> np.ndarray:
+    """(N, 1) depth of the hits; zero for a miss."""
+    return np.where(np.isfinite(depth), depth, 0.0)[:, None]
 
 
 def _quadric(a: np.ndarray, half_b: np.ndarray, c: float) -> tuple[np.ndarray, np.ndarray]:
@@ -58,55 +74,17 @@ def _quadric(a: np.ndarray, half_b: np.ndarray, c: float) -> tuple[np.ndarray, n
     return np.where(passes, np.inf, (-half_b - spread) / safe), np.where(passes, -np.inf, (-half_b + spread) / safe)
 
 
-def _cast_sphere(obj: TouchObject, origin_m: np.ndarray, directions: np.ndarray) -> Hits:
-    start = origin_m - obj.center_world_m
-    enter, _ = _quadric((directions**2).sum(axis=1), directions @ start, float(start @ start - obj.radius_m**2))
-    depth = np.where(enter > 0, enter, np.inf)
-    reach = np.where(np.isfinite(depth), depth, 0.0)
-    return _hits(depth, (start + reach[:, None] * directions) / obj.radius_m, np.zeros(len(depth), int))
-
-
-def _cast_cylinder(obj: TouchObject, origin_m: np.ndarray, directions: np.ndarray) -> Hits:
-    start, axis = origin_m - obj.center_world_m, obj.axis_world
-    along, start_along = directions @ axis, float(start @ axis)
-    across, start_across = directions - along[:, None] * axis, start - start_along * axis
-    enter, leave = _quadric(
-        (across**2).sum(axis=1), across @ start_across, float(start_across @ start_across - obj.radius_m**2)
-    )
-    steep = np.where(np.abs(along) < 1e-12, 1e-12, along)
-    ends = np.sort(
-        np.stack([-obj.half_length_m - start_along, obj.half_length_m - start_along])[:, None] / steep, axis=0
-    )
-    first, last = np.maximum(enter, ends[0]), np.minimum(leave, ends[1])
-    depth = np.where((first < last) & (first > 0), first, np.inf)
-    reach = np.where(np.isfinite(depth), depth, 0.0)
-    on_cap = ends[0] > enter
-    round_normal = (start_across + reach[:, None] * across) / obj.radius_m
-    return _hits(depth, np.where(on_cap[:, None], -np.sign(steep)[:, None] * axis, round_normal), on_cap.astype(int))
-
-
-def _blade_faces(obj: TouchObject) -> tuple[np.ndarray, np.ndarray]:
-    """Half-spaces normal·(x − center) ≤ offset whose intersection is the blade: (6, 3) and (6,)."""
-    axis, into = obj.axis_world, obj.wedge_world
-    side = np.cross(axis, into)
-    sin, cos = np.sin(BLADE_HALF_ANGLE_RAD), np.cos(BLADE_HALF_ANGLE_RAD)
-    normals = np.stack([-into, cos * side - sin * into, -cos * side - sin * into, into, axis, -axis])
-    radius, half = obj.radius_m, obj.half_length_m
-    return normals, np.array([radius, radius, radius, BLADE_DEPTH_M, half, half])
-
-
-def _cast_blade(obj: TouchObject, origin_m: np.ndarray, directions: np.ndarray) -> Hits:
-    normals, offsets = _blade_faces(obj)
-    room = offsets - normals @ (origin_m - obj.center_world_m)
-    speed = directions @ normals.T
-    speed = np.where(np.abs(speed) < 1e-12, 1e-12, speed)
-    cross = room / speed
-    enter = np.where(speed < 0, cross, -np.inf)
-    leave = np.where(speed > 0, cross, np.inf).min(axis=1)
-    face = enter.argmax(axis=1)
-    first = enter.max(axis=1)
-    depth = np.where((first < leave) & (first > 0), first, np.inf)
-    return _hits(depth, normals[face], face)
+def _ends(obj: TouchObject) -> tuple[np.ndarray, np.ndarray]:
+    """Half-spaces normal·(x − centre) ≤ offset, (K, 3) and (K,): faces and ends of what is drawn, if not round."""
+    axis, into, radius, half = obj.axis_world, obj.wedge_world, obj.radius_m, obj.half_length_m
+    if obj.shape == "knife_edge":
+        side = np.cross(axis, into)
+        sin, cos = np.sin(BLADE_HALF_ANGLE_RAD), np.cos(BLADE_HALF_ANGLE_RAD)
+        normals = [-into, cos * side - sin * into, -cos * side - sin * into, into, axis, -axis]
+        return np.stack(normals), np.array([radius, radius, radius, BLADE_DEPTH_M, half, half])
+    if obj.shape == "box_edge":
+        return np.vstack([obj.into_faces, axis, -axis]), np.array([BOX_FACE_M] * 2 + [half] * 2)
+    return (np.stack([axis, -axis]), np.full(2, half)) if obj.shape == "cylinder" else (np.zeros((0, 3)), np.zeros(0))
 
 
 def _march(obj: TouchObject, origin_m: np.ndarray, directions: np.ndarray) -> np.ndarray:
@@ -134,7 +112,7 @@ def _room(obj: TouchObject, points_m: np.ndarray) -> np.ndarray:
     if obj.shape == "freeform":
         steepest = 1.0 + _STEEPEST * sum(abs(one.height_m) / one.width_m for one in obj.bumps)
         return elevation(offset, obj.radius_m, obj.bumps) / steepest
-    normals, offsets = _box_ends(obj)
+    normals, offsets = _ends(obj)
     return np.asarray(np.maximum((offset @ normals.T - offsets).max(axis=1), obj.signed_distance(points_m)[0]))
 
 
@@ -144,7 +122,7 @@ def _surface_at(obj: TouchObject, points_m: np.ndarray) -> tuple[np.ndarray, np.
     if obj.shape == "freeform":
         slope = implicit(offset, obj.radius_m, obj.bumps)[1]
         return slope / np.linalg.norm(slope, axis=1, keepdims=True), np.zeros(len(offset), int)
-    (distance, normal), (normals, offsets) = obj.signed_distance(points_m), _box_ends(obj)
+    (distance, normal), (normals, offsets) = obj.signed_distance(points_m), _ends(obj)
     face = np.column_stack([distance, offset @ normals.T - offsets]).argmax(axis=1)
     return np.where((face == 0)[:, None], normal, normals[np.maximum(face - 1, 0)]), face
 
@@ -154,12 +132,6 @@ def _reach_m(obj: TouchObject) -> float:
     if obj.shape == "freeform":
         return obj.radius_m + sum(max(one.height_m, 0.0) for one in obj.bumps)
     return math.hypot(obj.half_length_m, math.sqrt(2.0) * max(BOX_FACE_M, obj.radius_m))
-
-
-def _box_ends(obj: TouchObject) -> tuple[np.ndarray, np.ndarray]:
-    """Half-spaces normal·(x − centre) ≤ offset, (4, 3) and (4,), that end the box's faces and its edge."""
-    axis = np.asarray(obj.axis_world, float)
-    return np.vstack([obj.into_faces, axis, -axis]), np.array([BOX_FACE_M] * 2 + [obj.half_length_m] * 2)
 
 
 def pressed_in(obj: TouchObject, depth_m: float) -> TouchObject:
@@ -197,8 +169,7 @@ def _bounding_points(obj: TouchObject) -> np.ndarray:
 
 
 def _shade(obj: TouchObject, hits: Hits, origin_m: np.ndarray, directions: np.ndarray, albedo: float) -> np.ndarray:
-    reach = np.where(np.isfinite(hits.depth), hits.depth, 0.0)
-    points = origin_m + reach[:, None] * directions - obj.center_world_m
+    points = origin_m + _reach(hits.depth) * directions - obj.center_world_m
     stains = np.sin(points @ [310.0, 120.0, -90.0]) + np.sin(points @ [-70.0, 210.0, 260.0] + 1.0)
     light = _AMBIENT + (1.0 - _AMBIENT) * np.maximum(hits.normal @ LAMP_WORLD, 0.0)
     return albedo * light * (1.0 + 0.04 * stains) * np.isfinite(hits.depth)
