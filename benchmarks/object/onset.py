@@ -23,7 +23,7 @@ from vbaa_calib.simulate.joint_paths import sweep_joints
 from vbaa_calib.simulate.scene.objects import TouchObject
 from vbaa_calib.simulate.scene.scene import Joints, Sweep
 
-from .scenes import RATE_HZ, SIGMA_PX, Stage, Truth, contacts, record
+from .scenes import RATE_HZ, SIGMA_PX, Truth, contacts, place_of, record
 
 SPEEDS_M_S = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05)
 """Of the antenna at the contact, towards the edge."""
@@ -130,7 +130,7 @@ def approach(rig: str, speed_m_s: float, seed: Sequence[int]) -> Approach:
     )
     tilt = float(rng.uniform(-0.15, 0.15))
     sweep = Sweep("pan", 1, 1, 1, 0.02, (0.0, 0.0), 0.0, (tilt, tilt))
-    touch_rad = sweep_joints(Stage.of(true, edge), rod_of(true), sweep)[1].pan_rad
+    touch_rad = sweep_joints(place_of(true, edge), rod_of(true), sweep)[1].pan_rad
     rate = speed_m_s / away
     after = int(np.clip(_DEEPEST_M / speed_m_s * RATE_HZ, _LEAST_AFTER, _MOST_AFTER))
     time = (np.arange(_BEFORE + after) + rng.uniform()) / RATE_HZ

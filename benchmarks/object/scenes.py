@@ -15,41 +15,26 @@ from estimator import ContactEstimator
 from estimator.contact.contacts import Contacts
 from estimator.table.contacts import FRICTION_RAD, ContactRow, ContactTable
 from vbaa_calib.antenna.rod import Rod, sample_shape
-from vbaa_calib.geometry import Kinematics, Pose
+from vbaa_calib.geometry import Pose
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import Frame
 from vbaa_calib.simulate.contact.stick_slip import Bases
 from vbaa_calib.simulate.contact.touch import Touch, touch_strokes
-from vbaa_calib.simulate.joint_paths import sweep_joints
+from vbaa_calib.simulate.joint_paths import Place, sweep_joints
 from vbaa_calib.simulate.scene.objects import Bump, TouchObject
 from vbaa_calib.simulate.scene.scene import Joints, Sweep
 
 _PRESS_FRAMES = 5
 
 
-@dataclass(frozen=True, eq=False)
-class Stage:
-    """An object before a rig, as the simulator's joint paths take it. `radius_m` is the antenna's."""
-
-    name: str
-    object: TouchObject
-    radius_m: float
-    kinematics: Kinematics
-    gravity_world_m_s2: np.ndarray
-
-    @staticmethod
-    def of(rig: Rig, obj: TouchObject) -> Stage:
-        """The object before that rig."""
-        return Stage(obj.shape, obj, rig.antenna.diameter_m / 2, rig.kinematics, rig.gravity_world_m_s2)
-
-    def T_world_antenna(self, joints: Joints) -> Pose:
-        """Pose of the antenna frame at given joint angles."""
-        return self.kinematics.T_world_antenna(joints.pan_rad, joints.tilt_rad)
+def place_of(rig: Rig, obj: TouchObject) -> Place:
+    """The object before that rig."""
+    return Place(obj.shape, obj, rig.antenna.diameter_m / 2, rig.kinematics, rig.gravity_world_m_s2)
 
 
 def _stroke_joints(rig: Rig, obj: TouchObject, sweep: Sweep, press_frames: int = _PRESS_FRAMES) -> list[Joints]:
     """A sweep's joint angles with the press and the release spread over so many frames each."""
-    joints = sweep_joints(Stage.of(rig, obj), rod_of(rig), sweep)
+    joints = sweep_joints(place_of(rig, obj), rod_of(rig), sweep)
     first, last = sweep.free_frames, len(joints) - sweep.free_frames - 1
     press = _between(joints[first - 1], joints[first], press_frames)
     release = _between(joints[last], joints[last + 1], press_frames)

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import accumulate
 from operator import mul
-from typing import Protocol
 
 import numpy as np
 
 from vbaa_calib.antenna.rod import Rod, solve_rod
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.geometry import Pose
+from vbaa_calib.geometry import Kinematics, Pose
 from vbaa_calib.simulate.scene.lens import project
 from vbaa_calib.simulate.scene.objects import TouchObject
 from vbaa_calib.simulate.scene.scene import Joints, Scene, Sweep
@@ -21,26 +21,22 @@ _BISECTIONS = 16
 _NEAREST = 20
 
 
-class Place(Protocol):
-    """What of a scene a path hangs on. `radius_m` is the antenna's; `gravity_world_m_s2` is (3,)."""
+@dataclass(frozen=True, eq=False)
+class Place:
+    """An object before an antenna that two joints carry. `radius_m` is the antenna's; `gravity_world_m_s2` is (3,)."""
 
-    @property
-    def name(self) -> str: ...
-    @property
-    def object(self) -> TouchObject: ...
-    @property
-    def radius_m(self) -> float: ...
-    @property
-    def gravity_world_m_s2(self) -> np.ndarray: ...
-    def T_world_antenna(self, joints: Joints) -> Pose:
-        """Pose of the antenna frame at given joint angles."""
+    name: str
+    object: TouchObject
+    radius_m: float
+    kinematics: Kinematics
+    gravity_world_m_s2: np.ndarray
 
 
 def _free_points(place: Place, rod: Rod, tilts_rad: np.ndarray) -> np.ndarray:
     """(B, 500, 3) the free antenna's centreline at each tilt, antenna frame; pan does not change the weight on it."""
-    gravity = np.array([place.T_world_antenna(Joints(0.0, t)).rotation.T @ place.gravity_world_m_s2 for t in tilts_rad])
-    contact = np.full(len(tilts_rad), rod.length_m)
-    shape = solve_rod(rod, gravity, contact, np.zeros((len(tilts_rad), 3)))
+    poses = [place.kinematics.T_world_antenna(0.0, tilt) for tilt in tilts_rad]
+    gravity = np.array([pose.rotation.T @ place.gravity_world_m_s2 for pose in poses])
+    shape = solve_rod(rod, gravity, np.full(len(poses), rod.length_m), np.zeros((len(poses), 3)))
     s = np.linspace(0.0, rod.length_m, _POINTS)
     return np.array(
         [
@@ -48,13 +44,6 @@ def _free_points(place: Place, rod: Rod, tilts_rad: np.ndarray) -> np.ndarray:
             for arclength, points in zip(shape.arclength_m, shape.points_m, strict=True)
         ]
     )
-
-
-def _touches(place: Place, points_antenna_m: np.ndarray, joints: Joints) -> bool:
-    """Whether the free antenna, were the object not in its way, would reach into it."""
-    points = place.T_world_antenna(joints) @ points_antenna_m
-    near = np.argsort(place.object.rough_distance(points))[:_NEAREST]
-    return bool(place.object.signed_distance(points[near])[0].min() < place.radius_m)
 
 
 def _joints(press: str, pressed_rad: float, other_rad: float) -> Joints:
@@ -68,7 +57,11 @@ def _first_touch(place: Place, sweep: Sweep, points_antenna_m: np.ndarray, other
     """
 
     def touching(pressed_rad: float) -> bool:
-        return _touches(place, points_antenna_m, _joints(sweep.press, pressed_rad, other_rad))
+        """Whether the free antenna, were the object not in its way, would reach into it."""
+        at = _joints(sweep.press, pressed_rad, other_rad)
+        points = place.kinematics.T_world_antenna(at.pan_rad, at.tilt_rad) @ points_antenna_m
+        near = np.argsort(place.object.rough_distance(points))[:_NEAREST]
+        return bool(place.object.signed_distance(points[near])[0].min() < place.radius_m)
 
     scan = sweep.toward * _SCAN_RAD
     hit = next((index for index, angle in enumerate(scan) if touching(angle)), 0)

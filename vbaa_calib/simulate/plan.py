@@ -17,7 +17,7 @@ from vbaa_calib.simulate.contact.touch import Touch, touch_strokes
 from vbaa_calib.simulate.scene.lens import Lens, normalise
 from vbaa_calib.simulate.scene.scene import IntrinsicsSpec, Joints, KnownLoad, Scene, true_rod
 
-from .joint_paths import sweep_joints
+from .joint_paths import Place, sweep_joints
 
 _GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
 _PLACES = ((0, 0), (-1, -1), (1, 1), (1, -1), (-1, 1), (-1, 0), (1, 0), (0, -1), (0, 1))
@@ -201,7 +201,8 @@ def _held(
 def _pressed(scene: Scene, rod: Rod) -> list[tuple[list[Joints], Touch]]:
     """Each stroke's joint angles and contacts. Raises InputError when the antenna slips off or never touches."""
     sweeps = scene.recording.sweeps
-    joints = [sweep_joints(scene, rod, sweep) for sweep in sweeps]
+    place = Place(scene.name, scene.object, scene.radius_m, scene.kinematics, scene.gravity_world_m_s2)
+    joints = [sweep_joints(place, rod, sweep) for sweep in sweeps]
     remedy = "push less, sweep less or move the object"
     where = f"scene {scene.name}: recording.sweeps"
     poses = [[scene.T_world_antenna(j) for j in stroke] for stroke in joints]
