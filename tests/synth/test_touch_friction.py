@@ -53,7 +53,8 @@ def test_the_grip_keeps_its_law(friction: float) -> None:
     now, before = rng.normal(size=(2, count, 2))
     way = rng.normal(size=(count, 2)) * 10.0 ** rng.uniform(-4, 0, (count, 1))
     press, lift = rng.uniform(0.5, 5.0, count), 0.1 * rng.normal(size=(count, 2))
-    grip = gripped(now, before, way, give, press, lift, friction, stick)
+    pull = before - stick * way + stick * np.einsum("bij,bj->bi", give, now)
+    grip = gripped(now, pull, stick * give, press, lift, friction)
     moved = way + np.einsum("bij,bj->bi", give, grip - now)
     rim = friction * np.maximum(press + (lift * (grip - now)).sum(axis=1), 0.0)
     pulled = before - stick * moved

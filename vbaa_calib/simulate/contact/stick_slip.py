@@ -135,14 +135,7 @@ class Contacts:
 
 
 def gripped(
-    now: np.ndarray,
-    before: np.ndarray,
-    way: np.ndarray,
-    give: np.ndarray,
-    press: np.ndarray,
-    lift: np.ndarray,
-    friction: float,
-    stick: float,
+    now: np.ndarray, pull: np.ndarray, spring: np.ndarray, press: np.ndarray, lift: np.ndarray, friction: float
 ) -> np.ndarray:
     """(B, 2) the grip g = held(g before − K Δu), where held() cuts its length off at μN.
 
@@ -150,19 +143,17 @@ def gripped(
 
     Parameters
     ----------
-    now, before : (B, 2) the grip about which they are linear, and that before the step.
-    way, give : (B, 2) and (B, 2, 2). press, lift : (B,) and (B, 2). In units that belong together.
-    friction, stick : μ and K.
+    now : (B, 2) the grip about which they are linear.
+    pull, spring : (B, 2) g before − K way + K give·now, and (B, 2, 2) K give.
+    press, lift : (B,) and (B, 2). In units that belong together. friction : μ.
 
     Notes
     -----
-    With λ g = g before − K Δu, the grip is (λ + K·give)⁻¹ b: λ = 1 sticks, and a slide has the λ > 1 that puts g on
+    With λ g = g before − K Δu, the grip is (λ + spring)⁻¹ pull: λ = 1 sticks, and a slide has the λ > 1 that puts g on
     the rim.
     """
     if friction == 0.0:
         return np.zeros_like(now)
-    spring = stick * give
-    pull = before - stick * way + np.einsum("bij,bj->bi", spring, now)
 
     def at(share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The grip for each λ, and by how much it is beyond the rim."""
@@ -253,8 +244,9 @@ def _newton_step(x: np.ndarray, left: np.ndarray, slopes: np.ndarray, grip: np.n
     plain = -np.einsum("bij,bj->bi", inverse, left[:, :8])
     lean = -inverse @ slopes[:, :8, 8:]
     way = left[:, 8:] + np.einsum("bij,bj->bi", slopes[:, 8:, :8], plain)
-    give = slopes[:, 8:, 8:] + slopes[:, 8:, :8] @ lean
-    change = gripped(x[:, 8:], grip, way, give, x[:, 4] + plain[:, 4], lean[:, 4], friction, _STICK) - x[:, 8:]
+    spring = _STICK * (slopes[:, 8:, 8:] + slopes[:, 8:, :8] @ lean)
+    pull = grip - _STICK * way + np.einsum("bij,bj->bi", spring, x[:, 8:])
+    change = gripped(x[:, 8:], pull, spring, x[:, 4] + plain[:, 4], lean[:, 4], friction) - x[:, 8:]
     return np.hstack([plain + np.einsum("bij,bj->bi", lean, change), change])
 
 
