@@ -24,12 +24,10 @@ _FLOATS = ("float32", "float64")
 class Working:
     """An input made ready for work, and the way back.
 
-    xp : numpy or torch.
     values : the input in float64, or in float32 on a device that has no float64.
     restore : takes a result to the input's dtype.
     """
 
-    xp: ModuleType
     values: Array
     restore: Callable[[Array], Array]
 
@@ -53,10 +51,10 @@ def working(values: Array, last: int, name: str) -> Working:
     if values.ndim == 0 or values.shape[-1] != last:
         raise InputError(f"{name} have the shape {tuple(values.shape)}", remedy=f"give them as (..., {last})")
     if kind == "float64":
-        return Working(xp, values, lambda result: result)
+        return Working(values, lambda result: result)
     if xp is np:
-        return Working(xp, values.astype(np.float64), lambda result: result.astype(np.float32))
-    return Working(xp, values.to(widest_float(values.device)), lambda result: result.to(torch.float32))
+        return Working(values.astype(np.float64), lambda result: result.astype(np.float32))
+    return Working(values.to(widest_float(values.device)), lambda result: result.to(torch.float32))
 
 
 def widest_float(device: torch.device) -> torch.dtype:

@@ -167,14 +167,10 @@ ON_A_STAND = _Settings(speed_px_s=0.0, drift_px=1.5, clear_px=6.0)
 
 @dataclass(frozen=True)
 class Stillness:
-    """How long the scene has been still: the share of the hold that is done, and whether this frame is to be taken.
-
-    motion_px : since the frame before, where it moved most; NaN where that cannot be measured.
-    """
+    """How long the scene has been still: the share of the hold that is done, and whether this frame is to be taken."""
 
     share: float
     take: bool
-    motion_px: float
     words: str
 
 
@@ -215,48 +211,48 @@ class StillnessDetector:
         frame = _features_of(image, time_s, corners_px, ids)
         last, self._last = self._last, frame
         if last is None:
-            return self._restart(frame, math.nan, "hold still")
+            return self._restart(frame, "hold still")
         if frame.size != last.size:
             self.rearm()
-            return self._restart(frame, math.nan, "the picture's size has changed: hold still")
+            return self._restart(frame, "the picture's size has changed: hold still")
         if not 0 < frame.time_s - last.time_s <= self._settings.gap_s:
-            return self._restart(frame, math.nan, "frames are missing: hold still")
+            return self._restart(frame, "frames are missing: hold still")
         return self._judge(frame, last)
 
     def _judge(self, frame: _FrameFeatures, last: _FrameFeatures) -> Stillness:
         scale = max(1.0, max(frame.size) / 1280)
         step_px = _motion_px(frame, last)
         if math.isnan(step_px):
-            return self._restart(frame, step_px, "nothing is seen that could be held still: more light, or focus")
+            return self._restart(frame, "nothing is seen that could be held still: more light, or focus")
         if self._taken is not None and not self._moved:
             self._moved = _motion_px(frame, self._taken) > self._settings.clear_px * scale
         allowed_px = max(self._settings.step_px, self._settings.speed_px_s * (frame.time_s - last.time_s))
         if step_px > min(allowed_px, self._settings.drift_px) * scale:
-            return self._restart(frame, step_px, "moving: hold still")
+            return self._restart(frame, "moving: hold still")
         if not self._moved:
             self._hold = None
-            return Stillness(0.0, False, step_px, "taken: now move on")
+            return Stillness(0.0, False, "taken: now move on")
         if self._hold is None or _motion_px(frame, self._hold.first) > self._settings.drift_px * scale:
-            return self._restart(frame, step_px, "hold still")
-        return self._go_on(frame, self._hold, step_px, scale)
+            return self._restart(frame, "hold still")
+        return self._go_on(frame, self._hold, scale)
 
-    def _go_on(self, frame: _FrameFeatures, hold: _Hold, step_px: float, scale: float) -> Stillness:
+    def _go_on(self, frame: _FrameFeatures, hold: _Hold, scale: float) -> Stillness:
         settings = self._settings
         hold = self._hold = _Hold(hold.first, hold.frames + 1, max(hold.best, frame.sharpness))
         held_s = frame.time_s - hold.first.time_s
         # a frame's time stamp is rounded, to milliseconds in videos
         share = min((held_s + 1e-3) / settings.hold_s, hold.frames / settings.hold_frames)
         if share < 1:
-            return Stillness(share, False, step_px, "hold still")
+            return Stillness(share, False, "hold still")
         if self._taken is not None and _motion_px(frame, self._taken) <= 2 * settings.step_px * scale:
-            return Stillness(0.0, False, step_px, "nothing has changed since the last picture: move on")
+            return Stillness(0.0, False, "nothing has changed since the last picture: move on")
         if frame.sharpness < settings.sharp_share * hold.best:
             if held_s > 2 * settings.hold_s:
-                return self._restart(frame, step_px, "the focus has changed: hold still")
-            return Stillness(1.0, False, step_px, "hold still: waiting for a sharp frame")
+                return self._restart(frame, "the focus has changed: hold still")
+            return Stillness(1.0, False, "hold still: waiting for a sharp frame")
         self._taken, self._moved, self._hold = frame, False, None
-        return Stillness(1.0, True, step_px, "taken")
+        return Stillness(1.0, True, "taken")
 
-    def _restart(self, frame: _FrameFeatures, step_px: float, words: str) -> Stillness:
+    def _restart(self, frame: _FrameFeatures, words: str) -> Stillness:
         self._hold = _Hold(frame, 1, frame.sharpness)
-        return Stillness(0.0, False, step_px, words)
+        return Stillness(0.0, False, words)
