@@ -174,17 +174,12 @@ class Shapes:
 
     def picked(self, which: slice | Array) -> Shapes:
         """The frames of a slice, a mask or indices."""
-        return Shapes(self.time_s[which], self.points_m[which], self.std_m[which], self.contact[which])
+        return Shapes(*(each[which] for each in vars(self).values()))
 
     def followed_by(self, later: Shapes) -> Shapes:
         """Both, one after the other."""
-        xp = namespace(self.time_s)
-        return Shapes(
-            xp.concat([self.time_s, later.time_s]),
-            xp.concat([self.points_m, later.points_m]),
-            xp.concat([self.std_m, later.std_m]),
-            xp.concat([self.contact, later.contact]),
-        )
+        both = zip(vars(self).values(), vars(later).values(), strict=True)
+        return Shapes(*(namespace(self.time_s).concat(list(each)) for each in both))
 
     @property
     def known(self) -> Array:
@@ -256,7 +251,12 @@ class Motion:
         """The verdicts (K,) that these frames make possible: in order, the first on the first that still waited."""
         held = shapes if self._held is None else self._held.followed_by(shapes)
         waiting = held.picked(slice(self._judged, None))
-        complete = len(waiting) if self._live else _complete(waiting, self._beam)
+        complete = len(waiting)
+        if complete and not self._live:  # the first frames that have all later ones of their neighbourhoods
+            xp = namespace(waiting.time_s)
+            time = xp.where(xp.isfinite(waiting.time_s), waiting.time_s, -np.inf)
+            ends = time + 0.5 * math.pi / self._beam.first_mode_rad_s(waiting.contact)
+            complete = int(xp.cumprod(like(time, ends < time.max()), 0).sum())
         return self._judge(held, max(complete, len(waiting) - _MOST))
 
     def finish(self) -> Inertia | None:
@@ -269,16 +269,6 @@ class Motion:
         start = max(0, end - _MOST)
         self._held, self._judged = held.picked(slice(start, None)), end - start
         return verdicts
-
-
-def _complete(waiting: Shapes, beam: Beam) -> int:
-    """How many of the first frames have all later ones of their neighbourhoods."""
-    if len(waiting) == 0:
-        return 0
-    xp = namespace(waiting.time_s)
-    time = xp.where(xp.isfinite(waiting.time_s), waiting.time_s, -np.inf)
-    ends = time + 0.5 * math.pi / beam.first_mode_rad_s(waiting.contact)
-    return int(xp.cumprod(like(time, ends < time.max()), 0).sum())
 
 
 @cache

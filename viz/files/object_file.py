@@ -217,7 +217,15 @@ def _read_ply(data: bytes) -> dict[str, Any]:
     # numbers in words are read as if they were doubles
     body = data[header.end() :] if order else np.array(data[header.end() :].split(), float).tobytes()
     found, position = {}, 0
-    for name, (rows, properties) in _elements(lines, order).items():
+    elements: dict[str, tuple[int, list[_Property]]] = {}  # what the header announces
+    for words in lines:
+        if words[:1] == ["element"]:
+            properties: list[_Property] = []
+            elements[words[1]] = int(words[2]), properties
+        elif words[:1] == ["property"]:
+            kinds = [order + _PLY_TYPES[word] if order else "<f8" for word in words[1:-1] if word != "list"]
+            properties.append((words[-1], kinds[0] if words[1] == "list" else None, kinds[-1]))
+    for name, (rows, properties) in elements.items():
         found[name], position = _rows(body, position, rows, properties)
     vertex, face, edge = (found.get(name, {}) for name in ("vertex", "face", "edge"))
     polygons = face.get("vertex_indices", face.get("vertex_index", []))
@@ -237,19 +245,6 @@ def _read_ply(data: bytes) -> dict[str, Any]:
 
 def _stacked(columns: Mapping[str, Any], *names: str) -> np.ndarray:
     return np.stack([np.asarray(columns[name], float) for name in names], axis=1)
-
-
-def _elements(lines: list[list[str]], order: str) -> dict[str, tuple[int, list[_Property]]]:
-    """What the header announces: name → number of rows and their properties."""
-    elements: dict[str, tuple[int, list[_Property]]] = {}
-    for words in lines:
-        if words[:1] == ["element"]:
-            properties: list[_Property] = []
-            elements[words[1]] = int(words[2]), properties
-        elif words[:1] == ["property"]:
-            kinds = [order + _PLY_TYPES[word] if order else "<f8" for word in words[1:-1] if word != "list"]
-            properties.append((words[-1], kinds[0] if words[1] == "list" else None, kinds[-1]))
-    return elements
 
 
 def _rows(body: bytes, position: int, rows: int, properties: list[_Property]) -> tuple[dict[str, Any], int]:

@@ -98,10 +98,22 @@ class Report:
 def page(report: Report) -> str:
     """The whole report as HTML."""
     table, track = report.table, report.track
-    words, colour = headline(table)
+    verdict, colour = headline(table)
     errors = [
         (name, f"{value:.4g}", unit, *(("", "") if goal is None else (f"≤ {goal:.4g}", _GOAL[value <= goal])))
         for name, value, unit, goal in report.summary
+    ]
+    use = {name: "may be used" if name in LOCATED else "no contact point" for name in STATUS_COLOURS}
+    statuses = [(_dotted(colour, name), STATUSES[name], use[name]) for name, colour in STATUS_COLOURS.items()]
+    phases, models = (
+        [(_dotted(colour, name), words) for name, (colour, words) in kinds.items()] for kinds in (_PHASES, _MODELS)
+    )
+    quantities = [(", ".join(names), _shown_unit(key)[0], COLUMNS[key].meaning) for key, names in SYMBOLS.items()]
+    glossary = [
+        ("Status of a frame", Table(("status", "meaning", "its numbers"), statuses)),
+        ("Phase of a frame", Table(("phase", "meaning"), phases)),
+        ("Mechanical model, the lowest that suffices", Table(("model", "meaning"), models)),
+        ("Quantities", Table(("name", "unit", "meaning"), (*quantities, *_OTHER_QUANTITIES))),
     ]
     events = () if track is None else track.events
     told = [
@@ -118,7 +130,7 @@ def page(report: Report) -> str:
     return render(
         "recording.html.j2",
         title=report.title,
-        headline=words,
+        headline=verdict,
         colour=colour,
         facts=[*frame_facts(table, report.rig), *report.facts],
         pictures=report.pictures,
@@ -130,7 +142,7 @@ def page(report: Report) -> str:
         drift=_drift_table(report.drift),
         drift_figure=_drift_figure(report.drift),
         contacts=_contacts_table(table, None if track is None else track.phase.tolist()),
-        glossary=_glossary(),
+        glossary=glossary,
         origin=Table((), report.origin),
     )
 
@@ -285,24 +297,6 @@ def _contacts_table(table: ContactTable, phase: Sequence[str] | None) -> Table:
     columns["reason"] = [Markup('<small class="long">{}</small>').format(reason) for reason in part.reason]
     cut = "" if len(shown) == len(table) else f"{len(shown)} of {len(table)} frames, evenly spread."
     return Table(tuple(columns), list(zip(*columns.values(), strict=True)), (*text, "reason"), cut)
-
-
-def _glossary() -> list[tuple[str, Table]]:
-    """Statuses, phases, models and quantities."""
-    use = {name: "may be used" if name in LOCATED else "no contact point" for name in STATUS_COLOURS}
-    statuses = [(_dotted(colour, name), STATUSES[name], use[name]) for name, colour in STATUS_COLOURS.items()]
-    phases, models = (
-        [(_dotted(colour, name), words) for name, (colour, words) in kinds.items()] for kinds in (_PHASES, _MODELS)
-    )
-    quantities = [
-        (", ".join(symbols), _shown_unit(name)[0], COLUMNS[name].meaning) for name, symbols in SYMBOLS.items()
-    ]
-    return [
-        ("Status of a frame", Table(("status", "meaning", "its numbers"), statuses)),
-        ("Phase of a frame", Table(("phase", "meaning"), phases)),
-        ("Mechanical model, the lowest that suffices", Table(("model", "meaning"), models)),
-        ("Quantities", Table(("name", "unit", "meaning"), (*quantities, *_OTHER_QUANTITIES))),
-    ]
 
 
 def _shown_unit(column: str) -> tuple[str, float]:

@@ -308,7 +308,15 @@ def friction_touches(
     known = np.sqrt(np.maximum(turned, 0.0)) < NORMAL_KNOWN_RAD
     across = sound & side_by_side & known & (found.whole_std_rad < _FORCE_KNOWN_RAD)
     along = sound & np.isfinite(seen.angle_rad) & np.isfinite(seen.std_rad)
-    slides = _sliding_steadily(track, table.time_s)[rows] & np.isfinite(slip_std)
+    # in the midst of sliding one way
+    sliding, way = track.phase == "sliding", np.nan_to_num(_unit(track.slip_velocity_m_s))
+    steady = sliding.copy()
+    for step in range(-_NEIGHBOURS, _NEIGHBOURS + 1):
+        at = np.arange(len(sliding)) + step
+        there = np.clip(at, 0, len(sliding) - 1)
+        alike = (at == there) & sliding[there] & (_dot(way, way[there]) > _SAME_WAY)
+        steady &= alike | ((abs(step) > 1) & (np.abs(table.time_s[there] - table.time_s) > _NEAR_S))
+    slides = steady[rows] & np.isfinite(slip_std)
     # common errors of the forces, of the friction angle's prior, of the normals
     lateral_modes = np.hstack([found.modes_rad, np.zeros((len(rows), 1)), common])
     longitudinal_modes = np.hstack([seen.modes_rad, np.zeros_like(common)])
@@ -331,18 +339,6 @@ def friction_touches(
         slip_std_rad=slip_std,
     )
     return rubs, axes, found
-
-
-def _sliding_steadily(track: Track, time_s: np.ndarray) -> np.ndarray:
-    """(B,) bool: frames, at times (B,), in the midst of sliding one way."""
-    sliding, way = track.phase == "sliding", np.nan_to_num(_unit(track.slip_velocity_m_s))
-    result = sliding.copy()
-    for step in range(-_NEIGHBOURS, _NEIGHBOURS + 1):
-        at = np.arange(len(sliding)) + step
-        there = np.clip(at, 0, len(sliding) - 1)
-        alike = (at == there) & sliding[there] & (_dot(way, way[there]) > _SAME_WAY)
-        result &= alike | ((abs(step) > 1) & (np.abs(time_s[there] - time_s) > _NEAR_S))
-    return result
 
 
 def _friction_angles(

@@ -110,7 +110,15 @@ def reconstruct(touches: Touches | ContactTable, antenna_radius_m: float) -> Sur
     points lie on the antenna's centreline, one radius off the object. Raises InputError as `touches_of`.
     """
     touches = touches_of(touches) if isinstance(touches, ContactTable) else touches
-    touches, known, notes = _with_covariances(touches)
+    given = np.isfinite(touches.own_m2).all(axis=(1, 2))
+    given &= np.trace(touches.own_m2, axis1=1, axis2=2) > 0.0
+    known, notes = bool(given.any()), []
+    if not given.all():  # those without a covariance get the median one of the others
+        usual, note = _GUESSED_STD_M**2 * np.eye(3), "the contacts have no covariance: no standard deviation is given"
+        if known:
+            usual = np.median(touches.own_m2[given], axis=0)
+            note = f"{np.sum(~given)} contacts without a covariance were given that of the others"
+        touches, notes = replace(touches, own_m2=np.where(given[:, None, None], touches.own_m2, usual)), [note]
     patches, state = begin(touches, antenna_radius_m)
     found = fit(touches, antenna_radius_m, patches, state, True)
     scale = 1.0
@@ -129,20 +137,6 @@ def reconstruct(touches: Touches | ContactTable, antenna_radius_m: float) -> Sur
         reason = "the contacts have no covariance: stiffness cannot be told"
         compliance = Compliance(reason=reason)
     return _surface(found, compliance, known, [*touches.notes, *notes])
-
-
-def _with_covariances(touches: Touches) -> tuple[Touches, bool, list[str]]:
-    """Those without a covariance get the median one of the others; whether any has one; and what to note."""
-    given = np.isfinite(touches.own_m2).all(axis=(1, 2))
-    given &= np.trace(touches.own_m2, axis1=1, axis2=2) > 0.0
-    if given.all():
-        return touches, True, []
-    usual, note = _GUESSED_STD_M**2 * np.eye(3), "the contacts have no covariance: no standard deviation is given"
-    if given.any():
-        usual = np.median(touches.own_m2[given], axis=0)
-        note = f"{np.sum(~given)} contacts without a covariance were given that of the others"
-    own = np.where(given[:, None, None], touches.own_m2, usual)
-    return replace(touches, own_m2=own), bool(given.any()), [note]
 
 
 def _compliance_of(fit: Fit) -> Compliance:

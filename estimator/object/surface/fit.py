@@ -123,12 +123,20 @@ def fit(touches: Touches, antenna_radius_m: float, patches: tuple[Patch, ...], s
             fitted.append(PatchModel(stated, *prior))
         solution = solve(tuple(fitted), yielding)
         normals = _estimate_normals(touches, patches, solution, seen)
-        before = state.widened
+        before = widened = state.widened
+        if 0 < turn < _MOST_ROUNDS - 1:  # those that do not belong
+            far, residual = np.zeros(len(before)), np.abs(solution.leave_one_out_residuals)
+            for patch, start in zip(patches, solution.start, strict=True):
+                sides, count = 1 if patch.wide else 2, len(patch.members)  # of a curve both its coordinates count
+                far[patch.members] = residual[start : start + sides * count].reshape(sides, count).max(axis=0)
+            wrong = (far > _TOO_FAR) | state.outlier
+            few = wrong.any() and np.sum(wrong) <= _MOST_LEFT_OUT * len(far)
+            widened = np.where(wrong, IGNORED, before) if few else before
         state = replace(
             _next_shape(patches, seen, solution, state),
             normal=normals.best(touches),
             priors=tuple(priors),
-            widened=_widened(patches, solution, state) if 0 < turn < _MOST_ROUNDS - 1 else before,
+            widened=widened,
         )
         same = (before == state.widened).all()  # what is left out now was left out of the solution
         if turn >= _ROUNDS - 1 and same and abs(solution.compliance_m_N) <= _STILL * np.sqrt(solution.variance):
@@ -188,18 +196,6 @@ def _next_shape(
             bend[m] = (bend[m] + np.swapaxes(bend[m], 1, 2)) / 2
     compliance = state.compliance_m_N + solution.compliance_m_N
     return replace(state, slope=slope, bend_per_m=bend, compliance_m_N=compliance)
-
-
-def _widened(patches: tuple[Patch, ...], solution: Solution, state: _FitState) -> np.ndarray:
-    """(P,) the factors on the touches' covariances, after those that do not belong were found."""
-    far, residual = np.zeros(len(state.widened)), np.abs(solution.leave_one_out_residuals)
-    for patch, start in zip(patches, solution.start, strict=True):
-        sides = 1 if patch.wide else 2  # of a curve both its coordinates count
-        count = len(patch.members)
-        far[patch.members] = residual[start : start + sides * count].reshape(sides, count).max(axis=0)
-    wrong = (far > _TOO_FAR) | state.outlier
-    few = wrong.any() and np.sum(wrong) <= _MOST_LEFT_OUT * len(far)
-    return np.where(wrong, IGNORED, state.widened) if few else state.widened
 
 
 @dataclass(frozen=True, eq=False)

@@ -160,17 +160,6 @@ def runs(table: ContactTable, rows: np.ndarray, free: np.ndarray, breaks_s: np.n
     return np.split(rows, np.flatnonzero(ends) + 1)
 
 
-def _path_scatter(path: np.ndarray, time_s: np.ndarray) -> np.ndarray:
-    """(D,) standard deviation by which a smooth path (P, D) scatters, from its second differences' median; or NaN."""
-    if len(path) < _LEAST_SECONDS + 2:
-        return np.full(path.shape[1], np.nan)
-    before, after = np.diff(time_s)[:-1, None], np.diff(time_s)[1:, None]
-    share = after / (before + after)
-    off = path[1:-1] - share * path[:-2] - (1.0 - share) * path[2:]
-    off = off / np.sqrt(1.0 + share**2 + (1.0 - share) ** 2)
-    return np.median(np.abs(off), axis=0) / NORMAL_QUARTILE
-
-
 def _without_walk(point: np.ndarray, tangent: np.ndarray, distance: np.ndarray) -> np.ndarray:
     """(P, 3, K) paths of points (P, 3, K) less their walks along the antenna, by distances (P, K)."""
     walk = 0.5 * (tangent[1:] + tangent[:-1])[..., None] * np.diff(distance, axis=0)[:, None]
@@ -193,7 +182,14 @@ def _material_noise(
     first = np.cross(tangent, np.eye(3)[np.argmin(np.abs(tangent.mean(axis=0)))])
     first /= np.linalg.norm(first, axis=1, keepdims=True)
     frame = np.stack([tangent, first, np.cross(tangent, first)], axis=1)
-    seen = _path_scatter(np.einsum("pki,pi->pk", frame, material - material.mean(axis=0)), time)
+    path = np.einsum("pki,pi->pk", frame, material - material.mean(axis=0))
+    if len(path) < _LEAST_SECONDS + 2:
+        return across + along * (predicted**2)[:, None, None]
+    # by which a smooth path scatters, from its second differences' median
+    before, after = np.diff(time)[:-1, None], np.diff(time)[1:, None]
+    share = after / (before + after)
+    off = path[1:-1] - share * path[:-2] - (1.0 - share) * path[2:]
+    seen = np.median(np.abs(off / np.sqrt(1.0 + share**2 + (1.0 - share) ** 2)), axis=0) / NORMAL_QUARTILE
     if np.isnan(seen).any():
         return across + along * (predicted**2)[:, None, None]
     sideways = float(np.hypot(seen[1], seen[2]) / np.sqrt(2.0))
