@@ -12,16 +12,22 @@ from typing import TYPE_CHECKING, Any
 import cv2
 import numpy as np
 
-from estimator.table.contacts import ContactTable
-from vbaa_calib.core.errors import InputError, VbaaError
+from estimator.table.contacts import ContactTable, joint_angles
+from estimator.table.files import read_contacts
+from vbaa_calib.core.errors import VbaaError
+from vbaa_calib.core.files import read_json, write_text
+from vbaa_calib.rig import Rig
+from vbaa_calib.session import load_session, read_recording
 from viz.files.outputs import PAGES, refuse_output
+from viz.scene.rig_items import session_pictures
+from viz.scene.scene import build_scene
+from viz.scene.truth import true_contacts, true_object
 
 from .recording import Picture, Report, SummaryRow, page
 from .words import object_found, origin
 
 if TYPE_CHECKING:
     from estimator.object.estimate import ObjectEstimate
-    from vbaa_calib.rig import Rig
 
 _WIDEST_PX = 1600
 _QUALITY = 88
@@ -72,12 +78,6 @@ def make_report(
     `argv` is the command line that asked for it, `summary` holds errors against truth with the goal of each.
     Raises InputError when a source cannot be read, or the page exists and `force` is off.
     """
-    from estimator.table.contacts import joint_angles
-    from estimator.table.files import read_contacts
-    from vbaa_calib.core.files import read_json, write_text
-    from vbaa_calib.rig import Rig
-    from viz.scene.truth import true_contacts
-
     refuse_output(path, PAGES, force)
     table = read_contacts(sources.contacts)
     rig = None if sources.rig is None else Rig.load(sources.rig)
@@ -125,9 +125,6 @@ def scene_picture(
     """The scene as `vbaa view --screenshot` draws it, or why there is none. `truth` is truth.json's contents."""
     from viz.render.probe import can_render
     from viz.render.screenshot import screenshot
-    from viz.scene.rig_items import session_pictures
-    from viz.scene.scene import build_scene
-    from viz.scene.truth import true_object
 
     if not table.located.any():
         return Picture(b"", "No picture of the scene: no frame has a located contact.")
@@ -152,7 +149,6 @@ def _seen_picture(table: ContactTable, rig: Rig, session: Path, background: Path
     from estimator.contact.estimate import ContactEstimator
     from estimator.contact.overlay import frame_picture
     from estimator.contact.recording import estimate_picture, read_ground
-    from vbaa_calib.session import load_session, read_recording
 
     whole = np.linalg.norm(table.force_world_N, axis=1)
     force = np.where(np.isfinite(whole), whole, np.hypot(table.force_y_N, table.force_z_N))
