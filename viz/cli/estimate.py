@@ -74,8 +74,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from vbaa_calib.core.errors import InputError
     from vbaa_calib.core.files import refuse_overwrite
     from vbaa_calib.session import refuse_measured
-    from viz.files.outputs import PAGES, refuse_output
-    from viz.report.make import Sources, beside, make_report
+    from viz.files.outputs import PAGES, refuse_output, report_beside
 
     if args.no_report and args.report is not None:
         raise InputError("--report and --no-report", where="vbaa estimate", remedy="give one of them")
@@ -86,9 +85,11 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         refuse_folder(args.overlay, args.force)
     if args.no_report:
         return {**_estimate(args), "report": None}
-    output = beside(args.output) if args.report is None else args.report
+    output = report_beside(args.output) if args.report is None else args.report
     refuse_output(output, PAGES, args.force)
     result = _estimate(args)
+    from viz.report.make import Sources, make_report
+
     sources = Sources(args.output, args.rig, args.session, background=args.background, drift=result["drift"])
     title = f"Contacts of the antenna: {args.session.resolve().name}"
     make_report(output, sources, title=title, argv=args.argv, force=args.force)

@@ -21,13 +21,14 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Write the page. Returns where it is. Raises InputError for wrong input or a file in the way."""
     from vbaa_calib.core.console import say
     from vbaa_calib.core.errors import InputError
-    from viz.files.outputs import PAGES, refuse_output
-    from viz.report.make import Sources, beside, make_report
+    from viz.files.outputs import PAGES, refuse_output, report_beside
 
-    output = beside(args.contacts) if args.output is None else args.output
+    output = report_beside(args.contacts) if args.output is None else args.output
     refuse_output(output, PAGES, args.force)
     if args.session is not None and args.rig is None:
         raise InputError("--session needs --rig", where="vbaa report", remedy="give the rig.json it was recorded with")
+    from viz.report.make import Sources, make_report
+
     sources = Sources(args.contacts, args.rig, args.session, args.truth)
     make_report(output, sources, title=args.title, argv=args.argv, force=args.force)
     say(f"{output}: {output.stat().st_size / 1e6:.1f} MB, opens offline in any browser")

@@ -17,3 +17,8 @@ def refuse_output(path: Path, suffixes: tuple[str, ...], force: bool, inputs: It
         names = " or ".join(filter(None, (", ".join(suffixes[:-1]), suffixes[-1])))
         raise InputError(f"is not a {names}", where=path, remedy=f"name it something{suffixes[0]}")
     refuse_overwrite(path, force, inputs)
+
+
+def report_beside(contacts: Path) -> Path:
+    """Where the report of contacts goes: report.html, or NAME_report.html for a NAME that is not contacts."""
+    return contacts.with_name("report.html" if contacts.stem == "contacts" else f"{contacts.stem}_report.html")

@@ -14,7 +14,7 @@ import numpy as np
 
 from estimator.table.contacts import ContactTable, joint_angles
 from estimator.table.files import read_contacts
-from vbaa_calib.core.errors import VbaaError
+from vbaa_calib.core.errors import InputError, VbaaError
 from vbaa_calib.core.files import read_json, write_text
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import load_session, read_recording
@@ -57,11 +57,6 @@ class Sources:
     picture: Path | None = None
     background: Path | None = None
     drift: Mapping[str, Any] | None = None
-
-
-def beside(contacts: Path) -> Path:
-    """Where the report of contacts goes: report.html, or NAME_report.html for a NAME that is not contacts."""
-    return contacts.with_name("report.html" if contacts.stem == "contacts" else f"{contacts.stem}_report.html")
 
 
 def make_report(
