@@ -32,13 +32,8 @@ _TABLE = 65
 
 @dataclass(frozen=True, eq=False)
 class _Neighbours:
-    """For each of R judged frames W others near to it in time, itself among them, out of n.
-
-    centre, at : (R,) index of the judged frame, (R, W) of its neighbours.
-    after_s : (R, W) their time from the judged frame.
-    inside : (R, W) which of them count.
-    enough : (R,) whether that is enough for a parabola about the judged frame.
-    """
+    """For each of R judged frames, of index `centre` (R,), W others near to it in time, itself among them: their index
+    `at` (R, W), time from it, and which count; whether those are `enough` (R,) for a parabola about it."""
 
     centre: Array
     at: Array
@@ -48,13 +43,9 @@ class _Neighbours:
 
 
 def _neighbours(time_s: Array, judged: Array, reach_s: Array, longest_s: float, *, live: bool = False) -> _Neighbours:
-    """The frames around each judged one.
+    """Of frames at times (n,) those around each judged one (R,), at most `reach_s` (R,) from it, the next in any case.
 
-    time_s : (n,)
-    judged : (R,) indices.
-    reach_s : (R,) how far from a judged frame others may be; the next on either side counts in any case.
-    longest_s : a longer gap between two frames, or none at all, ends the neighbourhood.
-    live : only earlier frames count, the last two in any case.
+    A gap longer than `longest_s`, or none at all, ends a neighbourhood. `live`: only earlier frames, two in any case.
     """
     xp = namespace(time_s)
     gap = time_s[1:] - time_s[:-1]

@@ -204,21 +204,18 @@ def _material_noise(
 class _Slip:
     """Velocities in a stroke of P frames, world frame.
 
-    velocity_m_s, covariance_m2_s2 : (P, 3), (P, 3, 3) slip in the plane of contact; parts_m_s, parts_m2_s2 : (P, 2),
-        (P, 2, 2) along the tangent and along normal × tangent.
-    contact_m_s, contact_std_m_s : (P,) how fast the contact itself moves over the object; carried_m_s : if the joints
-        carried it along, NaN without their angles.
-    turning_rad_s : (P,) how fast the antenna turns at the contact.
+    The slip in the plane of contact, with its parts along the tangent and along normal × tangent; how fast the contact
+    itself moves over the object, and if the joints carried it along; how fast the antenna turns at the contact.
     """
 
-    velocity_m_s: np.ndarray
-    covariance_m2_s2: np.ndarray
-    parts_m_s: np.ndarray
-    parts_m2_s2: np.ndarray
-    contact_m_s: np.ndarray
-    contact_std_m_s: np.ndarray
-    carried_m_s: np.ndarray
-    turning_rad_s: np.ndarray
+    velocity_m_s: np.ndarray  # (P, 3)
+    covariance_m2_s2: np.ndarray  # (P, 3, 3)
+    parts_m_s: np.ndarray  # (P, 2)
+    parts_m2_s2: np.ndarray  # (P, 2, 2)
+    contact_m_s: np.ndarray  # (P,)
+    contact_std_m_s: np.ndarray  # (P,)
+    carried_m_s: np.ndarray  # (P,), NaN without the joints' angles
+    turning_rad_s: np.ndarray  # (P,)
 
 
 def _slip(
@@ -311,11 +308,8 @@ def _axes(force: np.ndarray, tangent: np.ndarray) -> tuple[np.ndarray, np.ndarra
 def _tilted_axes(
     moved: np.ndarray, covariance: np.ndarray, across: np.ndarray, upward: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The same axes turned about the tangent, where a clear slip says that friction has leant the force.
-
-    Where a material point seems to leave the plane of contact, the plane is another: within what friction can do, and
-    in the measure in which the slip's direction is known.
-    """
+    """The same axes turned about the tangent: where a material point seems to leave the plane of contact, the plane is
+    another, within what friction can do, and in the measure in which the slip's direction is known."""
     sideways, away = (np.einsum("pi,pi->p", axis, moved) for axis in (across, upward))
     noise = np.einsum("pi,pij,pj->p", upward, covariance, upward)
     with np.errstate(divide="ignore", invalid="ignore"):
