@@ -261,6 +261,7 @@ def bend(spec: BoardSpec) -> np.ndarray:
     low, high = plane.min(axis=0), plane.max(axis=0)
     half = 0.5 * (high - low)
     centred = (plane - 0.5 * (low + high)) / np.where(half > 0.0, half, 1.0)
+    # nil in the mean: the board's frame stays in its mean plane
     return np.where(half > 0.0, centred**2 - 1.0 / 3.0, 0.0)
 
 
