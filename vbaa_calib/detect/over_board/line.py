@@ -7,7 +7,6 @@ guessed one.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -28,7 +27,6 @@ from .profile import (
     darkest_beside,
     fit,
     fit_paint,
-    presence,
     profiles,
     rough_centres,
 )
@@ -252,13 +250,6 @@ def find_over_board(
     return max(found, key=lambda one: one[0])[1] if found else None
 
 
-class _Measured(NamedTuple):
-    """Points (N, 2) px that were measured along a path, and their standard deviations (N,) across it."""
-
-    points: np.ndarray
-    sigma: np.ndarray
-
-
 @dataclass(frozen=True, eq=False)
 class _Tracker:
     """Measures one line, bright or dark, from the rough path to its ends."""
@@ -281,23 +272,23 @@ class _Tracker:
         scale = float(np.hypot(0.3 * self.width_px, self.picture.blur_px))
         paint = Paint(1.0 if self.bright else 0.0, min(1.0, 0.4 * self.width_px / scale), scale)
         for _ in range(2):
-            now = self._along(path, paint, rough=True)
-            if len(now.points) < _LEAST_POINTS // 2:
+            points, sigma = self._along(path, paint, rough=True)
+            if len(points) < _LEAST_POINTS // 2:
                 return None
-            path = self._refitted(path, now)
+            path = self._refitted(path, points, sigma)
             paint = fit_paint(self._cut(path, 0.0), paint)
             if paint.cover < _FAINTEST:
                 return None
         for _ in range(_GROWTHS):
-            reach, now = path.end - path.start, self._along(path, paint, _GROWTH)
-            if len(now.points) < _LEAST_POINTS:
+            reach, (points, sigma) = path.end - path.start, self._along(path, paint, _GROWTH)
+            if len(points) < _LEAST_POINTS:
                 break
-            path = self._refitted(path, now)
+            path = self._refitted(path, points, sigma)
             if path.end - path.start < 1.02 * reach:
                 break
-        now = self._along(path, paint, _ENDWARD, wary=True)
+        points, sigma = self._along(path, paint, _ENDWARD, wary=True)
         ends = self._end(path, paint, -1), self._end(path, paint, 1)
-        s = self._places(path, now.points)
+        s = self._places(path, points)
         first, last = (
             missing if end is None else self._places(path, end.point_px[None])[0]
             for end, missing in zip(ends, (-np.inf, np.inf), strict=True)
@@ -307,7 +298,7 @@ class _Tracker:
         if len(order) < _LEAST_POINTS:
             return None
         shadow = darkest_beside(self._cut(path, 0.0, BESIDE), self._core_px)
-        return paint.cover, BoardLine(now.points[order], now.sigma[order], ends, self.bright, self.width_px, shadow)
+        return paint.cover, BoardLine(points[order], sigma[order], ends, self.bright, self.width_px, shadow)
 
     def _places(self, path: _PlanePath, pixels: np.ndarray) -> np.ndarray:
         """(N,) coordinates along the path of pixels (N, 2)."""
@@ -322,7 +313,8 @@ class _Tracker:
 
     def _along(
         self, path: _PlanePath, paint: Paint, beyond: float = 0.0, *, rough: bool = False, wary: bool = False
-    ) -> _Measured:
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Points (N, 2) px that were measured along a path, and their standard deviations (N,) across it."""
         cut = self._cut(path, beyond)
         fitted = fit(cut, paint, rough_centres(cut, paint) if rough else 0.0, wary=wary)
         wider = np.maximum(fitted.chi, 1.0)
@@ -332,11 +324,13 @@ class _Tracker:
         good &= np.abs(fitted.centre) < self.width_px + 2.5
         if good.any():
             good &= fitted.chi < _DISTURBED * max(float(np.median(fitted.chi[good])), 0.5)
-        return _Measured(cut.centred(fitted.centre)[good], (fitted.centre_std * wider / cut.stretch)[good])
+        points = cut.crossing_px.copy()
+        points[:, cut.axis] += fitted.centre
+        return points[good], (fitted.centre_std * wider / cut.stretch)[good]
 
-    def _refitted(self, path: _PlanePath, now: _Measured) -> _PlanePath:
-        points, valid = self.plane.to_plane(now.points)
-        points, weight = points[valid], 1.0 / (now.sigma[valid] ** 2 + 0.05**2)
+    def _refitted(self, path: _PlanePath, pixels: np.ndarray, sigma: np.ndarray) -> _PlanePath:
+        points, valid = self.plane.to_plane(pixels)
+        points, weight = points[valid], 1.0 / (sigma[valid] ** 2 + 0.05**2)
         fresh = path.fitted(points, weight)
         for _ in range(_REWEIGHINGS):
             off = np.abs(fresh.along(points)[1])
@@ -346,7 +340,9 @@ class _Tracker:
     def _end(self, path: _PlanePath, paint: Paint, way: int) -> LineEnd | None:
         """Where the line ends beyond the path's start (−1) or end (+1)."""
         cut = self._cut(path, _GROWTH)
-        amplitude, std = presence(cut, paint)
+        # how much of the line is on the guide itself: about 1 where it is, 0 where not
+        there = fit(cut, paint, steps=0)
+        amplitude, std = there.amplitude, there.amplitude_std * np.maximum(there.chi, 1.0)
         s = self._places(path, cut.crossing_px)
         order = np.argsort(way * s)
         place = cut.crossing_px[order]

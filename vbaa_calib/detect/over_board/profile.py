@@ -183,12 +183,6 @@ class Profiles:
     slope: np.ndarray
     noise: np.ndarray
 
-    def centred(self, centre: np.ndarray) -> np.ndarray:
-        """(N, 2) pixels at distances (N,) along the profiles from the guide."""
-        points = self.crossing_px.copy()
-        points[:, self.axis] += centre
-        return points
-
 
 @dataclass(frozen=True)
 class Paint:
@@ -301,12 +295,6 @@ def fit(
     std = np.sqrt(np.clip(np.diagonal(inverse, axis1=1, axis2=2), 0.0, None))
     chi = np.sqrt((residual**2).sum(axis=1) / freedom)
     return _Fitted(centre, std[:, 3] / np.abs(amplitude), found[:, 2], std[:, 2], chi)
-
-
-def presence(cut: Profiles, paint: Paint) -> tuple[np.ndarray, np.ndarray]:
-    """How much of the line is there on the guide itself, (N,): about 1 where it is, 0 where not; and its std (N,)."""
-    there = fit(cut, paint, steps=0)
-    return there.amplitude, there.amplitude_std * np.maximum(there.chi, 1.0)
 
 
 def rough_centres(cut: Profiles, paint: Paint) -> np.ndarray:
