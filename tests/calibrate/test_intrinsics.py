@@ -1,20 +1,28 @@
-"""The lens from corners that are exactly known, with and without noise."""
+"""The lens from corners that are exactly known, from real photos beside their references, and from the command line."""
 
 from __future__ import annotations
 
 import dataclasses
+import json
+from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
+import yaml
 
 from targets.board import corner_points
 from vbaa_calib.calibrate.lens.bundle import Bundle, Observation, refine
 from vbaa_calib.calibrate.lens.information import information
-from vbaa_calib.calibrate.lens.intrinsics import solve_intrinsics
+from vbaa_calib.calibrate.lens.intrinsics import LensSolution, solve_intrinsics
 from vbaa_calib.calibrate.lens.models import LENS_MODELS
+from vbaa_calib.camera import Camera
+from vbaa_calib.cli.main import main
 from vbaa_calib.core.errors import InputError
+from vbaa_calib.detect.board.board_file import load_board
 from vbaa_calib.detect.board.corners import BoardView
 
+from .photo_sets import detected, photo_set
 from .synthetic_views import SPEC, pose_towards, views_of
 
 SIZE = (1280, 960)
@@ -157,3 +165,104 @@ def test_views_without_tilt_are_not_answered_with_confidence() -> None:
     frontal = views_of(LENS_MODELS["none"], LENSES["none"], SIZE, [pose_towards(rng, 0.25, 0.0)] * 8, rng)
     with pytest.raises(InputError, match="leave the none lens open"):
         solve_intrinsics(frontal, SPEC, "none")
+
+
+# set, smallest number of corners in a view, RMS, fx, fy as its NOTES.txt gives them; the model, and whether fx = fy
+REFERENCES = [
+    ("realsense", 6, (0.6235, 898.74, 901.55), ("opencv5", False)),
+    ("gopro", 6, (0.3010, 586.97, 586.97), ("rational", True)),
+    ("ucl_left", 20, (0.571, 833.51, 909.43), ("opencv5", False)),
+    ("ucl_right", 20, (0.538, 834.21, 908.66), ("opencv5", False)),
+]
+
+
+def assert_matches(solution: LensSolution, rms: float, fx: float, fy: float) -> None:
+    assert solution.rms_px == pytest.approx(rms, rel=0.03)
+    assert sum(view.left_out for view in solution.views) <= 0.005 * sum(view.corners for view in solution.views)
+    assert solution.camera.matrix[0, 0] == pytest.approx(fx, rel=0.005)
+    assert solution.camera.matrix[1, 1] == pytest.approx(fy, rel=0.005)
+
+
+@pytest.mark.parametrize(("name", "min_corners", "reference", "fitting"), REFERENCES)
+def test_the_fitting_lens_model_reproduces_the_reference(
+    name: str, min_corners: int, reference: tuple[float, float, float], fitting: tuple[str, bool]
+) -> None:
+    views, spec = detected(name)
+    model, square = fitting
+    solution = solve_intrinsics(views, spec, model, min_corners, square)
+    assert_matches(solution, *reference)
+    assert len(solution.views) == sum(len(view.ids) >= min_corners for view in views), "no good view may be lost"
+
+
+@pytest.mark.parametrize(
+    ("name", "min_corners", "reference"),
+    [pytest.param(*one[:3], marks=pytest.mark.slow if one[0] == "ucl_left" else ()) for one in REFERENCES],
+)
+def test_the_chosen_lens_model_reproduces_the_reference_and_does_not_fold(
+    name: str, min_corners: int, reference: tuple[float, float, float]
+) -> None:
+    views, spec = detected(name)
+    solution = solve_intrinsics(views, spec, "auto", min_corners)
+    assert_matches(solution, *reference)
+    assert solution.monotonic
+    held_out = {candidate.model: candidate.held_out_rms_px for candidate in solution.comparison}
+    assert held_out[solution.model] <= 1.1 * min(held_out.values())
+    if name == "gopro":
+        assert solution.model in ("rational", "fisheye")
+
+
+def test_opencv_ends_in_the_same_minimum() -> None:
+    views, spec = detected("realsense")
+    solution = solve_intrinsics(views, spec, "opencv5")
+    points = corner_points(spec).astype(np.float32)
+    rms, matrix, distortion, *_ = cv2.calibrateCamera(
+        [points[view.ids] for view in views],
+        [view.corners_px.astype(np.float32) for view in views],
+        views[0].image_size,
+        None,
+        None,
+        criteria=(cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 300, 1e-12),
+    )
+    assert solution.rms_px == pytest.approx(rms, rel=1e-6)
+    np.testing.assert_allclose(solution.camera.matrix, matrix, atol=0.02)
+    np.testing.assert_allclose(solution.camera.distortion, distortion.ravel(), atol=2e-3)
+
+
+def test_camera_json_holds_the_lens_and_its_evidence(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    photos = photo_set("realsense")
+    board, output = tmp_path / "board.yaml", tmp_path / "camera.json"
+    board.write_text(yaml.safe_dump(photos.spec.to_dict()))
+    call = ["intrinsics", str(photos.folder), "--board", str(board), "-o", str(output), "--json"]
+    assert main(call) == 0
+    result = json.loads(capsys.readouterr().out)
+    document = json.loads(output.read_text())
+    assert result == {"output": str(output), **document}
+    assert document["schema"] == "vbaa.camera/1"
+    chosen = LENS_MODELS[document["lens_model"]]
+    assert document["parameters"] == list(chosen.parameter_names)
+    assert document["model"] == chosen.camera_model
+    assert np.shape(document["covariance"]) == (len(chosen.parameter_names),) * 2
+    assert len(document["views"]) == 28
+    assert document["dropped"] == []
+    assert {row["model"] for row in document["model_comparison"]} >= {"none", "radial", "opencv5", "fisheye"}
+    camera = Camera.load(output)
+    assert camera.matrix[0, 0] == pytest.approx(898.7, rel=0.005)
+    assert main(call) == 2, "nothing is overwritten without --force"
+    assert "--force" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("{squares_x: 7, squares_y: 5, square_m: 0.03, marker_m: 0.022, squares: 3}", "unknown key squares"),
+        ("{squares_x: 7, squares_y: 5, square_m: .nan, marker_m: 0.022}", "square_m is not a finite number"),
+        ("type: chessboard", "type: 'chessboard'"),
+        ("a: [", "not valid YAML"),
+    ],
+)
+def test_a_wrong_board_file_is_refused_by_name_and_key(tmp_path: Path, text: str, words: str) -> None:
+    path = tmp_path / "board.yaml"
+    path.write_text(text)
+    with pytest.raises(InputError, match=r"board\.yaml") as caught:
+        load_board(path)
+    assert words in str(caught.value)
