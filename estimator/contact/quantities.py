@@ -54,6 +54,7 @@ class FitNumbers:
     covariance : (B, 6, 6) of point and force. with_pose : (B, 6, 6) theirs with the camera pose's tangent.
     shared : (B, 6, 6) the part of it that all frames of a recording have in common, the rig's. shared_std : (B,) that
         part of the distance's deviation.
+    friction_share : (B,) of the distance's variance, the part by friction's angle: gone, were that known.
     residual, residual_std : (B, 2) whitened residuals of the readings, and their expected standard deviations.
     sensor_available : (B, 2) bool, whether there was a reading.
     rig_chi_square : (B,) sum of squares of the rig's steps, which has `rig_axes` (B,) degrees of freedom.
@@ -82,6 +83,7 @@ class FitNumbers:
     with_pose: np.ndarray = _each(6, 6)
     shared: np.ndarray = _each(6, 6)
     shared_std: np.ndarray = _each()
+    friction_share: np.ndarray = _each()
     residual: np.ndarray = _each(2)
     residual_std: np.ndarray = _each(2)
     sensor_available: np.ndarray = _each(2, dtype=bool)
@@ -180,6 +182,7 @@ def _numbers(part: Solution, beam: Beam | None) -> FitNumbers:
         with_pose=plain(with_rig @ rig_arrays.axes[:POSES].T),
         shared=plain(with_rig @ with_rig.mT),
         shared_std=plain(xp.sqrt((distance_with_rig**2).sum(-1))),
+        friction_share=plain(uncertainty.correlation(0, 3) ** 2),
         residual=plain(fits.problem.reading_residual[:, :2]),
         residual_std=plain(uncertainty.reading_std[:, :2]),
         sensor_available=plain(fits.frames.sensor_available) > 0.0,

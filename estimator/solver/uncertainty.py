@@ -54,6 +54,11 @@ class Uncertainty:
         index = arange_like(self.covariance, UNKNOWNS)
         return namespace(self.covariance).sqrt(self.covariance[:, index, index])
 
+    def correlation(self, first: int, second: int) -> Array:
+        """(B,) of two unknowns; NaN where they are not observable, or fixed."""
+        std = self.std
+        return self.covariance[:, first, second] / (std[:, first] * std[:, second])
+
     def covariance_with_rig(self, by_unknowns: Array, by_rig: Array) -> Array:
         """(B, Q, R) of quantities with derivatives (B, Q, 4) and (B, Q, R) with the rig's steps."""
         total = by_unknowns + by_rig @ self.rig_response
