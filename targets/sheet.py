@@ -9,9 +9,7 @@ from bisect import bisect_left
 from dataclasses import dataclass, replace
 from typing import Any
 
-import numpy as np
 import yaml
-from reportlab.graphics.barcode import qrencoder
 from reportlab.lib.utils import simpleSplit
 
 from .board import DICTIONARY_SIZES, BoardSpec, spec_line
@@ -127,15 +125,6 @@ def size_words(spec: BoardSpec) -> str:
         f"{spec.squares_x} × {spec.squares_y} squares of {1e3 * spec.square_m:.6g} mm, "
         f"markers of {1e3 * spec.marker_m:.6g} mm, {spec.dictionary}{pattern}"
     )
-
-
-def qr_modules(text: str) -> np.ndarray:
-    """(n, n) bool, true where the QR code is dark; its quiet zone of four modules is for the caller to leave."""
-    code = qrencoder.QRCode(None, qrencoder.QRErrorCorrectLevel.M)
-    code.addData(text)
-    code.make()
-    count = code.getModuleCount()
-    return np.array([[bool(code.isDark(row, column)) for column in range(count)] for row in range(count)])
 
 
 MARGIN_MM = 8.0

@@ -10,10 +10,11 @@ from xml.sax.saxutils import escape
 
 import cv2
 import numpy as np
+from reportlab.graphics.barcode import qrencoder
 from reportlab.pdfgen.canvas import FILL_EVEN_ODD, Canvas
 
 from .board import BoardSpec, opencv_board, spec_line
-from .sheet import PT_PER_MM, Drawing, Label, Layout, Loop, Shape, Stroke, board_id, font_name, qr_modules
+from .sheet import PT_PER_MM, Drawing, Label, Layout, Loop, Shape, Stroke, board_id, font_name
 
 _TICK_WIDTH_MM, _END_WIDTH_MM = 0.12, 0.2
 _TICKS_MM = {1: 1.8, 5: 2.6, 10: 3.6}
@@ -78,7 +79,11 @@ def draw(spec: BoardSpec, layout: Layout) -> Drawing:
     marks: list[Shape | Stroke | Label] = [
         Shape(placed(shape, 1.0, layout.board_x, layout.board_y)) for shape in board_shapes(spec)
     ]
-    dark = qr_modules(spec_line(spec))
+    code = qrencoder.QRCode(None, qrencoder.QRErrorCorrectLevel.M)
+    code.addData(spec_line(spec))
+    code.make()
+    count = code.getModuleCount()
+    dark = np.array([[bool(code.isDark(row, column)) for column in range(count)] for row in range(count)])
     # the quiet zone counts as part of the code's room, so that the code ends where the text's margin does
     module = layout.qr / (len(dark) + _QR_QUIET)
     qr = placed(outlines(dark), module, layout.width - layout.margin - module * len(dark), layout.margin)

@@ -8,6 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from targets.sheet import fill_in, lay_out, paper_named, spec_document
+from targets.write_sheet import as_pdf, draw
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_text, sha256, write_text
 from vbaa_calib.core.images import list_images, read_picture
@@ -15,12 +17,12 @@ from vbaa_calib.detect.board.board_file import load_board
 from vbaa_calib.session import Session, load_session, read_loads, read_noload, read_sweep
 
 from .questions import BOARD_ANSWERS, BY_KEY, PICTURES, QUESTIONS, READINGS, keeps_jig, open_questions
-from .session_state import SessionState, answers_of, check_jig_axes, scale_of
+from .session_state import BOARD, SessionState, answers_of, check_jig_axes, scale_of
 from .step import Step
-from .steps import make_board, print_instructions
 from .store import ASIDE, FOLDERS, WAYS, AcceptedPicture, Store
 from .ui import Interrupted, Ui
 
+_SHEET = "board.pdf"
 _JIG = {key for key in BY_KEY if key.startswith("jig_")} | {"board_thickness_mm"}
 
 
@@ -66,9 +68,14 @@ def answer_all(state: SessionState, ui: Ui, step: Step) -> None:
         first = questions[0].key if questions else ""
         if step.name == "board" and "measure_x_mm" not in answers and first not in ("board", "paper"):
             # it is known which board it is: board.yaml, the sheet, and how long its print should be
-            store.answer(make_board(store, answers))
+            store.answer(_make_board(store, answers))
             if "board_along_x_mm" not in answers:
-                ui.say(print_instructions(store, answers))
+                ui.say(
+                    f"print {store.root / _SHEET} at 100 % (not fitted to the page), glue it on something flat and "
+                    "stiff, and measure its two rulers from end line to end line"
+                    if answers["board"] == "new"
+                    else "measure the print of your board"
+                )
             _forget_if_inconsistent(store, ui)
             continue
         if not questions or (questions[0].key == "source" and not ui.interactive and state.taken(step.name)):
@@ -95,6 +102,26 @@ def answer_all(state: SessionState, ui: Ui, step: Step) -> None:
             value = absolute(Path(), str(value))
         keep_answer(store, question.key, value)
         _forget_if_inconsistent(store, ui)
+
+
+def _make_board(store: Store, answers: Mapping[str, Any]) -> dict[str, Any]:
+    """Put board.yaml into the session, and a sheet to print where the board is new.
+
+    Returns what is measured on the print, mm, for the journal. Raises InputError for a board.yaml that is none.
+    """
+    if answers["board"] != "new":
+        spec = load_board(Path(str(answers["board"])))
+        store.write(BOARD, spec_document(spec, f"from {answers['board']}").encode())
+        return {
+            "measure_x_mm": 1e3 * spec.square_m * spec.squares_x,
+            "measure_y_mm": 1e3 * spec.square_m * spec.squares_y,
+        }
+    paper = paper_named(str(answers["paper"]))
+    spec = fill_in(paper=paper)
+    layout = lay_out(spec, paper)
+    store.write(_SHEET, as_pdf(draw(spec, layout)))
+    store.write(BOARD, spec_document(spec, f"as the wizard drew it in {_SHEET}").encode())
+    return {"measure_x_mm": layout.ruler_x, "measure_y_mm": layout.ruler_y}
 
 
 def absolute(folder: Path, text: str) -> str:
@@ -152,7 +179,7 @@ def adopt(store: Store, ui: Ui) -> None:
     for file in (path, *(store.root / folder / f"{folder}.csv" for folder in READINGS)):
         if file.is_file():
             write_text(given / file.name, read_text(file))
-    journal = store.journal.with_answers({**make_board(store, answers), **answers})
+    journal = store.journal.with_answers({**_make_board(store, answers), **answers})
     for step, words in PICTURES.items():
         folder = store.root / (FOLDERS.get(step) or WAYS.get(str(answers.get("plane_way")), "plane"))
         if not folder.is_dir():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from targets.sheet import board_id, fill_in, lay_out, paper_named, size_words, spec_document
-from targets.write_sheet import as_pdf, draw
+from targets.sheet import board_id, size_words
 from vbaa_calib.calibrate.antenna.problem import GAIN, OFFSET
 from vbaa_calib.calibrate.check.assessment import assess
 from vbaa_calib.calibrate.faults.views import same_pose, view_set_diagnoses
@@ -23,46 +22,14 @@ from vbaa_calib.calibrate.pipeline import calibrate
 from vbaa_calib.calibrate.report import doubts, rig_document
 from vbaa_calib.core.errors import VbaaError
 from vbaa_calib.core.files import write_json, write_text
-from vbaa_calib.detect.board.board_file import load_board
 from vbaa_calib.session import load_session
 
 from .questions import PICTURES
-from .session_state import BOARD, SessionState
+from .session_state import SessionState
 from .sources import Picture
 from .step import Number, PictureCheck, Progress, Readings, Step, Target, check_antenna, check_board, counted
-from .store import Store
 
 _ENOUGH = "enough, more will not help"
-_SHEET = "board.pdf"
-
-
-def make_board(store: Store, answers: Mapping[str, Any]) -> dict[str, Any]:
-    """Put board.yaml into the session, and a sheet to print where the board is new.
-
-    Returns what is measured on the print, mm, for the journal. Raises InputError for a board.yaml that is none.
-    """
-    if answers["board"] != "new":
-        spec = load_board(Path(str(answers["board"])))
-        store.write(BOARD, spec_document(spec, f"from {answers['board']}").encode())
-        return {
-            "measure_x_mm": 1e3 * spec.square_m * spec.squares_x,
-            "measure_y_mm": 1e3 * spec.square_m * spec.squares_y,
-        }
-    paper = paper_named(str(answers["paper"]))
-    spec = fill_in(paper=paper)
-    layout = lay_out(spec, paper)
-    store.write(_SHEET, as_pdf(draw(spec, layout)))
-    store.write(BOARD, spec_document(spec, f"as the wizard drew it in {_SHEET}").encode())
-    return {"measure_x_mm": layout.ruler_x, "measure_y_mm": layout.ruler_y}
-
-
-def print_instructions(store: Store, answers: Mapping[str, Any]) -> str:
-    if answers["board"] != "new":
-        return "measure the print of your board"
-    return (
-        f"print {store.root / _SHEET} at 100 % (not fitted to the page), glue it on something flat and stiff, and "
-        "measure its two rulers from end line to end line"
-    )
 
 
 def _board_progress(state: SessionState) -> Progress:

@@ -20,7 +20,7 @@ _NARROWEST = 40
 _STYLES = {"bold": "\033[1m", "dim": "\033[2m", "next": "\033[1;36m", "wrong": "\033[1;31m", "doubt": "\033[33m"}
 
 
-def wrapped(text: str, width: int, indent: str = "", hang: str | None = None) -> str:
+def _wrapped(text: str, width: int, indent: str = "", hang: str | None = None) -> str:
     """Lines broken at blanks to fit `width`; paths and addresses stay whole, so that they can be copied.
 
     hang : before what a line goes on with, as `indent` where it is None.
@@ -66,7 +66,7 @@ class Screen:
         """A paragraph for good."""
         self.clear()
         begin, end = (_STYLES[style], "\033[0m") if style and self._styled else ("", "")
-        self._put(f"{begin}{wrapped(text, self.width, indent, hang)}{end}\n")
+        self._put(f"{begin}{_wrapped(text, self.width, indent, hang)}{end}\n")
 
     def below(self, prompt: str, status: str | None = None) -> None:
         """The line where one types, and a line above it that changes; what was typed so far stays."""
