@@ -27,8 +27,7 @@ from vbaa_calib.wizard import flow
 from vbaa_calib.wizard.questions import PICTURES
 from vbaa_calib.wizard.session_state import SessionState
 from vbaa_calib.wizard.sources.picture import Picture
-from vbaa_calib.wizard.step import PictureCheck, Progress, Step
-from vbaa_calib.wizard.steps import REPORT, RIG
+from vbaa_calib.wizard.steps import REPORT, RIG, PictureCheck, Progress, Step
 from vbaa_calib.wizard.store import LOCK
 
 from ..small_scene import small_scene

@@ -18,7 +18,7 @@ from vbaa_calib.session import Session, load_session, read_loads, read_noload, r
 
 from .questions import BOARD_ANSWERS, BY_KEY, PICTURES, QUESTIONS, READINGS, keeps_jig, open_questions
 from .session_state import BOARD, SessionState, answers_of, check_jig_axes, scale_of
-from .step import Step
+from .steps import Step
 from .store import ASIDE, FOLDERS, WAYS, AcceptedPicture, Store
 from .ui import Interrupted, Ui
 

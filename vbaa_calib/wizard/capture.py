@@ -13,7 +13,7 @@ from vbaa_calib.session import Load, Still
 from .questions import Question, ReadingsTable, asked, complete, in_si
 from .session_state import SessionState, still_of
 from .sources import Picture, Source
-from .step import PictureCheck, Progress, Readings, Step
+from .steps import PictureCheck, Progress, Readings, Step
 from .stillness import ON_A_STAND, StillnessDetector
 from .ui import Interrupted, LivePicture, Ui
 

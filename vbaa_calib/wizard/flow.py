@@ -13,8 +13,7 @@ from .capture import GO_ON, Capture, NoMorePictures
 from .questions import BOARD_ANSWERS, BY_KEY, SOURCES, STEPS, Question, ReadingsTable, read_table, table_of
 from .session_state import SessionState
 from .sources import Source, SourceLost, open_source
-from .step import Step
-from .steps import REPORT, RIG, STEP_BY_NAME, Report, conclude
+from .steps import REPORT, RIG, STEP_BY_NAME, Report, Step, conclude
 from .store import Store
 from .ui import Interrupted, Ui
 

@@ -12,8 +12,7 @@ import numpy as np
 from .questions import STEPS, typed
 from .server import PageServer
 from .session_state import SessionState
-from .step import counted
-from .steps import STEP_BY_NAME
+from .steps import STEP_BY_NAME, counted
 from .ui import LivePicture, Ui, View
 
 _COLUMNS, _ROWS = 12, 8

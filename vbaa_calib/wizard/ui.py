@@ -13,7 +13,7 @@ from vbaa_calib.core.console import say
 from vbaa_calib.core.errors import InputError
 
 from .questions import Question, typed
-from .step import PictureCheck, Progress, Step
+from .steps import PictureCheck, Progress, Step
 
 COMMANDS = {
     "enough": "close this step with what it has",
