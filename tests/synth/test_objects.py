@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_yaml
 from vbaa_calib.geometry import Pose
-from vbaa_calib.simulate.render.object import cast, object_layer, obstacle, pressed_in
+from vbaa_calib.simulate.render.object import cast, object_patch, obstacle, pressed_in
 from vbaa_calib.simulate.scene.objects import BOX_FACE_M, Bump, TouchObject, surface_radius
 from vbaa_calib.simulate.scene.scene import bundled_scene
 from vbaa_calib.simulate.scene.scene_file import load_scene
@@ -152,8 +152,8 @@ def test_the_blade_reaches_to_its_edge_and_no_further() -> None:
 
 def test_the_picture_of_a_sphere_covers_its_cone_of_sight() -> None:
     scene, obj = place("pinhole"), EVERY["sphere"]
-    layer = object_layer(scene, obj, CAMERA)
-    rows, columns = np.mgrid[layer.where]
+    patch = object_patch(scene, obj, CAMERA)
+    rows, columns = np.mgrid[patch.where]
     toward = CAMERA.inverse() @ CENTRE
     # the outline of a sphere is an ellipse: semi-axes of the cone's section with the picture plane
     half = np.arcsin(0.02 / np.linalg.norm(toward))
@@ -162,8 +162,8 @@ def test_the_picture_of_a_sphere_covers_its_cone_of_sight() -> None:
     major = (np.tan(off + half) - np.tan(off - half)) / 2
     middle = (np.tan(off + half) + np.tan(off - half)) / 2
     minor = np.sin(half) / np.sqrt(np.cos(half) ** 2 - np.sin(off) ** 2)
-    assert layer.alpha.sum() == pytest.approx(np.pi * major * minor * fx * fy, rel=2e-3)
-    centre = np.array([(columns * layer.alpha).sum(), (rows * layer.alpha).sum()]) / layer.alpha.sum()
+    assert patch.alpha.sum() == pytest.approx(np.pi * major * minor * fx * fy, rel=2e-3)
+    centre = np.array([(columns * patch.alpha).sum(), (rows * patch.alpha).sum()]) / patch.alpha.sum()
     aim = toward[:2] / np.hypot(*toward[:2]) * middle
     np.testing.assert_allclose(centre, aim * [fx, fy] + scene.rays.lens.matrix[:2, 2], atol=0.05)
 
@@ -189,12 +189,12 @@ def test_a_pressed_object_gives_way(shape: str) -> None:
 
 @pytest.mark.parametrize("shape", EVERY)
 def test_the_camera_sees_it_unless_it_is_outside_the_picture(shape: str) -> None:
-    layer = object_layer(place(), EVERY[shape], CAMERA)
-    assert layer is not None
-    assert (layer.alpha > 0.99).sum() > 500
-    assert np.isfinite(layer.brightness).all()
+    patch = object_patch(place(), EVERY[shape], CAMERA)
+    assert patch is not None
+    assert (patch.alpha > 0.99).sum() > 500
+    assert np.isfinite(patch.brightness).all()
     away = Pose(CAMERA.rotation, CAMERA.translation_m + np.array([3.0, 0.0, 0.0]))
-    assert object_layer(place(), EVERY[shape], away) is None
+    assert object_patch(place(), EVERY[shape], away) is None
 
 
 def _read(folder: Path, **changes: Any) -> TouchObject:

@@ -13,7 +13,7 @@ from vbaa_calib.geometry import Pose
 from .plan import AntennaShot, BoardShot
 from .render.antenna import DepthOfObstacle, Tube, tube, tube_patch, visible_centreline
 from .render.board import Sheet, board_patch
-from .render.object import object_layer, obstacle, pressed_in
+from .render.object import object_patch, obstacle, pressed_in
 from .render.picture import LAMP_WORLD, Patch, Studio, behind, composed, digitise, expose, surroundings
 from .scene.scene import Joints, OverSpec, Scene, true_rod
 
@@ -69,7 +69,7 @@ def render_shot(
         antenna, *holder = _wires(scene, shot.arclength_m, shot.points_m)
         patches = [_wire_patch(scene, place, antenna, T_world_camera, _obstacle(scene, place, shot, T_world_camera))]
         patches += [_wire_patch(scene, place, wire, T_world_camera) for wire in holder]
-        thing = None if shot.indentation_m is None else object_layer(place, scene.object, T_world_camera)
+        thing = None if shot.indentation_m is None else object_patch(place, scene.object, T_world_camera)
         canvas = canvas if thing is None else composed(canvas, thing)
     grey = expose(place, canvas, [patch for patch in patches if patch is not None])
     return digitise(place.spec, grey, rng)

@@ -13,7 +13,7 @@ from vbaa_calib.simulate.scene.lens import project
 from vbaa_calib.simulate.scene.objects import BOX_FACE_M, LINES, WEDGES, TouchObject, elevation, implicit
 
 from .antenna import DepthOfObstacle
-from .picture import LAMP_WORLD, Layer, Studio, frame_around
+from .picture import LAMP_WORLD, Patch, Studio, frame_around
 
 BLADE_HALF_ANGLE_RAD, BLADE_DEPTH_M = np.deg2rad(3.0), 0.025
 _AMBIENT = 0.35
@@ -175,7 +175,7 @@ def _shade(obj: TouchObject, hits: Hits, origin_m: np.ndarray, directions: np.nd
     return albedo * light * (1.0 + 0.04 * stains) * np.isfinite(hits.depth)
 
 
-def object_layer(place: Studio, obj: TouchObject, T_world_camera: Pose) -> Layer | None:
+def object_patch(place: Studio, obj: TouchObject, T_world_camera: Pose) -> Patch | None:
     """The object's picture, edges antialiased; None when it is outside the picture."""
     corners = T_world_camera.inverse() @ _bounding_points(obj)
     left, top, right, bottom = frame_around(place, project(place.rays.lens, corners))
@@ -199,5 +199,4 @@ def object_layer(place: Studio, obj: TouchObject, T_world_camera: Pose) -> Layer
         fine_hits = cast(obj, origin, fine)
         brightness[rows, columns] = _shade(obj, fine_hits, origin, fine, albedo).reshape(len(rows), -1).mean(axis=1)
         alpha[rows, columns] = np.isfinite(fine_hits.depth).reshape(len(rows), -1).mean(axis=1)
-    where = (slice(top, bottom), slice(left, right))
-    return Layer(where, brightness.astype(np.float32), alpha.astype(np.float32))
+    return Patch(left, top, 1, brightness.astype(np.float32), alpha.astype(np.float32))

@@ -40,29 +40,15 @@ class Studio:
 
 
 @dataclass(frozen=True, eq=False)
-class Layer:
-    """Something in front of what was drawn before, pixel by pixel.
-
-    Attributes
-    ----------
-    where : index of its pixels in the picture, anything that NumPy takes.
-    brightness, alpha : brightness already weighted with the covered part, and the covered part, of each pixel.
-    """
-
-    where: tuple
-    brightness: np.ndarray
-    alpha: np.ndarray
-
-
-@dataclass(frozen=True, eq=False)
 class Patch:
-    """Something in front whose edges are measured: drawn in sub-pixels, so that blur comes before sampling.
+    """Something in front of what was drawn before; in sub-pixels where its edges are measured: blur before sampling.
 
     Attributes
     ----------
     left, top : its first pixel in the picture.
     factor : sub-pixels per pixel.
-    brightness, alpha : (rows·factor, columns·factor) float32, as in `Layer`.
+    brightness, alpha : (rows·factor, columns·factor) float32, brightness already weighted with the covered part, and
+        the covered part.
     """
 
     left: int
@@ -139,10 +125,10 @@ def surroundings(place: Studio, R_world_camera: np.ndarray) -> np.ndarray:
     return cv2.remap(place.bench, texel, np.empty(0), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
 
 
-def composed(canvas: np.ndarray, layer: Layer) -> np.ndarray:
-    """A new picture, (H, W) as the canvas is, with the layer in front."""
+def composed(canvas: np.ndarray, patch: Patch) -> np.ndarray:
+    """A new picture, (H, W) as the canvas is, with a patch of whole pixels in front."""
     result = canvas.copy()
-    result[layer.where] = result[layer.where] * (1.0 - layer.alpha) + layer.brightness
+    result[patch.where] = result[patch.where] * (1.0 - patch.alpha) + patch.brightness
     return result
 
 
