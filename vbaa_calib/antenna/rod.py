@@ -275,6 +275,7 @@ def _checked(rod: Rod, gravity: np.ndarray, contact: np.ndarray, force: np.ndarr
     return gravity, contact, force
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def newton(
     residual: Residual,
     start: np.ndarray,
@@ -301,13 +302,6 @@ def newton(
     """
     lower, upper = np.broadcast_to(lower, start.shape), np.broadcast_to(upper, start.shape)
     solution = np.clip(start, lower, upper)
-    with np.errstate(over="ignore", invalid="ignore"):
-        return _iterate(residual, solution, tolerance, lower, upper, iterations)
-
-
-def _iterate(
-    residual: Residual, solution: np.ndarray, tolerance: float, lower: np.ndarray, upper: np.ndarray, iterations: int
-) -> tuple[np.ndarray, np.ndarray]:
     values = residual(solution, np.arange(len(solution)))
     size = _size(values)
     for _ in range(iterations):

@@ -183,6 +183,7 @@ def gripped(
     return np.where(slides[:, None], at(high)[0], grip)
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def advance(setting: Setting, bases: Bases, before: Held, start: Held, friction: float) -> tuple[Held, np.ndarray]:
     """The contacts at these bases, and which of them (B,) were found.
 
@@ -192,31 +193,29 @@ def advance(setting: Setting, bases: Bases, before: Held, start: Held, friction:
     x, size = _packed(setting, start, frame), np.full(count, np.inf)
     step, good = np.zeros_like(x), np.zeros(count, bool)
     grip = np.einsum("bij,bj->bi", frame, before.grip_N) / setting.force_unit_N
-    open_rows = np.arange(count)
-    with np.errstate(over="ignore", invalid="ignore"):
-        for _ in range(_ITERATIONS):
-            rows = open_rows
-            left, slopes = _linearised(
-                setting, picked(bases, rows), picked(before, rows), picked(start, rows), frame[rows], x[rows]
-            )
-            now = np.abs(left[:, :8]).max(axis=1)
-            now = np.where(np.isfinite(now) & np.isfinite(slopes).all(axis=(1, 2)), now, np.inf)
-            worse = now > np.maximum(2.0 * size[rows], 1e3 * TOLERANCE)
-            x[rows[worse]] -= 0.5 * step[rows[worse]]
-            step[rows[worse]] *= 0.5
-            better = ~worse
-            at = rows[better]
-            size[at] = now[better]
-            step[at] = _newton_step(x[at], left[better], slopes[better], grip[at], friction)
-            done = (size[at] <= TOLERANCE) & (np.abs(step[at, 8:]).max(axis=1, initial=0.0) <= _GRIP_TOLERANCE)
-            good[at[done]] = True
-            moving = at[~done]
-            limited = _limited(x[moving] + step[moving])
-            step[moving] = limited - x[moving]
-            x[moving] = limited
-            open_rows = np.flatnonzero(~good)
-            if open_rows.size == 0:
-                break
+    rows = np.arange(count)
+    for _ in range(_ITERATIONS):
+        left, slopes = _linearised(
+            setting, picked(bases, rows), picked(before, rows), picked(start, rows), frame[rows], x[rows]
+        )
+        now = np.abs(left[:, :8]).max(axis=1)
+        now = np.where(np.isfinite(now) & np.isfinite(slopes).all(axis=(1, 2)), now, np.inf)
+        worse = now > np.maximum(2.0 * size[rows], 1e3 * TOLERANCE)
+        x[rows[worse]] -= 0.5 * step[rows[worse]]
+        step[rows[worse]] *= 0.5
+        better = ~worse
+        at = rows[better]
+        size[at] = now[better]
+        step[at] = _newton_step(x[at], left[better], slopes[better], grip[at], friction)
+        done = (size[at] <= TOLERANCE) & (np.abs(step[at, 8:]).max(axis=1, initial=0.0) <= _GRIP_TOLERANCE)
+        good[at[done]] = True
+        moving = at[~done]
+        limited = _limited(x[moving] + step[moving])
+        step[moving] = limited - x[moving]
+        x[moving] = limited
+        rows = np.flatnonzero(~good)
+        if rows.size == 0:
+            break
     held, _, _, axes = _unpacked(setting, bases, start, frame, x)
     change = np.einsum("bi,bij->bj", x[:, 8:] - grip, axes) * setting.force_unit_N
     slipped = _way(before, held) + change * setting.rod.length_m / (_STICK * setting.force_unit_N)
