@@ -57,9 +57,7 @@ def test_the_pose_is_found_within_its_uncertainty(name: str) -> None:
     assert np.abs(step[:2]).max() < 1.2e-3
     assert abs(step[2]) < 1.5e-3
     assert np.linalg.norm(step[3:]) < 6e-4
-    assert solution.line.bright == (scene.scene.picture.antenna > 0.5)
     assert solution.estimate.way == "over board"
-    assert solution.reach_m[1] > 0.9 * scene.antenna.length_m
 
 
 @pytest.mark.slow

@@ -161,11 +161,11 @@ class OverProblem:
         return np.vstack([points, np.zeros((_UNKNOWNS - _IN_PLANE.stop, points.shape[1]))])
 
 
-def solve_over(problem: OverProblem, start: np.ndarray) -> tuple[PoseEstimate, float, tuple[float, float]]:
+def solve_over(problem: OverProblem, start: np.ndarray) -> tuple[PoseEstimate, float]:
     """Solve from a start (angle, x, y) in the board frame.
 
-    Returns the camera's pose, the scatter of the points over what is predicted, and the arc lengths of the first and
-    the last of them. Raises SolveError when the solver does not converge, or too few points lie on the antenna.
+    Returns the camera's pose, and the scatter of the points over what is predicted. Raises SolveError when the solver
+    does not converge, or too few points lie on the antenna.
     """
     unknowns = np.concatenate([start, np.zeros(_UNKNOWNS - 3)])
     for _ in range(_PASSES):
@@ -198,9 +198,9 @@ def solve_over(problem: OverProblem, start: np.ndarray) -> tuple[PoseEstimate, f
         columns.append(ahead.tangent_from(back) / (2 * step.sum()))
     by_unknowns = np.stack(columns, axis=1)
     covariance = by_unknowns @ inverse @ by_unknowns.T
-    pose, foot = problem.T_camera_antenna(unknowns).inverse(), feet(problem.seen, curves)
+    pose = problem.T_camera_antenna(unknowns).inverse()
     estimate = PoseEstimate("over board", pose, 0.5 * (covariance + covariance.T), by_unknowns @ by_lens)
-    return estimate, problem.noise_scale, (float(foot.min()), float(foot.max()))
+    return estimate, problem.noise_scale
 
 
 def _descended(problem: OverProblem, unknowns: np.ndarray) -> np.ndarray:

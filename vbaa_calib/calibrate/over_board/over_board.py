@@ -36,18 +36,14 @@ _NAMED = 3
 
 @dataclass(frozen=True, eq=False)
 class OverBoardSolution:
-    """The camera's pose by the antenna over the board.
+    """The camera's pose by the antenna over the board, and the board's pose, which may have a second one.
 
-    estimate : the pose with its covariance. The frame is the antenna's own; a jig that holds the same frame only as
-        well as the clamp repeats differs by the clamp's scatter.
-    board : the board's pose, which may have a second one. line : the antenna, from clamp to tip.
-    reach_m : arc lengths of the first and the last point that took part.
+    The frame is the antenna's own; a jig that holds the same frame only as well as the clamp repeats differs by the
+    clamp's scatter.
     """
 
     estimate: PoseEstimate
     board: BoardPose
-    line: BoardLine
-    reach_m: tuple[float, float]
 
 
 def solve_over_board(
@@ -96,14 +92,14 @@ def solve_over_board(
     if line.ends[1] is None and setup.clamp is not None:
         origin = plane.to_plane(setup.clamp.point_px[None])[0][0]
     start = np.array([np.arctan2(unit[1], unit[0]), *origin])
-    estimate, scatter, reach_m = solve_over(OverProblem(setup, board, seen, marks, toward), start)
+    estimate, scatter = solve_over(OverProblem(setup, board, seen, marks, toward), start)
     if scatter > _MOST_SCATTER:
         raise InputError(
             f"the antenna's points scatter {scatter:.1f} times as far as the picture's noise explains",
             where=where,
             remedy="clear the board of other things, light it softly, and check the board's description",
         )
-    return OverBoardSolution(estimate, board, line, reach_m)
+    return OverBoardSolution(estimate, board)
 
 
 def _refuse_touching(setup: OverSetup, toward: float) -> None:
