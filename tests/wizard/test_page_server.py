@@ -7,6 +7,7 @@ import re
 import socket
 import threading
 import time
+from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,22 @@ from vbaa_calib.wizard import server as module
 from vbaa_calib.wizard.server import BODY_LIMIT, FILES, STATIC, PageCommand, PageServer
 
 from .page_client import ask, command, cookie, jpeg, raw, state, token
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator[PageServer]:
+    """One for all that is refused: it leaves no trace."""
+    server = PageServer()
+    yield server
+    server.close()
+
+
+@pytest.fixture
+def fresh() -> Iterator[PageServer]:
+    server = PageServer()
+    yield server
+    server.close()
+
 
 PATHS = ("/", "/page.js", "/picture.js", "/question.js", "/page.css", "/icon.svg", "/state", "/picture", "/report")
 
