@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -251,45 +251,38 @@ class ReadingsTable:
 
 def read_table(path: Path) -> ReadingsTable:
     """A CSV with a column `image` and any of `COLUMNS`. Raises InputError."""
-    rows: dict[str, Mapping[str, Any]] = {}
-    for row in read_csv(path, ("image",), COLUMNS):
-        where, name = f"{path} line {row['line']}", Path(row["image"]).name
-        if not name:
-            raise InputError("image is empty", where=where, remedy="name the picture")
-        cells = {key: cell for key, cell in row.items() if key in COLUMNS and cell}
-        _add(rows, name, cells, where)
-    return ReadingsTable(rows, (), path)
+    rows = read_csv(path, ("image",), COLUMNS)
+    filled = ({key: cell for key, cell in row.items() if cell or key == "image"} for row in rows)
+    return _table(((f"{path} line {row.pop('line')}", row) for row in filled), path)
 
 
 def table_of(rows: Sequence[Any], where: object) -> ReadingsTable:
     """Rows of an answers file: mappings of `COLUMNS`, with or without `image`. Raises InputError."""
-    by_image: dict[str, Mapping[str, Any]] = {}
-    in_order: list[Mapping[str, Any]] = []
     for number, row in enumerate(rows, 1):
         place = f"{where} row {number}"
         if not isinstance(row, Mapping):
             raise InputError("is not a mapping", where=place, remedy="give pan_rad: ..., moment_Nm: ... and so on")
-        unknown = [key for key in row if key not in ("image", *COLUMNS)]
-        if unknown:
+        if unknown := [key for key in row if key not in ("image", *COLUMNS)]:
             remedy = f"the keys are image, {', '.join(COLUMNS)}"
             raise InputError(f"unknown key {unknown[0]!r}", where=place, remedy=remedy)
+    return _table(((f"{where} row {number}", row) for number, row in enumerate(rows, 1)), where)
+
+
+def _table(rows: Iterable[tuple[str, Mapping[str, Any]]], where: object) -> ReadingsTable:
+    by_image, in_order = dict[str, Mapping[str, Any]](), list[Mapping[str, Any]]()
+    for place, row in rows:
         cells = {key: value for key, value in row.items() if key != "image"}
+        in_si(cells, place)
         if "image" not in row:
-            in_si(cells, place)
             in_order.append(cells)
             continue
-        if not isinstance(row["image"], str) or not (name := Path(row["image"]).name):
-            remedy = "name the picture, or leave it out"
-            raise InputError("image is no name of a picture", where=place, remedy=remedy)
-        _add(by_image, name, cells, place)
-    return ReadingsTable(by_image, tuple(in_order), where)
-
-
-def _add(rows: dict[str, Mapping[str, Any]], name: str, cells: Mapping[str, Any], where: str) -> None:
-    if name in rows:
-        raise InputError(f"{name} stands twice", where=where, remedy="a row per picture")
-    in_si(cells, where)
-    rows[name] = cells
+        name = Path(row["image"]).name if isinstance(row["image"], str) else ""
+        if not name:
+            raise InputError("image is no name of a picture", where=place, remedy="name the picture")
+        if name in by_image:
+            raise InputError(f"{name} stands twice", where=place, remedy="a row per picture")
+        by_image[name] = cells
+    return ReadingsTable(by_image, in_order, where)
 
 
 def in_si(typed: Mapping[str, Any], where: object) -> dict[str, float]:
