@@ -77,11 +77,13 @@ class LiveSource:
         try:
             # a little longer than the thread's own patience, so that the thread finds what is wrong
             self._first = self._newest(patience.open_s + 1)
-            if self._first is None:
-                raise self._error(InputError, self._fault_now() or "hung")
         except BaseException:
             self.close()
             raise
+        if self._first is None:
+            # closing gives a slow device the time to say what is wrong
+            self.close()
+            raise self._error(InputError, self._fault_now() or "hung")
 
     @property
     def notes(self) -> tuple[str, ...]:
