@@ -193,8 +193,19 @@ def error_budget(
         name: ResultBudget(float(np.sqrt(whole[name])), shared[name] / whole[name], parts[name]) for name in RESULTS
     }
     exact_causes = tuple(cause for cause in CAUSES if cause not in (*by_cause, *aside))
-    notes = tuple(_notes(rig, with_moment))
-    return Budget(touches.picked(determined), len(determined), results, by_cause, exact_causes, notes)
+    notes = []
+    if not rig.covariance.any():
+        notes.append("rig.json says that the whole rig is exact: nothing of the calibration is counted. Calibrate it.")
+    elif not rig.with_lens:
+        notes.append(
+            "The joint covariance in rig.json is without the lens: the lens counts as exact here. Calibrate again with "
+            "`vbaa calibrate`, which keeps it."
+        )
+    if rig.kinematics.axes_known:
+        notes.append("The joint axes count as exact: no sweep has measured them.")
+    if not with_moment:
+        notes.append("Vision alone: the moment reading is left aside.")
+    return Budget(touches.picked(determined), len(determined), results, by_cause, exact_causes, tuple(notes))
 
 
 def _determined(
@@ -216,19 +227,3 @@ def _determined(
 
 def _mean(rows: np.ndarray) -> dict[str, float]:
     return {name: float(values.mean()) for name, values in per_result(rows).items()}
-
-
-def _notes(rig: Rig, with_moment: bool) -> list[str]:
-    notes = []
-    if not rig.covariance.any():
-        notes.append("rig.json says that the whole rig is exact: nothing of the calibration is counted. Calibrate it.")
-    elif not rig.with_lens:
-        notes.append(
-            "The joint covariance in rig.json is without the lens: the lens counts as exact here. Calibrate again with "
-            "`vbaa calibrate`, which keeps it."
-        )
-    if rig.kinematics.axes_known:
-        notes.append("The joint axes count as exact: no sweep has measured them.")
-    if not with_moment:
-        notes.append("Vision alone: the moment reading is left aside.")
-    return notes

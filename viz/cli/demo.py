@@ -67,7 +67,16 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     drawable = can_render()
     if not drawable:
         say("no OpenGL here: scene.png is left out; to have it, install libegl1 and libgl1-mesa-dri")
-    for command in _commands(out, args.scene, screenshot=drawable):
+    names = ("session", "rig.json", "contacts.csv", "object.vtp", "scene.png", "scene.html")
+    session, rig, contacts, surface, picture, page = (str(out / name) for name in names)
+    view = ["view", contacts, "--rig", rig, "--session", session, "--truth", f"{session}/truth.json", "--html", page]
+    for command in (
+        ["simulate", args.scene, "-o", session],
+        ["calibrate", session, "-o", rig],
+        ["estimate", session, "--rig", rig, "-o", contacts, "--no-report"],
+        ["reconstruct", contacts, "--rig", rig, "-o", surface],
+        [*view, "--screenshot", picture] if drawable else view,
+    ):
         say(f"\n$ vbaa {shlex.join(command)}")
         begun = time.perf_counter()
         run_verb([*command, "--force"])
@@ -75,20 +84,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     result = _finish(out, time.perf_counter() - started, args.argv)
     say(f"\neverything is in {out}/: open {out}/report.html and {out}/scene.html")
     return result
-
-
-def _commands(out: Path, scene: str, screenshot: bool) -> list[list[str]]:
-    """The command lines, in order. Where nothing can be rendered, scene.png is left out; scene.html needs no OpenGL."""
-    names = ("session", "rig.json", "contacts.csv", "object.vtp", "scene.png", "scene.html")
-    session, rig, contacts, surface, picture, page = (str(out / name) for name in names)
-    view = ["view", contacts, "--rig", rig, "--session", session, "--truth", f"{session}/truth.json", "--html", page]
-    return [
-        ["simulate", scene, "-o", session],
-        ["calibrate", session, "-o", rig],
-        ["estimate", session, "--rig", rig, "-o", contacts, "--no-report"],
-        ["reconstruct", contacts, "--rig", rig, "-o", surface],
-        [*view, "--screenshot", picture] if screenshot else view,
-    ]
 
 
 def _finish(out: Path, seconds: float, argv: Sequence[str]) -> dict[str, Any]:
