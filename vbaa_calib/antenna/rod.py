@@ -23,14 +23,14 @@ from vbaa_calib.geometry import Pose
 
 STEPS_PER_SEGMENT = 32
 """Runge-Kutta steps from the clamp to the contact, and again from there to the tip."""
-TOLERANCE = 1e-11
+_TOLERANCE = 1e-11
 """On the moment left at the tip, relative to the moment of the loads."""
 _LOAD_LADDER = (0.1, 0.25, 0.45, 0.7, 1.0)
 _DIFFERENCE = -1e-7
 """Backward, so that a variable at its upper limit is still differentiated from the allowed side."""
 _HALVINGS = 8
 
-Residual = Callable[[np.ndarray, np.ndarray], np.ndarray]
+_Residual = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +112,7 @@ def solve_rod(
     load = np.linalg.norm(force, axis=1) * contact + np.linalg.norm(weight, axis=1) * rod.length_m / 2
     scale = np.maximum(load, 1e-6 * unit)[:, None]
 
-    def tip_moment(share: float) -> Residual:
+    def tip_moment(share: float) -> _Residual:
         def residual(x: np.ndarray, rows: np.ndarray) -> np.ndarray:
             nodes = shoot(rod, share * gravity[rows], contact[rows], share * force[rows], x * unit)
             return nodes[-1, 3].T / scale[rows]
@@ -127,11 +127,11 @@ def solve_rod(
         start = guess_moment_Nm - np.cross(lever, force + weight)
     # no lever is longer than the arc, so no component of the clamp moment exceeds the load's
     limit = load[:, None] / unit
-    moment, size = newton(tip_moment(1.0), start / unit, tolerance=TOLERANCE, lower=-limit, upper=limit)
-    failed = np.flatnonzero(~(size <= TOLERANCE))
+    moment, size = newton(tip_moment(1.0), start / unit, tolerance=_TOLERANCE, lower=-limit, upper=limit)
+    failed = np.flatnonzero(~(size <= _TOLERANCE))
     if failed.size:
         moment[failed], size[failed] = _climb(tip_moment, failed, limit[failed])
-    if not (size <= TOLERANCE).all():
+    if not (size <= _TOLERANCE).all():
         worst = int(np.argmax(size))
         raise SolveError(
             f"rod {worst} of {len(size)} found no equilibrium: force {force[worst]} N at {contact[worst]:.4f} m"
@@ -243,17 +243,17 @@ def _cross(a: np.ndarray, b: np.ndarray, product: np.ndarray | None = None) -> n
 
 
 def _climb(
-    tip_moment: Callable[[float], Residual], rows: np.ndarray, limit: np.ndarray
+    tip_moment: Callable[[float], _Residual], rows: np.ndarray, limit: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Newton again, with the loads brought on in shares."""
     moment, size = np.zeros((rows.size, 3)), np.zeros(rows.size)
     for share in _LOAD_LADDER:
         residual = tip_moment(share)
 
-        def on_rows(x: np.ndarray, at: np.ndarray, residual: Residual = residual) -> np.ndarray:
+        def on_rows(x: np.ndarray, at: np.ndarray, residual: _Residual = residual) -> np.ndarray:
             return residual(x, rows[at])
 
-        moment, size = newton(on_rows, moment, tolerance=TOLERANCE, lower=-limit, upper=limit)
+        moment, size = newton(on_rows, moment, tolerance=_TOLERANCE, lower=-limit, upper=limit)
     return moment, size
 
 
@@ -277,7 +277,7 @@ def _checked(rod: Rod, gravity: np.ndarray, contact: np.ndarray, force: np.ndarr
 
 @np.errstate(over="ignore", invalid="ignore")
 def newton(
-    residual: Residual,
+    residual: _Residual,
     start: np.ndarray,
     *,
     tolerance: float,
@@ -331,7 +331,7 @@ def _size(values: np.ndarray) -> np.ndarray:
     return np.where(np.isfinite(size), size, np.inf)
 
 
-def _newton_step(residual: Residual, x: np.ndarray, values: np.ndarray, rows: np.ndarray) -> np.ndarray:
+def _newton_step(residual: _Residual, x: np.ndarray, values: np.ndarray, rows: np.ndarray) -> np.ndarray:
     count, n = x.shape
     moved = (x[None] + _DIFFERENCE * np.eye(n)[:, None]).reshape(n * count, n)
     quotient = (residual(moved, np.tile(rows, n)).reshape(n, count, n) - values) / _DIFFERENCE

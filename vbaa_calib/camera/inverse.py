@@ -69,7 +69,7 @@ class _Inverted(NamedTuple):
     put_off: Array
 
 
-def solve(lens: Lens, x: Array, y: Array) -> tuple[Array, Array, Array]:
+def _solve(lens: Lens, x: Array, y: Array) -> tuple[Array, Array, Array]:
     """Ideal points (...) of distorted points (...) on an untilted sensor, and which of them are valid.
 
     The others are (0, 0).
@@ -199,10 +199,10 @@ def _damped(xp: ModuleType, lens: Lens, x: Array, y: Array, guess: tuple[Array, 
     return _Inverted(ideal_x, ideal_y, valid, (xx, xy, yx, yy), False)
 
 
-Solution = tuple[Array, Array, Array]
+_Solution = tuple[Array, Array, Array]
 
 
-def invert(model: LensModel, x: Array, y: Array, c: Coefficients | torch.Tensor) -> Solution:
+def invert(model: LensModel, x: Array, y: Array, c: Coefficients | torch.Tensor) -> _Solution:
     """Ideal points (...) in the model's chart of distorted ones (...) before the sensor's tilt, and their validity.
 
     c is a sequence of floats, or a tensor (..., k) whose leading dimensions broadcast against the points'.
@@ -210,20 +210,20 @@ def invert(model: LensModel, x: Array, y: Array, c: Coefficients | torch.Tensor)
     has the identity as its Jacobian, and have no gradient.
     """
     if not isinstance(x, torch.Tensor):
-        return solve(lens_of(model, c), x, y)
+        return _solve(lens_of(model, c), x, y)
     coefficients = torch.as_tensor(c, dtype=x.dtype, device=x.device)
     if coefficients.shape[-1] == 0:
-        return solve(lens_of(model, ()), x, y)
+        return _solve(lens_of(model, ()), x, y)
     return _Invert.apply(x, y, coefficients, model)
 
 
 class _Invert(torch.autograd.Function):
     @staticmethod
-    def forward(x: torch.Tensor, y: torch.Tensor, c: torch.Tensor, model: LensModel) -> Solution:
+    def forward(x: torch.Tensor, y: torch.Tensor, c: torch.Tensor, model: LensModel) -> _Solution:
         return _solve_tensors(model, x.detach(), y.detach(), c.detach())
 
     @staticmethod
-    def setup_context(ctx: Any, inputs: tuple, output: Solution) -> None:
+    def setup_context(ctx: Any, inputs: tuple, output: _Solution) -> None:
         x, y, c, ctx.model = inputs
         ideal_x, ideal_y, valid = output
         ctx.shapes = x.shape, y.shape, c.shape
@@ -274,7 +274,7 @@ class _Invert(torch.autograd.Function):
         return _Invert.apply(*mapped, model), (0, 0, 0)
 
 
-def _solve_tensors(model: LensModel, x: torch.Tensor, y: torch.Tensor, c: torch.Tensor) -> Solution:
+def _solve_tensors(model: LensModel, x: torch.Tensor, y: torch.Tensor, c: torch.Tensor) -> _Solution:
     shape = torch.broadcast_shapes(x.shape, y.shape, c.shape[:-1])
     x, y = x.expand(shape), y.expand(shape)
     ideal_x, ideal_y = x.new_zeros(shape), x.new_zeros(shape)
@@ -284,9 +284,9 @@ def _solve_tensors(model: LensModel, x: torch.Tensor, y: torch.Tensor, c: torch.
     return ideal_x, ideal_y, valid
 
 
-def _solve_one_lens(lens: Lens, x: torch.Tensor, y: torch.Tensor) -> Solution:
+def _solve_one_lens(lens: Lens, x: torch.Tensor, y: torch.Tensor) -> _Solution:
     if x.device.type != "cpu":
-        return solve(lens, x, y)
+        return _solve(lens, x, y)
     # on the processor NumPy needs a fraction of the time per call; the memory is shared, nothing is copied
-    ideal_x, ideal_y, valid = (torch.from_numpy(np.asarray(part)) for part in solve(lens, x.numpy(), y.numpy()))
+    ideal_x, ideal_y, valid = (torch.from_numpy(np.asarray(part)) for part in _solve(lens, x.numpy(), y.numpy()))
     return ideal_x, ideal_y, valid

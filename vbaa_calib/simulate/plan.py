@@ -92,13 +92,13 @@ def _rig_truth(scene: Scene, rod: Rod) -> dict[str, Any]:
     }
 
 
-STREAMS = {"bench": 0, "boards": 1, "moments": 2, "pictures": 3, "centrelines": 4, "over": 5}
+_STREAMS = {"bench": 0, "boards": 1, "moments": 2, "pictures": 3, "centrelines": 4, "over": 5}
 """One independent stream of random numbers for each purpose, so that more of one does not change another."""
 
 
 def stream(scene: Scene, purpose: str, index: int = 0) -> np.random.Generator:
     """The random numbers of one purpose, or of one picture."""
-    return np.random.default_rng(np.random.SeedSequence(scene.seed, spawn_key=(STREAMS[purpose], index)))
+    return np.random.default_rng(np.random.SeedSequence(scene.seed, spawn_key=(_STREAMS[purpose], index)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,7 +21,7 @@ _HOLDER_PAINT = 0.07
 
 
 @dataclass(frozen=True, eq=False)
-class Wire:
+class _Wire:
     """A curve in the antenna frame, (N,) and (N, 3), with the radius and the paint of the tube around it."""
 
     arclength_m: np.ndarray
@@ -36,19 +36,19 @@ class Wire:
         return tube(scene.lens, self.arclength_m, points, self.radius_m, lamp_camera)
 
 
-def _wires(scene: Scene, arclength_m: np.ndarray, points_m: np.ndarray) -> list[Wire]:
+def _wires(scene: Scene, arclength_m: np.ndarray, points_m: np.ndarray) -> list[_Wire]:
     """The antenna, and its holder where the scene has one."""
     look = scene.picture
-    antenna = Wire(arclength_m, points_m, scene.radius_m, look.antenna, look.shading_asymmetry)
+    antenna = _Wire(arclength_m, points_m, scene.radius_m, look.antenna, look.shading_asymmetry)
     radius, length = scene.true.holder_m
     if radius <= 0 or length <= 0:
         return [antenna]
     s = np.linspace(-length, 0.0, 8)
     points = scene.true.clamp_offset_m + s[:, None] * np.array([1.0, 0.0, 0.0])
-    return [antenna, Wire(s, points, float(radius), _HOLDER_PAINT)]
+    return [antenna, _Wire(s, points, float(radius), _HOLDER_PAINT)]
 
 
-def free_wires(scene: Scene, joints: Joints) -> list[Wire]:
+def free_wires(scene: Scene, joints: Joints) -> list[_Wire]:
     """The free antenna at these joint angles, and its holder where the scene has one."""
     rod = true_rod(scene)
     gravity = scene.T_world_antenna(joints).rotation.T @ scene.gravity_world_m_s2
@@ -90,14 +90,14 @@ def _obstacle(scene: Scene, place: Studio, shot: AntennaShot, T_world_camera: Po
 
 
 def _wire_patch(
-    scene: Scene, place: Studio, wire: Wire, T_world_camera: Pose, hidden_by: DepthOfObstacle | None = None
+    scene: Scene, place: Studio, wire: _Wire, T_world_camera: Pose, hidden_by: DepthOfObstacle | None = None
 ) -> Patch | None:
     seen = wire.seen(scene, T_world_camera.rotation.T @ LAMP_WORLD)
     return tube_patch(place, seen, wire.paint, wire.asymmetry, hidden_by)
 
 
 def render_over(
-    scene: Scene, place: Studio, sheet: Sheet, over: OverSpec, wires: list[Wire], rng: np.random.Generator
+    scene: Scene, place: Studio, sheet: Sheet, over: OverSpec, wires: list[_Wire], rng: np.random.Generator
 ) -> np.ndarray:
     """(height, width) uint8: these wires over the board under the antenna."""
     T_world_camera = scene.T_world_camera(over.joints)
@@ -131,7 +131,7 @@ def _resampled(values: np.ndarray, own: Patch, other: Patch) -> np.ndarray:
     return cv2.warpAffine(values, inner, other.alpha.shape[::-1], flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
 
 
-def _shaded(scene: Scene, place: Studio, board: Patch, over: OverSpec, wire: Wire) -> Patch:
+def _shaded(scene: Scene, place: Studio, board: Patch, over: OverSpec, wire: _Wire) -> Patch:
     """The board with the wire's soft shadow on it."""
     lamp = scene.T_world_antenna(over.joints).rotation.T @ LAMP_WORLD
     fall = (wire.points_m[:, 2] + over.height_m) / max(float(lamp[2]), 0.2)

@@ -84,7 +84,7 @@ class Markers:
 
 
 @dataclass(frozen=True, eq=False)
-class Layout:
+class _Layout:
     """How well markers stand as a layout has them.
 
     Attributes
@@ -118,7 +118,7 @@ class Layout:
         return marker_cells(self.squares_x, self.on_even_squares, len(self.fits))
 
 
-def judge(pictures: Sequence[Markers], squares_x: int, on_even_squares: bool, count: int) -> Layout:
+def judge(pictures: Sequence[Markers], squares_x: int, on_even_squares: bool, count: int) -> _Layout:
     """How well the markers with ids under `count` fit a layout.
 
     Each marker's outline predicts where its neighbours stand; a pair fits when that misses by less than 0.6 squares.
@@ -139,10 +139,10 @@ def judge(pictures: Sequence[Markers], squares_x: int, on_even_squares: bool, co
     ratio = float(np.clip(typical, *_RATIOS))
     good = np.linalg.norm(ratio * offset - step, axis=1) < _MISS_SQUARES
     fits = np.bincount(np.concatenate(ids)[good], minlength=count)
-    return Layout(squares_x, on_even_squares, ratio, int((~good).sum()), len(good), fits)
+    return _Layout(squares_x, on_even_squares, ratio, int((~good).sum()), len(good), fits)
 
 
-def _distinctive_pairs(pictures: Sequence[Markers], here: Layout, other: Layout) -> int:
+def _distinctive_pairs(pictures: Sequence[Markers], here: _Layout, other: _Layout) -> int:
     """How many pairs of neighbouring markers fit one layout and stand differently in the other, of as many ids."""
     cells, votes = (here.cells, other.cells), 0
     for picture in (picture.below(len(here.fits)) for picture in pictures):
@@ -152,14 +152,14 @@ def _distinctive_pairs(pictures: Sequence[Markers], here: Layout, other: Layout)
     return votes
 
 
-def _best_layout(pictures: Sequence[Markers], prefer: tuple[int, bool]) -> Layout | None:
+def _best_layout(pictures: Sequence[Markers], prefer: tuple[int, bool]) -> _Layout | None:
     """The layout that the fewest pairs contradict; the preferred (squares_x, on_even_squares) where none is better.
 
     None where too few pairs say anything, or one in ten contradicts the best.
     """
     count = 1 + max((int(picture.ids.max(initial=-1)) for picture in pictures), default=-1)
     every = [(squares_x, even) for squares_x in range(2, _LARGEST_WIDTH + 1) for even in (False, True)]
-    best: Layout | None = None
+    best: _Layout | None = None
     for squares_x, even in [prefer, *every]:
         layout = judge(pictures, squares_x, even, count)
         if layout.agreeing >= _PAIRS_NEEDED and (best is None or layout.share_wrong < best.share_wrong - 1e-9):
@@ -167,7 +167,7 @@ def _best_layout(pictures: Sequence[Markers], prefer: tuple[int, bool]) -> Layou
     return best if best is not None and best.share_wrong <= 0.1 else None
 
 
-def _vacant_below(picture: Markers, layout: Layout, row: int, image_size: tuple[int, int]) -> int:
+def _vacant_below(picture: Markers, layout: _Layout, row: int, image_size: tuple[int, int]) -> int:
     """How many markers of the row after `row` would stand well inside the picture, beside markers of `row` in it."""
     picture = picture.below(len(layout.fits))
     column, its_row = layout.cells[picture.ids].T
@@ -183,7 +183,7 @@ def _vacant_below(picture: Markers, layout: Layout, row: int, image_size: tuple[
 
 
 @dataclass(frozen=True)
-class Mismatch:
+class _Mismatch:
     """Causes in words, and what to do: where there is one, the spec that fits, as a line of YAML to paste."""
 
     causes: tuple[str, ...]
@@ -197,12 +197,12 @@ class _Sighting:
     dictionary: str
     turned: str
     markers: Sequence[Markers]
-    layout: Layout
+    layout: _Layout
 
 
 def explain_mismatch(
     read: Callable[[int], np.ndarray], markers: Sequence[Markers], spec: BoardSpec, found: bool
-) -> Mismatch | None:
+) -> _Mismatch | None:
     """What is wrong with the spec, or None where nothing is or nothing can be told.
 
     Parameters
@@ -229,7 +229,7 @@ def explain_mismatch(
     return None if sighting is None else _compared(sighting, spec)
 
 
-def _legacy_is_wrong(markers: Sequence[Markers], own: Layout, spec: BoardSpec) -> bool:
+def _legacy_is_wrong(markers: Sequence[Markers], own: _Layout, spec: BoardSpec) -> bool:
     """Whether the markers fit the board clearly better with the other legacy flag.
 
     With an odd number of columns and an even number of rows the two layouts differ by a shift of one square, so that
@@ -266,13 +266,13 @@ def _find_markers(picture: np.ndarray, dictionary: str) -> Markers:
     return Markers(found, np.asarray(outlines, float).reshape(-1, 4, 2))
 
 
-def _compared(sighting: _Sighting, spec: BoardSpec) -> Mismatch | None:
+def _compared(sighting: _Sighting, spec: BoardSpec) -> _Mismatch | None:
     """The differences between what is seen and the spec."""
     fitting = _fitting_spec(sighting, spec)
     if fitting is None:
         turned = (sighting.turned,) if sighting.turned else ()
         remedy = f"print a board whose markers are of one of {DICTIONARIES[0]} … {DICTIONARIES[-1]}"
-        return Mismatch((*turned, f"its markers are of {sighting.dictionary}"), remedy)
+        return _Mismatch((*turned, f"its markers are of {sighting.dictionary}"), remedy)
     legacy, named = (str(each.legacy_pattern).lower() for each in (fitting, spec))
     ratios = f"{sighting.layout.ratio:.2f} of a square, not {spec.marker_m / spec.square_m:.2f}"
     counts, exchanged = (spec.squares_x, spec.squares_y), (spec.squares_y, spec.squares_x)
@@ -286,7 +286,7 @@ def _compared(sighting: _Sighting, spec: BoardSpec) -> Mismatch | None:
         (fitting.marker_m != spec.marker_m, f"marker_m: {fitting.marker_m:g} (markers measure {ratios})"),
     )
     causes = tuple(words for differs, words in differences if differs)
-    return Mismatch(causes, f"this board fits: {spec_line(fitting)}") if causes else None
+    return _Mismatch(causes, f"this board fits: {spec_line(fitting)}") if causes else None
 
 
 def _fitting_spec(sighting: _Sighting, spec: BoardSpec) -> BoardSpec | None:

@@ -13,7 +13,7 @@ Colour = tuple[int, int, int]
 """Blue, green, red, 0–255."""
 
 WHITE: Colour = (255, 255, 255)
-BLACK: Colour = (0, 0, 0)
+_BLACK: Colour = (0, 0, 0)
 _WIDEST, _NARROWEST = 1920.0, 960.0
 """Widths, in canvas pixels, that a picture is reduced or enlarged to."""
 _PARTS_BITS = 4
@@ -108,7 +108,7 @@ class Canvas:
         ahead = way / length * size
         aside = 0.45 * np.array([-ahead[1], ahead[0]])
         barbs = np.stack([head_px - ahead + aside, head_px, head_px - ahead - aside])
-        for ink, more in ((BLACK, 2.0), (colour, 0.0)):
+        for ink, more in ((_BLACK, 2.0), (colour, 0.0)):
             self.line(np.stack([tail_px, head_px]), ink, thick + more)
             self.line(barbs, ink, thick + more)
 
@@ -118,7 +118,7 @@ class Canvas:
         spot = self.at(np.asarray(at_px)) + np.array(aside) * self.unit - [width if aside[0] < 0 else 0, 0]
         rows, columns = self.image.shape[:2]
         spot = np.clip(spot, [3, height + 3], [max(3, columns - width - 4), max(height + 3, rows - 5)])
-        for ink, thick in ((BLACK, 4), (colour, 1)):
+        for ink, thick in ((_BLACK, 4), (colour, 1)):
             _put(self.image, text, (int(spot[0]), int(spot[1])), 0.5 * self.unit, ink, thick)
 
     def _thickness(self, thick: float) -> int:
@@ -208,7 +208,7 @@ def _headed(image: np.ndarray, badge: tuple[str, Colour], heading: tuple[str, st
     width, height = _text_size(word, size, 2)
     base = margin + height + pad // 2
     cv2.rectangle(image, (margin, margin - pad // 2), (margin + width + 2 * pad, base + pad), colour, cv2.FILLED)
-    ink = BLACK if np.dot(colour, (0.114, 0.587, 0.299)) > 110 else WHITE
+    ink = _BLACK if np.dot(colour, (0.114, 0.587, 0.299)) > 110 else WHITE
     _put(image, word, (margin + pad, base), size, ink, max(1, round(1.4 * unit)))
     size, left = 0.56 * unit, margin + width + 4 * pad
     _put(image, heading[0], (left, base), size, WHITE)

@@ -112,7 +112,7 @@ def levels(image: np.ndarray, where: BoardMap) -> Levels | None:
     return Levels(np.where(whole, dark, np.nan), float(black), float(white))
 
 
-class Blemish(NamedTuple):
+class _Blemish(NamedTuple):
     """A connected patch of squares that are not black where they should be.
 
     squares : how many. centre : (2,) of them, in squares along the board's x and y.
@@ -124,7 +124,7 @@ class Blemish(NamedTuple):
     shining: bool
 
 
-def blemishes(seen: Levels) -> list[Blemish]:
+def blemishes(seen: Levels) -> list[_Blemish]:
     """Patches of squares whose black is gone: every square of a board has black in its middle."""
     rise = (np.nan_to_num(seen.dark, nan=seen.black) - seen.black) / max(seen.white - seen.black, 1.0)
     count, labels = cv2.connectedComponents((rise > _WASHED_OUT).astype(np.uint8), connectivity=8)
@@ -133,5 +133,5 @@ def blemishes(seen: Levels) -> list[Blemish]:
     for label in range(1, count):
         rows, columns = np.nonzero(labels == label)
         centre = float(columns.mean()) + 0.5, float(rows.mean()) + 0.5
-        found.append(Blemish(len(rows), centre, bool(shining[rows, columns].mean() > _COVERED)))
+        found.append(_Blemish(len(rows), centre, bool(shining[rows, columns].mean() > _COVERED)))
     return found

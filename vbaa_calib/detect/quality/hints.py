@@ -187,7 +187,7 @@ def _edge(view: BoardView, where: BoardMap) -> list[Diagnosis]:
 
 
 @dataclass(frozen=True)
-class Blur:
+class _Blur:
     """Standard deviations of a blur where it is widest and where it is narrowest, px, the pixel's area included.
 
     direction_rad : where the wide one goes, from u towards v.
@@ -198,7 +198,7 @@ class Blur:
     direction_rad: float
 
 
-def edge_blur(image: np.ndarray) -> Blur | None:
+def edge_blur(image: np.ndarray) -> _Blur | None:
     """Of the strong edges of a picture (H, W) uint8, looked at in half its size; None where it has none to speak of.
 
     The direction is a multiple of π/4. Blurred once more by s, an edge of blur b loses the slope √(1 + s²/b²).
@@ -227,10 +227,10 @@ def edge_blur(image: np.ndarray) -> Blur | None:
             crest = slopes[within] > _CREST * np.percentile(slopes[within], 99.0)
             known[one] = float(np.median(own[within][crest]))
     most = max(known, key=lambda one: known[one])
-    return Blur(known[most], min(known.values()), most * np.pi / _BINS)
+    return _Blur(known[most], min(known.values()), most * np.pi / _BINS)
 
 
-def blur_ellipse(image: np.ndarray, view: BoardView, spec: BoardSpec) -> Blur | None:
+def blur_ellipse(image: np.ndarray, view: BoardView, spec: BoardSpec) -> _Blur | None:
     """From a view with its quality and the picture (H, W) uint8; None where not both directions are seen.
 
     The edges tell the blur along the squares' sides, b₁ and b₂, but not along a diagonal. There the corners help: for
@@ -248,7 +248,7 @@ def blur_ellipse(image: np.ndarray, view: BoardView, spec: BoardSpec) -> Blur | 
     both = _correlation(image, view, spec, quality.contrast) * wide * high
     values, vectors = np.linalg.eigh(axes @ np.array([[wide**2, both], [both, high**2]]) @ axes.T)
     direction = float(np.arctan2(*vectors[::-1, 1]))
-    return Blur(float(np.sqrt(values[1])), float(np.sqrt(max(values[0], 1.0 / 12.0))), direction)
+    return _Blur(float(np.sqrt(values[1])), float(np.sqrt(max(values[0], 1.0 / 12.0))), direction)
 
 
 def _axes(view: BoardView, spec: BoardSpec) -> np.ndarray:

@@ -17,7 +17,7 @@ CLIPPED, GROWN = 0.5, 0.85
 """Share of white pixels beyond the range, with the grey level at the squares' edges: from there on clipped white has
 eaten into black and corners err by more than 1.5 times what they do in a picture exposed well. Clipped whites alone
 change nothing."""
-NOISIER, NOISY_PX = 4.0, 0.1
+_NOISIER, NOISY_PX = 4.0, 0.1
 """A view goes when its corners are so many times less certain than the median view's, and less than this, in px."""
 _BLURRED, _PALE = 1.5, 0.5
 
@@ -74,7 +74,7 @@ def _too_poor(quality: ViewQuality, std_px: float, typical: tuple[float, ...]) -
         return f"{blurred}, the markers {quality.gap_px:.1f} px off run in"
     if quality.saturated > CLIPPED and quality.edge_level > GROWN:
         return f"overexposed: {100 * quality.saturated:.0f} % of the white is clipped and has grown over the edges"
-    if not std_px > max(NOISIER * usual_std, NOISY_PX):
+    if not std_px > max(_NOISIER * usual_std, NOISY_PX):
         return ""
     cause = "noisy"
     if blur > _BLURRED * usual_blur:

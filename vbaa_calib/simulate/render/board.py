@@ -14,8 +14,8 @@ from vbaa_calib.simulate.scene.lens import project
 
 from .picture import LAMP_WORLD, Patch, Studio, frame_around
 
-INK, PAPER = 0.05, 0.88
-MARGIN_SQUARES = 0.5
+_INK, PAPER = 0.05, 0.88
+_MARGIN_SQUARES = 0.5
 _SUBPIXELS = 3
 _FULL = 65535
 
@@ -46,10 +46,10 @@ def print_sheet(spec: BoardSpec) -> Sheet:
         return abs(module - round(module)) * spec.modules + abs(gap - round(gap))
 
     square = min(range(72, 132, 2), key=lambda texels: (round(misfit(texels), 6), abs(texels - 90)))
-    margin = round(MARGIN_SQUARES * square)
+    margin = round(_MARGIN_SQUARES * square)
     size = (spec.squares_x * square + 2 * margin, spec.squares_y * square + 2 * margin)
     drawing = opencv_board(spec).generateImage(size, marginSize=margin, borderBits=1)
-    brightness = np.where(drawing > 127, np.uint16(PAPER * _FULL), np.uint16(INK * _FULL))
+    brightness = np.where(drawing > 127, np.uint16(PAPER * _FULL), np.uint16(_INK * _FULL))
     texture = np.stack([brightness, np.full_like(brightness, _FULL)], axis=-1)
     return Sheet(spec, texture, square / spec.square_m, margin / square * spec.square_m)
 

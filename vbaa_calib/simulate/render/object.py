@@ -15,7 +15,7 @@ from vbaa_calib.simulate.scene.objects import BOX_FACE_M, LINES, WEDGES, TouchOb
 from .antenna import DepthOfObstacle
 from .picture import LAMP_WORLD, Patch, Studio, frame_around
 
-BLADE_HALF_ANGLE_RAD, BLADE_DEPTH_M = np.deg2rad(3.0), 0.025
+_BLADE_HALF_ANGLE_RAD, _BLADE_DEPTH_M = np.deg2rad(3.0), 0.025
 _AMBIENT = 0.35
 _STEPS, _HIT_M = 100, 1e-6
 _STEEPEST = math.exp(-0.5)
@@ -24,7 +24,7 @@ _SUBPIXELS = 4
 
 
 @dataclass(frozen=True, eq=False)
-class Hits:
+class _Hits:
     """Where rays meet an object: depth (N,) in lengths of the ray's vector (inf: a miss), normal (N, 3), face (N,)."""
 
     depth: np.ndarray
@@ -32,7 +32,7 @@ class Hits:
     face: np.ndarray
 
 
-def cast(obj: TouchObject, origin_m: np.ndarray, directions: np.ndarray) -> Hits:
+def cast(obj: TouchObject, origin_m: np.ndarray, directions: np.ndarray) -> _Hits:
     """First hits of rays from one origin (3,) along directions (N, 3), world frame; a round side is face 0."""
     start = origin_m - obj.center_world_m
     if obj.shape in ("box_edge", "freeform"):
@@ -58,7 +58,7 @@ def cast(obj: TouchObject, origin_m: np.ndarray, directions: np.ndarray) -> Hits
             flat = np.vstack([np.zeros(3), normals])[face]
             normal = np.where((face == 0)[:, None], side, flat)
     missed = ~np.isfinite(depth)
-    return Hits(depth, np.where(missed[:, None], 0.0, normal), np.where(missed, -1, face))
+    return _Hits(depth, np.where(missed[:, None], 0.0, normal), np.where(missed, -1, face))
 
 
 def _reach(depth: np.ndarray) -> np.ndarray:
@@ -79,9 +79,9 @@ def _ends(obj: TouchObject) -> tuple[np.ndarray, np.ndarray]:
     axis, into, radius, half = obj.axis_world, obj.wedge_world, obj.radius_m, obj.half_length_m
     if obj.shape == "knife_edge":
         side = np.cross(axis, into)
-        sin, cos = np.sin(BLADE_HALF_ANGLE_RAD), np.cos(BLADE_HALF_ANGLE_RAD)
+        sin, cos = np.sin(_BLADE_HALF_ANGLE_RAD), np.cos(_BLADE_HALF_ANGLE_RAD)
         normals = [-into, cos * side - sin * into, -cos * side - sin * into, into, axis, -axis]
-        return np.stack(normals), np.array([radius, radius, radius, BLADE_DEPTH_M, half, half])
+        return np.stack(normals), np.array([radius, radius, radius, _BLADE_DEPTH_M, half, half])
     if obj.shape == "box_edge":
         return np.vstack([obj.into_faces, axis, -axis]), np.array([BOX_FACE_M] * 2 + [half] * 2)
     return (np.stack([axis, -axis]), np.full(2, half)) if obj.shape == "cylinder" else (np.zeros((0, 3)), np.zeros(0))
@@ -160,7 +160,7 @@ def _bounding_points(obj: TouchObject) -> np.ndarray:
     axis = obj.axis_world if obj.shape in LINES else np.array([0.0, 0.0, 1.0])
     helper = np.eye(3)[np.argmin(np.abs(axis))]
     side = np.cross(axis, helper) / np.linalg.norm(np.cross(axis, helper))
-    reach = BLADE_DEPTH_M * 1.2 if obj.shape == "knife_edge" else obj.radius_m
+    reach = _BLADE_DEPTH_M * 1.2 if obj.shape == "knife_edge" else obj.radius_m
     half = obj.half_length_m if obj.shape in LINES else obj.radius_m
     if obj.shape in ("box_edge", "freeform"):
         reach = half = _reach_m(obj)
@@ -168,7 +168,7 @@ def _bounding_points(obj: TouchObject) -> np.ndarray:
     return obj.center_world_m + corners @ np.stack([half * axis, reach * side, reach * np.cross(axis, side)])
 
 
-def _shade(obj: TouchObject, hits: Hits, origin_m: np.ndarray, directions: np.ndarray, albedo: float) -> np.ndarray:
+def _shade(obj: TouchObject, hits: _Hits, origin_m: np.ndarray, directions: np.ndarray, albedo: float) -> np.ndarray:
     points = origin_m + _reach(hits.depth) * directions - obj.center_world_m
     stains = np.sin(points @ [310.0, 120.0, -90.0]) + np.sin(points @ [-70.0, 210.0, 260.0] + 1.0)
     light = _AMBIENT + (1.0 - _AMBIENT) * np.maximum(hits.normal @ LAMP_WORLD, 0.0)

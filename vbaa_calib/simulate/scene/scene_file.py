@@ -169,7 +169,7 @@ class _Kinematics:
     tilt_zero_rad: Annotated[float, Degrees(-20, 20), Field(alias="tilt_zero_deg")] = 0.0
 
 
-class SceneFile(FileModel):
+class _SceneFile(FileModel):
     """A scene file: what a simulated rig is made of and what is done with it."""
 
     VERSION = "vbaa.scene/1"
@@ -199,13 +199,13 @@ class SceneFile(FileModel):
 def load_scene(path: Path) -> Scene:
     """Read and check a scene file. Raises InputError naming the file and the key."""
     path = Path(path)
-    read = checked(SceneFile, _without_nulls(read_yaml(path)), path, "the bundled scene demo shows every key")
+    read = checked(_SceneFile, _without_nulls(read_yaml(path)), path, "the bundled scene demo shows every key")
     (lens, T_antenna_camera), (nominal, true) = read.camera, read.antenna
     for number, load in enumerate(read.loads):
         if load.distance_m > nominal.length_m:
             what = f"loads.{number}.distance_m: {load.distance_m:g} is beyond the antenna's {nominal.length_m:g} m"
             raise InputError(what, where=path, remedy="give metres from the clamp along the antenna")
-    same = {name: getattr(read, name) for name in SceneFile.model_fields if name in Scene.__dataclass_fields__}
+    same = {name: getattr(read, name) for name in _SceneFile.model_fields if name in Scene.__dataclass_fields__}
     made = {
         "lens": lens,
         "T_antenna_camera": T_antenna_camera,
