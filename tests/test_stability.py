@@ -230,7 +230,7 @@ def estimated(hard: Hard, rig: Rig, order: Sequence[int], points: Callable[[int]
     return Report(numbers, {"status": [report.statuses["status"][index] for index in back]})
 
 
-@pytest.mark.parametrize("count", [6, pytest.param(60, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [4, pytest.param(60, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("name", CASES)
 def test_hard_cases_of_the_estimator(name: str, count: int) -> None:
     """Pixels and readings moved by nothing, points and frames in another order."""

@@ -129,7 +129,7 @@ def test_drift_widens_the_covariance_and_wanders_on(rig: Rig) -> None:
 
 def test_a_frame_that_drift_explains_is_said_so(given: Draw, rig: Rig) -> None:
     recording = recorded(given, Change("picture", picture_px=0.5), (1,))
-    numbers = [recording.frames[FREE + index] for index in range(6)]
+    numbers = [recording.frames[FREE + index] for index in range(3)]
     columns = [[getattr(one, name) for one in numbers] for name in ("points_px", "moment_Nm", "pan_rad", "tilt_rad")]
     found = ContactEstimator(rig).estimate_batch(*columns, sigma_px=0.1)
     failed = found.status == "failed"

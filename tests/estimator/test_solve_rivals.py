@@ -75,7 +75,7 @@ def test_vision_alone_knows_the_side_at_large_slopes_or_inclined_along_the_anten
 @pytest.mark.parametrize("rig", [UPRIGHT, TOWARDS_CLAMP, ACROSS], ids=["upright", "clamp", "across"])
 @pytest.mark.parametrize("slope", [4.0, pytest.param(10.0, marks=pytest.mark.slow), 20.0])
 def test_vision_alone_is_never_confident_and_wrong(rig: Rig, slope: float) -> None:
-    rng, count = np.random.default_rng(9), 60
+    rng, count = np.random.default_rng(9), 40
     contact, roll = rng.uniform(0.2, 0.95, count), rng.uniform(-np.pi, np.pi, count)
     friction = rng.normal(0.0, 0.2, count)
     given = rubbed(rig, contact, [slope] * count, friction, roll).noisy(rng)

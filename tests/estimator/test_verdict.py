@@ -94,7 +94,7 @@ def test_a_moment_that_contradicts_the_picture_is_said() -> None:
     ("reading", "azimuth", "roll", "seed"),
     [
         ("reversed", 0.4, 0.7, 0),
-        ("reversed", np.pi, -0.9, 1),
+        pytest.param("reversed", np.pi, -0.9, 1, marks=pytest.mark.slow),
         ("disconnected", 0.4, 2.4, 2),
     ],
 )
