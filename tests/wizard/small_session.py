@@ -26,7 +26,7 @@ from vbaa_calib.simulate.scene.scene import bundled_scene
 from vbaa_calib.wizard import flow
 from vbaa_calib.wizard.questions import PICTURES
 from vbaa_calib.wizard.session_state import SessionState
-from vbaa_calib.wizard.sources.picture import Picture
+from vbaa_calib.wizard.sources.files import Picture
 from vbaa_calib.wizard.steps import REPORT, RIG, PictureCheck, Progress, Step
 from vbaa_calib.wizard.store import LOCK
 

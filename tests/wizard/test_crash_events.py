@@ -13,7 +13,7 @@ import pytest
 
 from vbaa_calib.wizard import flow
 from vbaa_calib.wizard import flow as opening
-from vbaa_calib.wizard.sources.picture import Picture, SourceLost, frame_picture
+from vbaa_calib.wizard.sources.files import Picture, SourceLost, frame_picture
 from vbaa_calib.wizard.steps import PictureCheck
 from vbaa_calib.wizard.store import Journal, Store
 

@@ -19,7 +19,7 @@ from vbaa_calib.wizard.page import Page
 from vbaa_calib.wizard.questions import Question
 from vbaa_calib.wizard.server import PageCommand
 from vbaa_calib.wizard.session_state import SessionState
-from vbaa_calib.wizard.sources.picture import frame_picture
+from vbaa_calib.wizard.sources.files import frame_picture
 from vbaa_calib.wizard.steps import PictureCheck
 from vbaa_calib.wizard.store import Store
 from vbaa_calib.wizard.ui import LivePicture, Ui, View

@@ -9,9 +9,8 @@ from pathlib import Path
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.images import SUFFIXES
 
-from .files import FolderSource, VideoSource
+from .files import FolderSource, Picture, SourceLost, VideoSource, shown
 from .live import LiveSource, open_camera, open_stream, parse_camera
-from .picture import Picture, SourceLost, shown
 
 Source = FolderSource | VideoSource | LiveSource
 """`next` gives the next picture, None where there is nothing new in time, and raises SourceLost; `close` may be called

@@ -18,7 +18,7 @@ import numpy as np
 
 from vbaa_calib.core.errors import InputError
 
-from .picture import Picture, SourceLost, frame_picture, shown, silence_opencv
+from .files import Picture, SourceLost, frame_picture, shown, silence_opencv
 
 _Fault = Literal["closed", "blank", "broken", "hung"]
 """Could not be opened; opened but never gave a frame; its frames stopped; it does not answer."""
