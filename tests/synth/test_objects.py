@@ -110,16 +110,16 @@ def test_the_box_is_two_planes_that_meet_in_a_rounding() -> None:
 @pytest.mark.parametrize("shape", ["cylinder", "sphere", "box_edge", "freeform"])
 def test_rays_end_on_the_surface_and_missing_ones_never_touch_it(shape: str) -> None:
     obj, exact = EVERY[shape], shape in ("cylinder", "sphere")
-    directions = rays(3000, 0.05)
+    directions = rays(4000, 0.05) if exact else rays(1500, 0.06)
     hits = cast(obj, ORIGIN, directions)
     hit = np.isfinite(hits.depth)
-    assert 200 < hit.sum() < 2800
+    assert 200 < hit.sum() < 3000
     on = hit & (hits.face == 0)
     distance, normal = obj.signed_distance(ORIGIN + hits.depth[on, None] * directions[on])
     np.testing.assert_allclose(distance, 0.0, atol=1e-12 if exact else 3e-6)
     np.testing.assert_allclose(hits.normal[on], normal, atol=1e-9 if exact else 1e-3)
     assert ((hits.normal[hit] * directions[hit]).sum(axis=1) < 1e-3).all()
-    along = ORIGIN + np.linspace(0.5, 1.6, 90)[:, None, None] * directions[~hit]
+    along = ORIGIN + np.linspace(0.6, 1.6, 80)[:, None, None] * directions[~hit]
     bodies = obj.signed_distance(along)[0]
     if shape in ("cylinder", "box_edge"):
         bodies = np.maximum(bodies, np.abs((along - CENTRE) @ AXIS) - obj.half_length_m)
