@@ -29,6 +29,8 @@ from .plane_c import PlaneC, find_plane, picture_folders, read_views
 class Calibration:
     """A rig and how it was found.
 
+    Attributes
+    ----------
     stills : no-load frames and loads, in the order of bundle adjustment.
     lens_diagnoses : what the lens' pictures, taken together, show to be wrong. still_diagnoses : what the stills do.
     """

@@ -67,6 +67,8 @@ class UsedView:
 class LensSolution:
     """A lens with its uncertainty and the evidence.
 
+    Attributes
+    ----------
     camera : with the covariance of (fx, fy, cx, cy, distortion), poses and board marginalised, scaled by the residual
         variance.
     rms_px : recomputed from the parameters returned, over all corners of the views used, outliers too: what other tools

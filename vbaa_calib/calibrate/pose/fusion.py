@@ -18,6 +18,8 @@ from vbaa_calib.geometry import Pose
 class PoseEstimate:
     """The camera's pose in the antenna frame by one method; `way` is its name, as reports print it.
 
+    Attributes
+    ----------
     covariance : (6, 6) of `Pose.retract`'s tangent (rotation vector rad, translation m) in the antenna frame, the lens
         held fixed.
     lens_sensitivity : (6, 4 + k) derivative of that tangent by the camera's (fx, fy, cx, cy, distortion). With the
