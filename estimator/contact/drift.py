@@ -20,7 +20,7 @@ from .inputs import Batch
 FREE_GAIN = 5.0
 """A frame is taken for free when the best force explains it better by less: noise exceeds it in two of a hundred."""
 FEWEST_FREE_POINTS = 20
-_ENOUGH, _RENEWED_S = 20, 60.0
+_ENOUGH, RENEWED_S = 20, 60.0
 """With so many free frames the rig is known, until so many seconds later."""
 _AT_ONCE = 16
 """Free frames that are used together at most."""
@@ -62,11 +62,11 @@ class LearntRig:
 
     def due(self, time_s: float) -> bool:
         """Whether free frames at this time would tell more."""
-        return self.calibrated.drift.of_rig and (self.frames < _ENOUGH or time_s > self.time_s + _RENEWED_S)
+        return self.calibrated.drift.of_rig and (self.frames < _ENOUGH or time_s > self.time_s + RENEWED_S)
 
     def later(self, time_s: float) -> LearntRig:
-        """With what may have changed until a time: a random walk."""
-        hours = (time_s - self.time_s) / _HOUR_S
+        """With what may have changed until a time, or since: a random walk."""
+        hours = abs(time_s - self.time_s) / _HOUR_S
         if not hours > 0.0:
             return self
         wandering = replace(self.now, drift=self.calibrated.drift)
@@ -139,10 +139,18 @@ def _posterior(batch: Batch, rig: Rig) -> tuple[Rig, np.ndarray, np.ndarray]:
 
 def _free_problem(frames: Frames) -> Problem:
     rig_arrays = frames.rig_arrays
-    free, count = free_antenna(frames, REFERENCE), len(frames)
+    free, count = free_antenna(_without_odd_ends(frames), REFERENCE), len(frames)
     prior = np.ones((count, rig_arrays.axes.shape[1] + len(rig_arrays.line)))
     by_rig, residual = free.by_rig, free.prediction.reading_residual
     return Problem(free.points, by_rig.image, by_rig.reading, residual, prior, np.ones(count))
+
+
+def _without_odd_ends(frames: Frames) -> Frames:
+    """Without the ends of the antenna that lie farther off than the rig may be."""
+    free = free_antenna(frames, REFERENCE)
+    own, by_rig = free.prediction.reading_residual[:, 2], free.by_rig.reading[:, 2]
+    fits = np.abs(own) <= _BEYOND * np.sqrt(1.0 + (by_rig**2).sum(axis=1))
+    return replace(frames, available=frames.available * np.column_stack([np.ones((len(frames), 2)), fits]))
 
 
 def _summed(equations: NormalEquations, steps: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -23,11 +23,11 @@ from vbaa_calib.rig import Rig
 from vbaa_calib.session import DRIFTS
 
 from .contacts import Contacts, MotionCheck, contacts_of
-from .drift import LearntRig
+from .drift import RENEWED_S, LearntRig
 from .inputs import Batch, Values, checked_device
 from .motion import Beam
 from .quantities import FitNumbers, drift_of, fit_numbers, plain
-from .status import CONTACT_EVIDENCE, FEWEST_POINTS, unexplained
+from .status import CONTACT_EVIDENCE, FEWEST_POINTS, ODD_END, unexplained
 
 CHUNK, CHUNK_ON_DEVICE = 512, 1024
 """Frames that are solved at once: on the processor their arrays stay in its cache."""
@@ -147,14 +147,13 @@ class ContactEstimator:
         """
         frames, warm = iter(recording), None
         motion, now, waiting = MotionCheck(self.rig, live), self, deque[list[Measured]]()
+        patient = self.rig.drift.of_rig and not live
         while several := list(islice(frames, 1 if live else STREAM)):
             now = now._after_free_frames(Batch.of(several), max(each.time_s for each in several))
             self.drift = now.drift
             waiting.append(several)
-            unknown = now.drift.frames == 0 and self.rig.drift.of_rig and not live
-            if unknown and sum(map(len, waiting)) < MOST_WAITING:
-                continue
-            while waiting:
+            patient = patient and now.drift.frames == 0 and len(waiting) * STREAM < MOST_WAITING
+            while waiting and not patient:
                 warm = yield from now._pushed(waiting.popleft(), warm, motion)
         while waiting:
             warm = yield from now._pushed(waiting.popleft(), warm, motion)
@@ -164,7 +163,7 @@ class ContactEstimator:
         self, several: list[Measured], warm: np.ndarray | None, motion: MotionCheck
     ) -> Generator[Contact, None, np.ndarray | None]:
         """Contacts as motion lets them go, and the unknowns of the last one located."""
-        found = self._contacts(Batch.of(several, warm), motion.beam)
+        found = self._at(max(each.time_s for each in several))._contacts(Batch.of(several, warm), motion.beam)
         yield from motion.push(several, found)
         located = np.flatnonzero(np.isfinite(found.distance_m))
         return found.numbers.unknowns[located[-1]] if len(located) else None
@@ -174,8 +173,13 @@ class ContactEstimator:
         if not self.drift.due(time_s):
             return self
         learnt = self.drift.later(time_s).learn(batch, time_s)
-        if learnt.frames == self.drift.frames:
-            return self
+        return self if learnt.frames == self.drift.frames else self._with(learnt)
+
+    def _at(self, time_s: float) -> ContactEstimator:
+        """The estimator for the rig as it may be some time after its last free frames, or was before them."""
+        return self._with(self.drift.later(time_s)) if abs(time_s - self.drift.time_s) > RENEWED_S else self
+
+    def _with(self, learnt: LearntRig) -> ContactEstimator:
         later = ContactEstimator(learnt.now, self.model, friction=self.friction_rad, device=self._device_name)
         later.drift = learnt
         return later
@@ -229,10 +233,24 @@ class ContactEstimator:
                 frames = select(frames, enough)
             with np.errstate(all="ignore"):  # what leaves the domain of the model is judged by its numbers
                 fitted = fit_numbers(solve(frames, self.model, start), beam)
+                frames = self._without_odd_tips(frames, fitted, beam)
                 self._without_reading(frames, fitted)
                 self._with_drift(part[rows], fitted)
             found.put(begin + rows, fitted)
         return contacts_of(found, self._rig_arrays.rig, self.friction_rad, batch.pan_rad, batch.tilt_rad, self.model)
+
+    def _without_odd_tips(self, frames: Frames, fitted: FitNumbers, beam: Beam | None) -> Frames:
+        """Fit frames whose antenna's end lies where it cannot be without it: something else ended there. As used."""
+        with np.errstate(invalid="ignore"):
+            rows = np.flatnonzero(np.abs(fitted.tip_std) > ODD_END)
+        if len(rows) == 0:
+            return frames
+        odd = np.isin(np.arange(len(fitted)), rows)
+        kept = np.column_stack([np.ones((len(fitted), 2)), ~odd])
+        frames = replace(frames, available=frames.available * like(frames.available, kept))
+        alone = fit_numbers(solve(select(frames, as_index(like(frames.points, rows))), self.model), beam)
+        fitted.put(rows, replace(alone, tip_std=fitted.tip_std[rows]))
+        return frames
 
     def _with_drift(self, batch: Batch, fitted: FitNumbers) -> None:
         """Fit frames that no contact explains once more, the rig free to change: would that explain them?"""

@@ -15,6 +15,7 @@ from vbaa_calib.core.arrays import like
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.rig import Rig
 
+_LEAST_END_PX = 0.02
 SLIGHTLY = 1e-6
 """Weight of the other coordinate when points are put in order: it separates points of one column."""
 
@@ -73,7 +74,7 @@ class Batch:
             starts = np.where(np.isfinite(starts).all(axis=1, keepdims=True), starts, warm)
         known = np.isfinite(starts).all(axis=1).any()
         ordered = _in_order(points, sigma)
-        tips = np.stack([each.tip_px for each in several])
+        tips = np.stack([_end(each.tip_px) for each in several])
         return Batch(*ordered, numbers[:, :2], tips, numbers[:, 2], numbers[:, 3], starts if known else None)
 
     @staticmethod
@@ -106,6 +107,14 @@ def checked_device(name: str) -> torch.device:
         what = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise InputError(f"device {name!r}: {what}", remedy="cpu is always there") from None
     return torch.device(name)
+
+
+def _end(tip_px: np.ndarray) -> np.ndarray:
+    """(3,) the antenna's end and its deviation, no less than a detector can reach. Raises InputError."""
+    end = np.asarray(tip_px, float)
+    if end.shape != (3,) or end[2] <= 0.0:
+        raise InputError(f"tip_px is {tip_px!r:.60}", remedy="give u, v and their deviation along the antenna, px")
+    return np.append(end[:2], max(end[2], _LEAST_END_PX))
 
 
 def _padded(centrelines_px: np.ndarray | Sequence[np.ndarray]) -> np.ndarray:

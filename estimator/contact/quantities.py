@@ -7,10 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from estimator.solver.frames import reading_response
 from estimator.solver.ladder import Solution
 from estimator.solver.normal_equations import solve_columns
-from estimator.solver.prediction import point_jacobian
+from estimator.solver.prediction import point_jacobian, reading_response
 from estimator.solver.rig_arrays import POSES, UNKNOWNS, RigArrays
 from estimator.solver.state import Fits
 from estimator.solver.uncertainty import Uncertainty
@@ -55,6 +54,8 @@ class FitNumbers:
     shared : (B, 6, 6) the part of it that all frames of a recording have in common, the rig's. shared_std : (B,) that
         part of the distance's deviation.
     friction_share : (B,) of the distance's variance, the part by friction's angle: gone, were that known.
+    tip_std : (B,) how far the antenna's end lies off its place, in the deviations that are expected of that; NaN
+        without one.
     residual, residual_std : (B, 2) whitened residuals of the readings, and their expected standard deviations.
     sensor_available : (B, 2) bool, whether there was a reading.
     rig_chi_square : (B,) sum of squares of the rig's steps, which has `rig_axes` (B,) degrees of freedom.
@@ -84,6 +85,7 @@ class FitNumbers:
     shared: np.ndarray = _each(6, 6)
     shared_std: np.ndarray = _each()
     friction_share: np.ndarray = _each()
+    tip_std: np.ndarray = _each()
     residual: np.ndarray = _each(2)
     residual_std: np.ndarray = _each(2)
     sensor_available: np.ndarray = _each(2, dtype=bool)
@@ -183,6 +185,13 @@ def _numbers(part: Solution, beam: Beam | None) -> FitNumbers:
         shared=plain(with_rig @ with_rig.mT),
         shared_std=plain(xp.sqrt((distance_with_rig**2).sum(-1))),
         friction_share=plain(uncertainty.correlation(0, 3) ** 2),
+        tip_std=plain(
+            xp.where(
+                fits.frames.available[:, 2] > 0.0,
+                fits.problem.reading_residual[:, 2] / uncertainty.reading_std[:, 2],
+                xp.nan,
+            )
+        ),
         residual=plain(fits.problem.reading_residual[:, :2]),
         residual_std=plain(uncertainty.reading_std[:, :2]),
         sensor_available=plain(fits.frames.sensor_available) > 0.0,
@@ -275,7 +284,7 @@ def _by_inertia(fits: Fits, uncertainty: Uncertainty, beam: Beam) -> Array:
     columns = (bent[..., None] * point_jacobian(rig_arrays, fits.prediction)[:, :, None, 1:]).reshape(
         len(at), at.shape[1], 2 * PIECES
     )
-    moment = reading_response(fits.frames, places * (beam.length_m / PIECES))
+    moment = reading_response(fits.frames, fits.prediction, places * (beam.length_m / PIECES), bent[:, -1])
     weights = huber_weights(problem.reading_residual)[..., None]
     pull = problem.jacobian.mT @ problem.sums.times(columns) + problem.reading_jacobian.mT @ (weights * moment)
     moved = solve_columns(fits.equations.information, pull)[:, 0]

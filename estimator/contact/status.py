@@ -32,6 +32,9 @@ HIGHEST_BIAS = 10.0
 two, and is part of the deviations."""
 STEEPEST, STEEPEST_BLIND = 3.5, 2.5
 """Friction angles beyond so many of their prior deviations are rejected, with and without a reading."""
+ODD_END = 2.5
+"""An end of the antenna so many deviations off where the rest puts it is not used: it may be another thing's, and
+without one that is not little is lost."""
 FRICTION_SHARE = 0.75
 """A part of the distance's variance by unknown friction that is mentioned: without it the deviation would be half."""
 RIG_P_VALUE = 2e-5
@@ -208,6 +211,8 @@ def _remarks(numbers: FitNumbers) -> list[str]:
     rig = float(numbers.rig_chi_square[0])
     if chi_square_p(rig, max(int(numbers.rig_axes[0]), 1)) < RIG_P_VALUE:
         remarks.append(f"the rig's parameters had to move by {np.sqrt(rig):.0f} std to fit: check the rig")
+    if abs(numbers.tip_std[0]) > DISAGREEMENT:
+        remarks.append(f"the antenna's visible end lies {abs(numbers.tip_std[0]):.0f} std off, and is not used")
     if numbers.friction_share[0] > FRICTION_SHARE:
         worse = 1.0 / np.sqrt(max(1.0 - float(numbers.friction_share[0]), 1e-2))
         remarks.append(f"unknown friction makes the distance {worse:.0f} times less certain (--friction)")

@@ -61,16 +61,6 @@ class Frames:
         return thin, index
 
 
-def reading_response(frames: Frames, moment_Nm: Array) -> Array:
-    """(B, 3, 2G) what is read, in deviations, of forces along y and z with moments (G,) at the clamp.
-
-    They move the antenna's end along it by second order only.
-    """
-    xp = namespace(moment_Nm)
-    response = frames.rig_arrays.moment_response(moment_Nm).reshape(2, -1)
-    return xp.concat([response, 0.0 * response[:1]]) * frames.available[..., None]
-
-
 def frames_from_pixels(
     rig_arrays: RigArrays, points_px: Array, sigma_px: Array, moment_Nm: Array, tip_px: Array, gravity_m_s2: Array
 ) -> Frames:

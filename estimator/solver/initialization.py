@@ -167,7 +167,7 @@ class _UnitForces:
     def best(self, free: FreeAntenna, sums: NodeSums) -> tuple[Array, Array, tuple[Array, Array, Array]]:
         """Best forces (B, G, 2), the cost that each explains (B, G), and the rig steps that go with unit forces along
         y and z (B, R, G) and with none (B, R, 1)."""
-        # moments only: a small force moves the antenna's end along it by second order
+        # moments only: where the antenna ends may be wrong
         xp, image, moment = namespace(sums.load), free.by_rig.image, free.by_rig.reading[:, :2]
         residual, weighted = free.prediction.reading_residual[:, :2, None], sums.times(image)
         rig_information = image.mT @ weighted + moment.mT @ moment + self.identity

@@ -176,6 +176,25 @@ def difference(prediction: Prediction, other: Prediction) -> tuple[Array, Array,
     return displacement, reading, other.point_force - prediction.point_force
 
 
+def reading_response(frames: Frames, prediction: Prediction, moment_Nm: Array, end_m: Array) -> Array:
+    """(B, 3, 2G) what is read, in deviations, of forces along y and z with moments (G,) at the clamp.
+
+    end_m : (B, G) by how much each deflects the antenna's end, m.
+    """
+    xp, rig_arrays = namespace(moment_Nm), frames.rig_arrays
+    node, depth = prediction.nodes[:, -1:], prediction.depth[:, -1]
+    slopes = image_slopes(
+        rig_arrays, prediction.tangents[:, -1:], node[..., 0], node[..., 1], prediction.depth[:, -1:, 0]
+    )
+    along = _tip_axis(frames, *(slope[:, 0] for slope in slopes))[:, :2]
+    rotation = rig_arrays.rotations[0]
+    by_point = (along @ rotation[:2] - dot(along, node[:, 0])[:, None] * rotation[2]) / depth
+    end = (end_m[..., None] * by_point[:, None, 1:]).reshape(len(end_m), 1, -1)
+    moment = rig_arrays.moment_response(moment_Nm).reshape(2, -1)
+    moment = xp.broadcast_to(moment, (len(end_m), *moment.shape))
+    return xp.concat([moment, end], 1) * frames.available[..., None]
+
+
 def _tip_axis(frames: Frames, slope_u: Array, slope_v: Array) -> Array:
     """(B, 3) what turns a point of the picture into its place along the antenna's end, in deviations, and a length.
 

@@ -7,9 +7,8 @@ from vbaa_calib.antenna.nodes import aligned_arclength
 from vbaa_calib.core.arrays import Array, arange_like, like, namespace, true_indices
 from vbaa_calib.core.robust import MAD_SCALE, huber_weights
 
-from .frames import reading_response
 from .normal_equations import Problem, solve_columns, solve_normal_equations
-from .prediction import point_jacobian
+from .prediction import point_jacobian, reading_response
 from .rows import select
 from .state import Fits, evaluate
 from .uncertainty import REFERENCE, Uncertainty
@@ -74,7 +73,7 @@ def _score_test(fits: Fits, uncertainty: Uncertainty) -> tuple[Array, Array, Arr
     # scaled to a metre at the tip
     bent = deflection(along[..., None], places, 6.0, 1.0) / (places * places * (3.0 - places))
     lever = 6.0 * xp.exp(rig_arrays.antenna_parameters[6]) / (places * (3.0 - places) * rig_arrays.length_m**2)
-    moment = reading_response(fits.frames, lever)
+    moment = reading_response(fits.frames, fits.prediction, lever, bent[:, -1])
     image = point_jacobian(rig_arrays, fits.prediction)[:, :, None, 1:]
     columns = (bent[..., None] * image).reshape(*along.shape, 2 * _GRID)
     sums = problem.sums

@@ -93,13 +93,21 @@ class Rig:
 
     def with_covariance(self, covariance: np.ndarray) -> Rig:
         """With another joint covariance, (17 + P, 17 + P), or `covariance_with_tip`, (18 + P, 18 + P)."""
-        size, tip = len(self.covariance), self.tip
-        if tip is not None and len(covariance) > size:
-            tip = replace(tip, std_m=float(np.sqrt(covariance[size, size])), covariance=covariance[size, :size])
-            covariance = covariance[:size, :size]
+        tip, size = self.tip, len(covariance)
+        if tip is not None and self._holds_tip(size):
+            tip = replace(tip, std_m=float(np.sqrt(covariance[-1, -1])), covariance=covariance[-1, :-1])
+            covariance = covariance[:-1, :-1]
+        elif tip is not None:
+            # a lens that counted as exact has nothing in common with the tip
+            tip = replace(tip, covariance=np.pad(tip.covariance, (0, max(size - len(tip.covariance), 0)))[:size])
         lens = slice(len(RIG_PARAMETERS), None)
         camera = replace(self.camera, covariance=covariance[lens, lens])
         return replace(self, covariance=covariance, camera=camera, tip=tip)
+
+    def _holds_tip(self, size: int) -> bool:
+        """Whether so many parameters hold the tip's offset."""
+        first = len(RIG_PARAMETERS)
+        return self.tip is not None and size in (first + 1, first + len(self.camera.parameter_names) + 1)
 
     @property
     def covariance_with_tip(self) -> np.ndarray:
@@ -134,7 +142,7 @@ class Rig:
     def moved(self, step: np.ndarray) -> Rig:
         """With its parameters a step (17 + P,), or (17,), away, or (18 + P,) with the tip; the covariance stays."""
         tip = self.tip
-        if tip is not None and len(step) > len(self.covariance):
+        if tip is not None and self._holds_tip(len(step)):
             tip, step = replace(tip, offset_m=tip.offset_m + float(step[-1])), step[:-1]
         first, pose, antenna = len(RIG_PARAMETERS), len(POSE_PARAMETERS), self.antenna.parameters
         sensor = self.moment_sensor

@@ -19,6 +19,7 @@ from vbaa_calib.core.least_squares import Linearised, Rules, minimise
 from vbaa_calib.core.robust import MAD_SCALE, mad_std
 from vbaa_calib.geometry import Pose
 from vbaa_calib.rig import Tip
+from vbaa_calib.rig.reprojection import see
 
 from .inputs import Observation, Prior, ReadingGroups
 from .problem import GAIN, OFFSET, RIG, Evaluation, LensLost, Problem
@@ -205,27 +206,21 @@ def _solved(
         problem = replace(problem, kept=fits)
         if change < _SETTLED and (fits == kept).all():
             break
-    if solution.converged:
-        problem, gap_std = _with_tips(problem, solution)
-        if len(problem.tips):
-            solution = _descended(problem, parameters, problem.evaluate(parameters), _STANDSTILL)
-            parameters = solution.parameters
-            problem = problem.relinearised(parameters)
-            evaluated = problem.evaluate(parameters)
     if not solution.converged:
         raise SolveError(
             "bundle adjustment of camera pose, antenna and sensor did not converge: check unit and sign of forces and "
             "distances, gravity, and the jig in session.yaml"
         )
-    whole = solution.covariance()
-    if prior.line_px > 0.0:
-        whole = whole + _by_line_errors(problem, solution, whole)
-    inverse = whole[: problem.lens.stop, : problem.lens.stop]
-    # the lens may be off by all its deviation, however short it was held: the solution follows it as it does its prior
-    inverse = inverse + (share**-2 - 1.0) * inverse[:, RIG:] @ inverse[RIG:, :]
+    tried, gap_std = _with_tips(problem, solution)
+    if len(tried.tips):
+        with_tips = _at_tips(tried, parameters)
+        if with_tips is not None:
+            problem, solution, evaluated = with_tips
+            parameters = solution.parameters
+    whole = _covariance(problem, solution, share)
     # the lens in its own units
     axes = block_diag(np.eye(RIG), prior.lens_axes)
-    covariance = axes @ inverse @ axes.T
+    covariance = axes @ whole[: problem.lens.stop, : problem.lens.stop] @ axes.T
     camera = problem.camera(parameters)
     return BundleAdjustment(
         problem=problem,
@@ -251,27 +246,51 @@ def _with_tips(problem: Problem, solution: Linearised) -> tuple[Problem, float]:
     deviations all of them together lie off the length."""
     std_m = problem.prior.tip_std_m
     seen = np.array([bool(np.isfinite([*one.tip_px, one.tip_std_px]).all()) for one in problem.observations])
-    which = np.flatnonzero(seen & problem.kept)
+    camera = problem.camera(solution.parameters)
+    shown = [ok and _shown(camera, one) for one, ok in zip(problem.observations, seen & problem.kept, strict=True)]
+    which = np.flatnonzero(shown)
     if std_m is None or not len(which):
         return problem, np.nan
-    try:
-        tried = replace(problem, tips=which).relinearised(solution.parameters)
-    except LensLost:
-        return problem, np.nan
+    tried = replace(problem, tips=which).relinearised(solution.parameters)
     found = tried.evaluate(solution.parameters)
     slopes = tried.by_all(found.tips)
-    known = slopes @ solution.covariance() @ slopes.T
+    known = slopes @ _covariance(problem, solution, 1.0) @ slopes.T
     off = found.tips[:, 0]
     # what all of them share is judged together
-    odd = np.abs(off - np.median(off)) > _ODD_TIP_STD * np.sqrt(1.0 + np.diag(known))
-    if odd.mean() >= 0.5:
-        return problem, np.nan
-    mean = ~odd / (~odd).sum()
+    agree = np.abs(off - np.median(off)) <= _ODD_TIP_STD * np.sqrt(1.0 + np.diag(known))
+    if agree.mean() <= 0.5:
+        return problem, np.inf
+    mean = agree / agree.sum()
     common = std_m * found.by_length
     gap_std = float(mean @ off / np.sqrt(mean @ (np.eye(len(off)) + np.outer(common, common) + known) @ mean))
-    if abs(gap_std) > _TIPS_CONTRADICT_STD:
+    if not abs(gap_std) <= _TIPS_CONTRADICT_STD:
         return problem, gap_std
-    return replace(problem, tips=which[~odd]).relinearised(solution.parameters), gap_std
+    return replace(problem, tips=which[agree]).relinearised(solution.parameters), gap_std
+
+
+def _shown(camera: Camera, observation: Observation) -> bool:
+    """Whether the lens has an inverse at the antenna's end."""
+    return len(see(camera, observation.tip_px[None], np.array([observation.tip_std_px]))) > 0
+
+
+def _at_tips(problem: Problem, parameters: np.ndarray) -> tuple[Problem, Linearised, Evaluation] | None:
+    """The problem solved again with the antenna's ends, from where it was without; None where it does not converge."""
+    try:
+        solution = _descended(problem, parameters, problem.evaluate(parameters), _STANDSTILL)
+        problem = problem.relinearised(solution.parameters)
+    except LensLost:
+        return None
+    return (problem, solution, problem.evaluate(solution.parameters)) if solution.converged else None
+
+
+def _covariance(problem: Problem, solution: Linearised, share: float) -> np.ndarray:
+    """Of all parameters, with the errors that a line's points share. share : of its deviations, in which the lens was
+    held."""
+    inverse = solution.covariance()
+    lens = slice(RIG, problem.lens.stop)
+    # the lens may be off by all its deviation, however short it was held: the solution follows it as it does its prior
+    whole = inverse + (share**-2 - 1.0) * inverse[:, lens] @ inverse[lens, :]
+    return whole + _by_line_errors(problem, solution, inverse) if problem.prior.line_px > 0.0 else whole
 
 
 def _tip(problem: Problem, evaluated: Evaluation, covariance: np.ndarray, axes: np.ndarray) -> Tip | None:

@@ -308,7 +308,7 @@ class Problem:
         return [(np.append(off, own), np.vstack([slopes, row])) for (off, slopes), own, row in together]
 
     def residuals(self, parameters: np.ndarray, evaluated: Evaluation | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """All residuals (R,) and their Jacobian (R, 17 + P + K): points, moments, tips, poses, antenna to readings.
+        """All residuals (R,) and their Jacobian (R, 17 + P + K): points, moments, poses, tips, antenna to readings.
 
         evaluated : what `evaluate` gives there, if that is known.
         """
@@ -319,9 +319,9 @@ class Problem:
         parts = [
             (points[:, 0] / self.noise_scale, self._point_slopes(points)),
             (misfit[self.kept] / self.moment_std_Nm, rows[self.kept] / self.moment_std_Nm),
-            self._tip_rows(evaluated),
         ]
         parts += [self._pose_prior(estimate, parameters) for estimate in self.prior.poses]
+        parts.append(self._tip_rows(evaluated))
         size = len(parameters)
         std = np.concatenate([self.prior.std, np.ones(size - RIG)])
         away = parameters[6:] - np.concatenate([self.prior.mean, np.zeros(size - RIG)])

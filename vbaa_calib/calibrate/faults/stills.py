@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment, adjust_bundle
+from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment, adjust_bundle, linearised
 from vbaa_calib.calibrate.antenna.inputs import Observation, Prior
 from vbaa_calib.calibrate.antenna.residual_checks import check
 from vbaa_calib.core.errors import Diagnosis, InputError, SolveError
@@ -36,7 +36,8 @@ def still_diagnoses(session: Session, kinematics: Kinematics, joint: BundleAdjus
     # the other causes are told by the lines alone, whatever the length is
     problem = joint.problem.without_tips()
     problem = replace(problem, prior=replace(problem.prior, tip_std_m=None))
-    joint = replace(joint, problem=problem)
+    solution = replace(linearised(problem, joint.solution.parameters), converged=True)
+    joint = replace(joint, problem=problem, solution=solution)
     return [*length, *_diagnoses(session, kinematics, joint)]
 
 
@@ -69,13 +70,18 @@ def _diagnoses(session: Session, kinematics: Kinematics, joint: BundleAdjustment
 
 def _tips(joint: BundleAdjustment) -> list[Diagnosis]:
     """Whether the antenna's ends contradict its length; they are then not used."""
-    if len(joint.problem.tips) or not np.isfinite(joint.tip_gap_std):
+    if len(joint.problem.tips) or np.isnan(joint.tip_gap_std):
         return []
+    where = f"{abs(joint.tip_gap_std):.0f} deviations {'beyond' if joint.tip_gap_std > 0 else 'short of'}"
+    said = (
+        f"the antenna's end lies {where} antenna.length_m"
+        if np.isfinite(joint.tip_gap_std)
+        else ("the antenna's ends do not agree on its length")
+    )
     return [
         Diagnosis(
             "antenna_length",
-            f"the antenna's end lies {abs(joint.tip_gap_std):.0f} deviations "
-            f"{'beyond' if joint.tip_gap_std > 0 else 'short of'} antenna.length_m in the pictures; it was not used",
+            f"{said} in the pictures; they were not used",
             "measure length_m from the clamp to the tip again, check the jig's distance, or set antenna.tip: null "
             "where the visible end is not the tip",
         )

@@ -35,6 +35,8 @@ DISTURBED, BROAD = 1.8, 1.25
 towards the end is a ball, a sheath or a kink."""
 EDGE = 0.2
 """By so much of the line's height its background may change where it ends."""
+LONGER = 0.15
+"""By so much a line may go on beyond its path; further, something else begins where it ends."""
 AT_LEAST_ON = 12
 """So many profiles beyond the path's end still show the line where it is longer than its path."""
 MOST_STD_PX, MOST_RMS = 1.5, 0.2
@@ -83,6 +85,20 @@ def visible_end(image: np.ndarray, path_px: np.ndarray, seen: np.ndarray, look: 
     path_px : (K, 2) the line, from the clamp to where a whole antenna ends; bridged where it is hidden.
     seen : (K,) where it was measured.
     """
+    farthest_px = (1.0 + LONGER) * float(_lengths(path_px)[-1])
+    while True:
+        found = _end_or_longer(image, path_px, seen, look)
+        if isinstance(found, VisibleEnd):
+            return found
+        path_px, seen = found
+        if _lengths(path_px)[-1] > farthest_px:
+            return VisibleEnd(path_px[-1], np.nan, "unsure")
+
+
+def _end_or_longer(
+    image: np.ndarray, path_px: np.ndarray, seen: np.ndarray, look: Look
+) -> VisibleEnd | tuple[np.ndarray, np.ndarray]:
+    """The end, or path (K, 2) and `seen` (K,) drawn on where the line goes on beyond it."""
     last = int(np.flatnonzero(seen)[-1])
     nothing = VisibleEnd(path_px[last], np.nan, "hidden")
     along = _lengths(path_px)
@@ -112,7 +128,7 @@ def visible_end(image: np.ndarray, path_px: np.ndarray, seen: np.ndarray, look: 
         # bent towards the camera, it is longer in the picture than a whole antenna of the corridor
         path = np.vstack([path_px[: last + 1], found.moved(fits.shift)[on]])
         longer = np.concatenate([seen[: last + 1], np.ones(len(on), bool)])
-        return visible_end(image, path, longer, look)
+        return path, longer
     step = _fitted(here[used], fits.height[used] / usual, look.noise * fits.unit_height[used] / usual)
     if step is None or (edge and here[used[-1]] < step.place + CLEAN_PX + 2.0 * step.blur):
         return VisibleEnd(path_px[last], np.nan, "border" if edge else "hidden")
