@@ -12,6 +12,7 @@ from benchmarks.coverage.rigs import Draw, coverage_rigs, draw
 from benchmarks.drift.drift import ALL, FREE, NONE, SEEN, UNSEEN, Change, calibrated, estimated, recorded
 from estimator import Contact, ContactEstimator
 from estimator.contact.drift import summary
+from estimator.contact.estimate import STREAM
 from estimator.solver.rig_arrays import RigArrays
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.rig import Rig
@@ -69,6 +70,30 @@ def test_free_frames_tell_what_has_changed(given: Draw, rig: Rig) -> None:
     assert abs(zero["change"] - true_zero) < 4 * zero["std"]
     assert zero["std"] < 0.5 * zero["prior_std"]
     assert told["beyond"] == []
+
+
+def test_an_end_that_is_another_things_is_not_used(given: Draw, rig: Rig) -> None:
+    recording = recorded(given, Change("nothing"), (1,))
+    wrong = [replace(one, tip_px=one.tip_px + np.array([10.0, 0.0, 0.0])) for one in recording.frames]
+    none = [replace(one, tip_px=np.full(3, np.nan)) for one in recording.frames]
+    estimator = ContactEstimator(replace(rig, drift=LAB))
+    seen, unseen = (estimator.measure_batch(frames) for frames in (wrong, none))
+    assert seen.status.tolist() == unseen.status.tolist()
+    np.testing.assert_allclose(seen.distance_m, unseen.distance_m, atol=1e-6)
+
+
+def test_time_makes_a_learnt_rig_less_certain(given: Draw, rig: Rig) -> None:
+    recording = recorded(given, Change("nothing"), (1,))
+    free, touched = recording.frames[:FREE], recording.frames[FREE]
+    estimator = ContactEstimator(replace(rig, drift=LAB))
+    # as many as are solved at once
+    before = [replace(one, time_s=0.1 * index) for index, one in enumerate((7 * free)[:STREAM])]
+    std = [
+        list(estimator.run([*before, replace(touched, time_s=time_s)]))[-1].distance_std_m
+        for time_s in (10.0, 3600.0, 36000.0)
+    ]
+    assert 1.02 * std[0] < std[1]
+    assert 1.02 * std[1] < std[2]
 
 
 def test_contacts_wait_for_the_free_frames_that_come_after_them(given: Draw, rig: Rig) -> None:
