@@ -32,7 +32,7 @@ _LEAST_MM, _MOST_MM = 60.0, 5000.0  # a PDF page without user units ends at 5080
 
 
 @dataclass(frozen=True)
-class Paper:
+class _Paper:
     """A sheet of paper, upright: `width_mm` ≤ `height_mm`. `name` is how it was asked for."""
 
     name: str
@@ -40,11 +40,11 @@ class Paper:
     height_mm: float
 
 
-def paper_named(text: str) -> Paper:
+def paper_named(text: str) -> _Paper:
     """A paper by its name, or by its size such as 210x297, in mm. Raises ValueError."""
     for name, (width, height) in PAPERS_MM.items():
         if text.strip().lower() == name.lower():
-            return Paper(name, width, height)
+            return _Paper(name, width, height)
     number = r"(\d+(?:\.\d+)?)"
     found = re.fullmatch(rf"\s*{number}\s*[xX×]\s*{number}\s*(?:mm)?\s*", text)
     if not found:
@@ -54,7 +54,7 @@ def paper_named(text: str) -> Paper:
     width, height = sorted(float(side) for side in found.groups())
     if width < _LEAST_MM or height > _MOST_MM:
         raise ValueError(f"paper is {text!r}: sides from {_LEAST_MM:g} to {_MOST_MM:g} mm are needed")
-    return Paper(f"{width:g}x{height:g}", width, height)
+    return _Paper(f"{width:g}x{height:g}", width, height)
 
 
 @dataclass(frozen=True)
@@ -188,7 +188,7 @@ def font_name(bold: bool) -> str:
     return "Helvetica-Bold" if bold else "Helvetica"
 
 
-def lay_out(spec: BoardSpec, paper: Paper, margin_mm: float = MARGIN_MM) -> Layout:
+def lay_out(spec: BoardSpec, paper: _Paper, margin_mm: float = MARGIN_MM) -> Layout:
     """The sheet for a board on a paper, upright or lying, whichever leaves more room.
 
     Raises ValueError where it does not fit, with the largest square that would and the paper that would do.
@@ -199,14 +199,14 @@ def lay_out(spec: BoardSpec, paper: Paper, margin_mm: float = MARGIN_MM) -> Layo
     width, height = (1e3 * spec.square_m * count for count in (spec.squares_x, spec.squares_y))
     square, counts = _largest_square_mm(spec, paper, margin_mm), f"{spec.squares_x}x{spec.squares_y}"
     smaller = f"the largest square that fits is {square:g} mm" if square else f"no board of {counts} squares does"
-    larger = (name for name, size in PAPERS_MM.items() if _fitting(spec, Paper(name, *size), margin_mm))
+    larger = (name for name, size in PAPERS_MM.items() if _fitting(spec, _Paper(name, *size), margin_mm))
     raise ValueError(
         f"a board of {width:.6g} x {height:.6g} mm with its rulers does not fit on {paper.name}: {smaller}; "
         f"{next(larger, 'no paper up to A0')} would do"
     )
 
 
-def _largest_square_mm(spec: BoardSpec, paper: Paper, margin_mm: float) -> float | None:
+def _largest_square_mm(spec: BoardSpec, paper: _Paper, margin_mm: float) -> float | None:
     """The largest square, in tenths, with which a board of this layout fits; None where none does."""
     ratio = spec.marker_m / spec.square_m
 
@@ -218,7 +218,7 @@ def _largest_square_mm(spec: BoardSpec, paper: Paper, margin_mm: float) -> float
     return round(tenths * 0.1, 6) if tenths else None
 
 
-def _fitting(spec: BoardSpec, paper: Paper, margin: float) -> Layout | None:
+def _fitting(spec: BoardSpec, paper: _Paper, margin: float) -> Layout | None:
     if not 0 <= margin <= _MOST_MARGIN_MM:
         raise ValueError(f"the margin is {margin:g} mm: 0 to {_MOST_MARGIN_MM:g} mm are needed")
     pages = [(paper.width_mm, paper.height_mm), (paper.height_mm, paper.width_mm)]
@@ -294,7 +294,7 @@ def fill_in(
     squares: tuple[int, int] | None = None,
     square_mm: float | None = None,
     marker_mm: float | None = None,
-    paper: Paper | None = None,
+    paper: _Paper | None = None,
     margin_mm: float = MARGIN_MM,
     **other: Any,
 ) -> BoardSpec:

@@ -75,7 +75,7 @@ class LearntRig:
 
     def learn(self, batch: Batch, time_s: float) -> LearntRig:
         """From frames of which only the free ones are used, if there are any."""
-        rows = np.flatnonzero(is_free(batch.frames(RigArrays.from_rig(self.now, 0.0, np.empty(0)))))
+        rows = np.flatnonzero(_is_free(batch.frames(RigArrays.from_rig(self.now, 0.0, np.empty(0)))))
         if len(rows) == 0:
             return self
         rows = rows[np.unique(np.linspace(0, len(rows) - 1, _AT_ONCE).astype(int))]
@@ -99,7 +99,7 @@ def _in_covariance(widened: Rig, before: Rig) -> Rig:
     return replace(widened, drift=replace(type(before.drift)(), line_px=before.drift.line_px))
 
 
-def is_free(frames: Frames) -> np.ndarray:
+def _is_free(frames: Frames) -> np.ndarray:
     """(B,) bool, frames of the free antenna: no force on it explains them much better."""
     if len(frames) == 0:
         return np.zeros(0, bool)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment
 from vbaa_calib.calibrate.antenna.inputs import Prior
 from vbaa_calib.calibrate.antenna.residual_checks import Checks, check
-from vbaa_calib.calibrate.antenna.session_rig import drift_of, make_rig, observe_stills, prior, solve_antenna
+from vbaa_calib.calibrate.antenna.session_rig import make_rig, observe_stills, prior, solve_antenna
 from vbaa_calib.calibrate.faults.stills import still_diagnoses, with_cause
 from vbaa_calib.calibrate.faults.views import view_set_diagnoses
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution, solve_intrinsics
@@ -48,7 +48,7 @@ class Calibration:
 
 def stills_prior(session: Session, lens: LensSolution, plane: PlaneC) -> Prior:
     """What lens and plane C say before the stills are solved."""
-    line_px = drift_of(session).line_px
+    line_px = session.possible_drift.line_px
     return prior(session.antenna, lens.camera, plane.estimates, plane.by_antenna_alone, session.load_readings, line_px)
 
 

@@ -21,7 +21,7 @@ _FLOATS = ("float32", "float64")
 
 
 @dataclass(frozen=True)
-class Working:
+class _Working:
     """An input made ready for work, and the way back.
 
     values : the input in float64, or in float32 on a device that has no float64.
@@ -37,7 +37,7 @@ def namespace(values: Array) -> ModuleType:
     return torch if isinstance(values, torch.Tensor) else np
 
 
-def working(values: Array, last: int, name: str) -> Working:
+def working(values: Array, last: int, name: str) -> _Working:
     """Check an input at the edge. It must be float32 or float64 of shape (..., last), else InputError names it."""
     xp = namespace(values)
     if xp is np:
@@ -51,10 +51,10 @@ def working(values: Array, last: int, name: str) -> Working:
     if values.ndim == 0 or values.shape[-1] != last:
         raise InputError(f"{name} have the shape {tuple(values.shape)}", remedy=f"give them as (..., {last})")
     if kind == "float64":
-        return Working(values, lambda result: result)
+        return _Working(values, lambda result: result)
     if xp is np:
-        return Working(values.astype(np.float64), lambda result: result.astype(np.float32))
-    return Working(values.to(widest_float(values.device)), lambda result: result.to(torch.float32))
+        return _Working(values.astype(np.float64), lambda result: result.astype(np.float32))
+    return _Working(values.to(widest_float(values.device)), lambda result: result.to(torch.float32))
 
 
 def widest_float(device: torch.device) -> torch.dtype:

@@ -51,7 +51,7 @@ class Rules:
 
 
 @dataclass(frozen=True, eq=False)
-class Descent(Generic[_Point]):
+class _Descent(Generic[_Point]):
     """Where a descent ended: the point, what its next step promises, and whether the iterations ran out before."""
 
     at: _Point
@@ -64,7 +64,7 @@ def levenberg_marquardt(
     step: Callable[[_Point, float], tuple[np.ndarray, float]],
     moved: Callable[[_Point, np.ndarray], _Point | None],
     rules: Rules,
-) -> Descent[_Point]:
+) -> _Descent[_Point]:
     """Descend to a least cost.
 
     step : of a point and a damping, in units of the diagonal of the normal equations; and the decrease it promises.
@@ -80,7 +80,7 @@ def levenberg_marquardt(
         # a damped step is short wherever it is taken
         last = promise <= rules.standstill + rules.tolerance * at.cost and damping < 1.0
         if last and not rules.takes_last:
-            return Descent(at, promise, False)
+            return _Descent(at, promise, False)
         trial = moved(at, move)
         rounding = rules.may_rise + rules.may_rise_share * at.cost
         if trial is not None and np.isfinite(trial.cost) and trial.cost <= at.cost + rounding:
@@ -90,8 +90,8 @@ def levenberg_marquardt(
         else:
             damping = max(rules.growth * damping, rules.after_failure)
         if last or damping > _MOST_DAMPING:
-            return Descent(at, promise, False)
-    return Descent(at, promise, True)
+            return _Descent(at, promise, False)
+    return _Descent(at, promise, True)
 
 
 def solve_scaled(matrix: np.ndarray, right: np.ndarray, damping: float = 0.0) -> np.ndarray:
@@ -220,7 +220,7 @@ def minimise(
     start: Linearised,
     rules: Rules,
     upper: float | np.ndarray = np.inf,
-) -> Descent[Linearised]:
+) -> _Descent[Linearised]:
     """Least robust cost of a dense problem, by reweighted steps.
 
     evaluate : the problem at parameters (P,); None where it has no residuals there.

@@ -18,7 +18,7 @@ from vbaa_calib.core.files import read_yaml
 from vbaa_calib.core.models import ArrayOf, FileModel, Number, ReadAs, checked
 from vbaa_calib.geometry import Kinematics, Pose
 
-from .drift import Drift, FileDrift
+from .drift import DRIFTS, LAB, Drift, FileDrift
 
 if TYPE_CHECKING:
     from .tables import Still
@@ -263,6 +263,11 @@ class Session:
     over: OverBoard | None = None
     second_moment_sensor: MomentSensor | None = None
     drift: Drift | None = None
+
+    @property
+    def possible_drift(self) -> Drift:
+        """What may change between calibration and recording, `lab` where session.yaml does not say."""
+        return DRIFTS[LAB] if self.drift is None else self.drift
 
     def gravity_antenna(self, frames: Sequence[Still]) -> np.ndarray:
         """(B, 3) gravity in the antenna frame at each frame's joint angles."""

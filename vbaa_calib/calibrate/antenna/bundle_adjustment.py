@@ -33,11 +33,6 @@ _ENOUGH = 1e-5
 """A step that promises no more than this after all iterations has converged, too."""
 
 
-def linearised(problem: Problem, parameters: np.ndarray) -> Linearised:
-    """A problem at its parameters."""
-    return Linearised(parameters, *problem.residuals(parameters), problem.certain)
-
-
 def exact_loads(solution: Linearised, readings: int) -> Linearised:
     """The same with the loads' readings, the last so many parameters, fixed where they are."""
     if not readings:
@@ -59,11 +54,11 @@ def _descended(problem: Problem, start: np.ndarray, evaluated: Evaluation, stand
     if (start <= upper).all():
         first = Linearised(start, *problem.residuals(start, evaluated), problem.certain)
     else:
-        first = linearised(problem, np.minimum(start, upper))
+        first = problem.linearised(np.minimum(start, upper))
 
     def evaluate(parameters: np.ndarray) -> Linearised | None:
         try:
-            trial = linearised(problem, parameters)
+            trial = problem.linearised(parameters)
         except ValueError:
             # the antenna is wound up until it has no shape
             return None

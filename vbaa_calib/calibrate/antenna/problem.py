@@ -12,6 +12,7 @@ from vbaa_calib.antenna.shape import PARAMETERS, Curves, bend
 from vbaa_calib.calibrate.pose.fusion import PoseEstimate
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import SolveError
+from vbaa_calib.core.least_squares import Linearised
 from vbaa_calib.geometry import Pose
 from vbaa_calib.rig import RIG_PARAMETERS, RIG_STEPS
 from vbaa_calib.rig.reprojection import (
@@ -327,6 +328,10 @@ class Problem:
         away = parameters[6:] - np.concatenate([self.prior.mean, np.zeros(size - RIG)])
         parts.append((away / std, np.hstack([np.zeros((size - 6, 6)), np.diag(1 / std)])))
         return np.concatenate([part for part, _ in parts]), np.vstack([rows for _, rows in parts])
+
+    def linearised(self, parameters: np.ndarray) -> Linearised:
+        """All residuals and their Jacobian, as the solver takes them."""
+        return Linearised(parameters, *self.residuals(parameters), self.certain)
 
     def _tip_rows(self, evaluated: Evaluation) -> tuple[np.ndarray, np.ndarray]:
         """Residuals (T,) and their Jacobian; how far all ends together are off the length is marginalised."""

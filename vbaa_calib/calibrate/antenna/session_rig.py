@@ -18,9 +18,6 @@ from vbaa_calib.detect.whisker.paint import Paint, learn
 from vbaa_calib.geometry import Kinematics, Pose
 from vbaa_calib.rig import Antenna, AntennaImage, MomentSensor, Rig
 from vbaa_calib.session import (
-    DRIFTS,
-    LAB,
-    Drift,
     Load,
     LoadReadings,
     NominalAntenna,
@@ -169,11 +166,6 @@ def solve_antenna(session: Session, observations: Sequence[Observation], before:
     return joint
 
 
-def drift_of(session: Session) -> Drift:
-    """What may change between calibration and recording."""
-    return DRIFTS[LAB] if session.drift is None else session.drift
-
-
 def make_rig(
     session: Session, kinematics: Kinematics, joint: BundleAdjustment, observations: Sequence[Observation]
 ) -> Rig:
@@ -193,6 +185,6 @@ def make_rig(
         image=AntennaImage(sigma_px * joint.noise_scale, joint.noise_scale, paint.bright, paint.weights, height),
         covariance=joint.covariance,
         second_moment_sensor=session.second_moment_sensor,
-        drift=drift_of(session),
+        drift=session.possible_drift,
         tip=joint.tip,
     )

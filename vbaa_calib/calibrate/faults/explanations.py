@@ -13,7 +13,6 @@ from vbaa_calib.calibrate.antenna.bundle_adjustment import (
     BundleAdjustment,
     adjust_bundle,
     exact_loads,
-    linearised,
     noise_scale,
 )
 from vbaa_calib.calibrate.antenna.inputs import Observation, Prior
@@ -136,7 +135,7 @@ class StillRows:
         solution, readings = joint.solution, problem.groups.count
         if len(solution.residuals) != ends[-1] + int(kept.sum()) + problem.certain:
             # the last pass may have ended on other stills than it began with
-            solution = linearised(problem, solution.parameters)
+            solution = problem.linearised(solution.parameters)
         # with the loads fixed where the solve had them; `with_readings` frees them again
         solution = exact_loads(solution, readings)
         moments = np.where(kept, ends[-1] + np.cumsum(kept) - 1, -1)

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vbaa_calib.antenna.shape import PARAMETERS
-from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment, linearised, noise_scale
+from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment, noise_scale
 from vbaa_calib.calibrate.antenna.problem import ANTENNA
 from vbaa_calib.calibrate.antenna.residual_checks import Estimate
 from vbaa_calib.core.errors import Diagnosis
@@ -216,13 +216,13 @@ def _refitted(free: BundleAdjustment, gravity_m_s2: np.ndarray) -> tuple[float, 
     ]
     kept = np.ones(len(observations), bool)
     problem = replace(problem, observations=observations, noise_scale=1.0, kept=kept)
-    now = linearised(problem, problem.begin)
+    now = problem.linearised(problem.begin)
     for _ in range(_STEPS):
         # without robust weights: far from the antenna nearly all points would count as outliers
         scale = np.linalg.norm(now.jacobian, axis=0)
         step = -np.linalg.lstsq(now.jacobian / scale, now.residuals, rcond=None)[0] / scale
         try:
-            moved = linearised(problem, now.parameters + step)
+            moved = problem.linearised(now.parameters + step)
         except ValueError:
             # an impossible gravity winds the antenna up: no further
             break

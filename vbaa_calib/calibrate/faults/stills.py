@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment, adjust_bundle, linearised
+from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment, adjust_bundle
 from vbaa_calib.calibrate.antenna.inputs import Observation, Prior
 from vbaa_calib.calibrate.antenna.residual_checks import check
 from vbaa_calib.core.errors import Diagnosis, InputError, SolveError
@@ -36,7 +36,7 @@ def still_diagnoses(session: Session, kinematics: Kinematics, joint: BundleAdjus
     # the other causes are told by the lines alone, whatever the length is
     problem = joint.problem.without_tips()
     problem = replace(problem, prior=replace(problem.prior, tip_std_m=None))
-    solution = replace(linearised(problem, joint.solution.parameters), converged=True)
+    solution = replace(problem.linearised(joint.solution.parameters), converged=True)
     joint = replace(joint, problem=problem, solution=solution)
     return [*length, *_diagnoses(session, kinematics, joint)]
 

@@ -33,7 +33,7 @@ def _bending(pieces: int) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
-class Smooth:
+class _Smooth:
     """A fitted curve: its values at the N places that were given, and its `coefficients`."""
 
     values: np.ndarray
@@ -66,7 +66,7 @@ def fit(
     scales: tuple[float, ...],
     pieces: int,
     stiffness: float,
-) -> Smooth:
+) -> _Smooth:
     """Weighted fit with Cauchy weights whose scale shrinks from one round to the next.
 
     Parameters
@@ -85,7 +85,7 @@ def fit(
         coefficients = np.linalg.solve((table * total[:, None]).T @ table + penalty, summed @ table)
         curve = np.interp(share, _PLACES, table @ coefficients)
         trusted = weights / (1.0 + ((values - curve) / scale) ** 2)
-    return Smooth(curve, coefficients)
+    return _Smooth(curve, coefficients)
 
 
 def quantile(values: np.ndarray, share: float) -> float:

@@ -47,7 +47,7 @@ LEAST_STD_PX = 0.1
 
 
 @dataclass(frozen=True, eq=False)
-class VisibleEnd:
+class _VisibleEnd:
     """Where the antenna ends in a picture: place (2,), deviation along the antenna, and what it is."""
 
     end_px: np.ndarray
@@ -77,7 +77,7 @@ class Look:
     bright: bool
 
 
-def visible_end(image: np.ndarray, path_px: np.ndarray, seen: np.ndarray, look: Look) -> VisibleEnd:
+def visible_end(image: np.ndarray, path_px: np.ndarray, seen: np.ndarray, look: Look) -> _VisibleEnd:
     """The end of a line in an (H, W) picture.
 
     Parameters
@@ -88,19 +88,19 @@ def visible_end(image: np.ndarray, path_px: np.ndarray, seen: np.ndarray, look: 
     farthest_px = (1.0 + LONGER) * float(_lengths(path_px)[-1])
     while True:
         found = _end_or_longer(image, path_px, seen, look)
-        if isinstance(found, VisibleEnd):
+        if isinstance(found, _VisibleEnd):
             return found
         path_px, seen = found
         if _lengths(path_px)[-1] > farthest_px:
-            return VisibleEnd(path_px[-1], np.nan, "unsure")
+            return _VisibleEnd(path_px[-1], np.nan, "unsure")
 
 
 def _end_or_longer(
     image: np.ndarray, path_px: np.ndarray, seen: np.ndarray, look: Look
-) -> VisibleEnd | tuple[np.ndarray, np.ndarray]:
+) -> _VisibleEnd | tuple[np.ndarray, np.ndarray]:
     """The end, or path (K, 2) and `seen` (K,) drawn on where the line goes on beyond it."""
     last = int(np.flatnonzero(seen)[-1])
-    nothing = VisibleEnd(path_px[last], np.nan, "hidden")
+    nothing = _VisibleEnd(path_px[last], np.nan, "hidden")
     along = _lengths(path_px)
     whole = float(along[-1])
     beyond = _continued(path_px, seen, last, along)
@@ -131,16 +131,16 @@ def _end_or_longer(
         return path, longer
     step = _fitted(here[used], fits.height[used] / usual, look.noise * fits.unit_height[used] / usual)
     if step is None or (edge and here[used[-1]] < step.place + CLEAN_PX + 2.0 * step.blur):
-        return VisibleEnd(path_px[last], np.nan, "border" if edge else "hidden")
+        return _VisibleEnd(path_px[last], np.nan, "border" if edge else "hidden")
     shorter_px = whole - along[last] - (step.place - last_at)
     ground = found.profiles[:, [0, 1, -2, -1]].mean(axis=1) / usual  # beside the line
     kind = _kind(_Seen(here[used], fits.height[used] / usual, ground[used], fits.rms[used] / look.noise), step)
     if kind == "tip" and shorter_px > max(SHORTER * whole, SHORTER_PX):
         kind = "unsure"
     if kind == "hidden":
-        return VisibleEnd(path_px[last], np.nan, "hidden")
+        return _VisibleEnd(path_px[last], np.nan, "hidden")
     place = np.array([np.interp(step.place, _lengths(beyond), beyond[:, axis]) for axis in (0, 1)])
-    return VisibleEnd(place, step.std, kind)
+    return _VisibleEnd(place, step.std, kind)
 
 
 @dataclass(frozen=True, eq=False)
