@@ -21,7 +21,9 @@ from tests.estimator.drawn_frames import path_px, rig_of, shape
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.geometry import Kinematics, Pose
-from vbaa_calib.rig import RIG_PARAMETERS, Antenna, AntennaImage, MomentSensor, Rig
+from vbaa_calib.geometry.independent_axes import is_covariance
+from vbaa_calib.rig import RIG_PARAMETERS, Antenna, AntennaImage, MomentSensor, Rig, Tip
+from vbaa_calib.session import DRIFTS
 
 SIZE = len(RIG_PARAMETERS)
 
@@ -184,6 +186,35 @@ def test_a_rig_out_of_this_world_is_refused_or_leads_to_an_honest_contact(tmp_pa
             assert np.isfinite([*numbers, *contact.covariance_world_m2.flat]).all()
             assert contact.distance_m > 0
     assert 20 < refusals < 54
+
+
+def test_a_tip_is_written_and_read_and_goes_with_the_rig() -> None:
+    """With a lens that counts as exact, too: what drifts is added to it, and the tip stays the tip."""
+    rig = replace(make_rig(), drift=DRIFTS["lab"])
+    across = 3e-4 * rig.covariance @ (0.02 / np.sqrt(np.diag(rig.covariance)))
+    rig = replace(rig, tip=Tip(1e-4, 3e-4, across))
+    read = Rig.from_dict(rig.to_dict())
+    assert read.tip is not None
+    assert (read.tip.offset_m, read.tip.std_m) == (1e-4, 3e-4)
+    np.testing.assert_array_equal(read.covariance_with_tip, rig.covariance_with_tip)
+    for known in (rig, rig.with_covariance(rig.covariance_with_tip)):
+        drifted = known.drifted()
+        assert drifted.tip is not None
+        assert drifted.tip.std_m == pytest.approx(3e-4)
+        assert is_covariance(drifted.covariance_with_tip)
+        assert len(drifted.covariance_with_tip) == len(drifted.covariance) + 1
+    moved = rig.moved(np.append(np.zeros(SIZE), 2e-4))
+    assert moved.tip is not None
+    assert moved.tip.offset_m == pytest.approx(3e-4)
+    assert moved.camera.parameters.tolist() == rig.camera.parameters.tolist()
+
+
+@pytest.mark.parametrize("covariance", [[0.0] * 3, [1.0] * SIZE])
+def test_a_tip_that_does_not_go_with_the_rig_is_refused(covariance: list[float]) -> None:
+    data = make_rig().to_dict()
+    data["antenna"]["tip"] = {"offset_m": 0.0, "std_m": 3e-4, "covariance": covariance}
+    with pytest.raises(InputError, match=r"antenna\.tip\.covariance"):
+        Rig.from_dict(data)
 
 
 def test_standard_deviations(good: dict[str, Any]) -> None:

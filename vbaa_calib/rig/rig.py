@@ -101,7 +101,9 @@ class Rig:
             # a lens that counted as exact has nothing in common with the tip
             tip = replace(tip, covariance=np.pad(tip.covariance, (0, max(size - len(tip.covariance), 0)))[:size])
         lens = slice(len(RIG_PARAMETERS), None)
-        camera = replace(self.camera, covariance=covariance[lens, lens])
+        camera = self.camera
+        if len(covariance) > len(RIG_PARAMETERS):
+            camera = replace(camera, covariance=covariance[lens, lens])
         return replace(self, covariance=covariance, camera=camera, tip=tip)
 
     def _holds_tip(self, size: int) -> bool:
