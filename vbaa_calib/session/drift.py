@@ -14,7 +14,7 @@ from pydantic_core import CoreSchema
 from vbaa_calib.core.models import Number
 
 _Small = Annotated[Number, Field(ge=0, le=0.1)]
-_OF_FRAMES = ("line_px", "hourly")
+_OF_FRAMES = ("line_px", "light_px", "hourly")
 
 
 @dataclass(frozen=True)
@@ -31,6 +31,7 @@ class Drift:
     moment_gain : of the sensor's gain, relative. moment_zero : of its zero, in deviations of its noise.
     line_px : what is common to all points of a frame's centreline, in each frame anew: its offset, slope and curvature
         (the Legendre polynomials along the antenna), by light, focus and edges.
+    light_px : of the same in all frames alike, by a lamp that moved or another focus; until free frames have told it.
     hourly : part of all these, but for the line's, by which the rig goes on changing within an hour of recording.
     """
 
@@ -44,6 +45,7 @@ class Drift:
     moment_gain: _Small = 0.0
     moment_zero: Annotated[Number, Field(ge=0, le=1e4)] = 0.0
     line_px: Annotated[Number, Field(ge=0, le=10)] = 0.0
+    light_px: Annotated[Number, Field(ge=0, le=10)] = 0.0
     hourly: Annotated[Number, Field(ge=0, le=100)] = 0.0
 
     @property
@@ -71,6 +73,7 @@ DRIFTS: Mapping[str, Drift] = MappingProxyType(
             moment_gain=2e-3,
             moment_zero=5.0,
             line_px=0.003,
+            light_px=0.015,
             hourly=0.3,
         ),
         "rough": Drift(
@@ -84,6 +87,7 @@ DRIFTS: Mapping[str, Drift] = MappingProxyType(
             moment_gain=1e-2,
             moment_zero=50.0,
             line_px=0.01,
+            light_px=0.05,
             hourly=0.5,
         ),
     }
