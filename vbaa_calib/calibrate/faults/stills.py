@@ -74,7 +74,7 @@ def _tips(joint: BundleAdjustment) -> list[Diagnosis]:
         return []
     where = f"{abs(joint.tip_gap_std):.0f} deviations {'beyond' if joint.tip_gap_std > 0 else 'short of'}"
     said = (
-        f"the antenna's end lies {where} antenna.length_m"
+        f"the antenna's ends lie {where} antenna.length_m"
         if np.isfinite(joint.tip_gap_std)
         else ("the antenna's ends do not agree on its length")
     )
