@@ -8,6 +8,7 @@ model that is fitted.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -133,7 +134,7 @@ def _rig(
 
 CENTRELINE_PX, MOMENT_NM = 0.1, 2e-5
 TIP_PX = 0.1
-_ENDS = 7
+ENDS = 7
 """Standard deviations of a centreline point, per axis, and of a moment reading."""
 _LOG_STIFFNESS_SPREAD, _GAIN_SPREAD, _OFFSET_SPREAD_NM = 0.05, 0.05, 5e-4
 """Of the true values, where they are narrower than the priors."""
@@ -177,7 +178,7 @@ def draw(rig: CoverageRig, seed: tuple[int, ...]) -> Draw:
     rng = np.random.default_rng(seed)
     truth = drawn_truth(rng)
     T_camera_jig = rig.T_antenna_camera.inverse() @ T_ANTENNA_JIG
-    ends = np.random.default_rng((*seed, _ENDS))
+    ends = np.random.default_rng((*seed, ENDS))
     tip_m = (NOMINAL.tip_std_m or 0.0) * float(ends.normal())
 
     def view(name: str, T_camera_board: Pose) -> BoardView:
@@ -247,27 +248,29 @@ def clamp_turns(truth: np.ndarray, gravity: np.ndarray, hung: np.ndarray) -> Rot
     return Rotation.from_rotvec(truth[8] / np.exp(truth[6]) * moment * [0.0, 1.0, 1.0])
 
 
+def _drawn(
+    rig: CoverageRig, shape: RodShape, index: int, held: Rotation, clamp_yz_m: np.ndarray
+) -> Callable[[np.ndarray], np.ndarray]:
+    """The true pixels (N, 2) of one antenna at arc lengths (1, N), m."""
+    one = RodShape(*(values[index : index + 1] for values in vars(shape).values()))
+    clamp = np.append(0.0, clamp_yz_m)
+    return lambda arclength_m: rig.antenna_pixels(clamp + held.apply(sample_shape(one, arclength_m)[0][0] - clamp))
+
+
 def seen_tip(
     rig: CoverageRig, shape: RodShape, index: int, held: Rotation, clamp_yz_m: np.ndarray, tip_m: float
 ) -> np.ndarray:
     """(2,) true pixel of one antenna's visible end, which lies so far beyond its length; NaN outside the picture."""
-    one = RodShape(*(values[index : index + 1] for values in vars(shape).values()))
-    clamp, near = np.append(0.0, clamp_yz_m), 1e-3
-    last = sample_shape(one, np.array([[NOMINAL.length_m - near, NOMINAL.length_m]]))[0][0]
-    before, end = rig.antenna_pixels(clamp + held.apply(last - clamp))
+    near, pixels_at = 1e-3, _drawn(rig, shape, index, held, clamp_yz_m)
+    before, end = pixels_at(np.array([[NOMINAL.length_m - near, NOMINAL.length_m]]))
     tip_px = end + tip_m / near * (end - before)
     return tip_px if rig.inside(tip_px[None])[0] else np.full(2, np.nan)
 
 
 def centreline(rig: CoverageRig, shape: RodShape, index: int, held: Rotation, clamp_yz_m: np.ndarray) -> np.ndarray:
     """(N, 2) true pixels of one antenna's centreline, about one pixel apart, as far as the picture shows it."""
-    one = RodShape(*(values[index : index + 1] for values in vars(shape).values()))
+    pixels_at = _drawn(rig, shape, index, held, clamp_yz_m)
     coarse = np.linspace(_BEGIN, 1.0, 60)[None] * NOMINAL.length_m
-    clamp = np.append(0.0, clamp_yz_m)
-
-    def pixels_at(arclength_m: np.ndarray) -> np.ndarray:
-        return rig.antenna_pixels(clamp + held.apply(sample_shape(one, arclength_m)[0][0] - clamp))
-
     way = np.linalg.norm(np.diff(pixels_at(coarse), axis=0), axis=1)
     count = int(np.nansum(way)) + 1
     even = np.linspace(_BEGIN, 1.0, count)[None] * NOMINAL.length_m

@@ -156,16 +156,18 @@ def recorded(given: rigs.Draw, change: Change, seed: tuple[int, ...]) -> Recordi
     readings = truth[10] - truth[9] * held.apply(shape.clamp_moment_Nm)[:, 1] + rigs.MOMENT_NM * rng.normal(size=count)
     step = np.concatenate([change.turn_rad * parts[3:6], change.shift_m * parts[6:9]])
     rig = replace(given.rig, T_antenna_camera=given.rig.T_antenna_camera.retract(step))
-    frames, ends = [], np.random.default_rng((*seed, 7))
+    frames, ends, centre = [], np.random.default_rng((*seed, rigs.ENDS)), rig.lens.matrix[:2, 2]
+
+    def in_picture(pixels: np.ndarray) -> np.ndarray:
+        return (pixels - centre) * (1.0 + change.scale * parts[14]) + centre + change.picture_px * parts[9:11]
+
     for index in range(count):
         exact = rigs.centreline(rig, shape, index, held[index], truth[:2])
         off = change.light_px * parts[11:14] + change.line_px * rng.normal(size=3)
         line = exact + _across(exact) * _modes(len(exact), off)[:, None]
-        line = (line - rig.lens.matrix[:2, 2]) * (1.0 + change.scale * parts[14]) + rig.lens.matrix[:2, 2]
-        line = line + change.picture_px * parts[9:11] + rigs.CENTRELINE_PX * rng.normal(size=line.shape)
+        line = in_picture(line) + rigs.CENTRELINE_PX * rng.normal(size=line.shape)
         end = rigs.seen_tip(rig, shape, index, held[index], truth[:2], given.tip_m) + rigs.TIP_PX * ends.normal(size=2)
-        end = (end - rig.lens.matrix[:2, 2]) * (1.0 + change.scale * parts[14]) + rig.lens.matrix[:2, 2]
-        tip_px = np.append(end + change.picture_px * parts[9:11], rigs.TIP_PX)
+        tip_px = np.append(in_picture(end), rigs.TIP_PX)
         sigma = np.full(len(line), rigs.CENTRELINE_PX)
         angles = float(pan[index]), float(tilt[index])
         frames.append(Measured(line, sigma, float(readings[index]), *angles, tip_px=tip_px))

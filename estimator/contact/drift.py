@@ -139,18 +139,13 @@ def _posterior(batch: Batch, rig: Rig) -> tuple[Rig, np.ndarray, np.ndarray]:
 
 def _free_problem(frames: Frames) -> Problem:
     rig_arrays = frames.rig_arrays
-    free, count = free_antenna(_without_odd_ends(frames), REFERENCE), len(frames)
+    free, count = free_antenna(frames, REFERENCE), len(frames)
     prior = np.ones((count, rig_arrays.axes.shape[1] + len(rig_arrays.line)))
-    by_rig, residual = free.by_rig, free.prediction.reading_residual
-    return Problem(free.points, by_rig.image, by_rig.reading, residual, prior, np.ones(count))
-
-
-def _without_odd_ends(frames: Frames) -> Frames:
-    """Without the ends of the antenna that lie farther off than the rig may be."""
-    free = free_antenna(frames, REFERENCE)
-    own, by_rig = free.prediction.reading_residual[:, 2], free.by_rig.reading[:, 2]
-    fits = np.abs(own) <= _BEYOND * np.sqrt(1.0 + (by_rig**2).sum(axis=1))
-    return replace(frames, available=frames.available * np.column_stack([np.ones((len(frames), 2)), fits]))
+    residual, by_rig = free.prediction.reading_residual, free.by_rig.reading
+    # an end of the antenna that lies farther off than the rig may be is another thing's
+    used = np.ones_like(residual)
+    used[:, 2] = np.abs(residual[:, 2]) <= _BEYOND * np.sqrt(1.0 + (by_rig[:, 2] ** 2).sum(axis=1))
+    return Problem(free.points, free.by_rig.image, by_rig * used[..., None], residual * used, prior, np.ones(count))
 
 
 def _summed(equations: NormalEquations, steps: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

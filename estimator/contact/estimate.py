@@ -149,7 +149,7 @@ class ContactEstimator:
         motion, now, waiting = MotionCheck(self.rig, live), self, deque[list[Measured]]()
         patient = self.rig.drift.of_rig and not live
         while several := list(islice(frames, 1 if live else STREAM)):
-            now = now._after_free_frames(Batch.of(several), max(each.time_s for each in several))
+            now = now._after_free_frames(several)
             self.drift = now.drift
             waiting.append(several)
             patient = patient and now.drift.frames == 0 and len(waiting) * STREAM < MOST_WAITING
@@ -168,11 +168,12 @@ class ContactEstimator:
         located = np.flatnonzero(np.isfinite(found.distance_m))
         return found.numbers.unknowns[located[-1]] if len(located) else None
 
-    def _after_free_frames(self, batch: Batch, time_s: float) -> ContactEstimator:
+    def _after_free_frames(self, several: Sequence[Measured]) -> ContactEstimator:
         """The estimator for the rig as it is by now: what the free ones of some frames tell of its drift is learnt."""
+        time_s = max(each.time_s for each in several)
         if not self.drift.due(time_s):
             return self
-        learnt = self.drift.later(time_s).learn(batch, time_s)
+        learnt = self.drift.later(time_s).learn(Batch.of(several), time_s)
         return self if learnt.frames == self.drift.frames else self._with(learnt)
 
     def _at(self, time_s: float) -> ContactEstimator:

@@ -76,10 +76,8 @@ class RigArrays:
         axes = axes[:, size > _NEGLIGIBLE * max(float(size.max()), 1e-300)]
         sensors = (rig.moment_sensor, rig.second_moment_sensor)
         gain, offset, std = np.array([(s.gain, s.offset_Nm, s.std_Nm) if s else (0.0, 0.0, 1.0) for s in sensors]).T
-        focal, line_px = (
-            np.sqrt(np.prod(np.diag(rig.camera.matrix)[:2])),
-            np.hypot(rig.drift.line_px, rig.drift.light_px) if drift else 0.0,
-        )
+        focal = np.sqrt(np.prod(np.diag(rig.camera.matrix)[:2]))
+        line_px = np.hypot(rig.drift.line_px, rig.drift.light_px) if drift else 0.0
         own = np.full(LINE_ERRORS if line_px > 0.0 else 0, line_px / focal)
         steps = axes.shape[1] + len(own)
         arrays = (

@@ -40,6 +40,11 @@ class Tip:
     std_m: float
     covariance: np.ndarray
 
+    def beside(self, covariance: np.ndarray) -> np.ndarray:
+        """(18 + P, 18 + P) the rig's joint covariance (17 + P, 17 + P) with the offset as its last parameter."""
+        across = self.covariance[:, None]
+        return np.block([[covariance, across], [across.T, np.array([[self.std_m**2]])]])
+
     def to_dict(self) -> dict[str, Any]:
         """The mapping `antenna.tip` of rig.json."""
         return {"offset_m": self.offset_m, "std_m": self.std_m, "covariance": self.covariance.tolist()}

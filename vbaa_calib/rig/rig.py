@@ -53,10 +53,8 @@ def _tip(read: FileTip | None, covariance: np.ndarray, where: object) -> Tip | N
     if read is None:
         return None
     tip = Tip(read.offset_m, read.std_m, np.array(read.covariance, float))
-    if len(tip.covariance) == len(covariance):
-        across = tip.covariance[:, None]
-        if is_covariance(np.block([[covariance, across], [across.T, np.array([[tip.std_m**2]])]])):
-            return tip
+    if len(tip.covariance) == len(covariance) and is_covariance(tip.beside(covariance)):
+        return tip
     raise InputError(
         f"antenna.tip.covariance is none with the {len(covariance)} joint.parameters",
         where=where,
@@ -114,10 +112,7 @@ class Rig:
     @property
     def covariance_with_tip(self) -> np.ndarray:
         """(18 + P, 18 + P) the joint covariance with the tip's offset as its last parameter; without it where None."""
-        if self.tip is None:
-            return self.covariance
-        across = self.tip.covariance[:, None]
-        return np.block([[self.covariance, across], [across.T, np.array([[self.tip.std_m**2]])]])
+        return self.covariance if self.tip is None else self.tip.beside(self.covariance)
 
     def drifted(self, part: float = 1.0) -> Rig:
         """With this part of what may have changed in the covariance, and the lens in it, too."""

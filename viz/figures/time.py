@@ -91,9 +91,9 @@ def curve(
     if apart:
         own = 2 * np.sqrt(np.clip(np.nan_to_num(std) ** 2 - (spread / 2) ** 2, 0.0, None))
         known = np.isfinite(value)
-        x, low, _, high = clock.gathered(clock.time_s[known], (value - own)[known], (value + own)[known])
-        if known.sum() <= MOST_DOTS:
-            x, low, high = clock.time_s[known], (value - own)[known], (value + own)[known]
+        x, low, high = clock.time_s[known], (value - own)[known], (value + own)[known]
+        if len(x) > MOST_DOTS:
+            x, low, _, high = clock.gathered(x, low, high)
         bars(axes, x, low, high, f"{ESTIMATE}99")
         meaning = "estimate ± 2 std, its own"
     if truth is not None:

@@ -176,13 +176,11 @@ class Problem:
         ]
         if self.seen_at_lens and sum(map(len, seen)) < sum(map(len, self.seen_at_lens)):
             raise LensLost("the lens that the stills require folds inside the picture")
-        return replace(
-            here, seen_at_lens=seen, lens_at=parameters[self.lens], tips_at_lens=here.tips_seen(camera, self.tips)
-        )
+        return replace(here, seen_at_lens=seen, lens_at=parameters[self.lens], tips_at_lens=here._tips_seen(camera))
 
-    def tips_seen(self, camera: Camera, which: np.ndarray) -> SeenPoints | None:
-        """The antenna's ends in some observations, by index (T,). Raises LensLost where the lens folds before them."""
-        some = [self.observations[index] for index in which]
+    def _tips_seen(self, camera: Camera) -> SeenPoints | None:
+        """The antenna's ends, where it has any. Raises LensLost where the lens folds before them."""
+        some = [self.observations[index] for index in self.tips]
         if not some:
             return None
         px, std_px = np.array([one.tip_px for one in some]), np.array([one.tip_std_px for one in some])

@@ -9,7 +9,7 @@ from vbaa_calib.camera import Camera
 from vbaa_calib.geometry import Pose
 
 from .centreline import NOTHING, Centreline
-from .corridor import Corridor, length_px
+from .corridor import Corridor, arc_lengths_px
 from .finder import AntennaFinder
 from .profile import measure
 
@@ -41,7 +41,7 @@ def width_px(camera: Camera, T_camera_antenna: Pose, points_m: np.ndarray, diame
 def corridor(camera: Camera, T_camera_antenna: Pose, free: Curves, diameter_m: float) -> Corridor:
     """Where in the picture an antenna may be whose free shape is known."""
     axis = pixels(camera, T_camera_antenna, free.points_m[0])
-    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(axis, axis=0).T))])
+    along = arc_lengths_px(axis)
     width = width_px(camera, T_camera_antenna, free.points_m[0], diameter_m)
     return Corridor(axis, CLAMP_REACH_PX + REACH_PER_LENGTH * along, width)
 
@@ -52,7 +52,7 @@ def finder(where: Corridor, camera: Camera) -> AntennaFinder | None:
 
 
 def _shows(where: Corridor) -> bool:
-    return len(where.axis_px) >= LEAST_AXIS and length_px(where.axis_px) >= LEAST_LENGTH_PX
+    return len(where.axis_px) >= LEAST_AXIS and bool(arc_lengths_px(where.axis_px)[-1] >= LEAST_LENGTH_PX)
 
 
 def find(image: np.ndarray, where: Corridor, bright: bool = True) -> Centreline:

@@ -28,15 +28,15 @@ class Corridor:
 
 def resample(polyline: np.ndarray, spacing: float) -> tuple[np.ndarray, np.ndarray]:
     """Points (K, 2) at equal spacing along a polyline, short of its end, and the arc length (K,) of each."""
-    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(polyline, axis=0).T))])
+    along = arc_lengths_px(polyline)
     # a spacing that divides the length: rounding must not decide whether the end is one of the points
     at = spacing * np.arange(np.ceil(along[-1] / spacing - WHOLE))
     return np.stack([np.interp(at, along, polyline[:, i]) for i in range(2)], axis=1), at
 
 
-def length_px(polyline: np.ndarray) -> float:
-    """Length of a polyline (K, 2)."""
-    return float(np.hypot(*np.diff(polyline, axis=0).T).sum())
+def arc_lengths_px(polyline: np.ndarray) -> np.ndarray:
+    """(K,) distance of the points of a polyline (K, 2) along it, from its start."""
+    return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(polyline, axis=0).T))])
 
 
 def normals(polyline: np.ndarray) -> np.ndarray:

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from . import smooth
-from .corridor import length_px, normals, resample
+from .corridor import arc_lengths_px, normals, resample
 
 COLUMN_PX, COLUMNS = 2.0, 120
 """Spacing of the columns across the path, or wider where it takes more columns than these."""
@@ -37,7 +37,7 @@ def refine_path(image: np.ndarray, path_px: np.ndarray, width_px: float, reach_p
 
     Two rounds: over the whole reach with a stiff curve, then near that curve with a supple one.
     """
-    columns, along = resample(path_px, max(COLUMN_PX, length_px(path_px) / COLUMNS))
+    columns, along = resample(path_px, max(COLUMN_PX, arc_lengths_px(path_px)[-1] / COLUMNS))
     normal = normals(columns)
     rows = np.arange(-np.ceil(reach_px), np.ceil(reach_px) + 1)
     ridge = _ridge(image, columns, normal, rows, width_px, bright)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from .corridor import Corridor, length_px, normals, resample
+from .corridor import Corridor, arc_lengths_px, normals, resample
 
 SAMPLES = 72
 """Samples along a template."""
@@ -37,8 +37,8 @@ class Templates:
 
 def templates(corridor: Corridor) -> Templates:
     """Every path in a corridor, close enough together that the antenna is within `spacing_px` of one of them."""
-    axis, _ = resample(corridor.axis_px, max(length_px(corridor.axis_px) / SAMPLES, 1e-3))
-    length = length_px(axis)
+    axis, _ = resample(corridor.axis_px, max(arc_lengths_px(corridor.axis_px)[-1] / SAMPLES, 1e-3))
+    length = arc_lengths_px(axis)[-1]
     step = length / (len(axis) - 1)
     tangent = np.gradient(axis, axis=0)
     heading = np.unwrap(np.arctan2(tangent[:, 1], tangent[:, 0]))

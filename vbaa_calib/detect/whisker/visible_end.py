@@ -14,6 +14,7 @@ from scipy.special import ndtr
 
 from . import smooth
 from .centreline import EndKind
+from .corridor import arc_lengths_px
 from .crossings import crossings
 from .line_shape import LineShape, fit
 
@@ -85,13 +86,13 @@ def visible_end(image: np.ndarray, path_px: np.ndarray, seen: np.ndarray, look: 
     path_px : (K, 2) the line, from the clamp to where a whole antenna ends; bridged where it is hidden.
     seen : (K,) where it was measured.
     """
-    farthest_px = (1.0 + LONGER) * float(_lengths(path_px)[-1])
+    farthest_px = (1.0 + LONGER) * float(arc_lengths_px(path_px)[-1])
     while True:
         found = _end_or_longer(image, path_px, seen, look)
         if isinstance(found, _VisibleEnd):
             return found
         path_px, seen = found
-        if _lengths(path_px)[-1] > farthest_px:
+        if arc_lengths_px(path_px)[-1] > farthest_px:
             return _VisibleEnd(path_px[-1], np.nan, "unsure")
 
 
@@ -101,7 +102,7 @@ def _end_or_longer(
     """The end, or path (K, 2) and `seen` (K,) drawn on where the line goes on beyond it."""
     last = int(np.flatnonzero(seen)[-1])
     nothing = _VisibleEnd(path_px[last], np.nan, "hidden")
-    along = _lengths(path_px)
+    along = arc_lengths_px(path_px)
     whole = float(along[-1])
     beyond = _continued(path_px, seen, last, along)
     if beyond is None:
@@ -111,7 +112,7 @@ def _end_or_longer(
     if len(here) < 12:
         return nothing
     fits = fit(look.shape, found, np.zeros(len(here)))
-    last_at = float(_lengths(beyond)[np.hypot(*(beyond - path_px[last]).T).argmin()])
+    last_at = float(arc_lengths_px(beyond)[np.hypot(*(beyond - path_px[last]).T).argmin()])
     before = found.inside & (here < last_at - 4.0)
     if before.sum() < 8:
         return nothing
@@ -139,7 +140,7 @@ def _end_or_longer(
         kind = "unsure"
     if kind == "hidden":
         return _VisibleEnd(path_px[last], np.nan, "hidden")
-    place = np.array([np.interp(step.place, _lengths(beyond), beyond[:, axis]) for axis in (0, 1)])
+    place = np.array([np.interp(step.place, arc_lengths_px(beyond), beyond[:, axis]) for axis in (0, 1)])
     return _VisibleEnd(place, step.std, kind)
 
 
@@ -165,10 +166,6 @@ def _kind(seen: _Seen, step: _Step) -> EndKind:
         return "hidden"
     swollen = seen.heights[near].max() > BROAD or (seen.residuals[near] > 2.0 * DISTURBED).mean() > 0.3
     return "unsure" if swollen or step.std > MOST_STD_PX or step.rms > MOST_RMS else "tip"
-
-
-def _lengths(path_px: np.ndarray) -> np.ndarray:
-    return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path_px, axis=0).T))])
 
 
 def _continued(path_px: np.ndarray, seen: np.ndarray, last: int, along: np.ndarray) -> np.ndarray | None:
