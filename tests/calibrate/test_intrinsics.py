@@ -161,7 +161,7 @@ def test_views_without_tilt_are_not_answered_with_confidence() -> None:
     poses = [pose_towards(rng, 0.25, 0.06) for _ in range(8)]
     views = views_of(LENS_MODELS["none"], LENSES["none"], SIZE, poses, rng, 0.15)
     solution = solve_intrinsics(views, SPEC, "none")
-    assert any("focal length is known to" in warning for warning in solution.warnings)
+    assert "focal_vague" in {one.name for one in solution.verdict.diagnoses}
     frontal = views_of(LENS_MODELS["none"], LENSES["none"], SIZE, [pose_towards(rng, 0.25, 0.0)] * 8, rng)
     with pytest.raises(InputError, match="leave the none lens open"):
         solve_intrinsics(frontal, SPEC, "none")
@@ -233,10 +233,11 @@ def test_camera_json_holds_the_lens_and_its_evidence(tmp_path: Path, capsys: pyt
     board, output = tmp_path / "board.yaml", tmp_path / "camera.json"
     board.write_text(yaml.safe_dump(photos.spec.to_dict()))
     call = ["intrinsics", str(photos.folder), "--board", str(board), "-o", str(output), "--json"]
-    assert main(call) == 0
+    code = main(call)
     result = json.loads(capsys.readouterr().out)
     document = json.loads(output.read_text())
-    assert result == {"output": str(output), **document}
+    assert result == {"output": str(output), **document, "exit_code": code}
+    assert code == (document["grade"] == "do not use")
     assert document["schema"] == "vbaa.camera/1"
     chosen = LENS_MODELS[document["lens_model"]]
     assert document["parameters"] == list(chosen.parameter_names)

@@ -55,7 +55,7 @@ def test_outliers_and_bend_are_reported() -> None:
         assert set(view.ids[~good]) == set(used.outlier_ids)
         assert used.left_out == len(used.outlier_ids)
         assert used.corners == good.sum()
-    assert "bent" in solution.verdict
+    assert "bent" in solution.verdict.words
     assert solution.rms_inliers_px == pytest.approx(0.15 * np.sqrt(2), rel=0.05)
 
 

@@ -14,7 +14,7 @@ from vbaa_calib.calibrate.antenna.inputs import Prior
 from vbaa_calib.calibrate.antenna.residual_checks import Checks, check
 from vbaa_calib.calibrate.antenna.session_rig import make_rig, observe_stills, prior, solve_antenna
 from vbaa_calib.calibrate.faults.stills import still_diagnoses, with_cause
-from vbaa_calib.calibrate.faults.views import view_set_diagnoses
+from vbaa_calib.calibrate.faults.views import judge_views
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution, solve_intrinsics
 from vbaa_calib.core.errors import Diagnosis, SolveError
 from vbaa_calib.core.images import list_images, read_gray
@@ -32,7 +32,7 @@ class Calibration:
     Attributes
     ----------
     stills : no-load frames and loads, in the order of bundle adjustment.
-    lens_diagnoses : what the lens' pictures, taken together, show to be wrong. still_diagnoses : what the stills do.
+    still_diagnoses : what the stills show to be wrong; what the lens' pictures do is in the lens' verdict.
     """
 
     session: Session
@@ -42,7 +42,6 @@ class Calibration:
     joint: BundleAdjustment
     checks: Checks
     stills: Sequence[Still]
-    lens_diagnoses: Sequence[Diagnosis]
     still_diagnoses: Sequence[Diagnosis]
 
 
@@ -68,8 +67,7 @@ def calibrate(session: Session, lens_model: str = "auto") -> Calibration:
     # plane C first: one picture shows whether the board is the one described
     views = read_views(session)
     lens_views = detect_folder(session.root / "intrinsics", session.board)
-    lens = solve_intrinsics(lens_views, session.board, lens_model)
-    doubted = view_set_diagnoses(lens_views, lens, session.board)
+    lens = judge_views(lens_views, solve_intrinsics(lens_views, session.board, lens_model), session.board)
     plane = find_plane(session, lens.camera, lens.board_flex, views)
     before = stills_prior(session, lens, plane)
     observations = observe_stills(session, plane.kinematics, before)
@@ -79,4 +77,4 @@ def calibrate(session: Session, lens_model: str = "auto") -> Calibration:
         raise with_cause(session, plane.kinematics, observations, before, error) from error
     held = still_diagnoses(session, plane.kinematics, joint)
     rig = make_rig(session, plane.kinematics, joint, observations)
-    return Calibration(session, rig, lens, plane, joint, check(joint), stills, tuple(doubted), tuple(held))
+    return Calibration(session, rig, lens, plane, joint, check(joint), stills, tuple(held))

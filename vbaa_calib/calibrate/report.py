@@ -149,7 +149,7 @@ def doubts(calibration: Calibration) -> list[str]:
     session, rig, plane = calibration.session, calibration.rig, calibration.plane
     diagnoses = calibration.still_diagnoses
     said = {one.name for one in diagnoses}
-    found = [*map(str, calibration.lens_diagnoses), *_plane_doubts(plane), *map(str, diagnoses)]
+    found = [*map(str, calibration.lens.verdict.diagnoses), *_plane_doubts(plane), *map(str, diagnoses)]
     found += prior_doubts(calibration.joint, said)
     found += still_doubts(calibration.joint, calibration.stills, "\n".join(one.words for one in diagnoses))
     if not any(one.grave for one in diagnoses):
@@ -165,7 +165,8 @@ def report(calibration: Calibration, warnings: Sequence[str]) -> None:
     x, y, z = 1e3 * rig.T_antenna_camera.translation_m
     off = 1e3 * np.sqrt(np.diag(rig.covariance)[:6])
     ways = " + ".join(estimate.way for estimate in calibration.plane.estimates)
-    say(f"lens       {calibration.lens.model}: rms {calibration.lens.rms_px:.3f} px")
+    lens = calibration.lens
+    say(f"lens       {lens.model}: rms {lens.rms_px:.3f} px. {lens.verdict.words}")
     say(
         f"plane C    camera at ({x:.1f}, {y:.1f}, {z:.1f}) mm in the antenna frame, "
         f"± {off[3:].max():.2g} mm, ± {off[:3].max():.2g} mrad (by {ways})"
@@ -175,8 +176,9 @@ def report(calibration: Calibration, warnings: Sequence[str]) -> None:
     say(f"antenna    EI = {stiffness:.5g} ± {stiffness * rig.std('log_stiffness_Nm2'):.2g} N·m²")
     gain = f"gain {sensor.gain:.4f} ± {rig.std('moment_gain'):.4f}"
     say(f"sensor     {gain}, offset {1e3 * sensor.offset_Nm:.3f} mN·m")
+    grave = {str(one) for one in (*lens.verdict.diagnoses, *calibration.still_diagnoses) if one.grave}
     for line in warnings:
-        say(f"look at    {line}")
+        say(f"{'wrong' if line in grave else 'look at':10s} {line}")
 
 
 def summary(calibration: Calibration, warnings: Sequence[str]) -> dict[str, Any]:
@@ -187,6 +189,7 @@ def summary(calibration: Calibration, warnings: Sequence[str]) -> dict[str, Any]
         "plane_rms_px": None if jig is None else float(jig.rms_px),
         "plane_second_solution_ratio": None if jig is None else jig.second_ratio,
         "noise_scale": joint.noise_scale,
+        "lens_grade": calibration.lens.verdict.grade,
         "worst_still_rms": float(joint.point_rms.max()),
         "moment_residual_rms_Nm": float(np.sqrt((joint.moment_residuals_Nm**2).mean())),
         "warnings": list(warnings),
@@ -245,7 +248,7 @@ def camera_document(solution: LensSolution, spec: BoardSpec) -> dict[str, Any]:
         "std": dict(zip(solution.camera.parameter_names, covariance.diagonal().clip(0.0) ** 0.5, strict=True)),
         "lens_model": solution.model,
         "monotonic": solution.monotonic,
-        "verdict": solution.verdict,
+        **solution.verdict.to_dict(),
         "rms_px": solution.rms_px,
         "rms_inliers_px": solution.rms_inliers_px,
         "projection_uncertainty": {
@@ -265,6 +268,5 @@ def camera_document(solution: LensSolution, spec: BoardSpec) -> dict[str, Any]:
         ],
         "dropped": [vars(view) for view in solution.dropped],
         "model_comparison": [vars(candidate) for candidate in solution.comparison],
-        "warnings": list(solution.warnings),
         "board": spec.to_dict(),
     }

@@ -18,7 +18,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
-    """Calibrate a session and write rig.json."""
+    """Calibrate a session and write rig.json; the exit code is 1 where its lens must not be used."""
     from vbaa_calib.calibrate.pipeline import calibrate
     from vbaa_calib.calibrate.report import doubts, report, rig_document, summary
     from vbaa_calib.core.console import say
@@ -35,4 +35,5 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     say(f"wrote {args.output}")
     described = calibration.rig.to_dict()
     numbers = {key: described[key] for key in ("T_antenna_camera", "antenna", "moment_sensor")}
-    return {"rig": str(args.output), **summary(calibration, warnings), **numbers}
+    code = calibration.lens.verdict.exit_code
+    return {"rig": str(args.output), **summary(calibration, warnings), **numbers, "exit_code": code}

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +12,6 @@ from vbaa_calib.core.files import refuse_overwrite, write_json
 
 if TYPE_CHECKING:
     from vbaa_calib.calibrate.lens.intrinsics import LensSolution
-    from vbaa_calib.core.errors import Diagnosis
 
 MODELS = ("auto", "none", "radial", "opencv4", "opencv5", "rational", "thin", "tilted", "fisheye")
 
@@ -36,8 +34,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
-    """Detect, solve, write camera.json. Returns its numbers."""
-    from vbaa_calib.calibrate.faults.views import view_set_diagnoses
+    """Detect, solve, write camera.json. Returns its numbers; the exit code is 1 where the lens must not be used."""
+    from vbaa_calib.calibrate.faults.views import judge_views
     from vbaa_calib.calibrate.lens.intrinsics import solve_intrinsics
     from vbaa_calib.calibrate.report import camera_document
     from vbaa_calib.core.images import list_images
@@ -51,16 +49,16 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     refuse_overwrite(args.output, args.force, list_images(args.images))
     views = detect_folder(args.images, spec)
     solution = solve_intrinsics(views, spec, args.model, args.min_corners, args.fix_aspect)
-    found = view_set_diagnoses(views, solution, spec)
-    document = camera_document(solution, spec) | {"diagnoses": [one.to_dict() for one in found]}
+    solution = judge_views(views, solution, spec)
+    document = camera_document(solution, spec)
     write_json(args.output, document, args.force)
-    report(solution, found)
+    _report(solution)
     say(f"wrote {args.output}")
-    return {"output": str(args.output), **document}
+    return {"output": str(args.output), **document, "exit_code": solution.verdict.exit_code}
 
 
-def report(solution: LensSolution, diagnoses: Sequence[Diagnosis] = ()) -> None:
-    """The result in a few lines of prose; a grave diagnosis of the set of views overrules the lens' own verdict."""
+def _report(solution: LensSolution) -> None:
+    """The result in a few lines of prose."""
     matrix, covariance = solution.camera.matrix, solution.camera.covariance
     assert covariance is not None
     std = covariance.diagonal().clip(0.0) ** 0.5
@@ -89,9 +87,6 @@ def report(solution: LensSolution, diagnoses: Sequence[Diagnosis] = ()) -> None:
     for dropped in solution.dropped:
         say(f"dropped    {dropped.name}: {dropped.reason}")
     say(f"board      {'bent, solved with that' if solution.board_flex.used else 'flat'}: {solution.board_flex.reason}")
-    for warning in solution.warnings:
-        say(f"warning    {warning}")
-    for one in diagnoses:
+    for one in solution.verdict.diagnoses:
         say(f"{'wrong' if one.grave else 'look at':10s} {one}")
-    grave = [one.words for one in diagnoses if one.grave]
-    say(f"verdict    {f'Do not use this lens yet: {grave[0]}.' if grave else solution.verdict}")
+    say(f"verdict    {solution.verdict.words}")

@@ -19,6 +19,7 @@ from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment, adj
 from vbaa_calib.calibrate.antenna.inputs import Observation
 from vbaa_calib.calibrate.antenna.session_rig import ExpectedAntenna, nominal_parameters
 from vbaa_calib.calibrate.faults.stills import still_diagnoses
+from vbaa_calib.calibrate.faults.views import judge_views
 from vbaa_calib.calibrate.guide.view_uncertainty import WorkPlane
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution, solve_intrinsics
 from vbaa_calib.calibrate.pipeline import stills_prior
@@ -266,7 +267,13 @@ class SessionState:
         return self._view(first[0]).image_size if first else None
 
     def lens(self) -> LensSolution:
-        return self.cached("lens", self.inputs("lens"), lambda: solve_intrinsics(self.views("lens"), self.board))
+        """The lens by the pictures so far, judged."""
+
+        def made() -> LensSolution:
+            views, board = self.views("lens"), self.board
+            return judge_views(views, solve_intrinsics(views, board), board)
+
+        return self.cached("lens", self.inputs("lens"), made)
 
     def plane(self) -> PlaneC:
         """The camera's pose on the antenna's base by the way that was chosen."""

@@ -14,7 +14,7 @@ import yaml
 from targets.sheet import board_id, size_words
 from vbaa_calib.calibrate.antenna.problem import GAIN, OFFSET
 from vbaa_calib.calibrate.check.assessment import assess
-from vbaa_calib.calibrate.faults.views import resolution_changed, same_pose, view_set_diagnoses
+from vbaa_calib.calibrate.faults.views import resolution_changed, same_pose
 from vbaa_calib.calibrate.guide.next_load import load_progress
 from vbaa_calib.calibrate.guide.next_view import ViewProgress, lens_progress, plane_progress
 from vbaa_calib.calibrate.guide.suggestion import pose_match
@@ -190,11 +190,10 @@ def _lens_progress(state: SessionState) -> Progress:
         now = guidance(state)
     except VbaaError as error:
         return Progress(tuple(seen), (str(error),), "show the board in another pose")
-    target, diagnoses, missing = None, [], now.words
+    target, missing = None, now.words
     if now.suggestion is not None and not now.enough:
         target = Target(now.suggestion.outline_px, now.suggestion.words)
     if now.solution is not None:
-        diagnoses = view_set_diagnoses(views, now.solution, state.board)
         seen.append(f"lens {now.solution.model}, rms {now.solution.rms_px:.2f} px")
     if len(views) < _FEWEST_VIEWS:
         missing = f"{counted(_FEWEST_VIEWS - len(views), 'more picture')}, then there is a first lens"
@@ -213,7 +212,7 @@ def _lens_progress(state: SessionState) -> Progress:
         usable=now.solution is not None,
         numbers=(std,),
         target=target,
-        diagnoses=tuple(diagnoses),
+        diagnoses=now.solution.verdict.diagnoses if now.solution is not None else (),
     )
 
 

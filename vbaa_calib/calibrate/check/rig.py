@@ -145,9 +145,11 @@ def rig_numbers(rig: Rig, nominal_Nm2: float | None) -> dict[str, Any]:
 
 def rig_findings(rig: Rig, quality: Mapping[str, Any], nominal_Nm2: float | None) -> list[Finding]:
     """The questions that rig.json answers by itself."""
-    lines = [line for at_ in ((), ("lens",)) for line in _listed(at(quality, *at_, "warnings"))]
+    # the calibration repeats what its lens' verdict says
+    lines = dict.fromkeys(line for at_ in ((), ("lens",)) for line in _listed(at(quality, *at_, "warnings")))
     remedy = "do what they say, then calibrate again"
-    doubts = _graded("doubts", len(lines), (0, np.inf), "; ".join(lines) or "none", remedy)
+    limits = (0, 0 if at(quality, "lens", "grade") == "do not use" else np.inf)
+    doubts = _graded("doubts", len(lines), limits, "; ".join(lines) or "none", remedy)
     doubts = doubts if quality else Finding("doubts", NOT_GIVEN, "not recorded")
     name, ratio = "planar_ambiguity", number_at(quality, "plane_second_solution_ratio")
     if ratio is not None:

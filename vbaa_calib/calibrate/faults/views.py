@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -370,3 +370,8 @@ def view_set_diagnoses(views: Sequence[BoardView], solution: LensSolution, spec:
         judged.append(_print_stretched(scores))
     found = [one for one in (*judged, _poorly_covered(used)) if one is not None]
     return sorted([*found, *_little_variety(used, solution, spec)], key=lambda one: not one.grave)
+
+
+def judge_views(views: Sequence[BoardView], solution: LensSolution, spec: BoardSpec) -> LensSolution:
+    """The solution with `view_set_diagnoses` in its verdict."""
+    return replace(solution, verdict=solution.verdict.with_diagnoses(view_set_diagnoses(views, solution, spec)))

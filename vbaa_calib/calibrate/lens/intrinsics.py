@@ -28,12 +28,11 @@ from .information import (
 from .initialization import LensOptions, fit_lens, rough_lens, unfolded
 from .models import LENS_MODELS, camera_of, is_monotonic
 from .outliers import DroppedView, Inliers, fit_without_outliers, usable_views
+from .verdict import Evidence, Verdict, judge
 
 MIN_CORNERS = 6
 _MIN_VIEWS = 3
 _OUTLYING = 3.5
-_VAGUE_FOCAL = 0.02
-_COVERED = 0.5
 _CANDIDATES = ("none", "radial", "opencv4", "opencv5", "fisheye", "rational")
 """What `auto` compares, from simple to rich. Thin-prism and tilted lenses are compared only when named."""
 _SCREENING = ("opencv5", "fisheye", "rational")
@@ -75,6 +74,7 @@ class LensSolution:
         call RMS. rms_inliers_px : without the outliers, which is what was minimised.
     comparison : the lens models that were assessed: all that `auto` compared, or the one that was given.
     monotonic : whether the lens maps the whole picture without folding. views, dropped : in the order of their names.
+    verdict : by the solve alone; `faults.views.judge_views` adds what the set of views shows.
     """
 
     camera: Camera
@@ -86,8 +86,12 @@ class LensSolution:
     comparison: tuple[Candidate, ...]
     monotonic: bool
     board_flex: BoardFlex
-    verdict: str
-    warnings: tuple[str, ...]
+    verdict: Verdict
+
+    @property
+    def trusted(self) -> bool:
+        """Whether nothing is, or looks, wrong with the lens or its pictures."""
+        return self.verdict.trusted
 
 
 def solve_intrinsics(
@@ -133,8 +137,7 @@ def solve_intrinsics(
     camera = camera_of(lens, bundle.intrinsics, options.image_size)
     camera = replace(camera, covariance=fit.information.covariance[:-FLEX, :-FLEX])
     monotonic = is_monotonic(lens, bundle.intrinsics, options.image_size)
-    chosen = next((candidate for candidate in fit.comparison if candidate.model == lens.name), None)
-    warnings = _warnings(chosen, lens.name, camera, monotonic, np.concatenate([view.pixels for view in good]))
+    known = Evidence(camera, lens.name, monotonic, fit.comparison, fit.flex, [view.pixels for view in good])
     whole = [observations[index] for index in fit.inliers.views]
     squares = np.sum(np.concatenate(residuals_px(bundle, whole)) ** 2, axis=1)
     return LensSolution(
@@ -147,8 +150,7 @@ def solve_intrinsics(
         comparison=fit.comparison,
         monotonic=monotonic,
         board_flex=fit.flex,
-        verdict=_verdict(chosen, fit, warnings),
-        warnings=warnings,
+        verdict=judge(known),
     )
 
 
@@ -311,64 +313,3 @@ def _used(fit: _Fit, usable: Sequence[BoardView]) -> tuple[UsedView, ...]:
         )
         for index, mask, error, pose in zip(fit.inliers.views, fit.inliers.masks, rms, fit.bundle.poses, strict=True)
     )
-
-
-def _verdict(chosen: Candidate | None, fit: _Fit, warnings: Sequence[str]) -> str:
-    """Two to five sentences: is the lens to be trusted, why this model, do halves agree, is the board flat."""
-    sentences = ["Look at the warnings before you trust this lens." if warnings else "This lens can be trusted."]
-    if chosen is not None:
-        halves = "There are too few views to compare halves of them."
-        if chosen.halves is not None:
-            agree = "agree within" if chosen.split_half_agrees else "differ by more than"
-            halves = f"Two halves of the views {agree} their uncertainty ({chosen.halves:.1f} predicted deviations)."
-        sentences += [_why(chosen, fit.comparison), halves]
-    bent = "{:+.2f} mm along x, {:+.2f} mm along y".format(*(1e3 * fit.flex.sagittas_m))
-    flat = "The board counts as flat."
-    return " ".join(
-        [*sentences, f"The board is bent ({bent}); the lens was solved with that." if fit.flex.used else flat]
-    )
-
-
-def _why(chosen: Candidate, comparison: Sequence[Candidate]) -> str:
-    name, own_px = chosen.model, chosen.held_out_rms_px
-    if len(comparison) < 2:
-        return f"The lens model {name} was given; it misses views that it has not seen by {own_px:.3f} px rms."
-    best = min(comparison, key=lambda candidate: candidate.held_out_rms_px)
-    if best.model == name:
-        return f"{name} predicts views that it has not seen best of all ({own_px:.3f} px rms)."
-    errors = f"{own_px:.3f} px rms against {best.held_out_rms_px:.3f} px"
-    if not best.monotonic:
-        return f"{name} was taken ({errors}) since {best.model} folds inside the picture."
-    if not best.split_half_agrees:
-        return f"{name} was taken ({errors}) since {best.model} differs between halves of the views."
-    return f"{name} is the simplest that predicts unseen views as well as {best.model} does ({errors})."
-
-
-def _warnings(
-    chosen: Candidate | None, name: str, camera: Camera, monotonic: bool, pixels: np.ndarray
-) -> tuple[str, ...]:
-    """Folds, disagreement, a vague focal length, poor coverage. pixels : (N, 2) all good corners."""
-    assert camera.covariance is not None
-    focal_std = float((np.sqrt(np.diag(camera.covariance)[:2]) / camera.parameters[:2]).max())
-    # of an 8 x 6 grid over the picture, those in which a corner was seen
-    cells = np.clip((pixels + 0.5) / np.array(camera.image_size) * (8, 6), 0, (7, 5)).astype(int)
-    share = len(np.unique(cells, axis=0)) / 48
-    differ = f"{chosen.halves:.1f}" if chosen is not None and not chosen.split_half_agrees else ""
-    rules = (
-        (not monotonic, f"the {name} lens folds inside the picture: directions near its border are not to be trusted"),
-        (
-            bool(differ),
-            f"two halves of the views give lenses that differ by {differ} times what is predicted: "
-            "the uncertainty is larger than stated by about as much",
-        ),
-        (
-            focal_std > _VAGUE_FOCAL,
-            f"the focal length is known to {100 * focal_std:.1f} % only: "
-            "add views of the board tilted by 30 to 45 degrees",
-        ),
-        (
-            share < _COVERED,
-            f"the corners cover {100 * share:.0f} % of the picture: add views with the board near its border",
-        ),
-    )
-    return tuple(words for holds, words in rules if holds)

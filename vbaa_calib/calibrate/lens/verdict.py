@@ -1,0 +1,179 @@
+"""Whether a lens may be used, and why: one object behind the terminal, camera.json, pages and exit codes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+
+from vbaa_calib.camera import Camera
+from vbaa_calib.core.errors import Diagnosis
+
+from .information import BoardFlex, Candidate
+
+Grade = Literal["trusted", "look at", "do not use"]
+_VAGUE_FOCAL = 0.02
+_COVERED = 0.5
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The verdict on a lens: it is as good as the worst that was found.
+
+    diagnoses : what is wrong, or looks wrong, with the lens and its pictures, the grave ones first.
+    reasons : sentences: why this lens model, whether halves of the views agree, whether the board is flat.
+    """
+
+    diagnoses: tuple[Diagnosis, ...]
+    reasons: tuple[str, ...]
+
+    @property
+    def grade(self) -> Grade:
+        """ "do not use" with a grave diagnosis, "look at" with any other, else "trusted"."""
+        if not self.diagnoses:
+            return "trusted"
+        return "do not use" if self.diagnoses[0].grave else "look at"
+
+    @property
+    def trusted(self) -> bool:
+        """Whether nothing was found that is, or looks, wrong."""
+        return self.grade == "trusted"
+
+    @property
+    def words(self) -> str:
+        """What the grade means, in a sentence, and the reasons."""
+        headline = {
+            "trusted": "This lens can be trusted.",
+            "look at": "Look at the warnings before you trust this lens.",
+            "do not use": f"Do not use this lens yet: {self.diagnoses[0].words if self.diagnoses else ''}.",
+        }
+        return " ".join([headline[self.grade], *self.reasons])
+
+    @property
+    def exit_code(self) -> int:
+        """Of a verb whose result rests on the lens: 1 where it must not be used, else 0."""
+        return int(self.grade == "do not use")
+
+    def with_diagnoses(self, found: Iterable[Diagnosis]) -> Verdict:
+        """The verdict that knows of these, too."""
+        return replace(self, diagnoses=_grave_first((*self.diagnoses, *found)))
+
+    def to_dict(self) -> dict[str, Any]:
+        """For camera.json and rig.json."""
+        return {
+            "verdict": self.words,
+            "grade": self.grade,
+            "trusted": self.trusted,
+            "warnings": [str(one) for one in self.diagnoses],
+            "diagnoses": [one.to_dict() for one in self.diagnoses],
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """What a solve knows of its lens.
+
+    camera : with its covariance. model : name of its lens model. monotonic : whether it maps the picture without folds.
+    comparison : the lens models that were assessed. flex : of the board.
+    views_px : corners (N, 2) px of each view used.
+    """
+
+    camera: Camera
+    model: str
+    monotonic: bool
+    comparison: Sequence[Candidate]
+    flex: BoardFlex
+    views_px: Sequence[np.ndarray]
+
+    @property
+    def chosen(self) -> Candidate | None:
+        """The row of the lens model in the comparison; None where it was not assessed."""
+        return next((candidate for candidate in self.comparison if candidate.model == self.model), None)
+
+
+def judge(known: Evidence) -> Verdict:
+    """The verdict on a lens by its solve alone; what the set of views shows is added with `with_diagnoses`."""
+    found = [one for rule in _RULES if (one := rule(known)) is not None]
+    return Verdict(_grave_first(found), (*_why(known), *_split_half(known), _board(known.flex)))
+
+
+def _grave_first(found: Iterable[Diagnosis]) -> tuple[Diagnosis, ...]:
+    return tuple(sorted(found, key=lambda one: not one.grave))
+
+
+def _folds(known: Evidence) -> Diagnosis | None:
+    if known.monotonic:
+        return None
+    words = f"the {known.model} lens folds inside the picture: directions near its border are not to be trusted"
+    return Diagnosis("lens_folds", words, "show the board near the border, too, or choose another --model")
+
+
+def _split_half_differs(known: Evidence) -> Diagnosis | None:
+    chosen = known.chosen
+    if chosen is None or chosen.halves is None or chosen.split_half_agrees:
+        return None
+    words = f"two halves of the views give lenses that differ by {chosen.halves:.1f} times what is predicted"
+    remedy = "the uncertainty is larger than stated by about as much: add views, or choose another --model"
+    return Diagnosis("split_half_differs", words, remedy)
+
+
+def _focal_vague(known: Evidence) -> Diagnosis | None:
+    covariance = known.camera.covariance
+    assert covariance is not None
+    std = float((np.sqrt(np.diag(covariance)[:2]) / known.camera.parameters[:2]).max())
+    if std <= _VAGUE_FOCAL:
+        return None
+    words = f"the focal length is known to {100 * std:.1f} % only"
+    return Diagnosis("focal_vague", words, "add views of the board tilted by 30 to 45 degrees")
+
+
+def _little_covered(known: Evidence) -> Diagnosis | None:
+    # of an 8 x 6 grid over the picture, those in which a corner was seen
+    places = (np.concatenate(known.views_px) + 0.5) / np.array(known.camera.image_size) * (8, 6)
+    share = len(np.unique(np.clip(places, 0, (7, 5)).astype(int), axis=0)) / 48
+    if share >= _COVERED:
+        return None
+    words = f"the corners cover {100 * share:.0f} % of the picture"
+    return Diagnosis("little_covered", words, "add views with the board near its border")
+
+
+_RULES = (_folds, _split_half_differs, _focal_vague, _little_covered)
+"""What a lens must not show to be trusted: each a function from `Evidence` to a `Diagnosis`, or None where it holds."""
+
+
+def _why(known: Evidence) -> list[str]:
+    """Why this lens model."""
+    chosen = known.chosen
+    if chosen is None:
+        return []
+    name, own_px = chosen.model, chosen.held_out_rms_px
+    if len(known.comparison) < 2:
+        return [f"The lens model {name} was given; it misses views that it has not seen by {own_px:.3f} px rms."]
+    best = min(known.comparison, key=lambda candidate: candidate.held_out_rms_px)
+    if best.model == name:
+        return [f"{name} predicts views that it has not seen best of all ({own_px:.3f} px rms)."]
+    errors = f"{own_px:.3f} px rms against {best.held_out_rms_px:.3f} px"
+    if not best.monotonic:
+        return [f"{name} was taken ({errors}) since {best.model} folds inside the picture."]
+    if not best.split_half_agrees:
+        return [f"{name} was taken ({errors}) since {best.model} differs between halves of the views."]
+    return [f"{name} is the simplest that predicts unseen views as well as {best.model} does ({errors})."]
+
+
+def _split_half(known: Evidence) -> list[str]:
+    chosen = known.chosen
+    if chosen is None:
+        return []
+    if chosen.halves is None:
+        return ["There are too few views to compare halves of them."]
+    agree = "agree within" if chosen.split_half_agrees else "differ by more than"
+    return [f"Two halves of the views {agree} their uncertainty ({chosen.halves:.1f} predicted deviations)."]
+
+
+def _board(flex: BoardFlex) -> str:
+    if not flex.used:
+        return "The board counts as flat."
+    bent = "{:+.2f} mm along x, {:+.2f} mm along y".format(*(1e3 * flex.sagittas_m))
+    return f"The board is bent ({bent}); the lens was solved with that."
