@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from benchmarks.board_faults import FAULTS, Corners, whole_views
 from targets.board import BoardSpec, corner_points
 from vbaa_calib.calibrate.lens.bundle import Bundle, Observation, refine
 from vbaa_calib.calibrate.lens.information import bend
@@ -25,6 +26,8 @@ FISHEYE = np.array([420.0, 421.0, 641.0, 478.0, 0.05, -0.01, 0.003, -0.001])
 _CORNER_PX = 0.15
 """Standard deviation of a corner, per axis."""
 _OUTLIER_PX = (2.0, 20.0)
+_LEAST_COSINE = 0.1
+"""Of the angle off the axis: a corner further out is not seen."""
 
 
 def bent_corners(sagittas_m: tuple[float, float]) -> np.ndarray:
@@ -37,9 +40,8 @@ def noisy_view(
 ) -> tuple[BoardView, np.ndarray]:
     """A view of corners (N,) at true pixels (N, 2), a share of them 2 to 20 px off, and which (N,) are not."""
     noisy = pixels + _CORNER_PX * rng.normal(size=pixels.shape)
-    wrong = rng.random(len(ids)) < outliers
-    angle, length = rng.uniform(0, 2 * np.pi, len(ids)), rng.uniform(*_OUTLIER_PX, len(ids))
-    noisy[wrong] += (length[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1))[wrong]
+    seen = Corners(noisy, np.ones(len(ids), bool), len(ids))
+    noisy, wrong = FAULTS["scattered"](seen, outliers, _OUTLIER_PX, rng)
     return BoardView(name, ids, noisy, size, np.arange(40)), ~wrong
 
 
@@ -68,11 +70,38 @@ class Optics:
 
 @dataclass(frozen=True, eq=False)
 class Rig(Optics):
-    """How the board is shown to a camera: how many views, the share of outlying corners, the board's bend (2,) m."""
+    """How a board is shown to a camera, and what is wrong with the board and with its corners.
+
+    views : how many. outliers : share of the corners that are grossly wrong, outlier_px : by so much. faults : how
+        they hang together, of `FAULTS`.
+    sagittas_m, twist_m : bend of the board along x and y, rise of its corners (1, 1), (-1, -1) above the other two.
+    stretch : by how much the print is too long along x and y, shear : by how much its y leans towards x.
+    spec : the board. fill : share of the picture that it fills, 1 for about half.
+    noise_px : standard deviation of a corner, per axis; of each view its own by a factor whose logarithm has the
+        deviation blur. tails : degrees of freedom of Student's t, whose deviation is held; infinite for normal noise.
+    """
 
     views: int
     outliers: float = 0.0
     sagittas_m: tuple[float, float] = (0.0, 0.0)
+    faults: str = "scattered"
+    outlier_px: tuple[float, float] = _OUTLIER_PX
+    twist_m: float = 0.0
+    stretch: tuple[float, float] = (0.0, 0.0)
+    shear: float = 0.0
+    spec: BoardSpec = BOARD
+    fill: float = 1.0
+    noise_px: float = _CORNER_PX
+    blur: float = 0.0
+    tails: float = np.inf
+
+    @property
+    def board_points_m(self) -> np.ndarray:
+        """(C, 3) corners as the board truly has them, in its frame."""
+        points, (along, across) = corner_points(self.spec), self.stretch
+        unit = 2.0 * (points - points.min(axis=0))[:, :2] / np.ptp(points, axis=0)[:2] - 1.0
+        x, y = points[:, 0] * (1.0 + along) + self.shear * points[:, 1], points[:, 1] * (1.0 + across)
+        return np.column_stack([x, y, bend(self.spec) @ self.sagittas_m + self.twist_m * unit[:, 0] * unit[:, 1]])
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,32 +132,57 @@ def rigs() -> list[Rig]:
 def draw(rig: Rig, seed: int) -> Draw:
     """Views of a rig, their noise, poses and outliers all from the seed."""
     rng = np.random.default_rng(seed)
-    found = Draw(rig, [], np.empty((0, 6)), [])
-    poses: list[np.ndarray] = []
+    found, points, poses = Draw(rig, [], np.empty((0, 6)), []), rig.board_points_m, list[np.ndarray]()
+    wholly = whole_views(rig.outliers, rig.views, rng) if rig.faults == "view" else ()
     while len(found.views) < rig.views:
-        vector = _pose(rig, rng).vector
-        pixels = PROJECTIONS[rig.model.camera_model](bent_corners(rig.sagittas_m), vector, rig.intrinsics)[0]
-        seen = np.flatnonzero(np.all((pixels > 0) & (pixels < np.array(rig.image_size) - 1), axis=1))
-        if len(seen) >= 20:
-            name = f"{len(poses):02d}.png"
-            view, right = noisy_view(name, seen, pixels[seen], rig.image_size, rig.outliers, rng)
-            found.views.append(view)
-            found.good.append(right)
-            poses.append(vector)
+        pose = _pose(rig, rng)
+        pixels = PROJECTIONS[rig.model.camera_model](points, pose.vector, rig.intrinsics)[0]
+        space = pose @ points
+        ahead = space[:, 2] > _LEAST_COSINE * np.linalg.norm(space, axis=1)
+        seen = ahead & np.all((pixels > 0) & (pixels < np.array(rig.image_size) - 1), axis=1)
+        if seen.sum() < min(20, 0.6 * len(points)):
+            continue
+        noisy = pixels + _noise(rig, pixels.shape, seen, rng)
+        share = rig.outliers if rig.faults != "view" else float(len(found.views) in wholly)
+        noisy, wrong = FAULTS[rig.faults](Corners(noisy, seen, rig.spec.squares_x - 1), share, rig.outlier_px, rng)
+        # what a fault puts beside the picture is not seen
+        ids = np.flatnonzero(seen & np.all((noisy > -0.5) & (noisy < np.array(rig.image_size) - 0.5), axis=1))
+        markers = np.arange(min(40, rig.spec.marker_count))
+        found.views.append(BoardView(f"{len(poses):02d}.png", ids, noisy[ids], rig.image_size, markers))
+        found.good.append(~wrong[ids])
+        poses.append(pose.vector)
     return replace(found, poses=np.array(poses))
 
 
+def _noise(rig: Rig, shape: tuple[int, ...], seen: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Of the corners that are seen; nil for the others."""
+    noise = np.zeros(shape)
+    own = rng.normal(size=noise[seen].shape)
+    if np.isfinite(rig.tails):
+        own /= np.sqrt(rng.chisquare(rig.tails, len(own)) / (rig.tails - 2.0))[:, None]
+    noise[seen] = rig.noise_px * own * (np.exp(rig.blur * rng.normal()) if rig.blur else 1.0)
+    return noise
+
+
 def _pose(rig: Rig, rng: np.random.Generator) -> Pose:
-    """The board tilted by up to 40°, filling about half of the picture, its middle anywhere in it."""
-    centre, extent = corner_points(BOARD).mean(axis=0), (BOARD.squares_x - 2) * BOARD.square_m
+    """The board tilted by up to 40°, filling about half of the picture, its middle anywhere in it.
+
+    A fisheye is shown the board facing it wherever it is, as one holds it who watches the picture.
+    """
+    centre, extent = corner_points(rig.spec).mean(axis=0), (rig.spec.squares_x - 2) * rig.spec.square_m
     width, height = rig.image_size
-    distance = rng.uniform(0.9, 1.5) * extent * rig.intrinsics[0] / (0.6 * width)
+    distance = rng.uniform(0.9, 1.5) * extent * rig.intrinsics[0] / (0.6 * width) / rig.fill
     direction = rng.uniform(0, 2 * np.pi)
     axis = np.array([np.cos(direction), np.sin(direction), 0.0])
     tilt = Pose.from_rotvec(rng.uniform(0.3, 1.0) * np.radians(40.0) * axis, np.zeros(3))
     rotation = (tilt @ Pose.from_rotvec(np.array([0.0, 0.0, rng.uniform(-0.6, 0.6)]), np.zeros(3))).rotation
     offset = rng.uniform(-0.33, 0.33, 2) * np.array([width, height]) / rig.intrinsics[0]
-    return Pose(rotation, distance * np.array([*offset, 1.0]) - rotation @ centre)
+    if rig.model.camera_model != "fisheye":
+        return Pose(rotation, distance * np.array([*offset, 1.0]) - rotation @ centre)
+    angle = 1.2 * np.hypot(*offset)
+    across = np.array([-offset[1], offset[0], 0.0]) * angle / np.hypot(*offset)
+    turned = Pose.from_rotvec(across, np.zeros(3)).rotation
+    return Pose(turned @ rotation, turned @ (distance * np.array([0.0, 0.0, 1.0]) - rotation @ centre))
 
 
 _SIDES_M, _GRID = (0.24, 0.12), (13, 7)
@@ -138,32 +192,54 @@ _NOWHERE_M = 0.1
 """What a pixel counts that has no ray, and the most that any does."""
 
 
-def error_mm(camera: Camera, truth: Camera, from_jig: bool = False) -> float:
+def error_mm(camera: Camera, truth: Camera, from_jig: bool = False, distance_m: float = 0.4) -> float:
     """Rms distance on C between points and where the camera puts their pixels, mm.
 
     The pose of C is the true one; with `from_jig` it is solved with this camera from the same points without noise, as
     a board in the jig gives it, which takes up much of a lens' error. Points outside the true picture do not count; a
-    pixel that has no ray counts as 100 mm.
+    pixel that has no ray counts as 100 mm. distance_m : of C.
     """
-    x, y = (np.linspace(-0.5, 0.5, count) * side for count, side in zip(_GRID, _SIDES_M, strict=True))
-    T_camera_plane, points = _T_CAMERA_PLANE, np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-    space = np.column_stack([points, np.zeros(len(points))])
-    pixels, valid = truth.project(T_camera_plane @ space)
-    inside = valid & truth.in_picture(pixels)
+    T_camera_plane, points, pixels = seen_on_plane(truth, distance_m)
     if from_jig:
-        T_camera_plane = pose_by(camera, T_camera_plane, Observation(space[inside], pixels[inside]))
-    return rms_on_plane_mm(camera, T_camera_plane, points[inside], pixels[inside])
+        T_camera_plane = jig_pose(camera, T_camera_plane, points, pixels)
+    return rms_on_plane_mm(camera, T_camera_plane, points, pixels)
+
+
+def seen_on_plane(truth: Camera, distance_m: float = 0.4) -> tuple[Pose, np.ndarray, np.ndarray]:
+    """T_camera_plane of C, the points (M, 2) m on it that the picture shows, and their pixels (M, 2)."""
+    x, y = (np.linspace(-0.5, 0.5, count) * side for count, side in zip(_GRID, _SIDES_M, strict=True))
+    points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    T_camera_plane = Pose(_T_CAMERA_PLANE.rotation, np.array([0.0, 0.0, distance_m]))
+    pixels, valid = truth.project(T_camera_plane @ on_plane(points))
+    inside = valid & truth.in_picture(pixels)
+    return T_camera_plane, points[inside], pixels[inside]
+
+
+def on_plane(points_m: np.ndarray) -> np.ndarray:
+    """(M, 3) points (M, 2) of a plane in its frame."""
+    return np.column_stack([points_m, np.zeros(len(points_m))])
+
+
+def jig_pose(camera: Camera, start: Pose, points_m: np.ndarray, pixels: np.ndarray) -> Pose:
+    """T_camera_plane as this camera has it, by points (M, 2) of the plane exactly seen at pixels (M, 2)."""
+    return pose_by(camera, start, Observation(on_plane(points_m), pixels))
 
 
 def rms_on_plane_mm(camera: Camera, T_camera_plane: Pose, points_m: np.ndarray, pixels: np.ndarray) -> float:
     """Rms distance between points (M, 2) on a plane and where the camera puts their pixels (M, 2), 100 mm at most."""
+    off = np.linalg.norm(offsets_on_plane_m(camera, T_camera_plane, points_m, pixels), axis=1)
+    return 1e3 * float(np.sqrt(np.mean(off**2)))
+
+
+def offsets_on_plane_m(camera: Camera, T_camera_plane: Pose, points_m: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+    """(M, 2) from points (M, 2) on a plane to where the camera puts their pixels (M, 2), 0.1 m long at most."""
     rays, seen = camera.unproject(pixels)
     normal, origin = T_camera_plane.rotation[:, 2], T_camera_plane.translation_m
     with np.errstate(all="ignore"):
         hits = rays * ((normal @ origin) / (rays @ normal))[:, None]
-    off = np.linalg.norm((hits - origin) @ T_camera_plane.rotation[:, :2] - points_m, axis=1)
-    kept = np.where(seen & np.isfinite(off), np.minimum(off, _NOWHERE_M), _NOWHERE_M)
-    return 1e3 * float(np.sqrt(np.mean(kept**2)))
+    off = (hits - origin) @ T_camera_plane.rotation[:, :2] - points_m
+    off[~seen | ~np.isfinite(off).all(axis=1)] = _NOWHERE_M, 0.0
+    return off * np.minimum(_NOWHERE_M / np.maximum(np.linalg.norm(off, axis=1), _NOWHERE_M), 1.0)[:, None]
 
 
 def pose_by(camera: Camera, start: Pose, board: Observation) -> Pose:

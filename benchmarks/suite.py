@@ -71,7 +71,7 @@ _ALL = (
         "calibration",
         "lenses from corners, in mm on C: OpenCV, lensboy, mrcal (if VBAA_PEER_PYTHON has them), ours",
         "sets of views of each rig",
-        (20, 3),
+        (10, 3),
         _PICTURES,
         "calibration.csv calibration.png",
     ),

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from benchmarks.boards import Rig, draw, error_mm, rigs
 from benchmarks.figures import AMBER, GREEN, INK, RED, VIOLET, label, label_x, legend, panels
-from benchmarks.harness import Findings, Options, column, mean_of, of_any, or_none, table
+from benchmarks.harness import Findings, Options, column, mean_of, or_none, table
 from vbaa_calib.core.console import progress
 
-from .methods import Outcome, methods, versions
+from .judge import Judged, judged
+from .methods import AUTO, ORACLE, Method, methods, versions
+from .scenes import Cell, cells
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -22,124 +23,170 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Row:
-    """One method on one rig, over the draws; None where the method is absent, mostly failed or does not say.
+    """One method in one cell, over the draws; None where the method is absent or does not say.
 
-    error_mm : median over draws of the rms error of points on C, whose true pose is given. ratio : the same over the
-        oracle's. rms_ratio : root mean squares over draws likewise; None where a draw failed.
-    jig_error_mm, jig_ratio, jig_rms_ratio : the same with the pose of C solved with the method's own lens.
-    seconds : median time of one solve. folds : share of draws whose lens folds inside the picture.
-    good_dropped, outliers_found : shares of the good corners and of the outliers that were withheld.
-    models : the lens models chosen and how often, where there was a choice. note : why there are no numbers.
+    error_mm, worst_mm : median and largest over draws of the rms error of points on C, whose true pose is given.
+    ratio, worst_ratio : the same over the oracle's.
+    jig_... : likewise with the pose of C solved with the method's own lens; near_ratio : the median so with C at
+        150 mm.
+    stated, jig_stated : error over the deviation stated, both rms over C, rms over draws. covered, jig_covered : share
+        of the 95 % regions of points on C that hold the truth.
+    seconds : median processor time of one solve. folds : share of draws whose lens folds inside the picture.
+    good_dropped, outliers_found, views_dropped : shares withheld of good corners, outliers and whole views.
+    trusted : share of draws whose verdict is trust; wrong : of those trusted whose error is over twice its 95 % bound,
+        of all draws. models : the lens models chosen and how often, where there was a choice.
+    failed : share of draws without a lens; they count as infinitely wrong. note : why.
     """
 
-    rig: str = column("rig")
+    cell: str = column("cell")
     method: str = column("method")
-    error_mm: float | None = column("mm on C", ".4f", default=None)
-    ratio: float | None = column("× oracle", ".3f", default=None)
-    rms_ratio: float | None = column("rms", ".3f", default=None)
-    jig_error_mm: float | None = column("mm, jig", ".4f", default=None)
-    jig_ratio: float | None = column("× oracle", ".3f", default=None)
-    jig_rms_ratio: float | None = column("rms", ".3f", default=None)
-    seconds: float | None = column("s", ".3f", default=None)
+    error_mm: float | None = column("mm", ".3f", default=None)
+    worst_mm: float | None = column("worst", ".2f", default=None)
+    ratio: float | None = column("× oracle", ".2f", default=None)
+    worst_ratio: float | None = column("worst", ".2f", default=None)
+    jig_error_mm: float | None = column("jig mm", ".4f", default=None)
+    jig_worst_mm: float | None = column("worst", ".3f", default=None)
+    jig_ratio: float | None = column("× oracle", ".2f", default=None)
+    jig_worst_ratio: float | None = column("worst", ".2f", default=None)
+    near_ratio: float | None = column("near", ".2f", default=None)
+    stated: float | None = column("stated", ".2f", default=None)
+    covered: float | None = column("in %", ".0f", 100, default=None)
+    jig_stated: float | None = column("stated, jig", ".2f", default=None)
+    jig_covered: float | None = column("in %", ".0f", 100, default=None)
     folds: float | None = column("folds %", ".0f", 100, default=None)
     good_dropped: float | None = column("lost %", ".2f", 100, default=None)
     outliers_found: float | None = column("caught %", ".1f", 100, default=None)
+    views_dropped: float | None = column("views %", ".1f", 100, default=None)
+    trusted: float | None = column("trust %", ".0f", 100, default=None)
+    wrong: float | None = column("wrong %", ".0f", 100, default=None)
+    seconds: float | None = column("s", ".2f", default=None)
+    failed: float | None = column("failed %", ".0f", 100, default=None)
     models: str = column("models", default="")
     note: str = column("note", default="")
 
 
-def run(draws: int, seed: int) -> list[Row]:
-    """Every method on every rig over the same draws, the oracle first."""
-    rows = []
-    every = methods()
-    for rig in progress(rigs(), "rigs", len(rigs())):
-        given = [draw(rig, seed + number) for number in range(draws)]
-        oracle: np.ndarray | None = None
-        for name, method in every.items():
-            if isinstance(method, str):
-                rows.append(Row(rig.name, name, note=method))
-                continue
-            outcomes = method(given)
-            errors = np.array([[_error(outcome, rig, from_jig) for from_jig in (False, True)] for outcome in outcomes])
-            oracle = errors if oracle is None else oracle
-            rows.append(_row(rig, name, outcomes, errors, oracle))
-    return rows
+def solved(cell: Cell, seeds: Sequence[int], chosen: Iterable[tuple[str, Method]]) -> list[Judged]:
+    """Every method on the cell's draws."""
+    given = [cell.draw(seed) for seed in seeds]
+    return [
+        judged(cell.name, seed, name, outcome, one)
+        for name, method in chosen
+        for seed, one, outcome in zip(seeds, given, method(given), strict=True)
+    ]
 
 
-def _error(outcome: Outcome, rig: Rig, from_jig: bool) -> float:
-    return np.inf if outcome.camera is None else error_mm(outcome.camera, rig.camera, from_jig)
+def run(draws: int, seed: int, chosen: Sequence[str] | None = None) -> tuple[list[Row], list[Judged]]:
+    """Every method in every cell (or those chosen) over the same draws, the oracle first."""
+    rows, every = list[Row](), list[Judged]()
+    known = methods()
+    there = [(name, method) for name, method in known.items() if not isinstance(method, str)]
+    names = list(cells()) if chosen is None else chosen
+    for name in progress(names, "cells", len(names)):
+        found = solved(cells()[name], range(seed, seed + draws), there)
+        every += found
+        absent = [Row(name, own, note=why) for own, why in known.items() if isinstance(why, str)]
+        rows += [*summarised(found), *absent]
+    return rows, every
 
 
-def _row(rig: Rig, name: str, outcomes: Sequence[Outcome], errors: np.ndarray, oracle: np.ndarray) -> Row:
-    """One method's row; errors (D, 2) mm of its outcomes and of the oracle's."""
-    cameras = [one.camera for one in outcomes if one.camera is not None]
-    failures = [one.failure for one in outcomes if one.camera is None]
-    chosen = Counter(one.model for one in outcomes if one.model)
-    middle = np.median(errors, axis=0)
-    own_rms, least_rms = (np.sqrt(np.mean(each**2, axis=0)) for each in (errors, oracle))
-    ratios = middle / np.median(oracle, axis=0), own_rms / least_rms
-    numbers: list[Any] = [or_none(each[at]) for at in (0, 1) for each in (middle, *ratios)]
-    seconds = np.array([one.seconds for one in outcomes if one.camera is not None])
-    folds = np.array([camera.valid_region().image_fraction < 1.0 for camera in cameras])
-    numbers += [of_any(np.median, seconds), of_any(np.mean, folds)]
-    numbers += [or_none(mean_of(outcomes, told)) for told in ("good_dropped", "outliers_found")]
-    numbers.append(", ".join(f"{model} {count}" for model, count in chosen.most_common()))
-    numbers.append(f"{len(failures)} of {len(outcomes)} failed: {failures[0]}" if failures else "")
-    return Row(rig.name, name, *numbers)
+def summarised(found: Sequence[Judged]) -> list[Row]:
+    """A row for each method in one cell; the oracle must be among them."""
+    by_method: dict[str, list[Judged]] = {}
+    for one in found:
+        by_method.setdefault(one.method, []).append(one)
+    return [_row(own, by_method[ORACLE]) for own in by_method.values()]
+
+
+def _row(own: Sequence[Judged], oracle: Sequence[Judged]) -> Row:
+    numbers: dict[str, float | None] = {}
+    for prefix in ("", "jig_", "near_"):
+        errors, least = (_errors(one, f"{prefix}error_mm") for one in (own, oracle))
+        numbers[f"{prefix}error_mm"], numbers[f"{prefix}worst_mm"] = or_none(np.median(errors)), or_none(errors.max())
+        numbers[f"{prefix}ratio"] = or_none(np.median(errors) / np.median(least))
+        numbers[f"{prefix}worst_ratio"] = or_none(errors.max() / least.max())
+    lenses = [one for one in own if one.error_mm is not None]
+    for name in ("stated", "jig_stated"):
+        said = [value for one in lenses if (value := getattr(one, name)) is not None]
+        numbers[name] = or_none(np.sqrt(np.mean(np.square(said)))) if said else None
+    for name in ("covered", "jig_covered", "folds", "good_dropped", "outliers_found", "views_dropped", "trusted"):
+        numbers[name] = or_none(mean_of(lenses, name))
+    if numbers["trusted"] is not None:
+        numbers["wrong"] = float(np.mean([bool(one.trusted and one.wrong) for one in lenses]))
+    if lenses:
+        numbers["seconds"] = float(np.median([one.seconds for one in lenses]))
+    failures = [one.failure for one in own if one.error_mm is None]
+    chosen = Counter(one.model for one in lenses if one.model)
+    return Row(
+        own[0].cell,
+        own[0].method,
+        **{name: value for name, value in numbers.items() if name in Row.__dataclass_fields__},
+        failed=len(failures) / len(own),
+        models=", ".join(f"{model} {count}" for model, count in chosen.most_common()),
+        note=failures[0] if failures else "",
+    )
+
+
+def _errors(own: Sequence[Judged], name: str) -> np.ndarray:
+    values = [getattr(one, name) for one in own]
+    return np.array([np.inf if value is None else value for value in values])
 
 
 _TITLE = (
-    "mm on C: median of {} draws, with its true pose; jig: its pose solved with the same lens; × oracle: of medians, "
-    "then of root mean squares;\ns: median of one solve; lost: good corners withheld; caught: outliers withheld"
+    "mm: rms error on C with its true pose, median of {} draws, then the worst; × oracle: of medians, then of worst;\n"
+    "jig: C's pose solved with the same lens; near: so with C at 150 mm, × oracle; stated: error over the deviation\n"
+    "stated, in: 95 % regions that hold the truth; lost: good corners withheld; caught: outliers withheld; views:\n"
+    "withheld; trust: verdicts; wrong: of all draws, trusted and over twice the 95 % bound; s: of one processor"
 )
 STYLES = {
-    "oracle": (INK, "*"),
-    "ours, auto": (GREEN, "s"),
+    ORACLE: (INK, "*"),
+    AUTO: (GREEN, "s"),
     "ours, lens given": ("#14b8a6", "s"),
-    "OpenCV, default": (AMBER, "o"),
-    "OpenCV, 300 iterations": ("#f59e0b", "o"),
+    "OpenCV": (AMBER, "o"),
     "mrcal": (VIOLET, "^"),
     "lensboy": (RED, "D"),
 }
 """Method → its colour and mark."""
+_WORST_MM = 100.0
 
 
 def _figure(rows: Sequence[Row], draws: int) -> Figure:
-    """One panel per rig, both axes logarithmic; full marks with C's true pose, hollow ones with its pose solved."""
-    names = list(dict.fromkeys(row.rig for row in rows))
-    drawn, every = panels(len(names), 3, (3.7, 3.1), sharex=True, sharey=True)
-    solved = [row for row in rows if row.seconds is not None]
-    for name, panel in zip(names, every, strict=True):
-        for row in (row for row in solved if row.rig == name):
+    """A line for each cell, errors over the oracle's to the right: a mark at the median, a thin line to the worst."""
+    names = list(dict.fromkeys(row.cell for row in rows))
+    drawn, every = panels(2, 2, (6.0, 0.24 * len(names) + 1.2), sharey=True)
+    for panel, prefix, words in zip(every, ("", "jig_"), ("true pose of C", "pose of C solved"), strict=True):
+        for row in (row for row in rows if row.method in STYLES and row.method != ORACLE):
             colour, mark = STYLES[row.method]
-            for error, fill in ((row.error_mm, "full"), (row.jig_error_mm, "none")):
-                if error is not None:
-                    panel.loglog(row.seconds, error, mark, color=colour, fillstyle=fill, markersize=7)
-        label(panel, name)
-    there = {row.method for row in solved}
+            place = -names.index(row.cell) - 0.13 * (list(STYLES).index(row.method) - 3)
+            middle, worst = getattr(row, f"{prefix}ratio"), getattr(row, f"{prefix}worst_ratio")
+            if middle is not None:
+                panel.plot([middle, _WORST_MM if worst is None else worst], [place, place], "-", color=colour, lw=0.8)
+                panel.plot(middle, place, mark, color=colour, markersize=4)
+        panel.set_xscale("log")
+        panel.axvline(1.0, color=INK, lw=0.6)
+        panel.set_yticks(range(0, -len(names), -1), names)
+        label(panel, words)
+    there = {row.method for row in rows if row.seconds is not None} - {ORACLE}
     shown = {method: style for method, style in STYLES.items() if method in there}
-    legend(drawn, shown, "hollow: pose of C solved", title=f"median of {draws} draws")
-    label_x(every, 3, "time of one solve, s")
-    drawn.supylabel("rms error of points on plane C, mm")
+    legend(drawn, shown, "line: to the worst", title=f"{draws} draws")
+    label_x(every, 2, "error on plane C over the oracle's")
     return drawn
 
 
 def measure(options: Options) -> Findings:
-    """Every method on every rig; a draw is one set of views."""
-    rows, draws = run(options.draws, options.seed), options.draws
-    spans = f"ours {_span(rows, 'ours, auto')}, OpenCV {_span(rows, 'OpenCV, default')}"
+    """Every method in every cell; a draw is one set of views. Quick: the published rigs and those drawn."""
+    names = [name for place, name in enumerate(cells()) if not options.quick or place < 5 or name.startswith("drawn")]
+    rows, _ = run(options.draws, options.seed, names)
     return Findings(
-        table(rows, _TITLE.format(draws), once=1),
+        table(rows, _TITLE.format(options.draws), once=1),
         {"calibration.csv": rows},
-        {"calibration.png": lambda: _figure(rows, draws)},
+        {"calibration.png": lambda: _figure(rows, options.draws)},
         {"rows": rows},
-        f"rms error over the oracle's: {spans}",
+        f"error over the oracle's: ours {_span(rows, AUTO)}, OpenCV {_span(rows, 'OpenCV')}",
         versions(),
     )
 
 
 def _span(rows: Sequence[Row], method: str) -> str:
-    own = [row for row in rows if row.method == method]
-    ratios = [row.rms_ratio for row in own if row.rms_ratio is not None]
-    failed = f", no lens on {len(own) - len(ratios)} of {len(own)} rigs" if len(ratios) < len(own) else ""
-    return f"{min(ratios):.2f} to {max(ratios):.2f}{failed}" if ratios else "without a lens"
+    """Median over cells, and the largest."""
+    ratios = [np.inf if row.ratio is None else row.ratio for row in rows if row.method == method]
+    return f"{np.median(ratios):.2f}, at most {max(ratios):.2f}"

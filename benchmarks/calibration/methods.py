@@ -8,78 +8,102 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 
-from benchmarks.boards import BOARD, Draw
+from benchmarks.boards import Draw
 from targets.board import corner_points
-from vbaa_calib.calibrate.lens.bundle import Bundle, refine
-from vbaa_calib.calibrate.lens.information import observations_of
+from vbaa_calib.calibrate.lens.bundle import Bundle, Observation, refine
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution, solve_intrinsics
-from vbaa_calib.calibrate.lens.models import camera_of
+from vbaa_calib.calibrate.lens.models import LENS_MODELS, camera_of
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import VbaaError
 
-_DEFAULT = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 30, float(np.finfo(float).eps))
 _TIGHT = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 300, 1e-12)
-_FLAGS = {"opencv5": 0, "rational": cv2.CALIB_RATIONAL_MODEL}
+"""OpenCV's own rule often stops far from the minimum."""
+_FLAGS = {"rational": cv2.CALIB_RATIONAL_MODEL, "radial": cv2.CALIB_ZERO_TANGENT_DIST | cv2.CALIB_FIX_K3}
+_FISHEYE = cv2.fisheye.CALIB_RECOMPUTE_EXTRINSIC | cv2.fisheye.CALIB_FIX_SKEW
+_PEER_MODELS = {"fisheye": "rational", "radial": "opencv4"}
+"""True lens model → what peers that lack it are given."""
 _PEERS = {"lensboy": "pip install lensboy", "mrcal": "apt install mrcal python3-mrcal"}
 """Importable name → where to get it."""
 INTERPRETERS = "VBAA_PEER_PYTHON"
 """Environment variable: more interpreters to look for peers in, separated as PATH is."""
-_LOOK_S, _SOLVE_S = 60.0, 1800.0
+_LEAST_CORNERS = 4
+"""They fix the pose of a plane."""
+_LOOK_S, _SOLVE_S = 60.0, 120.0
+MARK = "answer: "
+"""What an answer's line begins with."""
 
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """One method on one draw; the fields as in `calibration.Row`, `camera` None where it failed."""
+    """One method on one draw; camera None where it failed, the rest None where the method does not say.
+
+    seconds : processor time of the solve. good_dropped, outliers_found, views_dropped : shares of good corners, of
+        outliers and of whole views that were withheld. trusted : what the verdict says.
+    """
 
     camera: Camera | None
-    seconds: float
+    seconds: float = np.nan
     good_dropped: float | None = None
     outliers_found: float | None = None
+    views_dropped: float | None = None
     failure: str = ""
     model: str = ""
+    trusted: bool | None = None
 
 
 Method = Callable[[Sequence[Draw]], list[Outcome]]
 
 
 def solve_oracle(given: Draw) -> Camera:
-    """Least squares from the true start, outliers and bend of the board known."""
-    rig = given.rig
-    pairs = zip(observations_of(given.views, BOARD), given.good, strict=True)
-    start = Bundle.start(rig.model, rig.intrinsics, given.poses)
-    bundle = refine(replace(start, sagittas_m=np.asarray(rig.sagittas_m)), [view.picked(good) for view, good in pairs])
+    """Least squares from the true start, outliers and the board's true shape known."""
+    rig, points = given.rig, given.rig.board_points_m
+    seen = [
+        Observation(points[view.ids[good]], view.corners_px[good])
+        for view, good in zip(given.views, given.good, strict=True)
+    ]
+    fixed = [len(view.pixels) >= _LEAST_CORNERS for view in seen]
+    start = Bundle.start(rig.model, rig.intrinsics, given.poses[fixed])
+    bundle = refine(start, [view for view, own in zip(seen, fixed, strict=True) if own])
     return camera_of(rig.model, bundle.intrinsics, rig.image_size)
 
 
-def _solve_opencv(given: Draw, criteria: tuple[int, int, float] = _DEFAULT) -> Camera:
-    """`cv2.calibrateCamera` with the true lens model."""
-    points, rig = corner_points(BOARD).astype(np.float32), given.rig
+def _solve_opencv(given: Draw) -> Camera:
+    """`cv2.calibrateCamera`, or that of its fisheye, with the true lens model and 300 iterations."""
+    points, rig = corner_points(given.rig.spec).astype(np.float32), given.rig
     boards = [points[view.ids] for view in given.views]
     corners = [view.corners_px.astype(np.float32) for view in given.views]
+    if rig.lens == "fisheye":
+        boards, corners = ([one[:, None].astype(float) for one in each] for each in (boards, corners))
+        start = np.eye(3), np.zeros(4)
+        _, matrix, distortion, *_ = cv2.fisheye.calibrate(
+            boards, corners, rig.image_size, *start, flags=_FISHEYE, criteria=_TIGHT
+        )
+        return Camera("fisheye", rig.image_size, matrix * [[1, 0, 1], [0, 1, 1], [0, 0, 1]], distortion.ravel())
     _, matrix, distortion, *_ = cv2.calibrateCamera(
-        boards, corners, rig.image_size, None, None, flags=_FLAGS[rig.lens], criteria=criteria
+        boards, corners, rig.image_size, None, None, flags=_FLAGS.get(rig.lens, 0), criteria=_TIGHT
     )
     return Camera("opencv", rig.image_size, matrix, distortion.ravel()[: len(rig.intrinsics) - 4])
 
 
 def solve_ours(given: Draw, model: str | None = None) -> LensSolution:
     """Our solve with the true lens model, or with the model given."""
-    return solve_intrinsics(given.views, BOARD, model or given.rig.lens)
+    return solve_intrinsics(given.views, given.rig.spec, model or given.rig.lens)
 
 
+ORACLE, AUTO = "oracle", "ours, auto"
 SOLVERS: dict[str, Callable[[Draw], Camera | LensSolution]] = {
-    "oracle": solve_oracle,
-    "OpenCV, default": _solve_opencv,
-    "OpenCV, 300 iterations": partial(_solve_opencv, criteria=_TIGHT),
+    ORACLE: solve_oracle,
+    "OpenCV": _solve_opencv,
     "ours, lens given": solve_ours,
-    "ours, auto": partial(solve_ours, model="auto"),
+    AUTO: partial(solve_ours, model="auto"),
 }
 """Name → solver of those that are always there."""
 
@@ -98,24 +122,28 @@ def methods() -> dict[str, Method | str]:
 
 
 def _outcome(solve: Callable[[Draw], Camera | LensSolution], given: Draw) -> Outcome:
-    begun = time.perf_counter()
+    begun = time.process_time()
     try:
         solution = solve(given)
-    except (VbaaError, cv2.error) as error:
-        return Outcome(None, np.nan, failure=str(error).splitlines()[0])
-    seconds = time.perf_counter() - begun
+    # whatever a solver raises is a failure of that draw; ours is to say it in its own words
+    except Exception as error:
+        kind = "" if isinstance(error, VbaaError) else f"{type(error).__name__}: "
+        return Outcome(None, failure=f"{kind}{error}".splitlines()[0])
+    seconds = time.process_time() - begun
     if isinstance(solution, Camera):
         return Outcome(solution, seconds)
-    return Outcome(solution.camera, seconds, *screening(kept_corners(solution, given), given), model=solution.model)
+    kept = screening(kept_corners(solution, given), given)
+    return Outcome(solution.camera, seconds, *kept, model=solution.model, trusted=solution.verdict.trusted)
 
 
-def screening(kept: Sequence[np.ndarray], given: Draw) -> tuple[float, float | None]:
-    """Share of the good corners that were withheld, and of the outliers that were; None where there are none.
+def screening(kept: Sequence[np.ndarray], given: Draw) -> tuple[float, float | None, float]:
+    """Shares withheld: of the good corners, of the outliers (None without any), of whole views.
 
     kept : per view (N,), which corners were used.
     """
     left_out, good = ~np.concatenate(kept), np.concatenate(given.good)
-    return float(left_out[good].mean()), float(left_out[~good].mean()) if (~good).any() else None
+    gone = float(np.mean([not own.any() for own in kept]))
+    return float(left_out[good].mean()), float(left_out[~good].mean()) if (~good).any() else None, gone
 
 
 def kept_corners(solution: LensSolution, given: Draw) -> list[np.ndarray]:
@@ -160,35 +188,53 @@ def versions() -> dict[str, str]:
 
 
 def solve_with(peer: str, interpreter: str, draws: Sequence[Draw]) -> list[Outcome]:
-    """The peer's answers to draws of one rig, with the true lens model and its own defaults for the rest."""
-    rig = draws[0].rig
-    problems = {
-        "points_m": corner_points(BOARD).tolist(),
-        "columns": BOARD.squares_x - 1,
-        "spacing_m": BOARD.square_m,
+    """The peer's answers to draws, with the true lens model where it has it and its own defaults for the rest."""
+    lines = [json.dumps(_problem(given)) for given in draws]
+    outcomes: list[Outcome] = []
+    while len(outcomes) < len(draws):
+        answers, failure = _asked(peer, interpreter, lines[len(outcomes) :])
+        outcomes += [_answered(given, answer) for given, answer in zip(draws[len(outcomes) :], answers, strict=False)]
+        if len(outcomes) < len(draws):
+            # it died at this one; the others are asked anew
+            outcomes.append(Outcome(None, failure=failure))
+    return outcomes
+
+
+def _problem(given: Draw) -> dict[str, Any]:
+    rig = given.rig
+    return {
+        "points_m": corner_points(rig.spec).tolist(),
+        "columns": rig.spec.squares_x - 1,
+        "spacing_m": rig.spec.square_m,
         "image_size": rig.image_size,
-        "coefficients": len(rig.intrinsics) - 4,
+        "coefficients": LENS_MODELS[_PEER_MODELS.get(rig.lens, rig.lens)].distortion_count,
         "focal_px": float(rig.intrinsics[0]),
-        "draws": [[[view.ids.tolist(), view.corners_px.tolist()] for view in given.views] for given in draws],
+        "views": [[view.ids.tolist(), view.corners_px.tolist()] for view in given.views],
     }
+
+
+def _asked(peer: str, interpreter: str, problems: Sequence[str]) -> tuple[list[dict[str, Any]], str]:
+    """Answers to the first problems, all of them unless it died; what it said then."""
     command = [interpreter, str(Path(__file__).with_name("peer_script.py")), peer]
+    stated, said = "\n".join(problems), ""
     try:
         done = subprocess.run(
-            command, input=json.dumps(problems), capture_output=True, text=True, timeout=_SOLVE_S, check=False
+            command, input=stated, capture_output=True, text=True, timeout=_SOLVE_S * len(problems), check=False
         )
-    except subprocess.TimeoutExpired:
-        return [Outcome(None, np.nan, failure=f"no answer within {_SOLVE_S:.0f} s") for _ in draws]
-    if done.returncode:
-        failure = (done.stderr.strip().splitlines() or [f"exit code {done.returncode}"])[-1]
-        return [Outcome(None, np.nan, failure=failure) for _ in draws]
-    outcomes = []
-    # whatever the peer says for people comes before the answers
-    for given, answer in zip(draws, json.loads(done.stdout.splitlines()[-1]), strict=True):
-        intrinsics = np.array(answer.get("intrinsics", [np.nan]))
-        if not np.isfinite(intrinsics).all():
-            outcomes.append(Outcome(None, np.nan, failure=answer.get("failure", "")))
-            continue
-        kept = [np.array(used, bool) for used in answer["kept"]]
-        camera = camera_of(given.rig.model, intrinsics, given.rig.image_size)
-        outcomes.append(Outcome(camera, answer["seconds"], *screening(kept, given)))
-    return outcomes
+        said, failure = done.stdout, (done.stderr.strip().splitlines() or [f"exit code {done.returncode}"])[-1]
+    except subprocess.TimeoutExpired as late:
+        said, failure = (late.stdout or b"").decode(), f"no answer within {_SOLVE_S:.0f} s"
+    # whatever the peer says for people comes between the answers
+    return [json.loads(line[len(MARK) :]) for line in said.splitlines() if line.startswith(MARK)], failure
+
+
+def _answered(given: Draw, answer: dict[str, Any]) -> Outcome:
+    intrinsics = np.array(answer.get("intrinsics", [np.nan]))
+    if not np.isfinite(intrinsics).all():
+        return Outcome(None, failure=answer.get("failure", "its lens is not a number"))
+    kept, model = [np.array(used, bool) for used in answer["kept"]], _PEER_MODELS.get(given.rig.lens, given.rig.lens)
+    try:
+        camera = camera_of(LENS_MODELS[model], intrinsics, given.rig.image_size)
+    except VbaaError as error:
+        return Outcome(None, failure=str(error))
+    return Outcome(camera, answer["seconds"], *screening(kept, given), model=model)

@@ -1,11 +1,10 @@
-"""Runs mrcal or lensboy on many problems: `python peer_script.py PEER`, JSON in, JSON on the last line out.
+"""Runs mrcal or lensboy on many problems: `python peer_script.py PEER`, a line of JSON in and out for each.
 
 It is started with the interpreter that has the peer, so it imports numpy and the peer alone.
 
 In: points_m [N, 3] of the board, row by row; columns, spacing_m of its corners; image_size; coefficients of the
-distortion, 5 or 8; focal_px, which mrcal asks its user for; draws, of which each view is its ids [M] and corners
-[M, 2].
-Out: of every draw its intrinsics [4 + k], seconds, and kept, per view whether a corner was used; or its failure.
+distortion, 4, 5 or 8; focal_px, which mrcal asks its user for; views, each its ids [M] and corners [M, 2].
+Out, after "answer: ": intrinsics [4 + k], seconds, and kept, per view whether a corner was used; or the failure.
 """
 
 from __future__ import annotations
@@ -81,23 +80,22 @@ def _solve_with_lensboy(lensboy: ModuleType, given: dict[str, Any], seen: Views)
 
 
 def main(peer: str) -> None:
-    """Solve each draw, after one solve that only warms up; the seconds are those of the solve alone."""
+    """Solve each problem; the first once more before, which only warms up. Its seconds are processor time."""
     library, solve = import_module(peer), {"mrcal": _solve_with_mrcal, "lensboy": _solve_with_lensboy}[peer]
-    given = json.load(sys.stdin)
-    draws = [[(np.array(ids), np.array(corners)) for ids, corners in views] for views in given["draws"]]
-    answers: list[dict[str, Any]] = []
-    for views in [draws[0], *draws]:
-        begun = time.perf_counter()
+    problems = [json.loads(line) for line in sys.stdin]
+    for place, given in enumerate([problems[0], *problems]):
+        views = [(np.array(ids), np.array(corners)) for ids, corners in given["views"]]
+        begun = time.process_time()
+        answer: dict[str, Any]
         try:
             intrinsics, kept = solve(library, given, views)
+            answer = {"intrinsics": intrinsics.tolist(), "kept": [one.tolist() for one in kept]}
         # whatever a foreign library raises is a failure of that draw
         except Exception as error:
-            answers.append({"failure": f"{type(error).__name__}: {error}".splitlines()[0]})
-            continue
-        seconds = time.perf_counter() - begun
-        answers.append({"intrinsics": intrinsics.tolist(), "seconds": seconds, "kept": [one.tolist() for one in kept]})
-    print()
-    print(json.dumps(answers[1:]))
+            answer = {"failure": f"{type(error).__name__}: {error}".splitlines()[0]}
+        answer["seconds"] = time.process_time() - begun
+        if place:
+            print(f"\nanswer: {json.dumps(answer)}", flush=True)
 
 
 if __name__ == "__main__":
