@@ -16,12 +16,13 @@ from vbaa_calib.calibrate.antenna.session_rig import make_rig, observe_stills, p
 from vbaa_calib.calibrate.faults.stills import still_diagnoses, with_cause
 from vbaa_calib.calibrate.faults.views import judge_views
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution, solve_intrinsics
-from vbaa_calib.core.errors import Diagnosis, SolveError
-from vbaa_calib.core.images import list_images, read_gray
+from vbaa_calib.core.errors import Diagnosis, InputError, SolveError
+from vbaa_calib.core.images import SUFFIXES, list_images, read_gray
 from vbaa_calib.detect.board.corners import detect_folder
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import Session, Still, check_pictures, read_loads, read_noload
 
+from .given_lens import GivenLens, given_solution
 from .plane_c import PlaneC, find_plane, picture_folders, read_views
 
 
@@ -32,6 +33,7 @@ class Calibration:
     Attributes
     ----------
     stills : no-load frames and loads, in the order of bundle adjustment.
+    given : the lens that the calibration started from, where it was not solved from intrinsics/.
     still_diagnoses : what the stills show to be wrong; what the lens' pictures do is in the lens' verdict.
     """
 
@@ -43,6 +45,7 @@ class Calibration:
     checks: Checks
     stills: Sequence[Still]
     still_diagnoses: Sequence[Diagnosis]
+    given: GivenLens | None = None
 
 
 def stills_prior(session: Session, lens: LensSolution, plane: PlaneC) -> Prior:
@@ -51,8 +54,23 @@ def stills_prior(session: Session, lens: LensSolution, plane: PlaneC) -> Prior:
     return prior(session.antenna, lens.camera, plane.estimates, plane.by_antenna_alone, session.load_readings, line_px)
 
 
-def calibrate(session: Session, lens_model: str = "auto") -> Calibration:
+def _lens_folder(session: Session, given: GivenLens | None) -> list[str]:
+    """The folder of the lens' pictures; none where a lens is given and there are no pictures to test it."""
+    folder = session.root / "intrinsics"
+    if given is not None and not (
+        folder.is_dir() and any(path.suffix.lower() in SUFFIXES for path in folder.iterdir())
+    ):
+        return []
+    if not folder.exists():
+        remedy = "take pictures of the board, or start from a lens that is known: --camera FILE"
+        raise InputError("no such folder", where=folder, remedy=remedy)
+    return [folder.name]
+
+
+def calibrate(session: Session, lens_model: str = "auto", given: GivenLens | None = None) -> Calibration:
     """A session to a rig. Everything that can be wrong with the inputs is checked before the long work.
+
+    given : the lens to start from; pictures in intrinsics/ test it then, and are not needed.
 
     Raises
     ------
@@ -60,14 +78,19 @@ def calibrate(session: Session, lens_model: str = "auto") -> Calibration:
     SolveError : a solver that did not arrive, with the likely cause; an InputError where a typed row is that.
     """
     stills = [*read_noload(session), *read_loads(session)]
-    photos = [path for name in ("intrinsics", *picture_folders(session)) for path in list_images(session.root / name)]
-    height, width = read_gray(photos[0]).shape
+    folders = [*_lens_folder(session, given), *picture_folders(session)]
+    photos = [path for name in folders for path in list_images(session.root / name)]
     pictures = [*photos, *(still.image for still in stills if still.image is not None)]
-    check_pictures(pictures, (width, height), f"{photos[0].name} is")
+    height, width = read_gray(photos[0]).shape
+    size, whose = ((width, height), f"{photos[0].name} is") if given is None else (given.camera.image_size, given.whose)
+    check_pictures(pictures, size, whose)
     # plane C first: one picture shows whether the board is the one described
     views = read_views(session)
-    lens_views = detect_folder(session.root / "intrinsics", session.board)
-    lens = judge_views(lens_views, solve_intrinsics(lens_views, session.board, lens_model), session.board)
+    lens_views = detect_folder(session.root / "intrinsics", session.board) if folders[0] == "intrinsics" else []
+    if given is None:
+        lens = judge_views(lens_views, solve_intrinsics(lens_views, session.board, lens_model), session.board)
+    else:
+        lens = given_solution(given, lens_views, session.board)
     plane = find_plane(session, lens.camera, lens.board_flex, views)
     before = stills_prior(session, lens, plane)
     observations = observe_stills(session, plane.kinematics, before)
@@ -77,4 +100,4 @@ def calibrate(session: Session, lens_model: str = "auto") -> Calibration:
         raise with_cause(session, plane.kinematics, observations, before, error) from error
     held = still_diagnoses(session, plane.kinematics, joint)
     rig = make_rig(session, plane.kinematics, joint, observations)
-    return Calibration(session, rig, lens, plane, joint, check(joint), stills, tuple(held))
+    return Calibration(session, rig, lens, plane, joint, check(joint), stills, tuple(held), given)

@@ -166,7 +166,8 @@ def report(calibration: Calibration, warnings: Sequence[str]) -> None:
     off = 1e3 * np.sqrt(np.diag(rig.covariance)[:6])
     ways = " + ".join(estimate.way for estimate in calibration.plane.estimates)
     lens = calibration.lens
-    say(f"lens       {lens.model}: rms {lens.rms_px:.3f} px. {lens.verdict.words}")
+    rms = "" if calibration.given else f": rms {lens.rms_px:.3f} px"
+    say(f"lens       {lens.model}{rms}. {lens.verdict.words}")
     say(
         f"plane C    camera at ({x:.1f}, {y:.1f}, {z:.1f}) mm in the antenna frame, "
         f"± {off[3:].max():.2g} mm, ± {off[:3].max():.2g} mrad (by {ways})"
@@ -185,7 +186,7 @@ def summary(calibration: Calibration, warnings: Sequence[str]) -> dict[str, Any]
     """The numbers of the result at a glance, for `--json`."""
     joint, jig = calibration.joint, calibration.plane.jig
     return {
-        "lens_rms_px": float(calibration.lens.rms_px),
+        "lens_rms_px": None if calibration.given else float(calibration.lens.rms_px),
         "plane_rms_px": None if jig is None else float(jig.rms_px),
         "plane_second_solution_ratio": None if jig is None else jig.second_ratio,
         "noise_scale": joint.noise_scale,
@@ -208,6 +209,7 @@ def _evidence(calibration: Calibration, warnings: Sequence[str]) -> dict[str, An
         stills.append({"image": image, **numbers, **{name: getattr(still, name) for name in load}})
     return summary(calibration, warnings) | {
         "lens": {key: value for key, value in lens.items() if key not in calibration.lens.camera.to_dict()},
+        "given_lens": calibration.given and calibration.given.to_dict(),
         "plane": calibration.plane.to_dict(),
         # the board's printed face, so that one picture of it tells later whether the camera is where it was
         "jig": None if jig is None else {"T_antenna_board": jig.to_dict()},
@@ -226,14 +228,21 @@ def rig_document(calibration: Calibration, warnings: Sequence[str], command: Seq
     session = calibration.session
     files = [session.root / "session.yaml"]
     for name in ("intrinsics", *picture_folders(session), "noload", "loads"):
-        files += sorted(path for path in (session.root / name).iterdir() if path.is_file())
+        files += sorted(path for path in (session.root / name).glob("*") if path.is_file())
+    paths = {str(path.relative_to(session.root)): path for path in files}
+    if calibration.given is not None:
+        paths[os.path.relpath(calibration.given.path, session.root)] = calibration.given.path
     return calibration.rig.to_dict() | {
         "quality": _evidence(calibration, warnings),
-        "inputs_sha256": {str(path.relative_to(session.root)): sha256(path) for path in files},
+        "inputs_sha256": {name: sha256(path) for name, path in paths.items()},
         "versions": {"python": platform.python_version(), "vbaa-calib": version("vbaa-calib")}
         | {name: version(name) for name in _PACKAGES},
         "command": list(command),
     }
+
+
+def _finite(value: float) -> float | None:
+    return value if np.isfinite(value) else None
 
 
 def camera_document(solution: LensSolution, spec: BoardSpec) -> dict[str, Any]:
@@ -249,8 +258,8 @@ def camera_document(solution: LensSolution, spec: BoardSpec) -> dict[str, Any]:
         "lens_model": solution.model,
         "monotonic": solution.monotonic,
         **solution.verdict.to_dict(),
-        "rms_px": solution.rms_px,
-        "rms_inliers_px": solution.rms_inliers_px,
+        "rms_px": _finite(solution.rms_px),
+        "rms_inliers_px": _finite(solution.rms_inliers_px),
         "projection_uncertainty": {
             "columns_px": free.pixels[0, :, 0].tolist(),
             "rows_px": free.pixels[:, 0, 1].tolist(),

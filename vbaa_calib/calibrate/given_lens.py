@@ -1,0 +1,204 @@
+"""A lens that was calibrated before, as the beginning of a calibration: its file, its uncertainty, whether it holds."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from targets.board import BoardSpec
+from vbaa_calib.camera import Camera
+from vbaa_calib.convert import guessed
+from vbaa_calib.core.errors import Diagnosis, InputError, VbaaError
+from vbaa_calib.core.files import read_json, sha256
+from vbaa_calib.detect.board.corners import BoardView
+from vbaa_calib.geometry.independent_axes import independent_axes
+
+from .check.finding import FAILS, HOLDS, Evidence
+from .check.rig import at
+from .faults.views import judge_views
+from .lens.information import BoardFlex
+from .lens.intrinsics import LensSolution, solve_intrinsics
+from .lens.models import LENS_MODELS, LensModel, is_monotonic
+from .lens.uncertainty import compensate, pixel_grid, projection_jacobian
+from .lens.verdict import Verdict
+
+_FOCAL_STD, _ASPECT_STD, _CENTRE_PER_WIDTH, _CORNER_PER_WIDTH = 0.003, 0.001, 0.0025, 0.0008
+"""What is assumed of a lens whose file states no covariance: deviations of focal length and fx/fy, relative; of the
+centre, and of what distortion does to the picture's corner, over the width (3.2 and 1.0 px of 1280). OpenCV's solutions
+of two thirds of the views, at random, of four real sets scatter by 0.07 to 0.5 %, 0.02 to 0.13 %, 0.1 to 0.8 %, and
+0.03 to 0.7 % where the border was covered poorly: this is a lens that somebody took ordinary care of."""
+_RADIAL, _DECENTRING = np.sqrt([0.32, 0.18])
+"""Part of the corner's deviation by each of k1 and k2, and by each of p1 and p2."""
+_GRID = (17, 13)
+_FLOOR_PX, _LEAST_PX = 0.1, 0.02
+"""A difference over the picture that does not matter, and one that no two lenses are known to."""
+_CORRELATED = 2.0
+"""By how much the pictures' own lens is less certain than independent corners would make it (`check.boards`)."""
+
+
+@dataclass(frozen=True, eq=False)
+class GivenLens:
+    """A lens from a file, of any format that `vbaa convert` reads.
+
+    camera : with its covariance. path : of the file. what : its format, in words. doubts : what the file itself says
+    against its lens. assumed : the deviations that were assumed, in words; empty where the file states a covariance.
+    """
+
+    camera: Camera
+    path: Path
+    what: str
+    doubts: tuple[Diagnosis, ...]
+    assumed: str
+
+    @property
+    def whose(self) -> str:
+        """Whose the picture's size is, for an error."""
+        return f"the lens in {self.path.name} is for"
+
+    def to_dict(self) -> dict[str, Any]:
+        """For rig.json."""
+        uncertainty = f"assumed: {self.assumed}" if self.assumed else "stated in the file"
+        return {"file": self.path.name, "format": self.what, "sha256": sha256(self.path), "uncertainty": uncertainty}
+
+
+def read_lens(path: Path, which: str | None = None) -> GivenLens:
+    """The lens in a file; `which` of several.
+
+    Raises InputError for a file that is none of those known, is broken, or whose lens folds inside the picture.
+    """
+    form = guessed(path)
+    camera = form.read(path, which).camera
+    if not is_monotonic(_model_of(camera), camera.parameters, camera.image_size):
+        what = f"its {_model_of(camera).name} lens folds inside the picture"
+        raise InputError(what, where=path, remedy="calibrate the lens again, with a simpler --model")
+    if camera.covariance is not None:
+        return GivenLens(camera, path, form.what, _own_doubts(path) if form.name == "vbaa" else (), "")
+    camera, assumed = _with_assumed_covariance(camera)
+    return GivenLens(camera, path, form.what, (), assumed)
+
+
+def _model_of(camera: Camera) -> LensModel:
+    # of several with as many coefficients the last one, in which all are free
+    named = {(one.camera_model, one.distortion_count): one for one in LENS_MODELS.values()}
+    return named[camera.model, len(camera.distortion)]
+
+
+def _own_doubts(path: Path) -> tuple[Diagnosis, ...]:
+    """What a camera.json or rig.json says of its own lens."""
+    data = read_json(path)
+    lens = data if at(data, "grade") is not None else at(data, "quality", "lens")
+    grade, said = at(lens, "grade"), at(lens, "verdict")
+    if grade not in ("look at", "do not use"):
+        return ()
+    words = f"{path.name} says of its lens: {said:.300}" if isinstance(said, str) else f"{path.name} says: {grade}"
+    grave = grade == "do not use"
+    return (
+        Diagnosis("given_lens_doubted", words.rstrip("."), "calibrate the lens again, or mend what it names", grave),
+    )
+
+
+def _with_assumed_covariance(camera: Camera) -> tuple[Camera, str]:
+    """The camera with a covariance that an ordinary calibration deserves, and its words.
+
+    The focal lengths err together, the coefficients each in its own way; a camera without any may have some.
+    """
+    if len(camera.distortion) < 4:
+        camera = replace(camera, distortion=np.zeros(4), parameter_names=())
+    width, focal = camera.image_size[0], camera.parameters[:2]
+    std = np.zeros(len(camera.parameters))
+    std[2:4] = _CENTRE_PER_WIDTH * width
+    moved = np.linalg.norm(projection_jacobian(camera, pixel_grid(camera.image_size, _GRID)), axis=-2)
+    most = np.nanmax(moved.reshape(-1, len(std)), axis=0)
+    shares = [_RADIAL, _RADIAL] if camera.model == "fisheye" else [_RADIAL, _RADIAL, _DECENTRING, _DECENTRING]
+    for index, share in enumerate(shares, start=4):
+        std[index] = share * _CORNER_PER_WIDTH * width / most[index]
+    covariance = np.diag(std**2)
+    covariance[:2, :2] = _FOCAL_STD**2 * np.outer(focal, focal)
+    covariance[:2, :2] += (_ASPECT_STD / 2) ** 2 * np.outer(focal * (1, -1), focal * (1, -1))
+    words = (
+        f"one standard deviation of {100 * _FOCAL_STD:g} % of the focal length, {_CENTRE_PER_WIDTH * width:.1f} px of "
+        f"the centre, {_CORNER_PER_WIDTH * width:.1f} px of distortion in the picture's corners"
+    )
+    return replace(camera, covariance=covariance), words
+
+
+def given_solution(given: GivenLens, views: Sequence[BoardView], spec: BoardSpec) -> LensSolution:
+    """The given lens as the lens step of a calibration; views : of the board, that it was not calibrated from, if any.
+
+    They test it, and show whether the board is bent; they do not change it.
+    """
+    found, reasons = list(given.doubts), [f"The lens is the one in {given.path.name} ({given.what})."]
+    if given.assumed:
+        words = f"{given.path.name} states no uncertainty of its lens: assumed is {given.assumed}"
+        remedy = "calibrate the lens with vbaa intrinsics, or put 15 pictures of the board into intrinsics/"
+        found.append(Diagnosis("lens_uncertainty_assumed", words, remedy))
+    flex = BoardFlex(np.zeros(2), None, 1.0, None, None, False, "there are no pictures that would show it")
+    if views:
+        try:
+            own = judge_views(views, solve_intrinsics(views, spec), spec)
+            contradiction, words = _contradiction(given, own, views)
+            found += [] if contradiction is None else [contradiction]
+            flex = own.board_flex
+        except VbaaError as error:
+            words = f"The pictures in intrinsics/ cannot test it: {error}."
+        reasons.append(words)
+    return LensSolution(
+        camera=given.camera,
+        model=_model_of(given.camera).name,
+        rms_px=np.nan,
+        rms_inliers_px=np.nan,
+        views=(),
+        dropped=(),
+        comparison=(),
+        monotonic=True,
+        board_flex=flex,
+        verdict=Verdict((), tuple(reasons)).with_diagnoses(found),
+    )
+
+
+def _contradiction(given: GivenLens, own: LensSolution, views: Sequence[BoardView]) -> tuple[Diagnosis | None, str]:
+    """Whether the lens that the pictures have by themselves is the given one; and a sentence on that.
+
+    χ² of the difference over the part of the picture that the views cover, without what a turn of the camera explains,
+    along the directions in which the two covariances let it vary.
+    """
+    camera, other = given.camera, own.camera
+    corners = np.concatenate([view.corners_px for view in views]).astype(np.float32)
+    hull = cv2.convexHull(corners)
+    grid = pixel_grid(camera.image_size, _GRID).reshape(-1, 2)
+    pixels = np.array([one for one in grid if cv2.pointPolygonTest(hull, one.tolist(), False) >= 0])
+    rays, _ = camera.unproject(pixels)
+    moved, seen = other.project(rays)
+    pixels, moved = pixels[seen], moved[seen]
+    if len(pixels) < 3:
+        return None, "The pictures in intrinsics/ cover too little to test it."
+    parts = [
+        projection_jacobian(one, pixels) @ independent_axes(factor * one.covariance)
+        for one, factor in ((camera, 1.0), (other, _CORRELATED**2))
+        if one.covariance is not None
+    ]
+    difference, *parts = (compensate(camera, pixels, part) for part in ((moved - pixels)[..., None], *parts))
+    axes, spread, _ = np.linalg.svd(np.concatenate(parts, axis=-1).reshape(2 * len(pixels), -1), full_matrices=False)
+    known = spread > 1e-9 * spread[0]
+    along = axes[:, known].T @ difference.ravel()
+    deviation = np.hypot(spread[known], _LEAST_PX * np.sqrt(len(pixels)))
+    size_px = float(np.sqrt((difference**2).sum(axis=(1, 2)).mean()))
+    distance = float(np.linalg.norm(along / deviation))
+    evidence = Evidence(distance, int(known.sum()), size_px, _FLOOR_PX, "px")
+    expected_px = float(np.linalg.norm(deviation) / np.sqrt(len(pixels)))
+    words = (
+        f"{len(own.views)} pictures of the board in intrinsics/ have a lens that differs by {size_px:.2f} px rms where "
+        f"they cover the picture ({expected_px:.2f} px expected)"
+    )
+    if evidence.level == HOLDS:
+        return None, f"It holds: {words}."
+    remedy = "leave --camera out to calibrate from these pictures; or take the right file, or pictures of this camera"
+    name = "given_lens_contradicted"
+    return Diagnosis(name, f"{given.path.name} is contradicted: {words}", remedy, evidence.level == FAILS), (
+        "The pictures in intrinsics/ contradict it."
+    )
