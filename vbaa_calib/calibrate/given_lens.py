@@ -135,7 +135,11 @@ def given_solution(given: GivenLens, views: Sequence[BoardView], spec: BoardSpec
     found, reasons = list(given.doubts), [f"The lens is the one in {given.path.name} ({given.what})."]
     if given.assumed:
         words = f"{given.path.name} states no uncertainty of its lens: assumed is {given.assumed}"
-        remedy = "calibrate the lens with vbaa intrinsics, or put 15 pictures of the board into intrinsics/"
+        remedy = (
+            "leave --camera out: the pictures in intrinsics/ tell it"
+            if views
+            else ("calibrate the lens with vbaa intrinsics, or put 15 pictures of the board into intrinsics/")
+        )
         found.append(Diagnosis("lens_uncertainty_assumed", words, remedy))
     flex = BoardFlex(np.zeros(2), None, 1.0, None, None, False, "there are no pictures that would show it")
     if views:

@@ -67,4 +67,6 @@ def guessed(path: Path) -> Format:
     if len(found) == 1:
         return found[0]
     looks = " or ".join(each.what for each in found) or "none of the files that are known here"
-    raise InputError(f"looks like {looks}", where=path, remedy=f"say which with --from: {', '.join(FORMATS)}")
+    raise InputError(
+        f"looks like {looks}", where=path, remedy=f"say which with --from (vbaa convert): {', '.join(FORMATS)}"
+    )

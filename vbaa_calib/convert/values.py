@@ -137,7 +137,11 @@ def which_of(names: Sequence[str], which: str | None, path: Path) -> str:
     if not names:
         raise InputError("holds no camera", where=path, remedy="is it the file that is meant?")
     if which is None and len(names) > 1:
-        raise InputError(f"holds {', '.join(names):.60}", where=path, remedy="say which with --camera")
+        raise InputError(
+            f"holds {', '.join(names):.60}",
+            where=path,
+            remedy="say which with --camera NAME (calibrate: --camera-name)",
+        )
     if which is not None and which not in names:
         raise InputError(f"holds no camera {which:.20}", where=path, remedy=f"it holds {', '.join(names):.60}")
     return which or names[0]

@@ -20,7 +20,11 @@ from .ui import Interrupted, Ui
 _TRY_AGAIN = Question("again", "", "Press Enter to try again", "what was taken is kept", kind="text", default="again")
 _BACK = "Press Enter to go back to the step before"
 _GO_BACK = Question("go_back", "", _BACK, "other pictures there may help", kind="text", default="back")
-_ASKED_AGAIN = {"board": BOARD_ANSWERS, "plane": ("plane_way", "jig_given", "over_given")}
+_ASKED_AGAIN = {
+    "board": BOARD_ANSWERS,
+    "lens": ("camera", "camera_name"),
+    "plane": ("plane_way", "jig_given", "over_given"),
+}
 """Answers that a redo of the step forgets."""
 
 
@@ -86,7 +90,7 @@ def _conclude(state: SessionState, ui: Ui, report: Report) -> dict[str, Any]:
     set_unlisted_aside(store, ui)
     ui.working("everything in one solve")
     try:
-        return conclude(store.root, report)
+        return conclude(store.root, report, state.given_lens)
     except VbaaError:
         _set_results_aside(store, ui)
         raise
@@ -109,7 +113,7 @@ def redo(store: Store, ui: Ui, step: str) -> None:
 def _take_step(state: SessionState, ui: Ui, step: Step) -> str:
     """One step from its questions to its end: "closed", or a command that leaves it; that may be raised, too."""
     answer_all(state, ui, step)
-    if step.check is None:
+    if step.check is None or (step.name == "lens" and state.given_lens is not None):
         ui.show(step, step.progress(state))
         state.store.close(step.name, "done")
         return "closed"

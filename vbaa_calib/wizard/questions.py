@@ -181,7 +181,12 @@ _FILE = yaml.safe_load(Path(__file__).with_name("questions.yaml").read_text(enco
 QUESTIONS = tuple(_question(step, key, entry) for step, entries in _FILE.items() for key, entry in entries.items())
 BY_KEY: Mapping[str, Question] = {question.key: question for question in QUESTIONS}
 _ELSEWHERE = "Where do the pictures of the step {} come from, if not from source?"
-SOURCES = tuple(Question(f"{step}_source", step, _ELSEWHERE.format(step), kind="text") for step in PICTURES)
+_KNOWN_LENS = "Which file holds the lens, if it is known? camera.json, or one of ROS, OpenCV, Kalibr, mrcal or COLMAP"
+SOURCES = (
+    *(Question(f"{step}_source", step, _ELSEWHERE.format(step), kind="text") for step in PICTURES),
+    Question("camera", "lens", _KNOWN_LENS, kind="text"),
+    Question("camera_name", "lens", "Which camera of that file, if it holds several?", kind="text"),
+)
 """Never asked; flags and answers only."""
 TABLES = tuple(
     Question(f"{step}_readings", step, f"CSV with what was read with each picture of the step {step}", kind="text")

@@ -20,6 +20,7 @@ from vbaa_calib.calibrate.antenna.inputs import Observation
 from vbaa_calib.calibrate.antenna.session_rig import ExpectedAntenna, nominal_parameters
 from vbaa_calib.calibrate.faults.stills import still_diagnoses
 from vbaa_calib.calibrate.faults.views import judge_views
+from vbaa_calib.calibrate.given_lens import GivenLens, given_solution, read_lens
 from vbaa_calib.calibrate.guide.view_uncertainty import WorkPlane
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution, solve_intrinsics
 from vbaa_calib.calibrate.pipeline import stills_prior
@@ -261,16 +262,26 @@ class SessionState:
         return [self._view(taken) for taken in self.taken(step)]
 
     @property
+    def given_lens(self) -> GivenLens | None:
+        """The lens that is known, where one is. Raises InputError for a file that holds none."""
+        path, name = (self._answers.get(key) for key in ("camera", "camera_name"))
+        return path and self.cached("given lens", (path, name), lambda: read_lens(Path(path), name))
+
+    @property
     def image_size(self) -> tuple[int, int] | None:
-        """(width, height) of the first picture that was taken."""
+        """(width, height) that the known lens is for, or of the first picture that was taken."""
+        if self.given_lens is not None:
+            return self.given_lens.camera.image_size
         first = [*self.taken("lens")[:1], *self.taken("plane")[:1]]
         return self._view(first[0]).image_size if first else None
 
     def lens(self) -> LensSolution:
-        """The lens by the pictures so far, judged."""
+        """The lens that is known, or the one by the pictures so far; judged."""
 
         def made() -> LensSolution:
             views, board = self.views("lens"), self.board
+            if self.given_lens is not None:
+                return given_solution(self.given_lens, views, board)
             return judge_views(views, solve_intrinsics(views, board), board)
 
         return self.cached("lens", self.inputs("lens"), made)

@@ -15,6 +15,7 @@ from targets.sheet import board_id, size_words
 from vbaa_calib.calibrate.antenna.problem import GAIN, OFFSET
 from vbaa_calib.calibrate.check.assessment import assess
 from vbaa_calib.calibrate.faults.views import resolution_changed, same_pose
+from vbaa_calib.calibrate.given_lens import GivenLens
 from vbaa_calib.calibrate.guide.next_load import load_progress
 from vbaa_calib.calibrate.guide.next_view import ViewProgress, lens_progress, plane_progress
 from vbaa_calib.calibrate.guide.suggestion import pose_match
@@ -104,11 +105,22 @@ def counted(number: int, word: str) -> str:
     return f"{number} {word}{'' if number == 1 else 's'}"
 
 
+def _other_size(state: SessionState, size: tuple[int, int]) -> Diagnosis | None:
+    """Why a picture of `size` (width, height) px is none of this session's."""
+    known, wanted = state.given_lens, state.image_size
+    if known is None or size == wanted:
+        return None if wanted is None else resolution_changed(size, wanted)
+    words = f"the picture is {size[0]}x{size[1]} px, {known.whose} {wanted[0]}x{wanted[1]} px" if wanted else ""
+    return Diagnosis(
+        "picture_not_of_given_lens", words, "set the camera to that mode, or name its own lens", grave=True
+    )
+
+
 def _check_board(state: SessionState, picture: Picture, live: bool) -> tuple[BoardView, PictureCheck]:
     """The board in a picture, and whether it is good. live : a preview, without the slow search for another board."""
     image = picture.image
     view = detect_corners(image, state.board, picture.name)
-    changed = None if state.image_size is None else resolution_changed(view.image_size, state.image_size)
+    changed = _other_size(state, view.image_size)
     if changed is not None:
         return view, PictureCheck(str(changed), view.corners_px, (changed,), ids=view.ids)
     hints = list(picture_hints(image, view, state.board))
@@ -124,7 +136,7 @@ def _check_board(state: SessionState, picture: Picture, live: bool) -> tuple[Boa
 def _check_antenna(step: str, state: SessionState, picture: Picture, readings: Readings | None) -> PictureCheck:
     """Whether the antenna is found in a picture; a live preview is not searched."""
     height, width = picture.image.shape
-    changed = None if state.image_size is None else resolution_changed((width, height), state.image_size)
+    changed = _other_size(state, (width, height))
     if changed is not None:
         return PictureCheck(str(changed), hints=(changed,))
     if readings is None:
@@ -185,6 +197,9 @@ def guidance(state: SessionState) -> ViewProgress:
 
 def _lens_progress(state: SessionState) -> Progress:
     views = state.views("lens")
+    if state.given_lens is not None:
+        known = state.lens().verdict
+        return Progress((known.words,), next=_ENOUGH, enough=True, usable=True, diagnoses=known.diagnoses)
     seen = [f"{counted(len(views), 'picture')}, {sum(len(view.ids) for view in views)} corners"]
     try:
         now = guidance(state)
@@ -338,13 +353,14 @@ Report = Callable[[dict[str, Any]], str]
 """From check.json's content to its page: what draws stands above the wizard."""
 
 
-def conclude(root: Path, report: Report) -> dict[str, Any]:
+def conclude(root: Path, report: Report, given: GivenLens | None = None) -> dict[str, Any]:
     """Calibrate the session from its files, write rig.json and check.html beside them. Returns check.json's content.
 
+    given : the lens, where it was known before.
     rig.json is the same for the same session: how the wizard was called is not in it. Raises InputError and SolveError
     as `calibrate` does.
     """
-    calibration = calibrate(load_session(root))
+    calibration = calibrate(load_session(root), given=given)
     write_json(root / RIG, rig_document(calibration, doubts(calibration), ["vbaa", "wizard"]))
     document = assess(root / RIG, root).to_dict()
     write_text(root / REPORT, report(document))

@@ -54,6 +54,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     Raises InputError for whatever is wrong or missing, where nobody is there to be asked; VbaaError for a disk that is
     full or gone.
     """
+    from vbaa_calib.calibrate.given_lens import read_lens
     from vbaa_calib.core.console import say
     from vbaa_calib.core.errors import InputError, VbaaError
     from vbaa_calib.wizard.store import Store
@@ -61,6 +62,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if not 0 <= args.port <= _LAST_PORT:
         raise InputError(f"there is no port {args.port}", where="--port", remedy=f"0 for any, or up to {_LAST_PORT}")
     given = _answers_given(args)
+    if "camera" in given:  # before anything is touched
+        read_lens(Path(given["camera"]), given.get("camera_name"))
     try:
         with Store(args.session) as store:
             return _run(args, store, given)

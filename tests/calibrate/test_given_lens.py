@@ -1,0 +1,163 @@
+"""A calibration that starts from a known lens agrees with the usual way, is as uncertain as it says, and is tested."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from vbaa_calib.calibrate.antenna.bundle_adjustment import adjust_bundle
+from vbaa_calib.calibrate.antenna.session_rig import make_rig, observe_stills
+from vbaa_calib.calibrate.given_lens import GivenLens, given_solution, read_lens
+from vbaa_calib.calibrate.lens.models import LENS_MODELS, camera_of
+from vbaa_calib.calibrate.pipeline import stills_prior
+from vbaa_calib.calibrate.plane_c import find_plane, read_views
+from vbaa_calib.camera import Camera
+from vbaa_calib.cli.main import main
+from vbaa_calib.convert import FORMATS
+from vbaa_calib.convert.values import Exchanged
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.geometry.independent_axes import independent_axes
+from vbaa_calib.rig import Rig
+from vbaa_calib.session import load_session
+from vbaa_calib.simulate.scene.scene_file import load_scene
+
+from ..small_scene import small_rig
+from .synthetic_views import SPEC
+from .test_diagnose_views import INTRINSICS, SIZE, pictures
+
+
+@pytest.fixture(scope="module")
+def bare(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The small session without pictures for the lens."""
+    folder = tmp_path_factory.mktemp("bare") / "session"
+    shutil.copytree(small_rig() / "session", folder, ignore=shutil.ignore_patterns("intrinsics", "recording"))
+    return folder
+
+
+def true_camera() -> Camera:
+    lens = load_scene(small_rig() / "scene.yaml").lens
+    return Camera(lens.model, lens.image_size, lens.matrix, lens.distortion)
+
+
+def test_a_known_lens_gives_the_rig_of_the_usual_way(
+    bare: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """With the covariance that its file states; or with an assumed one, which is named wherever the rig is."""
+    usual = Rig.load(small_rig() / "rig.json")
+    for name in ("vbaa", "ros"):
+        file, out = tmp_path / name, tmp_path / f"{name}.json"
+        file.write_text(FORMATS[name].write(Exchanged(usual.camera if name == "vbaa" else true_camera())))
+        assert main(["calibrate", str(bare), "--camera", str(file), "-o", str(out)]) == 0
+        rig, quality = Rig.load(out), json.loads(out.read_text())["quality"]
+        off = rig.T_antenna_camera.tangent_from(usual.T_antenna_camera)
+        both = np.diag(rig.covariance)[:6] + np.diag(usual.covariance)[:6]
+        assert np.all(np.abs(off) < 4.0 * np.sqrt(both))
+        ratio = np.log(rig.antenna.stiffness_Nm2 / usual.antenna.stiffness_Nm2)
+        assert abs(ratio) < 4.0 * np.hypot(rig.std("log_stiffness_Nm2"), usual.std("log_stiffness_Nm2"))
+        said = capsys.readouterr().err
+        assumed = quality["given_lens"]["uncertainty"]
+        assert quality["given_lens"]["file"] == name
+        assert quality["given_lens"]["sha256"] in json.loads(out.read_text())["inputs_sha256"].values()
+        if name == "ros":
+            words = assumed.removeprefix("assumed: ")
+            assert words != assumed
+            assert all(words in place for place in (said, quality["lens"]["warnings"][0], quality["warnings"][0]))
+            assert quality["lens"]["grade"] == "look at"
+        else:
+            assert "one standard deviation of" not in said
+
+
+@pytest.mark.parametrize("draws", [4, pytest.param(60, marks=pytest.mark.slow)])
+def test_an_assumed_lens_is_as_uncertain_as_it_says(bare: Path, tmp_path: Path, draws: int) -> None:
+    """Lenses that are off as is assumed: the points of plane C that they see, and EI, are off as is predicted."""
+    session, true = load_session(bare), true_camera()
+    scene, views, rng = load_scene(small_rig() / "scene.yaml"), read_views(session), np.random.default_rng(5)
+    points = np.array([[x, y, 0.0] for x in (0.05, 0.12, 0.2) for y in (-0.03, 0.03)])
+    pixels, _ = true.project(scene.T_antenna_camera.inverse() @ points)
+    stiffness = scene.antenna.stiffness_Nm2 * scene.true.stiffness_factor
+    file = tmp_path / "camera_info.yaml"
+    observations, on_plane, of_stiffness = None, [], []
+    for _ in range(draws):
+        file.write_text(FORMATS["ros"].write(Exchanged(true)))
+        assumed = read_lens(file).camera
+        assert assumed.covariance is not None
+        off = independent_axes(assumed.covariance) @ rng.normal(size=len(assumed.parameters))
+        file.write_text(FORMATS["ros"].write(Exchanged(replace(assumed.moved(off), covariance=None))))
+        lens = given_solution(read_lens(file), [], session.board)
+        plane = find_plane(session, lens.camera, lens.board_flex, views)
+        before = stills_prior(session, lens, plane)
+        observations = observations or observe_stills(session, plane.kinematics, before)
+        joint = adjust_bundle(observations, before, session.antenna.length_m, session.moment_std_Nm)
+        rig = make_rig(session, plane.kinematics, joint, observations)
+        seen, _ = rig.camera_on_plane().project(pixels)
+        jacobian = np.asarray(rig.camera_on_plane().calibration_jacobian(pixels))
+        covariance = jacobian @ rig.plane_covariance() @ np.swapaxes(jacobian, -1, -2)
+        on_plane.append((seen - points[:, :2]) / np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1)))
+        of_stiffness.append(np.log(rig.antenna.stiffness_Nm2 / stiffness) / rig.std("log_stiffness_Nm2"))
+    # all draws share the pictures and their noise
+    assert 0.4 < np.sqrt(np.mean(np.square(on_plane))) < 1.3
+    assert 0.2 < np.sqrt(np.mean(np.square(of_stiffness))) < 1.8
+
+
+def known(intrinsics: np.ndarray, std: float | None = None) -> GivenLens:
+    """A lens as a file would give it, with the deviations of a good calibration; or with assumed ones."""
+    name = {4: "none", 8: "opencv4"}[len(intrinsics)]
+    camera = camera_of(LENS_MODELS[name], intrinsics, SIZE)
+    if std is not None:
+        camera = replace(camera, covariance=np.diag((std * np.array([1, 1, 1, 1, 1e-3, 3e-3, 1e-4, 1e-4])) ** 2))
+    return GivenLens(camera, Path("camera.json"), "camera.json", (), "")
+
+
+def test_pictures_that_contradict_a_known_lens_are_heard() -> None:
+    """They hold one that is right as far as it says; a zoom, a forgotten distortion and another centre they do not."""
+    wrong = [
+        (INTRINSICS * [1.01, 1.01, 1, 1, 1, 1, 1, 1], "do not use"),
+        (INTRINSICS * [1, 1, 1, 1, 0, 0, 0, 0], "do not use"),
+        (INTRINSICS + np.array([0, 0, 12, 0, 0, 0, 0, 0]), "do not use"),
+    ]
+    for seed in range(3):
+        views = pictures(40 + seed, np.ones(14))
+        rng = np.random.default_rng(seed)
+        off = rng.normal(size=8) * [1, 1, 1, 1, 1e-3, 3e-3, 1e-4, 1e-4]
+        right = given_solution(known(INTRINSICS + off, 1.0), views, SPEC)
+        assert "given_lens_contradicted" not in {one.name for one in right.verdict.diagnoses}
+        intrinsics, grade = wrong[seed]
+        found = given_solution(known(intrinsics, 0.5), views, SPEC).verdict
+        assert "given_lens_contradicted" in {one.name for one in found.diagnoses}
+        assert found.grade == grade
+
+
+def test_a_lens_that_cannot_be_taken_is_one_line(
+    bare: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    true = true_camera()
+    larger = replace(true, image_size=(960, 720))
+    folding = replace(true, distortion=np.array([-0.9, 0.0, 0.0, 0.0]))
+    for camera, words in ((larger, "is for 960x720 px"), (folding, "folds inside the picture")):
+        file = tmp_path / "camera.yaml"
+        file.write_text(FORMATS["kalibr"].write(Exchanged(camera)))
+        assert main(["calibrate", str(bare), "--camera", str(file), "-o", str(tmp_path / "rig.json")]) == 2
+        said = capsys.readouterr().err
+        assert words in said
+        assert len(said.splitlines()) == 1
+    for text in ("", "{}", "lens: wide", "fx, fy = 900, 900"):
+        file.write_text(text)
+        with pytest.raises(InputError):
+            read_lens(file)
+    assert main(["calibrate", str(bare), "-o", str(tmp_path / "rig.json")]) == 2
+    assert "--camera" in capsys.readouterr().err
+    assert not (tmp_path / "rig.json").exists()
+
+
+def test_what_a_file_says_against_its_own_lens_is_kept(tmp_path: Path) -> None:
+    """A camera.json whose verdict was not to use it does not become trusted on its way into a rig."""
+    true, file = true_camera(), tmp_path / "camera.json"
+    covariance = np.diag(np.full(8, 1e-8)).tolist()
+    for grade, words in (("trusted", "fine"), ("look at", "halves differ"), ("do not use", "the focus changed")):
+        file.write_text(json.dumps(true.to_dict() | {"covariance": covariance, "grade": grade, "verdict": words}))
+        assert given_solution(read_lens(file), [], SPEC).verdict.grade == grade
