@@ -8,28 +8,29 @@ from dataclasses import dataclass
 import numpy as np
 
 _PATCH = (3, 4)
-"""Corners of a patch that a reflection mirrors, fewest and most along a side."""
+"""Corners along a side of what a reflection mirrors, fewest and most."""
+_TRIES = 50
 
 
 @dataclass(frozen=True, eq=False)
 class Corners:
-    """All corners of a board, row by row with so many columns: pixels (C, 2), and which are seen (C,)."""
+    """All corners of a board, row by row: pixels (C, 2), ids (rows, columns), which are seen (C,)."""
 
     pixels: np.ndarray
+    ids: np.ndarray
     seen: np.ndarray
-    columns: int
 
-    @property
-    def grid(self) -> np.ndarray:
-        """(rows, columns) ids."""
-        return np.arange(len(self.pixels)).reshape(-1, self.columns)
-
-
-Fault = Callable[[Corners, float, tuple[float, float], np.random.Generator], tuple[np.ndarray, np.ndarray]]
-"""Corners, share of them, least and largest shift px → pixels (C, 2), which are wrong (C,)."""
+    def some(self, height: int, width: int, rng: np.random.Generator) -> np.ndarray:
+        """(height, width) ids of corners side by side."""
+        row, column = (rng.integers(size - own + 1) for size, own in zip(self.ids.shape, (height, width), strict=True))
+        return self.ids[row : row + height, column : column + width]
 
 
-def _shifts(count: int, sizes_px: tuple[float, float], rng: np.random.Generator) -> np.ndarray:
+_Fault = Callable[[Corners, tuple[float, float], np.random.Generator], tuple[np.ndarray, np.ndarray]]
+"""One fault: ids (n,) and where these corners are seen instead (n, 2)."""
+
+
+def shifts(count: int, sizes_px: tuple[float, float], rng: np.random.Generator) -> np.ndarray:
     """(count, 2) in any direction; sizes over a decade or more are drawn with uniform logarithms."""
     angle, (least, most) = rng.uniform(0, 2 * np.pi, count), sizes_px
     wide = most > 10.0 * least
@@ -37,121 +38,68 @@ def _shifts(count: int, sizes_px: tuple[float, float], rng: np.random.Generator)
     return length[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
 
-def _scattered(
-    corners: Corners, share: float, sizes_px: tuple[float, float], rng: np.random.Generator
-) -> tuple[np.ndarray, np.ndarray]:
-    """Each corner on its own."""
-    count = int(corners.seen.sum())
-    chosen, shifts = rng.random(count) < share, _shifts(count, sizes_px, rng)
-    wrong, moved = np.zeros(len(corners.seen), bool), corners.pixels.copy()
-    wrong[np.flatnonzero(corners.seen)[chosen]] = True
-    moved[wrong] += shifts[chosen]
-    return moved, wrong
-
-
-def _until(
-    corners: Corners, share: float, rng: np.random.Generator, fault: Callable[[np.ndarray], None]
-) -> tuple[np.ndarray, np.ndarray]:
-    """A fault, which moves some corners, again and again until the share of those seen is reached, in the mean."""
-    moved = corners.pixels.copy()
-    seen = corners.seen
-    for _ in range(50):
-        before = np.any(moved != corners.pixels, axis=1)
-        fault(moved)
-        after = np.any(moved != corners.pixels, axis=1)
-        more, had = (after & seen).sum() / seen.sum(), (before & seen).sum() / seen.sum()
-        # the last one stays as often as makes the share right in the mean
-        if more > had and (more >= share) and rng.random() >= (share - had) / (more - had):
-            moved[after & ~before] = corners.pixels[after & ~before]
-            return moved, before
-        if more >= share:
-            break
-    return moved, np.any(moved != corners.pixels, axis=1)
-
-
-def _marker(
-    corners: Corners, share: float, sizes_px: tuple[float, float], rng: np.random.Generator
-) -> tuple[np.ndarray, np.ndarray]:
+def _marker(corners: Corners, sizes_px: tuple[float, float], rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """A marker is misread: the four corners around it are shifted together."""
-    grid = corners.grid
-
-    def misread(moved: np.ndarray) -> None:
-        row, column = (int(rng.integers(size - 1)) for size in grid.shape)
-        four = grid[row : row + 2, column : column + 2].ravel()
-        moved[four] = corners.pixels[four] + _shifts(1, sizes_px, rng)
-
-    return _until(corners, share, rng, misread)
+    four = corners.some(2, 2, rng).ravel()
+    return four, corners.pixels[four] + shifts(1, sizes_px, rng)
 
 
-def _swapped(
-    corners: Corners, share: float, sizes_px: tuple[float, float], rng: np.random.Generator
-) -> tuple[np.ndarray, np.ndarray]:
+def _swapped(corners: Corners, _: tuple[float, float], rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """Two ids are exchanged."""
-    seen = np.flatnonzero(corners.seen)
-
-    def exchange(moved: np.ndarray) -> None:
-        pair = rng.choice(seen, 2, replace=False)
-        if not np.any(moved[pair] != corners.pixels[pair]):
-            moved[pair] = corners.pixels[pair[::-1]]
-
-    return _until(corners, share, rng, exchange)
+    pair = rng.choice(np.flatnonzero(corners.seen), 2, replace=False)
+    return pair, corners.pixels[pair[::-1]]
 
 
-def _mirrored(
-    corners: Corners, share: float, sizes_px: tuple[float, float], rng: np.random.Generator
-) -> tuple[np.ndarray, np.ndarray]:
-    """A reflection: a patch is seen mirrored, where it is."""
-    grid = corners.grid
-
-    def reflect(moved: np.ndarray) -> None:
-        height, width = (int(rng.integers(_PATCH[0], min(_PATCH[1], size) + 1)) for size in grid.shape)
-        row, column = (int(rng.integers(size - own + 1)) for size, own in zip(grid.shape, (height, width), strict=True))
-        patch = grid[row : row + height, column : column + width]
-        if corners.seen[patch].all() and not np.any(moved[patch] != corners.pixels[patch]):
-            moved[patch] = corners.pixels[patch[:, ::-1]]
-
-    return _until(corners, share, rng, reflect)
+def _mirrored(corners: Corners, _: tuple[float, float], rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """A reflection: a patch is seen mirrored, where it is; its middle column stays."""
+    height, width = rng.integers(_PATCH[0], np.minimum(corners.ids.shape, _PATCH[1]) + 1)
+    patch = corners.some(height, width, rng)
+    return patch.ravel(), corners.pixels[patch[:, ::-1].ravel()]
 
 
-def _row(
-    corners: Corners, share: float, sizes_px: tuple[float, float], rng: np.random.Generator
-) -> tuple[np.ndarray, np.ndarray]:
-    """A row is counted from the wrong end or marker: all its corners are one square off."""
-    grid = corners.grid
-
-    def shift(moved: np.ndarray) -> None:
-        row = grid[rng.integers(len(grid))]
-        own = corners.pixels[row]
-        moved[row] = np.vstack([own[1:], 2.0 * own[-1] - own[-2]])
-
-    return _until(corners, share, rng, shift)
+def _row(corners: Corners, _: tuple[float, float], rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """A row is counted from a wrong marker: all its corners are one square off."""
+    row = corners.some(1, corners.ids.shape[1], rng)[0]
+    own = corners.pixels[row]
+    return row, np.vstack([own[1:], 2.0 * own[-1] - own[-2]])
 
 
-def _view(
-    corners: Corners, share: float, sizes_px: tuple[float, float], rng: np.random.Generator
-) -> tuple[np.ndarray, np.ndarray]:
-    """All ids of the view are wrong, where the share is not nil: mirrored, or in any order."""
-    if not share:
-        return corners.pixels, np.zeros(len(corners.seen), bool)
-    seen = np.flatnonzero(corners.seen)
-    mirrored = corners.grid[:, ::-1].ravel()[seen]
-    other = mirrored if rng.random() < 0.5 and corners.seen[mirrored].all() else rng.permutation(seen)
-    moved = corners.pixels.copy()
-    moved[seen] = corners.pixels[other]
-    return moved, np.any(moved != corners.pixels, axis=1)
+def _view(corners: Corners, _: tuple[float, float], rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """All ids are wrong: mirrored, or in any order."""
+    seen, mirrored = np.flatnonzero(corners.seen), corners.ids[:, ::-1].ravel()[corners.seen]
+    return seen, corners.pixels[
+        mirrored if corners.seen[mirrored].all() and rng.random() < 0.5 else rng.permutation(seen)
+    ]
 
 
-def whole_views(share: float, views: int, rng: np.random.Generator) -> tuple[int, ...]:
-    """Which views are wrong as a whole: one at least."""
-    return tuple(rng.choice(views, max(1, round(share * views)), replace=False).tolist())
-
-
-FAULTS: dict[str, Fault] = {
-    "scattered": _scattered,
+_TOGETHER: dict[str, _Fault] = {
     "marker": _marker,
     "swapped": _swapped,
     "mirrored": _mirrored,
     "row": _row,
     "view": _view,
 }
-"""By name."""
+SCATTERED, VIEW = "scattered", "view"
+FAULTS = (SCATTERED, *_TOGETHER)
+"""Each corner on its own, or in groups."""
+
+
+def spoilt(
+    corners: Corners, kind: str, share: float, sizes_px: tuple[float, float], rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
+    """Pixels (C, 2) of which a share, in the mean, is wrong; which are (C,). sizes_px : least and largest shift."""
+    count, moved = int(corners.seen.sum()), corners.pixels.copy()
+    if kind == SCATTERED:
+        chosen, by = rng.random(count) < share, shifts(count, sizes_px, rng)
+        moved[np.flatnonzero(corners.seen)[chosen]] += by[chosen]
+        return moved, np.any(moved != corners.pixels, axis=1)
+    left = rng.binomial(count, share)
+    for _ in range(_TRIES):
+        ids, where = _TOGETHER[kind](corners, sizes_px, rng)
+        # the last one as often as makes the share right
+        if rng.random() * len(ids) >= left:
+            break
+        if not np.any(moved[ids] != corners.pixels[ids]):
+            moved[ids] = where
+            left -= int((corners.seen[ids] & np.any(where != corners.pixels[ids], axis=1)).sum())
+    return moved, np.any(moved != corners.pixels, axis=1)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from benchmarks.board_faults import FAULTS, Corners, whole_views
+from benchmarks.board_faults import SCATTERED, VIEW, Corners, spoilt
 from targets.board import BoardSpec, corner_points
 from vbaa_calib.calibrate.lens.bundle import Bundle, Observation, refine
 from vbaa_calib.calibrate.lens.information import bend
@@ -40,8 +40,8 @@ def noisy_view(
 ) -> tuple[BoardView, np.ndarray]:
     """A view of corners (N,) at true pixels (N, 2), a share of them 2 to 20 px off, and which (N,) are not."""
     noisy = pixels + _CORNER_PX * rng.normal(size=pixels.shape)
-    seen = Corners(noisy, np.ones(len(ids), bool), len(ids))
-    noisy, wrong = FAULTS["scattered"](seen, outliers, _OUTLIER_PX, rng)
+    seen = Corners(noisy, np.arange(len(ids))[None], np.ones(len(ids), bool))
+    noisy, wrong = spoilt(seen, SCATTERED, outliers, _OUTLIER_PX, rng)
     return BoardView(name, ids, noisy, size, np.arange(40)), ~wrong
 
 
@@ -84,7 +84,7 @@ class Rig(Optics):
     views: int
     outliers: float = 0.0
     sagittas_m: tuple[float, float] = (0.0, 0.0)
-    faults: str = "scattered"
+    faults: str = SCATTERED
     outlier_px: tuple[float, float] = _OUTLIER_PX
     twist_m: float = 0.0
     stretch: tuple[float, float] = (0.0, 0.0)
@@ -133,7 +133,10 @@ def draw(rig: Rig, seed: int) -> Draw:
     """Views of a rig, their noise, poses and outliers all from the seed."""
     rng = np.random.default_rng(seed)
     found, points, poses = Draw(rig, [], np.empty((0, 6)), []), rig.board_points_m, list[np.ndarray]()
-    wholly = whole_views(rig.outliers, rig.views, rng) if rig.faults == "view" else ()
+    ids = np.arange(len(points)).reshape(-1, rig.spec.squares_x - 1)
+    # of views that are wrong as a whole there is one at least
+    wrong_views = max(1, round(rig.outliers * rig.views)) if rig.outliers and rig.faults == VIEW else 0
+    wholly = rng.permutation(rig.views)[:wrong_views] if wrong_views else ()
     while len(found.views) < rig.views:
         pose = _pose(rig, rng)
         pixels = PROJECTIONS[rig.model.camera_model](points, pose.vector, rig.intrinsics)[0]
@@ -143,13 +146,13 @@ def draw(rig: Rig, seed: int) -> Draw:
         if seen.sum() < min(20, 0.6 * len(points)):
             continue
         noisy = pixels + _noise(rig, pixels.shape, seen, rng)
-        share = rig.outliers if rig.faults != "view" else float(len(found.views) in wholly)
-        noisy, wrong = FAULTS[rig.faults](Corners(noisy, seen, rig.spec.squares_x - 1), share, rig.outlier_px, rng)
+        share = rig.outliers if rig.faults != VIEW else float(len(found.views) in wholly)
+        noisy, wrong = spoilt(Corners(noisy, ids, seen), rig.faults, share, rig.outlier_px, rng)
         # what a fault puts beside the picture is not seen
-        ids = np.flatnonzero(seen & np.all((noisy > -0.5) & (noisy < np.array(rig.image_size) - 0.5), axis=1))
+        there = np.flatnonzero(seen & np.all((noisy > -0.5) & (noisy < np.array(rig.image_size) - 0.5), axis=1))
         markers = np.arange(min(40, rig.spec.marker_count))
-        found.views.append(BoardView(f"{len(poses):02d}.png", ids, noisy[ids], rig.image_size, markers))
-        found.good.append(~wrong[ids])
+        found.views.append(BoardView(f"{len(poses):02d}.png", there, noisy[there], rig.image_size, markers))
+        found.good.append(~wrong[there])
         poses.append(pose.vector)
     return replace(found, poses=np.array(poses))
 

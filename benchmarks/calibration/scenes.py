@@ -44,7 +44,7 @@ def cells() -> dict[str, Cell]:
         *published,
         fisheye,
         *(replace(gross, name=f"f 900, {100 * share:.0f} % gross", outliers=share) for share in _SHARES),
-        *(replace(gross, name=f"f 900, 5 % {kind}", outliers=0.05, faults=kind) for kind in list(FAULTS)[1:]),
+        *(replace(gross, name=f"f 900, 5 % {kind}", outliers=0.05, faults=kind) for kind in FAULTS[1:]),
         replace(gross, name="f 900, 5 % gross, bowed 0.5 mm", outliers=0.05, sagittas_m=(5e-4, 0.0)),
         replace(wide, name="wide, 10 % gross", outliers=0.1, outlier_px=_GROSS_PX),
         replace(fisheye, name="fisheye, 5 % gross", outliers=0.05, outlier_px=_GROSS_PX),
@@ -55,7 +55,7 @@ def cells() -> dict[str, Cell]:
         replace(plain, name="f 900, 5 views", views=5),
         replace(gross, name="f 900, 5 views, 5 % gross", views=5, outliers=0.05),
         replace(gross, name="f 900, 40 views, 10 % gross", views=40, outliers=0.1),
-        replace(plain, name="f 900, bowed 0.5 mm", sagittas_m=(5e-4, 0.0)),
+        replace(plain, name="f 900, 8 views, bowed 0.5 mm", views=8, sagittas_m=(5e-4, 0.0)),
         replace(plain, name="f 900, bowed 1 mm, twisted 0.5 mm", sagittas_m=(1e-3, -3e-4), twist_m=5e-4),
         replace(plain, name="f 900, print 1 % too wide", stretch=(0.01, 0.0)),
         replace(gross, name="f 900, print 2 % too high, sheared, 2 % gross", **_SKEWED),
@@ -146,7 +146,6 @@ def _drawn(family: Callable[[np.random.Generator], _Lens], seed: int) -> Rig:
             break
         lens = family(rng)
     spoilt = seed % _SPOILT_EVERY == _SPOILT_EVERY - 1
-    kinds = list(FAULTS)
     return replace(
         rig,
         name=f"{rig.lens} f {rig.intrinsics[0]:.0f}, {rig.image_size[0]}x{rig.image_size[1]}, {rig.views} views",
@@ -159,6 +158,6 @@ def _drawn(family: Callable[[np.random.Generator], _Lens], seed: int) -> Rig:
         twist_m=float(rng.normal(0.0, 2e-4)),
         stretch=tuple(rng.normal(0.0, 1e-3, 2).tolist()),
         outliers=float(np.exp(rng.uniform(np.log(0.01), np.log(0.2)))) if spoilt else 0.0,
-        faults=kinds[0] if rng.random() < 0.5 else kinds[rng.integers(1, len(kinds))],
+        faults=FAULTS[0 if rng.random() < 0.5 else rng.integers(1, len(FAULTS))],
         outlier_px=_GROSS_PX,
     )
