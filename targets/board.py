@@ -1,20 +1,23 @@
-"""The ChArUco board as the user describes it, checked once."""
+"""The board as the user describes it, checked once: ChArUco, or for the lens a chessboard or a grid of circles."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict, field
 from typing import Annotated, Any, Literal
 
 import cv2
 import numpy as np
 import yaml
-from pydantic import ConfigDict, Field
+from pydantic import ConfigDict, Field, model_validator
 from pydantic.dataclasses import dataclass
 
 DICTIONARY_SIZES = (50, 100, 250, 1000)
 DICTIONARIES = tuple(f"DICT_{bits}X{bits}_{size}" for bits in (4, 5, 6, 7) for size in DICTIONARY_SIZES)
 
 _Squares = Annotated[int, Field(strict=True, ge=2, le=200)]
+_ChessCount = Annotated[int, Field(strict=True, ge=4, le=200)]
+_GridCount = Annotated[int, Field(strict=True, ge=3, le=200)]
 _Side = Annotated[float, Field(strict=True, gt=0, lt=10)]
 
 
@@ -42,6 +45,15 @@ class BoardSpec:
     thickness_m: Annotated[float, Field(strict=True, ge=0, lt=10)] = 0.0
     type: Literal["charuco"] = field(default="charuco", kw_only=True, repr=False)
 
+    @model_validator(mode="before")
+    @classmethod
+    def _has_ids(cls, data: Any) -> Any:
+        kind = data.get("type") if isinstance(data, Mapping) else None
+        if isinstance(kind, str) and kind in PLAIN_BOARDS:
+            what = f"is {kind!r}: its marks have no ids, so where the board stands is not told without doubt"
+            raise ValueError(what, f"take a ChArUco board here; {kind!r} serves `vbaa intrinsics` alone", "type")
+        return data
+
     def __post_init__(self) -> None:
         if not self.marker_m < self.square_m:
             exchanged = f" (exchanged? square_m: {self.marker_m!r}, marker_m: {self.square_m!r} would do)"
@@ -55,6 +67,11 @@ class BoardSpec:
         if self.marker_count > available:
             squares = f"{self.squares_x}x{self.squares_y} squares"
             raise ValueError(f"{squares} need {self.marker_count} markers, {self.dictionary} has {available}")
+
+    @property
+    def pitch_m(self) -> float:
+        """Distance of neighbouring corners."""
+        return self.square_m
 
     @property
     def corner_count(self) -> int:
@@ -79,6 +96,91 @@ class BoardSpec:
         return {"type": self.type, **asdict(self)}
 
 
+@dataclass(frozen=True, config=ConfigDict(extra="forbid"))
+class Chessboard:
+    """A chessboard without markers, for the lens. Board frame as of a ChArUco board; the square at its origin is black.
+
+    squares_x, squares_y : all squares along x and y, the outer ones too. square_m : side, m.
+    """
+
+    type: Literal["chessboard"]
+    squares_x: _ChessCount
+    squares_y: _ChessCount
+    square_m: _Side
+
+    @property
+    def lattice(self) -> np.ndarray:
+        """(corner_count, 2) column and row of each inner corner, in squares from the board's outline."""
+        return _lattice(self.squares_x - 1, self.squares_y - 1) + 1
+
+    @property
+    def pitch_m(self) -> float:
+        """Distance of neighbouring corners."""
+        return self.square_m
+
+    @property
+    def corner_count(self) -> int:
+        return (self.squares_x - 1) * (self.squares_y - 1)
+
+    def to_dict(self) -> dict[str, Any]:
+        """A board.yaml."""
+        return asdict(self)
+
+
+@dataclass(frozen=True, config=ConfigDict(extra="forbid"))
+class CircleGrid:
+    """Dark circles on white, or white ones on dark, for the lens: OpenCV's symmetric or asymmetric grid.
+
+    Board frame: origin at the first circle's centre, x along its row, z away from the viewer.
+
+    type : circles stand in columns and rows; asymmetric_circles have every second row moved by half a step.
+    columns : circles in a row. rows : rows.
+    spacing_m : distance of neighbouring circles in a row; of an asymmetric grid that of neighbouring rows, which is
+        half of that in a row.
+    """
+
+    type: Literal["circles", "asymmetric_circles"]
+    columns: _GridCount
+    rows: _GridCount
+    spacing_m: _Side
+
+    @property
+    def lattice(self) -> np.ndarray:
+        """(corner_count, 2) place of each circle, in spacings from the first one."""
+        places = _lattice(self.columns, self.rows)
+        if self.type == "asymmetric_circles":
+            places[:, 0] = 2 * places[:, 0] + places[:, 1] % 2
+        return places
+
+    @property
+    def pitch_m(self) -> float:
+        """Distance of neighbouring circles."""
+        return self.spacing_m * (float(np.sqrt(2.0)) if self.type == "asymmetric_circles" else 1.0)
+
+    @property
+    def corner_count(self) -> int:
+        return self.columns * self.rows
+
+    def to_dict(self) -> dict[str, Any]:
+        """A board.yaml."""
+        return asdict(self)
+
+
+PLAIN_BOARDS: dict[str, type[Chessboard | CircleGrid]] = {
+    "chessboard": Chessboard,
+    "circles": CircleGrid,
+    "asymmetric_circles": CircleGrid,
+}
+"""Boards whose marks have no ids, by `type`."""
+Board = BoardSpec | Chessboard | CircleGrid
+"""What the lens can be calibrated with."""
+
+
+def _lattice(columns: int, rows: int) -> np.ndarray:
+    row, column = np.mgrid[:rows, :columns]
+    return np.stack([column.ravel(), row.ravel()], axis=1)
+
+
 def opencv_board(spec: BoardSpec) -> cv2.aruco.CharucoBoard:
     dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, spec.dictionary))
     board = cv2.aruco.CharucoBoard((spec.squares_x, spec.squares_y), spec.square_m, spec.marker_m, dictionary)
@@ -86,11 +188,14 @@ def opencv_board(spec: BoardSpec) -> cv2.aruco.CharucoBoard:
     return board
 
 
-def corner_points(spec: BoardSpec) -> np.ndarray:
-    """(corner_count, 3) inner corners in the board frame, m, in the order of OpenCV's corner ids."""
+def corner_points(spec: Board) -> np.ndarray:
+    """(corner_count, 3) inner corners, or circles' centres, in the board frame, m, in the order of OpenCV's ids."""
+    if not isinstance(spec, BoardSpec):
+        step = spec.square_m if isinstance(spec, Chessboard) else spec.spacing_m
+        return np.pad(step * spec.lattice, ((0, 0), (0, 1)))
     return np.asarray(opencv_board(spec).getChessboardCorners(), float).reshape(-1, 3)
 
 
-def spec_line(spec: BoardSpec) -> str:
+def spec_line(spec: Board) -> str:
     """The specification as one line of YAML: what the QR code holds, and a board.yaml as it stands."""
     return yaml.safe_dump(spec.to_dict(), default_flow_style=True, sort_keys=False, width=10**6).strip()

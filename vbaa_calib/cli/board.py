@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -149,7 +148,7 @@ def _for_screens(args: argparse.Namespace) -> dict[str, Any]:
 def _wanted(args: argparse.Namespace, **room: Any) -> BoardSpec:
     """The board of --spec or of the flags, what is left out filled in."""
     from targets.sheet import fill_in
-    from vbaa_calib.detect.board.board_file import load_board
+    from vbaa_calib.detect.board.board_file import counts, load_board
 
     if args.spec is not None:
         _refuse_flags(args, _OF_THE_BOARD, "and --spec both describe the board")
@@ -163,11 +162,7 @@ def _wanted(args: argparse.Namespace, **room: Any) -> BoardSpec:
     given |= {"legacy_pattern": bool(args.legacy), "thickness_m": round(1e-3 * (args.thickness_mm or 0.0), 12)}
     if args.squares is None:
         return fill_in(**given)
-    found = re.fullmatch(r"\s*([0-9]{1,6})\s*[xX×]\s*([0-9]{1,6})\s*", args.squares)
-    if not found:
-        what = f"--squares is {args.squares!r}"
-        raise InputError(what, where="vbaa board", remedy="give columns x rows, such as 11x7")
-    return fill_in((int(found[1]), int(found[2])), **given)
+    return fill_in(counts(args.squares, "--squares", "vbaa board"), **given)
 
 
 def _write_spec(args: argparse.Namespace, spec: BoardSpec, changed: bool) -> Path | None:

@@ -11,6 +11,7 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import refuse_overwrite, write_json
 
 if TYPE_CHECKING:
+    from targets.board import Board
     from vbaa_calib.calibrate.lens.intrinsics import LensSolution
 
 MODELS = ("auto", "none", "radial", "opencv4", "opencv5", "rational", "thin", "tilted", "fisheye")
@@ -18,8 +19,21 @@ MODELS = ("auto", "none", "radial", "opencv4", "opencv5", "rational", "thin", "t
 
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("images", type=Path, help="folder of photos of the board in many poses")
-    parser.add_argument("--board", type=Path, required=True, help="board.yaml, or a session.yaml")
     parser.add_argument("-o", "--output", type=Path, required=True, help="camera.json to write")
+    board = parser.add_argument_group("board, by a file or by flags; lengths in metres")
+    board.add_argument("--board", type=Path, metavar="FILE", help="board.yaml, or a session.yaml")
+    board.add_argument(
+        "--squares", metavar="CxR", help="all squares, columns x rows: ChArUco, or without --marker plain"
+    )
+    board.add_argument("--square", type=float, metavar="M", help="side of a square, such as 0.025")
+    board.add_argument("--marker", type=float, metavar="M", help="side of a marker")
+    board.add_argument("--dict", metavar="NAME", help="of OpenCV's markers (default: DICT_4X4_100)")
+    board.add_argument("--legacy", action="store_true", default=None, help="the pattern of OpenCV before 4.6")
+    board.add_argument("--circles", metavar="CxR", help="grid of circles, columns x rows")
+    board.add_argument(
+        "--spacing", type=float, metavar="M", help="of neighbouring circles; of an asymmetric grid between its rows"
+    )
+    board.add_argument("--asymmetric", action="store_true", default=None, help="every second row is moved half a step")
     parser.add_argument(
         "--model",
         choices=MODELS,
@@ -33,19 +47,62 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--fix-aspect", action="store_true", help="hold fx = fy (square pixels)")
 
 
+_OF_FLAG = {
+    "squares": {"square": "square_m", "marker": "marker_m", "dict": "dictionary", "legacy": "legacy_pattern"},
+    "circles": {"spacing": "spacing_m", "asymmetric": "type"},
+    "board": {},
+}
+"""The flags that go with each way to describe a board, and the keys of board.yaml that they stand for."""
+_VERB, _LARGEST_M = "vbaa intrinsics", 1.0
+
+
+def _board(args: argparse.Namespace) -> Board:
+    """The board of --board, or of the flags. Raises InputError."""
+    from vbaa_calib.detect.board.board_file import board_from, counts, load_lens_board
+
+    ways = [name for name in _OF_FLAG if getattr(args, name) is not None]
+    if len(ways) != 1:
+        what = " and ".join(f"--{name}" for name in ways) + " each describe a board" if ways else "no board is given"
+        raise InputError(what, where=_VERB, remedy="give one of --board FILE, --squares CxR, --circles CxR")
+    given: dict[str, Any] = {}
+    for way, keys in _OF_FLAG.items():
+        for flag in (flag for flag in keys if getattr(args, flag) is not None):
+            if way != ways[0]:
+                raise InputError(f"--{flag} does not go with --{ways[0]}", where=_VERB, remedy="leave it out")
+            given[keys[flag]] = value = getattr(args, flag)
+            if isinstance(value, float) and value >= _LARGEST_M:
+                remedy = f"give metres: {value / 1e3:g}, if that is {value:g} mm"
+                raise InputError(f"--{flag} is {value:g} m", where=_VERB, remedy=remedy)
+    if args.board is not None:
+        return load_lens_board(args.board)
+    needed = "square" if args.squares is not None else "spacing"
+    if getattr(args, needed) is None:
+        raise InputError(f"--{ways[0]} without --{needed}", where=_VERB, remedy="measure it, and give it in metres")
+    if args.squares is not None:
+        given["squares_x"], given["squares_y"] = counts(args.squares, "--squares", _VERB)
+        if args.marker is None and (args.dict or args.legacy):
+            raise InputError(
+                "--dict and --legacy are of markers", where=_VERB, remedy="give --marker, or leave them out"
+            )
+        given["type"] = "chessboard" if args.marker is None else "charuco"
+    else:
+        given["columns"], given["rows"] = counts(args.circles, "--circles", _VERB)
+        given["type"] = "asymmetric_circles" if args.asymmetric else "circles"
+    return board_from(given, _VERB)
+
+
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Detect, solve, write camera.json. Returns its numbers; the exit code is 1 where the lens must not be used."""
     from vbaa_calib.calibrate.faults.views import judge_views
     from vbaa_calib.calibrate.lens.intrinsics import solve_intrinsics
     from vbaa_calib.calibrate.report import camera_document
     from vbaa_calib.core.images import list_images
-    from vbaa_calib.detect.board.board_file import load_board
     from vbaa_calib.detect.board.corners import detect_folder
 
     refuse_overwrite(args.output, args.force, [args.board])
     if args.min_corners < 4:
         raise InputError(f"--min-corners is {args.min_corners}", remedy="4 corners are the least that fix a pose")
-    spec = load_board(args.board)
+    spec: Any = _board(args)
     refuse_overwrite(args.output, args.force, list_images(args.images))
     views = detect_folder(args.images, spec)
     solution = solve_intrinsics(views, spec, args.model, args.min_corners, args.fix_aspect)

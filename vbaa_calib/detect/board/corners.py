@@ -1,4 +1,4 @@
-"""ChArUco corners in pictures."""
+"""The board's corners in pictures."""
 
 from __future__ import annotations
 
@@ -10,13 +10,16 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from targets.board import BoardSpec, opencv_board
+from targets.board import Board, BoardSpec, Chessboard, CircleGrid, opencv_board
 from vbaa_calib.core.console import progress, say
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.images import list_images, read_gray
 
+from .circles import circle_centres
 from .covariance import corner_covariances
 from .diagnosis import Markers, explain_mismatch, px_per_square, rows_too_many
+from .grids import find_grid
+from .other_kinds import explain_other_kind
 from .view_quality import ViewQuality, measure_quality
 
 _WORKERS = 2
@@ -26,6 +29,7 @@ _WINDOW_PER_GAP = 0.9
 _SMALLEST_WINDOW_PX = 4
 _LARGEST_WINDOW_PX = 10
 _FURTHEST_PX = 1.5
+_OF_A_SQUARE = 0.6
 _STOP = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 50, 1e-3)
 
 
@@ -60,13 +64,17 @@ class BoardView:
         return len(self.marker_ids)
 
 
-def detect_corners(image: np.ndarray, spec: BoardSpec, name: str = "") -> BoardView:
+def detect_corners(image: np.ndarray, spec: Board, name: str = "") -> BoardView:
     """Find the board's corners in one picture, (H, W) uint8. A picture without the board gives an empty view.
 
-    OpenCV's own settings are kept. On the real photo sets no marker refinement (sub-pixel, contour) is better on all:
-    each changes the reprojection error by a few per cent, up or down. Corners next to a single marker are left out,
-    for they are grossly wrong on a board that is partly covered.
+    A board without ids is found whole or not at all (`grids.find_grid`).
+
+    On ChArUco boards OpenCV's own settings are kept. On the real photo sets no marker refinement (sub-pixel, contour)
+    is better on all: each changes the reprojection error by a few per cent, up or down. Corners next to a single marker
+    are left out, for they are grossly wrong on a board that is partly covered.
     """
+    if not isinstance(spec, BoardSpec):
+        return _detect_grid(image, spec, name)
     # OpenCV refuses a picture without pixels
     seen = image if image.size else np.zeros((1, 1), np.uint8)
     corners, ids, outlines, marker_ids = (
@@ -74,7 +82,7 @@ def detect_corners(image: np.ndarray, spec: BoardSpec, name: str = "") -> BoardV
         for found in cv2.aruco.CharucoDetector(opencv_board(spec)).detectBoard(seen)
     )
     outlines, ids = outlines.reshape(-1, 4, 2), ids.ravel().astype(int)
-    sharpened, windows = _sharpened(image, corners.reshape(-1, 2), outlines, spec)
+    sharpened, windows = _between_markers(image, corners.reshape(-1, 2), outlines, spec)
     return BoardView(
         name,
         ids,
@@ -87,7 +95,30 @@ def detect_corners(image: np.ndarray, spec: BoardSpec, name: str = "") -> BoardV
     )
 
 
-def _sharpened(
+def _detect_grid(image: np.ndarray, spec: Chessboard | CircleGrid, name: str) -> BoardView:
+    size = (image.shape[1], image.shape[0])
+    found = find_grid(image, spec)
+    if found is None:
+        return BoardView(name, np.zeros(0, int), np.zeros((0, 2)), size)
+    if isinstance(spec, CircleGrid):
+        ids, centres, covariances, _ = circle_centres(image, found, spec)
+        return BoardView(name, ids, centres, size, covariance_px2=covariances)
+    grid = found.reshape(spec.squares_y - 1, spec.squares_x - 1, 2)
+    across, down = (np.linalg.norm(np.diff(grid, axis=axis), axis=-1) for axis in (1, 0))
+    # a square's shorter side or the half of its shorter diagonal: to the next edge that is not the corner's own
+    gap_px = np.full(grid.shape[:2], np.inf)
+    for lengths, before, after in (
+        (across, np.s_[:, 1:], np.s_[:, :-1]),
+        (down, np.s_[1:], np.s_[:-1]),
+    ):
+        gap_px[before], gap_px[after] = np.minimum(gap_px[before], lengths), np.minimum(gap_px[after], lengths)
+    ids = np.arange(spec.corner_count)
+    corners, windows = _sharpened(image, found, _OF_A_SQUARE * gap_px.ravel(), np.full(len(ids), _SMALLEST_WINDOW_PX))
+    covariances, quality = corner_covariances(image, corners, windows), measure_quality(image, ids, corners, spec)
+    return BoardView(name, ids, corners, size, covariance_px2=covariances, quality=quality)
+
+
+def _between_markers(
     image: np.ndarray, corners: np.ndarray, outlines: np.ndarray, spec: BoardSpec
 ) -> tuple[np.ndarray, np.ndarray]:
     """Corners (N, 2) refined again in windows that stop short of the markers, and the half windows (N,) they rest on.
@@ -102,10 +133,20 @@ def _sharpened(
     smallest = np.linalg.svd(px_per_square(outlines, ratio), compute_uv=False)[:, 1]
     nearest = np.argsort(np.linalg.norm(outlines.mean(axis=1)[None] - corners[:, None], axis=-1), axis=1)[:, :2]
     gap_px = smallest[nearest].min(axis=1) * (1.0 - ratio) / 2.0
-    windows = np.minimum(_WINDOW_PER_GAP * gap_px, _LARGEST_WINDOW_PX).astype(int)
     # OpenCV's own reach up to two pixels short of the nearest marker corner
     to_marker = np.linalg.norm(outlines.reshape(1, -1, 2) - corners[:, None], axis=-1).min(axis=1)
-    refined, used = corners.copy(), np.clip((to_marker - 2.0).astype(int), 1, 10)
+    return _sharpened(image, corners, gap_px, np.clip((to_marker - 2.0).astype(int), 1, 10))
+
+
+def _sharpened(
+    image: np.ndarray, corners: np.ndarray, gap_px: np.ndarray, unrefined: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Corners (N, 2) refined in windows that stop short of what lies `gap_px` (N,) off, and the half windows (N,).
+
+    unrefined : (N,) half windows of corners that stay as they are, the room being too little or the step too large.
+    """
+    windows = np.minimum(_WINDOW_PER_GAP * gap_px, _LARGEST_WINDOW_PX).astype(int)
+    refined, used = corners.copy(), unrefined.copy()
     for window in np.unique(windows[windows >= _SMALLEST_WINDOW_PX]).tolist():
         chosen = np.flatnonzero(windows == window)
         start = corners[chosen].astype(np.float32).reshape(-1, 1, 2)
@@ -116,17 +157,17 @@ def _sharpened(
     return refined, used
 
 
-def detect_folder(folder: Path, spec: BoardSpec) -> list[BoardView]:
+def detect_folder(folder: Path, spec: Board) -> list[BoardView]:
     """The board in every picture of a folder, by name. See `detect_files`."""
     return detect_files(list_images(folder), spec)
 
 
-def detect_files(paths: Sequence[Path], spec: BoardSpec) -> list[BoardView]:
+def detect_files(paths: Sequence[Path], spec: Board) -> list[BoardView]:
     """The board in every picture named.
 
     Raises InputError for a damaged picture, pictures of different size, and a board spec that does not fit what the
-    pictures show (dictionary, legacy pattern, number of squares, size of markers), naming the causes and the spec that
-    fits where they can be found.
+    pictures show (kind of board, dictionary, legacy pattern, number of squares, size of markers), naming the causes and
+    the spec that fits where they can be found.
     """
     with ThreadPoolExecutor(_WORKERS) as pool:
         found = pool.map(lambda path: detect_corners(read_gray(path), spec, Path(path).name), paths)
@@ -140,18 +181,34 @@ def detect_files(paths: Sequence[Path], spec: BoardSpec) -> list[BoardView]:
     return views
 
 
-def _refuse_wrong_spec(paths: Sequence[Path], views: Sequence[BoardView], spec: BoardSpec) -> None:
+def _refuse_wrong_spec(paths: Sequence[Path], views: Sequence[BoardView], spec: Board) -> None:
     place = Path(paths[0]).parent if len(paths) > 1 else paths[0]
+    shown = sum(len(view.ids) > 0 for view in views)
+
+    def read(index: int) -> np.ndarray:
+        return read_gray(paths[index])
+
     markers = [Markers(view.marker_ids, view.marker_corners_px) for view in views]
-    found = sum(len(view.ids) >= _FEW_CORNERS for view in views) >= _FOUND_SHARE * len(views)
-    mismatch = explain_mismatch(lambda index: read_gray(paths[index]), markers, spec, found)
-    if mismatch is not None:
-        causes = ", ".join(mismatch.causes)
-        raise InputError(f"the board spec does not fit the pictures: {causes}", where=place, remedy=mismatch.remedy)
-    if not any(len(view.ids) for view in views):
-        remedy = "check that the board is sharp, lit, large enough and whole markers are in view"
-        raise InputError("no board is found in any picture", where=place, remedy=remedy)
-    if missing := rows_too_many(markers, spec, views[0].image_size):
+    if isinstance(spec, BoardSpec):
+        found = sum(len(view.ids) >= _FEW_CORNERS for view in views) >= _FOUND_SHARE * len(views)
+        mismatch = explain_mismatch(read, markers, spec, found)
+        if mismatch is not None:
+            what = f"the board spec does not fit the pictures: {', '.join(mismatch.causes)}"
+            raise InputError(what, where=place, remedy=mismatch.remedy)
+    if not isinstance(spec, BoardSpec) or not shown:
+        other = explain_other_kind(read, [view.corners_px for view in views], spec)
+        if other is not None:
+            raise InputError(f"the board spec does not fit the pictures: {other[0]}", where=place, remedy=other[1])
+    if not shown:
+        what, needed = "no board is found in any picture", "whole markers are in view"
+        if not isinstance(spec, BoardSpec):
+            what, needed = f"{what}: without ids it counts only where it is seen whole", "the whole board is in view"
+        raise InputError(what, where=place, remedy=f"check that the board is sharp, lit, large enough and {needed}")
+    if not isinstance(spec, BoardSpec):
+        if shown < len(views):
+            of = f"{len(views) - shown} of {len(views)} pictures"
+            say(f"{place}: {of} do not show the whole board, and are of no use: without ids a part could be any part")
+    elif missing := rows_too_many(markers, spec, views[0].image_size):
         say(
             f"{place}: the pictures show room for the board's last {missing} rows and no marker there: is squares_y "
             f"{spec.squares_y - missing}, not {spec.squares_y}? The corners are the same."

@@ -18,7 +18,7 @@ from targets.board import DICTIONARIES, DICTIONARY_SIZES, BoardSpec, spec_line
 MIRRORED = "the markers are found only in the mirror image (the pictures are mirrored: mirror them back)"
 _NEGATIVE = "the markers are found only with black and white exchanged (the board is a negative: print it anew)"
 _BOTH = f"{MIRRORED}; {_NEGATIVE}"
-_PICTURES_TRIED, _LAYOUT_PICTURES = 4, 10
+PICTURES_TRIED, _LAYOUT_PICTURES = 4, 10
 _APRILTAGS = ("DICT_APRILTAG_16h5", "DICT_APRILTAG_25h9", "DICT_APRILTAG_36h10", "DICT_APRILTAG_36h11")
 # the largest of each family holds the smaller ones
 _FAMILIES = (*(name for name in DICTIONARIES if name.endswith("_1000")), *_APRILTAGS, "DICT_ARUCO_ORIGINAL")
@@ -225,8 +225,27 @@ def explain_mismatch(
         if legacy_is_wrong:
             seen = judge(markers, spec.squares_x, not spec.starts_with_marker, len(seen.fits))
         return _compared(_Sighting(spec.dictionary, "", markers, seen), spec)
-    sighting = _searched(read, len(markers), spec)
+    chosen = np.unique(np.linspace(0, len(markers) - 1, PICTURES_TRIED).astype(int))
+    sighting = _searched([read(int(index)) for index in chosen], (spec.squares_x, spec.starts_with_marker))
     return None if sighting is None else _compared(sighting, spec)
+
+
+def fitting_board(pictures: Sequence[np.ndarray], square_m: float) -> BoardSpec | str | None:
+    """The ChArUco board in pictures (H, W) uint8, its squares being so large; the dictionary's name alone where no
+    BoardSpec describes it, None where there are no markers."""
+    any_board = BoardSpec(3, 3, square_m, 0.75 * square_m)
+    sighting = _searched(pictures, (any_board.squares_x, False))
+    return None if sighting is None else _fitting_spec(sighting, any_board) or sighting.dictionary
+
+
+def markers_within(picture: np.ndarray, corners_px: np.ndarray) -> int:
+    """How many markers of one dictionary stand amid corners (N, 2) px, N ≥ 3, at most."""
+    hull = cv2.convexHull(corners_px.astype(np.float32))
+    counts = []
+    for dictionary in _FAMILIES:
+        centres = _find_markers(picture, dictionary).outlines.mean(axis=1)
+        counts.append(sum(cv2.pointPolygonTest(hull, centre, False) > 0 for centre in centres.tolist()))
+    return max(counts)
 
 
 def _legacy_is_wrong(markers: Sequence[Markers], own: _Layout, spec: BoardSpec) -> bool:
@@ -242,16 +261,15 @@ def _legacy_is_wrong(markers: Sequence[Markers], own: _Layout, spec: BoardSpec) 
     return other >= _PAIRS_NEEDED and here < 0.2 * other
 
 
-def _searched(read: Callable[[int], np.ndarray], count: int, spec: BoardSpec) -> _Sighting | None:
-    """The markers that agree best on a layout, in a few of `count` pictures, as they are or else turned somehow."""
-    pictures = [read(int(index)) for index in np.unique(np.linspace(0, count - 1, _PICTURES_TRIED).astype(int))]
+def _searched(pictures: Sequence[np.ndarray], prefer: tuple[int, bool]) -> _Sighting | None:
+    """The markers that agree best on a layout (`_best_layout`) in pictures, as they are or else turned somehow."""
     for turned in ("", MIRRORED, _NEGATIVE, _BOTH):
         seen = [cv2.flip(picture, 1) for picture in pictures] if turned in (MIRRORED, _BOTH) else pictures
         seen = [255 - picture for picture in seen] if turned in (_NEGATIVE, _BOTH) else seen
         found = []
         for dictionary in _FAMILIES:
             markers = [_find_markers(picture, dictionary) for picture in seen]
-            layout = _best_layout(markers, (spec.squares_x, spec.starts_with_marker))
+            layout = _best_layout(markers, prefer)
             if layout is not None:
                 found.append(_Sighting(dictionary, turned, markers, layout))
         if found:

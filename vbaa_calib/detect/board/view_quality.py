@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from targets.board import BoardSpec
+from targets.board import BoardSpec, Chessboard
 
 _MOST_EDGES = 40
 _MOVED = 1.4
@@ -31,7 +31,7 @@ class ViewQuality:
         where no two neighbouring corners are seen. Right to a tenth up to half of `gap_px`, too small beyond, and too
         small where the camera sharpens.
     direction_rad : where the larger blur points in the picture, from u towards v, in (−π/2, π/2]; NaN as above.
-    gap_px : room between the squares' edges and the markers.
+    gap_px : room between the squares' edges and the markers; without markers, to the middle of the square.
     contrast : white less black, grey levels.
     saturated : share of the white pixels (or of the black ones, if that is more) beyond the camera's range.
     edge_level : grey level right at the squares' edges, from black (0) to white (1): a half in a linear picture, up to
@@ -65,13 +65,17 @@ class ViewQuality:
         return "much alike along both sides of the squares"
 
 
-def measure_quality(image: np.ndarray, ids: np.ndarray, corners_px: np.ndarray, spec: BoardSpec) -> ViewQuality:
+def measure_quality(
+    image: np.ndarray, ids: np.ndarray, corners_px: np.ndarray, spec: BoardSpec | Chessboard
+) -> ViewQuality:
     """The quality of a view: picture (H, W) uint8, corner ids (N,) and their pixels (N, 2)."""
     columns = spec.squares_x - 1
     cells = np.stack([ids % columns, ids // columns], axis=1)
     edges = [_edges(ids, cells, step, columns, spec.corner_count) for step in ((0, 1), (1, 0))]
-    gap_px = _gap_px(corners_px, np.concatenate(edges), spec)
-    across = [_across(image, corners_px[pair], gap_px, spec) for pair in edges]
+    # on a chessboard without markers to the middle of the square
+    room = (1.0 - spec.marker_m / spec.square_m if isinstance(spec, BoardSpec) else 1.0) / 2.0
+    gap_px = _gap_px(corners_px, np.concatenate(edges), room)
+    across = [_across(image, corners_px[pair], gap_px, gap_px / room) for pair in edges]
     blur = (across[0].blur_px, across[1].blur_px)
     wider = across[int(np.nan_to_num(blur[1]) > np.nan_to_num(blur[0]))]
     seen = [one for one in across if np.isfinite(one.contrast)] or [_Across()]
@@ -107,14 +111,14 @@ def _edges(ids: np.ndarray, cells: np.ndarray, step: tuple[int, int], columns: i
     return np.stack([chosen, second[chosen]], axis=1)
 
 
-def _gap_px(corners_px: np.ndarray, edges: np.ndarray, spec: BoardSpec) -> float:
+def _gap_px(corners_px: np.ndarray, edges: np.ndarray, room: float) -> float:
     if not len(edges):
         return float("nan")
     lengths = np.linalg.norm(np.diff(corners_px[edges], axis=1)[:, 0], axis=1)
-    return float(np.percentile(lengths, 20.0)) * (1.0 - spec.marker_m / spec.square_m) / 2.0
+    return float(np.percentile(lengths, 20.0)) * room
 
 
-def _across(image: np.ndarray, ends: np.ndarray, gap_px: float, spec: BoardSpec) -> _Across:
+def _across(image: np.ndarray, ends: np.ndarray, gap_px: float, square_px: float) -> _Across:
     """Profiles across edges between corners (E, 2, 2) px, from inside the black square to amid the white one's rim.
 
     The blur is read from the black half, where nothing but the edge is: a Gaussian edge of height 2a has the slopes'
@@ -122,7 +126,6 @@ def _across(image: np.ndarray, ends: np.ndarray, gap_px: float, spec: BoardSpec)
     """
     if not len(ends):
         return _Across()
-    square_px = 2.0 * gap_px / (1.0 - spec.marker_m / spec.square_m)
     black_steps = int(np.clip(_INTO_BLACK * square_px / _STEP_PX, 4, _MOST_STEPS))
     along = ends[:, 1] - ends[:, 0]
     normal = np.stack([along[:, 1], -along[:, 0]], axis=1) / np.linalg.norm(along, axis=1, keepdims=True)

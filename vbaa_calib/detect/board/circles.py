@@ -1,0 +1,179 @@
+"""Centres of circles: of the areas that they cover in a picture, and from these the pictures of the true centres.
+
+The two differ: perspective and the lens are no affine maps, and the nearer half of a circle covers more of the picture.
+The map from board to picture is read from the grid itself, a homography and a cubic after it, and the difference is
+integrated over each circle. Its radius is measured in the pictures, by the area covered.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from targets.board import CircleGrid, corner_points
+
+from .covariance import QUANTISATION
+
+_ROUNDS = 3
+_INSIDE, _RING = 0.4, 0.7
+"""Where the area summed over ends, and the ring for the level around it, from the circle's edge to its neighbour's."""
+_CORE, _LEAST_PIXELS = 0.6, 12
+_HALF_PITCH = 0.5
+_CUBIC_NEEDS = 30
+"""Marks from which on ten more coefficients per axis are well known."""
+_STEP = 1e-3
+_RADII, _ANGLES = 4, 12
+
+_Map = Callable[[np.ndarray], np.ndarray]
+
+
+def circle_centres(image: np.ndarray, found_px: np.ndarray, spec: CircleGrid) -> tuple[np.ndarray, ...]:
+    """Refine the circles of a grid in a picture (H, W) uint8, from all their rough centres (corner_count, 2) px.
+
+    Returns ids (N,) of the circles that are large and free enough, the pictures of their centres (N, 2) px, covariances
+    (N, 2, 2) px² from the picture's noise, and what was taken off the areas' centres (N, 2) px.
+    """
+    points = corner_points(spec)[:, :2]
+    centres, bias = found_px.copy(), np.zeros_like(found_px)
+    ids, radius_m = np.arange(len(points)), _first_radius_m(image, found_px, points, spec.pitch_m)
+    areas: list[_Area] = []
+    for _ in range(_ROUNDS):
+        project = _board_to_picture(points[ids], centres[ids])
+        slopes = _slopes(project, points, spec.pitch_m)
+        seen = {
+            int(index): area
+            for index in ids
+            if (area := _area(image, centres[index] + bias[index], slopes[index], radius_m, spec.pitch_m)) is not None
+        }
+        ids, areas = np.array(list(seen), int), list(seen.values())
+        if len(ids) < 4:
+            return np.zeros(0, int), np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros((0, 2))
+        sizes = np.array([area.px2 for area in areas]) / np.abs(np.linalg.det(slopes[ids])) / np.pi
+        radius_m = min(float(np.sqrt(np.median(sizes))), 0.49 * spec.pitch_m)
+        bias[ids] = _bias(project, points[ids], radius_m)
+        centres[ids] = np.array([area.centre for area in areas]) - bias[ids]
+    noise = np.maximum(np.median([area.variances for area in areas], axis=0), QUANTISATION)
+    return ids, centres[ids], np.array([area.covariance(*noise) for area in areas]), bias[ids]
+
+
+def _board_to_picture(points: np.ndarray, pixels: np.ndarray) -> _Map:
+    """The smooth map from the board's plane to the picture that points (N, 2) m and their pixels (N, 2) lie on."""
+    homography = cv2.findHomography(points, pixels)[0]
+    if homography is None:
+        homography = np.eye(3)
+
+    def flat(places: np.ndarray) -> np.ndarray:
+        return cv2.perspectiveTransform(places.reshape(1, -1, 2), homography)[0]
+
+    middle = pixels.mean(axis=0)
+    size = max(float(np.abs(pixels - middle).max()), 1.0)
+
+    def monomials(places_px: np.ndarray) -> np.ndarray:
+        u, v = ((places_px - middle) / size).T
+        return np.stack([u**i * v**j for i in range(4) for j in range(4 - i)], axis=1)
+
+    straight = flat(points)
+    cubic = np.zeros((10, 2))
+    if len(points) >= _CUBIC_NEEDS:
+        cubic = np.linalg.lstsq(monomials(straight), pixels - straight, rcond=None)[0]
+
+    def project(places: np.ndarray) -> np.ndarray:
+        through = flat(places)
+        return (through + monomials(through) @ cubic).reshape(places.shape)
+
+    return project
+
+
+def _slopes(project: _Map, places: np.ndarray, pitch_m: float) -> np.ndarray:
+    """(..., 2, 2) px per metre along the board's x and y (columns) at places (..., 2)."""
+    step = _STEP * pitch_m * np.eye(2)
+    return np.stack([project(places + one) - project(places - one) for one in step], axis=-1) / (2.0 * _STEP * pitch_m)
+
+
+def _bias(project: _Map, centres: np.ndarray, radius_m: float) -> np.ndarray:
+    """(N, 2) px from the picture of each circle's centre (N, 2) m to the centre of the area that the circle covers."""
+    nodes, weights = np.polynomial.legendre.leggauss(_RADII)
+    # rings of like area, and on each as much to every side
+    radii, angles = np.sqrt((nodes + 1.0) / 2.0), 2.0 * np.pi * np.arange(_ANGLES) / _ANGLES
+    offsets = radius_m * radii[:, None, None] * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+    places = centres[:, None] + offsets.reshape(1, -1, 2)
+    covered = np.repeat(weights, _ANGLES) * np.abs(np.linalg.det(_slopes(project, places, radius_m)))
+    middle = (covered[..., None] * project(places)).sum(axis=1) / covered.sum(axis=1)[:, None]
+    return np.asarray(middle - project(centres))
+
+
+def _first_radius_m(image: np.ndarray, centres: np.ndarray, points: np.ndarray, pitch_m: float) -> float:
+    """The circles' radius by the pixels on the circles' side of the mid grey level, within half the pitch."""
+    slopes = _slopes(_board_to_picture(points, centres), points, pitch_m)
+    shares = []
+    for centre, slope in zip(centres, slopes, strict=True):
+        pixels, distance_m = _around(image, centre, slope, _HALF_PITCH * pitch_m)[1:]
+        inside = pixels[distance_m < _HALF_PITCH * pitch_m]
+        if len(inside) >= _LEAST_PIXELS:
+            core = pixels[np.argmin(distance_m)]
+            low, high = np.percentile(inside, (5.0, 95.0))
+            shares.append(np.mean(np.abs(inside - core) < (high - low) / 2.0))
+    return _HALF_PITCH * pitch_m * float(np.sqrt(np.median(shares))) if shares else 0.25 * pitch_m
+
+
+def _around(image: np.ndarray, centre: np.ndarray, slope: np.ndarray, reach_m: float) -> tuple[np.ndarray, ...]:
+    """Pixels within `reach_m` and some more: places (P, 2) px, grey levels (P,), distances from the centre (P,) m."""
+    half = reach_m * np.linalg.norm(slope, axis=1)
+    low = np.maximum(np.floor(centre - half).astype(int), 0)
+    high = np.maximum(np.minimum(np.ceil(centre + half).astype(int) + 1, image.shape[::-1]), low)
+    v, u = np.mgrid[low[1] : high[1], low[0] : high[0]]
+    places = np.stack([u.ravel(), v.ravel()], axis=1).astype(float)
+    distance_m = np.linalg.norm((places - centre) @ np.linalg.pinv(slope).T, axis=1)
+    return places, image[low[1] : high[1], low[0] : high[0]].ravel().astype(float), distance_m
+
+
+@dataclass(frozen=True, eq=False)
+class _Area:
+    """What a circle covers.
+
+    centre : (2,) px. px2 : size. variances : (2,) of the noise in the circle and around it, grey levels squared.
+    by_grey : (2, P) derivatives of the centre by the grey levels. white : (P,) how far each is from the circle's own
+        level (0) to that around it (1).
+    """
+
+    centre: np.ndarray
+    px2: float
+    variances: tuple[float, float]
+    by_grey: np.ndarray
+    share: np.ndarray
+
+    def covariance(self, within: float, around: float) -> np.ndarray:
+        return np.asarray((self.by_grey * (within + self.share * (around - within))) @ self.by_grey.T)
+
+
+def _area(image: np.ndarray, centre: np.ndarray, slope: np.ndarray, radius_m: float, pitch_m: float) -> _Area | None:
+    """The area that the circle at about `centre` covers; None where it is too small, or cut off by the border."""
+    gap_m = pitch_m - 2.0 * radius_m
+    inner_m, outer_m = radius_m + _INSIDE * gap_m, radius_m + _RING * gap_m
+    places, grey, distance_m = _around(image, centre, slope, outer_m)
+    half = outer_m * np.linalg.norm(slope, axis=1)
+    if ((centre - half < -0.5) | (centre + half > np.array(image.shape[::-1]) - 0.5)).any():
+        return None
+    inside, core = distance_m < inner_m, distance_m < _CORE * radius_m
+    ring = ~inside & (distance_m < outer_m)
+    if min(core.sum(), ring.sum()) < _LEAST_PIXELS:
+        return None
+    offsets = places - centre
+    design = np.column_stack([np.ones(len(places)), offsets])
+    by_ring = np.linalg.pinv(design[ring])
+    depth = design @ (by_ring @ grey[ring]) - grey
+    total, contrast = float(depth[inside].sum()), float(depth[core].mean())
+    if not total * contrast > 0.0 or abs(contrast) < 1.0:
+        return None
+    moment = depth[inside] @ offsets[inside] / total
+    # of (depth · (offset − moment)) / total, which is nil
+    arm = (offsets[inside] - moment).T / total
+    by_grey = np.zeros((2, len(places)))
+    by_grey[:, inside] = -arm
+    by_grey[:, ring] = (arm @ design[inside]) @ by_ring
+    variances = float(grey[core].var()), float((depth[ring] ** 2).sum() / (ring.sum() - 3))
+    share = np.clip(1.0 - depth / contrast, 0.0, 1.0)
+    return _Area(centre + moment, total / contrast, variances, by_grey, share)

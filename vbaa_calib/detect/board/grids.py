@@ -1,0 +1,143 @@
+"""Boards whose marks have no ids: chessboards and grids of circles, found whole or not at all."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import cv2
+import numpy as np
+
+from targets.board import Chessboard, CircleGrid
+
+_MOST_PX = 1_500_000
+"""Larger pictures are searched shrunk; the marks are refined in the picture as it is."""
+_LEAST_SIDE_PX = 16
+_SEARCHES = (
+    cv2.CALIB_CB_EXHAUSTIVE,
+    cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_NORMALIZE_IMAGE,
+)
+_CLASSIC = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_FAST_CHECK
+_LEAST_BLOB_PX2, _WIDEST_BLOB = 20.0, 0.5
+_LEVELS = 20.0, 240.0
+_IRREGULAR = 0.35
+"""Distance of a mark from where its neighbours put it, in their distance, beyond which the find is none."""
+_TURNS = tuple(np.array(turn) for turn in ([[1, 0], [0, 1]], [[0, -1], [1, 0]], [[-1, 0], [0, -1]], [[0, 1], [-1, 0]]))
+
+
+def grid_readings(spec: Chessboard | CircleGrid) -> np.ndarray:
+    """(K, corner_count) the orders in which the same marks may be numbered: turned by quarter turns, and mirrored."""
+    centred = 2 * spec.lattice - spec.lattice.min(axis=0) - spec.lattice.max(axis=0)
+    index = {tuple(place): number for number, place in enumerate(centred.tolist())}
+    found = []
+    for turn, mirror in product(_TURNS, (np.diag([1, 1]), np.diag([1, -1]))):
+        order = [index.get(tuple(place)) for place in (centred @ (mirror @ turn).T).tolist()]
+        if None not in order:
+            found.append(order)
+    return np.array(found)
+
+
+def find_grid(image: np.ndarray, spec: Chessboard | CircleGrid) -> np.ndarray | None:
+    """(corner_count, 2) px of all marks by their number in a picture (H, W) uint8, unrefined; None where not all show.
+
+    Where the board can be read turned, the reading is taken whose x axis points most nearly along the picture's.
+    """
+    small, scale = _searchable(image)
+    if min(small.shape) < _LEAST_SIDE_PX:
+        return None
+    marks = _chessboard(small, spec) if isinstance(spec, Chessboard) else _circles(small, spec)
+    if marks is None or not _regular(marks, spec):
+        return None
+    return _upright((marks + 0.5) / scale - 0.5, image, spec)
+
+
+def _chessboard(image: np.ndarray, spec: Chessboard) -> np.ndarray | None:
+    size = (spec.squares_x - 1, spec.squares_y - 1)
+    for flags in _SEARCHES:
+        found, corners = cv2.findChessboardCornersSB(image, size, flags=flags)
+        if found:
+            return np.asarray(corners, float).reshape(-1, 2)
+    found, corners = cv2.findChessboardCorners(image, size, flags=_CLASSIC)
+    return np.asarray(corners, float).reshape(-1, 2) if found else None
+
+
+def find_whole_chessboard(image: np.ndarray) -> tuple[int, int] | None:
+    """Columns and rows of the inner corners of the largest chessboard in a picture (H, W) uint8; None without one."""
+    small = _searchable(image)[0]
+    if min(small.shape) < _LEAST_SIDE_PX:
+        return None
+    flags = cv2.CALIB_CB_LARGER | cv2.CALIB_CB_EXHAUSTIVE
+    found, _, meta = cv2.findChessboardCornersSBWithMeta(small, (3, 3), flags)
+    return (meta.shape[1], meta.shape[0]) if found else None
+
+
+def _searchable(image: np.ndarray) -> tuple[np.ndarray, float]:
+    """The picture, shrunk by the scale where it is large."""
+    scale = min(1.0, float(np.sqrt(_MOST_PX / max(image.size, 1))))
+    shrunk = image if scale == 1.0 else cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    return shrunk, scale
+
+
+def _circles(image: np.ndarray, spec: CircleGrid) -> np.ndarray | None:
+    options = cv2.SimpleBlobDetector.Params()
+    options.minArea = _LEAST_BLOB_PX2
+    options.maxArea = max(_WIDEST_BLOB * image.size / spec.corner_count, 2.0 * _LEAST_BLOB_PX2)
+    options.minDistBetweenBlobs = 4.0
+    options.minThreshold, options.maxThreshold = _LEVELS
+    image = cv2.normalize(image, np.empty(0), 0, 255, cv2.NORM_MINMAX)
+    kind = cv2.CALIB_CB_ASYMMETRIC_GRID if spec.type == "asymmetric_circles" else cv2.CALIB_CB_SYMMETRIC_GRID
+    for picture, clustered in product((image, 255 - image), (0, cv2.CALIB_CB_CLUSTERING)):
+        blobs = cv2.SimpleBlobDetector.create(options)
+        found, centres = cv2.findCirclesGrid(
+            picture, (spec.columns, spec.rows), flags=kind | clustered, blobDetector=blobs
+        )
+        if found:
+            return np.asarray(centres, float).reshape(-1, 2)
+    return None
+
+
+def _regular(marks: np.ndarray, spec: Chessboard | CircleGrid) -> bool:
+    """Whether marks lie amid their neighbours to either side, as far as perspective and lens allow."""
+    index = {tuple(place): number for number, place in enumerate(spec.lattice.tolist())}
+    wide = 2 if isinstance(spec, CircleGrid) and spec.type == "asymmetric_circles" else 1
+    for step in ((wide, 0), (0, wide)):
+        rows = [
+            (index[x, y], index[x - step[0], y - step[1]], index[x + step[0], y + step[1]])
+            for x, y in index
+            if (x - step[0], y - step[1]) in index and (x + step[0], y + step[1]) in index
+        ]
+        if rows:
+            middle, before, after = marks[np.array(rows).T]
+            apart = np.linalg.norm(after - before, axis=1) / 2.0
+            if (np.linalg.norm(middle - (before + after) / 2.0, axis=1) > _IRREGULAR * apart).any():
+                return False
+    return True
+
+
+def _upright(marks: np.ndarray, image: np.ndarray, spec: Chessboard | CircleGrid) -> np.ndarray:
+    """The marks in the order of their numbers: not mirrored, black square first, and as upright as may be."""
+    places = spec.lattice - spec.lattice.mean(axis=0)
+    readings = [marks[order] for order in grid_readings(spec)]
+    slopes = [np.linalg.lstsq(places, reading - reading.mean(axis=0), rcond=None)[0].T for reading in readings]
+    seen = [
+        (abs(_angle(slope)), reading)
+        for slope, reading in zip(slopes, readings, strict=True)
+        if np.linalg.det(slope) > 0
+    ]
+    if isinstance(spec, Chessboard):
+        black = [one for one in seen if _begins_black(image, one[1], spec)]
+        seen = black or seen
+    return min(seen, key=lambda one: one[0])[1] if seen else marks
+
+
+def _angle(slope: np.ndarray) -> float:
+    return float(np.arctan2(slope[1, 0] - slope[0, 1], slope[0, 0] + slope[1, 1]))
+
+
+def _begins_black(image: np.ndarray, corners: np.ndarray, spec: Chessboard) -> bool:
+    """Whether the first inner square, between the first four corners, is of the black ones."""
+    grid = corners.reshape(spec.squares_y - 1, spec.squares_x - 1, 2)
+    middles = (grid[:-1, :-1] + grid[1:, 1:] + grid[:-1, 1:] + grid[1:, :-1]) / 4.0
+    column, row = np.clip(np.rint(middles).astype(int), 0, np.array(image.shape[::-1]) - 1).reshape(-1, 2).T
+    grey = image[row, column].astype(float).reshape(middles.shape[:2])
+    black = np.indices(grey.shape).sum(axis=0) % 2 == 0
+    return bool(grey[black].mean() < grey[~black].mean())

@@ -1,0 +1,91 @@
+"""Whether the pictures show a board of another kind than the spec says: ChArUco, plain chessboard, grid of circles."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from targets.board import Board, BoardSpec, Chessboard, CircleGrid, spec_line
+
+from .diagnosis import PICTURES_TRIED, fitting_board, markers_within
+from .grids import find_grid, find_whole_chessboard
+
+_CHARUCO, _CHESSBOARD = "a ChArUco board", "a plain chessboard"
+_LEAST_CORNERS = 20
+_MARKERS_AMID = 3
+"""So many markers within a plain chessboard are none by chance, nor a chessboard inset among markers."""
+_Read = Callable[[int], np.ndarray]
+
+
+def explain_other_kind(read: _Read, found: Sequence[np.ndarray], spec: Board) -> tuple[str, str] | None:
+    """What is in the pictures instead, in words, and what to do; None where nothing can be told.
+
+    Parameters
+    ----------
+    read : picture of an index, (H, W) uint8.
+    found : (N, 2) px per picture, what was found as the spec has it; (0, 2) where nothing was.
+    """
+    shown = [index for index, corners in enumerate(found) if len(corners)]
+    if shown:
+        if isinstance(spec, BoardSpec) or markers_within(read(shown[0]), found[shown[0]]) < _MARKERS_AMID:
+            return None
+        return _as_charuco([read(index) for index in shown[:PICTURES_TRIED]], spec)
+    chosen = np.unique(np.linspace(0, len(found) - 1, PICTURES_TRIED).astype(int))
+    pictures = [read(int(index)) for index in chosen]
+    charuco = None if isinstance(spec, BoardSpec) else _as_charuco(pictures, spec)
+    return charuco or _as_circles(pictures, spec) or _as_chessboard(pictures, spec)
+
+
+def _told(what: str, fitting: Board | None, spec: Board) -> tuple[str, str]:
+    if isinstance(spec, BoardSpec):
+        named = _CHARUCO
+    elif isinstance(spec, Chessboard):
+        named = f"{_CHESSBOARD} of {spec.squares_x} x {spec.squares_y} squares"
+    else:
+        named = _circles_in_words(spec)
+    remedy = (
+        "describe that board" if fitting is None else f"this board fits, if its lengths are right: {spec_line(fitting)}"
+    )
+    return f"{what} is in the pictures, the board spec says {named}", remedy
+
+
+def _circles_in_words(spec: CircleGrid) -> str:
+    kind = "an asymmetric grid" if spec.type == "asymmetric_circles" else "a grid"
+    return f"{kind} of {spec.columns} columns and {spec.rows} rows of circles"
+
+
+def _as_charuco(pictures: Sequence[np.ndarray], spec: Chessboard | CircleGrid) -> tuple[str, str] | None:
+    seen = fitting_board(pictures, spec.pitch_m)
+    return None if seen is None else _told(_CHARUCO, seen if isinstance(seen, BoardSpec) else None, spec)
+
+
+def _as_circles(pictures: Sequence[np.ndarray], spec: Board) -> tuple[str, str] | None:
+    """Circles of the other kind, or with columns and rows exchanged."""
+    if not isinstance(spec, CircleGrid):
+        return None
+    for kind in ("circles", "asymmetric_circles"):
+        for columns, rows in ((spec.columns, spec.rows), (spec.rows, spec.columns)):
+            other = replace(spec, type=kind, columns=columns, rows=rows)
+            if other != spec and any(find_grid(picture, other) is not None for picture in pictures):
+                return _told(_circles_in_words(other), other, spec)
+    return None
+
+
+def _as_chessboard(pictures: Sequence[np.ndarray], spec: Board) -> tuple[str, str] | None:
+    """A plain chessboard of any size that most pictures with one agree on."""
+    sizes = [
+        size for picture in pictures if (size := find_whole_chessboard(picture)) and np.prod(size) >= _LEAST_CORNERS
+    ]
+    counted = Counter((max(size), min(size)) for size in sizes).most_common(1)
+    if not counted or counted[0][1] < min(2, len(pictures)):
+        return None
+    columns, rows = (corners + 1 for corners in counted[0][0])
+    square_m = spec.pitch_m if isinstance(spec, CircleGrid) else spec.square_m
+    fitting = Chessboard("chessboard", columns, rows, square_m)
+    what, remedy = _told(f"{_CHESSBOARD} of {columns} x {rows} squares", fitting, spec)
+    if isinstance(spec, Chessboard):
+        remedy += "; all squares are counted, not the corners between them"
+    return what, remedy
