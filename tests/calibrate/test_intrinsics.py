@@ -9,7 +9,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-import yaml
 
 from targets.board import corner_points
 from vbaa_calib.calibrate.lens.bundle import Bundle, Observation, refine
@@ -230,15 +229,15 @@ def test_opencv_ends_in_the_same_minimum() -> None:
 
 def test_camera_json_holds_the_lens_and_its_evidence(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
     photos = photo_set("realsense")
-    board, output = tmp_path / "board.yaml", tmp_path / "camera.json"
-    board.write_text(yaml.safe_dump(photos.spec.to_dict()))
-    call = ["intrinsics", str(photos.folder), "--board", str(board), "-o", str(output), "--json"]
+    output, board = tmp_path / "camera.json", "--squares 7x5 --square 0.03 --marker 0.022 --dict DICT_4X4_50"
+    call = ["intrinsics", str(photos.folder), *board.split(), "-o", str(output), "--json"]
     code = main(call)
     result = json.loads(capsys.readouterr().out)
     document = json.loads(output.read_text())
     assert result == {"output": str(output), **document, "exit_code": code}
     assert code == (document["grade"] == "do not use")
     assert document["schema"] == "vbaa.camera/1"
+    assert document["board"] == photos.spec.to_dict()
     chosen = LENS_MODELS[document["lens_model"]]
     assert document["parameters"] == list(chosen.parameter_names)
     assert document["model"] == chosen.camera_model
@@ -257,7 +256,7 @@ def test_camera_json_holds_the_lens_and_its_evidence(tmp_path: Path, capsys: pyt
     [
         ("{squares_x: 7, squares_y: 5, square_m: 0.03, marker_m: 0.022, squares: 3}", "unknown key squares"),
         ("{squares_x: 7, squares_y: 5, square_m: .nan, marker_m: 0.022}", "square_m is not a finite number"),
-        ("type: chessboard", "type: 'chessboard'"),
+        ("type: chessboard", "type is 'chessboard'"),
         ("a: [", "not valid YAML"),
     ],
 )

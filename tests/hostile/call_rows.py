@@ -89,6 +89,21 @@ CALLS: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     ("a folder without pictures", "intrinsics session --board board.yaml -o out.json", ("session: holds no pictures",)),
     ("corners of words", "intrinsics session/intrinsics --board board.yaml -o o.json --min-corners all", ("'all'",)),
     ("onto the board", "intrinsics session/intrinsics --board board.yaml --force -o board.yaml", ("board.yaml",)),
+    ("no board", "intrinsics session/intrinsics -o o.json", ("--board",)),
+    (
+        "two boards",
+        "intrinsics session/intrinsics --board board.yaml --squares 9x6 -o o.json",
+        ("--board", "--squares"),
+    ),
+    ("squares of no size", "intrinsics session/intrinsics --squares 9x6 -o o.json", ("--square",)),
+    (
+        "squares in mm",
+        "intrinsics session/intrinsics --squares 9x6 --square 25 -o o.json",
+        ("--square is 25 m", "0.025"),
+    ),
+    ("squares on a line", "intrinsics session/intrinsics --squares 9 --square 0.02 -o o.json", ("--squares is '9'",)),
+    ("markers on circles", "intrinsics session/intrinsics --circles 4x11 --marker 0.01 -o o.json", ("--marker",)),
+    ("a square of NaN", "intrinsics session/intrinsics --squares 9x6 --square nan -o o.json", ("not a finite number",)),
     (
         "onto a picture",
         "intrinsics session/intrinsics --board board.yaml --force -o session/intrinsics/board_000.png",

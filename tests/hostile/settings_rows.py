@@ -33,6 +33,7 @@ SESSION: tuple[Row, ...] = (
     ("the schema of tomorrow", d.at("schema", "vbaa.session/2"), "vbaa.session/1 is needed"),
     ("no board", d.at("board", d.REMOVED), "board is missing"),
     ("board is null", d.at("board", None), "board: None is not a mapping"),
+    ("a board without ids", d.at("board.type", "circles"), "board.type is 'circles': its marks have no ids"),
     ("no jig", d.at("jig", d.REMOVED), "jig is missing"),
     ("a misspelt key", d.text("kinematics:", "kinematic:"), "unknown key kinematic", "kinematics"),
     ("length is text", d.at("antenna.length_m", "24 cm"), "antenna.length_m: '24 cm' is not a number"),
@@ -60,9 +61,32 @@ BOARD: tuple[Row, ...] = (
     ("NaN", d.at("square_m", NAN), "square_m is not a finite number"),
     ("no such dictionary", d.at("dictionary", "DICT_9X9_10"), "dictionary is 'DICT_9X9_10'"),
     ("legacy is a word", d.at("legacy_pattern", "no!"), "legacy_pattern: 'no!' is not true or false"),
-    ("a chessboard", d.at("type", "chessboard"), "type: 'chessboard' is not 'charuco'"),
+    ("another kind of board", d.at("type", "rings"), "type"),
     ("squares of 5000 digits", d.text("squares_x: 11", "squares_x: " + "9" * 5000), "not valid YAML"),
 )
+_LENS = "intrinsics session/intrinsics --board board.yaml -o out.json"
+WITHOUT_IDS: tuple[Row, ...] = (
+    ("markers on a chessboard", d.at("type", "chessboard"), "unknown key"),
+    ("a type that is a list", d.at("type", ["circles"]), "type is ['circles']"),
+    (
+        "squares of circles",
+        d.content("{type: circles, squares_x: 9, rows: 6, spacing_m: 0.02}"),
+        "unknown key squares_x",
+    ),
+    ("no spacing", d.content("{type: circles, columns: 9, rows: 6}"), "spacing_m is missing"),
+    (
+        "two rows",
+        d.content("{type: circles, columns: 9, rows: 2, spacing_m: 0.02}"),
+        "rows: 2 is not between 3 and 200",
+    ),
+    ("of NaN", d.content("{type: chessboard, squares_x: 9, squares_y: 6, square_m: .nan}"), "square_m is not a finite"),
+    (
+        "not on the pictures",
+        d.content("{type: chessboard, squares_x: 9, squares_y: 6, square_m: 0.02}"),
+        "the board spec does not fit the pictures: a ChArUco board is in the pictures",
+    ),
+)
+CHESSBOARD: tuple[Row, ...] = (("a chessboard", d.at("type", "chessboard"), "type is 'chessboard'"),)
 WRONG_BOARD: tuple[Row, ...] = (
     ("another dictionary", d.at("dictionary", "DICT_6X6_250"), "the board spec does not fit", "DICT_4X4"),
     ("another height", d.at("squares_y", 6), "the board spec does not fit", "squares_y is 8 or more"),
@@ -70,7 +94,9 @@ WRONG_BOARD: tuple[Row, ...] = (
 
 CASES: list[Case] = [
     *cases("session.yaml", "session/session.yaml", CALIBRATE, SESSION),
-    *cases("board.yaml", "board.yaml", "intrinsics session/intrinsics --board board.yaml -o out.json", BOARD),
+    *cases("board.yaml", "board.yaml", _LENS, BOARD),
+    *(Case(name, "board.yaml", "board.yaml", damage, _LENS, tuple(words)) for name, damage, *words in WITHOUT_IDS),
+    *cases("board.yaml", "board.yaml", "selftest --board board.yaml --pictures 1", CHESSBOARD),
     *cases("board.yaml", "board.yaml", "board --spec board.yaml -o out.pdf", BOARD),
     *cases("board.yaml", "board.yaml", "selftest --board board.yaml --pictures 1", BOARD),
     *(

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from targets.board import BoardSpec
+from targets.board import Board
 from vbaa_calib.antenna.shape import PARAMETERS
 from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment
 from vbaa_calib.calibrate.antenna.residual_checks import FALSE_READING, Checks
@@ -245,7 +245,7 @@ def _finite(value: float) -> float | None:
     return value if np.isfinite(value) else None
 
 
-def camera_document(solution: LensSolution, spec: BoardSpec) -> dict[str, Any]:
+def camera_document(solution: LensSolution, spec: Board) -> dict[str, Any]:
     """camera.json: what `Camera.load` reads, and the evidence for it (docs/formats.md)."""
     covariance, flex = solution.camera.covariance, solution.board_flex
     assert covariance is not None

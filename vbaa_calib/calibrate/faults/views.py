@@ -89,7 +89,7 @@ def _apart_px(view: BoardView, other: BoardView, spec: BoardSpec) -> float | Non
     moved_px = float(np.sqrt(((here - there) ** 2).sum(axis=1).mean()))
     extent_px = float(np.sqrt(((here - here.mean(axis=0)) ** 2).sum(axis=1).mean()))
     extent_m = float(np.sqrt(((plane - plane.mean(axis=0)) ** 2).sum(axis=1).mean()))
-    square_px = spec.square_m * extent_px / extent_m
+    square_px = spec.pitch_m * extent_px / extent_m
     # what a shift, a turn in the picture and a change of scale leave
     first, second = ((points - points.mean(axis=0)) @ np.array([1.0, 1.0j]) for points in (here, there))
     factor = np.vdot(first, second) / np.vdot(first, first)

@@ -1,1 +1,1 @@
-"""ChArUco corners and their covariance."""
+"""Corners of printed boards and their covariance."""

@@ -65,9 +65,12 @@ def find_whole_chessboard(image: np.ndarray) -> tuple[int, int] | None:
     small = _searchable(image)[0]
     if min(small.shape) < _LEAST_SIDE_PX:
         return None
-    flags = cv2.CALIB_CB_LARGER | cv2.CALIB_CB_EXHAUSTIVE
-    found, _, meta = cv2.findChessboardCornersSBWithMeta(small, (3, 3), flags)
-    return (meta.shape[1], meta.shape[0]) if found else None
+    sizes = []
+    for flags in _SEARCHES:
+        # it is content with a part of the board now and then
+        found, _, meta = cv2.findChessboardCornersSBWithMeta(small, (3, 3), flags | cv2.CALIB_CB_LARGER)
+        sizes += [(meta.shape[1], meta.shape[0])] if found else []
+    return max(sizes, key=np.prod, default=None)
 
 
 def _searchable(image: np.ndarray) -> tuple[np.ndarray, float]:

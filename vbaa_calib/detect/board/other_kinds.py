@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
@@ -39,7 +38,7 @@ def explain_other_kind(read: _Read, found: Sequence[np.ndarray], spec: Board) ->
     return charuco or _as_circles(pictures, spec) or _as_chessboard(pictures, spec)
 
 
-def _told(what: str, fitting: Board | None, spec: Board) -> tuple[str, str]:
+def _mistaken(what: str, fitting: Board | None, spec: Board) -> tuple[str, str]:
     if isinstance(spec, BoardSpec):
         named = _CHARUCO
     elif isinstance(spec, Chessboard):
@@ -59,7 +58,7 @@ def _circles_in_words(spec: CircleGrid) -> str:
 
 def _as_charuco(pictures: Sequence[np.ndarray], spec: Chessboard | CircleGrid) -> tuple[str, str] | None:
     seen = fitting_board(pictures, spec.pitch_m)
-    return None if seen is None else _told(_CHARUCO, seen if isinstance(seen, BoardSpec) else None, spec)
+    return None if seen is None else _mistaken(_CHARUCO, seen if isinstance(seen, BoardSpec) else None, spec)
 
 
 def _as_circles(pictures: Sequence[np.ndarray], spec: Board) -> tuple[str, str] | None:
@@ -70,22 +69,24 @@ def _as_circles(pictures: Sequence[np.ndarray], spec: Board) -> tuple[str, str] 
         for columns, rows in ((spec.columns, spec.rows), (spec.rows, spec.columns)):
             other = replace(spec, type=kind, columns=columns, rows=rows)
             if other != spec and any(find_grid(picture, other) is not None for picture in pictures):
-                return _told(_circles_in_words(other), other, spec)
+                return _mistaken(_circles_in_words(other), other, spec)
     return None
 
 
 def _as_chessboard(pictures: Sequence[np.ndarray], spec: Board) -> tuple[str, str] | None:
-    """A plain chessboard of any size that most pictures with one agree on."""
-    sizes = [
-        size for picture in pictures if (size := find_whole_chessboard(picture)) and np.prod(size) >= _LEAST_CORNERS
-    ]
-    counted = Counter((max(size), min(size)) for size in sizes).most_common(1)
-    if not counted or counted[0][1] < min(2, len(pictures)):
+    """A plain chessboard of another size than the spec's: the largest that two pictures agree on, or an only picture's.
+
+    An only picture may show a part of the board.
+    """
+    sizes = [sorted(size)[::-1] for picture in pictures if (size := find_whole_chessboard(picture))]
+    own = sorted((spec.squares_x - 1, spec.squares_y - 1))[::-1] if isinstance(spec, Chessboard) else [0, 0]
+    least = 2 if len(pictures) > 1 or any(np.greater_equal(own, max(sizes, default=own))) else 1
+    agreed = [size for size in sizes if np.prod(size) >= _LEAST_CORNERS and sizes.count(size) >= least]
+    columns, rows = (corners + 1 for corners in max(agreed, key=np.prod, default=own))
+    if not agreed or [columns - 1, rows - 1] == own:
         return None
-    columns, rows = (corners + 1 for corners in counted[0][0])
-    square_m = spec.pitch_m if isinstance(spec, CircleGrid) else spec.square_m
-    fitting = Chessboard("chessboard", columns, rows, square_m)
-    what, remedy = _told(f"{_CHESSBOARD} of {columns} x {rows} squares", fitting, spec)
+    fitting = Chessboard("chessboard", columns, rows, spec.pitch_m)
+    what, remedy = _mistaken(f"{_CHESSBOARD} of {columns} x {rows} squares", fitting, spec)
     if isinstance(spec, Chessboard):
         remedy += "; all squares are counted, not the corners between them"
     return what, remedy

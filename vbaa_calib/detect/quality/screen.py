@@ -71,7 +71,7 @@ def _too_poor(quality: ViewQuality, std_px: float, typical: tuple[float, ...]) -
     blur, (usual_blur, usual_contrast, usual_std) = quality.mean_blur_px, typical
     blurred = f"blurred by {blur:.1f} px ({quality.blur_in_words})"
     if blur > MOST_BLUR_PER_GAP * quality.gap_px:
-        return f"{blurred}, the markers {quality.gap_px:.1f} px off run in"
+        return f"{blurred}, and what lies {quality.gap_px:.1f} px off runs in"
     if quality.saturated > CLIPPED and quality.edge_level > GROWN:
         return f"overexposed: {100 * quality.saturated:.0f} % of the white is clipped and has grown over the edges"
     if not std_px > max(_NOISIER * usual_std, NOISY_PX):

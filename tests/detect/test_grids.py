@@ -1,0 +1,138 @@
+"""Boards without ids: chessboards and grids of circles in pictures drawn by rays, and in real ones."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from targets.board import BoardSpec, Chessboard, CircleGrid
+from tests.detect.drawn_grids import ASYMMETRIC, CHESSBOARD, CIRCLES, drawn, picture, pose
+from tests.detect.test_corners import write_pictures
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.detect.board.circles import circle_centres
+from vbaa_calib.detect.board.corners import detect_corners, detect_files, detect_folder
+from vbaa_calib.detect.board.grids import find_grid, grid_readings
+
+ENDOSCOPE = Path(__file__).parents[3] / "shared" / "data" / "ucl_axis_tests_charuco" / "ExtractedFrames_L"
+_Plain = Chessboard | CircleGrid
+
+
+@functools.cache
+def seen(spec: _Plain, seed: int, tilt: float = 0.5) -> tuple[np.ndarray, np.ndarray]:
+    grey, truth = drawn(spec, *pose(seed, spec, tilt))
+    return picture(grey, seed=seed), truth
+
+
+@pytest.mark.parametrize("spec", [CHESSBOARD, CIRCLES, ASYMMETRIC], ids=lambda spec: spec.type)
+def test_marks_are_found_where_they_are_and_no_less_surely_than_stated(spec: _Plain) -> None:
+    views = [(detect_corners(seen(spec, seed)[0], spec), seen(spec, seed)[1]) for seed in (0, 2)]
+    errors = np.concatenate([view.corners_px - truth[view.ids] for view, truth in views])
+    assert sum(len(view.ids) for view, _ in views) >= 0.9 * 2 * spec.corner_count
+    assert np.sqrt((errors**2).sum(axis=1).mean()) < (0.05 if spec == CHESSBOARD else 0.025)
+    assert np.abs(errors.mean(axis=0)).max() < 0.01
+    if spec != CHESSBOARD:  # cv2.cornerSubPix has a bias that the covariance leaves out
+        covariances = np.concatenate([view.covariance_px2 for view, _ in views if view.covariance_px2 is not None])
+        squares = np.einsum("ni,nij,nj->n", errors, np.linalg.inv(covariances), errors)
+        assert 0.6 < squares.mean() / 2.0 < 1.6
+
+
+@pytest.mark.parametrize("spec", [CIRCLES, ASYMMETRIC], ids=lambda spec: spec.type)
+def test_large_tilted_circles_have_their_centres_where_these_are_projected(spec: CircleGrid) -> None:
+    grey, truth = drawn(spec, *pose(0, spec, 0.8), radius=0.4)
+    image = picture(grey)
+    found = find_grid(image, spec)
+    assert found is not None
+    ids, centres, _, bias = circle_centres(image, found, spec)
+    left, taken_off = (np.sqrt((vectors**2).sum(axis=1).mean()) for vectors in (centres - truth[ids], bias))
+    assert taken_off > 0.15
+    assert left < 0.15 * taken_off
+
+
+def test_readings_are_the_symmetries_of_the_board() -> None:
+    # turned by half and mirrored twice; a square board also by quarters; an odd count of rows lets an asymmetric grid
+    # be mirrored alone
+    expected = {
+        CHESSBOARD: 4,
+        CIRCLES: 4,
+        replace(CIRCLES, columns=6): 8,
+        ASYMMETRIC: 2,
+        replace(ASYMMETRIC, rows=6): 2,
+    }
+    for spec, count in expected.items():
+        readings = grid_readings(spec)
+        assert len(readings) == len({tuple(order) for order in readings.tolist()}) == count
+        assert (np.sort(readings, axis=1) == np.arange(spec.corner_count)).all()
+
+
+@pytest.mark.parametrize("spec", [CHESSBOARD, CIRCLES, ASYMMETRIC], ids=lambda spec: spec.type)
+def test_a_turned_picture_is_read_as_the_marks_tell_or_else_upright(spec: _Plain) -> None:
+    image, _ = seen(spec, 0)
+    upright = find_grid(image, spec)
+    turned = find_grid(np.ascontiguousarray(image[::-1, ::-1]), spec)
+    assert upright is not None
+    assert turned is not None
+    back = np.array(image.shape[::-1]) - 1 - turned
+    told = spec != CIRCLES  # 9 x 6 squares and 11 rows are not the same when turned by half
+    np.testing.assert_allclose(back if told else back[::-1], upright, atol=0.5)
+
+
+def test_a_picture_of_a_part_is_no_view(tmp_path: Path) -> None:
+    image, truth = seen(CHESSBOARD, 0)
+    middle = round(float(truth[:, 0].mean()))
+    part = np.where(np.arange(image.shape[1]) < middle, image, np.uint8(200))
+    assert not len(detect_corners(part, CHESSBOARD).ids)
+    cv2.imwrite(str(tmp_path / "part.png"), part)
+    with pytest.raises(InputError, match="without ids"):
+        detect_folder(tmp_path, CHESSBOARD)
+    cv2.imwrite(str(tmp_path / "whole.png"), image)
+    assert [len(view.ids) for view in detect_folder(tmp_path, CHESSBOARD)] == [0, CHESSBOARD.corner_count]
+
+
+def test_light_circles_on_dark_are_circles_too() -> None:
+    image, truth = seen(CIRCLES, 0)
+    view = detect_corners(255 - image, CIRCLES)
+    assert np.abs(view.corners_px - truth[view.ids]).max() < 0.1
+
+
+CHARUCO = BoardSpec(9, 6, 0.02, 0.015)
+
+
+@pytest.mark.parametrize(
+    ("shown", "named", "words"),
+    [
+        (CHESSBOARD, CHARUCO, "a plain chessboard of 9 x 6 squares is in the pictures"),
+        (CHESSBOARD, Chessboard("chessboard", 8, 5, 0.02), "a plain chessboard of 9 x 6 squares is in the pictures"),
+        (CHESSBOARD, CIRCLES, "a plain chessboard of 9 x 6 squares is in the pictures"),
+        (CHARUCO, CHESSBOARD, "squares_x: 9, squares_y: 6, square_m: 0.02, marker_m: 0.015"),
+        (CHARUCO, CIRCLES, "a ChArUco board is in the pictures"),
+        (
+            ASYMMETRIC,
+            replace(ASYMMETRIC, columns=11, rows=4),
+            "grid of 4 columns and 11 rows of circles is in the pict",
+        ),
+        (ASYMMETRIC, replace(CIRCLES, columns=4, rows=11), "an asymmetric grid of 4 columns and 11 rows"),
+    ],
+)
+def test_a_board_of_another_kind_is_named(
+    tmp_path: Path, shown: BoardSpec | _Plain, named: BoardSpec | _Plain, words: str
+) -> None:
+    if isinstance(shown, BoardSpec):
+        write_pictures(tmp_path, shown, 2)
+    else:
+        for seed in (0, 2):
+            cv2.imwrite(str(tmp_path / f"{seed}.png"), seen(shown, seed)[0])
+    with pytest.raises(InputError, match="does not fit the pictures") as refused:
+        detect_folder(tmp_path, named)
+    assert words in str(refused.value)
+
+
+@pytest.mark.skipif(not ENDOSCOPE.is_dir(), reason="the real endoscope pictures are not here")
+def test_a_chessboard_inset_among_markers_is_found_in_real_pictures() -> None:
+    paths = sorted(ENDOSCOPE.glob("*.jpg"))[::10]
+    views = detect_files(paths, Chessboard("chessboard", 9, 14, 0.003))
+    assert [len(view.ids) for view in views] == [104] * len(paths)
