@@ -26,6 +26,7 @@ VERBS = {
     "wizard": ("viz.cli.wizard", "guided, resumable calibration: from a printed board to a trusted rig"),
     "intrinsics": ("vbaa_calib.cli.intrinsics", "lens from photos of a ChArUco board"),
     "calibrate": ("vbaa_calib.cli.calibrate", "a session to rig.json: lens, plane C, antenna, sensors"),
+    "handeye": ("vbaa_calib.cli.handeye", "camera and antenna on a robot's arm: its poses and views of the board"),
     "stiffness": ("vbaa_calib.cli.stiffness", "EI from a table of measured deflections, no camera needed"),
     "simulate": ("vbaa_calib.cli.simulate", "a synthetic session from a scene file, with truth.json"),
     "selftest": ("vbaa_calib.cli.selftest", "draw your board with known corners: how far off is this OpenCV?"),

@@ -10,9 +10,9 @@ residuals themselves show (restricted maximum likelihood), eliminated picture by
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -30,6 +30,7 @@ from vbaa_calib.geometry import Kinematics, Pose, rotation_world_antenna
 from vbaa_calib.session import SweepPicture
 
 from .board_pose import mirrored
+from .hand_eye_start import robot_world
 
 CAMERA, _BOARD, AXES = slice(0, 6), slice(6, 12), slice(12, 14)
 """Columns of a step: tangents of X and of B, then axis skew and axis offset."""
@@ -37,7 +38,6 @@ CAMERA, _BOARD, AXES = slice(0, 6), slice(6, 12), slice(12, 14)
 _STATE = 14
 _AXES_FIXED = np.arange(_STATE) < AXES.start
 _OUT_OF_SIGHT_PX = 1e3
-_ROUNDS, _SHARP_RAD, _SHARP_M = 20, 0.01, 1e-3
 _SOFT_PER_SIGMA = 1.5
 _REWEIGHTINGS, _CONVERGED_WEIGHTS = 15, 1e-2
 _RULES = Rules(100, tolerance=1e-14, damping=1e-4)
@@ -159,36 +159,14 @@ def linearise(camera: Camera, state: SweepState, corners: SweepCorners) -> _Line
 
 
 def initial_state(camera: Camera, corners: SweepCorners, kinematics: Kinematics) -> SweepState:
-    """From the board's pose in each picture alone, pictures weighed so that a few wrong ones do not count.
-
-    With K the turn that the joints give a picture, R_X·R_camera_board = K·R_B holds for all of them, which is linear in
-    both rotations: they are the first singular vectors of the sum of the Kronecker products of the two known turns
-    (Shah 2013). The two places then follow from linear least squares.
-    """
+    """From the board's pose in each picture alone, pictures weighed so that a few wrong ones do not count."""
     poses, which = _board_poses(camera, corners)
     if len(which) < 3:
         raise SolveError("no pose of the board explains its corners: is the lens that of this camera?")
-    seen = np.array([pose.rotation for pose in poses])
-    known = _turns_actuator_foot(corners, kinematics.axis_skew_rad)[which]
-
-    def turns(weights: np.ndarray) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray]:
-        product = np.einsum("p,pji,pkl->iljk", weights, known, seen).reshape(9, 9)
-        left, _, right = np.linalg.svd(product)
-        X, B = _nearest_rotation(right[0].reshape(3, 3)), _nearest_rotation(left[:, 0].reshape(3, 3))
-        return (X, B), np.linalg.norm(X @ seen - known @ B, axis=(1, 2))
-
-    X, B = _least_absolute(turns, len(which), _SHARP_RAD)
-    seen_from = np.array([pose.translation_m for pose in poses]) @ X.T
-    right = -kinematics.axis_offset_m * _tilted_x(corners)[which] - seen_from
-    design = np.concatenate([np.broadcast_to(np.eye(3), known.shape), -known], axis=-1)
-
-    def places(weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        root = np.sqrt(weights)[:, None]
-        both = np.linalg.lstsq((design * root[..., None]).reshape(-1, 6), (right * root).ravel(), rcond=None)[0]
-        return both, np.linalg.norm(design @ both - right, axis=1)
-
-    both = _least_absolute(places, len(which), _SHARP_M)
-    return SweepState(Pose(X, both[:3]), Pose(B, both[3:]), kinematics.axis_skew_rad, kinematics.axis_offset_m)
+    turns = _turns_actuator_foot(corners, kinematics.axis_skew_rad)[which]
+    shifts = -kinematics.axis_offset_m * _tilted_x(corners)[which]
+    X, B = robot_world([Pose(*known) for known in zip(turns, shifts, strict=True)], poses)
+    return SweepState(X, B, kinematics.axis_skew_rad, kinematics.axis_offset_m)
 
 
 def turned_over(state: SweepState, corners: SweepCorners) -> SweepState:
@@ -197,20 +175,6 @@ def turned_over(state: SweepState, corners: SweepCorners) -> SweepState:
     camera_foot = state.T_actuator_camera.inverse() @ Pose(turn, -state.axis_offset_m * _tilted_x(corners)[0])
     other = mirrored(camera_foot @ state.T_foot_board, corners.points_m)
     return replace(state, T_foot_board=camera_foot.inverse() @ other)
-
-
-def _least_absolute(solve: Callable[[np.ndarray], tuple[Any, np.ndarray]], count: int, sharp: float) -> Any:
-    """The solution whose misfits (P,), not their squares, are least: by weights that go with one over the misfit."""
-    weights = np.ones(count)
-    for _ in range(_ROUNDS):
-        solution, misfit = solve(weights)
-        weights = 1.0 / np.maximum(misfit, sharp)
-    return solution
-
-
-def _nearest_rotation(matrix: np.ndarray) -> np.ndarray:
-    left, _, right = np.linalg.svd(matrix * np.sign(np.linalg.det(matrix)))
-    return left @ right
 
 
 def _board_poses(camera: Camera, corners: SweepCorners) -> tuple[list[Pose], np.ndarray]:

@@ -1,0 +1,267 @@
+"""Hand-eye calibration: exact views give exact poses, noise what is predicted, wrong poses are found, mistakes named."""
+
+from __future__ import annotations
+
+import csv
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from targets.board import BoardSpec, corner_points
+from vbaa_calib.calibrate.pose.hand_eye import HandEye, solve_hand_eye
+from vbaa_calib.calibrate.pose.robot_tables import read_robot_poses
+from vbaa_calib.cli.main import main
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.geometry import Pose
+
+from .hand_eye_views import POINTS, Arm, X, Z, lens, views_and_poses
+
+REAL = Path(__file__).parents[2].parent / "shared" / "data" / "robot_charuco"
+MOUNTS = ("hand", "fixed")
+EXACT = {"sigma_px": 0.0, "robot_std": (0.0, 0.0)}
+
+
+def solve(arm: Arm, seed: int = 0, wrong: float = 0.0) -> tuple[HandEye, set[str]]:
+    """The solution with a lens that is off as its covariance says, and the views whose robot pose is wrong."""
+    views, poses = views_and_poses(arm, seed)
+    rng = np.random.default_rng(10_000 + seed)
+    bad = rng.choice(arm.count, round(wrong * arm.count), replace=False)
+    for index in bad.tolist():
+        poses[index] = poses[index] @ Pose.from_rotvec(0.1 * rng.normal(size=3), 0.03 * rng.normal(size=3))
+    return solve_hand_eye(views, poses, POINTS, lens(arm, rng), arm.mount), {views[i].name for i in bad.tolist()}
+
+
+def error(solved: HandEye) -> np.ndarray:
+    """(12,) steps from the true poses to those found."""
+    return np.concatenate([solved.camera_pose.tangent_from(X), solved.board_pose.tangent_from(Z)])
+
+
+def square(off: np.ndarray, covariance: np.ndarray) -> float:
+    std = np.sqrt(np.diag(covariance))
+    return float(off / std @ np.linalg.solve(covariance / np.outer(std, std), off / std))
+
+
+@pytest.mark.parametrize("mount", MOUNTS)
+def test_exact_views_give_the_exact_poses(mount: str) -> None:
+    """As OpenCV's closed form does from the boards' true poses."""
+    solved, _ = solve(Arm(mount, 8, **EXACT))
+    assert np.abs(error(solved)).max() < 1e-6
+    assert solved.rms[1] < 1e-6
+    assert solved.outliers == ()
+
+
+def test_opencv_finds_the_same_from_the_poses_alone() -> None:
+    arm = Arm("hand", 8, **EXACT)
+    _, poses = views_and_poses(arm)
+    seen = [X.inverse() @ pose.inverse() @ Z for pose in poses]
+    turn, shift = cv2.calibrateHandEye(
+        [pose.rotation for pose in poses],
+        [pose.translation_m for pose in poses],
+        [pose.rotation for pose in seen],
+        [pose.translation_m for pose in seen],
+        method=cv2.CALIB_HAND_EYE_PARK,
+    )
+    assert np.abs(solve(arm)[0].camera_pose.tangent_from(Pose(turn, shift.ravel()))).max() < 1e-6
+
+
+def assert_as_predicted(arm: Arm, draws: int, wrong: float = 0.0) -> None:
+    """Errors of camera and board are those of the covariance, 95 % regions hold 95 %, within what draws can tell.
+
+    The regions are wider by Fisher's F and the penalty on the robot's variance: the errors may be smaller by a fifth.
+    """
+    solved = [solve(arm, seed, wrong) for seed in range(draws)]
+    errors = np.array([error(one) for one, _ in solved])
+    predicted = np.mean([np.diag(one.covariance) for one, _ in solved], axis=0)
+    ratio = np.sqrt(np.mean(errors**2 / predicted))
+    off = 3.0 / np.sqrt(2.0 * 6.0 * draws)
+    assert 0.8 - off < ratio < 1.05 + off
+    for part in (slice(0, 6), slice(6, 12)):
+        squares = [
+            square(each[part], one.covariance[part, part]) for each, (one, _) in zip(errors, solved, strict=True)
+        ]
+        held = np.mean(np.array(squares) < 12.59)
+        assert held > 0.95 - 3.0 * np.sqrt(0.95 * 0.05 / draws)
+    for one, bad in solved:
+        assert set(one.outliers) >= bad
+    assert sum(len(set(one.outliers) - bad) for one, bad in solved) <= 0.01 * draws * arm.count
+
+
+ARMS = (
+    (Arm("hand", 12), 0.0),
+    (Arm("fixed", 12), 0.0),
+    (Arm("hand", 15), 0.2),
+    (Arm("fixed", 20), 0.1),
+    (Arm("hand", 12, robot_std=(0.0, 0.0)), 0.0),
+    (Arm("fixed", 12, lens_std=(0.003, 3.0)), 0.0),
+    (Arm("hand", 12, robot_std=(3e-3, 1e-4)), 0.0),
+    (Arm("fixed", 6, robot_std=(1e-4, 2e-3)), 0.0),
+    (Arm("hand", 5), 0.0),
+)
+
+
+@pytest.mark.parametrize(("arm", "wrong"), ARMS[1:3])
+def test_errors_are_those_predicted(arm: Arm, wrong: float) -> None:
+    assert_as_predicted(arm, 6, wrong)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("arm", "wrong"), ARMS)
+def test_errors_are_those_predicted_of_many_draws(arm: Arm, wrong: float) -> None:
+    assert_as_predicted(arm, 150, wrong)
+
+
+def test_the_robots_own_error_is_found() -> None:
+    """Its variance within its deviation; beside it corners and lens explain what they add."""
+    arm = Arm("hand", 40, robot_std=(1e-3, 5e-4), lens_std=(1e-3, 1.0))
+    solved, _ = solve(arm, 3)
+    assert np.abs(np.log(solved.robot_std / arm.robot_std) / solved.robot_log_std).max() < 3.0
+    assert (solved.robot_log_std < 0.2).all()
+    expected = np.sqrt(np.sum([part**2 for part in solved.parts.values()], axis=0))
+    np.testing.assert_allclose(solved.rms, expected, rtol=0.35)
+    assert (solved.robot_share > 0.5).all()
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda rows: [row.inverse() for row in rows], "are inverted, or the mount is the other"),
+        (lambda rows: [Pose(row.rotation, 1e3 * row.translation_m) for row in rows], "in millimetres"),
+        (lambda rows: rows[1:] + rows[:1], "shifted by one: each row belongs to the view after it"),
+        (lambda rows: rows[-1:] + rows[:-1], "shifted by one: each row belongs to the view before it"),
+        (lambda rows: rows[::-1], "reversed order"),
+        (lambda rows: [rows[5 * i % 12] for i in range(12)], "stand in another order"),
+        (lambda rows: [Pose(np.eye(3), row.translation_m) for row in rows], "only shifted"),
+        (lambda rows: [Pose(rows[0].rotation, row.translation_m) for row in rows], "only shifted"),
+        (lambda rows: rows[:-1], "12 views and 11 robot poses"),
+        (lambda rows: [Pose(1.1 * row.rotation, row.translation_m) for row in rows], "robot pose 0 is none"),
+        (lambda rows: [Pose(row.rotation, np.nan * row.translation_m) for row in rows], "robot pose 0 is none"),
+    ],
+)
+@pytest.mark.parametrize("mount", MOUNTS)
+def test_mistakes_are_named(mount: str, change, words: str) -> None:
+    views, poses = views_and_poses(Arm(mount, 12))
+    with pytest.raises(InputError, match=words):
+        solve_hand_eye(views, change(poses), POINTS, lens(Arm()), mount)
+
+
+def test_motions_that_leave_the_camera_open_are_refused() -> None:
+    """Turns about one axis only, wherever the hand goes, with exact readings of them; and fewer than three views."""
+    arm = Arm("hand", 10)
+    views, poses = views_and_poses(arm)
+    turned = [Pose.from_rotvec(np.array([0.0, 0.05 * i, 0.0]), pose.translation_m) for i, pose in enumerate(poses)]
+    with pytest.raises(InputError, match="about one axis"):
+        solve_hand_eye(views, turned, POINTS, lens(arm), "hand")
+    with pytest.raises(InputError, match="at least 3 are needed"):
+        solve_hand_eye(views[:2], poses[:2], POINTS, lens(arm), "hand")
+    bare = [replace(view, ids=view.ids[:3], corners_px=view.corners_px[:3]) for view in views]
+    with pytest.raises(InputError, match=r"0 of 10 views.*3 corners"):
+        solve_hand_eye(bare, poses, POINTS, lens(arm), "hand")
+
+
+def test_poses_of_other_views_are_refused() -> None:
+    views, _ = views_and_poses(Arm(), 0)
+    _, others = views_and_poses(Arm(), 1)
+    with pytest.raises(InputError, match="do not explain the views"):
+        solve_hand_eye(views, others, POINTS, lens(Arm()), "hand")
+
+
+def test_the_antenna_on_the_arm_follows_from_a_rig() -> None:
+    """By the poses alone, and its covariance by sampling."""
+    solved, _ = solve(Arm())
+    rig, spread = Pose.from_rotvec(np.array([2.6, 0.3, -0.4]), np.array([0.03, -0.02, 0.3])), np.diag([1e-6] * 6)
+    found, covariance = solved.antenna_on_arm(rig, spread)
+    assert np.abs((found @ rig).tangent_from(solved.camera_pose)).max() < 1e-12
+    rng, draws = np.random.default_rng(0), []
+    root = np.linalg.cholesky(solved.covariance[:6, :6])
+    for _ in range(2000):
+        camera = solved.camera_pose.retract(root @ rng.standard_normal(6))
+        other = rig.retract(1e-3 * rng.standard_normal(6))
+        draws.append((camera @ other.inverse()).tangent_from(found))
+    np.testing.assert_allclose(np.std(draws, axis=0) / np.sqrt(np.diag(covariance)), 1.0, atol=0.08)
+    with pytest.raises(InputError, match="not on the arm"):
+        solve(Arm("fixed"))[0].antenna_on_arm(rig, spread)
+
+
+class TestTables:
+    """The same poses in every notation, and an Euler order that is wrong named."""
+
+    def written(self, folder: Path, columns: str, rows: np.ndarray) -> Path:
+        path = folder / "poses.csv"
+        lines = [f"v{i}," + ",".join(map(repr, row.tolist())) for i, row in enumerate(rows)]
+        path.write_text("\n".join([f"view,{columns}", *lines]) + "\n")
+        return path
+
+    def test_every_notation_reads_the_same(self, tmp_path: Path) -> None:
+        from scipy.spatial.transform import Rotation
+
+        poses = views_and_poses(Arm(), 0)[1]
+        places = np.array([pose.translation_m for pose in poses])
+        turns = Rotation.from_matrix(np.array([pose.rotation for pose in poses]))
+        for columns, values, euler in (
+            ("x_m,y_m,z_m,qx,qy,qz,qw", turns.as_quat(), None),
+            ("x_mm,y_mm,z_mm,rx_rad,ry_rad,rz_rad", turns.as_rotvec(), None),
+            ("x_mm,y_mm,z_mm,a_deg,b_deg,c_deg", turns.as_euler("ZYZ", degrees=True), "ZYZ"),
+        ):
+            scale = 1e3 if "x_mm" in columns else 1.0
+            path = self.written(tmp_path, columns, np.hstack([scale * places, values]))
+            found, others = read_robot_poses(path, euler)
+            for index, pose in enumerate(poses):
+                assert np.abs(found[f"v{index}"].tangent_from(pose)).max() < 1e-9
+            assert others
+
+    @pytest.mark.parametrize(("columns", "words"), [("a_deg,b_deg,c_deg", "XYZ"), ("a_rad,b_rad,c_rad", "degrees")])
+    def test_a_wrong_notation_is_named(self, tmp_path: Path, columns: str, words: str) -> None:
+        from scipy.spatial.transform import Rotation
+
+        views, poses = views_and_poses(Arm(), 0)
+        places = np.array([pose.translation_m for pose in poses])
+        turns = Rotation.from_matrix(np.array([pose.rotation for pose in poses]))
+        true = "XYZ" if words == "XYZ" else "ZYX"
+        rows = np.hstack([places, turns.as_euler(true, degrees=True)])
+        found, others = read_robot_poses(self.written(tmp_path, f"x_m,y_m,z_m,{columns}", rows), "ZYX")
+        with pytest.raises(InputError, match=words):
+            solve_hand_eye(
+                views,
+                list(found.values()),
+                POINTS,
+                lens(Arm()),
+                "hand",
+                {name: list(other.values()) for name, other in others.items()},
+            )
+
+
+@pytest.mark.skipif(not REAL.is_dir(), reason="no shared data")
+class TestRealArm:
+    """16 views of a board on a robot's wrist (NOTES.txt); an outside solve of theirs left 1.73 to 1.86 mm."""
+
+    SPEC = BoardSpec(5, 7, 0.036195, 0.018256, "DICT_6X6_250")
+
+    def solved(self, folder: Path, *options: str) -> dict:
+        (folder / "board.yaml").write_text(json.dumps(self.SPEC.to_dict()))
+        line = f"handeye {REAL}/corners.csv --board {folder}/board.yaml --poses {REAL}/robot_poses.csv"
+        assert main([*line.split(), "--image-size", "1600", "1200", "-o", f"{folder}/handeye.json", *options]) == 0
+        return json.loads((folder / "handeye.json").read_text())
+
+    def test_it_agrees_with_its_robot(self, tmp_path: Path) -> None:
+        """Every view but that of four corners is kept; without any of them the camera stays where it is."""
+        found = self.solved(tmp_path, "--mount", "fixed")
+        assert found["disagreement"]["translation_rms_m"] < 1.75e-3
+        assert [view["name"] for view in found["views"] if view["reason"]] == ["2"]
+        assert 1e-4 < found["robot"]["translation_std_m"] < 1e-3
+        place, std = (np.array(found["T_base_camera"][key]) for key in ("translation_m", "translation_std_m"))
+        rows = list(csv.reader((REAL / "robot_poses.csv").open()))
+        for index in (1, 8, 16):
+            assert rows[index][0] == str(index - 1)
+        assert np.abs(place).max() < 2.0
+        assert std.max() < 5e-3
+
+    def test_its_other_mount_is_named(self, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+        (tmp_path / "board.yaml").write_text(json.dumps(self.SPEC.to_dict()))
+        line = f"handeye {REAL}/corners.csv --board {tmp_path}/board.yaml --poses {REAL}/robot_poses.csv"
+        assert main([*line.split(), "--image-size", "1600", "1200", "-o", f"{tmp_path}/handeye.json"]) == 2
+        assert "the mount is the other" in capfd.readouterr().err
+        assert len(corner_points(self.SPEC)) == 24

@@ -1,0 +1,359 @@
+"""Hand-eye calibration: where the camera sits on a robot's arm, or stands in its base, from poses and board views.
+
+X is the camera in what carries it (the tool, or the base), Z the board in the other: X·T_camera_board = K·Z, K the
+robot's pose of the one in the other. Robots miss their own readings by more than corners are off, so that the robot's
+error is part of the model (`hand_eye_fit`), found as variance of its turns and of its shifts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+from scipy.stats import chi2, f
+
+from vbaa_calib.camera import Camera
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.detect.board.corners import BoardView
+from vbaa_calib.geometry import Pose
+
+from .hand_eye_fit import HandEyeProblem, Misfits, Solved
+from .hand_eye_start import Start, consensus, other_orders
+from .hand_eye_views import LEAST_CORNERS, SeenView, seen_view
+
+MOUNTS = ("hand", "fixed")
+_LEAST_VIEWS = 3
+_LEAST_TURN_RAD = 0.02
+_FAR_BETTER, _BETTER_OF_FEW, _FEW = 4.0, 12.0, 5
+_EXPLAINED, _WELL_EXPLAINED, _FEW_SUBSETS = 0.05, 0.002, 10
+"""Misfits over the board's distance: beyond the first the poses are not of these views, below the second all is
+well."""
+_OUTLIER_CHANCE, _ROUNDS, _FEW_TO_JUDGE, _MANY, _ROUNDING_PX = 1e-5, 8, 8, 0.2, 1e-6
+_LOOSE_RAD, _LOOSE_SHARE, _TURNED_WELL_DEG = 0.02, 0.05, 10.0
+_TURN_MORE = "add views with the hand turned by 20° and more about a second axis, at right angles to the first"
+
+
+@dataclass(frozen=True, eq=False)
+class HandEyeView:
+    """One view. distance_m, turn_rad : by how much the board's centre and its turn, as its corners alone show them,
+    differ from what the robot's pose says; NaN where the view was not used.
+
+    reason : why the view counts as an outlier or was not used at all; empty for a good one.
+    """
+
+    name: str
+    corners: int
+    left_out: int
+    distance_m: float
+    turn_rad: float
+    reason: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class HandEye:
+    """The result.
+
+    Attributes
+    ----------
+    mount : "hand": the arm carries the camera; "fixed": it carries the board, and the camera stands beside it.
+    camera_pose : T_tool_camera, or T_base_camera where the camera is fixed. board_pose : T_base_board, or T_tool_board.
+    covariance : (12, 12) of their tangents (`Pose.retract`), camera first; the lens' covariance is in it, and the doubt
+        about the robot's variance, so that χ² regions of 95 % hold 95 % also with few views.
+    robot_std : (2,) standard deviation per axis of the tool's turns, rad, and shifts, m, against the robot's readings.
+    robot_log_std : (2,) of their logarithms: how well they are known.
+    rms : (2,) disagreement of the good views, turns rad and the board's centre m. parts : "corners", "lens", "robot" →
+        (2,) what each is predicted to contribute to it, rms.
+    noise_px : of a corner's coordinate.
+    """
+
+    mount: str
+    camera_pose: Pose
+    board_pose: Pose
+    covariance: np.ndarray
+    robot_std: np.ndarray
+    robot_log_std: np.ndarray
+    rms: np.ndarray
+    parts: Mapping[str, np.ndarray]
+    noise_px: float
+    views: tuple[HandEyeView, ...]
+
+    @property
+    def outliers(self) -> tuple[str, ...]:
+        """Names of the views that the others contradict or that could not be used."""
+        return tuple(view.name for view in self.views if view.reason)
+
+    @property
+    def robot_share(self) -> np.ndarray:
+        """(2,) of the variance that is predicted for the disagreement, what the robot contributes: turns, distances."""
+        return self.parts["robot"] ** 2 / np.sum([part**2 for part in self.parts.values()], axis=0)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What a reader must know, in words."""
+        used = len(self.views) - len(self.outliers)
+        contradicted = sum(bool(view.reason) and view.corners > 0 for view in self.views)
+        rules = (
+            (used < _FEW_TO_JUDGE, f"{used} views hardly show which of them are wrong: ten to twenty are good"),
+            (contradicted > _MANY * (used + contradicted), f"{contradicted} views contradict the others: look at them"),
+        )
+        return tuple(words for holds, words in rules if holds)
+
+    def antenna_on_arm(self, T_antenna_camera: Pose, covariance: np.ndarray) -> tuple[Pose, np.ndarray]:
+        """T_tool_antenna, a session's `T_actuator_antenna` on this arm, and its covariance (6, 6).
+
+        T_antenna_camera : of the rig, with its covariance (6, 6), whose errors count as independent of these.
+        Raises InputError where the camera is not on the arm.
+        """
+        if self.mount != "hand":
+            raise InputError("the camera is not on the arm", remedy="camera and antenna ride together: take mount hand")
+        found = self.camera_pose @ T_antenna_camera.inverse()
+        R, t = found.rotation, T_antenna_camera.translation_m
+        by_camera, by_rig = np.eye(6), -np.kron(np.eye(2), R)
+        by_camera[3:, :3] = np.cross(R @ t, np.eye(3)).T
+        by_rig[3:, :3] = -R @ np.cross(t, np.eye(3)).T
+        spread = by_camera @ self.covariance[:6, :6] @ by_camera.T + by_rig @ covariance @ by_rig.T
+        return found, spread
+
+    def to_dict(self) -> dict[str, Any]:
+        """For handeye.json."""
+        carrier, other = ("tool", "base") if self.mount == "hand" else ("base", "tool")
+        std = np.sqrt(np.diag(self.covariance))
+        poses = {f"T_{carrier}_camera": (self.camera_pose, std[:6]), f"T_{other}_board": (self.board_pose, std[6:])}
+        return {
+            "schema": "vbaa.handeye/1",
+            "mount": self.mount,
+            **{
+                name: pose.to_dict() | {"translation_std_m": own[3:].tolist(), "rotation_std_rad": own[:3].tolist()}
+                for name, (pose, own) in poses.items()
+            },
+            "covariance": self.covariance.tolist(),
+            "robot": _two("std", self.robot_std)
+            | {
+                "translation_relative_std": float(self.robot_log_std[1]),
+                "rotation_relative_std": float(self.robot_log_std[0]),
+                "translation_share": float(self.robot_share[1]),
+                "rotation_share": float(self.robot_share[0]),
+            },
+            "disagreement": _two("rms", self.rms) | {f"from_{name}": _two("rms", p) for name, p in self.parts.items()},
+            "noise_px": self.noise_px,
+            "warnings": list(self.warnings),
+            "views": [
+                {name: None if value != value else value for name, value in asdict(view).items()} for view in self.views
+            ],
+        }
+
+
+def _two(what: str, turn_and_shift: np.ndarray) -> dict[str, Any]:
+    turn, shift = turn_and_shift.tolist()
+    return {f"translation_{what}_m": shift, f"rotation_{what}_rad": turn}
+
+
+def solve_hand_eye(
+    views: Sequence[BoardView],
+    robot_poses: Sequence[Pose],
+    board_points: np.ndarray,
+    camera: Camera,
+    mount: str = "hand",
+    readings: Mapping[str, Sequence[Pose]] | None = None,
+) -> HandEye:
+    """Solve for the camera's pose on the arm, or beside it, and the board's.
+
+    views : the board in each picture; grossly wrong corners are left out.
+    robot_poses : T_base_tool of each, in the same order.
+    board_points : (K, 3) m, by corner id, as the lens solve has found them: a bent board counts as bent.
+    camera : its covariance, if it has one, is in the result's.
+    mount : "hand" or "fixed", as in `HandEye`.
+    readings : other ways to read the poses, by what is then said of them ("are in degrees"), to name a mistake.
+
+    Raises InputError for views and poses that are not of equal number, fewer than three views that can be used, an arm
+    that turned about one axis only or not at all, poses that fit far better read in another way, or do not fit.
+    """
+    if mount not in MOUNTS:
+        raise InputError(f"the mount is {mount!r}", remedy=f"take one of {', '.join(MOUNTS)}")
+    if len(views) != len(robot_poses):
+        raise InputError(
+            f"there are {len(views)} views and {len(robot_poses)} robot poses", remedy="give one pose for each view"
+        )
+    points = _checked_points(board_points)
+    seen = [seen_view(view, points, camera) for view in views]
+    used = np.array([index for index, one in enumerate(seen) if not one.reason], int)
+    if len(used) < _LEAST_VIEWS:
+        reasons = sorted({one.reason for one in seen if one.reason})
+        raise InputError(
+            f"{len(used)} of {len(views)} views can be used, at least {_LEAST_VIEWS} are needed"
+            + (f" ({'; '.join(reasons[:3])})" if reasons else ""),
+            remedy="add views with the hand turned about two axes; ten to twenty are good",
+        )
+    good = [seen[i] for i in used]
+    rows = [_checked_pose(pose, index) for index, pose in enumerate(robot_poses)]
+    poses = [rows[i] for i in used]
+    _refuse_one_axis(poses)
+    start = _start(rows, used, good, points, mount == "hand", readings or {})
+    corners = tuple(one.corners for one in good if one.corners is not None)
+    freedom = sum(2 * len(one.pixels) - 6 for one in corners)
+    noise_px = float(np.sqrt(sum(one.square for one in good) / freedom))
+    problem = HandEyeProblem(corners, tuple(poses), camera, max(noise_px, _ROUNDING_PX), mount == "hand")
+    chosen = [one.poses[min(k, len(one.poses) - 1)] for one, k in zip(good, start.chosen.tolist(), strict=True)]
+    solved, kept, off = _consistent(problem, start, chosen, points.mean(axis=0))
+    in_it = [pose for pose, good_one in zip(poses, kept, strict=True) if good_one]
+    _refuse_loose(solved, in_it, float(np.median([pose.translation_m[2] for pose in chosen])))
+    return _result(solved, kept, off, problem, seen)
+
+
+def _checked_points(board_points: np.ndarray) -> np.ndarray:
+    points = np.asarray(board_points, float)
+    if points.ndim != 2 or points.shape[1] != 3 or len(points) < LEAST_CORNERS or not np.isfinite(points).all():
+        raise InputError(
+            f"the board's points have the shape {points.shape}, or are not finite",
+            remedy="give them as (K, 3) metres, by corner id",
+        )
+    return points
+
+
+def _checked_pose(pose: Pose, index: int) -> Pose:
+    rotation, place = np.asarray(pose.rotation, float), np.asarray(pose.translation_m, float)
+    fits = rotation.shape == (3, 3) and place.shape == (3,) and np.isfinite(rotation).all() and np.isfinite(place).all()
+    if not fits or np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-3 or np.linalg.det(rotation) < 0.0:
+        raise InputError(f"robot pose {index} is none", remedy="give a rotation matrix, and metres")
+    return Pose(Rotation.from_matrix(rotation).as_matrix(), place)
+
+
+def _turns(poses: Sequence[Pose]) -> tuple[np.ndarray, np.ndarray]:
+    """(3,) rms turns of the tool about their principal axes, rad, largest first, and the axes (3, 3) in the tool."""
+    turns = Rotation.from_matrix(np.array([pose.rotation for pose in poses]))
+    middle = turns[int(np.argmin([(turns * one.inv()).magnitude().sum() for one in turns]))]
+    vectors = (middle.inv() * turns).as_rotvec()
+    _, values, axes = np.linalg.svd(np.vstack([vectors, np.zeros((3, 3))]), full_matrices=False)
+    return values / np.sqrt(len(vectors)), axes
+
+
+def _refuse_one_axis(poses: Sequence[Pose]) -> None:
+    (most, second, _), axes = _turns(poses)
+    if most < _LEAST_TURN_RAD:
+        raise InputError(
+            f"the hand only shifted, turning by {np.degrees(most):.2g}° rms, which leaves the camera's place open",
+            remedy=_TURN_MORE.replace("a second axis, at right angles to the first", "two axes"),
+        )
+    if second < _LEAST_TURN_RAD:
+        axis = ", ".join(f"{part:+.2f}" for part in axes[0])
+        raise InputError(
+            f"all turns of the hand are about one axis, ({axis}) in the tool's frame: the camera's place along it "
+            "stays open",
+            remedy=_TURN_MORE,
+        )
+
+
+def _start(
+    rows: list[Pose],
+    used: np.ndarray,
+    seen: Sequence[SeenView],
+    points: np.ndarray,
+    in_hand: bool,
+    readings: Mapping[str, Sequence[Pose]],
+) -> Start:
+    """A start. Raises InputError where the poses fit far better in another reading, or in none.
+
+    rows : poses of the tool. used : (V,) those of the views seen. readings : of all rows.
+    """
+    looked = [one.poses for one in seen]
+
+    def known(tools: Sequence[Pose]) -> list[Pose]:
+        return [pose.inverse() for pose in tools] if in_hand else list(tools)
+
+    best = consensus(known([rows[i] for i in used]), looked, points)
+    reach = float(np.median([one.poses[0].translation_m[2] for one in seen]))
+    if best.spread_m <= _WELL_EXPLAINED * reach:
+        return best
+    tables = {
+        "are inverted, or the mount is the other": [pose.inverse() for pose in rows],
+        "are in millimetres": [Pose(pose.rotation, 1e-3 * pose.translation_m) for pose in rows],
+        "are in kilometres": [Pose(pose.rotation, 1e3 * pose.translation_m) for pose in rows],
+        **readings,
+    }
+    others = {words: [(table[i], own) for i, own in zip(used, looked, strict=True)] for words, table in tables.items()}
+    for words, order in other_orders(known(rows), [one[0] for one in looked], used).items():
+        pairs = [(rows[i], own) for i, own in zip(order, looked, strict=True) if i >= 0]
+        if not np.array_equal(order, used) and len(pairs) > _LEAST_VIEWS:
+            others[words] = pairs
+    spreads = {}
+    for words, pairs in others.items():
+        found = consensus(known([tool for tool, _ in pairs]), [own for _, own in pairs], points, _FEW_SUBSETS)
+        spreads[words] = found.spread_m
+    words = min(spreads, key=spreads.__getitem__)
+    better = _BETTER_OF_FEW if len(used) < _FEW else _FAR_BETTER
+    if better * spreads[words] < best.spread_m and spreads[words] <= _EXPLAINED * reach:
+        raise InputError(
+            f"the robot's poses fit to {1e3 * best.spread_m:.3g} mm as they stand, and to "
+            f"{1e3 * spreads[words]:.2g} mm if they {words}",
+            remedy="give poses of the tool in the base, in metres, one for each view in its order, and the right mount",
+        )
+    if best.spread_m > _EXPLAINED * reach:
+        raise InputError(
+            f"the robot's poses do not explain the views: the better part of them misses the board by "
+            f"{1e3 * best.spread_m:.0f} mm",
+            remedy="is each the pose at its picture, of the tool in the base, and what the tool carries fixed to it?",
+        )
+    return best
+
+
+def _consistent(
+    problem: HandEyeProblem, start: Start, seen: Sequence[Pose], centre_m: np.ndarray
+) -> tuple[Solved, np.ndarray, Misfits]:
+    """The solution over the views that agree, which those are (V,), and how far off each is."""
+    kept, X, Z = start.good, start.X, start.Z
+    std = np.full(2, max(start.spread_m, 1e-6))
+    for _ in range(_ROUNDS):
+        part = problem.picked(kept)
+        solved = part.solved(part.start(X, Z), std)
+        X, Z, std = solved.state.X, solved.state.Z, solved.std
+        off = problem.misfits(solved, seen, kept, centre_m)
+        # outliers that are still in it make the robot look worse than it is; among few views nothing shows that
+        scale = float(np.median(off.squares) / chi2.median(6))
+        scale = max(scale, 1.0) if len(seen) < _FEW_TO_JUDGE else scale
+        before, kept = kept, off.squares <= scale * 6.0 * f.isf(_OUTLIER_CHANCE, 6, solved.freedom)
+        if np.array_equal(kept, before) or kept.sum() < max(_LEAST_VIEWS, 0.5 * len(kept)):
+            break
+    return solved, before, off
+
+
+def _refuse_loose(found: Solved, tools: Sequence[Pose], reach_m: float) -> None:
+    of_camera = found.covariance[:6, :6]
+    turn, place = (float(np.sqrt(np.linalg.eigvalsh(part)[-1])) for part in (of_camera[:3, :3], of_camera[3:, 3:]))
+    if turn > _LOOSE_RAD or place > _LOOSE_SHARE * reach_m:
+        second = np.degrees(_turns(tools)[0][1])
+        raise InputError(
+            f"the views leave the camera's pose open to {turn:.2g} rad and {1e3 * place:.2g} mm; the hand turned by "
+            f"{second:.2g}° rms about the second axis",
+            remedy=_TURN_MORE
+            if second < _TURNED_WELL_DEG
+            else "add views, the board large in them and the robot at rest",
+        )
+
+
+def _result(
+    solved: Solved, kept: np.ndarray, off: Misfits, problem: HandEyeProblem, seen: Sequence[SeenView]
+) -> HandEye:
+    views, index = [], 0
+    for one in seen:
+        if one.corners is None:
+            views.append(HandEyeView(one.name, 0, 0, np.nan, np.nan, one.reason))
+            continue
+        reason = "" if kept[index] else "its robot pose contradicts the others"
+        distance, turn = float(off.distance_m[index]), float(off.turn_rad[index])
+        views.append(HandEyeView(one.name, len(one.corners.pixels), one.left_out, distance, turn, reason))
+        index += 1
+    return HandEye(
+        mount="hand" if problem.in_hand else "fixed",
+        camera_pose=solved.state.X,
+        board_pose=solved.state.Z,
+        covariance=solved.covariance,
+        robot_std=solved.std,
+        robot_log_std=solved.log_std,
+        rms=np.sqrt([np.mean(off.turn_rad[kept] ** 2), np.mean(off.distance_m[kept] ** 2)]),
+        parts={name: np.sqrt(part[kept].mean(axis=0)) for name, part in off.parts.items()},
+        noise_px=problem.noise_px,
+        views=tuple(views),
+    )

@@ -1,0 +1,362 @@
+"""Maximum likelihood of a hand-eye calibration: corners, lens, and a robot whose own poses are off.
+
+p_camera = X⁻¹·G·E·Z·p_board where the arm holds the board, X⁻¹·E·G⁻¹·Z·p_board where it holds the camera: G is the
+robot's reading, E the error of each view, a turn and a shift of the tool, both normal, of two variances that the
+residuals themselves show (restricted maximum likelihood, with a penalty that keeps them off zero: Chung et al. 2013).
+
+X and Z are those for the lens as it is given, with which they will be used; its covariance is in theirs, and in the
+variances of the robot's errors. Of each view's corners only what a pose of its own can explain takes part, six numbers.
+The rest is noise, and has had its say on the lens if that was solved from the same corners: they may be the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import minimize
+from scipy.stats import chi2, f
+
+from vbaa_calib.calibrate.lens.models import PROJECTIONS
+from vbaa_calib.camera import Camera
+from vbaa_calib.core.least_squares import Rules, levenberg_marquardt, solve_scaled
+from vbaa_calib.core.robust import radial_std, soft_l1_weights
+from vbaa_calib.geometry import Pose
+from vbaa_calib.geometry.independent_axes import independent_axes
+
+SHARED = 12
+"""Columns of X's tangent and of Z's."""
+_RULES = Rules(60, tolerance=1e-12, takes_last=True, may_rise_share=1e-9)
+_OUT_OF_SIGHT_PX = 1e4
+_STD_LOGS = (np.log(1e-7), 0.0)
+"""Of rad and of m: between them the deviations of the robot's errors are sought."""
+_STARTS = (1e-5, 1e-4, 1e-3, 1e-2)
+_ROUNDS, _SAME = 8, 1e-3
+_REWEIGHTINGS, _SOFT_PER_SIGMA, _STANDSTILL_PX = 10, 1.5, 1e-4
+_DIFFERENCE, _LEAST_FREEDOM = 0.05, 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class ViewCorners:
+    """One view's corners: points_m (N, 3) of the board, their pixels (N, 2), weights (N,) on residuals."""
+
+    points_m: np.ndarray
+    pixels: np.ndarray
+    weights: np.ndarray
+
+    def linearised(self, camera: Camera, T_camera_board: Pose) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Weighted residuals (2N,) px, observed less predicted, and derivatives of what is predicted by the pose's
+        tangent (2N, 6) and by the lens (2N, 4 + k)."""
+        lever = self.points_m @ T_camera_board.rotation.T
+        points = lever + T_camera_board.translation_m
+        seen = camera.project(points)[1]
+        ahead = np.where(seen[:, None], points, [0.0, 0.0, 1.0])
+        pixels, by_lens, by_pose = PROJECTIONS[camera.model](ahead, np.zeros(6), camera.parameters)
+        by_point = by_pose[:, 3:].reshape(-1, 2, 3)
+        # turning by w about the board's origin moves a point by w × lever
+        slopes = np.concatenate(
+            [np.cross(lever[:, None], by_point), by_point, by_lens.reshape(-1, 2, by_lens.shape[1])], 2
+        )
+        residuals = self.pixels - np.where(seen[:, None], pixels, _OUT_OF_SIGHT_PX)
+        slopes = (slopes * (self.weights * seen)[:, None, None]).reshape(2 * len(points), -1)
+        return (residuals * self.weights[:, None]).ravel(), slopes[:, :6], slopes[:, 6:]
+
+    def posed(self, camera: Camera, start: Pose) -> tuple[Pose, np.ndarray]:
+        """The pose that the corners fit best, gross ones pulling little, and their residuals' lengths (N,) px there."""
+        pose = start
+        for _ in range(_REWEIGHTINGS):
+            residuals, by_pose, _ = self.linearised(camera, pose)
+            distances = np.linalg.norm(residuals.reshape(-1, 2), axis=1)
+            weights = soft_l1_weights(distances, _SOFT_PER_SIGMA * max(radial_std(distances), 1e-9)).repeat(2)
+            weighted = by_pose * weights[:, None]
+            step = solve_scaled(weighted.T @ by_pose, weighted.T @ residuals)
+            pose = pose.retract(step)
+            if np.abs(by_pose @ step).max() < _STANDSTILL_PX:
+                break
+        return pose, np.linalg.norm(self.linearised(camera, pose)[0].reshape(-1, 2), axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """What is solved for: X, Z, and each view's E."""
+
+    X: Pose
+    Z: Pose
+    errors: tuple[Pose, ...]
+
+
+class Rows(NamedTuple):
+    """A state, and per view six numbers (V, 6) that its corners ask for, in units of their noise.
+
+    residuals : at the state, (V, 6).
+    by_shared : (V, 6, 12 + K) derivatives of what is predicted by the tangents of X and Z, and by K steps of the lens
+        that vary independently by one deviation.
+    by_error : (V, 6, 6) by the tool's turn and shift. by_pose : (V, 6, 6) by the board's pose.
+    errors : (V, 6) turns and shifts at the state. cost : of all corners and the robot, the lens as it is.
+    """
+
+    state: State
+    residuals: np.ndarray
+    by_shared: np.ndarray
+    by_error: np.ndarray
+    by_pose: np.ndarray
+    errors: np.ndarray
+    cost: float
+
+    def normal(self, std: np.ndarray) -> _Normal:
+        """The normal equations of X, Z and lens for a robot of these deviations (2,), its errors eliminated."""
+        # what would be seen of a robot without errors
+        left = self.residuals + np.einsum("vij,vj->vi", self.by_error, self.errors)
+        V = np.eye(6) + (self.by_error * std.repeat(3) ** 2) @ np.swapaxes(self.by_error, 1, 2)
+        root = np.linalg.inv(np.linalg.cholesky(V))
+        rows = root @ np.concatenate([self.by_shared, left[..., None]], axis=-1)
+        product = np.einsum("vki,vkj->ij", rows, rows)
+        A = product[:-1, :-1] + np.diag(np.arange(len(product) - 1) >= SHARED).astype(float)
+        spread = -2.0 * float(np.log(np.diagonal(root, axis1=1, axis2=2)).sum())
+        return _Normal(A, product[:-1, -1], float(product[-1, -1]), left, V, spread)
+
+
+class _Normal(NamedTuple):
+    """A·step = b, and the square of what is left without a step. left : (V, 6), V : (V, 6, 6) its covariance, and the
+    logarithm of its determinants."""
+
+    A: np.ndarray
+    b: np.ndarray
+    square: float
+    left: np.ndarray
+    V: np.ndarray
+    log_determinant: float
+
+
+@dataclass(frozen=True, eq=False)
+class Solved:
+    """A minimum. std : (2,) of the robot's turns rad and shifts m, per axis; log_std : (2,) deviations of their
+    logarithms."""
+
+    rows: Rows
+    std: np.ndarray
+    log_std: np.ndarray
+
+    @property
+    def state(self) -> State:
+        return self.rows.state
+
+    def covariance_for(self, std: np.ndarray) -> np.ndarray:
+        """(12, 12) of X's and Z's tangents, the lens' part in it, for a robot of these deviations (2,)."""
+        A = self.rows.normal(std).A
+        own = solve_scaled(A[:SHARED, :SHARED], np.eye(SHARED))
+        by_lens = own @ A[:SHARED, SHARED:]
+        return own + by_lens @ by_lens.T
+
+    @cached_property
+    def freedom(self) -> float:
+        """Degrees of freedom of the covariance: the robot's variance is known from these few views only."""
+        own, variance = self.covariance_for(self.std), 0.0
+        for which, log_std in zip(np.eye(2), self.log_std, strict=True):
+            more = self.covariance_for(self.std * np.exp(_DIFFERENCE * which)) - own
+            share = float(np.trace(solve_scaled(own, more))) / (2.0 * _DIFFERENCE * SHARED)
+            variance += (2.0 * share * min(log_std, 1.0)) ** 2
+        return max(2.0 / max(variance, 1e-9), _LEAST_FREEDOM)
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """(12, 12) so much larger as the 95 % quantile of Fisher's F is larger than that of χ²."""
+        return self.covariance_for(self.std) * 6.0 * f.isf(0.05, 6, self.freedom) / chi2.isf(0.05, 6)
+
+
+@dataclass(frozen=True, eq=False)
+class Misfits:
+    """Where the board is, by a view's own corners, less where the robot's readings say.
+
+    turn_rad, distance_m : (V,) of the board, and of its centre. squares : (V,) normalised, six degrees of freedom.
+    parts : "corners", "lens", "robot" → (V, 2) variance, rad² and m², that each is predicted to add to them.
+    """
+
+    turn_rad: np.ndarray
+    distance_m: np.ndarray
+    squares: np.ndarray
+    parts: dict[str, np.ndarray]
+
+
+@dataclass(frozen=True, eq=False)
+class HandEyeProblem:
+    """Views (V), the robot's readings of the tool in its base, the camera, the noise of a corner's coordinate in px,
+    and whether the arm holds the camera."""
+
+    views: tuple[ViewCorners, ...]
+    readings: tuple[Pose, ...]
+    camera: Camera
+    noise_px: float
+    in_hand: bool
+
+    def picked(self, which: np.ndarray) -> HandEyeProblem:
+        """With the views of a mask (V,) alone."""
+        chosen = np.flatnonzero(which)
+        return replace(
+            self, views=tuple(self.views[i] for i in chosen), readings=tuple(self.readings[i] for i in chosen)
+        )
+
+    @property
+    def _lens_axes(self) -> np.ndarray:
+        """(4 + k, K) steps of the lens that vary independently by one deviation."""
+        if self.camera.covariance is None:
+            return np.zeros((len(self.camera.parameters), 0))
+        axes = independent_axes(self.camera.covariance)
+        return axes[:, np.any(axes != 0.0, axis=0)]
+
+    def start(self, X: Pose, Z: Pose) -> State:
+        """At which the robot is right."""
+        return State(X, Z, (Pose.identity(),) * len(self.views))
+
+    def predicted(self, state: State) -> list[Pose]:
+        """T_camera_board of each view."""
+        back = state.X.inverse()
+        if self.in_hand:
+            return [back @ E @ G.inverse() @ state.Z for G, E in zip(self.readings, state.errors, strict=True)]
+        return [back @ G @ E @ state.Z for G, E in zip(self.readings, state.errors, strict=True)]
+
+    def _tangents(self, state: State, T_camera_board: Pose, view: int) -> np.ndarray:
+        """(6, 18) the tangent of a view's board pose by those of X, Z and E."""
+        X, Z, G, E = state.X, state.Z, self.readings[view], state.errors[view]
+        R_camera_base = X.rotation.T
+        # what E turns and shifts is seen by the camera through this, about this point
+        through, inner = (R_camera_base, G.inverse() @ Z) if self.in_hand else (R_camera_base @ G.rotation, Z)
+        lever = through @ E.rotation @ inner.translation_m
+        R_camera_Z = T_camera_board.rotation @ Z.rotation.T
+        found = np.zeros((6, 18))
+        found[:3, 0:3] = found[3:, 3:6] = -R_camera_base
+        found[3:, 0:3] = _crossed(T_camera_board.translation_m) @ R_camera_base
+        found[:3, 6:9] = found[3:, 9:12] = R_camera_Z
+        found[:3, 12:15] = found[3:, 15:] = through
+        found[3:, 12:15] = -_crossed(lever) @ through
+        return found
+
+    def linearised(self, state: State, std: np.ndarray) -> Rows:
+        """The rows at a state, and the cost there for a robot of these deviations (2,)."""
+        axes, squares, each = self._lens_axes, 0.0, []
+        for index, (view, pose) in enumerate(zip(self.views, self.predicted(state), strict=True)):
+            residuals, tangents, by_lens = (part / self.noise_px for part in view.linearised(self.camera, pose))
+            basis, factor = np.linalg.qr(tangents)
+            own, slopes = basis.T @ residuals, factor @ self._tangents(state, pose, index)
+            squares += float(residuals @ residuals)
+            shared = np.hstack([slopes[:, :SHARED], basis.T @ by_lens @ axes])
+            each.append((own, shared, slopes[:, SHARED:], factor))
+        own, by_shared, by_error, by_pose = (np.array(parts) for parts in zip(*each, strict=True))
+        errors = np.array([E.vector for E in state.errors])
+        squares += float(((errors / std.repeat(3)) ** 2).sum())
+        return Rows(state, own, by_shared, by_error, by_pose, errors, 0.5 * squares)
+
+    def _descended(self, state: State, std: np.ndarray) -> Rows:
+        """At the least cost for a robot of these deviations (2,)."""
+        variance = std.repeat(3) ** 2
+
+        def step(at: Rows, damping: float) -> tuple[np.ndarray, float]:
+            normal = at.normal(std)
+            A, b = normal.A[:SHARED, :SHARED], normal.b[:SHARED]
+            move = solve_scaled(A, b, damping)
+            left = normal.left - at.by_shared[..., :SHARED] @ move
+            errors = variance * np.einsum("vji,vj->vi", at.by_error, np.linalg.solve(normal.V, left[..., None])[..., 0])
+            own = errors - at.errors
+            promise = 0.5 * float(2.0 * b @ move - move @ A @ move + (own**2 / variance).sum())
+            return np.concatenate([move, own.ravel()]), promise
+
+        def moved(at: Rows, move: np.ndarray) -> Rows:
+            X, Z = at.state.X.retract(move[:6]), at.state.Z.retract(move[6:SHARED])
+            steps = move[SHARED:].reshape(-1, 6)
+            errors = tuple(E.retract(own) for E, own in zip(at.state.errors, steps, strict=True))
+            return self.linearised(State(X, Z, errors), std)
+
+        return levenberg_marquardt(self.linearised(state, std), step, moved, _RULES).at
+
+    def solved(self, state: State, std: np.ndarray) -> Solved:
+        """The minimum, and the robot's deviations (2,) that the residuals show; from these."""
+        starts = [std, *(np.array([turn, shift]) for turn in _STARTS for shift in _STARTS)]
+        for _ in range(_ROUNDS):
+            rows, before = self._descended(state, std), std
+            std, log_std = _robot_std(rows, starts)
+            starts = [std]
+            state = rows.state
+            if np.abs(np.log(std / before)).max() < _SAME:
+                break
+        return Solved(self._descended(state, std), std, log_std)
+
+    def misfits(self, solved: Solved, seen: Sequence[Pose], kept: np.ndarray, centre_m: np.ndarray) -> Misfits:
+        """Of all views, whose corners alone show the board at the poses `seen`, by a solution over those kept (V,)."""
+        state = self.start(solved.state.X, solved.state.Z)
+        rows, std = self.linearised(state, solved.std), solved.std
+        tangents = np.array([own.tangent_from(said) for own, said in zip(seen, self.predicted(state), strict=True)])
+        V, fit = rows.normal(std).V, solved.rows.normal(std)
+        # judged for the lens that fits the robot best: what all views share must not hide what one has
+        inverse = solve_scaled(fit.A, np.eye(len(fit.A)))
+        off = np.einsum("vij,vj->vi", rows.by_pose, tangents) - rows.by_shared @ (inverse @ fit.b)
+        of_shared = rows.by_shared @ inverse @ np.swapaxes(rows.by_shared, 1, 2)
+        # what a view has pulled the solution towards itself is missing from its misfit
+        values, axes = np.linalg.eigh(V + np.where(kept, -1.0, 1.0)[:, None, None] * of_shared)
+        squares = (np.einsum("vji,vj->vi", axes, off) ** 2 / np.maximum(values, 1e-9)).sum(axis=1)
+
+        robot = (rows.by_error * std.repeat(3) ** 2) @ np.swapaxes(rows.by_error, 1, 2)
+        fixed, of_lens = rows.by_shared[..., :SHARED], rows.by_shared[..., SHARED:]
+        own = solve_scaled(fit.A[:SHARED, :SHARED], np.eye(SHARED))
+        taken = own @ np.swapaxes(fixed, 1, 2) @ np.linalg.inv(V) * kept[:, None, None]
+        # a turn moves the board's centre, too
+        levers = np.array([_crossed(pose.rotation @ centre_m) for pose in seen])
+        turn, unit = np.broadcast_to(np.eye(3, 6), (len(seen), 3, 6)), np.broadcast_to(np.eye(3), levers.shape)
+        centre = np.concatenate([-levers, unit], axis=-1)
+
+        def left(one: np.ndarray) -> np.ndarray:
+            """(V, 6, 6) what the solution leaves of errors (V, 6, 6) that the views do not share."""
+            through = fixed @ taken @ one
+            both = np.einsum("vij,vjk,vlk->il", taken, one, taken)
+            return one - through - np.swapaxes(through, 1, 2) + fixed @ both @ np.swapaxes(fixed, 1, 2)
+
+        common = of_lens - fixed @ np.einsum("vij,vjk->ik", taken, of_lens)
+        sources = {
+            "corners": left(np.broadcast_to(np.eye(6), V.shape)),
+            "lens": common @ np.swapaxes(common, 1, 2),
+            "robot": left(robot),
+        }
+        shown = [part @ np.linalg.inv(rows.by_pose) for part in (turn, centre)]
+        parts = {
+            name: np.stack([np.einsum("vij,vjk,vik->v", part, one, part) for part in shown], axis=1)
+            for name, one in sources.items()
+        }
+        shift = np.einsum("vij,vj->vi", centre, tangents)
+        return Misfits(np.linalg.norm(tangents[:, :3], axis=1), np.linalg.norm(shift, axis=1), squares, parts)
+
+
+def _crossed(vector: np.ndarray) -> np.ndarray:
+    """(3, 3) [v]× of a vector (3,): [v]× w = v × w."""
+    return np.cross(vector, np.eye(3)).T
+
+
+def _robot_std(rows: Rows, starts: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """(2,) deviations of the robot's turns, rad, and shifts, m, per axis, and those of their logarithms.
+
+    starts : (2,) each; where the corners are vague there are flat stretches.
+    """
+
+    def badness(logs: np.ndarray) -> float:
+        inside = np.clip(logs, *_STD_LOGS)
+        normal = rows.normal(np.exp(inside))
+        least = normal.square - float(normal.b @ solve_scaled(normal.A, normal.b))
+        unit = np.sqrt(np.maximum(np.diag(normal.A), 1e-30))
+        determinant = np.linalg.slogdet(normal.A / np.outer(unit, unit))[1] + 2.0 * np.log(unit).sum()
+        outside = 1e3 * float(np.abs(logs - inside).sum())
+        return 0.5 * (normal.log_determinant + determinant + least) - float(inside.sum()) + outside
+
+    best = min(np.log(starts), key=badness)
+    options = {"xatol": 1e-3, "fatol": 1e-6, "maxiter": 150}
+    found = minimize(badness, best, method="Nelder-Mead", options=options).x
+    steps = _DIFFERENCE * np.eye(2)
+    second = [
+        [
+            (badness(found + a + b) - badness(found + a - b) - badness(found - a + b) + badness(found - a - b))
+            for b in steps
+        ]
+        for a in steps
+    ]
+    spread = np.linalg.pinv(np.array(second) / (4.0 * _DIFFERENCE**2), hermitian=True)
+    return np.exp(np.clip(found, *_STD_LOGS)), np.sqrt(np.clip(np.diag(spread), 0.0, None))

@@ -1,0 +1,124 @@
+"""Tables of a hand-eye calibration: the robot's poses, and corners that somebody else has found."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import permutations
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from vbaa_calib.core.csv_rows import number, read_csv, whole_number
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.files import read_text
+from vbaa_calib.detect.board.corners import BoardView
+from vbaa_calib.geometry import Pose
+
+_PLACES = {("x_m", "y_m", "z_m"): 1.0, ("x_mm", "y_mm", "z_mm"): 1e-3}
+_ANGLES = {(f"a_{unit}", f"b_{unit}", f"c_{unit}"): unit for unit in ("rad", "deg")}
+_VECTORS = {(f"rx_{unit}", f"ry_{unit}", f"rz_{unit}"): unit for unit in ("rad", "deg")}
+_QUATERNION = ("qx", "qy", "qz", "qw")
+_LETTERS = "XYZ"
+EULER = tuple("".join(each) for each in permutations(_LETTERS)) + tuple(
+    a + b + a for a in _LETTERS for b in _LETTERS if a != b
+)
+"""Orders of Euler angles about the axes as they turn along: ZYX is a KUKA's A B C, ZYZ a Doosan's."""
+_UNIT = 0.02
+
+
+def read_robot_poses(path: Path, euler: str | None = None) -> tuple[dict[str, Pose], dict[str, dict[str, Pose]]]:
+    """T_base_tool by view from a CSV: view; x_m,y_m,z_m or x_mm,…; and qx,qy,qz,qw, a rotation vector rx_rad,… or
+    rx_deg,…, or Euler angles a_rad,b_rad,c_rad or a_deg,… in the order `euler`, one of `EULER`.
+
+    Returns besides what else the rows may mean, by what is then said of the poses.
+
+    Raises InputError naming the file, the line and what is wrong.
+    """
+    header = [cell.strip() for cell in read_text(path).partition("\n")[0].split(",")]
+    place = next((names for names in _PLACES if names[0] in header), ("x_m", "y_m", "z_m"))
+    turn = next((names for names in (*_VECTORS, *_ANGLES) if names[0] in header), _QUATERNION)
+    if turn in _ANGLES and euler not in EULER:
+        order = "none is given" if euler is None else f"it is {euler!r}"
+        raise InputError(
+            f"holds Euler angles and needs their order, {order}",
+            where=path,
+            remedy=f"name it (--euler): {', '.join(EULER)}; ZYX is a KUKA's A B C, ZYZ a Doosan's",
+        )
+    places, turns = {}, {}
+    for row in read_csv(path, ["view", *place, *turn]):
+        name, where = row["view"], f"{path} line {row['line']}"
+        if not name or name in places:
+            what = f"view {name} stands twice" if name else "view is empty"
+            raise InputError(what, where=where, remedy="give each view one row")
+        places[name] = _PLACES[place] * np.array([number(row, column, path) for column in place])
+        turns[name] = np.array([number(row, column, path) for column in turn])
+        if turn == _QUATERNION and abs(np.linalg.norm(turns[name]) - 1.0) > _UNIT:
+            length = np.linalg.norm(turns[name])
+            raise InputError(f"the quaternion's length is {length:.3g}, not 1", where=where, remedy="mend the row")
+    return _posed(places, _turned(turns, turn, euler)), {
+        words: _posed(places, other) for words, other in _other_turns(turns, turn, euler).items()
+    }
+
+
+def _posed(places: Mapping[str, np.ndarray], turns: Mapping[str, Rotation]) -> dict[str, Pose]:
+    return {name: Pose(turns[name].as_matrix(), place) for name, place in places.items()}
+
+
+def _turned(turns: Mapping[str, np.ndarray], columns: tuple[str, ...], euler: str | None) -> dict[str, Rotation]:
+    degrees = columns[0].endswith("_deg")
+    if columns == _QUATERNION:
+        return {name: Rotation.from_quat(values) for name, values in turns.items()}
+    if columns in _VECTORS:
+        return {name: Rotation.from_rotvec(values, degrees=degrees) for name, values in turns.items()}
+    return {name: Rotation.from_euler(str(euler), values, degrees=degrees) for name, values in turns.items()}
+
+
+def _other_turns(
+    turns: Mapping[str, np.ndarray], columns: tuple[str, ...], euler: str | None
+) -> dict[str, dict[str, Rotation]]:
+    if columns == _QUATERNION:
+        rolled = {name: np.roll(values, -1) for name, values in turns.items()}
+        return {"have quaternions with w first": _turned(rolled, columns, None)}
+    unit, other = ("degrees", "rad") if columns[0].endswith("_rad") else ("rad", "degrees")
+    swapped = tuple(f"{column[:-3]}{unit[:3]}" for column in columns)
+    found = {f"are in {unit}, not in {other}": _turned(turns, swapped, euler)}
+    angles = tuple(f"{each}_{columns[0][-3:]}" for each in "abc")
+    for order in EULER:
+        # about fixed axes is about axes that turn along, in reversed order
+        for name, axes in (
+            (f"{order} about axes that turn along", order),
+            (f"{order} about fixed axes", order.lower()),
+        ):
+            if axes != euler:
+                found[f"have Euler angles {name}"] = _turned(turns, angles, axes)
+    return found
+
+
+def read_corners(path: Path, image_size: tuple[int, int], corner_count: int) -> list[BoardView]:
+    """Views from a CSV of corners: view; id (or corner_id); u_px,v_px, (0, 0) the centre of the first pixel.
+
+    Raises InputError for an id that the board has not, or twice in a view, and a corner outside the picture.
+    """
+    header = read_text(path).partition("\n")[0].split(",")
+    column = "corner_id" if "corner_id" in [cell.strip() for cell in header] else "id"
+    views: dict[str, dict[int, tuple[float, float]]] = {}
+    for row in read_csv(path, ["view", column, "u_px", "v_px"]):
+        name, where = row["view"], f"{path} line {row['line']}"
+        corner, pixel = whole_number(row, column, path), (number(row, "u_px", path), number(row, "v_px", path))
+        corners = views.setdefault(name, {})
+        if not name:
+            raise InputError("view is empty", where=where, remedy="name the picture")
+        if corner >= corner_count:
+            what = f"corner {corner}, but the board has {corner_count}"
+            raise InputError(what, where=where, remedy="is this the board? ids count from 0")
+        if corner in corners:
+            raise InputError(f"corner {corner} of view {name} stands twice", where=where, remedy="take one away")
+        if not all(-0.5 <= at <= size - 0.5 for at, size in zip(pixel, image_size, strict=True)):
+            size = f"{image_size[0]}x{image_size[1]}"
+            raise InputError(f"the corner lies outside the picture of {size} px", where=where, remedy="mend the row")
+        corners[corner] = pixel
+    return [
+        BoardView(name, np.array(list(corners), int), np.array(list(corners.values())), image_size)
+        for name, corners in views.items()
+    ]

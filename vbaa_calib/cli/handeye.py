@@ -1,0 +1,193 @@
+"""`vbaa handeye VIEWS --board board.yaml --poses poses.csv -o handeye.json`."""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from vbaa_calib.core.console import say
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.files import refuse_overwrite, sha256, write_json
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from targets.board import BoardSpec
+    from vbaa_calib.calibrate.pose.hand_eye import HandEye
+    from vbaa_calib.camera import Camera
+    from vbaa_calib.detect.board.corners import BoardView
+    from vbaa_calib.geometry import Pose
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "views", type=Path, help="folder of pictures of the board, or a CSV of corners: view,id,u_px,v_px"
+    )
+    parser.add_argument("--board", type=Path, required=True, help="board.yaml, or a session.yaml")
+    parser.add_argument(
+        "--poses",
+        type=Path,
+        required=True,
+        help="CSV of the tool's poses in the robot's base: view; x_m,y_m,z_m (or _mm); qx,qy,qz,qw, or a rotation "
+        "vector rx_rad,ry_rad,rz_rad, or Euler angles a_deg,b_deg,c_deg",
+    )
+    parser.add_argument(
+        "--euler", metavar="ORDER", help="of Euler angles, about axes that turn along: ZYX, ZYZ, XYZ, …"
+    )
+    parser.add_argument(
+        "--mount",
+        choices=("hand", "fixed"),
+        default="hand",
+        help="hand: the arm carries the camera; fixed: it carries the board (default: hand)",
+    )
+    parser.add_argument(
+        "--camera", type=Path, help="a known lens, of any format of `vbaa convert` (default: from VIEWS)"
+    )
+    parser.add_argument("--image-size", type=int, nargs=2, metavar=("W", "H"), help="px, for a CSV without --camera")
+    parser.add_argument(
+        "--rig", type=Path, help="rig.json of this camera: gives T_actuator_antenna for a session's arm"
+    )
+    parser.add_argument("-o", "--output", type=Path, required=True, help="handeye.json to write")
+
+
+def run(args: argparse.Namespace) -> dict[str, Any]:
+    """Find the corners, solve, write handeye.json. Returns its numbers."""
+    from vbaa_calib.calibrate.pose.hand_eye import solve_hand_eye
+    from vbaa_calib.calibrate.pose.robot_tables import read_robot_poses
+    from vbaa_calib.convert import guessed
+    from vbaa_calib.detect.board.board_file import load_board
+    from vbaa_calib.rig import Rig
+
+    inputs = [args.board, args.poses, args.camera, args.rig, *([args.views] if args.views.is_file() else [])]
+    refuse_overwrite(args.output, args.force, inputs)
+    if args.rig and args.mount != "hand":
+        raise InputError("--rig with --mount fixed", remedy="camera and antenna ride together: take --mount hand")
+    spec, (poses, others) = load_board(args.board), read_robot_poses(args.poses, args.euler)
+    rig = Rig.load(args.rig) if args.rig else None
+    camera = rig.camera if rig else None
+    if args.camera:
+        camera = guessed(args.camera).read(args.camera, None).camera
+    views = _paired(_views(args, spec, camera), poses, args.poses)
+    views, points, camera = _lens(views, spec, camera)
+    given = [poses[view.name] for view in views]
+    readings = {words: [other[view.name] for view in views] for words, other in others.items()}
+    solution = solve_hand_eye(views, given, points, camera, args.mount, readings)
+    document = solution.to_dict() | {"camera": camera.to_dict(), "board": spec.to_dict()}
+    if camera.covariance is None:
+        document["warnings"].append("the lens' file states no covariance: the lens counts as exact")
+    if rig:
+        antenna, covariance = solution.antenna_on_arm(rig.T_antenna_camera, rig.covariance[:6, :6])
+        document["T_actuator_antenna"] = antenna.to_dict()
+        document["T_actuator_antenna_covariance"] = covariance.tolist()
+    named = {"board": args.board, "poses": args.poses, "camera": args.camera, "rig": args.rig}
+    document["inputs_sha256"] = {name: sha256(path) for name, path in named.items() if path}
+    document["command"] = shlex.join(args.argv)
+    write_json(args.output, document, args.force)
+    _report(solution, document)
+    say(f"wrote {args.output}")
+    return {"output": str(args.output), **document}
+
+
+def _views(args: argparse.Namespace, spec: BoardSpec, camera: Camera | None) -> list[BoardView]:
+    from vbaa_calib.calibrate.pose.robot_tables import read_corners
+    from vbaa_calib.core.images import list_images
+    from vbaa_calib.detect.board.corners import detect_folder
+
+    if not args.views.is_file():
+        refuse_overwrite(args.output, args.force, list_images(args.views))
+        return detect_folder(args.views, spec)
+    if camera is None and (args.image_size is None or min(args.image_size) < 1):
+        remedy = "give --image-size W H, or --camera"
+        raise InputError("corners without the size of their pictures", where=args.views, remedy=remedy)
+    return read_corners(args.views, camera.image_size if camera else tuple(args.image_size), spec.corner_count)
+
+
+def _paired(views: Sequence[BoardView], poses: dict[str, Pose], where: Path) -> list[BoardView]:
+    """The views that have a pose, in the order of the poses and by their names: with or without the suffix."""
+    by_name = {view.name: view for view in views} | {Path(view.name).stem: view for view in views}
+    paired = [replace(by_name[name], name=name) for name in poses if name in by_name]
+    if not paired:
+        few = ", ".join([view.name for view in views][:3])
+        raise InputError("no row is of one of the views", where=where, remedy=f"their names are {few}, …")
+    for what, names in (
+        ("views without a pose", {Path(view.name).stem for view in views} - {Path(name).stem for name in poses}),
+        ("poses without a view", set(poses) - set(by_name)),
+    ):
+        if names:
+            say(f"{what}: {len(names)} ({', '.join(sorted(names)[:5])})")
+    return paired
+
+
+def _lens(views: list[BoardView], spec: BoardSpec, camera: Camera | None) -> tuple[list[BoardView], np.ndarray, Camera]:
+    """The views without the lens solve's outliers, the board's points as solved, and the lens; as given where it is."""
+    import numpy as np
+
+    from targets.board import corner_points
+    from vbaa_calib.calibrate.lens.information import bend
+    from vbaa_calib.calibrate.lens.intrinsics import solve_intrinsics
+
+    points = corner_points(spec)
+    if camera is not None:
+        return views, points, camera
+    solution = solve_intrinsics(views, spec)
+    say(f"lens       {solution.model}: rms {solution.rms_px:.4f} px; {solution.verdict}")
+    gross = {view.name: view.outlier_ids for view in solution.views}
+    kept = [np.isin(view.ids, gross.get(view.name, ()), invert=True) for view in views]
+    cleaned = [
+        replace(
+            view,
+            ids=view.ids[keep],
+            corners_px=view.corners_px[keep],
+            covariance_px2=None if view.covariance_px2 is None else view.covariance_px2[keep],
+        )
+        for view, keep in zip(views, kept, strict=True)
+    ]
+    bent = solution.board_flex.bend
+    return (
+        cleaned,
+        points if bent is None else points + np.outer(bend(spec) @ bent.sagittas_m, [0, 0, 1]),
+        solution.camera,
+    )
+
+
+def _report(solution: HandEye, document: dict[str, Any]) -> None:
+    import numpy as np
+
+    std = np.sqrt(np.diag(solution.covariance))
+    holder = "tool" if solution.mount == "hand" else "base"
+    place = ", ".join(
+        f"{1e3 * x:.2f} ± {1e3 * s:.2f}" for x, s in zip(solution.camera_pose.translation_m, std[3:6], strict=True)
+    )
+    say(f"camera     in the {holder}'s frame at {place} mm; turn known to {np.degrees(std[:3].max()):.3f}° per axis")
+    turn, shift = solution.robot_std
+    say(
+        f"disagree   {1e3 * solution.rms[1]:.2f} mm and {np.degrees(solution.rms[0]):.3f}° rms between what the board "
+        f"shows and what the robot says, over {len(solution.views) - len(solution.outliers)} views"
+    )
+    words = "; ".join(
+        f"{name} {1e3 * part[1]:.2f} mm, {np.degrees(part[0]):.3f}°" for name, part in solution.parts.items()
+    )
+    say(f"expected   {words}")
+    loose = 100.0 * solution.robot_log_std
+    share = 100.0 * solution.robot_share
+    say(
+        f"robot      {1e3 * shift:.2f} mm (± {loose[1]:.0f} %) and {np.degrees(turn):.3f}° (± {loose[0]:.0f} %) per axis of "
+        f"the tool: {share[1]:.0f} % of the distances' expected variance, {share[0]:.0f} % of the turns'"
+    )
+    for view in solution.views:
+        if view.reason:
+            off = (
+                ""
+                if np.isnan(view.distance_m)
+                else f" by {1e3 * view.distance_m:.1f} mm, {np.degrees(view.turn_rad):.2f}°"
+            )
+            say(f"left out   {view.name}: {view.reason}{off}")
+    for warning in document["warnings"]:
+        say(f"warning    {warning}")
+    if "T_actuator_antenna" in document:
+        say("session    kinematics.T_actuator_antenna of session.yaml, the tool being the actuator frame:")
+        say(f"           {document['T_actuator_antenna']}")
