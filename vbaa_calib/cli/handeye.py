@@ -180,11 +180,8 @@ def _report(solution: HandEye, document: dict[str, Any]) -> None:
     )
     for view in solution.views:
         if view.reason:
-            off = (
-                ""
-                if np.isnan(view.distance_m)
-                else f" by {1e3 * view.distance_m:.1f} mm, {np.degrees(view.turn_rad):.2f}°"
-            )
+            by = f" by {1e3 * view.distance_m:.1f} mm, {np.degrees(view.turn_rad):.2f}°"
+            off = "" if np.isnan(view.distance_m) else by
             say(f"left out   {view.name}: {view.reason}{off}")
     for warning in document["warnings"]:
         say(f"warning    {warning}")

@@ -282,7 +282,8 @@ def _start(
     for words, pairs in others.items():
         found = consensus(known([tool for tool, _ in pairs]), [own for _, own in pairs], points, _FEW_SUBSETS)
         spreads[words] = found.spread_m
-    words = min(spreads, key=spreads.__getitem__)
+    # another order may be the same as a shift, but for the views at the ends
+    words = next(one for one, spread in spreads.items() if spread <= 2.0 * min(spreads.values()))
     better = _BETTER_OF_FEW if len(used) < _FEW else _FAR_BETTER
     if better * spreads[words] < best.spread_m and spreads[words] <= _EXPLAINED * reach:
         raise InputError(
