@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from . import damage as d
 from .case import Case, Damage
-from .every_file import CHECK
+from .every_file import CHECK, HANDEYE
 
 OUTPUTS: tuple[tuple[str, str], ...] = (
     ("calibrate session -o {}", "out.json"),
     ("intrinsics session/intrinsics --board board.yaml -o {}", "out.json"),
+    ("handeye corners.csv --board board.yaml --poses poses.csv --camera camera.json -o {}", "out.json"),
     ("estimate session --rig rig.json -o {}", "out.csv"),
     ("estimate session --rig rig.json -o kept.csv --report {}", "out.html"),
     ("track contacts.csv -o {}", "out.csv"),
@@ -169,6 +170,13 @@ CALLS: tuple[tuple[str, str, tuple[str, ...]], ...] = (
         "stiffness stiffness.csv --force 0.01 --distance 0.2 --overwrite -o stiffness.csv",
         ("stiffness.csv",),
     ),
+    ("onto the poses", f"{HANDEYE.replace('out.json', 'poses.csv')} --force", ("poses.csv: is an input",)),
+    ("onto the corners", f"{HANDEYE.replace('out.json', 'corners.csv')} --force", ("corners.csv: is an input",)),
+    ("the other mount", f"{HANDEYE} --mount fixed", ("if they are inverted, or the mount is the other",)),
+    ("a mount that is none", f"{HANDEYE} --mount wall", ("'wall'",)),
+    ("no size", HANDEYE.replace(" --camera camera.json", ""), ("corners.csv: corners without the size",)),
+    ("an antenna beside the arm", f"{HANDEYE} --mount fixed --rig rig.json", ("--rig with --mount fixed",)),
+    ("pictures of another rig", HANDEYE.replace("corners.csv", "session/noload"), ("session/noload",)),
     ("a seed below zero", "simulate scene.yaml -o out --seed -3", ("--seed is -3",)),
     ("no such scene", "simulate moon -o out", ("moon",)),
     ("a path for a scene", "simulate ../../etc/passwd -o out", ("passwd",)),

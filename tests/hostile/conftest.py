@@ -8,11 +8,16 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 
+from targets.board import corner_points
+from vbaa_calib.camera import Camera
 from vbaa_calib.cli.main import main
-from vbaa_calib.core.files import read_yaml
+from vbaa_calib.core.files import read_json, read_yaml
+from vbaa_calib.detect.board.board_file import load_board
+from vbaa_calib.geometry import Pose
 from viz.report import make as report_make
 
 from ..formats.files import SAMPLES
@@ -21,6 +26,7 @@ from ..small_scene import small_rig, small_scene
 DEFLECTIONS = "x_m,unloaded_y_m,loaded_y_m\n" + "".join(
     f"{x:g},0,{0.01 * x * x * (3 * 0.2 - x) / (6 * 4e-3):.6f}\n" for x in (0.04, 0.08, 0.12, 0.16, 0.2)
 )
+POSES = "view,x_m,y_m,z_m,qx,qy,qz,qw"
 READINGS = "image,pan_rad,tilt_rad,moment_Nm\nnoload_000.png,0,0,0.001\n"
 ANSWERS = "antenna_length_mm: 240\nplane_way: jig\n"
 
@@ -54,6 +60,7 @@ def _add_files(folder: Path) -> None:
     shutil.copy(session / "truth.json", folder)
     shutil.copy(session / "noload" / "noload_000.png", folder / "free.png")
     shutil.copy(session / "plane" / "jig_000.png", folder / "jig.png")
+    _add_arm(folder)
     few = small_scene(noload=1, loads=(1,))
     few["intrinsics"]["pictures"] = 1
     (folder / "few.yaml").write_text(yaml.safe_dump(few))
@@ -68,6 +75,21 @@ def _add_files(folder: Path) -> None:
     rows = (f"{path.name},{k / 10},{k % 2 / 10}\n" for k, path in enumerate(sorted((swept / "sweep").iterdir())))
     (swept / "sweep" / "sweep.csv").write_text("image,pan_rad,tilt_rad\n" + "".join(rows))
     assert main(f"wizard {folder}/store --answers {folder}/answers.yaml --batch".split()) == 2
+
+
+def _add_arm(folder: Path) -> None:
+    """corners.csv, and poses.csv of an arm: tool and camera are one frame, and so are base and board."""
+    lens, corners, poses = read_json(folder / "camera.json"), ["view,id,u_px,v_px"], [POSES]
+    camera, points = Camera.from_dict(lens), corner_points(load_board(folder / "board.yaml"))
+    for view in lens["views"]:
+        seen = Pose.from_dict(view["T_camera_board"])
+        pixels = camera.project(seen @ points)[0]
+        inside = np.flatnonzero(camera.in_picture(pixels))
+        corners += [f"{view['name']},{k},{pixels[k, 0]!s},{pixels[k, 1]!s}" for k in inside]
+        tool = seen.inverse().to_dict()
+        poses.append(",".join(map(str, [view["name"], *tool["translation_m"], *tool["rotation_xyzw"]])))
+    (folder / "corners.csv").write_text("\n".join(corners) + "\n")
+    (folder / "poses.csv").write_text("\n".join(poses) + "\n")
 
 
 @pytest.fixture

@@ -8,6 +8,7 @@ from .case import Case, Damage
 ESTIMATE = "estimate session --rig rig.json -o out.csv"
 CALIBRATE = "calibrate session -o out.json"
 CALIBRATE_SWEPT = "calibrate swept -o out.json"
+HANDEYE = "handeye corners.csv --board board.yaml --poses poses.csv --camera camera.json -o out.json"
 CHECK = "check rig.json session -o out.json"
 
 TEXTS: tuple[tuple[str, str, str], ...] = (
@@ -41,6 +42,8 @@ TEXTS: tuple[tuple[str, str, str], ...] = (
     ("loads.csv", "session/loads/loads.csv", CHECK),
     ("sweep.csv", "swept/sweep/sweep.csv", CALIBRATE_SWEPT),
     ("stiffness.csv", "stiffness.csv", "stiffness stiffness.csv --force 0.01 --distance 0.2 -o out.json"),
+    ("poses.csv", "poses.csv", HANDEYE),
+    ("corners.csv", "corners.csv", HANDEYE),
     ("truth.json", "truth.json", "report contacts.csv --truth truth.json -o out.html"),
     ("truth.json", "truth.json", "view contacts.csv --truth truth.json --html out.html"),
     ("scene.yaml", "scene.yaml", "simulate scene.yaml -o out"),

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from . import damage as d
 from .case import Case, Row, cases
-from .every_file import CALIBRATE, CALIBRATE_SWEPT, CHECK, ESTIMATE
+from .every_file import CALIBRATE, CALIBRATE_SWEPT, CHECK, ESTIMATE, HANDEYE
 
 
 def numbers(line: int, column: str, remedy: str = "a finite number") -> tuple[Row, ...]:
@@ -106,6 +108,45 @@ def same(data: bytes) -> bytes:
     return "\n".join([head, *(f"{row.split(',')[0]},0,0" for row in rows)]).encode()
 
 
+POSES: tuple[Row, ...] = (
+    ("a view twice", d.cell(3, "view", "board_000.png"), "line 3", "view board_000.png stands twice"),
+    ("a view twice, once without its suffix", d.cell(3, "view", "board_000"), "view board_000.png stands twice"),
+    ("a view without a name", d.cell(3, "view", ""), "line 3", "view is empty"),
+    (
+        "views of another set",
+        d.changed(lambda data: data.replace(b"board_", b"frame_")),
+        "no row is of one of the views",
+    ),
+    ("half a quaternion", d.cell(2, "qx", "9"), "line 2", "the quaternion's length is"),
+    ("two rows", d.changed(lambda data: b"\n".join(data.split(b"\n")[:3])), "2 of 2 views can be used", "at least 3"),
+    ("millimetres in m", d.changed(lambda data: scaled(data)), "if they are in millimetres"),
+    ("another arm", d.changed(lambda data: mixed(data)), "the robot's poses"),
+    ("Euler angles", d.text("qx,qy,qz,qw", "a_deg,b_deg,c_deg,d"), "needs their order", "--euler", "ZYX"),
+)
+CORNERS: tuple[Row, ...] = (
+    ("a corner that the board has not", d.cell(3, "id", "4000"), "line 3", "corner 4000, but the board has"),
+    ("a corner below zero", d.cell(3, "id", "-1"), "line 3", "a whole number from 0 on"),
+    ("a corner twice", d.changed(lambda data: data + data.split(b"\n")[1] + b"\n"), "stands twice"),
+    ("a corner outside", d.cell(3, "u_px", "1e6"), "line 3", "outside the picture"),
+    ("a corner of no view", d.cell(3, "view", ""), "line 3", "view is empty"),
+    ("one corner", d.changed(lambda data: b"\n".join(data.split(b"\n")[:2])), "0 of 1 views can be used"),
+)
+
+
+def _of_poses(data: bytes, change: Callable[[int, list[str]], list[str]]) -> bytes:
+    head, *rows = data.decode().split()
+    return "\n".join([head, *(",".join(change(k, row.split(","))) for k, row in enumerate(rows))]).encode()
+
+
+def scaled(data: bytes) -> bytes:
+    return _of_poses(data, lambda _, cells: [cells[0], *(str(1e3 * float(x)) for x in cells[1:4]), *cells[4:]])
+
+
+def mixed(data: bytes) -> bytes:
+    """Places that have nothing to do with the views."""
+    return _of_poses(data, lambda k, cells: [cells[0], str(k % 3), str(k % 5), str(k * k % 7), *cells[4:]])
+
+
 STIFF = "stiffness stiffness.csv --force 0.01 --distance 0.2 -o out.json"
 
 CASES: list[Case] = [
@@ -126,6 +167,8 @@ CASES: list[Case] = [
         "estimate lined --rig rig.json -o out.csv",
         table("u_px") + numbers(5, "v_px") + CENTRELINES,
     ),
+    *cases("poses.csv", "poses.csv", HANDEYE, table("qw") + numbers(3, "y_m") + POSES),
+    *cases("corners.csv", "corners.csv", HANDEYE, table("u_px")[:4] + numbers(3, "v_px") + CORNERS),
     *cases("stiffness.csv", "stiffness.csv", STIFF, table("unloaded_y_m") + numbers(3, "loaded_y_m") + STIFFNESS),
     *cases(
         "contacts.csv",

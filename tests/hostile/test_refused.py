@@ -33,6 +33,8 @@ KINDS = {
         "loads.csv",
         "sweep.csv",
         "stiffness.csv",
+        "poses.csv",
+        "corners.csv",
         "truth.json",
         "scene.yaml",
         "answers.yaml",

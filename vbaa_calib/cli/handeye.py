@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import argparse
 import shlex
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from vbaa_calib.core.console import say
 from vbaa_calib.core.errors import InputError
@@ -62,7 +62,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from vbaa_calib.detect.board.board_file import load_board
     from vbaa_calib.rig import Rig
 
-    inputs = [args.board, args.poses, args.camera, args.rig, *([args.views] if args.views.is_file() else [])]
+    table = args.views.suffix.lower() == ".csv"
+    inputs = [args.board, args.poses, args.camera, args.rig, *([args.views] if table else [])]
     refuse_overwrite(args.output, args.force, inputs)
     if args.rig and args.mount != "hand":
         raise InputError("--rig with --mount fixed", remedy="camera and antenna ride together: take --mount hand")
@@ -72,13 +73,17 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if args.camera:
         camera = guessed(args.camera).read(args.camera, None).camera
     views = _paired(_views(args, spec, camera), poses, args.poses)
-    views, points, camera = _lens(views, spec, camera)
+    lens = _lens(views, spec, camera)
     given = [poses[view.name] for view in views]
     readings = {words: [other[view.name] for view in views] for words, other in others.items()}
-    solution = solve_hand_eye(views, given, points, camera, args.mount, readings)
-    document = solution.to_dict() | {"camera": camera.to_dict(), "board": spec.to_dict()}
-    if camera.covariance is None:
-        document["warnings"].append("the lens' file states no covariance: the lens counts as exact")
+    try:
+        solution = solve_hand_eye(lens.views, given, lens.points_m, lens.camera, args.mount, readings)
+    except InputError as error:
+        raise InputError(
+            error.what, where=error.where or f"{args.views} by {args.poses}", remedy=error.remedy
+        ) from None
+    document = solution.to_dict() | {"camera": lens.camera.to_dict(), "board": spec.to_dict()}
+    document["warnings"] += lens.doubts
     if rig:
         antenna, covariance = solution.antenna_on_arm(rig.T_antenna_camera, rig.covariance[:6, :6])
         document["T_actuator_antenna"] = antenna.to_dict()
@@ -89,7 +94,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     write_json(args.output, document, args.force)
     _report(solution, document)
     say(f"wrote {args.output}")
-    return {"output": str(args.output), **document}
+    return {"output": str(args.output), **document, "exit_code": lens.exit_code}
 
 
 def _views(args: argparse.Namespace, spec: BoardSpec, camera: Camera | None) -> list[BoardView]:
@@ -97,7 +102,7 @@ def _views(args: argparse.Namespace, spec: BoardSpec, camera: Camera | None) -> 
     from vbaa_calib.core.images import list_images
     from vbaa_calib.detect.board.corners import detect_folder
 
-    if not args.views.is_file():
+    if args.views.suffix.lower() != ".csv":
         refuse_overwrite(args.output, args.force, list_images(args.views))
         return detect_folder(args.views, spec)
     if camera is None and (args.image_size is None or min(args.image_size) < 1):
@@ -106,10 +111,13 @@ def _views(args: argparse.Namespace, spec: BoardSpec, camera: Camera | None) -> 
     return read_corners(args.views, camera.image_size if camera else tuple(args.image_size), spec.corner_count)
 
 
-def _paired(views: Sequence[BoardView], poses: dict[str, Pose], where: Path) -> list[BoardView]:
+def _paired(views: Sequence[BoardView], poses: Mapping[str, Pose], where: Path) -> list[BoardView]:
     """The views that have a pose, in the order of the poses and by their names: with or without the suffix."""
     by_name = {view.name: view for view in views} | {Path(view.name).stem: view for view in views}
     paired = [replace(by_name[name], name=name) for name in poses if name in by_name]
+    twice = {name for name in poses if by_name.get(name) is by_name.get(Path(name).stem) and Path(name).stem != name}
+    if both := sorted(name for name in twice if Path(name).stem in poses):
+        raise InputError(f"view {both[0]} stands twice", where=where, remedy="give each view one row")
     if not paired:
         few = ", ".join([view.name for view in views][:3])
         raise InputError("no row is of one of the views", where=where, remedy=f"their names are {few}, …")
@@ -122,19 +130,31 @@ def _paired(views: Sequence[BoardView], poses: dict[str, Pose], where: Path) -> 
     return paired
 
 
-def _lens(views: list[BoardView], spec: BoardSpec, camera: Camera | None) -> tuple[list[BoardView], np.ndarray, Camera]:
-    """The views without the lens solve's outliers, the board's points as solved, and the lens; as given where it is."""
+class _Lens(NamedTuple):
+    """Views without the lens solve's outliers, the board's points as solved, the lens, and what is wrong with it."""
+
+    views: list[BoardView]
+    points_m: np.ndarray
+    camera: Camera
+    doubts: list[str]
+    exit_code: int = 0
+
+
+def _lens(views: list[BoardView], spec: BoardSpec, camera: Camera | None) -> _Lens:
+    """The lens as given, or from the views."""
     import numpy as np
 
     from targets.board import corner_points
+    from vbaa_calib.calibrate.faults.views import judge_views
     from vbaa_calib.calibrate.lens.information import bend
     from vbaa_calib.calibrate.lens.intrinsics import solve_intrinsics
 
     points = corner_points(spec)
     if camera is not None:
-        return views, points, camera
-    solution = solve_intrinsics(views, spec)
-    say(f"lens       {solution.model}: rms {solution.rms_px:.4f} px; {solution.verdict}")
+        exact = ["the lens' file states no covariance: the lens counts as exact"] if camera.covariance is None else []
+        return _Lens(views, points, camera, exact)
+    solution = judge_views(views, solve_intrinsics(views, spec), spec)
+    say(f"lens       {solution.model}: rms {solution.rms_px:.4f} px; {solution.verdict.words}")
     gross = {view.name: view.outlier_ids for view in solution.views}
     kept = [np.isin(view.ids, gross.get(view.name, ()), invert=True) for view in views]
     cleaned = [
@@ -147,11 +167,9 @@ def _lens(views: list[BoardView], spec: BoardSpec, camera: Camera | None) -> tup
         for view, keep in zip(views, kept, strict=True)
     ]
     bent = solution.board_flex.bend
-    return (
-        cleaned,
-        points if bent is None else points + np.outer(bend(spec) @ bent.sagittas_m, [0, 0, 1]),
-        solution.camera,
-    )
+    shape = 0.0 if bent is None else np.outer(bend(spec) @ bent.sagittas_m, [0.0, 0.0, 1.0])
+    doubts = [] if solution.trusted else [f"the lens: {solution.verdict.words}"]
+    return _Lens(cleaned, points + shape, solution.camera, doubts, solution.verdict.exit_code)
 
 
 def _report(solution: HandEye, document: dict[str, Any]) -> None:
@@ -164,9 +182,10 @@ def _report(solution: HandEye, document: dict[str, Any]) -> None:
     )
     say(f"camera     in the {holder}'s frame at {place} mm; turn known to {np.degrees(std[:3].max()):.3f}° per axis")
     turn, shift = solution.robot_std
+    views = len(solution.views) - len(solution.outliers)
     say(
         f"disagree   {1e3 * solution.rms[1]:.2f} mm and {np.degrees(solution.rms[0]):.3f}° rms between what the board "
-        f"shows and what the robot says, over {len(solution.views) - len(solution.outliers)} views"
+        f"shows and what the robot says, over {views} views"
     )
     words = "; ".join(
         f"{name} {1e3 * part[1]:.2f} mm, {np.degrees(part[0]):.3f}°" for name, part in solution.parts.items()
@@ -175,8 +194,8 @@ def _report(solution: HandEye, document: dict[str, Any]) -> None:
     loose = 100.0 * solution.robot_log_std
     share = 100.0 * solution.robot_share
     say(
-        f"robot      {1e3 * shift:.2f} mm (± {loose[1]:.0f} %) and {np.degrees(turn):.3f}° (± {loose[0]:.0f} %) per axis of "
-        f"the tool: {share[1]:.0f} % of the distances' expected variance, {share[0]:.0f} % of the turns'"
+        f"robot      {1e3 * shift:.2f} mm (± {loose[1]:.0f} %), {np.degrees(turn):.3f}° (± {loose[0]:.0f} %) per axis of "
+        f"the tool, {share[1]:.0f} % and {share[0]:.0f} % of what is expected (squared)"
     )
     for view in solution.views:
         if view.reason:
