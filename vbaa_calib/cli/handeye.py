@@ -191,11 +191,10 @@ def _report(solution: HandEye, document: dict[str, Any]) -> None:
         f"{name} {1e3 * part[1]:.2f} mm, {np.degrees(part[0]):.3f}°" for name, part in solution.parts.items()
     )
     say(f"expected   {words}")
-    loose = 100.0 * solution.robot_log_std
-    share = 100.0 * solution.robot_share
+    loose, share = 100.0 * solution.robot_log_std, 100.0 * solution.robot_share
     say(
-        f"robot      {1e3 * shift:.2f} mm (± {loose[1]:.0f} %), {np.degrees(turn):.3f}° (± {loose[0]:.0f} %) per axis of "
-        f"the tool, {share[1]:.0f} % and {share[0]:.0f} % of what is expected (squared)"
+        f"robot      {1e3 * shift:.2f} mm (± {loose[1]:.0f} %), {np.degrees(turn):.3f}° (± {loose[0]:.0f} %) per axis "
+        f"of the tool, {share[1]:.0f} % and {share[0]:.0f} % of what is expected (squared)"
     )
     for view in solution.views:
         if view.reason:
