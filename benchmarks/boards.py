@@ -9,7 +9,7 @@ import numpy as np
 from benchmarks.board_faults import SCATTERED, VIEW, Corners, spoilt
 from targets.board import BoardSpec, corner_points
 from vbaa_calib.calibrate.lens.bundle import Bundle, Observation, refine
-from vbaa_calib.calibrate.lens.information import bend
+from vbaa_calib.calibrate.lens.board_shape import deformations
 from vbaa_calib.calibrate.lens.models import LENS_MODELS, PROJECTIONS, LensModel, camera_of
 from vbaa_calib.camera import Camera
 from vbaa_calib.detect.board.corners import BoardView
@@ -32,7 +32,7 @@ _LEAST_COSINE = 0.1
 
 def bent_corners(sagittas_m: tuple[float, float]) -> np.ndarray:
     """(C, 3) corners of the board bent by so much along its two axes, in its frame."""
-    return corner_points(BOARD) + (bend(BOARD) @ sagittas_m)[:, None] * np.array([0.0, 0.0, 1.0])
+    return corner_points(BOARD) + deformations(BOARD)[:, :, :2] @ sagittas_m
 
 
 def noisy_view(

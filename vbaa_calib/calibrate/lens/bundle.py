@@ -12,14 +12,14 @@ from scipy.spatial.transform import Rotation
 from vbaa_calib.core.least_squares import Rules, levenberg_marquardt, schur_complement, solve_scaled, view_products
 from vbaa_calib.core.robust import cauchy_weights, radial_std
 
+from .board_shape import SHAPE, ShapePrior
 from .models import PROJECTIONS, LensModel, Unfolding
 
-FLEX = 2
-"""Numbers that describe a board that is not flat (`BoardFlex`)."""
 CONVERGED = Rules(300, 1e-8, may_rise_share=1e-13, damping=1e-3, growth=8.0, after_failure=0.0)
 """Enough for decisions; `polished` for what is reported."""
 _STANDSTILL, _POLISH = 1e-6, replace(CONVERGED, iterations=10, damping=1e-8)
 _REWEIGHTINGS, _CONVERGED_WEIGHTS = 12, 1e-2
+_USUAL_NOISE_PX, _LEAST_NOISE_PX = 0.2, 1e-3
 _FEW_STEPS = replace(CONVERGED, iterations=2, tolerance=1e-4)
 
 
@@ -27,21 +27,21 @@ _FEW_STEPS = replace(CONVERGED, iterations=2, tolerance=1e-4)
 class Observation:
     """Corners of one view: board points (N, 3) m and their pixels (N, 2).
 
-    bend : (N, 2) how far each point rises along the board's z for a metre of each sagitta; a flat board has none.
+    deformation : (N, 3, 5) how each point moves with the board's shape (`deformations`); None of a rigid thing.
     """
 
     points_m: np.ndarray
     pixels: np.ndarray
-    bend: np.ndarray | None = None
+    deformation: np.ndarray | None = None
 
     def picked(self, which: np.ndarray) -> Observation:
         """The corners of a mask or of indices."""
-        bend = None if self.bend is None else self.bend[which]
-        return Observation(self.points_m[which], self.pixels[which], bend)
+        deformation = None if self.deformation is None else self.deformation[which]
+        return Observation(self.points_m[which], self.pixels[which], deformation)
 
 
 def rows(bundle: Bundle, observations: Sequence[Observation]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Residuals (N, 2) px of all corners, their negative derivatives by intrinsics and sagittas (N, 2, 4 + k + 2) and
+    """Residuals (N, 2) px of all corners, their negative derivatives by intrinsics and shape (N, 2, 4 + k + 5) and
     by the views' poses (N, 2, 6), and the views' bounds (V + 1,): view v has rows bounds[v] to bounds[v + 1].
 
     Poses turn about the board's origin by a rotation vector in the camera frame, and shift.
@@ -49,18 +49,18 @@ def rows(bundle: Bundle, observations: Sequence[Observation]) -> tuple[np.ndarra
     counts = [len(view.pixels) for view in observations]
     bounds, of_view = np.concatenate([[0], np.cumsum(counts)]), np.repeat(np.arange(len(counts)), counts)
     points_m = np.concatenate([view.points_m for view in observations])
-    bend = np.concatenate([np.zeros((len(v.pixels), FLEX)) if v.bend is None else v.bend for v in observations])
+    rigid = [np.zeros((len(v.pixels), 3, SHAPE)) if v.deformation is None else v.deformation for v in observations]
+    deformation = np.concatenate(rigid)
     rotations = Rotation.from_rotvec(bundle.poses[:, :3]).as_matrix()[of_view]
-    rise = bend @ bundle.sagittas_m
-    turned = np.einsum("nij,nj->ni", rotations, points_m) + rise[:, None] * rotations[:, :, 2]
+    turned = np.einsum("nij,nj->ni", rotations, points_m + deformation @ bundle.shape)
     points = turned + bundle.poses[of_view, 3:]
     pixels, by_intrinsics, by_pose = PROJECTIONS[bundle.model.camera_model](points, np.zeros(6), bundle.intrinsics)
     by_point = by_pose[:, 3:].reshape(-1, 2, 3)
     # gᵀ(ω × q) = ωᵀ(q × g)
     (x, y, z), (a, b, c) = turned.T[:, :, None], np.moveaxis(by_point, -1, 0)
     by_turn = np.stack([y * c - z * b, z * a - x * c, x * b - y * a], axis=-1)
-    by_sagitta = (by_point @ rotations[:, :, 2:]) * bend[:, None, :]
-    by_shared = np.concatenate([by_intrinsics.reshape(len(points), 2, -1), by_sagitta], axis=-1)
+    by_shape = (by_point @ rotations) @ deformation
+    by_shared = np.concatenate([by_intrinsics.reshape(len(points), 2, -1), by_shape], axis=-1)
     residuals = np.concatenate([view.pixels for view in observations]) - pixels
     return residuals, by_shared, np.concatenate([by_turn, by_point], axis=-1), bounds
 
@@ -69,10 +69,11 @@ def rows(bundle: Bundle, observations: Sequence[Observation]) -> tuple[np.ndarra
 class Bundle:
     """A lens with the poses of its views: a start, or a solution.
 
-    intrinsics : (4 + k,) fx, fy, cx, cy, distortion. sagittas_m : (2,) of the board along its x and y.
+    intrinsics : (4 + k,) fx, fy, cx, cy, distortion. shape : (5,) of the board (`BoardShape`).
     poses : (V, 6) rotation vector rad and translation m, T_camera_board of each view.
-    directions : (4 + k + 2, p) from `free_directions`: what is solved for besides the poses.
+    directions : (4 + k + 5, p) from `free_directions`: what is solved for besides the poses.
     residuals_px : per view (N, 2), observed minus projected; none at a start.
+    prior : of the shape, where that is solved for. noise_px : of a corner per axis, which the prior is weighed by.
     unfolding : what keeps the lens from folding, where that was needed.
     """
 
@@ -81,7 +82,9 @@ class Bundle:
     poses: np.ndarray
     directions: np.ndarray
     residuals_px: tuple[np.ndarray, ...] = ()
-    sagittas_m: np.ndarray = field(default_factory=lambda: np.zeros(FLEX))
+    shape: np.ndarray = field(default_factory=lambda: np.zeros(SHAPE))
+    prior: ShapePrior | None = None
+    noise_px: float = _USUAL_NOISE_PX
     unfolding: Unfolding | None = None
 
     @staticmethod
@@ -94,20 +97,30 @@ class Bundle:
         """The same with nothing but the poses to be solved for."""
         return replace(self, directions=self.directions[:, :0])
 
-    def freed(self, square_pixels: bool, flex: bool) -> Bundle:
-        """The same with intrinsics, and the board's sagittas or none, to be solved for."""
-        sagittas = self.sagittas_m if flex else np.zeros(FLEX)
-        return replace(self, directions=free_directions(self.model, square_pixels, flex), sagittas_m=sagittas)
+    def freed(self, square_pixels: bool, prior: ShapePrior | None = None) -> Bundle:
+        """The same with intrinsics to be solved for, and the board's shape where it has a prior."""
+        free = free_directions(self.model, square_pixels, prior is not None)
+        shape = np.zeros(SHAPE) if prior is None else self.shape
+        noise_px = max(self.sigma_px, _LEAST_NOISE_PX) if self.residuals_px else self.noise_px
+        return replace(self, directions=free, shape=shape, prior=prior, noise_px=noise_px)
 
     def moved(self, shared: np.ndarray, poses: np.ndarray) -> Bundle:
-        """By steps of intrinsics and sagittas (4 + k + 2,), and of the poses (V, 6) as in `rows`."""
+        """By steps of intrinsics and shape (4 + k + 5,), and of the poses (V, 6) as in `rows`."""
         turned = Rotation.from_rotvec(poses[:, :3]) * Rotation.from_rotvec(self.poses[:, :3])
         return replace(
             self,
-            intrinsics=self.intrinsics + shared[:-FLEX],
+            intrinsics=self.intrinsics + shared[:-SHAPE],
             poses=np.hstack([turned.as_rotvec(), self.poses[:, 3:] + poses[:, 3:]]),
-            sagittas_m=self.sagittas_m + shared[-FLEX:],
+            shape=self.shape + shared[-SHAPE:],
         )
+
+    def prior_rows(self) -> tuple[np.ndarray, np.ndarray]:
+        """Residuals (m,) px of the shape's prior, as least squares has it, their negative derivatives (m, 4 + k + 5)."""
+        size = len(self.intrinsics)
+        if self.prior is None:
+            return np.zeros(0), np.zeros((0, size + SHAPE))
+        residuals, slopes = self.prior.rows(self.shape)
+        return self.noise_px * residuals, self.noise_px * np.pad(np.diag(slopes), ((0, 0), (size, 0)))
 
     @property
     def rms_px(self) -> float:
@@ -125,11 +138,11 @@ class Bundle:
         return radial_std(np.linalg.norm(np.concatenate(self.residuals_px), axis=1))
 
 
-def free_directions(model: LensModel, square_pixels: bool = False, flex: bool = False) -> np.ndarray:
-    """(4 + k + 2, p) what is solved for: intrinsics, fx and fy as one with square pixels, then sagittas."""
+def free_directions(model: LensModel, square_pixels: bool = False, shape: bool = False) -> np.ndarray:
+    """(4 + k + 5, p) what is solved for: intrinsics, fx and fy as one with square pixels, then the board's shape."""
     size = 4 + model.distortion_count
-    unit = np.eye(size + FLEX)
-    rest = [2, 3, *(4 + index for index in model.free), *((size, size + 1) if flex else ())]
+    unit = np.eye(size + SHAPE)
+    rest = [2, 3, *(4 + index for index in model.free), *(range(size, size + SHAPE) if shape else ())]
     focal = unit[:, :1] + unit[:, 1:2] if square_pixels else unit[:, :2]
     return np.hstack([focal, unit[:, rest]])
 
@@ -184,9 +197,13 @@ def _descended(bundle: Bundle, observations: Sequence[Observation], weights: np.
         total = blocks[:, :-6, :-6].sum(axis=0)
         if bundle.unfolding is not None:
             lacking, by_lens = bundle.unfolding.rows(bundle.model, bundle.intrinsics)
-            held = np.column_stack([by_lens @ bundle.directions[:-FLEX], lacking])
+            held = np.column_stack([by_lens @ bundle.directions[:-SHAPE], lacking])
             total = total + held.T @ held
         cost, coupling, poses = float(total[-1, -1]), blocks[:, -6:, :-6], blocks[:, -6:, -6:]
+        if bundle.prior is not None:
+            off, by_shape = bundle.prior_rows()
+            held = np.column_stack([by_shape @ bundle.directions, off])
+            total, cost = total + held.T @ held, cost + bundle.noise_px**2 * bundle.prior.loss(bundle.shape)
         return _System(bundle, residuals, bounds, cost, total, coupling, poses)
 
     def step(system: _System, damping: float) -> tuple[np.ndarray, float]:

@@ -9,10 +9,11 @@ import numpy as np
 
 from targets.board import BoardSpec, corner_points
 from vbaa_calib.core.least_squares import without_own
-from vbaa_calib.core.robust import chi_square, chi_square_p
+from vbaa_calib.core.robust import chi_square_p
 from vbaa_calib.detect.board.corners import BoardView
 
-from .bundle import CONVERGED, FLEX, Bundle, Observation, refine, rows
+from .board_shape import SHAPE, deformations
+from .bundle import CONVERGED, Bundle, Observation, refine, rows
 from .models import LensModel, camera_of, is_monotonic
 from .uncertainty import compensate, pixel_grid, projection_jacobian
 
@@ -27,20 +28,21 @@ _HALF_OPEN = 1e6
 views see alike."""
 _LEAST_VIEWS = 6
 _GRID = (9, 7)
-_SIGNIFICANCE, _GAIN, _LARGEST_PER_EXTENT = 1e-3, 3.0, 0.05
 
 
 @dataclass(frozen=True, eq=False)
 class Information:
-    """The reduced least-squares problem at a solution, in coordinates z (p,) in which all views together have unit
-    information. To first order everything that the views say, alone or in groups, follows from it without a new solve.
+    """The reduced least-squares problem at a solution, in coordinates z (p,) in which all views and the prior
+    of the board's shape together have unit information. To first order everything that the views say, alone or in groups, follows from it without a new solve.
 
-    half : (4 + k + 2, p) change of intrinsics and sagittas for a unit of each z.
+    half : (4 + k + 5, p) change of intrinsics and shape for a unit of each z.
     blocks : (V, p, p) information of each view, gradients : (V, p) what it pulls with, squares : (V,) its squared
         residuals, px²; its own pose eliminated.
     roots : (V, p + 1, p + 1) triangular factors R of the views' own problems: the first p columns, rᵀr of which is the
         information, then the residuals. Sums of information lose half the digits, stacked factors do not.
-    prior : (p, p) information of what holds the lens from folding. counts : (V,) corner coordinates of each view.
+    prior : (p, p) information of what holds the lens from folding, and of the board's shape. counts : (V,) corner
+        coordinates of each view.
+    prior_root : (m, p + 1) the shape's part of it as rows, then their residuals.
     """
 
     half: np.ndarray
@@ -49,11 +51,12 @@ class Information:
     squares: np.ndarray
     roots: np.ndarray
     prior: np.ndarray
+    prior_root: np.ndarray
     counts: np.ndarray
 
     @property
     def covariance(self) -> np.ndarray:
-        """(4 + k + 2, 4 + k + 2) of intrinsics and sagittas, scaled by the residual variance, without `prior`."""
+        """(4 + k + 5, 4 + k + 5) of intrinsics and shape, scaled by the residual variance."""
         freedom = self.counts.sum() - self.half.shape[1] - 6 * len(self.counts)
         return float(self.squares.sum()) / max(float(freedom), 1.0) * self.half @ self.half.T
 
@@ -65,7 +68,8 @@ def information(bundle: Bundle, observations: Sequence[Observation]) -> Informat
         return None
     residuals, by_shared, by_pose, bounds = rows(bundle, observations)
     left = without_own(by_shared @ bundle.directions, by_pose, bounds)
-    jacobian = np.vstack(left)
+    prior, by_shape = bundle.prior_rows()
+    jacobian = np.vstack([*left, by_shape @ bundle.directions])
     norms = np.linalg.norm(jacobian, axis=0)
     if not np.all(np.isfinite(norms)) or not np.all(norms > 0.0):
         return None
@@ -80,16 +84,18 @@ def information(bundle: Bundle, observations: Sequence[Observation]) -> Informat
     for flat, residual in zip(by_view, own, strict=True):
         upper = np.linalg.qr(np.column_stack([flat, residual]), mode="r")
         roots.append(np.pad(upper, ((0, flat.shape[1] + 1 - len(upper)), (0, 0))))
-    held = np.zeros((0, half.shape[1]))
+    held = prior_rows = np.column_stack([by_shape @ half, prior])
     if bundle.unfolding is not None:
-        held = bundle.unfolding.rows(bundle.model, bundle.intrinsics)[1] @ half[:-FLEX]
+        steep = bundle.unfolding.rows(bundle.model, bundle.intrinsics)[1] @ half[:-SHAPE]
+        held = np.vstack([held, np.pad(steep, ((0, 0), (0, 1)))])
     return Information(
         half=half,
         blocks=np.array([flat.T @ flat for flat in by_view]),
         gradients=np.array([flat.T @ residual for flat, residual in zip(by_view, own, strict=True)]),
         squares=np.array([residual @ residual for residual in own]),
         roots=np.array(roots),
-        prior=held.T @ held,
+        prior=(held.T @ held)[:-1, :-1],
+        prior_root=prior_rows,
         counts=counts,
     )
 
@@ -153,7 +159,9 @@ def compare_split_half(
     difference, covariance = np.zeros(known.half.shape[1]), np.zeros_like(known.prior)
     for first, sign in ((0, 1.0), (1, -1.0)):
         size = known.half.shape[1]
-        _, factor = np.linalg.qr(known.roots[first::2].reshape(-1, size + 1))
+        # each half has half of the prior: together they are the whole problem
+        own_rows = [known.roots[first::2].reshape(-1, size + 1), np.sqrt(0.5) * known.prior_root]
+        _, factor = np.linalg.qr(np.vstack(own_rows))
         own, pull = factor[:size, :size], factor[:size, size]
         freedom = known.counts[first::2].sum() - size - 6 * len(known.counts[first::2])
         if freedom <= 0 or np.linalg.cond(own) > _HALF_OPEN:
@@ -163,7 +171,7 @@ def compare_split_half(
         difference += sign * (inverse @ pull)
         covariance += variance * (inverse @ inverse.T)
     camera, pixels = camera_of(model, intrinsics, image_size), pixel_grid(image_size, _GRID)
-    jacobian = compensate(camera, pixels, projection_jacobian(camera, pixels)) @ known.half[:-FLEX]
+    jacobian = compensate(camera, pixels, projection_jacobian(camera, pixels)) @ known.half[:-SHAPE]
     jacobian = jacobian[np.isfinite(jacobian).all(axis=(-1, -2))]
     if not len(jacobian):
         return None, None
@@ -205,95 +213,14 @@ def assess(
 ) -> tuple[Candidate, np.ndarray]:
     """One lens model's row of the comparison, and its held-out squared errors (V,) px² by view."""
     squares = held_out_squares(bundle, observations, known)
-    free = int(np.any(bundle.directions[:-FLEX] != 0.0, axis=0).sum())
+    free = int(np.any(bundle.directions[:-SHAPE] != 0.0, axis=0).sum())
     monotonic = is_monotonic(bundle.model, bundle.intrinsics, image_size)
     halves = compare_split_half(bundle.model, bundle.intrinsics, known, image_size)
     held_out_px = _rms_over(squares, observations)
     return Candidate(bundle.model.name, free, bundle.rms_px, held_out_px, monotonic, *halves), squares
 
 
-@dataclass(frozen=True, eq=False)
-class Bend:
-    """A board's shape as a solve found it: sagittas (2,) m along x and y (`BoardFlex`), their covariance (2, 2) m²."""
-
-    sagittas_m: np.ndarray
-    covariance_m2: np.ndarray
-
-
-@dataclass(frozen=True, eq=False)
-class BoardFlex:
-    """How far the board is bent, and whether the lens was solved with it.
-
-    sagittas_m : (2,) along the board's x and y: how far the outer corners lie behind the middle (+z, away from the
-        viewer), with their covariance (2, 2), None where the views leave them open.
-    p_value : chance of sagittas this large on a flat board.
-    flat_held_out_rms_px, bent_held_out_rms_px : error on held-out views; None where the sagittas are not significant.
-    used : whether the lens was solved with a bent board. reason : why, in words.
-    """
-
-    sagittas_m: np.ndarray
-    covariance_m2: np.ndarray | None
-    p_value: float
-    flat_held_out_rms_px: float | None
-    bent_held_out_rms_px: float | None
-    used: bool
-    reason: str
-
-    @property
-    def std_m(self) -> np.ndarray | None:
-        """(2,) standard deviations of the sagittas; None where the views leave them open."""
-        return None if self.covariance_m2 is None else np.sqrt(np.diag(self.covariance_m2))
-
-    @property
-    def bend(self) -> Bend | None:
-        """The shape that the lens was solved with; None where that was a flat board."""
-        return Bend(self.sagittas_m, self.covariance_m2) if self.used and self.covariance_m2 is not None else None
-
-    @property
-    def sagitta_mm(self) -> float:
-        """How far the board's most raised and most sunken corners lie apart."""
-        return 1e3 * float(np.abs(self.sagittas_m).sum())
-
-
-def bend(spec: BoardSpec) -> np.ndarray:
-    """(corner_count, 2) rise of each corner for a metre of each sagitta: u² − 1/3, u = ±1 at the outer ones."""
-    plane = corner_points(spec)[:, :2]
-    low, high = plane.min(axis=0), plane.max(axis=0)
-    half = 0.5 * (high - low)
-    centred = (plane - 0.5 * (low + high)) / np.where(half > 0.0, half, 1.0)
-    # nil in the mean: the board's frame stays in its mean plane
-    return np.where(half > 0.0, centred**2 - 1.0 / 3.0, 0.0)
-
-
 def observations_of(views: Sequence[BoardView], spec: BoardSpec) -> list[Observation]:
     """The corners of views beside the board points they show."""
-    points, rise = corner_points(spec), bend(spec)
-    return [Observation(points[view.ids], view.corners_px, rise[view.ids]) for view in views]
-
-
-def judge_flex(bundle: Bundle, observations: Sequence[Observation], square_pixels: bool = False) -> BoardFlex:
-    """Whether the views of a solution require a bent board: significant, better held out, not absurd."""
-    bent = refine(bundle.freed(square_pixels, flex=True), observations)
-    sagittas, known = bent.sagittas_m, information(bent, observations)
-    if known is None:
-        return BoardFlex(sagittas, None, 1.0, None, None, False, "the views do not tell a bent board from a flat one")
-    spread = known.covariance[-FLEX:, -FLEX:]
-    p_value = chi_square_p(chi_square(sagittas, spread), FLEX)
-    if p_value > _SIGNIFICANCE:
-        reason = f"a flat board explains the corners (chance of this much by noise: {p_value:.2g})"
-        return BoardFlex(sagittas, spread, p_value, None, None, False, reason)
-    flat = refine(bundle.freed(square_pixels, flex=False), observations)
-    without = information(flat, observations)
-    assert without is not None, "a flat board leaves open no more than a bent one"
-    squares = [held_out_squares(flat, observations, without), held_out_squares(bent, observations, known)]
-    (flat_rms, bent_rms), gain = (_rms_over(errors, observations) for errors in squares), excess_in_errors(*squares)
-    errors = f"{bent_rms:.3f} px on held-out views against {flat_rms:.3f} px flat, {gain:.1f} standard errors"
-    extent = max(float(np.ptp(view.points_m[:, :2], axis=0).max()) for view in observations)
-    most, used = np.abs(sagittas).max(), False
-    if most > _LARGEST_PER_EXTENT * extent:
-        reason = f"{1e3 * most:.1f} mm is more than a board bends: another error looks like it"
-    elif gain <= _GAIN:
-        reason = f"a bent board does not predict views clearly better ({errors})"
-    else:
-        reason, used = f"it predicts views better ({errors})", True
-    return BoardFlex(sagittas, spread, p_value, flat_rms, bent_rms, used, reason)
+    points, moved = corner_points(spec), deformations(spec)
+    return [Observation(points[view.ids], view.corners_px, moved[view.ids]) for view in views]

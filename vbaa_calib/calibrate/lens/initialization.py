@@ -1,103 +1,207 @@
-"""Starting values that reach the right minimum: several focal lengths, and richer lenses from simpler ones."""
+"""Starting values that reach the right minimum: robust homographies, several focal lengths, simpler lenses first."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import cv2
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from .bundle import CONVERGED, Bundle, Observation, refine
-from .models import LENS_MODELS, LensModel, Unfolding, camera_matrix, is_monotonic, rational_like
+from vbaa_calib.core.robust import radial_std
 
-_FOCAL_PER_WIDTH = (0.35, 0.7, 1.4, 3.0, 8.0)
+from vbaa_calib.core.least_squares import Rules
+
+from .bundle import CONVERGED, Bundle, Observation, refine, residuals_px
+from .models import LENS_MODELS, LensModel, Unfolding, camera_of, division_like, is_monotonic, rational_like
+
+_FOCAL_PER_WIDTH = (0.7, 1.4, 3.0, 8.0, 0.35)
+_DIVISIONS = (0.0, -0.1, -0.2, -0.35, -0.5, -0.65, -0.8, 0.15)
+"""Of the undistortion x / (1 + λr²), r being 1 at the picture's corner: from a fisheye of 160° to a pincushion."""
+_MOST_VIEWS, _MOST_CORNERS = 16, 40
+"""Views, and corners of each, that starts are compared by."""
+_SAME, _LITTLE_PX = 1.05, 0.02
+_WRONG_POSE, _LEAST_RAY_Z = 3.0, 0.1
 _TRIAL = replace(CONVERGED, iterations=15, tolerance=1e-3)
 _FEW_STEPS = replace(_TRIAL, iterations=6)
 _UNFOLDING = replace(CONVERGED, iterations=15, tolerance=1e-5)
-_PLAUSIBLE_PER_WIDTH = 1e-3
 _LEAST_SLOPES, _STIFF = (0.1, 0.2, 0.35), 1e4
 _UNFOLDING_MAY_COST, _UNFOLDING_DEVIATIONS = 0.01, 20.0
-
-
-@dataclass(frozen=True)
-class LensOptions:
-    """The options of a lens solve: picture (width, height) px, "auto" or a name in `LENS_MODELS`, the fewest corners
-    of a view, and whether fx = fy."""
-
-    image_size: tuple[int, int]
-    model: str = "auto"
-    min_corners: int = 6
-    square_pixels: bool = False
-
-
-def fit_lens(
-    model: LensModel,
-    observations: Sequence[Observation],
-    options: LensOptions,
-    flex: bool = False,
-    warm: Mapping[str, Bundle] | None = None,
-) -> Bundle:
-    """The best solution of a lens model, with sagittas or without, from `warm` (by name) where it has one."""
-    near = (warm or {}).get(model.name)
-    if near is None:
-        near = rough_lens(model, observations, options, warm)
-    start = replace(near, residuals_px=(), unfolding=None)
-    return refine(start.freed(options.square_pixels, flex), observations)
 
 
 def rough_lens(
     model: LensModel,
     observations: Sequence[Observation],
-    options: LensOptions,
+    image_size: tuple[int, int],
     known: Mapping[str, Bundle] | None = None,
 ) -> Bundle:
-    """A solution of a flat board that needs only a few more steps, outliers and all.
+    """A robust solution of a flat board that needs only a few more steps, whatever outliers there are.
 
-    The focal length in closed form comes first. Where the median corner is left over a thousandth of the picture's
-    width off, focal lengths from wide to long are tried as well, and the best by the median corner, for half of the
-    corners may be wrong, is taken.
-
-    known : solutions of simpler lenses, by name, to start from.
+    From the solution of a simpler lens where `known` has one by its name. Otherwise from the focal length, distortion
+    and poses that the views' homographies give without their outliers, and from focal lengths long and short, until two
+    lead to the same; the best by the median corner is taken, for half of the corners may be wrong.
     """
-    (width, height), square = options.image_size, options.square_pixels
-
-    def begun(rung: LensModel, intrinsics: np.ndarray, poses: np.ndarray) -> Bundle:
-        return Bundle.start(rung, widened(intrinsics, rung, options.image_size), poses, square)
-
     simpler = (known or {}).get(model.simpler or "")
-    if simpler is not None:
-        return refine(begun(model, simpler.intrinsics, simpler.poses), observations, _TRIAL)
-    tried: list[Bundle] = []
-    for focal in _focal_starts(observations, options.image_size):
-        intrinsics = np.array([focal, focal, (width - 1) / 2, (height - 1) / 2])
-        poses = start_poses(intrinsics, observations)
+    if simpler is None:
+        ladder = _ladder(model)[::-1]
+        first = next((rung for rung in ladder if rung.free), model)
+        simpler = _from_homographies(first, observations, image_size)
         # through the simpler lenses: a rich lens from a cold start ends far from the minimum
-        for rung in reversed(_ladder(model)):
-            bundle = refine(begun(rung, intrinsics, poses), observations, _TRIAL if rung is model else _FEW_STEPS)
-            intrinsics, poses = bundle.intrinsics, bundle.poses
-        # a mirrored solution (board behind the camera, negative focal length) can fit as well
-        if _is_physical(bundle) and bundle.sigma_px < _PLAUSIBLE_PER_WIDTH * max(width, height):
-            return bundle
-        tried.append(bundle)
+        for rung in ladder[ladder.index(first) + 1 :]:
+            simpler = _posed(_begun(rung, simpler, image_size), observations, _FEW_STEPS)
+        return refine(simpler, observations, _TRIAL, robust=True)
+    return _posed(_begun(model, simpler, image_size), observations, _TRIAL)
+
+
+def _begun(model: LensModel, simpler: Bundle, image_size: tuple[int, int]) -> Bundle:
+    return Bundle.start(model, widened(simpler.intrinsics, model, image_size), simpler.poses)
+
+
+def _from_homographies(model: LensModel, observations: Sequence[Observation], image_size: tuple[int, int]) -> Bundle:
+    """The first of a ladder of lenses that has a distortion, or one without."""
+    some = _thinned(observations)
+    division, homographies = _undistorted_homographies(some, image_size)
+    middle = _focal_length(homographies)
+    others = [ratio * max(image_size) for ratio in _FOCAL_PER_WIDTH]
+    tried: list[Bundle] = []
+    for focal in [*([middle] if np.isfinite(middle) else []), *others]:
+        start = _start(model, focal, division if focal == middle else 0.0, some, image_size)
+        tried.append(_posed(start, some, _FEW_STEPS))
+        scores = sorted(each.sigma_px for each in tried if _is_physical(each))
+        if len(scores) > 1 and scores[1] < _SAME * scores[0] + _LITTLE_PX:
+            break
+    # a mirrored solution (board behind the camera, negative focal length) can fit as well
     physical = [bundle for bundle in tried if _is_physical(bundle)] or tried
-    return min(physical, key=lambda bundle: np.nan_to_num(bundle.sigma_px, nan=np.inf))
+    best = min(physical, key=lambda bundle: np.nan_to_num(bundle.sigma_px, nan=np.inf))
+    poses = robust_poses(model, best.intrinsics, observations)
+    return _posed(replace(best, poses=poses), observations, _TRIAL)
 
 
-def _focal_starts(observations: Sequence[Observation], image_size: tuple[int, int]) -> list[float]:
-    size, starts = max(image_size), [ratio * max(image_size) for ratio in _FOCAL_PER_WIDTH]
-    points = [view.points_m.astype(np.float32) for view in observations]
-    pixels = [view.pixels.astype(np.float32) for view in observations]
-    try:
-        closed_form = float(cv2.initCameraMatrix2D(points, pixels, image_size, 0)[0, 0])
-    except cv2.error:
-        return starts
-    usable = np.isfinite(closed_form) and 0.1 * size < closed_form < 50 * size
-    return [closed_form, *starts] if usable else starts
+def _thinned(observations: Sequence[Observation]) -> list[Observation]:
+    """Some of the views, and some of their corners, all over."""
+    views = observations[:: -(-len(observations) // _MOST_VIEWS)]
+    return [view.picked(np.arange(0, len(view.pixels), -(-len(view.pixels) // _MOST_CORNERS))) for view in views]
+
+
+def _start(
+    model: LensModel, focal: float, division: float, observations: Sequence[Observation], image_size: tuple[int, int]
+) -> Bundle:
+    """Of a focal length and a distortion, by the division model, about the picture's centre."""
+    width, height = image_size
+    division *= (focal / (0.5 * np.hypot(width, height))) ** 2
+    reach = 0.5 * np.hypot(width, height) / focal
+    intrinsics = np.concatenate(
+        [[focal, focal, (width - 1) / 2, (height - 1) / 2], division_like(model, division, reach)]
+    )
+    return Bundle.start(model, intrinsics, robust_poses(model, intrinsics, observations))
+
+
+def _undistorted_homographies(
+    observations: Sequence[Observation], image_size: tuple[int, int]
+) -> tuple[float, list[np.ndarray]]:
+    """The division λ under which the median corners of the views, each by its own homography, are best; and the
+    homographies (3, 3) from board points to undistorted pixels about the picture's centre."""
+    centre, radius = (np.array(image_size) - 1) / 2, 0.5 * float(np.hypot(*image_size))
+    found = []
+    for division in _DIVISIONS:
+        homographies, scores = [], []
+        for view in observations:
+            centred = view.pixels - centre
+            stretched = 1.0 + division * (centred**2).sum(axis=1, keepdims=True) / radius**2
+            homography = _homography(view.points_m[:, :2], centred / stretched)
+            if homography is not None:
+                mapped = np.column_stack([view.points_m[:, :2], np.ones(len(centred))]) @ homography.T
+                off = np.linalg.norm(mapped[:, :2] / mapped[:, 2:] - centred / stretched, axis=1)
+                # in the picture's own pixels again
+                scores.append(radial_std(off * stretched[:, 0]))
+                homographies.append(homography)
+        found.append((float(np.mean(np.log(np.array(scores) + _LITTLE_PX))) if scores else np.inf, division, homographies))
+    _, division, homographies = min(found, key=lambda each: each[0])
+    return division, homographies
+
+
+def _homography(points: np.ndarray, image: np.ndarray) -> np.ndarray | None:
+    """(3, 3) of points (N, 2) to their image (N, 2), of which less than half may be wrong; None without one."""
+    known = np.isfinite(image).all(axis=1)
+    if known.sum() < 4:
+        return None
+    # OpenCV's least median of squares begins each time from the same random numbers
+    found, _ = cv2.findHomography(points[known], image[known], cv2.LMEDS)
+    return None if found is None or not np.isfinite(found).all() else np.asarray(found)
+
+
+def _focal_length(homographies: Sequence[np.ndarray]) -> float:
+    """Of pixels about the principal point, by what each homography says of it: their weighted median; or NaN."""
+    # the columns of K⁻¹H are orthogonal and as long as each other (Zhang 2000): a / f² = b
+    rows = []
+    for homography in homographies:
+        first, second = homography[:, 0], homography[:, 1]
+        scale = np.linalg.norm(first) * np.linalg.norm(second)
+        if scale > 0.0:
+            rows.append(np.array([first[:2] @ second[:2], -first[2] * second[2]]) / scale)
+            rows.append(np.array([first[:2] @ first[:2] - second[:2] @ second[:2], second[2] ** 2 - first[2] ** 2]) / scale)
+    a, b = np.array(rows).reshape(-1, 2).T
+    known = np.abs(a) > 0.0
+    if not known.any():
+        return np.nan
+    order = np.argsort(b[known] / a[known])
+    weight = np.cumsum(np.abs(a[known])[order])
+    inverse_square = (b[known] / a[known])[order][np.searchsorted(weight, 0.5 * weight[-1])]
+    return float(1.0 / np.sqrt(inverse_square)) if inverse_square > 0.0 else np.nan
+
+
+def robust_poses(model: LensModel, intrinsics: np.ndarray, observations: Sequence[Observation]) -> np.ndarray:
+    """(V, 6) poses of the views under a lens, each by the homography of most of its corners."""
+    size = tuple(np.ceil(np.max([view.pixels.max(axis=0) for view in observations], axis=0)).astype(int) + 1)
+    camera, poses = camera_of(model, intrinsics, (int(size[0]), int(size[1]))), []
+    for view in observations:
+        rays, valid = camera.unproject(view.pixels)
+        seen = valid & (rays[:, 2] > _LEAST_RAY_Z)
+        image = np.where(seen[:, None], rays[:, :2] / np.where(seen, rays[:, 2], 1.0)[:, None], np.nan)
+        # in pixels: the digits that OpenCV stops at are absolute
+        homography = _homography(view.points_m[:, :2], intrinsics[0] * image)
+        poses.append(_pose(np.diag([1.0, 1.0, intrinsics[0]]) @ homography) if homography is not None else _AWAY)
+    return np.array(poses)
+
+
+_AWAY = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+
+
+def _pose(homography: np.ndarray) -> np.ndarray:
+    """(6,) rotation vector and translation of a board's plane, from its homography to ideal image coordinates."""
+    scale = 2.0 / max(np.linalg.norm(homography[:, 0]) + np.linalg.norm(homography[:, 1]), 1e-300)
+    first, second, shift = (np.copysign(scale, homography[2, 2]) * homography).T
+    vectors, _, others = np.linalg.svd(np.column_stack([first, second, np.cross(first, second)]))
+    rotation = vectors @ np.diag([1.0, 1.0, np.linalg.det(vectors @ others)]) @ others
+    return np.concatenate([Rotation.from_matrix(rotation).as_rotvec(), shift])
+
+
+def _posed(start: Bundle, observations: Sequence[Observation], rules: Rules) -> Bundle:
+    """Refined robustly; views whose median corner is far off are posed anew, for from there they do not come back."""
+    bundle = refine(start, observations, rules, robust=True)
+    return reposed(bundle, observations, rules)
+
+
+def reposed(bundle: Bundle, observations: Sequence[Observation], rules: Rules = _FEW_STEPS) -> Bundle:
+    """A robust solution in which views whose median corner is far off have been posed anew."""
+    median = np.array([np.median(np.linalg.norm(each, axis=1)) for each in bundle.residuals_px])
+    bad = np.flatnonzero(median > _WRONG_POSE * np.median(median))
+    if not len(bad):
+        return bundle
+    some = [observations[index] for index in bad]
+    poses = bundle.poses.copy()
+    poses[bad] = robust_poses(bundle.model, bundle.intrinsics, some)
+    trial = residuals_px(replace(bundle, poses=poses[bad]), some)
+    better = np.array([np.median(np.linalg.norm(each, axis=1)) for each in trial]) < median[bad]
+    if not better.any():
+        return bundle
+    poses[bad[~better]] = bundle.poses[bad[~better]]
+    return refine(replace(bundle, poses=poses), observations, rules, robust=True)
 
 
 def _is_physical(bundle: Bundle) -> bool:
-    return bool(np.all(bundle.intrinsics[:2] > 0.0) and np.all(bundle.poses[:, 5] > 0.0))
+    return bool(np.all(bundle.intrinsics[:2] > 0.0) and np.median(bundle.poses[:, 5]) > 0.0)
 
 
 def _ladder(model: LensModel) -> list[LensModel]:
@@ -121,7 +225,7 @@ def unfolded(bundle: Bundle, observations: Sequence[Observation], image_size: tu
     starts, simplest = [bundle], _ladder(model)[-1]
     if simplest.camera_model != model.camera_model:
         # a pole inside the picture is not left by small steps
-        smooth = rough_lens(simplest, observations, LensOptions(image_size))
+        smooth = rough_lens(simplest, observations, image_size)
         wide = widened(smooth.intrinsics, model, image_size)
         starts.insert(0, replace(bundle, intrinsics=wide, poses=smooth.poses))
     for slope in _LEAST_SLOPES:
@@ -142,12 +246,3 @@ def widened(intrinsics: np.ndarray, model: LensModel, image_size: tuple[int, int
         intrinsics = intrinsics[:4] if alike is None else alike
     wide[: len(intrinsics)] = intrinsics
     return wide
-
-
-def start_poses(intrinsics: np.ndarray, observations: Sequence[Observation]) -> np.ndarray:
-    """(V, 6) poses of the views under a pinhole with these focal lengths, distortion ignored."""
-    matrix, poses = camera_matrix(intrinsics), []
-    for view in observations:
-        _, rotvec, translation = cv2.solvePnP(view.points_m, view.pixels, matrix, None)
-        poses.append(np.concatenate([rotvec.ravel(), translation.ravel()]))
-    return np.array(poses)

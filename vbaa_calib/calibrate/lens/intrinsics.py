@@ -14,19 +14,11 @@ from vbaa_calib.core.robust import mad_std
 from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.geometry import Pose
 
-from .bundle import CONVERGED, FLEX, Bundle, Observation, polished, refine, residuals_px
-from .information import (
-    BoardFlex,
-    Candidate,
-    Information,
-    assess,
-    excess_in_errors,
-    information,
-    judge_flex,
-    observations_of,
-)
-from .initialization import LensOptions, fit_lens, rough_lens, unfolded
-from .models import LENS_MODELS, camera_of, is_monotonic
+from .board_shape import SHAPE, BoardShape, ShapePrior
+from .bundle import CONVERGED, Bundle, Observation, polished, refine, residuals_px
+from .information import Candidate, Information, assess, excess_in_errors, information, observations_of
+from .initialization import reposed, rough_lens, unfolded
+from .models import LENS_MODELS, LensModel, camera_of, is_monotonic
 from .outliers import DroppedView, Inliers, fit_without_outliers, usable_views
 from .verdict import Evidence, Verdict, judge
 
@@ -73,6 +65,7 @@ class LensSolution:
     rms_px : recomputed from the parameters returned, over all corners of the views used, outliers too: what other tools
         call RMS. rms_inliers_px : without the outliers, which is what was minimised.
     comparison : the lens models that were assessed: all that `auto` compared, or the one that was given.
+    board_shape : how the board differs from a flat print with square squares; always solved for, with a prior.
     monotonic : whether the lens maps the whole picture without folding. views, dropped : in the order of their names.
     verdict : by the solve alone; `faults.views.judge_views` adds what the set of views shows.
     """
@@ -85,7 +78,7 @@ class LensSolution:
     dropped: tuple[DroppedView, ...]
     comparison: tuple[Candidate, ...]
     monotonic: bool
-    board_flex: BoardFlex
+    board_shape: BoardShape
     verdict: Verdict
 
     @property
@@ -122,7 +115,7 @@ def solve_intrinsics(
     usable, dropped = usable_views(sorted(views, key=rank), spec, min_corners)
     observations = observations_of(usable, spec)
     _require_enough(observations, dropped, model)
-    options = LensOptions(usable[0].image_size, model, min_corners, square_pixels)
+    options = _Options(usable[0].image_size, ShapePrior.of(spec), model, min_corners, square_pixels)
     inliers, rough, warm = _screened(observations, options)
     _require_enough(inliers.of(observations), [*dropped, *_contradicting(usable, inliers.views)], model)
     fit = _decided(inliers, rough, warm, observations, options)
@@ -134,10 +127,12 @@ def solve_intrinsics(
             f"the pictures leave the {lens.name} lens open",
             remedy="add views of the board tilted in different directions, or choose a simpler --model",
         )
+    covariance = fit.information.covariance
     camera = camera_of(lens, bundle.intrinsics, options.image_size)
-    camera = replace(camera, covariance=fit.information.covariance[:-FLEX, :-FLEX])
+    camera = replace(camera, covariance=covariance[:-SHAPE, :-SHAPE])
     monotonic = is_monotonic(lens, bundle.intrinsics, options.image_size)
-    known = Evidence(camera, lens.name, monotonic, fit.comparison, fit.flex, [view.pixels for view in good])
+    shape = BoardShape(spec, bundle.shape, covariance[-SHAPE:, -SHAPE:])
+    known = Evidence(camera, lens.name, monotonic, fit.comparison, shape, [view.pixels for view in good])
     whole = [observations[index] for index in fit.inliers.views]
     squares = np.sum(np.concatenate(residuals_px(bundle, whole)) ** 2, axis=1)
     return LensSolution(
@@ -149,7 +144,7 @@ def solve_intrinsics(
         dropped=tuple(dropped),
         comparison=fit.comparison,
         monotonic=monotonic,
-        board_flex=fit.flex,
+        board_shape=shape,
         verdict=judge(known),
     )
 
@@ -177,10 +172,20 @@ def _require_enough(observations: Sequence[Observation], dropped: Sequence[Dropp
         )
 
 
-def _screened(
-    observations: Sequence[Observation], options: LensOptions
-) -> tuple[Inliers, Bundle, Mapping[str, Bundle]]:
-    """The good corners under the lens given, or under the best of `_SCREENING` for "auto"; the board may be bent.
+@dataclass(frozen=True)
+class _Options:
+    """Picture (width, height) px, the prior of the board's shape, "auto" or a name in `LENS_MODELS`, the fewest corners
+    of a view, and whether fx = fy."""
+
+    image_size: tuple[int, int]
+    prior: ShapePrior
+    model: str = "auto"
+    min_corners: int = 6
+    square_pixels: bool = False
+
+
+def _screened(observations: Sequence[Observation], options: _Options) -> tuple[Inliers, Bundle, Mapping[str, Bundle]]:
+    """The good corners under the lens given, or under the best of `_SCREENING` for "auto".
 
     Besides them that lens' solution over them, and solutions of other lenses to start from. The best lens is that with
     the least median error in a robust fit, which outliers do not move.
@@ -188,10 +193,10 @@ def _screened(
     known: dict[str, Bundle] = {}
     robust = {}
     for name in ("opencv4", *_SCREENING) if options.model == "auto" else (options.model,):
-        known[name] = rough_lens(LENS_MODELS[name], observations, options, known)
+        known[name] = rough_lens(LENS_MODELS[name], observations, options.image_size, known)
         if name in _SCREENING or name == options.model:
-            free = known[name].freed(options.square_pixels, flex=True)
-            robust[name] = refine(free, observations, _ROUGHLY, robust=True)
+            free = known[name].freed(options.square_pixels, options.prior)
+            robust[name] = reposed(refine(free, observations, _ROUGHLY, robust=True), observations)
     best = min(robust, key=lambda name: robust[name].sigma_px)
     inliers, bundle = fit_without_outliers(robust[best], observations, options.min_corners)
     return inliers, bundle, _posed(known | robust, inliers.views)
@@ -207,7 +212,6 @@ class _Fit:
 
     bundle: Bundle
     inliers: Inliers
-    flex: BoardFlex
     comparison: tuple[Candidate, ...]
     information: Information | None
 
@@ -217,24 +221,21 @@ def _decided(
     bundle: Bundle,
     warm: Mapping[str, Bundle],
     observations: Sequence[Observation],
-    options: LensOptions,
+    options: _Options,
 ) -> _Fit:
-    """Bend of the board, lens model, and once more the outliers under them, until neither decision changes."""
+    """Lens model, and once more the outliers under it, until neither changes."""
     comparison: tuple[Candidate, ...] = ()
-    decided, judged = None, None
+    decided: tuple[str, int] | None = None
     for _ in range(_ROUNDS):
-        good, name = inliers.of(observations), bundle.model.name
-        corners = sum(len(view.pixels) for view in good)
-        if judged != (name, corners):
-            flex = judge_flex(bundle, good, options.square_pixels)
-            judged = (name, corners)
-        if decided == (name, flex.used):
+        good = inliers.of(observations)
+        now = (bundle.model.name, sum(len(view.pixels) for view in good))
+        if decided == now:
             break
         if options.model == "auto":
-            bundle, comparison = _choose_lens(good, options, flex.used, warm)
+            bundle, comparison = _choose_lens(good, options, warm)
         else:
-            bundle = fit_lens(bundle.model, good, options, flex.used, {name: bundle})
-        decided = (bundle.model.name, flex.used)
+            bundle = _fit_lens(bundle.model, good, options, {bundle.model.name: bundle})
+        decided = (bundle.model.name, now[1])
         whole = [observations[index] for index in inliers.views]
         within, bundle = fit_without_outliers(bundle, whole, options.min_corners, inliers.masks)
         inliers, warm = Inliers(inliers.views[within.views], within.masks), _posed(warm, within.views)
@@ -243,11 +244,22 @@ def _decided(
     known = information(bundle, good)
     if options.model != "auto" and known is not None:
         comparison = (assess(bundle, good, options.image_size, known)[0],)
-    return _Fit(bundle, inliers, flex, comparison, known)
+    return _Fit(bundle, inliers, comparison, known)
+
+
+def _fit_lens(
+    model: LensModel, observations: Sequence[Observation], options: _Options, warm: Mapping[str, Bundle]
+) -> Bundle:
+    """The solution of a lens model and the board's shape, from `warm` (by name) where it has one."""
+    near = warm.get(model.name)
+    if near is None:
+        near = rough_lens(model, observations, options.image_size, warm)
+    start = replace(near, unfolding=None).freed(options.square_pixels, options.prior)
+    return refine(refine(start, observations, _ROUGHLY).freed(options.square_pixels, options.prior), observations)
 
 
 def _choose_lens(
-    observations: Sequence[Observation], options: LensOptions, flex: bool, warm: Mapping[str, Bundle]
+    observations: Sequence[Observation], options: _Options, warm: Mapping[str, Bundle]
 ) -> tuple[Bundle, tuple[Candidate, ...]]:
     """The solution of the lens model that the views require, and the comparison it rests on.
 
@@ -262,7 +274,7 @@ def _choose_lens(
     fits: dict[str, Bundle] = {}
     errors, candidates = {}, []
     for name in _CANDIDATES:
-        bundle = fit_lens(LENS_MODELS[name], observations, options, flex, {**fits, **warm})
+        bundle = _fit_lens(LENS_MODELS[name], observations, options, {**fits, **warm})
         fits[name] = bundle = unfolded(bundle, observations, options.image_size)
         known = information(bundle, observations)
         if known is not None:

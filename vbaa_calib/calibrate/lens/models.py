@@ -84,6 +84,7 @@ _DENOMINATOR = {"opencv": (5, 6, 7), "fisheye": ()}
 _SAMPLES, _POLE = 160, 1e-3
 _FURTHEST_PER_CORNER, _BEYOND_CORNER, _WIDEST_RAD = 4.0, 1.02, 1.5
 _NEARLY, _BEFORE_POLE, _FAR = 0.02, 0.95, 1e-6
+_DIVISION_TERMS = 2
 
 
 @dataclass(frozen=True)
@@ -196,3 +197,21 @@ def rational_like(fisheye: LensModel, intrinsics: np.ndarray, image_size: tuple[
     distortion = np.zeros(8)
     distortion[[*_NUMERATOR["opencv"], *_DENOMINATOR["opencv"]]] = found
     return np.concatenate([intrinsics[:4], distortion])
+
+
+def division_like(model: LensModel, division: float, reach: float) -> np.ndarray:
+    """(k,) distortion of a lens that follows an ideal radius r / (1 + λr²), r being the distorted one, up to `reach`."""
+    distortion = np.zeros(model.distortion_count)
+    free = [index for index in _NUMERATOR[model.camera_model][:_DIVISION_TERMS] if index in model.free]
+    if division == 0.0 and model.camera_model != "fisheye" or not free:
+        return distortion
+    distorted = np.linspace(0.0, reach, _SAMPLES)[1:]
+    ideal = distorted / np.maximum(1.0 + division * distorted**2, _POLE)
+    if model.camera_model == "fisheye":
+        ideal = np.arctan(ideal)
+    # a polynomial of a radius far beyond 1 is no start
+    near = ideal < _WIDEST_RAD
+    powers = ideal[near, None] ** (2 * np.arange(1, len(free) + 1))
+    weight = 1.0 / (1.0 + ideal[near] ** 2)
+    distortion[free] = np.linalg.lstsq(powers * weight[:, None], (distorted / ideal - 1.0)[near] * weight, rcond=None)[0]
+    return distortion

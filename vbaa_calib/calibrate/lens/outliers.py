@@ -12,12 +12,12 @@ from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.detect.board.view_quality import fixes_homography
 from vbaa_calib.detect.quality.screen import screen_views, too_few
 
-from .bundle import Bundle, Observation, refine, residuals_px
+from .bundle import Bundle, Observation, refine, residuals_px, rows
 
 _LEAST_CORNERS = 4
 """Four corners fix the pose of a plane."""
-_GROSS_VIEW, _GROSS_LEAST_PX = 5.0, 0.5
-_CHANCE, _LEAST_PX, _ROUNDS, _BLURRED = 1e-9, 0.25, 8, 5.0
+_CHANCE, _LEAST_PX, _ROUNDS, _BLURRED = 1e-6, 0.25, 8, 5.0
+_BELOW, _LEAST_VARIANCE = 5.0, 0.05
 
 
 @dataclass(frozen=True)
@@ -46,29 +46,6 @@ def usable_views(
     return kept, dropped + [DroppedView(view.name, reason) for view, reason in poor]
 
 
-def _good_views(
-    residuals: Sequence[np.ndarray], good: Sequence[np.ndarray], observations: Sequence[Observation], min_corners: int
-) -> np.ndarray:
-    """(V,) which views are kept, from their residuals (N, 2) px and masks of good corners (N,).
-
-    A view goes that is wrong as a whole: over half its corners are outliers, the rest has over 5 times the median
-    view's error, or it no longer fixes a pose. All its corners are taken to fix one.
-    """
-    kept = [residual[mask] for residual, mask in zip(residuals, good, strict=True)]
-    rms = np.array([np.sqrt(np.mean(np.sum(one**2, axis=1))) if len(one) else np.inf for one in kept])
-    limit = max(_GROSS_VIEW * float(np.median(rms)), _GROSS_LEAST_PX)
-    return np.array(
-        [
-            error <= limit
-            and mask.mean() > 0.5
-            and mask.sum() >= max(min_corners, _LEAST_CORNERS)
-            and (mask.all() or fixes_homography(view.points_m[mask, :2]))
-            for error, mask, view in zip(rms, good, observations, strict=True)
-        ],
-        bool,
-    )
-
-
 @dataclass(frozen=True, eq=False)
 class Inliers:
     """The good views, as indices (V,), and for each a mask (N,) of its good corners."""
@@ -81,29 +58,58 @@ class Inliers:
         return [observations[index].picked(mask) for index, mask in zip(self.views.tolist(), self.masks, strict=True)]
 
 
-def _outlier_limit_px(distances: np.ndarray) -> float:
-    """Distance beyond which one good corner in 10⁵ lies, from distances (N,) of which some are wrong.
+def _outlier_limit(distances: np.ndarray) -> float:
+    """Distance beyond which one good corner in a million lies, from distances (N,) of which less than half are wrong.
 
-    The tail is a Weibull's through the median and the 90 % quantile. Normal noise has the exponent 2 and is cut at 4.8
-    standard deviations; noise with long tails, as real pictures have it, is cut later.
+    The tail is a Weibull's through the median and the 90 % quantile of what lies within the limit. Normal noise has the
+    exponent 2 and is cut at 5.3 standard deviations; noise with long tails, as real pictures have it, is cut later. The
+    limit grows from below until it stays: from above, gross errors would pass for a long tail.
     """
-    limit = np.inf
+    limit = _BELOW * float(np.median(distances))
     for _ in range(_ROUNDS):
         half, most = np.quantile(distances[distances <= limit], [0.5, 0.9])
         if half <= 0.0:
-            return _LEAST_PX
+            return limit
         exponent = min(np.log(np.log(10.0) / np.log(2.0)) / np.log(most / half), 2.0) if most > half else 2.0
-        before, limit = limit, half * (-np.log(_CHANCE) / np.log(2.0)) ** (1.0 / exponent)
-        if limit >= before or np.isclose(limit, before, rtol=1e-3):
+        before, limit = limit, float(half * (-np.log(_CHANCE) / np.log(2.0)) ** (1.0 / exponent))
+        if np.isclose(limit, before, rtol=1e-3):
             break
-    return max(float(limit), _LEAST_PX)
+    return limit
 
 
-def inlier_masks(residuals: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Per view (N,), which corners are good. A view with more noise than the median view is given more room."""
-    distances = [np.linalg.norm(residual, axis=1) for residual in residuals]
+def _standardised(bundle: Bundle, observations: Sequence[Observation], masks: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """Per view (N,) px, length of each corner's residual over its standard deviation, which is 1 for a corner whose
+    view's pose is known: less for those that the pose rests on, by `masks` (N,), more for the others."""
+    residuals, _, by_pose, bounds = rows(bundle, observations)
+    lengths = []
+    for first, last, used in zip(bounds[:-1], bounds[1:], masks, strict=True):
+        own, slopes = residuals[first:last], by_pose[first:last]
+        factor = np.linalg.qr(slopes[used].reshape(-1, 6), mode="r")
+        try:
+            half = np.linalg.solve(factor.T, np.moveaxis(slopes, 0, 1).reshape(-1, 6).T).T.reshape(2, -1, 6)
+        except np.linalg.LinAlgError:
+            half = np.zeros((2, len(own), 6))
+        sign = np.where(used, -1.0, 1.0)[:, None, None]
+        covariance = np.eye(2) + sign * np.einsum("ani,bni->nab", half, half)
+        values, vectors = np.linalg.eigh(covariance)
+        along = np.einsum("nab,na->nb", vectors, own) / np.sqrt(np.maximum(values, _LEAST_VARIANCE))
+        lengths.append(np.linalg.norm(along, axis=1))
+    return lengths
+
+
+def inlier_masks(
+    bundle: Bundle, observations: Sequence[Observation], masks: Sequence[np.ndarray] | None = None
+) -> list[np.ndarray]:
+    """Per view (N,), which corners are good. A view with more noise than the median view is given more room.
+
+    masks : per view (N,), the corners that the bundle was fitted to; None for a robust fit to all.
+    """
+    if masks is None:
+        plain = [np.linalg.norm(residual, axis=1) for residual in residuals_px(bundle, observations)]
+        masks = [own <= _BELOW * np.median(own) for own in plain]
+    distances = _standardised(bundle, observations, masks)
     every = np.concatenate(distances)
-    limit, middle = _outlier_limit_px(every), max(float(np.median(every)), 1e-12)
+    limit, middle = max(_outlier_limit(every), _LEAST_PX), max(float(np.median(every)), 1e-12)
     return [own <= limit * np.clip(np.median(own) / middle, 1.0, _BLURRED) for own in distances]
 
 
@@ -113,16 +119,15 @@ def fit_without_outliers(
     """Which views and corners are good, and the solution over the good ones alone.
 
     Least squares over the corners within the limit of the start, and all corners of the remaining views are judged anew
-    by it, until none changes sides.
+    by it, until none changes sides. A view goes only where half its corners are wrong or the good ones fix no pose.
 
     start : a robust fit to all corners, or the solution over the corners of masks, per view (N,).
     """
     bundle, views = start, np.arange(len(observations))
     for _ in range(_ROUNDS):
         whole = [observations[index] for index in views.tolist()]
-        residuals = residuals_px(bundle, whole)
-        good = inlier_masks(residuals)
-        keep = _good_views(residuals, good, whole, min_corners)
+        good = inlier_masks(bundle, whole, masks)
+        keep = np.array([_fixes_pose(mask, view, min_corners) for mask, view in zip(good, whole, strict=True)], bool)
         if masks is not None and keep.all() and all(map(np.array_equal, good, masks)):
             break
         views, masks = views[keep], tuple(mask for mask, kept in zip(good, keep, strict=True) if kept)
@@ -130,3 +135,9 @@ def fit_without_outliers(
             break
         bundle = refine(replace(bundle, poses=bundle.poses[keep]), Inliers(views, masks).of(observations))
     return Inliers(views, masks or ()), bundle
+
+
+def _fixes_pose(good: np.ndarray, view: Observation, min_corners: int) -> bool:
+    """Whether the good corners (N,) of a view are most of them and fix its pose; all its corners are taken to."""
+    most = good.mean() > 0.5 and good.sum() >= max(min_corners, _LEAST_CORNERS)
+    return bool(most and (good.all() or fixes_homography(view.points_m[good, :2])))

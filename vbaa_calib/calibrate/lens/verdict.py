@@ -11,7 +11,8 @@ import numpy as np
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import Diagnosis
 
-from .information import BoardFlex, Candidate
+from .board_shape import BoardShape
+from .information import Candidate
 
 Grade = Literal["trusted", "look at", "do not use"]
 _VAGUE_FOCAL = 0.02
@@ -76,7 +77,7 @@ class Evidence:
     """What a solve knows of its lens.
 
     camera : with its covariance. model : name of its lens model. monotonic : whether it maps the picture without folds.
-    comparison : the lens models that were assessed. flex : of the board.
+    comparison : the lens models that were assessed. shape : of the board.
     views_px : corners (N, 2) px of each view used.
     """
 
@@ -84,7 +85,7 @@ class Evidence:
     model: str
     monotonic: bool
     comparison: Sequence[Candidate]
-    flex: BoardFlex
+    shape: BoardShape
     views_px: Sequence[np.ndarray]
 
     @property
@@ -96,7 +97,7 @@ class Evidence:
 def judge(known: Evidence) -> Verdict:
     """The verdict on a lens by its solve alone; what the set of views shows is added with `with_diagnoses`."""
     found = [one for rule in _RULES if (one := rule(known)) is not None]
-    return Verdict(_grave_first(found), (*_why(known), *_split_half(known), _board(known.flex)))
+    return Verdict(_grave_first(found), (*_why(known), *_split_half(known), _board(known.shape)))
 
 
 def _grave_first(found: Iterable[Diagnosis]) -> tuple[Diagnosis, ...]:
@@ -172,8 +173,7 @@ def _split_half(known: Evidence) -> list[str]:
     return [f"Two halves of the views {agree} their uncertainty ({chosen.halves:.1f} predicted deviations)."]
 
 
-def _board(flex: BoardFlex) -> str:
-    if not flex.used:
-        return "The board counts as flat."
-    bent = "{:+.2f} mm along x, {:+.2f} mm along y".format(*(1e3 * flex.sagittas_m))
-    return f"The board is bent ({bent}); the lens was solved with that."
+def _board(shape: BoardShape) -> str:
+    if not shape.findings:
+        return "The board counts as flat and square."
+    return f"The board is {', '.join(shape.findings)}; the lens was solved with that."

@@ -1,0 +1,111 @@
+"""The shape of a printed board: how far it is bent, twisted, stretched and sheared, solved for with the lens."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from targets.board import BoardSpec, corner_points
+
+SHAPE = 5
+"""Numbers that describe a board's shape (`BoardShape`)."""
+_NAMES = ("bow_x_m", "bow_y_m", "twist_m", "stretch", "shear")
+_BOW_PER_EXTENT, _STRETCH, _SHEAR = 2e-3, 1e-3, 5e-4
+"""Standard deviations of what printers and mounts do: a sheet of 250 mm on a board bows by half a millimetre, the axes
+of a print differ by 0.1 %. Some are ten times worse, so the prior has long tails."""
+_TAIL = 3.0
+"""Degrees of freedom of the prior's Student t distribution."""
+_CLEAR, _NOTICEABLE_PER_EXTENT, _NOTICEABLE_SHARE = 4.0, 3e-4, 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class BoardShape:
+    """How a board differs from a flat print with square squares.
+
+    parameters : (5,) bow along x and along y and twist, m, of the board's outer corners: the rise along z (away from
+        the viewer) is bow·(u² − 1/3) and twist·u·v, with u and v = ±1 at the outer corners; stretch, by which the print
+        is longer along x than along y, relative; shear, rad, by which the angle between x and y is short of a right one.
+    covariance : (5, 5), with the lens and all poses free and the prior counted.
+    """
+
+    spec: BoardSpec
+    parameters: np.ndarray
+    covariance: np.ndarray
+
+    @property
+    def std(self) -> np.ndarray:
+        """(5,) standard deviations."""
+        return np.sqrt(np.diag(self.covariance).clip(0.0))
+
+    @property
+    def points_m(self) -> np.ndarray:
+        """(corner_count, 3) the corners as they are, in the board frame."""
+        return corner_points(self.spec) + deformations(self.spec) @ self.parameters
+
+    @property
+    def findings(self) -> tuple[str, ...]:
+        """What is clear of noise and large enough to matter, in words; nothing of a board that counts as flat."""
+        least = np.array([_NOTICEABLE_PER_EXTENT * _extent_m(self.spec)] * 3 + [_NOTICEABLE_SHARE] * 2)
+        found = (np.abs(self.parameters) > _CLEAR * self.std) & (np.abs(self.parameters) > least)
+        words = [
+            *(f"{name} by {{:+.2f}} ± {{:.2f}} mm" for name in ("bowed along x", "bowed along y", "twisted")),
+            "longer along x than along y by {:+.2f} ± {:.2f} %",
+            "sheared by {:+.2f} ± {:.2f} mrad",
+        ]
+        units = (1e3, 1e3, 1e3, 1e2, 1e3)
+        numbers = zip(words, units, self.parameters, self.std, found, strict=True)
+        return tuple(text.format(unit * value, unit * std) for text, unit, value, std, there in numbers if there)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The mapping `board_shape` of camera.json."""
+        return {
+            "parameters": dict(zip(_NAMES, self.parameters.tolist(), strict=True)),
+            "std": dict(zip(_NAMES, self.std.tolist(), strict=True)),
+            "covariance": self.covariance.tolist(),
+        }
+
+
+def deformations(spec: BoardSpec) -> np.ndarray:
+    """(corner_count, 3, 5) by how much each corner moves, m, for a unit of each of a shape's parameters."""
+    plane = corner_points(spec)[:, :2]
+    low, high = plane.min(axis=0), plane.max(axis=0)
+    half = 0.5 * (high - low)
+    u, v = ((plane - 0.5 * (low + high)) / np.where(half > 0.0, half, 1.0)).T
+    x, y = plane.T
+    moved = np.zeros((len(plane), 3, SHAPE))
+    # nil in the mean: the board's frame stays in its mean plane; a single row has no bow
+    for index, (place, width) in enumerate(zip((u, v), half, strict=True)):
+        moved[:, 2, index] = place**2 - 1.0 / 3.0 if width > 0.0 else 0.0
+    moved[:, 2, 2] = u * v
+    moved[:, 0, 3], moved[:, 1, 3] = 0.5 * x, -0.5 * y
+    moved[:, 0, 4], moved[:, 1, 4] = 0.5 * y, 0.5 * x
+    return moved
+
+
+def _extent_m(spec: BoardSpec) -> float:
+    return spec.square_m * max(spec.squares_x - 2, spec.squares_y - 2, 1)
+
+
+@dataclass(frozen=True, eq=False)
+class ShapePrior:
+    """What is known of a board's shape before pictures show it: Student's t about means (5,), with scales (5,)."""
+
+    mean: np.ndarray
+    std: np.ndarray
+
+    @staticmethod
+    def of(spec: BoardSpec) -> ShapePrior:
+        """Of a print and a mount as they usually are."""
+        return ShapePrior(np.zeros(SHAPE), np.array([_BOW_PER_EXTENT * _extent_m(spec)] * 3 + [_STRETCH, _SHEAR]))
+
+    def rows(self, shape: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Residuals (5,) as reweighted least squares has them, and their negative derivatives (5,) by the shape."""
+        off = (shape - self.mean) / self.std
+        weights = np.sqrt((_TAIL + 1.0) / (_TAIL + off**2))
+        return -weights * off, weights / self.std
+
+    def loss(self, shape: np.ndarray) -> float:
+        """Twice the negative logarithm of the density, up to a constant."""
+        return float((_TAIL + 1.0) * np.log1p(((shape - self.mean) / self.std) ** 2 / _TAIL).sum())
