@@ -8,8 +8,8 @@ import numpy as np
 
 from benchmarks.board_faults import SCATTERED, VIEW, Corners, spoilt
 from targets.board import BoardSpec, corner_points
-from vbaa_calib.calibrate.lens.bundle import Bundle, Observation, refine
 from vbaa_calib.calibrate.lens.board_shape import deformations
+from vbaa_calib.calibrate.lens.bundle import Bundle, Observation, refine
 from vbaa_calib.calibrate.lens.models import LENS_MODELS, PROJECTIONS, LensModel, camera_of
 from vbaa_calib.camera import Camera
 from vbaa_calib.detect.board.corners import BoardView
@@ -101,7 +101,7 @@ class Rig(Optics):
         points, (along, across) = corner_points(self.spec), self.stretch
         unit = 2.0 * (points - points.min(axis=0))[:, :2] / np.ptp(points, axis=0)[:2] - 1.0
         x, y = points[:, 0] * (1.0 + along) + self.shear * points[:, 1], points[:, 1] * (1.0 + across)
-        return np.column_stack([x, y, bend(self.spec) @ self.sagittas_m + self.twist_m * unit[:, 0] * unit[:, 1]])
+        return np.column_stack([x, y, deformations(self.spec)[:, 2, :2] @ self.sagittas_m + self.twist_m * unit[:, 0] * unit[:, 1]])
 
 
 @dataclass(frozen=True, eq=False)

@@ -126,15 +126,13 @@ def of_lens(lens: LensSolution) -> Report:
     free = np.diag(covariance) > 0.0
     report.add("lens", lens.camera.parameters[free], np.sqrt(np.diag(covariance)[free]))
     report.add("lens: rms", lens.rms_inliers_px, lens.rms_inliers_px, own=False)
-    flex = lens.board_flex
-    if flex.std_m is not None:
-        report.add("board's bend", flex.sagittas_m, flex.std_m)
+    shape = lens.board_shape
+    report.add("board's shape", shape.parameters, shape.std)
     views = {view.name: [view.corners, sorted(view.outlier_ids), view.outlying] for view in lens.views}
     report.statuses = {
         "model": lens.model,
         "views": views,
         "dropped": sorted([view.name, view.reason] for view in lens.dropped),
-        "bent": flex.used,
         "monotonic": lens.monotonic,
         "verdict": lens.verdict,
         "models that halves agree on": [row.model for row in lens.comparison if row.split_half_agrees],

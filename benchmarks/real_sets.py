@@ -138,8 +138,7 @@ def _used_row(one: PhotoSet, solution: LensSolution, photos: int) -> list[str]:
     reasons = Counter(view.reason for view in solution.dropped)
     dropped = "; ".join(f"{count} × {reason}" for reason, count in reasons.most_common()) or "none"
     corners, outliers = (sum(getattr(view, name) for view in solution.views) for name in ("corners", "left_out"))
-    flex = solution.board_flex
-    bend = f"{'bent' if flex.used else 'flat'}: {flex.reason}"
+    bend = ", ".join(solution.board_shape.findings) or "flat and square"
     return [one.title, str(photos), str(len(solution.views)), str(corners), str(outliers), dropped, bend]
 
 

@@ -50,7 +50,7 @@ def prior_of(given: Draw, clock: list[float]) -> Prior:
     """Lens from the views, then pose of C from the jig; the times after both are added to the clock."""
     lens = solve_intrinsics(given.views, BOARD, model=given.rig.lens_model)
     clock.append(time.perf_counter())
-    board_pose = solve_board_pose(given.jig_views, BOARD, lens.camera, lens.board_flex.bend)
+    board_pose = solve_board_pose(given.jig_views, lens.board_shape, lens.camera)
     estimate = jig_estimate(board_pose, T_ANTENNA_JIG)
     clock.append(time.perf_counter())
     return prior(NOMINAL, lens.camera, [estimate])

@@ -21,6 +21,7 @@ from vbaa_calib.calibrate.guide.suggestion import (
     visible_corners,
 )
 from vbaa_calib.calibrate.guide.view_uncertainty import LensInformation, WorkPlane, view_blocks
+from vbaa_calib.calibrate.lens.board_shape import BoardShape
 from vbaa_calib.calibrate.lens.bundle import Observation
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution
 from vbaa_calib.calibrate.pose.board_pose import solve_board_pose, start_poses
@@ -150,7 +151,7 @@ class Photographer:
         """T_camera_board in the jig, found with a lens in pictures of their own noise; None where it is not found."""
         views = [self.picture(self.rig.plane.board_pose(self.rig.board)) for _ in range(pictures)]
         found = [view for view in views if view is not None]
-        return solve_board_pose(found, self.rig.board, camera).T_camera_board if found else None
+        return solve_board_pose(found, BoardShape.flat(self.rig.board), camera).T_camera_board if found else None
 
 
 def wanted_pose(suggestion: Suggestion, rig: Rig, camera: Camera | None) -> Pose:

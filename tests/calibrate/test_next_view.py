@@ -28,7 +28,8 @@ from vbaa_calib.calibrate.guide.view_uncertainty import (
     plane_sensitivity,
     view_blocks,
 )
-from vbaa_calib.calibrate.lens.bundle import FLEX, Bundle, Observation
+from vbaa_calib.calibrate.lens.board_shape import SHAPE, BoardShape
+from vbaa_calib.calibrate.lens.bundle import Bundle, Observation
 from vbaa_calib.calibrate.lens.information import information
 from vbaa_calib.calibrate.lens.intrinsics import solve_intrinsics
 from vbaa_calib.calibrate.lens.models import LENS_MODELS, camera_of
@@ -54,7 +55,7 @@ def views(count: int, seed: int = 0, sigma_px: float = 0.1):
 
 
 def design(sigma_px: float = 0.1) -> LensDesign:
-    return design_about("opencv4", INTRINSICS, SIZE, sigma_px, SPEC)
+    return design_about("opencv4", INTRINSICS, SIZE, sigma_px, BoardShape.flat(SPEC))
 
 
 def test_functional_is_what_a_wrong_lens_does_after_the_jig_is_solved_again():
@@ -62,7 +63,7 @@ def test_functional_is_what_a_wrong_lens_does_after_the_jig_is_solved_again():
     functional = plane_sensitivity(made, PLANE, SPEC)
     rig = Rig("", "opencv5", SIZE, INTRINSICS, SPEC, 0.0)
     for column in range(functional.shape[-1]):
-        step = 1e-3 * made.scale[:-FLEX, column]
+        step = 1e-3 * made.scale[:-SHAPE, column]
         wrong = camera_of(MODEL, INTRINSICS + step, SIZE)
         predicted_mm = 1e3 * 1e-3 * np.sqrt(np.mean(np.sum(functional[..., column] ** 2, axis=1)))
         assert true_error_mm(wrong, rig) == pytest.approx(predicted_mm, rel=0.03, abs=1e-6), column

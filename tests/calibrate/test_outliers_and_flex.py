@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 import pytest
 
 from benchmarks.boards import BOARD, draw, error_mm, rigs
 from benchmarks.calibration.methods import kept_corners, screening, solve_oracle, solve_ours
+from vbaa_calib.calibrate.lens.board_shape import ShapePrior
 from vbaa_calib.calibrate.lens.bundle import Bundle, Observation, refine
-from vbaa_calib.calibrate.lens.information import information, judge_flex, observations_of
-from vbaa_calib.calibrate.lens.initialization import LensOptions, fit_lens, unfolded
+from vbaa_calib.calibrate.lens.information import information, observations_of
+from vbaa_calib.calibrate.lens.initialization import rough_lens, unfolded
 from vbaa_calib.calibrate.lens.models import (
     LENS_MODELS,
     camera_of,
@@ -23,6 +22,7 @@ from vbaa_calib.calibrate.lens.models import (
 
 RIGS = rigs()
 SPOILT = RIGS[4]
+WIDE_PRIOR = ShapePrior(np.zeros(5), np.array([0.1, 0.1, 0.1, 1.0, 1.0]))
 
 
 @pytest.mark.parametrize(
@@ -39,28 +39,26 @@ def test_within_five_per_cent_of_the_oracle(rig) -> None:
         assert views == 0.0
         assert lost <= 0.005
         assert caught in (None, 1.0)
-        assert solution.board_flex.used == any(rig.sagittas_m)
+        assert bool(solution.board_shape.findings) == any(rig.sagittas_m)
     assert np.median(errors) <= 1.05 * np.median(oracle)
 
 
 def test_outliers_and_bend_are_reported() -> None:
     given = draw(SPOILT, 31)
     solution = solve_ours(given, "auto")
-    flex = solution.board_flex
-    assert flex.used
-    assert flex.std_m is not None
-    assert np.all(np.abs(flex.sagittas_m - SPOILT.sagittas_m) < 4 * flex.std_m)
-    assert np.all(flex.std_m < 5e-5)
-    assert flex.sagitta_mm == pytest.approx(0.5, abs=0.1)
+    shape = solution.board_shape
+    assert np.all(np.abs(shape.parameters - [*SPOILT.sagittas_m, 0.0, 0.0, 0.0]) < 4 * shape.std)
+    assert np.all(shape.std[:3] < 5e-5)
+    assert len(shape.findings) == 1
     for view, good, used in zip(given.views, given.good, solution.views, strict=True):
         assert set(view.ids[~good]) == set(used.outlier_ids)
         assert used.left_out == len(used.outlier_ids)
         assert used.corners == good.sum()
-    assert "bent" in solution.verdict.words
+    assert "bowed along x" in solution.verdict.words
     assert solution.rms_inliers_px == pytest.approx(0.15 * np.sqrt(2), rel=0.05)
 
 
-def test_sagittas_scatter_as_predicted() -> None:
+def test_the_shape_scatters_as_predicted() -> None:
     given, rng = draw(RIGS[0], 35), np.random.default_rng(36)
     start = Bundle.start(RIGS[0].model, RIGS[0].intrinsics, given.poses)
     clean = observations_of(given.views, BOARD)
@@ -69,34 +67,22 @@ def test_sagittas_scatter_as_predicted() -> None:
     found, predicted = [], []
     for _ in range(60):
         noisy = [
-            Observation(v.points_m, pixels + 0.15 * rng.normal(size=pixels.shape), v.bend)
+            Observation(v.points_m, pixels + 0.15 * rng.normal(size=pixels.shape), v.deformation)
             for v, pixels in zip(clean, base, strict=True)
         ]
-        bundle = refine(start.freed(square_pixels=False, flex=True), noisy)
+        bundle = refine(start.freed(square_pixels=False, prior=WIDE_PRIOR), noisy)
         known = information(bundle, noisy)
         assert known is not None
-        found.append(bundle.sagittas_m)
-        predicted.append(np.diag(known.covariance)[-2:])
-    assert np.std(found, axis=0) / np.sqrt(np.mean(predicted, axis=0)) == pytest.approx([1.0, 1.0], abs=0.25)
-
-
-def test_an_absurd_bend_is_not_used() -> None:
-    """Half a millimetre in a unit that makes it 500 mm: significant, predictive, and impossible."""
-    given = draw(dataclasses.replace(SPOILT, outliers=0.0), 37)
-    observations = observations_of(given.views, BOARD)
-    bundle = fit_lens(SPOILT.model, observations, LensOptions(SPOILT.image_size))
-    assert judge_flex(bundle, observations).used
-    shrunk = [Observation(v.points_m, v.pixels, 1e-3 * v.bend) for v in observations if v.bend is not None]
-    judged = judge_flex(bundle, shrunk)
-    assert not judged.used
-    assert "more than a board bends" in judged.reason
+        found.append(bundle.shape)
+        predicted.append(np.diag(known.covariance)[-5:])
+    assert np.std(found, axis=0) / np.sqrt(np.mean(predicted, axis=0)) == pytest.approx(np.ones(5), abs=0.3)
 
 
 def test_a_lens_that_folds_among_the_corners_stays() -> None:
     """No pull is strong enough to hide that a model is wrong."""
     given = draw(RIGS[2], 2)
     model, observations = LENS_MODELS["opencv5"], observations_of(given.views, BOARD)
-    bundle = fit_lens(model, observations, LensOptions(RIGS[2].image_size))
+    bundle = refine(rough_lens(model, observations, RIGS[2].image_size), observations)
     assert not is_monotonic(model, bundle.intrinsics, RIGS[2].image_size)
     again = unfolded(bundle, observations, RIGS[2].image_size)
     assert again is bundle

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from targets.board import corner_points
-from vbaa_calib.calibrate.lens.information import Bend
+from vbaa_calib.calibrate.lens.board_shape import BoardShape
 from vbaa_calib.calibrate.lens.intrinsics import solve_intrinsics
 from vbaa_calib.calibrate.lens.models import LENS_MODELS
 from vbaa_calib.calibrate.lens.models import camera_of as lens_camera
@@ -24,6 +24,7 @@ from .photo_sets import detected
 from .synthetic_views import CENTRE, SPEC, board_view, pose_towards, project_board
 
 SIZE = (1280, 960)
+FLAT = BoardShape.flat(SPEC)
 WIDE = np.array([600.0, 602.0, 645.0, 476.0, 0.3, 0.05, 4e-4, -6e-4, 0.002, 0.65, 0.12, 0.01])
 CAMERAS = {
     "rational": WIDE,
@@ -52,7 +53,7 @@ def facing(rotvec: list[float], distance_m: float = 0.12) -> Pose:
 def test_exact_corners_give_the_exact_pose(name: str, seed: int) -> None:
     rng = np.random.default_rng(seed)
     true = pose_towards(rng, 0.1 * CAMERAS[name][0] / 600, 0.9, offset=0.3)
-    solved = solve_board_pose(pictures(name, true, rng, 0.0), SPEC, camera_of(name, CAMERAS[name]))
+    solved = solve_board_pose(pictures(name, true, rng, 0.0), FLAT, camera_of(name, CAMERAS[name]))
     assert np.abs(solved.T_camera_board.tangent_from(true)).max() < 1e-8
     assert solved.rms_px < 1e-5
 
@@ -60,7 +61,7 @@ def test_exact_corners_give_the_exact_pose(name: str, seed: int) -> None:
 @pytest.mark.parametrize("rotvec", [[0, 0, 0], [1e-6, 0, 0], [0, 0, 3.1], [1e-3, 0, 3]])
 def test_a_board_parallel_to_the_picture_is_solved(rotvec: list[float]) -> None:
     rng, true = np.random.default_rng(3), facing(rotvec)
-    solved = solve_board_pose(pictures("rational", true, rng, 0.05), SPEC, camera_of("rational", WIDE))
+    solved = solve_board_pose(pictures("rational", true, rng, 0.05), FLAT, camera_of("rational", WIDE))
     assert np.linalg.norm(solved.T_camera_board.tangent_from(true)[3:]) < 5e-4
     assert solved.T_camera_board.translation_m[2] > 0
 
@@ -71,7 +72,7 @@ def test_the_covariance_is_that_of_repeated_noise(name: str) -> None:
     true = facing([0.5, 0.2, 0.1], 0.15)
     normalized = []
     for _ in range(30):
-        solved = solve_board_pose(pictures(name, true, rng, 0.2), SPEC, camera)
+        solved = solve_board_pose(pictures(name, true, rng, 0.2), FLAT, camera)
         step = solved.T_camera_board.tangent_from(true)
         normalized.append(step @ np.linalg.solve(solved.covariance, step))
     # six degrees of freedom; the mean of 30 draws has a standard deviation of 0.63
@@ -80,10 +81,10 @@ def test_the_covariance_is_that_of_repeated_noise(name: str) -> None:
 
 def test_many_pictures_average_their_noise_and_not_what_they_share() -> None:
     rng, camera, true = np.random.default_rng(5), camera_of("rational", WIDE), facing([0.5, 0.2, 0.1])
-    one = solve_board_pose(pictures("rational", true, rng, 0.2), SPEC, camera)
-    many = solve_board_pose(pictures("rational", true, rng, 0.2, count=16), SPEC, camera)
+    one = solve_board_pose(pictures("rational", true, rng, 0.2), FLAT, camera)
+    many = solve_board_pose(pictures("rational", true, rng, 0.2, count=16), FLAT, camera)
     shared = pictures("rational", true, rng, 0.2)
-    repeated = solve_board_pose(shared * 16, SPEC, camera)
+    repeated = solve_board_pose(shared * 16, FLAT, camera)
     std = [np.sqrt(np.trace(pose.covariance[3:, 3:])) for pose in (one, many, repeated)]
     assert std[1] == pytest.approx(std[0] / 4, rel=0.4)
     assert std[2] == pytest.approx(std[0], rel=0.4)
@@ -94,7 +95,7 @@ def test_a_board_that_moved_is_refused() -> None:
     views = pictures("rational", facing([0.5, 0.2, 0.1]), rng, 0.1, count=3)
     views[2] = replace(views[2], name="moved.png", corners_px=views[2].corners_px + 5.0)
     with pytest.raises(InputError, match=r"moved\.png: the board is 7\.\d px"):
-        solve_board_pose(views, SPEC, camera)
+        solve_board_pose(views, FLAT, camera)
 
 
 def test_a_gross_corner_does_not_pull() -> None:
@@ -102,7 +103,7 @@ def test_a_gross_corner_does_not_pull() -> None:
     (view,) = pictures("rational", true, rng, 0.1)
     spoilt = view.corners_px.copy()
     spoilt[[3, 17]] += np.array([25.0, -12.0])
-    solved = solve_board_pose([replace(view, corners_px=spoilt)], SPEC, camera)
+    solved = solve_board_pose([replace(view, corners_px=spoilt)], FLAT, camera)
     step = solved.T_camera_board.tangent_from(true)
     assert solved.left_out == 2
     assert step @ np.linalg.solve(solved.covariance, step) < 25
@@ -114,7 +115,7 @@ def test_the_second_solution_of_a_distant_board_is_reported() -> None:
     camera = camera_of("none", long_lens)
     true = facing([0.35, 0.1, 0.0], 18.0)
     pixels = project_board(LENS_MODELS["none"], long_lens, true)
-    solved = solve_board_pose([board_view("0.png", pixels, SIZE, rng, 0.3)], SPEC, camera)
+    solved = solve_board_pose([board_view("0.png", pixels, SIZE, rng, 0.3)], FLAT, camera)
     assert solved.second_ratio is not None
     assert solved.second_ratio >= 1.0
     assert solved.is_ambiguous
@@ -127,9 +128,9 @@ def test_the_second_solution_of_a_distant_board_is_reported() -> None:
 def test_the_lens_sensitivity_tells_how_a_wrong_lens_moves_the_board() -> None:
     rng, camera = np.random.default_rng(9), camera_of("rational", WIDE)
     views = pictures("rational", facing([0.5, 0.2, 0.1]), rng, 0.0)
-    solved = solve_board_pose(views, SPEC, camera)
+    solved = solve_board_pose(views, FLAT, camera)
     change = np.array([0.3, -0.2, 0.4, 0.25, 1e-4, -1e-4, 1e-5, 2e-5, 0.0, 0.0, 0.0, 0.0])
-    moved = solve_board_pose(views, SPEC, camera_of("rational", WIDE + change))
+    moved = solve_board_pose(views, FLAT, camera_of("rational", WIDE + change))
     step = moved.T_camera_board.tangent_from(solved.T_camera_board)
     np.testing.assert_allclose(step, solved.lens_sensitivity @ change, atol=0.02 * np.abs(step).max())
 
@@ -144,13 +145,19 @@ def bent_picture(true: Pose, sagittas_m: np.ndarray, rng: np.random.Generator, s
     return board_view("bent.png", pixels.reshape(-1, 2), SIZE, rng, sigma_px)
 
 
+def bent_board(sagittas_m: np.ndarray, spread: np.ndarray | None = None) -> BoardShape:
+    covariance = np.zeros((5, 5))
+    covariance[:2, :2] = 0.0 if spread is None else spread
+    return BoardShape(SPEC, np.array([*sagittas_m, 0.0, 0.0, 0.0]), covariance)
+
+
 def test_a_bent_board_is_predicted_bent() -> None:
     rng, camera, true = np.random.default_rng(11), camera_of("rational", WIDE), facing([0.5, 0.2, 0.1])
     sagittas = np.array([8e-4, -3e-4])
     view = bent_picture(true, sagittas, rng, 0.0)
-    solved = solve_board_pose([view], SPEC, camera, Bend(sagittas, np.zeros((2, 2))))
+    solved = solve_board_pose([view], bent_board(sagittas), camera)
     assert np.abs(solved.T_camera_board.tangent_from(true)).max() < 1e-8
-    flat = solve_board_pose([view], SPEC, camera)
+    flat = solve_board_pose([view], FLAT, camera)
     assert np.linalg.norm(flat.T_camera_board.tangent_from(true)[3:]) > 1e-4
     assert flat.rms_px > 0.3
 
@@ -160,11 +167,8 @@ def test_the_covariance_carries_how_well_the_bend_is_known() -> None:
     rng, camera, true = np.random.default_rng(12), camera_of("rational", WIDE), facing([0.5, 0.2, 0.1], 0.15)
     sagittas, spread = np.array([8e-4, -3e-4]), np.array([[4.0, 1.0], [1.0, 9.0]]) * 1e-10
     view = bent_picture(true, sagittas, rng, 0.02)
-    known, exact = (solve_board_pose([view], SPEC, camera, Bend(sagittas, share * spread)) for share in (1.0, 0.0))
-    moved = [
-        solve_board_pose([view], SPEC, camera, Bend(sagittas + step, spread))
-        for step in np.array([[1, 0], [0, 1]]) * 1e-6
-    ]
+    known, exact = (solve_board_pose([view], bent_board(sagittas, share * spread), camera) for share in (1.0, 0.0))
+    moved = [solve_board_pose([view], bent_board(sagittas + step), camera) for step in np.eye(2) * 1e-6]
     by_sagitta = np.stack([other.T_camera_board.tangent_from(known.T_camera_board) / 1e-6 for other in moved], axis=1)
     gained = known.covariance - exact.covariance
     expected = by_sagitta @ spread @ by_sagitta.T
@@ -177,13 +181,13 @@ def test_no_board_a_line_and_another_picture_size_are_refused() -> None:
     (view,) = pictures("rational", facing([0.5, 0.2, 0.1]), rng, 0.0)
     line = np.arange(8)
     with pytest.raises(InputError, match="not found"):
-        solve_board_pose([BoardView("empty", np.zeros(0, int), np.zeros((0, 2)), SIZE)], SPEC, camera)
+        solve_board_pose([BoardView("empty", np.zeros(0, int), np.zeros((0, 2)), SIZE)], FLAT, camera)
     with pytest.raises(InputError, match="not found"):
-        solve_board_pose([], SPEC, camera)
+        solve_board_pose([], FLAT, camera)
     with pytest.raises(InputError, match="do not fix its pose"):
-        solve_board_pose([replace(view, ids=line, corners_px=view.corners_px[line])], SPEC, camera)
+        solve_board_pose([replace(view, ids=line, corners_px=view.corners_px[line])], FLAT, camera)
     with pytest.raises(InputError, match="calibrated at 1280x960"):
-        solve_board_pose([replace(view, image_size=(640, 480))], SPEC, camera)
+        solve_board_pose([replace(view, image_size=(640, 480))], FLAT, camera)
 
 
 @pytest.mark.parametrize(("name", "model"), [("gopro", "fisheye"), ("realsense", "radial")])
@@ -193,7 +197,7 @@ def test_real_views_get_the_pose_of_the_joint_solve(name: str, model: str) -> No
     for view, used in list(zip(views, solution.views, strict=True))[:4]:
         good = ~np.isin(view.ids, used.outlier_ids)
         inliers = replace(view, ids=view.ids[good], corners_px=view.corners_px[good])
-        solved = solve_board_pose([inliers], spec, solution.camera)
+        solved = solve_board_pose([inliers], solution.board_shape, solution.camera)
         assert np.abs(solved.T_camera_board.tangent_from(used.T_camera_board)).max() < 1e-4
         assert solved.rms_px == pytest.approx(used.rms_px, rel=1e-3)
         assert solved.corners == used.corners <= len(corner_points(spec))

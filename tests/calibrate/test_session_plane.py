@@ -63,7 +63,7 @@ def off_std(pose: Pose, covariance: np.ndarray, true: Pose) -> np.ndarray:
 
 def test_three_ways_agree_and_the_joints_are_found(rendered: Rendered) -> None:
     lens = rendered.lens
-    plane = find_plane(rendered.session, lens.camera, lens.board_flex, rendered.views)
+    plane = find_plane(rendered.session, lens.camera, lens.board_shape, rendered.views)
     assert [estimate.way for estimate in plane.estimates] == ["jig", "sweep", "over board"]
     assert all(difference.agrees for difference in plane.differences)
     for estimate in plane.estimates:
@@ -90,15 +90,15 @@ def test_a_jig_that_is_not_where_it_is_said_to_be_stands_alone(rendered: Rendere
     wrong = replace(rendered.session, T_antenna_board=shifted)
     views = replace(rendered.views, over=None)
     with pytest.raises(InputError, match=r"jig and sweep differ by .* one of them is wrong"):
-        find_plane(wrong, rendered.lens.camera, rendered.lens.board_flex, views)
+        find_plane(wrong, rendered.lens.camera, rendered.lens.board_shape, views)
     # said to be known to no better than that, it agrees
     doubtful = replace(wrong, jig_translation_std_m=4e-3)
-    plane = find_plane(doubtful, rendered.lens.camera, rendered.lens.board_flex, views)
+    plane = find_plane(doubtful, rendered.lens.camera, rendered.lens.board_shape, views)
     assert plane.differences[0].agrees
 
 
 def test_each_way_alone_will_do(rendered: Rendered) -> None:
-    camera, flex, session = rendered.lens.camera, rendered.lens.board_flex, rendered.session
+    camera, flex, session = rendered.lens.camera, rendered.lens.board_shape, rendered.session
     swept = find_plane(session, camera, flex, PlaneViews(None, rendered.views.sweep, None))
     # the tilt's zero stays open without another way, and the deviation says so
     assert swept.kinematics.tilt_zero_rad == 0.0
@@ -144,10 +144,10 @@ def test_a_print_known_roughly_leaves_the_distance_to_the_board_open(rendered: R
     """A scale that is off by a part moves the camera away from the board by that part, and the covariance says so."""
     jig = PlaneViews(rendered.views.jig, None, None)
     lens, session = rendered.lens, rendered.session
-    exact = find_plane(session, lens.camera, lens.board_flex, jig).estimates[0]
-    rough = find_plane(replace(session, print_scale_std=0.01), lens.camera, lens.board_flex, jig).estimates[0]
+    exact = find_plane(session, lens.camera, lens.board_shape, jig).estimates[0]
+    rough = find_plane(replace(session, print_scale_std=0.01), lens.camera, lens.board_shape, jig).estimates[0]
     smaller = replace(session.board, square_m=0.99 * session.board.square_m, marker_m=0.99 * session.board.marker_m)
-    moved = find_plane(replace(session, board=smaller), lens.camera, lens.board_flex, jig).estimates[0]
+    moved = find_plane(replace(session, board=smaller), lens.camera, lens.board_shape, jig).estimates[0]
     step = moved.T_antenna_camera.tangent_from(exact.T_antenna_camera)
     added = rough.covariance - exact.covariance
     np.testing.assert_allclose(added[3:, 3:], np.outer(step[3:], step[3:]), rtol=0.03, atol=1e-9)

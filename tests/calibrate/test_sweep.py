@@ -11,6 +11,8 @@ import cv2
 import numpy as np
 import pytest
 
+from targets.board import corner_points
+from vbaa_calib.calibrate.lens.board_shape import BoardShape
 from vbaa_calib.calibrate.lens.models import LENS_MODELS, camera_of
 from vbaa_calib.calibrate.pose.sweep import SweepSolution, solve_sweep
 from vbaa_calib.calibrate.pose.sweep_fit import SweepCorners, SweepState, linearise
@@ -82,7 +84,7 @@ def misread(taken: Sweep, index: int, pan_rad: float = 0.0, tilt_rad: float = 0.
 
 
 def solve(taken: Sweep, rig: Kinematics = RIG, lens: Camera | None = None, zero_std: float = 0.0) -> SweepSolution:
-    return solve_sweep(*taken, SPEC, lens or camera(), rig, zero_std)
+    return solve_sweep(*taken, BoardShape.flat(SPEC), lens or camera(), rig, zero_std)
 
 
 def error(solved: SweepSolution) -> np.ndarray:
@@ -122,7 +124,7 @@ class TestExact:
 
     def test_the_derivatives_are_those_of_the_residuals(self) -> None:
         views, pictures = sweep(angles=FEW)
-        corners, lens, tiny = SweepCorners.of(views, pictures, SPEC, RIG), camera(), 1e-6
+        corners, lens, tiny = SweepCorners.of(views, pictures, corner_points(SPEC), RIG), camera(), 1e-6
         board = Pose(T_world_board().rotation, T_world_board().translation_m - RIG.position_world_m)
         state = SweepState(RIG.T_actuator_antenna @ T_ANTENNA_CAMERA, board, 0.03, 0.004)
         here = linearise(lens, state, corners)
@@ -282,7 +284,7 @@ def test_a_drawn_sweep_gives_the_scenes_camera(small_scene: Scene, tmp_path: Pat
     ]
     views = detect_files([picture.image for picture in pictures], scene.board)
     lens = Camera(scene.lens.model, scene.lens.image_size, scene.lens.matrix, scene.lens.distortion)
-    solved = solve_sweep(views, pictures, scene.board, lens, scene.kinematics, 0.0)
+    solved = solve_sweep(views, pictures, BoardShape.flat(scene.board), lens, scene.kinematics, 0.0)
     off = solved.estimate.T_antenna_camera.tangent_from(scene.T_antenna_camera)
     assert off @ np.linalg.solve(solved.estimate.covariance, off) < 25
     assert np.linalg.norm(off[3:]) < 3e-4

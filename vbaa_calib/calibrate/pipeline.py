@@ -91,7 +91,7 @@ def calibrate(session: Session, lens_model: str = "auto", given: GivenLens | Non
         lens = judge_views(lens_views, solve_intrinsics(lens_views, session.board, lens_model), session.board)
     else:
         lens = given_solution(given, lens_views, session.board)
-    plane = find_plane(session, lens.camera, lens.board_flex, views)
+    plane = find_plane(session, lens.camera, lens.board_shape, views)
     before = stills_prior(session, lens, plane)
     observations = observe_stills(session, plane.kinematics, before)
     try:

@@ -10,7 +10,7 @@ import numpy as np
 
 from targets.board import BoardSpec
 from vbaa_calib.calibrate.antenna.session_rig import CLAMP_ANGLE_STD_RAD, CLAMP_OFFSET_STD_M
-from vbaa_calib.calibrate.lens.information import BoardFlex
+from vbaa_calib.calibrate.lens.board_shape import BoardShape
 from vbaa_calib.calibrate.over_board.fit import OverSetup, nominal_free_antenna
 from vbaa_calib.calibrate.over_board.over_board import OverBoardSolution, solve_over_board
 from vbaa_calib.calibrate.pose.board_pose import BoardPose, jig_estimate, solve_board_pose
@@ -117,17 +117,17 @@ def read_views(session: Session) -> PlaneViews:
     )
 
 
-def find_plane(session: Session, camera: Camera, flex: BoardFlex, views: PlaneViews) -> PlaneC:
-    """Plane C by every method; flex : of the board, by the lens' views. Raises InputError for contradictions."""
+def find_plane(session: Session, camera: Camera, board: BoardShape, views: PlaneViews) -> PlaneC:
+    """Plane C by every method; board : by the lens' views. Raises InputError for contradictions."""
     jig = sweep = over = None
     estimates: list[PoseEstimate] = []
     if views.jig is not None and session.T_antenna_board is not None:
-        jig = solve_board_pose(views.jig, session.board, camera, flex.bend)
+        jig = solve_board_pose(views.jig, board, camera)
         std = session.jig_translation_std_m, session.jig_rotation_std_rad
         estimates.append(jig_estimate(jig, session.T_antenna_board, *std))
     if views.sweep is not None:
         sweep = solve_sweep(
-            views.sweep, read_sweep(session), session.board, camera, session.kinematics, session.tilt_zero_std_rad
+            views.sweep, read_sweep(session), board, camera, session.kinematics, session.tilt_zero_std_rad
         )
         estimates.append(sweep.estimate)
     if views.over is not None and session.over is not None:

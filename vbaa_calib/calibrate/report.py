@@ -247,7 +247,7 @@ def _finite(value: float) -> float | None:
 
 def camera_document(solution: LensSolution, spec: Board) -> dict[str, Any]:
     """camera.json: what `Camera.load` reads, and the evidence for it (docs/formats.md)."""
-    covariance, flex = solution.camera.covariance, solution.board_flex
+    covariance = solution.camera.covariance
     assert covariance is not None
     # null where there is no ray
     free, fixed = (projection_uncertainty(solution.camera, compensated) for compensated in (True, False))
@@ -266,11 +266,7 @@ def camera_document(solution: LensSolution, spec: Board) -> dict[str, Any]:
             "std_px": free_px.tolist(),
             "std_fixed_camera_px": fixed_px.tolist(),
         },
-        "board_flex": {
-            **{name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in vars(flex).items()},
-            "std_m": None if flex.std_m is None else flex.std_m.tolist(),
-            "sagitta_mm": flex.sagitta_mm,
-        },
+        "board_shape": solution.board_shape.to_dict(),
         "views": [
             vars(view) | {"outlier_ids": list(view.outlier_ids), "T_camera_board": view.T_camera_board.to_dict()}
             for view in solution.views

@@ -143,7 +143,7 @@ def _report(solution: LensSolution) -> None:
             say(f"look at    {view.name}: rms {view.rms_px:.2f} px{gross}")
     for dropped in solution.dropped:
         say(f"dropped    {dropped.name}: {dropped.reason}")
-    say(f"board      {'bent, solved with that' if solution.board_flex.used else 'flat'}: {solution.board_flex.reason}")
+    say(f"board      {', '.join(solution.board_shape.findings) or 'flat and square'}")
     for one in solution.verdict.diagnoses:
         say(f"{'wrong' if one.grave else 'look at':10s} {one}")
     say(f"verdict    {solution.verdict.words}")

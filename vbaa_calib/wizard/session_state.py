@@ -300,7 +300,7 @@ class SessionState:
                 views = PlaneViews(None, self.views("plane"), None)
             else:
                 views = PlaneViews(self.views("plane"), None, None)
-            return find_plane(self.session, lens.camera, lens.board_flex, views)
+            return find_plane(self.session, lens.camera, lens.board_shape, views)
 
         return self.cached("plane", self.inputs("lens", "plane"), made)
 

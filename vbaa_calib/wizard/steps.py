@@ -259,7 +259,7 @@ def _plane_progress(state: SessionState) -> Progress:
         Number("camera's angles, the same", f"± {1e3 * std[:3].max():.2f} mrad"),
     ]
     if way == "plane":
-        now = plane_progress(state.views("plane"), state.board, lens.camera, lens.board_flex.bend, state.work_plane())
+        now = plane_progress(state.views("plane"), lens.board_shape, lens.camera, state.work_plane())
         enough, missing = now.enough, now.words
         if now.std_m >= 0:
             numbers.insert(0, Number("plane C by lens and jig's pictures", f"± {1e3 * now.std_m:.3f} mm"))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ import numpy as np
 
 from targets.board import BoardSpec
 from vbaa_calib.calibrate.antenna.session_rig import ExpectedAntenna, observe
-from vbaa_calib.calibrate.lens.information import Bend
+from vbaa_calib.calibrate.lens.board_shape import SHAPE_NAMES, BoardShape
 from vbaa_calib.core.console import progress
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_json, sha256
@@ -230,16 +230,14 @@ def _check_pictures(rig: Rig, quality: Mapping[str, Any], inputs: _Inputs) -> Ch
     pictures += [still.image for still in inputs.stills if still.image is not None]
     check_pictures(progress(pictures, "reading the pictures"), rig.camera.image_size, "the rig's lens is")
     # the board's shape as the calibration found it
-    bent = None
-    if at(quality, "lens", "board_flex", "used") is True:
-        sagittas = [number_at(value) or 0.0 for value in at(quality, "lens", "board_flex", "sagittas_m") or ()]
-        bent = Bend(np.array(sagittas), np.zeros((2, 2))) if len(sagittas) == 2 else None
+    recorded_shape = [number_at(quality, "lens", "board_shape", "parameters", name) or 0.0 for name in SHAPE_NAMES]
+    shape = replace(BoardShape.flat(session.board), parameters=np.array(recorded_shape))
     boards = [(part, view) for part, paths in inputs.boards.items() for view in detect_files(paths, session.board)]
     recorded = number_at(quality, "lens", "rms_inliers_px") or number_at(quality, "lens_rms_px")
-    lens = check_lens(rig.camera, boards, session.board, bent, recorded)
+    lens = check_lens(rig.camera, boards, shape, recorded)
     lens_holds = not any(finding.is_bad for finding in lens.findings)
     in_jig = [view for part, view in boards if part == "plane"]
-    pose, current = check_pose(rig, in_jig, session, inputs.no_jig, bent, lens_holds)
+    pose, current = check_pose(rig, in_jig, session, inputs.no_jig, shape, lens_holds)
     stills: list[CheckedStill] = []
     if inputs.stills:
         where = rig.camera, current.T_antenna_camera, rig.antenna.parameters

@@ -8,8 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from targets.board import BoardSpec, corner_points
-from vbaa_calib.calibrate.lens.information import Bend, bend
+from vbaa_calib.calibrate.lens.board_shape import BoardShape
 from vbaa_calib.calibrate.lens.models import PROJECTIONS
 from vbaa_calib.calibrate.lens.outliers import DroppedView, inlier_masks, usable_views
 from vbaa_calib.calibrate.lens.uncertainty import compensate, pixel_grid, projection_jacobian
@@ -69,18 +68,15 @@ class _CheckedView(NamedTuple):
 def check_lens(
     camera: Camera,
     boards: Sequence[tuple[str, BoardView]],
-    spec: BoardSpec,
-    bent: Bend | None,
+    board: BoardShape,
     recorded_rms_px: float | None,
 ) -> Checked:
     """Whether pictures of the board, each with its folder's name, fit the lens, and whether its focus has changed.
 
-    bent : the board's shape, as the calibration found it. recorded_rms_px : the calibration's.
+    board : its shape, as the calibration found it. recorded_rms_px : the calibration's.
     """
-    points_m = corner_points(spec)
-    if bent is not None:
-        points_m[:, 2] += bend(spec) @ bent.sagittas_m
-    views, dropped = _posed(camera, boards, spec, points_m, bent) if boards else ([], [])
+    points_m = board.points_m
+    views, dropped = _posed(camera, boards, board) if boards else ([], [])
     if not views:
         why = "no usable picture of the board" if boards else "no picture of the board (intrinsics/, plane/)"
         return Checked(
@@ -170,13 +166,14 @@ def _pictures(count: int) -> str:
 
 
 def _posed(
-    camera: Camera, boards: Sequence[tuple[str, BoardView]], spec: BoardSpec, points: np.ndarray, bent: Bend | None
+    camera: Camera, boards: Sequence[tuple[str, BoardView]], board: BoardShape
 ) -> tuple[list[_CheckedView], list[DroppedView]]:
-    usable, dropped = usable_views([view for _, view in boards], spec, _MIN_CORNERS)
+    usable, dropped = usable_views([view for _, view in boards], board.spec, _MIN_CORNERS)
+    points = board.points_m
     found: list[_CheckedView] = []
     for folder, view in ((folder, view) for folder, view in boards if any(view is one for one in usable)):
         try:
-            pose = solve_board_pose([view], spec, camera, bent).T_camera_board
+            pose = solve_board_pose([view], board, camera).T_camera_board
         except (InputError, SolveError) as error:
             if view.image_size != tuple(camera.image_size):
                 raise
@@ -185,7 +182,7 @@ def _posed(
         predicted, seen = camera.project(pose @ points[view.ids])
         ids, corners_px = view.ids[seen], view.corners_px[seen]
         found.append(_CheckedView(view.name, folder, pose, ids, corners_px, corners_px - predicted[seen], seen))
-    masks = inlier_masks([view.residuals_px for view in found]) if found else []
+    masks = inlier_masks([np.linalg.norm(view.residuals_px, axis=1) for view in found]) if found else []
     found = [view._replace(good=good) for view, good in zip(found, masks, strict=True)]
     odd = [view.name for view in found if view.good.sum() < _MIN_CORNERS]
     dropped += [DroppedView(name, "most of its corners lie far off any pose of the board") for name in odd]
@@ -199,7 +196,7 @@ _POSE, _LENS = slice(0, len(POSE_PARAMETERS)), slice(len(RIG_PARAMETERS), None)
 
 
 def check_pose(
-    rig: Rig, views: Sequence[BoardView], session: Session, no_jig: str, bent: Bend | None, lens_holds: bool
+    rig: Rig, views: Sequence[BoardView], session: Session, no_jig: str, shape: BoardShape, lens_holds: bool
 ) -> tuple[Checked, Rig]:
     """Whether the camera has moved, by the board in the jig; and the rig, with the camera where it is now.
 
@@ -207,11 +204,11 @@ def check_pose(
 
     Raises InputError for pictures of another size or without a usable board, SolveError where no pose explains it.
     """
-    spec, T_antenna_board = session.board, session.T_antenna_board
+    T_antenna_board = session.T_antenna_board
     if not views or T_antenna_board is None:
         why = no_jig if views else "no picture of the board in the jig (plane/)"
         return Checked((not_given("camera_pose", why),), {"camera_pose": None}), rig
-    board = solve_board_pose(views, spec, rig.camera, bent)
+    board = solve_board_pose(views, shape, rig.camera)
     jig = jig_estimate(board, T_antenna_board)
     joint, by_lens = joint_covariance(rig), jig.lens_sensitivity
     shared = by_lens @ joint[_LENS, _POSE]
@@ -225,7 +222,7 @@ def check_pose(
         f"(± {1e3 * np.linalg.norm(std[:3]):.2f}) from the rig's pose; {on_plane_mm:.2f} mm on plane C"
     )
     remedy = "tighten the camera's mount, check that the board sits in its jig, then calibrate again: `vbaa calibrate`"
-    sight = jig.T_antenna_camera.rotation @ (board.T_camera_board @ corner_points(spec).mean(axis=0))
+    sight = jig.T_antenna_camera.rotation @ (board.T_camera_board @ shape.points_m.mean(axis=0))
     lengths = float(np.linalg.norm(step[3:]) * np.linalg.norm(sight))
     if abs(float(step[3:] @ sight)) > _ALONG_SIGHT * max(lengths, 1e-15):
         remedy = "it moved along its line of sight, which a refocus looks like, too: check the focus, then " + remedy

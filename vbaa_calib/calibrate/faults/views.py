@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import norm
 
 from targets.board import BoardSpec, corner_points
-from vbaa_calib.calibrate.lens.bundle import FLEX, Bundle, free_directions, rows
+from vbaa_calib.calibrate.lens.bundle import Bundle, free_directions, rows
 from vbaa_calib.calibrate.lens.information import observations_of
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution
 from vbaa_calib.calibrate.lens.models import LENS_MODELS
@@ -189,11 +189,10 @@ def set_scores(views: Sequence[BoardView], solution: LensSolution, spec: BoardSp
     model = LENS_MODELS[solution.model]
     kept = [~np.isin(view.ids, used[view.name].outlier_ids) for view in chosen]
     observations = [one.picked(mask) for one, mask in zip(observations_of(chosen, spec), kept, strict=True)]
-    flex, intrinsics = solution.board_flex, solution.camera.parameters
+    intrinsics = solution.camera.parameters
     poses = np.array([used[view.name].T_camera_board.vector for view in chosen])
-    sagittas = flex.sagittas_m if flex.used else np.zeros(FLEX)
-    directions = free_directions(model, square_pixels=bool(intrinsics[0] == intrinsics[1]), flex=True)
-    bundle = Bundle(model, intrinsics, poses, directions, sagittas_m=sagittas)
+    directions = free_directions(model, square_pixels=bool(intrinsics[0] == intrinsics[1]), shape=True)
+    bundle = Bundle(model, intrinsics, poses, directions, shape=solution.board_shape.parameters)
     residuals, by_shared, by_pose, bounds = rows(bundle, observations)
     rotations = np.repeat(Rotation.from_rotvec(poses[:, :3]).as_matrix(), np.diff(bounds), axis=0)
     points_m = np.concatenate([view.points_m for view in observations])

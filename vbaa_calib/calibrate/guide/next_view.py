@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from targets.board import BoardSpec
-from vbaa_calib.calibrate.lens.information import Bend
+from vbaa_calib.calibrate.lens.board_shape import BoardShape
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution, solve_intrinsics
 from vbaa_calib.calibrate.lens.models import PROJECTIONS
 from vbaa_calib.calibrate.pose.board_pose import BoardPose, solve_board_pose
@@ -111,18 +111,17 @@ def _lens_judged(
 
 def plane_progress(
     views: Sequence[BoardView],
-    spec: BoardSpec,
+    shape: BoardShape,
     camera: Camera,
-    bend: Bend | None,
     plane: WorkPlane,
     goal_m: float = 1e-4,
 ) -> ViewProgress:
     """Judge the pictures of the board in the jig, which stands still in all of them.
 
-    camera : with its covariance. bend : of the board, as the lens' solve found it. plane : `WorkPlane` in this camera.
+    shape : of the board, as the lens' solve found it. camera : with its covariance. plane : `WorkPlane` in this camera.
     """
     try:
-        board = solve_board_pose(views, spec, camera, bend)
+        board = solve_board_pose(views, shape, camera)
     except (InputError, SolveError) as error:
         what = error.what if isinstance(error, InputError) else str(error)
         remedy = f": {error.remedy}" if isinstance(error, InputError) and error.remedy else ""

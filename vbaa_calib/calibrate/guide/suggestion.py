@@ -12,8 +12,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from targets.board import BoardSpec, corner_points
+from vbaa_calib.calibrate.lens.board_shape import deformations
 from vbaa_calib.calibrate.lens.bundle import Observation
-from vbaa_calib.calibrate.lens.information import bend
 from vbaa_calib.calibrate.lens.models import LENS_MODELS, camera_of
 from vbaa_calib.camera import Camera
 from vbaa_calib.detect.board.corners import BoardView
@@ -205,7 +205,9 @@ def _lattice(spec: BoardSpec) -> tuple[np.ndarray, np.ndarray]:
 
 def observation(candidate: _ViewCandidate, spec: BoardSpec) -> Observation:
     """Its corners, for derivatives alone: their pixels are 0."""
-    return Observation(corner_points(spec)[candidate.ids], np.zeros((len(candidate.ids), 2)), bend(spec)[candidate.ids])
+    return Observation(
+        corner_points(spec)[candidate.ids], np.zeros((len(candidate.ids), 2)), deformations(spec)[candidate.ids]
+    )
 
 
 def seen_as(camera: Camera, T_camera_board: Pose, spec: BoardSpec) -> _HeldPose:

@@ -8,9 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from targets.board import BoardSpec, corner_points
-from vbaa_calib.calibrate.lens.bundle import FLEX, Bundle, Observation, rows
-from vbaa_calib.calibrate.lens.information import bend, observations_of
-from vbaa_calib.calibrate.lens.initialization import start_poses, widened
+from vbaa_calib.calibrate.lens.board_shape import SHAPE, BoardShape, ShapePrior, deformations
+from vbaa_calib.calibrate.lens.bundle import Bundle, Observation, rows
+from vbaa_calib.calibrate.lens.information import observations_of
+from vbaa_calib.calibrate.lens.initialization import robust_poses, widened
 from vbaa_calib.calibrate.lens.intrinsics import MIN_CORNERS, LensSolution
 from vbaa_calib.calibrate.lens.models import LENS_MODELS, LensModel, camera_of
 from vbaa_calib.calibrate.lens.outliers import usable_views
@@ -24,7 +25,6 @@ _HALF_WIDTH_PER_LENGTH = 0.25
 _FOCAL_PRIOR, _ASPECT_PRIOR, _CENTRE_PRIOR = 0.3, 0.01, 0.05
 _DISTORTION_PRIOR = {"radial": 0.1, "tangential": 0.01}
 _TANGENTIAL = ("p1", "p2", "s1", "s2", "s3", "s4", "tau_x", "tau_y")
-_SAGITTA_PER_EXTENT = 0.005
 _LEAST_JIG_CORNERS, _LEAST_RAYS = 6, 0.5
 _RICHER = {"none": "opencv5", "radial": "opencv5", "opencv4": "opencv5", "opencv5": "rational", "fisheye": "rational"}
 _NOMINAL_FOCAL_PER_WIDTH = 1.1
@@ -81,8 +81,8 @@ class LensDesign:
     may also be wrong in what the next richer model could describe, within a prior.
 
     model, intrinsics : the lens, (4 + k,). image_size : (width, height) px.
-    scale : (4 + k + 2, p) intrinsics and sagittas for a unit of each z (p,), whose prior is 0 ± 1.
-    sigma_px : deviation of a corner, per axis. sagittas_m : (2,) of the board.
+    scale : (4 + k + 5, p) intrinsics and the board's shape for a unit of each z (p,), whose prior is 0 ± 1.
+    sigma_px : deviation of a corner, per axis. shape : (5,) of the board.
     """
 
     model: LensModel
@@ -90,11 +90,11 @@ class LensDesign:
     image_size: tuple[int, int]
     scale: np.ndarray
     sigma_px: float
-    sagittas_m: np.ndarray
+    shape: np.ndarray
 
     def bundle(self, poses: np.ndarray) -> Bundle:
         """With the board at poses (V, 6)."""
-        return replace(Bundle.start(self.model, self.intrinsics, poses), sagittas_m=self.sagittas_m)
+        return replace(Bundle.start(self.model, self.intrinsics, poses), shape=self.shape)
 
     @property
     def camera(self) -> Camera:
@@ -118,13 +118,9 @@ def design_about(
     intrinsics: np.ndarray,
     image_size: tuple[int, int],
     sigma_px: float,
-    spec: BoardSpec,
-    sagittas_m: np.ndarray | None = None,
+    board: BoardShape,
 ) -> LensDesign:
-    """A design one step richer than the lens model `name` at its solution (4 + k,).
-
-    sagittas_m : (2,) of a board that was found to be bent; they are uncertain, too.
-    """
+    """A design one step richer than the lens model `name` at its solution (4 + k,), with a board."""
     chosen = LENS_MODELS[name]
     model = LENS_MODELS[_RICHER.get(name, name)]
     wide = np.zeros(4 + model.distortion_count)
@@ -133,8 +129,7 @@ def design_about(
         wide = widened(intrinsics, model, image_size)
         if not np.any(wide[4:]):
             model, wide = chosen, np.array(intrinsics, float)
-    prior = _prior(model, wide, image_size, spec, sagittas_m is not None)
-    return LensDesign(model, wide, image_size, prior, sigma_px, np.zeros(FLEX) if sagittas_m is None else sagittas_m)
+    return LensDesign(model, wide, image_size, _prior(model, wide, image_size, board.spec), sigma_px, board.parameters)
 
 
 def has_rays(design: LensDesign) -> bool:
@@ -147,11 +142,9 @@ def _grid(image_size: tuple[int, int]) -> np.ndarray:
     return np.stack(np.meshgrid(*(np.linspace(0, length - 1, 9) for length in image_size)), axis=-1).reshape(-1, 2)
 
 
-def _prior(
-    model: LensModel, intrinsics: np.ndarray, image_size: tuple[int, int], spec: BoardSpec, flex: bool
-) -> np.ndarray:
-    """`LensDesign.scale`: how wrong each part of a lens may be, from what cameras are like."""
-    size, unit = len(intrinsics), np.eye(len(intrinsics) + FLEX)
+def _prior(model: LensModel, intrinsics: np.ndarray, image_size: tuple[int, int], spec: BoardSpec) -> np.ndarray:
+    """`LensDesign.scale`: how wrong each part of a lens and a board may be, from what they are like."""
+    size, unit = len(intrinsics), np.eye(len(intrinsics) + SHAPE)
     fx, fy = intrinsics[:2]
     both, apart = fx * unit[0] + fy * unit[1], fx * unit[0] - fy * unit[1]
     middle = [_CENTRE_PRIOR * max(image_size) * unit[index] for index in (2, 3)]
@@ -162,14 +155,12 @@ def _prior(
     if len(rays):
         seen = Observation(rays / rays[:, 2:], np.zeros((len(rays), 2)))
         by_shared = rows(Bundle.start(model, intrinsics, np.zeros((1, 6))), [seen])[1]
-        moved = np.linalg.norm(by_shared, axis=1).max(axis=0)[:-FLEX]
+        moved = np.linalg.norm(by_shared, axis=1).max(axis=0)[:-SHAPE]
     for index in model.free:
         kind = "tangential" if model.parameter_names[4 + index] in _TANGENTIAL else "radial"
         half_diagonal = _DISTORTION_PRIOR[kind] * np.hypot(*image_size) / 2
         columns.append(half_diagonal / max(moved[4 + index], 1e-9) * unit[4 + index])
-    if flex:
-        extent = spec.square_m * max(spec.squares_x, spec.squares_y)
-        columns += [_SAGITTA_PER_EXTENT * extent * unit[size + index] for index in range(FLEX)]
+    columns += list(ShapePrior.of(spec).std[:, None] * unit[size:])
     return np.stack(columns, axis=1)
 
 
@@ -192,7 +183,7 @@ def plane_sensitivity(design: LensDesign, plane: WorkPlane, spec: BoardSpec) -> 
     """
     space = np.pad(plane.points, ((0, 0), (0, 1)))
     inside = design.in_picture(plane.T_camera_plane @ space)
-    board, sagitta = corner_points(spec), bend(spec)
+    board, moved = corner_points(spec), deformations(spec)
     T_camera_board = plane.board_pose(spec)
     seen = design.in_picture(T_camera_board @ board)
     if inside.mean() < 0.5 or seen.sum() < _LEAST_JIG_CORNERS:
@@ -202,7 +193,7 @@ def plane_sensitivity(design: LensDesign, plane: WorkPlane, spec: BoardSpec) -> 
         _, by_shared, by_pose, _ = rows(design.bundle(T_camera_board.vector[None]), [view])
         return by_shared @ design.scale, by_pose
 
-    jig_shared, jig_pose = slopes(Observation(board[seen], board[seen, :2], sagitta[seen]))
+    jig_shared, jig_pose = slopes(Observation(board[seen], board[seen, :2], moved[seen]))
     # the plane's points turn about the board's origin, as the board does
     on_board = T_camera_board.inverse() @ (plane.T_camera_plane @ space[inside])
     own_shared, own_pose = slopes(Observation(on_board, on_board[:, :2]))
@@ -256,8 +247,8 @@ class LensInformation:
         corners = sum(len(view.pixels) for view in observations)
         freedom = 2 * corners - 6 * len(poses) - len(camera.parameter_names)
         sigma_px = max(_LEAST_SIGMA_PX, solution.rms_inliers_px * float(np.sqrt(corners / max(freedom, 1))))
-        sagittas = solution.board_flex.sagittas_m if solution.board_flex.used else None
-        design = design_about(solution.model, camera.parameters, camera.image_size, sigma_px, spec, sagittas)
+        board = solution.board_shape
+        design = design_about(solution.model, camera.parameters, camera.image_size, sigma_px, board)
         blocks, gradients = view_blocks(design, poses, observations)
         chosen = [row for row in solution.comparison if row.model == solution.model and not row.split_half_agrees]
         inflation = max([1.0, *(float(row.halves) for row in chosen[:1] if row.halves is not None)])
@@ -269,12 +260,14 @@ class LensInformation:
     def nominal(views: Sequence[BoardView], spec: BoardSpec, image_size: tuple[int, int]) -> LensInformation:
         """Of views that are too few for a lens, under a nominal one."""
         intrinsics = nominal_intrinsics(image_size)
-        design = design_about(_NOMINAL_MODEL, intrinsics, image_size, _NOMINAL_SIGMA_PX, spec)
+        design = design_about(_NOMINAL_MODEL, intrinsics, image_size, _NOMINAL_SIGMA_PX, BoardShape.flat(spec))
         usable = usable_views(views, spec, MIN_CORNERS)[0] if views else []
         points, count = corner_points(spec), design.scale.shape[1]
         observations = [Observation(points[view.ids], view.corners_px) for view in usable]
         information, gradient = np.zeros((count, count)), np.zeros(count)
         if observations:
-            blocks, gradients = view_blocks(design, start_poses(intrinsics, observations), observations)
+            blocks, gradients = view_blocks(
+                design, robust_poses(LENS_MODELS["none"], intrinsics, observations), observations
+            )
             information, gradient = blocks.sum(axis=0), gradients.sum(axis=0)
         return LensInformation(design, information, gradient, len(usable), False, 1.0, "")

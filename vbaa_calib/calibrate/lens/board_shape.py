@@ -11,12 +11,13 @@ from targets.board import BoardSpec, corner_points
 
 SHAPE = 5
 """Numbers that describe a board's shape (`BoardShape`)."""
-_NAMES = ("bow_x_m", "bow_y_m", "twist_m", "stretch", "shear")
+SHAPE_NAMES = ("bow_x_m", "bow_y_m", "twist_m", "stretch", "shear")
 _BOW_PER_EXTENT, _STRETCH, _SHEAR = 2e-3, 1e-3, 5e-4
 """Standard deviations of what printers and mounts do: a sheet of 250 mm on a board bows by half a millimetre, the axes
 of a print differ by 0.1 %. Some are ten times worse, so the prior has long tails."""
 _TAIL = 3.0
 """Degrees of freedom of the prior's Student t distribution."""
+_SINGULAR = 1e-10
 _CLEAR, _NOTICEABLE_PER_EXTENT, _NOTICEABLE_SHARE = 4.0, 3e-4, 1e-3
 
 
@@ -26,13 +27,35 @@ class BoardShape:
 
     parameters : (5,) bow along x and along y and twist, m, of the board's outer corners: the rise along z (away from
         the viewer) is bow·(u² − 1/3) and twist·u·v, with u and v = ±1 at the outer corners; stretch, by which the print
-        is longer along x than along y, relative; shear, rad, by which the angle between x and y is short of a right one.
+        is longer along x than along y, relative; shear, rad, by which the angle from x to y is less than a right one.
     covariance : (5, 5), with the lens and all poses free and the prior counted.
+    by_lens : (5, 4 + k) how the parameters follow those of the lens they were solved with; None where they do not.
     """
 
     spec: BoardSpec
     parameters: np.ndarray
     covariance: np.ndarray
+    by_lens: np.ndarray | None = None
+
+    @staticmethod
+    def flat(spec: BoardSpec) -> BoardShape:
+        """A board that is exactly as drawn."""
+        return BoardShape(spec, np.zeros(SHAPE), np.zeros((SHAPE, SHAPE)))
+
+    @staticmethod
+    def unseen(spec: BoardSpec) -> BoardShape:
+        """A board of which nothing is known but what prints and mounts are like."""
+        prior = ShapePrior.of(spec)
+        return BoardShape(spec, prior.mean, np.diag(prior.std**2))
+
+    @staticmethod
+    def solved(spec: BoardSpec, parameters: np.ndarray, covariance: np.ndarray) -> BoardShape:
+        """From its parameters (5,), and the covariance (4 + k + 5, 4 + k + 5) of the lens' and these."""
+        lens, std = covariance[:-SHAPE, :-SHAPE], np.sqrt(np.diag(covariance)[:-SHAPE])
+        # coefficients that are held have no variance, and square pixels one focal length
+        scale = np.where(std > 0.0, std, 1.0)
+        by_lens = covariance[-SHAPE:, :-SHAPE] / scale @ np.linalg.pinv(lens / np.outer(scale, scale), _SINGULAR) / scale
+        return BoardShape(spec, parameters, covariance[-SHAPE:, -SHAPE:], by_lens)
 
     @property
     def std(self) -> np.ndarray:
@@ -61,8 +84,8 @@ class BoardShape:
     def to_dict(self) -> dict[str, Any]:
         """The mapping `board_shape` of camera.json."""
         return {
-            "parameters": dict(zip(_NAMES, self.parameters.tolist(), strict=True)),
-            "std": dict(zip(_NAMES, self.std.tolist(), strict=True)),
+            "parameters": dict(zip(SHAPE_NAMES, self.parameters.tolist(), strict=True)),
+            "std": dict(zip(SHAPE_NAMES, self.std.tolist(), strict=True)),
             "covariance": self.covariance.tolist(),
         }
 

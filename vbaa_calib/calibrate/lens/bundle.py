@@ -102,7 +102,10 @@ class Bundle:
         free = free_directions(self.model, square_pixels, prior is not None)
         shape = np.zeros(SHAPE) if prior is None else self.shape
         noise_px = max(self.sigma_px, _LEAST_NOISE_PX) if self.residuals_px else self.noise_px
-        return replace(self, directions=free, shape=shape, prior=prior, noise_px=noise_px)
+        intrinsics = self.intrinsics.copy()
+        if square_pixels:
+            intrinsics[:2] = intrinsics[:2].mean()
+        return replace(self, intrinsics=intrinsics, directions=free, shape=shape, prior=prior, noise_px=noise_px)
 
     def moved(self, shared: np.ndarray, poses: np.ndarray) -> Bundle:
         """By steps of intrinsics and shape (4 + k + 5,), and of the poses (V, 6) as in `rows`."""
@@ -115,7 +118,7 @@ class Bundle:
         )
 
     def prior_rows(self) -> tuple[np.ndarray, np.ndarray]:
-        """Residuals (m,) px of the shape's prior, as least squares has it, their negative derivatives (m, 4 + k + 5)."""
+        """Residuals (m,) px of the shape's prior in reweighted least squares, negative derivatives (m, 4 + k + 5)."""
         size = len(self.intrinsics)
         if self.prior is None:
             return np.zeros(0), np.zeros((0, size + SHAPE))

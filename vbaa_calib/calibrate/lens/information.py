@@ -32,8 +32,9 @@ _GRID = (9, 7)
 
 @dataclass(frozen=True, eq=False)
 class Information:
-    """The reduced least-squares problem at a solution, in coordinates z (p,) in which all views and the prior
-    of the board's shape together have unit information. To first order everything that the views say, alone or in groups, follows from it without a new solve.
+    """The reduced least-squares problem at a solution, in coordinates z (p,) in which all views and the prior of the
+    board's shape together have unit information. To first order everything that the views say, alone or in groups,
+    follows from it without a new solve.
 
     half : (4 + k + 5, p) change of intrinsics and shape for a unit of each z.
     blocks : (V, p, p) information of each view, gradients : (V, p) what it pulls with, squares : (V,) its squared

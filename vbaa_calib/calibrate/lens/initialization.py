@@ -9,9 +9,8 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from vbaa_calib.core.robust import radial_std
-
 from vbaa_calib.core.least_squares import Rules
+from vbaa_calib.core.robust import radial_std
 
 from .bundle import CONVERGED, Bundle, Observation, refine, residuals_px
 from .models import LENS_MODELS, LensModel, Unfolding, camera_of, division_like, is_monotonic, rational_like
@@ -103,7 +102,7 @@ def _undistorted_homographies(
     """The division λ under which the median corners of the views, each by its own homography, are best; and the
     homographies (3, 3) from board points to undistorted pixels about the picture's centre."""
     centre, radius = (np.array(image_size) - 1) / 2, 0.5 * float(np.hypot(*image_size))
-    found = []
+    found: list[tuple[float, float, list[np.ndarray]]] = []
     for division in _DIVISIONS:
         homographies, scores = [], []
         for view in observations:
@@ -116,7 +115,9 @@ def _undistorted_homographies(
                 # in the picture's own pixels again
                 scores.append(radial_std(off * stretched[:, 0]))
                 homographies.append(homography)
-        found.append((float(np.mean(np.log(np.array(scores) + _LITTLE_PX))) if scores else np.inf, division, homographies))
+        found.append(
+            (float(np.mean(np.log(np.array(scores) + _LITTLE_PX))) if scores else np.inf, division, homographies)
+        )
     _, division, homographies = min(found, key=lambda each: each[0])
     return division, homographies
 
@@ -140,7 +141,9 @@ def _focal_length(homographies: Sequence[np.ndarray]) -> float:
         scale = np.linalg.norm(first) * np.linalg.norm(second)
         if scale > 0.0:
             rows.append(np.array([first[:2] @ second[:2], -first[2] * second[2]]) / scale)
-            rows.append(np.array([first[:2] @ first[:2] - second[:2] @ second[:2], second[2] ** 2 - first[2] ** 2]) / scale)
+            rows.append(
+                np.array([first[:2] @ first[:2] - second[:2] @ second[:2], second[2] ** 2 - first[2] ** 2]) / scale
+            )
     a, b = np.array(rows).reshape(-1, 2).T
     known = np.abs(a) > 0.0
     if not known.any():
@@ -170,7 +173,7 @@ _AWAY = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 
 def _pose(homography: np.ndarray) -> np.ndarray:
     """(6,) rotation vector and translation of a board's plane, from its homography to ideal image coordinates."""
-    scale = 2.0 / max(np.linalg.norm(homography[:, 0]) + np.linalg.norm(homography[:, 1]), 1e-300)
+    scale = 2.0 / max(float(np.linalg.norm(homography[:, :2], axis=0).sum()), 1e-300)
     first, second, shift = (np.copysign(scale, homography[2, 2]) * homography).T
     vectors, _, others = np.linalg.svd(np.column_stack([first, second, np.cross(first, second)]))
     rotation = vectors @ np.diag([1.0, 1.0, np.linalg.det(vectors @ others)]) @ others
@@ -186,8 +189,8 @@ def _posed(start: Bundle, observations: Sequence[Observation], rules: Rules) -> 
 def reposed(bundle: Bundle, observations: Sequence[Observation], rules: Rules = _FEW_STEPS) -> Bundle:
     """A robust solution in which views whose median corner is far off have been posed anew."""
     median = np.array([np.median(np.linalg.norm(each, axis=1)) for each in bundle.residuals_px])
-    bad = np.flatnonzero(median > _WRONG_POSE * np.median(median))
-    if not len(bad):
+    bad = np.flatnonzero(median > _WRONG_POSE * np.median(median)).tolist()
+    if not bad:
         return bundle
     some = [observations[index] for index in bad]
     poses = bundle.poses.copy()
@@ -196,7 +199,8 @@ def reposed(bundle: Bundle, observations: Sequence[Observation], rules: Rules = 
     better = np.array([np.median(np.linalg.norm(each, axis=1)) for each in trial]) < median[bad]
     if not better.any():
         return bundle
-    poses[bad[~better]] = bundle.poses[bad[~better]]
+    worse = np.array(bad)[~better]
+    poses[worse] = bundle.poses[worse]
     return refine(replace(bundle, poses=poses), observations, rules, robust=True)
 
 

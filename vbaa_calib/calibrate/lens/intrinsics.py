@@ -131,7 +131,7 @@ def solve_intrinsics(
     camera = camera_of(lens, bundle.intrinsics, options.image_size)
     camera = replace(camera, covariance=covariance[:-SHAPE, :-SHAPE])
     monotonic = is_monotonic(lens, bundle.intrinsics, options.image_size)
-    shape = BoardShape(spec, bundle.shape, covariance[-SHAPE:, -SHAPE:])
+    shape = BoardShape.solved(spec, bundle.shape, covariance)
     known = Evidence(camera, lens.name, monotonic, fit.comparison, shape, [view.pixels for view in good])
     whole = [observations[index] for index in fit.inliers.views]
     squares = np.sum(np.concatenate(residuals_px(bundle, whole)) ** 2, axis=1)

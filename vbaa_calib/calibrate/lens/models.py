@@ -200,10 +200,10 @@ def rational_like(fisheye: LensModel, intrinsics: np.ndarray, image_size: tuple[
 
 
 def division_like(model: LensModel, division: float, reach: float) -> np.ndarray:
-    """(k,) distortion of a lens that follows an ideal radius r / (1 + λr²), r being the distorted one, up to `reach`."""
+    """(k,) distortion like that of an ideal radius r / (1 + λr²), r being the distorted one, up to `reach`."""
     distortion = np.zeros(model.distortion_count)
     free = [index for index in _NUMERATOR[model.camera_model][:_DIVISION_TERMS] if index in model.free]
-    if division == 0.0 and model.camera_model != "fisheye" or not free:
+    if (division == 0.0 and model.camera_model != "fisheye") or not free:
         return distortion
     distorted = np.linspace(0.0, reach, _SAMPLES)[1:]
     ideal = distorted / np.maximum(1.0 + division * distorted**2, _POLE)
@@ -213,5 +213,6 @@ def division_like(model: LensModel, division: float, reach: float) -> np.ndarray
     near = ideal < _WIDEST_RAD
     powers = ideal[near, None] ** (2 * np.arange(1, len(free) + 1))
     weight = 1.0 / (1.0 + ideal[near] ** 2)
-    distortion[free] = np.linalg.lstsq(powers * weight[:, None], (distorted / ideal - 1.0)[near] * weight, rcond=None)[0]
+    target = (distorted / ideal - 1.0)[near] * weight
+    distortion[free] = np.linalg.lstsq(powers * weight[:, None], target, rcond=None)[0]
     return distortion

@@ -84,7 +84,7 @@ def _standardised(bundle: Bundle, observations: Sequence[Observation], masks: Se
     lengths = []
     for first, last, used in zip(bounds[:-1], bounds[1:], masks, strict=True):
         own, slopes = residuals[first:last], by_pose[first:last]
-        factor = np.linalg.qr(slopes[used].reshape(-1, 6), mode="r")
+        factor = np.asarray(np.linalg.qr(slopes[used].reshape(-1, 6), mode="r"))
         try:
             half = np.linalg.solve(factor.T, np.moveaxis(slopes, 0, 1).reshape(-1, 6).T).T.reshape(2, -1, 6)
         except np.linalg.LinAlgError:
@@ -97,17 +97,11 @@ def _standardised(bundle: Bundle, observations: Sequence[Observation], masks: Se
     return lengths
 
 
-def inlier_masks(
-    bundle: Bundle, observations: Sequence[Observation], masks: Sequence[np.ndarray] | None = None
-) -> list[np.ndarray]:
-    """Per view (N,), which corners are good. A view with more noise than the median view is given more room.
+def inlier_masks(distances: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """Per view (N,), which corners are good, by the lengths (N,) of their residuals, or of standardised ones.
 
-    masks : per view (N,), the corners that the bundle was fitted to; None for a robust fit to all.
+    A view with more noise than the median view is given more room.
     """
-    if masks is None:
-        plain = [np.linalg.norm(residual, axis=1) for residual in residuals_px(bundle, observations)]
-        masks = [own <= _BELOW * np.median(own) for own in plain]
-    distances = _standardised(bundle, observations, masks)
     every = np.concatenate(distances)
     limit, middle = max(_outlier_limit(every), _LEAST_PX), max(float(np.median(every)), 1e-12)
     return [own <= limit * np.clip(np.median(own) / middle, 1.0, _BLURRED) for own in distances]
@@ -126,7 +120,8 @@ def fit_without_outliers(
     bundle, views = start, np.arange(len(observations))
     for _ in range(_ROUNDS):
         whole = [observations[index] for index in views.tolist()]
-        good = inlier_masks(bundle, whole, masks)
+        judged_by = _nearest(residuals_px(bundle, whole)) if masks is None else masks
+        good = inlier_masks(_standardised(bundle, whole, judged_by))
         keep = np.array([_fixes_pose(mask, view, min_corners) for mask, view in zip(good, whole, strict=True)], bool)
         if masks is not None and keep.all() and all(map(np.array_equal, good, masks)):
             break
@@ -135,6 +130,12 @@ def fit_without_outliers(
             break
         bundle = refine(replace(bundle, poses=bundle.poses[keep]), Inliers(views, masks).of(observations))
     return Inliers(views, masks or ()), bundle
+
+
+def _nearest(residuals: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """Per view (N,), the corners that a robust fit rests on."""
+    lengths = [np.linalg.norm(residual, axis=1) for residual in residuals]
+    return [own <= _BELOW * np.median(own) for own in lengths]
 
 
 def _fixes_pose(good: np.ndarray, view: Observation, min_corners: int) -> bool:

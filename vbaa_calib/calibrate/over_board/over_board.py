@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 
 from targets.board import corner_points
+from vbaa_calib.calibrate.lens.board_shape import BoardShape
 from vbaa_calib.calibrate.pose.board_pose import BoardPose, require_size, solve_board_pose
 from vbaa_calib.calibrate.pose.fusion import PoseEstimate
 from vbaa_calib.core.errors import InputError
@@ -115,7 +116,7 @@ def _refuse_touching(setup: OverSetup, toward: float) -> None:
 
 def _board(views: Sequence[BoardView], setup: OverSetup) -> BoardPose:
     try:
-        return solve_board_pose(views, setup.spec, setup.camera)
+        return solve_board_pose(views, BoardShape.flat(setup.spec), setup.camera)
     except InputError as error:
         what = error.what.replace("pictures of the jig", "pictures of the antenna over the board")
         raise InputError(what, where=error.where, remedy=error.remedy) from None

@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from targets.board import BoardSpec, corner_points
-from vbaa_calib.calibrate.lens.information import Bend, bend
+from targets.board import corner_points
+from vbaa_calib.calibrate.lens.board_shape import SHAPE, BoardShape, deformations
 from vbaa_calib.calibrate.lens.models import PROJECTIONS
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError, SolveError
@@ -104,15 +104,13 @@ class BoardPose:
         return self.second_ratio is not None and self.second_ratio < AMBIGUOUS
 
 
-def solve_board_pose(
-    views: Sequence[BoardView], spec: BoardSpec, camera: Camera, bent: Bend | None = None
-) -> BoardPose:
+def solve_board_pose(views: Sequence[BoardView], board: BoardShape, camera: Camera) -> BoardPose:
     """Pose of the board from one or many pictures in which it stands still relative to the camera.
 
     Each corner is averaged over the pictures first: what they share (print, lens, detector bias) does not average out,
     and only then is it part of the residual variance.
 
-    bent : the board's shape, where the lens solve found it bent (`BoardFlex.bend`). The pose is that of its mean plane.
+    board : its shape, as the lens solve found it. The pose is that of its mean plane.
 
     Raises InputError for no usable board in the pictures, a picture size that is not the camera's, or a board that
     moved; SolveError when no start led to a pose.
@@ -120,8 +118,7 @@ def solve_board_pose(
     for view in views:
         require_size(view.image_size, camera, view.name)
     ids, pixels = _mean_corners(views)
-    flat, rise = corner_points(spec)[ids], bend(spec)[ids]
-    points = flat if bent is None else flat + np.outer(rise @ bent.sagittas_m, [0.0, 0.0, 1.0])
+    flat, points = corner_points(board.spec)[ids], board.points_m[ids]
     rays, valid = camera.unproject(pixels)
     seen = valid & (rays[:, 2] > 0.05)
     if not fixes_homography(points[seen, :2]):
@@ -143,15 +140,19 @@ def solve_board_pose(
     by_pose, by_lens = good.derivatives(first)
     inverse, residual = np.linalg.pinv(by_pose), good.residual(first)
     covariance = inverse @ inverse.T * float(residual @ residual) / max(residual.size - 6, 1)
-    if bent is not None:
-        # a sagitta moves each corner along the board's normal
-        by_point = by_pose[:, 3:].reshape(-1, 2, 3) @ first.rotation[:, 2]
-        by_sagitta = inverse @ (by_point[..., None] * rise[inliers][:, None]).reshape(-1, 2)
-        covariance = covariance + by_sagitta @ bent.covariance_m2 @ by_sagitta.T
+    by_point = by_pose[:, 3:].reshape(-1, 2, 3) @ first.rotation
+    by_shape = -inverse @ (by_point @ deformations(board.spec)[ids[inliers]]).reshape(-1, SHAPE)
+    # what the shape shares with the lens comes with the lens
+    shared = np.zeros((SHAPE, by_lens.shape[1])) if board.by_lens is None else board.by_lens
+    own = board.covariance
+    if board.by_lens is not None and camera.covariance is not None:
+        own = own - shared @ camera.covariance @ shared.T
+    covariance = covariance + by_shape @ own @ by_shape.T
     rms_px, left_out = _rms(residual), int((~inliers).sum())
     second_px = good.second_rms_px(first, others)
     ratio = None if second_px is None else second_px / max(rms_px, 1e-12)
-    return BoardPose(first, covariance, -inverse @ by_lens, rms_px, len(good.points), left_out, ratio)
+    by_lens = by_shape @ shared - inverse @ by_lens
+    return BoardPose(first, covariance, by_lens, rms_px, len(good.points), left_out, ratio)
 
 
 def _mean_corners(views: Sequence[BoardView]) -> tuple[np.ndarray, np.ndarray]:

@@ -23,6 +23,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from targets.board import BoardSpec
+from vbaa_calib.calibrate.lens.board_shape import BoardShape
 from vbaa_calib.calibrate.lens.outliers import DroppedView, usable_views
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError
@@ -97,7 +98,7 @@ class SweepSolution:
 def solve_sweep(
     views: Sequence[BoardView],
     pictures: Sequence[SweepPicture],
-    spec: BoardSpec,
+    board: BoardShape,
     camera: Camera,
     kinematics: Kinematics,
     tilt_zero_std_rad: float,
@@ -105,6 +106,7 @@ def solve_sweep(
     """The camera's pose in the antenna frame from a sweep.
 
     views : the board as each picture shows it. pictures : the joints' readings, in the same order.
+    board : its shape, as the lens solve found it.
     kinematics : how the antenna is mounted. Its skew and offset count as known to within _AXIS_SKEW_STD_RAD and
         _AXIS_OFFSET_STD_M, and not at all where the pictures contradict that (5 % level).
     tilt_zero_std_rad : how well the tilt encoder's zero is known.
@@ -112,9 +114,9 @@ def solve_sweep(
     Raises InputError for too few usable pictures, a joint that did not move or both too little, angles that do not
     belong to the pictures, or another picture size; SolveError when hardly any corners are those of the board.
     """
-    seen, readings, dropped = _usable_pictures(views, pictures, spec, camera)
+    seen, readings, dropped = _usable_pictures(views, pictures, board.spec, camera)
     _refuse_one_joint(readings)
-    corners = SweepCorners.of(seen, readings, spec, kinematics)
+    corners = SweepCorners.of(seen, readings, board.points_m, kinematics)
     problem, zero = SweepProblem.of(camera, corners), kinematics.tilt_zero_rad
     state, kept, error_px = _consistent_pictures(problem, initial_state(camera, corners, kinematics))
     _refuse_one_joint([reading for reading, good in zip(readings, kept, strict=True) if good])

@@ -18,7 +18,6 @@ import cv2
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from targets.board import BoardSpec, corner_points
 from vbaa_calib.calibrate.lens.models import PROJECTIONS
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import SolveError
@@ -66,12 +65,11 @@ class SweepCorners:
 
     @staticmethod
     def of(
-        views: Sequence[BoardView], pictures: Sequence[SweepPicture], spec: BoardSpec, kinematics: Kinematics
+        views: Sequence[BoardView], pictures: Sequence[SweepPicture], points_m: np.ndarray, kinematics: Kinematics
     ) -> SweepCorners:
-        """From the board seen in every picture, and the joints' readings there."""
-        points = corner_points(spec)
+        """From the board (C, 3) seen in every picture, and the joints' readings there."""
         return SweepCorners(
-            np.concatenate([points[view.ids] for view in views]),
+            np.concatenate([points_m[view.ids] for view in views]),
             np.concatenate([view.corners_px for view in views]),
             np.repeat(np.arange(len(views)), [len(view.ids) for view in views]),
             np.array([[seen.pan_rad, seen.tilt_rad + kinematics.tilt_zero_rad] for seen in pictures]),
