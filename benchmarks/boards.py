@@ -99,9 +99,9 @@ class Rig(Optics):
     def board_points_m(self) -> np.ndarray:
         """(C, 3) corners as the board truly has them, in its frame."""
         points, (along, across) = corner_points(self.spec), self.stretch
-        unit = 2.0 * (points - points.min(axis=0))[:, :2] / np.ptp(points, axis=0)[:2] - 1.0
         x, y = points[:, 0] * (1.0 + along) + self.shear * points[:, 1], points[:, 1] * (1.0 + across)
-        return np.column_stack([x, y, deformations(self.spec)[:, 2, :2] @ self.sagittas_m + self.twist_m * unit[:, 0] * unit[:, 1]])
+        rise = deformations(self.spec)[:, 2, :3] @ [*self.sagittas_m, self.twist_m]
+        return np.column_stack([x, y, rise])
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,8 +11,10 @@ import numpy as np
 import pytest
 
 from targets.board import corner_points
+from vbaa_calib.calibrate.lens.board_shape import SHAPE
 from vbaa_calib.calibrate.lens.bundle import Bundle, Observation, refine
-from vbaa_calib.calibrate.lens.information import information
+from vbaa_calib.calibrate.lens.information import information, observations_of
+from vbaa_calib.calibrate.lens.initialization import rough_lens
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution, solve_intrinsics
 from vbaa_calib.calibrate.lens.models import LENS_MODELS
 from vbaa_calib.camera import Camera
@@ -69,7 +71,7 @@ def test_the_rms_belongs_to_the_parameters_returned() -> None:
     solution = solve_intrinsics(views, SPEC, "opencv5")
     squares = []
     for view, used in zip(views, solution.views, strict=True):
-        pixels, valid = solution.camera.project(used.T_camera_board @ corner_points(SPEC)[view.ids])
+        pixels, valid = solution.camera.project(used.T_camera_board @ solution.board_shape.points_m[view.ids])
         assert valid.all()
         squares.append(np.sum((pixels - view.corners_px) ** 2, axis=1))
         assert used.rms_px == pytest.approx(np.sqrt(squares[-1].mean()), rel=1e-9)
@@ -89,7 +91,7 @@ def test_predicted_standard_deviations_are_those_of_repeated_noise() -> None:
         known = information(bundle, noisy)
         assert known is not None
         draws.append(bundle.intrinsics)
-        predicted.append(np.diag(known.covariance)[:-2])
+        predicted.append(np.diag(known.covariance)[:-SHAPE])
     ratio = np.std(draws, axis=0) / np.sqrt(np.mean(predicted, axis=0))
     np.testing.assert_allclose(ratio, 1.0, atol=0.15)
 
@@ -176,10 +178,10 @@ REFERENCES = [
 
 
 def assert_matches(solution: LensSolution, rms: float, fx: float, fy: float) -> None:
-    assert solution.rms_px == pytest.approx(rms, rel=0.03)
+    assert solution.rms_px <= 1.03 * rms, "the references hold the board flat"
     assert sum(view.left_out for view in solution.views) <= 0.005 * sum(view.corners for view in solution.views)
-    assert solution.camera.matrix[0, 0] == pytest.approx(fx, rel=0.005)
-    assert solution.camera.matrix[1, 1] == pytest.approx(fy, rel=0.005)
+    assert solution.camera.matrix[0, 0] == pytest.approx(fx, rel=0.008)
+    assert solution.camera.matrix[1, 1] == pytest.approx(fy, rel=0.008)
 
 
 @pytest.mark.parametrize(("name", "min_corners", "reference", "fitting"), REFERENCES)
@@ -212,7 +214,8 @@ def test_the_chosen_lens_model_reproduces_the_reference_and_does_not_fold(
 
 def test_opencv_ends_in_the_same_minimum() -> None:
     views, spec = detected("realsense")
-    solution = solve_intrinsics(views, spec, "opencv5")
+    observations = [dataclasses.replace(view, deformation=None) for view in observations_of(views, spec)]
+    flat = refine(rough_lens(LENS_MODELS["opencv5"], observations, views[0].image_size), observations)
     points = corner_points(spec).astype(np.float32)
     rms, matrix, distortion, *_ = cv2.calibrateCamera(
         [points[view.ids] for view in views],
@@ -222,9 +225,9 @@ def test_opencv_ends_in_the_same_minimum() -> None:
         None,
         criteria=(cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 300, 1e-12),
     )
-    assert solution.rms_px == pytest.approx(rms, rel=1e-6)
-    np.testing.assert_allclose(solution.camera.matrix, matrix, atol=0.02)
-    np.testing.assert_allclose(solution.camera.distortion, distortion.ravel(), atol=2e-3)
+    assert flat.rms_px == pytest.approx(rms, rel=1e-6)
+    np.testing.assert_allclose(flat.intrinsics[:4], matrix[[0, 1, 0, 1], [0, 1, 2, 2]], atol=0.02)
+    np.testing.assert_allclose(flat.intrinsics[4:], distortion.ravel(), atol=2e-3)
 
 
 def test_camera_json_holds_the_lens_and_its_evidence(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
@@ -246,7 +249,7 @@ def test_camera_json_holds_the_lens_and_its_evidence(tmp_path: Path, capsys: pyt
     assert document["dropped"] == []
     assert {row["model"] for row in document["model_comparison"]} >= {"none", "radial", "opencv5", "fisheye"}
     camera = Camera.load(output)
-    assert camera.matrix[0, 0] == pytest.approx(898.7, rel=0.005)
+    assert camera.matrix[0, 0] == pytest.approx(898.7, rel=0.008)
     assert main(call) == 2, "nothing is overwritten without --force"
     assert "--force" in capsys.readouterr().err
 

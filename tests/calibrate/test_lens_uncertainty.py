@@ -11,6 +11,7 @@ from scipy.stats import chi2
 
 from benchmarks.boards import BOARD, draw, rigs
 from benchmarks.calibration.methods import solve_ours
+from vbaa_calib.calibrate.lens.board_shape import SHAPE
 from vbaa_calib.calibrate.lens.bundle import Bundle, Observation, refine
 from vbaa_calib.calibrate.lens.information import (
     AGREE,
@@ -48,7 +49,7 @@ def solved(seed: int, count: int):
         # poses solved for the noisy corners: the exact ones would be the truth only where no corner moved
         bundle = refine(Bundle.start(RIG.model, RIG.intrinsics, exact.poses), noisy)
         found.append(bundle.intrinsics)
-        covariances.append(information(bundle, noisy).covariance[:-2, :-2])
+        covariances.append(information(bundle, noisy).covariance[:-SHAPE, :-SHAPE])
     return np.array(found), np.mean(covariances, axis=0)
 
 

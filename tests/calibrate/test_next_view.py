@@ -28,7 +28,7 @@ from vbaa_calib.calibrate.guide.view_uncertainty import (
     plane_sensitivity,
     view_blocks,
 )
-from vbaa_calib.calibrate.lens.board_shape import SHAPE, BoardShape
+from vbaa_calib.calibrate.lens.board_shape import SHAPE, BoardShape, deformations
 from vbaa_calib.calibrate.lens.bundle import Bundle, Observation
 from vbaa_calib.calibrate.lens.information import information
 from vbaa_calib.calibrate.lens.intrinsics import solve_intrinsics
@@ -62,7 +62,7 @@ def test_functional_is_what_a_wrong_lens_does_after_the_jig_is_solved_again():
     made = design()
     functional = plane_sensitivity(made, PLANE, SPEC)
     rig = Rig("", "opencv5", SIZE, INTRINSICS, SPEC, 0.0)
-    for column in range(functional.shape[-1]):
+    for column in range(functional.shape[-1] - SHAPE):
         step = 1e-3 * made.scale[:-SHAPE, column]
         wrong = camera_of(MODEL, INTRINSICS + step, SIZE)
         predicted_mm = 1e3 * 1e-3 * np.sqrt(np.mean(np.sum(functional[..., column] ** 2, axis=1)))
@@ -72,6 +72,7 @@ def test_functional_is_what_a_wrong_lens_does_after_the_jig_is_solved_again():
 def test_blocks_are_the_information_of_the_solve():
     made, poses = views(6)
     own = design()
+    own = replace(own, scale=own.scale[:, :-SHAPE])
     observations = [Observation(corner_points(SPEC)[view.ids], view.corners_px) for view in made]
     bundle = Bundle.start(MODEL, INTRINSICS, np.array([pose.vector for pose in poses]))
     solved = information(bundle, observations)
@@ -88,7 +89,7 @@ def test_another_picture_never_harms_and_the_suggested_one_is_best_of_the_set():
     found = view_candidates(known.design, SPEC, coarse_poses(known.design, SPEC, 0.24, 0.6))
     poses = np.array([candidate.T_camera_board.vector for candidate in found])
     observations = [
-        Observation(corner_points(SPEC)[c.ids], np.zeros((len(c.ids), 2)), np.zeros((len(c.ids), 2))) for c in found
+        Observation(corner_points(SPEC)[c.ids], np.zeros((len(c.ids), 2)), deformations(SPEC)[c.ids]) for c in found
     ]
     after = np.sqrt(mean_square(functional, known.information + view_blocks(known.design, poses, observations)[0]))
     now = np.sqrt(mean_square(functional, known.information))

@@ -147,7 +147,8 @@ def test_a_print_known_roughly_leaves_the_distance_to_the_board_open(rendered: R
     exact = find_plane(session, lens.camera, lens.board_shape, jig).estimates[0]
     rough = find_plane(replace(session, print_scale_std=0.01), lens.camera, lens.board_shape, jig).estimates[0]
     smaller = replace(session.board, square_m=0.99 * session.board.square_m, marker_m=0.99 * session.board.marker_m)
-    moved = find_plane(replace(session, board=smaller), lens.camera, lens.board_shape, jig).estimates[0]
+    shrunk = replace(lens.board_shape, spec=smaller)
+    moved = find_plane(replace(session, board=smaller), lens.camera, shrunk, jig).estimates[0]
     step = moved.T_antenna_camera.tangent_from(exact.T_antenna_camera)
     added = rough.covariance - exact.covariance
     np.testing.assert_allclose(added[3:, 3:], np.outer(step[3:], step[3:]), rtol=0.03, atol=1e-9)

@@ -140,7 +140,8 @@ def find_plane(session: Session, camera: Camera, board: BoardShape, views: Plane
         doubt = _clamp_doubt(over, session.over, session.board)
         estimates.append(inflated(over.estimate, *doubt) if estimates else over.estimate)
     estimates = [inflated(estimate, *corner_bias(estimate, camera)) for estimate in estimates]
-    estimates = [inflated(estimate, *_print_doubt(estimate, session)) for estimate in estimates]
+    scale_std = float(np.hypot(session.print_scale_std, board.scale_doubt))
+    estimates = [inflated(estimate, *_print_doubt(estimate, session, scale_std)) for estimate in estimates]
     apart = differences(estimates, np.zeros((0, 0)) if camera.covariance is None else camera.covariance)
     require_agreement(apart, session.root)
     return PlaneC(tuple(estimates), tuple(apart), jig, sweep, over, _kinematics(session, sweep, estimates))
@@ -162,7 +163,7 @@ def corner_bias(estimate: PoseEstimate, camera: Camera) -> tuple[np.ndarray, np.
     return turns, _CORNER_BIAS_PX / np.diag(camera.matrix)[[1, 0]]
 
 
-def _print_doubt(estimate: PoseEstimate, session: Session) -> tuple[np.ndarray, np.ndarray]:
+def _print_doubt(estimate: PoseEstimate, session: Session, scale_std: float) -> tuple[np.ndarray, np.ndarray]:
     """Direction (1, 6), deviation (1,): a print larger than measured puts the camera further from it."""
     camera_m = estimate.T_antenna_camera.translation_m
     origin_m = np.zeros(3)
@@ -172,7 +173,7 @@ def _print_doubt(estimate: PoseEstimate, session: Session) -> tuple[np.ndarray, 
         # the sweep sees the camera from the joints' crossing
         origin_m = session.kinematics.T_actuator_antenna.inverse().translation_m
     reach_m = camera_m - origin_m
-    return np.concatenate([np.zeros(3), reach_m])[None], np.array([session.print_scale_std])
+    return np.concatenate([np.zeros(3), reach_m])[None], np.array([scale_std])
 
 
 def _kinematics(session: Session, sweep: SweepSolution | None, estimates: Sequence[PoseEstimate]) -> Kinematics:

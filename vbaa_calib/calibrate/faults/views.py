@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from scipy.spatial.transform import Rotation
 from scipy.stats import norm
 
 from targets.board import BoardSpec, corner_points
+from vbaa_calib.calibrate.lens.board_shape import STRETCH, BoardShape
 from vbaa_calib.calibrate.lens.bundle import Bundle, free_directions, rows
 from vbaa_calib.calibrate.lens.information import observations_of
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution
@@ -30,12 +30,9 @@ _FEWEST_VIEWS = 5
 _TILTED_DEG = 15.0
 _LEAST_HULL, _REPEATED = 0.5, 0.5
 _OPEN = 1e-9
-_ASPECT_VIEWS, _CHANGE_VIEWS, _SIDE_VIEWS = 6, 6, 2
-"""Fewest views that show the print's aspect, a change between views, and that lie on either side of it."""
-_ASPECT_STD = 2e-3
-"""Largest standard deviation with which pictures show the print's aspect: only those that are rolled by a quarter turn,
-or a part of it, tell a long board from a lens with fy > fx."""
-_ASPECT_SIGNIFICANT, _ASPECT_NOTICEABLE, _ASPECT_GRAVE = 5.0, 1e-3, 5e-3
+_CHANGE_VIEWS, _SIDE_VIEWS = 6, 2
+"""Fewest views that show a change between views, and that lie on either side of it."""
+_STRETCH_SIGNIFICANT, _STRETCH_NOTICEABLE = 5.0, 2e-3
 _SEED, _DRAWS, _MOST_NUMBERS = 0, 40_000, 8_000_000
 _CHANCE = 4e-4
 """Of a false alarm by each of the four tests: less than 1 in 500 together."""
@@ -162,7 +159,7 @@ class SetScores:
     focal_px: tuple[float, float]
     variance_px2: float
 
-    FOCAL, CENTRE_X, CENTRE_Y, ASPECT = range(4)
+    FOCAL, CENTRE_X, CENTRE_Y = range(3)
 
     def own_scores(self, parameter: int) -> tuple[np.ndarray, np.ndarray]:
         """Score (V,) of a parameter that each view has to itself, the gradient of the cost, px²; and its information
@@ -179,8 +176,7 @@ class SetScores:
 def set_scores(views: Sequence[BoardView], solution: LensSolution, spec: BoardSpec) -> SetScores | None:
     """Linearise a solved set over the good corners of the views used; None where they are too few.
 
-    views : in the order of capture, the solution's among them by name. The board's bend is a free parameter whether the
-    lens was solved with it or not: a print that is not flat must not pass for something else.
+    views : in the order of capture, the solution's among them by name.
     """
     used = {view.name: view for view in solution.views}
     chosen = [view for view in views if view.name in used]
@@ -194,14 +190,11 @@ def set_scores(views: Sequence[BoardView], solution: LensSolution, spec: BoardSp
     directions = free_directions(model, square_pixels=bool(intrinsics[0] == intrinsics[1]), shape=True)
     bundle = Bundle(model, intrinsics, poses, directions, shape=solution.board_shape.parameters)
     residuals, by_shared, by_pose, bounds = rows(bundle, observations)
-    rotations = np.repeat(Rotation.from_rotvec(poses[:, :3]).as_matrix(), np.diff(bounds), axis=0)
-    points_m = np.concatenate([view.points_m for view in observations])
     own = np.stack(
         [
             by_shared[..., 0] * intrinsics[0] + by_shared[..., 1] * intrinsics[1],
             by_shared[..., 2],
             by_shared[..., 3],
-            np.einsum("nij,nj->ni", by_pose[..., 3:], rotations[:, :, 1] * points_m[:, 1:2]),
         ],
         axis=-1,
     )
@@ -220,34 +213,18 @@ def set_scores(views: Sequence[BoardView], solution: LensSolution, spec: BoardSp
     return SetScores(names, flat[:, -1], own, basis, 2 * bounds, focal_px, float(rest @ rest) / freedom)
 
 
-def print_aspect(scores: SetScores) -> tuple[float, float] | None:
-    """Relative excess of the print's length along y over that along x, with its standard deviation.
-
-    From all views, with lens and poses free; None where they are too few. The deviation is the larger of that from the
-    corners' scatter and that from the scatter between the views.
-    """
-    both = np.stack([scores.own[:, SetScores.ASPECT], scores.residuals], axis=1)
-    direction, residuals = (both - scores.basis @ (scores.basis.T @ both)).T
-    information, count = float(direction @ direction), len(scores.names)
-    if count < _ASPECT_VIEWS or not information > 0.0:
-        return None
-    excess = float(direction @ residuals) / information
-    pull = np.add.reduceat(direction * (residuals - excess * direction), scores.bounds[:-1])
-    between = float(pull @ pull) * count / (count - 1)
-    return excess, float(np.sqrt(max(scores.variance_px2 * information, between)) / information)
-
-
-def _print_stretched(scores: SetScores) -> Diagnosis | None:
+def _print_stretched(shape: BoardShape) -> Diagnosis | None:
     """A print whose x and y differ in scale."""
-    excess, std = print_aspect(scores) or (0.0, np.inf)
-    if std >= _ASPECT_STD or abs(excess) < max(_ASPECT_SIGNIFICANT * std, _ASPECT_NOTICEABLE):
+    excess, std = float(shape.parameters[STRETCH]), float(shape.std[STRETCH])
+    if abs(excess) < max(_STRETCH_SIGNIFICANT * std, _STRETCH_NOTICEABLE):
         return None
-    longer, other = ("y", "x") if excess > 0 else ("x", "y")
+    longer, other = ("x", "y") if excess > 0 else ("y", "x")
     return Diagnosis(
         "print_stretched",
-        f"the print is longer along its {longer} than along its {other} by {100 * abs(excess):.2f} ± {100 * std:.2f} %",
-        "measure both rulers of the print; print it anew without scaling, or on another printer",
-        abs(excess) > _ASPECT_GRAVE,
+        f"the print is longer along its {longer} than along its {other} by "
+        f"{100 * abs(excess):.2f} ± {100 * std:.2f} %; "
+        f"the lens was solved with that, but distances are uncertain by {50 * abs(excess):.2f} %",
+        "measure both rulers of the print and say so in the board file, or print it anew without scaling",
     )
 
 
@@ -366,7 +343,7 @@ def view_set_diagnoses(views: Sequence[BoardView], solution: LensSolution, spec:
     judged = [] if scores is None else [_focus_changed(scores), centre_moved(scores)]
     if scores is not None and not any(judged):
         # a lens that did not stay the same shifts the print's aspect by several of its standard deviations
-        judged.append(_print_stretched(scores))
+        judged.append(_print_stretched(solution.board_shape))
     found = [one for one in (*judged, _poorly_covered(used)) if one is not None]
     return sorted([*found, *_little_variety(used, solution, spec)], key=lambda one: not one.grave)
 

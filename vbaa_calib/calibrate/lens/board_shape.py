@@ -12,9 +12,10 @@ from targets.board import BoardSpec, corner_points
 SHAPE = 5
 """Numbers that describe a board's shape (`BoardShape`)."""
 SHAPE_NAMES = ("bow_x_m", "bow_y_m", "twist_m", "stretch", "shear")
-_BOW_PER_EXTENT, _STRETCH, _SHEAR = 2e-3, 1e-3, 5e-4
-"""Standard deviations of what printers and mounts do: a sheet of 250 mm on a board bows by half a millimetre, the axes
-of a print differ by 0.1 %. Some are ten times worse, so the prior has long tails."""
+STRETCH = SHAPE_NAMES.index("stretch")
+_BOW_PER_EXTENT, _STRETCH, _SHEAR = 1e-3, 5e-4, 3e-4
+"""Standard deviations of what printers and mounts do: a board of 250 mm bows by a quarter of a millimetre, the axes of a
+print differ by 0.05 %. Some are ten times worse, so the prior has long tails."""
 _TAIL = 3.0
 """Degrees of freedom of the prior's Student t distribution."""
 _SINGULAR = 1e-10
@@ -54,7 +55,8 @@ class BoardShape:
         lens, std = covariance[:-SHAPE, :-SHAPE], np.sqrt(np.diag(covariance)[:-SHAPE])
         # coefficients that are held have no variance, and square pixels one focal length
         scale = np.where(std > 0.0, std, 1.0)
-        by_lens = covariance[-SHAPE:, :-SHAPE] / scale @ np.linalg.pinv(lens / np.outer(scale, scale), _SINGULAR) / scale
+        inverse = np.linalg.pinv(lens / np.outer(scale, scale), _SINGULAR)
+        by_lens = covariance[-SHAPE:, :-SHAPE] / scale @ inverse / scale
         return BoardShape(spec, parameters, covariance[-SHAPE:, -SHAPE:], by_lens)
 
     @property
@@ -66,6 +68,12 @@ class BoardShape:
     def points_m(self) -> np.ndarray:
         """(corner_count, 3) the corners as they are, in the board frame."""
         return corner_points(self.spec) + deformations(self.spec) @ self.parameters
+
+    @property
+    def scale_doubt(self) -> float:
+        """Relative deviation of all lengths of a print that is stretched: which of its sides is right no picture tells."""
+        stretch = abs(float(self.parameters[STRETCH]))
+        return 0.5 * stretch if stretch > max(_CLEAR * self.std[STRETCH], _NOTICEABLE_SHARE) else 0.0
 
     @property
     def findings(self) -> tuple[str, ...]:
