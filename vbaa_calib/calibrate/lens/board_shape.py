@@ -14,8 +14,8 @@ SHAPE = 5
 SHAPE_NAMES = ("bow_x_m", "bow_y_m", "twist_m", "stretch", "shear")
 STRETCH = SHAPE_NAMES.index("stretch")
 _BOW_PER_EXTENT, _STRETCH, _SHEAR = 1e-3, 5e-4, 3e-4
-"""Standard deviations of what printers and mounts do: a board of 250 mm bows by a quarter of a millimetre, the axes of a
-print differ by 0.05 %. Some are ten times worse, so the prior has long tails."""
+"""Standard deviations of what printers and mounts do: a board of 250 mm bows by a quarter of a millimetre, the axes of
+a print differ by 0.05 %. Some are ten times worse, so the prior has long tails."""
 _TAIL = 3.0
 """Degrees of freedom of the prior's Student t distribution."""
 _SINGULAR = 1e-10
@@ -71,7 +71,7 @@ class BoardShape:
 
     @property
     def scale_doubt(self) -> float:
-        """Relative deviation of all lengths of a print that is stretched: which of its sides is right no picture tells."""
+        """Relative deviation of a stretched print's lengths: which of its sides is as long as it should be is unknown."""
         stretch = abs(float(self.parameters[STRETCH]))
         return 0.5 * stretch if stretch > max(_CLEAR * self.std[STRETCH], _NOTICEABLE_SHARE) else 0.0
 
