@@ -21,7 +21,7 @@ from vbaa_calib.geometry.independent_axes import independent_axes
 from .check.finding import FAILS, HOLDS, Evidence
 from .check.rig import at
 from .faults.views import judge_views
-from .lens.information import BoardFlex
+from .lens.board_shape import BoardShape
 from .lens.intrinsics import LensSolution, solve_intrinsics
 from .lens.models import LENS_MODELS, LensModel, is_monotonic
 from .lens.uncertainty import compensate, pixel_grid, projection_jacobian
@@ -130,7 +130,7 @@ def _with_assumed_covariance(camera: Camera) -> tuple[Camera, str]:
 def given_solution(given: GivenLens, views: Sequence[BoardView], spec: BoardSpec) -> LensSolution:
     """The given lens as the lens step of a calibration; views : of the board, that it was not calibrated from, if any.
 
-    They test it, and show whether the board is bent; they do not change it.
+    They test it, and show the board's shape; they do not change it.
     """
     found, reasons = list(given.doubts), [f"The lens is the one in {given.path.name} ({given.what})."]
     if given.assumed:
@@ -141,13 +141,13 @@ def given_solution(given: GivenLens, views: Sequence[BoardView], spec: BoardSpec
             else ("calibrate the lens with vbaa intrinsics, or put 15 pictures of the board into intrinsics/")
         )
         found.append(Diagnosis("lens_uncertainty_assumed", words, remedy))
-    flex = BoardFlex(np.zeros(2), None, 1.0, None, None, False, "there are no pictures that would show it")
+    shape = BoardShape.unseen(spec)
     if views:
         try:
             own = judge_views(views, solve_intrinsics(views, spec), spec)
             contradiction, words = _contradiction(given, own, views)
             found += [] if contradiction is None else [contradiction]
-            flex = own.board_flex
+            shape = replace(own.board_shape, by_lens=None)
         except VbaaError as error:
             words = f"The pictures in intrinsics/ cannot test it: {error}."
         reasons.append(words)
@@ -160,7 +160,7 @@ def given_solution(given: GivenLens, views: Sequence[BoardView], spec: BoardSpec
         dropped=(),
         comparison=(),
         monotonic=True,
-        board_flex=flex,
+        board_shape=shape,
         verdict=Verdict((), tuple(reasons)).with_diagnoses(found),
     )
 

@@ -71,7 +71,7 @@ class BoardShape:
 
     @property
     def scale_doubt(self) -> float:
-        """Relative deviation of a stretched print's lengths: which of its sides is as long as it should be is unknown."""
+        """Relative deviation of a stretched print's lengths: which of its sides is as it should be is unknown."""
         stretch = abs(float(self.parameters[STRETCH]))
         return 0.5 * stretch if stretch > max(_CLEAR * self.std[STRETCH], _NOTICEABLE_SHARE) else 0.0
 
