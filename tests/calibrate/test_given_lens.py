@@ -89,7 +89,7 @@ def test_an_assumed_lens_is_as_uncertain_as_it_says(bare: Path, tmp_path: Path, 
         off = independent_axes(assumed.covariance) @ rng.normal(size=len(assumed.parameters))
         file.write_text(FORMATS["ros"].write(Exchanged(replace(assumed.moved(off), covariance=None))))
         lens = given_solution(read_lens(file), [], session.board)
-        plane = find_plane(session, lens.camera, lens.board_flex, views)
+        plane = find_plane(session, lens.camera, lens.board_shape, views)
         before = stills_prior(session, lens, plane)
         observations = observations or observe_stills(session, plane.kinematics, before)
         joint = adjust_bundle(observations, before, session.antenna.length_m, session.moment_std_Nm)

@@ -146,7 +146,6 @@ def _lens(views: list[BoardView], spec: BoardSpec, camera: Camera | None) -> _Le
 
     from targets.board import corner_points
     from vbaa_calib.calibrate.faults.views import judge_views
-    from vbaa_calib.calibrate.lens.information import bend
     from vbaa_calib.calibrate.lens.intrinsics import solve_intrinsics
 
     points = corner_points(spec)
@@ -166,10 +165,8 @@ def _lens(views: list[BoardView], spec: BoardSpec, camera: Camera | None) -> _Le
         )
         for view, keep in zip(views, kept, strict=True)
     ]
-    bent = solution.board_flex.bend
-    shape = 0.0 if bent is None else np.outer(bend(spec) @ bent.sagittas_m, [0.0, 0.0, 1.0])
     doubts = [] if solution.trusted else [f"the lens: {solution.verdict.words}"]
-    return _Lens(cleaned, points + shape, solution.camera, doubts, solution.verdict.exit_code)
+    return _Lens(cleaned, solution.board_shape.points_m, solution.camera, doubts, solution.verdict.exit_code)
 
 
 def _report(solution: HandEye, document: dict[str, Any]) -> None:
