@@ -173,7 +173,7 @@ def test_a_difference_counts_only_when_improbable_and_large() -> None:
     def level(distance: float, size: float) -> str:
         return Evidence(distance, 6, size, 0.1, "mm").level
 
-    assert Evidence(0.0, 1, 0.0, 0.1, "mm").limits_std == (pytest.approx(3.0, abs=0.01), pytest.approx(5.0, abs=0.01))
+    assert Evidence(0.0, 1, 0.0, 0.1, "mm").limits_std == (pytest.approx(3.55, abs=0.01), pytest.approx(5.0, abs=0.01))
     assert level(100.0, 0.09) == level(2.0, 5.0) == "holds"
     assert level(100.0, 0.15) == level(5.5, 5.0) == "look at"
     assert level(100.0, 0.3) == "does not hold"

@@ -15,6 +15,7 @@ from vbaa_calib.antenna.shape import PARAMETERS
 from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment
 from vbaa_calib.calibrate.antenna.residual_checks import FALSE_READING, Checks
 from vbaa_calib.calibrate.antenna.session_rig import LOG_MASS_STD
+from vbaa_calib.calibrate.faults.explanations import picture_scatter
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution
 from vbaa_calib.calibrate.lens.uncertainty import projection_uncertainty
 from vbaa_calib.calibrate.pose.fusion import CONTRADICTION
@@ -31,8 +32,9 @@ _PACKAGES = ("numpy", "scipy", "opencv-contrib-python-headless", "torch", "korni
 """Whose versions rig.json names."""
 _STIFFNESS_DOUBT = 0.15
 """Relative difference of EI from E·πd⁴/64 that is worth a warning: 4 % of the diameter."""
-_SIGNIFICANT = 3.0
-"""Standard deviations beyond which an assumption counts as broken."""
+_SIGNIFICANT, _CHANCE = 4.0, 6e-5
+"""Standard deviations beyond which an assumption counts as broken, and how often one that holds is that far off: there
+are about twenty, and a session without a fault is to pass them all."""
 _SCATTERED = 5.0
 """Scatter of the shapes, over what their pictures explain, beyond which the model is not that of these loads."""
 _EXPLAINS_SCATTER = ("load_", "gravity_", "joint_readings_", "clamp_slipped", "antenna_bent_between", "stills_")
@@ -76,7 +78,8 @@ def prior_doubts(joint: BundleAdjustment, said: Collection[str] = ()) -> list[st
                 f"{name} is {value:.3g}, {abs(value - mean) / std:.1f} times what a careful builder misses it by: is "
                 "plane C right, and the antenna straight in its clamp?"
             )
-    if joint.noise_scale > _SCATTERED and not any(name.startswith(_EXPLAINS_SCATTER) for name in said):
+    scatter = max(picture_scatter(joint.noted, problem.prior.line_px), 1.0)
+    if joint.noise_scale > _SCATTERED * scatter and not any(name.startswith(_EXPLAINS_SCATTER) for name in said):
         found.append(
             f"the shapes scatter {joint.noise_scale:.0f} times more about the model than their pictures explain: check "
             "the unit and the sign of forces and distances, and gravity"
@@ -99,7 +102,7 @@ def antenna_doubts(nominal: NominalAntenna, rig: Rig, checks: Checks) -> list[st
             f"{'y' if uneven.value > 0 else 'z'}: it is not equally compliant (assumption 4), is it round?"
         )
     mass, known = checks.mass_per_length_kg_m, nominal.mass_per_length_kg_m
-    if mass is not None and abs(mass.value - known) > _SIGNIFICANT * np.hypot(mass.std, LOG_MASS_STD * known):
+    if mass is not None and abs(np.log(mass.value / known)) > _SIGNIFICANT * np.hypot(1 / mass.in_std, LOG_MASS_STD):
         area = known / nominal.density_kg_m3
         found.append(
             f"the sag requires a density of {mass.value / area:.0f} ± {mass.std / area:.0f} kg/m³, the session says "
@@ -113,7 +116,7 @@ def sensor_doubts(session: Session, rig: Rig, checks: Checks) -> list[str]:
     found = []
     if rig.moment_sensor.gain <= 0:
         found.append("the moment sensor's gain is negative: its sign is turned round")
-    if checks.noise_interval_95_Nm[0] > session.moment_std_Nm:
+    if checks.noise_chance(session.moment_std_Nm) < _CHANCE:
         found.append(
             f"the moment sensor scatters by {1e3 * checks.noise_Nm:.3g} mN·m, the session says "
             f"{1e3 * session.moment_std_Nm:.3g}: the former is used"

@@ -98,7 +98,7 @@ def _fitting(
     return (rms < _FALSE_STILL * np.median(rms)) & (needed < _FALSE_READING_STD), rms
 
 
-_RUN = 10
+RUN = 10
 """Points in a run of neighbours: longer than the picture's noise is correlated, shorter than the shape."""
 _PASSES = 12
 _HOLDS = (1.0, 0.3, 0.1, 0.01)
@@ -308,17 +308,12 @@ def _tip(problem: Problem, evaluated: Evaluation, covariance: np.ndarray, axes: 
 
 def _by_line_errors(problem: Problem, solution: Linearised, covariance: np.ndarray) -> np.ndarray:
     """What the lines' own errors, that a still's points share, add to the covariance of all parameters."""
-    focal_px = float(np.sqrt(np.prod(np.diag(problem.prior.camera.matrix)[:2])))
     weights, jacobian = solution.weights, solution.jacobian
     row, added = 0, []
-    for seen, kept in zip(problem.seen_at_lens, problem.kept, strict=True):
-        if not kept:
-            continue
-        rows = slice(row, row + len(seen))
+    for index in np.flatnonzero(problem.kept).tolist():
+        modes = problem.line_modes(index)
+        rows = slice(row, row + len(modes))
         row = rows.stop
-        std = np.sqrt(0.5 * np.trace(seen.covariance, axis1=1, axis2=2)) * problem.noise_scale
-        along = np.linspace(-1.0, 1.0, len(seen))
-        modes = np.polynomial.legendre.legvander(along, 2) * (problem.prior.line_px / focal_px / std)[:, None]
         added.append((jacobian[rows] * weights[rows, None] ** 2).T @ modes)
     moved = covariance @ np.hstack(added)
     return moved @ moved.T
@@ -329,6 +324,6 @@ def noise_scale(residuals: Sequence[np.ndarray]) -> float:
 
     Measured on means of runs of neighbours, which also sees errors that neighbours share.
     """
-    runs = [r[: len(r) // _RUN * _RUN].reshape(-1, _RUN).mean(axis=1) for r in residuals]
-    spread = MAD_SCALE * np.sqrt(_RUN) * float(np.median(np.abs(np.concatenate(runs))))
+    runs = [r[: len(r) // RUN * RUN].reshape(-1, RUN).mean(axis=1) for r in residuals]
+    spread = MAD_SCALE * np.sqrt(RUN) * float(np.median(np.abs(np.concatenate(runs))))
     return float(max(spread, mad_std(np.concatenate(residuals)), 0.2))

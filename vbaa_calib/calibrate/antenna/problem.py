@@ -276,6 +276,20 @@ class Problem:
             found.append(_by_step(np.vstack([distances, curves.moment_Nm[which]])))
         return found
 
+    def line_modes(self, index: int) -> np.ndarray:
+        """(N, 3) by which an observation's residuals move with what its line's points share, each in its deviation."""
+        seen, matrix = self.seen_at_lens[index], self.prior.camera.matrix
+        std = np.sqrt(0.5 * matrix[0, 0] * matrix[1, 1] * np.trace(seen.covariance, axis1=1, axis2=2))
+        modes = np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, len(seen)), 2)
+        return modes * (self.prior.line_px / (self.noise_scale * std))[:, None]
+
+    def without_line(self, index: int, rows: np.ndarray) -> np.ndarray:
+        """Rows (N, K) of an observation's points, whitened of what these share."""
+        if self.prior.line_px == 0.0:
+            return rows
+        axes, std, _ = np.linalg.svd(self.line_modes(index), full_matrices=False)
+        return rows - axes @ ((1.0 - 1.0 / np.hypot(1.0, std))[:, None] * (axes.T @ rows))
+
     def tips_by_load(self, parameters: np.ndarray, ends: Mapping[int, SeenPoints]) -> dict[int, np.ndarray]:
         """(1, 2) as `slopes_by_load`, of the antenna's end along it, for each of them."""
         curves, view = self._by_load(parameters, list(ends))

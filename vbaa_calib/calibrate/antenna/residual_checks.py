@@ -12,7 +12,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from vbaa_calib.antenna.shape import PARAMETERS
-from vbaa_calib.core.robust import mad_std
+from vbaa_calib.core.robust import chi_square_p, mad_std
 from vbaa_calib.rig.reprojection import image_curves, whitened_residuals
 
 from .bundle_adjustment import BundleAdjustment
@@ -48,7 +48,7 @@ class Checks:
     anisotropy : log of the stiffness against bending to y over that to z; assumption 4 says 0. None without loads.
     mass_per_length_kg_m : from the sag alone, without what was known of it before; None where the sag cannot tell.
     drift_Nm_per_s : of the moment sensor; `drift_Nm_per_row` where the stills have no times.
-    noise_Nm : of the moment sensor as the stills show it, and its 95 % interval.
+    noise_Nm : of the moment sensor as the stills show it, by so many degrees of freedom, and its 95 % interval.
     """
 
     anisotropy: Estimate | None
@@ -57,6 +57,11 @@ class Checks:
     drift_Nm_per_row: Estimate | None
     noise_Nm: float
     noise_interval_95_Nm: tuple[float, float]
+    noise_freedom: float
+
+    def noise_chance(self, std_Nm: float) -> float:
+        """That a sensor of this noise scatters so much."""
+        return chi_square_p((self.noise_Nm / std_Nm) ** 2 * self.noise_freedom, self.noise_freedom)
 
     def to_dict(self) -> dict[str, Any]:
         """For rig.json."""
@@ -76,15 +81,21 @@ def check(joint: BundleAdjustment) -> Checks:
 
 def _one_more(joint: BundleAdjustment, column: np.ndarray) -> Estimate | None:
     """What a further parameter would be whose change moves the residuals along column (R,)."""
-    solution = joint.solution
-    weights = solution.weights
-    own = column * weights
-    information, _, scale = solution.normal_equations()
-    others = (solution.jacobian * weights[:, None]).T @ own / scale
-    left = float(own @ own - others @ np.linalg.solve(information, others))
-    if left <= 1e-9 * float(own @ own):
+    solution, problem = joint.solution, joint.problem
+    whole, first = np.column_stack([column, solution.residuals, solution.jacobian]), 0
+    for index in np.flatnonzero(problem.kept).tolist():
+        rows = slice(first, first := first + len(problem.seen_at_lens[index]))
+        whole[rows] = problem.without_line(index, whole[rows])
+    own, residuals, jacobian = np.split(whole * solution.weights[:, None], [1, 2], axis=1)
+    scale = np.linalg.norm(jacobian, axis=0)
+    jacobian = jacobian / np.where(scale > 0.0, scale, 1.0)
+    # what the others leave of both
+    both = np.hstack([own, residuals])
+    own, residuals = (both - jacobian @ np.linalg.lstsq(jacobian, both)[0]).T
+    left = float(own @ own)
+    if left <= 1e-9 * float(column @ column):
         return None
-    return Estimate(float(-(own @ (solution.residuals * weights)) / left), left**-0.5)
+    return Estimate(float(-(own @ residuals) / left), left**-0.5)
 
 
 def _column(joint: BundleAdjustment, points: np.ndarray, moments: np.ndarray) -> np.ndarray:
@@ -115,11 +126,13 @@ def _mass(joint: BundleAdjustment) -> Estimate | None:
     prior = joint.problem.prior
     mean, variance = float(prior.mean[MASS - 6]), float(prior.std[MASS - 6]) ** 2
     value, posterior = float(joint.parameters[MASS]), float(joint.covariance[MASS, MASS])
-    information = 1.0 / posterior - 1.0 / variance
-    if information * variance < _LEAST_GAIN:
+    # the part that the solve gave to what was known before; it knows nothing of the errors that a line's points share
+    part = float(joint.solution.covariance()[MASS, MASS]) / variance
+    if part > 1.0 / (1.0 + _LEAST_GAIN):
         return None
-    alone = (value / posterior - mean / variance) / information
-    return Estimate(float(np.exp(alone)), float(np.exp(alone) * information**-0.5))
+    alone = (value - part * mean) / (1.0 - part)
+    std = float(np.sqrt(max(posterior - part**2 * variance, 0.0))) / (1.0 - part)
+    return Estimate(float(np.exp(alone)), float(np.exp(alone)) * std)
 
 
 def _drift(joint: BundleAdjustment, when: np.ndarray) -> Estimate | None:
@@ -129,8 +142,8 @@ def _drift(joint: BundleAdjustment, when: np.ndarray) -> Estimate | None:
     return _one_more(joint, _column(joint, points, (when - when[joint.kept].mean()) / joint.problem.moment_std_Nm))
 
 
-def _moment_noise(joint: BundleAdjustment) -> tuple[float, tuple[float, float]]:
-    """Noise of one reading and its interval, the degrees of freedom that the fit took from the readings left out."""
+def _moment_noise(joint: BundleAdjustment) -> tuple[float, tuple[float, float], float]:
+    """Noise of one reading, its interval, and its degrees of freedom, those that the fit took left out."""
     problem, solution = joint.problem, joint.solution
     residuals = joint.moment_residuals_Nm[joint.kept]
     # a reading that is wrong is not noise: it is named instead
@@ -143,4 +156,4 @@ def _moment_noise(joint: BundleAdjustment) -> tuple[float, tuple[float, float]]:
     freedom = max(float(good.sum()) - taken, 1.0)
     squares = float((residuals[good] ** 2).sum())
     low, high = (float(np.sqrt(squares / chi2.ppf(q, freedom))) for q in (0.975, 0.025))
-    return float(np.sqrt(squares / freedom)), (low, high)
+    return float(np.sqrt(squares / freedom)), (low, high), freedom

@@ -53,6 +53,7 @@ class CheckedStill:
     residuals : (N + 1,) of points and moment, observed less predicted, in deviations; the moment's NaN where not read.
     jacobian : (N + 1, 17 + P) of the predictions by the rig's parameters, in the same units.
     by_readings : (N + 1, 2) of them by the errors of a load's place and weight, each in its deviations.
+    by_line : (N + 1, 3) by what is common to all points of the picture's line.
     moment_residual_Nm : the sensor's reading less the prediction. moment_std_Nm : of that, by the sensor's noise and
         the uncertainty of the load's place and weight.
     deflection_m : predicted at the load, against the free antenna; 0 where there is none.
@@ -64,6 +65,7 @@ class CheckedStill:
     residuals: np.ndarray
     jacobian: np.ndarray
     by_readings: np.ndarray
+    by_line: np.ndarray
     moment_residual_Nm: float
     moment_std_Nm: float
     deflection_m: float
@@ -85,7 +87,7 @@ def check_stills(rig: Rig, observations: Sequence[Observation], readings: LoadRe
     # of unit covariance: steps along its axes are steps of its parameters
     lens = replace(rig.camera, covariance=np.eye(len(rig.camera.parameter_names)))
     mean = np.concatenate([rig.antenna.parameters, [sensor.gain, sensor.offset_Nm]])
-    prior = Prior((), rig.T_antenna_camera, lens, mean, np.ones(len(mean)))
+    prior = Prior((), rig.T_antenna_camera, lens, mean, np.ones(len(mean)), line_px=rig.drift.line_px)
     problem = Problem.of(observations, prior, rig.antenna.length_m, sensor.std_Nm)
     problem, at = replace(problem, noise_scale=noise), problem.begin
     curves = problem.curves(at[None, ANTENNA])
@@ -115,6 +117,7 @@ def check_stills(rig: Rig, observations: Sequence[Observation], readings: LoadRe
                 residuals=residuals,
                 jacobian=sign * slopes[near],
                 by_readings=by_readings,
+                by_line=np.vstack([problem.line_modes(index)[near[_POINTS]], np.zeros(3)]),
                 moment_residual_Nm=float(residuals[-1]) * sensor.std_Nm,
                 moment_std_Nm=sensor.std_Nm * float(np.linalg.norm([1.0, *by_readings[-1]])),
                 deflection_m=float(deflections_m[index]) if isinstance(observation.still, Load) else 0.0,
@@ -166,13 +169,15 @@ def check_antenna(rig: Rig, stills: Sequence[CheckedStill], camera_known: bool) 
 
 
 def _information(stills: Sequence[CheckedStill], rows: slice, count: int) -> Information:
-    """Of some rows of stills about the rig's `count` parameters: places and weights that loads share are off alike."""
+    """Of some rows of stills about the rig's `count` parameters: places and weights that loads share are off alike, and
+    the points of a line have errors in common."""
     keys = [reading_keys(one.still) if isinstance(one.still, Load) else () for one in stills]
     names = list(dict.fromkeys(key for own in keys for key in own))
-    jacobian, residuals, nuisance = [np.zeros((0, count))], [np.zeros(0)], [np.zeros((0, len(names)))]
-    for one, own in zip(stills, keys, strict=True):
-        by_names = np.zeros((len(one.residuals), len(names)))
+    jacobian, residuals, nuisance = [np.zeros((0, count))], [np.zeros(0)], [np.zeros((0, len(names) + 3 * len(stills)))]
+    for index, (one, own) in enumerate(zip(stills, keys, strict=True)):
+        by_names = np.zeros((len(one.residuals), len(names) + 3 * len(stills)))
         by_names[:, [names.index(key) for key in own]] = one.by_readings[:, : len(own)]
+        by_names[:, len(names) + 3 * index :][:, :3] = one.by_line
         jacobian.append(one.jacobian[rows])
         residuals.append(one.residuals[rows])
         nuisance.append(by_names[rows])

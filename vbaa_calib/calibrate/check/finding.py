@@ -11,8 +11,9 @@ from scipy.stats import chi2
 
 HOLDS, LOOK, FAILS, NOT_GIVEN = "holds", "look at", "does not hold", "not given"
 _LEVELS = (HOLDS, LOOK, FAILS)
-_LOOK_CHANCE, _FAIL_CHANCE = 2.7e-3, 5.7e-7
-"""How often an unchanged rig exceeds each limit: 3 and 5 standard deviations of one normal number."""
+_LOOK_CHANCE, _FAIL_CHANCE = 2.7e-3 / 7, 5.7e-7
+"""How often an unchanged rig exceeds each limit in one question: 3 standard deviations over the seven that are asked of
+new pictures, together, and 5 of one normal number."""
 _FAIL_FLOORS = 2.0
 """A difference fails a rig from this many times the practical floor on."""
 

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vbaa_calib.calibrate.antenna.bundle_adjustment import (
+    RUN,
     BundleAdjustment,
     adjust_bundle,
     exact_loads,
@@ -25,6 +26,8 @@ SENSOR_OFF = 1e6
 """Factor on the moment sensor's noise that leaves it out of a solve."""
 _DEGREE = 7
 """Of the smooth curve that any bent antenna is in the picture."""
+_LINE = float(np.sqrt(RUN * (1 + 1 / 3 + 1 / 5)))
+"""By which a line's common offset, slope and curvature, of deviation 1, count in `noise_scale`."""
 _FITS = 1.5
 """An explanation fits that leaves at most this multiple of the pictures' own scatter."""
 _ROUNDS, _UNWEIGHTED_ROUNDS, _CONVERGED = 10, 4, 0.02
@@ -41,8 +44,11 @@ def solve_free(observations: Sequence[Observation], before: Prior, length_m: flo
     return adjust_bundle(free, before, length_m, SENSOR_OFF * std_Nm)
 
 
-def picture_scatter(observations: Sequence[Observation]) -> float:
-    """Scatter of the points about a smooth curve in their own picture, over their deviations; at least 0.2."""
+def picture_scatter(observations: Sequence[Observation], line_px: float = 0.0) -> float:
+    """Scatter of the points about a smooth curve in their own picture, over their deviations; at least 0.2.
+
+    line_px : what is common to all points of a picture, by which the curve itself may lie off.
+    """
     left = []
     for one in observations:
         if len(one.points_px) > 2 * _DEGREE:
@@ -51,7 +57,9 @@ def picture_scatter(observations: Sequence[Observation]) -> float:
             smooth = np.polynomial.Polynomial.fit(along, aside, _DEGREE)
             freedom = np.sqrt(len(along) / (len(along) - _DEGREE - 1))
             left.append(freedom * (aside - smooth(along)) / np.hypot(1.0, smooth.deriv()(along)) / one.sigma_px)
-    return max(mad_std(np.concatenate(left)), 0.2) if left else 0.2
+    own = max(mad_std(np.concatenate(left)), 0.2) if left else 0.2
+    sigma_px = np.concatenate([one.sigma_px for one in observations])
+    return float(np.hypot(own, _LINE * line_px / np.median(sigma_px)))
 
 
 def fits(scatter: float, own_scatter: float) -> bool:
@@ -111,7 +119,8 @@ def scatter_with_change(joint: BundleAdjustment, which: Sequence[int], after: Se
 class StillRows:
     """A linearised bundle adjustment with its rows by still.
 
-    joint : where it comes from. solution : linearised at its end, with the stills that took part.
+    joint : where it comes from. solution : linearised at its end, with the stills that took part, their points' rows
+        whitened of what is common to the points of one line.
     points : per observation the slice of its points' rows; empty for one that was left out.
     moments : (F,) its moment's row; −1 for one that was left out.
     factor : (R,) on residuals and columns, that makes least squares of them.
@@ -140,7 +149,12 @@ class StillRows:
         solution = exact_loads(solution, readings)
         moments = np.where(kept, ends[-1] + np.cumsum(kept) - 1, -1)
         points = [slice(a, b) for a, b in pairwise(ends)]
-        return StillRows(joint, solution, points, moments, solution.weights, np.zeros((len(solution.residuals), 0)))
+        factor = solution.weights
+        whole = np.column_stack([solution.residuals, solution.jacobian])
+        for index in np.flatnonzero(kept).tolist():
+            whole[points[index]] = problem.without_line(index, whole[points[index]])
+        solution = replace(solution, residuals=whole[:, 0], jacobian=whole[:, 1:])
+        return StillRows(joint, solution, points, moments, factor, np.zeros((len(whole), 0)))
 
     def with_readings(self, distance_std_m: float, force_std: float, noise_scale: float) -> StillRows:
         """The same with uncertain places and (relative) forces; noise_scale : of the points' deviations."""
@@ -211,7 +225,9 @@ class StillRows:
         """Of each load that took part, (N + 1, 2): slopes of its rows by its distance, per m, and by its log force."""
         slopes = self.joint.problem.whitened_by_load(self.solution.parameters)
         observations = enumerate(self.joint.noted)
-        return {i: slopes[i] for i, one in observations if isinstance(one.still, Load) and self.moments[i] >= 0}
+        some = [i for i, one in observations if isinstance(one.still, Load) and self.moments[i] >= 0]
+        problem = self.joint.problem
+        return {i: np.vstack([problem.without_line(i, slopes[i][:-1]), slopes[i][-1:]]) for i in some}
 
 
 class Further(NamedTuple):
@@ -224,6 +240,12 @@ class Further(NamedTuple):
     def std(self) -> np.ndarray:
         """(K,)."""
         return np.sqrt(np.diag(self.covariance))
+
+    def clear(self, least_std: float) -> np.ndarray:
+        """(K,) the values along the directions in which they exceed so many deviations; all of one unit."""
+        variances, axes = np.linalg.eigh(self.covariance)
+        along = axes.T @ self.values
+        return axes @ np.where(along**2 > least_std**2 * variances, along, 0.0)
 
     @property
     def chi_square(self) -> float:

@@ -19,14 +19,14 @@ from vbaa_calib.session import Load, Still, gravity_antenna
 
 from .explanations import Further, StillRows, fits, scatter_with_change
 
-_USUAL = 3.0
+_USUAL = 4.0
 """A bow is reported beyond so many standard deviations of a careful builder's wire."""
 _LEAST_CHI_SQUARE = 50.0
 """A change between stills above this is no chance, however many places were tried."""
 _CLEARER = 1.5
 """Ratio of χ² of a slip and of a bend from which only one of the two is named."""
 _CLEAR_STD = 4.0
-_GIVE_STD = 3.0
+_GIVE_STD = 4.0
 
 
 class _Kind(NamedTuple):
@@ -110,10 +110,8 @@ def step_diagnosis(joint: BundleAdjustment, rows: StillRows, own_scatter: float)
     if not found or found[0].found.chi_square < _LEAST_CHI_SQUARE:
         return None
     best = found[0]
-    if not best.kind.least <= float(np.linalg.norm(best.found.values)) <= best.kind.most:
-        return None
-    if fits(joint.noise_scale, own_scatter) and not (np.abs(best.found.values) > _CLEAR_STD * best.found.std).any():
-        # the stills fit as they are: only a change that is clear in itself is one
+    # what the pictures do not show is no change, however large it may be
+    if not best.kind.least <= float(np.linalg.norm(best.found.clear(_CLEAR_STD))) <= best.kind.most:
         return None
     if not fits(scatter_with_change(joint, best.kind.which, best.after, best.kind.prior_std), own_scatter):
         return None
@@ -191,11 +189,12 @@ def gravity_diagnosis(
     """
     observations = free.problem.observations
     noted = np.array([one.gravity_m_s2 for one in observations])
-    now, scatter = _refitted(free, noted)
+    now, scatter = _refitted(free, noted, free.solution.parameters)
     if fits(scatter, own_scatter):
         return None
     others = _hypotheses([one.still for one in observations], kinematics, gravity_world_m_s2, noted)
-    tried = sorted(((*_refitted(free, pull), other) for other, pull in others), key=lambda one: one[0])
+    begin = free.problem.begin
+    tried = sorted(((*_refitted(free, pull, begin), other) for other, pull in others), key=lambda one: one[0])
     if not tried:
         return None
     least, scatter, best = tried[0]
@@ -208,7 +207,7 @@ def gravity_diagnosis(
     return replace(best, words=f"the free antenna sags as if {words}, and not as noted")
 
 
-def _refitted(free: BundleAdjustment, gravity_m_s2: np.ndarray) -> tuple[float, float]:
+def _refitted(free: BundleAdjustment, gravity_m_s2: np.ndarray, start: np.ndarray) -> tuple[float, float]:
     """χ² and scatter of the points, over claimed deviations, with all solved again under a gravity (F, 3)."""
     problem = free.problem
     observations = [
@@ -216,7 +215,7 @@ def _refitted(free: BundleAdjustment, gravity_m_s2: np.ndarray) -> tuple[float, 
     ]
     kept = np.ones(len(observations), bool)
     problem = replace(problem, observations=observations, noise_scale=1.0, kept=kept)
-    now = problem.linearised(problem.begin)
+    now = problem.linearised(start)
     for _ in range(_STEPS):
         # without robust weights: far from the antenna nearly all points would count as outliers
         scale = np.linalg.norm(now.jacobian, axis=0)

@@ -16,10 +16,13 @@ import numpy as np
 from vbaa_calib.antenna.shape import Curves
 from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment
 from vbaa_calib.calibrate.antenna.inputs import Observation
-from vbaa_calib.calibrate.antenna.problem import ANTENNA
+from vbaa_calib.calibrate.antenna.problem import ANTENNA, LensLost
 from vbaa_calib.core.errors import Diagnosis
+from vbaa_calib.core.robust import chi_square_p
 from vbaa_calib.rig.reprojection import image_curves, see, whitened_residuals
-from vbaa_calib.session import Load, NominalAntenna
+from vbaa_calib.session import Load, LoadReadings, NominalAntenna
+
+from .explanations import picture_scatter
 
 _G = 9.80665
 _UNITS = (
@@ -68,6 +71,9 @@ _SAME_VALUE = 0.03
 """Entries that differ by less are the same number, by whatever slip: a kilogram is 9.81 N, a lost digit is 10."""
 _SHOWN_STD = 5.0
 """Least deflection, in deviations of single points, that tells entries apart."""
+_CHANCE, _CURVE = 1e-5, 3
+"""Chance of a false alarm among all rows of a session; degree of the curve, along a line, that contradicts a row."""
+_READING_STD = (7e-4, 7e-3)
 _AGREE = 0.1
 """Logarithm within which loads agree on EI."""
 _MOST_BENT = 6.0
@@ -219,8 +225,11 @@ def wrong_rows(free: BundleAdjustment, observations: Sequence[Observation], leng
     centre, reach = _reference(free, loaded)
     rows = []
     for index, (one, load) in enumerate(loaded):
-        noted = _fit(free, one, [load], centre, reach).misfit[0]
+        fit = _fit(free, one, [load], centre, reach)
+        noted = fit.misfit[0]
         if noted <= _CONTRADICTS:
+            continue
+        if np.isfinite(noted) and _chance(free, one, load, fit.log_stiffness[0], reach) * len(loaded) > _CHANCE:
             continue
         entries = _other_entries(load, length_m)
         others = _fit(free, one, [entry.load for entry in entries], centre, reach)
@@ -334,6 +343,47 @@ def _fit(free: BundleAdjustment, one: Observation, loads: Sequence[Load], centre
     distances[1:][~possible] = np.inf
     misfit = (distances[1:] / max(distances[0], problem.noise_scale)).reshape(len(loads), len(steps))
     return _Fit(misfit.min(axis=1), steps[misfit.argmin(axis=1)], distances[0] / problem.noise_scale)
+
+
+def reading_std(readings: LoadReadings) -> tuple[float, float]:
+    """Deviations of places (m) and weights (relative) of loads: as stated, at least a little more than usual."""
+    distance_std_m, force_std = _READING_STD
+    return max(distance_std_m, readings.distance_std_m), max(force_std, readings.force_std_relative)
+
+
+def _chance(free: BundleAdjustment, one: Observation, load: Load, log_stiffness: float, reach: float) -> float:
+    """Of points so far off a load that is right, by a smooth curve: their noise, and what the free antenna's pictures
+    leave open of the rig, the row's readings and EI, may have brought them there.
+
+    log_stiffness : the best one within `reach`, less the free antenna's; known to the step in which it was looked for.
+    """
+    softer = float(np.exp(-log_stiffness))
+    load = replace(load, force_y_N=load.force_y_N * softer, force_z_N=load.force_z_N * softer)
+    parameters, prior = free.solution.parameters, free.problem.prior
+    try:
+        problem = free.problem.over([replace(one, still=load)]).relinearised(parameters)
+    except LensLost:
+        return 1.0
+    ((residuals, slopes),), (by_load,) = problem.by_still(parameters), problem.whitened_by_load(parameters)
+    residuals, slopes, by_load = residuals[:-1], slopes[:-1], by_load[:-1]
+    # EI counts by what it makes of the load: with the free antenna's own sag it is known as the pictures know it
+    slopes[:, ANTENNA.start + 6] += by_load[:, 1]
+    lens = problem.lens
+    slopes[:, lens] = slopes[:, lens] @ np.linalg.inv(prior.lens_axes)
+    distance_std_m, force_std = reading_std(prior.readings)
+    by_load *= distance_std_m, np.hypot(force_std, min(reach, _STEP))
+    rig = slopes @ np.linalg.cholesky(free.covariance)
+    curves = np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, len(residuals)), _CURVE)
+    nuisance = np.hstack([rig, by_load, problem.line_modes(0)])
+    scale = max(picture_scatter([one]) / problem.noise_scale, 1.0)
+    nuisance, curves, residuals = nuisance / scale, curves, residuals / scale
+    # generalised least squares of the curve: by Woodbury's identity
+    inner = np.linalg.inv(np.eye(nuisance.shape[1]) + nuisance.T @ nuisance)
+    both = np.column_stack([curves, residuals])
+    crossed = nuisance.T @ both
+    products = both.T @ both - crossed.T @ inner @ crossed
+    score = products[:-1, -1]
+    return chi_square_p(float(score @ np.linalg.solve(products[:-1, :-1], score)), _CURVE + 1)
 
 
 def _reference(free: BundleAdjustment, loaded: Sequence[tuple[Observation, Load]]) -> tuple[float, float]:

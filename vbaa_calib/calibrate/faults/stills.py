@@ -16,10 +16,17 @@ from vbaa_calib.session import Load, Session
 
 from .explanations import SENSOR_OFF, StillRows, fits, picture_scatter, solve_free, worst_still
 from .hardware import bow_diagnosis, gravity_diagnosis, sensor_diagnoses, soft_clamp, step_diagnosis
-from .loads import Row, all_by_commonest, corrected, row_diagnoses, typed_load_diagnoses, unexplained, wrong_rows
+from .loads import (
+    Row,
+    all_by_commonest,
+    corrected,
+    reading_std,
+    row_diagnoses,
+    typed_load_diagnoses,
+    unexplained,
+    wrong_rows,
+)
 
-_DISTANCE_STD_M, _FORCE_STD = 7e-4, 7e-3
-"""Assumed of places and weights of loads: a little more than usual."""
 _CONTRADICTS = 5.0
 """Scatter of the points, over their pictures' own, beyond which the stills contradict each other."""
 _ONE_CONTRADICTS = 20.0
@@ -42,7 +49,7 @@ def still_diagnoses(session: Session, kinematics: Kinematics, joint: BundleAdjus
 
 
 def _diagnoses(session: Session, kinematics: Kinematics, joint: BundleAdjustment) -> list[Diagnosis]:
-    problem, own = joint.problem, picture_scatter(joint.noted)
+    problem, own = joint.problem, picture_scatter(joint.noted, joint.problem.prior.line_px)
     try:
         free: BundleAdjustment | None = solve_free(joint.noted, problem.prior, problem.length_m, problem.moment_std_Nm)
     except SolveError:
@@ -92,12 +99,12 @@ def _moved(
     session: Session, kinematics: Kinematics, joint: BundleAdjustment, free: BundleAdjustment | None, own: float
 ) -> list[Diagnosis]:
     """Gravity, what moved between stills, or else bow and clamp."""
-    linear = StillRows.of(joint)
+    linear, problem = StillRows.of(joint), joint.problem
     if free is not None:
-        linear = linear.with_readings(_DISTANCE_STD_M, _FORCE_STD, min(free.noise_scale, joint.noise_scale))
+        linear = linear.with_readings(*reading_std(problem.prior.readings), min(free.noise_scale, joint.noise_scale))
     if not fits(joint.noise_scale, own):
-        problem = replace(joint.problem, moment_std_Nm=SENSOR_OFF * joint.problem.moment_std_Nm)
-        gravity = gravity_diagnosis(replace(joint, problem=problem), kinematics, session.gravity_world_m_s2, own)
+        without_sensor = replace(problem, moment_std_Nm=SENSOR_OFF * problem.moment_std_Nm)
+        gravity = gravity_diagnosis(replace(joint, problem=without_sensor), kinematics, session.gravity_world_m_s2, own)
         if gravity is not None:
             return [gravity]
     moved = step_diagnosis(joint, linear.without_sensor(), own)
@@ -167,7 +174,8 @@ def _failure_causes(
         free = solve_free(observations, before, length, std)
     except SolveError:
         return found
-    gravity = gravity_diagnosis(free, kinematics, session.gravity_world_m_s2, picture_scatter(observations))
+    own = picture_scatter(observations, before.line_px)
+    gravity = gravity_diagnosis(free, kinematics, session.gravity_world_m_s2, own)
     if gravity is not None:
         return [gravity]
     rows = wrong_rows(free, observations, length)

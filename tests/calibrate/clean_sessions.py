@@ -1,0 +1,189 @@
+"""Sessions without a fault, of rigs, loads and noise drawn widely: whatever is said of them is a false alarm.
+
+The camera looks from straight above plane C or leans to any side; loads pull in every direction, along the line of
+sight among them, are tiny or large, hang at the tip, or twice; readings, light and sensor are off as session.yaml says.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from vbaa_calib.antenna.rod import solve_rod
+from vbaa_calib.calibrate.antenna.inputs import Observation, Prior, reading_keys
+from vbaa_calib.calibrate.antenna.residual_checks import check
+from vbaa_calib.calibrate.antenna.session_rig import make_rig, prior, solve_antenna
+from vbaa_calib.calibrate.check.antenna import check_antenna, check_stills
+from vbaa_calib.calibrate.faults.stills import still_diagnoses
+from vbaa_calib.calibrate.pose.fusion import PoseEstimate
+from vbaa_calib.calibrate.report import antenna_doubts, prior_doubts, sensor_doubts, still_doubts
+from vbaa_calib.camera import Camera
+from vbaa_calib.geometry import Kinematics
+from vbaa_calib.rig import MomentSensor, Rig
+from vbaa_calib.session import DRIFTS, Load, LoadReadings, Session, Still
+
+from ..rod_scenes import BROWN, LENGTH_M, MATRIX, STIFFNESS_NM2, TIP_PX, World, along, camera_pose, seen
+from .checked_rigs import LENS_STD
+from .still_faults import NOMINAL, session
+
+_SIZE = (960, 720)
+_RULER = LoadReadings(5e-4, 5e-3)
+
+
+@dataclass(frozen=True, eq=False)
+class CleanSession:
+    """A session, what was seen of its stills, and what was known before; the rig as it is.
+
+    line_px : what moves the line of each picture. light_px : (3,) and that of all pictures alike.
+    tip_m : how far beyond the antenna's length its visible end lies.
+    """
+
+    session: Session
+    observations: Sequence[Observation]
+    before: Prior
+    world: World
+    sigma_px: float
+    line_px: float
+    light_px: np.ndarray
+    tip_m: float
+
+
+def clean_session(seed: int) -> CleanSession:
+    """One draw; the same seed gives the same."""
+    rng = np.random.default_rng((20, seed))
+    upright = rng.uniform() < 0.4
+    view = camera_pose(0.0 if upright else rng.uniform(0.0, 1.0), rng.uniform(0, 2 * np.pi), rng.uniform(0.32, 0.5))
+    world = _careful_world(World(view), rng)
+    line_px = float(rng.choice([0.0, 0.003, 0.01, 0.03]))
+    told = replace(
+        session(),
+        load_readings=_RULER,
+        moment_std_Nm=world.sensor.std_Nm,
+        drift=replace(DRIFTS["lab"], line_px=line_px),
+    )
+    stills = [*_free(rng, int(rng.integers(2, 7))), *_loads(rng, view.rotation[:, 2], int(rng.integers(2, 13)))]
+    before, sigma_px, light_px = _before(world, rng, line_px), rng.uniform(0.03, 0.15), 0.015 * rng.normal(size=3)
+    drawn = CleanSession(
+        told, (), before, world, sigma_px, line_px, light_px, (NOMINAL.tip_std_m or 0.0) * rng.normal()
+    )
+    return replace(drawn, observations=_observed(drawn, stills, rng))
+
+
+def _careful_world(world: World, rng: np.random.Generator) -> World:
+    """A rig as the priors expect it, its sensor far less exact than they do."""
+    std = np.array([1.5e-3] * 2 + [0.035] * 2 + [0.3] * 2 + [0.04, 0.03, 5e-4])
+    parameters = world.parameters.copy()
+    parameters[:6] = 0.0
+    parameters += rng.choice([0.3, 1.0]) * std * rng.normal(size=9)
+    sensor = MomentSensor(1 + 0.05 * rng.normal(), 5e-4 * rng.normal(), float(rng.choice([1e-5, 2e-5, 1e-4])))
+    return World(world.T_antenna_camera, parameters, sensor)
+
+
+def _free(rng: np.random.Generator, count: int) -> list[Still]:
+    tilts = np.append(0.0, rng.uniform(-0.6, 0.6, count - 1))
+    return [Still(Path(f"noload_{i:03d}.png"), rng.uniform(-1, 1), t, 0.0) for i, t in enumerate(tilts.tolist())]
+
+
+def _loads(rng: np.random.Generator, sight: np.ndarray, count: int) -> list[Load]:
+    """Over pulleys to all sides, along the axes, along the camera's line of sight, or hanging straight down."""
+    found: list[Load] = []
+    along_sight = float(np.arctan2(sight[2], sight[1]))
+    for index in range(count):
+        if found and rng.uniform() < 0.15:
+            # hung once more, or the other way
+            y, z = np.array([found[-1].force_y_N, found[-1].force_z_N]) * rng.choice([-1.0, 1.0])
+            found.append(
+                replace(found[-1], image=Path(f"loads_{index:03d}.png"), force_y_N=float(y), force_z_N=float(z))
+            )
+            continue
+        kind = rng.integers(4)
+        turn = [rng.uniform(0, 2 * np.pi), rng.integers(4) * np.pi / 2, along_sight, -np.pi / 2][kind]
+        tilt = 0.0 if kind == 3 else float(rng.choice([0.0, rng.uniform(-0.6, 0.6)]))
+        distance = LENGTH_M if rng.uniform() < 0.1 else round(rng.uniform(0.04, LENGTH_M), 3)
+        slope = np.exp(rng.uniform(np.log(0.004), np.log(0.35)))
+        force = float(f"{2 * STIFFNESS_NM2 * slope / distance**2:.2g}")
+        y, z = force * np.cos(turn), force * np.sin(turn)
+        pan = rng.uniform(-1, 1)
+        found.append(Load(Path(f"loads_{index:03d}.png"), pan, tilt, 0.0, distance, float(y), float(z)))
+    return found
+
+
+def _before(world: World, rng: np.random.Generator, line_px: float) -> Prior:
+    """A lens and a pose of the camera as the board's pictures may have given them."""
+    std = float(rng.choice([0.2, 1.0])) * np.array([3e-4] * 3 + [2e-4] * 3)
+    start = world.T_antenna_camera.retract(std * rng.normal(size=6))
+    matrix, distortion, covariance = MATRIX.copy(), BROWN, None
+    if rng.uniform() < 0.6:
+        off = LENS_STD[:8] * rng.normal(size=8)
+        matrix[[0, 1, 0, 1], [0, 1, 2, 2]] += off[:4]
+        distortion, covariance = BROWN + off[4:], np.diag(LENS_STD[:8] ** 2)
+    camera = Camera("opencv", _SIZE, matrix, distortion, covariance)
+    estimate = PoseEstimate("jig", start, np.diag(std**2), np.zeros((6, 8)))
+    return prior(NOMINAL, camera, [estimate], readings=_RULER, line_px=line_px)
+
+
+def _observed(drawn: CleanSession, stills: Sequence[Still], rng: np.random.Generator) -> list[Observation]:
+    """What camera and sensor see of the stills, by the static rod."""
+    world, gravity = drawn.world, drawn.session.gravity_antenna(stills)
+    contact, force, errors = np.full(len(stills), 0.1), np.zeros((len(stills), 3)), dict[tuple[str, str], float]()
+    for index, still in enumerate(stills):
+        if isinstance(still, Load):
+            off = [errors.setdefault(key, rng.normal()) for key in reading_keys(still)]
+            contact[index] = min(still.distance_m + _RULER.distance_std_m * off[0], LENGTH_M)
+            weight = np.exp(_RULER.force_std_relative * off[1])
+            force[index] = weight * np.array([0.0, still.force_y_N, still.force_z_N])
+    give, stiffness = world.parameters[8], np.exp(world.parameters[6])
+    # the clamp gives way to the moment: the rod and its loads as one, turned
+    bent = solve_rod(world.rod, gravity, contact, force)
+    held = Rotation.from_rotvec(give / stiffness * bent.clamp_moment_Nm * [0.0, 1.0, 1.0])
+    bent = solve_rod(world.rod, held.inv().apply(gravity), contact, held.inv().apply(force))
+    clamp = np.append(0.0, world.parameters[:2])
+    s, sensor, found = np.linspace(0.01, 1.0, int(rng.integers(80, 400))) * LENGTH_M, world.sensor, []
+    for index, still in enumerate(stills):
+        pixels = seen(world.T_antenna_camera, clamp + held[index].apply(along(bent, s, index) - clamp))
+        off_px = drawn.light_px + drawn.line_px * rng.normal(size=3)
+        line = np.polynomial.legendre.legval(np.linspace(-1, 1, len(s)), off_px)
+        way = np.gradient(pixels, axis=0)
+        onward = way / np.linalg.norm(way, axis=1)[:, None]
+        across = np.column_stack([-onward[:, 1], onward[:, 0]])
+        px_per_m = np.linalg.norm(way[-1]) / (s[-1] - s[-2])
+        tip = pixels[-1] + drawn.tip_m * px_per_m * onward[-1] + rng.normal(0.0, TIP_PX, 2)
+        pixels = pixels + line[:, None] * across + rng.normal(0.0, drawn.sigma_px, pixels.shape)
+        inside = ((pixels > 1) & (pixels < np.array(_SIZE) - 2)).all(axis=1)
+        seen_tip = {"tip_px": tip, "tip_std_px": TIP_PX} if inside[-1] else {}
+        moment = -held[index].apply(bent.clamp_moment_Nm[index])[1]
+        read = sensor.gain * moment + sensor.offset_Nm + rng.normal(0.0, sensor.std_Nm)
+        noted = replace(still, moment_Nm=float(read))
+        found.append(
+            Observation(noted, pixels[inside], np.full(inside.sum(), drawn.sigma_px), gravity[index], **seen_tip)
+        )
+    return found
+
+
+def again(drawn: CleanSession, seed: int) -> list[Observation]:
+    """The same rig a month later, unchanged: new stills, noise and readings."""
+    rng = np.random.default_rng((21, seed))
+    sight = drawn.world.T_antenna_camera.rotation[:, 2]
+    return _observed(drawn, [*_free(rng, 3), *_loads(rng, sight, 6)], rng)
+
+
+def said(drawn: CleanSession) -> tuple[list[str], Rig]:
+    """What `vbaa calibrate` says of the stills, its diagnoses first, and the rig."""
+    joint = solve_antenna(drawn.session, drawn.observations, drawn.before)
+    rig, checks = make_rig(drawn.session, Kinematics(), joint, drawn.observations), check(joint)
+    diagnoses = still_diagnoses(drawn.session, Kinematics(), joint)
+    names = {one.name for one in diagnoses}
+    found = [f"{one.name}: {one}" for one in diagnoses]
+    found += prior_doubts(joint, names) + still_doubts(joint, [one.still for one in joint.noted])
+    found += antenna_doubts(NOMINAL, rig, checks) + sensor_doubts(drawn.session, rig, checks)
+    return found, rig
+
+
+def checked(rig: Rig, observations: Sequence[Observation], readings: LoadReadings = _RULER) -> list[str]:
+    """What `vbaa check` answers to stills of an unchanged rig, where it is not "holds"."""
+    answers = check_antenna(rig, check_stills(rig, observations, readings), camera_known=True).findings
+    return [f"{one.name}: {one.level}, {one.words}" for one in answers if one.is_bad]

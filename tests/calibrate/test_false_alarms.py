@@ -1,0 +1,27 @@
+"""What is said of sessions without a fault: nothing. docs/check.md has the counts that the slow test prints."""
+
+from __future__ import annotations
+
+import pytest
+
+from .clean_sessions import again, checked, clean_session, said
+
+
+def alarms(seed: int) -> list[str]:
+    """What `vbaa calibrate` doubts, and `vbaa check` does not find to hold, with this session and a new one."""
+    drawn = clean_session(seed)
+    found, rig = said(drawn)
+    return [*found, *checked(rig, again(drawn, seed)), *checked(rig, drawn.observations)]
+
+
+@pytest.mark.parametrize("seed", [3, 10, 38])
+def test_a_clean_session_raises_no_alarm(seed: int) -> None:
+    """Rows along the line of sight, a line that light moves, and a clamp whose turn does not show."""
+    assert alarms(seed) == []
+
+
+@pytest.mark.slow
+def test_two_hundred_clean_sessions_raise_no_alarm() -> None:
+    found = {seed: lines for seed in range(200) if (lines := alarms(seed))}
+    print(f"{len(found)} of 200 clean sessions with an alarm")
+    assert found == {}
