@@ -20,7 +20,7 @@ from vbaa_calib.calibrate.antenna.inputs import Observation, Prior
 from vbaa_calib.core.errors import SolveError
 from vbaa_calib.core.least_squares import Linearised
 from vbaa_calib.core.robust import chi_square, huber_weights, mad_std
-from vbaa_calib.session import Load
+from vbaa_calib.session import Load, LoadReadings
 
 SENSOR_OFF = 1e6
 """Factor on the moment sensor's noise that leaves it out of a solve."""
@@ -28,6 +28,7 @@ _DEGREE = 7
 """Of the smooth curve that any bent antenna is in the picture."""
 _LINE = float(np.sqrt(RUN * (1 + 1 / 3 + 1 / 5)))
 """By which a line's common offset, slope and curvature, of deviation 1, count in `noise_scale`."""
+_READING_STD = (7e-4, 7e-3)
 _FITS = 1.5
 """An explanation fits that leaves at most this multiple of the pictures' own scatter."""
 _ROUNDS, _UNWEIGHTED_ROUNDS, _CONVERGED = 10, 4, 0.02
@@ -156,14 +157,14 @@ class StillRows:
         solution = replace(solution, residuals=whole[:, 0], jacobian=whole[:, 1:])
         return StillRows(joint, solution, points, moments, factor, np.zeros((len(whole), 0)))
 
-    def with_readings(self, distance_std_m: float, force_std: float, noise_scale: float) -> StillRows:
+    def with_readings(self, noise_scale: float) -> StillRows:
         """The same with uncertain places and (relative) forces; noise_scale : of the points' deviations."""
         factor = self.factor.copy()
         factor[: self.points[-1].stop] *= self.joint.noise_scale / noise_scale
-        loads = self.by_load()
+        loads, std = self.by_load(), reading_std(self.joint.problem.prior.readings)
         readings = np.zeros((len(factor), 2 * len(loads)))
         for column, (index, slopes) in enumerate(loads.items()):
-            readings[self.of_stills([index]), 2 * column : 2 * column + 2] = slopes * (distance_std_m, force_std)
+            readings[self.of_stills([index]), 2 * column : 2 * column + 2] = slopes * std
         return replace(self, factor=factor, readings=readings)
 
     def without_sensor(self) -> StillRows:
@@ -228,6 +229,12 @@ class StillRows:
         some = [i for i, one in observations if isinstance(one.still, Load) and self.moments[i] >= 0]
         problem = self.joint.problem
         return {i: np.vstack([problem.without_line(i, slopes[i][:-1]), slopes[i][-1:]]) for i in some}
+
+
+def reading_std(readings: LoadReadings) -> tuple[float, float]:
+    """Deviations of places (m) and weights (relative) of loads: as stated, at least a little more than usual."""
+    distance_std_m, force_std = _READING_STD
+    return max(distance_std_m, readings.distance_std_m), max(force_std, readings.force_std_relative)
 
 
 class Further(NamedTuple):

@@ -20,9 +20,9 @@ from vbaa_calib.calibrate.antenna.problem import ANTENNA, LensLost
 from vbaa_calib.core.errors import Diagnosis
 from vbaa_calib.core.robust import chi_square_p
 from vbaa_calib.rig.reprojection import image_curves, see, whitened_residuals
-from vbaa_calib.session import Load, LoadReadings, NominalAntenna
+from vbaa_calib.session import Load, NominalAntenna
 
-from .explanations import picture_scatter
+from .explanations import picture_scatter, reading_std
 
 _G = 9.80665
 _UNITS = (
@@ -73,7 +73,6 @@ _SHOWN_STD = 5.0
 """Least deflection, in deviations of single points, that tells entries apart."""
 _CHANCE, _CURVE = 1e-5, 3
 """Chance of a false alarm among all rows of a session; degree of the curve, along a line, that contradicts a row."""
-_READING_STD = (7e-4, 7e-3)
 _AGREE = 0.1
 """Logarithm within which loads agree on EI."""
 _MOST_BENT = 6.0
@@ -343,12 +342,6 @@ def _fit(free: BundleAdjustment, one: Observation, loads: Sequence[Load], centre
     distances[1:][~possible] = np.inf
     misfit = (distances[1:] / max(distances[0], problem.noise_scale)).reshape(len(loads), len(steps))
     return _Fit(misfit.min(axis=1), steps[misfit.argmin(axis=1)], distances[0] / problem.noise_scale)
-
-
-def reading_std(readings: LoadReadings) -> tuple[float, float]:
-    """Deviations of places (m) and weights (relative) of loads: as stated, at least a little more than usual."""
-    distance_std_m, force_std = _READING_STD
-    return max(distance_std_m, readings.distance_std_m), max(force_std, readings.force_std_relative)
 
 
 def _chance(free: BundleAdjustment, one: Observation, load: Load, log_stiffness: float, reach: float) -> float:

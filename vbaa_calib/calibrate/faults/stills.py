@@ -101,7 +101,7 @@ def _moved(
     """Gravity, what moved between stills, or else bow and clamp."""
     linear, problem = StillRows.of(joint), joint.problem
     if free is not None:
-        linear = linear.with_readings(*reading_std(problem.prior.readings), min(free.noise_scale, joint.noise_scale))
+        linear = linear.with_readings(min(free.noise_scale, joint.noise_scale))
     if not fits(joint.noise_scale, own):
         without_sensor = replace(problem, moment_std_Nm=SENSOR_OFF * problem.moment_std_Nm)
         gravity = gravity_diagnosis(replace(joint, problem=without_sensor), kinematics, session.gravity_world_m_s2, own)
