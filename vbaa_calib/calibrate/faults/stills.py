@@ -20,7 +20,6 @@ from .loads import (
     Row,
     all_by_commonest,
     corrected,
-    reading_std,
     row_diagnoses,
     typed_load_diagnoses,
     unexplained,
