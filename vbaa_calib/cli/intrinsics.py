@@ -1,4 +1,4 @@
-"""`vbaa intrinsics IMAGES --board board.yaml -o camera.json`."""
+"""`vbaa intrinsics IMAGES --board board.yaml -o camera.json`, all but its page."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from vbaa_calib.core.files import refuse_overwrite, write_json
 if TYPE_CHECKING:
     from targets.board import Board
     from vbaa_calib.calibrate.lens.intrinsics import LensSolution
+    from vbaa_calib.detect.board.corners import BoardView
 
 MODELS = ("auto", "none", "radial", "opencv4", "opencv5", "rational", "thin", "tilted", "fisheye")
 
@@ -91,8 +92,11 @@ def _board(args: argparse.Namespace) -> Board:
     return board_from(given, _VERB)
 
 
-def run(args: argparse.Namespace) -> dict[str, Any]:
-    """Detect, solve, write camera.json. Returns its numbers; the exit code is 1 where the lens must not be used."""
+def solve(args: argparse.Namespace) -> tuple[dict[str, Any], LensSolution, list[BoardView], Any]:
+    """Detect, solve, write camera.json. Returns its numbers, and what they rest on.
+
+    The exit code is 1 where the lens must not be used.
+    """
     from vbaa_calib.calibrate.faults.views import judge_views
     from vbaa_calib.calibrate.lens.intrinsics import solve_intrinsics
     from vbaa_calib.calibrate.report import camera_document
@@ -111,7 +115,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     write_json(args.output, document, args.force)
     _report(solution)
     say(f"wrote {args.output}")
-    return {"output": str(args.output), **document, "exit_code": solution.verdict.exit_code}
+    return {"output": str(args.output), **document, "exit_code": solution.verdict.exit_code}, solution, views, spec
 
 
 def _report(solution: LensSolution) -> None:

@@ -24,7 +24,7 @@ VERBS = {
         "a print-exact ChArUco sheet: vector PDF with rulers, SVG, or PNG for a screen",
     ),
     "wizard": ("viz.cli.wizard", "guided, resumable calibration: from a printed board to a trusted rig"),
-    "intrinsics": ("vbaa_calib.cli.intrinsics", "lens from photos of a ChArUco board"),
+    "intrinsics": ("viz.cli.intrinsics", "lens from photos of a ChArUco board"),
     "calibrate": ("vbaa_calib.cli.calibrate", "a session to rig.json: lens, plane C, antenna, sensors"),
     "handeye": ("vbaa_calib.cli.handeye", "camera and antenna on a robot's arm: its poses and views of the board"),
     "stiffness": ("vbaa_calib.cli.stiffness", "EI from a table of measured deflections, no camera needed"),

@@ -172,7 +172,9 @@ def views_rms(boards: Sequence[Mapping[str, Any]], expected_px: float | None) ->
     axes.barh(range(len(names)), rms, 0.6, color=colours)
     axes.set_yticks(range(len(names)), names, size=11.5)
     axes.grid(axis="y", visible=False)
-    entries = [(TEAL, "intrinsics", "dot"), (AMBER, "jig", "dot")]
+    folders = {view["folder"] for view in shown}
+    kinds = (("intrinsics", TEAL, "intrinsics"), ("plane", AMBER, "jig")) if len(folders) > 1 else ()
+    entries = [(colour, words, "dot") for _, colour, words in kinds]
     if expected_px:
         axes.axvline(expected_px, color=INK, lw=1, ls=(0, (5, 3)))
         entries.append((INK, "expected", "dashes"))

@@ -25,7 +25,7 @@ _LOADS = (
     ("moment_read_mNm", "read", 3),
     ("look_at", "look at", None),
 )
-_LENSES = (
+LENSES = (
     ("model", "lens", None),
     ("free_parameters", "free numbers", 0),
     ("rms_px", "rms, px", 4),
@@ -40,7 +40,7 @@ _STILLS = (
     ("moment_residual_uNm", "moment residual, µN·m", 1),
     ("kept", "used", None),
 )
-_DROPPED = (("name", "picture", None), ("reason", "why it was not used", None))
+DROPPED = (("name", "picture", None), ("reason", "why it was not used", None))
 """Keys of rows of check.json and rig.json, their headings and decimals."""
 
 
@@ -103,7 +103,7 @@ def _session(session: Mapping[str, Any], numbers: Mapping[str, Any]) -> dict[str
         motion = Table(head, rows, head[:1])
     return {
         "boards": [svg(drawn) for drawn in over_boards],
-        "dropped_boards": records(session["boards_dropped"], _DROPPED, 2),
+        "dropped_boards": records(session["boards_dropped"], DROPPED, 2),
         "motion": motion,
         "antenna": [svg(drawn) for drawn in antenna],
         "loads": records([row | {"number": index + 1} for index, row in enumerate(loads)], _LOADS),
@@ -164,9 +164,9 @@ def _quality(quality: Mapping[str, Any]) -> dict[str, Any]:
         ]
     return {
         "lens_verdict": verdict if isinstance(verdict, str) else "",
-        "lens_models": records(at(quality, "lens", "model_comparison"), _LENSES),
+        "lens_models": records(at(quality, "lens", "model_comparison"), LENSES),
         "nothing_dropped": dropped == [],
-        "dropped": records(dropped, _DROPPED, 2),
+        "dropped": records(dropped, DROPPED, 2),
         "plane": listing(at(quality, "plane")),
         "stills": records(stills, _STILLS),
         "checks": listing(at(quality, "checks")),

@@ -98,10 +98,10 @@ def _scene_from_file(path: Path) -> Picture:
     image = cv2.imread(str(path))
     if image is None:
         raise InputError("is not a picture", where=path, remedy="give the PNG that vbaa view --screenshot wrote")
-    return Picture(_packed(image), _CAPTION)
+    return Picture(packed(image), _CAPTION)
 
 
-def _packed(image: np.ndarray) -> bytes:
+def packed(image: np.ndarray) -> bytes:
     """(H, W, 3) uint8, blue, green, red, as a JPEG that is not wider than a page needs."""
     scale = _WIDEST_PX / image.shape[1]
     if scale < 1.0:
@@ -162,7 +162,7 @@ def _seen_picture(table: ContactTable, rig: Rig, session: Path, background: Path
     except VbaaError as error:
         return Picture(b"", f"No picture of the recording: {error}")
     return Picture(
-        _packed(image),
+        packed(image),
         f"Frame {frame.frame}, the one of the greatest force, with what was seen of the antenna, the fitted shape, the "
         "contact and the force; `vbaa estimate --overlay` draws every frame so.",
     )

@@ -43,14 +43,18 @@ class Verdict:
         return self.grade == "trusted"
 
     @property
-    def words(self) -> str:
-        """What the grade means, in a sentence, and the reasons."""
-        headline = {
+    def headline(self) -> str:
+        """What the grade means, in a sentence."""
+        return {
             "trusted": "This lens can be trusted.",
             "look at": "Look at the warnings before you trust this lens.",
             "do not use": f"Do not use this lens yet: {self.diagnoses[0].words if self.diagnoses else ''}.",
-        }
-        return " ".join([headline[self.grade], *self.reasons])
+        }[self.grade]
+
+    @property
+    def words(self) -> str:
+        """The headline and the reasons."""
+        return " ".join([self.headline, *self.reasons])
 
     @property
     def exit_code(self) -> int:

@@ -1,0 +1,74 @@
+"""The page of `vbaa intrinsics`: whole, standalone, with the verdict of the file; and what it shows is so."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from vbaa_calib.calibrate.lens.models import LENS_MODELS, PROJECTIONS, camera_of
+from vbaa_calib.cli.main import main
+from viz.report.lens import _maps, _straightened
+
+from ..small_scene import small_rig
+
+WIDE = np.array([420.0, 424.0, 322.0, 236.0, 0.02, -0.01, 0.004, -0.001])
+BARREL = np.array([460.0, 458.0, 318.0, 243.0, -0.28, 0.09, 7e-4, -5e-4])
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, dict]:
+    """The page, and camera.json."""
+    folder, session = tmp_path_factory.mktemp("lens"), small_rig() / "session"
+    out, html = folder / "camera.json", folder / "camera.html"
+    call = ["intrinsics", str(session / "intrinsics"), "--board", str(session / "session.yaml"), "-o", str(out)]
+    assert main([*call, "--html", str(folder / "camera.txt")]) == 2
+    assert not out.exists()
+    main([*call, "--html", str(html), "--model", "opencv4"])
+    return html.read_text(), json.loads(out.read_text())
+
+
+def test_the_page_stands_alone_and_says_what_the_file_says(made: tuple[str, dict]) -> None:
+    text, document = made
+    assert not re.search(r"""(src|href)\s*=\s*["'](https?:)?//|@import|url\((?!#)|<script""", text)
+    assert not re.search(r"\bnan\b|\binf\b|None", re.sub(r"base64,[^\"]*", "", text))
+    head = text.partition("</header>")[0]
+    assert document["verdict"].partition(". ")[0] in head
+    for one in document["diagnoses"]:
+        assert one["words"] in head
+    assert text.count("<svg") == 6
+    assert text.count("data:image/jpeg") == 2
+    for view in document["views"]:
+        assert view["name"] in text
+
+
+@pytest.mark.parametrize(("name", "intrinsics"), [("fisheye", WIDE), ("opencv4", BARREL)])
+def test_the_sample_is_straight(name: str, intrinsics: np.ndarray) -> None:
+    """A straight edge in space, drawn by another route, is straight in it."""
+    model, size = LENS_MODELS[name], (640, 480)
+    camera = camera_of(model, intrinsics, size)
+    image = np.full((size[1], size[0], 3), 255, np.uint8)
+    line = np.array([[x, 0.32 + 0.25 * x, 1.0] for x in np.linspace(-0.6, 0.6, 400)])
+    seen = PROJECTIONS[model.camera_model](line, np.zeros(6), intrinsics)[0]
+    cv2.polylines(image, [np.round(8 * seen).astype(int)], False, (0, 0, 0), 2, cv2.LINE_AA, shift=3)
+    rows, columns = np.nonzero(_straightened(camera, image)[1][..., 0] < 100)
+    bent = np.polyfit(columns, rows, 1, full=True)[1][0] / len(rows)
+    rows, columns = np.nonzero(image[..., 0] < 100)
+    assert np.sqrt(bent) < 1.0 < np.sqrt(np.polyfit(columns, rows, 1, full=True)[1][0] / len(rows))
+
+
+def test_the_map_is_what_moved_lenses_do_to_points_on_a_plane() -> None:
+    """One standard deviation of the focal length alone, a turn of the camera left out: by moving the lens."""
+    camera = camera_of(LENS_MODELS["opencv4"], BARREL, (640, 480))
+    std = np.zeros(8)
+    std[:2] = 1e-3 * BARREL[:2]
+    covariance = np.outer(std, std)
+    plane, _ = _maps(type(camera)(camera.model, camera.image_size, camera.matrix, camera.distortion, covariance), 0.5)
+    row, column = 12, 40
+    pixel = np.array([plane["columns_px"][column], plane["rows_px"][row]])
+    first, second = (one.unproject_normalized(pixel)[0] for one in (camera, camera.moved(std)))
+    assert plane["std"][row, column] == pytest.approx(500.0 * float(np.linalg.norm(second - first)), rel=0.1)

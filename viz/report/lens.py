@@ -1,0 +1,156 @@
+"""The page of `vbaa intrinsics`: the verdict, where the lens was seen and how well it is known, each view, a sample."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from targets.board import BoardSpec, corner_points
+from vbaa_calib.calibrate.faults.views import same_pose
+from vbaa_calib.calibrate.lens.information import BoardFlex, bend
+from vbaa_calib.calibrate.lens.intrinsics import LensSolution
+from vbaa_calib.calibrate.lens.uncertainty import projection_uncertainty
+from vbaa_calib.camera import Camera
+from vbaa_calib.core.images import read_picture
+from vbaa_calib.detect.board.corners import BoardView
+from viz.figures import check as figures
+from viz.figures.drawing import AMBER, RED, TEAL, svg
+from viz.pages.page import Table, fixed, number, records, render, with_std
+
+from .check import DROPPED, LENSES
+from .make import packed
+
+_COLOURS = {"trusted": TEAL, "look at": AMBER, "do not use": RED}
+_GRID = (49, 37)
+_WIDEST = 2.5
+"""Of the undistorted sample, from its axis, over the focal length: 68°; beyond, it is mostly stretched."""
+
+
+def page(
+    solution: LensSolution, views: Sequence[BoardView], spec: BoardSpec, document: Mapping[str, Any], folder: Path
+) -> str:
+    """The page as HTML. views : of all pictures of the `folder`. document : camera.json."""
+    camera, verdict = solution.camera, solution.verdict
+    rows = _residuals(solution, views, spec)
+    distance_m = float(np.median([one.T_camera_board.translation_m[2] for one in solution.views]))
+    of_plane, of_projection = _maps(camera, distance_m)
+    size = camera.image_size
+    drawn = [
+        figures.heat_map(f"at {distance_m:.2g} m, mm", of_plane, size),
+        figures.heat_map("of the projection, px", of_projection, size),
+    ]
+    over = [
+        figures.residual_arrows(rows, size),
+        figures.coverage(rows, size),
+        figures.residuals_by_radius(rows, camera.parameters[2:4].tolist()),
+        figures.views_rms(rows, None),
+    ]
+    coefficients = zip(camera.parameter_names, camera.parameters, document["std"].values(), strict=True)
+    parameters = [
+        [name, with_std(float(value), std), "px" if name in ("fx", "fy", "cx", "cy") else ""]
+        for name, value, std in coefficients
+    ]
+    sample = max(rows, key=lambda row: np.ptp(row["corners_px"], axis=0).prod())["name"]
+    return render(
+        "lens.html.j2",
+        title=str(folder),
+        colour=_COLOURS[verdict.grade],
+        headline=verdict.headline,
+        verdict=verdict,
+        colours={True: RED, False: AMBER},
+        solution=solution,
+        distance_m=distance_m,
+        maps=[svg(axes) for axes in drawn],
+        over=[svg(axes) for axes in over],
+        sample=sample,
+        pictures=[packed(one) for one in _straightened(camera, read_picture(folder / sample))],
+        parameters=Table(("what", "value", "unit"), parameters, ("what",)),
+        views=_views(solution, views, spec),
+        dropped=records(document["dropped"], DROPPED, 2),
+        board=_board(solution.board_flex),
+        board_words=solution.board_flex.reason,
+        models=records(document["model_comparison"], LENSES),
+    )
+
+
+def _residuals(solution: LensSolution, views: Sequence[BoardView], spec: BoardSpec) -> list[dict[str, Any]]:
+    """Corners and what they miss the solution by, view by view, as the figures of boards take them."""
+    seen, points_m = {view.name: view for view in views}, corner_points(spec)
+    if solution.board_flex.used:
+        points_m[:, 2] += bend(spec) @ solution.board_flex.sagittas_m
+    rows = []
+    for used in solution.views:
+        view = seen[used.name]
+        predicted, there = solution.camera.project(used.T_camera_board @ points_m[view.ids])
+        rows.append(
+            {
+                "name": used.name,
+                "folder": "intrinsics",
+                "rms_px": used.rms_px,
+                "corners_px": view.corners_px[there],
+                "residuals_px": (view.corners_px - predicted)[there],
+                "good": ~np.isin(view.ids, used.outlier_ids)[there],
+            }
+        )
+    return rows
+
+
+def _maps(camera: Camera, distance_m: float) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Deviations over the picture, in the worst direction: on a plane across the axis, mm, and in the picture, px."""
+    known = projection_uncertainty(camera, grid=_GRID)
+    _, slopes, seen = camera.normalized_with_slopes(known.pixels)
+    slopes = 1e3 * distance_m * np.where(seen[..., None, None], slopes, np.nan)
+    on_plane = slopes @ known.covariance_px2 @ np.swapaxes(slopes, -1, -2)
+    std_mm = np.full(seen.shape, np.nan)
+    finite = np.isfinite(on_plane).all(axis=(-1, -2))
+    std_mm[finite] = np.sqrt(np.linalg.eigvalsh(on_plane[finite])[:, -1].clip(0.0))
+    place = {"columns_px": known.pixels[0, :, 0], "rows_px": known.pixels[:, 0, 1], "has_ray": seen}
+    return {"unit": "mm", "std": std_mm, **place}, {"unit": "px", "std": known.std_px, **place}
+
+
+def _straightened(camera: Camera, image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The picture, and what a lens without distortion would have shown of it, as wide as it is."""
+    width, height = camera.image_size
+    edge = np.concatenate(
+        [np.column_stack([np.arange(width), np.full(width, row)]) for row in (0, height - 1)]
+        + [np.column_stack([np.full(height, column), np.arange(height)]) for column in (0, width - 1)]
+    )
+    ideal, seen = camera.unproject_normalized(edge.astype(float))
+    ideal = np.clip(np.where(seen[:, None], ideal, _WIDEST * np.sign(edge - camera.matrix[:2, 2])), -_WIDEST, _WIDEST)
+    low, high = ideal.min(axis=0), ideal.max(axis=0)
+    tall = max(round(width * (high[1] - low[1]) / (high[0] - low[0])), 1)
+    x, y = np.meshgrid(np.linspace(low[0], high[0], width), np.linspace(low[1], high[1], tall))
+    pixels, there = camera.project(np.stack([x, y, np.ones_like(x)], axis=-1))
+    u, v = np.moveaxis(np.where(there[..., None], pixels, -1.0).astype(np.float32), -1, 0)
+    return image, cv2.remap(image, u, v, cv2.INTER_LINEAR, borderValue=(255, 255, 255))
+
+
+def _board(flex: BoardFlex) -> Table:
+    """How far the board is bent."""
+    std_m = np.full(2, np.nan) if flex.std_m is None else flex.std_m
+    rows = [
+        [f"bow along {axis}", with_std(value, std, 1e3), "mm"]
+        for axis, value, std in zip("xy", flex.sagittas_m, std_m, strict=True)
+    ]
+    return Table(("what", "value", "unit"), rows, ("what",))
+
+
+def _views(solution: LensSolution, views: Sequence[BoardView], spec: BoardSpec) -> Table:
+    """Each view that was used, with its faults."""
+    seen, rows = {view.name: view for view in views}, []
+    for index, used in enumerate(solution.views):
+        again = same_pose(seen[used.name], [seen[one.name] for one in solution.views[:index]], spec)
+        tilt_deg = np.degrees(np.arccos(np.clip(abs(used.T_camera_board.rotation[2, 2]), 0.0, 1.0)))
+        ids = ", ".join(map(str, used.outlier_ids[:12])) + (" …" if len(used.outlier_ids) > 12 else "")
+        faults = ["its residuals stand out"] if used.outlying else []
+        faults += [f"outlying corners: {ids}"] if used.left_out else []
+        faults += [again.words] if again is not None else []
+        numbers = [str(used.corners), fixed(used.rms_px, 3), fixed(float(tilt_deg), 0)]
+        away = number(float(used.T_camera_board.translation_m[2]), 3)
+        rows.append([used.name, *numbers, away, "; ".join(faults) or "–"])
+    head = ("picture", "corners used", "rms, px", "tilt, °", "away, m", "look at")
+    return Table(head, rows, ("picture", "look at"))
