@@ -9,9 +9,9 @@ from typing import Any
 import cv2
 import numpy as np
 
-from targets.board import BoardSpec, corner_points
+from targets.board import BoardSpec
 from vbaa_calib.calibrate.faults.views import same_pose
-from vbaa_calib.calibrate.lens.information import BoardFlex, bend
+from vbaa_calib.calibrate.lens.board_shape import BoardShape
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution
 from vbaa_calib.calibrate.lens.uncertainty import projection_uncertainty
 from vbaa_calib.camera import Camera
@@ -35,7 +35,7 @@ def page(
 ) -> str:
     """The page as HTML. views : of all pictures of the `folder`. document : camera.json."""
     camera, verdict = solution.camera, solution.verdict
-    rows = _residuals(solution, views, spec)
+    rows = _residuals(solution, views)
     distance_m = float(np.median([one.T_camera_board.translation_m[2] for one in solution.views]))
     of_plane, of_projection = _maps(camera, distance_m)
     size = camera.image_size
@@ -71,17 +71,15 @@ def page(
         parameters=Table(("what", "value", "unit"), parameters, ("what",)),
         views=_views(solution, views, spec),
         dropped=records(document["dropped"], DROPPED, 2),
-        board=_board(solution.board_flex),
-        board_words=solution.board_flex.reason,
+        board=_board(solution.board_shape),
+        board_words=", ".join(solution.board_shape.findings) or "it counts as flat and square",
         models=records(document["model_comparison"], LENSES),
     )
 
 
-def _residuals(solution: LensSolution, views: Sequence[BoardView], spec: BoardSpec) -> list[dict[str, Any]]:
+def _residuals(solution: LensSolution, views: Sequence[BoardView]) -> list[dict[str, Any]]:
     """Corners and what they miss the solution by, view by view, as the figures of boards take them."""
-    seen, points_m = {view.name: view for view in views}, corner_points(spec)
-    if solution.board_flex.used:
-        points_m[:, 2] += bend(spec) @ solution.board_flex.sagittas_m
+    seen, points_m = {view.name: view for view in views}, solution.board_shape.points_m
     rows = []
     for used in solution.views:
         view = seen[used.name]
@@ -129,12 +127,16 @@ def _straightened(camera: Camera, image: np.ndarray) -> tuple[np.ndarray, np.nda
     return image, cv2.remap(image, u, v, cv2.INTER_LINEAR, borderValue=(255, 255, 255))
 
 
-def _board(flex: BoardFlex) -> Table:
-    """How far the board is bent."""
-    std_m = np.full(2, np.nan) if flex.std_m is None else flex.std_m
+_SHAPES = (("bow along x", "mm"), ("bow along y", "mm"), ("twist", "mm"), ("longer along x", "%"), ("shear", "mrad"))
+"""Of the board, in the order of its parameters."""
+
+
+def _board(shape: BoardShape) -> Table:
+    """How the board differs from a flat print with square squares."""
+    scales = {"mm": 1e3, "%": 1e2, "mrad": 1e3}
     rows = [
-        [f"bow along {axis}", with_std(value, std, 1e3), "mm"]
-        for axis, value, std in zip("xy", flex.sagittas_m, std_m, strict=True)
+        [words, with_std(float(value), float(std), scales[unit]), unit]
+        for (words, unit), value, std in zip(_SHAPES, shape.parameters, shape.std, strict=True)
     ]
     return Table(("what", "value", "unit"), rows, ("what",))
 
