@@ -8,6 +8,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+from markupsafe import Markup
 
 from targets.board import BoardSpec
 from vbaa_calib.calibrate.faults.views import same_pose
@@ -72,7 +73,6 @@ def page(
         views=_views(solution, views, spec),
         dropped=records(document["dropped"], DROPPED, 2),
         board=_board(solution.board_shape),
-        board_words=", ".join(solution.board_shape.findings) or "it counts as flat and square",
         models=records(document["model_comparison"], LENSES),
     )
 
@@ -153,6 +153,8 @@ def _views(solution: LensSolution, views: Sequence[BoardView], spec: BoardSpec) 
         faults += [again.words] if again is not None else []
         numbers = [str(used.corners), fixed(used.rms_px, 3), fixed(float(tilt_deg), 0)]
         away = number(float(used.T_camera_board.translation_m[2]), 3)
-        rows.append([used.name, *numbers, away, "; ".join(faults) or "–"])
+        rows.append(
+            [used.name, *numbers, away, Markup('<span class="long">{}</span>').format("; ".join(faults) or "–")]
+        )
     head = ("picture", "corners used", "rms, px", "tilt, °", "away, m", "look at")
     return Table(head, rows, ("picture", "look at"))
