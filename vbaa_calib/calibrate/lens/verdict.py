@@ -14,7 +14,7 @@ from vbaa_calib.core.errors import Diagnosis
 from .board_shape import BoardShape
 from .information import Candidate
 
-Grade = Literal["trusted", "look at", "do not use"]
+_Grade = Literal["trusted", "look at", "do not use"]
 _VAGUE_FOCAL = 0.02
 _COVERED = 0.5
 
@@ -31,7 +31,7 @@ class Verdict:
     reasons: tuple[str, ...]
 
     @property
-    def grade(self) -> Grade:
+    def grade(self) -> _Grade:
         """ "do not use" with a grave diagnosis, "look at" with any other, else "trusted"."""
         if not self.diagnoses:
             return "trusted"
