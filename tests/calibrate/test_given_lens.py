@@ -120,14 +120,11 @@ def test_pictures_that_contradict_a_known_lens_are_heard() -> None:
         (INTRINSICS * [1, 1, 1, 1, 0, 0, 0, 0], "do not use"),
         (INTRINSICS + np.array([0, 0, 12, 0, 0, 0, 0, 0]), "do not use"),
     ]
-    for seed in range(3):
-        views = pictures(40 + seed, np.ones(14))
-        rng = np.random.default_rng(seed)
-        off = rng.normal(size=8) * [1, 1, 1, 1, 1e-3, 3e-3, 1e-4, 1e-4]
-        right = given_solution(known(INTRINSICS + off, 1.0), views, SPEC)
-        assert "given_lens_contradicted" not in {one.name for one in right.verdict.diagnoses}
-        intrinsics, grade = wrong[seed]
-        found = given_solution(known(intrinsics, 0.5), views, SPEC).verdict
+    off = np.random.default_rng(0).normal(size=8) * [1, 1, 1, 1, 1e-3, 3e-3, 1e-4, 1e-4]
+    right = given_solution(known(INTRINSICS + off, 1.0), pictures(40, np.ones(14)), SPEC)
+    assert "given_lens_contradicted" not in {one.name for one in right.verdict.diagnoses}
+    for seed, (intrinsics, grade) in enumerate(wrong):
+        found = given_solution(known(intrinsics, 0.5), pictures(41 + seed, np.ones(10)), SPEC).verdict
         assert "given_lens_contradicted" in {one.name for one in found.diagnoses}
         assert found.grade == grade
 
