@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 
 from targets.board import BoardSpec
@@ -24,7 +23,7 @@ from .faults.views import judge_views
 from .lens.board_shape import BoardShape
 from .lens.intrinsics import LensSolution, solve_intrinsics
 from .lens.models import LENS_MODELS, LensModel, is_monotonic
-from .lens.uncertainty import compensate, pixel_grid, projection_jacobian
+from .lens.uncertainty import compensate, covered_pixels, pixel_grid, projection_jacobian
 from .lens.verdict import Verdict
 
 _FOCAL_STD, _ASPECT_STD, _CENTRE_PER_WIDTH, _CORNER_PER_WIDTH = 0.003, 0.001, 0.0025, 0.0008
@@ -172,10 +171,8 @@ def _contradiction(given: GivenLens, own: LensSolution, views: Sequence[BoardVie
     along the directions in which the two covariances let it vary.
     """
     camera, other = given.camera, own.camera
-    corners = np.concatenate([view.corners_px for view in views]).astype(np.float32)
-    hull = cv2.convexHull(corners)
-    grid = pixel_grid(camera.image_size, _GRID).reshape(-1, 2)
-    pixels = np.array([one for one in grid if cv2.pointPolygonTest(hull, one.tolist(), False) >= 0])
+    corners = np.concatenate([view.corners_px for view in views])
+    pixels = covered_pixels(camera.image_size, corners)
     rays, _ = camera.unproject(pixels)
     moved, seen = other.project(rays)
     pixels, moved = pixels[seen], moved[seen]

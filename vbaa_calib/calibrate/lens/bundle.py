@@ -28,16 +28,18 @@ class Observation:
     """Corners of one view: board points (N, 3) m and their pixels (N, 2).
 
     deformation : (N, 3, 5) how each point moves with the board's shape (`deformations`); None of a rigid thing.
+    weight : of its residuals, as against the others': less than 1 for a view with more noise.
     """
 
     points_m: np.ndarray
     pixels: np.ndarray
     deformation: np.ndarray | None = None
+    weight: float = 1.0
 
     def picked(self, which: np.ndarray) -> Observation:
         """The corners of a mask or of indices."""
         deformation = None if self.deformation is None else self.deformation[which]
-        return Observation(self.points_m[which], self.pixels[which], deformation)
+        return Observation(self.points_m[which], self.pixels[which], deformation, self.weight)
 
 
 def rows(bundle: Bundle, observations: Sequence[Observation]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -154,12 +156,14 @@ def refine(
     start: Bundle, observations: Sequence[Observation], rules: Rules = CONVERGED, robust: bool = False
 ) -> Bundle:
     """Levenberg–Marquardt on the reprojection error; robust : by Cauchy's loss, so gross errors do not pull."""
-    weights = np.ones(sum(len(view.pixels) for view in observations))
+    own = np.repeat([view.weight for view in observations], [len(view.pixels) for view in observations])
+    weights = own**2
     if robust:
-        weights = cauchy_weights(np.linalg.norm(rows(start, observations)[0], axis=1))
+        weights = own**2 * cauchy_weights(own * np.linalg.norm(rows(start, observations)[0], axis=1))
         for _ in range(_REWEIGHTINGS):
             before, system = weights, _descended(start, observations, weights, _FEW_STEPS)
-            start, weights = system.bundle, cauchy_weights(np.linalg.norm(system.residuals_px, axis=1))
+            start = system.bundle
+            weights = own**2 * cauchy_weights(own * np.linalg.norm(system.residuals_px, axis=1))
             if np.abs(weights - before).max() < _CONVERGED_WEIGHTS:
                 break
     system = _descended(start, observations, weights, rules)

@@ -68,6 +68,8 @@ def information(bundle: Bundle, observations: Sequence[Observation]) -> Informat
     if counts.sum() <= bundle.directions.shape[1] + 6 * len(observations):
         return None
     residuals, by_shared, by_pose, bounds = rows(bundle, observations)
+    weights = np.repeat([view.weight for view in observations], np.diff(bounds))[:, None]
+    residuals, by_shared, by_pose = residuals * weights, by_shared * weights[..., None], by_pose * weights[..., None]
     left = without_own(by_shared @ bundle.directions, by_pose, bounds)
     prior, by_shape = bundle.prior_rows()
     jacobian = np.vstack([*left, by_shape @ bundle.directions])
@@ -129,13 +131,14 @@ def solved_squares(bundle: Bundle, observations: Sequence[Observation]) -> np.nd
         unseen = [view for view, out in zip(observations, held, strict=True) if out]
         lens = refine(replace(bundle, poses=bundle.poses[~held]), seen, _NEAR)
         tested = refine(replace(lens.poses_only, poses=bundle.poses[held]), unseen, _NEAR)
-        squares[held] = [np.sum(residual**2) for residual in tested.residuals_px]
+        pairs = zip(unseen, tested.residuals_px, strict=True)
+        squares[held] = [view.weight**2 * np.sum(residual**2) for view, residual in pairs]
     return squares
 
 
 def _rms_over(squares: np.ndarray, observations: Sequence[Observation]) -> float:
-    """Root mean square distance, px, out of each view's sum of squares (V,)."""
-    return float(np.sqrt(squares.sum() / sum(len(view.pixels) for view in observations)))
+    """Root mean square distance, px, out of each view's weighted sum of squares (V,)."""
+    return float(np.sqrt(squares.sum() / sum(view.weight**2 * len(view.pixels) for view in observations)))
 
 
 def excess_in_errors(squares: np.ndarray, reference: np.ndarray) -> float:
@@ -193,6 +196,7 @@ class Candidate:
     rms_px : over the corners it was fitted to. held_out_rms_px : over views that only had their poses fitted.
     monotonic : whether it maps the whole picture without folding.
     halves, halves_p_value : as `compare_split_half` gives them.
+    expected_error_px : as `expected_errors_px` gives it; None where models were not compared.
     """
 
     model: str
@@ -202,6 +206,7 @@ class Candidate:
     monotonic: bool
     halves: float | None = None
     halves_p_value: float | None = None
+    expected_error_px: float | None = None
 
     @property
     def split_half_agrees(self) -> bool:

@@ -20,6 +20,7 @@ from .information import Candidate, Information, assess, excess_in_errors, infor
 from .initialization import reposed, rough_lens, unfolded
 from .models import LENS_MODELS, LensModel, camera_of, is_monotonic
 from .outliers import DroppedView, Inliers, fit_without_outliers, usable_views
+from .uncertainty import covered_pixels, expected_errors_px
 from .verdict import Evidence, Verdict, judge
 
 MIN_CORNERS = 6
@@ -29,9 +30,8 @@ _CANDIDATES = ("none", "radial", "opencv4", "opencv5", "fisheye", "rational")
 """What `auto` compares, from simple to rich. Thin-prism and tilted lenses are compared only when named."""
 _SCREENING = ("opencv5", "fisheye", "rational")
 """Lenses rich enough that what they leave over is noise and outliers, tried while the lens is not chosen."""
-_CENTRED, _DECENTRED = ("none", "radial"), "opencv4"
-_EXCESS, _SMALL_EXCESS = 1.0, 2.0
-_NEGLIGIBLE, _SMALL, _CLEARLY = 1.002, 1.05, 1.01
+_CENTRED, _DECENTRED, _CLEARLY = ("none", "radial"), "opencv4", 1.1
+_EXCESS, _NEGLIGIBLE = 3.0, 1.005
 _AGREEMENT_MAY_COST, _MONOTONIC_MAY_COST = 1.005, 1.1
 _ROUNDS = 3
 _ROUGHLY = replace(CONVERGED, iterations=5, tolerance=1e-4)  # just enough to tell good corners from bad
@@ -238,7 +238,8 @@ def _decided(
         decided = (bundle.model.name, now[1])
         whole = [observations[index] for index in inliers.views]
         within, bundle = fit_without_outliers(bundle, whole, options.min_corners, inliers.masks)
-        inliers, warm = Inliers(inliers.views[within.views], within.masks), _posed(warm, within.views)
+        inliers = Inliers(inliers.views[within.views], within.masks, within.weights)
+        warm = _posed(warm, within.views)
     good = inliers.of(observations)
     bundle = polished(unfolded(bundle, good, options.image_size), good)
     known = information(bundle, good)
@@ -261,18 +262,21 @@ def _fit_lens(
 def _choose_lens(
     observations: Sequence[Observation], options: _Options, warm: Mapping[str, Bundle]
 ) -> tuple[Bundle, tuple[Candidate, ...]]:
-    """The solution of the lens model that the views require, and the comparison it rests on.
+    """The solution of the lens model that is expected to be least off, and the comparison it rests on.
 
-    Each model is fitted to four fifths of the views and tested on the rest, whose poses alone are solved for. Taken is
-    the first in order of complexity whose held-out error is within one standard error (over views) of the best, two
-    where that is under 5 %, or within 0.2 %. A lens without decentring must also beat the one with it, by over 1 %.
-    Models that fold inside the picture are passed over unless every other is 10 % worse, those whose halves disagree
-    unless every other is 0.5 % worse; one that the views leave open is left out.
+    Each model is fitted to four fifths of the views and tested on the rest, whose poses alone are solved for. One whose
+    held-out error is clearly the larger (over views), by more than 0.5 %, is wrong. Of the others that is taken which
+    is expected to be least off where corners were seen, bias and noise together (`expected_errors_px`): too simple a
+    lens is biased, too rich a one noisy. One without decentring must be 10 % better than with it. Models that fold inside the picture are passed over unless every other is 10 %
+    worse on held-out views, those whose halves disagree unless every other is 0.5 % worse; one that the views leave
+    open is left out.
 
     warm : solutions by model name for nearly the same corners, to start from.
     """
     fits: dict[str, Bundle] = {}
-    errors, candidates = {}, []
+    errors: dict[str, np.ndarray] = {}
+    cameras: dict[str, Camera] = {}
+    candidates = []
     for name in _CANDIDATES:
         bundle = _fit_lens(LENS_MODELS[name], observations, options, {**fits, **warm})
         fits[name] = bundle = unfolded(bundle, observations, options.image_size)
@@ -280,34 +284,34 @@ def _choose_lens(
         if known is not None:
             candidate, errors[name] = assess(bundle, observations, options.image_size, known)
             candidates.append(candidate)
-    chosen = _simplest_good(candidates, errors) if candidates else _CANDIDATES[0]
-    return fits[chosen], tuple(candidates)
-
-
-def _simplest_good(candidates: Sequence[Candidate], errors: dict[str, np.ndarray]) -> str:
+            camera = camera_of(bundle.model, bundle.intrinsics, options.image_size)
+            cameras[name] = replace(camera, covariance=known.covariance[:-SHAPE, :-SHAPE])
+    if not candidates:
+        return fits[_CANDIDATES[0]], ()
+    pixels = covered_pixels(options.image_size, np.concatenate([view.pixels for view in observations]))
     allowed = _unless_too_dear(candidates, [c for c in candidates if c.monotonic], _MONOTONIC_MAY_COST)
     allowed = _unless_too_dear(allowed, [c for c in allowed if c.split_half_agrees], _AGREEMENT_MAY_COST)
-    rows = {candidate.model: candidate for candidate in allowed}
     best = min(allowed, key=lambda candidate: candidate.held_out_rms_px)
-    for candidate in allowed:
-        own = errors[candidate.model]
-        if candidate.model in _CENTRED and _DECENTRED in rows:
-            # every lens is a little off its axis: to deny that takes evidence, and more than chance gives
-            worse = rows[_DECENTRED].held_out_rms_px > _CLEARLY * candidate.held_out_rms_px
-            if not worse or excess_in_errors(errors[_DECENTRED], own) <= _EXCESS:
-                continue
-        loss = candidate.held_out_rms_px / best.held_out_rms_px
-        tolerated = _SMALL_EXCESS if loss <= _SMALL else _EXCESS
-        if loss <= _NEGLIGIBLE or excess_in_errors(own, errors[best.model]) <= tolerated:
-            return candidate.model
-    return best.model
+    good = [
+        candidate
+        for candidate in allowed
+        if candidate.held_out_rms_px <= _NEGLIGIBLE * best.held_out_rms_px
+        or excess_in_errors(errors[candidate.model], errors[best.model]) <= _EXCESS
+    ]
+    off_px = expected_errors_px(cameras, best.model, pixels)
+    candidates = [replace(candidate, expected_error_px=off_px[candidate.model]) for candidate in candidates]
+    # every lens is a little off its axis: to deny that takes more than chance gives
+    handicap = {name: _CLEARLY if name in _CENTRED and _DECENTRED in off_px else 1.0 for name in off_px}
+    chosen = min((candidate.model for candidate in good), key=lambda name: handicap[name] * off_px[name])
+    return fits[chosen], tuple(candidates)
 
 
 def _unless_too_dear(
     every: Sequence[Candidate], preferred: Sequence[Candidate], may_cost: float
 ) -> Sequence[Candidate]:
     least = min(candidate.held_out_rms_px for candidate in every)
-    return preferred if any(candidate.held_out_rms_px <= may_cost * least for candidate in preferred) else every
+    cheap = [candidate for candidate in preferred if candidate.held_out_rms_px <= may_cost * least]
+    return preferred if cheap else every
 
 
 def _used(fit: _Fit, usable: Sequence[BoardView]) -> tuple[UsedView, ...]:

@@ -18,6 +18,7 @@ _LEAST_CORNERS = 4
 """Four corners fix the pose of a plane."""
 _CHANCE, _LEAST_PX, _ROUNDS, _BLURRED = 1e-6, 0.25, 8, 5.0
 _BELOW, _LEAST_VARIANCE = 5.0, 0.05
+_NOISIER, _USUAL_CORNERS = 1.2, 10
 
 
 @dataclass(frozen=True)
@@ -48,14 +49,16 @@ def usable_views(
 
 @dataclass(frozen=True, eq=False)
 class Inliers:
-    """The good views, as indices (V,), and for each a mask (N,) of its good corners."""
+    """The good views, as indices (V,), for each a mask (N,) of its good corners, and its weight (`Observation`)."""
 
     views: np.ndarray
     masks: tuple[np.ndarray, ...]
+    weights: np.ndarray
 
     def of(self, observations: Sequence[Observation]) -> list[Observation]:
         """The good corners of the good views."""
-        return [observations[index].picked(mask) for index, mask in zip(self.views.tolist(), self.masks, strict=True)]
+        every = zip(self.views.tolist(), self.masks, self.weights.tolist(), strict=True)
+        return [replace(observations[index].picked(mask), weight=weight) for index, mask, weight in every]
 
 
 def _outlier_limit(distances: np.ndarray) -> float:
@@ -117,19 +120,33 @@ def fit_without_outliers(
 
     start : a robust fit to all corners, or the solution over the corners of masks, per view (N,).
     """
-    bundle, views = start, np.arange(len(observations))
+    bundle, views, weights = start, np.arange(len(observations)), np.array([view.weight for view in observations])
     for _ in range(_ROUNDS):
         whole = [observations[index] for index in views.tolist()]
         judged_by = _nearest(residuals_px(bundle, whole)) if masks is None else masks
-        good = inlier_masks(_standardised(bundle, whole, judged_by))
+        lengths = _standardised(bundle, whole, judged_by)
+        good = inlier_masks(lengths)
         keep = np.array([_fixes_pose(mask, view, min_corners) for mask, view in zip(good, whole, strict=True)], bool)
         if masks is not None and keep.all() and all(map(np.array_equal, good, masks)):
             break
         views, masks = views[keep], tuple(mask for mask, kept in zip(good, keep, strict=True) if kept)
+        weights = _weights([length for length, kept in zip(lengths, keep, strict=True) if kept], masks)
         if not masks:
             break
-        bundle = refine(replace(bundle, poses=bundle.poses[keep]), Inliers(views, masks).of(observations))
-    return Inliers(views, masks or ()), bundle
+        bundle = refine(replace(bundle, poses=bundle.poses[keep]), Inliers(views, masks, weights).of(observations))
+    return Inliers(views, masks or (), weights), bundle
+
+
+def _weights(lengths: Sequence[np.ndarray], masks: Sequence[np.ndarray]) -> np.ndarray:
+    """(V,) of views by their noise, from the lengths (N,) px of their standardised residuals and masks of good ones.
+
+    1, but for views that are clearly noisier than the median view. A view of few corners is taken for a usual one.
+    """
+    squares = np.array([np.mean(length[mask] ** 2) for length, mask in zip(lengths, masks, strict=True)])
+    counts = np.array([mask.sum() for mask in masks])
+    usual = float(np.median(squares)) if len(squares) else 1.0
+    noise = np.sqrt((counts * squares + _USUAL_CORNERS * usual) / ((counts + _USUAL_CORNERS) * max(usual, 1e-24)))
+    return np.minimum(1.0, _NOISIER / noise)
 
 
 def _nearest(residuals: Sequence[np.ndarray]) -> list[np.ndarray]:

@@ -7,8 +7,10 @@ a turn of the camera explains.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 
 from vbaa_calib.camera import Camera
@@ -53,6 +55,40 @@ def pixel_grid(image_size: tuple[int, int], grid: tuple[int, int] = _GRID) -> np
     """(rows, columns, 2) pixels from border to border of a (width, height) picture, for `grid` = (columns, rows)."""
     columns, rows = (np.linspace(-0.5, size - 0.5, count) for size, count in zip(image_size, grid, strict=True))
     return np.stack(np.meshgrid(columns, rows), axis=-1)
+
+
+def covered_pixels(image_size: tuple[int, int], corners_px: np.ndarray) -> np.ndarray:
+    """(M, 2) pixels of a grid over the picture that lie among corners (N, 2)."""
+    hull = cv2.convexHull(corners_px.astype(np.float32))
+    grid = pixel_grid(image_size).reshape(-1, 2)
+    return np.array([one for one in grid if cv2.pointPolygonTest(hull, one.tolist(), False) >= 0]).reshape(-1, 2)
+
+
+def expected_errors_px(cameras: Mapping[str, Camera], reference: str, pixels: np.ndarray) -> dict[str, float]:
+    """How far each lens is expected to be off, rms over pixels (M, 2), what a turn of the camera explains left out.
+
+    cameras : solutions of several lens models from the same corners, by name, with covariances. reference : one that is
+        right but for noise.
+
+    The focused information criterion (Claeskens & Hjort 2003): a lens' own variance, and the square of its bias, which
+    is that of its difference from the reference less what noise makes of it.
+    """
+    rays, valid = cameras[reference].unproject(pixels)
+    variances, squares = {}, {}
+    for name, camera in cameras.items():
+        assert camera.covariance is not None
+        seen, inside = camera.project(rays)
+        known = valid & inside
+        jacobian = compensate(camera, seen, projection_jacobian(camera, seen))[known]
+        carried = jacobian @ camera.covariance @ np.swapaxes(jacobian, -1, -2)
+        variances[name] = float(np.nanmean(np.trace(carried, axis1=-2, axis2=-1))) if known.any() else np.inf
+        apart = compensate(camera, seen, (seen - pixels)[..., None])[known, :, 0]
+        # a pixel that a lens does not see is one that it gets wrong
+        squares[name] = float(np.mean(np.sum(apart**2, axis=1))) if known.all() else np.inf
+    noise = {name: max(variances[reference] - variance, 0.0) for name, variance in variances.items()}
+    return {
+        name: float(np.sqrt(variance + max(squares[name] - noise[name], 0.0))) for name, variance in variances.items()
+    }
 
 
 def projection_jacobian(camera: Camera, pixels: np.ndarray) -> np.ndarray:

@@ -157,14 +157,15 @@ def _why(known: Evidence) -> list[str]:
     if len(known.comparison) < 2:
         return [f"The lens model {name} was given; it misses views that it has not seen by {own_px:.3f} px rms."]
     best = min(known.comparison, key=lambda candidate: candidate.held_out_rms_px)
+    if chosen.expected_error_px is None:
+        return [f"{name} misses views that it has not seen by {own_px:.3f} px rms."]
+    words = f"Of the lens models, {name} is expected to be least off where the corners are ({chosen.expected_error_px:.2f} px)"
     if best.model == name:
-        return [f"{name} predicts views that it has not seen best of all ({own_px:.3f} px rms)."]
-    errors = f"{own_px:.3f} px rms against {best.held_out_rms_px:.3f} px"
-    if not best.monotonic:
-        return [f"{name} was taken ({errors}) since {best.model} folds inside the picture."]
-    if not best.split_half_agrees:
-        return [f"{name} was taken ({errors}) since {best.model} differs between halves of the views."]
-    return [f"{name} is the simplest that predicts unseen views as well as {best.model} does ({errors})."]
+        return [f"{words}, and predicts views that it has not seen best ({own_px:.3f} px rms)."]
+    errors = f"{own_px:.3f} px rms, {best.model} by {best.held_out_rms_px:.3f} px"
+    why = "" if best.monotonic else f"; {best.model} folds inside the picture"
+    why = why or ("" if best.split_half_agrees else f"; {best.model} differs between halves of the views")
+    return [f"{words}; it misses views that it has not seen by {errors}{why}."]
 
 
 def _split_half(known: Evidence) -> list[str]:
