@@ -267,9 +267,10 @@ def _choose_lens(
     Each model is fitted to four fifths of the views and tested on the rest, whose poses alone are solved for. One whose
     held-out error is clearly the larger (over views), by more than 0.5 %, is wrong. Of the others that is taken which
     is expected to be least off where corners were seen, bias and noise together (`expected_errors_px`): too simple a
-    lens is biased, too rich a one noisy. One without decentring must be 10 % better than with it. Models that fold inside the picture are passed over unless every other is 10 %
-    worse on held-out views, those whose halves disagree unless every other is 0.5 % worse; one that the views leave
-    open is left out.
+    lens is biased, too rich a one noisy. One without decentring must be 10 % better than with it.
+
+    Models that fold inside the picture are passed over unless every other is 10 % worse on held-out views, those whose
+    halves disagree unless every other is 0.5 % worse; one that the views leave open is left out.
 
     warm : solutions by model name for nearly the same corners, to start from.
     """

@@ -159,7 +159,8 @@ def _why(known: Evidence) -> list[str]:
     best = min(known.comparison, key=lambda candidate: candidate.held_out_rms_px)
     if chosen.expected_error_px is None:
         return [f"{name} misses views that it has not seen by {own_px:.3f} px rms."]
-    words = f"Of the lens models, {name} is expected to be least off where the corners are ({chosen.expected_error_px:.2f} px)"
+    off = f"{chosen.expected_error_px:.2f} px"
+    words = f"Of the lens models, {name} is expected to be least off where the corners are ({off})"
     if best.model == name:
         return [f"{words}, and predicts views that it has not seen best ({own_px:.3f} px rms)."]
     errors = f"{own_px:.3f} px rms, {best.model} by {best.held_out_rms_px:.3f} px"
