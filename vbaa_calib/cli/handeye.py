@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from vbaa_calib.camera import Camera
     from vbaa_calib.detect.board.corners import BoardView
     from vbaa_calib.geometry import Pose
+    from vbaa_calib.rig import Rig
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -58,7 +59,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Find the corners, solve, write handeye.json. Returns its numbers."""
     from vbaa_calib.calibrate.pose.hand_eye import solve_hand_eye
     from vbaa_calib.calibrate.pose.robot_tables import read_robot_poses
-    from vbaa_calib.convert import guessed
     from vbaa_calib.detect.board.board_file import load_board
     from vbaa_calib.rig import Rig
 
@@ -69,15 +69,14 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         raise InputError("--rig with --mount fixed", remedy="camera and antenna ride together: take --mount hand")
     spec, (poses, others) = load_board(args.board), read_robot_poses(args.poses, args.euler)
     rig = Rig.load(args.rig) if args.rig else None
-    camera = rig.camera if rig else None
-    if args.camera:
-        camera = guessed(args.camera).read(args.camera, None).camera
-    views = _paired(_views(args, spec, camera), poses, args.poses)
-    lens = _lens(views, spec, camera)
+    known = _known_lens(args, rig, spec)
+    views = _paired(_views(args, spec, known and known.camera), poses, args.poses)
+    lens = known or _solved_lens(views, spec)
+    views = [_without(view, lens.outlier_ids.get(view.name, ())) for view in views]
     given = [poses[view.name] for view in views]
     readings = {words: [other[view.name] for view in views] for words, other in others.items()}
     try:
-        solution = solve_hand_eye(lens.views, given, lens.points_m, lens.camera, args.mount, readings)
+        solution = solve_hand_eye(views, given, lens.points_m, lens.camera, args.mount, readings)
     except InputError as error:
         raise InputError(
             error.what, where=error.where or f"{args.views} by {args.poses}", remedy=error.remedy
@@ -131,42 +130,44 @@ def _paired(views: Sequence[BoardView], poses: Mapping[str, Pose], where: Path) 
 
 
 class _Lens(NamedTuple):
-    """Views without the lens solve's outliers, the board's points as solved, the lens, and what is wrong with it."""
+    """A lens, the board's points as solved, the outliers by view, what is wrong with the lens, and the exit code."""
 
-    views: list[BoardView]
-    points_m: np.ndarray
     camera: Camera
+    points_m: np.ndarray
+    outlier_ids: dict[str, tuple[int, ...]]
     doubts: list[str]
     exit_code: int = 0
 
 
-def _lens(views: list[BoardView], spec: BoardSpec, camera: Camera | None) -> _Lens:
-    """The lens as given, or from the views."""
-    import numpy as np
-
+def _known_lens(args: argparse.Namespace, rig: Rig | None, spec: BoardSpec) -> _Lens | None:
     from targets.board import corner_points
+    from vbaa_calib.calibrate.given_lens import read_lens
+
+    if args.camera:
+        given = read_lens(args.camera)
+        doubts = [one.words for one in given.doubts]
+        doubts += [f"the lens' file states no covariance, assumed are {given.assumed}"] if given.assumed else []
+        return _Lens(given.camera, corner_points(spec), {}, doubts, int(any(one.grave for one in given.doubts)))
+    return None if rig is None else _Lens(rig.camera, corner_points(spec), {}, [])
+
+
+def _solved_lens(views: list[BoardView], spec: BoardSpec) -> _Lens:
     from vbaa_calib.calibrate.faults.views import judge_views
     from vbaa_calib.calibrate.lens.intrinsics import solve_intrinsics
 
-    points = corner_points(spec)
-    if camera is not None:
-        exact = ["the lens' file states no covariance: the lens counts as exact"] if camera.covariance is None else []
-        return _Lens(views, points, camera, exact)
     solution = judge_views(views, solve_intrinsics(views, spec), spec)
     say(f"lens       {solution.model}: rms {solution.rms_px:.4f} px; {solution.verdict.words}")
-    gross = {view.name: view.outlier_ids for view in solution.views}
-    kept = [np.isin(view.ids, gross.get(view.name, ()), invert=True) for view in views]
-    cleaned = [
-        replace(
-            view,
-            ids=view.ids[keep],
-            corners_px=view.corners_px[keep],
-            covariance_px2=None if view.covariance_px2 is None else view.covariance_px2[keep],
-        )
-        for view, keep in zip(views, kept, strict=True)
-    ]
+    outliers = {view.name: view.outlier_ids for view in solution.views}
     doubts = [] if solution.trusted else [f"the lens: {solution.verdict.words}"]
-    return _Lens(cleaned, solution.board_shape.points_m, solution.camera, doubts, solution.verdict.exit_code)
+    return _Lens(solution.camera, solution.board_shape.points_m, outliers, doubts, solution.verdict.exit_code)
+
+
+def _without(view: BoardView, outlier_ids: Sequence[int]) -> BoardView:
+    import numpy as np
+
+    kept = np.isin(view.ids, outlier_ids, invert=True)
+    covariance = None if view.covariance_px2 is None else view.covariance_px2[kept]
+    return replace(view, ids=view.ids[kept], corners_px=view.corners_px[kept], covariance_px2=covariance)
 
 
 def _report(solution: HandEye, document: dict[str, Any]) -> None:
