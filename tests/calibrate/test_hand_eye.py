@@ -106,7 +106,7 @@ ARMS = (
 
 @pytest.mark.parametrize(("arm", "wrong"), ARMS[1:3])
 def test_errors_are_those_predicted(arm: Arm, wrong: float) -> None:
-    assert_as_predicted(arm, 6, wrong)
+    assert_as_predicted(arm, 4, wrong)
 
 
 @pytest.mark.slow
@@ -124,6 +124,16 @@ def test_the_robots_own_error_is_found() -> None:
     expected = np.sqrt(np.sum([part**2 for part in solved.parts.values()], axis=0))
     np.testing.assert_allclose(solved.rms, expected, rtol=0.35)
     assert solved.robot_share[1] > 0.5
+
+
+def test_a_print_of_another_size_is_told() -> None:
+    """By the robot's lengths, within the deviation; and a print of the right size is not accused."""
+    views, poses = views_and_poses(Arm("fixed"), 2)
+    for true, warnings in ((1.0, 0), (1.02, 1)):
+        solved = solve_hand_eye(views, poses, POINTS / true, lens(Arm()), "fixed")
+        larger, std = solved.board_scale
+        assert abs(larger - (true - 1.0)) < 3.0 * std
+        assert len(solved.warnings) == warnings
 
 
 @pytest.mark.parametrize(

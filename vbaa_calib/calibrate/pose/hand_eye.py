@@ -32,7 +32,7 @@ _EXPLAINED, _WELL_EXPLAINED, _FEW_SUBSETS = 0.05, 0.002, 10
 """Misfits over the board's distance: beyond the first the poses are not of these views, below the second all is
 well."""
 _OUTLIER_CHANCE, _ROUNDS, _FEW_TO_JUDGE, _MANY, _ROUNDING_PX = 1e-5, 8, 8, 0.2, 1e-6
-_LOOSE_RAD, _LOOSE_SHARE, _TURNED_WELL_DEG = 0.02, 0.05, 10.0
+_LOOSE_RAD, _LOOSE_SHARE, _TURNED_WELL_DEG, _SIGNIFICANT = 0.02, 0.05, 10.0, 3.3
 _TURN_MORE = "add views with the hand turned by 20° and more about a second axis, at right angles to the first"
 
 
@@ -66,7 +66,9 @@ class HandEye:
     robot_log_std : (2,) of their logarithms: how well they are known.
     rms : (2,) disagreement of the good views, turns rad and the board's centre m. parts : "corners", "lens", "robot" →
         (2,) what each is predicted to contribute to it, rms.
-    noise_px : of a corner's coordinate.
+    board_scale : by what part the board is larger than it is said to be where the robot's lengths are right, and its
+        standard deviation.
+    noise_px : of a corner's coordinate: as the corners of a view scatter, or more where the boards' poses do.
     """
 
     mount: str
@@ -77,6 +79,7 @@ class HandEye:
     robot_log_std: np.ndarray
     rms: np.ndarray
     parts: Mapping[str, np.ndarray]
+    board_scale: tuple[float, float]
     noise_px: float
     views: tuple[HandEyeView, ...]
 
@@ -94,9 +97,15 @@ class HandEye:
     def warnings(self) -> tuple[str, ...]:
         """What a reader must know, in words."""
         used = len(self.views) - len(self.outliers)
+        larger, by = self.board_scale
         contradicted = sum(bool(view.reason) and view.corners > 0 for view in self.views)
         rules = (
             (used < _FEW_TO_JUDGE, f"{used} views hardly show which of them are wrong: ten to twenty are good"),
+            (
+                abs(larger) > _SIGNIFICANT * by,
+                f"measured by the robot the board is {100 * larger:.2f} ± {100 * by:.2f} % larger than it is said to be, "
+                "and the camera's distance is off by as much: measure the print",
+            ),
             (contradicted > _MANY * (used + contradicted), f"{contradicted} views contradict the others: look at them"),
         )
         return tuple(words for holds, words in rules if holds)
@@ -138,6 +147,7 @@ class HandEye:
                 "rotation_share": float(self.robot_share[0]),
             },
             "disagreement": _two("rms", self.rms) | {f"from_{name}": _two("rms", p) for name, p in self.parts.items()},
+            "board_scale": {"larger_by": self.board_scale[0], "std": self.board_scale[1]},
             "noise_px": self.noise_px,
             "warnings": list(self.warnings),
             "views": [
@@ -305,7 +315,7 @@ def _consistent(
 ) -> tuple[Solved, np.ndarray, Misfits]:
     """The solution over the views that agree, which those are (V,), and how far off each is."""
     kept, X, Z = start.good, start.X, start.Z
-    std = np.full(2, max(start.spread_m, 1e-6))
+    std = np.array([max(start.spread_m, 1e-6), max(start.spread_m, 1e-6), 1.0])
     for _ in range(_ROUNDS):
         part = problem.picked(kept)
         solved = part.solved(part.start(X, Z), std)
@@ -351,10 +361,11 @@ def _result(
         camera_pose=solved.state.X,
         board_pose=solved.state.Z,
         covariance=solved.covariance,
-        robot_std=solved.std,
-        robot_log_std=solved.log_std,
+        robot_std=solved.std[:2],
+        robot_log_std=solved.log_std[:2],
         rms=np.sqrt([np.mean(off.turn_rad[kept] ** 2), np.mean(off.distance_m[kept] ** 2)]),
         parts={name: np.sqrt(part[kept].mean(axis=0)) for name, part in off.parts.items()},
-        noise_px=problem.noise_px,
+        board_scale=problem.picked(kept).board_scale(solved),
+        noise_px=problem.noise_px * solved.std[2],
         views=tuple(views),
     )

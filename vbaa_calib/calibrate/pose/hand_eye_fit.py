@@ -1,8 +1,12 @@
 """Maximum likelihood of a hand-eye calibration: corners, lens, and a robot whose own poses are off.
 
 p_camera = X⁻¹·G·E·Z·p_board where the arm holds the board, X⁻¹·E·G⁻¹·Z·p_board where it holds the camera: G is the
-robot's reading, E the error of each view, a turn and a shift of the tool, both normal, of two variances that the
-residuals themselves show (restricted maximum likelihood, with a penalty that keeps them off zero: Chung et al. 2013).
+robot's reading, E the error of each view, a turn and a shift of the tool, both normal. Corners of one view err alike,
+by print, lens and detector, so that the board's poses may err more than the corners' scatter would have it.
+
+Deviations `std` are (3,) throughout: of the tool's turns, rad, and shifts, m, per axis, and the factor, 1 or more, on
+the corners' own. The residuals themselves show them (restricted maximum likelihood, with a penalty that keeps the
+robot's off zero: Chung et al. 2013).
 
 X and Z are those for the lens as it is given, with which they will be used; its covariance is in theirs, and in the
 variances of the robot's errors. Of each view's corners only what a pose of its own can explain takes part, six numbers.
@@ -31,11 +35,11 @@ SHARED = 12
 """Columns of X's tangent and of Z's."""
 _RULES = Rules(60, tolerance=1e-12, takes_last=True, may_rise_share=1e-9)
 _OUT_OF_SIGHT_PX = 1e4
-_STD_LOGS = (np.log(1e-7), 0.0)
-"""Of rad and of m: between them the deviations of the robot's errors are sought."""
+_STD_LOGS = np.log([(1e-7, 1.0), (1e-7, 1.0), (1.0, 1e9)])
+"""Between them the deviations are sought."""
 _STARTS = (1e-5, 1e-4, 1e-3, 1e-2)
 _ROUNDS, _SAME = 8, 1e-3
-_REWEIGHTINGS, _SOFT_PER_SIGMA, _STANDSTILL_PX = 10, 1.5, 1e-4
+_REWEIGHTINGS, _SOFT_PER_SIGMA, _STANDSTILL_PX = 10, 1.5, 1e-3
 _DIFFERENCE, _LEAST_FREEDOM = 0.05, 3.0
 
 
@@ -80,7 +84,7 @@ class ViewCorners:
 
 
 @dataclass(frozen=True, eq=False)
-class State:
+class _State:
     """What is solved for: X, Z, and each view's E."""
 
     X: Pose
@@ -88,7 +92,7 @@ class State:
     errors: tuple[Pose, ...]
 
 
-class Rows(NamedTuple):
+class _Rows(NamedTuple):
     """A state, and per view six numbers (V, 6) that its corners ask for, in units of their noise.
 
     residuals : at the state, (V, 6).
@@ -98,7 +102,7 @@ class Rows(NamedTuple):
     errors : (V, 6) turns and shifts at the state. cost : of all corners and the robot, the lens as it is.
     """
 
-    state: State
+    state: _State
     residuals: np.ndarray
     by_shared: np.ndarray
     by_error: np.ndarray
@@ -107,10 +111,10 @@ class Rows(NamedTuple):
     cost: float
 
     def normal(self, std: np.ndarray) -> _Normal:
-        """The normal equations of X, Z and lens for a robot of these deviations (2,), its errors eliminated."""
+        """The normal equations of X, Z and lens, the robot's errors eliminated."""
         # what would be seen of a robot without errors
         left = self.residuals + np.einsum("vij,vj->vi", self.by_error, self.errors)
-        V = np.eye(6) + (self.by_error * std.repeat(3) ** 2) @ np.swapaxes(self.by_error, 1, 2)
+        V = std[2] ** 2 * np.eye(6) + (self.by_error * std[:2].repeat(3) ** 2) @ np.swapaxes(self.by_error, 1, 2)
         root = np.linalg.inv(np.linalg.cholesky(V))
         rows = root @ np.concatenate([self.by_shared, left[..., None]], axis=-1)
         product = np.einsum("vki,vkj->ij", rows, rows)
@@ -133,19 +137,18 @@ class _Normal(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Solved:
-    """A minimum. std : (2,) of the robot's turns rad and shifts m, per axis; log_std : (2,) deviations of their
-    logarithms."""
+    """A minimum. log_std : (3,) deviations of the logarithms of `std`."""
 
-    rows: Rows
+    rows: _Rows
     std: np.ndarray
     log_std: np.ndarray
 
     @property
-    def state(self) -> State:
+    def state(self) -> _State:
         return self.rows.state
 
     def covariance_for(self, std: np.ndarray) -> np.ndarray:
-        """(12, 12) of X's and Z's tangents, the lens' part in it, for a robot of these deviations (2,)."""
+        """(12, 12) of X's and Z's tangents, the lens' part in it."""
         A = self.rows.normal(std).A
         own = solve_scaled(A[:SHARED, :SHARED], np.eye(SHARED))
         by_lens = own @ A[:SHARED, SHARED:]
@@ -155,10 +158,10 @@ class Solved:
     def freedom(self) -> float:
         """Degrees of freedom of the covariance: the robot's variance is known from these few views only."""
         own, variance = self.covariance_for(self.std), 0.0
-        for which, log_std in zip(np.eye(2), self.log_std, strict=True):
+        for which, log_std in zip(np.eye(3), self.log_std, strict=True):
             more = self.covariance_for(self.std * np.exp(_DIFFERENCE * which)) - own
             share = float(np.trace(solve_scaled(own, more))) / (2.0 * _DIFFERENCE * SHARED)
-            variance += (2.0 * share * min(log_std, 1.0)) ** 2
+            variance += share * (2.0 * min(log_std, 1.0)) ** 2
         return max(2.0 / max(variance, 1e-9), _LEAST_FREEDOM)
 
     @property
@@ -207,18 +210,18 @@ class HandEyeProblem:
         axes = independent_axes(self.camera.covariance)
         return axes[:, np.any(axes != 0.0, axis=0)]
 
-    def start(self, X: Pose, Z: Pose) -> State:
+    def start(self, X: Pose, Z: Pose) -> _State:
         """At which the robot is right."""
-        return State(X, Z, (Pose.identity(),) * len(self.views))
+        return _State(X, Z, (Pose.identity(),) * len(self.views))
 
-    def predicted(self, state: State) -> list[Pose]:
+    def predicted(self, state: _State) -> list[Pose]:
         """T_camera_board of each view."""
         back = state.X.inverse()
         if self.in_hand:
             return [back @ E @ G.inverse() @ state.Z for G, E in zip(self.readings, state.errors, strict=True)]
         return [back @ G @ E @ state.Z for G, E in zip(self.readings, state.errors, strict=True)]
 
-    def _tangents(self, state: State, T_camera_board: Pose, view: int) -> np.ndarray:
+    def _tangents(self, state: _State, T_camera_board: Pose, view: int) -> np.ndarray:
         """(6, 18) the tangent of a view's board pose by those of X, Z and E."""
         X, Z, G, E = state.X, state.Z, self.readings[view], state.errors[view]
         R_camera_base = X.rotation.T
@@ -234,26 +237,26 @@ class HandEyeProblem:
         found[3:, 12:15] = -_crossed(lever) @ through
         return found
 
-    def linearised(self, state: State, std: np.ndarray) -> Rows:
-        """The rows at a state, and the cost there for a robot of these deviations (2,)."""
+    def linearised(self, state: _State, std: np.ndarray) -> _Rows:
+        """The rows at a state, and the cost there."""
         axes, squares, each = self._lens_axes, 0.0, []
         for index, (view, pose) in enumerate(zip(self.views, self.predicted(state), strict=True)):
             residuals, tangents, by_lens = (part / self.noise_px for part in view.linearised(self.camera, pose))
             basis, factor = np.linalg.qr(tangents)
             own, slopes = basis.T @ residuals, factor @ self._tangents(state, pose, index)
-            squares += float(residuals @ residuals)
+            squares += float(residuals @ residuals) / std[2] ** 2
             shared = np.hstack([slopes[:, :SHARED], basis.T @ by_lens @ axes])
             each.append((own, shared, slopes[:, SHARED:], factor))
         own, by_shared, by_error, by_pose = (np.array(parts) for parts in zip(*each, strict=True))
         errors = np.array([E.vector for E in state.errors])
-        squares += float(((errors / std.repeat(3)) ** 2).sum())
-        return Rows(state, own, by_shared, by_error, by_pose, errors, 0.5 * squares)
+        squares += float(((errors / std[:2].repeat(3)) ** 2).sum())
+        return _Rows(state, own, by_shared, by_error, by_pose, errors, 0.5 * squares)
 
-    def _descended(self, state: State, std: np.ndarray) -> Rows:
-        """At the least cost for a robot of these deviations (2,)."""
-        variance = std.repeat(3) ** 2
+    def _descended(self, state: _State, std: np.ndarray) -> _Rows:
+        """At the least cost."""
+        variance = std[:2].repeat(3) ** 2
 
-        def step(at: Rows, damping: float) -> tuple[np.ndarray, float]:
+        def step(at: _Rows, damping: float) -> tuple[np.ndarray, float]:
             normal = at.normal(std)
             A, b = normal.A[:SHARED, :SHARED], normal.b[:SHARED]
             move = solve_scaled(A, b, damping)
@@ -263,25 +266,36 @@ class HandEyeProblem:
             promise = 0.5 * float(2.0 * b @ move - move @ A @ move + (own**2 / variance).sum())
             return np.concatenate([move, own.ravel()]), promise
 
-        def moved(at: Rows, move: np.ndarray) -> Rows:
+        def moved(at: _Rows, move: np.ndarray) -> _Rows:
             X, Z = at.state.X.retract(move[:6]), at.state.Z.retract(move[6:SHARED])
             steps = move[SHARED:].reshape(-1, 6)
             errors = tuple(E.retract(own) for E, own in zip(at.state.errors, steps, strict=True))
-            return self.linearised(State(X, Z, errors), std)
+            return self.linearised(_State(X, Z, errors), std)
 
         return levenberg_marquardt(self.linearised(state, std), step, moved, _RULES).at
 
-    def solved(self, state: State, std: np.ndarray) -> Solved:
-        """The minimum, and the robot's deviations (2,) that the residuals show; from these."""
-        starts = [std, *(np.array([turn, shift]) for turn in _STARTS for shift in _STARTS)]
+    def solved(self, state: _State, std: np.ndarray) -> Solved:
+        """The minimum, with the deviations that the residuals show, from these."""
+        starts = [std, *(np.array([turn, shift, 1.0]) for turn in _STARTS for shift in _STARTS)]
         for _ in range(_ROUNDS):
             rows, before = self._descended(state, std), std
-            std, log_std = _robot_std(rows, starts)
+            std, log_std = _deviations(rows, starts)
             starts = [std]
             state = rows.state
             if np.abs(np.log(std / before)).max() < _SAME:
                 break
         return Solved(self._descended(state, std), std, log_std)
+
+    def board_scale(self, solved: Solved) -> tuple[float, float]:
+        """By what part the board is larger than it is said to be, if the robot measures right, and its deviation."""
+        # a larger board that is seen alike is as much further away
+        further = np.array([np.append(np.zeros(3), pose.translation_m) for pose in self.predicted(solved.state)])
+        column = -np.einsum("vij,vj->vi", solved.rows.by_pose, further)[..., None]
+        # beside the lens' steps, with a deviation of one, which is none
+        rows = solved.rows._replace(by_shared=np.concatenate([solved.rows.by_shared, column], axis=-1))
+        normal = rows.normal(solved.std)
+        inverse = solve_scaled(normal.A, np.eye(len(normal.A)))
+        return float((inverse @ normal.b)[-1]), float(np.sqrt(inverse[-1, -1]))
 
     def misfits(self, solved: Solved, seen: Sequence[Pose], kept: np.ndarray, centre_m: np.ndarray) -> Misfits:
         """Of all views, whose corners alone show the board at the poses `seen`, by a solution over those kept (V,)."""
@@ -297,7 +311,7 @@ class HandEyeProblem:
         values, axes = np.linalg.eigh(V + np.where(kept, -1.0, 1.0)[:, None, None] * of_shared)
         squares = (np.einsum("vji,vj->vi", axes, off) ** 2 / np.maximum(values, 1e-9)).sum(axis=1)
 
-        robot = (rows.by_error * std.repeat(3) ** 2) @ np.swapaxes(rows.by_error, 1, 2)
+        robot = (rows.by_error * std[:2].repeat(3) ** 2) @ np.swapaxes(rows.by_error, 1, 2)
         fixed, of_lens = rows.by_shared[..., :SHARED], rows.by_shared[..., SHARED:]
         own = solve_scaled(fit.A[:SHARED, :SHARED], np.eye(SHARED))
         taken = own @ np.swapaxes(fixed, 1, 2) @ np.linalg.inv(V) * kept[:, None, None]
@@ -314,7 +328,7 @@ class HandEyeProblem:
 
         common = of_lens - fixed @ np.einsum("vij,vjk->ik", taken, of_lens)
         sources = {
-            "corners": left(np.broadcast_to(np.eye(6), V.shape)),
+            "corners": left(np.broadcast_to(std[2] ** 2 * np.eye(6), V.shape)),
             "lens": common @ np.swapaxes(common, 1, 2),
             "robot": left(robot),
         }
@@ -332,25 +346,22 @@ def _crossed(vector: np.ndarray) -> np.ndarray:
     return np.cross(vector, np.eye(3)).T
 
 
-def _robot_std(rows: Rows, starts: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """(2,) deviations of the robot's turns, rad, and shifts, m, per axis, and those of their logarithms.
-
-    starts : (2,) each; where the corners are vague there are flat stretches.
-    """
+def _deviations(rows: _Rows, starts: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """(3,) deviations, and those of their logarithms; the best start is taken, for there are flat stretches."""
 
     def badness(logs: np.ndarray) -> float:
-        inside = np.clip(logs, *_STD_LOGS)
+        inside = np.clip(logs, *_STD_LOGS.T)
         normal = rows.normal(np.exp(inside))
         least = normal.square - float(normal.b @ solve_scaled(normal.A, normal.b))
         unit = np.sqrt(np.maximum(np.diag(normal.A), 1e-30))
         determinant = np.linalg.slogdet(normal.A / np.outer(unit, unit))[1] + 2.0 * np.log(unit).sum()
         outside = 1e3 * float(np.abs(logs - inside).sum())
-        return 0.5 * (normal.log_determinant + determinant + least) - float(inside.sum()) + outside
+        return 0.5 * (normal.log_determinant + determinant + least) - float(inside[:2].sum()) + outside
 
     best = min(np.log(starts), key=badness)
     options = {"xatol": 1e-3, "fatol": 1e-6, "maxiter": 150}
     found = minimize(badness, best, method="Nelder-Mead", options=options).x
-    steps = _DIFFERENCE * np.eye(2)
+    steps = _DIFFERENCE * np.eye(3)
     second = [
         [
             (badness(found + a + b) - badness(found + a - b) - badness(found - a + b) + badness(found - a - b))
@@ -359,4 +370,4 @@ def _robot_std(rows: Rows, starts: Sequence[np.ndarray]) -> tuple[np.ndarray, np
         for a in steps
     ]
     spread = np.linalg.pinv(np.array(second) / (4.0 * _DIFFERENCE**2), hermitian=True)
-    return np.exp(np.clip(found, *_STD_LOGS)), np.sqrt(np.clip(np.diag(spread), 0.0, None))
+    return np.exp(np.clip(found, *_STD_LOGS.T)), np.sqrt(np.clip(np.diag(spread), 0.0, None))

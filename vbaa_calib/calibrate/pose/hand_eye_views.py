@@ -58,7 +58,9 @@ def seen_view(view: BoardView, points: np.ndarray, camera: Camera) -> SeenView:
     except SolveError as error:
         return SeenView(view.name, str(error))
     every = ViewCorners(points[ids[seen]], pixels[seen], _weights(view, seen))
-    found = [every.posed(camera, start) for start in [*starts, mirrored(starts[0], points[ids[seen]])]]
+    if len(starts) == 1:
+        starts.append(mirrored(starts[0], every.points_m))
+    found = [every.posed(camera, start) for start in starts]
     pose, distances = min(found, key=lambda one: float(np.minimum(one[1], 10.0 * np.median(one[1])).sum()))
     inlying = distances <= max(_GROSS_CORNER * radial_std(distances), _GROSS_LEAST_PX)
     if inlying.sum() < LEAST_CORNERS or not fixes_homography(every.points_m[inlying, :2]):
