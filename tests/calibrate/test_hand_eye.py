@@ -72,14 +72,15 @@ def test_opencv_finds_the_same_from_the_poses_alone() -> None:
 def assert_as_predicted(arm: Arm, draws: int, wrong: float = 0.0) -> None:
     """Errors of camera and board are those of the covariance, 95 % regions hold 95 %, within what draws can tell.
 
-    The regions are wider by Fisher's F and the penalty on the robot's variance: the errors may be smaller by a fifth.
+    The regions are wider by Fisher's F and the penalty on the robot's variance: the errors may be smaller by a fifth, of
+    few views by a half.
     """
     solved = [solve(arm, seed, wrong) for seed in range(draws)]
     errors = np.array([error(one) for one, _ in solved])
     predicted = np.mean([np.diag(one.covariance) for one, _ in solved], axis=0)
     ratio = np.sqrt(np.mean(errors**2 / predicted))
     off = 3.0 / np.sqrt(2.0 * 6.0 * draws)
-    assert 0.8 - off < ratio < 1.05 + off
+    assert (0.8 if arm.count > 8 else 0.5) - off < ratio < 1.05 + off
     for part in (slice(0, 6), slice(6, 12)):
         squares = [
             square(each[part], one.covariance[part, part]) for each, (one, _) in zip(errors, solved, strict=True)

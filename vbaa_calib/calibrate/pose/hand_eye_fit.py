@@ -40,7 +40,8 @@ _STD_LOGS = np.log([(1e-7, 1.0), (1e-7, 1.0), (1.0, 1e9)])
 _STARTS = (1e-5, 1e-4, 1e-3, 1e-2)
 _ROUNDS, _SAME = 8, 1e-3
 _REWEIGHTINGS, _SOFT_PER_SIGMA, _STANDSTILL_PX = 10, 1.5, 1e-3
-_DIFFERENCE, _LEAST_FREEDOM = 0.05, 3.0
+_DIFFERENCE, _LEAST_FREEDOM, _SHARED_DOUBT = 0.05, 3.0, 1.5
+"""Between 1, where each direction has a variance of its own, and 2, where all have the same part of each."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,7 +162,7 @@ class Solved:
         for which, log_std in zip(np.eye(3), self.log_std, strict=True):
             more = self.covariance_for(self.std * np.exp(_DIFFERENCE * which)) - own
             share = float(np.trace(solve_scaled(own, more))) / (2.0 * _DIFFERENCE * SHARED)
-            variance += share * (2.0 * min(log_std, 1.0)) ** 2
+            variance += max(share, 0.0) ** _SHARED_DOUBT * (2.0 * min(log_std, 1.0)) ** 2
         return max(2.0 / max(variance, 1e-9), _LEAST_FREEDOM)
 
     @property
