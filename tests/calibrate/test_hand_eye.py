@@ -72,7 +72,7 @@ def test_opencv_finds_the_same_from_the_poses_alone() -> None:
 def assert_as_predicted(arm: Arm, draws: int, wrong: float = 0.0) -> None:
     """Errors of camera and board are those of the covariance, 95 % regions hold 95 %, within what draws can tell.
 
-    The regions are wider by Fisher's F and the penalty on the robot's variance: the errors may be smaller by a fifth, of
+    Regions are wider by Fisher's F and the penalty on the robot's variance: errors may be smaller by a fifth, of
     few views by a half.
     """
     solved = [solve(arm, seed, wrong) for seed in range(draws)]
