@@ -78,7 +78,7 @@ def prior_doubts(joint: BundleAdjustment, said: Collection[str] = ()) -> list[st
                 f"{name} is {value:.3g}, {abs(value - mean) / std:.1f} times what a careful builder misses it by: is "
                 "plane C right, and the antenna straight in its clamp?"
             )
-    scatter = max(picture_scatter(joint.noted, problem.prior.line_px), 1.0)
+    scatter = max(picture_scatter(joint.noted), 1.0)
     if joint.noise_scale > _SCATTERED * scatter and not any(name.startswith(_EXPLAINS_SCATTER) for name in said):
         found.append(
             f"the shapes scatter {joint.noise_scale:.0f} times more about the model than their pictures explain: check "

@@ -21,7 +21,7 @@ from vbaa_calib.geometry import Pose
 from vbaa_calib.rig import Tip
 from vbaa_calib.rig.reprojection import see
 
-from .inputs import Observation, Prior, ReadingGroups
+from .inputs import Observation, Prior
 from .problem import GAIN, OFFSET, RIG, Evaluation, LensLost, Problem
 
 _ROUGHLY, _STANDSTILL = 0.1, 1e-11
@@ -75,30 +75,34 @@ _FALSE_READING_STD = 5.0
 
 
 def _fitting(
-    distances: Sequence[np.ndarray], scale: float, groups: ReadingGroups, errors: np.ndarray, kept: np.ndarray
+    problem: Problem, solution: Linearised, distances: Sequence[np.ndarray], kept: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Which stills fit (F,), and how far each one's points lie off, in scaled deviations (F,).
 
-    A still is judged after its own readings, those that no other still in it has, were let go: nothing else determines
-    their errors. distances : see `Problem.evaluate`. scale : of the points' deviations. errors : (K,) of the readings
-    so far. kept : (F,) who took part.
+    A still is judged after its own readings, those that no other still in it has, were let go, for nothing else
+    determines their errors; and the rest, within its uncertainty.
+    solution : of the kept stills (F,). distances : see `Problem.evaluate`, at its parameters.
     """
-    rms, needed = np.empty(len(distances)), np.zeros(len(distances))
+    groups, readings = problem.groups, problem.lens.stop
+    rms, needed, covariance = np.empty(len(distances)), np.zeros(len(distances)), solution.covariance()
     for index, block in enumerate(distances):
         others = kept & (np.arange(len(kept)) != index)
         mine = [group for group in (groups.distance, groups.force) if not (others & (group == group[index])).any()]
-        own = np.array([group[index] for group in mine if group[index] >= 0], int)
-        left = block[:, 0] / scale
-        if len(own):
-            columns = block[:, block.shape[1] - groups.count :][:, own] / scale
-            inner = np.eye(len(own)) + columns.T @ columns
-            step = -np.linalg.solve(inner, columns.T @ left + errors[own])
-            left, needed[index] = left + columns @ step, float(np.linalg.norm(errors[own] + step))
-        rms[index] = np.sqrt((left**2).mean())
+        own = readings + np.array([group[index] for group in mine if group[index] >= 0], int)
+        rest = np.setdiff1d(np.arange(len(covariance)), own)
+        rows = problem.without_line(index, np.column_stack([block[:, 0], problem.by_all(block)])) / problem.noise_scale
+        left, slopes = rows[:, 0], rows[:, 1:]
+        columns = np.hstack([slopes[:, own], slopes[:, rest] @ np.linalg.cholesky(covariance[np.ix_(rest, rest)])])
+        errors = np.concatenate([solution.parameters[own], np.zeros(len(rest))])
+        step = -np.linalg.solve(np.eye(len(errors)) + columns.T @ columns, columns.T @ left + errors)
+        rms[index], needed[index] = (
+            np.sqrt(((left + columns @ step) ** 2).mean()),
+            np.linalg.norm((errors + step)[: len(own)]),
+        )
     return (rms < _FALSE_STILL * np.median(rms)) & (needed < _FALSE_READING_STD), rms
 
 
-RUN = 10
+_RUN = 10
 """Points in a run of neighbours: longer than the picture's noise is correlated, shorter than the shape."""
 _PASSES = 12
 _HOLDS = (1.0, 0.3, 0.1, 0.01)
@@ -186,7 +190,7 @@ def _solved(
     evaluated, gap_std = problem.evaluate(parameters), np.nan
     for turn in range(_PASSES + 1):
         kept = problem.kept
-        scale = noise_scale([block[:, 0] for block, inside in zip(evaluated.points, kept, strict=True) if inside])
+        scale = noise_scale([problem.without_line(i, evaluated.points[i][:, 0]) for i in np.flatnonzero(kept).tolist()])
         change = abs(scale / problem.noise_scale - 1.0)
         problem = replace(problem, noise_scale=scale)
         exact = change < _NEAR or turn == _PASSES
@@ -194,8 +198,7 @@ def _solved(
         parameters = solution.parameters
         problem = problem.relinearised(parameters)
         evaluated = problem.evaluate(parameters)
-        readings = parameters[problem.lens.stop :]
-        fits, rms = _fitting(evaluated.points, scale, problem.groups, readings, kept)
+        fits, rms = _fitting(problem, solution, evaluated.points, kept)
         # stills on the border do not come and go for ever, and the last pass is over those that it leaves
         fits = kept if turn == _PASSES else fits & kept if turn > _PASSES // 2 else fits
         problem = replace(problem, kept=fits)
@@ -212,7 +215,7 @@ def _solved(
         if with_tips is not None:
             problem, solution, evaluated = with_tips
             parameters = solution.parameters
-    whole = _covariance(problem, solution, share)
+    whole = _covariance(problem.lens, solution, share)
     # the lens in its own units
     axes = block_diag(np.eye(RIG), prior.lens_axes)
     covariance = axes @ whole[: problem.lens.stop, : problem.lens.stop] @ axes.T
@@ -249,7 +252,7 @@ def _with_tips(problem: Problem, solution: Linearised) -> tuple[Problem, float]:
     tried = replace(problem, tips=which).relinearised(solution.parameters)
     found = tried.evaluate(solution.parameters)
     slopes = tried.by_all(found.tips)
-    known = slopes @ _covariance(problem, solution, 1.0) @ slopes.T
+    known = slopes @ solution.covariance() @ slopes.T
     off = found.tips[:, 0]
     # what all of them share is judged together
     agree = np.abs(off - np.median(off)) <= _ODD_TIP_STD * np.sqrt(1.0 + np.diag(known))
@@ -278,14 +281,11 @@ def _at_tips(problem: Problem, parameters: np.ndarray) -> tuple[Problem, Lineari
     return (problem, solution, problem.evaluate(solution.parameters)) if solution.converged else None
 
 
-def _covariance(problem: Problem, solution: Linearised, share: float) -> np.ndarray:
-    """Of all parameters, with the errors that a line's points share. share : of its deviations, in which the lens was
-    held."""
+def _covariance(lens: slice, solution: Linearised, share: float) -> np.ndarray:
+    """Of all parameters. share : of its deviations, in which the lens was held."""
     inverse = solution.covariance()
-    lens = slice(RIG, problem.lens.stop)
     # the lens may be off by all its deviation, however short it was held: the solution follows it as it does its prior
-    whole = inverse + (share**-2 - 1.0) * inverse[:, lens] @ inverse[lens, :]
-    return whole + _by_line_errors(problem, solution, inverse) if problem.prior.line_px > 0.0 else whole
+    return inverse + (share**-2 - 1.0) * inverse[:, lens] @ inverse[lens, :]
 
 
 def _tip(problem: Problem, evaluated: Evaluation, covariance: np.ndarray, axes: np.ndarray) -> Tip | None:
@@ -306,24 +306,11 @@ def _tip(problem: Problem, evaluated: Evaluation, covariance: np.ndarray, axes: 
     return Tip(float(offset), float(np.sqrt(variance + across @ by_rig)), axes @ across[lens])
 
 
-def _by_line_errors(problem: Problem, solution: Linearised, covariance: np.ndarray) -> np.ndarray:
-    """What the lines' own errors, that a still's points share, add to the covariance of all parameters."""
-    weights, jacobian = solution.weights, solution.jacobian
-    row, added = 0, []
-    for index in np.flatnonzero(problem.kept).tolist():
-        modes = problem.line_modes(index)
-        rows = slice(row, row + len(modes))
-        row = rows.stop
-        added.append((jacobian[rows] * weights[rows, None] ** 2).T @ modes)
-    moved = covariance @ np.hstack(added)
-    return moved @ moved.T
-
-
 def noise_scale(residuals: Sequence[np.ndarray]) -> float:
     """Factor between the deviations that the points claim and those that count when many are averaged.
 
     Measured on means of runs of neighbours, which also sees errors that neighbours share.
     """
-    runs = [r[: len(r) // RUN * RUN].reshape(-1, RUN).mean(axis=1) for r in residuals]
-    spread = MAD_SCALE * np.sqrt(RUN) * float(np.median(np.abs(np.concatenate(runs))))
+    runs = [r[: len(r) // _RUN * _RUN].reshape(-1, _RUN).mean(axis=1) for r in residuals]
+    spread = MAD_SCALE * np.sqrt(_RUN) * float(np.median(np.abs(np.concatenate(runs))))
     return float(max(spread, mad_std(np.concatenate(residuals)), 0.2))

@@ -284,11 +284,11 @@ class Problem:
         return modes * (self.prior.line_px / (self.noise_scale * std))[:, None]
 
     def without_line(self, index: int, rows: np.ndarray) -> np.ndarray:
-        """Rows (N, K) of an observation's points, whitened of what these share."""
+        """Rows (N, ...) of an observation's points, whitened of what these share."""
         if self.prior.line_px == 0.0:
             return rows
         axes, std, _ = np.linalg.svd(self.line_modes(index), full_matrices=False)
-        return rows - axes @ ((1.0 - 1.0 / np.hypot(1.0, std))[:, None] * (axes.T @ rows))
+        return rows - (axes * (1.0 - 1.0 / np.hypot(1.0, std))) @ (axes.T @ rows)
 
     def tips_by_load(self, parameters: np.ndarray, ends: Mapping[int, SeenPoints]) -> dict[int, np.ndarray]:
         """(1, 2) as `slopes_by_load`, of the antenna's end along it, for each of them."""
@@ -323,11 +323,12 @@ class Problem:
     def residuals(self, parameters: np.ndarray, evaluated: Evaluation | None = None) -> tuple[np.ndarray, np.ndarray]:
         """All residuals (R,) and their Jacobian (R, 17 + P + K): points, moments, poses, tips, antenna to readings.
 
+        Those of a line's points are whitened of what these share.
         evaluated : what `evaluate` gives there, if that is known.
         """
         evaluated = self.evaluate(parameters) if evaluated is None else evaluated
         moments = evaluated.moments
-        points = np.vstack([block for block, kept in zip(evaluated.points, self.kept, strict=True) if kept])
+        points = np.vstack([self.without_line(i, evaluated.points[i]) for i in np.flatnonzero(self.kept).tolist()])
         misfit, rows = -self.moment_residuals_Nm(parameters, moments), self._moment_slopes(parameters, moments)
         parts = [
             (points[:, 0] / self.noise_scale, self._point_slopes(points)),

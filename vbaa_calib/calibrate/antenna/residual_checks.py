@@ -81,21 +81,15 @@ def check(joint: BundleAdjustment) -> Checks:
 
 def _one_more(joint: BundleAdjustment, column: np.ndarray) -> Estimate | None:
     """What a further parameter would be whose change moves the residuals along column (R,)."""
-    solution, problem = joint.solution, joint.problem
-    whole, first = np.column_stack([column, solution.residuals, solution.jacobian]), 0
-    for index in np.flatnonzero(problem.kept).tolist():
-        rows = slice(first, first := first + len(problem.seen_at_lens[index]))
-        whole[rows] = problem.without_line(index, whole[rows])
-    own, residuals, jacobian = np.split(whole * solution.weights[:, None], [1, 2], axis=1)
-    scale = np.linalg.norm(jacobian, axis=0)
-    jacobian = jacobian / np.where(scale > 0.0, scale, 1.0)
-    # what the others leave of both
-    both = np.hstack([own, residuals])
-    own, residuals = (both - jacobian @ np.linalg.lstsq(jacobian, both)[0]).T
-    left = float(own @ own)
-    if left <= 1e-9 * float(column @ column):
+    solution = joint.solution
+    weights = solution.weights
+    own = column * weights
+    information, _, scale = solution.normal_equations()
+    others = (solution.jacobian * weights[:, None]).T @ own / scale
+    left = float(own @ own - others @ np.linalg.solve(information, others))
+    if left <= 1e-9 * float(own @ own):
         return None
-    return Estimate(float(-(own @ residuals) / left), left**-0.5)
+    return Estimate(float(-(own @ (solution.residuals * weights)) / left), left**-0.5)
 
 
 def _column(joint: BundleAdjustment, points: np.ndarray, moments: np.ndarray) -> np.ndarray:
@@ -118,7 +112,8 @@ def _anisotropy(joint: BundleAdjustment) -> Estimate | None:
         if joint.kept[index]:
             pair = image_curves(curves.picked(np.array([2 * index, 2 * index + 1])), view)
             distances = whitened_residuals(points, pair)
-            slopes.append((distances[:, 1] - distances[:, 0]) / _ANISOTROPY_STEP / problem.noise_scale)
+            slope = (distances[:, 1] - distances[:, 0]) / _ANISOTROPY_STEP / problem.noise_scale
+            slopes.append(problem.without_line(index, slope))
     return _one_more(joint, _column(joint, np.concatenate(slopes), np.zeros(len(problem.observations))))
 
 
@@ -126,13 +121,11 @@ def _mass(joint: BundleAdjustment) -> Estimate | None:
     prior = joint.problem.prior
     mean, variance = float(prior.mean[MASS - 6]), float(prior.std[MASS - 6]) ** 2
     value, posterior = float(joint.parameters[MASS]), float(joint.covariance[MASS, MASS])
-    # the part that the solve gave to what was known before; it knows nothing of the errors that a line's points share
-    part = float(joint.solution.covariance()[MASS, MASS]) / variance
-    if part > 1.0 / (1.0 + _LEAST_GAIN):
+    information = 1.0 / posterior - 1.0 / variance
+    if information * variance < _LEAST_GAIN:
         return None
-    alone = (value - part * mean) / (1.0 - part)
-    std = float(np.sqrt(max(posterior - part**2 * variance, 0.0))) / (1.0 - part)
-    return Estimate(float(np.exp(alone)), float(np.exp(alone)) * std)
+    alone = (value / posterior - mean / variance) / information
+    return Estimate(float(np.exp(alone)), float(np.exp(alone) * information**-0.5))
 
 
 def _drift(joint: BundleAdjustment, when: np.ndarray) -> Estimate | None:

@@ -10,7 +10,6 @@ from typing import NamedTuple
 import numpy as np
 
 from vbaa_calib.calibrate.antenna.bundle_adjustment import (
-    RUN,
     BundleAdjustment,
     adjust_bundle,
     exact_loads,
@@ -26,8 +25,6 @@ SENSOR_OFF = 1e6
 """Factor on the moment sensor's noise that leaves it out of a solve."""
 _DEGREE = 7
 """Of the smooth curve that any bent antenna is in the picture."""
-_LINE = float(np.sqrt(RUN * (1 + 1 / 3 + 1 / 5)))
-"""By which a line's common offset, slope and curvature, of deviation 1, count in `noise_scale`."""
 _READING_STD = (7e-4, 7e-3)
 _FITS = 1.5
 """An explanation fits that leaves at most this multiple of the pictures' own scatter."""
@@ -45,11 +42,8 @@ def solve_free(observations: Sequence[Observation], before: Prior, length_m: flo
     return adjust_bundle(free, before, length_m, SENSOR_OFF * std_Nm)
 
 
-def picture_scatter(observations: Sequence[Observation], line_px: float = 0.0) -> float:
-    """Scatter of the points about a smooth curve in their own picture, over their deviations; at least 0.2.
-
-    line_px : what is common to all points of a picture, by which the curve itself may lie off.
-    """
+def picture_scatter(observations: Sequence[Observation]) -> float:
+    """Scatter of the points about a smooth curve in their own picture, over their deviations; at least 0.2."""
     left = []
     for one in observations:
         if len(one.points_px) > 2 * _DEGREE:
@@ -58,9 +52,7 @@ def picture_scatter(observations: Sequence[Observation], line_px: float = 0.0) -
             smooth = np.polynomial.Polynomial.fit(along, aside, _DEGREE)
             freedom = np.sqrt(len(along) / (len(along) - _DEGREE - 1))
             left.append(freedom * (aside - smooth(along)) / np.hypot(1.0, smooth.deriv()(along)) / one.sigma_px)
-    own = max(mad_std(np.concatenate(left)), 0.2) if left else 0.2
-    sigma_px = np.concatenate([one.sigma_px for one in observations])
-    return float(np.hypot(own, _LINE * line_px / np.median(sigma_px)))
+    return max(mad_std(np.concatenate(left)), 0.2) if left else 0.2
 
 
 def fits(scatter: float, own_scatter: float) -> bool:
@@ -120,8 +112,7 @@ def scatter_with_change(joint: BundleAdjustment, which: Sequence[int], after: Se
 class StillRows:
     """A linearised bundle adjustment with its rows by still.
 
-    joint : where it comes from. solution : linearised at its end, with the stills that took part, their points' rows
-        whitened of what is common to the points of one line.
+    joint : where it comes from. solution : linearised at its end, with the stills that took part.
     points : per observation the slice of its points' rows; empty for one that was left out.
     moments : (F,) its moment's row; −1 for one that was left out.
     factor : (R,) on residuals and columns, that makes least squares of them.
@@ -150,12 +141,7 @@ class StillRows:
         solution = exact_loads(solution, readings)
         moments = np.where(kept, ends[-1] + np.cumsum(kept) - 1, -1)
         points = [slice(a, b) for a, b in pairwise(ends)]
-        factor = solution.weights
-        whole = np.column_stack([solution.residuals, solution.jacobian])
-        for index in np.flatnonzero(kept).tolist():
-            whole[points[index]] = problem.without_line(index, whole[points[index]])
-        solution = replace(solution, residuals=whole[:, 0], jacobian=whole[:, 1:])
-        return StillRows(joint, solution, points, moments, factor, np.zeros((len(whole), 0)))
+        return StillRows(joint, solution, points, moments, solution.weights, np.zeros((len(solution.residuals), 0)))
 
     def with_readings(self, noise_scale: float) -> StillRows:
         """The same with uncertain places and (relative) forces; noise_scale : of the points' deviations."""

@@ -231,10 +231,10 @@ def _refitted(free: BundleAdjustment, gravity_m_s2: np.ndarray, start: np.ndarra
         now = moved
         if after > (1 - _CONVERGED) * before:
             break
-    blocks = problem.evaluate(now.parameters).points
     # the points' own: a bow that is not ordinary is no sign of another gravity
     points = now.residuals[: -now.certain]
-    return 2.0 * float(huber_losses(points).sum()), noise_scale([block[:, 0] for block in blocks])
+    lines = np.split(points, np.cumsum([*map(len, problem.seen_at_lens)]))[:-1]
+    return 2.0 * float(huber_losses(points).sum()), noise_scale(lines)
 
 
 def _hypotheses(

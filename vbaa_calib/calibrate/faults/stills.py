@@ -48,7 +48,7 @@ def still_diagnoses(session: Session, kinematics: Kinematics, joint: BundleAdjus
 
 
 def _diagnoses(session: Session, kinematics: Kinematics, joint: BundleAdjustment) -> list[Diagnosis]:
-    problem, own = joint.problem, picture_scatter(joint.noted, joint.problem.prior.line_px)
+    problem, own = joint.problem, picture_scatter(joint.noted)
     try:
         free: BundleAdjustment | None = solve_free(joint.noted, problem.prior, problem.length_m, problem.moment_std_Nm)
     except SolveError:
@@ -173,8 +173,7 @@ def _failure_causes(
         free = solve_free(observations, before, length, std)
     except SolveError:
         return found
-    own = picture_scatter(observations, before.line_px)
-    gravity = gravity_diagnosis(free, kinematics, session.gravity_world_m_s2, own)
+    gravity = gravity_diagnosis(free, kinematics, session.gravity_world_m_s2, picture_scatter(observations))
     if gravity is not None:
         return [gravity]
     rows = wrong_rows(free, observations, length)
