@@ -12,7 +12,7 @@ from vbaa_calib.camera import Camera
 from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.geometry import Pose
 
-from .synthetic_views import SPEC, board_view, pose_towards, project_board
+from .synthetic_views import CENTRE, SPEC, board_view, pose_towards, project_board
 
 SIZE = (1280, 960)
 INTRINSICS = np.array([1100.0, 1098.0, 645.0, 476.0, -0.18, 0.06, 5e-4, -6e-4])
@@ -31,6 +31,7 @@ class Arm:
     robot_std: tuple[float, float] = (5e-4, 3e-4)
     lens_std: tuple[float, float] = (0.0, 0.0)
     tilt_rad: float = 0.6
+    one_axis: bool = False
 
 
 def lens(arm: Arm, rng: np.random.Generator | None = None) -> Camera:
@@ -48,6 +49,10 @@ def views_and_poses(arm: Arm, seed: int = 0) -> tuple[list[BoardView], list[Pose
     views, readings = [], []
     for index in range(arm.count):
         T_camera_board = pose_towards(rng, 0.22, arm.tilt_rad)
+        if arm.one_axis:
+            turn = Pose.from_rotvec(np.array([0.0, rng.uniform(-0.6, 0.6), 0.0]), np.zeros(3)).rotation
+            middle = np.array([*rng.normal(0.0, 0.02, 2), 0.22])
+            T_camera_board = Pose(turn, middle - turn @ CENTRE)
         in_hand = Z @ T_camera_board.inverse() @ X.inverse()
         true = in_hand if arm.mount == "hand" else X @ T_camera_board @ Z.inverse()
         off = np.repeat(arm.robot_std, 3) * rng.standard_normal(6)

@@ -73,14 +73,15 @@ def assert_as_predicted(arm: Arm, draws: int, wrong: float = 0.0) -> None:
     """Errors of camera and board are those of the covariance, 95 % regions hold 95 %, within what draws can tell.
 
     Regions are wider by Fisher's F and the penalty on the robot's variance: errors may be smaller by a fifth, of
-    few views by a half.
+    few views, or with a robot that never errs, by a half.
     """
     solved = [solve(arm, seed, wrong) for seed in range(draws)]
     errors = np.array([error(one) for one, _ in solved])
     predicted = np.mean([np.diag(one.covariance) for one, _ in solved], axis=0)
     ratio = np.sqrt(np.mean(errors**2 / predicted))
     off = 3.0 / np.sqrt(2.0 * 6.0 * draws)
-    assert (0.8 if arm.count > 8 else 0.5) - off < ratio < 1.05 + off
+    least = 0.8 if arm.count > 8 and any(arm.robot_std) else 0.5
+    assert least - off < ratio < 1.05 + off
     for part in (slice(0, 6), slice(6, 12)):
         squares = [
             square(each[part], one.covariance[part, part]) for each, (one, _) in zip(errors, solved, strict=True)
@@ -113,7 +114,7 @@ def test_errors_are_those_predicted(arm: Arm, wrong: float) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(("arm", "wrong"), ARMS)
 def test_errors_are_those_predicted_of_many_draws(arm: Arm, wrong: float) -> None:
-    assert_as_predicted(arm, 150, wrong)
+    assert_as_predicted(arm, 60, wrong)
 
 
 def test_the_robots_own_error_is_found() -> None:
@@ -161,17 +162,49 @@ def test_mistakes_are_named(mount: str, change, words: str) -> None:
 
 
 def test_motions_that_leave_the_camera_open_are_refused() -> None:
-    """Turns about one axis only, wherever the hand goes, with exact readings of them; and fewer than three views."""
-    arm = Arm("hand", 10)
+    """Turns about one axis only, also where a wrong row hides it; and fewer than three views."""
+    arm = Arm("hand", 10, one_axis=True)
+    for wrong in (0.0, 0.1):
+        with pytest.raises(InputError, match="about one axis"):
+            solve(arm, 0, wrong)
     views, poses = views_and_poses(arm)
-    turned = [Pose.from_rotvec(np.array([0.0, 0.05 * i, 0.0]), pose.translation_m) for i, pose in enumerate(poses)]
-    with pytest.raises(InputError, match="about one axis"):
-        solve_hand_eye(views, turned, POINTS, lens(arm), "hand")
     with pytest.raises(InputError, match="at least 3 are needed"):
         solve_hand_eye(views[:2], poses[:2], POINTS, lens(arm), "hand")
     bare = [replace(view, ids=view.ids[:3], corners_px=view.corners_px[:3]) for view in views]
     with pytest.raises(InputError, match=r"0 of 10 views.*3 corners"):
         solve_hand_eye(bare, poses, POINTS, lens(arm), "hand")
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"ids": np.zeros(40, int)}, "different ids"),
+        ({"ids": np.arange(1, 41)}, "different ids"),
+        ({"corners_px": np.full((40, 2), np.nan)}, "finite pixels"),
+        ({"corners_px": np.zeros((39, 2))}, "finite pixels"),
+        ({"image_size": (640, 480)}, "640x480 px"),
+    ],
+)
+def test_views_that_cannot_be_are_refused(change: dict, words: str) -> None:
+    views, poses = views_and_poses(Arm())
+    assert len(views[3].ids) == 40
+    with pytest.raises(InputError, match=words):
+        solve_hand_eye([*views[:3], replace(views[3], **change), *views[4:]], poses, POINTS, lens(Arm()), "hand")
+
+
+def test_gross_corners_are_left_out() -> None:
+    """One in ten, 10 to 40 px off, in every view: the poses move by less than their deviations."""
+    arm, rng = Arm("hand", 10), np.random.default_rng(0)
+    views, poses = views_and_poses(arm)
+    spoilt = []
+    for view in views:
+        pixels = view.corners_px.copy()
+        pixels[rng.choice(len(pixels), 4, replace=False)] += rng.choice([-1, 1], (4, 2)) * rng.uniform(10, 30, (4, 2))
+        spoilt.append(replace(view, corners_px=pixels))
+    good, found = (solve_hand_eye(each, poses, POINTS, lens(arm), "hand") for each in (views, spoilt))
+    assert all(view.left_out >= 4 for view in found.views)
+    step = found.camera_pose.tangent_from(good.camera_pose)
+    assert (np.abs(step) < 0.5 * np.sqrt(np.diag(good.covariance)[:6])).all()
 
 
 def test_poses_of_other_views_are_refused() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 from . import damage as d
@@ -120,6 +121,8 @@ POSES: tuple[Row, ...] = (
     ("half a quaternion", d.cell(2, "qx", "9"), "line 2", "the quaternion's length is"),
     ("two rows", d.changed(lambda data: b"\n".join(data.split(b"\n")[:3])), "2 of 2 views can be used", "at least 3"),
     ("millimetres in m", d.changed(lambda data: scaled(data)), "if they are in millimetres"),
+    ("no turns", d.changed(lambda data: turned(data, 0.0)), "the hand only shifted"),
+    ("turns about one axis", d.changed(lambda data: turned(data, 0.1)), "about one axis"),
     ("another arm", d.changed(lambda data: mixed(data)), "the robot's poses"),
     ("Euler angles", d.text("qx,qy,qz,qw", "a_deg,b_deg,c_deg,d"), "needs their order", "--euler", "ZYX"),
 )
@@ -140,6 +143,15 @@ def _of_poses(data: bytes, change: Callable[[int, list[str]], list[str]]) -> byt
 
 def scaled(data: bytes) -> bytes:
     return _of_poses(data, lambda _, cells: [cells[0], *(str(1e3 * float(x)) for x in cells[1:4]), *cells[4:]])
+
+
+def turned(data: bytes, step: float) -> bytes:
+    """About z, by so much more in every row."""
+
+    def about_z(k: int, cells: list[str]) -> list[str]:
+        return [*cells[:4], "0", "0", str(math.sin(k * step)), str(math.cos(k * step))]
+
+    return _of_poses(data, about_z)
 
 
 def mixed(data: bytes) -> bytes:

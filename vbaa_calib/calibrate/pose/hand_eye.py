@@ -200,7 +200,7 @@ def solve_hand_eye(
     good = [seen[i] for i in used]
     rows = [_checked_pose(pose, index) for index, pose in enumerate(robot_poses)]
     poses = [rows[i] for i in used]
-    _refuse_one_axis(poses)
+    _refuse_one_axis(poses)  # and again without those that are wrong
     start = _start(rows, used, good, points, mount == "hand", readings or {})
     corners = tuple(one.corners for one in good if one.corners is not None)
     freedom = sum(2 * len(one.pixels) - 6 for one in corners)
@@ -318,6 +318,7 @@ def _consistent(
     std = np.array([max(start.spread_m, 1e-6), max(start.spread_m, 1e-6), 1.0])
     for _ in range(_ROUNDS):
         part = problem.picked(kept)
+        _refuse_one_axis(part.readings)
         solved = part.solved(part.start(X, Z), std)
         X, Z, std = solved.state.X, solved.state.Z, solved.std
         off = problem.misfits(solved, seen, kept, centre_m)
