@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
-import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -18,10 +18,11 @@ from .models import LENS_MODELS, LensModel, Unfolding, camera_of, division_like,
 _FOCAL_PER_WIDTH = (0.7, 1.4, 3.0, 8.0, 0.35)
 _DIVISIONS = (0.0, -0.1, -0.2, -0.35, -0.5, -0.65, -0.8, 0.15)
 """Of the undistortion x / (1 + λr²), r being 1 at the picture's corner: from a fisheye of 160° to a pincushion."""
-_MOST_VIEWS, _MOST_CORNERS = 16, 40
+_MOST_VIEWS, _MOST_CORNERS = 10, 40
 """Views, and corners of each, that starts are compared by."""
 _SAME, _LITTLE_PX = 1.05, 0.02
 _WRONG_POSE, _LEAST_RAY_Z = 3.0, 0.1
+_SEED, _SAMPLES, _BELOW = 0, 64, 5.0
 _TRIAL = replace(CONVERGED, iterations=15, tolerance=1e-3)
 _FEW_STEPS = replace(_TRIAL, iterations=6)
 _UNFOLDING = replace(CONVERGED, iterations=15, tolerance=1e-5)
@@ -29,43 +30,64 @@ _LEAST_SLOPES, _STIFF = (0.1, 0.2, 0.35), 1e4
 _UNFOLDING_MAY_COST, _UNFOLDING_DEVIATIONS = 0.01, 20.0
 
 
+class Guess(NamedTuple):
+    """A focal length, px or NaN, and λ of a distortion by the division model, from the views' homographies."""
+
+    focal_px: float
+    division: float
+
+    @staticmethod
+    def of(observations: Sequence[Observation], image_size: tuple[int, int]) -> Guess:
+        """The λ under which the median corners of the views, each by its own homography, are best."""
+        division, homographies = _undistorted_homographies(_thinned(observations), image_size)
+        return Guess(_focal_length(homographies), division)
+
+
 def rough_lens(
     model: LensModel,
     observations: Sequence[Observation],
     image_size: tuple[int, int],
     known: Mapping[str, Bundle] | None = None,
+    guess: Guess | None = None,
 ) -> Bundle:
     """A robust solution of a flat board that needs only a few more steps, whatever outliers there are.
 
-    From the solution of a simpler lens where `known` has one by its name. Otherwise from the focal length, distortion
-    and poses that the views' homographies give without their outliers, and from focal lengths long and short, until two
-    lead to the same; the best by the median corner is taken, for half of the corners may be wrong.
+    From the solution of a simpler lens where `known` has one by its name, or of a richer one. Otherwise from the focal
+    length, distortion and poses that the views' homographies give without their outliers (`guess`), and from focal
+    lengths long and short, until two lead to the same; the best by the median corner is taken, for half of the corners
+    may be wrong.
     """
-    simpler = (known or {}).get(model.simpler or "")
-    if simpler is None:
-        ladder = _ladder(model)[::-1]
-        first = next((rung for rung in ladder if rung.free), model)
-        simpler = _from_homographies(first, observations, image_size)
-        # through the simpler lenses: a rich lens from a cold start ends far from the minimum
-        for rung in ladder[ladder.index(first) + 1 :]:
-            simpler = _posed(_begun(rung, simpler, image_size), observations, _FEW_STEPS)
-        return refine(simpler, observations, _TRIAL, robust=True)
-    return _posed(_begun(model, simpler, image_size), observations, _TRIAL)
+    known = known or {}
+    near = known.get(model.simpler or "")
+    if near is not None:
+        return _posed(_begun(model, near, image_size), observations, _TRIAL)
+    richer = next((each for name, each in known.items() if model in _ladder(LENS_MODELS[name])), None)
+    if richer is not None:
+        intrinsics = richer.intrinsics[: 4 + model.distortion_count].copy()
+        intrinsics[[4 + index for index in range(model.distortion_count) if index not in model.free]] = 0.0
+        return _posed(Bundle.start(model, intrinsics, richer.poses), observations, _TRIAL)
+    ladder = _ladder(model)[::-1]
+    first = next((rung for rung in ladder if rung.free), model)
+    bundle = _from_homographies(first, observations, image_size, guess or Guess.of(observations, image_size))
+    # through the simpler lenses: a rich lens from a cold start ends far from the minimum
+    for rung in ladder[ladder.index(first) + 1 :]:
+        bundle = _posed(_begun(rung, bundle, image_size), observations, _FEW_STEPS)
+    return refine(bundle, observations, _TRIAL, robust=True)
 
 
 def _begun(model: LensModel, simpler: Bundle, image_size: tuple[int, int]) -> Bundle:
     return Bundle.start(model, widened(simpler.intrinsics, model, image_size), simpler.poses)
 
 
-def _from_homographies(model: LensModel, observations: Sequence[Observation], image_size: tuple[int, int]) -> Bundle:
+def _from_homographies(
+    model: LensModel, observations: Sequence[Observation], image_size: tuple[int, int], guess: Guess
+) -> Bundle:
     """The first of a ladder of lenses that has a distortion, or one without."""
     some = _thinned(observations)
-    division, homographies = _undistorted_homographies(some, image_size)
-    middle = _focal_length(homographies)
     others = [ratio * max(image_size) for ratio in _FOCAL_PER_WIDTH]
     tried: list[Bundle] = []
-    for focal in [*([middle] if np.isfinite(middle) else []), *others]:
-        start = _start(model, focal, division if focal == middle else 0.0, some, image_size)
+    for focal in [*([guess.focal_px] if np.isfinite(guess.focal_px) else []), *others]:
+        start = _start(model, Guess(focal, guess.division if focal == guess.focal_px else 0.0), some, image_size)
         tried.append(_posed(start, some, _FEW_STEPS))
         scores = sorted(each.sigma_px for each in tried if _is_physical(each))
         if len(scores) > 1 and scores[1] < _SAME * scores[0] + _LITTLE_PX:
@@ -83,13 +105,11 @@ def _thinned(observations: Sequence[Observation]) -> list[Observation]:
     return [view.picked(np.arange(0, len(view.pixels), -(-len(view.pixels) // _MOST_CORNERS))) for view in views]
 
 
-def _start(
-    model: LensModel, focal: float, division: float, observations: Sequence[Observation], image_size: tuple[int, int]
-) -> Bundle:
+def _start(model: LensModel, guess: Guess, observations: Sequence[Observation], image_size: tuple[int, int]) -> Bundle:
     """Of a focal length and a distortion, by the division model, about the picture's centre."""
-    width, height = image_size
-    division *= (focal / (0.5 * np.hypot(width, height))) ** 2
+    (width, height), (focal, division) = image_size, guess
     reach = 0.5 * np.hypot(width, height) / focal
+    division /= reach**2
     intrinsics = np.concatenate(
         [[focal, focal, (width - 1) / 2, (height - 1) / 2], division_like(model, division, reach)]
     )
@@ -99,8 +119,7 @@ def _start(
 def _undistorted_homographies(
     observations: Sequence[Observation], image_size: tuple[int, int]
 ) -> tuple[float, list[np.ndarray]]:
-    """The division λ under which the median corners of the views, each by its own homography, are best; and the
-    homographies (3, 3) from board points to undistorted pixels about the picture's centre."""
+    """`Guess.division`, and homographies (3, 3) from board points to undistorted pixels about the picture's centre."""
     centre, radius = (np.array(image_size) - 1) / 2, 0.5 * float(np.hypot(*image_size))
     found: list[tuple[float, float, list[np.ndarray]]] = []
     for division in _DIVISIONS:
@@ -108,10 +127,10 @@ def _undistorted_homographies(
         for view in observations:
             centred = view.pixels - centre
             stretched = 1.0 + division * (centred**2).sum(axis=1, keepdims=True) / radius**2
-            homography = _homography(view.points_m[:, :2], centred / stretched)
+            board, ideal = view.points_m[:, :2], centred / stretched
+            homography = _homography(board, ideal)
             if homography is not None:
-                mapped = np.column_stack([view.points_m[:, :2], np.ones(len(centred))]) @ homography.T
-                off = np.linalg.norm(mapped[:, :2] / mapped[:, 2:] - centred / stretched, axis=1)
+                off = _homography_errors(homography, np.column_stack([board, np.ones(len(board))]), ideal)
                 # in the picture's own pixels again
                 scores.append(radial_std(off * stretched[:, 0]))
                 homographies.append(homography)
@@ -123,13 +142,57 @@ def _undistorted_homographies(
 
 
 def _homography(points: np.ndarray, image: np.ndarray) -> np.ndarray | None:
-    """(3, 3) of points (N, 2) to their image (N, 2), of which less than half may be wrong; None without one."""
+    """(3, 3) of points (N, 2) to their image (N, 2), of which less than half may be wrong; None without one.
+
+    Least median of squares (Rousseeuw 1984), then least squares of the points that it fits. OpenCV's finds none on
+    small boards: most of its samples have three points on a line, and it gives up.
+    """
     known = np.isfinite(image).all(axis=1)
     if known.sum() < 4:
         return None
-    # OpenCV's least median of squares begins each time from the same random numbers
-    found, _ = cv2.findHomography(points[known], image[known], cv2.LMEDS)
-    return None if found is None or not np.isfinite(found).all() else np.asarray(found)
+    (points, by_points), (image, by_image) = _normalised(points[known]), _normalised(image[known])
+    picks = np.random.default_rng(_SEED).random((_SAMPLES, len(points))).argsort(axis=1)[:, :4]
+    from_points, from_image = _from_basis(points[picks]), _from_basis(image[picks])
+    # adjugates: a sample with three points on a line gives a singular matrix, which fits nothing
+    with np.errstate(all="ignore"):
+        every = from_image @ np.cross(np.roll(from_points, -1, axis=2), np.roll(from_points, -2, axis=2), axis=1).mT
+        distances = np.nan_to_num(_homography_errors(every, points, image), nan=np.inf)
+    best = every[np.median(distances, axis=1).argmin()]
+    for _ in range(2):
+        distances = _homography_errors(best, points, image)
+        if not np.isfinite(distances).all():
+            return None
+        near = distances <= max(_BELOW * radial_std(distances), float(np.partition(distances, 3)[3]))
+        nil = np.zeros_like(points[near])
+        rows = [np.hstack([points[near], nil, -image[near, :1] * points[near]])]
+        rows += [np.hstack([nil, points[near], -image[near, 1:2] * points[near]])]
+        best = np.linalg.svd(np.vstack(rows), full_matrices=False)[2][-1].reshape(3, 3)
+    return np.linalg.solve(by_image, best @ by_points)
+
+
+def _normalised(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Points (N, 2) about their mean, by their size, homogeneous (N, 3); and what (3, 3) makes them that (Hartley)."""
+    middle = points.mean(axis=0)
+    scale = 1.0 / max(float(np.sqrt(np.mean((points - middle) ** 2))), 1e-300)
+    transform = np.array([[scale, 0.0, -scale * middle[0]], [0.0, scale, -scale * middle[1]], [0.0, 0.0, 1.0]])
+    return np.column_stack([points, np.ones(len(points))]) @ transform.T, transform
+
+
+def _from_basis(four: np.ndarray) -> np.ndarray:
+    """(S, 3, 3) the homographies that take a projective basis to four points (S, 4, 3)."""
+    a, b, c, d = np.moveaxis(four, 1, 0)
+    weights = [
+        np.sum(d * np.cross(b, c), axis=1),
+        np.sum(d * np.cross(c, a), axis=1),
+        np.sum(d * np.cross(a, b), axis=1),
+    ]
+    return np.stack([weight[:, None] * point for weight, point in zip(weights, (a, b, c), strict=True)], axis=2)
+
+
+def _homography_errors(homography: np.ndarray, points: np.ndarray, image: np.ndarray) -> np.ndarray:
+    """(..., N) distances of the images of points (N, 3) under homographies (..., 3, 3) from image (N, 3)."""
+    mapped = points @ homography.mT
+    return np.linalg.norm(mapped[..., :2] / mapped[..., 2:] - image[:, :2], axis=-1)
 
 
 def _focal_length(homographies: Sequence[np.ndarray]) -> float:
@@ -162,9 +225,8 @@ def robust_poses(model: LensModel, intrinsics: np.ndarray, observations: Sequenc
         rays, valid = camera.unproject(view.pixels)
         seen = valid & (rays[:, 2] > _LEAST_RAY_Z)
         image = np.where(seen[:, None], rays[:, :2] / np.where(seen, rays[:, 2], 1.0)[:, None], np.nan)
-        # in pixels: the digits that OpenCV stops at are absolute
-        homography = _homography(view.points_m[:, :2], intrinsics[0] * image)
-        poses.append(_pose(np.diag([1.0, 1.0, intrinsics[0]]) @ homography) if homography is not None else _AWAY)
+        homography = _homography(view.points_m[:, :2], image)
+        poses.append(_AWAY if homography is None else _pose(homography))
     return np.array(poses)
 
 
@@ -213,7 +275,12 @@ def _ladder(model: LensModel) -> list[LensModel]:
     return [model, *([] if model.simpler is None else _ladder(LENS_MODELS[model.simpler]))]
 
 
-def unfolded(bundle: Bundle, observations: Sequence[Observation], image_size: tuple[int, int]) -> Bundle:
+def unfolded(
+    bundle: Bundle,
+    observations: Sequence[Observation],
+    image_size: tuple[int, int],
+    known: Mapping[str, Bundle] | None = None,
+) -> Bundle:
     """A solution that does not fold inside the picture, where the corners leave room for one; the given one otherwise.
 
     Beyond the corners nothing constrains a rich lens, and often it folds there. Keeping up the slope of its radial
@@ -229,7 +296,7 @@ def unfolded(bundle: Bundle, observations: Sequence[Observation], image_size: tu
     starts, simplest = [bundle], _ladder(model)[-1]
     if simplest.camera_model != model.camera_model:
         # a pole inside the picture is not left by small steps
-        smooth = rough_lens(simplest, observations, image_size)
+        smooth = (known or {}).get(simplest.name) or rough_lens(simplest, observations, image_size)
         wide = widened(smooth.intrinsics, model, image_size)
         starts.insert(0, replace(bundle, intrinsics=wide, poses=smooth.poses))
     for slope in _LEAST_SLOPES:

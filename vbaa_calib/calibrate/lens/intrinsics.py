@@ -17,7 +17,7 @@ from vbaa_calib.geometry import Pose
 from .board_shape import SHAPE, BoardShape, ShapePrior
 from .bundle import CONVERGED, Bundle, Observation, polished, refine, residuals_px
 from .information import Candidate, Information, assess, excess_in_errors, information, observations_of
-from .initialization import reposed, rough_lens, unfolded
+from .initialization import Guess, reposed, rough_lens, unfolded
 from .models import LENS_MODELS, LensModel, camera_of, is_monotonic
 from .outliers import DroppedView, Inliers, fit_without_outliers, usable_views
 from .uncertainty import covered_pixels, expected_errors_px
@@ -30,7 +30,7 @@ _CANDIDATES = ("none", "radial", "opencv4", "opencv5", "fisheye", "rational")
 """What `auto` compares, from simple to rich. Thin-prism and tilted lenses are compared only when named."""
 _SCREENING = ("opencv5", "fisheye", "rational")
 """Lenses rich enough that what they leave over is noise and outliers, tried while the lens is not chosen."""
-_CENTRED, _DECENTRED, _CLEARLY = ("none", "radial"), "opencv4", 1.1
+_CENTRED, _DECENTRED, _CLEARLY = ("none", "radial", "fisheye"), "opencv4", 1.15
 _EXCESS, _NEGLIGIBLE = 3.0, 1.005
 _AGREEMENT_MAY_COST, _MONOTONIC_MAY_COST = 1.005, 1.1
 _ROUNDS = 3
@@ -191,9 +191,9 @@ def _screened(observations: Sequence[Observation], options: _Options) -> tuple[I
     the least median error in a robust fit, which outliers do not move.
     """
     known: dict[str, Bundle] = {}
-    robust = {}
+    robust, guess = {}, Guess.of(observations, options.image_size)
     for name in ("opencv4", *_SCREENING) if options.model == "auto" else (options.model,):
-        known[name] = rough_lens(LENS_MODELS[name], observations, options.image_size, known)
+        known[name] = rough_lens(LENS_MODELS[name], observations, options.image_size, known, guess)
         if name in _SCREENING or name == options.model:
             free = known[name].freed(options.square_pixels, options.prior)
             robust[name] = reposed(refine(free, observations, _ROUGHLY, robust=True), observations)
@@ -267,7 +267,7 @@ def _choose_lens(
     Each model is fitted to four fifths of the views and tested on the rest, whose poses alone are solved for. One whose
     held-out error is clearly the larger (over views), by more than 0.5 %, is wrong. Of the others that is taken which
     is expected to be least off where corners were seen, bias and noise together (`expected_errors_px`): too simple a
-    lens is biased, too rich a one noisy. One without decentring must be 10 % better than with it.
+    lens is biased, too rich a one noisy. One without decentring must be 15 % better than opencv4, which has it.
 
     Models that fold inside the picture are passed over unless every other is 10 % worse on held-out views, those whose
     halves disagree unless every other is 0.5 % worse; one that the views leave open is left out.
@@ -280,7 +280,7 @@ def _choose_lens(
     candidates = []
     for name in _CANDIDATES:
         bundle = _fit_lens(LENS_MODELS[name], observations, options, {**fits, **warm})
-        fits[name] = bundle = unfolded(bundle, observations, options.image_size)
+        fits[name] = bundle = unfolded(bundle, observations, options.image_size, fits)
         known = information(bundle, observations)
         if known is not None:
             candidate, errors[name] = assess(bundle, observations, options.image_size, known)
@@ -301,9 +301,11 @@ def _choose_lens(
     ]
     off_px = expected_errors_px(cameras, best.model, pixels)
     candidates = [replace(candidate, expected_error_px=off_px[candidate.model]) for candidate in candidates]
+    names = [candidate.model for candidate in good]
+    chosen = min(names, key=off_px.__getitem__)
     # every lens is a little off its axis: to deny that takes more than chance gives
-    handicap = {name: _CLEARLY if name in _CENTRED and _DECENTRED in off_px else 1.0 for name in off_px}
-    chosen = min((candidate.model for candidate in good), key=lambda name: handicap[name] * off_px[name])
+    if chosen in _CENTRED and _DECENTRED in names and off_px[_DECENTRED] < _CLEARLY * off_px[chosen]:
+        chosen = _DECENTRED
     return fits[chosen], tuple(candidates)
 
 
