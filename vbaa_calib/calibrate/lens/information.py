@@ -17,7 +17,7 @@ from .bundle import CONVERGED, Bundle, Observation, refine, rows
 from .models import LensModel, camera_of, is_monotonic
 from .uncertainty import compensate, pixel_grid, projection_jacobian
 
-_OPEN = 1e-10
+_OPEN, _ROUNDING = 1e-10, 1e-7
 _FOLDS = 5
 _LITTLE_MORE = 1.1
 _NEAR = replace(CONVERGED, iterations=20, tolerance=1e-5)  # from a start that is all but the answer
@@ -74,7 +74,9 @@ def information(bundle: Bundle, observations: Sequence[Observation]) -> Informat
     prior, by_shape = bundle.prior_rows()
     jacobian = np.vstack([*left, by_shape @ bundle.directions])
     norms = np.linalg.norm(jacobian, axis=0)
-    if not np.all(np.isfinite(norms)) or not np.all(norms > 0.0):
+    whole = np.linalg.norm((by_shared @ bundle.directions).reshape(-1, bundle.directions.shape[1]), axis=0)
+    # what the poses explain but for rounding is open
+    if not np.all(np.isfinite(norms)) or not np.all(norms > _ROUNDING * whole):
         return None
     _, values, basis = np.linalg.svd(np.linalg.qr(jacobian / norms, mode="r"), full_matrices=False)
     if values[-1] < _OPEN * values[0]:
