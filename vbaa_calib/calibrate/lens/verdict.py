@@ -17,6 +17,7 @@ from .information import Candidate
 _Grade = Literal["trusted", "look at", "do not use"]
 _VAGUE_FOCAL = 0.02
 _COVERED = 0.5
+_ENOUGH_VIEWS = 6
 
 
 @dataclass(frozen=True)
@@ -144,7 +145,16 @@ def _little_covered(known: Evidence) -> Diagnosis | None:
     return Diagnosis("little_covered", words, "add views with the board near its border")
 
 
-_RULES = (_folds, _split_half_differs, _focal_vague, _little_covered)
+def _few_views(known: Evidence) -> Diagnosis | None:
+    count = len(known.views_px)
+    if count >= _ENOUGH_VIEWS:
+        return None
+    words = f"the lens rests on {count} views: they fit almost any lens, and halves of them cannot be compared"
+    missing = f"add {_ENOUGH_VIEWS - count} or more views, the board tilted by 30 to 45 degrees, each time another way"
+    return Diagnosis("few_views", words, missing)
+
+
+_RULES = (_few_views, _folds, _split_half_differs, _focal_vague, _little_covered)
 """What a lens must not show to be trusted: each a function from `Evidence` to a `Diagnosis`, or None where it holds."""
 
 
