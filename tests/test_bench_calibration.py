@@ -166,7 +166,7 @@ def calibrate_camera(points, frames, config):
 @pytest.mark.slow
 def test_the_table_holds_every_method() -> None:
     chosen = ["f 900, mild barrel, 25 views", "f 900, 5 % outliers, bowed 0.5 mm", "drawn: fisheye"]
-    rows, every = run(1, 5, chosen)
+    rows = run(1, 5, chosen)
     methods = {row.method for row in rows}
     assert methods == {*SOLVERS, "lensboy", "mrcal"} == set(STYLES)
     assert len(rows) == len(chosen) * len(methods)
@@ -176,4 +176,3 @@ def test_the_table_holds_every_method() -> None:
     spoilt = {row.method: row for row in rows if "outliers" in row.cell}
     assert spoilt["OpenCV"].jig_ratio > 3 * spoilt["ours, lens given"].jig_ratio
     assert spoilt["ours, auto"].outliers_found == 1.0
-    assert {one.cell for one in every} == set(chosen)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -14,8 +14,8 @@ from benchmarks.harness import Findings, Options, column, mean_of, or_none, tabl
 from vbaa_calib.core.console import progress
 
 from .judge import Judged, judged
-from .methods import AUTO, ORACLE, Method, methods, versions
-from .scenes import Cell, cells
+from .methods import AUTO, ORACLE, methods, versions
+from .scenes import cells
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -65,28 +65,22 @@ class Row:
     note: str = column("note", default="")
 
 
-def solved(cell: Cell, seeds: Sequence[int], chosen: Iterable[tuple[str, Method]]) -> list[Judged]:
-    """Every method on the cell's draws."""
-    given = [cell.draw(seed) for seed in seeds]
-    return [
-        judged(cell.name, seed, name, outcome, one)
-        for name, method in chosen
-        for seed, one, outcome in zip(seeds, given, method(given), strict=True)
-    ]
-
-
-def run(draws: int, seed: int, chosen: Sequence[str] | None = None) -> tuple[list[Row], list[Judged]]:
-    """Every method in every cell (or those chosen) over the same draws, the oracle first."""
-    rows, every = list[Row](), list[Judged]()
-    known = methods()
-    there = [(name, method) for name, method in known.items() if not isinstance(method, str)]
-    names = list(cells()) if chosen is None else chosen
+def run(draws: int, seed: int, chosen: Sequence[str] | None = None, only: Sequence[str] | None = None) -> list[Row]:
+    """Every method, the oracle first, in every cell (or those chosen, or only those) over the same draws."""
+    known = {name: method for name, method in methods().items() if only is None or name in only}
+    rows, names = list[Row](), list(cells()) if chosen is None else chosen
     for name in progress(names, "cells", len(names)):
-        found = solved(cells()[name], range(seed, seed + draws), there)
-        every += found
+        seeds = range(seed, seed + draws)
+        given = [cells()[name].draw(each) for each in seeds]
+        found = [
+            judged(name, each, one, outcome, draw)
+            for one, method in known.items()
+            if not isinstance(method, str)
+            for each, draw, outcome in zip(seeds, given, method(given), strict=True)
+        ]
         absent = [Row(name, own, note=why) for own, why in known.items() if isinstance(why, str)]
         rows += [*summarised(found), *absent]
-    return rows, every
+    return rows
 
 
 def summarised(found: Sequence[Judged]) -> list[Row]:
@@ -175,7 +169,7 @@ def _figure(rows: Sequence[Row], draws: int) -> Figure:
 def measure(options: Options) -> Findings:
     """Every method in every cell; a draw is one set of views. Quick: the published rigs and those drawn."""
     names = [name for place, name in enumerate(cells()) if not options.quick or place < 5 or name.startswith("drawn")]
-    rows, _ = run(options.draws, options.seed, names)
+    rows = run(options.draws, options.seed, names)
     return Findings(
         table(rows, _TITLE.format(options.draws), once=1),
         {"calibration.csv": rows},
