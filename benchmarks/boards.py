@@ -8,7 +8,6 @@ import numpy as np
 
 from benchmarks.board_faults import SCATTERED, VIEW, Corners, spoilt
 from targets.board import BoardSpec, corner_points
-from vbaa_calib.calibrate.lens.board_shape import deformations
 from vbaa_calib.calibrate.lens.bundle import Bundle, Observation, refine
 from vbaa_calib.calibrate.lens.models import LENS_MODELS, PROJECTIONS, LensModel, camera_of
 from vbaa_calib.camera import Camera
@@ -30,9 +29,13 @@ _LEAST_COSINE = 0.1
 """Of the angle off the axis: a corner further out is not seen."""
 
 
-def bent_corners(sagittas_m: tuple[float, float]) -> np.ndarray:
-    """(C, 3) corners of the board bent by so much along its two axes, in its frame."""
-    return corner_points(BOARD) + deformations(BOARD)[:, :, :2] @ sagittas_m
+def bent_corners(sagittas_m: tuple[float, float], twist_m: float = 0.0, spec: BoardSpec = BOARD) -> np.ndarray:
+    """(C, 3) corners of a board bent by so much along its two axes and twisted, in its frame."""
+    points = corner_points(spec)
+    u, v = (2.0 * (points - points.min(axis=0))[:, :2] / np.ptp(points, axis=0)[:2] - 1.0).T
+    # not by what the solve takes for it
+    rise = sagittas_m[0] * (u**2 - 1.0 / 3.0) + sagittas_m[1] * (v**2 - 1.0 / 3.0) + twist_m * u * v
+    return points + rise[:, None] * np.array([0.0, 0.0, 1.0])
 
 
 def noisy_view(
@@ -98,10 +101,9 @@ class Rig(Optics):
     @property
     def board_points_m(self) -> np.ndarray:
         """(C, 3) corners as the board truly has them, in its frame."""
-        points, (along, across) = corner_points(self.spec), self.stretch
-        x, y = points[:, 0] * (1.0 + along) + self.shear * points[:, 1], points[:, 1] * (1.0 + across)
-        rise = deformations(self.spec)[:, 2, :3] @ [*self.sagittas_m, self.twist_m]
-        return np.column_stack([x, y, rise])
+        x, y, rise = bent_corners(self.sagittas_m, self.twist_m, self.spec).T
+        along, across = self.stretch
+        return np.column_stack([x * (1.0 + along) + self.shear * y, y * (1.0 + across), rise])
 
 
 @dataclass(frozen=True, eq=False)
