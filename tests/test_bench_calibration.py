@@ -14,6 +14,7 @@ from benchmarks.boards import draw, error_mm, jig_pose, offsets_on_plane_m, rigs
 from benchmarks.calibration.calibration import STYLES, run
 from benchmarks.calibration.judge import judged, plane_jacobian
 from benchmarks.calibration.methods import INTERPRETERS, ORACLE, SOLVERS, Outcome, solve_oracle, solve_with, versions
+from benchmarks.calibration.quick import main as quick
 from benchmarks.calibration.scenes import FAMILIES, cells
 from vbaa_calib.calibrate.lens.models import is_monotonic
 from vbaa_calib.geometry import Pose
@@ -161,6 +162,14 @@ def calibrate_camera(points, frames, config):
     seen = [SimpleNamespace(inlier_mask=np.arange(len(frame.ids)) > 0) for frame in frames]
     return SimpleNamespace(camera_model=camera, frame_diagnostics=seen)
 """
+
+
+def test_a_quick_look_stands_beside_the_table(capsys: pytest.CaptureFixture[str]) -> None:
+    quick(["f 900, 3 views", "--draws", "1"])
+    heading, line = capsys.readouterr().out.strip().splitlines()
+    assert heading.startswith("cell") and heading.endswith("mrcal, lensboy")
+    assert line.startswith("f 900, 3 views  ours, auto")
+    assert line.count("/") >= 2, "both peers' ratios, from calibration.csv"
 
 
 @pytest.mark.slow

@@ -161,7 +161,7 @@ def _figure(rows: Sequence[Row], draws: int) -> Figure:
         label(panel, words)
     there = {row.method for row in rows if row.seconds is not None} - {ORACLE}
     shown = {method: style for method, style in STYLES.items() if method in there}
-    legend(drawn, shown, "line: to the worst", title=f"{draws} draws")
+    legend(drawn, shown, title=f"median of {draws} draws, a line to the worst")
     label_x(every, 2, "error on plane C over the oracle's")
     return drawn
 
