@@ -82,6 +82,7 @@ class Rig(Optics):
     spec : the board. fill : share of the picture that it fills, 1 for about half.
     noise_px : standard deviation of a corner, per axis; of each view its own by a factor whose logarithm has the
         deviation blur. tails : degrees of freedom of Student's t, whose deviation is held; infinite for normal noise.
+    motion_px : standard deviation of what the board moves while a view is read out, from its first row to its last.
     """
 
     views: int
@@ -97,6 +98,7 @@ class Rig(Optics):
     noise_px: float = _CORNER_PX
     blur: float = 0.0
     tails: float = np.inf
+    motion_px: float = 0.0
 
     @property
     def board_points_m(self) -> np.ndarray:
@@ -148,6 +150,8 @@ def draw(rig: Rig, seed: int) -> Draw:
         if seen.sum() < min(20, 0.6 * len(points)):
             continue
         noisy = pixels + _noise(rig, pixels.shape, seen, rng)
+        if rig.motion_px:
+            noisy += rig.motion_px * rng.normal(size=2) * pixels[:, 1:] / rig.image_size[1]
         share = rig.outliers if rig.faults != VIEW else float(len(found.views) in wholly)
         noisy, wrong = spoilt(Corners(noisy, ids, seen), rig.faults, share, rig.outlier_px, rng)
         # what a fault puts beside the picture is not seen

@@ -63,6 +63,7 @@ def cells() -> dict[str, Cell]:
         replace(plain, name="f 900, noise 0.5 px", noise_px=0.5),
         replace(plain, name="f 900, long tails", tails=3.0),
         replace(plain, name="f 900, views blurred", blur=0.8),
+        replace(plain, name="f 900, board moving by 1 px", motion_px=1.0),
     ]
     every = [Cell(rig.name, lambda seed, rig=rig: rig) for rig in held]  # type: ignore[misc]
     every += [Cell(f"drawn: {name}", lambda seed, lens=lens: _drawn(lens, seed)) for name, lens in FAMILIES.items()]  # type: ignore[misc]
