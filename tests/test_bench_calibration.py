@@ -167,7 +167,8 @@ def calibrate_camera(points, frames, config):
 def test_a_quick_look_stands_beside_the_table(capsys: pytest.CaptureFixture[str]) -> None:
     quick(["f 900, 3 views", "--draws", "1"])
     heading, line = capsys.readouterr().out.strip().splitlines()
-    assert heading.startswith("cell") and heading.endswith("mrcal, lensboy")
+    assert heading.startswith("cell")
+    assert heading.endswith("mrcal, lensboy")
     assert line.startswith("f 900, 3 views  ours, auto")
     assert line.count("/") >= 2, "both peers' ratios, from calibration.csv"
 
