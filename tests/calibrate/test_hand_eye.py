@@ -248,6 +248,7 @@ class TestTables:
             ("x_m,y_m,z_m,qx,qy,qz,qw", turns.as_quat(), None),
             ("x_mm,y_mm,z_mm,rx_rad,ry_rad,rz_rad", turns.as_rotvec(), None),
             ("x_mm,y_mm,z_mm,a_deg,b_deg,c_deg", turns.as_euler("ZYZ", degrees=True), "ZYZ"),
+            ("x_m,y_m,z_m,a_rad,b_rad,c_rad", turns.as_euler("xyz"), "xyz"),
         ):
             scale = 1e3 if "x_mm" in columns else 1.0
             path = self.written(tmp_path, columns, np.hstack([scale * places, values]))

@@ -173,6 +173,7 @@ CALLS: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     ("onto the poses", f"{HANDEYE.replace('out.json', 'poses.csv')} --force", ("poses.csv: is an input",)),
     ("onto the corners", f"{HANDEYE.replace('out.json', 'corners.csv')} --force", ("corners.csv: is an input",)),
     ("the other mount", f"{HANDEYE} --mount fixed", ("if they are inverted, or the mount is the other",)),
+    ("Euler angles that are none", f"{HANDEYE} --euler ZYX", ("poses.csv: holds no Euler angles",)),
     ("a mount that is none", f"{HANDEYE} --mount wall", ("'wall'",)),
     ("no size", HANDEYE.replace(" --camera camera.json", ""), ("corners.csv: corners without the size",)),
     ("an antenna beside the arm", f"{HANDEYE} --mount fixed --rig rig.json", ("--rig with --mount fixed",)),

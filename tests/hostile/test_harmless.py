@@ -12,6 +12,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from vbaa_calib.core.files import read_json
+from vbaa_calib.geometry import Pose
+
 from . import damage as d
 from .case import Damage, run
 
@@ -82,6 +85,20 @@ def sound(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], bytes]:
         return place.with_name(f"{place.name}.{line.rpartition('.')[2]}").read_bytes()
 
     return written
+
+
+def test_an_arm_by_its_pictures_and_by_corners(folder: Path) -> None:
+    """The same camera on the same tool, which are one frame here, and the antenna on it as in the rig."""
+    assert run("handeye session/intrinsics --board board.yaml --poses poses.csv --rig rig.json -o pictures.json") == 0
+    TURNED(folder / "poses.csv")
+    QUOTED(folder / "poses.csv")
+    assert run("handeye corners.csv --board board.yaml --poses poses.csv --camera camera.json -o corners.json") == 0
+    for name in ("pictures", "corners"):
+        pose = read_json(folder / f"{name}.json")["T_tool_camera"]
+        assert (np.abs(pose["translation_m"]) < 4.0 * np.array(pose["translation_std_m"])).all()
+    found = Pose.from_dict(read_json(folder / "pictures.json")["T_actuator_antenna"])
+    rig = Pose.from_dict(read_json(folder / "rig.json")["T_antenna_camera"])
+    assert np.abs((found @ rig).translation_m).max() < 5e-3
 
 
 @pytest.mark.parametrize(

@@ -37,7 +37,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "vector rx_rad,ry_rad,rz_rad, or Euler angles a_deg,b_deg,c_deg",
     )
     parser.add_argument(
-        "--euler", metavar="ORDER", help="of Euler angles, about axes that turn along: ZYX, ZYZ, XYZ, …"
+        "--euler", metavar="ORDER", help="of Euler angles: ZYX, ZYZ, …; in small letters about fixed axes"
     )
     parser.add_argument(
         "--mount",

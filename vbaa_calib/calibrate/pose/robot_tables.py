@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 from collections.abc import Mapping
 from itertools import permutations
 from pathlib import Path
@@ -19,31 +20,34 @@ _PLACES = {("x_m", "y_m", "z_m"): 1.0, ("x_mm", "y_mm", "z_mm"): 1e-3}
 _ANGLES = {(f"a_{unit}", f"b_{unit}", f"c_{unit}"): unit for unit in ("rad", "deg")}
 _VECTORS = {(f"rx_{unit}", f"ry_{unit}", f"rz_{unit}"): unit for unit in ("rad", "deg")}
 _QUATERNION = ("qx", "qy", "qz", "qw")
-_LETTERS = "XYZ"
-EULER = tuple("".join(each) for each in permutations(_LETTERS)) + tuple(
-    a + b + a for a in _LETTERS for b in _LETTERS if a != b
+_ORDERS = ["".join(each) for each in permutations("XYZ")] + [a + b + a for a, b in permutations("XYZ", 2)]
+_EULER = (*_ORDERS, *(order.lower() for order in _ORDERS))
+"""As SciPy names them: XYZ about axes that turn along, xyz about fixed ones."""
+_EULER_WORDS = (
+    "XYZ, ZYX (a KUKA's A B C), ZYZ (a Doosan's), …; in small letters about fixed axes (xyz: a FANUC's W P R)"
 )
-"""Orders of Euler angles about the axes as they turn along: ZYX is a KUKA's A B C, ZYZ a Doosan's."""
 _UNIT = 0.02
 
 
 def read_robot_poses(path: Path, euler: str | None = None) -> tuple[dict[str, Pose], dict[str, dict[str, Pose]]]:
     """T_base_tool by view from a CSV: view; x_m,y_m,z_m or x_mm,…; and qx,qy,qz,qw, a rotation vector rx_rad,… or
-    rx_deg,…, or Euler angles a_rad,b_rad,c_rad or a_deg,… in the order `euler`, one of `EULER`.
+    rx_deg,…, or Euler angles a_rad,b_rad,c_rad or a_deg,… in the order `euler`, as SciPy names it.
 
     Returns besides what else the rows may mean, by what is then said of the poses.
 
     Raises InputError naming the file, the line and what is wrong.
     """
-    header = [cell.strip() for cell in read_text(path).partition("\n")[0].split(",")]
+    header = _header(path)
     place = next((names for names in _PLACES if names[0] in header), ("x_m", "y_m", "z_m"))
     turn = next((names for names in (*_VECTORS, *_ANGLES) if names[0] in header), _QUATERNION)
-    if turn in _ANGLES and euler not in EULER:
+    if turn in _ANGLES and euler not in _EULER:
         order = "none is given" if euler is None else f"it is {euler!r}"
         raise InputError(
-            f"holds Euler angles and needs their order, {order}",
-            where=path,
-            remedy=f"name it (--euler): {', '.join(EULER)}; ZYX is a KUKA's A B C, ZYZ a Doosan's",
+            f"holds Euler angles and needs their order, {order}", where=path, remedy=f"--euler {_EULER_WORDS}"
+        )
+    if turn not in _ANGLES and euler is not None:
+        raise InputError(
+            f"holds no Euler angles a_deg,b_deg,c_deg for --euler {euler}", where=path, remedy="leave it out"
         )
     places, turns = {}, {}
     for row in read_csv(path, ["view", *place, *turn]):
@@ -59,6 +63,11 @@ def read_robot_poses(path: Path, euler: str | None = None) -> tuple[dict[str, Po
     return _posed(places, _turned(turns, turn, euler)), {
         words: _posed(places, other) for words, other in _other_turns(turns, turn, euler).items()
     }
+
+
+def _header(path: Path) -> list[str]:
+    filled = (line for line in read_text(path).splitlines() if line.strip(" ,"))
+    return [cell.strip() for cells in csv.reader([next(filled, "")]) for cell in cells]
 
 
 def _posed(places: Mapping[str, np.ndarray], turns: Mapping[str, Rotation]) -> dict[str, Pose]:
@@ -84,14 +93,9 @@ def _other_turns(
     swapped = tuple(f"{column[:-3]}{unit[:3]}" for column in columns)
     found = {f"are in {unit}, not in {other}": _turned(turns, swapped, euler)}
     angles = tuple(f"{each}_{columns[0][-3:]}" for each in "abc")
-    for order in EULER:
-        # about fixed axes is about axes that turn along, in reversed order
-        for name, axes in (
-            (f"{order} about axes that turn along", order),
-            (f"{order} about fixed axes", order.lower()),
-        ):
-            if axes != euler:
-                found[f"have Euler angles {name}"] = _turned(turns, angles, axes)
+    for order in _EULER:
+        if order != euler:
+            found[f"have Euler angles in the order {order}"] = _turned(turns, angles, order)
     return found
 
 
@@ -100,8 +104,7 @@ def read_corners(path: Path, image_size: tuple[int, int], corner_count: int) -> 
 
     Raises InputError for an id that the board has not, or twice in a view, and a corner outside the picture.
     """
-    header = read_text(path).partition("\n")[0].split(",")
-    column = "corner_id" if "corner_id" in [cell.strip() for cell in header] else "id"
+    column = "corner_id" if "corner_id" in _header(path) else "id"
     views: dict[str, dict[int, tuple[float, float]]] = {}
     for row in read_csv(path, ["view", column, "u_px", "v_px"]):
         name, where = row["view"], f"{path} line {row['line']}"
