@@ -6,17 +6,18 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from .calibrate.lens.from_corners import calibrate_lens
     from .camera import Camera
     from .rig import Rig
 
 __version__ = "0.1.0"
-__all__ = ["Camera", "Rig", "__version__"]
+__all__ = ["Camera", "Rig", "__version__", "calibrate_lens"]
 
-_HOMES = {"Camera": ".camera", "Rig": ".rig"}
+_HOMES = {"Camera": ".camera", "Rig": ".rig", "calibrate_lens": ".calibrate.lens.from_corners"}
 
 
 def __getattr__(name: str) -> Any:
-    """Load the classes on first use, so that `vbaa --help` need not wait for torch."""
+    """Load these on first use, so that `vbaa --help` need not wait for torch."""
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(importlib.import_module(_HOMES[name], __name__), name)

@@ -151,7 +151,11 @@ class Photographer:
         """T_camera_board in the jig, found with a lens in pictures of their own noise; None where it is not found."""
         views = [self.picture(self.rig.plane.board_pose(self.rig.board)) for _ in range(pictures)]
         found = [view for view in views if view is not None]
-        return solve_board_pose(found, BoardShape.flat(self.rig.board), camera).T_camera_board if found else None
+        return (
+            solve_board_pose(found, BoardShape.flat(corner_points(self.rig.board)), camera).T_camera_board
+            if found
+            else None
+        )
 
 
 def wanted_pose(suggestion: Suggestion, rig: Rig, camera: Camera | None) -> Pose:

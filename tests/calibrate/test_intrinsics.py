@@ -214,7 +214,7 @@ def test_the_chosen_lens_model_reproduces_the_reference_and_does_not_fold(
 
 def test_opencv_ends_in_the_same_minimum() -> None:
     views, spec = detected("realsense")
-    observations = [dataclasses.replace(view, deformation=None) for view in observations_of(views, spec)]
+    observations = [dataclasses.replace(view, deformation=None) for view in observations_of(views, corner_points(spec))]
     flat = refine(rough_lens(LENS_MODELS["opencv5"], observations, views[0].image_size), observations)
     points = corner_points(spec).astype(np.float32)
     rms, matrix, distortion, *_ = cv2.calibrateCamera(

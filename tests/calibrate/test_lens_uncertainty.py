@@ -11,6 +11,7 @@ from scipy.stats import chi2
 
 from benchmarks.boards import BOARD, draw, rigs
 from benchmarks.calibration.methods import solve_ours
+from targets.board import corner_points
 from vbaa_calib.calibrate.lens.board_shape import SHAPE
 from vbaa_calib.calibrate.lens.bundle import Bundle, Observation, refine
 from vbaa_calib.calibrate.lens.information import (
@@ -30,14 +31,14 @@ from vbaa_calib.calibrate.lens.uncertainty import (
     turn_jacobian,
 )
 
-RIG = rigs()[0]
+RIG, POINTS = rigs()[0], corner_points(BOARD)
 GRID = (5, 4)
 
 
 def solved(seed: int, count: int):
     """`count` noise draws over one set of poses: intrinsics (count, 9), the mean covariance (9, 9)."""
     given, rng = draw(RIG, seed), np.random.default_rng(seed + 1)
-    views = observations_of(given.views, BOARD)
+    views = observations_of(given.views, POINTS)
     exact = refine(Bundle.start(RIG.model, RIG.intrinsics, given.poses).poses_only, views)
     clean = [view.pixels - residual for view, residual in zip(views, exact.residuals_px, strict=True)]
     found, covariances = [], []
@@ -114,7 +115,7 @@ def halves_of(views: list[Observation], poses: np.ndarray) -> tuple[float | None
 def test_halves_of_two_cameras_do_not_agree() -> None:
     """The second half is shown through a lens of another focal length, zoomed in between."""
     given = draw(RIG, 44)
-    views = observations_of(given.views, BOARD)
+    views = observations_of(given.views, POINTS)
     deviations, p_value = halves_of(views, given.poses)
     assert p_value > AGREE
     zoomed = [
@@ -130,7 +131,7 @@ def test_halves_of_two_cameras_do_not_agree() -> None:
 def test_halves_of_good_views_differ_as_often_as_chance_has_it() -> None:
     """P-values are uniform, and the deviations' mean square is one."""
     drawn = [draw(RIG, seed) for seed in range(500, 540)]
-    found = [halves_of(observations_of(given.views, BOARD), given.poses) for given in drawn]
+    found = [halves_of(observations_of(given.views, POINTS), given.poses) for given in drawn]
     deviations, p_values = np.array(found).T
     # forty draws: the share below one half has a standard deviation of 0.08
     assert np.mean(p_values < 0.5) == pytest.approx(0.5, abs=0.2)
@@ -142,7 +143,7 @@ def test_halves_of_good_views_differ_as_often_as_chance_has_it() -> None:
 def test_one_step_tells_what_views_left_out_would_be_missed_by(index: int) -> None:
     rig = rigs()[index]
     given = draw(rig, 46)
-    views = observations_of(given.views, BOARD)
+    views = observations_of(given.views, POINTS)
     bundle = refine(Bundle.start(rig.model, rig.intrinsics, given.poses), views)
     known = information(bundle, views)
     assert known is not None

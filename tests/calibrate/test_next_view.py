@@ -55,7 +55,7 @@ def views(count: int, seed: int = 0, sigma_px: float = 0.1):
 
 
 def design(sigma_px: float = 0.1) -> LensDesign:
-    return design_about("opencv4", INTRINSICS, SIZE, sigma_px, BoardShape.flat(SPEC))
+    return design_about("opencv4", INTRINSICS, SIZE, sigma_px, BoardShape.flat(corner_points(SPEC)))
 
 
 def test_functional_is_what_a_wrong_lens_does_after_the_jig_is_solved_again():
@@ -89,7 +89,8 @@ def test_another_picture_never_harms_and_the_suggested_one_is_best_of_the_set():
     found = view_candidates(known.design, SPEC, coarse_poses(known.design, SPEC, 0.24, 0.6))
     poses = np.array([candidate.T_camera_board.vector for candidate in found])
     observations = [
-        Observation(corner_points(SPEC)[c.ids], np.zeros((len(c.ids), 2)), deformations(SPEC)[c.ids]) for c in found
+        Observation(corner_points(SPEC)[c.ids], np.zeros((len(c.ids), 2)), deformations(corner_points(SPEC))[c.ids])
+        for c in found
     ]
     after = np.sqrt(mean_square(functional, known.information + view_blocks(known.design, poses, observations)[0]))
     now = np.sqrt(mean_square(functional, known.information))

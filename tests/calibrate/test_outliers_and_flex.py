@@ -7,6 +7,7 @@ import pytest
 
 from benchmarks.boards import BOARD, draw, error_mm, rigs
 from benchmarks.calibration.methods import kept_corners, screening, solve_oracle, solve_ours
+from targets.board import corner_points
 from vbaa_calib.calibrate.lens.board_shape import ShapePrior
 from vbaa_calib.calibrate.lens.bundle import Bundle, Observation, refine
 from vbaa_calib.calibrate.lens.information import information, observations_of
@@ -20,7 +21,7 @@ from vbaa_calib.calibrate.lens.models import (
     rational_like,
 )
 
-RIGS = rigs()
+RIGS, POINTS = rigs(), corner_points(BOARD)
 SPOILT = RIGS[4]
 WIDE_PRIOR = ShapePrior(np.zeros(5), np.array([0.1, 0.1, 0.1, 1.0, 1.0]))
 
@@ -61,7 +62,7 @@ def test_outliers_and_bend_are_reported() -> None:
 def test_the_shape_scatters_as_predicted() -> None:
     given, rng = draw(RIGS[0], 35), np.random.default_rng(36)
     start = Bundle.start(RIGS[0].model, RIGS[0].intrinsics, given.poses)
-    clean = observations_of(given.views, BOARD)
+    clean = observations_of(given.views, POINTS)
     exact = refine(start.poses_only, clean)
     base = [v.pixels - r for v, r in zip(clean, exact.residuals_px, strict=True)]
     found, predicted = [], []
@@ -81,7 +82,7 @@ def test_the_shape_scatters_as_predicted() -> None:
 def test_a_lens_that_folds_among_the_corners_stays() -> None:
     """No pull is strong enough to hide that a model is wrong."""
     given = draw(RIGS[2], 2)
-    model, observations = LENS_MODELS["opencv5"], observations_of(given.views, BOARD)
+    model, observations = LENS_MODELS["opencv5"], observations_of(given.views, POINTS)
     bundle = refine(rough_lens(model, observations, RIGS[2].image_size), observations)
     assert not is_monotonic(model, bundle.intrinsics, RIGS[2].image_size)
     again = unfolded(bundle, observations, RIGS[2].image_size)

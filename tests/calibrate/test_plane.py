@@ -24,7 +24,7 @@ from .photo_sets import detected
 from .synthetic_views import CENTRE, SPEC, board_view, pose_towards, project_board
 
 SIZE = (1280, 960)
-FLAT = BoardShape.flat(SPEC)
+FLAT = BoardShape.flat(corner_points(SPEC))
 WIDE = np.array([600.0, 602.0, 645.0, 476.0, 0.3, 0.05, 4e-4, -6e-4, 0.002, 0.65, 0.12, 0.01])
 CAMERAS = {
     "rational": WIDE,
@@ -148,7 +148,7 @@ def bent_picture(true: Pose, sagittas_m: np.ndarray, rng: np.random.Generator, s
 def bent_board(sagittas_m: np.ndarray, spread: np.ndarray | None = None) -> BoardShape:
     covariance = np.zeros((5, 5))
     covariance[:2, :2] = 0.0 if spread is None else spread
-    return BoardShape(SPEC, np.array([*sagittas_m, 0.0, 0.0, 0.0]), covariance)
+    return BoardShape(corner_points(SPEC), np.array([*sagittas_m, 0.0, 0.0, 0.0]), covariance)
 
 
 def test_a_bent_board_is_predicted_bent() -> None:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import yaml
 
+from targets.board import corner_points
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution, solve_intrinsics
 from vbaa_calib.calibrate.pipeline import calibrate
 from vbaa_calib.calibrate.plane_c import PlaneViews, find_plane, picture_folders, read_views
@@ -147,7 +148,7 @@ def test_a_print_known_roughly_leaves_the_distance_to_the_board_open(rendered: R
     exact = find_plane(session, lens.camera, lens.board_shape, jig).estimates[0]
     rough = find_plane(replace(session, print_scale_std=0.01), lens.camera, lens.board_shape, jig).estimates[0]
     smaller = replace(session.board, square_m=0.99 * session.board.square_m, marker_m=0.99 * session.board.marker_m)
-    shrunk = replace(lens.board_shape, spec=smaller)
+    shrunk = replace(lens.board_shape, nominal_m=corner_points(smaller))
     moved = find_plane(replace(session, board=smaller), lens.camera, shrunk, jig).estimates[0]
     step = moved.T_antenna_camera.tangent_from(exact.T_antenna_camera)
     added = rough.covariance - exact.covariance

@@ -84,7 +84,7 @@ def misread(taken: Sweep, index: int, pan_rad: float = 0.0, tilt_rad: float = 0.
 
 
 def solve(taken: Sweep, rig: Kinematics = RIG, lens: Camera | None = None, zero_std: float = 0.0) -> SweepSolution:
-    return solve_sweep(*taken, BoardShape.flat(SPEC), lens or camera(), rig, zero_std)
+    return solve_sweep(*taken, BoardShape.flat(corner_points(SPEC)), lens or camera(), rig, zero_std)
 
 
 def error(solved: SweepSolution) -> np.ndarray:
@@ -284,7 +284,7 @@ def test_a_drawn_sweep_gives_the_scenes_camera(small_scene: Scene, tmp_path: Pat
     ]
     views = detect_files([picture.image for picture in pictures], scene.board)
     lens = Camera(scene.lens.model, scene.lens.image_size, scene.lens.matrix, scene.lens.distortion)
-    solved = solve_sweep(views, pictures, BoardShape.flat(scene.board), lens, scene.kinematics, 0.0)
+    solved = solve_sweep(views, pictures, BoardShape.flat(corner_points(scene.board)), lens, scene.kinematics, 0.0)
     off = solved.estimate.T_antenna_camera.tangent_from(scene.T_antenna_camera)
     assert off @ np.linalg.solve(solved.estimate.covariance, off) < 25
     assert np.linalg.norm(off[3:]) < 3e-4

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from targets.board import BoardSpec
+from targets.board import BoardSpec, corner_points
 from vbaa_calib.camera import Camera
 from vbaa_calib.convert import guessed
 from vbaa_calib.core.errors import Diagnosis, InputError, VbaaError
@@ -140,7 +140,7 @@ def given_solution(given: GivenLens, views: Sequence[BoardView], spec: BoardSpec
             else ("calibrate the lens with vbaa intrinsics, or put 15 pictures of the board into intrinsics/")
         )
         found.append(Diagnosis("lens_uncertainty_assumed", words, remedy))
-    shape = BoardShape.unseen(spec)
+    shape = BoardShape.unseen(corner_points(spec))
     if views:
         try:
             own = judge_views(views, solve_intrinsics(views, spec), spec)
@@ -156,6 +156,7 @@ def given_solution(given: GivenLens, views: Sequence[BoardView], spec: BoardSpec
         rms_px=np.nan,
         rms_inliers_px=np.nan,
         views=(),
+        outliers=(),
         dropped=(),
         comparison=(),
         monotonic=True,

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from targets.board import BoardSpec
+from targets.board import BoardSpec, corner_points
 from vbaa_calib.calibrate.antenna.session_rig import ExpectedAntenna, observe
 from vbaa_calib.calibrate.lens.board_shape import SHAPE_NAMES, BoardShape
 from vbaa_calib.core.console import progress
@@ -231,7 +231,7 @@ def _check_pictures(rig: Rig, quality: Mapping[str, Any], inputs: _Inputs) -> Ch
     check_pictures(progress(pictures, "reading the pictures"), rig.camera.image_size, "the rig's lens is")
     # the board's shape as the calibration found it
     recorded_shape = [number_at(quality, "lens", "board_shape", "parameters", name) or 0.0 for name in SHAPE_NAMES]
-    shape = replace(BoardShape.flat(session.board), parameters=np.array(recorded_shape))
+    shape = replace(BoardShape.flat(corner_points(session.board)), parameters=np.array(recorded_shape))
     boards = [(part, view) for part, paths in inputs.boards.items() for view in detect_files(paths, session.board)]
     recorded = number_at(quality, "lens", "rms_inliers_px") or number_at(quality, "lens_rms_px")
     lens = check_lens(rig.camera, boards, shape, recorded)

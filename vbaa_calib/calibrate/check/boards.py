@@ -168,7 +168,7 @@ def _pictures(count: int) -> str:
 def _posed(
     camera: Camera, boards: Sequence[tuple[str, BoardView]], board: BoardShape
 ) -> tuple[list[_CheckedView], list[DroppedView]]:
-    usable, dropped = usable_views([view for _, view in boards], board.spec, _MIN_CORNERS)
+    usable, dropped = usable_views([view for _, view in boards], board.nominal_m, _MIN_CORNERS)
     points = board.points_m
     found: list[_CheckedView] = []
     for folder, view in ((folder, view) for folder, view in boards if any(view is one for one in usable)):

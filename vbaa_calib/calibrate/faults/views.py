@@ -184,7 +184,9 @@ def set_scores(views: Sequence[BoardView], solution: LensSolution, spec: BoardSp
         return None
     model = LENS_MODELS[solution.model]
     kept = [~np.isin(view.ids, used[view.name].outlier_ids) for view in chosen]
-    observations = [one.picked(mask) for one, mask in zip(observations_of(chosen, spec), kept, strict=True)]
+    observations = [
+        one.picked(mask) for one, mask in zip(observations_of(chosen, corner_points(spec)), kept, strict=True)
+    ]
     intrinsics = solution.camera.parameters
     poses = np.array([used[view.name].T_camera_board.vector for view in chosen])
     directions = free_directions(model, square_pixels=bool(intrinsics[0] == intrinsics[1]), shape=True)

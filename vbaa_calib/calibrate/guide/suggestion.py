@@ -206,7 +206,9 @@ def _lattice(spec: BoardSpec) -> tuple[np.ndarray, np.ndarray]:
 def observation(candidate: _ViewCandidate, spec: BoardSpec) -> Observation:
     """Its corners, for derivatives alone: their pixels are 0."""
     return Observation(
-        corner_points(spec)[candidate.ids], np.zeros((len(candidate.ids), 2)), deformations(spec)[candidate.ids]
+        corner_points(spec)[candidate.ids],
+        np.zeros((len(candidate.ids), 2)),
+        deformations(corner_points(spec))[candidate.ids],
     )
 
 

@@ -129,7 +129,9 @@ def design_about(
         wide = widened(intrinsics, model, image_size)
         if not np.any(wide[4:]):
             model, wide = chosen, np.array(intrinsics, float)
-    return LensDesign(model, wide, image_size, _prior(model, wide, image_size, board.spec), sigma_px, board.parameters)
+    return LensDesign(
+        model, wide, image_size, _prior(model, wide, image_size, board.nominal_m), sigma_px, board.parameters
+    )
 
 
 def has_rays(design: LensDesign) -> bool:
@@ -142,7 +144,7 @@ def _grid(image_size: tuple[int, int]) -> np.ndarray:
     return np.stack(np.meshgrid(*(np.linspace(0, length - 1, 9) for length in image_size)), axis=-1).reshape(-1, 2)
 
 
-def _prior(model: LensModel, intrinsics: np.ndarray, image_size: tuple[int, int], spec: BoardSpec) -> np.ndarray:
+def _prior(model: LensModel, intrinsics: np.ndarray, image_size: tuple[int, int], nominal_m: np.ndarray) -> np.ndarray:
     """`LensDesign.scale`: how wrong each part of a lens and a board may be, from what they are like."""
     size, unit = len(intrinsics), np.eye(len(intrinsics) + SHAPE)
     fx, fy = intrinsics[:2]
@@ -160,7 +162,7 @@ def _prior(model: LensModel, intrinsics: np.ndarray, image_size: tuple[int, int]
         kind = "tangential" if model.parameter_names[4 + index] in _TANGENTIAL else "radial"
         half_diagonal = _DISTORTION_PRIOR[kind] * np.hypot(*image_size) / 2
         columns.append(half_diagonal / max(moved[4 + index], 1e-9) * unit[4 + index])
-    columns += list(ShapePrior.of(spec).std[:, None] * unit[size:])
+    columns += list(ShapePrior.of(nominal_m).std[:, None] * unit[size:])
     return np.stack(columns, axis=1)
 
 
@@ -183,7 +185,8 @@ def plane_sensitivity(design: LensDesign, plane: WorkPlane, spec: BoardSpec) -> 
     """
     space = np.pad(plane.points, ((0, 0), (0, 1)))
     inside = design.in_picture(plane.T_camera_plane @ space)
-    board, moved = corner_points(spec), deformations(spec)
+    board = corner_points(spec)
+    moved = deformations(board)
     T_camera_board = plane.board_pose(spec)
     seen = design.in_picture(T_camera_board @ board)
     if inside.mean() < 0.5 or seen.sum() < _LEAST_JIG_CORNERS:
@@ -242,7 +245,9 @@ class LensInformation:
         camera, by_name = solution.camera, {view.name: view for view in views}
         own = [by_name[used.name] for used in solution.views]
         good = [~np.isin(view.ids, used.outlier_ids) for view, used in zip(own, solution.views, strict=True)]
-        observations = [one.picked(mask) for one, mask in zip(observations_of(own, spec), good, strict=True)]
+        observations = [
+            one.picked(mask) for one, mask in zip(observations_of(own, corner_points(spec)), good, strict=True)
+        ]
         poses = np.array([used.T_camera_board.vector for used in solution.views])
         corners = sum(len(view.pixels) for view in observations)
         freedom = 2 * corners - 6 * len(poses) - len(camera.parameter_names)
@@ -260,8 +265,10 @@ class LensInformation:
     def nominal(views: Sequence[BoardView], spec: BoardSpec, image_size: tuple[int, int]) -> LensInformation:
         """Of views that are too few for a lens, under a nominal one."""
         intrinsics = nominal_intrinsics(image_size)
-        design = design_about(_NOMINAL_MODEL, intrinsics, image_size, _NOMINAL_SIGMA_PX, BoardShape.flat(spec))
-        usable = usable_views(views, spec, MIN_CORNERS)[0] if views else []
+        design = design_about(
+            _NOMINAL_MODEL, intrinsics, image_size, _NOMINAL_SIGMA_PX, BoardShape.flat(corner_points(spec))
+        )
+        usable = usable_views(views, corner_points(spec), MIN_CORNERS)[0] if views else []
         points, count = corner_points(spec), design.scale.shape[1]
         observations = [Observation(points[view.ids], view.corners_px) for view in usable]
         information, gradient = np.zeros((count, count)), np.zeros(count)

@@ -7,8 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from targets.board import BoardSpec, corner_points
-
 SHAPE = 5
 """Numbers that describe a board's shape (`BoardShape`)."""
 SHAPE_NAMES = ("bow_x_m", "bow_y_m", "twist_m", "stretch", "shear")
@@ -26,6 +24,7 @@ _CLEAR, _NOTICEABLE_PER_EXTENT, _NOTICEABLE_SHARE = 4.0, 3e-4, 1e-3
 class BoardShape:
     """How a board differs from a flat print with square squares.
 
+    nominal_m : (C, 3) the corners as drawn, in the board frame.
     parameters : (5,) bow along x and along y and twist, m, of the board's outer corners: the rise along z (away from
         the viewer) is bow·(u² − 1/3) and twist·u·v, with u and v = ±1 at the outer corners; stretch, by which the print
         is longer along x than along y, relative; shear, rad, by which the angle from x to y is less than a right one.
@@ -33,31 +32,31 @@ class BoardShape:
     by_lens : (5, 4 + k) how the parameters follow those of the lens they were solved with; None where they do not.
     """
 
-    spec: BoardSpec
+    nominal_m: np.ndarray
     parameters: np.ndarray
     covariance: np.ndarray
     by_lens: np.ndarray | None = None
 
     @staticmethod
-    def flat(spec: BoardSpec) -> BoardShape:
+    def flat(nominal_m: np.ndarray) -> BoardShape:
         """A board that is exactly as drawn."""
-        return BoardShape(spec, np.zeros(SHAPE), np.zeros((SHAPE, SHAPE)))
+        return BoardShape(nominal_m, np.zeros(SHAPE), np.zeros((SHAPE, SHAPE)))
 
     @staticmethod
-    def unseen(spec: BoardSpec) -> BoardShape:
+    def unseen(nominal_m: np.ndarray) -> BoardShape:
         """A board of which nothing is known but what prints and mounts are like."""
-        prior = ShapePrior.of(spec)
-        return BoardShape(spec, prior.mean, np.diag(prior.std**2))
+        prior = ShapePrior.of(nominal_m)
+        return BoardShape(nominal_m, prior.mean, np.diag(prior.std**2))
 
     @staticmethod
-    def solved(spec: BoardSpec, parameters: np.ndarray, covariance: np.ndarray) -> BoardShape:
+    def solved(nominal_m: np.ndarray, parameters: np.ndarray, covariance: np.ndarray) -> BoardShape:
         """From its parameters (5,), and the covariance (4 + k + 5, 4 + k + 5) of the lens' and these."""
         lens, std = covariance[:-SHAPE, :-SHAPE], np.sqrt(np.diag(covariance)[:-SHAPE])
         # coefficients that are held have no variance, and square pixels one focal length
         scale = np.where(std > 0.0, std, 1.0)
         inverse = np.linalg.pinv(lens / np.outer(scale, scale), _SINGULAR)
         by_lens = covariance[-SHAPE:, :-SHAPE] / scale @ inverse / scale
-        return BoardShape(spec, parameters, covariance[-SHAPE:, -SHAPE:], by_lens)
+        return BoardShape(nominal_m, parameters, covariance[-SHAPE:, -SHAPE:], by_lens)
 
     @property
     def std(self) -> np.ndarray:
@@ -66,8 +65,8 @@ class BoardShape:
 
     @property
     def points_m(self) -> np.ndarray:
-        """(corner_count, 3) the corners as they are, in the board frame."""
-        return corner_points(self.spec) + deformations(self.spec) @ self.parameters
+        """(C, 3) the corners as they are, in the board frame."""
+        return self.nominal_m + deformations(self.nominal_m) @ self.parameters
 
     @property
     def scale_doubt(self) -> float:
@@ -78,7 +77,7 @@ class BoardShape:
     @property
     def findings(self) -> tuple[str, ...]:
         """What is clear of noise and large enough to matter, in words; nothing of a board that counts as flat."""
-        least = np.array([_NOTICEABLE_PER_EXTENT * _extent_m(self.spec)] * 3 + [_NOTICEABLE_SHARE] * 2)
+        least = np.array([_NOTICEABLE_PER_EXTENT * _extent_m(self.nominal_m)] * 3 + [_NOTICEABLE_SHARE] * 2)
         found = (np.abs(self.parameters) > _CLEAR * self.std) & (np.abs(self.parameters) > least)
         words = [
             *(f"{name} by {{:+.2f}} ± {{:.2f}} mm" for name in ("bowed along x", "bowed along y", "twisted")),
@@ -98,9 +97,9 @@ class BoardShape:
         }
 
 
-def deformations(spec: BoardSpec) -> np.ndarray:
-    """(corner_count, 3, 5) by how much each corner moves, m, for a unit of each of a shape's parameters."""
-    plane = corner_points(spec)[:, :2]
+def deformations(nominal_m: np.ndarray) -> np.ndarray:
+    """(C, 3, 5) by how much each corner (C, 3) moves, m, for a unit of each of a shape's parameters."""
+    plane = nominal_m[:, :2]
     low, high = plane.min(axis=0), plane.max(axis=0)
     half = 0.5 * (high - low)
     u, v = ((plane - 0.5 * (low + high)) / np.where(half > 0.0, half, 1.0)).T
@@ -115,8 +114,8 @@ def deformations(spec: BoardSpec) -> np.ndarray:
     return moved
 
 
-def _extent_m(spec: BoardSpec) -> float:
-    return spec.square_m * max(spec.squares_x - 2, spec.squares_y - 2, 1)
+def _extent_m(nominal_m: np.ndarray) -> float:
+    return float(np.ptp(nominal_m[:, :2], axis=0).max())
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,9 +126,9 @@ class ShapePrior:
     std: np.ndarray
 
     @staticmethod
-    def of(spec: BoardSpec) -> ShapePrior:
-        """Of a print and a mount as they usually are."""
-        return ShapePrior(np.zeros(SHAPE), np.array([_BOW_PER_EXTENT * _extent_m(spec)] * 3 + [_STRETCH, _SHEAR]))
+    def of(nominal_m: np.ndarray) -> ShapePrior:
+        """Of a print of corners (C, 3) and a mount as they usually are."""
+        return ShapePrior(np.zeros(SHAPE), np.array([_BOW_PER_EXTENT * _extent_m(nominal_m)] * 3 + [_STRETCH, _SHEAR]))
 
     def rows(self, shape: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Residuals (5,) as reweighted least squares has them, and their negative derivatives (5,) by the shape."""

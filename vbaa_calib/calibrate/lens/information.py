@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from targets.board import BoardSpec, corner_points
 from vbaa_calib.core.least_squares import without_own
 from vbaa_calib.core.robust import chi_square_p
 from vbaa_calib.detect.board.corners import BoardView
@@ -228,7 +227,7 @@ def assess(
     return Candidate(bundle.model.name, free, bundle.rms_px, held_out_px, monotonic, *halves), squares
 
 
-def observations_of(views: Sequence[BoardView], spec: BoardSpec) -> list[Observation]:
-    """The corners of views beside the board points they show."""
-    points, moved = corner_points(spec), deformations(spec)
-    return [Observation(points[view.ids], view.corners_px, moved[view.ids]) for view in views]
+def observations_of(views: Sequence[BoardView], nominal_m: np.ndarray) -> list[Observation]:
+    """The corners of views beside the board points (C, 3) they show."""
+    moved = deformations(nominal_m)
+    return [Observation(nominal_m[view.ids], view.corners_px, moved[view.ids]) for view in views]

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from targets.board import BoardSpec
+from targets.board import BoardSpec, corner_points
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.robust import mad_std
@@ -64,6 +64,7 @@ class LensSolution:
         variance.
     rms_px : recomputed from the parameters returned, over all corners of the views used, outliers too: what other tools
         call RMS. rms_inliers_px : without the outliers, which is what was minimised.
+    outliers : for each view given, in their order, the ids (N,) of corners left out; all of a dropped view's.
     comparison : the lens models that were assessed: all that `auto` compared, or the one that was given.
     board_shape : how the board differs from a flat print with square squares; always solved for, with a prior.
     monotonic : whether the lens maps the whole picture without folding. views, dropped : in the order of their names.
@@ -75,11 +76,17 @@ class LensSolution:
     rms_px: float
     rms_inliers_px: float
     views: tuple[UsedView, ...]
+    outliers: tuple[np.ndarray, ...]
     dropped: tuple[DroppedView, ...]
     comparison: tuple[Candidate, ...]
     monotonic: bool
     board_shape: BoardShape
     verdict: Verdict
+
+    @property
+    def board_points(self) -> np.ndarray:
+        """(C, 3) m the board's corners as solved, in its frame."""
+        return self.board_shape.points_m
 
     @property
     def trusted(self) -> bool:
@@ -89,21 +96,22 @@ class LensSolution:
 
 def solve_intrinsics(
     views: Sequence[BoardView],
-    spec: BoardSpec,
+    board: BoardSpec | np.ndarray,
     model: str = "auto",
     min_corners: int = MIN_CORNERS,
     square_pixels: bool = False,
 ) -> LensSolution:
-    """Solve for the lens, with it the poses of all views, the outliers, and the bend of the board if it has one.
+    """Solve for the lens, with it the poses of all views, the outliers, and the shape of the board.
 
     Views with fewer than `min_corners` corners, or whose corners fix no homography, are dropped. Outlier corners are
-    left out (`outliers`), views that are wrong as a whole are dropped; milder ones are kept and flagged.
+    left out; a view is dropped only where most of its corners are wrong, and weighs less where they are noisy.
 
-    model : "auto" or a name in `LENS_MODELS`. square_pixels : hold fx = fy.
+    board : its description, or its corners (C, 3) m by id, of a plane z = 0. model : "auto" or a name in `LENS_MODELS`.
+    square_pixels : hold fx = fy.
 
     Raises InputError for fewer than 3 usable views, views that leave a parameter of the lens open, an unknown model.
     """
-    if model != "auto" and model not in LENS_MODELS:
+    if model not in ("auto", *LENS_MODELS):
         raise InputError(f"there is no lens model {model!r}", remedy=f"take auto, {', '.join(LENS_MODELS)}")
 
     def rank(view: BoardView) -> tuple[object, ...]:
@@ -112,10 +120,11 @@ def solve_intrinsics(
         return view.name, view.ids[order].tolist(), view.corners_px[order].ravel().tolist()
 
     # held-out views and halves are dealt out in turn: the lens must not depend on the order in which views were listed
-    usable, dropped = usable_views(sorted(views, key=rank), spec, min_corners)
-    observations = observations_of(usable, spec)
+    nominal_m = board if isinstance(board, np.ndarray) else corner_points(board)
+    usable, dropped = usable_views(sorted(views, key=rank), nominal_m, min_corners)
+    observations = observations_of(usable, nominal_m)
     _require_enough(observations, dropped, model)
-    options = _Options(usable[0].image_size, ShapePrior.of(spec), model, min_corners, square_pixels)
+    options = _Options(usable[0].image_size, ShapePrior.of(nominal_m), model, min_corners, square_pixels)
     inliers, rough, warm = _screened(observations, options)
     _require_enough(inliers.of(observations), [*dropped, *_contradicting(usable, inliers.views)], model)
     fit = _decided(inliers, rough, warm, observations, options)
@@ -131,16 +140,19 @@ def solve_intrinsics(
     camera = camera_of(lens, bundle.intrinsics, options.image_size)
     camera = replace(camera, covariance=covariance[:-SHAPE, :-SHAPE])
     monotonic = is_monotonic(lens, bundle.intrinsics, options.image_size)
-    shape = BoardShape.solved(spec, bundle.shape, covariance)
+    shape = BoardShape.solved(nominal_m, bundle.shape, covariance)
     known = Evidence(camera, lens.name, monotonic, fit.comparison, shape, [view.pixels for view in good])
     whole = [observations[index] for index in fit.inliers.views]
     squares = np.sum(np.concatenate(residuals_px(bundle, whole)) ** 2, axis=1)
+    used = _used(fit, usable)
+    left_out = {id(usable[index]): one.outlier_ids for index, one in zip(fit.inliers.views, used, strict=True)}
     return LensSolution(
         camera=camera,
         model=lens.name,
         rms_px=float(np.sqrt(squares.mean())),
         rms_inliers_px=bundle.rms_px,
-        views=_used(fit, usable),
+        views=used,
+        outliers=tuple(np.array(left_out.get(id(view), view.ids), int) for view in views),
         dropped=tuple(dropped),
         comparison=fit.comparison,
         monotonic=monotonic,

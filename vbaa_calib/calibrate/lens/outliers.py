@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from targets.board import BoardSpec, corner_points
 from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.detect.board.view_quality import fixes_homography
 from vbaa_calib.detect.quality.screen import screen_views, too_few
@@ -30,14 +29,14 @@ class DroppedView:
 
 
 def usable_views(
-    views: Sequence[BoardView], spec: BoardSpec, min_corners: int
+    views: Sequence[BoardView], nominal_m: np.ndarray, min_corners: int
 ) -> tuple[list[BoardView], list[DroppedView]]:
-    """Views that fix a pose, and the others with the reason."""
-    least, points = max(min_corners, _LEAST_CORNERS), corner_points(spec)
+    """Views that fix the pose of a board of corners (C, 3), and the others with the reason."""
+    least = max(min_corners, _LEAST_CORNERS)
     usable, dropped = [], []
     for view in views:
         reason = too_few(view, least)
-        if not reason and not fixes_homography(points[view.ids, :2]):
+        if not reason and not fixes_homography(nominal_m[view.ids, :2]):
             reason = "its corners lie (nearly) on a line"
         if reason:
             dropped.append(DroppedView(view.name, reason))

@@ -116,7 +116,7 @@ def _refuse_touching(setup: OverSetup, toward: float) -> None:
 
 def _board(views: Sequence[BoardView], setup: OverSetup) -> BoardPose:
     try:
-        return solve_board_pose(views, BoardShape.flat(setup.spec), setup.camera)
+        return solve_board_pose(views, BoardShape.flat(corner_points(setup.spec)), setup.camera)
     except InputError as error:
         what = error.what.replace("pictures of the jig", "pictures of the antenna over the board")
         raise InputError(what, where=error.where, remedy=error.remedy) from None

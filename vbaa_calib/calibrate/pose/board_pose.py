@@ -10,7 +10,6 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from targets.board import corner_points
 from vbaa_calib.calibrate.lens.board_shape import SHAPE, BoardShape, deformations
 from vbaa_calib.calibrate.lens.models import PROJECTIONS
 from vbaa_calib.camera import Camera
@@ -118,7 +117,7 @@ def solve_board_pose(views: Sequence[BoardView], board: BoardShape, camera: Came
     for view in views:
         require_size(view.image_size, camera, view.name)
     ids, pixels = _mean_corners(views)
-    flat, points = corner_points(board.spec)[ids], board.points_m[ids]
+    flat, points = board.nominal_m[ids], board.points_m[ids]
     rays, valid = camera.unproject(pixels)
     seen = valid & (rays[:, 2] > 0.05)
     if not fixes_homography(points[seen, :2]):
@@ -141,7 +140,7 @@ def solve_board_pose(views: Sequence[BoardView], board: BoardShape, camera: Came
     inverse, residual = np.linalg.pinv(by_pose), good.residual(first)
     covariance = inverse @ inverse.T * float(residual @ residual) / max(residual.size - 6, 1)
     by_point = by_pose[:, 3:].reshape(-1, 2, 3) @ first.rotation
-    by_shape = -inverse @ (by_point @ deformations(board.spec)[ids[inliers]]).reshape(-1, SHAPE)
+    by_shape = -inverse @ (by_point @ deformations(board.nominal_m)[ids[inliers]]).reshape(-1, SHAPE)
     # what the shape shares with the lens comes with the lens
     shared = np.zeros((SHAPE, by_lens.shape[1])) if board.by_lens is None else board.by_lens
     own = board.covariance

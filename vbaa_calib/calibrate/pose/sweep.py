@@ -22,7 +22,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import block_diag
 
-from targets.board import BoardSpec
 from vbaa_calib.calibrate.lens.board_shape import BoardShape
 from vbaa_calib.calibrate.lens.outliers import DroppedView, usable_views
 from vbaa_calib.camera import Camera
@@ -114,7 +113,7 @@ def solve_sweep(
     Raises InputError for too few usable pictures, a joint that did not move or both too little, angles that do not
     belong to the pictures, or another picture size; SolveError when hardly any corners are those of the board.
     """
-    seen, readings, dropped = _usable_pictures(views, pictures, board.spec, camera)
+    seen, readings, dropped = _usable_pictures(views, pictures, board.nominal_m, camera)
     _refuse_one_joint(readings)
     corners = SweepCorners.of(seen, readings, board.points_m, kinematics)
     problem, zero = SweepProblem.of(camera, corners), kinematics.tilt_zero_rad
@@ -150,12 +149,12 @@ def solve_sweep(
 
 
 def _usable_pictures(
-    views: Sequence[BoardView], pictures: Sequence[SweepPicture], spec: BoardSpec, camera: Camera
+    views: Sequence[BoardView], pictures: Sequence[SweepPicture], nominal_m: np.ndarray, camera: Camera
 ) -> tuple[list[BoardView], list[SweepPicture], list[DroppedView]]:
     """Views that fix the board's pose, their readings, and the others with the reason."""
     for view in views:
         require_size(view.image_size, camera, view.name)
-    usable, dropped = usable_views(views, spec, 0)
+    usable, dropped = usable_views(views, nominal_m, 0)
     if len(usable) < _LEAST_PICTURES:
         what = f"{len(usable)} pictures of the sweep show the board, at least {_LEAST_PICTURES} are needed"
         raise InputError(what, remedy=_CROSS)
