@@ -69,7 +69,4 @@ def test_senseless_corners_are_refused_in_a_line(views, size, points, model) -> 
 def test_one_picture_many_times_is_not_trusted() -> None:
     given = draw(RIG, 3)
     one = (given.views[0].ids, given.views[0].corners_px)
-    try:
-        assert not calibrate_lens([one] * 8, RIG.image_size, POINTS).trusted
-    except InputError:
-        pass
+    assert not calibrate_lens([one] * 8, RIG.image_size, POINTS).trusted
