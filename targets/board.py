@@ -17,7 +17,7 @@ DICTIONARIES = tuple(f"DICT_{bits}X{bits}_{size}" for bits in (4, 5, 6, 7) for s
 
 _Squares = Annotated[int, Field(strict=True, ge=2, le=200)]
 _ChessCount = Annotated[int, Field(strict=True, ge=4, le=200)]
-_GridCount = Annotated[int, Field(strict=True, ge=3, le=200)]
+_GridCount = Annotated[int, Field(strict=True, ge=3, le=50)]
 _Side = Annotated[float, Field(strict=True, gt=0, lt=10)]
 
 
@@ -51,7 +51,8 @@ class BoardSpec:
         kind = data.get("type") if isinstance(data, Mapping) else None
         if isinstance(kind, str) and kind in PLAIN_BOARDS:
             what = f"is {kind!r}: its marks have no ids, so where the board stands is not told without doubt"
-            raise ValueError(what, f"take a ChArUco board here; {kind!r} serves `vbaa intrinsics` alone", "type")
+            remedy = "take a ChArUco board here; for the lens alone `vbaa intrinsics` takes that one, too"
+            raise ValueError(what, remedy, "type")
         return data
 
     def __post_init__(self) -> None:

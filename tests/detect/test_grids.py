@@ -5,20 +5,23 @@ from __future__ import annotations
 import functools
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 
-from targets.board import BoardSpec, Chessboard, CircleGrid
+from targets.board import BoardSpec, Chessboard, CircleGrid, corner_points
 from tests.detect.drawn_grids import ASYMMETRIC, CHESSBOARD, CIRCLES, drawn, picture, pose
 from tests.detect.test_corners import write_pictures
+from vbaa_calib.calibrate.lens.intrinsics import solve_intrinsics
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.detect.board.circles import circle_centres
-from vbaa_calib.detect.board.corners import detect_corners, detect_files, detect_folder
+from vbaa_calib.detect.board.corners import BoardView, detect_corners, detect_files, detect_folder
 from vbaa_calib.detect.board.grids import find_grid, grid_readings
 
-ENDOSCOPE = Path(__file__).parents[3] / "shared" / "data" / "ucl_axis_tests_charuco" / "ExtractedFrames_L"
+DATA = Path(__file__).parents[3] / "shared" / "data"
+ENDOSCOPE, LAPAROSCOPE = DATA / "ucl_axis_tests_charuco" / "ExtractedFrames_L", DATA / "ucl_laparoscope_chess_points"
 _Plain = Chessboard | CircleGrid
 
 
@@ -33,12 +36,12 @@ def test_marks_are_found_where_they_are_and_no_less_surely_than_stated(spec: _Pl
     views = [(detect_corners(seen(spec, seed)[0], spec), seen(spec, seed)[1]) for seed in (0, 2)]
     errors = np.concatenate([view.corners_px - truth[view.ids] for view, truth in views])
     assert sum(len(view.ids) for view, _ in views) >= 0.9 * 2 * spec.corner_count
-    assert np.sqrt((errors**2).sum(axis=1).mean()) < (0.05 if spec == CHESSBOARD else 0.025)
+    assert np.sqrt((errors**2).sum(axis=1).mean()) < (0.05 if spec == CHESSBOARD else 0.02)
     assert np.abs(errors.mean(axis=0)).max() < 0.01
     if spec != CHESSBOARD:  # cv2.cornerSubPix has a bias that the covariance leaves out
         covariances = np.concatenate([view.covariance_px2 for view, _ in views if view.covariance_px2 is not None])
         squares = np.einsum("ni,nij,nj->n", errors, np.linalg.inv(covariances), errors)
-        assert 0.6 < squares.mean() / 2.0 < 1.6
+        assert 0.6 < squares.mean() / 2.0 < 2.0
 
 
 @pytest.mark.parametrize("spec", [CIRCLES, ASYMMETRIC], ids=lambda spec: spec.type)
@@ -93,6 +96,12 @@ def test_a_picture_of_a_part_is_no_view(tmp_path: Path) -> None:
     assert [len(view.ids) for view in detect_folder(tmp_path, CHESSBOARD)] == [0, CHESSBOARD.corner_count]
 
 
+def test_a_part_of_a_larger_grid_is_no_view() -> None:
+    image, _ = seen(CIRCLES, 0)
+    assert find_grid(image, replace(CIRCLES, columns=8)) is None
+    assert find_grid(image, CIRCLES) is not None
+
+
 def test_light_circles_on_dark_are_circles_too() -> None:
     image, truth = seen(CIRCLES, 0)
     view = detect_corners(255 - image, CIRCLES)
@@ -106,10 +115,17 @@ CHARUCO = BoardSpec(9, 6, 0.02, 0.015)
     ("shown", "named", "words"),
     [
         (CHESSBOARD, CHARUCO, "a plain chessboard of 9 x 6 squares is in the pictures"),
-        (CHESSBOARD, Chessboard("chessboard", 8, 5, 0.02), "a plain chessboard of 9 x 6 squares is in the pictures"),
-        (CHESSBOARD, CIRCLES, "a plain chessboard of 9 x 6 squares is in the pictures"),
+        pytest.param(
+            CHESSBOARD,
+            Chessboard("chessboard", 8, 5, 0.02),
+            "a plain chessboard of 9 x 6 squares is in the pictures",
+            marks=pytest.mark.slow,
+        ),
+        pytest.param(
+            CHESSBOARD, CIRCLES, "a plain chessboard of 9 x 6 squares is in the pictures", marks=pytest.mark.slow
+        ),
         (CHARUCO, CHESSBOARD, "squares_x: 9, squares_y: 6, square_m: 0.02, marker_m: 0.015"),
-        (CHARUCO, CIRCLES, "a ChArUco board is in the pictures"),
+        pytest.param(CHARUCO, CIRCLES, "a ChArUco board is in the pictures", marks=pytest.mark.slow),
         (
             ASYMMETRIC,
             replace(ASYMMETRIC, columns=11, rows=4),
@@ -122,7 +138,7 @@ def test_a_board_of_another_kind_is_named(
     tmp_path: Path, shown: BoardSpec | _Plain, named: BoardSpec | _Plain, words: str
 ) -> None:
     if isinstance(shown, BoardSpec):
-        write_pictures(tmp_path, shown, 2)
+        write_pictures(tmp_path, shown, 1)
     else:
         for seed in (0, 2):
             cv2.imwrite(str(tmp_path / f"{seed}.png"), seen(shown, seed)[0])
@@ -133,6 +149,23 @@ def test_a_board_of_another_kind_is_named(
 
 @pytest.mark.skipif(not ENDOSCOPE.is_dir(), reason="the real endoscope pictures are not here")
 def test_a_chessboard_inset_among_markers_is_found_in_real_pictures() -> None:
-    paths = sorted(ENDOSCOPE.glob("*.jpg"))[::10]
+    paths = sorted(ENDOSCOPE.glob("*.jpg"))[3::20]
     views = detect_files(paths, Chessboard("chessboard", 9, 14, 0.003))
     assert [len(view.ids) for view in views] == [104] * len(paths)
+
+
+@pytest.mark.skipif(not LAPAROSCOPE.is_dir(), reason="the points of the real laparoscope are not here")
+def test_the_lens_from_a_real_chessboard_is_its_authors() -> None:
+    """Their test has an rms of 0.57759896 px, by OpenCV's lens of five coefficients."""
+    paths = sorted(LAPAROSCOPE.glob("left-*.txt"))
+    views = [BoardView(path.name, np.arange(140), np.loadtxt(path), (1920, 1080)) for path in paths]
+    board = Chessboard("chessboard", 15, 11, 0.003)
+    np.testing.assert_allclose(
+        corner_points(board) - board.square_m * np.array([1, 1, 0]),
+        1e-3 * np.loadtxt(LAPAROSCOPE / "chessboard_14_10_3.txt"),
+        atol=1e-12,
+    )
+    spec: Any = board
+    solution = solve_intrinsics(views, spec, "opencv5")
+    assert solution.rms_px == pytest.approx(0.57759896, rel=1e-5)
+    assert solution.camera.matrix[0, 0] == pytest.approx(2007.32, abs=0.05)

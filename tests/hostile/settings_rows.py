@@ -77,7 +77,7 @@ WITHOUT_IDS: tuple[Row, ...] = (
     (
         "two rows",
         d.content("{type: circles, columns: 9, rows: 2, spacing_m: 0.02}"),
-        "rows: 2 is not between 3 and 200",
+        "rows: 2 is not between 3 and 50",
     ),
     ("of NaN", d.content("{type: chessboard, squares_x: 9, squares_y: 6, square_m: .nan}"), "square_m is not a finite"),
     (

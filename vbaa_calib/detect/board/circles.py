@@ -21,6 +21,7 @@ _ROUNDS = 3
 _INSIDE, _RING = 0.4, 0.7
 """Where the area summed over ends, and the ring for the level around it, from the circle's edge to its neighbour's."""
 _CORE, _LEAST_PIXELS = 0.6, 12
+_EDGE_BLURS = 4.0
 _HALF_PITCH = 0.5
 _CUBIC_NEEDS = 30
 """Marks from which on ten more coefficients per axis are well known."""
@@ -38,7 +39,7 @@ def circle_centres(image: np.ndarray, found_px: np.ndarray, spec: CircleGrid) ->
     """
     points = corner_points(spec)[:, :2]
     centres, bias = found_px.copy(), np.zeros_like(found_px)
-    ids, radius_m = np.arange(len(points)), _first_radius_m(image, found_px, points, spec.pitch_m)
+    ids, circle = np.arange(len(points)), _Circle(_first_radius_m(image, found_px, points, spec.pitch_m), spec.pitch_m)
     areas: list[_Area] = []
     for _ in range(_ROUNDS):
         project = _board_to_picture(points[ids], centres[ids])
@@ -46,13 +47,14 @@ def circle_centres(image: np.ndarray, found_px: np.ndarray, spec: CircleGrid) ->
         seen = {
             int(index): area
             for index in ids
-            if (area := _area(image, centres[index] + bias[index], slopes[index], radius_m, spec.pitch_m)) is not None
+            if (area := _area(image, centres[index] + bias[index], slopes[index], circle)) is not None
         }
         ids, areas = np.array(list(seen), int), list(seen.values())
         if len(ids) < 4:
             return np.zeros(0, int), np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros((0, 2))
         sizes = np.array([area.px2 for area in areas]) / np.abs(np.linalg.det(slopes[ids])) / np.pi
         radius_m = min(float(np.sqrt(np.median(sizes))), 0.49 * spec.pitch_m)
+        circle = _Circle(radius_m, spec.pitch_m, float(np.median([area.blur_px for area in areas])))
         bias[ids] = _bias(project, points[ids], radius_m)
         centres[ids] = np.array([area.centre for area in areas]) - bias[ids]
     noise = np.maximum(np.median([area.variances for area in areas], axis=0), QUANTISATION)
@@ -110,7 +112,8 @@ def _first_radius_m(image: np.ndarray, centres: np.ndarray, points: np.ndarray, 
     slopes = _slopes(_board_to_picture(points, centres), points, pitch_m)
     shares = []
     for centre, slope in zip(centres, slopes, strict=True):
-        pixels, distance_m = _around(image, centre, slope, _HALF_PITCH * pitch_m)[1:]
+        _, places, pixels = _around(image, centre, slope, _HALF_PITCH * pitch_m)
+        distance_m = np.linalg.norm(places, axis=1)
         inside = pixels[distance_m < _HALF_PITCH * pitch_m]
         if len(inside) >= _LEAST_PIXELS:
             core = pixels[np.argmin(distance_m)]
@@ -120,27 +123,37 @@ def _first_radius_m(image: np.ndarray, centres: np.ndarray, points: np.ndarray, 
 
 
 def _around(image: np.ndarray, centre: np.ndarray, slope: np.ndarray, reach_m: float) -> tuple[np.ndarray, ...]:
-    """Pixels within `reach_m` and some more: places (P, 2) px, grey levels (P,), distances from the centre (P,) m."""
+    """Pixels within `reach_m` and some more: from the centre to them, (P, 2) px and (P, 2) m; grey levels (P,)."""
     half = reach_m * np.linalg.norm(slope, axis=1)
     low = np.maximum(np.floor(centre - half).astype(int), 0)
     high = np.maximum(np.minimum(np.ceil(centre + half).astype(int) + 1, image.shape[::-1]), low)
     v, u = np.mgrid[low[1] : high[1], low[0] : high[0]]
-    places = np.stack([u.ravel(), v.ravel()], axis=1).astype(float)
-    distance_m = np.linalg.norm((places - centre) @ np.linalg.pinv(slope).T, axis=1)
-    return places, image[low[1] : high[1], low[0] : high[0]].ravel().astype(float), distance_m
+    offsets = np.stack([u.ravel(), v.ravel()], axis=1) - centre
+    return offsets, offsets @ np.linalg.pinv(slope).T, image[low[1] : high[1], low[0] : high[0]].ravel().astype(float)
+
+
+@dataclass(frozen=True, eq=False)
+class _Circle:
+    """How large circles are: radius and distance of the nearest, m, and the standard deviation of their edges' blur."""
+
+    radius_m: float
+    pitch_m: float
+    blur_px: float = np.inf
 
 
 @dataclass(frozen=True, eq=False)
 class _Area:
     """What a circle covers.
 
-    centre : (2,) px. px2 : size. variances : (2,) of the noise in the circle and around it, grey levels squared.
-    by_grey : (2, P) derivatives of the centre by the grey levels. white : (P,) how far each is from the circle's own
+    centre : (2,) px. px2 : size. blur_px : of its edge, standard deviation. variances : (2,) of the noise in the circle
+        and around it, grey levels squared.
+    by_grey : (2, P) derivatives of the centre by the grey levels. share : (P,) how far each is from the circle's own
         level (0) to that around it (1).
     """
 
     centre: np.ndarray
     px2: float
+    blur_px: float
     variances: tuple[float, float]
     by_grey: np.ndarray
     share: np.ndarray
@@ -149,31 +162,44 @@ class _Area:
         return np.asarray((self.by_grey * (within + self.share * (around - within))) @ self.by_grey.T)
 
 
-def _area(image: np.ndarray, centre: np.ndarray, slope: np.ndarray, radius_m: float, pitch_m: float) -> _Area | None:
-    """The area that the circle at about `centre` covers; None where it is too small, or cut off by the border."""
-    gap_m = pitch_m - 2.0 * radius_m
-    inner_m, outer_m = radius_m + _INSIDE * gap_m, radius_m + _RING * gap_m
-    places, grey, distance_m = _around(image, centre, slope, outer_m)
+def _area(image: np.ndarray, centre: np.ndarray, slope: np.ndarray, circle: _Circle) -> _Area | None:
+    """The area that the circle at about `centre` covers; None where it is too small, or cut off by the border.
+
+    Noise counts only where the edge may be: what lies deeper is covered, what lies beyond is not.
+    """
+    gap_m = circle.pitch_m - 2.0 * circle.radius_m
+    inner_m, outer_m = circle.radius_m + _INSIDE * gap_m, circle.radius_m + _RING * gap_m
+    offsets, places, grey = _around(image, centre, slope, outer_m)
+    distance_m = np.linalg.norm(places, axis=1)
     half = outer_m * np.linalg.norm(slope, axis=1)
     if ((centre - half < -0.5) | (centre + half > np.array(image.shape[::-1]) - 0.5)).any():
         return None
-    inside, core = distance_m < inner_m, distance_m < _CORE * radius_m
+    inside, core = distance_m < inner_m, distance_m < _CORE * circle.radius_m
     ring = ~inside & (distance_m < outer_m)
     if min(core.sum(), ring.sum()) < _LEAST_PIXELS:
         return None
-    offsets = places - centre
-    design = np.column_stack([np.ones(len(places)), offsets])
+    per_px = np.linalg.norm(places @ np.linalg.pinv(slope), axis=1) / np.maximum(distance_m, 1e-12)
+    beyond_px = (distance_m - circle.radius_m) / np.maximum(per_px, 1e-12)
+    reach_px = _EDGE_BLURS * circle.blur_px + 1.0
+    covered, edge = beyond_px < -reach_px, inside & (np.abs(beyond_px) <= reach_px)
+    design = np.column_stack([np.ones(len(offsets)), offsets])
     by_ring = np.linalg.pinv(design[ring])
     depth = design @ (by_ring @ grey[ring]) - grey
-    total, contrast = float(depth[inside].sum()), float(depth[core].mean())
+    contrast = float(depth[core].mean())
+    weight = np.where(covered, contrast, np.where(edge, depth, 0.0))
+    total = float(weight.sum())
     if not total * contrast > 0.0 or abs(contrast) < 1.0:
         return None
-    moment = depth[inside] @ offsets[inside] / total
-    # of (depth · (offset − moment)) / total, which is nil
-    arm = (offsets[inside] - moment).T / total
-    by_grey = np.zeros((2, len(places)))
-    by_grey[:, inside] = -arm
-    by_grey[:, ring] = (arm @ design[inside]) @ by_ring
+    moment = weight @ offsets / total
+    # of weight · (offset − moment) / total, which is nil
+    arm = (offsets[edge] - moment).T / total
+    by_grey = np.zeros((2, len(offsets)))
+    by_grey[:, edge] = -arm
+    by_grey[:, ring] += (arm @ design[edge]) @ by_ring
     variances = float(grey[core].var()), float((depth[ring] ** 2).sum() / (ring.sum() - 3))
-    share = np.clip(1.0 - depth / contrast, 0.0, 1.0)
-    return _Area(centre + moment, total / contrast, variances, by_grey, share)
+    share = 1.0 - depth / contrast
+    # over an edge with a Gaussian blur share · (1 − share) sums up to σ/√π
+    between = float((share[inside] * (1.0 - share[inside])).sum() + inside.sum() * np.mean(variances) / contrast**2)
+    around_px = 2.0 * np.pi * circle.radius_m * np.linalg.norm(slope) / np.sqrt(2.0)
+    blur_px = np.sqrt(np.pi) * max(between, 0.0) / around_px
+    return _Area(centre + moment, total / contrast, blur_px, variances, by_grey, np.clip(share, 0.0, 1.0))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import product
+from typing import Any
 
 import cv2
 import numpy as np
@@ -21,6 +22,9 @@ _LEAST_BLOB_PX2, _WIDEST_BLOB = 20.0, 0.5
 _LEVELS = 20.0, 240.0
 _IRREGULAR = 0.35
 """Distance of a mark from where its neighbours put it, in their distance, beyond which the find is none."""
+_MOST_SPOTS, _GOES_ON = 3, 0.2
+"""Spots among which a grid is looked for, per circle; share of places beside the grid that hold one where it goes on.
+"""
 _TURNS = tuple(np.array(turn) for turn in ([[1, 0], [0, 1]], [[0, -1], [1, 0]], [[-1, 0], [0, -1]], [[0, 1], [-1, 0]]))
 
 
@@ -87,33 +91,49 @@ def _circles(image: np.ndarray, spec: CircleGrid) -> np.ndarray | None:
     options.minDistBetweenBlobs = 4.0
     options.minThreshold, options.maxThreshold = _LEVELS
     image = cv2.normalize(image, np.empty(0), 0, 255, cv2.NORM_MINMAX)
+    search: Any = cv2.findCirclesGrid  # its stubs know nothing of a grid in given spots
+    detector = cv2.SimpleBlobDetector.create(options)
     kind = cv2.CALIB_CB_ASYMMETRIC_GRID if spec.type == "asymmetric_circles" else cv2.CALIB_CB_SYMMETRIC_GRID
-    for picture, clustered in product((image, 255 - image), (0, cv2.CALIB_CB_CLUSTERING)):
-        blobs = cv2.SimpleBlobDetector.create(options)
-        found, centres = cv2.findCirclesGrid(
-            picture, (spec.columns, spec.rows), flags=kind | clustered, blobDetector=blobs
-        )
-        if found:
-            return np.asarray(centres, float).reshape(-1, 2)
+    for picture in (image, 255 - image):
+        # its search takes minutes among hundreds of spots
+        spots = sorted(detector.detect(picture), key=lambda spot: -spot.size)[: _MOST_SPOTS * spec.corner_count]
+        points = np.array([spot.pt for spot in spots], np.float32).reshape(-1, 1, 2)
+        for clustered in (0, cv2.CALIB_CB_CLUSTERING) if len(points) >= spec.corner_count else ():
+            size, usual = (spec.columns, spec.rows), cv2.CirclesGridFinderParameters()
+            found, centres = search(points, size, kind | clustered, None, usual)
+            if found and not _goes_on(marks := np.asarray(centres, float).reshape(-1, 2), points[:, 0], spec):
+                return marks
     return None
+
+
+def _rows_of_three(spec: Chessboard | CircleGrid) -> np.ndarray:
+    """(T, 3) numbers of marks before, at, and after a place, along the board's x and y both ways; −1 for none after."""
+    index = {tuple(place): number for number, place in enumerate(spec.lattice.tolist())}
+    wide = 2 if isinstance(spec, CircleGrid) and spec.type == "asymmetric_circles" else 1
+    return np.array(
+        [
+            (index[x - dx, y - dy], number, index.get((x + dx, y + dy), -1))
+            for dx, dy in ((wide, 0), (-wide, 0), (0, wide), (0, -wide))
+            for (x, y), number in index.items()
+            if (x - dx, y - dy) in index
+        ]
+    )
+
+
+def _goes_on(marks: np.ndarray, spots: np.ndarray, spec: CircleGrid) -> bool:
+    """Whether the grid goes on beyond the marks: spots (S, 2) px stand where the next ones would."""
+    rows = _rows_of_three(spec)
+    before, last = marks[rows[rows[:, 2] < 0, :2].T]
+    miss = np.linalg.norm((2.0 * last - before)[:, None] - spots, axis=-1).min(axis=1)
+    return bool(np.mean(miss < _IRREGULAR * np.linalg.norm(last - before, axis=1)) > _GOES_ON)
 
 
 def _regular(marks: np.ndarray, spec: Chessboard | CircleGrid) -> bool:
     """Whether marks lie amid their neighbours to either side, as far as perspective and lens allow."""
-    index = {tuple(place): number for number, place in enumerate(spec.lattice.tolist())}
-    wide = 2 if isinstance(spec, CircleGrid) and spec.type == "asymmetric_circles" else 1
-    for step in ((wide, 0), (0, wide)):
-        rows = [
-            (index[x, y], index[x - step[0], y - step[1]], index[x + step[0], y + step[1]])
-            for x, y in index
-            if (x - step[0], y - step[1]) in index and (x + step[0], y + step[1]) in index
-        ]
-        if rows:
-            middle, before, after = marks[np.array(rows).T]
-            apart = np.linalg.norm(after - before, axis=1) / 2.0
-            if (np.linalg.norm(middle - (before + after) / 2.0, axis=1) > _IRREGULAR * apart).any():
-                return False
-    return True
+    rows = _rows_of_three(spec)
+    before, middle, after = marks[rows[rows[:, 2] >= 0].T]
+    miss = np.linalg.norm(middle - (before + after) / 2.0, axis=1)
+    return bool((miss < _IRREGULAR * np.linalg.norm(after - before, axis=1) / 2.0).all())
 
 
 def _upright(marks: np.ndarray, image: np.ndarray, spec: Chessboard | CircleGrid) -> np.ndarray:
