@@ -7,21 +7,19 @@ import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from vbaa_calib.core.console import say
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import refuse_overwrite, sha256, write_json
 
 if TYPE_CHECKING:
-    import numpy as np
-
     from targets.board import BoardSpec
+    from vbaa_calib.calibrate.given_lens import GivenLens
+    from vbaa_calib.calibrate.lens.intrinsics import LensSolution
     from vbaa_calib.calibrate.pose.hand_eye import HandEye
-    from vbaa_calib.camera import Camera
     from vbaa_calib.detect.board.corners import BoardView
     from vbaa_calib.geometry import Pose
-    from vbaa_calib.rig import Rig
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -56,7 +54,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
-    """Find the corners, solve, write handeye.json. Returns its numbers."""
+    """Find the corners, solve, write handeye.json; the exit code is 1 where the lens must not be used."""
+    from vbaa_calib.calibrate.given_lens import read_lens
     from vbaa_calib.calibrate.pose.hand_eye import solve_hand_eye
     from vbaa_calib.calibrate.pose.robot_tables import read_robot_poses
     from vbaa_calib.detect.board.board_file import load_board
@@ -69,20 +68,22 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         raise InputError("--rig with --mount fixed", remedy="camera and antenna ride together: take --mount hand")
     spec, (poses, others) = load_board(args.board), read_robot_poses(args.poses, args.euler)
     rig = Rig.load(args.rig) if args.rig else None
-    known = _known_lens(args, rig, spec)
-    views = _paired(_views(args, spec, known and known.camera), poses, args.poses)
-    lens = known or _solved_lens(views, spec)
-    views = [_without(view, lens.outlier_ids.get(view.name, ())) for view in views]
+    known = read_lens(args.camera or args.rig) if args.camera or args.rig else None
+    views = _paired(_views(args, spec, known), poses, args.poses)
+    lens = _lens(known, views, spec)
+    outlier_ids = {view.name: view.outlier_ids for view in lens.views}
+    views = [_without(view, outlier_ids.get(view.name, ())) for view in views]
     given = [poses[view.name] for view in views]
     readings = {words: [other[view.name] for view in views] for words, other in others.items()}
     try:
-        solution = solve_hand_eye(views, given, lens.points_m, lens.camera, args.mount, readings)
+        solution = solve_hand_eye(views, given, lens.board_shape.points_m, lens.camera, args.mount, readings)
     except InputError as error:
         raise InputError(
             error.what, where=error.where or f"{args.views} by {args.poses}", remedy=error.remedy
         ) from None
     document = solution.to_dict() | {"camera": lens.camera.to_dict(), "board": spec.to_dict()}
-    document["warnings"] += lens.doubts
+    document["warnings"] += [f"the lens: {one}" for one in lens.verdict.diagnoses]
+    document["board_shape"] = lens.board_shape.to_dict()
     if rig:
         antenna, covariance = solution.antenna_on_arm(rig.T_antenna_camera, rig.covariance[:6, :6])
         document["T_actuator_antenna"] = antenna.to_dict()
@@ -93,10 +94,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     write_json(args.output, document, args.force)
     _report(solution, document)
     say(f"wrote {args.output}")
-    return {"output": str(args.output), **document, "exit_code": lens.exit_code}
+    return {"output": str(args.output), **document, "exit_code": lens.verdict.exit_code}
 
 
-def _views(args: argparse.Namespace, spec: BoardSpec, camera: Camera | None) -> list[BoardView]:
+def _views(args: argparse.Namespace, spec: BoardSpec, lens: GivenLens | None) -> list[BoardView]:
     from vbaa_calib.calibrate.pose.robot_tables import read_corners
     from vbaa_calib.core.images import list_images
     from vbaa_calib.detect.board.corners import detect_folder
@@ -104,10 +105,10 @@ def _views(args: argparse.Namespace, spec: BoardSpec, camera: Camera | None) -> 
     if args.views.suffix.lower() != ".csv":
         refuse_overwrite(args.output, args.force, list_images(args.views))
         return detect_folder(args.views, spec)
-    if camera is None and (args.image_size is None or min(args.image_size) < 1):
+    if lens is None and (args.image_size is None or min(args.image_size) < 1):
         remedy = "give --image-size W H, or --camera"
         raise InputError("corners without the size of their pictures", where=args.views, remedy=remedy)
-    return read_corners(args.views, camera.image_size if camera else tuple(args.image_size), spec.corner_count)
+    return read_corners(args.views, lens.camera.image_size if lens else tuple(args.image_size), spec.corner_count)
 
 
 def _paired(views: Sequence[BoardView], poses: Mapping[str, Pose], where: Path) -> list[BoardView]:
@@ -129,37 +130,20 @@ def _paired(views: Sequence[BoardView], poses: Mapping[str, Pose], where: Path) 
     return paired
 
 
-class _Lens(NamedTuple):
-    """A lens, the board's points as solved, the outliers by view, what is wrong with the lens, and the exit code."""
-
-    camera: Camera
-    points_m: np.ndarray
-    outlier_ids: dict[str, tuple[int, ...]]
-    doubts: list[str]
-    exit_code: int = 0
-
-
-def _known_lens(args: argparse.Namespace, rig: Rig | None, spec: BoardSpec) -> _Lens | None:
-    from targets.board import corner_points
-    from vbaa_calib.calibrate.given_lens import read_lens
-
-    if args.camera:
-        given = read_lens(args.camera)
-        doubts = [one.words for one in given.doubts]
-        doubts += [f"the lens' file states no covariance, assumed are {given.assumed}"] if given.assumed else []
-        return _Lens(given.camera, corner_points(spec), {}, doubts, int(any(one.grave for one in given.doubts)))
-    return None if rig is None else _Lens(rig.camera, corner_points(spec), {}, [])
-
-
-def _solved_lens(views: list[BoardView], spec: BoardSpec) -> _Lens:
+def _lens(given: GivenLens | None, views: list[BoardView], spec: BoardSpec) -> LensSolution:
+    """The lens as given, or from the views; the board's shape from the views."""
     from vbaa_calib.calibrate.faults.views import judge_views
+    from vbaa_calib.calibrate.given_lens import given_solution
     from vbaa_calib.calibrate.lens.intrinsics import solve_intrinsics
+    from vbaa_calib.calibrate.pose.board_pose import require_size
 
+    if given:
+        for view in views:
+            require_size(view.image_size, given.camera, view.name)
+        return given_solution(given, views, spec)
     solution = judge_views(views, solve_intrinsics(views, spec), spec)
     say(f"lens       {solution.model}: rms {solution.rms_px:.4f} px; {solution.verdict.words}")
-    outliers = {view.name: view.outlier_ids for view in solution.views}
-    doubts = [] if solution.trusted else [f"the lens: {solution.verdict.words}"]
-    return _Lens(solution.camera, solution.board_shape.points_m, outliers, doubts, solution.verdict.exit_code)
+    return solution
 
 
 def _without(view: BoardView, outlier_ids: Sequence[int]) -> BoardView:
