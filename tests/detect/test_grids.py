@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -165,7 +164,6 @@ def test_the_lens_from_a_real_chessboard_is_its_authors() -> None:
         1e-3 * np.loadtxt(LAPAROSCOPE / "chessboard_14_10_3.txt"),
         atol=1e-12,
     )
-    spec: Any = board
-    solution = solve_intrinsics(views, spec, "opencv5")
+    solution = solve_intrinsics(views, corner_points(board), "opencv5")
     assert solution.rms_px == pytest.approx(0.57759896, rel=1e-5)
     assert solution.camera.matrix[0, 0] == pytest.approx(2007.32, abs=0.05)

@@ -92,11 +92,12 @@ def _board(args: argparse.Namespace) -> Board:
     return board_from(given, _VERB)
 
 
-def solve(args: argparse.Namespace) -> tuple[dict[str, Any], LensSolution, list[BoardView], Any]:
+def solve(args: argparse.Namespace) -> tuple[dict[str, Any], LensSolution, list[BoardView], Board]:
     """Detect, solve, write camera.json. Returns its numbers, and what they rest on.
 
     The exit code is 1 where the lens must not be used.
     """
+    from targets.board import corner_points
     from vbaa_calib.calibrate.faults.views import judge_views
     from vbaa_calib.calibrate.lens.intrinsics import solve_intrinsics
     from vbaa_calib.calibrate.report import camera_document
@@ -106,10 +107,10 @@ def solve(args: argparse.Namespace) -> tuple[dict[str, Any], LensSolution, list[
     refuse_overwrite(args.output, args.force, [args.board])
     if args.min_corners < 4:
         raise InputError(f"--min-corners is {args.min_corners}", remedy="4 corners are the least that fix a pose")
-    spec: Any = _board(args)
+    spec = _board(args)
     refuse_overwrite(args.output, args.force, list_images(args.images))
     views = detect_folder(args.images, spec)
-    solution = solve_intrinsics(views, spec, args.model, args.min_corners, args.fix_aspect)
+    solution = solve_intrinsics(views, corner_points(spec), args.model, args.min_corners, args.fix_aspect)
     solution = judge_views(views, solution, spec)
     document = camera_document(solution, spec)
     write_json(args.output, document, args.force)

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from markupsafe import Markup
 
-from targets.board import BoardSpec
+from targets.board import Board
 from vbaa_calib.calibrate.faults.views import same_pose
 from vbaa_calib.calibrate.lens.board_shape import BoardShape
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution
@@ -32,7 +32,7 @@ _WIDEST = 2.5
 
 
 def page(
-    solution: LensSolution, views: Sequence[BoardView], spec: BoardSpec, document: Mapping[str, Any], folder: Path
+    solution: LensSolution, views: Sequence[BoardView], spec: Board, document: Mapping[str, Any], folder: Path
 ) -> str:
     """The page as HTML. views : of all pictures of the `folder`. document : camera.json."""
     camera, verdict = solution.camera, solution.verdict
@@ -141,7 +141,7 @@ def _board(shape: BoardShape) -> Table:
     return Table(("what", "value", "unit"), rows, ("what",))
 
 
-def _views(solution: LensSolution, views: Sequence[BoardView], spec: BoardSpec) -> Table:
+def _views(solution: LensSolution, views: Sequence[BoardView], spec: Board) -> Table:
     """Each view that was used, with its faults."""
     seen, rows = {view.name: view for view in views}, []
     for index, used in enumerate(solution.views):

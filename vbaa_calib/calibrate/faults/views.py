@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from scipy.stats import norm
 
-from targets.board import BoardSpec, corner_points
+from targets.board import Board, BoardSpec, corner_points
 from vbaa_calib.calibrate.lens.board_shape import STRETCH, BoardShape
 from vbaa_calib.calibrate.lens.bundle import Bundle, free_directions, rows
 from vbaa_calib.calibrate.lens.information import observations_of
@@ -61,7 +61,7 @@ def resolution_changed(size: tuple[int, int], first: tuple[int, int]) -> Diagnos
     return Diagnosis(name, f"{seen}: {cause}", remedy, grave=True)
 
 
-def same_pose(view: BoardView, earlier: Sequence[BoardView], spec: BoardSpec) -> Diagnosis | None:
+def same_pose(view: BoardView, earlier: Sequence[BoardView], spec: Board) -> Diagnosis | None:
     """The nearest earlier view that shows the board in (nearly) the same pose, if one does."""
     near = [(distance, other) for other in earlier if (distance := _apart_px(view, other, spec)) is not None]
     if not near:
@@ -74,7 +74,7 @@ def same_pose(view: BoardView, earlier: Sequence[BoardView], spec: BoardSpec) ->
     )
 
 
-def _apart_px(view: BoardView, other: BoardView, spec: BoardSpec) -> float | None:
+def _apart_px(view: BoardView, other: BoardView, spec: Board) -> float | None:
     """Rms distance of the corners that both show, px, where the pose counts as the same; else None."""
     ids, mine, theirs = np.intersect1d(view.ids, other.ids, return_indices=True)
     if len(ids) < LEAST_CORNERS or 2 * len(ids) < max(len(view.ids), len(other.ids)):
@@ -95,7 +95,7 @@ def _apart_px(view: BoardView, other: BoardView, spec: BoardSpec) -> float | Non
     return moved_px if same else None
 
 
-def _poorly_covered(views: Sequence[BoardView]) -> Diagnosis | None:
+def _poorly_covered(views: Sequence[BoardView], spec: Board) -> Diagnosis | None:
     """Whether the corners leave out much of the picture, and which of its corners; at least one view."""
     size, pixels = np.array(views[0].image_size), np.concatenate([view.corners_px for view in views])
     hull = float(cv2.contourArea(cv2.convexHull(pixels.astype(np.float32)))) / size.prod() if len(pixels) > 2 else 0.0
@@ -108,11 +108,12 @@ def _poorly_covered(views: Sequence[BoardView]) -> Diagnosis | None:
     return Diagnosis(
         "border_empty",
         f"the corners reach over {100 * hull:.0f} % of the picture{where}",
-        f"show the board in the {empty[0] if empty else 'picture’s corners'}, also partly outside",
+        f"show the board in the {empty[0] if empty else 'picture’s corners'}"
+        + (", also partly outside" if isinstance(spec, BoardSpec) else ""),
     )
 
 
-def _little_variety(views: Sequence[BoardView], solution: LensSolution, spec: BoardSpec) -> list[Diagnosis]:
+def _little_variety(views: Sequence[BoardView], solution: LensSolution, spec: Board) -> list[Diagnosis]:
     """Poses that repeat, boards that are never tilted, or about one axis only."""
     found: list[Diagnosis] = []
     kept: list[BoardView] = []
@@ -173,7 +174,7 @@ class SetScores:
         return np.add.reduceat(column * left, starts), information
 
 
-def set_scores(views: Sequence[BoardView], solution: LensSolution, spec: BoardSpec) -> SetScores | None:
+def set_scores(views: Sequence[BoardView], solution: LensSolution, spec: Board) -> SetScores | None:
     """Linearise a solved set over the good corners of the views used; None where they are too few.
 
     views : in the order of capture, the solution's among them by name.
@@ -335,7 +336,7 @@ def _sides(step: _Change, names: tuple[str, ...]) -> str:
     return f"{names[first - 1]} and {names[first]}"
 
 
-def view_set_diagnoses(views: Sequence[BoardView], solution: LensSolution, spec: BoardSpec) -> list[Diagnosis]:
+def view_set_diagnoses(views: Sequence[BoardView], solution: LensSolution, spec: Board) -> list[Diagnosis]:
     """Faults of the set, the grave ones first; views : in the order of capture, unused ones among them."""
     names = {view.name for view in solution.views}
     used = [view for view in views if view.name in names]
@@ -346,10 +347,10 @@ def view_set_diagnoses(views: Sequence[BoardView], solution: LensSolution, spec:
     if scores is not None and not any(judged):
         # a lens that did not stay the same shifts the print's aspect by several of its standard deviations
         judged.append(_print_stretched(solution.board_shape))
-    found = [one for one in (*judged, _poorly_covered(used)) if one is not None]
+    found = [one for one in (*judged, _poorly_covered(used, spec)) if one is not None]
     return sorted([*found, *_little_variety(used, solution, spec)], key=lambda one: not one.grave)
 
 
-def judge_views(views: Sequence[BoardView], solution: LensSolution, spec: BoardSpec) -> LensSolution:
+def judge_views(views: Sequence[BoardView], solution: LensSolution, spec: Board) -> LensSolution:
     """The solution with `view_set_diagnoses` in its verdict."""
     return replace(solution, verdict=solution.verdict.with_diagnoses(view_set_diagnoses(views, solution, spec)))
