@@ -88,7 +88,8 @@ def test_an_assumed_lens_is_as_uncertain_as_it_says(bare: Path, tmp_path: Path, 
         assert assumed.covariance is not None
         off = independent_axes(assumed.covariance) @ rng.normal(size=len(assumed.parameters))
         file.write_text(FORMATS["ros"].write(Exchanged(replace(assumed.moved(off), covariance=None))))
-        lens = given_solution(read_lens(file), [], session.board)
+        lens = given_solution(read_lens(file), [], session.board, [("plane", view) for view in views.jig or ()])
+        assert [one.name for one in lens.verdict.diagnoses] == ["lens_uncertainty_assumed"]
         plane = find_plane(session, lens.camera, lens.board_shape, views)
         before = stills_prior(session, lens, plane)
         observations = observations or observe_stills(session, plane.kinematics, before)
@@ -129,6 +130,17 @@ def test_pictures_that_contradict_a_known_lens_are_heard() -> None:
         assert found.grade == grade
 
 
+def test_the_board_in_the_jig_contradicts_the_lens_of_another_camera(bare: Path) -> None:
+    """A file for the same sensor with another lens: nothing else in the session tells."""
+    session, true = load_session(bare), true_camera()
+    placed = [("plane", view) for view in read_views(session).jig or ()]
+    for factor, wrong in ((1.0, False), (2.0, True), (0.6, True)):
+        matrix = true.matrix * np.array([[factor, 1, 1], [1, factor, 1], [1, 1, 1]])
+        camera = replace(true, matrix=matrix, covariance=np.diag(np.array([1, 1, 1, 1, 1e-3, 3e-3, 1e-4, 1e-4]) ** 2))
+        found = given_solution(GivenLens(camera, Path("c.json"), "", (), ""), [], session.board, placed).verdict
+        assert ("given_lens_contradicted" in {one.name for one in found.diagnoses}) == wrong
+
+
 def test_a_lens_that_cannot_be_taken_is_one_line(
     bare: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -142,6 +154,12 @@ def test_a_lens_that_cannot_be_taken_is_one_line(
         said = capsys.readouterr().err
         assert words in said
         assert len(said.splitlines()) == 1
+    for vague in (1e30, 60.0**2):
+        file.write_text(json.dumps(true.to_dict() | {"covariance": np.diag([vague] * 4 + [1e-6] * 4).tolist()}))
+        with pytest.raises(InputError, match="known to"):
+            read_lens(file)
+    file.write_text(json.dumps(true.to_dict() | {"covariance": np.zeros((8, 8)).tolist()}))
+    assert read_lens(file).assumed
     for text in ("", "{}", "lens: wide", "fx, fy = 900, 900"):
         file.write_text(text)
         with pytest.raises(InputError):

@@ -17,6 +17,7 @@ from vbaa_calib.core.files import read_json, sha256
 from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.geometry.independent_axes import independent_axes
 
+from .check.boards import check_lens
 from .check.finding import FAILS, HOLDS, Evidence
 from .check.rig import at
 from .faults.views import judge_views
@@ -33,9 +34,12 @@ of two thirds of the views, at random, of four real sets scatter by 0.07 to 0.5 
 0.03 to 0.7 % where the border was covered poorly: this is a lens that somebody took ordinary care of."""
 _RADIAL, _DECENTRING = np.sqrt([0.32, 0.18])
 """Part of the corner's deviation by each of k1 and k2, and by each of p1 and p2."""
+_VAGUE = 0.05
+"""Relative deviation of the focal length beyond which a lens is no start: what rests on it is not linear in it."""
 _GRID = (17, 13)
 _FLOOR_PX, _LEAST_PX = 0.1, 0.02
 """A difference over the picture that does not matter, and one that no two lenses are known to."""
+_CONTRADICTED = "given_lens_contradicted"
 _CORRELATED = 2.0
 """By how much the pictures' own lens is less certain than independent corners would make it (`check.boards`)."""
 
@@ -75,7 +79,14 @@ def read_lens(path: Path, which: str | None = None) -> GivenLens:
     if not is_monotonic(_model_of(camera), camera.parameters, camera.image_size):
         what = f"its {_model_of(camera).name} lens folds inside the picture"
         raise InputError(what, where=path, remedy="calibrate the lens again, with a simpler --model")
-    if camera.covariance is not None:
+    if camera.model == "opencv" and not camera.distortion[12:].any():  # no tilt: the same lens without its two zeros
+        kept = None if camera.covariance is None else camera.covariance[:16, :16]
+        camera = replace(camera, distortion=camera.distortion[:12], covariance=kept, parameter_names=())
+    std = 0.0 if camera.covariance is None else float(np.sqrt(camera.covariance[0, 0])) / camera.parameters[0]
+    if std > _VAGUE:
+        what = f"its focal length is known to {100 * std:.2g} % only"
+        raise InputError(what, where=path, remedy="calibrate the lens again")
+    if camera.covariance is not None and std > 0.0:
         return GivenLens(camera, path, form.what, _own_doubts(path) if form.name == "vbaa" else (), "")
     camera, assumed = _with_assumed_covariance(camera)
     return GivenLens(camera, path, form.what, (), assumed)
@@ -126,10 +137,13 @@ def _with_assumed_covariance(camera: Camera) -> tuple[Camera, str]:
     return replace(camera, covariance=covariance), words
 
 
-def given_solution(given: GivenLens, views: Sequence[BoardView], spec: BoardSpec) -> LensSolution:
-    """The given lens as the lens step of a calibration; views : of the board, that it was not calibrated from, if any.
+def given_solution(
+    given: GivenLens, views: Sequence[BoardView], spec: BoardSpec, placed: Sequence[tuple[str, BoardView]] = ()
+) -> LensSolution:
+    """The given lens as the lens step of a calibration.
 
-    They test it, and show the board's shape; they do not change it.
+    views : of the board, from intrinsics/, if any. placed : each with its folder, those that show plane C. Both test
+    the lens, and the former show the board's shape; they do not change the lens.
     """
     found, reasons = list(given.doubts), [f"The lens is the one in {given.path.name} ({given.what})."]
     if given.assumed:
@@ -150,6 +164,13 @@ def given_solution(given: GivenLens, views: Sequence[BoardView], spec: BoardSpec
         except VbaaError as error:
             words = f"The pictures in intrinsics/ cannot test it: {error}."
         reasons.append(words)
+    if placed and not any(one.name == _CONTRADICTED for one in found):
+        focus = next(one for one in check_lens(given.camera, placed, shape, None).findings if one.name == "lens_focus")
+        if focus.is_bad:
+            folders = " and ".join(f"{name}/" for name in dict.fromkeys(folder for folder, _ in placed))
+            words = f"{given.path.name} is contradicted by the board in {folders}: {focus.words}"
+            remedy = "take the file of this lens as it is focused now, or calibrate it again"
+            found.append(Diagnosis(_CONTRADICTED, words, remedy, focus.level == FAILS))
     return LensSolution(
         camera=given.camera,
         model=_model_of(given.camera).name,
@@ -200,7 +221,6 @@ def _contradiction(given: GivenLens, own: LensSolution, views: Sequence[BoardVie
     if evidence.level == HOLDS:
         return None, f"It holds: {words}."
     remedy = "leave --camera out to calibrate from these pictures; or take the right file, or pictures of this camera"
-    name = "given_lens_contradicted"
-    return Diagnosis(name, f"{given.path.name} is contradicted: {words}", remedy, evidence.level == FAILS), (
+    return Diagnosis(_CONTRADICTED, f"{given.path.name} is contradicted: {words}", remedy, evidence.level == FAILS), (
         "The pictures in intrinsics/ contradict it."
     )

@@ -90,7 +90,8 @@ def calibrate(session: Session, lens_model: str = "auto", given: GivenLens | Non
     if given is None:
         lens = judge_views(lens_views, solve_intrinsics(lens_views, session.board, lens_model), session.board)
     else:
-        lens = given_solution(given, lens_views, session.board)
+        placed = [("plane", view) for view in views.jig or ()] + [("sweep", view) for view in views.sweep or ()]
+        lens = given_solution(given, lens_views, session.board, placed)
     plane = find_plane(session, lens.camera, lens.board_shape, views)
     before = stills_prior(session, lens, plane)
     observations = observe_stills(session, plane.kinematics, before)
