@@ -47,11 +47,16 @@ def true_camera() -> Camera:
 def test_a_known_lens_gives_the_rig_of_the_usual_way(
     bare: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """With the covariance that its file states; or with an assumed one, which is named wherever the rig is."""
+    """With the covariance that its file states; or with an assumed one, which is named wherever the rig is.
+
+    A file without distortion is that of somebody who did not measure it.
+    """
     usual = Rig.load(small_rig() / "rig.json")
-    for name in ("vbaa", "ros"):
+    true = true_camera()
+    forgotten = replace(true, distortion=np.zeros(4))
+    for name, camera in (("vbaa", usual.camera), ("ros", true), ("kalibr", forgotten)):
         file, out = tmp_path / name, tmp_path / f"{name}.json"
-        file.write_text(FORMATS[name].write(Exchanged(usual.camera if name == "vbaa" else true_camera())))
+        file.write_text(FORMATS[name].write(Exchanged(camera)))
         assert main(["calibrate", str(bare), "--camera", str(file), "-o", str(out)]) == 0
         rig, quality = Rig.load(out), json.loads(out.read_text())["quality"]
         off = rig.T_antenna_camera.tangent_from(usual.T_antenna_camera)
@@ -63,7 +68,7 @@ def test_a_known_lens_gives_the_rig_of_the_usual_way(
         assumed = quality["given_lens"]["uncertainty"]
         assert quality["given_lens"]["file"] == name
         assert quality["given_lens"]["sha256"] in json.loads(out.read_text())["inputs_sha256"].values()
-        if name == "ros":
+        if name != "vbaa":
             words = assumed.removeprefix("assumed: ")
             assert words != assumed
             assert all(words in place for place in (said, quality["lens"]["warnings"][0], quality["warnings"][0]))

@@ -32,6 +32,8 @@ _FOCAL_STD, _ASPECT_STD, _CENTRE_PER_WIDTH, _CORNER_PER_WIDTH = 0.003, 0.001, 0.
 centre, and of what distortion does to the picture's corner, over the width (3.2 and 1.0 px of 1280). OpenCV's solutions
 of two thirds of the views, at random, of four real sets scatter by 0.07 to 0.5 %, 0.02 to 0.13 %, 0.1 to 0.8 %, and
 0.03 to 0.7 % where the border was covered poorly: this is a lens that somebody took ordinary care of."""
+_UNCORRECTED_PER_WIDTH = 0.02
+"""The same of a file whose coefficients are all zero: nobody measured them, and ordinary lenses have up to this."""
 _RADIAL, _DECENTRING = np.sqrt([0.32, 0.18])
 """Part of the corner's deviation by each of k1 and k2, and by each of p1 and p2."""
 _VAGUE = 0.05
@@ -117,6 +119,7 @@ def _with_assumed_covariance(camera: Camera) -> tuple[Camera, str]:
 
     The focal lengths err together, the coefficients each in its own way; a camera without any may have some.
     """
+    corner_px = camera.image_size[0] * (_CORNER_PER_WIDTH if camera.distortion.any() else _UNCORRECTED_PER_WIDTH)
     if len(camera.distortion) < 4:
         camera = replace(camera, distortion=np.zeros(4), parameter_names=())
     width, focal = camera.image_size[0], camera.parameters[:2]
@@ -126,13 +129,13 @@ def _with_assumed_covariance(camera: Camera) -> tuple[Camera, str]:
     most = np.nanmax(moved.reshape(-1, len(std)), axis=0)
     shares = [_RADIAL, _RADIAL] if camera.model == "fisheye" else [_RADIAL, _RADIAL, _DECENTRING, _DECENTRING]
     for index, share in enumerate(shares, start=4):
-        std[index] = share * _CORNER_PER_WIDTH * width / most[index]
+        std[index] = share * corner_px / most[index]
     covariance = np.diag(std**2)
     covariance[:2, :2] = _FOCAL_STD**2 * np.outer(focal, focal)
     covariance[:2, :2] += (_ASPECT_STD / 2) ** 2 * np.outer(focal * (1, -1), focal * (1, -1))
     words = (
         f"one standard deviation of {100 * _FOCAL_STD:g} % of the focal length, {_CENTRE_PER_WIDTH * width:.1f} px of "
-        f"the centre, {_CORNER_PER_WIDTH * width:.1f} px of distortion in the picture's corners"
+        f"the centre, {corner_px:.1f} px of distortion in the picture's corners"
     )
     return replace(camera, covariance=covariance), words
 
@@ -168,7 +171,9 @@ def given_solution(
         focus = next(one for one in check_lens(given.camera, placed, shape, None).findings if one.name == "lens_focus")
         if focus.is_bad:
             folders = " and ".join(f"{name}/" for name in dict.fromkeys(folder for folder, _ in placed))
-            words = f"{given.path.name} is contradicted by the board in {folders}: {focus.words}"
+            off = focus.evidence
+            size = "" if off is None else f": {off.size:.2g} px over the picture, {off.distance_std:.0f} deviations"
+            words = f"{given.path.name} is contradicted by the board in {folders}{size}"
             remedy = "take the file of this lens as it is focused now, or calibrate it again"
             found.append(Diagnosis(_CONTRADICTED, words, remedy, focus.level == FAILS))
     return LensSolution(
