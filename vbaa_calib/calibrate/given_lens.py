@@ -152,7 +152,7 @@ def given_solution(
     if given.assumed:
         words = f"{given.path.name} states no uncertainty of its lens: assumed is {given.assumed}"
         remedy = (
-            "leave --camera out: the pictures in intrinsics/ tell it"
+            "leave --camera out: the pictures of the board tell it"
             if views
             else ("calibrate the lens with vbaa intrinsics, or put 15 pictures of the board into intrinsics/")
         )
@@ -165,7 +165,7 @@ def given_solution(
             found += [] if contradiction is None else [contradiction]
             shape = replace(own.board_shape, by_lens=None)
         except VbaaError as error:
-            words = f"The pictures in intrinsics/ cannot test it: {error}."
+            words = f"The pictures of the board cannot test it: {error}."
         reasons.append(words)
     if placed and not any(one.name == _CONTRADICTED for one in found):
         focus = next(one for one in check_lens(given.camera, placed, shape, None).findings if one.name == "lens_focus")
@@ -204,7 +204,7 @@ def _contradiction(given: GivenLens, own: LensSolution, views: Sequence[BoardVie
     moved, seen = other.project(rays)
     pixels, moved = pixels[seen], moved[seen]
     if len(pixels) < 3:
-        return None, "The pictures in intrinsics/ cover too little to test it."
+        return None, "The pictures of the board cover too little to test it."
     parts = [
         projection_jacobian(one, pixels) @ independent_axes(factor * one.covariance)
         for one, factor in ((camera, 1.0), (other, _CORRELATED**2))
@@ -220,12 +220,12 @@ def _contradiction(given: GivenLens, own: LensSolution, views: Sequence[BoardVie
     evidence = Evidence(distance, int(known.sum()), size_px, _FLOOR_PX, "px")
     expected_px = float(np.linalg.norm(deviation) / np.sqrt(len(pixels)))
     words = (
-        f"{len(own.views)} pictures of the board in intrinsics/ have a lens that differs by {size_px:.2f} px rms where "
+        f"{len(own.views)} pictures of the board have a lens that differs by {size_px:.2f} px rms where "
         f"they cover the picture ({expected_px:.2f} px expected)"
     )
     if evidence.level == HOLDS:
         return None, f"It holds: {words}."
     remedy = "leave --camera out to calibrate from these pictures; or take the right file, or pictures of this camera"
     return Diagnosis(_CONTRADICTED, f"{given.path.name} is contradicted: {words}", remedy, evidence.level == FAILS), (
-        "The pictures in intrinsics/ contradict it."
+        "The pictures of the board contradict it."
     )
