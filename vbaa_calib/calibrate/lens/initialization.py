@@ -192,7 +192,8 @@ def _from_basis(four: np.ndarray) -> np.ndarray:
 def _homography_errors(homography: np.ndarray, points: np.ndarray, image: np.ndarray) -> np.ndarray:
     """(..., N) distances of the images of points (N, 3) under homographies (..., 3, 3) from image (N, 3)."""
     mapped = points @ homography.mT
-    return np.linalg.norm(mapped[..., :2] / mapped[..., 2:] - image[:, :2], axis=-1)
+    with np.errstate(all="ignore"):
+        return np.linalg.norm(mapped[..., :2] / mapped[..., 2:] - image[:, :2], axis=-1)
 
 
 def _focal_length(homographies: Sequence[np.ndarray]) -> float:
