@@ -32,6 +32,8 @@ class BoardSpec:
     dictionary : name of OpenCV's predefined dictionary.
     legacy_pattern : the layout that OpenCV printed before 4.6 for an even number of rows.
     thickness_m : distance from the printed face to the face that rests in the jig.
+    stretch, stretch_std : by how much the print is longer along x than along y, relative, where both rulers were
+        measured; `square_m` is then the mean of a square's sides.
 
     Raises pydantic's ValidationError, a ValueError, for what is no board.
     """
@@ -43,6 +45,8 @@ class BoardSpec:
     dictionary: str = "DICT_4X4_100"
     legacy_pattern: Annotated[bool, Field(strict=True)] = False
     thickness_m: Annotated[float, Field(strict=True, ge=0, lt=10)] = 0.0
+    stretch: Annotated[float, Field(strict=True, gt=-0.3, lt=0.3)] = 0.0
+    stretch_std: Annotated[float, Field(strict=True, gt=0, lt=0.1)] | None = None
     type: Literal["charuco"] = field(default="charuco", kw_only=True, repr=False)
 
     @model_validator(mode="before")
@@ -56,6 +60,10 @@ class BoardSpec:
         return data
 
     def __post_init__(self) -> None:
+        if self.stretch and self.stretch_std is None:
+            raise ValueError(
+                f"stretch is {self.stretch!r} without stretch_std: how well both rulers were read is needed"
+            )
         if not self.marker_m < self.square_m:
             exchanged = f" (exchanged? square_m: {self.marker_m!r}, marker_m: {self.square_m!r} would do)"
             raise ValueError(
@@ -94,7 +102,10 @@ class BoardSpec:
 
     def to_dict(self) -> dict[str, Any]:
         """The mapping `board` of session.yaml, or a board.yaml."""
-        return {"type": self.type, **asdict(self)}
+        described = {"type": self.type, **asdict(self)}
+        if self.stretch_std is None:
+            del described["stretch"], described["stretch_std"]
+        return described
 
 
 @dataclass(frozen=True, config=ConfigDict(extra="forbid"))

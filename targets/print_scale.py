@@ -31,8 +31,9 @@ class PrintScale:
 
     Attributes
     ----------
-    scale, std : of both axes together, weighted by how well each is known. NaN where the axes differ.
+    scale, std : of both axes together, weighted by how well each is known; their mean where the axes differ.
     aspect, aspect_std : scale along x over scale along y, less 1.
+    differs : whether the axes differ by more than the readings allow, and enough to matter.
     words, remedy : what was found, and what to do.
     """
 
@@ -42,11 +43,7 @@ class PrintScale:
     aspect_std: float
     words: str
     remedy: str
-
-    @property
-    def differs(self) -> bool:
-        """Whether the axes differ by more than the readings allow, and enough to matter: no BoardSpec describes it."""
-        return math.isnan(self.scale)
+    differs: bool = False
 
 
 def print_scale(
@@ -75,13 +72,11 @@ def print_scale(
     if abs(aspect) > max(_SIGNIFICANT * aspect_std, _MOST_ASPECT):
         words = (
             f"printed at {axes}: the axes differ by {100 * abs(aspect):.2f} ± {100 * aspect_std:.2f} %, so its squares "
-            f"are not square, and lengths of {_REACH_MM:g} mm would be off by {_REACH_MM * abs(aspect) / 2:.2g} mm"
+            f"are not square; without these readings lengths of {_REACH_MM:g} mm would be off by "
+            f"{_REACH_MM * abs(aspect) / 2:.2g} mm"
         )
-        remedy = (
-            "print it again, at 100 % and with nothing fitted to the page, on another printer if it comes out the "
-            "same; if the readings were rough, measure again"
-        )
-        return PrintScale(math.nan, math.nan, aspect, aspect_std, words, remedy)
+        remedy = "go on with both as measured; if the readings were rough, measure again"
+        return PrintScale((x + y) / 2, math.hypot(std_x, std_y) / 2, aspect, aspect_std, words, remedy, differs=True)
     scale = (weight_x * x + weight_y * y) / (weight_x + weight_y)
     # a difference of the axes that is let pass stays in the squares, half of it to either side
     std = math.hypot((weight_x + weight_y) ** -0.5, min(abs(aspect), _MOST_ASPECT) / 2)
@@ -136,10 +131,11 @@ def _percent(scale: float, std: float) -> str:
 
 
 def rescaled(spec: BoardSpec, scale: PrintScale) -> BoardSpec:
-    """The board as it was printed: squares and markers at the measured scale; the mount's thickness stays.
-
-    Raises ValueError where the axes differ: a BoardSpec has square squares.
-    """
-    if scale.differs:
-        raise ValueError(f"{scale.words}; {scale.remedy}")
-    return replace(spec, square_m=round(spec.square_m * scale.scale, 9), marker_m=round(spec.marker_m * scale.scale, 9))
+    """The board as it was printed: squares and markers at the measured scale; the mount's thickness stays."""
+    square_m, marker_m = (round(length * scale.scale, 9) for length in (spec.square_m, spec.marker_m))
+    printed = replace(spec, square_m=square_m, marker_m=marker_m)
+    if not scale.differs:
+        return printed
+    # of the mean, not of y
+    stretch, std = (value / (1.0 + 0.5 * scale.aspect) for value in (scale.aspect, scale.aspect_std))
+    return replace(printed, stretch=round(stretch, 9), stretch_std=round(std, 9))

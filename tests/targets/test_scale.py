@@ -30,14 +30,16 @@ def test_deviations_against_sampling() -> None:
     assert sum(each.differs for each in drawn) == pytest.approx(4000 * 0.0027, abs=10)
 
 
-def test_axes_that_differ_are_no_board() -> None:
-    """Beyond the readings' doubt and beyond what matters; then there is no common scale, only words."""
+def test_axes_that_differ_are_a_stretched_board() -> None:
+    """Beyond the readings' doubt and beyond what matters."""
     scale = print_scale(260, 260.0, 150, 148.5)
     assert scale.differs
     assert scale.aspect == pytest.approx(1 / 0.99 - 1)
-    assert math.isnan(scale.std)
-    with pytest.raises(ValueError, match=r"axes differ by 1\.01 ± 0\.20 %"):
-        rescaled(SPEC, scale)
+    board = rescaled(SPEC, scale)
+    x, y = (board.square_m * (1.0 + sign * 0.5 * board.stretch) for sign in (1, -1))
+    assert (x, y) == pytest.approx((SPEC.square_m, 0.99 * SPEC.square_m), rel=1e-6)
+    assert board.stretch_std == pytest.approx(scale.aspect_std, rel=0.01)
+    assert BoardSpec(**board.to_dict()) == board
     readings = (150, 150.0, 150, 149.6)
     assert not print_scale(*readings).differs
     assert print_scale(*readings, 0.03).differs, "a caliper sees what a ruler does not"

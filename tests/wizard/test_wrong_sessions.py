@@ -16,7 +16,6 @@ __all__ = ["finished", "tiny"]
 
 ANSWERS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "readings in cm": (("--board-along-x-mm=16.51", "--board-along-y-mm=12"), ("x_mm is 16.51", "centimetres")),
-    "stretched one way": (("--board-along-x-mm=165", "--board-along-y-mm=118"), ("board_along_x_mm", "%")),
     "axes parallel": (("--jig-board-x=y",), ("jig_board_x, jig_board_y", "right angles")),
     "board is a folder": (("--board=/tmp",), ("/tmp", "is a folder")),
 }

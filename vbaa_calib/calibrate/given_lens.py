@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from targets.board import BoardSpec, corner_points
+from targets.board import BoardSpec
 from vbaa_calib.camera import Camera
 from vbaa_calib.convert import guessed
 from vbaa_calib.core.errors import Diagnosis, InputError, VbaaError
@@ -157,7 +157,7 @@ def given_solution(
             else ("calibrate the lens with vbaa intrinsics, or put 15 pictures of the board into intrinsics/")
         )
         found.append(Diagnosis("lens_uncertainty_assumed", words, remedy))
-    shape = BoardShape.unseen(corner_points(spec))
+    shape = BoardShape.unseen(spec)
     if views:
         try:
             own = judge_views(views, solve_intrinsics(views, spec), spec)

@@ -140,7 +140,9 @@ def find_plane(session: Session, camera: Camera, board: BoardShape, views: Plane
         doubt = _clamp_doubt(over, session.over, session.board)
         estimates.append(inflated(over.estimate, *doubt) if estimates else over.estimate)
     estimates = [inflated(estimate, *corner_bias(estimate, camera)) for estimate in estimates]
-    scale_std = float(np.hypot(session.print_scale_std, board.scale_doubt))
+    # both rulers say which side of a stretched print is right
+    unread = board.scale_doubt if session.board.stretch_std is None else 0.0
+    scale_std = float(np.hypot(session.print_scale_std, unread))
     estimates = [inflated(estimate, *_print_doubt(estimate, session, scale_std)) for estimate in estimates]
     apart = differences(estimates, np.zeros((0, 0)) if camera.covariance is None else camera.covariance)
     require_agreement(apart, session.root)

@@ -150,7 +150,7 @@ def check_together(answers: Mapping[str, Any]) -> None:
             load_board(Path(str(answers["board"])))
         except InputError as error:
             raise InputError(f"{error.where}: {error.what}", where="board", remedy=error.remedy) from None
-    scale_of(answers, require_square=True)
+    scale_of(answers)
     ignored = [key for key in answers if key in _JIG and keeps_jig(answers)]
     if ignored:
         remedy = "give jig_translation_mm and the other answers about the jig too, or correct jig: in session.yaml"

@@ -63,25 +63,22 @@ _PASSING = {"antenna_length_mm": 100.0, "antenna_diameter_mm": 1.0}
 """Taken until they are answered, since they have no default."""
 
 
-def scale_of(answers: Mapping[str, Any], require_square: bool = False) -> PrintScale | None:
+def scale_of(answers: Mapping[str, Any]) -> PrintScale | None:
     """The print's scale; None before both readings were given.
 
-    Raises InputError for readings that cannot be; if required, for a print whose squares are not square, too.
+    Raises InputError for readings that cannot be.
     """
     if any(name not in answers for name in _MEASURED):
         return None
     where = "board_along_x_mm, board_along_y_mm"
     x, along_x, y, along_y = (float(answers[name]) for name in _MEASURED)
     try:
-        scale = print_scale(x, along_x, y, along_y, float(answers.get("board_reading_std_mm", READING_STD_MM)))
+        return print_scale(x, along_x, y, along_y, float(answers.get("board_reading_std_mm", READING_STD_MM)))
     except ValueError as error:
         # targets.print_scale knows its own parameters, not what they are called here
         what = str(error).replace("reading_std", "board_reading_std")
         what = what.replace("reading_x", "board_along_x").replace("reading_y", "board_along_y")
         raise InputError(what, where=where, remedy="measure it again") from None
-    if require_square and scale.differs:
-        raise InputError(scale.words, where=where, remedy=scale.remedy)
-    return scale
 
 
 def check_jig_axes(x: str, y: str) -> None:
@@ -191,7 +188,7 @@ class SessionState:
     @property
     def board(self) -> BoardSpec:
         """The board as it was printed."""
-        scale = scale_of(self._answers, require_square=True)
+        scale = scale_of(self._answers)
         return self.nominal_board if scale is None else rescaled(self.nominal_board, scale)
 
     @property

@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from targets.board import Board, BoardSpec, corner_points
+
 SHAPE = 5
 """Numbers that describe a board's shape (`BoardShape`)."""
 SHAPE_NAMES = ("bow_x_m", "bow_y_m", "twist_m", "stretch", "shear")
@@ -43,9 +45,10 @@ class BoardShape:
         return BoardShape(nominal_m, np.zeros(SHAPE), np.zeros((SHAPE, SHAPE)))
 
     @staticmethod
-    def unseen(nominal_m: np.ndarray) -> BoardShape:
+    def unseen(board: Board) -> BoardShape:
         """A board of which nothing is known but what prints and mounts are like."""
-        prior = ShapePrior.of(nominal_m)
+        nominal_m = corner_points(board)
+        prior = ShapePrior.of(nominal_m, board)
         return BoardShape(nominal_m, prior.mean, np.diag(prior.std**2))
 
     @staticmethod
@@ -126,9 +129,12 @@ class ShapePrior:
     std: np.ndarray
 
     @staticmethod
-    def of(nominal_m: np.ndarray) -> ShapePrior:
-        """Of a print of corners (C, 3) and a mount as they usually are."""
-        return ShapePrior(np.zeros(SHAPE), np.array([_BOW_PER_EXTENT * _extent_m(nominal_m)] * 3 + [_STRETCH, _SHEAR]))
+    def of(nominal_m: np.ndarray, board: Board | None = None) -> ShapePrior:
+        """Of a print of corners (C, 3) and a mount as they usually are; with what was measured on the board, if any."""
+        usual = ShapePrior(np.zeros(SHAPE), np.array([_BOW_PER_EXTENT * _extent_m(nominal_m)] * 3 + [_STRETCH, _SHEAR]))
+        if isinstance(board, BoardSpec) and board.stretch_std is not None:
+            usual.mean[STRETCH], usual.std[STRETCH] = board.stretch, board.stretch_std
+        return usual
 
     def rows(self, shape: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Residuals (5,) as reweighted least squares has them, and their negative derivatives (5,) by the shape."""

@@ -124,7 +124,13 @@ def solve_intrinsics(
     usable, dropped = usable_views(sorted(views, key=rank), nominal_m, min_corners)
     observations = observations_of(usable, nominal_m)
     _require_enough(observations, dropped, model)
-    options = _Options(usable[0].image_size, ShapePrior.of(nominal_m), model, min_corners, square_pixels)
+    options = _Options(
+        usable[0].image_size,
+        ShapePrior.of(nominal_m, None if isinstance(board, np.ndarray) else board),
+        model,
+        min_corners,
+        square_pixels,
+    )
     inliers, rough, warm = _screened(observations, options)
     _require_enough(inliers.of(observations), [*dropped, *_contradicting(usable, inliers.views)], model)
     fit = _decided(inliers, rough, warm, observations, options)
