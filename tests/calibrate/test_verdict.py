@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import yaml
 
+import vbaa_calib.calibrate.report  # noqa: F401, its modules must not first be loaded while detect_folder is another
 from vbaa_calib.cli.main import main
 
 from .synthetic_views import SPEC
