@@ -186,13 +186,17 @@ class Linearised:
         weighted /= scale
         return weighted.T @ weighted, weighted.T @ (self.residuals * weights), scale
 
-    def covariance(self) -> np.ndarray:
-        """(P, P) inverse of the information, by the rows' triangular factor: no variance comes out negative."""
+    def covariance_root(self) -> np.ndarray:
+        """(P, P) that times its transpose is the covariance."""
         weighted = self.jacobian * self.weights[:, None]
         scale = np.linalg.norm(weighted, axis=0)
         _, factor = np.linalg.qr(weighted / scale)
-        root = solve_triangular(factor, np.eye(len(scale))) / scale[:, None]
-        return np.asarray(root @ root.T)
+        return np.asarray(solve_triangular(factor, np.eye(len(scale))) / scale[:, None])
+
+    def covariance(self) -> np.ndarray:
+        """(P, P) inverse of the information, by the rows' triangular factor: no variance comes out negative."""
+        root = self.covariance_root()
+        return root @ root.T
 
     def step(self, damping: float, at_end: bool | np.ndarray = False) -> tuple[np.ndarray, float]:
         """(P,) damped step, and the decrease that an undamped one promises.

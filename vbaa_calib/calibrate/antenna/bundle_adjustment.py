@@ -84,16 +84,16 @@ def _fitting(
     solution : of the kept stills (F,). distances : see `Problem.evaluate`, at its parameters.
     """
     groups, readings = problem.groups, problem.lens.stop
-    rms, needed, covariance = np.empty(len(distances)), np.zeros(len(distances)), solution.covariance()
+    rms, needed, root = np.empty(len(distances)), np.zeros(len(distances)), solution.covariance_root()
     for index, block in enumerate(distances):
         others = kept & (np.arange(len(kept)) != index)
         mine = [group for group in (groups.distance, groups.force) if not (others & (group == group[index])).any()]
         own = readings + np.array([group[index] for group in mine if group[index] >= 0], int)
-        rest = np.setdiff1d(np.arange(len(covariance)), own)
+        rest = np.setdiff1d(np.arange(len(root)), own)
         rows = problem.without_line(index, np.column_stack([block[:, 0], problem.by_all(block)])) / problem.noise_scale
         left, slopes = rows[:, 0], rows[:, 1:]
-        columns = np.hstack([slopes[:, own], slopes[:, rest] @ np.linalg.cholesky(covariance[np.ix_(rest, rest)])])
-        errors = np.concatenate([solution.parameters[own], np.zeros(len(rest))])
+        columns = np.hstack([slopes[:, own], slopes[:, rest] @ root[rest]])
+        errors = np.concatenate([solution.parameters[own], np.zeros(len(root))])
         step = -np.linalg.solve(np.eye(len(errors)) + columns.T @ columns, columns.T @ left + errors)
         rms[index], needed[index] = (
             np.sqrt(((left + columns @ step) ** 2).mean()),

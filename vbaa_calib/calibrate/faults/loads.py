@@ -361,11 +361,9 @@ def _chance(free: BundleAdjustment, one: Observation, load: Load, log_stiffness:
     residuals, slopes, by_load = residuals[:-1], slopes[:-1], by_load[:-1]
     # EI counts by what it makes of the load: with the free antenna's own sag it is known as the pictures know it
     slopes[:, ANTENNA.start + 6] += by_load[:, 1]
-    lens = problem.lens
-    slopes[:, lens] = slopes[:, lens] @ np.linalg.inv(prior.lens_axes)
     distance_std_m, force_std = reading_std(prior.readings)
     by_load *= distance_std_m, np.hypot(force_std, min(reach, _STEP))
-    rig = slopes @ np.linalg.cholesky(free.covariance)
+    rig = slopes @ free.solution.covariance_root()
     curves = np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, len(residuals)), _CURVE)
     nuisance = np.hstack([rig, by_load, problem.line_modes(0)])
     scale = max(picture_scatter([one]) / problem.noise_scale, 1.0)
@@ -376,7 +374,7 @@ def _chance(free: BundleAdjustment, one: Observation, load: Load, log_stiffness:
     crossed = nuisance.T @ both
     products = both.T @ both - crossed.T @ inner @ crossed
     score = products[:-1, -1]
-    return chi_square_p(float(score @ np.linalg.solve(products[:-1, :-1], score)), _CURVE + 1)
+    return chi_square_p(float(score @ np.linalg.lstsq(products[:-1, :-1], score)[0]), _CURVE + 1)
 
 
 def _reference(free: BundleAdjustment, loaded: Sequence[tuple[Observation, Load]]) -> tuple[float, float]:
