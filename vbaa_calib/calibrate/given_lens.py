@@ -24,7 +24,7 @@ from .faults.views import judge_views
 from .lens.board_shape import BoardShape
 from .lens.intrinsics import LensSolution, solve_intrinsics
 from .lens.models import LENS_MODELS, LensModel, is_monotonic
-from .lens.uncertainty import compensate, covered_pixels, pixel_grid, projection_jacobian
+from .lens.uncertainty import compensate, is_covered, pixel_grid, projection_jacobian
 from .lens.verdict import Verdict
 
 _FOCAL_STD, _ASPECT_STD, _CENTRE_PER_WIDTH, _CORNER_PER_WIDTH = 0.003, 0.001, 0.0025, 0.0008
@@ -199,7 +199,8 @@ def _contradiction(given: GivenLens, own: LensSolution, views: Sequence[BoardVie
     """
     camera, other = given.camera, own.camera
     corners = np.concatenate([view.corners_px for view in views])
-    pixels = covered_pixels(camera.image_size, corners)
+    pixels = pixel_grid(camera.image_size).reshape(-1, 2)
+    pixels = pixels[is_covered(pixels, corners)]
     rays, _ = camera.unproject(pixels)
     moved, seen = other.project(rays)
     pixels, moved = pixels[seen], moved[seen]

@@ -20,7 +20,7 @@ from .information import Candidate, Information, assess, excess_in_errors, infor
 from .initialization import Guess, reposed, rough_lens, unfolded
 from .models import LENS_MODELS, LensModel, camera_of, is_monotonic
 from .outliers import DroppedView, Inliers, fit_without_outliers, usable_views
-from .uncertainty import covered_pixels, expected_errors_px
+from .uncertainty import expected_errors_px
 from .verdict import Evidence, Verdict, judge
 
 MIN_CORNERS = 6
@@ -284,8 +284,8 @@ def _choose_lens(
 
     Each model is fitted to four fifths of the views and tested on the rest, whose poses alone are solved for. One whose
     held-out error is clearly the larger (over views), by more than 0.5 %, is wrong. Of the others that is taken which
-    is expected to be least off where corners were seen, bias and noise together (`expected_errors_px`): too simple a
-    lens is biased, too rich a one noisy. One without decentring must be 15 % better than opencv4, which has it.
+    is expected to be least off over the picture, bias and noise together (`expected_errors_px`): too simple a lens is
+    biased, too rich a one noisy. One without decentring must be 15 % better than opencv4, which has it.
 
     Models that fold inside the picture are passed over unless every other is 10 % worse on held-out views, those whose
     halves disagree unless every other is 0.5 % worse; one that the views leave open is left out.
@@ -307,7 +307,6 @@ def _choose_lens(
             cameras[name] = replace(camera, covariance=known.covariance[:-SHAPE, :-SHAPE])
     if not candidates:
         return fits[_CANDIDATES[0]], ()
-    pixels = covered_pixels(options.image_size, np.concatenate([view.pixels for view in observations]))
     allowed = _unless_too_dear(candidates, [c for c in candidates if c.monotonic], _MONOTONIC_MAY_COST)
     allowed = _unless_too_dear(allowed, [c for c in allowed if c.split_half_agrees], _AGREEMENT_MAY_COST)
     best = min(allowed, key=lambda candidate: candidate.held_out_rms_px)
@@ -317,7 +316,7 @@ def _choose_lens(
         if candidate.held_out_rms_px <= _NEGLIGIBLE * best.held_out_rms_px
         or excess_in_errors(errors[candidate.model], errors[best.model]) <= _EXCESS
     ]
-    off_px = expected_errors_px(cameras, best.model, pixels)
+    off_px = expected_errors_px(cameras, best.model, np.concatenate([view.pixels for view in observations]))
     candidates = [replace(candidate, expected_error_px=off_px[candidate.model]) for candidate in candidates]
     names = [candidate.model for candidate in good]
     chosen = min(names, key=off_px.__getitem__)

@@ -18,6 +18,7 @@ from vbaa_calib.camera.projection import ray_derivatives
 from vbaa_calib.core.errors import InputError
 
 _GRID = (17, 13)
+_UNSEEN_PX, _LEAST_PX = 1e3, 1e-4
 
 
 class _ProjectionUncertainty(NamedTuple):
@@ -57,38 +58,42 @@ def pixel_grid(image_size: tuple[int, int], grid: tuple[int, int] = _GRID) -> np
     return np.stack(np.meshgrid(columns, rows), axis=-1)
 
 
-def covered_pixels(image_size: tuple[int, int], corners_px: np.ndarray) -> np.ndarray:
-    """(M, 2) pixels of a grid over the picture that lie among corners (N, 2)."""
+def is_covered(pixels: np.ndarray, corners_px: np.ndarray) -> np.ndarray:
+    """(M,) which pixels (M, 2) lie among corners (N, 2)."""
     hull = cv2.convexHull(corners_px.astype(np.float32))
-    grid = pixel_grid(image_size).reshape(-1, 2)
-    return np.array([one for one in grid if cv2.pointPolygonTest(hull, one.tolist(), False) >= 0]).reshape(-1, 2)
+    return np.array([cv2.pointPolygonTest(hull, one.tolist(), False) >= 0 for one in pixels], bool)
 
 
-def expected_errors_px(cameras: Mapping[str, Camera], reference: str, pixels: np.ndarray) -> dict[str, float]:
-    """How far each lens is expected to be off, rms over pixels (M, 2), what a turn of the camera explains left out.
+def expected_errors_px(cameras: Mapping[str, Camera], reference: str, corners_px: np.ndarray) -> dict[str, float]:
+    """How far each lens is expected to be off, what a turn of the camera explains among the corners left out.
 
     cameras : solutions of several lens models from the same corners, by name, with covariances. reference : one that is
-        right but for noise.
+        right but for noise. corners_px : (N, 2) what they were solved from.
 
     The focused information criterion (Claeskens & Hjort 2003): a lens' own variance, and the square of its bias, which
-    is that of its difference from the reference less what noise makes of it.
+    is that of its difference from the reference less what noise makes of it. The geometric mean over the picture: what
+    is good among the corners must not run wild beside them, and what lies beside them does not outweigh them.
     """
+    pixels = pixel_grid(cameras[reference].image_size).reshape(-1, 2)
+    among = is_covered(pixels, corners_px)
     rays, valid = cameras[reference].unproject(pixels)
     variances, squares = {}, {}
     for name, camera in cameras.items():
-        assert camera.covariance is not None
         seen, inside = camera.project(rays)
-        known = valid & inside
-        jacobian = compensate(camera, seen, projection_jacobian(camera, seen))[known]
-        carried = jacobian @ camera.covariance @ np.swapaxes(jacobian, -1, -2)
-        variances[name] = float(np.nanmean(np.trace(carried, axis1=-2, axis2=-1))) if known.any() else np.inf
-        apart = compensate(camera, seen, (seen - pixels)[..., None])[known, :, 0]
         # a pixel that a lens does not see is one that it gets wrong
-        squares[name] = float(np.mean(np.sum(apart**2, axis=1))) if known.all() else np.inf
-    noise = {name: max(variances[reference] - variance, 0.0) for name, variance in variances.items()}
-    return {
-        name: float(np.sqrt(variance + max(squares[name] - noise[name], 0.0))) for name, variance in variances.items()
-    }
+        wrong = ~(valid & inside)
+        jacobian = compensate(camera, seen, projection_jacobian(camera, seen), among & ~wrong)
+        carried = jacobian @ camera.covariance @ np.swapaxes(jacobian, -1, -2)
+        apart = compensate(camera, seen, (seen - pixels)[..., None], among & ~wrong)[..., 0]
+        variances[name] = np.where(wrong, np.inf, np.trace(carried, axis1=-2, axis2=-1))
+        squares[name] = np.where(wrong, _UNSEEN_PX**2, np.sum(apart**2, axis=1))
+    expected = {}
+    for name, variance in variances.items():
+        noise = np.clip(np.nan_to_num(variances[reference] - variance), 0.0, None)
+        square = np.nan_to_num(np.minimum(variance, _UNSEEN_PX**2), nan=_UNSEEN_PX**2)
+        square = square + np.clip(np.nan_to_num(squares[name], nan=_UNSEEN_PX**2) - noise, 0.0, None)
+        expected[name] = float(np.exp(0.5 * np.mean(np.log(np.maximum(square, _LEAST_PX**2)))))
+    return expected
 
 
 def projection_jacobian(camera: Camera, pixels: np.ndarray) -> np.ndarray:
@@ -104,10 +109,13 @@ def turn_jacobian(camera: Camera, pixels: np.ndarray) -> np.ndarray:
     return _by_ray(moved.by_pixel, moved.valid) @ np.swapaxes(turned, -1, -2)
 
 
-def compensate(camera: Camera, pixels: np.ndarray, jacobian: np.ndarray) -> np.ndarray:
-    """(..., 2, p) what derivatives by p causes leave when the camera turns to meet each best, in mean square."""
+def compensate(camera: Camera, pixels: np.ndarray, jacobian: np.ndarray, where: np.ndarray | bool = True) -> np.ndarray:
+    """(..., 2, p) what derivatives by p causes leave when the camera turns to meet each best, in mean square.
+
+    where : (...) the pixels that the turn is to meet.
+    """
     turn = turn_jacobian(camera, pixels)
-    known = np.isfinite(jacobian).all(axis=(-1, -2)) & np.isfinite(turn).all(axis=(-1, -2))
+    known = where & np.isfinite(jacobian).all(axis=(-1, -2)) & np.isfinite(turn).all(axis=(-1, -2))
     if not known.any():
         return np.full_like(jacobian, np.nan)
     design = turn[known].reshape(-1, 3)

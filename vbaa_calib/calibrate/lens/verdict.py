@@ -170,7 +170,7 @@ def _why(known: Evidence) -> list[str]:
     if chosen.expected_error_px is None:
         return [f"{name} misses views that it has not seen by {own_px:.3f} px rms."]
     off = f"{chosen.expected_error_px:.2f} px"
-    words = f"Of the lens models, {name} is expected to be least off where the corners are ({off})"
+    words = f"Of the lens models, {name} is expected to be least off ({off})"
     if best.model == name:
         return [f"{words}, and predicts views that it has not seen best ({own_px:.3f} px rms)."]
     errors = f"{own_px:.3f} px rms, {best.model} by {best.held_out_rms_px:.3f} px"
