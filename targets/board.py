@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from dataclasses import asdict, field
 from typing import Annotated, Any, Literal
@@ -188,6 +189,18 @@ Board = BoardSpec | Chessboard | CircleGrid
 """What the lens can be calibrated with."""
 
 
+@dataclasses.dataclass(frozen=True, eq=False)
+class BoardPoints:
+    """A board of which only the points (K, 3) m are known, in its frame, z = 0 but for what it is bent by."""
+
+    points_m: np.ndarray
+
+    @property
+    def pitch_m(self) -> float:
+        """Distance of neighbouring points."""
+        return float(np.sort(np.linalg.norm(self.points_m - self.points_m[0], axis=1))[1])
+
+
 def _lattice(columns: int, rows: int) -> np.ndarray:
     row, column = np.mgrid[:rows, :columns]
     return np.stack([column.ravel(), row.ravel()], axis=1)
@@ -200,8 +213,10 @@ def opencv_board(spec: BoardSpec) -> cv2.aruco.CharucoBoard:
     return board
 
 
-def corner_points(spec: Board) -> np.ndarray:
+def corner_points(spec: Board | BoardPoints) -> np.ndarray:
     """(corner_count, 3) inner corners, or circles' centres, in the board frame, m, in the order of OpenCV's ids."""
+    if isinstance(spec, BoardPoints):
+        return spec.points_m
     if not isinstance(spec, BoardSpec):
         step = spec.square_m if isinstance(spec, Chessboard) else spec.spacing_m
         return np.pad(step * spec.lattice, ((0, 0), (0, 1)))

@@ -6,14 +6,14 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .calibrate.lens.from_corners import calibrate_lens
+    from .calibrate.from_corners import calibrate_lens
     from .camera import Camera
     from .rig import Rig
 
 __version__ = "0.1.0"
 __all__ = ["Camera", "Rig", "__version__", "calibrate_lens"]
 
-_HOMES = {"Camera": ".camera", "Rig": ".rig", "calibrate_lens": ".calibrate.lens.from_corners"}
+_HOMES = {"Camera": ".camera", "Rig": ".rig", "calibrate_lens": ".calibrate.from_corners"}
 
 
 def __getattr__(name: str) -> Any:

@@ -97,7 +97,6 @@ def solve(args: argparse.Namespace) -> tuple[dict[str, Any], LensSolution, list[
 
     The exit code is 1 where the lens must not be used.
     """
-    from targets.board import corner_points
     from vbaa_calib.calibrate.faults.views import judge_views
     from vbaa_calib.calibrate.lens.intrinsics import solve_intrinsics
     from vbaa_calib.calibrate.report import camera_document
@@ -110,7 +109,7 @@ def solve(args: argparse.Namespace) -> tuple[dict[str, Any], LensSolution, list[
     spec = _board(args)
     refuse_overwrite(args.output, args.force, list_images(args.images))
     views = detect_folder(args.images, spec)
-    solution = solve_intrinsics(views, corner_points(spec), args.model, args.min_corners, args.fix_aspect)
+    solution = solve_intrinsics(views, spec, args.model, args.min_corners, args.fix_aspect)
     solution = judge_views(views, solution, spec)
     document = camera_document(solution, spec)
     write_json(args.output, document, args.force)

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from scipy.stats import norm
 
-from targets.board import Board, BoardSpec, corner_points
+from targets.board import Board, BoardPoints, BoardSpec, corner_points
 from vbaa_calib.calibrate.lens.board_shape import STRETCH, BoardShape
 from vbaa_calib.calibrate.lens.bundle import Bundle, free_directions, rows
 from vbaa_calib.calibrate.lens.information import observations_of
@@ -61,7 +61,7 @@ def resolution_changed(size: tuple[int, int], first: tuple[int, int]) -> Diagnos
     return Diagnosis(name, f"{seen}: {cause}", remedy, grave=True)
 
 
-def same_pose(view: BoardView, earlier: Sequence[BoardView], spec: Board) -> Diagnosis | None:
+def same_pose(view: BoardView, earlier: Sequence[BoardView], spec: Board | BoardPoints) -> Diagnosis | None:
     """The nearest earlier view that shows the board in (nearly) the same pose, if one does."""
     near = [(distance, other) for other in earlier if (distance := _apart_px(view, other, spec)) is not None]
     if not near:
@@ -74,7 +74,7 @@ def same_pose(view: BoardView, earlier: Sequence[BoardView], spec: Board) -> Dia
     )
 
 
-def _apart_px(view: BoardView, other: BoardView, spec: Board) -> float | None:
+def _apart_px(view: BoardView, other: BoardView, spec: Board | BoardPoints) -> float | None:
     """Rms distance of the corners that both show, px, where the pose counts as the same; else None."""
     ids, mine, theirs = np.intersect1d(view.ids, other.ids, return_indices=True)
     if len(ids) < LEAST_CORNERS or 2 * len(ids) < max(len(view.ids), len(other.ids)):
@@ -95,7 +95,7 @@ def _apart_px(view: BoardView, other: BoardView, spec: Board) -> float | None:
     return moved_px if same else None
 
 
-def _poorly_covered(views: Sequence[BoardView], spec: Board) -> Diagnosis | None:
+def _poorly_covered(views: Sequence[BoardView], spec: Board | BoardPoints) -> Diagnosis | None:
     """Whether the corners leave out much of the picture, and which of its corners; at least one view."""
     size, pixels = np.array(views[0].image_size), np.concatenate([view.corners_px for view in views])
     hull = float(cv2.contourArea(cv2.convexHull(pixels.astype(np.float32)))) / size.prod() if len(pixels) > 2 else 0.0
@@ -113,7 +113,7 @@ def _poorly_covered(views: Sequence[BoardView], spec: Board) -> Diagnosis | None
     )
 
 
-def _little_variety(views: Sequence[BoardView], solution: LensSolution, spec: Board) -> list[Diagnosis]:
+def _little_variety(views: Sequence[BoardView], solution: LensSolution, spec: Board | BoardPoints) -> list[Diagnosis]:
     """Poses that repeat, boards that are never tilted, or about one axis only."""
     found: list[Diagnosis] = []
     kept: list[BoardView] = []
@@ -174,7 +174,7 @@ class SetScores:
         return np.add.reduceat(column * left, starts), information
 
 
-def set_scores(views: Sequence[BoardView], solution: LensSolution, spec: Board) -> SetScores | None:
+def set_scores(views: Sequence[BoardView], solution: LensSolution, spec: Board | BoardPoints) -> SetScores | None:
     """Linearise a solved set over the good corners of the views used; None where they are too few.
 
     views : in the order of capture, the solution's among them by name.
@@ -336,7 +336,9 @@ def _sides(step: _Change, names: tuple[str, ...]) -> str:
     return f"{names[first - 1]} and {names[first]}"
 
 
-def view_set_diagnoses(views: Sequence[BoardView], solution: LensSolution, spec: Board) -> list[Diagnosis]:
+def view_set_diagnoses(
+    views: Sequence[BoardView], solution: LensSolution, spec: Board | BoardPoints
+) -> list[Diagnosis]:
     """Faults of the set, the grave ones first; views : in the order of capture, unused ones among them."""
     names = {view.name for view in solution.views}
     used = [view for view in views if view.name in names]
@@ -351,6 +353,6 @@ def view_set_diagnoses(views: Sequence[BoardView], solution: LensSolution, spec:
     return sorted([*found, *_little_variety(used, solution, spec)], key=lambda one: not one.grave)
 
 
-def judge_views(views: Sequence[BoardView], solution: LensSolution, spec: Board) -> LensSolution:
+def judge_views(views: Sequence[BoardView], solution: LensSolution, spec: Board | BoardPoints) -> LensSolution:
     """The solution with `view_set_diagnoses` in its verdict."""
     return replace(solution, verdict=solution.verdict.with_diagnoses(view_set_diagnoses(views, solution, spec)))

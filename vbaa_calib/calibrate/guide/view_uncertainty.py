@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from targets.board import BoardSpec, corner_points
+from targets.board import BoardPoints, BoardSpec, corner_points
 from vbaa_calib.calibrate.lens.board_shape import SHAPE, BoardShape, ShapePrior, deformations
 from vbaa_calib.calibrate.lens.bundle import Bundle, Observation, rows
 from vbaa_calib.calibrate.lens.information import observations_of
@@ -162,7 +162,7 @@ def _prior(model: LensModel, intrinsics: np.ndarray, image_size: tuple[int, int]
         kind = "tangential" if model.parameter_names[4 + index] in _TANGENTIAL else "radial"
         half_diagonal = _DISTORTION_PRIOR[kind] * np.hypot(*image_size) / 2
         columns.append(half_diagonal / max(moved[4 + index], 1e-9) * unit[4 + index])
-    columns += list(ShapePrior.of(nominal_m).std[:, None] * unit[size:])
+    columns += list(ShapePrior.of(BoardPoints(nominal_m)).std[:, None] * unit[size:])
     return np.stack(columns, axis=1)
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from targets.board import Board, BoardSpec, corner_points
+from targets.board import Board, BoardPoints, BoardSpec, corner_points
 
 SHAPE = 5
 """Numbers that describe a board's shape (`BoardShape`)."""
@@ -47,9 +47,8 @@ class BoardShape:
     @staticmethod
     def unseen(board: Board) -> BoardShape:
         """A board of which nothing is known but what prints and mounts are like."""
-        nominal_m = corner_points(board)
-        prior = ShapePrior.of(nominal_m, board)
-        return BoardShape(nominal_m, prior.mean, np.diag(prior.std**2))
+        prior = ShapePrior.of(board)
+        return BoardShape(corner_points(board), prior.mean, np.diag(prior.std**2))
 
     @staticmethod
     def solved(nominal_m: np.ndarray, parameters: np.ndarray, covariance: np.ndarray) -> BoardShape:
@@ -129,8 +128,9 @@ class ShapePrior:
     std: np.ndarray
 
     @staticmethod
-    def of(nominal_m: np.ndarray, board: Board | None = None) -> ShapePrior:
-        """Of a print of corners (C, 3) and a mount as they usually are; with what was measured on the board, if any."""
+    def of(board: Board | BoardPoints) -> ShapePrior:
+        """Of a print and a mount as they usually are; with what was measured on the board, if any."""
+        nominal_m = corner_points(board)
         usual = ShapePrior(np.zeros(SHAPE), np.array([_BOW_PER_EXTENT * _extent_m(nominal_m)] * 3 + [_STRETCH, _SHEAR]))
         if isinstance(board, BoardSpec) and board.stretch_std is not None:
             usual.mean[STRETCH], usual.std[STRETCH] = board.stretch, board.stretch_std

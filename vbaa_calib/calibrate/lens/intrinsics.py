@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from targets.board import BoardSpec, corner_points
+from targets.board import Board, BoardPoints, corner_points
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.robust import mad_std
@@ -96,7 +96,7 @@ class LensSolution:
 
 def solve_intrinsics(
     views: Sequence[BoardView],
-    board: BoardSpec | np.ndarray,
+    board: Board | BoardPoints,
     model: str = "auto",
     min_corners: int = MIN_CORNERS,
     square_pixels: bool = False,
@@ -106,7 +106,7 @@ def solve_intrinsics(
     Views with fewer than `min_corners` corners, or whose corners fix no homography, are dropped. Outlier corners are
     left out; a view is dropped only where most of its corners are wrong, and weighs less where they are noisy.
 
-    board : its description, or its corners (C, 3) m by id, of a plane z = 0. model : "auto" or a name in `LENS_MODELS`.
+    board : its description, or its points. model : "auto" or a name in `LENS_MODELS`.
     square_pixels : hold fx = fy.
 
     Raises InputError for fewer than 3 usable views, views that leave a parameter of the lens open, an unknown model.
@@ -120,13 +120,13 @@ def solve_intrinsics(
         return view.name, view.ids[order].tolist(), view.corners_px[order].ravel().tolist()
 
     # held-out views and halves are dealt out in turn: the lens must not depend on the order in which views were listed
-    nominal_m = board if isinstance(board, np.ndarray) else corner_points(board)
+    nominal_m = corner_points(board)
     usable, dropped = usable_views(sorted(views, key=rank), nominal_m, min_corners)
     observations = observations_of(usable, nominal_m)
     _require_enough(observations, dropped, model)
     options = _Options(
         usable[0].image_size,
-        ShapePrior.of(nominal_m, None if isinstance(board, np.ndarray) else board),
+        ShapePrior.of(board),
         model,
         min_corners,
         square_pixels,

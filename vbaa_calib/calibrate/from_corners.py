@@ -10,7 +10,8 @@ import numpy as np
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.detect.board.corners import BoardView
 
-from .intrinsics import LensSolution, solve_intrinsics
+from .faults.views import judge_views
+from .lens.intrinsics import LensSolution, solve_intrinsics
 
 _MOST_RISE, _FURTHEST_PX, _MOST_PX = 0.02, 1e6, 100_000
 
@@ -46,9 +47,8 @@ def calibrate_lens(
         raise InputError("board_points lie in no plane z = 0", remedy=remedy)
     if isinstance(views, str) or not isinstance(views, Sequence):
         raise InputError("views are no list", remedy="give [(ids, pixels), …], a pair for each picture")
-    return solve_intrinsics(
-        [_view(index, one, (width, height), points) for index, one in enumerate(views)], points, model
-    )
+    board = BoardPoints(points)
+    return judge_views(seen, solve_intrinsics(seen, board, model), board)
 
 
 def _view(index: int, one: Any, size: tuple[int, int], points: np.ndarray) -> BoardView:
