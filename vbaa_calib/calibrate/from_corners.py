@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from targets.board import BoardPoints
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.detect.board.corners import BoardView
 
@@ -35,7 +36,7 @@ def calibrate_lens(
 
     Raises InputError for what is no such corners, too few of them, or corners that leave the lens open.
     """
-    width, height = _size(image_size)
+    size = _size(image_size)
     points = _numbers(board_points, "board_points")
     if points.ndim != 2 or points.shape[1] not in (2, 3) or len(points) < 4:
         remedy = "give at least 4 points as (K, 3), in metres"
@@ -47,7 +48,7 @@ def calibrate_lens(
         raise InputError("board_points lie in no plane z = 0", remedy=remedy)
     if isinstance(views, str) or not isinstance(views, Sequence):
         raise InputError("views are no list", remedy="give [(ids, pixels), …], a pair for each picture")
-    board = BoardPoints(points)
+    seen, board = [_view(index, one, size, points) for index, one in enumerate(views)], BoardPoints(points)
     return judge_views(seen, solve_intrinsics(seen, board, model), board)
 
 
