@@ -17,6 +17,8 @@ from .models import LensModel, camera_of, is_monotonic
 from .uncertainty import compensate, pixel_grid, projection_jacobian
 
 _OPEN, _ROUNDING = 1e-10, 1e-7
+_CHANCE_SCATTER = 1.2
+"""Ratio of variances that noise alone often reaches."""
 _FOLDS = 5
 _LITTLE_MORE = 1.1
 _NEAR = replace(CONVERGED, iterations=20, tolerance=1e-5)  # from a start that is all but the answer
@@ -56,9 +58,25 @@ class Information:
 
     @property
     def covariance(self) -> np.ndarray:
-        """(4 + k + 5, 4 + k + 5) of intrinsics and shape, scaled by the residual variance."""
+        """(4 + k + 5, 4 + k + 5) of intrinsics and shape, scaled by the residual variance and by `view_scatter`."""
+        return self._variance * self.view_scatter**2 * self.half @ self.half.T
+
+    @property
+    def _variance(self) -> float:
+        """Of the residuals, px²."""
         freedom = self.counts.sum() - self.half.shape[1] - 6 * len(self.counts)
-        return float(self.squares.sum()) / max(float(freedom), 1.0) * self.half @ self.half.T
+        return float(self.squares.sum()) / max(float(freedom), 1.0)
+
+    @property
+    def view_scatter(self) -> float:
+        """How many times more the views contradict each other than the noise of their corners explains, at least 1.
+
+        By the views' gradients, as a covariance that is robust to clusters has them: the corners of a picture that was
+        taken of a moving board, out of focus or by a lens that the model does not describe err alike.
+        """
+        expected = np.trace(self.blocks, axis1=1, axis2=2) - np.einsum("vij,vji->v", self.blocks, self.blocks)
+        ratio = float((self.gradients**2).sum()) / max(self._variance * float(expected.sum()), 1e-300)
+        return float(np.sqrt(max(ratio / _CHANCE_SCATTER, 1.0)))
 
 
 def information(bundle: Bundle, observations: Sequence[Observation]) -> Information | None:
@@ -174,7 +192,7 @@ def compare_split_half(
         inverse = np.linalg.inv(own)
         variance = factor[size, size] ** 2 / freedom
         difference += sign * (inverse @ pull)
-        covariance += variance * (inverse @ inverse.T)
+        covariance += variance * known.view_scatter**2 * (inverse @ inverse.T)
     camera, pixels = camera_of(model, intrinsics, image_size), pixel_grid(image_size, _GRID)
     jacobian = compensate(camera, pixels, projection_jacobian(camera, pixels)) @ known.half[:-SHAPE]
     jacobian = jacobian[np.isfinite(jacobian).all(axis=(-1, -2))]

@@ -147,7 +147,8 @@ def solve_intrinsics(
     camera = replace(camera, covariance=covariance[:-SHAPE, :-SHAPE])
     monotonic = is_monotonic(lens, bundle.intrinsics, options.image_size)
     shape = BoardShape.solved(nominal_m, bundle.shape, covariance)
-    known = Evidence(camera, lens.name, monotonic, fit.comparison, shape, [view.pixels for view in good])
+    seen, scatter = [view.pixels for view in good], fit.information.view_scatter
+    known = Evidence(camera, lens.name, monotonic, fit.comparison, shape, seen, scatter)
     whole = [observations[index] for index in fit.inliers.views]
     squares = np.sum(np.concatenate(residuals_px(bundle, whole)) ** 2, axis=1)
     used = _used(fit, usable)

@@ -18,6 +18,7 @@ _Grade = Literal["trusted", "look at", "do not use"]
 _VAGUE_FOCAL = 0.02
 _COVERED = 0.5
 _ENOUGH_VIEWS = 6
+_SCATTERED = 2.0
 
 
 @dataclass(frozen=True)
@@ -83,7 +84,7 @@ class Evidence:
 
     camera : with its covariance. model : name of its lens model. monotonic : whether it maps the picture without folds.
     comparison : the lens models that were assessed. shape : of the board.
-    views_px : corners (N, 2) px of each view used.
+    views_px : corners (N, 2) px of each view used. view_scatter : as `Information` has it.
     """
 
     camera: Camera
@@ -92,6 +93,7 @@ class Evidence:
     comparison: Sequence[Candidate]
     shape: BoardShape
     views_px: Sequence[np.ndarray]
+    view_scatter: float = 1.0
 
     @property
     def chosen(self) -> Candidate | None:
@@ -145,6 +147,20 @@ def _little_covered(known: Evidence) -> Diagnosis | None:
     return Diagnosis("little_covered", words, "add views with the board near its border")
 
 
+def _views_scatter(known: Evidence) -> Diagnosis | None:
+    if known.view_scatter < _SCATTERED:
+        return None
+    words = (
+        f"the views contradict each other {known.view_scatter:.1f} times as much as their corners scatter; the stated "
+        "uncertainty counts that"
+    )
+    remedy = (
+        "hold board and camera still and the focus fixed, with more light (a rolling shutter bends a moving board); or "
+        "choose another --model"
+    )
+    return Diagnosis("views_scatter", words, remedy)
+
+
 def _few_views(known: Evidence) -> Diagnosis | None:
     count = len(known.views_px)
     if count >= _ENOUGH_VIEWS:
@@ -154,7 +170,7 @@ def _few_views(known: Evidence) -> Diagnosis | None:
     return Diagnosis("few_views", words, missing)
 
 
-_RULES = (_few_views, _folds, _split_half_differs, _focal_vague, _little_covered)
+_RULES = (_few_views, _views_scatter, _folds, _split_half_differs, _focal_vague, _little_covered)
 """What a lens must not show to be trusted: each a function from `Evidence` to a `Diagnosis`, or None where it holds."""
 
 
