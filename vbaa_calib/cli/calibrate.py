@@ -13,7 +13,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("session", type=Path, help="the session folder (docs/formats.md)")
     parser.add_argument("-o", "--output", type=Path, required=True, help="rig.json to write")
     parser.add_argument(
-        "--model", default="auto", choices=MODELS, help="lens model (default: chosen on held-out views)"
+        "--model", default="auto", choices=MODELS, help="lens model (default: the one expected to be least off)"
     )
     parser.add_argument(
         "--camera",

@@ -26,6 +26,8 @@ _CLEAR, _NOTICEABLE_PER_EXTENT, _NOTICEABLE_SHARE = 4.0, 3e-4, 1e-3
 class BoardShape:
     """How a board differs from a flat print with square squares.
 
+    Attributes
+    ----------
     nominal_m : (C, 3) the corners as drawn, in the board frame.
     parameters : (5,) bow along x and along y and twist, m, of the board's outer corners: the rise along z (away from
         the viewer) is bow·(u² − 1/3) and twist·u·v, with u and v = ±1 at the outer corners; stretch, by which the print
