@@ -155,7 +155,7 @@ def test_a_chessboard_inset_among_markers_is_found_in_real_pictures() -> None:
 
 @pytest.mark.skipif(not LAPAROSCOPE.is_dir(), reason="the points of the real laparoscope are not here")
 def test_the_lens_from_a_real_chessboard_is_its_authors() -> None:
-    """Their test has an rms of 0.57759896 px, by OpenCV's lens of five coefficients."""
+    """Their test has an rms of 0.57759896 px, by OpenCV's lens of five coefficients and a flat board."""
     paths = sorted(LAPAROSCOPE.glob("left-*.txt"))
     views = [BoardView(path.name, np.arange(140), np.loadtxt(path), (1920, 1080)) for path in paths]
     board = Chessboard("chessboard", 15, 11, 0.003)
@@ -164,6 +164,7 @@ def test_the_lens_from_a_real_chessboard_is_its_authors() -> None:
         1e-3 * np.loadtxt(LAPAROSCOPE / "chessboard_14_10_3.txt"),
         atol=1e-12,
     )
-    solution = solve_intrinsics(views, corner_points(board), "opencv5")
-    assert solution.rms_px == pytest.approx(0.57759896, rel=1e-5)
-    assert solution.camera.matrix[0, 0] == pytest.approx(2007.32, abs=0.05)
+    solution = solve_intrinsics(views, board, "opencv5")
+    assert solution.rms_px <= 0.57759896, "theirs holds the board flat"
+    assert solution.camera.covariance is not None
+    assert abs(solution.camera.matrix[0, 0] - 2007.32) < 3.0 * np.sqrt(solution.camera.covariance[0, 0])

@@ -31,7 +31,7 @@ _CANDIDATES = ("none", "radial", "opencv4", "opencv5", "fisheye", "rational")
 _SCREENING = ("opencv5", "fisheye", "rational")
 """Lenses rich enough that what they leave over is noise and outliers, tried while the lens is not chosen."""
 _CENTRED, _DECENTRED, _CLEARLY = ("none", "radial", "fisheye"), "opencv4", 1.15
-_EXCESS, _NEGLIGIBLE = 3.0, 1.005
+_EXCESS, _NEGLIGIBLE, _MOST = 3.0, 1.005, 1.1
 _AGREEMENT_MAY_COST, _MONOTONIC_MAY_COST = 1.005, 1.1
 _ROUNDS = 3
 _ROUGHLY = replace(CONVERGED, iterations=5, tolerance=1e-4)  # just enough to tell good corners from bad
@@ -260,7 +260,10 @@ def _decided(
         inliers = Inliers(inliers.views[within.views], within.masks, within.weights)
         warm = _posed(warm, within.views)
     good = inliers.of(observations)
-    bundle = polished(unfolded(bundle, good, options.image_size), good)
+    bundle = unfolded(bundle, good, options.image_size)
+    for _ in range(_ROUNDS):
+        # the prior counts by the noise that is left, not by what there was on the way
+        bundle = polished(bundle.freed(options.square_pixels, options.prior), good)
     known = information(bundle, good)
     if options.model != "auto" and known is not None:
         comparison = (assess(bundle, good, options.image_size, known)[0],)
@@ -284,9 +287,9 @@ def _choose_lens(
     """The solution of the lens model that is expected to be least off, and the comparison it rests on.
 
     Each model is fitted to four fifths of the views and tested on the rest, whose poses alone are solved for. One whose
-    held-out error is clearly the larger (over views), by more than 0.5 %, is wrong. Of the others that is taken which
-    is expected to be least off over the picture, bias and noise together (`expected_errors_px`): too simple a lens is
-    biased, too rich a one noisy. One without decentring must be 15 % better than opencv4, which has it.
+    held-out error is clearly the larger (over views) by more than 0.5 %, or by 10 %, is wrong. Of the others that is
+    taken which is expected to be least off over the picture, bias and noise together (`expected_errors_px`): too simple
+    a lens is biased, too rich a one noisy. One without decentring must be 15 % better than opencv4, which has it.
 
     Models that fold inside the picture are passed over unless every other is 10 % worse on held-out views, those whose
     halves disagree unless every other is 0.5 % worse; one that the views leave open is left out.
@@ -315,7 +318,10 @@ def _choose_lens(
         candidate
         for candidate in allowed
         if candidate.held_out_rms_px <= _NEGLIGIBLE * best.held_out_rms_px
-        or excess_in_errors(errors[candidate.model], errors[best.model]) <= _EXCESS
+        or (
+            candidate.held_out_rms_px <= _MOST * best.held_out_rms_px
+            and excess_in_errors(errors[candidate.model], errors[best.model]) <= _EXCESS
+        )
     ]
     off_px = expected_errors_px(cameras, best.model, np.concatenate([view.pixels for view in observations]))
     candidates = [replace(candidate, expected_error_px=off_px[candidate.model]) for candidate in candidates]

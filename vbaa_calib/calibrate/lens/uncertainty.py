@@ -18,7 +18,7 @@ from vbaa_calib.camera.projection import ray_derivatives
 from vbaa_calib.core.errors import InputError
 
 _GRID = (17, 13)
-_UNSEEN_PX, _LEAST_PX = 1e3, 1e-4
+_UNSEEN_PX, _LEAST_PX, _CHANCE = 1e3, 1e-4, 2.0
 
 
 class _ProjectionUncertainty(NamedTuple):
@@ -71,8 +71,9 @@ def expected_errors_px(cameras: Mapping[str, Camera], reference: str, corners_px
         right but for noise. corners_px : (N, 2) what they were solved from.
 
     The focused information criterion (Claeskens & Hjort 2003): a lens' own variance, and the square of its bias, which
-    is that of its difference from the reference less what noise makes of it. The geometric mean over the picture: what
-    is good among the corners must not run wild beside them, and what lies beside them does not outweigh them.
+    is that of its difference from the reference less twice what noise makes of it in the mean. The geometric mean over
+    the picture: what is good among the corners must not run wild beside them, and what lies beside them does not
+    outweigh them.
     """
     pixels = pixel_grid(cameras[reference].image_size).reshape(-1, 2)
     among = is_covered(pixels, corners_px)
@@ -91,7 +92,7 @@ def expected_errors_px(cameras: Mapping[str, Camera], reference: str, corners_px
     for name, variance in variances.items():
         noise = np.clip(np.nan_to_num(variances[reference] - variance), 0.0, None)
         square = np.nan_to_num(np.minimum(variance, _UNSEEN_PX**2), nan=_UNSEEN_PX**2)
-        square = square + np.clip(np.nan_to_num(squares[name], nan=_UNSEEN_PX**2) - noise, 0.0, None)
+        square = square + np.clip(np.nan_to_num(squares[name], nan=_UNSEEN_PX**2) - _CHANCE * noise, 0.0, None)
         expected[name] = float(np.exp(0.5 * np.mean(np.log(np.maximum(square, _LEAST_PX**2)))))
     return expected
 
