@@ -90,7 +90,8 @@ def expected_errors_px(cameras: Mapping[str, Camera], reference: str, corners_px
         squares[name] = np.where(wrong, _UNSEEN_PX**2, np.sum(apart**2, axis=1))
     expected = {}
     for name, variance in variances.items():
-        noise = np.clip(np.nan_to_num(variances[reference] - variance), 0.0, None)
+        with np.errstate(invalid="ignore"):
+            noise = np.clip(np.nan_to_num(variances[reference] - variance), 0.0, None)
         square = np.nan_to_num(np.minimum(variance, _UNSEEN_PX**2), nan=_UNSEEN_PX**2)
         square = square + np.clip(np.nan_to_num(squares[name], nan=_UNSEEN_PX**2) - _CHANCE * noise, 0.0, None)
         expected[name] = float(np.exp(0.5 * np.mean(np.log(np.maximum(square, _LEAST_PX**2)))))
