@@ -72,6 +72,14 @@ def names(views: Sequence[BoardView]) -> list[str]:
     return [one.name for one in view_set_diagnoses(views, solved(views), SPEC)]
 
 
+def test_a_view_of_another_zoom_is_named() -> None:
+    for seed, odd in ((0, 3), (1, 9)):
+        views = pictures(seed, np.where(np.arange(14) == odd, 1.04, 1.0))
+        found = next(one for one in view_set_diagnoses(views, solved(views), SPEC) if one.name == "odd_view")
+        assert found.grave
+        assert f"{odd:02d}.png" in found.words
+
+
 @pytest.mark.parametrize("unflat_m", [0.0, 5e-5])
 def test_the_size_of_a_step_is_off_by_what_its_deviation_says(unflat_m: float) -> None:
     """With an uneven print too, whose misfit is ten times the corners' noise."""

@@ -35,7 +35,7 @@ _CHANGE_VIEWS, _SIDE_VIEWS = 6, 2
 _STRETCH_SIGNIFICANT, _STRETCH_NOTICEABLE = 5.0, 2e-3
 _SEED, _DRAWS, _MOST_NUMBERS = 0, 40_000, 8_000_000
 _CHANCE = 4e-4
-"""Of a false alarm by each of the four tests: less than 1 in 500 together."""
+"""Of a false alarm by each of the five tests: 1 in 500 together."""
 _NOTICEABLE, _GRAVE = 1e-3, 3e-3
 """Changes of the focal length, relative; of the centre, over the focal length in px."""
 
@@ -299,7 +299,8 @@ def _focus_changed(scores: SetScores) -> Diagnosis | None:
     """By perspective, that is from tilted views alone: a face-on board that looks larger may be nearer."""
     names, creeping = scores.names, np.linspace(0.0, 1.0, len(scores.names))[None]
     stepped = _clear_changes(scores, SetScores.FOCAL, steps(len(names)), _NOTICEABLE)
-    clear = [*stepped, *_clear_changes(scores, SetScores.FOCAL, creeping, _NOTICEABLE)]
+    single = _clear_changes(scores, SetScores.FOCAL, np.eye(len(names)), _NOTICEABLE)
+    clear = [*stepped, *single, *_clear_changes(scores, SetScores.FOCAL, creeping, _NOTICEABLE)]
     if not clear:
         return None
     clearest = max(clear, key=lambda one: abs(one.size / one.std))
@@ -310,6 +311,10 @@ def _focus_changed(scores: SetScores) -> Diagnosis | None:
     remedy = (
         "switch autofocus and zoom off, fix them with tape, and take the pictures again; or keep those on one side only"
     )
+    if clearest in single:
+        odd = names[clearest.index]
+        name, words = "odd_view", f"the focal length of {odd} differs from the other pictures' {by}"
+        remedy = f"remove {odd}: it is of another camera or zoom, or was cropped or scaled"
     return Diagnosis(name, words, remedy, abs(clearest.size) > _GRAVE)
 
 
