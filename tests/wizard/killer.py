@@ -33,6 +33,8 @@ LOADED = _wizard, _check
 def life(root: Path, argv: Sequence[str], killed_after_s: float = 600.0) -> tuple[int, float, str]:
     """One wizard: its exit code (−9: killed), how long it lived, s, and what it said."""
     said, start_s = Path(f"{root}.said"), time.monotonic()
+    # one that is killed before it opens the file must not be taken to have said what the one before did
+    said.write_text("")
     child = os.fork()
     if not child:
         code = 99
