@@ -91,8 +91,9 @@ _Weight = Annotated[Number, Field(ge=-100, le=100)]
 
 @dataclass(frozen=True)
 class AntennaImage:
-    """What the antenna looks like in this rig's pictures; `bright`: brighter than the background.
+    """What the antenna looks like in this rig's pictures.
 
+    bright : brighter than the background, darker, or, with None, here this and there that.
     noise_px : typical standard deviation of one centreline point.
     noise_scale : spread of the no-load points about the solved shape over the spread that their profiles predict.
     weights_bgr : that make the plane of a colour picture on which it stands out; None for the grey level.
@@ -101,7 +102,10 @@ class AntennaImage:
 
     noise_px: Annotated[Number, Field(ge=1e-6, le=1e3)]
     noise_scale: Annotated[Number, Field(ge=1e-3, le=1e3)]
-    bright: Annotated[bool, Strict()]
+    bright: Annotated[
+        Annotated[bool, Strict()] | None,
+        Field(description="brighter than its background; null: here brighter, there darker"),
+    ]
     weights_bgr: Annotated[
         tuple[_Weight, _Weight, _Weight] | None, Field(description="of a colour picture's channels; null: grey level")
     ] = None

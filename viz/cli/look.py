@@ -63,8 +63,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     line = detect(rig, frame, picture)
     # an antenna that is dark instead of bright, or the other way round
     other = replace(rig, image=replace(rig.image, bright=not rig.image.bright))
-    other_way = not line.found and detect(other, frame, picture).found
-    taken, opposite = ("brighter", "darker") if rig.image.bright else ("darker", "brighter")
+    other_way = not line.found and rig.image.bright is not None and detect(other, frame, picture).found
+    words_of = {True: "brighter", False: "darker", None: "here brighter, there darker"}
+    taken, opposite = words_of[rig.image.bright], words_of[not rig.image.bright]
     taken += "" if rig.image.weights_bgr is None else " in its colour"
     hint = f"; taken for {opposite} it is found: is this the rig's picture?" if other_way else ""
     words = f"looked for as {taken} than its surroundings, as the rig says{hint}"

@@ -55,13 +55,13 @@ def _shows(where: Corridor) -> bool:
     return len(where.axis_px) >= LEAST_AXIS and bool(arc_lengths_px(where.axis_px)[-1] >= LEAST_LENGTH_PX)
 
 
-def find(image: np.ndarray, where: Corridor, bright: bool = True) -> Centreline:
+def find(image: np.ndarray, where: Corridor, bright: bool | None = True) -> Centreline:
     """The centreline in an (H, W) picture; for many pictures make one `AntennaFinder` and use it for all."""
     if not _shows(where):
         return NOTHING
     return AntennaFinder.prepare(where, (image.shape[1], image.shape[0])).find(image, bright)
 
 
-def find_along(image: np.ndarray, guide_px: np.ndarray, width: float, bright: bool = True) -> Centreline:
+def find_along(image: np.ndarray, guide_px: np.ndarray, width: float, bright: bool | None = True) -> Centreline:
     """The centreline measured across a predicted path (K, 2), which must be within about a width of the truth."""
     return measure(image, guide_px, width, bright)

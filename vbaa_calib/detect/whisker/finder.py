@@ -72,14 +72,14 @@ class AntennaFinder:
         """
         return replace(self, usual_height=usual_height)
 
-    def candidates(self, image: np.ndarray, bright: bool = True, blurred_px: float = 0.0) -> list[np.ndarray]:
+    def candidates(self, image: np.ndarray, bright: bool | None = True, blurred_px: float = 0.0) -> list[np.ndarray]:
         """Paths (K, 2) that look like the antenna in an (H, W) picture, blurred by about so many pixels.
 
         The best one, and after it the best of those that differ from it and score nearly as well, if there is one.
         """
         small = downsampled(image, self.factor)
         reach = self.reach + int(np.ceil(0.6 * blurred_px / self.factor))
-        flat = ridge_responses(small if bright else 255 - small, reach, self.pool)
+        flat = ridge_responses(small, reach, self.pool, bright)
         # "wrap" only spares take the check of an index that is known to be good
         total = cv2.reduce(flat.take(self.index, mode="wrap"), 1, cv2.REDUCE_SUM, dtype=cv2.CV_32S).ravel()
         score = total / self.weight
@@ -91,10 +91,11 @@ class AntennaFinder:
             paths.append(self.shapes.paths_px[int(others[score[others].argmax()])])
         return paths
 
-    def find(self, image: np.ndarray, bright: bool = True) -> Centreline:
+    def find(self, image: np.ndarray, bright: bool | None = True) -> Centreline:
         """The centreline in a picture, with its verdict; where there is none in focus, one out of focus.
 
-        image (H, W) uint8, uint16 or float; a colour picture goes through `paint.Paint`. Raises InputError when it is
+        image (H, W) uint8, uint16 or float; a colour picture goes through `paint.Paint`. bright : brighter than its
+        surroundings, darker, or, with None, here this and there that. Raises InputError when it is
         not of the size that the finder was made for.
         """
         if image.shape != (self.image_size[1], self.image_size[0]):
@@ -108,12 +109,14 @@ class AntennaFinder:
         blurred = self._look(image, bright, BLURRED_PX)
         return blurred if blurred.found and blurred.seen > line.seen else line
 
-    def path(self, image: np.ndarray, rough: np.ndarray, bright: bool = True, blurred_px: float = 0.0) -> RefinedPath:
+    def path(
+        self, image: np.ndarray, rough: np.ndarray, bright: bool | None = True, blurred_px: float = 0.0
+    ) -> RefinedPath:
         """A rough path (K, 2) moved onto the antenna."""
         reach = 1.2 * self.shapes.spacing_px + 0.5 * self.corridor.width_px + 4.0
         return refine_path(image, rough, self.corridor.width_px + blurred_px, reach, bright)
 
-    def _look(self, image: np.ndarray, bright: bool, blurred_px: float) -> Centreline:
+    def _look(self, image: np.ndarray, bright: bool | None, blurred_px: float) -> Centreline:
         width = self.corridor.width_px
         lines = []
         for rough in self.candidates(image, bright, blurred_px):
@@ -129,7 +132,7 @@ class AntennaFinder:
         return apart.mean(axis=1) < APART
 
 
-def trace(image: np.ndarray, corridor: Corridor, bright: bool = True) -> np.ndarray:
+def trace(image: np.ndarray, corridor: Corridor, bright: bool | None = True) -> np.ndarray:
     """(K, 2) rough path of the antenna from clamp to tip, pixels. There is always one; `profile.measure` judges it.
 
     image (H, W). Hidden stretches are bridged by a smooth curve.

@@ -21,11 +21,11 @@ class Paint:
 
     Attributes
     ----------
-    bright : on that plane the antenna is brighter than its surroundings.
+    bright : on that plane the antenna is brighter than its surroundings; None: here brighter, there darker.
     weights : (b, g, r) of a colour picture's channels; None for its grey level.
     """
 
-    bright: bool = True
+    bright: bool | None = True
     weights: tuple[float, float, float] | None = None
 
     def plane(self, image: np.ndarray) -> np.ndarray:

@@ -32,7 +32,9 @@ class RefinedPath:
     strength: float
 
 
-def refine_path(image: np.ndarray, path_px: np.ndarray, width_px: float, reach_px: float, bright: bool) -> RefinedPath:
+def refine_path(
+    image: np.ndarray, path_px: np.ndarray, width_px: float, reach_px: float, bright: bool | None
+) -> RefinedPath:
     """Move a path (K, 2) by up to `reach_px` across itself onto the antenna.
 
     Two rounds: over the whole reach with a stiff curve, then near that curve with a supple one.
@@ -55,16 +57,18 @@ def refine_path(image: np.ndarray, path_px: np.ndarray, width_px: float, reach_p
 
 
 def _ridge(
-    image: np.ndarray, columns: np.ndarray, normal: np.ndarray, rows: np.ndarray, width: float, bright: bool
+    image: np.ndarray, columns: np.ndarray, normal: np.ndarray, rows: np.ndarray, width: float, bright: bool | None
 ) -> np.ndarray:
-    """(R, K): the mean over the antenna's width less the brighter one of the flanks."""
+    """(R, K): the mean over the antenna's width less the brighter one of the flanks; for a dark line the reverse."""
     core = 2 * int(0.35 * width) + 1
     flank = int(np.ceil(0.5 * width + 1.2 + 0.5 * core))
     wide = np.arange(rows[0] - flank, rows[-1] + flank + 1)
     strip = _sampled(image, *(columns[:, axis] + wide[:, None] * normal[:, axis] for axis in (0, 1)))
-    mean = np.asarray(cv2.blur(strip if bright else -strip, (3, core), borderType=cv2.BORDER_REPLICATE))
+    mean = np.asarray(cv2.blur(strip if bright is not False else -strip, (3, core), borderType=cv2.BORDER_REPLICATE))
     inner = mean[flank:-flank]
-    return inner - np.maximum(mean[: len(inner)], mean[2 * flank :])
+    flanks = mean[: len(inner)], mean[2 * flank :]
+    bright_ridge = inner - np.maximum(*flanks)
+    return bright_ridge if bright is not None else np.maximum(bright_ridge, np.minimum(*flanks) - inner)
 
 
 def _sampled(image: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:

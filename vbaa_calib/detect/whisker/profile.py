@@ -51,7 +51,7 @@ BROADER = 1.5
 """A line so much broader than expected is measured again with longer profiles."""
 
 
-def measure(image: np.ndarray, guide_px: np.ndarray, width_px: float, bright: bool = True) -> Centreline:
+def measure(image: np.ndarray, guide_px: np.ndarray, width_px: float, bright: bool | None = True) -> Centreline:
     """The centreline near a guide, one point for every column (or row) of pixels that it crosses.
 
     Parameters
@@ -59,7 +59,7 @@ def measure(image: np.ndarray, guide_px: np.ndarray, width_px: float, bright: bo
     image : (H, W) grey levels.
     guide_px : (K, 2) a path within about one antenna width of the truth, from clamp to tip.
     width_px : the antenna's width.
-    bright : brighter than its background.
+    bright : brighter than its background; None: here brighter, there darker.
 
     Notes
     -----
@@ -73,7 +73,7 @@ def measure(image: np.ndarray, guide_px: np.ndarray, width_px: float, bright: bo
 
 
 def measure_on(
-    image: np.ndarray, path_px: np.ndarray, width_px: float, bright: bool, blurred_px: float = 0.0
+    image: np.ndarray, path_px: np.ndarray, width_px: float, bright: bool | None, blurred_px: float = 0.0
 ) -> Centreline:
     """As `measure`, along a path (K, 2) that lies on the antenna to a fraction of its width.
 
@@ -92,7 +92,7 @@ def _ordinary(width_px: float, half: int) -> LineShape:
     return expected(width_px, ORDINARY_BLUR_PX, half + 2)
 
 
-def _measured(image: np.ndarray, path_px: np.ndarray, width_px: float, half: int, bright: bool) -> Centreline:
+def _measured(image: np.ndarray, path_px: np.ndarray, width_px: float, half: int, bright: bool | None) -> Centreline:
     found = crossings(image, path_px, half, bright)
     if found.inside.sum() < LEAST_PROFILES:
         return NOTHING

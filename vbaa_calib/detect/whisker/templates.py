@@ -93,12 +93,13 @@ def downsampled(image: np.ndarray, factor: int) -> np.ndarray:
     return cv2.convertScaleAbs(values - low, alpha=255.0 / max(high - low, 1e-6))
 
 
-def ridge_responses(small: np.ndarray, reach: int, pool: int) -> np.ndarray:
+def ridge_responses(small: np.ndarray, reach: int, pool: int, bright: bool | None = True) -> np.ndarray:
     """(4 · h · w + 1,) uint8 ridge response for the four normals, pooled over `pool` pixels, flat; the last is zero.
 
-    small (H, W) uint8, bright line; the flanks are looked at `reach` pixels away. The answer saturates where a ridge
-    is clear, so that a brighter one buys no detour.
+    small (H, W) uint8; the line is `bright`er than both flanks, `reach` pixels away, or darker, or, with None, either.
+    The answer saturates where a ridge is clear, so that a brighter one buys no detour.
     """
+    small = 255 - small if bright is False else small
     height, width = small.shape
     framed = cv2.copyMakeBorder(small, reach, reach, reach, reach, cv2.BORDER_REPLICATE)
     diagonal = int(np.ceil(reach / np.sqrt(2.0)))
@@ -113,6 +114,8 @@ def ridge_responses(small: np.ndarray, reach: int, pool: int) -> np.ndarray:
             framed[reach + s * v : reach + s * v + height, reach + s * u : reach + s * u + width] for s in (-1, 1)
         ]
         ridge = cv2.subtract(small, cv2.max(*flanks))
+        if bright is None:
+            ridge = cv2.max(ridge, cv2.subtract(cv2.min(*flanks), small))
         layer[:] = (cv2.dilate(ridge, square) if pool > 1 else ridge)[::pool, ::pool]
     return cv2.LUT(flat, _saturation(flat)).ravel()
 

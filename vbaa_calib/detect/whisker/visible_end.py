@@ -70,12 +70,12 @@ class _Step:
 @dataclass(frozen=True, eq=False)
 class Look:
     """What the line looks like: its cross-section, seen in profiles of 2·half + 1 pixels with this noise, grey levels;
-    whether it is brighter than its background."""
+    whether it is brighter than its background, None where that changes."""
 
     shape: LineShape
     half: int
     noise: float
-    bright: bool
+    bright: bool | None
 
 
 def visible_end(image: np.ndarray, path_px: np.ndarray, seen: np.ndarray, look: Look) -> _VisibleEnd:
