@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,7 @@ import numpy as np
 from estimator.table.contacts import LOCATED, STATUSES, Contact
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import replacing_folder
-from vbaa_calib.core.images import read_gray
+from vbaa_calib.core.images import read_gray, read_picture
 from vbaa_calib.detect.drawing.canvas import WHITE, Canvas, Colour, Key, strip
 from vbaa_calib.detect.drawing.overlay import (
     background,
@@ -30,11 +30,12 @@ from vbaa_calib.detect.drawing.overlay import (
 )
 from vbaa_calib.detect.whisker.antenna import LEAST_AXIS, corridor, free_curve, pixels, width_px
 from vbaa_calib.detect.whisker.corridor import Corridor, normals
+from vbaa_calib.detect.whisker.stretches import Stretch, stretches, why_lost
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import Frame
 
 from .estimate import ContactEstimator
-from .recording import FrameContact, gravity
+from .recording import FrameContact, gravity, paint
 
 STATUS_COLOURS = {
     "ok": "#009e73",
@@ -50,6 +51,7 @@ STATUS_COLOURS = {
 CONTACT: Colour = (60, 220, 255)
 _UNFITTED = ("no_contact", "no_antenna")  # statuses without a shape beside the free one to show
 _RADIUS_95 = 2.448  # in deviations: the ellipse of this size holds 95 % of a plane's normal distribution
+_WHOLE = 0.99  # with so much of it seen, nothing needs to be explained
 _FORCE_SHARE = 0.15  # length of the force's arrow, of the antenna's
 # the close-up's side, of the picture's shorter side, how far it shows the contact's surroundings, px, and the factor on
 # its grey levels
@@ -77,6 +79,7 @@ class _Marks:
     shape : (M, 2) the fitted antenna; M is 0 where nothing was fitted. width : the antenna's.
     contact : (2,), NaN where it was not located. ellipse : (K, 2) around it, holds it with 95 % probability.
     force : (2,) head of the arrow from the contact along the force on the antenna.
+    parts : what became of every stretch of the antenna, where some were not seen.
     """
 
     shape: np.ndarray
@@ -84,6 +87,7 @@ class _Marks:
     contact: np.ndarray
     ellipse: np.ndarray
     force: np.ndarray
+    parts: Sequence[Stretch] = ()
 
     @property
     def located(self) -> bool:
@@ -105,6 +109,9 @@ def frame_picture(estimator: ContactEstimator, item: FrameContact) -> np.ndarray
     image = np.zeros((height, width), np.uint8) if frame.image is None else read_gray(frame.image)
     where = corridor_of(rig, frame)
     found = marks(estimator, item)
+    if item.line is not None and item.line.seen < _WHOLE and frame.image is not None and where is not None:
+        plane = paint(rig).plane(read_picture(frame.image))
+        found = replace(found, parts=stretches(plane, item.line, where, rig.image.bright))
     grey = background(image, where)
     canvas = Canvas.over(grey)
     if where is not None:
@@ -127,14 +134,15 @@ def frame_picture(estimator: ContactEstimator, item: FrameContact) -> np.ndarray
     if np.isfinite(contact.moment_residual_Nm):
         numbers.append(f"moment residual {1e6 * contact.moment_residual_Nm:.1f} µN·m")
     points = 0 if item.measured is None else len(item.measured.points_px)
+    lost = "" if item.line is None or not item.line.found else why_lost(found.parts)[0]
     seen = f"{points} points from centrelines.csv, no picture" if item.line is None else described(item.line)
     legend = strip(
         canvas.image.shape[1],
         canvas.unit,
         (contact.status, status_colour(contact.status)),
         (STATUSES[contact.status], f"frame {frame.frame}, {frame.time_s:.2f} s"),
-        ["; ".join(numbers), contact.reason, seen],
-        [*keys(item.line, where), *drawn],
+        ["; ".join(numbers), contact.reason, seen, lost],
+        [*keys(item.line, where, found.parts), *drawn],
     )
     return np.vstack([canvas.image, legend])
 
@@ -179,7 +187,7 @@ def _draw(canvas: Canvas, item: FrameContact, found: _Marks, *, close: bool = Fa
         for side in (-aside, aside):
             canvas.line(found.shape + side, WHITE)
     if item.line is not None:
-        draw_centreline(canvas, item.line, named=not close)
+        draw_centreline(canvas, item.line, found.parts, named=not close)
     else:
         canvas.graded(item.measured.points_px, sigma_colours(item.measured.sigma_px))
     if found.located:

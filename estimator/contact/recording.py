@@ -18,6 +18,7 @@ from vbaa_calib.detect.whisker.background import Background
 from vbaa_calib.detect.whisker.centreline import NOTHING, Centreline
 from vbaa_calib.detect.whisker.finder import AntennaFinder
 from vbaa_calib.detect.whisker.paint import Paint
+from vbaa_calib.detect.whisker.stretches import explained
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import Frame, Session, read_centrelines
 
@@ -96,9 +97,13 @@ def paint(rig: Rig) -> Paint:
 
 def detect(rig: Rig, frame: Frame, image: np.ndarray) -> Centreline:
     """The antenna on one picture's plane of paint, (H, W), wherever the corridor lets it be."""
-    pull = np.round(gravity(rig, frame) / GRAVITY_STEP_M_S2) * GRAVITY_STEP_M_S2
-    prepared = _finder(rig, (float(pull[0]), float(pull[1]), float(pull[2])))
+    prepared = _prepared(rig, frame)
     return NOTHING if prepared is None else prepared.find(image, rig.image.bright)
+
+
+def _prepared(rig: Rig, frame: Frame) -> AntennaFinder | None:
+    pull = np.round(gravity(rig, frame) / GRAVITY_STEP_M_S2) * GRAVITY_STEP_M_S2
+    return _finder(rig, (float(pull[0]), float(pull[1]), float(pull[2])))
 
 
 @lru_cache(maxsize=64)
@@ -166,7 +171,10 @@ def first_detection(estimator: ContactEstimator, frame: Frame, ground: Backgroun
     image = _read_plane(estimator.rig, frame.image)
     if ground is not None:
         image = ground.subtracted_from(image)
-    return FirstDetection(frame, image, detect(estimator.rig, frame, image))
+    line, prepared = detect(estimator.rig, frame, image), _prepared(estimator.rig, frame)
+    if prepared is not None:
+        line = explained(line, image, prepared.corridor, estimator.rig.image.bright)
+    return FirstDetection(frame, image, line)
 
 
 def estimate_pictures(

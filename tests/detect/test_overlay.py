@@ -60,14 +60,14 @@ def has(image: np.ndarray, colour: tuple[int, int, int]) -> bool:
 @pytest.mark.parametrize("visibility", [Visibility.HIDDEN, Visibility.OUTSIDE])
 def test_every_verdict_is_drawn_with_what_is_not_seen(verdict: Verdict, visibility: Visibility) -> None:
     line = line_of(verdict, visibility=visibility)
-    drawn = centreline_picture(np.full(SIZE, 60, np.uint8), line, WHERE, "a picture", "a note")
+    drawn = centreline_picture(np.full(SIZE, 60, np.uint8), line, WHERE, ("a picture", "a note"))
     assert drawn.shape[1] == 3 * SIZE[1]
     assert has(drawn, HIDDEN if visibility == Visibility.HIDDEN else OUTSIDE)
     assert has(drawn, OTHER_LINE) == (verdict == "ambiguous")
 
 
 def test_nothing_found_and_no_corridor() -> None:
-    assert centreline_picture(np.zeros(SIZE, np.uint8), NOTHING, None, "", "").shape[1] == 3 * SIZE[1]
+    assert centreline_picture(np.zeros(SIZE, np.uint8), NOTHING, None, ("",)).shape[1] == 3 * SIZE[1]
     assert described(NOTHING) == "no point of the antenna was measured"
 
 
@@ -76,7 +76,7 @@ def test_numbers_in_words() -> None:
     for words in (
         "visible end at (280.0, 90.0) px: tip",
         "67 % of its length seen, 161 points; std across it 0.050 px",
-        "33 % hidden between seen parts",
+        "33 % not seen between seen parts",
         "1.5 times as broad as in focus",
     ):
         assert words in said
@@ -87,7 +87,7 @@ def test_a_real_picture_is_marked_along_the_antenna() -> None:
     rng = np.random.default_rng(3)
     ends = straight(0.0, 240.0, (160.0, 120.0))
     image = exposed(scene(rng) + tube(ends, 4.0, 80.0), rng)
-    drawn = centreline_picture(image, find(image, WHERE), WHERE, "", "").astype(int)
+    drawn = centreline_picture(image, find(image, WHERE), WHERE, ("",)).astype(int)
     row = drawn[3 * 120 + 1, 3 * 60 : 3 * 260]
     assert (row[:, 0] - row[:, 2] > 150).mean() > 0.95
 

@@ -48,6 +48,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from vbaa_calib.detect.drawing.overlay import centreline_picture, described
     from vbaa_calib.detect.whisker.background import Background
     from vbaa_calib.detect.whisker.centreline import Visibility
+    from vbaa_calib.detect.whisker.stretches import Cause, stretches, why_lost
     from vbaa_calib.rig import Rig
     from vbaa_calib.session import Frame, check_pictures
 
@@ -56,7 +57,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     check_pictures(given, rig.camera.image_size, "the rig was calibrated at")
     frame = Frame(image=args.image, pan_rad=args.pan, tilt_rad=args.tilt, moment_Nm=0.0, frame=0, time_s=0.0)
     plane = paint(rig).plane
-    picture = plane(read_picture(args.image))
+    picture = plain = plane(read_picture(args.image))
     if args.background is not None:
         empty = Background(plane(read_picture(args.background)).astype(np.float32))
         picture = empty.subtracted_from(picture)
@@ -69,12 +70,18 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     taken += "" if rig.image.weights_bgr is None else " in its colour"
     hint = f"; taken for {opposite} it is found: is this the rig's picture?" if other_way else ""
     words = f"looked for as {taken} than its surroundings, as the rig says{hint}"
+    where = corridor_of(rig, frame)
+    parts = [] if where is None else stretches(plain, line, where, rig.image.bright)
+    lost, change = why_lost(parts)
     say(f"verdict  {line.verdict}" + (f": {line.reason}" if line.reason else ""))
     say(f"antenna  {described(line)}")
+    if lost:
+        say(f"not seen {lost}")
+        say(f"remedy   {change}")
     say(f"paint    {words}")
     if args.output is not None:
         joints = f"{args.image.name}, pan {args.pan:.3f}, tilt {args.tilt:.3f} rad"
-        drawn = centreline_picture(read_gray(args.image), line, corridor_of(rig, frame), joints, words)
+        drawn = centreline_picture(read_gray(args.image), line, where, (joints, lost, words), parts)
         with replacing(args.output, args.force) as temporary:
             temporary.write_bytes(cv2.imencode(args.output.suffix.lower(), drawn)[1].tobytes())
         say(f"wrote {args.output}")
@@ -84,6 +91,11 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         "reason": line.reason,
         "seen": line.seen,
         "hidden": float(np.mean(np.asarray(line.visibility) == Visibility.HIDDEN)) if len(line.visibility) else 0.0,
+        "not_seen": [
+            {"start": part.start, "end": part.end, "cause": part.cause.name.lower(), "words": part.cause.words}
+            for part in parts
+            if part.cause is not Cause.SEEN
+        ],
         "points": len(line.points_px),
         "sigma_median_px": float(np.median(line.sigma_px)) if measured else None,
         "end": line.end,

@@ -15,6 +15,7 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.images import read_picture
 from vbaa_calib.detect.whisker.antenna import corridor, finder, free_curve
 from vbaa_calib.detect.whisker.paint import Paint, learn
+from vbaa_calib.detect.whisker.stretches import stretches, why_lost
 from vbaa_calib.geometry import Kinematics, Pose
 from vbaa_calib.rig import Antenna, AntennaImage, MomentSensor, Rig
 from vbaa_calib.session import (
@@ -68,11 +69,12 @@ class ExpectedAntenna:
         paint = learn(looking, [image]) if self.paint is None else self.paint
         line = paint.find(looking, image)
         if not line.found or (not isinstance(still, Load) and line.seen < _LEAST_SEEN_FREE):
-            why = f": {line.reason}" if line.reason else ""
+            lost, change = why_lost(stretches(paint.plane(image), line, path, paint.bright))
+            why = "; ".join(said for said in (line.reason, lost) if said)
             raise InputError(
-                f"no antenna found in it ({100 * line.seen:.0f} % of its length seen{why})",
+                f"no antenna found in it ({100 * line.seen:.0f} % of its length seen: {why})",
                 where=still.image,
-                remedy="shoot it again with the antenna lit, or take its row out of the CSV",
+                remedy=f"{change or 'light the antenna'}; shoot it again, or take its row out of the CSV",
             )
         tip_std_px = line.end_std_px if line.end == "tip" else np.nan
         return Observation(

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import cv2
 import numpy as np
 
 from vbaa_calib.detect.whisker.centreline import Centreline, Visibility
 from vbaa_calib.detect.whisker.corridor import Corridor, normals
+from vbaa_calib.detect.whisker.stretches import Cause, Stretch
 
 from .canvas import WHITE, Canvas, Colour, Key, strip
 
@@ -15,6 +18,15 @@ _FREE: Colour = (255, 150, 90)
 HIDDEN: Colour = (40, 140, 255)
 OUTSIDE: Colour = (150, 150, 150)
 OTHER_LINE: Colour = (70, 70, 255)
+_CAUSES: dict[Cause, Colour] = {
+    Cause.FAINT: (235, 120, 170),
+    Cause.REVERSED: (110, 215, 110),
+    Cause.DISTURBED: (190, 160, 255),
+    Cause.BLURRED: (190, 180, 60),
+    Cause.HIDDEN: HIDDEN,
+    Cause.OUTSIDE: OUTSIDE,
+}
+"""Colour of a stretch that was not seen, by what became of it."""
 _SIGMA_RANGE_PX = (0.02, 0.5)
 """Deviations that have the ends of the colour scale: the same in every picture, so that pictures compare."""
 _SURE, _UNSURE = np.array([255.0, 255.0, 0.0]), np.array([255.0, 0.0, 255.0])
@@ -54,18 +66,21 @@ def background(image: np.ndarray, where: Corridor | None) -> np.ndarray:
 
 
 def centreline_picture(
-    image: np.ndarray, line: Centreline, where: Corridor | None, title: str, note: str
+    image: np.ndarray, line: Centreline, where: Corridor | None, words: tuple[str, ...], parts: Sequence[Stretch] = ()
 ) -> np.ndarray:
-    """(H, W, 3) uint8, blue, green, red: a grey picture (H, W) with what was seen in it, over a legend."""
+    """(H, W, 3) uint8, blue, green, red: a grey picture (H, W) with what was seen in it, over a legend.
+
+    words : the title, then notes under it. parts : what became of every stretch, where that was worked out.
+    """
     canvas = Canvas.over(background(image, where))
     if where is not None:
         draw_corridor(canvas, where)
-    draw_centreline(canvas, line)
+    draw_centreline(canvas, line, parts)
     if where is not None:
         draw_clamp(canvas, where)
     colour, meaning = _VERDICTS[line.verdict]
-    words, width = [line.reason, described(line), note], canvas.image.shape[1]
-    legend = strip(width, canvas.unit, (line.verdict, colour), (meaning, title), words, keys(line, where))
+    lines, width = [line.reason, described(line), *words[1:]], canvas.image.shape[1]
+    legend = strip(width, canvas.unit, (line.verdict, colour), (meaning, words[0]), lines, keys(line, where, parts))
     return np.vstack([canvas.image, legend])
 
 
@@ -98,11 +113,16 @@ def draw_clamp(canvas: Canvas, where: Corridor) -> None:
     canvas.words("clamp", where.axis_px[0], WHITE, (9.0, 20.0))
 
 
-def draw_centreline(canvas: Canvas, line: Centreline, *, named: bool = True) -> None:
-    """Points by their deviation; hidden stretches and those outside dashed; a second line; the visible end."""
+def draw_centreline(canvas: Canvas, line: Centreline, parts: Sequence[Stretch] = (), *, named: bool = True) -> None:
+    """Points by their deviation; stretches that were not seen dashed, by cause where `parts` tell it; a second line;
+    the visible end."""
     if len(line.other_line_px):
         canvas.line(line.other_line_px, OTHER_LINE, 2.0)
-    for visibility, colour in ((Visibility.OUTSIDE, OUTSIDE), (Visibility.BEYOND, HIDDEN), (Visibility.HIDDEN, HIDDEN)):
+    for part in parts:
+        if part.cause in _CAUSES:
+            canvas.dashes(part.path_px, _CAUSES[part.cause], 2.0, 5.0)
+    coarse = ((Visibility.OUTSIDE, OUTSIDE), (Visibility.BEYOND, HIDDEN), (Visibility.HIDDEN, HIDDEN))
+    for visibility, colour in () if parts else coarse:
         for piece in line.stretches(visibility):
             canvas.dashes(piece, colour, 2.0, 5.0)
     canvas.graded(line.points_px, sigma_colours(line.sigma_px))
@@ -121,14 +141,16 @@ def sigma_colours(sigma_px: np.ndarray) -> np.ndarray:
     return np.rint((1.0 - share) * _SURE + share * _UNSURE).astype(np.uint8)
 
 
-def keys(line: Centreline | None, where: Corridor | None) -> list[Key]:
+def keys(line: Centreline | None, where: Corridor | None, parts: Sequence[Stretch] = ()) -> list[Key]:
     """The legend of what these functions draw, without what is not there."""
     low, high = _SIGMA_RANGE_PX
     scale = sigma_colours(np.geomspace(low, high, 64))
     points = Key(f"centreline, std {low:g} to {high:g} px", mark="scale", scale=scale)
-    shown = set() if line is None else set(np.asarray(line.visibility).tolist())
+    shown = set() if line is None or parts else set(np.asarray(line.visibility).tolist())
+    causes = {part.cause for part in parts}
     there = (
         (line is None or len(line.points_px) > 0, points),
+        *((cause in causes, Key(cause.words, colour, "dashes")) for cause, colour in _CAUSES.items()),
         (bool(shown & {Visibility.HIDDEN, Visibility.BEYOND}), Key("hidden, or not measured", HIDDEN, "dashes")),
         (Visibility.OUTSIDE in shown, Key("outside the picture", OUTSIDE, "dashes")),
         (line is not None and len(line.other_line_px) > 0, Key("the other line", OTHER_LINE)),
@@ -149,7 +171,7 @@ def described(line: Centreline) -> str:
     ]
     hidden = float((np.asarray(line.visibility) == Visibility.HIDDEN).mean()) if len(line.visibility) else 0.0
     if hidden:
-        parts.append(f"{100 * hidden:.0f} % hidden between seen parts")
+        parts.append(f"{100 * hidden:.0f} % not seen between seen parts")
     if line.end != "none":
         u, v = line.end_px
         parts.append(f"visible end at ({u:.1f}, {v:.1f}) px: {_END_WORDS[line.end]}")
