@@ -22,8 +22,25 @@ _GridCount = Annotated[int, Field(strict=True, ge=3, le=50)]
 _Side = Annotated[float, Field(strict=True, gt=0, lt=10)]
 
 
+class _OfSquares:
+    """Inner corners of squares in columns and rows."""
+
+    squares_x: int
+    squares_y: int
+    square_m: float
+
+    @property
+    def pitch_m(self) -> float:
+        """Distance of neighbouring corners."""
+        return self.square_m
+
+    @property
+    def corner_count(self) -> int:
+        return (self.squares_x - 1) * (self.squares_y - 1)
+
+
 @dataclass(frozen=True, config=ConfigDict(extra="forbid"))
-class BoardSpec:
+class BoardSpec(_OfSquares):
     """A ChArUco board. Board frame = OpenCV's: origin at the outline's first corner, z away from the viewer.
 
     Attributes
@@ -79,15 +96,6 @@ class BoardSpec:
             raise ValueError(f"{squares} need {self.marker_count} markers, {self.dictionary} has {available}")
 
     @property
-    def pitch_m(self) -> float:
-        """Distance of neighbouring corners."""
-        return self.square_m
-
-    @property
-    def corner_count(self) -> int:
-        return (self.squares_x - 1) * (self.squares_y - 1)
-
-    @property
     def marker_count(self) -> int:
         return self.squares_x * self.squares_y // 2
 
@@ -110,7 +118,7 @@ class BoardSpec:
 
 
 @dataclass(frozen=True, config=ConfigDict(extra="forbid"))
-class Chessboard:
+class Chessboard(_OfSquares):
     """A chessboard without markers, for the lens. Board frame as of a ChArUco board; the square at its origin is black.
 
     squares_x, squares_y : all squares along x and y, the outer ones too. square_m : side, m.
@@ -125,15 +133,6 @@ class Chessboard:
     def lattice(self) -> np.ndarray:
         """(corner_count, 2) column and row of each inner corner, in squares from the board's outline."""
         return _lattice(self.squares_x - 1, self.squares_y - 1) + 1
-
-    @property
-    def pitch_m(self) -> float:
-        """Distance of neighbouring corners."""
-        return self.square_m
-
-    @property
-    def corner_count(self) -> int:
-        return (self.squares_x - 1) * (self.squares_y - 1)
 
     def to_dict(self) -> dict[str, Any]:
         """A board.yaml."""

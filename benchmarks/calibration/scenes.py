@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,6 @@ from vbaa_calib.calibrate.lens.models import is_monotonic
 _GROSS_PX = (3.0, 100.0)
 _SMALL, _LARGE = BoardSpec(5, 4, 0.03, 0.022), BoardSpec(14, 10, 0.0125, 0.009)
 _SIZES = (VGA, (1024, 768), HD, TALL, (1920, 1080), SQUARE)
-_MID = np.array([900.0, 902.0, 0.0, 0.0])
 _SPOILT_EVERY = 3
 """Of the rigs drawn, every third has outliers."""
 
@@ -65,8 +64,8 @@ def cells() -> dict[str, Cell]:
         replace(plain, name="f 900, views blurred", blur=0.8),
         replace(plain, name="f 900, board moving by 1 px", motion_px=1.0),
     ]
-    every = [Cell(rig.name, lambda seed, rig=rig: rig) for rig in held]  # type: ignore[misc]
-    every += [Cell(f"drawn: {name}", lambda seed, lens=lens: _drawn(lens, seed)) for name, lens in FAMILIES.items()]  # type: ignore[misc]
+    every = [Cell(rig.name, partial(_same, rig)) for rig in held]
+    every += [Cell(f"drawn: {name}", partial(_drawn, lens)) for name, lens in FAMILIES.items()]
     return {cell.name: cell for cell in every}
 
 
@@ -135,6 +134,10 @@ FAMILIES: dict[str, Callable[[np.random.Generator], _Lens]] = {
     "radial or plain": _radial,
 }
 """By name."""
+
+
+def _same(rig: Rig, seed: int) -> Rig:
+    return rig
 
 
 def _drawn(family: Callable[[np.random.Generator], _Lens], seed: int) -> Rig:

@@ -9,7 +9,7 @@ import numpy as np
 
 from targets.board import BoardPoints
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.detect.board.corners import BoardView
+from vbaa_calib.detect.board.corners import BoardView, require_corners
 
 from .faults.views import judge_views
 from .lens.intrinsics import LensSolution, solve_intrinsics
@@ -61,14 +61,7 @@ def _view(index: int, one: Any, size: tuple[int, int], points: np.ndarray) -> Bo
     ids, pixels = _numbers(ids, "ids", where), _numbers(pixels, "pixels", where)
     # a view without corners is dropped later, and said to be
     pixels = pixels.reshape(-1, 2) if not pixels.size else pixels
-    if ids.ndim != 1 or pixels.shape != (len(ids), 2):
-        what = f"ids have the shape {ids.shape} and pixels {pixels.shape}"
-        raise InputError(what, where=where, remedy="give N ids and their pixels (N, 2)")
-    if (ids != np.round(ids)).any() or (ids < 0).any() or (ids >= len(points)).any():
-        remedy = f"ids are indices of board_points, from 0 to {len(points) - 1}"
-        raise InputError("an id is that of no board point", where=where, remedy=remedy)
-    if len(np.unique(ids)) < len(ids):
-        raise InputError("an id occurs twice", where=where, remedy="give each board point once a view")
+    require_corners(ids, pixels, len(points), where)
     if (np.abs(pixels) > _FURTHEST_PX).any():
         raise InputError("a pixel lies far outside any picture", where=where, remedy="give pixels of the picture")
     return BoardView(f"view {index:06d}", ids.astype(int), pixels, size)

@@ -55,6 +55,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Find the corners, solve, write handeye.json; the exit code is 1 where the lens must not be used."""
+    import numpy as np
+
     from vbaa_calib.calibrate.given_lens import read_lens
     from vbaa_calib.calibrate.pose.hand_eye import solve_hand_eye
     from vbaa_calib.calibrate.pose.robot_tables import read_robot_poses
@@ -72,7 +74,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     views = _paired(_views(args, spec, known), poses, args.poses)
     lens = _lens(known, views, spec)
     outlier_ids = {view.name: view.outlier_ids for view in lens.views}
-    views = [_without(view, outlier_ids.get(view.name, ())) for view in views]
+    views = [view.picked(np.isin(view.ids, outlier_ids.get(view.name, ()), invert=True)) for view in views]
     given = [poses[view.name] for view in views]
     readings = {words: [other[view.name] for view in views] for words, other in others.items()}
     try:
@@ -144,14 +146,6 @@ def _lens(given: GivenLens | None, views: list[BoardView], spec: BoardSpec) -> L
     solution = judge_views(views, solve_intrinsics(views, spec), spec)
     say(f"lens       {solution.model}: rms {solution.rms_px:.4f} px; {solution.verdict.words}")
     return solution
-
-
-def _without(view: BoardView, outlier_ids: Sequence[int]) -> BoardView:
-    import numpy as np
-
-    kept = np.isin(view.ids, outlier_ids, invert=True)
-    covariance = None if view.covariance_px2 is None else view.covariance_px2[kept]
-    return replace(view, ids=view.ids[kept], corners_px=view.corners_px[kept], covariance_px2=covariance)
 
 
 def _report(solution: HandEye, document: dict[str, Any]) -> None:

@@ -19,7 +19,7 @@ a print differ by 0.05 %. Some are ten times worse, so the prior has long tails.
 _TAIL = 3.0
 """Degrees of freedom of the prior's Student t distribution."""
 _SINGULAR = 1e-10
-_CLEAR, _NOTICEABLE_PER_EXTENT, _NOTICEABLE_SHARE = 4.0, 3e-4, 1e-3
+_CLEAR_STD, _NOTICEABLE_PER_EXTENT, _NOTICEABLE_SHARE = 4.0, 3e-4, 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,23 +73,26 @@ class BoardShape:
         return self.nominal_m + deformations(self.nominal_m) @ self.parameters
 
     @property
+    def _clear(self) -> np.ndarray:
+        """(5,) which parameters are clear of noise and large enough to matter."""
+        least = np.array([_NOTICEABLE_PER_EXTENT * _extent_m(self.nominal_m)] * 3 + [_NOTICEABLE_SHARE] * 2)
+        return np.abs(self.parameters) > np.maximum(_CLEAR_STD * self.std, least)
+
+    @property
     def scale_doubt(self) -> float:
         """Relative deviation of a stretched print's lengths: which of its sides is as it should be is unknown."""
-        stretch = abs(float(self.parameters[STRETCH]))
-        return 0.5 * stretch if stretch > max(_CLEAR * self.std[STRETCH], _NOTICEABLE_SHARE) else 0.0
+        return 0.5 * abs(float(self.parameters[STRETCH])) if self._clear[STRETCH] else 0.0
 
     @property
     def findings(self) -> tuple[str, ...]:
         """What is clear of noise and large enough to matter, in words; nothing of a board that counts as flat."""
-        least = np.array([_NOTICEABLE_PER_EXTENT * _extent_m(self.nominal_m)] * 3 + [_NOTICEABLE_SHARE] * 2)
-        found = (np.abs(self.parameters) > _CLEAR * self.std) & (np.abs(self.parameters) > least)
         words = [
             *(f"{name} by {{:+.2f}} ± {{:.2f}} mm" for name in ("bowed along x", "bowed along y", "twisted")),
             "longer along x than along y by {:+.2f} ± {:.2f} %",
             "sheared by {:+.2f} ± {:.2f} mrad",
         ]
         units = (1e3, 1e3, 1e3, 1e2, 1e3)
-        numbers = zip(words, units, self.parameters, self.std, found, strict=True)
+        numbers = zip(words, units, self.parameters, self.std, self._clear, strict=True)
         return tuple(text.format(unit * value, unit * std) for text, unit, value, std, there in numbers if there)
 
     def to_dict(self) -> dict[str, Any]:
@@ -132,11 +135,11 @@ class ShapePrior:
     @staticmethod
     def of(board: Board | BoardPoints) -> ShapePrior:
         """Of a print and a mount as they usually are; with what was measured on the board, if any."""
-        nominal_m = corner_points(board)
-        usual = ShapePrior(np.zeros(SHAPE), np.array([_BOW_PER_EXTENT * _extent_m(nominal_m)] * 3 + [_STRETCH, _SHEAR]))
+        bow_m = _BOW_PER_EXTENT * _extent_m(corner_points(board))
+        mean, std = np.zeros(SHAPE), np.array([bow_m, bow_m, bow_m, _STRETCH, _SHEAR])
         if isinstance(board, BoardSpec) and board.stretch_std is not None:
-            usual.mean[STRETCH], usual.std[STRETCH] = board.stretch, board.stretch_std
-        return usual
+            mean[STRETCH], std[STRETCH] = board.stretch, board.stretch_std
+        return ShapePrior(mean, std)
 
     def rows(self, shape: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Residuals (5,) as reweighted least squares has them, and their negative derivatives (5,) by the shape."""

@@ -157,13 +157,17 @@ def refine(
 ) -> Bundle:
     """Levenberg–Marquardt on the reprojection error; robust : by Cauchy's loss, so gross errors do not pull."""
     own = np.repeat([view.weight for view in observations], [len(view.pixels) for view in observations])
+
+    def reweighted(residuals_px: np.ndarray) -> np.ndarray:
+        return own**2 * cauchy_weights(own * np.linalg.norm(residuals_px, axis=1))
+
     weights = own**2
     if robust:
-        weights = own**2 * cauchy_weights(own * np.linalg.norm(rows(start, observations)[0], axis=1))
+        weights = reweighted(rows(start, observations)[0])
         for _ in range(_REWEIGHTINGS):
             before, system = weights, _descended(start, observations, weights, _FEW_STEPS)
             start = system.bundle
-            weights = own**2 * cauchy_weights(own * np.linalg.norm(system.residuals_px, axis=1))
+            weights = reweighted(system.residuals_px)
             if np.abs(weights - before).max() < _CONVERGED_WEIGHTS:
                 break
     system = _descended(start, observations, weights, rules)

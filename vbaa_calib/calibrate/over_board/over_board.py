@@ -8,7 +8,7 @@ length back from its tip, or where the clamp's edge is marked.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -74,7 +74,7 @@ def solve_over_board(
     line = _line(picture, board, setup, where)
     # once more without the corners that the antenna runs past
     reach_px = _CORNER_REACH_PX + 0.5 * line.width_px
-    clear = [_without(view, line.distance_px(view.corners_px) < reach_px) for view in views]
+    clear = [view.picked(line.distance_px(view.corners_px) >= reach_px) for view in views]
     ids = np.unique(np.concatenate([view.ids for view in clear]))
     if len(clear[0].ids) < len(views[0].ids) and fixes_homography(corner_points(setup.spec)[ids, :2]):
         board = _board(clear, setup)
@@ -129,11 +129,6 @@ def _line(picture: np.ndarray, board: BoardPose, setup: OverSetup, where: str, b
         remedy = "let it run across several squares; a white antenna shows over black, a dark one over white"
         raise InputError("no antenna is found over the board", where=where, remedy=remedy)
     return line
-
-
-def _without(view: BoardView, covered: np.ndarray) -> BoardView:
-    kept = None if view.covariance_px2 is None else view.covariance_px2[~covered]
-    return replace(view, ids=view.ids[~covered], corners_px=view.corners_px[~covered], covariance_px2=kept)
 
 
 def _refuse_moved(images: Mapping[str, np.ndarray], picture: np.ndarray, line: BoardLine) -> None:

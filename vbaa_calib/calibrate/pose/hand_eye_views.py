@@ -8,9 +8,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from vbaa_calib.camera import Camera
-from vbaa_calib.core.errors import InputError, SolveError
+from vbaa_calib.core.errors import SolveError
 from vbaa_calib.core.robust import radial_std
-from vbaa_calib.detect.board.corners import BoardView
+from vbaa_calib.detect.board.corners import BoardView, require_corners
 from vbaa_calib.detect.board.view_quality import fixes_homography
 from vbaa_calib.geometry import Pose
 
@@ -39,13 +39,7 @@ def seen_view(view: BoardView, points: np.ndarray, camera: Camera) -> SeenView:
     """Raises InputError for another picture size, or corners that are none of the board's."""
     require_size(view.image_size, camera, view.name)
     ids, pixels = np.asarray(view.ids), np.asarray(view.corners_px, float)
-    known = ids.ndim == 1 and pixels.shape == (len(ids), 2) and np.isfinite(pixels).all()
-    if not known or len(np.unique(ids)) < len(ids) or (len(ids) and not 0 <= ids.min() <= ids.max() < len(points)):
-        raise InputError(
-            f"the corners are not (N,) different ids below {len(points)} and (N, 2) finite pixels",
-            where=view.name,
-            remedy="is this the board?",
-        )
+    require_corners(ids, pixels, len(points), view.name)
     if len(ids) < LEAST_CORNERS:
         return SeenView(view.name, f"{len(ids)} corners, at least {LEAST_CORNERS} are needed")
     rays, valid = camera.unproject(pixels)

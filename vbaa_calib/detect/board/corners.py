@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import cv2
@@ -62,6 +62,19 @@ class BoardView:
     def marker_count(self) -> int:
         """Number of markers seen."""
         return len(self.marker_ids)
+
+    def picked(self, mask: np.ndarray) -> BoardView:
+        """The view with the corners of a mask (N,) only."""
+        covariance = None if self.covariance_px2 is None else self.covariance_px2[mask]
+        return replace(self, ids=self.ids[mask], corners_px=self.corners_px[mask], covariance_px2=covariance)
+
+
+def require_corners(ids: np.ndarray, pixels: np.ndarray, count: int, where: str) -> None:
+    """Raises InputError for corners that are not (N,) different ids of a board's `count` points, and their pixels."""
+    shaped = ids.ndim == 1 and pixels.shape == (len(ids), 2) and np.isfinite(pixels).all()
+    if not shaped or len(np.unique(ids)) < len(ids) or not np.isin(ids, np.arange(count)).all():
+        what = f"the corners are not (N,) different ids from 0 to {count - 1} and (N, 2) finite pixels"
+        raise InputError(what, where=where, remedy="is this the board?")
 
 
 def detect_corners(image: np.ndarray, spec: Board, name: str = "") -> BoardView:
