@@ -18,6 +18,16 @@ def configure(parser: argparse.ArgumentParser) -> None:
         default="all",
         help="none: recording/centrelines.csv in place of the recording's pictures (boards, loads and no-load stay)",
     )
+    parser.add_argument(
+        "--render",
+        choices=("drawn", "mitsuba"),
+        default="drawn",
+        help="mitsuba: path-traced pictures with materials, lights, shadows and clutter as the scene's `traced` says",
+    )
+    parser.add_argument("--samples", type=int, help="light paths for each path-traced pixel in place of the scene's")
+    parser.add_argument(
+        "--labels", action="store_true", help="labels/: masks, centrelines and contacts in the pictures"
+    )
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
@@ -37,7 +47,19 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         if args.seed < 0:
             raise InputError(f"--seed is {args.seed}", where="vbaa simulate", remedy="give a whole number from 0")
         scene = replace(scene, seed=args.seed)
-    planned = write_session(scene, args.output, force=args.force, recording_pictures=args.pictures == "all")
+    if args.samples is not None:
+        if not 1 <= args.samples <= 65536:
+            what = f"--samples is {args.samples}"
+            raise InputError(what, where="vbaa simulate", remedy="give a whole number from 1 to 65536")
+        scene = replace(scene, traced=replace(scene.traced, samples=args.samples))
+    planned = write_session(
+        scene,
+        args.output,
+        force=args.force,
+        recording_pictures=args.pictures == "all",
+        traced=args.render == "mitsuba",
+        labels=args.labels,
+    )
     frames = planned.truth["frames"]
     touching = sum(frame["in_contact"] for frame in frames)
     seconds = time.perf_counter() - started

@@ -21,7 +21,7 @@ _HOLDER_PAINT = 0.07
 
 
 @dataclass(frozen=True, eq=False)
-class _Wire:
+class Wire:
     """A curve in the antenna frame, (N,) and (N, 3), with the radius and the paint of the tube around it."""
 
     arclength_m: np.ndarray
@@ -36,24 +36,24 @@ class _Wire:
         return tube(scene.lens, self.arclength_m, points, self.radius_m, lamp_camera)
 
 
-def _wires(scene: Scene, arclength_m: np.ndarray, points_m: np.ndarray) -> list[_Wire]:
+def wires_of(scene: Scene, arclength_m: np.ndarray, points_m: np.ndarray) -> list[Wire]:
     """The antenna, and its holder where the scene has one."""
     look = scene.picture
-    antenna = _Wire(arclength_m, points_m, scene.radius_m, look.antenna, look.shading_asymmetry)
+    antenna = Wire(arclength_m, points_m, scene.radius_m, look.antenna, look.shading_asymmetry)
     radius, length = scene.true.holder_m
     if radius <= 0 or length <= 0:
         return [antenna]
     s = np.linspace(-length, 0.0, 8)
     points = scene.true.clamp_offset_m + s[:, None] * np.array([1.0, 0.0, 0.0])
-    return [antenna, _Wire(s, points, float(radius), _HOLDER_PAINT)]
+    return [antenna, Wire(s, points, float(radius), _HOLDER_PAINT)]
 
 
-def free_wires(scene: Scene, joints: Joints) -> list[_Wire]:
+def free_wires(scene: Scene, joints: Joints) -> list[Wire]:
     """The free antenna at these joint angles, and its holder where the scene has one."""
     rod = true_rod(scene)
     gravity = scene.T_world_antenna(joints).rotation.T @ scene.gravity_world_m_s2
     shape = solve_rod(rod, gravity[None], np.array([rod.length_m]), np.zeros((1, 3)))
-    return _wires(scene, shape.arclength_m[0], shape.points_m[0])
+    return wires_of(scene, shape.arclength_m[0], shape.points_m[0])
 
 
 def render_shot(
@@ -66,8 +66,8 @@ def render_shot(
     if isinstance(shot, BoardShot):
         patches = [board_patch(place, sheet, shot.T_camera_board, T_world_camera.rotation)]
     else:
-        antenna, *holder = _wires(scene, shot.arclength_m, shot.points_m)
-        patches = [_wire_patch(scene, place, antenna, T_world_camera, _obstacle(scene, place, shot, T_world_camera))]
+        antenna, *holder = wires_of(scene, shot.arclength_m, shot.points_m)
+        patches = [_wire_patch(scene, place, antenna, T_world_camera, obstacle_of(scene, place, shot))]
         patches += [_wire_patch(scene, place, wire, T_world_camera) for wire in holder]
         thing = None if shot.indentation_m is None else object_patch(place, scene.object, T_world_camera)
         canvas = canvas if thing is None else composed(canvas, thing)
@@ -75,29 +75,33 @@ def render_shot(
     return digitise(place.spec, grey, rng)
 
 
+def seen_antenna(scene: Scene, shot: AntennaShot) -> Tube:
+    """The antenna of this shot in the camera's picture."""
+    antenna = wires_of(scene, shot.arclength_m, shot.points_m)[0]
+    return antenna.seen(scene, scene.T_world_camera(shot.joints).rotation.T @ LAMP_WORLD)
+
+
 def seen_centreline(scene: Scene, place: Studio, shot: AntennaShot) -> np.ndarray:
     """(M, 4) pixels and unit normals of the antenna's centreline where this shot shows it, about one per pixel."""
-    T_world_camera = scene.T_world_camera(shot.joints)
-    antenna = _wires(scene, shot.arclength_m, shot.points_m)[0]
-    seen = antenna.seen(scene, T_world_camera.rotation.T @ LAMP_WORLD)
-    return visible_centreline(scene.lens, seen, _obstacle(scene, place, shot, T_world_camera))
+    return visible_centreline(scene.lens, seen_antenna(scene, shot), obstacle_of(scene, place, shot))
 
 
-def _obstacle(scene: Scene, place: Studio, shot: AntennaShot, T_world_camera: Pose) -> DepthOfObstacle | None:
+def obstacle_of(scene: Scene, place: Studio, shot: AntennaShot) -> DepthOfObstacle | None:
+    """What may hide the antenna of this shot."""
     if shot.indentation_m is None:
         return None
-    return obstacle(place, pressed_in(scene.object, shot.indentation_m), T_world_camera)
+    return obstacle(place, pressed_in(scene.object, shot.indentation_m), scene.T_world_camera(shot.joints))
 
 
 def _wire_patch(
-    scene: Scene, place: Studio, wire: _Wire, T_world_camera: Pose, hidden_by: DepthOfObstacle | None = None
+    scene: Scene, place: Studio, wire: Wire, T_world_camera: Pose, hidden_by: DepthOfObstacle | None = None
 ) -> Patch | None:
     seen = wire.seen(scene, T_world_camera.rotation.T @ LAMP_WORLD)
     return tube_patch(place, seen, wire.paint, wire.asymmetry, hidden_by)
 
 
 def render_over(
-    scene: Scene, place: Studio, sheet: Sheet, over: OverSpec, wires: list[_Wire], rng: np.random.Generator
+    scene: Scene, place: Studio, sheet: Sheet, over: OverSpec, wires: list[Wire], rng: np.random.Generator
 ) -> np.ndarray:
     """(height, width) uint8: these wires over the board under the antenna."""
     T_world_camera = scene.T_world_camera(over.joints)
@@ -131,7 +135,7 @@ def _resampled(values: np.ndarray, own: Patch, other: Patch) -> np.ndarray:
     return cv2.warpAffine(values, inner, other.alpha.shape[::-1], flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
 
 
-def _shaded(scene: Scene, place: Studio, board: Patch, over: OverSpec, wire: _Wire) -> Patch:
+def _shaded(scene: Scene, place: Studio, board: Patch, over: OverSpec, wire: Wire) -> Patch:
     """The board with the wire's soft shadow on it."""
     lamp = scene.T_world_antenna(over.joints).rotation.T @ LAMP_WORLD
     fall = (wire.points_m[:, 2] + over.height_m) / max(float(lamp[2]), 0.2)

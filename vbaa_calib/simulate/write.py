@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import csv
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -20,11 +21,16 @@ from vbaa_calib.geometry import Pose
 from vbaa_calib.session import SCHEMA
 
 from .joint_paths import sweep_of_the_board
+from .labels import antenna_mask, centreline_rows, contact_row
 from .plan import AntennaShot, BoardShot, Plan, plan, stream
 from .render.board import Sheet, outline, print_sheet
 from .render.picture import Studio, studio
 from .scene.scene import Scene
 from .shots import free_wires, render_over, render_shot, seen_centreline
+from .traced_shots import TracedPictures
+
+Take = Callable[[BoardShot | AntennaShot, AntennaShot | None, np.random.Generator], np.ndarray]
+"""Of a shot, the frame after it in its stroke (None: there is none) and random numbers: the picture, uint8."""
 
 _CENTRELINE_STD_PX = 0.1
 _PNG = (cv2.IMWRITE_PNG_COMPRESSION, 2)
@@ -46,39 +52,52 @@ def refuse_target(path: Path, force: bool) -> None:
         raise InputError("is not a session, it is not replaced", where=path, remedy="take another name")
 
 
-def write_session(scene: Scene, folder: Path, *, force: bool = False, recording_pictures: bool = True) -> Plan:
+def write_session(
+    scene: Scene,
+    folder: Path,
+    *,
+    force: bool = False,
+    recording_pictures: bool = True,
+    traced: bool = False,
+    labels: bool = False,
+) -> Plan:
     """Simulate a scene and write it as a session.
 
     Parameters
     ----------
     folder : the session; replaced with `force`, but only when it is a session or empty.
     recording_pictures : False writes recording/centrelines.csv in place of the recording's pictures.
+    traced : mitsuba takes the pictures. labels : write what is to be seen in them, too.
 
     Raises
     ------
-    InputError : the folder is in the way, or the scene cannot be carried out.
+    InputError : the folder is in the way, the scene cannot be carried out, or mitsuba is not installed.
     """
     folder = Path(folder)
     refuse_target(folder, force)
+    place, sheet = studio(scene.lens, scene.picture, stream(scene, "bench")), print_sheet(scene.board)
+    photographer = TracedPictures(scene, place, sheet, stream(scene, "bench")) if traced else None
+    take = photographer.shot if photographer else drawn_pictures(scene, place, sheet)
     planned = plan(scene)
-    place = studio(scene.lens, scene.picture, stream(scene, "bench"))
     with replacing_folder(folder) as root:
         for name in ("intrinsics", "plane", "noload", "loads", "recording"):
             (root / name).mkdir()
         (root / "session.yaml").write_text(session_yaml(scene), encoding="utf-8")
-        truth = dict(planned.truth)
-        sheet = print_sheet(scene.board)
+        truth = dict(planned.truth) | ({"traced": vars(scene.traced)} if traced else {})
         if scene.sweep:
-            truth["sweep"] = {"T_world_board": write_sweep(scene, place, sheet, root).to_dict()}
+            truth["sweep"] = {"T_world_board": write_sweep(scene, take, sheet, root).to_dict()}
         if scene.over is not None:
-            truth["over"] = _write_over(scene, place, sheet, root)
+            truth["over"] = _write_over(scene, place, sheet, root, photographer)
         write_json(root / "truth.json", truth)
         for name, rows in planned.tables.items():
             drop = () if recording_pictures or name != "recording/recording.csv" else ("image",)
             _write_rows(root / name, [{k: v for k, v in row.items() if k not in drop} for row in rows])
         if not recording_pictures:
             _write_rows(root / "recording/centrelines.csv", list(_centrelines(scene, place, planned)))
-        _write_pictures(scene, place, sheet, planned, root, recording_pictures)
+        taken = [recording_pictures or not shot.path.startswith("recording/") for shot in planned.shots]
+        _write_pictures(scene, take, planned, taken, root, 1 if traced else os.cpu_count())
+        if labels:
+            _write_labels(scene, place, planned, taken, root)
     return planned
 
 
@@ -94,26 +113,51 @@ def _write_rows(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
         writer.writerows(rows)
 
 
+def drawn_pictures(scene: Scene, place: Studio, sheet: Sheet) -> Take:
+    """Takes pictures by our own drawing, each at one instant."""
+    return lambda shot, after, rng: render_shot(scene, place, sheet, shot, rng)
+
+
 def _write_pictures(
-    scene: Scene, place: Studio, sheet: Sheet, planned: Plan, root: Path, recording_pictures: bool
+    scene: Scene, take: Take, planned: Plan, taken: Sequence[bool], root: Path, threads: int | None
 ) -> None:
-    # a picture's noise hangs on its place in the plan, not on which other pictures are taken
-    shots = {
-        index: shot
-        for index, shot in enumerate(planned.shots)
-        if recording_pictures or not shot.path.startswith("recording/")
-    }
+    following = dict(_following(planned, 1.0 / scene.recording.rate_hz))
 
-    def take(index: int) -> None:
-        picture = render_shot(scene, place, sheet, shots[index], stream(scene, "pictures", index))
-        _write_picture(root / shots[index].path, picture)
+    def write(index: int) -> None:
+        # a picture's noise hangs on its place in the plan, not on which other pictures are taken
+        shot = planned.shots[index]
+        _write_picture(root / shot.path, take(shot, following.get(shot.path), stream(scene, "pictures", index)))
 
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        for _ in progress(pool.map(take, shots), "pictures", len(shots)):
+    wanted = [index for index, wish in enumerate(taken) if wish]
+    with ThreadPoolExecutor(threads) as pool:
+        for _ in progress(pool.map(write, wanted), "pictures", len(wanted)):
             pass
 
 
-def write_sweep(scene: Scene, place: Studio, sheet: Sheet, root: Path) -> Pose:
+def _following(planned: Plan, step_s: float) -> Iterator[tuple[str, AntennaShot]]:
+    """Of each frame of a stroke but its last: its path, and the next frame's shot."""
+    shots = [shot for shot in planned.shots if isinstance(shot, AntennaShot) and shot.path.startswith("recording/")]
+    times = [row["time_s"] for row in planned.tables["recording/recording.csv"]]
+    for (shot, after), (start, end) in zip(pairwise(shots), pairwise(times), strict=True):
+        if end - start < 1.5 * step_s:
+            yield shot.path, after
+
+
+def _write_labels(scene: Scene, place: Studio, planned: Plan, taken: Sequence[bool], root: Path) -> None:
+    """Write labels/: a mask for each picture of the antenna that was taken, centrelines.csv, contacts.csv."""
+    shots = [shot for shot, wish in zip(planned.shots, taken, strict=True) if wish and isinstance(shot, AntennaShot)]
+    truths = {f"recording/frame_{row['frame']:04d}.png": row for row in planned.truth["frames"]}
+    for folder in {Path(shot.path).parent for shot in shots}:
+        (root / "labels" / folder).mkdir(parents=True)
+    for shot in shots:
+        _write_picture(root / "labels" / shot.path, antenna_mask(scene, place, shot))
+    rows = [row for shot in shots for row in centreline_rows(scene, place, shot)]
+    _write_rows(root / "labels/centrelines.csv", rows)
+    contacts = [contact_row(scene, place, shot, truths.get(shot.path, {})) for shot in shots]
+    _write_rows(root / "labels/contacts.csv", contacts)
+
+
+def write_sweep(scene: Scene, take: Take, sheet: Sheet, root: Path) -> Pose:
     """Write sweep/*.png and sweep/sweep.csv into a session's folder: a board that stays in the world.
 
     The board is put and the joints are turned so that the whole sheet stays in the picture.
@@ -133,20 +177,23 @@ def write_sweep(scene: Scene, place: Studio, sheet: Sheet, root: Path) -> Pose:
     for index, at in enumerate(joints):
         name = f"sweep_{index:03d}.png"
         shot = BoardShot(f"sweep/{name}", at, scene.T_world_camera(at).inverse() @ T_world_board)
-        _write_picture(folder / name, render_shot(scene, place, sheet, shot, stream(scene, "pictures", _SWEEP + index)))
+        _write_picture(folder / name, take(shot, None, stream(scene, "pictures", _SWEEP + index)))
         rows.append({"image": name, "pan_rad": at.pan_rad, "tilt_rad": at.tilt_rad})
     _write_rows(folder / "sweep.csv", rows)
     return T_world_board
 
 
-def _write_over(scene: Scene, place: Studio, sheet: Sheet, root: Path) -> dict[str, Any]:
+def _write_over(
+    scene: Scene, place: Studio, sheet: Sheet, root: Path, photographer: TracedPictures | None
+) -> dict[str, Any]:
     """Write over/over_000.png …, and return what truth.json should hold of them."""
     assert scene.over is not None
     folder, over = root / "over", scene.over
     folder.mkdir()
     wires, rng = free_wires(scene, over.joints), stream(scene, "over")
     for index in range(over.pictures):
-        _write_picture(folder / f"over_{index:03d}.png", render_over(scene, place, sheet, over, wires, rng))
+        drawn = render_over(scene, place, sheet, over, wires, rng) if photographer is None else photographer.over(rng)
+        _write_picture(folder / f"over_{index:03d}.png", drawn)
     return {
         "T_antenna_board": over.T_antenna_board(sheet.spec).to_dict(),
         "height_m": over.height_m,

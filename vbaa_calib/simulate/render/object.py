@@ -40,7 +40,7 @@ def cast(obj: TouchObject, origin_m: np.ndarray, directions: np.ndarray) -> _Hit
         normal, face = _surface_at(obj, origin_m + _reach(depth) * directions)
     else:
         # a convex body: behind all of its planes and inside its quadric
-        normals, offsets = _ends(obj)
+        normals, offsets = flat_sides(obj)
         speed = directions @ normals.T
         speed = np.where(np.abs(speed) < 1e-12, 1e-12, speed)
         cross = (offsets - normals @ start) / speed
@@ -74,7 +74,7 @@ def _quadric(a: np.ndarray, half_b: np.ndarray, c: float) -> tuple[np.ndarray, n
     return np.where(passes, np.inf, (-half_b - spread) / safe), np.where(passes, -np.inf, (-half_b + spread) / safe)
 
 
-def _ends(obj: TouchObject) -> tuple[np.ndarray, np.ndarray]:
+def flat_sides(obj: TouchObject) -> tuple[np.ndarray, np.ndarray]:
     """Half-spaces normal·(x − centre) ≤ offset, (K, 3) and (K,): faces and ends of what is drawn, if not round."""
     axis, into, radius, half = obj.axis_world, obj.wedge_world, obj.radius_m, obj.half_length_m
     if obj.shape == "knife_edge":
@@ -112,7 +112,7 @@ def _room(obj: TouchObject, points_m: np.ndarray) -> np.ndarray:
     if obj.shape == "freeform":
         steepest = 1.0 + _STEEPEST * sum(abs(one.height_m) / one.width_m for one in obj.bumps)
         return elevation(offset, obj.radius_m, obj.bumps) / steepest
-    normals, offsets = _ends(obj)
+    normals, offsets = flat_sides(obj)
     return np.asarray(np.maximum((offset @ normals.T - offsets).max(axis=1), obj.signed_distance(points_m)[0]))
 
 
@@ -122,7 +122,7 @@ def _surface_at(obj: TouchObject, points_m: np.ndarray) -> tuple[np.ndarray, np.
     if obj.shape == "freeform":
         slope = implicit(offset, obj.radius_m, obj.bumps)[1]
         return slope / np.linalg.norm(slope, axis=1, keepdims=True), np.zeros(len(offset), int)
-    (distance, normal), (normals, offsets) = obj.signed_distance(points_m), _ends(obj)
+    (distance, normal), (normals, offsets) = obj.signed_distance(points_m), flat_sides(obj)
     face = np.column_stack([distance, offset @ normals.T - offsets]).argmax(axis=1)
     return np.where((face == 0)[:, None], normal, normals[np.maximum(face - 1, 0)]), face
 

@@ -151,16 +151,16 @@ def expose(place: Studio, canvas: np.ndarray, patches: Sequence[Patch] = ()) -> 
 
     The patches must not overlap one another.
     """
-    picture = _blur(canvas, place.spec.blur_px)
+    picture = blurred(canvas, place.spec.blur_px)
     for patch in patches:
         # blur is linear: what the patch adds to what it hides can be blurred by itself, as finely as it was drawn
-        change = _blur(patch.brightness - patch.alpha * behind(canvas, patch), place.spec.blur_px * patch.factor)
+        change = blurred(patch.brightness - patch.alpha * behind(canvas, patch), place.spec.blur_px * patch.factor)
         region = picture[patch.where]
         region += cv2.resize(change, region.shape[::-1], interpolation=cv2.INTER_AREA)
     return 255.0 * picture * place.light
 
 
-def _blur(brightness: np.ndarray, sigma_px: float) -> np.ndarray:
+def blurred(brightness: np.ndarray, sigma_px: float) -> np.ndarray:
     """A blurred copy."""
     return cv2.GaussianBlur(brightness, (0, 0), sigma_px) if sigma_px > 0 else brightness.copy()
 

@@ -111,6 +111,34 @@ class PictureSpec:
 
 
 @dataclass(frozen=True)
+class TraceSpec:
+    """What a path-traced picture shows beside what every picture shows.
+
+    Attributes
+    ----------
+    material : of the antenna; paint has the albedo `picture.antenna`, none leaves the antenna away.
+    bench, light : what lies behind, and what lights it.
+    bench_below_m : how far the bench is below the joints.
+    aperture_m : diameter of the lens's opening; 0: everything is sharp. focus_m : depth that is sharp, by default the
+        middle of the straight antenna.
+    shutter : how much of the time between two frames of a recording the picture is exposed, 0: an instant.
+    exposure : brightness of a white card that lies at the antenna.
+    color : three channels. samples : light paths for each pixel.
+    """
+
+    material: Literal["steel", "paint", "nitinol", "nylon", "none"] = "steel"
+    bench: Literal["plain", "cluttered", "wood", "cloth", "patchwork"] = "plain"
+    light: Literal["softboxes", "lamp", "daylight"] = "softboxes"
+    bench_below_m: Annotated[Number, Field(ge=0.02, le=2)] = 0.15
+    aperture_m: Annotated[Number, Field(ge=0, le=0.05)] = 0.0
+    focus_m: Annotated[Number, Field(ge=0.01, le=10)] | None = None
+    shutter: _Share = 0.0
+    exposure: Annotated[Number, Field(ge=0.01, le=10)] = 0.8
+    color: Annotated[bool, Strict()] = False
+    samples: Annotated[WholeNumber, Field(ge=1, le=65536)] = 64
+
+
+@dataclass(frozen=True)
 class IntrinsicsSpec:
     """Pictures of the hand-held board: how many, and the ranges of distance and tilt."""
 
@@ -235,6 +263,7 @@ class Scene:
     recording: Recording
     sweep: bool = False
     over: OverSpec | None = None
+    traced: TraceSpec = field(default_factory=TraceSpec)
 
     @property
     def T_antenna_face(self) -> Pose:

@@ -30,6 +30,7 @@ from .scene import (
     PictureSpec,
     Recording,
     Scene,
+    TraceSpec,
     TrueAntenna,
     camera_pose,
 )
@@ -194,6 +195,7 @@ class _SceneFile(FileModel):
     recording: Recording
     sweep: Annotated[bool, Strict()] = False
     over: OverSpec | None = None
+    traced: TraceSpec = Field(default_factory=TraceSpec)
 
 
 def load_scene(path: Path) -> Scene:

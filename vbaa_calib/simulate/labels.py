@@ -1,0 +1,65 @@
+"""What is to be seen in a session's pictures of the antenna, for those who train or test on them.
+
+It comes from the geometry alone, not from the pictures, whichever renderer made them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import cv2
+import numpy as np
+
+from .plan import AntennaShot
+from .render.antenna import tube_patch
+from .render.picture import Studio
+from .scene.lens import project
+from .scene.scene import Scene
+from .shots import obstacle_of, seen_antenna
+
+
+def antenna_mask(scene: Scene, place: Studio, shot: AntennaShot) -> np.ndarray:
+    """(height, width) uint8, 255 times the share of each pixel that the antenna covers."""
+    width, height = scene.lens.image_size
+    mask = np.zeros((height, width), np.uint8)
+    patch = tube_patch(place, seen_antenna(scene, shot), 1.0, obstacle=obstacle_of(scene, place, shot))
+    if patch is not None:
+        region = mask[patch.where]
+        covered = cv2.resize(patch.alpha, region.shape[::-1], interpolation=cv2.INTER_AREA)
+        region[:] = np.rint(255 * np.clip(covered, 0.0, 1.0))
+    return mask
+
+
+def centreline_rows(scene: Scene, place: Studio, shot: AntennaShot) -> list[dict[str, Any]]:
+    """The whole centreline about every pixel from clamp to tip, also where it is hidden or outside the picture."""
+    seen = seen_antenna(scene, shot)
+    s = np.linspace(shot.arclength_m[0], shot.arclength_m[-1], len(seen.pixels))
+    visible = _visible(scene, place, shot, seen.pixels, seen.depth_m)
+    numbers = np.column_stack([s, seen.pixels, seen.normals, 2 * seen.half_width_px])
+    names = ("s_m", "u_px", "v_px", "normal_u", "normal_v", "width_px")
+    return [
+        {"image": shot.path} | dict(zip(names, np.round(row, 5).tolist(), strict=True)) | {"visible": int(shown)}
+        for row, shown in zip(numbers[::2], visible[::2], strict=True)
+    ]
+
+
+def contact_row(scene: Scene, place: Studio, shot: AntennaShot, truth: Mapping[str, Any]) -> dict[str, Any]:
+    """Where the object touches the antenna in one picture; empty where it does not. truth : of the frame."""
+    row: dict[str, Any] = dict.fromkeys(("distance_m", "u_px", "v_px", "visible", "force_y_N", "force_z_N"), "")
+    if truth.get("in_contact"):
+        point = scene.T_antenna_camera.inverse() @ np.array([truth["contact_antenna_m"]])
+        u, v = pixel = project(scene.lens, point)[0]
+        shown = _visible(scene, place, shot, pixel[None], point[:, 2] - scene.radius_m)
+        where = {"distance_m": truth["distance_m"], "u_px": round(float(u), 4), "v_px": round(float(v), 4)}
+        row |= where | {"visible": int(shown[0]), "force_y_N": truth["force_N"][1], "force_z_N": truth["force_N"][2]}
+    return {"image": shot.path, "in_contact": int(bool(truth.get("in_contact")))} | row
+
+
+def _visible(scene: Scene, place: Studio, shot: AntennaShot, pixels: np.ndarray, depth_m: np.ndarray) -> np.ndarray:
+    """(N,) whether points at these pixels (N, 2) and depths (N,) are in the picture and before the object."""
+    inside = np.all((pixels >= 0) & (pixels <= np.array(scene.lens.image_size) - 1), axis=1)
+    obstacle = obstacle_of(scene, place, shot)
+    if obstacle is None:
+        return np.asarray(inside)
+    return inside & (obstacle(np.where(inside[:, None], pixels, 0.0)) >= depth_m)

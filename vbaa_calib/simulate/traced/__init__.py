@@ -1,0 +1,1 @@
+"""Path-traced pictures of a simulated rig, by mitsuba 3."""

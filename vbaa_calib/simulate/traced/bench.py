@@ -1,0 +1,209 @@
+"""What stands around the rig: bench, clutter and lights, as mitsuba's dictionaries. Millimetres, the bench is z = 0."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import cv2
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from .meshes import Triangles, tube_mesh
+
+Thing = dict[str, Any]
+Mesh = Callable[[Triangles, Thing], Any]
+"""Makes one of mitsuba's meshes of triangles and a surface."""
+
+_TEXELS, _TEXTURED_MM, _BENCH_MM = 2048, 800.0, 4000.0
+_BOX = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+
+
+def rgb(*value: float) -> Thing:
+    """A colour; grey where one number is given."""
+    return {"type": "rgb", "value": list(value) if len(value) == 3 else 3 * [float(value[0])]}
+
+
+def placed(middle: Any, turn: np.ndarray | None = None, scale: Any = (1.0, 1.0, 1.0)) -> np.ndarray:
+    """(4, 4) scale, then turn (3, 3), then shift."""
+    matrix = np.eye(4)
+    matrix[:3, :3] = (np.eye(3) if turn is None else turn) @ np.diag(np.asarray(scale, float))
+    matrix[:3, 3] = middle
+    return matrix
+
+
+def facing(middle: Any, target: Any) -> np.ndarray:
+    """(3, 3) whose z axis runs from `middle` to `target`."""
+    z = np.asarray(target, float) - np.asarray(middle, float)
+    z /= np.linalg.norm(z)
+    x = np.cross(np.eye(3)[np.abs(z).argmin()], z)
+    x /= np.linalg.norm(x)
+    return np.stack([x, np.cross(z, x), z], axis=1)
+
+
+def plastic(colour: Thing, roughness: float = 0.25) -> Thing:
+    """A painted or plastic surface: a colour under a clear coat."""
+    return {"type": "roughplastic", "alpha": roughness, "diffuse_reflectance": colour}
+
+
+def picture_of(texture: np.ndarray) -> Thing:
+    """A texture (rows, columns, 3) of linear brightness."""
+    return {"type": "bitmap", "data": texture.astype(np.float32), "raw": True, "wrap_mode": "mirror"}
+
+
+# --- antenna
+
+
+def antenna_surface(material: str, albedo: float) -> Thing | None:
+    """What the antenna is made of; None: it is not there."""
+    if material == "none":
+        return None
+    metal = {"type": "roughconductor", "material": "Cr", "distribution": "ggx"}
+    if material == "steel":
+        return metal | {"alpha": 0.16}
+    if material == "nitinol":
+        # a dark oxide over a duller metal
+        oxide = {"type": "diffuse", "reflectance": rgb(0.07, 0.06, 0.055)}
+        dull = metal | {"alpha": 0.28, "specular_reflectance": rgb(0.62, 0.57, 0.52)}
+        return {"type": "blendbsdf", "weight": 0.4, "a": dull, "b": oxide}
+    if material == "nylon":
+        # milky: most of the light passes, some is scattered where it enters
+        clear = {"type": "roughdielectric", "alpha": 0.08, "int_ior": 1.53, "ext_ior": 1.0}
+        milk = {"type": "diffuse", "reflectance": rgb(0.8)}
+        return {"type": "blendbsdf", "weight": 0.3, "a": clear, "b": milk}
+    if material == "matt":
+        return {"type": "diffuse", "reflectance": rgb(albedo)}
+    return plastic(rgb(albedo), 0.2)
+
+
+# --- light
+
+
+def lights(kind: str) -> dict[str, Thing]:
+    """Soft boxes, one small lamp, or a room with a window."""
+
+    def panel(middle: tuple[float, float, float], half: tuple[float, float], radiance: float) -> Thing:
+        matrix = placed(middle, facing(middle, (60.0, 0.0, 150.0)), (*half, 1.0))
+        return {"type": "rectangle", "to_world": matrix, "emitter": {"type": "area", "radiance": rgb(radiance)}}
+
+    def room(radiance: float) -> Thing:
+        return {"type": "constant", "radiance": rgb(radiance)}
+
+    if kind == "lamp":
+        return {"lamp": panel((-220.0, 330.0, 650.0), (25.0, 25.0), 200.0), "room": room(0.25)}
+    if kind == "daylight":
+        return {"window": panel((200.0, 1400.0, 900.0), (600.0, 450.0), 6.0), "room": room(0.8)}
+    left, right = (-320.0, 420.0, 700.0), (380.0, -460.0, 620.0)
+    return {"left": panel(left, (150.0, 150.0), 10.0), "right": panel(right, (110.0, 150.0), 7.0), "room": room(0.12)}
+
+
+# --- bench
+
+
+def bench(kind: str, middle: np.ndarray, along: float, rng: np.random.Generator, mesh: Mesh) -> dict[str, Any]:
+    """The bench and what lies on it.
+
+    Parameters
+    ----------
+    middle : (2,) under the middle of the antenna. along : direction of the antenna at rest, rad from x.
+    mesh : makes meshes of triangles.
+    """
+    turn = Rotation.from_euler("z", along + rng.uniform(-0.6, 0.6)).as_matrix()
+    top = placed([*middle, 0.0], turn, (_TEXTURED_MM / 2, _TEXTURED_MM / 2, 1.0))
+    texture = _TEXTURES.get(kind, _plain)(rng)
+    around = {"type": "diffuse", "reflectance": rgb(*texture.mean(axis=(0, 1)))}
+    things: dict[str, Any] = {
+        "top": {"type": "rectangle", "to_world": top, "bsdf": plastic(picture_of(texture), 0.35)},
+        "around": {
+            "type": "rectangle",
+            "to_world": placed([*middle, -1.0], scale=(_BENCH_MM / 2, _BENCH_MM / 2, 1.0)),
+            "bsdf": around,
+        },
+    }
+    if kind == "cluttered":
+        for number, thing in enumerate(_clutter(middle, along, rng, mesh)):
+            things[f"thing_{number}"] = thing
+    return things
+
+
+def _colour(rng: np.random.Generator) -> Thing:
+    return rgb(*np.clip(rng.uniform(0.05, 0.85) * rng.uniform(0.4, 1.2, 3), 0.02, 0.9))
+
+
+def _box(middle: Any, size: Any, angle: float, surface: Thing) -> Thing:
+    turn = Rotation.from_euler("z", angle).as_matrix()
+    return {"type": "cube", "to_world": placed(middle, turn, np.asarray(size) / 2), "bsdf": surface}
+
+
+def _clutter(middle: np.ndarray, along: float, rng: np.random.Generator, mesh: Mesh) -> list[Any]:
+    """Boxes, circuit boards, tools, cables: some of the long thin ones run with the antenna."""
+    metal = {"type": "roughconductor", "material": "Cr", "alpha": 0.2}
+    things: list[Any] = []
+
+    def spot(reach: float = 190.0) -> np.ndarray:
+        return middle + rng.uniform(-reach, reach, 2)
+
+    for _ in range(9):
+        size = rng.uniform((15, 15, 5), (90, 70, 40))
+        things.append(_box([*spot(), size[2] / 2], size, rng.uniform(0, np.pi), plastic(_colour(rng))))
+    for _ in range(4):
+        at, angle = spot(140.0), rng.uniform(0, np.pi)
+        turn = Rotation.from_euler("z", angle).as_matrix()[:2, :2]
+        things.append(_box([*at, 4.0], (90, 60, 1.6), angle, plastic(rgb(0.03, rng.uniform(0.15, 0.3), 0.07))))
+        for _ in range(12):
+            chip = at + turn @ rng.uniform((-38, -24), (38, 24))
+            look = metal if rng.uniform() < 0.3 else plastic(rgb(rng.choice([0.03, 0.6])))
+            things.append(_box([*chip, 5.8], (*rng.uniform(2, 14, 2), 2.0), angle, look))
+    for look, thick in ((metal, 6.0), (metal, 1.0), (plastic(_colour(rng)), 2.0)):
+        # a rod, a steel rule, a stick, within 15° of the antenna
+        long = (rng.uniform(120, 220), 25.0 if thick == 1.0 else thick, thick)
+        things.append(_box([*spot(70.0), thick / 2 + 8.0], long, along + rng.uniform(-0.26, 0.26), look))
+    for number in range(5):
+        angle = along + (rng.uniform(-0.2, 0.2) if number < 3 else rng.uniform(-1.5, 1.5))
+        radius = float(rng.choice([0.4, 0.8, 1.5, 2.5]))
+        t = np.linspace(-1.0, 1.0, 40)
+        sway = rng.normal(0.0, 9.0) * np.sin(t * rng.uniform(1, 4) + rng.uniform(0, 6))
+        path = np.stack([260.0 * t, sway, np.full(40, 12.0 + radius)], axis=1)
+        path = path @ Rotation.from_euler("z", angle).as_matrix().T
+        path[:, :2] += spot(70.0)
+        look = metal if rng.uniform() < 0.3 else plastic(_colour(rng))
+        things.append(mesh(tube_mesh(t * 260.0, path, radius, 4.0), look))
+    return things
+
+
+def _noise(rng: np.random.Generator, columns: int, rows: int) -> np.ndarray:
+    """(texels, texels) smooth random values of standard deviation about 1, so many hills across and down."""
+    coarse = rng.standard_normal((rows, columns)).astype(np.float32)
+    return cv2.resize(coarse, (_TEXELS, _TEXELS), interpolation=cv2.INTER_CUBIC)
+
+
+def _coloured(grey: np.ndarray, colour: Any) -> np.ndarray:
+    return np.clip(grey[..., None] * np.asarray(colour), 0.01, 0.95)
+
+
+def _plain(rng: np.random.Generator) -> np.ndarray:
+    grain = 0.04 * _noise(rng, 30, 30) + 0.03 * _noise(rng, _TEXELS // 2, _TEXELS // 2)
+    return _coloured(0.3 * (1.0 + grain), (0.97, 1.0, 1.04))
+
+
+def _wood(rng: np.random.Generator) -> np.ndarray:
+    grain = 0.5 * _noise(rng, 6, 400) + 0.3 * _noise(rng, 20, 900)
+    rings = np.sin(2 * np.pi * (14 * np.linspace(0, 1, _TEXELS)[:, None] + 0.9 * _noise(rng, 4, 7)))
+    return _coloured(0.5 * (1.0 + 0.14 * rings + 0.2 * grain), (1.0, 0.72, 0.45))
+
+
+def _cloth(rng: np.random.Generator) -> np.ndarray:
+    x = np.arange(_TEXELS)
+    weave = 0.25 * np.sign(np.sin(x / 2.5))[:, None] * np.sign(np.sin(x / 2.5))
+    stripes = np.where((x // 60) % 4 == 0, 1.7, 1.0) * np.where((x // 45) % 5 == 1, 0.5, 1.0)[:, None]
+    return _coloured(0.28 * stripes * (1.0 + weave + 0.15 * _noise(rng, 300, 300)), (0.6, 0.8, 1.1))
+
+
+def _patchwork(rng: np.random.Generator) -> np.ndarray:
+    cells = cv2.resize(
+        rng.uniform(0.15, 0.95, (40, 40, 3)).astype(np.float32), (_TEXELS, _TEXELS), interpolation=cv2.INTER_NEAREST
+    )
+    return np.clip(cells * (1.0 + 0.08 * _noise(rng, 500, 500))[..., None], 0.02, 0.95)
+
+
+_TEXTURES = {"wood": _wood, "cloth": _cloth, "patchwork": _patchwork}

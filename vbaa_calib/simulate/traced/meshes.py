@@ -1,0 +1,106 @@
+"""Surfaces as triangles: tubes around curves, and the touched object. Positions in the unit and frame of the input."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.spatial import ConvexHull, HalfspaceIntersection
+
+from vbaa_calib.simulate.render.object import flat_sides
+from vbaa_calib.simulate.scene.objects import BOX_FACE_M, WEDGES, TouchObject, elevation, implicit
+
+_ROUND_THE_TUBE, _FACETS, _RINGS = 32, 255, 160
+
+
+@dataclass(frozen=True, eq=False)
+class Triangles:
+    """A surface: vertices (V, 3), their outward normals (V, 3), faces (F, 3) counter-clockwise seen from outside."""
+
+    vertices: np.ndarray
+    normals: np.ndarray
+    faces: np.ndarray
+
+
+def _grid_faces(rows: int, columns: int) -> np.ndarray:
+    """(2·(rows−1)·columns, 3) faces of a grid of vertices that closes on itself along its rows."""
+    i, j = np.meshgrid(np.arange(rows - 1), np.arange(columns), indexing="ij")
+    a, b = i * columns + j, i * columns + (j + 1) % columns
+    quads = np.stack([a, b, b + columns, a, b + columns, a + columns], axis=-1)
+    return quads.reshape(-1, 3)
+
+
+def tube_mesh(s: np.ndarray, points: np.ndarray, radius: float, step: float) -> Triangles:
+    """The tube around the cubic spline through points (N, 3) at s (N,), with flat ends; a ring about every `step`.
+
+    The curve itself is interpolated: the tube's axis is the one that `render.antenna.tube` projects.
+    """
+    curve = CubicSpline(s, points)
+    fine = np.linspace(s[0], s[-1], int(np.ceil((s[-1] - s[0]) / step)) + 1)
+    middle, along = curve(fine), curve(fine, 1)
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    # the tube is round: any direction across serves that no tangent runs along
+    helper = np.eye(3)[np.abs(along).max(axis=0).argmin()]
+    side = np.cross(along, helper)
+    side /= np.linalg.norm(side, axis=1, keepdims=True)
+    turn = np.linspace(0.0, 2 * np.pi, _ROUND_THE_TUBE, endpoint=False)[:, None]
+    out = np.cos(turn) * side[:, None] + np.sin(turn) * np.cross(along, side)[:, None]
+    rings = middle[:, None] + radius * out
+    count = len(fine) * _ROUND_THE_TUBE
+    vertices, normals = [rings.reshape(-1, 3)], [out.reshape(-1, 3)]
+    faces = [_grid_faces(len(fine), _ROUND_THE_TUBE)]
+    fan = np.stack([np.zeros(30, int), np.arange(1, 31), np.arange(2, 32)], axis=1)
+    for ring, outward, order in ((rings[0], -along[0], fan[:, ::-1]), (rings[-1], along[-1], fan)):
+        vertices.append(ring)
+        normals.append(np.tile(outward, (_ROUND_THE_TUBE, 1)))
+        faces.append(order + count)
+        count += _ROUND_THE_TUBE
+    return Triangles(np.concatenate(vertices), np.concatenate(normals), np.concatenate(faces))
+
+
+def object_mesh(obj: TouchObject) -> Triangles:
+    """The object's surface, world frame, m."""
+    if obj.shape in ("sphere", "freeform"):
+        return _round_mesh(obj)
+    normals, offsets = _planes(obj)
+    into = obj.wedge_world if obj.shape in WEDGES else np.zeros(3)
+    corners = HalfspaceIntersection(np.column_stack([normals, -offsets]), 0.2 * BOX_FACE_M * into).intersections
+    hull = ConvexHull(corners)
+    # each face has its own corners: flat, but so many that a round side looks round
+    vertices, outward = corners[hull.simplices], hull.equations[:, :3]
+    turned = np.einsum("fi,fi->f", np.cross(vertices[:, 1] - vertices[:, 0], vertices[:, 2] - vertices[:, 0]), outward)
+    vertices = np.where((turned > 0)[:, None, None], vertices, vertices[:, ::-1])
+    faces = np.arange(3 * len(vertices)).reshape(-1, 3)
+    return Triangles(vertices.reshape(-1, 3) + obj.center_world_m, np.repeat(outward, 3, axis=0), faces)
+
+
+def _planes(obj: TouchObject) -> tuple[np.ndarray, np.ndarray]:
+    """Half-spaces normal·(x − centre) ≤ offset, (K, 3) and (K,), of cylinder, knife and box; round sides in facets."""
+    normals, offsets = flat_sides(obj)
+    axis, into = obj.axis_world, obj.wedge_world
+    if obj.shape == "knife_edge":
+        return normals, offsets
+    if obj.shape == "cylinder":
+        into = np.cross(axis, np.eye(3)[np.abs(axis).argmin()])
+        into /= np.linalg.norm(into)
+    reach = np.pi / 4 if obj.shape == "box_edge" else np.pi
+    turn = np.linspace(-reach, reach, _FACETS)[:, None]
+    rounding = -np.cos(turn) * into + np.sin(turn) * np.cross(axis, into)
+    return np.vstack([rounding, normals]), np.append(np.full(_FACETS, obj.radius_m), offsets)
+
+
+def _round_mesh(obj: TouchObject) -> Triangles:
+    """Sphere and free form: the surface along rays from the centre, which meet it once."""
+    polar, turn = np.linspace(0.0, np.pi, _RINGS)[:, None], np.linspace(0.0, 2 * np.pi, 2 * _RINGS, endpoint=False)
+    out = np.stack([np.sin(polar) * np.cos(turn), np.sin(polar) * np.sin(turn), np.cos(polar) + 0 * turn], axis=-1)
+    out = out.reshape(-1, 3)
+    low, high = np.zeros(len(out)), np.full(len(out), 2.0 * obj.radius_m + sum(abs(b.height_m) for b in obj.bumps))
+    for _ in range(40):
+        middle = (low + high) / 2
+        beyond = elevation(middle[:, None] * out, obj.radius_m, obj.bumps) > 0
+        low, high = np.where(beyond, low, middle), np.where(beyond, middle, high)
+    surface = low[:, None] * out
+    slope = implicit(surface, obj.radius_m, obj.bumps)[1]
+    normals = slope / np.linalg.norm(slope, axis=1, keepdims=True)
+    return Triangles(surface + obj.center_world_m, normals, _grid_faces(_RINGS, 2 * _RINGS)[:, ::-1])

@@ -1,0 +1,97 @@
+"""One path-traced picture of a plan, as the camera delivers it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from vbaa_calib.geometry import Pose
+
+from .plan import AntennaShot, BoardShot
+from .render.board import Sheet, outline
+from .render.object import pressed_in
+from .render.picture import Studio, blurred, digitise
+from .scene.scene import Joints, Scene
+from .shots import Wire, free_wires, wires_of
+from .traced.bench import antenna_surface, plastic, rgb
+from .traced.tracer import Exposure, Tracer, tracer
+
+_INSTANTS = 5
+"""Of an open shutter."""
+_GREY = np.array([0.299, 0.587, 0.114], np.float32)
+
+
+class TracedPictures:
+    """Takes path-traced pictures of a scene. Raises InputError where mitsuba is not installed."""
+
+    def __init__(self, scene: Scene, place: Studio, sheet: Sheet, rng: np.random.Generator) -> None:
+        self._scene, self._place, self._sheet = scene, place, sheet
+        self._tracer = tracer(scene, place.rays, rng)
+
+    def shot(self, shot: BoardShot | AntennaShot, after: AntennaShot | None, rng: np.random.Generator) -> np.ndarray:
+        """(height, width) or, in colour, (height, width, 3) blue, green, red, uint8.
+
+        after : the recording's next frame, toward which the antenna moves while the shutter is open.
+        """
+        scene, T_world_camera = self._scene, self._scene.T_world_camera(shot.joints)
+        if isinstance(shot, BoardShot):
+            return self._with_board(shot.joints, T_world_camera @ shot.T_camera_board, [], rng)
+        things = {}
+        if shot.indentation_m is not None:
+            things["object"] = self._tracer.touched(pressed_in(scene.object, shot.indentation_m))
+        moves = after is not None and scene.traced.shutter > 0
+        instants = _while_open(shot, after, scene.traced.shutter) if after is not None and moves else [shot]
+        exposures = [self._exposure(one.joints, wires_of(scene, one.arclength_m, one.points_m)) for one in instants]
+        return self._taken(self._tracer, exposures, things, rng)
+
+    def over(self, rng: np.random.Generator) -> np.ndarray:
+        """The free antenna over the board that lies under it."""
+        over = self._scene.over
+        assert over is not None
+        T_world_board = self._scene.T_world_antenna(over.joints) @ over.T_antenna_board(self._sheet.spec)
+        return self._with_board(over.joints, T_world_board, free_wires(self._scene, over.joints), rng)
+
+    def _with_board(
+        self, joints: Joints, T_world_board: Pose, wires: list[Wire], rng: np.random.Generator
+    ) -> np.ndarray:
+        # nothing on the bench may reach through the board: rig and board are lifted as far as it needs
+        raised = self._tracer.raised_above(T_world_board @ outline(self._sheet))
+        return self._taken(
+            raised, [self._exposure(joints, wires)], {"board": raised.board(self._sheet, T_world_board)}, rng
+        )
+
+    def _exposure(self, joints: Joints, wires: list[Wire]) -> Exposure:
+        scene = self._scene
+        surfaces = [antenna_surface(scene.traced.material, scene.picture.antenna)]
+        surfaces += [plastic(rgb(holder.paint), 0.3) for holder in wires[1:]]
+        drawn = [
+            (wire.arclength_m, wire.points_m, wire.radius_m, surface)
+            for wire, surface in zip(wires, surfaces, strict=False)
+            if surface is not None
+        ]
+        return Exposure(scene.T_world_camera(joints), scene.T_world_antenna(joints), drawn)
+
+    def _taken(
+        self, from_: Tracer, exposures: list[Exposure], things: dict[str, Any], rng: np.random.Generator
+    ) -> np.ndarray:
+        spec, light = self._place.spec, self._place.light
+        linear = from_.picture(exposures, things, int(rng.integers(2**31)))
+        linear, light = (linear[..., ::-1], light[..., None]) if self._scene.traced.color else (linear @ _GREY, light)
+        return digitise(spec, 255.0 * blurred(np.ascontiguousarray(linear), spec.blur_px) * light, rng)
+
+
+def _while_open(shot: AntennaShot, after: AntennaShot, shutter: float) -> list[AntennaShot]:
+    """The antenna at instants while the shutter is open, between two frames; in the middle it is the shot itself."""
+    ahead = np.stack([np.interp(shot.arclength_m, after.arclength_m, axis) for axis in after.points_m.T], axis=1)
+    turn = np.subtract(*(np.array([at.pan_rad, at.tilt_rad]) for at in (after.joints, shot.joints)))
+    shares = shutter * ((np.arange(_INSTANTS) + 0.5) / _INSTANTS - 0.5)
+    return [
+        replace(
+            shot,
+            joints=Joints(*(np.array([shot.joints.pan_rad, shot.joints.tilt_rad]) + share * turn)),
+            points_m=shot.points_m + share * (ahead - shot.points_m),
+        )
+        for share in shares
+    ]
