@@ -73,7 +73,7 @@ def gravity(rig: Rig, frame: Frame) -> np.ndarray:
 
 def measured(rig: Rig, frame: Frame, line: Centreline) -> Measured:
     """A centreline with the deviations that this rig's pictures really have, and its end where it is the tip."""
-    own = _measured(frame, line.points_px, line.sigma_px * rig.image.noise_scale)
+    own = _measured(frame, line.points_px, line.effective_px * rig.image.noise_scale)
     return replace(own, tip_px=np.append(line.end_px, line.end_std_px)) if line.end == "tip" else own
 
 

@@ -78,7 +78,7 @@ class ExpectedAntenna:
             )
         tip_std_px = line.end_std_px if line.end == "tip" else np.nan
         return Observation(
-            still, line.points_px, line.sigma_px, gravity_m_s2, paint, line.amplitude, line.end_px, tip_std_px
+            still, line.points_px, line.effective_px, gravity_m_s2, paint, line.amplitude, line.end_px, tip_std_px
         )
 
 

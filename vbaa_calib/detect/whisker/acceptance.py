@@ -42,7 +42,7 @@ class FittedLine:
     Attributes
     ----------
     centre, course : (N,) along the profiles, px; the course is smooth.
-    sigma_px : (N,) standard deviation across the line.
+    sigma_px, effective_px : (N,) standard deviation across the line; and of a point that counts as independent.
     kept : (N,) where it was measured.
     height : (N,) grey levels. noise : of a pixel, grey levels.
     breadth : over what an antenna in focus has.
@@ -51,6 +51,7 @@ class FittedLine:
     centre: np.ndarray
     course: np.ndarray
     sigma_px: np.ndarray
+    effective_px: np.ndarray
     kept: np.ndarray
     height: np.ndarray
     noise: float
@@ -86,6 +87,7 @@ def accepted(found: Crossings, line: FittedLine) -> Centreline:
         guide_px=found.moved(line.course),
         visibility=visibility,
         noise=line.noise,
+        effective_px=line.effective_px[kept],
     )
 
 

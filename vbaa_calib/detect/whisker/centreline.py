@@ -41,6 +41,8 @@ class Centreline:
     ----------
     points_px : (N, 2).
     sigma_px : (N,) standard deviation across the antenna.
+    effective_px : (N,) the deviation that a fit must give each point to count points as independent: larger than
+        `sigma_px` where neighbours share their errors.
     seen : fraction of the guide where the antenna was seen.
     amplitude : median height of the line above its background, grey levels.
     breadth : how broad the line is, over what its width and an ordinary lens make of it.
@@ -72,6 +74,7 @@ class Centreline:
     end: EndKind = "none"
     other_line_px: np.ndarray = field(default_factory=_no_points)
     noise: float = 0.0
+    effective_px: np.ndarray = field(default_factory=_no_numbers)
 
     @property
     def found(self) -> bool:

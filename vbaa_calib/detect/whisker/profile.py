@@ -43,6 +43,13 @@ pulls it by about this part of its width."""
 EDGE_RUN, EDGE_NOTICED = 21, 3.0
 """An object's edge beside the antenna draws about so many neighbouring points aside alike: what a step of the
 background behind the line would move them by, on average, is doubt where it exceeds so many of its own deviations."""
+CURVE_PIECES = 12
+"""Of the curve that the points scatter about: enough for a cantilever, too few to follow errors that neighbours
+share."""
+NEAR_POINTS, RUN = 41, 16
+"""Neighbours whose scatter is compared with their deviations, and whose mean shows what they share."""
+LIKELY_POINTS, LIKELY_RUNS = 20.0, 4.0
+"""So many points, and runs, that scatter as predicted are added to those that are seen."""
 ORDINARY_BLUR_PX = 0.8
 """Blur of a lens in focus, standard deviation."""
 LEAST_PROFILES = 8
@@ -109,7 +116,8 @@ def _measured(image: np.ndarray, path_px: np.ndarray, width_px: float, half: int
     if not kept.any():
         return NOTHING
     breadth = lines.shape.half_width_px / _ordinary(width_px, half).half_width_px
-    line = FittedLine(lines.centre, course, sigma, kept, lines.fits.height, lines.noise, breadth)
+    sigma, effective = _calibrated(found, lines, sigma, kept)
+    line = FittedLine(lines.centre, course, sigma, effective, kept, lines.fits.height, lines.noise, breadth)
     measured = accepted(found, line)
     end = visible_end(image, measured.guide_px, kept, Look(lines.shape, half, lines.noise, bright))
     return replace(measured, end_px=end.end_px, end_std_px=end.std_px, end=end.end)
@@ -247,6 +255,31 @@ def _without_strays(
     curve = smooth.fit(share, lines.centre, weights, (6.0 * spread, 4.0 * spread), 24, 1e-4)
     off = np.abs(lines.centre - curve.values)
     return kept & (off < np.maximum(STRAY * sigma * found.stretch, STRAY_PX)), curve.values
+
+
+def _calibrated(found: Crossings, lines: _Lines, sigma: np.ndarray, kept: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(N,) deviations as the kept points scatter about a smooth curve, and those (N,) of points that count as one each.
+
+    A profile's residuals do not show by how much noise that the camera has filtered, or a shape that is not quite
+    right, moves the line; its neighbours do. What neighbours share shows in means of runs: they scatter by more than
+    those of independent points.
+    """
+    share, spread = found.along / max(float(found.along[-1]), 1e-6), max(smooth.median(sigma[kept]), 0.02)
+    weights = kept / np.maximum(sigma, 0.02) ** 2
+    curve = smooth.fit(share, lines.centre, weights, (6.0 * spread, 6.0 * spread), CURVE_PIECES, 1e-6)
+    off = ((lines.centre - curve.values) / (found.stretch * sigma))[kept]
+    count = len(off)
+    square = off**2 * (count / max(count - CURVE_PIECES - 2.0, 0.5 * count))
+    overall = (LIKELY_POINTS + float(square.sum())) / (LIKELY_POINTS + count)
+    near = uniform_filter1d(square, NEAR_POINTS, mode="nearest")
+    scale = np.ones(len(sigma))
+    scale[kept] = np.sqrt((overall + near) / 2.0)
+    sums = np.cumsum(np.append(0.0, off / scale[kept]))
+    runs = (sums[RUN:] - sums[:-RUN]) / RUN
+    # second differences, which a curve that is too stiff or too supple changes little
+    bends = RUN / 6.0 * (runs[2 * RUN :] - 2.0 * runs[RUN:-RUN] + runs[: -2 * RUN]) ** 2
+    shared = (LIKELY_RUNS + float(bends.sum()) / RUN) / (LIKELY_RUNS + len(bends) / RUN)
+    return sigma * scale, sigma * scale * np.sqrt(max(shared, 1.0))
 
 
 def _noise(rms: np.ndarray, half: int) -> float:
