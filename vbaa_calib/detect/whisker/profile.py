@@ -110,13 +110,13 @@ def _measured(image: np.ndarray, path_px: np.ndarray, width_px: float, half: int
         return NOTHING
     sigma = _deviations(found, lines, clean if clean.sum() >= LEAST_PROFILES else kept)
     pulled = PULLED * width_px * float(np.clip((lines.lopsided - 0.5 * LOPSIDED) / LOPSIDED, 0.0, 1.0))
-    sigma = np.hypot(np.hypot(sigma, pulled), _edge_doubt(found, lines, there))
-    kept, course = _without_strays(found, lines, sigma, kept)
+    sigma, doubt = np.hypot(sigma, pulled), _edge_doubt(found, lines, there)
+    kept, course = _without_strays(found, lines, np.hypot(sigma, doubt), kept)
     kept = binary_erosion(kept, iterations=MARGIN_PX, border_value=1)
     if not kept.any():
         return NOTHING
     breadth = lines.shape.half_width_px / _ordinary(width_px, half).half_width_px
-    sigma, effective = _calibrated(found, lines, sigma, kept)
+    sigma, effective = _calibrated(found, lines, sigma, doubt, kept)
     line = FittedLine(lines.centre, course, sigma, effective, kept, lines.fits.height, lines.noise, breadth)
     measured = accepted(found, line)
     end = visible_end(image, measured.guide_px, kept, Look(lines.shape, half, lines.noise, bright))
@@ -257,7 +257,9 @@ def _without_strays(
     return kept & (off < np.maximum(STRAY * sigma * found.stretch, STRAY_PX)), curve.values
 
 
-def _calibrated(found: Crossings, lines: _Lines, sigma: np.ndarray, kept: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _calibrated(
+    found: Crossings, lines: _Lines, sigma: np.ndarray, doubt: np.ndarray, kept: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """(N,) deviations as the kept points scatter about a smooth curve, and those (N,) of points that count as one each.
 
     A profile's residuals do not show by how much noise that the camera has filtered, or a shape that is not quite
@@ -265,21 +267,26 @@ def _calibrated(found: Crossings, lines: _Lines, sigma: np.ndarray, kept: np.nda
     those of independent points.
     """
     share, spread = found.along / max(float(found.along[-1]), 1e-6), max(smooth.median(sigma[kept]), 0.02)
-    weights = kept / np.maximum(sigma, 0.02) ** 2
+    total = np.maximum(np.hypot(sigma, doubt), 1e-9)
+    weights = kept / np.maximum(total, 0.02) ** 2
     curve = smooth.fit(share, lines.centre, weights, (6.0 * spread, 6.0 * spread), CURVE_PIECES, 1e-6)
-    off = ((lines.centre - curve.values) / (found.stretch * sigma))[kept]
+    off = ((lines.centre - curve.values) / (found.stretch * total))[kept]
     count = len(off)
+    # where an edge may draw points aside, their scatter says little of the noise
+    trusted = (sigma / total)[kept] ** 2
     square = off**2 * (count / max(count - CURVE_PIECES - 2.0, 0.5 * count))
-    overall = (LIKELY_POINTS + float(square.sum())) / (LIKELY_POINTS + count)
-    near = uniform_filter1d(square, NEAR_POINTS, mode="nearest")
+    overall = (LIKELY_POINTS + float(trusted @ square)) / (LIKELY_POINTS + float(trusted.sum()))
+    near = overall + uniform_filter1d(trusted * (square - overall), NEAR_POINTS, mode="nearest")
     scale = np.ones(len(sigma))
-    scale[kept] = np.sqrt((overall + near) / 2.0)
+    scale[kept] = np.sqrt(0.5 * (overall + np.maximum(near, 0.0)))
     sums = np.cumsum(np.append(0.0, off / scale[kept]))
     runs = (sums[RUN:] - sums[:-RUN]) / RUN
     # second differences, which a curve that is too stiff or too supple changes little
     bends = RUN / 6.0 * (runs[2 * RUN :] - 2.0 * runs[RUN:-RUN] + runs[: -2 * RUN]) ** 2
-    shared = (LIKELY_RUNS + float(bends.sum()) / RUN) / (LIKELY_RUNS + len(bends) / RUN)
-    return sigma * scale, sigma * scale * np.sqrt(max(shared, 1.0))
+    weight = trusted[RUN + RUN // 2 :][: len(bends)] / RUN
+    shared = (LIKELY_RUNS + float(weight @ bends)) / (LIKELY_RUNS + float(weight.sum()))
+    sigma = sigma * scale
+    return np.hypot(sigma, doubt), np.sqrt(sigma**2 * max(shared, 1.0) + EDGE_RUN * doubt**2)
 
 
 def _noise(rms: np.ndarray, half: int) -> float:
