@@ -9,29 +9,39 @@ docs/processors.md. The variables are set for the child processes alone. Exit 1 
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import platform
-import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
 from datetime import date
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import cv2
 import numpy as np
+import torch
 import yaml
+from numpy._core._multiarray_umath import __cpu_dispatch__, __cpu_features__
+from threadpoolctl import threadpool_info
 
 from benchmarks.harness import markdown, replace_marked
-from estimator.budget.budget import Budget
+from benchmarks.real_sets import SETS
+from estimator.budget.budget import Budget, error_budget
 from estimator.contact.contacts import Contacts
-from estimator.object.estimate import ObjectEstimate
+from estimator.object.estimate import ObjectEstimate, estimate_object
 from estimator.table.contacts import ContactTable
-from vbaa_calib.calibrate.lens.intrinsics import LensSolution
+from estimator.table.files import read_contacts
+from vbaa_calib.calibrate.lens.intrinsics import LensSolution, solve_intrinsics
+from vbaa_calib.cli.main import main as vbaa
+from vbaa_calib.core.files import read_yaml
+from vbaa_calib.detect.board.corners import detect_folder
 from vbaa_calib.rig import Rig
+from vbaa_calib.simulate.scene.scene import bundled_scene
 from viz.cli.demo import SCENES
 
 ACROSS, _NORMALS = "surface", "normals"
@@ -51,19 +61,6 @@ class Report:
         self.numbers[name] = values, std
         if own:
             self.numbers[f"{name}: deviation"] = std, np.abs(std)
-
-    def to_dict(self) -> dict[str, Any]:
-        """As JSON takes it; what is not finite as words."""
-        numbers = {name: [part.ravel().tolist() for part in pair] for name, pair in self.numbers.items()}
-        return {"numbers": numbers, "statuses": self.statuses}
-
-    @staticmethod
-    def from_dict(data: Mapping[str, Any]) -> Report:
-        """What `to_dict` made."""
-        pairs = data["numbers"].items()
-        return Report(
-            {name: (np.array(one, float), np.array(std, float)) for name, (one, std) in pairs}, data["statuses"]
-        )
 
 
 @dataclass(frozen=True)
@@ -223,7 +220,6 @@ def joined(reports: Mapping[str, Report]) -> Report:
     return whole
 
 
-ROOT = Path(__file__).resolve().parents[1]
 ALIKE = 1e-3
 """Deviations by which a number may differ from one processor to another."""
 WAYS = "three ways"
@@ -244,8 +240,6 @@ class Machine:
 
 def _machines() -> list[Machine]:
     """Those that this processor can stand in for."""
-    from numpy._core._multiarray_umath import __cpu_dispatch__, __cpu_features__
-
     able = {name for name, has in __cpu_features__.items() if has}
     narrow = {
         "NPY_DISABLE_CPU_FEATURES": " ".join(name for name in __cpu_dispatch__ if name in able),
@@ -267,10 +261,6 @@ def _machines() -> list[Machine]:
 
 def simulated(folder: Path, scenes: Sequence[str]) -> dict[str, Path]:
     """The sessions, made in a folder if they are not there yet."""
-    from vbaa_calib.cli.main import main
-    from vbaa_calib.core.files import read_yaml
-    from vbaa_calib.simulate.scene.scene import bundled_scene
-
     found = {}
     for title in scenes:
         found[title] = folder / title.replace(" ", "_")
@@ -288,51 +278,46 @@ def simulated(folder: Path, scenes: Sequence[str]) -> dict[str, Path]:
             data["recording"]["sweeps"] = [each | few for each in data["recording"]["sweeps"]]
             scene = str(folder / "ways.yaml")
             Path(scene).write_text(yaml.safe_dump(data), encoding="utf-8")
-        if main(["simulate", scene, "-o", str(found[title])]) != 0:
+        if vbaa(["simulate", scene, "-o", str(found[title])]) != 0:
             raise SystemExit(f"vbaa simulate {scene} failed")
     return found
 
 
-def _child(given: str, out: str) -> None:
-    """What a child process does: calibrates and estimates all sessions, and says what it ran on."""
-    import torch
-    from numpy._core._multiarray_umath import __cpu_dispatch__, __cpu_features__
-    from threadpoolctl import threadpool_info
+@dataclass(frozen=True)
+class _Ran:
+    """What a child process reports, by scene and stage; the kernels of OpenBLAS and the wider instructions it used."""
 
-    asked = json.loads(given)
-    cv2.setNumThreads(asked["threads"])
-    torch.set_num_threads(asked["threads"])
-    reports = {title: _whole_way(Path(session)) for title, session in asked["sessions"].items()}
-    if asked["boards"] is not None:
-        reports["photographs"] = {"calibration": joined(dict(_photographs(Path(asked["boards"]))))}
-    ran = {str(library["architecture"]) for library in threadpool_info() if library["internal_api"] == "openblas"}
+    reports: dict[str, dict[str, Report]]
+    kernels: list[str]
+    numpy: list[str]
+    opencv: list[str]
+
+
+def _child(threads: int, sessions: Mapping[str, Path], boards: Path | None) -> _Ran:
+    """What a child process does: calibrates and estimates all sessions."""
+    cv2.setNumThreads(threads)
+    torch.set_num_threads(threads)
+    reports = {title: _whole_way(session) for title, session in sessions.items()}
+    if boards is not None:
+        reports["photographs"] = {"calibration": joined(dict(_photographs(boards)))}
     words = cv2.getCPUFeaturesLine().split()
-    told = {
-        "reports": {
-            title: {stage: report.to_dict() for stage, report in stages.items()} for title, stages in reports.items()
-        },
-        "kernels": sorted(ran),
-        # wider instructions in use
-        "numpy": [name for name in __cpu_dispatch__ if __cpu_features__[name]],
-        "opencv": [word for word in words if word.startswith("*") and not word.endswith("?")],
-    }
-    Path(out).write_text(json.dumps(told))
+    return _Ran(
+        reports,
+        sorted({str(each["architecture"]) for each in threadpool_info() if each["internal_api"] == "openblas"}),
+        [name for name in __cpu_dispatch__ if __cpu_features__[name]],
+        [word for word in words if word.startswith("*") and not word.endswith("?")],
+    )
 
 
 def _whole_way(session: Path) -> dict[str, Report]:
     """By the commands that a user types, and the library for what they do not write down."""
-    from estimator.budget.budget import error_budget
-    from estimator.object.estimate import estimate_object
-    from estimator.table.files import read_contacts
-    from vbaa_calib.cli.main import main
-
     with tempfile.TemporaryDirectory() as folder:
         rig_file, contacts_file = f"{folder}/rig.json", f"{folder}/contacts.csv"
         for argv in (
             ["calibrate", str(session), "-o", rig_file],
             ["estimate", str(session), "--rig", rig_file, "-o", contacts_file, "--no-report"],
         ):
-            if main(argv) != 0:
+            if vbaa(argv) != 0:
                 raise SystemExit(f"vbaa {argv[0]} failed on {session}")
         rig, contacts = Rig.load(Path(rig_file)), read_contacts(Path(contacts_file))
     return {
@@ -344,11 +329,6 @@ def _whole_way(session: Path) -> dict[str, Report]:
 
 
 def _photographs(boards: Path) -> Iterator[tuple[str, Report]]:
-    from vbaa_calib.calibrate.lens.intrinsics import solve_intrinsics
-    from vbaa_calib.detect.board.corners import detect_folder
-
-    from .real_sets import SETS
-
     for one in SETS:
         yield one.title, of_lens(solve_intrinsics(detect_folder(boards / one.folder, one.spec), one.spec))
 
@@ -357,45 +337,29 @@ def _on(
     machine: Machine, sessions: Mapping[str, Path], boards: Path | None
 ) -> tuple[dict[str, dict[str, Report]], str]:
     """What a child process reports, and the kernels it ran on."""
-    given = {
-        "sessions": {title: str(path) for title, path in sessions.items()},
-        "boards": None if boards is None else str(boards),
-        "threads": machine.threads,
-    }
     threads = {name: str(machine.threads) for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")}
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), **threads, **machine.environment}
-    with tempfile.TemporaryDirectory() as folder:
-        out = Path(folder) / "reports.json"
-        command = [sys.executable, "-m", "benchmarks.processors", "--child", json.dumps(given), str(out)]
-        done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
-        if done.returncode != 0:
-            raise SystemExit(f"{machine.name}: {done.stderr[-2000:]}")
-        data = json.loads(out.read_text())
+    with (
+        patch.dict(os.environ, {**threads, **machine.environment}),
+        ProcessPoolExecutor(1, get_context("spawn")) as pool,
+    ):
+        ran = pool.submit(_child, machine.threads, sessions, boards).result()
     asked = machine.environment.get("OPENBLAS_CORETYPE")
-    if asked is not None and asked not in data["kernels"]:
-        raise SystemExit(f"{machine.name}: OpenBLAS ran on {data['kernels']}")
-    for library, variable in (("numpy", "NPY_DISABLE_CPU_FEATURES"), ("opencv", "OPENCV_CPU_DISABLE")):
-        if variable in machine.environment and data[library]:
-            raise SystemExit(f"{machine.name}: {library} ran with {data[library]}")
-    reports = {
-        title: {stage: Report.from_dict(report) for stage, report in stages.items()}
-        for title, stages in data["reports"].items()
-    }
-    return reports, " ".join(data["kernels"])
+    if asked is not None and asked not in ran.kernels:
+        raise SystemExit(f"{machine.name}: OpenBLAS ran on {ran.kernels}")
+    for used, variable in ((ran.numpy, "NPY_DISABLE_CPU_FEATURES"), (ran.opencv, "OPENCV_CPU_DISABLE")):
+        if variable in machine.environment and used:
+            raise SystemExit(f"{machine.name}: {used} in spite of {variable}")
+    return ran.reports, " ".join(ran.kernels)
 
 
 def main() -> int:
     """Measure, print and write the table."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--child", nargs=2, help=argparse.SUPPRESS)
     parser.add_argument("--scenes", nargs="+", default=[*SCENES, WAYS], help="which scenes (default: all)")
     parser.add_argument("--photographs", type=Path, metavar="DATA", help="the real photo sets: their lenses, too")
     parser.add_argument("--folder", type=Path, help="where the sessions are kept (default: nowhere)")
     parser.add_argument("--page", type=Path, help="page to write the table into (docs/processors.md)")
     args = parser.parse_args()
-    if args.child:
-        _child(*args.child)
-        return 0
     with tempfile.TemporaryDirectory() as folder:
         sessions = simulated(args.folder or Path(folder), args.scenes)
         here, kernel = _on(Machine("this machine", {}), sessions, args.photographs)

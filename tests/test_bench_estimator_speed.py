@@ -102,14 +102,3 @@ def test_hostile_counts_what_is_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
     assert after.claimed == before.claimed
     assert after.nan == after.claimed
     assert after.beyond == after.claimed - after.imagined
-
-
-def test_hostile_counts_the_frames_that_raise(monkeypatch: pytest.MonkeyPatch) -> None:
-    def brittle(drawn: estimator_hostile.Replayed) -> None:
-        if np.isnan(drawn.readings_Nm).any():
-            raise ZeroDivisionError("no reading")
-
-    monkeypatch.setattr(estimator_hostile, "estimated_at_random", brittle)
-    row = estimator_hostile.judged_at_random(5, 0, FEW)
-    assert row.exceptions == np.isnan(estimator_hostile.replay(5, 0, FEW).readings_Nm).sum() > 0
-    assert row.failure == "ZeroDivisionError: no reading"

@@ -57,13 +57,7 @@ def held(one: Report, other: Report) -> None:
 def moved_view(view: BoardView, rng: Rng) -> BoardView:
     """Every corner moved by nothing, and all of them in another order."""
     order = rng.permutation(len(view.ids))
-    covariance = view.covariance_px2
-    return replace(
-        view,
-        ids=view.ids[order],
-        corners_px=moved(view.corners_px, rng)[order],
-        covariance_px2=None if covariance is None else covariance[order],
-    )
+    return replace(view.picked(order), corners_px=moved(view.corners_px, rng)[order])
 
 
 LENSES = [

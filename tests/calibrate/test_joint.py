@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,14 +12,14 @@ import pytest
 from targets.board import BoardSpec
 from vbaa_calib.antenna.rod import solve_rod
 from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment, adjust_bundle, noise_scale
-from vbaa_calib.calibrate.antenna.inputs import Observation
+from vbaa_calib.calibrate.antenna.inputs import Observation, Prior
 from vbaa_calib.calibrate.antenna.residual_checks import check
 from vbaa_calib.calibrate.antenna.session_rig import make_rig, prior
 from vbaa_calib.calibrate.pose.fusion import PoseEstimate
 from vbaa_calib.calibrate.report import antenna_doubts, prior_doubts, sensor_doubts, still_doubts
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import SolveError
-from vbaa_calib.geometry import Kinematics
+from vbaa_calib.geometry import Kinematics, Pose
 from vbaa_calib.rig import RIG_PARAMETERS
 from vbaa_calib.session import Load, LoadReadings, NominalAntenna, Session, Still
 
@@ -39,6 +40,9 @@ CAMERA = Camera("opencv", (960, 720), MATRIX, BROWN)
 NOMINAL = NominalAntenna(LENGTH_M, 0.8e-3, 193e9, 7900.0)
 POSE_COVARIANCE = np.diag([3e-4**2] * 3 + [1e-4**2] * 3)
 TRUE = World(camera_pose(0.6, 1.0))
+SESSION = Session(
+    Path("."), BoardSpec(9, 6, 0.012, 0.009), NOMINAL, None, Kinematics(), GRAVITY_WORLD, TRUE.sensor.std_Nm
+)
 RULER = LoadReadings(5e-4, 5e-3)
 TILTS = (0.0, 0.5, -0.4, 0.9)
 LOADS = [(0.12, 0.08), (0.18, -0.04), (0.22, 0.03), (0.15, 0.05)]
@@ -68,9 +72,7 @@ def observed(
     """What the camera sees of the stills, and what the sensor reads; deviations `claimed` times the true ones.
 
     The antenna's end, `tip_m` beyond its length, is seen where that is given. Lines are off by smooth curves of
-    deviation `line_px`.
-
-    Loads to z act `softer_to_z` times as strongly on the shape as they do on the sensor.
+    deviation `line_px`. Loads to z act `softer_to_z` times as strongly on the shape as they do on the sensor.
     """
     s = np.linspace(0.01, 1.0, points) * LENGTH_M
     result = []
@@ -96,24 +98,39 @@ def observed(
     return result
 
 
-def solved(observations: list[Observation], rng: np.random.Generator) -> BundleAdjustment:
-    """Solved from a prior pose that is off as its covariance says."""
-    start = TRUE.T_antenna_camera.retract(np.sqrt(np.diag(POSE_COVARIANCE)) * rng.normal(size=6))
-    before = prior(NOMINAL, CAMERA, [PoseEstimate("jig", start, POSE_COVARIANCE, np.zeros((6, 8)))])
+def jig_prior(pose: Pose, camera: Camera = CAMERA, covariance: np.ndarray = POSE_COVARIANCE, **more: Any) -> Prior:
+    """What is known before the antenna is looked at, the camera's pose from a jig."""
+    return prior(NOMINAL, camera, [PoseEstimate("jig", pose, covariance, np.zeros((6, 8)))], **more)
+
+
+def start_pose(rng: np.random.Generator) -> Pose:
+    """Off the true one as `POSE_COVARIANCE` says."""
+    return TRUE.T_antenna_camera.retract(np.sqrt(np.diag(POSE_COVARIANCE)) * rng.normal(size=6))
+
+
+def adjusted(observations: list[Observation], before: Prior) -> BundleAdjustment:
     return adjust_bundle(observations, before, LENGTH_M, TRUE.sensor.std_Nm)
 
 
-def with_tips(tip_m: float, seed: int, known_m: float = 5e-5) -> tuple[BundleAdjustment, BundleAdjustment]:
+def solved(observations: list[Observation], rng: np.random.Generator) -> BundleAdjustment:
+    """Solved from a prior pose that is off as its covariance says."""
+    return adjusted(observations, jig_prior(start_pose(rng)))
+
+
+def statistic(off: np.ndarray, covariance: np.ndarray) -> float:
+    """χ² of errors `off` (n,) over n; unit deviations keep the covariance well conditioned."""
+    std = np.sqrt(np.diag(covariance))
+    return float((off / std) @ np.linalg.solve(covariance / np.outer(std, std), off / std)) / len(off)
+
+
+def with_tips(tip_m: float, seed: int) -> tuple[BundleAdjustment, BundleAdjustment]:
     """One rig from stills whose camera is known to a millimetre, without and with the antenna's end in them."""
     rng = np.random.default_rng(seed)
-    loose = np.diag([1e-3**2] * 6)
     start = TRUE.T_antenna_camera.retract(1e-3 * rng.normal(size=6))
-    before = prior(NOMINAL, CAMERA, [PoseEstimate("jig", start, loose, np.zeros((6, 8)))], readings=RULER)
-    before = replace(before, tip_std_m=known_m)
+    before = replace(jig_prior(start, covariance=1e-3**2 * np.eye(6), readings=RULER), tip_std_m=5e-5)
     observations = observed(TRUE, rng, tip_m=tip_m)
     blind = [replace(one, tip_std_px=np.nan) for one in observations]
-    alone, both = (adjust_bundle(each, before, LENGTH_M, TRUE.sensor.std_Nm) for each in (blind, observations))
-    return alone, both
+    return adjusted(blind, before), adjusted(observations, before)
 
 
 def end_variance(joint: BundleAdjustment) -> float:
@@ -161,8 +178,7 @@ def test_an_end_that_lies_off_the_others_is_left_out() -> None:
     rng = np.random.default_rng(4)
     observations = observed(TRUE, rng, tip_m=0.0)
     hidden = replace(observations[5], tip_px=observations[5].tip_px + np.array([12.0, 3.0]))
-    before = prior(NOMINAL, CAMERA, [PoseEstimate("jig", TRUE.T_antenna_camera, POSE_COVARIANCE, np.zeros((6, 8)))])
-    joint = adjust_bundle([*observations[:5], hidden, *observations[6:]], before, LENGTH_M, TRUE.sensor.std_Nm)
+    joint = adjusted([*observations[:5], hidden, *observations[6:]], jig_prior(TRUE.T_antenna_camera))
     assert joint.problem.tips.tolist() == [index for index in range(len(observations)) if index != 5]
 
 
@@ -173,12 +189,8 @@ def test_errors_that_a_line_shares_are_in_the_covariance() -> None:
         rng = np.random.default_rng((12, seed))
         observations = observed(TRUE, rng, line_px=0.01)
         for line_px, found in whole.items():
-            start = TRUE.T_antenna_camera.retract(np.sqrt(np.diag(POSE_COVARIANCE)) * rng.normal(size=6))
-            estimate = PoseEstimate("jig", start, POSE_COVARIANCE, np.zeros((6, 8)))
-            joint = adjust_bundle(
-                observations, prior(NOMINAL, CAMERA, [estimate], line_px=line_px), LENGTH_M, TRUE.sensor.std_Nm
-            )
-            found.append(errors(joint) @ np.linalg.solve(joint.covariance, errors(joint)) / 17)
+            joint = adjusted(observations, jig_prior(start_pose(rng), line_px=line_px))
+            found.append(statistic(errors(joint), joint.covariance))
     assert np.mean(whole[0.0]) > 1.5 * np.mean(whole[0.01])
     assert 0.4 < np.mean(whole[0.01]) < 2.0
 
@@ -204,10 +216,8 @@ def test_recovers_the_rig_within_its_deviations(good) -> None:
     z = dict(zip(RIG_PARAMETERS, errors(joint) / std, strict=True))
     assert max(map(abs, z.values())) < 3.5, z
     assert std[RIG_PARAMETERS.index("log_stiffness_Nm2")] < 2e-3
-    correlation = joint.covariance / np.outer(std, std)
-    assert np.linalg.eigvalsh(correlation).min() > 0
-    whole = errors(joint) @ np.linalg.solve(joint.covariance, errors(joint)) / 17
-    assert 0.3 < whole < 2.2
+    assert np.linalg.eigvalsh(joint.covariance / np.outer(std, std)).min() > 0
+    assert 0.3 < statistic(errors(joint), joint.covariance) < 2.2
     assert joint.noise_scale == pytest.approx(1.0, abs=0.12)
     np.testing.assert_allclose(joint.point_rms, 1.0, atol=0.25)
     assert np.abs(joint.moment_residuals_Nm).max() < 4 * TRUE.sensor.std_Nm
@@ -231,15 +241,6 @@ def test_noise_that_neighbours_share_counts_when_averaged() -> None:
     assert noise_scale([3.0 * values for values in white]) == pytest.approx(3 * noise_scale(white))
 
 
-def session() -> Session:
-    """A session with nothing on disk."""
-    board = BoardSpec(
-        **{"type": "charuco", "squares_x": 9, "squares_y": 6, "square_m": 0.012, "marker_m": 0.009}
-        | {"dictionary": "DICT_4X4_100", "legacy_pattern": False, "thickness_m": 0.0}
-    )
-    return Session(Path("."), board, NOMINAL, None, Kinematics(), GRAVITY_WORLD, TRUE.sensor.std_Nm)
-
-
 def named(observations: list[Observation]) -> list[Observation]:
     """The same with pictures that have names."""
     return [
@@ -250,13 +251,13 @@ def named(observations: list[Observation]) -> list[Observation]:
 
 def found_doubts(observations: list[Observation], rng: np.random.Generator) -> list[str]:
     joint = solved(observations, rng)
-    rig = make_rig(session(), Kinematics(), joint, observations)
+    rig = make_rig(SESSION, Kinematics(), joint, observations)
     checks, stills = check(joint), [observation.still for observation in observations]
     return (
         prior_doubts(joint)
         + still_doubts(joint, stills)
         + antenna_doubts(NOMINAL, rig, checks)
-        + sensor_doubts(session(), rig, checks)
+        + sensor_doubts(SESSION, rig, checks)
     )
 
 
@@ -306,8 +307,7 @@ def test_the_deviation_of_the_stiffness_is_what_sampling_shows() -> None:
             )
         joint = solved(drawn, rng)
         mass = RIG_PARAMETERS.index("log_mass_per_length_kg_m")
-        whole = errors(joint) @ np.linalg.solve(joint.covariance, errors(joint))
-        z.append([errors(joint)[12] / np.sqrt(joint.covariance[12, 12]), whole / 17])
+        z.append([errors(joint)[12] / np.sqrt(joint.covariance[12, 12]), statistic(errors(joint), joint.covariance)])
         assert joint.covariance[mass, mass] < 0.03**2
     stiffness, whole = np.array(z).T
     # χ² of 12 draws: 0.3 to 2.2 at 1 %; the whole covariance has 17 times as many
@@ -324,24 +324,16 @@ def test_a_lens_that_is_off_is_put_right_by_what_the_antenna_shows() -> None:
     matrix[[0, 1, 0, 1], [0, 1, 2, 2]] += step[:4]
     wrong = Camera("opencv", (960, 720), matrix, BROWN + step[4:], np.diag(std**2))
     observations = observed(TRUE, rng)
-    start = TRUE.T_antenna_camera.retract(np.sqrt(np.diag(POSE_COVARIANCE)) * rng.normal(size=6))
-    before = prior(NOMINAL, wrong, [PoseEstimate("jig", start, POSE_COVARIANCE, np.zeros((6, 8)))])
-    joint = adjust_bundle(observations, before, LENGTH_M, TRUE.sensor.std_Nm)
-    lens = joint.camera.parameters
+    start = start_pose(rng)
+    joint = adjusted(observations, jig_prior(start, wrong))
     truth = np.concatenate([MATRIX[[0, 1, 0, 1], [0, 1, 2, 2]], BROWN])
-    away = np.concatenate([errors(joint), lens - truth])
+    away = np.concatenate([errors(joint), joint.camera.parameters - truth])
     assert len(joint.covariance) == 25
-    unit = np.sqrt(np.diag(joint.covariance))
-    assert np.abs(away / unit).max() < 3.5
-    correlation = joint.covariance / np.outer(unit, unit)
-    assert 0.3 < (away / unit) @ np.linalg.solve(correlation, away / unit) / 25 < 2.0
+    assert np.abs(away / np.sqrt(np.diag(joint.covariance))).max() < 3.5
+    assert 0.3 < statistic(away, joint.covariance) < 2.0
     # as if it were exact, the same lens throws the stiffness and the pose far off
-    exactly = replace(wrong, covariance=None)
-    poses = [PoseEstimate("jig", start, POSE_COVARIANCE, np.zeros((6, 8)))]
-    stubborn = adjust_bundle(observations, prior(NOMINAL, exactly, poses), LENGTH_M, TRUE.sensor.std_Nm)
-    off = errors(stubborn)
-    whole = np.sqrt(np.diag(stubborn.covariance))
-    assert (off / whole) @ np.linalg.solve(stubborn.covariance / np.outer(whole, whole), off / whole) / 17 > 2.0
+    stubborn = adjusted(observations, jig_prior(start, replace(wrong, covariance=None)))
+    assert statistic(errors(stubborn), stubborn.covariance) > 2.0
 
 
 def test_unequal_compliance_is_seen() -> None:
@@ -386,8 +378,7 @@ def test_gravity_the_wrong_way_round_is_said() -> None:
 def test_a_jig_that_the_antenna_contradicts_is_said(good) -> None:
     _, observations = good
     moved = TRUE.T_antenna_camera.retract(np.array([0.0, 0.02, 0.0, 0.0, 0.0, 0.0]))
-    wrong = prior(NOMINAL, CAMERA, [PoseEstimate("jig", moved, POSE_COVARIANCE, np.zeros((6, 8)))])
-    lines = prior_doubts(adjust_bundle(observations, wrong, LENGTH_M, TRUE.sensor.std_Nm))
+    lines = prior_doubts(adjusted(observations, jig_prior(moved)))
     assert any("contradict the jig" in line for line in lines)
     assert prior_doubts(solved(observations, np.random.default_rng(13))) == []
 

@@ -63,10 +63,10 @@ class BoardView:
         """Number of markers seen."""
         return len(self.marker_ids)
 
-    def picked(self, mask: np.ndarray) -> BoardView:
-        """The view with the corners of a mask (N,) only."""
-        covariance = None if self.covariance_px2 is None else self.covariance_px2[mask]
-        return replace(self, ids=self.ids[mask], corners_px=self.corners_px[mask], covariance_px2=covariance)
+    def picked(self, which: np.ndarray) -> BoardView:
+        """The view with the corners of a mask or of indices only."""
+        covariance = None if self.covariance_px2 is None else self.covariance_px2[which]
+        return replace(self, ids=self.ids[which], corners_px=self.corners_px[which], covariance_px2=covariance)
 
 
 def require_corners(ids: np.ndarray, pixels: np.ndarray, count: int, where: str) -> None:
