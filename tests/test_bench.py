@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
-import subprocess
-import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
@@ -19,19 +17,8 @@ from benchmarks import suite
 from benchmarks.harness import (
     Findings,
     Options,
-    as_json,
     column,
-    concatenated,
-    least_seconds,
     machine,
-    median_seconds,
-    or_none,
-    picked,
-    replace_marked,
-    rms,
-    rms_known,
-    table,
-    write_csv,
 )
 from benchmarks.metric import metric
 from benchmarks.suite import SUBJECTS, Subject
@@ -163,86 +150,3 @@ def test_what_makes_no_sense_is_refused_before_any_work(wrong: list[str], stubs,
     assert main(["bench", *(word.format(folder=tmp_path) for word in wrong)]) == 2
     assert (capsys.readouterr().out, stubs[1]) == ("", [])
     assert (tmp_path / SUITE[-1].record).read_text() == "mine"
-
-
-def _no_figure() -> Figure:
-    raise OSError("no room")
-
-
-@pytest.mark.parametrize("how", ["a figure fails", "an empty table", "another name"])
-def test_no_half_set_is_left_and_the_table_is_not_lost(how: str, stubs, tmp_path: Path, capsys) -> None:
-    found = stub(SUBJECTS["metric"], [])(Options(0, 1, True))
-    tables, figures = dict(found.tables), dict(found.figures)
-    if how == "a figure fails":
-        figures["metric.png"] = _no_figure
-    else:
-        tables["metric.csv" if how == "an empty table" else "more.csv"] = []
-    stubs[0]["metric"].measure = lambda _: Findings("the table", tables, figures)
-    (tmp_path / "metric.csv").write_text("old")
-    assert main(["bench", "metric", "--out", str(tmp_path), "--force"]) == 1
-    assert "the table" in capsys.readouterr().out
-    assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("metric.csv", "old")]
-
-
-def test_help_needs_none_of_the_libraries() -> None:
-    """And so answers at once."""
-    code = "import sys; from vbaa_calib.cli import main; main(['bench', '--help']); print('torch' in sys.modules)"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.rstrip().endswith("False")
-    assert all(subject.name in done.stdout for subject in SUBJECTS.values())
-
-
-def test_one_declaration_gives_table_csv_and_json(tmp_path: Path) -> None:
-    rows = [Numbers("first", float("inf"), float("nan")), Numbers("first", 0.5, 2.0), Numbers("third", float("nan"))]
-    assert table(rows[1:], "two", once=1) == "two\nname   error %\nfirst     50.0\nthird        –"
-    assert table(rows[:2], once=1).splitlines()[2] == "          50.0"
-    assert as_json({"rows": rows[:1], "count": np.int64(3), "curve": np.array([1.0, np.nan])}) == {
-        "rows": [{"name": "first", "error": None, "ratio": None}],
-        "count": 3,
-        "curve": [1.0, None],
-    }
-    write_csv(tmp_path / "rows.csv", rows, force=False)
-    assert (tmp_path / "rows.csv").read_text() == "name,error,ratio\nfirst,,\nfirst,0.5,2.0\nthird,,\n"
-
-
-def test_a_page_keeps_what_is_beside_the_marks(tmp_path: Path) -> None:
-    page = tmp_path / "page.md"
-    page.write_text("before\n<!-- begin: benchmarks/x.py -->\nold\n<!-- end: benchmarks/x.py -->\nafter\n")
-    replace_marked(page, "benchmarks/x.py", "new")
-    assert page.read_text().split("\n")[::4] == ["before", "after"]
-    assert "new" in page.read_text()
-    assert "old" not in page.read_text()
-
-
-def test_rows_of_arrays_and_their_means() -> None:
-    assert rms_known(np.array([3.0, np.inf, np.nan, -4.0])) == rms(np.array([3.0, -4.0])) == pytest.approx(12.5**0.5)
-    assert np.isnan(rms(np.array([3.0, np.nan])))
-    assert (or_none(rms(np.array([]))), or_none(2.0)) == (None, 2.0)
-    one = SimpleNamespace(a=np.arange(3), b=np.eye(3))
-
-    @dataclass
-    class Arrays:
-        a: np.ndarray
-        b: np.ndarray
-
-    rows = concatenated([Arrays(one.a, one.b), picked(Arrays(one.a, one.b), np.array([2, 0]))])
-    assert rows.a.tolist() == [0, 1, 2, 2, 0]
-    assert rows.b.shape == (5, 3)
-
-
-def ticks(monkeypatch: pytest.MonkeyPatch, durations: Iterator[float]) -> Callable[[], None]:
-    """A function that takes as long as told, on a clock of its own."""
-    now = [0.0]
-    monkeypatch.setattr("benchmarks.harness.time.perf_counter", lambda: now[0])
-
-    def work() -> None:
-        now[0] += next(durations)
-
-    return work
-
-
-def test_timings_after_a_warm_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The slow first call counts for neither; the median and the least of the others."""
-    assert least_seconds(ticks(monkeypatch, iter([9.0, 0.3, 0.1, 0.2])), 3) == pytest.approx(0.1)
-    assert median_seconds(ticks(monkeypatch, iter([0.9, 0.3, 0.1, 0.2])), 3) == pytest.approx(0.2)
-    assert median_seconds(ticks(monkeypatch, iter([9.0, 0.3])), 3) == pytest.approx(0.3), "once where it is slow"

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,7 +11,7 @@ from benchmarks.board_faults import FAULTS
 from benchmarks.boards import draw, error_mm, jig_pose, offsets_on_plane_m, rigs, seen_on_plane
 from benchmarks.calibration.calibration import STYLES, run
 from benchmarks.calibration.judge import judged, plane_jacobian
-from benchmarks.calibration.methods import INTERPRETERS, ORACLE, SOLVERS, Outcome, solve_oracle, solve_with, versions
+from benchmarks.calibration.methods import ORACLE, SOLVERS, Outcome, solve_oracle
 from benchmarks.calibration.quick import main as quick
 from benchmarks.calibration.scenes import FAMILIES, cells
 from vbaa_calib.calibrate.lens.models import is_monotonic
@@ -117,51 +115,6 @@ def test_the_judge_believes_only_deviations_that_hold_the_truth() -> None:
             assert 0.88 < inside <= 1.0 if small == 1.0 else inside < 0.75
         wrong = np.mean([one.wrong for one in found])
         assert wrong < 0.02 if small == 1.0 else wrong > 0.1
-
-
-def test_a_peer_is_driven_in_the_interpreter_that_has_it(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """A lensboy of our own, which answers the true focal length, fails on the second draw, and dies at the third."""
-    (tmp_path / "lensboy.py").write_text(LENSBOY)
-    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    monkeypatch.setenv(INTERPRETERS, str(tmp_path / "python"))
-    (tmp_path / "python").write_text(f'#!/bin/sh\nexec "{sys.executable}" "$@"\n')
-    (tmp_path / "python").chmod(0o755)
-    assert versions()["lensboy"] == f"3.1 ({tmp_path / 'python'})"
-    draws = [draw(rigs()[3], seed) for seed in (51, 52, 53, 54)]
-    first, second, third, fourth = solve_with("lensboy", sys.executable, draws)
-    assert first.camera is not None
-    np.testing.assert_array_equal(first.camera.parameters, [900, 901, 640, 360, *np.arange(5)])
-    assert first.good_dropped == pytest.approx(8 / sum(len(view.ids) for view in draws[0].views))
-    assert (first.views_dropped, first.outliers_found) == (0.0, None)
-    assert second.camera is None
-    assert "no luck" in second.failure
-    # it dies at the third, and is started again for what comes after
-    assert third.camera is None
-    assert "exit code 3" in third.failure
-    assert fourth.camera is not None
-
-
-LENSBOY = """
-import os
-from types import SimpleNamespace
-import numpy as np
-from types import SimpleNamespace as OpenCVConfig
-__version__ = "3.1"
-solved = 0
-def Frame(ids, corners):
-    return SimpleNamespace(ids=ids, corners=corners)
-def calibrate_camera(points, frames, config):
-    global solved
-    solved += 1
-    if solved == 3:
-        raise RuntimeError("no luck")
-    if solved == 4:
-        os._exit(3)
-    assert points.shape == (70, 3) and config.image_width == 1280 and config.included_distortion_coefficients.sum() == 5
-    camera = SimpleNamespace(fx=900, fy=901, cx=640, cy=360, distortion_coeffs=np.arange(14.0))
-    seen = [SimpleNamespace(inlier_mask=np.arange(len(frame.ids)) > 0) for frame in frames]
-    return SimpleNamespace(camera_model=camera, frame_diagnostics=seen)
-"""
 
 
 def test_a_quick_look_stands_beside_the_table(capsys: pytest.CaptureFixture[str]) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import importlib
 import io
 import re
 import runpy
@@ -14,7 +13,6 @@ from itertools import pairwise
 from pathlib import Path
 
 import cv2
-import matplotlib as mpl
 import numpy as np
 import pytest
 
@@ -130,26 +128,3 @@ def test_what_other_pages_retell_is_what_is_printed(page: str, name: str, text: 
 
 def test_every_figure_shown_is_made_by_an_example() -> None:
     assert {path.stem for path in SHOWN.glob("*.png")} == {path.stem for path in EXAMPLES}
-
-
-def drawn(folder: Path, shift: float, hinting: str = "default") -> np.ndarray:
-    """A figure as the examples draw theirs, its curve moved by a share of the panel's height."""
-    with pytest.MonkeyPatch.context() as patch, mpl.rc_context({"text.hinting": hinting}):
-        patch.syspath_prepend(str(ROOT / "examples"))
-        drawing = importlib.import_module("drawing")
-        figure, panel = drawing.canvas()
-        x = np.linspace(0.0, 1.0, 100)
-        panel.plot(x, 0.5 + 0.3 * np.sin(6.0 * x) + shift, label="antenna, as it was seen")
-        panel.set(xlabel="x, mm", ylabel="y, mm", title="what the title says", xlim=(0, 1), ylim=(0, 1))
-        panel.legend()
-        drawing.save(figure, folder, "some_example.py")
-    return picture(folder / "some_example.png")
-
-
-def test_the_comparison_sees_another_curve_and_not_another_font_renderer(tmp_path: Path) -> None:
-    """What the threshold is worth: a curve that lies 4 % of the panel's height elsewhere is another figure."""
-    usual = drawn(tmp_path, 0.0)
-    assert difference(usual, drawn(tmp_path, 0.0)) == 0.0
-    assert difference(usual, drawn(tmp_path, 0.0, hinting="none")) < ALIKE
-    assert difference(usual, drawn(tmp_path, 0.04)) > ALIKE
-    assert difference(usual, usual[:-1]) == np.inf
