@@ -224,13 +224,17 @@ _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 """Environment variables that limit the numerical libraries' threads."""
 
 
-def median_seconds(function: Callable[[], object], repeats: int, least_s: float = 0.02) -> float:
+_LEAST_S = 0.02
+"""Of a timing."""
+
+
+def median_seconds(function: Callable[[], object], repeats: int) -> float:
     """Median of `repeats` timings after one warm-up call.
 
     Quick functions are repeated within each timing; one that takes over a second is timed once.
     """
     warm = _seconds(function)
-    calls, repeats = max(1, int(least_s / max(warm, 1e-7))), 1 if warm > 1.0 else repeats
+    calls, repeats = max(1, int(_LEAST_S / max(warm, 1e-7))), 1 if warm > 1.0 else repeats
     return sorted(_seconds(function, calls) for _ in range(repeats))[repeats // 2]
 
 

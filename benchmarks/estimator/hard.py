@@ -138,10 +138,10 @@ CASES: dict[str, Maker] = {
 """Name → what makes its frames."""
 
 
-def with_outliers(frames: Scenes, share: np.ndarray | float, rng: Rng, reach_px: float = 50.0) -> Scenes:
-    """Frames of whose points a share, () or (B, 1), lies up to `reach_px` off along u and v."""
+def with_outliers(frames: Scenes, share: np.ndarray | float, rng: Rng) -> Scenes:
+    """Frames of whose points a share, () or (B, 1), lies up to 50 px off along u and v."""
     points = frames.points_px
-    off = rng.uniform(-reach_px, reach_px, points.shape)
+    off = rng.uniform(-50.0, 50.0, points.shape)
     return replace(frames, points_px=np.where((rng.random(points.shape[:2]) < share)[..., None], points + off, points))
 
 
@@ -269,9 +269,9 @@ class Replayed:
     rig: str
 
 
-def hostile(count: int, seed: int, chunk: int = _CHUNK) -> list[HostileRow]:
+def hostile(count: int, seed: int) -> list[HostileRow]:
     """So many frames, a chunk of them at a time."""
-    sizes = [min(chunk, count - start) for start in range(0, count, chunk)]
+    sizes = [min(_CHUNK, count - start) for start in range(0, count, _CHUNK)]
     return [judged_at_random(seed, number, size) for number, size in enumerate(progress(sizes, "chunks", len(sizes)))]
 
 

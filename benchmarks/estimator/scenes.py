@@ -282,20 +282,17 @@ def random_scenes(
     reach: tuple[float, float] = (0.1, 0.95),
     slope_rad: tuple[float, float] = (0.02, STEEPEST_RAD),
     friction_std_rad: float = 0.0,
-    joint_span_rad: float = 1.0,
-    sigma_px: float = SIGMA_PX,
-    points: int = POINTS,
     given: Rig | None = None,
 ) -> Scenes:
     """Frames without noise, every roll alike, evenly over contact distances (in lengths) and slopes at the contact.
 
-    Pan and tilt lie within ± `joint_span_rad`. The slope is the one that the push alone would give.
+    Pan and tilt lie within ± 1 rad. The slope is the one that the push alone would give.
     """
     distance = rig.antenna.length_m * rng.uniform(*reach, count)
     friction = friction_std_rad * rng.normal(size=count)
     roll = rng.uniform(-np.pi, np.pi, count)
     size = push_for_slope(rng.uniform(*slope_rad, count), distance, rig.antenna.stiffness_Nm2)
-    joints = rng.uniform(-joint_span_rad, joint_span_rad, (2, count))
+    joints = rng.uniform(-1.0, 1.0, (2, count))
     return scenes(
         rig,
         distance,
@@ -304,8 +301,6 @@ def random_scenes(
         made_by=made_by,
         pan_rad=joints[0],
         tilt_rad=joints[1],
-        sigma_px=sigma_px,
-        points=points,
         given=given,
     )
 

@@ -99,11 +99,11 @@ _START = 0.6
 """Contact distance over length that is tried where the straight line says nothing."""
 
 
-def one_contact(scenes: Scenes, index: int, rung: str = "elastica") -> np.ndarray:
+def one_contact(scenes: Scenes, index: int) -> np.ndarray:
     """(3,) contact distance in m, f_y and f_z in N of one frame; NaN where the fit breaks down.
 
-    Levenberg–Marquardt over the three, SciPy's own difference quotients, for a camera that sees the antenna along the
-    picture's u. Rig and friction are taken as exactly known.
+    Levenberg–Marquardt over the three on the rung `elastica`, SciPy's own difference quotients, for a camera that sees
+    the antenna along the picture's u. Rig and friction are taken as exactly known.
     """
     rig, sensor = scenes.rig, scenes.rig.moment_sensor
     antenna, to_camera = rig.antenna, rig.T_antenna_camera.inverse()
@@ -117,7 +117,7 @@ def one_contact(scenes: Scenes, index: int, rung: str = "elastica") -> np.ndarra
     def residuals(unknowns: np.ndarray) -> np.ndarray:
         contact = np.clip(unknowns[:1] * _DISTANCE_SCALE_M, 1e-3, antenna.length_m)
         force = unknowns[None, 1:] * _FORCE_SCALE_N
-        shape = curves(rung, parameters, antenna.length_m, gravity, contact, force)
+        shape = curves("elastica", parameters, antenna.length_m, gravity, contact, force)
         pixels, _ = rig.camera.project(to_camera @ shape.points_m[0])
         curve = CubicSpline(pixels[:, 0], pixels[:, 1])
         across = (v - curve(u)) / np.sqrt(1.0 + curve(u, 1) ** 2)

@@ -147,15 +147,12 @@ class Photographer:
         grey = expose(self._studio, surroundings(self._studio, world), [] if patch is None else [patch])
         return detect_corners(digitise(self._studio.spec, grey, self.rng), self.rig.board, name)
 
-    def in_the_jig(self, camera: Camera, pictures: int = 8) -> Pose | None:
-        """T_camera_board in the jig, found with a lens in pictures of their own noise; None where it is not found."""
-        views = [self.picture(self.rig.plane.board_pose(self.rig.board)) for _ in range(pictures)]
+    def in_the_jig(self, camera: Camera) -> Pose | None:
+        """T_camera_board in the jig, found with a lens in 8 pictures of their own noise; None where it is not found."""
+        views = [self.picture(self.rig.plane.board_pose(self.rig.board)) for _ in range(8)]
         found = [view for view in views if view is not None]
-        return (
-            solve_board_pose(found, BoardShape.flat(corner_points(self.rig.board)), camera).T_camera_board
-            if found
-            else None
-        )
+        flat = BoardShape.flat(corner_points(self.rig.board))
+        return solve_board_pose(found, flat, camera).T_camera_board if found else None
 
 
 def wanted_pose(suggestion: Suggestion, rig: Rig, camera: Camera | None) -> Pose:

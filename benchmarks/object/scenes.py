@@ -32,12 +32,12 @@ def place_of(rig: Rig, obj: TouchObject) -> Place:
     return Place(obj.shape, obj, rig.antenna.diameter_m / 2, rig.kinematics, rig.gravity_world_m_s2)
 
 
-def _stroke_joints(rig: Rig, obj: TouchObject, sweep: Sweep, press_frames: int = _PRESS_FRAMES) -> list[Joints]:
+def _stroke_joints(rig: Rig, obj: TouchObject, sweep: Sweep) -> list[Joints]:
     """A sweep's joint angles with the press and the release spread over so many frames each."""
     joints = sweep_joints(place_of(rig, obj), rod_of(rig), sweep)
     first, last = sweep.free_frames, len(joints) - sweep.free_frames - 1
-    press = _between(joints[first - 1], joints[first], press_frames)
-    release = _between(joints[last], joints[last + 1], press_frames)
+    press = _between(joints[first - 1], joints[first], _PRESS_FRAMES)
+    release = _between(joints[last], joints[last + 1], _PRESS_FRAMES)
     return [*joints[:first], *press, *joints[first : last + 1], *release, *joints[last + 1 :]]
 
 
@@ -172,9 +172,9 @@ def play(
     )
 
 
-def contacts(recorded: Recorded, model: str = "auto", friction: float = FRICTION_RAD) -> ContactTable:
+def contacts(recorded: Recorded, friction: float = FRICTION_RAD) -> ContactTable:
     """What the estimator makes of a recording, frame by frame; `friction` is the deviation of its angle, rad."""
-    found = ContactEstimator(recorded.given, model=model, friction=friction).estimate_batch(
+    found = ContactEstimator(recorded.given, friction=friction).estimate_batch(
         recorded.centrelines_px, recorded.moment_Nm, recorded.pan_rad, recorded.tilt_rad, sigma_px=recorded.sigma_px
     )
     return contact_table(found, recorded.pan_rad, recorded.tilt_rad, recorded.moment_Nm, recorded.time_s)

@@ -61,10 +61,10 @@ class Pictures:
         )
 
 
-def taken(true: Rig, shape: RodShape, points: int = POINTS) -> Pictures:
+def taken(true: Rig, shape: RodShape) -> Pictures:
     """The pictures and readings of antennas, by the true rig."""
-    s = true.antenna.length_m * (np.arange(points) + 0.5) / points
-    there = sample_shape(shape, np.broadcast_to(s, (len(shape.points_m), points)))[0]
+    s = true.antenna.length_m * (np.arange(POINTS) + 0.5) / POINTS
+    there = sample_shape(shape, np.broadcast_to(s, (len(shape.points_m), POINTS)))[0]
     moment = np.stack([shape.clamp_moment_Nm[:, 2], -shape.clamp_moment_Nm[:, 1]], axis=1)
     sensor = true.moment_sensor
     return Pictures(seen(true.camera, true.T_antenna_camera, there), sensor.gain * moment + sensor.offset_Nm)

@@ -28,7 +28,7 @@ _TOLERANCE = 1e-11
 _LOAD_LADDER = (0.1, 0.25, 0.45, 0.7, 1.0)
 _DIFFERENCE = -1e-7
 """Backward, so that a variable at its upper limit is still differentiated from the allowed side."""
-_HALVINGS = 8
+_HALVINGS, _ITERATIONS = 8, 30
 
 _Residual = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
@@ -283,7 +283,6 @@ def newton(
     tolerance: float,
     lower: np.ndarray | float = -np.inf,
     upper: np.ndarray | float = np.inf,
-    iterations: int = 30,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Solve B independent systems of n equations by damped Newton with difference quotients.
 
@@ -304,7 +303,7 @@ def newton(
     solution = np.clip(start, lower, upper)
     values = residual(solution, np.arange(len(solution)))
     size = _size(values)
-    for _ in range(iterations):
+    for _ in range(_ITERATIONS):
         rows = np.flatnonzero((size > tolerance) & np.isfinite(size))
         if rows.size == 0:
             break

@@ -195,10 +195,10 @@ def disk(free_bytes: int | None = None) -> Finding:
     return Finding("disk", f"{free_bytes / _GB:.1f} GB free", problems, {"free_bytes": free_bytes})
 
 
-def _available_memory(meminfo: Path = Path("/proc/meminfo")) -> int | None:
+def _available_memory() -> int | None:
     """Bytes that may still be used; None where the system does not say."""
     with contextlib.suppress(OSError):
-        found = re.search(r"MemAvailable:\s*(\d+) kB", meminfo.read_text())
+        found = re.search(r"MemAvailable:\s*(\d+) kB", Path("/proc/meminfo").read_text())
         if found:
             return 1024 * int(found[1])
     with contextlib.suppress(AttributeError, ValueError, OSError):  # Windows has no sysconf

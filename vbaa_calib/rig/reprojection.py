@@ -91,12 +91,12 @@ def image_curves(curves: Curves, T_camera_antenna: Sequence[Pose] | Pose) -> Ima
     return ImageCurves(curves.arclength_m, nodes, (tangents[..., :2] - nodes * tangents[..., 2:]) / depth)
 
 
-def feet(seen: SeenPoints, curves: ImageCurves, which: int = 0) -> np.ndarray:
-    """(N,) arc lengths of the points of one curve nearest to the seen points."""
-    nodes, nodes_s = curves.nodes[which], curves.arclength_m[which]
+def feet(seen: SeenPoints, curves: ImageCurves) -> np.ndarray:
+    """(N,) arc lengths of the points of the first curve nearest to the seen points."""
+    nodes, nodes_s = curves.nodes[0], curves.arclength_m[0]
     foot = nodes_s[cKDTree(nodes).query(seen.points)[1]]
     for _ in range(_FOOT_STEPS):
-        point, slope = curves.at(which, foot)
+        point, slope = curves.at(0, foot)
         foot = foot + ((seen.points - point) * slope).sum(axis=1) / (slope**2).sum(axis=1)
         foot = np.clip(foot, nodes_s[0], nodes_s[-1])
     return foot

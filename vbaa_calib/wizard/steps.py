@@ -17,7 +17,7 @@ from vbaa_calib.calibrate.check.assessment import assess
 from vbaa_calib.calibrate.faults.views import resolution_changed, same_pose
 from vbaa_calib.calibrate.given_lens import GivenLens
 from vbaa_calib.calibrate.guide.next_load import load_progress
-from vbaa_calib.calibrate.guide.next_view import ViewProgress, lens_progress, plane_progress
+from vbaa_calib.calibrate.guide.next_view import GOAL_M, ViewProgress, lens_progress, plane_progress
 from vbaa_calib.calibrate.guide.suggestion import pose_match
 from vbaa_calib.calibrate.pipeline import calibrate
 from vbaa_calib.calibrate.report import doubts, rig_document
@@ -162,7 +162,6 @@ def _board_progress(state: SessionState) -> Progress:
     return Progress((seen, scale.words), next=scale.remedy, enough=True, usable=True, numbers=(number,))
 
 
-_GOAL_M = 1e-4
 _FEWEST_VIEWS = 3
 """Pictures below which no lens is solved for."""
 
@@ -190,7 +189,7 @@ def guidance(state: SessionState) -> ViewProgress:
             solution = state.lens()
         except VbaaError:
             solution = None
-        return lens_progress(state.views("lens"), state.board, state.work_plane(), _GOAL_M, size, solution)
+        return lens_progress(state.views("lens"), state.board, state.work_plane(), GOAL_M, size, solution)
 
     return state.cached("guidance", (state.inputs("lens", "plane"), size), made)
 
@@ -216,8 +215,8 @@ def _lens_progress(state: SessionState) -> Progress:
     std = Number(
         "plane C, one standard deviation",
         f"{1e3 * now.std_m:.3f} mm" if known else "not known yet",
-        f"{1e3 * _GOAL_M:.2f} mm",
-        bool(now.std_m <= _GOAL_M) if known else None,
+        f"{1e3 * GOAL_M:.2f} mm",
+        bool(now.std_m <= GOAL_M) if known else None,
     )
     return Progress(
         seen=tuple(seen),

@@ -19,6 +19,8 @@ from vbaa_calib.detect.board.corners import BoardView
 from .suggestion import Suggestion, best_next
 from .view_uncertainty import LensInformation, WorkPlane, bias_square, has_rays, mean_square, plane_sensitivity
 
+GOAL_M = 1e-4
+"""Deviation of points on plane C that is good enough."""
 _LEAST_VIEWS, _LEAST_OF_JIG = 8, 3
 """Pictures that lens and jig rest on before they are enough: fewer show no outlier, and no halves to compare."""
 _LEAST_GAIN = 0.025
@@ -48,7 +50,7 @@ def lens_progress(
     views: Sequence[BoardView],
     spec: BoardSpec,
     plane: WorkPlane,
-    goal_m: float = 1e-4,
+    goal_m: float = GOAL_M,
     image_size: tuple[int, int] = (1280, 720),
     solution: LensSolution | None = None,
 ) -> ViewProgress:
@@ -109,13 +111,7 @@ def _lens_judged(
     return False, f"{now}; the goal is {1e3 * goal_m:.3f} mm, the next picture takes off about {100 * gain:.0f} %."
 
 
-def plane_progress(
-    views: Sequence[BoardView],
-    shape: BoardShape,
-    camera: Camera,
-    plane: WorkPlane,
-    goal_m: float = 1e-4,
-) -> ViewProgress:
+def plane_progress(views: Sequence[BoardView], shape: BoardShape, camera: Camera, plane: WorkPlane) -> ViewProgress:
     """Judge the pictures of the board in the jig, which stands still in all of them.
 
     shape : of the board, as the lens' solve found it. camera : with its covariance. plane : `WorkPlane` in this camera.
@@ -133,15 +129,15 @@ def plane_progress(
     std_m = float(np.hypot(lens_m, board_m))
     gain = 1.0 - float(np.hypot(lens_m, board_m * np.sqrt(1.0 - _next_share(views, board)))) / std_m
     now = f"Points on plane C are known to {1e3 * std_m:.3f} mm (one standard deviation, lens and jig together)"
-    enough, words = False, f"{now}; the goal is {1e3 * goal_m:.3f} mm. Take another of the jig as it stands."
+    enough, words = False, f"{now}; the goal is {1e3 * GOAL_M:.3f} mm. Take another of the jig as it stands."
     if not np.isfinite(std_m):
         words = "Plane C is hardly in the picture: turn the camera to where the antenna moves."
     elif board.is_ambiguous:
         words = f"{now}, but two poses of the board explain the picture: tilt camera and board to each other."
     elif len(views) < _LEAST_OF_JIG:
         words = f"{now}; {_LEAST_OF_JIG - len(views)} more of the jig as it stands, to average out noise."
-    elif std_m <= goal_m:
-        enough, words = True, f"{now}: the goal of {1e3 * goal_m:.3f} mm is reached. Enough, more will not help."
+    elif std_m <= GOAL_M:
+        enough, words = True, f"{now}: the goal of {1e3 * GOAL_M:.3f} mm is reached. Enough, more will not help."
     elif gain < _LEAST_GAIN:
         lens = f"{now}; most of it is the lens'. Enough, more of the jig will not help: take more for the lens."
         jig = f"{now}. Enough, more will not help: a larger, flatter board in the jig would."
