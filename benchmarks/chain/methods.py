@@ -89,7 +89,8 @@ def centreline(estimator: ContactEstimator, photograph: Photograph) -> Centrelin
 
 def _glance(estimator: ContactEstimator, photograph: Photograph) -> FirstDetection:
     frame = frame_of(photograph)
-    return FirstDetection(frame, photograph.image, detect(estimator.rig, frame, photograph.image))
+    line = detect(estimator.rig, frame, photograph.image)
+    return FirstDetection(frame, photograph.image, line, estimator.rig.image.bright)
 
 
 def _contacts(estimator: ContactEstimator, twice: bool, photographs: Sequence[Photograph]) -> Answers:

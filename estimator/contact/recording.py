@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import islice, tee
@@ -14,13 +14,13 @@ from estimator.table.contacts import Contact, Measured
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.images import read_picture
 from vbaa_calib.detect.whisker.antenna import corridor, find_along, finder, free_curve, pixels, width_px
-from vbaa_calib.detect.whisker.background import Background
+from vbaa_calib.detect.whisker.background import Background, evened
 from vbaa_calib.detect.whisker.centreline import NOTHING, Centreline
 from vbaa_calib.detect.whisker.finder import AntennaFinder
 from vbaa_calib.detect.whisker.paint import Paint
 from vbaa_calib.detect.whisker.stretches import explained
 from vbaa_calib.rig import Rig
-from vbaa_calib.session import Frame, Session, read_centrelines
+from vbaa_calib.session import Frame, Session, Still, read_centrelines
 
 from .estimate import ContactEstimator, RoughFit
 
@@ -28,6 +28,9 @@ GRAVITY_STEP_M_S2 = 0.5
 """A finder is used again for frames whose gravity is so much alike: the free antenna sags by a pixel more or less."""
 SECOND_LOOK = 0.8
 """The second look along the fitted shape is taken unless it sees less than this fraction of what the first saw."""
+
+Ground = Callable[[Still], Background | None]
+"""What lies behind the antenna in a picture, as far as it is known."""
 
 AT_ONCE_PX = 16_000_000
 """Pictures of so many pixels in all are kept for a second look, so that their rough fits are one batch."""
@@ -51,11 +54,13 @@ class FrameContact:
 
 @dataclass(frozen=True, eq=False)
 class FirstDetection:
-    """A frame, its picture (H, W) on the plane of paint, and what a first look saw in it."""
+    """A frame, its picture (H, W) on the plane of paint, what a first look saw in it, and whether the antenna is
+    brighter there than what lies behind it."""
 
     frame: Frame
     image: np.ndarray
     line: Centreline
+    bright: bool | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +71,7 @@ class Detection:
     measured: Measured
 
 
-def gravity(rig: Rig, frame: Frame) -> np.ndarray:
+def gravity(rig: Rig, frame: Still) -> np.ndarray:
     """(3,) gravity in the antenna frame."""
     return rig.kinematics.T_world_antenna(frame.pan_rad, frame.tilt_rad).rotation.T @ rig.gravity_world_m_s2
 
@@ -95,13 +100,14 @@ def paint(rig: Rig) -> Paint:
     return Paint(rig.image.bright, rig.image.weights_bgr)
 
 
-def detect(rig: Rig, frame: Frame, image: np.ndarray) -> Centreline:
+def detect(rig: Rig, frame: Still, image: np.ndarray) -> Centreline:
     """The antenna on one picture's plane of paint, (H, W), wherever the corridor lets it be."""
-    prepared = _prepared(rig, frame)
-    return NOTHING if prepared is None else prepared.find(image, rig.image.bright)
+    looking = prepared(rig, frame)
+    return NOTHING if looking is None else looking.find(image, rig.image.bright)
 
 
-def _prepared(rig: Rig, frame: Frame) -> AntennaFinder | None:
+def prepared(rig: Rig, frame: Still) -> AntennaFinder | None:
+    """What looks for the antenna in pictures at these joint angles; None where the lens cannot show it."""
     pull = np.round(gravity(rig, frame) / GRAVITY_STEP_M_S2) * GRAVITY_STEP_M_S2
     return _finder(rig, (float(pull[0]), float(pull[1]), float(pull[2])))
 
@@ -132,7 +138,7 @@ def _along(rig: Rig, glance: FirstDetection, rough: RoughFit) -> Detection:
     T_camera_antenna = rig.T_antenna_camera.inverse()
     guide = pixels(rig.camera, T_camera_antenna, rough.points_m)
     width = width_px(rig.camera, T_camera_antenna, rough.points_m, rig.antenna.diameter_m)
-    again = find_along(glance.image, guide, width, rig.image.bright)
+    again = find_along(glance.image, guide, width, glance.bright)
     line = again if len(again.points_px) >= SECOND_LOOK * len(glance.line.points_px) else glance.line
     return Detection(line, replace(measured(rig, glance.frame, line), start=rough.unknowns))
 
@@ -145,7 +151,7 @@ def detections(estimator: ContactEstimator, glances: Iterable[FirstDetection]) -
         yield from detect_again(estimator, several)
 
 
-def _read_plane(rig: Rig, path: Path) -> np.ndarray:
+def read_plane(rig: Rig, path: Path) -> np.ndarray:
     """A picture (H, W) on the rig's plane of paint. Raises InputError when it cannot be read or has another size."""
     image = read_picture(path)
     if image.shape[1::-1] != tuple(rig.camera.image_size):
@@ -157,28 +163,36 @@ def _read_plane(rig: Rig, path: Path) -> np.ndarray:
     return paint(rig).plane(image)
 
 
-def read_ground(rig: Rig, path: Path) -> Background:
-    """The surroundings from a picture of the same view without the antenna. Raises InputError as `read_plane` does."""
-    return Background(_read_plane(rig, path).astype(np.float32))
-
-
-def first_detection(estimator: ContactEstimator, frame: Frame, ground: Background | None = None) -> FirstDetection:
-    """A first look at a frame's picture, less the ground if that is known.
+def first_detection(estimator: ContactEstimator, frame: Frame, ground: Ground | None = None) -> FirstDetection:
+    """A first look at a frame's picture, less what lies behind the antenna where that is known and helps.
 
     Raises InputError when the picture cannot be read or has another size.
     """
     assert frame.image is not None
-    image = _read_plane(estimator.rig, frame.image)
-    if ground is not None:
-        image = ground.subtracted_from(image)
-    line, prepared = detect(estimator.rig, frame, image), _prepared(estimator.rig, frame)
-    if prepared is not None:
-        line = explained(line, image, prepared.corridor, estimator.rig.image.bright)
-    return FirstDetection(frame, image, line)
+    rig, looking = estimator.rig, prepared(estimator.rig, frame)
+    image, bright = read_plane(rig, frame.image), rig.image.bright
+    if looking is None:
+        return FirstDetection(frame, image, NOTHING, bright)
+    less = subtracted(looking, image, None if ground is None else ground(frame))
+    if less is not None and less[1].found:
+        return FirstDetection(frame, *less, None)
+    return FirstDetection(frame, image, explained(looking.find(image, bright), image, looking.corridor, bright), bright)
+
+
+def subtracted(
+    looking: AntennaFinder, image: np.ndarray, empty: Background | None
+) -> tuple[np.ndarray, Centreline] | None:
+    """A picture (H, W) less what lies behind the antenna, which may be darker or brighter than that, and the antenna
+    in it; None where the background is not known or does not lie behind this picture."""
+    behind = None if empty is None else empty.behind(image)
+    if behind is None:
+        return None
+    line = looking.find(image - behind, None)
+    return evened(image, behind, line, looking.corridor.width_px), line
 
 
 def estimate_pictures(
-    estimator: ContactEstimator, frames: Sequence[Frame], ground: Background | None = None
+    estimator: ContactEstimator, frames: Sequence[Frame], ground: Ground | None = None
 ) -> Iterator[FrameContact]:
     """Every frame from its picture, in order, as many at a time as the estimator takes. Raises as `glance` does."""
     given, kept = tee(detections(estimator, (first_detection(estimator, frame, ground) for frame in frames)))
@@ -187,7 +201,7 @@ def estimate_pictures(
         yield FrameContact(frame, said, seen.measured, seen.line)
 
 
-def estimate_picture(estimator: ContactEstimator, frame: Frame, ground: Background | None = None) -> FrameContact:
+def estimate_picture(estimator: ContactEstimator, frame: Frame, ground: Ground | None = None) -> FrameContact:
     """One frame from its picture, as `estimate_pictures` does it but for its motion."""
     return next(estimate_pictures(estimator, [frame], ground))
 
@@ -209,7 +223,7 @@ def estimate_centrelines(
 
 
 def estimate_recording(
-    estimator: ContactEstimator, session: Session, frames: Sequence[Frame], ground: Background | None = None
+    estimator: ContactEstimator, session: Session, frames: Sequence[Frame], ground: Ground | None = None
 ) -> Iterator[FrameContact]:
     """Every frame of a session's recording, in order; none is dropped. The ground is taken off every picture."""
     if frames[0].image is not None:

@@ -11,9 +11,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from estimator.contact.recording import Ground
     from estimator.table.contacts import ContactRow
     from vbaa_calib.rig import Rig
-    from vbaa_calib.session import Frame, Session
+    from vbaa_calib.session import Frame, Session, Still
 
 MODELS = ("auto", "paper", "linear", "elastica", "rod")
 """auto and `vbaa_calib.antenna.rungs.RUNGS`, which is not imported for the sake of a quick --help."""
@@ -53,8 +54,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--background",
         type=Path,
-        metavar="IMAGE",
-        help="the same view without the antenna, taken off every picture: where camera and surroundings stand still",
+        metavar="IMAGE|auto",
+        help="the same view without the antenna, taken off every picture that it lies behind; auto: learnt from the "
+        "recording and the pictures of the free antenna, where what lies behind stands still in them",
     )
     parser.add_argument(
         "--overlay",
@@ -84,21 +86,21 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if args.overlay is not None:
         refuse_folder(args.overlay, args.force)
     if args.no_report:
-        return {**_estimate(args), "report": None}
+        return {**_estimate(args)[0], "report": None}
     output = report_beside(args.output) if args.report is None else args.report
     refuse_output(output, PAGES, args.force)
-    result = _estimate(args)
+    result, ground = _estimate(args)
     from viz.report.make import Sources, make_report
 
-    sources = Sources(args.output, args.rig, args.session, background=args.background, drift=result["drift"])
+    sources = Sources(args.output, args.rig, args.session, ground=ground, drift=result["drift"])
     title = f"Contacts of the antenna: {args.session.resolve().name}"
     make_report(output, sources, title=title, argv=args.argv, force=args.force)
     say(f"wrote {output}: open it in a browser")
     return {**result, "report": str(output)}
 
 
-def _estimate(args: argparse.Namespace) -> dict[str, Any]:
-    """contacts.csv, and what became of the frames."""
+def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None]:
+    """contacts.csv; what became of the frames, and what was taken off them."""
     from contextlib import ExitStack
     from dataclasses import replace
 
@@ -107,7 +109,8 @@ def _estimate(args: argparse.Namespace) -> dict[str, Any]:
     from estimator.contact.drift import summary
     from estimator.contact.estimate import ContactEstimator
     from estimator.contact.overlay import overlaid
-    from estimator.contact.recording import estimate_recording, read_ground
+    from estimator.contact.recording import estimate_recording
+    from estimator.contact.surroundings import surroundings
     from estimator.table.contacts import ContactRow
     from estimator.table.files import write_contacts
     from vbaa_calib.core.console import progress, say
@@ -122,11 +125,13 @@ def _estimate(args: argparse.Namespace) -> dict[str, Any]:
     frames = _frames(session, rig, args.no_moment)
     pictures = [frame.image for frame in frames if frame.image is not None]
     check_pictures(pictures, rig.camera.image_size, "the rig was calibrated at")
+    ground, words = surroundings(rig, args.background, lambda: [*frames, *_free(session, rig)])
+    if words:
+        say(f"background: {words}")
     statuses, models, std_m = Counter[str](), Counter[str](), array("d")  # all that is kept of the rows
 
     def rows() -> Iterator[ContactRow]:
         """Of every frame, each drawn into the overlay folder on its way where one is asked for."""
-        ground = None if args.background is None else read_ground(rig, args.background)
         found = progress(estimate_recording(estimator, session, frames, ground), "contacts", len(frames))
         with ExitStack() as stack:
             if args.overlay is not None:
@@ -157,7 +162,7 @@ def _estimate(args: argparse.Namespace) -> dict[str, Any]:
     say(f"wrote {args.output}")
     if args.overlay is not None:
         say(f"wrote {args.overlay}: open {args.overlay / 'index.html'} to see what was seen in each frame")
-    return {
+    result = {
         "contacts": str(args.output),
         "overlay": None if args.overlay is None else str(args.overlay),
         "frames": len(frames),
@@ -165,7 +170,22 @@ def _estimate(args: argparse.Namespace) -> dict[str, Any]:
         "models": dict(models),
         "distance_std_median_m": located,
         "drift": changed,
+        "background": words or None,
     }
+    return result, ground
+
+
+def _free(session: Session, rig: Rig) -> list[Still]:
+    """The pictures of the free antenna, where this session has some of this camera."""
+    from vbaa_calib.core.errors import InputError
+    from vbaa_calib.session import check_pictures, read_noload
+
+    try:
+        stills = list(read_noload(session))
+        check_pictures([still.image for still in stills if still.image], rig.camera.image_size, "the rig's are")
+    except InputError:  # they are not needed
+        return []
+    return stills
 
 
 def _frames(session: Session, rig: Rig, no_moment: bool) -> list[Frame]:

@@ -15,7 +15,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--rig", type=Path, required=True, help="rig.json, as vbaa calibrate writes it")
     parser.add_argument("--pan", type=float, default=0.0, metavar="RAD", help="joint angle (default: 0)")
     parser.add_argument("--tilt", type=float, default=0.0, metavar="RAD", help="joint angle (default: 0)")
-    parser.add_argument("--background", type=Path, metavar="IMAGE", help="the same view without the antenna: taken off")
+    parser.add_argument(
+        "--background",
+        type=Path,
+        metavar="IMAGE|auto",
+        help="the same view without the antenna: taken off; auto: learnt from the pictures beside this one",
+    )
     parser.add_argument("-o", "--output", type=Path, metavar="LOOK", help="debug picture to write, .png or .jpg")
 
 
@@ -41,27 +46,29 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     import numpy as np
 
     from estimator.contact.overlay import corridor_of
-    from estimator.contact.recording import detect, paint
+    from estimator.contact.recording import detect, paint, prepared, subtracted
+    from estimator.contact.surroundings import AUTO, beside, surroundings
     from vbaa_calib.core.console import say
     from vbaa_calib.core.files import replacing
     from vbaa_calib.core.images import read_gray, read_picture
     from vbaa_calib.detect.drawing.overlay import centreline_picture, described
-    from vbaa_calib.detect.whisker.background import Background
     from vbaa_calib.detect.whisker.centreline import Visibility
     from vbaa_calib.detect.whisker.stretches import Cause, stretches, why_lost
     from vbaa_calib.rig import Rig
     from vbaa_calib.session import Frame, check_pictures
 
     rig = Rig.load(args.rig)
-    given = [path for path in (args.image, args.background) if path is not None]
+    given = [path for path in (args.image, args.background) if path not in (None, AUTO)]
     check_pictures(given, rig.camera.image_size, "the rig was calibrated at")
     frame = Frame(image=args.image, pan_rad=args.pan, tilt_rad=args.tilt, moment_Nm=0.0, frame=0, time_s=0.0)
     plane = paint(rig).plane
-    picture = plain = plane(read_picture(args.image))
-    if args.background is not None:
-        empty = Background(plane(read_picture(args.background)).astype(np.float32))
-        picture = empty.subtracted_from(picture)
-    line = detect(rig, frame, picture)
+    plain = plane(read_picture(args.image))
+    ground, ground_words = surroundings(rig, args.background, lambda: beside(rig, frame))
+    looking = prepared(rig, frame)
+    less = None if ground is None or looking is None else subtracted(looking, plain, ground(frame))
+    if ground is not None and less is None:
+        ground_words = "left aside, since it does not lie behind the antenna in this picture"
+    picture, line = (plain, detect(rig, frame, plain)) if less is None else less
     # an antenna that is dark instead of bright, or the other way round
     other = replace(rig, image=replace(rig.image, bright=not rig.image.bright))
     other_way = not line.found and rig.image.bright is not None and detect(other, frame, picture).found
@@ -78,6 +85,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if lost:
         say(f"not seen {lost}")
         say(f"remedy   {change}")
+    if ground_words:
+        say(f"behind   {ground_words}")
     say(f"paint    {words}")
     if args.output is not None:
         joints = f"{args.image.name}, pan {args.pan:.3f}, tilt {args.tilt:.3f} rad"
@@ -106,6 +115,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         "breadth": line.breadth if measured else None,
         "bright": rig.image.bright,
         "found_the_other_way": other_way,
+        "background": ground_words or None,
         "image": str(args.image),
         "picture": None if args.output is None else str(args.output),
     }

@@ -27,6 +27,7 @@ from .recording import Picture, Report, SummaryRow, page
 from .words import object_found, origin
 
 if TYPE_CHECKING:
+    from estimator.contact.recording import Ground
     from estimator.object.estimate import ObjectEstimate
 
 _WIDEST_PX = 1600
@@ -44,7 +45,7 @@ class Sources:
     contacts : contacts.csv or .parquet.
     rig : rig.json: adds friction, stiffness, the scene and the residual's scale.
     session : adds a picture of the recording; needs the rig.
-    background : as `vbaa estimate` was given it.
+    ground : what `vbaa estimate` took off the pictures.
     truth : truth.json, drawn beside the estimates.
     picture : of the scene, drawn already; without it one is drawn.
     drift : what has changed since the calibration (`estimator.contact.drift.summary`).
@@ -55,7 +56,7 @@ class Sources:
     session: Path | None = None
     truth: Path | None = None
     picture: Path | None = None
-    background: Path | None = None
+    ground: Ground | None = None
     drift: Mapping[str, Any] | None = None
 
 
@@ -86,7 +87,7 @@ def make_report(
     else:
         pictures = [_scene_from_file(sources.picture)]
     if sources.session is not None and rig is not None:
-        pictures.append(_seen_picture(table, rig, sources.session, sources.background))
+        pictures.append(_seen_picture(table, rig, sources.session, sources.ground))
     files = {name: getattr(sources, name) for name in ("contacts", "rig", "session", "truth")}
     rows = origin(files, rig, argv)
     made = Report(title, table, rig, estimate, track, facts, truth, summary, pictures, rows, sources.drift)
@@ -139,11 +140,11 @@ def scene_picture(
         return Picture(b"", f"No picture of the scene: {error}")
 
 
-def _seen_picture(table: ContactTable, rig: Rig, session: Path, background: Path | None = None) -> Picture:
+def _seen_picture(table: ContactTable, rig: Rig, session: Path, ground: Ground | None = None) -> Picture:
     """The recording's picture of the greatest force with what was seen and estimated, or why there is none."""
     from estimator.contact.estimate import ContactEstimator
     from estimator.contact.overlay import frame_picture
-    from estimator.contact.recording import estimate_picture, read_ground
+    from estimator.contact.recording import estimate_picture
 
     whole = np.linalg.norm(table.force_world_N, axis=1)
     force = np.where(np.isfinite(whole), whole, np.hypot(table.force_y_N, table.force_z_N))
@@ -157,7 +158,6 @@ def _seen_picture(table: ContactTable, rig: Rig, session: Path, background: Path
         estimator = ContactEstimator(rig, str(table.model[row]), friction=table.assumed_friction_rad)
         if not np.isfinite(table.moment_residual_Nm[row]):
             frame = replace(frame, moment_Nm=np.nan, moment_z_Nm=np.nan)
-        ground = None if background is None else read_ground(rig, background)
         image = frame_picture(estimator, estimate_picture(estimator, frame, ground))
     except VbaaError as error:
         return Picture(b"", f"No picture of the recording: {error}")

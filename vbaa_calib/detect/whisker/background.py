@@ -1,44 +1,198 @@
-"""Background subtraction: the scene without the antenna, learned from no-load pictures."""
+"""Background subtraction: the scene without the antenna, from one picture of it or from several with the antenna in.
+
+A camera may shake by a pixel or so and a lamp change: a background is moved and scaled to each picture before it is
+taken off. Where it does not lie behind a picture, that is noticed.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
+from scipy.spatial import cKDTree
+from scipy.special import ndtr
 
+from . import smooth
 from .centreline import Centreline
+from .corridor import resample
+
+FINE_PX, COARSE_PX = 1.2, 21
+"""Detail between these scales registers a picture: noise is finer, light that changes slowly is coarser."""
+MOST_PIXELS, DETAILED = 8_000, 0.9
+"""At most so many pixels are compared, of those above this quantile of the slope."""
+ROUNDS, MOST_SHIFT_PX = 6, 4.0
+GAIN, LEAST_CORRELATION = (0.4, 2.5), 0.75
+"""A background behind a picture has a gain within these, and its detail correlates by so much."""
+LEAST_PICTURES, LEAST_UNCOVERED = 5, 3
+"""A background is learnt from so many pictures or more, each pixel from so many that show it."""
+ORDINARY_BLUR_PX = 0.85
+"""Blur of a lens in focus and of the pixels, standard deviation."""
+FADE_PX = 6
+"""What is filled in goes over into what is known over so many pixels."""
+STILL = 2.0
+"""A background stands still, and is worth to be taken off, where its detail is so many times what it scatters by."""
 
 
 @dataclass(frozen=True, eq=False)
 class Background:
-    """The empty scene: `grey` (H, W) float32. Only for a camera and a background that stand still."""
+    """The empty scene: `grey` (H, W) float32; `scatter` (H, W) of its pictures about it, NaN where it is filled in."""
 
     grey: np.ndarray
+    scatter: np.ndarray | None = None
 
-    @staticmethod
-    def learn(images: Sequence[np.ndarray], lines: Sequence[Centreline], width_px: float) -> Background:
-        """The median of pictures (H, W) of the free antenna, with the antenna painted over from its two sides."""
-        empty = [_painted_over(image, line, width_px) for image, line in zip(images, lines, strict=True)]
-        return Background(np.median(empty, axis=0).astype(np.float32))
+    def behind(self, image: np.ndarray) -> np.ndarray | None:
+        """(H, W) float32: the background moved and scaled to lie behind a picture; None where it does not."""
+        fitted = self._fitted(image)
+        return None if fitted is None else np.asarray(fitted[0] * _moved(self.grey, fitted[1]))
 
-    def subtracted_from(self, image: np.ndarray) -> np.ndarray:
-        """(H, W) float32 picture less the background, scaled to the picture's brightness."""
-        picture = image.astype(np.float32)
-        few = (slice(None, None, 7), slice(None, None, 7))
-        return picture - self.grey * (float(np.median(picture[few])) / max(float(np.median(self.grey[few])), 1e-6))
+    def detail_over_scatter(self, where: np.ndarray) -> float:
+        """How many times its scatter the detail is, in the pixels `where` (H, W) that are known."""
+        if self.scatter is None:
+            return 0.0
+        known = where & np.isfinite(self.scatter)
+        if not known.any():
+            return 0.0
+        detail, scatter = _detail(self.grey, 0.0)[known], self.scatter[known]
+        return float(np.sqrt(np.mean(detail**2) / max(float(np.mean(scatter**2)), 1e-6)))
+
+    @cached_property
+    def _marks(self) -> tuple[np.ndarray, np.ndarray]:
+        """(M, 2) pixels with much detail, u and v, and the detail (H, W)."""
+        detail = _detail(self.grey, FINE_PX)
+        slope = np.hypot(*np.gradient(detail))
+        edge = int(MOST_SHIFT_PX) + 2
+        slope[:edge], slope[-edge:], slope[:, :edge], slope[:, -edge:] = 0.0, 0.0, 0.0, 0.0
+        v, u = np.nonzero(slope > np.quantile(slope[::3, ::3], DETAILED))
+        every = 1 + len(u) // MOST_PIXELS
+        return np.stack([u, v], axis=1)[::every].astype(np.float32), detail
+
+    def _fitted(self, image: np.ndarray) -> tuple[float, np.ndarray] | None:
+        """Gain and shift (2,) px that bring the background behind a picture, whatever else the picture shows."""
+        at, detail = self._marks
+        if len(at) < 50:
+            return None
+        seen = _detail(image.astype(np.float32), FINE_PX)[at[:, 1].astype(int), at[:, 0].astype(int)]
+        shift, gain = np.zeros(2), 1.0
+        for _ in range(ROUNDS):
+            here, right, down = (_at(detail, at - shift + step) for step in ((0.0, 0.0), (0.5, 0.0), (0.0, 0.5)))
+            rows = np.stack([here, 2.0 * (here - right), 2.0 * (here - down)], axis=1)
+            left = seen - gain * here
+            scale = 1.5 * smooth.median(np.abs(left)) + 1e-6
+            weight = 1.0 / (1.0 + (left / (2.0 * scale)) ** 2) ** 2
+            normal_matrix = (rows * weight[:, None]).T @ rows + 1e-6 * len(rows) * np.eye(3)
+            gain, *moved = np.linalg.solve(normal_matrix, (rows * weight[:, None]).T @ seen)
+            if not GAIN[0] < gain < GAIN[1]:
+                return None
+            step = np.array(moved) / gain
+            shift = shift + step / max(1.0, float(np.hypot(*step)))
+            if np.hypot(*shift) > MOST_SHIFT_PX:
+                return None
+            if np.hypot(*step) < 0.01:
+                break
+        here = gain * _at(detail, at - shift)
+        limit = 3.0 * smooth.median(np.abs(seen))  # the antenna and the object may lie anywhere
+        clipped, found = np.clip(seen, -limit, limit), np.clip(here, -limit, limit)
+        correlation = float(clipped @ found / max(np.sqrt((clipped @ clipped) * (found @ found)), 1e-6))
+        return (float(gain), shift) if correlation > LEAST_CORRELATION else None
 
 
-def _painted_over(image: np.ndarray, line: Centreline, width_px: float) -> np.ndarray:
-    if len(line.guide_px) < 2:
-        return image.astype(np.float32)
-    mask = np.zeros(image.shape, np.uint8)
-    thickness = int(np.ceil(line.breadth * width_px)) + 6
-    path = np.round(line.guide_px).astype(np.int32).reshape(-1, 1, 2)
-    cv2.polylines(mask, [path], False, 255, thickness)
-    # only what is beside the line may fill it in: a mean of the unmasked pixels around
-    reach = 2 * thickness + 1
-    around = cv2.blur(np.where(mask > 0, 0.0, image).astype(np.float32), (reach, reach))
-    share = cv2.blur((mask == 0).astype(np.float32), (reach, reach))
-    return np.where(mask > 0, around / np.maximum(share, 1e-3), image).astype(np.float32)
+def learn(images: Sequence[np.ndarray], masks: Sequence[np.ndarray]) -> Background | None:
+    """What stands still behind the antenna in pictures (H, W): their median, without what is `covered` (masks).
+
+    Where the antenna always covers it, from beside the antenna: one that never moves must not become background.
+    None where too few of the pictures show the same scene.
+    """
+    best: list[_Fit] = []
+    for first in dict.fromkeys((len(images) // 2, 0, len(images) - 1)):
+        best = max(best, _fits(Background(images[first].astype(np.float32)), images), key=len)
+        if len(best) > len(images) // 2:
+            break
+    if len(best) < LEAST_PICTURES:
+        return None
+    # once more against what the first round made of them: one picture's noise would lower every gain
+    best = _fits(_median(images, masks, best), images)
+    return _median(images, masks, best) if len(best) >= LEAST_PICTURES else None
+
+
+_Fit = tuple[int, float, np.ndarray]
+"""Index of a picture, gain and shift (2,) px of the background behind it."""
+
+
+def _fits(ground: Background, images: Sequence[np.ndarray]) -> list[_Fit]:
+    fits = [(index, ground._fitted(image)) for index, image in enumerate(images)]
+    return [(index, *fit) for index, fit in fits if fit is not None]
+
+
+def _median(images: Sequence[np.ndarray], masks: Sequence[np.ndarray], fits: list[_Fit]) -> Background:
+    """The median of pictures that fit, moved onto one another, of what is not covered (masks, 255 where it is)."""
+    several = np.empty((len(fits), *images[0].shape), np.float32)
+    gains = np.array([gain for _, gain, _ in fits])
+    for own, (index, gain, shift) in zip(several, fits, strict=True):
+        own[:] = _moved(images[index].astype(np.float32), -shift) * (float(np.median(gains)) / gain)
+        own[_moved(masks[index], -shift) > 0] = np.inf
+    several.sort(axis=0)  # what is covered comes last
+    uncovered = np.isfinite(several).sum(axis=0)
+    known = uncovered >= LEAST_UNCOVERED
+    low, middle, high = (
+        np.take_along_axis(several, np.rint(part * np.maximum(uncovered - 1, 0)).astype(int)[None], axis=0)[0]
+        for part in (0.25, 0.5, 0.75)
+    )
+    scatter = 0.74 * (np.where(known, high, 0.0) - np.where(known, low, 0.0))
+    return Background(_filled(np.where(known, middle, 0.0), known), np.where(known, scatter, np.nan))
+
+
+def covered(line: Centreline, shape: tuple[int, ...], width_px: float) -> np.ndarray:
+    """(H, W) uint8, 255 where an antenna, found or supposed, covers a picture, generously."""
+    mask = np.zeros(shape, np.uint8)
+    if len(line.guide_px) >= 2:
+        path = np.round(np.clip(line.guide_px, -8e3, 8e3)).astype(np.int32).reshape(-1, 1, 2)
+        cv2.polylines(mask, [path], False, 255, int(np.ceil(max(line.breadth, 1.0) * width_px)) + 6)
+    return mask
+
+
+def evened(image: np.ndarray, behind: np.ndarray, line: Centreline, width_px: float) -> np.ndarray:
+    """(H, W) float32 picture less what lies behind it, evened out where a found antenna covers it.
+
+    An opaque antenna stands out from an uneven background by more on one side than on the other, which would draw its
+    line aside: on the antenna only the background's mean over its surroundings is taken off.
+    """
+    difference = image.astype(np.float32) - behind
+    v, u = np.nonzero(covered(line, difference.shape, width_px))
+    if not len(u):
+        return difference
+    path, _ = resample(line.guide_px, 0.25)
+    distance, _ = cKDTree(path).query(np.stack([u, v], axis=1))
+    half, blur = 0.5 * width_px * line.breadth, ORDINARY_BLUR_PX
+    share = ndtr((half - distance) / blur) - ndtr((-half - distance) / blur)
+    reach = 2 * int(2.0 * width_px) + 1
+    difference[v, u] += share * (behind - cv2.blur(behind, (reach, reach)))[v, u]
+    return difference
+
+
+def _filled(grey: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """The picture (H, W) with what is not known filled in from around it, without a step at its border."""
+    reach = 2 * int(cv2.distanceTransform((~known).astype(np.uint8), cv2.DIST_L2, 5).max()) + 2 * FADE_PX + 1
+    around = cv2.blur(grey.astype(np.float32), (reach, reach))
+    share = cv2.blur(known.astype(np.float32), (reach, reach))
+    fade = np.clip(cv2.distanceTransform(known.astype(np.uint8), cv2.DIST_L2, 5) / FADE_PX, 0.0, 1.0)
+    return np.asarray(fade * grey + (1.0 - fade) * around / np.maximum(share, 1e-3), np.float32)
+
+
+def _detail(grey: np.ndarray, fine_px: float) -> np.ndarray:
+    fine = cv2.GaussianBlur(grey, (0, 0), fine_px) if fine_px else grey
+    return np.asarray(fine - cv2.blur(grey, (COARSE_PX, COARSE_PX)))
+
+
+def _at(values: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """(M,) values (H, W) at places (M, 2), u and v."""
+    u, v = (places[:, axis].astype(np.float32)[:, None] for axis in (0, 1))
+    return cv2.remap(values, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).ravel().astype(float)
+
+
+def _moved(grey: np.ndarray, shift: np.ndarray) -> np.ndarray:
+    move = np.array([[1.0, 0.0, shift[0]], [0.0, 1.0, shift[1]]])
+    size = (grey.shape[1], grey.shape[0])
+    return cv2.warpAffine(grey, move, size, flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)

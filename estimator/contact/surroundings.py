@@ -1,0 +1,147 @@
+"""What stands still behind the antenna, learnt from a recording's own pictures and those of the free antenna.
+
+Camera and antenna move together: what lies behind stands still in the picture only where the joints do, or where it
+moves with them. The pictures themselves decide.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.detect.drawing.overlay import corridor_mask
+from vbaa_calib.detect.whisker.background import LEAST_PICTURES, STILL, Background, covered, learn
+from vbaa_calib.detect.whisker.centreline import Centreline
+from vbaa_calib.detect.whisker.finder import AntennaFinder
+from vbaa_calib.rig import Rig
+from vbaa_calib.session import Still, check_pictures
+
+from .recording import Ground, prepared, read_plane
+
+AUTO = Path("auto")
+"""In place of a picture: learn the background."""
+SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
+MOST_PICTURES, MOST_PX = 24, 40_000_000
+"""Pictures that are looked at for one background, and their pixels in all."""
+ALIKE_PX, MOST_POSITIONS = 2.0, 6
+"""Joint angles count as one position where the picture moves by no more; so many positions have a background."""
+HARDLY_MOVES = 0.5
+"""An antenna that always covers this part of what lies behind it hardly moves: nothing is learnt."""
+
+
+@dataclass(frozen=True, eq=False)
+class Surroundings:
+    """Backgrounds by the joints' position: `grounds` by cell of `step_rad`, which is infinite for one background."""
+
+    grounds: Mapping[tuple[int, int], Background]
+    step_rad: float = np.inf
+
+    def of(self, still: Still) -> Background | None:
+        """What lies behind the antenna in this picture, if that is known."""
+        return self.grounds.get(_cell(still, self.step_rad))
+
+
+def surroundings(rig: Rig, given: Path | None, stills: Callable[[], Sequence[Still]]) -> tuple[Ground | None, str]:
+    """What lies behind the antenna, as `--background` asks for it, and what came of that in words.
+
+    given : a picture of the same view without the antenna, or `AUTO`: learnt from the stills.
+    Raises InputError when a picture cannot be read or has another size than the rig's.
+    """
+    if given is None:
+        return None, ""
+    if given == AUTO:
+        learnt, words = learn_surroundings(rig, stills())
+        return None if learnt is None else learnt.of, words
+    empty = Background(read_plane(rig, given).astype(np.float32))
+    return lambda _: empty, f"{given.name} is taken off where it lies behind the antenna"
+
+
+def learn_surroundings(rig: Rig, stills: Sequence[Still]) -> tuple[Surroundings | None, str]:
+    """Backgrounds from pictures with the antenna in them, and what came of it in words; None where none is of use."""
+    shown = [still for still in stills if still.image is not None]
+    why = f"fewer than {LEAST_PICTURES} pictures"
+    for step in (np.inf, ALIKE_PX / float(rig.camera.matrix[0, 0])):
+        cells = defaultdict(list)
+        for still in shown:
+            cells[_cell(still, step)].append(still)
+        several = sorted(cells.items(), key=lambda cell: -len(cell[1]))[:MOST_POSITIONS]
+        grounds: dict[tuple[int, int], Background] = {}
+        for cell, own in several:
+            if len(own) >= LEAST_PICTURES:
+                ground, why = _learnt(rig, own)
+                grounds |= {} if ground is None else {cell: ground}
+        if grounds:
+            where = "" if len(cells) == 1 else f" at {len(grounds)} of {len(cells)} positions of the joints"
+            return Surroundings(grounds, step), f"what stands still behind the antenna is taken off{where}"
+        if len(cells) > 1 and np.isfinite(step):
+            why = f"{why}, at none of {len(cells)} positions of the joints"
+    return None, f"nothing is taken off: {why}"
+
+
+def beside(rig: Rig, still: Still) -> list[Still]:
+    """The pictures in a picture's folder that this camera may have taken, some dozen of them, itself among them."""
+    assert still.image is not None
+    paths = sorted(path for path in still.image.parent.iterdir() if path.suffix.lower() in SUFFIXES)
+    several = []
+    for path in paths[:: 1 + len(paths) // (2 * MOST_PICTURES)]:
+        with suppress(InputError):
+            check_pictures([path], rig.camera.image_size, "the rig was calibrated at")
+            several.append(replace(still, image=path))
+    return several
+
+
+def _cell(still: Still, step_rad: float) -> tuple[int, int]:
+    return round(still.pan_rad / step_rad), round(still.tilt_rad / step_rad)
+
+
+def _learnt(rig: Rig, stills: Sequence[Still]) -> tuple[Background | None, str]:
+    """One background from pictures at one position of the joints, or why there is none."""
+    looking = prepared(rig, stills[0])
+    if looking is None:
+        return None, "the camera does not see the antenna"
+    width, height = rig.camera.image_size
+    count = int(np.clip(MOST_PX // (width * height), LEAST_PICTURES, MOST_PICTURES))
+    sample = [stills[i] for i in np.unique(np.linspace(0, len(stills) - 1, count).round().astype(int))]
+    return background_of([read_plane(rig, still.image) for still in sample if still.image], looking, rig.image.bright)
+
+
+def background_of(
+    images: Sequence[np.ndarray], looking: AntennaFinder, bright: bool | None
+) -> tuple[Background | None, str]:
+    """What stands still behind the antenna in pictures (H, W) of it, or why nothing is to be gained by it."""
+    width = looking.corridor.width_px
+    lines = [looking.find(image, bright) for image in images]
+    ground = _without(lines, images, width)
+    if ground is None:
+        return None, "what lies behind the antenna does not stand still, or shows no detail"
+    # what clutter hid, the difference may show; what still looks like an antenna in the background may be one at rest
+    for index, image in enumerate(images):
+        behind = None if lines[index].found else ground.behind(image)
+        if behind is not None:
+            lines[index] = looking.find(image - behind, None)  # also where it is too little: it hides all the same
+    at_rest = looking.find(ground.grey, bright)
+    ground = _without(lines, images, width, at_rest if at_rest.found else None)
+    if ground is None or ground.scatter is None:
+        return None, "what lies behind the antenna does not stand still"
+    unknown = np.isnan(ground.scatter)
+    always = [unknown[covered(line, unknown.shape, 1.0) > 0].mean() for line in lines if line.found]
+    if always and np.mean(always) > HARDLY_MOVES:
+        return None, "the antenna hardly moves in the picture, and hides what lies behind it"
+    if ground.detail_over_scatter(corridor_mask(looking.corridor, looking.image_size) > 0) < STILL:
+        return None, "what lies behind the antenna is plain, or does not stand still"
+    return ground, ""
+
+
+def _without(
+    lines: Sequence[Centreline], images: Sequence[np.ndarray], width_px: float, at_rest: Centreline | None = None
+) -> Background | None:
+    masks = [covered(line, image.shape, width_px) for line, image in zip(lines, images, strict=True)]
+    if at_rest is not None:
+        masks = [np.maximum(mask, covered(at_rest, mask.shape, width_px)) for mask in masks]
+    return learn(images, masks)
