@@ -7,7 +7,6 @@ import pytest
 
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.detect.whisker.antenna import find, find_along
-from vbaa_calib.detect.whisker.background import Background
 from vbaa_calib.detect.whisker.centreline import Visibility
 from vbaa_calib.detect.whisker.corridor import Corridor
 from vbaa_calib.detect.whisker.finder import AntennaFinder
@@ -65,22 +64,6 @@ def test_sixteen_bits_give_what_eight_bits_give(finder: AntennaFinder) -> None:
     assert shallow.found
     assert aside(path, deep.points_px).std() < 1.02 * aside(path, shallow.points_px).std()
     assert deep.amplitude == pytest.approx(200.0 * shallow.amplitude, rel=0.03)
-
-
-def test_the_known_ground_is_taken_off(finder: AntennaFinder) -> None:
-    """A bright bar from beside the clamp would be taken for the antenna; and the light has changed."""
-    rng = np.random.default_rng(3)
-    ground = background(rng, 2.0) + tube(np.array([[56.0, 116.0], [262.0, 60.0]]), WIDTH_PX, 110.0)
-    free, path = bent((40.0, 120.4), 0.0, 2.0), bent((40.0, 120.4), 0.0, 30.0)
-    still = exposed(ground + tube(free, WIDTH_PX, 70.0), rng)
-    line = finder.find(exposed(background(rng, 2.0) + tube(free, WIDTH_PX, 70.0), rng))
-    empty = Background.learn([still], [line], WIDTH_PX)
-    image = exposed(1.2 * (ground + tube(path, WIDTH_PX, 30.0)), rng)
-    confused = finder.find(image)
-    assert not confused.found or np.abs(aside(path, confused.points_px)).max() > 5.0
-    seen = finder.find(empty.subtracted_from(image))
-    assert seen.found
-    assert np.median(np.abs(aside(path, seen.points_px))) < 0.1
 
 
 def test_what_is_hidden_and_where_the_visible_end_is(finder: AntennaFinder) -> None:

@@ -23,9 +23,10 @@ FINE_PX, COARSE_PX = 1.2, 21
 """Detail between these scales registers a picture: noise is finer, light that changes slowly is coarser."""
 MOST_PIXELS, DETAILED = 8_000, 0.9
 """At most so many pixels are compared, of those above this quantile of the slope."""
-ROUNDS, MOST_SHIFT_PX = 6, 4.0
-GAIN, LEAST_CORRELATION = (0.4, 2.5), 0.75
-"""A background behind a picture has a gain within these, and its detail correlates by so much."""
+ROUNDS, MOST_SHIFT_PX = 6, 6.0
+GAIN, LEAST_CORRELATION, BETWEEN_TWO = (0.4, 2.5), 0.65, 0.5
+"""A background behind a picture has a gain within these, and its detail correlates by so much; that of two pictures,
+both of them noisy, by so much."""
 LEAST_PICTURES, LEAST_UNCOVERED = 5, 3
 """A background is learnt from so many pictures or more, each pixel from so many that show it."""
 ORDINARY_BLUR_PX = 0.85
@@ -69,13 +70,20 @@ class Background:
         every = 1 + len(u) // MOST_PIXELS
         return np.stack([u, v], axis=1)[::every].astype(np.float32), detail
 
-    def _fitted(self, image: np.ndarray) -> tuple[float, np.ndarray] | None:
+    def _fitted(self, image: np.ndarray, least: float = LEAST_CORRELATION) -> tuple[float, np.ndarray] | None:
         """Gain and shift (2,) px that bring the background behind a picture, whatever else the picture shows."""
         at, detail = self._marks
         if len(at) < 50:
             return None
-        seen = _detail(image.astype(np.float32), FINE_PX)[at[:, 1].astype(int), at[:, 0].astype(int)]
-        shift, gain = np.zeros(2), 1.0
+        whole = _detail(image.astype(np.float32), FINE_PX)
+        seen = whole[at[:, 1].astype(int), at[:, 0].astype(int)]
+        found = self._near(seen, np.zeros(2), least)
+        # farther than its detail is broad, only the whole picture tells
+        return found or self._near(seen, np.array(cv2.phaseCorrelate(detail, whole)[0]), least)
+
+    def _near(self, seen: np.ndarray, shift: np.ndarray, least: float) -> tuple[float, np.ndarray] | None:
+        """The same near a shift (2,), from the picture's detail (M,) in the pixels that count."""
+        (at, detail), gain = self._marks, 1.0
         for _ in range(ROUNDS):
             here, right, down = (_at(detail, at - shift + step) for step in ((0.0, 0.0), (0.5, 0.0), (0.0, 0.5)))
             rows = np.stack([here, 2.0 * (here - right), 2.0 * (here - down)], axis=1)
@@ -96,7 +104,7 @@ class Background:
         limit = 3.0 * smooth.median(np.abs(seen))  # the antenna and the object may lie anywhere
         clipped, found = np.clip(seen, -limit, limit), np.clip(here, -limit, limit)
         correlation = float(clipped @ found / max(np.sqrt((clipped @ clipped) * (found @ found)), 1e-6))
-        return (float(gain), shift) if correlation > LEAST_CORRELATION else None
+        return (float(gain), shift) if correlation > least else None
 
 
 def learn(images: Sequence[np.ndarray], masks: Sequence[np.ndarray]) -> Background | None:
@@ -107,13 +115,13 @@ def learn(images: Sequence[np.ndarray], masks: Sequence[np.ndarray]) -> Backgrou
     """
     best: list[_Fit] = []
     for first in dict.fromkeys((len(images) // 2, 0, len(images) - 1)):
-        best = max(best, _fits(Background(images[first].astype(np.float32)), images), key=len)
+        best = max(best, _fits(Background(images[first].astype(np.float32)), images, BETWEEN_TWO), key=len)
         if len(best) > len(images) // 2:
             break
     if len(best) < LEAST_PICTURES:
         return None
     # once more against what the first round made of them: one picture's noise would lower every gain
-    best = _fits(_median(images, masks, best), images)
+    best = _fits(_median(images, masks, best), images, LEAST_CORRELATION)
     return _median(images, masks, best) if len(best) >= LEAST_PICTURES else None
 
 
@@ -121,8 +129,8 @@ _Fit = tuple[int, float, np.ndarray]
 """Index of a picture, gain and shift (2,) px of the background behind it."""
 
 
-def _fits(ground: Background, images: Sequence[np.ndarray]) -> list[_Fit]:
-    fits = [(index, ground._fitted(image)) for index, image in enumerate(images)]
+def _fits(ground: Background, images: Sequence[np.ndarray], least: float) -> list[_Fit]:
+    fits = [(index, ground._fitted(image, least)) for index, image in enumerate(images)]
     return [(index, *fit) for index, fit in fits if fit is not None]
 
 
