@@ -134,7 +134,7 @@ def test_a_background_is_taken_off_every_picture(vbaa: Call, session: Path, rig:
 
 
 def test_a_background_that_cannot_be_learnt_is_left_alone(vbaa: Call, session: Path, rig: Path) -> None:
-    """The bench turns with the joints; bars that do not, carried along with the camera, hide behind a resting antenna."""
+    """The bench turns with the joints; bars that are carried along with the camera hide behind a resting antenna."""
     call = ("estimate", session, "--rig", rig, "--no-report", "--background", "auto", "--json", "--force", "-o")
     out = session.parent / "contacts.csv"
     plain = vbaa(*call, out)
