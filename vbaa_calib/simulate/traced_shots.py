@@ -15,7 +15,7 @@ from .render.object import pressed_in
 from .render.picture import Studio, blurred, digitise
 from .scene.scene import Joints, Scene
 from .shots import Wire, free_wires, wires_of
-from .traced.bench import antenna_surface, plastic, rgb
+from .traced.bench import antenna_surface, matt, rgb
 from .traced.tracer import Exposure, Tracer, tracer
 
 _INSTANTS = 5
@@ -65,7 +65,7 @@ class TracedPictures:
     def _exposure(self, joints: Joints, wires: list[Wire]) -> Exposure:
         scene = self._scene
         surfaces = [antenna_surface(scene.traced.material, scene.picture.antenna)]
-        surfaces += [plastic(rgb(holder.paint), 0.3) for holder in wires[1:]]
+        surfaces += [matt(rgb(holder.paint)) for holder in wires[1:]]
         drawn = [
             (wire.arclength_m, wire.points_m, wire.radius_m, surface)
             for wire, surface in zip(wires, surfaces, strict=False)

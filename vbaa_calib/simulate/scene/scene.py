@@ -135,7 +135,7 @@ class TraceSpec:
     shutter: _Share = 0.0
     exposure: Annotated[Number, Field(ge=0.01, le=10)] = 0.8
     color: Annotated[bool, Strict()] = False
-    samples: Annotated[WholeNumber, Field(ge=1, le=65536)] = 64
+    samples: Annotated[WholeNumber, Field(ge=1, le=65536)] = 48
 
 
 @dataclass(frozen=True)

@@ -46,6 +46,11 @@ def plastic(colour: Thing, roughness: float = 0.25) -> Thing:
     return {"type": "roughplastic", "alpha": roughness, "diffuse_reflectance": colour}
 
 
+def matt(colour: Thing) -> Thing:
+    """A surface without gloss: a colour or a texture."""
+    return {"type": "diffuse", "reflectance": colour}
+
+
 def picture_of(texture: np.ndarray) -> Thing:
     """A texture (rows, columns, 3) of linear brightness."""
     return {"type": "bitmap", "data": texture.astype(np.float32), "raw": True, "wrap_mode": "mirror"}
@@ -63,16 +68,13 @@ def antenna_surface(material: str, albedo: float) -> Thing | None:
         return metal | {"alpha": 0.16}
     if material == "nitinol":
         # a dark oxide over a duller metal
-        oxide = {"type": "diffuse", "reflectance": rgb(0.07, 0.06, 0.055)}
+        oxide = matt(rgb(0.07, 0.06, 0.055))
         dull = metal | {"alpha": 0.28, "specular_reflectance": rgb(0.62, 0.57, 0.52)}
         return {"type": "blendbsdf", "weight": 0.4, "a": dull, "b": oxide}
     if material == "nylon":
         # milky: most of the light passes, some is scattered where it enters
         clear = {"type": "roughdielectric", "alpha": 0.08, "int_ior": 1.53, "ext_ior": 1.0}
-        milk = {"type": "diffuse", "reflectance": rgb(0.8)}
-        return {"type": "blendbsdf", "weight": 0.3, "a": clear, "b": milk}
-    if material == "matt":
-        return {"type": "diffuse", "reflectance": rgb(albedo)}
+        return {"type": "blendbsdf", "weight": 0.3, "a": clear, "b": matt(rgb(0.8))}
     return plastic(rgb(albedo), 0.2)
 
 
@@ -101,7 +103,7 @@ def lights(kind: str) -> dict[str, Thing]:
 
 
 def bench(kind: str, middle: np.ndarray, along: float, rng: np.random.Generator, mesh: Mesh) -> dict[str, Any]:
-    """The bench and what lies on it.
+    """The bench and what lies on it: matt, which is quick to trace, but for metal.
 
     Parameters
     ----------
@@ -111,13 +113,12 @@ def bench(kind: str, middle: np.ndarray, along: float, rng: np.random.Generator,
     turn = Rotation.from_euler("z", along + rng.uniform(-0.6, 0.6)).as_matrix()
     top = placed([*middle, 0.0], turn, (_TEXTURED_MM / 2, _TEXTURED_MM / 2, 1.0))
     texture = _TEXTURES.get(kind, _plain)(rng)
-    around = {"type": "diffuse", "reflectance": rgb(*texture.mean(axis=(0, 1)))}
     things: dict[str, Any] = {
-        "top": {"type": "rectangle", "to_world": top, "bsdf": plastic(picture_of(texture), 0.35)},
+        "top": {"type": "rectangle", "to_world": top, "bsdf": matt(picture_of(texture))},
         "around": {
             "type": "rectangle",
             "to_world": placed([*middle, -1.0], scale=(_BENCH_MM / 2, _BENCH_MM / 2, 1.0)),
-            "bsdf": around,
+            "bsdf": matt(rgb(*texture.mean(axis=(0, 1)))),
         },
     }
     if kind == "cluttered":
@@ -145,16 +146,16 @@ def _clutter(middle: np.ndarray, along: float, rng: np.random.Generator, mesh: M
 
     for _ in range(9):
         size = rng.uniform((15, 15, 5), (90, 70, 40))
-        things.append(_box([*spot(), size[2] / 2], size, rng.uniform(0, np.pi), plastic(_colour(rng))))
+        things.append(_box([*spot(), size[2] / 2], size, rng.uniform(0, np.pi), matt(_colour(rng))))
     for _ in range(4):
         at, angle = spot(140.0), rng.uniform(0, np.pi)
         turn = Rotation.from_euler("z", angle).as_matrix()[:2, :2]
-        things.append(_box([*at, 4.0], (90, 60, 1.6), angle, plastic(rgb(0.03, rng.uniform(0.15, 0.3), 0.07))))
+        things.append(_box([*at, 4.0], (90, 60, 1.6), angle, matt(rgb(0.03, rng.uniform(0.15, 0.3), 0.07))))
         for _ in range(12):
             chip = at + turn @ rng.uniform((-38, -24), (38, 24))
-            look = metal if rng.uniform() < 0.3 else plastic(rgb(rng.choice([0.03, 0.6])))
+            look = metal if rng.uniform() < 0.3 else matt(rgb(rng.choice([0.03, 0.6])))
             things.append(_box([*chip, 5.8], (*rng.uniform(2, 14, 2), 2.0), angle, look))
-    for look, thick in ((metal, 6.0), (metal, 1.0), (plastic(_colour(rng)), 2.0)):
+    for look, thick in ((metal, 6.0), (metal, 1.0), (matt(_colour(rng)), 2.0)):
         # a rod, a steel rule, a stick, within 15° of the antenna
         long = (rng.uniform(120, 220), 25.0 if thick == 1.0 else thick, thick)
         things.append(_box([*spot(70.0), thick / 2 + 8.0], long, along + rng.uniform(-0.26, 0.26), look))
@@ -166,7 +167,7 @@ def _clutter(middle: np.ndarray, along: float, rng: np.random.Generator, mesh: M
         path = np.stack([260.0 * t, sway, np.full(40, 12.0 + radius)], axis=1)
         path = path @ Rotation.from_euler("z", angle).as_matrix().T
         path[:, :2] += spot(70.0)
-        look = metal if rng.uniform() < 0.3 else plastic(_colour(rng))
+        look = metal if rng.uniform() < 0.3 else matt(_colour(rng))
         things.append(mesh(tube_mesh(t * 260.0, path, radius, 4.0), look))
     return things
 

@@ -23,7 +23,7 @@ from vbaa_calib.simulate.scene.lens import RayMap
 from vbaa_calib.simulate.scene.objects import TouchObject
 from vbaa_calib.simulate.scene.scene import Joints, Scene
 
-from .bench import bench, facing, lights, picture_of, placed, plastic, rgb
+from .bench import bench, facing, lights, matt, picture_of, placed, rgb
 from .meshes import Triangles, object_mesh, tube_mesh
 
 _MM = 1000.0
@@ -33,7 +33,7 @@ _SUBPIXELS = 4
 _WIDEST = 3.0
 _CLEAR_M = 0.05
 """Higher than anything on the bench."""
-_DEPTH = 6
+_DEPTH = 4
 _PROBE = "import mitsuba as mi, numpy as np; mi.set_variant('llvm_ad_rgb'); print(np.array(mi.Float(1) + 1))"
 
 
@@ -109,7 +109,7 @@ class Tracer:
     def touched(self, obj: TouchObject) -> Any:
         """The touched object."""
         shape = object_mesh(obj)
-        look = plastic(rgb(self.scene.picture.object), 0.3)
+        look = matt(rgb(self.scene.picture.object))
         return mesh(self.mi, Triangles(self.at(shape.vertices), shape.normals, shape.faces), look)
 
     def board(self, sheet: Sheet, T_world_board: Pose) -> Any:
@@ -120,7 +120,7 @@ class Tracer:
         normals = np.tile(-T_world_board.rotation[:, 2], (4, 1))
         faces, uv = np.array([[0, 2, 1], [0, 3, 2]]), np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
         print_ = np.repeat(sheet.texture[..., :1] / np.float32(65535), 3, axis=2)
-        return mesh(self.mi, Triangles(vertices, normals, faces), plastic(picture_of(print_), 0.5), uv)
+        return mesh(self.mi, Triangles(vertices, normals, faces), matt(picture_of(print_)), uv)
 
     def _sensor(self, one: Exposure) -> dict[str, Any]:
         focal, (width, height) = _pinhole(self.rays)
@@ -146,7 +146,7 @@ class Tracer:
                 "pixel_format": "rgb",
                 "component_format": "float32",
             },
-            "sampler": {"type": "independent"},
+            "sampler": {"type": "multijitter"},
         }
 
 
@@ -173,7 +173,7 @@ def _origin(scene: Scene) -> np.ndarray:
 
 def _card(mi: Any, lit: dict[str, Any], middle: np.ndarray) -> float:
     """Radiance of a white card that lies where the antenna is."""
-    white = {"type": "diffuse", "reflectance": rgb(1.0)}
+    white = matt(rgb(1.0))
     card = {"type": "rectangle", "to_world": placed(middle, scale=(5.0, 5.0, 1.0)), "bsdf": white}
     eye = middle + np.array([0.0, 0.0, 60.0])
     film = {"type": "hdrfilm", "width": 8, "height": 8, "rfilter": {"type": "box"}, "pixel_format": "rgb"}
