@@ -165,13 +165,14 @@ def fate(path: Path, pixels: np.ndarray) -> Contact | None:
         return None
 
 
-def test_a_rig_out_of_this_world_is_refused_or_leads_to_an_honest_contact(tmp_path: Path) -> None:
+@pytest.mark.parametrize("count", [20, pytest.param(60, marks=pytest.mark.slow)])
+def test_a_rig_out_of_this_world_is_refused_or_leads_to_an_honest_contact(count: int, tmp_path: Path) -> None:
     """Rigs with one to three values changed: an InputError or a status, never a traceback or a NaN in a contact."""
     rig = replace(rig_of((320, 240)), second_moment_sensor=MomentSensor(1.0, 0.0, 2e-5))
     pixels, data, rng = path_px(rig, shape(rig))[::20], rig.to_dict(), np.random.default_rng(6)
     places = np.array(leaves(data), object)
     path, refusals = tmp_path / "rig.json", 0
-    for _ in range(60):
+    for _ in range(count):
         changed = copy.deepcopy(data)
         for place in rng.choice(places, rng.integers(1, 4), replace=False):
             at(changed, place[:-1])[place[-1]] = mutant(at(data, place), rng)
@@ -185,7 +186,7 @@ def test_a_rig_out_of_this_world_is_refused_or_leads_to_an_honest_contact(tmp_pa
             numbers = [contact.distance_m, contact.distance_std_m, *contact.force_N, *contact.point_world_m]
             assert np.isfinite([*numbers, *contact.covariance_world_m2.flat]).all()
             assert contact.distance_m > 0
-    assert 20 < refusals < 54
+    assert count / 3 < refusals < 0.9 * count
 
 
 def test_a_tip_is_written_and_read_and_goes_with_the_rig() -> None:
