@@ -10,6 +10,7 @@ from .settings import (
     NominalTip,
     OverBoard,
     Session,
+    Shutter,
     gravity_antenna,
     has_over,
     has_sweep,

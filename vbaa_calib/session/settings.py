@@ -209,6 +209,16 @@ class _SessionLoads(LoadReadings):
     force_std_relative: Annotated[Number, Field(ge=0, le=0.5)] = WEIGHT_STD_RELATIVE
 
 
+@dataclass(frozen=True)
+class Shutter:
+    """How the recording's camera takes a picture."""
+
+    exposure_s: Annotated[Number, Field(ge=0, le=10, description="how long it is exposed; 0: not known")] = 0.0
+    readout_s: Annotated[
+        Number, Field(ge=0, le=10, description="from the first row to the last of a rolling shutter; 0: a global one")
+    ] = 0.0
+
+
 class SessionFile(FileModel):
     """session.yaml: what is known of a rig before it is calibrated."""
 
@@ -234,6 +244,7 @@ class SessionFile(FileModel):
     drift: Annotated[
         FileDrift | None, Field(description="what may change between calibration and recording; null: as rig.json says")
     ] = None
+    camera: Shutter | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -246,6 +257,7 @@ class Session:
     over : how the antenna is held over the board in over/, or None where session.yaml does not say.
     second_moment_sensor : about z, calibrated elsewhere; None where there is none.
     drift : what may change between calibration and recording; None where session.yaml does not say.
+    shutter : of the recording's camera, as far as session.yaml says it.
     """
 
     root: Path
@@ -263,6 +275,7 @@ class Session:
     over: OverBoard | None = None
     second_moment_sensor: MomentSensor | None = None
     drift: Drift | None = None
+    shutter: Shutter = Shutter()
 
     @property
     def possible_drift(self) -> Drift:
@@ -313,6 +326,7 @@ def session_from(data: Mapping[str, Any], root: Path, path: object) -> Session:
         over=read.over,
         second_moment_sensor=read.second_moment_sensor,
         drift=read.drift,
+        shutter=read.camera or Shutter(),
     )
 
 

@@ -110,6 +110,7 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None]:
     from estimator.contact.estimate import ContactEstimator
     from estimator.contact.overlay import overlaid
     from estimator.contact.recording import estimate_recording
+    from estimator.contact.shutter import checked
     from estimator.contact.surroundings import surroundings
     from estimator.table.contacts import ContactRow
     from estimator.table.files import write_contacts
@@ -132,7 +133,8 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None]:
 
     def rows() -> Iterator[ContactRow]:
         """Of every frame, each drawn into the overlay folder on its way where one is asked for."""
-        found = progress(estimate_recording(estimator, session, frames, ground), "contacts", len(frames))
+        contacts = estimate_recording(estimator, session, frames, ground)
+        found = progress(checked(contacts, session.shutter, rig.camera.image_size[1]), "contacts", len(frames))
         with ExitStack() as stack:
             if args.overlay is not None:
                 found = stack.enter_context(overlaid(found, estimator, args.overlay, args.force))
