@@ -33,8 +33,8 @@ def picture(rng: np.random.Generator, turn_deg: float, height: float = 90.0) -> 
 def test_bright_and_dark_are_told_by_themselves(finder: AntennaFinder) -> None:
     rng = np.random.default_rng(0)
     bright, _ = picture(rng, 3.0)
-    assert learn(finder, [exposed(bright, rng).astype(np.uint8)]) == Paint(True)
-    assert learn(finder, [exposed(230.0 - bright, rng).astype(np.uint8)]) == Paint(False)
+    assert learn([finder], [exposed(bright, rng).astype(np.uint8)]) == Paint(True)
+    assert learn([finder], [exposed(230.0 - bright, rng).astype(np.uint8)]) == Paint(False)
 
 
 def test_a_colour_is_found_where_the_grey_level_shows_nothing(finder: AntennaFinder) -> None:
@@ -45,7 +45,7 @@ def test_a_colour_is_found_where_the_grey_level_shows_nothing(finder: AntennaFin
     planes = [exposed(ground + share * line, rng) for share in (0.0, -0.299 / 0.587, 1.0)]
     colour = np.stack(planes, axis=-1).astype(np.uint8)
     assert not Paint().find(finder, colour).found
-    paint = learn(finder, [colour])
+    paint = learn([finder], [colour])
     assert paint.weights is not None
     found = paint.find(finder, colour)
     assert found.found

@@ -7,13 +7,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from vbaa_calib.antenna.shape import bend
 from vbaa_calib.calibrate.pose.board_pose import require_size
 from vbaa_calib.calibrate.pose.fusion import PoseEstimate, fused
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.console import progress
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.images import read_picture
-from vbaa_calib.detect.whisker.antenna import corridor, finder, free_curve
+from vbaa_calib.detect.whisker.antenna import REACH_PER_LENGTH, corridor, finder, free_curve
+from vbaa_calib.detect.whisker.finder import AntennaFinder
 from vbaa_calib.detect.whisker.paint import Paint, learn
 from vbaa_calib.detect.whisker.stretches import stretches, why_lost
 from vbaa_calib.geometry import Kinematics, Pose
@@ -36,6 +38,11 @@ from .residual_checks import check
 
 _LEAST_SEEN_FREE = 0.6
 """Nothing hides the free antenna: less than this fraction seen means that something is wrong."""
+_NARROW_REACH = 0.2
+"""How far aside, as a fraction of the distance from the clamp, an antenna may be that is clamped and straight to three
+deviations of the priors below. It is looked for there first: clutter farther away is not even tried."""
+_LEARNT_FROM = 3
+"""Pictures that tell what sets the antenna off."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +50,7 @@ class ExpectedAntenna:
     """Where the antenna is expected in a picture.
 
     parameters : (9,) of the antenna, as far as they are known.
-    paint : what sets it off from its background; None: learnt from the first picture.
+    paint : what sets it off from its background; None: learnt from the pictures.
     """
 
     antenna: NominalAntenna
@@ -57,19 +64,15 @@ class ExpectedAntenna:
 
         image : as `read_picture` gives it. gravity_m_s2 : (3,) antenna frame. Raises InputError as `observe` does.
         """
-        free = free_curve(self.parameters, self.antenna.length_m, gravity_m_s2)
-        path = corridor(self.camera, self.T_antenna_camera.inverse(), free, self.antenna.diameter_m)
-        looking = finder(path, self.camera)
-        if looking is None:
-            raise InputError(
-                "the camera's pose leaves the antenna out of the picture",
-                where=still.image,
-                remedy="check the jig (or sweep, or over) in session.yaml",
-            )
-        paint = learn(looking, [image]) if self.paint is None else self.paint
-        line = paint.find(looking, image)
-        if not line.found or (not isinstance(still, Load) and line.seen < _LEAST_SEEN_FREE):
-            lost, change = why_lost(stretches(paint.plane(image), line, path, paint.bright))
+        paint = self.learned([still], [image], [gravity_m_s2]) if self.paint is None else self.paint
+        for narrow in (True, False):
+            looking = self._finder(still, gravity_m_s2, narrow)
+            line = paint.find(looking, image)
+            accepted = line.found and (isinstance(still, Load) or line.seen >= _LEAST_SEEN_FREE)
+            if accepted:
+                break
+        else:
+            lost, change = why_lost(stretches(paint.plane(image), line, looking.corridor, paint.bright))
             why = "; ".join(said for said in (line.reason, lost) if said)
             raise InputError(
                 f"no antenna found in it ({100 * line.seen:.0f} % of its length seen: {why})",
@@ -81,23 +84,66 @@ class ExpectedAntenna:
             still, line.points_px, line.effective_px, gravity_m_s2, paint, line.amplitude, line.end_px, tip_std_px
         )
 
+    def learned(
+        self, stills: Sequence[Still], images: Sequence[np.ndarray], gravity_m_s2: Sequence[np.ndarray]
+    ) -> Paint:
+        """What sets the antenna off from its background in these pictures; the default where none is found."""
+        for narrow in (True, False):
+            looking = [self._finder(still, pull, narrow) for still, pull in zip(stills, gravity_m_s2, strict=True)]
+            paint = learn(looking, images)
+            if paint is not None:
+                return paint
+        return Paint()
+
+    def _finder(self, still: Still, gravity_m_s2: np.ndarray, narrow: bool) -> AntennaFinder:
+        """What looks for the antenna where it should be by what is known beforehand, or, not `narrow`, all around."""
+        length, reach, shape = (
+            self.antenna.length_m,
+            REACH_PER_LENGTH,
+            free_curve(self.parameters, self.antenna.length_m, gravity_m_s2),
+        )
+        if narrow:
+            reach = _NARROW_REACH
+            if isinstance(still, Load):
+                free, force = shape.points_m[0, -1], np.array([[still.force_y_N, still.force_z_N]])
+                shape = bend(
+                    self.parameters[None], length, gravity_m_s2[None], np.array([still.distance_m]), force, dead=True
+                )
+                # the stiffness may be anything within a factor of two
+                reach = min(reach + float(np.linalg.norm(shape.points_m[0, -1] - free)) / length, REACH_PER_LENGTH)
+        path = corridor(self.camera, self.T_antenna_camera.inverse(), shape, self.antenna.diameter_m, reach)
+        looking = finder(path, self.camera)
+        if looking is None:
+            raise InputError(
+                "the camera's pose leaves the antenna out of the picture",
+                where=still.image,
+                remedy="check the jig (or sweep, or over) in session.yaml",
+            )
+        return looking
+
 
 def observe(
     session: Session, kinematics: Kinematics, stills: Sequence[Still], expected: ExpectedAntenna, what: str
 ) -> list[Observation]:
-    """The antenna's seen points in every still; what sets it off from its background is learnt from the first one.
+    """The antenna's seen points in every still; what sets it off from its background is learnt from some of them.
 
     Raises InputError naming the picture that has another size than the lens was calibrated for, or shows no antenna.
     """
     gravity = gravity_antenna(kinematics, session.gravity_world_m_s2, stills)
-    observations: list[Observation] = []
-    for still, pull in zip(progress(stills, what), gravity, strict=True):
+
+    def read(still: Still) -> np.ndarray:
         assert still.image is not None
         image = read_picture(still.image)
         require_size(image.shape[1::-1], expected.camera, still.image)
-        observations.append(expected.observe(still, image, pull))
-        expected = replace(expected, paint=observations[-1].paint)
-    return observations
+        return image
+
+    if expected.paint is None:
+        some = np.unique(np.linspace(0, len(stills) - 1, _LEARNT_FROM).astype(int))
+        chosen = [stills[index] for index in some]
+        expected = replace(expected, paint=expected.learned(chosen, [read(still) for still in chosen], gravity[some]))
+    return [
+        expected.observe(still, read(still), pull) for still, pull in zip(progress(stills, what), gravity, strict=True)
+    ]
 
 
 def observe_stills(session: Session, kinematics: Kinematics, before: Prior) -> list[Observation]:
@@ -175,7 +221,8 @@ def make_rig(
     gain, offset = joint.sensor_gain_offset
     paint = observations[0].paint
     heights = [one.height for one in observations if not isinstance(one.still, Load) and one.height > 0]
-    height = float(np.median(heights)) if heights else None
+    # where it changes along the antenna it changes with the light as well
+    height = float(np.median(heights)) if heights and paint.bright is not None else None
     sigma_px = float(np.median(np.concatenate([observation.sigma_px for observation in observations])))
     return Rig(
         camera=joint.camera,

@@ -38,12 +38,14 @@ def width_px(camera: Camera, T_camera_antenna: Pose, points_m: np.ndarray, diame
     return float(diameter_m * 0.5 * (camera.matrix[0, 0] + camera.matrix[1, 1]) / depth)
 
 
-def corridor(camera: Camera, T_camera_antenna: Pose, free: Curves, diameter_m: float) -> Corridor:
-    """Where in the picture an antenna may be whose free shape is known."""
+def corridor(
+    camera: Camera, T_camera_antenna: Pose, free: Curves, diameter_m: float, reach: float = REACH_PER_LENGTH
+) -> Corridor:
+    """Where in the picture an antenna may be whose free shape is known: by `reach` of the way from the clamp aside."""
     axis = pixels(camera, T_camera_antenna, free.points_m[0])
     along = arc_lengths_px(axis)
     width = width_px(camera, T_camera_antenna, free.points_m[0], diameter_m)
-    return Corridor(axis, CLAMP_REACH_PX + REACH_PER_LENGTH * along, width)
+    return Corridor(axis, CLAMP_REACH_PX + reach * along, width)
 
 
 def finder(where: Corridor, camera: Camera) -> AntennaFinder | None:

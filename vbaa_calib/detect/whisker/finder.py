@@ -20,6 +20,8 @@ OTHER_PATH_SHARE = 0.75
 """A second path is looked at when it scores this much of the best one's."""
 BLURRED_PX = 8.0
 """Blur at which the antenna is looked for once more where it is not found in focus."""
+CHANGING_PATHS = 4
+"""Paths that are looked at where the polarity changes along the antenna."""
 APART = 0.4
 """Fraction of their length over which two paths must differ to be two."""
 
@@ -75,7 +77,8 @@ class AntennaFinder:
     def candidates(self, image: np.ndarray, bright: bool | None = True, blurred_px: float = 0.0) -> list[np.ndarray]:
         """Paths (K, 2) that look like the antenna in an (H, W) picture, blurred by about so many pixels.
 
-        The best one, and after it the best of those that differ from it and score nearly as well, if there is one.
+        The best one, and after it the best of those that differ from it and score nearly as well, if there is one;
+        with `bright` None, which more things look like, up to `CHANGING_PATHS` that all differ.
         """
         small = downsampled(image, self.factor)
         reach = self.reach + int(np.ceil(0.6 * blurred_px / self.factor))
@@ -86,9 +89,12 @@ class AntennaFinder:
         best = int(score.argmax())
         paths = [self.shapes.paths_px[best]]
         others = np.flatnonzero(score >= OTHER_PATH_SHARE * score[best])
-        others = others[~self._alike(best, others)]
-        if len(others):
-            paths.append(self.shapes.paths_px[int(others[score[others].argmax()])])
+        for _ in range(1, 2 if bright is not None else CHANGING_PATHS):
+            others = others[~self._alike(best, others)]
+            if not len(others):
+                break
+            best = int(others[score[others].argmax()])
+            paths.append(self.shapes.paths_px[best])
         return paths
 
     def find(self, image: np.ndarray, bright: bool | None = True) -> Centreline:

@@ -7,12 +7,15 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from scipy.linalg import eigh
 
 from .centreline import Centreline
 from .finder import AntennaFinder
 
 OPPONENTS = ((0.5, 0.5, -1.0), (0.5, -1.0, 0.5), (-1.0, 0.5, 0.5))
 """Weights (b, g, r) of pictures that show one colour against the two others."""
+WELL_SEEN, CLEARLY_MORE = 0.9, 0.1
+"""A paint that sees so much of the antenna is good enough; one that changes along it must see so much more."""
 
 
 @dataclass(frozen=True)
@@ -42,48 +45,75 @@ class Paint:
         return finder.find(self.plane(image), self.bright)
 
 
-def learn(finder: AntennaFinder, images: Sequence[np.ndarray]) -> Paint:
+def learn(finders: Sequence[AntennaFinder], images: Sequence[np.ndarray]) -> Paint | None:
     """The paint that shows the antenna best in pictures (H, W[, 3]) of the free antenna: bright, dark, or its colour.
 
-    Of a colour, the weights that part the antenna from what lies beside it by the most deviations. The default where
-    the antenna is not found by any.
+    Of a colour, the weights that part the antenna from what lies beside it by the most deviations. A paint that changes
+    along the antenna only where it sees clearly more. None where the antenna is not found by any.
+
+    finders : one for each picture.
     """
-    tried = [Paint(True), Paint(False)]
-    if images[0].ndim == 3:
-        tried += [Paint(bright, weights) for weights in OPPONENTS for bright in (True, False)]
-    rated = [(_clearness(finder, images, paint), index) for index, paint in enumerate(tried)]
-    best, index = max(rated)
-    if best <= 0.0:
-        return Paint()
-    if images[0].ndim == 2:
-        return tried[index]
-    refined = _parting(tried[index], finder, images)
-    return refined if _clearness(finder, images, refined) > best else tried[index]
+    planes = [None, *OPPONENTS] if images[0].ndim == 3 else [None]
+
+    def best_of(*brights: bool | None) -> _Tried:
+        tried = [_Tried.of(Paint(bright, plane), finders, images) for plane in planes for bright in brights]
+        return max(tried, key=_Tried.clearness).parted(finders, images)
+
+    best = best_of(True, False)
+    if best.seen < WELL_SEEN:
+        changing = best_of(None)
+        best = changing if changing.seen > best.seen + CLEARLY_MORE else best
+    return best.paint if best.seen else None
 
 
-def _clearness(finder: AntennaFinder, images: Sequence[np.ndarray], paint: Paint) -> float:
-    """Mean height over noise of the lines found, weighted by what was seen of them."""
-    lines = [paint.find(finder, image) for image in images]
-    return float(np.mean([line.found * line.seen * line.amplitude / max(line.noise, 1e-6) for line in lines]))
+@dataclass(frozen=True)
+class _Tried:
+    """A paint, the lines that it finds in pictures, and how much of the antenna is seen in the mean."""
+
+    paint: Paint
+    lines: tuple[Centreline, ...]
+    seen: float
+
+    @staticmethod
+    def of(paint: Paint, finders: Sequence[AntennaFinder], images: Sequence[np.ndarray]) -> _Tried:
+        lines = tuple(paint.find(finder, image) for finder, image in zip(finders, images, strict=True))
+        return _Tried(paint, lines, float(np.mean([line.found * line.seen for line in lines])))
+
+    def clearness(self) -> float:
+        """Mean height over noise of the lines found, weighted by what was seen of them."""
+        heights = [line.found * line.seen * line.amplitude / max(line.noise, 1e-6) for line in self.lines]
+        return float(np.mean(heights))
+
+    def parted(self, finders: Sequence[AntennaFinder], images: Sequence[np.ndarray]) -> _Tried:
+        """The same with weights along which the antenna differs from its flanks by more of their deviations, if any."""
+        if not self.seen or images[0].ndim == 2:
+            return self
+        other = _Tried.of(_parting(self, finders[0].corridor.width_px, images), finders, images)
+        return other if other.clearness() > self.clearness() else self
 
 
-def _parting(paint: Paint, finder: AntennaFinder, images: Sequence[np.ndarray]) -> Paint:
+def _parting(tried: _Tried, width_px: float, images: Sequence[np.ndarray]) -> Paint:
     """Weights along which the antenna's colour differs from its flanks' by the most of their deviations."""
-    on, beside = [], []
-    for image in images:
-        line = paint.find(finder, image)
-        if line.found:
-            on.append(_sampled(image, line.points_px, 0.0))
-            beside += [_sampled(image, line.points_px, side * 1.5 * finder.corridor.width_px) for side in (-1, 1)]
-    antenna, ground = np.concatenate(on), np.concatenate(beside)
-    scatter = np.cov(ground.T) + np.cov(antenna.T)
+    found = [(image, line.points_px) for image, line in zip(images, tried.lines, strict=True) if line.found]
+    antenna = np.concatenate([_sampled(image, points, 0.0) for image, points in found])
+    flanks = [
+        np.concatenate([_sampled(image, points, side * 1.5 * width_px) for image, points in found]) for side in (-1, 1)
+    ]
+    scatter = np.cov(np.concatenate(flanks).T) + np.cov(antenna.T)
     # a drawn or clipped picture may have no noise at all
     ridge = max(1e-3 * float(np.trace(scatter)), 1e-6)
-    weights = np.linalg.solve(scatter + ridge * np.eye(3), antenna.mean(axis=0) - ground.mean(axis=0))
+    differences = antenna - 0.5 * (flanks[0] + flanks[1])
+    bright = None if tried.paint.bright is None else True
+    if bright:
+        weights = np.linalg.solve(scatter + ridge * np.eye(3), differences.mean(axis=0))
+    else:
+        # the differences change their sign along the antenna: by their squares, over those from flank to flank
+        across = flanks[1] - flanks[0]
+        weights = eigh(differences.T @ differences, across.T @ across + len(across) * ridge * np.eye(3))[1][:, -1]
     if not weights.any():
-        return paint
-    weights /= np.abs(weights).sum()
-    return Paint(True, (float(weights[0]), float(weights[1]), float(weights[2])))
+        return tried.paint
+    weights = weights / np.abs(weights).sum()
+    return Paint(bright, (float(weights[0]), float(weights[1]), float(weights[2])))
 
 
 def _sampled(image: np.ndarray, points: np.ndarray, aside: float) -> np.ndarray:

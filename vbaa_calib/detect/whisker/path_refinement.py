@@ -131,7 +131,7 @@ def _clarity(ridge: np.ndarray) -> np.ndarray:
 
 @lru_cache(maxsize=4)
 def _curves(reach_px: float) -> tuple[np.ndarray, np.ndarray]:
-    """(C, CURVE_POINTS) smooth curves within ±`reach_px`, and how bent (C,) they are: 0 straight, 1 as far as may be."""
+    """(C, CURVE_POINTS) smooth curves within ±`reach_px`, and how bent each (C,) is: 0 straight, 1 most."""
     share = np.linspace(0.0, 1.0, CURVE_POINTS)
     bow = 4.0 * share * (1.0 - share)
     parts = np.stack([1.0 - share, share, bow, 2.6 * bow * (1.0 - 2.0 * share)])
