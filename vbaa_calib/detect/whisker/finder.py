@@ -22,6 +22,8 @@ BLURRED_PX = 8.0
 """Blur at which the antenna is looked for once more where it is not found in focus."""
 CHANGING_PATHS = 4
 """Paths that are looked at where the polarity changes along the antenna."""
+LEAST_SEEN_CHANGING = 0.5
+"""Least fraction that must be seen of a line that may be anything: more things look like it than like a bright one."""
 APART = 0.4
 """Fraction of their length over which two paths must differ to be two."""
 
@@ -127,7 +129,13 @@ class AntennaFinder:
         lines = []
         for rough in self.candidates(image, bright, blurred_px):
             path = self.path(image, rough, bright, blurred_px).path_px
-            lines.append(measure_on(image, path, width, bright, blurred_px))
+            line = measure_on(image, path, width, bright, blurred_px)
+            if bright is None and line.found and line.seen < LEAST_SEEN_CHANGING:
+                line = line.with_verdict(
+                    "too_little",
+                    f"too little of the antenna to be sure of it ({100 * line.seen:.0f} % of its length seen)",
+                )
+            lines.append(line)
         return reject_faint(best_of(lines, width), self.usual_height)
 
     def _alike(self, best: int, others: np.ndarray) -> np.ndarray:
