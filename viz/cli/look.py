@@ -90,7 +90,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     say(f"paint    {words}")
     if args.output is not None:
         joints = f"{args.image.name}, pan {args.pan:.3f}, tilt {args.tilt:.3f} rad"
-        drawn = centreline_picture(read_gray(args.image), line, where, (joints, lost, words), parts)
+        drawn = centreline_picture(
+            read_gray(args.image), line, where, (joints, lost, change and f"remedy: {change}", words), parts
+        )
         with replacing(args.output, args.force) as temporary:
             temporary.write_bytes(cv2.imencode(args.output.suffix.lower(), drawn)[1].tobytes())
         say(f"wrote {args.output}")

@@ -104,10 +104,16 @@ def why_lost(parts: Sequence[Stretch], most: int = 4) -> tuple[str, str]:
     lost = sorted((part for part in parts if part.cause is not Cause.SEEN), key=lambda part: part.start - part.end)
     unsure = "not there, or " if len(lost) == len(parts) else ""
     said = [
-        f"{100 * part.start:.0f}–{100 * part.end:.0f} % of its length: {unsure}{part.cause.words}"
+        f"{100 * part.start:.0f}–{100 * part.end:.0f} % of its length: {unsure}{_words(part)}"
         for part in sorted(lost[:most], key=lambda part: part.start)
     ]
     return "; ".join(said), lost[0].cause.remedy if lost else ""
+
+
+def _words(part: Stretch) -> str:
+    # camera and clamp move together: only the antenna's own movement blurs it the more, the farther from there
+    moving = part.cause is Cause.BLURRED and part.start > 0.2 and part.end > 0.9
+    return f"{part.cause.words} towards its end, as by motion" if moving else part.cause.words
 
 
 def _causes(found: Crossings, seen: np.ndarray, width: float, look: tuple[float, bool | None]) -> np.ndarray:
@@ -124,11 +130,10 @@ def _causes(found: Crossings, seen: np.ndarray, width: float, look: tuple[float,
     best = np.abs(heights / unit).argmax(axis=0)
     at = np.arange(len(best))
     height, rms = heights[best, at], np.stack([each.rms for each in fits])[best, at]
-    rms = np.sqrt(uniform_filter1d(rms**2, RUN))
+    rms = np.sqrt(np.maximum(uniform_filter1d(rms**2, RUN), 1e-12))  # running sums leave rounding below zero
     noise = noise or float(np.quantile(rms, 0.2))
-    blurred = np.min(
-        [np.sqrt(uniform_filter1d(fit(each, found, offsets[best]).rms ** 2, RUN)) for each in soft], axis=0
-    )
+    softer = np.stack([fit(each, found, offsets[best]).rms ** 2 for each in soft])
+    blurred = np.sqrt(np.maximum(uniform_filter1d(softer, RUN, axis=1).min(axis=0), 0.0))
     ground = uniform_filter1d(found.profiles[:, [0, 1, -2, -1]].mean(axis=1), RUN)
     usual = float(np.median(np.abs(height[seen]))) if seen.any() else 0.0
     there = np.abs(height) > np.maximum(CLEAR * noise * unit[best, at] / np.sqrt(RUN), 0.3 * usual)
