@@ -126,16 +126,18 @@ def test_any_corridor_in_any_picture(seed: int) -> None:
 
 
 def test_polarity_that_changes_along_the_antenna_is_learnt_and_found(finder: AntennaFinder) -> None:
-    """Glaring at the clamp, darker than its background at the tip; a thick cable runs beside it, brighter throughout."""
+    """Glaring at the clamp, darker than its background at the tip; a thick bright cable runs beside it."""
     rng = np.random.default_rng(6)
     ground, path = background(rng, 2.0), bent((40.0, 120.4), 0.0, 10.0)
     reflectance = np.interp(np.arange(ground.shape[1]), [40, 120, 170, 265], [1.0, 0.6, -0.6, -1.0])
     cable = tube(straight(8.0, 260.0, (150.0, 165.0)), 3.0 * WIDTH_PX, 90.0)
     image = exposed(60.0 + ground + cable + 70.0 * reflectance * tube(path, WIDTH_PX, 1.0), rng)
     paint = learn([finder], [image])
-    assert paint is not None and paint.bright is None
+    assert paint is not None
+    assert paint.bright is None
     line = paint.find(finder, image)
-    assert line.found and line.seen > 0.8
+    assert line.found
+    assert line.seen > 0.8
     assert np.abs(aside(path, line.points_px)).max() < 1.0
     assert max(Paint(bright).find(finder, image).seen for bright in (True, False)) < 0.7
 
@@ -144,7 +146,8 @@ def test_a_path_keeps_to_the_middle_of_an_antenna_with_a_bright_and_a_dark_side(
     """As of bare steel between a lamp and the dark: either side alone would draw the path by half a width."""
     rng = np.random.default_rng(7)
     path = bent((40.0, 120.4), 0.0, 10.0)
-    sides = [tube(path + [0.0, side * 0.25 * WIDTH_PX], 0.5 * WIDTH_PX, 60.0) for side in (-1.0, 1.0)]
+    down = np.array([0.0, 0.25 * WIDTH_PX])
+    sides = [tube(path + side * down, 0.5 * WIDTH_PX, 60.0) for side in (-1.0, 1.0)]
     image = exposed(background(rng, 2.0) + 80.0 + sides[0] - sides[1], rng)
-    refined = refine_path(image, path + [0.0, 3.0], WIDTH_PX, 10.0, None).path_px
+    refined = refine_path(image, path + 4.0 * down, WIDTH_PX, 10.0, None).path_px
     assert np.abs(aside(path, refined)[15:-15]).max() < 0.25 * WIDTH_PX
