@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import cv2
@@ -12,8 +11,8 @@ from scipy.spatial.transform import Rotation
 from .meshes import Triangles, tube_mesh
 
 Thing = dict[str, Any]
-Mesh = Callable[[Triangles, Thing], Any]
-"""Makes one of mitsuba's meshes of triangles and a surface."""
+Solid = Thing | tuple[Triangles, Thing]
+"""One of mitsuba's own shapes, or triangles and their surface."""
 
 _TEXELS, _TEXTURED_MM, _BENCH_MM = 2048, 800.0, 4000.0
 _BOX = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
@@ -39,11 +38,6 @@ def facing(middle: Any, target: Any) -> np.ndarray:
     x = np.cross(np.eye(3)[np.abs(z).argmin()], z)
     x /= np.linalg.norm(x)
     return np.stack([x, np.cross(z, x), z], axis=1)
-
-
-def plastic(colour: Thing, roughness: float = 0.25) -> Thing:
-    """A painted or plastic surface: a colour under a clear coat."""
-    return {"type": "roughplastic", "alpha": roughness, "diffuse_reflectance": colour}
 
 
 def matt(colour: Thing) -> Thing:
@@ -75,7 +69,7 @@ def antenna_surface(material: str, albedo: float) -> Thing | None:
         # milky: most of the light passes, some is scattered where it enters
         clear = {"type": "roughdielectric", "alpha": 0.08, "int_ior": 1.53, "ext_ior": 1.0}
         return {"type": "blendbsdf", "weight": 0.3, "a": clear, "b": matt(rgb(0.8))}
-    return plastic(rgb(albedo), 0.2)
+    return {"type": "roughplastic", "alpha": 0.2, "diffuse_reflectance": rgb(albedo)}
 
 
 # --- light
@@ -102,18 +96,15 @@ def lights(kind: str) -> dict[str, Thing]:
 # --- bench
 
 
-def bench(kind: str, middle: np.ndarray, along: float, rng: np.random.Generator, mesh: Mesh) -> dict[str, Any]:
+def bench(kind: str, middle: np.ndarray, along: float, rng: np.random.Generator) -> dict[str, Solid]:
     """The bench and what lies on it: matt, which is quick to trace, but for metal.
 
-    Parameters
-    ----------
     middle : (2,) under the middle of the antenna. along : direction of the antenna at rest, rad from x.
-    mesh : makes meshes of triangles.
     """
     turn = Rotation.from_euler("z", along + rng.uniform(-0.6, 0.6)).as_matrix()
     top = placed([*middle, 0.0], turn, (_TEXTURED_MM / 2, _TEXTURED_MM / 2, 1.0))
     texture = _TEXTURES.get(kind, _plain)(rng)
-    things: dict[str, Any] = {
+    things: dict[str, Solid] = {
         "top": {"type": "rectangle", "to_world": top, "bsdf": matt(picture_of(texture))},
         "around": {
             "type": "rectangle",
@@ -122,7 +113,7 @@ def bench(kind: str, middle: np.ndarray, along: float, rng: np.random.Generator,
         },
     }
     if kind == "cluttered":
-        for number, thing in enumerate(_clutter(middle, along, rng, mesh)):
+        for number, thing in enumerate(_clutter(middle, along, rng)):
             things[f"thing_{number}"] = thing
     return things
 
@@ -136,10 +127,10 @@ def _box(middle: Any, size: Any, angle: float, surface: Thing) -> Thing:
     return {"type": "cube", "to_world": placed(middle, turn, np.asarray(size) / 2), "bsdf": surface}
 
 
-def _clutter(middle: np.ndarray, along: float, rng: np.random.Generator, mesh: Mesh) -> list[Any]:
+def _clutter(middle: np.ndarray, along: float, rng: np.random.Generator) -> list[Solid]:
     """Boxes, circuit boards, tools, cables: some of the long thin ones run with the antenna."""
     metal = {"type": "roughconductor", "material": "Cr", "alpha": 0.2}
-    things: list[Any] = []
+    things: list[Solid] = []
 
     def spot(reach: float = 190.0) -> np.ndarray:
         return middle + rng.uniform(-reach, reach, 2)
@@ -168,7 +159,7 @@ def _clutter(middle: np.ndarray, along: float, rng: np.random.Generator, mesh: M
         path = path @ Rotation.from_euler("z", angle).as_matrix().T
         path[:, :2] += spot(70.0)
         look = metal if rng.uniform() < 0.3 else matt(_colour(rng))
-        things.append(mesh(tube_mesh(t * 260.0, path, radius, 4.0), look))
+        things.append((tube_mesh(t * 260.0, path, radius, 4.0), look))
     return things
 
 
