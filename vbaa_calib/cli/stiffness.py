@@ -1,4 +1,4 @@
-"""`vbaa stiffness TABLE.csv --force N --distance M`."""
+"""`vbaa stiffness TABLE.csv --force N --distance M`, or a photograph in the table's place."""
 
 from __future__ import annotations
 
@@ -10,6 +10,9 @@ from typing import TYPE_CHECKING, Any
 from vbaa_calib.core.console import say
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import refuse_overwrite, sha256, write_json
+from vbaa_calib.core.images import SUFFIXES
+
+from . import stiffness_photo
 
 if TYPE_CHECKING:
     from vbaa_calib.calibrate.antenna.deflection_table import DeflectionTable
@@ -21,15 +24,26 @@ _FEW_READINGS = 8
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("table", type=Path, help="CSV with the columns x_m,unloaded_y_m,loaded_y_m")
+    parser.add_argument(
+        "table", type=Path, help="CSV with the columns x_m,unloaded_y_m,loaded_y_m; or a photograph of the bent rod"
+    )
     # here --force is newtons, so that --overwrite stands for the usual flag of that name
     load = parser.add_argument_group("load", conflict_handler="resolve")
     load.add_argument(
-        "--force", "--load", dest="force_N", type=float, required=True, metavar="N", help="in newtons, + along +y"
+        "--force",
+        "--load",
+        dest="force_N",
+        type=float,
+        metavar="N",
+        help="in newtons, + along +y; along gravity in a photograph",
     )
     parser.add_argument("--overwrite", dest="force", action="store_true", help="replace stiffness.json if it exists")
     parser.add_argument(
-        "--distance", dest="distance_m", type=float, required=True, metavar="M", help="clamp to load, in metres"
+        "--distance",
+        dest="distance_m",
+        type=float,
+        metavar="M",
+        help="clamp to load along the rod, in metres (photograph: default the tip)",
     )
     section = parser.add_mutually_exclusive_group()
     section.add_argument("--diameter", type=float, metavar="M", help="of a round rod, in metres: gives Young's modulus")
@@ -47,6 +61,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="how far the clamp may turn (standard deviation), as a share of the slope at the load (default: 0.02)",
     )
     parser.add_argument("-o", "--output", type=Path, help="stiffness.json to write")
+    stiffness_photo.configure(parser)
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
@@ -54,6 +69,12 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from vbaa_calib.calibrate.antenna.deflection_table import read_deflections
     from vbaa_calib.calibrate.antenna.stiffness import solve_stiffness
 
+    if args.table.suffix.lower() in SUFFIXES:
+        return stiffness_photo.run(args)
+    if args.force_N is None or args.distance_m is None:
+        raise InputError(
+            "a table needs --load N and --distance M", where=args.table, remedy="see vbaa stiffness --help"
+        )
     if args.output:
         refuse_overwrite(args.output, True, [args.table])
         if args.output.exists() and not args.force:

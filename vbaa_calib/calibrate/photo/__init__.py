@@ -1,0 +1,1 @@
+"""EI from one photograph of a bent rod."""
