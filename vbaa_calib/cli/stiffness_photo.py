@@ -149,7 +149,7 @@ def _document(found: PhotoStiffness, setting: Setting, line: RodLine) -> dict[st
     view = found.views[0]
     scale = view.middles_m[-1] / (1.0 - 0.5 / len(view.middles_m)) / line.length_px
     every = np.linspace(0, len(view.middles_m) - 1, _ROWS).astype(int)
-    places = view.at(view.middles_m) / scale + line.curve_px.mean(axis=0)
+    places = view.at(view.middles_m) / scale + line.centre_px
     load = ["moment_m2" if setting.per_weight else "moment_Nm"]
     moments = np.column_stack([view.middles_m, places, view.moment, 2.0 * setting.scale_std * np.abs(view.moment)])
     table = np.column_stack([moments, found.curvature, found.curvature_std])[every]

@@ -46,7 +46,7 @@ class RodLine:
 
     points_px : (N, 2) measured middles of the rod, in order. curve_px : (M, 2) smooth line through them from clamp to
     tip, evenly spaced. width_px : median. wander_px : standard deviation of points about the curve.
-    tip_inside : whether the rod ends within the picture.
+    tip_inside : whether the rod ends within the picture. centre_px : (2,) middle of the picture.
     """
 
     points_px: np.ndarray
@@ -54,6 +54,7 @@ class RodLine:
     width_px: float
     wander_px: float
     tip_inside: bool
+    centre_px: np.ndarray
 
     @property
     def length_px(self) -> float:
@@ -207,7 +208,7 @@ def _measured(grey: np.ndarray, path: np.ndarray, clamp: np.ndarray | None, tip:
         scale = max(_SMOOTHING_WIDTHS * width, _LEAST_SMOOTHING_PX)
         curve, misses = _robust(points, scale, width)
     curve, inside = _to_the_ends(picture, curve, width, clamp, tip)
-    return RodLine(points, curve, width, mad_std(misses), inside)
+    return RodLine(points, curve, width, mad_std(misses), inside, 0.5 * (np.array(grey.shape[::-1]) - 1.0))
 
 
 def _smooth(points: np.ndarray, weights: np.ndarray, scale: float) -> np.ndarray:

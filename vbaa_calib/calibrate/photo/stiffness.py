@@ -134,7 +134,7 @@ def _views(lines: Sequence[RodLine], setting: Setting, turn: tuple[float, float]
     down = (float(np.sin(setting.down_rad)), float(np.cos(setting.down_rad)))
     weight = setting.weight_N_m if setting.weight_N_m is not None else float(setting.per_weight)
     for index, line in enumerate(lines):
-        middle, far = line.curve_px.mean(axis=0), _CAMERA_LENGTHS * line.length_px
+        middle, far = line.centre_px, _CAMERA_LENGTHS * line.length_px
         points, curve = (_turned(each - middle, turn, far) for each in (line.points_px, line.curve_px))
         length = float(np.hypot(*np.diff(curve, axis=0).T).sum())
         if setting.marks_px is not None:
