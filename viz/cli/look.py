@@ -69,11 +69,12 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if ground is not None and less is None:
         ground_words = "left aside, since it does not lie behind the antenna in this picture"
     picture, line = (plain, detect(rig, frame, plain)) if less is None else less
-    # an antenna that is dark instead of bright, or the other way round
-    other = replace(rig, image=replace(rig.image, bright=not rig.image.bright))
-    other_way = not line.found and rig.image.bright is not None and detect(other, frame, picture).found
+    # an antenna that is dark instead of bright, the other way round, or here this and there that
     words_of = {True: "brighter", False: "darker", None: "here brighter, there darker"}
-    taken, opposite = words_of[rig.image.bright], words_of[not rig.image.bright]
+    others = [] if line.found or rig.image.bright is None else [not rig.image.bright, None]
+    rigs = {words_of[bright]: replace(rig, image=replace(rig.image, bright=bright)) for bright in others}
+    opposite = next((words for words, other in rigs.items() if detect(other, frame, picture).found), None)
+    other_way, taken = opposite is not None, words_of[rig.image.bright]
     taken += "" if rig.image.weights_bgr is None else " in its colour"
     hint = f"; taken for {opposite} it is found: is this the rig's picture?" if other_way else ""
     words = f"looked for as {taken} than its surroundings, as the rig says{hint}"

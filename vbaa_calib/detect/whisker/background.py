@@ -33,8 +33,9 @@ ORDINARY_BLUR_PX = 0.85
 """Blur of a lens in focus and of the pixels, standard deviation."""
 FADE_PX = 6
 """What is filled in goes over into what is known over so many pixels."""
-STILL = 2.0
-"""A background stands still, and is worth to be taken off, where its detail is so many times what it scatters by."""
+STILL = 1.0
+"""A background is taken off where its detail is so many times what it scatters by: beside what moves, what stands still
+may be the smaller part."""
 
 
 @dataclass(frozen=True, eq=False)
