@@ -11,8 +11,6 @@ from .corridor import normals, resample
 
 SPACING_PX = 0.95
 """Spacing of the path's points: below a pixel, so that no step passes two columns."""
-SIGN_RUN = 15
-"""So many neighbouring profiles are alike brighter or darker than their surroundings."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,10 +62,7 @@ class Crossings:
 
 
 def crossings(image: np.ndarray, path_px: np.ndarray, half: int, bright: bool | None) -> Crossings:
-    """Profiles of 2·half + 1 pixels of an (H, W) picture across a path (K, 2), negative ones where the line is dark.
-
-    With `bright` None each stretch of the path tells for itself which it is.
-    """
+    """Profiles of 2·half + 1 pixels of an (H, W) picture across a path (K, 2); negative ones for a dark line."""
     path, along = resample(path_px, SPACING_PX)
     normal = normals(path)
     upward = np.abs(normal[:, 0]) > np.abs(normal[:, 1])
@@ -88,7 +83,6 @@ def crossings(image: np.ndarray, path_px: np.ndarray, half: int, bright: bool | 
     side = np.where(normal[index, axis] < 0, -1.0, 1.0)
     offsets = np.arange(-half, half + 1.0)
     across = offsets - (points[np.arange(len(index)), axis] - middle)[:, None]
-    sign = _signs(profiles, across, half) if bright is None else np.full(len(index), 1.0 if bright else -1.0)
     return Crossings(
         points=points,
         axis=axis,
@@ -97,16 +91,9 @@ def crossings(image: np.ndarray, path_px: np.ndarray, half: int, bright: bool | 
         side=side,
         bow=-0.5 * side * uniform_filter1d(turning, 23, mode="nearest")[index] * leaning**2,
         across=across,
-        profiles=profiles * sign[:, None],
+        profiles=-profiles if bright is False else profiles,
         inside=inside,
     )
-
-
-def _signs(profiles: np.ndarray, across: np.ndarray, half: int) -> np.ndarray:
-    """(N,) +1 where the middle of profiles (N, T), with their neighbours, is brighter than the rest, else −1."""
-    bell = np.exp(-0.5 * (across / (0.25 * half)) ** 2)
-    contrast = ((bell - bell.mean(axis=1, keepdims=True)) * profiles).sum(axis=1)
-    return np.where(uniform_filter1d(contrast, SIGN_RUN, mode="nearest") < 0.0, -1.0, 1.0)
 
 
 def _raw(

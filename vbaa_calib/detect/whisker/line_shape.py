@@ -1,6 +1,6 @@
 """The antenna's cross-section as this picture shows it: paint, light, focus and motion, learned from its own profiles.
 
-A function of the distance from the centreline, in cubic splines: symmetric, unless a highlight makes it lopsided.
+A function of the distance from the centreline, in cubic splines, symmetric; what is not is `reflectance`'s.
 With it every profile is a least-squares problem in four unknowns: level and slope of the background, the line's
 height, its place.
 """
@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from typing import Protocol
 
 import numpy as np
 
@@ -25,6 +26,14 @@ LIKELY_TAPER = 0.3
 """Deviation of that beforehand: where little of the line is seen, its noise is no taper."""
 KNOT_PX = 0.85
 """Spacing of the splines' knots: finer than the point spread of an ordinary lens."""
+
+
+class CrossSection(Protocol):
+    """What a line looks like across."""
+
+    def at(self, across: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Heights and their derivatives at distances (N, T) from the centre, px."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,11 +62,6 @@ class LineShape:
         """Half the width at half the height."""
         return float((self.values > 0.5).sum()) / (2.0 * PER_PX)
 
-    def about(self, centre_px: float) -> LineShape:
-        """The same shape about another centre."""
-        middle = len(self.values) // 2
-        return LineShape(*self.at(np.arange(-middle, middle + 1) / PER_PX + centre_px))
-
 
 def expected(width_px: float, blur_px: float, reach_px: int) -> LineShape:
     """A round, evenly painted antenna of this width, seen through this blur and the pixel's own square."""
@@ -71,17 +75,15 @@ def expected(width_px: float, blur_px: float, reach_px: int) -> LineShape:
 
 
 @lru_cache(maxsize=32)
-def _splines(reach_px: int, even: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Values in the bins (B, M), values and slopes at the table's rows (R, M), of cubic splines over ±`reach_px`."""
+def _splines(reach_px: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Values in the bins (B, M), values and slopes at the table's rows (R, M), of even cubic splines up to `reach_px`."""
     from scipy.interpolate import BSpline
 
     inner = max(4, int(np.ceil(reach_px / KNOT_PX)))
     knots = reach_px / inner * np.arange(-inner - 3, inner + 4)
     count = len(knots) - 4
     full = BSpline(knots, np.eye(count), 3, extrapolate=True)
-    basis = np.eye(count)
-    if even:
-        basis = np.minimum(basis + basis[::-1], 1.0)[:, : (count + 1) // 2]
+    basis = np.minimum(np.eye(count) + np.eye(count)[::-1], 1.0)[:, : (count + 1) // 2]
     bins = (np.arange(2 * reach_px * BINS_PER_PX) + 0.5) / BINS_PER_PX - reach_px
     table = np.arange(2 * reach_px * PER_PX + 1) / PER_PX - reach_px
     return full(bins) @ basis, full(table) @ basis, full.derivative()(table) @ basis
@@ -134,9 +136,9 @@ def nearest(seen: Binned, width_px: float) -> LineShape:
     return shapes[int(((middle @ (seen.count * mean)) ** 2 / np.maximum(power, 1e-9)).argmax())]
 
 
-def learn(seen: Binned, even: bool = True) -> LineShape:
-    """The smooth shape that the heights show, whatever it is; `even` makes it symmetric."""
-    bins, values, slopes = _splines(seen.reach_px, even)
+def learn(seen: Binned) -> LineShape:
+    """The smooth symmetric shape that the heights show, whatever it is."""
+    bins, values, slopes = _splines(seen.reach_px)
     weighted = bins * seen.count[:, None]
     second = np.diff(np.eye(bins.shape[1]), 2, axis=0)
     penalty = 1e-3 * seen.count.mean() * (second.T @ second) + 1e-9 * (1.0 + seen.count.sum()) * np.eye(bins.shape[1])
@@ -147,20 +149,6 @@ def learn(seen: Binned, even: bool = True) -> LineShape:
     scale = float(shape.max())
     scale = scale if scale > 1e-6 else 1.0
     return LineShape(shape / scale, slope / scale)
-
-
-def between_flanks(shape: LineShape, width_px: float) -> float:
-    """The middle, px, between a rising and a falling flank one width apart: a highlight's own flanks are closer."""
-    half, middle = round(0.5 * width_px * PER_PX), len(shape.values) // 2
-    tried = np.arange(-half, half + 1)
-    both = np.minimum(shape.slopes[middle + tried - half], -shape.slopes[middle + tried + half])
-    best = int(both.argmax())
-    if not 0 < best < len(tried) - 1:
-        return float(tried[best]) / PER_PX
-    before, there, after = both[best - 1 : best + 2]
-    # between the table's rows, or the whole line would jump by one of them
-    part = 0.5 * (before - after) / min(before - 2.0 * there + after, -1e-12)
-    return float(tried[best] + np.clip(part, -0.5, 0.5)) / PER_PX
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,18 +189,18 @@ def _background(count: int) -> np.ndarray:
     return np.stack([np.full(count, count**-0.5), t / np.sqrt((t**2).sum())], axis=1)
 
 
-def _without_background(rows: np.ndarray) -> np.ndarray:
+def without_background(rows: np.ndarray) -> np.ndarray:
     flat = _background(rows.shape[1])
     return rows - (rows @ flat) @ flat.T
 
 
-def fit(shape: LineShape, found: Crossings, centre: np.ndarray) -> Fits:
+def fit(shape: CrossSection, found: Crossings, centre: np.ndarray) -> Fits:
     """One Gauss–Newton step from the centres (N,), given along the profile from the path."""
     across = found.distances(centre)
     value, slope = shape.at(across)
     by_centre = (-found.side / found.stretch)[:, None]
-    value, slope = _without_background(value), _without_background(slope * by_centre)
-    grey = _without_background(found.profiles)
+    value, slope = without_background(value), without_background(slope * by_centre)
+    grey = without_background(found.profiles)
     vv, vs, ss = (np.einsum("nt,nt->n", a, b) for a, b in ((value, value), (value, slope), (slope, slope)))
     vy, sy = np.einsum("nt,nt->n", value, grey), np.einsum("nt,nt->n", slope, grey)
     determinant = np.maximum(vv * ss - vs**2, 1e-9)
@@ -225,7 +213,7 @@ def fit(shape: LineShape, found: Crossings, centre: np.ndarray) -> Fits:
         (_background(grey.shape[1]) ** 2).sum(axis=1) + by_pixel * slope + value**2 / np.maximum(vv, 1e-9)[:, None]
     )
     # the step, less what height and place make of it
-    step = _without_background(np.clip(across, -1.0, 1.0))
+    step = without_background(np.clip(across, -1.0, 1.0))
     vb, sb = np.einsum("nt,nt->n", value, step), np.einsum("nt,nt->n", slope, step)
     moved = (vv * sb - vs * vb) / determinant
     apart = step - ((ss * vb - vs * sb) / determinant)[:, None] * value - moved[:, None] * slope
@@ -249,7 +237,7 @@ def tapering(shape: LineShape, found: Crossings, centre: np.ndarray, fits: Fits,
     """
     across = found.distances(centre)[chosen]
     value, slope = shape.at(across)
-    value, wider = _without_background(value), _without_background(-across * slope)
+    value, wider = without_background(value), without_background(-across * slope)
     wider -= value * (np.einsum("nt,nt->n", wider, value) / np.einsum("nt,nt->n", value, value))[:, None]
     height = fits.height[chosen]
     slopes = np.einsum("nt,nt->n", fits.residuals[chosen], wider) * height

@@ -17,8 +17,9 @@ from . import smooth
 from .acceptance import FittedLine, accepted
 from .centreline import NOTHING, Centreline
 from .crossings import Crossings, crossings
-from .line_shape import Binned, Fits, LineShape, between_flanks, binned, expected, fit, learn, nearest, tapering
+from .line_shape import Fits, LineShape, binned, expected, fit, learn, nearest, tapering
 from .path_refinement import refine_path
+from .reflectance import learn_reflectance, stiffened
 from .visible_end import Look, visible_end
 
 SEEN_RATIO = 4.5
@@ -37,9 +38,10 @@ TRAINING_PROFILES = 160
 """The cross-section is learned from about so many profiles."""
 ALIKE = 0.8
 """Length of the mean phase on the pixel grid above which the profiles lie alike."""
-LOPSIDED, FLANKED_PX, PULLED = 0.012, 5.0, 0.04
-"""With its sides so different, as a part of its height, a line this broad is measured by its flanks; a highlight still
-pulls it by about this part of its width."""
+LOPSIDED = 0.012
+"""With its sides so different, as a part of its height, a line has its own reflectance."""
+END_PROFILES = 40
+"""The antenna's look at its visible end is that of so many profiles before it."""
 EDGE_RUN, EDGE_NOTICED = 21, 3.0
 """An object's edge beside the antenna draws about so many neighbouring points aside alike: what a step of the
 background behind the line would move them by, on average, is doubt where it exceeds so many of its own deviations."""
@@ -87,6 +89,7 @@ def measure_on(
     `blurred_px` : by how much broader than the antenna the line may be.
     """
     half = int(np.ceil(0.8 * (width_px + blurred_px) + 5.0))
+    path_px = stiffened(path_px) if bright is None else path_px
     line = _measured(image, path_px, width_px, half, bright)
     if line.breadth > BROADER:
         wider = _measured(image, path_px, width_px, int(np.ceil(half + 0.7 * line.breadth * width_px + 2.0)), bright)
@@ -104,19 +107,20 @@ def _measured(image: np.ndarray, path_px: np.ndarray, width_px: float, half: int
     if found.inside.sum() < LEAST_PROFILES:
         return NOTHING
     width_px = round(width_px, 2)
-    lines = _lines(found, width_px, half)
+    lines = _changing_lines(found, width_px, half) if bright is None else _lines(found, width_px, half)
     kept, clean, there = _kept(found, lines)
     if not kept.any():
         return NOTHING
     sigma = _deviations(found, lines, clean if clean.sum() >= LEAST_PROFILES else kept)
-    pulled = PULLED * width_px * float(np.clip((lines.lopsided - 0.5 * LOPSIDED) / LOPSIDED, 0.0, 1.0))
-    sigma, doubt = np.hypot(sigma, pulled), _edge_doubt(found, lines, there)
+    edge = _edge_doubt(found, lines, there)
+    doubt = np.hypot(edge, lines.shared)
     kept, course = _without_strays(found, lines, np.hypot(sigma, doubt), kept)
     kept = binary_erosion(kept, iterations=MARGIN_PX, border_value=1)
     if not kept.any():
         return NOTHING
     breadth = lines.shape.half_width_px / _ordinary(width_px, half).half_width_px
     sigma, effective = _calibrated(found, lines, sigma, doubt, kept)
+    effective = np.hypot(effective, np.sqrt(len(sigma) / CURVE_PIECES) * lines.shared)
     line = FittedLine(lines.centre, course, sigma, effective, kept, lines.fits.height, lines.noise, breadth)
     measured = accepted(found, line)
     end = visible_end(image, measured.guide_px, kept, Look(lines.shape, half, lines.noise, bright))
@@ -131,7 +135,8 @@ class _Lines:
     ----------
     centre : (N,) along the profiles from the path, px.
     fits, rms : the last fit and its residuals' rms (N,).
-    shape : the cross-section. noise : of a pixel, grey levels. lopsided : how the shape's sides differ, of its height.
+    shape : the cross-section; at the line's end, where it changes. noise : of a pixel, grey levels.
+    usual : (N,) height that the line should have. shared : (N,) error of the place that neighbours share, px.
     """
 
     centre: np.ndarray
@@ -139,7 +144,8 @@ class _Lines:
     rms: np.ndarray
     shape: LineShape
     noise: float
-    lopsided: float
+    usual: np.ndarray
+    shared: np.ndarray
 
 
 def _lines(found: Crossings, width_px: float, half: int) -> _Lines:
@@ -152,7 +158,6 @@ def _lines(found: Crossings, width_px: float, half: int) -> _Lines:
     some = found.every(max(1, len(found.along) // TRAINING_PROFILES))
     length = max(float(found.along[-1]), 1e-6)
     shape, curve, base = _ordinary(width_px, half), np.zeros(len(found.along)), np.zeros(len(some.along))
-    doubt = 0.0
     for step in range(2):
         fits = fit(shape, some, base)
         chosen = _training_profiles(fits, some.inside, half)
@@ -168,20 +173,24 @@ def _lines(found: Crossings, width_px: float, half: int) -> _Lines:
         seen = binned(some.distances(base)[chosen], heights, half + 2)
         free = step == 1 and abs(np.exp(2j * np.pi * some.across[chosen, 0]).mean()) < ALIKE
         shape = learn(seen) if free else nearest(seen, width_px)
-        if free:
-            doubt = seen.lopsided(smooth.median(fits.rms[chosen] / fits.height[chosen]))
-            if width_px > FLANKED_PX and doubt > LOPSIDED:
-                shape, shift = _lopsided(seen, width_px)
-                curve = curve + shift * found.side * found.stretch
+        if free and seen.lopsided(smooth.median(fits.rms[chosen] / fits.height[chosen])) > LOPSIDED:
+            return _changing_lines(found, width_px, half)
     fits = fit(shape, found, curve)
-    return _Lines(curve + fits.shift, fits, fits.rms, shape, _noise(fits.rms[found.inside], half), doubt)
+    rms, noise = fits.rms, _noise(fits.rms[found.inside], half)
+    seen = found.inside & (fits.height > SEEN_RATIO * np.maximum(rms, noise) * fits.unit_height)
+    usual = np.full(len(rms), smooth.median(fits.height[seen]) if seen.any() else 0.0)
+    return _Lines(curve + fits.shift, fits, rms, shape, noise, usual, np.zeros(len(rms)))
 
 
-def _lopsided(seen: Binned, width_px: float) -> tuple[LineShape, float]:
-    """A lopsided shape, about the middle between its flanks, and where this middle is, px."""
-    shape = learn(seen, even=False)
-    middle = between_flanks(shape, width_px)
-    return shape.about(middle), middle
+def _changing_lines(found: Crossings, width_px: float, half: int) -> _Lines:
+    """The fitted lines of an antenna with its own reflectance."""
+    learned = learn_reflectance(found, width_px, ORDINARY_BLUR_PX, half + 2)
+    found, reflectance = found.tapered(learned.taper), learned.reflectance
+    fits = fit(reflectance, found, learned.course)
+    noise = _noise(fits.rms[found.inside], half)
+    seen = np.flatnonzero(found.inside & (fits.height > SEEN_RATIO * noise * fits.unit_height))
+    shape = reflectance.shape(seen[-END_PROFILES:] if len(seen) else slice(None))
+    return _Lines(learned.course + fits.shift, fits, fits.rms, shape, noise, reflectance.height, learned.shared_px)
 
 
 def _training_profiles(fits: Fits, inside: np.ndarray, half: int) -> np.ndarray:
@@ -205,10 +214,9 @@ def _kept(found: Crossings, lines: _Lines) -> tuple[np.ndarray, np.ndarray, np.n
     seen &= fits.height > SEEN_RATIO * np.maximum(rms, noise) * fits.unit_height
     if not seen.any():
         return seen, seen, seen
-    typical = smooth.median(fits.height[seen])
-    seen &= (fits.height > 0.3 * typical) & (fits.height < 3.0 * typical)
+    seen &= (fits.height > 0.3 * lines.usual) & (fits.height < 3.0 * lines.usual)
     clean = seen & (rms < DISTURBED * noise)
-    kept = clean if clean.mean() >= LEAST_CLEAN else seen & (rms < 4.0 * noise + 0.1 * typical)
+    kept = clean if clean.mean() >= LEAST_CLEAN else seen & (rms < 4.0 * noise + 0.1 * lines.usual)
     return kept, clean, seen
 
 
