@@ -76,7 +76,7 @@ def expected(width_px: float, blur_px: float, reach_px: int) -> LineShape:
 
 @lru_cache(maxsize=32)
 def _splines(reach_px: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Values in the bins (B, M), values and slopes at the table's rows (R, M), of even cubic splines up to `reach_px`."""
+    """Even cubic splines over ±`reach_px`: values in the bins (B, M), values and slopes at the table's rows (R, M)."""
     from scipy.interpolate import BSpline
 
     inner = max(4, int(np.ceil(reach_px / KNOT_PX)))

@@ -38,8 +38,9 @@ TRAINING_PROFILES = 160
 """The cross-section is learned from about so many profiles."""
 ALIKE = 0.8
 """Length of the mean phase on the pixel grid above which the profiles lie alike."""
-LOPSIDED = 0.012
-"""With its sides so different, as a part of its height, a line has its own reflectance."""
+LOPSIDED, FLANKED_PX, PULLED = 0.012, 5.0, 0.05
+"""With its sides so different, as a part of its height, a line this broad is measured by its own reflectance; a
+highlight, or a shadow beside it, still pulls it by about this part of its width, alike for all its points."""
 END_PROFILES = 40
 """The antenna's look at its visible end is that of so many profiles before it."""
 EDGE_RUN, EDGE_NOTICED = 21, 3.0
@@ -118,9 +119,8 @@ def _measured(image: np.ndarray, path_px: np.ndarray, width_px: float, half: int
     kept = binary_erosion(kept, iterations=MARGIN_PX, border_value=1)
     if not kept.any():
         return NOTHING
-    breadth = lines.shape.half_width_px / _ordinary(width_px, half).half_width_px
+    breadth = lines.half_width_px / _ordinary(width_px, half).half_width_px
     sigma, effective = _calibrated(found, lines, sigma, doubt, kept)
-    effective = np.hypot(effective, np.sqrt(len(sigma) / CURVE_PIECES) * lines.shared)
     line = FittedLine(lines.centre, course, sigma, effective, kept, lines.fits.height, lines.noise, breadth)
     measured = accepted(found, line)
     end = visible_end(image, measured.guide_px, kept, Look(lines.shape, half, lines.noise, bright))
@@ -135,7 +135,8 @@ class _Lines:
     ----------
     centre : (N,) along the profiles from the path, px.
     fits, rms : the last fit and its residuals' rms (N,).
-    shape : the cross-section; at the line's end, where it changes. noise : of a pixel, grey levels.
+    shape : the cross-section; at the line's end, where it changes. half_width_px : half its width.
+    noise : of a pixel, grey levels.
     usual : (N,) height that the line should have. shared : (N,) error of the place that neighbours share, px.
     """
 
@@ -143,6 +144,7 @@ class _Lines:
     fits: Fits
     rms: np.ndarray
     shape: LineShape
+    half_width_px: float
     noise: float
     usual: np.ndarray
     shared: np.ndarray
@@ -158,6 +160,7 @@ def _lines(found: Crossings, width_px: float, half: int) -> _Lines:
     some = found.every(max(1, len(found.along) // TRAINING_PROFILES))
     length = max(float(found.along[-1]), 1e-6)
     shape, curve, base = _ordinary(width_px, half), np.zeros(len(found.along)), np.zeros(len(some.along))
+    pulled = 0.0
     for step in range(2):
         fits = fit(shape, some, base)
         chosen = _training_profiles(fits, some.inside, half)
@@ -173,24 +176,32 @@ def _lines(found: Crossings, width_px: float, half: int) -> _Lines:
         seen = binned(some.distances(base)[chosen], heights, half + 2)
         free = step == 1 and abs(np.exp(2j * np.pi * some.across[chosen, 0]).mean()) < ALIKE
         shape = learn(seen) if free else nearest(seen, width_px)
-        if free and seen.lopsided(smooth.median(fits.rms[chosen] / fits.height[chosen])) > LOPSIDED:
-            return _changing_lines(found, width_px, half)
+        if free:
+            lopsided = seen.lopsided(smooth.median(fits.rms[chosen] / fits.height[chosen]))
+            pulled = PULLED * width_px * float(np.clip((lopsided - 0.5 * LOPSIDED) / LOPSIDED, 0.0, 1.0))
+            if width_px > FLANKED_PX and lopsided > LOPSIDED:
+                return _changing_lines(found, width_px, half, (curve, pulled))
     fits = fit(shape, found, curve)
     rms, noise = fits.rms, _noise(fits.rms[found.inside], half)
     seen = found.inside & (fits.height > SEEN_RATIO * np.maximum(rms, noise) * fits.unit_height)
     usual = np.full(len(rms), smooth.median(fits.height[seen]) if seen.any() else 0.0)
-    return _Lines(curve + fits.shift, fits, rms, shape, noise, usual, np.zeros(len(rms)))
+    return _Lines(curve + fits.shift, fits, rms, shape, shape.half_width_px, noise, usual, np.full(len(rms), pulled))
 
 
-def _changing_lines(found: Crossings, width_px: float, half: int) -> _Lines:
+def _changing_lines(
+    found: Crossings, width_px: float, half: int, about: tuple[np.ndarray, float] | None = None
+) -> _Lines:
     """The fitted lines of an antenna with its own reflectance."""
-    learned = learn_reflectance(found, width_px, ORDINARY_BLUR_PX, half + 2)
+    learned = learn_reflectance(found, width_px, ORDINARY_BLUR_PX, half + 2, about)
     found, reflectance = found.tapered(learned.taper), learned.reflectance
     fits = fit(reflectance, found, learned.course)
     noise = _noise(fits.rms[found.inside], half)
     seen = np.flatnonzero(found.inside & (fits.height > SEEN_RATIO * noise * fits.unit_height))
     shape = reflectance.shape(seen[-END_PROFILES:] if len(seen) else slice(None))
-    return _Lines(learned.course + fits.shift, fits, fits.rms, shape, noise, reflectance.height, learned.shared_px)
+    broad = expected(reflectance.width_px, reflectance.blur_px, half + 2).half_width_px
+    return _Lines(
+        learned.course + fits.shift, fits, fits.rms, shape, broad, noise, reflectance.height, learned.shared_px
+    )
 
 
 def _training_profiles(fits: Fits, inside: np.ndarray, half: int) -> np.ndarray:

@@ -113,8 +113,12 @@ def stiffened(path_px: np.ndarray) -> np.ndarray:
     return np.stack([curve.values for curve in curves], axis=1)
 
 
-def learn_reflectance(found: Crossings, width_px: float, blur_px: float, reach_px: int) -> Learned:
+def learn_reflectance(
+    found: Crossings, width_px: float, blur_px: float, reach_px: int, about: tuple[np.ndarray, float] | None = None
+) -> Learned:
     """The reflectance that profiles about a path show, and where the line is.
+
+    about : a course (N,) along the profiles and its deviation, px, where the line is known to lie.
 
     Width and blur of the whole line, its course and the coefficients at every place are solved for together, from some
     of the profiles; then the coefficients from all of them.
@@ -122,8 +126,12 @@ def learn_reflectance(found: Crossings, width_px: float, blur_px: float, reach_p
     every = max(1, len(found.along) // LEARNING)
     some, count = found.every(every), max(3, round(0.5 * WINDOW_PX / every))
     length = max(float(found.along[-1]), 1e-6)
-    begin, begin_std = _begin(some, width_px, blur_px, reach_px, count)
-    loose = np.maximum(begin_std, START_STEP_PX) ** -2.0
+    if about is None:
+        begin, begin_std = _begin(some, width_px, blur_px, reach_px, count)
+        loose = np.maximum(begin_std, START_STEP_PX) ** -2.0
+    else:
+        begin, begin_std = about[0][::every], np.full(len(some.along), about[1])
+        loose = begin_std**-2.0
     base, moved, taper = begin, np.zeros(3), 0.0
     precision = np.array([LIKELY_LOG_WIDTH, LIKELY_LOG_BLUR, LIKELY_TAPER]) ** -2.0
     power = (without_background(some.profiles) ** 2).sum(axis=1)[some.inside] / width_px
@@ -175,7 +183,7 @@ def learn_reflectance(found: Crossings, width_px: float, blur_px: float, reach_p
     )
     solved = np.linalg.solve(local[:, _C, _C], local[:, _C, -1:])[..., 0]
     shared = (PIECES + 3.0) / max(WELL_BEGUN * float(known.mean()) / count, 1e-9)
-    shared_px = np.sqrt(shared + np.maximum(everywhere(begin_std) ** 2 - 0.25 * START_STEP_PX**2, 0.0))
+    shared_px = np.sqrt(shared + everywhere(begin_std) ** 2)
     return Learned(replace(whole, coefficients=solved), course, shared_px / found.stretch, taper)
 
 
