@@ -34,7 +34,7 @@ PIXEL_BLUR_PX = 0.29
 WINDOW_PX, LEARNING = 21.0, 48
 """Over so much of its length the antenna looks alike; at least so many of its profiles are learned from at first."""
 PASSES = 4
-INDEPENDENT, WELL_BEGUN, ALIKE = 4.0, 60.0, 30.0
+INDEPENDENT, WELL_BEGUN, ALIKE = 8.0, 60.0, 30.0
 """What the shape cannot follow is alike in many neighbours. A whole line tells as much as so many profiles where it is;
 once that is about right, as so many; and of its width and blur each profile as much as one part in so many."""
 QUIET = 0.4
