@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.polynomial.chebyshev import chebvander
 
-from . import smooth
+from vbaa_calib.core import smooth
+
 from .centreline import Centreline, Verdict, Visibility
 from .crossings import Crossings
 

@@ -15,7 +15,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.special import ndtr
 
-from . import smooth
+from vbaa_calib.core import smooth
+
 from .centreline import Centreline
 from .corridor import resample
 

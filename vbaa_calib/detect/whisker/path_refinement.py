@@ -8,7 +8,8 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
-from . import smooth
+from vbaa_calib.core import smooth
+
 from .corridor import arc_lengths_px, normals, resample
 
 COLUMN_PX, COLUMNS = 2.0, 120

@@ -13,7 +13,8 @@ import numpy as np
 from scipy.ndimage import binary_erosion, uniform_filter1d
 from scipy.stats import chi2
 
-from . import smooth
+from vbaa_calib.core import smooth
+
 from .acceptance import FittedLine, accepted
 from .centreline import NOTHING, Centreline
 from .crossings import Crossings, crossings

@@ -17,7 +17,8 @@ from numpy.polynomial.legendre import leg2poly
 from scipy.ndimage import uniform_filter1d
 from scipy.special import ndtr
 
-from . import smooth
+from vbaa_calib.core import smooth
+
 from .corridor import arc_lengths_px
 from .crossings import Crossings
 from .line_shape import LIKELY_TAPER, MOST_TAPER, PER_PX, LineShape, without_background

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtr
 
-from . import smooth
+from vbaa_calib.core import smooth
+
 from .centreline import EndKind
 from .corridor import arc_lengths_px
 from .crossings import crossings
