@@ -137,11 +137,11 @@ def _centroids(picture: np.ndarray, pixels: np.ndarray, normals: np.ndarray, rea
 def test_a_traced_antenna_lies_where_its_truth_says(traced_scene: Scene) -> None:
     # an independent route: the centroid of a white tube on black, through a distorted lens
     scene, rays = traced_scene, studio(traced_scene.lens, traced_scene.picture, np.random.default_rng(0)).rays
-    rod, home = true_rod(scene), Joints(0.0, 0.0)
+    rod, joints = true_rod(scene), Joints(0.3, -0.2)
     shape = solve_rod(rod, np.zeros((1, 3)), np.array([0.2]), np.array([[0.0, 0.05, 0.0]]))
     curve = (shape.arclength_m[0], shape.points_m[0], scene.radius_m)
     white = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.9}}
-    poses = scene.T_world_camera(home), scene.T_world_antenna(home)
+    poses = scene.T_world_camera(joints), scene.T_world_antenna(joints)
     tracer = Tracer(load_mitsuba(), scene, rays, {}, 1.0)
     # a lamp in the camera lights both flanks alike
     lamp = {

@@ -1,0 +1,34 @@
+"""The finder on path-traced pictures: bare metal, nylon, paint; clutter, shadows, highlights."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from tests.traced_pictures import TracedPicture, traced_pictures
+from vbaa_calib.detect.whisker.antenna import CLAMP_REACH_PX, REACH_PER_LENGTH, find
+from vbaa_calib.detect.whisker.corridor import Corridor
+
+PICTURES = traced_pictures()
+
+
+@pytest.mark.parametrize("picture", PICTURES, ids=lambda picture: picture.name)
+def test_no_other_line_is_taken_for_the_antenna(picture: TracedPicture) -> None:
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(picture.free_px, axis=0), axis=1))])
+    # the rig is known to a pixel, not better
+    where = Corridor(picture.free_px + [0.5, 1.0], CLAMP_REACH_PX + REACH_PER_LENGTH * along, picture.width_px)
+    found = find(picture.gray(), where, None)
+    if found.verdict != "ok":
+        return
+    assert len(picture.line_px), "there is no antenna"
+    share, fine = np.linspace(0.0, 1.0, len(picture.line_px)), np.linspace(0.0, 1.0, 4000)
+    line = np.stack([np.interp(fine, share, axis) for axis in picture.line_px.T], axis=1)
+    off = cKDTree(line).query(found.points_px)[0]
+    assert (off < picture.width_px).mean() > 0.95
+
+
+def test_the_set_has_every_kind() -> None:
+    kinds = {(picture.material, picture.bench) for picture in PICTURES}
+    assert {material for material, _ in kinds} >= {"steel", "nitinol", "nylon", "paint"}
+    assert {bench for _, bench in kinds} >= {"plain", "cluttered", "patchwork"}
