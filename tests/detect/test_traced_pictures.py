@@ -17,8 +17,8 @@ PICTURES = traced_pictures()
 def test_no_other_line_is_taken_for_the_antenna(picture: TracedPicture) -> None:
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(picture.free_px, axis=0), axis=1))])
     # the rig is known to a pixel, not better
-    where = Corridor(picture.free_px + np.array([0.5, 1.0]), CLAMP_REACH_PX + REACH_PER_LENGTH * along, picture.width_px)
-    found = find(picture.gray(), where, None)
+    guess, reach = picture.free_px + np.array([0.5, 1.0]), CLAMP_REACH_PX + REACH_PER_LENGTH * along
+    found = find(picture.gray(), Corridor(guess, reach, picture.width_px), None)
     if found.verdict != "ok":
         return
     assert len(picture.line_px), "there is no antenna"
