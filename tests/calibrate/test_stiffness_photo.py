@@ -223,6 +223,7 @@ def test_what_cannot_be_is_refused_in_one_line(tmp_path: Path, capsys: pytest.Ca
         "none": rng.normal(60.0, 4.0, (300, 400)).clip(0, 255).astype(np.uint8),
         "two": np.maximum(one, np.roll(one, -150, axis=0)),
         "cut": one[:, :250],
+        "hidden": np.where(np.abs(np.arange(520) - 150) < 60, 60, one).astype(np.uint8),
         "inner": np.pad(one, ((0, 0), (60, 0)), constant_values=40),
     }
     for name, picture in pictures.items():
@@ -244,6 +245,8 @@ def test_what_cannot_be_is_refused_in_one_line(tmp_path: Path, capsys: pytest.Ca
         ("rod.png --length 0.2 --load 0.1 --distance 0.3", "beyond"),
         ("rod.png --length 0.2 --clamp 900,9", "outside"),
         ("rod.png --length 0.2 --clamp nonsense", "clamp"),
+        ("rod.png --length 0.2 --clamp 3,300 --tip 300,20", "made out"),
+        ("hidden.png --length 0.2 --clamp 0,80", "things"),
         ("rod.png --length 0.2 --gravity-angle 180", "against"),
         ("rod.png --length 0.2 --unloaded none.png", "no rod"),
     ):

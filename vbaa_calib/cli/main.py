@@ -27,7 +27,10 @@ VERBS = {
     "intrinsics": ("viz.cli.intrinsics", "lens from photos of a ChArUco board"),
     "calibrate": ("vbaa_calib.cli.calibrate", "a session to rig.json: lens, plane C, antenna, sensors"),
     "handeye": ("vbaa_calib.cli.handeye", "camera and antenna on a robot's arm: its poses and views of the board"),
-    "stiffness": ("vbaa_calib.cli.stiffness", "EI from a table of measured deflections, no camera needed"),
+    "stiffness": (
+        "vbaa_calib.cli.stiffness",
+        "EI from a table of measured deflections, or from one photograph of a bent rod",
+    ),
     "simulate": ("vbaa_calib.cli.simulate", "a synthetic session from a scene file, with truth.json"),
     "selftest": ("vbaa_calib.cli.selftest", "draw your board with known corners: how far off is this OpenCV?"),
     "bench": ("vbaa_calib.cli.bench", "speed against error, with the alternatives in the same run"),

@@ -36,6 +36,8 @@ _SMOOTHING_WIDTHS = 0.5
 """Scale of the smoothing along the rod, in widths: a twisted yarn's plies are lumps of about one width."""
 _LEAST_SMOOTHING_PX = 6.0
 _LEAST_POINTS = 12
+_LONGEST_GAP = 0.15
+"""Of the rod's length, without any point."""
 _WIDTH_TOLERANCE = 4.0
 """Deviations of the width from its neighbours' beyond which a point is left out."""
 
@@ -87,11 +89,13 @@ def _standing_out(small: np.ndarray, on_rod: np.ndarray | None) -> np.ndarray:
     """(H, W) how far each pixel is from the background towards the rod: 0 none, 1 where half of the picture's is."""
     size = min(255, (max(15, min(small.shape) // 2)) | 1)
     far = small.astype(float) - cv2.medianBlur(small, size)
-    best, shares = 0.0, np.zeros(small.shape)
+    noise, best, shares = mad_std(far), 0.0, np.zeros(small.shape)
     for sign in (1.0, -1.0):
         contrast = np.clip(sign * far, 0.0, 255.0)
-        level = float(cv2.threshold(contrast.astype(np.uint8), 0, 255, cv2.THRESH_OTSU)[0])
-        mask = contrast > max(level, _LEAST_CONTRAST)
+        otsu = float(cv2.threshold(contrast.astype(np.uint8), 0, 255, cv2.THRESH_OTSU)[0])
+        # a thin rod is too few pixels for Otsu, which then halves the noise
+        level = max(otsu, 5.0 * noise, _LEAST_CONTRAST)
+        mask = contrast > level
         if not mask.any():
             continue
         score = max((length for length, *_ in _pieces(mask)), default=0.0) * float(contrast[mask].mean())
@@ -99,7 +103,7 @@ def _standing_out(small: np.ndarray, on_rod: np.ndarray | None) -> np.ndarray:
             u, v = np.rint(on_rod).astype(int)
             score *= 1e-3 + mask[max(v - 4, 0) : v + 5, max(u - 4, 0) : u + 5].any()
         if score > best:
-            best, shares = score, contrast / max(level, _LEAST_CONTRAST)
+            best, shares = score, contrast / level
     if best == 0.0:
         remedy = "light it so that all of it is brighter, or darker, than what is behind it"
         raise InputError("no rod stands out from its surroundings", remedy=remedy)
@@ -140,7 +144,7 @@ def _ends(
     known = given[0] if given[0] is not None else given[1]
     if known is not None:
         pieces.sort(key=lambda piece: min(np.hypot(*(end - known)) for end in piece[1:]))
-    elif len(pieces) > 1 and pieces[1][0] > _RIVAL * pieces[0][0]:
+    if max((piece[0] for piece in pieces[1:]), default=0.0) > _RIVAL * pieces[0][0]:
         raise InputError(f"{len(pieces)} things in it may be the rod", remedy="give --clamp U,V and --tip U,V")
     _, first, last = pieces[0]
     if known is not None:
@@ -208,6 +212,12 @@ def _measured(grey: np.ndarray, path: np.ndarray, clamp: np.ndarray | None, tip:
         scale = max(_SMOOTHING_WIDTHS * width, _LEAST_SMOOTHING_PX)
         curve, misses = _robust(points, scale, width)
     curve, inside = _to_the_ends(picture, curve, width, clamp, tip)
+    if np.hypot(*np.diff(points, axis=0).T).max() > _LONGEST_GAP * length:
+        raise InputError("a long piece of the rod cannot be seen", remedy="clear what hides, touches or crosses it")
+    for name, end, sought in (("clamp", curve[0], path[0]), ("tip", curve[-1], path[-1])):
+        if np.hypot(*(end - sought)) > max(2.0 * width, 0.03 * length):
+            what = f"the rod cannot be followed to its {name} near {sought[0]:.0f},{sought[1]:.0f}"
+            raise InputError(what, remedy="clear what touches or crosses it, and check --clamp and --tip")
     return RodLine(points, curve, width, mad_std(misses), inside, 0.5 * (np.array(grey.shape[::-1]) - 1.0))
 
 
