@@ -32,6 +32,9 @@ FAINT = 0.4
 """A line fainter than this part of the usual height is another thing's."""
 OTHER_LINE_SEEN = 0.7
 """A second line of which this much is seen, of what is seen of the first, makes the picture ambiguous."""
+LEAST_SEEN_CHANGING, EDGE = 0.5, 0.3
+"""Of a line that may be here bright, there dark, more must be seen; and its background may differ from side to side by
+this part of its height: more is the edge of a cable that is broader than the antenna."""
 LEAST_POINTS = 12
 _SLOPES = np.diff(chebvander(np.linspace(-1.0, 1.0, 41), WANDER_ORDER), axis=0)
 
@@ -46,7 +49,7 @@ class FittedLine:
     sigma_px, effective_px : (N,) standard deviation across the line; and of a point that counts as independent.
     kept : (N,) where it was measured.
     height : (N,) grey levels. noise : of a pixel, grey levels.
-    breadth : over what an antenna in focus has.
+    breadth : over what an antenna in focus has. changing : whether it may be here brighter, there darker.
     """
 
     centre: np.ndarray
@@ -57,6 +60,7 @@ class FittedLine:
     height: np.ndarray
     noise: float
     breadth: float
+    changing: bool = False
 
     @property
     def contrast(self) -> float:
@@ -92,12 +96,15 @@ def accepted(found: Crossings, line: FittedLine) -> Centreline:
     )
 
 
-def best_of(lines: Sequence[Centreline], width_px: float) -> Centreline:
-    """One centreline out of those along the best path and along the others, best first."""
+def best_of(lines: Sequence[Centreline], width_px: float, alike: float = OTHER_LINE_SEEN) -> Centreline:
+    """One centreline out of those along the best path and along the others, best first.
+
+    It is ambiguous where of another so much is seen, over what is seen of the first.
+    """
     ranked = sorted(lines, key=lambda line: -line.seen)
     best = ranked[0]
     for other in ranked[1:]:
-        if best.found and other.found and other.seen > OTHER_LINE_SEEN * best.seen and _differ(best, other, width_px):
+        if best.found and other.found and other.seen > alike * best.seen and _differ(best, other, width_px):
             why = (
                 f"two lines could be the antenna: {100 * best.seen:.0f} and {100 * other.seen:.0f} % of its length seen"
             )
@@ -133,16 +140,28 @@ def _doubt(found: Crossings, points: np.ndarray, line: FittedLine) -> tuple[Verd
         return "no_antenna", f"what could be the antenna is {breadth:.1f} times as broad as it should be ({share})"
     if contrast < LEAST_CONTRAST:
         return "no_antenna", f"what could be the antenna hardly stands out from the noise ({share})"
+    if line.changing and _step(found, kept) > EDGE:
+        return "no_antenna", f"what could be the antenna is the edge of something broader ({share})"
     wander, snaking = _wander(found.along, points, kept)
     if wander > np.hypot(WANDER_PX, WANDER_SIGMA * smooth.median(line.sigma_px[kept])) or snaking > SNAKING_RAD:
         return "no_antenna", f"what could be the antenna is no smooth line ({share})"
-    if seen < LEAST_SEEN or (contrast <= CLEAR_CONTRAST and seen / inside < LEAST_SEEN_INSIDE):
+    if seen < (LEAST_SEEN_CHANGING if line.changing else LEAST_SEEN) or (
+        contrast <= CLEAR_CONTRAST and seen / inside < LEAST_SEEN_INSIDE
+    ):
         return "too_little", f"too little of the antenna to be sure of it ({share})"
     if kept[found.along < ROOT * found.along[-1]].mean() < LEAST_ROOT:
         return "too_little", f"the part near the clamp is not seen ({share})"
     if breadth >= BROAD and seen / inside < LEAST_SEEN_BROAD:
         return "too_little", f"a line {breadth:.1f} times as broad as the antenna, and too little of it ({share})"
     return None
+
+
+def _step(found: Crossings, kept: np.ndarray) -> float:
+    """How the background differs from one side of the line to the other, all along it, over the line's own height."""
+    profiles, middle = found.profiles[kept], found.profiles.shape[1] // 2
+    one, other = profiles[:, :3].mean(axis=1), profiles[:, -3:].mean(axis=1)
+    height = np.abs(profiles[:, middle - 1 : middle + 2].mean(axis=1) - 0.5 * (one + other))
+    return abs(smooth.median((other - one) * found.side[kept])) / max(smooth.median(height), 1e-9)
 
 
 def _wander(along: np.ndarray, points: np.ndarray, kept: np.ndarray) -> tuple[float, float]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from vbaa_calib.core.errors import InputError
 
-from .acceptance import best_of, reject_faint
+from .acceptance import OTHER_LINE_SEEN, best_of, reject_faint
 from .centreline import Centreline
 from .corridor import Corridor
 from .path_refinement import RefinedPath, refine_path
@@ -20,10 +20,9 @@ OTHER_PATH_SHARE = 0.75
 """A second path is looked at when it scores this much of the best one's."""
 BLURRED_PX = 8.0
 """Blur at which the antenna is looked for once more where it is not found in focus."""
-CHANGING_PATHS = 4
-"""Paths that are looked at where the polarity changes along the antenna."""
-LEAST_SEEN_CHANGING = 0.5
-"""Least fraction that must be seen of a line that may be anything: more things look like it than like a bright one."""
+CHANGING_PATHS, CHANGING_SHARE, CHANGING_OTHER = 4, 0.5, 0.85
+"""The same where the polarity changes along the antenna: so many paths, of so much of the best one's score; and how
+much of a second line, of what is seen of the first, makes the picture ambiguous."""
 APART = 0.4
 """Fraction of their length over which two paths must differ to be two."""
 
@@ -90,8 +89,9 @@ class AntennaFinder:
         score = total / self.weight
         best = int(score.argmax())
         paths = [self.shapes.paths_px[best]]
-        others = np.flatnonzero(score >= OTHER_PATH_SHARE * score[best])
-        for _ in range(1, 2 if bright is not None else CHANGING_PATHS):
+        count, share = (2, OTHER_PATH_SHARE) if bright is not None else (CHANGING_PATHS, CHANGING_SHARE)
+        others = np.flatnonzero(score >= share * score[best])
+        for _ in range(1, count):
             others = others[~self._alike(best, others)]
             if not len(others):
                 break
@@ -129,14 +129,9 @@ class AntennaFinder:
         lines = []
         for rough in self.candidates(image, bright, blurred_px):
             path = self.path(image, rough, bright, blurred_px).path_px
-            line = measure_on(image, path, width, bright, blurred_px)
-            if bright is None and line.found and line.seen < LEAST_SEEN_CHANGING:
-                line = line.with_verdict(
-                    "too_little",
-                    f"too little of the antenna to be sure of it ({100 * line.seen:.0f} % of its length seen)",
-                )
-            lines.append(line)
-        return reject_faint(best_of(lines, width), self.usual_height)
+            lines.append(measure_on(image, path, width, bright, blurred_px))
+        alike = OTHER_LINE_SEEN if bright is not None else CHANGING_OTHER
+        return reject_faint(best_of(lines, width, alike), self.usual_height)
 
     def _alike(self, best: int, others: np.ndarray) -> np.ndarray:
         """(Q,) whether those paths are much the same as that one."""

@@ -23,8 +23,9 @@ from .path_refinement import refine_path
 from .reflectance import learn_reflectance, stiffened
 from .visible_end import Look, visible_end
 
-SEEN_RATIO = 4.5
-"""Least height over its standard deviation for a profile to count as seen."""
+SEEN_RATIO, SEEN_CHANGING = 4.5, 3.5
+"""Least height over its standard deviation for a profile to count as seen; and where the line changes along its length:
+what its neighbours show tells its sign and shape."""
 QUIET = 0.4
 """Quantile of the profiles' residuals taken for the picture's noise: more than half may lie beside an object."""
 DISTURBED = 1.8
@@ -110,19 +111,21 @@ def _measured(image: np.ndarray, path_px: np.ndarray, width_px: float, half: int
         return NOTHING
     width_px = round(width_px, 2)
     lines = _changing_lines(found, width_px, half) if bright is None else _lines(found, width_px, half)
-    kept, clean, there = _kept(found, lines)
+    kept, clean, there = _kept(found, lines, bright is None)
     if not kept.any():
         return NOTHING
     sigma = _deviations(found, lines, clean if clean.sum() >= LEAST_PROFILES else kept)
     edge = _edge_doubt(found, lines, there)
     doubt = np.hypot(edge, lines.shared)
     kept, course = _without_strays(found, lines, np.hypot(sigma, doubt), kept)
-    kept = binary_erosion(kept, iterations=MARGIN_PX, border_value=1)
+    kept = binary_erosion(kept, iterations=1 if bright is None else MARGIN_PX, border_value=1)
     if not kept.any():
         return NOTHING
     breadth = lines.half_width_px / _ordinary(width_px, half).half_width_px
     sigma, effective = _calibrated(found, lines, sigma, doubt, kept)
-    line = FittedLine(lines.centre, course, sigma, effective, kept, lines.fits.height, lines.noise, breadth)
+    line = FittedLine(
+        lines.centre, course, sigma, effective, kept, lines.fits.height, lines.noise, breadth, bright is None
+    )
     measured = accepted(found, line)
     end = visible_end(image, measured.guide_px, kept, Look(lines.shape, half, lines.noise, bright))
     return replace(measured, end_px=end.end_px, end_std_px=end.std_px, end=end.end)
@@ -218,17 +221,24 @@ def _training_profiles(fits: Fits, inside: np.ndarray, half: int) -> np.ndarray:
     return calm if calm.sum() >= 0.3 * good.sum() else good
 
 
-def _kept(found: Crossings, lines: _Lines) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(N,) which profiles show the antenna well enough, which show nothing else beside it, which show it at all."""
+def _kept(found: Crossings, lines: _Lines, changing: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(N,) which profiles show the antenna well enough, which show nothing else beside it, which show it at all.
+
+    One that changes along its length mostly lies before something: its profiles are judged by its height alone, and the
+    disturbed ones kept with the deviations that they deserve.
+    """
     fits, rms, noise = lines.fits, lines.rms, lines.noise
     half = 0.5 * (fits.gain.shape[1] - 1)
     seen = found.inside & (np.abs(lines.centre) < half - 2.0)
-    seen &= fits.height > SEEN_RATIO * np.maximum(rms, noise) * fits.unit_height
+    least = SEEN_CHANGING * noise if changing else SEEN_RATIO * np.maximum(rms, noise)
+    seen &= fits.height > least * fits.unit_height
     if not seen.any():
         return seen, seen, seen
     seen &= (fits.height > 0.3 * lines.usual) & (fits.height < 3.0 * lines.usual)
     clean = seen & (rms < DISTURBED * noise)
-    kept = clean if clean.mean() >= LEAST_CLEAN else seen & (rms < 4.0 * noise + 0.1 * lines.usual)
+    if clean.mean() >= LEAST_CLEAN and not changing:
+        return clean, clean, seen
+    kept = seen & (rms < 4.0 * noise + (0.3 if changing else 0.1) * lines.usual)
     return kept, clean, seen
 
 
