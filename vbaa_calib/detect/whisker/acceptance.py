@@ -32,9 +32,9 @@ FAINT = 0.4
 """A line fainter than this part of the usual height is another thing's."""
 OTHER_LINE_SEEN = 0.7
 """A second line of which this much is seen, of what is seen of the first, makes the picture ambiguous."""
-LEAST_SEEN_CHANGING, EDGE = 0.5, 0.3
-"""Of a line that may be here bright, there dark, more must be seen; and its background may differ from side to side by
-this part of its height: more is the edge of a cable that is broader than the antenna."""
+LEAST_SEEN_CHANGING, BROAD_CHANGING, EDGE = 0.5, 1.1, 0.3
+"""Of a line that may be here bright, there dark, more must be seen, the more where it is broader; and its background may
+differ from side to side by this part of its height: more is the edge of a cable broader than the antenna."""
 LEAST_POINTS = 12
 _SLOPES = np.diff(chebvander(np.linspace(-1.0, 1.0, 41), WANDER_ORDER), axis=0)
 
@@ -151,7 +151,7 @@ def _doubt(found: Crossings, points: np.ndarray, line: FittedLine) -> tuple[Verd
         return "too_little", f"too little of the antenna to be sure of it ({share})"
     if kept[found.along < ROOT * found.along[-1]].mean() < LEAST_ROOT:
         return "too_little", f"the part near the clamp is not seen ({share})"
-    if breadth >= BROAD and seen / inside < LEAST_SEEN_BROAD:
+    if breadth >= (BROAD_CHANGING if line.changing else BROAD) and seen / inside < LEAST_SEEN_BROAD:
         return "too_little", f"a line {breadth:.1f} times as broad as the antenna, and too little of it ({share})"
     return None
 
