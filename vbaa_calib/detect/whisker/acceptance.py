@@ -33,7 +33,7 @@ FAINT = 0.4
 OTHER_LINE_SEEN = 0.7
 """A second line of which this much is seen, of what is seen of the first, makes the picture ambiguous."""
 LEAST_SEEN_CHANGING, BROAD_CHANGING, EDGE = 0.5, 1.1, 0.3
-"""Of a line that may be here bright, there dark, more must be seen, the more where it is broader; and its background may
+"""Of a line that may be here bright, there dark, more must be seen, still more of a broader one; its background may
 differ from side to side by this part of its height: more is the edge of a cable broader than the antenna."""
 LEAST_POINTS = 12
 _SLOPES = np.diff(chebvander(np.linspace(-1.0, 1.0, 41), WANDER_ORDER), axis=0)
