@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-from scipy.ndimage import binary_erosion, uniform_filter1d
+from scipy.ndimage import binary_closing, binary_erosion, uniform_filter1d
 from scipy.stats import chi2
 
 from vbaa_calib.core import smooth
@@ -118,7 +118,9 @@ def _measured(image: np.ndarray, path_px: np.ndarray, width_px: float, half: int
     edge = _edge_doubt(found, lines, there)
     doubt = np.hypot(edge, lines.shared)
     kept, course = _without_strays(found, lines, np.hypot(sigma, doubt), kept)
-    kept = binary_erosion(kept, iterations=1 if bright is None else MARGIN_PX, border_value=1)
+    margin = 1 if bright is None else MARGIN_PX
+    # a profile or two that noise hides are no gap
+    kept &= binary_erosion(kept | binary_closing(kept), iterations=margin, border_value=1)
     if not kept.any():
         return NOTHING
     breadth = lines.half_width_px / _ordinary(width_px, half).half_width_px
@@ -204,7 +206,14 @@ def _changing_lines(
     shape = reflectance.shape(seen[-END_PROFILES:] if len(seen) else slice(None))
     broad = expected(reflectance.width_px, reflectance.blur_px, half + 2).half_width_px
     return _Lines(
-        learned.course + fits.shift, fits, fits.rms, shape, broad, noise, reflectance.height, learned.shared_px
+        learned.course + fits.shift,
+        fits,
+        fits.rms,
+        shape,
+        broad,
+        noise,
+        reflectance.height,
+        learned.shared_px,
     )
 
 

@@ -23,7 +23,7 @@ from .corridor import arc_lengths_px
 from .crossings import Crossings
 from .line_shape import LIKELY_TAPER, MOST_TAPER, PER_PX, LineShape, without_background
 
-LIKELY = np.array([3.0, 0.8, 0.8, 0.5])
+LIKELY = np.array([3.0, 0.8, 0.8, 0.5, 0.5])
 """Deviations beforehand, over the antenna's contrast, of the polynomial's coefficients: level, brighter on one side, a
 highlight, and that aside."""
 LEAST_LIKELY, LIKELY_PROFILES = 0.22, 10.0
@@ -43,6 +43,8 @@ QUIET = 0.4
 START_STEP_PX, START_BENDS, START_PROFILES = 0.5, 9, 24
 """At first the line is looked for at such steps, in so many places of either end and the middle, in so many
 profiles."""
+MISFIT, PULLED = 0.01, 0.03
+"""Part of the profiles' power that no shape follows; and of the width by which what it does not follow may pull."""
 STIFF_PIECES, PIECES = 4, 10
 """Of the smooth path that is begun with, and of the line's course about it."""
 
@@ -184,7 +186,7 @@ def learn_reflectance(
     )
     solved = np.linalg.solve(local[:, _C, _C], local[:, _C, -1:])[..., 0]
     shared = (PIECES + 3.0) / max(WELL_BEGUN * float(known.mean()) / count, 1e-9)
-    shared_px = np.sqrt(shared + everywhere(begin_std) ** 2)
+    shared_px = np.sqrt(shared + everywhere(begin_std) ** 2 + (PULLED * width_px) ** 2)
     return Learned(replace(whole, coefficients=solved), course, shared_px / found.stretch, taper)
 
 
@@ -285,7 +287,7 @@ def _begin(
         matrix, side = _sums(shapes @ shapes.mT, count), _sums((shapes @ grey[..., None])[..., 0], count)
         matrix[:, _DIAGONAL, _DIAGONAL] += 0.01 / LIKELY**2
         explained = (side * np.linalg.solve(matrix, side[..., None])[..., 0]).sum(axis=1)
-        left[:, column] = np.log(np.maximum(power - explained, 1e-3 * power + 1e-9))
+        left[:, column] = np.log(np.maximum(power - explained, 0.0) + MISFIT * power + 1e-9)
     share = found.along / max(float(found.along[-1]), 1e-6)
     shapes = np.stack([(1.0 - share) * (1.0 - 2.0 * share), 4.0 * share * (1.0 - share), share * (2.0 * share - 1.0)])
     bends = np.linspace(offsets[0], offsets[-1], START_BENDS)
