@@ -120,8 +120,6 @@ def _measured(image: np.ndarray, path_px: np.ndarray, width_px: float, half: int
     kept, course = _without_strays(found, lines, np.hypot(sigma, doubt), kept)
     margin = 1 if bright is None else MARGIN_PX
     # a profile or two that noise hides are no gap
-    margin = 1 if bright is None else MARGIN_PX
-    # a profile or two that noise hides are no gap
     kept &= binary_erosion(kept | binary_closing(kept), iterations=margin, border_value=1)
     if not kept.any():
         return NOTHING
