@@ -23,7 +23,7 @@ from .corridor import arc_lengths_px
 from .crossings import Crossings
 from .line_shape import LIKELY_TAPER, MOST_TAPER, PER_PX, LineShape, without_background
 
-LIKELY = np.array([3.0, 0.8, 0.8, 0.5, 0.5])
+LIKELY = np.array([3.0, 0.8, 0.8, 0.5])
 """Deviations beforehand, over the antenna's contrast, of the polynomial's coefficients: level, brighter on one side, a
 highlight, and that aside."""
 LEAST_LIKELY, LIKELY_PROFILES = 0.22, 10.0
