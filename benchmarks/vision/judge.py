@@ -1,4 +1,4 @@
-"""What others use to find a thin line in a picture: thinning, a ridge filter, the centroid of every column."""
+"""What others use to find a thin line in a picture: thinning, Steger's ridges, the centroid of every column."""
 
 from __future__ import annotations
 
@@ -114,35 +114,55 @@ def within(corridor: Corridor, size: tuple[int, int]) -> np.ndarray:
 def peers(corridor: Corridor, size: tuple[int, int]) -> dict[str, Peer]:
     """Name → method, prepared for one corridor."""
     mask = within(corridor, size)
-    ridge_filter = cv2.ximgproc.RidgeDetectionFilter.create(cv2.CV_32FC1, 1, 1, 3, cv2.CV_8UC1)
-
-    def otsu(image: np.ndarray) -> np.ndarray:
-        return cv2.bitwise_and(cv2.threshold(image, 0, 255, cv2.THRESH_BINARY | cv2.THRESH_OTSU)[1], mask)
 
     def thinning(image: np.ndarray) -> np.ndarray:
-        rows, columns = np.nonzero(cv2.ximgproc.thinning(otsu(image)))
-        return np.stack([columns, rows], axis=1).astype(float)
+        return thinned(image, mask)
 
     def ridges(image: np.ndarray) -> np.ndarray:
-        smooth = cv2.GaussianBlur(image, (0, 0), max(0.5 * corridor.width_px, 1.0))
-        return _peaks(cv2.bitwise_and(ridge_filter.getRidgeFilteredImage(255 - smooth), mask))
+        return steger(image, mask > 0, corridor.width_px, bright=True)
 
     def centroid(image: np.ndarray) -> np.ndarray:
         ground = cv2.mean(image, mask)[0]
-        lit = np.where(otsu(image) > 0, image.astype(np.float32) - np.float32(ground), np.float32(0.0))
+        lit = np.where(_otsu(image, mask) > 0, image.astype(np.float32) - np.float32(ground), np.float32(0.0))
         total = lit.sum(axis=0)
         columns = np.flatnonzero(total > 0)
         rows = (np.arange(len(lit), dtype=np.float32) @ lit)[columns] / total[columns]
         return np.stack([columns, rows], axis=1).astype(float)
 
-    return {"cv2.ximgproc.thinning": thinning, "RidgeDetectionFilter": ridges, "centroid per column": centroid}
+    return {"cv2.ximgproc.thinning": thinning, "Steger, scikit-image": ridges, "centroid per column": centroid}
 
 
-def _peaks(ridge: np.ndarray) -> np.ndarray:
-    """The strongest place of every column, to a part of a pixel by a parabola."""
-    rows = ridge.argmax(axis=0)
-    columns = np.flatnonzero((ridge.max(axis=0) > 0) & (rows > 0) & (rows < len(ridge) - 1))
-    rows = rows[columns]
-    low, middle, high = (ridge[rows + k, columns].astype(float) for k in (-1, 0, 1))
-    bend = np.minimum(low - 2.0 * middle + high, -1e-6)
-    return np.stack([columns, rows + np.clip(0.5 * (low - high) / bend, -0.5, 0.5)], axis=1)
+def _otsu(image: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    return cv2.bitwise_and(cv2.threshold(image, 0, 255, cv2.THRESH_BINARY | cv2.THRESH_OTSU)[1], mask)
+
+
+def thinned(image: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """Points (N, 2) px of the skeleton of what is bright, by Otsu's threshold."""
+    rows, columns = np.nonzero(cv2.ximgproc.thinning(_otsu(image, mask)))
+    return np.stack([columns, rows], axis=1).astype(float)
+
+
+def steger(image: np.ndarray, mask: np.ndarray, width_px: float, bright: bool | None) -> np.ndarray:
+    """Points (N, 2) px on ridges (`bright` None: and valleys) of an (H, W) picture by Steger (1998), by scikit-image.
+
+    Where the second derivative across the line is largest, the picture's parabola has its top or bottom within the
+    pixel: scale w / (2 √3) for a line of width w, the response cut by Otsu's threshold within the mask.
+    """
+    from skimage.feature import hessian_matrix
+    from skimage.filters import gaussian, threshold_otsu
+
+    sigma = max(width_px / (2.0 * np.sqrt(3.0)), 0.8)
+    grey = image.astype(float)
+    rr, rc, cc = hessian_matrix(grey, sigma, use_gaussian_derivatives=True)
+    slope_r, slope_c = np.gradient(gaussian(grey, sigma, preserve_range=True))
+    half, mean = np.hypot(0.5 * (cc - rr), rc), 0.5 * (cc + rr)
+    curvature = np.where(mean < 0, mean - half, mean + half)
+    # eigenvector of the curvature that is larger by amount
+    angle = 0.5 * np.arctan2(2.0 * rc, cc - rr) + np.where(mean < 0, 0.5 * np.pi, 0.0)
+    across_c, across_r = np.cos(angle), np.sin(angle)
+    step = -(slope_c * across_c + slope_r * across_r) / np.where(np.abs(curvature) > 1e-9, curvature, np.inf)
+    strength = np.abs(curvature) if bright is None else np.maximum(-curvature, 0.0)
+    on = mask & (np.abs(step * across_c) <= 0.5) & (np.abs(step * across_r) <= 0.5)
+    on &= strength > (threshold_otsu(strength[mask]) if mask.any() else np.inf)
+    rows, columns = np.nonzero(on)
+    return np.stack([columns + (step * across_c)[on], rows + (step * across_r)[on]], axis=1)

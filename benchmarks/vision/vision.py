@@ -181,7 +181,7 @@ _MIXED_TITLE = "hard pictures at random: verdicts, and confident ones that are f
 _STYLES = {
     "this finder": (GREEN, "s"),
     "cv2.ximgproc.thinning": (AMBER, "o"),
-    "RidgeDetectionFilter": (VIOLET, "^"),
+    "Steger, scikit-image": (VIOLET, "^"),
     "centroid per column": (BLUE, "D"),
 }
 """Method → its colour and mark."""
