@@ -187,10 +187,12 @@ def _solved(
 ) -> BundleAdjustment:
     problem = Problem.of(observations, prior, length_m, moment_std_Nm)
     parameters = problem.begin
+    least = 1.0 if np.mean([one.shared for one in observations]) > 0.5 else 0.0
     evaluated, gap_std = problem.evaluate(parameters), np.nan
     for turn in range(_PASSES + 1):
         kept = problem.kept
-        scale = noise_scale([problem.without_line(i, evaluated.points[i][:, 0]) for i in np.flatnonzero(kept).tolist()])
+        left = [problem.without_line(i, evaluated.points[i][:, 0]) for i in np.flatnonzero(kept).tolist()]
+        scale = max(noise_scale(left), least)
         change = abs(scale / problem.noise_scale - 1.0)
         problem = replace(problem, noise_scale=scale)
         exact = change < _NEAR or turn == _PASSES

@@ -98,6 +98,7 @@ class Observation:
     gravity_m_s2 : (3,) antenna frame.
     paint : what sets the antenna off from its background. height : of its line above that, grey levels.
     tip_px : (2,) the antenna's end; tip_std_px : its deviation along the antenna; NaN where it is not seen.
+    shared : whether neighbouring points share most of their errors: a shape that follows these does not show them.
     """
 
     still: Still
@@ -108,6 +109,7 @@ class Observation:
     height: float = 0.0
     tip_px: np.ndarray = field(default_factory=lambda: np.full(2, np.nan))
     tip_std_px: float = np.nan
+    shared: bool = False
 
     @property
     def load_N(self) -> np.ndarray:

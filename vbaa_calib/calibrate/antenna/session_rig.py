@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from vbaa_calib.antenna.shape import bend
 from vbaa_calib.calibrate.pose.board_pose import require_size
@@ -15,6 +16,7 @@ from vbaa_calib.core.console import progress
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.images import read_picture
 from vbaa_calib.detect.whisker.antenna import REACH_PER_LENGTH, corridor, finder, free_curve
+from vbaa_calib.detect.whisker.corridor import arc_lengths_px, normals, resample
 from vbaa_calib.detect.whisker.finder import AntennaFinder
 from vbaa_calib.detect.whisker.paint import Paint, learn
 from vbaa_calib.detect.whisker.stretches import stretches, why_lost
@@ -38,11 +40,17 @@ from .residual_checks import check
 
 _LEAST_SEEN_FREE = 0.6
 """Nothing hides the free antenna: less than this fraction seen means that something is wrong."""
-_NARROW_REACH = 0.2
-"""How far aside, as a fraction of the distance from the clamp, an antenna may be that is clamped and straight to three
-deviations of the priors below. It is looked for there first: clutter farther away is not even tried."""
+_ASIDE, _NEAR_FIRST = 0.067, (1.3, 3.0, None)
+"""How far aside an antenna lies, as a fraction of the distance from the clamp, by one deviation of the priors below; it
+is looked for within so many of them first, then all around: clutter farther away is not even tried."""
+_COURSE_ASIDE, _COURSE_ORDER, _ODD = 0.02, 2, 0.04
+"""The same deviation where other pictures of the rig tell the free antenna's course, a polynomial of this order beside
+what is expected; a line that lies so far off the others' course is looked for again."""
+_SHARED = 2.0
+"""Effective over own deviation above which neighbouring points share most of their errors."""
 _LEARNT_FROM = 3
 """Pictures that tell what sets the antenna off."""
+_PLACES = np.linspace(0.0, 1.0, 21)
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +59,8 @@ class ExpectedAntenna:
 
     parameters : (9,) of the antenna, as far as they are known.
     paint : what sets it off from its background; None: learnt from the pictures.
+    course : (3,) how far the free antenna lies beside these parameters' in this rig's pictures: a polynomial in the way
+        from the clamp, both in lengths of the antenna's picture; None where not known.
     """
 
     antenna: NominalAntenna
@@ -58,6 +68,7 @@ class ExpectedAntenna:
     T_antenna_camera: Pose
     parameters: np.ndarray
     paint: Paint | None = None
+    course: np.ndarray | None = None
 
     def observe(self, still: Still, image: np.ndarray, gravity_m_s2: np.ndarray) -> Observation:
         """The antenna's seen points in one picture.
@@ -65,8 +76,8 @@ class ExpectedAntenna:
         image : as `read_picture` gives it. gravity_m_s2 : (3,) antenna frame. Raises InputError as `observe` does.
         """
         paint = self.learned([still], [image], [gravity_m_s2]) if self.paint is None else self.paint
-        for narrow in (True, False):
-            looking = self._finder(still, gravity_m_s2, narrow)
+        for deviations in _NEAR_FIRST:
+            looking = self._finder(still, gravity_m_s2, deviations)
             line = paint.find(looking, image)
             accepted = line.found and (isinstance(still, Load) or line.seen >= _LEAST_SEEN_FREE)
             if accepted:
@@ -80,38 +91,62 @@ class ExpectedAntenna:
                 remedy=f"{change or 'light the antenna'}; shoot it again, or take its row out of the CSV",
             )
         tip_std_px = line.end_std_px if line.end == "tip" else np.nan
+        shared = bool(np.median(line.effective_px / line.sigma_px) > _SHARED)
         return Observation(
-            still, line.points_px, line.effective_px, gravity_m_s2, paint, line.amplitude, line.end_px, tip_std_px
+            still,
+            line.points_px,
+            line.effective_px,
+            gravity_m_s2,
+            paint,
+            line.amplitude,
+            line.end_px,
+            tip_std_px,
+            shared,
         )
+
+    def course_of(self, seen: Observation) -> np.ndarray:
+        """(3,) as `course`, of one free antenna as it was seen."""
+        free = free_curve(self.parameters, self.antenna.length_m, seen.gravity_m_s2)
+        axis = corridor(self.camera, self.T_antenna_camera.inverse(), free, self.antenna.diameter_m).axis_px
+        along = arc_lengths_px(axis)
+        fine, at = resample(axis, 1.0)
+        nearest = cKDTree(fine).query(seen.points_px)[1]
+        aside = np.einsum("ni,ni->n", seen.points_px - fine[nearest], normals(fine)[nearest])
+        return np.polyfit(at[nearest] / along[-1], aside / along[-1], _COURSE_ORDER)
 
     def learned(
         self, stills: Sequence[Still], images: Sequence[np.ndarray], gravity_m_s2: Sequence[np.ndarray]
     ) -> Paint:
         """What sets the antenna off from its background in these pictures; the default where none is found."""
-        for narrow in (True, False):
-            looking = [self._finder(still, pull, narrow) for still, pull in zip(stills, gravity_m_s2, strict=True)]
+        for deviations in _NEAR_FIRST:
+            looking = [self._finder(still, pull, deviations) for still, pull in zip(stills, gravity_m_s2, strict=True)]
             paint = learn(looking, images)
             if paint is not None:
                 return paint
         return Paint()
 
-    def _finder(self, still: Still, gravity_m_s2: np.ndarray, narrow: bool) -> AntennaFinder:
-        """What looks for the antenna where it should be by what is known beforehand, or, not `narrow`, all around."""
+    def _finder(self, still: Still, gravity_m_s2: np.ndarray, deviations: float | None) -> AntennaFinder:
+        """What looks for the antenna where it should be, to so many deviations; None: all around."""
         length, reach, shape = (
             self.antenna.length_m,
             REACH_PER_LENGTH,
             free_curve(self.parameters, self.antenna.length_m, gravity_m_s2),
         )
-        if narrow:
-            reach = _NARROW_REACH
+        if deviations is not None:
+            aside = _ASIDE if self.course is None else _COURSE_ASIDE
             if isinstance(still, Load):
                 free, force = shape.points_m[0, -1], np.array([[still.force_y_N, still.force_z_N]])
                 shape = bend(
                     self.parameters[None], length, gravity_m_s2[None], np.array([still.distance_m]), force, dead=True
                 )
                 # the stiffness may be anything within a factor of two
-                reach = min(reach + float(np.linalg.norm(shape.points_m[0, -1] - free)) / length, REACH_PER_LENGTH)
+                aside += float(np.linalg.norm(shape.points_m[0, -1] - free)) / length / _NEAR_FIRST[1]
+            reach = min(deviations * aside, REACH_PER_LENGTH)
         path = corridor(self.camera, self.T_antenna_camera.inverse(), shape, self.antenna.diameter_m, reach)
+        if self.course is not None and len(path.axis_px) > 1:
+            along = arc_lengths_px(path.axis_px)
+            moved = np.polyval(self.course, along / along[-1]) * along[-1]
+            path = replace(path, axis_px=path.axis_px + moved[:, None] * normals(path.axis_px))
         looking = finder(path, self.camera)
         if looking is None:
             raise InputError(
@@ -124,8 +159,11 @@ class ExpectedAntenna:
 
 def observe(
     session: Session, kinematics: Kinematics, stills: Sequence[Still], expected: ExpectedAntenna, what: str
-) -> list[Observation]:
-    """The antenna's seen points in every still; what sets it off from its background is learnt from some of them.
+) -> tuple[list[Observation], ExpectedAntenna]:
+    """The antenna's seen points in every still, and what is known better after them.
+
+    What sets it off from its background is learnt from some of them. The free antenna has the same course in all,
+    beside what is expected: where a picture shows none, or another one than most, it is looked for again along theirs.
 
     Raises InputError naming the picture that has another size than the lens was calibrated for, or shows no antenna.
     """
@@ -141,18 +179,28 @@ def observe(
         some = np.unique(np.linspace(0, len(stills) - 1, _LEARNT_FROM).astype(int))
         chosen = [stills[index] for index in some]
         expected = replace(expected, paint=expected.learned(chosen, [read(still) for still in chosen], gravity[some]))
-    return [
-        expected.observe(still, read(still), pull) for still, pull in zip(progress(stills, what), gravity, strict=True)
-    ]
+    seen: list[Observation | None] = []
+    for still, pull in zip(progress(stills, what), gravity, strict=True):
+        try:
+            seen.append(expected.observe(still, read(still), pull))
+        except InputError:
+            seen.append(None)
+    courses = {i: expected.course_of(one) for i, one in enumerate(seen) if one and not isinstance(one.still, Load)}
+    usual = np.median(list(courses.values()), axis=0) if courses else expected.course
+    told = replace(expected, course=usual)
+    for index, (still, pull) in enumerate(zip(stills, gravity, strict=True)):
+        odd = index in courses and np.abs(np.polyval(courses[index] - usual, _PLACES)).max() > _ODD
+        if seen[index] is None or odd:
+            seen[index] = told.observe(still, read(still), pull)
+    return [one for one in seen if one is not None], told
 
 
 def observe_stills(session: Session, kinematics: Kinematics, before: Prior) -> list[Observation]:
     """The antenna in the no-load frames and under the known loads of a session, in this order."""
     noload, loads = read_noload(session), read_loads(session)
     expected = ExpectedAntenna(session.antenna, before.camera, before.start, nominal_parameters(session.antenna))
-    free = observe(session, kinematics, noload, expected, "free antenna")
-    expected = replace(expected, paint=free[0].paint)
-    return [*free, *observe(session, kinematics, loads, expected, "known loads")]
+    free, expected = observe(session, kinematics, noload, expected, "free antenna")
+    return [*free, *observe(session, kinematics, loads, expected, "known loads")[0]]
 
 
 CLAMP_OFFSET_STD_M = 1.5e-3
