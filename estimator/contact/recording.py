@@ -29,6 +29,9 @@ GRAVITY_STEP_M_S2 = 0.5
 SECOND_LOOK = 0.8
 """The second look along the fitted shape is taken unless it sees less than this fraction of what the first saw."""
 
+CLAMP_PX, CLAMP_RAD = 4.0, 0.06
+"""How far beside its free shape, and how much turned, an antenna of a calibrated rig may leave its clamp."""
+
 Ground = Callable[[Still], Background | None]
 """What lies behind the antenna in a picture, as far as it is known."""
 
@@ -116,7 +119,8 @@ def prepared(rig: Rig, frame: Still) -> AntennaFinder | None:
 def _finder(rig: Rig, pull_m_s2: tuple[float, float, float]) -> AntennaFinder | None:
     """What looks for the antenna under this gravity (antenna frame); None where the lens cannot show the antenna."""
     free = free_curve(rig.antenna.parameters, rig.antenna.length_m, np.array(pull_m_s2))
-    found = finder(corridor(rig.camera, rig.T_antenna_camera.inverse(), free, rig.antenna.diameter_m), rig.camera)
+    where = corridor(rig.camera, rig.T_antenna_camera.inverse(), free, rig.antenna.diameter_m)
+    found = finder(replace(where, clamp_px=CLAMP_PX, clamp_rad=CLAMP_RAD), rig.camera)
     return found if found is None or rig.image.height is None else found.with_usual_height(rig.image.height)
 
 

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from vbaa_calib.antenna.shape import bend
 from vbaa_calib.calibrate.pose.board_pose import require_size
@@ -16,7 +15,7 @@ from vbaa_calib.core.console import progress
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.images import read_picture
 from vbaa_calib.detect.whisker.antenna import REACH_PER_LENGTH, corridor, finder, free_curve
-from vbaa_calib.detect.whisker.corridor import arc_lengths_px, normals, resample
+from vbaa_calib.detect.whisker.corridor import arc_lengths_px, normals
 from vbaa_calib.detect.whisker.finder import AntennaFinder
 from vbaa_calib.detect.whisker.paint import Paint, learn
 from vbaa_calib.detect.whisker.stretches import stretches, why_lost
@@ -107,12 +106,10 @@ class ExpectedAntenna:
     def course_of(self, seen: Observation) -> np.ndarray:
         """(3,) as `course`, of one free antenna as it was seen."""
         free = free_curve(self.parameters, self.antenna.length_m, seen.gravity_m_s2)
-        axis = corridor(self.camera, self.T_antenna_camera.inverse(), free, self.antenna.diameter_m).axis_px
-        along = arc_lengths_px(axis)
-        fine, at = resample(axis, 1.0)
-        nearest = cKDTree(fine).query(seen.points_px)[1]
-        aside = np.einsum("ni,ni->n", seen.points_px - fine[nearest], normals(fine)[nearest])
-        return np.polyfit(at[nearest] / along[-1], aside / along[-1], _COURSE_ORDER)
+        where = corridor(self.camera, self.T_antenna_camera.inverse(), free, self.antenna.diameter_m)
+        length = arc_lengths_px(where.axis_px)[-1]
+        along, aside = where.aside(seen.points_px)
+        return np.polyfit(along / length, aside / length, _COURSE_ORDER)
 
     def learned(
         self, stills: Sequence[Still], images: Sequence[np.ndarray], gravity_m_s2: Sequence[np.ndarray]

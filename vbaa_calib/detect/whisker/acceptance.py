@@ -11,6 +11,7 @@ from numpy.polynomial.chebyshev import chebvander
 from vbaa_calib.core import smooth
 
 from .centreline import Centreline, Verdict, Visibility
+from .corridor import Corridor, arc_lengths_px
 from .crossings import Crossings
 
 LEAST_SEEN, LEAST_SEEN_INSIDE = 0.3, 0.5
@@ -36,6 +37,9 @@ LEAST_SEEN_CHANGING, BROAD_CHANGING, EDGE = 0.5, 1.1, 0.3
 """Of a line that may be here bright, there dark, more must be seen, still more of a broader one; its background may
 differ from side to side by this part of its height: more is the edge of a cable broader than the antenna."""
 LEAST_POINTS = 12
+FROM_CLAMP, BENDS_MORE = 0.35, 0.15
+"""Part of the length over which a line's direction at the clamp is measured, by a parabola; what a contact within that
+part may falsify it by, over the turn there."""
 _SLOPES = np.diff(chebvander(np.linspace(-1.0, 1.0, 41), WANDER_ORDER), axis=0)
 
 
@@ -118,6 +122,28 @@ def reject_faint(line: Centreline, usual_height: float) -> Centreline:
         share = 100.0 * line.amplitude / usual_height
         return line.with_verdict(
             "no_antenna", f"what could be the antenna is too faint ({share:.0f} % of its usual height)"
+        )
+    return line
+
+
+def reject_beside_clamp(line: Centreline, where: Corridor) -> Centreline:
+    """The centreline, with another verdict where it does not leave the clamp along the free antenna.
+
+    A cantilever bends away from its free shape slowly; a cable or an edge that passes its clamp is straight there.
+    """
+    along, aside = where.aside(line.points_px) if line.found else (np.empty(0), np.empty(0))
+    length = float(arc_lengths_px(where.axis_px)[-1])
+    first = along < FROM_CLAMP * length
+    if first.sum() < LEAST_POINTS:
+        return line
+    bend, slope, offset = np.polyfit(along[first], aside[first], 2)
+    spread = 2.0 * smooth.median(line.sigma_px[first])
+    turn = abs(slope) - BENDS_MORE * abs(2.0 * bend * FROM_CLAMP * length) - spread / (0.1 * length)
+    if abs(offset) > where.clamp_px + spread:
+        return line.with_verdict("no_antenna", f"what could be the antenna passes the clamp by {abs(offset):.0f} px")
+    if turn > where.clamp_rad:
+        return line.with_verdict(
+            "no_antenna", f"what could be the antenna leaves the clamp at {np.degrees(abs(slope)):.0f}° from its axis"
         )
     return line
 

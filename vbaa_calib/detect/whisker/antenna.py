@@ -9,7 +9,7 @@ from vbaa_calib.camera import Camera
 from vbaa_calib.geometry import Pose
 
 from .centreline import NOTHING, Centreline
-from .corridor import Corridor, arc_lengths_px
+from .corridor import CLAMP_REACH_PX, Corridor, arc_lengths_px
 from .finder import AntennaFinder
 from .profile import measure
 
@@ -17,8 +17,6 @@ REACH_PER_LENGTH = 0.9
 """How far to the side the antenna may be, as a fraction of the distance from the clamp: 42°."""
 LEAST_AXIS, LEAST_LENGTH_PX = 4, 10.0
 """Least number of the free antenna's points that the lens must show, and least length: end on, there is no line."""
-CLAMP_REACH_PX = 8.0
-"""How far off the clamp itself may be."""
 
 
 def free_curve(parameters: np.ndarray, length_m: float, gravity_m_s2: np.ndarray) -> Curves:
