@@ -13,6 +13,7 @@ import numpy as np
 from estimator.table.contacts import Contact, Measured
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.images import read_picture
+from vbaa_calib.detect.whisker.acceptance import decided
 from vbaa_calib.detect.whisker.antenna import corridor, find_along, finder, free_curve, pixels, width_px
 from vbaa_calib.detect.whisker.background import Background, evened
 from vbaa_calib.detect.whisker.centreline import NOTHING, Centreline
@@ -195,11 +196,21 @@ def subtracted(
     return evened(image, behind, line, looking.corridor.width_px), line
 
 
+def _in_order(firsts: Iterable[FirstDetection]) -> Iterator[FirstDetection]:
+    """The same; where two lines could be the antenna, the frame before tells whether the first one is."""
+    before = np.empty((0, 2))
+    for first in firsts:
+        line = decided(first.line, before)
+        before = line.guide_px if line.found else before
+        yield replace(first, line=line)
+
+
 def estimate_pictures(
     estimator: ContactEstimator, frames: Sequence[Frame], ground: Ground | None = None
 ) -> Iterator[FrameContact]:
     """Every frame from its picture, in order, as many at a time as the estimator takes. Raises as `glance` does."""
-    given, kept = tee(detections(estimator, (first_detection(estimator, frame, ground) for frame in frames)))
+    firsts = _in_order(first_detection(estimator, frame, ground) for frame in frames)
+    given, kept = tee(detections(estimator, firsts))
     for frame, seen, contact in zip(frames, kept, estimator.run(each.measured for each in given), strict=True):
         said = contact if seen.line.found else replace(contact, reason=seen.line.reason)
         yield FrameContact(frame, said, seen.measured, seen.line)

@@ -14,6 +14,7 @@ from vbaa_calib.camera import Camera
 from vbaa_calib.core.console import progress
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.images import read_picture
+from vbaa_calib.detect.whisker.acceptance import decided
 from vbaa_calib.detect.whisker.antenna import REACH_PER_LENGTH, corridor, finder, free_curve
 from vbaa_calib.detect.whisker.corridor import arc_lengths_px, normals
 from vbaa_calib.detect.whisker.finder import AntennaFinder
@@ -77,7 +78,7 @@ class ExpectedAntenna:
         paint = self.learned([still], [image], [gravity_m_s2]) if self.paint is None else self.paint
         for deviations in _NEAR_FIRST:
             looking = self._finder(still, gravity_m_s2, deviations)
-            line = paint.find(looking, image)
+            line = decided(paint.find(looking, image), looking.corridor.axis_px)
             accepted = line.found and (isinstance(still, Load) or line.seen >= _LEAST_SEEN_FREE)
             if accepted:
                 break

@@ -7,8 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.polynomial.chebyshev import chebvander
+from scipy.ndimage import uniform_filter1d
+from scipy.spatial import cKDTree
 
 from vbaa_calib.core import smooth
+from vbaa_calib.core.robust import mad_std
 
 from .centreline import Centreline, Verdict, Visibility
 from .corridor import Corridor, arc_lengths_px
@@ -36,6 +39,15 @@ OTHER_LINE_SEEN = 0.7
 LEAST_SEEN_CHANGING, BROAD_CHANGING, EDGE = 0.5, 1.1, 0.3
 """Of a line that may be here bright, there dark, more must be seen, still more of a broader one; its background may
 differ from side to side by this part of its height: more is the edge of a cable broader than the antenna."""
+LEAST_WHOLE = 0.75
+"""Least part of such a line that must be seen beside its longest gap."""
+TRANSPARENT, NEARBY, VARIES = 0.7, 41, 2.0
+"""Such a line that follows its background's brightness by so much, over what so many profiles have in common, is only
+that background; where this varies by so many deviations of a pixel."""
+ALIKE_PROFILES = 15
+"""So many neighbouring profiles lie before the same thing."""
+MOVED = 0.1
+"""Part of its length by which the antenna lies at most off where it is expected, in the mean of its points."""
 LEAST_POINTS = 12
 FROM_CLAMP, BENDS_MORE = 0.35, 0.15
 """Part of the length over which a line's direction at the clamp is measured, by a parabola; what a contact within that
@@ -116,6 +128,19 @@ def best_of(lines: Sequence[Centreline], width_px: float, alike: float = OTHER_L
     return best
 
 
+def decided(line: Centreline, expected_px: np.ndarray) -> Centreline:
+    """The same; of two lines that could be the antenna, the first one where it alone lies about as expected, (K, 2).
+
+    expected_px : from the picture before, or from what is known of the rig; it may be empty.
+    """
+    if line.verdict != "ambiguous" or len(expected_px) < 2:
+        return line
+    tree = cKDTree(expected_px)
+    own, other = (float(tree.query(points)[0].mean()) for points in (line.points_px, line.other_line_px))
+    near = own < MOVED * float(arc_lengths_px(expected_px)[-1]) and own < 0.5 * other
+    return line.with_verdict("ok", "") if near else line
+
+
 def reject_faint(line: Centreline, usual_height: float) -> Centreline:
     """The centreline, with another verdict where it is too faint: blur lowers a line and broadens it alike."""
     if line.found and line.amplitude * max(line.breadth, 1.0) < FAINT * usual_height:
@@ -168,9 +193,13 @@ def _doubt(found: Crossings, points: np.ndarray, line: FittedLine) -> tuple[Verd
         return "no_antenna", f"what could be the antenna hardly stands out from the noise ({share})"
     if line.changing and _step(found, kept) > EDGE:
         return "no_antenna", f"what could be the antenna is the edge of something broader ({share})"
+    if line.changing and _transparency(found, line) > TRANSPARENT:
+        return "no_antenna", f"what could be the antenna is as bright as what lies behind it all along ({share})"
     wander, snaking = _wander(found.along, points, kept)
     if wander > np.hypot(WANDER_PX, WANDER_SIGMA * smooth.median(line.sigma_px[kept])) or snaking > SNAKING_RAD:
         return "no_antenna", f"what could be the antenna is no smooth line ({share})"
+    if line.changing and seen < LEAST_WHOLE * (inside - _longest_gap(found, kept)):
+        return "too_little", f"pieces of a line, too few to be sure of it ({share})"
     if seen < (LEAST_SEEN_CHANGING if line.changing else LEAST_SEEN) or (
         contrast <= CLEAR_CONTRAST and seen / inside < LEAST_SEEN_INSIDE
     ):
@@ -182,12 +211,35 @@ def _doubt(found: Crossings, points: np.ndarray, line: FittedLine) -> tuple[Verd
     return None
 
 
+def _longest_gap(found: Crossings, kept: np.ndarray) -> float:
+    """Longest stretch that is not seen, as a fraction of the path: one thing may stand in front of the antenna."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[1], kept, [1]]).astype(int)))
+    return float(np.max(edges[1::2] - edges[::2], initial=0)) / len(kept)
+
+
 def _step(found: Crossings, kept: np.ndarray) -> float:
     """How the background differs from one side of the line to the other, all along it, over the line's own height."""
     profiles, middle = found.profiles[kept], found.profiles.shape[1] // 2
     one, other = profiles[:, :3].mean(axis=1), profiles[:, -3:].mean(axis=1)
     height = np.abs(profiles[:, middle - 1 : middle + 2].mean(axis=1) - 0.5 * (one + other))
-    return abs(smooth.median((other - one) * found.side[kept])) / max(smooth.median(height), 1e-9)
+    steps = (other - one) * found.side[kept]
+    # before a patchwork the steps are of either sign: an edge's are alike
+    common = abs(smooth.median(steps)) - 3.0 * mad_std(steps) / np.sqrt(len(steps) / ALIKE_PROFILES)
+    return max(common, 0.0) / max(smooth.median(height), 1e-9)
+
+
+def _transparency(found: Crossings, line: FittedLine) -> float:
+    """How far the line's own brightness follows that of its background from place to place, 0 for an opaque antenna.
+
+    0 as well where the background is plain.
+    """
+    kept = line.kept
+    profiles, rows = found.profiles[kept], np.arange(int(kept.sum()))
+    at = np.abs(found.across[kept] - line.centre[kept, None]).argmin(axis=1)
+    own, behind = profiles[rows, at], profiles[:, [0, 1, 2, -3, -2, -1]].mean(axis=1)
+    own, behind = (values - uniform_filter1d(values, NEARBY, mode="nearest") for values in (own, behind))
+    power = float(np.mean(behind**2))
+    return float(np.mean(own * behind)) / power if power > (VARIES * line.noise) ** 2 else 0.0
 
 
 def _wander(along: np.ndarray, points: np.ndarray, kept: np.ndarray) -> tuple[float, float]:

@@ -66,6 +66,9 @@ def learn(finders: Sequence[AntennaFinder], images: Sequence[np.ndarray]) -> Pai
     return best.paint if best.seen else None
 
 
+_SHOWN = ("ok", "ambiguous")
+
+
 @dataclass(frozen=True)
 class _Tried:
     """A paint, the lines that it finds in pictures, and how much of the antenna is seen in the mean."""
@@ -77,7 +80,8 @@ class _Tried:
     @staticmethod
     def of(paint: Paint, finders: Sequence[AntennaFinder], images: Sequence[np.ndarray]) -> _Tried:
         lines = tuple(paint.find(finder, image) for finder, image in zip(finders, images, strict=True))
-        return _Tried(paint, lines, float(np.mean([line.found * line.seen for line in lines])))
+        # a second line does not make the first one less seen
+        return _Tried(paint, lines, float(np.mean([line.seen * (line.verdict in _SHOWN) for line in lines])))
 
     def clearness(self) -> float:
         """Mean height over noise of the lines found, weighted by what was seen of them."""
