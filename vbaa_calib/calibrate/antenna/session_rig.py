@@ -173,16 +173,32 @@ def observe(
         require_size(image.shape[1::-1], expected.camera, still.image)
         return image
 
+    def looked(told: ExpectedAntenna) -> list[Observation | None]:
+        found: list[Observation | None] = []
+        for still, pull in zip(progress(stills, what), gravity, strict=True):
+            try:
+                found.append(told.observe(still, read(still), pull))
+            except InputError:
+                found.append(None)
+        return found
+
+    def learned(which: Sequence[int]) -> ExpectedAntenna:
+        chosen = [stills[index] for index in which]
+        pulls = [gravity[index] for index in which]
+        return replace(expected, paint=expected.learned(chosen, [read(still) for still in chosen], pulls))
+
     if expected.paint is None:
-        some = np.unique(np.linspace(0, len(stills) - 1, _LEARNT_FROM).astype(int))
-        chosen = [stills[index] for index in some]
-        expected = replace(expected, paint=expected.learned(chosen, [read(still) for still in chosen], gravity[some]))
-    seen: list[Observation | None] = []
-    for still, pull in zip(progress(stills, what), gravity, strict=True):
-        try:
-            seen.append(expected.observe(still, read(still), pull))
-        except InputError:
-            seen.append(None)
+        some = np.unique(np.linspace(0, len(stills) - 1, _LEARNT_FROM).astype(int)).tolist()
+        told = learned(some)
+        seen = looked(told)
+        lost = [index for index, one in enumerate(seen) if one is None][:_LEARNT_FROM]
+        if lost:
+            # what some pictures do not show may need another paint
+            again = learned([*some, *(index for index in lost if index not in some)])
+            told, seen = (told, seen) if again.paint == told.paint else (again, looked(again))
+        expected = told
+    else:
+        seen = looked(expected)
     courses = {i: expected.course_of(one) for i, one in enumerate(seen) if one and not isinstance(one.still, Load)}
     usual = np.median(list(courses.values()), axis=0) if courses else expected.course
     told = replace(expected, course=usual)

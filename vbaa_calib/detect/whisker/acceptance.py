@@ -39,7 +39,7 @@ OTHER_LINE_SEEN = 0.7
 LEAST_SEEN_CHANGING, BROAD_CHANGING, EDGE = 0.5, 1.1, 0.3
 """Of a line that may be here bright, there dark, more must be seen, still more of a broader one; its background may
 differ from side to side by this part of its height: more is the edge of a cable broader than the antenna."""
-LEAST_WHOLE = 0.75
+LEAST_WHOLE = 0.65
 """Least part of such a line that must be seen beside its longest gap."""
 TRANSPARENT, NEARBY, VARIES = 0.7, 41, 2.0
 """Such a line that follows its background's brightness by so much, over what so many profiles have in common, is only
