@@ -41,9 +41,9 @@ LEAST_SEEN_CHANGING, BROAD_CHANGING, EDGE = 0.5, 1.1, 0.3
 differ from side to side by this part of its height: more is the edge of a cable broader than the antenna."""
 LEAST_WHOLE = 0.65
 """Least part of such a line that must be seen beside its longest gap."""
-TRANSPARENT, NEARBY, VARIES = 0.7, 41, 2.0
+TRANSPARENT, NEARBY, VARIES = 0.5, 41, (0.25, 0.15)
 """Such a line that follows its background's brightness by so much, over what so many profiles have in common, is only
-that background; where this varies by so many deviations of a pixel."""
+that background; where both vary, by so much of the line's height."""
 ALIKE_PROFILES = 15
 """So many neighbouring profiles lie before the same thing."""
 MOVED = 0.1
@@ -231,15 +231,15 @@ def _step(found: Crossings, kept: np.ndarray) -> float:
 def _transparency(found: Crossings, line: FittedLine) -> float:
     """How far the line's own brightness follows that of its background from place to place, 0 for an opaque antenna.
 
-    0 as well where the background is plain.
+    0 as well where either hardly varies.
     """
     kept = line.kept
     profiles, rows = found.profiles[kept], np.arange(int(kept.sum()))
     at = np.abs(found.across[kept] - line.centre[kept, None]).argmin(axis=1)
     own, behind = profiles[rows, at], profiles[:, [0, 1, 2, -3, -2, -1]].mean(axis=1)
     own, behind = (values - uniform_filter1d(values, NEARBY, mode="nearest") for values in (own, behind))
-    power = float(np.mean(behind**2))
-    return float(np.mean(own * behind)) / power if power > (VARIES * line.noise) ** 2 else 0.0
+    both = np.sqrt([np.mean(own**2), np.mean(behind**2)]) / smooth.median(np.abs(line.height[kept]))
+    return float(np.mean(own * behind) / np.mean(behind**2)) if (both > VARIES).all() else 0.0
 
 
 def _wander(along: np.ndarray, points: np.ndarray, kept: np.ndarray) -> tuple[float, float]:

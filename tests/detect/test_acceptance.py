@@ -1,0 +1,65 @@
+"""What a line of either polarity must be like to be the antenna: geometry and opacity tell, contrast does not."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from tests.detect.drawn_lines import SIZE, background, bent, exposed, tube
+from vbaa_calib.detect.whisker.acceptance import decided
+from vbaa_calib.detect.whisker.centreline import Centreline
+from vbaa_calib.detect.whisker.corridor import Corridor
+from vbaa_calib.detect.whisker.finder import AntennaFinder
+
+WIDTH_PX = 4.0
+CLAMP, LENGTH = (40.0, 120.4), 220.0
+
+
+@pytest.fixture(scope="module")
+def finder() -> AntennaFinder:
+    along = np.linspace(0.0, LENGTH, 60)
+    axis = np.array(CLAMP) + along[:, None] * [1.0, 0.0]
+    where = Corridor(axis, 8.0 + 0.9 * along, WIDTH_PX, clamp_px=4.0, clamp_rad=0.06)
+    return AntennaFinder.prepare(where, (SIZE[1], SIZE[0]))
+
+
+def _patchwork(rng: np.random.Generator, cell_px: int = 14) -> np.ndarray:
+    cells = rng.uniform(30.0, 220.0, (SIZE[0] // cell_px + 1, SIZE[1] // cell_px + 1))
+    return cv2.resize(cells, None, fx=cell_px, fy=cell_px, interpolation=cv2.INTER_NEAREST)[: SIZE[0], : SIZE[1]]
+
+
+def test_a_cable_that_passes_the_clamp_is_not_the_antenna(finder: AntennaFinder) -> None:
+    """Straight at an angle from the clamp on; a cantilever as far aside at its tip leaves its clamp along its axis."""
+    rng = np.random.default_rng(3)
+    for angle in (-14.0, 9.0, 20.0):
+        cable = exposed(70.0 + background(rng, 2.0) + 60.0 * tube(bent(CLAMP, angle, 0.0), WIDTH_PX, 1.0), rng)
+        line = finder.find(cable, None)
+        assert not line.found
+        antenna = 70.0 + background(rng, 2.0) + 60.0 * tube(bent(CLAMP, 0.0, 2.0 * angle), WIDTH_PX, 1.0)
+        assert finder.find(exposed(antenna, rng), None).found
+
+
+def test_a_patchwork_alone_shows_no_antenna_and_one_before_it_is_seen(finder: AntennaFinder) -> None:
+    """The model follows any texture; but an opaque antenna does not follow its background's brightness."""
+    found = 0
+    for seed in range(24):
+        rng = np.random.default_rng([5, seed])
+        ground = cv2.GaussianBlur(_patchwork(rng), (0, 0), 0.8)
+        found += finder.find(exposed(ground, rng), None).found
+    assert found == 0
+    seen = []
+    for seed in range(6):
+        rng = np.random.default_rng([6, seed])
+        cover = np.clip(tube(bent(CLAMP, 0.0, 12.0), WIDTH_PX, 1.6), 0.0, 1.0)
+        ground = cv2.GaussianBlur(_patchwork(rng), (0, 0), 0.8)
+        seen.append(finder.find(exposed(ground * (1.0 - cover) + 240.0 * cover, rng), None))
+    assert np.mean([line.found and line.seen > 0.75 for line in seen]) >= 5 / 6
+
+
+def test_of_two_lines_the_one_that_was_expected_is_taken() -> None:
+    one, other = bent(CLAMP, 0.0, 5.0), bent(CLAMP, 0.0, 40.0)
+    line = Centreline(one, np.full(len(one), 0.1), 0.9, 30.0, 1.0, guide_px=one).with_verdict("ambiguous", "two", other)
+    assert decided(line, one + np.array([0.0, 2.0])).found
+    assert decided(line, other).verdict == "ambiguous"
+    assert decided(line, np.empty((0, 2))).verdict == "ambiguous"
