@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.vision.judge import bound_px, score
+from benchmarks.vision.judge import bound_px, score, steger
 from benchmarks.vision.scenes import HARDSHIPS, Bend, Block, Shot, aside_px, good, light, path_px, truth
 from benchmarks.vision.vision import hardships, hostile
 from vbaa_calib.detect.whisker.centreline import Centreline
@@ -55,6 +55,18 @@ def test_the_judge_sees_false_and_missing_points() -> None:
     assert np.flatnonzero(judged.false).tolist() == [10, *range(141 + 1, 150)]
     assert 0.5 < judged.kept < 0.65
     assert aside_px(truth(shot).path_px, np.array([[100.0, 152.0]]))[0] == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize("bright", [True, None])
+def test_stegers_points_lie_on_a_drawn_line(bright: bool | None) -> None:
+    shot = Shot(SIZE, Bend((30.0, 150.3), 0.05, 300.0), 4.0)
+    middle = path_px(shot.bend)[200:-200] if shot.bend else np.empty((0, 2))
+    mask = np.zeros(SIZE[::-1], bool)
+    mask[120:185, 60:300] = True
+    points = steger(light(shot), mask, 4.0, bright)
+    near = points[np.abs(aside_px(middle, points)[0]) < 1.0]
+    assert len(near) > 120
+    assert np.sqrt(np.mean(aside_px(middle, near)[0] ** 2)) < 0.05
 
 
 def test_good_pictures_reach_the_goals() -> None:
