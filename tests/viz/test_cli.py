@@ -135,11 +135,11 @@ def test_an_estimate_ends_with_a_report(
 ) -> None:
     done: list[Path] = []
 
-    def run(args: argparse.Namespace) -> dict[str, Any]:
+    def run(args: argparse.Namespace) -> tuple[dict[str, Any], None]:
         """Stands for the estimator, whose work is tested elsewhere: writes what was found before."""
         args.output.write_bytes(files.free.read_bytes())
         done.append(args.output)
-        return {"contacts": str(args.output), "drift": None}
+        return {"contacts": str(args.output), "drift": None}, None
 
     monkeypatch.setattr(estimate_cli, "_estimate", run)
     out, call = files.folder / "a.csv", ("estimate", files.folder, "--rig", files.rig, "-o")

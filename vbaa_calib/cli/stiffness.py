@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 from vbaa_calib.core.console import say
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import refuse_overwrite, sha256, write_json
-from vbaa_calib.core.images import SUFFIXES
 
 from . import stiffness_photo
 
@@ -68,6 +67,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Read, solve, report; write stiffness.json if asked. Returns its numbers."""
     from vbaa_calib.calibrate.antenna.deflection_table import read_deflections
     from vbaa_calib.calibrate.antenna.stiffness import solve_stiffness
+    from vbaa_calib.core.images import SUFFIXES
 
     if args.table.suffix.lower() in SUFFIXES:
         return stiffness_photo.run(args)
