@@ -30,7 +30,7 @@ from vbaa_calib.rig import Rig
 from vbaa_calib.session import Frame, load_session, read_recording
 
 from .judge import Score, score, steger, thinned, within
-from .scenes import Truth
+from .scenes import Truth, aside_px, normals
 
 _MOST_SEEN = 0.9
 """Share of the visible antenna that has a point, for a picture to count as seen."""
@@ -110,11 +110,9 @@ def _distances(items: Sequence[FrameContact], true_m: Mapping[int, float | None]
 def _with_true_points(measured: Measured, label: Truth, rng: np.random.Generator) -> Measured:
     """The same frame with true points and the noise that its own ones state."""
     path = label.path_px
-    nearest = np.hypot(*(path[None] - measured.points_px[:, None]).transpose(2, 0, 1)).argmin(axis=1)
-    across = np.gradient(path, axis=0)[:, ::-1] * [-1.0, 1.0]
-    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    _, nearest = aside_px(path, measured.points_px)
     noise = measured.sigma_px * rng.standard_normal(len(nearest))
-    return replace(measured, points_px=path[nearest] + noise[:, None] * across[nearest])
+    return replace(measured, points_px=path[nearest] + noise[:, None] * normals(path)[nearest])
 
 
 def _turned(image: np.ndarray, rng: np.random.Generator) -> np.ndarray:

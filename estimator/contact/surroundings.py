@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.images import SUFFIXES
 from vbaa_calib.detect.drawing.overlay import corridor_mask
 from vbaa_calib.detect.whisker.background import LEAST_PICTURES, STILL, Background, covered, learn
 from vbaa_calib.detect.whisker.centreline import Centreline
@@ -26,7 +27,6 @@ from .recording import Ground, prepared, read_plane
 
 AUTO = Path("auto")
 """In place of a picture: learn the background."""
-SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 MOST_PICTURES, MOST_PX = 24, 40_000_000
 """Pictures that are looked at for one background, and their pixels in all."""
 ALIKE_PX, MOST_POSITIONS = 2.0, 6

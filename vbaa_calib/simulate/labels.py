@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from .plan import AntennaShot
-from .render.antenna import tube_patch
+from .render.antenna import tube_patch, visible
 from .render.picture import Studio
 from .scene.lens import project
 from .scene.scene import Scene
@@ -35,12 +35,12 @@ def centreline_rows(scene: Scene, place: Studio, shot: AntennaShot) -> list[dict
     """The whole centreline about every pixel from clamp to tip, also where it is hidden or outside the picture."""
     seen = seen_antenna(scene, shot)
     s = np.linspace(shot.arclength_m[0], shot.arclength_m[-1], len(seen.pixels))
-    visible = _visible(scene, place, shot, seen.pixels, seen.depth_m)
+    shown = visible(scene.lens, seen.pixels, seen.depth_m, obstacle_of(scene, place, shot))
     numbers = np.column_stack([s, seen.pixels, seen.normals, 2 * seen.half_width_px])
     names = ("s_m", "u_px", "v_px", "normal_u", "normal_v", "width_px")
     return [
-        {"image": shot.path} | dict(zip(names, np.round(row, 5).tolist(), strict=True)) | {"visible": int(shown)}
-        for row, shown in zip(numbers[::2], visible[::2], strict=True)
+        {"image": shot.path} | dict(zip(names, np.round(row, 5).tolist(), strict=True)) | {"visible": int(one)}
+        for row, one in zip(numbers[::2], shown[::2], strict=True)
     ]
 
 
@@ -50,16 +50,7 @@ def contact_row(scene: Scene, place: Studio, shot: AntennaShot, truth: Mapping[s
     if truth.get("in_contact"):
         point = scene.T_antenna_camera.inverse() @ np.array([truth["contact_antenna_m"]])
         u, v = pixel = project(scene.lens, point)[0]
-        shown = _visible(scene, place, shot, pixel[None], point[:, 2] - scene.radius_m)
+        shown = visible(scene.lens, pixel[None], point[:, 2] - scene.radius_m, obstacle_of(scene, place, shot))
         where = {"distance_m": truth["distance_m"], "u_px": round(float(u), 4), "v_px": round(float(v), 4)}
         row |= where | {"visible": int(shown[0]), "force_y_N": truth["force_N"][1], "force_z_N": truth["force_N"][2]}
     return {"image": shot.path, "in_contact": int(bool(truth.get("in_contact")))} | row
-
-
-def _visible(scene: Scene, place: Studio, shot: AntennaShot, pixels: np.ndarray, depth_m: np.ndarray) -> np.ndarray:
-    """(N,) whether points at these pixels (N, 2) and depths (N,) are in the picture and before the object."""
-    inside = np.all((pixels >= 0) & (pixels <= np.array(scene.lens.image_size) - 1), axis=1)
-    obstacle = obstacle_of(scene, place, shot)
-    if obstacle is None:
-        return np.asarray(inside)
-    return inside & (obstacle(np.where(inside[:, None], pixels, 0.0)) >= depth_m)

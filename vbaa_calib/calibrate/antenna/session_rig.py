@@ -125,11 +125,8 @@ class ExpectedAntenna:
 
     def _finder(self, still: Still, gravity_m_s2: np.ndarray, deviations: float | None) -> AntennaFinder:
         """What looks for the antenna where it should be, to so many deviations; None: all around."""
-        length, reach, shape = (
-            self.antenna.length_m,
-            REACH_PER_LENGTH,
-            free_curve(self.parameters, self.antenna.length_m, gravity_m_s2),
-        )
+        length, reach = self.antenna.length_m, REACH_PER_LENGTH
+        shape = free_curve(self.parameters, length, gravity_m_s2)
         if deviations is not None:
             aside = _ASIDE if self.course is None else _COURSE_ASIDE
             if isinstance(still, Load):
@@ -176,8 +173,9 @@ def observe(
     def looked(told: ExpectedAntenna) -> list[Observation | None]:
         found: list[Observation | None] = []
         for still, pull in zip(progress(stills, what), gravity, strict=True):
+            image = read(still)
             try:
-                found.append(told.observe(still, read(still), pull))
+                found.append(told.observe(still, image, pull))
             except InputError:
                 found.append(None)
         return found

@@ -217,10 +217,15 @@ def _longest_gap(found: Crossings, kept: np.ndarray) -> float:
     return float(np.max(edges[1::2] - edges[::2], initial=0)) / len(kept)
 
 
+def _flanks(profiles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(N,) grey levels at either end of profiles (N, T): what lies behind the line."""
+    return profiles[:, :3].mean(axis=1), profiles[:, -3:].mean(axis=1)
+
+
 def _step(found: Crossings, kept: np.ndarray) -> float:
     """How the background differs from one side of the line to the other, all along it, over the line's own height."""
     profiles, middle = found.profiles[kept], found.profiles.shape[1] // 2
-    one, other = profiles[:, :3].mean(axis=1), profiles[:, -3:].mean(axis=1)
+    one, other = _flanks(profiles)
     height = np.abs(profiles[:, middle - 1 : middle + 2].mean(axis=1) - 0.5 * (one + other))
     steps = (other - one) * found.side[kept]
     # before a patchwork the steps are of either sign: an edge's are alike
@@ -236,7 +241,7 @@ def _transparency(found: Crossings, line: FittedLine) -> float:
     kept = line.kept
     profiles, rows = found.profiles[kept], np.arange(int(kept.sum()))
     at = np.abs(found.across[kept] - line.centre[kept, None]).argmin(axis=1)
-    own, behind = profiles[rows, at], profiles[:, [0, 1, 2, -3, -2, -1]].mean(axis=1)
+    own, behind = profiles[rows, at], 0.5 * sum(_flanks(profiles))
     own, behind = (values - uniform_filter1d(values, NEARBY, mode="nearest") for values in (own, behind))
     both = np.sqrt([np.mean(own**2), np.mean(behind**2)]) / smooth.median(np.abs(line.height[kept]))
     return float(np.mean(own * behind) / np.mean(behind**2)) if (both > VARIES).all() else 0.0

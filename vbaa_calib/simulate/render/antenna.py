@@ -146,7 +146,13 @@ def visible_centreline(lens: Lens, seen: Tube, obstacle: DepthOfObstacle | None,
     stride = max(1, round(2 * step_px))
     keep = np.arange(0, len(seen.pixels), stride)
     pixels = seen.pixels[keep]
+    shown = visible(lens, pixels, seen.depth_m[keep], obstacle)
+    return np.concatenate([pixels, seen.normals[keep]], axis=1)[shown]
+
+
+def visible(lens: Lens, pixels: np.ndarray, depth_m: np.ndarray, obstacle: DepthOfObstacle | None) -> np.ndarray:
+    """(N,) whether points at these pixels (N, 2) and depths (N,) are in the picture and not behind the obstacle."""
     inside = np.all((pixels >= 0) & (pixels <= np.array(lens.image_size) - 1), axis=1)
-    if obstacle is not None:
-        inside = inside & (obstacle(np.where(inside[:, None], pixels, 0.0)) >= seen.depth_m[keep])
-    return np.concatenate([pixels, seen.normals[keep]], axis=1)[inside]
+    if obstacle is None:
+        return np.asarray(inside)
+    return inside & (obstacle(np.where(inside[:, None], pixels, 0.0)) >= depth_m)

@@ -15,7 +15,6 @@ Solid = Thing | tuple[Triangles, Thing]
 """One of mitsuba's own shapes, or triangles and their surface."""
 
 _TEXELS, _TEXTURED_MM, _BENCH_MM = 2048, 800.0, 4000.0
-_BOX = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
 
 
 def rgb(*value: float) -> Thing:
