@@ -18,6 +18,7 @@ from estimator.table.contacts import LOCATED, STATUSES, Contact
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import replacing_folder
 from vbaa_calib.core.images import read_gray, read_picture
+from vbaa_calib.core.polyline import normals
 from vbaa_calib.detect.drawing.canvas import WHITE, Canvas, Colour, Key, strip
 from vbaa_calib.detect.drawing.overlay import (
     background,
@@ -29,7 +30,7 @@ from vbaa_calib.detect.drawing.overlay import (
     sigma_colours,
 )
 from vbaa_calib.detect.whisker.antenna import LEAST_AXIS, corridor, free_curve, pixels, width_px
-from vbaa_calib.detect.whisker.corridor import Corridor, normals
+from vbaa_calib.detect.whisker.corridor import Corridor
 from vbaa_calib.detect.whisker.stretches import Stretch, stretches, why_lost
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import Frame

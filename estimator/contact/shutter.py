@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from estimator.table.contacts import LOCATED, Contact
-from vbaa_calib.detect.whisker.corridor import resample
+from vbaa_calib.core.polyline import resample
 from vbaa_calib.session import Shutter
 
 from .recording import FrameContact

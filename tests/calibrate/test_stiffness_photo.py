@@ -13,10 +13,11 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 from scipy.spatial import cKDTree
 
-from vbaa_calib.calibrate.photo.centreline import find_rod, offsets
+from vbaa_calib.calibrate.photo.centreline import find_rod
 from vbaa_calib.calibrate.photo.stiffness import PhotoStiffness, Setting, solve_photo
 from vbaa_calib.cli.main import main
 from vbaa_calib.core.images import read_gray
+from vbaa_calib.core.polyline import beside
 
 DATA = Path(__file__).parents[3] / "shared/data"
 HAND = Path(__file__).with_name("hand_drawn_centrelines.csv")
@@ -157,7 +158,7 @@ def photograph(name: str) -> Path:
 
 @pytest.mark.parametrize("name", [*YARNS, "strip"])
 def test_real_lines_run_where_a_person_draws_them(name: str) -> None:
-    apart = offsets(find_rod(read_gray(photograph(name))).curve_px, hand_drawn()[name])
+    _, apart = beside(find_rod(read_gray(photograph(name))).curve_px, hand_drawn()[name])
     # hairs that lie against the yarn at the border move the line by 4 px there
     most = {"10cm_5": 2.0, "20cm_4": 1.8}.get(name, 1.5)
     assert np.sqrt(np.mean(apart**2)) < most

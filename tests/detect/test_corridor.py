@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from vbaa_calib.detect.whisker.corridor import Corridor, normals, resample
+from vbaa_calib.core.polyline import normals, resample
+from vbaa_calib.detect.whisker.corridor import Corridor
 from vbaa_calib.detect.whisker.finder import trace
 
 from .drawn_lines import aside, background, bent, exposed, straight, tube

@@ -14,9 +14,9 @@ from vbaa_calib.camera import Camera
 from vbaa_calib.core.console import progress
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.images import read_picture
+from vbaa_calib.core.polyline import arc_lengths, normals
 from vbaa_calib.detect.whisker.acceptance import decided
 from vbaa_calib.detect.whisker.antenna import REACH_PER_LENGTH, corridor, finder, free_curve
-from vbaa_calib.detect.whisker.corridor import arc_lengths_px, normals
 from vbaa_calib.detect.whisker.finder import AntennaFinder
 from vbaa_calib.detect.whisker.paint import Paint, learn
 from vbaa_calib.detect.whisker.stretches import stretches, why_lost
@@ -108,7 +108,7 @@ class ExpectedAntenna:
         """(3,) as `course`, of one free antenna as it was seen."""
         free = free_curve(self.parameters, self.antenna.length_m, seen.gravity_m_s2)
         where = corridor(self.camera, self.T_antenna_camera.inverse(), free, self.antenna.diameter_m)
-        length = arc_lengths_px(where.axis_px)[-1]
+        length = arc_lengths(where.axis_px)[-1]
         along, aside = where.aside(seen.points_px)
         return np.polyfit(along / length, aside / length, _COURSE_ORDER)
 
@@ -139,7 +139,7 @@ class ExpectedAntenna:
             reach = min(deviations * aside, REACH_PER_LENGTH)
         path = corridor(self.camera, self.T_antenna_camera.inverse(), shape, self.antenna.diameter_m, reach)
         if self.course is not None and len(path.axis_px) > 1:
-            along = arc_lengths_px(path.axis_px)
+            along = arc_lengths(path.axis_px)
             moved = np.polyval(self.course, along / along[-1]) * along[-1]
             path = replace(path, axis_px=path.axis_px + moved[:, None] * normals(path.axis_px))
         looking = finder(path, self.camera)

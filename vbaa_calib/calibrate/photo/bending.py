@@ -25,7 +25,7 @@ from scipy.interpolate import BSpline
 from scipy.linalg import block_diag, cho_factor, cho_solve
 from scipy.stats import f as f_distribution
 
-from .centreline import arc_lengths, frame, offsets
+from vbaa_calib.core.polyline import arc_lengths, beside, normals
 
 _PIECES = 120
 """Of the rod; curvature is constant on each."""
@@ -93,7 +93,8 @@ class View:
     def rows(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Offsets (N,) that curvature explains, its effect on them (N, K), position and direction (N, 3), s/L (N,)."""
         along = arc_lengths(self.curve_m)
-        tangent, normal = frame(self.curve_m)
+        normal = normals(self.curve_m)
+        tangent = np.stack([normal[:, 1], -normal[:, 0]], axis=1)
         ends = np.linspace(0.0, along[-1], _PIECES + 1)
         angle = np.interp(ends, along, np.unwrap(np.arctan2(tangent[:, 1], tangent[:, 0])))
         points = self.points_m[:: -(-len(self.points_m) // _MOST_POINTS)]
@@ -106,7 +107,7 @@ class View:
         effect = np.where(self.middles_m < s[:, None], effect, 0.0)
         turn = np.einsum("ni,ni->n", tangent, place - self.curve_m[0])
         free = np.column_stack([normal, turn])
-        return offsets(self.curve_m, points) + effect @ (np.diff(angle) / step), effect, free, s / along[-1]
+        return beside(self.curve_m, points)[1] + effect @ (np.diff(angle) / step), effect, free, s / along[-1]
 
 
 def linear_law(views: Sequence[View], straight: bool = False) -> list[np.ndarray]:

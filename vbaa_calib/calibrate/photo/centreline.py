@@ -16,9 +16,9 @@ from scipy.interpolate import make_smoothing_spline
 from scipy.ndimage import map_coordinates, median_filter
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import dijkstra
-from scipy.spatial import cKDTree
 
 from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.polyline import arc_lengths, beside, normals
 from vbaa_calib.core.robust import huber_weights, mad_std
 
 _PATH_SIDE = 500
@@ -62,11 +62,6 @@ class RodLine:
     def length_px(self) -> float:
         """Arc length from clamp to tip."""
         return float(arc_lengths(self.curve_px)[-1])
-
-
-def arc_lengths(points: np.ndarray) -> np.ndarray:
-    """(N,) arc length of each of the points (N, 2) of a polyline."""
-    return np.append(0.0, np.cumsum(np.hypot(*np.diff(points, axis=0).T)))
 
 
 def find_rod(grey: np.ndarray, clamp: np.ndarray | None = None, tip: np.ndarray | None = None) -> RodLine:
@@ -251,23 +246,9 @@ def _robust(points: np.ndarray, scale: float, width: float) -> tuple[np.ndarray,
             pieces = [*pieces, piece] if last else [piece, *pieces]
         trusted = np.pad(weights, len(on), constant_values=0.3)
         curve = _smooth(np.concatenate(pieces), trusted, scale)
-        misses = offsets(curve, points)
+        misses = beside(curve, points)[1]
         weights = huber_weights(misses / max(mad_std(misses), 0.02))
     return curve, misses
-
-
-def frame(curve: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Unit tangents and normals (M, 2) of a curve (M, 2); the normal is the tangent turned from u to v."""
-    tangent = np.gradient(curve, axis=0)
-    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
-    return tangent, np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)
-
-
-def offsets(curve: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """(N,) distance of points (N, 2) from a finely spaced curve (M, 2), positive along its normals."""
-    nearest = cKDTree(curve).query(points)[1]
-    _, normal = frame(curve)
-    return np.einsum("ni,ni->n", points - curve[nearest], normal[nearest])
 
 
 def _edges(picture: np.ndarray, curve: np.ndarray, width: float, first: bool) -> tuple[np.ndarray, np.ndarray]:
@@ -277,7 +258,7 @@ def _edges(picture: np.ndarray, curve: np.ndarray, width: float, first: bool) ->
     """
     reach = width if first else 2.0 * width
     stations = curve[:: max(1, round(0.2 * min(width, 20.0) / max(arc_lengths(curve[:2])[-1], 1e-9)))]
-    _, normal = frame(stations)
+    normal = normals(stations)
     across = np.arange(-np.ceil(reach / _FINE) * _FINE, reach + _FINE, _FINE)
     places = stations[:, None] + across[:, None] * normal[:, None]
     profiles = map_coordinates(picture, [places[..., 1], places[..., 0]], order=1, mode="nearest")
@@ -316,7 +297,7 @@ def _to_the_ends(
 ) -> tuple[np.ndarray, bool]:
     """The part of the curve (M, 2) from clamp to tip, and whether the tip is in the picture."""
     fit = max(2, round(0.5 * width / arc_lengths(curve[:2])[-1]))
-    _, normal = frame(curve)
+    normal = normals(curve)
     aside = np.linspace(-0.25, 0.25, 7) * width
     places = curve[:, None] + aside[:, None] * normal[:, None]
     grey = map_coordinates(picture, [places[..., 1], places[..., 0]], order=1, mode="nearest").mean(axis=1)

@@ -9,7 +9,7 @@ from typing import Literal
 import cv2
 import numpy as np
 
-from vbaa_calib.detect.whisker.corridor import arc_lengths_px
+from vbaa_calib.core.polyline import arc_lengths
 
 Colour = tuple[int, int, int]
 """Blue, green, red, 0–255."""
@@ -80,7 +80,7 @@ class Canvas:
         points = points[np.isfinite(points).all(axis=1)]
         if len(points) < 2:
             return
-        along = arc_lengths_px(points) * self.scale
+        along = arc_lengths(points) * self.scale
         for begin in np.arange(0.0, min(along[-1], _FARTHEST), 2.0 * dash * self.unit):
             at = np.linspace(begin, min(begin + dash * self.unit, along[-1]), 4)
             piece = np.stack([np.interp(at, along, points[:, i]) for i in range(2)], axis=1)

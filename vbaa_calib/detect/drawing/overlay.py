@@ -7,8 +7,9 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
+from vbaa_calib.core.polyline import normals
 from vbaa_calib.detect.whisker.centreline import Centreline, Visibility
-from vbaa_calib.detect.whisker.corridor import Corridor, normals
+from vbaa_calib.detect.whisker.corridor import Corridor
 from vbaa_calib.detect.whisker.stretches import Cause, Stretch
 
 from .canvas import WHITE, Canvas, Colour, Key, strip

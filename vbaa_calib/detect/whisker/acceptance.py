@@ -11,10 +11,11 @@ from scipy.ndimage import uniform_filter1d
 from scipy.spatial import cKDTree
 
 from vbaa_calib.core import smooth
+from vbaa_calib.core.polyline import arc_lengths
 from vbaa_calib.core.robust import mad_std
 
 from .centreline import Centreline, Verdict, Visibility
-from .corridor import Corridor, arc_lengths_px
+from .corridor import Corridor
 from .crossings import Crossings
 
 LEAST_SEEN, LEAST_SEEN_INSIDE = 0.3, 0.5
@@ -137,7 +138,7 @@ def decided(line: Centreline, expected_px: np.ndarray) -> Centreline:
         return line
     tree = cKDTree(expected_px)
     own, other = (float(tree.query(points)[0].mean()) for points in (line.points_px, line.other_line_px))
-    near = own < MOVED * float(arc_lengths_px(expected_px)[-1]) and own < 0.5 * other
+    near = own < MOVED * float(arc_lengths(expected_px)[-1]) and own < 0.5 * other
     return line.with_verdict("ok", "") if near else line
 
 
@@ -157,7 +158,7 @@ def reject_beside_clamp(line: Centreline, where: Corridor) -> Centreline:
     A cantilever bends away from its free shape slowly; a cable or an edge that passes its clamp is straight there.
     """
     along, aside = where.aside(line.points_px) if line.found else (np.empty(0), np.empty(0))
-    length = float(arc_lengths_px(where.axis_px)[-1])
+    length = float(arc_lengths(where.axis_px)[-1])
     first = along < FROM_CLAMP * length
     if first.sum() < LEAST_POINTS:
         return line

@@ -6,10 +6,11 @@ import numpy as np
 
 from vbaa_calib.antenna.shape import Curves, bend
 from vbaa_calib.camera import Camera
+from vbaa_calib.core.polyline import arc_lengths
 from vbaa_calib.geometry import Pose
 
 from .centreline import NOTHING, Centreline
-from .corridor import CLAMP_REACH_PX, Corridor, arc_lengths_px
+from .corridor import CLAMP_REACH_PX, Corridor
 from .finder import AntennaFinder
 from .profile import measure
 
@@ -41,7 +42,7 @@ def corridor(
 ) -> Corridor:
     """Where in the picture an antenna may be whose free shape is known: by `reach` of the way from the clamp aside."""
     axis = pixels(camera, T_camera_antenna, free.points_m[0])
-    along = arc_lengths_px(axis)
+    along = arc_lengths(axis)
     width = width_px(camera, T_camera_antenna, free.points_m[0], diameter_m)
     return Corridor(axis, CLAMP_REACH_PX + reach * along, width)
 
@@ -52,7 +53,7 @@ def finder(where: Corridor, camera: Camera) -> AntennaFinder | None:
 
 
 def _shows(where: Corridor) -> bool:
-    return len(where.axis_px) >= LEAST_AXIS and bool(arc_lengths_px(where.axis_px)[-1] >= LEAST_LENGTH_PX)
+    return len(where.axis_px) >= LEAST_AXIS and bool(arc_lengths(where.axis_px)[-1] >= LEAST_LENGTH_PX)
 
 
 def find(image: np.ndarray, where: Corridor, bright: bool | None = True) -> Centreline:

@@ -16,9 +16,9 @@ from scipy.spatial import cKDTree
 from scipy.special import ndtr
 
 from vbaa_calib.core import smooth
+from vbaa_calib.core.polyline import resample
 
 from .centreline import Centreline
-from .corridor import resample
 
 FINE_PX, COARSE_PX = 1.2, 21
 """Detail between these scales registers a picture: noise is finer, light that changes slowly is coarser."""

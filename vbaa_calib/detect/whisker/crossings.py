@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from .corridor import normals, resample
+from vbaa_calib.core.polyline import normals, resample
 
 SPACING_PX = 0.95
 """Spacing of the path's points: below a pixel, so that no step passes two columns."""

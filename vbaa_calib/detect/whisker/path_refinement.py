@@ -9,8 +9,7 @@ import cv2
 import numpy as np
 
 from vbaa_calib.core import smooth
-
-from .corridor import arc_lengths_px, normals, resample
+from vbaa_calib.core.polyline import arc_lengths, normals, resample
 
 COLUMN_PX, COLUMNS = 2.0, 120
 """Spacing of the columns across the path, or wider where it takes more columns than these."""
@@ -48,7 +47,7 @@ def refine_path(
 
     Two rounds: over the whole reach with a stiff curve, then near that curve with a supple one.
     """
-    columns, along = resample(path_px, max(COLUMN_PX, arc_lengths_px(path_px)[-1] / COLUMNS))
+    columns, along = resample(path_px, max(COLUMN_PX, arc_lengths(path_px)[-1] / COLUMNS))
     normal = normals(columns)
     rows = np.arange(-np.ceil(reach_px), np.ceil(reach_px) + 1)
     ridge = _ridge(image, columns, normal, rows, width_px, bright)

@@ -18,8 +18,8 @@ from scipy.ndimage import uniform_filter1d
 from scipy.special import ndtr
 
 from vbaa_calib.core import smooth
+from vbaa_calib.core.polyline import arc_lengths
 
-from .corridor import arc_lengths_px
 from .crossings import Crossings
 from .line_shape import LIKELY_TAPER, MOST_TAPER, PER_PX, LineShape, without_background
 
@@ -110,7 +110,7 @@ class Learned:
 
 def stiffened(path_px: np.ndarray) -> np.ndarray:
     """A path (K, 2) as smooth as an antenna: on bare metal a highlight that changes sides leads it to and fro."""
-    along = arc_lengths_px(path_px)
+    along = arc_lengths(path_px)
     share, weights = along / max(float(along[-1]), 1e-6), np.ones(len(path_px))
     curves = [smooth.fit(share, path_px[:, axis], weights, (1.0, 0.5), STIFF_PIECES, 1e-6) for axis in (0, 1)]
     return np.stack([curve.values for curve in curves], axis=1)

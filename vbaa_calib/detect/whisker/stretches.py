@@ -10,8 +10,10 @@ from enum import Enum
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
+from vbaa_calib.core.polyline import arc_lengths
+
 from .centreline import Centreline, Visibility
-from .corridor import Corridor, arc_lengths_px
+from .corridor import Corridor
 from .crossings import Crossings, crossings
 from .line_shape import expected, fit
 
@@ -76,7 +78,7 @@ def stretches(image: np.ndarray, line: Centreline, where: Corridor, bright: bool
     found = crossings(image, guide, half, True) if len(guide) >= 2 else None
     if found is None or len(found.along) < RUN:
         return []
-    guide_along = arc_lengths_px(guide)
+    guide_along = arc_lengths(guide)
     known = line.visibility if len(line.guide_px) >= 2 else np.full(len(guide), Visibility.HIDDEN)
     seen = np.interp(found.along, guide_along, np.asarray(known) == Visibility.SEEN) > 0.5
     causes = _causes(found, seen, width, (line.noise, bright))

@@ -7,7 +7,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from .corridor import Corridor, arc_lengths_px, normals, resample
+from vbaa_calib.core.polyline import arc_lengths, normals, resample
+
+from .corridor import Corridor
 
 SAMPLES = 72
 """Samples along a template."""
@@ -37,8 +39,8 @@ class Templates:
 
 def templates(corridor: Corridor) -> Templates:
     """Every path in a corridor, close enough together that the antenna is within `spacing_px` of one of them."""
-    axis, _ = resample(corridor.axis_px, max(arc_lengths_px(corridor.axis_px)[-1] / SAMPLES, 1e-3))
-    length = arc_lengths_px(axis)[-1]
+    axis, _ = resample(corridor.axis_px, max(arc_lengths(corridor.axis_px)[-1] / SAMPLES, 1e-3))
+    length = arc_lengths(axis)[-1]
     step = length / (len(axis) - 1)
     tangent = np.gradient(axis, axis=0)
     heading = np.unwrap(np.arctan2(tangent[:, 1], tangent[:, 0]))

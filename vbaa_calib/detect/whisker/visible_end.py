@@ -13,9 +13,9 @@ import numpy as np
 from scipy.special import ndtr
 
 from vbaa_calib.core import smooth
+from vbaa_calib.core.polyline import arc_lengths
 
 from .centreline import EndKind
-from .corridor import arc_lengths_px
 from .crossings import crossings
 from .line_shape import LineShape, fit
 
@@ -87,13 +87,13 @@ def visible_end(image: np.ndarray, path_px: np.ndarray, seen: np.ndarray, look: 
     path_px : (K, 2) the line, from the clamp to where a whole antenna ends; bridged where it is hidden.
     seen : (K,) where it was measured.
     """
-    farthest_px = (1.0 + LONGER) * float(arc_lengths_px(path_px)[-1])
+    farthest_px = (1.0 + LONGER) * float(arc_lengths(path_px)[-1])
     while True:
         found = _end_or_longer(image, path_px, seen, look)
         if isinstance(found, _VisibleEnd):
             return found
         path_px, seen = found
-        if arc_lengths_px(path_px)[-1] > farthest_px:
+        if arc_lengths(path_px)[-1] > farthest_px:
             return _VisibleEnd(path_px[-1], np.nan, "unsure")
 
 
@@ -103,7 +103,7 @@ def _end_or_longer(
     """The end, or path (K, 2) and `seen` (K,) drawn on where the line goes on beyond it."""
     last = int(np.flatnonzero(seen)[-1])
     nothing = _VisibleEnd(path_px[last], np.nan, "hidden")
-    along = arc_lengths_px(path_px)
+    along = arc_lengths(path_px)
     whole = float(along[-1])
     beyond = _continued(path_px, seen, last, along)
     if beyond is None:
@@ -113,7 +113,7 @@ def _end_or_longer(
     if len(here) < 12:
         return nothing
     fits = fit(look.shape, found, np.zeros(len(here)))
-    last_at = float(arc_lengths_px(beyond)[np.hypot(*(beyond - path_px[last]).T).argmin()])
+    last_at = float(arc_lengths(beyond)[np.hypot(*(beyond - path_px[last]).T).argmin()])
     before = found.inside & (here < last_at - 4.0)
     if before.sum() < 8:
         return nothing
@@ -141,7 +141,7 @@ def _end_or_longer(
         kind = "unsure"
     if kind == "hidden":
         return _VisibleEnd(path_px[last], np.nan, "hidden")
-    place = np.array([np.interp(step.place, arc_lengths_px(beyond), beyond[:, axis]) for axis in (0, 1)])
+    place = np.array([np.interp(step.place, arc_lengths(beyond), beyond[:, axis]) for axis in (0, 1)])
     return _VisibleEnd(place, step.std, kind)
 
 
