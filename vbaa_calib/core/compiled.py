@@ -1,0 +1,41 @@
+"""Functions compiled by numba: the inner loops of estimator, detector, calibration and simulation."""
+
+from __future__ import annotations
+
+import inspect
+import os
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import numba
+
+_F = TypeVar("_F", bound=Callable[..., Any])
+
+_FAST = {"contract", "reassoc", "nsz", "arcp"}
+"""Freedoms in the order of sums and products. NaN and infinity keep their meaning: they mark what is not known."""
+
+
+def kernel(function: _F) -> _F:
+    """Compile at the first call and keep the machine code beside the module. The plain function stays as `py_func`.
+
+    Arguments are float64 arrays, contiguous in C's order, numbers, and named tuples of them. Threads may run it: the
+    interpreter's lock is released.
+    """
+    compiled = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)(function)
+    compiled.stamp = _stamp(function)
+    # numba compares the function's own file alone: after a change in a function that it calls, old code would run
+    compiled._cache._cache_file._source_stamp = compiled.stamp
+    return compiled  # type: ignore[no-any-return]
+
+
+def _stamp(function: Callable[..., Any]) -> tuple[Any, ...]:
+    """What the compiled code depends on: its file, and the compiled functions and numbers that its module imports."""
+    file = os.stat(inspect.getfile(function))
+    own = function.__module__
+    used: list[Any] = []
+    for name, value in sorted(function.__globals__.items()):
+        if isinstance(value, int | float):
+            used.append((name, value))
+        elif getattr(value, "stamp", None) and value.__module__ != own:
+            used.append((name, hash(value.stamp)))
+    return file.st_mtime, file.st_size, *used
