@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import inspect
 import os
+import zlib
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import numba
 
@@ -21,11 +22,11 @@ def kernel(function: _F) -> _F:
     Arguments are float64 arrays, contiguous in C's order, numbers, and named tuples of them. Threads may run it: the
     interpreter's lock is released.
     """
-    compiled = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)(function)
+    compiled: Any = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)(function)
     compiled.stamp = _stamp(function)
     # numba compares the function's own file alone: after a change in a function that it calls, old code would run
     compiled._cache._cache_file._source_stamp = compiled.stamp
-    return compiled  # type: ignore[no-any-return]
+    return cast(_F, compiled)
 
 
 def _stamp(function: Callable[..., Any]) -> tuple[Any, ...]:
@@ -37,5 +38,5 @@ def _stamp(function: Callable[..., Any]) -> tuple[Any, ...]:
         if isinstance(value, int | float):
             used.append((name, value))
         elif getattr(value, "stamp", None) and value.__module__ != own:
-            used.append((name, hash(value.stamp)))
+            used.append((name, zlib.crc32(repr(value.stamp).encode())))
     return file.st_mtime, file.st_size, *used
