@@ -227,14 +227,18 @@ LONG_STILL = {
 
 
 def test_argument_lists_are_short() -> None:
-    """At most six parameters, but for those that the contracts name and those that are still to be mended."""
+    """At most six parameters, but for kernels, which know plain arrays alone, and those that are still to be mended."""
     long = {
         f"{name}.{node.name}"
         for name, path in ALL.items()
         for node in ast.walk(tree_of(path))
-        if isinstance(node, ast.FunctionDef) and _parameters(node) > MOST_PARAMETERS
+        if isinstance(node, ast.FunctionDef) and _parameters(node) > MOST_PARAMETERS and not _compiled(node)
     }
     assert long == LONG_STILL
+
+
+def _compiled(node: ast.FunctionDef) -> bool:
+    return any(isinstance(one, ast.Name) and one.id == "kernel" for one in node.decorator_list)
 
 
 def _parameters(node: ast.FunctionDef) -> int:

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from typing import Any, TypeVar, cast
 
 import numba
+import numpy as np
 
 _F = TypeVar("_F", bound=Callable[..., Any])
 
@@ -30,13 +31,15 @@ def kernel(function: _F) -> _F:
 
 
 def _stamp(function: Callable[..., Any]) -> tuple[Any, ...]:
-    """What the compiled code depends on: its file, and the compiled functions and numbers that its module imports."""
+    """What the compiled code depends on: its file, the compiled functions, numbers and arrays that its module knows."""
     file = os.stat(inspect.getfile(function))
     own = function.__module__
     used: list[Any] = []
     for name, value in sorted(function.__globals__.items()):
         if isinstance(value, int | float):
             used.append((name, value))
+        elif isinstance(value, np.ndarray):
+            used.append((name, zlib.crc32(value.tobytes())))
         elif getattr(value, "stamp", None) and value.__module__ != own:
             used.append((name, zlib.crc32(repr(value.stamp).encode())))
     return file.st_mtime, file.st_size, *used

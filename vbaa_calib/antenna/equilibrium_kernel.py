@@ -1,0 +1,356 @@
+"""The equilibrium of moments along the antenna, by sweeps over a small rotation field on top of the elastica.
+
+Seen from the contact, where the force on the antenna is known, the sections stand turned by P(s) = H(s)·Q(s): H is the
+elastica's rotation by θ(s) − θ_c about z, Q that of the Cayley vector g(s) = tan(φ/2)·axis, which all other loads and
+the bow need. With the internal force N(s) and its moment M(s), what lies beyond s on what lies before it,
+
+    M(s) = ∫ₛᴸ t × N dσ,    m = Hᵀ M/EI,    δ = m − θ′ e_z,    b = κ₀ + (EI/GJ − 1)(τ·m) e_x,    τ = Q e_x
+    g′ = ½ [(δ + b) − g × (δ − b) + (g·(δ + b)) g],    g(contact) = (roll, 0, 0)
+
+b is what curves the antenna about axes of its own. δ is small: the contact force's moment is nearly all in θ′. What is
+fixed at the clamp, weight and a dead force, is seen from the contact by P(0) R₀ᵀ, where R₀ is the clamp's give. The
+roll is what makes the force's direction follow the antenna by the least rotation. A sweep from the clamp on would let
+every error there swing the contact and its force about; from 90° of slope on such sweeps diverge.
+
+Clamp's axes: x along the clamped tangent, y along the contact force's lateral part before it is turned. Contact's axes:
+x along the antenna, the force in the plane of x and y. Fields are (3, NODES, LANES) on the nodes of `antenna.nodes`,
+the elastica's rotations (3, NODES, LANES) their sine, cosine and slope; forces and moments are divided by EI.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+
+from vbaa_calib.core.compiled import kernel
+
+from .lanes import LANES, Lanes, cos, load, sin, spread, store
+from .nodes import INNER_NODES, grid_like
+from .pendulum import SERIES_LOAD, angle_and_rate, landen, series, series_terms
+
+_TORSION_RATIO = 1.3
+"""EI/GJ of a round wire, 1 + ν. Torsion turns the section, and with it the bow: hundredths of a millimetre."""
+
+Vector: TypeAlias = tuple[Lanes, Lanes, Lanes]
+Frame: TypeAlias = tuple[Vector, Vector, Vector]
+"""Columns of rotation matrices: the axes of one frame along those of another."""
+
+_GRID = grid_like(np.empty(0))
+NODES = len(_GRID.inner)
+_INNER, _OUTER, _BEFORE = _GRID.inner, _GRID.outer, _GRID.before
+_INNER_FROM_CONTACT = np.ascontiguousarray(_GRID.from_contact[:INNER_NODES, :INNER_NODES].T)
+_OUTER_FROM_CONTACT = np.ascontiguousarray(_GRID.from_contact[INNER_NODES:, INNER_NODES:].T)
+_INNER_FROM_TIP = np.ascontiguousarray(_GRID.from_tip[:INNER_NODES, :INNER_NODES].T)
+_OUTER_FROM_TIP = np.ascontiguousarray(_GRID.from_tip[INNER_NODES:, INNER_NODES:].T)
+
+
+class Loads(NamedTuple):
+    """What bends LANES antennas, along the clamp's axes and over EI.
+
+    Attributes
+    ----------
+    contact_m, length_m : arc length of the contact, and of the tip, one for all.
+    push_per_m2 : the contact force's component along the normal.
+    lean_rad : angle of the whole force from the normal, positive towards the clamp.
+    dead : the force keeps its direction; otherwise it follows the antenna's normal.
+    dead_along_per_m2 : a dead force's component along x.
+    weight_per_m3 : per length.
+    bow_y_per_m, bow_z_per_m : natural curvature.
+    give_m : of the clamp.
+    """
+
+    contact_m: Lanes
+    length_m: float
+    push_per_m2: Lanes
+    lean_rad: Lanes
+    dead: bool
+    dead_along_per_m2: Lanes
+    weight_per_m3: Vector
+    bow_y_per_m: Lanes
+    bow_z_per_m: Lanes
+    give_m: Lanes
+
+
+class Equilibrium(NamedTuple):
+    """The contact's axes along the clamp's; along the contact's the contact force, the loads' moment at the clamp."""
+
+    axes: Frame
+    force_per_m2: Vector
+    moment_per_m: Vector
+
+
+class _State(NamedTuple):
+    """What the turns make of the loads: Q(0)·R₀ᵀ as a Cayley vector, the contact force along the contact's axes."""
+
+    seen: Vector
+    force: Vector
+
+
+@kernel
+def equilibrium(loads: Loads, sweeps: int, tangents: np.ndarray) -> Equilibrium:
+    """Sweep so many times, from the rotations that weight and bow cause by themselves. `tangents` is written."""
+    work = np.empty((5, 3, NODES, LANES))
+    hinge, field, local, moments, integrand = work[0], work[1], work[2], work[3], work[4]
+    _elastica_hinge(loads, hinge)
+    given = _first_turns(loads, hinge, field)
+    state = _state(loads, hinge, field, given, local, tangents, moments, integrand)
+    for _ in range(sweeps):
+        given = _swept(loads, hinge, field, state, local, moments, integrand)
+        state = _state(loads, hinge, field, given, local, tangents, moments, integrand)
+    back = negative(state.seen)
+    zero = spread(0.0)
+    sine, cosine = load(hinge, 0, 0), load(hinge, 1, 0)
+    x_axis = _turned(back, (cosine, -sine, zero))
+    y_axis = _turned(back, (sine, cosine, zero))
+    return Equilibrium((x_axis, y_axis, cross(x_axis, y_axis)), state.force, vector(moments, 0))
+
+
+@kernel
+def _elastica_hinge(loads: Loads, hinge: np.ndarray) -> None:
+    """The elastica's rotations from the contact's section to those at the nodes: −ψ."""
+    leans = np.empty((2, LANES))
+    force = loads.push_per_m2 / cos(loads.lean_rad)
+    store(leans, force * loads.contact_m * loads.contact_m, 0)
+    store(leans, loads.lean_rad, 1)
+    largest = 0.0
+    for lane in range(LANES):
+        amount = leans[0, lane]
+        if amount > SERIES_LOAD:
+            leans[0, lane] = 0.0
+        elif amount > largest:
+            largest = amount
+    steepness = force * loads.contact_m
+    series(load(leans, 0), loads.lean_rad, series_terms(largest), _INNER[:INNER_NODES], hinge)
+    for node in range(INNER_NODES - 1, NODES):
+        store(hinge, spread(0.0), 0, node)
+        store(hinge, spread(1.0), 1, node)
+        store(hinge, spread(0.0), 2, node)
+    store(leans, force * loads.contact_m * loads.contact_m, 0)
+    for lane in range(LANES):
+        amount, lean = leans[0, lane], leans[1, lane]
+        if amount > SERIES_LOAD:
+            chain = landen(0.5 * (1.0 - math.sin(lean)))
+            root = math.sqrt(amount)
+            for node in range(INNER_NODES - 1):
+                psi, rate = angle_and_rate(root * (1.0 - _INNER[node]), lean, chain)
+                hinge[0, node, lane], hinge[1, node, lane] = -math.sin(psi), math.cos(psi)
+                hinge[2, node, lane] = rate / root
+    for node in range(INNER_NODES - 1):
+        store(hinge, load(hinge, 2, node) * steepness, 2, node)
+
+
+@kernel
+def _first_turns(loads: Loads, hinge: np.ndarray, field: np.ndarray) -> tuple[Lanes, Lanes]:
+    """Those of a straight antenna that weight, bow and its clamp's give bend a little."""
+    there_y, there_z = _bent_a_little(loads, INNER_NODES - 1)
+    for node in range(NODES):
+        y, z = _bent_a_little(loads, node)
+        turn = -load(hinge, 0, node) * there_y, y - load(hinge, 1, node) * there_y, z - there_z
+        put(field, turn, node)
+    half_give, half_square = 0.5 * loads.give_m, 0.5 * loads.length_m**2
+    _, weight_y, weight_z = loads.weight_per_m3
+    given_y = -half_give * (half_square * weight_z)
+    given_z = half_give * (half_square * weight_y + loads.contact_m * loads.push_per_m2)
+    return _rolled(hinge, field, (given_y, given_z))
+
+
+@kernel
+def _bent_a_little(loads: Loads, node: int) -> tuple[Lanes, Lanes]:
+    rest = _rest(loads, node)
+    along, by_weight = loads.length_m - rest, (loads.length_m**3 - rest * rest * rest) / 6.0
+    _, weight_y, weight_z = loads.weight_per_m3
+    return (
+        0.5 * (along * loads.bow_y_per_m - by_weight * weight_z),
+        0.5 * (along * loads.bow_z_per_m + by_weight * weight_y),
+    )
+
+
+@kernel
+def _rest(loads: Loads, node: int) -> Lanes:
+    """Length beyond the node."""
+    return loads.length_m - loads.contact_m * _INNER[node] - (loads.length_m - loads.contact_m) * _OUTER[node]
+
+
+@kernel
+def _state(
+    loads: Loads,
+    hinge: np.ndarray,
+    field: np.ndarray,
+    given: tuple[Lanes, Lanes],
+    local: np.ndarray,
+    tangents: np.ndarray,
+    moments: np.ndarray,
+    integrand: np.ndarray,
+) -> _State:
+    """Writes τ, t and M."""
+    seen = _seen_from_contact(field, given)
+    weight = _hinged(hinge, 0, _turned(seen, loads.weight_per_m3))
+    zero, push = spread(0.0), loads.push_per_m2
+    force = -push * (sin(loads.lean_rad) / cos(loads.lean_rad)), push, zero
+    if loads.dead:
+        force = _hinged(hinge, 0, _turned(seen, (loads.dead_along_per_m2, push, zero)))
+    for node in range(NODES):
+        along = _turned_x(vector(field, node))
+        tangent = _hinged(hinge, node, along)
+        beyond = times(_rest(loads, node), weight)
+        put(local, along, node)
+        put(tangents, tangent, node)
+        put(integrand, cross(tangent, added(beyond, times(_BEFORE[node], force))), node)
+    _from_tip(loads, integrand, moments)
+    return _State(seen, force)
+
+
+@kernel
+def _swept(
+    loads: Loads,
+    hinge: np.ndarray,
+    field: np.ndarray,
+    state: _State,
+    local: np.ndarray,
+    moments: np.ndarray,
+    integrand: np.ndarray,
+) -> tuple[Lanes, Lanes]:
+    """The turns (see the module) under the moments of the present ones: writes g, gives the clamp's."""
+    _, held_y, held_z = _turned(negative(state.seen), _hinged_back(hinge, 0, vector(moments, 0)))
+    half_give, roll = 0.5 * loads.give_m, load(field, 0, INNER_NODES - 1)
+    for node in range(NODES):
+        m = _hinged_back(hinge, node, vector(moments, node))
+        rate = _rate(loads, vector(field, node), vector(local, node), m, load(hinge, 2, node))
+        put(integrand, rate, node)
+    inner, outer = 0.5 * loads.contact_m, 0.5 * (loads.length_m - loads.contact_m)
+    for node in range(INNER_NODES):
+        x, y, z = times(inner, summed(_INNER_FROM_CONTACT, node, integrand, 0))
+        put(field, (x + roll, y, z), node)
+    for node in range(NODES - INNER_NODES):
+        x, y, z = times(outer, summed(_OUTER_FROM_CONTACT, node, integrand, INNER_NODES))
+        put(field, (x + roll, y, z), INNER_NODES + node)
+    return _rolled(hinge, field, (half_give * held_y, half_give * held_z))
+
+
+@kernel
+def _from_tip(loads: Loads, integrand: np.ndarray, moments: np.ndarray) -> None:
+    """∫ from s to the tip, at the nodes."""
+    outer = loads.length_m - loads.contact_m
+    beyond = times(outer, summed(_OUTER_FROM_TIP, 0, integrand, INNER_NODES))
+    for node in range(INNER_NODES):
+        put(moments, added(beyond, times(loads.contact_m, summed(_INNER_FROM_TIP, node, integrand, 0))), node)
+    for node in range(NODES - INNER_NODES):
+        put(moments, times(outer, summed(_OUTER_FROM_TIP, node, integrand, INNER_NODES)), INNER_NODES + node)
+
+
+@kernel
+def _rolled(hinge: np.ndarray, field: np.ndarray, given: tuple[Lanes, Lanes]) -> tuple[Lanes, Lanes]:
+    """With the sections turned about their own axes until the clamp's turn to the contact's axes has no roll in it."""
+    d_x, d_y, _ = _seen_from_contact(field, given)
+    roll = load(hinge, 0, 0) / (1.0 + load(hinge, 1, 0)) * d_y - d_x
+    for node in range(NODES):
+        store(field, load(field, 0, node) + roll, 0, node)
+    return given
+
+
+@kernel
+def _rate(loads: Loads, g: Vector, local: Vector, m: Vector, curvature_per_m: Lanes) -> Vector:
+    """2 g′."""
+    m_x, m_y, m_z = m
+    delta_z = m_z - curvature_per_m
+    b_x, b_y, b_z = (_TORSION_RATIO - 1.0) * dot(local, m), loads.bow_y_per_m, loads.bow_z_per_m
+    both = m_x + b_x, m_y + b_y, delta_z + b_z
+    across = cross(g, (m_x - b_x, m_y - b_y, delta_z - b_z))
+    return added(both, added(negative(across), times(dot(g, both), g)))
+
+
+@kernel
+def _seen_from_contact(field: np.ndarray, given: tuple[Lanes, Lanes]) -> Vector:
+    """Cayley vector of Q(0)·R₀ᵀ."""
+    x, y, z = vector(field, 0)
+    e_y, e_z = given
+    scale = 1.0 / (1.0 + y * e_y + z * e_z)
+    return (x + z * e_y - y * e_z) * scale, (y - e_y + x * e_z) * scale, (z - e_z - x * e_y) * scale
+
+
+@kernel
+def _hinged(hinge: np.ndarray, node: int, v: Vector) -> Vector:
+    """H·v."""
+    sine, cosine = load(hinge, 0, node), load(hinge, 1, node)
+    return cosine * v[0] - sine * v[1], sine * v[0] + cosine * v[1], v[2]
+
+
+@kernel
+def _hinged_back(hinge: np.ndarray, node: int, v: Vector) -> Vector:
+    """Hᵀ·v."""
+    sine, cosine = load(hinge, 0, node), load(hinge, 1, node)
+    return cosine * v[0] + sine * v[1], cosine * v[1] - sine * v[0], v[2]
+
+
+@kernel
+def _turned(g: Vector, v: Vector) -> Vector:
+    """Q·v of the Cayley vector g."""
+    once = cross(g, v)
+    return added(v, times(2.0 / (1.0 + dot(g, g)), added(once, cross(g, once))))
+
+
+@kernel
+def _turned_x(g: Vector) -> Vector:
+    """Q e_x of the Cayley vector g."""
+    x, y, z = g
+    across = y * y + z * z
+    scale = 2.0 / (1.0 + x * x + across)
+    return 1.0 - scale * across, scale * (x * y + z), scale * (x * z - y)
+
+
+@kernel
+def summed(weights: np.ndarray, row: int, field: np.ndarray, start: int) -> Vector:
+    """Σ over nodes from `start` on of the field, by a row of weights."""
+    x, y, z = spread(0.0), spread(0.0), spread(0.0)
+    for node in range(weights.shape[1]):
+        weight = weights[row, node]
+        x = x + weight * load(field, 0, start + node)
+        y = y + weight * load(field, 1, start + node)
+        z = z + weight * load(field, 2, start + node)
+    return x, y, z
+
+
+@kernel
+def vector(field: np.ndarray, node: int) -> Vector:
+    """A field's vectors at a node."""
+    return load(field, 0, node), load(field, 1, node), load(field, 2, node)
+
+
+@kernel
+def put(field: np.ndarray, v: Vector, node: int) -> None:
+    """Write a field's vectors at a node."""
+    store(field, v[0], 0, node)
+    store(field, v[1], 1, node)
+    store(field, v[2], 2, node)
+
+
+@kernel
+def times(factor: Lanes, v: Vector) -> Vector:
+    """A number times a vector."""
+    return factor * v[0], factor * v[1], factor * v[2]
+
+
+@kernel
+def added(a: Vector, b: Vector) -> Vector:
+    """a + b."""
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+
+
+@kernel
+def negative(v: Vector) -> Vector:
+    """−v."""
+    return -v[0], -v[1], -v[2]
+
+
+@kernel
+def dot(a: Vector, b: Vector) -> Lanes:
+    """a · b."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@kernel
+def cross(a: Vector, b: Vector) -> Vector:
+    """a × b."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
