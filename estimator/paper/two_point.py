@@ -18,21 +18,19 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-import torch
 
-from vbaa_calib.core.arrays import Array, like, namespace, widest_float
+from vbaa_calib.core.arrays import Array, is_tensor, like, namespace, widest_float
 
-_PIECE = {np: 16384, torch: 65536}  # frames at a time: few enough for the cache, enough for torch's threads
+_PIECE, _PIECE_OF_TENSORS = 16384, 65536  # frames at a time: few enough for the cache, enough for torch's threads
 _ROUNDING, _ROUNDS = 1e-9, 3
 
 
 def floats(*values: Any) -> list[Array]:
     """Values in float64: tensors on one device as soon as one of them is a tensor, otherwise arrays."""
-    tensors = [value for value in values if isinstance(value, torch.Tensor)]
+    tensors = [value for value in values if is_tensor(value)]
     if not tensors:
         return [np.asarray(value, float) for value in values]
-    device = tensors[0].device
-    reference = torch.empty(0, dtype=widest_float(device), device=device)
+    reference = tensors[0].new_empty(0, dtype=widest_float(tensors[0].device))
     return [like(reference, value) for value in values]
 
 
@@ -48,7 +46,7 @@ def in_pieces(work: Callable[..., tuple[Array, ...]], x_m: Array, y_m: Array, *v
     points = [xp.where(swap, xp.flip(pair, (1,)), pair) for pair in points]
     flat = [v if v.ndim == 0 and batch else xp.broadcast_to(v, batch).reshape(-1) for v in values]
     count = math.prod(batch)
-    step = _PIECE[xp] if xp is np or y_m.device.type == "cpu" else max(count, 1)
+    step = _PIECE if xp is np else _PIECE_OF_TENSORS if y_m.device.type == "cpu" else max(count, 1)
     with np.errstate(all="ignore"):
         pieces = [
             work(*(v if v.ndim == 0 else v[start : start + step] for v in (*points, *flat)))

@@ -16,14 +16,16 @@ from dataclasses import dataclass
 from functools import lru_cache
 from itertools import product
 from types import ModuleType
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-import torch
 
-from vbaa_calib.core.arrays import Array, as_index
+from vbaa_calib.core.arrays import Array, as_index, is_tensor
 
 from .models import MODELS, Coefficients, LensModel
+
+if TYPE_CHECKING:
+    import torch
 
 _FARTHEST = 1e3
 """Ideal radius at which a distorted perspective lens is cut off: 89.94° from the axis."""
@@ -299,7 +301,7 @@ def _prepare(name: str, coefficients: tuple[float, ...]) -> Lens:
 
 def lens_of(model: LensModel, c: Coefficients | torch.Tensor) -> Lens:
     """The one lens of these coefficients, (k,) numbers or a tensor."""
-    return _prepare(model.name, tuple(c.tolist() if isinstance(c, torch.Tensor) else c))
+    return _prepare(model.name, tuple(c.tolist() if is_tensor(c) else c))
 
 
 def each_lens(model: LensModel, c: torch.Tensor, shape: tuple[int, ...]) -> Iterator[tuple[Any, Lens]]:

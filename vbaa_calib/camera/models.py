@@ -10,13 +10,15 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from types import ModuleType
-from typing import ClassVar, Literal
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
-import torch
 from numpy.polynomial import polynomial
 
-from vbaa_calib.core.arrays import Array, matrix
+from vbaa_calib.core.arrays import Array, is_tensor, matrix
+
+if TYPE_CHECKING:
+    import torch
 
 Coefficients = Sequence[Array]
 Matrix = tuple[Array, Array, Array, Array]
@@ -253,7 +255,7 @@ class _OpenCV(LensModel):
         return "none" if _absent(k1, k2, k3, k4, k5, k6) else "radial"
 
     def distort(self, x: Array, y: Array, c: Coefficients) -> tuple[Array, Array]:
-        if isinstance(x, torch.Tensor) and len(c):
+        if is_tensor(x) and len(c):
             return _distort_by_kornia(x, y, c)
         return super().distort(x, y, c)
 
@@ -344,6 +346,7 @@ def _distort_by_kornia(x: torch.Tensor, y: torch.Tensor, c: Coefficients) -> tup
     broadcast against points.
     """
     # importing kornia costs a second, and only those who work with tensors need it
+    import torch
     from kornia.geometry.calibration import distort_points
 
     terms = [torch.as_tensor(value, dtype=x.dtype, device=x.device) for value in c[:_BEFORE_TILT]]

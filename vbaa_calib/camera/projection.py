@@ -12,22 +12,25 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from types import ModuleType
+from typing import TYPE_CHECKING
 
 import numpy as np
-import torch
 
-from vbaa_calib.core.arrays import Array, detached, empty, matrix, namespace
+from vbaa_calib.core.arrays import Array, detached, empty, is_tensor, like, matrix, namespace
 
-from .inverse import in_pieces, invert, invert_distortion
+from .inverse import in_pieces, invert_distortion, solve
 from .lens import Lens, each_lens, lens_of
 from .models import Coefficients, LensModel, Matrix
+
+if TYPE_CHECKING:
+    import torch
 
 _Angles = tuple[Array, Array]
 
 
 def _sin_cos(angle: Array) -> tuple[Array, Array]:
-    if isinstance(angle, torch.Tensor):
-        return torch.sin(angle), torch.cos(angle)
+    if is_tensor(angle):
+        return angle.sin(), angle.cos()
     return math.sin(angle), math.cos(angle)
 
 
@@ -89,7 +92,7 @@ class Intrinsics:
     def separate(self) -> Coefficients:
         """The coefficients one by one."""
         c = self.coefficients
-        return c.unbind(-1) if isinstance(c, torch.Tensor) else c
+        return tuple(c.unbind(-1)) if is_tensor(c) else c
 
 
 def pixel_to_chart(intrinsics: Intrinsics, u: Array, v: Array) -> tuple[Array, Array, Array]:
@@ -102,8 +105,17 @@ def pixel_to_chart(intrinsics: Intrinsics, u: Array, v: Array) -> tuple[Array, A
     if angles is not None:
         x, y, front = _remove_tilt(x, y, angles)
         valid = valid & front
-    x, y, solved = invert(intrinsics.model, x, y, intrinsics.coefficients)
+    x, y, solved = _invert(intrinsics, x, y)
     return x, y, valid & solved
+
+
+def _invert(intrinsics: Intrinsics, x: Array, y: Array) -> tuple[Array, Array, Array]:
+    """Ideal points (...) of distorted ones (...) before the sensor's tilt, and their validity; (0, 0) where not."""
+    if not is_tensor(x):
+        return solve(lens_of(intrinsics.model, intrinsics.coefficients), x, y)
+    from .tensors import invert  # loads torch
+
+    return invert(intrinsics.model, x, y, intrinsics.coefficients)
 
 
 def chart_to_pixel(intrinsics: Intrinsics, x: Array, y: Array) -> tuple[Array, Array, Array]:
@@ -120,14 +132,14 @@ def chart_to_pixel(intrinsics: Intrinsics, x: Array, y: Array) -> tuple[Array, A
 
 def _trusted(intrinsics: Intrinsics, x: Array, y: Array) -> Array:
     model, c = intrinsics.model, intrinsics.coefficients
-    if not isinstance(x, torch.Tensor):
+    if not is_tensor(x):
         with np.errstate(all="ignore"):
             return lens_of(model, c).contains(np, x, y)
-    x, y, c = x.detach(), y.detach(), torch.as_tensor(c, dtype=x.dtype)
-    shape = torch.broadcast_shapes(x.shape, c.shape[:-1])
-    x, y, valid = x.expand(shape), y.expand(shape), torch.zeros(shape, dtype=torch.bool, device=x.device)
+    xp, x, y, c = namespace(x), x.detach(), y.detach(), like(x, c)
+    shape = np.broadcast_shapes(tuple(x.shape), tuple(c.shape[:-1]))
+    x, y, valid = x.expand(shape), y.expand(shape), empty(x, shape, boolean=True)
     for where, lens in each_lens(model, c, shape):
-        valid[where] = lens.contains(torch, x[where], y[where])
+        valid[where] = lens.contains(xp, x[where], y[where])
     return valid
 
 
@@ -180,9 +192,9 @@ def normalized_by_lens(intrinsics: Intrinsics, points: Array) -> Array:
 
 def _worked(function: _OfPoints, intrinsics: Intrinsics, given: Array, count: int) -> tuple[Array, Array]:
     """(..., count) numbers of points (..., 2), NaN where not valid, and validity (...)."""
-    if isinstance(given, torch.Tensor) and given.device.type == "cpu":
+    if is_tensor(given) and given.device.type == "cpu":
         # NumPy needs a fraction of the time per call, and its pieces stay in the cache; the memory is shared
-        values, valid = map(torch.from_numpy, _worked(function, intrinsics, detached(given).numpy(), count))
+        values, valid = map(namespace(given).from_numpy, _worked(function, intrinsics, detached(given).numpy(), count))
         return values, valid
     shape, flat = tuple(given.shape[:-1]), detached(given).reshape(-1, 2)
     values, valid = empty(given, (len(flat), count)), empty(given, (len(flat),), boolean=True)

@@ -1,21 +1,28 @@
-"""NumPy or torch: one set of formulas serves both, and the kind, dtype and device that go in come out."""
+"""NumPy or torch: one set of formulas serves both, and the kind, dtype and device that go in come out.
+
+torch takes a second to load. Nothing here loads it: where there is a tensor, somebody has.
+"""
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from types import ModuleType
-from typing import Any, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 import numpy as np
-import torch
 
 from .errors import InputError
+
+if TYPE_CHECKING:
+    import torch
+    from typing_extensions import TypeIs
 
 Array: TypeAlias = Any
 """np.ndarray or torch.Tensor, inside formulas that use only what the two spell alike."""
 
-ArrayT = TypeVar("ArrayT", np.ndarray, torch.Tensor)
+ArrayT = TypeVar("ArrayT", np.ndarray, "torch.Tensor")
 
 _FLOATS = ("float32", "float64")
 
@@ -32,9 +39,15 @@ class _Working:
     restore: Callable[[Array], Array]
 
 
+def is_tensor(values: Any) -> TypeIs[torch.Tensor]:
+    """Whether values are torch's."""
+    kind = getattr(sys.modules.get("torch"), "Tensor", None)
+    return kind is not None and isinstance(values, kind)
+
+
 def namespace(values: Array) -> ModuleType:
     """The library whose functions work on these values."""
-    return torch if isinstance(values, torch.Tensor) else np
+    return sys.modules["torch"] if is_tensor(values) else np
 
 
 def working(values: Array, last: int, name: str) -> _Working:
@@ -54,57 +67,60 @@ def working(values: Array, last: int, name: str) -> _Working:
         return _Working(values, lambda result: result)
     if xp is np:
         return _Working(values.astype(np.float64), lambda result: result.astype(np.float32))
-    return _Working(values.to(widest_float(values.device)), lambda result: result.to(torch.float32))
+    return _Working(values.to(widest_float(values.device)), lambda result: result.float())
 
 
 def widest_float(device: torch.device) -> torch.dtype:
     """float64, except on Apple's GPUs, which have none."""
+    torch = sys.modules["torch"]
     return torch.float32 if device.type == "mps" else torch.float64
 
 
 def as_index(values: Array) -> Array:
     """Floats rounded down (they are not negative) to integers that may index."""
-    return values.long() if isinstance(values, torch.Tensor) else values.astype(np.intp)
+    return values.long() if is_tensor(values) else values.astype(np.intp)
 
 
 def take_rows(rows: Array, index: Array) -> Array:
     """Rows (N, C) of an array (M, C) by index (N,): the quick way of each kind."""
-    return rows.index_select(0, index) if isinstance(rows, torch.Tensor) else rows[index]
+    return rows.index_select(0, index) if is_tensor(rows) else rows[index]
 
 
 def true_indices(mask: Array) -> Array:
     """Indices (K,) at which a mask (N,) is true."""
-    return mask.nonzero()[:, 0] if isinstance(mask, torch.Tensor) else np.flatnonzero(mask)
+    return mask.nonzero()[:, 0] if is_tensor(mask) else np.flatnonzero(mask)
 
 
 def arange_like(reference: Array, count: int) -> Array:
     """0, 1, … (count,) as indices into arrays of the reference's kind and device."""
-    if isinstance(reference, torch.Tensor):
-        return torch.arange(count, device=reference.device)
+    if is_tensor(reference):
+        return namespace(reference).arange(count, device=reference.device)
     return np.arange(count)
 
 
 def as_tensor(values: Array) -> torch.Tensor:
     """A tensor as it is, an array as a copy: NumPy's may be read-only or run backwards, torch's may not."""
+    import torch
+
     return values if isinstance(values, torch.Tensor) else torch.tensor(np.ascontiguousarray(values))
 
 
 def like(reference: Array, values: Array) -> Array:
     """Values of either kind in the kind, dtype and device of the reference."""
-    if isinstance(reference, torch.Tensor):
-        return torch.as_tensor(values, dtype=reference.dtype, device=reference.device)
+    if is_tensor(reference):
+        return namespace(reference).as_tensor(values, dtype=reference.dtype, device=reference.device)
     return np.asarray(values, dtype=reference.dtype)
 
 
 def detached(values: Array) -> Array:
     """The same memory without gradients."""
-    return values.detach() if isinstance(values, torch.Tensor) else values
+    return values.detach() if is_tensor(values) else values
 
 
 def empty(reference: Array, shape: tuple[int, ...], boolean: bool = False) -> Array:
     """Room for results, row by row, in the kind, dtype (or boolean) and device of the reference."""
-    if isinstance(reference, torch.Tensor):
-        return reference.new_empty(shape, dtype=torch.bool if boolean else None)
+    if is_tensor(reference):
+        return reference.new_empty(shape, dtype=namespace(reference).bool if boolean else None)
     return np.empty(shape, bool if boolean else reference.dtype)
 
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vbaa_calib.camera import Camera, CameraOnPlane
+from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_json
 from vbaa_calib.core.models import checked
@@ -28,6 +28,9 @@ from .parts import (
     kinematics_to_dict,
 )
 from .rig_file import SCHEMA, FileTip, Joint, RigFile
+
+if TYPE_CHECKING:
+    from vbaa_calib.camera import CameraOnPlane
 
 
 def _joint_covariance(joint: Joint, lens: tuple[str, ...], where: object) -> np.ndarray:
@@ -156,6 +159,8 @@ class Rig:
 
     def camera_on_plane(self, plane: Plane = PLANE_C) -> CameraOnPlane:
         """The metric layer: pixels to metric coordinates on a plane of the antenna frame, plane C by default."""
+        from vbaa_calib.camera import CameraOnPlane  # loads torch
+
         return CameraOnPlane(self.camera, self.T_antenna_camera, plane)
 
     @property
