@@ -10,10 +10,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from vbaa_calib.antenna.shape import Curves
 from vbaa_calib.camera import Camera
+from vbaa_calib.core.compiled import kernel
 from vbaa_calib.geometry import Pose
 
 _FOOT_STEPS = 2
@@ -55,14 +55,7 @@ class ImageCurves:
 
     def at(self, which: int, arclength_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Points and derivatives (N, 2) of one curve at arc lengths (N,), by cubic Hermite between the nodes."""
-        nodes_s = self.arclength_m[which]
-        left = np.clip(np.searchsorted(nodes_s, arclength_m, side="right") - 1, 0, len(nodes_s) - 2)
-        span = nodes_s[left + 1] - nodes_s[left]
-        t = ((arclength_m - nodes_s[left]) / span)[:, None]
-        p0, p1 = self.nodes[which, left], self.nodes[which, left + 1]
-        d0, d1 = self.slopes[which, left] * span[:, None], self.slopes[which, left + 1] * span[:, None]
-        a, b = 2 * (p0 - p1) + d0 + d1, 3 * (p1 - p0) - 2 * d0 - d1
-        return ((a * t + b) * t + d0) * t + p0, ((3 * a * t + 2 * b) * t + d0) / span[:, None]
+        return _interpolated(arclength_m, self.arclength_m[which], self.nodes[which], self.slopes[which])
 
 
 def see(camera: Camera, points_px: np.ndarray, sigma_px: np.ndarray, with_lens: bool = False) -> SeenPoints:
@@ -93,13 +86,7 @@ def image_curves(curves: Curves, T_camera_antenna: Sequence[Pose] | Pose) -> Ima
 
 def feet(seen: SeenPoints, curves: ImageCurves) -> np.ndarray:
     """(N,) arc lengths of the points of the first curve nearest to the seen points."""
-    nodes, nodes_s = curves.nodes[0], curves.arclength_m[0]
-    foot = nodes_s[cKDTree(nodes).query(seen.points)[1]]
-    for _ in range(_FOOT_STEPS):
-        point, slope = curves.at(0, foot)
-        foot = foot + ((seen.points - point) * slope).sum(axis=1) / (slope**2).sum(axis=1)
-        foot = np.clip(foot, nodes_s[0], nodes_s[-1])
-    return foot
+    return _feet(seen.points, curves.arclength_m[0], curves.nodes[0], curves.slopes[0])
 
 
 def whitened_residuals(seen: SeenPoints, curves: ImageCurves) -> np.ndarray:
@@ -108,7 +95,7 @@ def whitened_residuals(seen: SeenPoints, curves: ImageCurves) -> np.ndarray:
     All curves are compared at the arc lengths of the feet on the first, which to first order is the distance itself
     (the foot is where it is stationary). Points beyond an end of the curve get the distance from its tangent there.
     """
-    return whitened_with_lens(seen, curves)[0]
+    return _whitened(seen.points, seen.covariance, curves.arclength_m, curves.nodes, curves.slopes)[0]
 
 
 def whitened_with_lens(seen: SeenPoints, curves: ImageCurves) -> tuple[np.ndarray, np.ndarray]:
@@ -116,15 +103,80 @@ def whitened_with_lens(seen: SeenPoints, curves: ImageCurves) -> tuple[np.ndarra
 
     P is 0 where the lens counts as exact.
     """
-    foot = feet(seen, curves)
-    point, slope = curves.at(0, foot)
-    normal = np.stack([-slope[:, 1], slope[:, 0]], axis=1) / np.hypot(slope[:, 0], slope[:, 1])[:, None]
-    unit = normal / np.sqrt(np.einsum("ni,nij,nj->n", normal, seen.covariance, normal))[:, None]
-    columns = [point] + [curves.at(which, foot)[0] for which in range(1, len(curves.nodes))]
-    residuals = np.stack([((seen.points - column) * unit).sum(axis=1) for column in columns], axis=1)
+    residuals, unit = _whitened(seen.points, seen.covariance, curves.arclength_m, curves.nodes, curves.slopes)
     if seen.by_lens is None:
         return residuals, np.zeros((len(seen), 0))
-    return residuals, np.einsum("ni,nip->np", unit, seen.by_lens)
+    return residuals, (unit[:, None] @ seen.by_lens)[:, 0]
+
+
+@kernel
+def _whitened(
+    seen: np.ndarray, covariance: np.ndarray, nodes_s: np.ndarray, nodes: np.ndarray, slopes: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """`whitened_residuals`, and the normals (N, 2) at the feet over the deviations along them."""
+    foot = _feet(seen, nodes_s[0], nodes[0], slopes[0])
+    _, along = _interpolated(foot, nodes_s[0], nodes[0], slopes[0])
+    units, residuals = np.empty((len(seen), 2)), np.empty((len(seen), len(nodes)))
+    for n in range(len(seen)):
+        x, y = along[n]
+        own = covariance[n]
+        deviation = np.sqrt(own[0, 0] * y**2 - (own[0, 1] + own[1, 0]) * x * y + own[1, 1] * x**2)
+        units[n, 0], units[n, 1] = -y / deviation, x / deviation
+    for k in range(len(nodes)):
+        points, _ = _interpolated(foot, nodes_s[k], nodes[k], slopes[k])
+        for n in range(len(seen)):
+            off_x, off_y = seen[n, 0] - points[n, 0], seen[n, 1] - points[n, 1]
+            residuals[n, k] = off_x * units[n, 0] + off_y * units[n, 1]
+    return residuals, units
+
+
+@kernel
+def _feet(seen: np.ndarray, nodes_s: np.ndarray, nodes: np.ndarray, slopes: np.ndarray) -> np.ndarray:
+    """`feet` on a curve with nodes (M, 2) at arc lengths (M,) and slopes (M, 2)."""
+    found = np.empty(len(seen))
+    for n in range(len(seen)):
+        u, v = seen[n]
+        nearest, least = 0, np.inf
+        for i in range(len(nodes)):
+            square = (nodes[i, 0] - u) ** 2 + (nodes[i, 1] - v) ** 2
+            if square < least:
+                nearest, least = i, square
+        s = nodes_s[nearest]
+        for _ in range(_FOOT_STEPS):
+            x, y, along_x, along_y = _on_curve(s, nodes_s, nodes, slopes)
+            s += ((u - x) * along_x + (v - y) * along_y) / (along_x**2 + along_y**2)
+            s = min(max(s, nodes_s[0]), nodes_s[-1])
+        found[n] = s
+    return found
+
+
+@kernel
+def _interpolated(
+    arclength_m: np.ndarray, nodes_s: np.ndarray, nodes: np.ndarray, slopes: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    points, along = np.empty((len(arclength_m), 2)), np.empty((len(arclength_m), 2))
+    for n, s in enumerate(arclength_m):
+        points[n, 0], points[n, 1], along[n, 0], along[n, 1] = _on_curve(s, nodes_s, nodes, slopes)
+    return points, along
+
+
+@kernel
+def _on_curve(
+    s: float, nodes_s: np.ndarray, nodes: np.ndarray, slopes: np.ndarray
+) -> tuple[float, float, float, float]:
+    """Point and derivative of a curve at an arc length, by cubic Hermite between the nodes."""
+    left = min(max(int(np.searchsorted(nodes_s, s, side="right")) - 1, 0), len(nodes_s) - 2)
+    span = nodes_s[left + 1] - nodes_s[left]
+    t = (s - nodes_s[left]) / span
+    x, along_x = _hermite(t, nodes[left, 0], nodes[left + 1, 0], span * slopes[left, 0], span * slopes[left + 1, 0])
+    y, along_y = _hermite(t, nodes[left, 1], nodes[left + 1, 1], span * slopes[left, 1], span * slopes[left + 1, 1])
+    return x, y, along_x / span, along_y / span
+
+
+@kernel
+def _hermite(t: float, p0: float, p1: float, d0: float, d1: float) -> tuple[float, float]:
+    a, b = 2.0 * (p0 - p1) + d0 + d1, 3.0 * (p1 - p0) - 2.0 * d0 - d1
+    return ((a * t + b) * t + d0) * t + p0, (3.0 * a * t + 2.0 * b) * t + d0
 
 
 def whitened_along(end: SeenPoints, curves: ImageCurves) -> tuple[np.ndarray, np.ndarray, float]:
