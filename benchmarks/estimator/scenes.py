@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -13,15 +13,18 @@ from benchmarks.harness import concatenated, picked
 from estimator import ContactEstimator
 from estimator.contact.contacts import Contacts
 from vbaa_calib.antenna.elastica import normal_load, planar_elastica
-from vbaa_calib.antenna.rod import STEPS_PER_SEGMENT, RodShape, newton, node_arclength, sample_shape, shoot
+from vbaa_calib.antenna.rod import empty_nodes, sample_shape, shape_of
+from vbaa_calib.antenna.shooting import RodNumbers, shoot
 from vbaa_calib.camera import Camera
+from vbaa_calib.core.compiled import kernel
 from vbaa_calib.core.errors import InputError, SolveError
+from vbaa_calib.core.newton import newton_for
 from vbaa_calib.geometry import Pose
+from vbaa_calib.geometry.vectors import Vector, dot, scaled, vector
 from vbaa_calib.rig import Rig
 
 _TOLERANCE = 1e-10
 """On the moment left at the tip in EI/L, and on the sine of the force's angle."""
-_PIECE = 500
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,27 +86,9 @@ def elastica_shapes(rig: Rig, touches: Touches, arclength_m: np.ndarray) -> Shap
 
 def rod_shapes(rig: Rig, touches: Touches, arclength_m: np.ndarray) -> Shapes:
     """By the static rod, rigidly clamped. Raises SolveError naming the touch for which no equilibrium was found."""
-    pieces = np.split(np.arange(len(touches)), range(_PIECE, len(touches), _PIECE))
-    return concatenated([_rod_piece(rig, picked(touches, piece), arclength_m) for piece in pieces])
-
-
-def _rod_piece(rig: Rig, touches: Touches, arclength_m: np.ndarray) -> Shapes:
     rod = rod_of(rig)
     size, toward = _size_and_direction(touches.push_N)
-    sin_friction = np.sin(touches.friction_rad)
     unit = rod.bending_stiffness_Nm2 / rod.length_m
-
-    def nodes(x: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        direction = _leaning(x[:, 3], toward[rows])
-        force = size[rows, None] * direction
-        solved = shoot(rod, touches.gravity_m_s2[rows], touches.distance_m[rows], force, x[:, :3] * unit)
-        at_tip = touches.distance_m[rows] >= rod.length_m
-        return solved, np.where(at_tip, solved[-1], solved[STEPS_PER_SEGMENT]), direction
-
-    def residual(x: np.ndarray, rows: np.ndarray) -> np.ndarray:
-        solved, contact, direction = nodes(x, rows)
-        lean = (direction * contact[1].T).sum(axis=1) + sin_friction[rows]
-        return np.hstack([solved[-1, 3].T / unit, lean[:, None]])
 
     # a straight antenna's moment, and a lean by the slope that the load alone would give
     load = size * touches.distance_m**2 / rod.bending_stiffness_Nm2
@@ -113,19 +98,64 @@ def _rod_piece(rig: Rig, touches: Touches, arclength_m: np.ndarray) -> Shapes:
     straight = np.cross(
         rod.T_antenna_clamp.rotation[:, 0], touches.distance_m[:, None] * force + rod.length_m / 2 * weight
     )
-    start = np.concatenate([straight / unit, lean[:, None]], axis=1)
-    state, left = newton(residual, start, tolerance=_TOLERANCE)
+    state, nodes = np.concatenate([straight / unit, lean[:, None]], axis=1), empty_nodes(len(size))
+    given = np.column_stack([touches.gravity_m_s2, touches.distance_m, size, toward, np.sin(touches.friction_rad)])
+    left, contact = _pushed(rod.numbers, given, unit, state, nodes)
     if not (left <= _TOLERANCE).all():
         worst = int(np.argmax(left))
         raise SolveError(f"no equilibrium for a push of {size[worst]:.3g} N at {touches.distance_m[worst]:.4f} m")
-    solved, contact, direction = nodes(state, np.arange(len(size)))
-    force = size[:, None] * direction
+    force = size[:, None] * _leaning(state[:, 3], toward)
     moment = state[:, :3] * unit + np.cross(rod.T_antenna_clamp.translation_m, force + weight)
-    along = np.moveaxis(solved, -1, 0)
-    tangents = along[:, :, 1] / np.linalg.norm(along[:, :, 1], axis=-1, keepdims=True)
-    shape = RodShape(node_arclength(rod, touches.distance_m).T, along[:, :, 0], tangents, moment)
+    shape = shape_of(rod, touches.distance_m, nodes, moment)
     points = sample_shape(shape, np.broadcast_to(arclength_m, (len(size), len(arclength_m))))[0]
-    return Shapes(points, contact[0].T, force, -moment[:, 1], contact[1].T)
+    at = np.arange(len(size)), contact
+    return Shapes(points, nodes[*at, 0], force, -moment[:, 1], nodes[*at, 1])
+
+
+class _Push(NamedTuple):
+    """One touch as the kernels know it: (8,) gravity, arc length, size, direction (2), sine of the friction's angle.
+
+    moment_Nm : what the moments count in. nodes : (N, 4, 3) scratch.
+    """
+
+    rod: RodNumbers
+    given: np.ndarray
+    moment_Nm: float
+    nodes: np.ndarray
+
+
+@kernel
+def _shot(push: _Push, x: np.ndarray) -> tuple[int, Vector]:
+    """Write the nodes in the state x (4,), clamp's moment and lean; which is the contact, and the force's direction."""
+    given = push.given
+    direction = -np.sin(x[3]), np.cos(x[3]) * given[5], np.cos(x[3]) * given[6]
+    moment = scaled(push.moment_Nm, vector(x))
+    return shoot(push.rod, vector(given), given[3], scaled(given[4], direction), moment, push.nodes), direction
+
+
+@kernel
+def _residual(push: _Push, x: np.ndarray, values: np.ndarray) -> None:
+    """The moment left at the tip, and how far the force is from its angle to the antenna."""
+    contact, direction = _shot(push, x)
+    for i in range(3):
+        values[i] = push.nodes[-1, 3, i] / push.moment_Nm
+    values[3] = dot(direction, vector(push.nodes[contact, 1])) + push.given[7]
+
+
+_newton = newton_for(_residual)
+
+
+@kernel
+def _pushed(
+    rod: RodNumbers, given: np.ndarray, moment_Nm: float, x: np.ndarray, nodes: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """B touches (B, 8) from states x (B, 4), which are overwritten: what is left of each, and the contact's node."""
+    left, contact, free = np.empty(len(x)), np.empty(len(x), np.int64), np.full(4, np.inf)
+    for i in range(len(x)):
+        push = _Push(rod, given[i], moment_Nm, nodes[i])
+        left[i] = _newton(push, x[i], -free, free, _TOLERANCE)
+        contact[i], _ = _shot(push, x[i])
+    return left, contact
 
 
 def _leaning(lean_rad: np.ndarray, toward: np.ndarray) -> np.ndarray:

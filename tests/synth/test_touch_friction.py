@@ -54,7 +54,8 @@ def test_the_grip_keeps_its_law(friction: float) -> None:
     way = rng.normal(size=(count, 2)) * 10.0 ** rng.uniform(-4, 0, (count, 1))
     press, lift = rng.uniform(0.5, 5.0, count), 0.1 * rng.normal(size=(count, 2))
     pull = before - stick * way + stick * np.einsum("bij,bj->bi", give, now)
-    grip = gripped(now, pull, stick * give, press, lift, friction)
+    each = zip(now, pull, stick * give, press, lift, strict=True)
+    grip = np.array([gripped(*one, friction) for one in each])
     moved = way + np.einsum("bij,bj->bi", give, grip - now)
     rim = friction * np.maximum(press + (lift * (grip - now)).sum(axis=1), 0.0)
     pulled = before - stick * moved

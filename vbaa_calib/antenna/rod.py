@@ -13,7 +13,6 @@ clamp gives r, d1, d2 at s = 0; the clamp moment M(0) is shot for, so that M(L) 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -21,16 +20,10 @@ import numpy as np
 from vbaa_calib.core.errors import InputError, SolveError
 from vbaa_calib.geometry import Pose
 
+from .shooting import TOLERANCE, RodNumbers, solve_rods
+
 STEPS_PER_SEGMENT = 32
 """Runge-Kutta steps from the clamp to the contact, and again from there to the tip."""
-_TOLERANCE = 1e-11
-"""On the moment left at the tip, relative to the moment of the loads."""
-_LOAD_LADDER = (0.1, 0.25, 0.45, 0.7, 1.0)
-_DIFFERENCE = -1e-7
-"""Backward, so that a variable at its upper limit is still differentiated from the allowed side."""
-_HALVINGS, _ITERATIONS = 8, 30
-
-_Residual = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +56,21 @@ class Rod:
             raise InputError(
                 f"mass_per_length_kg_m is {self.mass_per_length_kg_m}", where="antenna", remedy="give 0 or more"
             )
+
+    @property
+    def numbers(self) -> RodNumbers:
+        """What the kernels know of it."""
+        curvature_y, curvature_z = self.natural_curvature_per_m
+        pose = self.T_antenna_clamp
+        return RodNumbers(
+            length_m=float(self.length_m),
+            bend=1.0 / self.bending_stiffness_Nm2,
+            twist=1.0 / self.torsional_stiffness_Nm2,
+            mass_per_length_kg_m=float(self.mass_per_length_kg_m),
+            curvature_y=float(curvature_y),
+            curvature_z=float(curvature_z),
+            clamp=np.stack([pose.translation_m, pose.rotation[:, 0], pose.rotation[:, 1]]),
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,15 +118,6 @@ def solve_rod(
     unit = rod.bending_stiffness_Nm2 / rod.length_m
     weight = rod.mass_per_length_kg_m * rod.length_m * gravity
     load = np.linalg.norm(force, axis=1) * contact + np.linalg.norm(weight, axis=1) * rod.length_m / 2
-    scale = np.maximum(load, 1e-6 * unit)[:, None]
-
-    def tip_moment(share: float) -> _Residual:
-        def residual(x: np.ndarray, rows: np.ndarray) -> np.ndarray:
-            nodes = shoot(rod, share * gravity[rows], contact[rows], share * force[rows], x * unit)
-            return nodes[-1, 3].T / scale[rows]
-
-        return residual
-
     tangent = rod.T_antenna_clamp.rotation[:, 0]
     # the lever shortens as the rod bends: this follows the elastica's up to ten times the force of EI/contact²
     bent = 1.0 + np.linalg.norm(force, axis=1) * contact**2 / (8.0 * rod.bending_stiffness_Nm2)
@@ -126,81 +125,27 @@ def solve_rod(
     if guess_moment_Nm is not None:
         start = guess_moment_Nm - np.cross(lever, force + weight)
     # no lever is longer than the arc, so no component of the clamp moment exceeds the load's
-    limit = load[:, None] / unit
-    moment, size = newton(tip_moment(1.0), start / unit, tolerance=_TOLERANCE, lower=-limit, upper=limit)
-    failed = np.flatnonzero(~(size <= _TOLERANCE))
-    if failed.size:
-        moment[failed], size[failed] = _climb(tip_moment, failed, limit[failed])
-    if not (size <= _TOLERANCE).all():
-        worst = int(np.argmax(size))
+    limits = np.stack([load, np.maximum(load, 1e-6 * unit)], axis=1)
+    nodes, moment = empty_nodes(len(contact)), np.array(start, float, order="C")
+    left = solve_rods(rod.numbers, np.column_stack([gravity, force, contact]), unit, limits, moment, nodes)
+    if not (left <= TOLERANCE).all():
+        worst = int(np.argmax(left))
         raise SolveError(
-            f"rod {worst} of {len(size)} found no equilibrium: force {force[worst]} N at {contact[worst]:.4f} m"
-            f" leaves {size[worst]:.1e} of its moment at the tip"
+            f"rod {worst} of {len(left)} found no equilibrium: force {force[worst]} N at {contact[worst]:.4f} m"
+            f" leaves {left[worst]:.1e} of its moment at the tip"
         )
-    nodes = shoot(rod, gravity, contact, force, moment * unit)
-    tangents = np.moveaxis(nodes[:, 1], (0, 1, 2), (1, 2, 0))
-    return RodShape(
-        arclength_m=node_arclength(rod, contact).T,
-        points_m=np.moveaxis(nodes[:, 0], (0, 1, 2), (1, 2, 0)),
-        tangents=tangents / np.linalg.norm(tangents, axis=-1, keepdims=True),
-        clamp_moment_Nm=moment * unit + np.cross(lever, force + weight),
-    )
+    return shape_of(rod, contact, nodes, moment + np.cross(lever, force + weight))
 
 
-def shoot(
-    rod: Rod, gravity_m_s2: np.ndarray, contact_m: np.ndarray, force_N: np.ndarray, moment_Nm: np.ndarray
-) -> np.ndarray:
-    """Integrate from the clamp with a supposed moment there; in equilibrium the tip's moment comes out as zero.
+def empty_nodes(count: int) -> np.ndarray:
+    """(B, N, 4, 3) to be written by the kernels: per node the position, the directors d1 and d2, the moment."""
+    return np.empty((count, 2 * STEPS_PER_SEGMENT + 1, 4, 3))
 
-    Parameters
-    ----------
-    gravity_m_s2, contact_m, force_N : as in `solve_rod`, unchecked.
-    moment_Nm : (B, 3) M(0), the moment of the loads about the clamp point.
 
-    Returns
-    -------
-    (N, 4, 3, B): per node the position, the tangent d1, the director d2 and the moment M, antenna frame. Node
-    `STEPS_PER_SEGMENT` is the contact, except for a contact at the tip, where the last node is.
-    """
-    arclength = node_arclength(rod, contact_m)
-    before = arclength[1:] <= contact_m
-    weight = rod.mass_per_length_kg_m * gravity_m_s2.T
-    push = force_N.T
-    bend, twist = 1.0 / rod.bending_stiffness_Nm2, 1.0 / rod.torsional_stiffness_Nm2
-    curvature_y, curvature_z = rod.natural_curvature_per_m
-
-    left, right = np.empty((2, 3, 3, len(contact_m)))
-
-    def slope(state: np.ndarray, internal: np.ndarray) -> np.ndarray:
-        _, d1, d2, moment = state
-        turn = bend * moment + ((twist - bend) * (d1 * moment).sum(axis=0)) * d1
-        if curvature_y or curvature_z:
-            turn = turn + curvature_y * d2 + curvature_z * _cross(d1, d2)
-        rates = np.empty_like(state)
-        rates[0] = d1
-        # Ω × d1, Ω × d2 and n × d1 in one go: the calls cost more than the numbers
-        left[0], left[1], left[2] = turn, turn, internal
-        right[0], right[1], right[2] = d1, d2, d1
-        _cross(left.swapaxes(0, 1), right.swapaxes(0, 1), rates[1:].swapaxes(0, 1))
-        return rates
-
-    pose = rod.T_antenna_clamp
-    clamp = np.stack([pose.translation_m, pose.rotation[:, 0], pose.rotation[:, 1], np.zeros(3)])
-    state = np.repeat(clamp[:, :, None], len(contact_m), axis=2)
-    state[3] = moment_Nm.T
-    nodes = np.empty((len(arclength), *state.shape))
-    nodes[0] = state
-    for i, step in enumerate(np.diff(arclength, axis=0)):
-        internal = push * before[i] + weight * (rod.length_m - arclength[i])
-        middle = internal - weight * (step / 2)
-        end = internal - weight * step
-        k1 = slope(state, internal)
-        k2 = slope(state + step / 2 * k1, middle)
-        k3 = slope(state + step / 2 * k2, middle)
-        k4 = slope(state + step * k3, end)
-        state = state + step / 6 * (k1 + 2 * (k2 + k3) + k4)
-        nodes[i + 1] = state
-    return nodes
+def shape_of(rod: Rod, contact_m: np.ndarray, nodes: np.ndarray, clamp_moment_Nm: np.ndarray) -> RodShape:
+    """B solved rods by their nodes (B, N, 4, 3)."""
+    tangents = nodes[:, :, 1] / np.linalg.norm(nodes[:, :, 1], axis=-1, keepdims=True)
+    return RodShape(node_arclength(rod, contact_m).T, nodes[:, :, 0], tangents, clamp_moment_Nm)
 
 
 def node_arclength(rod: Rod, contact_m: np.ndarray) -> np.ndarray:
@@ -233,30 +178,6 @@ def sample_shape(shape: RodShape, arclength_m: np.ndarray) -> tuple[np.ndarray, 
     return points, slopes / np.linalg.norm(slopes, axis=-1, keepdims=True)
 
 
-def _cross(a: np.ndarray, b: np.ndarray, product: np.ndarray | None = None) -> np.ndarray:
-    """a × b over the first axis, without numpy.cross's overhead; written to `product` where there is one."""
-    product = np.empty(a.shape) if product is None else product
-    product[0] = a[1] * b[2] - a[2] * b[1]
-    product[1] = a[2] * b[0] - a[0] * b[2]
-    product[2] = a[0] * b[1] - a[1] * b[0]
-    return product
-
-
-def _climb(
-    tip_moment: Callable[[float], _Residual], rows: np.ndarray, limit: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Newton again, with the loads brought on in shares."""
-    moment, size = np.zeros((rows.size, 3)), np.zeros(rows.size)
-    for share in _LOAD_LADDER:
-        residual = tip_moment(share)
-
-        def on_rows(x: np.ndarray, at: np.ndarray, residual: _Residual = residual) -> np.ndarray:
-            return residual(x, rows[at])
-
-        moment, size = newton(on_rows, moment, tolerance=_TOLERANCE, lower=-limit, upper=limit)
-    return moment, size
-
-
 def _checked(rod: Rod, gravity: np.ndarray, contact: np.ndarray, force: np.ndarray) -> tuple[np.ndarray, ...]:
     gravity, contact, force = (np.asarray(a, float) for a in (gravity, contact, force))
     count = contact.size
@@ -273,70 +194,3 @@ def _checked(rod: Rod, gravity: np.ndarray, contact: np.ndarray, force: np.ndarr
             f"contact at {contact.min():.4g} to {contact.max():.4g} m", where="rod loads", remedy="keep it on the rod"
         )
     return gravity, contact, force
-
-
-@np.errstate(over="ignore", invalid="ignore")
-def newton(
-    residual: _Residual,
-    start: np.ndarray,
-    *,
-    tolerance: float,
-    lower: np.ndarray | float = -np.inf,
-    upper: np.ndarray | float = np.inf,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Solve B independent systems of n equations by damped Newton with difference quotients.
-
-    Parameters
-    ----------
-    residual : (x (A, n), rows (A,)) → (A, n); `rows` says to which system each row of x belongs. Variables and
-        residuals are scaled by the caller so that 1 is a typical size.
-    start : (B, n).
-    tolerance : on the largest absolute residual of a system.
-    lower, upper : limits on the variables, broadcast to (B, n); steps are cut off there.
-
-    Returns
-    -------
-    solution (B, n) and its largest absolute residual (B,). Systems that did not converge are returned as they stand:
-    the caller compares with the tolerance. A residual that is not finite counts as infinite.
-    """
-    lower, upper = np.broadcast_to(lower, start.shape), np.broadcast_to(upper, start.shape)
-    solution = np.clip(start, lower, upper)
-    values = residual(solution, np.arange(len(solution)))
-    size = _size(values)
-    for _ in range(_ITERATIONS):
-        rows = np.flatnonzero((size > tolerance) & np.isfinite(size))
-        if rows.size == 0:
-            break
-        step = _newton_step(residual, solution[rows], values[rows], rows)
-        stuck = np.ones(rows.size, bool)
-        for halving in range(_HALVINGS):
-            at = np.flatnonzero(stuck)
-            trial = np.clip(solution[rows[at]] + 0.5**halving * step[at], lower[rows[at]], upper[rows[at]])
-            trial_values = residual(trial, rows[at])
-            better = _size(trial_values) < size[rows[at]]
-            winners = rows[at[better]]
-            solution[winners], values[winners] = trial[better], trial_values[better]
-            size[winners] = _size(trial_values[better])
-            stuck[at[better]] = False
-            if not stuck.any():
-                break
-        if stuck.all():
-            break
-    return solution, size
-
-
-def _size(values: np.ndarray) -> np.ndarray:
-    size = np.abs(values).max(axis=1, initial=0.0)
-    return np.where(np.isfinite(size), size, np.inf)
-
-
-def _newton_step(residual: _Residual, x: np.ndarray, values: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    count, n = x.shape
-    moved = (x[None] + _DIFFERENCE * np.eye(n)[:, None]).reshape(n * count, n)
-    quotient = (residual(moved, np.tile(rows, n)).reshape(n, count, n) - values) / _DIFFERENCE
-    jacobian = np.moveaxis(quotient, 0, -1)
-    usable = np.isfinite(jacobian).all(axis=(1, 2))
-    step = np.zeros_like(x)
-    # the pseudo-inverse never raises: a singular system just fails to improve
-    step[usable] = -np.einsum("bij,bj->bi", np.linalg.pinv(jacobian[usable]), values[usable])
-    return step

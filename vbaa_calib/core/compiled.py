@@ -23,10 +23,13 @@ def kernel(function: _F) -> _F:
     Arguments are float64 arrays, contiguous in C's order, numbers, and named tuples of them. Threads may run it: the
     interpreter's lock is released.
     """
-    compiled: Any = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)(function)
+    # what is made for one kernel is kept with that kernel's code
+    keep = "<locals>" not in function.__qualname__
+    compiled: Any = numba.njit(cache=keep, nogil=True, error_model="numpy", fastmath=_FAST)(function)
     compiled.stamp = _stamp(function)
-    # numba compares the function's own file alone: after a change in a function that it calls, old code would run
-    compiled._cache._cache_file._source_stamp = compiled.stamp
+    if keep:
+        # numba compares the function's own file alone: after a change in a function that it calls, old code would run
+        compiled._cache._cache_file._source_stamp = compiled.stamp
     return cast(_F, compiled)
 
 

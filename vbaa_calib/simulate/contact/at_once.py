@@ -24,18 +24,23 @@ sphere at the normal at which it started.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from vbaa_calib.antenna.rod import STEPS_PER_SEGMENT, Rod, RodShape, newton, sample_shape, shoot, solve_rod
+from vbaa_calib.antenna.rod import Rod, RodShape, empty_nodes, sample_shape, solve_rod
+from vbaa_calib.antenna.shooting import RodNumbers, shoot
+from vbaa_calib.core.compiled import kernel
 from vbaa_calib.core.errors import SolveError
+from vbaa_calib.core.newton import newton_for
+from vbaa_calib.geometry.vectors import dot, moved, scaled, unit, vector
 from vbaa_calib.simulate.scene.objects import TouchObject
 
 from .stick_slip import TOLERANCE, Bases, Contacts, Held, Setting, tangent_axes
 
 _SAMPLES = 400
 _PARALLEL = 0.05
-_DEPTH_LADDER = np.linspace(0.0, 1.0, 13)[1:] ** 1.5
+_DEPTH_LADDER = tuple((i / 12) ** 1.5 for i in range(1, 13))
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,11 +52,10 @@ class _Core:
     wedge: np.ndarray
     across: np.ndarray
 
-    def offset(self, points_m: np.ndarray, rows: np.ndarray | slice = slice(None)) -> np.ndarray:
-        """(B, ..., 3) from the nearest point of the core to points (B, ..., 3), of the frames `rows`."""
-        center = self.center_m[rows]
-        center = center.reshape(len(center), *(1,) * (points_m.ndim - 2), 3)
-        return np.einsum("bij,b...j->b...i", self.across[rows], points_m - center)
+    def offset(self, points_m: np.ndarray) -> np.ndarray:
+        """(B, ..., 3) from the nearest point of the core to points (B, ..., 3)."""
+        center = self.center_m.reshape(len(points_m), *(1,) * (points_m.ndim - 2), 3)
+        return np.einsum("bij,b...j->b...i", self.across, points_m - center)
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +86,7 @@ def touch_at_once(setting: Setting, bases: Bases) -> Contacts:
     """
     problem = _problem(setting, bases)
     rows = np.flatnonzero(problem.touches)
-    _, arclength, press, normal = _unpacked(problem, _solved(problem, rows), rows)
+    arclength, press, normal = _solved(problem, rows)
     pulls = (press <= 0.0) & (problem.depth_m[rows] > 1e-7)
     if pulls.any():
         raise SolveError(f"frame {rows[np.argmax(pulls)]}: the force would have to pull")
@@ -180,15 +184,6 @@ def _line(
     return touches, depth, side[:, None] * normal
 
 
-def _unpacked(problem: _Problem, x: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Clamp moment (B, 3), arc length (B,), normal force (B,) and normal (B, 3)."""
-    rod, start = problem.rod, problem.normal[rows]
-    normal = start + np.einsum("bi,bij->bj", x[:, 5:], tangent_axes(start))
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    unit = rod.bending_stiffness_Nm2 / rod.length_m
-    return x[:, :3] * unit, x[:, 3] * rod.length_m, x[:, 4] * unit / rod.length_m, normal
-
-
 def _first_guess(problem: _Problem, rows: np.ndarray) -> np.ndarray:
     """(R, 7) of frames `rows` (R,): a straight cantilever and the object's spring in series, displaced by the depth."""
     rod = problem.rod
@@ -204,48 +199,89 @@ def _first_guess(problem: _Problem, rows: np.ndarray) -> np.ndarray:
     return np.hstack([*scaled, np.zeros((rows.size, 2))])
 
 
-def _solved(problem: _Problem, rows: np.ndarray) -> np.ndarray:
-    """States (rows, 7); frames that do not converge at once are pushed in by and by."""
-    length, start = problem.rod.length_m, _first_guess(problem, rows)
-    steep = length / np.maximum(problem.arclength_m[rows], 0.05 * length)
+def _solved(problem: _Problem, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Arc length, normal force (R,) and normal (R, 3); frames that do not converge at once are pushed in by and by."""
+    rod, core, normal = problem.rod, problem.core, problem.normal[rows]
+    state = _first_guess(problem, rows)
+    steep = rod.length_m / np.maximum(problem.arclength_m[rows], 0.05 * rod.length_m)
     ones = np.ones_like(steep)
     upper = np.stack([*[50.0 * steep] * 3, ones, 50.0 * steep**2, 3.0 * ones, 3.0 * ones], axis=1)
-    lower = np.where(np.arange(7) == 3, 0.01, -upper)
-
-    def attempt(at: np.ndarray, begin: np.ndarray, share: float) -> tuple[np.ndarray, np.ndarray]:
-        def residual(x: np.ndarray, which: np.ndarray) -> np.ndarray:
-            return _residual(problem, x, rows[at[which]], share)
-
-        return newton(residual, begin, tolerance=TOLERANCE, lower=lower[at], upper=upper[at])
-
-    state, size = attempt(np.arange(rows.size), start, 1.0)
-    failed = np.flatnonzero(~(size <= TOLERANCE))
-    if failed.size:
-        pushed = start[failed] * np.where(np.arange(7) == 4, _DEPTH_LADDER[0], 1.0)
-        for share in _DEPTH_LADDER:
-            pushed, size = attempt(failed, pushed, float(share))
-        state[failed] = pushed
-        if not (size <= TOLERANCE).all():
-            frame = int(rows[failed[np.flatnonzero(~(size <= TOLERANCE))[0]]])
-            raise SolveError(
-                f"frame {frame}: no equilibrium against the object, {1e3 * problem.depth_m[frame]:.1f} mm past"
-                " first touch; the antenna may have slipped off"
-            )
-    return state
+    limits = np.stack([np.where(np.arange(7) == 3, 0.01, -upper), upper], axis=1)
+    force_unit = rod.bending_stiffness_Nm2 / rod.length_m**2
+    object_ = np.array([problem.reach_m, problem.compliance_m_N * force_unit, force_unit])
+    depth = problem.depth_m[rows, None, None] * normal[:, None]
+    vectors = [problem.gravity[rows, None], core.center_m[rows, None], depth, core.across[rows], normal[:, None]]
+    frames = np.concatenate([*vectors, tangent_axes(normal)], axis=1)
+    failed = _touching(rod.numbers, object_, frames, limits, state, empty_nodes(1)[0])
+    if failed >= 0:
+        frame = int(rows[failed])
+        raise SolveError(
+            f"frame {frame}: no equilibrium against the object, {1e3 * problem.depth_m[frame]:.1f} mm past"
+            " first touch; the antenna may have slipped off"
+        )
+    found = normal + np.einsum("bi,bij->bj", state[:, 5:], frames[:, 7:])
+    found /= np.linalg.norm(found, axis=1, keepdims=True)
+    return state[:, 3] * rod.length_m, state[:, 4] * force_unit, found
 
 
-def _residual(problem: _Problem, x: np.ndarray, rows: np.ndarray, share: float) -> np.ndarray:
-    """(B, 7) scaled; with a share below 1 the object is drawn back until only that share of the depth is left."""
-    rod, core = problem.rod, problem.core
-    moment, arclength, press, normal = _unpacked(problem, x, rows)
-    nodes = shoot(rod, problem.gravity[rows], arclength, press[:, None] * normal, moment)
-    contact = np.where(arclength < rod.length_m, nodes[STEPS_PER_SEGMENT], nodes[-1])
-    back = (1.0 - share) * problem.depth_m[rows, None] * problem.normal[rows]
-    offset = core.offset(contact[0].T + back, rows)
-    reach = problem.reach_m - press * problem.compliance_m_N
-    in_plane = np.einsum("bij,bj->bi", core.across[rows], normal)
-    # along a line core the offset says nothing; there the normal's own component has to vanish
-    gap = (offset - reach[:, None] * in_plane) / rod.length_m + (normal - in_plane)
-    nearest = np.minimum(1.0 - x[:, 3], -(normal * contact[1].T).sum(axis=1))
-    tip = nodes[-1, 3].T * rod.length_m / rod.bending_stiffness_Nm2
-    return np.hstack([tip, gap, nearest[:, None]])
+class _Frame(NamedTuple):
+    """One frame as the kernels know it.
+
+    vectors : (9, 3) gravity, core, what the depth is along the normal, the projection across the core, the normal at
+        which the search starts, and the axes across it.
+    share : below 1 the object is drawn back until only that share of the depth is left.
+    object : (3,) the object's radius plus the antenna's, its compliance in m per EI/L², and EI/L².
+    nodes : (N, 4, 3) scratch.
+    """
+
+    rod: RodNumbers
+    object: np.ndarray
+    vectors: np.ndarray
+    share: float
+    nodes: np.ndarray
+
+
+@kernel
+def _residual(frame: _Frame, x: np.ndarray, values: np.ndarray) -> None:
+    """What is left of the seven equations in the state x (7,), scaled."""
+    rod, given, (reach, compliance, force_unit) = frame.rod, frame.vectors, frame.object
+    length = rod.length_m
+    normal = unit(moved(moved(vector(given[6]), x[5], vector(given[7])), x[6], vector(given[8])))
+    moment, force = scaled(force_unit * length, vector(x)), scaled(force_unit * x[4], normal)
+    contact = shoot(rod, vector(given[0]), x[3] * length, force, moment, frame.nodes)
+    point, tangent = vector(frame.nodes[contact, 0]), vector(frame.nodes[contact, 1])
+    away = moved(moved(point, -1.0, vector(given[1])), 1.0 - frame.share, vector(given[2]))
+    reach -= compliance * x[4]
+    for i in range(3):
+        across = vector(given[3 + i])
+        in_plane = dot(across, normal)
+        values[i] = frame.nodes[-1, 3, i] / (force_unit * length)
+        # along a line core the offset says nothing; there the normal's own component has to vanish
+        values[3 + i] = (dot(across, away) - reach * in_plane) / length + (normal[i] - in_plane)
+    values[6] = min(1.0 - x[3], -dot(normal, tangent))
+
+
+_newton = newton_for(_residual)
+
+
+@kernel
+def _touching(
+    rod: RodNumbers, object_: np.ndarray, frames: np.ndarray, limits: np.ndarray, x: np.ndarray, nodes: np.ndarray
+) -> int:
+    """Solve frames (R, 9, 3) from states x (R, 7), which are overwritten, within limits (R, 2, 7), low and high.
+
+    Returns
+    -------
+    int : the first frame that was not found, −1 where all were.
+    """
+    for i in range(len(x)):
+        start, (low, high) = x[i].copy(), limits[i]
+        size = _newton(_Frame(rod, object_, frames[i], 1.0, nodes), x[i], low, high, TOLERANCE)
+        if not size <= TOLERANCE:
+            x[i] = start
+            x[i, 4] *= _DEPTH_LADDER[0]
+            for share in _DEPTH_LADDER:
+                size = _newton(_Frame(rod, object_, frames[i], share, nodes), x[i], low, high, TOLERANCE)
+            if not size <= TOLERANCE:
+                return i
+    return -1

@@ -10,7 +10,7 @@ import numpy as np
 
 from vbaa_calib.geometry import Pose
 from vbaa_calib.simulate.scene.lens import project
-from vbaa_calib.simulate.scene.objects import BOX_FACE_M, LINES, WEDGES, TouchObject, elevation, implicit
+from vbaa_calib.simulate.scene.objects import BOX_FACE_M, LINES, WEDGES, TouchObject, implicit
 
 from .antenna import DepthOfObstacle
 from .picture import LAMP_WORLD, Patch, Studio, frame_around
@@ -111,7 +111,7 @@ def _room(obj: TouchObject, points_m: np.ndarray) -> np.ndarray:
     offset = points_m - obj.center_world_m
     if obj.shape == "freeform":
         steepest = 1.0 + _STEEPEST * sum(abs(one.height_m) / one.width_m for one in obj.bumps)
-        return elevation(offset, obj.radius_m, obj.bumps) / steepest
+        return implicit(offset, obj.radius_m, obj.bumps)[0] / steepest
     normals, offsets = flat_sides(obj)
     return np.asarray(np.maximum((offset @ normals.T - offsets).max(axis=1), obj.signed_distance(points_m)[0]))
 

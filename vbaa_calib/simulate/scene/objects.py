@@ -18,16 +18,16 @@ import numpy as np
 
 from vbaa_calib.core.errors import InputError
 
+from .distance import ObjectNumbers, elevations, rough_distances, signed_distances, surface_radii
+
 SHAPES = ("cylinder", "sphere", "knife_edge", "box_edge", "freeform")
+"""In the order of `distance`."""
 LINES = ("cylinder", "knife_edge", "box_edge")
 """Shapes with an axis, along which they end."""
 WEDGES = ("knife_edge", "box_edge")
 BOX_FACE_M = 0.03
 """How deep a box's two faces are drawn."""
 
-_ITERATIONS = 30
-_TOLERANCE = 1e-14
-_RADIUS_ITERATIONS = 6
 _STEEPEST = 0.5
 """Height over width up to which F still grows from the centre outwards near the surface: |F's slope| > 1 − 0.61·0.5."""
 
@@ -136,119 +136,38 @@ class TouchObject:
         -------
         distance (...,) m and normal (..., 3).
         """
-        offset = np.asarray(points_world, float) - self.center_world_m
-        if self.shape == "freeform":
-            distance, normal = _nearest_distance(offset.reshape(-1, 3), self.radius_m, self.bumps)
-            return distance.reshape(offset.shape[:-1]), normal.reshape(offset.shape)
-        if self.shape == "box_edge":
-            return self._from_box(offset)
-        offset = offset @ self.across
-        if self.shape == "knife_edge":
-            wedge = np.asarray(self.wedge_world, float)
-            offset = offset - np.maximum(offset @ wedge, 0.0)[..., None] * wedge
-        return self._grown(offset)
+        points = np.ascontiguousarray(points_world, float)
+        normal = np.empty(points.shape)
+        distance = signed_distances(self.numbers, points.reshape(-1, 3), normal.reshape(-1, 3))
+        return distance.reshape(points.shape[:-1]), normal
 
     def rough_distance(self, points_world: np.ndarray) -> np.ndarray:
         """(...) what takes less time and tells which of the points (..., 3) is nearest: zero on the surface too."""
-        if self.shape != "freeform":
-            return self.signed_distance(points_world)[0]
-        offset = np.asarray(points_world, float) - self.center_world_m
-        return elevation(offset, self.radius_m, self.bumps)
+        points = np.ascontiguousarray(points_world, float)
+        return rough_distances(self.numbers, points.reshape(-1, 3)).reshape(points.shape[:-1])
 
-    def _grown(self, offset: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Distance and normal by the offset (..., 3) from the nearest point of the core."""
-        away = np.linalg.norm(offset, axis=-1)
-        normal = np.divide(offset, away[..., None], out=np.full_like(offset, np.nan), where=(away > 1e-15)[..., None])
-        return away - self.radius_m, normal
-
-    def _from_box(self, offset: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        into = self.into_faces
-        depth = offset @ into.T
-        distance, normal = self._grown(np.minimum(depth, 0.0) @ into)
-        # inside the core the nearer face counts
-        inside = (depth > 0.0).all(axis=-1)
-        nearer = np.argmin(depth, axis=-1)
-        return (
-            np.where(inside, -depth.min(axis=-1) - self.radius_m, distance),
-            np.where(inside[..., None], -into[nearer], normal),
+    @property
+    def numbers(self) -> ObjectNumbers:
+        """What the kernels know of it."""
+        center, axis, wedge = (
+            np.ascontiguousarray(v, float) for v in (self.center_world_m, self.axis_world, self.wedge_world)
         )
+        return ObjectNumbers(SHAPES.index(self.shape), center, axis, wedge, float(self.radius_m), _rows(self.bumps))
 
 
-def implicit(points_m: np.ndarray, radius_m: float, bumps: Sequence[Bump]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """F (K,), its gradient (K, 3) and its second derivatives (K, 3, 3) at points (K, 3) from the centre, not on it."""
-    away = np.linalg.norm(points_m, axis=1)
-    outward = points_m / away[:, None]
-    value, slope = away - radius_m, outward.copy()
-    bend = (np.eye(3) - outward[:, :, None] * outward[:, None, :]) / away[:, None, None]
-    for bump in bumps:
-        offset = points_m - radius_m * bump.direction_world
-        square = bump.width_m**2
-        lift = bump.height_m * np.exp(-0.5 * (offset**2).sum(axis=1) / square)
-        value = value - lift
-        slope = slope + (lift / square)[:, None] * offset
-        outer = offset[:, :, None] * offset[:, None, :] / square
-        bend = bend + (lift / square)[:, None, None] * (np.eye(3) - outer)
-    return value, slope, bend
+def _rows(bumps: Sequence[Bump]) -> np.ndarray:
+    """(K, 5) directions, heights and widths."""
+    return np.array([[*bump.direction_world, bump.height_m, bump.width_m] for bump in bumps]).reshape(-1, 5)
 
 
-def elevation(points_m: np.ndarray, radius_m: float, bumps: Sequence[Bump]) -> np.ndarray:
-    """F (...) at points (..., 3) from the centre."""
-    value = np.linalg.norm(points_m, axis=-1) - radius_m
-    for bump in bumps:
-        square = ((points_m - radius_m * bump.direction_world) ** 2).sum(axis=-1)
-        value = value - bump.height_m * np.exp(-0.5 * square / bump.width_m**2)
-    return np.asarray(value)
-
-
-def _nearest_distance(points_m: np.ndarray, radius_m: float, bumps: Sequence[Bump]) -> tuple[np.ndarray, np.ndarray]:
-    """Signed distance (K,) from the surface, negative inside, and its outward normal (K, 3) at the nearest point.
-
-    Where no nearest point is found, deep inside, they are F over its slope, and the slope's direction; NaN in the
-    centre.
-    """
-    points = np.asarray(points_m, float)
-    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-        away = np.linalg.norm(points, axis=1)
-        outward = points / away[:, None]
-        # the surface along each point's direction from the centre, and the multiplier that belongs to it
-        radius = surface_radius(outward, radius_m, bumps)
-        foot, share = radius[:, None] * outward, away - radius
-        found, rows = np.zeros(len(points), bool), np.arange(len(points))
-        for _ in range(_ITERATIONS):
-            value, slope, bend = implicit(foot[rows], radius_m, bumps)
-            left = np.concatenate([foot[rows] + share[rows, None] * slope - points[rows], value[:, None]], axis=1)
-            found[rows] = np.abs(left).max(axis=1) <= _TOLERANCE
-            open_rows = ~found[rows]
-            rows, left = rows[open_rows], left[open_rows]
-            if rows.size == 0:
-                break
-            step = _solved(share[rows], slope[open_rows], bend[open_rows], left)
-            foot[rows] -= step[:, :3]
-            share[rows] -= step[:, 3]
-        at = np.where(found[:, None], foot, points)
-        value, slope, _ = implicit(at, radius_m, bumps)
-        steep = np.linalg.norm(slope, axis=1)
-        return np.where(found, share * steep, value / steep), slope / steep[:, None]
+def implicit(points_m: np.ndarray, radius_m: float, bumps: Sequence[Bump]) -> tuple[np.ndarray, np.ndarray]:
+    """F (...) and its gradient (..., 3) at points (..., 3) from the centre; in it, the gradient is NaN."""
+    points = np.ascontiguousarray(points_m, float)
+    slope = np.empty(points.shape)
+    value = elevations(points.reshape(-1, 3), float(radius_m), _rows(bumps), slope.reshape(-1, 3))
+    return value.reshape(points.shape[:-1]), slope
 
 
 def surface_radius(directions: np.ndarray, radius_m: float, bumps: Sequence[Bump]) -> np.ndarray:
     """(K,) distance of the surface from the centre along unit vectors (K, 3)."""
-    radius = np.full(len(directions), radius_m)
-    for _ in range(_RADIUS_ITERATIONS):
-        value, slope, _ = implicit(radius[:, None] * directions, radius_m, bumps)
-        radius = radius - value / (slope * directions).sum(axis=1)
-    return radius
-
-
-def _solved(share: np.ndarray, slope: np.ndarray, bend: np.ndarray, left: np.ndarray) -> np.ndarray:
-    """(K, 4) Newton's steps of foot and multiplier; zero where the system is singular."""
-    matrix = np.zeros((len(share), 4, 4))
-    matrix[:, :3, :3] = np.eye(3) + share[:, None, None] * bend
-    matrix[:, :3, 3] = matrix[:, 3, :3] = slope
-    usable = np.isfinite(matrix).all(axis=(1, 2)) & np.isfinite(left).all(axis=1)
-    step = np.zeros((len(share), 4))
-    try:
-        step[usable] = np.linalg.solve(matrix[usable], left[usable, :, None])[..., 0]
-    except np.linalg.LinAlgError:
-        step[usable] = np.einsum("bij,bj->bi", np.linalg.pinv(matrix[usable]), left[usable])
-    return step
+    return surface_radii(np.ascontiguousarray(directions, float), float(radius_m), _rows(bumps))

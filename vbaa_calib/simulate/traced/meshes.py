@@ -9,7 +9,7 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial import ConvexHull, HalfspaceIntersection
 
 from vbaa_calib.simulate.render.object import flat_sides
-from vbaa_calib.simulate.scene.objects import BOX_FACE_M, WEDGES, TouchObject, elevation, implicit
+from vbaa_calib.simulate.scene.objects import BOX_FACE_M, WEDGES, TouchObject, implicit
 
 _ROUND_THE_TUBE, _FACETS, _RINGS = 32, 255, 160
 
@@ -98,7 +98,7 @@ def _round_mesh(obj: TouchObject) -> Triangles:
     low, high = np.zeros(len(out)), np.full(len(out), 2.0 * obj.radius_m + sum(abs(b.height_m) for b in obj.bumps))
     for _ in range(40):
         middle = (low + high) / 2
-        beyond = elevation(middle[:, None] * out, obj.radius_m, obj.bumps) > 0
+        beyond = implicit(middle[:, None] * out, obj.radius_m, obj.bumps)[0] > 0
         low, high = np.where(beyond, low, middle), np.where(beyond, middle, high)
     surface = low[:, None] * out
     slope = implicit(surface, obj.radius_m, obj.bumps)[1]
