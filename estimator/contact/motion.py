@@ -13,7 +13,7 @@ from functools import cache
 
 import numpy as np
 from scipy.optimize import brentq
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from vbaa_calib.core.arrays import Array, as_index, like, namespace
 from vbaa_calib.rig import Rig
@@ -265,7 +265,7 @@ class Motion:
 @cache
 def _threshold() -> float:
     """Standard deviations that noise exceeds, on any piece and axis, with `_FALSE_ALARM`'s probability."""
-    return float(norm.isf(_FALSE_ALARM / (2 * 3 * PIECES)))
+    return -float(ndtri(_FALSE_ALARM / (2 * 3 * PIECES)))
 
 
 @cache

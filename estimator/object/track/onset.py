@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from estimator.table.contacts import ContactTable
 
@@ -187,7 +187,7 @@ def _exceeds(late: np.ndarray, base: np.ndarray, deviations: float) -> bool:
 
 @lru_cache(maxsize=_BASELINE)
 def _threshold(freedom: int) -> float:
-    return float(student.isf(_ALARM, freedom))
+    return -float(stdtrit(freedom, _ALARM))
 
 
 def median_step(time_s: np.ndarray) -> float:

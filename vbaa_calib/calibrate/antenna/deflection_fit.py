@@ -10,7 +10,7 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 from scipy.linalg import cho_solve
 from scipy.optimize import brentq
-from scipy.stats import t as student
+from scipy.special import stdtr, stdtrit
 
 from vbaa_calib.antenna import linear
 from vbaa_calib.antenna.elastica import planar_elastica_dead
@@ -65,9 +65,9 @@ class ErrorModels:
         tail = 0.5 + 0.5 * _LEVEL
 
         def excess(half: float) -> float:
-            return float(self.weights @ student.cdf(half / scale, freedom)) - tail
+            return float(self.weights @ stdtr(freedom, half / scale)) - tail
 
-        widest = float(scale.max() * student.ppf(tail, self.freedom))
+        widest = float(scale.max() * stdtrit(self.freedom, tail))
         return float(brentq(excess, 0.0, widest * (1.0 + 1e-9)))
 
 

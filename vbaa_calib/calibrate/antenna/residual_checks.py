@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from vbaa_calib.antenna.shape import PARAMETERS
 from vbaa_calib.core.robust import chi_square_p, mad_std
@@ -148,5 +148,5 @@ def _moment_noise(joint: BundleAdjustment) -> tuple[float, tuple[float, float], 
     taken = float(np.trace((rows / scale) @ np.linalg.solve(information, (rows / scale).T)))
     freedom = max(float(good.sum()) - taken, 1.0)
     squares = float((residuals[good] ** 2).sum())
-    low, high = (float(np.sqrt(squares / chi2.ppf(q, freedom))) for q in (0.975, 0.025))
+    low, high = (float(np.sqrt(squares / chdtri(freedom, chance))) for chance in (0.025, 0.975))
     return float(np.sqrt(squares / freedom)), (low, high), freedom

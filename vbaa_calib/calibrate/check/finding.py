@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 HOLDS, LOOK, FAILS, NOT_GIVEN = "holds", "look at", "does not hold", "not given"
 _LEVELS = (HOLDS, LOOK, FAILS)
@@ -52,7 +52,7 @@ class Evidence:
     @property
     def limits_std(self) -> tuple[float, float]:
         """Distances from which the level is `LOOK` and `FAILS`."""
-        look, fail = (float(np.sqrt(chi2.isf(chance, self.freedom))) for chance in (_LOOK_CHANCE, _FAIL_CHANCE))
+        look, fail = (float(np.sqrt(chdtri(self.freedom, chance))) for chance in (_LOOK_CHANCE, _FAIL_CHANCE))
         return look, fail
 
     @property

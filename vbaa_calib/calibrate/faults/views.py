@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtr
 
 from targets.board import Board, BoardPoints, BoardSpec, corner_points
 from vbaa_calib.calibrate.lens.board_shape import STRETCH, BoardShape
@@ -280,7 +280,7 @@ def find_change(
     draws = np.random.default_rng(_SEED).standard_normal((count, shapes.shape[1]))
     exceeded = (_shares(shapes, draws).max(axis=1) >= share[best]).sum()
     # the second is the bound by the residuals' variance alone
-    chance = max((1 + exceeded) / (1 + count), min(1.0, 2.0 * len(shapes) * float(norm.sf(abs(size / std)))))
+    chance = max((1 + exceeded) / (1 + count), min(1.0, 2.0 * len(shapes) * float(ndtr(-abs(size / std)))))
     return _Change(int(np.flatnonzero(seen)[best]), size, std, float(chance))
 
 

@@ -23,7 +23,7 @@ from itertools import product
 import numpy as np
 from scipy.interpolate import BSpline
 from scipy.linalg import block_diag, cho_factor, cho_solve
-from scipy.stats import f as f_distribution
+from scipy.special import fdtrc
 
 from vbaa_calib.core.polyline import arc_lengths, beside, normals
 
@@ -153,7 +153,7 @@ class Bending:
         """Probability of combinations (N, P) so far from zero where all of them are zero, by an F test."""
         each, spread = self.values @ rows.T, rows @ self.covariances @ rows.T
         square = np.einsum("hn,hn->h", each, np.linalg.solve(spread, each[..., None])[..., 0]) / len(rows)
-        return float(self.weights @ f_distribution.sf(square, len(rows), self.freedom))
+        return float(self.weights @ fdtrc(len(rows), self.freedom, square))
 
     def quantiles(self, shares: Sequence[float], relative_std: float) -> np.ndarray:
         """Of the first coefficient, with an independent error of this relative standard deviation."""

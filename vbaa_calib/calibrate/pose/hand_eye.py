@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
-from scipy.stats import chi2, f
+from scipy.special import chdtri, fdtri
 
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError
@@ -323,9 +323,9 @@ def _consistent(
         X, Z, std = solved.state.X, solved.state.Z, solved.std
         off = problem.misfits(solved, seen, kept, centre_m)
         # outliers that are still in it make the robot look worse than it is; among few views nothing shows that
-        scale = float(np.median(off.squares) / chi2.median(6))
+        scale = float(np.median(off.squares) / chdtri(6, 0.5))
         scale = max(scale, 1.0) if len(seen) < _FEW_TO_JUDGE else scale
-        before, kept = kept, off.squares <= scale * 6.0 * f.isf(_OUTLIER_CHANCE, 6, solved.freedom)
+        before, kept = kept, off.squares <= scale * 6.0 * fdtri(6, solved.freedom, 1.0 - _OUTLIER_CHANCE)
         if np.array_equal(kept, before) or kept.sum() < max(_LEAST_VIEWS, 0.5 * len(kept)):
             break
     return solved, before, off

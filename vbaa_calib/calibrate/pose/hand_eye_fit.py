@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import minimize
-from scipy.stats import chi2, f
+from scipy.special import chdtri, fdtri
 
 from vbaa_calib.calibrate.lens.models import PROJECTIONS
 from vbaa_calib.camera import Camera
@@ -168,7 +168,7 @@ class Solved:
     @property
     def covariance(self) -> np.ndarray:
         """(12, 12) so much larger as the 95 % quantile of Fisher's F is larger than that of χ²."""
-        return self.covariance_for(self.std) * 6.0 * f.isf(0.05, 6, self.freedom) / chi2.isf(0.05, 6)
+        return self.covariance_for(self.std) * 6.0 * fdtri(6, self.freedom, 0.95) / chdtri(6, 0.05)
 
 
 @dataclass(frozen=True, eq=False)

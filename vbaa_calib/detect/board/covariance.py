@@ -9,14 +9,14 @@ covariance is J⁻¹ A var(I) Aᵀ J⁻ᵀ. J is near M = −Σ w g gᵀ where t
 from __future__ import annotations
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtri
 
 QUANTISATION = 1.0 / 12.0
 """Variance of rounding to whole grey levels: the least noise that a picture has, even where it shows none."""
 _KEPT = 0.8
 """Share of the flat pixels that count: dirt and print grain are in the rest."""
-_LIMIT = float(norm.ppf(0.5 + _KEPT / 2.0))
-_TRIMMING_LOSES = _KEPT / (_KEPT - 2.0 * _LIMIT * float(norm.pdf(_LIMIT)))
+_LIMIT = float(ndtri(0.5 + _KEPT / 2.0))
+_TRIMMING_LOSES = _KEPT / (_KEPT - 2.0 * _LIMIT * float(np.exp(-0.5 * _LIMIT**2) / np.sqrt(2.0 * np.pi)))
 _FLAT = 0.2
 """Pixels within this share of the contrast from black or white are flat."""
 _LEAST_PIXELS = 60

@@ -11,7 +11,7 @@ from functools import lru_cache
 
 import numpy as np
 from scipy.ndimage import binary_closing, binary_erosion, uniform_filter1d
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from vbaa_calib.core import smooth
 
@@ -335,4 +335,4 @@ def _noise(rms: np.ndarray, half: int) -> float:
 
 @lru_cache(maxsize=32)
 def _quiet_part(freedom: int) -> float:
-    return float(np.sqrt(chi2.ppf(QUIET, freedom) / freedom))
+    return float(np.sqrt(chdtri(freedom, 1.0 - QUIET) / freedom))
