@@ -219,7 +219,6 @@ def test_names_keep_to_the_glossary() -> None:
 
 MOST_PARAMETERS = 6
 LONG_STILL = {
-    "vbaa_calib.antenna.rungs._flat",
     "vbaa_calib.antenna.rungs.curves",
     "vbaa_calib.antenna.shape.bend",
 }

@@ -5,7 +5,6 @@ from __future__ import annotations
 import mpmath
 import numpy as np
 import pytest
-import torch
 from scipy.special import ellipeinc, ellipj, ellipk
 
 from vbaa_calib.antenna.elastica import jacobi
@@ -36,8 +35,7 @@ def test_against_mpmath(m: float) -> None:
     np.testing.assert_allclose(found.second[inside], expected, rtol=0, atol=1e-13)
 
 
-def test_torch_and_broadcasting() -> None:
+def test_broadcasting() -> None:
     u, m = np.linspace(-4.0, 9.0, 31), np.array([[0.0], [0.4], [0.999]])
-    for values, expected in zip(jacobi(torch.tensor(u), torch.tensor(m)), jacobi(u, m), strict=True):
-        assert values.dtype == torch.float64
-        np.testing.assert_allclose(values.numpy(), expected, rtol=0, atol=1e-13)
+    for values, row in zip(jacobi(u, m), np.moveaxis([jacobi(u, one[0]) for one in m], 1, 0), strict=True):
+        np.testing.assert_array_equal(values, row)

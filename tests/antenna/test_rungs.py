@@ -1,10 +1,9 @@
-"""The ladder of antenna models: each rung against what it stands for, and NumPy against torch."""
+"""The ladder of antenna models: each rung against what it stands for."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-import torch
 
 from tests.antenna.test_shape import EI, LENGTH, MASS, STRAIGHT, cases, moments, rods, worst_error_m
 from vbaa_calib.antenna import linear
@@ -15,25 +14,6 @@ from vbaa_calib.antenna.shape import Curves, bend
 
 def leaning(count: int, seed: int) -> np.ndarray:
     return np.random.default_rng(seed).uniform(-0.3, 0.3, count)
-
-
-@pytest.mark.parametrize("rung", RUNGS)
-@pytest.mark.parametrize("friction", [True, False])
-def test_torch_is_numpy(rung: str, friction: bool) -> None:
-    """Slopes up to 35° by the series, one contact far beyond it by the closed form, one at the very tip."""
-    case = cases(8, 35.0, seed=11)
-    case["force_N"][0] *= 3.0
-    case["contact_m"][1] = LENGTH
-    case["parameters"][:, 8] = 5e-4
-    lean = leaning(8, 1) if friction else None
-    expected = curves(rung, **case, length_m=LENGTH, friction_rad=lean)
-    inputs = {name: torch.tensor(values) for name, values in case.items()}
-    found = curves(rung, **inputs, length_m=LENGTH, friction_rad=None if lean is None else torch.tensor(lean))
-    for name, values in vars(expected).items():
-        ours = getattr(found, name)
-        assert ours.dtype == torch.float64
-        assert ours.shape == values.shape
-        np.testing.assert_allclose(ours.numpy(), values, rtol=0, atol=1e-12, err_msg=name)
 
 
 @pytest.mark.parametrize("rung", RUNGS)
@@ -54,7 +34,7 @@ def test_the_papers_rung_is_the_papers_beam() -> None:
     for axis in (0, 1):
         beam = linear.deflection(paper.arclength_m, contact, case["force_N"][:, axis, None], EI)
         np.testing.assert_allclose(paper.points_m[..., 1 + axis], beam, rtol=1e-12)
-    np.testing.assert_array_equal(paper.points_m[..., 0], paper.arclength_m)
+    np.testing.assert_allclose(paper.points_m[..., 0], paper.arclength_m, rtol=1e-14)
     np.testing.assert_allclose(paper.contact_m[:, 0], case["contact_m"], rtol=2e-6)
     np.testing.assert_allclose(paper.moment_Nm, case["contact_m"] * case["force_N"][:, 1], rtol=2e-6)
     np.testing.assert_allclose(np.linalg.norm(paper.tangents, axis=-1), 1.0, rtol=1e-14)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.antenna.test_shape import LENGTH, cases
-from vbaa_calib.antenna import equilibrium_kernel, pendulum, shape_kernel
+from vbaa_calib.antenna import equilibrium, pendulum, shape_kernel
 from vbaa_calib.antenna.lanes import LANES
 from vbaa_calib.antenna.nodes import CONTACT
 from vbaa_calib.antenna.rungs import RUNGS, curves
@@ -41,7 +41,7 @@ def bent(rung: int, press: dict[str, np.ndarray], with_tangents: int = LANES) ->
 def test_compiled_is_plain_python(rung: int, slope_deg: float, monkeypatch: pytest.MonkeyPatch) -> None:
     press = presses(slope_deg, seed=1)
     compiled = bent(rung, press)
-    for module in (shape_kernel, equilibrium_kernel, pendulum):
+    for module in (shape_kernel, equilibrium, pendulum):
         for name, function in list(vars(module).items()):
             monkeypatch.setattr(module, name, getattr(function, "py_func", function))
     with np.errstate(invalid="ignore"):

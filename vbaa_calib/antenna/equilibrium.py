@@ -13,291 +13,347 @@ roll is what makes the force's direction follow the antenna by the least rotatio
 every error there swing the contact and its force about; from 90° of slope on such sweeps diverge.
 
 Clamp's axes: x along the clamped tangent, y along the contact force's lateral part before it is turned. Contact's axes:
-x along the antenna, the force in the plane of x and y. Fields are triples of components, each (B, M) on the nodes of
-`antenna.nodes`; forces and moments are divided by EI.
+x along the antenna, the force in the plane of x and y. Fields are (3, NODES, LANES) on the nodes of `antenna.nodes`,
+the elastica's rotations (3, NODES, LANES) their sine, cosine and slope; forces and moments are divided by EI.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cache
-from typing import Any, TypeAlias
+import math
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
-import torch
 
-from vbaa_calib.core.arrays import Array, like, namespace
+from vbaa_calib.core.compiled import kernel
 
-from .elastica import SERIES_LOAD, SERIES_TERMS, angle_coefficients, universal_curve
-from .nodes import INNER_NODES, grid_like
+from .lanes import LANES, Lanes, cos, load, sin, spread, store
+from .nodes import INNER_NODES, OUTER_NODES, chebyshev, integration
+from .pendulum import SERIES_LOAD, closed_form, hinge_by_series, landen, series_terms
 
 _TORSION_RATIO = 1.3
 """EI/GJ of a round wire, 1 + ν. Torsion turns the section, and with it the bow: hundredths of a millimetre."""
 
-Vector: TypeAlias = tuple[Array, Array, Array]
-"""Components of vectors, each (B, 1) or (B, M)."""
-
+Vector: TypeAlias = tuple[Lanes, Lanes, Lanes]
 Frame: TypeAlias = tuple[Vector, Vector, Vector]
 """Columns of rotation matrices: the axes of one frame along those of another."""
 
-
-@dataclass(frozen=True, eq=False)
-class _Hinge:
-    """Rotations about z by angles (B, M), as their sine and cosine, and their slopes along the antenna."""
-
-    sin: Array
-    cos: Array
-    curvature_per_m: Array
-
-    def turned(self, vectors: Vector) -> Vector:
-        """Components of H·v."""
-        x, y, z = vectors
-        return self.cos * x - self.sin * y, self.sin * x + self.cos * y, z
-
-    def turned_back(self, vectors: Vector) -> Vector:
-        """Components of Hᵀ·v."""
-        x, y, z = vectors
-        return self.cos * x + self.sin * y, self.cos * y - self.sin * x, z
-
-    def at(self, node: int) -> _Hinge:
-        """At one node, M = 1."""
-        one = slice(node, node + 1)
-        return _Hinge(self.sin[:, one], self.cos[:, one], self.curvature_per_m[:, one])
+NODES = INNER_NODES + OUTER_NODES
+_INNER, _OUTER = chebyshev(INNER_NODES), chebyshev(OUTER_NODES)
+_INNER_FROM_CONTACT = integration(_INNER, _INNER) - integration(_INNER, np.ones(1))
+_OUTER_FROM_CONTACT = integration(_OUTER, _OUTER)
+_OUTER_FROM_TIP = integration(_OUTER, np.ones(1)) - _OUTER_FROM_CONTACT
+"""From values on either side over its length to integrals; those from the tip are signed like those up to it."""
 
 
-@dataclass(frozen=True, eq=False)
-class Loads:
-    """What bends B antennas, along the clamp's axes and over EI. All (B, 1) but where said.
+class Loads(NamedTuple):
+    """What bends LANES antennas, along the clamp's axes and over EI.
 
     Attributes
     ----------
-    contact_m, length_m : arc length of the contact, and () of the tip.
+    contact_m, length_m : arc length of the contact, and of the tip, one for all.
     push_per_m2 : the contact force's component along the normal.
-    lean_rad : (B,) angle of the whole force from the normal, positive towards the clamp; None without friction.
-    dead_per_m2 : a force that keeps its direction, in place of the other; None where it follows the antenna's normal.
+    lean_rad : angle of the whole force from the normal, positive towards the clamp.
+    dead : the force keeps its direction; otherwise it follows the antenna's normal.
+    dead_along_per_m2 : a dead force's component along x.
     weight_per_m3 : per length.
-    bow_per_m : natural curvature about y and z.
+    bow_y_per_m, bow_z_per_m : natural curvature.
     give_m : of the clamp.
     """
 
-    contact_m: Array
+    contact_m: Lanes
     length_m: float
-    push_per_m2: Array
-    lean_rad: Array | None
-    dead_per_m2: Vector | None
+    push_per_m2: Lanes
+    lean_rad: Lanes
+    dead: bool
+    dead_along_per_m2: Lanes
     weight_per_m3: Vector
-    bow_per_m: tuple[Array, Array]
-    give_m: Array
+    bow_y_per_m: Lanes
+    bow_z_per_m: Lanes
+    give_m: Lanes
 
 
-@dataclass(frozen=True, eq=False)
-class Equilibrium:
-    """Along the contact's axes: tangents (B, M), the contact force (B, 1), the loads' moment (B, 1) about the clamp.
-
-    `axes` are those of the contact, along the clamp's, each with components (B, 1).
-    """
+class Equilibrium(NamedTuple):
+    """The contact's axes along the clamp's; along the contact's the contact force, the loads' moment at the clamp."""
 
     axes: Frame
-    tangents: Vector
     force_per_m2: Vector
     moment_per_m: Vector
 
 
-@dataclass(frozen=True, eq=False)
-class _Turns:
-    """g (B, M), and the Cayley vector y, z (B, 1) of the clamp's give."""
-
-    field: Vector
-    given: tuple[Array, Array]
-
-
-@dataclass(frozen=True, eq=False)
-class _State:
-    """What the turns make of the antenna: Q(0)·R₀ᵀ as a Cayley vector, τ, t, the contact force, M."""
+class _State(NamedTuple):
+    """What the turns make of the loads: Q(0)·R₀ᵀ as a Cayley vector, the contact force along the contact's axes."""
 
     seen: Vector
-    local: Vector
-    tangents: Vector
     force: Vector
-    moments: Vector
 
 
-def side_lengths(contact_m: Array, length_m: float) -> Array:
-    """(B, M) length of the side of the contact (B, 1) that each node lies on."""
-    before = grid_like(contact_m).before
-    return contact_m * before + (length_m - contact_m) * (1.0 - before)
-
-
-def equilibrium(loads: Loads, sweeps: int) -> Equilibrium:
-    """Sweep so many times, from the rotations that weight and bow cause by themselves."""
-    grid = grid_like(loads.contact_m)
-    side = side_lengths(loads.contact_m, loads.length_m)
-    rest = loads.length_m - loads.contact_m * grid.inner - (loads.length_m - loads.contact_m) * grid.outer
-    hinge = _elastica_hinge(loads)
-    base = hinge.at(0)
-    turns = _first_turns(loads, hinge, rest)
-    state = _state(loads, hinge, turns, rest, side)
+@kernel
+def equilibrium(loads: Loads, sweeps: int, tangents: np.ndarray) -> Equilibrium:
+    """Sweep so many times, from the rotations that weight and bow cause by themselves. `tangents` is written."""
+    work = np.empty((5, 3, NODES, LANES))
+    hinge, field, local, moments, integrand = work[0], work[1], work[2], work[3], work[4]
+    _elastica_hinge(loads, hinge)
+    given = _first_turns(loads, hinge, field)
+    state = _state(loads, hinge, field, given, local, tangents, moments, integrand)
     for _ in range(sweeps):
-        turns = _swept(loads, hinge, turns, state, side)
-        state = _state(loads, hinge, turns, rest, side)
-    back = _negative(state.seen)
-    x_axis = _turned(back, (base.cos, -base.sin, 0.0 * base.sin))
-    y_axis = _turned(back, (base.sin, base.cos, 0.0 * base.sin))
-    return Equilibrium((x_axis, y_axis, _cross(x_axis, y_axis)), state.tangents, state.force, _at(state.moments, 0))
+        given = _swept(loads, hinge, field, state, local, moments, integrand)
+        state = _state(loads, hinge, field, given, local, tangents, moments, integrand)
+    back = negative(state.seen)
+    zero = spread(0.0)
+    sine, cosine = load(hinge, 0, 0), load(hinge, 1, 0)
+    x_axis = _turned(back, (cosine, -sine, zero))
+    y_axis = _turned(back, (sine, cosine, zero))
+    return Equilibrium((x_axis, y_axis, cross(x_axis, y_axis)), state.force, vector(moments, 0))
 
 
-def _first_turns(loads: Loads, hinge: _Hinge, rest: Array) -> _Turns:
+@kernel
+def _elastica_hinge(loads: Loads, hinge: np.ndarray) -> None:
+    """The elastica's rotations from the contact's section to those at the nodes: −ψ."""
+    leans = np.empty((2, LANES))
+    force = loads.push_per_m2 / cos(loads.lean_rad)
+    store(leans, force * loads.contact_m * loads.contact_m, 0)
+    store(leans, loads.lean_rad, 1)
+    largest = 0.0
+    for lane in range(LANES):
+        amount = leans[0, lane]
+        if amount > SERIES_LOAD:
+            leans[0, lane] = 0.0
+        elif amount > largest:
+            largest = amount
+    steepness = force * loads.contact_m
+    hinge_by_series(load(leans, 0), loads.lean_rad, series_terms(largest), _INNER, hinge)
+    for node in range(INNER_NODES - 1, NODES):
+        store(hinge, spread(0.0), 0, node)
+        store(hinge, spread(1.0), 1, node)
+        store(hinge, spread(0.0), 2, node)
+    store(leans, force * loads.contact_m * loads.contact_m, 0)
+    for lane in range(LANES):
+        amount, lean = leans[0, lane], leans[1, lane]
+        if amount > SERIES_LOAD:
+            chain = landen(0.5 * (1.0 - math.sin(lean)))
+            root = math.sqrt(amount)
+            for node in range(INNER_NODES - 1):
+                psi, along, across = closed_form(root * (1.0 - _INNER[node]), lean, chain)
+                hinge[0, node, lane], hinge[1, node, lane] = -math.sin(psi), math.cos(psi)
+                hinge[2, node, lane] = (along * math.cos(lean) - across * math.sin(lean)) / root
+    for node in range(INNER_NODES - 1):
+        store(hinge, load(hinge, 2, node) * steepness, 2, node)
+
+
+@kernel
+def _first_turns(loads: Loads, hinge: np.ndarray, field: np.ndarray) -> tuple[Lanes, Lanes]:
     """Those of a straight antenna that weight, bow and its clamp's give bend a little."""
-    length = loads.length_m
-    along = length - rest
-    by_weight = (length**3 - rest**3) / 6.0
+    there_y, there_z = _bent_a_little(loads, INNER_NODES - 1)
+    for node in range(NODES):
+        y, z = _bent_a_little(loads, node)
+        turn = -load(hinge, 0, node) * there_y, y - load(hinge, 1, node) * there_y, z - there_z
+        put(field, turn, node)
+    half_give, half_square = 0.5 * loads.give_m, 0.5 * loads.length_m**2
     _, weight_y, weight_z = loads.weight_per_m3
-    bow_y, bow_z = loads.bow_per_m
-    g_y, g_z = 0.5 * (along * bow_y - by_weight * weight_z), 0.5 * (along * bow_z + by_weight * weight_y)
-    contact = slice(INNER_NODES - 1, INNER_NODES)
-    there_y, there_z = g_y[:, contact], g_z[:, contact]
-    half_give = 0.5 * loads.give_m
-    given_y = -half_give * (0.5 * length**2) * weight_z
-    given_z = half_give * (0.5 * length**2 * weight_y + loads.contact_m * loads.push_per_m2)
-    field = -hinge.sin * there_y, g_y - hinge.cos * there_y, g_z - there_z
-    return _rolled(hinge.at(0), field, (given_y, given_z))
+    given_y = -half_give * (half_square * weight_z)
+    given_z = half_give * (half_square * weight_y + loads.contact_m * loads.push_per_m2)
+    return _rolled(hinge, field, (given_y, given_z))
 
 
-def _state(loads: Loads, hinge: _Hinge, turns: _Turns, rest: Array, side: Array) -> _State:
-    grid, base = grid_like(side), hinge.at(0)
-    seen = _seen_from_contact(turns)
-    weight = base.turned(_turned(seen, loads.weight_per_m3))
-    if loads.dead_per_m2 is not None:
-        force = base.turned(_turned(seen, loads.dead_per_m2))
-    else:
-        push, lean = loads.push_per_m2, loads.lean_rad
-        force = (0.0 * push if lean is None else -push * namespace(push).tan(lean)[:, None], push, 0.0 * push)
-    local = _turned_x(turns.field)
-    tangents = hinge.turned(local)
-    x, y, z = (rest * w + grid.before * f for w, f in zip(weight, force, strict=True))
-    return _State(seen, local, tangents, force, _mapped(_cross(tangents, (x, y, z)), side, grid.from_tip))
+@kernel
+def _bent_a_little(loads: Loads, node: int) -> tuple[Lanes, Lanes]:
+    rest = _rest(loads, node)
+    along, by_weight = loads.length_m - rest, (loads.length_m**3 - rest * rest * rest) / 6.0
+    _, weight_y, weight_z = loads.weight_per_m3
+    return (
+        0.5 * (along * loads.bow_y_per_m - by_weight * weight_z),
+        0.5 * (along * loads.bow_z_per_m + by_weight * weight_y),
+    )
 
 
-def _swept(loads: Loads, hinge: _Hinge, turns: _Turns, state: _State, side: Array) -> _Turns:
-    """The turns (see the module) under the moments of the present ones."""
-    m_x, m_y, m_z = hinge.turned_back(state.moments)
-    _, held_y, held_z = _turned(_negative(state.seen), (m_x[:, :1], m_y[:, :1], m_z[:, :1]))
-    half_give = 0.5 * loads.give_m
-    given = half_give * held_y, half_give * held_z
-    rates = _rates(loads, turns.field, state.local, (m_x, m_y, m_z), m_z - hinge.curvature_per_m)
-    x, y, z = _mapped(rates, 0.5 * side, grid_like(side).from_contact)
-    x = x + _at(turns.field, INNER_NODES - 1)[0]
-    return _rolled(hinge.at(0), (x, y, z), given)
+@kernel
+def _rest(loads: Loads, node: int) -> Lanes:
+    """Length beyond the node."""
+    if node < INNER_NODES:
+        return loads.length_m - loads.contact_m * _INNER[node]
+    return (loads.length_m - loads.contact_m) * (1.0 - _OUTER[node - INNER_NODES])
 
 
-def _rolled(base: _Hinge, field: Vector, given: tuple[Array, Array]) -> _Turns:
+@kernel
+def _state(
+    loads: Loads,
+    hinge: np.ndarray,
+    field: np.ndarray,
+    given: tuple[Lanes, Lanes],
+    local: np.ndarray,
+    tangents: np.ndarray,
+    moments: np.ndarray,
+    integrand: np.ndarray,
+) -> _State:
+    """Writes τ, t and M."""
+    seen = _seen_from_contact(field, given)
+    weight = _hinged(hinge, 0, _turned(seen, loads.weight_per_m3))
+    zero, push = spread(0.0), loads.push_per_m2
+    force = -push * (sin(loads.lean_rad) / cos(loads.lean_rad)), push, zero
+    if loads.dead:
+        force = _hinged(hinge, 0, _turned(seen, (loads.dead_along_per_m2, push, zero)))
+    for node in range(NODES):
+        along = _turned_x(vector(field, node))
+        tangent = _hinged(hinge, node, along)
+        internal = times(_rest(loads, node), weight)
+        if node < INNER_NODES:
+            internal = added(internal, force)
+        put(local, along, node)
+        put(tangents, tangent, node)
+        put(integrand, cross(tangent, internal), node)
+    _from_tip(loads, integrand, moments)
+    return _State(seen, force)
+
+
+@kernel
+def _swept(
+    loads: Loads,
+    hinge: np.ndarray,
+    field: np.ndarray,
+    state: _State,
+    local: np.ndarray,
+    moments: np.ndarray,
+    integrand: np.ndarray,
+) -> tuple[Lanes, Lanes]:
+    """The turns (see the module) under the moments of the present ones: writes g, gives the clamp's."""
+    _, held_y, held_z = _turned(negative(state.seen), _hinged_back(hinge, 0, vector(moments, 0)))
+    half_give, roll = 0.5 * loads.give_m, load(field, 0, INNER_NODES - 1)
+    for node in range(NODES):
+        m = _hinged_back(hinge, node, vector(moments, node))
+        rate = _rate(loads, vector(field, node), vector(local, node), m, load(hinge, 2, node))
+        put(integrand, rate, node)
+    inner, outer = 0.5 * loads.contact_m, 0.5 * (loads.length_m - loads.contact_m)
+    for node in range(INNER_NODES):
+        x, y, z = times(inner, summed(_INNER_FROM_CONTACT, node, integrand, 0))
+        put(field, (x + roll, y, z), node)
+    for node in range(OUTER_NODES):
+        x, y, z = times(outer, summed(_OUTER_FROM_CONTACT, node, integrand, INNER_NODES))
+        put(field, (x + roll, y, z), INNER_NODES + node)
+    return _rolled(hinge, field, (half_give * held_y, half_give * held_z))
+
+
+@kernel
+def _from_tip(loads: Loads, integrand: np.ndarray, moments: np.ndarray) -> None:
+    """∫ from s to the tip, at the nodes."""
+    outer = loads.length_m - loads.contact_m
+    beyond = times(outer, summed(_OUTER_FROM_TIP, 0, integrand, INNER_NODES))
+    for node in range(INNER_NODES):
+        put(moments, added(beyond, times(-loads.contact_m, summed(_INNER_FROM_CONTACT, node, integrand, 0))), node)
+    for node in range(OUTER_NODES):
+        put(moments, times(outer, summed(_OUTER_FROM_TIP, node, integrand, INNER_NODES)), INNER_NODES + node)
+
+
+@kernel
+def _rolled(hinge: np.ndarray, field: np.ndarray, given: tuple[Lanes, Lanes]) -> tuple[Lanes, Lanes]:
     """With the sections turned about their own axes until the clamp's turn to the contact's axes has no roll in it."""
-    d_x, d_y, _ = _seen_from_contact(_Turns(field, given))
-    roll = base.sin / (1.0 + base.cos) * d_y - d_x
-    return _Turns((field[0] + roll, field[1], field[2]), given)
+    d_x, d_y, _ = _seen_from_contact(field, given)
+    roll = load(hinge, 0, 0) / (1.0 + load(hinge, 1, 0)) * d_y - d_x
+    for node in range(NODES):
+        store(field, load(field, 0, node) + roll, 0, node)
+    return given
 
 
-def _rates(loads: Loads, g: Vector, local: Vector, m: Vector, delta_z: Array) -> Vector:
+@kernel
+def _rate(loads: Loads, g: Vector, local: Vector, m: Vector, curvature_per_m: Lanes) -> Vector:
     """2 g′."""
-    m_x, m_y, _ = m
-    b_x = (_TORSION_RATIO - 1.0) * _dot(local, m)
-    b_y, b_z = loads.bow_per_m
-    p_x, p_y, p_z = m_x + b_x, m_y + b_y, delta_z + b_z
-    across = _cross(g, (m_x - b_x, m_y - b_y, delta_z - b_z))
-    along = _dot(g, (p_x, p_y, p_z))
-    return p_x - across[0] + along * g[0], p_y - across[1] + along * g[1], p_z - across[2] + along * g[2]
+    m_x, m_y, m_z = m
+    delta_z = m_z - curvature_per_m
+    b_x, b_y, b_z = (_TORSION_RATIO - 1.0) * dot(local, m), loads.bow_y_per_m, loads.bow_z_per_m
+    both = m_x + b_x, m_y + b_y, delta_z + b_z
+    across = cross(g, (m_x - b_x, m_y - b_y, delta_z - b_z))
+    return added(both, added(negative(across), times(dot(g, both), g)))
 
 
-def _seen_from_contact(turns: _Turns) -> Vector:
-    """Cayley vector (B, 1) of Q(0)·R₀ᵀ."""
-    x, y, z = _at(turns.field, 0)
-    e_y, e_z = turns.given
+@kernel
+def _seen_from_contact(field: np.ndarray, given: tuple[Lanes, Lanes]) -> Vector:
+    """Cayley vector of Q(0)·R₀ᵀ."""
+    x, y, z = vector(field, 0)
+    e_y, e_z = given
     scale = 1.0 / (1.0 + y * e_y + z * e_z)
     return (x + z * e_y - y * e_z) * scale, (y - e_y + x * e_z) * scale, (z - e_z - x * e_y) * scale
 
 
-def _at(values: Vector, node: int) -> Vector:
-    one = slice(node, node + 1)
-    return values[0][:, one], values[1][:, one], values[2][:, one]
+@kernel
+def _hinged(hinge: np.ndarray, node: int, v: Vector) -> Vector:
+    """H·v."""
+    sine, cosine = load(hinge, 0, node), load(hinge, 1, node)
+    return cosine * v[0] - sine * v[1], sine * v[0] + cosine * v[1], v[2]
 
 
-def _negative(vector: Vector) -> Vector:
-    return -vector[0], -vector[1], -vector[2]
+@kernel
+def _hinged_back(hinge: np.ndarray, node: int, v: Vector) -> Vector:
+    """Hᵀ·v."""
+    sine, cosine = load(hinge, 0, node), load(hinge, 1, node)
+    return cosine * v[0] + sine * v[1], cosine * v[1] - sine * v[0], v[2]
 
 
-def _turned(g: Vector, vector: Vector) -> Vector:
+@kernel
+def _turned(g: Vector, v: Vector) -> Vector:
     """Q·v of the Cayley vector g."""
-    scale = 2.0 / (1.0 + _dot(g, g))
-    x, y, z = _cross(g, vector)
-    again = _cross(g, (x, y, z))
-    return vector[0] + scale * (x + again[0]), vector[1] + scale * (y + again[1]), vector[2] + scale * (z + again[2])
+    once = cross(g, v)
+    return added(v, times(2.0 / (1.0 + dot(g, g)), added(once, cross(g, once))))
 
 
+@kernel
 def _turned_x(g: Vector) -> Vector:
-    """Q e_x of the Cayley vectors g."""
+    """Q e_x of the Cayley vector g."""
     x, y, z = g
-    y_square, z_square = y * y, z * z
-    scale = 2.0 / (1.0 + x * x + y_square + z_square)
-    return 1.0 - scale * (y_square + z_square), scale * (x * y + z), scale * (x * z - y)
+    across = y * y + z * z
+    scale = 2.0 / (1.0 + x * x + across)
+    return 1.0 - scale * across, scale * (x * y + z), scale * (x * z - y)
 
 
-def _dot(a: Vector, b: Vector) -> Array:
+@kernel
+def summed(weights: np.ndarray, row: int, field: np.ndarray, start: int) -> Vector:
+    """Σ over nodes from `start` on of the field, by a row of weights."""
+    x, y, z = spread(0.0), spread(0.0), spread(0.0)
+    for node in range(weights.shape[1]):
+        weight = weights[row, node]
+        x = x + weight * load(field, 0, start + node)
+        y = y + weight * load(field, 1, start + node)
+        z = z + weight * load(field, 2, start + node)
+    return x, y, z
+
+
+@kernel
+def vector(field: np.ndarray, node: int) -> Vector:
+    """A field's vectors at a node."""
+    return load(field, 0, node), load(field, 1, node), load(field, 2, node)
+
+
+@kernel
+def put(field: np.ndarray, v: Vector, node: int) -> None:
+    """Write a field's vectors at a node."""
+    store(field, v[0], 0, node)
+    store(field, v[1], 1, node)
+    store(field, v[2], 2, node)
+
+
+@kernel
+def times(factor: Lanes, v: Vector) -> Vector:
+    """A number times a vector."""
+    return factor * v[0], factor * v[1], factor * v[2]
+
+
+@kernel
+def added(a: Vector, b: Vector) -> Vector:
+    """a + b."""
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+
+
+@kernel
+def negative(v: Vector) -> Vector:
+    """−v."""
+    return -v[0], -v[1], -v[2]
+
+
+@kernel
+def dot(a: Vector, b: Vector) -> Lanes:
+    """a · b."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-def _cross(a: Vector, b: Vector) -> Vector:
+@kernel
+def cross(a: Vector, b: Vector) -> Vector:
+    """a × b."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
-def _mapped(values: Vector, side: Array, through: Array) -> Vector:
-    return (values[0] * side) @ through, (values[1] * side) @ through, (values[2] * side) @ through
-
-
-def _elastica_hinge(loads: Loads) -> _Hinge:
-    """The elastica's rotations from the contact's section to those at the M nodes of `antenna.nodes`: −ψ."""
-    xp, lean = namespace(loads.contact_m), loads.lean_rad
-    force = loads.push_per_m2 if lean is None else loads.push_per_m2 / xp.cos(lean)[:, None]
-    load = force * loads.contact_m**2
-    large = load > SERIES_LOAD
-    psi, slope = _by_series(xp.where(large, 0.0, load), lean)
-    if large.any():
-        exact = _by_curve(xp.where(large, load, SERIES_LOAD), lean)
-        psi, slope = xp.where(large, exact[0], psi), xp.where(large, exact[1], slope)
-    return _Hinge(-xp.sin(psi), xp.cos(psi), slope * (force * loads.contact_m))
-
-
-def _by_series(load: Array, lean_rad: Array | None) -> tuple[Array, Array]:
-    """ψ and θ′·EI/(F·l), each (B, M), for loads (B, 1) that the series serves."""
-    powers = load ** like(load, np.arange(SERIES_TERMS))
-    if lean_rad is not None:
-        both = (powers * angle_coefficients(lean_rad)) @ _by_term_like(load, False)
-    else:
-        both = powers @ _by_term_like(load, True)
-    nodes = both.shape[-1] // 2
-    return load * both[:, :nodes], both[:, nodes:]
-
-
-def _by_curve(load: Array, lean_rad: Array | None) -> tuple[Array, Array]:
-    """The same for any load, by the universal curve; ψ′ = C cos α − S sin α."""
-    xp = namespace(load)
-    lean = xp.zeros_like(load[:, 0]) if lean_rad is None else lean_rad
-    root = xp.sqrt(load)
-    upsilon = root * (1.0 - grid_like(load).inner)
-    psi, along, across = universal_curve(upsilon, lean)
-    slope = along * xp.cos(lean)[:, None] - across * xp.sin(lean)[:, None]
-    return psi, slope / root
-
-
-def _by_term_like(values: Array, normal: bool) -> Array:
-    return _by_term_of(values.dtype, values.device if namespace(values) is torch else None, normal)
-
-
-@cache
-def _by_term_of(dtype: Any, device: torch.device | None, normal: bool) -> Array:
-    """(terms, 2·M): what each term of ψ's series adds to ψ and to θ′; for a force along the normal in full."""
-    back = 1.0 - grid_like(np.empty(0)).inner
-    power = 2.0 * np.arange(SERIES_TERMS)[:, None]
-    table = np.concatenate([back ** (power + 2.0), (power + 2.0) * back ** (power + 1.0)], axis=-1)
-    if normal:
-        table = angle_coefficients(np.zeros(1)).T * table
-    return table.astype(dtype) if device is None else torch.as_tensor(table, dtype=dtype, device=device)

@@ -162,8 +162,11 @@ def _compiled(function: Any, lower: Callable[..., Any], *cases: Any) -> None:
         lower_builtin(function, *case.args)(lower)
 
 
+def _rows(indices: int, readonly: bool) -> Any:
+    return types.Array(_NUMBER, 1 + indices, "C", readonly=readonly)
+
+
 _PAIRS = [signature(_LANES, *pair) for pair in ((_LANES, _LANES), (_LANES, _NUMBER), (_NUMBER, _LANES))]
-_ROWS = [(types.Array(_NUMBER, 1 + count, "C"), [_INDEX] * count) for count in range(4)]
 _compiled(operator.add, _elementwise("fadd"), *_PAIRS)
 _compiled(operator.sub, _elementwise("fsub"), *_PAIRS)
 _compiled(operator.mul, _elementwise("fmul"), *_PAIRS)
@@ -176,8 +179,8 @@ _compiled(cos, _one_by_one("cos"), signature(_LANES, _LANES))
 _compiled(spread, _lower_spread, signature(_LANES, _NUMBER))
 _compiled(lane_of, _lower_lane_of, signature(_NUMBER, _LANES, _INDEX))
 _compiled(where_positive, _lower_where, *(signature(_LANES, _LANES, a, b) for a in _EITHER for b in _EITHER))
-_compiled(load, _lower_load, *(signature(_LANES, array, *row) for array, row in _ROWS))
-_compiled(store, _lower_store, *(signature(types.none, array, _LANES, *row) for array, row in _ROWS))
+_compiled(load, _lower_load, *(signature(_LANES, _rows(n, True), *[_INDEX] * n) for n in range(4)))
+_compiled(store, _lower_store, *(signature(types.none, _rows(n, False), _LANES, *[_INDEX] * n) for n in range(4)))
 
 load.stamp = (os.stat(__file__).st_mtime, os.stat(__file__).st_size)  # type: ignore[attr-defined]
 """For `core.compiled`: what uses this module is compiled anew when it changes."""

@@ -5,9 +5,10 @@ torch takes a second to load. Nothing here loads it: where there is a tensor, so
 
 from __future__ import annotations
 
+import functools
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, is_dataclass, replace
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
@@ -136,3 +137,20 @@ def masked(values: Array, valid: Array) -> Array:
 def matrix(xp: ModuleType, rows: list[list[Array]]) -> Array:
     """Entries of shape (...) set into matrices (..., rows, columns)."""
     return xp.stack([xp.stack(row, -1) for row in rows], -2)
+
+
+def through_numpy(function: Callable[..., Any]) -> Callable[..., Any]:
+    """A function of arrays that takes tensors too, which go through NumPy, as do its results."""
+
+    @functools.wraps(function)
+    def called(*args: Any, **kwargs: Any) -> Any:
+        first = next((value for value in (*args, *kwargs.values()) if is_tensor(value)), None)
+        if first is None:
+            return function(*args, **kwargs)
+        plain = [np.asarray(value.cpu()) if is_tensor(value) else value for value in (*args, *kwargs.values())]
+        found = function(*plain[: len(args)], **dict(zip(kwargs, plain[len(args) :], strict=True)))
+        if is_dataclass(found) and not isinstance(found, type):
+            return replace(found, **{name: like(first, values) for name, values in vars(found).items()})
+        return like(first, found)
+
+    return called
