@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import cv2
-import jinja2
 import numpy as np
 
 from estimator.table.contacts import LOCATED, STATUSES, Contact
@@ -266,6 +265,8 @@ def overlaid(
     with replacing_folder(path) as folder:
         (folder / _THUMBNAILS).mkdir()
         yield drawn(folder)
+        import jinja2
+
         loader = jinja2.PackageLoader("estimator.contact", package_path="")
         environment = jinja2.Environment(
             loader=loader, autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True

@@ -70,7 +70,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Estimate every frame of a recording, write contacts.csv, then report.html. Refuses before any work."""
-    from estimator.contact.overlay import refuse_folder
     from estimator.table.files import check_format
     from vbaa_calib.core.console import say
     from vbaa_calib.core.errors import InputError
@@ -84,6 +83,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     refuse_measured(args.output, args.session)
     check_format(args.output)
     if args.overlay is not None:
+        from estimator.contact.overlay import refuse_folder
+
         refuse_folder(args.overlay, args.force)
     if args.no_report:
         return {**_estimate(args)[0], "report": None}
@@ -108,7 +109,6 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None]:
 
     from estimator.contact.drift import summary
     from estimator.contact.estimate import ContactEstimator
-    from estimator.contact.overlay import overlaid
     from estimator.contact.recording import estimate_recording
     from estimator.contact.shutter import checked
     from estimator.contact.surroundings import surroundings
@@ -137,6 +137,8 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None]:
         found = progress(checked(contacts, session.shutter, rig.camera.image_size[1]), "contacts", len(frames))
         with ExitStack() as stack:
             if args.overlay is not None:
+                from estimator.contact.overlay import overlaid
+
                 found = stack.enter_context(overlaid(found, estimator, args.overlay, args.force))
             for item in found:
                 row = ContactRow.of(item.frame, item.contact)

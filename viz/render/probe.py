@@ -11,12 +11,22 @@ import sys
 
 from vbaa_calib.core.errors import VbaaError
 
-PROBE = (
-    sys.executable,
-    "-c",
-    "import pyvista as pv; p = pv.Plotter(off_screen=True, window_size=(32, 32)); p.add_mesh(pv.Sphere()); "
-    "p.screenshot(return_img=True)",
-)
+_BALL = """
+import vtkmodules.vtkRenderingOpenGL2
+from vtkmodules.vtkFiltersSources import vtkSphereSource
+from vtkmodules.vtkRenderingCore import vtkActor, vtkPolyDataMapper, vtkRenderer, vtkRenderWindow
+ball, mapper, actor = vtkSphereSource(), vtkPolyDataMapper(), vtkActor()
+mapper.SetInputConnection(ball.GetOutputPort())
+actor.SetMapper(mapper)
+renderer, window = vtkRenderer(), vtkRenderWindow()
+renderer.AddActor(actor)
+window.SetOffScreenRendering(True)
+window.SetSize(32, 32)
+window.AddRenderer(renderer)
+window.Render()
+"""
+"""VTK alone: pyvista takes a second to load."""
+PROBE = (sys.executable, "-c", _BALL)
 _PROBE_SECONDS = 60
 
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from scipy.signal import lombscargle
 from scipy.special import log_ndtr, logsumexp
 
 from estimator.contact.motion import Beam
@@ -108,6 +107,8 @@ def frequency(time_s: np.ndarray, signal: np.ndarray, fastest_Hz: float) -> tupl
     slowest = _LEAST_PERIODS / span if span > 0.0 else np.inf
     if not slowest < fastest_Hz or count < _LEAST_FRAMES or not (away @ away) > 0.0:
         return None
+    from scipy.signal import lombscargle  # takes a quarter of a second to load
+
     trials = np.linspace(slowest, fastest_Hz, _TRIALS)
     share = lombscargle(time, away, 2.0 * np.pi * trials, normalize=True)
     best = int(np.argmax(share))
