@@ -26,9 +26,9 @@ import numpy as np
 
 from vbaa_calib.core.compiled import kernel
 
-from .lanes import LANES, Lanes, cos, load, sin, spread, store
+from .lanes import LANES, Lanes, load, spread, store
 from .nodes import INNER_NODES, OUTER_NODES, chebyshev, integration
-from .pendulum import SERIES_LOAD, closed_form, hinge_by_series, landen, series_terms
+from .pendulum import SERIES_LOAD, closed_form, hinge_by_series, landen, series_terms, sine_and_cosine
 
 _TORSION_RATIO = 1.3
 """EI/GJ of a round wire, 1 + ν. Torsion turns the section, and with it the bow: hundredths of a millimetre."""
@@ -41,8 +41,8 @@ NODES = INNER_NODES + OUTER_NODES
 _INNER, _OUTER = chebyshev(INNER_NODES), chebyshev(OUTER_NODES)
 _INNER_FROM_CONTACT = integration(_INNER, _INNER) - integration(_INNER, np.ones(1))
 _OUTER_FROM_CONTACT = integration(_OUTER, _OUTER)
-_OUTER_FROM_TIP = integration(_OUTER, np.ones(1)) - _OUTER_FROM_CONTACT
-"""From values on either side over its length to integrals; those from the tip are signed like those up to it."""
+_INNER_FROM_TIP, _OUTER_FROM_TIP = -_INNER_FROM_CONTACT, integration(_OUTER, np.ones(1)) - _OUTER_FROM_CONTACT
+"""From values times their side's length to integrals: from the contact to s, and from s to the side's farther end."""
 
 
 class Loads(NamedTuple):
@@ -109,8 +109,9 @@ def equilibrium(loads: Loads, sweeps: int, tangents: np.ndarray) -> Equilibrium:
 @kernel
 def _elastica_hinge(loads: Loads, hinge: np.ndarray) -> None:
     """The elastica's rotations from the contact's section to those at the nodes: −ψ."""
+    sin_lean, cos_lean = sine_and_cosine(loads.lean_rad)
     leans = np.empty((2, LANES))
-    force = loads.push_per_m2 / cos(loads.lean_rad)
+    force = loads.push_per_m2 / cos_lean
     store(leans, force * loads.contact_m * loads.contact_m, 0)
     store(leans, loads.lean_rad, 1)
     largest = 0.0
@@ -121,7 +122,7 @@ def _elastica_hinge(loads: Loads, hinge: np.ndarray) -> None:
         elif amount > largest:
             largest = amount
     steepness = force * loads.contact_m
-    hinge_by_series(load(leans, 0), loads.lean_rad, series_terms(largest), _INNER, hinge)
+    hinge_by_series(load(leans, 0), sin_lean, cos_lean, series_terms(largest), _INNER, hinge)
     for node in range(INNER_NODES - 1, NODES):
         store(hinge, spread(0.0), 0, node)
         store(hinge, spread(1.0), 1, node)
@@ -175,6 +176,12 @@ def _rest(loads: Loads, node: int) -> Lanes:
 
 
 @kernel
+def _side(loads: Loads, node: int) -> Lanes:
+    """Length of the side of the contact that the node lies on."""
+    return loads.contact_m if node < INNER_NODES else loads.length_m - loads.contact_m
+
+
+@kernel
 def _state(
     loads: Loads,
     hinge: np.ndarray,
@@ -189,7 +196,8 @@ def _state(
     seen = _seen_from_contact(field, given)
     weight = _hinged(hinge, 0, _turned(seen, loads.weight_per_m3))
     zero, push = spread(0.0), loads.push_per_m2
-    force = -push * (sin(loads.lean_rad) / cos(loads.lean_rad)), push, zero
+    sin_lean, cos_lean = sine_and_cosine(loads.lean_rad)
+    force = -push * (sin_lean / cos_lean), push, zero
     if loads.dead:
         force = _hinged(hinge, 0, _turned(seen, (loads.dead_along_per_m2, push, zero)))
     for node in range(NODES):
@@ -200,8 +208,11 @@ def _state(
             internal = added(internal, force)
         put(local, along, node)
         put(tangents, tangent, node)
-        put(integrand, cross(tangent, internal), node)
-    _from_tip(loads, integrand, moments)
+        put(integrand, times(_side(loads, node), cross(tangent, internal)), node)
+    zero_moment = zero, zero, zero
+    integrated(_OUTER_FROM_TIP, integrand, INNER_NODES, zero_moment, moments, INNER_NODES)
+    # the first node beyond the contact is the contact itself
+    integrated(_INNER_FROM_TIP, integrand, 0, vector(moments, INNER_NODES), moments, 0)
     return _State(seen, force)
 
 
@@ -221,26 +232,11 @@ def _swept(
     for node in range(NODES):
         m = _hinged_back(hinge, node, vector(moments, node))
         rate = _rate(loads, vector(field, node), vector(local, node), m, load(hinge, 2, node))
-        put(integrand, rate, node)
-    inner, outer = 0.5 * loads.contact_m, 0.5 * (loads.length_m - loads.contact_m)
-    for node in range(INNER_NODES):
-        x, y, z = times(inner, summed(_INNER_FROM_CONTACT, node, integrand, 0))
-        put(field, (x + roll, y, z), node)
-    for node in range(OUTER_NODES):
-        x, y, z = times(outer, summed(_OUTER_FROM_CONTACT, node, integrand, INNER_NODES))
-        put(field, (x + roll, y, z), INNER_NODES + node)
+        put(integrand, times(0.5 * _side(loads, node), rate), node)
+    at_contact = roll, spread(0.0), spread(0.0)
+    integrated(_INNER_FROM_CONTACT, integrand, 0, at_contact, field, 0)
+    integrated(_OUTER_FROM_CONTACT, integrand, INNER_NODES, at_contact, field, INNER_NODES)
     return _rolled(hinge, field, (half_give * held_y, half_give * held_z))
-
-
-@kernel
-def _from_tip(loads: Loads, integrand: np.ndarray, moments: np.ndarray) -> None:
-    """∫ from s to the tip, at the nodes."""
-    outer = loads.length_m - loads.contact_m
-    beyond = times(outer, summed(_OUTER_FROM_TIP, 0, integrand, INNER_NODES))
-    for node in range(INNER_NODES):
-        put(moments, added(beyond, times(-loads.contact_m, summed(_INNER_FROM_CONTACT, node, integrand, 0))), node)
-    for node in range(OUTER_NODES):
-        put(moments, times(outer, summed(_OUTER_FROM_TIP, node, integrand, INNER_NODES)), INNER_NODES + node)
 
 
 @kernel
@@ -304,15 +300,29 @@ def _turned_x(g: Vector) -> Vector:
 
 
 @kernel
-def summed(weights: np.ndarray, row: int, field: np.ndarray, start: int) -> Vector:
-    """Σ over nodes from `start` on of the field, by a row of weights."""
-    x, y, z = spread(0.0), spread(0.0), spread(0.0)
-    for node in range(weights.shape[1]):
-        weight = weights[row, node]
-        x = x + weight * load(field, 0, start + node)
-        y = y + weight * load(field, 1, start + node)
-        z = z + weight * load(field, 2, start + node)
-    return x, y, z
+def integrated(weights: np.ndarray, field: np.ndarray, start: int, base: Vector, out: np.ndarray, first: int) -> None:
+    """Write base + Σ over nodes from `start` on of the field, for each row of weights, from `first` on.
+
+    Four rows at a time: each vector of the field is fetched once for all of them.
+    """
+    rows, count = weights.shape
+    for row in range(0, rows - 3, 4):
+        a, b, c, d = base, base, base, base
+        for node in range(count):
+            v = vector(field, start + node)
+            a = added(a, times(weights[row, node], v))
+            b = added(b, times(weights[row + 1, node], v))
+            c = added(c, times(weights[row + 2, node], v))
+            d = added(d, times(weights[row + 3, node], v))
+        put(out, a, first + row)
+        put(out, b, first + row + 1)
+        put(out, c, first + row + 2)
+        put(out, d, first + row + 3)
+    for row in range(rows - rows % 4, rows):
+        a = base
+        for node in range(count):
+            a = added(a, times(weights[row, node], vector(field, start + node)))
+        put(out, a, first + row)
 
 
 @kernel

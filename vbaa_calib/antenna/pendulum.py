@@ -13,18 +13,19 @@ import numpy as np
 
 from vbaa_calib.core.compiled import kernel
 
-from .lanes import LANES, Lanes, cos, load, sin, spread, store
+from .lanes import LANES, Lanes, load, spread, store
 
 SERIES_LOAD = 2.5
 """Loads a = F·l²/EI up to which the series serves."""
 _TERMS = 40
 """Of the series for full precision up to that load."""
+_RECIPROCAL = 1.0 / np.maximum(np.arange(2 * _TERMS + 1), 1)
 _SERIES_RADIUS = 6.875185818020372  # in υ²: 2·K(½)²
 _STEPS = 9
 """Halvings of the modulus: nothing of it is left, even from 1 − m = 1e-12."""
 _SINE = np.array([(-1.0) ** n / math.factorial(2 * n + 1) for n in range(12)])
 _COSINE = np.array([(-1.0) ** n / math.factorial(2 * n) for n in range(12)])
-"""Taylor coefficients in ψ²: full precision for the angles that the series serves, |ψ| ≤ a/2."""
+"""Taylor coefficients in the angle's square."""
 
 
 @kernel
@@ -39,7 +40,7 @@ def universal_curve(upsilon: np.ndarray, lean_rad: np.ndarray, curve: np.ndarray
                 curve[0, row, n], curve[1, row, n], curve[2, row, n] = closed_form(upsilon[row, n], lean, chain)
         else:
             terms = series_terms(largest)
-            taylor(spread(lean), terms, coefficients)
+            taylor(spread(math.sin(lean)), spread(math.cos(lean)), terms, coefficients)
             for n in range(upsilon.shape[1]):
                 place = upsilon[row, n]
                 psi, along, across = 0.0, 0.0, 0.0
@@ -51,10 +52,12 @@ def universal_curve(upsilon: np.ndarray, lean_rad: np.ndarray, curve: np.ndarray
 
 
 @kernel
-def hinge_by_series(loads: Lanes, lean_rad: Lanes, terms: int, inner: np.ndarray, hinge: np.ndarray) -> None:
+def hinge_by_series(
+    loads: Lanes, sin_lean: Lanes, cos_lean: Lanes, terms: int, inner: np.ndarray, hinge: np.ndarray
+) -> None:
     """Write −sin ψ, cos ψ and θ′·EI/(F·l) (3, N, LANES) at N − 1 of N fractions of the way from clamp to contact."""
     coefficients = np.empty((3, _TERMS + 1, LANES))
-    taylor(lean_rad, terms, coefficients)
+    taylor(sin_lean, cos_lean, terms, coefficients)
     for node in range(len(inner) - 1):
         back = 1.0 - inner[node]
         square = loads * (back * back)
@@ -63,15 +66,21 @@ def hinge_by_series(loads: Lanes, lean_rad: Lanes, terms: int, inner: np.ndarray
             coefficient = load(coefficients, 0, term)
             total = total * square + coefficient
             rate = rate * square + (2.0 * term + 2.0) * coefficient
-        psi = total * square
-        squared = psi * psi
-        sine, cosine = spread(0.0), spread(0.0)
-        for term in range(len(_SINE) - 1, -1, -1):
-            sine = sine * squared + _SINE[term]
-            cosine = cosine * squared + _COSINE[term]
-        store(hinge, -psi * sine, 0, node)
+        sine, cosine = sine_and_cosine(total * square)
+        store(hinge, -sine, 0, node)
         store(hinge, cosine, 1, node)
         store(hinge, back * rate, 2, node)
+
+
+@kernel
+def sine_and_cosine(angle_rad: Lanes) -> tuple[Lanes, Lanes]:
+    """Of angles within ±π/2, by their Taylor series."""
+    square = angle_rad * angle_rad
+    sine, cosine = spread(0.0), spread(0.0)
+    for term in range(len(_SINE) - 1, -1, -1):
+        sine = sine * square + _SINE[term]
+        cosine = cosine * square + _COSINE[term]
+    return angle_rad * sine, cosine
 
 
 @kernel
@@ -82,21 +91,22 @@ def series_terms(largest_load: float) -> int:
 
 
 @kernel
-def taylor(lean_rad: Lanes, terms: int, coefficients: np.ndarray) -> None:
+def taylor(sin_lean: Lanes, cos_lean: Lanes, terms: int, coefficients: np.ndarray) -> None:
     """Write Taylor coefficients (3, ..., LANES) of ψ/υ², cos ψ and sin ψ in υ², from ψ″ = cos(ψ + α) term by term."""
-    sin_lean, cos_lean = sin(lean_rad), cos(lean_rad)
+    rates = np.empty((_TERMS, LANES))
     store(coefficients, spread(1.0), 1, 0)
     store(coefficients, spread(0.0), 2, 0)
     for n in range(terms):
         second = cos_lean * load(coefficients, 1, n) - sin_lean * load(coefficients, 2, n)
-        store(coefficients, second / ((2.0 * n + 2.0) * (2.0 * n + 1.0)), 0, n)
+        coefficient = second * (_RECIPROCAL[2 * n + 2] * _RECIPROCAL[2 * n + 1])
+        store(coefficients, coefficient, 0, n)
+        store(rates, coefficient * (n + 1.0), n)
         sine, cosine = spread(0.0), spread(0.0)
         for k in range(n + 1):
-            rate = (k + 1.0) * load(coefficients, 0, k)
-            sine = sine + rate * load(coefficients, 1, n - k)
-            cosine = cosine - rate * load(coefficients, 2, n - k)
-        store(coefficients, cosine / (n + 1.0), 1, n + 1)
-        store(coefficients, sine / (n + 1.0), 2, n + 1)
+            sine = sine + load(rates, k) * load(coefficients, 1, n - k)
+            cosine = cosine - load(rates, k) * load(coefficients, 2, n - k)
+        store(coefficients, cosine * _RECIPROCAL[n + 1], 1, n + 1)
+        store(coefficients, sine * _RECIPROCAL[n + 1], 2, n + 1)
 
 
 @kernel

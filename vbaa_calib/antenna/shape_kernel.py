@@ -14,7 +14,7 @@ import numpy as np
 
 from vbaa_calib.core.compiled import kernel
 
-from .equilibrium import NODES, Frame, Loads, Vector, added, equilibrium, put, summed, times, vector
+from .equilibrium import NODES, Frame, Loads, Vector, added, equilibrium, integrated, put, times, vector
 from .lanes import LANES, Lanes, cos, exp, lane_of, load, sin, spread, sqrt, store, where_positive
 from .nodes import (
     CONTACT,
@@ -29,6 +29,7 @@ from .nodes import (
     integration,
     interpolation,
 )
+from .pendulum import sine_and_cosine
 
 RUNGS = ("paper", "linear", "elastica", "rod")
 """Lowest first, see `antenna.rungs`."""
@@ -184,10 +185,14 @@ def _bend_far(dead: bool, sweeps: int, presses: Presses, bent: Bent) -> None:
     frame = _turned(frame, x_axis), _turned(frame, y_axis), _turned(frame, z_axis)
     for node in range(NODES):
         put(nodes, _turned(frame, vector(nodes, node)), node)
-    beside_y, beside_z = load(parameters, 0), load(parameters, 1)
-    _points(nodes, contact, length_m, (spread(0.0), beside_y, beside_z), bent.points_m)
     if bent.tangents.shape[2]:
         _tangents(nodes, bent.tangents)
+    for node in range(NODES):
+        side = contact if node < INNER_NODES else length_m - contact
+        put(nodes, times(side, vector(nodes, node)), node)
+    beside_y, beside_z = load(parameters, 0), load(parameters, 1)
+    integrated(_TO_INNER_CURVE, nodes, 0, (spread(0.0), beside_y, beside_z), bent.points_m, 0)
+    integrated(_TO_OUTER_CURVE, nodes, INNER_NODES, vector(bent.points_m, CONTACT), bent.points_m, NODES_TO_CONTACT)
     force = _turned(frame, found.force_per_m2)
     _put_force(bent.force_N, times(stiffness, force))
     # about the antenna frame's origin: the clamp stands aside by (0, y, z)
@@ -196,24 +201,18 @@ def _bend_far(dead: bool, sweeps: int, presses: Presses, bent: Bent) -> None:
 
 
 @kernel
-def _points(nodes: np.ndarray, contact: Lanes, length_m: float, start: Vector, points_m: np.ndarray) -> None:
-    """Integrate the tangents (3, NODES, LANES)."""
-    for node in range(NODES_TO_CONTACT):
-        put(points_m, added(start, times(contact, summed(_TO_INNER_CURVE, node, nodes, 0))), node)
-    start, beyond = vector(points_m, CONTACT), length_m - contact
-    for node in range(NODES_BEYOND):
-        point = added(start, times(beyond, summed(_TO_OUTER_CURVE, node, nodes, INNER_NODES)))
-        put(points_m, point, NODES_TO_CONTACT + node)
-
-
-@kernel
 def _tangents(nodes: np.ndarray, tangents: np.ndarray) -> None:
     """Interpolate the tangents (3, NODES, LANES) of the first T shapes."""
     count = tangents.shape[2]
-    for node in range(NODES_TO_CONTACT):
-        _put_some(tangents, count, summed(_AT_INNER_CURVE, node, nodes, 0), node)
-    for node in range(NODES_BEYOND):
-        _put_some(tangents, count, summed(_AT_OUTER_CURVE, node, nodes, INNER_NODES), NODES_TO_CONTACT + node)
+    every = tangents if count == LANES else np.empty((3, CURVE_NODES, LANES))
+    zero = spread(0.0), spread(0.0), spread(0.0)
+    integrated(_AT_INNER_CURVE, nodes, 0, zero, every, 0)
+    integrated(_AT_OUTER_CURVE, nodes, INNER_NODES, zero, every, NODES_TO_CONTACT)
+    if count < LANES:
+        for axis in range(3):
+            for node in range(CURVE_NODES):
+                for lane in range(count):
+                    tangents[axis, node, lane] = every[axis, node, lane]
 
 
 @kernel
@@ -255,10 +254,9 @@ def _on_shaft(contact_m: Lanes, length_m: float) -> Lanes:
 @kernel
 def _rotation(about_y: Lanes, about_z: Lanes) -> Frame:
     """Rotation by the vector (0, y, z) in rad: Rodrigues' formula."""
-    angle = sqrt(about_y * about_y + about_z * about_z)
-    half = 0.5 * angle
-    half_sinc = where_positive(angle, sin(half) / half, 1.0)
-    sine, versine = where_positive(angle, sin(angle) / angle, 1.0), 0.5 * half_sinc * half_sinc
+    half = 0.5 * sqrt(about_y * about_y + about_z * about_z)
+    half_sinc = where_positive(half, sin(half) / half, 1.0)
+    sine, versine = half_sinc * cos(half), 0.5 * half_sinc * half_sinc
     y, z = sine * about_y, sine * about_z
     y_square, z_square, both = versine * about_y * about_y, versine * about_z * about_z, versine * about_y * about_z
     return (1.0 - y_square - z_square, z, -y), (-z, 1.0 - z_square, both), (y, both, 1.0 - y_square)
@@ -311,8 +309,8 @@ def _bend_little(paper: bool, presses: Presses, bent: Bent) -> None:
         give = load(parameters, 8) / stiffness
         turn_y, turn_z = load(parameters, 3) + give * held_y, give * held_z - load(parameters, 2)
         bow_y, bow_z = load(parameters, 5), -load(parameters, 4)
-        lean = load(presses.friction_rad)
-        friction = -sqrt(force_y * force_y + force_z * force_z) * (sin(lean) / cos(lean))
+        sin_lean, cos_lean = sine_and_cosine(load(presses.friction_rad))
+        friction = -sqrt(force_y * force_y + force_z * force_z) * (sin_lean / cos_lean)
     slopes_at_contact = zero, zero
     for node in range(CURVE_NODES):
         s = _curve_arclength(contact, length_m, node)
