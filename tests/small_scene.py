@@ -1,4 +1,4 @@
-"""The demo's scene, small: for tests that need a whole session quickly."""
+"""A small rig, made once: for tests that need a whole session quickly."""
 
 from __future__ import annotations
 
@@ -6,29 +6,12 @@ import atexit
 import functools
 import shutil
 import tempfile
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import yaml
 
 from vbaa_calib.cli.main import main
-from vbaa_calib.core.files import read_yaml
-from vbaa_calib.simulate.scene.scene import bundled_scene
-
-
-def small_scene(noload: int, loads: Sequence[int]) -> dict[str, Any]:
-    """The demo's scene with few and small pictures: so many no-load frames, and the loads of these numbers."""
-    scene = read_yaml(bundled_scene("demo"))
-    scene["name"] = "small"
-    scene["camera"]["image_size"] = [480, 360]
-    scene["camera"]["matrix"] = [[502.0, 0.0, 238.3], [0.0, 500.5, 181.6], [0.0, 0.0, 1.0]]
-    scene["intrinsics"]["pictures"] = 5
-    scene["jig"]["pictures"] = 1
-    scene["noload"] = scene["noload"][:noload]
-    scene["loads"] = [scene["loads"][index] for index in loads]
-    scene["recording"]["sweeps"] = [scene["recording"]["sweeps"][0] | {"frames": 2, "free_frames": 1}]
-    return scene
+from viz.cli.warm import small_scene
 
 
 @functools.cache

@@ -22,8 +22,7 @@ from targets.board import BoardSpec
 from vbaa_calib.cli.main import VERBS, _verb_parser, main
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_yaml
-
-from .small_scene import small_scene
+from viz.cli.warm import small_scene
 
 ROOT = Path(__file__).parents[1]
 DOCS = sorted((ROOT / "docs").glob("*.md"))

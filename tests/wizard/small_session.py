@@ -29,8 +29,7 @@ from vbaa_calib.wizard.session_state import SessionState
 from vbaa_calib.wizard.sources.files import Picture
 from vbaa_calib.wizard.steps import REPORT, RIG, PictureCheck, Progress, Step
 from vbaa_calib.wizard.store import LOCK
-
-from ..small_scene import small_scene
+from viz.cli.warm import small_scene
 
 
 @functools.cache

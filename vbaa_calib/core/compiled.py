@@ -6,10 +6,13 @@ import inspect
 import os
 import zlib
 from collections.abc import Callable
+from functools import cache
 from typing import Any, TypeVar, cast
 
 import numba
 import numpy as np
+
+from .console import say
 
 _F = TypeVar("_F", bound=Callable[..., Any])
 
@@ -25,12 +28,30 @@ def kernel(function: _F) -> _F:
     """
     # what is made for one kernel is kept with that kernel's code
     keep = "<locals>" not in function.__qualname__
-    compiled: Any = numba.njit(cache=keep, nogil=True, error_model="numpy", fastmath=_FAST)(function)
+    compiled: Any = numba.njit(nogil=True, error_model="numpy", fastmath=_FAST)(function)
     compiled.stamp = _stamp(function)
-    if keep:
+    if keep and _kept(compiled):
         # numba compares the function's own file alone: after a change in a function that it calls, old code would run
         compiled._cache._cache_file._source_stamp = compiled.stamp
     return cast(_F, compiled)
+
+
+def _kept(compiled: Any) -> bool:
+    """Keep its machine code beside the module or in the user's cache. False where neither can be written."""
+    try:
+        compiled.enable_caching()
+    except RuntimeError:
+        _say_once()
+        return False
+    return True
+
+
+@cache
+def _say_once() -> None:
+    say(
+        "nothing can be kept beside the program or in the user's cache: its inner loops are compiled again at every "
+        "start, half a minute in all; set NUMBA_CACHE_DIR to a folder that you may write to"
+    )
 
 
 def _stamp(function: Callable[..., Any]) -> tuple[Any, ...]:
