@@ -60,7 +60,7 @@ def _first_touch(place: Place, sweep: Sweep, points_antenna_m: np.ndarray, other
         """Whether the free antenna, were the object not in its way, would reach into it."""
         at = _joints(sweep.press, pressed_rad, other_rad)
         points = place.kinematics.T_world_antenna(at.pan_rad, at.tilt_rad) @ points_antenna_m
-        near = np.argsort(place.object.rough_distance(points))[:_NEAREST]
+        near = np.argpartition(place.object.rough_distance(points), _NEAREST)[:_NEAREST]
         return bool(place.object.signed_distance(points[near])[0].min() < place.radius_m)
 
     scan = sweep.toward * _SCAN_RAD

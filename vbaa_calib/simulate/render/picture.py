@@ -11,6 +11,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from vbaa_calib.core.compiled import kernel
+from vbaa_calib.geometry.vectors import dot, vector
 from vbaa_calib.simulate.scene.lens import Lens, RayMap, ray_map
 from vbaa_calib.simulate.scene.scene import PictureSpec
 
@@ -115,14 +117,25 @@ def surroundings(place: Studio, R_world_camera: np.ndarray) -> np.ndarray:
     The bench is far away: it turns with the camera and does not shift. Directions are laid out stereographically,
     straight down in the middle, so that it goes on past the horizon.
     """
-    rays = place.rays.centres
-    shape = rays.shape[:2]
-    # scaled by 1/n, not normalised first: u = dx / (|d| − dz)
-    directions = rays.reshape(-1, 2) @ R_world_camera[:, :2].T + R_world_camera[:, 2]
-    below = np.linalg.norm(directions, axis=1) - directions[:, 2]
-    lay = directions[:, :2] / np.maximum(below, 1e-3)[:, None]
-    texel = ((lay / _BENCH_REACH + 1.0) * (_BENCH_TEXELS / 2)).astype(np.float32).reshape(*shape, 2)
+    texel = _texels(place.rays.padded, np.ascontiguousarray(R_world_camera))
     return cv2.remap(place.bench, texel, np.empty(0), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
+
+
+@kernel
+def _texels(padded: np.ndarray, R_world_camera: np.ndarray) -> np.ndarray:
+    """(height, width, 2) float32 where on the bench the pixels' rays end."""
+    height, width = padded.shape[0] - 2, padded.shape[1] - 2
+    texels = np.empty((height, width, 2), np.float32)
+    first, second, third = vector(R_world_camera[0]), vector(R_world_camera[1]), vector(R_world_camera[2])
+    for row in range(height):
+        for column in range(width):
+            ray = padded[row + 1, column + 1, 0], padded[row + 1, column + 1, 1], 1.0
+            x, y, z = dot(first, ray), dot(second, ray), dot(third, ray)
+            # scaled by 1/n, not normalised first: u = dx / (|d| − dz)
+            below = max(np.sqrt(x * x + y * y + z * z) - z, 1e-3)
+            texels[row, column, 0] = (x / below / _BENCH_REACH + 1.0) * (_BENCH_TEXELS / 2)
+            texels[row, column, 1] = (y / below / _BENCH_REACH + 1.0) * (_BENCH_TEXELS / 2)
+    return texels
 
 
 def composed(canvas: np.ndarray, patch: Patch) -> np.ndarray:
