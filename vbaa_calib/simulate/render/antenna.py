@@ -5,17 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from scipy.interpolate import CubicSpline
-from scipy.spatial import cKDTree
 
+from vbaa_calib.core.compiled import kernel
 from vbaa_calib.simulate.scene.lens import Lens, project
 
 from .picture import Patch, Studio, frame_around
 
 _SUBPIXELS = 4
 _AMBIENT = 0.45
+_ROOM_PX, _BEYOND_PX = 2.5, 50
 
 DepthOfObstacle = Callable[[np.ndarray], np.ndarray]
 """Pixels (N, 2) to the depth (N,) along the camera's z of whatever may stand in front; inf where nothing does."""
@@ -79,22 +79,18 @@ def tube_patch(
     paint : albedo, 0 to 1.
     asymmetry : how much brighter one flank is; with 0 the centroid across the tube lies on the axis.
     """
-    rows, columns = _near(place.rays.lens, seen)
+    rows, columns, nearest = _near(seen.pixels, seen.half_width_px, np.array(place.rays.lens.image_size))
     if not rows.size:
         return None
-    centres = np.stack([columns, rows], axis=1).astype(float)
-    nearest = cKDTree(seen.pixels).query(centres)[1]
     steps = (np.arange(_SUBPIXELS) + 0.5) / _SUBPIXELS - 0.5
-    inner = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(1, -1, 2)
-    samples = centres[:, None, :] + inner
-    offset = samples - seen.pixels[nearest][:, None, :]
-    across = np.einsum("nkd,nd->nk", offset, seen.normals[nearest])
-    along = np.einsum("nkd,nd->nk", offset, seen.tangents[nearest])
-    coverage, shade = _profile(across, seen.half_width_px[nearest][:, None], asymmetry)
-    present = _between_ends(along, nearest, len(seen.pixels))
+    inner = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
+    centres = np.stack([columns, rows], axis=1).astype(float)
+    curve = np.column_stack([seen.pixels, seen.tangents, seen.normals, seen.half_width_px])
+    coverage, shade = _covered(centres, nearest, curve, inner, asymmetry)
     if obstacle is not None:
-        hidden = obstacle(samples.reshape(-1, 2)).reshape(across.shape) < seen.depth_m[nearest][:, None]
-        present = np.where(hidden, 0.0, present)
+        which, sample = np.nonzero(coverage)
+        hidden = obstacle(centres[which] + inner[sample]) < seen.depth_m[nearest[which]]
+        coverage[which[hidden], sample[hidden]] = shade[which[hidden], sample[hidden]] = 0.0
     light = paint * (0.7 + 0.3 * seen.facing[nearest])
 
     left, top, right, bottom = frame_around(place, centres)
@@ -104,41 +100,66 @@ def tube_patch(
         fine[rows - top, :, columns - left, :] = values.reshape(-1, _SUBPIXELS, _SUBPIXELS)
         return fine.reshape((bottom - top) * _SUBPIXELS, (right - left) * _SUBPIXELS)
 
-    return Patch(left, top, _SUBPIXELS, laid_out(light[:, None] * shade * present), laid_out(coverage * present))
+    return Patch(left, top, _SUBPIXELS, laid_out(light[:, None] * shade), laid_out(coverage))
 
 
-def _near(lens: Lens, seen: Tube) -> tuple[np.ndarray, np.ndarray]:
-    """Rows and columns of the pixels that the tube may touch."""
-    width, height = lens.image_size
-    inside = ((seen.pixels > -50) & (seen.pixels < np.array([width, height]) + 50)).all(axis=1)
-    if not inside.any():
-        return np.empty(0, int), np.empty(0, int)
-    mask = np.zeros((height, width), np.uint8)
-    thickness = int(np.ceil(2 * seen.half_width_px[inside].max())) + 5
-    path = np.round(seen.pixels[inside]).astype(np.int32).reshape(-1, 1, 2)
-    cv2.polylines(mask, [path], isClosed=False, color=1, thickness=thickness)
-    rows, columns = np.nonzero(mask)
-    return rows, columns
+@kernel
+def _near(
+    pixels: np.ndarray, half_width_px: np.ndarray, image_size: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rows and columns of the pixels that the tube may touch, and which of its samples is nearest to each."""
+    width, height = image_size
+    reach = _ROOM_PX + half_width_px.max()
+    distance, nearest = np.full((height, width), reach**2), np.full((height, width), -1)
+    for i, (u, v) in enumerate(pixels):
+        if not (-_BEYOND_PX < u < width + _BEYOND_PX and -_BEYOND_PX < v < height + _BEYOND_PX):
+            continue
+        for row in range(max(int(v - reach), 0), min(int(v + reach) + 2, height)):
+            for column in range(max(int(u - reach), 0), min(int(u + reach) + 2, width)):
+                square = (column - u) ** 2 + (row - v) ** 2
+                if square < distance[row, column]:
+                    distance[row, column], nearest[row, column] = square, i
+    rows, columns = np.nonzero(nearest >= 0)
+    found = np.empty(len(rows), np.int64)
+    for i in range(len(rows)):
+        found[i] = nearest[rows[i], columns[i]]
+    return rows, columns, found
 
 
-def _profile(across_px: np.ndarray, half_width_px: np.ndarray, asymmetry: float) -> tuple[np.ndarray, np.ndarray]:
-    """Covered part and mean brightness of a sub-pixel, by the integral of the round tube's shading across it."""
-    size = 1.0 / _SUBPIXELS
-    low = np.clip((across_px - size / 2) / half_width_px, -1.0, 1.0)
-    high = np.clip((across_px + size / 2) / half_width_px, -1.0, 1.0)
+@kernel
+def _covered(
+    centres: np.ndarray, nearest: np.ndarray, curve: np.ndarray, inner: np.ndarray, asymmetry: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Covered part and brightness (K, 16) of the sub-pixels `inner` (16, 2) of the pixels (K, 2).
 
-    def summed(u: np.ndarray) -> np.ndarray:
-        round_part = (u * np.sqrt(1.0 - u**2) + np.arcsin(u)) / 2
-        return _AMBIENT * u + (1.0 - _AMBIENT) * round_part + asymmetry * u**2 / 2
+    curve : (N, 7) pixel, tangent, normal and half width of the tube's samples.
+    """
+    coverage, shade = np.zeros((len(centres), len(inner))), np.zeros((len(centres), len(inner)))
+    half = 0.5 / _SUBPIXELS
+    for i, at in enumerate(nearest):
+        u, v, tangent_u, tangent_v, normal_u, normal_v, half_width = curve[at]
+        for j in range(len(inner)):
+            x, y = centres[i, 0] + inner[j, 0] - u, centres[i, 1] + inner[j, 1] - v
+            across, along = x * normal_u + y * normal_v, x * tangent_u + y * tangent_v
+            low = min(max((across - half) / half_width, -1.0), 1.0)
+            high = min(max((across + half) / half_width, -1.0), 1.0)
+            present = 1.0
+            if at == 0:
+                present = min(max(0.5 + along * _SUBPIXELS, 0.0), 1.0)
+            if at == len(curve) - 1:
+                present *= min(max(0.5 - along * _SUBPIXELS, 0.0), 1.0)
+            if present > 0.0 and high > low:
+                scale = present * half_width * _SUBPIXELS
+                coverage[i, j] = (high - low) * scale
+                shade[i, j] = (_summed(high, asymmetry) - _summed(low, asymmetry)) * scale
+    return coverage, shade
 
-    scale = half_width_px / size
-    return (high - low) * scale, (summed(high) - summed(low)) * scale
 
-
-def _between_ends(along_px: np.ndarray, nearest: np.ndarray, count: int) -> np.ndarray:
-    before = np.where(nearest[:, None] == 0, 0.5 + along_px * _SUBPIXELS, 1.0)
-    beyond = np.where(nearest[:, None] == count - 1, 0.5 - along_px * _SUBPIXELS, 1.0)
-    return np.clip(before, 0.0, 1.0) * np.clip(beyond, 0.0, 1.0)
+@kernel
+def _summed(u: float, asymmetry: float) -> float:
+    """The round tube's shading, integrated across it from its axis to u, −1 to 1."""
+    round_part = (u * np.sqrt(1.0 - u**2) + np.arcsin(u)) / 2
+    return _AMBIENT * u + (1.0 - _AMBIENT) * round_part + asymmetry * u**2 / 2
 
 
 def visible_centreline(lens: Lens, seen: Tube, obstacle: DepthOfObstacle | None, step_px: float = 1.0) -> np.ndarray:
