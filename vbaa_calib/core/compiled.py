@@ -33,6 +33,11 @@ def kernel(function: _F) -> _F:
     if keep and _kept(compiled):
         # numba compares the function's own file alone: after a change in a function that it calls, old code would run
         compiled._cache._cache_file._source_stamp = compiled.stamp
+    resolved = compiled.get_call_template
+    # constants that one kernel hands to another are numbers like all others, not a reason to compile it once more
+    compiled.get_call_template = lambda args, kws: resolved(
+        tuple(map(numba.types.unliteral, args)), {name: numba.types.unliteral(kind) for name, kind in kws.items()}
+    )
     return cast(_F, compiled)
 
 
