@@ -15,7 +15,7 @@ _HOMES = {"Contact": ".table.contacts", "Measured": ".table.contacts", "ContactE
 
 
 def __getattr__(name: str) -> Any:
-    """Load on first use, so that `vbaa --help` need not wait for torch."""
+    """Load on first use, so that `vbaa --help` need not wait for NumPy."""
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(importlib.import_module(_HOMES[name], __name__), name)

@@ -133,7 +133,7 @@ def cameras(
 
 
 def torch(attempt: _Try = try_python) -> Finding:
-    """Whether torch loads, and how long that takes; every calibration waits for it."""
+    """Whether torch loads, and how long that takes; `vbaa check` and who gives tensors wait for it."""
     tried = attempt(["-c", _TORCH], _TORCH_SECONDS)
     fields = tried.out.split()
     if tried.code != 0 or len(fields) != 4:
@@ -145,7 +145,7 @@ def torch(attempt: _Try = try_python) -> Finding:
     words = f"{fields[1]} loads in {seconds:.1f} s, {fields[2]} threads, {'with' if fields[3] == 'True' else 'no'} CUDA"
     problems: tuple[Diagnosis, ...] = ()
     if seconds > _SLOW_TORCH_SECONDS:
-        slow = f"torch takes {seconds:.0f} s to load, and every calibration waits for it"
+        slow = f"torch takes {seconds:.0f} s to load, and `vbaa check` waits for it"
         remedy = "put the environment on a local disk; have the virus scanner leave it out; try again when warm"
         problems = (Diagnosis("torch_slow", slow, remedy),)
     return Finding("torch", words, problems, {"seconds": round(seconds, 3), "version": fields[1]})
