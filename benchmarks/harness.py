@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
 Arrays = TypeVar("Arrays")
 Row = TypeVar("Row")
+AGAINST = "22e797b"
+"""The commit beside which this tree's speed is measured: one before functions were compiled."""
 
 
 @dataclass(frozen=True)
@@ -34,12 +36,14 @@ class Options:
     draws : noise draws of each cell; what a draw is, the subject says.
     quick : less of everything, for a first look: the subject chooses where `draws` says nothing.
     jobs : processes, where a subject can use more than one.
+    against : an older commit of this repository, for comparison.
     """
 
     seed: int
     draws: int
     quick: bool
     jobs: int = 1
+    against: str = AGAINST
 
 
 @dataclass(frozen=True, eq=False)

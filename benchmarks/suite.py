@@ -16,7 +16,7 @@ from vbaa_calib.core.console import say
 from vbaa_calib.core.errors import InputError, SolveError
 from vbaa_calib.core.files import refuse_overwrite, replacing, write_json
 
-from .harness import Findings, Options, aligned, as_json, machine, write_csv
+from .harness import AGAINST, Findings, Options, aligned, as_json, machine, write_csv
 
 _NUMERIC = "numpy scipy torch"
 _PICTURES = "numpy scipy opencv-contrib-python-headless"
@@ -85,13 +85,21 @@ _ALL = (
     ),
     Subject(
         "estimator",
-        "contacts against the Cramér-Rao bound, speed against error, hard cases, random scenes",
+        "contacts against the Cramér-Rao bound, hard cases, random scenes",
         "noise draws of each kind of scene",
         (400, 12),
         _NUMERIC,
-        "estimator.csv estimator_rods.csv estimator_speed.csv estimator_hard.csv estimator_random.csv "
-        "estimator.png estimator_grid.png",
+        "estimator.csv estimator_rods.csv estimator_hard.csv estimator_random.csv estimator_grid.png",
         least=4,
+    ),
+    Subject(
+        "speed",
+        "this tree beside an older commit (--against), SciPy, the paper's formulas, and what no program goes below",
+        "frames of each kind",
+        (500, 20),
+        _PICTURES,
+        "speed.csv speed.png",
+        least=8,
     ),
     Subject(
         "object",
@@ -187,6 +195,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--draws", type=int, help="how much of one subject (default: see below)")
     parser.add_argument("--jobs", type=int, default=1, help=f"processes, of {jobs}; the numbers stay (default: 1)")
     parser.add_argument("--seed", type=int, default=0, help="of everything that is random (default: 0)")
+    parser.add_argument("--against", default=AGAINST, metavar="COMMIT", help=f"of speed (default: {AGAINST})")
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
@@ -224,7 +233,7 @@ def _refuse(args: argparse.Namespace, chosen: Sequence[Subject]) -> None:
 def _measured(args: argparse.Namespace, subject: Subject) -> tuple[dict[str, Any], str]:
     """One subject measured, its table shown, its files written: its numbers with what they were made with; headline."""
     draws = args.draws or subject.draws[args.quick]
-    options = Options(args.seed, draws, args.quick, args.jobs if subject.jobs else 1)
+    options = Options(args.seed, draws, args.quick, args.jobs if subject.jobs else 1, args.against)
     begun = time.perf_counter()
     measure: Callable[[Options], Findings] = import_module(f"benchmarks.{subject.name}.{subject.name}").measure
     found = measure(options)

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from benchmarks.chain.scenes import CAMERA_TILT_RAD, FRICTION_STD_RAD, JOINTS_RAD, Photograph
-from benchmarks.estimator.speed import FIRST_GUESS, one_contact
+from benchmarks.estimator.baselines import FIRST_GUESS, one_contact
 from benchmarks.vision.judge import peers
 from estimator import ContactEstimator
 from estimator.contact.recording import FirstDetection, detect, detect_again, detections, measured

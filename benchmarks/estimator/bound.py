@@ -13,7 +13,6 @@ from scipy.linalg import block_diag
 from scipy.stats import norm
 
 from benchmarks.estimator.scenes import Scenes, Shapes, Touches, rod_shapes, seen
-from benchmarks.estimator.setup import moved
 from benchmarks.harness import concatenated
 from vbaa_calib.antenna.rungs import RUNGS
 from vbaa_calib.geometry.independent_axes import independent_axes
@@ -94,7 +93,7 @@ def _slopes(scenes: Scenes) -> tuple[np.ndarray, np.ndarray]:
     columns = _differences(data, spans)
     forces = _differences(force, spans)
     if rig.covariance.any():
-        for index in range(len(RIG_PARAMETERS)):
+        for index in range(len(rig.covariance)):
             column, by_force = _by_rig(scenes, index, normal)
             columns.append(column)
             forces.append(by_force)
@@ -145,15 +144,17 @@ def _seen_as(scenes: Scenes, rig: Rig, shapes: Shapes, normal: np.ndarray) -> tu
 
 
 def _by_rig(scenes: Scenes, index: int, normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Slopes (B, N + 1) and (B, 3) by one of `RIG_PARAMETERS`."""
-    size = _RIG_STEPS[index]
-    step = size * (np.arange(len(RIG_PARAMETERS)) == index)
+    """Slopes (B, N + 1) and (B, 3) by one of the rig's parameters; of the lens in steps of a tenth deviation."""
+    deviations = np.sqrt(np.diag(scenes.rig.covariance)[len(RIG_PARAMETERS) :])
+    steps = np.append(_RIG_STEPS, np.where(deviations > 0.0, 0.1 * deviations, STEP))
+    size = steps[index]
+    step = np.where(np.arange(len(steps)) == index, size, 0.0)
     bends = len(POSE_PARAMETERS) <= index < len(RIG_STEPS) and index != _GIVE
 
     def data(rig: Rig) -> tuple[np.ndarray, np.ndarray]:
         return _data(scenes, rig, scenes.touches, normal) if bends else _seen_as(scenes, rig, scenes.shapes, normal)
 
-    below, above = data(moved(scenes.rig, -step)), data(moved(scenes.rig, step))
+    below, above = data(scenes.rig.moved(-step)), data(scenes.rig.moved(step))
     return (above[0] - below[0]) / (2 * size), (above[1] - below[1]) / (2 * size)
 
 

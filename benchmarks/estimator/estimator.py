@@ -1,4 +1,4 @@
-"""`vbaa bench estimator`: contacts against the Cramér–Rao bound, speed against error, hard cases, random scenes."""
+"""`vbaa bench estimator`: contacts against the Cramér–Rao bound, hard cases, random scenes."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 from benchmarks.harness import Findings, Options
 
-from . import grid, hard, rods, speed
+from . import grid, hard, rods
 
 _MATCHED = "elastica"
 """The rung without error on the grid's straight, weightless antenna: the grid is to show noise, not the ladder."""
@@ -20,29 +20,26 @@ def measure(options: Options) -> Findings:
     lines = grid.summary(cells)
     populations, per_draw = (rods.FIRST_LOOK, 0.5) if quick else (rods.POPULATIONS, 2.0)
     real = rods.run(max(int(per_draw * draws), 6), seed, chosen=populations)
-    timed = speed.run(100 if quick else 2000, seed, 2 if quick else 5)
     cases = hard.run(max(draws // 2, 4), seed)
     random = hard.hostile((50 if quick else 100) * draws, seed)
     texts = (
         grid.grid_text(cells, lines),
         rods.rod_text(real),
-        speed.speed_text(timed),
         hard.hard_text(cases),
         hard.hostile_text(random),
     )
-    found: dict[str, Sequence[Any]] = {"grid": cells, "rods": real, "speed": timed, "hard": cases, "random": random}
+    found: dict[str, Sequence[Any]] = {"grid": cells, "rods": real, "hard": cases, "random": random}
     told = {line.measure: line for line in lines if line.quantity == "l"}
-    fastest = max(1e6 / row.us_per_frame for row in timed if row.family == speed.ESTIMATOR)
     headline = "no kind of scene could be judged"
     if told:
         headline = (
             f"distance: rms error {told['of_bound'].pooled:.2f} × the bound over {told['of_bound'].cells} kinds of "
-            f"scene, {100 * told['covered'].pooled:.0f} % covered; up to {fastest:.0f} frames/s"
+            f"scene, {100 * told['covered'].pooled:.0f} % covered"
         )
     return Findings(
         "\n\n".join(texts),
         {"estimator.csv" if name == "grid" else f"estimator_{name}.csv": rows for name, rows in found.items()},
-        {"estimator.png": lambda: speed.figure(timed), "estimator_grid.png": lambda: grid.figure(cells)},
+        {"estimator_grid.png": lambda: grid.figure(cells)},
         {**found, "lines": lines},
         headline,
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -118,18 +118,7 @@ def drawn_truth(rig: Rig, rng: np.random.Generator) -> Rig:
     count = len(rig.covariance)
     step = np.linalg.cholesky(rig.covariance + 1e-30 * np.eye(count)) @ rng.normal(size=count)
     step[RIG_PARAMETERS.index("clamp_give_m")] = 0.0
-    return moved(rig, step)
-
-
-def moved(rig: Rig, step: np.ndarray) -> Rig:
-    """Another rig, (17,) in the order of `RIG_PARAMETERS` away."""
-    sensor = rig.moment_sensor
-    return replace(
-        rig,
-        T_antenna_camera=rig.T_antenna_camera.retract(step[:6]),
-        antenna=replace(rig.antenna, parameters=rig.antenna.parameters + step[6:15]),
-        moment_sensor=replace(sensor, gain=sensor.gain + step[15], offset_Nm=sensor.offset_Nm + step[16]),
-    )
+    return rig.moved(step)
 
 
 def _sees_box(camera: Camera, T_antenna_camera: Pose, swing_m: float) -> bool:

@@ -10,7 +10,7 @@ from scipy.interpolate import CubicHermiteSpline
 
 from benchmarks.estimator.scenes import Scenes, Shapes, ShapesOf, scenes
 from benchmarks.estimator.scenes import Touches as SeenTouches
-from benchmarks.estimator.setup import ACROSS, RIG_STD, Setup, moved
+from benchmarks.estimator.setup import ACROSS, RIG_STD, Setup
 from estimator import ContactEstimator
 from estimator.budget.parts import ErrorSpace, Linearization, Touches, linearize
 from estimator.solver.rig_arrays import RigArrays
@@ -50,7 +50,7 @@ def three_touches(rig: Rig) -> Touches:
 
 def moved_rig(rig: Rig, step: np.ndarray) -> Rig:
     """The rig off by (17,) or (17 + P,) in the order of its joint covariance."""
-    other, lens, camera = moved(rig, step[:17]), step[17:], rig.camera
+    other, lens, camera = rig.moved(step[:17]), step[17:], rig.camera
     if not len(lens):
         return other
     matrix = camera.matrix.copy()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks.estimator.scenes import Scenes, random_scenes
-from benchmarks.estimator.setup import ACROSS, Setup, moved
+from benchmarks.estimator.setup import ACROSS, Setup
 from estimator import ContactEstimator
 from estimator.contact.common_errors import CommonErrors, shared_errors
 from estimator.solver.rig_arrays import RigArrays
@@ -60,7 +60,7 @@ def missed(true: Rig, given: Rig) -> tuple[ContactTable, np.ndarray]:
 def test_a_rig_that_is_off_moves_contacts_as_said(axis: int) -> None:
     step = RigArrays.from_rig(RIG, 0.2, np.empty(0)).axes[:, axis]
     table, before = missed(RIG, RIG)
-    _, after = missed(moved(RIG, step), RIG)
+    _, after = missed(RIG.moved(step), RIG)
     said = shared_errors(RIG, table).point_m[..., axis]
     assert np.isfinite(said).all()
     # one weight a frame stands for the points that it had, wherever they were

@@ -185,7 +185,7 @@ CALLS: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     ("onto its scene", "simulate scene.yaml --force -o scene.yaml", ("scene.yaml",)),
     ("no pictures", "selftest --board board.yaml --pictures 0", ("pictures",)),
     ("a seed below zero", "selftest --board board.yaml --pictures 1 --seed -1", ("seed",)),
-    ("a subject that is none", "bench speed", ("'speed'",)),
+    ("a subject that is none", "bench haste", ("'haste'",)),
     ("no draws", "bench metric --quick --draws 0", ("draws",)),
     ("draws below zero", "bench estimator --quick --draws -2", ("draws",)),
     ("a seed below zero", "bench metric --quick --seed -1", ("seed",)),

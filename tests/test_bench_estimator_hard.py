@@ -1,4 +1,4 @@
-"""The second half of `vbaa bench estimator`: speed against error, hard cases, frames at random."""
+"""The second half of `vbaa bench estimator`: hard cases, frames at random."""
 
 from __future__ import annotations
 
@@ -9,35 +9,9 @@ import numpy as np
 import pytest
 
 from benchmarks.estimator import hard as estimator_hostile
-from benchmarks.estimator import speed as estimator_speed
 from benchmarks.estimator.hard import CASES, Hard, estimated, resized, run
-from benchmarks.estimator.speed import PARTS, at_shares, baselines, one_contact, population
-
-
-@cache
-def flat() -> estimator_speed.Judged:
-    return population(40, 3, 0.0)
-
-
-def test_baselines_pick_the_parts_they_are_named_after_and_stay_off_the_bound() -> None:
-    frames = flat().scenes
-    for name, ends in PARTS.items():
-        arclength = frames.arclength_m[at_shares(frames, ends)]
-        beyond = arclength > frames.distance_m[:, None]
-        expected = {"two curved points": (0, 0), "two straight points": (1, 1), "one of each": (0, 1)}[name]
-        assert (beyond == np.array(expected, bool)).all()
-    every = np.arange(len(frames))
-    for solve in baselines(frames, np.random.default_rng(1)).values():
-        off = flat().errors(solve(every))
-        assert np.isfinite(off).mean() > 0.9
-        assert 1.5 < np.sqrt(np.nanmean(off**2)) < 60.0
-        np.testing.assert_array_equal(solve(every[5:6]), solve(every)[5:6])
-
-
-def test_the_loop_is_a_fair_one() -> None:
-    """SciPy's loop reaches the bound too: within the scatter of so few frames."""
-    off = flat().errors(np.array([one_contact(flat().scenes, index)[0] for index in range(30)]))
-    assert 0.7 < np.sqrt(np.mean(off**2)) < 1.4
+from benchmarks.estimator.setup import Setup
+from benchmarks.speed.frames import population
 
 
 def test_hard_cases_never_raise_and_keep_to_their_deviations() -> None:
@@ -56,7 +30,7 @@ def test_hard_cases_never_raise_and_keep_to_their_deviations() -> None:
 
 def test_size_does_not_matter() -> None:
     """The same noise on a rig 1000 times larger gives the same answer, in its own units."""
-    frames = flat().scenes.picked(np.arange(5))
+    frames = population(Setup().rig(), 5, 3).scenes
     length, large = frames.rig.antenna.length_m, resized(frames.rig, 1e3)
     twin = replace(frames, rig=large, moment_Nm=1e3 * frames.moment_Nm)
     ours, theirs = (estimated(Hard(each), "elastica").distance_m for each in (frames, twin))
