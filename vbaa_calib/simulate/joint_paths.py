@@ -11,14 +11,15 @@ import numpy as np
 from vbaa_calib.antenna.rod import Rod, solve_rod
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.geometry import Kinematics, Pose
+from vbaa_calib.simulate.scene.distance import first_within
 from vbaa_calib.simulate.scene.lens import project
 from vbaa_calib.simulate.scene.objects import TouchObject
 from vbaa_calib.simulate.scene.scene import Joints, Scene, Sweep
 
 _SCAN_RAD = np.deg2rad(np.arange(-70.0, 70.5, 1.0))
 _POINTS = 500
-_BISECTIONS = 16
-_NEAREST = 20
+_DIVISIONS, _PARTS = 4, 16
+"""A degree in 16 parts, the part of first touch in 16 again, four times."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,8 +47,9 @@ def _free_points(place: Place, rod: Rod, tilts_rad: np.ndarray) -> np.ndarray:
     )
 
 
-def _joints(press: str, pressed_rad: float, other_rad: float) -> Joints:
-    return Joints(pressed_rad, other_rad) if press == "pan" else Joints(other_rad, pressed_rad)
+def _joints(press: str, pressed_rad: np.ndarray, other_rad: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Pan and tilt."""
+    return (pressed_rad, other_rad) if press == "pan" else (other_rad, pressed_rad)
 
 
 def _first_touch(place: Place, sweep: Sweep, points_antenna_m: np.ndarray, other_rad: float) -> float:
@@ -56,28 +58,22 @@ def _first_touch(place: Place, sweep: Sweep, points_antenna_m: np.ndarray, other
     Raises InputError when there is none.
     """
 
-    def touching(pressed_rad: float) -> bool:
-        """Whether the free antenna, were the object not in its way, would reach into it."""
-        at = _joints(sweep.press, pressed_rad, other_rad)
-        points = place.kinematics.T_world_antenna(at.pan_rad, at.tilt_rad) @ points_antenna_m
-        near = np.argpartition(place.object.rough_distance(points), _NEAREST)[:_NEAREST]
-        return bool(place.object.signed_distance(points[near])[0].min() < place.radius_m)
-
-    scan = sweep.toward * _SCAN_RAD
-    hit = next((index for index, angle in enumerate(scan) if touching(angle)), 0)
-    if hit == 0:
-        raise InputError(
-            f"the antenna never meets the object by {sweep.press} in the "
-            f"{'positive' if sweep.toward > 0 else 'negative'} direction with the other joint at "
-            f"{np.rad2deg(other_rad):.1f}°",
-            where=f"scene {place.name}: recording.sweeps",
-            remedy="move the object or sweep elsewhere",
-        )
-    free, touched = scan[hit - 1], scan[hit]
-    for _ in range(_BISECTIONS):
-        middle = (free + touched) / 2
-        free, touched = (free, middle) if touching(middle) else (middle, touched)
-    return float(touched)
+    angles = sweep.toward * _SCAN_RAD
+    for divided in range(_DIVISIONS + 1):
+        poses = place.kinematics.world_antenna(*_joints(sweep.press, angles, np.full_like(angles, other_rad)))
+        # where the free antenna, were the object not in its way, would reach into it
+        hit = first_within(place.object.numbers, *poses, points_antenna_m, place.radius_m)
+        if divided == 0 and hit in (0, len(angles)):
+            raise InputError(
+                f"the antenna never meets the object by {sweep.press} in the "
+                f"{'positive' if sweep.toward > 0 else 'negative'} direction with the other joint at "
+                f"{np.rad2deg(other_rad):.1f}°",
+                where=f"scene {place.name}: recording.sweeps",
+                remedy="move the object or sweep elsewhere",
+            )
+        first = angles[hit]
+        angles = np.linspace(angles[hit - 1], first, _PARTS + 1)
+    return float(first)
 
 
 def sweep_joints(place: Place, rod: Rod, sweep: Sweep) -> list[Joints]:
@@ -92,7 +88,7 @@ def sweep_joints(place: Place, rod: Rod, sweep: Sweep) -> list[Joints]:
     relative = np.concatenate([touch[0] + sweep.toward * clear, touch + sweep.toward * push])
     pressed = np.concatenate([relative, touch[-1] + sweep.toward * clear[::-1]])
     others = np.concatenate([before, swept, after])
-    return [_joints(sweep.press, float(p), float(o)) for p, o in zip(pressed, others, strict=True)]
+    return [Joints(float(pan), float(tilt)) for pan, tilt in zip(*_joints(sweep.press, pressed, others), strict=True)]
 
 
 _FULL = ((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (1, -1), (-1, 1), (-1, -1))

@@ -8,7 +8,7 @@ import numpy as np
 
 from vbaa_calib.core.compiled import kernel
 from vbaa_calib.core.newton import solve
-from vbaa_calib.geometry.vectors import Vector, cross, dot, moved, scaled, unit, vector
+from vbaa_calib.geometry.vectors import Vector, cross, dot, moved, scaled, turned, unit, vector
 
 CYLINDER, SPHERE, KNIFE, BOX, FREEFORM = range(5)
 
@@ -49,6 +49,28 @@ def rough_distances(obj: ObjectNumbers, points_m: np.ndarray) -> np.ndarray:
         else:
             distances[i] = signed_distance(obj, vector(point))[0]
     return distances
+
+
+@kernel
+def first_within(
+    obj: ObjectNumbers, rotations: np.ndarray, origins_m: np.ndarray, points_m: np.ndarray, room_m: float
+) -> int:
+    """The first of A poses (A, 3, 3), (A, 3) at which one of the points (N, 3) is nearer than that; A where none is."""
+    # F grows no faster than this: where it is larger, nothing needs to be searched
+    steepest = 1.0
+    for bump in obj.bumps:
+        steepest += abs(bump[3]) / bump[4]
+    for i, rotation in enumerate(rotations):
+        origin = vector(origins_m[i])
+        for each in points_m:
+            point = moved(turned(rotation, vector(each)), 1.0, origin)
+            if obj.kind == FREEFORM:
+                offset = moved(point, -1.0, vector(obj.center_m))
+                if elevation(offset, obj.radius_m, obj.bumps)[0] > steepest * room_m:
+                    continue
+            if signed_distance(obj, point)[0] < room_m:
+                return i
+    return len(rotations)
 
 
 @kernel
