@@ -15,8 +15,6 @@ _RAYLEIGH_MEDIAN = 1.1774
 """Median length of a normal vector in the plane, in standard deviations per axis."""
 HUBER = 2.5
 """Whitened residuals beyond this count linearly (Huber): a few false points must not pull."""
-_CAUCHY = 2.385
-"""Scale of Cauchy's loss in standard deviations: 95 % efficiency on normal noise."""
 
 
 def mad_std(residuals: np.ndarray) -> float:
@@ -45,11 +43,6 @@ def huber_weights(residuals: Array) -> Array:
     """
     xp = namespace(residuals)
     return HUBER / xp.clip(xp.abs(residuals), HUBER, None)
-
-
-def cauchy_weights(distances: np.ndarray) -> np.ndarray:
-    """Weights (N,) on squared distances (N,) of plane residuals for Cauchy's loss, its scale from their median."""
-    return 1.0 / (1.0 + (distances / (_CAUCHY * max(radial_std(distances), 1e-9))) ** 2)
 
 
 def soft_l1_weights(distances: np.ndarray, scale: float = 1.0) -> np.ndarray:

@@ -16,7 +16,7 @@ STRETCH = SHAPE_NAMES.index("stretch")
 _BOW_PER_EXTENT, _STRETCH, _SHEAR = 1e-3, 5e-4, 3e-4
 """Standard deviations of what printers and mounts do: a board of 250 mm bows by a quarter of a millimetre, the axes of
 a print differ by 0.05 %. Some are ten times worse, so the prior has long tails."""
-_TAIL = 3.0
+TAIL = 3.0
 """Degrees of freedom of the prior's Student t distribution."""
 _SINGULAR = 1e-10
 _CLEAR_STD, _NOTICEABLE_PER_EXTENT, _NOTICEABLE_SHARE = 4.0, 3e-4, 1e-3
@@ -144,9 +144,9 @@ class ShapePrior:
     def rows(self, shape: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Residuals (5,) as reweighted least squares has them, and their negative derivatives (5,) by the shape."""
         off = (shape - self.mean) / self.std
-        weights = np.sqrt((_TAIL + 1.0) / (_TAIL + off**2))
+        weights = np.sqrt((TAIL + 1.0) / (TAIL + off**2))
         return -weights * off, weights / self.std
 
     def loss(self, shape: np.ndarray) -> float:
         """Twice the negative logarithm of the density, up to a constant."""
-        return float((_TAIL + 1.0) * np.log1p(((shape - self.mean) / self.std) ** 2 / _TAIL).sum())
+        return float((TAIL + 1.0) * np.log1p(((shape - self.mean) / self.std) ** 2 / TAIL).sum())

@@ -4,23 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from itertools import pairwise
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from vbaa_calib.core.least_squares import Rules, levenberg_marquardt, schur_complement, solve_scaled, view_products
-from vbaa_calib.core.robust import cauchy_weights, radial_std
+from vbaa_calib.core.least_squares import Rules
+from vbaa_calib.core.robust import radial_std
 
 from .board_shape import SHAPE, ShapePrior
-from .models import PROJECTIONS, LensModel, Unfolding
+from .descent import Held, State, Stop, descend
+from .models import LensModel, Unfolding
+from .projection import Corners, corner_rows
 
 CONVERGED = Rules(300, 1e-8, may_rise_share=1e-13, damping=1e-3, growth=8.0, after_failure=0.0)
 """Enough for decisions; `polished` for what is reported."""
 _STANDSTILL, _POLISH = 1e-6, replace(CONVERGED, iterations=10, damping=1e-8)
-_REWEIGHTINGS, _CONVERGED_WEIGHTS = 12, 1e-2
 _USUAL_NOISE_PX, _LEAST_NOISE_PX = 0.2, 1e-3
-_FEW_STEPS = replace(CONVERGED, iterations=2, tolerance=1e-4)
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,29 +41,28 @@ class Observation:
         return Observation(self.points_m[which], self.pixels[which], deformation, self.weight)
 
 
+def corners_of(observations: Sequence[Observation]) -> Corners:
+    """Those of all views, one after the other."""
+    counts = [len(view.pixels) for view in observations]
+    rigid = [np.zeros((len(v.pixels), 3, SHAPE)) if v.deformation is None else v.deformation for v in observations]
+    return Corners(
+        np.concatenate([view.points_m for view in observations]),
+        np.concatenate(rigid),
+        np.concatenate([view.pixels for view in observations]),
+        np.repeat([view.weight for view in observations], counts),
+        np.concatenate([[0], np.cumsum(counts)]),
+    )
+
+
 def rows(bundle: Bundle, observations: Sequence[Observation]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Residuals (N, 2) px of all corners, their negative derivatives by intrinsics and shape (N, 2, 4 + k + 5) and
     by the views' poses (N, 2, 6), and the views' bounds (V + 1,): view v has rows bounds[v] to bounds[v + 1].
 
     Poses turn about the board's origin by a rotation vector in the camera frame, and shift.
     """
-    counts = [len(view.pixels) for view in observations]
-    bounds, of_view = np.concatenate([[0], np.cumsum(counts)]), np.repeat(np.arange(len(counts)), counts)
-    points_m = np.concatenate([view.points_m for view in observations])
-    rigid = [np.zeros((len(v.pixels), 3, SHAPE)) if v.deformation is None else v.deformation for v in observations]
-    deformation = np.concatenate(rigid)
-    rotations = Rotation.from_rotvec(bundle.poses[:, :3]).as_matrix()[of_view]
-    turned = np.einsum("nij,nj->ni", rotations, points_m + deformation @ bundle.shape)
-    points = turned + bundle.poses[of_view, 3:]
-    pixels, by_intrinsics, by_pose = PROJECTIONS[bundle.model.camera_model](points, np.zeros(6), bundle.intrinsics)
-    by_point = by_pose[:, 3:].reshape(-1, 2, 3)
-    # gᵀ(ω × q) = ωᵀ(q × g)
-    (x, y, z), (a, b, c) = turned.T[:, :, None], np.moveaxis(by_point, -1, 0)
-    by_turn = np.stack([y * c - z * b, z * a - x * c, x * b - y * a], axis=-1)
-    by_shape = (by_point @ rotations) @ deformation
-    by_shared = np.concatenate([by_intrinsics.reshape(len(points), 2, -1), by_shape], axis=-1)
-    residuals = np.concatenate([view.pixels for view in observations]) - pixels
-    return residuals, by_shared, np.concatenate([by_turn, by_point], axis=-1), bounds
+    corners = corners_of(observations)
+    residuals, slopes = corner_rows(*bundle.state, bundle.model.is_fisheye, corners)
+    return residuals, slopes[..., :-6], slopes[..., -6:], corners.bounds
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,15 +107,20 @@ class Bundle:
             intrinsics[:2] = intrinsics[:2].mean()
         return replace(self, intrinsics=intrinsics, directions=free, shape=shape, prior=prior, noise_px=noise_px)
 
-    def moved(self, shared: np.ndarray, poses: np.ndarray) -> Bundle:
-        """By steps of intrinsics and shape (4 + k + 5,), and of the poses (V, 6) as in `rows`."""
-        turned = Rotation.from_rotvec(poses[:, :3]) * Rotation.from_rotvec(self.poses[:, :3])
-        return replace(
-            self,
-            intrinsics=self.intrinsics + shared[:-SHAPE],
-            poses=np.hstack([turned.as_rotvec(), self.poses[:, 3:] + poses[:, 3:]]),
-            shape=self.shape + shared[-SHAPE:],
+    @property
+    def state(self) -> State:
+        """What a descent moves."""
+        return State(*(np.ascontiguousarray(part, float) for part in (self.intrinsics, self.shape, self.poses)))
+
+    @property
+    def held(self) -> Held:
+        """What holds it besides the corners."""
+        nil, unfolding = np.zeros(SHAPE), self.unfolding or Unfolding(0.0, 0.0, (0, 0))
+        mean, std, noise_px = (
+            (nil, nil, 0.0) if self.prior is None else (self.prior.mean, self.prior.std, self.noise_px)
         )
+        stiffness = float(np.sqrt(unfolding.weight_px2))
+        return Held(mean, std, float(noise_px), unfolding.least_slope, stiffness, unfolding.image_size)
 
     def prior_rows(self) -> tuple[np.ndarray, np.ndarray]:
         """Residuals (m,) px of the shape's prior in reweighted least squares, negative derivatives (m, 4 + k + 5)."""
@@ -156,22 +159,23 @@ def refine(
     start: Bundle, observations: Sequence[Observation], rules: Rules = CONVERGED, robust: bool = False
 ) -> Bundle:
     """Levenberg–Marquardt on the reprojection error; robust : by Cauchy's loss, so gross errors do not pull."""
-    own = np.repeat([view.weight for view in observations], [len(view.pixels) for view in observations])
+    corners, directions = corners_of(observations), start.directions
+    # each number of lens and shape is part of one unknown, or held
+    column = np.where(directions.any(axis=1), directions.argmax(axis=1) if directions.size else 0, -1)
+    stop = Stop(rules.iterations, rules.tolerance, rules.damping, rules.growth, rules.may_rise_share)
+    state, residuals = descend(start.state, start.model.is_fisheye, corners, column, start.held, stop, robust)
+    return replace(
+        start,
+        intrinsics=state.lens,
+        shape=state.shape,
+        poses=state.poses,
+        residuals_px=of_views(residuals, corners.bounds),
+    )
 
-    def reweighted(residuals_px: np.ndarray) -> np.ndarray:
-        return own**2 * cauchy_weights(own * np.linalg.norm(residuals_px, axis=1))
 
-    weights = own**2
-    if robust:
-        weights = reweighted(rows(start, observations)[0])
-        for _ in range(_REWEIGHTINGS):
-            before, system = weights, _descended(start, observations, weights, _FEW_STEPS)
-            start = system.bundle
-            weights = reweighted(system.residuals_px)
-            if np.abs(weights - before).max() < _CONVERGED_WEIGHTS:
-                break
-    system = _descended(start, observations, weights, rules)
-    return replace(system.bundle, residuals_px=tuple(np.split(system.residuals_px, system.bounds[1:-1])))
+def of_views(values: np.ndarray, bounds: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Per view its own rows of values (N, ...); view v has rows bounds[v] to bounds[v + 1]."""
+    return tuple(values[first:last] for first, last in pairwise(bounds.tolist()))
 
 
 def polished(bundle: Bundle, observations: Sequence[Observation]) -> Bundle:
@@ -180,54 +184,7 @@ def polished(bundle: Bundle, observations: Sequence[Observation]) -> Bundle:
     return refine(bundle, observations, replace(_POLISH, tolerance=_STANDSTILL**2 / max(sizes, 1)))
 
 
-def residuals_px(bundle: Bundle, observations: Sequence[Observation]) -> list[np.ndarray]:
+def residuals_px(bundle: Bundle, observations: Sequence[Observation]) -> tuple[np.ndarray, ...]:
     """Per view (N, 2), observed minus projected, of any corners of the bundle's views."""
     residuals, _, _, bounds = rows(bundle, observations)
-    return np.split(residuals, bounds[1:-1])
-
-
-class _System(NamedTuple):
-    """The normal equations at a bundle; the last row and column of `total` and `coupling` are the residuals'."""
-
-    bundle: Bundle
-    residuals_px: np.ndarray
-    bounds: np.ndarray
-    cost: float
-    total: np.ndarray
-    coupling: np.ndarray
-    poses: np.ndarray
-
-
-def _descended(bundle: Bundle, observations: Sequence[Observation], weights: np.ndarray, rules: Rules) -> _System:
-    """The least cost of the corners with weights (N,), and of what keeps the lens from folding."""
-
-    def linearised(bundle: Bundle) -> _System:
-        residuals, by_shared, by_pose, bounds = rows(bundle, observations)
-        columns = np.concatenate([by_shared @ bundle.directions, residuals[..., None], by_pose], axis=-1)
-        blocks = view_products(columns * np.sqrt(weights)[:, None, None], bounds)
-        total = blocks[:, :-6, :-6].sum(axis=0)
-        if bundle.unfolding is not None:
-            lacking, by_lens = bundle.unfolding.rows(bundle.model, bundle.intrinsics)
-            held = np.column_stack([by_lens @ bundle.directions[:-SHAPE], lacking])
-            total = total + held.T @ held
-        cost, coupling, poses = float(total[-1, -1]), blocks[:, -6:, :-6], blocks[:, -6:, -6:]
-        if bundle.prior is not None:
-            off, by_shape = bundle.prior_rows()
-            held = np.column_stack([by_shape @ bundle.directions, off])
-            total, cost = total + held.T @ held, cost + bundle.noise_px**2 * bundle.prior.loss(bundle.shape)
-        return _System(bundle, residuals, bounds, cost, total, coupling, poses)
-
-    def step(system: _System, damping: float) -> tuple[np.ndarray, float]:
-        damped = system.total + damping * np.diag(np.append(np.diag(system.total)[:-1], 0.0))
-        reduced, through = schur_complement(damped, system.coupling, system.poses * (1.0 + damping * np.eye(6)))
-        shared = solve_scaled(reduced[:-1, :-1], reduced[:-1, -1])
-        poses = through[..., -1] - through[..., :-1] @ shared
-        promise = float(system.total[:-1, -1] @ shared + np.sum(system.coupling[..., -1] * poses))
-        return np.concatenate([shared, poses.ravel()]), promise
-
-    def moved(system: _System, step: np.ndarray) -> _System:
-        directions = system.bundle.directions
-        shared, poses = np.split(step, [directions.shape[1]])
-        return linearised(system.bundle.moved(directions @ shared, poses.reshape(-1, 6)))
-
-    return levenberg_marquardt(linearised(bundle), step, moved, rules).at
+    return of_views(residuals, bounds)

@@ -12,7 +12,8 @@ from vbaa_calib.core.robust import chi_square_p
 from vbaa_calib.detect.board.corners import BoardView
 
 from .board_shape import SHAPE, deformations
-from .bundle import CONVERGED, Bundle, Observation, refine, rows
+from .bundle import CONVERGED, Bundle, Observation, of_views, refine, rows
+from .descent import unfolding_rows
 from .models import LensModel, camera_of, is_monotonic
 from .uncertainty import compensate, pixel_grid, projection_jacobian
 
@@ -101,14 +102,14 @@ def information(bundle: Bundle, observations: Sequence[Observation]) -> Informat
     free = (basis.T / values) / norms[:, None]
     half = bundle.directions @ free
     by_view = [flat @ free for flat in left]
-    own = [residual.ravel() for residual in np.split(residuals, bounds[1:-1])]
+    own = [residual.ravel() for residual in of_views(residuals, bounds)]
     roots = []
     for flat, residual in zip(by_view, own, strict=True):
         upper = np.linalg.qr(np.column_stack([flat, residual]), mode="r")
         roots.append(np.pad(upper, ((0, flat.shape[1] + 1 - len(upper)), (0, 0))))
     held = prior_rows = np.column_stack([by_shape @ half, prior])
     if bundle.unfolding is not None:
-        steep = bundle.unfolding.rows(bundle.model, bundle.intrinsics)[1] @ half[:-SHAPE]
+        steep = unfolding_rows(bundle.intrinsics, bundle.model.is_fisheye, bundle.held)[1] @ half[:-SHAPE]
         held = np.vstack([held, np.pad(steep, ((0, 0), (0, 1)))])
     return Information(
         half=half,

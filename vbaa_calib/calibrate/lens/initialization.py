@@ -7,12 +7,11 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from vbaa_calib.core.least_squares import Rules
-from vbaa_calib.core.robust import radial_std
 
-from .bundle import CONVERGED, Bundle, Observation, refine, residuals_px
+from .bundle import CONVERGED, Bundle, Observation, of_views, refine, residuals_px
+from .homography import board_poses, homography
 from .models import LENS_MODELS, LensModel, Unfolding, camera_of, division_like, is_monotonic, rational_like
 
 _FOCAL_PER_WIDTH = (0.7, 1.4, 3.0, 8.0, 0.35)
@@ -22,7 +21,6 @@ _MOST_VIEWS, _MOST_CORNERS = 10, 40
 """Views, and corners of each, that starts are compared by."""
 _SAME, _LITTLE_PX = 1.05, 0.02
 _WRONG_POSE, _LEAST_RAY_Z = 3.0, 0.1
-_SEED, _SAMPLES, _BELOW = 0, 64, 5.0
 _TRIAL = replace(CONVERGED, iterations=15, tolerance=1e-3)
 _FEW_STEPS = replace(_TRIAL, iterations=6)
 _UNFOLDING = replace(CONVERGED, iterations=15, tolerance=1e-5)
@@ -123,85 +121,20 @@ def _undistorted_homographies(
     centre, radius = (np.array(image_size) - 1) / 2, 0.5 * float(np.hypot(*image_size))
     found: list[tuple[float, float, list[np.ndarray]]] = []
     for division in _DIVISIONS:
-        homographies, scores = [], []
-        for view in observations:
-            centred = view.pixels - centre
-            stretched = 1.0 + division * (centred**2).sum(axis=1, keepdims=True) / radius**2
-            board, ideal = view.points_m[:, :2], centred / stretched
-            homography = _homography(board, ideal)
-            if homography is not None:
-                off = _homography_errors(homography, np.column_stack([board, np.ones(len(board))]), ideal)
-                # in the picture's own pixels again
-                scores.append(radial_std(off * stretched[:, 0]))
-                homographies.append(homography)
-        found.append(
-            (float(np.mean(np.log(np.array(scores) + _LITTLE_PX))) if scores else np.inf, division, homographies)
-        )
+        every = [homography(v.points_m[:, :2], v.pixels - centre, division / radius**2) for v in observations]
+        fits = [fit for fit in every if fit is not None]
+        score = float(np.mean(np.log(np.array([noise for _, noise in fits]) + _LITTLE_PX))) if fits else np.inf
+        found.append((score, division, [matrix for matrix, _ in fits]))
     _, division, homographies = min(found, key=lambda each: each[0])
     return division, homographies
-
-
-def _homography(points: np.ndarray, image: np.ndarray) -> np.ndarray | None:
-    """(3, 3) of points (N, 2) to their image (N, 2), of which less than half may be wrong; None without one.
-
-    Least median of squares (Rousseeuw 1984), then least squares of the points that it fits. OpenCV's finds none on
-    small boards: most of its samples have three points on a line, and it gives up.
-    """
-    known = np.isfinite(image).all(axis=1)
-    if known.sum() < 4:
-        return None
-    (points, by_points), (image, by_image) = _normalised(points[known]), _normalised(image[known])
-    picks = np.random.default_rng(_SEED).random((_SAMPLES, len(points))).argsort(axis=1)[:, :4]
-    from_points, from_image = _from_basis(points[picks]), _from_basis(image[picks])
-    # adjugates: a sample with three points on a line gives a singular matrix, which fits nothing
-    with np.errstate(all="ignore"):
-        every = from_image @ np.cross(np.roll(from_points, -1, axis=2), np.roll(from_points, -2, axis=2), axis=1).mT
-        distances = np.nan_to_num(_homography_errors(every, points, image), nan=np.inf)
-    best = every[np.median(distances, axis=1).argmin()]
-    for _ in range(2):
-        distances = _homography_errors(best, points, image)
-        if not np.isfinite(distances).all():
-            return None
-        near = distances <= max(_BELOW * radial_std(distances), float(np.partition(distances, 3)[3]))
-        nil = np.zeros_like(points[near])
-        rows = [np.hstack([points[near], nil, -image[near, :1] * points[near]])]
-        rows += [np.hstack([nil, points[near], -image[near, 1:2] * points[near]])]
-        best = np.linalg.svd(np.vstack(rows), full_matrices=False)[2][-1].reshape(3, 3)
-    return np.linalg.solve(by_image, best @ by_points)
-
-
-def _normalised(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Points (N, 2) about their mean, by their size, homogeneous (N, 3); and what (3, 3) makes them that (Hartley)."""
-    middle = points.mean(axis=0)
-    scale = 1.0 / max(float(np.sqrt(np.mean((points - middle) ** 2))), 1e-300)
-    transform = np.array([[scale, 0.0, -scale * middle[0]], [0.0, scale, -scale * middle[1]], [0.0, 0.0, 1.0]])
-    return np.column_stack([points, np.ones(len(points))]) @ transform.T, transform
-
-
-def _from_basis(four: np.ndarray) -> np.ndarray:
-    """(S, 3, 3) the homographies that take a projective basis to four points (S, 4, 3)."""
-    a, b, c, d = np.moveaxis(four, 1, 0)
-    weights = [
-        np.sum(d * np.cross(b, c), axis=1),
-        np.sum(d * np.cross(c, a), axis=1),
-        np.sum(d * np.cross(a, b), axis=1),
-    ]
-    return np.stack([weight[:, None] * point for weight, point in zip(weights, (a, b, c), strict=True)], axis=2)
-
-
-def _homography_errors(homography: np.ndarray, points: np.ndarray, image: np.ndarray) -> np.ndarray:
-    """(..., N) distances of the images of points (N, 3) under homographies (..., 3, 3) from image (N, 3)."""
-    mapped = points @ homography.mT
-    with np.errstate(all="ignore"):
-        return np.linalg.norm(mapped[..., :2] / mapped[..., 2:] - image[:, :2], axis=-1)
 
 
 def _focal_length(homographies: Sequence[np.ndarray]) -> float:
     """Of pixels about the principal point, by what each homography says of it: their weighted median; or NaN."""
     # the columns of K⁻¹H are orthogonal and as long as each other (Zhang 2000): a / f² = b
     rows = []
-    for homography in homographies:
-        first, second = homography[:, 0], homography[:, 1]
+    for each in homographies:
+        first, second = each[:, 0], each[:, 1]
         scale = np.linalg.norm(first) * np.linalg.norm(second)
         if scale > 0.0:
             rows.append(np.array([first[:2] @ second[:2], -first[2] * second[2]]) / scale)
@@ -220,27 +153,17 @@ def _focal_length(homographies: Sequence[np.ndarray]) -> float:
 
 def robust_poses(model: LensModel, intrinsics: np.ndarray, observations: Sequence[Observation]) -> np.ndarray:
     """(V, 6) poses of the views under a lens, each by the homography of most of its corners."""
-    size = tuple(np.ceil(np.max([view.pixels.max(axis=0) for view in observations], axis=0)).astype(int) + 1)
-    camera, poses = camera_of(model, intrinsics, (int(size[0]), int(size[1]))), []
-    for view in observations:
-        rays, valid = camera.unproject(view.pixels)
-        seen = valid & (rays[:, 2] > _LEAST_RAY_Z)
-        image = np.where(seen[:, None], rays[:, :2] / np.where(seen, rays[:, 2], 1.0)[:, None], np.nan)
-        homography = _homography(view.points_m[:, :2], image)
-        poses.append(_AWAY if homography is None else _pose(homography))
-    return np.array(poses)
+    pixels, bounds = np.concatenate([view.pixels for view in observations]), np.cumsum([0, *map(_count, observations)])
+    size = np.ceil(pixels.max(axis=0)).astype(int) + 1
+    rays, valid = camera_of(model, intrinsics, (int(size[0]), int(size[1]))).unproject(pixels)
+    seen = valid & (rays[:, 2] > _LEAST_RAY_Z)
+    image = np.where(seen[:, None], rays[:, :2] / np.where(seen, rays[:, 2], 1.0)[:, None], np.nan)
+    fits = [homography(v.points_m[:, :2], own) for v, own in zip(observations, of_views(image, bounds), strict=True)]
+    return board_poses([None if fit is None else fit[0] for fit in fits])
 
 
-_AWAY = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
-
-
-def _pose(homography: np.ndarray) -> np.ndarray:
-    """(6,) rotation vector and translation of a board's plane, from its homography to ideal image coordinates."""
-    scale = 2.0 / max(float(np.linalg.norm(homography[:, :2], axis=0).sum()), 1e-300)
-    first, second, shift = (np.copysign(scale, homography[2, 2]) * homography).T
-    vectors, _, others = np.linalg.svd(np.column_stack([first, second, np.cross(first, second)]))
-    rotation = vectors @ np.diag([1.0, 1.0, np.linalg.det(vectors @ others)]) @ others
-    return np.concatenate([Rotation.from_matrix(rotation).as_rotvec(), shift])
+def _count(view: Observation) -> int:
+    return len(view.pixels)
 
 
 def _posed(start: Bundle, observations: Sequence[Observation], rules: Rules) -> Bundle:

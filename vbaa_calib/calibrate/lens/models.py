@@ -11,6 +11,8 @@ from scipy.optimize import lsq_linear
 from vbaa_calib.camera import Camera
 from vbaa_calib.camera.models import MODELS
 
+from .projection import corner_radius, radial_slopes
+
 
 @dataclass(frozen=True)
 class LensModel:
@@ -22,6 +24,10 @@ class LensModel:
     distortion_count: int
     free: tuple[int, ...]
     simpler: str | None
+
+    @property
+    def is_fisheye(self) -> bool:
+        return self.camera_model == "fisheye"
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
@@ -82,7 +88,7 @@ def camera_of(model: LensModel, intrinsics: np.ndarray, image_size: tuple[int, i
 _NUMERATOR = {"opencv": (0, 1, 4), "fisheye": (0, 1, 2, 3)}
 _DENOMINATOR = {"opencv": (5, 6, 7), "fisheye": ()}
 _SAMPLES, _POLE = 160, 1e-3
-_FURTHEST_PER_CORNER, _BEYOND_CORNER, _WIDEST_RAD = 4.0, 1.02, 1.5
+_WIDEST_RAD = 1.5
 _NEARLY, _BEFORE_POLE, _FAR = 0.02, 0.95, 1e-6
 _DIVISION_TERMS = 2
 
@@ -99,56 +105,12 @@ class Unfolding:
     weight_px2: float
     image_size: tuple[int, int]
 
-    def rows(self, model: LensModel, intrinsics: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Residuals (m,) px of the radii where the slope is too small, their negative derivatives (m, 4 + k)."""
-        reach = corner_radius(intrinsics, self.image_size)
-        furthest = _FURTHEST_PER_CORNER * reach
-        radii = np.linspace(0.0, min(furthest, np.pi) if model.camera_model == "fisheye" else furthest, _SAMPLES)
-        curve, slope, by_distortion = radial_curve(model, intrinsics[4:], radii)
-        # beyond the picture nothing is required
-        within = np.concatenate([[True], np.maximum.accumulate(curve)[:-1] < reach])
-        short = within & (slope < self.least_slope)
-        scale = np.sqrt(self.weight_px2) / self.least_slope
-        by_lens = np.zeros((int(short.sum()), len(intrinsics)))
-        by_lens[:, 4:] = scale * by_distortion[short]
-        return scale * (self.least_slope - slope[short]), by_lens
-
 
 def radial_curve(
     model: LensModel, distortion: np.ndarray, radii: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Distorted radius (m,) at ideal radii (m,), its slope (m,), and the slope's derivatives (m, k)."""
-    top = [index for index in _NUMERATOR[model.camera_model] if index < len(distortion)]
-    bottom = [index for index in _DENOMINATOR[model.camera_model] if index < len(distortion)]
-    numerator, by_numerator = _even_polynomial(distortion[top], radii)
-    denominator, by_denominator = _even_polynomial(distortion[bottom], radii)
-    denominator = np.where(np.abs(denominator) < _POLE, _POLE, denominator)
-    ratio = numerator / denominator
-    turning = (by_numerator - ratio * by_denominator) / denominator
-    by_distortion = np.zeros((len(radii), len(distortion)))
-    for power, index in enumerate(top, start=1):
-        term = radii ** (2 * power)
-        by_distortion[:, index] = ((2 * power + 1) - radii * by_denominator / denominator) * term / denominator
-    for power, index in enumerate(bottom, start=1):
-        term = radii ** (2 * power)
-        own = (2 * power + 1) * ratio + radii * (turning - ratio * by_denominator / denominator)
-        by_distortion[:, index] = -own * term / denominator
-    return radii * ratio, ratio + radii * turning, by_distortion
-
-
-def _even_polynomial(coefficients: np.ndarray, radii: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """1 + c₁r² + c₂r⁴ + … and its derivative by r, (m,) each."""
-    value, slope = np.ones_like(radii), np.zeros_like(radii)
-    for power, coefficient in enumerate(coefficients, start=1):
-        value = value + coefficient * radii ** (2 * power)
-        slope = slope + 2 * power * coefficient * radii ** (2 * power - 1)
-    return value, slope
-
-
-def corner_radius(intrinsics: np.ndarray, image_size: tuple[int, int]) -> float:
-    """Distorted radius of the picture's furthest corner from the axis, and 2 % more; intrinsics (4 + k,)."""
-    furthest = np.maximum(np.array(image_size) - 0.5 - intrinsics[2:4], intrinsics[2:4] + 0.5)
-    return _BEYOND_CORNER * float(np.hypot(*(furthest / intrinsics[:2])))
+    return radial_slopes(np.ascontiguousarray(distortion), model.is_fisheye, radii)
 
 
 def is_monotonic(model: LensModel, intrinsics: np.ndarray, image_size: tuple[int, int]) -> bool:
