@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.polynomial.chebyshev import chebvander
-from scipy.ndimage import uniform_filter1d
-from scipy.spatial import cKDTree
 
 from vbaa_calib.core import smooth
-from vbaa_calib.core.polyline import arc_lengths
-from vbaa_calib.core.robust import mad_std
+from vbaa_calib.core.compiled import kernel
+from vbaa_calib.core.polyline import arc_lengths, beside
+from vbaa_calib.core.robust import MAD_SCALE
+from vbaa_calib.core.smooth import END_VALUE, median, running_mean
 
 from .centreline import Centreline, Verdict, Visibility
 from .corridor import Corridor
-from .crossings import Crossings
+from .crossings import Crossings, moved
 
 LEAST_SEEN, LEAST_SEEN_INSIDE = 0.3, 0.5
 """Least fraction of the guide that must be seen, and, of a line that is not clear, of what of it is in the picture."""
@@ -56,8 +56,10 @@ part may falsify it by, over the turn there."""
 _SLOPES = np.diff(chebvander(np.linspace(-1.0, 1.0, 41), WANDER_ORDER), axis=0)
 
 
-@dataclass(frozen=True, eq=False)
-class FittedLine:
+_SEEN, _HIDDEN, _OUTSIDE, _BEYOND = map(int, Visibility)
+
+
+class FittedLine(NamedTuple):
     """A line fitted to N profiles, not yet accepted as the antenna.
 
     Attributes
@@ -77,37 +79,53 @@ class FittedLine:
     height: np.ndarray
     noise: float
     breadth: float
-    changing: bool = False
+    changing: bool
 
-    @property
-    def contrast(self) -> float:
-        """Median height over the noise."""
-        return smooth.median(self.height[self.kept]) / max(self.noise, 1e-9) if self.kept.any() else 0.0
+
+class _Look(NamedTuple):
+    """What a fitted line looks like.
+
+    Attributes
+    ----------
+    everywhere, guide : (N, 2) its points, seen or not, and the smooth course through them.
+    visibility : (N,) a `Visibility` each.
+    seen, inside, root : parts of the path where it is seen, and in the picture; and of its first part where it is seen.
+    gap : longest stretch that is not seen, as a part of the path: one thing may stand in front of the antenna.
+    height, spread_px : medians of its height, grey levels, and deviation.
+    wander_px, snaking_rad : rms distance of its points from a curve of low order, and by how much that snakes.
+    step, transparency : how its background differs from side to side, over its height; and how far its brightness
+        follows that of the background.
+    """
+
+    everywhere: np.ndarray
+    guide: np.ndarray
+    visibility: np.ndarray
+    seen: float
+    inside: float
+    root: float
+    gap: float
+    height: float
+    spread_px: float
+    wander_px: float
+    snaking_rad: float
+    step: float
+    transparency: float
 
 
 def accepted(found: Crossings, line: FittedLine) -> Centreline:
-    """The centreline of N profiles, with its verdict."""
-    kept = line.kept
-    visibility = np.where(kept, Visibility.SEEN, np.where(found.inside, Visibility.HIDDEN, Visibility.OUTSIDE)).astype(
-        np.uint8
-    )
-    last = int(np.flatnonzero(kept)[-1]) if kept.any() else -1
-    after = np.arange(len(kept)) > last
-    visibility[after & (visibility == Visibility.HIDDEN)] = Visibility.BEYOND
-    everywhere = found.moved(line.centre)
-    points = everywhere[kept]
-    doubt = _doubt(found, everywhere, line)
-    verdict, reason = doubt or ("ok", "")
+    """The centreline of N profiles, with its verdict; it is kept somewhere."""
+    look, kept = _look(found, line), line.kept
+    verdict, reason = _doubt(line, look) or ("ok", "")
     return Centreline(
-        points_px=points,
+        points_px=look.everywhere[kept],
         sigma_px=line.sigma_px[kept],
-        seen=float(kept.mean()),
-        amplitude=smooth.median(line.height[kept]) if kept.any() else 0.0,
+        seen=look.seen,
+        amplitude=look.height,
         breadth=line.breadth,
         verdict=verdict,
         reason=reason,
-        guide_px=found.moved(line.course),
-        visibility=visibility,
+        guide_px=look.guide,
+        visibility=look.visibility,
         noise=line.noise,
         effective_px=line.effective_px[kept],
     )
@@ -136,8 +154,7 @@ def decided(line: Centreline, expected_px: np.ndarray) -> Centreline:
     """
     if line.verdict != "ambiguous" or len(expected_px) < 2:
         return line
-    tree = cKDTree(expected_px)
-    own, other = (float(tree.query(points)[0].mean()) for points in (line.points_px, line.other_line_px))
+    own, other = (_mean_distance(expected_px, points) for points in (line.points_px, line.other_line_px))
     near = own < MOVED * float(arc_lengths(expected_px)[-1]) and own < 0.5 * other
     return line.with_verdict("ok", "") if near else line
 
@@ -163,7 +180,7 @@ def reject_beside_clamp(line: Centreline, where: Corridor) -> Centreline:
     if first.sum() < LEAST_POINTS:
         return line
     bend, slope, offset = np.polyfit(along[first], aside[first], 2)
-    spread = 2.0 * smooth.median(line.sigma_px[first])
+    spread = 2.0 * median(line.sigma_px[first])
     turn = abs(slope) - BENDS_MORE * abs(2.0 * bend * FROM_CLAMP * length) - spread / (0.1 * length)
     if abs(offset) > where.clamp_px + spread:
         return line.with_verdict("no_antenna", f"what could be the antenna passes the clamp by {abs(offset):.0f} px")
@@ -181,81 +198,150 @@ def _differ(one: Centreline, other: Centreline, width_px: float) -> bool:
     return bool((gap > 2.0 * width_px + 4.0).mean() > 0.3)
 
 
-def _doubt(found: Crossings, points: np.ndarray, line: FittedLine) -> tuple[Verdict, str] | None:
-    """Why these points (N, 2) are no antenna, or not enough of one; None where nothing speaks against it."""
-    kept, breadth, contrast = line.kept, line.breadth, line.contrast
-    seen, inside = float(kept.mean()), max(float(found.inside.mean()), 1e-9)
+def _mean_distance(polyline: np.ndarray, points: np.ndarray) -> float:
+    """Of points (N, 2) from the nearest ones of a polyline (K, 2)."""
+    return float(np.hypot(*(points - polyline[beside(polyline, points)[0]]).T).mean())
+
+
+def _doubt(line: FittedLine, look: _Look) -> tuple[Verdict, str] | None:
+    """Why a line is no antenna, or not enough of one; None where nothing speaks against it."""
+    seen, inside, breadth, changing = look.seen, max(look.inside, 1e-9), line.breadth, line.changing
+    contrast = look.height / max(line.noise, 1e-9)
     share = f"{100 * seen:.0f} % of its length seen"
-    if kept.sum() < LEAST_POINTS or seen < 0.05:
+    if line.kept.sum() < LEAST_POINTS or seen < 0.05:
         return "no_antenna", f"nothing in the picture looks like the antenna ({share})"
     if breadth < NARROW:
         return "no_antenna", f"what could be the antenna is {breadth:.1f} times as broad as it should be ({share})"
     if contrast < LEAST_CONTRAST:
         return "no_antenna", f"what could be the antenna hardly stands out from the noise ({share})"
-    if line.changing and _step(found, kept) > EDGE:
+    if changing and look.step > EDGE:
         return "no_antenna", f"what could be the antenna is the edge of something broader ({share})"
-    if line.changing and _transparency(found, line) > TRANSPARENT:
+    if changing and look.transparency > TRANSPARENT:
         return "no_antenna", f"what could be the antenna is as bright as what lies behind it all along ({share})"
-    wander, snaking = _wander(found.along, points, kept)
-    if wander > np.hypot(WANDER_PX, WANDER_SIGMA * smooth.median(line.sigma_px[kept])) or snaking > SNAKING_RAD:
+    if look.wander_px > np.hypot(WANDER_PX, WANDER_SIGMA * look.spread_px) or look.snaking_rad > SNAKING_RAD:
         return "no_antenna", f"what could be the antenna is no smooth line ({share})"
-    if line.changing and seen < LEAST_WHOLE * (inside - _longest_gap(found, kept)):
+    if changing and seen < LEAST_WHOLE * (inside - look.gap):
         return "too_little", f"pieces of a line, too few to be sure of it ({share})"
-    if seen < (LEAST_SEEN_CHANGING if line.changing else LEAST_SEEN) or (
+    if seen < (LEAST_SEEN_CHANGING if changing else LEAST_SEEN) or (
         contrast <= CLEAR_CONTRAST and seen / inside < LEAST_SEEN_INSIDE
     ):
         return "too_little", f"too little of the antenna to be sure of it ({share})"
-    if kept[found.along < ROOT * found.along[-1]].mean() < LEAST_ROOT:
+    if look.root < LEAST_ROOT:
         return "too_little", f"the part near the clamp is not seen ({share})"
-    if breadth >= (BROAD_CHANGING if line.changing else BROAD) and seen / inside < LEAST_SEEN_BROAD:
+    if breadth >= (BROAD_CHANGING if changing else BROAD) and seen / inside < LEAST_SEEN_BROAD:
         return "too_little", f"a line {breadth:.1f} times as broad as the antenna, and too little of it ({share})"
     return None
 
 
-def _longest_gap(found: Crossings, kept: np.ndarray) -> float:
-    """Longest stretch that is not seen, as a fraction of the path: one thing may stand in front of the antenna."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[1], kept, [1]]).astype(int)))
-    return float(np.max(edges[1::2] - edges[::2], initial=0)) / len(kept)
+@kernel
+def _look(found: Crossings, line: FittedLine) -> _Look:
+    """What a line that is kept somewhere looks like."""
+    kept, everywhere = line.kept, moved(found, line.centre)
+    visibility = np.where(kept, _SEEN, np.where(found.inside, _HIDDEN, _OUTSIDE)).astype(np.uint8)
+    n = len(kept) - 1
+    while not kept[n]:
+        if visibility[n] == _HIDDEN:
+            visibility[n] = _BEYOND
+        n -= 1
+    gap, longest = 0, 0
+    for n in range(len(kept)):
+        gap = 0 if kept[n] else gap + 1
+        longest = max(longest, gap)
+    wander, snaking = _wander(found.along[kept], everywhere[kept])
+    return _Look(
+        everywhere,
+        moved(found, line.course),
+        visibility,
+        kept.mean(),
+        found.inside.mean(),
+        kept[found.along < ROOT * found.along[-1]].mean(),
+        longest / len(kept),
+        median(line.height[kept]),
+        median(line.sigma_px[kept]),
+        wander,
+        snaking,
+        _step(found, kept),
+        _transparency(found, line),
+    )
 
 
-def _flanks(profiles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(N,) grey levels at either end of profiles (N, T): what lies behind the line."""
-    return profiles[:, :3].mean(axis=1), profiles[:, -3:].mean(axis=1)
+@kernel
+def _flanks(profile: np.ndarray) -> tuple[float, float]:
+    """Grey levels at either end of a profile (T,): what lies behind the line."""
+    return profile[:3].mean(), profile[-3:].mean()
 
 
+@kernel
 def _step(found: Crossings, kept: np.ndarray) -> float:
     """How the background differs from one side of the line to the other, all along it, over the line's own height."""
-    profiles, middle = found.profiles[kept], found.profiles.shape[1] // 2
-    one, other = _flanks(profiles)
-    height = np.abs(profiles[:, middle - 1 : middle + 2].mean(axis=1) - 0.5 * (one + other))
-    steps = (other - one) * found.side[kept]
+    chosen, middle = np.flatnonzero(kept), found.profiles.shape[1] // 2
+    steps, height = np.empty(len(chosen)), np.empty(len(chosen))
+    for k in range(len(chosen)):
+        profile = found.profiles[chosen[k]]
+        one, other = _flanks(profile)
+        steps[k] = (other - one) * found.side[chosen[k]]
+        height[k] = abs(profile[middle - 1 : middle + 2].mean() - 0.5 * (one + other))
     # before a patchwork the steps are of either sign: an edge's are alike
-    common = abs(smooth.median(steps)) - 3.0 * mad_std(steps) / np.sqrt(len(steps) / ALIKE_PROFILES)
-    return max(common, 0.0) / max(smooth.median(height), 1e-9)
+    spread = MAD_SCALE * np.median(np.abs(steps))
+    common = abs(median(steps)) - 3.0 * spread / np.sqrt(len(steps) / ALIKE_PROFILES)
+    return max(common, 0.0) / max(median(height), 1e-9)
 
 
+@kernel
 def _transparency(found: Crossings, line: FittedLine) -> float:
     """How far the line's own brightness follows that of its background from place to place, 0 for an opaque antenna.
 
     0 as well where either hardly varies.
     """
-    kept = line.kept
-    profiles, rows = found.profiles[kept], np.arange(int(kept.sum()))
-    at = np.abs(found.across[kept] - line.centre[kept, None]).argmin(axis=1)
-    own, behind = profiles[rows, at], 0.5 * sum(_flanks(profiles))
-    own, behind = (values - uniform_filter1d(values, NEARBY, mode="nearest") for values in (own, behind))
-    both = np.sqrt([np.mean(own**2), np.mean(behind**2)]) / smooth.median(np.abs(line.height[kept]))
-    return float(np.mean(own * behind) / np.mean(behind**2)) if (both > VARIES).all() else 0.0
+    chosen = np.flatnonzero(line.kept)
+    own, behind = np.empty(len(chosen)), np.empty(len(chosen))
+    for k in range(len(chosen)):
+        n = chosen[k]
+        one, other = _flanks(found.profiles[n])
+        behind[k] = 0.5 * (one + other)
+        own[k] = found.profiles[n, np.abs(found.across[n] - line.centre[n]).argmin()]
+    own -= running_mean(own, NEARBY, END_VALUE)
+    behind -= running_mean(behind, NEARBY, END_VALUE)
+    height, varies = median(np.abs(line.height[line.kept])), (behind**2).mean()
+    if np.sqrt((own**2).mean()) > VARIES[0] * height and np.sqrt(varies) > VARIES[1] * height:
+        return (own * behind).mean() / varies
+    return 0.0
 
 
-def _wander(along: np.ndarray, points: np.ndarray, kept: np.ndarray) -> tuple[float, float]:
-    """Root mean square distance (px) of the kept points from a curve of low order, and by how much it snakes (rad)."""
-    reach = along[kept]
-    middle, half = 0.5 * (reach[0] + reach[-1]), max(0.5 * float(reach[-1] - reach[0]), 1e-6)
-    powers = chebvander((reach - middle) / half, WANDER_ORDER)
-    normal_matrix = powers.T @ powers + 1e-9 * len(reach) * np.eye(WANDER_ORDER + 1)
-    coefficients = np.linalg.solve(normal_matrix, powers.T @ points[kept])
-    off = points[kept] - powers @ coefficients
-    steps = _SLOPES @ coefficients
-    turns = np.diff(np.unwrap(np.arctan2(steps[:, 1], steps[:, 0])))
-    return float(np.sqrt((off**2).sum(axis=1).mean())), float(np.abs(turns).sum() - abs(turns.sum()))
+@kernel
+def _wander(along: np.ndarray, points: np.ndarray) -> tuple[float, float]:
+    """Root mean square distance (px) of points (N, 2) from a curve of low order, and by how much it snakes (rad)."""
+    middle, half = 0.5 * (along[0] + along[-1]), max(0.5 * (along[-1] - along[0]), 1e-6)
+    orders = WANDER_ORDER + 1
+    powers, matrix, curve = np.empty((len(along), orders)), 1e-9 * len(along) * np.eye(orders), np.zeros((orders, 2))
+    for n in range(len(along)):
+        place = (along[n] - middle) / half
+        powers[n, 0], powers[n, 1] = 1.0, place
+        for i in range(2, orders):
+            powers[n, i] = 2.0 * place * powers[n, i - 1] - powers[n, i - 2]
+        for i in range(orders):
+            for j in range(i + 1):
+                matrix[i, j] += powers[n, i] * powers[n, j]
+            for axis in range(2):
+                curve[i, axis] += powers[n, i] * points[n, axis]
+    smooth.solve(matrix, curve)
+    square = 0.0
+    for n in range(len(along)):
+        for axis in range(2):
+            off = points[n, axis]
+            for i in range(orders):
+                off -= powers[n, i] * curve[i, axis]
+            square += off**2
+    turned, turned_at_all, before = 0.0, 0.0, 0.0
+    for k in range(len(_SLOPES)):
+        u, v = 0.0, 0.0
+        for i in range(orders):
+            u += _SLOPES[k, i] * curve[i, 0]
+            v += _SLOPES[k, i] * curve[i, 1]
+        heading = np.arctan2(v, u)
+        if k:
+            turn = (heading - before + np.pi) % (2.0 * np.pi) - np.pi
+            turned += turn
+            turned_at_all += abs(turn)
+        before = heading
+    return np.sqrt(square / len(along)), turned_at_all - abs(turned)

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from typing import NamedTuple
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
 
+from vbaa_calib.core.compiled import kernel
 from vbaa_calib.core.polyline import normals, resample
+from vbaa_calib.core.smooth import END_VALUE, running_mean
 
 SPACING_PX = 0.95
 """Spacing of the path's points: below a pixel, so that no step passes two columns."""
+BOW_RUN = 23
+"""So many points of the path tell how it bends."""
 
 
-@dataclass(frozen=True, eq=False)
-class Crossings:
+class Crossings(NamedTuple):
     """Where a path crosses the middles of columns (or rows), and the raw profiles there.
 
     Attributes
@@ -40,75 +42,144 @@ class Crossings:
     profiles: np.ndarray
     inside: np.ndarray
 
-    def every(self, step: int) -> Crossings:
-        """Every so many of them."""
-        return Crossings(*(getattr(self, part.name)[::step] for part in fields(self)))
-
-    def distances(self, centre: np.ndarray) -> np.ndarray:
-        """(N, T) distance of every pixel from a line through centres (N,), px; positive along the normal."""
-        along = self.across - centre[:, None]
-        return along * ((self.side / self.stretch)[:, None] + (self.side * self.bow)[:, None] * along)
-
-    def tapered(self, part: float) -> Crossings:
-        """The same with distances in widths of a line that grows broader by this part of its width on its way."""
-        width = 1.0 + part * (self.along / max(float(self.along[-1]), 1e-6) - 0.5)
-        return replace(self, stretch=self.stretch * width, bow=self.bow / width)
-
-    def moved(self, shift: np.ndarray) -> np.ndarray:
-        """(N, 2) the points moved along their profiles by (N,)."""
-        points = self.points.copy()
-        points[np.arange(len(points)), self.axis] += shift
-        return points
-
 
 def crossings(image: np.ndarray, path_px: np.ndarray, half: int, bright: bool | None) -> Crossings:
     """Profiles of 2·half + 1 pixels of an (H, W) picture across a path (K, 2); negative ones for a dark line."""
+    found, first = _places(np.ascontiguousarray(path_px, np.float64), half)
+    _read(np.ascontiguousarray(image), first, -1.0 if bright is False else 1.0, found)
+    return found
+
+
+@kernel
+def _places(path_px: np.ndarray, half: int) -> tuple[Crossings, np.ndarray]:
+    """The crossings, without their profiles, and every profile's first pixel (N, 2), u and v."""
     path, along = resample(path_px, SPACING_PX)
     normal = normals(path)
     upward = np.abs(normal[:, 0]) > np.abs(normal[:, 1])
-    start, end = path[:-1], path[1:]
-    first = np.ceil(np.minimum(start, end))
-    hit = (first < np.maximum(start, end)) & np.stack([~upward[:-1], upward[:-1]], axis=1)
-    at = np.argwhere(hit)
-    index, crossed = at[:, 0], at[:, 1]
-    axis = 1 - crossed
-    part = (first[index, crossed] - start[index, crossed]) / (end - start)[index, crossed]
-    points = start[index] + part[:, None] * (end - start)[index]
-    middle = np.rint(points[np.arange(len(index)), axis]).astype(np.intp)
-    line = np.rint(first[index, crossed]).astype(np.intp)
-    profiles, inside = _raw(image, line, middle, axis, half)
-    tangent = np.stack([normal[:, 1], -normal[:, 0]], axis=1)
-    turning = (np.gradient(tangent, axis=0) * normal).sum(axis=1) / SPACING_PX
-    leaning = tangent[index, axis]
-    side = np.where(normal[index, axis] < 0, -1.0, 1.0)
-    offsets = np.arange(-half, half + 1.0)
-    across = offsets - (points[np.arange(len(index)), axis] - middle)[:, None]
+    line = np.empty(len(path) - 1)
+    count = 0
+    for k in range(len(path) - 1):
+        crossed = int(upward[k])
+        one, other = path[k, crossed], path[k + 1, crossed]
+        line[k] = np.ceil(min(one, other))
+        if line[k] < max(one, other):
+            count += 1
+        else:
+            line[k] = np.nan
+    bend = running_mean(_turning(normal), BOW_RUN, END_VALUE)
+    length = 2 * half + 1
+    found = Crossings(
+        np.empty((count, 2)),
+        np.empty(count, np.int64),
+        np.empty(count),
+        np.empty(count),
+        np.empty(count),
+        np.empty(count),
+        np.empty((count, length)),
+        np.zeros((count, length)),
+        np.zeros(count, np.bool_),
+    )
+    first = np.empty((count, 2), np.int64)
+    n = 0
+    for k in range(len(path) - 1):
+        if np.isnan(line[k]):
+            continue
+        crossed = int(upward[k])
+        axis = 1 - crossed
+        part = (line[k] - path[k, crossed]) / (path[k + 1, crossed] - path[k, crossed])
+        for i in range(2):
+            found.points[n, i] = path[k, i] + part * (path[k + 1, i] - path[k, i])
+        found.axis[n], found.along[n] = axis, along[k] + SPACING_PX * part
+        side = -1.0 if normal[k, axis] < 0.0 else 1.0
+        leaning = normal[k, 1] if axis == 0 else -normal[k, 0]
+        found.stretch[n], found.side[n] = 1.0 / max(abs(normal[k, axis]), 0.5), side
+        found.bow[n] = -0.5 * side * bend[k] * leaning**2
+        middle = np.rint(found.points[n, axis])
+        for t in range(length):
+            found.across[n, t] = t - half - (found.points[n, axis] - middle)
+        first[n, crossed], first[n, axis] = int(np.rint(line[k])), int(middle) - half
+        n += 1
+    return found, first
+
+
+@kernel
+def _turning(normal: np.ndarray) -> np.ndarray:
+    """(K,) by how much the direction turns per px at each point of a path, towards its normal (K, 2)."""
+    last = len(normal) - 1
+    turning = np.empty(last + 1)
+    for k in range(last + 1):
+        before, after = max(k - 1, 0), min(k + 1, last)
+        u, v = normal[after, 1] - normal[before, 1], normal[before, 0] - normal[after, 0]
+        turning[k] = (u * normal[k, 0] + v * normal[k, 1]) / ((after - before) * SPACING_PX)
+    return turning
+
+
+@kernel
+def _read(image: np.ndarray, first: np.ndarray, sign: float, found: Crossings) -> None:
+    """Fill in the profiles, times `sign`, that lie in the picture (H, W)."""
+    height, width = image.shape
+    length = found.profiles.shape[1]
+    for n in range(len(first)):
+        u, v, axis = first[n, 0], first[n, 1], found.axis[n]
+        last_u, last_v = u + (length - 1) * (1 - axis), v + (length - 1) * axis
+        found.inside[n] = u >= 0 and v >= 0 and last_u < width and last_v < height
+        if found.inside[n]:
+            for t in range(length):
+                found.profiles[n, t] = sign * (image[v + t, u] if axis else image[v, u + t])
+
+
+@kernel
+def every(found: Crossings, step: int) -> Crossings:
+    """Every so many of the crossings."""
     return Crossings(
-        points=points,
-        axis=axis,
-        along=along[index] + SPACING_PX * part,
-        stretch=1.0 / np.maximum(np.abs(normal[index, axis]), 0.5),
-        side=side,
-        bow=-0.5 * side * uniform_filter1d(turning, 23, mode="nearest")[index] * leaning**2,
-        across=across,
-        profiles=-profiles if bright is False else profiles,
-        inside=inside,
+        found.points[::step].copy(),
+        found.axis[::step].copy(),
+        found.along[::step].copy(),
+        found.stretch[::step].copy(),
+        found.side[::step].copy(),
+        found.bow[::step].copy(),
+        found.across[::step].copy(),
+        found.profiles[::step].copy(),
+        found.inside[::step].copy(),
     )
 
 
-def _raw(
-    image: np.ndarray, line: np.ndarray, middle: np.ndarray, axis: np.ndarray, half: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """(N, 2·half + 1) pixels about `middle` in the column or row `line`, and whether all are in the picture."""
-    height, width = image.shape
-    sideways = axis == 1
-    # of the column or row, and how many of them there are
-    length, count = width + (height - width) * axis, height + (width - height) * axis
-    inside = (line >= 0) & (line < count) & (middle >= half) & (middle < length - half)
-    step = np.where(sideways, width, 1)
-    first = np.where(sideways, line, line * width) + (middle - half) * step
-    at = np.where(inside, first, 0)[:, None] + step[:, None] * np.arange(2 * half + 1)
-    # an index outside the picture belongs to a profile that is not inside
-    profiles = np.ascontiguousarray(image).ravel().take(at, mode="clip").astype(float)
-    profiles[~inside] = 0.0
-    return profiles, inside
+@kernel
+def shares(found: Crossings) -> np.ndarray:
+    """(N,) how far along the path the crossings lie, as fractions of the last one's distance."""
+    return found.along / max(found.along[-1], 1e-6)
+
+
+@kernel
+def distances(found: Crossings, n: int, centre: float, across: np.ndarray) -> None:
+    """Distance of profile n's pixels from a line through its `centre`, px, positive along the normal: into (T,)."""
+    linear, square = found.side[n] / found.stretch[n], found.side[n] * found.bow[n]
+    for t in range(len(across)):
+        along = found.across[n, t] - centre
+        across[t] = along * (linear + square * along)
+
+
+@kernel
+def tapered(found: Crossings, part: float) -> Crossings:
+    """The same with distances in widths of a line that grows broader by this part of its width on its way."""
+    width = 1.0 + part * (shares(found) - 0.5)
+    return Crossings(
+        found.points,
+        found.axis,
+        found.along,
+        found.stretch * width,
+        found.side,
+        found.bow / width,
+        found.across,
+        found.profiles,
+        found.inside,
+    )
+
+
+@kernel
+def moved(found: Crossings, shift: np.ndarray) -> np.ndarray:
+    """(N, 2) the points moved along their profiles by (N,)."""
+    points = found.points.copy()
+    for n in range(len(points)):
+        points[n, found.axis[n]] += shift[n]
+    return points

@@ -7,13 +7,15 @@ height, its place.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property, lru_cache
-from typing import Protocol
+from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
-from .crossings import Crossings
+from vbaa_calib.core.compiled import kernel
+from vbaa_calib.core.smooth import solve
+
+from .crossings import Crossings, distances, shares
 
 PER_PX = 32
 """Rows of a tabled shape per pixel."""
@@ -28,50 +30,100 @@ KNOT_PX = 0.85
 """Spacing of the splines' knots: finer than the point spread of an ordinary lens."""
 
 
-class CrossSection(Protocol):
-    """What a line looks like across."""
+class CrossSection(NamedTuple):
+    """What lines look like across: sums of C tabled functions of the distance from the centre.
 
-    def at(self, across: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Heights and their derivatives at distances (N, T) from the centre, px."""
-        ...
-
-
-@dataclass(frozen=True, eq=False)
-class LineShape:
-    """A cross-section of height one: (2R + 1,) `values` and `slopes`, `PER_PX` rows a pixel, the middle one at 0 px."""
+    Attributes
+    ----------
+    values, slopes : (2R + 1, C) the functions and their derivatives, `PER_PX` rows a pixel, the middle one at 0 px.
+    weights : (N, C) of every profile; (1, 1), one, where all are alike.
+    """
 
     values: np.ndarray
     slopes: np.ndarray
-
-    def at(self, across: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The shape and its derivative at distances (N, T) from the centre, px."""
-        last = len(self.values) - 1
-        place = np.clip(across * PER_PX + 0.5 * last, 0.0, last)
-        row = place.astype(np.intp)
-        place -= row
-        rises, turns = self._steps
-        return self.values.take(row) + rises.take(row) * place, self.slopes.take(row) + turns.take(row) * place
-
-    @cached_property
-    def _steps(self) -> tuple[np.ndarray, np.ndarray]:
-        """(2R + 1,) from every row of `values`, and of `slopes`, to the next; none from the last."""
-        return np.diff(self.values, append=self.values[-1]), np.diff(self.slopes, append=self.slopes[-1])
-
-    @property
-    def half_width_px(self) -> float:
-        """Half the width at half the height."""
-        return float((self.values > 0.5).sum()) / (2.0 * PER_PX)
+    weights: np.ndarray
 
 
-def expected(width_px: float, blur_px: float, reach_px: int) -> LineShape:
+@kernel
+def alike(values: np.ndarray, slopes: np.ndarray) -> CrossSection:
+    """One cross-section for all profiles, of height one: (2R + 1, 1) values and slopes."""
+    return CrossSection(values, slopes, np.ones((1, 1)))
+
+
+@kernel
+def look_up(section: CrossSection, n: int, across: np.ndarray, value: np.ndarray, slope: np.ndarray) -> None:
+    """Profile n's cross-section and its derivative at distances (T,) from the centre, px: into (T,) each."""
+    last, several = len(section.values) - 1, section.values.shape[1]
+    own = n if len(section.weights) > 1 else 0
+    for t in range(len(across)):
+        place = min(max(across[t] * PER_PX + 0.5 * last, 0.0), float(last))
+        row = min(int(place), last - 1)
+        part = place - row
+        if several == 1:
+            value[t] = (1.0 - part) * section.values[row, 0] + part * section.values[row + 1, 0]
+            slope[t] = (1.0 - part) * section.slopes[row, 0] + part * section.slopes[row + 1, 0]
+            continue
+        value[t], slope[t] = 0.0, 0.0
+        for c in range(several):
+            near, far = section.weights[own, c] * (1.0 - part), section.weights[own, c] * part
+            value[t] += near * section.values[row, c] + far * section.values[row + 1, c]
+            slope[t] += near * section.slopes[row, c] + far * section.slopes[row + 1, c]
+
+
+@kernel
+def half_width_px(section: CrossSection) -> float:
+    """Half the width at half the height, of cross-sections that are alike."""
+    return (section.values > 0.5).sum() / (2.0 * PER_PX)
+
+
+@kernel
+def expected(width_px: float, blur_px: float, reach_px: int) -> CrossSection:
     """A round, evenly painted antenna of this width, seen through this blur and the pixel's own square."""
-    t = np.arange(-reach_px * PER_PX, reach_px * PER_PX + 1) / PER_PX
-    half = 0.5 * width_px
-    body = np.where(np.abs(t) < half, 0.4 + 0.6 * np.sqrt(np.clip(1.0 - (t / half) ** 2, 0.0, None)), 0.0)
-    spread = np.exp(-0.5 * (t / np.hypot(blur_px, 0.29)) ** 2)
-    seen = np.convolve(body, spread / spread.sum(), mode="same")
-    seen /= seen.max()
-    return LineShape(seen, np.gradient(seen) * PER_PX)
+    middle, half, blur = reach_px * PER_PX, 0.5 * width_px, np.hypot(blur_px, 0.29)
+    spread = np.exp(-0.5 * ((np.arange(2 * middle + 1) - middle) / (PER_PX * blur)) ** 2)
+    spread /= spread.sum()
+    values, slopes, last = np.zeros((2 * middle + 1, 1)), np.empty((2 * middle + 1, 1)), 2 * middle
+    for b in range(last + 1):
+        across = abs(b - middle) / PER_PX
+        if across < half:
+            body = 0.4 + 0.6 * np.sqrt(max(1.0 - (across / half) ** 2, 0.0))
+            for r in range(max(b - middle, 0), min(b + middle, last) + 1):
+                values[r, 0] += body * spread[r - b + middle]
+    values /= values.max()
+    for r in range(last + 1):
+        before, after = max(r - 1, 0), min(r + 1, last)
+        slopes[r, 0] = (values[after, 0] - values[before, 0]) * (PER_PX / (after - before))
+    return alike(values, slopes)
+
+
+class Shapes(NamedTuple):
+    """What a cross-section is learned with: for a width, within a reach.
+
+    Attributes
+    ----------
+    bins, values, slopes : (B, M), (R, M), (R, M) even cubic splines in the bins, and they and their derivatives in a
+        table's rows.
+    ordinary : the antenna in focus. blurred_bins, blurred_values, blurred_slopes : (F, B), (F, R, 1), (F, R, 1) of
+        antennas somewhat thinner and broader, from sharp to far out of focus.
+    """
+
+    bins: np.ndarray
+    values: np.ndarray
+    slopes: np.ndarray
+    ordinary: CrossSection
+    blurred_bins: np.ndarray
+    blurred_values: np.ndarray
+    blurred_slopes: np.ndarray
+
+
+@lru_cache(maxsize=32)
+def shapes(width_px: float, blur_px: float, reach_px: int) -> Shapes:
+    """What shapes are learned with, for an antenna of this width and, in focus, this blur, to `reach_px` aside."""
+    several = [expected(width_px * part, blur, reach_px) for part in WIDTHS for blur in BLURS_PX]
+    values, slopes = np.stack([each.values for each in several]), np.stack([each.slopes for each in several])
+    rows = np.rint((np.arange(2 * reach_px * BINS_PER_PX) + 0.5) * (PER_PX / BINS_PER_PX)).astype(np.intp)
+    bins = np.ascontiguousarray(values[:, rows, 0])
+    return Shapes(*_splines(reach_px), expected(width_px, blur_px, reach_px), bins, values, slopes)
 
 
 @lru_cache(maxsize=32)
@@ -89,70 +141,82 @@ def _splines(reach_px: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return full(bins) @ basis, full(table) @ basis, full.derivative()(table) @ basis
 
 
-@lru_cache(maxsize=16)
-def _family(width_px: float, reach_px: int) -> tuple[list[LineShape], np.ndarray]:
-    """Shapes of antennas somewhat thinner and broader, from sharp to far out of focus, and their bins (F, B)."""
-    shapes = [expected(width_px * part, blur, reach_px) for part in WIDTHS for blur in BLURS_PX]
-    rows = (np.arange(2 * reach_px * BINS_PER_PX) + 0.5) * (PER_PX / BINS_PER_PX)
-    return shapes, np.stack([shape.values[np.rint(rows).astype(np.intp)] for shape in shapes])
-
-
-@dataclass(frozen=True, eq=False)
-class Binned:
+class Binned(NamedTuple):
     """Heights by distance from the centre: how many (B,) and their means (B,), `BINS_PER_PX` a pixel."""
 
-    count: np.ndarray
+    number: np.ndarray
     mean: np.ndarray
 
-    @property
-    def reach_px(self) -> int:
-        """How far the bins reach to either side."""
-        return len(self.count) // (2 * BINS_PER_PX)
 
-    def lopsided(self, noise: float) -> float:
-        """Root mean square difference of the two sides where the line is, beyond what `noise` of one height makes."""
-        apart = 0.5 * (self.mean - self.mean[::-1])
-        weight = np.minimum(self.count, self.count[::-1]) * (np.abs(self.mean) + np.abs(self.mean[::-1]) > 0.2)
-        total = max(float(weight.sum()), 1.0)
-        by_chance = 0.5 * noise**2 * float((weight > 0).sum()) / total
-        return float(np.sqrt(max(float((weight * apart**2).sum()) / total - 2.0 * by_chance, 0.0)))
-
-
-def binned(across: np.ndarray, heights: np.ndarray, reach_px: int) -> Binned:
-    """Heights (N, T), grey levels less the background over the line's height, at distances (N, T) from the centre."""
-    bins = 2 * reach_px * BINS_PER_PX
-    at = np.clip((across + reach_px) * BINS_PER_PX, 0, bins).astype(np.intp).ravel()
-    count = np.bincount(at, minlength=bins + 1)[:bins].astype(float)
-    return Binned(count, np.bincount(at, heights.ravel(), bins + 1)[:bins] / np.maximum(count, 1.0))
+@kernel
+def lopsided(seen: Binned, noise: float) -> float:
+    """Root mean square difference of the two sides where the line is, beyond what `noise` of one height makes."""
+    total, power, used = 0.0, 0.0, 0
+    for b in range(len(seen.number)):
+        one, other = seen.mean[b], seen.mean[len(seen.mean) - 1 - b]
+        weight = min(seen.number[b], seen.number[len(seen.mean) - 1 - b])
+        if weight > 0.0 and abs(one) + abs(other) > 0.2:
+            total, power, used = total + weight, power + weight * (0.5 * (one - other)) ** 2, used + 1
+    total = max(total, 1.0)
+    return np.sqrt(max(power / total - noise**2 * used / total, 0.0))
 
 
-def nearest(seen: Binned, width_px: float) -> LineShape:
+@kernel
+def nearest(seen: Binned, known: Shapes) -> CrossSection:
     """The shape that an antenna of about this width has at the blur that the heights show."""
-    shapes, family = _family(width_px, seen.reach_px)
-    middle = family - (family @ seen.count / seen.count.sum())[:, None]
-    mean = seen.mean - seen.mean @ seen.count / seen.count.sum()
-    power = (middle**2) @ seen.count
-    # the height that fits each shape best is left free
-    return shapes[int(((middle @ (seen.count * mean)) ** 2 / np.maximum(power, 1e-9)).argmax())]
+    whole = seen.number.sum()
+    offset = (seen.mean * seen.number).sum() / whole
+    best, most = 0, -np.inf
+    for f in range(len(known.blurred_bins)):
+        shape = known.blurred_bins[f]
+        middle = shape - (shape * seen.number).sum() / whole
+        # the height that fits each shape best is left free
+        match = (middle * seen.number * (seen.mean - offset)).sum() ** 2
+        match /= max((middle**2 * seen.number).sum(), 1e-9)
+        if match > most:
+            best, most = f, match
+    return alike(known.blurred_values[best], known.blurred_slopes[best])
 
 
-def learn(seen: Binned) -> LineShape:
+@kernel
+def learn(seen: Binned, known: Shapes) -> CrossSection:
     """The smooth symmetric shape that the heights show, whatever it is."""
-    bins, values, slopes = _splines(seen.reach_px)
-    weighted = bins * seen.count[:, None]
-    second = np.diff(np.eye(bins.shape[1]), 2, axis=0)
-    penalty = 1e-3 * seen.count.mean() * (second.T @ second) + 1e-9 * (1.0 + seen.count.sum()) * np.eye(bins.shape[1])
-    coefficients = np.linalg.solve(weighted.T @ bins + penalty, weighted.T @ seen.mean)
-    # einsum, unlike a matrix product, wakes no threads for so little
-    shape, slope = (np.einsum("rm,m->r", table, coefficients) for table in (values, slopes))
-    shape -= 0.5 * (shape[0] + shape[-1])
-    scale = float(shape.max())
+    bins, several = known.bins, known.bins.shape[1]
+    matrix, side = np.zeros((several, several)), np.zeros((several, 1))
+    for b in range(len(bins)):
+        for i in range(several):
+            weight = seen.number[b] * bins[b, i]
+            if weight != 0.0:
+                side[i, 0] += weight * seen.mean[b]
+                for j in range(i + 1):
+                    matrix[i, j] += weight * bins[b, j]
+    bend = 1e-3 * seen.number.mean()
+    second = (1.0, -2.0, 1.0)
+    for k in range(several - 2):
+        for i in range(3):
+            for j in range(i + 1):
+                matrix[k + i, k + j] += bend * second[i] * second[j]
+    for i in range(several):
+        matrix[i, i] += 1e-9 * (1.0 + seen.number.sum())
+    solve(matrix, side)
+    shape, slope = _product(known.values, side), _product(known.slopes, side)
+    shape -= 0.5 * (shape[0, 0] + shape[-1, 0])
+    scale = shape.max()
     scale = scale if scale > 1e-6 else 1.0
-    return LineShape(shape / scale, slope / scale)
+    return alike(shape / scale, slope / scale)
 
 
-@dataclass(frozen=True, eq=False)
-class Fits:
+@kernel
+def _product(table: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
+    """(R, 1) of a table (R, M) and coefficients (M, 1)."""
+    values = np.zeros((len(table), 1))
+    for r in range(len(table)):
+        for m in range(table.shape[1]):
+            values[r, 0] += table[r, m] * coefficients[m, 0]
+    return values
+
+
+class Fits(NamedTuple):
     """Lines fitted to N profiles of T pixels.
 
     Attributes
@@ -161,7 +225,7 @@ class Fits:
     height : (N,) grey levels.
     unit_height : (N,) the height's standard deviation, were the noise of every pixel one.
     gain : (N, T) derivative of the shift by each pixel.
-    residuals : (N, T) grey levels.
+    residuals : (N, T) grey levels. rms : (N,) their root mean square, freed of the four unknowns.
     freed : (N, T) what of a pixel's variance its residual keeps.
     stepped : (N,) by how much further the line would lie along the profile if the background had a step behind it: an
         object's edge that runs along the antenna. stepped_unit : (N,) its deviation, were the noise of every pixel one.
@@ -172,77 +236,160 @@ class Fits:
     unit_height: np.ndarray
     gain: np.ndarray
     residuals: np.ndarray
+    rms: np.ndarray
     freed: np.ndarray
     stepped: np.ndarray
     stepped_unit: np.ndarray
 
-    @property
-    def rms(self) -> np.ndarray:
-        """(N,) root mean square of the residuals, freed of the four unknowns."""
-        return np.sqrt(np.einsum("nt,nt->n", self.residuals, self.residuals) / (self.residuals.shape[1] - 4))
+
+@kernel
+def remove_background(values: np.ndarray) -> None:
+    """Take level and slope off values (T,)."""
+    count = len(values)
+    middle = 0.5 * (count - 1)
+    level, slope = 0.0, 0.0
+    for t in range(count):
+        level += values[t]
+        slope += (t - middle) * values[t]
+    level /= count
+    slope /= count * (count**2 - 1.0) / 12.0
+    for t in range(count):
+        values[t] -= level + slope * (t - middle)
 
 
-@lru_cache(maxsize=32)
-def _background(count: int) -> np.ndarray:
-    """(T, 2) orthonormal level and slope."""
-    t = np.arange(count) - (count - 1) / 2
-    return np.stack([np.full(count, count**-0.5), t / np.sqrt((t**2).sum())], axis=1)
+@kernel
+def dot(one: np.ndarray, other: np.ndarray) -> float:
+    """Σ of the products of two rows (T,)."""
+    total = 0.0
+    for t in range(len(one)):
+        total += one[t] * other[t]
+    return total
 
 
-def without_background(rows: np.ndarray) -> np.ndarray:
-    flat = _background(rows.shape[1])
-    return rows - (rows @ flat) @ flat.T
-
-
-def fit(shape: CrossSection, found: Crossings, centre: np.ndarray) -> Fits:
+@kernel
+def fit(section: CrossSection, found: Crossings, centre: np.ndarray) -> Fits:
     """One Gauss–Newton step from the centres (N,), given along the profile from the path."""
-    across = found.distances(centre)
-    value, slope = shape.at(across)
-    by_centre = (-found.side / found.stretch)[:, None]
-    value, slope = without_background(value), without_background(slope * by_centre)
-    grey = without_background(found.profiles)
-    vv, vs, ss = (np.einsum("nt,nt->n", a, b) for a, b in ((value, value), (value, slope), (slope, slope)))
-    vy, sy = np.einsum("nt,nt->n", value, grey), np.einsum("nt,nt->n", slope, grey)
-    determinant = np.maximum(vv * ss - vs**2, 1e-9)
-    height = (ss * vy - vs * sy) / determinant
-    safe = np.where(np.abs(height) > 1e-6, height, 1e-6)
-    by_pixel = (vv[:, None] * slope - vs[:, None] * value) / determinant[:, None]
-    product = (vv * sy - vs * vy) / determinant
-    residuals = grey - height[:, None] * value - product[:, None] * slope
-    leverage = (
-        (_background(grey.shape[1]) ** 2).sum(axis=1) + by_pixel * slope + value**2 / np.maximum(vv, 1e-9)[:, None]
+    count, length = found.profiles.shape
+    fits = Fits(
+        np.empty(count),
+        np.empty(count),
+        np.empty(count),
+        np.empty((count, length)),
+        np.empty((count, length)),
+        np.empty(count),
+        np.empty((count, length)),
+        np.empty(count),
+        np.empty(count),
     )
-    # the step, less what height and place make of it
-    step = without_background(np.clip(across, -1.0, 1.0))
-    vb, sb = np.einsum("nt,nt->n", value, step), np.einsum("nt,nt->n", slope, step)
-    moved = (vv * sb - vs * vb) / determinant
-    apart = step - ((ss * vb - vs * sb) / determinant)[:, None] * value - moved[:, None] * slope
-    power = np.maximum(np.einsum("nt,nt->n", apart, apart), 1e-9)
-    return Fits(
-        shift=np.clip(product / safe, -0.5 * grey.shape[1], 0.5 * grey.shape[1]),
-        height=height,
-        unit_height=np.sqrt(ss / determinant),
-        gain=by_pixel / safe[:, None],
-        residuals=residuals,
-        freed=np.maximum(1.0 - leverage, 0.15),
-        stepped=-moved / safe * np.einsum("nt,nt->n", apart, residuals) / power,
-        stepped_unit=np.abs(moved / safe) / np.sqrt(power),
-    )
+    across, value, slope = np.empty(length), np.empty(length), np.empty(length)
+    grey, step = np.empty(length), np.empty(length)
+    middle, per_spread = 0.5 * (length - 1), 12.0 / (length * (length**2 - 1.0))
+    # one loop for all profiles: a call for each would hand on every array of the tuples
+    for n in range(count):
+        distances(found, n, centre[n], across)
+        look_up(section, n, across, value, slope)
+        by_centre = -found.side[n] / found.stretch[n]
+        for t in range(length):
+            slope[t] *= by_centre
+            grey[t] = found.profiles[n, t]
+            step[t] = min(max(across[t], -1.0), 1.0)
+        remove_background(value)
+        remove_background(slope)
+        remove_background(grey)
+        remove_background(step)
+        vv, vs, ss = dot(value, value), dot(value, slope), dot(slope, slope)
+        vy, sy, vb, sb = dot(value, grey), dot(slope, grey), dot(value, step), dot(slope, step)
+        determinant = max(vv * ss - vs**2, 1e-9)
+        height, product = (ss * vy - vs * sy) / determinant, (vv * sy - vs * vy) / determinant
+        safe = height if abs(height) > 1e-6 else 1e-6
+        # the step, less what height and place make of it
+        moved, left = (vv * sb - vs * vb) / determinant, (ss * vb - vs * sb) / determinant
+        by_slope, by_value, per_power = vv / determinant, vs / determinant, 1.0 / max(vv, 1e-9)
+        per_height = 1.0 / safe
+        square, power, stepped = 0.0, 0.0, 0.0
+        for t in range(length):
+            by_pixel = by_slope * slope[t] - by_value * value[t]
+            residual = grey[t] - height * value[t] - product * slope[t]
+            leverage = 1.0 / length + (t - middle) ** 2 * per_spread + by_pixel * slope[t] + value[t] ** 2 * per_power
+            apart = step[t] - left * value[t] - moved * slope[t]
+            fits.gain[n, t], fits.residuals[n, t] = by_pixel * per_height, residual
+            fits.freed[n, t] = max(1.0 - leverage, 0.15)
+            square += residual * residual
+            power += apart * apart
+            stepped += apart * residual
+        power = max(power, 1e-9)
+        fits.shift[n] = min(max(product * per_height, -0.5 * length), 0.5 * length)
+        fits.height[n], fits.unit_height[n] = height, np.sqrt(ss / determinant)
+        fits.rms[n] = np.sqrt(square / (length - 4))
+        fits.stepped[n] = -moved * per_height * stepped / power
+        fits.stepped_unit[n] = abs(moved * per_height) / np.sqrt(power)
+    return fits
 
 
-def tapering(shape: LineShape, found: Crossings, centre: np.ndarray, fits: Fits, chosen: np.ndarray) -> float:
+@kernel
+def heights(section: CrossSection, found: Crossings, centre: np.ndarray, fits: Fits, chosen: np.ndarray) -> np.ndarray:
+    """(N, T) of the chosen profiles (N,): grey levels less the background, over the line's height; zeros elsewhere."""
+    count, length = found.profiles.shape
+    seen = np.zeros((count, length))
+    across, value, slope = np.empty(length), np.empty(length), np.empty(length)
+    for n in range(count):
+        if chosen[n]:
+            distances(found, n, centre[n], across)
+            look_up(section, n, across, value, slope)
+            for t in range(length):
+                seen[n, t] = value[t] + fits.residuals[n, t] / fits.height[n]
+    return seen
+
+
+@kernel
+def binned(found: Crossings, centre: np.ndarray, seen: np.ndarray, chosen: np.ndarray, reach_px: int) -> Binned:
+    """Heights (N, T) of the chosen profiles (N,) by their distances from centres (N,)."""
+    bins = 2 * reach_px * BINS_PER_PX
+    count, total = np.zeros(bins), np.zeros(bins)
+    across = np.empty(seen.shape[1])
+    for n in range(len(seen)):
+        if chosen[n]:
+            distances(found, n, centre[n], across)
+            for t in range(len(across)):
+                at = int(min(max((across[t] + reach_px) * BINS_PER_PX, 0.0), float(bins)))
+                if at < bins:
+                    count[at] += 1.0
+                    total[at] += seen[n, t]
+    return Binned(count, total / np.maximum(count, 1.0))
+
+
+@kernel
+def tapering(section: CrossSection, found: Crossings, centre: np.ndarray, fits: Fits, chosen: np.ndarray) -> float:
     """By which part the line is broader at the path's end than at its start, as the fits' residuals show it.
 
     `chosen` (N,) are the profiles that count. To first order in how the width changes.
     """
-    across = found.distances(centre)[chosen]
-    value, slope = shape.at(across)
-    value, wider = without_background(value), without_background(-across * slope)
-    wider -= value * (np.einsum("nt,nt->n", wider, value) / np.einsum("nt,nt->n", value, value))[:, None]
-    height = fits.height[chosen]
-    slopes = np.einsum("nt,nt->n", fits.residuals[chosen], wider) * height
-    information = np.einsum("nt,nt->n", wider, wider) * height**2
-    share = found.along[chosen] / max(float(found.along[-1]), 1e-6)
-    share = share - (information @ share) / max(float(information.sum()), 1e-9)
-    prior = float(np.median(fits.rms[chosen])) ** 2 / LIKELY_TAPER**2
-    return float(np.clip((share @ slopes) / max(float(share**2 @ information) + prior, 1e-9), -MOST_TAPER, MOST_TAPER))
+    share = shares(found)
+    length = found.profiles.shape[1]
+    across, value, slope, wider = np.empty(length), np.empty(length), np.empty(length), np.empty(length)
+    # sums of information, and of it and of the slopes by share
+    informed, by_share, by_square, slopes, slopes_by_share = 0.0, 0.0, 0.0, 0.0, 0.0
+    for n in range(len(chosen)):
+        if not chosen[n]:
+            continue
+        distances(found, n, centre[n], across)
+        look_up(section, n, across, value, slope)
+        for t in range(length):
+            wider[t] = -across[t] * slope[t]
+        remove_background(value)
+        remove_background(wider)
+        part = dot(wider, value) / dot(value, value)
+        for t in range(length):
+            wider[t] -= part * value[t]
+        information = dot(wider, wider) * fits.height[n] ** 2
+        toward = dot(fits.residuals[n], wider) * fits.height[n]
+        informed += information
+        by_share += information * share[n]
+        by_square += information * share[n] ** 2
+        slopes += toward
+        slopes_by_share += toward * share[n]
+    middle = by_share / max(informed, 1e-9)
+    prior = np.median(fits.rms[chosen]) ** 2 / LIKELY_TAPER**2
+    variance = by_square - 2.0 * middle * by_share + middle**2 * informed
+    taper = (slopes_by_share - middle * slopes) / max(variance + prior, 1e-9)
+    return min(max(taper, -MOST_TAPER), MOST_TAPER)

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
-import cv2
 import numpy as np
 
 from vbaa_calib.core import smooth
+from vbaa_calib.core.compiled import kernel
 from vbaa_calib.core.polyline import arc_lengths, normals, resample
+from vbaa_calib.core.smooth import END_VALUE, median, quantile, running_mean
 
 COLUMN_PX, COLUMNS = 2.0, 120
 """Spacing of the columns across the path, or wider where it takes more columns than these."""
@@ -24,8 +25,7 @@ FAINT_COLUMNS, EDGE_COST, PEAK_ROWS = 7, 0.3, 7
 only the highest counts, where the polarity changes."""
 
 
-@dataclass(frozen=True, eq=False)
-class RefinedPath:
+class RefinedPath(NamedTuple):
     """A path that follows a ridge.
 
     Attributes
@@ -40,6 +40,27 @@ class RefinedPath:
     strength: float
 
 
+class _Columns(NamedTuple):
+    """Columns across a path: their middles (K, 2) and normals (K, 2), how far along it they are (K,), px; they reach so
+    far to either side, px, and flanks are looked at so much farther out."""
+
+    points: np.ndarray
+    normals: np.ndarray
+    along: np.ndarray
+    reach: int
+    flank: int
+
+
+class _Curves(NamedTuple):
+    """Curves that are tried: (C, CURVE_POINTS) px, the same as indices of rows, how bent each (C,) is: 0 straight,
+    1 most; and those (F, CURVE_POINTS) that are added to the best."""
+
+    curves: np.ndarray
+    rows: np.ndarray
+    bent: np.ndarray
+    finer: np.ndarray
+
+
 def refine_path(
     image: np.ndarray, path_px: np.ndarray, width_px: float, reach_px: float, bright: bool | None
 ) -> RefinedPath:
@@ -47,91 +68,148 @@ def refine_path(
 
     Two rounds: over the whole reach with a stiff curve, then near that curve with a supple one.
     """
-    columns, along = resample(path_px, max(COLUMN_PX, arc_lengths(path_px)[-1] / COLUMNS))
-    normal = normals(columns)
-    rows = np.arange(-np.ceil(reach_px), np.ceil(reach_px) + 1)
-    ridge = _ridge(image, columns, normal, rows, width_px, bright)
-    share = along / max(along[-1], 1e-6)
-    clarity = _clarity(ridge)
+    width_px, reach_px = float(width_px), float(reach_px)
+    across = _columns(np.ascontiguousarray(path_px, np.float64), width_px, reach_px)
+    strip = _sampled(np.ascontiguousarray(image), across)
     if bright is None:
-        # power within a width is as high beside the middle: only the peak counts
-        clarity = clarity * (ridge / np.maximum(cv2.dilate(ridge, np.ones((PEAK_ROWS, 1))), 1e-9)) ** 4
-        stiff, scale = _clearest_curve(clarity, rows), smooth.quantile(clarity.max(axis=0), 0.75)
-    else:
-        stiff, scale = _smoothed(clarity, rows, share, (0.7 * reach_px, 3.0, 2.0), 6)
-    near = np.abs(rows[:, None] - stiff[None]) <= max(0.6 * width_px, 3.0)
-    supple, _ = _smoothed(clarity * near, rows, share, (1.5, 0.7), 16)
-    shift = np.clip(supple, rows[0], rows[-1])
-    at = np.clip(np.rint(shift - rows[0]).astype(int), 0, len(rows) - 1)
-    height = ridge[at, np.arange(len(shift))]
-    there = clarity[at, np.arange(len(shift))] > 0.5 * scale
-    strength = smooth.median(height[there]) if there.any() else 0.0
-    return RefinedPath(columns + shift[:, None] * normal, float(there.mean()), strength)
+        return _refined_changing(strip, across, width_px, _tried(across.reach))
+    return _refined(strip if bright else -strip, across, width_px, reach_px)
 
 
-def _ridge(
-    image: np.ndarray, columns: np.ndarray, normal: np.ndarray, rows: np.ndarray, width: float, bright: bool | None
-) -> np.ndarray:
-    """(R, K): the mean over the antenna's width less the brighter one of the flanks; for a dark line the reverse.
-
-    With `bright` None by how much the antenna's width differs from its flanks, be it here brighter, there darker, or
-    with a highlight at its side; less by how much these differ from each other, as they do at an edge.
-    """
-    core = 2 * int(0.35 * width) + 1
-    flank = int(np.ceil(0.5 * width + 1.2 + 0.5 * core))
-    wide = np.arange(rows[0] - flank, rows[-1] + flank + 1)
-    strip = _sampled(image, *(columns[:, axis] + wide[:, None] * normal[:, axis] for axis in (0, 1)))
-
-    def mean(values: np.ndarray, columns: int, rows: int) -> np.ndarray:
-        return np.asarray(cv2.blur(values, (columns, rows), borderType=cv2.BORDER_REPLICATE))
-
-    def flanks(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return values[: -2 * flank], values[2 * flank :]
-
-    if bright is not None:
-        level = mean(strip if bright else -strip, 3, core)
-        return level[flank:-flank] - np.maximum(*flanks(level))
-    # what is faint in a column shows in several together
-    strip = mean(strip, FAINT_COLUMNS, 1)
-    one, other = flanks(mean(strip, 1, core))
-    body = 2 * int(0.5 * width) + 1
-    between = 0.5 * (one + other)
-    level, square = (mean(values, 1, body)[flank:-flank] for values in (strip, strip**2))
-    power = square - 2.0 * between * level + between**2 - EDGE_COST * (one - other) ** 2
-    return np.sqrt(np.maximum(power, 0.0))
+@kernel
+def _columns(path_px: np.ndarray, width_px: float, reach_px: float) -> _Columns:
+    points, along = resample(path_px, max(COLUMN_PX, arc_lengths(path_px)[-1] / COLUMNS))
+    flank = int(np.ceil(0.5 * width_px + 1.2 + 0.5 * _core(width_px)))
+    return _Columns(points, normals(points), along, int(np.ceil(reach_px)), flank)
 
 
-def _sampled(image: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """(R, K) the picture between its pixels, beyond its border as at the border.
+@kernel
+def _core(width_px: float) -> int:
+    """Rows in the middle of an antenna."""
+    return 2 * int(0.35 * width_px) + 1
+
+
+@kernel
+def _sampled(image: np.ndarray, across: _Columns) -> np.ndarray:
+    """(K, R + 2F) the picture (H, W) between its pixels along the columns, beyond its border as at the border.
 
     OpenCV's `remap` rounds places to a 32nd of a pixel: a path that moves by nothing would then see another picture.
     """
     height, width = image.shape
-    u, v = np.clip(u, 0.0, width - 1.0), np.clip(v, 0.0, height - 1.0)
-    left, top = (
-        np.minimum(u.astype(np.intp), max(width - 2, 0)),
-        np.minimum(v.astype(np.intp), max(height - 2, 0)),
-    )
-    flat, first = np.ascontiguousarray(image).ravel(), top * width + left
-    right, down = u - left, v - top
-    aside, below = min(width - 1, 1), width * min(height - 1, 1)
-    near, far = (
-        flat.take(first + step) * (1.0 - right) + flat.take(first + step + aside) * right for step in (0, below)
-    )
-    return np.asarray(near * (1.0 - down) + far * down)
+    wide = across.reach + across.flank
+    aside, below = min(width - 1, 1), min(height - 1, 1)
+    strip = np.empty((len(across.points), 2 * wide + 1))
+    for k in range(len(strip)):
+        for r in range(2 * wide + 1):
+            u = min(max(across.points[k, 0] + (r - wide) * across.normals[k, 0], 0.0), width - 1.0)
+            v = min(max(across.points[k, 1] + (r - wide) * across.normals[k, 1], 0.0), height - 1.0)
+            left, top = min(max(int(u), 0), max(width - 2, 0)), min(max(int(v), 0), max(height - 2, 0))
+            right, down = u - left, v - top
+            near = image[top, left] * (1.0 - right) + image[top, left + aside] * right
+            far = image[top + below, left] * (1.0 - right) + image[top + below, left + aside] * right
+            strip[k, r] = near * (1.0 - down) + far * down
+    return strip
 
 
+@kernel
+def _refined(strip: np.ndarray, across: _Columns, width_px: float, reach_px: float) -> RefinedPath:
+    """The path along what is brighter than both flanks in a strip (K, R + 2F)."""
+    ridge, flank = np.empty((len(strip), 2 * across.reach + 1)), across.flank
+    strip = _mean_of_columns(strip, 3)
+    for k in range(len(strip)):
+        level = running_mean(strip[k], _core(width_px), END_VALUE)
+        ridge[k] = level[flank:-flank] - np.maximum(level[: -2 * flank], level[2 * flank :])
+    clarity = _clarity(ridge)
+    stiff, scale = _smoothed(clarity, across, (0.7 * reach_px, 3.0, 2.0), 6)
+    return _near(ridge, clarity, across, stiff, scale, width_px)
+
+
+@kernel
+def _refined_changing(strip: np.ndarray, across: _Columns, width_px: float, tried: _Curves) -> RefinedPath:
+    """The same along what differs from its flanks, be it here brighter, there darker, or with a highlight at its side.
+
+    A ridge counts less by how much the flanks differ from each other, as they do at an edge.
+    """
+    ridge, flank = np.empty((len(strip), 2 * across.reach + 1)), across.flank
+    # what is faint in a column shows in several together
+    strip = _mean_of_columns(strip, FAINT_COLUMNS)
+    body = 2 * int(0.5 * width_px) + 1
+    for k in range(len(strip)):
+        core = running_mean(strip[k], _core(width_px), END_VALUE)
+        one, other = core[: -2 * flank], core[2 * flank :]
+        between = 0.5 * (one + other)
+        level = running_mean(strip[k], body, END_VALUE)[flank:-flank]
+        square = running_mean(strip[k] ** 2, body, END_VALUE)[flank:-flank]
+        power = square - 2.0 * between * level + between**2 - EDGE_COST * (one - other) ** 2
+        ridge[k] = np.sqrt(np.maximum(power, 0.0))
+    # power within a width is as high beside the middle: only the peak counts
+    clarity = _clarity(ridge) * (ridge / np.maximum(_highest(ridge, PEAK_ROWS), 1e-9)) ** 4
+    stiff, clearest = _clearest_curve(clarity, tried), np.empty(len(clarity))
+    for k in range(len(clarity)):
+        clearest[k] = clarity[k].max()
+    return _near(ridge, clarity, across, stiff, quantile(clearest, 0.75), width_px)
+
+
+@kernel
+def _near(
+    ridge: np.ndarray, clarity: np.ndarray, across: _Columns, stiff: np.ndarray, scale: float, width_px: float
+) -> RefinedPath:
+    """The path near a stiff curve (K,) through ridges (K, R) of so much clarity (K, R), `scale` where it is clear."""
+    reach, reach_near = across.reach, max(0.6 * width_px, 3.0)
+    nearby = np.zeros(clarity.shape)
+    for k in range(len(stiff)):
+        for r in range(2 * reach + 1):
+            if abs(r - reach - stiff[k]) <= reach_near:
+                nearby[k, r] = clarity[k, r]
+    supple, _ = _smoothed(nearby, across, (1.5, 0.7), 16)
+    path, height, there = across.points.copy(), np.empty(len(stiff)), np.zeros(len(stiff), np.bool_)
+    for k in range(len(stiff)):
+        shift = min(max(supple[k], -float(reach)), float(reach))
+        at = min(max(int(np.rint(shift)) + reach, 0), 2 * reach)
+        height[k], there[k] = ridge[k, at], clarity[k, at] > 0.5 * scale
+        for axis in range(2):
+            path[k, axis] += shift * across.normals[k, axis]
+    return RefinedPath(path, there.mean(), median(height[there]) if there.any() else 0.0)
+
+
+@kernel
+def _mean_of_columns(strip: np.ndarray, several: int) -> np.ndarray:
+    """(K, R) means of so many neighbouring columns of a strip (K, R), beyond its ends as at its ends."""
+    mean, last = np.zeros(strip.shape), len(strip) - 1
+    for k in range(last + 1):
+        for other in range(k - several // 2, k + several // 2 + 1):
+            mean[k] += strip[min(max(other, 0), last)]
+    return mean / several
+
+
+@kernel
+def _highest(values: np.ndarray, rows: int) -> np.ndarray:
+    """(K, R) the highest of so many neighbours in each column of values (K, R)."""
+    highest, half = np.empty(values.shape), rows // 2
+    for k in range(values.shape[0]):
+        for r in range(values.shape[1]):
+            highest[k, r] = values[k, max(r - half, 0) : r + half + 1].max()
+    return highest
+
+
+@kernel
 def _clarity(ridge: np.ndarray) -> np.ndarray:
-    """(R, K) ridge height against texture: levels off at a few times what the strip shows everywhere."""
+    """(K, R) ridge height against texture: levels off at a few times what the strip shows everywhere."""
     over = np.maximum(ridge, 0.0)
     # where a drawn picture shows nothing at all, rounding must not look like a ridge
-    rest = max(2.0 * smooth.median(np.abs(ridge)), LEAST_REST * float(over.max())) + 1e-12
+    rest = max(2.0 * median(np.abs(ridge)), LEAST_REST * over.max()) + 1e-12
     return over / (over + 3.0 * rest)
 
 
 @lru_cache(maxsize=4)
+def _tried(reach: int) -> _Curves:
+    """The curves that are tried within ±`reach` px."""
+    curves, bent = _curves(float(reach))
+    return _Curves(curves, np.rint(curves + reach).astype(np.int16), bent, 0.5 * _curves(2.0 * CURVE_STEP_PX)[0])
+
+
 def _curves(reach_px: float) -> tuple[np.ndarray, np.ndarray]:
-    """(C, CURVE_POINTS) smooth curves within ±`reach_px`, and how bent each (C,) is: 0 straight, 1 most."""
+    """(C, CURVE_POINTS) smooth curves within ±`reach_px`, and how bent each (C,) is."""
     share = np.linspace(0.0, 1.0, CURVE_POINTS)
     bow = 4.0 * share * (1.0 - share)
     parts = np.stack([1.0 - share, share, bow, 2.6 * bow * (1.0 - 2.0 * share)])
@@ -143,39 +221,54 @@ def _curves(reach_px: float) -> tuple[np.ndarray, np.ndarray]:
     return curves[inside], ((places / reaches) ** 2).mean(axis=1)[inside]
 
 
-def _clearest_curve(clarity: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """(K,) of the smooth curves through the strip (R, K) the one along which it is clearest in all.
+@kernel
+def _clearest_curve(clarity: np.ndarray, tried: _Curves) -> np.ndarray:
+    """(K,) of the smooth curves through the strip (K, R) the one along which it is clearest in all.
 
     Where the antenna is faint no column's best place is to be trusted: only their sum along the antenna tells.
     """
-    columns = np.linspace(0, clarity.shape[1] - 1, CURVE_POINTS)
-    few = clarity[:, np.rint(columns).astype(np.intp)]
-    thick = cv2.dilate(few, np.ones((int(CURVE_STEP_PX) + 1, 1)))
-    curves, bent = _curves(float(rows[-1]))
-    along = np.arange(CURVE_POINTS)
+    last, reach = clarity.shape[1] - 1, clarity.shape[1] // 2
+    columns = np.linspace(0.0, len(clarity) - 1.0, CURVE_POINTS)
+    few = np.empty((CURVE_POINTS, last + 1))
+    for i in range(CURVE_POINTS):
+        few[i] = clarity[int(np.rint(columns[i]))]
+    thick = _highest(few, int(CURVE_STEP_PX) + 1)
+    cost = BENT_COST * thick.max()
+    best, most = 0, -np.inf
+    for c in range(len(tried.rows)):
+        total = 0.0
+        for i in range(CURVE_POINTS):
+            total += thick[i, tried.rows[c, i]]
+        total = total / CURVE_POINTS - cost * tried.bent[c]
+        if total > most:
+            best, most = c, total
+    finest, most = 0, -np.inf
+    for f in range(len(tried.finer)):
+        total = 0.0
+        for i in range(CURVE_POINTS):
+            row = int(np.rint(tried.curves[best, i] + tried.finer[f, i])) + reach
+            total += few[i, min(max(row, 0), last)]
+        if total > most:
+            finest, most = f, total
+    return np.interp(np.arange(float(len(clarity))), columns, tried.curves[best] + tried.finer[finest])
 
-    def total(seen: np.ndarray, tried: np.ndarray) -> np.ndarray:
-        at = np.clip(np.rint(tried - rows[0]), 0, len(rows) - 1).astype(np.intp)
-        return seen.ravel().take(at * CURVE_POINTS + along).mean(axis=1)
 
-    best = curves[int((total(thick, curves) - BENT_COST * bent * thick.max()).argmax())]
-    finer = best + 0.5 * _curves(2.0 * CURVE_STEP_PX)[0]
-    best = finer[int(total(few, finer).argmax())]
-    return np.interp(np.arange(clarity.shape[1]), columns, best)
-
-
+@kernel
 def _smoothed(
-    clarity: np.ndarray, rows: np.ndarray, share: np.ndarray, scales: tuple[float, ...], pieces: int
+    clarity: np.ndarray, across: _Columns, scales: tuple[float, ...], pieces: int
 ) -> tuple[np.ndarray, float]:
-    """(K,) a smooth curve through every column's best place, and the clarity of a typical one."""
-    best = clarity.argmax(axis=0)
-    at = np.arange(clarity.shape[1])
-    peak = clarity[best, at]
-    inner = np.clip(best, 1, len(rows) - 2)
-    left, middle, right = (clarity[inner + k, at] for k in (-1, 0, 1))
-    bend = left - 2.0 * middle + right
-    part = np.where((best == inner) & (bend < -1e-6), 0.5 * (left - right) / np.minimum(bend, -1e-6), 0.0)
-    scale = smooth.quantile(peak, 0.75)
-    weights = np.where((best > 0) & (best < len(rows) - 1), peak**2, 0.0)
-    curve = smooth.fit(share, rows[best] + np.clip(part, -0.5, 0.5), weights, scales, pieces, 0.3)
-    return curve.values, scale
+    """(K,) a smooth curve through every column's best place, and the clarity (K, R) of a typical one."""
+    count, last = len(clarity), clarity.shape[1] - 1
+    place, weights, peak = np.empty(count), np.zeros(count), np.empty(count)
+    for k in range(count):
+        best = clarity[k].argmax()
+        inner = min(max(best, 1), last - 1)
+        left, right = clarity[k, inner - 1], clarity[k, inner + 1]
+        bend, part = left - 2.0 * clarity[k, inner] + right, 0.0
+        if best == inner and bend < -1e-6:
+            part = min(max(0.5 * (left - right) / bend, -0.5), 0.5)
+        place[k], peak[k] = best - across.reach + part, clarity[k, best]
+        if 0 < best < last:
+            weights[k] = peak[k] ** 2
+    share = across.along / max(across.along[-1], 1e-6)
+    return smooth.fit(share, place, weights, scales, pieces, 0.3).values, quantile(peak, 0.75)

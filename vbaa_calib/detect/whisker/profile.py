@@ -6,21 +6,37 @@ ones share their noise, and shift a thin line with its phase on the pixel grid.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
-from scipy.ndimage import binary_closing, binary_erosion, uniform_filter1d
 from scipy.special import chdtri
 
 from vbaa_calib.core import smooth
+from vbaa_calib.core.compiled import kernel
+from vbaa_calib.core.smooth import END_VALUE, ZEROS, median, quantile, running_mean
 
 from .acceptance import FittedLine, accepted
 from .centreline import NOTHING, Centreline
-from .crossings import Crossings, crossings
-from .line_shape import Fits, LineShape, binned, expected, fit, learn, nearest, tapering
+from .crossings import Crossings, crossings, every, shares, tapered
+from .line_shape import (
+    CrossSection,
+    Fits,
+    Shapes,
+    binned,
+    expected,
+    fit,
+    half_width_px,
+    heights,
+    learn,
+    lopsided,
+    nearest,
+    shapes,
+    tapering,
+)
 from .path_refinement import refine_path
-from .reflectance import learn_reflectance, stiffened
+from .reflectance import learn_reflectance, mean_shape, stiffened
 from .visible_end import Look, visible_end
 
 SEEN_RATIO, SEEN_CHANGING = 4.5, 3.5
@@ -100,147 +116,152 @@ def measure_on(
     return line
 
 
-@lru_cache(maxsize=16)
-def _ordinary(width_px: float, half: int) -> LineShape:
-    return expected(width_px, ORDINARY_BLUR_PX, half + 2)
-
-
 def _measured(image: np.ndarray, path_px: np.ndarray, width_px: float, half: int, bright: bool | None) -> Centreline:
     found = crossings(image, path_px, half, bright)
     if found.inside.sum() < LEAST_PROFILES:
         return NOTHING
-    width_px = round(width_px, 2)
-    lines = _changing_lines(found, width_px, half) if bright is None else _lines(found, width_px, half)
-    kept, clean, there = _kept(found, lines, bright is None)
-    if not kept.any():
+    width_px, changing = round(float(width_px), 2), bright is None
+    known, quiet = shapes(width_px, ORDINARY_BLUR_PX, half + 2), _quiet_part(2 * half - 3)
+    if changing:
+        lines = _changing_lines(found, width_px, quiet, (np.empty(0), 0.0))
+    else:
+        lines, broadening, about = _lines(found, known, width_px, quiet)
+        if about[1] > 0.0:
+            lines = _changing_lines(broadening, width_px, quiet, about)
+    line = _fitted_line(found, lines, known, changing)
+    if not line.kept.any():
         return NOTHING
-    sigma = _deviations(found, lines, clean if clean.sum() >= LEAST_PROFILES else kept)
-    edge = _edge_doubt(found, lines, there)
-    doubt = np.hypot(edge, lines.shared)
-    kept, course = _without_strays(found, lines, np.hypot(sigma, doubt), kept)
-    margin = 1 if bright is None else MARGIN_PX
-    # a profile or two that noise hides are no gap
-    kept &= binary_erosion(kept | binary_closing(kept), iterations=margin, border_value=1)
-    if not kept.any():
-        return NOTHING
-    breadth = lines.half_width_px / _ordinary(width_px, half).half_width_px
-    sigma, effective = _calibrated(found, lines, sigma, doubt, kept)
-    line = FittedLine(
-        lines.centre, course, sigma, effective, kept, lines.fits.height, lines.noise, breadth, bright is None
-    )
     measured = accepted(found, line)
-    end = visible_end(image, measured.guide_px, kept, Look(lines.shape, half, lines.noise, bright))
+    end = visible_end(image, measured.guide_px, line.kept, Look(lines.section, half, lines.noise, bright))
     return replace(measured, end_px=end.end_px, end_std_px=end.std_px, end=end.end)
 
 
-@dataclass(frozen=True, eq=False)
-class _Lines:
+class _Lines(NamedTuple):
     """The fitted lines.
 
     Attributes
     ----------
     centre : (N,) along the profiles from the path, px.
-    fits, rms : the last fit and its residuals' rms (N,).
-    shape : the cross-section; at the line's end, where it changes. half_width_px : half its width.
+    fits : the last fit.
+    section : the cross-section; at the line's end, where it changes. half_width_px : half its width.
     noise : of a pixel, grey levels.
     usual : (N,) height that the line should have. shared : (N,) error of the place that neighbours share, px.
     """
 
     centre: np.ndarray
     fits: Fits
-    rms: np.ndarray
-    shape: LineShape
+    section: CrossSection
     half_width_px: float
     noise: float
     usual: np.ndarray
     shared: np.ndarray
 
 
-def _lines(found: Crossings, width_px: float, half: int) -> _Lines:
+@kernel
+def _lines(
+    found: Crossings, known: Shapes, width_px: float, quiet: float
+) -> tuple[_Lines, Crossings, tuple[np.ndarray, float]]:
     """Learn the cross-section from some of the profiles, then fit it to all.
 
     At first an antenna in focus; then one at the blur that is seen; then whatever the profiles show. Where all of them
     lie alike on the pixel grid, a free shape and a shift could not be separated, and the second is kept. The shape is
     broader where the antenna is nearer to the camera.
+
+    Returns
+    -------
+    The lines; the crossings in widths of the broadening line; and, where the line is so lopsided that it must be
+    measured by its own reflectance, its course (N,) and by how much it may be pulled aside, px; else zero.
     """
-    some = found.every(max(1, len(found.along) // TRAINING_PROFILES))
-    length = max(float(found.along[-1]), 1e-6)
-    shape, curve, base = _ordinary(width_px, half), np.zeros(len(found.along)), np.zeros(len(some.along))
-    pulled = 0.0
+    half = found.profiles.shape[1] // 2
+    some = every(found, max(1, len(found.along) // TRAINING_PROFILES))
+    section, curve, base = known.ordinary, np.zeros(len(found.along)), np.zeros(len(some.along))
+    pulled, reflecting = 0.0, 0.0
     for step in range(2):
-        fits = fit(shape, some, base)
-        chosen = _training_profiles(fits, some.inside, half)
+        fits = fit(section, some, base)
+        chosen = _training_profiles(fits, some.inside, quiet)
         if chosen.sum() < 4:
             break
         if step:
             # not at first: the path is good enough to tell the blur by
-            course = smooth.fit(some.along / length, fits.shift, chosen.astype(float), (1.0, 0.3), 12, 1e-3)
-            base, curve = course.values, course.at(found.along / length)
-        heights = shape.at(some.distances(base)[chosen])[0] + fits.residuals[chosen] / fits.height[chosen, None]
-        taper = tapering(shape, some, base, fits, chosen)
-        found, some = found.tapered(taper), some.tapered(taper)
-        seen = binned(some.distances(base)[chosen], heights, half + 2)
-        free = step == 1 and abs(np.exp(2j * np.pi * some.across[chosen, 0]).mean()) < ALIKE
-        shape = learn(seen) if free else nearest(seen, width_px)
-        if free:
-            lopsided = seen.lopsided(smooth.median(fits.rms[chosen] / fits.height[chosen]))
-            pulled = PULLED * width_px * float(np.clip((lopsided - 0.5 * LOPSIDED) / LOPSIDED, 0.0, 1.0))
-            if width_px > FLANKED_PX and lopsided > LOPSIDED:
-                return _changing_lines(found, width_px, half, (curve, pulled))
-    fits = fit(shape, found, curve)
-    rms, noise = fits.rms, _noise(fits.rms[found.inside], half)
-    seen = found.inside & (fits.height > SEEN_RATIO * np.maximum(rms, noise) * fits.unit_height)
-    usual = np.full(len(rms), smooth.median(fits.height[seen]) if seen.any() else 0.0)
-    return _Lines(curve + fits.shift, fits, rms, shape, shape.half_width_px, noise, usual, np.full(len(rms), pulled))
+            at = some.along / max(found.along[-1], 1e-6)
+            course = smooth.fit(at, fits.shift, chosen.astype(np.float64), (1.0, 0.3), 12, 1e-3)
+            base, curve = course.values, smooth.at(course, shares(found))
+        seen = heights(section, some, base, fits, chosen)
+        taper = tapering(section, some, base, fits, chosen)
+        found, some = tapered(found, taper), tapered(some, taper)
+        by_distance = binned(some, base, seen, chosen, half + 2)
+        phase = 2.0 * np.pi * some.across[chosen, 0]
+        if step == 0 or np.hypot(np.cos(phase).mean(), np.sin(phase).mean()) >= ALIKE:
+            section = nearest(by_distance, known)
+        else:
+            section = learn(by_distance, known)
+            sides = lopsided(by_distance, median(fits.rms[chosen] / fits.height[chosen]))
+            pulled = PULLED * width_px * min(max((sides - 0.5 * LOPSIDED) / LOPSIDED, 0.0), 1.0)
+            reflecting = pulled if width_px > FLANKED_PX and sides > LOPSIDED else 0.0
+    fits = fit(section, found, curve)
+    noise = _noise(fits.rms[found.inside], quiet)
+    seen_at = found.inside & (fits.height > SEEN_RATIO * np.maximum(fits.rms, noise) * fits.unit_height)
+    usual = np.full(len(curve), median(fits.height[seen_at]) if seen_at.any() else 0.0)
+    shared = np.full(len(curve), pulled)
+    lines = _Lines(curve + fits.shift, fits, section, half_width_px(section), noise, usual, shared)
+    return lines, found, (curve, reflecting)
 
 
-def _changing_lines(
-    found: Crossings, width_px: float, half: int, about: tuple[np.ndarray, float] | None = None
-) -> _Lines:
-    """The fitted lines of an antenna with its own reflectance."""
-    learned = learn_reflectance(found, width_px, ORDINARY_BLUR_PX, half + 2, about)
-    found, reflectance = found.tapered(learned.taper), learned.reflectance
-    fits = fit(reflectance, found, learned.course)
-    noise = _noise(fits.rms[found.inside], half)
+@kernel
+def _changing_lines(found: Crossings, width_px: float, quiet: float, about: tuple[np.ndarray, float]) -> _Lines:
+    """The fitted lines of an antenna with its own reflectance; about a course (N,), within px, where that is known."""
+    learned = learn_reflectance(found, width_px, ORDINARY_BLUR_PX, about[0], about[1])
+    found, reflectance = tapered(found, learned.taper), learned.reflectance
+    fits = fit(reflectance.section, found, learned.course)
+    noise = _noise(fits.rms[found.inside], quiet)
     seen = np.flatnonzero(found.inside & (fits.height > SEEN_RATIO * noise * fits.unit_height))
-    shape = reflectance.shape(seen[-END_PROFILES:] if len(seen) else slice(None))
-    broad = expected(reflectance.width_px, reflectance.blur_px, half + 2).half_width_px
-    return _Lines(
-        learned.course + fits.shift,
-        fits,
-        fits.rms,
-        shape,
-        broad,
-        noise,
-        reflectance.height,
-        learned.shared_px,
-    )
+    section = mean_shape(reflectance, seen[-END_PROFILES:] if len(seen) else np.arange(len(fits.height)))
+    broad = half_width_px(expected(reflectance.width_px, reflectance.blur_px, found.profiles.shape[1] // 2 + 2))
+    centre, usual = learned.course + fits.shift, reflectance.height
+    return _Lines(centre, fits, section, broad, noise, usual, learned.shared_px)
 
 
-def _training_profiles(fits: Fits, inside: np.ndarray, half: int) -> np.ndarray:
+@kernel
+def _training_profiles(fits: Fits, inside: np.ndarray, quiet: float) -> np.ndarray:
     """(N,) profiles that show a clear line, as high as most, and nothing else."""
-    rms = fits.rms
-    noise = _noise(rms[inside], half)
+    noise = _noise(fits.rms[inside], quiet)
     good = inside & (fits.height > SEEN_RATIO * noise * fits.unit_height) & (np.abs(fits.shift) < 1.5)
     if not good.any():
         return good
-    typical = smooth.median(fits.height[good])
+    typical = median(fits.height[good])
     good &= (fits.height > 0.4 * typical) & (fits.height < 2.5 * typical)
-    calm = good & (rms < DISTURBED * noise + 0.02 * typical)
+    calm = good & (fits.rms < DISTURBED * noise + 0.02 * typical)
     return calm if calm.sum() >= 0.3 * good.sum() else good
 
 
+@kernel
+def _fitted_line(found: Crossings, lines: _Lines, known: Shapes, changing: bool) -> FittedLine:
+    """What of the lines is kept, and how far to trust it."""
+    breadth = lines.half_width_px / half_width_px(known.ordinary)
+    kept, clean, there = _kept(found, lines, changing)
+    sigma, effective, course = np.zeros(len(kept)), np.zeros(len(kept)), lines.centre
+    if kept.any():
+        sigma = _deviations(found, lines, clean if clean.sum() >= LEAST_PROFILES else kept)
+        doubt = np.hypot(_edge_doubt(found, lines, there), lines.shared)
+        kept, course = _without_strays(found, lines, np.hypot(sigma, doubt), kept)
+        kept = _without_margins(kept, 1 if changing else MARGIN_PX)
+    if kept.any():
+        sigma, effective = _calibrated(found, lines, sigma, doubt, kept)
+    height, noise = lines.fits.height, lines.noise
+    return FittedLine(lines.centre, course, sigma, effective, kept, height, noise, breadth, changing)
+
+
+@kernel
 def _kept(found: Crossings, lines: _Lines, changing: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(N,) which profiles show the antenna well enough, which show nothing else beside it, which show it at all.
 
     One that changes along its length mostly lies before something: its profiles are judged by its height alone, and the
     disturbed ones kept with the deviations that they deserve.
     """
-    fits, rms, noise = lines.fits, lines.rms, lines.noise
+    fits, rms, noise = lines.fits, lines.fits.rms, lines.noise
     half = 0.5 * (fits.gain.shape[1] - 1)
-    seen = found.inside & (np.abs(lines.centre) < half - 2.0)
-    least = SEEN_CHANGING * noise if changing else SEEN_RATIO * np.maximum(rms, noise)
-    seen &= fits.height > least * fits.unit_height
+    least = np.full(len(rms), SEEN_CHANGING * noise) if changing else SEEN_RATIO * np.maximum(rms, noise)
+    seen = found.inside & (np.abs(lines.centre) < half - 2.0) & (fits.height > least * fits.unit_height)
     if not seen.any():
         return seen, seen, seen
     seen &= (fits.height > 0.3 * lines.usual) & (fits.height < 3.0 * lines.usual)
@@ -251,51 +272,85 @@ def _kept(found: Crossings, lines: _Lines, changing: bool) -> tuple[np.ndarray, 
     return kept, clean, seen
 
 
+@kernel
 def _deviations(found: Crossings, lines: _Lines, clean: np.ndarray) -> np.ndarray:
     """(N,) standard deviation across the antenna, from the residuals at each distance from the centre.
 
     Where along the antenna there is more noise than elsewhere, the deviations are larger in proportion.
     """
-    fits = lines.fits
-    distance = np.abs(found.across - lines.centre[:, None]).astype(np.intp)
-    bins = int(distance.max()) + 1
-    squares = fits.residuals[clean] ** 2 / fits.freed[clean]
-    at = distance[clean].ravel()
-    number = np.bincount(at, minlength=bins)
-    variance = np.bincount(at, squares.ravel(), bins) / np.maximum(number, 1)
-    variance = np.where(number > 0, variance, lines.noise**2)
-    power = np.where(clean, lines.rms**2, 0.0)
-    near, overall = uniform_filter1d(power, 41, mode="constant"), power.sum() / max(int(clean.sum()), 1)
-    share = uniform_filter1d(clean.astype(float), 41, mode="constant")
-    local = np.where(share > 0.2, near / np.maximum(share, 1e-9), overall) / max(overall, 1e-12)
-    own = np.where(clean, local, np.maximum(local, lines.rms**2 / max(overall, 1e-12)))
-    return np.sqrt(np.einsum("nt,nt->n", fits.gain**2, variance[distance]) * own) / found.stretch
+    fits, (count, length) = lines.fits, found.across.shape
+    number, squares = np.zeros(2 * length), np.zeros(2 * length)
+    for n in range(count):
+        if clean[n]:
+            for t in range(length):
+                at = _pixels_off(found.across[n, t] - lines.centre[n], length)
+                number[at] += 1.0
+                squares[at] += fits.residuals[n, t] ** 2 / fits.freed[n, t]
+    variance = np.where(number > 0.0, squares / np.maximum(number, 1.0), lines.noise**2)
+    power = np.where(clean, fits.rms**2, 0.0)
+    near, overall = running_mean(power, 41, ZEROS), power.sum() / max(clean.sum(), 1)
+    share = running_mean(clean.astype(np.float64), 41, ZEROS)
+    sigma = np.empty(count)
+    for n in range(count):
+        own = (near[n] / max(share[n], 1e-9) if share[n] > 0.2 else overall) / max(overall, 1e-12)
+        if not clean[n]:
+            own = max(own, fits.rms[n] ** 2 / max(overall, 1e-12))
+        square = 0.0
+        for t in range(length):
+            at = _pixels_off(found.across[n, t] - lines.centre[n], length)
+            square += fits.gain[n, t] ** 2 * variance[at]
+        sigma[n] = np.sqrt(square * own) / found.stretch[n]
+    return sigma
 
 
+@kernel
+def _pixels_off(distance: float, length: int) -> int:
+    """A distance in whole pixels, below twice the length of a profile."""
+    return int(min(abs(distance), 2.0 * length - 1.0))
+
+
+@kernel
 def _edge_doubt(found: Crossings, lines: _Lines, there: np.ndarray) -> np.ndarray:
     """(N,) by how much an edge of the background along the antenna may draw the points aside, px."""
-    share = uniform_filter1d(there.astype(float), EDGE_RUN, mode="constant")
-    moved, noise = (
-        uniform_filter1d(np.where(there, values, 0.0), EDGE_RUN, mode="constant") / np.maximum(share, 1e-9)
-        for values in (lines.fits.stepped, (lines.noise * lines.fits.stepped_unit) ** 2)
-    )
+    fits = lines.fits
+    share = running_mean(there.astype(np.float64), EDGE_RUN, ZEROS)
+    moved = running_mean(np.where(there, fits.stepped, 0.0), EDGE_RUN, ZEROS) / np.maximum(share, 1e-9)
+    unit = np.where(there, (lines.noise * fits.stepped_unit) ** 2, 0.0)
+    noise = running_mean(unit, EDGE_RUN, ZEROS) / np.maximum(share, 1e-9)
     # running sums leave rounding below zero
     deviation = np.sqrt(np.maximum(noise, 0.0) / np.maximum(EDGE_RUN * share, 1.0))
     return np.where(np.abs(moved) > EDGE_NOTICED * deviation, np.abs(moved), 0.0) / found.stretch
 
 
+@kernel
 def _without_strays(
     found: Crossings, lines: _Lines, sigma: np.ndarray, kept: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """(N,) the kept points that lie on one smooth curve, and that curve's course (N,) along the profiles."""
-    share = found.along / max(float(found.along[-1]), 1e-6)
     weights = kept / np.maximum(sigma, 0.02) ** 2
-    spread = max(smooth.median(sigma[kept]), 0.02)
-    curve = smooth.fit(share, lines.centre, weights, (6.0 * spread, 4.0 * spread), 24, 1e-4)
-    off = np.abs(lines.centre - curve.values)
-    return kept & (off < np.maximum(STRAY * sigma * found.stretch, STRAY_PX)), curve.values
+    spread = max(median(sigma[kept]), 0.02)
+    course = smooth.fit(shares(found), lines.centre, weights, (6.0 * spread, 4.0 * spread), 24, 1e-4).values
+    off = np.abs(lines.centre - course)
+    return kept & (off < np.maximum(STRAY * sigma * found.stretch, STRAY_PX)), course
 
 
+@kernel
+def _without_margins(kept: np.ndarray, margin: int) -> np.ndarray:
+    """The kept points (N,) but for so many on either side of a gap; a profile or two that noise hides are no gap."""
+    count = len(kept)
+    grown = np.zeros(count, np.bool_)
+    for n in range(count):
+        grown[n] = kept[max(n - 1, 0) : n + 2].any()
+    filled = kept.copy()
+    for n in range(1, count - 1):
+        filled[n] = kept[n] or (grown[n - 1] and grown[n] and grown[n + 1])
+    inner = np.zeros(count, np.bool_)
+    for n in range(count):
+        inner[n] = kept[n] and filled[max(n - margin, 0) : n + margin + 1].all()
+    return inner
+
+
+@kernel
 def _calibrated(
     found: Crossings, lines: _Lines, sigma: np.ndarray, doubt: np.ndarray, kept: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -305,34 +360,41 @@ def _calibrated(
     right, moves the line; its neighbours do. What neighbours share shows in means of runs: they scatter by more than
     those of independent points.
     """
-    share, spread = found.along / max(float(found.along[-1]), 1e-6), max(smooth.median(sigma[kept]), 0.02)
+    spread = max(median(sigma[kept]), 0.02)
     total = np.maximum(np.hypot(sigma, doubt), 1e-9)
     weights = kept / np.maximum(total, 0.02) ** 2
-    curve = smooth.fit(share, lines.centre, weights, (6.0 * spread, 6.0 * spread), CURVE_PIECES, 1e-6)
-    off = ((lines.centre - curve.values) / (found.stretch * total))[kept]
+    curve = smooth.fit(shares(found), lines.centre, weights, (6.0 * spread, 6.0 * spread), CURVE_PIECES, 1e-6).values
+    off = ((lines.centre - curve) / (found.stretch * total))[kept]
     count = len(off)
     # where an edge may draw points aside, their scatter says little of the noise
     trusted = (sigma / total)[kept] ** 2
     square = off**2 * (count / max(count - CURVE_PIECES - 2.0, 0.5 * count))
-    overall = (LIKELY_POINTS + float(trusted @ square)) / (LIKELY_POINTS + float(trusted.sum()))
-    near = overall + uniform_filter1d(trusted * (square - overall), NEAR_POINTS, mode="nearest")
-    scale = np.ones(len(sigma))
-    scale[kept] = np.sqrt(0.5 * (overall + np.maximum(near, 0.0)))
-    sums = np.cumsum(np.append(0.0, off / scale[kept]))
-    runs = (sums[RUN:] - sums[:-RUN]) / RUN
-    # second differences, which a curve that is too stiff or too supple changes little
-    bends = RUN / 6.0 * (runs[2 * RUN :] - 2.0 * runs[RUN:-RUN] + runs[: -2 * RUN]) ** 2
-    weight = trusted[RUN + RUN // 2 :][: len(bends)] / RUN
-    shared = (LIKELY_RUNS + float(weight @ bends)) / (LIKELY_RUNS + float(weight.sum()))
-    sigma = sigma * scale
-    return np.hypot(sigma, doubt), np.sqrt(sigma**2 * max(shared, 1.0) + EDGE_RUN * doubt**2)
+    overall = (LIKELY_POINTS + (trusted * square).sum()) / (LIKELY_POINTS + trusted.sum())
+    near = overall + running_mean(trusted * (square - overall), NEAR_POINTS, END_VALUE)
+    scale = np.sqrt(0.5 * (overall + np.maximum(near, 0.0)))
+    sums = np.zeros(count + 1)
+    for k in range(count):
+        sums[k + 1] = sums[k] + off[k] / scale[k]
+    told, informed = LIKELY_RUNS, LIKELY_RUNS
+    for k in range(count + 1 - 3 * RUN):
+        # second differences, which a curve that is too stiff or too supple changes little
+        bend = (sums[k + 3 * RUN] - 3.0 * sums[k + 2 * RUN] + 3.0 * sums[k + RUN] - sums[k]) / RUN
+        weight = trusted[k + RUN + RUN // 2] / RUN
+        told += weight * RUN / 6.0 * bend**2
+        informed += weight
+    calibrated = sigma.copy()
+    calibrated[kept] *= scale
+    effective = np.sqrt(calibrated**2 * max(told / informed, 1.0) + EDGE_RUN * doubt**2)
+    return np.hypot(calibrated, doubt), effective
 
 
-def _noise(rms: np.ndarray, half: int) -> float:
+@kernel
+def _noise(rms: np.ndarray, quiet: float) -> float:
     """The picture's noise from the profiles' residuals (N,), of which more than half may be disturbed."""
-    return smooth.quantile(rms, QUIET) / _quiet_part(2 * half - 3) + 1e-6 if len(rms) else 1e-6
+    return quantile(rms, QUIET) / quiet + 1e-6 if len(rms) else 1e-6
 
 
 @lru_cache(maxsize=32)
 def _quiet_part(freedom: int) -> float:
+    """The `QUIET` quantile of the root mean square of so many normal numbers."""
     return float(np.sqrt(chdtri(freedom, 1.0 - QUIET) / freedom))

@@ -10,18 +10,18 @@ uncertain, alike for many neighbours.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
-from numpy.polynomial.legendre import leg2poly
-from scipy.ndimage import uniform_filter1d
-from scipy.special import ndtr
 
 from vbaa_calib.core import smooth
+from vbaa_calib.core.compiled import kernel
 from vbaa_calib.core.polyline import arc_lengths
+from vbaa_calib.core.smooth import quantile, solve
 
-from .crossings import Crossings
-from .line_shape import LIKELY_TAPER, MOST_TAPER, PER_PX, LineShape, without_background
+from .crossings import Crossings, every, shares, tapered
+from .line_shape import LIKELY_TAPER, MOST_TAPER, CrossSection, alike, dot, remove_background
+from .silhouette import ALL, MEAN_SQUARE, G, K, Y, coefficients_alone, normal_equations, tables
 
 LIKELY = np.array([3.0, 0.8, 0.8, 0.5])
 """Deviations beforehand, over the antenna's contrast, of the polynomial's coefficients: level, brighter on one side, a
@@ -30,8 +30,6 @@ LEAST_LIKELY, LIKELY_PROFILES = 0.22, 10.0
 """Where a line shows nothing of them they shrink to this part; so many profiles count for what was likely before."""
 LIKELY_LOG_WIDTH, LIKELY_LOG_BLUR = 0.03, 0.3
 """Deviations beforehand of the silhouette's width and blur, logarithmic."""
-PIXEL_BLUR_PX = 0.29
-"""A pixel's own square, as a standard deviation."""
 WINDOW_PX, LEARNING = 21.0, 48
 """Over so much of its length the antenna looks alike; at least so many of its profiles are learned from at first."""
 PASSES = 4
@@ -48,57 +46,26 @@ MISFIT, PULLED = 0.01, 0.03
 STIFF_PIECES, PIECES = 4, 10
 """Of the smooth path that is begun with, and of the line's course about it."""
 
-_K = len(LIKELY)
-_DIAGONAL = np.arange(_K)
-_C, _D, _G, _Y = slice(0, _K), slice(_K, _K + 3), _K + 3, _K + 4
-"""Columns of a profile's normal equations: coefficients; width, blur and taper; place; grey levels."""
-_CG = [*range(_K), _G]
-_POWERS = np.stack([np.pad(leg2poly(row[: k + 1]), (0, _K - 1 - k)) for k, row in enumerate(np.eye(_K))])
-_MEAN_SQUARE = 1.0 / (2.0 * _DIAGONAL + 1.0)
 
-
-@dataclass(frozen=True, eq=False)
-class Reflectance:
+class Reflectance(NamedTuple):
     """Cross-sections of N profiles.
 
     Attributes
     ----------
     width_px, blur_px : of the silhouette.
     coefficients : (N, K) of Legendre polynomials across it, grey levels above the background.
-    reach_px : how far from the centre they are tabled.
+    height : (N,) contrast to the background, grey levels: root mean square over the silhouette.
+    section : the cross-sections over their heights: the blurred polynomials, weighted.
     """
 
     width_px: float
     blur_px: float
     coefficients: np.ndarray
-    reach_px: int
-
-    @property
-    def height(self) -> np.ndarray:
-        """(N,) contrast to the background, grey levels: root mean square over the silhouette."""
-        return np.sqrt(np.maximum(self.coefficients**2 @ _MEAN_SQUARE, 1e-12))
-
-    @property
-    def tables(self) -> tuple[np.ndarray, np.ndarray]:
-        """The blurred polynomials and their derivatives (R, K), tabled as a `LineShape` is."""
-        values = _blurred(self.width_px, self.blur_px, _rows(self.reach_px))
-        return values, np.gradient(values, axis=0) * PER_PX
-
-    def at(self, across: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The cross-sections over their heights, and their derivatives, at distances (N, T) from the centre, px."""
-        weights = (self.coefficients / self.height[:, None])[:, :, None]
-        seen = _looked_up(np.hstack(self.tables), across)
-        return (seen[..., :_K] @ weights)[..., 0], (seen[..., _K:] @ weights)[..., 0]
-
-    def shape(self, which: np.ndarray | slice) -> LineShape:
-        """The mean cross-section, over its height, of some profiles."""
-        mean = self.coefficients[which].mean(axis=0)
-        height = np.sqrt(max(float(mean**2 @ _MEAN_SQUARE), 1e-12))
-        return LineShape(*(table @ mean / height for table in self.tables))
+    height: np.ndarray
+    section: CrossSection
 
 
-@dataclass(frozen=True, eq=False)
-class Learned:
+class Learned(NamedTuple):
     """What N profiles show: the reflectance, the line's course (N,) along them, the deviation (N,) of that, px, which
     neighbours share, and by which part the line is broader at the path's end."""
 
@@ -108,198 +75,297 @@ class Learned:
     taper: float
 
 
+@kernel
 def stiffened(path_px: np.ndarray) -> np.ndarray:
     """A path (K, 2) as smooth as an antenna: on bare metal a highlight that changes sides leads it to and fro."""
     along = arc_lengths(path_px)
-    share, weights = along / max(float(along[-1]), 1e-6), np.ones(len(path_px))
-    curves = [smooth.fit(share, path_px[:, axis], weights, (1.0, 0.5), STIFF_PIECES, 1e-6) for axis in (0, 1)]
-    return np.stack([curve.values for curve in curves], axis=1)
+    share, weights = along / max(along[-1], 1e-6), np.ones(len(path_px))
+    path = np.empty(path_px.shape)
+    for axis in range(2):
+        path[:, axis] = smooth.fit(share, path_px[:, axis].copy(), weights, (1.0, 0.5), STIFF_PIECES, 1e-6).values
+    return path
 
 
+@kernel
+def mean_shape(reflectance: Reflectance, which: np.ndarray) -> CrossSection:
+    """The mean cross-section, over its height, of profiles (M,)."""
+    mean, known = np.zeros((K, 1)), reflectance.section
+    for n in which:
+        mean[:, 0] += reflectance.coefficients[n] / len(which)
+    mean /= np.sqrt(max((mean[:, 0] ** 2 * MEAN_SQUARE).sum(), 1e-12))
+    values, slopes = np.zeros((len(known.values), 1)), np.zeros((len(known.values), 1))
+    for r in range(len(values)):
+        values[r, 0], slopes[r, 0] = dot(known.values[r], mean[:, 0]), dot(known.slopes[r], mean[:, 0])
+    return alike(values, slopes)
+
+
+@kernel
 def learn_reflectance(
-    found: Crossings, width_px: float, blur_px: float, reach_px: int, about: tuple[np.ndarray, float] | None = None
+    found: Crossings, width_px: float, blur_px: float, course: np.ndarray, course_std_px: float
 ) -> Learned:
     """The reflectance that profiles about a path show, and where the line is.
 
-    about : a course (N,) along the profiles and its deviation, px, where the line is known to lie.
+    course, course_std_px : (N,) along the profiles and its deviation, where the line is known to lie; else empty.
 
     Width and blur of the whole line, its course and the coefficients at every place are solved for together, from some
     of the profiles; then the coefficients from all of them.
     """
-    every = max(1, len(found.along) // LEARNING)
-    some, count = found.every(every), max(3, round(0.5 * WINDOW_PX / every))
-    length = max(float(found.along[-1]), 1e-6)
-    if about is None:
-        begin, begin_std = _begin(some, width_px, blur_px, reach_px, count)
-        loose = np.maximum(begin_std, START_STEP_PX) ** -2.0
-    else:
-        begin, begin_std = about[0][::every], np.full(len(some.along), about[1])
+    length = found.profiles.shape[1]
+    reach_px = length // 2 + 2
+    step = max(1, len(found.along) // LEARNING)
+    some, count = every(found, step), max(3, int(np.rint(0.5 * WINDOW_PX / step)))
+    values, slopes = tables(width_px, blur_px, reach_px)
+    if len(course):
+        begin, begin_std = course[::step].copy(), np.full(len(some.along), course_std_px)
         loose = begin_std**-2.0
+    else:
+        begin, begin_std = _begin(some, alike(values, slopes), width_px, count)
+        loose = np.maximum(begin_std, START_STEP_PX) ** -2.0
+    share = some.along / max(found.along[-1], 1e-6)
     base, moved, taper = begin, np.zeros(3), 0.0
     precision = np.array([LIKELY_LOG_WIDTH, LIKELY_LOG_BLUR, LIKELY_TAPER]) ** -2.0
-    power = (without_background(some.profiles) ** 2).sum(axis=1)[some.inside] / width_px
-    contrast = float(np.sqrt(smooth.quantile(power, 0.7))) + 1e-6
-    noise, likely, weight = 0.1 * contrast, LIKELY, some.inside.astype(float)
-    now = Reflectance(width_px, blur_px, np.zeros((len(base), _K)), reach_px)
+    contrast = _first_contrast(some, width_px)
+    noise, likely, weight = 0.1 * contrast, LIKELY.copy(), some.inside.astype(np.float64)
+    width, blur, coefficients = width_px, blur_px, np.zeros((len(base), K))
+    known = np.ones(len(base))
     for turn in range(PASSES):
-        each = _normal_equations(some.tapered(taper), base, now)
+        each = normal_equations(tapered(some, taper), base, width, blur, coefficients, values, slopes)
         local = _with_neighbours(each, weight / noise**2, count, likely * contrast)
-        inverse = np.linalg.inv(local[:, _C, _C])
-        step, moves = np.zeros(3), np.zeros(len(base))
+        change, moves = np.zeros(3), np.zeros(len(base))
         if turn:
-            joint = local[:, _CG]
-            left = local[:, _D] - local[:, _D][..., _CG] @ np.linalg.solve(joint[..., _CG], joint)
-            told = left.sum(axis=0) / (count * ALIKE)
-            step = np.linalg.solve(told[:, _D] + np.diag(precision), told[:, _Y] - moved * precision)
-            step = np.clip(step, -0.3, 0.3)
-            moved = moved + step
-        side = local[..., _Y] - local[..., _D] @ step
-        toward = (inverse @ local[:, _C, _G, None])[..., 0]
-        known = local[:, _G, _G] - (toward * local[:, _C, _G]).sum(axis=1)
+            change = _shape_step(local, moved, precision, count)
+            moved = moved + change
+        free, toward, variance, known, shift = _solved(local, change)
         if turn:
-            shift = np.clip((side[:, _G] - (toward * side[:, _C]).sum(axis=1)) / known, -1.0, 1.0)
             told = weight * known * (WELL_BEGUN / len(found.along))
-            target = (told * (base + shift) + loose * begin) / (told + loose)
-            course = smooth.fit(some.along / length, target, told + loose, (1.0, 0.5), PIECES, 1e-3).values
-            moves, base = course - base, course
-        coefficients = (inverse @ (side[:, _C] - local[:, _C, _G] * moves[:, None])[..., None])[..., 0]
-        parts = np.column_stack([-coefficients, np.tile(-step, (len(base), 1)), -moves, np.ones(len(base))])
-        squares = ((each @ parts[..., None])[..., 0] * parts).sum(axis=1)
-        rms = np.sqrt(np.maximum(squares, 0.0) / (some.across.shape[1] - 4))
-        noise = max(smooth.quantile(rms[some.inside], QUIET), 1e-3 * contrast)
+            target = (told * (base + np.minimum(np.maximum(shift, -1.0), 1.0)) + loose * begin) / (told + loose)
+            better = smooth.fit(share, target, told + loose, (1.0, 0.5), PIECES, 1e-3).values
+            moves, base = better - base, better
+        coefficients = free - toward * moves.reshape(-1, 1)
+        rms = _left(each, coefficients, change, moves) / np.sqrt(length - 4.0)
+        noise = max(quantile(rms[some.inside], QUIET), 1e-3 * contrast)
         weight = some.inside / (1.0 + (rms / (3.0 * noise)) ** 2)
-        contrast = float(np.sqrt(weight @ (coefficients**2 @ _MEAN_SQUARE) / max(float(weight.sum()), 1e-9))) + 1e-6
+        contrast = np.sqrt((weight * _square(coefficients)).sum() / max(weight.sum(), 1e-9)) + 1e-6
         if turn:
-            likely = _likely(coefficients / contrast, inverse[:, _DIAGONAL, _DIAGONAL] / contrast**2, likely, weight)
+            likely = _likely(coefficients / contrast, variance / contrast**2, likely, weight)
         width, blur = width_px * np.exp(moved[0]), blur_px * np.exp(moved[1])
-        taper = float(np.clip(moved[2], -MOST_TAPER, MOST_TAPER))
-        now = Reflectance(float(width), float(blur), coefficients, reach_px)
-
-    def everywhere(values: np.ndarray) -> np.ndarray:
-        return np.interp(found.along, some.along, values)
-
-    whole = replace(now, coefficients=np.stack([everywhere(column) for column in now.coefficients.T], axis=1))
-    course = everywhere(base)
-    each = _normal_equations(found.tapered(taper), course, whole, place=False)
-    local = _with_neighbours(
-        each, everywhere(weight) * found.inside / noise**2, round(0.5 * WINDOW_PX), likely * contrast
-    )
-    solved = np.linalg.solve(local[:, _C, _C], local[:, _C, -1:])[..., 0]
-    shared = (PIECES + 3.0) / max(WELL_BEGUN * float(known.mean()) / count, 1e-9)
-    shared_px = np.sqrt(shared + everywhere(begin_std) ** 2 + (PULLED * width_px) ** 2)
-    return Learned(replace(whole, coefficients=solved), course, shared_px / found.stretch, taper)
-
-
-def _blurred(width_px: float, blur_px: float, across_px: np.ndarray) -> np.ndarray:
-    """(R, K) Legendre polynomials over the silhouette, blurred, at distances (R,) from its centre.
-
-    By the recurrence of the powers' convolution with a bell over an interval.
-    """
-    half, variance = 0.5 * width_px, blur_px**2 + PIXEL_BLUR_PX**2
-    std = np.sqrt(variance)
-    left, right = (across_px + half) / std, (across_px - half) / std
-    rising, falling = (np.exp(-0.5 * edge**2) / (np.sqrt(2.0 * np.pi) * std) for edge in (left, right))
-    powers = [ndtr(left) - ndtr(right)]
-    for k in range(_K - 1):
-        before = k * powers[k - 1] if k else 0.0
-        ends = half**k * falling - (-half) ** k * rising
-        powers.append(across_px * powers[k] + variance * (before - ends))
-    return np.stack([power / half**k for k, power in enumerate(powers)], axis=-1) @ _POWERS.T
+        taper = min(max(moved[2], -MOST_TAPER), MOST_TAPER)
+        values, slopes = tables(width, blur, reach_px)
+    whole = np.empty((len(found.along), K))
+    for k in range(K):
+        whole[:, k] = np.interp(found.along, some.along, coefficients[:, k])
+    weight = np.interp(found.along, some.along, weight) * found.inside / noise**2
+    course = np.interp(found.along, some.along, base)
+    each = coefficients_alone(tapered(found, taper), course, alike(values, slopes))
+    local = _with_neighbours(each, weight, int(np.rint(0.5 * WINDOW_PX)), likely * contrast)
+    for n in range(len(whole)):
+        side = local[n, K, :K].copy().reshape(-1, 1)
+        solve(local[n, :K, :K].copy(), side)
+        whole[n] = side[:, 0]
+    height = np.sqrt(np.maximum(_square(whole), 1e-12))
+    shared = (PIECES + 3.0) / max(WELL_BEGUN * known.mean() / count, 1e-9)
+    begin_std = np.interp(found.along, some.along, begin_std)
+    shared_px = np.sqrt(shared + begin_std**2 + (PULLED * width_px) ** 2) / found.stretch
+    section = CrossSection(values, slopes, whole / height.reshape(-1, 1))
+    return Learned(Reflectance(width, blur, whole, height, section), course, shared_px, taper)
 
 
-def _rows(reach_px: int) -> np.ndarray:
-    return np.arange(-reach_px * PER_PX, reach_px * PER_PX + 1) / PER_PX
+@kernel
+def _square(coefficients: np.ndarray) -> np.ndarray:
+    """(N,) mean squares over the silhouette of polynomials (N, K)."""
+    squares = np.zeros(len(coefficients))
+    for n in range(len(coefficients)):
+        for k in range(K):
+            squares[n] += coefficients[n, k] ** 2 * MEAN_SQUARE[k]
+    return squares
 
 
-def _looked_up(table: np.ndarray, across: np.ndarray) -> np.ndarray:
-    """(N, T, C) of a table (R, C) with its middle row at 0 px, linear between rows."""
-    last = len(table) - 1
-    place = np.clip(across * PER_PX + 0.5 * last, 0.0, last - 1e-6)
-    row = place.astype(np.intp)
-    first = table.take(row, axis=0)
-    return first + (table.take(row + 1, axis=0) - first) * (place - row)[..., None]
+@kernel
+def _first_contrast(found: Crossings, width_px: float) -> float:
+    """Contrast of most profiles, grey levels, of whatever there is in them."""
+    power = np.empty(len(found.along))
+    for n in range(len(power)):
+        grey = found.profiles[n].copy()
+        remove_background(grey)
+        power[n] = dot(grey, grey) / width_px
+    return np.sqrt(quantile(power[found.inside], 0.7)) + 1e-6
 
 
-def _normal_equations(found: Crossings, base: np.ndarray, now: Reflectance, place: bool = True) -> np.ndarray:
-    """(N, K + 5, K + 5) products of every profile's columns, less the background's level and slope; with `place` False
-    (N, K + 1, K + 1), of coefficients and grey levels only."""
-    across = found.distances(base)
-    values, slopes = now.tables
-    if not place:
-        rows = [np.moveaxis(_looked_up(values, across), 2, 1), found.profiles[:, None]]
-    else:
-        at = _rows(now.reach_px)
-        nudged = (_blurred(now.width_px * 1.02, now.blur_px, at), _blurred(now.width_px, now.blur_px * 1.02, at))
-        table = np.hstack([values, slopes, *((other - values) / 0.02 for other in nudged)])
-        seen = _looked_up(table, across).reshape(*across.shape, 4, _K)
-        slope, wider, softer = np.moveaxis((seen[:, :, 1:] @ now.coefficients[:, None, :, None])[..., 0], 2, 0)
-        share = (found.along / max(float(found.along[-1]), 1e-6) - 0.5)[:, None]
-        by_place = slope * (-found.side / found.stretch)[:, None]
-        rows = [
-            np.moveaxis(seen[:, :, 0], 2, 1),
-            np.stack([wider, softer, wider * share, by_place, found.profiles], axis=1),
-        ]
-    whole = np.concatenate(rows, axis=1)
-    flat = without_background(whole.reshape(-1, across.shape[1])).reshape(whole.shape)
-    return flat @ flat.mT * found.inside[:, None, None]
-
-
+@kernel
 def _sums(values: np.ndarray, count: int) -> np.ndarray:
-    """Sums (N, ...) over a triangle of neighbours whose weight in the middle is one."""
+    """Sums (N, M) over a triangle of neighbours whose weight in the middle is one."""
+    rows, columns = values.shape
     for _ in range(2):
-        values = uniform_filter1d(values, count, axis=0, mode="constant")
-    return count * values
+        total, sums = np.zeros(columns), np.empty((rows, columns))
+        for n in range(min(count - count // 2, rows)):
+            total += values[n]
+        for n in range(rows):
+            sums[n] = total
+            entering, leaving = n + count - count // 2, n - count // 2
+            if entering < rows:
+                total += values[entering]
+            if leaving >= 0:
+                total -= values[leaving]
+        values = sums
+    return values / count
 
 
+@kernel
 def _with_neighbours(each: np.ndarray, weight: np.ndarray, count: int, likely: np.ndarray) -> np.ndarray:
-    """Normal equations (N, ...) summed over neighbours, with the prior of the coefficients."""
-    local = _sums(each * weight[:, None, None], count)
-    local[:, _DIAGONAL, _DIAGONAL] += likely**-2.0
-    if local.shape[1] > _G:
-        local[:, _G, _G] += 1.0 / START_STEP_PX**2
+    """Normal equations (N, M, M) summed over neighbours, with the prior of the coefficients."""
+    number, size, _ = each.shape
+    weighted = each.copy()
+    for n in range(number):
+        weighted[n] *= weight[n]
+    local = _sums(weighted.reshape(number, size * size), count).reshape(number, size, size)
+    for n in range(number):
+        for k in range(K):
+            local[n, k, k] += likely[k] ** -2.0
+        if size > G:
+            local[n, G, G] += 1.0 / START_STEP_PX**2
     return local
 
 
+@kernel
+def _shape_step(local: np.ndarray, moved: np.ndarray, precision: np.ndarray, count: int) -> np.ndarray:
+    """(3,) step of width, blur and taper, for any coefficients and place: normal equations (N, K + 5, K + 5)."""
+    matrix, side = np.diag(precision), np.empty((3, 1))
+    side[:, 0] = -moved * precision
+    left, right = np.empty((K + 1, K + 1)), np.empty((K + 1, 4))
+    for n in range(len(local)):
+        for i in range(K + 1):
+            row = G if i == K else i
+            for j in range(K + 1):
+                left[i, j] = local[n, row, G if j == K else j]
+            for j in range(3):
+                right[i, j] = local[n, row, K + j]
+            right[i, 3] = local[n, row, Y]
+        solve(left, right)
+        for i in range(3):
+            for j in range(4):
+                told = local[n, K + i, K + j if j < 3 else Y]
+                for k in range(K + 1):
+                    told -= local[n, K + i, G if k == K else k] * right[k, j]
+                if j < 3:
+                    matrix[i, j] += told / (count * ALIKE)
+                else:
+                    side[i, 0] += told / (count * ALIKE)
+    solve(matrix, side)
+    return np.minimum(np.maximum(side[:, 0], -0.3), 0.3)
+
+
+@kernel
+def _solved(local: np.ndarray, step: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Of normal equations (N, K + 5, K + 5), after a step (3,) of width, blur and taper: the coefficients (N, K) where
+    the line is, how they change with its place (N, K), their variances (N, K), what is known of the place (N,) and
+    where it would be better (N,)."""
+    count = len(local)
+    free, toward, variance = np.empty((count, K)), np.empty((count, K)), np.empty((count, K))
+    known, shift = np.empty(count), np.empty(count)
+    side, right = np.empty(ALL), np.empty((K, K + 2))
+    for n in range(count):
+        for i in range(ALL):
+            side[i] = local[n, i, Y]
+            for j in range(3):
+                side[i] -= local[n, i, K + j] * step[j]
+        right[:] = 0.0
+        for k in range(K):
+            right[k, k], right[k, K], right[k, K + 1] = 1.0, side[k], local[n, k, G]
+        solve(local[n, :K, :K].copy(), right)
+        known[n], shift[n] = local[n, G, G], side[G]
+        for k in range(K):
+            variance[n, k], free[n, k], toward[n, k] = right[k, k], right[k, K], right[k, K + 1]
+            known[n] -= toward[n, k] * local[n, k, G]
+            shift[n] -= toward[n, k] * side[k]
+        shift[n] /= known[n]
+    return free, toward, variance, known, shift
+
+
+@kernel
+def _left(each: np.ndarray, coefficients: np.ndarray, step: np.ndarray, moves: np.ndarray) -> np.ndarray:
+    """(N,) what coefficients (N, K), a step (3,) of the shape and moves (N,) of the place leave: roots of squares."""
+    left, parts = np.empty(len(each)), np.empty(ALL)
+    for n in range(len(each)):
+        parts[:K], parts[K:G], parts[G], parts[Y] = -coefficients[n], -step, -moves[n], 1.0
+        square = 0.0
+        for i in range(ALL):
+            square += parts[i] * dot(each[n, i], parts)
+        left[n] = np.sqrt(max(square, 0.0))
+    return left
+
+
+@kernel
 def _likely(over_contrast: np.ndarray, variance: np.ndarray, likely: np.ndarray, weight: np.ndarray) -> np.ndarray:
     """(K,) deviations of the coefficients (N, K) as this line shows them; `variance` (N, K) of these."""
-    told = np.maximum(1.0 - variance / likely**2, 0.0)
-    square = weight @ over_contrast**2 + LIKELY_PROFILES * (LEAST_LIKELY * LIKELY) ** 2
-    fresh = np.sqrt(square / (weight @ told + LIKELY_PROFILES))
-    return np.append(LIKELY[0], np.minimum(fresh, 2.0 * LIKELY)[1:])
+    fresh = LIKELY.copy()
+    for k in range(1, K):
+        told = (weight * np.maximum(1.0 - variance[:, k] / likely[k] ** 2, 0.0)).sum() + LIKELY_PROFILES
+        square = (weight * over_contrast[:, k] ** 2).sum() + LIKELY_PROFILES * (LEAST_LIKELY * LIKELY[k]) ** 2
+        fresh[k] = min(np.sqrt(square / told), 2.0 * LIKELY[k])
+    return fresh
 
 
-def _begin(
-    found: Crossings, width_px: float, blur_px: float, reach_px: int, count: int
-) -> tuple[np.ndarray, np.ndarray]:
+@kernel
+def _begin(found: Crossings, section: CrossSection, width_px: float, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Where across the path (N,) a silhouette of this width, whatever is on it, explains most; and its deviation (N,).
 
     The mean over all smooth courses, for between a highlight's sides many explain as much.
     """
     steps = int(np.ceil(0.6 * width_px / START_STEP_PX))
     offsets = START_STEP_PX * np.arange(-steps, steps + 1)
-    table = _blurred(width_px, blur_px, _rows(reach_px))
-    grey = without_background(found.profiles) * found.inside[:, None]
-    power = _sums((grey**2).sum(axis=1), count)
-    left = np.empty((len(grey), len(offsets)))
-    for column, offset in enumerate(offsets):
-        shapes = np.moveaxis(_looked_up(table, found.distances(np.full(len(grey), offset))), 2, 1)
-        shapes = without_background(shapes.reshape(-1, shapes.shape[2])).reshape(shapes.shape)
-        matrix, side = _sums(shapes @ shapes.mT, count), _sums((shapes @ grey[..., None])[..., 0], count)
-        matrix[:, _DIAGONAL, _DIAGONAL] += 0.01 / LIKELY**2
-        explained = (side * np.linalg.solve(matrix, side[..., None])[..., 0]).sum(axis=1)
-        left[:, column] = np.log(np.maximum(power - explained, 0.0) + MISFIT * power + 1e-9)
-    share = found.along / max(float(found.along[-1]), 1e-6)
-    shapes = np.stack([(1.0 - share) * (1.0 - 2.0 * share), 4.0 * share * (1.0 - share), share * (2.0 * share - 1.0)])
+    left = np.empty((len(found.along), len(offsets)))
+    for column in range(len(offsets)):
+        each = coefficients_alone(found, np.full(len(left), offsets[column]), section)
+        local = _sums(each.reshape(len(left), -1), count).reshape(each.shape)
+        for n in range(len(left)):
+            power, explained = local[n, K, K], 0.0
+            matrix, side = local[n, :K, :K].copy(), local[n, :K, K:].copy()
+            for k in range(K):
+                matrix[k, k] += 0.01 / LIKELY[k] ** 2
+            solve(matrix, side)
+            for k in range(K):
+                explained += side[k, 0] * local[n, k, K]
+            left[n, column] = np.log(max(power - explained, 0.0) + MISFIT * power + 1e-9)
+    return _mean_course(shares(found), found.inside, offsets, left, 0.5 * found.profiles.shape[1] * INDEPENDENT)
+
+
+@kernel
+def _mean_course(
+    share: np.ndarray, inside: np.ndarray, offsets: np.ndarray, left: np.ndarray, sharpness: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """The mean (N,) of smooth courses and its deviation (N,), by how little they leave (N, O) at offsets (O,)."""
     bends = np.linspace(offsets[0], offsets[-1], START_BENDS)
-    tried = np.stack([grid.ravel() for grid in np.meshgrid(bends, bends, bends, indexing="ij")])
-    few = slice(None, None, max(1, len(share) // START_PROFILES))
-    place = np.clip((shapes.T[few] @ tried - offsets[0]) / START_STEP_PX, 0.0, len(offsets) - 1.001)
-    row = place.astype(np.intp)
-    before, after = (np.take_along_axis(left[few], row + k, axis=1) for k in (0, 1))
-    score = (found.inside[few, None] * (before + (after - before) * (place - row))).mean(axis=0)
-    weight = np.exp(-0.5 * grey.shape[1] * INDEPENDENT * (score - score.min()))
+    shapes = np.empty((len(share), 3))
+    shapes[:, 0] = (1.0 - share) * (1.0 - 2.0 * share)
+    shapes[:, 1] = 4.0 * share * (1.0 - share)
+    shapes[:, 2] = share * (2.0 * share - 1.0)
+    every_place = max(1, len(share) // START_PROFILES)
+    tried, score = np.empty((START_BENDS**3, 3)), np.zeros(START_BENDS**3)
+    for c in range(len(tried)):
+        tried[c, 0] = bends[c // START_BENDS**2]
+        tried[c, 1], tried[c, 2] = bends[c // START_BENDS % START_BENDS], bends[c % START_BENDS]
+        places = 0
+        for n in range(0, len(share), every_place):
+            place = (dot(shapes[n], tried[c]) - offsets[0]) / START_STEP_PX
+            place = min(max(place, 0.0), len(offsets) - 1.001)
+            row = int(place)
+            if inside[n]:
+                score[c] += left[n, row] + (left[n, row + 1] - left[n, row]) * (place - row)
+            places += 1
+        score[c] /= places
+    weight = np.exp(-sharpness * (score - score.min()))
     weight /= weight.sum()
-    mean = tried @ weight
-    apart = tried - mean[:, None]
-    variance = np.einsum("in,ij,jn->n", shapes, (apart * weight) @ apart.T, shapes)
-    return mean @ shapes, np.sqrt(np.maximum(variance, 0.0))
+    mean, spread = np.zeros(3), np.zeros((3, 3))
+    for c in range(len(tried)):
+        mean += weight[c] * tried[c]
+    for c in range(len(tried)):
+        for i in range(3):
+            for j in range(3):
+                spread[i, j] += weight[c] * (tried[c, i] - mean[i]) * (tried[c, j] - mean[j])
+    course, deviation = np.empty(len(share)), np.empty(len(share))
+    for n in range(len(share)):
+        square = 0.0
+        for i in range(3):
+            square += shapes[n, i] * dot(spread[i], shapes[n])
+        course[n], deviation[n] = dot(shapes[n], mean), np.sqrt(max(square, 0.0))
+    return course, deviation

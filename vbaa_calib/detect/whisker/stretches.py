@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 from enum import Enum
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
 
 from vbaa_calib.core.polyline import arc_lengths
+from vbaa_calib.core.smooth import MIRRORED, running_mean
 
 from .centreline import Centreline, Visibility
 from .corridor import Corridor
@@ -127,16 +127,16 @@ def _causes(found: Crossings, seen: np.ndarray, width: float, look: tuple[float,
     reach = np.ceil(0.5 * width) + 2.0
     offsets = np.arange(-reach, reach + 1.0)
     fits = [fit(sharp, found, np.where(seen, 0.0, offset)) for offset in offsets]
-    heights = np.stack([uniform_filter1d(each.height, RUN) for each in fits])
+    heights = np.stack([_averaged(each.height) for each in fits])
     unit = np.stack([each.unit_height for each in fits])
     best = np.abs(heights / unit).argmax(axis=0)
     at = np.arange(len(best))
     height, rms = heights[best, at], np.stack([each.rms for each in fits])[best, at]
-    rms = np.sqrt(np.maximum(uniform_filter1d(rms**2, RUN), 1e-12))  # running sums leave rounding below zero
+    rms = np.sqrt(np.maximum(_averaged(rms**2), 1e-12))  # running sums leave rounding below zero
     noise = noise or float(np.quantile(rms, 0.2))
-    softer = np.stack([fit(each, found, offsets[best]).rms ** 2 for each in soft])
-    blurred = np.sqrt(np.maximum(uniform_filter1d(softer, RUN, axis=1).min(axis=0), 0.0))
-    ground = uniform_filter1d(found.profiles[:, [0, 1, -2, -1]].mean(axis=1), RUN)
+    softer = [_averaged(fit(each, found, offsets[best]).rms ** 2) for each in soft]
+    blurred = np.sqrt(np.maximum(np.min(softer, axis=0), 0.0))
+    ground = _averaged(found.profiles[:, [0, 1, -2, -1]].mean(axis=1))
     usual = float(np.median(np.abs(height[seen]))) if seen.any() else 0.0
     there = np.abs(height) > np.maximum(CLEAR * noise * unit[best, at] / np.sqrt(RUN), 0.3 * usual)
     there &= np.abs(height) > rms
@@ -155,6 +155,10 @@ def _causes(found: Crossings, seen: np.ndarray, width: float, look: tuple[float,
     ]
     kinds = list(Cause)
     return np.select([rule for rule, _ in rules], [kinds.index(cause) for _, cause in rules], kinds.index(Cause.HIDDEN))
+
+
+def _averaged(values: np.ndarray) -> np.ndarray:
+    return running_mean(values, RUN, MIRRORED)
 
 
 def _merged(causes: np.ndarray, along: np.ndarray, shortest_px: float) -> np.ndarray:

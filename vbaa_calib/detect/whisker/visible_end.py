@@ -7,17 +7,18 @@ the background, and where it is not much nearer than a whole antenna would end.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from math import erfc
+from typing import NamedTuple
 
 import numpy as np
-from scipy.special import ndtr
 
-from vbaa_calib.core import smooth
+from vbaa_calib.core.compiled import kernel
 from vbaa_calib.core.polyline import arc_lengths
+from vbaa_calib.core.smooth import median, solve
 
 from .centreline import EndKind
-from .crossings import crossings
-from .line_shape import LineShape, fit
+from .crossings import Crossings, crossings, moved
+from .line_shape import CrossSection, fit
 
 BEFORE_PX, BEYOND_PX = 60.0, 24.0
 """How much of the line before its end, and of the picture beyond it, is looked at."""
@@ -48,8 +49,13 @@ LEAST_STD_PX = 0.1
 """What the pixel grid and the shape of a cut end leave open, at a blur of a pixel; more of it leaves more."""
 
 
-@dataclass(frozen=True, eq=False)
-class _VisibleEnd:
+LEAST_PROFILES, LEAST_BEFORE, LEAST_STEP = 12, 8, 16
+"""Profiles that are looked at, those of them before the end, and those that a step is fitted to, at the least."""
+_TIP, _HIDDEN, _BORDER, _UNSURE, _LONGER = range(5)
+_KINDS: tuple[EndKind, ...] = ("tip", "hidden", "border", "unsure")
+
+
+class _VisibleEnd(NamedTuple):
     """Where the antenna ends in a picture: place (2,), deviation along the antenna, and what it is."""
 
     end_px: np.ndarray
@@ -57,23 +63,38 @@ class _VisibleEnd:
     end: EndKind
 
 
-@dataclass(frozen=True)
-class _Step:
-    """A blurred step from `height` to nothing at `place`, px; the place's deviation, and the rms residual."""
+class _Step(NamedTuple):
+    """A blurred step from `height` to nothing at `place`, px; the place's deviation, and the rms residual; whether
+    there is one at all."""
 
     place: float
     blur: float
     height: float
     std: float
     rms: float
+    there: bool
 
 
-@dataclass(frozen=True, eq=False)
-class Look:
+class _Continued(NamedTuple):
+    """A line from some way before its last seen point, drawn on straight beyond it; no points where it is too short.
+
+    Attributes
+    ----------
+    path_px : (B, 2). last : which of its points was the last one seen.
+    whole_px, rest_px : length of the whole path, and of what of it is not seen at its end.
+    """
+
+    path_px: np.ndarray
+    last: int
+    whole_px: float
+    rest_px: float
+
+
+class Look(NamedTuple):
     """What the line looks like: its cross-section, seen in profiles of 2·half + 1 pixels with this noise, grey levels;
     whether it is brighter than its background, None where that changes."""
 
-    shape: LineShape
+    section: CrossSection
     half: int
     noise: float
     bright: bool | None
@@ -89,64 +110,73 @@ def visible_end(image: np.ndarray, path_px: np.ndarray, seen: np.ndarray, look: 
     """
     farthest_px = (1.0 + LONGER) * float(arc_lengths(path_px)[-1])
     while True:
-        found = _end_or_longer(image, path_px, seen, look)
-        if isinstance(found, _VisibleEnd):
-            return found
-        path_px, seen = found
+        ahead = _continued(path_px, seen)
+        if not len(ahead.path_px):
+            return _VisibleEnd(path_px[seen][-1], np.nan, "hidden")
+        found = crossings(image, ahead.path_px, look.half, look.bright)
+        kind, place, std, longer = _end_or_longer(found, look.section, look.noise, ahead)
+        if kind != _LONGER:
+            return _VisibleEnd(place, std, _KINDS[kind])
+        last = int(np.flatnonzero(seen)[-1])
+        path_px = np.vstack([path_px[: last + 1], longer])
+        seen = np.concatenate([seen[: last + 1], np.ones(len(longer), bool)])
         if arc_lengths(path_px)[-1] > farthest_px:
             return _VisibleEnd(path_px[-1], np.nan, "unsure")
 
 
+@kernel
 def _end_or_longer(
-    image: np.ndarray, path_px: np.ndarray, seen: np.ndarray, look: Look
-) -> _VisibleEnd | tuple[np.ndarray, np.ndarray]:
-    """The end, or path (K, 2) and `seen` (K,) drawn on where the line goes on beyond it."""
-    last = int(np.flatnonzero(seen)[-1])
-    nothing = _VisibleEnd(path_px[last], np.nan, "hidden")
-    along = arc_lengths(path_px)
-    whole = float(along[-1])
-    beyond = _continued(path_px, seen, last, along)
-    if beyond is None:
+    found: Crossings, section: CrossSection, noise: float, ahead: _Continued
+) -> tuple[int, np.ndarray, float, np.ndarray]:
+    """What the end is, its place (2,) and its deviation; or points (M, 2) of a line that goes on beyond its path."""
+    here, along = found.along, arc_lengths(ahead.path_px)  # from the first point of the path that is looked at
+    last_at, end = along[ahead.last], ahead.path_px[ahead.last]
+    nothing, no_points = (_HIDDEN, end, np.nan, np.empty((0, 2))), np.empty((0, 2))
+    if len(here) < LEAST_PROFILES:
         return nothing
-    found = crossings(image, beyond, look.half, look.bright)
-    here = found.along  # from the first point of the path that is looked at
-    if len(here) < 12:
+    fits = fit(section, found, np.zeros(len(here)))
+    known = found.inside & (here < last_at - 4.0)
+    if known.sum() < LEAST_BEFORE:
         return nothing
-    fits = fit(look.shape, found, np.zeros(len(here)))
-    last_at = float(arc_lengths(beyond)[np.hypot(*(beyond - path_px[last]).T).argmin()])
-    before = found.inside & (here < last_at - 4.0)
-    if before.sum() < 8:
+    usual = median(fits.height[known])
+    if usual <= 0.0:
         return nothing
-    usual = smooth.median(fits.height[before])
-    inside = found.inside
-    if usual <= 0.0 or not inside.any():
-        return nothing
-    edge = bool((~inside & (here > last_at - 1.0) & (here < last_at + BEYOND_PX)).any())
     # only what lies before the picture's border
-    stop = int(np.flatnonzero(~found.inside & (here > last_at - 1.0))[0]) if edge else len(here)
-    used = np.flatnonzero(found.inside[:stop])
+    edge, stop = False, len(here)
+    for n in range(len(here)):
+        if not found.inside[n] and here[n] > last_at - 1.0:
+            edge, stop = edge or here[n] < last_at + BEYOND_PX, min(stop, n)
+    used = np.flatnonzero(found.inside[: stop if edge else len(here)])
     on = used[(here[used] > last_at) & (fits.height[used] > 0.5 * usual)]
     if not edge and len(on) >= AT_LEAST_ON and on[-1] >= used[-3]:
         # bent towards the camera, it is longer in the picture than a whole antenna of the corridor
-        path = np.vstack([path_px[: last + 1], found.moved(fits.shift)[on]])
-        longer = np.concatenate([seen[: last + 1], np.ones(len(on), bool)])
-        return path, longer
-    step = _fitted(here[used], fits.height[used] / usual, look.noise * fits.unit_height[used] / usual)
-    if step is None or (edge and here[used[-1]] < step.place + CLEAN_PX + 2.0 * step.blur):
-        return _VisibleEnd(path_px[last], np.nan, "border" if edge else "hidden")
-    shorter_px = whole - along[last] - (step.place - last_at)
-    ground = found.profiles[:, [0, 1, -2, -1]].mean(axis=1) / usual  # beside the line
-    kind = _kind(_Seen(here[used], fits.height[used] / usual, ground[used], fits.rms[used] / look.noise), step)
-    if kind == "tip" and shorter_px > max(SHORTER * whole, SHORTER_PX):
-        kind = "unsure"
-    if kind == "hidden":
-        return _VisibleEnd(path_px[last], np.nan, "hidden")
-    place = np.array([np.interp(step.place, arc_lengths(beyond), beyond[:, axis]) for axis in (0, 1)])
-    return _VisibleEnd(place, step.std, kind)
+        return _LONGER, end, np.nan, moved(found, fits.shift)[on]
+    at, heights = here[used], fits.height[used] / usual
+    step = _fitted(at, heights, noise * fits.unit_height[used] / usual)
+    if not step.there or (edge and at[-1] < step.place + CLEAN_PX + 2.0 * step.blur):
+        return _BORDER if edge else _HIDDEN, end, np.nan, no_points
+    kind = _kind(_Seen(at, heights, _beside(found, used) / usual, fits.rms[used] / noise), step)
+    if kind == _HIDDEN:
+        return nothing
+    if kind == _TIP and ahead.rest_px - (step.place - last_at) > max(SHORTER * ahead.whole_px, SHORTER_PX):
+        kind = _UNSURE
+    place = np.empty(2)
+    for axis in range(2):
+        place[axis] = np.interp(step.place, along, ahead.path_px[:, axis])
+    return kind, place, step.std, no_points
 
 
-@dataclass(frozen=True, eq=False)
-class _Seen:
+@kernel
+def _beside(found: Crossings, used: np.ndarray) -> np.ndarray:
+    """(M,) grey levels beside the line in some of the profiles."""
+    ground = np.empty(len(used))
+    for k in range(len(used)):
+        profile = found.profiles[used[k]]
+        ground[k] = 0.25 * (profile[0] + profile[1] + profile[-2] + profile[-1])
+    return ground
+
+
+class _Seen(NamedTuple):
     """What N profiles show: places (N,) px, heights (N,) and background (N,) over the usual height, residuals (N,) over
     the noise."""
 
@@ -156,70 +186,95 @@ class _Seen:
     residuals: np.ndarray
 
 
-def _kind(seen: _Seen, step: _Step) -> EndKind:
+@kernel
+def _kind(seen: _Seen, step: _Step) -> int:
     """What the end is."""
     gone = step.place + 2.0 * step.blur
     after = (seen.at > gone) & (seen.at < gone + CLEAN_PX)
     near = (seen.at > step.place - 2.0 * CLEAN_PX) & (seen.at < step.place - 2.0 * step.blur)
     if after.sum() < 3 or near.sum() < 3 or (seen.residuals[after] > DISTURBED).mean() > 0.4:
-        return "hidden"
+        return _HIDDEN
     if abs(np.median(seen.background[after]) - np.median(seen.background[near])) > EDGE:
-        return "hidden"
+        return _HIDDEN
     swollen = seen.heights[near].max() > BROAD or (seen.residuals[near] > 2.0 * DISTURBED).mean() > 0.3
-    return "unsure" if swollen or step.std > MOST_STD_PX or step.rms > MOST_RMS else "tip"
+    return _UNSURE if swollen or step.std > MOST_STD_PX or step.rms > MOST_RMS else _TIP
 
 
-def _continued(path_px: np.ndarray, seen: np.ndarray, last: int, along: np.ndarray) -> np.ndarray | None:
-    """The line from some way before its last seen point, drawn on straight beyond it; None where it is too short."""
-    near = np.flatnonzero(seen & (along > along[last] - STRAIGHT_PX) & (along <= along[last]))
-    first = int(np.searchsorted(along, along[last] - BEFORE_PX))
-    if len(near) < 8 or last - first < 12:
-        return None
+@kernel
+def _continued(path_px: np.ndarray, seen: np.ndarray) -> _Continued:
+    """A line (K, 2) drawn on beyond where it was last seen (K,)."""
+    along = arc_lengths(path_px)
+    last = np.flatnonzero(seen)[-1]
+    first = 0
+    while along[first] < along[last] - BEFORE_PX:
+        first += 1
+    near = seen & (along > along[last] - STRAIGHT_PX) & (along <= along[last])
+    if near.sum() < 8 or last - first < 12:
+        return _Continued(np.empty((0, 2)), 0, along[-1], along[-1] - along[last])
     t = along[near] - along[last]
-    slopes = [np.polyfit(t, path_px[near, axis], 1) for axis in (0, 1)]
-    direction = np.array([slope[0] for slope in slopes])
-    direction /= np.hypot(*direction)
-    end = np.array([slope[1] for slope in slopes])
-    ahead = np.arange(1.0, BEYOND_PX + 1.0)[:, None] * direction + end
-    return np.vstack([path_px[first : last + 1], ahead])
+    middle = t.mean()
+    path = np.empty((last + 1 - first + int(BEYOND_PX), 2))
+    path[: last + 1 - first] = path_px[first : last + 1]
+    end, direction = np.empty(2), np.empty(2)
+    for axis in range(2):
+        values = path_px[:, axis][near]
+        direction[axis] = ((t - middle) * values).sum() / ((t - middle) ** 2).sum()
+        end[axis] = values.mean() - direction[axis] * middle
+    direction /= np.hypot(direction[0], direction[1])
+    for k in range(int(BEYOND_PX)):
+        path[last + 1 - first + k] = end + (k + 1.0) * direction
+    return _Continued(path, last - first, along[-1], along[-1] - along[last])
 
 
-def _fitted(at: np.ndarray, heights: np.ndarray, sigma: np.ndarray) -> _Step | None:
-    """The step that heights (N,) of deviations (N,) at places (N,) show; None where none does."""
-    if len(at) < 16:
-        return None
-    rest = heights**2
-    after = rest.sum() - np.cumsum(rest)
-    mean = np.cumsum(heights) / np.arange(1, len(at) + 1)
-    before = np.cumsum(rest) - np.arange(1, len(at) + 1) * mean**2
-    cut = int((before + after)[4:-2].argmin()) + 4
-    theta = np.array([0.5 * (at[cut] + at[cut + 1]), BLUR_PX, mean[cut]])
-    near = (at > theta[0] - BEFORE_PX) & (at < theta[0] + BEYOND_PX)
+@kernel
+def _fitted(at: np.ndarray, heights: np.ndarray, sigma: np.ndarray) -> _Step:
+    """The step that heights (N,) of deviations (N,) at places (N,) show, if they show one."""
+    none = _Step(np.nan, np.nan, np.nan, np.nan, np.nan, False)
+    if len(at) < LEAST_STEP:
+        return none
+    place, height = _cut(at, heights)
+    blur = BLUR_PX
+    near = (at > place - BEFORE_PX) & (at < place + BEYOND_PX)
     s, h, weight = at[near], heights[near], 1.0 / np.maximum(sigma[near], 1e-6)
-    if (s > theta[0] + 2.0).sum() < 3:
-        return None
+    if (s > place + 2.0).sum() < 3:
+        return none
+    row, variance = np.empty(3), np.nan
     for _ in range(ROUNDS):
-        away = (theta[0] - s) / theta[1]
-        bell = np.exp(-0.5 * away**2) / np.sqrt(2.0 * np.pi)
-        rows = np.stack([theta[2] * bell / theta[1], -theta[2] * bell * away / theta[1], ndtr(away)], axis=1)
-        left = h - theta[2] * ndtr(away)
-        normal_matrix = (rows * weight[:, None]).T @ (rows * weight[:, None]) + np.diag([0.0, 25.0, 0.0])
-        side = (rows * weight[:, None]).T @ (left * weight) + np.array([0.0, 25.0 * (BLUR_PX - theta[1]), 0.0])
-        move = np.linalg.solve(normal_matrix + 1e-9 * np.eye(3), side)
-        move[0] = np.clip(move[0], -2.0, 2.0)
-        theta = theta + move
-        theta[1] = np.clip(theta[1], *BLUR_RANGE_PX)
-        if abs(move[0]) < 1e-4:
+        matrix, sides = np.diag(np.array([1e-9, 25.0 + 1e-9, 1e-9])), np.zeros((3, 2))
+        sides[1, 0], sides[0, 1] = 25.0 * (BLUR_PX - blur), 1.0
+        for k in range(len(s)):
+            away = (place - s[k]) / blur
+            bell, below = np.exp(-0.5 * away**2) / np.sqrt(2.0 * np.pi), 0.5 * erfc(-away / np.sqrt(2.0))
+            row[0], row[1], row[2] = height * bell / blur, -height * bell * away / blur, below
+            for i in range(3):
+                sides[i, 0] += weight[k] ** 2 * row[i] * (h[k] - height * below)
+                for j in range(i + 1):
+                    matrix[i, j] += weight[k] ** 2 * row[i] * row[j]
+        solve(matrix, sides)
+        variance = sides[0, 1]
+        move = min(max(sides[0, 0], -2.0), 2.0)
+        place, blur = place + move, min(max(blur + sides[1, 0], BLUR_RANGE_PX[0]), BLUR_RANGE_PX[1])
+        height += sides[2, 0]
+        if abs(move) < 1e-4:
             break
-    left = h - theta[2] * ndtr((theta[0] - s) / theta[1])
-    excess = max(1.0, float(np.sqrt(np.mean((left * weight) ** 2))))
-    std = float(np.sqrt(np.linalg.inv(normal_matrix + 1e-9 * np.eye(3))[0, 0])) * excess
-    if theta[2] < LEAST_CONTRAST * float(np.median(1.0 / weight)) / np.sqrt(8.0) or not s[0] < theta[0] < s[-1]:
-        return None
-    return _Step(
-        float(theta[0]),
-        float(theta[1]),
-        float(theta[2]),
-        float(np.hypot(std, LEAST_STD_PX * max(theta[1], 1.0))),
-        float(np.sqrt(np.mean(left**2))),
-    )
+    weighted, plain = 0.0, 0.0
+    for k in range(len(s)):
+        left = h[k] - height * 0.5 * erfc(-(place - s[k]) / (blur * np.sqrt(2.0)))
+        weighted, plain = weighted + (left * weight[k]) ** 2, plain + left**2
+    std = np.sqrt(variance) * max(1.0, np.sqrt(weighted / len(s)))
+    if height < LEAST_CONTRAST * np.median(1.0 / weight) / np.sqrt(8.0) or not s[0] < place < s[-1]:
+        return none
+    return _Step(place, blur, height, np.hypot(std, LEAST_STD_PX * max(blur, 1.0)), np.sqrt(plain / len(s)), True)
+
+
+@kernel
+def _cut(at: np.ndarray, heights: np.ndarray) -> tuple[float, float]:
+    """Where heights (N,) drop from a constant to nothing, and that constant: by the least sum of squares."""
+    best, place, height = np.inf, 0.0, 0.0
+    total = 0.0
+    for k in range(len(at) - 2):
+        total += heights[k]
+        left = -(total**2) / (k + 1)  # beside what is the same everywhere
+        if k >= 4 and left < best:
+            best, place, height = left, 0.5 * (at[k] + at[k + 1]), total / (k + 1)
+    return place, height
