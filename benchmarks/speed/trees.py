@@ -66,7 +66,7 @@ def older(commit: str) -> Tree:
         full = _output("git", "-C", str(ROOT), "rev-parse", "--verify", f"{commit}^{{commit}}").decode().strip()
         cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "vbaa-calib" / "bench" / full
         tree, environment = Tree(name, str(cache / "environment/bin/python"), cache / "tree"), cache / "environment"
-        packages = sysconfig.get_path("purelib")
+        packages = os.path.realpath(sysconfig.get_path("purelib"))
         made, made_for = cache / "made_for", f"{sys.version}\n{packages}"
         if made.is_file() and made.read_text() == made_for:
             return tree

@@ -8,12 +8,12 @@ has other ones.
 
 from __future__ import annotations
 
+import inspect
 import json
 import os
 import sys
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -33,28 +33,25 @@ LEAST_S = 0.1
 """Of one timing: quick work is repeated within it."""
 LONG_S = 5.0
 """What takes longer the first time is not repeated within a timing."""
-Work = Callable[[], Any]
+Work = Callable[[], Sequence[Any]]
 
 
 def prepared(job: dict[str, Any]) -> tuple[Work, int]:
     """What is to be timed, and how many frames or pictures it goes through."""
     rig, given = Rig.load(Path(job["rig"])), dict(np.load(job["frames"]))
-    estimator = ContactEstimator(rig, job["model"], friction=job["friction"])
-    return {"batch": _batch, "single": _single, "alone": _alone, "recording": _recording}[job["way"]](
-        estimator, given, job["threads"]
-    )
+    # a tree that knows no threads of its own stays with one
+    threads = {"jobs": job["threads"]} if "jobs" in inspect.signature(ContactEstimator).parameters else {}
+    estimator = ContactEstimator(rig, job["model"], friction=job["friction"], **threads)
+    return {"batch": _batch, "single": _single, "alone": _alone, "recording": _recording}[job["way"]](estimator, given)
 
 
-def _batch(estimator: ContactEstimator, given: dict[str, np.ndarray], threads: int) -> tuple[Work, int]:
-    """All frames in one call; with threads, as many calls at a time, each with its part."""
-    names = ("points_px", "moment_Nm", "pan_rad", "tilt_rad")
-    count = len(given["points_px"])
-    parts = [[given[name][own] for name in names] for own in np.array_split(np.arange(count), threads)]
-    pool = ThreadPoolExecutor(threads)
-    return lambda: list(pool.map(lambda part: estimator.estimate_batch(*part), parts)), count
+def _batch(estimator: ContactEstimator, given: dict[str, np.ndarray]) -> tuple[Work, int]:
+    """All frames in one call."""
+    every = [given[name] for name in ("points_px", "moment_Nm", "pan_rad", "tilt_rad")]
+    return lambda: estimator.estimate_batch(*every), len(every[0])
 
 
-def _single(estimator: ContactEstimator, given: dict[str, np.ndarray], _: int) -> tuple[Work, int]:
+def _single(estimator: ContactEstimator, given: dict[str, np.ndarray]) -> tuple[Work, int]:
     """Frame by frame, as a user of one camera calls it."""
     frames = list(zip(given["points_px"], given["moment_Nm"], given["pan_rad"], given["tilt_rad"], strict=True))
     return lambda: [
@@ -71,12 +68,12 @@ def _pictures(given: dict[str, np.ndarray]) -> list[Frame]:
     return [Frame(Path(str(index)), *own, frame=index, time_s=float("nan")) for index, own in enumerate(joints)]
 
 
-def _alone(estimator: ContactEstimator, given: dict[str, np.ndarray], _: int) -> tuple[Work, int]:
+def _alone(estimator: ContactEstimator, given: dict[str, np.ndarray]) -> tuple[Work, int]:
     frames = _pictures(given)
     return lambda: [recording.estimate_picture(estimator, frame).contact for frame in frames], len(frames)
 
 
-def _recording(estimator: ContactEstimator, given: dict[str, np.ndarray], _: int) -> tuple[Work, int]:
+def _recording(estimator: ContactEstimator, given: dict[str, np.ndarray]) -> tuple[Work, int]:
     frames = _pictures(given)
     return lambda: [each.contact for each in recording.estimate_pictures(estimator, frames)], len(frames)
 
@@ -90,11 +87,10 @@ def timed(work: Work, count: int, calls: int) -> dict[str, float]:
     return {"cpu_s": (time.process_time() - cpu) * each, "wall_s": (time.perf_counter() - wall) * each}
 
 
-def answers(found: list[Any]) -> dict[str, np.ndarray]:
-    """Of contacts, or of batches of them: status, model, distance and force with their deviations."""
-    every = [contact for each in found for contact in (each if isinstance(each, Sequence) else [each])]
+def answers(found: Sequence[Any]) -> dict[str, np.ndarray]:
+    """Of contacts: status, model, distance and force with their deviations."""
     names = ("status", "model", "distance_m", "distance_std_m", "force_N", "force_std_N")
-    return {name: np.array([getattr(contact, name) for contact in every]) for name in names}
+    return {name: np.array([getattr(contact, name) for contact in found]) for name in names}
 
 
 def main() -> None:
@@ -102,7 +98,7 @@ def main() -> None:
     replies = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)  # whatever is printed must not come between
     cv2.setNumThreads(1)
-    work: Work = dict
+    work: Work = list
     count = calls = 1
     for line in sys.stdin:
         job = json.loads(line)
