@@ -158,6 +158,9 @@ def _seldom_collecting() -> Iterator[None]:
 def main(argv: Sequence[str] | None = None) -> int:
     """The `vbaa` command. Returns the exit code: 0 done, 2 wrong input or call, 1 anything else, 130 interrupted."""
     argv = sys.argv[1:] if argv is None else list(argv)
+    if "OMP_NUM_THREADS" not in os.environ:
+        # matrices of a few hundred rows: threads of linear algebra would only wait for each other
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     if sys.stderr is None:  # closed by the caller (`2>&-`), as daemons do
         sys.stderr = os.fdopen(os.open(os.devnull, os.O_WRONLY), "w")
     try:

@@ -53,6 +53,10 @@ class ImageCurves:
     nodes: np.ndarray
     slopes: np.ndarray
 
+    def picked(self, which: slice) -> ImageCurves:
+        """Some of the curves."""
+        return ImageCurves(self.arclength_m[which], self.nodes[which], self.slopes[which])
+
     def at(self, which: int, arclength_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Points and derivatives (N, 2) of one curve at arc lengths (N,), by cubic Hermite between the nodes."""
         return _interpolated(arclength_m, self.arclength_m[which], self.nodes[which], self.slopes[which])
@@ -63,20 +67,32 @@ def see(camera: Camera, points_px: np.ndarray, sigma_px: np.ndarray, with_lens: 
 
     Their dependence on the lens comes with them where asked for, or where the camera knows its own covariance.
     """
-    points, jacobian, valid = camera.normalized_with_slopes(points_px)
-    covariance = sigma_px[:, None, None] ** 2 * jacobian @ np.swapaxes(jacobian, -1, -2)
+    return see_each(camera, [(points_px, sigma_px)], with_lens)[0]
+
+
+def see_each(
+    camera: Camera, pictures: Sequence[tuple[np.ndarray, np.ndarray]], with_lens: bool = False
+) -> list[SeenPoints]:
+    """`see` of several pictures' points and deviations."""
+    if not pictures:
+        return []
+    points_px, sigma_px = zip(*pictures, strict=True)
+    points, jacobian, valid = camera.normalized_with_slopes(np.concatenate(points_px))
+    covariance = np.concatenate(sigma_px)[:, None, None] ** 2 * jacobian @ np.swapaxes(jacobian, -1, -2)
     valid &= np.isfinite(covariance).all(axis=(-1, -2))
     by_lens = camera.lens_slopes_at(points) if with_lens or camera.covariance is not None else None
-    return SeenPoints(points, covariance, by_lens).picked(valid)
+    every, ends = SeenPoints(points, covariance, by_lens), np.cumsum([len(own) for own in points_px])
+    return [every.picked(which[valid[which]]) for which in np.split(np.arange(len(points)), ends[:-1])]
 
 
 def image_curves(curves: Curves, T_camera_antenna: Sequence[Pose] | Pose) -> ImageCurves:
-    """Project B curves, through one camera pose or one each."""
+    """Project B curves, through one camera pose, or through several in turn."""
     if isinstance(T_camera_antenna, Pose):
         rotation, translation = T_camera_antenna.rotation[None], T_camera_antenna.translation_m[None]
     else:
-        rotation = np.stack([pose.rotation for pose in T_camera_antenna])
-        translation = np.stack([pose.translation_m for pose in T_camera_antenna])
+        turns = len(curves.points_m) // len(T_camera_antenna)
+        rotation = np.tile([pose.rotation for pose in T_camera_antenna], (turns, 1, 1))
+        translation = np.tile([pose.translation_m for pose in T_camera_antenna], (turns, 1))
     points = curves.points_m @ np.swapaxes(rotation, -1, -2) + translation[:, None]
     tangents = curves.tangents @ np.swapaxes(rotation, -1, -2)
     depth = points[..., 2:]
@@ -192,15 +208,22 @@ def whitened_along(end: SeenPoints, curves: ImageCurves) -> tuple[np.ndarray, np
     return ((end.points[0] - tip) @ unit)[None], by_lens, -stretch * float(np.hypot(*unit))
 
 
-def with_slopes_on_curve(seen: SeenPoints, camera: Camera, image: ImageCurves) -> SeenPoints:
-    """The points with their slopes by the lens taken at their feet on the first predicted curve.
+def with_slopes_on_curves(seen: Sequence[SeenPoints], camera: Camera, images: ImageCurves) -> list[SeenPoints]:
+    """The points of F pictures with their slopes by the lens taken at their feet on F predicted curves.
 
     Slopes taken where a point was seen carry its noise. Over thousands of points that does not average out: it rewards
     a lens that shrinks the noise, and draws it many standard deviations away.
     """
-    if seen.by_lens is None:
-        return seen
-    on_curve = image.at(0, feet(seen, image))[0]
-    slopes = camera.lens_slopes_at(on_curve)
+    if not seen or seen[0].by_lens is None:
+        return list(seen)
+    own = [images.picked(slice(index, index + 1)) for index in range(len(seen))]
+    on_curve = [image.at(0, feet(one, image))[0] for one, image in zip(seen, own, strict=True)]
+    every = np.split(camera.lens_slopes_at(np.concatenate(on_curve)), np.cumsum([len(one) for one in seen])[:-1])
+    return [_with_slopes(one, slopes) for one, slopes in zip(seen, every, strict=True)]
+
+
+def _with_slopes(seen: SeenPoints, slopes: np.ndarray) -> SeenPoints:
+    """With slopes by the lens (N, 2, P) where those are known."""
+    assert seen.by_lens is not None
     known = np.isfinite(slopes).all(axis=(-1, -2), keepdims=True)
     return replace(seen, by_lens=np.where(known, slopes, seen.by_lens))

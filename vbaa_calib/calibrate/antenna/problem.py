@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -19,10 +20,11 @@ from vbaa_calib.rig.reprojection import (
     SeenPoints,
     image_curves,
     see,
+    see_each,
     whitened_along,
     whitened_residuals,
     whitened_with_lens,
-    with_slopes_on_curve,
+    with_slopes_on_curves,
 )
 from vbaa_calib.session import Load
 
@@ -167,13 +169,9 @@ class Problem:
         """
         camera = self.camera(parameters)
         here = replace(self._loaded(parameters), readings_at=parameters[self.lens.stop :])
-        curves, view = here.curves(parameters[None, ANTENNA]), self.pose(parameters).inverse()
-        seen = [
-            with_slopes_on_curve(
-                see(camera, one.points_px, one.sigma_px), camera, image_curves(curves.picked(np.array([index])), view)
-            )
-            for index, one in enumerate(self.observations)
-        ]
+        images = image_curves(here.curves(parameters[None, ANTENNA]), self.pose(parameters).inverse())
+        seen = see_each(camera, [(one.points_px, one.sigma_px) for one in self.observations])
+        seen = with_slopes_on_curves(seen, camera, images)
         if self.seen_at_lens and sum(map(len, seen)) < sum(map(len, self.seen_at_lens)):
             raise LensLost("the lens that the stills require folds inside the picture")
         return replace(here, seen_at_lens=seen, lens_at=parameters[self.lens], tips_at_lens=here._tips_seen(camera))
@@ -223,9 +221,11 @@ class Problem:
         curves = here.curves(antennas)
         order = np.array([0] * 7 + list(range(1, _BENT)))
         seen, ends = self.seen(parameters), self._ends(parameters)
+        every = (_BENT * np.arange(len(seen))[:, None] + order).ravel()
+        projected = image_curves(curves.picked(every), [*views, *[views[0]] * (_BENT - 1)])
         blocks, tips, by_length = [], {}, []
         for index, points in enumerate(seen):
-            images = image_curves(curves.picked(_BENT * index + order), [*views, *[views[0]] * (_BENT - 1)])
+            images = projected.picked(slice(index * len(order), (index + 1) * len(order)))
             blocks.append(self._with_slopes(*whitened_with_lens(points, images)))
             if index in ends:
                 along, by_lens, stretch = whitened_along(ends[index], images)
@@ -269,12 +269,9 @@ class Problem:
         By its place along the antenna, per m, and by the logarithm of its force; zero for a free one.
         """
         curves, view = self._by_load(parameters, range(len(seen)))
-        found = []
-        for index, points in enumerate(seen):
-            which = np.arange(3 * index, 3 * index + 3)
-            distances = whitened_residuals(points, image_curves(curves.picked(which), view))
-            found.append(_by_step(np.vstack([distances, curves.moment_Nm[which]])))
-        return found
+        projected, three = image_curves(curves, view), [slice(3 * index, 3 * index + 3) for index in range(len(seen))]
+        every = [whitened_residuals(one, projected.picked(own)) for one, own in zip(seen, three, strict=True)]
+        return [_by_step(np.vstack([one, curves.moment_Nm[own]])) for one, own in zip(every, three, strict=True)]
 
     def line_modes(self, index: int) -> np.ndarray:
         """(N, 3) by which an observation's residuals move with what its line's points share, each in its deviation."""
@@ -287,21 +284,28 @@ class Problem:
         """Rows (N, ...) of an observation's points, whitened of what these share."""
         if self.prior.line_px == 0.0:
             return rows
-        axes, std, _ = np.linalg.svd(self.line_modes(index), full_matrices=False)
-        return rows - (axes * (1.0 - 1.0 / np.hypot(1.0, std))) @ (axes.T @ rows)
+        axes, shrunk = self._line_axes[index]
+        return rows - shrunk @ (axes.T @ rows)
+
+    @cached_property
+    def _line_axes(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Per observation (N, 3) axes of `line_modes`, and what whitening takes away along each."""
+        modes = [np.linalg.svd(self.line_modes(i), full_matrices=False) for i in range(len(self.seen_at_lens))]
+        return [(axes, axes * (1.0 - 1.0 / np.hypot(1.0, std))) for axes, std, _ in modes]
 
     def tips_by_load(self, parameters: np.ndarray, ends: Mapping[int, SeenPoints]) -> dict[int, np.ndarray]:
         """(1, 2) as `slopes_by_load`, of the antenna's end along it, for each of them."""
         curves, view = self._by_load(parameters, list(ends))
-        at = {index: image_curves(curves.picked(np.arange(3 * n, 3 * n + 3)), view) for n, index in enumerate(ends)}
+        projected = image_curves(curves, view)
+        at = {index: projected.picked(slice(3 * n, 3 * n + 3)) for n, index in enumerate(ends)}
         return {index: _by_step(whitened_along(ends[index], images)[0]) for index, images in at.items()}
 
-    def _by_load(self, parameters: np.ndarray, which: Sequence[int]) -> tuple[Curves, list[Pose]]:
+    def _by_load(self, parameters: np.ndarray, which: Sequence[int]) -> tuple[Curves, Pose]:
         """Three curves of each of some observations: as its load is, and with each of its readings altered."""
         some = [self.observations[index] for index in which]
         three = [each for one in some for each in (one, *one.with_readings_altered())]
         curves = replace(self, observations=three).curves(parameters[None, ANTENNA])
-        return curves, [self.pose(parameters).inverse()] * 3
+        return curves, self.pose(parameters).inverse()
 
     def whitened_by_load(self, parameters: np.ndarray) -> list[np.ndarray]:
         """`slopes_by_load` in the units of the residuals."""
