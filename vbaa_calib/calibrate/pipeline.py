@@ -17,7 +17,7 @@ from vbaa_calib.calibrate.faults.stills import still_diagnoses, with_cause
 from vbaa_calib.calibrate.faults.views import judge_views
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution, solve_intrinsics
 from vbaa_calib.core.errors import Diagnosis, InputError, SolveError
-from vbaa_calib.core.images import SUFFIXES, list_images, read_gray
+from vbaa_calib.core.images import SUFFIXES, list_images, picture_size
 from vbaa_calib.detect.board.corners import detect_folder
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import Session, Still, check_pictures, read_loads, read_noload
@@ -81,8 +81,9 @@ def calibrate(session: Session, lens_model: str = "auto", given: GivenLens | Non
     folders = [*_lens_folder(session, given), *picture_folders(session)]
     photos = [path for name in folders for path in list_images(session.root / name)]
     pictures = [*photos, *(still.image for still in stills if still.image is not None)]
-    height, width = read_gray(photos[0]).shape
-    size, whose = ((width, height), f"{photos[0].name} is") if given is None else (given.camera.image_size, given.whose)
+    size, whose = (
+        (picture_size(photos[0]), f"{photos[0].name} is") if given is None else (given.camera.image_size, given.whose)
+    )
     check_pictures(pictures, size, whose)
     # plane C first: one picture shows whether the board is the one described
     views = read_views(session)

@@ -65,8 +65,21 @@ def read_picture(path: Path, data: bytes | None = None) -> np.ndarray:
     return pixels if pixels.dtype == np.uint8 else (pixels * _to_255(pixels)).astype(np.float32)
 
 
-def _pixels(data: bytes | None, path: Path, colours: int) -> np.ndarray:
-    data = read_bytes(path, "picture") if data is None else data
+def picture_size(path: Path) -> tuple[int, int]:
+    """(width, height) px, in the sensor's own orientation, of a picture that is whole.
+
+    Raises InputError as `read_gray` does. PNG and JPEG files say it themselves: they are not decoded.
+    """
+    data = read_bytes(path, "picture")
+    width, height = _announced(data, path)
+    if min(width, height) > 0 and data.startswith((b"\x89PNG\r\n\x1a\n", b"\xff\xd8")):
+        return width, height
+    height, width = _pixels(data, path, cv2.IMREAD_GRAYSCALE).shape
+    return width, height
+
+
+def _announced(data: bytes, path: Path) -> tuple[int, int]:
+    """(width, height) as the file has it, −1 unknown. Raises InputError where it is empty, torn, or far too large."""
     if not data:
         raise InputError("is an empty file", where=path, remedy=_AGAIN)
     # decoders fill what is missing with gray and only print a warning
@@ -75,11 +88,17 @@ def _pixels(data: bytes | None, path: Path, colours: int) -> np.ndarray:
     torn_jpeg = data.startswith(b"\xff\xd8") and not _jpeg_is_whole(data)
     if torn_png or torn_jpeg or len(data) < size_of_bmp:
         raise InputError("is truncated or damaged", where=path, remedy=_AGAIN)
-    width, height = map(abs, imagesize.get(io.BytesIO(data)))  # of a BMP −height: top row first; −1: unknown
-    if width * height > _MOST_PIXELS:
+    width, height = imagesize.get(io.BytesIO(data))  # of a BMP −height: top row first
+    if abs(width * height) > _MOST_PIXELS:
         # a small file may announce pixels that fill the memory
-        what = f"is {width}x{height} px, more than {_MOST_PIXELS / 1e6:.0f} million"
+        what = f"is {width}x{abs(height)} px, more than {_MOST_PIXELS / 1e6:.0f} million"
         raise InputError(what, where=path, remedy="export a smaller picture, or remove it")
+    return width, height
+
+
+def _pixels(data: bytes | None, path: Path, colours: int) -> np.ndarray:
+    data = read_bytes(path, "picture") if data is None else data
+    _announced(data, path)
     # "unchanged" is all bits set, and keeps depth and orientation by itself
     kept = 0 if colours == cv2.IMREAD_UNCHANGED else cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
     pixels = None

@@ -17,7 +17,7 @@ import numpy as np
 from vbaa_calib.core.csv_rows import csv_rows, number, read_csv, whole_number
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_text
-from vbaa_calib.core.images import SUFFIXES, read_gray
+from vbaa_calib.core.images import SUFFIXES, picture_size
 
 from .settings import Session
 
@@ -87,12 +87,12 @@ def refuse_measured(output: Path, root: Path) -> None:
 
 
 def check_pictures(pictures: Iterable[Path], image_size: tuple[int, int], whose: str) -> None:
-    """Raises InputError for the first picture that cannot be read or has another size than (width, height) px.
+    """Raises InputError for the first picture that is not whole or has another size than (width, height) px.
 
-    Decoding is quick: better all of it before the long work than an error in the middle of it.
+    It is quick: better all of it before the long work than an error in the middle of it.
     """
     for path in pictures:
-        height, width = read_gray(path).shape
+        width, height = picture_size(path)
         if (width, height) != tuple(image_size):
             what = f"is {width}x{height} px, {whose} {image_size[0]}x{image_size[1]} px"
             raise InputError(what, where=path, remedy="use one camera at one resolution throughout")
