@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -119,6 +120,12 @@ def is_monotonic(model: LensModel, intrinsics: np.ndarray, image_size: tuple[int
     A lens that folds back or has a pole inside the picture can still fit its corners well, but beyond them it maps two
     directions to one pixel.
     """
+    return _is_monotonic(model, tuple(intrinsics.tolist()), image_size)
+
+
+@lru_cache(maxsize=64)
+def _is_monotonic(model: LensModel, numbers: tuple[float, ...], image_size: tuple[int, int]) -> bool:
+    intrinsics = np.array(numbers)
     # A pole with a zero beside it is narrower than any sampling of the curve, and which of the two comes first is often
     # decided by the last digits of the corners: one counts that lies before the curve has left the picture, or nearly.
     bottom = [index for index in _DENOMINATOR[model.camera_model] if index < len(intrinsics) - 4]

@@ -8,6 +8,7 @@ a turn of the camera explains.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import lru_cache
 from typing import NamedTuple
 
 import cv2
@@ -83,9 +84,10 @@ def expected_errors_px(cameras: Mapping[str, Camera], reference: str, corners_px
         seen, inside = camera.project(rays)
         # a pixel that a lens does not see is one that it gets wrong
         wrong = ~(valid & inside)
-        jacobian = compensate(camera, seen, projection_jacobian(camera, seen), among & ~wrong)
+        slopes = np.concatenate([projection_jacobian(camera, seen), (seen - pixels)[..., None]], axis=-1)
+        left = compensate(camera, seen, slopes, among & ~wrong)
+        jacobian, apart = left[..., :-1], left[..., -1]
         carried = jacobian @ camera.covariance @ np.swapaxes(jacobian, -1, -2)
-        apart = compensate(camera, seen, (seen - pixels)[..., None], among & ~wrong)[..., 0]
         variances[name] = np.where(wrong, np.inf, np.trace(carried, axis1=-2, axis2=-1))
         squares[name] = np.where(wrong, _UNSEEN_PX**2, np.sum(apart**2, axis=1))
     expected = {}
@@ -100,15 +102,12 @@ def expected_errors_px(cameras: Mapping[str, Camera], reference: str, corners_px
 
 def projection_jacobian(camera: Camera, pixels: np.ndarray) -> np.ndarray:
     """(..., 2, 4 + k) how the projection of each pixel's fixed ray moves with the lens; NaN without a ray."""
-    moved = ray_derivatives(camera.intrinsics, np.asarray(pixels, float))
-    return _by_ray(moved.by_pixel, moved.valid) @ -moved.by_parameter
+    return _slopes(camera, pixels)[0]
 
 
 def turn_jacobian(camera: Camera, pixels: np.ndarray) -> np.ndarray:
     """(..., 2, 3) how the projection of each pixel's ray moves when the ray is turned by a rotation vector, per rad."""
-    moved = ray_derivatives(camera.intrinsics, np.asarray(pixels, float))
-    turned = np.cross(np.eye(3), moved.rays[..., None, :])
-    return _by_ray(moved.by_pixel, moved.valid) @ np.swapaxes(turned, -1, -2)
+    return _slopes(camera, pixels)[1]
 
 
 def compensate(camera: Camera, pixels: np.ndarray, jacobian: np.ndarray, where: np.ndarray | bool = True) -> np.ndarray:
@@ -124,8 +123,19 @@ def compensate(camera: Camera, pixels: np.ndarray, jacobian: np.ndarray, where: 
     return jacobian - turn @ np.linalg.lstsq(design, jacobian[known].reshape(len(design), -1), rcond=None)[0]
 
 
-def _by_ray(by_pixel: np.ndarray, valid: np.ndarray) -> np.ndarray:
-    """(..., 2, 3) from a tangent of the ray sphere to pixels; NaN where not valid."""
-    safe = np.where(valid[..., None, None], by_pixel, np.eye(3)[:, :2])
+def _slopes(camera: Camera, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """`projection_jacobian` and `turn_jacobian`."""
+    pixels = np.asarray(pixels, float)
+    return _slopes_at(camera, pixels.shape, pixels.tobytes())
+
+
+@lru_cache(maxsize=4)
+def _slopes_at(camera: Camera, shape: tuple[int, ...], pixels: bytes) -> tuple[np.ndarray, np.ndarray]:
+    """One after the other is asked for, of the same pixels."""
+    moved = ray_derivatives(camera.intrinsics, np.frombuffer(pixels).reshape(shape))
+    valid, turned = moved.valid[..., None, None], np.cross(np.eye(3), moved.rays[..., None, :])
+    safe = np.where(valid, moved.by_pixel, np.eye(3)[:, :2])
     transposed = np.swapaxes(safe, -1, -2)
-    return np.where(valid[..., None, None], np.linalg.solve(transposed @ safe, transposed), np.nan)
+    # from a tangent of the ray sphere to pixels; NaN where not valid
+    by_ray = np.where(valid, np.linalg.solve(transposed @ safe, transposed), np.nan)
+    return by_ray @ -moved.by_parameter, by_ray @ np.swapaxes(turned, -1, -2)
