@@ -88,7 +88,7 @@ def _announced(data: bytes, path: Path) -> tuple[int, int]:
     torn_jpeg = data.startswith(b"\xff\xd8") and not _jpeg_is_whole(data)
     if torn_png or torn_jpeg or len(data) < size_of_bmp:
         raise InputError("is truncated or damaged", where=path, remedy=_AGAIN)
-    width, height = imagesize.get(io.BytesIO(data))  # of a BMP −height: top row first
+    width, height = imagesize.get(io.BytesIO(data), exif_rotation=False)  # of a BMP −height: top row first
     if abs(width * height) > _MOST_PIXELS:
         # a small file may announce pixels that fill the memory
         what = f"is {width}x{abs(height)} px, more than {_MOST_PIXELS / 1e6:.0f} million"

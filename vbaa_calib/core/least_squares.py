@@ -119,17 +119,21 @@ def schur_complement(total: np.ndarray, cross: np.ndarray, own: np.ndarray) -> t
     return total - np.einsum("vki,vkj->ij", cross, through), through
 
 
-def without_own(shared: np.ndarray, own: np.ndarray, bounds: np.ndarray) -> list[np.ndarray]:
-    """Per view (2N, m), columns (N, 2, m) without what the view's own columns (N, 2, k) can explain.
+def padded(rows: np.ndarray, bounds: np.ndarray) -> np.ndarray:
+    """(V, 2M, m) rows (N, 2, m) view by view, with rows of zeros behind those of views with fewer than M."""
+    counts = np.diff(bounds)
+    whole = np.zeros((len(counts), int(counts.max(initial=0)), *rows.shape[1:]))
+    whole[np.arange(whole.shape[1]) < counts[:, None]] = rows
+    return whole.reshape(len(counts), -1, rows.shape[-1])
+
+
+def without_own(shared: np.ndarray, own: np.ndarray, bounds: np.ndarray) -> np.ndarray:
+    """(V, 2M, m) columns (N, 2, m), `padded`, without what each view's own columns (N, 2, k) can explain.
 
     By orthogonal projection: a Schur complement of normal equations loses half the digits.
     """
-    left = []
-    for first, last in pairwise(bounds):
-        basis, _ = np.linalg.qr(own[first:last].reshape(-1, own.shape[-1]))
-        flat = shared[first:last].reshape(2 * (last - first), -1)
-        left.append(flat - basis @ (basis.T @ flat))
-    return left
+    basis, flat = np.linalg.qr(padded(own, bounds))[0], padded(shared, bounds)
+    return np.asarray(flat - basis @ (basis.mT @ flat))
 
 
 class Loss(NamedTuple):

@@ -202,7 +202,8 @@ def set_scores(views: Sequence[BoardView], solution: LensSolution, spec: Board |
         axis=-1,
     )
     every = np.concatenate([by_shared @ directions, own, residuals[..., None]], axis=-1)
-    flat = np.vstack(without_own(every, by_pose, bounds))
+    left = without_own(every, by_pose, bounds)
+    flat = np.vstack([one[: 2 * count] for one, count in zip(left, np.diff(bounds).tolist(), strict=True)])
     shared = flat[:, : directions.shape[1]]
     norms = np.linalg.norm(shared, axis=0)
     vectors, values, _ = np.linalg.svd(shared[:, norms > 0.0] / norms[norms > 0.0], full_matrices=False)

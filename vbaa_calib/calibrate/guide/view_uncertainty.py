@@ -173,7 +173,8 @@ def view_blocks(
     residuals, by_shared, by_pose, bounds = rows(design.bundle(np.asarray(poses, float)), observations)
     whole = np.concatenate([by_shared @ design.scale, residuals[..., None]], axis=-1) / design.sigma_px
     count = design.scale.shape[1]
-    blocks = np.array([left.T @ left for left in without_own(whole, by_pose, bounds)])
+    left = without_own(whole, by_pose, bounds)
+    blocks = left.mT @ left
     return blocks[:, :count, :count], blocks[:, :count, count]
 
 

@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vbaa_calib.core.least_squares import without_own
+from vbaa_calib.core.least_squares import padded, without_own
 from vbaa_calib.core.robust import chi_square_p
 from vbaa_calib.detect.board.corners import BoardView
 
 from .board_shape import SHAPE, deformations
-from .bundle import CONVERGED, Bundle, Observation, of_views, refine, rows
+from .bundle import CONVERGED, Bundle, Observation, refine, rows
 from .descent import unfolding_rows
 from .models import LensModel, camera_of, is_monotonic
 from .uncertainty import compensate, pixel_grid, projection_jacobian
@@ -90,7 +90,8 @@ def information(bundle: Bundle, observations: Sequence[Observation]) -> Informat
     residuals, by_shared, by_pose = residuals * weights, by_shared * weights[..., None], by_pose * weights[..., None]
     left = without_own(by_shared @ bundle.directions, by_pose, bounds)
     prior, by_shape = bundle.prior_rows()
-    jacobian = np.vstack([*left, by_shape @ bundle.directions])
+    size = left.shape[-1]
+    jacobian = np.vstack([left.reshape(-1, size), by_shape @ bundle.directions])
     norms = np.linalg.norm(jacobian, axis=0)
     whole = np.linalg.norm((by_shared @ bundle.directions).reshape(-1, bundle.directions.shape[1]), axis=0)
     # what the poses explain but for rounding is open
@@ -101,22 +102,18 @@ def information(bundle: Bundle, observations: Sequence[Observation]) -> Informat
         return None
     free = (basis.T / values) / norms[:, None]
     half = bundle.directions @ free
-    by_view = [flat @ free for flat in left]
-    own = [residual.ravel() for residual in of_views(residuals, bounds)]
-    roots = []
-    for flat, residual in zip(by_view, own, strict=True):
-        upper = np.linalg.qr(np.column_stack([flat, residual]), mode="r")
-        roots.append(np.pad(upper, ((0, flat.shape[1] + 1 - len(upper)), (0, 0))))
+    by_view, own = left @ free, padded(residuals[..., None], bounds)
+    roots = np.asarray(np.linalg.qr(np.concatenate([by_view, own], axis=-1), mode="r"))
     held = prior_rows = np.column_stack([by_shape @ half, prior])
     if bundle.unfolding is not None:
         steep = unfolding_rows(bundle.intrinsics, bundle.model.is_fisheye, bundle.held)[1] @ half[:-SHAPE]
         held = np.vstack([held, np.pad(steep, ((0, 0), (0, 1)))])
     return Information(
         half=half,
-        blocks=np.array([flat.T @ flat for flat in by_view]),
-        gradients=np.array([flat.T @ residual for flat, residual in zip(by_view, own, strict=True)]),
-        squares=np.array([residual @ residual for residual in own]),
-        roots=np.array(roots),
+        blocks=by_view.mT @ by_view,
+        gradients=(by_view.mT @ own)[..., 0],
+        squares=(own**2).sum(axis=(1, 2)),
+        roots=np.pad(roots, ((0, 0), (0, size + 1 - roots.shape[1]), (0, 0))),
         prior=(held.T @ held)[:-1, :-1],
         prior_root=prior_rows,
         counts=counts,
