@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -161,7 +162,7 @@ class StillRows:
 
     def estimate(self) -> tuple[np.ndarray, np.ndarray]:
         """(17 + P,) parameters and their covariance, with the uncertainty of the loads' places and forces."""
-        jacobian, residuals, matrix, scale = self._equations()
+        jacobian, residuals, matrix, scale = self._equations
         inverse = np.linalg.inv(matrix)
         step = -(inverse @ (jacobian.T @ residuals)) / scale
         count = self.solution.jacobian.shape[1]
@@ -181,7 +182,7 @@ class StillRows:
         if not (size > 0).all():
             return None
         own = own / size
-        jacobian, residuals, matrix, _ = self._equations()
+        jacobian, residuals, matrix, _ = self._equations
         mixed = jacobian.T @ own
         solved = np.linalg.solve(matrix, np.column_stack([mixed, jacobian.T @ residuals]))
         left = own.T @ own - mixed.T @ solved[:, :-1]
@@ -191,6 +192,7 @@ class StillRows:
         covariance = np.linalg.inv(left + np.diag((size * prior_std) ** -2.0))
         return Further(-(covariance @ score) / size, covariance / np.outer(size, size))
 
+    @cached_property
     def _equations(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Jacobian, the readings' columns last, residuals and information of least squares; the Jacobian's scale."""
         jacobian = np.hstack([self.solution.jacobian, self.readings]) * self.factor[:, None]
