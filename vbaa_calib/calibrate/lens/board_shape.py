@@ -146,7 +146,3 @@ class ShapePrior:
         off = (shape - self.mean) / self.std
         weights = np.sqrt((TAIL + 1.0) / (TAIL + off**2))
         return -weights * off, weights / self.std
-
-    def loss(self, shape: np.ndarray) -> float:
-        """Twice the negative logarithm of the density, up to a constant."""
-        return float((TAIL + 1.0) * np.log1p(((shape - self.mean) / self.std) ** 2 / TAIL).sum())
