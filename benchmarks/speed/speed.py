@@ -223,7 +223,7 @@ def others(calibrated: Rig, frames: int, seed: int) -> Iterator[SpeedRow]:
         for points in (500, 200):
             judged = population(rig, frames, seed, friction, points)
             found, spent = _loop(judged, max(1, min(_LOOP, frames // 4)))
-            yield _other(name, LOOP, "elastica", spent, judged, found)
+            yield _other(name, LOOP, "least_squares", spent, judged, found)
         if name == EXACT:
             every = np.arange(len(judged.scenes))
             for method, solve in baselines(judged.scenes, np.random.default_rng((seed, 1))).items():

@@ -84,7 +84,7 @@ def older(commit: str) -> Tree:
     except (OSError, subprocess.CalledProcessError) as error:
         said = (getattr(error, "stderr", None) or b"").decode().strip()[-200:]
         what = f"the commit {name} cannot be run here: {said or error}"
-        raise InputError(what, remedy="in a clone with its history, git and pip, `vbaa bench speed` compares") from None
+        raise InputError(what, remedy="compare in a clone with its history, with git and pip") from None
     return tree
 
 
