@@ -53,14 +53,18 @@ def test_errors_over_the_bound_and_coverage() -> None:
 
 
 def test_speed_of_the_estimator() -> None:
-    """On `linear` with a rig that is exact, in a batch and one by one."""
-    per_second, single_ms = said(r"some ([\d,]+) frames a second in a batch, ([\d.]+) ms for one")
-    table = rows("estimator_speed.csv")
-    of = {"family": "all points", "method": "linear", "rig": "exact"}
-    single_us = numbers(table, "us_per_frame", frames="1", **of).min()
-    batch_us = numbers([row for row in table if row["frames"] != "1"], "us_per_frame", **of).min()
-    assert 1e6 / batch_us == pytest.approx(per_second, rel=0.05)
-    assert single_us / 1e3 == pytest.approx(single_ms, rel=0.05)
+    """A calibrated rig, friction as by default, `auto`, in a batch and one by one; beside the older commit."""
+    per_second, single_ms, batch_times, single_times = said(
+        r"500 points some ([\d,]+) frames a second in a batch, ([\d.]+) ms for one, ([\d.]+) and ([\d.]+) times"
+    )
+    of = {"rig": "calibrated", "method": "auto", "points": "500", "threads": "1"}
+    for work, column, value in (
+        ("batch", "us", 1e6 / per_second),
+        ("one frame", "us", 1e3 * single_ms),
+        ("batch", "times", batch_times),
+        ("one frame", "times", single_times),
+    ):
+        assert numbers(rows("speed.csv"), column, work=work, **of).item() == pytest.approx(value, rel=0.05)
 
 
 def test_objects() -> None:

@@ -44,7 +44,7 @@ _SINGLE, _PICTURES, _LOOP, _ODD = 20, 30, 30, 4
 """Frames one by one, pictures, frames of the SciPy loop, and of those that fit nothing; of few frames fewer."""
 _LONG_S = 10.0
 """No further pair is timed after so long."""
-_ONE = "vbaa estimate, one frame"
+_ONE = "the command estimate, one frame"
 _IMPORTS = "python -c 'import numpy, scipy.optimize, cv2'"
 
 
@@ -270,8 +270,8 @@ def commands(trees: Sequence[Tree], pairs: int, folder: Path) -> list[SpeedRow]:
         rows.append(_row(DEMO, work, ordered, method="command"))
 
     vbaa = ("-m", "vbaa_calib.cli")
-    row("vbaa simulate", *vbaa, "simulate", "demo", "-o", str(session), "--force", repeats=1)
-    row("vbaa calibrate", *vbaa, "calibrate", str(session), "-o", str(rig), "--force")
+    row("the command simulate", *vbaa, "simulate", "demo", "-o", str(session), "--force", repeats=1)
+    row("the command calibrate", *vbaa, "calibrate", str(session), "-o", str(rig), "--force")
     shutil.copytree(session, one)
     lines = (one / "recording/recording.csv").read_text().splitlines()
     (one / "recording/recording.csv").write_text(f"{lines[0]}\n{lines[len(lines) // 4]}\n")
@@ -353,6 +353,7 @@ def _figure(rows: Sequence[SpeedRow]) -> Figure:
         ]
         name_points(panel, names, character=0.015)
         label(panel, f"rig {rig}", "rms error of the contact distance over the Cramér–Rao bound")
+    every[0].set_xlim(0.4, 4.0 * max([row.of_bound or 0.0 for row in shown], default=1.0))
     every[0].set_ylabel("processor time, µs per frame")
     legend(drawn, _STYLES, "hollow: before")
     return drawn
