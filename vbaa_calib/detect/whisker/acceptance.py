@@ -93,8 +93,8 @@ class _Look(NamedTuple):
     gap : longest stretch that is not seen, as a part of the path: one thing may stand in front of the antenna.
     height, spread_px : medians of its height, grey levels, and deviation.
     wander_px, snaking_rad : rms distance of its points from a curve of low order, and by how much that snakes.
-    step, transparency : how its background differs from side to side, over its height; and how far its brightness
-        follows that of the background.
+    step, transparency : of one that changes along its length, how its background differs from side to side, over its
+        height; and how far its brightness follows that of the background.
     """
 
     everywhere: np.ndarray
@@ -110,6 +110,22 @@ class _Look(NamedTuple):
     snaking_rad: float
     step: float
     transparency: float
+
+
+@kernel
+def without_margins(kept: np.ndarray, margin: int) -> np.ndarray:
+    """The kept points (N,) but for so many on either side of a gap; a profile or two that noise hides are no gap."""
+    count = len(kept)
+    grown = np.zeros(count, np.bool_)
+    for n in range(count):
+        grown[n] = kept[max(n - 1, 0) : n + 2].any()
+    filled = kept.copy()
+    for n in range(1, count - 1):
+        filled[n] = kept[n] or (grown[n - 1] and grown[n] and grown[n + 1])
+    inner = np.zeros(count, np.bool_)
+    for n in range(count):
+        inner[n] = kept[n] and filled[max(n - margin, 0) : n + margin + 1].all()
+    return inner
 
 
 def accepted(found: Crossings, line: FittedLine) -> Centreline:
@@ -260,8 +276,8 @@ def _look(found: Crossings, line: FittedLine) -> _Look:
         median(line.sigma_px[kept]),
         wander,
         snaking,
-        _step(found, kept),
-        _transparency(found, line),
+        _step(found, kept) if line.changing else 0.0,
+        _transparency(found, line) if line.changing else 0.0,
     )
 
 

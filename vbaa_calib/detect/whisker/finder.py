@@ -261,7 +261,8 @@ def ridge_responses(small: np.ndarray, reach: int, pool: int, bright: bool | Non
 
 def _saturation(flat: np.ndarray) -> np.ndarray:
     """(256,) lookup table of responses: none for the texture that is everywhere, level at a few times that."""
-    counts = np.bincount(flat[:: 1 + len(flat) // 20_000], minlength=256).cumsum()
+    few = np.ascontiguousarray(flat[:: 1 + len(flat) // 20_000])
+    counts = cv2.calcHist([few], [0], None, [256], [0, 256]).cumsum(dtype=float)
     ordinary = float(np.searchsorted(counts, TEXTURE_QUANTILE * counts[-1])) + 1.0
     over = np.maximum(np.arange(256.0) - ordinary, 0.0)
     return np.rint(250.0 * over / (over + 3.0 * ordinary)).astype(np.uint8)

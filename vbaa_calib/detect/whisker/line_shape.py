@@ -243,18 +243,17 @@ class Fits(NamedTuple):
 
 
 @kernel
-def remove_background(values: np.ndarray) -> None:
-    """Take level and slope off values (T,)."""
-    count = len(values)
-    middle = 0.5 * (count - 1)
-    level, slope = 0.0, 0.0
-    for t in range(count):
-        level += values[t]
-        slope += (t - middle) * values[t]
-    level /= count
-    slope /= count * (count**2 - 1.0) / 12.0
-    for t in range(count):
-        values[t] -= level + slope * (t - middle)
+def remove_background(rows: np.ndarray) -> None:
+    """Take level and slope off each of the rows (M, T)."""
+    several, length = rows.shape
+    middle, per_spread = 0.5 * (length - 1), 12.0 / (length * (length**2 - 1.0))
+    for m in range(several):
+        level, slope = 0.0, 0.0
+        for t in range(length):
+            level += rows[m, t]
+            slope += (t - middle) * rows[m, t]
+        for t in range(length):
+            rows[m, t] -= level / length + slope * per_spread * (t - middle)
 
 
 @kernel
@@ -282,23 +281,29 @@ def fit(section: CrossSection, found: Crossings, centre: np.ndarray) -> Fits:
         np.empty(count),
     )
     across, value, slope = np.empty(length), np.empty(length), np.empty(length)
-    grey, step = np.empty(length), np.empty(length)
     middle, per_spread = 0.5 * (length - 1), 12.0 / (length * (length**2 - 1.0))
     # one loop for all profiles: a call for each would hand on every array of the tuples
     for n in range(count):
         distances(found, n, centre[n], across)
         look_up(section, n, across, value, slope)
         by_centre = -found.side[n] / found.stretch[n]
+        # levels and slopes of the background in the shape, in its derivative, in the grey levels and in a step
+        v0, v1, s0, s1, y0, y1, b0, b1 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         for t in range(length):
-            slope[t] *= by_centre
-            grey[t] = found.profiles[n, t]
-            step[t] = min(max(across[t], -1.0), 1.0)
-        remove_background(value)
-        remove_background(slope)
-        remove_background(grey)
-        remove_background(step)
-        vv, vs, ss = dot(value, value), dot(value, slope), dot(slope, slope)
-        vy, sy, vb, sb = dot(value, grey), dot(slope, grey), dot(value, step), dot(slope, step)
+            x, b = t - middle, min(max(across[t], -1.0), 1.0)
+            v0, v1 = v0 + value[t], v1 + x * value[t]
+            s0, s1 = s0 + slope[t], s1 + x * slope[t]
+            y0, y1 = y0 + found.profiles[n, t], y1 + x * found.profiles[n, t]
+            b0, b1 = b0 + b, b1 + x * b
+        v0, s0, y0, b0 = v0 / length, by_centre * s0 / length, y0 / length, b0 / length
+        v1, s1, y1, b1 = v1 * per_spread, by_centre * s1 * per_spread, y1 * per_spread, b1 * per_spread
+        vv, vs, ss, vy, sy, vb, sb = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        for t in range(length):
+            x = t - middle
+            v, s = value[t] - v0 - v1 * x, by_centre * slope[t] - s0 - s1 * x
+            y, b = found.profiles[n, t] - y0 - y1 * x, min(max(across[t], -1.0), 1.0) - b0 - b1 * x
+            vv, vs, ss = vv + v * v, vs + v * s, ss + s * s
+            vy, sy, vb, sb = vy + v * y, sy + s * y, vb + v * b, sb + s * b
         determinant = max(vv * ss - vs**2, 1e-9)
         height, product = (ss * vy - vs * sy) / determinant, (vv * sy - vs * vy) / determinant
         safe = height if abs(height) > 1e-6 else 1e-6
@@ -308,10 +313,13 @@ def fit(section: CrossSection, found: Crossings, centre: np.ndarray) -> Fits:
         per_height = 1.0 / safe
         square, power, stepped = 0.0, 0.0, 0.0
         for t in range(length):
-            by_pixel = by_slope * slope[t] - by_value * value[t]
-            residual = grey[t] - height * value[t] - product * slope[t]
-            leverage = 1.0 / length + (t - middle) ** 2 * per_spread + by_pixel * slope[t] + value[t] ** 2 * per_power
-            apart = step[t] - left * value[t] - moved * slope[t]
+            x = t - middle
+            v, s = value[t] - v0 - v1 * x, by_centre * slope[t] - s0 - s1 * x
+            b = min(max(across[t], -1.0), 1.0) - b0 - b1 * x
+            by_pixel = by_slope * s - by_value * v
+            residual = found.profiles[n, t] - y0 - y1 * x - height * v - product * s
+            leverage = 1.0 / length + x * x * per_spread + by_pixel * s + v * v * per_power
+            apart = b - left * v - moved * s
             fits.gain[n, t], fits.residuals[n, t] = by_pixel * per_height, residual
             fits.freed[n, t] = max(1.0 - leverage, 0.15)
             square += residual * residual
@@ -324,21 +332,6 @@ def fit(section: CrossSection, found: Crossings, centre: np.ndarray) -> Fits:
         fits.stepped[n] = -moved * per_height * stepped / power
         fits.stepped_unit[n] = abs(moved * per_height) / np.sqrt(power)
     return fits
-
-
-@kernel
-def heights(section: CrossSection, found: Crossings, centre: np.ndarray, fits: Fits, chosen: np.ndarray) -> np.ndarray:
-    """(N, T) of the chosen profiles (N,): grey levels less the background, over the line's height; zeros elsewhere."""
-    count, length = found.profiles.shape
-    seen = np.zeros((count, length))
-    across, value, slope = np.empty(length), np.empty(length), np.empty(length)
-    for n in range(count):
-        if chosen[n]:
-            distances(found, n, centre[n], across)
-            look_up(section, n, across, value, slope)
-            for t in range(length):
-                seen[n, t] = value[t] + fits.residuals[n, t] / fits.height[n]
-    return seen
 
 
 @kernel
@@ -359,37 +352,48 @@ def binned(found: Crossings, centre: np.ndarray, seen: np.ndarray, chosen: np.nd
 
 
 @kernel
-def tapering(section: CrossSection, found: Crossings, centre: np.ndarray, fits: Fits, chosen: np.ndarray) -> float:
-    """By which part the line is broader at the path's end than at its start, as the fits' residuals show it.
+def shown(
+    section: CrossSection, found: Crossings, centre: np.ndarray, fits: Fits, chosen: np.ndarray
+) -> tuple[np.ndarray, float]:
+    """What the chosen profiles (N,) show of the line, whatever it was fitted with.
 
-    `chosen` (N,) are the profiles that count. To first order in how the width changes.
+    Returns
+    -------
+    (N, T) grey levels less the background, over the line's height; and by which part the line is broader at the path's
+    end than at its start, as the residuals show it, to first order in how the width changes.
     """
-    share = shares(found)
-    length = found.profiles.shape[1]
-    across, value, slope, wider = np.empty(length), np.empty(length), np.empty(length), np.empty(length)
+    count, length = found.profiles.shape
+    share, heights = shares(found), np.zeros((count, length))
+    across, value, slope = np.empty(length), np.empty(length), np.empty(length)
+    middle, per_spread = 0.5 * (length - 1), 12.0 / (length * (length**2 - 1.0))
     # sums of information, and of it and of the slopes by share
     informed, by_share, by_square, slopes, slopes_by_share = 0.0, 0.0, 0.0, 0.0, 0.0
-    for n in range(len(chosen)):
+    for n in range(count):
         if not chosen[n]:
             continue
         distances(found, n, centre[n], across)
         look_up(section, n, across, value, slope)
+        v0, v1, w0, w1, per_height = 0.0, 0.0, 0.0, 0.0, 1.0 / fits.height[n]
         for t in range(length):
-            wider[t] = -across[t] * slope[t]
-        remove_background(value)
-        remove_background(wider)
-        part = dot(wider, value) / dot(value, value)
+            wider = -across[t] * slope[t]
+            v0, v1 = v0 + value[t], v1 + (t - middle) * value[t]
+            w0, w1 = w0 + wider, w1 + (t - middle) * wider
+            heights[n, t] = value[t] + fits.residuals[n, t] * per_height
+        v0, v1, w0, w1 = v0 / length, v1 * per_spread, w0 / length, w1 * per_spread
+        vv, vw, ww, rv, rw = 0.0, 0.0, 0.0, 0.0, 0.0
         for t in range(length):
-            wider[t] -= part * value[t]
-        information = dot(wider, wider) * fits.height[n] ** 2
-        toward = dot(fits.residuals[n], wider) * fits.height[n]
+            v, w = value[t] - v0 - v1 * (t - middle), -across[t] * slope[t] - w0 - w1 * (t - middle)
+            vv, vw, ww = vv + v * v, vw + v * w, ww + w * w
+            rv, rw = rv + fits.residuals[n, t] * v, rw + fits.residuals[n, t] * w
+        # less what the height makes of it
+        information, toward = (ww - vw**2 / vv) * fits.height[n] ** 2, (rw - rv * vw / vv) * fits.height[n]
         informed += information
         by_share += information * share[n]
         by_square += information * share[n] ** 2
         slopes += toward
         slopes_by_share += toward * share[n]
-    middle = by_share / max(informed, 1e-9)
+    middle_share = by_share / max(informed, 1e-9)
     prior = np.median(fits.rms[chosen]) ** 2 / LIKELY_TAPER**2
-    variance = by_square - 2.0 * middle * by_share + middle**2 * informed
-    taper = (slopes_by_share - middle * slopes) / max(variance + prior, 1e-9)
-    return min(max(taper, -MOST_TAPER), MOST_TAPER)
+    variance = by_square - 2.0 * middle_share * by_share + middle_share**2 * informed
+    taper = (slopes_by_share - middle_share * slopes) / max(variance + prior, 1e-9)
+    return heights, min(max(taper, -MOST_TAPER), MOST_TAPER)

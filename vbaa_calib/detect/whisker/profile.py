@@ -17,7 +17,7 @@ from vbaa_calib.core import smooth
 from vbaa_calib.core.compiled import kernel
 from vbaa_calib.core.smooth import END_VALUE, ZEROS, median, quantile, running_mean
 
-from .acceptance import FittedLine, accepted
+from .acceptance import FittedLine, accepted, without_margins
 from .centreline import NOTHING, Centreline
 from .crossings import Crossings, crossings, every, shares, tapered
 from .line_shape import (
@@ -28,12 +28,11 @@ from .line_shape import (
     expected,
     fit,
     half_width_px,
-    heights,
     learn,
     lopsided,
     nearest,
     shapes,
-    tapering,
+    shown,
 )
 from .path_refinement import refine_path
 from .reflectance import learn_reflectance, mean_shape, stiffened
@@ -120,20 +119,28 @@ def _measured(image: np.ndarray, path_px: np.ndarray, width_px: float, half: int
     found = crossings(image, path_px, half, bright)
     if found.inside.sum() < LEAST_PROFILES:
         return NOTHING
-    width_px, changing = round(float(width_px), 2), bright is None
+    width_px = round(float(width_px), 2)
     known, quiet = shapes(width_px, ORDINARY_BLUR_PX, half + 2), _quiet_part(2 * half - 3)
+    line, section = _line(found, known, width_px, quiet, bright is None)
+    if not line.kept.any():
+        return NOTHING
+    measured = accepted(found, line)
+    end = visible_end(image, measured.guide_px, line.kept, Look(section, half, line.noise, bright))
+    return replace(measured, end_px=end.end_px, end_std_px=end.std_px, end=end.end)
+
+
+@kernel
+def _line(
+    found: Crossings, known: Shapes, width_px: float, quiet: float, changing: bool
+) -> tuple[FittedLine, CrossSection]:
+    """The line that profiles show, as far as it is to be trusted, and what it looks like across."""
     if changing:
         lines = _changing_lines(found, width_px, quiet, (np.empty(0), 0.0))
     else:
         lines, broadening, about = _lines(found, known, width_px, quiet)
         if about[1] > 0.0:
             lines = _changing_lines(broadening, width_px, quiet, about)
-    line = _fitted_line(found, lines, known, changing)
-    if not line.kept.any():
-        return NOTHING
-    measured = accepted(found, line)
-    end = visible_end(image, measured.guide_px, line.kept, Look(lines.section, half, lines.noise, bright))
-    return replace(measured, end_px=end.end_px, end_std_px=end.std_px, end=end.end)
+    return _fitted_line(found, lines, known, changing), lines.section
 
 
 class _Lines(NamedTuple):
@@ -186,10 +193,9 @@ def _lines(
             at = some.along / max(found.along[-1], 1e-6)
             course = smooth.fit(at, fits.shift, chosen.astype(np.float64), (1.0, 0.3), 12, 1e-3)
             base, curve = course.values, smooth.at(course, shares(found))
-        seen = heights(section, some, base, fits, chosen)
-        taper = tapering(section, some, base, fits, chosen)
+        heights, taper = shown(section, some, base, fits, chosen)
         found, some = tapered(found, taper), tapered(some, taper)
-        by_distance = binned(some, base, seen, chosen, half + 2)
+        by_distance = binned(some, base, heights, chosen, half + 2)
         phase = 2.0 * np.pi * some.across[chosen, 0]
         if step == 0 or np.hypot(np.cos(phase).mean(), np.sin(phase).mean()) >= ALIKE:
             section = nearest(by_distance, known)
@@ -244,11 +250,10 @@ def _fitted_line(found: Crossings, lines: _Lines, known: Shapes, changing: bool)
         sigma = _deviations(found, lines, clean if clean.sum() >= LEAST_PROFILES else kept)
         doubt = np.hypot(_edge_doubt(found, lines, there), lines.shared)
         kept, course = _without_strays(found, lines, np.hypot(sigma, doubt), kept)
-        kept = _without_margins(kept, 1 if changing else MARGIN_PX)
+        kept = without_margins(kept, 1 if changing else MARGIN_PX)
     if kept.any():
         sigma, effective = _calibrated(found, lines, sigma, doubt, kept)
-    height, noise = lines.fits.height, lines.noise
-    return FittedLine(lines.centre, course, sigma, effective, kept, height, noise, breadth, changing)
+    return FittedLine(lines.centre, course, sigma, effective, kept, lines.fits.height, lines.noise, breadth, changing)
 
 
 @kernel
@@ -332,22 +337,6 @@ def _without_strays(
     course = smooth.fit(shares(found), lines.centre, weights, (6.0 * spread, 4.0 * spread), 24, 1e-4).values
     off = np.abs(lines.centre - course)
     return kept & (off < np.maximum(STRAY * sigma * found.stretch, STRAY_PX)), course
-
-
-@kernel
-def _without_margins(kept: np.ndarray, margin: int) -> np.ndarray:
-    """The kept points (N,) but for so many on either side of a gap; a profile or two that noise hides are no gap."""
-    count = len(kept)
-    grown = np.zeros(count, np.bool_)
-    for n in range(count):
-        grown[n] = kept[max(n - 1, 0) : n + 2].any()
-    filled = kept.copy()
-    for n in range(1, count - 1):
-        filled[n] = kept[n] or (grown[n - 1] and grown[n] and grown[n + 1])
-    inner = np.zeros(count, np.bool_)
-    for n in range(count):
-        inner[n] = kept[n] and filled[max(n - margin, 0) : n + margin + 1].all()
-    return inner
 
 
 @kernel

@@ -21,7 +21,7 @@ from vbaa_calib.core.smooth import quantile, solve
 
 from .crossings import Crossings, every, shares, tapered
 from .line_shape import LIKELY_TAPER, MOST_TAPER, CrossSection, alike, dot, remove_background
-from .silhouette import ALL, MEAN_SQUARE, G, K, Y, coefficients_alone, normal_equations, tables
+from .silhouette import ALL, MEAN_SQUARE, G, K, Y, blurred, coefficients_alone, normal_equations, tables
 
 LIKELY = np.array([3.0, 0.8, 0.8, 0.5])
 """Deviations beforehand, over the antenna's contrast, of the polynomial's coefficients: level, brighter on one side, a
@@ -114,12 +114,11 @@ def learn_reflectance(
     reach_px = length // 2 + 2
     step = max(1, len(found.along) // LEARNING)
     some, count = every(found, step), max(3, int(np.rint(0.5 * WINDOW_PX / step)))
-    values, slopes = tables(width_px, blur_px, reach_px)
     if len(course):
         begin, begin_std = course[::step].copy(), np.full(len(some.along), course_std_px)
         loose = begin_std**-2.0
     else:
-        begin, begin_std = _begin(some, alike(values, slopes), width_px, count)
+        begin, begin_std = _begin(some, width_px, blur_px, count)
         loose = np.maximum(begin_std, START_STEP_PX) ** -2.0
     share = some.along / max(found.along[-1], 1e-6)
     base, moved, taper = begin, np.zeros(3), 0.0
@@ -129,7 +128,7 @@ def learn_reflectance(
     width, blur, coefficients = width_px, blur_px, np.zeros((len(base), K))
     known = np.ones(len(base))
     for turn in range(PASSES):
-        each = normal_equations(tapered(some, taper), base, width, blur, coefficients, values, slopes)
+        each = normal_equations(tapered(some, taper), base, (width, blur), coefficients, reach_px)
         local = _with_neighbours(each, weight / noise**2, count, likely * contrast)
         change, moves = np.zeros(3), np.zeros(len(base))
         if turn:
@@ -150,18 +149,23 @@ def learn_reflectance(
             likely = _likely(coefficients / contrast, variance / contrast**2, likely, weight)
         width, blur = width_px * np.exp(moved[0]), blur_px * np.exp(moved[1])
         taper = min(max(moved[2], -MOST_TAPER), MOST_TAPER)
-        values, slopes = tables(width, blur, reach_px)
+    values, slopes = tables(width, blur, reach_px)
     whole = np.empty((len(found.along), K))
     for k in range(K):
         whole[:, k] = np.interp(found.along, some.along, coefficients[:, k])
     weight = np.interp(found.along, some.along, weight) * found.inside / noise**2
     course = np.interp(found.along, some.along, base)
-    each = coefficients_alone(tapered(found, taper), course, alike(values, slopes))
+    each = coefficients_alone(tapered(found, taper), course, values)
     local = _with_neighbours(each, weight, int(np.rint(0.5 * WINDOW_PX)), likely * contrast)
+    matrix, side = np.empty((K, K)), np.empty((K, 1))
     for n in range(len(whole)):
-        side = local[n, K, :K].copy().reshape(-1, 1)
-        solve(local[n, :K, :K].copy(), side)
-        whole[n] = side[:, 0]
+        for i in range(K):
+            side[i, 0] = local[n, i, K]
+            for j in range(K):
+                matrix[i, j] = local[n, i, j]
+        solve(matrix, side)
+        for k in range(K):
+            whole[n, k] = side[k, 0]
     height = np.sqrt(np.maximum(_square(whole), 1e-12))
     shared = (PIECES + 3.0) / max(WELL_BEGUN * known.mean() / count, 1e-9)
     begin_std = np.interp(found.along, some.along, begin_std)
@@ -183,11 +187,9 @@ def _square(coefficients: np.ndarray) -> np.ndarray:
 @kernel
 def _first_contrast(found: Crossings, width_px: float) -> float:
     """Contrast of most profiles, grey levels, of whatever there is in them."""
-    power = np.empty(len(found.along))
-    for n in range(len(power)):
-        grey = found.profiles[n].copy()
-        remove_background(grey)
-        power[n] = dot(grey, grey) / width_px
+    grey = found.profiles.copy()
+    remove_background(grey)
+    power = (grey**2).sum(axis=1) / width_px
     return np.sqrt(quantile(power[found.inside], 0.7)) + 1e-6
 
 
@@ -198,14 +200,16 @@ def _sums(values: np.ndarray, count: int) -> np.ndarray:
     for _ in range(2):
         total, sums = np.zeros(columns), np.empty((rows, columns))
         for n in range(min(count - count // 2, rows)):
-            total += values[n]
+            for m in range(columns):
+                total[m] += values[n, m]
         for n in range(rows):
-            sums[n] = total
             entering, leaving = n + count - count // 2, n - count // 2
-            if entering < rows:
-                total += values[entering]
-            if leaving >= 0:
-                total -= values[leaving]
+            for m in range(columns):
+                sums[n, m] = total[m]
+                if entering < rows:
+                    total[m] += values[entering, m]
+                if leaving >= 0:
+                    total[m] -= values[leaving, m]
         values = sums
     return values / count
 
@@ -214,10 +218,8 @@ def _sums(values: np.ndarray, count: int) -> np.ndarray:
 def _with_neighbours(each: np.ndarray, weight: np.ndarray, count: int, likely: np.ndarray) -> np.ndarray:
     """Normal equations (N, M, M) summed over neighbours, with the prior of the coefficients."""
     number, size, _ = each.shape
-    weighted = each.copy()
-    for n in range(number):
-        weighted[n] *= weight[n]
-    local = _sums(weighted.reshape(number, size * size), count).reshape(number, size, size)
+    weighted = each.reshape(number, size * size) * weight.reshape(-1, 1)
+    local = _sums(weighted, count).reshape(number, size, size)
     for n in range(number):
         for k in range(K):
             local[n, k, k] += likely[k] ** -2.0
@@ -306,7 +308,7 @@ def _likely(over_contrast: np.ndarray, variance: np.ndarray, likely: np.ndarray,
 
 
 @kernel
-def _begin(found: Crossings, section: CrossSection, width_px: float, count: int) -> tuple[np.ndarray, np.ndarray]:
+def _begin(found: Crossings, width_px: float, blur_px: float, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Where across the path (N,) a silhouette of this width, whatever is on it, explains most; and its deviation (N,).
 
     The mean over all smooth courses, for between a highlight's sides many explain as much.
@@ -314,8 +316,9 @@ def _begin(found: Crossings, section: CrossSection, width_px: float, count: int)
     steps = int(np.ceil(0.6 * width_px / START_STEP_PX))
     offsets = START_STEP_PX * np.arange(-steps, steps + 1)
     left = np.empty((len(found.along), len(offsets)))
+    values = blurred(width_px, blur_px, found.profiles.shape[1] // 2 + 2)
     for column in range(len(offsets)):
-        each = coefficients_alone(found, np.full(len(left), offsets[column]), section)
+        each = coefficients_alone(found, np.full(len(left), offsets[column]), values)
         local = _sums(each.reshape(len(left), -1), count).reshape(each.shape)
         for n in range(len(left)):
             power, explained = local[n, K, K], 0.0
@@ -346,7 +349,8 @@ def _mean_course(
         tried[c, 1], tried[c, 2] = bends[c // START_BENDS % START_BENDS], bends[c % START_BENDS]
         places = 0
         for n in range(0, len(share), every_place):
-            place = (dot(shapes[n], tried[c]) - offsets[0]) / START_STEP_PX
+            place = shapes[n, 0] * tried[c, 0] + shapes[n, 1] * tried[c, 1] + shapes[n, 2] * tried[c, 2]
+            place = (place - offsets[0]) / START_STEP_PX
             place = min(max(place, 0.0), len(offsets) - 1.001)
             row = int(place)
             if inside[n]:
@@ -357,7 +361,8 @@ def _mean_course(
     weight /= weight.sum()
     mean, spread = np.zeros(3), np.zeros((3, 3))
     for c in range(len(tried)):
-        mean += weight[c] * tried[c]
+        for i in range(3):
+            mean[i] += weight[c] * tried[c, i]
     for c in range(len(tried)):
         for i in range(3):
             for j in range(3):

@@ -10,7 +10,7 @@ from numpy.polynomial.legendre import leg2poly
 from vbaa_calib.core.compiled import kernel
 
 from .crossings import Crossings, distances, shares
-from .line_shape import PER_PX, CrossSection, dot, look_up, remove_background
+from .line_shape import PER_PX, remove_background
 
 K = 4
 """Legendre polynomials that an antenna's reflectance across it is made of: level, brighter on one side, a highlight,
@@ -33,7 +33,8 @@ def tables(width_px: float, blur_px: float, reach_px: int) -> tuple[np.ndarray, 
     slopes, last = np.empty(values.shape), len(values) - 1
     for r in range(last + 1):
         before, after = max(r - 1, 0), min(r + 1, last)
-        slopes[r] = (values[after] - values[before]) * (PER_PX / (after - before))
+        for k in range(K):
+            slopes[r, k] = (values[after, k] - values[before, k]) * (PER_PX / (after - before))
     return values, slopes
 
 
@@ -45,92 +46,86 @@ def blurred(width_px: float, blur_px: float, reach_px: int) -> np.ndarray:
     """
     half, variance = 0.5 * width_px, blur_px**2 + PIXEL_BLUR_PX**2
     std = np.sqrt(variance)
-    middle = reach_px * PER_PX
-    values, powers = np.zeros((2 * middle + 1, K)), np.empty(K)
+    middle, height = reach_px * PER_PX, 1.0 / (np.sqrt(2.0 * np.pi) * std)
+    values, powers, halves = np.zeros((2 * middle + 1, K)), np.empty(K), half ** np.arange(float(K))
     for r in range(middle + 1):
         across = r / PER_PX
         left, right = (across + half) / std, (across - half) / std
         if right > FAR:
             break
-        rising = np.exp(-0.5 * left**2) / (np.sqrt(2.0 * np.pi) * std)
-        falling = np.exp(-0.5 * right**2) / (np.sqrt(2.0 * np.pi) * std)
+        rising, falling = height * np.exp(-0.5 * left**2), height * np.exp(-0.5 * right**2)
         powers[0] = 0.5 * (erfc(-left / np.sqrt(2.0)) - erfc(-right / np.sqrt(2.0)))
         for k in range(K - 1):
             before = k * powers[k - 1] if k else 0.0
-            ends = half**k * falling - (-half) ** k * rising
+            ends = halves[k] * (falling + rising if k % 2 else falling - rising)
             powers[k + 1] = across * powers[k] + variance * (before - ends)
         for k in range(K):
             for i in range(k + 1):
-                values[middle + r, k] += _POWERS[k, i] * powers[i] / half**i
-            values[middle - r, k] = values[middle + r, k] * (-1.0) ** k
+                values[middle + r, k] += _POWERS[k, i] * powers[i] / halves[i]
+            values[middle - r, k] = -values[middle + r, k] if k % 2 else values[middle + r, k]
     return values
 
 
 @kernel
-def _polynomials(
-    found: Crossings, n: int, centre: float, section: CrossSection, across: np.ndarray, columns: np.ndarray
-) -> None:
-    """Each of a cross-section's functions over profile n, less the background: into rows (≥ K, T)."""
-    distances(found, n, centre, across)
-    last = len(section.values) - 1
-    for t in range(len(across)):
-        place = min(max(across[t] * PER_PX + 0.5 * last, 0.0), float(last))
-        row = min(int(place), last - 1)
-        for k in range(K):
-            before, after = section.values[row, k], section.values[row + 1, k]
-            columns[k, t] = before + (after - before) * (place - row)
-    for k in range(K):
-        remove_background(columns[k])
+def _products(columns: np.ndarray, products: np.ndarray) -> None:
+    """Sums of the products of rows (M, T), less the background's level and slope: into (M, M)."""
+    several, length = columns.shape
+    remove_background(columns)
+    for i in range(several):
+        for j in range(i + 1):
+            total = 0.0
+            for t in range(length):
+                total += columns[i, t] * columns[j, t]
+            products[i, j] = products[j, i] = total
 
 
 @kernel
 def normal_equations(
-    found: Crossings,
-    base: np.ndarray,
-    width_px: float,
-    blur_px: float,
-    coefficients: np.ndarray,
-    values: np.ndarray,
-    slopes: np.ndarray,
+    found: Crossings, base: np.ndarray, silhouette: tuple[float, float], coefficients: np.ndarray, reach_px: int
 ) -> np.ndarray:
-    """(N, K + 5, K + 5) products of every profile's columns, less the background's level and slope; lower halves."""
+    """(N, K + 5, K + 5) products of every profile's columns, for lines at (N,) of some width and blur, px."""
+    width_px, blur_px = silhouette
     count, length = found.profiles.shape
-    reach_px = len(values) // (2 * PER_PX)
+    values, slopes = tables(width_px, blur_px, reach_px)
     wider = (blurred(width_px * 1.02, blur_px, reach_px) - values) / 0.02
     softer = (blurred(width_px, blur_px * 1.02, reach_px) - values) / 0.02
-    place, widths = CrossSection(values, slopes, coefficients), CrossSection(wider, softer, coefficients)
-    share = shares(found)
+    share, last = shares(found), len(values) - 1
     each, columns, across = np.zeros((count, ALL, ALL)), np.empty((ALL, length)), np.empty(length)
     for n in range(count):
         if not found.inside[n]:
             continue
-        _polynomials(found, n, base[n], place, across, columns)
-        look_up(widths, n, across, columns[K], columns[K + 1])
-        look_up(place, n, across, columns[K + 2], columns[G])
+        distances(found, n, base[n], across)
+        by_place = -found.side[n] / found.stretch[n]
         for t in range(length):
-            columns[K + 2, t] = columns[K, t] * (share[n] - 0.5)
-            columns[G, t] *= -found.side[n] / found.stretch[n]
-            columns[Y, t] = found.profiles[n, t]
-        for i in range(K, ALL):
-            remove_background(columns[i])
-        for i in range(ALL):
-            for j in range(i + 1):
-                each[n, i, j] = dot(columns[i], columns[j])
-                each[n, j, i] = each[n, i, j]
+            place = min(max(across[t] * PER_PX + 0.5 * last, 0.0), float(last))
+            row = min(int(place), last - 1)
+            far = place - row
+            slope, width, blur = 0.0, 0.0, 0.0
+            for k in range(K):
+                own = coefficients[n, k]
+                columns[k, t] = values[row, k] + far * (values[row + 1, k] - values[row, k])
+                slope += own * (slopes[row, k] + far * (slopes[row + 1, k] - slopes[row, k]))
+                width += own * (wider[row, k] + far * (wider[row + 1, k] - wider[row, k]))
+                blur += own * (softer[row, k] + far * (softer[row + 1, k] - softer[row, k]))
+            columns[K, t], columns[K + 1, t], columns[K + 2, t] = width, blur, width * (share[n] - 0.5)
+            columns[G, t], columns[Y, t] = slope * by_place, found.profiles[n, t]
+        _products(columns, each[n])
     return each
 
 
 @kernel
-def coefficients_alone(found: Crossings, base: np.ndarray, section: CrossSection) -> np.ndarray:
-    """(N, K + 1, K + 1) the same of coefficients and grey levels only."""
+def coefficients_alone(found: Crossings, base: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """(N, K + 1, K + 1) the same of coefficients and grey levels only, for polynomials tabled (R, K)."""
     count, length = found.profiles.shape
     each, columns, across = np.zeros((count, K + 1, K + 1)), np.empty((K + 1, length)), np.empty(length)
+    last = len(values) - 1
     for n in range(count):
-        _polynomials(found, n, base[n], section, across, columns)
-        columns[K] = found.profiles[n]
-        remove_background(columns[K])
-        for i in range(K + 1):
-            for j in range(i + 1):
-                each[n, i, j] = dot(columns[i], columns[j])
-                each[n, j, i] = each[n, i, j]
+        distances(found, n, base[n], across)
+        for t in range(length):
+            place = min(max(across[t] * PER_PX + 0.5 * last, 0.0), float(last))
+            row = min(int(place), last - 1)
+            for k in range(K):
+                columns[k, t] = values[row, k] + (place - row) * (values[row + 1, k] - values[row, k])
+            columns[K, t] = found.profiles[n, t]
+        _products(columns, each[n])
     return each
