@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.contact.quantities import edge_on
 from estimator.contact.status import EDGE_ON_BLIND_RAD, FEWEST_POINTS, LOW_SIGNAL, LOW_SIGNAL_RELATIVE
+from estimator.solver.linearised import edge_on
 from estimator.solver.rig_arrays import RigArrays
 from estimator.table.contacts import FRICTION_RAD
 from vbaa_calib.core.errors import InputError
@@ -164,7 +164,7 @@ def error_budget(
     if not 0.0 <= friction <= 1.0:
         raise InputError(f"friction is {friction}", remedy="give the angle's deviation in rad, 0 to 1")
     touches = ordinary_touches(rig) if touches is None else touches
-    rig_arrays = RigArrays.from_rig(rig, float(friction), np.empty(0), drift=False)
+    rig_arrays = RigArrays.from_rig(rig, float(friction), drift=False)
     space = ErrorSpace.of(rig_arrays)
     with np.errstate(all="ignore"):  # what leaves the domain of the model is left out below
         every = linearize(rig_arrays, space, touches, with_moment)
@@ -221,7 +221,7 @@ def _determined(
     if with_moment:
         return determined
     force = np.hypot(*touches.push_N.T)
-    seen = edge_on(rig_arrays.rig, unknowns_of(rig_arrays, touches)) >= EDGE_ON_BLIND_RAD
+    seen = edge_on(rig_arrays, unknowns_of(rig_arrays, touches)) >= EDGE_ON_BLIND_RAD
     return determined & seen & (std[:, 1:3].max(axis=1) < 0.5 * force)
 
 

@@ -16,9 +16,8 @@ import numpy as np
 
 from estimator.contact.common_errors import empty_frames, noise_free_frames
 from estimator.solver.frames import Frames
-from estimator.solver.prediction import predict, rig_jacobian
+from estimator.solver.linearised import linearised
 from estimator.solver.rig_arrays import UNKNOWNS, RigArrays
-from estimator.solver.state import evaluate, initial_state
 from vbaa_calib.antenna.nodes import CONTACT
 from vbaa_calib.rig import POSE_PARAMETERS, RIG_PARAMETERS, Rig
 
@@ -96,14 +95,14 @@ def touch_of_force(
     unknowns = unknowns_of(rig_arrays, touch)
     with np.errstate(all="ignore"):
         for _ in range(_FORCE_STEPS):
-            prediction = predict(empty, _RUNG, unknowns)
-            slopes = prediction.point_force_jacobian[:, 4:6, 1:3]
+            there = linearised(empty, _RUNG, unknowns)
+            slopes = there.columns[:, 4:6, 1:3]
             if not np.isfinite(slopes).all():
                 break
-            unknowns[:, 1:3] += np.linalg.solve(slopes, (force_N - prediction.point_force[:, 4:6])[..., None])[..., 0]
-        prediction = predict(empty, _RUNG, unknowns)
-        found = np.abs(prediction.point_force[0, 4:6] - force_N).max() <= _FORCE_TOLERANCE * np.hypot(*force_N)
-        ordinary = prediction.tangents[0, CONTACT] @ prediction.tangents[0, 0] >= np.cos(_STEEPEST_RAD)
+            unknowns[:, 1:3] += np.linalg.solve(slopes, (force_N - there.point_force[:, 4:6])[..., None])[..., 0]
+        there = linearised(empty, _RUNG, unknowns)
+        found = np.abs(there.point_force[0, 4:6] - force_N).max() <= _FORCE_TOLERANCE * np.hypot(*force_N)
+        ordinary = there.tangents[0, :, CONTACT] @ there.tangents[0, :, 0] >= np.cos(_STEEPEST_RAD)
     return replace(touch, push_N=unknowns[:, 1:3] * (rig_arrays.force_unit_N if found and ordinary else np.nan))
 
 
@@ -218,25 +217,22 @@ def linearize(rig_arrays: RigArrays, space: ErrorSpace, touches: Touches, with_m
     available = np.ones((len(touches), 2)) * (with_moment & (rig_arrays.gain != 0.0))
     unknowns = unknowns_of(rig_arrays, touches)
     frames = noise_free_frames(_empty(rig_arrays, touches), _RUNG, unknowns, available, point_per_px=True)
-    prediction = predict(frames, _RUNG, unknowns)
-    by_rig = rig_jacobian(frames, _RUNG, unknowns, prediction)
-    fits = evaluate(frames, _RUNG, by_rig, initial_state(frames, prediction, unknowns))
-    prior, moved = fits.problem.prior, fits.problem.reading_jacobian
-    columns = fits.problem.jacobian
-    points = np.swapaxes(columns, 1, 2) @ fits.problem.sums.times(columns)
+    there = linearised(frames, _RUNG, unknowns)
+    prior, moved, touch = there.prior, there.readings, there.columns
+    by_readings = np.swapaxes(moved, 1, 2) @ moved
+    points = there.information - np.eye(prior.shape[1]) * prior[:, None] - by_readings
     rotation = _world_rotation(rig_arrays.rig, touches)
-    touch = np.concatenate([prediction.point_force_jacobian, by_rig.point_force], axis=2)
     distance = np.zeros_like(touch[:, :1])
     distance[:, 0, 0] = rig_arrays.length_m
     results = np.concatenate([distance, touch[:, 4:6], rotation @ touch[:, :3]], axis=1)
     pan, tilt = (np.full(len(touches), angle) for angle in (touches.pan_rad, touches.tilt_rad))
     turned, shifted = rig_arrays.rig.kinematics.by_axes(pan, tilt)
-    moved_by_axes = np.einsum("kbij,bj->bik", turned, prediction.point_force[:, :3]) + np.moveaxis(shifted, 0, -1)
+    moved_by_axes = np.einsum("kbij,bj->bik", turned, there.point_force[:, :3]) + np.moveaxis(shifted, 0, -1)
     beyond = np.concatenate([np.zeros((len(touches), 3, space.size)), moved_by_axes @ space.axes], axis=1)
     more = (0, space.size - space.rig)
     return Linearization(
         np.pad(points, ((0, 0), more, more)),
-        np.pad(np.swapaxes(moved, 1, 2) @ moved, ((0, 0), more, more)),
+        np.pad(by_readings, ((0, 0), more, more)),
         np.pad(prior, ((0, 0), more), constant_values=1.0),
         np.pad(results, ((0, 0), (0, 0), more)),
         beyond,

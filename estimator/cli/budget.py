@@ -109,7 +109,7 @@ def _touches(args: argparse.Namespace, rig: Rig) -> Touches:
             remedy=f"give {1e3 * NEAREST * length:.3g} to {1e3 * length:.4g} mm",
         )
     force = 1e-3 * np.array([args.force_y, args.force_z])
-    touch = touch_of_force(RigArrays.from_rig(rig, args.friction, np.empty(0), drift=False), distance, force, pan, tilt)
+    touch = touch_of_force(RigArrays.from_rig(rig, args.friction, drift=False), distance, force, pan, tilt)
     if not np.isfinite(touch.push_N).all():
         raise InputError(
             f"a force of {1e3 * float(np.hypot(*force)):.3g} mN bends the antenna further than is modelled",

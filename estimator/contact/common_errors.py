@@ -7,9 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimator.solver.frames import Frames, frames_from_pixels
-from estimator.solver.prediction import bend, predict, predicted_moment, rig_jacobian
+from estimator.solver.linearised import bend, linearised
 from estimator.solver.rig_arrays import ANTENNA, POSES, UNKNOWNS, RigArrays
-from estimator.solver.state import evaluate, initial_state
 from estimator.table.contacts import ContactTable, joint_angles
 from vbaa_calib.antenna.nodes import CONTACT
 from vbaa_calib.rig import POSE_PARAMETERS, Rig
@@ -63,7 +62,7 @@ def shared_errors(rig: Rig, table: ContactTable, friction_rad: float | None = No
     """
     pan, tilt = joint_angles(rig.kinematics, table)
     rig_arrays = RigArrays.from_rig(
-        rig, table.assumed_friction_rad if friction_rad is None else friction_rad, np.empty(0), drift=False
+        rig, table.assumed_friction_rad if friction_rad is None else friction_rad, drift=False
     )
     rows = np.flatnonzero(table.located & np.isfinite(pan + tilt + table.distance_std_m))
     chunks = (rows[begin : begin + _CHUNK] for begin in range(0, len(rows), _CHUNK))
@@ -123,10 +122,8 @@ def _unknowns(frames: Frames, table: ContactTable, rows: np.ndarray) -> np.ndarr
     if rig_arrays.friction_rad > 0.0:
         unknowns[:, 3] = np.nan_to_num(table.friction_angle_rad[rows]) / rig_arrays.friction_rad
     for _ in range(_FORCE_STEPS):
-        prediction = predict(frames, _RUNG, unknowns)
-        step = np.linalg.solve(
-            prediction.point_force_jacobian[:, 4:6, 1:3], (force - prediction.point_force[:, 4:6])[..., None]
-        )
+        there = linearised(frames, _RUNG, unknowns)
+        step = np.linalg.solve(there.columns[:, 4:6, 1:3], (force - there.point_force[:, 4:6])[..., None])
         unknowns[:, 1:3] += step[..., 0]
     return unknowns
 
@@ -136,13 +133,10 @@ def _errors(frames: Frames, unknowns: np.ndarray, distance_std: np.ndarray) -> n
 
     How many points a frame really had shows in the deviation (B,) of its distance, in antenna lengths.
     """
-    prediction = predict(frames, _RUNG, unknowns)
-    fits = evaluate(
-        frames, _RUNG, rig_jacobian(frames, _RUNG, unknowns, prediction), initial_state(frames, prediction, unknowns)
-    )
-    prior, felt = fits.problem.prior, fits.problem.reading_jacobian
-    beside = np.eye(prior.shape[1]) * prior[:, None] + np.swapaxes(felt, 1, 2) @ felt
-    covariance = _as_certain(fits.equations.information - beside, beside, distance_std**2)
+    there = linearised(frames, _RUNG, unknowns)
+    prior, readings = there.prior, there.readings
+    beside = np.eye(prior.shape[1]) * prior[:, None] + np.swapaxes(readings, 1, 2) @ readings
+    covariance = _as_certain(there.information - beside, beside, distance_std**2)
     # what is off by one deviation pulls with the weight that the prior holds it
     off = np.swapaxes(covariance * prior[:, None], 1, 2)
     return np.concatenate([off[:, UNKNOWNS:], off[:, UNKNOWNS - 1 : UNKNOWNS]], axis=1)
@@ -206,6 +200,8 @@ def noise_free_frames(
         sigma = sigma * np.sqrt(count / np.clip(length_px, 1.0, None))
     pixels, sigma = np.where(inside[..., None], pixels, np.nan), np.repeat(sigma[:, None], count, axis=1)
     seen = frames_from_pixels(rig_arrays, pixels, sigma, *_silent(len(pixels)), empty.gravity_m_s2)
-    moment = predicted_moment(empty, shapes) * rig_arrays.std
+    # what is read of nothing, less what is predicted
+    read = replace(empty, available=np.ones_like(empty.available), moment_Nm=np.zeros_like(empty.moment_Nm))
+    moment = -linearised(read, rung, unknowns).residual[:, :2] * rig_arrays.std
     available = np.column_stack([sensor_available * 1.0, np.zeros(len(pixels))])
     return replace(seen, available=available, moment_Nm=moment)

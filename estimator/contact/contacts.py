@@ -9,12 +9,12 @@ from typing import overload
 
 import numpy as np
 
+from estimator.solver.numbers import FitNumbers
 from estimator.table.contacts import Contact, ContactEstimate, Measured
 from vbaa_calib.antenna.rungs import RUNGS
 from vbaa_calib.rig import POSE_PARAMETERS, Rig
 
 from .motion import Beam, Inertia, Motion, Shapes
-from .quantities import FitNumbers
 from .status import FAILED, NO_ANTENNA, NO_CONTACT, OK, TIP, reason, statuses
 
 _LARGEST_SHIFT = 1 / 3  # inertia that would move the distance by more than this part of its deviation is too much

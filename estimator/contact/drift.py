@@ -8,10 +8,8 @@ from typing import Any
 import numpy as np
 
 from estimator.solver.frames import Frames
-from estimator.solver.initialization import free_antenna, grid_search
-from estimator.solver.normal_equations import NormalEquations, Problem, normal_equations
+from estimator.solver.linearised import FreeAntennas, free_antennas
 from estimator.solver.rig_arrays import LINE_ERRORS, RigArrays
-from estimator.solver.uncertainty import REFERENCE
 from vbaa_calib.detect.whisker.antenna import free_curve, pixels
 from vbaa_calib.rig import Rig
 
@@ -75,7 +73,7 @@ class LearntRig:
 
     def learn(self, batch: Batch, time_s: float) -> LearntRig:
         """From frames of which only the free ones are used, if there are any."""
-        rows = np.flatnonzero(_is_free(batch.frames(RigArrays.from_rig(self.now, 0.0, np.empty(0)))))
+        rows = np.flatnonzero(_is_free(batch.frames(RigArrays.from_rig(self.now, 0.0))))
         if len(rows) == 0:
             return self
         rows = rows[np.unique(np.linspace(0, len(rows) - 1, _AT_ONCE).astype(int))]
@@ -103,25 +101,22 @@ def _is_free(frames: Frames) -> np.ndarray:
     """(B,) bool, frames of the free antenna: no force on it explains them much better."""
     if len(frames) == 0:
         return np.zeros(0, bool)
-    free = free_antenna(frames, REFERENCE)
-    gains = grid_search(frames, free, free.points).gains
-    with np.errstate(invalid="ignore"):
-        return (frames.usable.sum(-1) >= FEWEST_FREE_POINTS) & (gains.max(axis=1) < FREE_GAIN)
+    return (frames.usable.sum(-1) >= FEWEST_FREE_POINTS) & (free_antennas(frames).gain < FREE_GAIN)
 
 
 def _posterior(batch: Batch, rig: Rig) -> tuple[Rig, np.ndarray, np.ndarray]:
     """The rig that explains frames of the free antenna best, its covariance, and what of the squares (B, L) of
     their lines' errors, px², is not noise."""
-    rig_arrays, moving = RigArrays.from_rig(rig, 0.0, np.empty(0)), rig
+    rig_arrays, moving = RigArrays.from_rig(rig, 0.0), rig
     axes, line = rig_arrays.axes, rig_arrays.line
     size, at = axes.shape[1], np.zeros(axes.shape[1])
     for turn in range(_LINEARISATIONS):
         if turn:
-            rig_arrays = replace(RigArrays.from_rig(moving, 0.0, np.empty(0)), axes=axes)
-        problem = _free_problem(batch.frames(rig_arrays))
+            rig_arrays = replace(RigArrays.from_rig(moving, 0.0), axes=axes)
+        frames = batch.frames(rig_arrays)
         steps = np.zeros((len(batch), size + len(line)))
         for _ in range(_REWEIGHTINGS):
-            equations = normal_equations(problem, steps, steps)
+            equations = free_antennas(frames, steps, _BEYOND)
             information, side, by_shared = _summed(equations, steps, size)
             # the prior is about the rig as it came, not about where it was linearised
             total = information + np.eye(size)
@@ -137,23 +132,12 @@ def _posterior(batch: Batch, rig: Rig) -> tuple[Rig, np.ndarray, np.ndarray]:
     return moving, 0.5 * (covariance + covariance.T), excess_px2
 
 
-def _free_problem(frames: Frames) -> Problem:
-    rig_arrays = frames.rig_arrays
-    free, count = free_antenna(frames, REFERENCE), len(frames)
-    prior = np.ones((count, rig_arrays.axes.shape[1] + len(rig_arrays.line)))
-    residual, by_rig = free.prediction.reading_residual, free.by_rig.reading
-    # an end of the antenna that lies farther off than the rig may be is another thing's
-    used = np.ones_like(residual)
-    used[:, 2] = np.abs(residual[:, 2]) <= _BEYOND * np.sqrt(1.0 + (by_rig[:, 2] ** 2).sum(axis=1))
-    return Problem(free.points, free.by_rig.image, by_rig * used[..., None], residual * used, prior, np.ones(count))
-
-
-def _summed(equations: NormalEquations, steps: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _summed(equations: FreeAntennas, steps: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Information (R, R) and right side (R,) of all frames on the rig, without its prior; the lines' own eliminated.
 
     With (B, L, R + 1) the lines' own steps by the rig's, and by themselves.
     """
-    whole, side = equations.information, equations.right_side
+    whole, side = equations.information, equations.side
     across = np.concatenate([whole[:, size:, :size], side[:, size:, None]], axis=2)
     by_shared = np.linalg.solve(whole[:, size:, size:], across) if whole.shape[1] > size else across
     information = whole[:, :size, :size] - np.eye(size) - whole[:, :size, size:] @ by_shared[..., :size]

@@ -8,37 +8,31 @@ from dataclasses import dataclass, replace
 from itertools import islice
 
 import numpy as np
-import torch
 
 from estimator.solver.frames import Frames
-from estimator.solver.ladder import COARSE_RUNG, find_starts, solve
-from estimator.solver.prediction import predict
+from estimator.solver.ladder import COARSE_RUNG, rough_unknowns, solve
+from estimator.solver.linearised import bend
+from estimator.solver.numbers import FitNumbers
 from estimator.solver.rig_arrays import RigArrays
-from estimator.solver.rows import select
 from estimator.table.contacts import FRICTION_RAD, Contact, Measured
 from vbaa_calib.antenna.rungs import RUNGS
-from vbaa_calib.core.arrays import as_index, like
+from vbaa_calib.core.compiled import cores
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import DRIFTS
 
 from .contacts import Contacts, MotionCheck, contacts_of
 from .drift import RENEWED_S, LearntRig
-from .inputs import Batch, Values, checked_device
+from .inputs import Batch, Values
 from .motion import Beam
-from .quantities import FitNumbers, drift_of, fit_numbers, plain
 from .status import CONTACT_EVIDENCE, FEWEST_POINTS, ODD_END, unexplained
 
-CHUNK, CHUNK_ON_DEVICE = 512, 1024
-"""Frames that are solved at once: on the processor their arrays stay in its cache."""
+CHUNK = 2048
+"""Frames that are solved at once."""
 STREAM = 64
 """Frames of a recording that are solved at once, each chunk from where the one before ended."""
 MOST_WAITING = 1024
 """Frames of a recording that wait for its first free frames."""
-SINGLE = 4
-"""Batches up to this size stay on the processor."""
-PROCESSOR = "cpu"
-"""Where NumPy works, which has shorter calls than torch, and on one core is quicker for batches of any size."""
 
 
 class ContactEstimator:
@@ -51,32 +45,29 @@ class ContactEstimator:
         the noise.
     friction : rad, standard deviation of the friction angle (the force's angle from the antenna's normal); 0 for
         contacts without friction.
-    device : where batches are solved: "cpu" is NumPy on the processor, all others are torch devices ("cpu:0" is torch
-        on the processor). Single frames stay in NumPy.
+    jobs : threads over the frames of a batch; by default the processor's cores. The results are the same for any.
 
     Raises
     ------
-    InputError : an unknown model, a friction that is out of range, a device that is not there.
+    InputError : an unknown model, a friction that is out of range, no thread.
     """
 
     def __init__(
-        self, rig: Rig, model: str = "auto", *, friction: float = FRICTION_RAD, device: str = PROCESSOR
+        self, rig: Rig, model: str = "auto", *, friction: float = FRICTION_RAD, jobs: int | None = None
     ) -> None:
         if model != "auto" and model not in RUNGS:
             raise InputError(f"model is {model!r}", remedy=f"one of auto, {', '.join(RUNGS)} is needed")
         if not isinstance(friction, int | float) or not 0.0 <= friction <= 1.0:
             raise InputError(f"friction is {friction}", remedy="give the angle's deviation in rad, 0 to 1")
+        if jobs is not None and not (isinstance(jobs, int) and jobs >= 1):
+            raise InputError(f"jobs is {jobs!r}", remedy="give a number of threads, 1 or more")
         self.rig = rig
         self.model = model
         self.friction_rad = float(friction)
-        self.device, self._device_name = checked_device(device), device
+        self.jobs = cores() if jobs is None else jobs
         self.drift = LearntRig.of(rig)
         """What the last recording's free frames told of the rig's drift."""
-        self._rig_arrays = RigArrays.from_rig(rig, self.friction_rad, np.empty(0))
-        self._rig_arrays_on_device = self._rig_arrays
-        if device != PROCESSOR:
-            reference = torch.empty(0, dtype=torch.float64, device=self.device)
-            self._rig_arrays_on_device = RigArrays.from_rig(rig, self.friction_rad, reference)
+        self._rig_arrays = RigArrays.from_rig(rig, self.friction_rad)
 
     def estimate(
         self,
@@ -181,7 +172,7 @@ class ContactEstimator:
         return self._with(self.drift.later(time_s)) if abs(time_s - self.drift.time_s) > RENEWED_S else self
 
     def _with(self, learnt: LearntRig) -> ContactEstimator:
-        later = ContactEstimator(learnt.now, self.model, friction=self.friction_rad, device=self._device_name)
+        later = ContactEstimator(learnt.now, self.model, friction=self.friction_rad, jobs=self.jobs)
         later.drift = learnt
         return later
 
@@ -199,9 +190,9 @@ class ContactEstimator:
         found: list[RoughFit | None] = [None] * len(several)
         enough = np.flatnonzero(frames.usable.sum(-1) >= FEWEST_POINTS)
         if len(enough):
-            frames = select(frames, enough)
-            unknowns = find_starts(frames, always=True).minima[:, 0]
-            shapes = predict(frames, COARSE_RUNG, unknowns, derivatives=False).points_m
+            frames = frames.select(enough)
+            unknowns = rough_unknowns(frames)
+            shapes = bend(frames, COARSE_RUNG, unknowns[:, None]).points_m
             for index, own, points_m in zip(enough, unknowns, shapes, strict=True):
                 found[index] = RoughFit(own, points_m)
         return found
@@ -212,45 +203,47 @@ class ContactEstimator:
         frames = batch.frames(self._rig_arrays)
         if int(frames.usable.sum()) < FEWEST_POINTS:
             return None
-        return np.asarray(solve(frames, self.model, batch.start)[0].fits.prediction.points_m[0])
+        found = solve(frames, self.model, batch.start)
+        return np.asarray(bend(frames, RUNGS[int(found.rung[0])], found.unknowns[:, None]).points_m[0])
 
     def _contacts(self, batch: Batch, beam: Beam | None = None) -> Contacts:
         """The frames' contacts; with a beam, also what testing for motion needs."""
         count = len(batch)
         found = FitNumbers.empty(count)
-        rig_arrays = self._rig_arrays if count <= SINGLE else self._rig_arrays_on_device
-        chunk = CHUNK if rig_arrays is self._rig_arrays else CHUNK_ON_DEVICE
-        for begin in range(0, count, chunk):
-            part = batch[begin : begin + chunk]
-            frames = part.frames(rig_arrays)
+        for begin in range(0, count, CHUNK):
+            part = batch[begin : begin + CHUNK]
+            frames = part.frames(self._rig_arrays)
             usable = frames.usable.sum(-1)
-            enough = usable >= FEWEST_POINTS
-            found.points[begin : begin + chunk] = plain(usable)
-            if not bool(enough.any()):
+            found.points[begin : begin + CHUNK] = usable
+            rows = np.flatnonzero(usable >= FEWEST_POINTS)
+            if len(rows) == 0:
                 continue
-            rows = np.flatnonzero(plain(enough))
-            start = None if part.start is None else like(frames.points, part.start[rows])
-            if not bool(enough.all()):
-                frames = select(frames, enough)
-            with np.errstate(all="ignore"):  # what leaves the domain of the model is judged by its numbers
-                fitted = fit_numbers(solve(frames, self.model, start), beam)
-                frames = self._without_odd_tips(frames, fitted, beam)
-                self._without_reading(frames, fitted)
-                self._with_drift(part[rows], fitted)
-            found.put(begin + rows, fitted)
+            if len(rows) < len(frames):
+                frames = frames.select(rows)
+            start = None if part.start is None else part.start[rows]
+            fitted = self._solved(frames, start, beam)
+            frames = self._without_odd_tips(frames, fitted, beam)
+            self._without_reading(frames, fitted)
+            self._with_drift(part[rows], fitted)
+            if len(rows) == count:
+                found = fitted
+            else:
+                found.put(begin + rows, fitted)
         return contacts_of(found, self._rig_arrays.rig, self.friction_rad, batch.pan_rad, batch.tilt_rad, self.model)
+
+    def _solved(self, frames: Frames, start: np.ndarray | None = None, beam: Beam | None = None) -> FitNumbers:
+        return solve(frames, self.model, start, None if beam is None else beam.pieces_m, self.jobs)
 
     def _without_odd_tips(self, frames: Frames, fitted: FitNumbers, beam: Beam | None) -> Frames:
         """Fit frames whose antenna's end lies where it cannot be without it: something else ended there. As used."""
         with np.errstate(invalid="ignore"):
-            rows = np.flatnonzero(np.abs(fitted.tip_std) > ODD_END)
-        if len(rows) == 0:
+            odd = np.abs(fitted.tip_std) > ODD_END
+        if not odd.any():
             return frames
-        odd = np.isin(np.arange(len(fitted)), rows)
-        kept = np.column_stack([np.ones((len(fitted), 2)), ~odd])
-        frames = replace(frames, available=frames.available * like(frames.available, kept))
-        alone = fit_numbers(solve(select(frames, as_index(like(frames.points, rows))), self.model), beam)
-        fitted.put(rows, replace(alone, tip_std=fitted.tip_std[rows]))
+        rows, tip_std = np.flatnonzero(odd), fitted.tip_std[odd]
+        frames = replace(frames, available=frames.available * np.column_stack([np.ones((len(fitted), 2)), ~odd]))
+        fitted.put(rows, self._solved(frames.select(rows), None, beam))
+        fitted.tip_std[rows] = tip_std
         return frames
 
     def _with_drift(self, batch: Batch, fitted: FitNumbers) -> None:
@@ -258,12 +251,10 @@ class ContactEstimator:
         rows = np.flatnonzero((fitted.evidence >= CONTACT_EVIDENCE) & unexplained(fitted))
         if len(rows) == 0:
             return
-        loose = RigArrays.from_rig(replace(self.rig, drift=DRIFTS["rough"]), self.friction_rad, np.empty(0))
-        parts = solve(batch[rows].frames(loose), self.model)
-        fitted.explained_drifted[rows] = ~unexplained(fit_numbers(parts))
-        for part in parts:
-            which = rows[plain(part.rows)]
-            fitted.drift_px[which], fitted.drift_readings[which] = drift_of(part.fits)
+        loose = RigArrays.from_rig(replace(self.rig, drift=DRIFTS["rough"]), self.friction_rad)
+        again = self._solved(batch[rows].frames(loose))
+        fitted.explained_drifted[rows] = ~unexplained(again)
+        fitted.drift_px[rows], fitted.drift_readings[rows] = again.drift_px, again.drift_readings
 
     def _without_reading(self, frames: Frames, fitted: FitNumbers) -> None:
         """Fit frames that no contact explains once more by the picture alone: does it contradict the readings?"""
@@ -271,9 +262,9 @@ class ContactEstimator:
         rows = np.flatnonzero(touching & unexplained(fitted) & fitted.sensor_available.any(axis=1))
         if len(rows) == 0:
             return
-        alone = select(frames, as_index(like(frames.points, rows)))
-        silent = replace(alone, available=alone.available * like(alone.available, [0.0, 0.0, 1.0]))
-        fitted.explained_alone[rows] = ~unexplained(fit_numbers(solve(silent, self.model)))
+        alone = frames.select(rows)
+        silent = replace(alone, available=alone.available * [0.0, 0.0, 1.0])
+        fitted.explained_alone[rows] = ~unexplained(self._solved(silent))
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,12 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 
 from estimator.solver.frames import Frames, frames_from_pixels
 from estimator.solver.rig_arrays import RigArrays
 from estimator.table.contacts import Measured
-from vbaa_calib.core.arrays import like
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.rig import Rig
 
@@ -57,9 +55,7 @@ class Batch:
         """As the solver takes them, for one rig."""
         rotation, _ = rig_arrays.rig.kinematics.world_antenna(self.pan_rad, self.tilt_rad)
         gravity = np.einsum("bji,j->bi", rotation, rig_arrays.rig.gravity_world_m_s2)
-        values = (self.points_px, self.sigma_px, self.readings_Nm, self.tip_px, gravity)
-        owned = (np.require(each, float, ["C", "W"]) for each in values)
-        return frames_from_pixels(rig_arrays, *(like(rig_arrays.prior, each) for each in owned))
+        return frames_from_pixels(rig_arrays, self.points_px, self.sigma_px, self.readings_Nm, self.tip_px, gravity)
 
     @staticmethod
     def of(several: Sequence[Measured], warm: np.ndarray | None = None) -> Batch:
@@ -97,16 +93,6 @@ class Batch:
         sigma = _deviations(points, rig.image.noise_px if sigma_px is None else sigma_px)
         no_tips = np.full((len(points), 3), np.nan)
         return Batch(*_in_order(points, sigma), np.stack(list(moments.values()), axis=-1), no_tips, *angles)
-
-
-def checked_device(name: str) -> torch.device:
-    """The torch device. Raises InputError when it cannot be used."""
-    try:
-        torch.ones(1, dtype=torch.float64, device=name).item()
-    except (RuntimeError, TypeError, AssertionError) as error:
-        what = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise InputError(f"device {name!r}: {what}", remedy="cpu is always there") from None
-    return torch.device(name)
 
 
 def _end(tip_px: np.ndarray) -> np.ndarray:

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimator.solver.convergence import NEAREST
-from estimator.solver.ladder import SMALL_BIAS
+from estimator.solver.convergence import MOST_EVALUATIONS, NEAREST
+from estimator.solver.numbers import SMALL_BIAS, FitNumbers
 from vbaa_calib.antenna.rungs import RUNGS
 from vbaa_calib.core.robust import chi_square_p
-
-from .quantities import FitNumbers
 
 FEWEST_POINTS = 5
 CONTACT_EVIDENCE = 14.0
@@ -174,7 +172,8 @@ def _misfit(numbers: FitNumbers, length_m: float) -> str:
     if scatter > WRONG_SHAPE or (scatter > 1.0 and _mirrored(numbers)[0]):
         return f"the shape is not that of one contact: points lie {scatter:.1f} std off or more"
     if not numbers.converged[0]:
-        return "the fit did not converge"
+        given_up = numbers.evaluations[0] >= MOST_EVALUATIONS
+        return f"the fit did not converge{f' in {MOST_EVALUATIONS} evaluations of the model' if given_up else ''}"
     return f"picture and moment contradict each other by {_disagreement(numbers)[0]:.0f} std: check the sensor"
 
 

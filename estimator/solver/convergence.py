@@ -1,24 +1,35 @@
-"""Levenberg–Marquardt for many frames at once, and the steps around it that make fits converge."""
+"""Levenberg–Marquardt for one frame, and the steps around it that make a fit converge."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import numpy as np
 
-from vbaa_calib.core.arrays import Array, arange_like, namespace, true_indices
+from vbaa_calib.antenna.lanes import LANES
+from vbaa_calib.core.compiled import compiled, record
 from vbaa_calib.core.robust import MAD_SCALE
 
-from .frames import Frames
-from .normal_equations import NormalEquations, Problem, solve_normal_equations
-from .prediction import LINEAR, TIP, predict, rig_jacobian
-from .rig_arrays import UNKNOWNS, RigArrays
-from .rows import concatenate, select, where
-from .state import Fits, State, evaluate, initial_state
+from .fit import (
+    AT_TIP,
+    CONVERGED,
+    COST,
+    NODES,
+    SCATTER,
+    Fit,
+    copy_columns,
+    copy_fit,
+    copy_state,
+    empty_fit,
+)
+from .linear_algebra import factorise, fill, put, solve_factorised
+from .normal_equations import evaluate, linearise, nearest_feet, normal_equations
+from .prediction import LINEAR, TIP, Bent, empty_bent, predict, rig_jacobian
+from .rig_arrays import UNKNOWNS, tip_deflection
 
 NEAREST = 0.03
 """Least contact distance that is searched, in antenna lengths."""
 EXCESS_SCATTER = 3.5
 """N points whose median residual exceeds its expectation by this over √N scatter more than noise: three deviations."""
-_ITERATIONS, _COARSE_ITERATIONS = 40, 5
+_ITERATIONS, COARSE_ITERATIONS = 40, 5
 _TOLERANCE, _COARSE_TOLERANCE = 1e-4, 1e-2
 """A step that promises to lower the cost by less is the last: a hundredth of a standard deviation, or a tenth."""
 _NEGLIGIBLE = 0.1
@@ -27,8 +38,6 @@ _COST_NOISE = 1e-3
 """A rise of the cost by less is none: it is no better known while the feet are not yet the nearest."""
 _LARGEST_FRICTION = 4.0
 """Largest friction angle that is searched, in standard deviations of its prior."""
-_REPACK = 0.9
-"""The batch is packed anew when no more than this part of it is still on its way."""
 _DAMPING = 1e-3
 """Least damping, on a unit diagonal, after a step that was poorly predicted."""
 _MOST_COST = 100.0
@@ -45,250 +54,268 @@ _MOST_SCATTER = 5.0
 """Largest scatter: with more, a fit would end at its priors."""
 _ROUNDS, _SCATTER_CHANGE = 3, 0.1
 """The scatter is estimated again until it changes by less than this part."""
-_HOPELESS, _HOPELESS_FACTOR = 50.0, 4.0
-"""A minimum that costs this many times the lowest one, and this much more, is dropped."""
+MOST_EVALUATIONS = 400
+"""Evaluations of the model after which a frame is given up: sound frames take 3 to 30, by vision alone up to 200."""
 _POLISH_TOLERANCE, _POLISH_ITERATIONS = 1e-6, 3
-_SAME_MINIMUM = 1e-2
-"""Minima whose distances differ by less, in antenna lengths, are taken for the same."""
 
 
-def converge(frames: Frames, rung: str, unknowns: Array, feet_m: Array | None = None) -> Fits:
-    """The minima reached from unknowns (B, 4). `feet_m` (B, N): feet near the right ones, if known.
-
-    What neither noise nor rig explains — a second contact, a kink — must not be fitted as if it were exact, nor must
-    most points count as outliers for it: such frames are fitted again with the scatter of their points.
-    """
-    fits = _initial_fits(frames, rung, unknowns, feet_m)
-    fits = _with_rig(fits) if frames.rig_arrays.steps else _descend(fits)
-    for _ in range(_ROUNDS):
-        estimate = _scatter(fits.problem)
-        changed = abs(estimate - fits.state.scatter) > _SCATTER_CHANGE * fits.state.scatter
-        if not bool(changed.any()):
-            break
-        rows, state = true_indices(changed), replace(fits.state, scatter=estimate)
-        part = select(fits, rows)
-        restart = evaluate(part.frames, part.rung, part.by_rig, select(state, rows), part.prediction)
-        fits = fits.with_rows(rows, _descend(restart))
-    near = fits.state.unknowns[:, 0] > TIP - _NEAR_TIP
-    return _fixed_at_tip(fits, near) if bool(near.any()) else fits
-
-
-def polish(fits: Fits) -> Fits:
-    """The same minima to a few ten-thousandths of a deviation: whether a last step was taken must not show."""
-    near = _descend(fits, _POLISH_TOLERANCE, _POLISH_ITERATIONS)
-    return replace(near, state=replace(near.state, converged=fits.state.converged))
-
-
-def coarse_minima(
-    frames: Frames,
-    rung: str,
-    starts: Array,
-    costs: Array,
-    feet_m: Array | None = None,
-    iterations: int = _COARSE_ITERATIONS,
-) -> tuple[Array, Array]:
-    """Rough minima (B, S, 4) reached from starts (B, S, 4), lowest first, and their costs (B, S).
-
-    Starts of infinite cost, minima that another start reached too, and hopeless ones come out with infinite cost.
-    """
-    xp = namespace(starts)
-    count, width = starts.shape[:2]
-    useful = (xp.isfinite(costs) & xp.isfinite(starts).all(-1)).reshape(-1)
-    if not bool(useful.any()):
-        return starts, xp.full_like(costs, xp.inf)
-    index = true_indices(useful)
-    feet = None if feet_m is None else feet_m[index // width]
-    first = _initial_fits(select(frames, index // width), rung, starts.reshape(-1, UNKNOWNS)[useful], feet)
-    state = _descend(first, _COARSE_TOLERANCE, iterations).state
-    minima, total = starts.reshape(-1, UNKNOWNS) + 0.0, xp.full_like(costs.reshape(-1), xp.inf)
-    minima[useful] = state.unknowns
-    total[useful] = state.cost
-    minima, total = minima.reshape(count, width, UNKNOWNS), total.reshape(count, width)
-    order = xp.argsort(total, -1)
-    every = arange_like(total, count)[:, None]
-    minima, total = minima[every, order], total[every, order]
-    apart = xp.abs(minima[:, 1:, 0] - minima[:, :1, 0]) > _SAME_MINIMUM
-    keep = apart & (total[:, 1:] < _HOPELESS_FACTOR * total[:, :1] + _HOPELESS)
-    total[:, 1:] = xp.where(keep, total[:, 1:], xp.full_like(total[:, 1:], xp.inf))
-    return minima, total
-
-
-def _scatter(problem: Problem) -> Array:
-    """(B,) median residual of the points over its expectation, 1 unless it is too large for noise."""
-    xp = namespace(problem.scatter)
-    present = problem.points.precision > 0.0
-    size = xp.where(present, xp.abs(problem.whitened(problem.points.distance)), xp.inf)
-    count = present.sum(-1)
-    every, middle = arange_like(size, len(size)), count // 2
-    median = MAD_SCALE * size[every, xp.argsort(size, -1)[every, middle]] * problem.scatter
-    excess = median > 1.0 + EXCESS_SCATTER / xp.sqrt(count + 0.0)
-    return xp.where(excess, xp.clip(median, None, _MOST_SCATTER), xp.ones_like(median))
-
-
-def _initial_fits(frames: Frames, rung: str, unknowns: Array, feet_m: Array | None) -> Fits:
-    """Fits at unknowns (B, 4), with the rig's derivatives for small deflections."""
-    prediction = predict(frames, rung, unknowns)
-    by_rig = rig_jacobian(frames, LINEAR, unknowns, prediction)
-    return evaluate(frames, rung, by_rig, initial_state(frames, prediction, unknowns, feet_m), prediction)
-
-
-def _with_rig(start: Fits) -> Fits:
-    """Minima with the rig's derivatives taken near them: where a rough descent ends."""
-    rough = _descend(start, _COARSE_TOLERANCE)
-    fits, unknowns = _descend(_renewed(rough)), rough.state.unknowns
-    for _ in range(_ROUNDS):
-        far = _moved_far(fits.frames.rig_arrays, unknowns, fits.state.unknowns)
-        if not bool(far.any()):
-            break
-        rows, unknowns = true_indices(far), fits.state.unknowns
-        fits = fits.with_rows(rows, _descend(_renewed(select(fits, rows))))
-    return fits
-
-
-def _moved_far(rig_arrays: RigArrays, start: Array, end: Array) -> Array:
-    """(B,) whether a descent went so far that the rig's derivatives have changed."""
-    xp = namespace(start)
-    first, last = (u[:, 1:3] * rig_arrays.tip_deflection(u[:, :1]) for u in (start, end))
-    bent = xp.hypot(last[:, 0] - first[:, 0], last[:, 1] - first[:, 1])
-    return (xp.abs(end[:, 0] - start[:, 0]) > _FAR) | (bent > _FAR)
-
-
-def _renewed(fits: Fits) -> Fits:
-    """The fits with the rig's derivatives at their own state."""
-    by_rig = rig_jacobian(fits.frames, fits.rung, fits.state.unknowns, fits.prediction)
-    return evaluate(fits.frames, fits.rung, by_rig, fits.state, fits.prediction)
-
-
-def _fixed_at_tip(fits: Fits, near: Array) -> Fits:
-    """The fits, with distances fixed at the tip that the data cannot tell from it."""
-    xp = namespace(near)
-    rows = true_indices(near)
-    free = select(fits, rows)
-    unknowns = xp.concat([xp.ones_like(free.state.unknowns[:, :1]) * TIP, free.state.unknowns[:, 1:]], -1)
-    state = replace(free.state, unknowns=unknowns, at_tip=near[rows])
-    fixed = _descend(evaluate(free.frames, free.rung, free.by_rig, state))
-    better = fixed.state.cost <= free.state.cost + _TIP_COST
-    return fits.with_rows(rows[better], select(fixed, better)) if bool(better.any()) else fits
-
-
-@dataclass(frozen=True, eq=False)
-class _Descent:
-    """B descents on their way.
-
-    A step that raises the cost is accepted once, since along a bent valley the next one may lower it; if that one does
-    not either, the descent goes on from its lowest state, damped.
+@record
+class Work:
+    """Scratch room for one frame at a time.
 
     Attributes
     ----------
-    now : the fits; those that went back have only their state and equations.
-    lowest, lowest_equations : the lowest states so far, and their equations.
-    damping : (B,) of the next step.
-    uphill : (B,) bool, the last step raised the cost.
-    stale : (B,) bool, the prediction is not the lowest state's.
-    done : (B,) bool, nothing is left to be gained.
+    one, two, three : fits between which a descent changes. spare : a fit that no descent touches.
+    shift : (M,). product : (M, K). factor : (K, K). scale, step : (K,). start : (4,).
+    evaluations : (1,) of the model so far.
     """
 
-    now: Fits
-    lowest: State
-    lowest_equations: NormalEquations
-    damping: Array
-    uphill: Array
-    stale: Array
-    done: Array
+    bent: Bent
+    one: Fit
+    two: Fit
+    three: Fit
+    spare: Fit
+    shift: np.ndarray
+    product: np.ndarray
+    factor: np.ndarray
+    scale: np.ndarray
+    step: np.ndarray
+    start: np.ndarray
+    evaluations: np.ndarray
 
 
-def _descend(start: Fits, tolerance: float = _TOLERANCE, iterations: int = _ITERATIONS) -> Fits:
-    """The minima below B fits, each `converged` or not."""
-    xp, no = namespace(start.state.scatter), start.state.at_tip & ~start.state.at_tip
-    descent = _Descent(start, start.state, start.equations, xp.zeros_like(start.state.scatter), no, no, no)
-    todo, arrived = arange_like(start.state.scatter, len(start.frames)), []
-    for _ in range(iterations):
-        step, promise = _step(descent)
-        descent = replace(descent, done=descent.done | ((promise < _NEGLIGIBLE * tolerance) & ~descent.uphill))
-        going = ~descent.done | descent.stale
-        left = int(going.sum())
-        if left == 0:
+@compiled
+def empty_work(rig, lens, points):
+    """Scratch room for frames of so many points."""
+    steps = rig.axes.shape[1] + len(rig.line)
+    wide = (UNKNOWNS + steps + LANES - 1) // LANES * LANES
+    return Work(
+        empty_bent(rig, lens),
+        empty_fit(points, steps),
+        empty_fit(points, steps),
+        empty_fit(points, steps),
+        empty_fit(points, steps),
+        np.empty(NODES),
+        np.empty((NODES, wide)),
+        np.empty((wide, wide)),
+        np.empty(wide),
+        np.empty(wide),
+        np.empty(UNKNOWNS),
+        np.zeros(1, np.int64),
+    )
+
+
+@compiled
+def converge(rig, frame, rung, fit, work, with_feet):
+    """The minimum reached from the fit's unknowns, with the rig as calibrated and feet near the right ones, if known.
+
+    What neither noise nor rig explains — a second contact, a kink — must not be fitted as if it were exact, nor must
+    most points count as outliers for it: such a frame is fitted again with the scatter of its points.
+    """
+    _begin(rig, frame, rung, fit, work, with_feet)
+    if len(fit.steps):
+        _with_rig(rig, frame, rung, fit, work)
+    else:
+        _descend(rig, frame, rung, fit, work, _TOLERANCE, _ITERATIONS)
+    for _ in range(_ROUNDS):
+        before, scatter = fit.numbers[SCATTER], _scatter(fit)
+        if not abs(scatter - before) > _SCATTER_CHANGE * before:
             break
-        if left <= _REPACK * len(going):
-            arrived.append((todo[~going], _lowest(select(descent, ~going))))
-            descent, todo, step, promise = select(descent, going), todo[going], step[going], promise[going]
-        descent = _advance(descent, step, promise, promise < tolerance)
-    if not arrived:
-        return _lowest(descent)
-    arrived.append((todo, _lowest(descent)))
-    order = xp.argsort(xp.concat([rows for rows, _ in arrived]))
-    parts = ("state", "prediction", "problem", "equations")
-    return replace(start, **{name: concatenate([getattr(one, name) for _, one in arrived], order) for name in parts})
+        fit.numbers[SCATTER] = scatter
+        _again(rig, frame, fit, work)
+        _descend(rig, frame, rung, fit, work, _TOLERANCE, _ITERATIONS)
+    if fit.unknowns[0] > TIP - _NEAR_TIP:
+        _fixed_at_tip(rig, frame, rung, fit, work)
 
 
-def _advance(descent: _Descent, step: Array, promise: Array, last: Array) -> _Descent:
-    """After a step, the last one for some (B,); who is done stays at the lowest state."""
-    xp, before = namespace(promise), descent.now
-    step = xp.where(descent.done[:, None], xp.zeros_like(step), step)
-    unknowns = moved_unknowns(before.frames.rig_arrays, before.state.unknowns, step[:, :UNKNOWNS])
-    state = replace(before.state, unknowns=unknowns, rig_steps=before.state.rig_steps + step[:, UNKNOWNS:])
-    trial = evaluate(before.frames, before.rung, before.by_rig, state)
-    better = (trial.state.cost <= descent.lowest.cost + _COST_NOISE) | descent.done
-    done = descent.done | (last & ~descent.uphill)
-    gain = (before.state.cost - trial.state.cost) / xp.clip(promise, 1e-300, None)
-    damping = xp.where(gain > 0.75, 0.1 * descent.damping, descent.damping)
-    damping = xp.where(gain < 0.25, xp.clip(4.0 * descent.damping, _DAMPING, None), damping)
-    if bool(better.all()):
-        return _Descent(trial, trial.state, trial.equations, damping, ~better, ~better, done)
-    lowest = where(better, trial.state, descent.lowest)
-    equations = where(better, trial.equations, descent.lowest_equations)
-    back = ~better & (descent.uphill | done | ~(trial.state.cost < _MOST_COST * descent.lowest.cost))
-    now = replace(trial, state=where(back, lowest, trial.state), equations=where(back, equations, trial.equations))
-    raised = xp.where(back, xp.clip(10.0 * descent.damping, _DAMPING, None), descent.damping)
-    return _Descent(now, lowest, equations, xp.where(better, damping, raised), ~better & ~back, ~better, done)
+@compiled
+def polish(rig, frame, rung, fit, work):
+    """The same minimum to a few ten-thousandths of a deviation: whether a last step was taken must not show."""
+    converged = fit.numbers[CONVERGED]
+    _descend(rig, frame, rung, fit, work, _POLISH_TOLERANCE, _POLISH_ITERATIONS)
+    fit.numbers[CONVERGED] = converged
 
 
-def _lowest(descent: _Descent) -> Fits:
-    """The fits at the lowest states."""
-    found = replace(descent.now, state=replace(descent.lowest, converged=descent.done))
-    if bool(descent.stale.any()):
-        rows = true_indices(descent.stale)
-        part = select(found, rows)
-        found = found.with_rows(rows, evaluate(part.frames, part.rung, part.by_rig, part.state))
-    return found
+@compiled
+def coarse_minimum(rig, frame, rung, fit, work, with_feet, iterations):
+    """A rough minimum reached from the fit's unknowns."""
+    _begin(rig, frame, rung, fit, work, with_feet)
+    _descend(rig, frame, rung, fit, work, _COARSE_TOLERANCE, iterations)
 
 
-def moved_unknowns(rig_arrays: RigArrays, unknowns: Array, step: Array) -> Array:
-    """Unknowns (B, 4) after a step (B, 4), taken straight in the clamp's moment: in the force its valley is bent."""
-    xp = namespace(unknowns)
-    old, distance = unknowns[:, :1], unknowns[:, :1] + step[:, :1]
-    distance = xp.minimum(xp.maximum(distance, xp.clip(0.5 * old, NEAREST, None)), xp.ones_like(old) * TIP)
-    friction = xp.clip(unknowns[:, 3:] + step[:, 3:], -_LARGEST_FRICTION, _LARGEST_FRICTION)
-    lever, ahead = _lever(rig_arrays, unknowns), _lever(rig_arrays, unknowns + _AHEAD * step)
-    force = unknowns[:, 1:3]
-    moment = lever * (force + step[:, 1:3]) + (ahead - lever) / _AHEAD * force
+@compiled
+def _begin(rig, frame, rung, fit, work, with_feet):
+    """The fit at its unknowns, with the rig as calibrated and its derivatives for small deflections."""
+    fill(fit.steps, 0.0)
+    fit.numbers[SCATTER] = 1.0
+    fit.numbers[CONVERGED] = 0.0
+    fit.numbers[AT_TIP] = 0.0
+    predict(rig, frame, rung, work.bent, fit, True)
+    rig_jacobian(rig, frame, LINEAR, work.bent, fit)
+    if not with_feet:
+        nearest_feet(rig, frame, fit)
+    _again(rig, frame, fit, work)
+
+
+@compiled
+def _again(rig, frame, fit, work):
+    """Residuals and normal equations again, of the same prediction."""
+    linearise(rig, frame, fit, work)
+    normal_equations(rig, fit, 0, work.product)
+
+
+@compiled
+def _with_rig(rig, frame, rung, fit, work):
+    """The minimum with the rig's derivatives taken near it: where a rough descent ends."""
+    _descend(rig, frame, rung, fit, work, _COARSE_TOLERANCE, _ITERATIONS)
+    for turn in range(1 + _ROUNDS):
+        if turn > 0 and not _moved_far(rig, work.start, fit.unknowns):
+            break
+        put(fit.unknowns, work.start)
+        rig_jacobian(rig, frame, rung, work.bent, fit)
+        _again(rig, frame, fit, work)
+        _descend(rig, frame, rung, fit, work, _TOLERANCE, _ITERATIONS)
+
+
+@compiled
+def _moved_far(rig, start, end):
+    """Whether a descent went so far that the rig's derivatives have changed."""
+    first, last = tip_deflection(rig, start[0]), tip_deflection(rig, end[0])
+    bent = np.hypot(end[1] * last - start[1] * first, end[2] * last - start[2] * first)
+    return abs(end[0] - start[0]) > _FAR or bent > _FAR
+
+
+@compiled
+def _scatter(fit):
+    """Median residual of the points over its expectation, 1 unless it is too large for noise."""
+    count = len(fit.distance)
+    if count == 0:
+        return 1.0
+    size = np.abs(fit.distance) * np.sqrt(fit.precision)
+    median = MAD_SCALE * np.partition(size, count // 2)[count // 2]
+    if median > 1.0 + EXCESS_SCATTER / np.sqrt(count):
+        return min(median, _MOST_SCATTER)
+    return 1.0
+
+
+@compiled
+def _fixed_at_tip(rig, frame, rung, fit, work):
+    """The fit, its distance fixed at the tip if the data cannot tell it from there."""
+    free = work.spare
+    copy_fit(fit, free)
+    fit.unknowns[0] = TIP
+    fit.numbers[AT_TIP] = 1.0
+    evaluate(rig, frame, rung, fit, work)
+    _descend(rig, frame, rung, fit, work, _TOLERANCE, _ITERATIONS)
+    if not fit.numbers[COST] <= free.numbers[COST] + _TIP_COST:
+        copy_fit(free, fit)
+
+
+@compiled
+def _descend(rig, frame, rung, fit, work, tolerance, iterations):
+    """The minimum below a fit, `CONVERGED` or not.
+
+    A step that raises the cost is accepted once, since along a bent valley the next one may lower it; if that one does
+    not either, the descent goes on from its lowest state, damped.
+    """
+    fits = (fit, work.one, work.two)
+    copy_columns(fit, work.one)
+    copy_columns(fit, work.two)
+    lowest, now, damping = 0, 0, 0.0
+    uphill, stale, done = False, False, False
+    step, size = work.step, fit.size
+    for _ in range(iterations):
+        before, best = fits[now], fits[lowest]
+        promise = _step(rig, before, damping, work)
+        done = done or (promise < _NEGLIGIBLE * tolerance and not uphill)
+        if (done and not stale) or work.evaluations[0] >= MOST_EVALUATIONS:
+            break
+        if done:
+            fill(step, 0.0)
+        last = promise < tolerance
+        other = 3 - lowest - now if lowest != now else (lowest + 1) % 3
+        trial = fits[other]
+        copy_state(before, trial)
+        moved_unknowns(rig, before.unknowns, step, trial.unknowns)
+        for k in range(size - UNKNOWNS):
+            trial.steps[k] += step[UNKNOWNS + k]
+        evaluate(rig, frame, rung, trial, work)
+        cost, least = trial.numbers[COST], best.numbers[COST]
+        better = cost <= least + _COST_NOISE or done
+        done = done or (last and not uphill)
+        gain = (before.numbers[COST] - cost) / max(promise, 1e-300)
+        if better:
+            if gain > 0.75:
+                damping *= 0.1
+            elif gain < 0.25:
+                damping = max(4.0 * damping, _DAMPING)
+            lowest, now, uphill, stale = other, other, False, False
+            continue
+        back = uphill or done or not cost < _MOST_COST * least
+        now = lowest if back else other
+        if back:
+            damping = max(10.0 * damping, _DAMPING)
+        uphill, stale = not back, True
+    if lowest != 0:
+        copy_fit(fits[lowest], fit)
+    fit.numbers[CONVERGED] = 1.0 if done else 0.0
+    if stale:
+        evaluate(rig, frame, rung, fit, work)
+
+
+@compiled
+def moved_unknowns(rig, unknowns, step, moved):
+    """Unknowns (4,) after a step, taken straight in the clamp's moment: in the force its valley is bent."""
+    old = unknowns[0]
+    distance = min(max(old + step[0], max(0.5 * old, NEAREST)), TIP)
+    friction = min(max(unknowns[3] + step[3], -_LARGEST_FRICTION), _LARGEST_FRICTION)
+    force_y, force_z = unknowns[1], unknowns[2]
+    lever = _lever(rig, old, force_y, force_z, unknowns[3])
+    ahead = _lever(
+        rig,
+        old + _AHEAD * step[0],
+        force_y + _AHEAD * step[1],
+        force_z + _AHEAD * step[2],
+        unknowns[3] + _AHEAD * step[3],
+    )
+    change = (ahead - lever) / _AHEAD
+    moment_y = lever * (force_y + step[1]) + change * force_y
+    moment_z = lever * (force_z + step[2]) + change * force_z
     for _ in range(2):
-        force = moment / _lever(rig_arrays, xp.concat([distance, force, friction], -1))
-    return xp.concat([distance, force, friction], -1)
+        there = _lever(rig, distance, force_y, force_z, friction)
+        force_y, force_z = moment_y / there, moment_z / there
+    moved[0], moved[1], moved[2], moved[3] = distance, force_y, force_z, friction
 
 
-def _lever(rig_arrays: RigArrays, unknowns: Array) -> Array:
-    """(B, 1) the clamp's moment per force, in antenna lengths; friction adds the load F·l²/EI over 6 to it."""
-    xp = namespace(unknowns)
-    distance, force, friction = unknowns[:, :1], unknowns[:, 1:3], unknowns[:, 3:]
-    load = rig_arrays.unit_load * xp.hypot(force[:, :1], force[:, 1:]) * distance * distance
-    return distance * xp.clip(1.0 - xp.tan(rig_arrays.friction_rad * friction) * load / 6.0, 0.2, 5.0)
+@compiled
+def _lever(rig, distance, force_y, force_z, friction):
+    """The clamp's moment per force, in antenna lengths; friction adds the load F·l²/EI over 6 to it."""
+    load = rig.unit_load * np.hypot(force_y, force_z) * distance * distance
+    return distance * min(max(1.0 - np.tan(rig.friction_rad * friction) * load / 6.0, 0.2), 5.0)
 
 
-def _step(descent: _Descent) -> tuple[Array, Array]:
-    """Levenberg–Marquardt steps (B, K), and by how much each promises to lower the cost (B,)."""
-    equations, state, rig_arrays = descent.now.equations, descent.now.state, descent.now.frames.rig_arrays
-    xp = namespace(descent.damping)
-    step = solve_normal_equations(equations.information, equations.right_side, descent.damping)
-    distance = state.unknowns[:, 0]
-    fixed = state.at_tip | ((distance <= NEAREST) & (step[:, 0] < 0.0)) | ((distance >= TIP) & (step[:, 0] > 0.0))
-    if bool(fixed.any()):
-        free = xp.ones_like(step)
-        free[:, 0] = xp.where(fixed, xp.zeros_like(distance), free[:, 0])
-        information = equations.information * (free[:, :, None] * free[:, None])
-        information[:, 0, 0] += 1.0 - free[:, 0]
-        step = solve_normal_equations(information, equations.right_side * free, descent.damping) * free
-    sway = xp.hypot(step[:, 1], step[:, 2]) * rig_arrays.tip_deflection(distance)
-    step = step * xp.clip(_LONGEST / xp.clip(sway, 1e-12, None), None, 1.0)[:, None]
-    curvature = (equations.information @ step[..., None])[..., 0]
-    return step, ((equations.right_side - 0.5 * curvature) * step).sum(-1)
+@compiled
+def _step(rig, fit, damping, work):
+    """Levenberg–Marquardt's step (K,) from a fit, into `work.step`, and by how much it promises to lower the cost."""
+    information, side, step, size = fit.information, fit.side, work.step, fit.size
+    distance = fit.unknowns[0]
+    fixed = fit.numbers[AT_TIP] > 0.0
+    if not fixed:
+        factorise(information, 0, size, damping, work.factor, work.scale)
+        solve_factorised(work.factor, work.scale, size, side, step)
+        fixed = (distance <= NEAREST and step[0] < 0.0) or (distance >= TIP and step[0] > 0.0)
+    if fixed:
+        step[0] = 0.0
+        factorise(information, 1, size - 1, damping, work.factor, work.scale)
+        solve_factorised(work.factor, work.scale, size - 1, side[1:], step[1:])
+    bent = np.hypot(step[1], step[2]) * tip_deflection(rig, distance)
+    shorter = min(_LONGEST / max(bent, 1e-12), 1.0)
+    promise = 0.0
+    for a in range(size):
+        step[a] *= shorter
+    for a in range(size):
+        curvature = 0.0
+        for b in range(size):
+            curvature += information[a, b] * step[b]
+        promise += (side[a] - 0.5 * curvature) * step[a]
+    return promise

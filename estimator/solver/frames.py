@@ -1,10 +1,14 @@
-"""Many frames' data, padded to one length, in ideal image coordinates."""
+"""Many frames' data, padded to one length, in ideal image coordinates; one frame's, as compiled functions take it."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from typing import NamedTuple
 
-from vbaa_calib.core.arrays import Array, arange_like, namespace
+import numpy as np
+
+from vbaa_calib.camera.compiled_lens import Lens, normalized_of_pixels
+from vbaa_calib.core.compiled import compiled, kernel, record
 
 from .rig_arrays import RigArrays
 
@@ -16,91 +20,167 @@ class Frames:
     Attributes
     ----------
     points : (B, N, 2) in ideal normalized coordinates (the plane one unit before the camera).
-    covariance : three (B, N) of each point: xx, xy, yy.
+    covariance : (B, N, 3) of each point: xx, xy, yy.
     usable : (B, N) 1 for a point, 0 for padding and missing points, whose values are finite.
     moment_Nm : (B, 2) read by the sensors about y and z.
-    tip : (B, 2) the antenna's end, as the points. tip_covariance : three (B,) likewise.
+    tip : (B, 2) the antenna's end, as the points. tip_covariance : (B, 3) likewise.
     available : (B, 3) 1 where there is a reading about y, about z, and an end, else 0.
     gravity_m_s2 : (B, 3) antenna frame.
     """
 
     rig_arrays: RigArrays
-    points: Array
-    covariance: tuple[Array, Array, Array]
-    usable: Array
-    moment_Nm: Array
-    tip: Array
-    tip_covariance: tuple[Array, Array, Array]
-    available: Array
-    gravity_m_s2: Array
+    points: np.ndarray
+    covariance: np.ndarray
+    usable: np.ndarray
+    moment_Nm: np.ndarray
+    tip: np.ndarray
+    tip_covariance: np.ndarray
+    available: np.ndarray
+    gravity_m_s2: np.ndarray
 
     def __len__(self) -> int:
         return len(self.points)
 
-    @property
-    def sensor_available(self) -> Array:
-        """(B, 2) 1 where there is a reading, else 0."""
-        return self.available[:, :2]
+    def select(self, which: np.ndarray) -> Frames:
+        """Some of the frames, by index or mask."""
+        return replace(self, **{f.name: getattr(self, f.name)[which] for f in fields(self)[1:]})
 
-    def subsample(self, most: int) -> tuple[Frames, Array]:
-        """Every n-th usable point of each frame, about `most` of them, and their indices (B, W)."""
-        xp = namespace(self.usable)
-        rank = xp.cumsum(self.usable, 1) - 1.0
-        every = xp.clip(xp.floor(self.usable.sum(1) / most), 1.0, None)[:, None]
-        kept = (self.usable > 0.0) & (rank - every * xp.floor(rank / every) < 0.5)
-        count = self.usable.shape[1]
-        order = xp.where(kept, 0.0 * rank, 0.0 * rank + count) + arange_like(rank, count)
-        index = xp.argsort(order, -1)[:, : max(int(kept.sum(1).max()), 1)]
-        rows = arange_like(rank, len(rank))[:, None]
-        thin = replace(
-            self,
-            points=self.points[rows, index],
-            covariance=tuple(part[rows, index] for part in self.covariance),
-            usable=(self.usable * kept)[rows, index],
-        )
-        return thin, index
+    @property
+    def tables(self) -> FrameTables:
+        """For compiled functions."""
+        return FrameTables(*(np.ascontiguousarray(getattr(self, f.name), float) for f in fields(self)[1:]))
+
+
+class FrameTables(NamedTuple):
+    """The arrays of `Frames`."""
+
+    points: np.ndarray
+    covariance: np.ndarray
+    usable: np.ndarray
+    moment_Nm: np.ndarray
+    tip: np.ndarray
+    tip_covariance: np.ndarray
+    available: np.ndarray
+    gravity_m_s2: np.ndarray
+
+
+@record
+class Frame:
+    """One frame: u, v, xx, xy, yy (N,) of its usable points alone, and the rest as in `Frames`."""
+
+    u: np.ndarray
+    v: np.ndarray
+    xx: np.ndarray
+    xy: np.ndarray
+    yy: np.ndarray
+    moment_Nm: np.ndarray
+    tip: np.ndarray
+    tip_covariance: np.ndarray
+    available: np.ndarray
+    gravity_m_s2: np.ndarray
+
+
+@compiled
+def frame_of(tables, index):
+    """One of the frames."""
+    usable = tables.usable[index]
+    count = 0
+    for i in range(len(usable)):
+        count += usable[i] > 0.0
+    u, v, xx, xy, yy = np.empty(count), np.empty(count), np.empty(count), np.empty(count), np.empty(count)
+    row = 0
+    for i in range(len(usable)):
+        if usable[i] > 0.0:
+            u[row], v[row] = tables.points[index, i, 0], tables.points[index, i, 1]
+            xx[row] = tables.covariance[index, i, 0]
+            xy[row] = tables.covariance[index, i, 1]
+            yy[row] = tables.covariance[index, i, 2]
+            row += 1
+    readings = tables.moment_Nm[index], tables.tip[index], tables.tip_covariance[index], tables.available[index]
+    return Frame(u, v, xx, xy, yy, readings[0], readings[1], readings[2], readings[3], tables.gravity_m_s2[index])
+
+
+@compiled
+def thinned(frame, most):
+    """Every n-th point of a frame, about `most` of them, and n."""
+    every = max(len(frame.u) // most, 1)
+    parts = frame.u[::every].copy(), frame.v[::every].copy()
+    spread = frame.xx[::every].copy(), frame.xy[::every].copy(), frame.yy[::every].copy()
+    few = Frame(
+        parts[0],
+        parts[1],
+        spread[0],
+        spread[1],
+        spread[2],
+        frame.moment_Nm,
+        frame.tip,
+        frame.tip_covariance,
+        frame.available,
+        frame.gravity_m_s2,
+    )
+    return few, every
 
 
 def frames_from_pixels(
-    rig_arrays: RigArrays, points_px: Array, sigma_px: Array, moment_Nm: Array, tip_px: Array, gravity_m_s2: Array
+    rig_arrays: RigArrays,
+    points_px: np.ndarray,
+    sigma_px: np.ndarray,
+    moment_Nm: np.ndarray,
+    tip_px: np.ndarray,
+    gravity_m_s2: np.ndarray,
 ) -> Frames:
     """Frames of pixels (B, N, 2) with deviations (B, N) across the antenna; what is not finite counts as missing.
 
     `moment_Nm` (B, 2): NaN where there is no reading. `tip_px` (B, 3): the antenna's end and its deviation along it.
     `gravity_m_s2` (B, 3) in the antenna frame.
     """
-    xp = namespace(points_px)
-    # the ends last, as one more point
-    points, covariance, usable = _seen(
-        rig_arrays,
-        xp.concat([points_px, tip_px[:, None, :2]], 1),
-        xp.concat([sigma_px, tip_px[:, 2:]], 1),
-    )
-    with_tip = usable[:, -1:] * (0.0 if rig_arrays.rig.tip is None else 1.0)
-    read = xp.isfinite(moment_Nm) & (rig_arrays.gain != 0.0)
+    points, covariance, usable = _ideal(rig_arrays, points_px, sigma_px)
+    tip, tip_covariance, seen = _ideal(rig_arrays, tip_px[:, :2], tip_px[:, 2])
+    with_tip = seen * (0.0 if rig_arrays.rig.tip is None else 1.0)
+    read = np.isfinite(moment_Nm) & (rig_arrays.gain != 0.0)
+    available = np.column_stack([np.where(read, 1.0, 0.0), with_tip])
+    readings = np.where(read, moment_Nm, 0.0)
     return Frames(
-        rig_arrays,
-        points[:, :-1],
-        (covariance[0][:, :-1], covariance[1][:, :-1], covariance[2][:, :-1]),
-        usable[:, :-1],
-        xp.where(read, moment_Nm, xp.zeros_like(moment_Nm)),
-        points[:, -1],
-        (covariance[0][:, -1], covariance[1][:, -1], covariance[2][:, -1]),
-        xp.concat([xp.where(read, xp.ones_like(moment_Nm), xp.zeros_like(moment_Nm)), with_tip], 1),
-        gravity_m_s2,
+        rig_arrays, points, covariance, usable, readings, tip, tip_covariance, available, np.array(gravity_m_s2, float)
     )
 
 
-def _seen(rig_arrays: RigArrays, points_px: Array, sigma_px: Array) -> tuple[Array, tuple[Array, Array, Array], Array]:
-    """Pixels (B, N, 2) in normalized coordinates, their covariances xx, xy, yy (B, N), and 1 for usable ones (B, N)."""
-    xp = namespace(points_px)
-    present = xp.isfinite(points_px).all(-1) & xp.isfinite(sigma_px)
-    pixels = xp.where(present[..., None], points_px, xp.zeros_like(points_px))
-    points, slopes, valid = rig_arrays.rig.camera.normalized_with_slopes(pixels)
-    usable = present & valid
-    variance = xp.where(usable, sigma_px, xp.ones_like(sigma_px)) ** 2
-    ux, uy, vx, vy = (slopes[..., row, column] for row in (0, 1) for column in (0, 1))
-    ones, zeros = xp.ones_like(variance), xp.zeros_like(variance)
-    xx, yy = (xp.where(usable, variance * part, ones) for part in (ux * ux + uy * uy, vx * vx + vy * vy))
-    xy = xp.where(usable, variance * (ux * vx + uy * vy), zeros)
-    return xp.where(usable[..., None], points, xp.zeros_like(points)), (xx, xy, yy), xp.where(usable, ones, zeros)
+def _ideal(
+    rig_arrays: RigArrays, points_px: np.ndarray, sigma_px: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Pixels (..., 2) in normalized coordinates, their covariances (..., 3), and 1 for usable ones (...)."""
+    shape = points_px.shape[:-1]
+    flat = np.ascontiguousarray(points_px, float).reshape(-1, 2)
+    sigma = np.ascontiguousarray(sigma_px, float).reshape(-1)
+    points, covariance, usable = np.empty_like(flat), np.empty((len(flat), 3)), np.empty(len(flat))
+    _covariances(rig_arrays.lens, flat, sigma, points, covariance, usable)
+    hard = np.flatnonzero(usable < 0.0)
+    if len(hard):
+        values, slopes, valid = rig_arrays.rig.camera.normalized_with_slopes(flat[hard])
+        variance = (sigma[hard] ** 2)[:, None]
+        spread = np.stack([(slopes[:, a] * slopes[:, b]).sum(-1) for a, b in ((0, 0), (0, 1), (1, 1))], axis=-1)
+        points[hard] = np.where(valid[:, None], values, 0.0)
+        covariance[hard] = np.where(valid[:, None], variance * spread, [1.0, 0.0, 1.0])
+        usable[hard] = valid
+    return points.reshape(*shape, 2), covariance.reshape(*shape, 3), usable.reshape(shape)
+
+
+@kernel
+def _covariances(tables, pixels, sigma_px, points, covariance, usable):
+    """What `_ideal` gives; −1 for a point that `Camera` must be asked about."""
+    lens, count = Lens(*tables), len(pixels)
+    slopes, valid = np.empty((count, 4)), np.empty(count, np.bool_)
+    normalized_of_pixels(lens, pixels, points, slopes, valid)
+    for i in range(count):
+        finite = np.isfinite(pixels[i, 0]) and np.isfinite(pixels[i, 1]) and np.isfinite(sigma_px[i])
+        if finite and valid[i] and not lens.tilted:
+            variance = sigma_px[i] * sigma_px[i]
+            ux, uy, vx, vy = slopes[i]
+            covariance[i, 0] = variance * (ux * ux + uy * uy)
+            covariance[i, 1] = variance * (ux * vx + uy * vy)
+            covariance[i, 2] = variance * (vx * vx + vy * vy)
+            usable[i] = 1.0
+        else:
+            points[i, 0], points[i, 1] = 0.0, 0.0
+            covariance[i, 0], covariance[i, 1], covariance[i, 2] = 1.0, 0.0, 1.0
+            usable[i] = -1.0 if finite else 0.0

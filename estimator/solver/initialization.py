@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import numpy as np
 
-from vbaa_calib.antenna.linear import deflection
+from vbaa_calib.antenna.lanes import LANES, lane_of, load_from, spread, store_to
 from vbaa_calib.antenna.nodes import aligned_arclength
-from vbaa_calib.core.arrays import Array, arange_like, like, namespace
-from vbaa_calib.core.robust import huber_weights
+from vbaa_calib.core.compiled import compiled, record
 
-from .frames import Frames
-from .prediction import LINEAR, Prediction, RigJacobian, point_jacobian, predict, rig_jacobian
-from .residuals import NodeSums, PointResiduals, node_sums, residuals_along_chord
-from .rig_arrays import TIP_DEFLECTION_STD
+from .fit import LAST, NODES
+from .linear_algebra import factorise, fill, put, solve_many
+from .normal_equations import (
+    feet_along_chord,
+    huber_weight,
+    inner_products,
+    interpolated,
+    point_residuals,
+    times_tridiagonal,
+)
+from .prediction import LINEAR, REFERENCE, predict, rig_jacobian
+from .rig_arrays import TIP_DEFLECTION_STD, UNKNOWNS, tip_deflection
 
-_GRID = 24
+GRID = 24
 """Distances, evenly from `_NEAREST` to the tip."""
 _NEAREST = 0.05
 _ROUNDS = 2
@@ -23,183 +30,304 @@ _WARM_COST = 8.0
 """A start from the frame before is taken unless another distance explains the frame better by so much."""
 _FREE = 0.5
 """The free antenna is a contact here without a force: it only places the nodes."""
+STARTS = 2
+"""Minima that are searched for each frame."""
+_ALONG = aligned_arclength(np.array([_FREE]), 1.0)[0]
+_DISTANCES = _NEAREST + (1.0 - _NEAREST) * np.arange(GRID) / (GRID - 1)
 
 
-@dataclass(frozen=True, eq=False)
-class FreeAntenna:
-    """The free antennas of B frames: predictions, their derivatives by the rig, and the points' residuals from them."""
+@record
+class Grid:
+    """Distances of the grid, what unit forces there do, and what the best forces explain.
 
-    unknowns: Array
-    prediction: Prediction
-    by_rig: RigJacobian
-    points: PointResiduals
+    Attributes
+    ----------
+    distance : (G,) antenna lengths. shape : (M, G) small deflections of the free antenna's nodes by unit forces, m.
+    image : (2, M) the picture's displacement by a metre along y, and z. moment : (2, 2, G) sensors' response, by axis.
+    force : (G, 2) best forces. gain : (G,) the cost that each explains. best_steps : (R,) of the rig, at the best one.
+    weight : (N,) of the points. crossed : (R, 2 G + LANES).
+    """
 
-
-def free_antenna(frames: Frames, rung: str) -> FreeAntenna:
-    """The free antennas, with the rig's derivatives for small deflections."""
-    xp = namespace(frames.points)
-    unknowns = xp.zeros_like(frames.gravity_m_s2[:, :1]) + _FREE * frames.rig_arrays.unit_steps[1]
-    prediction = predict(frames, rung, unknowns, derivatives=False)
-    by_rig = rig_jacobian(frames, LINEAR, unknowns, prediction)
-    return FreeAntenna(unknowns, prediction, by_rig, residuals_along_chord(frames, prediction))
-
-
-@dataclass(frozen=True, eq=False)
-class GridSearch:
-    """Distances (B, G) of the grid, their best forces (B, G, 2), and the cost that each explains (B, G)."""
-
-    grid: Array
-    forces: Array
-    gains: Array
-
-    def lowest(self, count: int) -> tuple[Array, Array]:
-        """Unknowns (B, count, 4) at the lowest local minima over the grid, lowest first, and their costs (B, count).
-
-        A frame with fewer minima has some of infinite cost.
-        """
-        xp, costs = namespace(self.gains), -self.gains
-        edge = xp.full_like(costs[:, :1], xp.inf)
-        around = xp.concat([edge, costs, edge], -1)
-        minimum = (costs <= around[:, :-2]) & (costs <= around[:, 2:])
-        costs = xp.where(minimum, costs, xp.full_like(costs, xp.inf))
-        order = xp.argsort(costs, -1)[:, :count]
-        every = arange_like(costs, len(costs))[:, None]
-        return self._unknowns(*self._interpolated(every, order)), costs[every, order]
-
-    def _interpolated(self, every: Array, order: Array) -> tuple[Array, Array]:
-        """Distances (B, S) and forces (B, S, 2) at the minima of parabolas about grid indices (B, S)."""
-        xp, last = namespace(self.gains), self.gains.shape[1] - 1
-        inside = xp.clip(order, 1, last - 1)
-        before, there, after = (self.gains[every, inside + side] for side in (-1, 0, 1))
-        bend = 2.0 * there - before - after
-        part = xp.where((order == inside) & (bend > 0.0), 0.5 * (after - before) / bend, 0.0 * bend)
-        part = xp.clip(xp.nan_to_num(part, nan=0.0), -0.5, 0.5)
-        beside = xp.where(part < 0.0, inside - 1, inside + 1)
-        beside = xp.where(order == inside, beside, order)
-        here, there = self.grid[every, order], self.grid[every, beside]
-        distance = here + xp.abs(part) * (there - here)
-        # the tip's deflection changes little from one distance to the next, the force much
-        sway, sway_there = (
-            self.forces[every, at] * _deflection_per_force(self.grid[every, at]) for at in (order, beside)
-        )
-        return distance, (sway + xp.abs(part)[..., None] * (sway_there - sway)) / _deflection_per_force(distance)
-
-    def every(self, step: int) -> tuple[Array, Array]:
-        """Unknowns (B, S, 4) at every `step`-th distance, and costs (B, S) of 0."""
-        forces = self.forces[:, ::step]
-        return self._unknowns(self.grid[:, ::step], forces), 0.0 * forces[..., 0]
-
-    def warm_started(self, starts: Array, costs: Array, warm: Array) -> tuple[Array, Array]:
-        """Starts and costs with warm ones (B, 4) alone where no other distance explains a frame much better."""
-        xp = namespace(costs)
-        beside = xp.argmin(xp.abs(self.grid - warm[:, :1]), -1)
-        near = self.gains[arange_like(costs, len(costs)), beside]
-        good = xp.isfinite(warm).all(-1) & (near > xp.amax(self.gains, -1) - _WARM_COST)
-        starts, costs = starts + 0.0, costs + 0.0
-        starts[:, 0] = xp.where(good[:, None], warm, starts[:, 0])
-        costs[:, 1:] = xp.where(good[:, None], xp.full_like(costs[:, 1:], xp.inf), costs[:, 1:])
-        return starts, costs
-
-    def _unknowns(self, distance: Array, forces: Array) -> Array:
-        xp = namespace(forces)
-        # where no force could be fitted the free antenna is as good a start as any
-        forces = xp.nan_to_num(forces, nan=0.0, posinf=0.0, neginf=0.0)
-        return xp.concat([distance[..., None], forces, xp.zeros_like(forces[..., :1])], -1)
+    distance: np.ndarray
+    shape: np.ndarray
+    image: np.ndarray
+    moment: np.ndarray
+    force: np.ndarray
+    gain: np.ndarray
+    best_steps: np.ndarray
+    weight: np.ndarray
+    crossed: np.ndarray
 
 
-def grid_search(frames: Frames, free: FreeAntenna, points: PointResiduals) -> GridSearch:
-    """The best force at each distance of the grid, for residuals from the free antennas.
+@compiled
+def free_antenna(rig, frame, fit, work):
+    """The free antenna, with the rig's derivatives for small deflections, and the points' residuals from it."""
+    fill(fit.unknowns, 0.0)
+    fit.unknowns[0] = _FREE
+    fill(fit.steps, 0.0)
+    predict(rig, frame, REFERENCE, work.bent, fit, False)
+    rig_jacobian(rig, frame, LINEAR, work.bent, fit)
+    feet_along_chord(rig, frame, fit)
+    point_residuals(rig, frame, fit)
+    put(fit.predicted_residual, fit.residual)
+
+
+@compiled
+def point_jacobian(rig, fit, image):
+    """(2, M) displacement along the picture's normals per metre that a node moves along y, and z, antenna frame."""
+    turn = rig.rotations[0]
+    for j in range(NODES):
+        u, v = fit.normal_u[j], fit.normal_v[j]
+        ahead = u * fit.u[j] + v * fit.v[j]
+        for axis in range(2):
+            along = u * turn[0, 1 + axis] + v * turn[1, 1 + axis] - ahead * turn[2, 1 + axis]
+            image[axis, j] = along / fit.depth[j]
+
+
+@compiled
+def deflection(along, contact):
+    """Deflection of a beam of unit length and stiffness at a place by a unit force at another: Eq. (1), Eq. (2)."""
+    near, far = min(along, contact), max(along, contact)
+    return (3.0 * far - near) * near * near / 6.0
+
+
+@compiled
+def grid_search(rig, frame, free, every, work):
+    """The best force at each distance of the grid, from every n-th of the points' residuals from the free antenna.
 
     For small deflections the picture is linear in the force once the distance is given, so force and rig are profiled
     out. A force along y or z displaces the picture by one shape for all frames times `point_jacobian` of each frame, so
     that sums over nodes are matrix products with shapes.
     """
-    xp = namespace(frames.points)
-    grid = like(frames.points, [_NEAREST + (1.0 - _NEAREST) * g / (_GRID - 1) for g in range(_GRID)])
-    unit_forces = _UnitForces.on_grid(frames, free, grid)
-    every, weights = arange_like(points.distance, len(frames)), points.precision
+    steps, count = len(free.steps), (len(free.distance) + every - 1) // every
+    grid = Grid(
+        _DISTANCES.copy(),
+        np.empty((NODES, GRID)),
+        np.empty((2, NODES)),
+        np.zeros((2, 2, GRID)),
+        np.empty((GRID, 2)),
+        np.empty(GRID),
+        np.zeros(steps),
+        np.empty(count),
+        np.empty((steps, 2 * GRID + LANES)),
+    )
+    point_jacobian(rig, free, grid.image)
+    unit = rig.unit_load * rig.length_m
+    for j in range(NODES):
+        for g in range(GRID):
+            grid.shape[j, g] = unit * deflection(_ALONG[j], grid.distance[g])
+    for g in range(GRID):
+        # the sensor about y feels a force along z, the one about z a force along y
+        moment = grid.distance[g] * rig.force_unit_N * rig.length_m
+        grid.moment[0, 1, g] = rig.gain[1] / rig.std[1] * moment * frame.available[1]
+        grid.moment[1, 0, g] = rig.gain[0] / rig.std[0] * moment * frame.available[0]
+    for i in range(count):
+        grid.weight[i] = free.precision[i * every]
     for _ in range(_ROUNDS):
-        sums = node_sums(points, weights, points.distance, unit_forces.shape.shape[0])
-        forces, gains, rig_steps = unit_forces.best(free, sums)
-        best = gains.argmax(-1)
-        shift = (free.by_rig.image @ rig_steps[2])[..., 0]
-        for a in (0, 1):
-            by_rig = (free.by_rig.image @ rig_steps[a][every, :, best][..., None])[..., 0]
-            shift = shift + forces[every, best, a][:, None] * (
-                unit_forces.image[a] * unit_forces.shape.mT[best] - by_rig
-            )
-        left = (points.distance - points.interpolate(shift)) * xp.sqrt(points.precision)
-        weights = points.precision * huber_weights(left)
-    return GridSearch(xp.broadcast_to(grid, gains.shape), forces, gains)
+        best = _best_forces(rig, free, every, grid, work)
+        _shift(free, grid, best, work)
+        for i in range(count):
+            off = free.distance[i * every] - interpolated(free, work.shift, i * every)
+            precision = free.precision[i * every]
+            grid.weight[i] = precision * huber_weight(off * np.sqrt(precision))
+    return grid
 
 
-@dataclass(frozen=True, eq=False)
-class _UnitForces:
-    """Unit forces along y and z at each distance of the grid.
-
-    Attributes
-    ----------
-    shape : (M, G) small deflections of the free antenna's nodes, m.
-    image : two (B, M), the picture's displacement by a metre along y, and z.
-    moment : two (B, 2, G), sensor response in deviations.
-    prior : (G,) weight of the force's square. identity : (R, R).
-    """
-
-    shape: Array
-    image: tuple[Array, Array]
-    moment: tuple[Array, Array]
-    prior: Array
-    identity: Array
-
-    @staticmethod
-    def on_grid(frames: Frames, free: FreeAntenna, grid: Array) -> _UnitForces:
-        """For frames and their free antennas, at distances (G,) in antenna lengths."""
-        rig_arrays = frames.rig_arrays
-        image = point_jacobian(rig_arrays, free.prediction)
-        along = like(grid, aligned_arclength(grid[:1] * 0.0 + _FREE, 1.0)[0])
-        shape = deflection(along[:, None], grid, rig_arrays.unit_load * rig_arrays.length_m, 1.0)
-        moment = rig_arrays.moment_response(grid * (rig_arrays.force_unit_N * rig_arrays.length_m))
-        available = frames.sensor_available[..., None]
-        prior = (rig_arrays.tip_deflection(grid) / TIP_DEFLECTION_STD) ** 2
-        moments = moment[..., 0] * available, moment[..., 1] * available
-        return _UnitForces(shape, (image[..., 1], image[..., 2]), moments, prior, rig_arrays.identity)
-
-    def best(self, free: FreeAntenna, sums: NodeSums) -> tuple[Array, Array, tuple[Array, Array, Array]]:
-        """Best forces (B, G, 2), the cost that each explains (B, G), and the rig steps that go with unit forces along
-        y and z (B, R, G) and with none (B, R, 1)."""
-        # moments only: where the antenna ends may be wrong
-        xp, image, moment = namespace(sums.load), free.by_rig.image, free.by_rig.reading[:, :2]
-        residual, weighted = free.prediction.reading_residual[:, :2, None], sums.times(image)
-        rig_information = image.mT @ weighted + moment.mT @ moment + self.identity
-        crossed = [(weighted * self.image[a][..., None]).mT @ self.shape + moment.mT @ self.moment[a] for a in (0, 1)]
-        rig_side = image.mT @ sums.load[..., None] + moment.mT @ residual
-        solved = xp.linalg.solve(rig_information, xp.concat([*crossed, rig_side], -1))
-        rig_steps = solved[..., :_GRID], solved[..., _GRID : 2 * _GRID], solved[..., 2 * _GRID :]
-        yy, yz, zz = (
-            _inner_product(sums, self.image[a], self.image[b], self.shape)
-            + (self.moment[a] * self.moment[b]).sum(1)
-            - (crossed[a] * rig_steps[b]).sum(1)
-            for a, b in ((0, 0), (0, 1), (1, 1))
-        )
-        y, z = (
-            (sums.load * self.image[a]) @ self.shape
-            + (self.moment[a] * residual).sum(1)
-            - (crossed[a].mT @ rig_steps[2])[..., 0]
-            for a in (0, 1)
-        )
-        yy, zz = yy + self.prior, zz + self.prior
-        over = 1.0 / xp.clip(yy * zz - yz * yz, 1e-300, None)
-        forces = xp.stack([(zz * y - yz * z) * over, (yy * z - yz * y) * over], -1)
-        return forces, 0.5 * (forces[..., 0] * y + forces[..., 1] * z), rig_steps
+@compiled
+def _sums(free, every, weights):
+    """Weighted sums of every n-th point over the nodes, into the fit's."""
+    fill(free.diagonal, 0.0)
+    fill(free.beside, 0.0)
+    fill(free.load, 0.0)
+    for i in range(len(weights)):
+        node, share, weight = free.node[i * every], free.share[i * every], weights[i]
+        first = weight * share
+        second, pull = first * share, weight * free.distance[i * every]
+        free.diagonal[node] += weight - 2.0 * first + second
+        free.diagonal[node + 1] += second
+        free.beside[node] += first - second
+        free.load[node] += pull - pull * share
+        free.load[node + 1] += pull * share
 
 
-def _inner_product(sums: NodeSums, first: Array, second: Array, shape: Array) -> Array:
-    """(B, G) weighted inner products of first·shape and second·shape, (B, M) times (M, G)."""
-    own = (sums.diagonal * first * second) @ (shape * shape)
-    mixed = sums.off_diagonal * (first[:, :-1] * second[:, 1:] + first[:, 1:] * second[:, :-1])
-    return own + mixed @ (shape[:-1] * shape[1:])
+@compiled
+def _best_forces(rig, free, every, grid, work):
+    """Best forces, the cost that each explains, the rig's steps at the best. Returns the best distance's index."""
+    _sums(free, every, grid.weight)
+    steps, crossed, product, size = len(free.steps), grid.crossed, work.product, free.size
+    # the unknowns' own columns, which are not used, come along
+    times_tridiagonal(free, free.columns, product)
+    inner_products(free.columns, product, free.information)
+    for a in range(UNKNOWNS, size):
+        _cross(free, grid, product, a)
+    # moments only: where the antenna ends may be wrong
+    for a in range(UNKNOWNS, size):
+        free.information[a, a] += 1.0
+        for b in range(UNKNOWNS, a + 1):
+            for reading in range(2):
+                by_both = free.reading_columns[reading, a] * free.reading_columns[reading, b]
+                free.information[a, b] += by_both
+            free.information[b, a] = free.information[a, b]
+    factorise(free.information, UNKNOWNS, steps, 0.0, work.factor, work.scale)
+    solve_many(work.factor, work.scale, steps, crossed, False)
+    _every_force(rig, free, grid)
+    best = 0
+    for g in range(GRID):
+        if grid.gain[g] > grid.gain[best] or grid.gain[best] != grid.gain[best]:
+            best = g
+    _rig_steps(grid, best, steps, work)
+    return best
 
 
-def _deflection_per_force(distance: Array) -> Array:
-    """(..., 1) how the tip's deflection by a unit force grows with the force's distance, in antenna lengths."""
-    return (distance * distance * (3.0 - distance))[..., None]
+@compiled
+def _cross(free, grid, product, a):
+    """What the rig's column a has in common with unit forces along y and z at all distances, and with the residuals."""
+    readings, y, z = free.reading_columns, np.empty(NODES), np.empty(NODES)
+    rest = readings[0, a] * free.residual[0] + readings[1, a] * free.residual[1]
+    for j in range(NODES):
+        rest += free.columns[j, a] * free.load[j]
+        y[j], z[j] = product[j, a] * grid.image[0, j], product[j, a] * grid.image[1, j]
+    crossed, row = grid.crossed, a - UNKNOWNS
+    for first in range(0, GRID, LANES):
+        along_y = readings[1, a] * load_from(grid.moment, 0, 1, first)
+        along_z = readings[0, a] * load_from(grid.moment, 1, 0, first)
+        for j in range(NODES):
+            shape = load_from(grid.shape, j, first)
+            along_y = along_y + y[j] * shape
+            along_z = along_z + z[j] * shape
+        store_to(crossed, along_y, row, first)
+        store_to(crossed, along_z, row, GRID + first)
+    for k in range(2 * GRID, crossed.shape[1]):
+        crossed[row, k] = 0.0
+    crossed[row, 2 * GRID] = rest
+
+
+@compiled
+def _every_force(rig, free, grid):
+    """The best forces at all distances, and the costs that they explain."""
+    image, shape, crossed, moment = grid.image, grid.shape, grid.crossed, grid.moment
+    for first in range(0, GRID, LANES):
+        yy, yz, zz, y, z = spread(0.0), spread(0.0), spread(0.0), spread(0.0), spread(0.0)
+        for j in range(NODES):
+            bent = load_from(shape, j, first)
+            own = free.diagonal[j] * bent * bent
+            pull = free.load[j] * bent
+            y, z = y + image[0, j] * pull, z + image[1, j] * pull
+            yy = yy + image[0, j] * image[0, j] * own
+            yz = yz + image[0, j] * image[1, j] * own
+            zz = zz + image[1, j] * image[1, j] * own
+            if j < LAST:
+                mixed = free.beside[j] * bent * load_from(shape, j + 1, first)
+                yy = yy + 2.0 * image[0, j] * image[0, j + 1] * mixed
+                zz = zz + 2.0 * image[1, j] * image[1, j + 1] * mixed
+                yz = yz + (image[0, j] * image[1, j + 1] + image[0, j + 1] * image[1, j]) * mixed
+        # a force along y is felt about z, and one along z about y
+        by_y, by_z = load_from(moment, 0, 1, first), load_from(moment, 1, 0, first)
+        yy, zz = yy + by_y * by_y, zz + by_z * by_z
+        y, z = y + free.residual[1] * by_y, z + free.residual[0] * by_z
+        for a in range(len(crossed)):
+            by_y, by_z = load_from(crossed, a, first), load_from(crossed, a, GRID + first)
+            rest = crossed[a, 2 * GRID]
+            yy, yz, zz = yy - by_y * by_y, yz - by_y * by_z, zz - by_z * by_z
+            y, z = y - rest * by_y, z - rest * by_z
+        for lane in range(LANES):
+            sums = lane_of(yy, lane), lane_of(yz, lane), lane_of(zz, lane), lane_of(y, lane), lane_of(z, lane)
+            _best_force(rig, grid, first + lane, sums)
+
+
+@compiled
+def _best_force(rig, grid, g, sums):
+    yy, yz, zz, y, z = sums
+    prior = tip_deflection(rig, grid.distance[g]) / TIP_DEFLECTION_STD
+    yy += prior * prior
+    zz += prior * prior
+    over = 1.0 / max(yy * zz - yz * yz, 1e-300)
+    grid.force[g, 0], grid.force[g, 1] = (zz * y - yz * z) * over, (yy * z - yz * y) * over
+    grid.gain[g] = 0.5 * (grid.force[g, 0] * y + grid.force[g, 1] * z)
+
+
+@compiled
+def _rig_steps(grid, best, steps, work):
+    """The rig's likeliest steps at the best distance and force."""
+    force, crossed, found = grid.force[best], grid.crossed, grid.best_steps
+    for k in range(steps - 1, -1, -1):
+        total = crossed[k, 2 * GRID] - force[0] * crossed[k, best] - force[1] * crossed[k, GRID + best]
+        for b in range(k + 1, steps):
+            total -= work.factor[k, b] * found[b]
+        found[k] = total / work.factor[k, k]
+    for k in range(steps):
+        found[k] *= work.scale[k]
+
+
+@compiled
+def _shift(free, grid, best, work):
+    """Displacement (M,) by the best force and the rig's steps that go with it, into `work.shift`."""
+    force = grid.force[best]
+    for j in range(NODES):
+        total = (force[0] * grid.image[0, j] + force[1] * grid.image[1, j]) * grid.shape[j, best]
+        for k in range(len(grid.best_steps)):
+            total += free.columns[j, UNKNOWNS + k] * grid.best_steps[k]
+        work.shift[j] = total
+
+
+@compiled
+def largest_gain(grid):
+    """The most that any force of the grid explains."""
+    most = -np.inf
+    for g in range(GRID):
+        if not grid.gain[g] <= most:
+            most = grid.gain[g]
+    return most
+
+
+@compiled
+def start_at(grid, g, beside, part, start):
+    """Unknowns (4,) at a part of the way from one distance of the grid to another."""
+    here, there = grid.distance[g], grid.distance[beside]
+    distance = here + part * (there - here)
+    start[0], start[3] = distance, 0.0
+    for axis in range(2):
+        # the tip's deflection changes little from one distance to the next, the force much
+        sway = grid.force[g, axis] * here * here * (3.0 - here)
+        sway_there = grid.force[beside, axis] * there * there * (3.0 - there)
+        force = (sway + part * (sway_there - sway)) / (distance * distance * (3.0 - distance))
+        # where no force could be fitted the free antenna is as good a start as any
+        start[1 + axis] = force if np.isfinite(force) else 0.0
+
+
+@compiled
+def lowest_of_grid(grid, starts, costs):
+    """Unknowns (S, 4) at the lowest local minima over the grid, lowest first, and their costs (S,), else infinite."""
+    fill(costs, np.inf)
+    gain, places = grid.gain, np.zeros(len(costs), np.int64)
+    for g in range(GRID):
+        if (g > 0 and gain[g] < gain[g - 1]) or (g < GRID - 1 and gain[g] < gain[g + 1]):
+            continue
+        cost, place = -gain[g], g
+        for k in range(len(costs)):
+            if cost < costs[k]:
+                costs[k], cost = cost, costs[k]
+                places[k], place = place, places[k]
+    for k in range(len(costs)):
+        g = places[k]
+        part, beside = 0.0, g
+        if 0 < g < GRID - 1:
+            bend = 2.0 * gain[g] - gain[g - 1] - gain[g + 1]
+            if bend > 0.0:
+                part = min(max(0.5 * (gain[g + 1] - gain[g - 1]) / bend, -0.5), 0.5)
+            beside = g - 1 if part < 0.0 else g + 1
+        start_at(grid, g, beside, abs(part), starts[k])
+
+
+@compiled
+def warm_start(grid, warm, starts, costs):
+    """A known start alone, where no other distance explains the frame much better."""
+    if not np.isfinite(warm).all():
+        return
+    near = 0
+    for g in range(GRID):
+        if abs(grid.distance[g] - warm[0]) < abs(grid.distance[near] - warm[0]):
+            near = g
+    if grid.gain[near] > largest_gain(grid) - _WARM_COST:
+        starts[0] = warm
+        costs[1:] = np.inf

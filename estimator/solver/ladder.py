@@ -1,43 +1,48 @@
-"""From frames to solutions: which minimum, which rung of the ladder, and what else would explain the frames."""
+"""From frames to their fits: which minimum, which rung of the ladder, and what else would explain each frame."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from types import MappingProxyType
+import numpy as np
 
 from vbaa_calib.antenna.rungs import RUNGS
-from vbaa_calib.core.arrays import Array, arange_like, namespace, true_indices
+from vbaa_calib.camera.compiled_lens import Lens
+from vbaa_calib.core.compiled import compiled, in_threads, kernel
 
-from .alternative_minima import BestFits, different, mirror_ambiguous, mirror_starts
-from .convergence import coarse_minima, converge, polish
-from .frames import Frames
-from .initialization import FreeAntenna, GridSearch, free_antenna, grid_search
-from .prediction import FRICTION_RUNGS, LINEAR, predict
-from .rows import select
+from .alternative_minima import different, mirror_ambiguous, try_mirrors, try_start
+from .convergence import COARSE_ITERATIONS, coarse_minimum, converge, empty_work, polish
+from .fit import CONVERGED, COST, SCATTER, copy_fit, empty_fit
+from .frames import Frames, frame_of, thinned
+from .initialization import (
+    GRID,
+    STARTS,
+    free_antenna,
+    grid_search,
+    largest_gain,
+    lowest_of_grid,
+    start_at,
+    warm_start,
+)
+from .linear_algebra import put
+from .normal_equations import linearise, points_cost, unscaled_cost
+from .numbers import SMALL_BIAS, FitNumbers, NumberRecord, write_numbers
+from .prediction import ELASTICA, LINEAR, REFERENCE, predict
+from .rig_arrays import UNKNOWNS, RigRecord
 from .second_contact import second_force
-from .state import Fits
 from .uncertainty import (
-    REFERENCE,
-    Uncertainty,
     contact_evidence,
-    model_errors,
+    empty_uncertainty,
+    first_order_errors,
     predicted_bias,
-    problem_on,
     uncertainty,
-    widened_by_profile,
+    widen_by_profile,
 )
 
-COARSE_RUNG = LINEAR
+COARSE_RUNG = RUNGS[LINEAR]
 """The rung on which minima are compared before a rung is chosen."""
-SMALL_BIAS = 1 / 3
-"""A rung's predicted bias is small below this fraction of the standard deviation."""
-LARGE_BIAS = SMALL_BIAS
-"""A demanded rung's larger bias is added to the deviations."""
-_USUAL = "elastica"
+_USUAL = ELASTICA
 """The rung that most frames need: `auto` begins with it."""
-_STARTS, _COARSE_POINTS = 2, 64
-"""Minima that are searched for each frame, with about so many of its points."""
+_COARSE_POINTS = 64
+"""Minima are searched with about so many of a frame's points."""
 _WIDE_STEP, _WIDE_ITERATIONS = 4, 15
 """Lost frames are searched from every fourth distance of the grid, with so many iterations each."""
 _LOST_SCATTER, _LOST_FRICTION = 2.0, 2.5
@@ -46,175 +51,227 @@ _FAINT = 5.0
 """Below this gain over the free antenna a frame's other minima are not searched: contact takes three times as much."""
 _SIGNIFICANT_FORCE = 3.0
 """Without a force of so many deviations in any direction there is no contact whose mirror image would matter."""
+_SAME_MINIMUM = 1e-2
+"""Minima whose distances differ by less, in antenna lengths, are taken for the same."""
+_HOPELESS, _HOPELESS_FACTOR = 50.0, 4.0
+"""A minimum that costs this many times the lowest one, and this much more, is dropped."""
+AUTO = -1
 
 
-@dataclass(frozen=True, eq=False)
-class Solution:
-    """Converged frames on one rung, with their uncertainty and alternatives.
+def solve(
+    frames: Frames, model: str, warm: np.ndarray | None = None, pieces_m: np.ndarray | None = None, jobs: int = 1
+) -> FitNumbers:
+    """Fit B frames, each by itself, in `jobs` threads.
 
-    Attributes
-    ----------
-    rows : (B,) their places among all frames.
-    evidence : (B,) for a contact, see `uncertainty.contact_evidence`.
-    bias : rung → (B,) its predicted bias in standard deviations, of the rungs that were evaluated.
-    alternative_cost : (B,) how much more another minimum costs, infinite without one. alternative_unknowns : (B, 4).
-    ambiguous : (B,) bool, see `alternative_minima.mirror_ambiguous`.
-    second_gain, second_place, second_shift : (B,) see `second_contact.second_force`.
-    model_errors : (B, 2, 10) see `uncertainty.model_errors`; 0 where the rung's bias is small.
+    warm : (B, 4) unknowns near the truth where finite; pieces_m : (G,) arc lengths of `motion.Beam`, if it is tested.
     """
+    found = FitNumbers.unwritten(len(frames))
+    rig, lens, tables, numbers = frames.rig_arrays.tables, frames.rig_arrays.lens, frames.tables, found.tables
+    starts = np.full((len(frames), UNKNOWNS), np.nan) if warm is None else np.ascontiguousarray(warm, float)
+    pieces = np.empty(0) if pieces_m is None else np.ascontiguousarray(pieces_m, float)
+    rung = AUTO if model == "auto" else RUNGS.index(model)
 
-    rows: Array
-    fits: Fits
-    uncertainty: Uncertainty
-    free: FreeAntenna
-    evidence: Array
-    bias: dict[str, Array]
-    alternative_cost: Array
-    alternative_unknowns: Array
-    ambiguous: Array
-    second_gain: Array
-    second_place: Array
-    second_shift: Array
-    model_errors: Array
+    def work(begin: int, end: int) -> None:
+        _solve_frames(rig, lens, tables, begin, end, rung, starts, pieces, numbers)
 
-
-@dataclass(frozen=True, eq=False)
-class Starts:
-    """What is known of B frames before a rung is chosen.
-
-    Attributes
-    ----------
-    minima, costs : (B, S, 4) rough minima, lowest first, and their costs (B, S), infinite where there is none.
-    """
-
-    free: FreeAntenna
-    grid: GridSearch
-    minima: Array
-    costs: Array
-
-
-def find_starts(frames: Frames, warm: Array | None = None, always: bool = False) -> Starts:
-    """The rough minima of each frame. `warm` (B, 4), unknowns near the truth where finite, may take their place.
-
-    Frames with several descend on a low rung, to see which of them are useful; with `always`, all do.
-    """
-    xp = namespace(frames.points)
-    free = free_antenna(frames, REFERENCE)
-    few, kept = frames.subsample(_COARSE_POINTS)
-    points = free.points.subsample(kept)
-    grid = grid_search(few, free, points)
-    minima, costs = grid.lowest(_STARTS)
-    if warm is not None:
-        minima, costs = grid.warm_started(minima, costs, warm)
-    several = true_indices(xp.isfinite(costs[:, -1]) | always)
-    if len(several):
-        part = select(few, several), COARSE_RUNG, minima[several], costs[several], points.foot_m[several]
-        minima[several], costs[several] = coarse_minima(*part)
-    return Starts(free, grid, minima, costs)
-
-
-def solve(frames: Frames, model: str, warm: Array | None = None) -> list[Solution]:
-    """Fit B frames; frames on the same rung come together. `warm` as in `find_starts`."""
-    xp = namespace(frames.points)
-    starts, every = find_starts(frames, warm), arange_like(frames.points, len(frames))
-    if model != "auto":
-        return [_solve_on_rung(frames, starts, model, every, (model,))]
-    first = _solve_on_rung(frames, starts, _USUAL, every, RUNGS)
-    bias, level = first.bias, xp.zeros_like(starts.costs[:, 0])
-    for index, rung in enumerate(RUNGS[:-1]):
-        level = xp.where((level == index) & ~(bias[rung] <= SMALL_BIAS), level + 1.0, level)
-    minima = xp.stack([first.fits.state.unknowns, first.alternative_unknowns], 1)
-    costs = xp.stack([xp.zeros_like(first.alternative_cost), first.alternative_cost], -1)
-    starts = replace(starts, minima=minima, costs=costs)
-    found = []
-    for index, rung in enumerate(RUNGS):
-        rows = true_indices(level == index)
-        if rung == _USUAL and len(rows):
-            found.append(first if len(rows) == len(frames) else select(first, rows))
-        elif len(rows):
-            found += _climb(frames, starts, rung, rows, bias)
+    in_threads(work, len(frames), jobs)
     return found
 
 
-def _climb(frames: Frames, starts: Starts, rung: str, rows: Array, bias: dict[str, Array]) -> list[Solution]:
-    """Some frames on their rung, those for which it proves too low on a higher one."""
-    first = _solve_on_rung(frames, starts, rung, rows, (rung,), {each: bias[each][rows] for each in bias})
-    low = ~(first.bias[rung] <= SMALL_BIAS)
-    if rung == REFERENCE or not bool(low.any()):
-        return [first]
-    updated = bias[rung] + 0.0
-    updated[rows[low]] = first.bias[rung][low]
-    higher = _climb(frames, starts, RUNGS[RUNGS.index(rung) + 1], rows[low], bias | {rung: updated})
-    return higher if bool(low.all()) else [select(first, ~low), *higher]
+def rough_unknowns(frames: Frames) -> np.ndarray:
+    """(B, 4) rough minima on a low rung."""
+    found = np.empty((len(frames), UNKNOWNS))
+    _rough_frames(frames.rig_arrays.tables, frames.rig_arrays.lens, frames.tables, found)
+    return found
 
 
-def _solve_on_rung(
-    frames: Frames,
-    starts: Starts,
-    rung: str,
-    rows: Array,
-    biased: tuple[str, ...],
-    bias: Mapping[str, Array] = MappingProxyType({}),
-) -> Solution:
-    """These rows of the frames converged on a rung, at the best of their minima.
+@kernel
+def _rough_frames(rig_tables, lens_tables, tables, found):
+    rig, lens = RigRecord(*rig_tables), Lens(*lens_tables)
+    warm = np.full(UNKNOWNS, np.nan)
+    for index in range(len(found)):
+        frame = frame_of(tables, index)
+        work = empty_work(rig, lens, len(frame.u))
+        free = empty_fit(len(frame.u), len(work.one.steps))
+        starts, costs = np.empty((STARTS, UNKNOWNS)), np.empty(STARTS)
+        _find_starts(rig, frame, free, warm, True, starts, costs, work)
+        found[index] = starts[0]
 
-    `biased` are the rungs whose bias is to be predicted, `bias` what is known of it already.
+
+@kernel
+def _solve_frames(rig_tables, lens_tables, tables, begin, end, rung, warm, pieces_m, found):
+    rig, lens, numbers = RigRecord(*rig_tables), Lens(*lens_tables), NumberRecord(*found)
+    for index in range(begin, end):
+        frame = frame_of(tables, index)
+        work = empty_work(rig, lens, len(frame.u))
+        _solve_frame(rig, frame, rung, warm[index], pieces_m, numbers, index, work)
+
+
+@compiled
+def _solve_frame(rig, frame, model, warm, pieces_m, numbers, index, work):
+    """One frame on a rung, or on the lowest one that is good enough."""
+    points, steps = len(frame.u), len(work.one.steps)
+    free, best, problem = empty_fit(points, steps), empty_fit(points, steps), empty_fit(points, steps)
+    found = empty_uncertainty(steps)
+    starts, costs = np.empty((STARTS, UNKNOWNS)), np.empty(STARTS)
+    grid = _find_starts(rig, frame, free, warm, False, starts, costs, work)
+    other, other_cost = np.empty(UNKNOWNS), np.empty(1)
+    bias = np.full(REFERENCE + 1, np.nan)
+    rung = _USUAL if model == AUTO else model
+    first = True
+    while True:
+        ambiguous = _fit_on_rung(rig, frame, rung, free, grid, starts, costs, best, found, other, other_cost, work)
+        # residuals of the highest rung, whose shapes are right
+        copy_fit(best, problem)
+        errors = np.zeros((6, 10))
+        if rung != REFERENCE:
+            predict(rig, frame, REFERENCE, work.bent, problem, False)
+            errors = first_order_errors(rig, frame, rung, best, problem, work)
+        linearise_about(rig, frame, best, problem, work)
+        all_bias = np.empty(REFERENCE + 1)
+        predicted_bias(errors, found, all_bias)
+        if model == AUTO and first:
+            put(all_bias, bias)
+        elif rung != REFERENCE:
+            bias[rung] = all_bias[rung]
+        if model != AUTO:
+            break
+        if first:
+            wanted = 0
+            while wanted < REFERENCE and not bias[wanted] <= SMALL_BIAS:
+                wanted += 1
+            first = False
+            if wanted == rung:
+                break
+            starts[0], starts[1] = best.unknowns, other
+            costs[0], costs[1] = 0.0, other_cost[0] - unscaled_cost(rig, best)
+            rung = wanted
+            continue
+        if rung == REFERENCE or bias[rung] <= SMALL_BIAS:
+            break
+        rung += 1
+    points_cost(problem)
+    std = np.sqrt(found.covariance[0, 0])
+    gain, place, shift = second_force(rig, frame, rung, best, problem, std, work)
+    evidence = contact_evidence(rig, best, problem, free, work)
+    extra = other_cost[0] - unscaled_cost(rig, best)
+    scalars = np.array([evidence, extra, gain, place, shift])
+    write_numbers(
+        rig, frame, rung, best, free, found, bias, errors, other, scalars, ambiguous, pieces_m, numbers, index, work
+    )
+
+
+@compiled
+def linearise_about(rig, frame, best, problem, work):
+    """The fit's problem with the residuals that another rung's prediction at the same unknowns leaves."""
+    put(best.foot_m, problem.foot_m)
+    linearise(rig, frame, problem, work)
+
+
+@compiled
+def _find_starts(rig, frame, free, warm, always, starts, costs, work):
+    """Rough minima (S, 4), lowest first, and their costs (S,), infinite where there is none; and the free antenna.
+
+    `warm` (4,), unknowns near the truth where finite, may take their place. A frame with several descends on a low rung
+    to see which of them are useful; with `always`, each does.
     """
-    xp = namespace(rows)
-    if len(rows) < len(frames):
-        frames, starts = select(frames, rows), select(starts, rows)
-    distinct = xp.amax(starts.grid.gains, -1) > _FAINT
-    best = BestFits.only(converge(frames, rung, starts.minima[:, 0], starts.free.points.foot_m))
-    for other in range(1, starts.minima.shape[1]):
-        best = best.try_starts(xp.isfinite(starts.costs[:, other]) & distinct, starts.minima[:, other])
-    best = _search_lost(frames, rung, starts, best, distinct)
-    best = replace(best, fits=polish(best.fits))
-    found = uncertainty(best.fits)
-    unknowns = best.fits.state.unknowns
-    ambiguous = _significant(unknowns, found) & mirror_ambiguous(frames, unknowns, best.fits.by_rig)
-    if bool(ambiguous.any()):
-        best = best.try_starts(ambiguous, *mirror_starts(frames, unknowns))
-        # what turned out better has a mirror image of its own
-        turned = ambiguous & different(unknowns, best.fits.state.unknowns)
-        best = best.try_starts(turned, *mirror_starts(frames, best.fits.state.unknowns))
-        found = widened_by_profile(best.fits, uncertainty(best.fits), ambiguous)
-    fits = best.fits
-    problem, bias = fits.problem, dict(bias)
-    values = xp.concat([fits.state.unknowns, fits.prediction.point_force], -1)
-    errors = xp.stack([xp.zeros_like(values)] * 2, 1)
-    if rung != REFERENCE:
-        reference = predict(frames, REFERENCE, fits.state.unknowns, derivatives=False)
-        problem = problem_on(fits, reference)
-        bias |= predicted_bias(fits, found, reference, biased)
-        large = (bias[rung] > LARGE_BIAS) & xp.isfinite(bias[rung])
-        if bool(large.any()):
-            errors = xp.where(large[:, None, None], model_errors(fits, reference), errors)
-    evidence = contact_evidence(fits, problem, starts.free)
-    others = best.extra_cost, best.other_unknowns, ambiguous, *second_force(fits, problem, found), errors
-    return Solution(rows, fits, found, starts.free, evidence, bias, *others)
+    free_antenna(rig, frame, free, work)
+    few, every = thinned(frame, _COARSE_POINTS)
+    grid = grid_search(rig, frame, free, every, work)
+    lowest_of_grid(grid, starts, costs)
+    warm_start(grid, warm, starts, costs)
+    if always or np.isfinite(costs[-1]):
+        feet = free.foot_m[::every].copy()
+        _coarse_minima(rig, work.bent.lens, few, LINEAR, feet, COARSE_ITERATIONS, starts, costs)
+    return grid
 
 
-def _significant(unknowns: Array, found: Uncertainty) -> Array:
-    """(B,) whether the force stands out of its uncertainty in some direction across the antenna."""
-    first, second = unknowns[:, 1], unknowns[:, 2]
-    own, cross, other = found.covariance[:, 1, 1], found.covariance[:, 1, 2], found.covariance[:, 2, 2]
-    apart = other * first**2 - 2.0 * cross * first * second + own * second**2
-    return apart > _SIGNIFICANT_FORCE**2 * (own * other - cross**2)
+@compiled
+def _coarse_minima(rig, lens, frame, rung, feet_m, iterations, starts, costs):
+    """Replace starts (S, 4) by the rough minima that they lead to, lowest first, and their costs.
+
+    feet_m : (N,) near the right ones, or none. Starts of infinite cost, minima that another start reached too, and
+    hopeless ones come out with infinite cost.
+    """
+    count = len(costs)
+    work = empty_work(rig, lens, len(frame.u))
+    fit = work.three
+    for k in range(count):
+        if not (np.isfinite(costs[k]) and np.isfinite(starts[k]).all()):
+            costs[k] = np.inf
+            continue
+        put(starts[k], fit.unknowns)
+        if len(feet_m):
+            put(feet_m, fit.foot_m)
+        coarse_minimum(rig, frame, rung, fit, work, len(feet_m) > 0, iterations)
+        starts[k] = fit.unknowns
+        costs[k] = fit.numbers[COST] if fit.numbers[COST] == fit.numbers[COST] else np.inf
+    for a in range(count - 1):
+        for b in range(a + 1, count):
+            if costs[b] < costs[a]:
+                costs[a], costs[b] = costs[b], costs[a]
+                for k in range(UNKNOWNS):
+                    starts[a, k], starts[b, k] = starts[b, k], starts[a, k]
+    for k in range(1, count):
+        apart = abs(starts[k, 0] - starts[0, 0]) > _SAME_MINIMUM
+        if not (apart and costs[k] < _HOPELESS_FACTOR * costs[0] + _HOPELESS):
+            costs[k] = np.inf
 
 
-def _search_lost(frames: Frames, rung: str, starts: Starts, best: BestFits, distinct: Array) -> BestFits:
-    """Lost frames searched again: with new feet, then from all over the antenna."""
-    again = best.try_starts(_lost(best) & distinct, best.fits.state.unknowns)
-    lost = _lost(again) & distinct
-    if not bool(lost.any()):
-        return again
-    unknowns, costs = select(starts.grid, lost).every(_WIDE_STEP)
-    coarse = rung if rung in FRICTION_RUNGS else FRICTION_RUNGS[0]
-    minima = starts.minima[:, 0] + 0.0
-    minima[lost] = coarse_minima(select(frames, lost), coarse, unknowns, costs, iterations=_WIDE_ITERATIONS)[0][:, 0]
-    return again.try_starts(lost, minima)
+@compiled
+def _fit_on_rung(rig, frame, rung, free, grid, starts, costs, best, found, other, other_cost, work):
+    """The best of a frame's minima on a rung and its uncertainty. Returns whether its mirror image looks like it."""
+    distinct = largest_gain(grid) > _FAINT
+    put(starts[0], best.unknowns)
+    put(free.foot_m, best.foot_m)
+    converge(rig, frame, rung, best, work, True)
+    put(best.unknowns, other)
+    other_cost[0] = np.inf
+    for k in range(1, STARTS):
+        if np.isfinite(costs[k]) and distinct:
+            try_start(rig, frame, rung, starts[k].copy(), best, other, other_cost, work)
+    if distinct:
+        _search_lost(rig, frame, rung, grid, best, other, other_cost, work)
+    polish(rig, frame, rung, best, work)
+    uncertainty(best, found, work)
+    ambiguous = _significant(best.unknowns, found.covariance) and mirror_ambiguous(rig, frame, best)
+    if ambiguous:
+        before = best.unknowns.copy()
+        try_mirrors(rig, frame, rung, before, best, other, other_cost, work)
+        if different(before, best.unknowns):
+            # what turned out better has a mirror image of its own
+            try_mirrors(rig, frame, rung, best.unknowns.copy(), best, other, other_cost, work)
+        uncertainty(best, found, work)
+        widen_by_profile(rig, frame, rung, best, found, work)
+    return ambiguous
 
 
-def _lost(best: BestFits) -> Array:
-    state = best.fits.state
-    return ~state.converged | (state.scatter > _LOST_SCATTER) | (abs(state.unknowns[:, 3]) > _LOST_FRICTION)
+@compiled
+def _significant(unknowns, covariance):
+    """Whether the force stands out of its uncertainty in some direction across the antenna."""
+    first, second = unknowns[1], unknowns[2]
+    own, cross, opposite = covariance[1, 1], covariance[1, 2], covariance[2, 2]
+    apart = opposite * first * first - 2.0 * cross * first * second + own * second * second
+    return apart > _SIGNIFICANT_FORCE**2 * (own * opposite - cross * cross)
+
+
+@compiled
+def _search_lost(rig, frame, rung, grid, best, other, other_cost, work):
+    """Search a lost frame again: with new feet, then from all over the antenna."""
+    if not _lost(best):
+        return
+    try_start(rig, frame, rung, best.unknowns.copy(), best, other, other_cost, work)
+    if not _lost(best):
+        return
+    count = (GRID + _WIDE_STEP - 1) // _WIDE_STEP
+    starts, costs = np.empty((count, UNKNOWNS)), np.zeros(count)
+    for k in range(count):
+        start_at(grid, k * _WIDE_STEP, k * _WIDE_STEP, 0.0, starts[k])
+    _coarse_minima(rig, work.bent.lens, frame, max(rung, ELASTICA), np.empty(0), _WIDE_ITERATIONS, starts, costs)
+    try_start(rig, frame, rung, starts[0].copy(), best, other, other_cost, work)
+
+
+@compiled
+def _lost(fit):
+    steep = abs(fit.unknowns[UNKNOWNS - 1]) > _LOST_FRICTION
+    return not fit.numbers[CONVERGED] > 0.0 or fit.numbers[SCATTER] > _LOST_SCATTER or steep

@@ -1,144 +1,321 @@
-"""Robust least squares over points, readings and priors, for a batch of frames on the nodes of their curves."""
+"""Points and readings against a prediction: residuals, robust weights, normal equations and cost of one frame."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import numpy as np
 
-from vbaa_calib.core.arrays import Array, arange_like, namespace
-from vbaa_calib.core.robust import huber_losses, huber_weights
+from vbaa_calib.antenna.lanes import LANES, load_from, spread, store_to
+from vbaa_calib.antenna.nodes import NODES_BEYOND
+from vbaa_calib.core.compiled import compiled
+from vbaa_calib.core.robust import HUBER
 
-from .prediction import Prediction, RigJacobian
-from .residuals import NodeSums, PointResiduals, node_sums
-from .rig_arrays import TIP_DEFLECTION_STD, RigArrays
+from .fit import CONTACT_M, COST, INNER, LAST, NODES, SCATTER, arclength_of_node
+from .linear_algebra import factorise, fill, put, solve_factorised
+from .prediction import predict
+from .rig_arrays import TIP_DEFLECTION_STD, UNKNOWNS, tip_deflection
 
+_EVERY, _FOOT_STEPS = 4, 2
+"""A foot is searched from the nearest of every fourth node by Newton steps; later each iteration adds one."""
 _CONVERGED = 1e-4
-"""Linear problems are solved once no frame's reweighted step promises to lower the cost by more than this part."""
-_LEAST_DAMPING = 1e-12
-"""Added to the diagonal of scaled normal equations: a direction without information stays where it is."""
+"""A linear problem is solved once a reweighted step promises to lower the cost by no more than this part."""
 
 
-@dataclass(frozen=True, eq=False)
-class Problem:
-    """B frames linearised about a prediction, in K = 4 + R unknowns and rig steps.
+@compiled
+def huber_weight(residual):
+    """Weight of a whitened residual's square (IRLS)."""
+    return HUBER / max(abs(residual), HUBER)
 
-    Attributes
-    ----------
-    points : residuals of the points.
-    jacobian : (B, M, K) of the curves' displacement along their normals.
-    reading_jacobian : (B, 3, K) of the predicted readings, in deviations.
-    reading_residual : (B, 3) in deviations.
-    prior : (B, K) weights of the unknowns' squares.
-    scatter : (B,) factor on the points' deviations.
+
+@compiled
+def huber_loss(residual):
+    """Half the square of a whitened residual, linear beyond `HUBER`."""
+    size = abs(residual)
+    # NaN must not pass for `HUBER`
+    inner = HUBER if size > HUBER else size
+    return inner * (size - 0.5 * inner)
+
+
+@compiled
+def prior_of(rig, fit, column):
+    """Prior weight of an unknown's or rig step's square."""
+    if column == 0:
+        return 0.0
+    if column < UNKNOWNS - 1:
+        bent = tip_deflection(rig, fit.numbers[CONTACT_M] / rig.length_m) / TIP_DEFLECTION_STD
+        return bent * bent
+    return 1.0
+
+
+@compiled
+def nearest_feet(rig, frame, fit):
+    """Feet of the points, searched over the whole curve."""
+    for i in range(len(frame.u)):
+        best, nearest = np.inf, 0
+        for j in range(0, NODES, _EVERY):
+            away_u, away_v = frame.u[i] - fit.u[j], frame.v[i] - fit.v[j]
+            away = away_u * away_u + away_v * away_v
+            if away < best:
+                best, nearest = away, j
+        fit.foot_m[i] = arclength_of_node(fit, rig.length_m, 1.0 * nearest)
+    for _ in range(_FOOT_STEPS):
+        point_residuals(rig, frame, fit)
+
+
+@compiled
+def feet_along_chord(rig, frame, fit):
+    """Feet on a nearly straight curve, the free antenna's, from places along its chord, in perspective."""
+    start_u, start_v = fit.u[0], fit.v[0]
+    chord_u, chord_v = fit.u[LAST] - start_u, fit.v[LAST] - start_v
+    square = chord_u * chord_u + chord_v * chord_v
+    near, far = fit.depth[0], fit.depth[LAST]
+    for i in range(len(frame.u)):
+        seen = ((frame.u[i] - start_u) * chord_u + (frame.v[i] - start_v) * chord_v) / square
+        seen = min(max(seen, 0.0), 1.0)
+        fit.foot_m[i] = seen * near / (far - (far - near) * seen) * rig.length_m
+
+
+@compiled
+def point_residuals(rig, frame, fit):
+    """Residuals of the points from feet near the right ones, which come out nearer.
+
+    The curve is taken as its parabola at the given feet: what is left of a foot's error e then counts as e³.
     """
-
-    points: PointResiduals
-    jacobian: Array
-    reading_jacobian: Array
-    reading_residual: Array
-    prior: Array
-    scatter: Array
-
-    def residuals_after(self, step: Array | None) -> tuple[Array, Array]:
-        """Points' distances (B, N) and reading residuals (B, 3), after a small step (B, K) if one is given."""
-        if step is None:
-            return self.points.distance, self.reading_residual
-        shift = self.points.interpolate((self.jacobian @ step[..., None])[..., 0])
-        reading = self.reading_residual - (self.reading_jacobian @ step[..., None])[..., 0]
-        return self.points.distance - shift, reading
-
-    def with_rig_steps(self, steps: Array) -> Problem:
-        """The same with the rig's steps (B, R) taken out of the residuals."""
-        if steps.shape[1] == 0:
-            return self
-        zero = namespace(steps).zeros_like(self.prior[:, : self.prior.shape[1] - steps.shape[1]])
-        distance, reading = self.residuals_after(namespace(steps).concat([zero, steps], -1))
-        return replace(self, points=replace(self.points, distance=distance), reading_residual=reading)
-
-    def weighted_sums(self, distance: Array, whitened: Array) -> NodeSums:
-        """Distances (B, N) with the robust weights of `whitened` ones, summed over the nodes."""
-        weights = huber_weights(whitened) * self.points.precision / self.scatter[:, None] ** 2
-        return node_sums(self.points, weights, distance, self.jacobian.shape[1])
-
-    @property
-    def sums(self) -> NodeSums:
-        """The points' residuals, summed over the nodes."""
-        return self.weighted_sums(self.points.distance, self.whitened(self.points.distance))
-
-    def whitened(self, distance: Array) -> Array:
-        """Distances (B, N) over their deviations; 0 for a missing point."""
-        return distance * namespace(distance).sqrt(self.points.precision) / self.scatter[:, None]
+    length, contact = rig.length_m, fit.numbers[CONTACT_M]
+    inner, outer = contact / INNER, (length - contact) / NODES_BEYOND
+    by_inner, by_outer = 1.0 / inner, 1.0 / outer
+    cubics = fit.cubics
+    for i in range(len(frame.u)):
+        foot = fit.foot_m[i]
+        beyond = max(foot - contact, 0.0)
+        along = (foot - beyond) * by_inner + beyond * by_outer
+        within = min(max(along, 0.0), LAST - 1e-6)
+        node = int(within)
+        share = along - node
+        width = inner if node < INNER else outer
+        rise_u, rise_v = cubics[node, 3] * share, cubics[node, 7] * share
+        u = ((rise_u + cubics[node, 2]) * share + cubics[node, 1]) * share + cubics[node, 0]
+        v = ((rise_v + cubics[node, 6]) * share + cubics[node, 5]) * share + cubics[node, 4]
+        u1 = (3.0 * rise_u + 2.0 * cubics[node, 2]) * share + cubics[node, 1]
+        v1 = (3.0 * rise_v + 2.0 * cubics[node, 6]) * share + cubics[node, 5]
+        u2, v2 = 6.0 * rise_u + 2.0 * cubics[node, 2], 6.0 * rise_v + 2.0 * cubics[node, 6]
+        off_u, off_v = frame.u[i] - u, frame.v[i] - v
+        square = u1 * u1 + v1 * v1
+        ahead = (off_u * u1 + off_v * v1) / square
+        longest = min(max(ahead, -1.0), 1.0)
+        distance = off_v * u1 - off_u * v1 - 0.5 * (v2 * u1 - u2 * v1) * longest * longest
+        # the normal is (−v′, u′)/√(u′² + v′²)
+        variance = frame.xx[i] * v1 * v1 - 2.0 * frame.xy[i] * u1 * v1 + frame.yy[i] * u1 * u1
+        foot += ahead * width
+        # a prediction that left the domain of the model is rejected by its cost, not here
+        foot = foot if foot == foot else 0.0
+        fit.foot_m[i] = min(max(foot, 0.0), length)
+        fit.node[i], fit.share[i] = node, share
+        fit.distance[i], fit.precision[i] = distance / np.sqrt(square), square / variance
 
 
-@dataclass(frozen=True, eq=False)
-class NormalEquations:
-    """Information (B, K, K), right side (B, K) = information · step, and the cost (B,)."""
-
-    information: Array
-    right_side: Array
-    cost: Array
+@compiled
+def interpolated(fit, values, i):
+    """Values on the nodes (M,) at a point's foot."""
+    first = values[fit.node[i]]
+    return first + fit.share[i] * (values[fit.node[i] + 1] - first)
 
 
-def linear_problem(
-    rig_arrays: RigArrays, prediction: Prediction, by_rig: RigJacobian, points: PointResiduals, scatter: Array
-) -> Problem:
-    """Join the derivatives by the contact and by the rig, and the priors of both."""
-    xp = namespace(scatter)
-    force = (rig_arrays.tip_deflection(prediction.contact_m / prediction.length_m) / TIP_DEFLECTION_STD) ** 2
-    prior = xp.zeros_like(force)[:, None] + rig_arrays.prior
-    prior[:, 1:3] = force[:, None]
-    jacobian = xp.concat([prediction.jacobian, by_rig.image], -1)
-    reading_jacobian = xp.concat([prediction.reading_jacobian, by_rig.reading], -1)
-    return Problem(points, jacobian, reading_jacobian, prediction.reading_residual, prior, scatter)
+@compiled
+def shift_by_steps(fit, first, steps, shift):
+    """Displacement (M,) by steps (K − first,) of the columns from `first` on."""
+    for j in range(NODES):
+        total = 0.0
+        for k in range(len(steps)):
+            total += fit.columns[j, first + k] * steps[k]
+        shift[j] = total
 
 
-def cost(problem: Problem, at: Array, step: Array | None = None) -> Array:
-    """(B,) robust cost with the priors of values `at` (B, K), after a small step (B, K) towards them."""
-    distance, reading = problem.residuals_after(step)
-    return _total_cost(problem, at, problem.whitened(distance), reading)
+@compiled
+def take_out(fit, shift):
+    """Take a displacement (M,) of the curve out of the points' distances."""
+    for i in range(len(fit.distance)):
+        fit.distance[i] -= interpolated(fit, shift, i)
 
 
-def _total_cost(problem: Problem, at: Array, whitened: Array, reading: Array) -> Array:
-    points = huber_losses(whitened).sum(-1)
-    return points + huber_losses(reading).sum(-1) + 0.5 * (problem.prior * at * at).sum(-1)
+@compiled
+def residuals_with_rig(fit, shift):
+    """Take the rig's steps out of the residuals. `shift` (M,) is scratch room."""
+    put(fit.predicted_residual, fit.residual)
+    if len(fit.steps) == 0:
+        return
+    shift_by_steps(fit, UNKNOWNS, fit.steps, shift)
+    take_out(fit, shift)
+    for reading in range(3):
+        for k in range(len(fit.steps)):
+            fit.residual[reading] -= fit.reading_columns[reading, UNKNOWNS + k] * fit.steps[k]
 
 
-def normal_equations(problem: Problem, at: Array, step: Array | None = None) -> NormalEquations:
-    """Reweighted at the residuals after a small step (B, K), for a further step from values `at` (B, K)."""
-    distance, reading = problem.residuals_after(step)
-    whitened = problem.whitened(distance)
-    sums = problem.weighted_sums(distance, whitened)
-    weighted = huber_weights(reading)[..., None] * problem.reading_jacobian
-    information = problem.jacobian.mT @ sums.times(problem.jacobian) + problem.reading_jacobian.mT @ weighted
-    right_side = (problem.jacobian.mT @ sums.load[..., None] + weighted.mT @ reading[..., None])[..., 0]
-    diagonal = arange_like(at, problem.jacobian.shape[-1])
-    information[:, diagonal, diagonal] += problem.prior
-    total = _total_cost(problem, at, whitened, reading)
-    return NormalEquations(information, right_side - problem.prior * at, total)
+@compiled
+def points_cost(fit):
+    """Robust cost of the points, whose weighted sums over the nodes are renewed."""
+    fill(fit.diagonal, 0.0)
+    fill(fit.beside, 0.0)
+    fill(fit.load, 0.0)
+    by_scatter = 1.0 / fit.numbers[SCATTER]
+    square = by_scatter * by_scatter
+    cost = 0.0
+    for i in range(len(fit.distance)):
+        distance, precision, share, node = fit.distance[i], fit.precision[i], fit.share[i], fit.node[i]
+        size = abs(distance) * np.sqrt(precision) * by_scatter
+        inner = HUBER if size > HUBER else size
+        cost += inner * (size - 0.5 * inner)
+        weight = HUBER / max(size, HUBER) * precision * square
+        first = weight * share
+        second, pull = first * share, weight * distance
+        ahead = pull * share
+        fit.diagonal[node] += weight - 2.0 * first + second
+        fit.diagonal[node + 1] += second
+        fit.beside[node] += first - second
+        fit.load[node] += pull - ahead
+        fit.load[node + 1] += ahead
+    return cost
 
 
-def solve_normal_equations(information: Array, right_side: Array, damping: Array | None = None) -> Array:
-    """Steps (B, K) of normal equations, scaled to a unit diagonal, to which damping (B,) is added."""
-    return solve_columns(information, right_side[..., None], damping)[..., 0]
+@compiled
+def times_tridiagonal(fit, columns, product):
+    """The points' tridiagonal information times columns (M, C)."""
+    size = columns.shape[1]
+    for j in range(NODES):
+        own = fit.diagonal[j]
+        for k in range(size):
+            product[j, k] = own * columns[j, k]
+        if j < LAST:
+            ahead = fit.beside[j]
+            for k in range(size):
+                product[j, k] += ahead * columns[j + 1, k]
+        if j > 0:
+            behind = fit.beside[j - 1]
+            for k in range(size):
+                product[j, k] += behind * columns[j - 1, k]
 
 
-def solve_columns(information: Array, right_sides: Array, damping: Array | None = None) -> Array:
-    """`solve_normal_equations` for several right sides (B, K, C) at once."""
-    xp = namespace(right_sides)
-    diagonal = arange_like(right_sides, right_sides.shape[1])
-    scale = xp.sqrt(information[:, diagonal, diagonal])
-    scale = xp.where(scale > 0.0, scale, xp.ones_like(scale))
-    unit = information / (scale[:, :, None] * scale[:, None])
-    unit[:, diagonal, diagonal] += _LEAST_DAMPING if damping is None else damping[:, None] + _LEAST_DAMPING
-    return xp.linalg.solve(unit, right_sides / scale[..., None]) / scale[..., None]
+@compiled
+def normal_equations(rig, fit, first, product):
+    """Information, right side and cost of the columns from `first` on (4: the rig alone), at the residuals as they are.
+
+    product : (M, K) scratch room.
+    """
+    size = fit.size
+    cost = points_cost(fit)
+    times_tridiagonal(fit, fit.columns, product)
+    information, side = fit.information, fit.side
+    inner_products(fit.columns, product, information)
+    for k in range(0, len(side), LANES):
+        total = spread(0.0)
+        for j in range(NODES):
+            total = total + fit.load[j] * load_from(fit.columns, j, k)
+        store_to(side, total, k)
+    for reading in range(3):
+        residual = fit.residual[reading]
+        weight = huber_weight(residual)
+        cost += huber_loss(residual)
+        for a in range(first, size):
+            pull = weight * fit.reading_columns[reading, a]
+            side[a] += pull * residual
+            for b in range(a + 1):
+                information[a, b] += pull * fit.reading_columns[reading, b]
+    for a in range(first, size):
+        prior = prior_of(rig, fit, a)
+        at = fit.unknowns[a] if a < UNKNOWNS else fit.steps[a - UNKNOWNS]
+        information[a, a] += prior
+        side[a] -= prior * at
+        cost += 0.5 * prior * at * at
+        for b in range(first, a):
+            information[b, a] = information[a, b]
+    fit.numbers[COST] = cost
 
 
-def least_cost(problem: Problem, at: Array, rounds: int) -> Array:
-    """(B,) least cost of the linear problem by IRLS from values `at` (B, K), in so many rounds at most."""
-    step = namespace(at).zeros_like(at)
+@compiled
+def inner_products(columns, product, total):
+    """The lower triangle of columnsᵀ · product, (M, K) both, K a multiple of LANES."""
+    for a in range(0, len(total), 4):
+        for b in range(0, a + 4, LANES):
+            first, second, third, fourth = spread(0.0), spread(0.0), spread(0.0), spread(0.0)
+            for j in range(NODES):
+                row = load_from(product, j, b)
+                first = first + columns[j, a] * row
+                second = second + columns[j, a + 1] * row
+                third = third + columns[j, a + 2] * row
+                fourth = fourth + columns[j, a + 3] * row
+            store_to(total, first, a, b)
+            store_to(total, second, a + 1, b)
+            store_to(total, third, a + 2, b)
+            store_to(total, fourth, a + 3, b)
+
+
+@compiled
+def linearise(rig, frame, fit, work):
+    """Residuals about the fit's prediction, the rig's steps taken out. Feet come out nearer to the right ones."""
+    point_residuals(rig, frame, fit)
+    residuals_with_rig(fit, work.shift)
+
+
+@compiled
+def evaluate(rig, frame, rung, fit, work):
+    """A fit as it is at its state, without a step: prediction, residuals and normal equations."""
+    work.evaluations[0] += 1
+    predict(rig, frame, rung, work.bent, fit, True)
+    linearise(rig, frame, fit, work)
+    normal_equations(rig, fit, 0, work.product)
+
+
+@compiled
+def total_cost(rig, fit):
+    """Robust cost with the priors, at the residuals as they are; nothing of the fit changes."""
+    cost, by_scatter = 0.0, 1.0 / fit.numbers[SCATTER]
+    for i in range(len(fit.distance)):
+        cost += huber_loss(fit.distance[i] * np.sqrt(fit.precision[i]) * by_scatter)
+    for reading in range(3):
+        cost += huber_loss(fit.residual[reading])
+    for a in range(1, fit.size):
+        at = fit.unknowns[a] if a < UNKNOWNS else fit.steps[a - UNKNOWNS]
+        cost += 0.5 * prior_of(rig, fit, a) * at * at
+    return cost
+
+
+@compiled
+def least_cost(rig, fit, first, rounds, work):
+    """Least cost of the linear problem about a fit by IRLS, in so many rounds at most. Spoils the fit's state.
+
+    first : 0, or 4 where only the rig may move. The step is taken from where the fit is, priors included.
+    """
+    size = fit.size - first
     for _ in range(rounds):
-        now = normal_equations(problem, at + step, step)
-        change = solve_normal_equations(now.information, now.right_side)
-        step = step + change
-        if bool(((now.right_side * change).sum(-1) < _CONVERGED * (1.0 + now.cost)).all()):
+        normal_equations(rig, fit, first, work.product)
+        factorise(fit.information, first, size, 0.0, work.factor, work.scale)
+        step = work.step[:size]
+        solve_factorised(work.factor, work.scale, size, fit.side[first:], step)
+        promise = 0.0
+        for k in range(size):
+            promise += fit.side[first + k] * step[k]
+        shift_by_steps(fit, first, step, work.shift)
+        take_out(fit, work.shift)
+        for reading in range(3):
+            for k in range(size):
+                fit.residual[reading] -= fit.reading_columns[reading, first + k] * step[k]
+        for k in range(size):
+            a = first + k
+            if a < UNKNOWNS:
+                fit.unknowns[a] += step[k]
+            else:
+                fit.steps[a - UNKNOWNS] += step[k]
+        if promise < _CONVERGED * (1.0 + fit.numbers[COST]):
             break
-    return cost(problem, at + step, step)
+    return total_cost(rig, fit)
+
+
+@compiled
+def unscaled_cost(rig, fit):
+    """The cost with the deviations that the points came with: only these compare between fits."""
+    scatter = fit.numbers[SCATTER]
+    if scatter == 1.0:
+        return fit.numbers[COST]
+    fit.numbers[SCATTER] = 1.0
+    cost = total_cost(rig, fit)
+    fit.numbers[SCATTER] = scatter
+    return cost

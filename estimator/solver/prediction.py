@@ -1,327 +1,381 @@
-"""What the model predicts of frames at given unknowns, and its derivatives by the unknowns and by the rig.
+"""What the model predicts of a frame at given unknowns, and its derivatives by the unknowns and by the rig.
 
-Everything lives on the nodes of the predicted curves. Between nodes the image's displacement along the normal is taken
+Everything lives on the nodes of the predicted curve. Between nodes the picture's displacement along the normal is taken
 as linear, which costs a ten-thousandth of it; the curve itself is a cubic.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import numpy as np
 
-from vbaa_calib.antenna.nodes import CONTACT
-from vbaa_calib.antenna.rungs import curves
-from vbaa_calib.antenna.shape import Curves
-from vbaa_calib.core.arrays import Array, arange_like, as_index, namespace
-from vbaa_calib.rig import RIG_STEPS
+from vbaa_calib.antenna.lanes import lane_of, load_from, spread
+from vbaa_calib.antenna.nodes import CONTACT, NODES_BEYOND
+from vbaa_calib.antenna.rungs import RUNGS
+from vbaa_calib.antenna.shape_kernel import LANES, bend_lanes
+from vbaa_calib.camera.compiled_lens import CompiledLens, normalized_by_lens
+from vbaa_calib.core.compiled import compiled, record
 
-from .curves import INNER, LAST, cubics, dot, evaluate_cubics, flat_rows, image_slopes, project, spacing
-from .frames import Frames
-from .rig_arrays import ANTENNA, POSES, UNKNOWNS, RigArrays
+from .fit import CONTACT_M, INNER, LAST, NODES, arclength_of_node
+from .linear_algebra import put
+from .rig_arrays import ANTENNA, POSES, UNKNOWNS
 
 _STEP = 1e-4
 """Finite-difference step of each unknown."""
 TIP = 1.0
 """The tip's distance in antenna lengths."""
-LINEAR = "linear"
-FRICTION_RUNGS = ("elastica", "rod")
-"""The rungs whose shapes depend on friction."""
+PAPER, LINEAR, ELASTICA, ROD = range(len(RUNGS))
+"""The rungs. Those from `ELASTICA` on have shapes that depend on friction."""
+REFERENCE = ROD
+"""The rung that the others are compared with."""
+_NEAREST_DEPTH_M = 1e-4
+"""Nodes nearer to the camera's plane than this, or behind it, are taken to lie there: their picture is far off."""
 
 
-@dataclass(frozen=True, eq=False)
-class Prediction:
-    """B predicted curves on their M nodes, in the ideal picture, with their derivatives by the 4 unknowns.
+@record
+class Bent:
+    """Shapes of the antenna side by side, and their ideal picture. Scratch room.
 
     Attributes
     ----------
-    points_m, tangents : (B, M, 3) antenna frame.
-    contact_m : (B,) arc length of the contact, which is the node `antenna.nodes.CONTACT`.
-    nodes : (B, M, 2) ideal image points. cubics : (B, M, 8) the curves between them, see `curves.cubics`.
-    depth : (B, M, 1) before the camera, m.
-    normals : (B, M, 2) unit normals of the image curve.
-    jacobian : (B, M, 4) of the image's displacement along the normals.
-    reading_residual : (B, 3) what was read less what is predicted, in deviations: moments about y and z, and the
-        antenna's end along it in the picture; 0 where there is no reading.
-    reading_jacobian : (B, 3, 4) of the predicted readings, in deviations.
-    point_force : (B, 6) contact point, m, and force, N, antenna frame. point_force_jacobian : (B, 6, 4).
+    parameters : (9, L). contact_m, friction_rad, moment_Nm : (L,). push_N : (2, L).
+    points_m : (3, M, L). tangents : (3, M, 1) of the first. force_N : (3, L). u, v, depth : (M, L).
+    raw, raw_readings, raw_point_force : (M, Q), (3, Q), (6, Q) derivatives by the rig's parameters.
+    by_lens : (2, 4 + k). lens : the camera's.
     """
 
-    length_m: float
-    points_m: Array
-    tangents: Array
-    contact_m: Array
-    nodes: Array
-    cubics: Array
-    depth: Array
-    normals: Array
-    jacobian: Array
-    reading_residual: Array
-    reading_jacobian: Array
-    point_force: Array
-    point_force_jacobian: Array
-
-    def locate(self, arclength_m: Array) -> tuple[Array, Array, Array]:
-        """The node before each arc length (B, N), the share of the way to the next one, and the interval's width."""
-        xp = namespace(arclength_m)
-        contact, inner, outer = spacing(self.contact_m, self.length_m)
-        beyond = xp.clip(arclength_m - contact, 0.0, None)
-        along = (arclength_m - beyond) / inner + beyond / outer
-        node = xp.floor(xp.clip(xp.nan_to_num(along, nan=0.0), 0.0, LAST - 1e-6))
-        width = inner + (outer - inner) * xp.clip(node - (INNER - 1.0), 0.0, 1.0)
-        return as_index(node), along - node, width
-
-    def points_at(self, arclength_m: Array) -> Array:
-        """(B, N, 3) points of the antenna at arc lengths (B, N), antenna frame."""
-        table = cubics(self.points_m, self.tangents, self.contact_m, self.length_m)
-        node, share, _ = self.locate(arclength_m)
-        values = evaluate_cubics(table, flat_rows(node, table.shape[1]), share)
-        return namespace(share).stack([value for value, _, _ in values], -1)
-
-    def arclength(self, node: Array) -> Array:
-        """Arc lengths (B, N) in m of places given in nodes."""
-        _, inner, outer = spacing(self.contact_m, self.length_m)
-        past = namespace(node).clip(node - INNER, 0.0, None)
-        return (node - past) * inner + past * outer
+    parameters: np.ndarray
+    contact_m: np.ndarray
+    push_N: np.ndarray
+    friction_rad: np.ndarray
+    points_m: np.ndarray
+    tangents: np.ndarray
+    force_N: np.ndarray
+    moment_Nm: np.ndarray
+    u: np.ndarray
+    v: np.ndarray
+    depth: np.ndarray
+    raw: np.ndarray
+    raw_readings: np.ndarray
+    raw_point_force: np.ndarray
+    by_lens: np.ndarray
+    lens: CompiledLens
 
 
-@dataclass(frozen=True, eq=False)
-class RigJacobian:
-    """Derivatives of a prediction along the rig's R axes: image (B, M, R), reading (B, 3, R), point_force (B, 6, R)."""
+@compiled
+def empty_bent(rig, lens):
+    """Scratch room for one frame at a time."""
+    rows = rig.axes.shape[0]
+    return Bent(
+        np.empty((ANTENNA, LANES)),
+        np.empty(LANES),
+        np.empty((2, LANES)),
+        np.empty(LANES),
+        np.empty((3, NODES, LANES)),
+        np.empty((3, NODES, 1)),
+        np.empty((3, LANES)),
+        np.empty(LANES),
+        np.empty((NODES, LANES)),
+        np.empty((NODES, LANES)),
+        np.empty((NODES, LANES)),
+        np.zeros((NODES, rows)),
+        np.zeros((3, rows)),
+        np.zeros((6, rows)),
+        np.empty((2, 4 + lens.distortions)),
+        lens,
+    )
 
-    image: Array
-    reading: Array
-    point_force: Array
+
+@compiled
+def _lay(rig, bent, unknowns, lane):
+    """One lane's antenna, contact and force."""
+    for k in range(ANTENNA):
+        bent.parameters[k, lane] = rig.antenna_parameters[k]
+    bent.contact_m[lane] = unknowns[0] * rig.length_m
+    bent.push_N[0, lane] = unknowns[1] * rig.force_unit_N
+    bent.push_N[1, lane] = unknowns[2] * rig.force_unit_N
+    bent.friction_rad[lane] = unknowns[3] * rig.friction_rad
 
 
-def bend(frames: Frames, rung: str, unknowns: Array, steps: Array | None = None) -> Curves:
-    """B·K antenna shapes for unknowns (B, K, 4); `steps` (B, K, 9) are added to the antenna's parameters."""
-    xp, rig_arrays = namespace(unknowns), frames.rig_arrays
-    grid = unknowns.shape[:2]
-    parameters = rig_arrays.antenna_parameters if steps is None else rig_arrays.antenna_parameters + steps
-    flat = unknowns.reshape(-1, UNKNOWNS)
-    return curves(
+@compiled
+def _shapes(rig, frame, rung, bent):
+    """All lanes' shapes and pictures."""
+    bend_lanes(
         rung,
-        xp.broadcast_to(parameters, (*grid, ANTENNA)).reshape(-1, ANTENNA),
-        rig_arrays.length_m,
-        xp.broadcast_to(frames.gravity_m_s2[:, None], (*grid, 3)).reshape(-1, 3),
-        flat[:, 0] * rig_arrays.length_m,
-        flat[:, 1:3] * rig_arrays.force_unit_N,
-        flat[:, 3] * rig_arrays.friction_rad if rig_arrays.friction_rad > 0.0 else None,
+        bent.parameters,
+        rig.length_m,
+        frame.gravity_m_s2,
+        bent.contact_m,
+        bent.push_N,
+        bent.friction_rad,
+        bent.points_m,
+        bent.tangents,
+        bent.force_N,
+        bent.moment_Nm,
     )
+    turn, shift = rig.rotations[0], rig.translations[0]
+    for j in range(NODES):
+        for lane in range(LANES):
+            x, y, z = bent.points_m[0, j, lane], bent.points_m[1, j, lane], bent.points_m[2, j, lane]
+            ahead = turn[2, 0] * x + turn[2, 1] * y + (turn[2, 2] * z + shift[2])
+            # NaN stays NaN
+            ahead = _NEAREST_DEPTH_M if ahead < _NEAREST_DEPTH_M else ahead
+            bent.u[j, lane] = (turn[0, 0] * x + turn[0, 1] * y + (turn[0, 2] * z + shift[0])) / ahead
+            bent.v[j, lane] = (turn[1, 0] * x + turn[1, 1] * y + (turn[1, 2] * z + shift[1])) / ahead
+            bent.depth[j, lane] = ahead
 
 
-def predict(frames: Frames, rung: str, unknowns: Array, derivatives: bool = True) -> Prediction:
-    """The prediction at unknowns (B, 4); without `derivatives` its Jacobians have no columns."""
-    xp, rig_arrays = namespace(unknowns), frames.rig_arrays
-    free = (
-        (UNKNOWNS if rig_arrays.friction_rad > 0.0 and rung in FRICTION_RUNGS else UNKNOWNS - 1) if derivatives else 0
-    )
-    ones = xp.ones_like(unknowns[:, :1])
-    signs = xp.concat([xp.where(unknowns[:, :1] + _STEP > TIP, -ones, ones)] + [ones] * (UNKNOWNS - 1), -1)[:, :free]
-    steps = xp.concat([ones, signs], -1)[..., None] * rig_arrays.unit_steps[: free + 1]
-    shapes = bend(frames, rung, unknowns[:, None] + _STEP * steps)
-    grid = len(frames), free + 1
-    u, v, depth = (part.reshape(*grid, -1) for part in project(rig_arrays, shapes.points_m))
-    points, tangents = (vectors.reshape(*grid, -1, 3)[:, 0] for vectors in (shapes.points_m, shapes.tangents))
-    slope_u, slope_v = image_slopes(rig_arrays, tangents, u[:, 0], v[:, 0], depth[:, 0])
-    size = xp.clip(xp.hypot(slope_u, slope_v), 1e-30, None)
-    normal_u, normal_v = -slope_v / size, slope_u / size
-    displacement = (u[:, 1:] - u[:, :1]) * normal_u[:, None] + (v[:, 1:] - v[:, :1]) * normal_v[:, None]
-    jacobian = displacement / (_STEP * signs[..., None])
-    along = _tip_axis(frames, slope_u[:, -1], slope_v[:, -1])
-    tip = u[..., -1] * along[:, :1] + v[..., -1] * along[:, 1:2] + rig_arrays.tip_offset_m * along[:, 2:]
-    reading = xp.concat([predicted_moment(frames, shapes).reshape(*grid, 2), tip[..., None]], -1)
-    reading_jacobian = (reading[:, 1:] - reading[:, :1]) / (_STEP * signs[..., None])
-    seen_tip = (frames.tip * along[:, :2]).sum(-1)[:, None]
-    read = xp.concat([frames.moment_Nm / rig_arrays.std, seen_tip], -1)
-    point_force = xp.concat([shapes.contact_m, shapes.force_N], -1).reshape(*grid, 6)
-    point_force_jacobian = (point_force[:, 1:] - point_force[:, :1]) / (_STEP * signs[..., None])
-    if 0 < free < UNKNOWNS:
-        jacobian = xp.concat([jacobian, xp.zeros_like(jacobian[:, :1])], 1)
-        reading_jacobian = xp.concat([reading_jacobian, xp.zeros_like(reading_jacobian[:, :1])], 1)
-        by_friction = _force_by_friction(rig_arrays, shapes, point_force[:, :1])
-        point_force_jacobian = xp.concat([point_force_jacobian, by_friction], 1)
-    contact = xp.clip(unknowns[:, 0], None, 1.0 - 1e-6) * rig_arrays.length_m  # the last two nodes stay apart
-    nodes = xp.stack([u[:, 0], v[:, 0]], -1)
-    return Prediction(
-        rig_arrays.length_m,
-        points,
-        tangents,
-        contact,
-        nodes,
-        cubics(nodes, xp.stack([slope_u, slope_v], -1), contact, rig_arrays.length_m),
-        depth[:, 0, :, None],
-        xp.stack([normal_u, normal_v], -1),
-        jacobian.mT,
-        (read - reading[:, 0]) * frames.available,
-        reading_jacobian.mT * frames.available[..., None],
-        point_force[:, 0],
-        point_force_jacobian.mT,
-    )
+@compiled
+def _slope(rig, bent, j):
+    """Slope of the first lane's picture by arc length at a node."""
+    x, y, z = bent.tangents[0, j, 0], bent.tangents[1, j, 0], bent.tangents[2, j, 0]
+    turn = rig.rotations[0]
+    ahead = turn[2, 0] * x + turn[2, 1] * y + turn[2, 2] * z
+    u, v, depth = bent.u[j, 0], bent.v[j, 0], bent.depth[j, 0]
+    across = turn[0, 0] * x + turn[0, 1] * y + turn[0, 2] * z
+    down = turn[1, 0] * x + turn[1, 1] * y + turn[1, 2] * z
+    return (across - u * ahead) / depth, (down - v * ahead) / depth
 
 
-def point_jacobian(rig_arrays: RigArrays, prediction: Prediction) -> Array:
-    """(B, M, 3) displacement along the image normals per metre that a node moves along each antenna axis."""
-    rotation = rig_arrays.rotations[0]
-    along = prediction.normals @ rotation[:2]  # of n · (X/Z, Y/Z) by the point
-    return (along - dot(prediction.normals, prediction.nodes)[..., None] * rotation[2]) / prediction.depth
-
-
-def difference(prediction: Prediction, other: Prediction) -> tuple[Array, Array, Array]:
-    """What another prediction of the same frames says, less this one.
-
-    Along the normals (B, M), readings in deviations (B, 3), and contact point and force (B, 6).
-    """
-    displacement = dot(other.nodes - prediction.nodes, prediction.normals)
-    reading = prediction.reading_residual - other.reading_residual
-    return displacement, reading, other.point_force - prediction.point_force
-
-
-def reading_response(frames: Frames, prediction: Prediction, moment_Nm: Array, end_m: Array) -> Array:
-    """(B, 3, 2G) what is read, in deviations, of forces along y and z with moments (G,) at the clamp.
-
-    end_m : (B, G) by how much each deflects the antenna's end, m.
-    """
-    xp, rig_arrays = namespace(moment_Nm), frames.rig_arrays
-    node, depth = prediction.nodes[:, -1:], prediction.depth[:, -1]
-    slopes = image_slopes(
-        rig_arrays, prediction.tangents[:, -1:], node[..., 0], node[..., 1], prediction.depth[:, -1:, 0]
-    )
-    along = _tip_axis(frames, *(slope[:, 0] for slope in slopes))[:, :2]
-    rotation = rig_arrays.rotations[0]
-    by_point = (along @ rotation[:2] - dot(along, node[:, 0])[:, None] * rotation[2]) / depth
-    end = (end_m[..., None] * by_point[:, None, 1:]).reshape(len(end_m), 1, -1)
-    moment = rig_arrays.moment_response(moment_Nm).reshape(2, -1)
-    moment = xp.broadcast_to(moment, (len(end_m), *moment.shape))
-    return xp.concat([moment, end], 1) * frames.available[..., None]
-
-
-def _tip_axis(frames: Frames, slope_u: Array, slope_v: Array) -> Array:
-    """(B, 3) what turns a point of the picture into its place along the antenna's end, in deviations, and a length.
-
-    slope_u, slope_v : (B,) of the picture by arc length there.
-    """
-    xp = namespace(slope_u)
-    size = xp.clip(xp.hypot(slope_u, slope_v), 1e-30, None)
+@compiled
+def tip_axis(frame, slope_u, slope_v):
+    """What turns a point of the picture into its place along the antenna's end, in deviations, and a length."""
+    size = max(np.hypot(slope_u, slope_v), 1e-30)
     u, v = slope_u / size, slope_v / size
-    xx, xy, yy = frames.tip_covariance
-    std = xp.sqrt(xx * u * u + 2.0 * xy * u * v + yy * v * v)
-    return xp.stack([u / std, v / std, size / std], -1)
+    xx, xy, yy = frame.tip_covariance
+    std = np.sqrt(xx * u * u + 2.0 * xy * u * v + yy * v * v)
+    return u / std, v / std, size / std
 
 
-def predicted_moment(frames: Frames, shapes: Curves) -> Array:
-    """(B·K, 2) what the sensors would read for B·K shapes, in their deviations."""
-    xp, rig_arrays = namespace(shapes.points_m), frames.rig_arrays
-    about_z = xp.zeros_like(shapes.moment_Nm)
-    if rig_arrays.rig.second_moment_sensor is not None:
-        about_z = _moment_about_z(frames, shapes)
-    return (rig_arrays.gain * xp.stack([shapes.moment_Nm, about_z], -1) + rig_arrays.offset) / rig_arrays.std
+@compiled
+def predicted_moment(rig, frame, bent, lane, about):
+    """What the sensor about y (0) or z (1) would read of a lane's shape, in its deviations."""
+    if about == 0:
+        moment = bent.moment_Nm[lane]
+    elif rig.with_second_sensor:
+        moment = _moment_about_z(rig, frame, bent, lane)
+    else:
+        moment = 0.0
+    return (rig.gain[about] * moment + rig.offset[about]) / rig.std[about]
 
 
-def _moment_about_z(frames: Frames, shapes: Curves) -> Array:
-    """(B·K,) x·f_y − y·f_x of force and weight about the antenna frame's origin, N·m."""
-    xp = namespace(shapes.points_m)
-    contact, force = shapes.points_m[:, CONTACT], shapes.force_N
-    widths = shapes.arclength_m[:, 1:] - shapes.arclength_m[:, :-1]
-    middles = 0.5 * (shapes.points_m[:, 1:, :2] + shapes.points_m[:, :-1, :2])
-    centre = (middles * widths[..., None]).sum(1)
-    weight = xp.exp(frames.rig_arrays.antenna_parameters[7]) * frames.gravity_m_s2
-    weight = xp.broadcast_to(weight[:, None], (len(frames), len(force) // len(frames), 3)).reshape(-1, 3)
-    by_force = contact[:, 0] * force[:, 1] - contact[:, 1] * force[:, 0]
-    return by_force + centre[:, 0] * weight[:, 1] - centre[:, 1] * weight[:, 0]
+@compiled
+def _moment_about_z(rig, frame, bent, lane):
+    """x·f_y − y·f_x of force and weight about the antenna frame's origin, N·m."""
+    x, y = bent.points_m[0, :, lane], bent.points_m[1, :, lane]
+    contact = min(bent.contact_m[lane], (1.0 - 1e-6) * rig.length_m)
+    inner, outer = contact / INNER, (rig.length_m - contact) / NODES_BEYOND
+    centre_x, centre_y = 0.0, 0.0
+    for j in range(LAST):
+        width = 0.5 * (inner if j < INNER else outer)
+        centre_x += width * (x[j] + x[j + 1])
+        centre_y += width * (y[j] + y[j + 1])
+    mass = np.exp(rig.antenna_parameters[7])
+    by_force = x[CONTACT] * bent.force_N[1, lane] - y[CONTACT] * bent.force_N[0, lane]
+    return by_force + mass * (centre_x * frame.gravity_m_s2[1] - centre_y * frame.gravity_m_s2[0])
 
 
-def rig_jacobian(frames: Frames, rung: str, unknowns: Array, prediction: Prediction) -> RigJacobian:
-    """Derivatives along the rig's axes at unknowns (B, 4), on one rung.
+@compiled
+def predict(rig, frame, rung, bent, fit, derivatives):
+    """The prediction at the fit's unknowns; without `derivatives` its columns by the unknowns stay as they are."""
+    free = 0
+    if derivatives:
+        free = UNKNOWNS if rig.friction_rad > 0.0 and rung >= ELASTICA else UNKNOWNS - 1
+    moved = np.empty(UNKNOWNS)
+    back = -_STEP if fit.unknowns[0] + _STEP > TIP else _STEP
+    for lane in range(LANES):
+        put(fit.unknowns, moved)
+        if 0 < lane <= free:
+            moved[lane - 1] += back if lane == 1 else _STEP
+        _lay(rig, bent, moved, lane)
+    _shapes(rig, frame, rung, bent)
+    _curve(rig, bent, fit)
+    slope_u, slope_v = _slope(rig, bent, LAST)
+    end_u, end_v, end_m = tip_axis(frame, slope_u, slope_v)
+    base = np.empty(3)
+    for about in range(2):
+        base[about] = predicted_moment(rig, frame, bent, 0, about)
+        fit.predicted_residual[about] = (frame.moment_Nm[about] / rig.std[about] - base[about]) * frame.available[about]
+    base[2] = bent.u[LAST, 0] * end_u + bent.v[LAST, 0] * end_v + rig.tip_offset_m * end_m
+    fit.predicted_residual[2] = (frame.tip[0] * end_u + frame.tip[1] * end_v - base[2]) * frame.available[2]
+    for axis in range(3):
+        fit.point_force[axis] = bent.points_m[axis, CONTACT, 0]
+        fit.point_force[3 + axis] = bent.force_N[axis, 0]
+    for k in range(free):
+        step = 1.0 / (back if k == 0 else _STEP)
+        _by_lane(fit, bent, k + 1, k, step)
+        for about in range(2):
+            change = predicted_moment(rig, frame, bent, k + 1, about) - base[about]
+            fit.reading_columns[about, k] = change * step * frame.available[about]
+        tip = bent.u[LAST, k + 1] * end_u + bent.v[LAST, k + 1] * end_v + rig.tip_offset_m * end_m
+        fit.reading_columns[2, k] = (tip - base[2]) * step * frame.available[2]
+    if 0 < free < UNKNOWNS:
+        _friction_column(rig, fit)
+
+
+@compiled
+def _curve(rig, bent, fit):
+    """The first lane's picture: nodes, normals, and the cubics between them."""
+    contact = min(fit.unknowns[0], 1.0 - 1e-6) * rig.length_m  # the last two nodes stay apart
+    fit.numbers[CONTACT_M] = contact
+    inner, outer = contact / INNER, (rig.length_m - contact) / NODES_BEYOND
+    slope_u, slope_v = np.empty(NODES), np.empty(NODES)
+    for j in range(NODES):
+        slope_u[j], slope_v[j] = _slope(rig, bent, j)
+        fit.u[j], fit.v[j], fit.depth[j] = bent.u[j, 0], bent.v[j, 0], bent.depth[j, 0]
+        for axis in range(3):
+            fit.points_m[axis, j] = bent.points_m[axis, j, 0]
+            fit.tangents[axis, j] = bent.tangents[axis, j, 0]
+        size = max(np.sqrt(slope_u[j] * slope_u[j] + slope_v[j] * slope_v[j]), 1e-30)
+        fit.normal_u[j], fit.normal_v[j] = -slope_v[j] / size, slope_u[j] / size
+    for j in range(LAST):
+        width = inner if j < INNER else outer
+        _cubic(fit.u[j], fit.u[j + 1], slope_u[j] * width, slope_u[j + 1] * width, fit.cubics[j, :4])
+        _cubic(fit.v[j], fit.v[j + 1], slope_v[j] * width, slope_v[j + 1] * width, fit.cubics[j, 4:])
+    fit.cubics[LAST] = fit.cubics[LAST - 1]
+
+
+@compiled
+def _cubic(start, end, leave, arrive, coefficients):
+    gap = end - start
+    coefficients[0], coefficients[1] = start, leave
+    coefficients[2], coefficients[3] = 3.0 * gap - 2.0 * leave - arrive, leave + arrive - 2.0 * gap
+
+
+@compiled
+def _by_lane(fit, bent, lane, column, by_step):
+    """A column of displacements, and of point and force, from a lane that was moved."""
+    for j in range(NODES):
+        along_u, along_v = bent.u[j, lane] - bent.u[j, 0], bent.v[j, lane] - bent.v[j, 0]
+        fit.columns[j, column] = (along_u * fit.normal_u[j] + along_v * fit.normal_v[j]) * by_step
+    for axis in range(3):
+        by_point = bent.points_m[axis, CONTACT, lane] - bent.points_m[axis, CONTACT, 0]
+        fit.point_force_columns[axis, column] = by_point * by_step
+        fit.point_force_columns[3 + axis, column] = (bent.force_N[axis, lane] - bent.force_N[axis, 0]) * by_step
+
+
+@compiled
+def _friction_column(rig, fit):
+    """By friction on the rungs whose shapes do not depend on it: only the force turns."""
+    fit.columns[:, UNKNOWNS - 1] = 0.0
+    fit.reading_columns[:, UNKNOWNS - 1] = 0.0
+    force = fit.point_force[3:]
+    size = np.sqrt(force[0] * force[0] + force[1] * force[1] + force[2] * force[2]) * rig.friction_rad
+    for axis in range(3):
+        fit.point_force_columns[axis, UNKNOWNS - 1] = 0.0
+        fit.point_force_columns[3 + axis, UNKNOWNS - 1] = -size * fit.tangents[axis, CONTACT]
+
+
+@compiled
+def rig_jacobian(rig, frame, rung, bent, fit):
+    """The fit's columns along the rig's axes, on one rung, about the fit's prediction.
 
     The paper's rung has neither clamp angle nor weight nor bow: it takes their effect from the linear one.
     """
-    xp, rig_arrays = namespace(unknowns), frames.rig_arrays
-    if rig_arrays.steps == 0:
-        return RigJacobian(
-            prediction.nodes[..., :0], prediction.reading_jacobian[..., :0], prediction.point_force_jacobian[..., :0]
-        )
-    grid = len(frames), ANTENNA + 1
-    steps = xp.broadcast_to(rig_arrays.antenna_steps, (*grid, ANTENNA))
-    rung = LINEAR if rung == "paper" else rung
-    shapes = bend(frames, rung, xp.broadcast_to(unknowns[:, None], (*grid, UNKNOWNS)), steps)
-    u, v, depth = (part.reshape(*grid, -1) for part in project(rig_arrays, shapes.points_m))
-    points, normals = shapes.points_m.reshape(*grid, -1, 3)[:, 0], prediction.normals
-    sizes = rig_arrays.antenna_steps[1:].sum(0)
-    normal_u, normal_v = normals[:, None, :, 0], normals[:, None, :, 1]
-    by_antenna = ((u[:, 1:] - u[:, :1]) * normal_u + (v[:, 1:] - v[:, :1]) * normal_v).mT / sizes
-    tangents = shapes.tangents.reshape(*grid, -1, 3)[:, 0, -1:]
-    slopes = image_slopes(rig_arrays, tangents, *(part[:, 0, -1:] for part in (u, v, depth)))
-    along = _tip_axis(frames, *(slope[:, 0] for slope in slopes))
-    moments = predicted_moment(frames, shapes).reshape(*grid, 2)
-    tips = u[..., -1] * along[:, :1] + v[..., -1] * along[:, 1:2]
-    readings = xp.concat([moments, tips[..., None]], -1)
-    reading_by_antenna = (readings[:, 1:] - readings[:, :1]).mT / sizes
-    point_force = xp.concat([shapes.contact_m, shapes.force_N], -1).reshape(*grid, 6)
-    point_force_by_antenna = (point_force[:, 1:] - point_force[:, :1]).mT / sizes
-    by_pose, tip_by_pose = _by_pose(rig_arrays, points, u[:, 0], v[:, 0], normals, along)
-    image = [by_pose, by_antenna, xp.zeros_like(by_antenna[..., :2])]
-    no_moment = xp.zeros_like(reading_by_antenna[:, :2, :POSES])
-    reading = [xp.concat([no_moment, tip_by_pose], 1), reading_by_antenna, _by_sensor(rig_arrays, moments[:, 0])]
-    if rig_arrays.rig.with_lens:
-        by_lens = rig_arrays.rig.camera.lens_slopes_at(prediction.nodes)
-        by_lens = xp.where(xp.isfinite(by_lens), by_lens, xp.zeros_like(by_lens))
-        image.append(-dot(normals[..., None, :], by_lens.mT))  # the lens moves the seen points, not the curve
-        tip_by_lens = -dot(along[:, None, :2], by_lens[:, -1].mT)[:, None]
-        reading.append(xp.concat([0.0 * image[-1][:, :2], tip_by_lens], 1))
-    if rig_arrays.rig.tip is not None:
-        image.append(xp.zeros_like(by_antenna[..., :1]))
-        reading.append(xp.stack([0.0 * along[:, 2], 0.0 * along[:, 2], along[:, 2]], 1)[..., None])
-    found = (
-        xp.concat(image, -1) @ rig_arrays.axes,
-        (xp.concat(reading, -1) @ rig_arrays.axes) * frames.available[..., None],
-        point_force_by_antenna @ rig_arrays.axes[POSES : POSES + ANTENNA],
-    )
-    line = _by_line(rig_arrays, prediction)
-    if line.shape[-1] == 0:
-        return RigJacobian(*found)
-    none = (0.0 * part[:, 0, :, None] * rig_arrays.line for part in (readings, point_force))
-    return RigJacobian(*(xp.concat([part, own], -1) for part, own in zip(found, (line, *none), strict=True)))
+    shared, own = rig.axes.shape[1], len(rig.line)
+    if shared + own == 0:
+        return
+    rung = max(rung, LINEAR)
+    first = LANES - 1
+    end = _by_antenna(rig, frame, rung, bent, fit, 0, first)
+    if first < ANTENNA:
+        end = _by_antenna(rig, frame, rung, bent, fit, first, ANTENNA)
+    _by_pose(rig, bent, fit, end)
+    _by_sensor(rig, frame, bent)
+    if rig.with_lens:
+        _by_lens(rig, bent, fit, end)
+    if rig.with_tip:
+        bent.raw_readings[2, len(rig.axes) - 1] = end[2]
+    _along_axes(rig, bent.raw, fit.columns)
+    _along_axes(rig, bent.raw_readings, fit.reading_columns)
+    _along_axes(rig, bent.raw_point_force, fit.point_force_columns)
+    for reading in range(3):
+        for k in range(UNKNOWNS, UNKNOWNS + shared):
+            fit.reading_columns[reading, k] *= frame.available[reading]
+    for k in range(own):
+        column = UNKNOWNS + shared + k
+        for j in range(NODES):
+            along = 2.0 * arclength_of_node(fit, rig.length_m, 1.0 * j) / rig.length_m - 1.0
+            shape = 1.0 if k == 0 else along if k == 1 else 1.5 * along * along - 0.5
+            fit.columns[j, column] = shape * rig.line[k]
+        fit.reading_columns[:, column] = 0.0
+        fit.point_force_columns[:, column] = 0.0
 
 
-def _by_line(rig_arrays: RigArrays, prediction: Prediction) -> Array:
-    """(B, M, L) displacement along the normals by the found line's own errors, of unit deviation."""
-    xp = namespace(prediction.depth)
-    if rig_arrays.line.shape[0] == 0:
-        return prediction.depth[..., :0]
-    nodes = arange_like(prediction.depth, prediction.nodes.shape[1]) + 0.0 * prediction.nodes[..., 0]
-    along = 2.0 * prediction.arclength(nodes) / prediction.length_m - 1.0
-    return xp.stack([xp.ones_like(along), along, 1.5 * along * along - 0.5], -1) * rig_arrays.line
+@compiled
+def _by_antenna(rig, frame, rung, bent, fit, begin, end):
+    """Raw derivatives by some of the antenna's parameters. Returns the axis of the antenna's end."""
+    for lane in range(LANES):
+        _lay(rig, bent, fit.unknowns, lane)
+        parameter = begin + lane - 1
+        if lane > 0 and parameter < end:
+            bent.parameters[parameter, lane] += rig.antenna_steps[parameter]
+    _shapes(rig, frame, rung, bent)
+    slope_u, slope_v = _slope(rig, bent, LAST)
+    axis = tip_axis(frame, slope_u, slope_v)
+    for parameter in range(begin, end):
+        lane, column, step = parameter - begin + 1, POSES + parameter, 1.0 / rig.antenna_steps[parameter]
+        for j in range(NODES):
+            along_u, along_v = bent.u[j, lane] - bent.u[j, 0], bent.v[j, lane] - bent.v[j, 0]
+            bent.raw[j, column] = (along_u * fit.normal_u[j] + along_v * fit.normal_v[j]) * step
+        for about in range(2):
+            change = predicted_moment(rig, frame, bent, lane, about) - predicted_moment(rig, frame, bent, 0, about)
+            bent.raw_readings[about, column] = change * step
+        tip_u, tip_v = bent.u[LAST, lane] - bent.u[LAST, 0], bent.v[LAST, lane] - bent.v[LAST, 0]
+        bent.raw_readings[2, column] = (tip_u * axis[0] + tip_v * axis[1]) * step
+        for part in range(3):
+            by_point = bent.points_m[part, CONTACT, lane] - bent.points_m[part, CONTACT, 0]
+            bent.raw_point_force[part, column] = by_point * step
+            bent.raw_point_force[3 + part, column] = (bent.force_N[part, lane] - bent.force_N[part, 0]) * step
+    return axis
 
 
-def _by_pose(
-    rig_arrays: RigArrays, points_m: Array, u: Array, v: Array, normals: Array, along: Array
-) -> tuple[Array, Array]:
-    """(B, M, 6) displacement along the normals by the pose's tangent, and (B, 1, 6) of the end along the antenna."""
-    found, tips = [], []
-    for index in range(1, POSES + 1):
-        moved_u, moved_v, _ = project(rig_arrays, points_m, index)
-        moved = (moved_u - u) * normals[..., 0] + (moved_v - v) * normals[..., 1]
-        found.append(moved / float(RIG_STEPS[index - 1]))
-        tip = (moved_u - u)[:, -1] * along[:, 0] + (moved_v - v)[:, -1] * along[:, 1]
-        tips.append(tip / float(RIG_STEPS[index - 1]))
-    xp = namespace(u)
-    return xp.stack(found, -1), xp.stack(tips, -1)[:, None]
+@compiled
+def _by_pose(rig, bent, fit, end):
+    """Raw derivatives by the pose's tangent, of the first lane's points."""
+    for k in range(POSES):
+        turn, shift, step = rig.rotations[k + 1], rig.translations[k + 1], 1.0 / rig.pose_steps[k]
+        for j in range(NODES):
+            x, y, z = bent.points_m[0, j, 0], bent.points_m[1, j, 0], bent.points_m[2, j, 0]
+            ahead = turn[2, 0] * x + turn[2, 1] * y + (turn[2, 2] * z + shift[2])
+            ahead = _NEAREST_DEPTH_M if ahead < _NEAREST_DEPTH_M else ahead
+            u = (turn[0, 0] * x + turn[0, 1] * y + (turn[0, 2] * z + shift[0])) / ahead - bent.u[j, 0]
+            v = (turn[1, 0] * x + turn[1, 1] * y + (turn[1, 2] * z + shift[1])) / ahead - bent.v[j, 0]
+            bent.raw[j, k] = (u * fit.normal_u[j] + v * fit.normal_v[j]) * step
+            if j == LAST:
+                bent.raw_readings[2, k] = (u * end[0] + v * end[1]) * step
 
 
-def _by_sensor(rig_arrays: RigArrays, predicted: Array) -> Array:
-    """(B, 3, 2) derivatives of what is read, in deviations, by gain and offset of the sensor about y.
+@compiled
+def _by_sensor(rig, frame, bent):
+    """Raw derivatives of what is read, in deviations, by gain and offset of the sensor about y."""
+    column = POSES + ANTENNA
+    read = predicted_moment(rig, frame, bent, 0, 0)
+    gain = rig.gain[0] if rig.gain[0] != 0.0 else 1.0
+    bent.raw_readings[0, column] = (read * rig.std[0] - rig.offset[0]) / gain / rig.std[0]
+    bent.raw_readings[0, column + 1] = 1.0 / rig.std[0]
 
-    predicted : (B, 2) moments, in deviations.
-    """
-    xp = namespace(predicted)
-    moment = (predicted[:, 0] * rig_arrays.std[0] - rig_arrays.offset[0]) / rig_arrays.gain[0]
-    about_y = xp.stack([moment, xp.ones_like(moment)], -1) / rig_arrays.std[0]
-    return xp.stack([about_y, xp.zeros_like(about_y), xp.zeros_like(about_y)], 1)
+
+@compiled
+def _by_lens(rig, bent, fit, end):
+    """Raw derivatives by the lens, which moves the seen points, not the curve."""
+    first = POSES + ANTENNA + 2
+    for j in range(NODES):
+        normalized_by_lens(bent.lens, fit.u[j], fit.v[j], bent.by_lens)
+        for k in range(4 + bent.lens.distortions):
+            u, v = bent.by_lens[0, k], bent.by_lens[1, k]
+            bent.raw[j, first + k] = -(fit.normal_u[j] * u + fit.normal_v[j] * v)
+            if j == LAST:
+                bent.raw_readings[2, first + k] = -(end[0] * u + end[1] * v)
 
 
-def _force_by_friction(rig_arrays: RigArrays, shapes: Curves, point_force: Array) -> Array:
-    """(B, 1, 6) derivative by friction on the rungs whose shapes do not depend on it: only the force turns."""
-    xp = namespace(point_force)
-    tangent = shapes.tangents[:: len(shapes.tangents) // len(point_force), CONTACT][:, None]
-    size = xp.sqrt((point_force[..., 3:] ** 2).sum(-1))[..., None] * rig_arrays.friction_rad
-    return xp.concat([xp.zeros_like(tangent), -size * tangent], -1)
+@compiled
+def _along_axes(rig, raw, columns):
+    """Derivatives by the rig's parameters (rows, Q) along its axes (Q, R), into the columns after the unknowns."""
+    axes, shared = rig.wide_axes, rig.axes.shape[1]
+    for j in range(len(raw)):
+        for first in range(0, shared, LANES):
+            total = spread(0.0)
+            for q in range(len(axes)):
+                total = total + raw[j, q] * load_from(axes, q, first)
+            for k in range(min(LANES, shared - first)):
+                columns[j, UNKNOWNS + first + k] = lane_of(total, k)

@@ -1,14 +1,18 @@
-"""A calibrated rig as arrays of one kind on one device, ready for many frames."""
+"""A calibrated rig as plain arrays, ready for compiled functions."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
+from vbaa_calib.antenna.lanes import LANES
 from vbaa_calib.antenna.shape import PARAMETERS as ANTENNA_PARAMETERS
-from vbaa_calib.core.arrays import Array, like, namespace
+from vbaa_calib.camera.compiled_lens import CompiledLens, compiled_lens
+from vbaa_calib.core.compiled import compiled, record
+from vbaa_calib.geometry import Pose
 from vbaa_calib.geometry.independent_axes import independent_axes
 from vbaa_calib.rig import POSE_PARAMETERS, RIG_STEPS, Rig
 
@@ -23,6 +27,54 @@ _NEGLIGIBLE = 1e-9
 """Axes of the joint covariance below this fraction of the largest are dropped."""
 
 
+class RigTables(NamedTuple):
+    """What compiled functions know of the rig, see `RigArrays`.
+
+    Attributes
+    ----------
+    length_m, friction_rad, force_unit_N, unit_load, tip_offset_m, stiffness_Nm2 : numbers.
+    with_tip, with_second_sensor, with_lens : bool, whether the rig knows the antenna's end, a sensor about z, and the
+        lens' uncertainty.
+    pose_steps : (6,) finite-difference steps of the pose.
+    wide_axes : (Q, K) the axes, with zeros to whole vectors.
+    to_camera : (2,) unit direction across the antenna's x axis to the camera.
+    eye_m : (3,) the camera's centre in the clamp's frame. focal : its mean focal length, px.
+    """
+
+    length_m: float
+    friction_rad: float
+    force_unit_N: float
+    unit_load: float
+    tip_offset_m: float
+    stiffness_Nm2: float
+    with_tip: bool
+    with_second_sensor: bool
+    with_lens: bool
+    antenna_parameters: np.ndarray
+    antenna_steps: np.ndarray
+    pose_steps: np.ndarray
+    rotations: np.ndarray
+    translations: np.ndarray
+    gain: np.ndarray
+    offset: np.ndarray
+    std: np.ndarray
+    axes: np.ndarray
+    wide_axes: np.ndarray
+    line: np.ndarray
+    to_camera: np.ndarray
+    eye_m: np.ndarray
+    focal: float
+
+
+RigRecord = record(RigTables)
+
+
+@compiled
+def tip_deflection(rig, distance):
+    """Small deflection of the tip by a unit force at a distance, both in antenna lengths."""
+    return rig.unit_load / 6.0 * distance * distance * (3.0 - distance)
+
+
 @dataclass(frozen=True, eq=False)
 class RigArrays:
     """What is known before a frame is seen.
@@ -30,47 +82,26 @@ class RigArrays:
     Attributes
     ----------
     friction_rad : standard deviation of the contact force's angle from the antenna's normal; 0: no friction.
-    antenna_parameters : (9,) `antenna.shape.PARAMETERS`.
     axes : (17 + P, R) independent steps of the rig's parameters and the lens, each of unit standard deviation:
         axes @ axes.T is their covariance. R is 0 for a rig without uncertainty. (18 + P, R) with the tip's offset.
-    tip_offset_m : of the antenna's visible end beyond its length; 0 where it is not used.
-    rotations, translations : (7, 3, 3), (7, 3) of T_camera_antenna, and of the six finite-difference steps of it.
     gain, offset, std : (2,) of the moment sensors about y and z; a missing one has the gain 0.
-    antenna_steps : (1 + 9, 9) finite-difference steps of the antenna's parameters; the first row is zero.
-    unit_steps : (1 + 4, 4) unit steps of the unknowns; the first row is zero.
-    prior : (4 + R + L,) prior weights of the unknowns' and rig steps' squares; distance and force have none.
-    identity : (R + L, R + L).
     line : (L,) deviations of the found line's errors that neighbours share, in the ideal picture: its offset, slope and
         curvature, or none. They are the last of the R + L steps of each frame, and each frame has its own.
     """
 
     rig: Rig
     friction_rad: float
-    tip_offset_m: float
-    antenna_parameters: Array
-    axes: Array
-    rotations: Array
-    translations: Array
-    gain: Array
-    offset: Array
-    std: Array
-    antenna_steps: Array
-    unit_steps: Array
-    prior: Array
-    identity: Array
-    line: Array
-    same_for_all_rows: ClassVar[bool] = True
+    axes: np.ndarray
+    gain: np.ndarray
+    offset: np.ndarray
+    std: np.ndarray
+    line: np.ndarray
 
     @staticmethod
-    def from_rig(rig: Rig, friction_rad: float, reference: Array, drift: bool = True) -> RigArrays:
-        """The rig in the kind, precision and device of a reference array.
-
-        drift : whether it may have changed since its calibration, lines have errors of their own, and the antenna's
-            end counts.
-        """
+    def from_rig(rig: Rig, friction_rad: float, drift: bool = True) -> RigArrays:
+        """drift : whether the rig may have changed since its calibration, lines have errors of their own, and the
+        antenna's end counts."""
         rig = rig.drifted() if drift else replace(rig, tip=None)
-        poses = [rig.T_antenna_camera] + [rig.T_antenna_camera.retract(step) for step in np.diag(RIG_STEPS[:POSES])]
-        inverses = [pose.inverse() for pose in poses]
         axes = independent_axes(rig.covariance_with_tip)
         size = np.abs(axes).max(axis=0)
         axes = axes[:, size > _NEGLIGIBLE * max(float(size.max()), 1e-300)]
@@ -79,32 +110,52 @@ class RigArrays:
         focal = np.sqrt(np.prod(np.diag(rig.camera.matrix)[:2]))
         line_px = np.hypot(rig.drift.line_px, rig.drift.light_px) if drift else 0.0
         own = np.full(LINE_ERRORS if line_px > 0.0 else 0, line_px / focal)
-        steps = axes.shape[1] + len(own)
-        arrays = (
-            rig.antenna.parameters,
-            axes,
-            np.stack([pose.rotation for pose in inverses]),
-            np.stack([pose.translation_m for pose in inverses]),
-            gain,
-            offset,
-            std,
-            np.vstack([np.zeros(ANTENNA), np.diag(RIG_STEPS[POSES:])]),
-            np.vstack([np.zeros(UNKNOWNS), np.eye(UNKNOWNS)]),
-            np.repeat([0.0, 1.0], [UNKNOWNS - 1, steps + 1]),
-            np.eye(steps),
-            own,
-        )
-        values = (like(reference, np.ascontiguousarray(each)) for each in arrays)
-        return RigArrays(rig, friction_rad, 0.0 if rig.tip is None else rig.tip.offset_m, *values)
+        return RigArrays(rig, friction_rad, *map(np.ascontiguousarray, (axes, gain, offset, std, own)))
 
-    def zero_rig_steps(self, count: int) -> Array:
-        """(count, R + L) rig steps of a rig as calibrated, and no error of the line."""
-        return namespace(self.prior).broadcast_to(0.0 * self.prior[UNKNOWNS:], (count, self.steps))
+    @cached_property
+    def tables(self) -> RigTables:
+        """For compiled functions."""
+        rig = self.rig
+        poses = [rig.T_antenna_camera] + [rig.T_antenna_camera.retract(step) for step in np.diag(RIG_STEPS[:POSES])]
+        inverses = [pose.inverse() for pose in poses]
+        y_m, z_m, about_y, about_z = rig.antenna.parameters[:4]
+        T_antenna_clamp = Pose.from_rotvec(np.array([0.0, about_y, about_z]), np.array([0.0, y_m, z_m]))
+        side = rig.T_antenna_camera.translation_m[1:]
+        return RigTables(
+            length_m=float(self.length_m),
+            friction_rad=float(self.friction_rad),
+            force_unit_N=float(self.force_unit_N),
+            unit_load=float(self.unit_load),
+            tip_offset_m=0.0 if rig.tip is None else float(rig.tip.offset_m),
+            stiffness_Nm2=float(rig.antenna.stiffness_Nm2),
+            with_tip=rig.tip is not None,
+            with_second_sensor=rig.second_moment_sensor is not None,
+            with_lens=bool(rig.with_lens),
+            antenna_parameters=np.array(rig.antenna.parameters, float),
+            antenna_steps=np.array(RIG_STEPS[POSES : POSES + ANTENNA], float),
+            pose_steps=np.array(RIG_STEPS[:POSES], float),
+            rotations=np.stack([pose.rotation for pose in inverses]),
+            translations=np.stack([pose.translation_m for pose in inverses]),
+            gain=self.gain,
+            offset=self.offset,
+            std=self.std,
+            axes=self.axes,
+            wide_axes=np.pad(self.axes, ((0, 0), (0, -self.axes.shape[1] % LANES))),
+            line=self.line,
+            to_camera=np.array(side / max(float(np.hypot(*side)), 1e-12), float),
+            eye_m=np.ascontiguousarray(T_antenna_clamp.inverse() @ rig.T_antenna_camera.translation_m),
+            focal=float(np.sqrt(np.prod(np.diag(rig.camera.matrix)[:2]))),
+        )
+
+    @cached_property
+    def lens(self) -> CompiledLens:
+        """The camera's, for compiled functions."""
+        return compiled_lens(self.rig.camera.intrinsics)
 
     @property
     def steps(self) -> int:
         """R + L."""
-        return self.axes.shape[1] + self.line.shape[0]
+        return self.axes.shape[1] + len(self.line)
 
     @property
     def length_m(self) -> float:
@@ -120,14 +171,3 @@ class RigArrays:
     def unit_load(self) -> float:
         """F·l²/EI of a unit force at the tip."""
         return self.force_unit_N * self.length_m**2 / self.rig.antenna.stiffness_Nm2
-
-    def tip_deflection(self, distance: Array) -> Array:
-        """Small deflection of the tip by unit forces at distances, all in antenna lengths."""
-        return self.unit_load / 6.0 * distance * distance * (3.0 - distance)
-
-    def moment_response(self, moment_Nm: Array) -> Array:
-        """(2, G, 2) what the sensors read, in deviations, of forces along y and z with moments (G,) at the clamp."""
-        xp = namespace(moment_Nm)
-        about_y, about_z = self.gain[0] / self.std[0] * moment_Nm, self.gain[1] / self.std[1] * moment_Nm
-        zero = xp.zeros_like(moment_Nm)  # a force along z acts about y, one along y about z
-        return xp.stack([xp.stack([zero, about_y], -1), xp.stack([about_z, zero], -1)], 0)

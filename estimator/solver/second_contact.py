@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from vbaa_calib.antenna.linear import deflection
-from vbaa_calib.antenna.nodes import aligned_arclength
-from vbaa_calib.core.arrays import Array, arange_like, like, namespace, true_indices
-from vbaa_calib.core.robust import MAD_SCALE, huber_weights
+import numpy as np
 
-from .normal_equations import Problem, solve_columns, solve_normal_equations
-from .prediction import point_jacobian, reading_response
-from .rows import select
-from .state import Fits, evaluate
-from .uncertainty import REFERENCE, Uncertainty
+from vbaa_calib.antenna.nodes import NODES_BEYOND, NODES_TO_CONTACT
+from vbaa_calib.core.compiled import compiled
+from vbaa_calib.core.robust import MAD_SCALE
+
+from .fit import CONTACT_M, LAST, NODES, SCATTER, copy_fit
+from .initialization import deflection, point_jacobian
+from .linear_algebra import factorise, solve_factorised
+from .normal_equations import evaluate, huber_weight, times_tridiagonal
+from .prediction import REFERENCE, tip_axis
 
 _GRID = 16
 """Places of the other force, evenly over the antenna."""
@@ -22,115 +23,163 @@ _DEPENDENT = 1e-4
 """A force counts for nothing if the first contact and the rig explain all but this part of its deflection's square."""
 
 
-def second_force(fits: Fits, problem: Problem, uncertainty: Uncertainty) -> tuple[Array, Array, Array]:
-    """What the best second force would do to B frames.
+@compiled
+def second_force(rig, frame, rung, fit, problem, distance_std, work):
+    """What the best second force would do to a frame.
 
     Parameters
     ----------
-    problem : with the residuals of the highest rung, whose shapes are right.
+    problem : the fit with the residuals of the highest rung, whose shapes are right, and their sums.
 
     Returns
     -------
-    gain, place, shift : (B,) how much it lowers the cost, at the scatter that neighbouring points have; where it acts,
+    gain, place, shift : how much it lowers the cost, at the scatter that neighbouring points have; where it acts,
         in antenna lengths; how far the first contact's distance would move, in standard deviations. 0 where the
         residuals have no structure.
     """
-    xp = namespace(problem.scatter)
-    none = xp.zeros_like(problem.scatter)
-    structured = (_structure(problem) > _STRUCTURE) | (problem.scatter > 1.0)
-    if not bool(structured.any()):
-        return none, none, none
-    rows = true_indices(structured)
-    part = select(fits, rows)
-    if fits.rung != REFERENCE:
-        part = evaluate(part.frames, REFERENCE, part.by_rig, part.state)
-    whole = none + 0.0, none + 0.0, none + 0.0
-    for target, values in zip(whole, _score_test(part, select(uncertainty, rows)), strict=True):
-        target[rows] = values
-    return whole
+    if not (_structure(problem) > _STRUCTURE or fit.numbers[SCATTER] > 1.0):
+        return 0.0, 0.0, 0.0
+    part = work.one
+    copy_fit(fit, part)
+    if rung != REFERENCE:
+        evaluate(rig, frame, REFERENCE, part, work)
+    return _score_test(rig, frame, part, distance_std, work)
 
 
-def _structure(problem: Problem) -> Array:
-    """(B,) sum of squares of the residuals' means over `_BLOCKS` stretches, in their deviations: χ² if all is noise."""
-    xp = namespace(problem.scatter)
-    sums = problem.sums
-    # the nodes' hat functions add up to one, so that a row's sum is the weight of its node
-    weight = sums.diagonal + 0.0
-    weight[:, :-1] += sums.off_diagonal
-    weight[:, 1:] += sums.off_diagonal
-    width = weight.shape[1] // _BLOCKS
-    load, total = (v[:, -_BLOCKS * width :].reshape(-1, _BLOCKS, width).sum(-1) for v in (sums.load, weight))
-    return (load * load / xp.clip(total, 1e-30, None)).sum(-1)
+@compiled
+def _structure(problem):
+    """Sum of squares of the residuals' means over `_BLOCKS` stretches, in their deviations: χ² if all is noise."""
+    width = NODES // _BLOCKS
+    total = 0.0
+    for block in range(_BLOCKS):
+        load, weight = 0.0, 0.0
+        for j in range(NODES - (_BLOCKS - block) * width, NODES - (_BLOCKS - block - 1) * width):
+            # the nodes' hat functions add up to one, so that a row's sum is the weight of its node
+            load += problem.load[j]
+            weight += problem.diagonal[j] + (problem.beside[j] if j < LAST else 0.0) + problem.beside[j - 1]
+        total += load * load / max(weight, 1e-30)
+    return total
 
 
-def _score_test(fits: Fits, uncertainty: Uncertainty) -> tuple[Array, Array, Array]:
-    """Gain, place and shift (B,) of the best second force, by its small deflection, with all that contact, friction and
-    rig can do about it projected out."""
-    problem, equations = fits.problem, fits.equations
-    xp, rig_arrays = namespace(problem.scatter), fits.frames.rig_arrays
-    places = like(problem.scatter, [(g + 1.0) / _GRID for g in range(_GRID)])
-    along = aligned_arclength(xp.clip(fits.prediction.contact_m / rig_arrays.length_m, None, 1.0 - 1e-6), 1.0)
-    # scaled to a metre at the tip
-    bent = deflection(along[..., None], places, 6.0, 1.0) / (places * places * (3.0 - places))
-    lever = 6.0 * xp.exp(rig_arrays.antenna_parameters[6]) / (places * (3.0 - places) * rig_arrays.length_m**2)
-    moment = reading_response(fits.frames, fits.prediction, lever, bent[:, -1])
-    image = point_jacobian(rig_arrays, fits.prediction)[:, :, None, 1:]
-    columns = (bent[..., None] * image).reshape(*along.shape, 2 * _GRID)
-    sums = problem.sums
-    weighted = sums.times(columns)
-    weights = huber_weights(problem.reading_residual)[..., None]
-    crossed = problem.jacobian.mT @ weighted + problem.reading_jacobian.mT @ (weights * moment)
-    # what is left for a second force once the first contact and the rig have made the most of it
-    residual, load = weights * problem.reading_residual[..., None], sums.load[..., None]
-    best = solve_normal_equations(equations.information, equations.right_side)
-    right_side = (columns.mT @ load + moment.mT @ residual - crossed.mT @ best[..., None])[..., 0]
-    explained = solve_columns(equations.information, crossed)
-    own = _inner_products(columns, weighted) + _inner_products(moment, weights * moment)
-    force, gain = _best_force(own, _inner_products(crossed, explained), right_side)
-    every, best_place = arange_like(gain, len(gain)), xp.argmax(gain, -1)
-    force = force[every, best_place]
-    moved = sum(force[:, axis] * explained[every, 0, 2 * best_place + axis] for axis in (0, 1))
-    shift = xp.abs(moved) / uncertainty.std[:, 0]
-    rescaled = (problem.scatter / _neighbour_scatter(problem)) ** 2
-    return gain[every, best_place] * rescaled, places[best_place], shift
+@compiled
+def force_columns(rig, frame, fit, places, bent, lever, columns, readings):
+    """What forces along y and z at G places do: displacement (M, 2 G), and what is read (3, 2 G), in deviations.
 
-
-def _inner_products(first: Array, second: Array) -> Array:
-    """(B, G, 3) inner products yy, yz, zz of columns (B, M, 2G), place by place."""
-    pairs = [(first[..., a::2] * second[..., b::2]).sum(1) for a, b in ((0, 0), (0, 1), (1, 1))]
-    return namespace(first).stack(pairs, -1)
-
-
-def _best_force(own: Array, explained: Array, right_side: Array) -> tuple[Array, Array]:
-    """The best force (B, G, 2) at each place, in its columns' units, and how much it lowers the cost (B, G).
-
-    `own` (B, G, 3) is its information, `explained` (B, G, 3) what contact and rig take of it.
+    bent : (M, G) how far each deflects the antenna, m. lever : (G,) its moment at the clamp, N·m.
     """
-    xp = namespace(right_side)
-    yy, yz, zz = ((own - explained)[..., index] for index in range(3))
-    y, z = right_side[:, 0::2], right_side[:, 1::2]
-    least = _DEPENDENT * (own[..., 0] + own[..., 2]) + 1e-30
-    middle, half = 0.5 * (yy + zz), xp.hypot(0.5 * (yy - zz), yz)
-    angle = 0.5 * xp.atan2(yz, 0.5 * (yy - zz))
-    cos, sin = xp.cos(angle), xp.sin(angle)
-    major = xp.where(middle + half > least, (cos * y + sin * z) / xp.clip(middle + half, 1e-300, None), 0.0)
-    minor = xp.where(middle - half > least, (cos * z - sin * y) / xp.clip(middle - half, 1e-300, None), 0.0)
-    gain = 0.5 * (major * (cos * y + sin * z) + minor * (cos * z - sin * y))
-    return xp.stack([cos * major - sin * minor, sin * major + cos * minor], -1), gain
+    image = np.empty((2, NODES))
+    point_jacobian(rig, fit, image)
+    for j in range(NODES):
+        for g in range(len(places)):
+            columns[j, 2 * g], columns[j, 2 * g + 1] = bent[j, g] * image[0, j], bent[j, g] * image[1, j]
+    # the picture's direction at the end
+    slope_u, slope_v = fit.normal_v[LAST], -fit.normal_u[LAST]
+    end_u, end_v, _ = tip_axis(frame, slope_u, slope_v)
+    turn = rig.rotations[0]
+    ahead = end_u * fit.u[LAST] + end_v * fit.v[LAST]
+    for g in range(len(places)):
+        for axis in range(2):
+            along = end_u * turn[0, 1 + axis] + end_v * turn[1, 1 + axis] - ahead * turn[2, 1 + axis]
+            # a force along z acts about y, one along y about z
+            about = 1 - axis
+            readings[about, 2 * g + axis] = rig.gain[about] / rig.std[about] * lever[g] * frame.available[about]
+            readings[1 - about, 2 * g + axis] = 0.0
+            readings[2, 2 * g + axis] = bent[LAST, g] * along / fit.depth[LAST] * frame.available[2]
 
 
-def _neighbour_scatter(problem: Problem) -> Array:
-    """(B,) factor on the points' deviations by which neighbours along the antenna differ, at least 1.
+@compiled
+def _score_test(rig, frame, fit, distance_std, work):
+    """Gain, place and shift of the best second force, by its small deflection, with all that contact, friction and rig
+    can do about it projected out."""
+    size = fit.size
+    places, lever, bent = np.empty(_GRID), np.empty(_GRID), np.empty((NODES, _GRID))
+    contact = min(fit.numbers[CONTACT_M] / rig.length_m, 1.0 - 1e-6)
+    stiffness = rig.stiffness_Nm2
+    for g in range(_GRID):
+        place = (g + 1.0) / _GRID
+        places[g] = place
+        # scaled to a metre at the tip
+        lever[g] = 6.0 * stiffness / (place * (3.0 - place) * rig.length_m**2)
+        for j in range(NODES):
+            along = contact * j / (NODES_TO_CONTACT - 1)
+            if j >= NODES_TO_CONTACT:
+                along = contact + (1.0 - contact) * (j - NODES_TO_CONTACT + 1) / NODES_BEYOND
+            bent[j, g] = 6.0 * deflection(along, place) / (place * place * (3.0 - place))
+    columns, readings = np.empty((NODES, 2 * _GRID)), np.empty((3, 2 * _GRID))
+    force_columns(rig, frame, fit, places, bent, lever, columns, readings)
+    weighted = np.empty((NODES, 2 * _GRID))
+    times_tridiagonal(fit, columns, weighted)
+    factorise(fit.information, 0, size, 0.0, work.factor, work.scale)
+    best = np.empty(size)
+    solve_factorised(work.factor, work.scale, size, fit.side, best)
+    crossed, explained, side = np.zeros((2 * _GRID, size)), np.empty((2 * _GRID, size)), np.zeros(2 * _GRID)
+    weight = np.empty(3)
+    for reading in range(3):
+        weight[reading] = huber_weight(fit.residual[reading])
+    for k in range(2 * _GRID):
+        for j in range(NODES):
+            side[k] += columns[j, k] * fit.load[j]
+            for a in range(size):
+                crossed[k, a] += weighted[j, k] * fit.columns[j, a]
+        for reading in range(3):
+            pull = weight[reading] * readings[reading, k]
+            side[k] += pull * fit.residual[reading]
+            for a in range(size):
+                crossed[k, a] += pull * fit.reading_columns[reading, a]
+        for a in range(size):
+            side[k] -= crossed[k, a] * best[a]
+        solve_factorised(work.factor, work.scale, size, crossed[k], explained[k])
+    most, gain, force_y, force_z = 0, -np.inf, 0.0, 0.0
+    for g in range(_GRID):
+        own, left = np.zeros(3), np.zeros(3)
+        for pair in range(3):
+            a, b = 2 * g + (pair == 2), 2 * g + (pair > 0)
+            for j in range(NODES):
+                own[pair] += columns[j, a] * weighted[j, b]
+            for reading in range(3):
+                own[pair] += weight[reading] * readings[reading, a] * readings[reading, b]
+            left[pair] = own[pair]
+            for k in range(size):
+                left[pair] -= crossed[a, k] * explained[b, k]
+        y, z, lowers = _best_force(own, left, side[2 * g], side[2 * g + 1])
+        if lowers > gain:
+            most, gain, force_y, force_z = g, lowers, y, z
+    moved = force_y * explained[2 * most, 0] + force_z * explained[2 * most + 1, 0]
+    rescaled = (fit.numbers[SCATTER] / _neighbour_scatter(fit)) ** 2
+    return gain * rescaled, places[most], abs(moved) / distance_std
+
+
+@compiled
+def _best_force(own, left, y, z):
+    """The best force at a place, in its columns' units, and how much it lowers the cost.
+
+    own : (3,) its information yy, yz, zz; left : (3,) what contact and rig leave of it. y, z : the right side.
+    """
+    least = _DEPENDENT * (own[0] + own[2]) + 1e-30
+    middle, half = 0.5 * (left[0] + left[2]), np.hypot(0.5 * (left[0] - left[2]), left[1])
+    angle = 0.5 * np.arctan2(left[1], 0.5 * (left[0] - left[2]))
+    cos, sin = np.cos(angle), np.sin(angle)
+    along, across = cos * y + sin * z, cos * z - sin * y
+    major = along / max(middle + half, 1e-300) if middle + half > least else 0.0
+    minor = across / max(middle - half, 1e-300) if middle - half > least else 0.0
+    return cos * major - sin * minor, sin * major + cos * minor, 0.5 * (major * along + minor * across)
+
+
+@compiled
+def _neighbour_scatter(fit):
+    """Factor on the points' deviations by which neighbours along the antenna differ, at least 1.
 
     A second contact leaves smooth residuals: the scatter about the fit would take them for noise.
     """
-    xp = namespace(problem.scatter)
-    points = problem.points
-    seen = points.precision > 0.0
-    order = xp.argsort(xp.where(seen, points.foot_m, xp.inf), -1)
-    every = arange_like(seen, len(seen))[:, None]
-    ordered = (points.distance * xp.sqrt(points.precision))[every, order]
-    gap = xp.where(seen[every, order][:, 1:], xp.abs(ordered[:, 1:] - ordered[:, :-1]), xp.inf)
-    middle = xp.clip(seen.sum(-1) - 1, 1, None) // 2
-    median = gap[every[:, 0], xp.argsort(gap, -1)[every[:, 0], middle]]
-    return xp.clip(MAD_SCALE / 2.0**0.5 * xp.where(xp.isfinite(median), median, 1.0), 1.0, None)
+    count = len(fit.distance)
+    if count < 2:
+        return 1.0
+    order = np.argsort(fit.foot_m)
+    gaps = np.empty(count - 1)
+    for i in range(count - 1):
+        first, second = order[i], order[i + 1]
+        here = fit.distance[first] * np.sqrt(fit.precision[first])
+        gaps[i] = abs(fit.distance[second] * np.sqrt(fit.precision[second]) - here)
+    middle = (count - 1) // 2
+    median = np.partition(gaps, middle)[middle]
+    return max(MAD_SCALE / np.sqrt(2.0) * median, 1.0)

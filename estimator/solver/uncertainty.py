@@ -1,24 +1,20 @@
-"""Covariance, contact evidence and model bias of converged fits."""
+"""Covariance, contact evidence and model bias of a converged fit."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import numpy as np
 
-from vbaa_calib.antenna.rungs import RUNGS
-from vbaa_calib.core.arrays import Array, arange_like, namespace, true_indices
-from vbaa_calib.core.robust import huber_weights
+from vbaa_calib.antenna.lanes import LANES, load_from, store_to
+from vbaa_calib.core.compiled import compiled, record
+from vbaa_calib.core.robust import HUBER
 
 from .convergence import EXCESS_SCATTER, moved_unknowns
-from .initialization import FreeAntenna
-from .normal_equations import Problem, cost, least_cost, solve_normal_equations
-from .prediction import FRICTION_RUNGS, Prediction, difference, predict
-from .residuals import point_residuals
+from .fit import COST, NODES, SCATTER, copy_fit
+from .linear_algebra import factorise, fill, put, solve_many, symmetric_eigen
+from .normal_equations import huber_weight, least_cost, linearise, times_tridiagonal, total_cost
+from .prediction import ELASTICA, PAPER, REFERENCE, predict
 from .rig_arrays import UNKNOWNS
-from .rows import select
-from .state import Fits, linearise
 
-REFERENCE = RUNGS[-1]
-"""The rung that the others are compared with."""
 _ROUNDS, _CLOSE_ROUNDS = 4, 2
 """IRLS rounds of a linear problem: far from the solution, and beside it."""
 _LEAST_REDUNDANCY = 0.03
@@ -29,226 +25,322 @@ _SINGULAR = 1e14
 """Condition number of the scaled information beyond which the covariance is infinite."""
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Uncertainty:
-    """First-order uncertainty of B fits.
+    """First-order uncertainty of a fit.
 
     Attributes
     ----------
-    covariance : (B, 4, 4) of the unknowns, from noise and rig together; infinite where they are not observable.
-    rig_response : (B, R, 4) how the rig's likeliest steps go with the unknowns.
-    rig_covariance : (B, R, R) of the rig's steps for a known contact.
-    condition : (B,) condition number of the contact's own information, scaled to a unit diagonal.
-    reading_std : (B, 3) deviation of each reading's whitened residual, below one as far as the moment was fitted.
+    covariance : (4, 4) of the unknowns, from noise and rig together; infinite where they are not observable.
+    rig_response : (R, 4) how the rig's likeliest steps go with the unknowns.
+    touch : (6, 4) derivatives of contact point and force by the unknowns, the rig's steps going with them.
+    rig_touch : (R, 6) covariance of the rig's steps, for a known contact, with contact point and force.
+    touch_by_rig : (6, 6) what the rig's steps, for a known contact, make of the covariance of point and force.
+    condition : (1,) condition number of the contact's own information, scaled to a unit diagonal.
+    reading_std : (3,) deviation of each reading's whitened residual, below one as far as the moment was fitted.
     """
 
-    covariance: Array
-    rig_response: Array
-    rig_covariance: Array
-    condition: Array
-    reading_std: Array
-
-    @property
-    def std(self) -> Array:
-        """(B, 4) standard deviations of the unknowns."""
-        index = arange_like(self.covariance, UNKNOWNS)
-        return namespace(self.covariance).sqrt(self.covariance[:, index, index])
-
-    def correlation(self, first: int, second: int) -> Array:
-        """(B,) of two unknowns; NaN where they are not observable, or fixed."""
-        std = self.std
-        return self.covariance[:, first, second] / (std[:, first] * std[:, second])
-
-    def covariance_with_rig(self, by_unknowns: Array, by_rig: Array) -> Array:
-        """(B, Q, R) of quantities with derivatives (B, Q, 4) and (B, Q, R) with the rig's steps."""
-        total = by_unknowns + by_rig @ self.rig_response
-        return total @ self.covariance @ self.rig_response.mT + by_rig @ self.rig_covariance
-
-    def propagate(self, by_unknowns: Array, by_rig: Array) -> Array:
-        """Covariance (B, Q, Q) of quantities with derivatives (B, Q, 4) and (B, Q, R)."""
-        total = by_unknowns + by_rig @ self.rig_response
-        return total @ self.covariance @ total.mT + by_rig @ self.rig_covariance @ by_rig.mT
+    covariance: np.ndarray
+    rig_response: np.ndarray
+    touch: np.ndarray
+    rig_touch: np.ndarray
+    touch_by_rig: np.ndarray
+    condition: np.ndarray
+    reading_std: np.ndarray
 
 
-def uncertainty(fits: Fits) -> Uncertainty:
-    """Invert the fits' information by the Schur complement of the rig's part, whose prior keeps it regular.
-
-    A distance fixed at the tip gets the deviation that it would have if it were free.
-    """
-    whole = fits.equations.information
-    xp = namespace(whole)
-    rig_covariance = xp.linalg.inv(whole[:, UNKNOWNS:, UNKNOWNS:])
-    response = -(rig_covariance @ whole[:, UNKNOWNS:, :UNKNOWNS])
-    information = whole[:, :UNKNOWNS, :UNKNOWNS] + whole[:, :UNKNOWNS, UNKNOWNS:] @ response
-    index = arange_like(whole, UNKNOWNS)
-    diagonal = information[:, index, index]
-    regular = (diagonal > 0.0).all(-1) & xp.isfinite(information).all(-1).all(-1)
-    scale = xp.sqrt(xp.where(regular[:, None], diagonal, xp.ones_like(diagonal)))
-    unit = information / (scale[:, :, None] * scale[:, None])
-    values, vectors = xp.linalg.eigh(xp.where(regular[:, None, None], unit, fits.frames.rig_arrays.unit_steps[1:]))
-    regular = regular & (values[:, 0] > values[:, -1] / _SINGULAR)
-    values = xp.clip(values, 1e-300, None)
-    covariance = (vectors / values[:, None]) @ vectors.mT / (scale[:, :, None] * scale[:, None])
-    weighted = fits.problem.reading_jacobian * xp.sqrt(huber_weights(fits.problem.reading_residual))[..., None]
-    own = weighted[..., :UNKNOWNS] + weighted[..., UNKNOWNS:] @ response
-    fitted = ((own @ covariance) * own).sum(-1)
-    fitted = fitted + ((weighted[..., UNKNOWNS:] @ rig_covariance) * weighted[..., UNKNOWNS:]).sum(-1)
-    covariance = covariance * _huber_variance_inflation(fits.problem)[:, None, None]
-    redundant = xp.clip(1.0 - fitted, _LEAST_REDUNDANCY**2, None)
+@compiled
+def empty_uncertainty(steps):
+    """Room for it."""
     return Uncertainty(
-        xp.where(regular[:, None, None], covariance, xp.inf),
-        response,
-        rig_covariance,
-        xp.where(regular, values[:, -1] / values[:, 0], xp.inf),
-        xp.where(regular[:, None], xp.sqrt(redundant), 1.0),
+        np.empty((UNKNOWNS, UNKNOWNS)),
+        np.empty((steps, UNKNOWNS)),
+        np.empty((6, UNKNOWNS)),
+        np.empty((steps, 6)),
+        np.empty((6, 6)),
+        np.empty(1),
+        np.empty(3),
     )
 
 
-def _huber_variance_inflation(problem: Problem) -> Array:
-    """(B,) Σψ²/Σw of Huber's ψ and weights, where it is more than noise gives, else 1."""
-    xp = namespace(problem.scatter)
-    whitened = problem.whitened(problem.points.distance)
-    seen = xp.where(problem.points.precision > 0.0, xp.ones_like(whitened), xp.zeros_like(whitened))
-    weights = huber_weights(whitened) * seen
-    factor = (weights * whitened) ** 2
-    factor = factor.sum(-1) / xp.clip(weights.sum(-1), 1e-30, None)
-    return xp.where(factor > 1.0 + EXCESS_SCATTER / xp.sqrt(seen.sum(-1) + 1e-30), factor, xp.ones_like(factor))
+@compiled
+def uncertainty(fit, found, work):
+    """Invert the fit's information by the Schur complement of the rig's part, whose prior keeps it regular.
+
+    A distance fixed at the tip gets the deviation that it would have if it were free.
+    """
+    whole, steps = fit.information, len(fit.steps)
+    fitted = _rig_part(fit, found, work)
+    own = np.empty((UNKNOWNS, UNKNOWNS))
+    regular = True
+    for a in range(UNKNOWNS):
+        for b in range(UNKNOWNS):
+            own[a, b] = whole[a, b]
+            for k in range(steps):
+                own[a, b] += whole[a, UNKNOWNS + k] * found.rig_response[k, b]
+            regular = regular and np.isfinite(own[a, b])
+    for a in range(UNKNOWNS):
+        regular = regular and own[a, a] > 0.0
+    covariance = found.covariance
+    covariance[:] = np.inf
+    found.condition[0] = np.inf
+    fill(found.reading_std, 1.0)
+    if not regular:
+        return
+    scale, values, vectors = np.empty(UNKNOWNS), np.empty(UNKNOWNS), np.empty((UNKNOWNS, UNKNOWNS))
+    for a in range(UNKNOWNS):
+        scale[a] = 1.0 / np.sqrt(own[a, a])
+    for a in range(UNKNOWNS):
+        for b in range(UNKNOWNS):
+            own[a, b] *= scale[a] * scale[b]
+    symmetric_eigen(own, values, vectors)
+    if not values[0] > values[-1] / _SINGULAR:
+        return
+    for a in range(UNKNOWNS):
+        for b in range(UNKNOWNS):
+            total = 0.0
+            for k in range(UNKNOWNS):
+                total += vectors[a, k] * vectors[b, k] / values[k]
+            covariance[a, b] = total * scale[a] * scale[b]
+    found.condition[0] = values[-1] / values[0]
+    _reading_std(fit, found, fitted)
+    covariance *= _huber_variance_inflation(fit)
 
 
-def widened_by_profile(fits: Fits, found: Uncertainty, which: Array) -> Uncertainty:
-    """The same, wider where the cost rises more slowly than its curvature says, for some of the frames (B,).
+@compiled
+def _rig_part(fit, found, work):
+    """What the rig's steps do for a known contact, and how they go with it. Returns (3,) what they make of the
+    readings' variances."""
+    whole, steps, touch, readings = fit.information, len(fit.steps), fit.point_force_columns, fit.reading_columns
+    sides, fitted = np.zeros((steps, 2 * LANES)), np.zeros(3)
+    for k in range(steps):
+        for a in range(UNKNOWNS):
+            sides[k, a] = -whole[UNKNOWNS + k, a]
+        for q in range(6):
+            sides[k, UNKNOWNS + q] = touch[q, UNKNOWNS + k]
+        for reading in range(3):
+            sides[k, UNKNOWNS + 6 + reading] = readings[reading, UNKNOWNS + k]
+    factorise(whole, UNKNOWNS, steps, 0.0, work.factor, work.scale)
+    solve_many(work.factor, work.scale, steps, sides, True)
+    for p in range(6):
+        for a in range(UNKNOWNS):
+            found.touch[p, a] = touch[p, a]
+        for q in range(6):
+            found.touch_by_rig[p, q] = 0.0
+    for k in range(steps):
+        for a in range(UNKNOWNS):
+            found.rig_response[k, a] = sides[k, a]
+        for reading in range(3):
+            fitted[reading] += readings[reading, UNKNOWNS + k] * sides[k, UNKNOWNS + 6 + reading]
+        for p in range(6):
+            found.rig_touch[k, p] = sides[k, UNKNOWNS + p]
+            for a in range(UNKNOWNS):
+                found.touch[p, a] += touch[p, UNKNOWNS + k] * sides[k, a]
+            for q in range(6):
+                found.touch_by_rig[p, q] += touch[p, UNKNOWNS + k] * sides[k, UNKNOWNS + q]
+    return fitted
+
+
+@compiled
+def _reading_std(fit, found, fitted):
+    """How much of each reading's residual was fitted; `fitted` (3,) is the rig's part of that."""
+    total = np.empty(UNKNOWNS)
+    for reading in range(3):
+        row, own = fit.reading_columns[reading], fitted[reading]
+        for a in range(UNKNOWNS):
+            total[a] = row[a]
+            for k in range(len(fit.steps)):
+                total[a] += row[UNKNOWNS + k] * found.rig_response[k, a]
+        for a in range(UNKNOWNS):
+            for b in range(UNKNOWNS):
+                own += total[a] * found.covariance[a, b] * total[b]
+        weight = huber_weight(fit.residual[reading])
+        found.reading_std[reading] = np.sqrt(max(1.0 - weight * own, _LEAST_REDUNDANCY**2))
+
+
+@compiled
+def _huber_variance_inflation(fit):
+    """Σψ²/Σw of Huber's ψ and weights, where it is more than noise gives, else 1."""
+    count, square, total, by_scatter = len(fit.distance), 0.0, 0.0, 1.0 / fit.numbers[SCATTER]
+    for i in range(count):
+        whitened = abs(fit.distance[i]) * np.sqrt(fit.precision[i]) * by_scatter
+        weight = HUBER / max(whitened, HUBER)
+        square += (weight * whitened) ** 2
+        total += weight
+    factor = square / max(total, 1e-30)
+    return factor if factor > 1.0 + EXCESS_SCATTER / np.sqrt(count + 1e-30) else 1.0
+
+
+@compiled
+def touch_covariance(found, total):
+    """Covariance (6, 6) of contact point and force."""
+    for p in range(6):
+        for q in range(6):
+            value = found.touch_by_rig[p, q]
+            for a in range(UNKNOWNS):
+                for b in range(UNKNOWNS):
+                    value += found.touch[p, a] * found.covariance[a, b] * found.touch[q, b]
+            total[p, q] = value
+
+
+@compiled
+def widen_by_profile(rig, frame, rung, fit, found, work):
+    """Widen the covariance where the cost rises more slowly than its curvature says.
 
     By vision alone, the picture holds a small deflection along the line of sight by second order only: some deviations
     out along the longest axis the cost is then far from what it should have risen by.
     """
-    if not bool(which.any()):
-        return found
-    xp = namespace(which)
-    rows = true_indices(which)
-    state, covariance = select(fits.state, rows), found.covariance[rows]
-    sound = xp.isfinite(covariance).all(-1).all(-1)
-    covariance = xp.where(sound[:, None, None], covariance, fits.frames.rig_arrays.unit_steps[1:])
-    index = arange_like(covariance, UNKNOWNS)
-    std = xp.sqrt(covariance[:, index, index])
-    sizes, axes = xp.linalg.eigh(covariance / (std[:, :, None] * std[:, None]))
-    axis = std * axes[..., -1] * xp.sqrt(sizes[:, -1:])
-    out = xp.concat([far + 0.0 * std[:, :1] for far in _PROFILE_STEPS])
-    several = xp.concat([arange_like(std, len(rows))] * len(_PROFILE_STEPS))
-    frames, by_rig, state = (
-        select(fits.frames, rows[several]),
-        select(fits.by_rig, rows[several]),
-        select(state, several),
-    )
-    unknowns = moved_unknowns(frames.rig_arrays, state.unknowns, out * axis[several])
-    rig_steps = state.rig_steps + (found.rig_response[rows[several]] @ (unknowns - state.unknowns)[..., None])[..., 0]
-    there = replace(state, unknowns=unknowns, rig_steps=rig_steps)
-    rise = cost(linearise(frames, fits.rung, by_rig, there), there.values) - fits.equations.cost[rows[several]]
-    wider = 0.5 * out[:, 0] ** 2 / xp.clip(xp.nan_to_num(rise, nan=0.0), 0.01, None)
-    wider = xp.clip(xp.amax(wider.reshape(-1, len(rows)), 0), 1.0, None)
-    factor = xp.ones_like(fits.state.scatter)
-    factor[rows] = xp.where(sound, wider, 1.0)
-    return replace(found, covariance=found.covariance * factor[:, None, None])
+    covariance, steps = found.covariance, len(fit.steps)
+    if not np.isfinite(covariance).all():
+        return
+    std, values = np.empty(UNKNOWNS), np.empty(UNKNOWNS)
+    unit, vectors, axis = np.empty((UNKNOWNS, UNKNOWNS)), np.empty((UNKNOWNS, UNKNOWNS)), np.empty(UNKNOWNS)
+    for a in range(UNKNOWNS):
+        std[a] = np.sqrt(covariance[a, a])
+    for a in range(UNKNOWNS):
+        for b in range(UNKNOWNS):
+            unit[a, b] = covariance[a, b] / (std[a] * std[b])
+    symmetric_eigen(unit, values, vectors)
+    wider, there = 1.0, work.one
+    for far in _PROFILE_STEPS:
+        for a in range(UNKNOWNS):
+            axis[a] = far * std[a] * vectors[a, UNKNOWNS - 1] * np.sqrt(values[UNKNOWNS - 1])
+        copy_fit(fit, there)
+        moved_unknowns(rig, fit.unknowns, axis, there.unknowns)
+        for k in range(steps):
+            for a in range(UNKNOWNS):
+                there.steps[k] += found.rig_response[k, a] * (there.unknowns[a] - fit.unknowns[a])
+        predict(rig, frame, rung, work.bent, there, False)
+        linearise(rig, frame, there, work)
+        rise = total_cost(rig, there) - fit.numbers[COST]
+        rise = rise if rise == rise else 0.0
+        wider = max(wider, 0.5 * far * far / max(rise, 0.01))
+    covariance *= wider
 
 
-def _linear_shift(fits: Fits, displacement: Array, reading: Array) -> Array:
-    """(B, 4) how far the unknowns would move, to first order, if the data changed.
+@compiled
+def difference(fit, other, displacement, reading, point_force):
+    """What another prediction of the same frame says, less the fit's.
 
-    `displacement` (B, M) along the prediction's normals, `reading` (B, 3) in deviations.
+    Along the normals (M, 1), readings in deviations (3,), and contact point and force (6,).
     """
-    problem = fits.problem
-    right_side = (problem.jacobian.mT @ problem.sums.times(displacement[..., None]))[..., 0]
-    weighted = (huber_weights(problem.reading_residual) * reading)[..., None]
-    right_side = right_side + (problem.reading_jacobian.mT @ weighted)[..., 0]
-    return solve_normal_equations(fits.equations.information, right_side)[:, :UNKNOWNS]
+    for j in range(NODES):
+        u, v = other.u[j] - fit.u[j], other.v[j] - fit.v[j]
+        displacement[j, 0] = u * fit.normal_u[j] + v * fit.normal_v[j]
+    reading[:] = fit.predicted_residual - other.predicted_residual
+    point_force[:] = other.point_force - fit.point_force
 
 
-def _friction_difference(fits: Fits, truth: tuple[Array, ...]) -> list[Array]:
-    """What one deviation of friction changes on the highest rung, whose `difference` without it is the truth."""
-    unit = fits.frames.rig_arrays.unit_steps[UNKNOWNS]
-    with_friction = predict(fits.frames, REFERENCE, fits.state.unknowns + unit, derivatives=False)
-    return [a - b for a, b in zip(difference(fits.prediction, with_friction), truth, strict=True)]
+@compiled
+def first_order_errors(rig, frame, rung, fit, reference, work):
+    """First-order errors (6, 10) of unknowns (4), contact point and force (6): what each rung leaves out.
 
-
-def predicted_bias(
-    fits: Fits, found: Uncertainty, reference: Prediction, rungs: tuple[str, ...] = RUNGS
-) -> dict[str, Array]:
-    """Each rung's bias (B,) at the fitted contacts: the largest of distance, f_y and f_z, in standard deviations.
-
-    How far a fit on it would move if the antenna were the highest rung's, whose prediction is the `reference`; on rungs
-    without friction, also by one deviation of friction. Infinite where the deviations are not known.
+    A row for each rung, of a fit on it, if the antenna were the highest rung's; row 4, by one deviation of the friction
+    that some rungs do not model; row 5, the fit's own rung. Contact point and force are moved with the unknowns.
     """
-    xp = namespace(found.covariance)
-    frames, unknowns, prediction = fits.frames, fits.state.unknowns, fits.prediction
-    force = slice(4, 6)
-    by_force = prediction.point_force_jacobian[:, force]
-    covariance = found.propagate(by_force, fits.by_rig.point_force[:, force])
-    std = xp.sqrt(xp.concat([found.covariance[:, :1, 0], covariance[:, :1, 0], covariance[:, 1:, 1]], -1))
-    sound = xp.isfinite(std).all(-1)
-
-    def in_std(displacement: Array, reading: Array, point_force: Array) -> Array:
-        moved = _linear_shift(fits, displacement, reading)[..., None]
-        off = xp.concat([moved[:, 0], (by_force @ moved)[..., 0] - point_force[:, force]], -1)
-        return xp.where(sound[:, None], xp.abs(off) / xp.where(sound[:, None], std, 1.0), xp.inf)
-
-    truth = difference(prediction, reference)
-    friction = 0.0
-    if frames.rig_arrays.friction_rad > 0.0 and not set(rungs) <= set(FRICTION_RUNGS):
-        friction = in_std(*_friction_difference(fits, truth))
-    bias = {}
-    for rung in rungs:
-        if rung == REFERENCE:
-            bias[rung] = xp.where(sound, xp.zeros_like(std[:, 0]), xp.full_like(std[:, 0], xp.inf))
+    shift, reading, touch = np.zeros((NODES, LANES)), np.zeros((3, LANES)), np.zeros((6, LANES))
+    _difference(fit, reference, 5, shift, reading, touch)
+    other = work.one
+    for row in range(5):
+        put(fit.unknowns, other.unknowns)
+        if row in (REFERENCE, rung) or (row == 4 and rig.friction_rad == 0.0):
             continue
-        own = (0.0, 0.0, 0.0)
-        if rung != fits.rung:
-            own = difference(prediction, predict(frames, rung, unknowns, derivatives=False))
-        shape = in_std(*(a - b for a, b in zip(truth, own, strict=True)))
-        both = shape if rung in FRICTION_RUNGS else xp.sqrt(shape**2 + friction**2)
-        bias[rung] = xp.amax(both, -1)
-    return bias
+        if row == 4:
+            other.unknowns[UNKNOWNS - 1] += 1.0
+            predict(rig, frame, REFERENCE, work.bent, other, False)
+        else:
+            predict(rig, frame, row, work.bent, other, False)
+        _difference(fit, other, row, shift, reading, touch)
+        # what the rung leaves out, but what friction changes without it
+        sign = -1.0 if row == 4 else 1.0
+        for j in range(NODES):
+            shift[j, row] = sign * (shift[j, 5] - shift[j, row])
+        for k in range(3):
+            reading[k, row] = sign * (reading[k, 5] - reading[k, row])
+        for q in range(6):
+            touch[q, row] = sign * (touch[q, 5] - touch[q, row])
+    moved = _linear_shifts(fit, shift, reading, work)
+    errors = np.zeros((6, 10))
+    for row in range(6):
+        for a in range(UNKNOWNS):
+            errors[row, a] = moved[a, row]
+        for q in range(6):
+            errors[row, UNKNOWNS + q] = -touch[q, row]
+            for a in range(UNKNOWNS):
+                errors[row, UNKNOWNS + q] += fit.point_force_columns[q, a] * moved[a, row]
+    for k in range(10):
+        errors[rung, k] = errors[5, k]
+    return errors
 
 
-def model_errors(fits: Fits, reference: Prediction) -> Array:
-    """(B, 2, 10) signed first-order errors of unknowns (4), contact point and force (6) on the fits' rung.
+@compiled
+def _difference(fit, other, column, shift, reading, touch):
+    """What another prediction of the same frame says, less the fit's, into a column: along the normals (M, ·), readings
+    in deviations (3, ·), and contact point and force (6, ·)."""
+    for j in range(NODES):
+        u, v = other.u[j] - fit.u[j], other.v[j] - fit.v[j]
+        shift[j, column] = u * fit.normal_u[j] + v * fit.normal_v[j]
+    for k in range(3):
+        reading[k, column] = fit.predicted_residual[k] - other.predicted_residual[k]
+    for q in range(6):
+        touch[q, column] = other.point_force[q] - fit.point_force[q]
 
-    By what the rung leaves out of the highest one, and by one deviation of the friction that it does not model.
+
+@compiled
+def _linear_shifts(fit, shift, reading, work):
+    """How far unknowns and rig steps (K, C) would move, to first order, if the data changed by displacements (M, C)
+    along the prediction's normals and readings (3, C) in deviations."""
+    product, sides = np.empty_like(shift), np.zeros((len(fit.side), shift.shape[1]))
+    times_tridiagonal(fit, shift, product)
+    for a in range(fit.size):
+        for first in range(0, shift.shape[1], LANES):
+            total = load_from(sides, a, first)
+            for j in range(NODES):
+                total = total + fit.columns[j, a] * load_from(product, j, first)
+            for k in range(3):
+                pull = huber_weight(fit.residual[k]) * fit.reading_columns[k, a]
+                total = total + pull * load_from(reading, k, first)
+            store_to(sides, total, a, first)
+    factorise(fit.information, 0, fit.size, 0.0, work.factor, work.scale)
+    solve_many(work.factor, work.scale, fit.size, sides, True)
+    return sides
+
+
+@compiled
+def predicted_bias(errors, found, bias):
+    """Each rung's bias (4,) from `first_order_errors`: the largest of distance, f_y and f_z, in deviations.
+
+    On rungs without friction, also by one deviation of friction. Infinite where the deviations are not known.
     """
-    xp, prediction = namespace(fits.state.scatter), fits.prediction
-
-    def errors(displacement: Array, reading: Array, point_force: Array) -> Array:
-        moved = _linear_shift(fits, displacement, reading)
-        return xp.concat([moved, (prediction.point_force_jacobian @ moved[..., None])[..., 0] - point_force], -1)
-
-    truth = difference(prediction, reference)
-    shape = errors(*truth)
-    if fits.rung in FRICTION_RUNGS or fits.frames.rig_arrays.friction_rad == 0.0:
-        return xp.stack([shape, xp.zeros_like(shape)], 1)
-    friction = errors(*_friction_difference(fits, truth))
-    # that friction turns the force along the antenna is in the point and force's own covariance already
-    return xp.stack([shape, xp.concat([friction[:, :7], 0.0 * friction[:, :1], friction[:, 8:]], -1)], 1)
-
-
-def problem_on(fits: Fits, prediction: Prediction) -> Problem:
-    """The fits' problem with the residuals that another rung's prediction at the same unknowns leaves."""
-    points = point_residuals(fits.frames, prediction, fits.state.foot_m)
-    problem = replace(fits.problem, points=points, reading_residual=prediction.reading_residual)
-    return problem.with_rig_steps(fits.state.rig_steps)
+    covariance, std = np.empty((6, 6)), np.empty(3)
+    touch_covariance(found, covariance)
+    std[0], std[1], std[2] = found.covariance[0, 0], covariance[4, 4], covariance[5, 5]
+    std = np.sqrt(std)
+    sound = np.isfinite(std).all()
+    off = np.array([0, UNKNOWNS + 4, UNKNOWNS + 5])
+    for rung in range(PAPER, REFERENCE + 1):
+        bias[rung] = 0.0 if sound else np.inf
+        if rung == REFERENCE or not sound:
+            continue
+        for k in range(3):
+            shape, friction = errors[rung, off[k]] / std[k], errors[4, off[k]] / std[k]
+            both = abs(shape) if rung >= ELASTICA else np.sqrt(shape * shape + friction * friction)
+            if not both <= bias[rung]:
+                bias[rung] = both
 
 
-def contact_evidence(fits: Fits, problem: Problem, free: FreeAntenna) -> Array:
-    """(B,) how much better a contact explains the frames than the free antenna: half the difference of squares.
+@compiled
+def contact_evidence(rig, fit, problem, free, work):
+    """How much better a contact explains the frame than the free antenna: half the difference of squares.
 
     Both may move the rig within its joint covariance first, so that a clamp angle that is known badly is not taken for
     a contact. Without contact it is 1.5 to 2 (three unknowns fitted to noise). Both are compared on the highest rung,
     `problem` with its residuals: what a lower one leaves out of the weight must not pass for a force.
     """
-    alone = Problem(
-        free.points,
-        free.by_rig.image,
-        free.by_rig.reading,
-        free.prediction.reading_residual,
-        problem.prior[:, UNKNOWNS:],
-        problem.scatter,
-    )
-    without = least_cost(alone, 0.0 * fits.state.rig_steps, _ROUNDS if alone.jacobian.shape[-1] else 0)
-    return without - least_cost(problem, fits.state.values, _CLOSE_ROUNDS)
+    alone = work.one
+    copy_fit(free, alone)
+    alone.numbers[SCATTER] = fit.numbers[SCATTER]
+    without = least_cost(rig, alone, UNKNOWNS, _ROUNDS if len(fit.steps) else 0, work)
+    touching = work.two
+    copy_fit(problem, touching)
+    return without - least_cost(rig, touching, 0, _CLOSE_ROUNDS, work)

@@ -119,7 +119,7 @@ def errors(
 def linearised(
     rig: Rig, touches: Touches, friction: float = FRICTION_RAD
 ) -> tuple[RigArrays, ErrorSpace, Linearization]:
-    rig_arrays = RigArrays.from_rig(rig, friction, np.empty(0))
+    rig_arrays = RigArrays.from_rig(rig, friction)
     space = ErrorSpace.of(rig_arrays)
     return rig_arrays, space, linearize(rig_arrays, space, touches)
 

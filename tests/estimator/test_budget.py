@@ -220,7 +220,7 @@ def test_contacts_that_would_come_without_numbers_are_left_out(ordinary: Budget)
 
 def test_a_force_is_made_by_its_push() -> None:
     """Under weight and bow, on a contact that bends much, the force's lateral part is what was asked for."""
-    rig_arrays = RigArrays.from_rig(RIG, 0.2, np.empty(0))
+    rig_arrays = RigArrays.from_rig(RIG, 0.2)
     touch = touch_of_force(rig_arrays, 0.18, np.array([0.05, -0.08]), 0.1, 0.4)
     np.testing.assert_allclose(seen_of(RIG, touch).force_N[0, 1:], [0.05, -0.08], rtol=1e-4)
     assert np.isnan(touch_of_force(rig_arrays, 0.18, np.array([50.0, 0.0]), 0.0, 0.0).push_N).all()
@@ -236,7 +236,7 @@ def sampled(draws: int, seed: int, cause: str, made_by: ShapesOf = rung_shapes) 
     elif cause:
         rig, rows = known_better(cause, 0.0), rows_of(cause)
         rig.covariance[rows], rig.covariance[:, rows] = 0.0, 0.0
-    axes = RigArrays.from_rig(rig, FRICTION_RAD, np.empty(0)).axes
+    axes = RigArrays.from_rig(rig, FRICTION_RAD).axes
     steps = rng.normal(size=(draws, axes.shape[1])) @ axes.T
     off = errors(rig, steps, touches, rubs, rng, friction, made_by)
     return np.sqrt((off**2).mean(axis=0)), np.sqrt(propagate(given, space, cause, 0.0).variance)

@@ -129,7 +129,7 @@ def test_what_all_frames_share_is_what_the_rig_moves() -> None:
     """The estimate follows each of the rig's errors; in squares they make the shared part."""
     seen = frame()
     here = estimated_frame(seen, friction=0.0)
-    axes = np.asarray(RigArrays.from_rig(RIG, 0.0, np.empty(0)).axes)
+    axes = np.asarray(RigArrays.from_rig(RIG, 0.0).axes)
     moved = [estimated_frame(seen, RIG.moved(step), friction=0.0) for step in 0.1 * axes.T]
     by_axis = [10.0 * (one.distance_m - here.distance_m) for one in moved]
     assert np.sqrt(np.sum(np.square(by_axis))) == pytest.approx(here.distance_shared_std_m, rel=0.05)

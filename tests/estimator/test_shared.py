@@ -58,7 +58,7 @@ def missed(true: Rig, given: Rig) -> tuple[ContactTable, np.ndarray]:
 
 @pytest.mark.parametrize("axis", [0, 8, 12, 16])
 def test_a_rig_that_is_off_moves_contacts_as_said(axis: int) -> None:
-    step = RigArrays.from_rig(RIG, 0.2, np.empty(0)).axes[:, axis]
+    step = RigArrays.from_rig(RIG, 0.2).axes[:, axis]
     table, before = missed(RIG, RIG)
     _, after = missed(RIG.moved(step), RIG)
     said = shared_errors(RIG, table).point_m[..., axis]

@@ -24,7 +24,7 @@ WORLD = World(camera_pose(0.7, 0.8))
 
 def framed(several: Sequence[Frame], rig: Rig, friction: float = 0.0) -> Frames:
     """Frames as the solver takes them."""
-    rig_arrays = RigArrays.from_rig(rig, friction, np.empty(0))
+    rig_arrays = RigArrays.from_rig(rig, friction)
     points = np.stack([seen.points_px for seen in several])
     readings = np.array([[seen.moment_Nm, np.nan] for seen in several])
     gravity = np.stack([gravity_antenna(seen.tilt_rad, rig.gravity_world_m_s2) for seen in several])

@@ -24,7 +24,7 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from vbaa_calib.core.compiled import kernel
+from vbaa_calib.core.compiled import compiled, kernel
 
 from .lanes import LANES, Lanes, load, spread, store
 from .nodes import INNER_NODES, OUTER_NODES, chebyshev, integration
@@ -106,7 +106,7 @@ def equilibrium(loads: Loads, sweeps: int, tangents: np.ndarray) -> Equilibrium:
     return Equilibrium((x_axis, y_axis, cross(x_axis, y_axis)), state.force, vector(moments, 0))
 
 
-@kernel
+@compiled
 def _elastica_hinge(loads: Loads, hinge: np.ndarray) -> None:
     """The elastica's rotations from the contact's section to those at the nodes: −ψ."""
     sin_lean, cos_lean = sine_and_cosine(loads.lean_rad)
@@ -141,7 +141,7 @@ def _elastica_hinge(loads: Loads, hinge: np.ndarray) -> None:
         store(hinge, load(hinge, 2, node) * steepness, 2, node)
 
 
-@kernel
+@compiled
 def _first_turns(loads: Loads, hinge: np.ndarray, field: np.ndarray) -> tuple[Lanes, Lanes]:
     """Those of a straight antenna that weight, bow and its clamp's give bend a little."""
     there_y, there_z = _bent_a_little(loads, INNER_NODES - 1)
@@ -156,7 +156,7 @@ def _first_turns(loads: Loads, hinge: np.ndarray, field: np.ndarray) -> tuple[La
     return _rolled(hinge, field, (given_y, given_z))
 
 
-@kernel
+@compiled
 def _bent_a_little(loads: Loads, node: int) -> tuple[Lanes, Lanes]:
     rest = _rest(loads, node)
     along, by_weight = loads.length_m - rest, (loads.length_m**3 - rest * rest * rest) / 6.0
@@ -167,7 +167,7 @@ def _bent_a_little(loads: Loads, node: int) -> tuple[Lanes, Lanes]:
     )
 
 
-@kernel
+@compiled
 def _rest(loads: Loads, node: int) -> Lanes:
     """Length beyond the node."""
     if node < INNER_NODES:
@@ -175,13 +175,13 @@ def _rest(loads: Loads, node: int) -> Lanes:
     return (loads.length_m - loads.contact_m) * (1.0 - _OUTER[node - INNER_NODES])
 
 
-@kernel
+@compiled
 def _side(loads: Loads, node: int) -> Lanes:
     """Length of the side of the contact that the node lies on."""
     return loads.contact_m if node < INNER_NODES else loads.length_m - loads.contact_m
 
 
-@kernel
+@compiled
 def _state(
     loads: Loads,
     hinge: np.ndarray,
@@ -216,7 +216,7 @@ def _state(
     return _State(seen, force)
 
 
-@kernel
+@compiled
 def _swept(
     loads: Loads,
     hinge: np.ndarray,
@@ -239,7 +239,7 @@ def _swept(
     return _rolled(hinge, field, (half_give * held_y, half_give * held_z))
 
 
-@kernel
+@compiled
 def _rolled(hinge: np.ndarray, field: np.ndarray, given: tuple[Lanes, Lanes]) -> tuple[Lanes, Lanes]:
     """With the sections turned about their own axes until the clamp's turn to the contact's axes has no roll in it."""
     d_x, d_y, _ = _seen_from_contact(field, given)
@@ -249,7 +249,7 @@ def _rolled(hinge: np.ndarray, field: np.ndarray, given: tuple[Lanes, Lanes]) ->
     return given
 
 
-@kernel
+@compiled
 def _rate(loads: Loads, g: Vector, local: Vector, m: Vector, curvature_per_m: Lanes) -> Vector:
     """2 g′."""
     m_x, m_y, m_z = m
@@ -260,7 +260,7 @@ def _rate(loads: Loads, g: Vector, local: Vector, m: Vector, curvature_per_m: La
     return added(both, added(negative(across), times(dot(g, both), g)))
 
 
-@kernel
+@compiled
 def _seen_from_contact(field: np.ndarray, given: tuple[Lanes, Lanes]) -> Vector:
     """Cayley vector of Q(0)·R₀ᵀ."""
     x, y, z = vector(field, 0)
@@ -269,14 +269,14 @@ def _seen_from_contact(field: np.ndarray, given: tuple[Lanes, Lanes]) -> Vector:
     return (x + z * e_y - y * e_z) * scale, (y - e_y + x * e_z) * scale, (z - e_z - x * e_y) * scale
 
 
-@kernel
+@compiled
 def _hinged(hinge: np.ndarray, node: int, v: Vector) -> Vector:
     """H·v."""
     sine, cosine = load(hinge, 0, node), load(hinge, 1, node)
     return cosine * v[0] - sine * v[1], sine * v[0] + cosine * v[1], v[2]
 
 
-@kernel
+@compiled
 def _hinged_back(hinge: np.ndarray, node: int, v: Vector) -> Vector:
     """Hᵀ·v."""
     sine, cosine = load(hinge, 0, node), load(hinge, 1, node)
@@ -290,7 +290,7 @@ def _turned(g: Vector, v: Vector) -> Vector:
     return added(v, times(2.0 / (1.0 + dot(g, g)), added(once, cross(g, once))))
 
 
-@kernel
+@compiled
 def _turned_x(g: Vector) -> Vector:
     """Q e_x of the Cayley vector g."""
     x, y, z = g
@@ -331,7 +331,7 @@ def vector(field: np.ndarray, node: int) -> Vector:
     return load(field, 0, node), load(field, 1, node), load(field, 2, node)
 
 
-@kernel
+@compiled
 def put(field: np.ndarray, v: Vector, node: int) -> None:
     """Write a field's vectors at a node."""
     store(field, v[0], 0, node)

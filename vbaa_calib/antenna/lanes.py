@@ -36,6 +36,16 @@ def store(array: np.ndarray, values: Lanes, *row: int) -> None:
     array[row] = values
 
 
+def load_from(array: Any, *place: int) -> Lanes:
+    """LANES neighbours of a C-contiguous array from a place on."""
+    return array[(*place[:-1], slice(place[-1], place[-1] + LANES))].copy()
+
+
+def store_to(array: Any, values: Lanes, *place: int) -> None:
+    """Write LANES neighbours of a C-contiguous array from a place on."""
+    array[(*place[:-1], slice(place[-1], place[-1] + LANES))] = values
+
+
 def lane_of(values: Lanes, lane: int) -> float:
     """One of them."""
     return float(values[lane])
@@ -141,7 +151,7 @@ def _one_by_one(name: str) -> Callable[..., Any]:
 
 
 def _pointer(context: Any, builder: Any, kind: Any, array: Any, row: Any) -> Any:
-    place = [*row, context.get_constant(_INDEX, 0)]
+    place = list(row) if len(row) == kind.ndim else [*row, context.get_constant(_INDEX, 0)]
     item = cgutils.get_item_pointer(context, builder, kind, make_array(kind)(context, builder, array), place)
     return builder.bitcast(item, _VECTOR.as_pointer())
 
@@ -181,6 +191,9 @@ _compiled(lane_of, _lower_lane_of, signature(_NUMBER, _LANES, _INDEX))
 _compiled(where_positive, _lower_where, *(signature(_LANES, _LANES, a, b) for a in _EITHER for b in _EITHER))
 _compiled(load, _lower_load, *(signature(_LANES, _rows(n, True), *[_INDEX] * n) for n in range(4)))
 _compiled(store, _lower_store, *(signature(types.none, _rows(n, False), _LANES, *[_INDEX] * n) for n in range(4)))
+_compiled(load_from, _lower_load, *(signature(_LANES, _rows(n, True), *[_INDEX] * (n + 1)) for n in range(3)))
+_STORED = [signature(types.none, _rows(n, False), _LANES, *[_INDEX] * (n + 1)) for n in range(3)]
+_compiled(store_to, _lower_store, *_STORED)
 
 load.stamp = (os.stat(__file__).st_mtime, os.stat(__file__).st_size)  # type: ignore[attr-defined]
 """For `core.compiled`: what uses this module is compiled anew when it changes."""

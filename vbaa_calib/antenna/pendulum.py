@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from vbaa_calib.core.compiled import kernel
+from vbaa_calib.core.compiled import compiled, kernel
 
 from .lanes import LANES, Lanes, load, spread, store
 
@@ -72,7 +72,7 @@ def hinge_by_series(
         store(hinge, back * rate, 2, node)
 
 
-@kernel
+@compiled
 def sine_and_cosine(angle_rad: Lanes) -> tuple[Lanes, Lanes]:
     """Of angles within ±π/2, by their Taylor series."""
     square = angle_rad * angle_rad
@@ -83,14 +83,14 @@ def sine_and_cosine(angle_rad: Lanes) -> tuple[Lanes, Lanes]:
     return angle_rad * sine, cosine
 
 
-@kernel
+@compiled
 def series_terms(largest_load: float) -> int:
     """Terms of the series for full precision up to this load."""
     largest = largest_load if largest_load > 1e-6 else 1e-6
     return min(_TERMS, math.ceil(math.log(1e-18) / math.log(largest / _SERIES_RADIUS)))
 
 
-@kernel
+@compiled
 def taylor(sin_lean: Lanes, cos_lean: Lanes, terms: int, coefficients: np.ndarray) -> None:
     """Write Taylor coefficients (3, ..., LANES) of ψ/υ², cos ψ and sin ψ in υ², from ψ″ = cos(ψ + α) term by term."""
     rates = np.empty((_TERMS, LANES))
@@ -140,7 +140,7 @@ def landen(m: float) -> np.ndarray:
     return chain
 
 
-@kernel
+@compiled
 def jacobi_at(u: float, chain: np.ndarray) -> tuple[float, float, float, float]:
     """sn, cn and dn of (u | m), and E(am(u | m) | m)."""
     amplitude, second, m = chain[_STEPS, 0] * u, chain[_STEPS, 1] * u, chain[_STEPS, 2]

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vbaa_calib.core.compiled import kernel
+from vbaa_calib.core.compiled import compiled, kernel
 
 from .equilibrium import NODES, Frame, Loads, Vector, added, equilibrium, integrated, put, times, vector
 from .lanes import LANES, Lanes, cos, exp, lane_of, load, sin, spread, sqrt, store, where_positive
@@ -148,7 +148,7 @@ def _bend(rung: int, dead: bool, sweeps: int, presses: Presses, bent: Bent) -> N
         _bend_far(dead, sweeps, presses, bent)
 
 
-@kernel
+@compiled
 def _bend_far(dead: bool, sweeps: int, presses: Presses, bent: Bent) -> None:
     """Large deflections."""
     parameters, length_m = presses.parameters, presses.length_m
@@ -200,7 +200,7 @@ def _bend_far(dead: bool, sweeps: int, presses: Presses, bent: Bent) -> None:
     store(bent.moment_Nm, -stiffness * (moment + beside_z * (force[0] + length_m * weight[0])))
 
 
-@kernel
+@compiled
 def _tangents(nodes: np.ndarray, tangents: np.ndarray) -> None:
     """Interpolate the tangents (3, NODES, LANES) of the first T shapes."""
     count = tangents.shape[2]
@@ -215,7 +215,7 @@ def _tangents(nodes: np.ndarray, tangents: np.ndarray) -> None:
                     tangents[axis, node, lane] = every[axis, node, lane]
 
 
-@kernel
+@compiled
 def _put_some(field: np.ndarray, count: int, v: Vector, node: int) -> None:
     """Write the first vectors of a field at a node."""
     if count == LANES:
@@ -226,7 +226,7 @@ def _put_some(field: np.ndarray, count: int, v: Vector, node: int) -> None:
                 field[axis, node, lane] = lane_of(v[axis], lane)
 
 
-@kernel
+@compiled
 def _curve_arclength(contact: Lanes, length_m: float, node: int) -> Lanes:
     if node < NODES_TO_CONTACT:
         return contact * INNER_CURVE[node]
@@ -238,20 +238,20 @@ def _row(rows: np.ndarray) -> Vector:
     return load(rows, 0), load(rows, 1), load(rows, 2)
 
 
-@kernel
+@compiled
 def _put_force(forces: np.ndarray, v: Vector) -> None:
     for axis in range(3):
         store(forces, v[axis], axis)
 
 
-@kernel
+@compiled
 def _on_shaft(contact_m: Lanes, length_m: float) -> Lanes:
     """Contacts kept from the very tip, which would leave nothing beyond them: a micrometre in a metre."""
     limit = (1.0 - NEAREST_TO_TIP) * length_m
     return where_positive(contact_m - limit, limit, contact_m)
 
 
-@kernel
+@compiled
 def _rotation(about_y: Lanes, about_z: Lanes) -> Frame:
     """Rotation by the vector (0, y, z) in rad: Rodrigues' formula."""
     half = 0.5 * sqrt(about_y * about_y + about_z * about_z)
@@ -262,7 +262,7 @@ def _rotation(about_y: Lanes, about_z: Lanes) -> Frame:
     return (1.0 - y_square - z_square, z, -y), (-z, 1.0 - z_square, both), (y, both, 1.0 - y_square)
 
 
-@kernel
+@compiled
 def _rolled(frame: Frame, y: Lanes, z: Lanes) -> Frame:
     """The frame turned about its x, so that its y points to where (y, z) did."""
     x_axis, y_axis, z_axis = frame
@@ -275,7 +275,7 @@ def _turned(frame: Frame, v: Vector) -> Vector:
     return added(added(times(v[0], frame[0]), times(v[1], frame[1])), times(v[2], frame[2]))
 
 
-@kernel
+@compiled
 def _turned_back(frame: Frame, v: Vector) -> Vector:
     """Into the frame's components."""
     x_axis, y_axis, z_axis = frame
@@ -286,7 +286,7 @@ def _turned_back(frame: Frame, v: Vector) -> Vector:
     )
 
 
-@kernel
+@compiled
 def _bend_little(paper: bool, presses: Presses, bent: Bent) -> None:
     """Small deflections of contact, lateral weight, bow, clamp and its give, superposed (`linear`).
 

@@ -4,41 +4,93 @@ from __future__ import annotations
 
 import inspect
 import os
+import sys
 import zlib
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from functools import cache
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar, cast, dataclass_transform
 
 import numba
 import numpy as np
+from numba.core import types
+from numba.experimental import structref
 
 from .console import say
 
 _F = TypeVar("_F", bound=Callable[..., Any])
+_T = TypeVar("_T")
 
 _FAST = {"contract", "reassoc", "nsz", "arcp"}
 """Freedoms in the order of sums and products. NaN and infinity keep their meaning: they mark what is not known."""
 
 
+_PIECE = 16
+"""Items that a thread takes at once."""
+
+
 def kernel(function: _F) -> _F:
-    """Compile at the first call and keep the machine code beside the module. The plain function stays as `py_func`.
+    """A function that Python calls: compiled at the first call, its machine code kept beside the module.
 
     Arguments are float64 arrays, contiguous in C's order, numbers, and named tuples of them. Threads may run it: the
-    interpreter's lock is released.
+    interpreter's lock is released. The plain function stays as `py_func`.
     """
+    made = _compiled(function)
     # what is made for one kernel is kept with that kernel's code
-    keep = "<locals>" not in function.__qualname__
-    compiled: Any = numba.njit(nogil=True, error_model="numpy", fastmath=_FAST)(function)
-    compiled.stamp = _stamp(function)
-    if keep and _kept(compiled):
+    if "<locals>" not in function.__qualname__ and _kept(made):
         # numba compares the function's own file alone: after a change in a function that it calls, old code would run
-        compiled._cache._cache_file._source_stamp = compiled.stamp
-    resolved = compiled.get_call_template
-    # constants that one kernel hands to another are numbers like all others, not a reason to compile it once more
-    compiled.get_call_template = lambda args, kws: resolved(
-        tuple(map(numba.types.unliteral, args)), {name: numba.types.unliteral(kind) for name, kind in kws.items()}
+        made._cache._cache_file._source_stamp = made.stamp
+    return cast(_F, made)
+
+
+def compiled(function: _F) -> _F:
+    """A function that kernels call: compiled with them. Its arguments may be records, too."""
+    return cast(_F, _compiled(function, no_cpython_wrapper=True, no_cfunc_wrapper=True))
+
+
+def _compiled(function: Callable[..., Any], **options: Any) -> Any:
+    made: Any = numba.njit(nogil=True, error_model="numpy", fastmath=_FAST, **options)(function)
+    made.stamp = _stamp(function)
+    resolved = made.get_call_template
+    # constants that one function hands to another are numbers like all others, not a reason to compile it once more
+    made.get_call_template = lambda args, kws: resolved(
+        tuple(map(types.unliteral, args)), {name: types.unliteral(kind) for name, kind in kws.items()}
     )
-    return cast(_F, compiled)
+    return made
+
+
+@dataclass_transform()
+def record(declared: type[_T]) -> type[_T]:
+    """A class of arrays and numbers that compiled functions make by calling it and pass on by reference.
+
+    A named tuple would be passed field by field, and its functions take minutes to compile. `declared` is a class with
+    annotations, or a named tuple: then the record is made of one by `Record(*values)`.
+    """
+    if numba.config.DISABLE_JIT:  # type: ignore[attr-defined]
+        return declared if issubclass(declared, tuple) else dataclass(eq=False)(declared)
+    module = sys.modules[declared.__module__]
+    kind = type(f"{declared.__name__}Type", (types.StructRef,), {"__module__": module.__name__})
+    setattr(module, kind.__name__, kind)  # the cache finds it there
+    structref.register(kind)
+    names = {"__module__": module.__name__, "__doc__": declared.__doc__}
+    made = type(declared.__name__, (structref.StructRefProxy,), names)
+    structref.define_proxy(made, kind, list(declared.__annotations__))
+    return cast(type[_T], made)
+
+
+def cores() -> int:
+    """Processors that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def in_threads(work: Callable[[int, int], None], count: int, jobs: int) -> None:
+    """Call `work(begin, end)` on pieces of a range in so many threads."""
+    if jobs <= 1 or count <= _PIECE:
+        work(0, count)
+        return
+    with ThreadPoolExecutor(jobs) as pool:
+        list(pool.map(lambda begin: work(begin, min(begin + _PIECE, count)), range(0, count, _PIECE)))
 
 
 def _kept(compiled: Any) -> bool:

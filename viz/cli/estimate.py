@@ -49,7 +49,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--no-moment", action="store_true", help="vision alone: leave the moment readings aside")
     parser.add_argument(
-        "--device", default="cpu", help="cpu (NumPy), or a torch device for the fits, as cuda:0 (default: cpu)"
+        "--jobs", type=int, metavar="N", help="threads over the frames (default: the processor's cores)"
     )
     parser.add_argument(
         "--background",
@@ -122,7 +122,7 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None]:
     session, rig = load_session(args.session), Rig.load(args.rig)
     drift = session.drift if args.drift is None else drifts[args.drift]
     rig = rig if drift is None else replace(rig, drift=drift)
-    estimator = ContactEstimator(rig, args.model, friction=args.friction, device=args.device)
+    estimator = ContactEstimator(rig, args.model, friction=args.friction, jobs=args.jobs)
     frames = _frames(session, rig, args.no_moment)
     pictures = [frame.image for frame in frames if frame.image is not None]
     check_pictures(pictures, rig.camera.image_size, "the rig was calibrated at")

@@ -1,0 +1,265 @@
+"""A lens inside compiled functions: the same maps as `models`, `lens` and `inverse`, point by point.
+
+Only what a few Newton steps solve is solved here: what is not valid may be so for `inverse`, which spares no effort.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from vbaa_calib.core.compiled import compiled, record
+
+from .lens import lens_of
+from .projection import Intrinsics
+
+_NONE, _RADIAL, _FULL = 0, 1, 2
+_STEPS = 5
+_SMALL_ANGLE_SQUARED = 1e-6
+_LEAST_DEPTH = 1e-12
+
+
+class CompiledLens(NamedTuple):
+    """A lens and its camera matrix in plain arrays, see `lens.Lens`.
+
+    Attributes
+    ----------
+    fisheye : on the equidistant chart. tilted : a sensor's tilt, which is not compiled.
+    path : 0 no distortion, 1 radial, 2 with decentring or prism.
+    matrix : (4,) fx, fy, cx, cy. coefficients : (14,), the last of them zeros; `distortions` of them are parameters.
+    nodes, steps, nodes_per_unit, limits : of the radial table; limits (2,) are the largest ideal and distorted radius.
+    ideal, reach : (S,) radii of the trusted region's rims; inner (2,) their least.
+    """
+
+    fisheye: bool
+    tilted: bool
+    path: int
+    matrix: np.ndarray
+    coefficients: np.ndarray
+    distortions: int
+    nodes: np.ndarray
+    steps: np.ndarray
+    nodes_per_unit: float
+    limits: np.ndarray
+    ideal: np.ndarray
+    reach: np.ndarray
+    inner: np.ndarray
+
+
+Lens = record(CompiledLens)
+
+
+def compiled_lens(intrinsics: Intrinsics) -> CompiledLens:
+    """Made ready for compiled functions."""
+    lens = lens_of(intrinsics.model, intrinsics.coefficients)
+    coefficients = np.zeros(14)
+    coefficients[: len(lens.coefficients)] = lens.coefficients
+    table, region, one = lens.table, lens.sectors, np.ones(2)
+    return CompiledLens(
+        lens.model.name == "fisheye",
+        lens.model.tilt(lens.coefficients) is not None,
+        _NONE if table is None else _RADIAL if region is None else _FULL,
+        np.array([intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy], float),
+        coefficients,
+        len(lens.coefficients),
+        one if table is None else np.ascontiguousarray(table.nodes),
+        one if table is None else np.ascontiguousarray(table.steps),
+        1.0 if table is None else float(table.nodes_per_unit),
+        np.array([lens.ideal_limit, lens.distorted_limit if table is None else table.distorted_limit]),
+        one if region is None else np.ascontiguousarray(region.ideal.radii),
+        one if region is None else np.ascontiguousarray(region.reach.radii),
+        one if region is None else np.array([region.ideal.inner, region.reach.inner]),
+    )
+
+
+@compiled
+def radial(fisheye, c, s):
+    """Radial gain at a squared radius, and its slope by that."""
+    if fisheye:
+        gain = 1.0 + s * (c[0] + s * (c[1] + s * (c[2] + s * c[3])))
+        return gain, c[0] + s * (2.0 * c[1] + s * (3.0 * c[2] + s * (4.0 * c[3])))
+    top = 1.0 + s * (c[0] + s * (c[1] + s * c[4]))
+    by_top = c[0] + s * (2.0 * c[1] + s * (3.0 * c[4]))
+    under = 1.0 / (1.0 + s * (c[5] + s * (c[6] + s * c[7])))
+    by_under = c[5] + s * (2.0 * c[6] + s * (3.0 * c[7]))
+    gain = top * under
+    return gain, (by_top - gain * by_under) * under
+
+
+@compiled
+def linearise_lens(fisheye, c, x, y):
+    """The distorted point, its derivatives by x and y (xx, xy, yx, yy)."""
+    s = x * x + y * y
+    gain, by_s = radial(fisheye, c, s)
+    along_x, along_y = 2.0 * by_s * x, 2.0 * by_s * y
+    if fisheye:
+        return x * gain, y * gain, gain + x * along_x, x * along_y, x * along_y, gain + y * along_y
+    p1, p2, s1, s2, s3, s4 = c[2], c[3], c[8], c[9], c[10], c[11]
+    gain += 2.0 * (p1 * y + p2 * x)
+    xd, yd = x * gain + s * (p2 + s1 + s2 * s), y * gain + s * (p1 + s3 + s4 * s)
+    shear = x * (along_y + 2.0 * p1) + 2.0 * p2 * y
+    slope_x, slope_y = 2.0 * s1 + 4.0 * s2 * s, 2.0 * s3 + 4.0 * s4 * s
+    xx, yy = gain + x * (along_x + 4.0 * p2 + slope_x), gain + y * (along_y + 4.0 * p1 + slope_y)
+    return xd, yd, xx, shear + y * slope_x, shear + x * slope_y, yy
+
+
+@compiled
+def _encloses(radii, inner, x, y):
+    """Whether a rim, a radius in each of evenly spaced directions from −π on, encloses a point."""
+    square = x * x + y * y
+    if square < inner * inner:
+        return True
+    if not np.isfinite(square):
+        return False
+    place = (np.arctan2(y, x) + np.pi) * ((len(radii) - 1) / (2.0 * np.pi))
+    index = min(int(place), len(radii) - 2)
+    return np.sqrt(square) < radii[index] + (place - index) * (radii[index + 1] - radii[index])
+
+
+@compiled
+def _definite(xx, xy, yx, yy):
+    shear = 0.5 * (xy + yx)
+    return xx + yy > 0.0 and xx * yy - shear * shear > 0.0
+
+
+@compiled
+def sees(lens, x, y):
+    """Whether an ideal point of the chart lies in the region that hangs together with the axis."""
+    square = x * x + y * y
+    if square < lens.limits[0] * lens.limits[0]:
+        return True
+    if lens.path != _FULL or not np.isfinite(square):
+        return False
+    _, _, xx, xy, yx, yy = linearise_lens(lens.fisheye, lens.coefficients, x, y)
+    return _definite(xx, xy, yx, yy) and _encloses(lens.ideal, lens.inner[0], x, y)
+
+
+@compiled
+def undistort(lens, x, y):
+    """The ideal point of a distorted one, the derivatives there (xx, xy, yx, yy), and whether it was found."""
+    if lens.path == _NONE:
+        return x, y, 1.0, 0.0, 0.0, 1.0, x * x + y * y < lens.limits[0] * lens.limits[0]
+    distorted = np.sqrt(x * x + y * y)
+    allowed = 5e-14 * distorted + 1e-300
+    within_reach = distorted < lens.limits[1] if lens.path == _RADIAL else _encloses(lens.reach, lens.inner[1], x, y)
+    if not within_reach:
+        return x, y, 1.0, 0.0, 0.0, 1.0, False
+    within = min(distorted, lens.limits[1])
+    place = lens.nodes_per_unit * (within / (1.0 + within))
+    index = int(place)
+    ratio = (lens.nodes[index] + (place - index) * lens.steps[index]) / (within + 1e-15)
+    ideal_x, ideal_y = x * ratio, y * ratio
+    for _ in range(_STEPS):
+        xd, yd, xx, xy, yx, yy = linearise_lens(lens.fisheye, lens.coefficients, ideal_x, ideal_y)
+        off_x, off_y = x - xd, y - yd
+        if max(abs(off_x), abs(off_y)) <= allowed:
+            break
+        inverse = 1.0 / (xx * yy - xy * yx)
+        ideal_x += (yy * off_x - xy * off_y) * inverse
+        ideal_y += (xx * off_y - yx * off_x) * inverse
+    found = max(abs(off_x), abs(off_y)) <= allowed and _definite(xx, xy, yx, yy)
+    if lens.path == _RADIAL:
+        found = found and ideal_x * ideal_x + ideal_y * ideal_y <= lens.limits[0] * lens.limits[0]
+    else:
+        found = found and _encloses(lens.ideal, lens.inner[0], ideal_x, ideal_y)
+    return ideal_x, ideal_y, xx, xy, yx, yy, found
+
+
+@compiled
+def normalized_of_chart(x, y):
+    """X/Z, Y/Z of a point of the equidistant chart, the derivatives (xx, xy, yy), and whether Z > 0."""
+    square = x * x + y * y
+    if square < _SMALL_ANGLE_SQUARED:
+        ratio, cos = 1.0 - square / 6.0 * (1.0 - square / 20.0), 1.0 - square / 2.0 * (1.0 - square / 12.0)
+        bend = -1.0 / 3.0 + square / 30.0
+    else:
+        angle = np.sqrt(square)
+        ratio, cos = np.sin(angle) / angle, np.cos(angle)
+        bend = (cos - ratio) / square
+    ahead = cos > _LEAST_DEPTH
+    inverse = 1.0 / cos if ahead else 1.0
+    tangent = ratio * inverse
+    growth = bend * inverse + tangent * tangent
+    return x * tangent, y * tangent, tangent + growth * x * x, growth * x * y, tangent + growth * y * y, ahead
+
+
+@compiled
+def chart_of_normalized(x, y):
+    """The point of the equidistant chart of X/Z, Y/Z."""
+    square = x * x + y * y
+    if square < _SMALL_ANGLE_SQUARED:
+        ratio = 1.0 - square * (1.0 / 3.0 - square / 5.0)
+    else:
+        off_axis = np.sqrt(square)
+        ratio = np.arctan(off_axis) / off_axis
+    return x * ratio, y * ratio
+
+
+@compiled
+def normalized_of_pixels(lens, pixels, points, slopes, valid):
+    """X/Z, Y/Z (N, 2) of pixels (N, 2), d(X/Z, Y/Z)/d(u, v) (N, 4) row by row, and validity (N,)."""
+    fx, fy, cx, cy = lens.matrix
+    for i in range(len(pixels)):
+        x, y, xx, xy, yx, yy, found = undistort(lens, (pixels[i, 0] - cx) / fx, (pixels[i, 1] - cy) / fy)
+        inverse = 1.0 / (xx * yy - xy * yx)
+        a, b, c, d = yy * inverse, -xy * inverse, -yx * inverse, xx * inverse
+        if lens.fisheye:
+            x, y, e, f, g, ahead = normalized_of_chart(x, y)
+            a, b, c, d = e * a + f * c, e * b + f * d, f * a + g * c, f * b + g * d
+            found = found and ahead
+        points[i, 0], points[i, 1] = x, y
+        slopes[i, 0], slopes[i, 1], slopes[i, 2], slopes[i, 3] = a / fx, b / fy, c / fx, d / fy
+        valid[i] = found
+
+
+@compiled
+def normalized_by_lens(lens, x, y, columns):
+    """d(X/Z, Y/Z)/d(fx, fy, cx, cy, *distortion), columns (2, 4 + k), of a fixed pixel; zeros where it is not seen."""
+    columns[:] = 0.0
+    fx, fy = lens.matrix[0], lens.matrix[1]
+    e, f, g = 1.0, 0.0, 1.0
+    if lens.fisheye:
+        x, y = chart_of_normalized(x, y)
+        _, _, e, f, g, _ = normalized_of_chart(x, y)
+    if not sees(lens, x, y):
+        return
+    c, k = lens.coefficients, lens.distortions
+    xd, yd, xx, xy, yx, yy = linearise_lens(lens.fisheye, c, x, y)
+    inverse = -1.0 / (xx * yy - xy * yx)
+    a, b, p, q = yy * inverse, -xy * inverse, -yx * inverse, xx * inverse
+    a, b, p, q = e * a + f * p, e * b + f * q, f * a + g * p, f * b + g * q
+    columns[0, 0], columns[1, 0], columns[0, 1], columns[1, 1] = a * xd / fx, p * xd / fx, b * yd / fy, q * yd / fy
+    columns[0, 2], columns[1, 2], columns[0, 3], columns[1, 3] = a / fx, p / fx, b / fy, q / fy
+    s = x * x + y * y
+    across, down = a * x + b * y, p * x + q * y
+    if lens.fisheye:
+        power = s
+        for i in range(k):
+            columns[0, 4 + i], columns[1, 4 + i] = across * power, down * power
+            power *= s
+        return
+    under = 1.0 / (1.0 + s * (c[5] + s * (c[6] + s * c[7])))
+    gain, _ = radial(False, c, s)
+    for i in range(k):
+        dx, dy = _by_coefficient(i, x, y, s, under, gain)
+        columns[0, 4 + i], columns[1, 4 + i] = a * dx + b * dy, p * dx + q * dy
+
+
+@compiled
+def _by_coefficient(i, x, y, s, under, gain):
+    """d(distorted)/d(coefficient i) of OpenCV's lens before the tilt."""
+    if i == 2:
+        return 2.0 * x * y, s + 2.0 * y * y
+    if i == 3:
+        return s + 2.0 * x * x, 2.0 * x * y
+    if i < 8:
+        power = s * under
+        if i >= 5:
+            power *= -gain
+        order = i if i < 2 else 2 if i == 4 else i - 5
+        for _ in range(order):
+            power *= s
+        return x * power, y * power
+    power = s if i == 8 or i == 10 else s * s
+    return (power, 0.0) if i < 10 else (0.0, power)
