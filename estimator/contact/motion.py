@@ -15,7 +15,6 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.special import ndtri
 
-from vbaa_calib.core.arrays import Array, as_index, like, namespace
 from vbaa_calib.rig import Rig
 
 _MOST = 64  # at most so many frames on either side count: what a judge of a recording must remember is bounded
@@ -35,79 +34,80 @@ class _Neighbours:
     """For each of R judged frames, of index `centre` (R,), W others near to it in time, itself among them: their index
     `at` (R, W), time from it, and which count; whether those are `enough` (R,) for a parabola about it."""
 
-    centre: Array
-    at: Array
-    after_s: Array
-    inside: Array
-    enough: Array
+    centre: np.ndarray
+    at: np.ndarray
+    after_s: np.ndarray
+    inside: np.ndarray
+    enough: np.ndarray
 
 
-def _neighbours(time_s: Array, judged: Array, reach_s: Array, longest_s: float, *, live: bool = False) -> _Neighbours:
+def _neighbours(
+    time_s: np.ndarray, judged: np.ndarray, reach_s: np.ndarray, longest_s: float, *, live: bool = False
+) -> _Neighbours:
     """Of frames at times (n,) those around each judged one (R,), at most `reach_s` (R,) from it, the next in any case.
 
     A gap longer than `longest_s`, or none at all, ends a neighbourhood. `live`: only earlier frames, two in any case.
     """
-    xp = namespace(time_s)
     gap = time_s[1:] - time_s[:-1]
-    broken = like(time_s, ~((gap > 0.0) & (gap <= longest_s)))
+    broken = ~((gap > 0.0) & (gap <= longest_s))
     # frames that share a number have no wrong gap between them
-    run = xp.cumsum(xp.concat([like(time_s, np.zeros(1)), broken]), 0)
+    run = np.cumsum(np.concatenate([np.zeros(1), broken]))
     least = 2 if live else 1
-    offsets = like(time_s, np.arange(-_MOST, 1 if live else _MOST + 1))
-    place = like(time_s, judged)[:, None] + offsets
-    at = as_index(xp.clip(place, 0.0, len(time_s) - 1.0))
+    offsets = np.arange(-_MOST, 1 if live else _MOST + 1)
+    place = judged[:, None] + offsets
+    at = np.clip(place, 0, len(time_s) - 1)
     after = time_s[at] - time_s[judged][:, None]
     near = (abs(after) <= reach_s[:, None]) | (abs(offsets) <= least)
     inside = near & (run[at] == run[judged][:, None]) & (place == at)
     enough = inside[:, _MOST - least : _MOST + 1 if live else _MOST + 2].all(-1)
-    used = inside.any(0) | (offsets == 0.0)
+    used = inside.any(0) | (offsets == 0)
     return _Neighbours(judged, at[:, used], after[:, used], inside[:, used], enough)
 
 
-def _second_derivative(near: _Neighbours, points: Array, std: Array) -> tuple[Array, Array, Array]:
+def _second_derivative(
+    near: _Neighbours, points: np.ndarray, std: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Second derivatives (R, G, 3) of points (n, G, 3), their standard deviations (R, G, 3) and weights (R, W).
 
     `std` (n, 1) or (n, G) is that of one component of a point. Where there are `_TESTED` frames or more, and the points
     scatter about a smooth path by more, the result's grows by as much; it never shrinks. NaN where there is not enough.
     """
-    xp = namespace(points)
     unit, by_last, tested = _orthonormal(near)
     start = points[near.centre]
     parts = [0.0 * start] * (_PATH + 1)
     squares, variance = 0.0 * start, 0.0 * std[near.centre]
     expected = variance
     for column in range(unit.shape[-1]):
-        counts = like(points, near.inside[:, column])[:, None]
+        counts = near.inside[:, column].astype(float)[:, None]
         moved = (points[near.at[:, column]] - start) * counts[..., None]
         parts = [part + unit[:, power, column, None, None] * moved for power, part in enumerate(parts)]
         squares = squares + moved**2
         own = std[near.at[:, column]] ** 2
         variance = variance + unit[:, 2, column, None] ** 2 * own
         expected = expected + counts * own
-    count = like(points, near.inside).sum(-1)[:, None]
-    spare = xp.where(tested[:, None], expected * (count - _PATH - 1.0) / count, np.inf)
+    count = near.inside.sum(-1)[:, None]
+    spare = np.where(tested[:, None], expected * (count - _PATH - 1.0) / count, np.inf)
     scatter = (squares - sum(part**2 for part in parts)) / spare[..., None]
-    std = xp.sqrt(variance[..., None] * xp.clip(scatter, 1.0, None))
-    scale = xp.where(near.enough, by_last, np.nan)
+    std = np.sqrt(variance[..., None] * np.clip(scatter, 1.0, None))
+    scale = np.where(near.enough, by_last, np.nan)
     return scale[:, None, None] * parts[2], scale[:, None, None] * std, scale[:, None] * unit[:, 2]
 
 
-def _orthonormal(near: _Neighbours) -> tuple[Array, Array, Array]:
+def _orthonormal(near: _Neighbours) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Polynomials (R, PATH + 1, W) of rising degree, orthonormal over each neighbourhood.
 
     Also the quadratic one's second derivative (R,), and which neighbourhoods have frames enough for those beyond it.
     """
-    xp = namespace(near.after_s)
-    counts = like(near.after_s, near.inside & near.enough[:, None])
+    counts = (near.inside & near.enough[:, None]).astype(float)
     tested = counts.sum(-1) >= _TESTED
-    reach = xp.where(near.enough, xp.amax(abs(near.after_s) * counts, -1), 1.0)
+    reach = np.where(near.enough, np.amax(abs(near.after_s) * counts, -1), 1.0)
     tau = near.after_s / reach[:, None]
-    usable = xp.stack([near.enough] * 3 + [tested] * (_PATH - 2), -1)
-    powers = xp.stack([counts * tau**power for power in range(_PATH + 1)], -2) * like(tau, usable)[..., None]
+    usable = np.stack([near.enough] * 3 + [tested] * (_PATH - 2), -1)
+    powers = np.stack([counts * tau**power for power in range(_PATH + 1)], -2) * usable[..., None]
     # a unit in place of each one that there is not enough for
-    gram = xp.einsum("riw,rjw->rij", powers, powers) + like(tau, ~usable)[..., None] * like(tau, np.eye(_PATH + 1))
-    lower = xp.linalg.cholesky(gram)
-    return xp.linalg.solve(lower, powers), 2.0 / (reach**2 * lower[:, 2, 2]), tested
+    gram = np.einsum("riw,rjw->rij", powers, powers) + ~usable[..., None] * np.eye(_PATH + 1)
+    lower = np.linalg.cholesky(gram)
+    return np.linalg.solve(lower, powers), 2.0 / (reach**2 * lower[:, 2, 2]), tested
 
 
 @dataclass(frozen=True)
@@ -129,15 +129,14 @@ class Beam:
         """(G,) arc lengths at which the antenna is judged."""
         return (np.arange(PIECES) + 0.5) * (self.length_m / PIECES)
 
-    def first_mode_rad_s(self, contact: Array) -> Array:
+    def first_mode_rad_s(self, contact: np.ndarray) -> np.ndarray:
         """(...) angular frequency of the first bending mode, clamped and touched at fractions (...) of the length.
 
         The contact keeps the antenna's place and lets it turn. 0 and NaN are the free antenna, which is the slowest.
         """
-        xp = namespace(contact)
-        place = (_TABLE - 1) * xp.clip(xp.where(xp.isnan(contact), 0.0, contact), 0.0, 1.0)
-        left = xp.clip(as_index(place), 0, _TABLE - 2)
-        table = like(contact, _wave_numbers())
+        place = (_TABLE - 1) * np.clip(np.where(np.isnan(contact), 0.0, contact), 0.0, 1.0)
+        left = np.clip(place.astype(np.intp), 0, _TABLE - 2)
+        table = _wave_numbers()
         wave = table[left] + (place - left) * (table[left + 1] - table[left])
         return wave**2 * (math.sqrt(self.stiffness_Nm2 / self.mass_per_length_kg_m) / self.length_m**2)
 
@@ -155,29 +154,28 @@ class Shapes:
     contact : (B,) distance of the contact in antenna lengths; NaN or 0 where nothing is touched.
     """
 
-    time_s: Array
-    points_m: Array
-    std_m: Array
-    contact: Array
+    time_s: np.ndarray
+    points_m: np.ndarray
+    std_m: np.ndarray
+    contact: np.ndarray
 
     def __len__(self) -> int:
         return len(self.time_s)
 
-    def picked(self, which: slice | Array) -> Shapes:
+    def picked(self, which: slice | np.ndarray) -> Shapes:
         """The frames of a slice, a mask or indices."""
         return Shapes(*(each[which] for each in vars(self).values()))
 
     def followed_by(self, later: Shapes) -> Shapes:
         """Both, one after the other."""
         both = zip(vars(self).values(), vars(later).values(), strict=True)
-        return Shapes(*(namespace(self.time_s).concat(list(each)) for each in both))
+        return Shapes(*(np.concatenate(each) for each in both))
 
     @property
-    def known(self) -> Array:
+    def known(self) -> np.ndarray:
         """(B,) frames that have a time, all points and their standard deviations."""
-        xp = namespace(self.time_s)
-        points = xp.isfinite(self.points_m).all(-1).all(-1)
-        return points & (xp.isfinite(self.std_m) & (self.std_m > 0.0)).all(-1) & xp.isfinite(self.time_s)
+        points = np.isfinite(self.points_m).all(-1).all(-1)
+        return points & (np.isfinite(self.std_m) & (self.std_m > 0.0)).all(-1) & np.isfinite(self.time_s)
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,12 +189,12 @@ class Inertia:
         Touched, the antenna rings faster, and at 30 frames per second next to nothing of that is seen: near 0.
     """
 
-    load_N_m: Array
-    load_std_N_m: Array
-    response: Array
+    load_N_m: np.ndarray
+    load_std_N_m: np.ndarray
+    response: np.ndarray
 
     @property
-    def significant(self) -> Array:
+    def significant(self) -> np.ndarray:
         """(R,) whether noise alone would hardly ever show as much (`_FALSE_ALARM`); False where it cannot be told."""
         return (abs(self.load_N_m) > _threshold() * self.load_std_N_m).any(-1).any(-1)
 
@@ -212,16 +210,15 @@ def inertia(shapes: Shapes, beam: Beam, judged: slice = slice(None), *, live: bo
     With `live` only earlier frames count, at least two: nothing is waited for, and the load is that of about an eighth
     of a period ago.
     """
-    xp = namespace(shapes.time_s)
     mode = beam.first_mode_rad_s(shapes.contact[judged])
     known = shapes.known
     kept = shapes.picked(known) if known.any() else shapes
-    place = xp.clip(xp.cumsum(like(shapes.time_s, known), 0)[judged] - 1.0, 0.0, None)
+    place = np.clip(np.cumsum(known)[judged] - 1, 0, None)
     half_period_s = math.pi / float(beam.first_mode_rad_s(np.zeros(())))
-    near = _neighbours(kept.time_s, as_index(place), 0.5 * math.pi / mode, half_period_s, live=live)
+    near = _neighbours(kept.time_s, place, 0.5 * math.pi / mode, half_period_s, live=live)
     near = replace(near, enough=near.enough & known[judged])
     acceleration, std, weights = _second_derivative(near, kept.points_m, kept.std_m)
-    response = -(weights * xp.cos(mode[:, None] * near.after_s)).sum(-1) / mode**2
+    response = -(weights * np.cos(mode[:, None] * near.after_s)).sum(-1) / mode**2
     density = beam.mass_per_length_kg_m
     return Inertia(-density * acceleration, density * std, response)
 
@@ -244,10 +241,9 @@ class Motion:
         waiting = held.picked(slice(self._judged, None))
         complete = len(waiting)
         if complete and not self._live:  # the first frames that have all later ones of their neighbourhoods
-            xp = namespace(waiting.time_s)
-            time = xp.where(xp.isfinite(waiting.time_s), waiting.time_s, -np.inf)
+            time = np.where(np.isfinite(waiting.time_s), waiting.time_s, -np.inf)
             ends = time + 0.5 * math.pi / self._beam.first_mode_rad_s(waiting.contact)
-            complete = int(xp.cumprod(like(time, ends < time.max()), 0).sum())
+            complete = int(np.cumprod(ends < time.max()).sum())
         return self._judge(held, max(complete, len(waiting) - _MOST))
 
     def finish(self) -> Inertia | None:

@@ -41,10 +41,10 @@ def estimated(seen: Frame, rig: Rig = RIG, model: str = "auto", friction: float 
 
 
 def estimated_together(
-    several: Sequence[Frame], rig: Rig = RIG, model: str = "auto", friction: float = 0.2, device: str = "cpu"
+    several: Sequence[Frame], rig: Rig = RIG, model: str = "auto", friction: float = 0.2
 ) -> Contacts:
     """The same of many frames in one batch."""
-    estimator = ContactEstimator(rig, model, friction=friction, device=device)
+    estimator = ContactEstimator(rig, model, friction=friction)
     moments, tilts = [seen.moment_Nm for seen in several], [seen.tilt_rad for seen in several]
     return estimator.estimate_batch([seen.points_px for seen in several], moments, [0.0] * len(several), tilts)
 
@@ -72,11 +72,11 @@ def answered(
     friction: float = 0.2,
     moments_Nm: np.ndarray | None = None,
     blind: bool = False,
-    device: str = "cpu",
+    jobs: int | None = None,
 ) -> Contacts:
     """What the library says of scenes; `blind`: without a moment sensor."""
     moments = None if blind else given.moment_Nm if moments_Nm is None else moments_Nm
-    return ContactEstimator(given.rig, model, friction=friction, device=device).estimate_batch(
+    return ContactEstimator(given.rig, model, friction=friction, jobs=jobs).estimate_batch(
         given.points_px, moments, given.pan_rad, given.tilt_rad, sigma_px=given.sigma_px
     )
 

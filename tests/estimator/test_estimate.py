@@ -162,7 +162,8 @@ def test_a_batch_of_unequal_lengths_is_refused(changes: dict, what: str) -> None
         ({"model": "beam"}, "model is 'beam'"),
         ({"friction": -0.1}, "friction is -0.1"),
         ({"friction": np.nan}, "friction is nan"),
-        ({"device": "abacus"}, "device 'abacus'"),
+        ({"jobs": 0}, "jobs is 0"),
+        ({"jobs": 1.5}, "jobs is 1.5"),
     ],
 )
 def test_an_estimator_that_cannot_be_is_refused(changes: dict, what: str) -> None:

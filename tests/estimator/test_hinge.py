@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from estimator.contact.quantities import edge_on
+from estimator.solver.linearised import edge_on
+from estimator.solver.rig_arrays import RigArrays
 from vbaa_calib.antenna import linear
 from vbaa_calib.camera import intersect_hinge_plane
 from vbaa_calib.geometry import Pose
@@ -57,7 +58,7 @@ def test_observability_angle() -> None:
     rig = type(rig)(**vars(rig) | {"T_antenna_camera": Pose(rig.T_antenna_camera.rotation, center)})
     rolls = np.array([0.7, 0.2, -0.1, 0.7 + np.pi / 2])
     unknowns = np.stack([np.full(4, contact / LENGTH), np.cos(rolls), np.sin(rolls)], axis=1)
-    found = edge_on(rig, unknowns)
+    found = edge_on(RigArrays.from_rig(rig, 0.0), unknowns)
     np.testing.assert_allclose(found, np.pi / 2 - np.array([0.0, 0.5, 0.8, np.pi / 2]), atol=1e-12)
     turn, roll, place = 1e-7, 0.2, np.array([[contact, 0.0, 0.0]])
     rays = rays_from(center, place)

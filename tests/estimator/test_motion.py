@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import torch
 
 from estimator.contact.motion import PIECES, Beam, Inertia, Motion, Shapes, inertia
 from vbaa_calib.antenna.linear import deflection
@@ -213,14 +212,3 @@ def test_live_looks_back_only() -> None:
     np.testing.assert_allclose(now.load_N_m[0, :, 2], -7.0 * DENSITY, rtol=1e-9)
     np.testing.assert_allclose(now.load_N_m[0], whole.load_N_m[59], rtol=1e-9, atol=1e-15)
     assert np.isnan(whole.response).tolist() == [True, True] + [False] * 98
-
-
-def test_tensors_as_arrays() -> None:
-    shapes = random_recording(200)
-    tensors = Shapes(*(torch.tensor(values) for values in vars(shapes).values()))
-    for live in (False, True):
-        told = inertia(tensors, BEAM, live=live)
-        same(inertia(shapes, BEAM, live=live), told)
-        assert isinstance(told.significant, torch.Tensor)
-    judge = Motion(BEAM)
-    assert isinstance(judge.push(tensors).load_N_m, torch.Tensor)

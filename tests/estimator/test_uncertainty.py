@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 
 from estimator.contact.status import CONTACT_EVIDENCE
-from estimator.solver.curves import dot
 from estimator.solver.frames import Frames, frames_from_pixels
-from estimator.solver.ladder import Solution, solve
-from estimator.solver.prediction import predict, rig_jacobian
-from estimator.solver.rig_arrays import RigArrays
-from estimator.solver.uncertainty import uncertainty
+from estimator.solver.ladder import solve
+from estimator.solver.linearised import linearised
+from estimator.solver.numbers import FitNumbers
+from estimator.solver.rig_arrays import UNKNOWNS, RigArrays
 from vbaa_calib.rig import Rig, Tip
 
 from ..rod_scenes import LENGTH_M, RIG_STD, SIGMA_PX, Frame, World, camera_pose, frames, gravity_antenna, pushing
@@ -32,9 +31,9 @@ def framed(several: Sequence[Frame], rig: Rig, friction: float = 0.0) -> Frames:
     return frames_from_pixels(rig_arrays, points, np.full(points.shape[:2], SIGMA_PX), readings, tips, gravity)
 
 
-def solved(several: Sequence[Frame], rig: Rig, model: str = "rod", friction: float = 0.0) -> Solution:
+def solved(several: Sequence[Frame], rig: Rig, model: str = "rod", friction: float = 0.0) -> FitNumbers:
     """The fits behind contacts."""
-    return solve(framed(several, rig, friction), model)[0]
+    return solve(framed(several, rig, friction), model)
 
 
 def redrawn(exact: Frame, rng: np.random.Generator) -> Frame:
@@ -65,10 +64,13 @@ def test_covariance_is_what_sampling_shows() -> None:
     """One contact under 120 draws of noise: the unknowns scatter as said, in every direction."""
     exact, rng = quiet(0.55, 0.6, 0.02), np.random.default_rng(1)
     rig = WORLD.rig(1e-6 * RIG_STD)
-    found = solved([redrawn(exact, rng) for _ in range(120)], rig)
-    drawn, said = found.fits.state.unknowns[:, :3], found.uncertainty.covariance[:, :3, :3].mean(axis=0)
+    several = [redrawn(exact, rng) for _ in range(120)]
+    found = solved(several, rig)
+    whole = np.linalg.inv(linearised(framed(several, rig), "rod", found.unknowns).information)
+    drawn, said = found.unknowns[:, :3], whole[:, :3, :3].mean(axis=0)
+    np.testing.assert_allclose(found.std.mean(axis=0)[:3], np.sqrt(np.diag(said)), rtol=0.03)
     assert np.trace(np.linalg.solve(said, np.cov(drawn.T))) / 3 == pytest.approx(1.0, abs=0.3)
-    true = solved([exact], rig).fits.state.unknowns[0, :3]
+    true = solved([exact], rig).unknowns[0, :3]
     off = drawn.mean(axis=0) - true
     assert off @ np.linalg.solve(said / 120, off) / 3 < 4.0
 
@@ -80,10 +82,11 @@ def test_the_rigs_part_is_what_other_rigs_show() -> None:
     believed = WORLD.rig(std)
     answers, said = [], []
     for _ in range(40):
-        one = solved([redrawn(exact, rng)], another(believed, WORLD.moved(std * rng.normal(size=17))))
-        units = np.array([1.0, *[one.fits.frames.rig_arrays.force_unit_N] * 2])
-        answers.append(one.fits.state.unknowns[0, :3] * units)
-        said.append(np.diag(one.uncertainty.covariance[0])[:3] * units**2)
+        rig = another(believed, WORLD.moved(std * rng.normal(size=17)))
+        one = solved([redrawn(exact, rng)], rig)
+        units = np.array([1.0, *[RigArrays.from_rig(rig, 0.0).force_unit_N] * 2])
+        answers.append(one.unknowns[0, :3] * units)
+        said.append((one.std[0, :3] * units) ** 2)
     ratio = np.var(answers, axis=0) / np.mean(said, axis=0)
     assert ((ratio > 0.5) & (ratio < 1.7)).all(), ratio
 
@@ -91,11 +94,12 @@ def test_the_rigs_part_is_what_other_rigs_show() -> None:
 @pytest.mark.parametrize("friction", [0.0, 0.2])
 def test_the_rigs_table_is_its_derivative(friction: float) -> None:
     """Columns of the rig's table against moved rigs: picture, reading, contact point and force."""
-    seen, rig = quiet(0.55, 0.6, 0.02), replace(WORLD.rig(RIG_STD), tip=Tip(1e-4, 3e-4, np.zeros(17)))
+    seen, rig = quiet(0.55, 0.6, 0.02), replace(WORLD.rig(RIG_STD), tip=Tip(1e-5, 3e-4, np.zeros(17)))
     at = framed([seen], rig, friction)
-    rig_arrays, unknowns = at.rig_arrays, solved([seen], rig, friction=friction).fits.state.unknowns
-    prediction = predict(at, "rod", unknowns)
-    by_rig = rig_jacobian(at, "rod", unknowns, prediction)
+    rig_arrays, unknowns = at.rig_arrays, solved([seen], rig, friction=friction).unknowns
+    here = linearised(at, "rod", unknowns)
+    data = here.information[0] - np.diag(here.prior[0])
+    size = np.sqrt(np.diag(data)[:, None] * np.diag(data))
     whole = rig.covariance_with_tip
     np.testing.assert_allclose(rig_arrays.axes @ rig_arrays.axes.T, whole, atol=1e-12 * whole.max())
     assert rig_arrays.axes.shape == (18, 18)
@@ -103,16 +107,20 @@ def test_the_rigs_table_is_its_derivative(friction: float) -> None:
         step = 0.02 * rig_arrays.axes[:, column]
         moved = framed([seen], rig.moved(step), friction)
         # the unit of force goes with the stiffness: the force itself is to stay
-        scale = rig_arrays.force_unit_N / moved.rig_arrays.force_unit_N
-        there = predict(moved, "rod", unknowns * np.array([1.0, scale, scale, 1.0]))
-        picture = dot(there.nodes - prediction.nodes, prediction.normals) / 0.02
-        limit = 0.03 * np.abs(by_rig.image).max() + 1e-7
-        np.testing.assert_allclose(picture, by_rig.image[..., column], atol=limit)
-        read = -(there.reading_residual - prediction.reading_residual) / 0.02
-        np.testing.assert_allclose(read, by_rig.reading[..., column], atol=0.03 * np.abs(by_rig.reading).max() + 0.02)
-        point_force = (there.point_force - prediction.point_force) / 0.02
-        limits = 0.03 * np.abs(by_rig.point_force).max(axis=-1) + 1e-9
-        assert (np.abs(point_force - by_rig.point_force[..., column]) < limits).all()
+        scale = np.array([1.0, *[rig_arrays.force_unit_N / moved.rig_arrays.force_unit_N] * 2, 1.0])
+        there = linearised(moved, "rod", unknowns * scale)
+        at_rig = UNKNOWNS + column
+        # where points lie on the curve, the normal equations' side goes as their information says
+        side = there.side[0] - here.side[0]
+        side[:UNKNOWNS] = there.side[0, :UNKNOWNS] * scale - here.side[0, :UNKNOWNS]
+        limit = 0.03 * size[:, at_rig] + 0.02
+        assert (np.abs(side / 0.02 + data[:, at_rig]) < limit).all()
+        read = -(there.residual - here.residual) / 0.02
+        by_rig = here.readings[..., at_rig]
+        np.testing.assert_allclose(read, by_rig, atol=0.03 * np.abs(here.readings[..., UNKNOWNS:]).max() + 0.02)
+        point_force = (there.point_force - here.point_force) / 0.02
+        limits = 0.03 * np.abs(here.columns[..., UNKNOWNS:]).max(axis=-1) + 1e-9
+        assert (np.abs(point_force - here.columns[..., at_rig]) < limits).all()
 
 
 def test_the_antennas_end_tells_the_cameras_distance() -> None:
@@ -128,8 +136,8 @@ def test_the_antennas_end_tells_the_cameras_distance() -> None:
         length = Tip(0.0, 3e-4, np.zeros(17))
         for tip in (None, length):
             one = solved(seen, replace(WORLD.rig(std), tip=tip))
-            off[tip is not None].append(one.fits.state.unknowns[0, 0] * LENGTH_M - seen[0].distance_m)
-            said[tip is not None].append(float(one.uncertainty.std[0, 0]) * LENGTH_M)
+            off[tip is not None].append(one.unknowns[0, 0] * LENGTH_M - seen[0].distance_m)
+            said[tip is not None].append(float(one.std[0, 0]) * LENGTH_M)
     for values in (off, said):
         alone, with_tip = (np.sqrt(np.mean(np.square(values[seen]))) for seen in (False, True))
         assert with_tip < 0.75 * alone
@@ -155,7 +163,7 @@ def test_an_upright_camera_leaves_nothing_to_test_the_moment_with() -> None:
     """Inclined, the picture knows f_z by itself and the moment's misfit is its own; upright, the moment is fitted."""
     small = 0.05 * RIG_STD
     inclined, upright = (
-        float(solved([quiet(0.6, 0.8, 0.03, world)], world.rig(small)).uncertainty.reading_std[0, 0])
+        float(solved([quiet(0.6, 0.8, 0.03, world)], world.rig(small)).residual_std[0, 0])
         for world in (World(camera_pose(1.0, 0.3)), World(camera_pose(0.0)))
     )
     assert inclined > 2 * upright
@@ -163,10 +171,9 @@ def test_an_upright_camera_leaves_nothing_to_test_the_moment_with() -> None:
 
 
 def test_an_unknown_that_nothing_holds_is_infinite() -> None:
-    fits = solved([quiet(0.6, 0.6, 0.02)], WORLD.rig(), friction=0.2).fits
-    assert np.isfinite(uncertainty(fits).covariance).all()
-    information = fits.equations.information.copy()
-    information[:, 0], information[:, :, 0] = 0.0, 0.0
-    blind = uncertainty(replace(fits, equations=replace(fits.equations, information=information)))
-    assert np.isinf(blind.covariance).all()
+    """Without a picture and a reading nothing tells where the antenna is touched."""
+    held = framed([quiet(0.6, 0.6, 0.02)], WORLD.rig(), 0.2)
+    assert np.isfinite(solve(held, "rod").covariance).all()
+    blind = solve(replace(held, usable=0.0 * held.usable, available=0.0 * held.available), "rod")
+    assert np.isinf(blind.std[:, 0]).all()
     assert np.isinf(blind.condition).all()

@@ -69,7 +69,8 @@ CALLS: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     ("no output", "calibrate session", ("-o", "vbaa calibrate --help")),
     ("friction below zero", "estimate session --rig rig.json -o out.csv --friction -0.1", ("friction is -0.1",)),
     ("friction NaN", "estimate session --rig rig.json -o out.csv --friction nan", ("friction is nan",)),
-    ("an empty device", "estimate session --rig rig.json -o out.csv --device=", ("device ''",)),
+    ("no threads", "estimate session --rig rig.json -o out.csv --jobs 0", ("jobs is 0", "1 or more")),
+    ("threads in words", "estimate session --rig rig.json -o out.csv --jobs all", ("--jobs", "'all'")),
     ("contacts in a spreadsheet", "estimate session --rig rig.json -o out.xlsx", ("is neither .csv nor .parquet",)),
     (
         "onto the recording",

@@ -13,10 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vbaa_calib.core.arrays import through_numpy
 
-
-@through_numpy
 def deflection(x_m: ArrayLike, contact_m: ArrayLike, force_N: ArrayLike, stiffness_Nm2: ArrayLike) -> Any:
     """Deflection (...) in m at x under a transverse point force at l.
 

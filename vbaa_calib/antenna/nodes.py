@@ -10,8 +10,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.polynomial import legendre
 
-from vbaa_calib.core.arrays import through_numpy
-
 NODES_TO_CONTACT, NODES_BEYOND = 40, 17
 CONTACT = NODES_TO_CONTACT - 1
 """The contact's node."""
@@ -24,7 +22,6 @@ NEAREST_TO_TIP = 1e-6
 """Contacts are kept from the very tip, which would leave nothing beyond them: a micrometre in a metre."""
 
 
-@through_numpy
 def aligned_arclength(contact_m: np.ndarray, length_m: float) -> np.ndarray:
     """(B, N) nodes from the clamp to the tip, one of them at the contact: the shape is smooth on either side of it."""
     contact = contact_m[:, None]

@@ -10,15 +10,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from vbaa_calib.core.arrays import through_numpy
-
 from .shape import Curves, curves_of, pressed
 from .shape_kernel import ELASTICA_SWEEPS, ROD_SWEEPS, RUNGS
 
 __all__ = ["RUNGS", "curves"]
 
 
-@through_numpy
 def curves(
     rung: str,
     parameters: np.ndarray,

@@ -5,10 +5,9 @@ torch takes a second to load. Nothing here loads it: where there is a tensor, so
 
 from __future__ import annotations
 
-import functools
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass, is_dataclass, replace
+from dataclasses import dataclass
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
@@ -82,23 +81,6 @@ def as_index(values: Array) -> Array:
     return values.long() if is_tensor(values) else values.astype(np.intp)
 
 
-def take_rows(rows: Array, index: Array) -> Array:
-    """Rows (N, C) of an array (M, C) by index (N,): the quick way of each kind."""
-    return rows.index_select(0, index) if is_tensor(rows) else rows[index]
-
-
-def true_indices(mask: Array) -> Array:
-    """Indices (K,) at which a mask (N,) is true."""
-    return mask.nonzero()[:, 0] if is_tensor(mask) else np.flatnonzero(mask)
-
-
-def arange_like(reference: Array, count: int) -> Array:
-    """0, 1, … (count,) as indices into arrays of the reference's kind and device."""
-    if is_tensor(reference):
-        return namespace(reference).arange(count, device=reference.device)
-    return np.arange(count)
-
-
 def as_tensor(values: Array) -> torch.Tensor:
     """A tensor as it is, an array as a copy: NumPy's may be read-only or run backwards, torch's may not."""
     import torch
@@ -137,20 +119,3 @@ def masked(values: Array, valid: Array) -> Array:
 def matrix(xp: ModuleType, rows: list[list[Array]]) -> Array:
     """Entries of shape (...) set into matrices (..., rows, columns)."""
     return xp.stack([xp.stack(row, -1) for row in rows], -2)
-
-
-def through_numpy(function: Callable[..., Any]) -> Callable[..., Any]:
-    """A function of arrays that takes tensors too, which go through NumPy, as do its results."""
-
-    @functools.wraps(function)
-    def called(*args: Any, **kwargs: Any) -> Any:
-        first = next((value for value in (*args, *kwargs.values()) if is_tensor(value)), None)
-        if first is None:
-            return function(*args, **kwargs)
-        plain = [np.asarray(value.cpu()) if is_tensor(value) else value for value in (*args, *kwargs.values())]
-        found = function(*plain[: len(args)], **dict(zip(kwargs, plain[len(args) :], strict=True)))
-        if is_dataclass(found) and not isinstance(found, type):
-            return replace(found, **{name: like(first, values) for name, values in vars(found).items()})
-        return like(first, found)
-
-    return called
