@@ -38,7 +38,7 @@ def kernel(function: _F) -> _F:
     """
     made = _compiled(function)
     # what is made for one kernel is kept with that kernel's code
-    if "<locals>" not in function.__qualname__ and _kept(made):
+    if "<locals>" not in function.__qualname__ and hasattr(made, "stamp") and _kept(made):
         # numba compares the function's own file alone: after a change in a function that it calls, old code would run
         made._cache._cache_file._source_stamp = made.stamp
     return cast(_F, made)
@@ -50,6 +50,8 @@ def compiled(function: _F) -> _F:
 
 
 def _compiled(function: Callable[..., Any], **options: Any) -> Any:
+    if numba.config.DISABLE_JIT:  # type: ignore[attr-defined]
+        return function
     made: Any = numba.njit(nogil=True, error_model="numpy", fastmath=_FAST, **options)(function)
     made.stamp = _stamp(function)
     resolved = made.get_call_template
