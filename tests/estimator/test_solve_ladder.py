@@ -69,7 +69,7 @@ def test_friction_is_counted_among_the_biases_of_what_does_not_know_it(rung: str
 
 
 def made_and_said(rung: str, std: float, straight: bool) -> tuple[np.ndarray, np.ndarray]:
-    """(K,) biases really made without noise on a rung, and those that it predicts; in deviations of noise and rig alone."""
+    """(K,) biases really made without noise on a rung, and those that it predicts; in deviations of noise and rig."""
     rng, high = np.random.default_rng(3), rung == "elastica"
     world = World(camera_pose(0.6, 1.0), STRAIGHT) if straight else WORLD
     rig = world.rig(std * RIG_STD, np.zeros(3)) if straight else world.rig(std * RIG_STD)
