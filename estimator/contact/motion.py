@@ -196,7 +196,7 @@ class Inertia:
     @property
     def significant(self) -> np.ndarray:
         """(R,) whether noise alone would hardly ever show as much (`_FALSE_ALARM`); False where it cannot be told."""
-        return (abs(self.load_N_m) > _threshold() * self.load_std_N_m).any(-1).any(-1)
+        return np.asarray((abs(self.load_N_m) > _threshold() * self.load_std_N_m).any((-1, -2)))
 
 
 def inertia(shapes: Shapes, beam: Beam, judged: slice = slice(None), *, live: bool = False) -> Inertia:

@@ -1,1 +1,1 @@
-"""Maximum likelihood of contact distance, force and friction, many frames at once, in NumPy or torch."""
+"""Maximum likelihood of contact distance, force and friction, frame by frame in compiled functions."""

@@ -40,6 +40,8 @@ def test_torch_is_loaded_for_tensors_alone(made: Path, tmp_path: Path) -> None:
     calls = (
         ["simulate", made / "scene.yaml", "-o", tmp_path / "session"],
         ["calibrate", made / "session", "-o", tmp_path / "rig.json"],
+        ["look", made / "session" / "noload" / "noload_001.png", "--rig", made / "rig.json"],
+        ["estimate", made / "session", "--rig", made / "rig.json", "-o", tmp_path / "contacts.csv"],
     )
     lines = ["import sys, vbaa_calib, estimator", "from vbaa_calib.cli.main import main"]
     for call in calls:
