@@ -134,7 +134,7 @@ def _deviations(points_px: np.ndarray, sigma_px: np.ndarray | float) -> np.ndarr
     """(B, N) deviations of points (B, N, 2) from one, (B, 1) or (B, N). Raises InputError where there is a point."""
     sigma = np.asarray(sigma_px, float)
     try:
-        sigma = np.broadcast_to(sigma, points_px.shape[:2])
+        sigma = np.array(np.broadcast_to(sigma, points_px.shape[:2]))
     except ValueError:
         raise InputError(f"sigma_px has shape {sigma.shape}", remedy="give one number or one for each point") from None
     if not ((sigma > 0) & np.isfinite(sigma))[np.isfinite(points_px).all(axis=-1)].all():
