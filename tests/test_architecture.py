@@ -226,7 +226,7 @@ LONG_STILL = {
 
 
 def test_argument_lists_are_short() -> None:
-    """At most six parameters, but for compiled functions, which know plain arrays alone, and those that are still to be mended."""
+    """At most six parameters, but for compiled functions, which know plain arrays, and those still to be mended."""
     long = {
         f"{name}.{node.name}"
         for name, path in ALL.items()
