@@ -29,6 +29,8 @@ from vbaa_calib.core.polyline import arc_lengths, beside, normals
 
 _PIECES = 120
 """Of the rod; curvature is constant on each."""
+_LEAST_INFORMATION = 1e-13
+"""Added on each coefficient, as a part of the sum of all."""
 _MOST_POINTS = 140
 _CURLS = (0.0, *np.geomspace(0.01, 30.0, 8))
 """Standard deviations of curl, in radians per length of the rod."""
@@ -191,6 +193,8 @@ def fit_bending(views: Sequence[View], laws: Sequence[np.ndarray]) -> Bending:
         factor = cho_factor(noise**2 * errors + effect @ process @ effect.T, lower=True)
         weighted = cho_solve(factor, design)
         normal = design.T @ weighted
+        # coefficients that the picture cannot tell apart become very uncertain, not impossible
+        normal += _LEAST_INFORMATION * np.trace(normal) * np.eye(len(normal))
         found = np.linalg.solve(normal, weighted.T @ data)
         left = data - design @ found
         variance = float(left @ cho_solve(factor, left)) / freedom
