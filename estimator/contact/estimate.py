@@ -209,27 +209,31 @@ class ContactEstimator:
     def _contacts(self, batch: Batch, beam: Beam | None = None) -> Contacts:
         """The frames' contacts; with a beam, also what testing for motion needs."""
         count = len(batch)
-        found = FitNumbers.empty(count)
+        found = None if 0 < count <= CHUNK else FitNumbers.empty(count)
         for begin in range(0, count, CHUNK):
-            part = batch[begin : begin + CHUNK]
+            part = batch if count <= CHUNK else batch[begin : begin + CHUNK]
             frames = part.frames(self._rig_arrays)
             usable = frames.usable.sum(-1)
-            found.points[begin : begin + CHUNK] = usable
             rows = np.flatnonzero(usable >= FEWEST_POINTS)
-            if len(rows) == 0:
+            if found is None and len(rows) == count:
+                found = self._fitted(part, frames, beam)
                 continue
-            if len(rows) < len(frames):
-                frames = frames.select(rows)
-            start = None if part.start is None else part.start[rows]
-            fitted = self._solved(frames, start, beam)
-            frames = self._without_odd_tips(frames, fitted, beam)
-            self._without_reading(frames, fitted)
-            self._with_drift(part[rows], fitted)
-            if len(rows) == count:
-                found = fitted
-            else:
-                found.put(begin + rows, fitted)
+            found = FitNumbers.empty(count) if found is None else found
+            found.points[begin : begin + CHUNK] = usable
+            if len(rows):
+                found.put(begin + rows, self._fitted(part[rows], frames.select(rows), beam))
+        assert found is not None
         return contacts_of(found, self._rig_arrays.rig, self.friction_rad, batch.pan_rad, batch.tilt_rad, self.model)
+
+    def _fitted(self, batch: Batch, frames: Frames, beam: Beam | None) -> FitNumbers:
+        """The fits of frames with enough points; what does not fit is looked at again."""
+        fitted = self._solved(frames, batch.start, beam)
+        frames = self._without_odd_tips(frames, fitted, beam)
+        rows = np.flatnonzero((fitted.evidence >= CONTACT_EVIDENCE) & unexplained(fitted))
+        if len(rows):
+            self._without_reading(frames, fitted, rows[fitted.sensor_available[rows].any(axis=1)])
+            self._with_drift(batch, fitted, rows)
+        return fitted
 
     def _solved(self, frames: Frames, start: np.ndarray | None = None, beam: Beam | None = None) -> FitNumbers:
         return solve(frames, self.model, start, None if beam is None else beam.pieces_m, self.jobs)
@@ -246,25 +250,19 @@ class ContactEstimator:
         fitted.tip_std[rows] = tip_std
         return frames
 
-    def _with_drift(self, batch: Batch, fitted: FitNumbers) -> None:
+    def _with_drift(self, batch: Batch, fitted: FitNumbers, rows: np.ndarray) -> None:
         """Fit frames that no contact explains once more, the rig free to change: would that explain them?"""
-        rows = np.flatnonzero((fitted.evidence >= CONTACT_EVIDENCE) & unexplained(fitted))
-        if len(rows) == 0:
-            return
         loose = RigArrays.from_rig(replace(self.rig, drift=DRIFTS["rough"]), self.friction_rad)
         again = self._solved(batch[rows].frames(loose))
         fitted.explained_drifted[rows] = ~unexplained(again)
         fitted.drift_px[rows], fitted.drift_readings[rows] = again.drift_px, again.drift_readings
 
-    def _without_reading(self, frames: Frames, fitted: FitNumbers) -> None:
+    def _without_reading(self, frames: Frames, fitted: FitNumbers, rows: np.ndarray) -> None:
         """Fit frames that no contact explains once more by the picture alone: does it contradict the readings?"""
-        touching = fitted.evidence >= CONTACT_EVIDENCE
-        rows = np.flatnonzero(touching & unexplained(fitted) & fitted.sensor_available.any(axis=1))
-        if len(rows) == 0:
-            return
-        alone = frames.select(rows)
-        silent = replace(alone, available=alone.available * [0.0, 0.0, 1.0])
-        fitted.explained_alone[rows] = ~unexplained(self._solved(silent))
+        if len(rows):
+            alone = frames.select(rows)
+            silent = replace(alone, available=alone.available * [0.0, 0.0, 1.0])
+            fitted.explained_alone[rows] = ~unexplained(self._solved(silent))
 
 
 @dataclass(frozen=True, eq=False)
