@@ -7,6 +7,8 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from vbaa_calib.cli.joints import add_joints, joints_rad
+
 if TYPE_CHECKING:
     from estimator.budget.parts import Touches
     from vbaa_calib.rig import Rig
@@ -32,8 +34,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     one.add_argument("--distance", type=float, metavar="MM", help="of the contact from the clamp, along the antenna")
     one.add_argument("--force-y", type=float, metavar="MN", help="force on the antenna along its y, in plane C, mN")
     one.add_argument("--force-z", type=float, metavar="MN", help="along its z, out of plane C, mN")
-    parser.add_argument("--pan", type=float, default=0.0, metavar="DEG", help="joint angle (default: 0)")
-    parser.add_argument("--tilt", type=float, default=0.0, metavar="DEG", help="joint angle (default: 0)")
+    add_joints(parser)
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
@@ -59,7 +60,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     missing = [name for name, value in numbers.items() if value is None]
     if 0 < len(missing) < len(numbers):
         raise InputError("one contact needs --distance, --force-y and --force-z", remedy=f"add {', '.join(missing)}")
-    for name, value in {**numbers, "--pan": args.pan, "--tilt": args.tilt, "--friction": args.friction}.items():
+    for name, value in {**numbers, "--friction": args.friction}.items():
         if value is not None and not math.isfinite(value):
             raise InputError(f"{name} is {value}", remedy="give a finite number")
     if not 0.0 <= args.friction <= 1.0:
@@ -99,7 +100,8 @@ def _touches(args: argparse.Namespace, rig: Rig) -> Touches:
     from estimator.solver.rig_arrays import RigArrays
     from vbaa_calib.core.errors import InputError
 
-    pan, tilt = math.radians(args.pan), math.radians(args.tilt)
+    joints = joints_rad(args)
+    pan, tilt = joints.get("pan", 0.0), joints.get("tilt", 0.0)
     if args.distance is None:
         return ordinary_touches(rig, pan, tilt)
     distance, length = 1e-3 * args.distance, rig.antenna.length_m

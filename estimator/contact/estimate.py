@@ -18,6 +18,7 @@ from estimator.table.contacts import FRICTION_RAD, Contact, Measured
 from vbaa_calib.antenna.rungs import RUNGS
 from vbaa_calib.core.compiled import cores
 from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.numbers import as_floats
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import DRIFTS
 
@@ -91,12 +92,12 @@ class ContactEstimator:
 
         Raises
         ------
-        InputError : wrong shapes, or numbers that are not finite.
+        InputError : wrong shapes, what is no number, angles beyond a turn, moments and pixels that cannot be.
         """
-        points = np.asarray(centreline_px, float)
+        points = as_floats(centreline_px, "centreline_px", "give (N, 2) pixels")
         if points.ndim != 2 or points.shape[1] != 2:
             raise InputError(f"centreline_px has shape {points.shape}", remedy="give (N, 2) pixels")
-        sigma = None if sigma_px is None else np.asarray(sigma_px, float)
+        sigma = None if sigma_px is None else as_floats(sigma_px, "sigma_px", "give standard deviations in px")
         if sigma is not None and sigma.shape not in ((), points.shape[:1]):
             raise InputError(f"sigma_px has shape {sigma.shape}", remedy="give one number or (N,) of them")
         sigma = sigma if sigma is None or sigma.ndim == 0 else sigma[None]

@@ -11,6 +11,15 @@ from estimator.solver.frames import Frames, frames_from_pixels
 from estimator.solver.rig_arrays import RigArrays
 from estimator.table.contacts import Measured
 from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.numbers import (
+    ANGLE_REMEDY,
+    FARTHEST_PX,
+    LARGEST_NM,
+    LARGEST_RAD,
+    MOMENT_REMEDY,
+    as_floats,
+    check_each,
+)
 from vbaa_calib.rig import Rig
 
 _LEAST_END_PX = 0.02
@@ -85,11 +94,10 @@ class Batch:
         points = _padded(centrelines_px)
         moments = {name: _column(name, values, len(points)) for name, values in readings.items()}
         angles = [_column(name, values, len(points)) for name, values in joints.items()]
-        if not np.isfinite(angles).all():
-            raise InputError("a pan or tilt is not a finite number", remedy="give radians")
+        for name, values in zip(joints, angles, strict=True):
+            check_each(values, LARGEST_RAD, name, ANGLE_REMEDY, required=True)
         for name, values in moments.items():
-            if np.isinf(values).any():
-                raise InputError(f"one of {name} is infinite", remedy="give N·m, or None where there is no reading")
+            check_each(values, LARGEST_NM, name, f"{MOMENT_REMEDY}, or None where there is no reading")
         sigma = _deviations(points, rig.image.noise_px if sigma_px is None else sigma_px)
         no_tips = np.full((len(points), 3), np.nan)
         return Batch(*_in_order(points, sigma), np.stack(list(moments.values()), axis=-1), no_tips, *angles)
@@ -105,12 +113,14 @@ def _end(tip_px: np.ndarray) -> np.ndarray:
 
 def _padded(centrelines_px: np.ndarray | Sequence[np.ndarray]) -> np.ndarray:
     """(B, N, 2) of centrelines of one length or of many; NaN where there is no point. Raises InputError."""
+    name, remedy = "centrelines_px", "give (N, 2) pixels for every frame"
     if isinstance(centrelines_px, np.ndarray) and centrelines_px.ndim == 3 and centrelines_px.shape[2] == 2:
-        return centrelines_px.astype(float, copy=False)
-    lines = [np.asarray(line, float) for line in centrelines_px]
+        return check_each(as_floats(centrelines_px, name, remedy), FARTHEST_PX, name, remedy)
+    lines = [as_floats(line, name, remedy) for line in centrelines_px]
     for line in lines:
         if line.ndim != 2 or line.shape[1] != 2:
-            raise InputError(f"a centreline has shape {line.shape}", remedy="give (N, 2) pixels for every frame")
+            raise InputError(f"a centreline has shape {line.shape}", remedy=remedy)
+        check_each(line, FARTHEST_PX, name, remedy)
     points = np.full((len(lines), max((len(line) for line in lines), default=0), 2), np.nan)
     for row, line in zip(points, lines, strict=True):
         row[: len(line)] = line
@@ -121,10 +131,7 @@ def _column(name: str, values: Values, count: int) -> np.ndarray:
     """(count,) floats, NaN for what is missing. Raises InputError."""
     if values is None:
         return np.full(count, np.nan)
-    try:
-        numbers = np.array([np.nan if value is None else value for value in values], float)
-    except (TypeError, ValueError):
-        raise InputError(f"{name} are {values!r:.60}", remedy="give a number for every frame") from None
+    numbers = as_floats(values, name, "give a number for every frame")
     if numbers.shape != (count,):
         raise InputError(f"{name} number {len(numbers)}, centrelines {count}", remedy="give one for every frame")
     return numbers
@@ -132,7 +139,7 @@ def _column(name: str, values: Values, count: int) -> np.ndarray:
 
 def _deviations(points_px: np.ndarray, sigma_px: np.ndarray | float) -> np.ndarray:
     """(B, N) deviations of points (B, N, 2) from one, (B, 1) or (B, N). Raises InputError where there is a point."""
-    sigma = np.asarray(sigma_px, float)
+    sigma = as_floats(sigma_px, "sigma_px", "give standard deviations in px")
     try:
         sigma = np.array(np.broadcast_to(sigma, points_px.shape[:2]))
     except ValueError:

@@ -15,6 +15,7 @@ import numpy as np
 from vbaa_calib.core.csv_rows import csv_rows, number, whole_number
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import replacing, require_file
+from vbaa_calib.core.numbers import FARTHEST_M
 
 from .contacts import (
     COLUMNS,
@@ -170,6 +171,9 @@ def _row_of(record: Mapping[str, str], path: Path) -> ContactRow:
             if not np.isfinite(values[name]).all():
                 what = f"{', '.join(_NAMES[name])} is empty in a row that is {status}"
                 raise InputError(what, where=where, remedy="give it, or a status that says why it is missing")
+        if not 0.0 < values["distance_m"] < FARTHEST_M:
+            what = f"distance_m is {values['distance_m']:g} in a row that is {status}"
+            raise InputError(what, where=where, remedy="give metres from the clamp along the antenna, above 0")
     upper, matrix = values["covariance_world_m2"], np.empty((3, 3))
     matrix[_UPPER] = matrix.T[_UPPER] = upper
     if np.isfinite(upper).all():

@@ -52,7 +52,7 @@ ANSWERS: tuple[Row, ...] = (
     ("a key twice", d.content("plane_way: jig\nplane_way: jig\n"), "line 2", "stands twice"),
     ("a list", d.content("- board\n"), "must be a mapping"),
     ("with its unit", d.content("antenna_length_mm: 240 mm\n"), "antenna_length_mm is '240 mm'"),
-    ("a length of 5000 digits", d.content("antenna_length_mm: " + 5000 * "9"), "is not valid YAML"),
+    ("a length of 5000 digits", d.content("antenna_length_mm: " + 5000 * "9"), "antenna_length_mm"),
     ("a way that is none", d.content("plane_way: by eye\n"), "plane_way is 'by eye'"),
     ("a row that is a number", d.content("noload_readings: [1, 2]\n"), "row 1", "is not a mapping", "pan_rad"),
     ("a row with an unknown key", d.content("noload_readings: [{pan: 3}]\n"), "row 1", "unknown key 'pan'", "pan_deg"),

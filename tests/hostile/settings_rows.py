@@ -39,7 +39,7 @@ SESSION: tuple[Row, ...] = (
     ("length is text", d.at("antenna.length_m", "24 cm"), "antenna.length_m: '24 cm' is not a number"),
     ("length in mm", d.at("antenna.length_m", 240.0), "antenna.length_m: 240.0 is not between 0.001 and 10"),
     ("length is NaN", d.at("antenna.length_m", NAN), "antenna.length_m is not a finite number"),
-    ("length of 5000 digits", d.text("0.24", "9" * 5000), "not valid YAML"),
+    ("length of 5000 digits", d.text("0.24", "9" * 5000), "antenna.length_m"),
     ("length of 4000 hexadecimal digits", d.text("0.24", "0x" + "f" * 4000), "antenna.length_m"),
     ("gravity of two numbers", d.at("gravity_world", [0.0, -9.8]), "gravity_world"),
     ("gravity is NaN", d.at("gravity_world.1", NAN), "gravity_world.1 is not a finite number"),
@@ -62,7 +62,7 @@ BOARD: tuple[Row, ...] = (
     ("no such dictionary", d.at("dictionary", "DICT_9X9_10"), "dictionary is 'DICT_9X9_10'"),
     ("legacy is a word", d.at("legacy_pattern", "no!"), "legacy_pattern: 'no!' is not true or false"),
     ("another kind of board", d.at("type", "rings"), "type"),
-    ("squares of 5000 digits", d.text("squares_x: 11", "squares_x: " + "9" * 5000), "not valid YAML"),
+    ("squares of 5000 digits", d.text("squares_x: 11", "squares_x: " + "9" * 5000), "squares_x"),
 )
 _LENS = "intrinsics session/intrinsics --board board.yaml -o out.json"
 WITHOUT_IDS: tuple[Row, ...] = (

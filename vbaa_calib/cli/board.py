@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import argparse
 import os
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vbaa_calib.core.console import say
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.core.files import refuse_overwrite, replacing, write_text
+from vbaa_calib.core.files import refuse_overwrite, replacing
 
 if TYPE_CHECKING:
     from targets.board import BoardSpec
@@ -95,9 +96,9 @@ def _for_paper(args: argparse.Namespace, kind: str) -> dict[str, Any]:
     margin = MARGIN_MM if args.margin_mm is None else args.margin_mm
     spec = _wanted(args, paper=paper, margin_mm=margin)
     layout = lay_out(spec, paper, margin)
-    written = _write_spec(args, spec, changed=False)
+    description = _description(args, spec, changed=False)
     drawing = draw(spec, layout)
-    result = _write(args, as_pdf(drawing) if kind == ".pdf" else as_svg(drawing).encode(), spec, written) | {
+    result = _write(args, as_pdf(drawing) if kind == ".pdf" else as_svg(drawing).encode(), spec, description) | {
         "paper": paper.name,
         "orientation": layout.orientation,
         "page_mm": [layout.width, layout.height],
@@ -128,9 +129,9 @@ def _for_screens(args: argparse.Namespace) -> dict[str, Any]:
     px_per_mm = args.px_per_mm if args.screen_ppi is None else args.screen_ppi / _MM_PER_INCH
     wanted = _wanted(args)
     board = on_screen(wanted, px_per_mm)
-    written = _write_spec(args, board.spec, changed=board.spec != wanted)
+    description = _description(args, board.spec, changed=board.spec != wanted)
     columns, rows = wanted.squares_x, wanted.squares_y
-    result = _write(args, cv2.imencode(".png", as_pixels(board))[1].tobytes(), board.spec, written) | {
+    result = _write(args, cv2.imencode(".png", as_pixels(board))[1].tobytes(), board.spec, description) | {
         "px_per_mm": px_per_mm,
         "image_size": list(board.size_px),
         "square_px": board.square_px,
@@ -165,13 +166,12 @@ def _wanted(args: argparse.Namespace, **room: Any) -> BoardSpec:
     return fill_in(counts(args.squares, "--squares", "vbaa board"), **given)
 
 
-def _write_spec(args: argparse.Namespace, spec: BoardSpec, changed: bool) -> Path | None:
-    """Write the board's description unless the user's own already says it. Returns where it stands."""
-    from targets.sheet import spec_document
+def _description(args: argparse.Namespace, spec: BoardSpec, changed: bool) -> tuple[Path | None, bool]:
+    """Where the description stands, None where the user's own says it; and whether it is to be written."""
     from vbaa_calib.detect.board.board_file import load_board
 
     if args.spec is not None and not changed and args.write_spec is None:
-        return None
+        return None, False
     path = args.write_spec or args.output.with_suffix(".yaml")
     if os.path.realpath(path) == os.path.realpath(args.output):
         raise InputError("is the sheet itself", where=path, remedy="give --write-spec another name")
@@ -179,27 +179,34 @@ def _write_spec(args: argparse.Namespace, spec: BoardSpec, changed: bool) -> Pat
     if path.is_file():
         try:
             if load_board(path) == spec:
-                return path
+                return path, False
         except InputError:
             pass  # no board at all: in the way like any other file
         # it may hold what was measured since: a print's scale, the mount's thickness
         if args.write_spec is None or not args.force:
             remedy = f"print that one with --spec {path}, or name another with --write-spec (--force replaces that)"
             raise InputError("exists already and describes another board", where=path, remedy=remedy)
-    write_text(path, spec_document(spec, f"as `vbaa board` drew it in {args.output.name}"))
-    return path
+    return path, True
 
 
-def _write(args: argparse.Namespace, data: bytes, spec: BoardSpec, written: Path | None) -> dict[str, Any]:
-    from targets.sheet import board_id, size_words
+def _write(
+    args: argparse.Namespace, data: bytes, spec: BoardSpec, description: tuple[Path | None, bool]
+) -> dict[str, Any]:
+    """Write the sheet and its description, both or neither. Returns the numbers."""
+    from targets.sheet import board_id, size_words, spec_document
 
-    with replacing(args.output, args.force) as temporary:
-        temporary.write_bytes(data)
+    described, missing = description
+    with ExitStack() as both:
+        # what is entered last takes its place first: no description without its sheet
+        if described is not None and missing:
+            words = spec_document(spec, f"as `vbaa board` drew it in {args.output.name}")
+            both.enter_context(replacing(described)).write_text(words, encoding="utf-8")
+        both.enter_context(replacing(args.output, args.force)).write_bytes(data)
     say(f"board    {board_id(spec)}: {size_words(spec)}")
-    say(f"wrote    {args.output}" + (f", described in {written}" if written else ""))
+    say(f"wrote    {args.output}" + (f", described in {described}" if described else ""))
     return {
         "output": str(args.output),
-        "spec_file": str(written or args.spec),
+        "spec_file": str(described or args.spec),
         "id": board_id(spec),
         "board": spec.to_dict(),
         "corners": spec.corner_count,

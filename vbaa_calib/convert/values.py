@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.numbers import FARTHEST_M
 from vbaa_calib.geometry import Pose
 
 
@@ -147,15 +148,15 @@ def which_of(names: Sequence[str], which: str | None, path: Path) -> str:
     return which or names[0]
 
 
-def numbers(values: Any, key: str, path: Path, counts: Sequence[int]) -> list[float]:
-    """A flat list of finite numbers, as many as one of `counts`."""
+def numbers(values: Any, key: str, path: Path, counts: Sequence[int], most: float = 1e300) -> list[float]:
+    """A flat list of numbers within ±most, as many as one of `counts`."""
     if not isinstance(values, list | tuple) or len(values) not in counts:
         wanted = " or ".join(map(str, counts))
         raise InputError(f"{key} is {_shown(values)}", where=path, remedy=f"a list of {wanted} numbers is needed")
     for value in values:
         # a whole number may be too large for a float
-        if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < 1e300:
-            raise InputError(f"{key} holds {_shown(value)}", where=path, remedy="finite numbers are needed")
+        if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < most:
+            raise InputError(f"{key} holds {_shown(value)}", where=path, remedy=f"numbers below {most:g} are needed")
     return [float(value) for value in values]
 
 
@@ -175,7 +176,7 @@ def pose_of(matrix: Any, key: str, path: Path) -> Pose:
     """A pose from four rows of four numbers. Raises InputError where the rotation is none."""
     if not isinstance(matrix, list | tuple) or len(matrix) != 4:
         raise InputError(f"{key} is {_shown(matrix)}", where=path, remedy="four rows of four numbers are needed")
-    rows = np.array([numbers(row, key, path, (4,)) for row in matrix])
+    rows = np.array([numbers(row, key, path, (4,), FARTHEST_M) for row in matrix])
     turn = rows[:3, :3]
     off = np.abs(turn @ turn.T - np.eye(3)).max() if np.abs(turn).max() < 2 else math.inf
     if off > _SQUARE or np.linalg.det(turn) < 0 or np.abs(rows[3] - [0, 0, 0, 1]).max() > 1e-9:

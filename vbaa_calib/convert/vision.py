@@ -2,24 +2,27 @@
 
 from __future__ import annotations
 
-import ast
+import json
 import math
 import re
-import warnings
 from decimal import Decimal, InvalidOperation, localcontext
 from pathlib import Path
 
 import cv2
 import numpy as np
 
+from vbaa_calib.core.child import read_in_child
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_text
+from vbaa_calib.core.foreign import MATRICES, read_literal, read_storage
+from vbaa_calib.core.numbers import FARTHEST_M
 from vbaa_calib.geometry import Pose
 
 from .values import Exchanged, Format, checked, intrinsics, matrix_of, numbers, one_of, size_of, stated, which_of
 
 _OPENCV_COUNTS = (4, 5, 8, 12, 14)
-_MEMORY = cv2.FILE_STORAGE_MEMORY
+_MOST_OPENCV = 1_000_000
+"""Bytes; calibration samples write a picture's corners and pose, too."""
 _OPENCV_NEEDS = "camera_matrix and distortion_coefficients are needed, as OpenCV's calibration samples write them"
 
 
@@ -31,46 +34,33 @@ def _read_opencv(path: Path, _: str | None) -> Exchanged:
     - The samples keep poses of the board, picture by picture; there is no place for the pose of the camera.
     - Written and read by OpenCV itself, 17 digits a number; XML and JSON are read, too.
     """
-    text = read_text(path)
+    text = read_text(path, _MOST_OPENCV)
     if not text.strip():
         raise InputError("is empty", where=path, remedy=_OPENCV_NEEDS)
-    level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     try:
-        return _taken(cv2.FileStorage(text, cv2.FILE_STORAGE_READ | _MEMORY), path)
-    except (cv2.error, SystemError, UnicodeDecodeError, ValueError) as error:
-        why = str(getattr(error, "err", "") or error).strip().partition("\n")[0]
-        raise InputError(f"OpenCV cannot read it ({why:.100})", where=path, remedy=_OPENCV_NEEDS) from None
-    finally:
-        cv2.utils.logging.setLogLevel(level)
-
-
-def _taken(storage: cv2.FileStorage, path: Path) -> Exchanged:
-    def number(key: str) -> float | None:
-        node = storage.getNode(key)
-        return node.real() if node.isInt() or node.isReal() else None
-
-    def mat(key: str) -> np.ndarray:
-        node = storage.getNode(key)
-        matrix = node.mat() if node.isMap() else None
-        if matrix is None or matrix.size == 0 or matrix.ndim != 2:
+        found = read_in_child(read_storage, path)
+    except ValueError as error:
+        raise InputError(f"OpenCV cannot read it ({error!s:.100})", where=path, remedy=_OPENCV_NEEDS) from None
+    for key in MATRICES:
+        if key not in found:
             raise InputError(f"{key} is missing or no matrix", where=path, remedy=_OPENCV_NEEDS)
-        return matrix.astype(float)
-
-    size = size_of([(key, number(key)) for key in ("image_width", "image_height")], path)
-    matrix, key = mat("camera_matrix"), "distortion_coefficients"
-    coefficients = numbers(mat(key).ravel().tolist(), key, path, _OPENCV_COUNTS)
-    fisheye = number("fisheye_model")
-    if fisheye and len(coefficients) != 4:
-        raise InputError(f"fisheye_model has {len(coefficients)} coefficients", where=path, remedy="it takes 4")
-    camera = checked("fisheye" if fisheye else "opencv", size, matrix, coefficients, path)
+    size = size_of(
+        [(key, float(found[key]) if key in found else None) for key in ("image_width", "image_height")], path
+    )
+    matrix, coefficients = (found[key] for key in MATRICES)
+    listed = numbers(coefficients.ravel().tolist(), MATRICES[1], path, _OPENCV_COUNTS)
+    fisheye = float(found.get("fisheye_model", 0.0))
+    if fisheye and len(listed) != 4:
+        raise InputError(f"fisheye_model has {len(listed)} coefficients", where=path, remedy="it takes 4")
+    camera = checked("fisheye" if fisheye else "opencv", size, matrix, listed, path)
     guess = "four coefficients without fisheye_model are taken as k1 k2 p1 p2, not as a fisheye's"
-    return Exchanged(camera, notes=(guess,) if len(coefficients) == 4 and fisheye is None else ())
+    return Exchanged(camera, notes=(guess,) if len(listed) == 4 and "fisheye_model" not in found else ())
 
 
 def _write_opencv(given: Exchanged) -> str:
     camera = given.camera
     coefficients = camera.distortion if camera.distortion.size else np.zeros(5)
-    storage = cv2.FileStorage(".yml", cv2.FILE_STORAGE_WRITE | _MEMORY | cv2.FILE_STORAGE_FORMAT_YAML)
+    storage = cv2.FileStorage(".yml", cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY | cv2.FILE_STORAGE_FORMAT_YAML)
     storage.write("image_width", camera.image_size[0])
     storage.write("image_height", camera.image_size[1])
     storage.write("fisheye_model", int(camera.model == "fisheye"))
@@ -85,7 +75,7 @@ def _is_opencv(text: str) -> bool:
 
 _MRCAL_COUNTS = {"LENSMODEL_PINHOLE": 0} | {f"LENSMODEL_OPENCV{count}": count for count in (4, 5, 8, 12)}
 _LARGEST = 100_000_000
-"""Characters; the data of a whole calibration stand in such a file as text."""
+"""Bytes; the data of a whole calibration stand in such a file as text."""
 
 
 def _read_mrcal(path: Path, _: str | None) -> Exchanged:
@@ -97,23 +87,17 @@ def _read_mrcal(path: Path, _: str | None) -> Exchanged:
       before version 2.5 rt_fromref): the inverse of our T_reference_camera. mrcal leaves the unit of length open; ours
       is metres.
     """
-    text, remedy = read_text(path), "a Python mapping with lens_model, intrinsics, extrinsics and imagersize is needed"
-    if len(text) > _LARGEST:
-        raise InputError(f"has {len(text)} characters", where=path, remedy="this is no .cameramodel file")
+    remedy = "a Python mapping with lens_model, intrinsics, extrinsics and imagersize is needed"
+    read_text(path, _LARGEST)
     try:
-        with warnings.catch_warnings(action="ignore"):  # of odd escapes in its strings
-            data = ast.literal_eval(text)
-    except (ValueError, SyntaxError, TypeError, RecursionError, MemoryError) as error:
-        line = getattr(error, "lineno", None)
-        place = f"{path} line {line}" if line else path
-        raise InputError("is no mrcal .cameramodel", where=place, remedy=remedy) from None
-    if not isinstance(data, dict):
-        raise InputError("is no mapping", where=path, remedy=remedy)
+        data = {key: json.loads(str(value)) for key, value in read_in_child(read_literal, path).items()}
+    except ValueError as error:
+        raise InputError(f"is no mrcal .cameramodel ({error!s:.100})", where=path, remedy=remedy) from None
     name = one_of(data.get("lens_model", data.get("lensmodel")), _MRCAL_COUNTS, "lens_model", path)
     sides = numbers(data.get("imagersize"), "imagersize", path, (2,))
     size = size_of([("imagersize", side) for side in sides], path)
     values = numbers(data.get("intrinsics"), "intrinsics", path, (4 + _MRCAL_COUNTS[name],))
-    turn_shift = np.array(numbers(data.get("extrinsics"), "extrinsics", path, (6,)))
+    turn_shift = np.array(numbers(data.get("extrinsics"), "extrinsics", path, (6,), FARTHEST_M))
     pose = Pose.from_rotvec(turn_shift[:3], turn_shift[3:]).inverse()
     region = ("valid_intrinsics_region is left out",) if data.get("valid_intrinsics_region") else ()
     return Exchanged(checked("opencv", size, matrix_of(*values[:4]), values[4:], path), pose, notes=region)

@@ -11,27 +11,36 @@ from typing import TextIO
 from .errors import InputError
 from .files import MOST_BYTES, require_file
 
+_NOTHING: Mapping[str, str] = {}
 _LONGEST = 1_000_000
 """Characters of a line, beyond which it is none of a table."""
 
 
-def read_csv(path: Path, columns: Sequence[str], optional: Sequence[str] = ()) -> list[dict[str, str]]:
+def read_csv(
+    path: Path, columns: Sequence[str], optional: Sequence[str] = (), instead: Mapping[str, str] = _NOTHING
+) -> list[dict[str, str]]:
     """All rows at once, as `csv_rows` gives them, and with its errors; of a file that memory holds."""
     require_file(path, most=MOST_BYTES)
-    return list(csv_rows(path, columns, optional))
+    return list(csv_rows(path, columns, optional, instead))
 
 
-def csv_rows(path: Path, columns: Sequence[str], optional: Sequence[str] = ()) -> Iterator[dict[str, str]]:
+def csv_rows(
+    path: Path, columns: Sequence[str], optional: Sequence[str] = (), instead: Mapping[str, str] = _NOTHING
+) -> Iterator[dict[str, str]]:
     """Rows of a CSV with a header, as text, as they are asked for; each also carries its place in the file as `line`.
 
     Raises InputError, when it comes to it, for a missing file, header, column or cell, and for a table without rows.
-    Columns beyond those named are ignored, and so are blank lines.
+    Columns beyond those named are ignored, and so are blank lines. `instead` names a column that may stand in the place
+    of a missing one; the row then has that.
     """
     rows = _filled(path)
     _, header = next(rows, (0, []))
     if not header:
         raise InputError("is empty", where=path, remedy=f"the first line must name the columns {','.join(columns)}")
-    places, line = places_of(header, columns, optional, path), 0
+    wanted = [
+        instead.get(name, name) if name not in header and instead.get(name) in header else name for name in columns
+    ]
+    places, line = places_of(header, wanted, optional, path), 0
     for line, cells in rows:
         if len(cells) != len(header):
             what = f"has {len(cells)} cells, the header {len(header)}"

@@ -10,6 +10,7 @@ import math
 import os
 import re
 import shutil
+import signal
 import stat
 import tempfile
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
@@ -24,6 +25,10 @@ from .errors import InputError
 MOST_BYTES = 2_000_000_000
 _MOST_YAML_BYTES = 1_000_000
 """What people write by hand; PyYAML takes seconds for it."""
+_LONGEST_NUMBER, _MOST_DIGITS = 400, 300
+"""Characters of a number in YAML; digits of a whole number in JSON."""
+_DEEPEST = 64
+"""Lists and mappings in each other."""
 _MOST_JSON_BYTES = 256_000_000
 _MOST_VALUES = 1e6
 """That a YAML file stands for, its aliases written out."""
@@ -95,6 +100,18 @@ def with_lines(text: str) -> tuple[Any, Callable[[Sequence[str | int]], int | No
 class _UniqueKeyLoader(yaml.SafeLoader):
     """YAML without silent surprises: a key given twice is an error, not the last one wins."""
 
+    def resolve(self, kind: Any, value: Any, implicit: Any) -> str:
+        """As SafeLoader's, but a long word is a text: PyYAML's patterns of numbers take a square of its length."""
+        if kind is yaml.ScalarNode and implicit[0] and len(value) > _LONGEST_NUMBER:
+            return str(self.DEFAULT_SCALAR_TAG)
+        return str(super().resolve(kind, value, implicit))
+
+    def construct_scalar(self, node: yaml.ScalarNode) -> Any:
+        """As SafeLoader's, but a long number is refused: its digits take a square of their length, too."""
+        if node.tag != self.DEFAULT_SCALAR_TAG and len(node.value) > _LONGEST_NUMBER:
+            raise yaml.constructor.ConstructorError(None, None, "no number is that long", node.start_mark)
+        return super().construct_scalar(node)
+
     def get_single_node(self) -> yaml.Node | None:
         """As SafeLoader's, but a small file whose aliases make it endless is refused."""
         node = super().get_single_node()
@@ -138,7 +155,7 @@ for _each in (_UniqueKeyLoader, UniqueKeyDumper):
     # YAML 1.1 reads 193.0e9 (no sign in the exponent) as text; everyone who types a Young's modulus means a number.
     _each.add_implicit_resolver(
         "tag:yaml.org,2002:float",
-        re.compile(r"^[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$"),
+        re.compile(r"^[-+]?(\d+(\.\d*)?|\.\d+)[eE][-+]?\d+$"),
         list("-+0123456789."),
     )
 
@@ -147,6 +164,7 @@ def read_yaml(path: Path) -> dict[str, Any]:
     """A YAML mapping. Raises InputError naming the line of what is wrong."""
     try:
         data = yaml.load(read_text(path, _MOST_YAML_BYTES), Loader=_UniqueKeyLoader)
+        _refuse_deep(data)
     except RecursionError:
         raise InputError("is not valid YAML (nested too deeply)", where=path, remedy="write it again") from None
     except (yaml.YAMLError, ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
@@ -163,7 +181,8 @@ def read_yaml(path: Path) -> dict[str, Any]:
 def read_json(path: Path) -> dict[str, Any]:
     """A JSON object. Raises InputError naming the line of what is wrong."""
     try:
-        data = json.loads(read_text(path, _MOST_JSON_BYTES), object_pairs_hook=_unique_object)
+        data = json.loads(read_text(path, _MOST_JSON_BYTES), object_pairs_hook=_unique_object, parse_int=_whole_number)
+        _refuse_deep(data)
     except json.JSONDecodeError as error:
         where, problem = f"{path} line {error.lineno}", error.msg
     except RecursionError:
@@ -175,6 +194,25 @@ def read_json(path: Path) -> dict[str, Any]:
             raise InputError("must be a JSON object", where=path, remedy="see docs/formats.md")
         return data
     raise InputError(f"is not valid JSON ({problem})", where=where, remedy="write it again")
+
+
+def _whole_number(text: str) -> float:
+    """As int(), but infinite where no float holds it: so it is refused by its key, as other such numbers are."""
+    return int(text) if len(text) <= _MOST_DIGITS else -math.inf if text[0] == "-" else math.inf
+
+
+def _refuse_deep(data: Any) -> None:
+    """Raises RecursionError for what is nested deeper than any file of ours; whoever walks it later would."""
+    level = [data]
+    for _ in range(_DEEPEST):
+        level = [item for each in level for item in _items(each) if isinstance(item, dict | list)]
+        if not level:
+            return
+    raise RecursionError
+
+
+def _items(data: Any) -> Iterable[Any]:
+    return data.values() if isinstance(data, dict) else data if isinstance(data, list) else ()
 
 
 def _unique_object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -233,26 +271,46 @@ def replacing(path: Path, force: bool = True) -> Iterator[Path]:
     A link is followed: the file it leads to is replaced. Raises InputError as `refuse_overwrite` does.
     """
     refuse_overwrite(path, force)
-    target = Path(path).resolve()
+    target, temporary = Path(path).resolve(), None
     try:
-        # the suffix stays: writers like VTK's choose the format by it
-        handle, name = tempfile.mkstemp(prefix=f".{target.stem[:40]}-", suffix=target.suffix, dir=target.parent)
-    except OSError as error:
-        raise InputError(f"cannot be written ({error.strerror})", where=path, remedy="write somewhere else") from None
-    os.close(handle)
-    temporary = Path(name)
-    try:
+        with signals_held():
+            try:
+                # the suffix stays: writers like VTK's choose the format by it
+                handle, name = tempfile.mkstemp(prefix=f".{target.stem[:40]}-", suffix=target.suffix, dir=target.parent)
+            except OSError as error:
+                what = f"cannot be written ({error.strerror})"
+                raise InputError(what, where=path, remedy="write somewhere else") from None
+            os.close(handle)
+            temporary = Path(name)
         with _disk_errors_named(path):
             yield temporary
             with temporary.open("rb+") as stream:
                 os.fsync(stream.fileno())
-            umask = os.umask(0)
-            os.umask(umask)
-            temporary.chmod(0o666 & ~umask)
+            temporary.chmod(0o666 & ~_umask())
             temporary.replace(target)
             _sync_folder(target.parent)
     finally:
-        temporary.unlink(missing_ok=True)
+        if temporary is not None:
+            temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def signals_held() -> Iterator[None]:
+    """Ctrl-C and the signals that end a process wait until the block is over; only POSIX systems can."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM, signal.SIGHUP))
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _umask() -> int:
+    umask = os.umask(0)
+    os.umask(umask)
+    return umask
 
 
 _DISK = {errno.ENOSPC: "free", errno.EDQUOT: "free", errno.EFBIG: "allow", errno.EROFS: ""}
@@ -301,28 +359,29 @@ def replacing_folder(path: Path) -> Iterator[Path]:
 
     Whether what is there may be replaced is for the caller to settle before.
     """
-    parent = path.resolve().parent
+    parent, temporary, old = path.resolve().parent, None, None
     try:
-        temporary = Path(tempfile.mkdtemp(prefix=f".{path.name}-", dir=parent))
-    except OSError as error:
-        raise InputError(f"cannot be made ({error.strerror})", where=path, remedy="take another name") from None
-    try:
+        with signals_held():
+            try:
+                temporary = Path(tempfile.mkdtemp(prefix=f".{path.name}-", dir=parent))
+            except OSError as error:
+                raise InputError(f"cannot be made ({error.strerror})", where=path, remedy="take another name") from None
         with _disk_errors_named(path):
             yield temporary
-        umask = os.umask(0)
-        os.umask(umask)
-        temporary.chmod(0o777 & ~umask)
-        if path.exists():
-            old = Path(tempfile.mkdtemp(prefix=f".{path.name}-old-", dir=parent))
-            path.rename(old / "replaced")
+        temporary.chmod(0o777 & ~_umask())
+        # between the two names nothing may interrupt: there would be neither the old nor the new
+        with signals_held():
+            if path.exists():
+                old = Path(tempfile.mkdtemp(prefix=f".{path.name}-old-", dir=parent))
+                path.rename(old / "replaced")
             try:
                 temporary.rename(path)
             except OSError:
-                (old / "replaced").rename(path)
+                if old is not None:
+                    (old / "replaced").rename(path)
                 raise
-            finally:
-                shutil.rmtree(old)
-        else:
-            temporary.rename(path)
     finally:
-        shutil.rmtree(temporary, ignore_errors=True)
+        if temporary is not None:
+            shutil.rmtree(temporary, ignore_errors=True)
+        if old is not None and path.exists():
+            shutil.rmtree(old, ignore_errors=True)

@@ -71,7 +71,7 @@ def packages(requirements: Iterable[str] | None = None, version_of: Callable[[st
     return Finding("packages", words, tuple(problems), {"versions": versions})
 
 
-_OURS = ("vbaa_calib", "targets", "estimator", "viz")
+_OURS = ("vbaa", "vbaa_calib", "targets", "estimator", "viz")
 _LIBRARIES = {"cv2": "opencv-contrib-python-headless", "yaml": "PyYAML"} | {
     name: name
     for name in ("numpy", "scipy", "torch", "kornia", "pyvista", "matplotlib", "reportlab", "pydantic", "rich")
@@ -79,8 +79,14 @@ _LIBRARIES = {"cv2": "opencv-contrib-python-headless", "yaml": "PyYAML"} | {
 """Name that is imported → distribution that it comes from."""
 
 
-def shadows(folder: Path | None = None) -> Finding:
-    """Where packages are taken from now, and what the current folder would put in their place."""
+def shadows(
+    folder: Path | None = None,
+    owners: Callable[[], Mapping[str, list[str]]] = metadata.packages_distributions,
+) -> Finding:
+    """Where packages are taken from now, what the current folder would put in their place, and whose files are ours.
+
+    owners : package → the distributions that bring it.
+    """
     homes: dict[str, Path | None] = {**dict.fromkeys(_OURS, _ROOT), **dict.fromkeys(_LIBRARIES)}
     for name, distribution in _LIBRARIES.items():
         with contextlib.suppress(metadata.PackageNotFoundError):
@@ -114,6 +120,13 @@ def shadows(folder: Path | None = None) -> Finding:
                 if module.is_file() and places.get(name) != str(place):
                     words = f"{place} takes the place of the package {name} for every script that is run from there"
                     problems.append(stands_in("name_taken", words, place, False))
+    brought = owners()
+    for name in _OURS:
+        for other in sorted(set(brought.get(name, ())) - {_DISTRIBUTION}):
+            again = pip("uninstall", "--yes", other) + ", then "
+            again += pip("install", "--force-reinstall", "--no-deps", _DISTRIBUTION)
+            words = f"{other} has installed a package {name}, too: one has overwritten the other's files"
+            problems.append(Diagnosis("package_overwritten", words, again, grave=True))
     words = f"{len(places)} packages come from where they were installed"
     if problems:
         words = "some packages do not come, or may not come, from where they were installed"

@@ -10,7 +10,7 @@ from pydantic import ConfigDict, Field
 
 from vbaa_calib.core.models import ArrayOf, FileModel, Number, WholeNumber
 from vbaa_calib.session import DRIFTS, LAB, FileDrift
-from vbaa_calib.session.settings import AnyLength, Deviation, Diameter, FileKinematics, FilePose, MomentSensor
+from vbaa_calib.session.settings import AnyLength, Deviation, Diameter, FileKinematics, FilePose, Gravity, MomentSensor
 
 from .parts import Antenna, AntennaImage
 
@@ -132,7 +132,7 @@ class RigFile(FileModel):
         Field(description="about z: reads gain · (x·f_y − y·f_x of force and weight) + offset; counts as exact"),
     ] = None
     kinematics: _Kinematics
-    gravity_world: Annotated[np.ndarray, ArrayOf(3, ge=-1000, le=1000)]
+    gravity_world: Gravity
     image: AntennaImage
     joint: Joint
     drift: Annotated[FileDrift, Field(description="what may change between calibration and recording")] = DRIFTS[LAB]

@@ -20,13 +20,12 @@ import numpy as np
 from vbaa_calib.core.csv_rows import csv_rows, number, places_of, whole_number
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import require_file
+from vbaa_calib.core.numbers import FARTHEST_PX
 
 from .settings import Session
 from .tables import wrong
 
 _COLUMNS, _DEVIATION = ("frame", "u_px", "v_px"), "sigma_px"
-_FAR_PX = 1e7
-"""Places and deviations beyond it are slips of the pen."""
 BLOCK = 1 << 20
 _MOST_FRAME = 2**53
 _NEWLINE, _RETURN, _COMMA = b"\n\r,"
@@ -155,7 +154,7 @@ def _plain(block: bytes, layout: _Layout) -> np.ndarray | None:
     except ValueError:  # UnicodeDecodeError is one, too
         return None
     frame = table[:, 0]
-    sound = (np.abs(table[:, 1:]) <= _FAR_PX).all() and (
+    sound = (np.abs(table[:, 1:]) <= FARTHEST_PX).all() and (
         (frame >= 0) & (frame < _MOST_FRAME) & (frame == np.floor(frame))
     ).all()
     if not sound or len(table) != filled.sum() or not (table[:, 3:] > 0.0).all():
@@ -182,7 +181,7 @@ def _copy_plainly(path: Path, copy: BinaryIO) -> None:
             raise wrong(row, path, "sigma_px is not positive", "give a standard deviation in pixels")
         frame, values = whole_number(row, "frame", path), [number(row, name, path) for name in columns[1:]]
         for name, value in zip(columns[1:], values, strict=True):
-            if abs(value) > _FAR_PX:
+            if abs(value) > FARTHEST_PX:
                 raise wrong(row, path, f"{name} is {row[name]}", "give pixels: no picture is that large")
         copy.write(f"{frame},{','.join(map(repr, values))}\n".encode())
     copy.seek(0)

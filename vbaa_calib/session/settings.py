@@ -101,6 +101,17 @@ class NominalAntenna:
         return float(self.density_kg_m3 * np.pi * self.diameter_m**2 / 4)
 
 
+def _gravity(gravity: np.ndarray) -> np.ndarray:
+    size = math.hypot(*gravity)
+    if size and not _LEAST_GRAVITY <= size <= _MOST_GRAVITY:
+        raise ValueError(f"has the size {size:.3g}", "give m/s²: on Earth the three numbers have the size 9.8, not 1")
+    return gravity
+
+
+_LEAST_GRAVITY, _MOST_GRAVITY = 1.5, 30.0
+"""m/s², the Moon's and more than Jupiter's: 1 is in g."""
+Gravity = Annotated[np.ndarray, ArrayOf(3), AfterValidator(_gravity)]
+"""m/s², world frame; zero: weightless."""
 _JointReading = Annotated[Number, Field(ge=-6.3, le=6.3)]
 _Pixel = Annotated[Number, Field(ge=-1e5, le=1e5)]
 
@@ -228,9 +239,7 @@ class SessionFile(FileModel):
     antenna: NominalAntenna
     jig: _Jig | None = None
     kinematics: _SessionKinematics | None = None
-    gravity_world: Annotated[
-        Annotated[np.ndarray, ArrayOf(3, ge=-100, le=100)] | None, Field(description="m/s²; null: weightless")
-    ]
+    gravity_world: Annotated[Gravity | None, Field(description="m/s²; null: weightless")]
     moment_sensor: _Noise
     second_moment_sensor: Annotated[
         MomentSensor | None,

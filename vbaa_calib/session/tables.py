@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import difflib
 import io
+import math
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -18,6 +19,7 @@ from vbaa_calib.core.csv_rows import csv_rows, number, read_csv, whole_number
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_text
 from vbaa_calib.core.images import SUFFIXES, picture_size
+from vbaa_calib.core.numbers import check_angle
 
 from .settings import Session
 
@@ -101,6 +103,9 @@ def check_pictures(pictures: Iterable[Path], image_size: tuple[int, int], whose:
 _Row = TypeVar("_Row", SweepPicture, Still, Load)
 _MOMENTS = ("moment_Nm", "moment_z_Nm")
 """Columns of a recording that may be missing."""
+_ANGLES = ("pan_rad", "tilt_rad")
+_IN_DEGREES = {"pan_rad": "pan_deg", "tilt_rad": "tilt_deg"}
+"""What people who type may give instead."""
 
 
 def read_sweep(session: Session) -> list[SweepPicture]:
@@ -135,7 +140,8 @@ def _pictures(
     """The rows of a table, each of a picture of its own, with its joints and the columns `values`."""
     path, lines = session.root / name / f"{name}.csv", dict[Path, str]()
     _require(path, why)
-    for row in read_csv(path, ("image", "pan_rad", "tilt_rad", *values), ("time_s",) if values else ()):
+    columns, optional = ("image", *_ANGLES, *values), ("time_s",) if values else ()
+    for row in read_csv(path, columns, optional, _IN_DEGREES):
         view = _view(row, path)
         if view["image"] in lines:
             what = f"the picture {row['image']} stands in line {lines[view['image']]}, too"
@@ -153,8 +159,8 @@ def read_recording(session: Session) -> list[Frame]:
     path = session.root / "recording" / "recording.csv"
     _require(path, "it names the frames of the recording")
     with_images = not (path.parent / "centrelines.csv").exists()
-    columns = ("frame", "time_s", *(("image",) if with_images else ()), "pan_rad", "tilt_rad")
-    rows = csv_rows(path, columns, _MOMENTS)
+    columns = ("frame", "time_s", *(("image",) if with_images else ()), *_ANGLES)
+    rows = csv_rows(path, columns, _MOMENTS, _IN_DEGREES)
     first = next(rows)
     _refuse_misspelt(path, _MOMENTS[0], (*columns, *_MOMENTS))
     frames: list[Frame] = []
@@ -178,10 +184,12 @@ def _view(row: Mapping[str, str], path: Path, with_image: bool = True) -> dict[s
         raise wrong(row, path, "image is empty", "name the picture")
     if with_image and not os.path.isfile(seen["image"]):  # Path.is_file raises for a name that is too long
         raise wrong(row, path, f"the picture {row['image']} is not there", f"put it at {seen['image']}")
-    for name in ("pan_rad", "tilt_rad"):
-        seen[name] = number(row, name, path)
-        if abs(seen[name]) > 2 * np.pi:
-            raise wrong(row, path, f"{name} is {seen[name]:g}, more than a turn", "give radians")
+    for name in _ANGLES:
+        given = name if name in row else _IN_DEGREES[name]
+        angle = number(row, given, path)
+        if given != name:
+            angle = math.radians(angle)
+        seen[name] = check_angle(angle, name, lambda what, remedy: wrong(row, path, what, remedy))
     return seen | ({"time_s": number(row, "time_s", path)} if "time_s" in row else {})
 
 

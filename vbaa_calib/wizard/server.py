@@ -38,6 +38,8 @@ NEWS_S = 20.0
 CONNECTION_S = 30.0
 """A connection is cut after this time, however slowly its bytes are sent or read."""
 CONNECTIONS = 64
+SILENT = 32
+"""Connections that have not yet asked for anything; of more the oldest is cut, so that slow ones starve nobody."""
 _PICTURES_KEPT = 8
 """A browser that is a little behind still gets the picture that belongs to the corners it draws."""
 _COMMANDS_KEPT = 100
@@ -95,9 +97,21 @@ class PageCommand(BaseModel):
 
 
 class _Connection(H11Protocol):
+    silent = True
+    """No whole request has come yet."""
+
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         super().connection_made(transport)
         self._end = self.loop.call_later(CONNECTION_S, transport.abort)
+        silent = [one for one in self.connections if isinstance(one, _Connection) and one.silent]
+        if len(silent) > SILENT:
+            oldest = min(silent, key=lambda one: one._end.when())
+            oldest.silent = False
+            oldest.transport.abort()
+
+    def handle_events(self) -> None:
+        super().handle_events()
+        self.silent = self.silent and self.cycle is None
 
     def connection_lost(self, exc: Exception | None) -> None:
         self._end.cancel()

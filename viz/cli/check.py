@@ -6,6 +6,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from vbaa_calib.cli.joints import add_joints, joints_rad
+
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of `vbaa check`."""
@@ -16,8 +18,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     new = parser.add_argument_group("new pictures")
     new.add_argument("--board", type=Path, metavar="PICTURE", help="the board in its jig, as it is now")
     new.add_argument("--free", type=Path, metavar="PICTURE", help="the free antenna, as it is now")
-    new.add_argument("--pan", type=float, metavar="RAD", help="the pan's reading with --free (default: 0)")
-    new.add_argument("--tilt", type=float, metavar="RAD", help="the tilt's reading with --free (default: 0)")
+    add_joints(new, "the joint's reading with --free")
     new.add_argument("--moment", type=float, metavar="NM", help="the moment's reading with --free (default: not noted)")
     parser.add_argument("--html", type=Path, metavar="REPORT", help="write a page that opens offline in any browser")
     parser.add_argument("-o", "--output", type=Path, metavar="CHECK", help="check.json to write")
@@ -35,7 +36,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     for path, suffixes in ((args.html, PAGES), (args.output, (".json",))):
         if path is not None:
             refuse_output(path, suffixes, args.force)
-    free = {name: getattr(args, name) for name in ("pan", "tilt", "moment") if getattr(args, name) is not None}
+    free = joints_rad(args) | ({} if args.moment is None else {"moment": args.moment})
     if args.free is None and free:
         flags = ", ".join(f"--{name}" for name in free)
         raise InputError(f"{flags} without --free", remedy="they belong to the picture of the free antenna")

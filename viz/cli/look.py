@@ -6,6 +6,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from vbaa_calib.cli.joints import add_joints, joints_rad
+
 _SUFFIXES = (".png", ".jpg", ".jpeg")
 
 
@@ -13,8 +15,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of `vbaa look`."""
     parser.add_argument("image", type=Path, help="a picture of the antenna, at the size that the rig was calibrated at")
     parser.add_argument("--rig", type=Path, required=True, help="rig.json, as vbaa calibrate writes it")
-    parser.add_argument("--pan", type=float, default=0.0, metavar="RAD", help="joint angle (default: 0)")
-    parser.add_argument("--tilt", type=float, default=0.0, metavar="RAD", help="joint angle (default: 0)")
+    add_joints(parser)
     parser.add_argument(
         "--background",
         type=Path,
@@ -29,14 +30,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     Raises InputError for a broken picture or rig, a wrong size or angle, or a file in the way.
     """
-    import math
-
-    from vbaa_calib.core.errors import InputError
     from viz.files.outputs import refuse_output
 
-    for name, value in (("pan", args.pan), ("tilt", args.tilt)):
-        if not abs(value) <= 2 * math.pi:
-            raise InputError(f"--{name} is {value:g}", where="vbaa look", remedy="give radians, less than a turn")
+    joints = joints_rad(args)
+    pan, tilt = joints.get("pan", 0.0), joints.get("tilt", 0.0)
     if args.output is not None:
         refuse_output(args.output, _SUFFIXES, args.force, (args.image, args.background))
 
@@ -60,7 +57,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     rig = Rig.load(args.rig)
     given = [path for path in (args.image, args.background) if path not in (None, AUTO)]
     check_pictures(given, rig.camera.image_size, "the rig was calibrated at")
-    frame = Frame(image=args.image, pan_rad=args.pan, tilt_rad=args.tilt, moment_Nm=0.0, frame=0, time_s=0.0)
+    frame = Frame(image=args.image, pan_rad=pan, tilt_rad=tilt, moment_Nm=0.0, frame=0, time_s=0.0)
     plane = paint(rig).plane
     plain = plane(read_picture(args.image))
     ground, ground_words = surroundings(rig, args.background, lambda: beside(rig, frame))
@@ -90,9 +87,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         say(f"behind   {ground_words}")
     say(f"paint    {words}")
     if args.output is not None:
-        joints = f"{args.image.name}, pan {args.pan:.3f}, tilt {args.tilt:.3f} rad"
+        pose = f"{args.image.name}, pan {pan:.3f}, tilt {tilt:.3f} rad"
         drawn = centreline_picture(
-            read_gray(args.image), line, where, (joints, lost, change and f"remedy: {change}", words), parts
+            read_gray(args.image), line, where, (pose, lost, change and f"remedy: {change}", words), parts
         )
         with replacing(args.output, args.force) as temporary:
             temporary.write_bytes(cv2.imencode(args.output.suffix.lower(), drawn)[1].tobytes())

@@ -17,11 +17,10 @@ from typing import Any
 
 import numpy as np
 import pyvista as pv
-from vtkmodules.util.numpy_support import vtk_to_numpy
-from vtkmodules.vtkCommonCore import vtkObject
-from vtkmodules.vtkIOXML import vtkXMLPolyDataReader, vtkXMLPolyDataWriter
+from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter
 
 from estimator.object.surface import Surface
+from vbaa_calib.core.child import read_in_child
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_bytes, replacing
 from viz.render.gltf import Y_UP, linear, packed
@@ -29,9 +28,12 @@ from viz.scene.readable import surface_scale
 from viz.scene.scene import ObjectMesh
 
 from .outputs import refuse_output
+from .vtp import read_vtp
 
 SUFFIXES = (".vtp", ".ply", ".glb")
 _UNREADABLE = (struct.error, ValueError, KeyError, IndexError, TypeError, StopIteration, AttributeError)
+_FARTHEST_M = 1e6
+"""Of what an antenna touched, from anywhere."""
 
 
 def write_object(surface: Surface, path: Path, *, force: bool = False) -> None:
@@ -64,29 +66,41 @@ def read_object(path: Path) -> ObjectMesh:
         raise InputError("is not a .vtp, .ply or .glb", where=path, remedy="the suffix chooses the format")
     data = read_bytes(path)
     try:
-        found = _read_vtp(path) if suffix == ".vtp" else _read_ply(data) if suffix == ".ply" else _read_glb(data)
+        if suffix == ".vtp":
+            found = read_in_child(read_vtp, path)
+        else:
+            found = _read_ply(data) if suffix == ".ply" else _read_glb(data)
         return _checked(**found)
     except _UNREADABLE:
         what = f"holds no mesh{' of ours' if suffix == '.glb' else ''}"
         raise InputError(what, where=path, remedy="write it again with vbaa reconstruct") from None
 
 
+def _vertex_normals(points_m: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """(N, 3) unit mean of the normals of each point's triangles, weighted by their areas; zero where it has none."""
+    first, second, third = points_m[triangles].transpose(1, 0, 2)
+    across, total = np.cross(second - first, third - first), np.zeros_like(points_m)
+    for corner in triangles.T:
+        np.add.at(total, corner, across)
+    size = np.linalg.norm(total, axis=1, keepdims=True)
+    return np.divide(total, size, out=np.zeros_like(total), where=size > 0)
+
+
 def _checked(
     points_m: np.ndarray,
     triangles: np.ndarray,
     lines: np.ndarray,
-    normals: np.ndarray | None,
-    std_m: np.ndarray | None,
+    normals: np.ndarray | None = None,
+    std_m: np.ndarray | None = None,
 ) -> ObjectMesh:
     """The mesh; normals of its triangles where it has none. Raises ValueError for points that are not there."""
     indices = np.concatenate([triangles.ravel(), lines.ravel()])
-    if not len(points_m) or not np.isfinite(points_m).all() or not ((indices >= 0) & (indices < len(points_m))).all():
+    near = len(points_m) and np.abs(points_m).max() < _FARTHEST_M  # false for NaN, too
+    if not near or not ((indices >= 0) & (indices < len(points_m))).all():
         raise ValueError
     triangles, lines = triangles.astype(int), lines.astype(int)
     if normals is None:
-        mesh = pv.PolyData.from_regular_faces(points_m, triangles)
-        mesh = mesh.compute_normals(cell_normals=False, split_vertices=False, consistent_normals=False)
-        normals = mesh.point_data["Normals"] if len(triangles) else np.zeros_like(points_m)
+        normals = _vertex_normals(points_m, triangles)
     normals = np.asarray(normals, float)
     if normals.shape != points_m.shape or not np.isfinite(normals).all():
         raise ValueError
@@ -134,34 +148,6 @@ def _cells(indices: np.ndarray) -> np.ndarray | None:
     """VTK's cell array of equal cells (C, K); None for none."""
     size = indices.shape[1]
     return np.column_stack([np.full(len(indices), size), indices]).ravel() if len(indices) else None
-
-
-def _read_vtp(path: Path) -> dict[str, Any]:
-    """What VTK reads, without the pages that it prints about a file that it cannot read: that is an empty mesh."""
-    reader = vtkXMLPolyDataReader()
-    reader.SetFileName(str(path))
-    before = vtkObject.GetGlobalWarningDisplay()
-    vtkObject.SetGlobalWarningDisplay(0)
-    try:
-        reader.Update()
-    finally:
-        vtkObject.SetGlobalWarningDisplay(before)
-    mesh = pv.wrap(reader.GetOutput())
-    # VTK would follow indices of points that there are not anywhere
-    kinds = (mesh.GetVerts(), mesh.GetLines(), mesh.GetPolys(), mesh.GetStrips())
-    indices = np.concatenate([vtk_to_numpy(cells.GetConnectivityArray()) for cells in kinds])
-    if not ((indices >= 0) & (indices < mesh.n_points)).all():
-        raise ValueError
-    lines = mesh.GetLines()
-    starts, ends = vtk_to_numpy(lines.GetOffsetsArray()), vtk_to_numpy(lines.GetConnectivityArray())
-    segments = np.delete(np.stack([ends[:-1], ends[1:]], axis=1), starts[1:-1] - 1, axis=0)
-    return {
-        "points_m": np.asarray(mesh.points, float),
-        "triangles": mesh.triangulate().regular_faces if mesh.faces.size else np.empty((0, 3), int),
-        "lines": segments,
-        "normals": mesh.point_data.get("Normals"),
-        "std_m": np.asarray(mesh.point_data["std_m"], float) if "std_m" in mesh.point_data else None,
-    }
 
 
 # --- .ply

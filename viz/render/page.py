@@ -35,6 +35,18 @@ _JPEG_QUALITY = 80
 _DARKENED, _CLEAR = "max(t2Color,0.01)", "max(t2Color,0.00001)"
 """In the viewer's shader: the weight below which it draws what is seen through as black. What is far off or nearly
 clear weighs less, and would lose its colour."""
+_ICON = "https://kitware.github.io/vtk-js/icon/favicon-${t}x${t}.png"
+"""What the viewer would ask for from elsewhere."""
+_NO_ICON = "data:,"
+_POLICY = (
+    "default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval' data: blob:; style-src 'unsafe-inline'; "
+    "img-src data: blob:; font-src data:; connect-src data: blob:; worker-src blob:; base-uri 'none'; "
+    "form-action 'none'"
+)
+"""The page stands alone: it loads nothing, and sends nothing anywhere."""
+
+
+_META = f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">'
 
 
 @quiet()
@@ -85,9 +97,9 @@ def write_page(scene: Scene, path: Path, *, title: str, mode: str = "force", for
     )
     viewer = io.StringIO()
     write_html(packed, viewer)
-    html = viewer.getvalue().replace(_DARKENED, _CLEAR)
+    html = viewer.getvalue().replace(_DARKENED, _CLEAR).replace(_ICON, _NO_ICON)
     start, end = html.index("<title>"), html.index("</title>")
-    head, body, rest = (html[:start] + f"<title>{escape(title)}" + html[end:]).partition("<body>")
+    head, body, rest = (html[:start] + _META + f"<title>{escape(title)}" + html[end:]).partition("<body>")
     write_text(path, f"{head}<style>{render('scene.css')}</style>{body}{cards}{rest}", force)
 
 

@@ -18,6 +18,7 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_json, sha256
 from vbaa_calib.core.images import list_images
 from vbaa_calib.core.models import checked
+from vbaa_calib.core.numbers import check_angle
 from vbaa_calib.detect.board.corners import detect_files
 from vbaa_calib.detect.whisker.paint import Paint
 from vbaa_calib.rig import Rig
@@ -61,9 +62,7 @@ class NewPictures:
         if self.board is None and self.free is None:
             raise InputError("no picture is given", remedy="give --board, --free or both")
         for name in ("pan_rad", "tilt_rad"):
-            value = getattr(self, name)
-            if not math.isfinite(value) or abs(value) > 2 * math.pi:
-                raise InputError(f"{name} is {value:g}", remedy="give radians, up to a turn")
+            check_angle(getattr(self, name), name)
         if self.moment_Nm is not None and not math.isfinite(self.moment_Nm):
             raise InputError(f"moment_Nm is {self.moment_Nm:g}", remedy="give the sensor's reading in N·m, or leave it")
 

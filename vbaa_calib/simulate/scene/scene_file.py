@@ -16,7 +16,7 @@ from vbaa_calib.core.files import read_yaml
 from vbaa_calib.core.models import ArrayOf, FileModel, Number, ReadAs, WholeNumber, checked
 from vbaa_calib.geometry import Kinematics, Pose
 from vbaa_calib.session import NominalAntenna
-from vbaa_calib.session.settings import AnyLength, Diameter, FilePose
+from vbaa_calib.session.settings import AnyLength, Diameter, FilePose, Gravity
 
 from .lens import Lens, invertible
 from .objects import LINES, WEDGES, Bump, TouchObject
@@ -186,7 +186,7 @@ class _SceneFile(FileModel):
     kinematics: Annotated[Kinematics, ReadAs(_Kinematics, lambda read: Kinematics(**vars(read)))] = Field(
         default_factory=Kinematics
     )
-    gravity_world: Annotated[np.ndarray, ArrayOf(3)]
+    gravity_world: Gravity
     object: FileObject
     picture: PictureSpec = Field(default_factory=PictureSpec)
     intrinsics: IntrinsicsSpec

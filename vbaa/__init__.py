@@ -1,0 +1,50 @@
+"""The public calls of vbaa-calib under one name: `from vbaa import Rig, ContactEstimator`.
+
+The packages behind it (`vbaa_calib`, `estimator`) keep their names; `estimator` is a word that other programs use, too.
+"""
+
+from __future__ import annotations
+
+import importlib
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from estimator.contact.estimate import ContactEstimator
+    from estimator.object.estimate import estimate_object
+    from estimator.table.contacts import Contact, Measured
+    from estimator.table.files import read_contacts
+    from vbaa_calib import Camera, Rig, __version__, calibrate_lens
+
+__all__ = [
+    "Camera",
+    "Contact",
+    "ContactEstimator",
+    "Measured",
+    "Rig",
+    "__version__",
+    "calibrate_lens",
+    "estimate_object",
+    "read_contacts",
+]
+
+_HOMES = {
+    **dict.fromkeys(("Camera", "Rig", "calibrate_lens", "__version__"), "vbaa_calib"),
+    **dict.fromkeys(("Contact", "ContactEstimator", "Measured"), "estimator"),
+    "estimate_object": "estimator.object.estimate",
+    "read_contacts": "estimator.table.files",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Load on first use. Raises ImportError naming the folder that stands in the place of a package of ours."""
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    package = importlib.import_module(_HOMES[name].partition(".")[0])
+    home, place = Path(__file__).parents[1], Path(package.__file__ or "").parent
+    if place.parent != home:
+        raise ImportError(
+            f"the package {package.__name__} is taken from {place}, not from {home}: rename that or leave it out "
+            "of PYTHONPATH (`vbaa doctor` says more)"
+        )
+    return getattr(importlib.import_module(_HOMES[name]), name)

@@ -1,0 +1,27 @@
+"""--pan and --tilt, one meaning in every verb: radians, or degrees with --degrees."""
+
+from __future__ import annotations
+
+import argparse
+import math
+
+from vbaa_calib.core.errors import InputError
+
+_ANGLES = ("pan", "tilt")
+
+
+def add_joints(parser: argparse._ActionsContainer, of: str = "joint angle") -> None:
+    """Declare --pan, --tilt and --degrees; None where they are not given."""
+    for name in _ANGLES:
+        parser.add_argument(f"--{name}", type=float, metavar="RAD", help=f"{of}, rad (default: 0)")
+    parser.add_argument("--degrees", action="store_true", help="--pan and --tilt are in degrees")
+
+
+def joints_rad(args: argparse.Namespace) -> dict[str, float]:
+    """The angles that are given, by name, rad. Raises InputError for one beyond a turn."""
+    given = {name: getattr(args, name) for name in _ANGLES if getattr(args, name) is not None}
+    for name, value in given.items():
+        if not abs(value) <= (360.0 if args.degrees else 2.0 * math.pi):
+            remedy = "give degrees, up to a turn" if args.degrees else "give radians, up to a turn, or add --degrees"
+            raise InputError(f"--{name} is {value:g}", remedy=remedy)
+    return {name: math.radians(value) if args.degrees else value for name, value in given.items()}

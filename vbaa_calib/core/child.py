@@ -1,0 +1,99 @@
+"""Readers written in C++ are given files from outside in a process of their own, with limits of time and memory.
+
+A file that is cut short or forged can crash such a reader, or keep it busy without end; then only the child is lost.
+"""
+
+from __future__ import annotations
+
+import importlib
+import io
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import numpy as np
+
+_SECONDS, _SECONDS_PER_MB = 4.0, 0.2
+"""Processor time that a reader may take: for any file, and for each megabyte of it."""
+_WAITING = 20.0
+"""The wall clock may show so many times more where others use the machine."""
+_MEMORY_FACTOR, _MEMORY_BYTES = 50, 200_000_000
+"""Memory that a reader may take beyond its libraries: so many times the file, and so much more."""
+_ERROR = "error"
+
+Arrays = Mapping[str, np.ndarray]
+
+
+def read_in_child(reader: Callable[[Path], Arrays], path: Path) -> dict[str, np.ndarray]:
+    """What `reader(path)` returns, a mapping of arrays, read in another process.
+
+    reader : a function of a module, which the other process imports again.
+
+    Raises
+    ------
+    ValueError : the reader raised an error, crashed, or took too much time or memory; in words.
+    """
+    size = path.stat().st_size
+    seconds = _SECONDS + _SECONDS_PER_MB * size / 1e6
+    limits = f"{seconds:.0f}", str(_MEMORY_FACTOR * size + _MEMORY_BYTES)
+    call = [sys.executable, "-P", "-m", __name__, reader.__module__, reader.__name__, str(path.absolute()), *limits]
+    places = os.pathsep.join(each or os.getcwd() for each in sys.path)
+    try:
+        done = subprocess.run(
+            call,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            env=os.environ | {"PYTHONPATH": places},
+            timeout=_WAITING * seconds,
+        )
+    except subprocess.TimeoutExpired:
+        raise ValueError(f"no end within {seconds:.0f} s") from None
+    if done.returncode == -getattr(signal, "SIGXCPU", signal.SIGTERM):
+        raise ValueError(f"no end within {seconds:.0f} s")
+    if done.returncode != 0:
+        raise ValueError("its reader crashed")
+    with np.load(io.BytesIO(done.stdout), allow_pickle=False) as loaded:
+        found = dict(loaded)
+    if _ERROR in found:
+        raise ValueError(str(found[_ERROR]))
+    return found
+
+
+def _limit(seconds: int, memory: int) -> None:
+    """Limits for this process beyond what its libraries took; where the system has none, the parent's clock is left."""
+    try:
+        import resource
+    except ImportError:
+        return
+    used = resource.getrusage(resource.RUSAGE_SELF)
+    spent = int(used.ru_utime + used.ru_stime) + 1
+    resource.setrlimit(resource.RLIMIT_CPU, (spent + seconds, spent + seconds + 1))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    if sys.platform == "linux":
+        taken = int(Path("/proc/self/statm").read_text().split()[0]) * os.sysconf("SC_PAGE_SIZE")
+        hard = resource.getrlimit(resource.RLIMIT_AS)[1]
+        wanted = taken + memory
+        resource.setrlimit(resource.RLIMIT_AS, (wanted if hard < 0 else min(wanted, hard), hard))
+
+
+def _main(module: str, name: str, path: str, seconds: str, memory: str) -> None:
+    reader = getattr(importlib.import_module(module), name)
+    _limit(int(seconds), int(memory))
+    try:
+        found = dict(reader(Path(path)))
+    except MemoryError:
+        found = {_ERROR: np.array("it asks for too much memory")}
+    except Exception as error:
+        found = {_ERROR: np.array(f"{error}"[:200] or type(error).__name__)}
+    packed = io.BytesIO()
+    np.savez(packed, allow_pickle=False, **found)
+    sys.stdout.buffer.write(packed.getbuffer())
+    sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    _main(*sys.argv[1:])
