@@ -49,15 +49,6 @@ def test_a_recording_is_true_to_its_object(played: Recorded) -> None:
     assert (np.diff(played.time_s) > 0.0).all()
 
 
-def test_noise_is_what_was_asked_for_and_leaves_the_truth(played: Recorded) -> None:
-    noisy = played.noisy(np.random.default_rng(1))
-    again = played.noisy(np.random.default_rng(1))
-    np.testing.assert_array_equal(noisy.centrelines_px, again.centrelines_px)
-    assert np.nanstd(noisy.centrelines_px - played.centrelines_px) == pytest.approx(played.sigma_px, rel=0.03)
-    assert np.std(noisy.moment_Nm - played.moment_Nm) == pytest.approx(played.true.moment_sensor.std_Nm, rel=0.4)
-    assert noisy.truth is played.truth
-
-
 def test_what_the_estimator_makes_of_it_is_near_the_truth(played: Recorded) -> None:
     table = contacts(played.noisy(np.random.default_rng(2)))
     both = table.located & played.truth.in_contact
