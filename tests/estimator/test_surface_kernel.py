@@ -12,10 +12,8 @@ from estimator.object.surface.solution import (
     Prior,
     covariance,
     pairs,
-    slopes_at,
     solve,
     values_at,
-    variance,
 )
 
 PRIOR = Prior(length_m=0.02, amplitude_m=0.004, offset_m=0.1, incline=1.5)
@@ -26,27 +24,6 @@ def views(rng: np.random.Generator, count: int) -> Functionals:
     return Functionals(
         0.02 * rng.standard_normal((count, 2)), rng.standard_normal((count, 2)), rng.standard_normal((count, 2, 2))
     )
-
-
-@pytest.mark.parametrize("direction", [[1.0, 0.0], [0.0, 1.0], [-0.4, 2.0]])
-def test_a_slope_is_the_difference_of_values(direction: list[float]) -> None:
-    rng = np.random.default_rng(0)
-    x, along, step = 0.02 * rng.standard_normal((6, 2)), np.array(direction), 1e-6
-    other = views(rng, 5)
-    other = Functionals(other.x, other.value[:, :1], other.slope[:, :1])
-    one = np.ones(1)
-    after, before = values_at(x + step * along, one), values_at(x - step * along, one)
-    difference = (covariance(pairs(after, other), PRIOR) - covariance(pairs(before, other), PRIOR)) / (2 * step)
-    exact = covariance(pairs(slopes_at(x, along[None]), other), PRIOR)
-    np.testing.assert_allclose(exact, difference, rtol=1e-5, atol=1e-7)
-
-
-def test_a_covariance_is_symmetric_positive_and_has_its_variances_on_the_diagonal() -> None:
-    rows = views(np.random.default_rng(1), 30)
-    matrix = covariance(pairs(rows, rows), PRIOR)
-    np.testing.assert_allclose(matrix, matrix.T, atol=1e-12)
-    assert np.linalg.eigvalsh(matrix).min() > -1e-9
-    np.testing.assert_allclose(np.diag(matrix), variance(rows, PRIOR), rtol=1e-9)
 
 
 def test_the_solve_is_the_textbook_s_with_compliance_as_a_vague_number() -> None:
