@@ -166,7 +166,7 @@ def _wanted(args: argparse.Namespace, **room: Any) -> BoardSpec:
 
 
 def _write_spec(args: argparse.Namespace, spec: BoardSpec, changed: bool) -> Path | None:
-    """Write the board's description unless the user's own already says it. Returns where it stands."""
+    """Write the board's description unless the user's own file already has it. Returns its path."""
     from targets.sheet import spec_document
     from vbaa_calib.detect.board.board_file import load_board
 
