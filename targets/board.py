@@ -72,7 +72,7 @@ class BoardSpec(_OfSquares):
     def _has_ids(cls, data: Any) -> Any:
         kind = data.get("type") if isinstance(data, Mapping) else None
         if isinstance(kind, str) and kind in PLAIN_BOARDS:
-            what = f"is {kind!r}: its marks have no ids, so where the board stands is not told without doubt"
+            what = f"is {kind!r}: its marks have no ids, so the board's pose is ambiguous"
             remedy = "take a ChArUco board here; for the lens alone `vbaa intrinsics` takes that one, too"
             raise ValueError(what, remedy, "type")
         return data

@@ -14,7 +14,7 @@ _MOST_ASPECT = 1e-3
 _LEAST_PRECISION = 0.01
 """Standard deviation of a scale beyond which it is not taken."""
 _REACH_MM = 240.0
-"""The length for which errors are told in words: a usual antenna's."""
+"""The length for which errors are given in words: a usual antenna's."""
 _RANGE = (0.8, 1.25)
 _SHORT_MM = 100.0
 _SLIPS = {

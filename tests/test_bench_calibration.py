@@ -8,13 +8,10 @@ import numpy as np
 import pytest
 
 from benchmarks.board_faults import FAULTS
-from benchmarks.boards import draw, error_mm, jig_pose, offsets_on_plane_m, rigs, seen_on_plane
+from benchmarks.boards import draw, error_mm, rigs
 from benchmarks.calibration.calibration import STYLES, run
-from benchmarks.calibration.judge import judged, plane_jacobian
-from benchmarks.calibration.methods import ORACLE, SOLVERS, Outcome, solve_oracle
-from benchmarks.calibration.quick import main as quick
-from benchmarks.calibration.scenes import FAMILIES, cells
-from vbaa_calib.calibrate.lens.models import is_monotonic
+from benchmarks.calibration.judge import judged
+from benchmarks.calibration.methods import ORACLE, SOLVERS, Outcome
 from vbaa_calib.geometry import Pose
 
 
@@ -25,16 +22,6 @@ def test_the_judge_reports_a_wrong_lens_at_its_size() -> None:
     off = dataclasses.replace(truth, matrix=truth.matrix + np.array([[0, 0, 0], [0, 0, 2.0], [0, 0, 0]]))
     assert error_mm(off, truth) == pytest.approx(2.0 / 2800 * 400, rel=0.15)
     assert error_mm(off, truth, from_jig=True) < 0.1 * error_mm(off, truth)
-
-
-def test_draws_are_seeded_and_as_spoilt_as_they_say() -> None:
-    rig = rigs()[4]
-    first, again, other = draw(rig, 3), draw(rig, 3), draw(rig, 4)
-    np.testing.assert_array_equal(first.views[5].corners_px, again.views[5].corners_px)
-    assert not np.array_equal(first.poses, other.poses)
-    share = 1 - np.mean(np.concatenate(first.good + other.good))
-    assert 0.035 < share < 0.065
-    assert solve_oracle(first).matrix[0, 0] == pytest.approx(900.0, rel=2e-3)
 
 
 @pytest.mark.parametrize("kind", FAULTS)
@@ -76,27 +63,6 @@ def test_boards_and_noise_are_as_wrong_as_they_say() -> None:
         assert (far > 6.0) == (blur > 0.0 or np.isfinite(tails))
 
 
-def test_drawn_rigs_are_real_cameras_and_differ() -> None:
-    for family in FAMILIES:
-        drawn = [cells()[f"drawn: {family}"].rig(seed) for seed in range(6)]
-        assert len({rig.name for rig in drawn}) == 6
-        assert [rig.outliers > 0.0 for rig in drawn] == [False, False, True] * 2
-        assert all(is_monotonic(rig.model, rig.intrinsics, rig.image_size) for rig in drawn)
-
-
-@pytest.mark.parametrize("from_jig", [False, True])
-def test_points_on_c_move_with_the_lens_as_their_derivatives_say(from_jig: bool) -> None:
-    """By finite differences, the jig's pose solved anew for each."""
-    for rig in (rigs()[2], cells()["fisheye f 420, 20 views"].rig(0)):
-        T, points, pixels = seen_on_plane(rig.camera)
-        jacobian = plane_jacobian(rig.camera, T, points, from_jig)
-        for number, step in enumerate(1e-5 * np.maximum(np.abs(rig.intrinsics), 0.1)):
-            moved = rig.camera.moved(step * np.eye(len(rig.intrinsics))[number])
-            pose = jig_pose(moved, T, points, pixels) if from_jig else T
-            off = offsets_on_plane_m(moved, pose, points, pixels) / step
-            np.testing.assert_allclose(jacobian[..., number], off, atol=2e-3 * np.abs(off).max())
-
-
 def test_the_judge_believes_only_deviations_that_hold_the_truth() -> None:
     """Lenses drawn from a covariance err by it and are covered; with a deviation three times too small they are not."""
     rig, rng = rigs()[0], np.random.default_rng(9)
@@ -115,15 +81,6 @@ def test_the_judge_believes_only_deviations_that_hold_the_truth() -> None:
             assert 0.88 < inside <= 1.0 if small == 1.0 else inside < 0.75
         wrong = np.mean([one.wrong for one in found])
         assert wrong < 0.02 if small == 1.0 else wrong > 0.1
-
-
-def test_a_quick_look_stands_beside_the_table(capsys: pytest.CaptureFixture[str]) -> None:
-    quick(["f 900, 3 views", "--draws", "1"])
-    heading, line = capsys.readouterr().out.strip().splitlines()
-    assert heading.startswith("cell")
-    assert heading.endswith("mrcal, lensboy")
-    assert line.startswith("f 900, 3 views  ours, auto")
-    assert line.count("/") >= 2, "both peers' ratios, from calibration.csv"
 
 
 @pytest.mark.slow

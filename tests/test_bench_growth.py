@@ -21,27 +21,6 @@ def test_a_power_is_found(exponent: float) -> None:
     np.testing.assert_allclose(found.at(np.array(SIZES, float)), 7e-3 * np.array(SIZES) ** exponent)
 
 
-def test_what_every_call_costs_does_not_hide_the_growth() -> None:
-    costs = [0.1 + 1e-6 * size**2 for size in SIZES]
-    assert fitted(SIZES, costs).exponent > 1.0 > np.polyfit(np.log(SIZES), np.log(costs), 1)[0]
-
-
-def test_the_deviation_is_what_sampling_shows() -> None:
-    rng, truth = np.random.default_rng(0), 1.3
-    found = [fitted(SIZES, np.exp(truth * np.log(SIZES) + 0.1 * rng.normal(size=6))) for _ in range(3000)]
-    off = np.array([each.exponent - truth for each in found])
-    assert abs(off.mean()) < 4 * off.std() / np.sqrt(len(off))
-    # the upper half has one degree of freedom: the deviations' squares are right on average
-    assert np.mean([each.std**2 for each in found]) == pytest.approx(off.var(), rel=0.12)
-
-
-def test_too_few_sizes_say_nothing() -> None:
-    for costs in ([1.0, 2.0, np.nan, np.nan], [0.0, 0.0, 1.0, 2.0], [-1.0, 1.0, 2.0, 0.0]):
-        found = fitted([1, 2, 4, 8], costs)
-        assert np.isnan(found.exponent)
-        assert not found.worse_than(0.0)
-
-
 @pytest.mark.skipif(not np.isfinite(resident_MB("VmHWM")), reason="the system does not tell")
 def test_memory_that_is_taken_shows() -> None:
     held = cost_of(lambda: np.ones(5_000_000), 1)

@@ -32,32 +32,6 @@ def played() -> Recorded:
     return play(SETUP.rig(), _cylinder(SOFT, 0.0), SHORT.strokes)
 
 
-def test_a_recording_is_true_to_its_object(played: Recorded) -> None:
-    truth, on = played.truth, played.truth.in_contact
-    assert on.sum() > 24
-    assert (~on).sum() >= 8
-    np.testing.assert_allclose(played.object.signed_distance(truth.touched_world_m[on])[0], 0.0, atol=1e-9)
-    np.testing.assert_allclose(played.object.signed_distance(truth.touched_world_m[on])[1], truth.normal_world[on])
-    size = np.linalg.norm(truth.force_world_N[on], axis=1)
-    np.testing.assert_allclose(truth.indentation_m[on], size / SOFT, atol=1e-9)
-    assert truth.friction_ratio[on].max() < 1e-6
-    assert np.abs((truth.tangent_world * truth.normal_world).sum(axis=1))[on].max() < 1e-6
-    gaps = played.truth.point_world_m[on] - played.truth.touched_world_m[on]
-    np.testing.assert_allclose(
-        np.linalg.norm(gaps, axis=1), played.true.antenna.diameter_m / 2 - truth.indentation_m[on], atol=1e-9
-    )
-    assert (np.diff(played.time_s) > 0.0).all()
-
-
-def test_noise_is_what_was_asked_for_and_leaves_the_truth(played: Recorded) -> None:
-    noisy = played.noisy(np.random.default_rng(1))
-    again = played.noisy(np.random.default_rng(1))
-    np.testing.assert_array_equal(noisy.centrelines_px, again.centrelines_px)
-    assert np.nanstd(noisy.centrelines_px - played.centrelines_px) == pytest.approx(played.sigma_px, rel=0.03)
-    assert np.std(noisy.moment_Nm - played.moment_Nm) == pytest.approx(played.true.moment_sensor.std_Nm, rel=0.4)
-    assert noisy.truth is played.truth
-
-
 def test_what_the_estimator_makes_of_it_is_near_the_truth(played: Recorded) -> None:
     table = contacts(played.noisy(np.random.default_rng(2)))
     both = table.located & played.truth.in_contact

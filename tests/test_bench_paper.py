@@ -12,7 +12,6 @@ from benchmarks.paper import friction as paper_drag
 from benchmarks.paper import friction as paper_friction
 from benchmarks.paper import sensing as paper_sensing
 from benchmarks.paper import yielding as paper_yielding
-from benchmarks.paper.friction import Cone, Trace, cone
 from benchmarks.paper.rig import paper_rig, ring_down
 from benchmarks.paper.sensing import ALL_POINTS, TWO_POINTS
 from estimator.paper.baselines import Ring
@@ -40,15 +39,6 @@ def found() -> SimpleNamespace:
         )
 
 
-def test_edges_push_along_their_normal_and_touch_where_they_should() -> None:
-    edges = paper_sensing.touched_edges(paper_rig(), 30.0)
-    np.testing.assert_allclose(edges.distance_m, paper_sensing.DISTANCES_M, atol=1.5e-3)
-    size = np.linalg.norm(edges.force_N, axis=1, keepdims=True)
-    np.testing.assert_allclose(edges.force_N / size, edges.normal, atol=1e-6)
-    # the turned base sees the edge from a little aside
-    np.testing.assert_allclose(paper_sensing.direction_deg(edges.normal), 30.0, atol=0.5)
-
-
 @pytest.mark.parametrize("contact", [0.3, 0.6])
 def test_finite_elements_ring_as_beams_do(contact: float) -> None:
     """Against the modes in closed form: on a rigid edge, and free where the object's spring is nothing."""
@@ -59,24 +49,6 @@ def test_finite_elements_ring_as_beams_do(contact: float) -> None:
         heard = fit_ringing(Ring(time, signal), (0.5 * scale * wave**2, 1.5 * scale * wave**2))
         assert not isinstance(heard, str)
         assert heard[0] == pytest.approx(scale * wave**2, rel=2e-3)
-
-
-def test_the_cone_of_a_drawn_path() -> None:
-    """Contacts on a line whose normal stands at 33°, the force at 12° to one side of it, then to the other."""
-    part = paper_drag.joints()[2]
-    along = np.concatenate([np.zeros((part == 0).sum()), np.linspace(0, 1, (part == 1).sum())])
-    along = np.concatenate([along, np.linspace(1, 0, (part == 2).sum())])
-    psi = np.radians(33.0 + np.select([part == 1, part == 2], [12.0, -12.0]))
-    line, zero = np.radians(33.0), np.zeros(len(part))
-    trace = Trace(
-        1e-2 * np.stack([zero, -np.sin(line) * along, np.cos(line) * along], axis=1),
-        -0.1 * np.stack([zero, np.cos(psi), np.sin(psi)], axis=1),
-    )
-    told = cone(trace)
-    assert (told.normal_deg, told.there_deg, told.back_deg) == pytest.approx((33.0, 12.0, 12.0), abs=1e-6)
-    assert told.mu == pytest.approx(np.tan(np.radians(12.0)))
-    assert np.isnan(cone(Trace(trace.point_m * np.nan, trace.force_N)).mu)
-    assert Cone(0.0, 10.0, 14.0).mu == pytest.approx(np.tan(np.radians(12.0)))
 
 
 def test_fig7_the_force_points_along_the_normal_of_slippery_objects() -> None:

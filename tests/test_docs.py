@@ -20,7 +20,6 @@ import yaml
 
 from targets.board import BoardSpec
 from vbaa_calib.cli.main import VERBS, _verb_parser, main
-from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_yaml
 from viz.cli.warm import small_scene
 
@@ -163,22 +162,6 @@ def _ask_for_nothing(parser: argparse.ArgumentParser) -> None:
             action.nargs = "?"
 
 
-def test_the_test_of_commands_sees_a_wrong_one() -> None:
-    """A verb, a flag and a value that do not exist, and an argument that is missing."""
-    assert len(told()) > 80
-    for line in (
-        "estimate s --rig r.json -o c.csv --overlays d",
-        "bench vison",
-        "calibrate session/",
-        "demo --scene x",
-    ):
-        with pytest.raises(InputError):
-            test_commands_are_accepted(line, True)
-    with pytest.raises(InputError):
-        test_commands_are_accepted("estimate --frictoin 0.1", False)
-    test_commands_are_accepted("estimate --friction 0.1", False)
-
-
 @pytest.fixture(scope="module")
 def at_work(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder as the pages suppose it: session/, rig.json, contacts.csv, and the same as a demo's."""
@@ -239,9 +222,3 @@ def rows(path: Path) -> list[dict[str, float]]:
     """A CSV of numbers."""
     with path.open(encoding="utf-8", newline="") as lines:
         return [{name: float(value) for name, value in row.items()} for row in csv.DictReader(lines)]
-
-
-def test_the_pages_marks_are_seen() -> None:
-    """Python that stands in a page is run, or says by the absence of its mark that it cannot be."""
-    pages = {param.id for param in blocks()}
-    assert {"README.md", "docs/quickstart.md", "docs/calibrating.md", "docs/results.md", "docs/object.md"} <= pages

@@ -59,11 +59,6 @@ def test_skew_and_offset_are_the_angle_and_the_distance_of_the_axes() -> None:
     assert here.translation_m[2] == FOOT[2]
 
 
-def test_the_tilts_zero_is_added_to_the_reading() -> None:
-    off, plain = Kinematics(MOUNT, FOOT, tilt_zero_rad=0.2), Kinematics(MOUNT, FOOT)
-    np.testing.assert_array_equal(off.T_world_antenna(0.3, 0.1).matrix, plain.T_world_antenna(0.3, 0.1 + 0.2).matrix)
-
-
 def test_slopes_by_the_axes_are_those_of_the_chain() -> None:
     kinematics = Kinematics(MOUNT, FOOT, axis_skew_rad=0.02, axis_offset_m=0.003, tilt_zero_rad=0.01)
     pan, tilt = np.array(ANGLES).T

@@ -77,7 +77,7 @@ def test_objects() -> None:
     assert normals[-2] <= normal_deg < normals[-1]
     assert round(normals[-1]) == worst_deg
     assert len(table) == cells
-    (mu,) = said(r"μ within ([\d.]+) where it is told")
+    (mu,) = said(r"μ within ([\d.]+) where it is determined")
     assert np.nanmax(np.abs(numbers(table, "mu_error"))) <= mu
     newtons, percent = said(r"stiffness of (\d+) N/m within (\d+) %")
     assert round(100 * np.nanmax(np.abs(numbers(table, "stiffness_error", stiffness_N_m=f"{newtons:.1f}")))) == percent

@@ -8,7 +8,7 @@ from scipy.optimize import minimize_scalar
 
 from vbaa_calib.antenna.shape import Curves, bend
 from vbaa_calib.camera import Camera
-from vbaa_calib.rig.reprojection import ImageCurves, SeenPoints, feet, image_curves, see, whitened_residuals
+from vbaa_calib.rig.reprojection import ImageCurves, SeenPoints, image_curves, see, whitened_residuals
 
 from .rod_scenes import BROWN, LENGTH_M, MATRIX, World, camera_pose, pushing
 
@@ -75,34 +75,6 @@ def test_projection_is_opencvs() -> None:
     assert not np.allclose(other.nodes[1], image.nodes[1])
 
 
-def test_interpolation_is_exact_for_cubics_and_fine_for_the_antenna() -> None:
-    rng = np.random.default_rng(1)
-    coefficients = rng.normal(size=(4, 2))
-    nodes_s = np.sort(rng.uniform(0.0, 1.0, 12))
-    powers, slopes = np.vander(nodes_s, 4), np.vander(nodes_s, 4)[:, 1:] * [3, 2, 1]
-    image = ImageCurves(nodes_s[None], (powers @ coefficients)[None], (slopes @ coefficients[:3])[None])
-    s = np.linspace(nodes_s[0], nodes_s[-1], 300)
-    point, slope = image.at(0, s)
-    np.testing.assert_allclose(point, np.vander(s, 4) @ coefficients, atol=1e-12)
-    np.testing.assert_allclose(slope, (np.vander(s, 4)[:, 1:] * [3, 2, 1]) @ coefficients[:3], atol=1e-10)
-
-    bent = curves(pushing(0.3, 0.04, 0.15)[None])
-    image = image_curves(bent, T_ANTENNA_CAMERA.inverse())
-    thinned = ImageCurves(image.arclength_m[:, ::2], image.nodes[:, ::2], image.slopes[:, ::2])
-    # 2e-7 of the focal length are 0.2 thousandths of a pixel, and the nodes really used are twice as dense
-    np.testing.assert_allclose(thinned.at(0, bent.arclength_m[0])[0], image.nodes[0], atol=2e-7)
-
-
-def test_feet_are_the_nearest_points() -> None:
-    rng = np.random.default_rng(2)
-    image = image_curves(curves(pushing(0.3, 0.04, 0.15)[None]), T_ANTENNA_CAMERA.inverse())
-    s = rng.uniform(0.003, LENGTH_M - 0.003, 150)
-    seen = SeenPoints(beside(image, s, rng.normal(0.0, 3e-3, 150)), np.tile(1e-8 * np.eye(2), (150, 1, 1)))
-    grid, points = fine(image)
-    nearest = grid[((seen.points[:, None] - points[None, ::5]) ** 2).sum(axis=2).argmin(axis=1) * 5]
-    np.testing.assert_allclose(feet(seen, image), nearest, atol=5 * LENGTH_M / 60_000)
-
-
 def test_residuals_are_distances_over_their_deviation() -> None:
     rng = np.random.default_rng(3)
     image = image_curves(curves(pushing(0.3, 0.04, 0.15)[None]), T_ANTENNA_CAMERA.inverse())
@@ -127,12 +99,3 @@ def test_other_curves_are_measured_to_first_order() -> None:
     np.testing.assert_allclose(np.abs(both), brute, atol=2e-7)
     moved = np.abs(both[:, 1] - both[:, 0])
     assert moved.max() > 2e-5
-
-
-def test_beyond_the_tip_the_tangent_counts() -> None:
-    image = image_curves(curves(np.zeros((1, 2))), T_ANTENNA_CAMERA.inverse())
-    end, slope = image.at(0, np.array([LENGTH_M]))
-    beyond = end + 0.01 * slope / np.linalg.norm(slope)
-    seen = SeenPoints(np.vstack([beyond, end]), np.tile(np.eye(2), (2, 1, 1)))
-    np.testing.assert_allclose(feet(seen, image), LENGTH_M)
-    np.testing.assert_allclose(whitened_residuals(seen, image)[:, 0], 0.0, atol=1e-12)

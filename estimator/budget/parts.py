@@ -47,7 +47,7 @@ _DEPENDENT = 1e-7  # a row of unit deviation that adds less than this to others 
 PIXELS, MOMENT_NOISE, FRICTION, FORCE_PRIOR = "pixels", "moment_noise", "friction", "force_prior"
 RESULTS = {"distance_m": (0,), "force_y_N": (1,), "force_z_N": (2,), "force_N": (1, 2), "point_m": (3, 4, 5)}
 """Results and the rows that they are made of: of several, the variance is the sum."""
-_EXACT_NOISE = 0.01  # noise counts as gone at this part of itself: without any, a picture would tell the whole rig
+_EXACT_NOISE = 0.01  # noise counts as gone at this part of itself: without any, a picture would determine the whole rig
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,7 +158,7 @@ class ErrorSpace:
 
 
 def subsets(rows: list[np.ndarray], size: int) -> np.ndarray:
-    """(2^G, S, S) projectors onto what any set of causes tells of the independent errors; bit g is cause g.
+    """(2^G, S, S) projectors onto what any set of causes determines of the independent errors; bit g is cause g.
 
     `rows` are G arrays (P_g, S): a cause's parameters by the independent errors.
     """
@@ -174,9 +174,9 @@ def subsets(rows: list[np.ndarray], size: int) -> np.ndarray:
 
 
 def split(determined: np.ndarray) -> np.ndarray:
-    """(G, S, S) Shapley's shares of G causes, none negative, that add up to what all of them tell.
+    """(G, S, S) Shapley's shares of G causes, none negative, that add up to what all of them determine.
 
-    A cause's share is what it tells in addition to others that are known before it, averaged over all orders: causes
+    A cause's share is what it adds to others that are known before it, averaged over all orders: causes
     that are correlated divide what they have in common.
     """
     count = len(determined).bit_length() - 1

@@ -16,7 +16,7 @@ from .parts import FORCE_PRIOR, per_result
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_WORTHWHILE = 0.05  # half a deviation that takes less than this part off the results is hardly worth the work
+_WORTHWHILE = 0.05  # halving a deviation is not suggested where it takes less than this part off the results
 _SMALL = 0.005  # causes whose share, and the good of knowing them, stay below this part are shown together
 _CORRELATED = 0.1  # share of a result's variance that no cause has alone, from which on it is said
 _RESULT_NAMES = {

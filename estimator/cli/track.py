@@ -23,7 +23,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Arguments of `vbaa track`."""
     parser.add_argument("contacts", type=Path, help="contacts.csv or .parquet, as vbaa estimate writes it")
     parser.add_argument(
-        "--rig", type=Path, help="rig.json that the contacts were made with: tells noise from the calibration's errors"
+        "--rig", type=Path, help="rig.json of the contacts: separates noise from the calibration's errors"
     )
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="TRACK", help="track.csv to write")
     parser.add_argument(
@@ -55,7 +55,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             raise InputError("is the track's own file", where=args.smooth, remedy="name another with --smooth")
         if args.rig is None:
             remedy = "give the rig.json that the contacts were made with"
-            raise InputError("--smooth needs --rig to tell noise from the calibration's errors", remedy=remedy)
+            raise InputError("--smooth needs --rig to separate noise from the calibration's errors", remedy=remedy)
     table = read_contacts(args.contacts)
     rig = None if args.rig is None else Rig.load(args.rig)
     shared = None if rig is None else shared_errors(rig, table)

@@ -26,7 +26,8 @@ class CommonErrors:
     """How far B frames' results are off, world frame, for each of S independent errors of unit deviation.
 
     The errors are the rig's (pose, antenna, sensor, lens), those of the joint axes, and, last, the friction angle as
-    far as a frame does not tell it: neighbouring contacts rub alike. NaN in frames without a located contact.
+    far as a frame does not determine it: neighbouring contacts have similar friction.
+    NaN in frames without a located contact.
 
     Attributes
     ----------
@@ -41,7 +42,7 @@ class CommonErrors:
 
     @property
     def known(self) -> bool:
-        """Whether there are common errors to tell from noise."""
+        """Whether there are common errors to separate from noise."""
         return self.point_m.shape[2] > 0
 
     @staticmethod

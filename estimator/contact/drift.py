@@ -1,4 +1,4 @@
-"""How a rig has changed since its calibration, as the free antenna tells in a recording."""
+"""How a rig has changed since its calibration, learnt from the free antenna in a recording."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ _BEYOND = 4.0
 
 @dataclass(frozen=True, eq=False)
 class LearntRig:
-    """A rig, and what the free antenna of a recording has told of its drift so far.
+    """A rig, and its drift as learnt so far from the free antenna of a recording.
 
     Attributes
     ----------
     calibrated : as it came. now : as it is; its covariance holds what is left of the drift.
-    frames : free frames that told of it. line_frames, line_sum_px2 : of how many frames, and how much in squares, the
-        line's own errors are known.
+    frames : free frames that it was learnt from. line_frames, line_sum_px2 : of how many frames, and how much in
+        squares, the line's own errors are known.
     time_s : of the last of them; NaN where times are not known.
     history : time, what had changed (17 + P,), and its deviations (17 + P,), after each lot of free frames.
     """
@@ -59,7 +59,7 @@ class LearntRig:
         return LearntRig(rig, now, line_frames=_PRIOR_FRAMES, line_sum_px2=_PRIOR_FRAMES * rig.drift.line_px**2)
 
     def due(self, time_s: float) -> bool:
-        """Whether free frames at this time would tell more."""
+        """Whether free frames at this time would add information."""
         return self.calibrated.drift.of_rig and (self.frames < _ENOUGH or time_s > self.time_s + RENEWED_S)
 
     def later(self, time_s: float) -> LearntRig:

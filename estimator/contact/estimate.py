@@ -67,7 +67,7 @@ class ContactEstimator:
         self.friction_rad = float(friction)
         self.jobs = cores() if jobs is None else jobs
         self.drift = LearntRig.of(rig)
-        """What the last recording's free frames told of the rig's drift."""
+        """The rig's drift as learnt from the last recording's free frames."""
         self._rig_arrays = RigArrays.from_rig(rig, self.friction_rad)
 
     def estimate(
@@ -161,7 +161,7 @@ class ContactEstimator:
         return found.numbers.unknowns[located[-1]] if len(located) else None
 
     def _after_free_frames(self, several: Sequence[Measured]) -> ContactEstimator:
-        """The estimator for the rig as it is by now: what the free ones of some frames tell of its drift is learnt."""
+        """The estimator for the rig as it is now: its drift is learnt from the free ones of some frames."""
         time_s = max(each.time_s for each in several)
         if not self.drift.due(time_s):
             return self

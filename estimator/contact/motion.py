@@ -180,7 +180,7 @@ class Shapes:
 
 @dataclass(frozen=True, eq=False)
 class Inertia:
-    """What inertia does to the antenna in R frames. NaN where it cannot be told.
+    """What inertia does to the antenna in R frames. NaN where undetermined.
 
     load_N_m : (R, G, 3) −ρA·a at `Beam.pieces_m`, world frame, beside the weight.
     load_std_N_m : (R, G, 3) standard deviation.
@@ -195,7 +195,7 @@ class Inertia:
 
     @property
     def significant(self) -> np.ndarray:
-        """(R,) whether noise alone would hardly ever show as much (`_FALSE_ALARM`); False where it cannot be told."""
+        """(R,) whether noise alone would hardly ever show as much (`_FALSE_ALARM`); False where undetermined."""
         return np.asarray((abs(self.load_N_m) > _threshold() * self.load_std_N_m).any((-1, -2)))
 
 

@@ -81,7 +81,7 @@ def _ambiguous(numbers: FitNumbers) -> np.ndarray:
 
 
 def _mirrored(numbers: FitNumbers) -> np.ndarray:
-    """(B,) whether vision is alone, and only perspective tells the contact from its mirror image."""
+    """(B,) whether vision is alone, and only perspective separates the contact from its mirror image."""
     return numbers.ambiguous & ~numbers.sensor_available.any(axis=1)
 
 
@@ -135,7 +135,7 @@ def reason(numbers: FitNumbers, status: str, length_m: float, requested: str) ->
         return f"the contact distance is known only to {1e3 * numbers.std[0, 0] * length_m:.1f} mm"
     reasons = [_model(numbers, requested)]
     if status == TIP:
-        reasons.insert(0, "the contact cannot be told from the tip: its distance is the antenna's length")
+        reasons.insert(0, "the contact is indistinguishable from the tip: its distance is the antenna's length")
     return "; ".join(reasons + _remarks(numbers))
 
 

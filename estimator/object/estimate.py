@@ -39,7 +39,7 @@ class ObjectEstimate:
         return self.friction.normals
 
     def summary(self) -> dict[str, Any]:
-        """The object's numbers as plain data; None for what the contacts do not tell, with the reason in words."""
+        """The object's numbers as plain data; None for what the contacts do not determine, with the reason in words."""
         surface, rub, soft = self.surface, self.friction, self.surface.compliance
         return {
             "contacts": len(surface.touched_m),
@@ -87,7 +87,7 @@ def estimate_object(table: ContactTable, rig: Rig | None = None, friction_rad: f
     shared = CommonErrors.none(table) if rig is None else shared_errors(rig, table, friction_rad)
     radius_m = 0.0 if rig is None else rig.antenna.diameter_m / 2
     surface = reconstruct(touches_of(table, shared), radius_m)
-    # the shape's normals where it tells them, NaN elsewhere
+    # the shape's normals where it determines them, NaN elsewhere
     known = Normals(surface.touched_normal, surface.touched_normal_covariance).std_rad < NORMAL_KNOWN_RAD
     normals = np.full((len(table), 3), np.nan)
     normals[surface.touched_row[known]] = surface.touched_normal[known]

@@ -6,7 +6,7 @@ part alike. The moment sensor closes it: κ·l·f_y = τ_y·tanφ. For two curve
 straight ones κ cancels, Eq. (30); `inclined_roots` solves all cases as one, exactly where the paper's sextic is not.
 
 NumPy or torch; arguments broadcast, and the work is in float64. The last axis of `xp_m` and `y_m` holds the two points;
-|y| tells which of them is nearer to the clamp. At strong tilts and large slopes two points may admit more than one
+|y| decides which of them is nearer to the clamp. At strong tilts and large slopes two points may admit more than one
 contact: the one with the smallest slope is taken, and `solutions` says how many there were. Where there is none the
 numbers are NaN and the part is `Part.NONE`.
 """
@@ -121,7 +121,7 @@ def _root(function: Callable[[Array], tuple[Array, Array]], above: Array, below:
 
 @dataclass(frozen=True, eq=False)
 class InclinedContact:
-    """What two points seen by the tilted camera and the moment tell, (...) each.
+    """What two points seen by the tilted camera and the moment determine, (...) each.
 
     `x_m` (..., 2) is where the points really are along the antenna, the nearer one first. `solutions` is the number of
     admissible contacts; more than one is an ambiguity, not an answer. The conditions are the largest relative errors of

@@ -66,7 +66,7 @@ class Part(IntEnum):
 
 @dataclass(frozen=True, eq=False)
 class TwoPointContact:
-    """What two points on plane C, given at `x_m` (..., 2), tell: a `Part`, contact distance l and f_y, (...) each."""
+    """What two points on plane C at `x_m` (..., 2) determine: a `Part`, contact distance l and f_y, (...) each."""
 
     part: Array
     contact_m: Array

@@ -20,7 +20,6 @@ from vbaa_calib.calibrate.lens.models import LENS_MODELS
 from vbaa_calib.camera import Camera
 from vbaa_calib.cli.main import main
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.detect.board.board_file import load_board
 from vbaa_calib.detect.board.corners import BoardView
 
 from .photo_sets import detected, photo_set
@@ -252,20 +251,3 @@ def test_camera_json_holds_the_lens_and_its_evidence(tmp_path: Path, capsys: pyt
     assert camera.matrix[0, 0] == pytest.approx(898.7, rel=0.008)
     assert main(call) == 2, "nothing is overwritten without --force"
     assert "--force" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("{squares_x: 7, squares_y: 5, square_m: 0.03, marker_m: 0.022, squares: 3}", "unknown key squares"),
-        ("{squares_x: 7, squares_y: 5, square_m: .nan, marker_m: 0.022}", "square_m is not a finite number"),
-        ("type: chessboard", "type is 'chessboard'"),
-        ("a: [", "not valid YAML"),
-    ],
-)
-def test_a_wrong_board_file_is_refused_by_name_and_key(tmp_path: Path, text: str, words: str) -> None:
-    path = tmp_path / "board.yaml"
-    path.write_text(text)
-    with pytest.raises(InputError, match=r"board\.yaml") as caught:
-        load_board(path)
-    assert words in str(caught.value)

@@ -6,7 +6,6 @@ import dataclasses
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from benchmarks.boards import BOARD, draw, rigs
@@ -28,7 +27,6 @@ from vbaa_calib.calibrate.lens.uncertainty import (
     pixel_grid,
     projection_jacobian,
     projection_uncertainty,
-    turn_jacobian,
 )
 
 RIG, POINTS = rigs()[0], corner_points(BOARD)
@@ -77,23 +75,6 @@ def test_predicted_uncertainty_is_that_of_repeated_noise(samples, compensated: b
     assert sampled / expected == pytest.approx(1.0, abs=0.15)
     each = np.sqrt(np.var(shifts, axis=0).sum(axis=-1) / np.trace(predicted.covariance_px2, axis1=-2, axis2=-1))
     assert np.all(np.abs(each - 1.0) < 0.3), "nowhere far off"
-
-
-@pytest.mark.parametrize("index", [0, 2])
-def test_jacobians_are_finite_differences(index: int) -> None:
-    rig = rigs()[index]
-    camera, pixels = rig.camera, pixel_grid(rig.image_size, (3, 3))
-    rays, _ = camera.unproject(pixels)
-    by_lens, by_turn = projection_jacobian(camera, pixels), turn_jacobian(camera, pixels)
-    for number, step in enumerate(1e-6 * np.maximum(np.abs(rig.intrinsics), 1.0)):
-        moved = rig.intrinsics.copy()
-        moved[number] += step
-        numeric = (camera_of(rig.model, moved, rig.image_size).project(rays)[0] - pixels) / step
-        np.testing.assert_allclose(by_lens[..., number], numeric, rtol=1e-3, atol=1e-3)
-    for number, turn in enumerate(1e-7 * np.eye(3)):
-        turned = Rotation.from_rotvec(turn).apply(rays.reshape(-1, 3)).reshape(rays.shape)
-        numeric = (camera.project(turned)[0] - pixels) / 1e-7
-        np.testing.assert_allclose(by_turn[..., number], numeric, rtol=1e-3, atol=0.05)
 
 
 def test_pixels_without_a_ray_have_no_uncertainty() -> None:

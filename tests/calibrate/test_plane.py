@@ -236,7 +236,7 @@ def test_the_way_that_stands_alone_is_named() -> None:
     ways = [drawn(way, rng, np.zeros(4)) for way in ("jig", "sweep", "over board")]
     require_agreement(differences(ways, LENS), "session")
     moved = replace(ways[1], T_antenna_camera=ways[1].T_antenna_camera.retract(np.array([0, 0, 0, 0, 5e-3, 0])))
-    with pytest.raises(InputError, match="sweep stands alone") as caught:
+    with pytest.raises(InputError, match="sweep disagrees with the others") as caught:
         require_agreement(differences([ways[0], moved, ways[2]], LENS), "session")
     assert "jig and sweep differ by" in str(caught.value)
     with pytest.raises(InputError, match="one of them is wrong"):

@@ -9,7 +9,6 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-import cv2
 import numpy as np
 import pytest
 
@@ -18,7 +17,6 @@ from vbaa_calib.calibrate.check.change import Information, estimate_change
 from vbaa_calib.calibrate.check.finding import Evidence, Finding
 from vbaa_calib.calibrate.check.rig import plane_map
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.core.images import read_gray
 from vbaa_calib.rig import Rig
 from vbaa_calib.simulate.write import session_yaml
 
@@ -91,21 +89,6 @@ def test_a_broken_record_is_refused(made: SimpleNamespace, tmp_path: Path, spoil
     with pytest.raises(InputError) as refused:
         assess(tmp_path / "rig.json", None, made.new)
     assert line in str(refused.value)
-
-
-def test_pictures_that_are_none_are_refused_by_name(made: SimpleNamespace, tmp_path: Path) -> None:
-    small, empty, grey = tmp_path / "small.png", tmp_path / "empty.png", tmp_path / "grey.png"
-    cv2.imwrite(str(small), read_gray(made.new.board)[::2, ::2])
-    empty.write_bytes(b"")
-    cv2.imwrite(str(grey), np.full((720, 960), 90, np.uint8))
-    for part in ("board", "free"):
-        for path in (small, empty, grey, tmp_path, tmp_path / "nowhere.png"):
-            with pytest.raises(InputError) as refused:
-                assess(made.rig, None, replace(made.new, **{part: path}))
-            assert path.name in str(refused.value)
-    # exchanged: the board is not in the one, and hides the wire in the other
-    with pytest.raises(InputError, match="no board is found"):
-        assess(made.rig, None, replace(made.new, board=made.new.free, free=None, moment_Nm=None))
 
 
 def test_unknowns_of_the_data_alone_are_what_further_parameters_would_be() -> None:

@@ -15,7 +15,6 @@ from targets.board import corner_points
 from vbaa_calib.calibrate.lens.board_shape import BoardShape
 from vbaa_calib.calibrate.lens.models import LENS_MODELS, camera_of
 from vbaa_calib.calibrate.pose.sweep import SweepSolution, solve_sweep
-from vbaa_calib.calibrate.pose.sweep_fit import SweepCorners, SweepState, linearise
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.detect.board.corners import BoardView, detect_files
@@ -121,23 +120,6 @@ class TestExact:
         theirs = RIG.T_actuator_antenna.inverse() @ Pose(turn, shift.ravel()).inverse()
         solved = solve(sweep(sigma_px=0.0))
         assert np.abs(solved.estimate.T_antenna_camera.tangent_from(theirs)).max() < 1e-6
-
-    def test_the_derivatives_are_those_of_the_residuals(self) -> None:
-        views, pictures = sweep(angles=FEW)
-        corners, lens, tiny = SweepCorners.of(views, pictures, corner_points(SPEC), RIG), camera(), 1e-6
-        board = Pose(T_world_board().rotation, T_world_board().translation_m - RIG.position_world_m)
-        state = SweepState(RIG.T_actuator_antenna @ T_ANTENNA_CAMERA, board, 0.03, 0.004)
-        here = linearise(lens, state, corners)
-        for column in range(14):
-            step = tiny * np.eye(14)[column]
-            ahead, behind = (linearise(lens, state.moved(s), corners).residuals_px for s in (step, -step))
-            np.testing.assert_allclose((behind - ahead) / (2 * tiny), here.by_state[..., column], atol=2e-3)
-        for column, step in enumerate(tiny * np.eye(2)):
-            ahead, behind = (
-                linearise(lens, state, replace(corners, angles_rad=corners.angles_rad + s)).residuals_px
-                for s in (step, -step)
-            )
-            np.testing.assert_allclose((behind - ahead) / (2 * tiny), here.by_angles[..., column], atol=2e-3)
 
 
 def assert_as_predicted(solutions: list[SweepSolution]) -> None:

@@ -90,19 +90,6 @@ def test_behind_a_tilted_sensor_there_is_nothing():
     assert np.isfinite(steep.lens_slopes_at(points)).all(axis=(-1, -2)).tolist() == [True, False]
 
 
-@pytest.mark.parametrize("name", ["barrel folding", "tilted"])
-def test_many_points_in_pieces_are_the_same(name):
-    camera = LENSES[name]
-    few = border_and_grid(camera)
-    many = np.tile(few, (25, 1))
-    assert len(many) > 40_000
-    for found, expected in zip(camera.normalized_with_slopes(many), camera.normalized_with_slopes(few), strict=True):
-        np.testing.assert_allclose(found.reshape(25, *expected.shape)[17], expected, rtol=1e-9, atol=1e-13)
-    points = camera.unproject_normalized(few)[0]
-    found = camera.lens_slopes_at(torch.tensor(np.tile(points, (25, 1)))).numpy()
-    np.testing.assert_allclose(found.reshape(25, *found[: len(few)].shape)[17], camera.lens_slopes_at(points))
-
-
 @pytest.mark.parametrize("name", [*EACH_KIND, "barrel folding", "realsense author"])
 def test_the_formulas_for_tensors_are_those_for_arrays(name):
     # on other devices the formulas run on tensors; here the same code runs on tensors of the processor

@@ -74,11 +74,3 @@ def test_a_second_run_needs_force(demo: Path, capsys) -> None:
     assert main(["demo", "--out", str(demo)]) == 2
     assert "--force" in capsys.readouterr().err
     assert (demo / "rig.json").read_bytes() == before
-
-
-def test_a_foreign_folder_is_left_alone(tmp_path: Path, capsys) -> None:
-    """Even with --force, a folder that is not a demo's is not written into."""
-    (tmp_path / "thesis.txt").write_text("mine")
-    assert main(["demo", "--out", str(tmp_path), "--force"]) == 2
-    assert str(tmp_path) in capsys.readouterr().err
-    assert [path.name for path in tmp_path.iterdir()] == ["thesis.txt"]

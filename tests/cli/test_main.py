@@ -53,26 +53,6 @@ def test_torch_is_loaded_for_tensors_alone(made: Path, tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
 
 
-@pytest.mark.parametrize(
-    ("argv", "words"),
-    [
-        (["frobnicate"], "there is no verb 'frobnicate'; the verbs are board, wizard, intrinsics, calibrate"),
-        (["--json"], "see vbaa --help"),
-        (["schema"], "schema: the following arguments are required: name; see vbaa schema --help"),
-        (["schema", "rig", "--for"], "unrecognized arguments: --for"),
-        (["schema", "two\nlines"], "invalid choice"),
-        (["calibrate", "a", "-o"], "expected one argument"),
-    ],
-)
-def test_wrong_calls(vbaa: Call, argv: list[str], words: str) -> None:
-    said = vbaa(*argv)
-    assert said.code == 2
-    assert said.out == ""
-    assert words in said.err
-    assert said.err.startswith("vbaa: ")
-    assert said.err.count("\n") == 1
-
-
 def test_json_is_one_object_and_prose_goes_elsewhere(vbaa: Call, made: Path) -> None:
     call = ("look", made / "session" / "noload" / "noload_001.png", "--rig", made / "rig.json")
     quiet, loud = vbaa(*call), vbaa(*call, "--json")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import re
-import shutil
 from itertools import count
 from pathlib import Path
 
@@ -17,7 +16,7 @@ from estimator.contact.estimate import ContactEstimator
 from estimator.contact.recording import FrameContact
 
 from ..hostile import damage
-from .conftest import PICTURES, Call, grey, noise, refused, repaint, smaller
+from .conftest import PICTURES, Call, grey, noise, refused, repaint
 
 
 def left(folder: Path) -> set[str]:
@@ -157,31 +156,3 @@ def test_look_with_the_empty_scene_taken_off(vbaa: Call, session: Path, rig: Pat
     helped = vbaa("look", image, "--rig", rig, "--background", clutter, "--json").result
     assert helped["verdict"] == "ok"
     assert helped["seen"] > bare["seen"] + 0.1
-
-
-@pytest.mark.parametrize(
-    ("arguments", "word"),
-    [
-        ("missing.png", "missing.png: no such picture"),
-        ("notes.txt", "is not a picture that can be read"),
-        ("small.png", "small.png: is 240x180 px"),
-        ("picture.png --background small.png", "small.png: is 240x180 px"),
-        ("picture.png --pan 45", "--pan is 45"),
-        ("picture.png --tilt nan", "--tilt is nan"),
-        ("picture.png -o look.svg", "look.svg: is not a .png"),
-        ("picture.png -o small.png", "small.png: exists already"),
-        ("picture.png -o picture.png --force", "is an input of this command"),
-    ],
-)
-def test_look_refuses_what_is_wrong(
-    arguments: str, word: str, vbaa: Call, made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    for name in ("picture.png", "small.png"):
-        shutil.copy(made / "session" / PICTURES["noload"], tmp_path / name)
-    repaint("small.png", smaller)(tmp_path)
-    (tmp_path / "notes.txt").write_text("no picture")
-    before = (tmp_path / "picture.png").read_bytes()
-    monkeypatch.chdir(tmp_path)
-    refused(vbaa("look", "--rig", made / "rig.json", *arguments.split(), "--json"), word)
-    assert left(tmp_path) == {"picture.png", "small.png", "notes.txt"}
-    assert (tmp_path / "picture.png").read_bytes() == before

@@ -309,19 +309,3 @@ def test_one_contact(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     result = run(arguments(path, *ONE, "--friction", "0", "--figure", tmp_path / "exact.png"))
     assert "says that the whole rig is exact" in capsys.readouterr().err
     assert result["improve_first"]["of_calibration"] is None
-
-
-@pytest.mark.parametrize(
-    ("words", "what"),
-    [
-        ("--distance -5 --force-y 50 --force-z 0", "not on the antenna"),
-        ("--distance 140 --force-y 1e300 --force-z 0", "bends the antenna further"),
-        ("--distance 140 --force-y 0 --force-z 0", "no numbers"),
-        ("--distance 140 --force-y 0.0001 --force-z 0", "no numbers"),
-        ("--tilt nan", "--tilt is nan"),
-    ],
-)
-def test_what_makes_no_sense_is_refused(words: str, what: str, tmp_path: Path) -> None:
-    """Beside `tests/hostile`."""
-    with pytest.raises(InputError, match=what):
-        run(arguments(written(tmp_path / "rig.json"), *words.split()))

@@ -44,7 +44,7 @@ def test_few_contacts(count: int) -> None:
     assert not surface.compliance.determined or count > 3
     if count == 1:
         assert len(surface.triangles) == len(surface.lines) == 0
-        assert "cannot be told" in surface.compliance.reason
+        assert "is undetermined" in surface.compliance.reason
         # one contact tells the turn about its tangent not at all
         assert np.sqrt(np.trace(surface.touched_normal_covariance[0])) > 0.5
 
@@ -74,7 +74,7 @@ def test_unknown_covariances_are_said_and_give_no_deviations() -> None:
     assert np.isnan(surface.std_m).all()
     assert np.isnan(surface.touched_std_m).all()
     assert "no covariance" in surface.notes[0]
-    assert "cannot be told" in surface.compliance.reason
+    assert "is undetermined" in surface.compliance.reason
     assert np.sqrt(np.mean(CYLINDER.signed_distance(surface.points_m)[0] ** 2)) < 4e-4
 
 

@@ -144,7 +144,7 @@ def test_forces_that_are_all_alike_tell_nothing() -> None:
     force = 0.03 * true.force_N / np.linalg.norm(true.force_N, axis=1, keepdims=True)
     surface = reconstruct(drawn(replace(true, force_N=force), np.random.default_rng(1)), RADIUS_M)
     assert not surface.compliance.determined
-    assert "cannot be told" in surface.compliance.reason
+    assert "is undetermined" in surface.compliance.reason
     assert np.isnan(surface.compliance.interval_N_m).all()
 
 

@@ -46,13 +46,6 @@ def cells(path: Path) -> list[list[str]]:
         return list(csv.reader(stream))
 
 
-def edited(path: Path, line: int, column: str, cell: str) -> Path:
-    """The same file with one cell changed; line as in the error messages."""
-    table = cells(path)
-    table[line - 1][table[0].index(column)] = cell
-    return rewritten(path, table)
-
-
 def rewritten(path: Path, table: list[list[str]]) -> Path:
     with path.open("w", newline="") as stream:
         csv.writer(stream).writerows(table)
@@ -94,40 +87,6 @@ def test_columns_beyond_the_contract_are_optional(written: Path) -> None:
     back = read_contacts(rewritten(written, [line[: len(CONTRACT)] for line in cells(written)]))
     assert np.isnan(back.force_world_N).all()
     assert np.isnan([back.friction_angle_rad, back.friction_angle_std_rad, back.bias_std, back.condition]).all()
-
-
-@pytest.mark.parametrize(
-    ("line", "column", "cell", "complaint"),
-    [
-        (3, "distance_m", "nan", "distance_m is nan"),
-        (3, "distance_m", "", "distance_m is empty"),
-        (3, "distance_m", "far", "distance_m is 'far'"),
-        (4, "force_y_std_N", "-1", "force_y_std_N is -1"),
-        (4, "friction_angle_std_rad", "-1", "friction_angle_std_rad is -1"),
-        (4, "friction_angle_rad", "steep", "friction_angle_rad is 'steep'"),
-        (4, "condition", "inf", "condition is inf"),
-        (4, "status", "fine", "status is 'fine'"),
-        (4, "in_contact", "perhaps", "in_contact is 'perhaps'"),
-        (4, "in_contact", "false", "without being in contact"),
-        (4, "TX", "0.9", "TX, TY, TZ is not of length 1"),
-        (5, "frame", "1", "frame 1 stands already in line 3"),
-        (5, "frame", "2.5", "frame is 2.5"),
-        (5, "time_s", "-7", "time_s runs backwards"),
-        (5, "time_s", "inf", "time_s is inf"),
-        (6, "Y_m", "", "only some of X_m, Y_m, Z_m"),
-        (6, "cov_YY", "-1", "covariance"),
-        (6, "cov_XY", "1", "covariance"),
-    ],
-)
-def test_bad_cells_are_refused_by_line(written: Path, line: int, column: str, cell: str, complaint: str) -> None:
-    with pytest.raises(InputError, match=complaint) as caught:
-        read_contacts(edited(written, line, column, cell))
-    assert f"{written} line {line}" in str(caught.value)
-
-
-def test_a_missing_column_is_named(written: Path) -> None:
-    with pytest.raises(InputError, match="moment_residual_Nm is missing"):
-        read_contacts(edited(written, 1, "moment_residual_Nm", "moment"))
 
 
 def test_a_damaged_parquet_file_is_refused(rows: list[ContactRow], tmp_path: Path) -> None:

@@ -155,7 +155,7 @@ def test_events_and_frames_are_written(tmp_path: Path, capsys: pytest.CaptureFix
     assert sum(result["phases"].values()) == result["frames"] == COUNT
     said = capsys.readouterr().err
     assert "the contact begins to slip" in said
-    assert "cannot be told" in said
+    assert "is undetermined" in said
     with (tmp_path / "track.csv").open(newline="") as stream:
         rows = list(csv.DictReader(stream))
     assert tuple(rows[0]) == COLUMNS

@@ -44,6 +44,16 @@ TRUTH: tuple[Row, ...] = (
     ("a centre of NaN", d.at("object.center_world_m.0", NAN), "object.center_world_m"),
     ("an axis of nothing", d.at("object.axis_world", [0, 0, 0]), "object.axis_world"),
     ("a radius of 400 digits", d.at("object.radius_m", 10**400), "object.radius_m"),
+    (
+        "a box without its edge",
+        d.several(d.at("object.shape", "box_edge"), d.at("object.wedge_world", None)),
+        "object.wedge_world",
+    ),
+    (
+        "bumps of words",
+        d.several(d.at("object.shape", "freeform"), d.at("object.bumps", "many")),
+        "object.bumps",
+    ),
 )
 REPORTED: tuple[Row, ...] = (
     *TRUTH[1:3],

@@ -36,7 +36,6 @@ GOOD: dict[str, Any] = {
     "gravity_world": [0.0, 0.0, -9.80665],
     "moment_sensor": {"std_Nm": 2.0e-5},
 }
-SECOND = {"gain": -0.97, "offset_Nm": 1e-4, "std_Nm": 3e-5}
 NOLOAD = "image,pan_rad,tilt_rad,moment_Nm\na.png,0.1,0.2,1e-3\nb.png,0,-0.2,0\n"
 LOADS = (
     "image,pan_rad,tilt_rad,moment_Nm,distance_m,force_y_N,force_z_N\n"

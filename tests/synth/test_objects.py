@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_yaml
 from vbaa_calib.geometry import Pose
 from vbaa_calib.simulate.render.object import cast, object_patch, obstacle, pressed_in
@@ -213,29 +212,3 @@ def test_the_scene_file_gives_both(tmp_path: Path) -> None:
     assert (ball.bumps[0].height_m, ball.bumps[0].width_m) == (0.002, 0.01)
     edge = _read(tmp_path, shape="box_edge", bumps=None, axis_world=[0, 0, 2], wedge_world=[1, 0, 1])
     np.testing.assert_allclose(edge.wedge_world, [1, 0, 0])
-
-
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        ({"shape": "sphere"}, "bumps do not go with a sphere"),
-        ({"bumps": []}, r"object.bumps: \[\] is not 1 or more"),
-        (
-            {"bumps": [{"direction_world": [0, 0, 0], "height_m": 0.002, "width_m": 0.01}]},
-            "direction_world has no length",
-        ),
-        ({"bumps": [{"direction_world": [0, 1, 0], "height_m": 0.02, "width_m": 0.01}]}, "too steep"),
-        ({"bumps": [{"direction_world": [0, 1, 0], "width_m": 0.01}]}, "height_m is missing"),
-        ({"shape": "box_edge", "bumps": None, "axis_world": [0, 0, 1]}, "wedge_world"),
-    ],
-)
-def test_wrong_objects_name_their_key(changes: dict[str, Any], words: str, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=words):
-        _read(tmp_path, **changes)
-
-
-def test_bumps_belong_to_the_free_form() -> None:
-    with pytest.raises(InputError, match="no bumps"):
-        TouchObject("sphere", CENTRE, AXIS, 0.03, 1.0, bumps=BUMPS)
-    with pytest.raises(InputError, match="unit vector"):
-        Bump(np.array([0.0, 2.0, 0.0]), 1e-3, 0.01)

@@ -19,7 +19,6 @@ from vbaa_calib import session as session_files
 from vbaa_calib.cli import simulate as simulate_cli
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import replacing_folder
-from vbaa_calib.geometry import Pose
 from vbaa_calib.simulate.plan import AntennaShot, Plan, plan
 from vbaa_calib.simulate.scene.lens import project
 from vbaa_calib.simulate.scene.scene import Scene, bundled_names, bundled_scene, true_rod
@@ -217,43 +216,6 @@ def test_thickness_moves_the_printed_face_toward_the_viewer(tmp_path: Path) -> N
     camera = thick.T_antenna_camera.translation_m
     nearer = np.linalg.norm(camera - thick.T_antenna_face.translation_m)
     assert nearer < np.linalg.norm(camera - thick.T_antenna_board.translation_m)
-
-
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        ({"seed": "x"}, "seed: 'x'"),
-        ({"colour": 1}, "unknown key colour"),
-        ({"antenna": _small()["antenna"] | {"length_m": None}}, "antenna.length_m is missing"),
-        ({"antenna": _small()["antenna"] | {"length_m": float("nan")}}, "antenna.length_m is not a finite number"),
-        ({"camera": _small()["camera"] | {"distortion": [0.1, 0.2]}}, "camera.distortion has 2 numbers"),
-        ({"camera": _small()["camera"] | {"matrix": [[1, 2], [3, 4]]}}, "camera.matrix.0"),
-        ({"camera": _small()["camera"] | {"matrix": [[300, 5, 1], [0, 300, 1], [0, 0, 1]]}}, "not a camera matrix"),
-        ({"camera": _small()["camera"] | {"distortion": [-9.0, 0, 0, 0]}}, "folds back"),
-        ({"camera": _small()["camera"] | {"T_antenna_camera": Pose.identity().to_dict()}}, "exactly one"),
-        ({"board": {"squares_x": 4}}, "board.squares_y is missing"),
-        ({"object": _small()["object"] | {"shape": "cube"}}, "object.shape: 'cube'"),
-        ({"object": _small()["object"] | {"center_world_m": [0.15, 2.0, 0.0]}}, "never meets the object"),
-        ({"object": _small()["object"] | {"half_length_m": 0.001}}, "passes the object by"),
-        ({"loads": []}, "loads: []"),
-        ({"moment_sensor": {"std_Nm": 10**400}}, "moment_sensor.std_Nm is not a finite number"),
-        ({"gravity_world": [0, 0, 10**400]}, "gravity_world.2 is not a finite number"),
-        ({"noload": 3}, "noload: 3"),
-    ],
-)
-def test_a_wrong_scene_is_named_and_nothing_is_written(tmp_path: Path, changes: dict[str, Any], words: str) -> None:
-    scene = _scene_file(tmp_path, **changes)
-    with pytest.raises(InputError, match="scene") as refusal:
-        _simulate(scene, tmp_path / "session")
-    assert words in str(refusal.value)
-    assert [path.name for path in tmp_path.iterdir()] == ["scene.yaml"]
-
-
-def test_a_name_that_is_no_scene_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="the bundled ones are demo"):
-        _simulate("demos", tmp_path / "session")
-    with pytest.raises(InputError, match="no such file"):
-        _simulate(tmp_path / "missing.yaml", tmp_path / "session")
 
 
 def test_only_a_session_is_ever_replaced(tmp_path: Path) -> None:

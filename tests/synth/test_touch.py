@@ -204,22 +204,3 @@ def test_frames_without_an_answer_are_named() -> None:
         touch(bare_rod(), RADIUS, cylinder(0.238, 0.0, 0.002), panned(-1.0, 79.0, 3), NONE)
     with pytest.raises(InputError, match="0 frames"):
         touch(bare_rod(), RADIUS, cylinder(0.16, 0.0), [], NONE)
-
-
-@pytest.mark.parametrize(
-    "change",
-    [
-        {"shape": "cube"},
-        {"radius_m": 0.0},
-        {"stiffness_N_m": math.nan},
-        {"friction": -0.1},
-        {"axis_world": 2 * Z},
-        {"wedge_world": Z},
-    ],
-)
-def test_impossible_objects_are_refused(change: dict) -> None:
-    good = {"shape": "knife_edge", "center_world_m": NONE, "axis_world": Z, "radius_m": 0.01, "half_length_m": 0.1}
-    good |= {"wedge_world": Y}
-    TouchObject(**good)
-    with pytest.raises(InputError, match="object"):
-        TouchObject(**(good | change))

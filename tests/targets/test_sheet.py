@@ -25,7 +25,7 @@ from targets.sheet import (
     paper_named,
     spec_document,
 )
-from targets.write_sheet import as_pdf, as_pixels, as_svg, board_shapes, draw, on_screen, outlines, ruler_origin
+from targets.write_sheet import as_pdf, as_pixels, as_svg, board_shapes, draw, on_screen, ruler_origin
 from vbaa_calib.detect.board.board_file import load_board
 
 A4_BOARD = BoardSpec(11, 7, 0.020, 0.015)
@@ -91,15 +91,6 @@ def inside(corners: np.ndarray, width: int, height: int) -> np.ndarray:
         if ax == bx:
             turns[min(ay, by) : max(ay, by), ax] += 1
     return np.cumsum(turns, axis=1)[:, :width] % 2 == 1
-
-
-def test_a_marker_is_one_outline_without_seams() -> None:
-    """Cells that touch along a side share one border; those that touch at a corner may not be joined wrongly."""
-    ring = np.ones((3, 3), bool)
-    ring[1, 1] = False
-    assert sorted(len(loop) for loop in outlines(ring)) == [4, 4]
-    assert sum(len(loop) for loop in outlines(np.eye(2, dtype=bool))) == 8
-    assert outlines(np.zeros((2, 2), bool)) == ()
 
 
 @pytest.mark.parametrize("paper", ["A4", "200x150"])

@@ -11,7 +11,7 @@ import pytest
 
 from vbaa_calib.calibrate.check.assessment import assess
 from vbaa_calib.cli.main import main
-from viz.pages.page import _environment, fixed, listing, number, prose, records, with_std
+from viz.pages.page import prose
 from viz.report.check import LEVEL_COLOURS, page
 
 from ..calibrate.checked_rigs import QUALITY, month_later, rig_of, scene
@@ -81,25 +81,3 @@ def test_the_command_prints_what_it_writes_and_overwrites_nothing(
     assert "verdict        holds" in said.err
     assert main(made.argv) == 2
     assert "exists already" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(("distance", "at"), [(0.0, 0.0), (3.75, 100.0), (1e6, 200.0)])
-def test_the_gauge_stays_in_its_frame(distance: float, at: float) -> None:
-    evidence = {"distance_std": distance, "look_from_std": 3.0, "fails_from_std": 5.0}
-    gauge = _environment().get_template("blocks.html.j2").module.gauge(evidence)
-    assert float(re.findall(r'<line x1="([\d.]+)"', gauge)[0]) == at
-
-
-def test_numbers_as_a_person_writes_them() -> None:
-    assert with_std(-3.76434e-3, 5.2e-7, 1e3) == "−3.76434 <small>± 0.00052</small>"
-    assert with_std(12.3456, 3.0) == "12.3 <small>± 3.0</small>"
-    assert with_std(2.5, None) == "2.5"
-    assert number(None) == number(float("nan")) == "–"
-    assert number(-0.00012345) == "−0.0001234"
-    rows = records([{"a": "<x>", "b": 1.25}, 7, {"a": None}], (("a", "A", None), ("b", "B", 1)))
-    assert rows.rows == [["<x>", "1.2"], ["–", "–"]]
-    found = listing({"shift_m": 1e-3, "deep": {"turn_rad": [1e-3, 2e-3]}, "way": "jig", "cov": [[1.0]]})
-    assert found.rows == [["shift", "1", "mm"], ["deep · turn", "1, 2", "mrad"], ["way", "jig", ""]]
-    found = listing({"drift_Nm_per_row": {"value": 2e-6}, "mass_kg_m": {"std": 1e-3}, "a": [{"b_m": 1.0}]})
-    assert found.rows == [["drift · value", "2", "µN·m per row"], ["mass · std", "1", "g/m"], ["a 1 · b", "1000", "mm"]]
-    assert fixed(-0.0004, 2) == "0.00"

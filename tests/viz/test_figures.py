@@ -10,16 +10,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 
 from estimator.table.contacts import ContactTable
-from viz.figures.check import heat_map, residual_arrows
 from viz.figures.contacts import SLIDING, contact_maps, friction_cone, indentation
-from viz.figures.drawing import TEAL, ellipses, new_axes, svg, time_colours
+from viz.figures.drawing import TEAL, svg
 from viz.figures.time import TimeAxis, curve, lanes, signals
-from viz.scene.readable import UNKNOWN, scale
 
 from .estimates import STIFFNESS_N_M, object_estimate
 
@@ -61,46 +58,12 @@ def test_a_figure_is_the_same_every_time_and_says_its_tips_escaped() -> None:
     assert ">force, mN</text>" in texts[0]
 
 
-def test_an_ellipse_has_two_standard_deviations() -> None:
-    axes, up = new_axes("e"), np.array([1.0, 1.0]) / np.sqrt(2)
-    covariance = 1e-2 * np.outer(up, up) + 1e-4 * np.eye(2)
-    ellipses(axes, np.array([[0.5, 0.5]]), covariance[None], time_colours(np.zeros(1)))
-    (outline,) = marks(axes, "ellipses")
-    off = outline - [0.5, 0.5]
-    np.testing.assert_allclose(np.einsum("ki,ij,kj->k", off, np.linalg.inv(covariance), off), 4.0)
-
-
-def test_a_curve_puts_points_and_band_where_its_values_are() -> None:
-    value, std = np.array([1.0, 2.0, np.nan, 4.0, np.nan, 3.0]), np.full(6, 0.1)
-    std[3] = 1e6
-    axes = curve(clock(6), "force, mN", value, std, value + 0.05)
-    known = np.isfinite(value)
-    np.testing.assert_allclose(points(axes, TEAL), np.column_stack([0.1 * np.arange(6), value])[known])
-    low, high = axes.get_ylim()
-    assert high - low < 6, "the band of one frame that is hardly known does not flatten the others"
-    first = marks(axes, "band")[0]
-    assert 0.8 in np.round(first[:, 1], 9)
-    assert (first[:, 1] <= high).all()
-    sound(axes)
-
-
 @pytest.mark.parametrize("value", [np.full(4, np.nan), np.full(4, 3.0), np.zeros(4)])
 def test_a_curve_of_nothing_or_of_one_value_is_still_a_picture(value: np.ndarray) -> None:
     axes = curve(clock(4), "force, mN", value, np.full(4, np.nan))
     assert len(points(axes, TEAL)) == np.isfinite(value).sum()
     sound(axes)
     sound(signals(clock(4), "slip, mm/s", [("a", "#000000", value)], np.full(4, np.nan), "noise"))
-
-
-def test_columns_keep_the_extremes_of_every_number_of_frames() -> None:
-    rng = np.random.default_rng(1)
-    time_s, value = np.sort(rng.uniform(0, 10, 20_000)), rng.normal(size=20_000)
-    x, low, middle, high = TimeAxis(time_s).gathered(time_s, value, value)
-    assert len(x) <= 960
-    assert (low.min(), high.max()) == (value.min(), value.max())
-    assert ((low <= middle) & (middle <= high)).all()
-    assert np.median(np.abs(middle)) < 0.4
-    assert len(sound(curve(TimeAxis(time_s), "x", value, np.ones(20_000), value))) < 3e5
 
 
 def test_one_bad_frame_of_very_many_is_still_seen() -> None:
@@ -110,22 +73,6 @@ def test_one_bad_frame_of_very_many_is_still_seen() -> None:
     (bad,) = marks(axes, "failed")[0].reshape(-1, 5, 2)
     assert np.ptp(bad[:, 1]) * 17 > 1.0, "higher than a pixel"
     assert len(marks(axes, "ok")[0]) < 50 * 5
-
-
-@pytest.mark.parametrize("values", [[20.2, 92.1], [0.0081, 0.0213], [5.0, 5.0], [0.0, np.nan], [np.nan]])
-def test_colours_run_along_scales_that_end_in_round_numbers(values: list[float]) -> None:
-    found = scale(np.array(values), "size", "mm", "plasma", (0.0, 1.0))
-    steps = np.diff(found.ticks)
-    assert 2 <= len(found.ticks) <= 11
-    np.testing.assert_allclose(steps, steps[0], rtol=1e-6)
-    assert f"{steps[0]:e}"[0] in "12345"
-    for value, rgb in zip(values, found.rgb, strict=True):
-        if np.isfinite(value):
-            assert found.ticks[0] <= value <= found.ticks[-1]
-            share = (value - found.ticks[0]) / (found.ticks[-1] - found.ticks[0])
-            np.testing.assert_allclose(rgb, 255 * np.array(colormaps["plasma"](share)[:3]), atol=5)
-        else:
-            assert tuple(rgb) == UNKNOWN
 
 
 def test_the_cone_has_the_slope_that_it_says() -> None:
@@ -193,17 +140,3 @@ def test_a_map_of_equal_scales(table: ContactTable, variance: float) -> None:
     for face in marks(above, "object")[0].reshape(-1, 3, 2):
         a, b = face[1] - face[0], face[2] - face[0]
         assert a[0] * b[1] - a[1] * b[0] >= 0
-
-
-def test_a_map_of_nothing_is_still_a_picture() -> None:
-    data = {"columns_px": [0, 1, 2], "rows_px": [0, 1], "unit": "mm", "has_ray": [[True, False, True]] * 2}
-    assert "stroke-dasharray" in sound(heat_map("m", data | {"std": [[None] * 3] * 2}, (3, 2)))
-    sound(heat_map("m", data | {"std": [[1.0] * 3] * 2}, (3, 2)))
-
-
-def test_arrows_point_from_predicted_to_seen_enlarged() -> None:
-    board = {"folder": "plane", "corners_px": [[100.0, 50.0]], "residuals_px": [[0.2, -0.1]], "good": [True]}
-    axes = residual_arrows([board], (400, 300))
-    factor = float(re.findall(r"([\d.]+) times", axes.get_title(loc="left"))[0])
-    np.testing.assert_allclose(marks(axes, "arrows")[0], [[100, 50], [100 + 0.2 * factor, 50 - 0.1 * factor]])
-    assert axes.get_ylim() == (299.5, -0.5)

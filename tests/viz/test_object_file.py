@@ -71,27 +71,6 @@ def test_a_glb_keeps_to_the_format(surface: Surface, tmp_path: Path) -> None:
     assert np.isnan(back.std_m).all()
 
 
-def test_a_glb_cut_short_or_twisted_is_refused(surface: Surface, tmp_path: Path) -> None:
-    path = tmp_path / "object.glb"
-    write_object(surface, path)
-    whole = path.read_bytes()
-    for length in (0, 3, 11, 19, 40, len(whole) // 2, len(whole) - 1):
-        path.write_bytes(whole[:length])
-        with pytest.raises(InputError, match="holds no mesh"):
-            read_object(path)
-    for twisted in (
-        whole.replace(b'"version": "2.0"', b'"version": "9.9"').replace(
-            b"reconstructed object", b"something else obj."
-        ),
-        whole.replace(b"5125", b"5121"),
-        whole.replace(b'"POSITION"', b'"POSITIOM"'),
-        whole[:-8] + b"\xff" * 8,
-    ):
-        path.write_bytes(twisted)
-        with pytest.raises(InputError, match="holds no mesh"):
-            read_object(path)
-
-
 @pytest.mark.parametrize("binary", [True, False])
 def test_a_ply_is_read_whole_or_not_at_all(surface: Surface, tmp_path: Path, binary: bool) -> None:
     path = tmp_path / "object.ply"

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import json
 import re
 import shutil
 import subprocess
 from pathlib import Path
-from typing import Any
 
-import numpy as np
 import pytest
 from markupsafe import escape
 
@@ -39,23 +36,6 @@ def test_the_page_is_whole_offline_and_has_its_legend(scene: Scene, written: Pat
         assert words in legend
     assert _CLEAR in text
     assert 1_200_000 < len(text) < 6_000_000
-
-
-def story_of(path: Path) -> dict[str, Any]:
-    text = path.read_text()
-    start = text.index('id="story">') + len('id="story">')
-    return json.loads(text[start : text.index("</script>", start)])
-
-
-def test_the_page_s_story_fits_the_scene(scene: Scene, written: Path) -> None:
-    story = story_of(written)
-    assert len(story["times"]) == len(story["words"]) == len(story["pictures"]) == len(scene.instants)
-    assert len({part["id"] for part in story["parts"]}) == len(story["parts"]) == len(all_parts(scene))
-    assert story["pictures"] == [0] * 60 + [1] * 31 + [None]
-    assert [mode["name"] for mode in story["modes"]] == list(MODES)
-    plane = next(part for part in story["parts"] if part["name"] == "plane")
-    np.testing.assert_allclose(np.reshape(plane["poses"][7], (4, 4)).T, scene.rig.poses[7], atol=1e-6)
-    assert plane["poses"][90] is None
 
 
 @pytest.mark.slow

@@ -6,12 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import pyvista as pv
 
 from estimator.table.contacts import ContactTable
-from vbaa_calib.simulate.scene.objects import BOX_FACE_M, Bump, TouchObject
+from vbaa_calib.simulate.scene.objects import Bump, TouchObject
 from viz.parts.assemble import _truth_mesh, all_parts
-from viz.parts.part import Part, ball, stamp
+from viz.parts.part import Part, ball
 from viz.scene.readable import thinned
 from viz.scene.scene import ObjectMesh, Scene, build_scene
 
@@ -23,21 +22,6 @@ def named(parts: list[Part], name: str) -> Part:
 def pieces(part: Part, count: int) -> np.ndarray:
     """(count, P, 3) points of each of the stamped meshes."""
     return np.asarray(part.mesh.points, float).reshape(count, -1, 3)
-
-
-def test_a_stamp_turns_and_stretches_points_and_normals() -> None:
-    rng = np.random.default_rng(4)
-    linear = rng.standard_normal((3, 3, 3))
-    linear[:, 0] *= np.sign(np.linalg.det(linear))[:, None]
-    places = rng.standard_normal((3, 3))
-    made = stamp(ball(2), linear, places)
-    points, normals = (np.asarray(a, float).reshape(3, -1, 3) for a in (made.points, made.point_data["Normals"]))
-    inside = np.einsum("kij,kpj->kpi", np.linalg.inv(linear), points - places[:, None])
-    np.testing.assert_allclose(np.linalg.norm(inside, axis=2), 1.0, atol=1e-5)
-    # an ellipsoid's normal is its quadric's gradient
-    gradient = np.einsum("kji,kpj->kpi", np.linalg.inv(linear), inside)
-    gradient /= np.linalg.norm(gradient, axis=2, keepdims=True)
-    np.testing.assert_allclose(normals, gradient, atol=1e-5)
 
 
 def test_arrows_begin_at_the_contacts_and_run_along_the_force(scene: Scene) -> None:
@@ -128,11 +112,3 @@ def test_true_objects_lie_on_what_was_simulated(shape: str) -> None:
     if shape not in ("sphere", "freeform"):
         along_axis = (points - CENTRE) @ AXIS
         np.testing.assert_allclose([along_axis.min(), along_axis.max()], [-0.05, 0.05], atol=1e-6)
-
-
-def test_the_box_is_closed_and_as_large_as_its_faces() -> None:
-    mesh = _truth_mesh(TouchObject("box_edge", CENTRE, AXIS, 1e-6, 0.05, wedge_world=WEDGE))
-    assert isinstance(mesh, pv.PolyData)
-    # a right-angled triangle, 100 mm long
-    assert mesh.volume == pytest.approx(0.5 * BOX_FACE_M**2 * 0.1, rel=1e-3)
-    assert mesh.n_open_edges == 0

@@ -18,8 +18,8 @@ from estimator.table.contacts import COLUMNS, STATUSES, ContactTable
 from vbaa_calib.rig import Rig
 from viz.render.probe import can_render
 from viz.report.make import scene_picture
-from viz.report.recording import MOST_ROWS, SYMBOLS, Picture, Report, _drift_table, page
-from viz.report.words import facts_of, frame_facts, headline, origin
+from viz.report.recording import MOST_ROWS, SYMBOLS, Picture, Report, page
+from viz.report.words import facts_of, headline, origin
 from viz.scene.scene import Fact, build_scene
 from viz.scene.truth import true_contacts
 
@@ -135,15 +135,6 @@ def test_a_long_recording_is_a_small_page(table: ContactTable, rig: Rig) -> None
     assert f"{MOST_ROWS} of 20000 frames, evenly spread" in html
 
 
-def test_frames_that_were_lost_are_accounted_for(table: ContactTable, rig: Rig) -> None:
-    facts = {fact.label: fact for fact in frame_facts(table, rig)}
-    assert "90 ok" in facts["Recording"].words
-    assert facts["Lost"].kind == "look"
-    assert "1 frames gave no contact point: <the fit> did not converge (1 ×)" in facts["Lost"].words
-    off = replace(table, moment_residual_Nm=np.full(len(table), 10 * rig.moment_sensor.std_Nm))
-    assert "disagree by 10.0 times" in {f.label: f for f in frame_facts(off, rig)}["To look at"].words
-
-
 def test_the_scene_is_drawn_or_said_why_not(table: ContactTable, rig: Rig, truth: dict[str, Any]) -> None:
     free = replace(table, status=np.full(len(table), "no_contact"))
     assert scene_picture(free, rig, None, None, None).jpeg == b""
@@ -179,12 +170,3 @@ def test_vague_normals_are_not_drawn(table: ContactTable) -> None:
     np.testing.assert_array_equal(np.isnan(scene.normals).all(axis=1), std > 0.5)
     assert scene.cone_rad == pytest.approx(np.arctan(MU))
     assert [fact.partition(":")[0] for fact in scene.facts] == ["Friction", "Stiffness", "One patch was withheld."]
-
-
-def test_what_has_changed_of_the_rig_stands_in_the_report() -> None:
-    """Each parameter, and which of them changed by more than was thought possible; nothing where nothing is known."""
-    numbers = {"change": 0.5, "std": 0.01, "prior_std": 0.2}
-    drift = {"parameters": {"cx": numbers, "cy": numbers | {"change": 2.0}}, "beyond": ["cy"]}
-    rows = _drift_table(drift).rows
-    assert [(row[0], float(row[1]), bool(row[-1])) for row in rows] == [("cx", 0.5, False), ("cy", 2.0, True)]
-    assert not _drift_table(None).rows

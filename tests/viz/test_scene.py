@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,15 +13,6 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.geometry import Kinematics
 from vbaa_calib.rig import Rig
 from viz.scene.scene import build_scene, instants_of
-from viz.scene.truth import true_object
-
-
-def test_every_frame_is_an_instant_with_its_words(table: ContactTable) -> None:
-    instants = instants_of(table, phase=np.where(table.located, "sliding", "free"))
-    np.testing.assert_allclose(instants.time_s, table.time_s - table.time_s[0])
-    distance = f"{1e3 * table.distance_m[0]:.1f} ± 0.4 mm from the clamp"
-    assert instants.words[0] == f"sliding: {distance}, 50.0 mN"
-    assert instants.words[90:] == ("no contact", "failed")
 
 
 @pytest.mark.parametrize(("column", "value"), [("force_world_N", 1e300), ("point_world_m", -1e6)])
@@ -97,21 +87,3 @@ def test_the_drawn_picture_projects_to_the_picture(rig: Rig, table: ContactTable
         np.testing.assert_allclose(pixels[[0, -1], [0, -1]], [[-0.5, -0.5], [959.5, 719.5]], atol=1e-6)
         assert (np.diff(pixels[..., 0], axis=1) > 0).all()
         assert (np.diff(pixels[..., 1], axis=0) > 0).all()
-
-
-BUMP = {"direction_world": [0.0, 0.0, 1.0], "height_m": 0.002, "width_m": 0.008}
-
-
-@pytest.mark.parametrize(
-    ("change", "complaint"),
-    [
-        ({"center_world_m": [0, 1]}, "object.center_world_m"),
-        ({"shape": "box_edge", "wedge_world": None}, "object.wedge_world is"),
-        ({"shape": "freeform", "bumps": "many"}, "object.bumps"),
-        ({"shape": "freeform", "bumps": [BUMP | {"height_m": 0.1}]}, r"object.bumps.0.*too steep"),
-        ({"shape": "freeform", "bumps": [BUMP, {}]}, r"object.bumps.1"),
-    ],
-)
-def test_a_wrong_truth_is_refused(truth: dict[str, Any], change: dict[str, Any], complaint: str) -> None:
-    with pytest.raises(InputError, match=complaint):
-        true_object({"object": truth["object"] | change})

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import datetime
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.wizard.questions import QUESTIONS, SOURCES, TABLES, Question
-
-from .small_session import answers_file, call, expect_line
 
 RNG_SEED = 11
 
@@ -67,12 +64,3 @@ def test_every_answer(question: Question) -> None:
             question.read(given)
         assert raised.value.remedy.startswith("give ")
         assert question.unit in raised.value.remedy
-
-
-@pytest.mark.parametrize("key", ["antenna_length_mm", "jig_turn_deg", "paper", "lens_source", "noload_readings"])
-def test_a_flag_and_an_answers_file(key: str, tmp_path: Path) -> None:
-    question = next(question for question in EVERY if question.key == key)
-    expect_line(call(tmp_path / "s", f"{question.flag}={TYPED[question.kind][0]}"), question.flag, "give ")
-    file = answers_file(tmp_path / "answers.yaml", {key: WRITTEN[question.kind][0]})
-    expect_line(call(tmp_path / "s", "--answers", file), "answers.yaml", key, "give ", question.unit)
-    assert not (tmp_path / "s").exists()

@@ -16,7 +16,7 @@ import pytest
 from vbaa_calib.wizard.terminal import Screen
 
 from .pseudo_terminal import PseudoTerminal
-from .small_session import answers, answers_file, call, rendered
+from .small_session import rendered
 
 
 class FakeTerminal(io.StringIO):
@@ -160,66 +160,6 @@ def test_the_first_minutes_of_a_newcomer(start: Start, tmp_path: Path) -> None:
     assert kept["answers"]["board_along_x_mm"] == 165
     assert kept["answers"]["antenna_length_mm"] == 240
     assert [one["why"] for one in kept["steps"]["lens"]["left"]] == ["taken back"]
-
-
-def began(tmp_path: Path, **more: object) -> None:
-    """A session with the lens and the jig done, by nobody's typing."""
-    known = answers(rendered()) | more
-    left = {key: value for key, value in known.items() if key != "antenna_diameter_mm"}
-    code, said = call(tmp_path / "rig", "--answers", answers_file(tmp_path / "answers.yaml", left))
-    assert code == 2, said
-    assert "antenna_diameter_mm is not answered" in said
-
-
-def test_a_session_goes_on_and_a_picture_with_its_readings_is_typed(start: Start, tmp_path: Path) -> None:
-    began(tmp_path)
-    camera = tmp_path / "camera"
-    camera.mkdir()
-    wizard = start("--no-page", "--noload-source", camera, "--antenna-diameter-mm", "0.8", "--density-kg-m3", "7900")
-    resumed = wizard.until("4 of 7 · Free antenna")
-    assert "rig goes on with: Free antenna. Done: Board, Lens, Plane C." in " ".join(resumed.split())
-    assert "5 for the lens" in " ".join(resumed.split())
-    assert "http://" not in resumed
-    assert "half an hour" not in resumed
-    for words in ("Enter for 193:", "Enter for -z:", "Enter for 0.02:"):
-        wizard.until(words)
-        wizard.type("")
-    wizard.until("waiting for pictures")
-    shutil.copy(rendered() / "noload" / "noload_000.png", camera)
-    wizard.until("what was read with it?")
-    wizard.until("Enter for 0:")
-    wizard.type("ten")
-    wizard.until("that is not a number; give a number in degrees from -360 to 360")
-    wizard.type("enough")
-    wizard.until("not yet")
-    wizard.until("Pan angle")
-    wizard.type("drop")
-    wizard.until("left noload_000.png: not wanted")
-    shutil.copy(rendered() / "noload" / "noload_000.png", camera / "again.png")
-    for words, typed in (("Pan angle", ""), ("Tilt angle", "0"), ("Moment sensor's reading", "-1.02")):
-        wizard.until(words)
-        wizard.until(":")
-        wizard.type(typed)
-    wizard.until("took again.png as noload/0001.png")
-    wizard.until("next free antenna at pan 0°, tilt 20°")
-    wizard.resize(50, 20)
-    wizard.type("back")
-    wizard.until("How far does the moment sensor scatter")
-    wizard.until("Enter for 0.02:")
-    for words in ("Enter for -z:", "Enter for 7900:", "Enter for 193:", "Enter for 0.8:"):
-        wizard.type("back")
-        wizard.until(words)
-    wizard.type("back")
-    wizard.until("3 of 7 · Plane C")
-    wizard.until("waiting for pictures")
-    wizard.press(b"\x04")
-    wizard.until("`vbaa wizard rig` goes on here")
-    assert wizard.ended() == 0
-    steps = journal(tmp_path)["steps"]
-    assert [one["why"] for one in steps["noload"]["left"]] == ["not wanted"]
-    assert steps["noload"]["taken"][0]["readings"]["moment_Nm"] == pytest.approx(-1.02e-3)
-    assert steps["plane"]["closed"] == ""
-    assert len(steps["plane"]["taken"]) == 1
 
 
 def test_without_a_terminal_it_never_waits(tmp_path: Path) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import shutil
 from collections.abc import Callable
 
 import pytest
@@ -77,19 +76,6 @@ def test_what_a_damaged_journal_says_helps(tiny: Tiny) -> None:
     assert not list(tiny.session.glob("aside/**/*.png"))
 
 
-FOLDERS: dict[str, tuple[Callable[[Tiny], object], str]] = {
-    "a file": (lambda tiny: tiny.answers, "File exists"),
-    "too long": (lambda tiny: tiny.source / ("s" * 300), "File name too long"),
-    "where nothing can be": (lambda tiny: "/proc/session", "cannot be made"),
-}
-
-
-@pytest.mark.parametrize("name", FOLDERS)
-def test_a_session_folder(name: str, tiny: Tiny) -> None:
-    folder, words = FOLDERS[name]
-    expect_refused(tiny, call(folder(tiny), "--answers", tiny.answers), words, "name another folder")
-
-
 FILES: dict[str, tuple[str, str | None, str]] = {
     "session.yaml cut off": ("session.yaml", "board: {", "session.yaml"),
     "board.yaml gone": ("board.yaml", None, "board.yaml"),
@@ -104,10 +90,3 @@ def test_a_file_of_the_session(name: str, tiny: Tiny) -> None:
     else:
         (tiny.session / file).write_text(content)
     expect_refused(tiny, call(tiny.session), words)
-
-
-def test_nothing_given(tiny: Tiny) -> None:
-    """The first question without an answer is named with both ways to answer it."""
-    shutil.rmtree(tiny.session)
-    words = ("board_along_x_mm is not answered", "--board-along-x-mm", "--answers FILE")
-    expect_refused(tiny, call(tiny.session.with_name("new")), *words)

@@ -152,7 +152,7 @@ def given_solution(
     if given.assumed:
         words = f"{given.path.name} states no uncertainty of its lens: assumed is {given.assumed}"
         remedy = (
-            "leave --camera out: the pictures of the board tell it"
+            "leave --camera out: the pictures of the board determine the lens"
             if views
             else ("calibrate the lens with vbaa intrinsics, or put 15 pictures of the board into intrinsics/")
         )

@@ -214,7 +214,7 @@ def _evidence(calibration: Calibration, warnings: Sequence[str]) -> dict[str, An
         "lens": {key: value for key, value in lens.items() if key not in calibration.lens.camera.to_dict()},
         "given_lens": calibration.given and calibration.given.to_dict(),
         "plane": calibration.plane.to_dict(),
-        # the board's printed face, so that one picture of it tells later whether the camera is where it was
+        # the board's printed face, so that one picture of it shows later whether the camera has moved
         "jig": None if jig is None else {"T_antenna_board": jig.to_dict()},
         "stills": stills,
         "antenna": {

@@ -167,7 +167,7 @@ def _wanted(args: argparse.Namespace, **room: Any) -> BoardSpec:
 
 
 def _description(args: argparse.Namespace, spec: BoardSpec, changed: bool) -> tuple[Path | None, bool]:
-    """Where the description stands, None where the user's own says it; and whether it is to be written."""
+    """Where the description stands, None where the user's own file has it; and whether it is to be written."""
     from vbaa_calib.detect.board.board_file import load_board
 
     if args.spec is not None and not changed and args.write_spec is None:

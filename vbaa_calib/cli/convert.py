@@ -11,7 +11,7 @@ _NAMES = ("vbaa", "ros", "opencv", "kalibr", "mrcal", "colmap")
 
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("file", type=Path, help="rig.json, camera.json, or another program's file")
-    parser.add_argument("--from", dest="source", choices=_NAMES, help="its format (default: told by its contents)")
+    parser.add_argument("--from", dest="source", choices=_NAMES, help="its format (default: guessed from its contents)")
     parser.add_argument(
         "--to",
         dest="target",

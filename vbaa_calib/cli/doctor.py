@@ -45,7 +45,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     total = len(findings)
     verdict = f"healthy; {counts[LOOK]} of {total} deserve a look" if counts[LOOK] else "healthy"
     if counts[FAILS]:
-        verdict = f"not healthy: {counts[FAILS]} of {total} fail; do what stands beside them, and look again"
+        verdict = f"not healthy: {counts[FAILS]} of {total} fail; follow their remedies, then run it again"
     _print(["", verdict])
     return {
         "healthy": counts[FAILS] == 0,
@@ -62,7 +62,7 @@ def _examine(checks: Mapping[str, Callable[[], Finding]]) -> Iterator[Finding]:
             yield check()
         except Exception as error:  # whatever an unhealthy installation raises
             words = f"could not be looked at ({type(error).__name__}: {' '.join(str(error).split())})"
-            remedy = "mend what is told above, and look again"
+            remedy = "fix the problems above, then run `vbaa doctor` again"
             yield Finding(name, words, (Diagnosis("check_broke", f"{name} {words}", remedy, grave=True),))
 
 

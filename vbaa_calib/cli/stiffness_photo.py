@@ -185,7 +185,7 @@ def _notes(found: PhotoStiffness, setting: Setting, single: bool) -> list[str]:
     spread = found.linear.curl_std
     two = len(found.views) > 1
     cause = "the material is not linear" if two else "the rod has curl of its own, or the material is not linear"
-    decide = "" if two else "; a photograph of the unloaded rod (--unloaded) would tell"
+    decide = "" if two else "; a photograph of the unloaded rod (--unloaded) would decide"
     apart = f"no single EI with one bow fits: curvature departs from it by {spread:.2g} 1/m: {cause}{decide}"
     curved = f"curvature is not proportional to the moment (p = {found.curved_p:.1g}): take moment_curvature, not EI"
     bound = "the rod hangs or lies so that it tells no upper bound of EI: clamp a shorter piece more nearly level"

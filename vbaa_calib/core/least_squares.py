@@ -30,8 +30,8 @@ class Rules:
 
     iterations : at most.
     tolerance, standstill : it ends at a step that promises to lower the cost by less than this share, or this amount.
-    takes_last : whether that step is still taken. Where the slopes are exact and a linearisation is dear it need not
-        be; where they are differences it brings the parameters the last millionth of a deviation closer.
+    takes_last : whether that step is still taken. Where the slopes are exact and a linearisation is expensive it need
+        not be; where they are differences it brings the parameters the last millionth of a deviation closer.
     may_rise_share, may_rise : a cost that rises by no more than this, of the cost or as such, is rounding.
     damping : of the first step.
     growth, after_failure : after a step that failed the damping is so many times larger, and at least so large. Far

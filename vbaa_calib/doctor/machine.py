@@ -161,7 +161,7 @@ _REMEDIES = {
 
 
 def writable(folders: Mapping[str, Path | None] | None = None) -> Finding:
-    """Whether files can be written where one stands, to the temporary folder and to the cache. None: there is none."""
+    """Whether the current folder, the temporary folder and the cache are writable. None: there is none."""
     if folders is None:
         caches = os.environ.get("MPLCONFIGDIR") or os.environ.get("XDG_CACHE_HOME")
         cache = Path(caches) if caches else Path("~/.cache").expanduser()

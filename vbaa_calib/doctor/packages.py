@@ -110,7 +110,7 @@ def shadows(
             if expected is not None and place.resolve().parent != expected.resolve():
                 words = f"{name} is taken from {place}, not from {expected}"
                 problems.append(stands_in("package_shadowed", words, place, True))
-        elif name in _OURS:  # a library that is not there is told of with the packages
+        elif name in _OURS:  # a missing library is reported with the packages
             words = f"the package {name} is not found beside vbaa_calib, in {_ROOT}"
             problems.append(Diagnosis("package_hidden", words, "install vbaa-calib again", grave=True))
     for name, expected in homes.items():

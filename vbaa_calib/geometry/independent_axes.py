@@ -1,4 +1,4 @@
-"""Covariances: whether a matrix is one, steps that vary independently, what some numbers tell of the others."""
+"""Covariances: whether a matrix is one, steps that vary independently, what some numbers imply about the others."""
 
 from __future__ import annotations
 

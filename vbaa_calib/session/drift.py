@@ -31,7 +31,7 @@ class Drift:
     moment_gain : of the sensor's gain, relative. moment_zero : of its zero, in deviations of its noise.
     line_px : what is common to all points of a frame's centreline, in each frame anew: its offset, slope and curvature
         (the Legendre polynomials along the antenna), by light, focus and edges.
-    light_px : of the same in all frames alike, by a lamp that moved or another focus; until free frames have told it.
+    light_px : of the same in all frames alike, by a lamp that moved or another focus; until free frames show it.
     hourly : part of all these, but for the line's, by which the rig goes on changing within an hour of recording.
     """
 

@@ -60,7 +60,7 @@ class MomentSensor:
 
 @dataclass(frozen=True)
 class NominalTip:
-    """How well the visible end is known to lie at `length_m`; by it the pictures tell the camera's distance."""
+    """How well the visible end is known to lie at `length_m`; the pictures determine the camera's distance by it."""
 
     length_std_m: Annotated[Number, Field(ge=0, le=0.1, description="standard deviation of length_m")] = 3e-4
     shape_std_m: Annotated[
@@ -129,7 +129,7 @@ class OverBoard:
     clamp_px: Annotated[
         tuple[_Pixel, _Pixel] | None,
         Field(
-            description="where the clamp's edge shows in the pictures; needed where neither jig nor sweep tells which "
+            description="where the clamp's edge shows in the pictures; needed where neither jig nor sweep shows which "
             "end is clamped"
         ),
     ] = None
@@ -353,7 +353,7 @@ def has_sweep(session: Session) -> bool:
 def has_over(session: Session) -> bool:
     """Whether there is a folder over/ with pictures of the free antenna over a board.
 
-    Raises InputError when session.yaml says nothing of it: without the height the pictures are worth nothing.
+    Raises InputError when session.yaml says nothing of it: without the height the pictures are useless.
     """
     if not (session.root / "over").is_dir():
         return False

@@ -208,5 +208,5 @@ def _refuse_misspelt(path: Path, wanted: str, known: Sequence[str]) -> None:
 
 
 def _require(path: Path, why: str) -> None:
-    if not os.path.lexists(path):  # a link that leads nowhere is told by who reads it
+    if not os.path.lexists(path):  # whoever reads a dangling link reports it
         raise InputError("no such file", where=path, remedy=f"{why} (docs/formats.md)")

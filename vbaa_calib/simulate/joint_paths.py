@@ -120,7 +120,7 @@ def sweep_of_the_board(scene: Scene, outline_m: np.ndarray) -> tuple[Pose, list[
             where=f"scene {scene.name}",
             remedy="take a shorter lens or a smaller board",
         )
-    # both a wide sweep and a large board tell more
+    # a wide sweep and a large board both determine more
     return max(possible, key=lambda one: one[0])[1:]
 
 

@@ -128,7 +128,7 @@ def _write_pictures(
     following = dict(_following(planned, 1.0 / scene.recording.rate_hz))
 
     def write(index: int) -> None:
-        # a picture's noise hangs on its place in the plan, not on which other pictures are taken
+        # a picture's noise depends on its place in the plan, not on which other pictures are taken
         shot = planned.shots[index]
         _write_picture(root / shot.path, take(shot, following.get(shot.path), stream(scene, "pictures", index)))
 

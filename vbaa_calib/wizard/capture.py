@@ -42,7 +42,7 @@ class Capture:
         self.store = self.state.store
         # a board is in a hand, the antenna on a stand
         self.detector = StillnessDetector(None if self.step.name in ("lens", "plane") else ON_A_STAND)
-        # a jig is taken several times as it stands, all else in another pose
+        # the jig is photographed several times unmoved, all else in another pose
         self.as_it_stands = self.store.folder(self.step.name) == "plane"
         self.progress: Progress | None = None
         self.pending: Picture | None = None

@@ -82,7 +82,7 @@ _Number = Annotated[float, Field(ge=-1e15, le=1e15)]
 
 
 class PageCommand(BaseModel):
-    """A click, or an answer as {key: value}; `seen` numbers the state on the page, None where that is not told."""
+    """A click, or an answer as {key: value}; `seen` is the number of the state on the page, None if not sent."""
 
     model_config = ConfigDict(strict=True, extra="forbid", frozen=True, allow_inf_nan=False)
     kind: Literal["answer", "take", "enough", "back", "redo", "drop", "quit"]

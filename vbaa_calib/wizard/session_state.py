@@ -318,7 +318,7 @@ class SessionState:
         session, plane, camera = self.session, self.plane(), self.lens().camera
         nominal = nominal_parameters(session.antenna)
         pull = gravity_antenna(plane.kinematics, session.gravity_world_m_s2, [still])[0]
-        # the first free picture tells the antenna from its background
+        # the first free picture shows how the antenna differs from its background
         first = self.taken("noload")[:1]
         paint = self._observation("noload", first[0]).paint if first and step != "noload" else None
         expected = ExpectedAntenna(session.antenna, camera, fused(plane.estimates), nominal, paint)

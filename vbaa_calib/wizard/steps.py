@@ -235,7 +235,7 @@ _WAYS = {
     "sweep": (5, 10, "the board fixed in the world; turn pan and tilt to another place, let them rest, read them"),
     "over": (1, 3, "the board flat under the free antenna, at rest"),
 }
-"""Way to plane C → pictures at least, pictures that are enough (the jig's tell it themselves), and what to shoot."""
+"""Way to plane C → fewest pictures, enough pictures (for the jig they decide themselves), and what to shoot."""
 
 
 def _plane_progress(state: SessionState) -> Progress:

@@ -140,7 +140,7 @@ def _cut(small: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class _Settings:
-    """When a scene counts as still; as it stands, for a board in the hand.
+    """When a scene counts as still; the defaults are for a board held by hand.
 
     hold_s, hold_frames : how long, and in how many frames, it must be.
     step_px : motion from one frame to the next that is still none, up to 1280 px picture length; in proportion above.
@@ -162,7 +162,7 @@ class _Settings:
 
 
 ON_A_STAND = _Settings(speed_px_s=0.0, drift_px=1.5, clear_px=6.0)
-"""For an antenna that a load was hung on: all else stands, and it may still vibrate."""
+"""For an antenna with a load: everything else is at rest, and the antenna may still vibrate."""
 
 
 @dataclass(frozen=True)

@@ -156,7 +156,7 @@ class Terminal(View):
             if word in ("help", "?"):
                 for name, words in COMMANDS.items():
                     self._write(f"{name:9s} {words}", "", "  ", _LABEL)
-                self._write("An answer of before is given anew with its flag: vbaa wizard --help lists them.", "", "  ")
+                self._write("To change an earlier answer, give its flag: vbaa wizard --help lists them.", "", "  ")
             elif word in COMMANDS and not (question and line in question.choices):
                 yield word, None
             elif question:

@@ -87,7 +87,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _finish(out: Path, seconds: float, argv: Sequence[str]) -> dict[str, Any]:
-    """Score, table, report.html and summary.json. `argv` is the demo's command line, told in the report."""
+    """Score, table, report.html and summary.json. `argv` is the demo's command line, printed in the report."""
     from estimator.table.files import read_contacts
     from vbaa_calib.core.files import read_json
     from vbaa_calib.rig import Rig

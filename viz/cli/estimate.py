@@ -56,7 +56,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         type=Path,
         metavar="IMAGE|auto",
         help="the same view without the antenna, taken off every picture that it lies behind; auto: learnt from the "
-        "recording and the pictures of the free antenna, where what lies behind stands still in them",
+        "recording and the pictures of the free antenna, where the background is at rest in them",
     )
     parser.add_argument(
         "--overlay",

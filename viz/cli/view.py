@@ -20,7 +20,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("contacts", type=Path, help="contacts.csv, as vbaa estimate writes it")
     parser.add_argument("--rig", type=Path, help="rig.json: draws the antenna, plane C and the camera, too")
     parser.add_argument("--object", type=Path, help="object.vtp, .ply or .glb, instead of estimating it")
-    parser.add_argument("--plain", action="store_true", help="only what stands in the files: no object, no friction")
+    parser.add_argument("--plain", action="store_true", help="only what the files contain: no object, no friction")
     parser.add_argument("--truth", type=Path, help="truth.json of a synthetic session: draws the true object")
     pictures = parser.add_mutually_exclusive_group()
     pictures.add_argument("--session", type=Path, help="the recording's session: its pictures hang before the camera")

@@ -23,7 +23,7 @@ INK, SOFT = "#1f2937", "#5b6676"
 TEAL, AMBER, RED, SLATE = "#0f766e", "#b45309", "#dc2626", "#64748b"
 ESTIMATE, TRUTH = TEAL, AMBER
 RAMP = ("#352a87", "#2f6fb5", "#2a9d8f", "#8ab17d", "#e9c46a", "#f4a261", "#e76f51")
-"""From early to late, dark to light: told apart without seeing colours, too."""
+"""From early to late, dark to light: distinguishable without colour vision, too."""
 _ELLIPSE_STD = 2.0
 _TIME = LinearSegmentedColormap.from_list("time", RAMP)
 _METADATA = {"Date": None, "Creator": None, "Format": None, "Type": None}

@@ -36,7 +36,7 @@ _MOST_ROWS = 400
 
 
 def prose(text: str) -> Markup:
-    """Plain text as HTML; what stands in backquotes is a command."""
+    """Plain text as HTML; text in backquotes is a command."""
     return Markup(re.sub(r"`([^`]+)`", r"<code>\1</code>", str(escape(text))))
 
 

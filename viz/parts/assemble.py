@@ -1,4 +1,4 @@
-"""All parts of a scene: contacts, reconstructed and true object, the rig at every instant, a grid that tells sizes."""
+"""All parts of a scene: contacts, reconstructed and true object, the rig at every instant, a grid for scale."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""report.html: a recording's contacts on one page that stands alone, to be read without any other document."""
+"""report.html: a recording's contacts on one self-contained page."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ _MODELS = {
 _PHASES = {
     "free": ("#cbd5e1", "nothing touches the antenna"),
     "touching": ("#56b4e9", "in contact; whether it sticks or slides is undecided"),
-    "sticking": ("#c2410c", "the antenna's material at the contact stands still against the object"),
+    "sticking": ("#c2410c", "the antenna's material at the contact does not move against the object"),
     "sliding": ("#0072b2", "it moves along the object"),
     "rolling": ("#009e73", "the contact moves along the antenna, its material does not slip"),
     "unknown": ("#64748b", "undetermined by the data"),
@@ -56,7 +56,7 @@ SYMBOLS = {
 _UNITS = {"m": ("mm", 1e3), "N": ("mN", 1e3), "N·m": ("µN·m", 1e6)}
 _OTHER_QUANTITIES = (
     ("antenna frame", "", "x along the undeformed antenna from its clamp, xy the calibration plane C"),
-    ("slip", "mm/s", "velocity of the antenna's material at the contact against the object, which stands still"),
+    ("slip", "mm/s", "velocity of the antenna's material at the contact against the object at rest"),
     ("μ, α", "1, °", "coefficient of friction; half angle of the friction cone, tan α = μ"),
     ("±", "", "one standard deviation, calibration errors included; bands and ellipses are two of them"),
 )
@@ -72,7 +72,7 @@ class Picture:
 
 @dataclass(frozen=True, eq=False)
 class Report:
-    """Everything that stands in a report.
+    """The content of a report.
 
     table : the contacts, at least one row. rig : adds the moment residual in the sensor's deviations.
     estimate, track, facts : what the contacts say together; None where it is undetermined.

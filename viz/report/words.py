@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from estimator.object.track import Track
 
 _MANY = 0.2  # a larger part of the frames lost is said in the verdict's colour, too
-_LARGE_RESIDUAL = 3.0  # a moment residual of more than so many of the sensor's deviations (rms) is worth a look
+_LARGE_RESIDUAL = 3.0  # a moment residual of more than so many of the sensor's deviations (rms) is reported
 _MOST_TIMES = 8
 _LOST = ("no_antenna", "failed", "unobservable", "low_signal", "not_quasistatic")
 

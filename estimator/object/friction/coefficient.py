@@ -24,10 +24,10 @@ _BOUND = 0.5 * 1.645**2  # what a bound that holds in 95 % costs, in logarithms 
 _SPARED = 2  # of the touches that need not slide so many may be wrong without having set a bound
 _SHARE = 0.95
 _COARSE, _FINE, _FAR, _BETWEEN = 41, 61, 9.0, 17  # points of the grids of μ, and in which losses the fine one lies
-_SCATTERED = 8  # fewer sliding angles do not tell their scatter
+_SCATTERED = 8  # fewer sliding angles do not determine their scatter
 _FEWEST = 5  # so many touches have to slide
 _KNOWN_SHARE = 0.25  # directions that are known for fewer of the touches are known by accident
-_STD, _STD_SHARE = 0.03, 0.1  # μ is told where its deviation is below the first, or below this share of μ
+_STD, _STD_SHARE = 0.03, 0.1  # μ counts as determined where its deviation is below the first, or below this share of μ
 # Sliding touches that scatter so many times as much as they should do not follow the law, nor where so many lie far
 # off, nor where they need common errors as improbable as this.
 _CONTRADICTED, _WRONG_SHARE, _STRAINED = 4.0, 0.25, 1e-5

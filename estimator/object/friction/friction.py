@@ -39,7 +39,7 @@ _LEAST_OWN = 0.2  # so much of a deviation at least is taken for the frame's own
 # they usually have: a shape that was only felt along the antenna has no slope across it, and small errors of the points
 # along it pass for one.
 _NEAR, _SHARE, _NOISE = 0.3, 0.2, 4.0
-NORMAL_KNOWN_RAD = 0.12  # a touch whose normal the shape does not tell to this tells nothing of friction across it
+NORMAL_KNOWN_RAD = 0.12  # a touch whose normal the shape determines less well says nothing about friction across it
 _FORCE_KNOWN_RAD = 0.25  # nor does one whose force is not known to this
 _SLIPS = 2.0  # a slip speed of so many deviations has a direction
 # so much of a friction angle's deviation at least is the frame's own: the difference of two that are nearly alike, the
@@ -105,7 +105,7 @@ def friction(
     mu = coefficient(evidence) if len(evidence.touch) else None
     determined, reason, interval = judge(rubs, mu)
     rows, normal = surface.touched_row, surface.touched_normal
-    # where the shape cannot tell the turn about the antenna
+    # where the shape does not determine the turn about the antenna
     unknown = np.where(rubs.spread_across[:, None], 0.0, np.nan_to_num(axes.lateral))
     covariance = surface.touched_normal_covariance + unknown[:, :, None] * unknown[:, None, :]
     turned = axes.lateral_variance(covariance)

@@ -24,7 +24,7 @@ _LEAST_VARIATION = 0.05  # below this relative spread of the normal forces nothi
 _MODEL_M, MODEL_SHARE = 1e-5, 0.015
 _GUESSED_STD_M = 2e-4  # for touches without covariance, to smooth them by; no deviation is reported then
 # touches that scatter more than this about the surface have covariances that are too small: all are widened; fewer
-# touches than that do not tell their own scatter
+# touches do not determine their own scatter
 _SCATTER_TOLERATED, _ENOUGH = 1.5, 12
 _CELLS = 44  # along the longer side of a patch; a curve has as many pieces
 _CLOSING = 0.6  # what lies within this many bridged gaps of touches on all sides belongs to the footprint
@@ -134,7 +134,7 @@ def reconstruct(touches: Touches | ContactTable, antenna_radius_m: float) -> Sur
     if not compliance.determined:
         found = fit(touches, antenna_radius_m, patches, found.state, False)
     if not known:
-        reason = "the contacts have no covariance: stiffness cannot be told"
+        reason = "the contacts have no covariance: stiffness is undetermined"
         compliance = Compliance(reason=reason)
     return _surface(found, compliance, known, [*touches.notes, *notes])
 
@@ -149,7 +149,7 @@ def _compliance_of(fit: Fit) -> Compliance:
     std = float(np.hypot(np.sqrt(solution.variance), left_out))
     lowest, highest = compliance_m_N - _DEVIATIONS_95 * std, compliance_m_N + _DEVIATIONS_95 * std
     forces = f"normal forces from {1e3 * low_N:.3g} to {1e3 * high_N:.3g} mN"
-    unknown = "the object's stiffness cannot be told"
+    unknown = "the object's stiffness is undetermined"
     stiffness, interval = np.nan, np.full(2, np.nan)
     extent = float(np.linalg.norm(np.ptp(touches.point_m, axis=0)))
     if len(touches) < 3 or not high_N - low_N > _LEAST_VARIATION * high_N or not std > 0:

@@ -19,7 +19,7 @@ _PATCH_NORMALS_RAD = np.radians(65)  # a patch is a height field: no normal may 
 # gaps up to so many times as wide as the usual ones are bridged, and those up to this fraction of all that was touched:
 # dense tracks lie far apart, measured by their steps
 LINK_FACTOR, _LINK_EXTENT = 3.0, 0.25
-# so many neighbours, when they face alike within this, tell a contact's side: friction cancels in them
+# so many neighbours, when they face alike within this, decide a contact's side: friction cancels in them
 _NEIGHBOURS, _ALIKE_RAD = 8, np.radians(75)
 # a patch is wide when its width stands out of the contacts' own spread this much, is at least this fraction of its
 # length, and has at least so many contacts

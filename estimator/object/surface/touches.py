@@ -71,7 +71,7 @@ def touches_of(table: ContactTable, shared: CommonErrors | None = None) -> Touch
         row = row[np.round(np.linspace(0, len(row) - 1, _MAX_TOUCHES)).astype(int)]
     unknown = 0 if shared is None else int(np.sum(~np.isfinite(shared.point_m[row]).all(axis=(1, 2))))
     if unknown:
-        why = "the calibration's errors are not told (distance_std_m): they count as their own"
+        why = "the calibration's errors are not given (distance_std_m): they count as the contacts' own"
         notes += (f"of {unknown} contacts {why}",)
     tangent = table.tangent_world[row]
     length = np.linalg.norm(tangent, axis=1, keepdims=True)

@@ -32,7 +32,7 @@ from .onset import (
 # swinging frames no further apart belong together, the frames between them too: at its turning points an antenna
 # swings, half way between them it looks at rest
 _JOINED_S = 0.15
-_AROUND_S = 0.3  # frames before and after that tell the frequency as well
+_AROUND_S = 0.3  # frames before and after that the frequency is estimated from, too
 _LEAST_FRAMES, _LEAST_PERIODS, _TRIALS = 8, 1.5, 400
 _CHANCE = 1e-3  # probability that noise alone shows a line as strong, at most
 _BEFORE, _AFTER = 45, 12  # frames around a change whose evidence is looked at
@@ -44,7 +44,7 @@ _COSINES = np.linspace(-0.8, 0.8, 5)
 # an approach is thought to grow from t₀ to the last frame looked at: standard deviation of the share
 _BENDS, _SHARES, _UNEVEN = np.array([-1.4, 0.0, 1.4]), np.array([0.25, 0.5, 0.25]), 0.15
 # part of the common error behind which a deflection may hide besides: distance and direction are fitted to that error
-# first, and only by and by to the contact
+# first, and only later to the contact
 _HIDDEN = 0.6
 # probability that forces did not grow from zero at one rate: a base that moves in steps lands between two frames
 _STEPPED = 0.02
@@ -84,16 +84,16 @@ def _frequency_words(table: ContactTable, near: slice, beam: Beam | None, step: 
     known = np.isfinite(table.evidence[near]) & np.isfinite(table.time_s[near])
     time, signal = table.time_s[near][known], np.sqrt(2.0 * np.clip(table.evidence[near][known], 0.0, None))
     if len(time) < _LEAST_FRAMES or not np.isfinite(step):
-        return "too few frames to tell how fast"
+        return "too few frames for a frequency"
     fastest = 0.5 / step
     free_Hz = 0.0 if beam is None else float(beam.first_mode_rad_s(np.zeros(()))) / (2.0 * np.pi)
     if free_Hz > 0.9 * fastest:
-        return f"its first mode, {free_Hz:.1f} Hz or more, is too fast for {1.0 / step:.0f} frames a second to tell"
+        return f"its first mode, {free_Hz:.1f} Hz or more, is too fast for {1.0 / step:.0f} frames a second"
     found = frequency(time, signal, fastest)
     if found is None:
         return "no one frequency stands out"
     doubt = "(or, of a free antenna that swings about rest, half of it)"
-    return f"its bend comes and goes at {found[0]:.1f} ± {found[1]:.1f} Hz {doubt}, told up to {fastest:.0f} Hz"
+    return f"its bend comes and goes at {found[0]:.1f} ± {found[1]:.1f} Hz {doubt}, observable up to {fastest:.0f} Hz"
 
 
 def frequency(time_s: np.ndarray, signal: np.ndarray, fastest_Hz: float) -> tuple[float, float] | None:
@@ -185,7 +185,8 @@ def _by_evidence(growth: _Growth, at: np.ndarray) -> np.ndarray:
     """(A,) log-likelihood of t₀ by the evidence, up to the first frame of which it is only known to be much."""
     much = np.flatnonzero(growth.evidence > _TRUSTED)
     end = int(much[0]) + 1 if len(much) else len(growth.evidence)
-    telling = np.isfinite(growth.evidence[:end]) & (growth.time_s[:end] > at[0])  # what is before all tells nothing
+    # frames before that carry no information
+    telling = np.isfinite(growth.evidence[:end]) & (growth.time_s[:end] > at[0])
     used = np.flatnonzero(telling)
     if len(used) == 0:
         return np.zeros(len(at))
@@ -233,7 +234,7 @@ def _by_force(growth: _Growth, at: np.ndarray) -> np.ndarray:
 
 
 def contact_events(table: ContactTable, contacting: ContactStates) -> tuple[Event, ...]:
-    """First contacts and losses, with the times that the growth of the deflection tells."""
+    """First contacts and losses, timed by the growth of the deflection."""
     told = np.flatnonzero((contacting.state >= 0) & np.isfinite(table.evidence))
     return tuple(_change(table, contacting, change, told) for change in contacting.changes)
 
@@ -258,14 +259,14 @@ def _change(table: ContactTable, contacting: ContactStates, change: Change, told
     kind, what = (FIRST_CONTACT, "first contact") if change.begins else (LOSS, "contact is lost")
     frame, decided = int(table.frame[change.row]), float(table.time_s[change.row])
     time = std = np.nan
-    words = f"in contact from frame {frame} on, the first that tells: when it began cannot be told"
+    words = f"in contact from frame {frame} on, the first informative frame: when it began is undetermined"
     if len(change.known_before):
-        words = f"{what} with frame {frame}: its times do not tell when"
+        words = f"{what} with frame {frame}: without usable times"
         growth = _growth(table, contacting, change, told)
         if growth is None:
             low = float(table.time_s[change.known_before[-1]])
             time, std = 0.5 * (low + decided), (decided - low) / np.sqrt(12.0)
-            how = "between two frames, no evidence tells it closer"
+            how = "between two frames, no evidence narrows it further"
         else:
             time, std = _instant(growth)
             time = time if change.begins else -time
@@ -278,7 +279,7 @@ def _change(table: ContactTable, contacting: ContactStates, change: Change, told
 
 
 def _growth(table: ContactTable, contacting: ContactStates, change: Change, told: np.ndarray) -> _Growth | None:
-    """The frames about a change, of those that tell (T,); of a loss turned round in time."""
+    """The informative frames (T,) around a change; of a loss turned round in time."""
     state, time = contacting.state, table.time_s
     place = int(np.searchsorted(told, change.row))
     if change.begins:

@@ -41,16 +41,16 @@ _CLEAR, _STILL_CLEAR = 4.5, 2.5  # deviations by which a slip must stand out to 
 # share of the joints' motion below which a slip is not called one: curved paths and rolling leave as much; and that it
 # must surely stay below where the contact is said to stick
 _NOTHING, _STUCK = 0.05, 0.15
-_REST_M_S = 3e-4  # nothing slower is told from rest
-_RADIUS_M = 0.5e-3  # the antenna's, where no rig tells it: of use only for how much a sticking antenna may roll
+_REST_M_S = 3e-4  # nothing slower is distinguishable from rest
+_RADIUS_M = 0.5e-3  # the antenna's if no rig is given: only limits how much a sticking antenna may roll
 _GAP_FRAMES = 4.0  # a run of located frames ends where so many frames' time passes without one
-_LEAST_SECONDS = 6  # second differences that tell a scatter
+_LEAST_SECONDS = 6  # second differences needed for a scatter
 _MOST_SCATTER = 3.0  # how many times as much as said the points of a path may scatter across the antenna, at most
 # velocities are slopes over the frames within `HALF_WINDOW_S`, and over one neighbour on each side at least
 _LEAST_HALF = 1
 _SHARE = 0.01  # part of a slip that is left open: the object touches an antenna radius beside the centreline
 _LEANING_RAD = 0.35  # how far friction may lean the force from the normal across the antenna: standard deviation
-_UPRIGHT_RAD = 0.8  # a slip farther from the plane across the force does not tell the normal: the object gives way
+_UPRIGHT_RAD = 0.8  # a slip farther from the plane across the force says nothing about the normal: the object gives way
 
 
 def follow(
@@ -61,8 +61,8 @@ def follow(
 ) -> Track:
     """What happens in a recording: first contact, loss, sticking and sliding, ringing.
 
-    The rig tells calibration from noise, the joints' motion, and the antenna's frequency; `shared` is
-    `shared_errors(rig, table)`, where it is known already, `normal_world` (B, 3) the object's outward normals where
+    The rig separates calibration errors from noise and gives the joints' motion and the antenna's frequency; `shared`
+    is `shared_errors(rig, table)`, where it is known already, `normal_world` (B, 3) the object's outward normals where
     something better than the forces' direction is known; NaN elsewhere.
     """
     if shared is None:
@@ -84,7 +84,7 @@ def follow(
         phase[rows] = _phases(moving, radius)
     events = contact_events(table, contact)
     for change, event in zip(contact.changes, events, strict=True):
-        if np.isfinite(event.time_s):  # frames between a change and the frame that told it belong to what follows
+        if np.isfinite(event.time_s):  # frames between a change and its detection belong to what follows
             late = change.known_before[table.time_s[change.known_before] > event.time_s]
             late = late[np.isin(phase[late], (FREE, TOUCHING))]
             phase[late] = TOUCHING if change.begins else FREE
@@ -108,22 +108,22 @@ def _notes(table: ContactTable, contact: ContactStates, shared: CommonErrors) ->
     notes = []
     located = table.located
     if not np.isfinite(table.evidence).any():
-        notes.append("no evidence column: contact is told frame by frame alone, and its instant between two frames")
+        notes.append("no evidence column: contact is decided frame by frame, its instant known only between two frames")
     elif not contact.pooled_test:
         notes.append(
-            "no dozen free frames in about one pose: slow approaches are told frame by frame alone"
+            "fewer than twelve free frames near one pose: slow approaches are decided frame by frame"
             if np.isfinite(table.pan_rad + table.tilt_rad).any()
-            else "no joint angles: slow approaches are told frame by frame alone"
+            else "no joint angles: slow approaches are decided frame by frame"
         )
     if located.any() and not np.isfinite(table.tangent_world[located]).any():
-        notes.append("no tangents: slip cannot be told")
+        notes.append("no tangents: slip is undetermined")
     if located.any() and not shared.known:
         notes.append("no rig: what noise does to the slip is taken from its scatter")
     return notes
 
 
 def _phases(slip: _Slip, antenna_radius_m: float) -> np.ndarray:
-    """(P,) what each frame of a stroke does; "touching" where it cannot be told."""
+    """(P,) what each frame of a stroke does; "touching" if undetermined."""
     speed = np.linalg.norm(slip.velocity_m_s, axis=1)
     # its deviation: along the slip where that is clear, else the larger of all directions
     widest = np.sqrt(np.maximum(np.linalg.eigvalsh(np.nan_to_num(slip.parts_m2_s2, nan=np.inf)).max(axis=-1), 0.0))
@@ -172,7 +172,7 @@ def _material_noise(
     """(P, 3, 3) noise of the material path.
 
     Along the antenna an error of the distance moves contact and walk alike: what is left is the path's own scatter.
-    Across it the contact's own noise stays, or the scatter where that is not told apart from the calibration's error.
+    Across it the contact's own noise stays, or the scatter where that is not separated from the calibration's error.
     """
     along = np.einsum("pi,pj->pij", tangent, tangent)
     flat = np.eye(3) - along

@@ -1,7 +1,7 @@
 """What following a recording in time gives; and when contact begins and ends: a sequential test on the evidence that
 each frame gives for a contact.
 
-A slow approach shows in several frames together before one alone tells it, but not in their sum: the calibration's
+A slow approach shows in several frames together before it shows in one, but not in their sum: the calibration's
 error is common to all frames, and a rig that is off within its covariance gives every free frame the same little
 evidence. So the last frames are held against the ones before them, which is what this very antenna shows when free.
 
@@ -28,7 +28,7 @@ HALF_WINDOW_S = 0.1
 """Slips are slopes over the frames within this time."""
 _WINDOWS = (3, 6, 12)  # last frames that are taken together
 _ALARM = 1e-6  # probability of a false alarm by each of the windows, in a frame of the free antenna
-# free frames that tell what the free antenna looks like, at most and at least; so many of the last are left out where
+# free frames that the free antenna is learnt from, at most and at least; so many of the last are left out where
 # there are enough before them: a slow approach is in them
 _BASELINE, _LEAST_BASELINE, _LAG = 60, 12, 30
 _SPAN_RAD = 0.05  # it looks alike within so much joint travel: a weight that is known badly shows with the pose
@@ -38,14 +38,14 @@ _LEAST_SCATTER = 0.2  # of the cube root, below which no recording is believed: 
 _FREE_AGAIN, _FIRM, _RECENT = 2.5, 40.0, 3
 _FREE_TOGETHER, _LEAVING = 1.0, 6
 _GAP_S = 0.5  # over a longer gap nothing is carried: what happened in it is not known
-_TOUCHING = ("ok", "tip_contact", "low_signal")  # tell a contact; `no_contact` tells none, all others tell neither
+_TOUCHING = ("ok", "tip_contact", "low_signal")  # in contact; `no_contact` is free, all others are neither
 
 
 @dataclass(frozen=True)
 class Event:
     """Something that happened: its kind, and the number of the frame with which it was known.
 
-    `time_s`, `time_std_s` say when it happened, NaN where that cannot be told, `delay_s` how much later it was known,
+    `time_s`, `time_std_s` say when it happened, NaN where that is undetermined, `delay_s` how much later it was known,
     `words` the same for a reader.
     """
 
@@ -69,7 +69,7 @@ class Track:
         against the object, in the plane of contact; NaN where the data do not hold it.
     slip_std_m_s : (B,) largest standard deviation of its components.
     longitudinal_m_s, lateral_m_s : (B,) along the antenna towards the tip, and along normal × tangent.
-    ringing : (B,) bool. events : in order of time. notes : what the recording could not tell, in words.
+    ringing : (B,) bool. events : in order of time. notes : what the recording leaves undetermined, in words.
     """
 
     phase: np.ndarray
@@ -88,7 +88,7 @@ class Change:
     """A change between the free antenna and contact, decided with frame `row`: a contact begins, or is lost.
 
     `known_before` (K,) are the frames in the state before, empty where that was never seen; `pooled`: several frames
-    together told it, none alone.
+    together show it, none alone.
     """
 
     row: int
@@ -131,7 +131,7 @@ def contact_states(table: ContactTable, ringing: np.ndarray) -> ContactStates:
             late = np.array([*run[1 - _LEAVING :], row])
             if not (table.evidence[run[-_RECENT:]] <= _FIRM).all():
                 stays = _exceeds(root[[row]], root[base], _FREE_AGAIN)
-            else:  # a weak contact holds on by too few frames, by one that tells it, or by all together
+            else:  # a weak contact continues over a few frames, with one clear frame, or by all together
                 some = len(late) < _LEAVING or bool((said[late] == 1).any())
                 stays = some or _exceeds(root[late], root[base], _FREE_TOGETHER)
             found = 1 if alone == 1 or stays else 0

@@ -2,8 +2,9 @@
 
 Within a stroke, between one beginning of slip and the next, the contact moves at a velocity that changes by a random
 walk (constant velocity, Kalman; Rauch, Tung and Striebel backward). How much it changes is taken from the data, axis by
-axis: the mean of the intensity under its likelihood, so that a path too short to tell is not taken for a straight line.
-Only what differs between frames is smoothed away. The calibration's error, which no smoothing touches, is added again.
+axis: the mean of the intensity under its likelihood, so that a path too short to show its curvature is not taken for
+a straight line. Only what differs between frames is smoothed away. The calibration's error, which smoothing
+cannot reduce, is added again.
 """
 
 from __future__ import annotations
@@ -104,8 +105,8 @@ def smooth(
 ) -> ContactTable:
     """The same table with contact points, distances and forces smoothed in time.
 
-    What is not located, or lies in too short a piece, stays as it is. The rig tells calibration from noise: without
-    that, smoothed points would claim too much. `shared` and `track` are `shared_errors(rig, table)` and
+    What is not located, or lies in too short a piece, stays as it is. The rig separates calibration errors from
+    noise: without that, smoothed points would claim too much. `shared` and `track` are `shared_errors(rig, table)` and
     `follow(table, rig, shared)`, where they are known already.
     """
     shared = shared_errors(rig, table) if shared is None else shared

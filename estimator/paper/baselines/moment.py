@@ -24,7 +24,7 @@ from estimator.contact.motion import Beam
 from .press import Answer, Press, Ring
 
 _STANDS_OUT = 5.0  # the moment's growth, or the ringing's amplitude, must be so many of its deviations
-_ASIDE_RAD = 0.05  # moment and turn that differ in direction by more, and by more than noise, tell of a slip sideways
+_ASIDE_RAD = 0.05  # moment and turn that differ in direction by more, and by more than noise, indicate a slip sideways
 
 _Slope = tuple[float, float, float]
 _FEWEST_PERIODS, _FEWEST_SAMPLES = 2.0, 12
@@ -156,7 +156,7 @@ def fit_ringing(ring: Ring, band_rad_s: tuple[float, float]) -> tuple[float, flo
     )
     information = solved.jac.T @ solved.jac
     if not np.isfinite(solved.x).all() or np.linalg.cond(information) > 1e14:
-        return "no oscillation can be told from the signal"
+        return "no oscillation is found in the signal"
     covariance = np.linalg.inv(information) * (2.0 * solved.cost / (len(time) - len(solved.x)))
     amplitude = float(np.hypot(*solved.x[2:4]))
     toward = solved.x[2:4] / max(amplitude, 1e-300)
@@ -164,7 +164,7 @@ def fit_ringing(ring: Ring, band_rad_s: tuple[float, float]) -> tuple[float, flo
         return "no ringing stands out of the signal's noise"
     damped = float(abs(omega * solved.x[0]))
     if damped * span < _FEWEST_PERIODS * 2.0 * np.pi:
-        return f"fewer than {_FEWEST_PERIODS:.0f} periods: the frequency cannot be told from a drift"
+        return f"fewer than {_FEWEST_PERIODS:.0f} periods: the frequency is indistinguishable from a drift"
     return float(np.hypot(damped, solved.x[1] / span)), float(omega * np.sqrt(covariance[0, 0]))
 
 

@@ -22,7 +22,7 @@ from .press import Answer, Press
 _SHARES = (0.6, 0.97)  # where the two points are taken, in antenna lengths
 _UNCERTAIN = 0.1  # distances less certain than this share of the length are not given out
 _STEEP = 0.5  # slopes of the straight part beyond this are not the small deflections of Assumption 1
-_FEWEST_FRAMES = 3  # that tell an object's stiffness
+_FEWEST_FRAMES = 3  # needed for an object's stiffness
 _KNOWN = 0.2  # frames whose force is less certain than this share of itself are left out: the formulas are not linear
 STANDS_OUT = 3.0
 """The compliance must be so many of its deviations."""

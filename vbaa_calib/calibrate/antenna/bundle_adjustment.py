@@ -1,7 +1,7 @@
 """Bundle adjustment of camera pose, antenna, moment sensor and lens, from no-load frames and known loads.
 
 Everything is solved at once: a tilted clamp looks like a tilted camera, a bowed wire like a heavier one. What the
-pictures cannot tell apart is held by priors, and shows in the covariance. The posterior of the board's pictures, of
+pictures cannot separate is held by priors, and shows in the covariance. The posterior of the board's pictures, of
 lens and camera pose, is the prior here.
 """
 

@@ -46,7 +46,7 @@ class Checks:
     Attributes
     ----------
     anisotropy : log of the stiffness against bending to y over that to z; assumption 4 says 0. None without loads.
-    mass_per_length_kg_m : from the sag alone, without what was known of it before; None where the sag cannot tell.
+    mass_per_length_kg_m : from the sag alone, without prior knowledge; None if the sag does not determine it.
     drift_Nm_per_s : of the moment sensor; `drift_Nm_per_row` where the stills have no times.
     noise_Nm : of the moment sensor as the stills show it, by so many degrees of freedom, and its 95 % interval.
     """

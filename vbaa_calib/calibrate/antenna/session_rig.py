@@ -44,12 +44,12 @@ _ASIDE, _NEAR_FIRST = 0.067, (1.3, 3.0, None)
 """How far aside an antenna lies, as a fraction of the distance from the clamp, by one deviation of the priors below; it
 is looked for within so many of them first, then all around: clutter farther away is not even tried."""
 _COURSE_ASIDE, _COURSE_ORDER, _ODD = 0.02, 2, 0.04
-"""The same deviation where other pictures of the rig tell the free antenna's course, a polynomial of this order beside
-what is expected; a line that lies so far off the others' course is looked for again."""
+"""The same deviation where other pictures of the rig determine the free antenna's course, a polynomial of this order
+beside what is expected; a line that lies so far off the others' course is looked for again."""
 _SHARED = 2.0
 """Effective over own deviation above which neighbouring points share most of their errors."""
 _LEARNT_FROM = 3
-"""Pictures that tell what sets the antenna off."""
+"""Pictures from which the antenna's contrast is learnt."""
 _PLACES = np.linspace(0.0, 1.0, 21)
 
 

@@ -1,7 +1,7 @@
 """EI from measured deflections of a clamped rod under one known load, with an interval that allows for shared errors.
 
 The deflection that the load adds is y(x) = h(x; EI) + offset: h the beam's or the elastica's, the offset the gauge's,
-which was set to zero twice. What a table cannot tell apart is not left to the fit: a clamp that turns is held at zero,
+which was set to zero twice. What a table cannot separate is not left to the fit: a clamp that turns is held at zero,
 and a prior for it goes into the standard deviation; errors that neighbouring readings share widen the interval; force
 and distance are taken as exact. EI with a clamp free to turn, and with the offset held, is reported beside it.
 """

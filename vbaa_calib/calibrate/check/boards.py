@@ -138,7 +138,7 @@ def _fit_finding(rms_px: float, expected_px: float | None, freedom: int, views: 
 def _focus_finding(camera: Camera, change: Change, views: int) -> Finding:
     """change : of fx, fy, cx, cy."""
     if change.freedom == 0:
-        why = f"{_pictures(views)} cannot tell: a board that fills the picture, tilted by 30 to 45 degrees, would"
+        why = f"{_pictures(views)} cannot decide: a board that fills the picture, tilted by 30 to 45 degrees, would"
         return not_given("lens_focus", why)
     # the motion over the picture by what is significant, a turn of the camera compensated
     pixels = pixel_grid(camera.image_size)

@@ -66,11 +66,11 @@ other. Half a millimetre on the ruler and half a per cent on the balance make 0.
 _CLEARER = 3.0
 """A right entry lies this many times nearer than the noted one."""
 _ALIKE = 0.01
-"""Entries whose misfits differ by less cannot be told apart."""
+"""Entries whose misfits differ by less are indistinguishable."""
 _SAME_VALUE = 0.03
 """Entries that differ by less are the same number, by whatever slip: a kilogram is 9.81 N, a lost digit is 10."""
 _SHOWN_STD = 5.0
-"""Least deflection, in deviations of single points, that tells entries apart."""
+"""Least deflection, in deviations of single points, that distinguishes entries."""
 _CHANCE, _CURVE = 1e-5, 3
 """Chance of a false alarm among all rows of a session; degree of the curve, along a line, that contradicts a row."""
 _AGREE = 0.1
@@ -234,7 +234,7 @@ def wrong_rows(free: BundleAdjustment, observations: Sequence[Observation], leng
         others = _fit(free, one, [entry.load for entry in entries], centre, reach)
         nearest = float(others.misfit.min())
         alike = np.flatnonzero(others.misfit <= nearest + _ALIKE).tolist()
-        # the commonest slip of those that the picture does not tell from the best one
+        # the commonest slip of those that the picture cannot distinguish from the best one
         first = entries[int(np.argmin(others.misfit))]
         same_kind = [entries[i] for i in alike if entries[i].is_turn == first.is_turn]
         best = next(entry for entry in same_kind if first.is_turn or not _differ(entry.load, first.load))
@@ -266,7 +266,7 @@ def row_diagnoses(rows: Sequence[Row], count: int) -> list[Diagnosis]:
             f"would fit if the {entry.what} was given {entry.how}"
         )
         if also:
-            words += f" (or {' or '.join(also[:2])}: the picture does not tell)"
+            words += f" (or {' or '.join(also[:2])}: the picture cannot decide)"
         words += f". Is it {entry.question(first.load)}?"
         cells = "; ".join(f"{_row_name(row.index, row.load)}: {own.remedy(row.load)}" for row, own in same[:3])
         found.append(Diagnosis(f"load_{entry.what}_mistyped", words, f"if so, correct {cells}", grave=True))

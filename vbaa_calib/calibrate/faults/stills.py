@@ -39,7 +39,7 @@ def still_diagnoses(session: Session, kinematics: Kinematics, joint: BundleAdjus
     kinematics : with the joints' zeros by a sweep. joint : of all stills, from `solve_antenna`.
     """
     length = _tips(joint)
-    # the other causes are told by the lines alone, whatever the length is
+    # the other causes follow from the lines alone, whatever the length is
     problem = joint.problem.without_tips()
     problem = replace(problem, prior=replace(problem.prior, tip_std_m=None))
     solution = replace(problem.linearised(joint.solution.parameters), converged=True)

@@ -129,13 +129,13 @@ def plane_progress(views: Sequence[BoardView], shape: BoardShape, camera: Camera
     std_m = float(np.hypot(lens_m, board_m))
     gain = 1.0 - float(np.hypot(lens_m, board_m * np.sqrt(1.0 - _next_share(views, board)))) / std_m
     now = f"Points on plane C are known to {1e3 * std_m:.3f} mm (one standard deviation, lens and jig together)"
-    enough, words = False, f"{now}; the goal is {1e3 * GOAL_M:.3f} mm. Take another of the jig as it stands."
+    enough, words = False, f"{now}; the goal is {1e3 * GOAL_M:.3f} mm. Take another of the jig without moving it."
     if not np.isfinite(std_m):
         words = "Plane C is hardly in the picture: turn the camera to where the antenna moves."
     elif board.is_ambiguous:
         words = f"{now}, but two poses of the board explain the picture: tilt camera and board to each other."
     elif len(views) < _LEAST_OF_JIG:
-        words = f"{now}; {_LEAST_OF_JIG - len(views)} more of the jig as it stands, to average out noise."
+        words = f"{now}; {_LEAST_OF_JIG - len(views)} more of the jig without moving it, to average out noise."
     elif std_m <= GOAL_M:
         enough, words = True, f"{now}: the goal of {1e3 * GOAL_M:.3f} mm is reached. Enough, more will not help."
     elif gain < _LEAST_GAIN:

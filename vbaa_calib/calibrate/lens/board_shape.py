@@ -112,7 +112,7 @@ def deformations(nominal_m: np.ndarray) -> np.ndarray:
     u, v = ((plane - 0.5 * (low + high)) / np.where(half > 0.0, half, 1.0)).T
     x, y = plane.T
     moved = np.zeros((len(plane), 3, SHAPE))
-    # nil in the mean: the board's frame stays in its mean plane; a single row has no bow
+    # zero in the mean: the board's frame stays in its mean plane; a single row has no bow
     for index, (place, width) in enumerate(zip((u, v), half, strict=True)):
         moved[:, 2, index] = place**2 - 1.0 / 3.0 if width > 0.0 else 0.0
     moved[:, 2, 2] = u * v

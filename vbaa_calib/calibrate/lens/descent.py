@@ -21,9 +21,9 @@ _CAUCHY_PER_MEDIAN, _LEAST_PX = 2.385 / 1.1774, 2.385e-9
 class Held(NamedTuple):
     """What holds the board's shape and the lens, besides the corners.
 
-    mean, std : (5,) of the shape's prior, weighed by noise_px; nil where there is none.
-    least_slope : of the distorted radius by the ideal one, wherever the picture reaches; nil where nothing is required.
-    stiffness_px : residual of a slope of nil at one of the radii looked at.
+    mean, std : (5,) of the shape's prior, weighed by noise_px; zero where there is none.
+    least_slope : of the distorted radius by the ideal one, wherever the picture reaches; zero where there is none.
+    stiffness_px : residual of a slope of zero at one of the radii checked.
     """
 
     mean: np.ndarray

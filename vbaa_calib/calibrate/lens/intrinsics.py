@@ -34,7 +34,7 @@ _CENTRED, _DECENTRED, _CLEARLY = ("none", "radial", "fisheye"), "opencv4", 1.15
 _EXCESS, _NEGLIGIBLE, _MOST = 3.0, 1.005, 1.1
 _AGREEMENT_MAY_COST, _MONOTONIC_MAY_COST = 1.005, 1.1
 _ROUNDS = 3
-_ROUGHLY = replace(CONVERGED, iterations=5, tolerance=1e-4)  # just enough to tell good corners from bad
+_ROUGHLY = replace(CONVERGED, iterations=5, tolerance=1e-4)  # just enough to separate good corners from bad
 
 
 @dataclass(frozen=True, eq=False)

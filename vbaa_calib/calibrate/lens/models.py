@@ -99,7 +99,7 @@ class Unfolding:
     """What is added to a cost so that the lens does not fold inside the picture.
 
     least_slope : of the distorted radius by the ideal one (by the angle, for a fisheye), wherever the picture reaches.
-    weight_px2 : cost of a slope of nil at one of the radii looked at. image_size : (width, height) px.
+    weight_px2 : cost of a slope of zero at one of the radii checked. image_size : (width, height) px.
     """
 
     least_slope: float
@@ -146,7 +146,7 @@ def _is_monotonic(model: LensModel, numbers: tuple[float, ...], image_size: tupl
 def rational_like(fisheye: LensModel, intrinsics: np.ndarray, image_size: tuple[int, int]) -> np.ndarray | None:
     """(12,) intrinsics of a rational lens that follows a fisheye's curve over the picture, without a pole.
 
-    A rational lens that is solved from another start often has a pole beside a nil, just beyond the corners seen. None
+    A rational lens that is solved from another start often has a pole beside a zero, just beyond the corners seen. None
     where the fisheye sees more than 86° off its axis or folds.
     """
     reach = corner_radius(intrinsics, image_size)

@@ -92,13 +92,13 @@ def differences(ways: Sequence[PoseEstimate], lens_covariance: np.ndarray) -> li
 
 
 def require_agreement(found: Sequence[Difference], where: object) -> None:
-    """Raises InputError when estimates contradict each other, naming the one that stands alone if there is one."""
+    """Raises InputError when estimates contradict each other, naming the one that disagrees with all others, if any."""
     apart = [difference for difference in found if not difference.agrees]
     if not apart:
         return
     names = sorted({name for difference in found for name in difference.ways})
     alone = [name for name in names if all((name in one.ways) != one.agrees for one in found)]
-    which = f"{alone[0]} stands alone" if len(alone) == 1 and len(names) > 2 else "one of them is wrong"
+    which = f"{alone[0]} disagrees with the others" if len(alone) == 1 and len(names) > 2 else "one of them is wrong"
     raise InputError(
         f"the ways to plane C contradict each other: {'; '.join(map(str, apart))}: {which}",
         where=where,

@@ -191,7 +191,7 @@ def _area(image: np.ndarray, centre: np.ndarray, slope: np.ndarray, circle: _Cir
     if not total * contrast > 0.0 or abs(contrast) < 1.0:
         return None
     moment = weight @ offsets / total
-    # of weight · (offset − moment) / total, which is nil
+    # of weight · (offset − moment) / total, which is zero
     arm = (offsets[edge] - moment).T / total
     by_grey = np.zeros((2, len(offsets)))
     by_grey[:, edge] = -arm

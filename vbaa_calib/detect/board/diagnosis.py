@@ -203,7 +203,7 @@ class _Sighting:
 def explain_mismatch(
     read: Callable[[int], np.ndarray], markers: Sequence[Markers], spec: BoardSpec, found: bool
 ) -> _Mismatch | None:
-    """What is wrong with the spec, or None where nothing is or nothing can be told.
+    """What is wrong with the spec, or None if nothing is wrong or it cannot be determined.
 
     Parameters
     ----------
@@ -252,7 +252,7 @@ def _legacy_is_wrong(markers: Sequence[Markers], own: _Layout, spec: BoardSpec) 
     """Whether the markers fit the board clearly better with the other legacy flag.
 
     With an odd number of columns and an even number of rows the two layouts differ by a shift of one square, so that
-    corners are found and the fit is good under both; only the markers that wrap to the next row tell them apart.
+    corners are found and the fit is good under both; only the markers that wrap to the next row distinguish them.
     """
     if spec.squares_y % 2:
         return False

@@ -20,7 +20,7 @@ _Read = Callable[[int], np.ndarray]
 
 
 def explain_other_kind(read: _Read, found: Sequence[np.ndarray], spec: Board) -> tuple[str, str] | None:
-    """What is in the pictures instead, in words, and what to do; None where nothing can be told.
+    """What is in the pictures instead, in words, and what to do; None if it cannot be determined.
 
     Parameters
     ----------

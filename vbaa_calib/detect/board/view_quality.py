@@ -59,7 +59,7 @@ class ViewQuality:
 
     @property
     def blur_in_words(self) -> str:
-        """Where the blur goes, as far as the edges tell: they show two directions only."""
+        """The blur's direction, as far as edges of two directions determine it."""
         if self.motion > _MOVED:
             return f"{self.motion:.1f} times more along {np.degrees(self.direction_rad):.0f}° than across: motion"
         return "much alike along both sides of the squares"
@@ -92,7 +92,7 @@ def measure_quality(
 
 @dataclass(frozen=True)
 class _Across:
-    """What profiles across the edges of one direction tell; the fields are those of `ViewQuality`."""
+    """Blur from profiles across the edges of one direction; the fields are those of `ViewQuality`."""
 
     blur_px: float = float("nan")
     direction_rad: float = float("nan")

@@ -31,7 +31,7 @@ _CAUSES: dict[Cause, Colour] = {
 _SIGMA_RANGE_PX = (0.02, 0.5)
 """Deviations that have the ends of the colour scale: the same in every picture, so that pictures compare."""
 _SURE, _UNSURE = np.array([255.0, 255.0, 0.0]), np.array([255.0, 0.0, 255.0])
-"""Its ends: cyan and magenta, which colour-blind people can tell, too."""
+"""Its ends: cyan and magenta, which colour-blind people can distinguish, too."""
 _BRIGHTEST = 150.0
 """Grey level that the picture's bright end is drawn at, so that the marks stand out from it."""
 _ASIDE = 0.5
@@ -115,7 +115,7 @@ def draw_clamp(canvas: Canvas, where: Corridor) -> None:
 
 
 def draw_centreline(canvas: Canvas, line: Centreline, parts: Sequence[Stretch] = (), *, named: bool = True) -> None:
-    """Points by their deviation; stretches that were not seen dashed, by cause where `parts` tell it; a second line;
+    """Points by their deviation; stretches that were not seen dashed, by cause where `parts` give it; a second line;
     the visible end."""
     if len(line.other_line_px):
         canvas.line(line.other_line_px, OTHER_LINE, 2.0)

@@ -48,7 +48,7 @@ def picture_hints(image: np.ndarray, view: BoardView, spec: BoardSpec) -> list[D
 
 
 def wrong_board(image: np.ndarray, view: BoardView, spec: BoardSpec) -> Diagnosis | None:
-    """Whether the picture (H, W) shows another board than the spec, or is mirrored; None where nothing can be told.
+    """Whether the picture (H, W) shows another board than the spec, or is mirrored; None if it cannot be determined.
 
     All dictionaries are tried, mirrored and as negatives too: seconds, where no marker of the spec is found.
     """
@@ -64,7 +64,7 @@ def wrong_board(image: np.ndarray, view: BoardView, spec: BoardSpec) -> Diagnosi
 
 
 def _missing(image: np.ndarray, view: BoardView) -> list[Diagnosis]:
-    """No board, or too little of it: by the light and the edges of the whole picture, where they tell."""
+    """No board, or too little of it: by the light and the edges of the whole picture, if they show it."""
     low, high = np.percentile(image[::4, ::4], (5.0, 95.0)) if image.size else (0.0, 0.0)
     if view.marker_count:
         seen = f"{view.marker_count} marker{'s are' if view.marker_count > 1 else ' is'} seen"
@@ -233,8 +233,8 @@ def edge_blur(image: np.ndarray) -> _Blur | None:
 def blur_ellipse(image: np.ndarray, view: BoardView, spec: BoardSpec) -> _Blur | None:
     """From a view with its quality and the picture (H, W) uint8; None where not both directions are seen.
 
-    The edges tell the blur along the squares' sides, b₁ and b₂, but not along a diagonal. There the corners help: for
-    correlated blur the grey level right at a corner between two black squares is off the mean by asin(ρ) / π of the
+    The edges determine the blur along the squares' sides, b₁ and b₂, but not along a diagonal. There the corners help:
+    for correlated blur the grey level right at a corner between two black squares is off the mean by asin(ρ) / π of the
     contrast, up at every other corner and down at the rest; light and the camera's curve shift all alike.
     """
     quality = view.quality

@@ -25,7 +25,7 @@ _BLURRED, _PALE = 1.5, 0.5
 def screen_views(
     views: Sequence[BoardView], min_corners: int = LEAST_CORNERS
 ) -> tuple[list[BoardView], list[tuple[BoardView, str]]]:
-    """Views worth keeping, and the others, each with the reason in words. The thresholds were measured on drawn boards.
+    """Views to keep, and the others, each with the reason in words. The thresholds were measured on drawn boards.
 
     A view without `quality` or `covariance_px2` is judged by its corners alone.
     """

@@ -1,6 +1,6 @@
 """Frictionless contacts with a cylinder, a sphere or a knife edge: all frames of a stroke at once.
 
-They hang on nothing but the side from which the antenna came, which is a matter of history. Around a line (the
+They depend only on the side from which the antenna came, which is a matter of history. Around a line (the
 cylinder's axis, the knife's edge) the antenna with tangent t passes at the signed offset D along t × axis. The side of
 a contact is the sign of D when the antenna was last free, or in the first frame if that one touches already; it is
 kept, however far beyond the axis the antenna, bent by its weight alone, would be by then, until D is outside the object
@@ -200,7 +200,7 @@ def _first_guess(problem: _Problem, rows: np.ndarray) -> np.ndarray:
 
 
 def _solved(problem: _Problem, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Arc length, normal force (R,) and normal (R, 3); frames that do not converge at once are pushed in by and by."""
+    """Arc length, normal force (R,) and normal (R, 3); frames that do not converge are pushed in step by step."""
     rod, core, normal = problem.rod, problem.core, problem.normal[rows]
     state = _first_guess(problem, rows)
     steep = rod.length_m / np.maximum(problem.arclength_m[rows], 0.05 * rod.length_m)

@@ -1,6 +1,6 @@
 """Pressing the antenna against an object: where it touches and how hard, for each frame of a recording.
 
-Two ways lead there. Frictionless contacts with a cylinder, a sphere or a knife edge hang on nothing but the side from
+There are two methods. Frictionless contacts with a cylinder, a sphere or a knife edge depend only on the side from
 which the antenna came: all frames are solved for at once (`at_once`). With friction, and on the other objects, the
 frames follow one another (`strokes`): Coulomb's friction with sticking (`stick_slip`).
 

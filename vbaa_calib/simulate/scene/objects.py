@@ -59,7 +59,7 @@ class Bump:
 
 @dataclass(frozen=True, eq=False)
 class TouchObject:
-    """An object that stands still in the world.
+    """An object at rest in the world.
 
     Attributes
     ----------
@@ -142,7 +142,7 @@ class TouchObject:
         return distance.reshape(points.shape[:-1]), normal
 
     def rough_distance(self, points_world: np.ndarray) -> np.ndarray:
-        """(...) what takes less time and tells which of the points (..., 3) is nearest: zero on the surface too."""
+        """(...) a cheaper distance with the same order over points (..., 3), zero on the surface too."""
         points = np.ascontiguousarray(points_world, float)
         return rough_distances(self.numbers, points.reshape(-1, 3)).reshape(points.shape[:-1])
 

@@ -1,4 +1,4 @@
-"""What stands around the rig: bench, clutter and lights, as mitsuba's dictionaries. Millimetres, the bench is z = 0."""
+"""The rig's surroundings: bench, clutter and lights, as mitsuba's dictionaries. Millimetres, the bench is z = 0."""
 
 from __future__ import annotations
 

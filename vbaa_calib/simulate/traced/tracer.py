@@ -68,7 +68,7 @@ class Exposure:
 
 @dataclass(frozen=True, eq=False)
 class Tracer:
-    """What all pictures of a scene share: mitsuba, the lens, what stands around, and how bright a white card is."""
+    """What all pictures of a scene share: mitsuba, the lens, the surroundings, and how bright a white card is."""
 
     mi: Any
     scene: Scene

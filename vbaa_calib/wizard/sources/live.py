@@ -205,7 +205,7 @@ _CAMERA_FAULTS: dict[_Fault, tuple[str, str]] = {
 
 
 def parse_camera(text: str) -> tuple[int | str, dict[str, Any]]:
-    """What stands behind "camera:": which one (OpenCV's index, or a device file), and what is asked of it.
+    """What follows "camera:": which one (OpenCV's index, or a device file), and what is asked of it.
 
     Many cameras are slow at full size without a fourcc such as MJPG. Raises InputError.
     """
