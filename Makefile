@@ -6,7 +6,7 @@ INSTALLED := $(VENV)/.installed
 # One thread per process: the arrays are small, and two workers share two cores.
 export OMP_NUM_THREADS ?= 1
 
-.PHONY: demo test test-slow processors docs lint install gl clean
+.PHONY: demo test test-slow fuzz processors docs lint install gl clean
 .DEFAULT_GOAL := test
 
 install: $(INSTALLED)
@@ -33,6 +33,10 @@ test: $(INSTALLED) gl
 # the long Monte-Carlo runs too, of which the other tests hold seeded subsets: an hour
 test-slow: $(INSTALLED) gl
 	$(BIN)/python -m pytest -n 2 --dist loadfile
+
+# a million files changed at random, and every reader on them: two hours; what breaks one is kept in tests/fuzz/seeds
+fuzz: $(INSTALLED)
+	$(BIN)/python -m tests.fuzz.fuzz --runs 1000000 --report fuzz.md
 
 # the same answers as on other processors? twenty minutes; with PHOTOGRAPHS=DIR the real sets' lenses, too
 processors: $(INSTALLED)

@@ -8,6 +8,7 @@ import io
 import json
 import math
 import os
+import signal
 import tempfile
 from pathlib import Path
 
@@ -17,7 +18,15 @@ from hypothesis import strategies as st
 
 from vbaa_calib.core.csv_rows import number, read_csv
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.core.files import read_json, read_yaml, refuse_overwrite, replacing, write_json, write_text
+from vbaa_calib.core.files import (
+    read_json,
+    read_yaml,
+    refuse_overwrite,
+    replacing,
+    replacing_folder,
+    write_json,
+    write_text,
+)
 
 BOMB = "a0: &a0 [1, 1]\n" + "".join(f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 9)}]\n" for n in range(1, 12))
 """A few hundred bytes of YAML that stand for 9¹¹ values."""
@@ -78,7 +87,7 @@ class TestYaml:
             "a: !!timestamp x",
             "a: 2024-13-45",
             "a: !!binary a",
-            "a: " + "9" * 5000,
+            "a: !!int " + "9" * 5000,
             "a: \0",
             "? {a: 1}\n: 2",
             "<<: 3",
@@ -212,3 +221,25 @@ def test_an_input_is_never_an_output(tmp_path: Path) -> None:
             refuse_overwrite(path, True, (None, given, tmp_path / "not there"))
     refuse_overwrite(other, False, (given,))
     refuse_overwrite(given, True, (other,))
+
+
+def test_ctrl_c_between_the_two_names_of_a_folder_loses_neither(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The signal comes just after the old folder has lost its name; the new one takes that first."""
+    target = tmp_path / "session"
+    target.mkdir()
+    (target / "kept").write_text("old")
+    renamed = Path.rename
+
+    def interrupted(self: Path, to: Path) -> Path:
+        found = renamed(self, to)
+        if self == target:
+            os.kill(os.getpid(), signal.SIGINT)
+        return found
+
+    monkeypatch.setattr(Path, "rename", interrupted)
+    with pytest.raises(KeyboardInterrupt), replacing_folder(target) as temporary:
+        (temporary / "kept").write_text("new")
+    assert (target / "kept").read_text() == "new"
+    assert [path.name for path in tmp_path.iterdir()] == ["session"]

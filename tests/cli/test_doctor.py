@@ -153,6 +153,13 @@ def test_a_folder_that_takes_a_packages_place(tmp_path: Path, monkeypatch: pytes
     assert f"targets is taken from {tmp_path / 'targets'}" in taken.problems[0].words
 
 
+def test_a_distribution_that_brings_a_package_of_ours_is_named(tmp_path: Path) -> None:
+    owners = {"estimator": ["vbaa-calib", "estimator-of-others"], "viz": ["vbaa-calib"]}
+    (problem,) = packages.shadows(tmp_path, lambda: owners).problems
+    assert problem.name == "package_overwritten"
+    assert "estimator-of-others" in problem.words
+
+
 def test_folders_that_cannot_be_written(tmp_path: Path) -> None:
     """A file in place of a folder stops root too; none at all; the cache is not needed."""
     (tmp_path / "file").write_text("")

@@ -39,14 +39,20 @@ def vbaa(line: str) -> None:
 def made() -> Iterator[Path]:
     """Never to be written to."""
     with tempfile.TemporaryDirectory(prefix="hostile-") as name:
-        folder = Path(shutil.copytree(small_rig(), name, dirs_exist_ok=True))
-        session = folder / "session"
-        vbaa(f"intrinsics {session}/intrinsics --board {session}/session.yaml -o {folder}/camera.json")
-        vbaa(f"estimate {session} --rig {folder}/rig.json -o {folder}/contacts.csv --no-report")
-        for suffix in ("vtp", "ply", "glb"):
-            vbaa(f"reconstruct {folder}/contacts.csv --rig {folder}/rig.json -o {folder}/object.{suffix}")
-        _add_files(folder)
-        yield folder
+        yield make_files(Path(name))
+
+
+def make_files(folder: Path) -> Path:
+    """One good file of every kind, in a folder that is there."""
+    shutil.copytree(small_rig(), folder, dirs_exist_ok=True)
+    session = folder / "session"
+    vbaa(f"intrinsics {session}/intrinsics --board {session}/session.yaml -o {folder}/camera.json")
+    for suffix in ("csv", "parquet"):
+        vbaa(f"estimate {session} --rig {folder}/rig.json -o {folder}/contacts.{suffix} --no-report")
+    for suffix in ("vtp", "ply", "glb"):
+        vbaa(f"reconstruct {folder}/contacts.csv --rig {folder}/rig.json -o {folder}/object.{suffix}")
+    _add_files(folder)
+    return folder
 
 
 def _add_files(folder: Path) -> None:

@@ -33,6 +33,7 @@ EXCHANGE: dict[str, tuple[Row, ...]] = {
         ("a lens of splines", d.text("OPENCV8", "SPLINED_STEREOGRAPHIC"), "lens_model is"),
         ("a call of Python", d.text("1761.181055", "__import__('os')"), "is no mrcal .cameramodel"),
         ("nested 10000 deep", d.content(10_000 * "["), "is no mrcal .cameramodel"),
+        ("a camera at 1e200 m", d.text("-1e-2,  1.,", "-1e-2,  1e200,"), "extrinsics"),
     ),
     "colmap": (
         ("an unknown lens", d.text("SIMPLE_RADIAL", "FOV"), "the model is 'FOV'"),
@@ -65,6 +66,7 @@ ANSWERS: tuple[Row, ...] = (
 ELSEWHERE = {"file": "../a.png", "source": "", "sha256": "", "readings": {}}
 WIZARD: tuple[Row, ...] = (
     ("cut short", d.cut(0.6), "is not valid JSON", "move wizard.json away"),
+    ("a length of 400 digits", d.text("240.0", str(10**400)), "is damaged"),
     ("another schema", d.at("schema", "vbaa.wizard/9"), "vbaa.wizard/1 is needed"),
     ("no steps", d.at("steps", d.REMOVED), "is damaged"),
     ("an unknown step", d.at("steps", {"cook": {"taken": [], "left": [], "closed": ""}}), "names a step 'cook'"),

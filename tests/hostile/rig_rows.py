@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 from . import damage as d
 from .case import Case, Row, cases
 from .every_file import ESTIMATE
@@ -16,6 +18,8 @@ RIG: tuple[Row, ...] = (
     ("a lens alone", d.copy("camera.json"), "schema is 'vbaa.camera/1'"),
     ("cut short", d.cut(0.7), "line", "is not valid JSON"),
     ("nested 100000 deep", d.content('{"a":' + 100_000 * "["), "nested too deeply"),
+    ("nested 200 deep", d.at("notes", json.loads(200 * "[" + 200 * "]")), "nested too deeply"),
+    ("gravity in g", d.at("gravity_world", [0.0, 0.0, -1.0]), "gravity_world has the size 1", "m/s²"),
     ("a key twice", d.text('"schema":', '"schema": "a", "schema":'), "'schema' stands twice"),
     ("no schema", d.at("schema", d.REMOVED), "schema is None"),
     ("no camera", d.at("camera", d.REMOVED), "camera"),

@@ -91,6 +91,7 @@ CONTACTS: tuple[Row, ...] = (
     ("a status that is none", d.cell(3, "status", "fine"), "line 3", "status"),
     ("contact is maybe", d.cell(3, "in_contact", "maybe"), "line 3", "in_contact"),
     ("a point without a number", d.cell(3, "X_m", ""), "line 3", "X_m"),
+    ("a contact at the clamp", d.cell(3, "distance_m", "0"), "line 3", "distance_m is 0 in a row that is"),
     ("a covariance below zero", d.cell(3, "cov_XX", "-1e-6"), "line 3", "cov"),
     ("a covariance that is none", d.cell(3, "cov_XY", "1"), "line 3", "cov"),
 )

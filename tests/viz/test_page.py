@@ -11,7 +11,7 @@ import pytest
 from markupsafe import escape
 
 from viz.parts.assemble import all_parts
-from viz.render.page import _CLEAR, write_page
+from viz.render.page import _CLEAR, _ICON, write_page
 from viz.scene.readable import MODES
 from viz.scene.scene import Scene
 
@@ -35,6 +35,10 @@ def test_the_page_is_whole_offline_and_has_its_legend(scene: Scene, written: Pat
     for words in ("90 contacts", "Friction &lt;is&gt; told.", "std of the surface, mm", *MODES):
         assert words in legend
     assert _CLEAR in text
+    assert _ICON not in text
+    head = text.partition("<script")[0]
+    assert "default-src 'none'" in head
+    assert "http" not in head.partition('content="default-src')[2].partition('"')[0]
     assert 1_200_000 < len(text) < 6_000_000
 
 

@@ -281,3 +281,11 @@ def test_closing_ends_it_also_twice_and_with_clients_waiting() -> None:
     assert not waiting.is_alive()
     with pytest.raises(OSError, match="refused"):
         socket.create_connection(("127.0.0.1", server.port), timeout=2)
+
+
+def test_silent_connections_starve_nobody(fresh: PageServer) -> None:
+    """Eighty programs that connect and ask for nothing; the one that asks is answered at once."""
+    with ExitStack() as silent:
+        for _ in range(80):
+            silent.enter_context(socket.create_connection(("127.0.0.1", fresh.port), timeout=30))
+        assert ask(fresh, "/").status == 200

@@ -1,19 +1,24 @@
-"""Readers written in C++ are given files from outside in a process of their own, with limits of time and memory.
+"""Readers in a process of their own, with limits of time and memory, for files from outside that can hurt them.
 
-A file that is cut short or forged can crash such a reader, or keep it busy without end; then only the child is lost.
+A file that is cut short or forged can crash a reader written in C++, or keep it busy without end; Python's own parser
+takes a hundred times a file's size of memory. Then only the child is lost.
 """
 
 from __future__ import annotations
 
+import ast
 import importlib
 import io
+import json
 import os
 import signal
 import subprocess
 import sys
+import warnings
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
+import cv2  # not later: with the limits in force it could not be loaded
 import numpy as np
 
 _SECONDS, _SECONDS_PER_MB = 4.0, 0.2
@@ -25,6 +30,9 @@ _MEMORY_FACTOR, _MEMORY_BYTES = 50, 200_000_000
 _ERROR = "error"
 
 Arrays = Mapping[str, np.ndarray]
+LITERAL_KEYS = ("lens_model", "lensmodel", "intrinsics", "extrinsics", "imagersize", "valid_intrinsics_region")
+NUMBERS = ("image_width", "image_height", "fisheye_model")
+MATRICES = ("camera_matrix", "distortion_coefficients")
 
 
 def read_in_child(reader: Callable[[Path], Arrays], path: Path) -> dict[str, np.ndarray]:
@@ -61,6 +69,45 @@ def read_in_child(reader: Callable[[Path], Arrays], path: Path) -> dict[str, np.
     if _ERROR in found:
         raise ValueError(str(found[_ERROR]))
     return found
+
+
+def read_storage(path: Path) -> dict[str, np.ndarray]:
+    """The `NUMBERS`, as (), and `MATRICES`, two-dimensional, that a YAML, XML or JSON file has.
+
+    Raises
+    ------
+    ValueError : OpenCV cannot read it; in its words.
+    """
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    try:
+        storage = cv2.FileStorage(path.read_text(encoding="utf-8-sig"), cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
+        numbers, matrices = ({key: storage.getNode(key) for key in keys} for keys in (NUMBERS, MATRICES))
+        found = {key: np.array(node.real()) for key, node in numbers.items() if node.isInt() or node.isReal()}
+        for key, node in matrices.items():
+            matrix = node.mat() if node.isMap() else None
+            if matrix is not None and matrix.size and matrix.ndim == 2:
+                found[key] = matrix.astype(float)
+    except (cv2.error, SystemError) as error:
+        raise ValueError(str(getattr(error, "err", "") or error).strip().partition("\n")[0]) from None
+    return found
+
+
+def read_literal(path: Path) -> dict[str, np.ndarray]:
+    """The `LITERAL_KEYS` of the Python mapping that a file is, each as JSON.
+
+    Raises
+    ------
+    ValueError : it is none, or holds what JSON has no word for.
+    """
+    try:
+        with warnings.catch_warnings(action="ignore"):  # of odd escapes in its strings
+            data = ast.literal_eval(path.read_text(encoding="utf-8-sig"))
+        if not isinstance(data, dict):
+            raise ValueError("is no mapping")
+        return {key: np.array(json.dumps(data[key])) for key in LITERAL_KEYS if key in data}
+    except (SyntaxError, TypeError, RecursionError, MemoryError) as error:
+        line = getattr(error, "lineno", None)
+        raise ValueError(f"line {line} is no Python" if line else "is no Python literal") from None
 
 
 def _limit(seconds: int, memory: int) -> None:

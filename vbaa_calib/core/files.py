@@ -13,6 +13,7 @@ import shutil
 import signal
 import stat
 import tempfile
+import threading
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -27,6 +28,7 @@ _MOST_YAML_BYTES = 1_000_000
 """What people write by hand; PyYAML takes seconds for it."""
 _LONGEST_NUMBER, _MOST_DIGITS = 400, 300
 """Characters of a number in YAML; digits of a whole number in JSON."""
+_TEXT = "tag:yaml.org,2002:str"
 _DEEPEST = 64
 """Lists and mappings in each other."""
 _MOST_JSON_BYTES = 256_000_000
@@ -103,12 +105,12 @@ class _UniqueKeyLoader(yaml.SafeLoader):
     def resolve(self, kind: Any, value: Any, implicit: Any) -> str:
         """As SafeLoader's, but a long word is a text: PyYAML's patterns of numbers take a square of its length."""
         if kind is yaml.ScalarNode and implicit[0] and len(value) > _LONGEST_NUMBER:
-            return str(self.DEFAULT_SCALAR_TAG)
+            return _TEXT
         return str(super().resolve(kind, value, implicit))
 
-    def construct_scalar(self, node: yaml.ScalarNode) -> Any:
+    def construct_scalar(self, node: Any) -> Any:
         """As SafeLoader's, but a long number is refused: its digits take a square of their length, too."""
-        if node.tag != self.DEFAULT_SCALAR_TAG and len(node.value) > _LONGEST_NUMBER:
+        if isinstance(node, yaml.ScalarNode) and node.tag != _TEXT and len(node.value) > _LONGEST_NUMBER:
             raise yaml.constructor.ConstructorError(None, None, "no number is that long", node.start_mark)
         return super().construct_scalar(node)
 
@@ -296,15 +298,19 @@ def replacing(path: Path, force: bool = True) -> Iterator[Path]:
 
 @contextmanager
 def signals_held() -> Iterator[None]:
-    """Ctrl-C and the signals that end a process wait until the block is over; only POSIX systems can."""
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM, signal.SIGHUP))
+    """Ctrl-C and the signals that end a process wait until the block is over. Other threads never get them."""
+    held, before = [], {}
     try:
+        if threading.current_thread() is threading.main_thread():
+            for number in filter(None, (getattr(signal, name, None) for name in ("SIGINT", "SIGTERM", "SIGHUP"))):
+                if signal.getsignal(number) not in (signal.SIG_IGN, None):
+                    before[number] = signal.signal(number, lambda sent, _: held.append(sent))
         yield
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        if held:
+            signal.raise_signal(held[0])
 
 
 def _umask() -> int:

@@ -34,7 +34,10 @@ def as_floats(values: Any, name: str, remedy: str) -> np.ndarray:
         return values
     masked = isinstance(values, np.ma.MaskedArray)
     try:
-        array = np.asarray(values.astype(float).filled(np.nan) if masked and values.dtype.kind in "iuf" else values)
+        if masked and values.dtype.kind in "iuf":
+            values = values.astype(float).filled(np.nan)
+        # NumPy takes a list of numbers and booleans for numbers
+        array = np.array(values, object) if isinstance(values, list | tuple) else np.asarray(values)
         if array.dtype.kind == "O":
             array = np.array([np.nan if one is None else _number(one) for one in array.ravel()]).reshape(array.shape)
         if array.dtype.kind not in "iuf":

@@ -203,10 +203,11 @@ def _read_ply(data: bytes) -> dict[str, Any]:
     # numbers in words are read as if they were doubles
     body = data[header.end() :] if order else np.array(data[header.end() :].split(), float).tobytes()
     found, position = {}, 0
+    properties: list[_Property] = []
     elements: dict[str, tuple[int, list[_Property]]] = {}  # what the header announces
     for words in lines:
         if words[:1] == ["element"]:
-            properties: list[_Property] = []
+            properties = []
             elements[words[1]] = int(words[2]), properties
         elif words[:1] == ["property"]:
             kinds = [order + _PLY_TYPES[word] if order else "<f8" for word in words[1:-1] if word != "list"]

@@ -1,0 +1,258 @@
+"""Files changed at random, and every reader of ours on them: it returns, or raises InputError, within bounds.
+
+`python -m tests.fuzz.fuzz --runs 1000000 --report fuzz.md` (`make fuzz`) keeps what broke a reader in `seeds/`, in the
+reader's folder; `test_fuzz` runs those again, and a thousand new ones.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import re
+import tempfile
+import time
+import warnings
+import zlib
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from estimator.table.files import read_contacts
+from vbaa_calib import Camera, Rig
+from vbaa_calib.calibrate.antenna.deflection_table import read_deflections
+from vbaa_calib.calibrate.pose.robot_tables import read_corners, read_robot_poses
+from vbaa_calib.convert import FORMATS
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.files import read_json, read_yaml
+from vbaa_calib.core.images import read_gray
+from vbaa_calib.detect.board.board_file import load_board
+from vbaa_calib.session import load_session, read_recording
+from vbaa_calib.session.centrelines import read_centrelines
+from vbaa_calib.session.tables import read_loads, read_noload, read_sweep
+from vbaa_calib.simulate.scene.scene_file import load_scene
+from vbaa_calib.wizard.questions import read_table
+from vbaa_calib.wizard.store import Journal
+from viz.files.object_file import read_object
+
+from ..hostile.case import TooLong, bounded
+from ..hostile.conftest import make_files
+
+SEEDS = Path(__file__).with_name("seeds")
+LONGEST_S = 5.0
+"""Of processor time, for one file."""
+
+
+@dataclass(frozen=True)
+class Reader:
+    """A reader, the file that is changed, relative to the folder of good ones, and how seldom it runs.
+
+    A reader that starts a process takes half a second: it runs once where others run `seldom` times.
+    """
+
+    name: str
+    file: str
+    read: Callable[[Path], Any]
+    seldom: int = 1
+
+
+def _of(path: Path, read: Callable[[Any], Any]) -> Any:
+    return read(load_session(path.parent.parent))
+
+
+def _every_centreline(session: Any) -> None:
+    for _ in read_centrelines(session).values():
+        pass
+
+
+READERS = (
+    Reader("session", "session/session.yaml", lambda path: load_session(path.parent)),
+    Reader("board", "board.yaml", load_board),
+    Reader("scene", "scene.yaml", load_scene),
+    Reader("rig", "rig.json", Rig.load),
+    Reader("camera", "camera.json", Camera.load),
+    Reader("wizard", "store/wizard.json", Journal.read),
+    Reader("contacts", "contacts.csv", read_contacts),
+    Reader("parquet", "contacts.parquet", read_contacts),
+    Reader("recording", "session/recording/recording.csv", lambda path: _of(path, read_recording)),
+    Reader("noload", "session/noload/noload.csv", lambda path: _of(path, read_noload)),
+    Reader("loads", "session/loads/loads.csv", lambda path: _of(path, read_loads)),
+    Reader("sweep", "swept/sweep/sweep.csv", lambda path: _of(path, read_sweep)),
+    Reader("centrelines", "lined/recording/centrelines.csv", lambda path: _of(path, _every_centreline)),
+    Reader("deflections", "stiffness.csv", lambda path: read_deflections(path, 1.0, 0.2)),
+    Reader("poses", "poses.csv", read_robot_poses),
+    Reader("corners", "corners.csv", lambda path: read_corners(path, (480, 360), 88)),
+    Reader("readings", "readings.csv", read_table),
+    Reader("answers", "answers.yaml", read_yaml),
+    Reader("truth", "truth.json", read_json),
+    Reader("picture", "free.png", read_gray),
+    Reader("ros", "ros.txt", FORMATS["ros"].read),
+    Reader("kalibr", "kalibr.txt", lambda path: FORMATS["kalibr"].read(path, "cam0")),
+    Reader("colmap", "colmap.txt", lambda path: FORMATS["colmap"].read(path, "3")),
+    Reader("opencv", "opencv.txt", FORMATS["opencv"].read, seldom=50),
+    Reader("mrcal", "mrcal.txt", FORMATS["mrcal"].read, seldom=50),
+    Reader("ply", "object.ply", read_object),
+    Reader("glb", "object.glb", read_object),
+    Reader("vtp", "object.vtp", read_object, seldom=50),
+)
+
+_TOKENS = (
+    *(b"NaN", b"-Infinity", b"1e400", b"-1", b"0", b"1e-320", b"9" * 400, b"0x" + b"f" * 40, b"1_0", b"1:30", b"null"),
+    *(
+        b"true",
+        b"''",
+        b"[]",
+        b"{}",
+        b"[[[[[[[[",
+        b"{a: &x [*x]}",
+        b"!!python/object:os.system",
+        b"!!binary a",
+        b"<<: *a",
+    ),
+    *(b",", b";", b"\t", b"\n", b"\r", b'"', b"\0", b"\xff\xfe", b"\xef\xbb\xbf", "ü".encode(), b"%YAML 9.9", b"---"),
+    *(b"1" * 5000, b"-", b"#", b"/dev/zero", b"../../../etc/passwd", b"\x7f\xff\xff\xff", b"\xff\xff\xff\xff"),
+)
+_ODD: tuple[Any, ...] = (
+    *(None, True, -1, 0, 0.5, 1e-300, 1e300, 10**400, -(2**63), "", "x", "nan", [], {}, [0], {"a": 1}),
+    *([0.0] * 3, [[0.0] * 3] * 3, [1e300] * 3, "9" * 400, {"schema": "x"}, ["x"] * 50),
+)
+_NUMBER = re.compile(rb"-?\d+\.?\d*(?:[eE][-+]?\d+)?")
+
+
+def mutated(data: bytes, path: str, rng: np.random.Generator) -> bytes:
+    """The file changed at one to four places."""
+    for _ in range(int(rng.integers(1, 5))):
+        change = _in_structure if path.endswith((".yaml", ".json")) and rng.random() < 0.4 else _in_bytes
+        data = change(data, path, rng)
+    return data
+
+
+def _in_bytes(data: bytes, _: str, rng: np.random.Generator) -> bytes:
+    at, token = int(rng.integers(len(data) + 1)), _TOKENS[rng.integers(len(_TOKENS))]
+    end = min(len(data), at + int(rng.geometric(0.02)))
+    lines = data.split(b"\n")
+    row = int(rng.integers(len(lines)))
+    numbers = list(_NUMBER.finditer(data, at, at + 2000))
+    kind = int(rng.integers(9))
+    if kind == 0 and data:
+        place = at % len(data)
+        return data[:place] + bytes([data[place] ^ (1 << int(rng.integers(8)))]) + data[place + 1 :]
+    if kind == 1:
+        return data[:at] + data[end:]
+    if kind == 2:
+        return data[:at] + token + data[at:]
+    if kind == 3:
+        return data[:at] + token + data[end:]
+    if kind == 4:
+        return data[:at]
+    if kind == 5:
+        return data[:at] + data[at:end] * int(rng.integers(2, 200)) + data[end:]
+    if kind == 6 and numbers:
+        found = numbers[int(rng.integers(len(numbers)))]
+        return data[: found.start()] + token + data[found.end() :]
+    if kind == 7:
+        return b"\n".join([*lines[:row], *[lines[row]] * int(rng.integers(0, 4)), *lines[row + 1 :]])
+    return data[:at] + rng.bytes(int(rng.integers(1, 9))) + data[end:]
+
+
+def _in_structure(data: bytes, path: str, rng: np.random.Generator) -> bytes:
+    """One value of a YAML or JSON file replaced, removed or given another name; unchanged where it is none any more."""
+    try:
+        whole = json.loads(data) if path.endswith(".json") else yaml.safe_load(data)
+    except (ValueError, yaml.YAMLError, RecursionError):
+        return data
+    place = whole
+    for _ in range(6):
+        keys = list(place) if isinstance(place, dict) else range(len(place)) if isinstance(place, list) else []
+        if not len(keys):
+            return data
+        key = keys[int(rng.integers(len(keys)))]
+        if isinstance(place[key], dict | list) and place[key] and rng.random() < 0.7:
+            place = place[key]
+            continue
+        kind, odd = int(rng.integers(4)), _ODD[rng.integers(len(_ODD))]
+        if kind == 0:
+            del place[key]
+        elif kind == 1 and isinstance(place, dict):
+            place[f"{key}x"] = place.pop(key)
+        elif kind == 2 and isinstance(place[key], int | float):
+            place[key] = float(place[key]) * 10.0 ** int(rng.integers(-9, 10))
+        else:
+            place[key] = odd
+        break
+    with contextlib.suppress(ValueError, yaml.YAMLError):
+        return (json.dumps(whole) if path.endswith(".json") else yaml.safe_dump(whole)).encode()
+    return data
+
+
+def outcome(reader: Reader, folder: Path, data: bytes) -> str:
+    """What came of a reader on a file: "read", "refused", or in words what must not be."""
+    path = folder / reader.file
+    good = path.read_bytes()
+    path.unlink()
+    path.write_bytes(data)
+    try:
+        with warnings.catch_warnings(action="error"), bounded(LONGEST_S, 50 * len(data) + 200_000_000):
+            reader.read(path)
+        return "read"
+    except InputError as error:
+        return "refused" if "\n" not in str(error) and str(error) else f"words: {error}"
+    except TooLong as error:
+        return f"hangs: {error}"
+    except (Exception, MemoryError) as error:
+        return f"{type(error).__name__}: {error}"[:200]
+    finally:
+        path.write_bytes(good)
+
+
+def runs(folder: Path, count: int, seed: int) -> Iterator[tuple[Reader, bytes, str]]:
+    """So many runs over all readers in turn; what each file was and what came of it."""
+    rng = np.random.default_rng(seed)
+    good = {reader.name: (folder / reader.file).read_bytes() for reader in READERS}
+    round_ = 0
+    while count > 0:
+        for reader in READERS:
+            if count > 0 and round_ % reader.seldom == 0:
+                count -= 1
+                data = mutated(good[reader.name], reader.file, rng)
+                yield reader, data, outcome(reader, folder, data)
+        round_ += 1
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--runs", type=int, default=1_000_000)
+    parser.add_argument("--seed", type=int, default=int(time.time()))
+    parser.add_argument("--report", type=Path)
+    args = parser.parse_args()
+    counts: dict[str, Counter[str]] = {reader.name: Counter() for reader in READERS}
+    broken: dict[tuple[str, str], str] = {}
+    with tempfile.TemporaryDirectory(prefix="fuzz-") as name:
+        make_files(Path(name))
+        for number, (reader, data, came) in enumerate(runs(Path(name), args.runs, args.seed)):
+            sound = came in ("read", "refused")
+            counts[reader.name][came if sound else "broken"] += 1
+            if not sound and (reader.name, came[:40]) not in broken:
+                kept = SEEDS / reader.name / f"{zlib.crc32(data):08x}"
+                kept.parent.mkdir(parents=True, exist_ok=True)
+                kept.write_bytes(data)
+                broken[reader.name, came[:40]] = f"{kept}: {came}"
+                print(broken[reader.name, came[:40]], flush=True)
+            if number % 10_000 == 9_999:
+                print(f"{number + 1} of {args.runs} runs, {len(broken)} kinds of failure", flush=True)
+    lines = [f"seed {args.seed}", "", "| reader | read | refused | broken |", "|---|---|---|---|"]
+    lines += [f"| {name} | {one['read']} | {one['refused']} | {one['broken']} |" for name, one in counts.items()]
+    report = "\n".join([*lines, "", *broken.values()]) + "\n"
+    print(report)
+    if args.report:
+        args.report.write_text(report)
+    raise SystemExit(1 if broken else 0)
+
+
+if __name__ == "__main__":
+    main()
