@@ -2,7 +2,7 @@
 
 Each scene is simulated once. Then child processes calibrate it, estimate contacts and object, and make the error
 budget, each as another processor would: with another kernel of OpenBLAS, without the wider instructions of NumPy
-and OpenCV, with two threads. What they report is held against this machine's own, in deviations; the table stands in
+and OpenCV, with two threads. What they report is held against this machine's own, in deviations; the table is in
 docs/processors.md. The variables are set for the child processes alone. Exit 1 where anything is apart.
 """
 

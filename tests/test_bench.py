@@ -1,4 +1,4 @@
-"""`vbaa bench` as one suite: its registry, what it refuses before any work, what it leaves; one failure is one."""
+"""`vbaa bench` as one suite: what each subject leaves, and that it is the same again."""
 
 from __future__ import annotations
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from benchmarks.figures import AMBER, GREEN, INK, RED, VIOLET, label, label_x, legend, panels
-from benchmarks.harness import Findings, Options, column, mean_of, or_none, table
+from benchmarks.harness import Findings, Options, column, mean_of, of_any, or_none, table
 from vbaa_calib.core.console import progress
 
 from .judge import Judged, judged
@@ -65,33 +65,26 @@ class Row:
     note: str = column("note", default="")
 
 
-def run(draws: int, seed: int, chosen: Sequence[str] | None = None, only: Sequence[str] | None = None) -> list[Row]:
-    """Every method, the oracle first, in every cell (or those chosen, or only those) over the same draws."""
-    known = {name: method for name, method in methods().items() if only is None or name in only}
+def run(draws: int, seed: int, chosen: Sequence[str] | None = None) -> list[Row]:
+    """Every method, the oracle first, in every cell (or those chosen) over the same draws."""
     rows, names = list[Row](), list(cells()) if chosen is None else chosen
     for name in progress(names, "cells", len(names)):
         seeds = range(seed, seed + draws)
         given = [cells()[name].draw(each) for each in seeds]
-        found = [
-            judged(name, each, one, outcome, draw)
-            for one, method in known.items()
-            if not isinstance(method, str)
-            for each, draw, outcome in zip(seeds, given, method(given), strict=True)
-        ]
-        absent = [Row(name, own, note=why) for own, why in known.items() if isinstance(why, str)]
-        rows += [*summarised(found), *absent]
+        oracle: list[Judged] = []
+        for one, method in methods().items():
+            if isinstance(method, str):
+                rows.append(Row(name, one, note=method))
+                continue
+            solved = zip(seeds, given, method(given), strict=True)
+            own = [judged(name, each, one, outcome, draw) for each, draw, outcome in solved]
+            oracle = oracle or own
+            rows.append(_row(own, oracle))
     return rows
 
 
-def summarised(found: Sequence[Judged]) -> list[Row]:
-    """A row for each method in one cell; the oracle must be among them."""
-    by_method: dict[str, list[Judged]] = {}
-    for one in found:
-        by_method.setdefault(one.method, []).append(one)
-    return [_row(own, by_method[ORACLE]) for own in by_method.values()]
-
-
 def _row(own: Sequence[Judged], oracle: Sequence[Judged]) -> Row:
+    """One method in one cell."""
     numbers: dict[str, float | None] = {}
     for prefix in ("", "jig_", "near_"):
         errors, least = (_errors(one, f"{prefix}error_mm") for one in (own, oracle))
@@ -99,21 +92,22 @@ def _row(own: Sequence[Judged], oracle: Sequence[Judged]) -> Row:
         numbers[f"{prefix}ratio"] = or_none(np.median(errors) / np.median(least))
         numbers[f"{prefix}worst_ratio"] = or_none(errors.max() / least.max())
     lenses = [one for one in own if one.error_mm is not None]
+    outcomes = [one.outcome for one in lenses]
     for name in ("stated", "jig_stated"):
         said = [value for one in lenses if (value := getattr(one, name)) is not None]
         numbers[name] = or_none(np.sqrt(np.mean(np.square(said)))) if said else None
-    for name in ("covered", "jig_covered", "folds", "good_dropped", "outliers_found", "views_dropped", "trusted"):
-        numbers[name] = or_none(mean_of(lenses, name))
+    numbers |= {name: or_none(mean_of(lenses, name)) for name in ("covered", "jig_covered", "folds")}
+    of_outcome = ("good_dropped", "outliers_found", "views_dropped", "trusted")
+    numbers |= {name: or_none(mean_of(outcomes, name)) for name in of_outcome}
     if numbers["trusted"] is not None:
-        numbers["wrong"] = float(np.mean([bool(one.trusted and one.wrong) for one in lenses]))
-    if lenses:
-        numbers["seconds"] = float(np.median([one.seconds for one in lenses]))
-    failures = [one.failure for one in own if one.error_mm is None]
-    chosen = Counter(one.model for one in lenses if one.model)
+        numbers["wrong"] = float(np.mean([bool(one.outcome.trusted and one.wrong) for one in lenses]))
+    failures = [one.outcome.failure for one in own if one.error_mm is None]
+    chosen = Counter(one.model for one in outcomes if one.model)
     return Row(
         own[0].cell,
         own[0].method,
         **{name: value for name, value in numbers.items() if name in Row.__dataclass_fields__},
+        seconds=of_any(np.median, np.array([one.seconds for one in outcomes])),
         failed=len(failures) / len(own),
         models=", ".join(f"{model} {count}" for model, count in chosen.most_common()),
         note=failures[0] if failures else "",

@@ -20,18 +20,18 @@ _NEAR_M = 0.15
 
 @dataclass(frozen=True)
 class Judged:
-    """One method on one draw; None where it gave no lens or does not say.
+    """One method's outcome on one draw; None where it gave no lens or does not say.
 
     error_mm, jig_error_mm : rms on C, with its true pose, and with the pose that this lens gives it. near_error_mm :
         as the latter with C at 150 mm. stated, jig_stated : error over the deviation stated, both rms over C.
     covered, jig_covered : share of the 95 % regions of points on C that hold the truth.
-    wrong : either error is over twice its 95 % bound. trusted : the verdict says so.
-    The others as in `Outcome`.
+    wrong : either error is over twice its 95 % bound. folds : the lens folds inside the picture.
     """
 
     cell: str
     seed: int
     method: str
+    outcome: Outcome
     error_mm: float | None = None
     jig_error_mm: float | None = None
     near_error_mm: float | None = None
@@ -40,43 +40,20 @@ class Judged:
     jig_stated: float | None = None
     jig_covered: float | None = None
     folds: bool | None = None
-    good_dropped: float | None = None
-    outliers_found: float | None = None
-    views_dropped: float | None = None
-    trusted: bool | None = None
     wrong: bool | None = None
-    seconds: float | None = None
-    model: str = ""
-    failure: str = ""
 
 
 def judged(cell: str, seed: int, method: str, outcome: Outcome, given: Draw) -> Judged:
-    """What a method's answer to a draw is worth."""
+    """Errors and stated deviations of a method's lens on one draw."""
     camera, truth = outcome.camera, given.rig.camera
     if camera is None:
-        return Judged(cell, seed, method, failure=outcome.failure)
+        return Judged(cell, seed, method, outcome)
     free, jig = (_said(camera, truth, from_jig) for from_jig in (False, True))
     known = [said.wrong for said in (free, jig) if said.wrong is not None]
-    return Judged(
-        cell,
-        seed,
-        method,
-        error_mm(camera, truth),
-        error_mm(camera, truth, True),
-        error_mm(camera, truth, True, _NEAR_M),
-        free.ratio,
-        free.covered,
-        jig.ratio,
-        jig.covered,
-        folds=camera.valid_region().image_fraction < 1.0,
-        good_dropped=outcome.good_dropped,
-        outliers_found=outcome.outliers_found,
-        views_dropped=outcome.views_dropped,
-        trusted=outcome.trusted,
-        wrong=any(known) if known else None,
-        seconds=outcome.seconds,
-        model=outcome.model,
-    )
+    errors = error_mm(camera, truth), error_mm(camera, truth, True), error_mm(camera, truth, True, _NEAR_M)
+    said = free.ratio, free.covered, jig.ratio, jig.covered
+    folds = camera.valid_region().image_fraction < 1.0
+    return Judged(cell, seed, method, outcome, *errors, *said, folds, any(known) if known else None)
 
 
 @dataclass(frozen=True)

@@ -214,11 +214,11 @@ def computing(memory: Callable[[], int | None] = _available_memory, environ: Map
     low = "close other programs; large pictures and torch need about 2 GB"
     wrong = threads is not None and (not threads.isdigit() or int(threads) < 1)
     many = threads is not None and not wrong and int(threads) > count
-    told = f"OMP_NUM_THREADS is {threads!r}, "
-    waits = f"{told}and there are {count} cores: threads wait for each other"
+    setting = f"OMP_NUM_THREADS is {threads!r}, "
+    waits = f"{setting}and there are {count} cores: threads wait for each other"
     rules = (
         (free is not None and free < _MEMORY_LOW, "memory_low", f"only {said} are free", low),
-        (wrong, "threads_wrong", f"{told}which is no number of threads", f"set it to a number from 1 to {count}"),
+        (wrong, "threads_wrong", f"{setting}which is no number of threads", f"set it to a number from 1 to {count}"),
         (many, "threads_many", waits, f"set it to {count}, or unset it"),
     )
     problems = tuple(Diagnosis(name, words, remedy) for holds, name, words, remedy in rules if holds)

@@ -95,7 +95,7 @@ def _check_deflections(
         raise InputError(
             "loaded_y_m equals unloaded_y_m in every row", where=path, remedy="give the readings without and with load"
         )
-    # by the half nearer to the load, where the bending stands out from the gauge's offset
+    # by the half nearer to the load, where the bending exceeds the gauge's offset
     far = deflection_m[x_m >= np.median(x_m)]
     rise = np.polyfit(x_m, deflection_m, 1)[0]
     if np.median(far) * force_N < 0.0 and rise * force_N < 0.0:

@@ -170,12 +170,12 @@ def observe(
         require_size(image.shape[1::-1], expected.camera, still.image)
         return image
 
-    def looked(told: ExpectedAntenna) -> list[Observation | None]:
+    def looked(learnt: ExpectedAntenna) -> list[Observation | None]:
         found: list[Observation | None] = []
         for still, pull in zip(progress(stills, what), gravity, strict=True):
             image = read(still)
             try:
-                found.append(told.observe(still, image, pull))
+                found.append(learnt.observe(still, image, pull))
             except InputError:
                 found.append(None)
         return found
@@ -187,24 +187,24 @@ def observe(
 
     if expected.paint is None:
         some = np.unique(np.linspace(0, len(stills) - 1, _LEARNT_FROM).astype(int)).tolist()
-        told = learned(some)
-        seen = looked(told)
+        learnt = learned(some)
+        seen = looked(learnt)
         lost = [index for index, one in enumerate(seen) if one is None][:_LEARNT_FROM]
         if lost:
             # what some pictures do not show may need another paint
             again = learned([*some, *(index for index in lost if index not in some)])
-            told, seen = (told, seen) if again.paint == told.paint else (again, looked(again))
-        expected = told
+            learnt, seen = (learnt, seen) if again.paint == learnt.paint else (again, looked(again))
+        expected = learnt
     else:
         seen = looked(expected)
     courses = {i: expected.course_of(one) for i, one in enumerate(seen) if one and not isinstance(one.still, Load)}
     usual = np.median(list(courses.values()), axis=0) if courses else expected.course
-    told = replace(expected, course=usual)
+    learnt = replace(expected, course=usual)
     for index, (still, pull) in enumerate(zip(stills, gravity, strict=True)):
         odd = index in courses and np.abs(np.polyval(courses[index] - usual, _PLACES)).max() > _ODD
         if seen[index] is None or odd:
-            seen[index] = told.observe(still, read(still), pull)
-    return [one for one in seen if one is not None], told
+            seen[index] = learnt.observe(still, read(still), pull)
+    return [one for one in seen if one is not None], learnt
 
 
 def observe_stills(session: Session, kinematics: Kinematics, before: Prior) -> list[Observation]:
