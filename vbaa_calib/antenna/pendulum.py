@@ -51,7 +51,7 @@ def universal_curve(upsilon: np.ndarray, lean_rad: np.ndarray, curve: np.ndarray
                 curve[0, row, n], curve[1, row, n], curve[2, row, n] = psi * place**2, along * place, across * place**3
 
 
-@kernel
+@compiled
 def hinge_by_series(
     loads: Lanes, sin_lean: Lanes, cos_lean: Lanes, terms: int, inner: np.ndarray, hinge: np.ndarray
 ) -> None:
@@ -109,7 +109,7 @@ def taylor(sin_lean: Lanes, cos_lean: Lanes, terms: int, coefficients: np.ndarra
         store(coefficients, sine * _RECIPROCAL[n + 1], 2, n + 1)
 
 
-@kernel
+@compiled
 def closed_form(upsilon: float, lean_rad: float, chain: np.ndarray) -> tuple[float, float, float]:
     """ψ, C and S: with sn, cn, dn of (υ | k²), k² = (1 − sin α)/2 the parameter of the chain and k′² = 1 − k²,
 

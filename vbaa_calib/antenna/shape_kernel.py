@@ -140,7 +140,7 @@ def bend_lanes(
     _bend(rung, False, sweeps, presses, Bent(points_m, tangents, shape_force_N, moment_Nm))
 
 
-@kernel
+@compiled
 def _bend(rung: int, dead: bool, sweeps: int, presses: Presses, bent: Bent) -> None:
     if rung <= _LINEAR:
         _bend_little(rung == _PAPER, presses, bent)
@@ -233,7 +233,7 @@ def _curve_arclength(contact: Lanes, length_m: float, node: int) -> Lanes:
     return contact + (length_m - contact) * OUTER_CURVE[node - NODES_TO_CONTACT]
 
 
-@kernel
+@compiled
 def _row(rows: np.ndarray) -> Vector:
     return load(rows, 0), load(rows, 1), load(rows, 2)
 
@@ -269,7 +269,7 @@ def _rolled(frame: Frame, y: Lanes, z: Lanes) -> Frame:
     return x_axis, added(times(y, y_axis), times(z, z_axis)), added(times(y, z_axis), times(-z, y_axis))
 
 
-@kernel
+@compiled
 def _turned(frame: Frame, v: Vector) -> Vector:
     """From the frame's components to those that its axes are given in."""
     return added(added(times(v[0], frame[0]), times(v[1], frame[1])), times(v[2], frame[2]))
