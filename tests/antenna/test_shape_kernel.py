@@ -7,7 +7,7 @@ import pytest
 
 from tests.antenna.test_shape import LENGTH, cases
 from vbaa_calib.antenna import equilibrium, pendulum, shape_kernel
-from vbaa_calib.antenna.lanes import LANES
+from vbaa_calib.core.lanes import LANES
 from vbaa_calib.antenna.nodes import CONTACT
 from vbaa_calib.antenna.rungs import RUNGS, curves
 

@@ -25,8 +25,8 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from vbaa_calib.core.compiled import compiled
+from vbaa_calib.core.lanes import LANES, Lanes, load, spread, store
 
-from .lanes import LANES, Lanes, load, spread, store
 from .nodes import INNER_NODES, OUTER_NODES, chebyshev, integration
 from .pendulum import SERIES_LOAD, closed_form, hinge_by_series, landen, series_terms, sine_and_cosine
 

@@ -12,8 +12,7 @@ import math
 import numpy as np
 
 from vbaa_calib.core.compiled import compiled, kernel
-
-from .lanes import LANES, Lanes, load, spread, store
+from vbaa_calib.core.lanes import LANES, Lanes, load, spread, store
 
 SERIES_LOAD = 2.5
 """Loads a = F·l²/EI up to which the series serves."""
