@@ -56,8 +56,9 @@ _MOST_SCATTER = 5.0
 """Largest scatter: with more, a fit would end at its priors."""
 _ROUNDS, _SCATTER_CHANGE = 3, 0.1
 """The scatter is estimated again until it changes by less than this part."""
-MOST_EVALUATIONS = 400
-"""Evaluations of the model after which a frame is given up: sound frames take 3 to 30, by vision alone up to 200."""
+MOST_EVALUATIONS, _MOST_HOPELESS = 400, 60
+"""Evaluations of the model after which a frame is given up: sound frames take 3 to 30, by vision alone up to 200. While
+most points lie far off every fit so far, `_MOST_HOPELESS` for each search."""
 _POLISH_TOLERANCE, _POLISH_ITERATIONS = 1e-6, 3
 
 
@@ -70,7 +71,7 @@ class Work:
     free : the free antenna. best, found : of the frame's minima. other : a fit for whatever is done at the moment.
     kept : the lowest state of a descent.
     shift : (M,). product : (M, K). factor : (K, K). scale, step : (K,). start : (4,).
-    evaluations : (1,) of the model so far.
+    evaluations, most : (1,) of the model so far, and after how many to give up.
     """
 
     bent: Bent
@@ -86,6 +87,7 @@ class Work:
     step: np.ndarray
     start: np.ndarray
     evaluations: np.ndarray
+    most: np.ndarray
 
 
 @compiled
@@ -107,6 +109,7 @@ def empty_work(rig, lens, points):
         np.empty(wide),
         np.empty(UNKNOWNS),
         np.zeros(1, np.int64),
+        np.full(1, MOST_EVALUATIONS),
     )
 
 
@@ -129,8 +132,16 @@ def converge(rig, frame, rung, fit, work, with_feet):
         fit.numbers[SCATTER] = scatter
         _again(rig, frame, fit, work)
         _descend(rig, frame, rung, fit, work, _TOLERANCE, _ITERATIONS)
+    if fit.numbers[SCATTER] < _MOST_SCATTER:
+        work.most[0] = MOST_EVALUATIONS
     if fit.unknowns[0] > TIP - _NEAR_TIP:
         _fixed_at_tip(rig, frame, rung, fit, work)
+
+
+@compiled
+def begin_search(work):
+    """Grant evaluations of the model for a search; a fit that explains most points grants all."""
+    work.most[0] = max(work.most[0], min(work.evaluations[0] + _MOST_HOPELESS, MOST_EVALUATIONS))
 
 
 @compiled
@@ -229,7 +240,7 @@ def _descend(rig, frame, rung, fit, work, tolerance, iterations):
     for _ in range(iterations):
         promise = _step(rig, fit, damping, work)
         done = done or (promise < _NEGLIGIBLE * tolerance and not uphill)
-        if (done and not stale) or work.evaluations[0] >= MOST_EVALUATIONS:
+        if (done and not stale) or work.evaluations[0] >= work.most[0]:
             break
         if done:
             fill(step, 0.0)

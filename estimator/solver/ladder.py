@@ -9,7 +9,7 @@ from vbaa_calib.camera.compiled_lens import Lens
 from vbaa_calib.core.compiled import compiled, in_threads, kernel
 
 from .alternative_minima import different, mirror_ambiguous, try_mirrors, try_start
-from .convergence import COARSE_ITERATIONS, coarse_minimum, converge, empty_work, polish
+from .convergence import COARSE_ITERATIONS, begin_search, coarse_minimum, converge, empty_work, polish
 from .fit import CONVERGED, COST, SCATTER, copy_fit
 from .frames import Frames, frame_of, thinned
 from .initialization import (
@@ -103,7 +103,8 @@ def _solve_frames(rig_tables, lens_tables, tables, begin, end, rung, warm, piece
         frame = frame_of(tables, index)
         if len(frame.u) != len(work.best.foot_m):
             work = empty_work(rig, lens, len(frame.u))
-        work.evaluations[0] = 0
+        work.evaluations[0] = work.most[0] = 0
+        begin_search(work)
         _solve_frame(rig, frame, rung, warm[index], pieces_m, numbers, index, work)
 
 
@@ -242,6 +243,7 @@ def _search_lost(rig, frame, rung, grid, best, other, other_cost, work):
     try_start(rig, frame, rung, best.unknowns.copy(), best, other, other_cost, work)
     if not _lost(best):
         return
+    begin_search(work)
     count = (GRID + _WIDE_STEP - 1) // _WIDE_STEP
     starts, costs = np.empty((count, UNKNOWNS)), np.zeros(count)
     for k in range(count):

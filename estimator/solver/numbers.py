@@ -43,7 +43,7 @@ class FitNumbers:
     Attributes
     ----------
     points : (B,) how many could be used. evaluations : (B,) of the model that the fit took.
-    rung : index in `antenna.rungs.RUNGS`.
+    rung : index in `antenna.rungs.RUNGS`, of the one that was asked for, or of the lowest that is good enough.
     unknowns, std : (B, 4), see `rig_arrays.UNKNOWNS`.
     point_m, force_N, deflection_m : (B, 3) antenna frame. tangent : (B, 3) of the antenna at the contact, likewise.
     covariance : (B, 6, 6) of point and force. with_pose : (B, 6, 6) theirs with the camera pose's tangent.

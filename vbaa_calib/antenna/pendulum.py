@@ -108,7 +108,7 @@ def taylor(sin_lean: Lanes, cos_lean: Lanes, terms: int, coefficients: np.ndarra
         store(coefficients, sine * _RECIPROCAL[n + 1], 2, n + 1)
 
 
-@compiled
+@kernel
 def closed_form(upsilon: float, lean_rad: float, chain: np.ndarray) -> tuple[float, float, float]:
     """ψ, C and S: with sn, cn, dn of (υ | k²), k² = (1 − sin α)/2 the parameter of the chain and k′² = 1 − k²,
 
