@@ -20,6 +20,10 @@ from .status import FAILED, NO_ANTENNA, NO_CONTACT, OK, TIP, reason, statuses
 _LARGEST_SHIFT = 1 / 3  # inertia that would move the distance by more than this part of its deviation is too much
 
 
+_NAMES = np.array(RUNGS)
+_COLUMNS = tuple(f.name for f in fields(ContactEstimate))
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Contacts(ContactEstimate[np.ndarray, np.ndarray, np.ndarray], Sequence[Contact]):
     """The results of B frames: a sequence of `Contact`, and its numbers as arrays with a leading axis B.
@@ -45,7 +49,7 @@ class Contacts(ContactEstimate[np.ndarray, np.ndarray, np.ndarray], Sequence[Con
         if not -len(self) <= index < len(self):
             raise IndexError(f"frame {index} of {len(self)}")
         index %= len(self)
-        values = {f.name: getattr(self, f.name)[index] for f in fields(ContactEstimate)}
+        values = {name: getattr(self, name)[index] for name in _COLUMNS}
         numbers = self.numbers.row(index)
         bias = zip(RUNGS, numbers.bias[0].tolist(), strict=True)
         return Contact(
@@ -64,7 +68,11 @@ def contacts_of(
     rotation, translation = rig.kinematics.world_antenna(pan_rad, tilt_rad)
     length, sensor = rig.antenna.length_m, rig.moment_sensor
 
+    every = bool(located.all())
+
     def given(values: np.ndarray, where: np.ndarray = located) -> np.ndarray:
+        if every and where is located:
+            return values
         return np.where(where.reshape((-1,) + (1,) * (values.ndim - 1)), values, np.nan)
 
     with np.errstate(invalid="ignore", over="ignore"):
@@ -82,7 +90,7 @@ def contacts_of(
             requested=model,
             status=status,
             in_contact=numbers.finite & ~np.isin(status, (NO_ANTENNA, NO_CONTACT)),
-            model=np.array(RUNGS)[numbers.rung],
+            model=_NAMES[numbers.rung],
             distance_m=given(numbers.unknowns[:, 0] * length),
             distance_std_m=given(numbers.std[:, 0] * length),
             distance_shared_std_m=given(numbers.shared_std * length),

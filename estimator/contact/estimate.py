@@ -42,8 +42,8 @@ class ContactEstimator:
     Parameters
     ----------
     rig : the calibrated rig.
-    model : a rung of the ladder, `antenna.rungs.RUNGS`, or "auto" for the lowest whose predicted bias is small against
-        the noise.
+    model : a rung of the ladder, `antenna.rungs.RUNGS`, or "auto": the highest rung's answers, and with each the lowest
+        rung whose predicted bias is small against the noise.
     friction : rad, standard deviation of the friction angle (the force's angle from the antenna's normal); 0 for
         contacts without friction.
     jobs : threads over the frames of a batch; by default the processor's cores. The results are the same for any.
@@ -205,7 +205,8 @@ class ContactEstimator:
         if int(frames.usable.sum()) < FEWEST_POINTS:
             return None
         found = solve(frames, self.model, batch.start)
-        return np.asarray(bend(frames, RUNGS[int(found.rung[0])], found.unknowns[:, None]).points_m[0])
+        rung = RUNGS[-1] if self.model == "auto" else self.model
+        return np.asarray(bend(frames, rung, found.unknowns[:, None]).points_m[0])
 
     def _contacts(self, batch: Batch, beam: Beam | None = None) -> Contacts:
         """The frames' contacts; with a beam, also what testing for motion needs."""

@@ -50,10 +50,12 @@ def statuses(numbers: FitNumbers) -> np.ndarray:
         uncertain = ~(numbers.std[:, 0] < np.minimum(LOW_SIGNAL, LOW_SIGNAL_RELATIVE * numbers.unknowns[:, 0]))
         edge_on = numbers.edge_on_rad < EDGE_ON_RAD
         determined = np.isfinite(numbers.std[:, 0])
+        # a fit that stopped somewhere says nothing about whether there is a contact
+        given_up = ~numbers.converged & (numbers.scatter > WRONG_SHAPE)
         order = [
             (numbers.points < FEWEST_POINTS, NO_ANTENNA),
             (~numbers.finite, FAILED),
-            (~(numbers.evidence >= CONTACT_EVIDENCE), NO_CONTACT),
+            (~(numbers.evidence >= CONTACT_EVIDENCE) & ~given_up, NO_CONTACT),
             (edge_on & (uncertain | ~numbers.converged), UNOBSERVABLE),
             (_mirrored(numbers) & (numbers.edge_on_rad < EDGE_ON_BLIND_RAD), UNOBSERVABLE),
             (unexplained(numbers) | _model_too_low(numbers), FAILED),

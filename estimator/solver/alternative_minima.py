@@ -28,7 +28,7 @@ def try_start(rig, frame, rung, start, best, other, other_cost, work):
 
     best : the fit so far, replaced by a better one. other : (4,) unknowns of the next best, other_cost : (1,).
     """
-    found = work.three
+    found = work.found
     put(start, found.unknowns)
     converge(rig, frame, rung, found, work, False)
     own, cost = unscaled_cost(rig, best), unscaled_cost(rig, found)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from vbaa_calib.antenna.lanes import LANES
 from vbaa_calib.core.compiled import compiled, record
+from vbaa_calib.core.lanes import LANES
 from vbaa_calib.core.robust import MAD_SCALE
 
 from .fit import (
@@ -15,10 +15,12 @@ from .fit import (
     NODES,
     SCATTER,
     Fit,
-    copy_columns,
+    State,
     copy_fit,
-    copy_state,
     empty_fit,
+    empty_state,
+    go_back,
+    keep,
 )
 from .linear_algebra import factorise, fill, put, solve_factorised
 from .normal_equations import evaluate, linearise, nearest_feet, normal_equations
@@ -54,8 +56,9 @@ _MOST_SCATTER = 5.0
 """Largest scatter: with more, a fit would end at its priors."""
 _ROUNDS, _SCATTER_CHANGE = 3, 0.1
 """The scatter is estimated again until it changes by less than this part."""
-MOST_EVALUATIONS = 400
-"""Evaluations of the model after which a frame is given up: sound frames take 3 to 30, by vision alone up to 200."""
+MOST_EVALUATIONS, _MOST_HOPELESS = 400, 60
+"""Evaluations of the model after which a frame is given up: sound frames take 3 to 30, by vision alone up to 200. While
+most points lie far off every fit so far, `_MOST_HOPELESS` for each search."""
 _POLISH_TOLERANCE, _POLISH_ITERATIONS = 1e-6, 3
 
 
@@ -65,16 +68,18 @@ class Work:
 
     Attributes
     ----------
-    one, two, three : fits between which a descent changes. spare : a fit that no descent touches.
+    free : the free antenna. best, found : of the frame's minima. other : a fit for whatever is done at the moment.
+    kept : the lowest state of a descent.
     shift : (M,). product : (M, K). factor : (K, K). scale, step : (K,). start : (4,).
-    evaluations : (1,) of the model so far.
+    evaluations, most : (1,) of the model so far, and after how many to give up.
     """
 
     bent: Bent
-    one: Fit
-    two: Fit
-    three: Fit
-    spare: Fit
+    free: Fit
+    best: Fit
+    found: Fit
+    other: Fit
+    kept: State
     shift: np.ndarray
     product: np.ndarray
     factor: np.ndarray
@@ -82,6 +87,7 @@ class Work:
     step: np.ndarray
     start: np.ndarray
     evaluations: np.ndarray
+    most: np.ndarray
 
 
 @compiled
@@ -95,6 +101,7 @@ def empty_work(rig, lens, points):
         empty_fit(points, steps),
         empty_fit(points, steps),
         empty_fit(points, steps),
+        empty_state(points, steps),
         np.empty(NODES),
         np.empty((NODES, wide)),
         np.empty((wide, wide)),
@@ -102,6 +109,7 @@ def empty_work(rig, lens, points):
         np.empty(wide),
         np.empty(UNKNOWNS),
         np.zeros(1, np.int64),
+        np.full(1, MOST_EVALUATIONS),
     )
 
 
@@ -124,8 +132,16 @@ def converge(rig, frame, rung, fit, work, with_feet):
         fit.numbers[SCATTER] = scatter
         _again(rig, frame, fit, work)
         _descend(rig, frame, rung, fit, work, _TOLERANCE, _ITERATIONS)
+    if fit.numbers[SCATTER] < _MOST_SCATTER:
+        work.most[0] = MOST_EVALUATIONS
     if fit.unknowns[0] > TIP - _NEAR_TIP:
         _fixed_at_tip(rig, frame, rung, fit, work)
+
+
+@compiled
+def begin_search(work):
+    """Grant evaluations of the model for a search; a fit that explains most points grants all."""
+    work.most[0] = max(work.most[0], min(work.evaluations[0] + _MOST_HOPELESS, MOST_EVALUATIONS))
 
 
 @compiled
@@ -201,7 +217,7 @@ def _scatter(fit):
 @compiled
 def _fixed_at_tip(rig, frame, rung, fit, work):
     """The fit, its distance fixed at the tip if the data cannot tell it from there."""
-    free = work.spare
+    free = work.other
     copy_fit(fit, free)
     fit.unknowns[0] = TIP
     fit.numbers[AT_TIP] = 1.0
@@ -218,46 +234,41 @@ def _descend(rig, frame, rung, fit, work, tolerance, iterations):
     A step that raises the cost is accepted once, since along a bent valley the next one may lower it; if that one does
     not either, the descent goes on from its lowest state, damped.
     """
-    fits = (fit, work.one, work.two)
-    copy_columns(fit, work.one)
-    copy_columns(fit, work.two)
-    lowest, now, damping = 0, 0, 0.0
+    kept, step, unknowns, steps, damping = work.kept, work.step, fit.unknowns, fit.steps, 0.0
+    least = fit.numbers[COST]
     uphill, stale, done = False, False, False
-    step, size = work.step, fit.size
     for _ in range(iterations):
-        before, best = fits[now], fits[lowest]
-        promise = _step(rig, before, damping, work)
+        promise = _step(rig, fit, damping, work)
         done = done or (promise < _NEGLIGIBLE * tolerance and not uphill)
-        if (done and not stale) or work.evaluations[0] >= MOST_EVALUATIONS:
+        if (done and not stale) or work.evaluations[0] >= work.most[0]:
             break
         if done:
             fill(step, 0.0)
-        last = promise < tolerance
-        other = 3 - lowest - now if lowest != now else (lowest + 1) % 3
-        trial = fits[other]
-        copy_state(before, trial)
-        moved_unknowns(rig, before.unknowns, step, trial.unknowns)
-        for k in range(size - UNKNOWNS):
-            trial.steps[k] += step[UNKNOWNS + k]
-        evaluate(rig, frame, rung, trial, work)
-        cost, least = trial.numbers[COST], best.numbers[COST]
+        last, before = promise < tolerance, fit.numbers[COST]
+        if not uphill:
+            keep(fit, kept)
+        moved_unknowns(rig, unknowns, step, unknowns)
+        for k in range(len(steps)):
+            steps[k] += step[UNKNOWNS + k]
+        evaluate(rig, frame, rung, fit, work)
+        cost = fit.numbers[COST]
         better = cost <= least + _COST_NOISE or done
         done = done or (last and not uphill)
-        gain = (before.numbers[COST] - cost) / max(promise, 1e-300)
+        gain = (before - cost) / max(promise, 1e-300)
         if better:
             if gain > 0.75:
                 damping *= 0.1
             elif gain < 0.25:
                 damping = max(4.0 * damping, _DAMPING)
-            lowest, now, uphill, stale = other, other, False, False
+            least, uphill, stale = cost, False, False
             continue
         back = uphill or done or not cost < _MOST_COST * least
-        now = lowest if back else other
         if back:
+            go_back(kept, fit)
             damping = max(10.0 * damping, _DAMPING)
         uphill, stale = not back, True
-    if lowest != 0:
-        copy_fit(fits[lowest], fit)
+    if uphill:
+        go_back(kept, fit)
     fit.numbers[CONVERGED] = 1.0 if done else 0.0
     if stale:
         evaluate(rig, frame, rung, fit, work)

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from vbaa_calib.antenna.lanes import LANES
 from vbaa_calib.antenna.nodes import CONTACT, NODES_BEYOND, NODES_TO_CONTACT
 from vbaa_calib.core.compiled import compiled, record
+from vbaa_calib.core.lanes import LANES
 
+from .linear_algebra import put
 from .rig_arrays import UNKNOWNS
 
 NODES = NODES_TO_CONTACT + NODES_BEYOND
@@ -130,32 +131,48 @@ def empty_fit(points, steps):
 @compiled
 def copy_fit(source, target):
     """All of a fit into another of the same sizes."""
-    for k in range(len(source.data)):
-        target.data[k] = source.data[k]
-    for i in range(len(source.node)):
-        target.node[i] = source.node[i]
+    put(source.data, target.data)
+    put(source.node, target.node)
+
+
+@record
+class State:
+    """What a descent goes back to: unknowns, steps, feet and numbers of a fit, and its normal equations."""
+
+    state: np.ndarray
+    information: np.ndarray
+    side: np.ndarray
 
 
 @compiled
-def copy_state(source, target):
-    """Unknowns, rig steps, feet and numbers."""
-    for k in range(UNKNOWNS + len(source.steps) + len(source.foot_m) + 5):
-        target.data[k] = source.data[k]
+def empty_state(points, steps):
+    """Room for the state of a fit of so many points and rig steps."""
+    wide = (UNKNOWNS + steps + LANES - 1) // LANES * LANES
+    return State(np.empty(UNKNOWNS + steps + points + 5), np.empty((wide, wide)), np.empty(wide))
 
 
 @compiled
-def copy_columns(source, target):
-    """All derivatives, for the sake of those by the rig: rows are copied sooner than parts of rows."""
-    wide = len(source.side)
-    for j in range(NODES):
-        for k in range(wide):
-            target.columns[j, k] = source.columns[j, k]
-    for reading in range(3):
-        for k in range(wide):
-            target.reading_columns[reading, k] = source.reading_columns[reading, k]
-    for q in range(6):
-        for k in range(wide):
-            target.point_force_columns[q, k] = source.point_force_columns[q, k]
+def keep(fit, kept):
+    """Keep a fit's state."""
+    state, data, information, own = kept.state, fit.data, kept.information, fit.information
+    for k in range(len(state)):
+        state[k] = data[k]
+    for a in range(fit.size):
+        for b in range(len(own)):
+            information[a, b] = own[a, b]
+    put(fit.side, kept.side)
+
+
+@compiled
+def go_back(kept, fit):
+    """Return to a state; what belongs to the curve stays as it is."""
+    state, data, information, own = kept.state, fit.data, kept.information, fit.information
+    for k in range(len(state)):
+        data[k] = state[k]
+    for a in range(fit.size):
+        for b in range(len(own)):
+            own[a, b] = information[a, b]
+    put(kept.side, fit.side)
 
 
 @compiled

@@ -135,10 +135,13 @@ def frames_from_pixels(
     `gravity_m_s2` (B, 3) in the antenna frame.
     """
     points, covariance, usable = _ideal(rig_arrays, points_px, sigma_px)
-    tip, tip_covariance, seen = _ideal(rig_arrays, tip_px[:, :2], tip_px[:, 2])
-    with_tip = seen * (0.0 if rig_arrays.rig.tip is None else 1.0)
+    if rig_arrays.rig.tip is None:
+        tip, tip_covariance, with_tip = np.zeros((len(tip_px), 2)), np.tile([1.0, 0.0, 1.0], (len(tip_px), 1)), 0.0
+    else:
+        tip, tip_covariance, with_tip = _ideal(rig_arrays, tip_px[:, :2], tip_px[:, 2])
     read = np.isfinite(moment_Nm) & (rig_arrays.gain != 0.0)
-    available = np.column_stack([np.where(read, 1.0, 0.0), with_tip])
+    available = np.empty((len(tip_px), 3))
+    available[:, :2], available[:, 2] = read, with_tip
     readings = np.where(read, moment_Nm, 0.0)
     return Frames(
         rig_arrays, points, covariance, usable, readings, tip, tip_covariance, available, np.array(gravity_m_s2, float)

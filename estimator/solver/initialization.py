@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from vbaa_calib.antenna.lanes import LANES, lane_of, load_from, spread, store_to
 from vbaa_calib.antenna.nodes import aligned_arclength
 from vbaa_calib.core.compiled import compiled, record
+from vbaa_calib.core.lanes import LANES, lane_of, load_from, spread, store_to
 
-from .fit import LAST, NODES
+from .fit import LAST, NODES, SCATTER
 from .linear_algebra import factorise, fill, put, solve_many
 from .normal_equations import (
     feet_along_chord,
@@ -34,6 +34,9 @@ STARTS = 2
 """Minima that are searched for each frame."""
 _ALONG = aligned_arclength(np.array([_FREE]), 1.0)[0]
 _DISTANCES = _NEAREST + (1.0 - _NEAREST) * np.arange(GRID) / (GRID - 1)
+_NEAR, _FAR = np.minimum(_ALONG[:, None], _DISTANCES), np.maximum(_ALONG[:, None], _DISTANCES)
+_BENT = (3.0 * _FAR - _NEAR) * _NEAR * _NEAR / 6.0
+"""(M, GRID) `deflection` of the free antenna's nodes by unit forces at all distances."""
 
 
 @record
@@ -42,14 +45,13 @@ class Grid:
 
     Attributes
     ----------
-    distance : (G,) antenna lengths. shape : (M, G) small deflections of the free antenna's nodes by unit forces, m.
-    image : (2, M) the picture's displacement by a metre along y, and z. moment : (2, 2, G) sensors' response, by axis.
+    distance : (G,) antenna lengths. image : (2, M) the picture's displacement by a unit force along y, and z, per
+        `_BENT`. moment : (2, 2, G) sensors' response, by axis.
     force : (G, 2) best forces. gain : (G,) the cost that each explains. best_steps : (R,) of the rig, at the best one.
-    weight : (N,) of the points. crossed : (R, 2 G + LANES).
+    weight : (N,) of the points. crossed : (R, 2 G + LANES). along : (2, M) scratch room.
     """
 
     distance: np.ndarray
-    shape: np.ndarray
     image: np.ndarray
     moment: np.ndarray
     force: np.ndarray
@@ -57,6 +59,7 @@ class Grid:
     best_steps: np.ndarray
     weight: np.ndarray
     crossed: np.ndarray
+    along: np.ndarray
 
 
 @compiled
@@ -64,6 +67,7 @@ def free_antenna(rig, frame, fit, work):
     """The free antenna, with the rig's derivatives for small deflections, and the points' residuals from it."""
     fill(fit.unknowns, 0.0)
     fit.unknowns[0] = _FREE
+    fit.numbers[SCATTER] = 1.0
     fill(fit.steps, 0.0)
     predict(rig, frame, REFERENCE, work.bent, fit, False)
     rig_jacobian(rig, frame, LINEAR, work.bent, fit)
@@ -75,7 +79,7 @@ def free_antenna(rig, frame, fit, work):
 @compiled
 def point_jacobian(rig, fit, image):
     """(2, M) displacement along the picture's normals per metre that a node moves along y, and z, antenna frame."""
-    turn = rig.rotations[0]
+    turn = rig.rotation
     for j in range(NODES):
         u, v = fit.normal_u[j], fit.normal_v[j]
         ahead = u * fit.u[j] + v * fit.v[j]
@@ -102,7 +106,6 @@ def grid_search(rig, frame, free, every, work):
     steps, count = len(free.steps), (len(free.distance) + every - 1) // every
     grid = Grid(
         _DISTANCES.copy(),
-        np.empty((NODES, GRID)),
         np.empty((2, NODES)),
         np.zeros((2, 2, GRID)),
         np.empty((GRID, 2)),
@@ -110,12 +113,13 @@ def grid_search(rig, frame, free, every, work):
         np.zeros(steps),
         np.empty(count),
         np.empty((steps, 2 * GRID + LANES)),
+        np.empty((2, NODES)),
     )
     point_jacobian(rig, free, grid.image)
     unit = rig.unit_load * rig.length_m
     for j in range(NODES):
-        for g in range(GRID):
-            grid.shape[j, g] = unit * deflection(_ALONG[j], grid.distance[g])
+        grid.image[0, j] *= unit
+        grid.image[1, j] *= unit
     for g in range(GRID):
         # the sensor about y feels a force along z, the one about z a force along y
         moment = grid.distance[g] * rig.force_unit_N * rig.length_m
@@ -136,18 +140,26 @@ def grid_search(rig, frame, free, every, work):
 @compiled
 def _sums(free, every, weights):
     """Weighted sums of every n-th point over the nodes, into the fit's."""
-    fill(free.diagonal, 0.0)
-    fill(free.beside, 0.0)
-    fill(free.load, 0.0)
+    diagonal, beside, load, nodes, shares, distances = (
+        free.diagonal,
+        free.beside,
+        free.load,
+        free.node,
+        free.share,
+        free.distance,
+    )
+    fill(diagonal, 0.0)
+    fill(beside, 0.0)
+    fill(load, 0.0)
     for i in range(len(weights)):
-        node, share, weight = free.node[i * every], free.share[i * every], weights[i]
+        node, share, weight = nodes[i * every], shares[i * every], weights[i]
         first = weight * share
-        second, pull = first * share, weight * free.distance[i * every]
-        free.diagonal[node] += weight - 2.0 * first + second
-        free.diagonal[node + 1] += second
-        free.beside[node] += first - second
-        free.load[node] += pull - pull * share
-        free.load[node + 1] += pull * share
+        second, pull = first * share, weight * distances[i * every]
+        diagonal[node] += weight - 2.0 * first + second
+        diagonal[node + 1] += second
+        beside[node] += first - second
+        load[node] += pull - pull * share
+        load[node + 1] += pull * share
 
 
 @compiled
@@ -182,17 +194,18 @@ def _best_forces(rig, free, every, grid, work):
 @compiled
 def _cross(free, grid, product, a):
     """What the rig's column a has in common with unit forces along y and z at all distances, and with the residuals."""
-    readings, y, z = free.reading_columns, np.empty(NODES), np.empty(NODES)
+    readings, columns, load, image, moment = free.reading_columns, free.columns, free.load, grid.image, grid.moment
     rest = readings[0, a] * free.residual[0] + readings[1, a] * free.residual[1]
+    y, z = grid.along[0], grid.along[1]
     for j in range(NODES):
-        rest += free.columns[j, a] * free.load[j]
-        y[j], z[j] = product[j, a] * grid.image[0, j], product[j, a] * grid.image[1, j]
+        rest += columns[j, a] * load[j]
+        y[j], z[j] = product[j, a] * image[0, j], product[j, a] * image[1, j]
     crossed, row = grid.crossed, a - UNKNOWNS
     for first in range(0, GRID, LANES):
-        along_y = readings[1, a] * load_from(grid.moment, 0, 1, first)
-        along_z = readings[0, a] * load_from(grid.moment, 1, 0, first)
+        along_y = readings[1, a] * load_from(moment, 0, 1, first)
+        along_z = readings[0, a] * load_from(moment, 1, 0, first)
         for j in range(NODES):
-            shape = load_from(grid.shape, j, first)
+            shape = load_from(_BENT, j, first)
             along_y = along_y + y[j] * shape
             along_z = along_z + z[j] * shape
         store_to(crossed, along_y, row, first)
@@ -205,19 +218,20 @@ def _cross(free, grid, product, a):
 @compiled
 def _every_force(rig, free, grid):
     """The best forces at all distances, and the costs that they explain."""
-    image, shape, crossed, moment = grid.image, grid.shape, grid.crossed, grid.moment
+    image, crossed, moment = grid.image, grid.crossed, grid.moment
+    diagonal, beside, pulls = free.diagonal, free.beside, free.load
     for first in range(0, GRID, LANES):
         yy, yz, zz, y, z = spread(0.0), spread(0.0), spread(0.0), spread(0.0), spread(0.0)
         for j in range(NODES):
-            bent = load_from(shape, j, first)
-            own = free.diagonal[j] * bent * bent
-            pull = free.load[j] * bent
+            bent = load_from(_BENT, j, first)
+            own = diagonal[j] * bent * bent
+            pull = pulls[j] * bent
             y, z = y + image[0, j] * pull, z + image[1, j] * pull
             yy = yy + image[0, j] * image[0, j] * own
             yz = yz + image[0, j] * image[1, j] * own
             zz = zz + image[1, j] * image[1, j] * own
             if j < LAST:
-                mixed = free.beside[j] * bent * load_from(shape, j + 1, first)
+                mixed = beside[j] * bent * load_from(_BENT, j + 1, first)
                 yy = yy + 2.0 * image[0, j] * image[0, j + 1] * mixed
                 zz = zz + 2.0 * image[1, j] * image[1, j + 1] * mixed
                 yz = yz + (image[0, j] * image[1, j + 1] + image[0, j + 1] * image[1, j]) * mixed
@@ -264,7 +278,7 @@ def _shift(free, grid, best, work):
     """Displacement (M,) by the best force and the rig's steps that go with it, into `work.shift`."""
     force = grid.force[best]
     for j in range(NODES):
-        total = (force[0] * grid.image[0, j] + force[1] * grid.image[1, j]) * grid.shape[j, best]
+        total = (force[0] * grid.image[0, j] + force[1] * grid.image[1, j]) * _BENT[j, best]
         for k in range(len(grid.best_steps)):
             total += free.columns[j, UNKNOWNS + k] * grid.best_steps[k]
         work.shift[j] = total

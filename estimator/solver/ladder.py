@@ -9,8 +9,8 @@ from vbaa_calib.camera.compiled_lens import Lens
 from vbaa_calib.core.compiled import compiled, in_threads, kernel
 
 from .alternative_minima import different, mirror_ambiguous, try_mirrors, try_start
-from .convergence import COARSE_ITERATIONS, coarse_minimum, converge, empty_work, polish
-from .fit import CONVERGED, COST, SCATTER, copy_fit, empty_fit
+from .convergence import COARSE_ITERATIONS, begin_search, coarse_minimum, converge, empty_work, polish
+from .fit import CONVERGED, COST, SCATTER, copy_fit
 from .frames import Frames, frame_of, thinned
 from .initialization import (
     GRID,
@@ -39,8 +39,6 @@ from .uncertainty import (
 
 COARSE_RUNG = RUNGS[LINEAR]
 """The rung on which minima are compared before a rung is chosen."""
-_USUAL = ELASTICA
-"""The rung that most frames need: `auto` begins with it."""
 _COARSE_POINTS = 64
 """Minima are searched with about so many of a frame's points."""
 _WIDE_STEP, _WIDE_ITERATIONS = 4, 15
@@ -92,89 +90,71 @@ def _rough_frames(rig_tables, lens_tables, tables, found):
     for index in range(len(found)):
         frame = frame_of(tables, index)
         work = empty_work(rig, lens, len(frame.u))
-        free = empty_fit(len(frame.u), len(work.one.steps))
         starts, costs = np.empty((STARTS, UNKNOWNS)), np.empty(STARTS)
-        _find_starts(rig, frame, free, warm, True, starts, costs, work)
+        _find_starts(rig, frame, warm, True, starts, costs, work)
         found[index] = starts[0]
 
 
 @kernel
 def _solve_frames(rig_tables, lens_tables, tables, begin, end, rung, warm, pieces_m, found):
     rig, lens, numbers = RigRecord(*rig_tables), Lens(*lens_tables), NumberRecord(*found)
+    work = empty_work(rig, lens, 0)
     for index in range(begin, end):
         frame = frame_of(tables, index)
-        work = empty_work(rig, lens, len(frame.u))
+        if len(frame.u) != len(work.best.foot_m):
+            work = empty_work(rig, lens, len(frame.u))
+        work.evaluations[0] = work.most[0] = 0
+        begin_search(work)
         _solve_frame(rig, frame, rung, warm[index], pieces_m, numbers, index, work)
 
 
 @compiled
 def _solve_frame(rig, frame, model, warm, pieces_m, numbers, index, work):
-    """One frame on a rung, or on the lowest one that is good enough."""
-    points, steps = len(frame.u), len(work.one.steps)
-    free, best, problem = empty_fit(points, steps), empty_fit(points, steps), empty_fit(points, steps)
-    found = empty_uncertainty(steps)
+    """One frame on a rung, by default on the highest: then also which one would have been good enough."""
+    best, found = work.best, empty_uncertainty(len(work.best.steps))
     starts, costs = np.empty((STARTS, UNKNOWNS)), np.empty(STARTS)
-    grid = _find_starts(rig, frame, free, warm, False, starts, costs, work)
+    grid = _find_starts(rig, frame, warm, False, starts, costs, work)
     other, other_cost = np.empty(UNKNOWNS), np.empty(1)
-    bias = np.full(REFERENCE + 1, np.nan)
-    rung = _USUAL if model == AUTO else model
-    first = True
-    while True:
-        ambiguous = _fit_on_rung(rig, frame, rung, free, grid, starts, costs, best, found, other, other_cost, work)
+    rung = REFERENCE if model == AUTO else model
+    ambiguous = _fit_on_rung(rig, frame, rung, grid, starts, costs, found, other, other_cost, work)
+    problem = best
+    if rung != REFERENCE:
         # residuals of the highest rung, whose shapes are right
+        problem = work.found
         copy_fit(best, problem)
-        errors = np.zeros((6, 10))
-        if rung != REFERENCE:
-            predict(rig, frame, REFERENCE, work.bent, problem, False)
-            errors = first_order_errors(rig, frame, rung, best, problem, work)
-        linearise_about(rig, frame, best, problem, work)
-        all_bias = np.empty(REFERENCE + 1)
-        predicted_bias(errors, found, all_bias)
-        if model == AUTO and first:
-            put(all_bias, bias)
-        elif rung != REFERENCE:
-            bias[rung] = all_bias[rung]
-        if model != AUTO:
-            break
-        if first:
-            wanted = 0
-            while wanted < REFERENCE and not bias[wanted] <= SMALL_BIAS:
-                wanted += 1
-            first = False
-            if wanted == rung:
-                break
-            starts[0], starts[1] = best.unknowns, other
-            costs[0], costs[1] = 0.0, other_cost[0] - unscaled_cost(rig, best)
-            rung = wanted
-            continue
-        if rung == REFERENCE or bias[rung] <= SMALL_BIAS:
-            break
-        rung += 1
-    points_cost(problem)
+        predict(rig, frame, REFERENCE, work.bent, problem, False)
+        linearise(rig, frame, problem, work)
+        points_cost(problem)
+    errors, bias = np.zeros((5, 10)), np.full(REFERENCE + 1, np.nan)
+    needed = rung
+    if model != REFERENCE:
+        first_order_errors(rig, frame, rung, best, problem, errors, work)
+        every_bias = np.empty(REFERENCE + 1)
+        predicted_bias(errors, found, every_bias)
+        if model == AUTO:
+            put(every_bias, bias)
+            needed = 0
+            while needed < REFERENCE and not bias[needed] <= SMALL_BIAS:
+                needed += 1
+        else:
+            bias[rung] = every_bias[rung]
     std = np.sqrt(found.covariance[0, 0])
     gain, place, shift = second_force(rig, frame, rung, best, problem, std, work)
-    evidence = contact_evidence(rig, best, problem, free, work)
+    evidence = contact_evidence(rig, rung, best, problem, work)
     extra = other_cost[0] - unscaled_cost(rig, best)
     scalars = np.array([evidence, extra, gain, place, shift])
-    write_numbers(
-        rig, frame, rung, best, free, found, bias, errors, other, scalars, ambiguous, pieces_m, numbers, index, work
-    )
+    write_numbers(rig, frame, rung, found, bias, errors, other, scalars, ambiguous, pieces_m, numbers, index, work)
+    numbers.rung[index] = needed
 
 
 @compiled
-def linearise_about(rig, frame, best, problem, work):
-    """The fit's problem with the residuals that another rung's prediction at the same unknowns leaves."""
-    put(best.foot_m, problem.foot_m)
-    linearise(rig, frame, problem, work)
-
-
-@compiled
-def _find_starts(rig, frame, free, warm, always, starts, costs, work):
+def _find_starts(rig, frame, warm, always, starts, costs, work):
     """Rough minima (S, 4), lowest first, and their costs (S,), infinite where there is none; and the free antenna.
 
     `warm` (4,), unknowns near the truth where finite, may take their place. A frame with several descends on a low rung
     to see which of them are useful; with `always`, each does.
     """
+    free = work.free
     free_antenna(rig, frame, free, work)
     few, every = thinned(frame, _COARSE_POINTS)
     grid = grid_search(rig, frame, free, every, work)
@@ -195,7 +175,7 @@ def _coarse_minima(rig, lens, frame, rung, feet_m, iterations, starts, costs):
     """
     count = len(costs)
     work = empty_work(rig, lens, len(frame.u))
-    fit = work.three
+    fit = work.best
     for k in range(count):
         if not (np.isfinite(costs[k]) and np.isfinite(starts[k]).all()):
             costs[k] = np.inf
@@ -219,11 +199,11 @@ def _coarse_minima(rig, lens, frame, rung, feet_m, iterations, starts, costs):
 
 
 @compiled
-def _fit_on_rung(rig, frame, rung, free, grid, starts, costs, best, found, other, other_cost, work):
+def _fit_on_rung(rig, frame, rung, grid, starts, costs, found, other, other_cost, work):
     """The best of a frame's minima on a rung and its uncertainty. Returns whether its mirror image looks like it."""
-    distinct = largest_gain(grid) > _FAINT
+    best, distinct = work.best, largest_gain(grid) > _FAINT
     put(starts[0], best.unknowns)
-    put(free.foot_m, best.foot_m)
+    put(work.free.foot_m, best.foot_m)
     converge(rig, frame, rung, best, work, True)
     put(best.unknowns, other)
     other_cost[0] = np.inf
@@ -263,6 +243,7 @@ def _search_lost(rig, frame, rung, grid, best, other, other_cost, work):
     try_start(rig, frame, rung, best.unknowns.copy(), best, other, other_cost, work)
     if not _lost(best):
         return
+    begin_search(work)
     count = (GRID + _WIDE_STEP - 1) // _WIDE_STEP
     starts, costs = np.empty((count, UNKNOWNS)), np.zeros(count)
     for k in range(count):

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from vbaa_calib.antenna.lanes import LANES, load_from, store_to
 from vbaa_calib.core.compiled import compiled
+from vbaa_calib.core.lanes import LANES, load_from, store_to
 
 _LEAST_DAMPING = 1e-12
 """Added to the diagonal of scaled normal equations: a direction without information stays where it is."""

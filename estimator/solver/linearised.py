@@ -60,7 +60,7 @@ def _linearise(rig_tables, lens_tables, tables, rung, unknowns, found):
     for index in range(len(unknowns)):
         frame = frame_of(tables, index)
         work = empty_work(rig, lens, len(frame.u))
-        fit = work.three
+        fit = work.best
         put(unknowns[index], fit.unknowns)
         predict(rig, frame, rung, work.bent, fit, True)
         rig_jacobian(rig, frame, rung, work.bent, fit)
@@ -132,7 +132,7 @@ def _free(rig_tables, lens_tables, tables, steps, farthest_std, found):
     for index in range(len(steps)):
         frame = frame_of(tables, index)
         work = empty_work(rig, lens, len(frame.u))
-        fit = work.three
+        fit = work.best
         free_antenna(rig, frame, fit, work)
         found.gain[index] = largest_gain(grid_search(rig, frame, fit, 1, work))
         variance = 1.0

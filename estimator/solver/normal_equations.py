@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from vbaa_calib.antenna.lanes import LANES, load_from, spread, store_to
 from vbaa_calib.antenna.nodes import NODES_BEYOND
 from vbaa_calib.core.compiled import compiled
+from vbaa_calib.core.lanes import LANES, load_from, spread, store_to
 from vbaa_calib.core.robust import HUBER
 
 from .fit import CONTACT_M, COST, INNER, LAST, NODES, SCATTER, arclength_of_node
@@ -49,14 +49,15 @@ def prior_of(rig, fit, column):
 @compiled
 def nearest_feet(rig, frame, fit):
     """Feet of the points, searched over the whole curve."""
-    for i in range(len(frame.u)):
+    seen_u, seen_v, u, v, foot_m = frame.u, frame.v, fit.u, fit.v, fit.foot_m
+    for i in range(len(seen_u)):
         best, nearest = np.inf, 0
         for j in range(0, NODES, _EVERY):
-            away_u, away_v = frame.u[i] - fit.u[j], frame.v[i] - fit.v[j]
+            away_u, away_v = seen_u[i] - u[j], seen_v[i] - v[j]
             away = away_u * away_u + away_v * away_v
             if away < best:
                 best, nearest = away, j
-        fit.foot_m[i] = arclength_of_node(fit, rig.length_m, 1.0 * nearest)
+        foot_m[i] = arclength_of_node(fit, rig.length_m, 1.0 * nearest)
     for _ in range(_FOOT_STEPS):
         point_residuals(rig, frame, fit)
 
@@ -66,12 +67,13 @@ def feet_along_chord(rig, frame, fit):
     """Feet on a nearly straight curve, the free antenna's, from places along its chord, in perspective."""
     start_u, start_v = fit.u[0], fit.v[0]
     chord_u, chord_v = fit.u[LAST] - start_u, fit.v[LAST] - start_v
-    square = chord_u * chord_u + chord_v * chord_v
-    near, far = fit.depth[0], fit.depth[LAST]
-    for i in range(len(frame.u)):
-        seen = ((frame.u[i] - start_u) * chord_u + (frame.v[i] - start_v) * chord_v) / square
+    by_square = 1.0 / (chord_u * chord_u + chord_v * chord_v)
+    near, far, length = fit.depth[0], fit.depth[LAST], rig.length_m
+    seen_u, seen_v, foot_m = frame.u, frame.v, fit.foot_m
+    for i in range(len(seen_u)):
+        seen = ((seen_u[i] - start_u) * chord_u + (seen_v[i] - start_v) * chord_v) * by_square
         seen = min(max(seen, 0.0), 1.0)
-        fit.foot_m[i] = seen * near / (far - (far - near) * seen) * rig.length_m
+        foot_m[i] = seen * near / (far - (far - near) * seen) * length
 
 
 @compiled
@@ -83,9 +85,12 @@ def point_residuals(rig, frame, fit):
     length, contact = rig.length_m, fit.numbers[CONTACT_M]
     inner, outer = contact / INNER, (length - contact) / NODES_BEYOND
     by_inner, by_outer = 1.0 / inner, 1.0 / outer
-    cubics = fit.cubics
-    for i in range(len(frame.u)):
-        foot = fit.foot_m[i]
+    # what is looked up in a record within the loop is looked up again for each point
+    cubics, foot_m, nodes, shares = fit.cubics, fit.foot_m, fit.node, fit.share
+    distances, precisions = fit.distance, fit.precision
+    seen_u, seen_v, xx, xy, yy = frame.u, frame.v, frame.xx, frame.xy, frame.yy
+    for i in range(len(seen_u)):
+        foot = foot_m[i]
         beyond = max(foot - contact, 0.0)
         along = (foot - beyond) * by_inner + beyond * by_outer
         within = min(max(along, 0.0), LAST - 1e-6)
@@ -98,19 +103,20 @@ def point_residuals(rig, frame, fit):
         u1 = (3.0 * rise_u + 2.0 * cubics[node, 2]) * share + cubics[node, 1]
         v1 = (3.0 * rise_v + 2.0 * cubics[node, 6]) * share + cubics[node, 5]
         u2, v2 = 6.0 * rise_u + 2.0 * cubics[node, 2], 6.0 * rise_v + 2.0 * cubics[node, 6]
-        off_u, off_v = frame.u[i] - u, frame.v[i] - v
+        off_u, off_v = seen_u[i] - u, seen_v[i] - v
         square = u1 * u1 + v1 * v1
-        ahead = (off_u * u1 + off_v * v1) / square
+        by_square = 1.0 / square
+        ahead = (off_u * u1 + off_v * v1) * by_square
         longest = min(max(ahead, -1.0), 1.0)
         distance = off_v * u1 - off_u * v1 - 0.5 * (v2 * u1 - u2 * v1) * longest * longest
         # the normal is (−v′, u′)/√(u′² + v′²)
-        variance = frame.xx[i] * v1 * v1 - 2.0 * frame.xy[i] * u1 * v1 + frame.yy[i] * u1 * u1
+        variance = xx[i] * v1 * v1 - 2.0 * xy[i] * u1 * v1 + yy[i] * u1 * u1
         foot += ahead * width
         # a prediction that left the domain of the model is rejected by its cost, not here
         foot = foot if foot == foot else 0.0
-        fit.foot_m[i] = min(max(foot, 0.0), length)
-        fit.node[i], fit.share[i] = node, share
-        fit.distance[i], fit.precision[i] = distance / np.sqrt(square), square / variance
+        foot_m[i] = min(max(foot, 0.0), length)
+        nodes[i], shares[i] = node, share
+        distances[i], precisions[i] = distance * np.sqrt(by_square), square / variance
 
 
 @compiled
@@ -123,18 +129,21 @@ def interpolated(fit, values, i):
 @compiled
 def shift_by_steps(fit, first, steps, shift):
     """Displacement (M,) by steps (K − first,) of the columns from `first` on."""
+    columns, count = fit.columns, len(steps)
     for j in range(NODES):
         total = 0.0
-        for k in range(len(steps)):
-            total += fit.columns[j, first + k] * steps[k]
+        for k in range(count):
+            total += columns[j, first + k] * steps[k]
         shift[j] = total
 
 
 @compiled
 def take_out(fit, shift):
     """Take a displacement (M,) of the curve out of the points' distances."""
-    for i in range(len(fit.distance)):
-        fit.distance[i] -= interpolated(fit, shift, i)
+    distance, node, share = fit.distance, fit.node, fit.share
+    for i in range(len(distance)):
+        first = shift[node[i]]
+        distance[i] -= first + share[i] * (shift[node[i] + 1] - first)
 
 
 @compiled
@@ -153,14 +162,16 @@ def residuals_with_rig(fit, shift):
 @compiled
 def points_cost(fit):
     """Robust cost of the points, whose weighted sums over the nodes are renewed."""
-    fill(fit.diagonal, 0.0)
-    fill(fit.beside, 0.0)
-    fill(fit.load, 0.0)
+    diagonal, beside, load = fit.diagonal, fit.beside, fit.load
+    distances, precisions, shares, nodes = fit.distance, fit.precision, fit.share, fit.node
+    fill(diagonal, 0.0)
+    fill(beside, 0.0)
+    fill(load, 0.0)
     by_scatter = 1.0 / fit.numbers[SCATTER]
     square = by_scatter * by_scatter
     cost = 0.0
-    for i in range(len(fit.distance)):
-        distance, precision, share, node = fit.distance[i], fit.precision[i], fit.share[i], fit.node[i]
+    for i in range(len(distances)):
+        distance, precision, share, node = distances[i], precisions[i], shares[i], nodes[i]
         size = abs(distance) * np.sqrt(precision) * by_scatter
         inner = HUBER if size > HUBER else size
         cost += inner * (size - 0.5 * inner)
@@ -168,30 +179,25 @@ def points_cost(fit):
         first = weight * share
         second, pull = first * share, weight * distance
         ahead = pull * share
-        fit.diagonal[node] += weight - 2.0 * first + second
-        fit.diagonal[node + 1] += second
-        fit.beside[node] += first - second
-        fit.load[node] += pull - ahead
-        fit.load[node + 1] += ahead
+        diagonal[node] += weight - 2.0 * first + second
+        diagonal[node + 1] += second
+        beside[node] += first - second
+        load[node] += pull - ahead
+        load[node + 1] += ahead
     return cost
 
 
 @compiled
 def times_tridiagonal(fit, columns, product):
-    """The points' tridiagonal information times columns (M, C)."""
-    size = columns.shape[1]
-    for j in range(NODES):
-        own = fit.diagonal[j]
-        for k in range(size):
-            product[j, k] = own * columns[j, k]
-        if j < LAST:
-            ahead = fit.beside[j]
-            for k in range(size):
-                product[j, k] += ahead * columns[j + 1, k]
-        if j > 0:
-            behind = fit.beside[j - 1]
-            for k in range(size):
-                product[j, k] += behind * columns[j - 1, k]
+    """The points' tridiagonal information times columns (M, C), C a multiple of LANES."""
+    diagonal, beside, size = fit.diagonal, fit.beside, columns.shape[1]
+    for first in range(0, size, LANES):
+        before, here, by_before = spread(0.0), load_from(columns, 0, first), 0.0
+        for j in range(LAST):
+            after = load_from(columns, j + 1, first)
+            store_to(product, by_before * before + diagonal[j] * here + beside[j] * after, j, first)
+            before, here, by_before = here, after, beside[j]
+        store_to(product, by_before * before + diagonal[LAST] * here, LAST, first)
 
 
 @compiled
@@ -202,23 +208,23 @@ def normal_equations(rig, fit, first, product):
     """
     size = fit.size
     cost = points_cost(fit)
-    times_tridiagonal(fit, fit.columns, product)
-    information, side = fit.information, fit.side
-    inner_products(fit.columns, product, information)
+    columns, load, readings, information, side = fit.columns, fit.load, fit.reading_columns, fit.information, fit.side
+    times_tridiagonal(fit, columns, product)
+    inner_products(columns, product, information)
     for k in range(0, len(side), LANES):
         total = spread(0.0)
         for j in range(NODES):
-            total = total + fit.load[j] * load_from(fit.columns, j, k)
+            total = total + load[j] * load_from(columns, j, k)
         store_to(side, total, k)
     for reading in range(3):
         residual = fit.residual[reading]
         weight = huber_weight(residual)
         cost += huber_loss(residual)
         for a in range(first, size):
-            pull = weight * fit.reading_columns[reading, a]
+            pull = weight * readings[reading, a]
             side[a] += pull * residual
             for b in range(a + 1):
-                information[a, b] += pull * fit.reading_columns[reading, b]
+                information[a, b] += pull * readings[reading, b]
     for a in range(first, size):
         prior = prior_of(rig, fit, a)
         at = fit.unknowns[a] if a < UNKNOWNS else fit.steps[a - UNKNOWNS]
@@ -267,9 +273,9 @@ def evaluate(rig, frame, rung, fit, work):
 @compiled
 def total_cost(rig, fit):
     """Robust cost with the priors, at the residuals as they are; nothing of the fit changes."""
-    cost, by_scatter = 0.0, 1.0 / fit.numbers[SCATTER]
-    for i in range(len(fit.distance)):
-        cost += huber_loss(fit.distance[i] * np.sqrt(fit.precision[i]) * by_scatter)
+    cost, by_scatter, distance, precision = 0.0, 1.0 / fit.numbers[SCATTER], fit.distance, fit.precision
+    for i in range(len(distance)):
+        cost += huber_loss(distance[i] * np.sqrt(precision[i]) * by_scatter)
     for reading in range(3):
         cost += huber_loss(fit.residual[reading])
     for a in range(1, fit.size):

@@ -43,7 +43,7 @@ class FitNumbers:
     Attributes
     ----------
     points : (B,) how many could be used. evaluations : (B,) of the model that the fit took.
-    rung : index in `antenna.rungs.RUNGS`.
+    rung : index in `antenna.rungs.RUNGS`, of the one that was asked for, or of the lowest that is good enough.
     unknowns, std : (B, 4), see `rig_arrays.UNKNOWNS`.
     point_m, force_N, deflection_m : (B, 3) antenna frame. tangent : (B, 3) of the antenna at the contact, likewise.
     covariance : (B, 6, 6) of point and force. with_pose : (B, 6, 6) theirs with the camera pose's tangent.
@@ -155,14 +155,13 @@ NumberRecord = record(NumberTables)
 
 
 @compiled
-def write_numbers(
-    rig, frame, rung, fit, free, found, bias, errors, other, scalars, ambiguous, pieces_m, numbers, index, work
-):
+def write_numbers(rig, frame, rung, found, bias, errors, other, scalars, ambiguous, pieces_m, numbers, index, work):
     """A frame's fit in plain numbers.
 
-    bias : (4,) of the rungs. errors : (6, 10) see `uncertainty.first_order_errors`. other : (4,) the next best
+    bias : (4,) of the rungs. errors : (5, 10) see `uncertainty.first_order_errors`. other : (4,) the next best
     unknowns. scalars : evidence, the next best's extra cost; a second force's gain, place and shift.
     """
+    fit, free = work.best, work.free
     steps, shared = len(fit.steps), rig.axes.shape[1]
     covariance = np.empty((6, 6))
     touch_covariance(found, covariance)
@@ -201,7 +200,7 @@ def write_numbers(
                 both += with_rig[q, k] * with_rig[p, k]
             numbers.with_pose[index, q, p], numbers.shared[index, q, p] = pose, both
     numbers.shared_std[index] = np.sqrt(by_distance)
-    numbers.points[index], numbers.rung[index] = len(frame.u), rung
+    numbers.points[index] = len(frame.u)
     numbers.evaluations[index] = work.evaluations[0]
     numbers.unknowns[index] = fit.unknowns
     std = np.sqrt(np.diag(found.covariance))

@@ -8,15 +8,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from vbaa_calib.antenna.lanes import lane_of, load_from, spread
 from vbaa_calib.antenna.nodes import CONTACT, NODES_BEYOND
 from vbaa_calib.antenna.rungs import RUNGS
-from vbaa_calib.antenna.shape_kernel import LANES, bend_lanes
+from vbaa_calib.antenna.shape_kernel import NODE_ROWS, bend_lanes
 from vbaa_calib.camera.compiled_lens import CompiledLens, normalized_by_lens
 from vbaa_calib.core.compiled import compiled, record
+from vbaa_calib.core.lanes import LANES, lane_of, load, load_from, spread, store, store_to, where_positive
 
 from .fit import CONTACT_M, INNER, LAST, NODES, arclength_of_node
-from .linear_algebra import put
 from .rig_arrays import ANTENNA, POSES, UNKNOWNS
 
 _STEP = 1e-4
@@ -38,9 +37,11 @@ class Bent:
     Attributes
     ----------
     parameters : (9, L). contact_m, friction_rad, moment_Nm : (L,). push_N : (2, L).
-    points_m : (3, M, L). tangents : (3, M, 1) of the first. force_N : (3, L). u, v, depth : (M, L).
-    raw, raw_readings, raw_point_force : (M, Q), (3, Q), (6, Q) derivatives by the rig's parameters.
-    by_lens : (2, 4 + k). lens : the camera's.
+    points_m : (3, M, L). tangents : (3, M′) of the first, node after node, and rows those by eights; no_rows without.
+    force_N : (3, L). u, v, depth : (M, L). by_step : (L,) one over each lane's step.
+    raw, raw_readings, raw_point_force : (M, Q′), (3, Q′), (6, Q′) derivatives by the rig's Q parameters; there is room
+        to write whole vectors.
+    by_lens : (2, 4 + k, L). seen : (6, L). lens : the camera's.
     """
 
     parameters: np.ndarray
@@ -49,56 +50,65 @@ class Bent:
     friction_rad: np.ndarray
     points_m: np.ndarray
     tangents: np.ndarray
+    rows: np.ndarray
+    no_rows: np.ndarray
     force_N: np.ndarray
     moment_Nm: np.ndarray
     u: np.ndarray
     v: np.ndarray
     depth: np.ndarray
+    by_step: np.ndarray
     raw: np.ndarray
     raw_readings: np.ndarray
     raw_point_force: np.ndarray
     by_lens: np.ndarray
+    seen: np.ndarray
     lens: CompiledLens
 
 
 @compiled
 def empty_bent(rig, lens):
     """Scratch room for one frame at a time."""
-    rows = rig.axes.shape[0]
+    room = rig.axes.shape[0] + LANES
+    rows = np.empty((3, NODE_ROWS, LANES))
     return Bent(
         np.empty((ANTENNA, LANES)),
         np.empty(LANES),
         np.empty((2, LANES)),
         np.empty(LANES),
         np.empty((3, NODES, LANES)),
-        np.empty((3, NODES, 1)),
+        rows.reshape((3, NODE_ROWS * LANES)),
+        rows,
+        np.empty((3, 0, LANES)),
         np.empty((3, LANES)),
         np.empty(LANES),
         np.empty((NODES, LANES)),
         np.empty((NODES, LANES)),
         np.empty((NODES, LANES)),
-        np.zeros((NODES, rows)),
-        np.zeros((3, rows)),
-        np.zeros((6, rows)),
-        np.empty((2, 4 + lens.distortions)),
+        np.zeros(LANES),
+        np.zeros((NODES, room)),
+        np.zeros((3, room)),
+        np.zeros((6, room)),
+        np.empty((2, 4 + lens.distortions, LANES)),
+        np.empty((6, LANES)),
         lens,
     )
 
 
 @compiled
-def _lay(rig, bent, unknowns, lane):
-    """One lane's antenna, contact and force."""
+def lay(rig, bent, unknowns):
+    """All lanes' antenna, contact and force alike."""
     for k in range(ANTENNA):
-        bent.parameters[k, lane] = rig.antenna_parameters[k]
-    bent.contact_m[lane] = unknowns[0] * rig.length_m
-    bent.push_N[0, lane] = unknowns[1] * rig.force_unit_N
-    bent.push_N[1, lane] = unknowns[2] * rig.force_unit_N
-    bent.friction_rad[lane] = unknowns[3] * rig.friction_rad
+        store(bent.parameters, spread(rig.antenna_parameters[k]), k)
+    store(bent.contact_m, spread(unknowns[0] * rig.length_m))
+    store(bent.push_N, spread(unknowns[1] * rig.force_unit_N), 0)
+    store(bent.push_N, spread(unknowns[2] * rig.force_unit_N), 1)
+    store(bent.friction_rad, spread(unknowns[3] * rig.friction_rad))
 
 
 @compiled
-def _shapes(rig, frame, rung, bent):
-    """All lanes' shapes and pictures."""
+def bend_and_see(rig, frame, rung, bent, tangents):
+    """All lanes' shapes and pictures; tangents as in `shape_kernel.Bent`."""
     bend_lanes(
         rung,
         bent.parameters,
@@ -108,32 +118,19 @@ def _shapes(rig, frame, rung, bent):
         bent.push_N,
         bent.friction_rad,
         bent.points_m,
-        bent.tangents,
+        tangents,
         bent.force_N,
         bent.moment_Nm,
     )
-    turn, shift = rig.rotations[0], rig.translations[0]
+    turn, shift, points_m, u, v, depth = rig.rotation, rig.translation_m, bent.points_m, bent.u, bent.v, bent.depth
     for j in range(NODES):
-        for lane in range(LANES):
-            x, y, z = bent.points_m[0, j, lane], bent.points_m[1, j, lane], bent.points_m[2, j, lane]
-            ahead = turn[2, 0] * x + turn[2, 1] * y + (turn[2, 2] * z + shift[2])
-            # NaN stays NaN
-            ahead = _NEAREST_DEPTH_M if ahead < _NEAREST_DEPTH_M else ahead
-            bent.u[j, lane] = (turn[0, 0] * x + turn[0, 1] * y + (turn[0, 2] * z + shift[0])) / ahead
-            bent.v[j, lane] = (turn[1, 0] * x + turn[1, 1] * y + (turn[1, 2] * z + shift[1])) / ahead
-            bent.depth[j, lane] = ahead
-
-
-@compiled
-def _slope(rig, bent, j):
-    """Slope of the first lane's picture by arc length at a node."""
-    x, y, z = bent.tangents[0, j, 0], bent.tangents[1, j, 0], bent.tangents[2, j, 0]
-    turn = rig.rotations[0]
-    ahead = turn[2, 0] * x + turn[2, 1] * y + turn[2, 2] * z
-    u, v, depth = bent.u[j, 0], bent.v[j, 0], bent.depth[j, 0]
-    across = turn[0, 0] * x + turn[0, 1] * y + turn[0, 2] * z
-    down = turn[1, 0] * x + turn[1, 1] * y + turn[1, 2] * z
-    return (across - u * ahead) / depth, (down - v * ahead) / depth
+        x, y, z = load(points_m, 0, j), load(points_m, 1, j), load(points_m, 2, j)
+        ahead = turn[2, 0] * x + turn[2, 1] * y + (turn[2, 2] * z + shift[2])
+        # NaN stays NaN
+        ahead = where_positive(_NEAREST_DEPTH_M - ahead, _NEAREST_DEPTH_M, ahead)
+        store(u, (turn[0, 0] * x + turn[0, 1] * y + (turn[0, 2] * z + shift[0])) / ahead, j)
+        store(v, (turn[1, 0] * x + turn[1, 1] * y + (turn[1, 2] * z + shift[1])) / ahead, j)
+        store(depth, ahead, j)
 
 
 @compiled
@@ -144,6 +141,16 @@ def tip_axis(frame, slope_u, slope_v):
     xx, xy, yy = frame.tip_covariance
     std = np.sqrt(xx * u * u + 2.0 * xy * u * v + yy * v * v)
     return u / std, v / std, size / std
+
+
+@compiled
+def fitted_tip_axis(rig, frame, fit):
+    """`tip_axis` of the fit's picture."""
+    by_width = NODES_BEYOND / (rig.length_m - fit.numbers[CONTACT_M])
+    last = fit.cubics[LAST - 1]
+    slope_u = (last[1] + 2.0 * last[2] + 3.0 * last[3]) * by_width
+    slope_v = (last[5] + 2.0 * last[6] + 3.0 * last[7]) * by_width
+    return tip_axis(frame, slope_u, slope_v)
 
 
 @compiled
@@ -177,37 +184,44 @@ def _moment_about_z(rig, frame, bent, lane):
 @compiled
 def predict(rig, frame, rung, bent, fit, derivatives):
     """The prediction at the fit's unknowns; without `derivatives` its columns by the unknowns stay as they are."""
-    free = 0
+    unknowns, free = fit.unknowns, 0
+    back = -_STEP if unknowns[0] + _STEP > TIP else _STEP
+    lay(rig, bent, unknowns)
     if derivatives:
         free = UNKNOWNS if rig.friction_rad > 0.0 and rung >= ELASTICA else UNKNOWNS - 1
-    moved = np.empty(UNKNOWNS)
-    back = -_STEP if fit.unknowns[0] + _STEP > TIP else _STEP
-    for lane in range(LANES):
-        put(fit.unknowns, moved)
-        if 0 < lane <= free:
-            moved[lane - 1] += back if lane == 1 else _STEP
-        _lay(rig, bent, moved, lane)
-    _shapes(rig, frame, rung, bent)
+        # lanes 1 to 4 are moved
+        bent.contact_m[1] += back * rig.length_m
+        bent.push_N[0, 2] += _STEP * rig.force_unit_N
+        bent.push_N[1, 3] += _STEP * rig.force_unit_N
+        if free == UNKNOWNS:
+            bent.friction_rad[4] += _STEP * rig.friction_rad
+    bend_and_see(rig, frame, rung, bent, bent.rows)
     _curve(rig, bent, fit)
-    slope_u, slope_v = _slope(rig, bent, LAST)
-    end_u, end_v, end_m = tip_axis(frame, slope_u, slope_v)
-    base = np.empty(3)
+    end_u, end_v, end_m = fitted_tip_axis(rig, frame, fit)
+    base, available, readings = np.empty(3), frame.available, fit.reading_columns
     for about in range(2):
         base[about] = predicted_moment(rig, frame, bent, 0, about)
-        fit.predicted_residual[about] = (frame.moment_Nm[about] / rig.std[about] - base[about]) * frame.available[about]
+        fit.predicted_residual[about] = (frame.moment_Nm[about] / rig.std[about] - base[about]) * available[about]
     base[2] = bent.u[LAST, 0] * end_u + bent.v[LAST, 0] * end_v + rig.tip_offset_m * end_m
-    fit.predicted_residual[2] = (frame.tip[0] * end_u + frame.tip[1] * end_v - base[2]) * frame.available[2]
+    fit.predicted_residual[2] = (frame.tip[0] * end_u + frame.tip[1] * end_v - base[2]) * available[2]
     for axis in range(3):
         fit.point_force[axis] = bent.points_m[axis, CONTACT, 0]
         fit.point_force[3 + axis] = bent.force_N[axis, 0]
     for k in range(free):
         step = 1.0 / (back if k == 0 else _STEP)
-        _by_lane(fit, bent, k + 1, k, step)
+        bent.by_step[1 + k] = step
         for about in range(2):
             change = predicted_moment(rig, frame, bent, k + 1, about) - base[about]
-            fit.reading_columns[about, k] = change * step * frame.available[about]
+            readings[about, k] = change * step * available[about]
         tip = bent.u[LAST, k + 1] * end_u + bent.v[LAST, k + 1] * end_v + rig.tip_offset_m * end_m
-        fit.reading_columns[2, k] = (tip - base[2]) * step * frame.available[2]
+        readings[2, k] = (tip - base[2]) * step * available[2]
+        for axis in range(3):
+            by_point = bent.points_m[axis, CONTACT, k + 1] - bent.points_m[axis, CONTACT, 0]
+            fit.point_force_columns[axis, k] = by_point * step
+            by_force = bent.force_N[axis, k + 1] - bent.force_N[axis, 0]
+            fit.point_force_columns[3 + axis, k] = by_force * step
+    if free:
+        _by_unknowns(bent, fit, free == UNKNOWNS)
     if 0 < free < UNKNOWNS:
         _friction_column(rig, fit)
 
@@ -218,46 +232,59 @@ def _curve(rig, bent, fit):
     contact = min(fit.unknowns[0], 1.0 - 1e-6) * rig.length_m  # the last two nodes stay apart
     fit.numbers[CONTACT_M] = contact
     inner, outer = contact / INNER, (rig.length_m - contact) / NODES_BEYOND
-    slope_u, slope_v = np.empty(NODES), np.empty(NODES)
+    turn, points_m, tangents = rig.rotation, bent.points_m, bent.tangents
+    bent_u, bent_v, bent_depth = bent.u, bent.v, bent.depth
+    u, v, depth, normal_u, normal_v, cubics = fit.u, fit.v, fit.depth, fit.normal_u, fit.normal_v, fit.cubics
+    own_points, own_tangents = fit.points_m, fit.tangents
+    before_u, before_v = 0.0, 0.0
     for j in range(NODES):
-        slope_u[j], slope_v[j] = _slope(rig, bent, j)
-        fit.u[j], fit.v[j], fit.depth[j] = bent.u[j, 0], bent.v[j, 0], bent.depth[j, 0]
+        x, y, z = tangents[0, j], tangents[1, j], tangents[2, j]
+        here_u, here_v, here_depth = bent_u[j, 0], bent_v[j, 0], bent_depth[j, 0]
+        ahead = turn[2, 0] * x + turn[2, 1] * y + turn[2, 2] * z
+        by_depth = 1.0 / here_depth
+        slope_u = (turn[0, 0] * x + turn[0, 1] * y + turn[0, 2] * z - here_u * ahead) * by_depth
+        slope_v = (turn[1, 0] * x + turn[1, 1] * y + turn[1, 2] * z - here_v * ahead) * by_depth
+        own_tangents[0, j], own_tangents[1, j], own_tangents[2, j] = x, y, z
         for axis in range(3):
-            fit.points_m[axis, j] = bent.points_m[axis, j, 0]
-            fit.tangents[axis, j] = bent.tangents[axis, j, 0]
-        size = max(np.sqrt(slope_u[j] * slope_u[j] + slope_v[j] * slope_v[j]), 1e-30)
-        fit.normal_u[j], fit.normal_v[j] = -slope_v[j] / size, slope_u[j] / size
-    for j in range(LAST):
-        width = inner if j < INNER else outer
-        _cubic(fit.u[j], fit.u[j + 1], slope_u[j] * width, slope_u[j + 1] * width, fit.cubics[j, :4])
-        _cubic(fit.v[j], fit.v[j + 1], slope_v[j] * width, slope_v[j + 1] * width, fit.cubics[j, 4:])
-    fit.cubics[LAST] = fit.cubics[LAST - 1]
+            own_points[axis, j] = points_m[axis, j, 0]
+        by_size = 1.0 / max(np.sqrt(slope_u * slope_u + slope_v * slope_v), 1e-30)
+        normal_u[j], normal_v[j] = -slope_v * by_size, slope_u * by_size
+        u[j], v[j], depth[j] = here_u, here_v, here_depth
+        if j > 0:
+            width, i = inner if j <= INNER else outer, j - 1
+            _cubic(u[i], here_u, before_u * width, slope_u * width, cubics, i, 0)
+            _cubic(v[i], here_v, before_v * width, slope_v * width, cubics, i, 4)
+        before_u, before_v = slope_u, slope_v
+    for k in range(8):
+        cubics[LAST, k] = cubics[LAST - 1, k]
 
 
 @compiled
-def _cubic(start, end, leave, arrive, coefficients):
+def _cubic(start, end, leave, arrive, cubics, node, first):
     gap = end - start
-    coefficients[0], coefficients[1] = start, leave
-    coefficients[2], coefficients[3] = 3.0 * gap - 2.0 * leave - arrive, leave + arrive - 2.0 * gap
+    cubics[node, first], cubics[node, first + 1] = start, leave
+    cubics[node, first + 2], cubics[node, first + 3] = 3.0 * gap - 2.0 * leave - arrive, leave + arrive - 2.0 * gap
 
 
 @compiled
-def _by_lane(fit, bent, lane, column, by_step):
-    """A column of displacements, and of point and force, from a lane that was moved."""
+def _by_unknowns(bent, fit, with_friction):
+    """Displacements along the normals, of the lanes that were moved."""
+    u, v, normal_u, normal_v, columns = bent.u, bent.v, fit.normal_u, fit.normal_v, fit.columns
+    by_step = load(bent.by_step)
     for j in range(NODES):
-        along_u, along_v = bent.u[j, lane] - bent.u[j, 0], bent.v[j, lane] - bent.v[j, 0]
-        fit.columns[j, column] = (along_u * fit.normal_u[j] + along_v * fit.normal_v[j]) * by_step
-    for axis in range(3):
-        by_point = bent.points_m[axis, CONTACT, lane] - bent.points_m[axis, CONTACT, 0]
-        fit.point_force_columns[axis, column] = by_point * by_step
-        fit.point_force_columns[3 + axis, column] = (bent.force_N[axis, lane] - bent.force_N[axis, 0]) * by_step
+        moved = (load(u, j) - u[j, 0]) * (by_step * normal_u[j]) + (load(v, j) - v[j, 0]) * (by_step * normal_v[j])
+        columns[j, 0], columns[j, 1], columns[j, 2] = lane_of(moved, 1), lane_of(moved, 2), lane_of(moved, 3)
+        if with_friction:
+            columns[j, 3] = lane_of(moved, 4)
 
 
 @compiled
 def _friction_column(rig, fit):
     """By friction on the rungs whose shapes do not depend on it: only the force turns."""
-    fit.columns[:, UNKNOWNS - 1] = 0.0
-    fit.reading_columns[:, UNKNOWNS - 1] = 0.0
+    for j in range(NODES):
+        fit.columns[j, UNKNOWNS - 1] = 0.0
+    for reading in range(3):
+        fit.reading_columns[reading, UNKNOWNS - 1] = 0.0
     force = fit.point_force[3:]
     size = np.sqrt(force[0] * force[0] + force[1] * force[1] + force[2] * force[2]) * rig.friction_rad
     for axis in range(3):
@@ -275,12 +302,12 @@ def rig_jacobian(rig, frame, rung, bent, fit):
     if shared + own == 0:
         return
     rung = max(rung, LINEAR)
-    first = LANES - 1
-    end = _by_antenna(rig, frame, rung, bent, fit, 0, first)
-    if first < ANTENNA:
-        end = _by_antenna(rig, frame, rung, bent, fit, first, ANTENNA)
+    end = fitted_tip_axis(rig, frame, fit)
+    # each writes whole vectors, whose ends the next one overwrites
     _by_pose(rig, bent, fit, end)
-    _by_sensor(rig, frame, bent)
+    for first in range(0, ANTENNA, LANES - 1):
+        _by_antenna(rig, frame, rung, bent, fit, first, end)
+    _by_sensor(rig, frame, bent, fit)
     if rig.with_lens:
         _by_lens(rig, bent, fit, end)
     if rig.with_tip:
@@ -297,85 +324,113 @@ def rig_jacobian(rig, frame, rung, bent, fit):
             along = 2.0 * arclength_of_node(fit, rig.length_m, 1.0 * j) / rig.length_m - 1.0
             shape = 1.0 if k == 0 else along if k == 1 else 1.5 * along * along - 0.5
             fit.columns[j, column] = shape * rig.line[k]
-        fit.reading_columns[:, column] = 0.0
-        fit.point_force_columns[:, column] = 0.0
+        for reading in range(3):
+            fit.reading_columns[reading, column] = 0.0
+        for q in range(6):
+            fit.point_force_columns[q, column] = 0.0
 
 
 @compiled
 def _by_antenna(rig, frame, rung, bent, fit, begin, end):
-    """Raw derivatives by some of the antenna's parameters. Returns the axis of the antenna's end."""
+    """Raw derivatives by the antenna's parameters from one on, as many as fit beside the antenna as it is."""
+    lay(rig, bent, fit.unknowns)
+    base, by_step = LANES - 1, bent.by_step
+    count = min(base, ANTENNA - begin)
     for lane in range(LANES):
-        _lay(rig, bent, fit.unknowns, lane)
-        parameter = begin + lane - 1
-        if lane > 0 and parameter < end:
-            bent.parameters[parameter, lane] += rig.antenna_steps[parameter]
-    _shapes(rig, frame, rung, bent)
-    slope_u, slope_v = _slope(rig, bent, LAST)
-    axis = tip_axis(frame, slope_u, slope_v)
-    for parameter in range(begin, end):
-        lane, column, step = parameter - begin + 1, POSES + parameter, 1.0 / rig.antenna_steps[parameter]
-        for j in range(NODES):
-            along_u, along_v = bent.u[j, lane] - bent.u[j, 0], bent.v[j, lane] - bent.v[j, 0]
-            bent.raw[j, column] = (along_u * fit.normal_u[j] + along_v * fit.normal_v[j]) * step
-        for about in range(2):
-            change = predicted_moment(rig, frame, bent, lane, about) - predicted_moment(rig, frame, bent, 0, about)
-            bent.raw_readings[about, column] = change * step
-        tip_u, tip_v = bent.u[LAST, lane] - bent.u[LAST, 0], bent.v[LAST, lane] - bent.v[LAST, 0]
-        bent.raw_readings[2, column] = (tip_u * axis[0] + tip_v * axis[1]) * step
-        for part in range(3):
-            by_point = bent.points_m[part, CONTACT, lane] - bent.points_m[part, CONTACT, 0]
-            bent.raw_point_force[part, column] = by_point * step
-            bent.raw_point_force[3 + part, column] = (bent.force_N[part, lane] - bent.force_N[part, 0]) * step
-    return axis
+        by_step[lane] = 0.0
+    for lane in range(count):
+        bent.parameters[begin + lane, lane] += rig.antenna_steps[begin + lane]
+        by_step[lane] = 1.0 / rig.antenna_steps[begin + lane]
+    bend_and_see(rig, frame, rung, bent, bent.no_rows)
+    u, v, normal_u, normal_v, raw, first = bent.u, bent.v, fit.normal_u, fit.normal_v, bent.raw, POSES + begin
+    steps = load(by_step)
+    for j in range(NODES):
+        moved_u, moved_v = load(u, j) - u[j, base], load(v, j) - v[j, base]
+        store_to(raw, moved_u * (steps * normal_u[j]) + moved_v * (steps * normal_v[j]), j, first)
+    tip_u, tip_v = load(u, LAST) - u[LAST, base], load(v, LAST) - v[LAST, base]
+    store_to(bent.raw_readings, (tip_u * end[0] + tip_v * end[1]) * steps, 2, first)
+    for about in range(2):
+        for lane in range(count):
+            change = predicted_moment(rig, frame, bent, lane, about) - predicted_moment(rig, frame, bent, base, about)
+            bent.raw_readings[about, first + lane] = change * by_step[lane]
+    for part in range(3):
+        by_point = load(bent.points_m, part, CONTACT) - bent.points_m[part, CONTACT, base]
+        store_to(bent.raw_point_force, by_point * steps, part, first)
+        by_force = load(bent.force_N, part) - bent.force_N[part, base]
+        store_to(bent.raw_point_force, by_force * steps, 3 + part, first)
 
 
 @compiled
 def _by_pose(rig, bent, fit, end):
-    """Raw derivatives by the pose's tangent, of the first lane's points."""
-    for k in range(POSES):
-        turn, shift, step = rig.rotations[k + 1], rig.translations[k + 1], 1.0 / rig.pose_steps[k]
-        for j in range(NODES):
-            x, y, z = bent.points_m[0, j, 0], bent.points_m[1, j, 0], bent.points_m[2, j, 0]
-            ahead = turn[2, 0] * x + turn[2, 1] * y + (turn[2, 2] * z + shift[2])
-            ahead = _NEAREST_DEPTH_M if ahead < _NEAREST_DEPTH_M else ahead
-            u = (turn[0, 0] * x + turn[0, 1] * y + (turn[0, 2] * z + shift[0])) / ahead - bent.u[j, 0]
-            v = (turn[1, 0] * x + turn[1, 1] * y + (turn[1, 2] * z + shift[1])) / ahead - bent.v[j, 0]
-            bent.raw[j, k] = (u * fit.normal_u[j] + v * fit.normal_v[j]) * step
-            if j == LAST:
-                bent.raw_readings[2, k] = (u * end[0] + v * end[1]) * step
+    """Raw derivatives by the pose's tangent, of the fit's points."""
+    poses, points_m, raw, by_step = rig.pose_lanes, fit.points_m, bent.raw, load(rig.by_pose_step)
+    own_u, own_v, normal_u, normal_v = fit.u, fit.v, fit.normal_u, fit.normal_v
+    for j in range(NODES):
+        x, y, z = points_m[0, j], points_m[1, j], points_m[2, j]
+        ahead = x * load(poses, 2, 0) + y * load(poses, 2, 1) + z * load(poses, 2, 2) + load(poses, 2, 3)
+        ahead = where_positive(_NEAREST_DEPTH_M - ahead, _NEAREST_DEPTH_M, ahead)
+        across = x * load(poses, 0, 0) + y * load(poses, 0, 1) + z * load(poses, 0, 2) + load(poses, 0, 3)
+        down = x * load(poses, 1, 0) + y * load(poses, 1, 1) + z * load(poses, 1, 2) + load(poses, 1, 3)
+        u, v = (across / ahead - own_u[j]) * by_step, (down / ahead - own_v[j]) * by_step
+        store_to(raw, u * normal_u[j] + v * normal_v[j], j, 0)
+        if j == LAST:
+            store_to(bent.raw_readings, u * end[0] + v * end[1], 2, 0)
 
 
 @compiled
-def _by_sensor(rig, frame, bent):
+def _by_sensor(rig, frame, bent, fit):
     """Raw derivatives of what is read, in deviations, by gain and offset of the sensor about y."""
     column = POSES + ANTENNA
-    read = predicted_moment(rig, frame, bent, 0, 0)
     gain = rig.gain[0] if rig.gain[0] != 0.0 else 1.0
-    bent.raw_readings[0, column] = (read * rig.std[0] - rig.offset[0]) / gain / rig.std[0]
+    bent.raw_readings[0, column] = bent.moment_Nm[LANES - 1] * rig.gain[0] / gain / rig.std[0]
     bent.raw_readings[0, column + 1] = 1.0 / rig.std[0]
 
 
 @compiled
 def _by_lens(rig, bent, fit, end):
     """Raw derivatives by the lens, which moves the seen points, not the curve."""
-    first = POSES + ANTENNA + 2
-    for j in range(NODES):
-        normalized_by_lens(bent.lens, fit.u[j], fit.v[j], bent.by_lens)
-        for k in range(4 + bent.lens.distortions):
-            u, v = bent.by_lens[0, k], bent.by_lens[1, k]
-            bent.raw[j, first + k] = -(fit.normal_u[j] * u + fit.normal_v[j] * v)
-            if j == LAST:
-                bent.raw_readings[2, first + k] = -(end[0] * u + end[1] * v)
+    first, raw, by_lens, seen, count = POSES + ANTENNA + 2, bent.raw, bent.by_lens, bent.seen, 4 + bent.lens.distortions
+    u, v, normal_u, normal_v = fit.u, fit.v, fit.normal_u, fit.normal_v
+    for begin in range(0, NODES, LANES):
+        some = min(LANES, NODES - begin)
+        for lane in range(LANES):
+            j = begin + min(lane, some - 1)
+            seen[0, lane], seen[1, lane] = u[j], v[j]
+        normalized_by_lens(bent.lens, seen, by_lens)
+        for lane in range(some):
+            j = begin + lane
+            for k in range(count):
+                raw[j, first + k] = -(normal_u[j] * by_lens[0, k, lane] + normal_v[j] * by_lens[1, k, lane])
+    last = LAST % LANES
+    for k in range(count):
+        bent.raw_readings[2, first + k] = -(end[0] * by_lens[0, k, last] + end[1] * by_lens[1, k, last])
 
 
 @compiled
 def _along_axes(rig, raw, columns):
-    """Derivatives by the rig's parameters (rows, Q) along its axes (Q, R), into the columns after the unknowns."""
-    axes, shared = rig.wide_axes, rig.axes.shape[1]
-    for j in range(len(raw)):
+    """Derivatives by the rig's parameters (rows, Q) along its axes (Q, R), into the columns after the unknowns.
+
+    Three rows at a time: there are 3, 6 or `NODES` of them.
+    """
+    axes, shared, count = rig.wide_axes, rig.axes.shape[1], len(rig.axes)
+    for j in range(0, len(raw), 3):
         for first in range(0, shared, LANES):
-            total = spread(0.0)
-            for q in range(len(axes)):
-                total = total + raw[j, q] * load_from(axes, q, first)
-            for k in range(min(LANES, shared - first)):
-                columns[j, UNKNOWNS + first + k] = lane_of(total, k)
+            above, middle, below = spread(0.0), spread(0.0), spread(0.0)
+            for q in range(count):
+                axis = load_from(axes, q, first)
+                above = above + raw[j, q] * axis
+                middle = middle + raw[j + 1, q] * axis
+                below = below + raw[j + 2, q] * axis
+            _put_part(columns, above, j, UNKNOWNS + first, shared - first)
+            _put_part(columns, middle, j + 1, UNKNOWNS + first, shared - first)
+            _put_part(columns, below, j + 2, UNKNOWNS + first, shared - first)
+
+
+@compiled
+def _put_part(columns, values, row, first, count):
+    """Write the first of a vector's numbers, all of them if there are so many."""
+    if count >= LANES:
+        store_to(columns, values, row, first)
+    else:
+        for k in range(count):
+            columns[row, first + k] = lane_of(values, k)

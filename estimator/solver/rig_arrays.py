@@ -8,10 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vbaa_calib.antenna.lanes import LANES
 from vbaa_calib.antenna.shape import PARAMETERS as ANTENNA_PARAMETERS
 from vbaa_calib.camera.compiled_lens import CompiledLens, compiled_lens
 from vbaa_calib.core.compiled import compiled, record
+from vbaa_calib.core.lanes import LANES
 from vbaa_calib.geometry import Pose
 from vbaa_calib.geometry.independent_axes import independent_axes
 from vbaa_calib.rig import POSE_PARAMETERS, RIG_STEPS, Rig
@@ -35,7 +35,8 @@ class RigTables(NamedTuple):
     length_m, friction_rad, force_unit_N, unit_load, tip_offset_m, stiffness_Nm2 : numbers.
     with_tip, with_second_sensor, with_lens : bool, whether the rig knows the antenna's end, a sensor about z, and the
         lens' uncertainty.
-    pose_steps : (6,) finite-difference steps of the pose.
+    pose_lanes : (3, 4, L) rotation and translation into the camera of poses moved along each of their tangent's axes;
+        by_pose_step : (L,) one over the steps, zeros after the sixth.
     wide_axes : (Q, K) the axes, with zeros to whole vectors.
     to_camera : (2,) unit direction across the antenna's x axis to the camera.
     eye_m : (3,) the camera's centre in the clamp's frame. focal : its mean focal length, px.
@@ -52,9 +53,10 @@ class RigTables(NamedTuple):
     with_lens: bool
     antenna_parameters: np.ndarray
     antenna_steps: np.ndarray
-    pose_steps: np.ndarray
-    rotations: np.ndarray
-    translations: np.ndarray
+    pose_lanes: np.ndarray
+    by_pose_step: np.ndarray
+    rotation: np.ndarray
+    translation_m: np.ndarray
     gain: np.ndarray
     offset: np.ndarray
     std: np.ndarray
@@ -118,6 +120,8 @@ class RigArrays:
         rig = self.rig
         poses = [rig.T_antenna_camera] + [rig.T_antenna_camera.retract(step) for step in np.diag(RIG_STEPS[:POSES])]
         inverses = [pose.inverse() for pose in poses]
+        moved = [np.column_stack([pose.rotation, pose.translation_m]) for pose in inverses[1:]]
+        lanes = [*moved, *[moved[0]] * (LANES - POSES)]
         y_m, z_m, about_y, about_z = rig.antenna.parameters[:4]
         T_antenna_clamp = Pose.from_rotvec(np.array([0.0, about_y, about_z]), np.array([0.0, y_m, z_m]))
         side = rig.T_antenna_camera.translation_m[1:]
@@ -133,9 +137,10 @@ class RigArrays:
             with_lens=bool(rig.with_lens),
             antenna_parameters=np.array(rig.antenna.parameters, float),
             antenna_steps=np.array(RIG_STEPS[POSES : POSES + ANTENNA], float),
-            pose_steps=np.array(RIG_STEPS[:POSES], float),
-            rotations=np.stack([pose.rotation for pose in inverses]),
-            translations=np.stack([pose.translation_m for pose in inverses]),
+            pose_lanes=np.ascontiguousarray(np.stack(lanes, axis=-1)),
+            by_pose_step=np.pad(1.0 / np.array(RIG_STEPS[:POSES], float), (0, LANES - POSES)),
+            rotation=np.ascontiguousarray(inverses[0].rotation),
+            translation_m=np.ascontiguousarray(inverses[0].translation_m),
             gain=self.gain,
             offset=self.offset,
             std=self.std,

@@ -39,7 +39,7 @@ def second_force(rig, frame, rung, fit, problem, distance_std, work):
     """
     if not (_structure(problem) > _STRUCTURE or fit.numbers[SCATTER] > 1.0):
         return 0.0, 0.0, 0.0
-    part = work.one
+    part = work.other
     copy_fit(fit, part)
     if rung != REFERENCE:
         evaluate(rig, frame, REFERENCE, part, work)
@@ -75,7 +75,7 @@ def force_columns(rig, frame, fit, places, bent, lever, columns, readings):
     # the picture's direction at the end
     slope_u, slope_v = fit.normal_v[LAST], -fit.normal_u[LAST]
     end_u, end_v, _ = tip_axis(frame, slope_u, slope_v)
-    turn = rig.rotations[0]
+    turn = rig.rotation
     ahead = end_u * fit.u[LAST] + end_v * fit.v[LAST]
     for g in range(len(places)):
         for axis in range(2):

@@ -4,15 +4,25 @@ from __future__ import annotations
 
 import numpy as np
 
-from vbaa_calib.antenna.lanes import LANES, load_from, store_to
+from vbaa_calib.antenna.nodes import CONTACT
 from vbaa_calib.core.compiled import compiled, record
+from vbaa_calib.core.lanes import LANES, load_from, spread, store, store_to
 from vbaa_calib.core.robust import HUBER
 
 from .convergence import EXCESS_SCATTER, moved_unknowns
-from .fit import COST, NODES, SCATTER, copy_fit
-from .linear_algebra import factorise, fill, put, solve_many, symmetric_eigen
+from .fit import COST, LAST, NODES, SCATTER, copy_fit
+from .linear_algebra import factorise, fill, solve_many, symmetric_eigen
 from .normal_equations import huber_weight, least_cost, linearise, times_tridiagonal, total_cost
-from .prediction import ELASTICA, PAPER, REFERENCE, predict
+from .prediction import (
+    ELASTICA,
+    PAPER,
+    REFERENCE,
+    bend_and_see,
+    fitted_tip_axis,
+    lay,
+    predict,
+    predicted_moment,
+)
 from .rig_arrays import UNKNOWNS
 
 _ROUNDS, _CLOSE_ROUNDS = 4, 2
@@ -201,7 +211,7 @@ def widen_by_profile(rig, frame, rung, fit, found, work):
         for b in range(UNKNOWNS):
             unit[a, b] = covariance[a, b] / (std[a] * std[b])
     symmetric_eigen(unit, values, vectors)
-    wider, there = 1.0, work.one
+    wider, there = 1.0, work.other
     for far in _PROFILE_STEPS:
         for a in range(UNKNOWNS):
             axis[a] = far * std[a] * vectors[a, UNKNOWNS - 1] * np.sqrt(values[UNKNOWNS - 1])
@@ -219,71 +229,63 @@ def widen_by_profile(rig, frame, rung, fit, found, work):
 
 
 @compiled
-def difference(fit, other, displacement, reading, point_force):
-    """What another prediction of the same frame says, less the fit's.
-
-    Along the normals (M, 1), readings in deviations (3,), and contact point and force (6,).
-    """
-    for j in range(NODES):
-        u, v = other.u[j] - fit.u[j], other.v[j] - fit.v[j]
-        displacement[j, 0] = u * fit.normal_u[j] + v * fit.normal_v[j]
-    reading[:] = fit.predicted_residual - other.predicted_residual
-    point_force[:] = other.point_force - fit.point_force
-
-
-@compiled
-def first_order_errors(rig, frame, rung, fit, reference, work):
-    """First-order errors (6, 10) of unknowns (4), contact point and force (6): what each rung leaves out.
+def first_order_errors(rig, frame, rung, fit, reference, errors, work):
+    """First-order errors (5, 10) of unknowns (4), contact point and force (6): what rungs leave out.
 
     A row for each rung, of a fit on it, if the antenna were the highest rung's; row 4, by one deviation of the friction
-    that some rungs do not model; row 5, the fit's own rung. Contact point and force are moved with the unknowns.
+    that some rungs do not model. Of a fit on the highest rung all of them, else its own and friction's. Contact point
+    and force are moved with the unknowns.
+
+    reference : the highest rung's prediction at the fit's unknowns.
     """
-    shift, reading, touch = np.zeros((NODES, LANES)), np.zeros((3, LANES)), np.zeros((6, LANES))
-    _difference(fit, reference, 5, shift, reading, touch)
-    other = work.one
-    for row in range(5):
-        put(fit.unknowns, other.unknowns)
-        if row in (REFERENCE, rung) or (row == 4 and rig.friction_rad == 0.0):
-            continue
-        if row == 4:
-            other.unknowns[UNKNOWNS - 1] += 1.0
-            predict(rig, frame, REFERENCE, work.bent, other, False)
-        else:
-            predict(rig, frame, row, work.bent, other, False)
-        _difference(fit, other, row, shift, reading, touch)
-        # what the rung leaves out, but what friction changes without it
-        sign = -1.0 if row == 4 else 1.0
-        for j in range(NODES):
-            shift[j, row] = sign * (shift[j, 5] - shift[j, row])
-        for k in range(3):
-            reading[k, row] = sign * (reading[k, 5] - reading[k, row])
-        for q in range(6):
-            touch[q, row] = sign * (touch[q, 5] - touch[q, row])
+    shift, reading, touch, bent = np.zeros((NODES, LANES)), np.zeros((3, LANES)), np.zeros((6, LANES)), work.bent
+    if rung == REFERENCE:
+        lay(rig, bent, fit.unknowns)
+        for row in range(REFERENCE):
+            bend_and_see(rig, frame, row, bent, bent.no_rows)
+            _apart(rig, frame, fit, bent, row, -1.0, shift, reading, touch)
+        if rig.friction_rad > 0.0:
+            for j in range(NODES):
+                shift[j, 4] = fit.columns[j, UNKNOWNS - 1]
+            for k in range(3):
+                reading[k, 4] = fit.reading_columns[k, UNKNOWNS - 1]
+            for q in range(6):
+                touch[q, 4] = fit.point_force_columns[q, UNKNOWNS - 1]
+    else:
+        lay(rig, bent, fit.unknowns)
+        bend_and_see(rig, frame, REFERENCE, bent, bent.no_rows)
+        _apart(rig, frame, fit, bent, rung, 1.0, shift, reading, touch)
+        if rung < ELASTICA and rig.friction_rad > 0.0:
+            lean = fit.unknowns[UNKNOWNS - 1]
+            store(bent.friction_rad, spread((lean + 1.0) * rig.friction_rad))
+            bend_and_see(rig, frame, REFERENCE, bent, bent.no_rows)
+            _apart(rig, frame, reference, bent, 4, 1.0, shift, reading, touch)
     moved = _linear_shifts(fit, shift, reading, work)
-    errors = np.zeros((6, 10))
-    for row in range(6):
+    for row in range(5):
         for a in range(UNKNOWNS):
             errors[row, a] = moved[a, row]
         for q in range(6):
             errors[row, UNKNOWNS + q] = -touch[q, row]
             for a in range(UNKNOWNS):
                 errors[row, UNKNOWNS + q] += fit.point_force_columns[q, a] * moved[a, row]
-    for k in range(10):
-        errors[rung, k] = errors[5, k]
-    return errors
 
 
 @compiled
-def _difference(fit, other, column, shift, reading, touch):
-    """What another prediction of the same frame says, less the fit's, into a column: along the normals (M, ·), readings
-    in deviations (3, ·), and contact point and force (6, ·)."""
+def _apart(rig, frame, fit, bent, column, sign, shift, reading, touch):
+    """What another shape of the antenna says, less the fit's, into a column: along the normals (M, ·), readings in
+    deviations (3, ·), and contact point and force (6, ·)."""
     for j in range(NODES):
-        u, v = other.u[j] - fit.u[j], other.v[j] - fit.v[j]
-        shift[j, column] = u * fit.normal_u[j] + v * fit.normal_v[j]
-    for k in range(3):
-        reading[k, column] = fit.predicted_residual[k] - other.predicted_residual[k]
-    for q in range(6):
-        touch[q, column] = other.point_force[q] - fit.point_force[q]
+        u, v = bent.u[j, 0] - fit.u[j], bent.v[j, 0] - fit.v[j]
+        shift[j, column] = sign * (u * fit.normal_u[j] + v * fit.normal_v[j])
+    for about in range(2):
+        apart = predicted_moment(rig, frame, bent, 0, about) - frame.moment_Nm[about] / rig.std[about]
+        reading[about, column] = sign * (apart * frame.available[about] + fit.predicted_residual[about])
+    end_u, end_v, _ = fitted_tip_axis(rig, frame, fit)
+    along = (bent.u[LAST, 0] - fit.u[LAST]) * end_u + (bent.v[LAST, 0] - fit.v[LAST]) * end_v
+    reading[2, column] = sign * along * frame.available[2]
+    for axis in range(3):
+        touch[axis, column] = sign * (bent.points_m[axis, CONTACT, 0] - fit.point_force[axis])
+        touch[3 + axis, column] = sign * (bent.force_N[axis, 0] - fit.point_force[3 + axis])
 
 
 @compiled
@@ -330,17 +332,18 @@ def predicted_bias(errors, found, bias):
 
 
 @compiled
-def contact_evidence(rig, fit, problem, free, work):
+def contact_evidence(rig, rung, fit, problem, work):
     """How much better a contact explains the frame than the free antenna: half the difference of squares.
 
     Both may move the rig within its joint covariance first, so that a clamp angle that is known badly is not taken for
     a contact. Without contact it is 1.5 to 2 (three unknowns fitted to noise). Both are compared on the highest rung,
-    `problem` with its residuals: what a lower one leaves out of the weight must not pass for a force.
+    `problem` with its residuals: what a lower one leaves out of the weight must not pass for a force. Spoils the free
+    antenna's residuals.
     """
-    alone = work.one
-    copy_fit(free, alone)
+    alone, touching = work.free, fit.numbers[COST]
     alone.numbers[SCATTER] = fit.numbers[SCATTER]
-    without = least_cost(rig, alone, UNKNOWNS, _ROUNDS if len(fit.steps) else 0, work)
-    touching = work.two
-    copy_fit(problem, touching)
-    return without - least_cost(rig, touching, 0, _CLOSE_ROUNDS, work)
+    if rung != REFERENCE:
+        there = work.other
+        copy_fit(problem, there)
+        touching = least_cost(rig, there, 0, _CLOSE_ROUNDS, work)
+    return least_cost(rig, alone, UNKNOWNS, _ROUNDS if len(fit.steps) else 0, work) - touching

@@ -72,7 +72,12 @@ class _Common(Generic[Number, Flag, Text]):
 
     status: Text = _column("–", ", ".join(STATUSES), MISSING)
     in_contact: Flag = _column("–", "true or false; false also where it is not known", False)
-    model: Text = _column("–", "rung of the ladder that was fitted: paper, linear, elastica or rod", "")
+    model: Text = _column(
+        "–",
+        "rung of the ladder that was asked for; by default the lowest that is good enough for the frame, which `rod` "
+        "was fitted to: paper, linear, elastica or rod",
+        "",
+    )
     distance_m: Number = _column("m", "arc length from the clamp to the contact")
     distance_std_m: Number = _column("m", "its standard deviation")
     distance_shared_std_m: Number = _column(
@@ -147,7 +152,7 @@ class Contact(ContactEstimate[float, bool, str]):
 
     @property
     def predicted_bias_std(self) -> float:
-        """Predicted bias of the model that was taken, in standard deviations; NaN where it was not compared."""
+        """Predicted bias of `model`, in standard deviations; NaN where it was not compared."""
         return float(self.bias.get(self.model, np.nan))
 
 
@@ -165,7 +170,7 @@ class _Columns(_Common[Number, Flag, Text], Generic[Whole, Number, Flag, Text]):
     deflection_z_m: Number = _column("m", "the same along z")
     reason: Text = _column("–", "the status and the choice of the model in words", "")
     bias_std: Number = _column(
-        "–", "predicted bias of the model that was taken, in standard deviations of what it moves most"
+        "–", "predicted bias of `model`, in standard deviations of what it moves most; by default not in the numbers"
     )
     pan_rad: Number = _column("rad", "joint angle, from the recording")
     tilt_rad: Number = _column("rad", "joint angle, from the recording")

@@ -24,9 +24,9 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from vbaa_calib.core.compiled import compiled, kernel
+from vbaa_calib.core.compiled import compiled
+from vbaa_calib.core.lanes import LANES, Lanes, load, spread, store
 
-from .lanes import LANES, Lanes, load, spread, store
 from .nodes import INNER_NODES, OUTER_NODES, chebyshev, integration
 from .pendulum import SERIES_LOAD, closed_form, hinge_by_series, landen, series_terms, sine_and_cosine
 
@@ -87,7 +87,7 @@ class _State(NamedTuple):
     force: Vector
 
 
-@kernel
+@compiled
 def equilibrium(loads: Loads, sweeps: int, tangents: np.ndarray) -> Equilibrium:
     """Sweep so many times, from the rotations that weight and bow cause by themselves. `tangents` is written."""
     work = np.empty((5, 3, NODES, LANES))
@@ -283,7 +283,7 @@ def _hinged_back(hinge: np.ndarray, node: int, v: Vector) -> Vector:
     return cosine * v[0] + sine * v[1], cosine * v[1] - sine * v[0], v[2]
 
 
-@kernel
+@compiled
 def _turned(g: Vector, v: Vector) -> Vector:
     """Q·v of the Cayley vector g."""
     once = cross(g, v)
@@ -299,7 +299,7 @@ def _turned_x(g: Vector) -> Vector:
     return 1.0 - scale * across, scale * (x * y + z), scale * (x * z - y)
 
 
-@kernel
+@compiled
 def integrated(weights: np.ndarray, field: np.ndarray, start: int, base: Vector, out: np.ndarray, first: int) -> None:
     """Write base + Σ over nodes from `start` on of the field, for each row of weights, from `first` on.
 
@@ -325,7 +325,7 @@ def integrated(weights: np.ndarray, field: np.ndarray, start: int, base: Vector,
         put(out, a, first + row)
 
 
-@kernel
+@compiled
 def vector(field: np.ndarray, node: int) -> Vector:
     """A field's vectors at a node."""
     return load(field, 0, node), load(field, 1, node), load(field, 2, node)
@@ -339,31 +339,31 @@ def put(field: np.ndarray, v: Vector, node: int) -> None:
     store(field, v[2], 2, node)
 
 
-@kernel
+@compiled
 def times(factor: Lanes, v: Vector) -> Vector:
     """A number times a vector."""
     return factor * v[0], factor * v[1], factor * v[2]
 
 
-@kernel
+@compiled
 def added(a: Vector, b: Vector) -> Vector:
     """a + b."""
     return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
 
-@kernel
+@compiled
 def negative(v: Vector) -> Vector:
     """−v."""
     return -v[0], -v[1], -v[2]
 
 
-@kernel
+@compiled
 def dot(a: Vector, b: Vector) -> Lanes:
     """a · b."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@kernel
+@compiled
 def cross(a: Vector, b: Vector) -> Vector:
     """a × b."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]

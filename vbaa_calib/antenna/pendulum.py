@@ -12,8 +12,7 @@ import math
 import numpy as np
 
 from vbaa_calib.core.compiled import compiled, kernel
-
-from .lanes import LANES, Lanes, load, spread, store
+from vbaa_calib.core.lanes import LANES, Lanes, load, spread, store
 
 SERIES_LOAD = 2.5
 """Loads a = F·l²/EI up to which the series serves."""
@@ -51,7 +50,7 @@ def universal_curve(upsilon: np.ndarray, lean_rad: np.ndarray, curve: np.ndarray
                 curve[0, row, n], curve[1, row, n], curve[2, row, n] = psi * place**2, along * place, across * place**3
 
 
-@kernel
+@compiled
 def hinge_by_series(
     loads: Lanes, sin_lean: Lanes, cos_lean: Lanes, terms: int, inner: np.ndarray, hinge: np.ndarray
 ) -> None:

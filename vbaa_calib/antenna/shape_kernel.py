@@ -13,9 +13,22 @@ from typing import NamedTuple
 import numpy as np
 
 from vbaa_calib.core.compiled import compiled, kernel
+from vbaa_calib.core.lanes import (
+    LANES,
+    Lanes,
+    cos,
+    exp,
+    lane_of,
+    load,
+    load_from,
+    sin,
+    spread,
+    sqrt,
+    store,
+    where_positive,
+)
 
 from .equilibrium import NODES, Frame, Loads, Vector, added, equilibrium, integrated, put, times, vector
-from .lanes import LANES, Lanes, cos, exp, lane_of, load, sin, spread, sqrt, store, where_positive
 from .nodes import (
     CONTACT,
     INNER_CURVE,
@@ -47,6 +60,11 @@ _TO_INNER_CURVE = integration(chebyshev(INNER_NODES), INNER_CURVE)
 _TO_OUTER_CURVE = integration(chebyshev(OUTER_NODES), OUTER_CURVE)
 _AT_INNER_CURVE = interpolation(chebyshev(INNER_NODES), INNER_CURVE)
 _AT_OUTER_CURVE = interpolation(chebyshev(OUTER_NODES), OUTER_CURVE)
+NODE_ROWS = -(-CURVE_NODES // LANES)
+"""Rows of eight for all nodes of one shape."""
+_BY_INNER_NODE = np.ascontiguousarray(_AT_INNER_CURVE.T)
+_BY_OUTER_NODE = np.ascontiguousarray(np.pad(_AT_OUTER_CURVE.T, ((0, 0), (0, -NODES_BEYOND % LANES))))
+_INNER_ROWS = NODES_TO_CONTACT // LANES
 
 
 class Presses(NamedTuple):
@@ -67,11 +85,13 @@ class Presses(NamedTuple):
 
 
 class Bent(NamedTuple):
-    """Shapes on their M nodes, see `shape.Curves`; tangents are written for the first T shapes.
+    """Shapes on their M nodes, see `shape.Curves`.
 
     Attributes
     ----------
-    points_m : (B, M, 3) or (3, M, LANES). tangents : (B, M, 3) or (3, M, T).
+    points_m : (B, M, 3) or (3, M, LANES).
+    tangents : (B, M, 3) or (3, M, LANES); (3, NODE_ROWS, LANES) for the first shape's alone, node after node, or
+        (3, 0, LANES) for none.
     force_N : (B, 3) or (3, LANES). moment_Nm : (B,) or (LANES,).
     """
 
@@ -140,7 +160,7 @@ def bend_lanes(
     _bend(rung, False, sweeps, presses, Bent(points_m, tangents, shape_force_N, moment_Nm))
 
 
-@kernel
+@compiled
 def _bend(rung: int, dead: bool, sweeps: int, presses: Presses, bent: Bent) -> None:
     if rung <= _LINEAR:
         _bend_little(rung == _PAPER, presses, bent)
@@ -185,8 +205,12 @@ def _bend_far(dead: bool, sweeps: int, presses: Presses, bent: Bent) -> None:
     frame = _turned(frame, x_axis), _turned(frame, y_axis), _turned(frame, z_axis)
     for node in range(NODES):
         put(nodes, _turned(frame, vector(nodes, node)), node)
-    if bent.tangents.shape[2]:
-        _tangents(nodes, bent.tangents)
+    if bent.tangents.shape[1] == CURVE_NODES:
+        zero = spread(0.0), spread(0.0), spread(0.0)
+        integrated(_AT_INNER_CURVE, nodes, 0, zero, bent.tangents, 0)
+        integrated(_AT_OUTER_CURVE, nodes, INNER_NODES, zero, bent.tangents, NODES_TO_CONTACT)
+    elif bent.tangents.shape[1]:
+        _first_tangents(nodes, bent.tangents)
     for node in range(NODES):
         side = contact if node < INNER_NODES else length_m - contact
         put(nodes, times(side, vector(nodes, node)), node)
@@ -201,29 +225,29 @@ def _bend_far(dead: bool, sweeps: int, presses: Presses, bent: Bent) -> None:
 
 
 @compiled
-def _tangents(nodes: np.ndarray, tangents: np.ndarray) -> None:
-    """Interpolate the tangents (3, NODES, LANES) of the first T shapes."""
-    count = tangents.shape[2]
-    every = tangents if count == LANES else np.empty((3, CURVE_NODES, LANES))
-    zero = spread(0.0), spread(0.0), spread(0.0)
-    integrated(_AT_INNER_CURVE, nodes, 0, zero, every, 0)
-    integrated(_AT_OUTER_CURVE, nodes, INNER_NODES, zero, every, NODES_TO_CONTACT)
-    if count < LANES:
-        for axis in range(3):
-            for node in range(CURVE_NODES):
-                for lane in range(count):
-                    tangents[axis, node, lane] = every[axis, node, lane]
+def _first_tangents(nodes: np.ndarray, tangents: np.ndarray) -> None:
+    """Interpolate the first shape's tangents, eight nodes at a time."""
+    for axis in range(3):
+        for row in range(_INNER_ROWS):
+            total = spread(0.0)
+            for node in range(INNER_NODES):
+                total = total + nodes[axis, node, 0] * load_from(_BY_INNER_NODE, node, LANES * row)
+            store(tangents, total, axis, row)
+        for row in range(NODE_ROWS - _INNER_ROWS):
+            total = spread(0.0)
+            for node in range(OUTER_NODES):
+                total = total + nodes[axis, INNER_NODES + node, 0] * load_from(_BY_OUTER_NODE, node, LANES * row)
+            store(tangents, total, axis, _INNER_ROWS + row)
 
 
 @compiled
-def _put_some(field: np.ndarray, count: int, v: Vector, node: int) -> None:
-    """Write the first vectors of a field at a node."""
-    if count == LANES:
-        put(field, v, node)
+def _put_tangent(tangents: np.ndarray, v: Vector, node: int) -> None:
+    """Write the tangents at a node, of all shapes or of the first."""
+    if tangents.shape[1] == CURVE_NODES:
+        put(tangents, v, node)
     else:
         for axis in range(3):
-            for lane in range(count):
-                field[axis, node, lane] = lane_of(v[axis], lane)
+            tangents[axis, node // LANES, node % LANES] = lane_of(v[axis], 0)
 
 
 @compiled
@@ -233,7 +257,7 @@ def _curve_arclength(contact: Lanes, length_m: float, node: int) -> Lanes:
     return contact + (length_m - contact) * OUTER_CURVE[node - NODES_TO_CONTACT]
 
 
-@kernel
+@compiled
 def _row(rows: np.ndarray) -> Vector:
     return load(rows, 0), load(rows, 1), load(rows, 2)
 
@@ -269,7 +293,7 @@ def _rolled(frame: Frame, y: Lanes, z: Lanes) -> Frame:
     return x_axis, added(times(y, y_axis), times(z, z_axis)), added(times(y, z_axis), times(-z, y_axis))
 
 
-@kernel
+@compiled
 def _turned(frame: Frame, v: Vector) -> Vector:
     """From the frame's components to those that its axes are given in."""
     return added(added(times(v[0], frame[0]), times(v[1], frame[1])), times(v[2], frame[2]))
@@ -325,9 +349,9 @@ def _bend_little(paper: bool, presses: Presses, bent: Bent) -> None:
         y_slope = turn_y + bow_y * s + force_y * push_slope + weight_y * sag_slope
         z_slope = turn_z + bow_z * s + force_z * push_slope + weight_z * sag_slope
         put(bent.points_m, (s, y, z), node)
-        if bent.tangents.shape[2]:
+        if bent.tangents.shape[1]:
             x = 1.0 / sqrt(1.0 + y_slope * y_slope + z_slope * z_slope)
-            _put_some(bent.tangents, bent.tangents.shape[2], (x, y_slope * x, z_slope * x), node)
+            _put_tangent(bent.tangents, (x, y_slope * x, z_slope * x), node)
         if node == CONTACT:
             slopes_at_contact = y_slope, z_slope
     # what the force along x adds to shape and moment is of second order; its direction in the world it is not

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vbaa_calib.core.compiled import compiled, record
+from vbaa_calib.core.lanes import LANES, load, spread, store, where_positive
 
 from .lens import lens_of
 from .projection import Intrinsics
@@ -96,7 +97,7 @@ def linearise_lens(fisheye, c, x, y):
     if fisheye:
         return x * gain, y * gain, gain + x * along_x, x * along_y, x * along_y, gain + y * along_y
     p1, p2, s1, s2, s3, s4 = c[2], c[3], c[8], c[9], c[10], c[11]
-    gain += 2.0 * (p1 * y + p2 * x)
+    gain = gain + 2.0 * (p1 * y + p2 * x)
     xd, yd = x * gain + s * (p2 + s1 + s2 * s), y * gain + s * (p1 + s3 + s4 * s)
     shear = x * (along_y + 2.0 * p1) + 2.0 * p2 * y
     slope_x, slope_y = 2.0 * s1 + 4.0 * s2 * s, 2.0 * s3 + 4.0 * s4 * s
@@ -214,41 +215,51 @@ def normalized_of_pixels(lens, pixels, points, slopes, valid):
 
 
 @compiled
-def normalized_by_lens(lens, x, y, columns):
-    """d(X/Z, Y/Z)/d(fx, fy, cx, cy, *distortion), columns (2, 4 + k), of a fixed pixel; zeros where it is not seen."""
-    columns[:] = 0.0
-    fx, fy = lens.matrix[0], lens.matrix[1]
-    e, f, g = 1.0, 0.0, 1.0
-    if lens.fisheye:
-        x, y = chart_of_normalized(x, y)
-        _, _, e, f, g, _ = normalized_of_chart(x, y)
-    if not sees(lens, x, y):
-        return
-    c, k = lens.coefficients, lens.distortions
+def normalized_by_lens(lens, seen, columns):
+    """d(X/Z, Y/Z)/d(fx, fy, cx, cy, *distortion), columns (2, 4 + k, LANES), of LANES fixed pixels; zeros where one is
+    not seen. seen : (6, LANES) X/Z and Y/Z, then scratch room."""
+    for lane in range(LANES):
+        x, y, e, f, g = seen[0, lane], seen[1, lane], 1.0, 0.0, 1.0
+        if lens.fisheye:
+            x, y = chart_of_normalized(x, y)
+            _, _, e, f, g, _ = normalized_of_chart(x, y)
+        seen[2, lane] = 1.0 if sees(lens, x, y) else 0.0
+        seen[0, lane], seen[1, lane], seen[3, lane], seen[4, lane], seen[5, lane] = x, y, e, f, g
+    x, y, there, e, f, g = load(seen, 0), load(seen, 1), load(seen, 2), load(seen, 3), load(seen, 4), load(seen, 5)
+    fx, fy, c, zero = lens.matrix[0], lens.matrix[1], lens.coefficients, spread(0.0)
     xd, yd, xx, xy, yx, yy = linearise_lens(lens.fisheye, c, x, y)
     inverse = -1.0 / (xx * yy - xy * yx)
     a, b, p, q = yy * inverse, -xy * inverse, -yx * inverse, xx * inverse
     a, b, p, q = e * a + f * p, e * b + f * q, f * a + g * p, f * b + g * q
-    columns[0, 0], columns[1, 0], columns[0, 1], columns[1, 1] = a * xd / fx, p * xd / fx, b * yd / fy, q * yd / fy
-    columns[0, 2], columns[1, 2], columns[0, 3], columns[1, 3] = a / fx, p / fx, b / fy, q / fy
+    a, b = where_positive(there, a, 0.0), where_positive(there, b, 0.0)
+    p, q = where_positive(there, p, 0.0), where_positive(there, q, 0.0)
     s = x * x + y * y
-    across, down = a * x + b * y, p * x + q * y
-    if lens.fisheye:
-        power = s
-        for i in range(k):
-            columns[0, 4 + i], columns[1, 4 + i] = across * power, down * power
-            power *= s
-        return
-    under = 1.0 / (1.0 + s * (c[5] + s * (c[6] + s * c[7])))
-    gain, _ = radial(False, c, s)
-    for i in range(k):
-        dx, dy = _by_coefficient(i, x, y, s, under, gain)
-        columns[0, 4 + i], columns[1, 4 + i] = a * dx + b * dy, p * dx + q * dy
+    across, down, power = a * x + b * y, p * x + q * y, s
+    gain, _ = radial(lens.fisheye, c, s)
+    under = zero if lens.fisheye else 1.0 / (1.0 + s * (c[5] + s * (c[6] + s * c[7])))
+    _put_column(columns, 0, a * xd / fx, p * xd / fx)
+    _put_column(columns, 1, b * yd / fy, q * yd / fy)
+    _put_column(columns, 2, a / fx, p / fx)
+    _put_column(columns, 3, b / fy, q / fy)
+    for i in range(lens.distortions):
+        if lens.fisheye:
+            _put_column(columns, 4 + i, across * power, down * power)
+            power = power * s
+        else:
+            dx, dy = _by_coefficient(i, x, y, s, under, gain)
+            _put_column(columns, 4 + i, a * dx + b * dy, p * dx + q * dy)
+
+
+@compiled
+def _put_column(columns, column, across, down):
+    store(columns, across, 0, column)
+    store(columns, down, 1, column)
 
 
 @compiled
 def _by_coefficient(i, x, y, s, under, gain):
     """d(distorted)/d(coefficient i) of OpenCV's lens before the tilt."""
+    zero = spread(0.0)
     if i == 2:
         return 2.0 * x * y, s + 2.0 * y * y
     if i == 3:
@@ -256,10 +267,12 @@ def _by_coefficient(i, x, y, s, under, gain):
     if i < 8:
         power = s * under
         if i >= 5:
-            power *= -gain
+            power = -gain * power
         order = i if i < 2 else 2 if i == 4 else i - 5
         for _ in range(order):
-            power *= s
+            power = power * s
         return x * power, y * power
     power = s if i == 8 or i == 10 else s * s
-    return (power, 0.0) if i < 10 else (0.0, power)
+    if i < 10:
+        return power, zero
+    return zero, power

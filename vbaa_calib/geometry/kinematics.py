@@ -22,12 +22,10 @@ def rotation_world_antenna(pan_rad: ArrayLike, tilt_rad: ArrayLike, axis_skew_ra
     """
     pan, tilt = np.broadcast_arrays(np.asarray(pan_rad, float), np.asarray(tilt_rad, float))
     sin_p, cos_p, sin_t, cos_t = np.sin(pan), np.cos(pan), np.sin(tilt), np.cos(tilt)
-    rows = [
-        [cos_t * cos_p, -sin_p, -sin_t * cos_p],
-        [cos_t * sin_p, cos_p, -sin_t * sin_p],
-        [sin_t, np.zeros_like(sin_t), cos_t],
-    ]
-    turn = np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    turn = np.empty((*pan.shape, 3, 3))
+    turn[..., 0, 0], turn[..., 0, 1], turn[..., 0, 2] = cos_t * cos_p, -sin_p, -sin_t * cos_p
+    turn[..., 1, 0], turn[..., 1, 1], turn[..., 1, 2] = cos_t * sin_p, cos_p, -sin_t * sin_p
+    turn[..., 2, 0], turn[..., 2, 1], turn[..., 2, 2] = sin_t, 0.0, cos_t
     if axis_skew_rad == 0.0:
         return turn
     # Rz·Rx·Rz⁻¹ turns about the panned x axis, then comes what two perpendicular axes do
@@ -75,7 +73,9 @@ class Kinematics:
         """Rotations (B, 3, 3) and translations (B, 3) of `T_world_antenna` at many readings (B,)."""
         pan_rad, tilt_rad = np.asarray(pan_rad, float), np.asarray(tilt_rad, float)
         turn = rotation_world_antenna(pan_rad, tilt_rad + self.tilt_zero_rad, self.axis_skew_rad)
-        origin = self.position_world_m + self.axis_offset_m * _panned_x(pan_rad)
+        origin = self.position_world_m
+        if self.axis_offset_m != 0.0:
+            origin = origin + self.axis_offset_m * _panned_x(pan_rad)
         mount = self.T_actuator_antenna
         return turn @ mount.rotation, turn @ mount.translation_m + origin
 
