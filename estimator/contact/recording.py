@@ -101,7 +101,7 @@ def _measured(frame: Frame, points_px: np.ndarray, sigma_px: np.ndarray) -> Meas
 
 def paint(rig: Rig) -> Paint:
     """What tells the antenna from its background in this rig's pictures."""
-    return Paint(rig.image.bright, rig.image.weights_bgr)
+    return Paint(rig.image.bright, rig.image.weights_bgr, rig.image.colour_bgr)
 
 
 def detect(rig: Rig, frame: Still, image: np.ndarray) -> Centreline:

@@ -87,6 +87,7 @@ class Antenna:
 
 
 _Weight = Annotated[Number, Field(ge=-100, le=100)]
+_Level = Annotated[Number, Field(ge=0, le=1e6)]
 
 
 @dataclass(frozen=True)
@@ -97,6 +98,7 @@ class AntennaImage:
     noise_px : typical standard deviation of one centreline point.
     noise_scale : spread of the no-load points about the solved shape over the spread that their profiles predict.
     weights_bgr : that make the plane of a colour picture on which it stands out; None for the grey level.
+    colour_bgr : of the antenna, where its nearness makes that plane.
     height : of the free antenna's line above its background, grey levels on that plane; None where not measured.
     """
 
@@ -108,6 +110,10 @@ class AntennaImage:
     ]
     weights_bgr: Annotated[
         tuple[_Weight, _Weight, _Weight] | None, Field(description="of a colour picture's channels; null: grey level")
+    ] = None
+    colour_bgr: Annotated[
+        tuple[_Level, _Level, _Level] | None,
+        Field(description="of the antenna, grey levels, where nearness to it tells it from its background"),
     ] = None
     height: Annotated[
         Annotated[Number, Field(ge=1e-6, le=1e6)] | None,

@@ -291,7 +291,9 @@ def make_rig(
         moment_sensor=MomentSensor(gain, offset, joint.problem.moment_std_Nm),
         kinematics=kinematics,
         gravity_world_m_s2=session.gravity_world_m_s2,
-        image=AntennaImage(sigma_px * joint.noise_scale, joint.noise_scale, paint.bright, paint.weights, height),
+        image=AntennaImage(
+            sigma_px * joint.noise_scale, joint.noise_scale, paint.bright, paint.weights, paint.colour, height
+        ),
         covariance=joint.covariance,
         second_moment_sensor=session.second_moment_sensor,
         drift=session.possible_drift,

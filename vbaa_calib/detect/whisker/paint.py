@@ -14,8 +14,10 @@ from .finder import AntennaFinder
 
 OPPONENTS = ((0.5, 0.5, -1.0), (0.5, -1.0, 0.5), (-1.0, 0.5, 0.5))
 """Weights (b, g, r) of pictures that show one colour against the two others."""
-WELL_SEEN, CLEARLY_MORE = 0.9, 0.1
-"""A paint that sees so much of the antenna is good enough; one that changes along it must see so much more."""
+WELL_SEEN, ENOUGH, CLEARLY_MORE = 0.9, 0.7, 0.1
+"""A paint that sees so much of the antenna is good enough; of those that see less, one polarity, by brightness or by
+nearness to the antenna's colour, that sees the second: one that changes along the antenna sees it in much else, and must
+see so much more than the others where they do not see enough."""
 
 
 @dataclass(frozen=True)
@@ -26,16 +28,22 @@ class Paint:
     ----------
     bright : on that plane the antenna is brighter than its surroundings; None: here brighter, there darker.
     weights : (b, g, r) of a colour picture's channels; None for its grey level.
+    colour : (b, g, r) of the antenna where that tells it from its surroundings: the plane shows how near to it a pixel
+        is. A pixel half covered is half as far from it as what lies behind, so that edges stay where they are.
     """
 
     bright: bool | None = True
     weights: tuple[float, float, float] | None = None
+    colour: tuple[float, float, float] | None = None
 
     def plane(self, image: np.ndarray) -> np.ndarray:
         """(H, W) of a grey (H, W) or colour (H, W, 3 or 4) picture: blue, green, red, any depth."""
         if image.ndim == 2:
             return image
         colour = np.ascontiguousarray(image[..., :3])
+        if self.colour is not None:
+            apart = cv2.subtract(colour, (*self.colour, 0.0), dtype=cv2.CV_32F)
+            return -cv2.sqrt(cv2.transform(apart * apart, np.ones((1, 3), np.float32)))
         if self.weights is None:
             return cv2.cvtColor(colour, cv2.COLOR_BGR2GRAY)
         return cv2.transform(colour.astype(np.float32), np.array([self.weights], np.float32))
@@ -62,7 +70,10 @@ def learn(finders: Sequence[AntennaFinder], images: Sequence[np.ndarray]) -> Pai
     best = best_of(True, False)
     if best.seen < WELL_SEEN:
         changing = best_of(None)
-        best = changing if changing.seen > best.seen + CLEARLY_MORE else best
+        # of one colour, though here brighter, there darker than what lies behind it
+        best = max((best, *(one.in_its_colour(finders, images) for one in (best, changing))), key=_Tried.rank)
+        if best.seen < ENOUGH and changing.seen > best.seen + CLEARLY_MORE:
+            best = changing
     return best.paint if best.seen else None
 
 
@@ -87,6 +98,18 @@ class _Tried:
         """Mean height over noise of the lines found, weighted by what was seen of them."""
         heights = [line.found * line.seen * line.amplitude / max(line.noise, 1e-6) for line in self.lines]
         return float(np.mean(heights))
+
+    def rank(self) -> tuple[float, float]:
+        """More is better."""
+        return self.seen, self.clearness()
+
+    def in_its_colour(self, finders: Sequence[AntennaFinder], images: Sequence[np.ndarray]) -> _Tried:
+        """The antenna by the colour that it mostly has where it was found; the same where there is none."""
+        found = [(image, line.points_px) for image, line in zip(images, self.lines, strict=True) if line.found]
+        if not found or images[0].ndim == 2:
+            return self
+        b, g, r = np.median(np.concatenate([_sampled(image, points, 0.0) for image, points in found]), axis=0).tolist()
+        return _Tried.of(Paint(True, colour=(b, g, r)), finders, images)
 
     def parted(self, finders: Sequence[AntennaFinder], images: Sequence[np.ndarray]) -> _Tried:
         """The same with weights along which the antenna differs from its flanks by more of their deviations, if any."""
