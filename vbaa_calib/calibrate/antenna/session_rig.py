@@ -18,7 +18,7 @@ from vbaa_calib.core.polyline import arc_lengths, normals
 from vbaa_calib.detect.whisker.acceptance import decided
 from vbaa_calib.detect.whisker.antenna import REACH_PER_LENGTH, corridor, finder, free_curve
 from vbaa_calib.detect.whisker.finder import AntennaFinder
-from vbaa_calib.detect.whisker.paint import Paint, learn
+from vbaa_calib.detect.whisker.paint import Paint, learn, look_of, usual_looks
 from vbaa_calib.detect.whisker.stretches import stretches, why_lost
 from vbaa_calib.geometry import Kinematics, Pose
 from vbaa_calib.rig import Antenna, AntennaImage, MomentSensor, Rig
@@ -102,6 +102,7 @@ class ExpectedAntenna:
             line.end_px,
             tip_std_px,
             shared,
+            look_of(image, line),
         )
 
     def course_of(self, seen: Observation) -> np.ndarray:
@@ -292,7 +293,13 @@ def make_rig(
         kinematics=kinematics,
         gravity_world_m_s2=session.gravity_world_m_s2,
         image=AntennaImage(
-            sigma_px * joint.noise_scale, joint.noise_scale, paint.bright, paint.weights, paint.colour, height
+            noise_px=sigma_px * joint.noise_scale,
+            noise_scale=joint.noise_scale,
+            bright=paint.bright,
+            weights_bgr=paint.weights,
+            colour_bgr=paint.colour,
+            height=height,
+            looks=usual_looks([one.look for one in observations]),
         ),
         covariance=joint.covariance,
         second_moment_sensor=session.second_moment_sensor,
