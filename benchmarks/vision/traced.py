@@ -26,6 +26,7 @@ from vbaa_calib.core.errors import InputError, SolveError
 from vbaa_calib.core.files import read_json
 from vbaa_calib.core.images import list_images, read_gray, read_picture
 from vbaa_calib.detect.whisker.centreline import Centreline
+from vbaa_calib.detect.whisker.paint import without_other_things
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import Frame, load_session, read_recording
 
@@ -130,8 +131,9 @@ def false_lines(rig: Rig, frame: Frame, pictures: Sequence[Path], rng: np.random
     for path in pictures:
         image = read_picture(path)
         for _ in range(_EMPTY_PER_PICTURE):
-            total += 1
-            wrong += detect(rig, frame, paint(rig).plane(_turned(image, rng))).found
+            total, turned = total + 1, _turned(image, rng)
+            line = detect(rig, frame, paint(rig).plane(turned))
+            wrong += without_other_things(turned, line, rig.image.looks).found
     return total, wrong
 
 

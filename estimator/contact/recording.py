@@ -18,7 +18,7 @@ from vbaa_calib.detect.whisker.antenna import corridor, find_along, finder, free
 from vbaa_calib.detect.whisker.background import Background, evened
 from vbaa_calib.detect.whisker.centreline import NOTHING, Centreline
 from vbaa_calib.detect.whisker.finder import AntennaFinder
-from vbaa_calib.detect.whisker.paint import Paint
+from vbaa_calib.detect.whisker.paint import Paint, without_other_things
 from vbaa_calib.detect.whisker.stretches import explained
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import Frame, Session, Still, read_centrelines
@@ -58,13 +58,14 @@ class FrameContact:
 
 @dataclass(frozen=True, eq=False)
 class FirstDetection:
-    """A frame, its picture (H, W) on the plane of paint, what a first look saw in it, and whether the antenna is
-    brighter there than what lies behind it."""
+    """A frame, its picture (H, W) on the plane of paint, what a first look saw in it, whether the antenna is brighter
+    there than what lies behind it, and the picture (H, W[, 3]) as it was taken, where that is at hand."""
 
     frame: Frame
     image: np.ndarray
     line: Centreline
     bright: bool | None
+    picture: np.ndarray | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +102,7 @@ def _measured(frame: Frame, points_px: np.ndarray, sigma_px: np.ndarray) -> Meas
 
 def paint(rig: Rig) -> Paint:
     """What tells the antenna from its background in this rig's pictures."""
-    return Paint(rig.image.bright, rig.image.weights_bgr)
+    return Paint(rig.image.bright, rig.image.weights_bgr, rig.image.colour_bgr)
 
 
 def detect(rig: Rig, frame: Still, image: np.ndarray) -> Centreline:
@@ -144,8 +145,13 @@ def _along(rig: Rig, glance: FirstDetection, rough: RoughFit) -> Detection:
     guide = pixels(rig.camera, T_camera_antenna, rough.points_m)
     width = width_px(rig.camera, T_camera_antenna, rough.points_m, rig.antenna.diameter_m)
     again = find_along(glance.image, guide, width, glance.bright)
+    if glance.picture is not None:
+        again = without_other_things(glance.picture, again, rig.image.looks)
     line = again if len(again.points_px) >= SECOND_LOOK * len(glance.line.points_px) else glance.line
-    return Detection(line, replace(measured(rig, glance.frame, line), start=rough.unknowns))
+    # a line that is doubted on a closer look, though not on the first, makes no contact
+    return Detection(
+        line, replace(measured(rig, glance.frame, line if line.found else NOTHING), start=rough.unknowns)
+    )
 
 
 def detections(estimator: ContactEstimator, glances: Iterable[FirstDetection]) -> Iterator[Detection]:
@@ -157,7 +163,12 @@ def detections(estimator: ContactEstimator, glances: Iterable[FirstDetection]) -
 
 
 def read_plane(rig: Rig, path: Path) -> np.ndarray:
-    """A picture (H, W) on the rig's plane of paint. Raises InputError when it cannot be read or has another size."""
+    """A picture (H, W) on the rig's plane of paint. Raises as `read_own` does."""
+    return paint(rig).plane(read_own(rig, path))
+
+
+def read_own(rig: Rig, path: Path) -> np.ndarray:
+    """A picture of this rig's camera. Raises InputError when it cannot be read or has another size."""
     image = read_picture(path)
     if image.shape[1::-1] != tuple(rig.camera.image_size):
         size = "x".join(map(str, image.shape[1::-1]))
@@ -165,7 +176,7 @@ def read_plane(rig: Rig, path: Path) -> np.ndarray:
         raise InputError(
             f"is {size}, the rig's camera {calibrated}", where=path, remedy="use the resolution of the calibration"
         )
-    return paint(rig).plane(image)
+    return image
 
 
 def first_detection(estimator: ContactEstimator, frame: Frame, ground: Ground | None = None) -> FirstDetection:
@@ -175,13 +186,16 @@ def first_detection(estimator: ContactEstimator, frame: Frame, ground: Ground | 
     """
     assert frame.image is not None
     rig, looking = estimator.rig, prepared(estimator.rig, frame)
-    image, bright = read_plane(rig, frame.image), rig.image.bright
+    picture, bright = read_own(rig, frame.image), rig.image.bright
+    image = paint(rig).plane(picture)
     if looking is None:
         return FirstDetection(frame, image, NOTHING, bright)
     less = subtracted(looking, image, None if ground is None else ground(frame))
     if less is not None and less[1].found:
-        return FirstDetection(frame, *less, None)
-    return FirstDetection(frame, image, explained(looking.find(image, bright), image, looking.corridor, bright), bright)
+        image, line, bright = *less, None
+    else:
+        line = explained(looking.find(image, bright), image, looking.corridor, bright)
+    return FirstDetection(frame, image, without_other_things(picture, line, rig.image.looks), bright, picture)
 
 
 def subtracted(

@@ -87,6 +87,8 @@ class Antenna:
 
 
 _Weight = Annotated[Number, Field(ge=-100, le=100)]
+_Level = Annotated[Number, Field(ge=0, le=1e6)]
+_Look = Annotated[tuple[_Level, ...], Field(min_length=2, max_length=4)]
 
 
 @dataclass(frozen=True)
@@ -97,7 +99,10 @@ class AntennaImage:
     noise_px : typical standard deviation of one centreline point.
     noise_scale : spread of the no-load points about the solved shape over the spread that their profiles predict.
     weights_bgr : that make the plane of a colour picture on which it stands out; None for the grey level.
+    colour_bgr : of the antenna, where its nearness makes that plane.
     height : of the free antenna's line above its background, grey levels on that plane; None where not measured.
+    looks : (8, C + 1) its mean colour, blue, green, red, or grey level at places from clamp to tip in the pictures that
+        the rig was calibrated from, and how far it lies off that by one deviation; None where not measured.
     """
 
     noise_px: Annotated[Number, Field(ge=1e-6, le=1e3)]
@@ -109,9 +114,17 @@ class AntennaImage:
     weights_bgr: Annotated[
         tuple[_Weight, _Weight, _Weight] | None, Field(description="of a colour picture's channels; null: grey level")
     ] = None
+    colour_bgr: Annotated[
+        tuple[_Level, _Level, _Level] | None,
+        Field(description="of the antenna, grey levels, where nearness to it tells it from its background"),
+    ] = None
     height: Annotated[
         Annotated[Number, Field(ge=1e-6, le=1e6)] | None,
         Field(description="of the free antenna's line above its background, grey levels"),
+    ] = None
+    looks: Annotated[
+        Annotated[tuple[_Look, ...], Field(min_length=8, max_length=8)] | None,
+        Field(description="mean colour at places from clamp to tip and its deviation, grey levels"),
     ] = None
 
 

@@ -72,7 +72,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     rigs = {words_of[bright]: replace(rig, image=replace(rig.image, bright=bright)) for bright in others}
     opposite = next((words for words, other in rigs.items() if detect(other, frame, picture).found), None)
     other_way, taken = opposite is not None, words_of[rig.image.bright]
-    taken += "" if rig.image.weights_bgr is None else " in its colour"
+    taken += "" if rig.image.weights_bgr is None and rig.image.colour_bgr is None else " in its colour"
     hint = f"; taken for {opposite} it is found: is this the rig's picture?" if other_way else ""
     words = f"looked for as {taken} than its surroundings, as the rig says{hint}"
     where = corridor_of(rig, frame)

@@ -99,6 +99,7 @@ class Observation:
     paint : what sets the antenna off from its background. height : of its line above that, grey levels.
     tip_px : (2,) the antenna's end; tip_std_px : its deviation along the antenna; NaN where it is not seen.
     shared : whether neighbouring points share most of their errors: a shape that follows these does not show them.
+    look : (PLACES, C) the antenna's mean colour at places from clamp to tip; empty where there is no picture.
     """
 
     still: Still
@@ -110,6 +111,7 @@ class Observation:
     tip_px: np.ndarray = field(default_factory=lambda: np.full(2, np.nan))
     tip_std_px: float = np.nan
     shared: bool = False
+    look: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
 
     @property
     def load_N(self) -> np.ndarray:

@@ -18,7 +18,7 @@ from vbaa_calib.core.polyline import arc_lengths, normals
 from vbaa_calib.detect.whisker.acceptance import decided
 from vbaa_calib.detect.whisker.antenna import REACH_PER_LENGTH, corridor, finder, free_curve
 from vbaa_calib.detect.whisker.finder import AntennaFinder
-from vbaa_calib.detect.whisker.paint import Paint, learn
+from vbaa_calib.detect.whisker.paint import Paint, learn, look_of, usual_looks
 from vbaa_calib.detect.whisker.stretches import stretches, why_lost
 from vbaa_calib.geometry import Kinematics, Pose
 from vbaa_calib.rig import Antenna, AntennaImage, MomentSensor, Rig
@@ -43,9 +43,10 @@ _LEAST_SEEN_FREE = 0.6
 _ASIDE, _NEAR_FIRST = 0.067, (1.3, 3.0, None)
 """How far aside an antenna lies, as a fraction of the distance from the clamp, by one deviation of the priors below; it
 is looked for within so many of them first, then all around: clutter farther away is not even tried."""
-_COURSE_ASIDE, _COURSE_ORDER, _ODD = 0.02, 2, 0.04
-"""The same deviation where other pictures of the rig determine the free antenna's course, a polynomial of this order
-beside what is expected; a line that lies so far off the others' course is looked for again."""
+_COURSE_ASIDE, _COURSE_ORDER, _ODD, _LEAVES = 0.02, 2, 0.04, 0.008
+"""The same deviation where other pictures of the rig determine the free antenna's course, a polynomial of this order beside
+what is expected; a line that lies so far off the others' course is looked for again, and where it still lies so far off
+it, it has gone over to another thing."""
 _SHARED = 2.0
 """Effective over own deviation above which neighbouring points share most of their errors."""
 _LEARNT_FROM = 3
@@ -102,6 +103,7 @@ class ExpectedAntenna:
             line.end_px,
             tip_std_px,
             shared,
+            look_of(image, line),
         )
 
     def course_of(self, seen: Observation) -> np.ndarray:
@@ -111,6 +113,19 @@ class ExpectedAntenna:
         length = arc_lengths(where.axis_px)[-1]
         along, aside = where.aside(seen.points_px)
         return np.polyfit(along / length, aside / length, _COURSE_ORDER)
+
+    def on_course(self, seen: Observation) -> Observation:
+        """A free antenna without the stretches that leave the course of this rig's other pictures."""
+        assert self.course is not None
+        free = free_curve(self.parameters, self.antenna.length_m, seen.gravity_m_s2)
+        where = corridor(self.camera, self.T_antenna_camera.inverse(), free, self.antenna.diameter_m)
+        length = arc_lengths(where.axis_px)[-1]
+        along, aside = where.aside(seen.points_px)
+        near = np.abs(aside / length - np.polyval(self.course, along / length)) < _LEAVES
+        if near.all() or near.mean() < _LEAST_SEEN_FREE:
+            return seen
+        ends = seen if near[-1] else replace(seen, tip_std_px=np.nan)
+        return replace(ends, points_px=seen.points_px[near], sigma_px=seen.sigma_px[near])
 
     def learned(
         self, stills: Sequence[Still], images: Sequence[np.ndarray], gravity_m_s2: Sequence[np.ndarray]
@@ -204,6 +219,9 @@ def observe(
         odd = index in courses and np.abs(np.polyval(courses[index] - usual, _PLACES)).max() > _ODD
         if seen[index] is None or odd:
             seen[index] = learnt.observe(still, read(still), pull)
+        one = seen[index]
+        if index in courses and len(courses) >= _LEARNT_FROM and one is not None:
+            seen[index] = learnt.on_course(one)
     return [one for one in seen if one is not None], learnt
 
 
@@ -291,7 +309,15 @@ def make_rig(
         moment_sensor=MomentSensor(gain, offset, joint.problem.moment_std_Nm),
         kinematics=kinematics,
         gravity_world_m_s2=session.gravity_world_m_s2,
-        image=AntennaImage(sigma_px * joint.noise_scale, joint.noise_scale, paint.bright, paint.weights, height),
+        image=AntennaImage(
+            noise_px=sigma_px * joint.noise_scale,
+            noise_scale=joint.noise_scale,
+            bright=paint.bright,
+            weights_bgr=paint.weights,
+            colour_bgr=paint.colour,
+            height=height,
+            looks=usual_looks([one.look for one in observations]),
+        ),
         covariance=joint.covariance,
         second_moment_sensor=session.second_moment_sensor,
         drift=session.possible_drift,

@@ -3,19 +3,36 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 from scipy.linalg import eigh
 
-from .centreline import Centreline
+from vbaa_calib.core import smooth
+from vbaa_calib.core.polyline import arc_lengths, beside
+from vbaa_calib.core.robust import MAD_SCALE
+
+from .acceptance import LEAST_SEEN
+from .centreline import Centreline, Visibility
 from .finder import AntennaFinder
 
 OPPONENTS = ((0.5, 0.5, -1.0), (0.5, -1.0, 0.5), (-1.0, 0.5, 0.5))
 """Weights (b, g, r) of pictures that show one colour against the two others."""
-WELL_SEEN, CLEARLY_MORE = 0.9, 0.1
-"""A paint that sees so much of the antenna is good enough; one that changes along it must see so much more."""
+WELL_SEEN, ENOUGH, CLEARLY_MORE = 0.9, 0.7, 0.1
+"""A paint that sees so much of the antenna is good enough; of those that see less, one polarity, by brightness or by
+nearness to the antenna's colour, that sees the second: one that changes along the antenna sees it in much else, and must
+see so much more than the others where they do not see enough."""
+
+
+PLACES, RUN, LEAST_POINTS = 8, 15, 20
+"""Places along the antenna at which its look is learnt, neighbouring points that show one colour, and the fewest that
+tell how brightly it is lit."""
+FOREIGN, LEAST_SPREAD = 4.0, (0.08, 3.0)
+"""So many deviations off its usual look it is another thing; the least deviation, as a part of its brightness and in
+grey levels: light changes as it bends."""
+ROOT, LIGHT = 0.4, (0.6, 1.7)
+"""The part of the line, from the clamp, that tells how brightly it is lit, and how much that may change."""
 
 
 @dataclass(frozen=True)
@@ -26,16 +43,22 @@ class Paint:
     ----------
     bright : on that plane the antenna is brighter than its surroundings; None: here brighter, there darker.
     weights : (b, g, r) of a colour picture's channels; None for its grey level.
+    colour : (b, g, r) of the antenna where that tells it from its surroundings: the plane shows how near to it a pixel
+        is. A pixel half covered is half as far from it as what lies behind, so that edges stay where they are.
     """
 
     bright: bool | None = True
     weights: tuple[float, float, float] | None = None
+    colour: tuple[float, float, float] | None = None
 
     def plane(self, image: np.ndarray) -> np.ndarray:
         """(H, W) of a grey (H, W) or colour (H, W, 3 or 4) picture: blue, green, red, any depth."""
         if image.ndim == 2:
             return image
         colour = np.ascontiguousarray(image[..., :3])
+        if self.colour is not None:
+            apart = cv2.subtract(colour, (*self.colour, 0.0), dtype=cv2.CV_32F)
+            return -cv2.sqrt(cv2.transform(apart * apart, np.ones((1, 3), np.float32)))
         if self.weights is None:
             return cv2.cvtColor(colour, cv2.COLOR_BGR2GRAY)
         return cv2.transform(colour.astype(np.float32), np.array([self.weights], np.float32))
@@ -62,7 +85,10 @@ def learn(finders: Sequence[AntennaFinder], images: Sequence[np.ndarray]) -> Pai
     best = best_of(True, False)
     if best.seen < WELL_SEEN:
         changing = best_of(None)
-        best = changing if changing.seen > best.seen + CLEARLY_MORE else best
+        # of one colour, though here brighter, there darker than what lies behind it
+        best = max((best, *(one.in_its_colour(finders, images) for one in (best, changing))), key=_Tried.rank)
+        if best.seen < ENOUGH and changing.seen > best.seen + CLEARLY_MORE:
+            best = changing
     return best.paint if best.seen else None
 
 
@@ -87,6 +113,18 @@ class _Tried:
         """Mean height over noise of the lines found, weighted by what was seen of them."""
         heights = [line.found * line.seen * line.amplitude / max(line.noise, 1e-6) for line in self.lines]
         return float(np.mean(heights))
+
+    def rank(self) -> tuple[float, float]:
+        """More is better."""
+        return self.seen, self.clearness()
+
+    def in_its_colour(self, finders: Sequence[AntennaFinder], images: Sequence[np.ndarray]) -> _Tried:
+        """The antenna by the colour that it mostly has where it was found; the same where there is none."""
+        found = [(image, line.points_px) for image, line in zip(images, self.lines, strict=True) if line.found]
+        if not found or images[0].ndim == 2:
+            return self
+        b, g, r = np.median(np.concatenate([_sampled(image, points, 0.0) for image, points in found]), axis=0).tolist()
+        return _Tried.of(Paint(True, colour=(b, g, r)), finders, images)
 
     def parted(self, finders: Sequence[AntennaFinder], images: Sequence[np.ndarray]) -> _Tried:
         """The same with weights along which the antenna differs from its flanks by more of their deviations, if any."""
@@ -121,9 +159,84 @@ def _parting(tried: _Tried, width_px: float, images: Sequence[np.ndarray]) -> Pa
 
 
 def _sampled(image: np.ndarray, points: np.ndarray, aside: float) -> np.ndarray:
-    """(N, 3) colours at points moved across their line."""
+    """(N, C) colours of a picture (H, W[, 3]) at points moved across their line."""
     along = np.gradient(points, axis=0)
     along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-9)
     at = np.rint(points + aside * along[:, ::-1] * [-1.0, 1.0]).astype(int)
     at = np.clip(at, 0, [image.shape[1] - 1, image.shape[0] - 1])
-    return image[at[:, 1], at[:, 0], :3].astype(float)
+    colours = image[at[:, 1], at[:, 0]].astype(float)
+    return colours[:, None] if image.ndim == 2 else colours[:, :3]
+
+
+Looks = tuple[tuple[float, ...], ...]
+"""(PLACES, C + 1) mean colour at places from clamp to tip, of C channels, and its deviation."""
+
+
+def look_of(image: np.ndarray, line: Centreline) -> np.ndarray:
+    """(PLACES, C) mean colour of an antenna found in a picture (H, W[, 3]) along its guide; NaN where it is not seen."""
+    place = np.minimum((_shares(line) * PLACES).astype(int), PLACES - 1)
+    colours = _sampled(image, line.points_px, 0.0)
+    means = np.full((PLACES, colours.shape[1]), np.nan)
+    for own in np.unique(place):
+        means[own] = colours[place == own].mean(axis=0)
+    return means
+
+
+def usual_looks(several: Sequence[np.ndarray]) -> Looks | None:
+    """What the antenna looks like, by looks (PLACES, C) in some pictures; None where a place was not seen in two."""
+    looks = np.array([one for one in several if len(one)])
+    if len(looks) < 2 or (np.isfinite(looks).all(axis=2).sum(axis=0) < 2).any():
+        return None
+    usual = np.nanmedian(looks, axis=0)
+    apart = np.linalg.norm(looks - usual, axis=2)
+    least = np.hypot(LEAST_SPREAD[0] * np.linalg.norm(usual, axis=1), LEAST_SPREAD[1])
+    spread = np.hypot(MAD_SCALE * np.nanmedian(apart, axis=0), least)
+    return tuple(map(tuple, np.column_stack([usual, spread]).tolist()))
+
+
+def without_other_things(image: np.ndarray, line: Centreline, looks: Looks | None) -> Centreline:
+    """The centreline in a picture (H, W[, 3]) without stretches that do not look like the antenna.
+
+    Where the antenna is hidden a line that goes on along an object's edge has not its colour. The light may be stronger
+    or weaker in all than it was.
+    """
+    if looks is None or not line.found or image.ndim != (2 if len(looks[0]) == 2 else 3):
+        return line
+    share, colours, table = _shares(line), _sampled(image, line.points_px, 0.0), np.array(looks)
+    place = (np.arange(PLACES) + 0.5) / PLACES
+    usual = np.stack([np.interp(share, place, column) for column in table.T], axis=1)
+    usual, spread = usual[:, :-1], usual[:, -1]
+    root, light = share < ROOT, 1.0
+    if root.sum() >= LEAST_POINTS:
+        ratio = (colours * usual)[root].sum(axis=1) / np.maximum((usual**2)[root].sum(axis=1), 1e-9)
+        light = float(np.clip(np.median(ratio), *LIGHT))
+    off = np.stack([smooth.running_mean(column, RUN, smooth.END_VALUE) for column in (colours - light * usual).T])
+    other = np.linalg.norm(off, axis=0) > FOREIGN * light * spread
+    # a run's mean blends what lies before and after its middle
+    other = cv2.dilate(other.astype(np.uint8), np.ones((RUN, 1), np.uint8)).ravel() > 0
+    if not other.any():
+        return line
+    own, last = ~other, len(other) - 1 - int(np.argmax(other[::-1]))
+    guide = beside(line.points_px, line.guide_px)[0]
+    visibility = np.asarray(line.visibility).copy()
+    visibility[(visibility == Visibility.SEEN) & other[guide]] = Visibility.HIDDEN
+    shorter = replace(
+        line,
+        points_px=line.points_px[own],
+        sigma_px=line.sigma_px[own],
+        effective_px=line.effective_px[own],
+        seen=line.seen * float(own.mean()),
+        visibility=visibility,
+    )
+    if last == len(other) - 1:
+        shorter = replace(shorter, end="hidden", end_std_px=np.nan)
+    if shorter.seen < LEAST_SEEN:
+        share_seen = f"{100 * shorter.seen:.0f} % of its length"
+        return shorter.with_verdict("too_little", f"most of the line has not the antenna's look ({share_seen} has)")
+    return shorter
+
+
+def _shares(line: Centreline) -> np.ndarray:
+    """(N,) how far along its guide a line's points lie, from 0 at the clamp to 1."""
+    along = arc_lengths(line.guide_px)
+    return along[beside(line.guide_px, line.points_px)[0]] / max(along[-1], 1e-9)
