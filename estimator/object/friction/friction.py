@@ -139,9 +139,9 @@ def friction(
 def _fitted(rubs: FrictionTouches) -> tuple[FrictionTouches, Coefficient | None]:
     """The touches' coefficient, None where none can be used, and the touches as they took part in it.
 
-    The slip is an average over some frames. Where the push changes faster, a contact slides to and fro along the antenna,
-    and its friction lies across it by less than the average slip says: inside the cone, where a touch that does not
-    surely slide may lie.
+    The slip is an average over some frames. Where the push changes faster, a contact slides to and fro along the
+    antenna, and its friction lies across it by less than the average slip says: inside the cone, where a touch that
+    does not surely slide may lie.
     """
     for _ in range(_RELABELLED):
         evidence = Evidence.of(rubs)
