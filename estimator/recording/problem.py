@@ -1,8 +1,8 @@
 """All frames of a recording in one problem: each frame's contact is its own, the rig's errors are common to all.
 
-About a state the compiled normal equations of every frame are taken apart into what is the frame's own (distance, force,
-friction angle, errors of its line) and what frames share (steps along the rig's independent axes, errors of all lines).
-The own part is eliminated by the Schur complement, so that the work grows with the number of frames alone.
+About a state the compiled normal equations of every frame are taken apart into what is the frame's own (distance,
+force, friction angle, errors of its line) and what frames share (steps along the rig's independent axes, errors of all
+lines). The own part is eliminated by the Schur complement, so that the work grows with the number of frames alone.
 """
 
 from __future__ import annotations

@@ -316,8 +316,8 @@ def change_of(rig: Rig, before: Rig) -> np.ndarray:
 def _table(contacts: ContactTable, problem: Problem, found: Solution, rows: np.ndarray) -> ContactTable:
     """The table with the refined frames' numbers.
 
-    A frame's covariance is its own noise, and what it shares: the rig's errors as far as they are left, and the friction
-    angle as far as neither frame nor law tells it, since neighbours rub alike.
+    A frame's covariance is its own noise, and what it shares: the rig's errors as far as they are left, and the
+    friction angle as far as neither frame nor law tells it, since neighbours rub alike.
     """
     belongs = found.weight > 0.0
     equations, unknowns = found.equations, found.state.unknowns

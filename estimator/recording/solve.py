@@ -8,7 +8,6 @@ import numpy as np
 from scipy.special import chdtrc
 
 from estimator.solver.convergence import NEAREST
-from estimator.solver.rig_arrays import UNKNOWNS
 
 from .problem import Equations, Problem, State
 
@@ -32,7 +31,7 @@ class Solution:
     state, equations : where it ended, and the contacts' equations there, about that state.
     covariance : (S, S) of the shared steps. weight : (B,) of each frame in them, 0 for one that does not belong.
     frame_p : (B,) probability that a frame that belongs disagrees as much with the rest. stroke_p : of each stroke.
-    prior_p : that a rig as it was calibrated is off by as much. scale : by how much its deviations had to be widened.
+    prior_p : that a rig as it was calibrated is off by as much. offness : how far that is, in its deviations.
     converged : whether the steps came to an end.
     """
 
@@ -81,7 +80,7 @@ def solved(problem: Problem, start: State, strokes: np.ndarray, widening: float 
     prior = np.full(problem.size, 1.0)
     prior[: problem.axes.shape[1]] /= widening**2
     state = start
-    for turn in range(_ROUNDS):
+    for _ in range(_ROUNDS):
         state, equations, total, converged = _descended(problem, state, weight, prior)
         pull = equations.side - np.einsum("bst,t->bs", equations.information, _ahead(problem, state))
         square, freedom = disagreement(equations.information, pull, total)
@@ -124,7 +123,7 @@ def _p(square: np.ndarray, freedom: np.ndarray) -> np.ndarray:
 
 
 def _ahead(problem: Problem, state: State) -> np.ndarray:
-    """(S,) the shared steps that lie ahead of where the equations stand: the lines' errors are linear, and taken about 0."""
+    """(S,) the shared steps ahead of where the equations stand: the lines' errors are linear, and taken about 0."""
     first = problem.axes.shape[1]
     ahead = np.zeros(problem.size)
     ahead[first : first + problem.lines] = state.shared[first : first + problem.lines]
