@@ -38,10 +38,7 @@ class KnownLine:
     @staticmethod
     def of(known: KnownObject) -> KnownLine:
         """As session.yaml gives it."""
-        direction = np.asarray(known.direction, float)
-        return KnownLine(
-            np.asarray(known.position_m, float), direction / np.linalg.norm(direction), known.radius_m, known.std_m
-        )
+        return KnownLine(known.position_m, known.direction, known.radius_m, known.std_m)
 
     def residuals(
         self, point_m: np.ndarray, tangent: np.ndarray, force: np.ndarray, antenna_radius_m: float, shift: np.ndarray
