@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from estimator.contact.estimate import ContactEstimator
-    from estimator.recording.refine import Refined, refine
+    from estimator.recording.refined import Refined, refine
     from estimator.table.contacts import Contact, Measured
 
 __all__ = ["Contact", "ContactEstimator", "Measured", "Refined", "refine"]
@@ -16,8 +16,8 @@ _HOMES = {
     "Contact": ".table.contacts",
     "Measured": ".table.contacts",
     "ContactEstimator": ".contact.estimate",
-    "Refined": ".recording.refine",
-    "refine": ".recording.refine",
+    "Refined": ".recording.refined",
+    "refine": ".recording.refined",
 }
 
 

@@ -1,6 +1,6 @@
 """All frames of a recording as one problem."""
 
 from .known_object import KnownLine
-from .refine import Refined, refine
+from .refined import Refined, refine
 
 __all__ = ["KnownLine", "Refined", "refine"]

@@ -41,6 +41,11 @@ class FrictionPrior:
         return FrictionPrior(self.mean_rad[which], self.std_rad[which])
 
 
+def spread_evenly(count: int, most: int) -> np.ndarray:
+    """Indices of all, or of so many of them at most."""
+    return np.unique(np.linspace(0, max(count - 1, 0), min(count, most)).astype(int))
+
+
 @dataclass(frozen=True, eq=False)
 class State:
     """Where a recording is: unknowns (B, 4) of the frames as `rig_arrays.UNKNOWNS`, and steps (S,) of what they share:
@@ -95,6 +100,12 @@ class Problem:
     held: np.ndarray
     friction: FrictionPrior
     known: KnownLine | None = None
+
+    def picked(self, rows: np.ndarray, most_free: int) -> Problem:
+        """With these contacts alone, and so many free frames at most."""
+        free = self.free[spread_evenly(len(self.free), most_free)]
+        prior, held = self.friction.picked(rows), self.held[rows]
+        return replace(self, touching=self.touching[rows], free=free, held=held, friction=prior)
 
     @property
     def lines(self) -> int:

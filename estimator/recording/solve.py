@@ -9,13 +9,17 @@ from scipy.special import chdtrc
 
 from estimator.solver.convergence import NEAREST
 
-from .problem import Equations, Problem, State
+from .problem import Equations, Problem, State, spread_evenly
 
 _ITERATIONS, _ENOUGH = 12, 0.02
 """Steps are taken until none is longer than this part of a deviation."""
 _LONGEST = 0.2
 """Longest step of a distance, in its own size."""
-_ROUNDS = 4
+_NEARLY_ALL = 0.98
+MOST = 1000
+"""Contacts, and free frames, from which the shared errors are solved for."""
+_ROUNDS, _SMALL_CHANGE = 4, 0.1
+"""Frames are weighed anew until no weight changes by more."""
 _SEEN = 0.05
 """Directions of the shared errors that a group of frames tells to more than this part of what is known beforehand."""
 _DOUBTED, _FOREIGN = 1e-2, 1e-6
@@ -30,7 +34,7 @@ class Solution:
     ----------
     state, equations : where it ended, and the contacts' equations there, about that state.
     covariance : (S, S) of the shared steps. weight : (B,) of each frame in them, 0 for one that does not belong.
-    frame_p : (B,) probability that a frame that belongs disagrees as much with the rest. stroke_p : of each stroke.
+    frame_p : (B,) probability that a frame that belongs disagrees as much with the rest.
     prior_p : that a rig as it was calibrated is off by as much. offness : how far that is, in its deviations.
     converged : whether the steps came to an end.
     """
@@ -40,7 +44,6 @@ class Solution:
     covariance: np.ndarray
     weight: np.ndarray
     frame_p: np.ndarray
-    stroke_p: np.ndarray
     prior_p: float
     offness: float
     converged: bool
@@ -73,53 +76,89 @@ def disagreement(information: np.ndarray, pull: np.ndarray, total: np.ndarray) -
 def solved(problem: Problem, start: State, strokes: np.ndarray, widening: float = 1.0) -> Solution:
     """The most probable recording.
 
+    What frames share is solved for with `MOST` of them at most, evenly over the recording, then held while the others
+    are fitted: a frame's bias is of second order in its noise, but the same in many.
+
     strokes : (B,) number of each frame's stroke. widening : on the deviations of the calibration.
     """
-    weight = np.ones(len(problem.touching))
-    belongs = np.ones(len(weight), bool)
-    prior = np.full(problem.size, 1.0)
-    prior[: problem.axes.shape[1]] /= widening**2
-    state = start
+    rig = problem.axes.shape[1]
+    prior = np.ones(problem.size)
+    prior[:rig] /= widening**2
+    chosen = spread_evenly(len(problem.touching), MOST)
+    few, labels = problem.picked(chosen, MOST), strokes[chosen]
+    state = State(start.unknowns[chosen], start.shared)
+    weight, foreign = np.ones(len(chosen)), np.zeros(0, strokes.dtype)
     for _ in range(_ROUNDS):
-        state, equations, total, converged = _descended(problem, state, weight, prior)
-        pull = equations.side - np.einsum("bst,t->bs", equations.information, _ahead(problem, state))
-        square, freedom = disagreement(equations.information, pull, total)
-        frame_p = np.where(freedom > 0, _p(square, freedom), 1.0)
-        labels = np.unique(strokes)
-        sums = np.array([(weight * (strokes == label)) for label in labels])
-        stroke_square, stroke_freedom = disagreement(
-            np.einsum("gb,bst->gst", sums, equations.information), sums @ pull, total
-        )
-        stroke_p = np.where(stroke_freedom > 0, _p(stroke_square, stroke_freedom), 1.0)
-        renewed = np.where(frame_p < _DOUBTED, freedom / np.maximum(square, 1e-9), 1.0)
-        renewed[frame_p < _FOREIGN] = 0.0
-        worst = int(np.argmin(stroke_p))
-        if stroke_p[worst] < _FOREIGN:
-            belongs[strokes == labels[worst]] = False
-        renewed[~belongs] = 0.0
+        state, equations, total, converged = _descended(few, state, weight, prior)
+        pull = _pull(few, state, equations)
+        frame_p, renewed = _judged(equations, pull, total)
+        each = np.unique(labels)
+        sums = np.array([weight * (labels == label) for label in each])
+        square, freedom = disagreement(np.einsum("gb,bst->gst", sums, equations.information), sums @ pull, total)
+        stroke_p = _p(square, freedom)
+        if stroke_p.min(initial=1.0) < _FOREIGN:
+            foreign = np.append(foreign, each[np.argmin(stroke_p)])
+        renewed[np.isin(labels, foreign)] = 0.0
         change, weight = np.abs(renewed - weight).max(initial=0.0), renewed
-        if change < 0.1:
+        if change < _SMALL_CHANGE:
             break
-    offset = state.shared[: problem.axes.shape[1]]
-    count = len(offset)
-    whole = np.zeros((1, problem.size, problem.size))
-    whole[0, :count, :count] = np.diag(prior[:count])
-    square, freedom = disagreement(whole, -(prior * state.shared)[None] * (np.arange(problem.size) < count), total)
+    offset = np.zeros((1, problem.size))
+    offset[0, :rig] = -prior[:rig] * state.shared[:rig]
+    square, freedom = disagreement(np.diag(prior * (np.arange(problem.size) < rig))[None], offset, total)
+    if len(chosen) < len(problem.touching):
+        state, equations = _others(problem, State(start.unknowns, state.shared), state.unknowns, chosen)
+        frame_p, weight = _judged(equations, _pull(problem, state, equations), total)
+        weight[np.isin(strokes, foreign)] = 0.0
     return Solution(
         state,
         equations,
         np.linalg.inv(total),
         weight,
         frame_p,
-        stroke_p[np.searchsorted(labels, strokes)],
         float(_p(square, freedom)[0]),
         float(np.sqrt(square[0] / max(freedom[0], 1))),
         converged,
     )
 
 
+def _judged(equations: Equations, pull: np.ndarray, total: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(B,) probability that frames that belong disagree as much with the rest, and the weight that leaves them."""
+    square, freedom = disagreement(equations.information, pull, total)
+    p = _p(square, freedom)
+    weight = np.where(p < _DOUBTED, freedom / np.maximum(square, 1e-9), 1.0)
+    return p, np.where(p < _FOREIGN, 0.0, weight)
+
+
+def _pull(problem: Problem, state: State, equations: Equations) -> np.ndarray:
+    """(B, S) with what force frames pull at the shared steps."""
+    return equations.side - np.einsum("bst,t->bs", equations.information, _ahead(problem, state))
+
+
+def _others(problem: Problem, state: State, found: np.ndarray, chosen: np.ndarray) -> tuple[State, Equations]:
+    """All frames fitted with the shared steps as they are; those chosen begin where they were found."""
+    unknowns = state.unknowns.copy()
+    unknowns[chosen] = found
+    for turn in range(_ITERATIONS):
+        state = State(unknowns, state.shared)
+        equations = problem.equations(state)
+        own = equations.step - np.einsum("bks,s->bk", equations.through, _ahead(problem, state))
+        if turn and _length(own, equations) < _ENOUGH:
+            break
+        unknowns = _moved(problem, unknowns, own)
+    return state, equations
+
+
+def _length(own: np.ndarray, equations: Equations) -> float:
+    """Of nearly all frames' steps (B, 4), in their deviations."""
+    if not len(own):
+        return 0.0
+    deviations = np.sqrt(np.einsum("bii->bi", equations.own_covariance))
+    return float(np.quantile(np.abs(own / deviations)[:, :3], _NEARLY_ALL))
+
+
 def _p(square: np.ndarray, freedom: np.ndarray) -> np.ndarray:
-    return np.asarray(chdtrc(np.maximum(freedom, 1), square))
+    """(G,) that χ² is larger; 1 without degrees of freedom."""
+    return np.where(freedom > 0, chdtrc(np.maximum(freedom, 1), square), 1.0)
 
 
 def _ahead(problem: Problem, state: State) -> np.ndarray:
@@ -140,19 +179,15 @@ def _descended(
         free_information, free_side = problem.free_equations(state)
         total = np.einsum("b,bst->st", weight, equations.information) + free_information.sum(axis=0)
         side = weight @ equations.side + free_side.sum(axis=0)
-        begun = state.shared - _ahead(problem, state)
+        here = state.shared - _ahead(problem, state)
         total = 0.5 * (total + total.T) + np.diag(prior)
-        step = np.linalg.solve(total, side - prior * begun)
+        step = np.linalg.solve(total, side - prior * here)
         own = equations.step - np.einsum("bks,s->bk", equations.through, step)
-        length = np.abs(own) / np.sqrt(np.einsum("bii->bi", equations.own_covariance))
-        moved = begun + step - state.shared
-        far = max(
-            float(np.sqrt(moved @ total @ moved / max(len(moved), 1))),
-            float(np.quantile(length[:, :3], 0.98)) if len(length) else 0.0,
-        )
+        moved = here + step - state.shared
+        far = max(float(np.sqrt(moved @ total @ moved / max(len(moved), 1))), _length(own, equations))
         if converged:
             break
-        state = State(_moved(problem, state.unknowns, own), begun + step)
+        state = State(_moved(problem, state.unknowns, own), here + step)
         converged = far < _ENOUGH
     return state, equations, total, converged
 

@@ -130,7 +130,7 @@ def refine(contacts: ContactTable, rig: Rig, recording: Sequence[Measured], know
     """
     _check(contacts, rig, recording)
     rows = _usable(contacts, recording)
-    problem, start = _problem(contacts, rig, recording, rows, known)
+    problem, start = begun(contacts, rig, recording, rows, known)
     strokes = _strokes(contacts, rows)
     found = solved(problem, start, strokes)
     notes: list[str] = []
@@ -221,7 +221,7 @@ def _usable(contacts: ContactTable, recording: Sequence[Measured]) -> np.ndarray
     return rows
 
 
-def _problem(
+def begun(
     contacts: ContactTable, rig: Rig, recording: Sequence[Measured], rows: np.ndarray, known: KnownLine | None
 ) -> tuple[Problem, State]:
     """The problem, and where it begins: at the contacts as they are, the rig as calibrated."""
@@ -286,7 +286,7 @@ def _friction(
 ) -> tuple[Friction | None, FrictionPrior | None]:
     """The object's friction by contacts that are refined already, and what it says of the frames (P,)."""
     try:
-        felt = estimate_object(table, rig)
+        felt = estimate_object(table, rig, events=False)
     except InputError:
         return None, None
     whole = by_coulomb(table, felt.track, felt.friction, as_estimated(table, problem.friction_rad))
