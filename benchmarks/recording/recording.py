@@ -32,7 +32,7 @@ _KNOWN_ANGLE_RAD = 1e-3
 PLAYED = 296
 """Frames of a recording as it is played; longer ones repeat it with other noise, shorter ones are its first frames."""
 LONG = 10_000
-_PIN_M, _PIN_STD_M = 2e-3, 5e-5
+PIN_M, PIN_STD_M = 2e-3, 5e-5
 _OFF, _GOAL = 3.0, 1.2
 """How many deviations a rig is off before it is recalibrated, and how near it is to come to a fresh calibration."""
 
@@ -122,14 +122,14 @@ class RecordingRow:
 
 
 @lru_cache(maxsize=32)
-def _played(name: str, stiffness: float, friction: float) -> Recorded:
+def played(name: str, stiffness: float, friction: float) -> Recorded:
     case = next(each for each in (*CASES, PIN) if each.name == name)
     return play(SETUP.rig(), case.make(stiffness, friction), case.strokes)
 
 
 PIN = Case(
     "pin",
-    lambda stiffness, mu: TouchObject("cylinder", CENTRE, AXIS, _PIN_M, 0.12, stiffness, mu),
+    lambda stiffness, mu: TouchObject("cylinder", CENTRE, AXIS, PIN_M, 0.12, stiffness, mu),
     next(each for each in CASES if each.name == "cylinder").strokes,
 )
 
@@ -231,7 +231,7 @@ def run(draws: int, seed: int, cells: Sequence[Cell] = CELLS) -> list[RecordingR
     """All cells with so many draws each, of rig and noise."""
     rows = []
     for number, cell in enumerate(progress(cells, "recordings", len(cells))):
-        recorded = lengthened(_played(cell.case, cell.stiffness_N_m, cell.friction), cell.frames)
+        recorded = lengthened(played(cell.case, cell.stiffness_N_m, cell.friction), cell.frames)
         judged = []
         for index in range(draws):
             rng = np.random.default_rng((seed, number, index))
@@ -261,8 +261,8 @@ class KnownRow:
 
 def recalibrated(draws: int, seed: int) -> KnownRow:
     """A pin stroked with rigs that are off, and the same rigs on a sphere afterwards."""
-    pin, sphere = _played("pin", RIGID, 0.1), _played("sphere", RIGID, 0.1)
-    line = KnownLine(CENTRE, AXIS, _PIN_M, _PIN_STD_M)
+    pin, sphere = played("pin", RIGID, 0.1), played("sphere", RIGID, 0.1)
+    line = KnownLine(CENTRE, AXIS, PIN_M, PIN_STD_M)
     errors: dict[str, list[np.ndarray]] = {"off": [], "recalibrated": [], "fresh": []}
     updated, worst = 0, []
     for index in range(draws):
@@ -297,7 +297,7 @@ def _apart(rig: Rig, other: Rig) -> np.ndarray:
 def long_seconds(frames: int, seed: int) -> tuple[float, Refined]:
     """Processor time to refine so many frames."""
     rng = np.random.default_rng((seed, 99))
-    recorded = lengthened(_played("cylinder", RIGID, 0.3), frames)
+    recorded = lengthened(played("cylinder", RIGID, 0.3), frames)
     recorded = recorded.noisy(rng, drawn_truth(replace(SETUP, exact=False).rig(), rng))
     found, lines = contacts(recorded), measured(recorded)
     start = time.process_time()

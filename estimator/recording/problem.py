@@ -66,6 +66,7 @@ class Equations:
     information, side : (B, S, S), (B, S) of the shared steps by each frame, without prior.
     touch : (B, 6) contact point and force, antenna frame. by_own, by_shared : (B, 6, 4), (B, 6, S) derivatives.
     tangent : (B, 3) of the antenna at the contact. reading : (B,) residual of the moment about y, in deviations.
+    sound : (B,) bool; the others left the model's domain, and say nothing.
     """
 
     own_covariance: np.ndarray
@@ -78,6 +79,7 @@ class Equations:
     by_shared: np.ndarray
     tangent: np.ndarray
     reading: np.ndarray
+    sound: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,6 +215,9 @@ class Problem:
         weight[:, UNKNOWNS:] = 1.0
         whole[:, diagonal, diagonal] += weight
         side[:, own] += pull
+        sound = np.isfinite(whole).all(axis=(1, 2)) & np.isfinite(side).all(axis=1)
+        sound &= (np.einsum("bii->bi", whole)[:, own] > 0.0).all(axis=1)
+        whole[~sound], side[~sound] = np.eye(whole.shape[1]), 0.0
         mine = whole[:, own, own]
         fixed = mine.copy()
         fixed[self.held[rows], 0, 0] += _HELD * np.maximum(mine[self.held[rows], 0, 0], 1.0)
@@ -220,7 +225,7 @@ class Problem:
         inverse = np.linalg.inv(fixed * scale[:, :, None] * scale[:, None, :]) * scale[:, :, None] * scale[:, None, :]
         through = inverse @ whole[:, own, shared]
         step = np.einsum("bij,bj->bi", inverse, side[:, own])
-        information = whole[:, shared, shared] - whole[:, shared, own] @ through
+        information = sound[:, None, None] * (whole[:, shared, shared] - whole[:, shared, own] @ through)
         # a distance at the tip gets the deviation that it would have if it were free
         free = np.linalg.inv(mine * scale[:, :, None] * scale[:, None, :]) * scale[:, :, None] * scale[:, None, :]
         return Equations(
@@ -234,4 +239,5 @@ class Problem:
             by_shared=touch_columns[:, :, shared],
             tangent=found.tangents[:, :, CONTACT],
             reading=found.residual[:, 0],
+            sound=sound,
         )

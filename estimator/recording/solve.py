@@ -22,8 +22,10 @@ _ROUNDS, _SMALL_CHANGE = 4, 0.1
 """Frames are weighed anew until no weight changes by more."""
 _SEEN = 0.05
 """Directions of the shared errors that a group of frames tells to more than this part of what is known beforehand."""
-_DOUBTED, _FOREIGN = 1e-2, 1e-6
-"""Probabilities below which a frame or stroke counts less, and below which it does not belong."""
+_DOUBTED, _FOREIGN, _BEYOND_DOUBT = 1e-2, 1e-6, 1e-9
+"""Probabilities below which a frame counts less; below which it, or its stroke, does not belong; and below which it is
+not even begun with, unless more than a part `_FEW` of all are such."""
+_FEW = 0.4
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +89,7 @@ def solved(problem: Problem, start: State, strokes: np.ndarray, widening: float 
     chosen = spread_evenly(len(problem.touching), MOST)
     few, labels = problem.picked(chosen, MOST), strokes[chosen]
     state = State(start.unknowns[chosen], start.shared)
-    weight, foreign = np.ones(len(chosen)), np.zeros(0, strokes.dtype)
+    weight, foreign = _beginning(few, state, labels), np.zeros(0, strokes.dtype)
     for _ in range(_ROUNDS):
         state, equations, total, converged = _descended(few, state, weight, prior)
         pull = _pull(few, state, equations)
@@ -121,12 +123,32 @@ def solved(problem: Problem, start: State, strokes: np.ndarray, widening: float 
     )
 
 
+def _beginning(problem: Problem, state: State, strokes: np.ndarray) -> np.ndarray:
+    """(B,) weights to begin with: 0 for frames and strokes that contradict the calibration beyond doubt, if most do
+    not: they would lead the others astray."""
+    equations = problem.equations(state)
+    labels, which = np.unique(strokes, return_inverse=True)
+    sums = np.eye(len(labels))[:, which]
+    weight = np.ones(len(strokes))
+    for information, pull, of in (
+        (equations.information, equations.side, np.arange(len(strokes))),
+        (np.einsum("gb,bst->gst", sums, equations.information), sums @ equations.side, which),
+    ):
+        values, vectors = np.linalg.eigh(information)
+        told = values > _SEEN
+        along = np.einsum("gsk,gs->gk", vectors, pull)
+        square = np.where(told, along**2 / np.where(told, values + values**2, 1.0), 0.0).sum(axis=1)
+        weight[(_p(square, told.sum(axis=1)) < _BEYOND_DOUBT)[of]] = 0.0
+    weight[~equations.sound] = 0.0
+    return weight if np.mean(weight) > 1.0 - _FEW else np.where(equations.sound, 1.0, 0.0)
+
+
 def _judged(equations: Equations, pull: np.ndarray, total: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(B,) probability that frames that belong disagree as much with the rest, and the weight that leaves them."""
     square, freedom = disagreement(equations.information, pull, total)
     p = _p(square, freedom)
     weight = np.where(p < _DOUBTED, freedom / np.maximum(square, 1e-9), 1.0)
-    return p, np.where(p < _FOREIGN, 0.0, weight)
+    return p, np.where((p < _FOREIGN) | ~equations.sound, 0.0, weight)
 
 
 def _pull(problem: Problem, state: State, equations: Equations) -> np.ndarray:
@@ -181,7 +203,9 @@ def _descended(
         side = weight @ equations.side + free_side.sum(axis=0)
         here = state.shared - _ahead(problem, state)
         total = 0.5 * (total + total.T) + np.diag(prior)
-        step = np.linalg.solve(total, side - prior * here)
+        step = np.linalg.solve(total, side - prior * here) if np.isfinite(total).all() else np.full(len(side), np.nan)
+        if not np.isfinite(step).all():
+            return state, equations, np.diag(prior), False
         own = equations.step - np.einsum("bks,s->bk", equations.through, step)
         moved = here + step - state.shared
         far = max(float(np.sqrt(moved @ total @ moved / max(len(moved), 1))), _length(own, equations))
