@@ -7,11 +7,18 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from estimator.contact.estimate import ContactEstimator
+    from estimator.recording.refined import Refined, refine
     from estimator.table.contacts import Contact, Measured
 
-__all__ = ["Contact", "ContactEstimator", "Measured"]
+__all__ = ["Contact", "ContactEstimator", "Measured", "Refined", "refine"]
 
-_HOMES = {"Contact": ".table.contacts", "Measured": ".table.contacts", "ContactEstimator": ".contact.estimate"}
+_HOMES = {
+    "Contact": ".table.contacts",
+    "Measured": ".table.contacts",
+    "ContactEstimator": ".contact.estimate",
+    "Refined": ".recording.refined",
+    "refine": ".recording.refined",
+}
 
 
 def __getattr__(name: str) -> Any:

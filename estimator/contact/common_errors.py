@@ -92,7 +92,7 @@ def _moved(
     rotation, _ = rig_arrays.rig.kinematics.world_antenna(pan, tilt)
     gravity = np.einsum("bji,j->bi", rotation, rig_arrays.rig.gravity_world_m_s2)
     frames = empty_frames(rig_arrays, gravity)
-    unknowns = _unknowns(frames, table, rows)
+    unknowns = unknowns_of(frames, table, rows)
     read = np.isfinite(table.moment_residual_Nm[rows]) & (rig_arrays.gain[0] != 0.0)
     seen = noise_free_frames(frames, _RUNG, unknowns, np.stack([read, 0.0 * read], axis=1), point_per_px=False)
     by_error = _errors(seen, unknowns, table.distance_std_m[rows] / rig_arrays.length_m)
@@ -113,7 +113,7 @@ def _moved(
     return -whole.reshape(len(rows), 9, -1)
 
 
-def _unknowns(frames: Frames, table: ContactTable, rows: np.ndarray) -> np.ndarray:
+def unknowns_of(frames: Frames, table: ContactTable, rows: np.ndarray) -> np.ndarray:
     """(B, 4) `rig_arrays.UNKNOWNS` of contacts: the push that, with its friction, makes the forces of the table."""
     rig_arrays = frames.rig_arrays
     force = np.stack([table.force_y_N[rows], table.force_z_N[rows]], axis=1)

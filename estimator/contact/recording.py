@@ -149,9 +149,7 @@ def _along(rig: Rig, glance: FirstDetection, rough: RoughFit) -> Detection:
         again = without_other_things(glance.picture, again, rig.image.looks)
     line = again if len(again.points_px) >= SECOND_LOOK * len(glance.line.points_px) else glance.line
     # a line that is doubted on a closer look, though not on the first, makes no contact
-    return Detection(
-        line, replace(measured(rig, glance.frame, line if line.found else NOTHING), start=rough.unknowns)
-    )
+    return Detection(line, replace(measured(rig, glance.frame, line if line.found else NOTHING), start=rough.unknowns))
 
 
 def detections(estimator: ContactEstimator, glances: Iterable[FirstDetection]) -> Iterator[Detection]:
@@ -230,6 +228,17 @@ def estimate_pictures(
         yield FrameContact(frame, said, seen.measured, seen.line)
 
 
+def measured_recording(
+    estimator: ContactEstimator, session: Session, frames: Sequence[Frame], ground: Ground | None = None
+) -> Iterator[Measured]:
+    """What every frame of a session's recording offers to a fit, in order, as `estimate_recording` takes it."""
+    if frames[0].image is None:
+        lines = _lines(session, frames)
+        return (_measured_points(estimator.rig, frame, lines) for frame in frames)
+    firsts = _in_order(first_detection(estimator, frame, ground) for frame in frames)
+    return (each.measured for each in detections(estimator, firsts))
+
+
 def estimate_picture(estimator: ContactEstimator, frame: Frame, ground: Ground | None = None) -> FrameContact:
     """One frame from its picture, as `estimate_pictures` does it but for its motion."""
     return next(estimate_pictures(estimator, [frame], ground))
@@ -257,6 +266,11 @@ def estimate_recording(
     """Every frame of a session's recording, in order; none is dropped. The ground is taken off every picture."""
     if frames[0].image is not None:
         return estimate_pictures(estimator, frames, ground)
+    return estimate_centrelines(estimator, frames, _lines(session, frames))
+
+
+def _lines(session: Session, frames: Sequence[Frame]) -> Mapping[int, np.ndarray]:
+    """Ready centrelines by frame. Raises InputError for one of no frame."""
     lines = read_centrelines(session)
     unknown = set(lines) - {frame.frame for frame in frames}
     if unknown:
@@ -265,4 +279,4 @@ def estimate_recording(
             where=session.root / "recording" / "centrelines.csv",
             remedy="give every frame its row in recording.csv",
         )
-    return estimate_centrelines(estimator, frames, lines)
+    return lines

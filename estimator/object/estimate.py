@@ -74,13 +74,16 @@ class ObjectEstimate:
         }
 
 
-def estimate_object(table: ContactTable, rig: Rig | None = None, friction_rad: float | None = None) -> ObjectEstimate:
+def estimate_object(
+    table: ContactTable, rig: Rig | None = None, friction_rad: float | None = None, *, events: bool = True
+) -> ObjectEstimate:
     """What the contacts of one object that stood still say of it; the frames are in order of time.
 
     Without the rig that they were made with the antenna has no radius, and which of the errors are common is not known:
     the shape takes them for each frame's own, friction for both. `friction_rad` is what the contacts were estimated
-    with, by default what the table says. Raises InputError where no frame has a contact point with its force, or where
-    the contacts are not of this rig.
+    with, by default what the table says. Without `events` the track says how each frame moves, not when contact began
+    and ended. Raises InputError where no frame has a contact point with its force, or where the contacts are not of
+    this rig.
     """
     touches_of(table)  # says what is missing before any work
     friction_rad = table.assumed_friction_rad if friction_rad is None else friction_rad
@@ -91,7 +94,7 @@ def estimate_object(table: ContactTable, rig: Rig | None = None, friction_rad: f
     known = Normals(surface.touched_normal, surface.touched_normal_covariance).std_rad < NORMAL_KNOWN_RAD
     normals = np.full((len(table), 3), np.nan)
     normals[surface.touched_row[known]] = surface.touched_normal[known]
-    track = follow(table, rig, shared, normals)
+    track = follow(table, rig, shared, normals, events=events)
     return ObjectEstimate(track, surface, friction(table, surface, track, shared, friction_rad, rig), shared)
 
 

@@ -20,6 +20,7 @@ from .normal_equations import linearise, nearest_feet, normal_equations, prior_o
 from .numbers import angle_edge_on
 from .prediction import predict, rig_jacobian
 from .rig_arrays import ANTENNA, UNKNOWNS, RigArrays, RigRecord
+from .uncertainty import huber_excess
 
 
 class Linearised(NamedTuple):
@@ -32,6 +33,7 @@ class Linearised(NamedTuple):
     residual : (B, 3) of the readings, in deviations. readings : (B, 3, K) derivatives of what is predicted of them.
     information, side, prior : (B, K, K), (B, K), (B, K) normal equations about the contacts, and what of the diagonal
         is prior.
+    excess : (B,) Σψ²/Σw of the points' Huber ψ and weights, about 1 where they scatter as their deviations say.
     """
 
     tangents: np.ndarray
@@ -42,12 +44,13 @@ class Linearised(NamedTuple):
     information: np.ndarray
     side: np.ndarray
     prior: np.ndarray
+    excess: np.ndarray
 
 
 def linearised(frames: Frames, rung: str, unknowns: np.ndarray) -> Linearised:
     """The frames at unknowns (B, 4), the rig as calibrated."""
     count, size = len(frames), UNKNOWNS + frames.rig_arrays.steps
-    shapes = ((3, NODES), (6,), (6, size), (3,), (3, size), (size, size), (size,), (size,))
+    shapes = ((3, NODES), (6,), (6, size), (3,), (3, size), (size, size), (size,), (size,), ())
     found = Linearised(*(np.empty((count, *shape)) for shape in shapes))
     rig = frames.rig_arrays
     _linearise(rig.tables, rig.lens, frames.tables, RUNGS.index(rung), np.ascontiguousarray(unknowns, float), found)
@@ -74,6 +77,7 @@ def _linearise(rig_tables, lens_tables, tables, rung, unknowns, found):
         found.side[index] = fit.side[: fit.size]
         for a in range(fit.size):
             found.prior[index, a] = prior_of(rig, fit, a)
+        found.excess[index] = huber_excess(fit)
 
 
 def edge_on(rig_arrays: RigArrays, unknowns: np.ndarray) -> np.ndarray:

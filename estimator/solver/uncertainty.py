@@ -169,16 +169,22 @@ def _reading_std(fit, found, fitted):
 
 
 @compiled
-def _huber_variance_inflation(fit):
-    """Σψ²/Σw of Huber's ψ and weights, where it is more than noise gives, else 1."""
+def huber_excess(fit):
+    """Σψ²/Σw of Huber's ψ and weights."""
     count, square, total, by_scatter = len(fit.distance), 0.0, 0.0, 1.0 / fit.numbers[SCATTER]
     for i in range(count):
         whitened = abs(fit.distance[i]) * np.sqrt(fit.precision[i]) * by_scatter
         weight = HUBER / max(whitened, HUBER)
         square += (weight * whitened) ** 2
         total += weight
-    factor = square / max(total, 1e-30)
-    return factor if factor > 1.0 + EXCESS_SCATTER / np.sqrt(count + 1e-30) else 1.0
+    return square / max(total, 1e-30)
+
+
+@compiled
+def _huber_variance_inflation(fit):
+    """`huber_excess` where it is more than noise gives, else 1."""
+    factor = huber_excess(fit)
+    return factor if factor > 1.0 + EXCESS_SCATTER / np.sqrt(len(fit.distance) + 1e-30) else 1.0
 
 
 @compiled

@@ -4,6 +4,7 @@ from .centrelines import Centrelines, read_centrelines
 from .drift import DRIFTS, LAB, Drift, FileDrift
 from .settings import (
     SCHEMA,
+    KnownObject,
     LoadReadings,
     MomentSensor,
     NominalAntenna,

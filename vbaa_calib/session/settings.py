@@ -230,6 +230,26 @@ class Shutter:
     ] = 0.0
 
 
+def _direction(values: np.ndarray) -> np.ndarray:
+    length = float(np.linalg.norm(values))
+    if length < 1e-9:
+        raise ValueError("has no length", "three numbers, not all zero, are needed")
+    return values / length
+
+
+@dataclass(frozen=True, eq=False)
+class KnownObject:
+    """A straight pin or edge at a measured place in the world, which the recording's contacts are on."""
+
+    shape: Literal["pin", "edge"]
+    position_m: Annotated[np.ndarray, ArrayOf(3, ge=-100, le=100)]
+    direction: Annotated[np.ndarray, ArrayOf(3, ge=-1e6, le=1e6), AfterValidator(_direction)]
+    std_m: Annotated[
+        Number, Field(gt=0, le=0.1, description="how well its place is known, per axis; the same error in all frames")
+    ]
+    radius_m: Annotated[Number, Field(ge=0, le=1, description="of the pin, or of the edge's rounding; 0: sharp")] = 0.0
+
+
 class SessionFile(FileModel):
     """session.yaml: what is known of a rig before it is calibrated."""
 
@@ -254,6 +274,9 @@ class SessionFile(FileModel):
         FileDrift | None, Field(description="what may change between calibration and recording; null: as rig.json says")
     ] = None
     camera: Shutter | None = None
+    known_object: Annotated[
+        KnownObject | None, Field(description="what the recording touches, if its place is known; for `vbaa refine`")
+    ] = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -267,6 +290,7 @@ class Session:
     second_moment_sensor : about z, calibrated elsewhere; None where there is none.
     drift : what may change between calibration and recording; None where session.yaml does not say.
     shutter : of the recording's camera, as far as session.yaml says it.
+    known_object : what the recording touches, where its place is known.
     """
 
     root: Path
@@ -285,6 +309,7 @@ class Session:
     second_moment_sensor: MomentSensor | None = None
     drift: Drift | None = None
     shutter: Shutter = Shutter()
+    known_object: KnownObject | None = None
 
     @property
     def possible_drift(self) -> Drift:
@@ -336,6 +361,7 @@ def session_from(data: Mapping[str, Any], root: Path, path: object) -> Session:
         second_moment_sensor=read.second_moment_sensor,
         drift=read.drift,
         shutter=read.camera or Shutter(),
+        known_object=read.known_object,
     )
 
 

@@ -3,7 +3,7 @@ common; and the normals as the force has confirmed them."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -52,6 +52,7 @@ _NEIGHBOURS, _NEAR_S, _SAME_WAY = 2, 0.07, 0.5
 # A friction angle is seen where its deviation falls to so much of the one before the frame was seen. Above that the
 # prior, which is taken out again, would be most of what is left.
 _SEEN = 0.5
+_RELABELLED = 4  # times that touches inside the cone may turn out not to slide as they seem to, at most
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,8 +102,7 @@ def friction(
     the friction angle that the contacts were estimated with. The rig is for ν.
     """
     rubs, axes, found = friction_touches(table, surface, track, shared, friction_rad)
-    evidence = Evidence.of(rubs)
-    mu = coefficient(evidence) if len(evidence.touch) else None
+    rubs, mu = _fitted(rubs)
     determined, reason, interval = judge(rubs, mu)
     rows, normal = surface.touched_row, surface.touched_normal
     # where the shape does not determine the turn about the antenna
@@ -134,6 +134,30 @@ def friction(
             Normals(normal, covariance), axes, rubs, found, mu if informative else None, interval[1]
         ),
     )
+
+
+def _fitted(rubs: FrictionTouches) -> tuple[FrictionTouches, Coefficient | None]:
+    """The touches' coefficient, None where none can be used, and the touches as they took part in it.
+
+    The slip is an average over some frames. Where the push changes faster, a contact slides to and fro along the
+    antenna, and its friction lies across it by less than the average slip says: inside the cone, where a touch that
+    does not surely slide may lie.
+    """
+    for _ in range(_RELABELLED):
+        evidence = Evidence.of(rubs)
+        if not len(evidence.touch):
+            return rubs, None
+        mu = coefficient(evidence)
+        best = int(np.argmin(mu.fits.cost))
+        expected, off = evidence.expected(mu.fits.mu[best : best + 1])[0], mu.fits.off[best]
+        inside = evidence.slides & evidence.lateral & (np.abs(off) > WRONG) & (off * expected < 0.0)
+        if not inside.any():
+            break
+        which = evidence.touch[inside]
+        used, slides = rubs.used_as.copy(), rubs.slides.copy()
+        used[which], slides[which] = STICKING, False
+        rubs = replace(rubs, used_as=used, slides=slides)
+    return rubs, mu
 
 
 def _update_normals(
@@ -308,15 +332,7 @@ def friction_touches(
     known = np.sqrt(np.maximum(turned, 0.0)) < NORMAL_KNOWN_RAD
     across = sound & side_by_side & known & (found.whole_std_rad < _FORCE_KNOWN_RAD)
     along = sound & np.isfinite(seen.angle_rad) & np.isfinite(seen.std_rad)
-    # in the midst of sliding one way
-    sliding, way = track.phase == "sliding", np.nan_to_num(_unit(track.slip_velocity_m_s))
-    steady = sliding.copy()
-    for step in range(-_NEIGHBOURS, _NEIGHBOURS + 1):
-        at = np.arange(len(sliding)) + step
-        there = np.clip(at, 0, len(sliding) - 1)
-        alike = (at == there) & sliding[there] & (_dot(way, way[there]) > _SAME_WAY)
-        steady &= alike | ((abs(step) > 1) & (np.abs(table.time_s[there] - table.time_s) > _NEAR_S))
-    slides = steady[rows] & np.isfinite(slip_std)
+    slides = steady_slides(track, table.time_s)[rows] & np.isfinite(slip_std)
     # common errors of the forces, of the friction angle's prior, of the normals
     lateral_modes = np.hstack([found.modes_rad, np.zeros((len(rows), 1)), common])
     longitudinal_modes = np.hstack([seen.modes_rad, np.zeros_like(common)])
@@ -339,6 +355,18 @@ def friction_touches(
         slip_std_rad=slip_std,
     )
     return rubs, axes, found
+
+
+def steady_slides(track: Track, time_s: np.ndarray) -> np.ndarray:
+    """(B,) bool: frames that slide for certain, in the midst of sliding one way."""
+    sliding, way = track.phase == "sliding", np.nan_to_num(_unit(track.slip_velocity_m_s))
+    steady = sliding.copy()
+    for step in range(-_NEIGHBOURS, _NEIGHBOURS + 1):
+        at = np.arange(len(sliding)) + step
+        there = np.clip(at, 0, len(sliding) - 1)
+        alike = (at == there) & sliding[there] & (_dot(way, way[there]) > _SAME_WAY)
+        steady &= alike | ((abs(step) > 1) & (np.abs(time_s[there] - time_s) > _NEAR_S))
+    return steady
 
 
 def _friction_angles(

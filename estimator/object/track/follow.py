@@ -58,12 +58,14 @@ def follow(
     rig: Rig | None = None,
     shared: CommonErrors | None = None,
     normal_world: np.ndarray | None = None,
+    *,
+    events: bool = True,
 ) -> Track:
     """What happens in a recording: first contact, loss, sticking and sliding, ringing.
 
     The rig separates calibration errors from noise and gives the joints' motion and the antenna's frequency; `shared`
     is `shared_errors(rig, table)`, where it is known already, `normal_world` (B, 3) the object's outward normals where
-    something better than the forces' direction is known; NaN elsewhere.
+    something better than the forces' direction is known; NaN elsewhere. Without `events` only the frames' motion.
     """
     if shared is None:
         shared = CommonErrors.none(table) if rig is None else shared_errors(rig, table)
@@ -82,14 +84,14 @@ def follow(
         widest = np.linalg.eigvalsh(moving.parts_m2_s2[sound]).max(axis=-1)
         std[rows[sound]] = np.sqrt(np.maximum(widest, 0.0))
         phase[rows] = _phases(moving, radius)
-    events = contact_events(table, contact)
-    for change, event in zip(contact.changes, events, strict=True):
+    happened = contact_events(table, contact) if events else []
+    for change, event in zip(contact.changes, happened, strict=events):
         if np.isfinite(event.time_s):  # frames between a change and its detection belong to what follows
             late = change.known_before[table.time_s[change.known_before] > event.time_s]
             late = late[np.isin(phase[late], (FREE, TOUCHING))]
             phase[late] = TOUCHING if change.begins else FREE
-    events += slip_events(table, phase, strokes)
-    events += ringing_events(table, ringing, None if rig is None else Beam.of(rig))
+    happened += slip_events(table, phase, strokes)
+    happened += ringing_events(table, ringing, None if rig is None else Beam.of(rig))
     time_of = dict(zip(table.frame.tolist(), table.time_s.tolist(), strict=True))
     return Track(
         phase=phase,
@@ -99,7 +101,9 @@ def follow(
         lateral_m_s=parts[:, 1],
         slip_covariance_m2_s2=covariance,
         ringing=ringing,
-        events=tuple(sorted(events, key=lambda each: each.time_s if np.isfinite(each.time_s) else time_of[each.frame])),
+        events=tuple(
+            sorted(happened, key=lambda each: each.time_s if np.isfinite(each.time_s) else time_of[each.frame])
+        ),
         notes=tuple(_notes(table, contact, shared)),
     )
 

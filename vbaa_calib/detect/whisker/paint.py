@@ -20,8 +20,8 @@ from .finder import AntennaFinder
 OPPONENTS = ((0.5, 0.5, -1.0), (0.5, -1.0, 0.5), (-1.0, 0.5, 0.5))
 """Weights (b, g, r) of pictures that show one colour against the two others."""
 WELL_SEEN, ENOUGH, CLEARLY_MORE = 0.9, 0.7, 0.1
-"""A paint that sees so much of the antenna is good enough; of those that see less, one polarity, by brightness or by
-nearness to the antenna's colour, that sees the second: one that changes along the antenna sees it in much else, and must
+"""A paint that sees so much of the antenna is good enough; of those that see less, one polarity, by brightness or
+by nearness to the antenna's colour, that sees the second: one that changes along the antenna sees it in much else, and must
 see so much more than the others where they do not see enough."""
 
 
@@ -173,7 +173,7 @@ Looks = tuple[tuple[float, ...], ...]
 
 
 def look_of(image: np.ndarray, line: Centreline) -> np.ndarray:
-    """(PLACES, C) mean colour of an antenna found in a picture (H, W[, 3]) along its guide; NaN where it is not seen."""
+    """(PLACES, C) mean colour of an antenna found in a picture (H, W[, 3]) along its guide; NaN where unseen."""
     place = np.minimum((_shares(line) * PLACES).astype(int), PLACES - 1)
     colours = _sampled(image, line.points_px, 0.0)
     means = np.full((PLACES, colours.shape[1]), np.nan)

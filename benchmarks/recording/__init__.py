@@ -1,0 +1,1 @@
+"""Recordings refined as one, against what is true of them."""

@@ -1,0 +1,331 @@
+"""`vbaa bench recording`: recordings refined as one, and frame by frame, against the truth and against their bound.
+
+Recordings are the static rod's with Coulomb friction (`benchmarks.object.scenes`); each draw has a rig that is off by
+one draw of its calibration's covariance, and noise of its own.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+
+from benchmarks.estimator.setup import drawn_truth
+from benchmarks.harness import Draws, Findings, Options, column, rms, row_of, table
+from benchmarks.object.scenes import AXIS, CASES, CENTRE, RIGID, SETUP, SOFT, Case, Recorded, contacts, play
+from estimator.recording import KnownLine, Refined, refine
+from estimator.recording.problem import FrictionPrior
+from estimator.recording.refined import begun
+from estimator.table.contacts import ContactTable, Measured
+from vbaa_calib.core.console import progress
+from vbaa_calib.rig import Rig
+from vbaa_calib.simulate.scene.objects import TouchObject
+
+_WIDE = 1.96
+_WORSE = 0.2
+"""Deviations by which a refined distance may be farther off than the frame-wise one."""
+_KNOWN_ANGLE_RAD = 1e-3
+"""The bound's friction angle: known."""
+PLAYED = 296
+"""Frames of a recording as it is played; longer ones repeat it with other noise, shorter ones are its first frames."""
+LONG = 10_000
+PIN_M, PIN_STD_M = 2e-3, 5e-5
+_OFF, _GOAL = 3.0, 1.2
+"""How many deviations a rig is off before it is recalibrated, and how near it is to come to a fresh calibration."""
+
+
+@dataclass(frozen=True)
+class Cell:
+    """An object under one condition, and how many frames touch it."""
+
+    case: str
+    stiffness_N_m: float
+    friction: float
+    frames: int = PLAYED
+
+
+CELLS = (
+    *(Cell(name, RIGID, mu) for name in ("sphere", "cylinder") for mu in (0.0, 0.1, 0.3, 0.6)),
+    Cell("box edge", RIGID, 0.3),
+    Cell("free form", RIGID, 0.3),
+    Cell("sphere", SOFT, 0.3),
+    Cell("cylinder", SOFT, 0.1),
+    Cell("sphere", RIGID, 0.3, 60),
+    Cell("cylinder", RIGID, 0.3, 60),
+    Cell("sphere", RIGID, 0.1, 2000),
+    Cell("cylinder", RIGID, 0.3, 2000),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """One draw: errors of the frames that were refined, frame-wise and refined, and their deviations.
+
+    point_m, refined_m : (P, 3). bound_m : (P,) deviations of the point's three coordinates together, by the bound.
+    held_point : (P, 3), held_distance, held_force : (P,), (P, 2) bool, 95 % intervals that hold the truth.
+    worse : (P,) bool, the distance is farther off by more than `_WORSE` of its frame-wise deviations.
+    mu, mu_held : NaN and False where it is undetermined.
+    """
+
+    frames: np.ndarray
+    point_m: np.ndarray
+    refined_m: np.ndarray
+    bound_m: np.ndarray
+    held_point: np.ndarray
+    held_distance: np.ndarray
+    held_force: np.ndarray
+    worse: np.ndarray
+    foreign: float
+    mu_told: bool
+    mu_held: bool
+    given_back: bool
+    seconds: float
+
+
+def _square(errors: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(np.sum(errors**2, axis=-1)))) if len(errors) else float("nan")
+
+
+def _ratio(draws: Draws) -> float:
+    return _square(draws.refined_m) / _square(draws.point_m)
+
+
+@dataclass(frozen=True)
+class RecordingRow:
+    """One cell over its draws; of the contact points in the world, rms. `bound` : of the recording, with the friction
+    angle known. `worse` : share of frames that are farther off than frame by frame by more than 0.2 deviations.
+
+    held : shares of 95 % intervals that hold the truth, over rigs. `given_back` : share of draws that were not refined.
+    """
+
+    object: str = column("object")
+    stiffness_N_m: float | None = column("k N/m", ".0f")
+    friction: float = column("μ", ".1f")
+    recorded: int = column("frames", "d")
+    draws: int = column("draws", "d", of=len)
+    framewise_mm: float = column("frame-wise mm", ".2f", of=lambda d: 1e3 * _square(d.point_m))
+    refined_mm: float = column("refined mm", ".2f", of=lambda d: 1e3 * _square(d.refined_m))
+    ratio: float = column("ratio", ".2f", of=_ratio)
+    of_bound: float = column("× bound", ".2f", of=lambda d: _square(d.refined_m) / rms(d.bound_m))
+    point_held: float = column("point held %", ".1f", 100.0, of=lambda d: float(d.held_point.mean()))
+    distance_held: float = column("l held %", ".1f", 100.0, of=lambda d: float(d.held_distance.mean()))
+    force_held: float = column("f held %", ".1f", 100.0, of=lambda d: float(d.held_force.mean()))
+    worse: float = column("worse %", ".1f", 100.0, of=lambda d: float(d.worse.mean()))
+    foreign: float = column("foreign", ".1f", of=lambda d: float(d.foreign.mean()))
+    given_back: float = column("given back %", ".0f", 100.0, of=lambda d: float(d.given_back.mean()))
+    mu_told: float = column("μ told", ".2f", of=lambda d: float(d.mu_told.mean()))
+    mu_held: float = column("held", ".2f", of=lambda d: float(d.mu_held.mean()))
+    frame_ms: float = column("ms a frame", ".2f", of=lambda d: 1e3 * float(d.seconds.sum()) / float(d.frames.sum()))
+
+
+@lru_cache(maxsize=32)
+def played(name: str, stiffness: float, friction: float) -> Recorded:
+    case = next(each for each in (*CASES, PIN) if each.name == name)
+    return play(SETUP.rig(), case.make(stiffness, friction), case.strokes)
+
+
+PIN = Case(
+    "pin",
+    lambda stiffness, mu: TouchObject("cylinder", CENTRE, AXIS, PIN_M, 0.12, stiffness, mu),
+    next(each for each in CASES if each.name == "cylinder").strokes,
+)
+
+
+def lengthened(recorded: Recorded, frames: int) -> Recorded:
+    """The first frames of a recording, or the recording over and over, without noise yet."""
+    rows, turns = np.arange(frames) % len(recorded), np.arange(frames) // len(recorded)
+    pause = recorded.time_s[-1] + 1.0
+    picked = {name: getattr(recorded, name)[rows] for name in ("pan_rad", "tilt_rad", "centrelines_px", "moment_Nm")}
+    truth = type(recorded.truth)(*(getattr(recorded.truth, each)[rows] for each in vars(recorded.truth)))
+    return replace(
+        recorded,
+        **picked,
+        time_s=recorded.time_s[rows] + pause * turns,
+        stroke=recorded.stroke[rows] + (recorded.stroke.max() + 1) * turns,
+        T_world_antenna=[recorded.T_world_antenna[row] for row in rows],
+        truth=truth,
+    )
+
+
+def measured(recorded: Recorded) -> list[Measured]:
+    """What the frames offer to a fit."""
+    sigma = np.full(recorded.centrelines_px.shape[1], recorded.sigma_px)
+    columns = recorded.moment_Nm, recorded.pan_rad, recorded.tilt_rad, recorded.time_s
+    return [
+        Measured(line, sigma, float(moment), float(pan), float(tilt), time_s=float(at))
+        for line, moment, pan, tilt, at in zip(recorded.centrelines_px, *columns, strict=True)
+    ]
+
+
+def _true_table(given: ContactTable, recorded: Recorded) -> ContactTable:
+    """The contacts as they are."""
+    truth = recorded.truth
+    along = (truth.force_world_N * truth.tangent_world).sum(axis=1)
+    angle = -np.arcsin(along / np.maximum(np.linalg.norm(truth.force_world_N, axis=1), 1e-12))
+    return replace(
+        given,
+        distance_m=truth.distance_m,
+        force_y_N=truth.force_antenna_N[:, 1],
+        force_z_N=truth.force_antenna_N[:, 2],
+        friction_angle_rad=np.nan_to_num(angle),
+    )
+
+
+def bound_m(table: ContactTable, recorded: Recorded, lines: Sequence[Measured], rows: np.ndarray) -> np.ndarray:
+    """(P,) the joint Cramér–Rao bound of the contact points in these rows, their three coordinates together: about the
+    true contacts and the true rig, with the friction angle known."""
+    known = FrictionPrior(np.zeros(len(rows)), np.full(len(rows), _KNOWN_ANGLE_RAD))
+    at = _true_table(table, recorded)
+    prior = replace(recorded.true, covariance=recorded.given.covariance)
+    problem, state = begun(at, prior, lines, rows, None)
+    known = FrictionPrior(problem.friction_rad * state.unknowns[:, 3], known.std_rad)
+    problem = replace(problem, friction=known)
+    equations = problem.equations(state)
+    free, _ = problem.free_equations(state)
+    total = equations.information.sum(axis=0) + free.sum(axis=0) + np.eye(problem.size)
+    modes = (equations.by_shared - equations.by_own @ equations.through)[:, :3] @ np.linalg.cholesky(
+        np.linalg.inv(total)
+    )
+    own = equations.by_own[:, :3] @ equations.own_covariance @ np.swapaxes(equations.by_own[:, :3], 1, 2)
+    return np.asarray(np.sqrt(np.einsum("bii->b", own) + (modes**2).sum(axis=(1, 2))))
+
+
+def judge(recorded: Recorded) -> Judged:
+    """Estimate a recording frame by frame, refine it, and compare both with the truth."""
+    found = contacts(recorded)
+    lines = measured(recorded)
+    start = time.process_time()
+    as_one = refine(found, recorded.given, lines)
+    seconds = time.process_time() - start
+    truth = recorded.truth
+    rows = np.flatnonzero((as_one.refined | bool(as_one.reason)) & found.located & truth.in_contact)
+    before, after = found.picked(rows), as_one.contacts.picked(rows)
+    point = truth.point_world_m[rows]
+    off, close = before.point_world_m - point, after.point_world_m - point
+    std = np.sqrt(np.einsum("bii->bi", after.covariance_world_m2))
+    l_before, l_after = before.distance_m - truth.distance_m[rows], after.distance_m - truth.distance_m[rows]
+    force = np.stack([after.force_y_N, after.force_z_N], axis=1) - truth.force_antenna_N[rows, 1:]
+    force_std = np.stack([after.force_y_std_N, after.force_z_std_N], axis=1)
+    rub = as_one.friction
+    return Judged(
+        frames=np.array([float(len(recorded))]),
+        point_m=off,
+        refined_m=close,
+        bound_m=bound_m(found, recorded, lines, rows),
+        held_point=np.abs(close) <= _WIDE * std,
+        held_distance=np.abs(l_after) <= _WIDE * after.distance_std_m,
+        held_force=np.abs(force) <= _WIDE * force_std,
+        worse=np.abs(l_after) - np.abs(l_before) > _WORSE * before.distance_std_m,
+        foreign=float(as_one.foreign.sum()),
+        mu_told=rub is not None and rub.determined,
+        mu_held=rub is not None and bool(rub.interval[0] <= recorded.object.friction <= rub.interval[1]),
+        given_back=bool(as_one.reason),
+        seconds=seconds,
+    )
+
+
+def run(draws: int, seed: int, cells: Sequence[Cell] = CELLS) -> list[RecordingRow]:
+    """All cells with so many draws each, of rig and noise."""
+    rows = []
+    for number, cell in enumerate(progress(cells, "recordings", len(cells))):
+        recorded = lengthened(played(cell.case, cell.stiffness_N_m, cell.friction), cell.frames)
+        judged = []
+        for index in range(draws):
+            rng = np.random.default_rng((seed, number, index))
+            judged.append(judge(recorded.noisy(rng, drawn_truth(replace(SETUP, exact=False).rig(), rng))))
+        stiffness = cell.stiffness_N_m if np.isfinite(cell.stiffness_N_m) else None
+        rows.append(row_of(RecordingRow, Draws(judged), cell.case, stiffness, cell.friction, cell.frames))
+    return rows
+
+
+@dataclass(frozen=True)
+class KnownRow:
+    """Rigs that are off by three deviations in every direction, recalibrated by a pin at a known place: rms of the
+    contact points of another recording, frame by frame.
+
+    fresh_mm : with a rig as a calibration leaves it. ratio : recalibrated over fresh. updated : share of rigs that
+    were.
+    """
+
+    draws: int = column("rigs", "d")
+    updated: float = column("updated %", ".0f", 100.0)
+    off_mm: float = column("off mm", ".2f")
+    recalibrated_mm: float = column("recalibrated mm", ".2f")
+    fresh_mm: float = column("fresh mm", ".2f")
+    ratio: float = column("ratio", ".2f")
+    worst: float = column("worst change, std", ".1f")
+
+
+def recalibrated(draws: int, seed: int) -> KnownRow:
+    """A pin stroked with rigs that are off, and the same rigs on a sphere afterwards."""
+    pin, sphere = played("pin", RIGID, 0.1), played("sphere", RIGID, 0.1)
+    line = KnownLine(CENTRE, AXIS, PIN_M, PIN_STD_M)
+    errors: dict[str, list[np.ndarray]] = {"off": [], "recalibrated": [], "fresh": []}
+    updated, worst = 0, []
+    for index in range(draws):
+        rng = np.random.default_rng((seed, 77, index))
+        calibrated = replace(SETUP, exact=False).rig()
+        wide = calibrated.with_covariance(_OFF**2 * calibrated.covariance)
+        off = drawn_truth(wide, rng).with_covariance(calibrated.covariance)
+        touched = pin.noisy(rng, off)
+        found = refine(contacts(touched), off, measured(touched), line)
+        updated += not found.reason
+        std = np.sqrt(np.diag(found.rig.covariance))
+        worst.append(np.abs(_apart(found.rig, SETUP.rig())[std > 0.0] / std[std > 0.0]).max())
+        other = sphere.noisy(rng)
+        for name, rig in (("off", off), ("recalibrated", found.rig), ("fresh", drawn_truth(calibrated, rng))):
+            given = contacts(replace(other, given=rig))
+            right = given.located & other.truth.in_contact
+            errors[name].append((given.point_world_m - other.truth.point_world_m)[right])
+    sizes = {name: 1e3 * _square(np.concatenate(each)) for name, each in errors.items()}
+    ratio = sizes["recalibrated"] / sizes["fresh"]
+    return KnownRow(
+        draws, updated / draws, sizes["off"], sizes["recalibrated"], sizes["fresh"], ratio, float(np.median(worst))
+    )
+
+
+def _apart(rig: Rig, other: Rig) -> np.ndarray:
+    """(17,) difference of the rigs' parameters."""
+    from estimator.recording.refined import change_of
+
+    return change_of(rig, other)[:17]
+
+
+def long_seconds(frames: int, seed: int) -> tuple[float, Refined]:
+    """Processor time to refine so many frames."""
+    rng = np.random.default_rng((seed, 99))
+    recorded = lengthened(played("cylinder", RIGID, 0.3), frames)
+    recorded = recorded.noisy(rng, drawn_truth(replace(SETUP, exact=False).rig(), rng))
+    found, lines = contacts(recorded), measured(recorded)
+    start = time.process_time()
+    as_one = refine(found, recorded.given, lines)
+    return time.process_time() - start, as_one
+
+
+QUICK = (CELLS[1], CELLS[6])
+
+
+def measure(options: Options) -> Findings:
+    """Every cell, recalibration by a known object, and a long recording's time; a draw is one rig and recording."""
+    rows = run(options.draws, options.seed, QUICK if options.quick else CELLS)
+    known = recalibrated(max(options.draws // 2, 1), options.seed)
+    frames = PLAYED if options.quick else LONG
+    seconds, _ = long_seconds(frames, options.seed)
+    text = "\n\n".join(
+        [
+            table(rows, "contact points refined and frame by frame, rms over rigs"),
+            table([known], "rigs off by three deviations, recalibrated by a pin at a known place"),
+            f"{frames} frames refined in {seconds:.1f} s of a processor",
+        ]
+    )
+    ratios, bounds = [row.ratio for row in rows], [row.of_bound for row in rows]
+    return Findings(
+        text,
+        {"recording.csv": rows, "recording_known.csv": [known]},
+        {},
+        {"rows": rows, "known": known, "frames": frames, "seconds": seconds},
+        f"points {min(ratios):.2f} to {max(ratios):.2f} of frame-wise, {max(bounds):.2f} × the bound at most",
+    )

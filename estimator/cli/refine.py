@@ -1,0 +1,147 @@
+"""`vbaa refine contacts.csv --rig rig.json --session SESSION -o refined.csv`: a recording as one."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from estimator.recording import Refined
+    from estimator.table.contacts import ContactTable, Measured
+    from vbaa_calib.rig import Rig
+    from vbaa_calib.session import Session
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `vbaa refine`."""
+    parser.add_argument("contacts", type=Path, help="contacts.csv or .parquet, as vbaa estimate writes it")
+    parser.add_argument("--rig", type=Path, required=True, help="rig.json that the contacts were made with")
+    parser.add_argument("--session", type=Path, required=True, help="the session folder that they were made of")
+    parser.add_argument("-o", "--output", type=Path, required=True, help="refined.csv to write, or .parquet")
+    parser.add_argument(
+        "--update-rig",
+        type=Path,
+        metavar="RIG",
+        help="write the rig as the recording tells it; best with known_object in session.yaml",
+    )
+
+
+def run(args: argparse.Namespace) -> dict[str, Any]:
+    """Solve the recording as one, write refined.csv and, where asked for, the rig."""
+    from estimator.recording import KnownLine, refine
+    from estimator.table.files import check_format, read_contacts, write_contacts
+    from vbaa_calib.core.console import say
+    from vbaa_calib.core.errors import InputError
+    from vbaa_calib.core.files import refuse_overwrite, write_json
+    from vbaa_calib.rig import Rig
+    from vbaa_calib.session import load_session, refuse_measured
+
+    outputs = [args.output] if args.update_rig is None else [args.output, args.update_rig]
+    for path in outputs:
+        refuse_overwrite(path, args.force, (args.contacts, args.rig))
+        refuse_measured(path, args.session)
+    check_format(args.output)
+    if args.update_rig is not None:
+        if args.update_rig.suffix != ".json":
+            raise InputError("is not a .json", where=args.update_rig, remedy="name it something.json")
+        if args.update_rig.resolve() == args.output.resolve():
+            raise InputError("is the contacts' own file", where=args.update_rig, remedy="name another")
+    table, rig, session = read_contacts(args.contacts), Rig.load(args.rig), load_session(args.session)
+    rig = rig if session.drift is None else _with_drift(rig, session)
+    known = None if session.known_object is None else KnownLine.of(session.known_object)
+    try:
+        found = refine(table, rig, _recording(table, rig, session), known)
+    except InputError as error:
+        raise InputError(error.what, where=error.where or args.contacts, remedy=error.remedy) from None
+    write_contacts(args.output, found.contacts.rows(), args.force)
+    if args.update_rig is not None and not found.reason:
+        write_json(args.update_rig, _document(args, found), force=args.force)
+    for line in _words(found):
+        say(line)
+    if args.update_rig is not None and found.reason:
+        say(f"{args.update_rig} is not written")
+        outputs = outputs[:1]
+    say("wrote " + ", ".join(map(str, outputs)))
+    updated = str(args.update_rig) if args.update_rig in outputs else None
+    return {
+        "contacts": str(args.output),
+        "updated_rig": updated,
+        "exit_code": 1 if args.update_rig is not None and updated is None else 0,
+        **found.summary(),
+    }
+
+
+def _with_drift(rig: Rig, session: Session) -> Rig:
+    from dataclasses import replace
+
+    assert session.drift is not None
+    return replace(rig, drift=session.drift)
+
+
+def _recording(table: ContactTable, rig: Rig, session: Session) -> Sequence[Measured]:
+    """What the frames of the table were measured to be. Raises InputError where the session has others."""
+    from dataclasses import replace
+
+    import numpy as np
+
+    from estimator.contact.estimate import ContactEstimator
+    from estimator.contact.recording import measured_recording
+    from vbaa_calib.core.console import progress
+    from vbaa_calib.core.errors import InputError
+    from vbaa_calib.session import check_pictures, read_recording
+
+    frames = {frame.frame: frame for frame in read_recording(session)}
+    where = session.root / "recording" / "recording.csv"
+    unknown = [int(each) for each in table.frame if int(each) not in frames]
+    remedy = "give the session that the contacts were made of"
+    if unknown:
+        raise InputError(f"has no frame {unknown[0]}, which is among the contacts", where=where, remedy=remedy)
+    chosen = [frames[int(each)] for each in table.frame]
+    times = np.abs(np.array([frame.time_s for frame in chosen]) - table.time_s)
+    if (times > 1e-6).any():
+        what = f"frame {int(table.frame[np.argmax(times)])} has another time than among the contacts"
+        raise InputError(what, where=where, remedy=remedy)
+    pictures = [frame.image for frame in chosen if frame.image is not None]
+    check_pictures(pictures, rig.camera.image_size, "the rig was calibrated at")
+    if rig.second_moment_sensor is None:
+        chosen = [replace(frame, moment_z_Nm=np.nan) for frame in chosen]
+    # with --no-moment the readings were left aside
+    silent = np.isnan(table.moment_residual_Nm) & table.located
+    chosen = [replace(frame, moment_Nm=np.nan) if quiet else frame for frame, quiet in zip(chosen, silent, strict=True)]
+    measured = measured_recording(ContactEstimator(rig), session, chosen)
+    return list(progress(measured, "frames", len(chosen)) if pictures else measured)
+
+
+def _words(found: Refined) -> list[str]:
+    if found.reason:
+        return [f"not refined: {found.reason}", "the contacts are as they came"]
+    numbers = found.summary()
+    before, after = (1e3 * (numbers["distance_std_m"][name] or 0.0) for name in ("framewise", "refined"))
+    common = 1e3 * (numbers["distance_shared_std_m"]["refined"] or 0.0)
+    lines = [
+        f"{numbers['refined']} of {numbers['located']} contacts refined: distance known to {after:.2f} mm, "
+        f"{common:.2f} mm of it common to all, by themselves to {before:.2f} mm",
+        f"the rig is off by {found.offness:.1f} of the deviations that its calibration says",
+    ]
+    mu = found.friction
+    if mu is not None:
+        lines.append(f"friction {mu.mu:.3f} ± {mu.std:.3f}, {mu.reason}" if mu.determined else f"friction: {mu.reason}")
+    return [*lines, *found.notes]
+
+
+def _document(args: argparse.Namespace, found: Refined) -> dict[str, Any]:
+    """rig.json as the recording tells it, with where it came from."""
+    from vbaa_calib.core.files import sha256
+
+    inputs = {path.name: sha256(path) for path in (args.rig, args.contacts)}
+    return {
+        **found.rig.to_dict(),
+        "refined": {
+            key: value for key, value in found.summary().items() if key in ("frames", "refined", "notes", "rig")
+        },
+        "inputs_sha256": inputs,
+        "command": list(args.argv),
+    }

@@ -1,0 +1,82 @@
+"""Coulomb's law as what is known of the friction angles of a recording before its frames are fitted."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from estimator.object.friction import Friction, steady_slides
+from estimator.table.contacts import ContactTable
+
+from .problem import FrictionPrior
+
+if TYPE_CHECKING:
+    from estimator.object.track import Track
+
+_LEAST_RAD = 0.01
+"""No friction angle is known better: friction differs a little from place to place."""
+_LATERAL_KNOWN_RAD = 0.15
+"""A force whose direction about the antenna, from the normal, is known to this says what is left along it."""
+_ALONG, _TURN, _RIM = 0.9, 0.2, 0.2
+"""A slip that runs along the antenna by so much, known to that angle, puts friction on the cone's rim, within this part
+of it: a slip is an average over some frames."""
+_CONTRADICTED, _FEW = 3.5, 0.1
+"""A frame contradicts the law by so many deviations; the recording does, if so large a part of those that tell do."""
+_TELLS = 0.5
+"""A frame tells its friction angle if that part of the prior's variance, at least, is gone."""
+
+
+def as_estimated(table: ContactTable, unit_rad: float) -> FrictionPrior:
+    """What frames were estimated with, one by one."""
+    known = np.where(np.isfinite(table.friction_prior_rad), table.friction_prior_rad, unit_rad)
+    return FrictionPrior(np.zeros(len(table)), np.maximum(known, 1e-4))
+
+
+def by_coulomb(table: ContactTable, track: Track, friction: Friction, before: FrictionPrior) -> FrictionPrior | None:
+    """The friction angles (B,) by the coefficient that the recording tells; None where it tells none.
+
+    All of them lie in the cone. Where the shape tells the object's normal, the force's direction λ about the antenna
+    says how much of the cone is left along it: tan²α ≤ μ² − tan²λ, with equality where the contact slides. Where it
+    slides for certain, and along the antenna, the slip tells the sign. At the tip the antenna's normal is not the
+    object's, and nothing is known.
+    """
+    if friction.determined:
+        mu, std = friction.mu, friction.std
+    elif np.isfinite(friction.interval[1]):
+        mu, std = float(friction.interval[1]), 0.0
+    else:
+        return None
+    cone = np.hypot(np.arctan(mu + std), _LEAST_RAD)
+    mean, spread = np.zeros(len(table)), np.full(len(table), cone / np.sqrt(2.0))
+    if not friction.determined:
+        spread = np.minimum(spread, before.std_rad)
+    else:
+        rows, across = friction.row, np.tan(np.clip(friction.lateral_rad, -1.0, 1.0)) / mu if mu > 0.0 else None
+        known = friction.lateral_std_rad < _LATERAL_KNOWN_RAD
+        if across is not None:
+            unsure = friction.lateral_std_rad / mu
+            left = np.maximum(1.0 - across**2, 0.0) + 2.0 * np.abs(across) * unsure + unsure**2
+            rim = np.hypot(np.arctan(mu) * np.sqrt(np.minimum(left, 1.0)), _LEAST_RAD)
+            spread[rows[known]] = np.minimum(rim, spread[rows])[known]
+        speed = np.linalg.norm(track.slip_velocity_m_s, axis=1)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            along, turn = track.longitudinal_m_s / speed, track.slip_std_m_s / speed
+            slides = steady_slides(track, table.time_s) & (np.abs(along) > _ALONG) & (turn < _TURN)
+            lean = np.arctan(mu * along)
+            doubt = np.sqrt((std * along) ** 2 + (_RIM * mu) ** 2 + _LEAST_RAD**2)
+        mean, spread = np.where(slides, lean, mean), np.where(slides, doubt, spread)
+    at_tip = table.status == "tip_contact"
+    return FrictionPrior(np.where(at_tip, before.mean_rad, mean), np.where(at_tip, before.std_rad, spread))
+
+
+def contradicted(prior: FrictionPrior, angle_rad: np.ndarray, std_rad: np.ndarray) -> tuple[np.ndarray, bool]:
+    """Which frames (B,) see another angle than the law has it, and whether so many do that the law does not hold.
+
+    angle_rad, std_rad : (B,) with the prior.
+    """
+    told = prior.std_rad**2 - std_rad**2
+    tells = told > _TELLS * prior.std_rad**2
+    off = np.abs(angle_rad - prior.mean_rad) / np.sqrt(np.maximum(told, 1e-12))
+    wrong = tells & (off > _CONTRADICTED)
+    return wrong, bool(wrong.sum() > max(3, _FEW * tells.sum()))

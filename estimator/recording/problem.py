@@ -1,0 +1,243 @@
+"""All frames of a recording in one problem: each frame's contact is its own, the rig's errors are common to all.
+
+About a state the compiled normal equations of every frame are taken apart into what is the frame's own (distance,
+force, friction angle, errors of its line) and what frames share (steps along the rig's independent axes, errors of all
+lines). The own part is eliminated by the Schur complement, so that the work grows with the number of frames alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from estimator.contact.inputs import Batch
+from estimator.contact.status import ODD_END
+from estimator.solver.convergence import EXCESS_SCATTER
+from estimator.solver.linearised import Linearised, free_antennas, linearised
+from estimator.solver.rig_arrays import UNKNOWNS, RigArrays
+from vbaa_calib.antenna.nodes import CONTACT
+from vbaa_calib.core.robust import huber_weights
+from vbaa_calib.rig import Rig
+
+from .known_object import KnownLine
+
+RUNG = "rod"
+"""All frames are fitted on the highest rung: what a lower one leaves out is the same in neighbours, and adds up."""
+_CHUNK = 512
+_HELD = 1e12
+"""Prior weight of a distance that is fixed at the tip."""
+
+
+@dataclass(frozen=True, eq=False)
+class FrictionPrior:
+    """What Coulomb's law says of the friction angles (B,) beforehand: mean and standard deviation, rad."""
+
+    mean_rad: np.ndarray
+    std_rad: np.ndarray
+
+    def picked(self, which: np.ndarray | slice) -> FrictionPrior:
+        """Of some of the frames."""
+        return FrictionPrior(self.mean_rad[which], self.std_rad[which])
+
+
+def spread_evenly(count: int, most: int) -> np.ndarray:
+    """Indices of all, or of so many of them at most."""
+    return np.unique(np.linspace(0, max(count - 1, 0), min(count, most)).astype(int))
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """Where a recording is: unknowns (B, 4) of the frames as `rig_arrays.UNKNOWNS`, and steps (S,) of what they share:
+    the rig's R axes, the L errors that all lines have in common, the three coordinates of a known object's place."""
+
+    unknowns: np.ndarray
+    shared: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Equations:
+    """Normal equations about a state, each frame's own unknowns eliminated.
+
+    Attributes
+    ----------
+    own_covariance : (B, 4, 4) of the unknowns, with the shared errors known. through : (B, 4, S) how the unknowns
+        follow the shared steps (with the sign of `schur_complement`). step : (B, 4) with the shared steps as they are.
+    information, side : (B, S, S), (B, S) of the shared steps by each frame, without prior.
+    touch : (B, 6) contact point and force, antenna frame. by_own, by_shared : (B, 6, 4), (B, 6, S) derivatives.
+    tangent : (B, 3) of the antenna at the contact. reading : (B,) residual of the moment about y, in deviations.
+    sound : (B,) bool; the others left the model's domain, and say nothing.
+    """
+
+    own_covariance: np.ndarray
+    through: np.ndarray
+    step: np.ndarray
+    information: np.ndarray
+    side: np.ndarray
+    touch: np.ndarray
+    by_own: np.ndarray
+    by_shared: np.ndarray
+    tangent: np.ndarray
+    reading: np.ndarray
+    sound: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """A recording of B contacts and F frames of the free antenna, to be fitted as one.
+
+    Attributes
+    ----------
+    rig : as calibrated, with the drift that may have come since. axes : (17 + P, R) of `RigArrays`, about that rig.
+    friction_rad : unit of the friction angle among the unknowns.
+    touching, free : what was measured. held : (B,) bool, distances that are fixed at the tip.
+    friction : what is known of the friction angles. known : the object that is touched, where it is known.
+    """
+
+    rig: Rig
+    axes: np.ndarray
+    friction_rad: float
+    touching: Batch
+    free: Batch
+    held: np.ndarray
+    friction: FrictionPrior
+    known: KnownLine | None = None
+
+    def picked(self, rows: np.ndarray, most_free: int) -> Problem:
+        """With these contacts alone, and so many free frames at most."""
+        free = self.free[spread_evenly(len(self.free), most_free)]
+        prior, held = self.friction.picked(rows), self.held[rows]
+        return replace(self, touching=self.touching[rows], free=free, held=held, friction=prior)
+
+    @property
+    def lines(self) -> int:
+        """L, how many errors a line has."""
+        return len(self._arrays.line)
+
+    @property
+    def size(self) -> int:
+        """S."""
+        return self.axes.shape[1] + self.lines + (0 if self.known is None else 3)
+
+    @property
+    def _arrays(self) -> RigArrays:
+        return RigArrays.from_rig(self.rig, self.friction_rad)
+
+    def rig_at(self, shared: np.ndarray) -> Rig:
+        """The rig after the shared steps (S,)."""
+        return self.rig.moved(self.axes @ shared[: self.axes.shape[1]])
+
+    def arrays_at(self, shared: np.ndarray) -> RigArrays:
+        """The same for the solver; its axes stay."""
+        return replace(RigArrays.from_rig(self.rig_at(shared), self.friction_rad), axes=self.axes)
+
+    def equations(self, state: State) -> Equations:
+        """Of the contacts, linearised at a state."""
+        arrays, split = self.arrays_at(state.shared), self._split()
+        parts = [
+            self._of_chunk(arrays, split, state, slice(begin, begin + _CHUNK))
+            for begin in range(0, len(self.touching), _CHUNK)
+        ]
+        if not parts:
+            parts = [self._of_chunk(arrays, split, state, slice(0, 0))]
+        return Equations(
+            *(np.concatenate(column) for column in zip(*(vars(part).values() for part in parts), strict=True))
+        )
+
+    def free_equations(self, state: State) -> tuple[np.ndarray, np.ndarray]:
+        """Information (F, S, S) and side (F, S) that the frames of the free antenna give of the shared steps."""
+        arrays, split = self.arrays_at(state.shared), self._split()[UNKNOWNS:]
+        own, size = self.lines, self.size
+        information, side = [np.zeros((0, size, size))], [np.zeros((0, size))]
+        for begin in range(0, len(self.free), _CHUNK):
+            found = free_antennas(self.free[begin : begin + _CHUNK].frames(arrays))
+            steps = found.information.shape[1]
+            whole = split.T @ (found.information - np.eye(steps)) @ split
+            right = found.side @ split
+            whole[:, UNKNOWNS : UNKNOWNS + own, UNKNOWNS : UNKNOWNS + own] += np.eye(own)
+            mine, others = slice(UNKNOWNS, UNKNOWNS + own), slice(UNKNOWNS + own, None)
+            through = np.linalg.solve(whole[:, mine, mine], whole[:, mine, others])
+            information.append(whole[:, others, others] - whole[:, others, mine] @ through)
+            side.append(right[:, others] - np.einsum("bks,bk->bs", through, right[:, mine]))
+        return np.concatenate(information), np.concatenate(side)
+
+    def _split(self) -> np.ndarray:
+        """(4 + R + L, 4 + L + S) a frame's unknowns and steps, from its own ones and the shared ones.
+
+        A line's errors are partly the frame's own, partly common to all: by a lamp that moved.
+        """
+        rig, lines = self.axes.shape[1], self.lines
+        split = np.zeros((UNKNOWNS + rig + lines, UNKNOWNS + lines + self.size))
+        split[:UNKNOWNS, :UNKNOWNS] = np.eye(UNKNOWNS)
+        split[UNKNOWNS : UNKNOWNS + rig, UNKNOWNS + lines : UNKNOWNS + lines + rig] = np.eye(rig)
+        if lines:
+            drift, first = self.rig.drift, UNKNOWNS + lines + rig
+            whole = np.hypot(drift.line_px, drift.light_px)
+            split[UNKNOWNS + rig :, UNKNOWNS : UNKNOWNS + lines] = drift.line_px / whole * np.eye(lines)
+            split[UNKNOWNS + rig :, first : first + lines] = drift.light_px / whole * np.eye(lines)
+        return split
+
+    @staticmethod
+    def _data(found: Linearised, unknowns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Information and side of what was measured alone, the solver's priors taken out."""
+        whole, side = found.information.copy(), found.side.copy()
+        diagonal = np.arange(whole.shape[1])
+        whole[:, diagonal, diagonal] -= found.prior
+        side[:, :UNKNOWNS] += found.prior[:, :UNKNOWNS] * unknowns
+        # an end that lies where the antenna's cannot be is another thing's
+        end, off = found.readings[:, 2], found.residual[:, 2]
+        weight = np.where(np.abs(off) > ODD_END, huber_weights(off), 0.0)
+        whole -= (weight[:, None] * end)[:, :, None] * end[:, None]
+        side -= (weight * off)[:, None] * end
+        return whole, side
+
+    def _of_chunk(self, arrays: RigArrays, split: np.ndarray, state: State, rows: slice) -> Equations:
+        unknowns, batch, prior = state.unknowns[rows], self.touching[rows], self.friction.picked(rows)
+        found = linearised(batch.frames(arrays), RUNG, unknowns)
+        own, shared = slice(0, UNKNOWNS + self.lines), slice(UNKNOWNS + self.lines, None)
+        whole, side = self._data(found, unknowns)
+        points = np.isfinite(batch.points_px).all(axis=-1).sum(axis=1)
+        trust = np.where(found.excess > 1.0 + EXCESS_SCATTER / np.sqrt(points), 1.0 / found.excess, 1.0)
+        whole, side = trust[:, None, None] * (split.T @ whole @ split), trust[:, None] * (side @ split)
+        touch_columns = found.columns @ split
+        if self.known is not None:
+            place = self.rig.kinematics.world_antenna(batch.pan_rad, batch.tilt_rad)
+            radius_m = 0.5 * self.rig.antenna.diameter_m
+            more = self.known.equations(found, touch_columns, *place, radius_m, state.shared[-3:])
+            whole, side = whole + more[0], side + more[1]
+        diagonal = np.arange(UNKNOWNS + self.lines)
+        weight, pull = np.zeros((2, len(unknowns), len(diagonal)))
+        weight[:, 1:3] = found.prior[:, 1:3]
+        pull[:, 1:3] = -found.prior[:, 1:3] * unknowns[:, 1:3]
+        ratio = self.friction_rad / prior.std_rad
+        weight[:, 3] = ratio**2
+        pull[:, 3] = ratio**2 * (prior.mean_rad / self.friction_rad - unknowns[:, 3])
+        weight[:, UNKNOWNS:] = 1.0
+        whole[:, diagonal, diagonal] += weight
+        side[:, own] += pull
+        sound = np.isfinite(whole).all(axis=(1, 2)) & np.isfinite(side).all(axis=1)
+        sound &= (np.einsum("bii->bi", whole)[:, own] > 0.0).all(axis=1)
+        whole[~sound], side[~sound] = np.eye(whole.shape[1]), 0.0
+        mine = whole[:, own, own]
+        fixed = mine.copy()
+        fixed[self.held[rows], 0, 0] += _HELD * np.maximum(mine[self.held[rows], 0, 0], 1.0)
+        scale = 1.0 / np.sqrt(np.einsum("bii->bi", fixed))
+        inverse = np.linalg.inv(fixed * scale[:, :, None] * scale[:, None, :]) * scale[:, :, None] * scale[:, None, :]
+        through = inverse @ whole[:, own, shared]
+        step = np.einsum("bij,bj->bi", inverse, side[:, own])
+        information = sound[:, None, None] * (whole[:, shared, shared] - whole[:, shared, own] @ through)
+        # a distance at the tip gets the deviation that it would have if it were free
+        free = np.linalg.inv(mine * scale[:, :, None] * scale[:, None, :]) * scale[:, :, None] * scale[:, None, :]
+        return Equations(
+            own_covariance=free[:, :UNKNOWNS, :UNKNOWNS],
+            through=through[:, :UNKNOWNS],
+            step=step[:, :UNKNOWNS],
+            information=0.5 * (information + np.swapaxes(information, 1, 2)),
+            side=side[:, shared] - np.einsum("bks,bk->bs", through, side[:, own]),
+            touch=found.point_force,
+            by_own=touch_columns[:, :, :UNKNOWNS],
+            by_shared=touch_columns[:, :, shared],
+            tangent=found.tangents[:, :, CONTACT],
+            reading=found.residual[:, 0],
+            sound=sound,
+        )

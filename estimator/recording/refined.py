@@ -1,0 +1,395 @@
+"""A recording as one: contacts whose rig errors and friction are known as well as all frames together tell them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from estimator.contact.common_errors import empty_frames, unknowns_of
+from estimator.contact.drift import FEWEST_FREE_POINTS, FREE_GAIN
+from estimator.contact.inputs import Batch
+from estimator.contact.status import FEWEST_POINTS
+from estimator.object.estimate import estimate_object
+from estimator.solver.linearised import bend, free_antennas
+from estimator.solver.rig_arrays import UNKNOWNS, RigArrays
+from estimator.table.contacts import COLUMNS, FRICTION_RAD, ContactTable, Measured, joint_angles
+from vbaa_calib.antenna.nodes import CONTACT
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.rig import POSE_PARAMETERS, Rig
+
+from .coulomb import as_estimated, by_coulomb, contradicted
+from .known_object import KnownLine
+from .problem import RUNG, FrictionPrior, Problem, State
+from .solve import Solution, solved
+
+if TYPE_CHECKING:
+    from estimator.object.friction import Friction
+
+_GAP_FRAMES, _GAP_S = 5, 0.5
+"""A stroke ends where so many frames, or so much time, lies before the next contact."""
+_ANOTHER_RIG = 1e-4
+"""Probability below which shared errors as large as the best fit's are not this calibration's."""
+_LARGEST_OFFNESS = 5.0
+"""How many times farther than its deviations say a rig may be off to be recalibrated by a known object."""
+_FOREIGN_SHARE = 0.3
+"""If so large a part of the frames does not belong to the rest, there is no rest."""
+_APART_RAD = 1e-5
+"""Joint angles of contacts and recording that differ by more are of two recordings."""
+
+
+@dataclass(frozen=True, eq=False)
+class Refined:
+    """A recording of B frames as one.
+
+    Attributes
+    ----------
+    contacts : the table with the refined frames' numbers in place of the frame-wise ones; its shared deviations are
+        what is left of rig and friction, which averaging does not lower. framewise : as it came.
+    refined : (B,) bool, which frames were. foreign : (B,) bool, which do not belong to the rest and stay as they were.
+    rig : as all frames together tell it, with what is left of its covariance; the one that came where nothing is.
+    friction : of the object, by the refined contacts; None without its evidence.
+    reason : why nothing was refined; "" where something was. notes : what else there is to say.
+    offness : how far the rig is off, in the deviations that its calibration said. rig_p : that it is so by accident.
+    """
+
+    contacts: ContactTable
+    framewise: ContactTable
+    refined: np.ndarray
+    foreign: np.ndarray
+    rig: Rig
+    calibrated: Rig
+    friction: Friction | None
+    reason: str
+    notes: tuple[str, ...]
+    offness: float
+    rig_p: float
+
+    def summary(self) -> dict[str, Any]:
+        """The numbers as plain data."""
+        rows = self.refined
+        before, after = self.framewise.picked(rows), self.contacts.picked(rows)
+        wide = self.calibrated.drifted()
+        names = wide.parameter_names
+        prior = np.sqrt(np.diag(wide.covariance))
+        left = np.sqrt(np.diag(self.rig.drifted(0.0).covariance)) if not self.reason else prior
+        mu = self.friction
+        return {
+            "frames": len(rows),
+            "located": int(self.framewise.located.sum()),
+            "refined": int(rows.sum()),
+            "foreign": [int(each) for each in self.framewise.frame[self.foreign]],
+            "reason": self.reason,
+            "notes": list(self.notes),
+            "distance_std_m": _pair(before.distance_std_m, after.distance_std_m),
+            "distance_shared_std_m": _pair(before.distance_shared_std_m, after.distance_shared_std_m),
+            "friction": None
+            if mu is None
+            else {
+                "told": mu.determined,
+                "mu": _plain(mu.mu),
+                "std": _plain(mu.std),
+                "interval": [_plain(end) for end in mu.interval],
+                "reason": mu.reason,
+            },
+            "rig": {
+                "offness": _plain(self.offness),
+                "p": _plain(self.rig_p),
+                "parameters": {
+                    name: {"change": float(change), "std": float(own), "prior_std": float(was)}
+                    for name, change, own, was in zip(
+                        names, change_of(self.rig, self.calibrated), left, prior, strict=True
+                    )
+                },
+            },
+        }
+
+
+def _plain(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def _pair(before: np.ndarray, after: np.ndarray) -> dict[str, float | None]:
+    """Root mean squares."""
+    values = (float(np.sqrt(np.mean(each**2))) if len(each) else np.nan for each in (before, after))
+    return dict(zip(("framewise", "refined"), map(_plain, values), strict=True))
+
+
+def refine(contacts: ContactTable, rig: Rig, recording: Sequence[Measured], known: KnownLine | None = None) -> Refined:
+    """One maximum a posteriori problem over all frames of a recording.
+
+    contacts : of `vbaa estimate` with this rig. recording : what each of its B frames was measured to be, in order.
+    rig : as calibrated, with the drift that may have come since. known : the object that is touched, where its place is
+    known.
+
+    Raises
+    ------
+    InputError : contacts and recording are not of one another, or not of this rig; no frame is located.
+    """
+    _check(contacts, rig, recording)
+    rows = _usable(contacts, recording)
+    problem, start = begun(contacts, rig, recording, rows, known)
+    strokes = _strokes(contacts, rows)
+    found = solved(problem, start, strokes)
+    notes: list[str] = []
+    if known is not None and found.prior_p < _ANOTHER_RIG and found.offness < _LARGEST_OFFNESS:
+        found = solved(problem, start, strokes, max(found.offness, 1.0))
+        notes.append(f"the rig is off {found.offness:.1f} times as far as its calibration says; allowed for")
+    reason = _refusal(found, known is not None)
+    if reason:
+        return _framewise(contacts, rig, found, rows, reason)
+    told = _table(contacts, problem, found, rows)
+    friction = None
+    if known is None:
+        learnt = _rig_of(problem, found)
+        friction, prior = _friction(told, learnt, problem, rows)
+        if prior is not None:
+            again = replace(problem, friction=prior)
+            second = solved(again, found.state, strokes)
+            angle = again.friction_rad * second.state.unknowns[:, 3]
+            std = again.friction_rad * np.sqrt(second.equations.own_covariance[:, 3, 3])
+            wrong, broken = contradicted(prior, angle, std)
+            if broken:
+                notes.append(
+                    f"{wrong.sum()} frames see a friction that is not Coulomb's with one coefficient: not used"
+                )
+            else:
+                if wrong.any():
+                    before = problem.friction
+                    kept = FrictionPrior(
+                        np.where(wrong, before.mean_rad, prior.mean_rad), np.where(wrong, before.std_rad, prior.std_rad)
+                    )
+                    again = replace(problem, friction=kept)
+                    second = solved(again, second.state, strokes)
+                problem, found = again, second
+                told = _table(contacts, problem, found, rows)
+    foreign = np.zeros(len(contacts), bool)
+    foreign[rows[found.weight == 0.0]] = True
+    if foreign.any():
+        notes.append(f"{foreign.sum()} frames do not belong to the rest and stay as they were")
+    refined = np.zeros(len(contacts), bool)
+    refined[rows[found.weight > 0.0]] = True
+    return Refined(
+        told,
+        contacts,
+        refined,
+        foreign,
+        _rig_of(problem, found),
+        rig,
+        friction,
+        "",
+        tuple(notes),
+        found.offness,
+        found.prior_p,
+    )
+
+
+def _check(contacts: ContactTable, rig: Rig, recording: Sequence[Measured]) -> None:
+    if len(recording) != len(contacts):
+        raise InputError(
+            f"{len(contacts)} contacts, but {len(recording)} frames", remedy="give the recording that they were made of"
+        )
+    joint_angles(rig.kinematics, contacts)
+    if not contacts.located.any():
+        raise InputError("no frame has a contact point", remedy="estimate a recording in which the antenna touches")
+    apart = np.array([[each.pan_rad, each.tilt_rad] for each in recording]) - np.stack(
+        [contacts.pan_rad, contacts.tilt_rad], axis=1
+    )
+    far = np.abs(apart).max(axis=1) > _APART_RAD
+    if far.any():
+        which = int(contacts.frame[np.argmax(far)])
+        raise InputError(
+            f"frame {which} has other joint angles in the recording than among the contacts",
+            remedy="give the session that the contacts were made of",
+        )
+    longest = float(np.nanmax(np.where(contacts.located, contacts.distance_m, np.nan)))
+    if longest > 1.001 * rig.antenna.length_m:
+        raise InputError(
+            f"a contact lies {longest:.3f} m along the antenna, which is {rig.antenna.length_m:.3f} m long",
+            remedy="give the rig.json that the contacts were made with",
+        )
+
+
+def _usable(contacts: ContactTable, recording: Sequence[Measured]) -> np.ndarray:
+    """(P,) rows of located frames with enough points."""
+    points = np.array([np.isfinite(each.points_px).all(axis=1).sum() for each in recording])
+    rows = np.flatnonzero(contacts.located & np.isfinite(contacts.distance_std_m) & (points >= FEWEST_POINTS))
+    if not len(rows):
+        raise InputError("no located frame has points in the recording", remedy="give the session of these contacts")
+    return rows
+
+
+def begun(
+    contacts: ContactTable, rig: Rig, recording: Sequence[Measured], rows: np.ndarray, known: KnownLine | None
+) -> tuple[Problem, State]:
+    """The problem, and where it begins: at the contacts as they are, the rig as calibrated."""
+    arrays = RigArrays.from_rig(rig, FRICTION_RAD)
+    touching = Batch.of([recording[row] for row in rows])
+    quiet = np.flatnonzero(contacts.status == "no_contact")
+    free = _free(Batch.of([recording[row] for row in quiet]), arrays) if len(quiet) else touching[:0]
+    at = contacts.picked(rows)
+    problem = Problem(
+        rig=rig,
+        axes=arrays.axes,
+        friction_rad=FRICTION_RAD,
+        touching=touching,
+        free=free,
+        held=at.status == "tip_contact",
+        friction=as_estimated(at, FRICTION_RAD),
+        known=known,
+    )
+    rotation, _ = rig.kinematics.world_antenna(touching.pan_rad, touching.tilt_rad)
+    gravity = np.einsum("bji,j->bi", rotation, rig.gravity_world_m_s2)
+    unknowns = unknowns_of(empty_frames(arrays, gravity), contacts, rows)
+    return problem, State(unknowns, np.zeros(problem.size))
+
+
+def _free(batch: Batch, arrays: RigArrays) -> Batch:
+    """The frames in which the antenna is free beyond doubt, all of its errors allowed for."""
+    frames = batch.frames(arrays)
+    free = frames.usable.sum(-1) >= FEWEST_FREE_POINTS
+    free[free] = free_antennas(frames.select(free)).gain < FREE_GAIN
+    return batch[free]
+
+
+def _strokes(contacts: ContactTable, rows: np.ndarray) -> np.ndarray:
+    """(P,) number of the stroke that each of these rows belongs to."""
+    late = np.diff(contacts.time_s[rows]) > _GAP_S
+    return np.concatenate([[0], np.cumsum((np.diff(rows) > _GAP_FRAMES) | late)])
+
+
+def _refusal(found: Solution, known: bool) -> str:
+    """Why the recording cannot be taken as one, or ""."""
+    if not found.converged or not np.isfinite(found.state.shared).all():
+        return "the frames do not come to a common solution: is it another rig?"
+    foreign = float(np.mean(found.weight == 0.0))
+    if foreign > _FOREIGN_SHARE:
+        share = f"{100 * foreign:.0f} % of the frames contradict the rest"
+        return f"{share}: the rig changed in between, or it is another one; look at `vbaa check`"
+    if found.prior_p < _ANOTHER_RIG and (not known or found.offness >= _LARGEST_OFFNESS):
+        off = f"the frames together say that the rig is off {found.offness:.1f} times as far as its calibration says"
+        return f"{off}: it has drifted beyond what was allowed for, or it is another rig; look at `vbaa check`"
+    return ""
+
+
+def _framewise(contacts: ContactTable, rig: Rig, found: Solution, rows: np.ndarray, reason: str) -> Refined:
+    nothing = np.zeros(len(contacts), bool)
+    foreign = nothing.copy()
+    foreign[rows[found.weight == 0.0]] = True
+    return Refined(contacts, contacts, nothing, foreign, rig, rig, None, reason, (), found.offness, found.prior_p)
+
+
+def _friction(
+    table: ContactTable, rig: Rig, problem: Problem, rows: np.ndarray
+) -> tuple[Friction | None, FrictionPrior | None]:
+    """The object's friction by contacts that are refined already, and what it says of the frames (P,)."""
+    try:
+        felt = estimate_object(table, rig, events=False)
+    except InputError:
+        return None, None
+    whole = by_coulomb(table, felt.track, felt.friction, as_estimated(table, problem.friction_rad))
+    return felt.friction, None if whole is None else whole.picked(rows)
+
+
+def _rig_of(problem: Problem, found: Solution) -> Rig:
+    """The rig as the frames tell it, with the covariance that is left."""
+    axes, count = problem.axes, problem.axes.shape[1]
+    covariance = axes @ found.covariance[:count, :count] @ axes.T
+    return problem.rig_at(found.state.shared).with_covariance(0.5 * (covariance + covariance.T))
+
+
+def change_of(rig: Rig, before: Rig) -> np.ndarray:
+    """(17 + P,) how far the rig's parameters are from what they were."""
+    now, then = rig.moment_sensor, before.moment_sensor
+    return np.concatenate(
+        [
+            rig.T_antenna_camera.tangent_from(before.T_antenna_camera),
+            rig.antenna.parameters - before.antenna.parameters,
+            [now.gain - then.gain, now.offset_Nm - then.offset_Nm],
+            *([rig.camera.parameters - before.camera.parameters] if rig.with_lens else []),
+        ]
+    )
+
+
+def _table(contacts: ContactTable, problem: Problem, found: Solution, rows: np.ndarray) -> ContactTable:
+    """The table with the refined frames' numbers.
+
+    A frame's covariance is its own noise, and what it shares: the rig's errors as far as they are left, and the
+    friction angle as far as neither frame nor law tells it, since neighbours rub alike.
+    """
+    belongs = found.weight > 0.0
+    equations, unknowns = found.equations, found.state.unknowns
+    rig = problem.rig_at(found.state.shared)
+    length, kinematics = rig.antenna.length_m, rig.kinematics
+    batch = problem.touching
+    rotation, translation = kinematics.world_antenna(batch.pan_rad, batch.tilt_rad)
+    # columns: point and force, then the distance
+    by_own = np.concatenate([equations.by_own, length * np.eye(UNKNOWNS)[None, :1].repeat(len(rows), 0)], axis=1)
+    by_shared = np.concatenate([equations.by_shared, np.zeros((len(rows), 1, problem.size))], axis=1)
+    total = by_own @ equations.own_covariance @ np.swapaxes(by_own, 1, 2)
+    of_friction = (
+        by_own @ equations.own_covariance[:, :, 3:] * (problem.friction_rad / problem.friction.std_rad)[:, None, None]
+    )
+    root = np.linalg.cholesky(found.covariance)
+    modes = np.concatenate([(by_shared - by_own @ equations.through) @ root, of_friction], axis=2)
+    world = np.einsum("bij,bjs->bis", rotation, modes[:, :3])
+    point = np.einsum("bij,bj->bi", rotation, equations.touch[:, :3]) + translation
+    if not kinematics.axes_known:
+        turned, shifted = kinematics.by_axes(batch.pan_rad, batch.tilt_rad)
+        moved = np.einsum("kbij,bj->bik", turned, equations.touch[:, :3]) + np.moveaxis(shifted, 0, -1)
+        pose = problem.axes[: len(POSE_PARAMETERS)] @ root[: problem.axes.shape[1]]
+        world[:, :, : root.shape[1]] += moved @ kinematics.axes_by_pose @ pose
+        world = np.concatenate([world, moved * kinematics.axes_std], axis=2)
+    shared = modes @ np.swapaxes(modes, 1, 2)
+    # the friction's part is in the own covariance of the unknowns, too
+    friction_part = of_friction @ np.swapaxes(of_friction, 1, 2)
+    whole = total - friction_part + shared
+    own_world = rotation @ (total - friction_part)[:, :3, :3] @ np.swapaxes(rotation, 1, 2)
+    world_shared = world @ np.swapaxes(world, 1, 2)
+    arrays = problem.arrays_at(found.state.shared)
+    gravity = np.einsum("bji,j->bi", rotation, rig.gravity_world_m_s2)
+    lying = unknowns * np.array([1.0, 0.0, 0.0, 0.0])
+    free = bend(empty_frames(arrays, gravity), RUNG, lying[:, None]).points_m[:, CONTACT]
+    sensor = rig.moment_sensor
+    std = np.sqrt(np.einsum("bii->bi", whole))
+    shared_std = np.sqrt(np.einsum("bii->bi", shared))
+    angle_std = problem.friction_rad * np.sqrt(equations.own_covariance[:, 3, 3])
+    put = {
+        "distance_m": unknowns[:, 0] * length,
+        "distance_std_m": std[:, 6],
+        "distance_shared_std_m": shared_std[:, 6],
+        "point_antenna_m": equations.touch[:, :3],
+        "point_world_m": point,
+        "covariance_world_m2": own_world + world_shared,
+        "point_shared_std_m": np.sqrt(np.einsum("bii->bi", world_shared)),
+        "force_covariance_yz_N2": whole[:, 4, 5],
+        "force_shared_std_N": shared_std[:, 3:6],
+        "force_world_N": np.einsum("bij,bj->bi", rotation, equations.touch[:, 3:]),
+        "tangent_world": np.einsum("bij,bj->bi", rotation, equations.tangent),
+        "moment_residual_Nm": np.where(
+            np.isfinite(batch.readings_Nm[:, 0]), equations.reading * sensor.std_Nm / sensor.gain, np.nan
+        ),
+        "friction_angle_rad": problem.friction_rad * unknowns[:, 3],
+        "friction_angle_std_rad": angle_std,
+        "friction_prior_rad": problem.friction.std_rad,
+        "force_y_N": equations.touch[:, 4],
+        "force_y_std_N": std[:, 4],
+        "force_z_N": equations.touch[:, 5],
+        "force_z_std_N": std[:, 5],
+        "deflection_y_m": (equations.touch[:, :3] - free)[:, 1],
+        "deflection_z_m": (equations.touch[:, :3] - free)[:, 2],
+        "bias_std": np.zeros(len(rows)),
+        "model": np.full(len(rows), RUNG),
+        "reason": np.array([f"{each}; refined" for each in contacts.reason[rows]], dtype=object),
+    }
+    columns = {}
+    for name in COLUMNS:
+        column = getattr(contacts, name)
+        if name in put:
+            column = column.astype(object) if name in ("reason", "model") else column.copy()
+            column[rows[belongs]] = put[name][belongs]
+            column = column.astype(str) if name in ("reason", "model") else column
+        columns[name] = column
+    return ContactTable(**columns)

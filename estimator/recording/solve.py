@@ -1,0 +1,228 @@
+"""The recording's problem solved: Gauss–Newton, and what does not belong to the rest given less weight or none."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import chdtrc
+
+from estimator.solver.convergence import NEAREST
+
+from .problem import Equations, Problem, State, spread_evenly
+
+_ITERATIONS, _ENOUGH = 12, 0.02
+"""Steps are taken until none is longer than this part of a deviation."""
+_LONGEST = 0.2
+"""Longest step of a distance, in its own size."""
+_NEARLY_ALL = 0.98
+MOST = 1000
+"""Contacts, and free frames, from which the shared errors are solved for."""
+_ROUNDS, _SMALL_CHANGE = 4, 0.1
+"""Frames are weighed anew until no weight changes by more."""
+_SEEN = 0.05
+"""Directions of the shared errors that a group of frames tells to more than this part of what is known beforehand."""
+_DOUBTED, _FOREIGN, _BEYOND_DOUBT = 1e-2, 1e-6, 1e-9
+"""Probabilities below which a frame counts less; below which it, or its stroke, does not belong; and below which it is
+not even begun with, unless more than a part `_FEW` of all are such."""
+_FEW = 0.4
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """A recording solved.
+
+    Attributes
+    ----------
+    state, equations : where it ended, and the contacts' equations there, about that state.
+    covariance : (S, S) of the shared steps. weight : (B,) of each frame in them, 0 for one that does not belong.
+    frame_p : (B,) probability that a frame that belongs disagrees as much with the rest.
+    prior_p : that a rig as it was calibrated is off by as much. offness : how far that is, in its deviations.
+    converged : whether the steps came to an end.
+    """
+
+    state: State
+    equations: Equations
+    covariance: np.ndarray
+    weight: np.ndarray
+    frame_p: np.ndarray
+    prior_p: float
+    offness: float
+    converged: bool
+
+
+def disagreement(information: np.ndarray, pull: np.ndarray, total: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """χ² and degrees of freedom (G,) with which groups disagree with all the rest.
+
+    A group that belongs, with information S, pulls at the common solution with a force r of covariance S − S·H⁻¹·S,
+    H the information of all. Only directions are counted in which it tells something.
+
+    information : (G, S, S), pull : (G, S), in units of the prior's deviations. total : (S, S).
+    """
+    values, vectors = np.linalg.eigh(information)
+    told = values > _SEEN
+    along = np.einsum("gsk,gs->gk", vectors, pull)
+    mixed = np.swapaxes(vectors, 1, 2) @ information
+    covariance = values[:, :, None] * np.eye(values.shape[1]) - mixed @ np.linalg.solve(total, np.swapaxes(mixed, 1, 2))
+    both = told[:, :, None] & told[:, None, :]
+    scale = np.where(told, 1.0 / np.sqrt(np.where(told, values, 1.0)), 0.0)
+    unit = np.where(both, covariance * scale[:, :, None] * scale[:, None, :], np.eye(values.shape[1]))
+    # a group that is nearly all there is has nothing to disagree with
+    roots, turns = np.linalg.eigh(unit)
+    free = roots > 1e-3
+    parts = np.einsum("gkj,gk->gj", turns, along * scale)
+    square = np.where(free, parts**2 / np.where(free, roots, 1.0), 0.0).sum(axis=1)
+    return square, np.maximum(told.sum(axis=1) - (~free).sum(axis=1), 0)
+
+
+def solved(problem: Problem, start: State, strokes: np.ndarray, widening: float = 1.0) -> Solution:
+    """The most probable recording.
+
+    What frames share is solved for with `MOST` of them at most, evenly over the recording, then held while the others
+    are fitted: a frame's bias is of second order in its noise, but the same in many.
+
+    strokes : (B,) number of each frame's stroke. widening : on the deviations of the calibration.
+    """
+    rig = problem.axes.shape[1]
+    prior = np.ones(problem.size)
+    prior[:rig] /= widening**2
+    chosen = spread_evenly(len(problem.touching), MOST)
+    few, labels = problem.picked(chosen, MOST), strokes[chosen]
+    state = State(start.unknowns[chosen], start.shared)
+    weight, foreign = _beginning(few, state, labels), np.zeros(0, strokes.dtype)
+    for _ in range(_ROUNDS):
+        state, equations, total, converged = _descended(few, state, weight, prior)
+        pull = _pull(few, state, equations)
+        frame_p, renewed = _judged(equations, pull, total)
+        each = np.unique(labels)
+        sums = np.array([weight * (labels == label) for label in each])
+        square, freedom = disagreement(np.einsum("gb,bst->gst", sums, equations.information), sums @ pull, total)
+        stroke_p = _p(square, freedom)
+        if stroke_p.min(initial=1.0) < _FOREIGN:
+            foreign = np.append(foreign, each[np.argmin(stroke_p)])
+        renewed[np.isin(labels, foreign)] = 0.0
+        change, weight = np.abs(renewed - weight).max(initial=0.0), renewed
+        if change < _SMALL_CHANGE:
+            break
+    offset = np.zeros((1, problem.size))
+    offset[0, :rig] = -prior[:rig] * state.shared[:rig]
+    square, freedom = disagreement(np.diag(prior * (np.arange(problem.size) < rig))[None], offset, total)
+    if len(chosen) < len(problem.touching):
+        state, equations = _others(problem, State(start.unknowns, state.shared), state.unknowns, chosen)
+        frame_p, weight = _judged(equations, _pull(problem, state, equations), total)
+        weight[np.isin(strokes, foreign)] = 0.0
+    return Solution(
+        state,
+        equations,
+        np.linalg.inv(total),
+        weight,
+        frame_p,
+        float(_p(square, freedom)[0]),
+        float(np.sqrt(square[0] / max(freedom[0], 1))),
+        converged,
+    )
+
+
+def _beginning(problem: Problem, state: State, strokes: np.ndarray) -> np.ndarray:
+    """(B,) weights to begin with: 0 for frames and strokes that contradict the calibration beyond doubt, if most do
+    not: they would lead the others astray."""
+    equations = problem.equations(state)
+    labels, which = np.unique(strokes, return_inverse=True)
+    sums = np.eye(len(labels))[:, which]
+    weight = np.ones(len(strokes))
+    for information, pull, of in (
+        (equations.information, equations.side, np.arange(len(strokes))),
+        (np.einsum("gb,bst->gst", sums, equations.information), sums @ equations.side, which),
+    ):
+        values, vectors = np.linalg.eigh(information)
+        told = values > _SEEN
+        along = np.einsum("gsk,gs->gk", vectors, pull)
+        square = np.where(told, along**2 / np.where(told, values + values**2, 1.0), 0.0).sum(axis=1)
+        weight[(_p(square, told.sum(axis=1)) < _BEYOND_DOUBT)[of]] = 0.0
+    weight[~equations.sound] = 0.0
+    return weight if np.mean(weight) > 1.0 - _FEW else np.where(equations.sound, 1.0, 0.0)
+
+
+def _judged(equations: Equations, pull: np.ndarray, total: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(B,) probability that frames that belong disagree as much with the rest, and the weight that leaves them."""
+    square, freedom = disagreement(equations.information, pull, total)
+    p = _p(square, freedom)
+    weight = np.where(p < _DOUBTED, freedom / np.maximum(square, 1e-9), 1.0)
+    return p, np.where((p < _FOREIGN) | ~equations.sound, 0.0, weight)
+
+
+def _pull(problem: Problem, state: State, equations: Equations) -> np.ndarray:
+    """(B, S) with what force frames pull at the shared steps."""
+    return equations.side - np.einsum("bst,t->bs", equations.information, _ahead(problem, state))
+
+
+def _others(problem: Problem, state: State, found: np.ndarray, chosen: np.ndarray) -> tuple[State, Equations]:
+    """All frames fitted with the shared steps as they are; those chosen begin where they were found."""
+    unknowns = state.unknowns.copy()
+    unknowns[chosen] = found
+    for turn in range(_ITERATIONS):
+        state = State(unknowns, state.shared)
+        equations = problem.equations(state)
+        own = equations.step - np.einsum("bks,s->bk", equations.through, _ahead(problem, state))
+        if turn and _length(own, equations) < _ENOUGH:
+            break
+        unknowns = _moved(problem, unknowns, own)
+    return state, equations
+
+
+def _length(own: np.ndarray, equations: Equations) -> float:
+    """Of nearly all frames' steps (B, 4), in their deviations."""
+    if not len(own):
+        return 0.0
+    deviations = np.sqrt(np.einsum("bii->bi", equations.own_covariance))
+    return float(np.quantile(np.abs(own / deviations)[:, :3], _NEARLY_ALL))
+
+
+def _p(square: np.ndarray, freedom: np.ndarray) -> np.ndarray:
+    """(G,) that χ² is larger; 1 without degrees of freedom."""
+    return np.where(freedom > 0, chdtrc(np.maximum(freedom, 1), square), 1.0)
+
+
+def _ahead(problem: Problem, state: State) -> np.ndarray:
+    """(S,) the shared steps ahead of where the equations stand: the lines' errors are linear, and taken about 0."""
+    first = problem.axes.shape[1]
+    ahead = np.zeros(problem.size)
+    ahead[first : first + problem.lines] = state.shared[first : first + problem.lines]
+    return ahead
+
+
+def _descended(
+    problem: Problem, state: State, weight: np.ndarray, prior: np.ndarray
+) -> tuple[State, Equations, np.ndarray, bool]:
+    """Gauss–Newton to where no step is longer than a small part of a deviation: state, equations and information."""
+    converged = False
+    for _ in range(_ITERATIONS):
+        equations = problem.equations(state)
+        free_information, free_side = problem.free_equations(state)
+        total = np.einsum("b,bst->st", weight, equations.information) + free_information.sum(axis=0)
+        side = weight @ equations.side + free_side.sum(axis=0)
+        here = state.shared - _ahead(problem, state)
+        total = 0.5 * (total + total.T) + np.diag(prior)
+        step = np.linalg.solve(total, side - prior * here) if np.isfinite(total).all() else np.full(len(side), np.nan)
+        if not np.isfinite(step).all():
+            return state, equations, np.diag(prior), False
+        own = equations.step - np.einsum("bks,s->bk", equations.through, step)
+        moved = here + step - state.shared
+        far = max(float(np.sqrt(moved @ total @ moved / max(len(moved), 1))), _length(own, equations))
+        if converged:
+            break
+        state = State(_moved(problem, state.unknowns, own), here + step)
+        converged = far < _ENOUGH
+    return state, equations, total, converged
+
+
+def _moved(problem: Problem, unknowns: np.ndarray, step: np.ndarray) -> np.ndarray:
+    """Unknowns (B, 4) after a step, straight in the clamp's moment: in the force its valley is bent."""
+    old = unknowns[:, :1]
+    limited = np.clip(step[:, :1], -_LONGEST * old, _LONGEST * old)
+    share = np.where(step[:, :1] == 0.0, 1.0, limited / np.where(step[:, :1] == 0.0, 1.0, step[:, :1]))
+    step = step * share
+    distance = np.clip(old + step[:, :1], NEAREST, 1.0)
+    distance[problem.held] = 1.0
+    force = (unknowns[:, 1:3] * (old + step[:, :1]) + old * step[:, 1:3]) / distance
+    return np.concatenate([distance, force, unknowns[:, 3:] + step[:, 3:]], axis=1)
