@@ -180,7 +180,7 @@ def _in_structure(data: bytes, path: str, rng: np.random.Generator) -> bytes:
             del place[key]
         elif kind == 1 and isinstance(place, dict):
             place[f"{key}x"] = place.pop(key)
-        elif kind == 2 and isinstance(place[key], int | float):
+        elif kind == 2 and isinstance(place[key], int | float) and abs(place[key]) < 1e290:
             place[key] = float(place[key]) * 10.0 ** int(rng.integers(-9, 10))
         else:
             place[key] = odd
