@@ -149,9 +149,7 @@ def _along(rig: Rig, glance: FirstDetection, rough: RoughFit) -> Detection:
         again = without_other_things(glance.picture, again, rig.image.looks)
     line = again if len(again.points_px) >= SECOND_LOOK * len(glance.line.points_px) else glance.line
     # a line that is doubted on a closer look, though not on the first, makes no contact
-    return Detection(
-        line, replace(measured(rig, glance.frame, line if line.found else NOTHING), start=rough.unknowns)
-    )
+    return Detection(line, replace(measured(rig, glance.frame, line if line.found else NOTHING), start=rough.unknowns))
 
 
 def detections(estimator: ContactEstimator, glances: Iterable[FirstDetection]) -> Iterator[Detection]:

@@ -88,7 +88,11 @@ class Antenna:
 
 _Weight = Annotated[Number, Field(ge=-100, le=100)]
 _Level = Annotated[Number, Field(ge=0, le=1e6)]
-_Look = Annotated[tuple[_Level, ...], Field(min_length=2, max_length=4)]
+_Spread = Annotated[Number, Field(ge=1e-3, le=1e6)]
+_Looks = (
+    Annotated[tuple[tuple[_Level, _Spread], ...], Field(min_length=8, max_length=8)]
+    | Annotated[tuple[tuple[_Level, _Level, _Level, _Spread], ...], Field(min_length=8, max_length=8)]
+)
 
 
 @dataclass(frozen=True)
@@ -123,7 +127,7 @@ class AntennaImage:
         Field(description="of the free antenna's line above its background, grey levels"),
     ] = None
     looks: Annotated[
-        Annotated[tuple[_Look, ...], Field(min_length=8, max_length=8)] | None,
+        _Looks | None,
         Field(description="mean colour at places from clamp to tip and its deviation, grey levels"),
     ] = None
 
