@@ -178,6 +178,8 @@ def test_a_line_that_goes_on_along_another_thing_ends_where_that_begins(finder: 
     paint = Paint(True)
     looks = usual_looks([look_of(one, paint.find(finder, one)) for one in calibrated])
     whole, cut = (without_other_things(one, paint.find(finder, one), looks) for one in shown)
-    assert whole.found and whole.points_px[-1, 0] > path[-1, 0] - 5.0
-    assert cut.points_px[-1, 0] < middle + 2.0 and len(cut.points_px) > 0.4 * len(whole.points_px)
+    assert whole.found
+    assert whole.points_px[-1, 0] > path[-1, 0] - 5.0
+    assert cut.points_px[-1, 0] < middle + 2.0
+    assert len(cut.points_px) > 0.4 * len(whole.points_px)
     assert cut.end != "tip"
