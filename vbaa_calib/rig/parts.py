@@ -105,8 +105,7 @@ class AntennaImage:
     weights_bgr : that make the plane of a colour picture on which it stands out; None for the grey level.
     colour_bgr : of the antenna, where its nearness makes that plane.
     height : of the free antenna's line above its background, grey levels on that plane; None where not measured.
-    looks : (8, C + 1) its mean colour, blue, green, red, or grey level at places from clamp to tip in the pictures that
-        the rig was calibrated from, and how far it lies off that by one deviation; None where not measured.
+    looks : (8, C + 1) its mean colour (or grey level) from clamp to tip, and the deviation of that; None: not measured.
     """
 
     noise_px: Annotated[Number, Field(ge=1e-6, le=1e3)]
