@@ -10,7 +10,7 @@ from vbaa_calib.detect.whisker.antenna import find, find_along
 from vbaa_calib.detect.whisker.centreline import Visibility
 from vbaa_calib.detect.whisker.corridor import Corridor
 from vbaa_calib.detect.whisker.finder import AntennaFinder
-from vbaa_calib.detect.whisker.paint import Paint, learn
+from vbaa_calib.detect.whisker.paint import Paint, learn, look_of, usual_looks, without_other_things
 from vbaa_calib.detect.whisker.path_refinement import refine_path
 
 from .drawn_lines import SIZE, aside, background, bent, exposed, straight, tube
@@ -151,3 +151,35 @@ def test_a_path_keeps_to_the_middle_of_an_antenna_with_a_bright_and_a_dark_side(
     image = exposed(background(rng, 2.0) + 80.0 + sides[0] - sides[1], rng)
     refined = refine_path(image, path + 4.0 * down, WIDTH_PX, 10.0, None).path_px
     assert np.abs(aside(path, refined)[15:-15]).max() < 0.25 * WIDTH_PX
+
+
+def test_the_plane_of_a_colour_is_linear_in_what_a_pixel_shows_of_it() -> None:
+    antenna, behind = np.array([200.0, 190.0, 60.0]), np.array([30.0, 90.0, 220.0])
+    share = np.linspace(0.0, 1.0, 11)[None, :, None]
+    plane = Paint(True, colour=(200.0, 190.0, 60.0)).plane(
+        (share * antenna + (1.0 - share) * behind).astype(np.float32)
+    )
+    np.testing.assert_allclose(plane[0], plane[0, 0] * (1.0 - share[0, :, 0]), atol=1e-3)
+
+
+@pytest.mark.parametrize("light", [0.75, 1.0, 1.3])
+def test_a_line_that_goes_on_along_another_thing_ends_where_that_begins(finder: AntennaFinder, light: float) -> None:
+    """Beyond its middle the antenna is hidden behind an edge of another colour, as wide and as straight."""
+    rng = np.random.default_rng(5)
+    path = bent((40.0, 120.4), 0.0, 3.0)
+    drawn, hidden = (np.full((*SIZE, 3), 40.0) for _ in range(2))
+    line = tube(path, WIDTH_PX, 1.0)[..., None]
+    drawn += line * (np.array([140.0, 140.0, 140.0]))
+    middle = int(path[len(path) // 2, 0])
+    hidden[:] = drawn
+    hidden[:, middle:] = (40.0 + line * np.array([20.0, 160.0, 90.0]))[:, middle:]
+    shown = [np.clip(light * one + rng.normal(0.0, 2.0, one.shape), 0, 255).astype(np.uint8) for one in (drawn, hidden)]
+    calibrated = [np.clip(drawn + rng.normal(0.0, 2.0, drawn.shape), 0, 255).astype(np.uint8) for _ in range(3)]
+    paint = Paint(True)
+    looks = usual_looks([look_of(one, paint.find(finder, one)) for one in calibrated])
+    whole, cut = (without_other_things(one, paint.find(finder, one), looks) for one in shown)
+    assert whole.found
+    assert whole.points_px[-1, 0] > path[-1, 0] - 5.0
+    assert cut.points_px[-1, 0] < middle + 2.0
+    assert len(cut.points_px) > 0.4 * len(whole.points_px)
+    assert cut.end != "tip"

@@ -47,6 +47,9 @@ RIG: tuple[Row, ...] = (
     ("a parameter twice", d.at("joint.parameters.1", "camera_about_x_rad"), "joint"),
     ("noise of nothing", d.at("image.noise_px", 0), "image.noise_px"),
     ("weights of two colours", d.at("image.weights_bgr", [1, 1]), "image.weights_bgr"),
+    ("a colour of two channels", d.at("image.colour_bgr", [1, 1]), "image.colour_bgr"),
+    ("looks of several lengths", d.at("image.looks", [[90, 5]] * 7 + [[90, 80, 70, 5]]), "image.looks"),
+    ("looks without a deviation", d.at("image.looks", [[90, 0]] * 8), "image.looks"),
     ("an axes' deviation of two", d.at("kinematics.axes_uncertainty.std", [0, 0]), "kinematics.axes_uncertainty"),
 )
 CAMERA: tuple[Row, ...] = (

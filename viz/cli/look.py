@@ -50,6 +50,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from vbaa_calib.core.images import read_gray, read_picture
     from vbaa_calib.detect.drawing.overlay import centreline_picture, described
     from vbaa_calib.detect.whisker.centreline import Visibility
+    from vbaa_calib.detect.whisker.paint import without_other_things
     from vbaa_calib.detect.whisker.stretches import Cause, stretches, why_lost
     from vbaa_calib.rig import Rig
     from vbaa_calib.session import Frame, check_pictures
@@ -58,14 +59,15 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     given = [path for path in (args.image, args.background) if path not in (None, AUTO)]
     check_pictures(given, rig.camera.image_size, "the rig was calibrated at")
     frame = Frame(image=args.image, pan_rad=pan, tilt_rad=tilt, moment_Nm=0.0, frame=0, time_s=0.0)
-    plane = paint(rig).plane
-    plain = plane(read_picture(args.image))
+    plane, own = paint(rig).plane, read_picture(args.image)
+    plain = plane(own)
     ground, ground_words = surroundings(rig, args.background, lambda: beside(rig, frame))
     looking = prepared(rig, frame)
     less = None if ground is None or looking is None else subtracted(looking, plain, ground(frame))
     if ground is not None and less is None:
         ground_words = "left aside, since it does not lie behind the antenna in this picture"
     picture, line = (plain, detect(rig, frame, plain)) if less is None else less
+    line = without_other_things(own, line, rig.image.looks)
     # an antenna that is dark instead of bright, the other way round, or here this and there that
     words_of = {True: "brighter", False: "darker", None: "here brighter, there darker"}
     others = [] if line.found or rig.image.bright is None else [not rig.image.bright, None]

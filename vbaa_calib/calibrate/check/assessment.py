@@ -240,8 +240,9 @@ def _check_pictures(rig: Rig, quality: Mapping[str, Any], inputs: _Inputs) -> Ch
     stills: list[CheckedStill] = []
     if inputs.stills:
         where = rig.camera, current.T_antenna_camera, rig.antenna.parameters
-        looks = Paint(rig.image.bright, rig.image.weights_bgr, rig.image.colour_bgr)
-        expected = ExpectedAntenna(session.antenna, *where, looks)
+        expected = ExpectedAntenna(
+            session.antenna, *where, Paint(rig.image.bright, rig.image.weights_bgr, rig.image.colour_bgr)
+        )
         seen, _ = observe(session, rig.kinematics, inputs.stills, expected, "antenna")
         stills = check_stills(current, seen, session.load_readings)
     antenna = check_antenna(current, stills, camera_known=pose.document["camera_pose"] is not None)

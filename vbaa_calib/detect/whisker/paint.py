@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -20,9 +21,9 @@ from .finder import AntennaFinder
 OPPONENTS = ((0.5, 0.5, -1.0), (0.5, -1.0, 0.5), (-1.0, 0.5, 0.5))
 """Weights (b, g, r) of pictures that show one colour against the two others."""
 WELL_SEEN, ENOUGH, CLEARLY_MORE = 0.9, 0.7, 0.1
-"""A paint that sees so much of the antenna is good enough; of those that see less, one polarity, by brightness or
-by nearness to the antenna's colour, that sees the second: one that changes along the antenna sees it in much else, and must
-see so much more than the others where they do not see enough."""
+"""A paint that sees so much of the antenna is good enough; of those that see less, one polarity, by brightness or by
+nearness to the antenna's colour, that sees the second: one that changes along the antenna sees it in much else, and
+must see so much more than the others where they do not see enough."""
 
 
 PLACES, RUN, LEAST_POINTS = 8, 15, 20
@@ -57,7 +58,7 @@ class Paint:
             return image
         colour = np.ascontiguousarray(image[..., :3])
         if self.colour is not None:
-            apart = cv2.subtract(colour, (*self.colour, 0.0), dtype=cv2.CV_32F)
+            apart = colour.astype(np.float32) - np.array(self.colour, np.float32)
             return -cv2.sqrt(cv2.transform(apart * apart, np.ones((1, 3), np.float32)))
         if self.weights is None:
             return cv2.cvtColor(colour, cv2.COLOR_BGR2GRAY)
@@ -168,12 +169,12 @@ def _sampled(image: np.ndarray, points: np.ndarray, aside: float) -> np.ndarray:
     return colours[:, None] if image.ndim == 2 else colours[:, :3]
 
 
-Looks = tuple[tuple[float, ...], ...]
+Looks = tuple[tuple[float, float], ...] | tuple[tuple[float, float, float, float], ...]
 """(PLACES, C + 1) mean colour at places from clamp to tip, of C channels, and its deviation."""
 
 
 def look_of(image: np.ndarray, line: Centreline) -> np.ndarray:
-    """(PLACES, C) mean colour of an antenna found in a picture (H, W[, 3]) along its guide; NaN where unseen."""
+    """(PLACES, C) mean colour of a found antenna along its guide, in a picture (H, W[, 3]); NaN where unseen."""
     place = np.minimum((_shares(line) * PLACES).astype(int), PLACES - 1)
     colours = _sampled(image, line.points_px, 0.0)
     means = np.full((PLACES, colours.shape[1]), np.nan)
@@ -191,7 +192,9 @@ def usual_looks(several: Sequence[np.ndarray]) -> Looks | None:
     apart = np.linalg.norm(looks - usual, axis=2)
     least = np.hypot(LEAST_SPREAD[0] * np.linalg.norm(usual, axis=1), LEAST_SPREAD[1])
     spread = np.hypot(MAD_SCALE * np.nanmedian(apart, axis=0), least)
-    return tuple(map(tuple, np.column_stack([usual, spread]).tolist()))
+    rows: Any = tuple(map(tuple, np.column_stack([usual, spread]).tolist()))
+    learnt: Looks = rows
+    return learnt
 
 
 def without_other_things(image: np.ndarray, line: Centreline, looks: Looks | None) -> Centreline:

@@ -34,7 +34,11 @@ _WIDEST, _FULL_WELL = 3.0, 2.0
 _CLEAR_M = 0.05
 """Higher than anything on the bench."""
 _DEPTH = 4
-_PROBE = "import mitsuba as mi, numpy as np; mi.set_variant('llvm_ad_rgb'); print(np.array(mi.Float(1) + 1))"
+_PROBE = (
+    "import mitsuba as mi, drjit as dr, numpy as np; mi.set_variant('llvm_ad_rgb'); "
+    "print(np.array(dr.minimum(mi.Float([1, 2]), mi.Float([2, 1]))))"
+)
+"""What an LLVM that is too old for this processor cannot compile."""
 
 
 @cache
