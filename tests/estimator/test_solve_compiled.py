@@ -20,7 +20,8 @@ from estimator.solver.numbers import FitNumbers
 
 KNOWN = dict(np.load(Path(__file__).parent / "plain_answers.npz"))
 """15 noisy frames of rods of drawn rigs (B, 80, 2) and what older estimators found in them: by the rung that was asked
-for that of commit 39b4eb5, array formulas in NumPy, by default the rod of commit 2c3d1d8. Each entry has B rows; covariance (B, 6, 6) is that of point and force."""
+for that of commit 39b4eb5, array formulas in NumPy, by default the rod of commit 2c3d1d8.
+Each entry has B rows; covariance (B, 6, 6) is that of point and force."""
 RIGS = {
     "calibrated": Setup(real=True, exact=False),
     "exact": Setup(real=True, exact=True),
@@ -29,7 +30,7 @@ RIGS = {
 ROUNDING = 5e-4
 """In standard deviations: the rig's derivatives are taken where a rough descent ended, which need not be the same."""
 EVIDENCE = 1e-3
-"""Part of it: the free antenna's derivatives by the camera's pose are those of the rod now, of small deflections then."""
+"""Part of it: the free antenna's derivatives by the camera's pose are now those of the rod."""
 UNCOMPILED = """
 import pickle, sys
 from tests.estimator.test_solve_compiled import answer
