@@ -24,8 +24,9 @@ from .fit import (
 )
 from .linear_algebra import factorise, fill, put, solve_factorised
 from .normal_equations import evaluate, linearise, nearest_feet, normal_equations
-from .prediction import LINEAR, TIP, Bent, empty_bent, predict, rig_jacobian
+from .prediction import LINEAR, TIP, Bent, empty_bent, predict
 from .rig_arrays import UNKNOWNS, tip_deflection
+from .rig_jacobian import rig_jacobian
 
 NEAREST = 0.03
 """Least contact distance that is searched, in antenna lengths."""

@@ -136,7 +136,11 @@ def frames_from_pixels(
     """
     points, covariance, usable = _ideal(rig_arrays, points_px, sigma_px)
     if rig_arrays.rig.tip is None:
-        tip, tip_covariance, with_tip = np.zeros((len(tip_px), 2)), np.tile([1.0, 0.0, 1.0], (len(tip_px), 1)), 0.0
+        tip, tip_covariance, with_tip = (
+            np.zeros((len(tip_px), 2)),
+            np.tile([1.0, 0.0, 1.0], (len(tip_px), 1)),
+            np.zeros(len(tip_px)),
+        )
     else:
         tip, tip_covariance, with_tip = _ideal(rig_arrays, tip_px[:, :2], tip_px[:, 2])
     read = np.isfinite(moment_Nm) & (rig_arrays.gain != 0.0)

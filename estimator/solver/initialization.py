@@ -18,8 +18,9 @@ from .normal_equations import (
     point_residuals,
     times_tridiagonal,
 )
-from .prediction import LINEAR, REFERENCE, predict, rig_jacobian
+from .prediction import LINEAR, REFERENCE, predict
 from .rig_arrays import TIP_DEFLECTION_STD, UNKNOWNS, tip_deflection
+from .rig_jacobian import rig_jacobian
 
 GRID = 24
 """Distances, evenly from `_NEAREST` to the tip."""

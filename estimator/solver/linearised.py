@@ -18,8 +18,9 @@ from .initialization import free_antenna, grid_search, largest_gain
 from .linear_algebra import put
 from .normal_equations import linearise, nearest_feet, normal_equations, prior_of, residuals_with_rig
 from .numbers import angle_edge_on
-from .prediction import predict, rig_jacobian
+from .prediction import predict
 from .rig_arrays import ANTENNA, UNKNOWNS, RigArrays, RigRecord
+from .rig_jacobian import rig_jacobian
 from .uncertainty import huber_excess
 
 

@@ -31,6 +31,8 @@ _LEAST_REDUNDANCY = 0.03
 """Least deviation of a moment's residual in its own deviations: with less the moment was fitted, not tested."""
 _PROFILE_STEPS = (3.0, 6.0, -3.0, -6.0)
 """Deviations from the minimum at which the cost is profiled."""
+_BEYOND_DOUBT = 100.0
+"""Evidence of a contact above which the fit's own cost is taken as it is."""
 _SINGULAR = 1e14
 """Condition number of the scaled information beyond which the covariance is infinite."""
 
@@ -346,10 +348,11 @@ def contact_evidence(rig, rung, fit, problem, work):
     `problem` with its residuals: what a lower one leaves out of the weight must not pass for a force. Spoils the free
     antenna's residuals.
     """
-    alone, touching = work.free, fit.numbers[COST]
+    alone, there = work.free, work.other
     alone.numbers[SCATTER] = fit.numbers[SCATTER]
-    if rung != REFERENCE:
-        there = work.other
-        copy_fit(problem, there)
-        touching = least_cost(rig, there, 0, _CLOSE_ROUNDS, work)
-    return least_cost(rig, alone, UNKNOWNS, _ROUNDS if len(fit.steps) else 0, work) - touching
+    without = least_cost(rig, alone, UNKNOWNS, _ROUNDS if len(fit.steps) else 0, work)
+    if rung == REFERENCE and without - fit.numbers[COST] > _BEYOND_DOUBT:
+        return without - fit.numbers[COST]
+    # where a fit ended badly, the linear problem about it says better what a contact explains
+    copy_fit(problem, there)
+    return without - least_cost(rig, there, 0, _CLOSE_ROUNDS, work)

@@ -19,15 +19,18 @@ from estimator.contact.contacts import Contacts
 from estimator.solver.numbers import FitNumbers
 
 KNOWN = dict(np.load(Path(__file__).parent / "plain_answers.npz"))
-"""15 noisy frames of rods of drawn rigs (B, 80, 2) and what the estimator of commit 39b4eb5, array formulas in NumPy,
-found in them. Each entry has B rows; covariance (B, 6, 6) is that of point and force."""
+"""15 noisy frames of rods of drawn rigs (B, 80, 2) and what older estimators found in them: by the rung that was asked
+for that of commit 39b4eb5, array formulas in NumPy, by default the rod of commit 2c3d1d8.
+Each entry has B rows; covariance (B, 6, 6) is that of point and force."""
 RIGS = {
     "calibrated": Setup(real=True, exact=False),
     "exact": Setup(real=True, exact=True),
     "fisheye": Setup(lens="fisheye", real=True, exact=False),
 }
-ROUNDING = 1e-4
-"""In standard deviations."""
+ROUNDING = 5e-4
+"""In standard deviations: the rig's derivatives are taken where a rough descent ended, which need not be the same."""
+EVIDENCE = 1e-3
+"""Part of it: the free antenna's derivatives by the camera's pose are now those of the rod."""
 UNCOMPILED = """
 import pickle, sys
 from tests.estimator.test_solve_compiled import answer
@@ -49,6 +52,8 @@ def test_the_answers_of_the_plain_code(row: int) -> None:
     found, said = answer(row), {name: values[row] for name, values in KNOWN.items()}
     assert found.status[0] == said["status"]
     assert found.numbers.rung[0] == said["rung"]
+    if said["status"] == "failed":
+        return  # its numbers are those of wherever it was given up
     std, covariance = said["std"], said["covariance"]
     free = std == 0.0
     np.testing.assert_array_equal(found.numbers.unknowns[0][free], said["unknowns"][free])
@@ -57,7 +62,7 @@ def test_the_answers_of_the_plain_code(row: int) -> None:
     np.testing.assert_allclose(found.numbers.std[0], std, rtol=ROUNDING)
     size = np.sqrt(np.outer(np.diag(covariance), np.diag(covariance)))
     assert (np.abs(found.numbers.covariance[0] - covariance) <= ROUNDING * size).all()
-    assert found.numbers.evidence[0] == pytest.approx(said["evidence"], rel=ROUNDING)
+    assert found.numbers.evidence[0] == pytest.approx(said["evidence"], rel=EVIDENCE)
 
 
 def test_uncompiled_it_says_the_same() -> None:

@@ -103,7 +103,8 @@ def compiled(function: _F) -> _F:
 def _compiled(function: Callable[..., Any], **options: Any) -> Any:
     if numba.config.DISABLE_JIT:  # type: ignore[attr-defined]
         return function
-    made: Any = numba.njit(nogil=True, error_model="numpy", fastmath=_FAST, no_cfunc_wrapper=True, **options)(function)
+    njit: Any = numba.njit
+    made = njit(nogil=True, error_model="numpy", fastmath=_FAST, no_cfunc_wrapper=True, **options)(function)
     made.stamp = _stamp(function)
     resolved = made.get_call_template
     # constants that one function hands to another are numbers like all others, not a reason to compile it once more
