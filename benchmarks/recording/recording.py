@@ -145,7 +145,7 @@ def lengthened(recorded: Recorded, frames: int) -> Recorded:
         **picked,
         time_s=recorded.time_s[rows] + pause * turns,
         stroke=recorded.stroke[rows] + (recorded.stroke.max() + 1) * turns,
-        T_world_antenna=[recorded.T_world_antenna[row] for row in rows],
+        T_world_antenna=[recorded.T_world_antenna[row] for row in rows.tolist()],
         truth=truth,
     )
 

@@ -139,7 +139,9 @@ def _document(args: argparse.Namespace, found: Refined) -> dict[str, Any]:
     inputs = {path.name: sha256(path) for path in (args.rig, args.contacts)}
     return {
         **found.rig.to_dict(),
-        "refined": {key: value for key, value in found.summary().items() if key in ("frames", "refined", "notes", "rig")},
+        "refined": {
+            key: value for key, value in found.summary().items() if key in ("frames", "refined", "notes", "rig")
+        },
         "inputs_sha256": inputs,
         "command": list(args.argv),
     }

@@ -226,9 +226,9 @@ def begun(
 ) -> tuple[Problem, State]:
     """The problem, and where it begins: at the contacts as they are, the rig as calibrated."""
     arrays = RigArrays.from_rig(rig, FRICTION_RAD)
-    touching = Batch.of([recording[row] for row in rows])
+    touching = Batch.of([recording[row] for row in rows.tolist()])
     quiet = np.flatnonzero(contacts.status == "no_contact")
-    free = _free(Batch.of([recording[row] for row in quiet]), arrays) if len(quiet) else touching[:0]
+    free = _free(Batch.of([recording[row] for row in quiet.tolist()]), arrays) if len(quiet) else touching[:0]
     at = contacts.picked(rows)
     problem = Problem(
         rig=rig,

@@ -101,7 +101,9 @@ def follow(
         lateral_m_s=parts[:, 1],
         slip_covariance_m2_s2=covariance,
         ringing=ringing,
-        events=tuple(sorted(happened, key=lambda each: each.time_s if np.isfinite(each.time_s) else time_of[each.frame])),
+        events=tuple(
+            sorted(happened, key=lambda each: each.time_s if np.isfinite(each.time_s) else time_of[each.frame])
+        ),
         notes=tuple(_notes(table, contact, shared)),
     )
 
