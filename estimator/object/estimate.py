@@ -81,9 +81,9 @@ def estimate_object(
 
     Without the rig that they were made with the antenna has no radius, and which of the errors are common is not known:
     the shape takes them for each frame's own, friction for both. `friction_rad` is what the contacts were estimated
-    with, by default what the table says. Without `events` the track says how each frame moves, not when contact began and
-    ended. Raises InputError where no frame has a contact point with its force, or where the contacts are not of this
-    rig.
+    with, by default what the table says. Without `events` the track says how each frame moves, not when contact began
+    and ended. Raises InputError where no frame has a contact point with its force, or where the contacts are not of
+    this rig.
     """
     touches_of(table)  # says what is missing before any work
     friction_rad = table.assumed_friction_rad if friction_rad is None else friction_rad
