@@ -160,7 +160,7 @@ _ALL = (
         "rigs and recordings of each kind",
         (6, 1),
         _NUMERIC,
-        "recording.csv recording_known.csv",
+        "recording.csv recording_known.csv recording.png",
         suite=False,
     ),
     Subject(

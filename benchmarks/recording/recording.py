@@ -10,10 +10,12 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from benchmarks.estimator.setup import drawn_truth
+from benchmarks.figures import GREEN, GREY, INK, label, panels
 from benchmarks.harness import Draws, Findings, Options, column, rms, row_of, table
 from benchmarks.object.scenes import AXIS, CASES, CENTRE, RIGID, SETUP, SOFT, Case, Recorded, contacts, play
 from estimator.recording import KnownLine, Refined, refine
@@ -23,6 +25,9 @@ from estimator.table.contacts import ContactTable, Measured
 from vbaa_calib.core.console import progress
 from vbaa_calib.rig import Rig
 from vbaa_calib.simulate.scene.objects import TouchObject
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _WIDE = 1.96
 _WORSE = 0.2
@@ -145,7 +150,7 @@ def lengthened(recorded: Recorded, frames: int) -> Recorded:
         **picked,
         time_s=recorded.time_s[rows] + pause * turns,
         stroke=recorded.stroke[rows] + (recorded.stroke.max() + 1) * turns,
-        T_world_antenna=[recorded.T_world_antenna[row] for row in rows],
+        T_world_antenna=[recorded.T_world_antenna[row] for row in rows.tolist()],
         truth=truth,
     )
 
@@ -305,6 +310,22 @@ def long_seconds(frames: int, seed: int) -> tuple[float, Refined]:
     return time.process_time() - start, as_one
 
 
+def _figure(rows: Sequence[RecordingRow]) -> Figure:
+    """Frame-wise and refined errors of every cell, and the joint bound."""
+    drawn, (panel,) = panels(1, 1, (10, 4))
+    place = np.arange(len(rows))
+    framewise, refined = (np.array([getattr(row, name) for row in rows]) for name in ("framewise_mm", "refined_mm"))
+    bound = refined / np.array([row.of_bound for row in rows])
+    panel.bar(place, framewise, color=GREY, label="frame by frame")
+    panel.bar(place, refined, 0.5, color=GREEN, label="as one")
+    panel.plot(place, bound, "_", color=INK, markersize=14, label="bound of the recording")
+    names = [f"{row.object}\nμ {row.friction:g}\n{row.recorded}" for row in rows]
+    panel.set_xticks(place, names, fontsize=6)
+    label(panel, "", "object, friction, frames", "contact point, rms, mm")
+    panel.legend(frameon=False)
+    return drawn
+
+
 QUICK = (CELLS[1], CELLS[6])
 
 
@@ -325,7 +346,7 @@ def measure(options: Options) -> Findings:
     return Findings(
         text,
         {"recording.csv": rows, "recording_known.csv": [known]},
-        {},
+        {"recording.png": lambda: _figure(rows)},
         {"rows": rows, "known": known, "frames": frames, "seconds": seconds},
         f"points {min(ratios):.2f} to {max(ratios):.2f} of frame-wise, {max(bounds):.2f} × the bound at most",
     )

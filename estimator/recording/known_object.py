@@ -69,8 +69,8 @@ class KnownLine:
         give; the last three columns are the object's own place."""
         point, force = found.point_force[:, :3], found.point_force[:, 3:]
         world = np.einsum("bij,bj->bi", rotation, point) + translation
-        turned = [np.einsum("bij,bj->bi", rotation, each) for each in (found.tangents[:, :, CONTACT], force)]
-        residual, across = self.residuals(world, *turned, radius_m, shift)
+        tangent, force = (np.einsum("bij,bj->bi", rotation, each) for each in (found.tangents[:, :, CONTACT], force))
+        residual, across = self.residuals(world, tangent, force, radius_m, shift)
         rows = across @ rotation @ columns[:, :3]
         rows[:, :, -3:] -= self.std_m * across
         rows /= _ROUND_M

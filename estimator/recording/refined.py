@@ -32,8 +32,9 @@ _GAP_FRAMES, _GAP_S = 5, 0.5
 """A stroke ends where so many frames, or so much time, lies before the next contact."""
 _ANOTHER_RIG = 1e-4
 """Probability below which shared errors as large as the best fit's are not this calibration's."""
-_LARGEST_OFFNESS = 5.0
-"""How many times farther than its deviations say a rig may be off to be recalibrated by a known object."""
+_ALLOWED_OFFNESS, _LARGEST_OFFNESS = 1.3, 5.0
+"""How many times farther than its deviations say a rig may be off for its prior to stay, and to be recalibrated by a
+known object."""
 _FOREIGN_SHARE = 0.3
 """If so large a part of the frames does not belong to the rest, there is no rest."""
 _APART_RAD = 1e-5
@@ -134,10 +135,11 @@ def refine(contacts: ContactTable, rig: Rig, recording: Sequence[Measured], know
     strokes = _strokes(contacts, rows)
     found = solved(problem, start, strokes)
     notes: list[str] = []
-    if known is not None and found.prior_p < _ANOTHER_RIG and found.offness < _LARGEST_OFFNESS:
-        found = solved(problem, start, strokes, max(found.offness, 1.0))
-        notes.append(f"the rig is off {found.offness:.1f} times as far as its calibration says; allowed for")
     reason = _refusal(found, known is not None)
+    if not reason and known is not None and found.offness > _ALLOWED_OFFNESS:
+        notes.append(f"the rig is off {found.offness:.1f} times as far as its calibration says; allowed for")
+        offness, p = found.offness, found.prior_p
+        found = replace(solved(problem, found.state, strokes, offness), offness=offness, prior_p=p)
     if reason:
         return _framewise(contacts, rig, found, rows, reason)
     told = _table(contacts, problem, found, rows)
@@ -226,9 +228,9 @@ def begun(
 ) -> tuple[Problem, State]:
     """The problem, and where it begins: at the contacts as they are, the rig as calibrated."""
     arrays = RigArrays.from_rig(rig, FRICTION_RAD)
-    touching = Batch.of([recording[row] for row in rows])
+    touching = Batch.of([recording[row] for row in rows.tolist()])
     quiet = np.flatnonzero(contacts.status == "no_contact")
-    free = _free(Batch.of([recording[row] for row in quiet]), arrays) if len(quiet) else touching[:0]
+    free = _free(Batch.of([recording[row] for row in quiet.tolist()]), arrays) if len(quiet) else touching[:0]
     at = contacts.picked(rows)
     problem = Problem(
         rig=rig,

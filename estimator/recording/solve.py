@@ -118,9 +118,15 @@ def solved(problem: Problem, start: State, strokes: np.ndarray, widening: float 
         weight,
         frame_p,
         float(_p(square, freedom)[0]),
-        float(np.sqrt(square[0] / max(freedom[0], 1))),
+        _offness(np.linalg.inv(total), prior, rig, float(square[0] - freedom[0])),
         converged,
     )
+
+
+def _offness(covariance: np.ndarray, prior: np.ndarray, rig: int, excess: float) -> float:
+    """How many times farther off than its deviations say the rig is: of a direction told in part, χ² grows in part."""
+    told = rig - float(np.diag(covariance)[:rig] @ prior[:rig])
+    return float(np.sqrt(max(1.0 + excess / max(told, 1e-9), 0.0)))
 
 
 def _beginning(problem: Problem, state: State, strokes: np.ndarray) -> np.ndarray:

@@ -6,6 +6,7 @@ from . import damage as d
 from .case import Case, Damage
 from .every_file import CHECK, HANDEYE
 
+REFINE = "refine contacts.csv --rig rig.json --session session"
 OUTPUTS: tuple[tuple[str, str], ...] = (
     ("calibrate session -o {}", "out.json"),
     ("intrinsics session/intrinsics --board board.yaml -o {}", "out.json"),
@@ -14,6 +15,8 @@ OUTPUTS: tuple[tuple[str, str], ...] = (
     ("estimate session --rig rig.json -o kept.csv --report {}", "out.html"),
     ("track contacts.csv -o {}", "out.csv"),
     ("track contacts.csv --rig rig.json -o kept.csv --smooth {}", "out.csv"),
+    ("refine contacts.csv --rig rig.json --session session -o {}", "out.csv"),
+    ("refine contacts.csv --rig rig.json --session session -o kept.csv --update-rig {}", "out.json"),
     ("reconstruct contacts.csv --rig rig.json -o {}", "out.vtp"),
     ("report contacts.csv -o {}", "out.html"),
     ("view contacts.csv --html {}", "out.html"),
@@ -118,6 +121,12 @@ CALLS: tuple[tuple[str, str, tuple[str, ...]], ...] = (
         "track contacts.csv --rig rig.json -o a.csv --smooth a.csv",
         ("is the track's own file",),
     ),
+    ("refined onto the contacts", f"{REFINE} --force -o contacts.csv", ("contacts.csv", "is an input")),
+    ("refined into a spreadsheet", f"{REFINE} -o a.xlsx", ("is neither .csv nor .parquet",)),
+    ("a rig in a table", f"{REFINE} -o a.csv --update-rig b.csv", ("b.csv: is not a .json",)),
+    ("onto the rig that came", f"{REFINE} -o a.csv --force --update-rig rig.json", ("rig.json", "is an input")),
+    ("refined without a session", "refine contacts.csv --rig rig.json -o a.csv", ("--session",)),
+    ("refined without a rig", "refine contacts.csv --session session -o a.csv", ("--rig",)),
     ("smooth without a rig", "track contacts.csv -o a.csv --smooth b.csv", ("--smooth needs --rig",)),
     ("a track in a spreadsheet", "track contacts.csv -o a.xlsx", ("is not a .csv",)),
     ("an object in another format", "reconstruct contacts.csv -o object.stl", ("is not a .vtp, .ply or .glb",)),

@@ -9,6 +9,7 @@ ESTIMATE = "estimate session --rig rig.json -o out.csv"
 CALIBRATE = "calibrate session -o out.json"
 CALIBRATE_SWEPT = "calibrate swept -o out.json"
 HANDEYE = "handeye corners.csv --board board.yaml --poses poses.csv --camera camera.json -o out.json"
+REFINE = "refine contacts.csv --rig rig.json --session session -o out.csv"
 CHECK = "check rig.json session -o out.json"
 
 TEXTS: tuple[tuple[str, str, str], ...] = (
@@ -17,6 +18,7 @@ TEXTS: tuple[tuple[str, str, str], ...] = (
     ("session.yaml", "session/session.yaml", CHECK),
     ("session.yaml", "session/session.yaml", "intrinsics session/intrinsics --board session/session.yaml -o out.json"),
     ("session.yaml", "session/session.yaml", "view contacts.csv --rig rig.json --session session --html out.html"),
+    ("session.yaml", "session/session.yaml", REFINE),
     ("board.yaml", "board.yaml", "intrinsics session/intrinsics --board board.yaml -o out.json"),
     ("board.yaml", "board.yaml", "board --spec board.yaml -o out.pdf"),
     ("board.yaml", "board.yaml", "selftest --board board.yaml --pictures 1"),
@@ -24,17 +26,20 @@ TEXTS: tuple[tuple[str, str, str], ...] = (
     ("rig.json", "rig.json", CHECK),
     ("rig.json", "rig.json", "look session/recording/frame_0003.png --rig rig.json -o out.png"),
     ("rig.json", "rig.json", "budget rig.json -o out.json"),
+    ("rig.json", "rig.json", REFINE),
     ("rig.json", "rig.json", "track contacts.csv --rig rig.json -o out.csv"),
     ("rig.json", "rig.json", "reconstruct contacts.csv --rig rig.json -o out.vtp"),
     ("rig.json", "rig.json", "report contacts.csv --rig rig.json -o out.html"),
     ("rig.json", "rig.json", "view contacts.csv --rig rig.json --html out.html"),
     ("rig.json", "rig.json", "convert rig.json --to ros -o out.yaml"),
     ("camera.json", "camera.json", "convert camera.json --to opencv -o out.yaml"),
+    ("contacts.csv", "contacts.csv", REFINE),
     ("contacts.csv", "contacts.csv", "track contacts.csv -o out.csv"),
     ("contacts.csv", "contacts.csv", "reconstruct contacts.csv -o out.ply"),
     ("contacts.csv", "contacts.csv", "report contacts.csv -o out.html"),
     ("contacts.csv", "contacts.csv", "view contacts.csv --html out.html"),
     ("recording.csv", "session/recording/recording.csv", ESTIMATE),
+    ("recording.csv", "session/recording/recording.csv", REFINE),
     ("centrelines.csv", "lined/recording/centrelines.csv", "estimate lined --rig rig.json -o out.csv"),
     ("noload.csv", "session/noload/noload.csv", CALIBRATE),
     ("noload.csv", "session/noload/noload.csv", CHECK),

@@ -53,6 +53,17 @@ SESSION: tuple[Row, ...] = (
     ("a jig without a pose", d.at("jig", {}), "jig"),
     ("a mount without a turn", d.at("kinematics.T_actuator_antenna", {"translation_m": [0, 0, 0]}), "kinematics"),
     ("print scale of 200 %", d.at("print_scale_std", 2.0), "print_scale_std"),
+    ("a known object of no shape", d.at("known_object", {"shape": "cup"}), "known_object"),
+    (
+        "a pin that points nowhere",
+        d.at("known_object", {"shape": "pin", "position_m": [0, 0, 0], "direction": [0, 0, 0], "std_m": 1e-4}),
+        "known_object.direction",
+    ),
+    (
+        "a pin whose place is known exactly",
+        d.at("known_object", {"shape": "pin", "position_m": [0, 0, 0], "direction": [0, 0, 1], "std_m": 0}),
+        "known_object.std_m",
+    ),
     ("a second sensor without gain", d.at("second_moment_sensor", {"gain": 0, "offset_Nm": 0, "std_Nm": 1}), "gain"),
 )
 BOARD: tuple[Row, ...] = (

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 from . import damage as d
 from .case import Case, Row, cases
-from .every_file import CALIBRATE, CALIBRATE_SWEPT, CHECK, ESTIMATE, HANDEYE
+from .every_file import CALIBRATE, CALIBRATE_SWEPT, CHECK, ESTIMATE, HANDEYE, REFINE
 
 
 def numbers(line: int, column: str, remedy: str = "a finite number") -> tuple[Row, ...]:
@@ -94,6 +94,13 @@ CONTACTS: tuple[Row, ...] = (
     ("a contact at the clamp", d.cell(3, "distance_m", "0"), "line 3", "distance_m is 0 in a row that is"),
     ("a covariance below zero", d.cell(3, "cov_XX", "-1e-6"), "line 3", "cov"),
     ("a covariance that is none", d.cell(3, "cov_XY", "1"), "line 3", "cov"),
+)
+OF_ANOTHER: tuple[Row, ...] = (
+    ("a frame of another session", d.cell(5, "frame", "99"), "no frame 99", "give the session"),
+    ("a time of another session", d.cell(5, "time_s", "1000"), "has another time", "give the session"),
+    ("a joint angle of another session", d.cell(2, "pan_rad", "0.3"), "other joint angles", "give the session"),
+    ("a contact of another rig", d.cell(3, "X_m", "0.5"), "do not fit the rig's kinematics"),
+    ("no contacts", d.changed(lambda data: data.replace(b",ok,true", b",failed,true")), "no frame has a contact point"),
 )
 STIFFNESS: tuple[Row, ...] = (
     ("three readings", d.changed(lambda data: b"\n".join(data.split(b"\n")[:4])), "has 3 readings"),
@@ -190,6 +197,8 @@ CASES: list[Case] = [
         table("status") + numbers(3, "distance_m", "") + CONTACTS,
     ),
     *cases("contacts.csv", "contacts.csv", "reconstruct contacts.csv -o out.glb", numbers(3, "Y_m", "") + CONTACTS),
+    *cases("contacts.csv", "contacts.csv", REFINE, CONTACTS + numbers(3, "distance_m", "")),
+    *(Case(name, "contacts.csv", "contacts.csv", damage, REFINE, tuple(words)) for name, damage, *words in OF_ANOTHER),
     *cases("contacts.csv", "contacts.csv", "report contacts.csv -o out.html", CONTACTS[::2]),
     *cases("contacts.csv", "contacts.csv", "view contacts.csv --html out.html", CONTACTS[1::2]),
 ]

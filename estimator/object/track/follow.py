@@ -84,7 +84,7 @@ def follow(
         widest = np.linalg.eigvalsh(moving.parts_m2_s2[sound]).max(axis=-1)
         std[rows[sound]] = np.sqrt(np.maximum(widest, 0.0))
         phase[rows] = _phases(moving, radius)
-    happened = contact_events(table, contact) if events else []
+    happened = list(contact_events(table, contact)) if events else []
     for change, event in zip(contact.changes, happened, strict=events):
         if np.isfinite(event.time_s):  # frames between a change and its detection belong to what follows
             late = change.known_before[table.time_s[change.known_before] > event.time_s]
