@@ -224,7 +224,7 @@ def test_an_input_is_never_an_output(tmp_path: Path) -> None:
 
 
 def test_ctrl_c_between_the_two_names_of_a_folder_loses_neither(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
 ) -> None:
     """The signal comes just after the old folder has lost its name; the new one takes that first."""
     target = tmp_path / "session"
@@ -239,6 +239,8 @@ def test_ctrl_c_between_the_two_names_of_a_folder_loses_neither(
         return found
 
     monkeypatch.setattr(Path, "rename", interrupted)
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # a job in the background ignores it
+    request.addfinalizer(lambda: signal.signal(signal.SIGINT, before))
     with pytest.raises(KeyboardInterrupt), replacing_folder(target) as temporary:
         (temporary / "kept").write_text("new")
     assert (target / "kept").read_text() == "new"

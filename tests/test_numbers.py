@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from estimator import ContactEstimator
+from vbaa_calib.core.arrays import as_floats
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.core.numbers import as_floats
 
 from .estimator.contact_scenes import RIG
 

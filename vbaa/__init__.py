@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from estimator import refine
     from estimator.contact.estimate import ContactEstimator
     from estimator.object.estimate import estimate_object
     from estimator.table.contacts import Contact, Measured
@@ -26,11 +27,12 @@ __all__ = [
     "calibrate_lens",
     "estimate_object",
     "read_contacts",
+    "refine",
 ]
 
 _HOMES = {
     **dict.fromkeys(("Camera", "Rig", "calibrate_lens", "__version__"), "vbaa_calib"),
-    **dict.fromkeys(("Contact", "ContactEstimator", "Measured"), "estimator"),
+    **dict.fromkeys(("Contact", "ContactEstimator", "Measured", "refine"), "estimator"),
     "estimate_object": "estimator.object.estimate",
     "read_contacts": "estimator.table.files",
 }

@@ -16,9 +16,9 @@ from estimator.solver.numbers import FitNumbers
 from estimator.solver.rig_arrays import RigArrays
 from estimator.table.contacts import FRICTION_RAD, Contact, Measured
 from vbaa_calib.antenna.rungs import RUNGS
+from vbaa_calib.core.arrays import as_floats
 from vbaa_calib.core.compiled import cores
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.core.numbers import as_floats
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import DRIFTS
 

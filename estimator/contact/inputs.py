@@ -10,8 +10,7 @@ import numpy as np
 from estimator.solver.frames import Frames, frames_from_pixels
 from estimator.solver.rig_arrays import RigArrays
 from estimator.table.contacts import Measured
-from vbaa_calib.core.errors import InputError
-from vbaa_calib.core.numbers import (
+from vbaa_calib.core.arrays import (
     ANGLE_REMEDY,
     FARTHEST_PX,
     LARGEST_NM,
@@ -20,6 +19,7 @@ from vbaa_calib.core.numbers import (
     as_floats,
     check_each,
 )
+from vbaa_calib.core.errors import InputError
 from vbaa_calib.rig import Rig
 
 _LEAST_END_PX = 0.02
@@ -95,7 +95,7 @@ class Batch:
         moments = {name: _column(name, values, len(points)) for name, values in readings.items()}
         angles = [_column(name, values, len(points)) for name, values in joints.items()]
         for name, values in zip(joints, angles, strict=True):
-            check_each(values, LARGEST_RAD, name, ANGLE_REMEDY, required=True)
+            check_each(values, LARGEST_RAD, name, ANGLE_REMEDY, missing="")
         for name, values in moments.items():
             check_each(values, LARGEST_NM, name, f"{MOMENT_REMEDY}, or None where there is no reading")
         sigma = _deviations(points, rig.image.noise_px if sigma_px is None else sigma_px)
@@ -115,12 +115,12 @@ def _padded(centrelines_px: np.ndarray | Sequence[np.ndarray]) -> np.ndarray:
     """(B, N, 2) of centrelines of one length or of many; NaN where there is no point. Raises InputError."""
     name, remedy = "centrelines_px", "give (N, 2) pixels for every frame"
     if isinstance(centrelines_px, np.ndarray) and centrelines_px.ndim == 3 and centrelines_px.shape[2] == 2:
-        return check_each(as_floats(centrelines_px, name, remedy), FARTHEST_PX, name, remedy)
+        return check_each(as_floats(centrelines_px, name, remedy), FARTHEST_PX, name, remedy, "infinite")
     lines = [as_floats(line, name, remedy) for line in centrelines_px]
     for line in lines:
         if line.ndim != 2 or line.shape[1] != 2:
             raise InputError(f"a centreline has shape {line.shape}", remedy=remedy)
-        check_each(line, FARTHEST_PX, name, remedy)
+        check_each(line, FARTHEST_PX, name, remedy, "infinite")
     points = np.full((len(lines), max((len(line) for line in lines), default=0), 2), np.nan)
     for row, line in zip(points, lines, strict=True):
         row[: len(line)] = line

@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
+from vbaa_calib.core.arrays import FARTHEST_M
 from vbaa_calib.core.csv_rows import csv_rows, number, whole_number
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import replacing, require_file
-from vbaa_calib.core.numbers import FARTHEST_M
 
 from .contacts import (
     COLUMNS,

@@ -299,7 +299,7 @@ def test_the_whole_antenna(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
 def test_one_contact(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Of a rig without a lens; and of one without errors."""
     rig = written(tmp_path / "rig.json", correlated_rig(lens=False))
-    result = run(arguments(rig, *ONE, "--tilt", "20", "--figure", tmp_path / "one.svg"))
+    result = run(arguments(rig, *ONE, "--tilt", "20", "--degrees", "--figure", tmp_path / "one.svg"))
     assert result["contacts"] == 1
     assert result["tilt_rad"] == pytest.approx(np.radians(20.0))
     assert (tmp_path / "one.svg").read_text().startswith("<?xml")

@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from vbaa_calib.camera import Camera
+from vbaa_calib.core.arrays import FARTHEST_M
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.core.numbers import FARTHEST_M
 from vbaa_calib.geometry import Pose
 
 

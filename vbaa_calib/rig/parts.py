@@ -89,10 +89,7 @@ class Antenna:
 _Weight = Annotated[Number, Field(ge=-100, le=100)]
 _Level = Annotated[Number, Field(ge=0, le=1e6)]
 _Spread = Annotated[Number, Field(ge=1e-3, le=1e6)]
-_Looks = (
-    Annotated[tuple[tuple[_Level, _Spread], ...], Field(min_length=8, max_length=8)]
-    | Annotated[tuple[tuple[_Level, _Level, _Level, _Spread], ...], Field(min_length=8, max_length=8)]
-)
+_Looks = Annotated[tuple[tuple[_Level, _Level, _Level, _Spread], ...], Field(min_length=8, max_length=8)]
 
 
 @dataclass(frozen=True)
@@ -105,7 +102,7 @@ class AntennaImage:
     weights_bgr : that make the plane of a colour picture on which it stands out; None for the grey level.
     colour_bgr : of the antenna, where its nearness makes that plane.
     height : of the free antenna's line above its background, grey levels on that plane; None where not measured.
-    looks : (8, C + 1) its mean colour (or grey level) from clamp to tip, and the deviation of that; None: not measured.
+    looks : (8, 4) its mean colour from clamp to tip, and the deviation of that; None: not measured.
     """
 
     noise_px: Annotated[Number, Field(ge=1e-6, le=1e3)]

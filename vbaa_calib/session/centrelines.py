@@ -17,10 +17,10 @@ from typing import BinaryIO
 
 import numpy as np
 
+from vbaa_calib.core.arrays import FARTHEST_PX
 from vbaa_calib.core.csv_rows import csv_rows, number, places_of, whole_number
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import require_file
-from vbaa_calib.core.numbers import FARTHEST_PX
 
 from .settings import Session
 from .tables import wrong

@@ -15,11 +15,11 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from vbaa_calib.core.arrays import check_angle
 from vbaa_calib.core.csv_rows import csv_rows, number, read_csv, whole_number
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_text
 from vbaa_calib.core.images import SUFFIXES, picture_size
-from vbaa_calib.core.numbers import check_angle
 
 from .settings import Session
 

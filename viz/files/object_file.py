@@ -31,7 +31,16 @@ from .outputs import refuse_output
 from .vtp import read_vtp
 
 SUFFIXES = (".vtp", ".ply", ".glb")
-_UNREADABLE = (struct.error, ValueError, KeyError, IndexError, TypeError, StopIteration, AttributeError)
+_UNREADABLE = (
+    struct.error,
+    ArithmeticError,
+    ValueError,
+    KeyError,
+    IndexError,
+    TypeError,
+    StopIteration,
+    AttributeError,
+)
 _FARTHEST_M = 1e6
 """Of what an antenna touched, from anywhere."""
 
@@ -66,11 +75,12 @@ def read_object(path: Path) -> ObjectMesh:
         raise InputError("is not a .vtp, .ply or .glb", where=path, remedy="the suffix chooses the format")
     data = read_bytes(path)
     try:
-        if suffix == ".vtp":
-            found = read_in_child(read_vtp, path)
-        else:
-            found = _read_ply(data) if suffix == ".ply" else _read_glb(data)
-        return _checked(**found)
+        with np.errstate(invalid="raise", over="raise"):
+            if suffix == ".vtp":
+                found = read_in_child(read_vtp, path)
+            else:
+                found = _read_ply(data) if suffix == ".ply" else _read_glb(data)
+            return _checked(**found)
     except _UNREADABLE:
         what = f"holds no mesh{' of ours' if suffix == '.glb' else ''}"
         raise InputError(what, where=path, remedy="write it again with vbaa reconstruct") from None

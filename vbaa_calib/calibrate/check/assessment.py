@@ -13,12 +13,12 @@ import numpy as np
 from targets.board import BoardSpec, corner_points
 from vbaa_calib.calibrate.antenna.session_rig import ExpectedAntenna, observe
 from vbaa_calib.calibrate.lens.board_shape import SHAPE_NAMES, BoardShape
+from vbaa_calib.core.arrays import check_angle
 from vbaa_calib.core.console import progress
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_json, sha256
 from vbaa_calib.core.images import list_images
 from vbaa_calib.core.models import checked
-from vbaa_calib.core.numbers import check_angle
 from vbaa_calib.detect.board.corners import detect_files
 from vbaa_calib.detect.whisker.paint import Paint
 from vbaa_calib.rig import Rig

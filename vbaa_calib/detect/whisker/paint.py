@@ -169,22 +169,28 @@ def _sampled(image: np.ndarray, points: np.ndarray, aside: float) -> np.ndarray:
     return colours[:, None] if image.ndim == 2 else colours[:, :3]
 
 
-Looks = tuple[tuple[float, float], ...] | tuple[tuple[float, float, float, float], ...]
-"""(PLACES, C + 1) mean colour at places from clamp to tip, of C channels, and its deviation."""
+def _colours(image: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """(N, 3) colours at points, grey levels of 8 bits whatever the picture's depth; grey is three times one."""
+    colours = _sampled(image, points, 0.0) / (257.0 if image.dtype == np.uint16 else 1.0)
+    return np.broadcast_to(colours, (len(colours), 3))
+
+
+Looks = tuple[tuple[float, float, float, float], ...]
+"""(PLACES, 4) mean colour at places from clamp to tip, and its deviation, grey levels."""
 
 
 def look_of(image: np.ndarray, line: Centreline) -> np.ndarray:
-    """(PLACES, C) mean colour of a found antenna along its guide, in a picture (H, W[, 3]); NaN where unseen."""
+    """(PLACES, 3) mean colour of a found antenna along its guide, in a picture (H, W[, 3]); NaN where unseen."""
     place = np.minimum((_shares(line) * PLACES).astype(int), PLACES - 1)
-    colours = _sampled(image, line.points_px, 0.0)
-    means = np.full((PLACES, colours.shape[1]), np.nan)
+    colours = _colours(image, line.points_px)
+    means = np.full((PLACES, 3), np.nan)
     for own in np.unique(place):
         means[own] = colours[place == own].mean(axis=0)
     return means
 
 
 def usual_looks(several: Sequence[np.ndarray]) -> Looks | None:
-    """What the antenna looks like, by looks (PLACES, C) in some pictures; None where a place was not seen in two."""
+    """What the antenna looks like, by looks (PLACES, 3) in some pictures; None where a place was not seen in two."""
     looks = np.array([one for one in several if len(one)])
     if len(looks) < 2 or (np.isfinite(looks).all(axis=2).sum(axis=0) < 2).any():
         return None
@@ -203,9 +209,11 @@ def without_other_things(image: np.ndarray, line: Centreline, looks: Looks | Non
     Where the antenna is hidden a line that goes on along an object's edge has not its colour. The light may be stronger
     or weaker in all than it was.
     """
-    if looks is None or not line.found or image.ndim != (2 if len(looks[0]) == 2 else 3):
+    if looks is None or not line.found:
         return line
-    share, colours, table = _shares(line), _sampled(image, line.points_px, 0.0), np.array(looks)
+    share, colours, table = _shares(line), _colours(image, line.points_px), np.array(looks)
+    if image.ndim == 2 and np.ptp(table[:, :3], axis=1).max() > LEAST_SPREAD[1]:
+        return line  # a grey picture does not show the colour
     place = (np.arange(PLACES) + 0.5) / PLACES
     usual = np.stack([np.interp(share, place, column) for column in table.T], axis=1)
     usual, spread = usual[:, :-1], usual[:, -1]
