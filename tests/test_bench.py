@@ -22,6 +22,7 @@ def test_every_subject_leaves_its_files_in_the_smallest_run(name: str, tmp_path:
     assert {path.name for path in tmp_path.iterdir()} == {*SUBJECTS[name].files, SUBJECTS[name].record}
 
 
+@pytest.mark.slow
 def test_a_real_subject_is_the_same_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
     """But for its times, on one lens; the record tells what it was made with."""
     one_lens = {"radial, 5": metric.lenses()["radial, 5"]}

@@ -103,6 +103,7 @@ def test_the_judge_sees_a_moved_camera_at_its_size() -> None:
     assert stiff["mass"].errors == pytest.approx(0.0)
 
 
+@pytest.mark.slow
 def test_calibrations_err_as_much_as_they_say() -> None:
     """Pose, antenna and sensor, 17 numbers of one draw of each rig: χ² within what one run in 5,000 exceeds, each rig
     by itself (deviations too small by 1.67 are found out) and all six together (by 1.27).

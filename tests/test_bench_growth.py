@@ -32,6 +32,7 @@ def quadratic(size: int, seed: int) -> object:
     return lambda: np.ones((size, size)) @ np.ones(size) if seed >= 0 else None
 
 
+@pytest.mark.slow
 def test_a_series_that_grows_too_fast_is_found_out() -> None:
     series = Series("squares", "rows", (1,), (1,), quadratic, "every row meets every other")
     grown = follow(series, [1000, 1500, 2200, 3300], 0, 2)

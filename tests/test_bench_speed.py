@@ -42,6 +42,7 @@ def test_the_loop_is_a_fair_one() -> None:
     assert 0.7 < np.sqrt(np.mean(off**2)) < 1.4
 
 
+@pytest.mark.slow
 def test_a_tree_agrees_with_itself(tmp_path: Path) -> None:
     """Frames of a calibrated rig, lens and all, go to two workers of this tree: the same answers, near the bound."""
     rig = as_measured(Setup(tilt_rad=0.5, real=True, exact=False).rig())

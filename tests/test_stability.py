@@ -146,6 +146,7 @@ def moving_corners(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[Rng], 
     return begin
 
 
+@pytest.mark.slow
 def test_calibration(done: Done, moving_corners: Callable[[Rng], list[BoardView]]) -> None:
     """From corners moved by nothing: the antenna is looked for in its pictures along a path that moved by as little."""
     given = moving_corners(np.random.default_rng(1))

@@ -183,7 +183,10 @@ def assert_matches(solution: LensSolution, rms: float, fx: float, fy: float) -> 
     assert solution.camera.matrix[1, 1] == pytest.approx(fy, rel=0.008)
 
 
-@pytest.mark.parametrize(("name", "min_corners", "reference", "fitting"), REFERENCES)
+@pytest.mark.parametrize(
+    ("name", "min_corners", "reference", "fitting"),
+    [pytest.param(*one, marks=pytest.mark.slow if one[0] == "ucl_left" else ()) for one in REFERENCES],
+)
 def test_the_fitting_lens_model_reproduces_the_reference(
     name: str, min_corners: int, reference: tuple[float, float, float], fitting: tuple[str, bool]
 ) -> None:

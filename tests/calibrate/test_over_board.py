@@ -79,6 +79,7 @@ def test_height_and_length_are_carried_into_the_covariance() -> None:
     np.testing.assert_allclose(np.sqrt([more[3, 3], more[5, 5]]), [2e-3, 1e-3], rtol=0.05)
 
 
+@pytest.mark.slow
 def test_the_lens_sensitivity_tells_how_a_wrong_lens_moves_the_frame() -> None:
     scene = shown(PLAIN)
     change = np.array([1.0, 1.2, -0.5, 0.8, 1e-3, 0.0, 0.0, 0.0])
@@ -135,7 +136,9 @@ REFUSED = {
 }
 
 
-@pytest.mark.parametrize("words", REFUSED)
+@pytest.mark.parametrize(
+    "words", [pytest.param(words, marks=pytest.mark.slow if n % 3 else ()) for n, words in enumerate(REFUSED)]
+)
 def test_what_cannot_be_the_antenna_over_its_board_is_refused(words: str) -> None:
     scene = shown(PLAIN)
     with pytest.raises(InputError, match=words):

@@ -73,7 +73,10 @@ def solved(picture: np.ndarray, setting: Setting, unloaded: np.ndarray | None = 
     return solve_photo([find_rod(each) for each in (picture, unloaded) if each is not None], setting)
 
 
-@pytest.mark.parametrize(("stiffness", "bow"), [(2e-3, 0.0), (2e-4, -2.0), (4e-5, 3.0)])
+@pytest.mark.parametrize(
+    ("stiffness", "bow"),
+    [pytest.param(2e-3, 0.0, marks=pytest.mark.slow), (2e-4, -2.0), pytest.param(4e-5, 3.0, marks=pytest.mark.slow)],
+)
 def test_a_heavy_rod_is_recovered_within_its_deviation(stiffness: float, bow: float) -> None:
     """EI per weight from slopes of 25° to beyond 80°, the tilt being what the deviation says, drawn at random."""
     rng = np.random.default_rng(int(1e6 * stiffness))

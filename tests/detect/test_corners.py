@@ -178,7 +178,11 @@ def test_the_legacy_pattern_is_told_from_the_present_one(tmp_path: Path, columns
 
 @pytest.mark.parametrize(
     ("mirrored", "negative", "change"),
-    [(True, False, {}), (False, True, {"squares_x": 8}), (True, True, {"dictionary": "DICT_5X5_100"})],
+    [
+        pytest.param(True, False, {}, marks=pytest.mark.slow),
+        pytest.param(False, True, {"squares_x": 8}, marks=pytest.mark.slow),
+        (True, True, {"dictionary": "DICT_5X5_100"}),
+    ],
 )
 def test_turned_pictures_are_named_as_the_cause(tmp_path: Path, change: dict, mirrored: bool, negative: bool) -> None:
     for seed in range(2):

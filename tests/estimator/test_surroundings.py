@@ -70,7 +70,10 @@ def seen(lines: list[Centreline]) -> float:
     return float(np.mean([line.found * line.seen for line in lines]))
 
 
-@pytest.mark.parametrize(("shake_px", "lamp"), [(0.0, 0.0), (1.0, 0.0), (1.0, 0.2)])
+@pytest.mark.parametrize(
+    ("shake_px", "lamp"),
+    [pytest.param(0.0, 0.0, marks=pytest.mark.slow), pytest.param(1.0, 0.0, marks=pytest.mark.slow), (1.0, 0.2)],
+)
 def test_more_is_seen_in_its_place_however_the_camera_shakes_and_the_lamp_changes(shake_px: float, lamp: float) -> None:
     images, paths = recording(np.random.default_rng(1), shake_px, lamp)
     empty, why = background_of(images, finder(), True)

@@ -65,6 +65,7 @@ def test_a_fast_approach_is_told_by_its_first_frame_and_timed_between_frames() -
     assert "free" not in track.phase[52:]
 
 
+@pytest.mark.slow
 def test_the_time_of_first_contact_is_worth_what_it_says() -> None:
     """Against sampling, the common error in any direction, the approach a little uneven."""
     rng, off = np.random.default_rng(6), []

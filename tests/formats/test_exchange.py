@@ -199,7 +199,7 @@ def test_colmap_counts_pixels_from_their_corner() -> None:
     assert pinhole.matrix[:2, 2].tolist() == [1535.5, 1151.5]
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=50, deadline=None)
 @given(
     name=st.sampled_from(sorted(SAMPLES)),
     where=st.integers(0, 1500),
