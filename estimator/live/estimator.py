@@ -73,7 +73,7 @@ class LiveEstimator:
         final: bool = True,
     ) -> None:
         self.estimator, self.synchronizer = estimator, synchronizer
-        self._ground = ground
+        self.final, self._ground = final, ground
         # each its own: a stream says on its estimator how the rig has changed
         self._now = ContactStream(_again(estimator), live=True)
         self._later = ContactStream(estimator, at_once=FINAL_AT_ONCE) if final else None

@@ -69,10 +69,8 @@ class Source:
         """The same for vision alone."""
 
         def messages() -> Iterator[Taken | Reading | None]:
-            return (
-                each
-                for each in self.messages()
-                if not (isinstance(each, Reading) and each.channel.startswith("moment"))
-            )
+            for each in self.messages():
+                if not (isinstance(each, Reading) and each.channel.startswith("moment")):
+                    yield each
 
         return replace(self, messages=messages, channels=self.channels - {"moment_Nm", "moment_z_Nm"})
