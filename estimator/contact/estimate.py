@@ -269,9 +269,18 @@ class ContactStream:
     live : each frame is answered as it comes, from those before it; else `STREAM` at a time, as a recording's.
     at_once : frames that one `push` solves at most, so that none takes long; by default all that are due. The contacts
         are the same.
+    beside : another stream of the same frames, which learns how the rig has changed for this one, too.
     """
 
-    def __init__(self, estimator: ContactEstimator, *, live: bool = False, at_once: int | None = None) -> None:
+    def __init__(
+        self,
+        estimator: ContactEstimator,
+        *,
+        live: bool = False,
+        at_once: int | None = None,
+        beside: ContactStream | None = None,
+    ) -> None:
+        self._beside = beside
         self._estimator, self._now = estimator, estimator
         self._size, self._at_once = 1 if live else STREAM, at_once
         self._motion = MotionCheck(estimator.rig, live)
@@ -303,7 +312,7 @@ class ContactStream:
 
     def _take(self) -> None:
         """What came is one chunk, whose free frames say how the rig has changed."""
-        self._now = self._now.after_free_frames(self._coming)
+        self._now = self._now.after_free_frames(self._coming) if self._beside is None else self._beside._now
         self._estimator.drift = self._now.drift
         self._waiting.append(self._coming)
         self._coming = []

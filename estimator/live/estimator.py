@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import Any
 
+import cv2
 import numpy as np
 
 from estimator.contact.drift import summary
@@ -20,13 +21,16 @@ from estimator.contact.recording import (
     detect_again,
     first_look,
     frame_contact,
+    gravity,
 )
 from estimator.table.contacts import ContactRow
+from vbaa_calib.detect.whisker.antenna import free_curve, pixels
+from vbaa_calib.session import Frame
 from vbaa_calib.streams import Reading, Synchronizer, Taken
 from vbaa_calib.streams.synchronize import Synchronized
 
-FINAL_AT_ONCE = 2
-"""Frames whose final contacts are worked out with one picture: twice what comes, so that they keep up."""
+FINAL_AT_ONCE = 8
+"""Frames whose final contacts are worked out with one picture: few enough that it is hardly late."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,12 +78,24 @@ class LiveEstimator:
     ) -> None:
         self.estimator, self.synchronizer = estimator, synchronizer
         self.final, self._ground = final, ground
-        # each its own: a stream says on its estimator how the rig has changed
-        self._now = ContactStream(_again(estimator), live=True)
         self._later = ContactStream(estimator, at_once=FINAL_AT_ONCE) if final else None
+        self._now = ContactStream(estimator, live=True, beside=self._later)
         self._before = np.empty((0, 2))
         self._frames: deque[tuple[Synchronized, Detection]] = deque()
         self._watched = 0
+
+    def warm(self) -> None:
+        """Load and prepare what the first picture would wait for."""
+        rig = self.estimator.rig
+        frame = Frame(None, 0.0, 0.0, rig.moment_sensor.offset_Nm, frame=0, time_s=0.0)
+        free = free_curve(rig.antenna.parameters, rig.antenna.length_m, gravity(rig, frame)).points_m[0]
+        line = pixels(rig.camera, rig.T_antenna_camera.inverse(), free)
+        width, height = rig.camera.image_size
+        picture = np.full((height, width), 128, np.uint8)
+        cv2.polylines(picture, [np.rint(line[np.isfinite(line).all(axis=1)]).astype(np.int32)], False, 250, 3)
+        first = first_look(self.estimator, frame, picture)
+        (seen,) = detect_again(self.estimator, [replace(first, line=first.line.with_verdict("ok", ""))])
+        self.estimator.measure(seen.measured)
 
     def push(self, message: Taken | Reading | None) -> Iterator[LiveContact]:
         """The contacts that are there with a picture or a reading; None: some time has passed, see `tick`."""
@@ -132,7 +148,3 @@ class LiveEstimator:
 
 
 _NO_PICTURE = np.empty((0, 0), np.uint8)
-
-
-def _again(estimator: ContactEstimator) -> ContactEstimator:
-    return ContactEstimator(estimator.rig, estimator.model, friction=estimator.friction_rad, jobs=estimator.jobs)

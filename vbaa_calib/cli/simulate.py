@@ -96,9 +96,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     frames = planned.truth["frames"]
     touching = sum(frame["in_contact"] for frame in frames)
     seconds = time.perf_counter() - started
-    say(
-        f"{args.output or args.bag}: scene {scene.name}, {len(frames)} frames of which {touching} in contact, {seconds:.1f} s"
-    )
+    counts = f"{len(frames)} frames of which {touching} in contact"
+    say(f"{args.output or args.bag}: scene {scene.name}, {counts}, {seconds:.1f} s")
     return {
         "session": None if args.output is None else str(args.output),
         "bag": None if args.bag is None else str(args.bag),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from bisect import bisect_left
 from collections import Counter, deque
 from collections.abc import Iterable, Iterator, Sequence
@@ -148,8 +149,8 @@ class Synchronizer:
         for name, joint in zip(_ANGLES, self._timing.joints_rad, strict=True):
             if name not in read:
                 values[name] = joint
-        self.counts["pictures without a moment"] += "moment_Nm" in read and np.isnan(values["moment_Nm"])
-        self.counts["pictures without joint angles"] += any(np.isnan(values[name]) for name in _ANGLES)
+        self.counts["pictures without a moment"] += "moment_Nm" in read and math.isnan(values["moment_Nm"])
+        self.counts["pictures without joint angles"] += any(math.isnan(values[name]) for name in _ANGLES)
         self._given_s, self._number = taken.time_s, self._number + 1
         ages = [age for _, age in read.values()]
         frame = Frame(image=None, frame=self._number - 1, time_s=taken.time_s, **values)

@@ -31,8 +31,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("rig", type=Path, help="rig.json of `vbaa calibrate`")
     parser.add_argument(
         "source",
-        help="camera:0, /dev/video0, rtsp://host/path, a folder that fills up, a ROS bag, an .mcap, a video, a table of "
-        "pictures, or - for JSON lines on standard input",
+        help="camera:0, /dev/video0, rtsp://host/path, a folder that fills up, a ROS bag, an .mcap, a video, a table "
+        "of pictures, or - for JSON lines on standard input",
     )
     parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="contacts.csv, which grows as contacts come")
     parser.add_argument("--lines", action="store_true", help="contacts as JSON lines on standard output")
@@ -91,6 +91,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         sinks = _sinks(args, stack)
         synchronizer = Synchronizer(timing, source.channels, rig.camera.image_size)
         live = LiveEstimator(estimator, synchronizer, ground, final=not args.no_final)
+        live.warm()
         say(f"estimating from {source.name}; Ctrl-C ends it")
         told = _Told(source, live, rig.drift.of_rig)
         _follow(source, live, [*sinks, told])
@@ -225,8 +226,8 @@ class _Told:
             self.warned |= new
             say(
                 f"warning, frame {frame}: {', '.join(sorted(new))} changed more than drift does since the calibration "
-                f"(the antenna by {changed['picture_px']:.2g} px, the sensor's zero by {changed['moment_zero_std']:.1f} "
-                "std): run vbaa check"
+                f"(the antenna by {changed['picture_px']:.2g} px, the sensor's zero by "
+                f"{changed['moment_zero_std']:.1f} std): run vbaa check"
             )
 
     def _show(self, contact: LiveContact, now_s: float) -> None:
