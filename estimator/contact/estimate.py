@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Generator, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import islice
 
 import numpy as np
 
@@ -137,30 +136,12 @@ class ContactEstimator:
         that begins with contacts waits for its first free frames, `MOST_WAITING` frames at most: they say how the rig
         has changed. With `live` each frame is answered as it comes, tested with those before it.
         """
-        frames, warm = iter(recording), None
-        motion, now, waiting = MotionCheck(self.rig, live), self, deque[list[Measured]]()
-        patient = self.rig.drift.of_rig and not live
-        while several := list(islice(frames, 1 if live else STREAM)):
-            now = now._after_free_frames(several)
-            self.drift = now.drift
-            waiting.append(several)
-            patient = patient and now.drift.frames == 0 and len(waiting) * STREAM < MOST_WAITING
-            while waiting and not patient:
-                warm = yield from now._pushed(waiting.popleft(), warm, motion)
-        while waiting:
-            warm = yield from now._pushed(waiting.popleft(), warm, motion)
-        yield from motion.finish()
+        stream = ContactStream(self, live=live)
+        for measured in recording:
+            yield from stream.push(measured)
+        yield from stream.finish()
 
-    def _pushed(
-        self, several: list[Measured], warm: np.ndarray | None, motion: MotionCheck
-    ) -> Generator[Contact, None, np.ndarray | None]:
-        """Contacts as motion lets them go, and the unknowns of the last one located."""
-        found = self._at(max(each.time_s for each in several))._contacts(Batch.of(several, warm), motion.beam)
-        yield from motion.push(several, found)
-        located = np.flatnonzero(np.isfinite(found.distance_m))
-        return found.numbers.unknowns[located[-1]] if len(located) else None
-
-    def _after_free_frames(self, several: Sequence[Measured]) -> ContactEstimator:
+    def after_free_frames(self, several: Sequence[Measured]) -> ContactEstimator:
         """The estimator for the rig as it is now: its drift is learnt from the free ones of some frames."""
         time_s = max(each.time_s for each in several)
         if not self.drift.due(time_s):
@@ -168,7 +149,7 @@ class ContactEstimator:
         learnt = self.drift.later(time_s).learn(Batch.of(several), time_s)
         return self if learnt.frames == self.drift.frames else self._with(learnt)
 
-    def _at(self, time_s: float) -> ContactEstimator:
+    def at(self, time_s: float) -> ContactEstimator:
         """The estimator for the rig as it may be some time after its last free frames, or was before them."""
         return self._with(self.drift.later(time_s)) if abs(time_s - self.drift.time_s) > RENEWED_S else self
 
@@ -210,10 +191,16 @@ class ContactEstimator:
 
     def _contacts(self, batch: Batch, beam: Beam | None = None) -> Contacts:
         """The frames' contacts; with a beam, also what testing for motion needs."""
+        return _last(self.contacts_in_parts(batch, beam, CHUNK))
+
+    def contacts_in_parts(self, batch: Batch, beam: Beam | None, most: int) -> Generator[None, None, Contacts]:
+        """The same, so many frames from one step to the next: for who has other things to do in between."""
         count = len(batch)
-        found = None if 0 < count <= CHUNK else FitNumbers.empty(count)
-        for begin in range(0, count, CHUNK):
-            part = batch if count <= CHUNK else batch[begin : begin + CHUNK]
+        found = None if 0 < count <= most else FitNumbers.empty(count)
+        for begin in range(0, count, most):
+            if begin:
+                yield
+            part = batch if count <= most else batch[begin : begin + most]
             frames = part.frames(self._rig_arrays)
             usable = frames.usable.sum(-1)
             rows = np.flatnonzero(usable >= FEWEST_POINTS)
@@ -221,7 +208,7 @@ class ContactEstimator:
                 found = self._fitted(part, frames, beam)
                 continue
             found = FitNumbers.empty(count) if found is None else found
-            found.points[begin : begin + CHUNK] = usable
+            found.points[begin : begin + most] = usable
             if len(rows):
                 found.put(begin + rows, self._fitted(part[rows], frames.select(rows), beam))
         assert found is not None
@@ -273,3 +260,91 @@ class RoughFit:
 
     unknowns: np.ndarray
     points_m: np.ndarray
+
+
+class ContactStream:
+    """Frames in, one at a time, contacts out in the same order: what `ContactEstimator.run` does, for frames that come
+    when they come.
+
+    live : each frame is answered as it comes, from those before it; else `STREAM` at a time, as a recording's.
+    at_once : frames that one `push` solves at most, so that none takes long; by default all that are due. The contacts
+        are the same.
+    beside : another stream of the same frames, which learns how the rig has changed for this one, too.
+    """
+
+    def __init__(
+        self,
+        estimator: ContactEstimator,
+        *,
+        live: bool = False,
+        at_once: int | None = None,
+        beside: ContactStream | None = None,
+    ) -> None:
+        self._beside = beside
+        self._estimator, self._now = estimator, estimator
+        self._size, self._at_once = 1 if live else STREAM, at_once
+        self._motion = MotionCheck(estimator.rig, live)
+        self._patient = estimator.rig.drift.of_rig and not live
+        self._coming: list[Measured] = []
+        self._waiting: deque[list[Measured]] = deque()
+        self._solving: Generator[None, None, Contacts] | None = None
+        self._warm: np.ndarray | None = None
+
+    @property
+    def drift(self) -> LearntRig:
+        """The rig's drift as learnt so far."""
+        return self._now.drift
+
+    def push(self, measured: Measured) -> Iterator[Contact]:
+        """The contacts that are ready with this frame, its own among them or not."""
+        self._coming.append(measured)
+        if len(self._coming) == self._size:
+            self._take()
+        return self._ready(self._at_once)
+
+    def finish(self) -> Iterator[Contact]:
+        """The contacts of all frames that still wait; nothing comes after them."""
+        if self._coming:
+            self._take()
+        self._patient = False
+        yield from self._ready(None)
+        yield from self._motion.finish()
+
+    def _take(self) -> None:
+        """What came is one chunk, whose free frames say how the rig has changed."""
+        self._now = self._now.after_free_frames(self._coming) if self._beside is None else self._beside._now
+        self._estimator.drift = self._now.drift
+        self._waiting.append(self._coming)
+        self._coming = []
+        enough = self._now.drift.frames > 0 or len(self._waiting) * STREAM >= MOST_WAITING
+        self._patient = self._patient and not enough
+
+    def _ready(self, at_once: int | None) -> Iterator[Contact]:
+        """The contacts of chunks that are solved, after a step of the work or, without `at_once`, all of it."""
+        while self._waiting and not self._patient:
+            several = self._waiting[0]
+            if self._solving is None:
+                then = self._now.at(max(each.time_s for each in several))
+                batch, most = Batch.of(several, self._warm), CHUNK if at_once is None else at_once
+                self._solving = then.contacts_in_parts(batch, self._motion.beam, most)
+            try:
+                next(self._solving)
+            except StopIteration as done:
+                self._waiting.popleft()
+                self._solving = None
+                found: Contacts = done.value
+                located = np.flatnonzero(np.isfinite(found.distance_m))
+                self._warm = found.numbers.unknowns[located[-1]] if len(located) else None
+                yield from self._motion.push(several, found)
+            if at_once is not None:
+                return
+
+
+def _last(parts: Generator[None, None, Contacts]) -> Contacts:
+    """What a generator returns in the end."""
+    while True:
+        try:
+            next(parts)
+        except StopIteration as done:
+            found: Contacts = done.value
+            return found

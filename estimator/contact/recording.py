@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -36,6 +38,7 @@ CLAMP_PX, CLAMP_RAD = 4.0, 0.06
 Ground = Callable[[Still], Background | None]
 """What lies behind the antenna in a picture, as far as it is known."""
 
+NO_JOINTS = "no joint angles were read near enough to the picture's instant"
 AT_ONCE_PX = 16_000_000
 """Pictures of so many pixels in all are kept for a second look, so that their rough fits are one batch."""
 
@@ -183,9 +186,18 @@ def first_detection(estimator: ContactEstimator, frame: Frame, ground: Ground | 
     Raises InputError when the picture cannot be read or has another size.
     """
     assert frame.image is not None
-    rig, looking = estimator.rig, prepared(estimator.rig, frame)
-    picture, bright = read_own(rig, frame.image), rig.image.bright
-    image = paint(rig).plane(picture)
+    return first_look(estimator, frame, read_own(estimator.rig, frame.image), ground)
+
+
+def first_look(
+    estimator: ContactEstimator, frame: Frame, picture: np.ndarray, ground: Ground | None = None
+) -> FirstDetection:
+    """The same at a picture (H, W[, 3]) of the rig's size that was read already."""
+    rig = estimator.rig
+    bright, image = rig.image.bright, paint(rig).plane(picture)
+    if not math.isfinite(frame.pan_rad + frame.tilt_rad):
+        return FirstDetection(frame, image, replace(NOTHING, reason=NO_JOINTS), bright)
+    looking = prepared(rig, frame)
     if looking is None:
         return FirstDetection(frame, image, NOTHING, bright)
     less = subtracted(looking, image, None if ground is None else ground(frame))
@@ -212,20 +224,47 @@ def _in_order(firsts: Iterable[FirstDetection]) -> Iterator[FirstDetection]:
     """The same; where two lines could be the antenna, the frame before tells whether the first one is."""
     before = np.empty((0, 2))
     for first in firsts:
-        line = decided(first.line, before)
-        before = line.guide_px if line.found else before
-        yield replace(first, line=line)
+        decided_one, before = after(first, before)
+        yield decided_one
+
+
+def after(first: FirstDetection, before: np.ndarray) -> tuple[FirstDetection, np.ndarray]:
+    """A first look, decided by where the antenna was seen `before` (N, 2), and where it is seen now."""
+    line = decided(first.line, before)
+    return replace(first, line=line), line.guide_px if line.found else before
 
 
 def estimate_pictures(
     estimator: ContactEstimator, frames: Sequence[Frame], ground: Ground | None = None
 ) -> Iterator[FrameContact]:
     """Every frame from its picture, in order, as many at a time as the estimator takes. Raises as `glance` does."""
-    firsts = _in_order(first_detection(estimator, frame, ground) for frame in frames)
-    given, kept = tee(detections(estimator, firsts))
-    for frame, seen, contact in zip(frames, kept, estimator.run(each.measured for each in given), strict=True):
-        said = contact if seen.line.found else replace(contact, reason=seen.line.reason)
-        yield FrameContact(frame, said, seen.measured, seen.line)
+    return _estimated(estimator, ((frame, first_detection(estimator, frame, ground)) for frame in frames))
+
+
+def estimate_taken(
+    estimator: ContactEstimator, taken: Iterable[tuple[Frame, np.ndarray]], ground: Ground | None = None
+) -> Iterator[FrameContact]:
+    """Every frame from its picture (H, W[, 3]) of the rig's size, in order, in constant memory."""
+    return _estimated(estimator, ((frame, first_look(estimator, frame, image, ground)) for frame, image in taken))
+
+
+def _estimated(estimator: ContactEstimator, firsts: Iterable[tuple[Frame, FirstDetection]]) -> Iterator[FrameContact]:
+    frames: deque[Frame] = deque()  # those whose contacts are still to come
+
+    def looked() -> Iterator[FirstDetection]:
+        for frame, first in firsts:
+            frames.append(frame)
+            yield first
+
+    given, kept = tee(detections(estimator, _in_order(looked())))
+    for seen, contact in zip(kept, estimator.run(each.measured for each in given), strict=True):
+        yield frame_contact(frames.popleft(), seen, contact)
+
+
+def frame_contact(frame: Frame, seen: Detection, contact: Contact) -> FrameContact:
+    """A frame's contact, or why nothing was seen in its picture."""
+    said = contact if seen.line.found else replace(contact, reason=seen.line.reason)
+    return FrameContact(frame, said, seen.measured, seen.line)
 
 
 def measured_recording(

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import numpy as np
 
@@ -53,7 +53,7 @@ def write_contacts(path: Path, rows: Iterable[ContactRow], force: bool = False) 
     Raises InputError when the file exists and `force` is off.
     """
     path = Path(path)
-    cells = map(_cells, rows)
+    cells = map(cells_of, rows)
     with ExitStack() as open_files:
         temporary = open_files.enter_context(replacing(path, force))
         if path.suffix == _PARQUET:
@@ -67,10 +67,19 @@ def write_contacts(path: Path, rows: Iterable[ContactRow], force: bool = False) 
                 parquet.write_table(table)
             return
         stream = open_files.enter_context(temporary.open("w", encoding="utf-8", newline=""))
-        writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(_DIGITS)
+        write_header(stream)
         for row in cells:
-            writer.writerow([_text(value, _DIGITS[name]) for name, value in row.items()])
+            write_row(stream, row)
+
+
+def write_header(stream: TextIO) -> None:
+    """The first line of contacts.csv."""
+    csv.writer(stream, lineterminator="\n").writerow(_DIGITS)
+
+
+def write_row(stream: TextIO, cells: Mapping[str, Any]) -> None:
+    """A line of contacts.csv, of what `cells_of` gives."""
+    csv.writer(stream, lineterminator="\n").writerow([_text(value, _DIGITS[name]) for name, value in cells.items()])
 
 
 def read_contacts(path: Path) -> ContactTable:
@@ -107,7 +116,7 @@ def read_contacts(path: Path) -> ContactTable:
     return ContactTable.joined(parts)
 
 
-def _cells(row: ContactRow) -> dict[str, int | float | bool | str]:
+def cells_of(row: ContactRow) -> dict[str, int | float | bool | str]:
     """Column → value in the order of the columns; NaN where a number does not exist."""
     cells: dict[str, int | float | bool | str] = {}
     for field, names in _NAMES.items():

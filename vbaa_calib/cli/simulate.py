@@ -5,12 +5,22 @@ from __future__ import annotations
 import argparse
 import time
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from vbaa_calib.simulate.plan import Plan
+    from vbaa_calib.simulate.scene.scene import Scene
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("scene", help="a scene file, or the name of a bundled scene such as demo")
-    parser.add_argument("-o", "--output", required=True, type=Path, metavar="SESSION", help="folder to write")
+    parser.add_argument("-o", "--output", type=Path, metavar="SESSION", help="folder to write")
+    parser.add_argument(
+        "--bag",
+        type=Path,
+        metavar="FILE",
+        help="the recording as ROS messages: .mcap, .bag (ROS 1), or a name without suffix (the folder of a ROS 2 bag)",
+    )
     parser.add_argument("--seed", type=int, help="random seed in place of the scene's")
     parser.add_argument(
         "--pictures",
@@ -30,15 +40,33 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def _written(args: argparse.Namespace, scene: Scene, folder: Path) -> Plan:
+    from vbaa_calib.simulate.write import write_session
+
+    return write_session(
+        scene,
+        folder,
+        force=args.force,
+        recording_pictures=args.pictures == "all",
+        traced=args.render == "mitsuba",
+        labels=args.labels,
+    )
+
+
 def run(args: argparse.Namespace) -> dict[str, Any]:
-    """Write the session. Returns its folder and counts. Raises InputError for a wrong scene or a folder in the way."""
+    """Write the session, and its recording as a bag. Returns their names and counts.
+
+    Raises InputError for a wrong scene, or a file or folder in the way.
+    """
+    import tempfile
+    from contextlib import ExitStack
     from dataclasses import replace
 
     from vbaa_calib.core.console import say
     from vbaa_calib.core.errors import InputError
     from vbaa_calib.simulate.scene.scene import bundled_scene
     from vbaa_calib.simulate.scene.scene_file import load_scene
-    from vbaa_calib.simulate.write import write_session
+    from vbaa_calib.streams.bag_of_session import Lens, refuse_bag, write_recording
 
     started = time.perf_counter()
     given = Path(args.scene)
@@ -52,20 +80,27 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             what = f"--samples is {args.samples}"
             raise InputError(what, where="vbaa simulate", remedy="give a whole number from 1 to 65536")
         scene = replace(scene, traced=replace(scene.traced, samples=args.samples))
-    planned = write_session(
-        scene,
-        args.output,
-        force=args.force,
-        recording_pictures=args.pictures == "all",
-        traced=args.render == "mitsuba",
-        labels=args.labels,
-    )
+    if args.output is None and args.bag is None:
+        raise InputError("no output is named", where="vbaa simulate", remedy="give -o SESSION, --bag FILE, or both")
+    if args.bag is not None:
+        refuse_bag(args.bag, args.force)
+        if args.pictures == "none":
+            raise InputError("--pictures none --bag", where="vbaa simulate", remedy="a bag needs the pictures")
+    with ExitStack() as stack:
+        folder = args.output or Path(stack.enter_context(tempfile.TemporaryDirectory())) / "session"
+        planned = _written(args, scene, folder)
+        if args.bag is not None:
+            lens = scene.lens
+            write_recording(args.bag, folder, Lens(lens.image_size, lens.matrix, lens.distortion, lens.model))
+            say(f"wrote {args.bag}")
     frames = planned.truth["frames"]
     touching = sum(frame["in_contact"] for frame in frames)
     seconds = time.perf_counter() - started
-    say(f"{args.output}: scene {scene.name}, {len(frames)} frames of which {touching} in contact, {seconds:.1f} s")
+    counts = f"{len(frames)} frames of which {touching} in contact"
+    say(f"{args.output or args.bag}: scene {scene.name}, {counts}, {seconds:.1f} s")
     return {
-        "session": str(args.output),
+        "session": None if args.output is None else str(args.output),
+        "bag": None if args.bag is None else str(args.bag),
         "scene": scene.name,
         "seed": scene.seed,
         "intrinsics": scene.intrinsics.pictures,

@@ -61,7 +61,11 @@ def read_picture(path: Path, data: bytes | None = None) -> np.ndarray:
     uint8, or float32 from 0 to 255 where there are more bits, scaled as `read_gray` does. Transparency is left out.
     data : the file's bytes, where they were read already. Raises InputError as `read_gray` does.
     """
-    pixels = _pixels(data, Path(path), cv2.IMREAD_UNCHANGED)
+    return as_levels(_pixels(data, Path(path), cv2.IMREAD_UNCHANGED))
+
+
+def as_levels(pixels: np.ndarray) -> np.ndarray:
+    """Pixels of 8 bits as they are; of 16 as float32 from 0 to 255, scaled as `read_gray` does."""
     return pixels if pixels.dtype == np.uint8 else (pixels * _to_255(pixels)).astype(np.float32)
 
 

@@ -1,6 +1,6 @@
 """A session: one folder with everything that was measured on one rig. Read here, checked here, never written."""
 
-from .centrelines import Centrelines, read_centrelines
+from .centrelines import Centrelines, centrelines_of, read_centrelines
 from .drift import DRIFTS, LAB, Drift, FileDrift
 from .settings import (
     SCHEMA,
@@ -29,5 +29,6 @@ from .tables import (
     read_noload,
     read_recording,
     read_sweep,
+    recording_of,
     refuse_measured,
 )

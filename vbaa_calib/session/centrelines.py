@@ -33,7 +33,11 @@ _NEWLINE, _RETURN, _COMMA = b"\n\r,"
 
 def read_centrelines(session: Session) -> Centrelines:
     """recording/centrelines.csv, checked from the first line to the last. Raises InputError naming file and line."""
-    path = session.root / "recording" / "centrelines.csv"
+    return centrelines_of(session.root / "recording" / "centrelines.csv")
+
+
+def centrelines_of(path: Path) -> Centrelines:
+    """A table like recording/centrelines.csv, wherever it is. Raises InputError as `read_centrelines` does."""
     require_file(path)
     found = None
     with suppress(OSError), path.open("rb") as stream:

@@ -158,7 +158,11 @@ def read_recording(session: Session) -> list[Frame]:
     """
     path = session.root / "recording" / "recording.csv"
     _require(path, "it names the frames of the recording")
-    with_images = not (path.parent / "centrelines.csv").exists()
+    return recording_of(path, with_images=not (path.parent / "centrelines.csv").exists())
+
+
+def recording_of(path: Path, *, with_images: bool) -> list[Frame]:
+    """A table like recording/recording.csv, wherever it is. Raises InputError with file, line and remedy."""
     columns = ("frame", "time_s", *(("image",) if with_images else ()), *_ANGLES)
     rows = csv_rows(path, columns, _MOMENTS, _IN_DEGREES)
     first = next(rows)

@@ -6,15 +6,19 @@ import argparse
 import math
 from array import array
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from . import streams
+
 if TYPE_CHECKING:
-    from estimator.contact.recording import Ground
+    from estimator.contact.estimate import ContactEstimator
+    from estimator.contact.recording import FrameContact, Ground
     from estimator.table.contacts import ContactRow
     from vbaa_calib.rig import Rig
-    from vbaa_calib.session import Frame, Session, Still
+    from vbaa_calib.session import Drift, Frame, Session, Still
 
 MODELS = ("auto", "paper", "linear", "elastica", "rod")
 """auto and `vbaa_calib.antenna.rungs.RUNGS`, which is not imported for the sake of a quick --help."""
@@ -25,7 +29,19 @@ FRICTION_RAD = 0.2
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Arguments of `vbaa estimate`."""
-    parser.add_argument("session", type=Path, help="the session folder with recording/ in it")
+    parser.add_argument(
+        "session",
+        type=Path,
+        nargs="?",
+        help="the session folder with recording/ in it; a ROS bag, an .mcap, a video, or a table of pictures",
+    )
+    parser.add_argument(
+        "--centrelines",
+        type=Path,
+        metavar="FILE",
+        help="in place of a session: the antenna's pixels, frame,u_px,v_px[,sigma_px], from one's own tracker; "
+        "--readings gives frame,time_s,pan_rad,tilt_rad[,moment_Nm]",
+    )
     parser.add_argument("--rig", type=Path, required=True, help="rig.json of `vbaa calibrate`")
     parser.add_argument("-o", "--output", type=Path, required=True, help="contacts.csv to write, or contacts.parquet")
     parser.add_argument(
@@ -66,6 +82,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--report", type=Path, metavar="PAGE", help="the report's name (default: beside the output)")
     parser.add_argument("--no-report", action="store_true", help="leave the report out")
+    streams.configure(parser)
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
@@ -79,8 +96,13 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     if args.no_report and args.report is not None:
         raise InputError("--report and --no-report", where="vbaa estimate", remedy="give one of them")
-    refuse_overwrite(args.output, args.force, (args.rig, args.background))
-    refuse_measured(args.output, args.session)
+    if (args.session is None) == (args.centrelines is None):
+        remedy = "give a session, a bag or a video, or --centrelines"
+        raise InputError("what is to be estimated is not named, or twice", where="vbaa estimate", remedy=remedy)
+    inputs = (args.rig, args.background, args.readings, args.centrelines, args.session)
+    refuse_overwrite(args.output, args.force, [each for each in inputs if each is None or not each.is_dir()])
+    if args.session is not None:
+        refuse_measured(args.output, args.session)
     check_format(args.output)
     if args.overlay is not None:
         from estimator.contact.overlay import refuse_folder
@@ -93,8 +115,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     result, ground = _estimate(args)
     from viz.report.make import Sources, make_report
 
-    sources = Sources(args.output, args.rig, args.session, ground=ground, drift=result["drift"])
-    title = f"Contacts of the antenna: {args.session.resolve().name}"
+    session = args.session if args.session is not None and _is_session(args.session) else None
+    sources = Sources(args.output, args.rig, session, ground=ground, drift=result["drift"])
+    title = f"Contacts of the antenna: {(args.session or args.centrelines).resolve().name}"
     make_report(output, sources, title=title, argv=args.argv, force=args.force)
     say(f"wrote {output}: open it in a browser")
     return {**result, "report": str(output)}
@@ -103,38 +126,25 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None]:
     """contacts.csv; what became of the frames, and what was taken off them."""
     from contextlib import ExitStack
-    from dataclasses import replace
 
     import numpy as np
 
     from estimator.contact.drift import summary
-    from estimator.contact.estimate import ContactEstimator
-    from estimator.contact.recording import estimate_recording
-    from estimator.contact.shutter import checked
-    from estimator.contact.surroundings import surroundings
     from estimator.table.contacts import ContactRow
     from estimator.table.files import write_contacts
     from vbaa_calib.core.console import progress, say
     from vbaa_calib.rig import Rig
-    from vbaa_calib.session import DRIFTS as drifts
-    from vbaa_calib.session import check_pictures, load_session
 
-    session, rig = load_session(args.session), Rig.load(args.rig)
-    drift = session.drift if args.drift is None else drifts[args.drift]
-    rig = rig if drift is None else replace(rig, drift=drift)
-    estimator = ContactEstimator(rig, args.model, friction=args.friction, jobs=args.jobs)
-    frames = _frames(session, rig, args.no_moment)
-    pictures = [frame.image for frame in frames if frame.image is not None]
-    check_pictures(pictures, rig.camera.image_size, "the rig was calibrated at")
-    ground, words = surroundings(rig, args.background, lambda: [*frames, *_free(session, rig)])
-    if words:
-        say(f"background: {words}")
+    rig = Rig.load(args.rig)
+    recording = _from_session if args.session is not None and _is_session(args.session) else _without_session
+    estimator, given = recording(args, rig)
+    if given.words:
+        say(f"background: {given.words}")
     statuses, models, std_m = Counter[str](), Counter[str](), array("d")  # all that is kept of the rows
 
     def rows() -> Iterator[ContactRow]:
         """Of every frame, each drawn into the overlay folder on its way where one is asked for."""
-        contacts = estimate_recording(estimator, session, frames, ground)
-        found = progress(checked(contacts, session.shutter, rig.camera.image_size[1]), "contacts", len(frames))
+        found = progress(given.items, "contacts", given.count)
         with ExitStack() as stack:
             if args.overlay is not None:
                 from estimator.contact.overlay import overlaid
@@ -149,7 +159,9 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None]:
                 yield row
 
     write_contacts(args.output, rows(), args.force)
-    say(f"{len(frames)} frames: " + ", ".join(f"{count} {status}" for status, count in statuses.most_common()))
+    for note in given.told():
+        say(note)
+    say(f"{statuses.total()} frames: " + ", ".join(f"{count} {status}" for status, count in statuses.most_common()))
     located = float(np.median(std_m)) if std_m else None
     if located is not None:
         say(f"contact distance known to {1e3 * located:.2f} mm (median standard deviation)")
@@ -159,7 +171,7 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None]:
             f"the free antenna, seen in {changed['free_frames']} frames, has moved {changed['picture_px']:.2g} px "
             f"since the calibration, and the sensor's zero by {changed['moment_zero_std']:.2g} std"
         )
-    elif rig.drift.of_rig:
+    elif estimator.rig.drift.of_rig:
         say("no frame shows the free antenna: begin with some, and the rig's drift costs less")
     if changed["beyond"]:
         say(f"warning: {', '.join(changed['beyond'])} changed more than drift does: run vbaa check, or calibrate again")
@@ -169,14 +181,92 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None]:
     result = {
         "contacts": str(args.output),
         "overlay": None if args.overlay is None else str(args.overlay),
-        "frames": len(frames),
+        "frames": statuses.total(),
         "status": dict(statuses),
         "models": dict(models),
         "distance_std_median_m": located,
         "drift": changed,
-        "background": words or None,
+        "background": given.words or None,
+        "stream": dict(given.counts) or None,
     }
-    return result, ground
+    return result, given.ground
+
+
+@dataclass(frozen=True, eq=False)
+class _Recording:
+    """Frames that are estimated as they are asked for, how many where that is known, and what came with them."""
+
+    items: Iterable[FrameContact]
+    count: int | None
+    ground: Ground | None
+    words: str = ""
+    told: Callable[[], list[str]] = list
+    counts: Mapping[str, int] = field(default_factory=dict)
+
+
+def _is_session(path: Path) -> bool:
+    from vbaa_calib.streams.open import is_recorded
+
+    return not is_recorded(path)
+
+
+def _estimator(args: argparse.Namespace, rig: Rig, drift: Drift | None) -> ContactEstimator:
+    from estimator.contact.estimate import ContactEstimator
+    from vbaa_calib.session import DRIFTS
+
+    drift = drift if args.drift is None else DRIFTS[args.drift]
+    rig = rig if drift is None else replace(rig, drift=drift)
+    return ContactEstimator(rig, args.model, friction=args.friction, jobs=args.jobs)
+
+
+def _from_session(args: argparse.Namespace, rig: Rig) -> tuple[ContactEstimator, _Recording]:
+    """The recording of a session. Raises InputError."""
+    from estimator.contact.recording import estimate_recording
+    from estimator.contact.shutter import checked
+    from estimator.contact.surroundings import surroundings
+    from vbaa_calib.core.errors import InputError
+    from vbaa_calib.session import check_pictures, load_session, read_recording
+
+    if args.readings is not None:
+        what = "--readings belongs to a bag, a video or --centrelines"
+        raise InputError(what, where="vbaa estimate", remedy="a session's readings are in recording/recording.csv")
+    session = load_session(args.session)
+    estimator = _estimator(args, rig, session.drift)
+    rig = estimator.rig
+    frames = _told(read_recording(session), rig, args.no_moment)
+    pictures = [frame.image for frame in frames if frame.image is not None]
+    check_pictures(pictures, rig.camera.image_size, "the rig was calibrated at")
+    ground, words = surroundings(rig, args.background, lambda: [*frames, *_free(session, rig)])
+    items = checked(estimate_recording(estimator, session, frames, ground), session.shutter, rig.camera.image_size[1])
+    return estimator, _Recording(items, len(frames), ground, words)
+
+
+def _without_session(args: argparse.Namespace, rig: Rig) -> tuple[ContactEstimator, _Recording]:
+    """A bag, a video, a table of pictures, or centrelines. Raises InputError."""
+    from estimator.contact.recording import estimate_centrelines, estimate_taken
+    from estimator.contact.surroundings import AUTO, surroundings
+    from vbaa_calib.core.errors import InputError
+    from vbaa_calib.streams import Synchronizer
+
+    if args.overlay is not None and args.session is not None:
+        what, remedy = "--overlay is for a session's recording", "leave it out; vbaa look shows single pictures"
+        raise InputError(what, where="vbaa estimate", remedy=remedy)
+    estimator = _estimator(args, rig, None)
+    if args.centrelines is not None:
+        if args.background is not None:
+            raise InputError("--background", where="vbaa estimate", remedy="there are no pictures to take it off")
+        frames, lines = streams.tracked(args.centrelines, args.readings)
+        frames = _told(frames, rig, args.no_moment)
+        return estimator, _Recording(estimate_centrelines(estimator, frames, lines), len(frames), None)
+    if args.background == AUTO:
+        raise InputError("--background auto", where="vbaa estimate", remedy="give a picture without the antenna")
+    ground, words = surroundings(estimator.rig, args.background, list)
+    source = streams.recorded(args, args.session, estimator.rig)
+    synchronizer = Synchronizer(streams.timing_of(args), source.channels, estimator.rig.camera.image_size)
+    items = estimate_taken(estimator, streams.taken_frames(source, synchronizer), ground)
+    return estimator, _Recording(
+        items, None, ground, words, lambda: [*source.notes, *synchronizer.told()], synchronizer.counts
+    )
 
 
 def _free(session: Session, rig: Rig) -> list[Still]:
@@ -192,16 +282,12 @@ def _free(session: Session, rig: Rig) -> list[Still]:
     return stills
 
 
-def _frames(session: Session, rig: Rig, no_moment: bool) -> list[Frame]:
-    """The frames of the recording, without their moments where these are not to be used, and a word about that."""
-    from dataclasses import replace
-
+def _told(frames: list[Frame], rig: Rig, no_moment: bool) -> list[Frame]:
+    """The frames, without their moments where these are not to be used, and a word about that."""
     import numpy as np
 
     from vbaa_calib.core.console import say
-    from vbaa_calib.session import read_recording
 
-    frames = read_recording(session)
     if no_moment:
         return [replace(frame, moment_Nm=np.nan, moment_z_Nm=np.nan) for frame in frames]
     silent = sum(np.isnan(frame.moment_Nm) for frame in frames)

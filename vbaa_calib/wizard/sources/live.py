@@ -43,7 +43,9 @@ class LiveSource:
     """The newest frames of a device: those that nobody took in time are dropped, and not decoded.
 
     Frames count from 0; a number whose name is in `seen` is left out, so that names stay unique when a session goes on.
-    A thread reads the device; one that hangs is left behind and ends with the process.
+    A thread reads the device; one that hangs is left behind and ends with the process. `start_s` is when it was opened,
+    by `time.monotonic`, from which the frames' times count, and `dropped` how many frames nobody took. With `eager`
+    each frame is decoded, so that the newest is at hand when it is asked for.
     """
 
     live = True
@@ -67,8 +69,10 @@ class LiveSource:
         self._seen, self._notes = seen, notes
         self._number = self._reopened = 0
         self._changed, self._stop = threading.Condition(), threading.Event()
-        self._start_s = time.monotonic()
-        self._due_s = self._start_s + patience.open_s
+        self.start_s = time.monotonic()
+        self.dropped = 0
+        self.eager = False
+        self._due_s = self.start_s + patience.open_s
         self._frame: tuple[np.ndarray, float] | None = None
         self._wanted, self._had_frames = True, False
         self._fault: _Fault | None = None
@@ -126,7 +130,7 @@ class LiveSource:
                 if self._fault or left_s <= 0:
                     return None
                 self._changed.wait(left_s)
-            frame, self._frame, self._wanted = self._frame, None, False
+            frame, self._frame, self._wanted = self._frame, None, self.eager
             return frame
 
     def _run(self) -> None:
@@ -162,9 +166,11 @@ class LiveSource:
                 self._reopened += frames == 0 and self._had_frames
                 failures, frames, self._had_frames = 0, frames + 1, True
                 self._expect_frame(self._patience.silence_s)
+                with self._changed:
+                    self.dropped += pixels.size == 0 or self._frame is not None
                 if pixels.size:
                     with self._changed:
-                        self._frame = pixels, time.monotonic() - self._start_s
+                        self._frame = pixels, time.monotonic() - self.start_s
                         self._changed.notify_all()
         finally:
             capture.release()

@@ -1,0 +1,3 @@
+"""Contacts while the pictures come."""
+
+from .estimator import LiveContact, LiveEstimator

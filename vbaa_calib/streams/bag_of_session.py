@@ -1,0 +1,95 @@
+"""A session's recording as a bag of ROS messages."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.files import refuse_overwrite, replacing, replacing_folder
+from vbaa_calib.session import Frame, load_session, read_recording
+
+from .bags import BagWriter, Logged
+
+START_NS = 1_000_000_000
+"""A bag begins a second after the clock's zero, so that no stamp is zero, which means none."""
+_MODELS = {0: "plumb_bob", 4: "plumb_bob", 5: "plumb_bob", 8: "rational_polynomial"}
+
+
+@dataclass(frozen=True, eq=False)
+class Lens:
+    """What CameraInfo says: size (width, height), matrix (3, 3), distortion (k,) in OpenCV's order, its model."""
+
+    image_size: tuple[int, int]
+    matrix: np.ndarray
+    distortion: np.ndarray
+    model: str
+
+
+def refuse_bag(path: Path, force: bool) -> None:
+    """Raises InputError unless a bag may be written to `path`: a file, or the folder of a ROS 2 bag."""
+    if path.suffix in (".mcap", ".bag"):
+        refuse_overwrite(path, force)
+        return
+    if path.suffix:
+        remedy = "name it .mcap, .bag, or without a suffix for the folder of a ROS 2 bag"
+        raise InputError(f"{path.suffix} is no bag", where=path, remedy=remedy)
+    if os.path.lexists(path) and not (force and (path / "metadata.yaml").is_file() and not path.is_symlink()):
+        remedy = "take another name" if force else "give --force to replace it, or another name"
+        raise InputError("exists already", where=path, remedy=remedy)
+
+
+def write_recording(path: Path, session: Path, lens: Lens) -> None:
+    """The pictures of a session's recording as CompressedImage, the moment as WrenchStamped, the joints as JointState,
+    and CameraInfo, at the recording's times."""
+    frames = read_recording(load_session(session))
+    if path.suffix:
+        with replacing(path) as temporary:
+            temporary.unlink()  # the ROS 1 writer does not overwrite
+            _write(temporary, frames, lens)
+        return
+    with replacing_folder(path) as folder:
+        made = folder / path.name  # nor does that of ROS 2
+        _write(made, frames, lens)
+        for part in list(made.iterdir()):
+            part.rename(folder / part.name)
+        made.rmdir()
+
+
+def _write(path: Path, frames: Iterable[Frame], lens: Lens) -> None:
+    writer = BagWriter(path)
+    try:
+        for frame in frames:
+            for logged in _logged(frame, lens):
+                writer.write(logged)
+    finally:
+        writer.close()
+
+
+def _logged(frame: Frame, lens: Lens) -> Iterator[Logged]:
+    """What is logged of a frame: the readings first, as they come while the picture is still read out."""
+    assert frame.image is not None
+    time_ns = START_NS + round(1e9 * frame.time_s)
+    torque = {axis: value for axis, value in (("y", frame.moment_Nm), ("z", frame.moment_z_Nm)) if np.isfinite(value)}
+    if torque:
+        yield Logged("/antenna/moment", "geometry_msgs/msg/WrenchStamped", {"wrench": {"torque": torque}}, time_ns)
+    joints = {"name": ["pan", "tilt"], "position": [frame.pan_rad, frame.tilt_rad]}
+    yield Logged("/joint_states", "sensor_msgs/msg/JointState", joints, time_ns)
+    width, height = lens.image_size
+    model = "equidistant" if lens.model == "fisheye" else _MODELS.get(len(lens.distortion), "")
+    about: dict[str, Any] = {
+        "width": width,
+        "height": height,
+        "distortion_model": model,
+        "d": lens.distortion,
+        "k": lens.matrix.ravel(),
+    }
+    yield Logged("/camera/camera_info", "sensor_msgs/msg/CameraInfo", about, time_ns)
+    data = np.frombuffer(frame.image.read_bytes(), np.uint8)
+    kind = frame.image.suffix.lower().lstrip(".")
+    yield Logged("/camera/image/compressed", "sensor_msgs/msg/CompressedImage", {"format": kind, "data": data}, time_ns)

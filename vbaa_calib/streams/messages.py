@@ -1,0 +1,76 @@
+"""What comes in a stream: pictures and readings, each with its time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from vbaa_calib.core.arrays import LARGEST_NM, LARGEST_RAD
+
+CHANNELS = ("moment_Nm", "moment_z_Nm", "pan_rad", "tilt_rad")
+"""What is read beside the pictures, named as the columns of recording.csv are."""
+_MOST = {name: LARGEST_NM if name.endswith("_Nm") else LARGEST_RAD for name in CHANNELS}
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Taken:
+    """A picture (H, W) grey or (H, W, 3) blue, green, red, and when it was taken.
+
+    time_s : of the exposure, by the stream's clock. arrived_s : when it came, by the source's clock.
+    received_s : when this process had it, `time.perf_counter`.
+    """
+
+    time_s: float
+    image: np.ndarray
+    arrived_s: float
+    received_s: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """A number that was read, by its channel's name, and when."""
+
+    time_s: float
+    channel: str
+    value: float
+    arrived_s: float
+
+    @property
+    def possible(self) -> bool:
+        """Whether it is a number that such a channel may have, at a time that may be."""
+        return abs(self.value) <= _MOST[self.channel] and abs(self.time_s) < 1e12
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """Where a stream comes from.
+
+    Attributes
+    ----------
+    name : for the screen.
+    messages : pictures and readings in the order in which they came; None where nothing is new, so that who waits can
+        look at the clock. Called once.
+    channels : those known to come; more may.
+    live : the pictures are taken while they are looked at; else they were taken before.
+    dropped : how many pictures were not given, since newer ones had come.
+    notes : what else there is to tell, so far.
+    """
+
+    name: str
+    messages: Callable[[], Iterator[Taken | Reading | None]]
+    channels: frozenset[str] = frozenset()
+    live: bool = False
+    dropped: Callable[[], int] = lambda: 0
+    notes: list[str] = field(default_factory=list)
+
+    def without_moments(self) -> Source:
+        """The same for vision alone."""
+
+        def messages() -> Iterator[Taken | Reading | None]:
+            for each in self.messages():
+                if not (isinstance(each, Reading) and each.channel.startswith("moment")):
+                    yield each
+
+        return replace(self, messages=messages, channels=self.channels - {"moment_Nm", "moment_z_Nm"})

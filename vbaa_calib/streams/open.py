@@ -1,0 +1,41 @@
+"""The source that is named on a command line."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.wizard.sources import open_source
+from vbaa_calib.wizard.sources.live import LiveSource
+
+from .bags import is_bag
+from .devices import open_device
+from .messages import Source
+from .recorded import open_folder, open_lines, open_table, open_video
+
+VIDEOS = (".mp4", ".avi", ".mkv", ".mov", ".webm", ".m4v", ".mpg", ".ts")
+
+
+def is_recorded(path: Path) -> bool:
+    """Whether a path is meant for a stream that was recorded: a bag, a video, a table of pictures."""
+    return is_bag(path) or path.suffix.lower() in (*VIDEOS, ".csv")
+
+
+def open_recorded(path: Path) -> Source:
+    """A video, or a table of pictures. Raises InputError."""
+    if not path.is_file():
+        raise InputError("no such file", where=path, remedy="check the path")
+    return open_table(path) if path.suffix.lower() == ".csv" else open_video(path)
+
+
+def open_running(text: str, idle_s: float) -> Source:
+    """ "-", camera:0, a device, a stream's URL, or a folder that fills up. Raises InputError."""
+    if text == "-":
+        return open_lines(sys.stdin.buffer, idle_s)
+    if Path(text).is_dir():
+        return open_folder(Path(text), idle_s)
+    found = open_source(f"camera:{text}" if text.isdigit() else text)
+    if not isinstance(found, LiveSource):
+        raise InputError("is no source", where=text, remedy="name a camera, a stream, a folder, a bag or a video, or -")
+    return open_device(found)

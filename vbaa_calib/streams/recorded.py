@@ -1,0 +1,224 @@
+"""What was recorded before: readings in a CSV, a video, a folder of pictures that may still grow, JSON lines."""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import heapq
+import json
+import math
+import os
+import select
+import time
+from collections.abc import Iterator, Mapping
+from itertools import chain
+from pathlib import Path
+from time import perf_counter
+from typing import Any, BinaryIO
+
+from vbaa_calib.core.csv_rows import csv_rows, number
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.images import read_picture
+from vbaa_calib.wizard.sources.files import FolderSource, Pace, SourceLost, VideoSource
+
+from .messages import CHANNELS, Reading, Source, Taken
+
+_IN_DEGREES = {"pan_rad": "pan_deg", "tilt_rad": "tilt_deg"}
+_LONGEST_LINE = 64_000_000
+TICK_S = 0.02
+"""How often a source that has nothing new says so."""
+
+
+def csv_readings(path: Path) -> tuple[frozenset[str], Iterator[Reading]]:
+    """The channels of a table and its readings: time_s and any of moment_Nm, moment_z_Nm, pan_rad, tilt_rad.
+
+    pan_deg and tilt_deg are taken, too; an empty cell is no reading. Raises InputError with file, line and remedy.
+    """
+    rows = csv_rows(path, ("time_s",), (*CHANNELS, *_IN_DEGREES.values()))
+    first = next(rows)
+    names = {name: name for name in CHANNELS if name in first}
+    names |= {name: other for name, other in _IN_DEGREES.items() if name not in first and other in first}
+    if not names:
+        raise InputError("has no column of readings", where=path, remedy=f"time_s and any of {','.join(CHANNELS)}")
+
+    def read() -> Iterator[Reading]:
+        row: Mapping[str, str] | None = first
+        while row is not None:
+            time_s = number(row, "time_s", path)
+            for channel, name in names.items():
+                if row[name]:
+                    value = number(row, name, path)
+                    yield Reading(time_s, channel, math.radians(value) if name != channel else value, time_s)
+            row = next(rows, None)
+
+    return frozenset(names), read()
+
+
+def with_readings(source: Source, path: Path | None, offset_s: float) -> Source:
+    """A recorded source with the readings of a table, each coming before the first picture that is not before it."""
+    if path is None:
+        return source
+    channels, readings = csv_readings(path)
+
+    def shifted(message: Taken | Reading | None) -> float:
+        assert message is not None
+        return message.time_s + (offset_s if isinstance(message, Reading) else 0.0)
+
+    def messages() -> Iterator[Taken | Reading | None]:
+        # as it is on the source's clock, so that a picture waits by that
+        stamped = (Reading(each.time_s, each.channel, each.value, each.time_s + offset_s) for each in readings)
+        yield from heapq.merge(stamped, source.messages(), key=shifted)
+
+    return Source(source.name, messages, source.channels | channels, notes=source.notes)
+
+
+def open_video(path: Path) -> Source:
+    """Every frame of a video, timed from its beginning. Raises InputError when it cannot be read."""
+    video, notes = VideoSource(path), list[str]()
+
+    def messages() -> Iterator[Taken | Reading | None]:
+        try:
+            while (picture := video.next(0.0)) is not None:
+                assert picture.time_s is not None
+                yield Taken(picture.time_s, picture.content, picture.time_s, perf_counter())  # type: ignore[arg-type]
+            notes.extend(video.notes)
+        finally:
+            video.close()
+
+    return Source(path.name, messages, notes=notes)
+
+
+def open_table(path: Path) -> Source:
+    """The pictures that a table like recording.csv names, at its times. Raises InputError."""
+    rows = csv_rows(path, ("time_s", "image"))
+    first = next(rows)
+    notes: list[str] = []
+
+    def messages() -> Iterator[Taken | Reading | None]:
+        for row in chain([first], rows):
+            time_s = number(row, "time_s", path)
+            try:
+                yield Taken(time_s, read_picture(path.parent / row["image"]), time_s, perf_counter())
+            except InputError as error:
+                notes.append(f"{error}; left out")
+
+    return Source(path.name, messages, notes=notes)
+
+
+def open_folder(path: Path, idle_s: float) -> Source:
+    """A folder that fills: pictures by name, then as they come, timed by when they were written.
+
+    It ends when nothing has come for `idle_s`. Raises InputError when it cannot be read.
+    """
+    folder = FolderSource(path, wait=True, pace=Pace(scan_s=0.05, settle_s=0.1))
+    notes: list[str] = []
+
+    def messages() -> Iterator[Taken | Reading | None]:
+        until_s = time.monotonic() + idle_s
+        try:
+            while time.monotonic() < until_s:
+                picture = folder.next(TICK_S)
+                if picture is None:
+                    yield None
+                    continue
+                until_s = time.monotonic() + idle_s
+                written_s = (path / picture.name).stat().st_mtime
+                assert isinstance(picture.content, bytes)
+                yield Taken(written_s, read_picture(Path(picture.name), picture.content), time.time(), perf_counter())
+            notes.append(f"{folder.name} gave nothing new for {idle_s:g} s")
+        except (SourceLost, OSError) as error:
+            notes.append(str(error))
+        notes.extend(folder.notes)
+
+    return Source(folder.name, messages, live=True, notes=notes)
+
+
+def open_lines(stream: BinaryIO, idle_s: float, root: Path = Path()) -> Source:
+    """JSON lines: time_s, readings by their names, and `image`, a path or a picture's bytes in base64.
+
+    A line that is none is left out and counted. It ends with the stream, or when nothing came for `idle_s`.
+    """
+    notes: list[str] = []
+    wrong = 0
+
+    def messages() -> Iterator[Taken | Reading | None]:
+        nonlocal wrong
+        for line in _lines(stream, idle_s, notes):
+            if line is None:
+                yield None
+                continue
+            try:
+                found = list(line_messages(line, root))
+            except InputError as error:
+                wrong += 1
+                if wrong == 1:
+                    notes.append(f"a line is left out: {error}")
+                continue
+            yield from found
+        if wrong > 1:
+            notes.append(f"{wrong} lines were left out")
+
+    return Source("standard input", messages, live=True, notes=notes)
+
+
+def _lines(stream: BinaryIO, idle_s: float, notes: list[str]) -> Iterator[bytes | None]:
+    """Whole lines, and None while there is nothing."""
+    number_of, held = stream.fileno(), b""
+    until_s = time.monotonic() + idle_s
+    while True:
+        if not select.select([number_of], [], [], TICK_S)[0]:
+            if time.monotonic() > until_s:
+                notes.append(f"standard input gave nothing for {idle_s:g} s")
+                return
+            yield None
+            continue
+        block = os.read(number_of, 1 << 20)
+        until_s = time.monotonic() + idle_s
+        *whole, held = (held + block).split(b"\n")
+        yield from (line for line in whole if line.strip())
+        if not block:
+            if held.strip():
+                yield held
+            return
+        if len(held) > _LONGEST_LINE:
+            notes.append(
+                f"standard input holds a line of over {_LONGEST_LINE / 1e6:.0f} MB: what comes after it is lost"
+            )
+            return
+
+
+def line_messages(line: bytes, root: Path | None) -> Iterator[Taken | Reading]:
+    """What one JSON line says, readings first; without `root` pictures are not taken. Raises InputError."""
+    try:
+        said = json.loads(line)
+        assert isinstance(said, dict)
+    except (ValueError, AssertionError, RecursionError):
+        remedy = '{"time_s": 1.5, "moment_Nm": 0.004}'
+        raise InputError(f"{line[:40]!r} is no JSON object", remedy=f"write lines like {remedy}") from None
+    now_s, received_s = time.time(), perf_counter()
+    time_s = _number(said, "time_s", now_s)
+    for channel in CHANNELS:
+        if said.get(channel) is not None:
+            yield Reading(time_s, channel, _number(said, channel), now_s)
+    if root is not None and said.get("image") is not None:
+        image = said["image"]
+        if not isinstance(image, str):
+            raise InputError("image is no text", remedy="give a path, or a picture's bytes in base64")
+        yield Taken(time_s, _picture(image, root), now_s, received_s)
+
+
+def _number(said: Mapping[str, Any], name: str, default: float = math.nan) -> float:
+    value = said.get(name, default)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise InputError(f"{name} is {value!r}", remedy="give a finite number in SI units")
+    return float(value)
+
+
+def _picture(text: str, root: Path) -> Any:
+    if len(text) < 1024 and (root / text).suffix:
+        return read_picture(root / text)
+    try:
+        data = base64.b64decode(text.removeprefix("data:").rpartition("base64,")[2], validate=True)
+    except (binascii.Error, ValueError):
+        raise InputError("image is neither a path nor base64", remedy="give one of them") from None
+    return read_picture(Path("picture"), data)

@@ -1,0 +1,285 @@
+"""`vbaa live RIG SOURCE`: pictures and readings in, contacts out, as they happen."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+import time
+from collections import Counter, deque
+from collections.abc import Iterator
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+from . import streams
+from .estimate import FRICTION_RAD, MODELS
+
+if TYPE_CHECKING:
+    from estimator.live import LiveContact, LiveEstimator
+    from vbaa_calib.rig import Rig
+    from vbaa_calib.streams import Source
+
+_LATENCIES = 100_000
+"""Of so many of the last frames the latency's quantiles are told."""
+_TOLD_S = 1.0
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `vbaa live`."""
+    parser.add_argument("rig", type=Path, help="rig.json of `vbaa calibrate`")
+    parser.add_argument(
+        "source",
+        help="camera:0, /dev/video0, rtsp://host/path, a folder that fills up, a ROS bag, an .mcap, a video, a table "
+        "of pictures, or - for JSON lines on standard input",
+    )
+    parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="contacts.csv, which grows as contacts come")
+    parser.add_argument("--lines", action="store_true", help="contacts as JSON lines on standard output")
+    parser.add_argument("--bag", type=Path, metavar="FILE", help="contacts as ROS messages, in an .mcap file or a bag")
+    parser.add_argument("--udp", metavar="[HOST:]PORT", help="where readings come in as JSON lines, by UDP")
+    parser.add_argument("--model", default="auto", choices=MODELS, help="mechanical model (default: auto)")
+    parser.add_argument(
+        "--friction", type=float, default=FRICTION_RAD, metavar="RAD", help="as in `vbaa estimate` (default: 0.2)"
+    )
+    parser.add_argument("--drift", choices=("none", "lab", "rough"), help="what may have changed since the calibration")
+    parser.add_argument("--no-moment", action="store_true", help="vision alone")
+    parser.add_argument("--background", type=Path, metavar="IMAGE", help="the same view without the antenna")
+    parser.add_argument("--no-final", action="store_true", help="only what is known at once, in half the solver's time")
+    parser.add_argument(
+        "--idle", type=float, default=10.0, metavar="S", help="a folder or standard input silent for so long has ended"
+    )
+    streams.configure(parser)
+
+
+class _Sink(Protocol):
+    """Takes contacts as they come."""
+
+    def write(self, contact: LiveContact) -> None: ...
+    def close(self) -> None: ...
+
+
+def run(args: argparse.Namespace) -> dict[str, Any]:
+    """Estimate a stream until it ends or is interrupted. Returns the summary. Raises InputError before any work."""
+    from dataclasses import replace
+
+    from estimator.contact.estimate import ContactEstimator
+    from estimator.contact.surroundings import AUTO, surroundings
+    from estimator.live import LiveEstimator
+    from vbaa_calib.core.console import say
+    from vbaa_calib.core.errors import InputError
+    from vbaa_calib.rig import Rig
+    from vbaa_calib.session import DRIFTS
+    from vbaa_calib.streams import Synchronizer
+
+    if not 0.0 < args.idle <= 1e9:
+        raise InputError(f"--idle is {args.idle}", where="vbaa live", remedy="give seconds, more than 0")
+    if args.background == AUTO:
+        remedy = "give a picture without the antenna: what is still to come cannot be learnt from"
+        raise InputError("--background auto", where="vbaa live", remedy=remedy)
+    if args.lines and args.json:
+        raise InputError("--lines and --json", where="vbaa live", remedy="give one of them: both write to stdout")
+    rig = Rig.load(args.rig)
+    rig = rig if args.drift is None else replace(rig, drift=DRIFTS[args.drift])
+    estimator = ContactEstimator(rig, args.model, friction=args.friction, jobs=1)
+    timing = streams.timing_of(args)
+    ground, words = surroundings(rig, args.background, list)
+    if words:
+        say(f"background: {words}")
+    with ExitStack() as stack:
+        source = _source(args, rig)
+        sinks = _sinks(args, stack)
+        synchronizer = Synchronizer(timing, source.channels, rig.camera.image_size)
+        live = LiveEstimator(estimator, synchronizer, ground, final=not args.no_final)
+        live.warm()
+        say(f"estimating from {source.name}; Ctrl-C ends it")
+        told = _Told(source, live, rig.drift.of_rig)
+        _follow(source, live, [*sinks, told])
+    return told.summary(args)
+
+
+def _source(args: argparse.Namespace, rig: Rig) -> Source:
+    """The source that is named, with its readings. Raises InputError."""
+    from vbaa_calib.core.errors import InputError
+    from vbaa_calib.streams.devices import udp_socket, with_datagrams
+    from vbaa_calib.streams.open import is_recorded, open_running
+
+    path = Path(args.source)
+    if is_recorded(path) and args.source != "-":
+        if args.udp is not None:
+            remedy = "what was recorded needs readings that were, too: --readings"
+            raise InputError("--udp", where="vbaa live", remedy=remedy)
+        return streams.recorded(args, path, rig)
+    if args.readings is not None:
+        remedy = "readings that come meanwhile: --udp, or standard input"
+        raise InputError("--readings is for what was recorded", where="vbaa live", remedy=remedy)
+    listening = None if args.udp is None else udp_socket(args.udp)
+    try:
+        source = with_datagrams(open_running(args.source, args.idle), listening)
+    except BaseException:
+        if listening is not None:
+            listening.close()
+        raise
+    return source.without_moments() if args.no_moment else source
+
+
+def _sinks(args: argparse.Namespace, stack: ExitStack) -> list[_Sink]:
+    """Where contacts go; all are closed with the stack, whole. Raises InputError for a file in the way."""
+    from estimator.live.outputs import ContactBag, GrowingTable
+    from vbaa_calib.streams.bag_of_session import refuse_bag
+
+    if args.bag is not None:
+        refuse_bag(args.bag, args.force)
+    sinks: list[_Sink] = []
+    if args.output is not None:
+        sinks.append(GrowingTable(args.output, args.force))
+    if args.bag is not None:
+        sinks.append(ContactBag(args.bag))
+    if args.lines:
+        sinks.append(_Lines())
+    for sink in sinks:
+        stack.callback(sink.close)
+    return sinks
+
+
+class _Lines:
+    """JSON lines on standard output."""
+
+    def write(self, contact: LiveContact) -> None:
+        from estimator.live.outputs import json_line
+
+        print(json_line(contact), flush=True)
+
+    def close(self) -> None:
+        """Standard output stays open."""
+
+
+def _follow(source: Source, live: LiveEstimator, sinks: list[_Sink]) -> None:
+    """Every contact to every sink, until the source ends or Ctrl-C."""
+
+    def spread(contacts: Iterator[LiveContact]) -> None:
+        for contact in contacts:
+            for sink in sinks:
+                sink.write(contact)
+
+    messages = source.messages()
+    try:
+        for message in messages:
+            spread(live.push(message))
+            if source.live:
+                spread(live.tick(time.time()))
+    except KeyboardInterrupt:
+        source.notes.append("interrupted")
+    finally:
+        close = getattr(messages, "close", None)
+        if close is not None:
+            close()
+    # a second Ctrl-C ends it without what still waits
+    with suppress(KeyboardInterrupt):
+        spread(live.finish())
+
+
+@dataclass(eq=False)
+class _Told:
+    """What a person sees while it runs, and what is told in the end."""
+
+    source: Source
+    live: LiveEstimator
+    watched: bool
+    latency_s: deque[float] = field(default_factory=lambda: deque(maxlen=_LATENCIES))
+    statuses: Counter[str] = field(default_factory=Counter)
+    amended: int = 0
+    next_s: float = 0.0
+    begin_s: float = field(default_factory=time.monotonic)
+    warned: set[str] = field(default_factory=set)
+    at_once: dict[int, str] = field(default_factory=dict)
+    drift: dict[str, Any] = field(default_factory=dict)
+
+    def write(self, contact: LiveContact) -> None:
+        row = contact.row
+        if contact.final:
+            self.amended += self.at_once.pop(row.frame, row.status) != row.status
+            return
+        self.statuses[row.status] += 1
+        self.latency_s.append(contact.latency_s)
+        if self.live.final:
+            self.at_once[row.frame] = row.status
+        self._watch(row.frame)
+        now_s = time.monotonic()
+        if now_s >= self.next_s and sys.stderr is not None and sys.stderr.isatty():
+            self.next_s = now_s + _TOLD_S
+            self._show(contact, now_s)
+
+    def close(self) -> None:
+        """Nothing is open."""
+
+    def _watch(self, frame: int) -> None:
+        """Says once of each parameter when the free antenna shows that it has changed by more than drift does."""
+        from vbaa_calib.core.console import say
+
+        changed = self.live.changed()
+        if changed is None:
+            return
+        self.drift = changed
+        new = set(changed["beyond"]) - self.warned
+        if new:
+            self.warned |= new
+            say(
+                f"warning, frame {frame}: {', '.join(sorted(new))} changed more than drift does since the calibration "
+                f"(the antenna by {changed['picture_px']:.2g} px, the sensor's zero by "
+                f"{changed['moment_zero_std']:.1f} std): run vbaa check"
+            )
+
+    def _show(self, contact: LiveContact, now_s: float) -> None:
+        row = contact.row
+        where = ""
+        if math.isfinite(row.distance_m):
+            force = 1e3 * math.hypot(row.force_y_N, row.force_z_N)
+            where = f" at {1e3 * row.distance_m:.1f} ± {1e3 * row.distance_std_m:.1f} mm, {force:.1f} mN"
+        rate = self.statuses.total() / max(now_s - self.begin_s, 1e-3)
+        dropped = self.source.dropped()
+        late = f"{1e3 * contact.latency_s:.0f} ms"
+        print(
+            f"\r\x1b[K{row.time_s:.2f} s: {row.status}{where}; {rate:.1f} frames/s, {late} late, {dropped} dropped",
+            end="",
+            file=sys.stderr,
+            flush=True,
+        )
+
+    def summary(self, args: argparse.Namespace) -> dict[str, Any]:
+        """Says what came of it, and returns that in numbers."""
+        import numpy as np
+
+        from vbaa_calib.core.console import say
+
+        if self.next_s:
+            print(file=sys.stderr)
+        synchronizer = self.live.synchronizer
+        for note in (*self.source.notes, *synchronizer.told()):
+            say(note)
+        frames, dropped = self.statuses.total(), self.source.dropped()
+        quantiles = np.quantile(self.latency_s, [0.5, 0.99]).tolist() if self.latency_s else [None, None]
+        say(f"{frames} frames: " + ", ".join(f"{count} {status}" for status, count in self.statuses.most_common()))
+        if frames:
+            say(
+                f"latency {1e3 * quantiles[0]:.1f} ms (median), {1e3 * quantiles[1]:.1f} ms (99 %); {dropped} pictures "
+                f"dropped; {self.amended} contacts amended by later frames"
+            )
+        if not self.watched:
+            say("the rig's drift is not watched: --drift none")
+        for output in (args.output, args.bag):
+            if output is not None:
+                say(f"wrote {output}")
+        return {
+            "source": self.source.name,
+            "contacts": None if args.output is None else str(args.output),
+            "frames": frames,
+            "status": dict(self.statuses),
+            "amended": self.amended,
+            "dropped": dropped,
+            "latency_p50_s": quantiles[0],
+            "latency_p99_s": quantiles[1],
+            "stream": dict(synchronizer.counts),
+            "drift": self.drift,
+            "notes": list(self.source.notes),
+        }

@@ -1,0 +1,143 @@
+"""What `vbaa live` and `vbaa estimate` have in common: the arguments about streams, and the sources they mean."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from vbaa_calib.rig import Rig
+    from vbaa_calib.session import Frame
+    from vbaa_calib.streams import Source, Synchronizer, Timing
+    from vbaa_calib.streams.bags import Topics
+
+_ROLES = ("image", "moment", "joints", "camera")
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Arguments about streams."""
+    group = parser.add_argument_group("streams")
+    group.add_argument(
+        "--readings",
+        type=Path,
+        metavar="FILE",
+        help="a table of readings: time_s and any of moment_Nm, moment_z_Nm, pan_rad, tilt_rad (or pan_deg, tilt_deg)",
+    )
+    group.add_argument(
+        "--topic",
+        action="append",
+        default=[],
+        metavar="ROLE=NAME",
+        help=f"of a bag, which topic to take, or none; the roles are {', '.join(_ROLES)} (default: the only one)",
+    )
+    group.add_argument("--pan-joint", default="", metavar="NAME", help="the joint of a JointState that is pan")
+    group.add_argument("--tilt-joint", default="", metavar="NAME", help="the joint that is tilt")
+    group.add_argument(
+        "--moment-axis", default="y", choices=("x", "y", "z"), help="of a WrenchStamped, the antenna's y (default: y)"
+    )
+    group.add_argument(
+        "--offset",
+        type=float,
+        default=0.0,
+        metavar="S",
+        help="what is added to the readings' times to have them on the pictures' clock (default: 0)",
+    )
+    group.add_argument(
+        "--gap",
+        type=float,
+        default=0.1,
+        metavar="S",
+        help="readings further apart are not interpolated: the picture has none (default: 0.1)",
+    )
+    group.add_argument(
+        "--wait",
+        type=float,
+        default=0.25,
+        metavar="S",
+        help="how long a picture waits for the readings after it (default: 0.25)",
+    )
+    for name in ("pan", "tilt"):
+        group.add_argument(
+            f"--{name}", type=float, default=0.0, metavar="RAD", help=f"{name} of a rig that does not read it"
+        )
+
+
+def timing_of(args: argparse.Namespace) -> Timing:
+    """How readings and pictures belong together. Raises InputError for times and angles that cannot be."""
+    from vbaa_calib.core.arrays import LARGEST_RAD
+    from vbaa_calib.core.errors import InputError
+    from vbaa_calib.streams import Timing
+
+    for name, least, most in (
+        ("offset", -1e12, 1e12),
+        ("gap", 1e-6, 3600.0),
+        ("wait", 0.0, 3600.0),
+        ("pan", -LARGEST_RAD, LARGEST_RAD),
+        ("tilt", -LARGEST_RAD, LARGEST_RAD),
+    ):
+        value = getattr(args, name)
+        if not least <= value <= most:  # NaN is not, either
+            raise InputError(f"--{name} is {value}", remedy=f"give a number from {least:g} to {most:g}")
+    return Timing(args.offset, args.gap, args.wait, (args.pan, args.tilt))
+
+
+def topics_of(args: argparse.Namespace) -> Topics:
+    """Which topics of a bag to take. Raises InputError for what is no role."""
+    from vbaa_calib.core.errors import InputError
+    from vbaa_calib.streams.bags import Topics
+
+    named = {}
+    for text in args.topic:
+        role, equals, name = text.partition("=")
+        if role not in _ROLES or not name or not equals:
+            raise InputError(f"--topic is {text!r}", remedy="write it like --topic image=/camera/image_raw")
+        named[role] = name
+    return Topics(**named, pan=args.pan_joint, tilt=args.tilt_joint, moment_axis=args.moment_axis)
+
+
+def recorded(args: argparse.Namespace, path: Path, rig: Rig) -> Source:
+    """A bag, a video or a table of pictures, with its readings. Raises InputError."""
+    from vbaa_calib.streams.bags import is_bag, open_bag
+    from vbaa_calib.streams.open import open_recorded
+    from vbaa_calib.streams.recorded import with_readings
+
+    if is_bag(path):
+        source, table = open_bag(path, topics_of(args), rig.camera.matrix, rig.camera.image_size), args.readings
+    else:
+        source = open_recorded(path)
+        table = path if path.suffix.lower() == ".csv" and args.readings is None else args.readings
+    source = with_readings(source, table, args.offset)
+    return source.without_moments() if args.no_moment else source
+
+
+def taken_frames(source: Source, synchronizer: Synchronizer) -> Iterator[tuple[Frame, np.ndarray]]:
+    """The frames of a recorded source and their pictures."""
+    from itertools import chain
+
+    pushed = (each for message in source.messages() if message is not None for each in synchronizer.push(message))
+    return ((each.frame, each.taken.image) for each in chain(pushed, synchronizer.finish()))
+
+
+def tracked(path: Path, readings: Path | None) -> tuple[list[Frame], Mapping[int, np.ndarray]]:
+    """Frames and their centrelines (N, 3) from one's own tracker. Raises InputError with file, line and remedy.
+
+    Without readings: vision alone, the joints at zero, a second from frame to frame, so that none is tested for motion.
+    """
+    import math
+
+    from vbaa_calib.core.errors import InputError
+    from vbaa_calib.session import Frame, centrelines_of, recording_of
+
+    lines = centrelines_of(path)
+    if readings is None:
+        return [Frame(None, 0.0, 0.0, math.nan, frame=frame, time_s=float(frame)) for frame in sorted(lines)], lines
+    frames = recording_of(readings, with_images=False)
+    unknown = set(lines) - {frame.frame for frame in frames}
+    if unknown:
+        remedy = "give every frame its row there"
+        raise InputError(f"frame {min(unknown)} is not in {readings}", where=path, remedy=remedy)
+    return frames, lines
