@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Generator, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
 
@@ -22,7 +22,7 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import DRIFTS
 
-from .contacts import Contacts, MotionCheck, contacts_of
+from .contacts import Contacts, MotionCheck, MovingContacts, contacts_of, moving
 from .drift import RENEWED_S, LearntRig
 from .inputs import Batch, Values
 from .motion import Beam
@@ -31,9 +31,10 @@ from .status import CONTACT_EVIDENCE, FEWEST_POINTS, ODD_END, unexplained
 CHUNK = 2048
 """Frames that are solved at once."""
 STREAM = 64
-"""Frames of a recording that are solved at once, each chunk from where the one before ended."""
-MOST_WAITING = 1024
-"""Frames of a recording that wait for its first free frames."""
+"""Frames of a recording that are solved at once, each batch from where the one before ended."""
+AFRESH = 1024
+"""After so many frames of a recording the search begins afresh, so that it can be cut there without changing a bit; and
+as many at most wait for its first free frames."""
 
 
 class ContactEstimator:
@@ -134,31 +135,50 @@ class ContactEstimator:
 
         Frames are taken `STREAM` at a time, and the solver begins at the last contact before them. Frames with times
         are tested for motion with those around them (`motion`), so that a contact comes out a little later. A recording
-        that begins with contacts waits for its first free frames, `MOST_WAITING` frames at most: they say how the rig
-        has changed. With `live` each frame is answered as it comes, tested with those before it.
+        that begins with contacts waits for its first free frames, `AFRESH` frames at most: they say how the rig has
+        changed. With `live` each frame is answered as it comes, tested with those before it.
         """
-        frames, warm = iter(recording), None
-        motion, now, waiting = MotionCheck(self.rig, live), self, deque[list[Measured]]()
-        patient = self.rig.drift.of_rig and not live
-        while several := list(islice(frames, 1 if live else STREAM)):
+        motion = MotionCheck(Beam.of(self.rig), live)
+        for _, shapes in self.solved(self.learning(recording, patient=not live, at_once=1 if live else STREAM)):
+            yield from motion.push(shapes)
+        yield from motion.finish()
+
+    def learning(
+        self, recording: Iterable[Measured], *, patient: bool = True, at_once: int = STREAM
+    ) -> Iterator[tuple[ContactEstimator, list[Measured]]]:
+        """A recording's frames in batches, each with the estimator for the rig as its free frames so far say it is.
+
+        patient : whether the first frames wait for free ones. A part of a recording that begins `AFRESH` · k frames
+        after its start is `continued` from what was learnt before it, and does not wait.
+        """
+        frames, now, waiting = iter(recording), self, deque[list[Measured]]()
+        patient = patient and self.rig.drift.of_rig
+        while several := list(islice(frames, at_once)):
             now = now._after_free_frames(several)
             self.drift = now.drift
             waiting.append(several)
-            patient = patient and now.drift.frames == 0 and len(waiting) * STREAM < MOST_WAITING
+            patient = patient and now.drift.frames == 0 and len(waiting) * at_once < AFRESH
             while waiting and not patient:
-                warm = yield from now._pushed(waiting.popleft(), warm, motion)
+                yield now, waiting.popleft()
         while waiting:
-            warm = yield from now._pushed(waiting.popleft(), warm, motion)
-        yield from motion.finish()
+            yield now, waiting.popleft()
 
-    def _pushed(
-        self, several: list[Measured], warm: np.ndarray | None, motion: MotionCheck
-    ) -> Generator[Contact, None, np.ndarray | None]:
-        """Contacts as motion lets them go, and the unknowns of the last one located."""
-        found = self._at(max(each.time_s for each in several))._contacts(Batch.of(several, warm), motion.beam)
-        yield from motion.push(several, found)
-        located = np.flatnonzero(np.isfinite(found.distance_m))
-        return found.numbers.unknowns[located[-1]] if len(located) else None
+    def continued(self, learnt: LearntRig) -> ContactEstimator:
+        """The estimator for the rest of a recording of this rig, of which so much was learnt; self is a new one."""
+        return self._with(learnt) if learnt.frames else self
+
+    def solved(
+        self, batches: Iterable[tuple[ContactEstimator, list[Measured]]]
+    ) -> Iterator[tuple[list[Measured], MovingContacts]]:
+        """Batches as `learning` gives them, with their contacts as they are before they are tested for motion."""
+        beam, warm, count = Beam.of(self.rig), None, 0
+        for now, several in batches:
+            warm = None if count % AFRESH == 0 else warm
+            found = now._at(max(each.time_s for each in several))._contacts(Batch.of(several, warm), beam)
+            yield several, moving(self.rig, several, found)
+            located = np.flatnonzero(np.isfinite(found.distance_m))
+            warm = found.numbers.unknowns[located[-1]] if len(located) else None
+            count += len(several)
 
     def _after_free_frames(self, several: Sequence[Measured]) -> ContactEstimator:
         """The estimator for the rig as it is now: its drift is learnt from the free ones of some frames."""

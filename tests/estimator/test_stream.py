@@ -93,7 +93,7 @@ def test_pictures_are_judged_for_motion_too(monkeypatch: pytest.MonkeyPatch) -> 
     seen[lost] = replace(
         seen[lost], measured=replace(seen[lost].measured, points_px=np.empty((0, 2)), sigma_px=np.empty(0))
     )
-    monkeypatch.setattr(recording, "_in_order", lambda _: iter(range(COUNT)))
+    monkeypatch.setattr(recording, "_in_order", lambda *_: iter(range(COUNT)))
     monkeypatch.setattr(recording, "detections", lambda _, glances: (seen[index] for index in glances))
     frames = [Frame(None, 0.0, 0.0, 0.0, frame=index, time_s=index / RATE_HZ) for index in range(COUNT)]
     found = list(recording.estimate_pictures(ContactEstimator(RIG), frames))

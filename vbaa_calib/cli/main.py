@@ -45,6 +45,7 @@ VERBS = {
         "viz.cli.estimate",
         "a recording to contacts.csv and report.html: where and how hard, with standard deviations",
     ),
+    "batch": ("viz.cli.batch", "many recordings at once, on dask: a data set of contacts, resumable"),
     "refine": ("estimator.cli.refine", "a recording as one: rig errors and friction that all of its contacts share"),
     "look": ("viz.cli.look", "what is seen of the antenna in one picture, in words and as a debug picture"),
     "reconstruct": ("viz.cli.reconstruct", "contacts to the object's surface and stiffness: .vtp, .ply or .glb"),

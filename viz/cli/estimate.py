@@ -14,11 +14,11 @@ if TYPE_CHECKING:
     from estimator.contact.recording import Ground
     from estimator.table.contacts import ContactRow
     from vbaa_calib.rig import Rig
-    from vbaa_calib.session import Frame, Session, Still
+    from vbaa_calib.session import Frame, Session
 
 MODELS = ("auto", "paper", "linear", "elastica", "rod")
 """auto and `vbaa_calib.antenna.rungs.RUNGS`, which is not imported for the sake of a quick --help."""
-_DRIFTS = ("none", "lab", "rough")  # `vbaa_calib.session.DRIFTS`, not imported either
+DRIFTS = ("none", "lab", "rough")  # `vbaa_calib.session.DRIFTS`, not imported either
 FRICTION_RAD = 0.2
 """The estimator's own, `estimate.FRICTION_RAD`, not imported either."""
 
@@ -44,7 +44,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--drift",
-        choices=_DRIFTS,
+        choices=DRIFTS,
         help="what may have changed since the calibration (default: as session.yaml says, else as rig.json does)",
     )
     parser.add_argument("--no-moment", action="store_true", help="vision alone: leave the moment readings aside")
@@ -111,6 +111,7 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None]:
     from estimator.contact.estimate import ContactEstimator
     from estimator.contact.recording import estimate_recording
     from estimator.contact.shutter import checked
+    from estimator.contact.source import free_stills
     from estimator.contact.surroundings import surroundings
     from estimator.table.contacts import ContactRow
     from estimator.table.files import write_contacts
@@ -126,7 +127,7 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None]:
     frames = _frames(session, rig, args.no_moment)
     pictures = [frame.image for frame in frames if frame.image is not None]
     check_pictures(pictures, rig.camera.image_size, "the rig was calibrated at")
-    ground, words = surroundings(rig, args.background, lambda: [*frames, *_free(session, rig)])
+    ground, words = surroundings(rig, args.background, lambda: [*frames, *free_stills(session, rig)])
     if words:
         say(f"background: {words}")
     statuses, models, std_m = Counter[str](), Counter[str](), array("d")  # all that is kept of the rows
@@ -177,19 +178,6 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None]:
         "background": words or None,
     }
     return result, ground
-
-
-def _free(session: Session, rig: Rig) -> list[Still]:
-    """The pictures of the free antenna, where this session has some of this camera."""
-    from vbaa_calib.core.errors import InputError
-    from vbaa_calib.session import check_pictures, read_noload
-
-    try:
-        stills = list(read_noload(session))
-        check_pictures([still.image for still in stills if still.image], rig.camera.image_size, "the rig's are")
-    except InputError:  # they are not needed
-        return []
-    return stills
 
 
 def _frames(session: Session, rig: Rig, no_moment: bool) -> list[Frame]:
