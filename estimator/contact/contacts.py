@@ -130,34 +130,50 @@ def _by_axes(rig: Rig, numbers: FitNumbers, rotation: np.ndarray, by_axes: tuple
     return own + by_pose @ rig.covariance[pose, pose] @ np.swapaxes(by_pose, 1, 2) + shared + np.swapaxes(shared, 1, 2)
 
 
+@dataclass(frozen=True, eq=False)
+class MovingContacts:
+    """Contacts of B successive frames, and what testing them for motion needs.
+
+    push : (B, G, 3) by how many of its deviations a contact's distance is off for each N/m of load on each piece of the
+        antenna, along the world's axes.
+    """
+
+    contacts: Sequence[Contact]
+    push: np.ndarray
+    shapes: Shapes
+
+
+def moving(rig: Rig, several: Sequence[Measured], found: Contacts) -> MovingContacts:
+    """Contacts found in frames, not yet tested for motion; the rig's kinematics say how they stand in the world."""
+    times = np.array([each.time_s for each in several], float)
+    pan, tilt = (np.array([getattr(each, name) for each in several]) for name in ("pan_rad", "tilt_rad"))
+    rotation, translation = rig.kinematics.world_antenna(pan, tilt)
+    numbers = found.numbers
+    fitted = ~np.isin(found.status, (NO_ANTENNA, FAILED)) & numbers.finite
+    points = np.einsum("bij,bgj->bgi", rotation, numbers.pieces_m) + translation[:, None]
+    points = np.where(fitted[:, None, None], points, np.nan)
+    distance = np.where(found.status == NO_CONTACT, np.nan, numbers.unknowns[:, 0])
+    # a load's components along y and z of the antenna, from those along the world's axes
+    push = numbers.push @ np.swapaxes(rotation[:, :, 1:], 1, 2)
+    return MovingContacts(list(found), push, Shapes(times, points, numbers.pieces_std_m, distance))
+
+
 class MotionCheck:
     """Contacts in, contacts out in the same order; some of them only once later frames are known.
 
     live : test each frame with earlier ones alone, so that nothing waits.
     """
 
-    def __init__(self, rig: Rig, live: bool) -> None:
-        self.beam = Beam.of(rig)
-        self._rig, self._motion = rig, Motion(self.beam, live)
+    def __init__(self, beam: Beam, live: bool = False) -> None:
+        self._motion = Motion(beam, live)
         self._waiting: deque[tuple[Contact, np.ndarray]] = deque()
 
-    def push(self, several: Sequence[Measured], found: Contacts) -> Iterator[Contact]:
+    def push(self, several: MovingContacts) -> Iterator[Contact]:
         """The contacts that are ready once these frames are known."""
-        times = np.array([each.time_s for each in several], float)
-        if not self._waiting and not np.isfinite(times).any():
-            return iter(found)
-        pan, tilt = (np.array([getattr(each, name) for each in several]) for name in ("pan_rad", "tilt_rad"))
-        rotation, translation = self._rig.kinematics.world_antenna(pan, tilt)
-        numbers = found.numbers
-        fitted = ~np.isin(found.status, (NO_ANTENNA, FAILED)) & numbers.finite
-        points = np.einsum("bij,bgj->bgi", rotation, numbers.pieces_m) + translation[:, None]
-        points = np.where(fitted[:, None, None], points, np.nan)
-        distance = np.where(found.status == NO_CONTACT, np.nan, numbers.unknowns[:, 0])
-        # a load's components along y and z of the antenna, from those along the world's axes
-        push = numbers.push @ np.swapaxes(rotation[:, :, 1:], 1, 2)
-        self._waiting.extend(zip(found, push, strict=True))
-        shapes = Shapes(times, points, numbers.pieces_std_m, distance)
-        return self._ready(self._motion.push(shapes))
+        if not self._waiting and not np.isfinite(several.shapes.time_s).any():
+            return iter(several.contacts)
+        self._waiting.extend(zip(several.contacts, several.push, strict=True))
+        return self._ready(self._motion.push(several.shapes))
 
     def finish(self) -> Iterator[Contact]:
         """The contacts that still wait."""

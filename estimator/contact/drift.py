@@ -86,7 +86,7 @@ class LearntRig:
             line_px = max(float(np.sqrt(max(own, 0.0) / count)), self.calibrated.drift.line_px)
             now = replace(now, drift=replace(now.drift, line_px=line_px))
         rig, covariance, _ = _posterior(free, now)
-        step = _difference(rig, self.calibrated)
+        step = rig.step_from(self.calibrated)
         now = rig.with_covariance(covariance)
         past = (*self.history, (time_s, step, np.sqrt(np.diag(now.covariance))))
         return LearntRig(self.calibrated, now, self.frames + len(rows), count, own, time_s, step, past)
@@ -143,19 +143,6 @@ def _summed(equations: FreeAntennas, steps: np.ndarray, size: int) -> tuple[np.n
     information = whole[:, :size, :size] - np.eye(size) - whole[:, :size, size:] @ by_shared[..., :size]
     right = side[:, :size] + steps[:, :size] - (whole[:, :size, size:] @ by_shared[..., size:])[..., 0]
     return information.sum(axis=0), right.sum(axis=0), by_shared
-
-
-def _difference(rig: Rig, before: Rig) -> np.ndarray:
-    """(17 + P,) how far the rig's parameters are from what they were."""
-    now, then = rig.moment_sensor, before.moment_sensor
-    return np.concatenate(
-        [
-            rig.T_antenna_camera.tangent_from(before.T_antenna_camera),
-            rig.antenna.parameters - before.antenna.parameters,
-            [now.gain - then.gain, now.offset_Nm - then.offset_Nm],
-            rig.camera.parameters - before.camera.parameters,
-        ]
-    )
 
 
 def summary(learnt: LearntRig) -> dict[str, Any]:

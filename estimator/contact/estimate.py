@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Generator, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 
 import numpy as np
 
@@ -21,7 +22,7 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import DRIFTS
 
-from .contacts import Contacts, MotionCheck, contacts_of
+from .contacts import Contacts, MotionCheck, MovingContacts, contacts_of, moving
 from .drift import RENEWED_S, LearntRig
 from .inputs import Batch, Values
 from .motion import Beam
@@ -30,9 +31,10 @@ from .status import CONTACT_EVIDENCE, FEWEST_POINTS, ODD_END, unexplained
 CHUNK = 2048
 """Frames that are solved at once."""
 STREAM = 64
-"""Frames of a recording that are solved at once, each chunk from where the one before ended."""
-MOST_WAITING = 1024
-"""Frames of a recording that wait for its first free frames."""
+"""Frames of a recording that are solved at once, each batch from where the one before ended."""
+AFRESH = 1024
+"""After so many frames of a recording the search begins afresh, so that it can be cut there without changing a bit; and
+as many at most wait for its first free frames."""
 
 
 class ContactEstimator:
@@ -133,13 +135,50 @@ class ContactEstimator:
 
         Frames are taken `STREAM` at a time, and the solver begins at the last contact before them. Frames with times
         are tested for motion with those around them (`motion`), so that a contact comes out a little later. A recording
-        that begins with contacts waits for its first free frames, `MOST_WAITING` frames at most: they say how the rig
-        has changed. With `live` each frame is answered as it comes, tested with those before it.
+        that begins with contacts waits for its first free frames, `AFRESH` frames at most: they say how the rig has
+        changed. With `live` each frame is answered as it comes, tested with those before it.
         """
-        stream = ContactStream(self, live=live)
-        for measured in recording:
-            yield from stream.push(measured)
-        yield from stream.finish()
+        motion = MotionCheck(Beam.of(self.rig), live)
+        for _, shapes in self.solved(self.learning(recording, patient=not live, at_once=1 if live else STREAM)):
+            yield from motion.push(shapes)
+        yield from motion.finish()
+
+    def learning(
+        self, recording: Iterable[Measured], *, patient: bool = True, at_once: int = STREAM
+    ) -> Iterator[tuple[ContactEstimator, list[Measured]]]:
+        """A recording's frames in batches, each with the estimator for the rig as its free frames so far say it is.
+
+        patient : whether the first frames wait for free ones. A part of a recording that begins `AFRESH` · k frames
+        after its start is `continued` from what was learnt before it, and does not wait.
+        """
+        frames, now, waiting = iter(recording), self, deque[list[Measured]]()
+        patient = patient and self.rig.drift.of_rig
+        while several := list(islice(frames, at_once)):
+            now = now.after_free_frames(several)
+            self.drift = now.drift
+            waiting.append(several)
+            patient = patient and now.drift.frames == 0 and len(waiting) * at_once < AFRESH
+            while waiting and not patient:
+                yield now, waiting.popleft()
+        while waiting:
+            yield now, waiting.popleft()
+
+    def continued(self, learnt: LearntRig) -> ContactEstimator:
+        """The estimator for the rest of a recording of this rig, of which so much was learnt; self is a new one."""
+        return self._with(learnt) if learnt.frames else self
+
+    def solved(
+        self, batches: Iterable[tuple[ContactEstimator, list[Measured]]]
+    ) -> Iterator[tuple[list[Measured], MovingContacts]]:
+        """Batches as `learning` gives them, with their contacts as they are before they are tested for motion."""
+        beam, warm, count = Beam.of(self.rig), None, 0
+        for now, several in batches:
+            warm = None if count % AFRESH == 0 else warm
+            found = now.at(max(each.time_s for each in several))._contacts(Batch.of(several, warm), beam)
+            yield several, moving(self.rig, several, found)
+            located = np.flatnonzero(np.isfinite(found.distance_m))
+            warm = found.numbers.unknowns[located[-1]] if len(located) else None
+            count += len(several)
 
     def after_free_frames(self, several: Sequence[Measured]) -> ContactEstimator:
         """The estimator for the rig as it is now: its drift is learnt from the free ones of some frames."""
@@ -283,12 +322,14 @@ class ContactStream:
         self._beside = beside
         self._estimator, self._now = estimator, estimator
         self._size, self._at_once = 1 if live else STREAM, at_once
-        self._motion = MotionCheck(estimator.rig, live)
+        self._beam = Beam.of(estimator.rig)
+        self._motion = MotionCheck(self._beam, live)
         self._patient = estimator.rig.drift.of_rig and not live
         self._coming: list[Measured] = []
         self._waiting: deque[list[Measured]] = deque()
         self._solving: Generator[None, None, Contacts] | None = None
         self._warm: np.ndarray | None = None
+        self._count = 0
 
     @property
     def drift(self) -> LearntRig:
@@ -316,7 +357,7 @@ class ContactStream:
         self._estimator.drift = self._now.drift
         self._waiting.append(self._coming)
         self._coming = []
-        enough = self._now.drift.frames > 0 or len(self._waiting) * STREAM >= MOST_WAITING
+        enough = self._now.drift.frames > 0 or len(self._waiting) * STREAM >= AFRESH
         self._patient = self._patient and not enough
 
     def _ready(self, at_once: int | None) -> Iterator[Contact]:
@@ -324,18 +365,20 @@ class ContactStream:
         while self._waiting and not self._patient:
             several = self._waiting[0]
             if self._solving is None:
+                self._warm = None if self._count % AFRESH == 0 else self._warm
                 then = self._now.at(max(each.time_s for each in several))
                 batch, most = Batch.of(several, self._warm), CHUNK if at_once is None else at_once
-                self._solving = then.contacts_in_parts(batch, self._motion.beam, most)
+                self._solving = then.contacts_in_parts(batch, self._beam, most)
             try:
                 next(self._solving)
             except StopIteration as done:
                 self._waiting.popleft()
                 self._solving = None
+                self._count += len(several)
                 found: Contacts = done.value
                 located = np.flatnonzero(np.isfinite(found.distance_m))
                 self._warm = found.numbers.unknowns[located[-1]] if len(located) else None
-                yield from self._motion.push(several, found)
+                yield from self._motion.push(moving(self._estimator.rig, several, found))
             if at_once is not None:
                 return
 

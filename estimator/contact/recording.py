@@ -23,9 +23,9 @@ from vbaa_calib.detect.whisker.finder import AntennaFinder
 from vbaa_calib.detect.whisker.paint import Paint, without_other_things
 from vbaa_calib.detect.whisker.stretches import explained
 from vbaa_calib.rig import Rig
-from vbaa_calib.session import Frame, Session, Still, read_centrelines
+from vbaa_calib.session import Centrelines, Frame, Session, Still, read_centrelines
 
-from .estimate import ContactEstimator, RoughFit
+from .estimate import STREAM, ContactEstimator, RoughFit
 
 GRAVITY_STEP_M_S2 = 0.5
 """A finder is used again for frames whose gravity is so much alike: the free antenna sags by a pixel more or less."""
@@ -40,7 +40,7 @@ Ground = Callable[[Still], Background | None]
 
 NO_JOINTS = "no joint angles were read near enough to the picture's instant"
 AT_ONCE_PX = 16_000_000
-"""Pictures of so many pixels in all are kept for a second look, so that their rough fits are one batch."""
+"""Pictures of so many pixels in all, at most, are kept for a second look, so that their rough fits are one batch."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,11 +156,12 @@ def _along(rig: Rig, glance: FirstDetection, rough: RoughFit) -> Detection:
 
 
 def detections(estimator: ContactEstimator, glances: Iterable[FirstDetection]) -> Iterator[Detection]:
-    """Second looks at pictures in order, as many at a time as memory allows."""
+    """Second looks at pictures in order, as many at a time as memory allows: a power of two, so that the parts of a
+    recording that is cut between batches of the estimator are taken in the same lots."""
     coming = iter(glances)
     for first in coming:
-        several = [first, *islice(coming, max(AT_ONCE_PX // first.image.size, 1) - 1)]
-        yield from detect_again(estimator, several)
+        most = min(AT_ONCE_PX // first.image.size, STREAM)
+        yield from detect_again(estimator, [first, *islice(coming, (1 << max(most, 1).bit_length() - 1) - 1)])
 
 
 def read_plane(rig: Rig, path: Path) -> np.ndarray:
@@ -220,11 +221,17 @@ def subtracted(
     return evened(image, behind, line, looking.corridor.width_px), line
 
 
-def _in_order(firsts: Iterable[FirstDetection]) -> Iterator[FirstDetection]:
-    """The same; where two lines could be the antenna, the frame before tells whether the first one is."""
-    before = np.empty((0, 2))
+def _in_order(firsts: Iterable[FirstDetection], earlier: Iterable[FirstDetection] = ()) -> Iterator[FirstDetection]:
+    """The same; where two lines could be the antenna, the frame before tells whether the first one is.
+
+    earlier : the frames before the first, latest first; as many are looked at as are needed to tell.
+    """
+    before: np.ndarray | None = None
     for first in firsts:
-        decided_one, before = after(first, before)
+        if before is None and first.line.verdict == "ambiguous":
+            before = _last_seen(earlier)
+        decided_one, now = after(first, np.empty((0, 2)) if before is None else before)
+        before = now if decided_one.line.found else before
         yield decided_one
 
 
@@ -232,6 +239,19 @@ def after(first: FirstDetection, before: np.ndarray) -> tuple[FirstDetection, np
     """A first look, decided by where the antenna was seen `before` (N, 2), and where it is seen now."""
     line = decided(first.line, before)
     return replace(first, line=line), line.guide_px if line.found else before
+
+
+def _last_seen(earlier: Iterable[FirstDetection]) -> np.ndarray:
+    """(K, 2) the antenna in the last of some frames, latest first, in which it was found; (0, 2) where it was not."""
+    undecided: list[FirstDetection] = []
+    for first in earlier:
+        undecided.append(first)
+        if first.line.found:
+            break
+    before = np.empty((0, 2))
+    for first in reversed(undecided):
+        _, before = after(first, before)
+    return before
 
 
 def estimate_pictures(
@@ -272,10 +292,19 @@ def measured_recording(
 ) -> Iterator[Measured]:
     """What every frame of a session's recording offers to a fit, in order, as `estimate_recording` takes it."""
     if frames[0].image is None:
-        lines = _lines(session, frames)
-        return (_measured_points(estimator.rig, frame, lines) for frame in frames)
-    firsts = _in_order(first_detection(estimator, frame, ground) for frame in frames)
-    return (each.measured for each in detections(estimator, firsts))
+        lines = recorded_lines(session, frames)
+        return (measured_points(estimator.rig, frame, lines) for frame in frames)
+    return (each.measured for each in detected(estimator, frames, ground))
+
+
+def detected(
+    estimator: ContactEstimator, frames: Sequence[Frame], ground: Ground | None = None, begin: int = 0
+) -> Iterator[Detection]:
+    """What is seen in the pictures of frames[begin:], in order, as after all those before. Raises as `first_detection`
+    does."""
+    firsts = (first_detection(estimator, frame, ground) for frame in frames[begin:])
+    earlier = (first_detection(estimator, frame, ground) for frame in reversed(frames[:begin]))
+    return detections(estimator, _in_order(firsts, earlier))
 
 
 def estimate_picture(estimator: ContactEstimator, frame: Frame, ground: Ground | None = None) -> FrameContact:
@@ -283,7 +312,7 @@ def estimate_picture(estimator: ContactEstimator, frame: Frame, ground: Ground |
     return next(estimate_pictures(estimator, [frame], ground))
 
 
-def _measured_points(rig: Rig, frame: Frame, lines: Mapping[int, np.ndarray]) -> Measured:
+def measured_points(rig: Rig, frame: Frame, lines: Mapping[int, np.ndarray]) -> Measured:
     """What a frame offers whose pixels are extracted already, by frame (N, 3): u_px, v_px, sigma_px or NaN."""
     points = lines.get(frame.frame, np.empty((0, 3)))
     return _measured(frame, points[:, :2], np.where(np.isfinite(points[:, 2]), points[:, 2], rig.image.noise_px))
@@ -294,7 +323,7 @@ def estimate_centrelines(
 ) -> Iterator[FrameContact]:
     """Every frame from extracted pixels (see `measured_points`), in order, as many at a time as the estimator takes."""
     # a tee holds no more than what the estimator has taken in and not yet given back
-    given, kept = tee(_measured_points(estimator.rig, frame, lines) for frame in frames)
+    given, kept = tee(measured_points(estimator.rig, frame, lines) for frame in frames)
     for frame, seen, contact in zip(frames, kept, estimator.run(given), strict=True):
         yield FrameContact(frame, contact, seen)
 
@@ -305,10 +334,10 @@ def estimate_recording(
     """Every frame of a session's recording, in order; none is dropped. The ground is taken off every picture."""
     if frames[0].image is not None:
         return estimate_pictures(estimator, frames, ground)
-    return estimate_centrelines(estimator, frames, _lines(session, frames))
+    return estimate_centrelines(estimator, frames, recorded_lines(session, frames))
 
 
-def _lines(session: Session, frames: Sequence[Frame]) -> Mapping[int, np.ndarray]:
+def recorded_lines(session: Session, frames: Sequence[Frame]) -> Centrelines:
     """Ready centrelines by frame. Raises InputError for one of no frame."""
     lines = read_centrelines(session)
     unknown = set(lines) - {frame.frame for frame in frames}

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from itertools import chain, pairwise
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -38,16 +37,41 @@ class _Movement:
 
 def checked(found: Iterable[FrameContact], shutter: Shutter, rows: int) -> Iterator[FrameContact]:
     """A recording's frames in order, those in which the movement matters marked; pictures of so many rows."""
-    if not shutter.exposure_s and not shutter.readout_s:
-        yield from found
-        return
-    before: FrameContact | None = None
-    for item, after in pairwise(chain(found, (None,))):
-        assert item is not None
+    check = ShutterCheck(shutter, rows)
+    for item in found:
+        yield from check.push(item)
+    yield from check.finish()
+
+
+class ShutterCheck:
+    """Frames in, the same frames out in the same order, each once the next one is known; pictures of so many rows."""
+
+    def __init__(self, shutter: Shutter, rows: int) -> None:
+        self.needed = bool(shutter.exposure_s or shutter.readout_s)
+        self._shutter, self._rows = shutter, rows
+        self._before: FrameContact | None = None
+        self._waiting: FrameContact | None = None
+
+    def push(self, item: FrameContact | None) -> Iterator[FrameContact]:
+        """The frame before this one."""
+        if not self.needed:
+            return iter(() if item is None else (item,))
+        before, waiting = self._before, self._waiting
+        self._before, self._waiting = waiting, item
+        if waiting is None:
+            return iter(())
         # an antenna that comes to rest, or starts from it, may be at rest in the picture itself
-        moved = [_movement(item, other, shutter, rows) for other in (before, after) if other is not None]
-        yield _marked(item, min(moved, key=lambda each: each.readout_px + each.exposure_px, default=_Movement()))
-        before = item
+        others = (other for other in (before, item) if other is not None)
+        moved = [_movement(waiting, other, self._shutter, self._rows) for other in others]
+        return iter((_marked(waiting, min(moved, key=_carried_px, default=_Movement())),))
+
+    def finish(self) -> Iterator[FrameContact]:
+        """The last frame."""
+        return self.push(None)
+
+
+def _carried_px(moved: _Movement) -> float:
+    return moved.readout_px + moved.exposure_px
 
 
 def _movement(item: FrameContact, other: FrameContact, shutter: Shutter, rows: int) -> _Movement:

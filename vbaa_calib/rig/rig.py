@@ -157,6 +157,19 @@ class Rig:
             tip=tip,
         )
 
+    def step_from(self, other: Rig) -> np.ndarray:
+        """(17 + P,) the step of `moved` that leads here from another rig; (17,) where their lens models differ."""
+        now, then = self.moment_sensor, other.moment_sensor
+        same_lens = self.camera.parameter_names == other.camera.parameter_names
+        return np.concatenate(
+            [
+                self.T_antenna_camera.tangent_from(other.T_antenna_camera),
+                self.antenna.parameters - other.antenna.parameters,
+                [now.gain - then.gain, now.offset_Nm - then.offset_Nm],
+                self.camera.parameters - other.camera.parameters if same_lens else [],
+            ]
+        )
+
     def camera_on_plane(self, plane: Plane = PLANE_C) -> CameraOnPlane:
         """The metric layer: pixels to metric coordinates on a plane of the antenna frame, plane C by default."""
         from vbaa_calib.camera import CameraOnPlane  # loads torch

@@ -9,8 +9,8 @@ from __future__ import annotations
 import io
 import os
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import AbstractContextManager, nullcontext, suppress
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
@@ -43,12 +43,12 @@ def centrelines_of(path: Path) -> Centrelines:
     with suppress(OSError), path.open("rb") as stream:
         found = _indexed(stream)
     if found is not None:
-        return Centrelines(path, lambda: path.open("rb"), *found)
+        return Centrelines(path, None, *found)
     copy = tempfile.TemporaryFile()  # noqa: SIM115 - it is read for as long as the mapping lives
     _copy_plainly(path, copy)
     found = _indexed(copy)
     assert found is not None
-    return Centrelines(path, lambda: nullcontext(copy), *found)
+    return Centrelines(path, copy, *found)
 
 
 @dataclass(frozen=True)
@@ -70,15 +70,25 @@ class Centrelines(Mapping[int, np.ndarray]):
     def __init__(
         self,
         path: Path,
-        opened: Callable[[], AbstractContextManager[BinaryIO]],
+        copy: BinaryIO | None,
         state: tuple[int, ...],
         layout: _Layout,
         runs: np.ndarray,
     ) -> None:
-        """`runs` (R, 3) int64: frame, and the bytes of what is `opened` where its rows begin and end."""
-        self._path, self._opened, self._state, self._layout = path, opened, state, layout
+        """`runs` (R, 3) int64: frame, and the bytes of the file, or of its plain copy, where its rows begin and end."""
+        self._path, self._copy, self._state, self._layout = path, copy, state, layout
         self._runs = runs[np.argsort(runs[:, 0], kind="stable")]
         self._frames = np.unique(self._runs[:, 0])
+
+    @property
+    def portable(self) -> bool:
+        """Whether another process may read it: it is no plain copy that this one has made."""
+        return self._copy is None
+
+    def picked(self, frames: Sequence[int]) -> Centrelines:
+        """Of these frames alone."""
+        runs = self._runs[np.isin(self._runs[:, 0], np.asarray(frames))]
+        return Centrelines(self._path, self._copy, self._state, self._layout, runs)
 
     def __len__(self) -> int:
         return len(self._frames)
@@ -94,7 +104,7 @@ class Centrelines(Mapping[int, np.ndarray]):
         if len(runs) == 0:
             raise KeyError(frame)
         table = np.empty((0, 0))
-        with suppress(OSError), self._opened() as stream:
+        with suppress(OSError), nullcontext(self._copy) if self._copy else self._path.open("rb") as stream:
             rows = []
             for _, begin, end in runs.tolist():
                 stream.seek(begin)

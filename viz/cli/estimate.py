@@ -18,11 +18,11 @@ if TYPE_CHECKING:
     from estimator.contact.recording import FrameContact, Ground
     from estimator.table.contacts import ContactRow
     from vbaa_calib.rig import Rig
-    from vbaa_calib.session import Drift, Frame, Session, Still
+    from vbaa_calib.session import Drift, Frame
 
 MODELS = ("auto", "paper", "linear", "elastica", "rod")
 """auto and `vbaa_calib.antenna.rungs.RUNGS`, which is not imported for the sake of a quick --help."""
-_DRIFTS = ("none", "lab", "rough")  # `vbaa_calib.session.DRIFTS`, not imported either
+DRIFTS = ("none", "lab", "rough")  # `vbaa_calib.session.DRIFTS`, not imported either
 FRICTION_RAD = 0.2
 """The estimator's own, `estimate.FRICTION_RAD`, not imported either."""
 
@@ -60,7 +60,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--drift",
-        choices=_DRIFTS,
+        choices=DRIFTS,
         help="what may have changed since the calibration (default: as session.yaml says, else as rig.json does)",
     )
     parser.add_argument("--no-moment", action="store_true", help="vision alone: leave the moment readings aside")
@@ -223,6 +223,7 @@ def _from_session(args: argparse.Namespace, rig: Rig) -> tuple[ContactEstimator,
     """The recording of a session. Raises InputError."""
     from estimator.contact.recording import estimate_recording
     from estimator.contact.shutter import checked
+    from estimator.contact.source import free_stills
     from estimator.contact.surroundings import surroundings
     from vbaa_calib.core.errors import InputError
     from vbaa_calib.session import check_pictures, load_session, read_recording
@@ -236,7 +237,7 @@ def _from_session(args: argparse.Namespace, rig: Rig) -> tuple[ContactEstimator,
     frames = _told(read_recording(session), rig, args.no_moment)
     pictures = [frame.image for frame in frames if frame.image is not None]
     check_pictures(pictures, rig.camera.image_size, "the rig was calibrated at")
-    ground, words = surroundings(rig, args.background, lambda: [*frames, *_free(session, rig)])
+    ground, words = surroundings(rig, args.background, lambda: [*frames, *free_stills(session, rig)])
     items = checked(estimate_recording(estimator, session, frames, ground), session.shutter, rig.camera.image_size[1])
     return estimator, _Recording(items, len(frames), ground, words)
 
@@ -267,19 +268,6 @@ def _without_session(args: argparse.Namespace, rig: Rig) -> tuple[ContactEstimat
     return estimator, _Recording(
         items, None, ground, words, lambda: [*source.notes, *synchronizer.told()], synchronizer.counts
     )
-
-
-def _free(session: Session, rig: Rig) -> list[Still]:
-    """The pictures of the free antenna, where this session has some of this camera."""
-    from vbaa_calib.core.errors import InputError
-    from vbaa_calib.session import check_pictures, read_noload
-
-    try:
-        stills = list(read_noload(session))
-        check_pictures([still.image for still in stills if still.image], rig.camera.image_size, "the rig's are")
-    except InputError:  # they are not needed
-        return []
-    return stills
 
 
 def _told(frames: list[Frame], rig: Rig, no_moment: bool) -> list[Frame]:

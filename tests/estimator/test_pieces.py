@@ -1,0 +1,113 @@
+"""A recording in pieces makes bit for bit the rows that it makes as a whole."""
+
+from __future__ import annotations
+
+from collections import Counter
+from copy import deepcopy
+from dataclasses import replace
+from itertools import count
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from estimator import ContactEstimator
+from estimator.contact import recording
+from estimator.contact.estimate import AFRESH, STREAM
+from estimator.contact.pieces import RowMaker, cuts, learn, look, solve
+from estimator.contact.recording import FirstDetection, estimate_recording
+from estimator.contact.shutter import checked
+from estimator.contact.source import open_source
+from estimator.table.contacts import ContactRow
+from estimator.table.files import write_contacts
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.detect.whisker.centreline import NOTHING
+from vbaa_calib.rig import Rig
+from vbaa_calib.session import Frame
+
+from ..recordings import write_recording, write_rig
+
+FRAMES = 2 * AFRESH + 3 * STREAM + 1
+
+
+def in_pieces(path: Path, rig: Rig, most: int) -> list[ContactRow]:
+    """Each piece by an estimator of its own, as another process would have it."""
+    source = open_source(path, rig)
+    maker, learnt, rows = RowMaker(rig, source.session.shutter), None, []
+    for piece in cuts(len(source.frames), most):
+        seen = look(ContactEstimator(rig), source, piece)
+        known = learn(ContactEstimator(rig), seen, None if learnt is None else deepcopy(learnt))
+        learnt = known[-1]
+        found = solve(ContactEstimator(rig, jobs=2), seen, deepcopy(known))
+        rows += maker.push(seen, found)
+    return rows + maker.finish()
+
+
+def as_one(path: Path, rig: Rig) -> list[ContactRow]:
+    source = open_source(path, rig)
+    found = estimate_recording(ContactEstimator(rig), source.session, source.frames)
+    rows = rig.camera.image_size[1]
+    return [ContactRow.of(item.frame, item.contact) for item in checked(found, source.session.shutter, rows)]
+
+
+def test_pieces_make_the_same_rows(tmp_path: Path) -> None:
+    """With drift that is learnt, motion and a rolling shutter across the seams."""
+    path, rig = write_recording(tmp_path / "one", FRAMES), Rig.load(write_rig(tmp_path / "rig.json"))
+    whole = as_one(path, rig)
+    write_contacts(tmp_path / "whole.csv", whole)
+    write_contacts(tmp_path / "pieces.csv", in_pieces(path, rig, AFRESH))
+    assert (tmp_path / "pieces.csv").read_bytes() == (tmp_path / "whole.csv").read_bytes()
+    for own, other in zip(in_pieces(path, rig, AFRESH), whole, strict=True):
+        assert all(np.array_equal(a, b, equal_nan=True) for a, b in _floats(own, other))
+    found = Counter(row.status for row in whole)
+    assert len(whole) == FRAMES
+    assert min(found[name] for name in ("ok", "no_contact", "not_quasistatic")) > 20  # there is something to get wrong
+
+
+def _floats(own: ContactRow, other: ContactRow) -> list[tuple[np.ndarray, np.ndarray]]:
+    pairs = zip(vars(own).values(), vars(other).values(), strict=True)
+    return [(np.asarray(a), np.asarray(b)) for a, b in pairs if np.asarray(a).dtype.kind == "f"]
+
+
+def test_what_the_first_free_frames_say_holds_for_all_pieces(tmp_path: Path) -> None:
+    """The later pieces' contacts do depend on what the first one learnt: without it they differ."""
+    path, rig = write_recording(tmp_path / "one", FRAMES), Rig.load(write_rig(tmp_path / "rig.json"))
+    source = open_source(path, rig)
+    seen = look(ContactEstimator(rig), source, slice(AFRESH, AFRESH + STREAM))
+    first = look(ContactEstimator(rig), source, slice(0, AFRESH))
+    learnt = learn(ContactEstimator(rig), first, None)[-1]
+    known, unknown = (solve(ContactEstimator(rig), seen, [each]) for each in (learnt, ContactEstimator(rig).drift))
+    distances = [[contact.distance_m for contact in found[0].contacts] for found in (known, unknown)]
+    assert learnt.frames > 0
+    assert np.nanmax(np.abs(np.subtract(*distances))) > 1e-5
+
+
+def test_the_frames_before_a_piece_tell_which_line_is_the_antenna(monkeypatch: pytest.MonkeyPatch) -> None:
+    """And they are looked at only where they are needed, no further back than the last one that was certain."""
+    path = np.stack([np.linspace(0.0, 100.0, 60), np.zeros(60)], axis=1)
+    two = replace(NOTHING, verdict="ambiguous", reason="two", points_px=path, guide_px=path, other_line_px=path + 40.0)
+    one = replace(two, verdict="ok", reason="", other_line_px=np.empty((0, 2)))
+    lines = [one, NOTHING, two, two, NOTHING, two, two, one, two, NOTHING]
+    looked = count()
+
+    def first(_estimator: object, frame: Frame, _ground: object) -> FirstDetection:
+        next(looked)
+        return FirstDetection(frame, np.zeros((2, 2)), lines[frame.frame], None)
+
+    monkeypatch.setattr(recording, "first_detection", first)
+    monkeypatch.setattr(recording, "detections", lambda _, firsts: firsts)
+    frames = [Frame(None, 0.0, 0.0, 0.0, frame=index, time_s=0.0) for index in range(len(lines))]
+    whole = [each.line.verdict for each in recording.detected(None, frames)]  # type: ignore[arg-type]
+    assert "ambiguous" not in whole
+    for begin, needed in ((3, 3), (5, 5), (7, 0), (9, 0)):
+        before = next(looked)
+        part = [each.line.verdict for each in recording.detected(None, frames, begin=begin)]  # type: ignore[arg-type]
+        assert part == whole[begin:]
+        assert next(looked) - before - 1 == len(lines) - begin + needed
+
+
+def test_pieces_are_cut_where_the_search_begins_afresh() -> None:
+    assert cuts(10, AFRESH) == [slice(0, 10)]
+    assert [piece.start for piece in cuts(5000, 3 * AFRESH // 2)] == [0, 1024, 2048, 3072, 4096]
+    with pytest.raises(InputError):
+        cuts(10, AFRESH - 1)

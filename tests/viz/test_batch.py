@@ -1,0 +1,237 @@
+"""Many recordings on a real cluster: what is killed is done again, what is wrong is named, what is done stays done."""
+
+from __future__ import annotations
+
+import csv
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pyarrow
+import pytest
+from distributed import Client, WorkerPlugin
+from pyarrow.parquet import read_table
+
+from estimator import ContactEstimator
+from estimator.contact.recording import estimate_recording
+from estimator.contact.shutter import checked
+from estimator.contact.source import open_source
+from estimator.table.contacts import ContactRow
+from estimator.table.files import read_contacts, write_contacts
+from vbaa_calib.cli.main import main
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.rig import Rig
+from viz.batch import cluster, work
+from viz.batch.cluster import Where, client_of
+from viz.batch.recordings import Recording, recordings_of
+from viz.batch.results import Results
+from viz.batch.work import Settings
+
+from ..recordings import write_recording, write_rig
+
+FRAMES, LONG, PIECE = 48, 1100, 1024
+ALIKE = 6
+DEADLY = "deadly"
+
+
+class KillsItself(WorkerPlugin):
+    """In every worker, also one that takes a killed one's place: opening the deadly recording ends the process."""
+
+    def setup(self, worker: object) -> None:
+        opened = work.open_source
+
+        def deadly(path: Path, *given: object) -> object:
+            if DEADLY in path.name:
+                os.kill(os.getpid(), signal.SIGKILL)
+            return opened(path, *given)  # type: ignore[arg-type]
+
+        work.open_source = deadly  # type: ignore[assignment]
+
+
+@pytest.fixture(scope="module")
+def client() -> Iterator[Client]:
+    with client_of(Where(jobs=2)) as one:
+        one.register_plugin(KillsItself())
+        yield one
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Recordings s0, s1, … and a long one, with their rig.json; never to be written to."""
+    root = tmp_path_factory.mktemp("recordings")
+    write_rig(root / "rig.json")
+    for seed in range(ALIKE):
+        write_recording(root / f"s{seed}", FRAMES, seed)
+    write_recording(root / "long", LONG, ALIKE)
+    return root
+
+
+def batch(
+    client: Client, given: Sequence[Recording], results: Results, settings: Settings | None = None
+) -> dict[str, work.Outcome]:
+    results.prepare([])
+    found = list(cluster.run(client, given, settings or Settings(piece=PIECE), results))
+    assert len({each.name for each in found}) == len(found)
+    results.write_summary([each.row for each in found if each.state == "failed"])
+    return {each.name: each for each in found}
+
+
+def summary(results: Results) -> dict[str, dict[str, str]]:
+    with results.summary.open() as stream:
+        return {row["recording"]: row for row in csv.DictReader(stream)}
+
+
+def serial(path: Path, rig_file: Path, output: Path) -> pyarrow.Table:
+    """As `vbaa estimate` makes them."""
+    rig = Rig.load(rig_file)
+    source = open_source(path, rig)
+    rig = replace(rig, drift=source.session.drift)
+    found = estimate_recording(ContactEstimator(rig), source.session, source.frames)
+    found = checked(found, source.session.shutter, rig.camera.image_size[1])
+    write_contacts(output, (ContactRow.of(item.frame, item.contact) for item in found))
+    return read_table(output)
+
+
+def same_bits(own: pyarrow.Table, other: pyarrow.Table) -> bool:
+    """Row by row, NaN where NaN is."""
+    columns = [(own[name].to_numpy(), other[name].to_numpy()) for name in other.column_names]
+    return all(a.tolist() == b.tolist() if a.dtype == object else a.tobytes() == b.tobytes() for a, b in columns)
+
+
+def test_killed_workers_cost_nothing_but_time(client: Client, folder: Path, tmp_path: Path) -> None:
+    """Workers are killed while recordings, are under way: all rows are there, once, bit for bit."""
+    over, killed = threading.Event(), []
+
+    def kill() -> None:
+        rng = np.random.default_rng(0)
+        while len(killed) < 4 and not over.wait(0.5):
+            pids = [info["id"] for info in client.scheduler_info(n_workers=-1)["workers"].values()]
+            if len(pids) == 2:  # one that was killed has come back
+                found = client.run(os.getpid, on_error="ignore")
+                pid = list(found.values())[int(rng.integers(len(found)))] if found else None
+                if isinstance(pid, int):
+                    os.kill(pid, signal.SIGKILL)
+                    killed.append(pid)
+
+    given = recordings_of([str(folder / "s*"), str(folder / "long")], folder / "rig.json")
+    results = Results(tmp_path / "results")
+    killer = threading.Thread(target=kill)
+    killer.start()
+    try:
+        found = batch(client, given, results)
+    finally:
+        over.set()
+        killer.join()
+    assert killed
+    assert {each.state for each in found.values()} == {"done"}
+    assert found["long"].row["pieces"] == 2
+    assert sorted(summary(results)) == sorted(each.name for each in given)
+    assert not list(results.root.glob("pieces/*"))
+    for name in ("s0", "s5", "long"):
+        own = read_table(results.contacts(name), partitioning=None)
+        assert same_bits(own, serial(folder / name, folder / "rig.json", tmp_path / f"{name}.parquet"))
+    assert len(read_table(results.root / "contacts")) == ALIKE * FRAMES + LONG  # any reader of Parquet finds them all
+    assert len(read_contacts(results.contacts("s1"))) == FRAMES
+
+
+def test_what_is_wrong_is_named_and_the_rest_goes_on(client: Client, folder: Path, tmp_path: Path) -> None:
+    """A corrupt recording and one that kills its worker every time; mended, only these are done again."""
+    own = tmp_path / "own"
+    paths = {name: write_recording(own / name, 8, seed) for seed, name in enumerate(("good", "corrupt", DEADLY))}
+    lines = paths["corrupt"] / "recording" / "centrelines.csv"
+    whole = lines.read_text()
+    lines.write_text(whole[: len(whole) // 2] + "\n7,nonsense,3,0.1\n")
+    given = recordings_of([str(own / "*")], folder / "rig.json")
+    results = Results(tmp_path / "results")
+    assert {name: each.state for name, each in batch(client, given, results).items()} == {
+        "good": "done",
+        "corrupt": "failed",
+        DEADLY: "failed",
+    }
+    rows = summary(results)
+    assert "centrelines.csv" in rows["corrupt"]["sentence"]
+    assert f"lost {cluster.TIMES_AGAIN + 1} times" in rows[DEADLY]["sentence"]
+    assert not results.contacts("corrupt").exists()
+    lines.write_text(whole)
+    paths[DEADLY] = paths[DEADLY].rename(own / "mended")
+    given = recordings_of([str(own / "*")], folder / "rig.json")
+    again = batch(client, given, results)
+    assert {name: each.state for name, each in again.items()} == {
+        "good": "unchanged",
+        "corrupt": "done",
+        "mended": "done",
+    }
+    # another option, another input: what depends on it is done again
+    assert batch(client, given[:1], results, Settings(no_moment=True))[given[0].name].state == "done"
+    with (paths["good"] / "recording" / "recording.csv").open("a") as table:
+        table.write("8,9.0,0,0,\n")
+    assert batch(client, given, results)["good"].row["frames"] == 9
+
+
+def test_a_lost_scheduler_leaves_what_was_done(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Exit 1, nothing half-written; the same command on this machine does the rest."""
+    monkeypatch.setenv("DASK_DISTRIBUTED__COMM__TIMEOUTS__CONNECT", "3s")
+    place, results = tmp_path / "scheduler.json", Results(tmp_path / "results")
+    call = ["batch", str(folder / "s*"), "--rig", str(folder / "rig.json"), "-o", str(results.root)]
+    dask = [sys.executable, "-m", "dask"]
+    options = ["--scheduler-file", str(place), "--no-dashboard"]
+    scheduler = subprocess.Popen([*dask, "scheduler", *options, "--host", "127.0.0.1", "--port", "0"])
+    others = [scheduler]
+    try:
+        _until(place.exists)
+        others.append(subprocess.Popen([*dask, "worker", *options, "--nthreads", "1", "--death-timeout", "1"]))
+        batching = [sys.executable, "-m", "vbaa_calib.cli", *call, "--scheduler-file", str(place)]
+        others.append(subprocess.Popen(batching, stderr=subprocess.PIPE, text=True))
+        _until(lambda: results.contacts("s0").exists())
+        scheduler.kill()
+        _, said = others[-1].communicate(timeout=100)
+        assert others[-1].returncode == 1, said
+        assert "scheduler is lost" in said
+    finally:
+        for one in others:
+            one.kill()
+            one.wait()
+    rows = summary(results)
+    assert 1 <= len(rows) < ALIKE
+    assert main([*call, "--jobs", "1"]) == 0
+    assert sorted(summary(results)) == [f"s{seed}" for seed in range(ALIKE)]
+    kept = {name: row["cpu_s"] for name, row in rows.items()}
+    assert {name: summary(results)[name]["cpu_s"] for name in rows} == kept  # not done again
+
+
+def _until(happened: object, most_s: float = 100.0) -> None:
+    begun = time.monotonic()
+    while not happened():  # type: ignore[operator]
+        assert time.monotonic() - begun < most_s
+        time.sleep(0.02)
+
+
+def test_recordings_by_folder_pattern_and_csv(folder: Path, tmp_path: Path) -> None:
+    rig = folder / "rig.json"
+    table = tmp_path / "list.csv"
+    table.write_text(f"recording,rig,name\n{folder / 's0'},{rig},mine\n{folder / 's1'},,\n")
+    found = recordings_of([str(table), str(folder / "s[23]")], rig)
+    assert [each.name for each in found] == ["mine", "s1", "s2", "s3"]
+    for wrong in ([str(folder / "none*")], [str(folder / "s0"), str(folder / "s0")]):
+        with pytest.raises(InputError):
+            recordings_of(wrong, rig)
+    with pytest.raises(InputError):
+        recordings_of([str(table)], None)
+    one, other = (write_recording(tmp_path / where / "run", 2) for where in ("a", "b"))
+    assert [each.name for each in recordings_of([str(one), str(other)], rig)] == ["a-run", "b-run"]
+
+
+def test_another_folder_is_not_written_into(folder: Path, tmp_path: Path) -> None:
+    (tmp_path / "letter.txt").write_text("mine")
+    call = ["batch", str(folder / "s0"), "--rig", str(folder / "rig.json"), "-o", str(tmp_path)]
+    assert main(call) == 2
+    assert [path.name for path in tmp_path.iterdir()] == ["letter.txt"]
+    assert main([*call, "--jobs", "0"]) == 2
+    assert main([*call[:-1], str(tmp_path / "new"), "--scheduler", "tcp://127.0.0.1:9", "--jobs", "2"]) == 2

@@ -1,0 +1,177 @@
+"""Who does the work: a dask cluster of this machine or one that is there, and what it is given to do."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from vbaa_calib.core.compiled import cores
+from vbaa_calib.core.errors import InputError, VbaaError
+
+from . import work
+from .recordings import Recording
+from .results import Results
+from .work import Outcome, Settings
+
+if TYPE_CHECKING:
+    from distributed import Client, Future
+
+TIMES_AGAIN = 3
+"""A task whose worker is lost is done again so many times at most."""
+_AHEAD = 2
+"""Recordings, or pieces of one, that are given out for each thread at a time."""
+
+
+class Lost(VbaaError):
+    """The scheduler is gone, and with it what was under way."""
+
+
+@dataclass(frozen=True)
+class Where:
+    """Where the work is done: on `jobs` processes of this machine, or by the scheduler at an address or of a file."""
+
+    jobs: int = 1
+    memory: str = "auto"
+    address: str | None = None
+    file: Path | None = None
+
+    @property
+    def threads(self) -> int:
+        """Threads of each process' kernels: with the processes they use the cores once."""
+        return max(cores() // self.jobs, 1) if self.address is None and self.file is None else 1
+
+
+@contextmanager
+def client_of(where: Where) -> Iterator[Client]:
+    """A client of the cluster, which ends with it where it is one of this machine.
+
+    Raises InputError without dask, and where no scheduler answers.
+    """
+    try:
+        import dask
+        from distributed import Client, LocalCluster
+    except ImportError:
+        raise InputError("dask is not installed", remedy='run: pip install "vbaa-calib[batch]"') from None
+    with ExitStack() as open_ones:
+        if where.address is not None or where.file is not None:
+            given = where.address or str(where.file)
+            if where.file is not None and not where.file.is_file():
+                raise InputError("no such file", where=where.file, remedy="name the scheduler's --scheduler-file")
+            try:
+                at = {"address": where.address} if where.address else {"scheduler_file": str(where.file)}
+                yield open_ones.enter_context(Client(**at, set_as_default=False))
+            except (OSError, ValueError) as error:
+                why = str(error).partition("\n")[0]
+                remedy = "check the address, and that the scheduler runs"
+                raise InputError(f"no scheduler answers ({why})", where=given, remedy=remedy) from None
+            return
+        open_ones.enter_context(dask.config.set({"distributed.scheduler.allowed-failures": TIMES_AGAIN}))
+        cluster = open_ones.enter_context(
+            LocalCluster(
+                n_workers=where.jobs,
+                threads_per_worker=1,
+                processes=True,
+                memory_limit=where.memory,
+                dashboard_address="127.0.0.1:0",
+                silence_logs=50,
+            )
+        )
+        yield open_ones.enter_context(Client(cluster, set_as_default=False))
+
+
+@dataclass
+class _Underway:
+    recording: Recording
+    parts: int = 1
+    futures: tuple[Future, ...] = ()
+    """What must not be forgotten while the last task waits for it."""
+
+
+def run(client: Client, recordings: Sequence[Recording], settings: Settings, results: Results) -> Iterator[Outcome]:
+    """Every recording's outcome, as they come. Raises Lost with the scheduler."""
+    from distributed import as_completed
+
+    waiting, underway = deque(recordings), dict[Any, _Underway]()
+    coming: Any = as_completed(loop=client.loop)
+    most = max(_AHEAD * sum(client.nthreads().values()), _AHEAD)
+    while waiting or underway:
+        while waiting and sum(each.parts for each in underway.values()) < most:
+            recording = waiting.popleft()
+            future = client.submit(work.do, recording, settings, results, pure=False)
+            underway[future.key] = _Underway(recording)
+            coming.add(future)
+        future = next(coming)
+        one = underway.pop(future.key)
+        outcome = _outcome(future, one.recording, client)
+        if outcome.state == "long":
+            last, kept = _in_pieces(client, one.recording, settings, results, outcome.pieces)
+            underway[last.key] = _Underway(one.recording, outcome.pieces, kept)
+            coming.add(last)
+        else:
+            yield outcome
+
+
+def _outcome(future: Future, recording: Recording, client: Client) -> Outcome:
+    """What a recording's last task says. Raises Lost."""
+    from distributed import CancelledError, KilledWorker
+
+    try:
+        found = future.result()
+    except KilledWorker:
+        times = TIMES_AGAIN + 1
+        words = f"its worker was lost {times} times: out of memory (--memory), or something crashes in {recording.path}"
+        return work.failed(recording, VbaaError(words))
+    except CancelledError as error:
+        raise Lost(f"the scheduler is lost ({error}); run again to do what is missing") from None
+    except Exception as error:
+        if client.status != "running":
+            raise Lost("the scheduler is lost; run again to do what is missing") from None
+        return work.failed(recording, error)
+    assert isinstance(found, Outcome)
+    return found
+
+
+def _in_pieces(
+    client: Client, recording: Recording, settings: Settings, results: Results, pieces: int
+) -> tuple[Future, tuple[Future, ...]]:
+    """The last task of a long recording, and those before it (`estimator.contact.pieces`)."""
+
+    def submit(function: Any, *given: Any) -> Future:
+        return client.submit(function, *given, pure=False)
+
+    opened = submit(work.open_again, recording, settings, results)
+    head = submit(work.head_of, opened)
+    learnt, rows = None, None
+    files = []
+    for index in range(pieces):
+        piece = submit(work.piece_of, opened, index)
+        seen = submit(work.look_at, piece)
+        learnt = submit(work.learn_from, head, seen, learnt)
+        found = submit(work.solve_for, head, seen, learnt)
+        rows = submit(work.rows_of, head, index, rows, seen, found)
+        files.append(submit(work.file_of, rows))
+    return submit(work.finish, head, files, learnt), (opened, head)
+
+
+class Pace:
+    """How quickly it goes: recordings done of all, frames a second, time left."""
+
+    def __init__(self, count: int) -> None:
+        self._begun, self._count, self._done, self._worked, self._frames = time.monotonic(), count, 0, 0, 0
+
+    def line(self, outcome: Outcome) -> str:
+        """A line about one more recording."""
+        self._done += 1
+        seconds = time.monotonic() - self._begun
+        if outcome.state == "done":
+            self._worked, self._frames = self._worked + 1, self._frames + int(outcome.row["frames"])
+        left = (self._count - self._done) * seconds / self._done
+        rate = f", {self._frames / seconds:.0f} frames/s" if self._frames else ""
+        said = f"{outcome.row['frames']} frames, {outcome.row['ok']} ok" if outcome.state != "failed" else ""
+        what = {"done": said, "unchanged": f"unchanged ({said})"}.get(outcome.state, str(outcome.row.get("sentence")))
+        return f"[{self._done}/{self._count}{rate}, {left:.0f} s left] {outcome.name}: {what}"

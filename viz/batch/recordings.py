@@ -1,0 +1,83 @@
+"""Which recordings a batch is of: folders, patterns, a CSV of them; each with its rig and a name of its own."""
+
+from __future__ import annotations
+
+import glob
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from vbaa_calib.core.csv_rows import read_csv
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.files import require_file
+
+_LONGEST_NAME = 100
+
+
+@dataclass(frozen=True)
+class Recording:
+    """One recording of a batch. `name` is its partition of the data set."""
+
+    name: str
+    path: Path
+    rig: Path
+
+
+def recordings_of(given: Sequence[str], rig: Path | None) -> list[Recording]:
+    """Folders and patterns with the one rig; CSV files with the columns recording and, where it differs, rig, and name.
+
+    Raises InputError for what names no recording, a recording without a rig, and names that stand twice.
+    """
+    found: list[tuple[str, Path, Path | None]] = []
+    for each in given:
+        path = Path(each)
+        if path.suffix == ".csv" and path.name != "centrelines.csv":
+            found += _listed(path, rig)
+        elif path.exists():
+            found.append(("", path, rig))
+        else:
+            places = sorted(Path(place) for place in glob.glob(each, recursive=True)) if glob.has_magic(each) else []
+            if not places:
+                raise InputError("no such recording", where=each, remedy="name a session folder, a pattern or a CSV")
+            found += [("", place, rig) for place in places]
+    return _named(found)
+
+
+def _listed(table: Path, rig: Path | None) -> list[tuple[str, Path, Path | None]]:
+    rows = read_csv(table, ("recording",), ("rig", "name"))
+    return [
+        (
+            row.get("name", ""),
+            table.parent / row["recording"],
+            table.parent / row["rig"] if row.get("rig") else rig,
+        )
+        for row in rows
+    ]
+
+
+def _named(found: Sequence[tuple[str, Path, Path | None]]) -> list[Recording]:
+    """With names: given ones, else the folder's, with as many of the folders above it as tell it from the others."""
+    places = [path.resolve() for _, path, _ in found]
+    if len(set(places)) < len(places):
+        twice = next(path for path in places if places.count(path) > 1)
+        raise InputError("is given twice", where=twice, remedy="name every recording once")
+    depth = 1
+    while len({path.parts[-depth:] for path in places}) < len(places):
+        depth += 1
+    recordings: list[Recording] = []
+    for (name, path, rig), place in zip(found, places, strict=True):
+        if rig is None:
+            raise InputError("has no rig", where=path, remedy="give --rig, or a column rig in the CSV")
+        require_file(rig)
+        name = name or re.sub(r"[^\w.-]+", "_", "-".join(place.parts[-depth:]).strip("/-")) or "recording"
+        if not re.fullmatch(r"\w[\w.-]*", name) or len(name) > _LONGEST_NAME:
+            remedy = "give a name of letters, digits, ., - and _, in a column name of a CSV"
+            raise InputError(f"the name {name!r} is none for a folder", where=path, remedy=remedy)
+        recordings.append(Recording(name, place, rig.resolve()))
+    names = [each.name.lower() for each in recordings]  # some disks tell no case
+    for each in recordings:
+        if names.count(each.name.lower()) > 1:
+            remedy = "give each its own in a column name of a CSV"
+            raise InputError(f"the name {each.name} stands twice", where=each.path, remedy=remedy)
+    return recordings

@@ -1,0 +1,165 @@
+"""The data set of a batch: contacts as Parquet by recording, one summary table, objects; whole or not at all.
+
+results/
+  batch.json                                 what made it
+  summary.csv                                a row for every recording, failed ones with their sentence
+  contacts/recording=NAME/contacts.parquet   rows of contacts.csv; the digests of what made them in its metadata
+  objects/NAME.vtp
+  pieces/                                    only while it is made
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import shutil
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from estimator.table.contacts import LOCATED, STATUSES
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.files import read_json, replacing, write_json, write_text
+
+SCHEMA = "vbaa.batch/1"
+_KEY = b"vbaa.batch"
+SUMMARY = (
+    *("recording", "state", "sentence", "path", "rig", "rig_sha256", "inputs_sha256", "digest", "version"),
+    *("frames", *STATUSES, "distance_median_m", "distance_std_median_m", "force_median_N", "force_std_median_N"),
+    *("moment_residual_rms_Nm", "free_frames", "drift_picture_px", "drift_moment_zero_std", "drift_beyond"),
+    *("warnings", "pieces", "cpu_s", "object"),
+)
+"""Columns of summary.csv; state is done or failed."""
+Row = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Results:
+    """Where the parts of a data set lie."""
+
+    root: Path
+
+    def contacts(self, name: str) -> Path:
+        return self.root / "contacts" / f"recording={name}" / "contacts.parquet"
+
+    def object(self, name: str) -> Path:
+        return self.root / "objects" / f"{name}.vtp"
+
+    def piece(self, name: str, digest: str, index: int) -> Path:
+        return self.root / "pieces" / f"{name}-{digest[:16]}" / f"{index:06d}.parquet"
+
+    @property
+    def summary(self) -> Path:
+        return self.root / "summary.csv"
+
+    def prepare(self, argv: Sequence[str]) -> None:
+        """Make the folder, or go on in one that a batch made. Raises InputError for any other."""
+        own = self.root / "batch.json"
+        try:
+            self.root.mkdir(parents=True, exist_ok=True)
+            strange = any(self.root.iterdir()) and not own.exists()
+        except OSError as error:
+            what = f"cannot be made ({error.strerror})"
+            raise InputError(what, where=self.root, remedy="take another name") from None
+        if strange:
+            raise InputError("holds other things than a batch's results", where=self.root, remedy="take another name")
+        if own.exists() and read_json(own).get("schema") != SCHEMA:
+            raise InputError(f"is not of {SCHEMA}", where=own, remedy="take another folder")
+        write_json(own, {"schema": SCHEMA, "command": list(argv)})
+        shutil.rmtree(self.root / "pieces", ignore_errors=True)
+
+    def done(self, name: str) -> Row | None:
+        """The summary of a recording whose contacts are there; None where they are not, or cannot be read."""
+        import pyarrow
+        from pyarrow.parquet import read_schema
+
+        try:
+            return dict(json.loads((read_schema(self.contacts(name)).metadata or {})[_KEY]))
+        except (OSError, KeyError, ValueError, pyarrow.ArrowException):
+            return None
+
+    def every(self) -> list[Row]:
+        """The summaries of all recordings whose contacts are there."""
+        parts = sorted((self.root / "contacts").glob("recording=*"))
+        return [row for part in parts if (row := self.done(part.name.partition("=")[2])) is not None]
+
+    def write_summary(self, failed: Iterable[Row]) -> list[Row]:
+        """summary.csv of all contacts that are there and of the recordings that failed; its rows."""
+        rows = {str(row["recording"]): row for row in (*self.every(), *failed)}
+        text = io.StringIO()
+        writer = csv.DictWriter(text, SUMMARY, restval="", extrasaction="ignore", lineterminator="\n")
+        writer.writeheader()
+        for _, row in sorted(rows.items()):
+            writer.writerow({name: _cell(row.get(name)) for name in SUMMARY})
+        write_text(self.summary, text.getvalue())
+        return list(rows.values())
+
+    def join(self, name: str, pieces: Sequence[Path], about: Row) -> Row:
+        """Make the recording's contacts of its pieces, a row group at a time; its summary: `about`, and counts."""
+        import pyarrow.parquet as parquet
+
+        target = self.contacts(name)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        row = {**about, **_numbers(pieces)}
+        with replacing(target) as temporary:
+            schema = parquet.read_schema(pieces[0]).with_metadata({_KEY: json.dumps(row, allow_nan=False).encode()})
+            with parquet.ParquetWriter(temporary, schema) as writer:
+                for piece in pieces:
+                    with parquet.ParquetFile(piece) as file:
+                        for group in range(file.num_row_groups):
+                            writer.write_table(file.read_row_group(group).replace_schema_metadata(schema.metadata))
+        return row
+
+    def forget(self, name: str, digest: str) -> None:
+        """Remove a recording's pieces."""
+        shutil.rmtree(self.piece(name, digest, 0).parent, ignore_errors=True)
+
+    def remove_work(self) -> None:
+        """Remove what is there only while results are made."""
+        shutil.rmtree(self.root / "pieces", ignore_errors=True)
+
+
+def _numbers(pieces: Sequence[Path]) -> dict[str, Any]:
+    """Of the contacts in all pieces: how many of each status, and what is usual of them."""
+    from pyarrow.parquet import read_table
+
+    names = ("distance_m", "distance_std_m", "force_y_N", "force_z_N", "force_y_std_N", "force_z_std_N")
+    parts = [read_table(piece, columns=["status", *names, "moment_residual_Nm"]) for piece in pieces]
+    column = {name: np.concatenate([part[name].to_numpy() for part in parts]) for name in parts[0].column_names}
+    located = np.isin(column["status"].astype(str), LOCATED)
+    distance, distance_std, y, z, y_std, z_std = (column[name][located] for name in names)
+    residual = column["moment_residual_Nm"]
+    return {
+        "frames": len(located),
+        **{status: int((column["status"] == status).sum()) for status in STATUSES},
+        "distance_median_m": _finite(_median(distance)),
+        "distance_std_median_m": _finite(_median(distance_std)),
+        "force_median_N": _finite(_median(np.hypot(y, z))),
+        "force_std_median_N": _finite(_median(np.hypot(y_std, z_std))),
+        "moment_residual_rms_Nm": _finite(np.sqrt(np.mean(residual[np.isfinite(residual)] ** 2)))
+        if np.isfinite(residual).any()
+        else None,
+    }
+
+
+def _median(values: np.ndarray) -> float:
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if len(known) else np.nan
+
+
+def _finite(value: Any) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def _cell(value: Any) -> str:
+    if value is None:
+        return ""
+    if isinstance(value, float):
+        return f"{value:.9g}"
+    if isinstance(value, list | tuple):
+        value = "; ".join(map(str, value))
+    return " ".join(str(value).split())

@@ -1,0 +1,283 @@
+"""What workers do: each function is one task of dask, and gives the same when it is done again."""
+
+from __future__ import annotations
+
+import copy
+import hashlib
+import json
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import vbaa_calib
+from estimator.contact.contacts import MovingContacts
+from estimator.contact.drift import LearntRig, summary
+from estimator.contact.estimate import ContactEstimator
+from estimator.contact.pieces import RowMaker, Seen, cuts, learn, look, solve
+from estimator.contact.recording import Ground
+from estimator.contact.source import Source, inputs_digest, open_source
+from estimator.contact.surroundings import AUTO, surroundings
+from estimator.table.contacts import ContactRow
+from estimator.table.files import write_contacts
+from vbaa_calib.core.errors import VbaaError, clipped
+from vbaa_calib.core.files import sha256
+from vbaa_calib.rig import Rig
+from vbaa_calib.session import DRIFTS
+
+from .recordings import Recording
+from .results import Results, Row
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What is to be done with every recording: the options of `vbaa estimate`, and of the batch.
+
+    piece : frames of a recording that are one task, at most. threads : of each task's kernels.
+    again : do also what is done and unchanged.
+    """
+
+    model: str = "auto"
+    friction: float = 0.2
+    drift: str | None = None
+    no_moment: bool = False
+    background: Path | None = None
+    reconstruct: bool = False
+    piece: int = 16384
+    threads: int = 1
+    again: bool = False
+
+    def said(self) -> dict[str, Any]:
+        """What of it the contacts depend on."""
+        given = None if self.background is None else str(self.background)
+        if self.background is not None and self.background != AUTO:
+            given = sha256(self.background)
+        return {"model": self.model, "friction": self.friction, "drift": self.drift, "no_moment": self.no_moment} | {
+            "background": given
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Opened:
+    """A recording that was opened, or one piece of it.
+
+    source, piece : the frames that are here, with those before the piece where its pictures may need them; which of
+        them are the piece.
+    count : frames of the recording. about : how its summary begins.
+    """
+
+    recording: Recording
+    settings: Settings
+    results: Results
+    source: Source
+    piece: slice
+    rig: Rig
+    ground: Ground | None
+    about: Row
+    count: int
+
+    def estimator(self) -> ContactEstimator:
+        return ContactEstimator(
+            self.rig, self.settings.model, friction=self.settings.friction, jobs=self.settings.threads
+        )
+
+    @property
+    def pieces(self) -> list[slice]:
+        """Where the recording is cut."""
+        return cuts(self.count, self.settings.piece) if self.source.divisible else [slice(0, self.count)]
+
+
+@dataclass(frozen=True)
+class Piece:
+    """The file of a piece's rows, and what it took: the processor's seconds."""
+
+    path: Path
+    cpu_s: float
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a recording: `state` is done, unchanged, failed, or long: to be done in so many pieces."""
+
+    name: str
+    state: str
+    row: Row
+    pieces: int = 1
+
+
+def do(recording: Recording, settings: Settings, results: Results) -> Outcome:
+    """A whole recording, unless it is done already or long. What is wrong with it is told in its row."""
+    try:
+        _one_thread_each(settings.threads)
+        about = _about(recording, settings)
+        before = None if settings.again else results.done(recording.name)
+        if before is not None and before["digest"] == about["digest"]:
+            return _with_object(Outcome(recording.name, "unchanged", before), recording, settings, results)
+        opened = _opened(recording, settings, results, about)
+        if len(opened.pieces) > 1:
+            return Outcome(recording.name, "long", about, len(opened.pieces))
+        seen = look_at(opened)
+        learnt = learn_from(opened, seen, None)
+        rows = rows_of(opened, 0, None, seen, solve_for(opened, seen, learnt))
+        return finish(opened, [file_of(rows)], learnt)
+    except Exception as error:
+        return failed(recording, error)
+
+
+def open_again(recording: Recording, settings: Settings, results: Results) -> Opened:
+    """A long recording, for its pieces. Raises what is wrong with it."""
+    return _opened(recording, settings, results, _about(recording, settings))
+
+
+def head_of(opened: Opened) -> Opened:
+    """All but frames and pictures: what is needed at the end."""
+    return replace(opened, source=replace(opened.source, frames=(), lines=None), ground=None)
+
+
+def piece_of(opened: Opened, index: int) -> Opened:
+    """What one piece needs, and no more."""
+    piece, source = opened.pieces[index], opened.source
+    if source.lines is None:
+        return replace(opened, source=replace(source, frames=source.frames[: piece.stop]), piece=piece)
+    frames = source.frames[piece]
+    lines = source.lines.picked([frame.frame for frame in frames])
+    return replace(opened, source=replace(source, frames=frames, lines=lines), piece=slice(0, len(frames)))
+
+
+def look_at(opened: Opened) -> tuple[Seen, float]:
+    """What a piece shows; and the processor's seconds."""
+    begun = time.process_time()
+    return look(opened.estimator(), opened.source, opened.piece, opened.ground), time.process_time() - begun
+
+
+def learn_from(opened: Opened, seen: tuple[Seen, float], before: Sequence[LearntRig] | None) -> list[LearntRig]:
+    """How the rig has changed at each batch of a piece."""
+    return learn(opened.estimator(), seen[0], None if before is None else before[-1])
+
+
+def solve_for(
+    opened: Opened, seen: tuple[Seen, float], learnt: Sequence[LearntRig]
+) -> tuple[list[MovingContacts], float]:
+    """A piece's contacts, not yet tested for motion; and the processor's seconds."""
+    begun = time.process_time()
+    return solve(opened.estimator(), seen[0], learnt), time.process_time() - begun
+
+
+def rows_of(
+    opened: Opened,
+    index: int,
+    before: tuple[RowMaker, Piece] | None,
+    seen: tuple[Seen, float],
+    found: tuple[list[MovingContacts], float],
+) -> tuple[RowMaker, Piece]:
+    """The state after a piece, and the file of its rows."""
+    begun = time.process_time()
+    # the state before is another task's result, which may be asked for again
+    maker = RowMaker(opened.rig, opened.source.session.shutter) if before is None else copy.deepcopy(before[0])
+    rows: list[ContactRow] = maker.push(seen[0], found[0])
+    if index == len(opened.pieces) - 1:
+        rows += maker.finish()
+    path = opened.results.piece(opened.recording.name, str(opened.about["digest"]), index)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_contacts(path, rows, force=True)
+    return maker, Piece(path, seen[1] + found[1] + time.process_time() - begun)
+
+
+def file_of(rows: tuple[RowMaker, Piece]) -> Piece:
+    """The file alone."""
+    return rows[1]
+
+
+def finish(opened: Opened, pieces: Sequence[Piece], learnt: Sequence[LearntRig]) -> Outcome:
+    """The recording's contacts, object and summary."""
+    recording, results = opened.recording, opened.results
+    changed = summary(learnt[-1])
+    row = {
+        **opened.about,
+        "free_frames": changed["free_frames"],
+        "drift_picture_px": changed["picture_px"],
+        "drift_moment_zero_std": changed["moment_zero_std"],
+        "drift_beyond": changed["beyond"],
+        "warnings": _warnings(opened, changed),
+        "pieces": len(pieces),
+        "cpu_s": sum(piece.cpu_s for piece in pieces),
+    }
+    results.object(recording.name).unlink(missing_ok=True)  # it is no longer these contacts'
+    row = dict(results.join(recording.name, [piece.path for piece in pieces], row))
+    results.forget(recording.name, str(row["digest"]))
+    return _with_object(Outcome(recording.name, "done", row), recording, opened.settings, results)
+
+
+def _with_object(outcome: Outcome, recording: Recording, settings: Settings, results: Results) -> Outcome:
+    """With the object's file, where it is asked for and not there."""
+    path = results.object(recording.name)
+    if not settings.reconstruct or path.exists():
+        return outcome
+    from estimator.contact.common_errors import shared_errors
+    from estimator.object.surface import reconstruct, touches_of
+    from estimator.table.files import read_contacts
+    from viz.files.object_file import write_object
+
+    table, rig = read_contacts(results.contacts(recording.name)), Rig.load(recording.rig)
+    if not table.located.any():
+        return outcome
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_object(
+        reconstruct(touches_of(table, shared_errors(rig, table)), rig.antenna.diameter_m / 2), path, force=True
+    )
+    return outcome
+
+
+def failed(recording: Recording, error: BaseException) -> Outcome:
+    """A recording of which nothing came, and why."""
+    if isinstance(error, VbaaError):
+        sentence = str(error)
+    elif isinstance(error, OSError) and error.strerror:
+        sentence = f"{error.filename}: {error.strerror}" if error.filename else error.strerror
+    else:
+        sentence = f"something went wrong that should not ({type(error).__name__}: {clipped(str(error))})"
+    row = {"recording": recording.name, "state": "failed", "sentence": sentence}
+    row |= {"path": str(recording.path), "rig": str(recording.rig), "version": vbaa_calib.__version__}
+    return Outcome(recording.name, "failed", row)
+
+
+def _about(recording: Recording, settings: Settings) -> Row:
+    """How a summary begins: what the recording is, and the digests of all that its contacts depend on."""
+    rig_sha256, inputs_sha256 = sha256(recording.rig), inputs_digest(recording.path)
+    about = {"rig_sha256": rig_sha256, "inputs_sha256": inputs_sha256, "version": vbaa_calib.__version__}
+    whole = json.dumps([about, settings.said()], sort_keys=True).encode()
+    return {
+        "recording": recording.name,
+        "state": "done",
+        "path": str(recording.path),
+        "rig": str(recording.rig),
+        **about,
+        "digest": hashlib.sha256(whole).hexdigest(),
+    }
+
+
+def _opened(recording: Recording, settings: Settings, results: Results, about: Row) -> Opened:
+    rig = Rig.load(recording.rig)
+    source = open_source(recording.path, rig, settings.no_moment)
+    drift = source.session.drift if settings.drift is None else DRIFTS[settings.drift]
+    rig = rig if drift is None else replace(rig, drift=drift)
+    ground, _ = surroundings(rig, settings.background, lambda: source.stills(rig))
+    count = len(source.frames)
+    return Opened(recording, settings, results, source, slice(0, count), rig, ground, about, count)
+
+
+def _warnings(opened: Opened, changed: dict[str, Any]) -> list[str]:
+    warnings = []
+    if opened.rig.drift.of_rig and not changed["free_frames"]:
+        warnings.append("no frame shows the free antenna")
+    if changed["beyond"]:
+        warnings.append(f"{', '.join(changed['beyond'])} changed more than drift does: run vbaa check")
+    return warnings
+
+
+def _one_thread_each(threads: int) -> None:
+    """OpenCV takes all cores by itself: so many threads only, so that processes and threads use the cores once."""
+    import cv2
+
+    cv2.setNumThreads(threads)

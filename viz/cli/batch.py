@@ -1,0 +1,167 @@
+"""`vbaa batch SESSIONS… --rig rig.json -o results/`: many recordings on dask, to a data set."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from .estimate import DRIFTS, FRICTION_RAD, MODELS
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from viz.batch.cluster import Where
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `vbaa batch`."""
+    parser.add_argument(
+        "recordings",
+        nargs="+",
+        metavar="SESSION",
+        help="session folders, patterns of them in quotes ('runs/*'), or a CSV with the columns recording and, where "
+        "they differ, rig, and name",
+    )
+    parser.add_argument("--rig", type=Path, help="rig.json of all that have none of their own in the CSV")
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="RESULTS", help="folder of the data set")
+    parser.add_argument("--jobs", type=int, metavar="N", help="processes on this machine (default: its cores)")
+    parser.add_argument("--memory", default="auto", metavar="SIZE", help="of each of them at most, such as 2GB")
+    parser.add_argument("--scheduler", metavar="ADDRESS", help="use the dask cluster at tcp://HOST:PORT")
+    parser.add_argument("--scheduler-file", type=Path, metavar="FILE", help="the same, by its scheduler file")
+    parser.add_argument(
+        "--piece",
+        type=int,
+        default=16384,
+        metavar="FRAMES",
+        help="longer recordings are cut into pieces of so many frames (default: 16384), with the same rows",
+    )
+    parser.add_argument("--reconstruct", action="store_true", help="each recording's object, too: objects/NAME.vtp")
+    parser.add_argument("--model", default="auto", choices=MODELS, help="as for vbaa estimate")
+    parser.add_argument("--friction", type=float, default=FRICTION_RAD, metavar="RAD", help="as for vbaa estimate")
+    parser.add_argument("--drift", choices=DRIFTS, help="as for vbaa estimate")
+    parser.add_argument("--no-moment", action="store_true", help="as for vbaa estimate")
+    parser.add_argument("--background", type=Path, metavar="IMAGE|auto", help="as for vbaa estimate")
+
+
+def run(args: argparse.Namespace) -> dict[str, Any]:
+    """Estimate every recording that is not done yet; the exit code is 1 where one is missing at the end."""
+    from estimator.contact.estimate import ContactEstimator
+    from estimator.contact.pieces import cuts
+    from vbaa_calib.core.console import say
+    from vbaa_calib.core.files import require_file
+    from vbaa_calib.rig import Rig
+    from viz.batch.cluster import Lost, Pace, client_of, run
+    from viz.batch.recordings import recordings_of
+    from viz.batch.results import Results
+    from viz.batch.work import Settings
+
+    where = _where(args)
+    recordings = recordings_of(args.recordings, args.rig)
+    cuts(0, args.piece)
+    for rig in {each.rig for each in recordings}:
+        ContactEstimator(Rig.load(rig), args.model, friction=args.friction)  # refuses what is wrong before any work
+    if args.background is not None and str(args.background) != "auto":
+        require_file(args.background, "picture")
+    results = Results(args.output.resolve())
+    results.prepare(args.argv)
+    settings = Settings(
+        model=args.model,
+        friction=args.friction,
+        drift=args.drift,
+        no_moment=args.no_moment,
+        background=_absolute(args.background),
+        reconstruct=args.reconstruct,
+        piece=args.piece,
+        threads=where.threads,
+        again=args.force,
+    )
+    outcomes, lost = [], None
+    try:
+        with client_of(where) as client:
+            say(f"{len(recordings)} recordings on {_described(client, where)}")
+            pace = Pace(len(recordings))
+            for outcome in run(client, recordings, settings, results):
+                say(pace.line(outcome))
+                outcomes.append(outcome)
+    except Lost as error:
+        lost = str(error)
+        say(f"warning: {lost}")
+    finally:
+        results.remove_work()
+        rows = results.write_summary([each.row for each in outcomes if each.state == "failed"])
+    states = {state: sorted(each.name for each in outcomes if each.state == state) for state in _STATES}
+    missing = sorted({each.name for each in recordings} - set(states["done"]) - set(states["unchanged"]))
+    own = [row for row in rows if row["recording"] in {each.name for each in recordings} - set(missing)]
+    say(
+        f"wrote {args.output}: {len(states['done'])} done, {len(states['unchanged'])} unchanged, {len(missing)} missing"
+    )
+    for name in missing[:_NAMED]:
+        say(f"  missing: {name}")
+    return {
+        "results": str(args.output),
+        "recordings": len(recordings),
+        **{state: len(names) for state, names in states.items()},
+        "missing": missing,
+        "scheduler_lost": lost is not None,
+        "frames": _sum(row["frames"] for row in own),
+        "ok": _sum(row["ok"] for row in own),
+        "exit_code": 1 if missing else 0,
+    }
+
+
+_STATES = ("done", "unchanged", "failed")
+_NAMED = 20
+
+
+def _where(args: argparse.Namespace) -> Where:
+    from vbaa_calib.core.compiled import cores
+    from vbaa_calib.core.errors import InputError
+    from viz.batch.cluster import Where
+
+    elsewhere = args.scheduler is not None or args.scheduler_file is not None
+    if args.scheduler is not None and args.scheduler_file is not None:
+        raise InputError("--scheduler and --scheduler-file", where="vbaa batch", remedy="give one of them")
+    if elsewhere and (args.jobs is not None or args.memory != "auto"):
+        remedy = "leave out --jobs and --memory: the cluster says how many workers it has, and how large they are"
+        raise InputError("they are of a cluster on this machine", where="vbaa batch", remedy=remedy)
+    if args.jobs is not None and not 1 <= args.jobs <= 1024:
+        raise InputError(f"--jobs is {args.jobs}", remedy="give a number of processes, 1 or more")
+    if args.memory != "auto":
+        _check_memory(args.memory)
+    jobs = cores() if args.jobs is None else args.jobs
+    return Where(jobs, args.memory, args.scheduler, args.scheduler_file)
+
+
+def _check_memory(said: str) -> None:
+    from vbaa_calib.core.errors import InputError
+
+    try:
+        from dask.utils import parse_bytes
+
+        enough = parse_bytes(said) >= 300_000_000
+    except ImportError:
+        return  # told later
+    except ValueError:
+        enough = False
+    if not enough:
+        raise InputError(f"--memory is {said!r}", remedy="give a size such as 2GB; a worker needs 0.3 GB for itself")
+
+
+def _described(client: Any, where: Where) -> str:
+    from importlib.util import find_spec
+
+    workers = client.scheduler_info(n_workers=-1)["workers"].values()
+    limits = [worker["memory_limit"] for worker in workers if worker["memory_limit"]]
+    each = f", each of {max(limits) / 1e9:.1f} GB at most" if limits else ""
+    kernels = f" of {where.threads} threads" if where.threads > 1 else ""
+    shown = f"; dashboard: {client.dashboard_link}" if find_spec("bokeh") else "; its dashboard needs bokeh"
+    return f"{len(workers)} workers{kernels}{each}{shown}"
+
+
+def _absolute(path: Path | None) -> Path | None:
+    return path if path is None or str(path) == "auto" else path.resolve()
+
+
+def _sum(values: Iterable[Any]) -> int:
+    return sum(int(value) for value in values)

@@ -1,0 +1,258 @@
+"""Two results side by side: contacts, whole batches or rigs; what changed, in deviations, and the page about it."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
+from matplotlib.axes import Axes
+
+from estimator.table.contacts import ContactTable
+from vbaa_calib.rig import Rig
+from viz.figures.drawing import AMBER, RED, SLATE, TEAL, dots, limits, new_axes, paths, svg
+from viz.pages.page import Table, number, render
+
+_QUANTITIES = {
+    "distance": ("distance_m", "distance_std_m", "m"),
+    "force_y": ("force_y_N", "force_y_std_N", "N"),
+    "force_z": ("force_z_N", "force_z_std_N", "N"),
+}
+_MOST_DOTS, _SHOWN = 4000, 8.0
+"""In a figure; deviations beyond which a dot stands at the figure's edge."""
+
+
+@dataclass(frozen=True, eq=False)
+class ComparedContacts:
+    """Two tables of the same frames.
+
+    A difference is B less A. A deviation is the root of the mean of both variances, so that what two results make of
+    the same measurements differs by a small part of it, and what they make of independent ones by 1.4 on average.
+
+    Attributes
+    ----------
+    frames : (F,) those of both. only_a, only_b : how many are in one alone.
+    changed : (status of A, of B) → frames, where they differ.
+    located : (K,) frames in which both have a contact.
+    differences : (K,) of distance, force_y and force_z, m or N; of the point its distance, m.
+    deviations : the same in deviations; of the point with all of its covariance.
+    """
+
+    frames: np.ndarray
+    only_a: int
+    only_b: int
+    changed: Mapping[tuple[str, str], int]
+    located: np.ndarray
+    differences: Mapping[str, np.ndarray]
+    deviations: Mapping[str, np.ndarray]
+
+    def off(self, tolerance: float) -> int:
+        """Frames that are in one alone, have another status, or lie further apart than so many deviations."""
+        far = np.zeros(len(self.located), bool)
+        for values in self.deviations.values():
+            far |= ~(np.abs(values) <= tolerance)
+        return self.only_a + self.only_b + sum(self.changed.values()) + int(far.sum())
+
+    @property
+    def count(self) -> int:
+        """Frames of A or B."""
+        return len(self.frames) + self.only_a + self.only_b
+
+    def to_dict(self, tolerance: float) -> dict[str, Any]:
+        """In numbers."""
+        return {
+            "frames": self.count,
+            "off": self.off(tolerance),
+            "only_a": self.only_a,
+            "only_b": self.only_b,
+            "changed": [{"a": a, "b": b, "frames": count} for (a, b), count in self.changed.items()],
+            "located": len(self.located),
+            "deviations": {
+                name: _spread(values, self.differences[name], self.located) for name, values in self.deviations.items()
+            },
+        }
+
+
+def _spread(deviations: np.ndarray, differences: np.ndarray, frames: np.ndarray) -> dict[str, Any] | None:
+    if not len(deviations):
+        return None
+    size = np.abs(deviations)
+    most = int(np.argmax(np.where(np.isnan(size), np.inf, size)))
+    return {
+        "rms": _finite(np.sqrt(np.mean(size**2))),
+        "largest": _finite(deviations[most]),
+        "largest_difference": _finite(differences[most]),
+        "largest_frame": int(frames[most]),
+    }
+
+
+def compare_contacts(a: ContactTable, b: ContactTable) -> ComparedContacts:
+    """Two tables, frame by frame."""
+    frames, at_a, at_b = np.intersect1d(a.frame, b.frame, return_indices=True)
+    one, other = a.picked(at_a), b.picked(at_b)
+    differ = one.status != other.status
+    changed = Counter(zip(one.status[differ].tolist(), other.status[differ].tolist(), strict=True))
+    both = one.located & other.located
+    one, other = one.picked(both), other.picked(both)
+    differences, deviations = {}, {}
+    for name, (value, std, _) in _QUANTITIES.items():
+        difference = getattr(other, value) - getattr(one, value)
+        differences[name] = difference
+        deviations[name] = _over(difference, _pooled(getattr(one, std) ** 2, getattr(other, std) ** 2))
+    apart = other.point_world_m - one.point_world_m
+    differences["point"] = np.linalg.norm(apart, axis=1)
+    deviations["point"] = _mahalanobis(apart, 0.5 * (one.covariance_world_m2 + other.covariance_world_m2))
+    alone = len(a) - len(frames), len(b) - len(frames)
+    return ComparedContacts(frames, *alone, dict(changed.most_common()), frames[both], differences, deviations)
+
+
+def _pooled(own: np.ndarray, other: np.ndarray) -> np.ndarray:
+    return np.sqrt(0.5 * (own + other))
+
+
+def _over(difference: np.ndarray, std: np.ndarray) -> np.ndarray:
+    """Differences in deviations: none is none, also of what counts as exact."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(difference == 0.0, 0.0, difference / std)
+
+
+def _mahalanobis(apart: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """(K,) lengths of (K, 3) in the deviations of covariances (K, 3, 3); NaN where one is not known."""
+    found = np.where((apart == 0.0).all(axis=1), 0.0, np.nan)
+    known = np.flatnonzero(np.isfinite(covariance).all(axis=(1, 2)) & np.isfinite(apart).all(axis=1) & (found != 0.0))
+    inverse = np.linalg.pinv(covariance[known], hermitian=True)
+    found[known] = np.sqrt(np.clip(np.einsum("ki,kij,kj->k", apart[known], inverse, apart[known]), 0.0, None))
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class ComparedRigs:
+    """Two rigs, parameter by parameter: names, A's and B's deviations, B less A, that in deviations (P,) each; and the
+    settings, which count as exact, that differ. The lens' are compared where both have the same model."""
+
+    names: tuple[str, ...]
+    std_a: np.ndarray
+    std_b: np.ndarray
+    difference: np.ndarray
+    deviations: np.ndarray
+    settings: tuple[str, ...]
+
+    def beyond(self, tolerance: float) -> list[str]:
+        """Parameters further apart than so many deviations, and settings that differ."""
+        far = ~(np.abs(self.deviations) <= tolerance)
+        return [*(name for name, is_far in zip(self.names, far, strict=True) if is_far), *self.settings]
+
+    def to_dict(self, tolerance: float) -> dict[str, Any]:
+        """In numbers."""
+        columns = zip(self.names, self.difference, self.std_a, self.std_b, self.deviations, strict=True)
+        return {
+            "beyond": self.beyond(tolerance),
+            "settings": list(self.settings),
+            "parameters": {
+                name: {
+                    "difference": _finite(difference),
+                    "std_a": _finite(std_a),
+                    "std_b": _finite(std_b),
+                    "deviations": _finite(deviations),
+                }
+                for name, difference, std_a, std_b, deviations in columns
+            },
+        }
+
+
+def compare_rigs(a: Rig, b: Rig) -> ComparedRigs:
+    """Two rigs, of any lens models."""
+    step = b.step_from(a)
+    variances = [_variances(rig, len(step)) for rig in (a, b)]
+    names = (*a.parameter_names[:17], *a.camera.parameter_names)[: len(step)]
+    one, other = a.to_dict(), b.to_dict()
+    settings = [name for name in ("kinematics", "gravity_world", "drift") if one[name] != other[name]]
+    settings += [
+        f"antenna.{name}" for name in ("length_m", "diameter_m") if one["antenna"][name] != other["antenna"][name]
+    ]
+    settings += ["camera.model"] if a.camera.parameter_names != b.camera.parameter_names else []
+    deviations = _over(step, _pooled(*variances))
+    return ComparedRigs(names, *map(np.sqrt, variances), step, deviations, tuple(settings))
+
+
+def _variances(rig: Rig, size: int) -> np.ndarray:
+    """(P,) of the rig's parameters and then the lens'; 0 for what counts as exact."""
+    own = np.diag(rig.covariance)
+    lens = np.zeros(0) if rig.with_lens or rig.camera.covariance is None else np.diag(rig.camera.covariance)
+    whole = np.concatenate([own, lens])
+    return np.concatenate([whole, np.zeros(max(size - len(whole), 0))])[:size]
+
+
+def _finite(value: Any) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def contacts_page(
+    title: str, compared: Mapping[str, ComparedContacts], missing: Sequence[str], result: Mapping[str, Any]
+) -> str:
+    """The page about contacts, by recording where there are several; `missing` says which are in one result alone."""
+    tolerance = float(result["tolerance"])
+    every = [each.to_dict(tolerance) | {"name": name} for name, each in compared.items()]
+    rows = [[one["name"], one["frames"], one["off"], *_cells(one["deviations"])] for one in every]
+    changed = Counter[tuple[str, str]]()
+    for each in compared.values():
+        changed.update(each.changed)
+    head = ["recording", "frames", "off", *(f"{name}, rms" for name in (*_QUANTITIES, "point")), "largest"]
+    figures = _figures(next(iter(compared.values())), tolerance) if len(compared) == 1 else []
+    return render(
+        "compare.html.j2",
+        title=title,
+        colour=TEAL if result["agree"] else RED,
+        headline="They agree." if result["agree"] else "They differ.",
+        words=result["words"],
+        figures=figures,
+        heading="Contacts",
+        numbers=Table(head, rows, ("recording",)),
+        changed=Table(("A", "B", "frames"), [[a, b, count] for (a, b), count in changed.most_common()], ("A", "B")),
+        missing=missing,
+    )
+
+
+def _cells(deviations: Mapping[str, Any]) -> list[str]:
+    known = [one for one in deviations.values() if one is not None]
+    largest = max((abs(one["largest"] or 0.0) for one in known), default=0.0)
+    return [*(number(one["rms"] if one else None, 3) for one in deviations.values()), number(largest, 3)]
+
+
+def _figures(one: ComparedContacts, tolerance: float) -> list[Markup]:
+    return [svg(_over_frames(name, one, values, tolerance)) for name, values in one.deviations.items()]
+
+
+def _over_frames(name: str, one: ComparedContacts, values: np.ndarray, tolerance: float) -> Axes:
+    pick = np.unique(np.linspace(0, max(len(values) - 1, 0), min(len(values), _MOST_DOTS)).astype(int))
+    top = max(_SHOWN, 1.2 * tolerance)
+    x, y = one.located[pick], np.clip(np.nan_to_num(values[pick], nan=top), -top, top)
+    labels = ("frame", "deviations")
+    axes = new_axes(f"{name}: B less A", x=limits(x), y=limits([-top, top]), labels=labels)
+    ends = np.array(axes.get_xlim())
+    paths(axes, np.stack([np.column_stack([ends, [side, side]]) for side in (-tolerance, tolerance)]), ec=AMBER, lw=1)
+    far = np.abs(y) > tolerance
+    dots(axes, x[~far], y[~far], SLATE, 3.0)
+    dots(axes, x[far], y[far], RED, 4.0)
+    return axes
+
+
+def rigs_page(title: str, compared: ComparedRigs, result: Mapping[str, Any]) -> str:
+    """The page about two rigs."""
+    columns = zip(compared.names, compared.difference, compared.std_a, compared.std_b, compared.deviations, strict=True)
+    rows = [[name, *(number(float(value), 3) for value in values)] for name, *values in columns]
+    return render(
+        "compare.html.j2",
+        title=title,
+        colour=TEAL if result["agree"] else RED,
+        headline="They agree." if result["agree"] else "They differ.",
+        words=result["words"],
+        figures=[],
+        heading="Parameters",
+        numbers=Table(("parameter", "B less A", "± A", "± B", "in deviations"), rows, ("parameter",)),
+        changed=Table((), ()),
+        missing=[f"{name} is not the same" for name in compared.settings],
+    )
