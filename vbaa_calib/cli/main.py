@@ -46,6 +46,7 @@ VERBS = {
         "a recording to contacts.csv and report.html: where and how hard, with standard deviations",
     ),
     "refine": ("estimator.cli.refine", "a recording as one: rig errors and friction that all of its contacts share"),
+    "next": ("estimator.cli.next", "where to touch next, to know surface, friction or stiffness better"),
     "look": ("viz.cli.look", "what is seen of the antenna in one picture, in words and as a debug picture"),
     "reconstruct": ("viz.cli.reconstruct", "contacts to the object's surface and stiffness: .vtp, .ply or .glb"),
     "report": ("viz.cli.report", "contacts as a page to read: plots, map, friction cone, table"),

@@ -11,11 +11,12 @@ from scipy.spatial import KDTree
 
 from estimator.contact.common_errors import CommonErrors, noise_free_frames, shared_errors
 from estimator.contact.status import FEWEST_POINTS, LOW_SIGNAL, LOW_SIGNAL_RELATIVE
-from estimator.object.estimate import ObjectEstimate, estimate_object
+from estimator.object.estimate import estimate_object
+from estimator.object.friction import Friction
 from estimator.object.surface.build import fitted
 from estimator.object.surface.fit import Fit, fit
 from estimator.object.surface.patches import LocalTouches, curve, height_field
-from estimator.object.surface.solution import Equations, Solution, covariance, pairs, variance
+from estimator.object.surface.solution import Equations, Solution, covariance, pairs, values_at, variance
 from estimator.object.surface.touches import touches_of
 from estimator.solver.linearised import linearised
 from estimator.solver.rig_arrays import UNKNOWNS, RigArrays
@@ -27,10 +28,10 @@ from .reach import RUNG, JointLimits, Reach, along_surface, reachable
 
 SURFACE, FRICTION, STIFFNESS = GOALS = ("surface", "friction", "stiffness")
 UNITS = {SURFACE: "m", FRICTION: "", STIFFNESS: "m/N"}
-_TARGETS, _AROUND, _CELLS = 400, 0.15, 24
-"""Places at which the surface is to be known: so many, up to this part of a patch's extent beyond its touches."""
-_FRAMES = 10
-"""Of a stroke: so many frames' own errors average out."""
+_TARGETS = 400
+"""Places of a patch at which the surface is to be known."""
+_FRAMES = 4
+"""Of a stroke: in each of its steps so many frames' own errors average out."""
 _UNKNOWN_MU, _LIKELY_MU, _WIDE = 0.5, 0.3, 1.96
 
 
@@ -44,8 +45,8 @@ class NextTouch:
         should first be felt; pressed; and where a stroke for the friction ends, else as pressed.
     distance_m, force_N : along the antenna, and the size of the force, as they should come out when pressed.
     point_m, normal : the contact in the world and the object's normal there.
-    std, std_after : deviation of the goal now and as it should be afterwards: of the surface, rms over what was touched
-        and a rim around it, m; of μ; of the compliance, m/N.
+    std, std_after : deviation of the goal now and as it should be afterwards: of the surface, rms over where it was
+        touched and can be, m; of μ; of the compliance, m/N.
     compared : how many touches could be made.
     """
 
@@ -96,17 +97,26 @@ class Options:
     def chosen(self, index: int) -> NextTouch:
         """One of them in plain numbers."""
         reach = self.reach
-        pair = [tuple(each[index].tolist()) for each in (reach.begin_rad, reach.touch_rad, reach.joints_rad)]
+
+        def joints(pairs: np.ndarray) -> tuple[float, float]:
+            return float(pairs[index, 0]), float(pairs[index, 1])
+
+        def vector(vectors: np.ndarray) -> tuple[float, float, float]:
+            return float(vectors[index, 0]), float(vectors[index, 1]), float(vectors[index, 2])
+
         return NextTouch(
-            self.goal,
-            *(*pair, tuple(self.end_rad[index].tolist())),
-            float(reach.unknowns[index, 0] * self.length_m),
-            float(np.linalg.norm(reach.force_N[index])),
-            tuple(reach.point_m[index].tolist()),
-            tuple(reach.normal[index].tolist()),
-            self.std,
-            float(self.std_after[index]),
-            int(np.isfinite(self.std_after).sum()),
+            goal=self.goal,
+            begin_rad=joints(reach.begin_rad),
+            touch_rad=joints(reach.touch_rad),
+            press_rad=joints(reach.joints_rad),
+            end_rad=joints(self.end_rad),
+            distance_m=float(reach.unknowns[index, 0] * self.length_m),
+            force_N=float(np.linalg.norm(reach.force_N[index])),
+            point_m=vector(reach.point_m),
+            normal=vector(reach.normal),
+            std=self.std,
+            std_after=float(self.std_after[index]),
+            compared=int(np.isfinite(self.std_after).sum()),
         )
 
 
@@ -115,8 +125,7 @@ def touches_within(contacts: ContactTable, rig: Rig, goal: str = SURFACE, limits
     if goal not in GOALS:
         raise InputError(f"there is no goal {goal!r}", remedy=f"give one of {', '.join(GOALS)}")
     pan, tilt = joint_angles(rig.kinematics, contacts)
-    if limits is None:
-        limits = JointLimits(_ends(pan), _ends(tilt))
+    limits = JointLimits.of(contacts, rig) if limits is None else limits
     arrays = RigArrays.from_rig(rig, contacts.assumed_friction_rad, drift=False)
     touches = touches_of(contacts, shared_errors(rig, contacts))
     found, _, known, _ = fitted(touches, 0.5 * rig.antenna.diameter_m)
@@ -138,8 +147,8 @@ def touches_within(contacts: ContactTable, rig: Rig, goal: str = SURFACE, limits
         )
     end = reach.joints_rad
     if goal == FRICTION:
-        felt = estimate_object(contacts, rig, events=False)
-        std, after, end = _of_friction(found, reach, seen, felt)
+        rub = estimate_object(contacts, rig, events=False).friction
+        std, after, end = _of_friction(found, arrays, reach, seen, rub)
     elif goal == STIFFNESS:
         found = fit(touches, 0.5 * rig.antenna.diameter_m, found.patches, found.state, True)
         std, after = _of_stiffness(found, reach, seen)
@@ -151,10 +160,6 @@ def touches_within(contacts: ContactTable, rig: Rig, goal: str = SURFACE, limits
             remedy="widen the limits" if goal != FRICTION else "touch the object beside where it was touched first",
         )
     return Options(goal, reach, end, std, after, arrays.length_m)
-
-
-def _ends(angles: np.ndarray) -> tuple[float, float]:
-    return float(np.nanmin(angles)), float(np.nanmax(angles))
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,7 +217,7 @@ def _offered(contacts: ContactTable, arrays: RigArrays, made: np.ndarray, reach:
 
 def _equations(found: Fit, index: int, reach: Reach, seen: _Offered, m: np.ndarray) -> Equations:
     """What the touches m (N,) would say of their patch; see `patches.height_field`."""
-    one, radius_and_give = found.patches[index], found.state.compliance_m_N
+    one, give = found.patches[index], found.state.compliance_m_N
     frame, normal = one.frame, reach.normal[m]
     press = np.sum(reach.force_N[m] * normal, axis=1)
     local = (reach.point_m[m] - one.center_m) @ frame.T
@@ -222,7 +227,7 @@ def _equations(found: Fit, index: int, reach: Reach, seen: _Offered, m: np.ndarr
         point_m=local,
         tangent=reach.tangent[m] @ frame.T,
         own_m2=frame @ seen.shared.own_m2[m] @ frame.T,
-        modes_m=frame @ (seen.shared.point_m[m] + radius_and_give * normal[:, :, None] * pressed[:, None, :]),
+        modes_m=frame @ (seen.shared.point_m[m] + give * normal[:, :, None] * pressed[:, None, :]),
         tangent_modes=frame @ seen.shared.tangent[m],
         yield_N=-press[:, None] * normal @ frame.T,
         slope=found.solution.mean(index, one.slope_rows(x)).reshape(2, len(m)).T,
@@ -235,8 +240,8 @@ def _equations(found: Fit, index: int, reach: Reach, seen: _Offered, m: np.ndarr
 
 @dataclass(frozen=True, eq=False)
 class _Seen:
-    """New equations (M,) against those that are solved: whitened (K, M), and their covariance (M, M) without compliance;
-    what is seen (M,) of the compliance beyond what the old ones predict."""
+    """New equations (M,) beside those that are solved: whitened (K, M) against these, their covariance (M, M) without
+    the compliance's, and what they see (M,) of the compliance beyond what the old ones predict."""
 
     equations: Equations
     half: np.ndarray
@@ -264,8 +269,10 @@ def _own(index: int, count: int, total: int) -> np.ndarray:
 def _of_surface(found: Fit, reach: Reach, seen: _Offered) -> tuple[float, np.ndarray]:
     """Deviation of the surface, rms over all targets, now and after each touch (A-optimal)."""
     solution = found.solution
-    targets = [_targets(found, index) for index in range(len(found.patches))]
-    rows = [one.value_rows(x) for one, x in zip(found.patches, targets, strict=True)]
+    targets = places(found, reach)
+    # of a line its course out of the object: where beside it the antenna touches is no shape
+    height = (np.array([1.0]), np.array([0.0, 1.0]))
+    rows = [values_at(x, height[x.shape[1] == 1]) for x in targets]
     halves, now = [], []
     for index, view in enumerate(rows):
         old = np.zeros((len(view), len(solution.weights)))
@@ -291,16 +298,14 @@ def _of_surface(found: Fit, reach: Reach, seen: _Offered) -> tuple[float, np.nda
     return float(np.sqrt(whole / count)), after
 
 
-def _targets(found: Fit, index: int) -> np.ndarray:
-    """Places (N, 1) or (N, 2) of a patch: where it was touched, and a rim around."""
-    local = found.local(found.patches[index])
-    x = local[:, : found.patches[index].dimensions]
-    low, high = x.min(axis=0), x.max(axis=0)
-    rim = _AROUND * float(np.linalg.norm(high - low))
-    axes = [np.linspace(a - rim, b + rim, _CELLS if x.shape[1] == 2 else _TARGETS // 8) for a, b in zip(low, high, strict=True)]
-    grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, x.shape[1])
-    near = grid[KDTree(x).query(grid)[0] <= rim]
-    return near if len(near) <= _TARGETS else near[np.random.default_rng(0).choice(len(near), _TARGETS, replace=False)]
+def places(found: Fit, reach: Reach) -> list[np.ndarray]:
+    """Of each patch (N, 1) or (N, 2), where it was touched and where it can be."""
+    result = []
+    for index, one in enumerate(found.patches):
+        more = (reach.point_m[reach.patch == index] - one.center_m) @ one.frame.T
+        x = np.concatenate([found.local(one), more])[:, : one.dimensions]
+        result.append(x[np.unique(np.linspace(0, len(x) - 1, _TARGETS).astype(int))])
+    return result
 
 
 def _of_stiffness(found: Fit, reach: Reach, seen: _Offered) -> tuple[float, np.ndarray]:
@@ -319,14 +324,13 @@ def _of_stiffness(found: Fit, reach: Reach, seen: _Offered) -> tuple[float, np.n
 
 
 def _of_friction(
-    found: Fit, reach: Reach, seen: _Offered, felt: ObjectEstimate
+    found: Fit, arrays: RigArrays, reach: Reach, seen: _Offered, rub: Friction
 ) -> tuple[float, np.ndarray, np.ndarray]:
-    """Deviation of μ, now and after a stroke from each touch one step along the surface, and where that ends.
+    """Deviation of μ, now and after a stroke along the surface from each touch, and where that ends.
 
     A touch that slides tells μ by the angle between force and normal: across the antenna by the force's direction and
     the shape's normal, along it by the friction angle that the frames see themselves.
     """
-    rub = felt.friction
     low, high = rub.interval
     if rub.determined:
         mu, std = rub.mu, rub.std
@@ -334,31 +338,39 @@ def _of_friction(
         mu, std = 0.5 * (max(low, 0.0) + high), max((high - max(low, 0.0)) / (2.0 * _WIDE), 0.0)
     else:
         mu, std = _LIKELY_MU, _UNKNOWN_MU
-    to = along_surface(reach)
-    after = np.full(len(reach), np.nan)
-    end = np.where((to >= 0)[:, None], reach.joints_rad[to], reach.joints_rad)
-    for index in np.unique(reach.patch[to >= 0]):
-        one = found.patches[index]
-        m = np.flatnonzero((reach.patch == index) & (to >= 0))
-        if not one.wide:
-            continue  # across a line the normal is not known
-        normal, tangent = reach.normal[m], reach.tangent[m]
-        lateral = np.cross(normal, tangent)
-        lateral = lateral / np.linalg.norm(lateral, axis=1, keepdims=True)
-        slip = reach.point_m[to[m]] - reach.point_m[m]
-        slip = slip - np.sum(slip * normal, axis=1, keepdims=True) * normal
-        across, along = (np.sum(slip * side, axis=1) / np.linalg.norm(slip, axis=1) for side in (lateral, tangent))
-        size = np.linalg.norm(reach.force_N[m], axis=1)
-        own = np.einsum("ni,nij,nj->n", lateral, seen.force_N2[m], lateral) / size**2
-        common = np.sum(np.einsum("ni,nis->ns", lateral, seen.shared.force_N[m]) ** 2, axis=1) / size**2
-        local = (reach.point_m[m] - one.center_m) @ one.frame.T
-        joint = found.solution.joint([(index, one.slope_rows(local[:, :2]))])
-        each = np.arange(len(m))[:, None] + [0, len(m)]
-        side = lateral @ one.frame[:2].T
-        turned = np.einsum("ni,nij,nj->n", side, joint[each[:, :, None], each[:, None, :]], side)
-        by_force = (own / _FRAMES + common + turned) * ((1.0 + (mu * across) ** 2) / np.maximum(np.abs(across), 1e-6)) ** 2
-        angle = seen.angle_std_rad[m]
-        alone = 1.0 / np.maximum(1.0 / angle**2 - 1.0 / seen.friction_rad**2, 1e-9)
-        by_angle = alone * ((1.0 + (mu * along) ** 2) / np.maximum(np.abs(along), 1e-6)) ** 2
-        after[m] = 1.0 / np.sqrt(1.0 / std**2 + 1.0 / by_force + 1.0 / by_angle)
-    return float(std), after, end
+    to, steps = along_surface(reach)
+    end = reach.joints_rad[to]
+    across, along = _slip(arrays, reach, end)
+    lateral = _lateral(reach)
+    size2 = np.sum(reach.force_N**2, axis=1)
+    own = np.einsum("ni,nij,nj->n", lateral, seen.force_N2, lateral) / size2
+    common = np.sum(np.einsum("ni,nis->ns", lateral, seen.shared.force_N) ** 2, axis=1) / size2
+    turned = np.full(len(reach), np.nan)
+    for index, one in enumerate(found.patches):
+        m = reach.patch == index
+        if m.any():
+            nearest = one.members[KDTree(found.touches.point_m[one.members]).query(reach.point_m[m])[1]]
+            turned[m] = np.einsum("ni,nij,nj->n", lateral[m], found.normals.covariance[nearest], lateral[m])
+    alone = np.maximum(1.0 / seen.angle_std_rad**2 - 1.0 / seen.friction_rad**2, 0.0)
+    by_force = (across / (1.0 + (mu * across) ** 2)) ** 2 / ((own / _FRAMES + turned) / np.maximum(steps, 1) + common)
+    by_angle = (along / (1.0 + (mu * along) ** 2)) ** 2 * alone * steps
+    after = 1.0 / np.sqrt(1.0 / std**2 + by_force + by_angle)
+    return float(std), np.where((steps > 0) & (by_force + by_angle > 0.0), after, np.nan), end
+
+
+def _lateral(reach: Reach) -> np.ndarray:
+    """(B, 3) unit, across the antenna on the surface."""
+    lateral = np.cross(reach.normal, reach.tangent)
+    return lateral / np.linalg.norm(lateral, axis=1, keepdims=True)
+
+
+def _slip(arrays: RigArrays, reach: Reach, end_rad: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Unit direction (B,), (B,) across and along the antenna in which it slides on its way to other joint angles."""
+    (rotation, translation), (turned, shifted) = (
+        arrays.rig.kinematics.world_antenna(*joints.T) for joints in (reach.joints_rad, end_rad)
+    )
+    local = np.einsum("bji,bj->bi", rotation, reach.point_m - translation)
+    moved = np.einsum("bij,bj->bi", turned, local) + shifted - reach.point_m
+    across, along = (np.sum(moved * side, axis=1) for side in (_lateral(reach), reach.tangent))
+    size = np.maximum(np.hypot(across, along), 1e-12)
+    return across / size, along / size

@@ -7,7 +7,7 @@ joint angles the frictionless rod lies tangent on the surface's posterior mean: 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 
 import numpy as np
 from scipy.spatial import KDTree
@@ -18,7 +18,10 @@ from estimator.object.surface.fit import Fit
 from estimator.solver.frames import Frames
 from estimator.solver.linearised import bend
 from estimator.solver.rig_arrays import UNKNOWNS, RigArrays
+from estimator.table.contacts import ContactTable, joint_angles
 from vbaa_calib.antenna.nodes import CONTACT
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.rig import Rig
 
 RUNG = "rod"
 SLOPES_RAD = np.radians([4.0, 8.0, 14.0])
@@ -44,6 +47,15 @@ class JointLimits:
 
     pan_rad: tuple[float, float]
     tilt_rad: tuple[float, float]
+
+    @staticmethod
+    def of(table: ContactTable, rig: Rig) -> JointLimits:
+        """The angles of a recording."""
+        pan, tilt = joint_angles(rig.kinematics, table)
+        if not np.isfinite(pan + tilt).any():
+            raise InputError("no frame has its joint angles", remedy="give contacts.csv as vbaa estimate writes it")
+        low, high = (reach(np.stack([pan, tilt]), axis=1).tolist() for reach in (np.nanmin, np.nanmax))
+        return JointLimits((low[0], high[0]), (low[1], high[1]))
 
     def hold(self, pan_rad: np.ndarray, tilt_rad: np.ndarray) -> np.ndarray:
         """(B,) bool."""
@@ -120,7 +132,8 @@ class _Against:
 
 
 def _against(found: Fit, patch: np.ndarray, bent: _Bent, radius_m: float) -> _Against:
-    result = _Against(*np.full((2, len(patch)), np.nan), np.full((len(patch), 3), np.nan))
+    nothing = np.full(len(patch), np.nan)
+    result = _Against(nothing, nothing.copy(), np.full((len(patch), 3), np.nan))
     for index in np.unique(patch):
         m, one, solution = patch == index, found.patches[index], found.solution
         local, tangent = (bent.point_m[m] - one.center_m) @ one.frame.T, bent.tangent[m] @ one.frame.T
@@ -296,8 +309,19 @@ def _clear(found: Fit, patch: np.ndarray, nodes_m: np.ndarray, radius_m: float) 
     return clear
 
 
-def along_surface(reach: Reach) -> np.ndarray:
-    """(B,) index of the touch one step along the surface from each, −1 without any: a stroke goes from here to there."""
-    place = {key: i for i, key in enumerate(zip(reach.row.tolist(), reach.sweep.tolist(), reach.level.tolist(), strict=True))}
-    keys = zip(reach.row.tolist(), reach.sweep.tolist(), reach.level.tolist(), strict=True)
-    return np.array([place.get((row, sweep + 1, level), -1) for row, sweep, level in keys], int)
+def along_surface(reach: Reach) -> tuple[np.ndarray, np.ndarray]:
+    """Where a stroke from each touch ends (B,), index of another, and over how many steps (B,), 0 where there is none.
+
+    It goes from touch to touch of one row and level, as far as all of them can be made, to the side that is farther.
+    """
+    keys = list(zip(reach.row.tolist(), reach.sweep.tolist(), reach.level.tolist(), strict=True))
+    place = {key: index for index, key in enumerate(keys)}
+    end, steps = np.arange(len(reach)), np.zeros(len(reach), int)
+    for index, (row, sweep, level) in enumerate(keys):
+        for way in (1, -1):
+            count = 0
+            while (row, sweep + way * (count + 1), level) in place:
+                count += 1
+            if count > steps[index]:
+                end[index], steps[index] = place[row, sweep + way * count, level], count
+    return end, steps
