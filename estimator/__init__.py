@@ -7,15 +7,18 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from estimator.contact.estimate import ContactEstimator
+    from estimator.object.next_touch import NextTouch, next_touch
     from estimator.recording.refined import Refined, refine
     from estimator.table.contacts import Contact, Measured
 
-__all__ = ["Contact", "ContactEstimator", "Measured", "Refined", "refine"]
+__all__ = ["Contact", "ContactEstimator", "Measured", "NextTouch", "Refined", "next_touch", "refine"]
 
 _HOMES = {
     "Contact": ".table.contacts",
     "Measured": ".table.contacts",
     "ContactEstimator": ".contact.estimate",
+    "NextTouch": ".object.next_touch",
+    "next_touch": ".object.next_touch",
     "Refined": ".recording.refined",
     "refine": ".recording.refined",
 }

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from estimator import refine
+    from estimator import next_touch, refine
     from estimator.contact.estimate import ContactEstimator
     from estimator.object.estimate import estimate_object
     from estimator.table.contacts import Contact, Measured
@@ -26,13 +26,14 @@ __all__ = [
     "__version__",
     "calibrate_lens",
     "estimate_object",
+    "next_touch",
     "read_contacts",
     "refine",
 ]
 
 _HOMES = {
     **dict.fromkeys(("Camera", "Rig", "calibrate_lens", "__version__"), "vbaa_calib"),
-    **dict.fromkeys(("Contact", "ContactEstimator", "Measured", "refine"), "estimator"),
+    **dict.fromkeys(("Contact", "ContactEstimator", "Measured", "next_touch", "refine"), "estimator"),
     "estimate_object": "estimator.object.estimate",
     "read_contacts": "estimator.table.files",
 }

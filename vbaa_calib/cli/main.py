@@ -52,6 +52,7 @@ VERBS = {
     "batch": ("viz.cli.batch", "many recordings at once, on dask: a data set of contacts, resumable"),
     "compare": ("viz.cli.compare", "two results or rigs side by side: what differs, in deviations"),
     "refine": ("estimator.cli.refine", "a recording as one: rig errors and friction that all of its contacts share"),
+    "next": ("estimator.cli.next", "where to touch next, to know surface, friction or stiffness better"),
     "look": ("viz.cli.look", "what is seen of the antenna in one picture, in words and as a debug picture"),
     "reconstruct": ("viz.cli.reconstruct", "contacts to the object's surface and stiffness: .vtp, .ply or .glb"),
     "report": ("viz.cli.report", "contacts as a page to read: plots, map, friction cone, table"),

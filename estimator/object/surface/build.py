@@ -109,7 +109,11 @@ def reconstruct(touches: Touches | ContactTable, antenna_radius_m: float) -> Sur
     The touches are of one object that did not move; a table stands for its touches without common errors. Contact
     points lie on the antenna's centreline, one radius off the object. Raises InputError as `touches_of`.
     """
-    touches = touches_of(touches) if isinstance(touches, ContactTable) else touches
+    return _surface(*fitted(touches_of(touches) if isinstance(touches, ContactTable) else touches, antenna_radius_m))
+
+
+def fitted(touches: Touches, antenna_radius_m: float) -> tuple[Fit, Compliance, bool, list[str]]:
+    """The solved shape of `reconstruct`, how far the object yields, whether covariances are known, and notes."""
     given = np.isfinite(touches.own_m2).all(axis=(1, 2))
     given &= np.trace(touches.own_m2, axis1=1, axis2=2) > 0.0
     known, notes = bool(given.any()), []
@@ -136,7 +140,7 @@ def reconstruct(touches: Touches | ContactTable, antenna_radius_m: float) -> Sur
     if not known:
         reason = "the contacts have no covariance: stiffness is undetermined"
         compliance = Compliance(reason=reason)
-    return _surface(found, compliance, known, [*touches.notes, *notes])
+    return found, compliance, known, [*touches.notes, *notes]
 
 
 def _compliance_of(fit: Fit) -> Compliance:
@@ -223,6 +227,20 @@ def _piece(points: np.ndarray, normals: np.ndarray, std: np.ndarray, across: np.
     return {"points_m": points, "normals": normals, "std_m": std, "std_across_m": across} | none | cells
 
 
+def _shown_m(touched_std_m: np.ndarray) -> float:
+    """Where a surface is known less well than this, it is not drawn; from deviations at its touches."""
+    return max(_STD_FACTOR * float(np.percentile(touched_std_m, 90)), _STD_SHOWN_M)
+
+
+def surely_known_m(fit: Fit, index: int) -> float:
+    """Where the surface of a patch is known less well than this, it is not drawn."""
+    patch = fit.patches[index]
+    if patch.wide:
+        return _shown_m(fit.heights(index, fit.local(patch)[:, :2])[2])
+    side = (fit.normals.normal[patch.members] @ patch.frame.T)[:, 1:]
+    return _shown_m(_deviations_along(side, fit.along_curve(index, fit.local(patch)[:, 0])[1]))
+
+
 def _deviations_along(side: np.ndarray, covariance: np.ndarray) -> np.ndarray:
     """(N,) of vectors with covariances (N, D, D), along directions (N, D)."""
     return np.sqrt(np.maximum(np.einsum("ni,nij,nj->n", side, covariance, side), 0.0))
@@ -240,7 +258,7 @@ def _piece_of(fit: Fit, index: int, touched_std_m: np.ndarray) -> _Piece:
     if patch.wide:
         places, grid = _footprint(local[:, :2])
         points, normals, std = fit.heights(index, places)
-        bound_m = max(_STD_FACTOR * float(np.percentile(touched_std_m, 90)), _STD_SHOWN_M)
+        bound_m = _shown_m(touched_std_m)
         shown = std <= max(bound_m, std.min())
         number = np.where(grid >= 0, np.append(np.where(shown, np.cumsum(shown) - 1, -1), -1)[grid], -1)
         nowhere = np.full(int(shown.sum()), np.nan)

@@ -1,0 +1,376 @@
+"""Which touch tells most of surface, friction or stiffness: the expected decrease of the posterior variance."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.linalg import solve_triangular
+from scipy.spatial import KDTree
+
+from estimator.contact.common_errors import CommonErrors, noise_free_frames, shared_errors
+from estimator.contact.status import FEWEST_POINTS, LOW_SIGNAL, LOW_SIGNAL_RELATIVE
+from estimator.object.estimate import estimate_object
+from estimator.object.friction import Friction
+from estimator.object.surface.build import fitted
+from estimator.object.surface.fit import Fit, fit
+from estimator.object.surface.patches import LocalTouches, curve, height_field
+from estimator.object.surface.solution import Equations, Solution, covariance, pairs, values_at, variance
+from estimator.object.surface.touches import touches_of
+from estimator.solver.linearised import linearised
+from estimator.solver.rig_arrays import UNKNOWNS, RigArrays
+from estimator.table.contacts import ContactTable, joint_angles
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.rig import Rig
+
+from .reach import RUNG, JointLimits, Reach, along_surface, reachable
+
+SURFACE, FRICTION, STIFFNESS = GOALS = ("surface", "friction", "stiffness")
+UNITS = {SURFACE: "m", FRICTION: "", STIFFNESS: "m/N"}
+_TARGETS = 400
+"""Places of a patch at which the surface is to be known."""
+_FRAMES = 4
+"""Of a stroke: in each of its steps so many frames' own errors average out."""
+_UNKNOWN_MU, _LIKELY_MU, _WIDE = 0.5, 0.3, 1.96
+
+
+@dataclass(frozen=True)
+class NextTouch:
+    """A touch to make next, and what it should tell.
+
+    Attributes
+    ----------
+    goal : of `GOALS`. begin_rad, touch_rad, press_rad, end_rad : pan and tilt, rad: clear of the object; where it
+        should first be felt; pressed; and where a stroke for the friction ends, else as pressed.
+    distance_m, force_N : along the antenna, and the size of the force, as they should come out when pressed.
+    point_m, normal : the contact in the world and the object's normal there.
+    std, std_after : deviation of the goal now and as it should be afterwards: of the surface, rms over where it was
+        touched and can be, m; of μ; of the compliance, m/N.
+    compared : how many touches could be made.
+    """
+
+    goal: str
+    begin_rad: tuple[float, float]
+    touch_rad: tuple[float, float]
+    press_rad: tuple[float, float]
+    end_rad: tuple[float, float]
+    distance_m: float
+    force_N: float
+    point_m: tuple[float, float, float]
+    normal: tuple[float, float, float]
+    std: float
+    std_after: float
+    compared: int
+
+    def summary(self) -> dict[str, Any]:
+        """As plain data."""
+        return asdict(self)
+
+
+def next_touch(contacts: ContactTable, rig: Rig, goal: str = SURFACE, limits: JointLimits | None = None) -> NextTouch:
+    """The touch after which surface, friction or stiffness should be known best.
+
+    contacts : of one object that stands still; refined ones with the updated rig tell more. goal : of `GOALS`.
+    limits : of the joints; by default the angles of the recording.
+
+    Raises
+    ------
+    InputError : contacts without a touch to go by; a goal that is none of these; no touch within the limits stays on
+        what is known of the surface.
+    """
+    options = touches_within(contacts, rig, goal, limits)
+    return options.chosen(int(np.nanargmin(options.std_after)))
+
+
+@dataclass(frozen=True, eq=False)
+class Options:
+    """Touches that can be made, and the deviation (B,) that the goal should have after each; NaN where it is none."""
+
+    goal: str
+    reach: Reach
+    end_rad: np.ndarray
+    std: float
+    std_after: np.ndarray
+    length_m: float
+
+    def chosen(self, index: int) -> NextTouch:
+        """One of them in plain numbers."""
+        reach = self.reach
+
+        def joints(pairs: np.ndarray) -> tuple[float, float]:
+            return float(pairs[index, 0]), float(pairs[index, 1])
+
+        def vector(vectors: np.ndarray) -> tuple[float, float, float]:
+            return float(vectors[index, 0]), float(vectors[index, 1]), float(vectors[index, 2])
+
+        return NextTouch(
+            goal=self.goal,
+            begin_rad=joints(reach.begin_rad),
+            touch_rad=joints(reach.touch_rad),
+            press_rad=joints(reach.joints_rad),
+            end_rad=joints(self.end_rad),
+            distance_m=float(reach.unknowns[index, 0] * self.length_m),
+            force_N=float(np.linalg.norm(reach.force_N[index])),
+            point_m=vector(reach.point_m),
+            normal=vector(reach.normal),
+            std=self.std,
+            std_after=float(self.std_after[index]),
+            compared=int(np.isfinite(self.std_after).sum()),
+        )
+
+
+def touches_within(contacts: ContactTable, rig: Rig, goal: str = SURFACE, limits: JointLimits | None = None) -> Options:
+    """All touches that `next_touch` compares; see there."""
+    if goal not in GOALS:
+        raise InputError(f"there is no goal {goal!r}", remedy=f"give one of {', '.join(GOALS)}")
+    pan, tilt = joint_angles(rig.kinematics, contacts)
+    limits = JointLimits.of(contacts, rig) if limits is None else limits
+    arrays = RigArrays.from_rig(rig, contacts.assumed_friction_rad, drift=False)
+    touches = touches_of(contacts, shared_errors(rig, contacts))
+    found, _, known, _ = fitted(touches, 0.5 * rig.antenna.diameter_m)
+    if not known:
+        raise InputError(
+            "the contacts have no covariance: what a touch would add is not known",
+            remedy="give contacts.csv as vbaa estimate writes it",
+        )
+    sound = ~(found.state.outlier | found.state.vague) & np.isfinite(pan + tilt)[touches.row]
+    joints = np.column_stack([pan, tilt])[touches.row]
+    with np.errstate(all="ignore"):  # what leaves the domain of the model is left out
+        reach = reachable(found, arrays, np.flatnonzero(sound), joints, limits)
+        offered = _offered(contacts, arrays, touches.row, reach)
+    reach, seen = reach.picked(offered.rows), offered
+    if not len(reach):
+        raise InputError(
+            "no touch within the joint limits stays on what is known of the surface",
+            remedy="widen the limits, or touch the object once more close to where it was touched",
+        )
+    end = reach.joints_rad
+    if goal == FRICTION:
+        rub = estimate_object(contacts, rig, events=False).friction
+        std, after, end = _of_friction(found, arrays, reach, seen, rub)
+    elif goal == STIFFNESS:
+        found = fit(touches, 0.5 * rig.antenna.diameter_m, found.patches, found.state, True)
+        std, after = _of_stiffness(found, reach, seen)
+    else:
+        std, after = _of_surface(found, reach, seen)
+    if not np.isfinite(after).any():
+        raise InputError(
+            f"no touch within the joint limits would tell anything of the {goal}",
+            remedy="widen the limits" if goal != FRICTION else "touch the object beside where it was touched first",
+        )
+    return Options(goal, reach, end, std, after, arrays.length_m)
+
+
+@dataclass(frozen=True, eq=False)
+class _Offered:
+    """What B touches would be known like: rows (B,) of those that were looked at, errors that they share with the
+    contacts that were made, own covariances (B, 3, 3) of points and forces, world, friction angle's deviation (B,)."""
+
+    rows: np.ndarray
+    shared: CommonErrors
+    force_N2: np.ndarray
+    angle_std_rad: np.ndarray
+    friction_rad: float
+
+
+def _offered(contacts: ContactTable, arrays: RigArrays, made: np.ndarray, reach: Reach) -> _Offered:
+    """The touches that the estimator would locate, and how well."""
+    empty = reach.frames(arrays)
+    available = np.ones((len(reach), 2)) * (arrays.gain != 0.0) * np.isfinite(contacts.moment_residual_Nm[made]).any()
+    frames = noise_free_frames(empty, RUNG, reach.unknowns, available, point_per_px=True)
+    there = linearised(frames, RUNG, reach.unknowns)
+    length = arrays.length_m
+    own = np.linalg.inv(there.information[:, :UNKNOWNS, :UNKNOWNS])
+    distance_std = length * np.sqrt(np.linalg.inv(there.information)[:, 0, 0])
+    friction = own[:, :, 3:] @ own[:, 3:]  # is common: neighbours rub alike
+    columns, part = there.columns[:, :, :UNKNOWNS], own - friction
+    rotation, translation = arrays.rig.kinematics.world_antenna(*reach.joints_rad.T)
+    point, force = (
+        rotation @ columns[:, each] @ part @ np.swapaxes(rotation @ columns[:, each], 1, 2)
+        for each in (slice(0, 3), slice(3, 6))
+    )
+    limit = np.minimum(LOW_SIGNAL * length, LOW_SIGNAL_RELATIVE * reach.unknowns[:, 0] * length)
+    located = np.isfinite(point).all(axis=(1, 2)) & (frames.usable.sum(axis=1) >= FEWEST_POINTS)
+    rows = np.flatnonzero(located & (distance_std < limit))
+    table = contacts.picked(np.full(len(rows), made[0]))
+    kept = reach.picked(rows)
+    antenna = np.einsum("bji,bj->bi", rotation[rows], kept.force_N)
+    table = replace(
+        table,
+        status=np.full(len(rows), "ok"),
+        pan_rad=kept.joints_rad[:, 0],
+        tilt_rad=kept.joints_rad[:, 1],
+        distance_m=kept.unknowns[:, 0] * length,
+        distance_std_m=distance_std[rows],
+        force_y_N=antenna[:, 1],
+        force_z_N=antenna[:, 2],
+        friction_angle_rad=np.zeros(len(rows)),
+        point_world_m=kept.point_m,
+        point_antenna_m=np.einsum("bji,bj->bi", rotation[rows], kept.point_m - translation[rows]),
+        covariance_world_m2=point[rows],
+    )
+    shared = shared_errors(arrays.rig, table, arrays.friction_rad)
+    shared = replace(shared, own_m2=point[rows])
+    return _Offered(rows, shared, force[rows], arrays.friction_rad * np.sqrt(own[rows, 3, 3]), arrays.friction_rad)
+
+
+def _equations(found: Fit, index: int, reach: Reach, seen: _Offered, m: np.ndarray) -> Equations:
+    """What the touches m (N,) would say of their patch; see `patches.height_field`."""
+    one, give = found.patches[index], found.state.compliance_m_N
+    frame, normal = one.frame, reach.normal[m]
+    press = np.sum(reach.force_N[m] * normal, axis=1)
+    local = (reach.point_m[m] - one.center_m) @ frame.T
+    x = local[:, : one.dimensions]
+    pressed = np.einsum("ni,nis->ns", normal, seen.shared.force_N[m])
+    given = LocalTouches(
+        point_m=local,
+        tangent=reach.tangent[m] @ frame.T,
+        own_m2=frame @ seen.shared.own_m2[m] @ frame.T,
+        modes_m=frame @ (seen.shared.point_m[m] + give * normal[:, :, None] * pressed[:, None, :]),
+        tangent_modes=frame @ seen.shared.tangent[m],
+        yield_N=-press[:, None] * normal @ frame.T,
+        slope=found.solution.mean(index, one.slope_rows(x)).reshape(2, len(m)).T,
+        bend_per_m=np.zeros((len(m), 2, 2)),
+        normal=normal @ frame.T,
+        ignored=np.zeros(len(m), bool),
+    )
+    return height_field(given) if one.wide else curve(given)
+
+
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """New equations (M,) beside those that are solved: whitened (K, M) against these, their covariance (M, M) without
+    the compliance's, and what they see (M,) of the compliance beyond what the old ones predict."""
+
+    equations: Equations
+    half: np.ndarray
+    covariance: np.ndarray
+    compliance_N: np.ndarray
+
+
+def _seen(solution: Solution, index: int, new: Equations) -> _Seen:
+    model = solution.patches[index]
+    modes = np.concatenate([each.equations.modes for each in solution.patches])
+    old = new.modes @ modes.T
+    begin = solution.start[index]
+    old[:, begin : begin + len(model.equations)] += model.seen_by(new.rows)
+    half = solve_triangular(solution.lower, old.T, lower=True, check_finite=False)
+    whole = covariance(pairs(new.rows, new.rows), model.prior) + new.noise + new.modes @ new.modes.T
+    whole += np.diag((model.slack_rad * new.slack) ** 2)
+    return _Seen(new, half, whole - half.T @ half, new.force_N - old @ solution.lift)
+
+
+def _own(index: int, count: int, total: int) -> np.ndarray:
+    """Equations of one touch among those of `count`: its point's, and its tangent's or its other coordinate's."""
+    return np.arange(index, total, count)
+
+
+def _of_surface(found: Fit, reach: Reach, seen: _Offered) -> tuple[float, np.ndarray]:
+    """Deviation of the surface, rms over all targets, now and after each touch (A-optimal)."""
+    solution = found.solution
+    targets = places(found, reach)
+    # of a line its course out of the object: where beside it the antenna touches is no shape
+    height = (np.array([1.0]), np.array([0.0, 1.0]))
+    rows = [values_at(x, height[x.shape[1] == 1]) for x in targets]
+    halves, now = [], []
+    for index, view in enumerate(rows):
+        old = np.zeros((len(view), len(solution.weights)))
+        begin = solution.start[index]
+        old[:, begin : begin + len(solution.patches[index].equations)] = solution.patches[index].seen_by(view)
+        halves.append(solve_triangular(solution.lower, old.T, lower=True, check_finite=False))
+        now.append(np.maximum(variance(view, solution.patches[index].prior) - np.sum(halves[-1] ** 2, axis=0), 0.0))
+    count = sum(map(len, targets))
+    whole = float(np.sum(np.concatenate(now)))
+    after = np.full(len(reach), np.nan)
+    for index in np.unique(reach.patch):
+        m = np.flatnonzero(reach.patch == index)
+        new = _seen(solution, index, _equations(found, index, reach, seen, m))
+        size = len(new.equations)
+        with_targets = [-half.T @ new.half for half in halves]
+        with_targets[index] += covariance(pairs(rows[index], new.equations.rows), solution.patches[index].prior)
+        cross = np.concatenate(with_targets)
+        for place, row in enumerate(m.tolist()):
+            own = _own(place, len(m), size)
+            lower = np.linalg.cholesky(new.covariance[np.ix_(own, own)])
+            told = float(np.sum(solve_triangular(lower, cross[:, own].T, lower=True) ** 2))
+            after[row] = np.sqrt(max(whole - told, 0.0) / count)
+    return float(np.sqrt(whole / count)), after
+
+
+def places(found: Fit, reach: Reach) -> list[np.ndarray]:
+    """Of each patch (N, 1) or (N, 2), where it was touched and where it can be."""
+    result = []
+    for index, one in enumerate(found.patches):
+        more = (reach.point_m[reach.patch == index] - one.center_m) @ one.frame.T
+        x = np.concatenate([found.local(one), more])[:, : one.dimensions]
+        result.append(x[np.unique(np.linspace(0, len(x) - 1, _TARGETS).astype(int))])
+    return result
+
+
+def _of_stiffness(found: Fit, reach: Reach, seen: _Offered) -> tuple[float, np.ndarray]:
+    """Deviation of the compliance, now and after each touch."""
+    after = np.full(len(reach), np.nan)
+    information = 1.0 / found.solution.variance if found.solution.variance > 0.0 else 0.0
+    for index in np.unique(reach.patch):
+        m = np.flatnonzero(reach.patch == index)
+        new = _seen(found.solution, index, _equations(found, index, reach, seen, m))
+        for place, row in enumerate(m.tolist()):
+            own = _own(place, len(m), len(new.equations))
+            pulled = new.compliance_N[own]
+            told = pulled @ np.linalg.solve(new.covariance[np.ix_(own, own)], pulled)
+            after[row] = 1.0 / np.sqrt(information + told)
+    return float(np.sqrt(1.0 / information)) if information else float("inf"), after
+
+
+def _of_friction(
+    found: Fit, arrays: RigArrays, reach: Reach, seen: _Offered, rub: Friction
+) -> tuple[float, np.ndarray, np.ndarray]:
+    """Deviation of μ, now and after a stroke along the surface from each touch, and where that ends.
+
+    A touch that slides tells μ by the angle between force and normal: across the antenna by the force's direction and
+    the shape's normal, along it by the friction angle that the frames see themselves.
+    """
+    low, high = rub.interval
+    if rub.determined:
+        mu, std = rub.mu, rub.std
+    elif np.isfinite(high):
+        mu, std = 0.5 * (max(low, 0.0) + high), max((high - max(low, 0.0)) / (2.0 * _WIDE), 0.0)
+    else:
+        mu, std = _LIKELY_MU, _UNKNOWN_MU
+    to, steps = along_surface(reach)
+    end = reach.joints_rad[to]
+    across, along = _slip(arrays, reach, end)
+    lateral = _lateral(reach)
+    size2 = np.sum(reach.force_N**2, axis=1)
+    own = np.einsum("ni,nij,nj->n", lateral, seen.force_N2, lateral) / size2
+    common = np.sum(np.einsum("ni,nis->ns", lateral, seen.shared.force_N) ** 2, axis=1) / size2
+    turned = np.full(len(reach), np.nan)
+    for index, one in enumerate(found.patches):
+        m = reach.patch == index
+        if m.any():
+            nearest = one.members[KDTree(found.touches.point_m[one.members]).query(reach.point_m[m])[1]]
+            turned[m] = np.einsum("ni,nij,nj->n", lateral[m], found.normals.covariance[nearest], lateral[m])
+    alone = np.maximum(1.0 / seen.angle_std_rad**2 - 1.0 / seen.friction_rad**2, 0.0)
+    by_force = (across / (1.0 + (mu * across) ** 2)) ** 2 / ((own / _FRAMES + turned) / np.maximum(steps, 1) + common)
+    by_angle = (along / (1.0 + (mu * along) ** 2)) ** 2 * alone * steps
+    after = 1.0 / np.sqrt(1.0 / std**2 + by_force + by_angle)
+    return float(std), np.where((steps > 0) & (by_force + by_angle > 0.0), after, np.nan), end
+
+
+def _lateral(reach: Reach) -> np.ndarray:
+    """(B, 3) unit, across the antenna on the surface."""
+    lateral = np.cross(reach.normal, reach.tangent)
+    return lateral / np.linalg.norm(lateral, axis=1, keepdims=True)
+
+
+def _slip(arrays: RigArrays, reach: Reach, end_rad: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Unit direction (B,), (B,) across and along the antenna in which it slides on its way to other joint angles."""
+    (rotation, translation), (turned, shifted) = (
+        arrays.rig.kinematics.world_antenna(*joints.T) for joints in (reach.joints_rad, end_rad)
+    )
+    local = np.einsum("bji,bj->bi", rotation, reach.point_m - translation)
+    moved = np.einsum("bij,bj->bi", turned, local) + shifted - reach.point_m
+    across, along = (np.sum(moved * side, axis=1) for side in (_lateral(reach), reach.tangent))
+    size = np.maximum(np.hypot(across, along), 1e-12)
+    return across / size, along / size

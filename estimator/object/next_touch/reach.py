@@ -1,0 +1,327 @@
+"""What the antenna can touch of a surface that is known in part: joint angles, and the contacts that they would make.
+
+A straight wire touches a body along its outline as the clamp sees it, so that joint angles, not places, are chosen. At
+joint angles the frictionless rod lies tangent on the surface's posterior mean: three equations for distance and force.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from estimator.contact.common_errors import empty_frames
+from estimator.object.surface.build import surely_known_m
+from estimator.object.surface.fit import Fit
+from estimator.solver.frames import Frames
+from estimator.solver.linearised import bend
+from estimator.solver.rig_arrays import UNKNOWNS, RigArrays
+from estimator.table.contacts import ContactTable, joint_angles
+from vbaa_calib.antenna.nodes import CONTACT
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.rig import Rig
+
+RUNG = "rod"
+SLOPES_RAD = np.radians([4.0, 8.0, 14.0])
+"""A touch is pressed to one of these slopes of the antenna at the contact, through those before it."""
+_ROWS, _SWEEPS = 36, np.arange(-4, 5)
+_SWEPT, _FARTHEST_STEP_RAD = 0.12, 0.06
+"""A step along the surface: this part of its patch, but no longer than this."""
+_STEPS, _LONGEST, _CONVERGED = 15, 0.25, 1e-4
+_NEAREST, _FARTHEST = 0.1, 0.97
+"""Of the antenna's length: nearer to the clamp it is stiff, farther out the tip's end would slip off."""
+_PLACE_M = 0.01
+"""What a metre of a curve's foot counts as, beside an angle."""
+_AXIS_STEP_RAD = 1e-4
+CLEAR_M = 5e-3
+"""How far from the surface a touch begins, and three deviations of the surface."""
+_BESIDE_M = 1e-3
+"""No other part of the object may be nearer to the antenna."""
+
+
+@dataclass(frozen=True)
+class JointLimits:
+    """Lowest and highest joint angles, rad."""
+
+    pan_rad: tuple[float, float]
+    tilt_rad: tuple[float, float]
+
+    @staticmethod
+    def of(table: ContactTable, rig: Rig) -> JointLimits:
+        """The angles of a recording."""
+        pan, tilt = joint_angles(rig.kinematics, table)
+        if not np.isfinite(pan + tilt).any():
+            raise InputError("no frame has its joint angles", remedy="give contacts.csv as vbaa estimate writes it")
+        low, high = (reach(np.stack([pan, tilt]), axis=1).tolist() for reach in (np.nanmin, np.nanmax))
+        return JointLimits((low[0], high[0]), (low[1], high[1]))
+
+    def hold(self, pan_rad: np.ndarray, tilt_rad: np.ndarray) -> np.ndarray:
+        """(B,) bool."""
+        pan, tilt = self.pan_rad, self.tilt_rad
+        return (pan_rad >= pan[0]) & (pan_rad <= pan[1]) & (tilt_rad >= tilt[0]) & (tilt_rad <= tilt[1])
+
+
+@dataclass(frozen=True, eq=False)
+class Reach:
+    """B touches that can be made.
+
+    joints_rad, begin_rad, touch_rad : (B, 2) pan and tilt of the pressed antenna; clear of the object, where the touch
+        begins; and where it should first touch.
+    patch : (B,) of the surface. unknowns : (B, 4) as `rig_arrays.UNKNOWNS`. row, sweep, level : (B,) where from.
+    point_m, normal, tangent, force_N : (B, 3) of the contact, world frame; the normal is out of the object.
+    """
+
+    joints_rad: np.ndarray
+    begin_rad: np.ndarray
+    touch_rad: np.ndarray
+    patch: np.ndarray
+    unknowns: np.ndarray
+    row: np.ndarray
+    sweep: np.ndarray
+    level: np.ndarray
+    point_m: np.ndarray
+    normal: np.ndarray
+    tangent: np.ndarray
+    force_N: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.patch)
+
+    def picked(self, which: np.ndarray) -> Reach:
+        """Some of them."""
+        return Reach(*(getattr(self, each.name)[which] for each in fields(self)))
+
+    def frames(self, arrays: RigArrays) -> Frames:
+        """Frames at their joint angles, without points and readings."""
+        return _frames(arrays, self.joints_rad)
+
+
+def _frames(arrays: RigArrays, joints_rad: np.ndarray) -> Frames:
+    rotation, _ = arrays.rig.kinematics.world_antenna(*joints_rad.T)
+    return empty_frames(arrays, np.einsum("bji,j->bi", rotation, arrays.rig.gravity_world_m_s2))
+
+
+@dataclass(frozen=True, eq=False)
+class _Bent:
+    """Antennas in the world: contact, tangent and force (B, 3), nodes (B, M, 3)."""
+
+    point_m: np.ndarray
+    tangent: np.ndarray
+    force_N: np.ndarray
+    nodes_m: np.ndarray
+
+
+def _bent(arrays: RigArrays, joints_rad: np.ndarray, unknowns: np.ndarray) -> _Bent:
+    rotation, translation = arrays.rig.kinematics.world_antenna(*joints_rad.T)
+    shapes = bend(_frames(arrays, joints_rad), RUNG, unknowns[:, None])
+    nodes = np.einsum("bij,bmj->bmi", rotation, shapes.points_m) + translation[:, None]
+    tangent, force = (np.einsum("bij,bj->bi", rotation, each) for each in (shapes.tangents[:, CONTACT], shapes.force_N))
+    return _Bent(nodes[:, CONTACT], tangent, force, nodes)
+
+
+@dataclass(frozen=True, eq=False)
+class _Against:
+    """B antennas against their patches: gap (B,) between both surfaces, m; flat (B,), 0 where the antenna lies on the
+    surface; outward normals (B, 3), world."""
+
+    gap_m: np.ndarray
+    flat: np.ndarray
+    normal: np.ndarray
+
+
+def _against(found: Fit, patch: np.ndarray, bent: _Bent, radius_m: float) -> _Against:
+    nothing = np.full(len(patch), np.nan)
+    result = _Against(nothing, nothing.copy(), np.full((len(patch), 3), np.nan))
+    for index in np.unique(patch):
+        m, one, solution = patch == index, found.patches[index], found.solution
+        local, tangent = (bent.point_m[m] - one.center_m) @ one.frame.T, bent.tangent[m] @ one.frame.T
+        x = local[:, : one.dimensions]
+        height = solution.mean(index, one.value_rows(x)).reshape(-1, len(x)).T
+        slope = solution.mean(index, one.slope_rows(x)).reshape(2, len(x)).T
+        if one.wide:
+            normal = np.column_stack([-slope, np.ones(len(x))])
+            length = np.linalg.norm(normal, axis=1)
+            normal = normal / length[:, None]
+            gap, flat = (local[:, 2] - height[:, 0]) / length, np.sum(normal * tangent, axis=1)
+        else:
+            along = np.column_stack([np.ones(len(x)), slope])
+            along = along / np.linalg.norm(along, axis=1, keepdims=True)
+            normal = np.cross(along, tangent)
+            size = np.linalg.norm(normal, axis=1, keepdims=True)
+            normal = normal / np.where(size > 0.05, size, np.nan) * np.where(normal[:, 2:] < 0.0, -1.0, 1.0)
+            off = np.column_stack([np.zeros(len(x)), local[:, 1:] - height])
+            gap = np.sum(off * normal, axis=1)
+            flat = np.sum(off * np.cross(normal, along), axis=1) / _PLACE_M
+        result.gap_m[m], result.flat[m], result.normal[m] = gap - radius_m, flat, normal @ one.frame
+    return result
+
+
+def surface_std(found: Fit, patch: np.ndarray, point_m: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    """(B,) deviation of the surface along normals (B, 3) under points (B, 3), m."""
+    result = np.full(len(patch), np.nan)
+    for index in np.unique(patch):
+        m, one = patch == index, found.patches[index]
+        local = (point_m[m] - one.center_m) @ one.frame.T
+        if one.wide:
+            result[m] = found.heights(index, local[:, :2])[2]
+        else:
+            side = (normal[m] @ one.frame.T)[:, 1:]
+            covariance = found.along_curve(index, local[:, 0])[1]
+            result[m] = np.sqrt(np.maximum(np.einsum("ni,nij,nj->n", side, covariance, side), 0.0))
+    return result
+
+
+def _newton(residual: Callable[[np.ndarray], np.ndarray], start: np.ndarray, step: float) -> np.ndarray:
+    """B small systems (B, K) at once, by differences; NaN where they do not converge."""
+    x, size = start, start.shape[1]
+    for _ in range(_STEPS):
+        here = residual(x)
+        slopes = np.stack([(residual(x + step * axis) - here) / step for axis in np.eye(size)], axis=-1)
+        sound = np.isfinite(slopes).all(axis=(1, 2)) & np.isfinite(here).all(axis=1)
+        slopes = np.where(sound[:, None, None], slopes, np.eye(size))
+        damped = np.swapaxes(slopes, 1, 2) @ slopes
+        damped += 1e-9 * np.trace(damped, axis1=1, axis2=2)[:, None, None] * np.eye(size)
+        move = -np.linalg.solve(damped, np.einsum("bij,bi->bj", slopes, here)[..., None])[..., 0]
+        longest = np.abs(move).max(axis=1, keepdims=True)
+        x = np.where(sound[:, None], x + move * np.minimum(1.0, _LONGEST / np.maximum(longest, 1e-12)), np.nan)
+    return np.where((np.abs(residual(x)).max(axis=1) < _CONVERGED)[:, None], x, np.nan)
+
+
+def reachable(found: Fit, arrays: RigArrays, rows: np.ndarray, joints_rad: np.ndarray, limits: JointLimits) -> Reach:
+    """Touches near those that were made, pressed straight onto what is known of the surface.
+
+    rows : (P,) touches of the fit that count. joints_rad : (P, 2) their joint angles. Of a touch the whole way, from
+    where it first touches, lies on places that `reconstruct` would draw.
+    """
+    rows = rows[np.unique(np.linspace(0, len(rows) - 1, _ROWS).astype(int))] if len(rows) > _ROWS else rows
+    label = np.empty(len(found.touches), int)
+    for index, one in enumerate(found.patches):
+        label[one.members] = index
+    radius, length = 0.5 * arrays.rig.antenna.diameter_m, arrays.length_m
+    at = joints_rad[rows]
+    across, speed = _ways(arrays, at, found.touches.point_m[rows], found.normals.normal[rows])
+    extent = np.array([np.linalg.norm(np.ptp(found.point_m[one.members], axis=0)) for one in found.patches])
+    stride = np.minimum(_SWEPT * extent[label[rows]] / speed[:, 1], _FARTHEST_STEP_RAD)
+    row, sweep = (each.ravel() for each in np.meshgrid(np.arange(len(rows)), _SWEEPS, indexing="ij"))
+    press, along = across[row, 0], across[row, 1]
+    start = at[row] + (sweep * stride[row])[:, None] * along
+    patch, distance = label[rows][row], found.touches.distance_m[rows][row] / length
+
+    def free(x: np.ndarray) -> np.ndarray:
+        unknowns = np.zeros((len(x), UNKNOWNS))
+        unknowns[:, 0] = np.clip(x[:, 0], _NEAREST, 1.0)
+        seen = _against(found, patch, _bent(arrays, start + x[:, 1:] * press, unknowns), radius)
+        return np.column_stack([seen.gap_m / _PLACE_M, seen.flat])
+
+    first = _newton(free, np.column_stack([distance, np.zeros(len(row))]), 1e-4)
+    touch = start + first[:, 1:] * press
+    parts, known = [], np.isfinite(first).all(axis=1)
+    unknowns = np.zeros((len(row), UNKNOWNS))
+    unknowns[:, 0] = np.clip(np.nan_to_num(first[:, 0], nan=0.5), _NEAREST, 1.0)
+    begun = _bent(arrays, np.nan_to_num(touch), unknowns)
+    normal = _against(found, patch, begun, radius).normal
+    std = surface_std(found, patch, begun.point_m, normal)
+    shown = np.array([surely_known_m(found, index) for index in range(len(found.patches))])[patch]
+    known &= std <= shown
+    lever = _ways(arrays, np.nan_to_num(touch), begun.point_m, np.nan_to_num(normal))[1][:, 0]
+    begin = touch - ((CLEAR_M + 3.0 * std) / lever)[:, None] * press
+    for level, slope in enumerate(SLOPES_RAD):
+        size = 2.0 * arrays.rig.antenna.stiffness_Nm2 * slope / (unknowns[:, 0] * length) ** 2
+        pressed_rad = 2.0 / 3.0 * slope * first[:, 0] * length / lever
+        pressed = touch + pressed_rad[:, None] * press
+        turn = arrays.rig.kinematics.world_antenna(*np.nan_to_num(pressed).T)[0]
+        aim = np.einsum("bji,bj->bi", turn, np.nan_to_num(normal))[:, 1:]
+        begun_at = np.column_stack([first[:, 0], size[:, None] * aim / arrays.force_unit_N])
+        made, bent, seen = _pressed(found, arrays, patch, pressed, begun_at)
+        std = surface_std(found, patch, bent.point_m, seen.normal)
+        inside = (made[:, 0] > _NEAREST) & (made[:, 0] < _FARTHEST)
+        known = known & np.isfinite(made).all(axis=1) & inside & (std <= shown)
+        known &= np.sum(bent.force_N * seen.normal, axis=1) > 0.0
+        allowed = known & limits.hold(*pressed.T) & limits.hold(*begin.T)
+        allowed[allowed] = _clear(found, patch[allowed], bent.nodes_m[allowed], radius)
+        part = Reach(
+            *(pressed, begin, touch, patch, made, row, sweep, np.full(len(row), level)),
+            *(bent.point_m, seen.normal, bent.tangent, bent.force_N),
+        )
+        parts.append(part.picked(np.flatnonzero(allowed)))
+    return Reach(*(np.concatenate([getattr(part, each.name) for part in parts]) for each in fields(Reach)))
+
+
+def _pressed(
+    found: Fit, arrays: RigArrays, patch: np.ndarray, joints_rad: np.ndarray, start: np.ndarray
+) -> tuple[np.ndarray, _Bent, _Against]:
+    """Unknowns (B, 4) of antennas that lie frictionless on the surface, NaN where none does, and where they are."""
+    radius, scale = 0.5 * arrays.rig.antenna.diameter_m, np.linalg.norm(start[:, 1:], axis=1)
+
+    def unknowns_of(x: np.ndarray) -> np.ndarray:
+        force = scale[:, None] * x[:, 1:]
+        return np.column_stack([np.clip(x[:, 0], _NEAREST, 1.0), force, np.zeros(len(x))])
+
+    def at(x: np.ndarray) -> tuple[_Bent, _Against]:
+        bent = _bent(arrays, joints_rad, unknowns_of(x))
+        return bent, _against(found, patch, bent, radius)
+
+    def residual(x: np.ndarray) -> np.ndarray:
+        bent, seen = at(x)
+        give = found.state.compliance_m_N * np.sum(bent.force_N * seen.normal, axis=1)
+        side = np.sum(bent.force_N * np.cross(seen.normal, bent.tangent), axis=1)
+        size = np.linalg.norm(bent.force_N, axis=1)
+        return np.column_stack([(seen.gap_m + give) / _PLACE_M, seen.flat, side / np.maximum(size, 1e-12)])
+
+    x = _newton(residual, np.column_stack([start[:, 0], start[:, 1:] / scale[:, None]]), 1e-4)
+    return unknowns_of(x), *at(x)
+
+
+def _ways(
+    arrays: RigArrays, joints_rad: np.ndarray, point_m: np.ndarray, normal: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """(B, 2, 2) unit ways of the joints, onto the surface and along it, and how fast (B, 2) points move by them, m."""
+    kinematics = arrays.rig.kinematics
+    rotation, translation = kinematics.world_antenna(*joints_rad.T)
+    local = np.einsum("bji,bj->bi", rotation, point_m - translation)
+    moved = []
+    for axis in _AXIS_STEP_RAD * np.eye(2):
+        turned, shifted = kinematics.world_antenna(*(joints_rad + axis).T)
+        moved.append((np.einsum("bij,bj->bi", turned, local) + shifted - point_m) / _AXIS_STEP_RAD)
+    velocity = np.stack(moved, axis=1)
+    onto = -np.einsum("bki,bi->bk", velocity, normal)
+    onto = onto / np.maximum(np.linalg.norm(onto, axis=1, keepdims=True), 1e-9)
+    ways = np.stack([onto, np.column_stack([-onto[:, 1], onto[:, 0]])], axis=1)
+    speed = np.linalg.norm(np.einsum("bwk,bki->bwi", ways, velocity), axis=2)
+    speed[:, 0] = np.abs(np.einsum("bk,bki,bi->b", onto, velocity, normal))
+    return ways, np.maximum(speed, 1e-6)
+
+
+def _clear(found: Fit, patch: np.ndarray, nodes_m: np.ndarray, radius_m: float) -> np.ndarray:
+    """(B,) bool: nothing that was touched of other patches is in the way of antennas with nodes (B, M, 3)."""
+    clear = np.ones(len(patch), bool)
+    share = np.linspace(0.0, 1.0, 8, endpoint=False)[:, None, None]
+    for index in np.unique(patch):
+        others = np.concatenate([[], *(one.members for k, one in enumerate(found.patches) if k != index)]).astype(int)
+        m = np.flatnonzero(patch == index)
+        if len(others) and len(m):
+            ends = nodes_m[m]
+            points = np.concatenate([ends[:, :-1] + part * (ends[:, 1:] - ends[:, :-1]) for part in share], axis=1)
+            away = KDTree(found.point_m[others]).query(points.reshape(-1, 3))[0].reshape(len(m), -1).min(axis=1)
+            clear[m] = away > radius_m + _BESIDE_M
+    return clear
+
+
+def along_surface(reach: Reach) -> tuple[np.ndarray, np.ndarray]:
+    """Where a stroke from each touch ends (B,), index of another, and over how many steps (B,), 0 where there is none.
+
+    It goes from touch to touch of one row and level, as far as all of them can be made, to the side that is farther.
+    """
+    keys = list(zip(reach.row.tolist(), reach.sweep.tolist(), reach.level.tolist(), strict=True))
+    place = {key: index for index, key in enumerate(keys)}
+    end, steps = np.arange(len(reach)), np.zeros(len(reach), int)
+    for index, (row, sweep, level) in enumerate(keys):
+        for way in (1, -1):
+            count = 0
+            while (row, sweep + way * (count + 1), level) in place:
+                count += 1
+            if count > steps[index]:
+                end[index], steps[index] = place[row, sweep + way * count, level], count
+    return end, steps

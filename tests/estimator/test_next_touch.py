@@ -1,0 +1,106 @@
+"""Where to touch next: what is proposed can be made as it says, and tells more than touches drawn at random."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+
+from benchmarks.estimator.setup import drawn_truth
+from benchmarks.object.scenes import CASES, RIGID, SETUP, SOFT, Recorded, contacts, play
+from benchmarks.recording.recording import lengthened, played
+from estimator.contact.common_errors import shared_errors
+from estimator.object.estimate import estimate_object
+from estimator.object.next_touch import FRICTION, STIFFNESS, SURFACE, JointLimits, NextTouch
+from estimator.object.next_touch.plan import Options, places, touches_within
+from estimator.object.next_touch.reach import surface_std
+from estimator.object.surface import touches_of
+from estimator.object.surface.build import fitted
+from estimator.object.surface.fit import Fit, fit
+from estimator.table.contacts import ContactTable
+from vbaa_calib.rig import Rig
+from vbaa_calib.simulate.scene.scene import Joints
+
+CALIBRATED = replace(SETUP, exact=False).rig()
+LIMITS = JointLimits((-0.6, 0.6), (-0.6, 0.6))
+RANDOM = 4
+"""Touches drawn at random, beside the proposed one."""
+
+
+@cache
+def given(name: str, stiffness: float, frames: int, seed: int = 1) -> tuple[ContactTable, Rig]:
+    """The first strokes of a recording, by a rig that is off by a draw of its covariance."""
+    rng = np.random.default_rng(seed)
+    rig = drawn_truth(CALIBRATED, rng).with_covariance(CALIBRATED.covariance)
+    return contacts(lengthened(played(name, stiffness, 0.3), frames).noisy(rng, rig)), rig
+
+
+def made(one: NextTouch, name: str, stiffness: float, rig: Rig, friction: float = 0.3) -> Recorded:
+    """The touch as the true rig and the static rod make it: nine frames to the press, and on to a stroke's end."""
+    begin, press, end = (np.array(each) for each in (one.begin_rad, one.press_rad, one.end_rad))
+    path = [begin + share * (press - begin) for share in np.linspace(0.0, 1.0, 9)]
+    path += [press + share * (end - press) for share in np.linspace(0.0, 1.0, 20)[1:] if one.goal == FRICTION]
+    path += [path[-1] + share * (begin - press) for share in (0.3, 0.6, 0.9, 1.1)]
+    obj = next(each for each in CASES if each.name == name).make(stiffness, friction)
+    return play(SETUP.rig(), obj, [[Joints(*map(float, each)) for each in path]]).noisy(np.random.default_rng(7), rig)
+
+
+def with_touch(table: ContactTable, new: Recorded) -> ContactTable:
+    more = contacts(new)
+    time = more.time_s + table.time_s[-1] + 1.0
+    return ContactTable.joined([table, replace(more, frame=more.frame + len(table), time_s=time)])
+
+
+def chosen(options: Options) -> list[NextTouch]:
+    """The best touch, then some at random."""
+    possible = np.flatnonzero(np.isfinite(options.std_after))
+    best = int(np.nanargmin(options.std_after))
+    return [options.chosen(int(i)) for i in (best, *np.random.default_rng(3).choice(possible, RANDOM, replace=False))]
+
+
+def solved(table: ContactTable, rig: Rig) -> Fit:
+    return fitted(touches_of(table, shared_errors(rig, table)), 0.5 * rig.antenna.diameter_m)[0]
+
+
+def surface_deviation(table: ContactTable, rig: Rig, place: Fit, options: Options) -> float:
+    """Rms over where an earlier fit was touched, and could have been."""
+    found, square = solved(table, rig), []
+    for index, (one, x) in enumerate(zip(place.patches, places(place, options.reach), strict=True)):
+        if one.wide:
+            points, normals, _ = place.heights(index, x)
+        else:
+            points = place.along_curve(index, x[:, 0])[0]
+            normals = np.repeat(one.frame[2:], len(x), axis=0)
+        away = [
+            np.min(np.linalg.norm(points[:, None] - found.point_m[m.members], axis=2), axis=1) for m in found.patches
+        ]
+        patch = np.argmin(away, axis=0)
+        square.append(surface_std(found, patch, points, normals) ** 2)
+    return float(np.sqrt(np.mean(np.concatenate(square))))
+
+
+def stiffness_deviation(table: ContactTable, rig: Rig) -> float:
+    touches = touches_of(table, shared_errors(rig, table))
+    found = solved(table, rig)
+    return float(
+        np.sqrt(fit(touches, 0.5 * rig.antenna.diameter_m, found.patches, found.state, True).solution.variance)
+    )
+
+
+def after_each(goal: str, name: str, stiffness: float, frames: int, seed: int) -> tuple[float, np.ndarray, Options]:
+    """Deviation of the goal before, and after the best touch and each of the random ones, simulated."""
+    table, rig = given(name, stiffness, frames, seed)
+    options = touches_within(table, rig, goal, LIMITS)
+    place = solved(table, rig)
+
+    def deviation(of: ContactTable) -> float:
+        if goal == SURFACE:
+            return surface_deviation(of, rig, place, options)
+        if goal == STIFFNESS:
+            return stiffness_deviation(of, rig)
+        low, high = estimate_object(of, rig, events=False).friction.interval
+        return float(high - low)
+
+    after = [deviation(with_touch(table, made(one, name, stiffness, rig))) for one in chosen(options)]
+    return deviation(table), np.array(after), options
