@@ -16,7 +16,7 @@ from vbaa_calib.core.images import list_images, read_picture
 from vbaa_calib.detect.board.board_file import load_board
 from vbaa_calib.session import Session, load_session, read_loads, read_noload, read_sweep
 
-from .questions import BOARD_ANSWERS, BY_KEY, PICTURES, QUESTIONS, READINGS, keeps_jig, open_questions
+from .questions import BOARD_ANSWERS, BY_KEY, PICTURES, QUESTIONS, READINGS, keeps_jig, open_questions, typed
 from .session_state import BOARD, SessionState, answers_of, check_jig_axes, scale_of
 from .steps import Step
 from .store import ASIDE, FOLDERS, WAYS, AcceptedPicture, Store
@@ -32,9 +32,10 @@ def take_back(store: Store, step: str) -> bool:
     It is offered as the default then. The way to plane C stays while it has pictures: they are in that way's folder.
     """
     answers = store.journal.answers
-    still = open_questions(step, answers)
+    still = [question for question in open_questions(step, answers) if not question.usual]
     before = QUESTIONS[: QUESTIONS.index(still[0])] if still else QUESTIONS
-    answered = [q.key for q in before if q.step == step and q.key in answers and q.needed(answers)]
+    asked = [q for q in before if q.step == step and not q.usual]
+    answered = [q.key for q in asked if q.key in answers and q.needed(answers)]
     if not answered or (step == "board" and answers.get("board_given")):
         return False
     last = answered[-1]
@@ -64,7 +65,7 @@ def answer_all(state: SessionState, ui: Ui, step: Step) -> None:
     store = state.store
     while True:
         answers = store.journal.answers
-        questions = open_questions(step.name, answers)
+        questions = [question for question in open_questions(step.name, answers) if not question.usual]
         first = questions[0].key if questions else ""
         if step.name == "board" and "measure_x_mm" not in answers and first not in ("board", "paper"):
             # it is known which board it is: board.yaml, the sheet, and how long its print should be
@@ -79,6 +80,7 @@ def answer_all(state: SessionState, ui: Ui, step: Step) -> None:
             _forget_if_inconsistent(store, ui)
             continue
         if not questions or (questions[0].key == "source" and not ui.interactive and state.taken(step.name)):
+            _take_usual(store, ui, step)
             return
         question = questions[0]
         question = replace(question, default=store.retracted.get(question.key, question.default))
@@ -102,6 +104,39 @@ def answer_all(state: SessionState, ui: Ui, step: Step) -> None:
             value = absolute(Path(), str(value))
         keep_answer(store, question.key, value)
         _forget_if_inconsistent(store, ui)
+
+
+def _take_usual(store: Store, ui: Ui, step: Step) -> None:
+    """Answer with their defaults what is not asked, and show it."""
+    usual = [question for question in open_questions(step.name, store.journal.answers) if question.usual]
+    if not usual:
+        return
+    store.answer({one.key: one.read(store.retracted.get(one.key, one.default)) for one in usual})
+    if ui.interactive:
+        answers = store.journal.answers
+        ui.take_usual([f"{one.key} = {typed(answers[one.key])}" for one in usual])
+
+
+def change(state: SessionState, ui: Ui, key: str, value: str) -> bool:
+    """Give an earlier answer anew; False where no question is called that."""
+    store, question = state.store, BY_KEY.get(key)
+    if question is None:
+        return False
+    began = key == "plane_way" and store.journal.of("plane").taken
+    if key in ("board", "paper") or began:
+        ui.say(f"{key} is changed by redo: what rests on it starts again")
+        return True
+    try:
+        answer = question.read(value)
+        answer = absolute(Path(), answer) if key == "source" else answer
+        check_together({**store.journal.answers, key: answer})
+        store.answer({key: answer}, corrected=True)
+        state.write_files()
+    except InputError as error:
+        ui.say(f"not changed: {error}")
+        return True
+    ui.say(f"{key} is {typed(answer)} {question.unit}".rstrip())
+    return True
 
 
 def _make_board(store: Store, answers: Mapping[str, Any]) -> dict[str, Any]:

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from vbaa_calib.calibrate.faults.loads import typed_load_diagnoses
 from vbaa_calib.core.errors import Diagnosis, InputError
+from vbaa_calib.core.images import read_gray
 from vbaa_calib.session import Load, Still
 
-from .questions import Question, ReadingsTable, asked, complete, in_si
+from .questions import PICTURES, Question, ReadingsTable, asked, complete, in_si, line_of, split_line
 from .session_state import SessionState, still_of
 from .sources import Picture, Source
 from .steps import PictureCheck, Progress, Readings, Step
@@ -48,12 +49,18 @@ class Capture:
         self.pending: Picture | None = None
         self.by_hand, self.noted = False, 0
         self.refused_for: frozenset[str] | None = None
+        self.answers, self.wanted = self.store.journal.answers, ""
+        self.match: str = ""
         record = self.store.journal.of(self.step.name)
         self.taken_before = {one.source for one in record.taken}
         self.refused_before = {one.source for one in record.left}
 
     def run(self) -> str:
-        """How it ended: "closed", or a command that leaves the step. Raises SourceLost, NoMorePictures, InputError."""
+        """How it ended: "closed", "again" where an answer was changed, or a command that leaves the step.
+
+        Raises SourceLost, NoMorePictures, InputError.
+        """
+        self._show_last()
         while True:
             try:
                 ended = self._once()
@@ -68,13 +75,17 @@ class Capture:
         # progress is of use while pictures come: somebody is there, or the next picture depends on it
         if self.progress is None and (self.ui.interactive or (self.source.live and not self.source.ended)):
             self.ui.working("how well the pictures determine the result, and which one to take next")
-            self.progress = self.step.progress(self.state)
+            self.progress = self._advised(self.step.progress(self.state))
             self.ui.show(self.step, self.progress)
-            if self.progress.enough and self._goes_on():
+            if self.progress.enough and not self.declined:
+                if self.ui.interactive:
+                    self.ui.say("enough: on with the next step; back returns to this one")
                 return self._close("enough")
         for command in self.ui.commands():
             if (ended := self._obey(command)) is not None:
                 return ended
+        if self.store.journal.answers != self.answers:
+            return "again"
         picture = self.pending or self.source.next(_WAIT_S)
         if picture is not None and self.source.live and picture is not self.pending:
             self._watch(picture)
@@ -96,17 +107,20 @@ class Capture:
             self.ui.say(note)
         self.noted = len(self.source.notes)
 
-    def _goes_on(self) -> bool:
-        if self.declined or not self.ui.interactive:
-            return not self.declined
-        try:
-            self.declined = not self.ui.ask(GO_ON)
-        except Interrupted as interrupt:
-            if interrupt.command != "enough":
-                raise
-        if self.declined:
-            self.ui.say("more pictures, then; enough goes on when you are done")
-        return not self.declined
+    def _show_last(self) -> None:
+        """The last picture of the step, where no stream shows one."""
+        if self.source.live or not self.ui.interactive or not (taken := self.state.taken(self.step.name)):
+            return
+        path = self.store.path(taken[-1])
+        picture = Picture(path.name, read_gray(path), path.suffix, b"")
+        self.ui.live(LivePicture(picture.image, self._check(picture, None), 0.0, taken[-1].source, live=False))
+
+    def _advised(self, progress: Progress) -> Progress:
+        """Advice that stays the same says why."""
+        before, self.wanted = self.wanted, progress.next
+        if progress.next and progress.next == before and self.match and progress.target is not None:
+            return replace(progress, next=f"the same pose once more: {self.match}")
+        return progress
 
     def _obey(self, command: str) -> str | None:
         """Do what is wanted. Returns the command where it leaves the step."""
@@ -163,12 +177,16 @@ class Capture:
     def _decide(self, picture: Picture) -> None:
         """Take a picture or refuse it: on the disk when this returns, pending till then."""
         name, self.pending = self.step.name, picture
-        twin = next((one for one in self.state.taken(name) if one.sha256 == picture.sha256), None)
+        taken_anywhere = (one for step in PICTURES for one in self.state.taken(step))
+        twin = next((one for one in taken_anywhere if one.sha256 == picture.sha256), None)
         if twin is not None:
             self._refuse(picture, f"is the same picture as {twin.file}")
             return
         readings = self._readings_of(picture.name)
         check = self._check(picture, readings)
+        if not self.source.live:
+            words = f"{picture.name}: {check.refusal or check.words}"
+            self.ui.live(LivePicture(picture.image, check, 0.0, words, live=False))
         if check.refusal:
             self._refuse(picture, check.refusal)
             return
@@ -177,6 +195,8 @@ class Capture:
         self.taken_before.add(picture.name)
         self.state.write_files()
         self.ui.say(f"took      {picture.name} as {taken.file}{f', {check.words}' if check.words else ''}")
+        share = 100 * (check.closeness or 0.0)
+        self.match = check.closer and f"the last picture was a match of {share:.0f} %; {check.closer}"
         self.progress = None
 
     def _readings_of(self, picture: str) -> dict[str, float]:
@@ -201,10 +221,9 @@ class Capture:
             remedy = f"give --{step}-readings, a CSV with a column image, or write it in --answers FILE"
             raise InputError(what, where=picture, remedy=remedy)
         while True:
-            ui.say(f"{picture}: what was read with it?")
-            typed = {question.key: ui.ask(question) for question in questions}
+            line = ui.ask(line_of(questions, picture))
             try:
-                readings, doubts = self._judged(typed, where)
+                readings, doubts = self._judged(split_line(questions, line), where)
             except InputError as error:
                 ui.wrong(f"{error.what}; {error.remedy}")
                 continue

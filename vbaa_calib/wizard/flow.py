@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import os
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from vbaa_calib.core.errors import InputError, VbaaError
+from vbaa_calib.core.images import SUFFIXES
 
-from .asking import answer_all, set_unlisted_aside, take_back
+from .asking import answer_all, change, set_unlisted_aside, take_back
 from .capture import GO_ON, Capture, NoMorePictures
-from .questions import BOARD_ANSWERS, BY_KEY, SOURCES, STEPS, Question, ReadingsTable, read_table, table_of
+from .questions import BOARD_ANSWERS, BY_KEY, PICTURES, SOURCES, STEPS, Question, ReadingsTable, read_table, table_of
 from .session_state import SessionState
 from .sources import Source, SourceLost, open_source
 from .steps import REPORT, RIG, STEP_BY_NAME, Report, Step, conclude
@@ -38,6 +40,7 @@ def walk(state: SessionState, ui: Ui, report: Report) -> dict[str, Any]:
     Raises Quit, InputError, SolveError.
     """
     at, store = 0, state.store
+    ui.change = partial(change, state, ui)
     while True:
         step = STEP_BY_NAME[STEPS[at]]
         is_last = step.name == STEPS[-1]
@@ -45,6 +48,8 @@ def walk(state: SessionState, ui: Ui, report: Report) -> dict[str, Any]:
             at += 1
             continue
         ui.begin(step)
+        if step.check is not None:
+            _begin(store, ui, step.name)
         try:
             if is_last:
                 return _conclude(state, ui, report)
@@ -106,7 +111,9 @@ def _set_results_aside(store: Store, ui: Ui) -> None:
 
 def redo(store: Store, ui: Ui, step: str) -> None:
     """Start a step again, and say where the old one is."""
-    place = store.redo(step, _ASKED_AGAIN.get(step, ()))
+    # somebody who is there takes new pictures; a program gives what its folder holds now
+    past = [str(path) for path in _pictures_in(_source_text(store, step))] if ui.interactive else None
+    place = store.redo(step, _ASKED_AGAIN.get(step, ()), past)
     ui.say(f"{STEP_BY_NAME[step].title}: starts again" + (f", what it had is in {place}" if place else ""))
 
 
@@ -118,6 +125,7 @@ def _take_step(state: SessionState, ui: Ui, step: Step) -> str:
         state.store.close(step.name, "done")
         return "closed"
     wants_more = False
+    lost: bool | None
     if state.taken(step.name):
         closed, wants_more = _closes_as_it_is(state, ui, step)
         if closed:
@@ -127,7 +135,9 @@ def _take_step(state: SessionState, ui: Ui, step: Step) -> str:
         try:
             ui.say(f"pictures from {source.name}")
             table = _readings_table(state.store, step.name)
-            return Capture(state, ui, step, source, table, wants_more).run()
+            if (ended := Capture(state, ui, step, source, table, wants_more).run()) != "again":
+                return ended
+            lost = None
         except (SourceLost, NoMorePictures) as error:
             if not ui.interactive:
                 raise
@@ -135,7 +145,9 @@ def _take_step(state: SessionState, ui: Ui, step: Step) -> str:
             lost = isinstance(error, SourceLost)
         finally:
             source.close()
-        if lost:
+        if lost is None:
+            answer_all(state, ui, step)
+        elif lost:
             ui.ask(_TRY_AGAIN)
         else:
             _ask_for_source(state.store, ui, step.name)
@@ -177,13 +189,38 @@ def _open(store: Store, ui: Ui, step: Step) -> Source:
             if is_folder and Path(text).resolve().is_relative_to(store.root.resolve()):
                 what = "lies inside the session, where the wizard keeps what it took"
                 raise InputError(what, where=text, remedy="let the camera's program write into another folder")
-            judged = () if os.path.isfile(text) else store.journal.of(step.name).judged
+            _begin(store, ui, step.name)
+            record = store.journal.of(step.name)
+            before = {path.name for path in map(Path, record.past or ()) if path.parent == Path(text)}
+            judged = () if os.path.isfile(text) else record.judged | before
             return open_source(text, judged, ui.interactive)
         except InputError as error:
             if not ui.interactive:
                 raise
             ui.wrong(str(error))
         _ask_for_source(store, ui, step.name)
+
+
+def _pictures_in(text: str) -> list[Path]:
+    """Pictures of a source that is a folder; none of any other."""
+    if "://" in text or not os.path.isdir(text):
+        return []
+    return [path for path in sorted(Path(text).iterdir()) if path.suffix.lower() in SUFFIXES]
+
+
+def _begin(store: Store, ui: Ui, step: str) -> None:
+    """Note what does not count for a step that begins: of a folder that it shares, what came for the steps before.
+
+    A folder of the step's own counts whole, and so does one that the first step of pictures finds.
+    """
+    text = _source_text(store, step)
+    if store.journal.of(step).past is not None or not text:
+        return
+    others = [store.journal.of(other) for other in PICTURES if other != step]
+    judged = frozenset[str]().union(*(record.judged for record in others))
+    is_shared = text == store.journal.answers.get("source") and bool(judged)
+    there = _pictures_in(text) if is_shared else []
+    store.begin(step, [str(path) for path in there if ui.interactive or path.name in judged])
 
 
 def _ask_for_source(store: Store, ui: Ui, step: str) -> None:

@@ -12,11 +12,12 @@ import numpy as np
 from .questions import STEPS, typed
 from .server import PageServer
 from .session_state import SessionState
-from .steps import STEP_BY_NAME, counted
+from .steps import STEP_BY_NAME, PictureCheck, counted
 from .ui import LivePicture, Ui, View
 
 _COLUMNS, _ROWS = 12, 8
 _WIDEST_PX = 1280
+_USUAL_SIZE = (1280, 720)
 _NOT_STILL: dict[str, Any] = {"hold": 0.0, "suggested_px": None, "suggestion": "", "closeness": None, "hints": []}
 
 
@@ -45,6 +46,9 @@ class Page(View):
             late = seen < self._commands_from and command.kind not in ("take", "quit")
             given = None
             if command.kind == "answer":
+                if "change" in (command.value or {}) and command.value:
+                    yield "answer", command.value["change"]
+                    continue
                 key = ui.question.key if ui.question else ""
                 fits = key in (command.value or {}) and seen >= self._answers_from
                 given = command.value[key] if fits and command.value else None
@@ -63,8 +67,15 @@ class Page(View):
                 self._answers_from = self._number + 1
                 # the live picture stands still until the answer
                 self._live = self._live and self._live | _NOT_STILL
-            case "live" if ui.picture is not None:
+            case "live" | "progress" if ui.picture is not None:
                 self._look(ui, ui.picture)
+            case "progress" if ui.progress.target is not None:
+                # no picture yet: the wanted pose in an empty frame
+                width, height = self._state.image_size or self._state.live_size or _USUAL_SIZE
+                blank = LivePicture(
+                    np.zeros((height, width), np.uint8), PictureCheck(), 0.0, "no picture yet", live=False
+                )
+                self._look(ui, blank)
             case "verdict":
                 self._live = self._jpeg = None
         step, progress = ui.step, ui.progress
@@ -90,6 +101,7 @@ class Page(View):
             },
             "question": _asked(ui),
             "live": self._live,
+            "usual": list(ui.usual),
             "log": ui.lines,
             "verdict": verdict,
             "report": ui.report or None,
@@ -106,18 +118,22 @@ class Page(View):
         if ui.step is None or ui.step.check is None:
             return ["redo", *leave] if name == STEPS[0] else leave
         taken = ["enough", "drop"] if self._state.taken(name) else []
-        watching = self._live is not None and ui.question is None
+        watching = ui.picture is not None and ui.picture.live and ui.question is None
         return [*(["take"] if watching else []), "redo", *taken, *leave]
 
     def _look(self, ui: Ui, view: LivePicture) -> None:
         height, width = view.image.shape
         check, target = view.check, ui.progress.target
+        is_lens = ui.step is not None and ui.step.name == "lens"
         u, v = np.concatenate([np.zeros((0, 2)), *(seen.corners_px for seen in self._state.views("lens"))]).T
         counts, *_ = np.histogram2d(v, u, bins=(_ROWS, _COLUMNS), range=((0, height), (0, width)))
         self._live = {
             "image_size": [width, height],
             "corners_px": check.corners_px.tolist(),
-            "coverage": {"columns": _COLUMNS, "rows": _ROWS, "counts": counts.astype(int).tolist()},
+            "coverage": {"columns": _COLUMNS, "rows": _ROWS, "counts": counts.astype(int).tolist()}
+            if is_lens
+            else None,
+            "found": check.words if view.live else view.words,
             "suggested_px": None if target is None else target.outline_px.tolist(),
             "suggestion": (target.words if target else "") + (f" · {check.closer}" if check.closer else ""),
             "closeness": check.closeness,

@@ -30,6 +30,7 @@ class Question:
     step : that asks it. why : what the answer is used for. kind : number, numbers, choice, yesno or text.
     default : taken when nothing is typed; None: there is none.
     low, high : the range of a number. choices : of a choice. length : of numbers, 0 for any.
+    usual : the default is taken without asking, and shown.
     needed : whether it is asked, given the answers so far.
     """
 
@@ -44,6 +45,7 @@ class Question:
     high: float = math.inf
     choices: tuple[str, ...] = ()
     length: int = 0
+    usual: bool = False
     needed: Callable[[Answers], bool] = lambda answers: True
 
     @property
@@ -237,6 +239,28 @@ def asked(folder: str, last: Mapping[str, float] | None = None) -> list[Question
         return list(questions)
     angles = {f"{name}_deg": round(last[f"{name}_rad"] / _DEGREES, 9) for name in ("pan", "tilt") if questions}
     return [replace(one, default=angles.get(one.key, one.default)) for one in questions]
+
+
+def line_of(questions: Sequence[Question], picture: str) -> Question:
+    """One question for all readings of a picture, typed as one line."""
+    names = ", ".join(f"{question.words.lower()} ({question.unit})" for question in questions)
+    kept = [question for question in questions if question.default is not None]
+    default = [question.default for question in questions] if len(kept) == len(questions) else None
+    angles = ", ".join(f"{question.key.removesuffix('_deg')} {question.default:g}°" for question in kept)
+    why = f"in one line, blanks between the numbers; without the angles they are {angles}" if kept else ""
+    return Question("readings", "", f"{picture}: {names}?", why, kind="numbers", default=default)
+
+
+def split_line(questions: Sequence[Question], numbers: Sequence[float]) -> dict[str, Any]:
+    """The readings of one typed line; joint angles may be left out. Raises InputError."""
+    needed = [question for question in questions if question.default is None]
+    if len(numbers) == len(questions):
+        return {one.key: one.read(number) for one, number in zip(questions, numbers, strict=True)}
+    if len(numbers) != len(needed):
+        remedy = f"give {', '.join(question.key for question in questions)}"
+        raise InputError(f"those are {len(numbers)} numbers, {len(questions)} are read", remedy=remedy)
+    read = {one.key: one.read(number) for one, number in zip(needed, numbers, strict=True)}
+    return {question.key: read.get(question.key, question.default) for question in questions}
 
 
 @dataclass(frozen=True)

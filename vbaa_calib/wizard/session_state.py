@@ -32,6 +32,7 @@ from vbaa_calib.core.files import UniqueKeyDumper, read_yaml, write_text
 from vbaa_calib.core.images import read_gray, read_picture
 from vbaa_calib.detect.board.board_file import load_board
 from vbaa_calib.detect.board.corners import BoardView, detect_corners
+from vbaa_calib.geometry import Pose
 from vbaa_calib.session import SCHEMA, Load, Session, Still, gravity_antenna, has_sweep, load_session, session_from
 
 from .questions import BY_KEY, READINGS
@@ -313,15 +314,18 @@ class SessionState:
         distance_m = 1e-3 * float(answers.get("camera_distance_mm", 400.0))
         return WorkPlane.about(distance_m, float(np.radians(answers.get("camera_inclination_deg", 0.0))), length_m)
 
-    def observe(self, still: Still, step: str, image: np.ndarray) -> Observation:
-        """The antenna in a still that need not be taken yet; its picture as `read_picture` gives it."""
+    def observe(self, still: Still, step: str, image: np.ndarray, pose: Pose | None = None) -> Observation:
+        """The antenna in a still that need not be taken yet; its picture as `read_picture` gives it.
+
+        pose : of the camera in the antenna frame, where it is another than plane C's.
+        """
         session, plane, camera = self.session, self.plane(), self.lens().camera
         nominal = nominal_parameters(session.antenna)
         pull = gravity_antenna(plane.kinematics, session.gravity_world_m_s2, [still])[0]
         # the first free picture shows how the antenna differs from its background
         first = self.taken("noload")[:1]
         paint = self._observation("noload", first[0]).paint if first and step != "noload" else None
-        expected = ExpectedAntenna(session.antenna, camera, fused(plane.estimates), nominal, paint)
+        expected = ExpectedAntenna(session.antenna, camera, pose or fused(plane.estimates), nominal, paint)
         return expected.observe(still, image, pull)
 
     def _observation(self, step: str, taken: AcceptedPicture) -> Observation:

@@ -29,6 +29,7 @@ from vbaa_calib.detect.quality.hints import picture_hints, wrong_board
 from vbaa_calib.detect.quality.screen import LEAST_CORNERS
 from vbaa_calib.session import load_session
 
+from .against_answers import distance_diagnosis, jig_refusal, thickness_that_shows_it
 from .questions import PICTURES
 from .session_state import SessionState, still_of
 from .sources import Picture
@@ -71,7 +72,7 @@ class PictureCheck:
     """Whether a picture is good for a step.
 
     refusal : why it is not taken; empty where it is. words : what it shows, for the log.
-    corners_px : (N, 2) corners of the board. ids : (N,) theirs. hints : what could be better.
+    corners_px : (N, 2) corners of the board, or points on the antenna. ids : (N,) theirs. hints : what could be better.
     closeness : to the suggested pose, 0..1; None where none is suggested. closer : what to change.
     """
 
@@ -133,6 +134,13 @@ def _check_board(state: SessionState, picture: Picture, live: bool) -> tuple[Boa
     return view, PictureCheck(refusal, view.corners_px, tuple(hints), f"{len(view.ids)} corners", ids=view.ids)
 
 
+def _check_plane(state: SessionState, picture: Picture, readings: Readings | None) -> PictureCheck:
+    view, check = _check_board(state, picture, readings is None)
+    if check.refusal or state.store.folder("plane") != "plane":
+        return check
+    return replace(check, refusal=jig_refusal(state, view, fast=readings is None))
+
+
 def _check_antenna(step: str, state: SessionState, picture: Picture, readings: Readings | None) -> PictureCheck:
     """Whether the antenna is found in a picture; a live preview is not searched."""
     height, width = picture.image.shape
@@ -142,12 +150,15 @@ def _check_antenna(step: str, state: SessionState, picture: Picture, readings: R
     if readings is None:
         return PictureCheck()
     path = Path(picture.name)
+    still, image = still_of(step, path, readings), read_picture(path, picture.data)
     try:
-        seen = state.observe(still_of(step, path, readings), step, read_picture(path, picture.data))
+        seen = state.observe(still, step, image)
     except InputError as error:
+        if not state.taken(step) and (other := thickness_that_shows_it(state, still, step, image)):
+            return PictureCheck(other)
         jig = "" if state.taken(step) else "; or the answers about the jig are wrong, so that it is sought elsewhere"
         return PictureCheck(f"{error.what}; shoot it again with the antenna lit and wholly in view{jig}")
-    return PictureCheck(words=f"antenna seen at {len(seen.points_px)} points")
+    return PictureCheck("", seen.points_px, words=f"antenna seen at {len(seen.points_px)} points")
 
 
 _ENOUGH = "enough, more will not help"
@@ -162,8 +173,8 @@ def _board_progress(state: SessionState) -> Progress:
     return Progress((seen, scale.words), next=scale.remedy, enough=True, usable=True, numbers=(number,))
 
 
-_FEWEST_VIEWS = 3
-"""Pictures below which no lens is solved for."""
+_FEWEST_VIEWS, _TRUSTED_VIEWS = 3, 6
+"""Pictures below which no lens is solved for, and below which none is trusted."""
 
 
 def _check_lens(state: SessionState, picture: Picture, readings: Readings | None) -> PictureCheck:
@@ -173,7 +184,7 @@ def _check_lens(state: SessionState, picture: Picture, readings: Readings | None
     again = same_pose(view, state.views("lens"), state.board)
     if again is not None:
         check = replace(check, refusal=str(again), hints=(*check.hints, again))
-    if readings is not None or (now := guidance(state)).suggestion is None:
+    if (now := guidance(state)).suggestion is None:
         return check
     camera = None if now.solution is None else now.solution.camera
     close, closer = pose_match(now.suggestion, view, state.board, camera, view.image_size)
@@ -209,24 +220,23 @@ def _lens_progress(state: SessionState) -> Progress:
         target = Target(now.suggestion.outline_px, now.suggestion.words)
     if now.solution is not None:
         seen.append(f"lens {now.solution.model}, rms {now.solution.rms_px:.2f} px")
+    verdict = now.solution.verdict.diagnoses if now.solution is not None else ()
     if len(views) < _FEWEST_VIEWS:
         missing = f"{counted(_FEWEST_VIEWS - len(views), 'more picture')}, then there is a first lens"
-    known = np.isfinite(now.std_m)
-    std = Number(
-        "plane C, one standard deviation",
-        f"{1e3 * now.std_m:.3f} mm" if known else "not known yet",
-        f"{1e3 * GOAL_M:.2f} mm",
-        bool(now.std_m <= GOAL_M) if known else None,
-    )
+    # a lens of few pictures agrees with them by its freedom
+    means = now.solution is not None and np.isfinite(now.std_m) and len(views) >= _TRUSTED_VIEWS
+    reached, goal = bool(now.std_m <= GOAL_M), f"{1e3 * GOAL_M:.2f} mm"
+    std = Number("error that the lens adds where the antenna moves", f"{1e3 * now.std_m:.3f} mm", goal, reached)
     return Progress(
         seen=tuple(seen),
         missing=() if now.enough else (missing,),
         next=_ENOUGH if now.enough else (target.words if target else ""),
         enough=now.enough,
         usable=now.solution is not None,
-        numbers=(std,),
+        numbers=(std,) if means else (),
         target=target,
-        diagnoses=now.solution.verdict.diagnoses if now.solution is not None else (),
+        # until there is enough, the next pose is the remedy of most; two kinds of advice would contradict each other
+        diagnoses=tuple(one for one in verdict if one.grave or now.enough or not target),
     )
 
 
@@ -272,6 +282,7 @@ def _plane_progress(state: SessionState) -> Progress:
         enough=enough,
         usable=True,
         numbers=tuple(numbers),
+        diagnoses=tuple(distance_diagnosis(state, estimate.T_antenna_camera)),
     )
 
 
@@ -315,19 +326,15 @@ def _loads_progress(state: SessionState) -> Progress:
         then = "correct what is said above; `back` leads to it" if taken else "hang a weight on the antenna"
         return Progress(seen, (str(error),), then)
     enough = now.enough and len(taken) >= _LOADS_LEAST
-    std = Number(
-        "stiffness EI, one standard deviation",
-        f"{100 * now.now.total:.2f} %" if taken else "not known yet",
-        f"{100 * _STIFFNESS_GOAL:.0f} %",
-        now.reached if taken else None,
-    )
+    value, goal = f"{100 * now.now.total:.2f} %", f"{100 * _STIFFNESS_GOAL:.0f} %"
+    std = Number("stiffness EI, one standard deviation", value, goal, now.reached)
     return Progress(
         seen=seen,
         missing=(*(() if enough else (now.words,)), *now.missing),
         next=_ENOUGH if enough else now.suggestion.words if now.suggestion else "",
         enough=enough,
         usable=len(taken) >= _LOADS_LEAST,
-        numbers=(std,),
+        numbers=(std,) if taken else (),
         diagnoses=tuple(state.still_diagnoses()) if taken else (),
     )
 
@@ -382,7 +389,7 @@ _PROGRESS = {
 }
 _CHECK: dict[str, Callable[[SessionState, Picture, Readings | None], PictureCheck]] = {
     "lens": _check_lens,
-    "plane": lambda state, picture, readings: _check_board(state, picture, readings is None)[1],
+    "plane": _check_plane,
     "noload": partial(_check_antenna, "noload"),
     "loads": partial(_check_antenna, "loads"),
 }

@@ -95,11 +95,15 @@ class RefusedPicture(_Model):
 
 
 class StepRecord(_Model):
-    """One step. `closed` says how it ended: "enough", "by hand", "all pictures seen"; empty while it is open."""
+    """One step. `closed` says how it ended: "enough", "by hand", "all pictures seen"; empty while it is open.
+
+    past : paths of pictures that were at the source before the step began, and do not count; None: it has not begun.
+    """
 
     taken: tuple[AcceptedPicture, ...] = ()
     left: tuple[RefusedPicture, ...] = ()
     closed: str = ""
+    past: tuple[str, ...] | None = None
 
     @property
     def judged(self) -> frozenset[str]:
@@ -229,7 +233,7 @@ class Store:
             return
         journal = self.journal.with_answers({**before, **answers})
         if any((corrected or key in before) and not key.endswith(("source", "readings")) for key in changed):
-            for step in ("noload", "loads"):
+            for step in ("plane", "noload", "loads"):
                 if journal.of(step).left:
                     journal = journal.with_step(step, left=())
         self.save(journal)
@@ -263,6 +267,10 @@ class Store:
         refused = RefusedPicture(source=picture.name, sha256=picture.sha256, why=why)
         self._record(step, left=(*self.journal.of(step).left, refused))
 
+    def begin(self, step: str, past: Sequence[str]) -> None:
+        """The step begins; what was there before does not count."""
+        self._record(step, past=tuple(past))
+
     def close(self, step: str, how: str) -> None:
         """The step is done; `how` is empty to go on with it."""
         if self.journal.of(step).closed != how:
@@ -279,14 +287,16 @@ class Store:
             self.path(taken).rename(target)
         return target
 
-    def redo(self, step: str, forget: Collection[str] = ()) -> Path | None:
-        """Start a step again, these answers forgotten.
+    def redo(self, step: str, forget: Collection[str] = (), past: Sequence[str] | None = None) -> Path | None:
+        """Start a step again, these answers forgotten. past : as of `StepRecord`.
 
         What it had is set aside, and the folder comes back; None where it had nothing.
         """
         record, place = self.journal.of(step), None
         again = self.journal.without_answers(forget)
-        again = again.model_copy(update={"steps": {**again.steps, step: StepRecord()}})
+        again = again.model_copy(
+            update={"steps": {**again.steps, step: StepRecord(past=None if past is None else tuple(past))}}
+        )
         if record.taken:
             place = self._new_aside(step)
             write_json(place / "was.json", record.model_dump(mode="json"))

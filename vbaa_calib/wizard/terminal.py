@@ -156,11 +156,11 @@ class Terminal(View):
             if word in ("help", "?"):
                 for name, words in COMMANDS.items():
                     self._write(f"{name:9s} {words}", "", "  ", _LABEL)
-                self._write("To change an earlier answer, give its flag: vbaa wizard --help lists them.", "", "  ")
+                self._write("To change an earlier answer, type its name and value: antenna_length_mm = 240", "", "  ")
             elif word in COMMANDS and not (question and line in question.choices):
                 yield word, None
-            elif question:
-                yield "answer", line if line or question.default is None else question.default
+            elif question or "=" in line:
+                yield "answer", line if line or not question or question.default is None else question.default
             elif line:
                 self._write(f"{line!r} is none of {', '.join(COMMANDS)}", "doubt", "  ")
 
@@ -179,7 +179,7 @@ class Terminal(View):
                 lines = progress_lines(ui.progress)
                 for line in lines:
                     label = line.split(maxsplit=1)[0]
-                    if line not in self._shown or label == "next":
+                    if line not in self._shown:
                         self._write(line, _MESSAGE_STYLES.get(label, ""), "  ", _LABEL)
                 self._shown = lines
             case "question" if ui.question is not None:
@@ -191,7 +191,7 @@ class Terminal(View):
                 self._write(ui.problem, "doubt", "  ")
             case "doing":
                 self._screen.passing(f"  … {ui.doing}")
-            case "live" if ui.picture is not None:
+            case "live" if ui.picture is not None and ui.picture.live:
                 now = time.monotonic()
                 if now - self._status_s >= _STATUS_EVERY_S:
                     self._status, self._status_s = f"  {_live_words(ui.picture)}", now

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import re
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,6 +26,8 @@ COMMANDS = {
     "help": "this list",
 }
 _TICK_S = 0.03
+_CHANGE = re.compile(r"\s*(\w+)\s*=\s*(\S.*)")
+"""`key = value`, typed instead of an answer or a command."""
 
 
 class Interrupted(Exception):
@@ -37,12 +40,16 @@ class Interrupted(Exception):
 
 @dataclass(frozen=True, eq=False)
 class LivePicture:
-    """A live picture: (H, W) uint8, what was found in it, how long it is held still (0..1), and words about that."""
+    """A picture: (H, W) uint8, what was found in it, how long it is held still (0..1), and words about that.
+
+    live : of a stream; else the last one of a folder.
+    """
 
     image: np.ndarray
     check: PictureCheck
     held: float
     words: str = ""
+    live: bool = True
 
 
 class View:
@@ -85,6 +92,9 @@ class Ui:
         self.picture: LivePicture | None = None
         self.lines: list[str] = []
         self.document: Mapping[str, Any] = {}
+        self.usual: Sequence[str] = ()
+        self.change: Callable[[str, str], bool] = lambda key, value: False
+        """Changes an earlier answer; False where there is no such question."""
 
     def _changed(self, change: str, **fields: Any) -> None:
         vars(self).update(fields)
@@ -119,6 +129,8 @@ class Ui:
                 for command, given in view.events(self):
                     if command != "answer":
                         raise Interrupted(command)
+                    if self._is_change(given):
+                        continue
                     if view is not self.views[0]:
                         self.say(f"on the page: {typed(given)}")
                     return given
@@ -126,7 +138,23 @@ class Ui:
 
     def commands(self) -> list[str]:
         """Commands since the last call; does not wait."""
-        return [command for view in self.views for command, _ in view.events(self) if command != "answer"]
+        commands = []
+        for command, given in [event for view in self.views for event in view.events(self)]:
+            if command != "answer":
+                commands.append(command)
+            elif not self._is_change(given):
+                self.say(f"nothing is asked now: {typed(given)}")
+        return commands
+
+    def _is_change(self, given: object) -> bool:
+        """Whether `key = value` was typed, which is done then."""
+        found = _CHANGE.fullmatch(given) if isinstance(given, str) else None
+        return found is not None and self.change(*found.groups())
+
+    def take_usual(self, lines: Sequence[str]) -> None:
+        """Answers that were taken without asking, as `key = value`."""
+        self.say(f"taken as usual, type one of these with another value to change it: {'; '.join(lines)}")
+        self._changed("usual", usual=[*self.usual, *lines])
 
     def greet(self, paragraphs: Sequence[str]) -> None:
         self._changed("greeting", greeting=paragraphs)

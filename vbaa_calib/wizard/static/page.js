@@ -93,6 +93,7 @@ function show(told) {
   renew("next", step.next, words => { $("next").hidden = !words; text($("next").lastElementChild, words); });
   $("enough").hidden = !step.enough || Boolean(state.finished);
   renew("question", state.question, question => showQuestion(question, answer));
+  renew("usual", state.usual ?? [], lines => list("usual", lines));
   renew("numbers", step.numbers ?? [], showNumbers);
   renew("missing", step.missing ?? [], lines => list("missing", lines));
   renew("seen", step.seen ?? [], lines => list("seen", lines));
@@ -119,6 +120,12 @@ async function send(kind, value = null) {
 }
 
 const answer = (key, value) => send("answer", { [key]: value });
+
+$("change").addEventListener("submit", async event => {
+  event.preventDefault();
+  const words = $("changed").value.trim();
+  if (words && await send("answer", { change: words })) $("changed").value = "";
+});
 
 async function command(kind) {
   if (state && allowed(kind) && (!SURE[kind] || state.finished || await sure(...SURE[kind]))) await send(kind);

@@ -92,7 +92,7 @@ function beside(live) {
   $("closeness").value = Math.round(100 * (live.closeness ?? 0));
   text($("close"), `${$("closeness").value} %`);
   const count = live.corners_px?.length ?? 0;
-  text($("found"), count ? `● ${count} corners found` : "○ no board in the picture");
+  text($("found"), live.found || (count ? `● ${count} corners found` : "○ no board in the picture"));
   $("cells").parentElement.hidden = !live.coverage;
   const counts = live.coverage?.counts.flat() ?? [];
   text($("covered"), `show what is covered: ${counts.filter(Boolean).length} of ${counts.length} fields`);

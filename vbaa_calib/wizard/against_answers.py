@@ -1,0 +1,91 @@
+"""What a picture says against what was typed: the jig's place, the board's thickness, the camera's distance."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from vbaa_calib.calibrate.pose.board_pose import BoardPose, solve_board_pose
+from vbaa_calib.calibrate.pose.fusion import fused
+from vbaa_calib.camera import Camera
+from vbaa_calib.core.errors import Diagnosis, InputError, VbaaError
+from vbaa_calib.detect.board.corners import BoardView
+from vbaa_calib.geometry import Pose
+from vbaa_calib.session import Still
+
+from .session_state import SessionState
+
+_MOVED_PX = 2.0
+_TIMES_LENS_RMS, _LEAST_RMS_PX = 4.0, 1.0
+_LEAST_IN_VIEW, _POINTS = 0.25, 41
+_DISTANCE_RATIO = 1.6
+_JIG_REMEDY = "correct jig_translation_mm, jig_board_x, jig_board_y or board_thickness_mm: type `key = value`"
+
+
+def jig_refusal(state: SessionState, view: BoardView, fast: bool) -> str:
+    """Why a picture is none of the board in its jig; empty where it is. fast : without solving for its pose."""
+    taken = state.views("plane")
+    if taken:
+        first = taken[0]
+        _, here, there = np.intersect1d(view.ids, first.ids, return_indices=True)
+        off_px = np.linalg.norm(view.corners_px[here] - first.corners_px[there], axis=-1)
+        if not len(off_px) or np.median(off_px) > _MOVED_PX:
+            how = f"by {np.median(off_px):.0f} px" if len(off_px) else "wholly"
+            return f"the board has moved {how} since {first.name}, and the jig stands still: is it of the jig?"
+    if fast:
+        return ""
+    lens = state.lens()
+    try:
+        board = solve_board_pose([view], lens.board_shape, lens.camera)
+    except VbaaError as error:
+        return f"the lens does not explain this picture of the board: {error}"
+    if board.rms_px > max(_TIMES_LENS_RMS * lens.rms_px, _LEAST_RMS_PX):
+        return (
+            f"its corners are {board.rms_px:.2f} px off this lens (its own pictures {lens.rms_px:.2f} px): "
+            "has focus, zoom or the board changed?"
+        )
+    return _antenna_out_of_view(state, board, lens.camera)
+
+
+def _antenna_out_of_view(state: SessionState, board: BoardPose, camera: Camera) -> str:
+    session = state.session
+    assert session.T_antenna_board is not None
+    T_camera_antenna = board.T_camera_board @ session.T_antenna_board.inverse()
+    along = np.linspace(0.0, session.antenna.length_m, _POINTS)
+    pixels, valid = camera.project(T_camera_antenna @ np.pad(along[:, None], ((0, 0), (0, 2))))
+    share = float(np.mean(valid & camera.in_picture(pixels)))
+    if share >= _LEAST_IN_VIEW:
+        return ""
+    return f"by what was typed about the jig {100 * share:.0f} % of the antenna would be in the picture; {_JIG_REMEDY}"
+
+
+def distance_diagnosis(state: SessionState, T_antenna_camera: Pose) -> list[Diagnosis]:
+    """Whether the camera is about as far from the antenna's middle as was typed."""
+    typed_mm = state.store.journal.answers.get("camera_distance_mm")
+    middle = np.array([0.5 * state.session.antenna.length_m, 0.0, 0.0])
+    seen_mm = 1e3 * float(np.linalg.norm(T_antenna_camera.translation_m - middle))
+    if typed_mm is None or 1 / _DISTANCE_RATIO < seen_mm / typed_mm < _DISTANCE_RATIO:
+        return []
+    words = f"the camera is {seen_mm:.0f} mm from the antenna's middle by the jig, {typed_mm:g} mm as typed"
+    remedy = f"check jig, square size and antenna_length_mm; or type `camera_distance_mm = {seen_mm:.0f}` if that is so"
+    return [Diagnosis("camera_distance", words, remedy)]
+
+
+def thickness_that_shows_it(state: SessionState, still: Still, step: str, image: np.ndarray) -> str:
+    """The board's thickness with which the antenna is found where it was not, in words; empty without one."""
+    session, typed_mm = state.session, float(state.store.journal.answers.get("board_thickness_mm") or 0.0)
+    if session.T_antenna_board is None:
+        return ""
+    normal = session.T_antenna_board.rotation[:, 2]
+    pose = fused(state.plane().estimates)
+    for other_mm in (typed_mm / 10, 0.0, typed_mm * 10) if typed_mm else (3.0, 5.0, 10.0):
+        shift = 1e-3 * (typed_mm - other_mm) * normal
+        moved = Pose(pose.rotation, pose.translation_m + shift)
+        try:
+            state.observe(still, step, image, moved)
+        except InputError:
+            continue
+        return (
+            f"the antenna is found where a board {other_mm:g} mm thick puts it, {typed_mm:g} mm was typed: measure it, "
+            f"and type `board_thickness_mm = {other_mm:g}`"
+        )
+    return ""
