@@ -16,13 +16,12 @@ Only what a dead force leans at the contact has to be solved for.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import ellipeinc, ellipkinc
 
-from .pendulum import jacobi_each, universal_curve
+from .pendulum import universal_curve
 
 _DEAD_LOAD = 60.0
 
@@ -146,20 +145,3 @@ def _lean_at_contact(load: np.ndarray, lean: np.ndarray) -> np.ndarray:
         if not np.any(np.abs(step) > 1e-14 * eta):
             break
     return np.arcsin(np.sin(lean) + 2.0 * rest_clamp * np.expm1(-eta))
-
-
-class _Jacobi(NamedTuple):
-    """sn, cn and dn of (u | m), and E(am(u | m) | m), each of the shape that u and m broadcast to."""
-
-    sn: np.ndarray
-    cn: np.ndarray
-    dn: np.ndarray
-    second: np.ndarray
-
-
-def jacobi(u: ArrayLike, m: ArrayLike) -> _Jacobi:
-    """Jacobi's functions at u (...) for the parameter m = k² (...) in [0, 1)."""
-    u, m = np.broadcast_arrays(np.asarray(u, float), np.asarray(m, float))
-    found = np.empty((4, u.size))
-    jacobi_each(u.ravel(), m.ravel(), found)
-    return _Jacobi(*found.reshape(4, *u.shape))
