@@ -75,9 +75,7 @@ def test_images_by_their_encoding(encoding: str) -> None:
     kind, count = ENCODINGS[encoding]
     pixels = np.random.default_rng(0).integers(0, 255, (5, 7, count), kind)
     rows = np.pad(pixels.reshape(5, -1), ((0, 0), (0, 3)))
-    image = SimpleNamespace(
-        encoding=encoding, height=5, width=7, step=rows.shape[1], is_bigendian=0, data=rows.ravel()
-    )
+    image = SimpleNamespace(encoding=encoding, height=5, width=7, step=rows.shape[1], is_bigendian=0, data=rows.ravel())
     expected = pixels[..., 0] if count == 1 else pixels[..., [2, 1, 0] if encoding.startswith("rgb") else [0, 1, 2]]
     np.testing.assert_array_equal(picture_of(image), expected)
 
@@ -173,7 +171,11 @@ def test_joints_by_name(tmp_path: Path) -> None:
 def test_a_torn_bag_is_told(tmp_path: Path) -> None:
     """A sentence, or what is whole of it and a note; never a traceback."""
     whole = write(tmp_path / "bag.mcap").read_bytes()
-    for name, data in (("torn.mcap", whole[: len(whole) // 2]), ("empty.mcap", b""), ("noise.bag", b"#ROSBAG V2.0\n\0")):
+    for name, data in (
+        ("torn.mcap", whole[: len(whole) // 2]),
+        ("empty.mcap", b""),
+        ("noise.bag", b"#ROSBAG V2.0\n\0"),
+    ):
         (tmp_path / name).write_bytes(data)
         try:
             _, notes = read(tmp_path / name)

@@ -58,7 +58,11 @@ def test_nothing_is_made_up() -> None:
     """Before the first reading, after the last, and in a gap a picture has none."""
     synchronizer = Synchronizer(Timing(gap_s=0.1, wait_s=0.0))
     found = through(
-        synchronizer, moment(1.0, 1e-3), moment(1.2, 2e-3), *(taken(t, 2.0) for t in (0.9, 1.1, 1.3)), moment(1.35, 3e-3)
+        synchronizer,
+        moment(1.0, 1e-3),
+        moment(1.2, 2e-3),
+        *(taken(t, 2.0) for t in (0.9, 1.1, 1.3)),
+        moment(1.35, 3e-3),
     )
     assert [np.isnan(each.frame.moment_Nm) for each in found] == [True, True, True]
     assert synchronizer.counts["pictures without a moment"] == 3
