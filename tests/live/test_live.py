@@ -9,6 +9,7 @@ import signal
 import socket
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 from collections.abc import Iterator
@@ -82,7 +83,7 @@ def test_every_picture_is_answered_at_once() -> None:
     assert [each.row.frame for each in found() if not each.final] == list(range(COUNT))
     several = live_contacts("none", messages())
     assert same(rows(several, False), rows(several, True))
-    waits = [index for index, each in enumerate(found()) if each.final][0]
+    waits = next(index for index, each in enumerate(found()) if each.final)
     assert waits <= STREAM + STREAM // 8
 
 
@@ -182,7 +183,8 @@ def test_a_video_with_a_table_of_readings(tmp_path: Path) -> None:
     pictures = [cv2.imread(str(frame.image)) for _, frame in several]
     expected = list(
         estimate_taken(
-            estimator, [(replace(f, frame=n, time_s=t), p) for n, ((t, f), p) in enumerate(zip(several, pictures))]
+            estimator,
+            [(replace(f, frame=n, time_s=t), p) for n, ((t, f), p) in enumerate(zip(several, pictures, strict=True))],
         )
     )
     assert contacts.status.tolist() == [item.contact.status for item in expected]
@@ -247,10 +249,9 @@ def test_a_wrong_call_is_one_line(words: tuple[str, ...], tmp_path: Path, capsys
 
 
 def lines_of(data: bytes, root: Path) -> tuple[list[Any], list[str]]:
-    end, begin = os.pipe()
-    os.write(begin, data)
-    os.close(begin)
-    with os.fdopen(end, "rb") as stream:
+    with tempfile.TemporaryFile() as stream:  # a pipe holds no picture
+        stream.write(data)
+        stream.seek(0)
         source = open_lines(stream, 5.0, root)
         return [each for each in source.messages() if each is not None], source.notes
 
@@ -362,11 +363,8 @@ def test_readings_by_udp() -> None:
         silent = replace(open_lines(stream, 1.0), messages=nothing)
         source = with_datagrams(silent, listening)
         several = [each for each in source.messages() if isinstance(each, Reading)]
-    assert [(each.channel, each.value) for each in several] == [
-        ("moment_Nm", 0.25),
-        ("pan_rad", 1.0),
-        ("tilt_rad", 2.0),
-    ]
+    values = {each.channel: each.value for each in several}
+    assert values == {"moment_Nm": 0.25, "pan_rad": 1.0, "tilt_rad": 2.0}
     assert several[0].time_s == 1.5
     assert "rubbish" in source.notes[0]
 

@@ -69,6 +69,12 @@ def test_nothing_is_made_up() -> None:
     assert synchronizer.counts["readings late"] == 0
 
 
+def test_a_container_that_rounds_to_milliseconds_loses_no_reading() -> None:
+    (found,) = through(Synchronizer(Timing()), moment(1.0, 1e-3), taken(1.0004, 2.0))
+    assert found.frame.moment_Nm == 1e-3
+    assert found.age_s == pytest.approx(4e-4)
+
+
 def test_a_picture_waits_for_what_comes_after_it_and_no_longer() -> None:
     synchronizer = Synchronizer(Timing(wait_s=0.2), ["moment_Nm"])
     assert not list(synchronizer.push(moment(0.98, 1e-3)))
