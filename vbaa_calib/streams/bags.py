@@ -17,7 +17,7 @@ import numpy as np
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.images import as_levels, read_picture
 
-from .messages import Reading, Source, Taken
+from .messages import Messages, Reading, Source, Taken
 
 SUFFIXES = (".mcap", ".bag", ".db3")
 _IMAGES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
@@ -105,7 +105,7 @@ def open_bag(path: Path, topics: Topics, camera_matrix: np.ndarray | None, image
     connections = [each for each in reader.connections if each.topic in wanted]
     broken: Counter[str] = Counter()
 
-    def messages() -> Iterator[Taken | Reading | None]:
+    def messages() -> Messages:
         checked = False
         with stack:
             for connection, logged_ns, data in _whole(reader.messages(connections), path, notes):

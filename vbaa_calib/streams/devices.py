@@ -12,7 +12,7 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.wizard.sources.files import SourceLost
 from vbaa_calib.wizard.sources.live import LiveSource
 
-from .messages import Reading, Source, Taken
+from .messages import Messages, Reading, Source, Taken
 from .recorded import TICK_S, line_messages
 
 _LARGEST_DATAGRAM = 65536
@@ -56,7 +56,7 @@ def with_datagrams(source: Source, listening: socket.socket | None) -> Source:
     if listening is None:
         return source
 
-    def messages() -> Iterator[Taken | Reading | None]:
+    def messages() -> Messages:
         with listening:
             for message in source.messages():
                 # those of the picture's own instant are here by now
@@ -73,7 +73,7 @@ def open_device(camera: LiveSource) -> Source:
     start_s = time.time() - time.monotonic() + camera.start_s
     begin_s = perf_counter() - time.monotonic() + camera.start_s
 
-    def messages() -> Iterator[Taken | Reading | None]:
+    def messages() -> Messages:
         try:
             while True:
                 picture = camera.next(TICK_S / 10)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -43,6 +43,11 @@ class Reading:
         return abs(self.value) <= _MOST[self.channel] and abs(self.time_s) < 1e12
 
 
+Messages = Generator[Taken | Reading | None, None, None]
+"""Pictures and readings in the order in which they came; None where nothing is new, so that who waits can look at the
+clock."""
+
+
 @dataclass(frozen=True, eq=False)
 class Source:
     """Where a stream comes from.
@@ -50,8 +55,7 @@ class Source:
     Attributes
     ----------
     name : for the screen.
-    messages : pictures and readings in the order in which they came; None where nothing is new, so that who waits can
-        look at the clock. Called once.
+    messages : what comes. Called once.
     channels : those known to come; more may.
     live : the pictures are taken while they are looked at; else they were taken before.
     dropped : how many pictures were not given, since newer ones had come.
@@ -59,7 +63,7 @@ class Source:
     """
 
     name: str
-    messages: Callable[[], Iterator[Taken | Reading | None]]
+    messages: Callable[[], Messages]
     channels: frozenset[str] = frozenset()
     live: bool = False
     dropped: Callable[[], int] = lambda: 0
@@ -68,7 +72,7 @@ class Source:
     def without_moments(self) -> Source:
         """The same for vision alone."""
 
-        def messages() -> Iterator[Taken | Reading | None]:
+        def messages() -> Messages:
             for each in self.messages():
                 if not (isinstance(each, Reading) and each.channel.startswith("moment")):
                     yield each

@@ -21,7 +21,7 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.images import read_picture
 from vbaa_calib.wizard.sources.files import FolderSource, Pace, SourceLost, VideoSource
 
-from .messages import CHANNELS, Reading, Source, Taken
+from .messages import CHANNELS, Messages, Reading, Source, Taken
 
 _IN_DEGREES = {"pan_rad": "pan_deg", "tilt_rad": "tilt_deg"}
 _LONGEST_LINE = 64_000_000
@@ -64,7 +64,7 @@ def with_readings(source: Source, path: Path | None, offset_s: float) -> Source:
         assert message is not None
         return message.time_s + (offset_s if isinstance(message, Reading) else 0.0)
 
-    def messages() -> Iterator[Taken | Reading | None]:
+    def messages() -> Messages:
         # as it is on the source's clock, so that a picture waits by that
         stamped = (Reading(each.time_s, each.channel, each.value, each.time_s + offset_s) for each in readings)
         yield from heapq.merge(stamped, source.messages(), key=shifted)
@@ -76,7 +76,7 @@ def open_video(path: Path) -> Source:
     """Every frame of a video, timed from its beginning. Raises InputError when it cannot be read."""
     video, notes = VideoSource(path), list[str]()
 
-    def messages() -> Iterator[Taken | Reading | None]:
+    def messages() -> Messages:
         try:
             while (picture := video.next(0.0)) is not None:
                 assert picture.time_s is not None
@@ -94,7 +94,7 @@ def open_table(path: Path) -> Source:
     first = next(rows)
     notes: list[str] = []
 
-    def messages() -> Iterator[Taken | Reading | None]:
+    def messages() -> Messages:
         for row in chain([first], rows):
             time_s = number(row, "time_s", path)
             try:
@@ -113,7 +113,7 @@ def open_folder(path: Path, idle_s: float) -> Source:
     folder = FolderSource(path, wait=True, pace=Pace(scan_s=0.05, settle_s=0.1))
     notes: list[str] = []
 
-    def messages() -> Iterator[Taken | Reading | None]:
+    def messages() -> Messages:
         until_s = time.monotonic() + idle_s
         try:
             while time.monotonic() < until_s:
@@ -141,7 +141,7 @@ def open_lines(stream: BinaryIO, idle_s: float, root: Path = Path()) -> Source:
     notes: list[str] = []
     wrong = 0
 
-    def messages() -> Iterator[Taken | Reading | None]:
+    def messages() -> Messages:
         nonlocal wrong
         for line in _lines(stream, idle_s, notes):
             if line is None:

@@ -18,6 +18,8 @@ from .messages import CHANNELS, Reading, Taken
 
 _KEPT = 4096
 """Readings of one channel that are kept: four seconds at a thousand a second."""
+_INSTANT_S = 1e-3
+"""Before the first reading and after the last, one so near counts: videos round their times to that."""
 _ANGLES = ("pan_rad", "tilt_rad")
 
 
@@ -59,7 +61,9 @@ class _Channel:
         if after < len(self.times) and self.times[after] == time_s:
             return self.values[after], 0.0
         if after in (0, len(self.times)):
-            return np.nan, np.nan
+            near = min(after, len(self.times) - 1)
+            age_s = abs(self.times[near] - time_s) if self.times else np.inf
+            return (self.values[near], age_s) if age_s <= _INSTANT_S else (np.nan, np.nan)
         (t0, t1), (v0, v1) = self.times[after - 1 : after + 1], self.values[after - 1 : after + 1]
         if t1 - t0 > gap_s:
             return np.nan, np.nan

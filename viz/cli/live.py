@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import argparse
 import math
+import signal
 import sys
+import threading
 import time
 from collections import Counter, deque
 from collections.abc import Iterator
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -162,21 +164,35 @@ def _follow(source: Source, live: LiveEstimator, sinks: list[_Sink]) -> None:
             for sink in sinks:
                 sink.write(contact)
 
-    messages = source.messages()
-    try:
+    with _interruptible() as interrupted, closing(source.messages()) as messages:
         for message in messages:
             spread(live.push(message))
             if source.live:
                 spread(live.tick(time.time()))
-    except KeyboardInterrupt:
-        source.notes.append("interrupted")
-    finally:
-        close = getattr(messages, "close", None)
-        if close is not None:
-            close()
-    # a second Ctrl-C ends it without what still waits
-    with suppress(KeyboardInterrupt):
+            if interrupted:
+                source.notes.append("interrupted")
+                break
         spread(live.finish())
+
+
+@contextmanager
+def _interruptible() -> Iterator[list[int]]:
+    """Ctrl-C is noted, so that nothing breaks off in its middle; a second one ends it at once."""
+    noted: list[int] = []
+
+    def note(number: int, frame: Any) -> None:
+        if noted:
+            raise KeyboardInterrupt
+        noted.append(number)
+
+    if threading.current_thread() is not threading.main_thread():
+        yield noted
+        return
+    before = signal.signal(signal.SIGINT, note)
+    try:
+        yield noted
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 @dataclass(eq=False)

@@ -1,0 +1,64 @@
+"""A recording of a small rig, as messages and as a bag: some free frames, then contacts, longer than a chunk."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from estimator.contact.estimate import STREAM
+from tests.small_scene import small_rig
+from vbaa_calib.rig import Rig
+from vbaa_calib.session import Frame, load_session, read_recording
+from vbaa_calib.streams import Reading, Taken
+from vbaa_calib.streams.bags import BagWriter, Logged
+
+RATE_HZ = 5.0
+COUNT = STREAM + 8
+
+
+@cache
+def rig() -> Rig:
+    return Rig.load(small_rig() / "rig.json")
+
+
+@cache
+def frames() -> list[Frame]:
+    """Of the small session: the free one and two with contacts."""
+    return read_recording(load_session(small_rig() / "session"))
+
+
+def shown() -> list[tuple[float, Frame]]:
+    """Times, s, and which of the frames is shown then: every eighth is free."""
+    free, *touched = sorted(frames(), key=lambda frame: abs(frame.moment_Nm - rig().moment_sensor.offset_Nm))
+    return [(1.0 + n / RATE_HZ, free if n % 8 == 0 else touched[(n // 8) % len(touched)]) for n in range(COUNT)]
+
+
+def messages() -> list[Taken | Reading]:
+    """As they come, readings first."""
+    several: list[Taken | Reading] = []
+    for time_s, frame in shown():
+        for channel in ("moment_Nm", "pan_rad", "tilt_rad"):
+            several.append(Reading(time_s, channel, getattr(frame, channel), time_s))
+        assert frame.image is not None
+        several.append(Taken(time_s, cv2.imread(str(frame.image), cv2.IMREAD_UNCHANGED), time_s))
+    return several
+
+
+def write(path: Path, changed: dict[int, np.ndarray] | None = None) -> Path:
+    """The recording as a bag. changed : bytes of pictures in the place of others, by their number."""
+    writer = BagWriter(path)
+    for number, (time_s, frame) in enumerate(shown()):
+        assert frame.image is not None
+        time_ns = round(1e9 * time_s)
+        data = (changed or {}).get(number, np.frombuffer(frame.image.read_bytes(), np.uint8))
+        torque = {"wrench": {"torque": {"y": frame.moment_Nm}}}
+        joints = {"name": ["pan", "tilt"], "position": [frame.pan_rad, frame.tilt_rad]}
+        writer.write(Logged("/moment", "geometry_msgs/msg/WrenchStamped", torque, time_ns))
+        writer.write(Logged("/joint_states", "sensor_msgs/msg/JointState", joints, time_ns))
+        picture = {"format": "png", "data": data}
+        writer.write(Logged("/camera/compressed", "sensor_msgs/msg/CompressedImage", picture, time_ns))
+    writer.close()
+    return path

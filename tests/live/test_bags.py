@@ -1,0 +1,189 @@
+"""Bags: what is written is what foreign readers read, and what is read is what was meant."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
+from rosbags.highlevel import AnyReader
+
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.streams import Reading, Taken
+from vbaa_calib.streams.bags import BagWriter, Logged, Topics, open_bag, picture_of
+
+from .recordings import COUNT, messages, rig, shown, write
+
+SIZE = (480, 360)
+
+
+def read(path: Path, topics: Topics | None = None, matrix: np.ndarray | None = None) -> tuple[list[Any], list[str]]:
+    source = open_bag(path, topics or Topics(), matrix, SIZE)
+    return list(source.messages()), source.notes
+
+
+@pytest.mark.parametrize("name", ["bag.mcap", "bag.bag", "bag"])
+def test_a_bag_gives_back_what_was_written(tmp_path: Path, name: str) -> None:
+    """MCAP, ROS 1 and ROS 2: every number and every pixel."""
+    found, notes = read(write(tmp_path / name))
+    expected = messages()
+    assert (len(found), notes) == (len(expected), [])
+    for one, other in zip(found, expected, strict=True):
+        assert type(one) is type(other)
+        assert one.time_s == pytest.approx(other.time_s, abs=1e-9)
+        if isinstance(other, Reading):
+            assert (one.channel, one.value) == (other.channel, other.value)
+        else:
+            np.testing.assert_array_equal(one.image, other.image)
+
+
+def test_foreign_readers_read_it(tmp_path: Path) -> None:
+    """The libraries of MCAP itself, which share nothing with what wrote the messages' bytes."""
+    path = write(tmp_path / "bag.mcap")
+    with path.open("rb") as stream:
+        reader = make_reader(stream, decoder_factories=[DecoderFactory()])
+        summary = reader.get_summary()
+        assert summary is not None
+        assert {channel.topic for channel in summary.channels.values()} == {
+            "/moment",
+            "/joint_states",
+            "/camera/compressed",
+        }
+        wrenches = [each.decoded_message for each in reader.iter_decoded_messages(["/moment"])]
+    assert [wrench.wrench.torque.y for wrench in wrenches] == [frame.moment_Nm for _, frame in shown()]
+    assert [wrench.header.stamp.sec for wrench in wrenches] == [int(time_s + 1e-9) for time_s, _ in shown()]
+    with AnyReader([path]) as bag:
+        assert bag.message_count == 3 * COUNT
+
+
+ENCODINGS = {
+    "mono8": (np.uint8, 1),
+    "bgr8": (np.uint8, 3),
+    "rgb8": (np.uint8, 3),
+    "bgra8": (np.uint8, 4),
+    "rgba8": (np.uint8, 4),
+}
+
+
+@pytest.mark.parametrize("encoding", ENCODINGS)
+def test_images_by_their_encoding(encoding: str) -> None:
+    """Rows with padding; channels in OpenCV's order."""
+    kind, count = ENCODINGS[encoding]
+    pixels = np.random.default_rng(0).integers(0, 255, (5, 7, count), kind)
+    rows = np.pad(pixels.reshape(5, -1), ((0, 0), (0, 3)))
+    image = SimpleNamespace(encoding=encoding, height=5, width=7, step=rows.shape[1], is_bigendian=0, data=rows.ravel())
+    expected = pixels[..., 0] if count == 1 else pixels[..., [2, 1, 0] if encoding.startswith("rgb") else [0, 1, 2]]
+    np.testing.assert_array_equal(picture_of(image), expected)
+
+
+@pytest.mark.parametrize("big", [0, 1])
+def test_deep_images_of_either_byte_order(big: int) -> None:
+    pixels = np.random.default_rng(0).integers(0, 4096, (5, 7)).astype(">u2" if big else "<u2")
+    data = np.frombuffer(pixels.tobytes(), np.uint8)
+    image = SimpleNamespace(encoding="mono16", height=5, width=7, step=14, is_bigendian=big, data=data)
+    np.testing.assert_allclose(picture_of(image), pixels.astype(float) * 255 / 4095, rtol=1e-6)
+
+
+def test_a_bayer_pattern_has_its_red_where_it_says() -> None:
+    mosaic = np.zeros((8, 8), np.uint8)
+    mosaic[0::2, 0::2] = 200  # red sites of RGGB
+    image = SimpleNamespace(encoding="bayer_rggb8", height=8, width=8, step=8, is_bigendian=0, data=mosaic.ravel())
+    blue, green, red = picture_of(image)[4, 4]
+    assert red > 150 > 50 > max(blue, green)
+
+
+@pytest.mark.parametrize(
+    ("changed", "what"),
+    [
+        ({"encoding": "yuv"}, "encoding"),
+        ({"step": 2}, "rows"),
+        ({"height": 6}, "rows"),
+        ({"height": 0, "data": np.zeros(0, np.uint8)}, "rows"),
+    ],
+)
+def test_images_that_cannot_be(changed: dict[str, Any], what: str) -> None:
+    whole = {"encoding": "mono8", "height": 5, "width": 7, "step": 7, "is_bigendian": 0, "data": np.zeros(35, np.uint8)}
+    with pytest.raises(InputError, match=what):
+        picture_of(SimpleNamespace(**(whole | changed)))
+
+
+def small_bag(path: Path, *several: tuple[str, str, dict[str, Any]]) -> Path:
+    writer = BagWriter(path)
+    for topic, kind, fields in several:
+        writer.write(Logged(topic, kind, fields, 10**9))
+    writer.close()
+    return path
+
+
+IMAGE = {"encoding": "mono8", "height": 2, "width": 2, "step": 2, "data": np.zeros(4, np.uint8)}
+CAMERA = {"width": 480, "height": 360}
+
+
+def test_several_topics_are_asked_for(tmp_path: Path) -> None:
+    path = small_bag(
+        tmp_path / "two.mcap",
+        ("/left/image", "sensor_msgs/msg/Image", IMAGE),
+        ("/right/image", "sensor_msgs/msg/Image", IMAGE),
+        ("/float", "std_msgs/msg/Float64", {"data": 0.25}),
+    )
+    with pytest.raises(InputError, match=r"/left/image, /right/image; choose: --topic image=/left/image"):
+        read(path)
+    with pytest.raises(InputError, match="no topic /up for image"):
+        read(path, Topics(image="/up"))
+    found, _ = read(path, Topics(image="/right/image"))
+    assert [type(each) for each in found] == [Taken, Reading]
+    assert found[1].value == 0.25
+    found, _ = read(path, Topics(image="/right/image", moment="none"))
+    assert [type(each) for each in found] == [Taken]
+
+
+def test_a_bag_of_another_camera_is_refused(tmp_path: Path) -> None:
+    matrix = rig().camera.matrix
+    for name, camera, what in (
+        ("size.mcap", {"width": 640, "height": 480}, "640x480"),
+        ("focal.mcap", CAMERA | {"k": 1.1 * matrix.ravel()}, "focal length"),
+    ):
+        of_camera = ("/cam/camera_info", "sensor_msgs/msg/CameraInfo", camera)
+        path = small_bag(tmp_path / name, of_camera, ("/cam/image", "sensor_msgs/msg/Image", IMAGE))
+        with pytest.raises(InputError, match=what):
+            read(path, matrix=matrix)
+        assert len(read(path, Topics(camera="none"), matrix)[0]) == 1
+
+
+def test_joints_by_name(tmp_path: Path) -> None:
+    joints = {"name": ["gripper", "shoulder", "wrist"], "position": [9.0, 0.25, -0.5]}
+    path = small_bag(
+        tmp_path / "arm.mcap",
+        ("/image", "sensor_msgs/msg/Image", IMAGE),
+        ("/joint_states", "sensor_msgs/msg/JointState", joints),
+    )
+    found, _ = read(path, Topics(pan="shoulder", tilt="wrist"))
+    assert [(each.channel, each.value) for each in found[1:]] == [("pan_rad", 0.25), ("tilt_rad", -0.5)]
+    found, notes = read(path)
+    assert len(found) == 1
+    assert "--pan-joint" in notes[0]
+
+
+def test_a_torn_bag_is_told(tmp_path: Path) -> None:
+    """A sentence, or what is whole of it and a note; never a traceback."""
+    whole = write(tmp_path / "bag.mcap").read_bytes()
+    for name, data in (
+        ("torn.mcap", whole[: len(whole) // 2]),
+        ("empty.mcap", b""),
+        ("noise.bag", b"#ROSBAG V2.0\n\0"),
+    ):
+        (tmp_path / name).write_bytes(data)
+        with suppress(InputError):
+            _, notes = read(tmp_path / name)
+            assert notes
+
+
+def test_a_damaged_picture_is_left_out_and_told(tmp_path: Path) -> None:
+    found, notes = read(write(tmp_path / "bag.mcap", {3: np.arange(100, dtype=np.uint8)}))
+    assert sum(isinstance(each, Taken) for each in found) == COUNT - 1
+    assert "/camera/compressed" in notes[0]

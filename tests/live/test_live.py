@@ -1,0 +1,398 @@
+"""Live: the same answers as afterwards, from every source, and files that are whole however it ends."""
+
+from __future__ import annotations
+
+import base64
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from estimator import ContactEstimator
+from estimator.contact.estimate import STREAM
+from estimator.contact.recording import estimate_taken
+from estimator.live import LiveContact, LiveEstimator
+from estimator.live.outputs import GrowingTable, json_line
+from estimator.table.contacts import ContactRow
+from estimator.table.files import cells_of, read_contacts
+from tests.small_scene import small_rig
+from vbaa_calib.cli.main import main
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.session import DRIFTS
+from vbaa_calib.streams import Reading, Synchronizer, Taken, Timing
+from vbaa_calib.streams.devices import open_device, udp_socket, with_datagrams
+from vbaa_calib.streams.recorded import open_folder, open_lines
+
+from .recordings import COUNT, RATE_HZ, frames, messages, rig, shown, write
+
+SIZE = (480, 360)
+
+
+def live_contacts(drift: str, several: list[Taken | Reading]) -> list[LiveContact]:
+    estimator = ContactEstimator(replace(rig(), drift=DRIFTS[drift]), jobs=1)
+    live = LiveEstimator(estimator, Synchronizer(Timing(), image_size=SIZE))
+    return [each for message in several for each in live.push(message)] + list(live.finish())
+
+
+@cache
+def found() -> list[LiveContact]:
+    return live_contacts("lab", messages())
+
+
+def rows(several: list[LiveContact], final: bool) -> list[dict[str, Any]]:
+    return [cells_of(each.row) for each in several if each.final == final]
+
+
+def offline(drift: str) -> list[dict[str, Any]]:
+    estimator = ContactEstimator(replace(rig(), drift=DRIFTS[drift]), jobs=1)
+    synchronizer = Synchronizer(Timing())
+    pushed = (each for message in messages() for each in synchronizer.push(message))
+    taken = ((each.frame, each.taken.image) for each in pushed)
+    return [cells_of(ContactRow.of(item.frame, item.contact)) for item in estimate_taken(estimator, taken)]
+
+
+def same(one: list[dict[str, Any]], other: list[dict[str, Any]]) -> bool:
+    """Bit for bit."""
+    return [list(map(repr, each.values())) for each in one] == [list(map(repr, each.values())) for each in other]
+
+
+def test_the_final_contacts_are_those_of_a_recording() -> None:
+    """Bit for bit, drift and motion included, in the same order."""
+    final = rows(found(), True)
+    assert len(final) == COUNT
+    assert {row["status"] for row in final} >= {"ok", "no_contact"}
+    assert same(final, offline("lab"))
+
+
+def test_every_picture_is_answered_at_once() -> None:
+    """Before the next message; and without drift, which later frames show, with what is final, too."""
+    assert [each.row.frame for each in found() if not each.final] == list(range(COUNT))
+    several = live_contacts("none", messages())
+    assert same(rows(several, False), rows(several, True))
+    waits = next(index for index, each in enumerate(found()) if each.final)
+    assert waits <= STREAM + STREAM // 8
+
+
+def test_the_contact_has_its_covariance() -> None:
+    located = [each for each in found() if each.row.status == "ok"]
+    assert located
+    for each in located:
+        assert (np.linalg.eigvalsh(each.row.covariance_world_m2) > 0.0).all()
+        assert each.age_s == 0.0
+
+
+def test_without_joint_angles_nothing_is_estimated() -> None:
+    several = [
+        each for each in messages()[:40] if isinstance(each, Taken) or each.channel != "pan_rad" or each.time_s < 2
+    ]
+    answered = live_contacts("lab", several)
+    late = [each.row for each in answered if each.row.time_s > 2.0]
+    assert late
+    assert {row.status for row in late} == {"no_antenna"}
+    assert all("joint angles" in row.reason for row in late)
+
+
+def test_a_json_line_is_one() -> None:
+    for each in found()[:20]:
+        said = json.loads(json_line(each))
+        assert said["frame"] == each.row.frame
+        assert said["distance_m"] is None or said["distance_m"] == each.row.distance_m
+
+
+def test_the_table_is_read_while_it_grows(tmp_path: Path) -> None:
+    path = tmp_path / "contacts.csv"
+    table = GrowingTable(path)
+    for number, each in enumerate(found()):
+        table.write(each)
+        if number in (0, 30):
+            assert len(read_contacts(path)) == number + 1
+    table.close()
+    grown = read_contacts(path)
+    assert len(grown) == COUNT
+    assert [path.name for path in tmp_path.iterdir()] == ["contacts.csv"]
+    with pytest.raises(InputError, match="exists already"):
+        GrowingTable(path)
+
+
+def test_a_table_that_is_cut_short_keeps_what_was_known_at_once(tmp_path: Path) -> None:
+    path = tmp_path / "contacts.csv"
+    table = GrowingTable(path)
+    for each in found()[:20]:
+        table.write(each)
+    table.close()
+    assert len(read_contacts(path)) == 20
+
+
+def verb(*words: object) -> int:
+    return main([str(word) for word in words])
+
+
+def test_a_bag_live_is_the_bag_estimated(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The files of `vbaa live` and `vbaa estimate`, byte for byte; and the contacts as a bag that others read."""
+    bag = write(tmp_path / "demo.mcap")
+    one, other, out = tmp_path / "one.csv", tmp_path / "other.csv", tmp_path / "out.mcap"
+    assert verb("estimate", bag, "--rig", small_rig() / "rig.json", "-o", one, "--no-report") == 0
+    assert verb("live", small_rig() / "rig.json", bag, "-o", other, "--bag", out, "--json") == 0
+    assert one.read_bytes() == other.read_bytes()
+    summary = json.loads(capsys.readouterr().out)
+    assert summary["frames"] == COUNT
+    assert summary["dropped"] == 0
+    assert 0.0 < summary["latency_p50_s"] <= summary["latency_p99_s"]
+    from mcap.reader import make_reader
+    from mcap_ros2.decoder import DecoderFactory
+
+    with out.open("rb") as stream:
+        reader = make_reader(stream, decoder_factories=[DecoderFactory()])
+        points = [each.decoded_message for each in reader.iter_decoded_messages(["/contact/final/point"])]
+    table = read_contacts(one)
+    np.testing.assert_allclose(
+        [[p.point.x, p.point.y, p.point.z] for p in points], table.point_world_m[table.located], rtol=1e-8
+    )
+
+
+def test_a_video_with_a_table_of_readings(tmp_path: Path) -> None:
+    """Lossless, so that its pixels are those of the pictures: the rows are, too."""
+    path, table = tmp_path / "video.mkv", tmp_path / "readings.csv"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"FFV1"), RATE_HZ, SIZE)
+    lines = ["time_s,moment_Nm,pan_rad,tilt_rad"]
+    several = shown()[:20]
+    for time_s, frame in several:
+        writer.write(cv2.imread(str(frame.image)))
+        lines.append(f"{time_s - 1.0!r},{frame.moment_Nm!r},{frame.pan_rad!r},{frame.tilt_rad!r}")
+    writer.release()
+    table.write_text("\n".join(lines))
+    out = tmp_path / "contacts.csv"
+    words = (path, "--rig", small_rig() / "rig.json", "--readings", table, "-o", out, "--no-report", "--drift", "none")
+    assert verb("estimate", *words, "--gap", "0.5") == 0
+    contacts = read_contacts(out)
+    estimator = ContactEstimator(replace(rig(), drift=DRIFTS["none"]), jobs=1)
+    pictures = [cv2.imread(str(frame.image)) for _, frame in several]
+    expected = list(
+        estimate_taken(
+            estimator,
+            [(replace(f, frame=n, time_s=t), p) for n, ((t, f), p) in enumerate(zip(several, pictures, strict=True))],
+        )
+    )
+    assert contacts.status.tolist() == [item.contact.status for item in expected]
+    np.testing.assert_allclose(contacts.distance_m, [item.contact.distance_m for item in expected], rtol=1e-6)
+
+
+def test_centrelines_of_ones_own_tracker(tmp_path: Path) -> None:
+    """No session, no pictures: the rows of the session with the same centrelines."""
+    lines, readings, out = (tmp_path / name for name in ("lines.csv", "readings.csv", "contacts.csv"))
+    estimator = ContactEstimator(rig(), jobs=1)
+    seen = list(estimate_taken(estimator, [(f, cv2.imread(str(f.image), cv2.IMREAD_GRAYSCALE)) for f in frames()]))
+    with lines.open("w") as stream:
+        stream.write("frame,u_px,v_px,sigma_px\n")
+        for item in seen:
+            for (u, v), sigma in zip(item.measured.points_px, item.measured.sigma_px, strict=True):
+                stream.write(f"{item.frame.frame},{u!r},{v!r},{sigma!r}\n".replace("np.float64(", "").replace(")", ""))
+    readings.write_text(
+        "frame,time_s,pan_rad,tilt_rad,moment_Nm\n"
+        + "".join(f"{f.frame},{f.time_s!r},{f.pan_rad!r},{f.tilt_rad!r},{f.moment_Nm!r}\n" for f in frames())
+    )
+    words = ("--centrelines", lines, "--rig", small_rig() / "rig.json", "-o", out, "--no-report")
+    assert verb("estimate", *words, "--readings", readings) == 0
+    contacts = read_contacts(out)
+    assert contacts.frame.tolist() == [f.frame for f in frames()]
+    assert contacts.status.tolist() == [item.contact.status for item in seen]
+    whole = contacts.located
+    expected = np.array([item.contact.distance_m for item in seen])
+    assert (abs(contacts.distance_m - expected)[whole] < contacts.distance_std_m[whole]).all()
+    assert verb("estimate", *words, "--force") == 0
+    assert np.isnan(read_contacts(out).moment_residual_Nm).all()
+
+
+HOSTILE = {
+    "no such": ("live", "RIG", "none.mcap"),
+    "no bag": ("live", "RIG", "RIG/../scene.yaml"),
+    "no camera": ("live", "RIG", "camera:77"),
+    "no readings": ("estimate", "RIG", "--rig", "RIG", "-o", "OUT"),
+    "nothing named": ("estimate", "--rig", "RIG", "-o", "OUT"),
+    "both named": ("estimate", "a", "--centrelines", "b", "--rig", "RIG", "-o", "OUT"),
+    "parquet": ("live", "RIG", "-", "-o", "OUT.parquet"),
+    "role": ("live", "RIG", "none.mcap", "--topic", "eyes=/x"),
+    "gap": ("live", "RIG", "none.mcap", "--gap", "nan"),
+    "udp": ("live", "RIG", "-", "--udp", "here"),
+    "idle": ("live", "RIG", "-", "--idle", "0"),
+    "background": ("live", "RIG", "-", "--background", "auto"),
+    "bag out": ("live", "RIG", "-", "--bag", "OUT.txt"),
+}
+
+
+@pytest.mark.parametrize("words", HOSTILE.values(), ids=HOSTILE.keys())
+def test_a_wrong_call_is_one_line(words: tuple[str, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    places = {"RIG": str(small_rig() / "rig.json"), "OUT": str(tmp_path / "contacts.csv")}
+    given = []
+    for word in words:
+        for name, path in places.items():
+            word = word.replace(name, path)
+        given.append(word)
+    assert verb(*given) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
+def lines_of(data: bytes, root: Path) -> tuple[list[Any], list[str]]:
+    with tempfile.TemporaryFile() as stream:  # a pipe holds no picture
+        stream.write(data)
+        stream.seek(0)
+        source = open_lines(stream, 5.0, root)
+        return [each for each in source.messages() if each is not None], source.notes
+
+
+def test_lines_on_standard_input() -> None:
+    """Paths and base64, readings in any line; rubbish between them is left out and told."""
+    (first, *_), root = frames(), small_rig()
+    assert first.image is not None
+    packed = base64.b64encode(first.image.read_bytes()).decode()
+    text = [
+        json.dumps({"time_s": 1.0, "moment_Nm": 1e-3, "pan_rad": 0.1}),
+        "rubbish",
+        json.dumps({"time_s": 1.0, "image": str(first.image.relative_to(root))}),
+        json.dumps({"time_s": "late"}),
+        json.dumps([1]),
+        json.dumps({"time_s": 1.1, "tilt_rad": 0.2, "image": packed}),
+        json.dumps({"time_s": 1.2, "image": "bm8="}),
+        json.dumps({"time_s": 1.2, "moment_Nm": True}),
+    ]
+    several, notes = lines_of("\n".join(text).encode(), root)
+    assert [type(each) for each in several] == [Reading, Reading, Taken, Reading, Taken]
+    np.testing.assert_array_equal(several[2].image, several[4].image)
+    assert "rubbish" in notes[0]
+    assert notes[1] == "5 lines were left out"
+
+
+def test_a_stall_ends_in_a_sentence() -> None:
+    end, begin = os.pipe()
+    with os.fdopen(end, "rb") as stream:
+        source = open_lines(stream, 0.1)
+        assert [each for each in source.messages() if each is not None] == []
+    os.close(begin)
+    assert source.notes == ["standard input gave nothing for 0.1 s"]
+
+
+def test_a_folder_that_fills(tmp_path: Path) -> None:
+    folder = tmp_path / "pictures"
+    folder.mkdir()
+
+    def fill() -> None:
+        for number, frame in enumerate(frames()):
+            assert frame.image is not None
+            (folder / f"{number}.png").write_bytes(frame.image.read_bytes())
+            time.sleep(0.15)
+
+    thread = threading.Thread(target=fill)
+    thread.start()
+    source = open_folder(folder, 1.5)
+    several = [each for each in source.messages() if isinstance(each, Taken)]
+    thread.join()
+    assert len(several) == len(frames())
+    assert np.diff([each.time_s for each in several]).min() > 0.0
+    assert "gave nothing new" in source.notes[-1]
+
+
+class Stub:
+    """A capture that gives pictures faster than they are taken, then breaks."""
+
+    def __init__(self, count: int) -> None:
+        self._left = count
+
+    def isOpened(self) -> bool:
+        return True
+
+    def grab(self) -> bool:
+        time.sleep(0.002)
+        self._left -= 1
+        return self._left >= 0
+
+    def retrieve(self) -> tuple[bool, np.ndarray]:
+        return True, np.full((4, 6), self._left % 256, np.uint8)
+
+    def release(self) -> None:
+        """Nothing is held."""
+
+
+def test_the_newest_picture_is_taken_and_the_others_counted() -> None:
+    from vbaa_calib.wizard.sources.live import _CAMERA_FAULTS, LiveSource, Patience
+
+    camera = LiveSource("stub", lambda: Stub(100), Patience(failures=1), _CAMERA_FAULTS)  # type: ignore[arg-type,return-value]
+    source = open_device(camera)
+    several: list[Taken] = []
+    for message in source.messages():
+        if isinstance(message, Taken):
+            several.append(message)
+            time.sleep(0.01)
+    assert len(several) + source.dropped() == 100
+    assert source.dropped() > 0
+    assert np.diff([each.time_s for each in several]).min() > 0.0
+    assert "no more pictures" in source.notes[0]
+
+
+def test_readings_by_udp() -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    listening = udp_socket(str(port))
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        for data in (b'{"time_s": 1.5, "moment_Nm": 0.25}', b"rubbish", b'{"pan_rad": 1}\n{"tilt_rad": 2}'):
+            sender.sendto(data, ("127.0.0.1", port))
+    time.sleep(0.1)
+
+    def nothing() -> Iterator[None]:
+        yield None
+
+    end, begin = os.pipe()
+    os.close(begin)
+    with os.fdopen(end, "rb") as stream:
+        silent = replace(open_lines(stream, 1.0), messages=nothing)
+        source = with_datagrams(silent, listening)
+        several = [each for each in source.messages() if isinstance(each, Reading)]
+    values = {each.channel: each.value for each in several}
+    assert values == {"moment_Nm": 0.25, "pan_rad": 1.0, "tilt_rad": 2.0}
+    assert several[0].time_s == 1.5
+    assert "rubbish" in source.notes[0]
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+def test_files_are_whole_however_it_ends(number: signal.Signals, tmp_path: Path) -> None:
+    """Ctrl-C: nothing is lost; a kill: at most what is in work."""
+    out = tmp_path / "contacts.csv"
+    words = ["live", str(small_rig() / "rig.json"), "-", "-o", str(out), "--lines"]
+    code = "import sys; from vbaa_calib.cli.main import main; sys.exit(main(sys.argv[1:]))"
+    process = subprocess.Popen(
+        [sys.executable, "-c", code, *words], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
+    assert process.stdin is not None
+    assert process.stdout is not None
+    said = []
+    for n, frame in enumerate([*frames(), *frames()]):
+        line = {"time_s": 1.0 + n, "image": str(frame.image), "moment_Nm": frame.moment_Nm}
+        process.stdin.write(json.dumps(line | {"pan_rad": frame.pan_rad, "tilt_rad": frame.tilt_rad}).encode() + b"\n")
+        process.stdin.flush()
+        said.append(json.loads(process.stdout.readline()))
+    assert [each["frame"] for each in said] == list(range(2 * len(frames())))
+    process.send_signal(number)
+    rest, words_said = process.communicate(timeout=60)
+    table = read_contacts(out)
+    assert table.frame.tolist() == [each["frame"] for each in said]
+    if number == signal.SIGINT:
+        assert process.returncode == 0
+        assert b"interrupted" in words_said
+        assert len(rest.splitlines()) == len(said)  # the final ones
+        assert list(tmp_path.iterdir()) == [out]
