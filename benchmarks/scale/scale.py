@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
@@ -31,8 +31,8 @@ class Scale:
 
     workers : processes; 0: in this process, without dask. wall_s : by the clock, on a machine that others may use.
     work_s : the processor's seconds of what is done with recordings, all_s : of all processes together.
-    overhead : what `all_s` has beyond `work_s`, of that. moved_per_frame, written_per_frame : bytes between workers,
-        and of the data set.
+    overhead : what `all_s` has beyond the serial run's, of that.
+    moved_per_frame, written_per_frame : bytes between workers, and of the data set.
     """
 
     kind: str
@@ -67,14 +67,13 @@ def measure(options: Options) -> Findings:
         task_s = 0.0
         for workers in progress((1, 2), "workers"):
             with client_of(Where(jobs=workers)) as client:
-                warm = [recordings[index % len(recordings)] for index in range(workers)]
-                for turn, recording in enumerate(warm):
-                    client.submit(
-                        do, recording, Settings(), _results(root / f"warm{workers}{turn}"), pure=False
-                    ).result()
+                for address in client.scheduler_info(n_workers=-1)["workers"]:
+                    warm = _results(root / f"warm{workers}")  # reads compiled code
+                    client.submit(do, recordings[0], Settings(again=True), warm, workers=[address], pure=False).result()
                 task_s = _empty_task_s(client)
                 rows.append(_on(client, workers, "recordings", recordings, root / f"short{workers}"))
                 rows.append(_on(client, workers, "pieces", one, root / f"long{workers}", each))
+    rows = [replace(row, overhead=row.all_s / rows[0].all_s - 1.0) for row in rows]
     by = {(row.kind, row.workers): row for row in rows}
     faster = {kind: by[kind, 1].wall_s / by[kind, 2].wall_s for kind in ("recordings", "pieces")}
     worst = max(row.overhead for row in rows[1:])
@@ -124,7 +123,7 @@ def _scale(
         wall_s,
         work_s,
         all_s,
-        all_s / work_s - 1.0,
+        0.0,
         frames / wall_s,
         1e6 * work_s / frames,
         moved / frames,
