@@ -164,6 +164,16 @@ _ALL = (
         suite=False,
     ),
     Subject(
+        "scale",
+        "many recordings on dask: one worker and two, whole and in pieces",
+        "recordings of 4096 frames, with --quick 1024",
+        (12, 2),
+        "numpy dask distributed pyarrow",
+        "scale.csv",
+        least=2,
+        suite=False,
+    ),
+    Subject(
         "paper",
         "the paper's experiments redone (docs/experiments.md)",
         "noise draws of each setting",

@@ -22,8 +22,8 @@ antenna: {length_m: 0.24, diameter_m: 0.0008, youngs_modulus_Pa: 193.0e9, densit
 gravity_world: null
 moment_sensor: {std_Nm: 2.0e-5}
 drift: lab
-camera: {exposure_s: 0.01, readout_s: 0.02}
 """
+SHUTTER = "camera: {exposure_s: 0.01, readout_s: 0.02}\n"
 
 
 @cache
@@ -43,11 +43,11 @@ def write_rig(path: Path) -> Path:
     return path
 
 
-def write_recording(root: Path, frames: int, seed: int = 0) -> Path:
-    """A session with centrelines in a new folder."""
+def write_recording(root: Path, frames: int, seed: int = 0, *, rolling: bool = False) -> Path:
+    """A session with centrelines in a new folder; `rolling`: by a camera whose shutter matters."""
     shown, rng = _period(), np.random.default_rng(seed)
     (root / "recording").mkdir(parents=True)
-    (root / "session.yaml").write_text(SESSION)
+    (root / "session.yaml").write_text(SESSION + SHUTTER * rolling)
     table = root / "recording" / "recording.csv"
     with table.open("w") as rows, table.with_name("centrelines.csv").open("w") as lines:
         rows.write("frame,time_s,pan_rad,tilt_rad,moment_Nm\n")

@@ -52,7 +52,7 @@ def as_one(path: Path, rig: Rig) -> list[ContactRow]:
 
 def test_pieces_make_the_same_rows(tmp_path: Path) -> None:
     """With drift that is learnt, motion and a rolling shutter across the seams."""
-    path, rig = write_recording(tmp_path / "one", FRAMES), Rig.load(write_rig(tmp_path / "rig.json"))
+    path, rig = write_recording(tmp_path / "one", FRAMES, rolling=True), Rig.load(write_rig(tmp_path / "rig.json"))
     whole = as_one(path, rig)
     write_contacts(tmp_path / "whole.csv", whole)
     write_contacts(tmp_path / "pieces.csv", in_pieces(path, rig, AFRESH))

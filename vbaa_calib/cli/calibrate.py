@@ -10,8 +10,16 @@ from .intrinsics import MODELS
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("session", type=Path, help="the session folder (docs/formats.md)")
-    parser.add_argument("-o", "--output", type=Path, required=True, help="rig.json to write")
+    parser.add_argument(
+        "session",
+        type=Path,
+        nargs="+",
+        help="the session folder (docs/formats.md); or many of one rig over time, with their dates in their names, or "
+        "a CSV with the columns session and date",
+    )
+    parser.add_argument(
+        "-o", "--output", type=Path, required=True, help="rig.json to write; a folder for the rigs of many sessions"
+    )
     parser.add_argument(
         "--model", default="auto", choices=MODELS, help="lens model (default: the one expected to be least off)"
     )

@@ -27,7 +27,7 @@ VERBS = {
     ),
     "wizard": ("viz.cli.wizard", "guided, resumable calibration: from a printed board to a trusted rig"),
     "intrinsics": ("viz.cli.intrinsics", "lens from photos of a ChArUco board"),
-    "calibrate": ("vbaa_calib.cli.calibrate", "a session to rig.json: lens, plane C, antenna, sensors"),
+    "calibrate": ("viz.cli.calibrate", "a session to rig.json: lens, plane C, antenna, sensors; or a rig over time"),
     "handeye": ("vbaa_calib.cli.handeye", "camera and antenna on a robot's arm: its poses and views of the board"),
     "stiffness": (
         "vbaa_calib.cli.stiffness",

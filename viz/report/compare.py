@@ -13,6 +13,7 @@ from matplotlib.axes import Axes
 
 from estimator.table.contacts import ContactTable
 from vbaa_calib.rig import Rig
+from vbaa_calib.rig.over_time import parameter_names, parameter_std
 from viz.figures.drawing import AMBER, RED, SLATE, TEAL, dots, limits, new_axes, paths, svg
 from viz.pages.page import Table, number, render
 
@@ -101,7 +102,7 @@ def compare_contacts(a: ContactTable, b: ContactTable) -> ComparedContacts:
     for name, (value, std, _) in _QUANTITIES.items():
         difference = getattr(other, value) - getattr(one, value)
         differences[name] = difference
-        deviations[name] = _over(difference, _pooled(getattr(one, std) ** 2, getattr(other, std) ** 2))
+        deviations[name] = _over(difference, _pooled(getattr(one, std), getattr(other, std)))
     apart = other.point_world_m - one.point_world_m
     differences["point"] = np.linalg.norm(apart, axis=1)
     deviations["point"] = _mahalanobis(apart, 0.5 * (one.covariance_world_m2 + other.covariance_world_m2))
@@ -109,8 +110,8 @@ def compare_contacts(a: ContactTable, b: ContactTable) -> ComparedContacts:
     return ComparedContacts(frames, *alone, dict(changed.most_common()), frames[both], differences, deviations)
 
 
-def _pooled(own: np.ndarray, other: np.ndarray) -> np.ndarray:
-    return np.sqrt(0.5 * (own + other))
+def _pooled(own_std: np.ndarray, other_std: np.ndarray) -> np.ndarray:
+    return np.sqrt(0.5 * (own_std**2 + other_std**2))
 
 
 def _over(difference: np.ndarray, std: np.ndarray) -> np.ndarray:
@@ -166,24 +167,15 @@ class ComparedRigs:
 def compare_rigs(a: Rig, b: Rig) -> ComparedRigs:
     """Two rigs, of any lens models."""
     step = b.step_from(a)
-    variances = [_variances(rig, len(step)) for rig in (a, b)]
-    names = (*a.parameter_names[:17], *a.camera.parameter_names)[: len(step)]
+    std = [parameter_std(rig, len(step)) for rig in (a, b)]
+    names = parameter_names(a)[: len(step)]
     one, other = a.to_dict(), b.to_dict()
     settings = [name for name in ("kinematics", "gravity_world", "drift") if one[name] != other[name]]
     settings += [
         f"antenna.{name}" for name in ("length_m", "diameter_m") if one["antenna"][name] != other["antenna"][name]
     ]
     settings += ["camera.model"] if a.camera.parameter_names != b.camera.parameter_names else []
-    deviations = _over(step, _pooled(*variances))
-    return ComparedRigs(names, *map(np.sqrt, variances), step, deviations, tuple(settings))
-
-
-def _variances(rig: Rig, size: int) -> np.ndarray:
-    """(P,) of the rig's parameters and then the lens'; 0 for what counts as exact."""
-    own = np.diag(rig.covariance)
-    lens = np.zeros(0) if rig.with_lens or rig.camera.covariance is None else np.diag(rig.camera.covariance)
-    whole = np.concatenate([own, lens])
-    return np.concatenate([whole, np.zeros(max(size - len(whole), 0))])[:size]
+    return ComparedRigs(names, *std, step, _over(step, _pooled(*std)), tuple(settings))
 
 
 def _finite(value: Any) -> float | None:

@@ -1,0 +1,110 @@
+"""One rig calibrated again and again: does each parameter stay, scatter by more than is stated, or drift?"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import chi2, t
+
+from .parts import RIG_PARAMETERS
+from .rig import Rig
+
+FALSE_ALARM = 0.01
+"""Probability that a parameter that stays is said to scatter, or to drift; of all parameters together."""
+FEWEST_FOR_TREND = 4
+
+
+@dataclass(frozen=True, eq=False)
+class OverTime:
+    """P parameters of a rig over N calibrations.
+
+    Attributes
+    ----------
+    names : of the parameters; the lens' where all calibrations have the same model.
+    days : (N,) since the first calibration.
+    values, std : (N, P) how far each parameter is from what it was at first, and its standard deviations.
+    mean : (P,) weighted by variances, of what was measured and of what goes on between calibrations.
+    between_std : (P,) what the parameter varies by from one calibration to the next, beyond what they state.
+    slope_per_day, slope_std_per_day : (P,) NaN with fewer than `FEWEST_FOR_TREND` calibrations.
+    scatters, drifts : (P,) bool, beyond what chance gives (`FALSE_ALARM`).
+    supposed_std : (P,) what the rig's drift in rig.json supposes that it may change by.
+    """
+
+    names: tuple[str, ...]
+    days: np.ndarray
+    values: np.ndarray
+    std: np.ndarray
+    mean: np.ndarray
+    between_std: np.ndarray
+    slope_per_day: np.ndarray
+    slope_std_per_day: np.ndarray
+    scatters: np.ndarray
+    drifts: np.ndarray
+    supposed_std: np.ndarray
+
+
+def over_time(rigs: Sequence[Rig], days: Sequence[float]) -> OverTime:
+    """Two calibrations or more, in the order of their days since the first. Exact parameters stand as they are."""
+    steps = [rig.step_from(rigs[0]) for rig in rigs]
+    size = min(map(len, steps))
+    values = np.array([step[:size] for step in steps])
+    std = np.array([parameter_std(rig, size) for rig in rigs])
+    names = parameter_names(rigs[0])[:size]
+    at = np.asarray(days, float)
+    count, limit = len(rigs), FALSE_ALARM / size
+    mean, between, slope, slope_std = (np.full(size, np.nan) for _ in range(4))
+    scatters, drifts = np.zeros((2, size), bool)
+    for index in range(size):
+        x, own = values[:, index], std[:, index]
+        if not (own > 0.0).all():
+            mean[index], between[index] = x.mean(), x.std(ddof=1)
+            scatters[index] = bool(x.any())
+            continue
+        constant = np.ones((count, 1))
+        chi_square, _ = _misfit(x, own, constant)
+        scatters[index] = chi_square > chi2.isf(limit, count - 1)
+        between[index], (mean[index],), _ = _fitted(x, own, constant)
+        if count >= FEWEST_FOR_TREND and np.ptp(at) > 0.0:
+            line = np.column_stack([np.ones(count), at - at.mean()])
+            _, (_, slope[index]), deviations = _fitted(x, own, line)
+            slope_std[index] = deviations[1]
+            drifts[index] = abs(slope[index]) > t.isf(limit / 2, count - 2) * slope_std[index]
+    wide = rigs[0].drifted().covariance
+    supposed = np.sqrt(np.clip(np.diag(wide)[:size] - parameter_std(rigs[0], size)[: len(wide)] ** 2, 0.0, None))
+    supposed = np.concatenate([supposed, np.zeros(size - len(supposed))])
+    return OverTime(names, at, values, std, mean, between, slope, slope_std, scatters, drifts, supposed)
+
+
+def parameter_names(rig: Rig) -> tuple[str, ...]:
+    """Of the rig's parameters and then the lens', whether or not the joint covariance holds the lens."""
+    return (*RIG_PARAMETERS, *rig.camera.parameter_names)
+
+
+def parameter_std(rig: Rig, size: int) -> np.ndarray:
+    """(size,) standard deviations of the first of `parameter_names`; 0 for what counts as exact."""
+    own = np.diag(rig.covariance)
+    lens = np.zeros(0) if rig.with_lens or rig.camera.covariance is None else np.diag(rig.camera.covariance)
+    return np.sqrt(np.concatenate([own, lens, np.zeros(size)])[:size])
+
+
+def _misfit(x: np.ndarray, std: np.ndarray, columns: np.ndarray) -> tuple[float, np.ndarray]:
+    """χ² about the best combination of columns (N, K), and its leverages (N,)."""
+    scaled = columns / std[:, None]
+    basis, _ = np.linalg.qr(scaled)
+    rest = x / std - basis @ (basis.T @ (x / std))
+    return float(rest @ rest), (basis**2).sum(axis=1)
+
+
+def _fitted(x: np.ndarray, std: np.ndarray, columns: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+    """What goes on between calibrations, as a standard deviation (DerSimonian and Laird), and with it the best
+    coefficients (K,) of the columns and their standard deviations (K,)."""
+    chi_square, leverage = _misfit(x, std, columns)
+    weight = std**-2
+    excess = chi_square - (len(x) - columns.shape[1])
+    between = max(excess / float((weight * (1.0 - leverage)).sum()), 0.0) if excess > 0.0 else 0.0
+    scaled = columns / np.sqrt(std**2 + between)[:, None]
+    covariance = np.linalg.inv(scaled.T @ scaled)
+    best = covariance @ scaled.T @ (x / np.sqrt(std**2 + between))
+    return float(np.sqrt(between)), best, np.sqrt(np.diag(covariance))

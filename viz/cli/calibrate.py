@@ -1,0 +1,122 @@
+"""`vbaa calibrate`: a session to rig.json; many sessions of one rig over time to a rig for each, a table and a page."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from vbaa_calib.cli import calibrate as one
+
+_DATE = re.compile(r"(?<!\d)(\d{4})-?(\d\d)-?(\d\d)(?:[T_-]?(\d\d)[:-]?(\d\d))?(?!\d)")
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of `vbaa calibrate`."""
+    one.configure(parser)
+
+
+def run(args: argparse.Namespace) -> dict[str, Any]:
+    """Calibrate; the exit code is 1 where a lens must not be used."""
+    sessions = args.session
+    if len(sessions) == 1 and sessions[0].suffix != ".csv":
+        args.session = sessions[0]
+        return one.run(args)
+    return _fleet(args, _dated(sessions))
+
+
+def _fleet(args: argparse.Namespace, sessions: list[tuple[datetime, Path]]) -> dict[str, Any]:
+    from vbaa_calib.core.console import say
+    from vbaa_calib.core.errors import InputError, VbaaError
+    from vbaa_calib.core.files import write_text
+    from vbaa_calib.rig import Rig
+    from vbaa_calib.rig.over_time import over_time
+    from viz.report.over_time import page, table_csv, words
+
+    root = args.output
+    if root.suffix == ".json" or (root.exists() and not root.is_dir()):
+        raise InputError("is not a folder", where=root, remedy="many sessions make a folder: give -o rigs/")
+    names = [path.resolve().name for _, path in sessions]
+    if len(set(names)) < len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise InputError(f"two sessions are named {twice}", where="vbaa calibrate", remedy="give each its own name")
+    root.mkdir(parents=True, exist_ok=True)
+    rigs, days, failed, codes = [], [], dict[str, str](), []
+    for (date, path), name in zip(sessions, names, strict=True):
+        output = root / f"{name}.json"
+        try:
+            if args.force or not _unchanged(output, path):
+                say(f"{name}:")
+                made = one.run(argparse.Namespace(**{**vars(args), "session": path, "output": output, "force": True}))
+                codes.append(int(made["exit_code"]))
+            rigs.append(Rig.load(output))
+            days.append((date - sessions[0][0]).total_seconds() / 86400.0)
+        except VbaaError as error:
+            say(f"{name}: {error}")
+            failed[name] = str(error)
+    if len(rigs) < 2:
+        raise InputError("fewer than two sessions were calibrated", where=root, remedy="see what is said of each")
+    found = over_time(rigs, days)
+    dates = [f"{date:%Y-%m-%d %H:%M}" for (date, _), name in zip(sessions, names, strict=True) if name not in failed]
+    lines = [*words(found), *(f"{name} was left out: {why}" for name, why in failed.items())]
+    write_text(root / "over_time.csv", table_csv(found, dates))
+    write_text(root / "over_time.html", page(str(root), found, dates, lines))
+    for line in lines:
+        say(line)
+    say(f"wrote {root / 'over_time.html'}")
+    return {
+        "rigs": str(root),
+        "sessions": len(sessions),
+        "failed": failed,
+        "dates": dates,
+        "scatter": [name for name, is_so in zip(found.names, found.scatters, strict=True) if is_so],
+        "drift": [name for name, is_so in zip(found.names, found.drifts, strict=True) if is_so],
+        "exit_code": 1 if failed or any(codes) else 0,
+    }
+
+
+def _unchanged(output: Path, session: Path) -> bool:
+    """Whether a rig was made from what is in the session now."""
+    from vbaa_calib.core.errors import InputError
+    from vbaa_calib.core.files import read_json, sha256
+
+    if not output.exists():
+        return False
+    try:
+        made_from = read_json(output).get("inputs_sha256")
+        return bool(made_from) and all(sha256(session / name) == digest for name, digest in made_from.items())
+    except (InputError, AttributeError):
+        return False
+
+
+def _dated(given: list[Path]) -> list[tuple[datetime, Path]]:
+    """Sessions by their dates: of a CSV with the columns session and date, or of the folders' names.
+
+    Raises InputError for a session whose date is not known.
+    """
+    from vbaa_calib.core.csv_rows import read_csv
+    from vbaa_calib.core.errors import InputError
+
+    found: list[tuple[datetime, Path]] = []
+    for path in given:
+        if path.suffix == ".csv":
+            for row in read_csv(path, ("session", "date")):
+                place = f"{path} line {row['line']}"
+                try:
+                    date = datetime.fromisoformat(row["date"]).replace(tzinfo=None)
+                except ValueError:
+                    remedy = "give 2026-11-24, or 2026-11-24T10:30"
+                    raise InputError(f"date is {row['date']!r}", where=place, remedy=remedy) from None
+                found.append((date, path.parent / row["session"]))
+            continue
+        date_of = _DATE.search(path.resolve().name)
+        try:
+            if date_of is None:
+                raise ValueError
+            found.append((datetime(*(int(each or 0) for each in date_of.groups())), path))
+        except ValueError:
+            remedy = "put its date into its name (2026-11-24), or give a CSV with the columns session and date"
+            raise InputError("its date is not known", where=path, remedy=remedy) from None
+    return sorted(found, key=lambda each: each[0])

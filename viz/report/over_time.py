@@ -1,0 +1,84 @@
+"""The table and the page of one rig calibrated again and again."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from vbaa_calib.rig.over_time import FEWEST_FOR_TREND, OverTime
+from viz.figures.drawing import AMBER, RED, SLATE, TEAL, band, bars, dots, limits, new_axes, paths, svg
+from viz.pages.page import Table, number, render
+
+
+def words(found: OverTime) -> list[str]:
+    """What stays, scatters and drifts, in sentences."""
+    lines = []
+    for index, name in enumerate(found.names):
+        if found.drifts[index]:
+            slope, std = found.slope_per_day[index], found.slope_std_per_day[index]
+            lines.append(f"{name} drifts by {slope:.2g} ± {std:.1g} a day")
+        elif found.scatters[index]:
+            between, supposed = found.between_std[index], found.supposed_std[index]
+            lines.append(
+                f"{name} varies by {between:.2g} from one calibration to the next beyond what they state; the drift in "
+                f"rig.json supposes {supposed:.2g}"
+            )
+    if len(found.days) < FEWEST_FOR_TREND:
+        lines.append(f"fewer than {FEWEST_FOR_TREND} calibrations show no trend")
+    return lines or [f"all {len(found.names)} parameters stay within their deviations"]
+
+
+def table_csv(found: OverTime, dates: Sequence[str]) -> str:
+    """A row for each parameter and calibration: how far it is from what it was at first."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["parameter", "date", "days", "change", "std", "deviations_from_mean"])
+    for column, name in enumerate(found.names):
+        for row, date in enumerate(dates):
+            value, std = found.values[row, column], found.std[row, column]
+            off = (value - found.mean[column]) / std if std > 0.0 else np.nan
+            cells = (found.days[row], value, std, off)
+            writer.writerow([name, date, *(f"{cell:.9g}" if np.isfinite(cell) else "" for cell in cells)])
+    return text.getvalue()
+
+
+def page(title: str, found: OverTime, dates: Sequence[str], lines: Sequence[str]) -> str:
+    """The page: a row and a plot for each parameter over dates."""
+    moves = found.scatters | found.drifts
+    head = ("parameter", "last less first", "±", "between calibrations", "a day", "± a day", "")
+    rows = []
+    for index, name in enumerate(found.names):
+        verdict = "drifts" if found.drifts[index] else "scatters" if found.scatters[index] else ""
+        values = (found.values[-1], found.std[-1], found.between_std, found.slope_per_day, found.slope_std_per_day)
+        rows.append([name, *(number(float(each[index]), 3) for each in values), verdict])
+    order = np.argsort(~moves, kind="stable")
+    return render(
+        "over_time.html.j2",
+        title=title,
+        colour=RED if found.drifts.any() else AMBER if moves.any() else TEAL,
+        headline=f"{len(dates)} calibrations, {dates[0]} to {dates[-1]}",
+        words=lines,
+        numbers=Table(head, rows, ("parameter", "")),
+        figures=[svg(_figure(found, int(index))) for index in order],
+    )
+
+
+def _figure(found: OverTime, index: int) -> Axes:
+    """One parameter over days, with two deviations, its mean, and its trend where there is one."""
+    at, value, std = found.days, found.values[:, index], found.std[:, index]
+    low, high = value - 2.0 * std, value + 2.0 * std
+    title = found.names[index]
+    axes = new_axes(title, x=limits(at), y=limits(low, high), labels=("days", "change since the first"))
+    ends, mean, between = np.array(axes.get_xlim()), found.mean[index], found.between_std[index]
+    band(axes, ends, np.full(2, mean - between), np.full(2, mean + between), SLATE)
+    if found.drifts[index]:
+        line = value.mean() + found.slope_per_day[index] * (ends - at.mean())
+        paths(axes, np.column_stack([ends, line])[None], ec=RED, lw=1.5)
+    colour = RED if found.drifts[index] else AMBER if found.scatters[index] else TEAL
+    bars(axes, at, low, high, colour)
+    dots(axes, at, value, colour)
+    return axes
