@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from estimator.contact.common_errors import empty_frames, unknowns_of
-from estimator.contact.drift import FEWEST_FREE_POINTS, FREE_GAIN
+from estimator.contact.drift import FEWEST_FREE_POINTS, FREE_GAIN, parameter_changes
 from estimator.contact.inputs import Batch
 from estimator.contact.status import FEWEST_POINTS
 from estimator.object.estimate import estimate_object
@@ -72,10 +72,7 @@ class Refined:
         """The numbers as plain data."""
         rows = self.refined
         before, after = self.framewise.picked(rows), self.contacts.picked(rows)
-        wide = self.calibrated.drifted()
-        names = wide.parameter_names
-        prior = np.sqrt(np.diag(wide.covariance))
-        left = np.sqrt(np.diag(self.rig.drifted(0.0).covariance)) if not self.reason else prior
+        left = self.calibrated.drifted() if self.reason else self.rig.drifted(0.0)
         mu = self.friction
         return {
             "frames": len(rows),
@@ -98,12 +95,9 @@ class Refined:
             "rig": {
                 "offness": _plain(self.offness),
                 "p": _plain(self.rig_p),
-                "parameters": {
-                    name: {"change": float(change), "std": float(own), "prior_std": float(was)}
-                    for name, change, own, was in zip(
-                        names, change_of(self.rig, self.calibrated), left, prior, strict=True
-                    )
-                },
+                "parameters": parameter_changes(
+                    self.calibrated, change_of(self.rig, self.calibrated), np.sqrt(np.diag(left.covariance))
+                ),
             },
         }
 

@@ -154,7 +154,7 @@ def test_a_touch_without_friction_comes_out_as_it_says() -> None:
 def test_all_of_a_touch_lies_within_the_limits_and_on_what_is_known() -> None:
     table, rig = given("sphere", RIGID, 74)
     whole = on_sphere()[2].reach
-    narrow = JointLimits((-0.2, 0.2), (-0.05, 0.6))
+    narrow = replace(LIMITS, tilt_rad=(-0.6, float(np.median(whole.joints_rad[:, 1]))))
     reach = touches_within(table, rig, SURFACE, narrow).reach
     assert 0 < len(reach) < len(whole)
     for joints in (reach.joints_rad, reach.begin_rad):
