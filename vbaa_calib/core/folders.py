@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
+import contextlib
 import shutil
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 from .errors import InputError
 from .files import disk_errors_named, signals_held, umask
 
 
-@contextmanager
+@contextlib.contextmanager
 def writing_alone(path: Path) -> Iterator[None]:
     """The only writer of a folder, which need not exist. Raises InputError where another one is at work.
 
@@ -36,11 +36,12 @@ def writing_alone(path: Path) -> Iterator[None]:
     try:
         yield
     finally:
-        beside.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):  # some systems keep a file that is open
+            beside.unlink(missing_ok=True)
         lock.release()
 
 
-@contextmanager
+@contextlib.contextmanager
 def replacing_folder(path: Path) -> Iterator[Path]:
     """A temporary folder beside `path` that takes its place only when the block ends well.
 
