@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vbaa_calib.core import child
-from vbaa_calib.core.child import read_in_child
+from vbaa_calib.convert import child
+from vbaa_calib.convert.child import read_in_child
 
 
 def sound(path: Path) -> dict[str, np.ndarray]:

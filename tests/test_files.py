@@ -9,6 +9,8 @@ import json
 import math
 import os
 import signal
+import subprocess
+import sys
 import tempfile
 from pathlib import Path
 
@@ -23,10 +25,10 @@ from vbaa_calib.core.files import (
     read_yaml,
     refuse_overwrite,
     replacing,
-    replacing_folder,
     write_json,
     write_text,
 )
+from vbaa_calib.core.folders import replacing_folder
 
 BOMB = "a0: &a0 [1, 1]\n" + "".join(f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 9)}]\n" for n in range(1, 12))
 """A few hundred bytes of YAML that stand for 9¹¹ values."""
@@ -244,4 +246,31 @@ def test_ctrl_c_between_the_two_names_of_a_folder_loses_neither(
     with pytest.raises(KeyboardInterrupt), replacing_folder(target) as temporary:
         (temporary / "kept").write_text("new")
     assert (target / "kept").read_text() == "new"
+    assert [path.name for path in tmp_path.iterdir()] == ["session"]
+
+
+def test_a_folder_has_one_writer_at_a_time(tmp_path: Path) -> None:
+    target = tmp_path / "session"
+    child = "import sys, time; from pathlib import Path; from vbaa_calib.core.folders import writing_alone\n"
+    child += "with writing_alone(Path(sys.argv[1])): print('here', flush=True); time.sleep(60)"
+    with subprocess.Popen([sys.executable, "-c", child, str(target)], stdout=subprocess.PIPE, text=True) as other:
+        assert other.stdout is not None
+        assert other.stdout.readline() == "here\n"
+        with pytest.raises(InputError, match="is being written by another command"), replacing_folder(target):
+            pass
+        other.kill()
+    # the lock went with its process
+    with replacing_folder(target) as temporary:
+        (temporary / "kept").write_text("new")
+    assert [path.name for path in tmp_path.iterdir()] == ["session"]
+
+
+def test_a_writer_that_was_killed_between_the_two_names_has_lost_nothing(tmp_path: Path) -> None:
+    target, left = tmp_path / "session", tmp_path / ".session-old-abcdefgh"
+    (left / "replaced").mkdir(parents=True)
+    (left / "replaced" / "kept").write_text("old")
+    (tmp_path / ".session-new-abcdefgh").mkdir()
+    with pytest.raises(RuntimeError), replacing_folder(target):
+        raise RuntimeError
+    assert (target / "kept").read_text() == "old"
     assert [path.name for path in tmp_path.iterdir()] == ["session"]

@@ -294,9 +294,8 @@ def recalibrated(draws: int, seed: int) -> KnownRow:
 
 def _apart(rig: Rig, other: Rig) -> np.ndarray:
     """(17,) difference of the rigs' parameters."""
-    from estimator.recording.refined import change_of
 
-    return change_of(rig, other)[:17]
+    return rig.step_from(other)[:17]
 
 
 def long_seconds(frames: int, seed: int) -> tuple[float, Refined]:

@@ -100,8 +100,7 @@ def _touches(args: argparse.Namespace, rig: Rig) -> Touches:
     from estimator.solver.rig_arrays import RigArrays
     from vbaa_calib.core.errors import InputError
 
-    joints = joints_rad(args)
-    pan, tilt = joints.get("pan", 0.0), joints.get("tilt", 0.0)
+    pan, tilt = joints_rad(args, 0.0).values()
     if args.distance is None:
         return ordinary_touches(rig, pan, tilt)
     distance, length = 1e-3 * args.distance, rig.antenna.length_m

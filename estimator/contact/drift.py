@@ -145,6 +145,13 @@ def _summed(equations: FreeAntennas, steps: np.ndarray, size: int) -> tuple[np.n
     return information.sum(axis=0), right.sum(axis=0), by_shared
 
 
+def parameter_changes(calibrated: Rig, change: np.ndarray, std: np.ndarray) -> dict[str, dict[str, float]]:
+    """By parameter: how far it has changed since the calibration, how well that is known, and what was possible."""
+    wide = calibrated.drifted()
+    rows = zip(wide.parameter_names, change, std, np.sqrt(np.diag(wide.covariance)), strict=True)
+    return {name: {"change": float(by), "std": float(own), "prior_std": float(was)} for name, by, own, was in rows}
+
+
 def summary(learnt: LearntRig) -> dict[str, Any]:
     """What has changed, in numbers: each parameter's change, deviation, and deviation beforehand; SI units and px.
 
@@ -154,17 +161,11 @@ def summary(learnt: LearntRig) -> dict[str, Any]:
     rig, now = learnt.calibrated, learnt.now
     if not learnt.history:
         return {"free_frames": 0, "picture_px": None, "moment_zero_std": None, "beyond": [], "parameters": {}}
-    wide = rig.drifted()
-    prior, names = np.sqrt(np.diag(wide.covariance)), wide.parameter_names
-    left = np.sqrt(np.diag(now.covariance))
-    parameters = {
-        name: {"change": float(change), "std": float(own), "prior_std": float(before)}
-        for name, change, own, before in zip(names, learnt.step, left, prior, strict=True)
-    }
+    parameters = parameter_changes(rig, learnt.step, np.sqrt(np.diag(now.covariance)))
     before, after = (_free_pixels(each) for each in (rig, now))
     tangent = np.gradient(before, axis=0)
     across = np.stack([-tangent[:, 1], tangent[:, 0]], axis=1) / np.linalg.norm(tangent, axis=1, keepdims=True)
-    offset = learnt.step[names.index("moment_offset_Nm")] / rig.moment_sensor.std_Nm
+    offset = parameters["moment_offset_Nm"]["change"] / rig.moment_sensor.std_Nm
     return {
         "free_frames": learnt.frames,
         "picture_px": float(np.sqrt(np.nanmean(((after - before) * across).sum(axis=1) ** 2))),

@@ -15,7 +15,7 @@ import numpy as np
 
 from estimator.table.contacts import LOCATED, STATUSES, Contact
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.core.files import replacing_folder
+from vbaa_calib.core.folders import replacing_folder
 from vbaa_calib.core.images import read_gray, read_picture
 from vbaa_calib.core.polyline import normals
 from vbaa_calib.detect.drawing.canvas import WHITE, Canvas, Colour, Key, strip

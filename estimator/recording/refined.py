@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from estimator.contact.common_errors import empty_frames, unknowns_of
-from estimator.contact.drift import FEWEST_FREE_POINTS, FREE_GAIN
+from estimator.contact.drift import FEWEST_FREE_POINTS, FREE_GAIN, parameter_changes
 from estimator.contact.inputs import Batch
 from estimator.contact.status import FEWEST_POINTS
 from estimator.object.estimate import estimate_object
@@ -72,10 +72,8 @@ class Refined:
         """The numbers as plain data."""
         rows = self.refined
         before, after = self.framewise.picked(rows), self.contacts.picked(rows)
-        wide = self.calibrated.drifted()
-        names = wide.parameter_names
-        prior = np.sqrt(np.diag(wide.covariance))
-        left = np.sqrt(np.diag(self.rig.drifted(0.0).covariance)) if not self.reason else prior
+        left = self.calibrated.drifted() if self.reason else self.rig.drifted(0.0)
+        std = np.sqrt(np.diag(left.covariance))
         mu = self.friction
         return {
             "frames": len(rows),
@@ -98,12 +96,7 @@ class Refined:
             "rig": {
                 "offness": _plain(self.offness),
                 "p": _plain(self.rig_p),
-                "parameters": {
-                    name: {"change": float(change), "std": float(own), "prior_std": float(was)}
-                    for name, change, own, was in zip(
-                        names, change_of(self.rig, self.calibrated), left, prior, strict=True
-                    )
-                },
+                "parameters": parameter_changes(self.calibrated, self.rig.step_from(self.calibrated)[: len(std)], std),
             },
         }
 
@@ -300,19 +293,6 @@ def _rig_of(problem: Problem, found: Solution) -> Rig:
     axes, count = problem.axes, problem.axes.shape[1]
     covariance = axes @ found.covariance[:count, :count] @ axes.T
     return problem.rig_at(found.state.shared).with_covariance(0.5 * (covariance + covariance.T))
-
-
-def change_of(rig: Rig, before: Rig) -> np.ndarray:
-    """(17 + P,) how far the rig's parameters are from what they were."""
-    now, then = rig.moment_sensor, before.moment_sensor
-    return np.concatenate(
-        [
-            rig.T_antenna_camera.tangent_from(before.T_antenna_camera),
-            rig.antenna.parameters - before.antenna.parameters,
-            [now.gain - then.gain, now.offset_Nm - then.offset_Nm],
-            *([rig.camera.parameters - before.camera.parameters] if rig.with_lens else []),
-        ]
-    )
 
 
 def _table(contacts: ContactTable, problem: Problem, found: Solution, rows: np.ndarray) -> ContactTable:

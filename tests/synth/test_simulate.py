@@ -18,7 +18,7 @@ import yaml
 from vbaa_calib import session as session_files
 from vbaa_calib.cli import simulate as simulate_cli
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.core.files import replacing_folder
+from vbaa_calib.core.folders import replacing_folder
 from vbaa_calib.simulate.plan import AntennaShot, Plan, plan
 from vbaa_calib.simulate.scene.lens import project
 from vbaa_calib.simulate.scene.scene import Scene, bundled_names, bundled_scene, true_rod

@@ -12,11 +12,11 @@ import cv2
 import numpy as np
 
 from vbaa_calib.core.arrays import FARTHEST_M
-from vbaa_calib.core.child import MATRICES, read_in_child, read_literal, read_storage
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_text
 from vbaa_calib.geometry import Pose
 
+from .child import MATRICES, read_in_child, read_literal, read_storage
 from .values import Exchanged, Format, checked, intrinsics, matrix_of, numbers, one_of, size_of, stated, which_of
 
 _OPENCV_COUNTS = (4, 5, 8, 12, 14)

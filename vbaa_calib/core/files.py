@@ -9,7 +9,6 @@ import json
 import math
 import os
 import re
-import shutil
 import signal
 import stat
 import tempfile
@@ -284,11 +283,11 @@ def replacing(path: Path, force: bool = True) -> Iterator[Path]:
                 raise InputError(what, where=path, remedy="write somewhere else") from None
             os.close(handle)
             temporary = Path(name)
-        with _disk_errors_named(path):
+        with disk_errors_named(path):
             yield temporary
             with temporary.open("rb+") as stream:
                 os.fsync(stream.fileno())
-            temporary.chmod(0o666 & ~_umask())
+            temporary.chmod(0o666 & ~umask())
             temporary.replace(target)
             _sync_folder(target.parent)
     finally:
@@ -313,17 +312,18 @@ def signals_held() -> Iterator[None]:
             signal.raise_signal(held[0])
 
 
-def _umask() -> int:
-    umask = os.umask(0)
-    os.umask(umask)
-    return umask
+def umask() -> int:
+    """What new files are not allowed."""
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
 
 
 _DISK = {errno.ENOSPC: "free", errno.EDQUOT: "free", errno.EFBIG: "allow", errno.EROFS: ""}
 
 
 @contextmanager
-def _disk_errors_named(path: Path) -> Iterator[None]:
+def disk_errors_named(path: Path) -> Iterator[None]:
     """Raises InputError naming `path` in place of a disk's error: full, over a quota or a limit, read-only."""
     try:
         yield
@@ -357,37 +357,3 @@ def write_text(path: Path, text: str, force: bool = True) -> None:
 def write_json(path: Path, data: Mapping[str, Any], force: bool = True) -> None:
     """Write a JSON object, whole or not at all. NaN is refused: it is not JSON."""
     write_text(path, json.dumps(data, indent=2, allow_nan=False) + "\n", force)
-
-
-@contextmanager
-def replacing_folder(path: Path) -> Iterator[Path]:
-    """A temporary folder beside `path` that takes its place only when the block ends well.
-
-    Whether what is there may be replaced is for the caller to settle before.
-    """
-    parent, temporary, old = path.resolve().parent, None, None
-    try:
-        with signals_held():
-            try:
-                temporary = Path(tempfile.mkdtemp(prefix=f".{path.name}-", dir=parent))
-            except OSError as error:
-                raise InputError(f"cannot be made ({error.strerror})", where=path, remedy="take another name") from None
-        with _disk_errors_named(path):
-            yield temporary
-        temporary.chmod(0o777 & ~_umask())
-        # between the two names nothing may interrupt: there would be neither the old nor the new
-        with signals_held():
-            if path.exists():
-                old = Path(tempfile.mkdtemp(prefix=f".{path.name}-old-", dir=parent))
-                path.rename(old / "replaced")
-            try:
-                temporary.rename(path)
-            except OSError:
-                if old is not None:
-                    (old / "replaced").rename(path)
-                raise
-    finally:
-        if temporary is not None:
-            shutil.rmtree(temporary, ignore_errors=True)
-        if old is not None and path.exists():
-            shutil.rmtree(old, ignore_errors=True)

@@ -16,7 +16,8 @@ import yaml
 
 from vbaa_calib.core.console import progress
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.core.files import replacing_folder, write_json
+from vbaa_calib.core.files import write_json
+from vbaa_calib.core.folders import replacing_folder
 from vbaa_calib.geometry import Pose
 from vbaa_calib.session import SCHEMA
 

@@ -47,8 +47,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     Raises InputError when the folder holds something that is not a demo's, or a demo without `force`.
     """
-    from vbaa_calib.cli.main import run_verb
-    from viz.render.probe import can_render
+    from vbaa_calib.core.folders import writing_alone
 
     started = time.perf_counter()
     out: Path = args.out
@@ -64,6 +63,15 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     except (OSError, ValueError) as error:
         why = getattr(error, "strerror", None) or error
         raise InputError(f"cannot be made ({why})", where=out, remedy="name another folder with --out") from None
+    with writing_alone(out):
+        return _whole_way(args, out, started)
+
+
+def _whole_way(args: argparse.Namespace, out: Path, started: float) -> dict[str, Any]:
+    """Verb after verb into the folder."""
+    from vbaa_calib.cli.main import run_verb
+    from viz.render.probe import can_render
+
     drawable = can_render()
     if not drawable:
         say("no OpenGL here: scene.png is left out; to have it, install libegl1 and libgl1-mesa-dri")

@@ -32,8 +32,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """
     from viz.files.outputs import refuse_output
 
-    joints = joints_rad(args)
-    pan, tilt = joints.get("pan", 0.0), joints.get("tilt", 0.0)
+    pan, tilt = joints_rad(args, 0.0).values()
     if args.output is not None:
         refuse_output(args.output, _SUFFIXES, args.force, (args.image, args.background))
 

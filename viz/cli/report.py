@@ -11,6 +11,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of `vbaa report`."""
     parser.add_argument("contacts", type=Path, help="contacts.csv, as vbaa estimate writes it")
     parser.add_argument("--rig", type=Path, help="rig.json: friction, stiffness, and the rig in the picture need it")
+    parser.add_argument("--framewise", type=Path, help="contacts.csv that vbaa refine made these of: drawn beside them")
     parser.add_argument("--session", type=Path, help="the session folder: adds a picture of its recording; needs --rig")
     parser.add_argument("--truth", type=Path, help="truth.json of a synthetic session: drawn beside the estimates")
     parser.add_argument("-o", "--output", type=Path, metavar="PAGE", help="the page (default: beside the contacts)")
@@ -29,7 +30,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         raise InputError("--session needs --rig", where="vbaa report", remedy="give the rig.json it was recorded with")
     from viz.report.make import Sources, make_report
 
-    sources = Sources(args.contacts, args.rig, args.session, args.truth)
+    sources = Sources(args.contacts, args.rig, args.session, args.truth, framewise=args.framewise)
     make_report(output, sources, title=args.title, argv=args.argv, force=args.force)
     say(f"{output}: {output.stat().st_size / 1e6:.1f} MB, opens offline in any browser")
     return {"report": str(output)}

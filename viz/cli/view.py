@@ -19,6 +19,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of `vbaa view`."""
     parser.add_argument("contacts", type=Path, help="contacts.csv, as vbaa estimate writes it")
     parser.add_argument("--rig", type=Path, help="rig.json: draws the antenna, plane C and the camera, too")
+    parser.add_argument("--framewise", type=Path, help="contacts.csv that vbaa refine made these of: drawn beside them")
     parser.add_argument("--object", type=Path, help="object.vtp, .ply or .glb, instead of estimating it")
     parser.add_argument("--plain", action="store_true", help="only what the files contain: no object, no friction")
     parser.add_argument("--truth", type=Path, help="truth.json of a synthetic session: draws the true object")
@@ -41,7 +42,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from viz.files.outputs import refuse_output
 
     outputs: dict[str, Path] = {name: path for name in _OUTPUTS if (path := getattr(args, name)) is not None}
-    inputs = (args.contacts, args.rig, args.object, args.truth, args.picture)
+    inputs = (args.contacts, args.rig, args.framewise, args.object, args.truth, args.picture)
     for name, path in outputs.items():
         refuse_output(path, _OUTPUTS[name], args.force, inputs)
     unseen = not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
@@ -99,7 +100,7 @@ def _scene(args: argparse.Namespace) -> tuple[Scene, int]:
     from vbaa_calib.rig import Rig
     from viz.files.object_file import read_object
     from viz.scene.rig_items import session_pictures, small_picture
-    from viz.scene.scene import build_scene, refuse_out_of_reach
+    from viz.scene.scene import build_scene, framewise, refuse_out_of_reach
     from viz.scene.truth import true_object
 
     table = read_contacts(args.contacts)
@@ -119,6 +120,10 @@ def _scene(args: argparse.Namespace) -> tuple[Scene, int]:
         except InputError as error:
             say(f"no object is drawn: {error}")
     scene = build_scene(table, rig, estimate, truth, mesh)
+    if args.framewise is not None:
+        before = framewise(args.framewise, table)
+        refuse_out_of_reach(before, args.framewise)
+        scene = replace(scene, framewise_m=before.point_world_m[scene.contacts.row])
     for fact in scene.facts:
         say(f"  {fact}")
     if rig is not None and args.session is not None:

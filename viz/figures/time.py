@@ -109,6 +109,13 @@ def curve(
 
 
 @style
+def beside(axes: Axes, clock: TimeAxis, title: str, value: np.ndarray) -> None:
+    """What a quantity (B,) was frame by frame, in grey under a `curve` of the refined one."""
+    _points(axes, clock, value, SOFT, 1.6)
+    axes.set_title(f"{title}; grey: frame by frame", loc="left")
+
+
+@style
 def signals(
     clock: TimeAxis, title: str, values: Sequence[tuple[str, str, np.ndarray]], noise_std: np.ndarray, noise: str
 ) -> Axes:

@@ -20,7 +20,7 @@ import pyvista as pv
 from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter
 
 from estimator.object.surface import Surface
-from vbaa_calib.core.child import read_in_child
+from vbaa_calib.convert.child import read_in_child
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_bytes, replacing
 from viz.render.gltf import Y_UP, linear, packed

@@ -44,6 +44,8 @@ def _contact_parts(scene: Scene) -> list[Part]:
     size = 0.02 * reach * np.eye(3)
     sphere = ball(2 if len(chosen) <= 400 else 1)
     parts = [_stamped(scene, "contacts", chosen, sphere, size, note=note)]
+    if scene.framewise_m is not None:
+        parts.append(_stamped(scene, "framewise", chosen, sphere, 0.6 * size))
     shown = np.flatnonzero(np.isin(contacts.row, scene.instants.row))
     if len(shown):
         parts.append(_stamped(scene, "now", shown, sphere, 1.9 * size, opacity=0.35))
@@ -85,9 +87,10 @@ def _stamped(scene: Scene, name: str, chosen: np.ndarray, mesh: pv.PolyData, lin
     last = np.searchsorted(rows, instants, side="right")
     first = np.searchsorted(rows, instants, side="left") if name == "now" else np.zeros_like(last)
     coloured = name in ("contacts", "forces")
+    points = scene.contacts.points_m if name != "framewise" or scene.framewise_m is None else scene.framewise_m
     return Part(
         name,
-        stamp(mesh, np.broadcast_to(linear, (len(chosen), 3, 3)), scene.contacts.points_m[chosen]),
+        stamp(mesh, np.broadcast_to(linear, (len(chosen), 3, 3)), points[chosen]),
         span=mesh.n_cells * np.column_stack([first, last]),
         history=name != "now",
         contact=chosen if coloured else None,

@@ -10,6 +10,7 @@ import pyvista as pv
 OBJECT, INK = "#0d9488", "#1f2937"
 LOOK = {
     "contacts": (OBJECT, "contact, on the antenna's centreline"),
+    "framewise": ("#64748b", "the same contact, frame by frame"),
     "forces": (OBJECT, "force on the antenna"),
     "now": ("#111827", "contact at this moment"),
     "spread": ("#0ea5e9", "ellipsoid of 2 std"),

@@ -20,7 +20,7 @@ from vbaa_calib.rig import Rig
 from vbaa_calib.session import load_session, read_recording
 from viz.files.outputs import PAGES, refuse_output
 from viz.scene.rig_items import session_pictures
-from viz.scene.scene import build_scene
+from viz.scene.scene import build_scene, framewise
 from viz.scene.truth import true_contacts, true_object
 
 from .recording import Picture, Report, SummaryRow, page
@@ -49,6 +49,7 @@ class Sources:
     truth : truth.json, drawn beside the estimates.
     picture : of the scene, drawn already; without it one is drawn.
     drift : what has changed since the calibration (`estimator.contact.drift.summary`).
+    framewise : contacts.csv that the contacts were refined from, drawn beside them.
     """
 
     contacts: Path
@@ -58,6 +59,7 @@ class Sources:
     picture: Path | None = None
     ground: Ground | None = None
     drift: Mapping[str, Any] | None = None
+    framewise: Path | None = None
 
 
 def make_report(
@@ -88,9 +90,10 @@ def make_report(
         pictures = [_scene_from_file(sources.picture)]
     if sources.session is not None and rig is not None:
         pictures.append(_seen_picture(table, rig, sources.session, sources.ground))
-    files = {name: getattr(sources, name) for name in ("contacts", "rig", "session", "truth")}
+    files = {name: getattr(sources, name) for name in ("contacts", "framewise", "rig", "session", "truth")}
     rows = origin(files, rig, argv)
-    made = Report(title, table, rig, estimate, track, facts, truth, summary, pictures, rows, sources.drift)
+    before = None if sources.framewise is None else framewise(sources.framewise, table)
+    made = Report(title, table, rig, estimate, track, facts, truth, summary, pictures, rows, sources.drift, before)
     write_text(path, page(made), force)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,7 +14,7 @@ from estimator.table.contacts import COLUMNS, LOCATED, STATUSES, ContactTable
 from vbaa_calib.rig import Rig
 from viz.figures.contacts import OBJECT, contact_maps, forces_across, friction_cone, indentation
 from viz.figures.drawing import RAMP, svg
-from viz.figures.time import MOST_DOTS, TimeAxis, curve, lanes, signals
+from viz.figures.time import MOST_DOTS, TimeAxis, beside, curve, lanes, signals
 from viz.pages.page import Table, fixed, render, with_std
 from viz.scene.readable import thinned
 from viz.scene.scene import Fact
@@ -80,6 +80,7 @@ class Report:
     pictures : the scene, the recording.
     origin : names and text or HTML of what the page was made from.
     drift : what has changed of the rig since its calibration, as far as it is known.
+    framewise : the same frames before they were refined, drawn beside.
     """
 
     title: str
@@ -93,6 +94,7 @@ class Report:
     pictures: Sequence[Picture] = ()
     origin: Sequence[tuple[str, str]] = ()
     drift: Mapping[str, Any] | None = None
+    framewise: ContactTable | None = None
 
 
 def page(report: Report) -> str:
@@ -132,7 +134,7 @@ def page(report: Report) -> str:
         title=report.title,
         headline=verdict,
         colour=colour,
-        facts=[*frame_facts(table, report.rig), *report.facts],
+        facts=[*frame_facts(table, report.rig), *_refined_fact(report), *report.facts],
         pictures=report.pictures,
         times=_over_time(report),
         crowded=len(table) > MOST_DOTS,
@@ -147,6 +149,19 @@ def page(report: Report) -> str:
     )
 
 
+def _refined_fact(report: Report) -> list[Fact]:
+    """How much better the distance is known than frame by frame."""
+    if report.framewise is None:
+        return []
+    both = report.table.located & report.framewise.located
+    before, after = (
+        1e3 * np.sqrt(np.nanmean(table.distance_std_m[both] ** 2)) for table in (report.framewise, report.table)
+    )
+    moved = np.abs(report.table.distance_m - report.framewise.distance_m)[both] / report.framewise.distance_std_m[both]
+    words = f"Distance known to {after:.2f} mm, frame by frame to {before:.2f} mm; "
+    return [Fact("Refined", f"{words}moved by {np.nanmedian(moved):.1f} of the frame-wise deviations in the median.")]
+
+
 def _over_time(report: Report) -> list[Markup]:
     """The figures over time, one under the other."""
     table, rig, track = report.table, report.rig, report.track
@@ -158,7 +173,13 @@ def _over_time(report: Report) -> list[Markup]:
         if track.ringing.any():
             ringing = np.where(track.ringing, "ringing", "").tolist()
             drawn.append(lanes(clock, "ringing of the antenna", ringing, {"ringing": _RINGING}))
-    drawn += [curve(clock, *quantity) for quantity in _quantities(report)]
+    figures = [curve(clock, *quantity) for quantity in _quantities(report)]
+    if report.framewise is not None:
+        for axes, (title, before, *_) in zip(
+            figures, _quantities(replace(report, table=report.framewise)), strict=True
+        ):
+            beside(axes, clock, title, before)
+    drawn += figures
     if track is not None and np.isfinite(track.slip_std_m_s).any():
         along, across = 1e3 * track.longitudinal_m_s, 1e3 * track.lateral_m_s
         slip = [("along the antenna", _ALONG, along), ("across it", _ACROSS, across)]

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from estimator.table.contacts import ContactTable
+from estimator.table.files import read_contacts
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.rig import Rig
 from vbaa_calib.simulate.scene.objects import TouchObject
@@ -104,6 +106,7 @@ class Scene:
     ----------
     normals : (P, 3) the object's outward normal at each contact, NaN where it is undetermined; None for none.
     cone_rad : half angle of the friction cone; None where friction is undetermined.
+    framewise_m : (P, 3) where the contacts lay frame by frame, if these are refined ones; None for none.
     facts : sentences on friction, stiffness and shape, or on why they are undetermined.
     pictures : what the camera saw at each instant, (H, W, 3) uint8 RGB all of one size, None where there is none.
     """
@@ -116,6 +119,7 @@ class Scene:
     normals: np.ndarray | None = None
     cone_rad: float | None = None
     facts: tuple[str, ...] = ()
+    framewise_m: np.ndarray | None = None
     pictures: tuple[np.ndarray | None, ...] = ()
 
     @property
@@ -160,6 +164,16 @@ def build_scene(
         cone_rad=float(friction.cone_half_angle_rad) if friction.determined else None,
         facts=(*said, *map(sentence, estimate.surface.notes)),
     )
+
+
+def framewise(path: Path, refined: ContactTable) -> ContactTable:
+    """The frame-wise contacts of a refined table, row for row. Raises InputError for those of another recording."""
+    table = read_contacts(path)
+    if len(table) != len(refined) or (table.frame != refined.frame).any():
+        raise InputError(
+            "has other frames than the refined contacts", where=path, remedy="give the contacts.csv they were made of"
+        )
+    return table
 
 
 def instants_of(table: ContactTable, phase: np.ndarray | None = None, most: int = _MOST_INSTANTS) -> Instants:

@@ -138,13 +138,13 @@ def touches_within(contacts: ContactTable, rig: Rig, goal: str = SURFACE, limits
     joints = np.column_stack([pan, tilt])[touches.row]
     with np.errstate(all="ignore"):  # what leaves the domain of the model is left out
         reach = reachable(found, arrays, np.flatnonzero(sound), joints, limits)
-        offered = _offered(contacts, arrays, touches.row, reach)
-    reach, seen = reach.picked(offered.rows), offered
-    if not len(reach):
+        seen = _offered(contacts, arrays, touches.row, reach) if len(reach) else None
+    if seen is None or not len(seen.rows):
         raise InputError(
             "no touch within the joint limits stays on what is known of the surface",
             remedy="widen the limits, or touch the object once more close to where it was touched",
         )
+    reach = reach.picked(seen.rows)
     end = reach.joints_rad
     if goal == FRICTION:
         rub = estimate_object(contacts, rig, events=False).friction

@@ -1,0 +1,89 @@
+"""Writing whole folders: by one writer at a time, and never half."""
+
+from __future__ import annotations
+
+import contextlib
+import shutil
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+from .errors import InputError
+from .files import disk_errors_named, signals_held, umask
+
+
+@contextlib.contextmanager
+def writing_alone(path: Path) -> Iterator[None]:
+    """The only writer of a folder, which need not exist. Raises InputError where another one is at work.
+
+    The lock lies beside the folder and goes with the process that holds it, however that ends.
+    """
+    from filelock import FileLock, Timeout
+
+    place = path.resolve()
+    beside = place.parent / f".{place.name}.lock"
+    lock = FileLock(beside, blocking=False)
+    try:
+        lock.acquire()
+    except Timeout:
+        raise InputError(
+            "is being written by another command", where=path, remedy="wait for its end, or take another name"
+        ) from None
+    except NotImplementedError:  # no locks there, as on some network drives
+        pass
+    except OSError as error:
+        raise InputError(f"cannot be made ({error.strerror})", where=path, remedy="take another name") from None
+    try:
+        yield
+    finally:
+        with contextlib.suppress(OSError):  # some systems keep a file that is open
+            beside.unlink(missing_ok=True)
+        lock.release()
+
+
+@contextlib.contextmanager
+def replacing_folder(path: Path) -> Iterator[Path]:
+    """A temporary folder beside `path` that takes its place only when the block ends well.
+
+    Whether what is there may be replaced is for the caller to settle before. What an earlier writer left that was
+    killed is taken away, or given its name again. Raises InputError where another writer is at work.
+    """
+    parent, temporary, old = path.resolve().parent, None, None
+    with writing_alone(path):
+        _tidied(parent, path)
+        try:
+            with signals_held():
+                try:
+                    temporary = Path(tempfile.mkdtemp(prefix=f".{path.name}-new-", dir=parent))
+                except OSError as error:
+                    what = f"cannot be made ({error.strerror})"
+                    raise InputError(what, where=path, remedy="take another name") from None
+            with disk_errors_named(path):
+                yield temporary
+            temporary.chmod(0o777 & ~umask())
+            # between the two names nothing may interrupt: there would be neither the old nor the new
+            with signals_held():
+                if path.exists():
+                    old = Path(tempfile.mkdtemp(prefix=f".{path.name}-old-", dir=parent))
+                    path.rename(old / "replaced")
+                try:
+                    temporary.rename(path)
+                except OSError:
+                    if old is not None:
+                        (old / "replaced").rename(path)
+                    raise
+        finally:
+            if temporary is not None:
+                shutil.rmtree(temporary, ignore_errors=True)
+            if old is not None and path.exists():
+                shutil.rmtree(old, ignore_errors=True)
+
+
+def _tidied(parent: Path, path: Path) -> None:
+    """After a writer that was killed: between the two names the old folder gets its own back."""
+    for left in sorted(parent.glob(f".{path.name}-old-????????")):
+        if not path.exists() and (left / "replaced").is_dir():
+            (left / "replaced").rename(path)
+        shutil.rmtree(left, ignore_errors=True)
+    for left in parent.glob(f".{path.name}-new-????????"):
+        shutil.rmtree(left, ignore_errors=True)
