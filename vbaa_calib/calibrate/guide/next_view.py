@@ -88,11 +88,11 @@ def _lens_judged(
 ) -> tuple[bool, str]:
     """Whether it is enough, and why. noise_m : deviation by noise. bias_m : by what a richer lens would move."""
     std_m, goal = max(noise_m, bias_m), f"the goal of {1e3 * goal_m:.3f} mm"
-    now = f"Points on plane C are known to {1e3 * std_m:.3f} mm (one standard deviation)"
+    now = f"The lens adds {1e3 * std_m:.3f} mm (one standard deviation) where the antenna moves"
     if known.pictures < _LEAST_VIEWS:
         missing = _LEAST_VIEWS - known.pictures
-        more = "one more picture is" if missing == 1 else f"{missing} more pictures are"
-        return False, f"{now}; {more} needed before outliers can be found."
+        more = "One more picture is" if missing == 1 else f"{missing} more pictures are"
+        return False, f"{more} needed before outliers can be found."
     if known.doubt:
         return False, f"{now}, but {known.doubt}."
     if std_m <= goal_m:
