@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.core.files import refuse_overwrite, replacing, replacing_folder
+from vbaa_calib.core.files import refuse_overwrite, replacing
+from vbaa_calib.core.folders import replacing_folder
 from vbaa_calib.session import Frame, load_session, read_recording
 
 from .bags import BagWriter, Logged
