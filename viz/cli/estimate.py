@@ -255,7 +255,7 @@ def _without_session(args: argparse.Namespace, rig: Rig) -> tuple[ContactEstimat
     if args.centrelines is not None:
         if args.background is not None:
             raise InputError("--background", where="vbaa estimate", remedy="there are no pictures to take it off")
-        frames, lines = streams.tracked(args.centrelines, args.readings)
+        frames, lines = streams.tracked(args)
         frames = _told(frames, rig, args.no_moment)
         return estimator, _Recording(estimate_centrelines(estimator, frames, lines), len(frames), None)
     if args.background == AUTO:

@@ -10,7 +10,7 @@ import threading
 import time
 from collections import Counter, deque
 from collections.abc import Iterator
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -39,6 +39,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="contacts.csv, which grows as contacts come")
     parser.add_argument("--lines", action="store_true", help="contacts as JSON lines on standard output")
     parser.add_argument("--bag", type=Path, metavar="FILE", help="contacts as ROS messages, in an .mcap file or a bag")
+    parser.add_argument(
+        "--rerun",
+        nargs="?",
+        const="spawn",
+        metavar="TARGET",
+        help="show it in Rerun: alone, in a viewer that is opened; a URL, in one that runs; or a file.rrd to write",
+    )
     parser.add_argument("--udp", metavar="[HOST:]PORT", help="where readings come in as JSON lines, by UDP")
     parser.add_argument("--model", default="auto", choices=MODELS, help="mechanical model (default: auto)")
     parser.add_argument(
@@ -128,10 +135,19 @@ def _source(args: argparse.Namespace, rig: Rig) -> Source:
 def _sinks(args: argparse.Namespace, stack: ExitStack) -> list[_Sink]:
     """Where contacts go; all are closed with the stack, whole. Raises InputError for a file in the way."""
     from estimator.live.outputs import ContactBag, GrowingTable
+    from vbaa_calib.core.errors import InputError
     from vbaa_calib.streams.bag_of_session import refuse_bag
 
+    inputs = (args.rig, args.readings, args.background, Path(args.source))
+    for output in (args.output, args.bag):
+        if output is not None and any(each and _same(output, each) for each in inputs):
+            raise InputError("is an input of this command", where=output, remedy="take another name")
     if args.bag is not None:
         refuse_bag(args.bag, args.force)
+    if args.rerun is not None:
+        from viz.files.rerun_log import RerunLog, refuse_log
+
+        refuse_log(args.rerun, args.force)
     sinks: list[_Sink] = []
     if args.output is not None:
         sinks.append(GrowingTable(args.output, args.force))
@@ -139,9 +155,17 @@ def _sinks(args: argparse.Namespace, stack: ExitStack) -> list[_Sink]:
         sinks.append(ContactBag(args.bag))
     if args.lines:
         sinks.append(_Lines())
+    if args.rerun is not None:
+        sinks.append(RerunLog(args.rerun, args.force))
     for sink in sinks:
         stack.callback(sink.close)
     return sinks
+
+
+def _same(one: Path, other: Path) -> bool:
+    with suppress(OSError, ValueError):
+        return one.samefile(other)
+    return False
 
 
 class _Lines:
