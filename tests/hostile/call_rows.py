@@ -136,6 +136,7 @@ CALLS: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     ("live from nothing", "live rig.json none.mcap -o a.csv", ("none.mcap: no such bag",)),
     ("live onto its source", f"{LIVE} -o session/recording/recording.csv --force", ("recording.csv: is an input",)),
     ("live onto the rig", f"{LIVE} --bag rig.json --force", ("rig.json: is an input",)),
+    ("live into a text", f"{LIVE} --rerun a.txt", ("a.txt: is no .rrd",)),
     ("live into a spreadsheet", f"{LIVE} -o a.xlsx", ("is not a .csv",)),
     ("a gap of NaN", f"{LIVE} --gap nan", ("--gap is nan",)),
     ("a topic of no role", f"{LIVE} --topic eyes=/left", ("--topic is 'eyes=/left'",)),

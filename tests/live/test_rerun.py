@@ -5,11 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-import rerun
+from rerun.chunk import RrdReader
 
+from estimator.table.files import write_contacts
+from vbaa_calib.cli.main import main
 from vbaa_calib.core.errors import InputError
 from viz.files.rerun_log import RerunLog
 
+from .recordings import COUNT
 from .test_live import found
 
 
@@ -20,13 +23,16 @@ def test_a_log_holds_picture_scene_and_numbers(tmp_path: Path) -> None:
     for each in several:
         log.write(each)
     log.close()
-    recording = rerun.dataframe.load_recording(str(path)) if hasattr(rerun, "dataframe") else None
-    if recording is None:
-        from rerun.recording import load_recording
-
-        recording = load_recording(str(path))
-    paths = {str(column.entity_path) for column in recording.schema().component_columns()}
+    paths = {chunk.entity_path for chunk in RrdReader(str(path)).stream()}
     assert {"/picture", "/picture/antenna", "/contact/distance_mm", "/world/contact/point"} <= paths
+
+
+def test_a_table_is_shown_frame_by_frame(tmp_path: Path) -> None:
+    contacts, path = tmp_path / "contacts.csv", tmp_path / "view.rrd"
+    write_contacts(contacts, [each.row for each in found() if each.final])
+    assert main(["view", str(contacts), "--rerun", str(path)]) == 0
+    frames = [chunk.num_rows for chunk in RrdReader(str(path)).stream() if chunk.entity_path == "/contact/status"]
+    assert sum(frames) == COUNT
 
 
 def test_what_is_no_log_is_refused(tmp_path: Path) -> None:

@@ -298,11 +298,11 @@ class _Told:
         for note in (*self.source.notes, *synchronizer.told()):
             say(note)
         frames, dropped = self.statuses.total(), self.source.dropped()
-        quantiles = np.quantile(self.latency_s, [0.5, 0.99]).tolist() if self.latency_s else [None, None]
+        median, late = np.quantile(self.latency_s or [0.0], [0.5, 0.99]).tolist()
         say(f"{frames} frames: " + ", ".join(f"{count} {status}" for status, count in self.statuses.most_common()))
         if frames:
             say(
-                f"latency {1e3 * quantiles[0]:.1f} ms (median), {1e3 * quantiles[1]:.1f} ms (99 %); {dropped} pictures "
+                f"latency {1e3 * median:.1f} ms (median), {1e3 * late:.1f} ms (99 %); {dropped} pictures "
                 f"dropped; {self.amended} contacts amended by later frames"
             )
         if not self.watched:
@@ -317,8 +317,8 @@ class _Told:
             "status": dict(self.statuses),
             "amended": self.amended,
             "dropped": dropped,
-            "latency_p50_s": quantiles[0],
-            "latency_p99_s": quantiles[1],
+            "latency_p50_s": median if frames else None,
+            "latency_p99_s": late if frames else None,
             "stream": dict(synchronizer.counts),
             "drift": self.drift,
             "notes": list(self.source.notes),
