@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import gc
 import math
 import signal
 import sys
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
 
 _LATENCIES = 100_000
 """Of so many of the last frames the latency's quantiles are told."""
-_TOLD_S = 1.0
+_SHOWN_S = 1.0
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -101,10 +102,11 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         synchronizer = Synchronizer(timing, source.channels, rig.camera.image_size)
         live = LiveEstimator(estimator, synchronizer, ground, final=not args.no_final)
         live.warm()
+        gc.freeze()  # to look through all that is loaded for rubbish would make one picture of a hundred late
         say(f"estimating from {source.name}; Ctrl-C ends it")
-        told = _Told(source, live, rig.drift.of_rig)
-        _follow(source, live, [*sinks, told])
-    return told.summary(args)
+        monitor = _Monitor(source, live, rig.drift.of_rig)
+        _follow(source, live, [*sinks, monitor])
+    return monitor.summary(args)
 
 
 def _source(args: argparse.Namespace, rig: Rig) -> Source:
@@ -220,7 +222,7 @@ def _interruptible() -> Iterator[list[int]]:
 
 
 @dataclass(eq=False)
-class _Told:
+class _Monitor:
     """What a person sees while it runs, and what is told in the end."""
 
     source: Source
@@ -247,7 +249,7 @@ class _Told:
         self._watch(row.frame)
         now_s = time.monotonic()
         if now_s >= self.next_s and sys.stderr is not None and sys.stderr.isatty():
-            self.next_s = now_s + _TOLD_S
+            self.next_s = now_s + _SHOWN_S
             self._show(contact, now_s)
 
     def close(self) -> None:
@@ -295,7 +297,7 @@ class _Told:
         if self.next_s:
             print(file=sys.stderr)
         synchronizer = self.live.synchronizer
-        for note in (*self.source.notes, *synchronizer.told()):
+        for note in (*self.source.notes, *synchronizer.left_out()):
             say(note)
         frames, dropped = self.statuses.total(), self.source.dropped()
         median, late = np.quantile(self.latency_s or [0.0], [0.5, 0.99]).tolist()
