@@ -6,6 +6,7 @@ from . import damage as d
 from .case import Case, Damage
 from .every_file import CHECK, HANDEYE
 
+LIVE = "live rig.json session/recording/recording.csv"
 REFINE = "refine contacts.csv --rig rig.json --session session"
 OUTPUTS: tuple[tuple[str, str], ...] = (
     ("calibrate session -o {}", "out.json"),
@@ -30,6 +31,9 @@ OUTPUTS: tuple[tuple[str, str], ...] = (
     ("convert camera.json --to ros -o {}", "out.yaml"),
     ("board --squares 5x4 -o {}", "out.pdf"),
     ("simulate scene.yaml -o {}", "out"),
+    ("simulate scene.yaml --bag {}", "out.mcap"),
+    ("live rig.json session/recording/recording.csv -o {}", "out.csv"),
+    ("live rig.json session/recording/recording.csv --bag {}", "out.mcap"),
 )
 """Command, and a name of the right suffix. `demo` and `bench` write whole folders and have rows of their own."""
 
@@ -129,6 +133,14 @@ CALLS: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     ("refined without a rig", "refine contacts.csv --session session -o a.csv", ("--rig",)),
     ("smooth without a rig", "track contacts.csv -o a.csv --smooth b.csv", ("--smooth needs --rig",)),
     ("a track in a spreadsheet", "track contacts.csv -o a.xlsx", ("is not a .csv",)),
+    ("live from nothing", "live rig.json none.mcap -o a.csv", ("none.mcap: no such bag",)),
+    ("live onto its source", f"{LIVE} -o session/recording/recording.csv --force", ("recording.csv: is an input",)),
+    ("live onto the rig", f"{LIVE} --bag rig.json --force", ("rig.json: is an input",)),
+    ("live into a text", f"{LIVE} --rerun a.txt", ("a.txt: is no .rrd",)),
+    ("live into a spreadsheet", f"{LIVE} -o a.xlsx", ("is not a .csv",)),
+    ("a gap of NaN", f"{LIVE} --gap nan", ("--gap is nan",)),
+    ("a topic of no role", f"{LIVE} --topic eyes=/left", ("--topic is 'eyes=/left'",)),
+    ("joints beyond a turn", f"{LIVE} --pan 90", ("--pan is 90", "--degrees")),
     ("an object in another format", "reconstruct contacts.csv -o object.stl", ("is not a .vtp, .ply or .glb",)),
     ("a page by another name", "report contacts.csv -o report.pdf", ("report.pdf: is not a .html",)),
     ("a session without its rig", "report contacts.csv --session session -o out.html", ("--session needs --rig",)),

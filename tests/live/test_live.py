@@ -181,12 +181,8 @@ def test_a_video_with_a_table_of_readings(tmp_path: Path) -> None:
     contacts = read_contacts(out)
     estimator = ContactEstimator(replace(rig(), drift=DRIFTS["none"]), jobs=1)
     pictures = [cv2.imread(str(frame.image)) for _, frame in several]
-    expected = list(
-        estimate_taken(
-            estimator,
-            [(replace(f, frame=n, time_s=t), p) for n, ((t, f), p) in enumerate(zip(several, pictures, strict=True))],
-        )
-    )
+    numbered = [replace(frame, frame=number, time_s=time_s) for number, (time_s, frame) in enumerate(several)]
+    expected = list(estimate_taken(estimator, zip(numbered, pictures, strict=True)))
     assert contacts.status.tolist() == [item.contact.status for item in expected]
     np.testing.assert_allclose(contacts.distance_m, [item.contact.distance_m for item in expected], rtol=1e-6)
 

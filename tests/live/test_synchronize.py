@@ -110,7 +110,7 @@ def test_what_is_left_out_is_counted() -> None:
         "pictures out of order": 2,
         "pictures of another size": 1,
     }
-    assert len(synchronizer.told()) == 6
+    assert len(synchronizer.left_out()) == 6
 
 
 def test_another_camera_is_refused_at_once() -> None:

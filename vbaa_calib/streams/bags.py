@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import os
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
@@ -70,7 +71,7 @@ def require_extra(module: str, extra: str) -> Any:
 
 def is_bag(path: Path) -> bool:
     """Whether a path is meant for a bag: by its suffix, or a folder with a bag's metadata."""
-    return path.suffix.lower() in SUFFIXES or (path / "metadata.yaml").is_file()
+    return path.suffix.lower() in SUFFIXES or os.path.isfile(path / "metadata.yaml")
 
 
 def open_bag(path: Path, topics: Topics, camera_matrix: np.ndarray | None, image_size: tuple[int, int]) -> Source:
@@ -79,7 +80,7 @@ def open_bag(path: Path, topics: Topics, camera_matrix: np.ndarray | None, image
     camera_matrix : (3, 3) of the rig's camera: one that CameraInfo shows to be another is refused.
     Raises InputError for a bag that cannot be read, has no pictures, or several topics to choose from.
     """
-    if not path.exists():
+    if not os.path.exists(path):
         raise InputError("no such bag", where=path, remedy="check the path")
     highlevel = require_extra("rosbags.highlevel", "live")
     stack = ExitStack()

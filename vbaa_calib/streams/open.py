@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from pathlib import Path
 
@@ -24,7 +25,7 @@ def is_recorded(path: Path) -> bool:
 
 def open_recorded(path: Path) -> Source:
     """A video, or a table of pictures. Raises InputError."""
-    if not path.is_file():
+    if not os.path.isfile(path):
         raise InputError("no such file", where=path, remedy="check the path")
     return open_table(path) if path.suffix.lower() == ".csv" else open_video(path)
 
@@ -33,7 +34,7 @@ def open_running(text: str, idle_s: float) -> Source:
     """ "-", camera:0, a device, a stream's URL, or a folder that fills up. Raises InputError."""
     if text == "-":
         return open_lines(sys.stdin.buffer, idle_s)
-    if Path(text).is_dir():
+    if os.path.isdir(text):
         return open_folder(Path(text), idle_s)
     found = open_source(f"camera:{text}" if text.isdigit() else text)
     if not isinstance(found, LiveSource):

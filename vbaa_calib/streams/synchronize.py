@@ -118,7 +118,7 @@ class Synchronizer:
         while self._waiting:
             yield self._frame(self._waiting.popleft())
 
-    def told(self) -> list[str]:
+    def left_out(self) -> list[str]:
         """What was left out, in words."""
         usual = ("pictures", "readings")
         return [f"{count} {what}" for what, count in sorted(self.counts.items()) if what not in usual and count]

@@ -159,7 +159,7 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None]:
                 yield row
 
     write_contacts(args.output, rows(), args.force)
-    for note in given.told():
+    for note in given.notes():
         say(note)
     say(f"{statuses.total()} frames: " + ", ".join(f"{count} {status}" for status, count in statuses.most_common()))
     located = float(np.median(std_m)) if std_m else None
@@ -200,7 +200,7 @@ class _Recording:
     count: int | None
     ground: Ground | None
     words: str = ""
-    told: Callable[[], list[str]] = list
+    notes: Callable[[], list[str]] = list
     counts: Mapping[str, int] = field(default_factory=dict)
 
 
@@ -234,7 +234,7 @@ def _from_session(args: argparse.Namespace, rig: Rig) -> tuple[ContactEstimator,
     session = load_session(args.session)
     estimator = _estimator(args, rig, session.drift)
     rig = estimator.rig
-    frames = _told(read_recording(session), rig, args.no_moment)
+    frames = _with_moments(read_recording(session), rig, args.no_moment)
     pictures = [frame.image for frame in frames if frame.image is not None]
     check_pictures(pictures, rig.camera.image_size, "the rig was calibrated at")
     ground, words = surroundings(rig, args.background, lambda: [*frames, *free_stills(session, rig)])
@@ -256,8 +256,8 @@ def _without_session(args: argparse.Namespace, rig: Rig) -> tuple[ContactEstimat
     if args.centrelines is not None:
         if args.background is not None:
             raise InputError("--background", where="vbaa estimate", remedy="there are no pictures to take it off")
-        frames, lines = streams.tracked(args.centrelines, args.readings)
-        frames = _told(frames, rig, args.no_moment)
+        frames, lines = streams.tracked(args)
+        frames = _with_moments(frames, rig, args.no_moment)
         return estimator, _Recording(estimate_centrelines(estimator, frames, lines), len(frames), None)
     if args.background == AUTO:
         raise InputError("--background auto", where="vbaa estimate", remedy="give a picture without the antenna")
@@ -266,11 +266,11 @@ def _without_session(args: argparse.Namespace, rig: Rig) -> tuple[ContactEstimat
     synchronizer = Synchronizer(streams.timing_of(args), source.channels, estimator.rig.camera.image_size)
     items = estimate_taken(estimator, streams.taken_frames(source, synchronizer), ground)
     return estimator, _Recording(
-        items, None, ground, words, lambda: [*source.notes, *synchronizer.told()], synchronizer.counts
+        items, None, ground, words, lambda: [*source.notes, *synchronizer.left_out()], synchronizer.counts
     )
 
 
-def _told(frames: list[Frame], rig: Rig, no_moment: bool) -> list[Frame]:
+def _with_moments(frames: list[Frame], rig: Rig, no_moment: bool) -> list[Frame]:
     """The frames, without their moments where these are not to be used, and a word about that."""
     import numpy as np
 

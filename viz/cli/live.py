@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import gc
 import math
 import signal
 import sys
@@ -10,7 +11,7 @@ import threading
 import time
 from collections import Counter, deque
 from collections.abc import Iterator
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
 
 _LATENCIES = 100_000
 """Of so many of the last frames the latency's quantiles are told."""
-_TOLD_S = 1.0
+_SHOWN_S = 1.0
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -39,6 +40,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="contacts.csv, which grows as contacts come")
     parser.add_argument("--lines", action="store_true", help="contacts as JSON lines on standard output")
     parser.add_argument("--bag", type=Path, metavar="FILE", help="contacts as ROS messages, in an .mcap file or a bag")
+    parser.add_argument(
+        "--rerun",
+        nargs="?",
+        const="spawn",
+        metavar="TARGET",
+        help="show it in Rerun: alone, in a viewer that is opened; a URL, in one that runs; or a file.rrd to write",
+    )
     parser.add_argument("--udp", metavar="[HOST:]PORT", help="where readings come in as JSON lines, by UDP")
     parser.add_argument("--model", default="auto", choices=MODELS, help="mechanical model (default: auto)")
     parser.add_argument(
@@ -94,10 +102,11 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         synchronizer = Synchronizer(timing, source.channels, rig.camera.image_size)
         live = LiveEstimator(estimator, synchronizer, ground, final=not args.no_final)
         live.warm()
+        gc.freeze()  # to look through all that is loaded for rubbish would make one picture of a hundred late
         say(f"estimating from {source.name}; Ctrl-C ends it")
-        told = _Told(source, live, rig.drift.of_rig)
-        _follow(source, live, [*sinks, told])
-    return told.summary(args)
+        monitor = _Monitor(source, live, rig.drift.of_rig)
+        _follow(source, live, [*sinks, monitor])
+    return monitor.summary(args)
 
 
 def _source(args: argparse.Namespace, rig: Rig) -> Source:
@@ -128,10 +137,19 @@ def _source(args: argparse.Namespace, rig: Rig) -> Source:
 def _sinks(args: argparse.Namespace, stack: ExitStack) -> list[_Sink]:
     """Where contacts go; all are closed with the stack, whole. Raises InputError for a file in the way."""
     from estimator.live.outputs import ContactBag, GrowingTable
+    from vbaa_calib.core.errors import InputError
     from vbaa_calib.streams.bag_of_session import refuse_bag
 
+    inputs = (args.rig, args.readings, args.background, Path(args.source))
+    for output in (args.output, args.bag):
+        if output is not None and any(each and _same(output, each) for each in inputs):
+            raise InputError("is an input of this command", where=output, remedy="take another name")
     if args.bag is not None:
         refuse_bag(args.bag, args.force)
+    if args.rerun is not None:
+        from viz.files.rerun_log import RerunLog, refuse_log
+
+        refuse_log(args.rerun, args.force)
     sinks: list[_Sink] = []
     if args.output is not None:
         sinks.append(GrowingTable(args.output, args.force))
@@ -139,9 +157,17 @@ def _sinks(args: argparse.Namespace, stack: ExitStack) -> list[_Sink]:
         sinks.append(ContactBag(args.bag))
     if args.lines:
         sinks.append(_Lines())
+    if args.rerun is not None:
+        sinks.append(RerunLog(args.rerun, args.force))
     for sink in sinks:
         stack.callback(sink.close)
     return sinks
+
+
+def _same(one: Path, other: Path) -> bool:
+    with suppress(OSError, ValueError):
+        return one.samefile(other)
+    return False
 
 
 class _Lines:
@@ -196,7 +222,7 @@ def _interruptible() -> Iterator[list[int]]:
 
 
 @dataclass(eq=False)
-class _Told:
+class _Monitor:
     """What a person sees while it runs, and what is told in the end."""
 
     source: Source
@@ -223,7 +249,7 @@ class _Told:
         self._watch(row.frame)
         now_s = time.monotonic()
         if now_s >= self.next_s and sys.stderr is not None and sys.stderr.isatty():
-            self.next_s = now_s + _TOLD_S
+            self.next_s = now_s + _SHOWN_S
             self._show(contact, now_s)
 
     def close(self) -> None:
@@ -271,14 +297,14 @@ class _Told:
         if self.next_s:
             print(file=sys.stderr)
         synchronizer = self.live.synchronizer
-        for note in (*self.source.notes, *synchronizer.told()):
+        for note in (*self.source.notes, *synchronizer.left_out()):
             say(note)
         frames, dropped = self.statuses.total(), self.source.dropped()
-        quantiles = np.quantile(self.latency_s, [0.5, 0.99]).tolist() if self.latency_s else [None, None]
+        median, late = np.quantile(self.latency_s or [0.0], [0.5, 0.99]).tolist()
         say(f"{frames} frames: " + ", ".join(f"{count} {status}" for status, count in self.statuses.most_common()))
         if frames:
             say(
-                f"latency {1e3 * quantiles[0]:.1f} ms (median), {1e3 * quantiles[1]:.1f} ms (99 %); {dropped} pictures "
+                f"latency {1e3 * median:.1f} ms (median), {1e3 * late:.1f} ms (99 %); {dropped} pictures "
                 f"dropped; {self.amended} contacts amended by later frames"
             )
         if not self.watched:
@@ -293,8 +319,8 @@ class _Told:
             "status": dict(self.statuses),
             "amended": self.amended,
             "dropped": dropped,
-            "latency_p50_s": quantiles[0],
-            "latency_p99_s": quantiles[1],
+            "latency_p50_s": median if frames else None,
+            "latency_p99_s": late if frames else None,
             "stream": dict(synchronizer.counts),
             "drift": self.drift,
             "notes": list(self.source.notes),

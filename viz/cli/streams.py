@@ -7,6 +7,8 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from vbaa_calib.cli.joints import add_joints, joints_rad
+
 if TYPE_CHECKING:
     import numpy as np
 
@@ -60,15 +62,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="S",
         help="how long a picture waits for the readings after it (default: 0.25)",
     )
-    for name in ("pan", "tilt"):
-        group.add_argument(
-            f"--{name}", type=float, default=0.0, metavar="RAD", help=f"{name} of a rig that does not read it"
-        )
+    add_joints(group, "joint angle where it is not read")
 
 
 def timing_of(args: argparse.Namespace) -> Timing:
     """How readings and pictures belong together. Raises InputError for times and angles that cannot be."""
-    from vbaa_calib.core.arrays import LARGEST_RAD
     from vbaa_calib.core.errors import InputError
     from vbaa_calib.streams import Timing
 
@@ -76,13 +74,17 @@ def timing_of(args: argparse.Namespace) -> Timing:
         ("offset", -1e12, 1e12),
         ("gap", 1e-6, 3600.0),
         ("wait", 0.0, 3600.0),
-        ("pan", -LARGEST_RAD, LARGEST_RAD),
-        ("tilt", -LARGEST_RAD, LARGEST_RAD),
     ):
         value = getattr(args, name)
         if not least <= value <= most:  # NaN is not, either
             raise InputError(f"--{name} is {value}", remedy=f"give a number from {least:g} to {most:g}")
-    return Timing(args.offset, args.gap, args.wait, (args.pan, args.tilt))
+    return Timing(args.offset, args.gap, args.wait, _joints(args))
+
+
+def _joints(args: argparse.Namespace) -> tuple[float, float]:
+    """Pan and tilt where they are not read. Raises InputError."""
+    given = joints_rad(args)
+    return given.get("pan", 0.0), given.get("tilt", 0.0)
 
 
 def topics_of(args: argparse.Namespace) -> Topics:
@@ -105,8 +107,9 @@ def recorded(args: argparse.Namespace, path: Path, rig: Rig) -> Source:
     from vbaa_calib.streams.open import open_recorded
     from vbaa_calib.streams.recorded import with_readings
 
+    topics = topics_of(args)
     if is_bag(path):
-        source, table = open_bag(path, topics_of(args), rig.camera.matrix, rig.camera.image_size), args.readings
+        source, table = open_bag(path, topics, rig.camera.matrix, rig.camera.image_size), args.readings
     else:
         source = open_recorded(path)
         table = path if path.suffix.lower() == ".csv" and args.readings is None else args.readings
@@ -122,19 +125,21 @@ def taken_frames(source: Source, synchronizer: Synchronizer) -> Iterator[tuple[F
     return ((each.frame, each.taken.image) for each in chain(pushed, synchronizer.finish()))
 
 
-def tracked(path: Path, readings: Path | None) -> tuple[list[Frame], Mapping[int, np.ndarray]]:
+def tracked(args: argparse.Namespace) -> tuple[list[Frame], Mapping[int, np.ndarray]]:
     """Frames and their centrelines (N, 3) from one's own tracker. Raises InputError with file, line and remedy.
 
-    Without readings: vision alone, the joints at zero, a second from frame to frame, so that none is tested for motion.
+    Without readings: vision alone, the joints as --pan and --tilt say, a second from frame to frame, so that none is
+    tested for motion.
     """
     import math
 
     from vbaa_calib.core.errors import InputError
     from vbaa_calib.session import Frame, centrelines_of, recording_of
 
+    path, readings, joints = args.centrelines, args.readings, _joints(args)
     lines = centrelines_of(path)
     if readings is None:
-        return [Frame(None, 0.0, 0.0, math.nan, frame=frame, time_s=float(frame)) for frame in sorted(lines)], lines
+        return [Frame(None, *joints, math.nan, frame=frame, time_s=float(frame)) for frame in sorted(lines)], lines
     frames = recording_of(readings, with_images=False)
     unknown = set(lines) - {frame.frame for frame in frames}
     if unknown:

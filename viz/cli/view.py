@@ -31,7 +31,31 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--screenshot", type=Path, metavar="PNG", help="write a picture instead of opening a window")
     parser.add_argument("--html", type=Path, metavar="PAGE", help="write a page with a time slider that opens offline")
     parser.add_argument("--gltf", type=Path, metavar="FILE", help="write a .glb or .gltf for other 3-D programs")
+    parser.add_argument(
+        "--rerun",
+        nargs="?",
+        const="spawn",
+        metavar="TARGET",
+        help="in Rerun instead: alone, in a viewer that is opened; a URL, in one that runs; or a file.rrd to write",
+    )
     parser.add_argument("--title", default="Contacts of the active antenna", help="title of the page")
+
+
+def _in_rerun(args: argparse.Namespace) -> dict[str, Any]:
+    """The contacts in Rerun's viewer, frame by frame. Raises InputError as `run` does."""
+    from estimator.table.files import read_contacts
+    from vbaa_calib.core.console import say
+    from viz.files.rerun_log import RerunLog
+
+    table = read_contacts(args.contacts)
+    log = RerunLog(args.rerun, args.force)
+    try:
+        for row in table.rows():
+            log.row(row)
+    finally:
+        log.close()
+    say(f"{len(table)} frames shown in Rerun: {args.rerun}")
+    return {"contacts": int(table.located.sum()), "frames": len(table), "rerun": args.rerun}
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
@@ -41,6 +65,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """
     from viz.files.outputs import refuse_output
 
+    if args.rerun is not None:
+        return _in_rerun(args)
     outputs: dict[str, Path] = {name: path for name in _OUTPUTS if (path := getattr(args, name)) is not None}
     inputs = (args.contacts, args.rig, args.framewise, args.object, args.truth, args.picture)
     for name, path in outputs.items():

@@ -1,0 +1,106 @@
+"""Contacts in Rerun's viewer: picture, scene, and numbers over time."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import cv2
+import numpy as np
+
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.files import refuse_overwrite
+from vbaa_calib.streams.bags import require_extra
+
+if TYPE_CHECKING:
+    from estimator.live import LiveContact
+    from estimator.table.contacts import ContactRow
+
+SPAWN = "spawn"
+_BAND = 2.0  # deviations
+_RADIUS_95 = 2.796  # in deviations: the ellipsoid of this size holds 95 % of a normal distribution in space
+_ARROW_M_N = 0.2
+_JPEG = [cv2.IMWRITE_JPEG_QUALITY, 85]
+
+
+def refuse_log(target: str, force: bool) -> None:
+    """Raises InputError for what is neither a viewer nor an .rrd file that may be written."""
+    if target == SPAWN or "://" in target:
+        return
+    if Path(target).suffix != ".rrd":
+        raise InputError("is no .rrd", where=target, remedy="name a file.rrd, a viewer's URL, or give --rerun alone")
+    refuse_overwrite(Path(target), force)
+
+
+class RerunLog:
+    """A log of contacts.
+
+    target : "spawn" opens a viewer; a URL is that of one that runs; else an .rrd file to write.
+    """
+
+    def __init__(self, target: str, force: bool = False) -> None:
+        """Raises InputError as `refuse_log` does, without the extra, and for a viewer that cannot be reached."""
+        refuse_log(target, force)
+        self._rerun = require_extra("rerun", "live")
+        self._stream = self._rerun.RecordingStream("vbaa")
+        try:
+            if target == SPAWN:
+                self._stream.spawn()
+            elif "://" in target:
+                self._stream.connect_grpc(target)
+            else:
+                self._stream.save(target)
+        except Exception as error:
+            raise InputError(f"cannot be shown there ({error})", where=target, remedy="write a file.rrd") from None
+        self._start_s = np.nan
+
+    def write(self, contact: LiveContact) -> None:
+        """A contact as it comes, with its picture and what was seen in it; a final one's numbers beside them."""
+        self.row(contact.row, "final" if contact.final else "contact")
+        if contact.final or contact.image is None:
+            return
+        data = cv2.imencode(".jpg", np.clip(contact.image, 0, 255).astype(np.uint8), _JPEG)[1].tobytes()
+        self._log("picture", self._rerun.EncodedImage(contents=data, media_type="image/jpeg"))
+        points = contact.item.measured.points_px
+        self._log("picture/antenna", self._rerun.Points2D(points, radii=1.0, colors=(0, 220, 120)))
+
+    def row(self, row: ContactRow, name: str = "contact") -> None:
+        """A row's point, force and numbers, at its time since the first one."""
+        if np.isnan(self._start_s):
+            self._start_s = row.time_s
+        self._stream.set_time("stream", duration=row.time_s - self._start_s)
+        self._stream.set_time("frame", sequence=row.frame)
+        self._log(f"{name}/status", self._rerun.TextLog(f"{row.status}: {row.reason}"))
+        force = float(np.hypot(row.force_y_N, row.force_z_N))
+        for path, value, std in (
+            ("distance_mm", 1e3 * row.distance_m, 1e3 * row.distance_std_m),
+            ("force_y_mN", 1e3 * row.force_y_N, 1e3 * row.force_y_std_N),
+            ("force_z_mN", 1e3 * row.force_z_N, 1e3 * row.force_z_std_N),
+            ("force_mN", 1e3 * force, np.nan),
+            ("moment_residual_uNm", 1e6 * row.moment_residual_Nm, np.nan),
+        ):
+            values = [value, value - _BAND * std, value + _BAND * std] if np.isfinite(std) else [value]
+            if np.isfinite(value):
+                self._log(f"{name}/{path}", self._rerun.Scalars(values))
+        if not np.isfinite(row.point_world_m).all():
+            self._log(f"world/{name}", self._rerun.Clear(recursive=True))
+            return
+        point = row.point_world_m[None]
+        self._log(f"world/{name}/point", self._rerun.Points3D(point, radii=5e-4))
+        arrow = _ARROW_M_N * row.force_world_N[None]
+        self._log(f"world/{name}/force", self._rerun.Arrows3D(vectors=arrow, origins=point))
+        sizes, axes = np.linalg.eigh(row.covariance_world_m2)
+        half = _RADIUS_95 * np.sqrt(np.clip(sizes, 0.0, None))
+        turned = axes * np.sign(np.linalg.det(axes))
+        self._log(
+            f"world/{name}/region_95",
+            self._rerun.Ellipsoids3D(half_sizes=half[None]),
+        )
+        self._log(f"world/{name}/region_95", self._rerun.Transform3D(translation=row.point_world_m, mat3x3=turned))
+
+    def close(self) -> None:
+        self._stream.flush()
+        self._stream.disconnect()
+
+    def _log(self, path: str, what: Any) -> None:
+        self._stream.log(path, what)
