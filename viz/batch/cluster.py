@@ -23,8 +23,12 @@ if TYPE_CHECKING:
 
 TIMES_AGAIN = 3
 """A task whose worker is lost is done again so many times at most."""
-_AHEAD = 2
-"""Recordings, or pieces of one, that are given out for each thread at a time."""
+_AHEAD, _LEAST_AHEAD = 2, 64
+"""Recordings, and pieces of long ones, that are given out at a time: for each thread, and at least, so that a cluster
+that grows with its work sees some."""
+
+
+_LOST = "the scheduler is lost; run again to do what is missing"
 
 
 class Lost(VbaaError):
@@ -98,8 +102,10 @@ def run(client: Client, recordings: Sequence[Recording], settings: Settings, res
 
     waiting, underway = deque(recordings), dict[Any, _Underway]()
     coming: Any = as_completed(loop=client.loop)
-    most = max(_AHEAD * sum(client.nthreads().values()), _AHEAD)
     while waiting or underway:
+        if client.status != "running":
+            raise Lost(_LOST)
+        most = max(_AHEAD * len(client.scheduler_info(n_workers=-1)["workers"]), _LEAST_AHEAD)
         while waiting and sum(each.parts for each in underway.values()) < most:
             recording = waiting.popleft()
             future = client.submit(work.do, recording, settings, results, pure=False)
@@ -127,10 +133,10 @@ def _outcome(future: Future, recording: Recording, client: Client) -> Outcome:
         words = f"its worker was lost {times} times: out of memory (--memory), or something crashes in {recording.path}"
         return work.failed(recording, VbaaError(words))
     except CancelledError as error:
-        raise Lost(f"the scheduler is lost ({error}); run again to do what is missing") from None
+        raise Lost(_LOST) from error
     except Exception as error:
         if client.status != "running":
-            raise Lost("the scheduler is lost; run again to do what is missing") from None
+            raise Lost(_LOST) from error
         return work.failed(recording, error)
     assert isinstance(found, Outcome)
     return found
