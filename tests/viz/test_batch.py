@@ -153,8 +153,8 @@ def test_killed_workers_cost_nothing_but_time(
     assert sorted(summary(results)) == sorted(names)
     assert not list(results.root.glob("pieces/*"))
     for name in ("0-s0", "0-s5", "0-long"):
-        own = read_table(results.contacts(name), partitioning=None)
-        assert same_bits(own, serial(own / name.replace("-", "/"), folder / "rig.json", tmp_path / f"{name}.parquet"))
+        made = read_table(results.contacts(name), partitioning=None)
+        assert same_bits(made, serial(own / name.replace("-", "/"), folder / "rig.json", tmp_path / f"{name}.parquet"))
     assert (
         len(read_table(results.root / "contacts")) == copies * ALIKE * FRAMES + LONG
     )  # any reader of Parquet finds them all

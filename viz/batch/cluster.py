@@ -7,6 +7,7 @@ from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from itertools import cycle
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,6 +24,12 @@ if TYPE_CHECKING:
 
 TIMES_AGAIN = 3
 """A task whose worker is lost is done again so many times at most."""
+_QUIET = {
+    "distributed.scheduler.allowed-failures": TIMES_AGAIN,
+    # looks at every thread a hundred times a second
+    "distributed.worker.profile.enabled": False,
+    "distributed.admin.system-monitor.interval": "5s",
+}
 _AHEAD, _LEAST_AHEAD = 2, 64
 """Recordings, and pieces of long ones, that are given out at a time: for each thread, and at least, so that a cluster
 that grows with its work sees some."""
@@ -74,7 +81,7 @@ def client_of(where: Where) -> Iterator[Client]:
                 remedy = "check the address, and that the scheduler runs"
                 raise InputError(f"no scheduler answers ({why})", where=given, remedy=remedy) from None
             return
-        open_ones.enter_context(dask.config.set({"distributed.scheduler.allowed-failures": TIMES_AGAIN}))
+        open_ones.enter_context(dask.config.set(_QUIET))
         cluster = open_ones.enter_context(
             LocalCluster(
                 n_workers=where.jobs,
@@ -147,20 +154,21 @@ def _in_pieces(
 ) -> tuple[Future, tuple[Future, ...]]:
     """The last task of a long recording, and those before it (`estimator.contact.pieces`)."""
 
-    def submit(function: Any, *given: Any) -> Future:
-        return client.submit(function, *given, pure=False)
+    def submit(function: Any, *given: Any, at: str | None = None) -> Future:
+        # left alone, dask would do all of it where the recording was opened
+        return client.submit(function, *given, pure=False, workers=at and [at], allow_other_workers=at is not None)
 
     opened = submit(work.open_again, recording, settings, results)
     head = submit(work.head_of, opened)
-    learnt, rows = None, None
-    files = []
-    for index in range(pieces):
-        piece = submit(work.piece_of, opened, index)
-        seen = submit(work.look_at, piece)
-        learnt = submit(work.learn_from, head, seen, learnt)
-        found = submit(work.solve_for, head, seen, learnt)
-        rows = submit(work.rows_of, head, index, rows, seen, found)
-        files.append(submit(work.file_of, rows))
+    learnt, rows, files = None, None, []
+    places = cycle(client.scheduler_info(n_workers=-1)["workers"])
+    for index, at in zip(range(pieces), places, strict=False):
+        piece = submit(work.piece_of, opened, index, at=at)
+        seen = submit(work.look_at, piece, at=at)
+        learnt = submit(work.learn_from, head, seen, learnt, at=at)
+        found = submit(work.solve_for, head, seen, learnt, at=at)
+        rows = submit(work.rows_of, head, index, rows, seen, found, at=at)
+        files.append(submit(work.file_of, rows, at=at))
     return submit(work.finish, head, files, learnt), (opened, head)
 
 
