@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -83,7 +84,8 @@ def batch(
     client: Client, given: Sequence[Recording], results: Results, settings: Settings | None = None
 ) -> dict[str, work.Outcome]:
     results.prepare([])
-    found = list(cluster.run(client, given, settings or Settings(piece=PIECE), results))
+    with results.locked():
+        found = list(cluster.run(client, given, settings or Settings(piece=PIECE), results))
     assert len({each.name for each in found}) == len(found)
     results.write_summary([each.row for each in found if each.state == "failed"])
     return {each.name: each for each in found}
@@ -111,13 +113,16 @@ def same_bits(own: pyarrow.Table, other: pyarrow.Table) -> bool:
     return all(a.tolist() == b.tolist() if a.dtype == object else a.tobytes() == b.tobytes() for a, b in columns)
 
 
-def test_killed_workers_cost_nothing_but_time(client: Client, folder: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("copies", "kills"), [(1, 3), pytest.param(10, 30, marks=pytest.mark.slow)])
+def test_killed_workers_cost_nothing_but_time(
+    client: Client, folder: Path, tmp_path: Path, copies: int, kills: int
+) -> None:
     """Workers are killed while recordings, are under way: all rows are there, once, bit for bit."""
     over, killed = threading.Event(), []
 
     def kill() -> None:
         rng = np.random.default_rng(0)
-        while len(killed) < 3 and not over.wait(0.5):
+        while len(killed) < kills and not over.wait(0.5):
             pids = [info["id"] for info in client.scheduler_info(n_workers=-1)["workers"].values()]
             if len(pids) == 2:  # one that was killed has come back
                 found = client.run(os.getpid, on_error="ignore")
@@ -126,7 +131,14 @@ def test_killed_workers_cost_nothing_but_time(client: Client, folder: Path, tmp_
                     os.kill(pid, signal.SIGKILL)
                     killed.append(pid)
 
-    given = recordings_of([str(folder / "s*"), str(folder / "long")], folder / "rig.json")
+    own = tmp_path / "own"
+    for copy in range(copies):
+        shutil.copytree(folder, own / f"{copy}")
+    names = [f"{copy}-s{seed}" for copy in range(copies) for seed in range(ALIKE)] + ["0-long"]
+    (tmp_path / "list.csv").write_text(
+        "recording,name\n" + "".join(f"{own / name.replace('-', '/')},{name}\n" for name in names)
+    )
+    given = recordings_of([str(tmp_path / "list.csv")], folder / "rig.json")
     results = Results(tmp_path / "results")
     killer = threading.Thread(target=kill)
     killer.start()
@@ -137,14 +149,16 @@ def test_killed_workers_cost_nothing_but_time(client: Client, folder: Path, tmp_
         killer.join()
     assert killed
     assert {each.state for each in found.values()} == {"done"}
-    assert found["long"].row["pieces"] == 2
-    assert sorted(summary(results)) == sorted(each.name for each in given)
+    assert found["0-long"].row["pieces"] == 2
+    assert sorted(summary(results)) == sorted(names)
     assert not list(results.root.glob("pieces/*"))
-    for name in ("s0", "s5", "long"):
-        own = read_table(results.contacts(name), partitioning=None)
-        assert same_bits(own, serial(folder / name, folder / "rig.json", tmp_path / f"{name}.parquet"))
-    assert len(read_table(results.root / "contacts")) == ALIKE * FRAMES + LONG  # any reader of Parquet finds them all
-    assert len(read_contacts(results.contacts("s1"))) == FRAMES
+    for name in ("0-s0", "0-s5", "0-long"):
+        made = read_table(results.contacts(name), partitioning=None)
+        assert same_bits(made, serial(own / name.replace("-", "/"), folder / "rig.json", tmp_path / f"{name}.parquet"))
+    assert (
+        len(read_table(results.root / "contacts")) == copies * ALIKE * FRAMES + LONG
+    )  # any reader of Parquet finds them all
+    assert len(read_contacts(results.contacts("0-s1"))) == FRAMES
 
 
 def test_what_is_wrong_is_named_and_the_rest_goes_on(client: Client, folder: Path, tmp_path: Path) -> None:
@@ -237,10 +251,14 @@ def test_recordings_by_folder_pattern_and_csv(folder: Path, tmp_path: Path) -> N
     assert [each.name for each in recordings_of([str(one), str(other)], rig)] == ["a-run", "b-run"]
 
 
-def test_another_folder_is_not_written_into(folder: Path, tmp_path: Path) -> None:
+def test_another_folder_is_not_written_into_nor_one_that_another_works_in(folder: Path, tmp_path: Path) -> None:
     (tmp_path / "letter.txt").write_text("mine")
     call = ["batch", str(folder / "s0"), "--rig", str(folder / "rig.json"), "-o", str(tmp_path)]
     assert main(call) == 2
     assert [path.name for path in tmp_path.iterdir()] == ["letter.txt"]
+    results = Results(tmp_path / "used")
+    results.prepare([])
+    with results.locked():
+        assert main([*call[:-1], str(results.root)]) == 2
     assert main([*call, "--jobs", "0"]) == 2
     assert main([*call[:-1], str(tmp_path / "new"), "--scheduler", "tcp://127.0.0.1:9", "--jobs", "2"]) == 2

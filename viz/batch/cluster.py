@@ -7,6 +7,7 @@ from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from itertools import cycle
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,8 +24,18 @@ if TYPE_CHECKING:
 
 TIMES_AGAIN = 3
 """A task whose worker is lost is done again so many times at most."""
-_AHEAD = 2
-"""Recordings, or pieces of one, that are given out for each thread at a time."""
+_QUIET = {
+    "distributed.scheduler.allowed-failures": TIMES_AGAIN,
+    # looks at every thread a hundred times a second
+    "distributed.worker.profile.enabled": False,
+    "distributed.admin.system-monitor.interval": "5s",
+}
+_AHEAD, _LEAST_AHEAD = 2, 64
+"""Recordings, and pieces of long ones, that are given out at a time: for each thread, and at least, so that a cluster
+that grows with its work sees some."""
+
+
+_LOST = "the scheduler is lost; run again to do what is missing"
 
 
 class Lost(VbaaError):
@@ -70,7 +81,7 @@ def client_of(where: Where) -> Iterator[Client]:
                 remedy = "check the address, and that the scheduler runs"
                 raise InputError(f"no scheduler answers ({why})", where=given, remedy=remedy) from None
             return
-        open_ones.enter_context(dask.config.set({"distributed.scheduler.allowed-failures": TIMES_AGAIN}))
+        open_ones.enter_context(dask.config.set(_QUIET))
         cluster = open_ones.enter_context(
             LocalCluster(
                 n_workers=where.jobs,
@@ -98,8 +109,10 @@ def run(client: Client, recordings: Sequence[Recording], settings: Settings, res
 
     waiting, underway = deque(recordings), dict[Any, _Underway]()
     coming: Any = as_completed(loop=client.loop)
-    most = max(_AHEAD * sum(client.nthreads().values()), _AHEAD)
     while waiting or underway:
+        if client.status != "running":
+            raise Lost(_LOST)
+        most = max(_AHEAD * len(client.scheduler_info(n_workers=-1)["workers"]), _LEAST_AHEAD)
         while waiting and sum(each.parts for each in underway.values()) < most:
             recording = waiting.popleft()
             future = client.submit(work.do, recording, settings, results, pure=False)
@@ -127,10 +140,10 @@ def _outcome(future: Future, recording: Recording, client: Client) -> Outcome:
         words = f"its worker was lost {times} times: out of memory (--memory), or something crashes in {recording.path}"
         return work.failed(recording, VbaaError(words))
     except CancelledError as error:
-        raise Lost(f"the scheduler is lost ({error}); run again to do what is missing") from None
+        raise Lost(_LOST) from error
     except Exception as error:
         if client.status != "running":
-            raise Lost("the scheduler is lost; run again to do what is missing") from None
+            raise Lost(_LOST) from error
         return work.failed(recording, error)
     assert isinstance(found, Outcome)
     return found
@@ -141,20 +154,21 @@ def _in_pieces(
 ) -> tuple[Future, tuple[Future, ...]]:
     """The last task of a long recording, and those before it (`estimator.contact.pieces`)."""
 
-    def submit(function: Any, *given: Any) -> Future:
-        return client.submit(function, *given, pure=False)
+    def submit(function: Any, *given: Any, at: str | None = None) -> Future:
+        # left alone, dask would do all of it where the recording was opened
+        return client.submit(function, *given, pure=False, workers=at and [at], allow_other_workers=at is not None)
 
     opened = submit(work.open_again, recording, settings, results)
     head = submit(work.head_of, opened)
-    learnt, rows = None, None
-    files = []
-    for index in range(pieces):
-        piece = submit(work.piece_of, opened, index)
-        seen = submit(work.look_at, piece)
-        learnt = submit(work.learn_from, head, seen, learnt)
-        found = submit(work.solve_for, head, seen, learnt)
-        rows = submit(work.rows_of, head, index, rows, seen, found)
-        files.append(submit(work.file_of, rows))
+    learnt, rows, files = None, None, []
+    places = cycle(client.scheduler_info(n_workers=-1)["workers"])
+    for index, at in zip(range(pieces), places, strict=False):
+        piece = submit(work.piece_of, opened, index, at=at)
+        seen = submit(work.look_at, piece, at=at)
+        learnt = submit(work.learn_from, head, seen, learnt, at=at)
+        found = submit(work.solve_for, head, seen, learnt, at=at)
+        rows = submit(work.rows_of, head, index, rows, seen, found, at=at)
+        files.append(submit(work.file_of, rows, at=at))
     return submit(work.finish, head, files, learnt), (opened, head)
 
 

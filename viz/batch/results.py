@@ -14,7 +14,8 @@ import csv
 import io
 import json
 import shutil
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -70,7 +71,20 @@ class Results:
         if own.exists() and read_json(own).get("schema") != SCHEMA:
             raise InputError(f"is not of {SCHEMA}", where=own, remedy="take another folder")
         write_json(own, {"schema": SCHEMA, "command": list(argv)})
-        shutil.rmtree(self.root / "pieces", ignore_errors=True)
+
+    @contextmanager
+    def locked(self) -> Iterator[None]:
+        """While one batch works here no other does. Raises InputError where one does already."""
+        from filelock import FileLock, Timeout
+
+        try:
+            with FileLock(self.root / ".lock", timeout=0):
+                self.remove_work()
+                yield
+                self.remove_work()
+        except Timeout:
+            remedy = "wait for it, or take another folder"
+            raise InputError("another vbaa batch works here", where=self.root, remedy=remedy) from None
 
     def done(self, name: str) -> Row | None:
         """The summary of a recording whose contacts are there; None where they are not, or cannot be read."""
@@ -89,7 +103,10 @@ class Results:
 
     def write_summary(self, failed: Iterable[Row]) -> list[Row]:
         """summary.csv of all contacts that are there and of the recordings that failed; its rows."""
-        rows = {str(row["recording"]): row for row in (*self.every(), *failed)}
+        rows = {str(row["recording"]): dict(row) for row in (*self.every(), *failed)}
+        for name, row in rows.items():
+            if self.object(name).exists():
+                row["object"] = self.object(name).relative_to(self.root)
         text = io.StringIO()
         writer = csv.DictWriter(text, SUMMARY, restval="", extrasaction="ignore", lineterminator="\n")
         writer.writeheader()

@@ -77,19 +77,19 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         again=args.force,
     )
     outcomes, lost = [], None
-    try:
-        with client_of(where) as client:
-            say(f"{len(recordings)} recordings on {_described(client, where)}")
-            pace = Pace(len(recordings))
-            for outcome in run(client, recordings, settings, results):
-                say(pace.line(outcome))
-                outcomes.append(outcome)
-    except Lost as error:
-        lost = str(error)
-        say(f"warning: {lost}")
-    finally:
-        results.remove_work()
-        rows = results.write_summary([each.row for each in outcomes if each.state == "failed"])
+    with results.locked():
+        try:
+            with client_of(where) as client:
+                say(f"{len(recordings)} recordings on {_described(client, where)}")
+                pace = Pace(len(recordings))
+                for outcome in run(client, recordings, settings, results):
+                    say(pace.line(outcome))
+                    outcomes.append(outcome)
+        except Lost as error:
+            lost = str(error)
+            say(f"warning: {lost}")
+        finally:
+            rows = results.write_summary([each.row for each in outcomes if each.state == "failed"])
     states = {state: sorted(each.name for each in outcomes if each.state == state) for state in _STATES}
     missing = sorted({each.name for each in recordings} - set(states["done"]) - set(states["unchanged"]))
     own = [row for row in rows if row["recording"] in {each.name for each in recordings} - set(missing)]

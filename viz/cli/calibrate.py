@@ -85,7 +85,7 @@ def _unchanged(output: Path, session: Path) -> bool:
     if not output.exists():
         return False
     try:
-        made_from = read_json(output).get("inputs_sha256")
+        made_from = read_json(output).get("inputs_sha256") or {}
         return bool(made_from) and all(sha256(session / name) == digest for name, digest in made_from.items())
     except (InputError, AttributeError):
         return False
@@ -115,7 +115,8 @@ def _dated(given: list[Path]) -> list[tuple[datetime, Path]]:
         try:
             if date_of is None:
                 raise ValueError
-            found.append((datetime(*(int(each or 0) for each in date_of.groups())), path))
+            year, month, day, hour, minute = (int(each or 0) for each in date_of.groups())
+            found.append((datetime(year, month, day, hour, minute), path))
         except ValueError:
             remedy = "put its date into its name (2026-11-24), or give a CSV with the columns session and date"
             raise InputError("its date is not known", where=path, remedy=remedy) from None

@@ -175,7 +175,7 @@ def compare_rigs(a: Rig, b: Rig) -> ComparedRigs:
         f"antenna.{name}" for name in ("length_m", "diameter_m") if one["antenna"][name] != other["antenna"][name]
     ]
     settings += ["camera.model"] if a.camera.parameter_names != b.camera.parameter_names else []
-    return ComparedRigs(names, *std, step, _over(step, _pooled(*std)), tuple(settings))
+    return ComparedRigs(names, std[0], std[1], step, _over(step, _pooled(std[0], std[1])), tuple(settings))
 
 
 def _finite(value: Any) -> float | None:
