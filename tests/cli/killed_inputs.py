@@ -11,7 +11,6 @@ import yaml
 from estimator.table.files import write_contacts
 from tests.estimator.test_next_touch import given
 from tests.small_scene import small_rig
-from vbaa_calib.cli.main import main
 
 VERBS: dict[str, Callable[[Path], tuple[str, list[str]]]] = {
     "board": lambda at: ("board.svg", ["board", "--spec", str(at / "board.yaml")]),
@@ -19,24 +18,9 @@ VERBS: dict[str, Callable[[Path], tuple[str, list[str]]]] = {
     "budget": lambda at: ("budget.json", ["budget", str(at / "rig.json")]),
     "track": lambda at: ("track.csv", ["track", str(at / "contacts.csv"), "--rig", str(at / "rig.json")]),
     "reconstruct": lambda at: ("object.ply", ["reconstruct", str(at / "contacts.csv"), "--rig", str(at / "rig.json")]),
-    "next": lambda at: ("next.json", ["next", str(at / "contacts.csv"), "--rig", str(at / "rig.json")]),
-    "report": lambda at: ("report.html", ["report", str(at / "contacts.csv"), "--rig", str(at / "rig.json")]),
     "simulate": lambda at: ("session", ["simulate", str(small_rig() / "scene.yaml")]),
-    "calibrate": lambda at: ("rig.json", ["calibrate", str(small_rig() / "session")]),
-    "estimate": lambda at: (
-        "contacts.csv",
-        ["estimate", str(small_rig() / "session"), "--rig", str(small_rig() / "rig.json"), "--no-report"],
-    ),
-    "refine": lambda at: (
-        "refined.csv",
-        ["refine", str(at / "small.csv"), "--rig", str(small_rig() / "rig.json"), *_session()],
-    ),
 }
 """Name → output and arguments, from the folder of `prepare`. The answers are the same in every run."""
-
-
-def _session() -> list[str]:
-    return ["--session", str(small_rig() / "session")]
 
 
 def prepare(folder: Path) -> None:
@@ -45,6 +29,4 @@ def prepare(folder: Path) -> None:
     (folder / "rig.json").write_text(json.dumps(rig.to_dict()))
     board = {"type": "charuco", "squares_x": 5, "squares_y": 4, "square_m": 0.012, "marker_m": 0.009}
     board |= {"dictionary": "DICT_4X4_100", "legacy_pattern": False, "thickness_m": 0.0}
-    small = ["estimate", str(small_rig() / "session"), "--rig", str(small_rig() / "rig.json"), "--no-report"]
-    assert main([*small, "-o", str(folder / "small.csv")]) == 0
     (folder / "board.yaml").write_text(yaml.safe_dump(board))
