@@ -71,7 +71,7 @@ def first_facts(table: ContactTable, facts: Sequence[Fact]) -> list[Fact]:
     """All facts, behind the two that one asks for first: whether to trust it, and what was touched."""
     doubts = [fact.label for fact in facts if fact.kind == "look"]
     named = f": see {', '.join(doubts)} below" if doubts else ""
-    words = f"Look first{named}." if doubts else "No frame was lost, and nothing contradicts the rig."
+    words = f"Look first{named}." if doubts else "No frame was lost, and no check of these frames failed."
     if not table.located.any():
         words = f"No contact to trust or doubt{named}."
     return [Fact("Trust", words, "look" if doubts else ""), *sorted(facts, key=lambda fact: fact.label != "Shape")]

@@ -195,7 +195,7 @@ def _surface(found: Fit, compliance: Compliance, known: bool, notes: list[str]) 
     curves = [len(patch.members) for patch in found.patches if not patch.wide]
     if curves:
         some = f"{len(curves)} of {len(pieces)} patches ({sum(curves)} of {count} contacts)"
-        notes.append(f"{some} are too narrow for a surface; drawn as lines")
+        notes.append(f"too narrow for a surface, and drawn as lines: {some}")
     for piece, start in zip(pieces, np.cumsum([0, *sizes[:-1]]), strict=True):
         piece["triangles"], piece["lines"] = piece["triangles"] + start, piece["lines"] + start
         if not known:
