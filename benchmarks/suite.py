@@ -242,9 +242,8 @@ def _refuse(args: argparse.Namespace, chosen: Sequence[Subject]) -> None:
             raise InputError(f"--{said} {getattr(args, said)} for {what}", remedy=remedy)
     if args.out is None:
         return
-    if not args.out.is_dir():
-        what = "is a file, not a folder" if args.out.exists() else "no such folder"
-        raise InputError(what, where=args.out, remedy="create it first")
+    if args.out.exists() and not args.out.is_dir():
+        raise InputError("is a file, not a folder", where=args.out, remedy="take another name")
     for name in (name for subject in chosen for name in (*subject.files, subject.record)):
         refuse_overwrite(args.out / name, args.force)
 

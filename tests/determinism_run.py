@@ -37,7 +37,7 @@ def whole_way(folder: Path, session: Path | None) -> None:
         (folder / "scene.yaml").write_text(yaml.safe_dump(small_scene(noload=2, loads=(1, 8))))
         vbaa("simulate", folder / "scene.yaml", "-o", session)
     rig = folder / "rig.json"
-    vbaa("calibrate", session, "-o", rig, "--model", "opencv4")
+    vbaa("calibrate", session, "-o", rig, "--lens-model", "opencv4")
     vbaa("estimate", session, "--rig", rig, "-o", folder / "contacts.csv", "--no-report")
     vbaa("track", folder / "contacts.csv", "--rig", rig, "-o", folder / "track.csv")
     vbaa("reconstruct", folder / "contacts.csv", "--rig", rig, "-o", folder / "object.vtp")

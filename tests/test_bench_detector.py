@@ -83,7 +83,7 @@ def test_the_verb_reports_in_words_and_json(
         return try_detectors(spec, pictures, seed, **QUICK)
 
     monkeypatch.setattr("vbaa_calib.doctor.detector_test.try_detectors", quick)
-    assert main(["selftest", "--board", str(board), "--pictures", "1", "--json"]) == 0
+    assert main(["selftest", "--board", str(board), "--repeats", "1", "--json"]) == 0
     captured = capsys.readouterr()
     result = json.loads(captured.out)
     assert result["sound"] is True

@@ -171,7 +171,7 @@ def at_work(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "scene.yaml").write_text(yaml.safe_dump(scene))
     session, rig = str(folder / "session"), str(folder / "rig.json")
     assert main(["simulate", str(folder / "scene.yaml"), "-o", session, "--pictures", "none"]) == 0
-    assert main(["calibrate", session, "-o", rig, "--model", "opencv4"]) == 0
+    assert main(["calibrate", session, "-o", rig, "--lens-model", "opencv4"]) == 0
     assert main(["estimate", session, "--rig", rig, "-o", str(folder / "contacts.csv"), "--no-report"]) == 0
     (folder / "demo").symlink_to(folder, target_is_directory=True)
     return folder

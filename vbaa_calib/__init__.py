@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from .camera import Camera
     from .rig import Rig
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 __all__ = ["Camera", "Rig", "__version__", "calibrate_lens"]
 
 _HOMES = {"Camera": ".camera", "Rig": ".rig", "calibrate_lens": ".calibrate.from_corners"}

@@ -31,9 +31,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--no-moment", action="store_true", help="vision alone: leave the moment reading aside")
     one = parser.add_argument_group("one contact", "all three together; without them ordinary contacts all over")
-    one.add_argument("--distance", type=float, metavar="MM", help="of the contact from the clamp, along the antenna")
-    one.add_argument("--force-y", type=float, metavar="MN", help="force on the antenna along its y, in plane C, mN")
-    one.add_argument("--force-z", type=float, metavar="MN", help="along its z, out of plane C, mN")
+    one.add_argument("--distance", type=float, metavar="M", help="of the contact from the clamp, along the antenna")
+    one.add_argument("--force-y", type=float, metavar="N", help="force on the antenna along its y, in plane C")
+    one.add_argument("--force-z", type=float, metavar="N", help="along its z, out of plane C")
     add_joints(parser)
 
 
@@ -103,17 +103,17 @@ def _touches(args: argparse.Namespace, rig: Rig) -> Touches:
     pan, tilt = joints_rad(args, 0.0).values()
     if args.distance is None:
         return ordinary_touches(rig, pan, tilt)
-    distance, length = 1e-3 * args.distance, rig.antenna.length_m
+    distance, length = args.distance, rig.antenna.length_m
     if not NEAREST * length < distance <= length:
         raise InputError(
-            f"--distance {args.distance:g} mm is not on the antenna",
-            remedy=f"give {1e3 * NEAREST * length:.3g} to {1e3 * length:.4g} mm",
+            f"--distance {args.distance:g} m is not on the antenna",
+            remedy=f"give {NEAREST * length:.3g} to {length:.4g} m",
         )
-    force = 1e-3 * np.array([args.force_y, args.force_z])
+    force = np.array([args.force_y, args.force_z])
     touch = touch_of_force(RigArrays.from_rig(rig, args.friction, drift=False), distance, force, pan, tilt)
     if not np.isfinite(touch.push_N).all():
         raise InputError(
-            f"a force of {1e3 * float(np.hypot(*force)):.3g} mN bends the antenna further than is modelled",
+            f"a force of {float(np.hypot(*force)):.3g} N bends the antenna further than is modelled",
             remedy="give a smaller force: slopes are ordinary below 35°",
         )
     return touch

@@ -15,6 +15,7 @@ import numpy as np
 
 from estimator.table.contacts import LOCATED, STATUSES, Contact
 from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.files import refuse_folder_of
 from vbaa_calib.core.folders import replacing_folder
 from vbaa_calib.core.images import read_gray, read_picture
 from vbaa_calib.core.polyline import normals
@@ -218,11 +219,7 @@ def _close_up(canvas: Canvas, grey: np.ndarray, item: FrameContact, found: _Mark
 
 def refuse_folder(path: Path, force: bool) -> None:
     """Raises InputError unless debug pictures may be written to `path`; a folder of other things is never replaced."""
-    parent = Path(os.path.realpath(path)).parent
-    if not parent.is_dir():
-        raise InputError("its folder does not exist", where=path, remedy=f"create {path.parent} first")
-    if not os.access(parent, os.W_OK | os.X_OK):
-        raise InputError("its folder is read-only", where=path, remedy="write somewhere else")
+    refuse_folder_of(path)
     if not os.path.lexists(path):
         return
     if not path.is_dir() or path.is_symlink():

@@ -154,7 +154,7 @@ def real_rod(tmp_path: Path) -> Path:
 def test_the_real_rod(real_rod: Path, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
     """10 mm square steel: E within 200–222 GPa, and an interval that knows what the readings cannot separate."""
     output = tmp_path / "stiffness.json"
-    call = ["stiffness", str(real_rod), "--force", "5.18", "--distance", "0.54", "--second-moment", "833.3e-12"]
+    call = ["stiffness", str(real_rod), "--load", "5.18", "--distance", "0.54", "--second-moment", "833.3e-12"]
     assert main([*call, "-o", str(output), "--json"]) == 0
     said = capsys.readouterr()
     result = json.loads(said.out)

@@ -208,7 +208,7 @@ def test_the_verb_writes_what_it_says(tmp_path: Path, capsys: pytest.CaptureFixt
     cv2.imwrite(str(tmp_path / "rod.png"), drawn(line, np.random.default_rng(0)))
     out = [str(tmp_path / name) for name in ("out.json", "line.png", "moments.csv")]
     call = ["stiffness", str(tmp_path / "rod.png"), "--length", "0.2", "--weight", "0.3", "--json"]
-    assert main([*call, "-o", out[0], "--picture", out[1], "--moments", out[2]]) == 0
+    assert main([*call, "-o", out[0], "--overlay", out[1], "--moments", out[2]]) == 0
     document = json.loads(capsys.readouterr().out)
     assert document == json.loads(Path(out[0]).read_text())
     low, high = document["stiffness_interval_95_Nm2"]

@@ -31,7 +31,7 @@ def test_file_terminal_and_exit_code_agree(
     board.write_text(yaml.safe_dump({"board": SPEC.to_dict()}))
     photos.mkdir()
     (photos / "00.png").touch()
-    call = ["intrinsics", str(photos), "--board", str(board), "-o", str(out), "--model", "opencv5", "--json"]
+    call = ["intrinsics", str(photos), "--board", str(board), "-o", str(out), "--lens-model", "opencv5", "--json"]
     code = main(call)
     said, file = capsys.readouterr(), json.loads(out.read_text())
     result = json.loads(said.out)

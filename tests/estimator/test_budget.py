@@ -258,7 +258,7 @@ def test_more_samples_fall_as_predicted_when_a_cause_is_known(cause: str) -> Non
     np.testing.assert_allclose(drawn, said, rtol=0.15, atol=1e-9)
 
 
-ONE = ("--distance", "140", "--force-y", "60", "--force-z", "-40")
+ONE = ("--distance", "0.14", "--force-y", "0.06", "--force-z", "-0.04")
 
 
 def arguments(*words: str | Path) -> argparse.Namespace:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from benchmarks.estimator.setup import drawn_truth
-from benchmarks.object.scenes import CASES, SETUP, Recorded, contacts, play
+from benchmarks.object.scenes import CASES, RIGID, SETUP, SOFT, Recorded, contacts, play
 from benchmarks.recording.recording import lengthened, played
 from estimator.contact.common_errors import shared_errors
 from estimator.object.estimate import estimate_object

@@ -21,7 +21,7 @@ TEXTS: tuple[tuple[str, str, str], ...] = (
     ("session.yaml", "session/session.yaml", REFINE),
     ("board.yaml", "board.yaml", "intrinsics session/intrinsics --board board.yaml -o out.json"),
     ("board.yaml", "board.yaml", "board --spec board.yaml -o out.pdf"),
-    ("board.yaml", "board.yaml", "selftest --board board.yaml --pictures 1"),
+    ("board.yaml", "board.yaml", "selftest --board board.yaml --repeats 1"),
     ("rig.json", "rig.json", ESTIMATE),
     ("rig.json", "rig.json", CHECK),
     ("rig.json", "rig.json", "look session/recording/frame_0003.png --rig rig.json -o out.png"),
@@ -46,7 +46,7 @@ TEXTS: tuple[tuple[str, str, str], ...] = (
     ("loads.csv", "session/loads/loads.csv", CALIBRATE),
     ("loads.csv", "session/loads/loads.csv", CHECK),
     ("sweep.csv", "swept/sweep/sweep.csv", CALIBRATE_SWEPT),
-    ("stiffness.csv", "stiffness.csv", "stiffness stiffness.csv --force 0.01 --distance 0.2 -o out.json"),
+    ("stiffness.csv", "stiffness.csv", "stiffness stiffness.csv --load 0.01 --distance 0.2 -o out.json"),
     ("poses.csv", "poses.csv", HANDEYE),
     ("corners.csv", "corners.csv", HANDEYE),
     ("truth.json", "truth.json", "report contacts.csv --truth truth.json -o out.html"),
@@ -56,9 +56,9 @@ TEXTS: tuple[tuple[str, str, str], ...] = (
     ("wizard.json", "store/wizard.json", "wizard store --batch"),
     ("ros", "ros.txt", "convert ros.txt --from ros -o out.json"),
     ("opencv", "opencv.txt", "convert opencv.txt --from opencv -o out.json"),
-    ("kalibr", "kalibr.txt", "convert kalibr.txt --from kalibr --camera cam0 -o out.json"),
+    ("kalibr", "kalibr.txt", "convert kalibr.txt --from kalibr --camera-name cam0 -o out.json"),
     ("mrcal", "mrcal.txt", "convert mrcal.txt --from mrcal -o out.json"),
-    ("colmap", "colmap.txt", "convert colmap.txt --camera 3 -o out.json"),
+    ("colmap", "colmap.txt", "convert colmap.txt --camera-name 3 -o out.json"),
 )
 """Kind, path, command."""
 
@@ -101,7 +101,7 @@ PICTURES: tuple[tuple[str, str, str], ...] = (
     ("free.png", "free.png", "look free.png --rig rig.json -o out.png"),
     ("free.png", "free.png", "look session/noload/noload_001.png --rig rig.json --background free.png"),
     ("free.png", "free.png", "check rig.json --free free.png"),
-    ("jig.png", "jig.png", "check rig.json --board jig.png"),
+    ("jig.png", "jig.png", "check rig.json --jig jig.png"),
     ("free.png", "free.png", f"{ESTIMATE} --background free.png"),
     ("free.png", "free.png", "view contacts.csv --rig rig.json --picture free.png --html out.html"),
 )
@@ -143,7 +143,7 @@ GIANTS: tuple[tuple[str, str, int, str], ...] = (
     ("scene.yaml", "scene.yaml", 300_000_000, "simulate scene.yaml -o out"),
     ("answers.yaml", "answers.yaml", 300_000_000, "wizard new --answers answers.yaml --batch"),
     ("rig.json", "rig.json", 300_000_000, ESTIMATE),
-    ("stiffness.csv", "stiffness.csv", 10**13, "stiffness stiffness.csv --force 0.01 --distance 0.2 -o out.json"),
+    ("stiffness.csv", "stiffness.csv", 10**13, "stiffness stiffness.csv --load 0.01 --distance 0.2 -o out.json"),
     ("camera.json", "camera.json", 10**13, "convert camera.json --to opencv -o out.yaml"),
     ("mrcal", "mrcal.txt", 10**13, "convert mrcal.txt --from mrcal -o out.json"),
     ("object.vtp", "object.vtp", 10**13, "view contacts.csv --object object.vtp --html out.html"),

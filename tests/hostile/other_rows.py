@@ -74,7 +74,7 @@ WIZARD: tuple[Row, ...] = (
     ("an answer to no question", d.at("answers.colour", "red"), "'colour' is no question"),
     ("a picture outside", d.at("steps", {"lens": {"taken": [ELSEWHERE]}}), "is no file of this session"),
 )
-CAMERAS = {"kalibr": " --camera cam0", "colmap": " --camera 3"}
+CAMERAS = {"kalibr": " --camera-name cam0", "colmap": " --camera-name 3"}
 
 CASES: list[Case] = [
     *(

@@ -87,7 +87,7 @@ CASES: list[Case] = [
         "frame_0003.png", "session/recording/frame_0003.png", "estimate session --rig rig.json -o out.csv", ROWS[1::2]
     ),
     *cases("free.png", "free.png", "estimate session --rig rig.json -o out.csv --background free.png", ROWS[::4]),
-    *cases("jig.png", "jig.png", "check rig.json --board jig.png", ROWS[::4]),
+    *cases("jig.png", "jig.png", "check rig.json --jig jig.png", ROWS[::4]),
     *cases("loads_002.png", "session/loads/loads_002.png", "calibrate session -o out.json", NOTHING_ON_IT),
     *cases("noload_001.png", "session/noload/noload_001.png", "calibrate session -o out.json", NOTHING_ON_IT[:2]),
     *cases("intrinsics", "session/intrinsics", "intrinsics session/intrinsics --board board.yaml -o o.json", NO_BOARD),

@@ -111,9 +111,9 @@ CASES: list[Case] = [
     *cases("session.yaml", "session/session.yaml", CALIBRATE, SESSION),
     *cases("board.yaml", "board.yaml", _LENS, BOARD),
     *(Case(name, "board.yaml", "board.yaml", damage, _LENS, tuple(words)) for name, damage, *words in WITHOUT_IDS),
-    *cases("board.yaml", "board.yaml", "selftest --board board.yaml --pictures 1", CHESSBOARD),
+    *cases("board.yaml", "board.yaml", "selftest --board board.yaml --repeats 1", CHESSBOARD),
     *cases("board.yaml", "board.yaml", "board --spec board.yaml -o out.pdf", BOARD),
-    *cases("board.yaml", "board.yaml", "selftest --board board.yaml --pictures 1", BOARD),
+    *cases("board.yaml", "board.yaml", "selftest --board board.yaml --repeats 1", BOARD),
     *(
         Case(
             name,

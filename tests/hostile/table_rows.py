@@ -167,7 +167,7 @@ def mixed(data: bytes) -> bytes:
     return _of_poses(data, lambda k, cells: [cells[0], str(k % 3), str(k % 5), str(k * k % 7), *cells[4:]])
 
 
-STIFF = "stiffness stiffness.csv --force 0.01 --distance 0.2 -o out.json"
+STIFF = "stiffness stiffness.csv --load 0.01 --distance 0.2 -o out.json"
 
 CASES: list[Case] = [
     *cases("noload.csv", "session/noload/noload.csv", CALIBRATE, table("tilt_rad") + numbers(2, "pan_rad") + NOLOAD),

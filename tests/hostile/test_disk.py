@@ -16,7 +16,7 @@ LINES = (
     "board --squares 5x4 --px-per-mm 4 -o disk/out.png",
     "calibrate session -o disk/out.json",
     "intrinsics session/intrinsics --board board.yaml -o disk/out.json",
-    "stiffness stiffness.csv --force 0.01 --distance 0.2 -o disk/out.json",
+    "stiffness stiffness.csv --load 0.01 --distance 0.2 -o disk/out.json",
     "estimate session --rig rig.json --no-report -o disk/out.csv",
     "estimate session --rig rig.json --no-report -o kept.csv --overlay disk/out",
     "track contacts.csv -o disk/out.csv",

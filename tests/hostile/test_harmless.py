@@ -45,7 +45,7 @@ def linked(path: Path) -> None:
 LINED = "estimate lined --rig rig.json --no-report -o {}.csv"
 TRACK = "track contacts.csv --rig rig.json -o {}.csv"
 CONVERT = "convert camera.json --to kalibr -o {}.yaml"
-STIFF = "stiffness stiffness.csv --force 0.01 --distance 0.2"
+STIFF = "stiffness stiffness.csv --load 0.01 --distance 0.2"
 TEXTS: tuple[tuple[str, str, Damage, str], ...] = (
     *((name, f"lined/recording/{table}.csv", damage, LINED)
       for name, damage in (("BOM", BOM), ("CRLF", CRLF), ("blank lines", BLANK_LINES), ("spaces", SPACES),
@@ -55,7 +55,7 @@ TEXTS: tuple[tuple[str, str, Damage, str], ...] = (
       for name, damage in (("BOM", BOM), ("CRLF", CRLF))
       for path, line in (("contacts.csv", TRACK), ("camera.json", CONVERT),
                          *((f"{one}.txt", f"convert {one}.txt --to ros -o {{}}.yaml") for one in ("opencv", "mrcal")),
-                         ("colmap.txt", "convert colmap.txt --camera 3 --to ros -o {}.yaml"))),
+                         ("colmap.txt", "convert colmap.txt --camera-name 3 --to ros -o {}.yaml"))),
     ("BOM", "lined/session.yaml", BOM, LINED),
     ("BOM", "rig.json", BOM, LINED),
     ("a link", "rig.json", linked, LINED),

@@ -27,7 +27,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, dict]:
     call = ["intrinsics", str(session / "intrinsics"), "--board", str(session / "session.yaml"), "-o", str(out)]
     assert main([*call, "--html", str(folder / "camera.txt")]) == 2
     assert not out.exists()
-    main([*call, "--html", str(html), "--model", "opencv4"])
+    main([*call, "--html", str(html), "--lens-model", "opencv4"])
     return html.read_text(), json.loads(out.read_text())
 
 

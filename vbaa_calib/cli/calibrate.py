@@ -21,7 +21,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "-o", "--output", type=Path, required=True, help="rig.json to write; a folder for the rigs of many sessions"
     )
     parser.add_argument(
-        "--model", default="auto", choices=MODELS, help="lens model (default: the one expected to be least off)"
+        "--lens-model",
+        dest="model",
+        default="auto",
+        choices=MODELS,
+        help="lens model (default: the one expected to be least off)",
     )
     parser.add_argument(
         "--camera",
@@ -48,7 +52,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if args.camera_name is not None and not inputs:
         raise InputError("names a camera of no file", where="--camera-name", remedy="give --camera FILE, too")
     if inputs and args.model != "auto":
-        raise InputError("--camera brings its lens model", where="--model", remedy="leave one of the two out")
+        raise InputError("--camera brings its lens model", where="--lens-model", remedy="leave one of the two out")
     refuse_measured(args.output, args.session)
     session = load_session(args.session)
     given = None if args.camera is None else read_lens(args.camera, args.camera_name)

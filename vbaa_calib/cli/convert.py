@@ -21,7 +21,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "cameras.txt; vbaa: camera.json (default: vbaa)",
     )
     parser.add_argument("-o", "--output", type=Path, required=True, help="the file to write")
-    parser.add_argument("--camera", metavar="NAME", help="which one, where FILE holds several (cam1; CAMERA_ID)")
+    parser.add_argument("--camera-name", metavar="NAME", help="which one, where FILE holds several (cam1; CAMERA_ID)")
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
@@ -36,7 +36,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     refuse_overwrite(args.output, args.force, [args.file])
     source = guessed(args.file) if args.source is None else FORMATS[args.source]
     target = FORMATS[args.target]
-    given = source.read(args.file, args.camera)
+    given = source.read(args.file, args.camera_name)
     text, lost = target.write(given), target.lost(given)
     write_text(args.output, text, args.force)
     say(f"read {args.file}: {source.what}, lens {given.camera.model} with {given.camera.distortion.size} coefficients")

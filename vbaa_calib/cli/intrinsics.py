@@ -36,7 +36,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     board.add_argument("--asymmetric", action="store_true", default=None, help="every second row is moved half a step")
     parser.add_argument(
-        "--model",
+        "--lens-model",
+        dest="model",
         choices=MODELS,
         default="auto",
         help="lens: auto takes the one expected to be least off; none, radial (k1 k2), opencv4 and opencv5 "

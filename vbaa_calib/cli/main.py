@@ -5,20 +5,26 @@ from __future__ import annotations
 import argparse
 import atexit
 import contextlib
+import difflib
 import gc
+import hashlib
 import importlib
 import json
 import os
+import re
 import signal
 import sys
 import threading
 import traceback
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 from types import ModuleType
 from typing import NoReturn
 
 import vbaa_calib
 from vbaa_calib.core.errors import InputError, VbaaError
+
+from .examples import EXAMPLES
 
 VERBS = {
     "board": (
@@ -58,9 +64,11 @@ VERBS = {
     "report": ("viz.cli.report", "contacts as a page to read: plots, map, friction cone, table"),
     "view": ("viz.cli.view", "the 3-D scene as a window, a PNG or a self-contained HTML page"),
     "doctor": ("vbaa_calib.cli.doctor", "is this installation healthy? each problem with its remedy"),
+    "completion": ("vbaa_calib.cli.completion", "a script that completes verbs and options in bash, zsh or fish"),
     "demo": ("viz.cli.demo", "the whole way on a bundled scene, with a table of error against truth"),
 }
 """Name → (module with `configure` and `run`, one line of help). Modules are imported when their verb is run."""
+_PACKAGES = ("estimator", "targets", "vbaa", "vbaa_calib", "viz")
 _SELDOM = 100_000
 """New objects between two searches for those that nobody holds any more."""
 # the last of them, for what is gone with the process anyway, takes a third of a second once numba is loaded
@@ -84,7 +92,22 @@ class _Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         verb = self.prog.removeprefix("vbaa").strip()
-        raise InputError(message, where=verb or None, remedy=f"see {self.prog} --help")
+        unknown = re.match(r"unrecognized arguments: (--[\w-]+)", message)
+        close = difflib.get_close_matches(unknown[1], self._option_string_actions, n=1) if unknown else []
+        remedy = f"do you mean {close[0]}?" if close else f"see {self.prog} --help"
+        raise InputError(message, where=verb or None, remedy=remedy)
+
+
+class _Version(argparse.Action):
+    """Prints the version, with a digest of the sources: two that agree run the same code."""
+
+    def __call__(self, *_: object) -> NoReturn:
+        digest, root = hashlib.sha256(), Path(vbaa_calib.__file__).parents[1]
+        for package in _PACKAGES:
+            for path in sorted((root / package).rglob("*.py")):
+                digest.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes())
+        print(f"vbaa-calib {vbaa_calib.__version__} ({digest.hexdigest()[:12]})")
+        raise SystemExit(0)
 
 
 def _front_parser() -> _Parser:
@@ -100,18 +123,24 @@ def _front_parser() -> _Parser:
         allow_abbrev=False,
     )
     parser.add_argument("verb", help=argparse.SUPPRESS)
-    parser.add_argument("--version", action="version", version=f"vbaa-calib {vbaa_calib.__version__}")
+    parser.add_argument("--version", action=_Version, nargs=0, help="version, and digest of the code that runs")
     return parser
 
 
 def _verb_parser(name: str) -> _Parser:
     line = VERBS[name][1]
-    parser = _Parser(prog=f"vbaa {name}", description=line[0].upper() + line[1:] + ".", allow_abbrev=False)
+    parser = _Parser(
+        prog=f"vbaa {name}",
+        description=line[0].upper() + line[1:] + ".",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
     parser.add_argument("--json", action="store_true", help="print the result's numbers as one JSON object on stdout")
     parser.add_argument("--force", action="store_true", help="replace outputs that exist already")
     parser.add_argument("--debug", action="store_true", help="show the whole traceback of an error")
-    # last, so that a verb may take one of these names for itself (`stiffness --force N`)
     _module(name).configure(parser)
+    examples = "\n  ".join(["examples:", *EXAMPLES[name]]) if name in EXAMPLES else ""
+    parser.epilog = "\n\n".join(filter(None, [parser.epilog, examples]))
     return parser
 
 
@@ -119,7 +148,9 @@ def run_verb(argv: Sequence[str]) -> int:
     """Run one command line. Errors of ours pass through; the caller turns them into exit codes."""
     name = _front_parser().parse_args(argv[:1]).verb
     if name not in VERBS:
-        raise InputError(f"there is no verb {name!r}", remedy=f"the verbs are {', '.join(VERBS)}")
+        close = difflib.get_close_matches(name, VERBS, n=1)
+        remedy = f"do you mean {close[0]}?" if close else f"the verbs are {', '.join(VERBS)}"
+        raise InputError(f"there is no verb {name!r}", remedy=remedy)
     args = _verb_parser(name).parse_args(argv[1:])
     args.argv = ["vbaa", *argv]
     result = _module(name).run(args)

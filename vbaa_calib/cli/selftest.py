@@ -16,7 +16,7 @@ _MOST_PICTURES = 1000
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--board", type=Path, required=True, help="board.yaml, or a session.yaml")
     parser.add_argument(
-        "--pictures",
+        "--repeats",
         type=int,
         default=_PICTURES,
         metavar="N",
@@ -33,12 +33,12 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from vbaa_calib.detect.board.board_file import load_board
     from vbaa_calib.doctor.detector_test import OPENCV, OURS, as_text, is_sound, mean_bias_px, try_detectors, verdict
 
-    if not 1 <= args.pictures <= _MOST_PICTURES:
-        raise InputError(f"--pictures is {args.pictures}", remedy=f"give a number from 1 to {_MOST_PICTURES}")
+    if not 1 <= args.repeats <= _MOST_PICTURES:
+        raise InputError(f"--repeats is {args.repeats}", remedy=f"give a number from 1 to {_MOST_PICTURES}")
     if args.seed < 0:
         raise InputError(f"--seed is {args.seed}", remedy="give a whole number from 0 on")
     spec = load_board(args.board)
-    rows = try_detectors(spec, args.pictures, args.seed)
+    rows = try_detectors(spec, args.repeats, args.seed)
     sentences = verdict(rows)
     say(as_text(rows))
     for sentence in sentences:
@@ -47,7 +47,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     return {
         "opencv": cv2.__version__,
         "board": spec.to_dict(),
-        "pictures": args.pictures,
+        "pictures": args.repeats,
         "seed": args.seed,
         "sound": is_sound(rows),
         "bias_px": {name: bias.tolist() if np.isfinite(bias).all() else None for name, bias in biases.items()},

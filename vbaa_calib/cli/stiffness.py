@@ -1,4 +1,4 @@
-"""`vbaa stiffness TABLE.csv --force N --distance M`, or a photograph in the table's place."""
+"""`vbaa stiffness TABLE.csv --load N --distance M`, or a photograph in the table's place."""
 
 from __future__ import annotations
 
@@ -26,17 +26,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "table", type=Path, help="CSV with the columns x_m,unloaded_y_m,loaded_y_m; or a photograph of the bent rod"
     )
-    # here --force is newtons, so that --overwrite stands for the usual flag of that name
-    load = parser.add_argument_group("load", conflict_handler="resolve")
-    load.add_argument(
-        "--force",
+    parser.add_argument(
         "--load",
         dest="force_N",
         type=float,
         metavar="N",
         help="in newtons, + along +y; along gravity in a photograph",
     )
-    parser.add_argument("--overwrite", dest="force", action="store_true", help="replace stiffness.json if it exists")
     parser.add_argument(
         "--distance",
         dest="distance_m",

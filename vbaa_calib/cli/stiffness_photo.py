@@ -52,7 +52,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument("--scale-std", type=float, default=0.01, metavar="S", help="share of the scale (default: 0.01)")
     group.add_argument("--moments", type=Path, metavar="CSV", help="moment against curvature along the rod, to write")
-    group.add_argument("--picture", type=Path, metavar="PNG", help="the line over the photograph, to write")
+    group.add_argument("--overlay", type=Path, metavar="PNG", help="the line over the photograph, to write")
 
 
 def _pixel(text: str) -> np.ndarray:

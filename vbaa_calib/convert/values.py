@@ -51,7 +51,7 @@ class Format:
     def read(self, path: Path, which: str | None = None) -> Exchanged:
         """The camera in a file; `which` of several. Raises InputError naming what is wrong."""
         if which is not None and not self.several:
-            raise InputError("holds one camera", where=path, remedy="leave --camera out")
+            raise InputError("holds one camera", where=path, remedy="leave --camera-name out")
         return self.parse(path, which)
 
     def lost(self, given: Exchanged) -> list[str]:
@@ -141,7 +141,7 @@ def which_of(names: Sequence[str], which: str | None, path: Path) -> str:
         raise InputError(
             f"holds {', '.join(names):.60}",
             where=path,
-            remedy="say which with --camera NAME (calibrate: --camera-name)",
+            remedy="say which with --camera-name NAME",
         )
     if which is not None and which not in names:
         raise InputError(f"holds no camera {which:.20}", where=path, remedy=f"it holds {', '.join(names):.60}")

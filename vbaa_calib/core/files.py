@@ -238,8 +238,8 @@ def sha256(path: Path) -> str:
 def refuse_overwrite(path: Path, force: bool, inputs: Iterable[Path | None] = ()) -> None:
     """Raises InputError when a file may not be written to `path`; to be called before the work, not after it.
 
-    A file in the way is refused unless `force` is on; a folder or a device always, and a folder that is not there, and
-    one of the command's own `inputs`.
+    A file in the way is refused unless `force` is on; a folder or a device always, and one of the command's own
+    `inputs`. A folder that is not there is made when the file is written.
     """
     path, mode = Path(path), None
     try:
@@ -258,9 +258,16 @@ def refuse_overwrite(path: Path, force: bool, inputs: Iterable[Path | None] = ()
             raise InputError("is an input of this command", where=path, remedy="take another name")
     if (mode is not None or path.is_symlink()) and not force:
         raise InputError("exists already", where=path, remedy="give --force to replace it, or another name")
-    folder = path.resolve().parent
+    refuse_folder_of(path)
+
+
+def refuse_folder_of(path: Path) -> None:
+    """Raises InputError where the folder of `path` can neither be written nor made."""
+    folder = Path(os.path.realpath(path)).parent
+    while not os.path.lexists(folder):
+        folder = folder.parent
     if not folder.is_dir():
-        raise InputError("its folder does not exist", where=path, remedy=f"create {path.parent} first")
+        raise InputError(f"{folder} is not a folder", where=path, remedy="take another name")
     if not os.access(folder, os.W_OK | os.X_OK):
         raise InputError("its folder is read-only", where=path, remedy="write somewhere else")
 
@@ -276,6 +283,7 @@ def replacing(path: Path, force: bool = True) -> Iterator[Path]:
     try:
         with signals_held():
             try:
+                target.parent.mkdir(parents=True, exist_ok=True)
                 # the suffix stays: writers like VTK's choose the format by it
                 handle, name = tempfile.mkstemp(prefix=f".{target.stem[:40]}-", suffix=target.suffix, dir=target.parent)
             except OSError as error:

@@ -24,6 +24,7 @@ def writing_alone(path: Path) -> Iterator[None]:
     beside = place.parent / f".{place.name}.lock"
     lock = FileLock(beside, blocking=False)
     try:
+        place.parent.mkdir(parents=True, exist_ok=True)
         lock.acquire()
     except Timeout:
         raise InputError(

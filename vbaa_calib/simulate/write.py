@@ -16,7 +16,7 @@ import yaml
 
 from vbaa_calib.core.console import progress
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.core.files import write_json
+from vbaa_calib.core.files import refuse_folder_of, write_json
 from vbaa_calib.core.folders import replacing_folder
 from vbaa_calib.geometry import Pose
 from vbaa_calib.session import SCHEMA
@@ -46,8 +46,7 @@ _SWEEP = 1_000_000
 
 def refuse_target(path: Path, force: bool) -> None:
     """Raises InputError unless a session may be written to `path`; a folder that is not a session is never replaced."""
-    if not Path(os.path.realpath(path)).parent.is_dir():
-        raise InputError("its folder does not exist", where=path, remedy=f"create {path.parent} first")
+    refuse_folder_of(path)
     if not os.path.lexists(path):
         return
     if not force:

@@ -12,11 +12,11 @@ from vbaa_calib.cli.joints import add_joints, joints_rad
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of `vbaa check`."""
     parser.add_argument("rig", type=Path, help="rig.json, as vbaa calibrate writes it")
-    against = "a session to hold it against; with --board or --free the one that the rig was calibrated from, for its "
+    against = "a session to hold it against; with --jig or --free the one that the rig was calibrated from, for its "
     against += "board and jig alone, if rig.json does not record them"
     parser.add_argument("session", type=Path, nargs="?", help=against)
     new = parser.add_argument_group("new pictures")
-    new.add_argument("--board", type=Path, metavar="PICTURE", help="the board in its jig, as it is now")
+    new.add_argument("--jig", type=Path, metavar="PICTURE", help="the board in its jig, as it is now")
     new.add_argument("--free", type=Path, metavar="PICTURE", help="the free antenna, as it is now")
     add_joints(new, "the joint's reading with --free")
     new.add_argument("--moment", type=float, metavar="NM", help="the moment's reading with --free (default: not noted)")
@@ -46,8 +46,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from viz.report.check import page
 
     new = None
-    if args.board is not None or args.free is not None:
-        new = NewPictures(args.board, args.free, free.get("pan", 0.0), free.get("tilt", 0.0), free.get("moment"))
+    if args.jig is not None or args.free is not None:
+        new = NewPictures(args.jig, args.free, free.get("pan", 0.0), free.get("tilt", 0.0), free.get("moment"))
     document = assess(args.rig, args.session, new).to_dict()
     for finding in [*document["session_findings"], *document["findings"]]:
         say(f"{finding['level']:14s} {finding['question']} {finding['words']}")

@@ -20,7 +20,7 @@ from viz.scene.readable import thinned
 from viz.scene.scene import Fact
 from viz.scene.truth import TrueContacts
 
-from .words import frame_facts, headline
+from .words import first_facts, frame_facts, headline
 
 if TYPE_CHECKING:
     from estimator.object.estimate import ObjectEstimate
@@ -134,7 +134,7 @@ def page(report: Report) -> str:
         title=report.title,
         headline=verdict,
         colour=colour,
-        facts=[*frame_facts(table, report.rig), *_refined_fact(report), *report.facts],
+        facts=first_facts(table, [*frame_facts(table, report.rig), *_refined_fact(report), *report.facts]),
         pictures=report.pictures,
         times=_over_time(report),
         crowded=len(table) > MOST_DOTS,

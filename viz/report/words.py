@@ -62,9 +62,23 @@ def facts_of(estimate: ObjectEstimate) -> tuple[Fact, ...]:
     known = surface.std_m[np.isfinite(surface.std_m)]
     well = f", known to {1e3 * float(np.median(known)):.2f} mm (median standard deviation)" if len(known) else ""
     kind = "a surface" if len(surface.triangles) else "lines: too narrow for a surface"
-    words = f"{len(surface.touched_m)} contacts on {patches} patch{'es' * (patches != 1)}, joined to {kind}{well}."
+    words = f"{_contacts(len(surface.touched_m))} on {patches} patch{'es' * (patches != 1)}, joined to {kind}{well}."
     shape = Fact("Shape", " ".join([words, *map(sentence, surface.notes)]))
     return _event_fact(estimate.track), *object_facts(estimate), shape
+
+
+def first_facts(table: ContactTable, facts: Sequence[Fact]) -> list[Fact]:
+    """All facts, behind the two that one asks for first: whether to trust it, and what was touched."""
+    doubts = [fact.label for fact in facts if fact.kind == "look"]
+    named = f": see {', '.join(doubts)} below" if doubts else ""
+    words = f"Look first{named}." if doubts else "No frame was lost, and no check of these frames failed."
+    if not table.located.any():
+        words = f"No contact to trust or doubt{named}."
+    return [Fact("Trust", words, "look" if doubts else ""), *sorted(facts, key=lambda fact: fact.label != "Shape")]
+
+
+def _contacts(count: int) -> str:
+    return f"{count} contact{'s' * (count != 1)}"
 
 
 def _event_fact(track: Track) -> Fact:
@@ -119,14 +133,16 @@ def frame_facts(table: ContactTable, rig: Rig | None) -> list[Fact]:
         facts.append(Fact("How well", words + "."))
     biased = int(np.sum(here & (table.bias_std > BIASED_STD)))
     if biased:
-        words = f"{biased} contacts were found with a model that is off by more than one of their standard deviations"
-        facts.append(Fact("Model", f"{words}: estimate them with --model auto.", "look"))
+        words = f"{_contacts(biased)} found with a model that is off by more than one standard deviation of the contact"
+        facts.append(Fact("Model", f"{words}: estimate again with --model auto.", "look"))
     lost = np.isin(table.status, _LOST)
     if lost.any():
         reasons = Counter(map(str, table.reason[lost]))
         shown = [f"{name} ({count} ×)" for name, count in reasons.most_common(3)]
-        shown += [f"and {len(reasons) - 3} other reasons"] if len(reasons) > 3 else []
-        facts.append(Fact("Lost", f"{int(lost.sum())} frames gave no contact point: {'; '.join(shown)}.", "look"))
+        shown += [f"and {len(reasons) - 3} other reason{'s' * (len(reasons) != 4)}"] if len(reasons) > 3 else []
+        count = int(lost.sum())
+        words = f"{count} frame{'s' * (count != 1)} gave no contact point: {'; '.join(shown)}."
+        facts.append(Fact("Lost", words, "look"))
     residual = table.moment_residual_Nm[np.isfinite(table.moment_residual_Nm)]
     if rig is not None and len(residual):
         rms = float(np.sqrt(np.mean((residual / rig.moment_sensor.std_Nm) ** 2)))

@@ -193,13 +193,13 @@ def _surface(found: Fit, compliance: Compliance, known: bool, notes: list[str]) 
     sizes = [len(piece["points_m"]) for piece in pieces]
     vague, outlier = np.sum(found.state.vague), np.sum(found.state.outlier)
     if vague:
-        notes.append(f"{vague} contacts were not used: where along the antenna they lie is hardly known")
+        notes.append(f"{vague} contact{'s' * int(vague != 1)} not used: where along the antenna is hardly known")
     if outlier:
         notes.append(f"{outlier} contacts were left out: they lie too far off what the others say")
     curves = [len(patch.members) for patch in found.patches if not patch.wide]
     if curves:
         some = f"{len(curves)} of {len(pieces)} patches ({sum(curves)} of {count} contacts)"
-        notes.append(f"{some} are too narrow for a surface; drawn as lines")
+        notes.append(f"too narrow for a surface, and drawn as lines: {some}")
     for piece, start in zip(pieces, np.cumsum([0, *sizes[:-1]]), strict=True):
         piece["triangles"], piece["lines"] = piece["triangles"] + start, piece["lines"] + start
         if not known:

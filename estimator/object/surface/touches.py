@@ -65,7 +65,8 @@ def touches_of(table: ContactTable, shared: CommonErrors | None = None) -> Touch
         raise InputError(what, remedy=remedy)
     notes: tuple[str, ...] = ()
     if biased.any():
-        notes = (f"{np.sum(biased)} contacts were not used: their model is off by more than one standard deviation",)
+        count = int(biased.sum())
+        notes = (f"{count} contact{'s' * (count != 1)} not used: the model is off by more than one standard deviation",)
     if len(row) > _MAX_TOUCHES:
         notes += (f"{len(row)} contacts were thinned evenly to {_MAX_TOUCHES}",)
         row = row[np.round(np.linspace(0, len(row) - 1, _MAX_TOUCHES)).astype(int)]

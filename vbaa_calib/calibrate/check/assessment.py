@@ -198,7 +198,7 @@ def _from_pictures(session: Session, new: NewPictures, no_jig: str) -> _Inputs:
 def _recorded_session(document: Mapping[str, Any], rig: Rig, path: Path) -> Session:
     """Board and jig as rig.json records them, the rest from the rig. The antenna's material is not known here."""
     board, jig = at(document, "quality", "lens", "board"), at(document, "quality", "jig")
-    remedy = "name the session that the rig was calibrated from: `vbaa check rig.json SESSION --board …`"
+    remedy = "name the session that the rig was calibrated from: `vbaa check rig.json SESSION --jig …`"
     if board is None:
         raise InputError("quality.lens.board is not recorded", where=path, remedy=remedy)
     return Session(

@@ -1,0 +1,30 @@
+"""The examples of each verb's --help run as they stand, in a folder that holds what they name."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from vbaa_calib.cli.examples import EXAMPLES
+from vbaa_calib.cli.main import VERBS, _verb_parser, main
+
+READ_ALONE = {"wizard", "demo", "bench"}
+"""Walked, run and measured whole in tests of their own; here their options are checked."""
+CODES = {"vbaa doctor": (0, 1), "vbaa doctor --json": (0, 1)}
+
+
+def test_every_verb_has_two() -> None:
+    assert {verb: len(EXAMPLES.get(verb, ())) for verb in VERBS} == dict.fromkeys(VERBS, 2)
+    for verb, lines in EXAMPLES.items():
+        assert all(line.startswith(f"vbaa {verb}") for line in lines)
+        assert all(line in _verb_parser(verb).format_help() for line in lines)
+
+
+@pytest.mark.parametrize("line", [line for lines in EXAMPLES.values() for line in lines])
+def test_it_runs(folder: Path, line: str, capsys: pytest.CaptureFixture[str]) -> None:
+    _, verb, *rest = line.split()
+    if verb in READ_ALONE:
+        _verb_parser(verb).parse_args(rest)
+        return
+    assert main([verb, *rest]) in CODES.get(line, (0,)), capsys.readouterr().err
