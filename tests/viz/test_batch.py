@@ -148,7 +148,8 @@ def test_killed_workers_cost_nothing_but_time(
         over.set()
         killer.join()
     assert killed
-    assert {each.state for each in found.values()} == {"done"}
+    # unchanged: its worker was killed after all was written, and the next one found it done
+    assert {each.state for each in found.values()} <= {"done", "unchanged"}
     assert found["0-long"].row["pieces"] == 2
     assert sorted(summary(results)) == sorted(names)
     assert not list(results.root.glob("pieces/*"))
@@ -170,11 +171,9 @@ def test_what_is_wrong_is_named_and_the_rest_goes_on(client: Client, folder: Pat
     lines.write_text(whole[: len(whole) // 2] + "\n7,nonsense,3,0.1\n")
     given = recordings_of([str(own / "*")], folder / "rig.json")
     results = Results(tmp_path / "results")
-    assert {name: each.state for name, each in batch(client, given, results).items()} == {
-        "good": "done",
-        "corrupt": "failed",
-        DEADLY: "failed",
-    }
+    found = batch(client, given, results)
+    assert (found["corrupt"].state, found[DEADLY].state) == ("failed", "failed")
+    assert found["good"].state in ("done", "unchanged")  # the deadly one may end its worker, too
     rows = summary(results)
     assert "centrelines.csv" in rows["corrupt"]["sentence"]
     assert f"lost {cluster.TIMES_AGAIN + 1} times" in rows[DEADLY]["sentence"]
