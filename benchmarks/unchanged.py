@@ -90,7 +90,12 @@ def _bench(folder: Path) -> None:
 
 def _vbaa(line: str, place: Path) -> subprocess.CompletedProcess[str]:
     environment = os.environ | {"PYTHONPATH": str(Path.cwd()), "OMP_NUM_THREADS": "1"}
-    command = [sys.executable, "-m", "vbaa_calib.cli", *line.split()]
+    command = [
+        sys.executable,
+        "-c",
+        "import sys; from vbaa_calib.cli.main import main; sys.exit(main())",
+        *line.split(),
+    ]
     done = subprocess.run(command, cwd=place, env=environment, capture_output=True, text=True, check=False)
     if done.returncode:
         print(f"{place}: vbaa {line}: exit {done.returncode}: {done.stderr.strip()[-300:]}", file=sys.stderr)

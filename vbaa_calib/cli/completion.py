@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import importlib
 from typing import Any
 
 _BASH = """_vbaa() {{
@@ -26,10 +27,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Print the script."""
-    from .main import VERBS, _verb_parser
+    front = importlib.import_module("vbaa_calib.cli.main")  # which imports the verbs by name, too
 
     options = {
-        verb: sorted(o for o in _verb_parser(verb)._option_string_actions if o.startswith("--")) for verb in VERBS
+        verb: sorted(o for o in front._verb_parser(verb)._option_string_actions if o.startswith("--")) for verb in VERBS
     }
     if args.shell == "fish":
         lines = ["complete -c vbaa -n __fish_use_subcommand -f"]
@@ -39,7 +40,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         script = "\n".join(lines) + "\n"
     else:
         cases = "\n".join(f'      {verb}) words="{" ".join(names)}" ;;' for verb, names in options.items())
-        script = _BASH.format(verbs=" ".join(VERBS), cases=cases)
+        script = _BASH.format(verbs=" ".join(front.VERBS), cases=cases)
     if args.shell == "zsh":
         script = f"autoload -U +X bashcompinit && bashcompinit\n{script}"
     if not args.json:

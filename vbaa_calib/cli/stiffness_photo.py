@@ -69,7 +69,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from vbaa_calib.core.images import read_gray
 
     photos = [args.table, *([args.unloaded] if args.unloaded else [])]
-    for path in (args.output, args.moments, args.picture):
+    for path in (args.output, args.moments, args.overlay):
         if path is not None:
             refuse_overwrite(path, True, photos)
             if path.exists() and not args.force:
@@ -83,8 +83,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             lines.append(find_rod(picture, args.clamp, None if lines else args.tip))
         except InputError as error:
             raise InputError(error.what, where=path, remedy=error.remedy) from None
-    if args.picture:
-        _draw(args.picture, pictures[0], lines[0], args.force)
+    if args.overlay:
+        _draw(args.overlay, pictures[0], lines[0], args.force)
     try:
         found = solve_photo(lines, setting)
     except InputError as error:
@@ -100,7 +100,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         write_text(args.moments, text.getvalue(), args.force)
     if args.output:
         write_json(args.output, document, args.force)
-    for path in (args.output, args.moments, args.picture):
+    for path in (args.output, args.moments, args.overlay):
         if path is not None:
             say(f"wrote {path}")
     return document

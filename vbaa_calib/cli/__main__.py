@@ -1,7 +1,0 @@
-"""`python -m vbaa_calib.cli` is `vbaa`."""
-
-import sys
-
-from .main import main
-
-sys.exit(main())
