@@ -9,8 +9,8 @@ import pytest
 from vbaa_calib.cli import EXAMPLES
 from vbaa_calib.cli.main import VERBS, _verb_parser, main
 
-READ_ALONE = {"wizard", "demo", "bench"}
-"""Walked, run and measured whole in tests of their own; here their options are checked."""
+READ_ALONE = {"wizard", "demo", "bench", "batch", "next"}
+"""Walked, run and measured whole in tests of their own, on more than lies here; here their options are checked."""
 CODES = {"vbaa doctor": (0, 1), "vbaa doctor --json": (0, 1)}
 
 

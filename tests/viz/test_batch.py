@@ -209,9 +209,9 @@ def test_a_lost_scheduler_leaves_what_was_done(folder: Path, tmp_path: Path, mon
         _until(place.exists)
         preload = ["--preload", str(tmp_path / "preload.py"), "--no-nanny", "--nthreads", "1"]
         others.append(subprocess.Popen([*dask, "worker", *options, *preload]))
-        batching = [sys.executable, "-m", "vbaa_calib.cli", *call, "--scheduler-file", str(place)]
+        batching = [sys.executable, "-m", "vbaa_calib", *call, "--scheduler-file", str(place)]
         others.append(subprocess.Popen(batching, stderr=subprocess.PIPE, text=True))
-        _until(results.contacts("s0").exists)
+        _until(lambda: results.contacts("s0").exists() or others[-1].poll() is not None)
         scheduler.kill()
         _, said = others[-1].communicate(timeout=300)
         assert others[-1].returncode == 1, said

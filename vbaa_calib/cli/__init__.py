@@ -39,6 +39,19 @@ EXAMPLES = {
         "vbaa estimate session --rig rig.json -o results/contacts.csv",
         "vbaa estimate session --rig rig.json --no-report -o plain.parquet",
     ),
+    "live": (
+        "vbaa live rig.json session/recording/recording.csv -o live.csv",
+        "vbaa live rig.json session/recording/recording.csv --no-final --lines",
+    ),
+    "batch": (
+        "vbaa batch session --rig rig.json -o results/",
+        "vbaa batch 'recordings/*' --rig rig.json --jobs 2 -o results/",
+    ),
+    "compare": ("vbaa compare contacts.csv contacts.csv", "vbaa compare rig.json rig.json --html compared.html"),
+    "next": (
+        "vbaa next contacts.csv --rig rig.json",
+        "vbaa next contacts.csv --rig rig.json --goal friction --tilt -40 40 --degrees",
+    ),
     "refine": (
         "vbaa refine contacts.csv --rig rig.json --session session -o refined.csv",
         "vbaa refine contacts.csv --rig rig.json --session session -o refined.parquet",
