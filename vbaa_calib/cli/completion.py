@@ -30,7 +30,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     front = importlib.import_module("vbaa_calib.cli.main")  # which imports the verbs by name, too
 
     options = {
-        verb: sorted(o for o in front._verb_parser(verb)._option_string_actions if o.startswith("--")) for verb in VERBS
+        verb: sorted(o for o in front._verb_parser(verb)._option_string_actions if o.startswith("--"))
+        for verb in front.VERBS
     }
     if args.shell == "fish":
         lines = ["complete -c vbaa -n __fish_use_subcommand -f"]
