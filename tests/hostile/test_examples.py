@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from vbaa_calib.cli import EXAMPLES
+from vbaa_calib.cli.completion import EXAMPLES
 from vbaa_calib.cli.main import VERBS, _verb_parser, main
 
 READ_ALONE = {"wizard", "demo", "bench", "batch", "next"}

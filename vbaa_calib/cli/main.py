@@ -24,7 +24,7 @@ from typing import NoReturn
 import vbaa_calib
 from vbaa_calib.core.errors import InputError, VbaaError
 
-from . import EXAMPLES
+from .completion import EXAMPLES
 
 VERBS = {
     "board": (
