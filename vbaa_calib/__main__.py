@@ -1,7 +1,6 @@
 """`python -m vbaa_calib` is `vbaa`."""
 
 import sys
+from importlib import import_module  # by name: the front door is above this folder
 
-from vbaa_calib.cli.main import main
-
-sys.exit(main())
+sys.exit(import_module("vbaa_calib.cli").main())
