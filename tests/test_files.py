@@ -195,7 +195,7 @@ class TestWriting:
             tmp_path: "is a folder",
             Path(os.devnull): "is not a regular file",
             fifo: "is not a regular file",
-            file / "none" / "a.json": "is not a folder",
+            file / "none" / "a.json": "cannot be written",
             file / "a.json": "cannot be written",
             tmp_path / ("n" * 300): "cannot be written",
             Path("a\0b"): "cannot be written",

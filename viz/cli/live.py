@@ -196,8 +196,9 @@ def _follow(source: Source, live: LiveEstimator, sinks: list[_Sink]) -> None:
             if source.live:
                 spread(live.tick(time.time()))
             if interrupted:
-                source.notes.append("interrupted")
                 break
+        if interrupted:
+            source.notes.append("interrupted")
         spread(live.finish())
 
 
