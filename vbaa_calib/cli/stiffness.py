@@ -72,10 +72,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             "a table needs --load N and --distance M", where=args.table, remedy="see vbaa stiffness --help"
         )
     if args.output:
-        refuse_overwrite(args.output, True, [args.table])
-        if args.output.exists() and not args.force:
-            remedy = "give --overwrite to replace it, or another name"
-            raise InputError("exists already", where=args.output, remedy=remedy)
+        refuse_overwrite(args.output, args.force, [args.table])
     diameter, moment = args.diameter, args.second_moment
     if diameter is not None:
         if not 0.0 < diameter < args.distance_m:

@@ -71,10 +71,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     photos = [args.table, *([args.unloaded] if args.unloaded else [])]
     for path in (args.output, args.moments, args.overlay):
         if path is not None:
-            refuse_overwrite(path, True, photos)
-            if path.exists() and not args.force:
-                remedy = "give --overwrite to replace it, or another name"
-                raise InputError("exists already", where=path, remedy=remedy)
+            refuse_overwrite(path, args.force, photos)
     setting = _setting(args)
     pictures = [read_gray(path) for path in photos]
     lines: list[RodLine] = []
