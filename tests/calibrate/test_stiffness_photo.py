@@ -216,7 +216,7 @@ def test_the_verb_writes_what_it_says(tmp_path: Path, capsys: pytest.CaptureFixt
     assert cv2.imread(out[1]) is not None
     assert len(Path(out[2]).read_text().splitlines()) == 1 + len(document["moment_curvature"])
     assert main([*call, "-o", out[0]]) == 2
-    assert "--overwrite" in capsys.readouterr().err
+    assert "--force" in capsys.readouterr().err
 
 
 def test_what_cannot_be_is_refused_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
