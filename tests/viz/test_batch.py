@@ -11,7 +11,6 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,15 +19,9 @@ import pytest
 from distributed import Client, WorkerPlugin
 from pyarrow.parquet import read_table
 
-from estimator import ContactEstimator
-from estimator.contact.recording import estimate_recording
-from estimator.contact.shutter import checked
-from estimator.contact.source import open_source
-from estimator.table.contacts import ContactRow
-from estimator.table.files import read_contacts, write_contacts
+from estimator.table.files import read_contacts
 from vbaa_calib.cli.main import main
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.rig import Rig
 from viz.batch import cluster, work
 from viz.batch.cluster import Where, client_of
 from viz.batch.recordings import Recording, recordings_of
@@ -97,13 +90,9 @@ def summary(results: Results) -> dict[str, dict[str, str]]:
 
 
 def serial(path: Path, rig_file: Path, output: Path) -> pyarrow.Table:
-    """As `vbaa estimate` makes them."""
-    rig = Rig.load(rig_file)
-    source = open_source(path, rig)
-    rig = replace(rig, drift=source.session.drift)
-    found = estimate_recording(ContactEstimator(rig), source.session, source.frames)
-    found = checked(found, source.session.shutter, rig.camera.image_size[1])
-    write_contacts(output, (ContactRow.of(item.frame, item.contact) for item in found))
+    """As `vbaa estimate` makes them: by a process that has done nothing else, as the workers are."""
+    words = ["estimate", str(path), "--rig", str(rig_file), "-o", str(output), "--no-report"]
+    subprocess.run([sys.executable, "-m", "vbaa_calib", *words], check=True, capture_output=True)
     return read_table(output)
 
 

@@ -104,12 +104,20 @@ class _Underway:
 
 
 def run(client: Client, recordings: Sequence[Recording], settings: Settings, results: Results) -> Iterator[Outcome]:
-    """Every recording's outcome, as they come. Raises Lost with the scheduler."""
+    """Every recording's outcome, as they come. Raises Lost with the scheduler.
+
+    A recording whose worker was lost too often is done once more at the end, with no other beside it: a neighbour may
+    have ended its workers.
+    """
     from distributed import as_completed
 
-    waiting, underway = deque(recordings), dict[Any, _Underway]()
+    waiting, underway, suspects = deque(recordings), dict[Any, _Underway](), deque[Recording]()
+    alone = False
     coming: Any = as_completed(loop=client.loop)
-    while waiting or underway:
+    while waiting or underway or suspects:
+        if not waiting and not underway:
+            waiting.append(suspects.popleft())
+            alone = True
         if client.status != "running":
             raise Lost(_LOST)
         most = max(_AHEAD * len(client.scheduler_info(n_workers=-1)["workers"]), _LEAST_AHEAD)
@@ -120,8 +128,10 @@ def run(client: Client, recordings: Sequence[Recording], settings: Settings, res
             coming.add(future)
         future = next(coming)
         one = underway.pop(future.key)
-        outcome = _outcome(future, one.recording, client)
-        if outcome.state == "long":
+        outcome = _outcome(future, one.recording, client, alone)
+        if outcome is None:
+            suspects.append(one.recording)
+        elif outcome.state == "long":
             last, kept = _in_pieces(client, one.recording, settings, results, outcome.pieces)
             underway[last.key] = _Underway(one.recording, outcome.pieces, kept)
             coming.add(last)
@@ -129,13 +139,15 @@ def run(client: Client, recordings: Sequence[Recording], settings: Settings, res
             yield outcome
 
 
-def _outcome(future: Future, recording: Recording, client: Client) -> Outcome:
-    """What a recording's last task says. Raises Lost."""
+def _outcome(future: Future, recording: Recording, client: Client, alone: bool) -> Outcome | None:
+    """What a recording's last task says; None: its worker was lost, but not `alone`. Raises Lost."""
     from distributed import CancelledError, KilledWorker
 
     try:
         found = future.result()
     except KilledWorker:
+        if not alone:
+            return None
         times = TIMES_AGAIN + 1
         words = f"its worker was lost {times} times: out of memory (--memory), or something crashes in {recording.path}"
         return work.failed(recording, VbaaError(words))
