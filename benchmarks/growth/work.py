@@ -20,7 +20,8 @@ from benchmarks.estimator.scenes import push_for_deflection, rolled, scenes
 from benchmarks.estimator.setup import LENGTH_M, SIGMA_PX, STIFFNESS_NM2, Setup
 from benchmarks.object.scenes import CASES, SETUP, contacts, record
 from estimator import ContactEstimator
-from estimator.contact.recording import estimate_picture, estimate_recording
+from estimator.contact.recording import estimate_picture
+from estimator.contact.source import estimate_source, open_source
 from estimator.object.estimate import estimate_object
 from estimator.object.surface import reconstruct, touches_of
 from estimator.table.contacts import ContactRow, ContactTable
@@ -28,7 +29,7 @@ from estimator.table.files import write_contacts
 from vbaa_calib.calibrate.antenna.bundle_adjustment import adjust_bundle
 from vbaa_calib.calibrate.lens.intrinsics import solve_intrinsics
 from vbaa_calib.rig import Rig
-from vbaa_calib.session import Frame, load_session, read_recording
+from vbaa_calib.session import Frame
 
 RATE_HZ, _PERIOD = 30.0, 240
 """Frames a second, and frames after which the motion begins anew: 8 s."""
@@ -109,8 +110,8 @@ def recording_of_frames(size: int, seed: int) -> Work:
     write_recording(root, size, _FRAME_POINTS, seed)
 
     def work() -> None:
-        session, rig = load_session(root), Rig.load(root / "rig.json")
-        found = estimate_recording(ContactEstimator(rig), session, read_recording(session))
+        rig = Rig.load(root / "rig.json")
+        found = estimate_source(ContactEstimator(rig), open_source(root, rig))
         write_contacts(root / "contacts.csv", (ContactRow.of(item.frame, item.contact) for item in found), force=True)
         assert folder  # lives as long as the work
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Generator, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import islice
+from typing import TypeVar
 
 import numpy as np
 
@@ -28,6 +28,7 @@ from .inputs import Batch, Values
 from .motion import Beam
 from .status import CONTACT_EVIDENCE, FEWEST_POINTS, ODD_END, unexplained
 
+_T = TypeVar("_T")
 CHUNK = 2048
 """Frames that are solved at once."""
 STREAM = 64
@@ -138,47 +139,14 @@ class ContactEstimator:
         that begins with contacts waits for its first free frames, `AFRESH` frames at most: they say how the rig has
         changed. With `live` each frame is answered as it comes, tested with those before it.
         """
-        motion = MotionCheck(Beam.of(self.rig), live)
-        for _, shapes in self.solved(self.learning(recording, patient=not live, at_once=1 if live else STREAM)):
-            yield from motion.push(shapes)
-        yield from motion.finish()
-
-    def learning(
-        self, recording: Iterable[Measured], *, patient: bool = True, at_once: int = STREAM
-    ) -> Iterator[tuple[ContactEstimator, list[Measured]]]:
-        """A recording's frames in batches, each with the estimator for the rig as its free frames so far say it is.
-
-        patient : whether the first frames wait for free ones. A part of a recording that begins `AFRESH` · k frames
-        after its start is `continued` from what was learnt before it, and does not wait.
-        """
-        frames, now, waiting = iter(recording), self, deque[list[Measured]]()
-        patient = patient and self.rig.drift.of_rig
-        while several := list(islice(frames, at_once)):
-            now = now.after_free_frames(several)
-            self.drift = now.drift
-            waiting.append(several)
-            patient = patient and now.drift.frames == 0 and len(waiting) * at_once < AFRESH
-            while waiting and not patient:
-                yield now, waiting.popleft()
-        while waiting:
-            yield now, waiting.popleft()
+        stream = ContactStream(self, live=live)
+        for measured in recording:
+            yield from stream.push(measured)
+        yield from stream.finish()
 
     def continued(self, learnt: LearntRig) -> ContactEstimator:
         """The estimator for the rest of a recording of this rig, of which so much was learnt; self is a new one."""
         return self._with(learnt) if learnt.frames else self
-
-    def solved(
-        self, batches: Iterable[tuple[ContactEstimator, list[Measured]]]
-    ) -> Iterator[tuple[list[Measured], MovingContacts]]:
-        """Batches as `learning` gives them, with their contacts as they are before they are tested for motion."""
-        beam, warm, count = Beam.of(self.rig), None, 0
-        for now, several in batches:
-            warm = None if count % AFRESH == 0 else warm
-            found = now.at(max(each.time_s for each in several))._contacts(Batch.of(several, warm), beam)
-            yield several, moving(self.rig, several, found)
-            located = np.flatnonzero(np.isfinite(found.distance_m))
-            warm = found.numbers.unknowns[located[-1]] if len(located) else None
-            count += len(several)
 
     def after_free_frames(self, several: Sequence[Measured]) -> ContactEstimator:
         """The estimator for the rig as it is now: its drift is learnt from the free ones of some frames."""
@@ -230,7 +198,7 @@ class ContactEstimator:
 
     def _contacts(self, batch: Batch, beam: Beam | None = None) -> Contacts:
         """The frames' contacts; with a beam, also what testing for motion needs."""
-        return _last(self.contacts_in_parts(batch, beam, CHUNK))
+        return last(self.contacts_in_parts(batch, beam, CHUNK))
 
     def contacts_in_parts(self, batch: Batch, beam: Beam | None, most: int) -> Generator[None, None, Contacts]:
         """The same, so many frames from one step to the next: for who has other things to do in between."""
@@ -301,6 +269,52 @@ class RoughFit:
     points_m: np.ndarray
 
 
+class Batches:
+    """Batches of a recording in, and out in the same order, each with the estimator for the rig as it then is.
+
+    patient : the first ones wait for free frames, `AFRESH` frames at most. A part of a recording that begins
+        `AFRESH` · k frames after its start goes on from what was learnt before it, and does not wait.
+    """
+
+    def __init__(self, estimator: ContactEstimator, patient: bool) -> None:
+        self.now = estimator
+        self._patient = patient and estimator.rig.drift.of_rig
+        self._waiting: list[list[Measured]] = []
+
+    def push(
+        self, several: list[Measured], now: ContactEstimator | None = None
+    ) -> list[tuple[ContactEstimator, list[Measured]]]:
+        """Those that are ready; `now` : what others have learnt of the rig from the same frames."""
+        self.now = self.now.after_free_frames(several) if now is None else now
+        self._waiting.append(several)
+        self._patient = self._patient and self.now.drift.frames == 0 and len(self._waiting) * STREAM < AFRESH
+        return [] if self._patient else self.finish()
+
+    def finish(self) -> list[tuple[ContactEstimator, list[Measured]]]:
+        """Those that still wait."""
+        ready, self._waiting = [(self.now, each) for each in self._waiting], []
+        return ready
+
+
+class Search:
+    """Contacts of successive batches: the solver begins at the last one before, and afresh every `AFRESH` frames."""
+
+    def __init__(self, rig: Rig) -> None:
+        self._rig, self._beam = rig, Beam.of(rig)
+        self._warm: np.ndarray | None = None
+        self._count = 0
+
+    def solve(self, now: ContactEstimator, several: list[Measured], most: int) -> Generator[None, None, MovingContacts]:
+        """So many frames from one step to the next."""
+        self._warm = None if self._count % AFRESH == 0 else self._warm
+        then = now.at(max(each.time_s for each in several))
+        found = yield from then.contacts_in_parts(Batch.of(several, self._warm), self._beam, most)
+        located = np.flatnonzero(np.isfinite(found.distance_m))
+        self._warm = found.numbers.unknowns[located[-1]] if len(located) else None
+        self._count += len(several)
+        return moving(self._rig, several, found)
+
+
 class ContactStream:
     """Frames in, one at a time, contacts out in the same order: what `ContactEstimator.run` does, for frames that come
     when they come.
@@ -319,75 +333,60 @@ class ContactStream:
         at_once: int | None = None,
         beside: ContactStream | None = None,
     ) -> None:
-        self._beside = beside
-        self._estimator, self._now = estimator, estimator
+        self._estimator, self._beside = estimator, beside
         self._size, self._at_once = 1 if live else STREAM, at_once
-        self._beam = Beam.of(estimator.rig)
-        self._motion = MotionCheck(self._beam, live)
-        self._patient = estimator.rig.drift.of_rig and not live
+        self._batches = Batches(estimator, not live)
+        self._search, self._motion = Search(estimator.rig), MotionCheck(Beam.of(estimator.rig), live)
         self._coming: list[Measured] = []
-        self._waiting: deque[list[Measured]] = deque()
-        self._solving: Generator[None, None, Contacts] | None = None
-        self._warm: np.ndarray | None = None
-        self._count = 0
+        self._ready: deque[tuple[ContactEstimator, list[Measured]]] = deque()
+        self._solving: Generator[None, None, MovingContacts] | None = None
 
     @property
     def drift(self) -> LearntRig:
         """The rig's drift as learnt so far."""
-        return self._now.drift
+        return self._batches.now.drift
 
     def push(self, measured: Measured) -> Iterator[Contact]:
         """The contacts that are ready with this frame, its own among them or not."""
         self._coming.append(measured)
         if len(self._coming) == self._size:
             self._take()
-        return self._ready(self._at_once)
+        return self._solved(self._at_once)
 
     def finish(self) -> Iterator[Contact]:
         """The contacts of all frames that still wait; nothing comes after them."""
         if self._coming:
             self._take()
-        self._patient = False
-        yield from self._ready(None)
+        self._ready.extend(self._batches.finish())
+        yield from self._solved(None)
         yield from self._motion.finish()
 
     def _take(self) -> None:
-        """What came is one chunk, whose free frames say how the rig has changed."""
-        self._now = self._now.after_free_frames(self._coming) if self._beside is None else self._beside._now
-        self._estimator.drift = self._now.drift
-        self._waiting.append(self._coming)
+        """What came is one batch."""
+        now = None if self._beside is None else self._beside._batches.now
+        self._ready.extend(self._batches.push(self._coming, now))
+        self._estimator.drift = self.drift
         self._coming = []
-        enough = self._now.drift.frames > 0 or len(self._waiting) * STREAM >= AFRESH
-        self._patient = self._patient and not enough
 
-    def _ready(self, at_once: int | None) -> Iterator[Contact]:
-        """The contacts of chunks that are solved, after a step of the work or, without `at_once`, all of it."""
-        while self._waiting and not self._patient:
-            several = self._waiting[0]
+    def _solved(self, at_once: int | None) -> Iterator[Contact]:
+        """The contacts of batches that are solved, after a step of the work or, without `at_once`, all of it."""
+        while self._solving is not None or self._ready:
             if self._solving is None:
-                self._warm = None if self._count % AFRESH == 0 else self._warm
-                then = self._now.at(max(each.time_s for each in several))
-                batch, most = Batch.of(several, self._warm), CHUNK if at_once is None else at_once
-                self._solving = then.contacts_in_parts(batch, self._beam, most)
+                self._solving = self._search.solve(*self._ready.popleft(), CHUNK if at_once is None else at_once)
             try:
                 next(self._solving)
             except StopIteration as done:
-                self._waiting.popleft()
                 self._solving = None
-                self._count += len(several)
-                found: Contacts = done.value
-                located = np.flatnonzero(np.isfinite(found.distance_m))
-                self._warm = found.numbers.unknowns[located[-1]] if len(located) else None
-                yield from self._motion.push(moving(self._estimator.rig, several, found))
+                yield from self._motion.push(done.value)
             if at_once is not None:
                 return
 
 
-def _last(parts: Generator[None, None, Contacts]) -> Contacts:
+def last(parts: Generator[None, None, _T]) -> _T:
     """What a generator returns in the end."""
     while True:
         try:
             next(parts)
         except StopIteration as done:
-            found: Contacts = done.value
+            found: _T = done.value
             return found

@@ -28,7 +28,7 @@ from vbaa_calib.session import Frame, Shutter
 
 from .contacts import MotionCheck, MovingContacts
 from .drift import LearntRig
-from .estimate import AFRESH, STREAM, ContactEstimator
+from .estimate import AFRESH, CHUNK, STREAM, Batches, ContactEstimator, Search, last
 from .motion import Beam
 from .recording import FrameContact, Ground, detected, measured_points
 from .shutter import ShutterCheck
@@ -65,8 +65,13 @@ def look(estimator: ContactEstimator, source: Source, piece: slice, ground: Grou
 
 def learn(estimator: ContactEstimator, seen: Seen, before: LearntRig | None) -> list[LearntRig]:
     """The rig as it is for each batch of a piece; before : as it was for the last one of the piece before."""
-    going = estimator if before is None else estimator.continued(before)
-    return [now.drift for now, _ in going.learning(seen.measured, patient=before is None)]
+    batches = Batches(estimator if before is None else estimator.continued(before), patient=before is None)
+    ready = [each for several in _batches(seen.measured) for each in batches.push(several)] + batches.finish()
+    return [now.drift for now, _ in ready]
+
+
+def _batches(measured: Sequence[Measured]) -> list[list[Measured]]:
+    return [list(measured[begin : begin + STREAM]) for begin in range(0, len(measured), STREAM)]
 
 
 def solve(estimator: ContactEstimator, seen: Seen, learnt: Sequence[LearntRig]) -> list[MovingContacts]:
@@ -75,9 +80,8 @@ def solve(estimator: ContactEstimator, seen: Seen, learnt: Sequence[LearntRig]) 
     for each in learnt:
         if id(each) not in made:
             made[id(each)] = estimator.continued(each)
-    several = [list(seen.measured[begin : begin + STREAM]) for begin in range(0, len(seen.measured), STREAM)]
-    batches = zip((made[id(each)] for each in learnt), several, strict=True)
-    return [found for _, found in estimator.solved(batches)]
+    search, batches = Search(estimator.rig), zip(learnt, _batches(seen.measured), strict=True)
+    return [last(search.solve(made[id(each)], several, CHUNK)) for each, several in batches]
 
 
 _NOTHING = Measured(np.empty((0, 2)), np.empty(0), np.nan, np.nan, np.nan)

@@ -290,7 +290,7 @@ def frame_contact(frame: Frame, seen: Detection, contact: Contact) -> FrameConta
 def measured_recording(
     estimator: ContactEstimator, session: Session, frames: Sequence[Frame], ground: Ground | None = None
 ) -> Iterator[Measured]:
-    """What every frame of a session's recording offers to a fit, in order, as `estimate_recording` takes it."""
+    """What every frame of a session's recording offers to a fit, in order, as `estimate_source` takes it."""
     if frames[0].image is None:
         lines = recorded_lines(session, frames)
         return (measured_points(estimator.rig, frame, lines) for frame in frames)
@@ -326,15 +326,6 @@ def estimate_centrelines(
     given, kept = tee(measured_points(estimator.rig, frame, lines) for frame in frames)
     for frame, seen, contact in zip(frames, kept, estimator.run(given), strict=True):
         yield FrameContact(frame, contact, seen)
-
-
-def estimate_recording(
-    estimator: ContactEstimator, session: Session, frames: Sequence[Frame], ground: Ground | None = None
-) -> Iterator[FrameContact]:
-    """Every frame of a session's recording, in order; none is dropped. The ground is taken off every picture."""
-    if frames[0].image is not None:
-        return estimate_pictures(estimator, frames, ground)
-    return estimate_centrelines(estimator, frames, recorded_lines(session, frames))
 
 
 def recorded_lines(session: Session, frames: Sequence[Frame]) -> Centrelines:

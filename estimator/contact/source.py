@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -24,7 +24,9 @@ from vbaa_calib.session import (
     read_recording,
 )
 
-from .recording import recorded_lines
+from .estimate import ContactEstimator
+from .recording import FrameContact, Ground, estimate_centrelines, estimate_pictures, recorded_lines
+from .shutter import checked
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,10 +77,21 @@ def open_source(path: Path, rig: Rig, no_moment: bool = False) -> Source:
     session = load_session(_session_root(path))
     frames = read_recording(session)
     if no_moment:
-        frames = [replace(frame, moment_Nm=np.nan, moment_z_Nm=np.nan) for frame in frames]
+        frames = without_moments(frames)
     pictures = [frame.image for frame in frames if frame.image is not None]
     check_pictures(pictures, rig.camera.image_size, "the rig was calibrated at")
     return Source(session, frames, None if pictures else recorded_lines(session, frames))
+
+
+def estimate_source(
+    estimator: ContactEstimator, source: Source, ground: Ground | None = None
+) -> Iterator[FrameContact]:
+    """Every frame of a recording, in order, those in which the shutter matters marked."""
+    if source.lines is None:
+        found = estimate_pictures(estimator, source.frames, ground)
+    else:
+        found = estimate_centrelines(estimator, source.frames, source.lines)
+    return checked(found, source.session.shutter, estimator.rig.camera.image_size[1])
 
 
 def inputs_digest(path: Path) -> str:
@@ -94,6 +107,11 @@ def inputs_digest(path: Path) -> str:
             status = frame.image.stat()
             said.append([str(frame.image.relative_to(session.root)), status.st_size, status.st_mtime_ns])
     return hashlib.sha256(json.dumps(said).encode()).hexdigest()
+
+
+def without_moments(frames: Sequence[Frame]) -> list[Frame]:
+    """Frames for vision alone."""
+    return [replace(frame, moment_Nm=np.nan, moment_z_Nm=np.nan) for frame in frames]
 
 
 def free_stills(session: Session, rig: Rig) -> list[Still]:

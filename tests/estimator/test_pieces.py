@@ -15,9 +15,8 @@ from estimator import ContactEstimator
 from estimator.contact import recording
 from estimator.contact.estimate import AFRESH, STREAM
 from estimator.contact.pieces import RowMaker, cuts, learn, look, solve
-from estimator.contact.recording import FirstDetection, estimate_recording
-from estimator.contact.shutter import checked
-from estimator.contact.source import open_source
+from estimator.contact.recording import FirstDetection
+from estimator.contact.source import estimate_source, open_source
 from estimator.table.contacts import ContactRow
 from estimator.table.files import write_contacts
 from vbaa_calib.core.errors import InputError
@@ -44,10 +43,8 @@ def in_pieces(path: Path, rig: Rig, most: int) -> list[ContactRow]:
 
 
 def as_one(path: Path, rig: Rig) -> list[ContactRow]:
-    source = open_source(path, rig)
-    found = estimate_recording(ContactEstimator(rig), source.session, source.frames)
-    rows = rig.camera.image_size[1]
-    return [ContactRow.of(item.frame, item.contact) for item in checked(found, source.session.shutter, rows)]
+    found = estimate_source(ContactEstimator(rig), open_source(path, rig))
+    return [ContactRow.of(item.frame, item.contact) for item in found]
 
 
 def test_pieces_make_the_same_rows(tmp_path: Path) -> None:

@@ -22,7 +22,7 @@ from types import ModuleType
 from typing import NoReturn
 
 import vbaa_calib
-from vbaa_calib.core.errors import InputError, VbaaError
+from vbaa_calib.core.errors import InputError, VbaaError, sentence_of
 
 from .completion import EXAMPLES
 
@@ -225,14 +225,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     except Exception as error:
         if "--debug" in argv:
             traceback.print_exc()
-        words = (
+        words = sentence_of(error) or (
             f"something went wrong that should not ({type(error).__name__}: {error}); "
             "run again with --debug and report what it shows"
         )
-        if isinstance(error, VbaaError):
-            words = str(error)
-        elif isinstance(error, OSError) and error.strerror:  # a full disk, a lost network drive
-            words = f"{error.filename}: {error.strerror}" if error.filename else error.strerror
         # a name from outside moves no cursor and paints nothing
         line = "".join(each if each.isprintable() else "\N{REPLACEMENT CHARACTER}" for each in " ".join(words.split()))
         print(f"vbaa: {line}", file=sys.stderr)

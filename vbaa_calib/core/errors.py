@@ -36,6 +36,15 @@ def clipped(text: str) -> str:
     return text if len(text) <= _LONGEST else f"{text[:half]} ... {text[-half:]}"
 
 
+def sentence_of(error: BaseException) -> str | None:
+    """What to tell a user of an error that can come from outside: ours, or a full disk's; None for a fault of ours."""
+    if isinstance(error, VbaaError):
+        return str(error)
+    if isinstance(error, OSError) and error.strerror:
+        return f"{error.filename}: {error.strerror}" if error.filename else error.strerror
+    return None
+
+
 class SolveError(VbaaError):
     """A solver did not reach an answer that may be trusted."""
 

@@ -21,7 +21,7 @@ from estimator.contact.source import Source, inputs_digest, open_source
 from estimator.contact.surroundings import AUTO, surroundings
 from estimator.table.contacts import ContactRow
 from estimator.table.files import write_contacts
-from vbaa_calib.core.errors import VbaaError, clipped
+from vbaa_calib.core.errors import clipped, sentence_of
 from vbaa_calib.core.files import sha256
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import DRIFTS
@@ -231,12 +231,8 @@ def _with_object(outcome: Outcome, recording: Recording, settings: Settings, res
 
 def failed(recording: Recording, error: BaseException) -> Outcome:
     """A recording of which nothing came, and why."""
-    if isinstance(error, VbaaError):
-        sentence = str(error)
-    elif isinstance(error, OSError) and error.strerror:
-        sentence = f"{error.filename}: {error.strerror}" if error.filename else error.strerror
-    else:
-        sentence = f"something went wrong that should not ({type(error).__name__}: {clipped(str(error))})"
+    unknown = f"something went wrong that should not ({type(error).__name__}: {clipped(str(error))})"
+    sentence = sentence_of(error) or unknown
     row = {"recording": recording.name, "state": "failed", "sentence": sentence}
     row |= {"path": str(recording.path), "rig": str(recording.rig), "version": vbaa_calib.__version__}
     return Outcome(recording.name, "failed", row)

@@ -6,7 +6,7 @@ import argparse
 import math
 from array import array
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -221,30 +221,25 @@ def _estimator(args: argparse.Namespace, rig: Rig, drift: Drift | None) -> Conta
 
 def _from_session(args: argparse.Namespace, rig: Rig) -> tuple[ContactEstimator, _Recording]:
     """The recording of a session. Raises InputError."""
-    from estimator.contact.recording import estimate_recording
-    from estimator.contact.shutter import checked
-    from estimator.contact.source import free_stills
+    from estimator.contact.source import estimate_source, open_source
     from estimator.contact.surroundings import surroundings
     from vbaa_calib.core.errors import InputError
-    from vbaa_calib.session import check_pictures, load_session, read_recording
 
     if args.readings is not None:
         what = "--readings belongs to a bag, a video or --centrelines"
         raise InputError(what, where="vbaa estimate", remedy="a session's readings are in recording/recording.csv")
-    session = load_session(args.session)
-    estimator = _estimator(args, rig, session.drift)
-    rig = estimator.rig
-    frames = _with_moments(read_recording(session), rig, args.no_moment)
-    pictures = [frame.image for frame in frames if frame.image is not None]
-    check_pictures(pictures, rig.camera.image_size, "the rig was calibrated at")
-    ground, words = surroundings(rig, args.background, lambda: [*frames, *free_stills(session, rig)])
-    items = checked(estimate_recording(estimator, session, frames, ground), session.shutter, rig.camera.image_size[1])
-    return estimator, _Recording(items, len(frames), ground, words)
+    source = open_source(args.session, rig, args.no_moment)
+    estimator = _estimator(args, rig, source.session.drift)
+    if not args.no_moment:
+        _say_silent(source.frames, rig)
+    ground, words = surroundings(estimator.rig, args.background, lambda: source.stills(rig))
+    return estimator, _Recording(estimate_source(estimator, source, ground), len(source.frames), ground, words)
 
 
 def _without_session(args: argparse.Namespace, rig: Rig) -> tuple[ContactEstimator, _Recording]:
     """A bag, a video, a table of pictures, or centrelines. Raises InputError."""
     from estimator.contact.recording import estimate_centrelines, estimate_taken
+    from estimator.contact.source import without_moments
     from estimator.contact.surroundings import AUTO, surroundings
     from vbaa_calib.core.errors import InputError
     from vbaa_calib.streams import Synchronizer
@@ -257,7 +252,10 @@ def _without_session(args: argparse.Namespace, rig: Rig) -> tuple[ContactEstimat
         if args.background is not None:
             raise InputError("--background", where="vbaa estimate", remedy="there are no pictures to take it off")
         frames, lines = streams.tracked(args)
-        frames = _with_moments(frames, rig, args.no_moment)
+        if args.no_moment:
+            frames = without_moments(frames)
+        else:
+            _say_silent(frames, rig)
         return estimator, _Recording(estimate_centrelines(estimator, frames, lines), len(frames), None)
     if args.background == AUTO:
         raise InputError("--background auto", where="vbaa estimate", remedy="give a picture without the antenna")
@@ -270,17 +268,14 @@ def _without_session(args: argparse.Namespace, rig: Rig) -> tuple[ContactEstimat
     )
 
 
-def _with_moments(frames: list[Frame], rig: Rig, no_moment: bool) -> list[Frame]:
-    """The frames, without their moments where these are not to be used, and a word about that."""
+def _say_silent(frames: Sequence[Frame], rig: Rig) -> None:
+    """A word about readings that are missing, or left aside."""
     import numpy as np
 
     from vbaa_calib.core.console import say
 
-    if no_moment:
-        return [replace(frame, moment_Nm=np.nan, moment_z_Nm=np.nan) for frame in frames]
     silent = sum(np.isnan(frame.moment_Nm) for frame in frames)
     if silent:
         say(f"{silent} of {len(frames)} frames have no moment reading: vision alone there")
     if rig.second_moment_sensor is None and not all(np.isnan(frame.moment_z_Nm) for frame in frames):
         say("moment_z_Nm is left aside: rig.json has no second_moment_sensor")
-    return frames

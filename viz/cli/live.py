@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import gc
 import math
 import signal
 import sys
@@ -102,7 +101,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         synchronizer = Synchronizer(timing, source.channels, rig.camera.image_size)
         live = LiveEstimator(estimator, synchronizer, ground, final=not args.no_final)
         live.warm()
-        gc.freeze()  # to look through all that is loaded for rubbish would make one picture of a hundred late
         say(f"estimating from {source.name}; Ctrl-C ends it")
         monitor = _Monitor(source, live, rig.drift.of_rig)
         _follow(source, live, [*sinks, monitor])

@@ -83,8 +83,8 @@ def timing_of(args: argparse.Namespace) -> Timing:
 
 def _joints(args: argparse.Namespace) -> tuple[float, float]:
     """Pan and tilt where they are not read. Raises InputError."""
-    given = joints_rad(args)
-    return given.get("pan", 0.0), given.get("tilt", 0.0)
+    pan, tilt = joints_rad(args, 0.0).values()
+    return pan, tilt
 
 
 def topics_of(args: argparse.Namespace) -> Topics:

@@ -194,12 +194,9 @@ def contacts_page(
         changed.update(each.changed)
     head = ["recording", "frames", "off", *(f"{name}, rms" for name in (*_QUANTITIES, "point")), "largest"]
     figures = _figures(next(iter(compared.values())), tolerance) if len(compared) == 1 else []
-    return render(
-        "compare.html.j2",
-        title=title,
-        colour=TEAL if result["agree"] else RED,
-        headline="They agree." if result["agree"] else "They differ.",
-        words=result["words"],
+    return _page(
+        title,
+        result,
         figures=figures,
         heading="Contacts",
         numbers=Table(head, rows, ("recording",)),
@@ -236,15 +233,17 @@ def rigs_page(title: str, compared: ComparedRigs, result: Mapping[str, Any]) -> 
     """The page about two rigs."""
     columns = zip(compared.names, compared.difference, compared.std_a, compared.std_b, compared.deviations, strict=True)
     rows = [[name, *(number(float(value), 3) for value in values)] for name, *values in columns]
-    return render(
-        "compare.html.j2",
-        title=title,
-        colour=TEAL if result["agree"] else RED,
-        headline="They agree." if result["agree"] else "They differ.",
-        words=result["words"],
+    return _page(
+        title,
+        result,
         figures=[],
         heading="Parameters",
         numbers=Table(("parameter", "B less A", "± A", "± B", "in deviations"), rows, ("parameter",)),
         changed=Table((), ()),
         missing=[f"{name} is not the same" for name in compared.settings],
     )
+
+
+def _page(title: str, result: Mapping[str, Any], **parts: Any) -> str:
+    headline, colour = ("They agree.", TEAL) if result["agree"] else ("They differ.", RED)
+    return render("compare.html.j2", title=title, colour=colour, headline=headline, words=result["words"], **parts)
