@@ -118,9 +118,7 @@ def run(client: Client, recordings: Sequence[Recording], settings: Settings, res
         if not waiting and not underway:
             waiting.append(suspects.popleft())
             alone = True
-        if client.status != "running":
-            raise Lost(_LOST)
-        most = max(_AHEAD * len(client.scheduler_info(n_workers=-1)["workers"]), _LEAST_AHEAD)
+        most = max(_AHEAD * len(_workers(client)), _LEAST_AHEAD)
         while waiting and sum(each.parts for each in underway.values()) < most:
             recording = waiting.popleft()
             future = client.submit(work.do, recording, settings, results, pure=False)
@@ -154,11 +152,18 @@ def _outcome(future: Future, recording: Recording, client: Client, alone: bool) 
     except CancelledError as error:
         raise Lost(_LOST) from error
     except Exception as error:
-        if client.status != "running":
-            raise Lost(_LOST) from error
+        _workers(client)
         return work.failed(recording, error)
     assert isinstance(found, Outcome)
     return found
+
+
+def _workers(client: Client) -> list[str]:
+    """The cluster's, by address. Raises Lost where no scheduler answers: its loss reaches the client as any error."""
+    try:
+        return list(client.nthreads())
+    except Exception as error:
+        raise Lost(_LOST) from error
 
 
 def _in_pieces(
@@ -173,7 +178,7 @@ def _in_pieces(
     opened = submit(work.open_again, recording, settings, results)
     head = submit(work.head_of, opened)
     learnt, rows, files = None, None, []
-    places = cycle(client.scheduler_info(n_workers=-1)["workers"])
+    places = cycle(_workers(client))
     for index, at in zip(range(pieces), places, strict=False):
         piece = submit(work.piece_of, opened, index, at=at)
         seen = submit(work.look_at, piece, at=at)
