@@ -18,6 +18,7 @@ from benchmarks.estimator.setup import drawn_truth
 from benchmarks.figures import GREEN, GREY, INK, label, panels
 from benchmarks.harness import Draws, Findings, Options, column, rms, row_of, table
 from benchmarks.object.scenes import AXIS, CASES, CENTRE, RIGID, SETUP, SOFT, Case, Recorded, contacts, play
+from estimator.object.estimate import estimate_object
 from estimator.recording import KnownLine, Refined, refine
 from estimator.recording.problem import FrictionPrior
 from estimator.recording.refined import begun
@@ -72,7 +73,7 @@ class Judged:
     point_m, refined_m : (P, 3). bound_m : (P,) deviations of the point's three coordinates together, by the bound.
     held_point : (P, 3), held_distance, held_force : (P,), (P, 2) bool, 95 % intervals that hold the truth.
     worse : (P,) bool, the distance is farther off by more than `_WORSE` of its frame-wise deviations.
-    mu, mu_held : NaN and False where it is undetermined.
+    compliance_m_N : (1, 2) errors of the object's compliance, by frame-wise and by refined contacts.
     """
 
     frames: np.ndarray
@@ -86,6 +87,8 @@ class Judged:
     foreign: float
     mu_told: bool
     mu_held: bool
+    compliance_m_N: np.ndarray
+    compliance_held: bool
     given_back: bool
     seconds: float
 
@@ -123,6 +126,9 @@ class RecordingRow:
     given_back: float = column("given back %", ".0f", 100.0, of=lambda d: float(d.given_back.mean()))
     mu_told: float = column("μ told", ".2f", of=lambda d: float(d.mu_told.mean()))
     mu_held: float = column("held", ".2f", of=lambda d: float(d.mu_held.mean()))
+    framewise_mm_N: float = column("1/k mm/N", ".2f", of=lambda d: 1e3 * rms(d.compliance_m_N[:, 0]))
+    refined_mm_N: float = column("refined", ".2f", of=lambda d: 1e3 * rms(d.compliance_m_N[:, 1]))
+    compliance_held: float = column("held", ".2f", of=lambda d: float(d.compliance_held.mean()))
     frame_ms: float = column("ms a frame", ".2f", of=lambda d: 1e3 * float(d.seconds.sum()) / float(d.frames.sum()))
 
 
@@ -215,6 +221,9 @@ def judge(recorded: Recorded) -> Judged:
     force = np.stack([after.force_y_N, after.force_z_N], axis=1) - truth.force_antenna_N[rows, 1:]
     force_std = np.stack([after.force_y_std_N, after.force_z_std_N], axis=1)
     rub = as_one.friction
+    framewise = estimate_object(found, recorded.given, events=False)
+    soft = framewise.compliance, (as_one.object or framewise).compliance
+    compliance = np.array([[each.compliance_m_N for each in soft]]) - 1.0 / recorded.object.stiffness_N_m
     return Judged(
         frames=np.array([float(len(recorded))]),
         point_m=off,
@@ -227,6 +236,8 @@ def judge(recorded: Recorded) -> Judged:
         foreign=float(as_one.foreign.sum()),
         mu_told=rub is not None and rub.determined,
         mu_held=rub is not None and bool(rub.interval[0] <= recorded.object.friction <= rub.interval[1]),
+        compliance_m_N=compliance,
+        compliance_held=bool(abs(compliance[0, 1]) <= _WIDE * soft[1].std_m_N),
         given_back=bool(as_one.reason),
         seconds=seconds,
     )

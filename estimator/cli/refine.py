@@ -129,6 +129,8 @@ def _words(found: Refined) -> list[str]:
     mu = found.friction
     if mu is not None:
         lines.append(f"friction {mu.mu:.3f} ± {mu.std:.3f}, {mu.reason}" if mu.determined else f"friction: {mu.reason}")
+    if found.object is not None:
+        lines.append(f"stiffness: {found.object.compliance.reason}")
     return [*lines, *found.notes]
 
 

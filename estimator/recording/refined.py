@@ -26,6 +26,7 @@ from .problem import RUNG, FrictionPrior, Problem, State
 from .solve import Solution, solved
 
 if TYPE_CHECKING:
+    from estimator.object.estimate import ObjectEstimate
     from estimator.object.friction import Friction
 
 _GAP_FRAMES, _GAP_S = 5, 0.5
@@ -51,7 +52,7 @@ class Refined:
         what is left of rig and friction, which averaging does not lower. framewise : as it came.
     refined : (B,) bool, which frames were. foreign : (B,) bool, which do not belong to the rest and stay as they were.
     rig : as all frames together tell it, with what is left of its covariance; the one that came where nothing is.
-    friction : of the object, by the refined contacts; None without its evidence.
+    object : shape, friction and stiffness by the refined contacts, before friction is used; None with a known object.
     reason : why nothing was refined; "" where something was. notes : what else there is to say.
     offness : how far the rig is off, in the deviations that its calibration said. rig_p : that it is so by accident.
     """
@@ -62,11 +63,16 @@ class Refined:
     foreign: np.ndarray
     rig: Rig
     calibrated: Rig
-    friction: Friction | None
+    object: ObjectEstimate | None
     reason: str
     notes: tuple[str, ...]
     offness: float
     rig_p: float
+
+    @property
+    def friction(self) -> Friction | None:
+        """The object's."""
+        return None if self.object is None else self.object.friction
 
     def summary(self) -> dict[str, Any]:
         """The numbers as plain data."""
@@ -74,7 +80,7 @@ class Refined:
         before, after = self.framewise.picked(rows), self.contacts.picked(rows)
         left = self.calibrated.drifted() if self.reason else self.rig.drifted(0.0)
         std = np.sqrt(np.diag(left.covariance))
-        mu = self.friction
+        of_object = {} if self.object is None else self.object.summary()
         return {
             "frames": len(rows),
             "located": int(self.framewise.located.sum()),
@@ -84,15 +90,8 @@ class Refined:
             "notes": list(self.notes),
             "distance_std_m": _pair(before.distance_std_m, after.distance_std_m),
             "distance_shared_std_m": _pair(before.distance_shared_std_m, after.distance_shared_std_m),
-            "friction": None
-            if mu is None
-            else {
-                "told": mu.determined,
-                "mu": _plain(mu.mu),
-                "std": _plain(mu.std),
-                "interval": [_plain(end) for end in mu.interval],
-                "reason": mu.reason,
-            },
+            "friction": of_object.get("friction"),
+            "stiffness": of_object.get("stiffness"),
             "rig": {
                 "offness": _plain(self.offness),
                 "p": _plain(self.rig_p),
@@ -136,10 +135,10 @@ def refine(contacts: ContactTable, rig: Rig, recording: Sequence[Measured], know
     if reason:
         return _framewise(contacts, rig, found, rows, reason)
     told = _table(contacts, problem, found, rows)
-    friction = None
+    touched = None
     if known is None:
-        learnt = _rig_of(problem, found)
-        friction, prior = _friction(told, learnt, problem, rows)
+        touched = _object(told, _rig_of(problem, found))
+        prior = None if touched is None else _friction_prior(told, touched, problem, rows)
         if prior is not None:
             again = replace(problem, friction=prior)
             second = solved(again, found.state, strokes)
@@ -173,7 +172,7 @@ def refine(contacts: ContactTable, rig: Rig, recording: Sequence[Measured], know
         foreign,
         _rig_of(problem, found),
         rig,
-        friction,
+        touched,
         "",
         tuple(notes),
         found.offness,
@@ -276,16 +275,19 @@ def _framewise(contacts: ContactTable, rig: Rig, found: Solution, rows: np.ndarr
     return Refined(contacts, contacts, nothing, foreign, rig, rig, None, reason, (), found.offness, found.prior_p)
 
 
-def _friction(
-    table: ContactTable, rig: Rig, problem: Problem, rows: np.ndarray
-) -> tuple[Friction | None, FrictionPrior | None]:
-    """The object's friction by contacts that are refined already, and what it says of the frames (P,)."""
+def _object(table: ContactTable, rig: Rig) -> ObjectEstimate | None:
     try:
-        felt = estimate_object(table, rig, events=False)
+        return estimate_object(table, rig, events=False)
     except InputError:
-        return None, None
-    whole = by_coulomb(table, felt.track, felt.friction, as_estimated(table, problem.friction_rad))
-    return felt.friction, None if whole is None else whole.picked(rows)
+        return None
+
+
+def _friction_prior(
+    table: ContactTable, touched: ObjectEstimate, problem: Problem, rows: np.ndarray
+) -> FrictionPrior | None:
+    """What the object's friction says of the frames (P,), by contacts that are refined already."""
+    whole = by_coulomb(table, touched.track, touched.friction, as_estimated(table, problem.friction_rad))
+    return None if whole is None else whole.picked(rows)
 
 
 def _rig_of(problem: Problem, found: Solution) -> Rig:

@@ -11,6 +11,7 @@ import pytest
 from benchmarks.estimator.setup import drawn_truth
 from benchmarks.object.scenes import AXIS, CENTRE, RIGID, SETUP, Recorded, contacts
 from benchmarks.recording.recording import CELLS, PIN_M, PIN_STD_M, lengthened, measured, played, run
+from estimator.object.estimate import estimate_object
 from estimator.recording import KnownLine, Refined, refine
 from estimator.table.contacts import ContactTable, Measured
 from vbaa_calib.core.errors import InputError
@@ -104,6 +105,15 @@ def test_another_rig_is_refused_and_the_contacts_come_back() -> None:
     assert found.reason
     assert found.contacts is table
     assert not found.refined.any()
+
+
+def test_the_stiffness_is_known_better_than_frame_by_frame() -> None:
+    """A rigid object's compliance is none, within its deviation."""
+    recorded, table, _, found = given()
+    assert found.object is not None
+    framewise, refined = estimate_object(table, recorded.given, events=False).compliance, found.object.compliance
+    assert refined.std_m_N < framewise.std_m_N
+    assert abs(refined.compliance_m_N) < 3.0 * refined.std_m_N
 
 
 def test_nothing_is_known_better_than_the_rig_allows() -> None:
