@@ -8,6 +8,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from estimator.solver.convergence import NEAREST
+from vbaa_calib.core.least_squares import TELLS, disagreement
 
 from .problem import Equations, Problem, State, spread_evenly
 
@@ -20,8 +21,6 @@ MOST = 1000
 """Contacts, and free frames, from which the shared errors are solved for."""
 _ROUNDS, _SMALL_CHANGE = 4, 0.1
 """Frames are weighed anew until no weight changes by more."""
-_SEEN = 0.05
-"""Directions of the shared errors that a group of frames tells to more than this part of what is known beforehand."""
 _DOUBTED, _FOREIGN, _BEYOND_DOUBT = 1e-2, 1e-6, 1e-9
 """Probabilities below which a frame counts less; below which it, or its stroke, does not belong; and below which it is
 not even begun with, unless more than a part `_FEW` of all are such."""
@@ -49,30 +48,6 @@ class Solution:
     prior_p: float
     offness: float
     converged: bool
-
-
-def disagreement(information: np.ndarray, pull: np.ndarray, total: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """χ² and degrees of freedom (G,) with which groups disagree with all the rest.
-
-    A group that belongs, with information S, pulls at the common solution with a force r of covariance S − S·H⁻¹·S,
-    H the information of all. Only directions are counted in which it tells something.
-
-    information : (G, S, S), pull : (G, S), in units of the prior's deviations. total : (S, S).
-    """
-    values, vectors = np.linalg.eigh(information)
-    told = values > _SEEN
-    along = np.einsum("gsk,gs->gk", vectors, pull)
-    mixed = np.swapaxes(vectors, 1, 2) @ information
-    covariance = values[:, :, None] * np.eye(values.shape[1]) - mixed @ np.linalg.solve(total, np.swapaxes(mixed, 1, 2))
-    both = told[:, :, None] & told[:, None, :]
-    scale = np.where(told, 1.0 / np.sqrt(np.where(told, values, 1.0)), 0.0)
-    unit = np.where(both, covariance * scale[:, :, None] * scale[:, None, :], np.eye(values.shape[1]))
-    # a group that is nearly all there is has nothing to disagree with
-    roots, turns = np.linalg.eigh(unit)
-    free = roots > 1e-3
-    parts = np.einsum("gkj,gk->gj", turns, along * scale)
-    square = np.where(free, parts**2 / np.where(free, roots, 1.0), 0.0).sum(axis=1)
-    return square, np.maximum(told.sum(axis=1) - (~free).sum(axis=1), 0)
 
 
 def solved(problem: Problem, start: State, strokes: np.ndarray, widening: float = 1.0) -> Solution:
@@ -141,7 +116,7 @@ def _beginning(problem: Problem, state: State, strokes: np.ndarray) -> np.ndarra
         (np.einsum("gb,bst->gst", sums, equations.information), sums @ equations.side, which),
     ):
         values, vectors = np.linalg.eigh(information)
-        told = values > _SEEN
+        told = values > TELLS
         along = np.einsum("gsk,gs->gk", vectors, pull)
         square = np.where(told, along**2 / np.where(told, values + values**2, 1.0), 0.0).sum(axis=1)
         weight[(_p(square, told.sum(axis=1)) < _BEYOND_DOUBT)[of]] = 0.0

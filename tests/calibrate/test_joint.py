@@ -12,9 +12,9 @@ import pytest
 from targets.board import BoardSpec
 from vbaa_calib.antenna.rod import solve_rod
 from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment, adjust_bundle, noise_scale
-from vbaa_calib.calibrate.antenna.inputs import Observation, Prior
+from vbaa_calib.calibrate.antenna.inputs import EXACT, Observation, Prior
 from vbaa_calib.calibrate.antenna.residual_checks import check
-from vbaa_calib.calibrate.antenna.session_rig import make_rig, prior
+from vbaa_calib.calibrate.antenna.session_rig import make_rig, prior, solve_antenna
 from vbaa_calib.calibrate.pose.fusion import PoseEstimate
 from vbaa_calib.calibrate.report import antenna_doubts, prior_doubts, sensor_doubts, still_doubts
 from vbaa_calib.camera import Camera
@@ -35,6 +35,7 @@ from ..rod_scenes import (
     gravity_antenna,
     seen,
 )
+from .clean_sessions import clean_session
 
 CAMERA = Camera("opencv", (960, 720), MATRIX, BROWN)
 NOMINAL = NominalAntenna(LENGTH_M, 0.8e-3, 193e9, 7900.0)
@@ -397,3 +398,23 @@ def test_forces_in_the_wrong_unit_are_said(good) -> None:
     except SolveError as error:
         lines = [str(error)]
     assert any("unit" in line for line in lines)
+
+
+@pytest.mark.parametrize("seed", [1, 4, 15])
+def test_a_load_that_contradicts_the_others_is_left_out_though_its_points_fit(seed: int) -> None:
+    """Points stated ten times less well than they are do not show it, nor does one load's shape: the stiffness does."""
+    drawn = clean_session(seed)
+    before = replace(drawn.before, readings=EXACT)
+    observations = [replace(one, sigma_px=np.full_like(one.sigma_px, 1.0)) for one in drawn.observations]
+    bending = [
+        one.still.distance_m**2 * np.hypot(*one.load_N) if isinstance(one.still, Load) else 0.0 for one in observations
+    ]
+    wrong = int(np.argmax(bending))
+    still = observations[wrong].still
+    assert isinstance(still, Load)
+    noted = replace(still, force_y_N=1.2 * still.force_y_N, force_z_N=1.2 * still.force_z_N)
+    observations[wrong] = replace(observations[wrong], still=noted)
+    found = solve_antenna(drawn.session, observations, before)
+    assert np.flatnonzero(~found.kept).tolist() == [wrong]
+    off = found.parameters[RIG_PARAMETERS.index("log_stiffness_Nm2")] - drawn.world.parameters[6]
+    assert abs(off) < 3.0 * np.hypot(np.sqrt(found.covariance[12, 12]), 0.005)  # and the weights' own error

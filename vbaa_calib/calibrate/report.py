@@ -47,15 +47,17 @@ def still_doubts(joint: BundleAdjustment, stills: Sequence[Still], said: str = "
     """Stills whose rows look wrong, but for those whose pictures were named in `said`."""
     found = []
     offs = joint.moment_residuals_Nm / joint.problem.moment_std_Nm
-    for still, rms, off, kept in zip(stills, joint.point_rms, offs, joint.kept, strict=True):
+    for still, off, kept in zip(stills, offs, joint.kept, strict=True):
         name = still.image.name if still.image else "?"
         what = f"{'load' if isinstance(still, Load) else 'no-load frame'} {name}"
         if still.image and name in said:
             continue
+        reading = f"the moment reading is {off:+.1f} std off" if abs(off) > FALSE_READING else ""
         if not kept:
-            found.append(f"{what}: left out, its shape lies {rms:.1f} std off the model; is its row right?")
-        elif abs(off) > FALSE_READING:
-            found.append(f"{what}: the moment reading is {off:+.1f} std off; is its row right?")
+            why = reading or "for it contradicts the others"
+            found.append(f"{what}: left out, {why}; is its row right, and its line the antenna?")
+        elif reading:
+            found.append(f"{what}: {reading}; is its row right?")
     return found
 
 

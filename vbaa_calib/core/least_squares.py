@@ -9,6 +9,7 @@ from typing import Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from scipy.linalg import solve_triangular
+from scipy.special import chdtrc
 
 from .robust import huber_losses, huber_weights, soft_l1_losses, soft_l1_weights
 
@@ -117,6 +118,40 @@ def schur_complement(total: np.ndarray, cross: np.ndarray, own: np.ndarray) -> t
     """
     through = np.linalg.solve(own, cross)
     return total - np.einsum("vki,vkj->ij", cross, through), through
+
+
+TELLS = 0.05
+"""Directions count in which a group of residuals tells more than this part of what is known beforehand."""
+
+
+def disagreement(information: np.ndarray, pull: np.ndarray, total: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """χ² and degrees of freedom (G,) with which groups of residuals disagree with all the rest.
+
+    A group that belongs, with information S, pulls at the common solution with a force r of covariance S − S·H⁻¹·S,
+    H the information of all. Only directions are counted in which it tells something.
+
+    information : (G, S, S), pull : (G, S), in units of the prior's deviations. total : (S, S).
+    """
+    values, vectors = np.linalg.eigh(information)
+    told = values > TELLS
+    along = np.einsum("gsk,gs->gk", vectors, pull)
+    mixed = np.swapaxes(vectors, 1, 2) @ information
+    covariance = values[:, :, None] * np.eye(values.shape[1]) - mixed @ np.linalg.solve(total, np.swapaxes(mixed, 1, 2))
+    both = told[:, :, None] & told[:, None, :]
+    scale = np.where(told, 1.0 / np.sqrt(np.where(told, values, 1.0)), 0.0)
+    unit = np.where(both, covariance * scale[:, :, None] * scale[:, None, :], np.eye(values.shape[1]))
+    # a group that is nearly all there is has nothing to disagree with
+    roots, turns = np.linalg.eigh(unit)
+    free = roots > 1e-3
+    parts = np.einsum("gkj,gk->gj", turns, along * scale)
+    square = np.where(free, parts**2 / np.where(free, roots, 1.0), 0.0).sum(axis=1)
+    return square, np.maximum(told.sum(axis=1) - (~free).sum(axis=1), 0)
+
+
+def disagreement_p(information: np.ndarray, pull: np.ndarray, total: np.ndarray) -> np.ndarray:
+    """(G,) probability that groups that belong disagree as much; 1 without degrees of freedom."""
+    square, freedom = disagreement(information, pull, total)
+    return np.where(freedom > 0, chdtrc(np.maximum(freedom, 1), square), 1.0)
 
 
 def padded(rows: np.ndarray, bounds: np.ndarray) -> np.ndarray:

@@ -9,13 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import block_diag
 
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import SolveError
-from vbaa_calib.core.least_squares import Linearised, Rules, minimise
+from vbaa_calib.core.least_squares import Linearised, Rules, disagreement_p, minimise
 from vbaa_calib.core.robust import MAD_SCALE, mad_std
 from vbaa_calib.geometry import Pose
 from vbaa_calib.rig import Tip
@@ -102,6 +104,32 @@ def _fitting(
     return (rms < _FALSE_STILL * np.median(rms)) & (needed < _FALSE_READING_STD), rms
 
 
+_CONTRADICTS = 1e-6
+"""Probability below which a still contradicts the others."""
+_FEWEST_OF_A_KIND, _MOST_STRANGE = 2, 0.2
+"""Of stills with and without a load, so many stay, for of two that contradict each other neither is known to be right;
+and only so large a part may contradict the others before it is the model that does not hold."""
+
+
+def _agreement(problem: Problem, solution: Linearised, distances: Sequence[np.ndarray]) -> np.ndarray:
+    """(F,) probability that a still that belongs disagrees as much with the rest, by line and moment; 1 for those left
+    out. distances : see `Problem.evaluate`.
+    """
+    kept = np.flatnonzero(problem.kept)
+    jacobian, residuals = (solution.jacobian.T * solution.weights).T, solution.residuals * solution.weights
+    total, beforehand = jacobian.T @ jacobian, jacobian[len(jacobian) - solution.certain :]
+    # in units of what is known beforehand
+    unit = 1.0 / np.sqrt(np.maximum((beforehand**2).sum(axis=0), 1e-12 * np.diag(total)))
+    bounds = np.cumsum([0, *(len(distances[index]) for index in kept)])
+    rows = [np.append(np.arange(*ends), bounds[-1] + n) for n, ends in enumerate(pairwise(bounds))]
+    own = [(jacobian[each] * unit, residuals[each]) for each in rows]
+    information = np.array([slopes.T @ slopes for slopes, _ in own])
+    pull = np.array([-slopes.T @ off for slopes, off in own])
+    p = np.ones(len(problem.kept))
+    p[kept] = disagreement_p(information, pull, total * np.outer(unit, unit))
+    return p
+
+
 _RUN = 10
 """Points in a run of neighbours: longer than the picture's noise is correlated, shorter than the shape."""
 _PASSES = 12
@@ -182,13 +210,34 @@ def adjust_bundle(
     raise SolveError("the lens folds inside the picture wherever the stills move it: calibrate it from more views")
 
 
-def _solved(
-    observations: Sequence[Observation], prior: Prior, length_m: float, moment_std_Nm: float, share: float
-) -> BundleAdjustment:
-    problem = Problem.of(observations, prior, length_m, moment_std_Nm)
+def _too_few(fits: np.ndarray, loaded: np.ndarray) -> bool:
+    """Whether so many stills (F,) do not fit that it is rather the model that does not."""
+    kinds = [fits[loaded == kind] for kind in (False, True)]
+    return any(
+        (~own).sum() > max(1, int(_MOST_STRANGE * len(own))) or own.sum() < min(_FEWEST_OF_A_KIND, len(own))
+        for own in kinds
+    )
+
+
+class _Solved(NamedTuple):
+    """A problem, its solution and what that predicts; and how far each still's points lie off, in deviations (F,)."""
+
+    problem: Problem
+    solution: Linearised
+    evaluated: Evaluation
+    rms: np.ndarray
+
+
+def _in_passes(problem: Problem, judged: bool = True) -> _Solved | None:
+    """Solved in passes, each with the points' scatter about the one before and without the stills that do not fit it.
+
+    judged : leave out stills that contradict the others, too; None where these are too many.
+    """
     parameters = problem.begin
-    least = 1.0 if np.mean([one.shared for one in observations]) > 0.5 else 0.0
-    evaluated, gap_std = problem.evaluate(parameters), np.nan
+    least = 1.0 if np.mean([one.shared for one in problem.observations]) > 0.5 else 0.0
+    loaded = np.array([bool(one.load_N.any()) for one in problem.observations])
+    strange = np.zeros(len(loaded), bool)
+    evaluated = problem.evaluate(parameters)
     for turn in range(_PASSES + 1):
         kept = problem.kept
         left = [problem.without_line(i, evaluated.points[i][:, 0]) for i in np.flatnonzero(kept).tolist()]
@@ -203,9 +252,28 @@ def _solved(
         fits, rms = _fitting(problem, solution, evaluated.points, kept)
         # stills on the border do not come and go for ever, and the last pass is over those that it leaves
         fits = kept if turn == _PASSES else fits & kept if turn > _PASSES // 2 else fits
+        if judged and change < _NEAR and (fits == kept).all():
+            p = _agreement(problem, solution, evaluated.points)
+            worst = int(np.argmin(p))
+            if p[worst] < _CONTRADICTS:
+                strange[worst] = True
+        fits &= ~strange
+        if strange.any() and _too_few(fits, loaded):
+            return None
         problem = replace(problem, kept=fits)
         if change < _SETTLED and (fits == kept).all():
             break
+    return _Solved(problem, solution, evaluated, rms)
+
+
+def _solved(
+    observations: Sequence[Observation], prior: Prior, length_m: float, moment_std_Nm: float, share: float
+) -> BundleAdjustment:
+    problem = Problem.of(observations, prior, length_m, moment_std_Nm)
+    found = _in_passes(problem) or _in_passes(problem, judged=False)
+    assert found is not None
+    problem, solution, evaluated, rms = found
+    parameters, gap_std = solution.parameters, np.nan
     if not solution.converged:
         raise SolveError(
             "bundle adjustment of camera pose, antenna and sensor did not converge: check unit and sign of forces and "
