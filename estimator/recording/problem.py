@@ -19,8 +19,9 @@ from estimator.solver.rig_arrays import UNKNOWNS, RigArrays
 from vbaa_calib.antenna.nodes import CONTACT
 from vbaa_calib.core.robust import huber_weights
 from vbaa_calib.rig import Rig
+from vbaa_calib.session import KnownObject
 
-from .known_object import KnownLine
+from .known_object import known_equations
 
 RUNG = "rod"
 """All frames are fitted on the highest rung: what a lower one leaves out is the same in neighbours, and adds up."""
@@ -101,7 +102,7 @@ class Problem:
     free: Batch
     held: np.ndarray
     friction: FrictionPrior
-    known: KnownLine | None = None
+    known: KnownObject | None = None
 
     def picked(self, rows: np.ndarray, most_free: int) -> Problem:
         """With these contacts alone, and so many free frames at most."""
@@ -203,7 +204,7 @@ class Problem:
         if self.known is not None:
             place = self.rig.kinematics.world_antenna(batch.pan_rad, batch.tilt_rad)
             radius_m = 0.5 * self.rig.antenna.diameter_m
-            more = self.known.equations(found, touch_columns, *place, radius_m, state.shared[-3:])
+            more = known_equations(self.known, found, touch_columns, place, radius_m, state.shared[-3:])
             whole, side = whole + more[0], side + more[1]
         diagonal = np.arange(UNKNOWNS + self.lines)
         weight, pull = np.zeros((2, len(unknowns), len(diagonal)))

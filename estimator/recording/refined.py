@@ -17,11 +17,12 @@ from estimator.solver.linearised import bend, free_antennas
 from estimator.solver.rig_arrays import UNKNOWNS, RigArrays
 from estimator.table.contacts import COLUMNS, FRICTION_RAD, ContactTable, Measured, joint_angles
 from vbaa_calib.antenna.nodes import CONTACT
+from vbaa_calib.core.arrays import finite
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.rig import POSE_PARAMETERS, Rig
+from vbaa_calib.session import KnownObject
 
 from .coulomb import as_estimated, by_coulomb, contradicted
-from .known_object import KnownLine
 from .problem import RUNG, FrictionPrior, Problem, State
 from .solve import Solution, solved
 
@@ -84,34 +85,24 @@ class Refined:
             "notes": list(self.notes),
             "distance_std_m": _pair(before.distance_std_m, after.distance_std_m),
             "distance_shared_std_m": _pair(before.distance_shared_std_m, after.distance_shared_std_m),
-            "friction": None
-            if mu is None
-            else {
-                "told": mu.determined,
-                "mu": _plain(mu.mu),
-                "std": _plain(mu.std),
-                "interval": [_plain(end) for end in mu.interval],
-                "reason": mu.reason,
-            },
+            "friction": None if mu is None else mu.to_dict(),
             "rig": {
-                "offness": _plain(self.offness),
-                "p": _plain(self.rig_p),
+                "offness": finite(self.offness),
+                "p": finite(self.rig_p),
                 "parameters": parameter_changes(self.calibrated, self.rig.step_from(self.calibrated)[: len(std)], std),
             },
         }
 
 
-def _plain(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
-
-
 def _pair(before: np.ndarray, after: np.ndarray) -> dict[str, float | None]:
     """Root mean squares."""
     values = (float(np.sqrt(np.mean(each**2))) if len(each) else np.nan for each in (before, after))
-    return dict(zip(("framewise", "refined"), map(_plain, values), strict=True))
+    return dict(zip(("framewise", "refined"), map(finite, values), strict=True))
 
 
-def refine(contacts: ContactTable, rig: Rig, recording: Sequence[Measured], known: KnownLine | None = None) -> Refined:
+def refine(
+    contacts: ContactTable, rig: Rig, recording: Sequence[Measured], known: KnownObject | None = None
+) -> Refined:
     """One maximum a posteriori problem over all frames of a recording.
 
     contacts : of `vbaa estimate` with this rig. recording : what each of its B frames was measured to be, in order.
@@ -217,7 +208,7 @@ def _usable(contacts: ContactTable, recording: Sequence[Measured]) -> np.ndarray
 
 
 def begun(
-    contacts: ContactTable, rig: Rig, recording: Sequence[Measured], rows: np.ndarray, known: KnownLine | None
+    contacts: ContactTable, rig: Rig, recording: Sequence[Measured], rows: np.ndarray, known: KnownObject | None
 ) -> tuple[Problem, State]:
     """The problem, and where it begins: at the contacts as they are, the rig as calibrated."""
     arrays = RigArrays.from_rig(rig, FRICTION_RAD)

@@ -36,7 +36,6 @@ class Solution:
     ----------
     state, equations : where it ended, and the contacts' equations there, about that state.
     covariance : (S, S) of the shared steps. weight : (B,) of each frame in them, 0 for one that does not belong.
-    frame_p : (B,) probability that a frame that belongs disagrees as much with the rest.
     prior_p : that a rig as it was calibrated is off by as much. offness : how far that is, in its deviations.
     converged : whether the steps came to an end.
     """
@@ -45,7 +44,6 @@ class Solution:
     equations: Equations
     covariance: np.ndarray
     weight: np.ndarray
-    frame_p: np.ndarray
     prior_p: float
     offness: float
     converged: bool
@@ -93,7 +91,7 @@ def solved(problem: Problem, start: State, strokes: np.ndarray, widening: float 
     for _ in range(_ROUNDS):
         state, equations, total, converged = _descended(few, state, weight, prior)
         pull = _pull(few, state, equations)
-        frame_p, renewed = _judged(equations, pull, total)
+        renewed = _weights(equations, pull, total)
         each = np.unique(labels)
         sums = np.array([weight * (labels == label) for label in each])
         square, freedom = disagreement(np.einsum("gb,bst->gst", sums, equations.information), sums @ pull, total)
@@ -109,14 +107,13 @@ def solved(problem: Problem, start: State, strokes: np.ndarray, widening: float 
     square, freedom = disagreement(np.diag(prior * (np.arange(problem.size) < rig))[None], offset, total)
     if len(chosen) < len(problem.touching):
         state, equations = _others(problem, State(start.unknowns, state.shared), state.unknowns, chosen)
-        frame_p, weight = _judged(equations, _pull(problem, state, equations), total)
+        weight = _weights(equations, _pull(problem, state, equations), total)
         weight[np.isin(strokes, foreign)] = 0.0
     return Solution(
         state,
         equations,
         np.linalg.inv(total),
         weight,
-        frame_p,
         float(_p(square, freedom)[0]),
         _offness(np.linalg.inv(total), prior, rig, float(square[0] - freedom[0])),
         converged,
@@ -149,12 +146,12 @@ def _beginning(problem: Problem, state: State, strokes: np.ndarray) -> np.ndarra
     return weight if np.mean(weight) > 1.0 - _FEW else np.where(equations.sound, 1.0, 0.0)
 
 
-def _judged(equations: Equations, pull: np.ndarray, total: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(B,) probability that frames that belong disagree as much with the rest, and the weight that leaves them."""
+def _weights(equations: Equations, pull: np.ndarray, total: np.ndarray) -> np.ndarray:
+    """(B,) of frames in the shared steps, by the chance of disagreeing as much with the rest."""
     square, freedom = disagreement(equations.information, pull, total)
     p = _p(square, freedom)
     weight = np.where(p < _DOUBTED, freedom / np.maximum(square, 1e-9), 1.0)
-    return p, np.where((p < _FOREIGN) | ~equations.sound, 0.0, weight)
+    return np.where((p < _FOREIGN) | ~equations.sound, 0.0, weight)
 
 
 def _pull(problem: Problem, state: State, equations: Equations) -> np.ndarray:

@@ -19,6 +19,7 @@ from vbaa_calib.calibrate.faults.explanations import picture_scatter
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution
 from vbaa_calib.calibrate.lens.uncertainty import projection_uncertainty
 from vbaa_calib.calibrate.pose.fusion import CONTRADICTION
+from vbaa_calib.core.arrays import finite
 from vbaa_calib.core.console import say
 from vbaa_calib.core.files import sha256
 from vbaa_calib.core.robust import chi_square_p
@@ -244,10 +245,6 @@ def rig_document(calibration: Calibration, warnings: Sequence[str], command: Seq
     }
 
 
-def _finite(value: float) -> float | None:
-    return value if np.isfinite(value) else None
-
-
 def camera_document(solution: LensSolution, spec: Board) -> dict[str, Any]:
     """camera.json: what `Camera.load` reads, and the evidence for it (docs/formats.md)."""
     covariance = solution.camera.covariance
@@ -261,8 +258,8 @@ def camera_document(solution: LensSolution, spec: Board) -> dict[str, Any]:
         "lens_model": solution.model,
         "monotonic": solution.monotonic,
         **solution.verdict.to_dict(),
-        "rms_px": _finite(solution.rms_px),
-        "rms_inliers_px": _finite(solution.rms_inliers_px),
+        "rms_px": finite(solution.rms_px),
+        "rms_inliers_px": finite(solution.rms_inliers_px),
         "projection_uncertainty": {
             "columns_px": free.pixels[0, :, 0].tolist(),
             "rows_px": free.pixels[:, 0, 1].tolist(),

@@ -50,8 +50,8 @@ def over_time(rigs: Sequence[Rig], days: Sequence[float]) -> OverTime:
     steps = [rig.step_from(rigs[0]) for rig in rigs]
     size = min(map(len, steps))
     values = np.array([step[:size] for step in steps])
-    std = np.array([parameter_std(rig, size) for rig in rigs])
-    names = parameter_names(rigs[0])[:size]
+    std = np.array([parameter_std(rig)[:size] for rig in rigs])
+    names = (*RIG_PARAMETERS, *rigs[0].camera.parameter_names)[:size]
     at = np.asarray(days, float)
     count, limit = len(rigs), FALSE_ALARM / size
     mean, between, slope, slope_std = (np.full(size, np.nan) for _ in range(4))
@@ -72,21 +72,14 @@ def over_time(rigs: Sequence[Rig], days: Sequence[float]) -> OverTime:
             slope_std[index] = deviations[1]
             drifts[index] = abs(slope[index]) > t.isf(limit / 2, count - 2) * slope_std[index]
     wide = rigs[0].drifted().covariance
-    supposed = np.sqrt(np.clip(np.diag(wide)[:size] - parameter_std(rigs[0], size)[: len(wide)] ** 2, 0.0, None))
+    supposed = np.sqrt(np.clip(np.diag(wide)[:size] - std[0, : len(wide)] ** 2, 0.0, None))
     supposed = np.concatenate([supposed, np.zeros(size - len(supposed))])
     return OverTime(names, at, values, std, mean, between, slope, slope_std, scatters, drifts, supposed)
 
 
-def parameter_names(rig: Rig) -> tuple[str, ...]:
-    """Of the rig's parameters and then the lens', whether or not the joint covariance holds the lens."""
-    return (*RIG_PARAMETERS, *rig.camera.parameter_names)
-
-
-def parameter_std(rig: Rig, size: int) -> np.ndarray:
-    """(size,) standard deviations of the first of `parameter_names`; 0 for what counts as exact."""
-    own = np.diag(rig.covariance)
-    lens = np.zeros(0) if rig.with_lens or rig.camera.covariance is None else np.diag(rig.camera.covariance)
-    return np.sqrt(np.concatenate([own, lens, np.zeros(size)])[:size])
+def parameter_std(rig: Rig) -> np.ndarray:
+    """(17 + P,) standard deviations of the rig's parameters and the lens'; 0 for what counts as exact."""
+    return np.sqrt(np.diag(rig.joint_covariance))
 
 
 def _misfit(x: np.ndarray, std: np.ndarray, columns: np.ndarray) -> tuple[float, np.ndarray]:

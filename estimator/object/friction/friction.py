@@ -4,13 +4,14 @@ common; and the normals as the force has confirmed them."""
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.spatial.distance import cdist
 
 from estimator.object.surface import Normals
 from estimator.table.contacts import ContactTable, joint_angles
+from vbaa_calib.core.arrays import finite
 
 from .coefficient import (
     SLIDING,
@@ -85,6 +86,16 @@ class Friction:
     psi_rad: np.ndarray
     nu_rad: np.ndarray
     normals: Normals
+
+    def to_dict(self) -> dict[str, Any]:
+        """The coefficient as plain data."""
+        return {
+            "told": self.determined,
+            "mu": finite(self.mu),
+            "std": finite(self.std),
+            "interval": [finite(end) for end in self.interval],
+            "reason": self.reason,
+        }
 
 
 def friction(

@@ -97,23 +97,20 @@ class Options:
     def chosen(self, index: int) -> NextTouch:
         """One of them in plain numbers."""
         reach = self.reach
-
-        def joints(pairs: np.ndarray) -> tuple[float, float]:
-            return float(pairs[index, 0]), float(pairs[index, 1])
-
-        def vector(vectors: np.ndarray) -> tuple[float, float, float]:
-            return float(vectors[index, 0]), float(vectors[index, 1]), float(vectors[index, 2])
-
+        begin, touch, press, end, point, normal = (
+            tuple(each[index].tolist())
+            for each in (reach.begin_rad, reach.touch_rad, reach.joints_rad, self.end_rad, reach.point_m, reach.normal)
+        )
         return NextTouch(
             goal=self.goal,
-            begin_rad=joints(reach.begin_rad),
-            touch_rad=joints(reach.touch_rad),
-            press_rad=joints(reach.joints_rad),
-            end_rad=joints(self.end_rad),
+            begin_rad=begin,
+            touch_rad=touch,
+            press_rad=press,
+            end_rad=end,
             distance_m=float(reach.unknowns[index, 0] * self.length_m),
             force_N=float(np.linalg.norm(reach.force_N[index])),
-            point_m=vector(reach.point_m),
-            normal=vector(reach.normal),
+            point_m=point,
+            normal=normal,
             std=self.std,
             std_after=float(self.std_after[index]),
             compared=int(np.isfinite(self.std_after).sum()),

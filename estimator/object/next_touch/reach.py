@@ -99,6 +99,7 @@ class Reach:
 
 
 def _frames(arrays: RigArrays, joints_rad: np.ndarray) -> Frames:
+    """Frames at joint angles (B, 2), without points and readings."""
     rotation, _ = arrays.rig.kinematics.world_antenna(*joints_rad.T)
     return empty_frames(arrays, np.einsum("bji,j->bi", rotation, arrays.rig.gravity_world_m_s2))
 
@@ -163,13 +164,7 @@ def surface_std(found: Fit, patch: np.ndarray, point_m: np.ndarray, normal: np.n
     result = np.full(len(patch), np.nan)
     for index in np.unique(patch):
         m, one = patch == index, found.patches[index]
-        local = (point_m[m] - one.center_m) @ one.frame.T
-        if one.wide:
-            result[m] = found.heights(index, local[:, :2])[2]
-        else:
-            side = (normal[m] @ one.frame.T)[:, 1:]
-            covariance = found.along_curve(index, local[:, 0])[1]
-            result[m] = np.sqrt(np.maximum(np.einsum("ni,nij,nj->n", side, covariance, side), 0.0))
+        result[m] = found.std_along(index, (point_m[m] - one.center_m) @ one.frame.T, normal[m])
     return result
 
 

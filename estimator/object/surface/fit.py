@@ -75,6 +75,14 @@ class Fit:
         points = patch.center_m + np.column_stack([flat_m, height]) @ patch.frame
         return points, (raw / length[:, None]) @ patch.frame, std / length
 
+    def std_along(self, index: int, local_m: np.ndarray, normal: np.ndarray) -> np.ndarray:
+        """(N,) deviations of a patch's surface under places (N, 3) in its frame, along normals (N, 3), world frame."""
+        patch = self.patches[index]
+        if patch.wide:
+            return self.heights(index, local_m[:, :2])[2]
+        side = (normal @ patch.frame.T)[:, 1:]
+        return deviations_along(side, self.along_curve(index, local_m[:, 0])[1])
+
     def along_curve(self, index: int, over_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Points (V, 3) of a curve over places (V,), world, and covariances (V, 2, 2) across it in its frame."""
         patch = self.patches[index]
@@ -83,6 +91,11 @@ class Fit:
         pair = np.arange(len(over_m))[:, None] + [0, len(over_m)]
         points = patch.center_m + np.column_stack([over_m, *across]) @ patch.frame
         return points, joint[pair[:, :, None], pair[:, None, :]]
+
+
+def deviations_along(side: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """(N,) of vectors with covariances (N, D, D), along directions (N, D)."""
+    return np.sqrt(np.maximum(np.einsum("ni,nij,nj->n", side, covariance, side), 0.0))
 
 
 def begin(touches: Touches, antenna_radius_m: float) -> tuple[tuple[Patch, ...], _FitState]:

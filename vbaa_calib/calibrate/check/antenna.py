@@ -19,7 +19,7 @@ from vbaa_calib.rig import RIG_STEPS, Rig
 from vbaa_calib.rig.reprojection import feet, image_curves
 from vbaa_calib.session import Load, LoadReadings, Still
 
-from .change import Change, Information, estimate_change, joint_covariance
+from .change import Change, Information, estimate_change
 from .finding import HOLDS, Checked, Evidence, Finding, judged, not_given, plus_minus
 
 _POINTS, _MOMENT, _BOTH = slice(-1), slice(-1, None), slice(None)
@@ -133,7 +133,7 @@ def check_antenna(rig: Rig, stills: Sequence[CheckedStill], camera_known: bool) 
     """
     free = [one for one in stills if not isinstance(one.still, Load)]
     loaded = [one for one in stills if isinstance(one.still, Load)]
-    covariance = joint_covariance(rig)
+    covariance = rig.joint_covariance
     count = len(covariance)
     scale = np.concatenate([_SCALE, [10 * rig.moment_sensor.std_Nm], np.full(count - LENS, 0.01)])
     changed: list[int] = []

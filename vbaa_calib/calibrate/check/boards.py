@@ -22,7 +22,7 @@ from vbaa_calib.geometry import Pose
 from vbaa_calib.rig import POSE_PARAMETERS, RIG_PARAMETERS, Rig
 from vbaa_calib.session import Session
 
-from .change import Change, Information, estimate_change, joint_covariance
+from .change import Change, Information, estimate_change
 from .finding import HOLDS, LOOK, Checked, Evidence, Finding, judged, not_given, plus_minus
 
 _MIN_CORNERS = 6
@@ -210,7 +210,7 @@ def check_pose(
         return Checked((not_given("camera_pose", why),), {"camera_pose": None}), rig
     board = solve_board_pose(views, shape, rig.camera)
     jig = jig_estimate(board, T_antenna_board)
-    joint, by_lens = joint_covariance(rig), jig.lens_sensitivity
+    joint, by_lens = rig.joint_covariance, jig.lens_sensitivity
     shared = by_lens @ joint[_LENS, _POSE]
     covariance = jig.covariance + by_lens @ joint[_LENS, _LENS] @ by_lens.T
     covariance = covariance + joint[_POSE, _POSE] - shared - shared.T
@@ -248,7 +248,7 @@ def check_pose(
 
 
 def _with_jig_pose(rig: Rig, jig: PoseEstimate) -> Rig:
-    joint = joint_covariance(rig).copy()
+    joint = rig.joint_covariance.copy()
     shared = jig.lens_sensitivity @ joint[_LENS, _LENS]
     joint[_POSE], joint[:, _POSE] = 0.0, 0.0
     joint[_POSE, _POSE] = jig.covariance + shared @ jig.lens_sensitivity.T

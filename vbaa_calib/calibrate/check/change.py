@@ -11,9 +11,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import block_diag
-
-from vbaa_calib.rig import Rig
 
 _LEAST_INFORMATION = 1.0
 """Information, in units of the scale, from which on the data show a direction."""
@@ -92,11 +89,3 @@ def estimate_change(
         distance_std=float(np.linalg.norm(along / std)),
         freedom=int(seen.sum()),
     )
-
-
-def joint_covariance(rig: Rig) -> np.ndarray:
-    """(17 + P, 17 + P) of `RIG_PARAMETERS` and the lens, without correlations where the rig has none with the lens."""
-    if rig.with_lens:
-        return rig.covariance
-    lens = rig.camera.covariance
-    return block_diag(rig.covariance, np.zeros((len(rig.camera.parameter_names),) * 2) if lens is None else lens)

@@ -10,7 +10,7 @@ import numpy as np
 from targets.board import BoardSpec
 from vbaa_calib.calibrate.lens.board_shape import BoardShape
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution, solve_intrinsics
-from vbaa_calib.calibrate.lens.models import PROJECTIONS
+from vbaa_calib.calibrate.lens.models import projected
 from vbaa_calib.calibrate.pose.board_pose import BoardPose, solve_board_pose
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError, SolveError
@@ -152,18 +152,16 @@ def _shares_m(board: BoardPose, camera: Camera, covariance: np.ndarray, plane: W
     inside = valid & camera.in_picture(pixels)
     if inside.mean() < 0.5:
         return np.nan, np.nan
-    _, by_lens, by_point = PROJECTIONS[camera.model](space[inside], np.zeros(6), camera.parameters)
-    by_lens, by_point = by_lens.reshape(inside.sum(), 2, -1), by_point[:, 3:].reshape(-1, 2, 3)
-    lever = space[inside] - board.T_camera_board.translation_m
-    by_pose = np.concatenate([np.cross(lever[:, None, :], by_point), by_point], axis=-1)
-    in_plane = by_point @ plane.T_camera_plane.rotation[:, :2]
+    seen = projected(camera, space[inside])
+    by_pose = seen.by_pose(space[inside] - board.T_camera_board.translation_m)
+    in_plane = seen.by_point @ plane.T_camera_plane.rotation[:, :2]
 
     def rms(in_pixels: np.ndarray, covariance: np.ndarray) -> float:
         jacobian = np.linalg.solve(in_plane, in_pixels)
         carried = jacobian @ covariance @ np.swapaxes(jacobian, -1, -2)
         return float(np.sqrt(np.trace(carried, axis1=-2, axis2=-1).mean()))
 
-    return rms(by_lens + by_pose @ board.lens_sensitivity, covariance), rms(by_pose, board.covariance)
+    return rms(seen.by_lens + by_pose @ board.lens_sensitivity, covariance), rms(by_pose, board.covariance)
 
 
 def _next_share(views: Sequence[BoardView], board: BoardPose) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -17,8 +17,11 @@ from .projection import corner_radius, radial_slopes
 
 @dataclass(frozen=True)
 class LensModel:
-    """A lens model: a name as `--model` takes it, "opencv" or "fisheye", how many distortion coefficients it stores, in
-    OpenCV's order, which of them are free (the others stay zero), and the model whose solution is a good start."""
+    """A lens model.
+
+    name : as `--model` takes it. camera_model : "opencv" or "fisheye". distortion_count : coefficients stored, in
+    OpenCV's order. free : those that are solved for; the others stay zero. simpler : the model to start from.
+    """
 
     name: str
     camera_model: str
@@ -51,7 +54,6 @@ LENS_MODELS = {
         LensModel("fisheye", "fisheye", 4, (0, 1, 2, 3), None),
     )
 }
-"""By name, from simple to rich."""
 
 _Projected = tuple[np.ndarray, np.ndarray, np.ndarray]
 
@@ -86,6 +88,35 @@ def camera_of(model: LensModel, intrinsics: np.ndarray, image_size: tuple[int, i
     return Camera(model.camera_model, image_size, camera_matrix(intrinsics), intrinsics[4:])
 
 
+_UNSEEN_PX = 1e4
+
+
+class ProjectedPoints(NamedTuple):
+    """Pixels (N, 2), and their derivatives by the points (N, 2, 3), per m, and by the lens (N, 2, 4 + k).
+
+    Points that the lens does not see are far outside the picture, with derivatives of zero.
+    """
+
+    pixels: np.ndarray
+    by_point: np.ndarray
+    by_lens: np.ndarray
+
+    def by_pose(self, lever: np.ndarray) -> np.ndarray:
+        """(N, 2, 6) by the tangent (`Pose.retract`) of a body's pose; lever (N, 3) from its origin to the points."""
+        return np.concatenate([np.cross(lever[:, None], self.by_point), self.by_point], axis=-1)
+
+
+def projected(camera: Camera, points: np.ndarray) -> ProjectedPoints:
+    """Points (N, 3) m in the camera frame through the lens, with derivatives."""
+    seen = camera.project(points)[1][:, None]
+    ahead = np.where(seen, points, [0.0, 0.0, 1.0])
+    pixels, by_lens, by_pose = PROJECTIONS[camera.model](ahead, np.zeros(6), camera.parameters)
+    slopes = (each.reshape(len(points), 2, -1) for each in (by_pose[:, 3:], by_lens))
+    return ProjectedPoints(
+        np.where(seen, pixels, _UNSEEN_PX), *(np.where(seen[..., None], each, 0.0) for each in slopes)
+    )
+
+
 _NUMERATOR = {"opencv": (0, 1, 4), "fisheye": (0, 1, 2, 3)}
 _DENOMINATOR = {"opencv": (5, 6, 7), "fisheye": ()}
 _SAMPLES, _POLE = 160, 1e-3
@@ -96,9 +127,9 @@ _DIVISION_TERMS = 2
 
 @dataclass(frozen=True)
 class Unfolding:
-    """What is added to a cost so that the lens does not fold inside the picture.
+    """A penalty that keeps the lens from folding inside the picture.
 
-    least_slope : of the distorted radius by the ideal one (by the angle, for a fisheye), wherever the picture reaches.
+    least_slope : of the distorted radius by the ideal one (by the angle, for a fisheye), as far as the picture reaches.
     weight_px2 : cost of a slope of zero at one of the radii checked. image_size : (width, height) px.
     """
 
@@ -115,24 +146,18 @@ def radial_curve(
 
 
 def is_monotonic(model: LensModel, intrinsics: np.ndarray, image_size: tuple[int, int]) -> bool:
-    """Whether every pixel of the picture has a ray of its own (`Camera.valid_region`), and none lies beside a pole.
+    """Whether every pixel of the picture has one ray (`Camera.valid_region`), and none lies beside a pole.
 
-    A lens that folds back or has a pole inside the picture can still fit its corners well, but beyond them it maps two
-    directions to one pixel.
+    A lens that folds or has a pole inside the picture can fit its corners well, but beyond them it maps two directions
+    to one pixel.
     """
-    return _is_monotonic(model, tuple(intrinsics.tolist()), image_size)
-
-
-@lru_cache(maxsize=64)
-def _is_monotonic(model: LensModel, numbers: tuple[float, ...], image_size: tuple[int, int]) -> bool:
-    intrinsics = np.array(numbers)
-    # A pole with a zero beside it is narrower than any sampling of the curve, and which of the two comes first is often
-    # decided by the last digits of the corners: one counts that lies before the curve has left the picture, or nearly.
+    # A pole with a zero beside it is narrower than any sampling of the curve, and which comes first often depends on
+    # the last digits of the corners: one counts that lies before the curve has, all but, left the picture.
     bottom = [index for index in _DENOMINATOR[model.camera_model] if index < len(intrinsics) - 4]
     coefficients = intrinsics[4:][bottom]
     if not np.isfinite(coefficients).all():
         return False
-    # of one over the radius' square, so that small coefficients do no harm
+    # in one over the squared radius, so that small coefficients do no harm
     inverses = np.roots([1.0, *coefficients])
     squares = 1.0 / inverses[np.abs(inverses) > _FAR]
     near = squares[(squares.real > 0.0) & (np.abs(squares.imag) < _NEARLY * np.abs(squares))].real
@@ -144,10 +169,10 @@ def _is_monotonic(model: LensModel, numbers: tuple[float, ...], image_size: tupl
 
 
 def rational_like(fisheye: LensModel, intrinsics: np.ndarray, image_size: tuple[int, int]) -> np.ndarray | None:
-    """(12,) intrinsics of a rational lens that follows a fisheye's curve over the picture, without a pole.
+    """(12,) intrinsics of a rational lens without a pole that follows a fisheye's curve over the picture.
 
-    A rational lens that is solved from another start often has a pole beside a zero, just beyond the corners seen. None
-    where the fisheye sees more than 86° off its axis or folds.
+    Solved from another start, a rational lens often has a pole beside a zero, just beyond the corners seen. None where
+    the fisheye sees more than 86° off its axis or folds.
     """
     reach = corner_radius(intrinsics, image_size)
     angles = np.linspace(0.0, _WIDEST_RAD, _SAMPLES)
@@ -158,7 +183,7 @@ def rational_like(fisheye: LensModel, intrinsics: np.ndarray, image_size: tuple[
     radii = np.tan(angles[seen][1:])
     ratio, square = curve[seen][1:] / radii, radii**2
     powers = square[:, None] ** np.arange(1, 4)
-    # near the axis all is well anyhow; far out the powers would rule
+    # without the weight the powers far out would dominate
     weight = 1.0 / (1.0 + square)
     design = np.hstack([powers, -ratio[:, None] * powers]) * weight[:, None]
     lowest = np.array([-np.inf] * 3 + [0.0] * 3)

@@ -105,17 +105,12 @@ def projection_jacobian(camera: Camera, pixels: np.ndarray) -> np.ndarray:
     return _slopes(camera, pixels)[0]
 
 
-def turn_jacobian(camera: Camera, pixels: np.ndarray) -> np.ndarray:
-    """(..., 2, 3) how the projection of each pixel's ray moves when the ray is turned by a rotation vector, per rad."""
-    return _slopes(camera, pixels)[1]
-
-
 def compensate(camera: Camera, pixels: np.ndarray, jacobian: np.ndarray, where: np.ndarray | bool = True) -> np.ndarray:
     """(..., 2, p) what derivatives by p causes leave when the camera turns to meet each best, in mean square.
 
     where : (...) the pixels that the turn is to meet.
     """
-    turn = turn_jacobian(camera, pixels)
+    turn = _slopes(camera, pixels)[1]
     known = where & np.isfinite(jacobian).all(axis=(-1, -2)) & np.isfinite(turn).all(axis=(-1, -2))
     if not known.any():
         return np.full_like(jacobian, np.nan)
@@ -124,14 +119,14 @@ def compensate(camera: Camera, pixels: np.ndarray, jacobian: np.ndarray, where: 
 
 
 def _slopes(camera: Camera, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """`projection_jacobian` and `turn_jacobian`."""
+    """How the projections of pixels' rays move with the lens (..., 2, 4 + k), and per rad with a turn (..., 2, 3)."""
     pixels = np.asarray(pixels, float)
     return _slopes_at(camera, pixels.shape, pixels.tobytes())
 
 
 @lru_cache(maxsize=4)
 def _slopes_at(camera: Camera, shape: tuple[int, ...], pixels: bytes) -> tuple[np.ndarray, np.ndarray]:
-    """One after the other is asked for, of the same pixels."""
+    """Cached: `projection_jacobian` and `compensate` ask for the same pixels."""
     moved = ray_derivatives(camera.intrinsics, np.frombuffer(pixels).reshape(shape))
     valid, turned = moved.valid[..., None, None], np.cross(np.eye(3), moved.rays[..., None, :])
     safe = np.where(valid, moved.by_pixel, np.eye(3)[:, :2])

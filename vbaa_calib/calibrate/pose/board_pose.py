@@ -54,14 +54,15 @@ def start_poses(points: np.ndarray, normalized: np.ndarray) -> list[Pose]:
         for rotvec, translation in zip(rotvecs, translations, strict=True):
             if np.all(np.isfinite(rotvec)) and np.all(np.isfinite(translation)) and translation[2] > 0.0:
                 start = Pose.from_rotvec(rotvec.ravel(), translation)
-                if all(_turn_between(start, other) > _SAME_START_RAD for other in starts):
+                if all(turn_between(start, other) > _SAME_START_RAD for other in starts):
                     starts.append(start)
     if not starts:
         raise SolveError("no pose of the board explains its corners: is the lens that of this camera?")
     return starts
 
 
-def _turn_between(one: Pose, other: Pose) -> float:
+def turn_between(one: Pose, other: Pose) -> float:
+    """Angle between two orientations, rad."""
     return float(Rotation.from_matrix(one.rotation @ other.rotation.T).magnitude())
 
 
@@ -233,7 +234,7 @@ class _Corners:
         """Of another pose that explains the corners."""
         for start in others:
             pose = self.refined(start, SQUARES)
-            if _turn_between(pose, first) > _SAME_RAD and self.camera.project(pose @ self.points)[1].all():
+            if turn_between(pose, first) > _SAME_RAD and self.camera.project(pose @ self.points)[1].all():
                 return _rms(self.residual(pose))
         return None
 

@@ -1,16 +1,16 @@
-"""Maximum likelihood of a hand-eye calibration: corners, lens, and a robot whose own poses are off.
+"""Maximum likelihood of a hand-eye calibration: corners, lens, and the errors of the robot's own poses.
 
 p_camera = X⁻¹·G·E·Z·p_board where the arm holds the board, X⁻¹·E·G⁻¹·Z·p_board where it holds the camera: G is the
-robot's reading, E the error of each view, a turn and a shift of the tool, both normal. Corners of one view err alike,
-by print, lens and detector, so that the board's poses may err more than the corners' scatter would have it.
+robot's reading, E the normal error of each view, a turn and a shift of the tool. Corners of one view share errors of
+print, lens and detector, so that the board's poses may err more than the corners' scatter shows.
 
 Deviations `std` are (3,) throughout: of the tool's turns, rad, and shifts, m, per axis, and the factor, 1 or more, on
-the corners' own. The residuals themselves show them (restricted maximum likelihood, with a penalty that keeps the
-robot's off zero: Chung et al. 2013).
+the corners' own. They are estimated by restricted maximum likelihood (REML), with a penalty that keeps the robot's off
+zero (Chung et al. 2013).
 
-X and Z are those for the lens as it is given, with which they will be used; its covariance is in theirs, and in the
-variances of the robot's errors. Of each view's corners only what a pose of its own can explain takes part, six numbers.
-The rest is noise, and has had its say on the lens if that was solved from the same corners: they may be the same.
+X and Z are solved for with the lens fixed; its covariance is in theirs and in the variances of the robot's errors. Of
+each view's corners only the six numbers that its own pose can explain take part; the rest is noise, which was already
+used where the lens was solved from the same corners.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ import numpy as np
 from scipy.optimize import minimize
 from scipy.special import chdtri, fdtri
 
-from vbaa_calib.calibrate.lens.models import PROJECTIONS
+from vbaa_calib.calibrate.lens.models import projected
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.least_squares import Rules, levenberg_marquardt, solve_scaled
 from vbaa_calib.core.robust import radial_std, soft_l1_weights
@@ -34,7 +34,6 @@ from vbaa_calib.geometry.independent_axes import independent_axes
 SHARED = 12
 """Columns of X's tangent and of Z's."""
 _RULES = Rules(60, tolerance=1e-12, takes_last=True, may_rise_share=1e-9)
-_OUT_OF_SIGHT_PX = 1e4
 _STD_LOGS = np.log([(1e-7, 1.0), (1e-7, 1.0), (1.0, 1e9)])
 """Between them the deviations are sought."""
 _STARTS = (1e-5, 1e-4, 1e-3, 1e-2)
@@ -56,18 +55,13 @@ class ViewCorners:
         """Weighted residuals (2N,) px, observed less predicted, and derivatives of what is predicted by the pose's
         tangent (2N, 6) and by the lens (2N, 4 + k)."""
         lever = self.points_m @ T_camera_board.rotation.T
-        points = lever + T_camera_board.translation_m
-        seen = camera.project(points)[1]
-        ahead = np.where(seen[:, None], points, [0.0, 0.0, 1.0])
-        pixels, by_lens, by_pose = PROJECTIONS[camera.model](ahead, np.zeros(6), camera.parameters)
-        by_point = by_pose[:, 3:].reshape(-1, 2, 3)
-        # turning by w about the board's origin moves a point by w × lever
-        slopes = np.concatenate(
-            [np.cross(lever[:, None], by_point), by_point, by_lens.reshape(-1, 2, by_lens.shape[1])], 2
+        seen = projected(camera, lever + T_camera_board.translation_m)
+        residuals = (self.pixels - seen.pixels) * self.weights[:, None]
+        by_pose, by_lens = (
+            (slopes * self.weights[:, None, None]).reshape(residuals.size, -1)
+            for slopes in (seen.by_pose(lever), seen.by_lens)
         )
-        residuals = self.pixels - np.where(seen[:, None], pixels, _OUT_OF_SIGHT_PX)
-        slopes = (slopes * (self.weights * seen)[:, None, None]).reshape(2 * len(points), -1)
-        return (residuals * self.weights[:, None]).ravel(), slopes[:, :6], slopes[:, 6:]
+        return residuals.ravel(), by_pose, by_lens
 
     def posed(self, camera: Camera, start: Pose) -> tuple[Pose, np.ndarray]:
         """The pose that the corners fit best, gross ones pulling little, and their residuals' lengths (N,) px there."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import SolveError
@@ -14,7 +13,7 @@ from vbaa_calib.detect.board.corners import BoardView, require_corners
 from vbaa_calib.detect.board.view_quality import fixes_homography
 from vbaa_calib.geometry import Pose
 
-from .board_pose import mirrored, require_size, start_poses
+from .board_pose import mirrored, require_size, start_poses, turn_between
 from .hand_eye_fit import ViewCorners
 
 LEAST_CORNERS = 6
@@ -62,16 +61,12 @@ def seen_view(view: BoardView, points: np.ndarray, camera: Camera) -> SeenView:
     corners = ViewCorners(every.points_m[inlying], every.pixels[inlying], every.weights[inlying])
     best, distances = corners.posed(camera, pose)
     poses, square = [best], float((distances**2).sum())
-    others = sorted(found, key=lambda one: -_turn_between(one[0], best))
-    second, off = corners.posed(camera, others[0][0])
-    ahead = second.translation_m[2] > 0.0 and _turn_between(second, best) > _SAME_RAD
+    other, _ = max(found, key=lambda one: turn_between(one[0], best))
+    second, off = corners.posed(camera, other)
+    ahead = second.translation_m[2] > 0.0 and turn_between(second, best) > _SAME_RAD
     if ahead and float((off**2).sum()) < _SECOND_POSE**2 * square:
         poses.append(second)
     return SeenView(view.name, "", corners, tuple(poses), square, len(ids) - int(inlying.sum()))
-
-
-def _turn_between(one: Pose, other: Pose) -> float:
-    return float(Rotation.from_matrix(one.rotation @ other.rotation.T).magnitude())
 
 
 def _weights(view: BoardView, seen: np.ndarray) -> np.ndarray:

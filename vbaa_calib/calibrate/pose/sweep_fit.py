@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from vbaa_calib.calibrate.lens.models import PROJECTIONS
+from vbaa_calib.calibrate.lens.models import projected
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import SolveError
 from vbaa_calib.core.least_squares import Rules, levenberg_marquardt, schur_complement, solve_scaled, view_products
@@ -36,7 +36,6 @@ CAMERA, _BOARD, AXES = slice(0, 6), slice(6, 12), slice(12, 14)
 
 _STATE = 14
 _AXES_FIXED = np.arange(_STATE) < AXES.start
-_OUT_OF_SIGHT_PX = 1e3
 _SOFT_PER_SIGMA = 1.5
 _REWEIGHTINGS, _CONVERGED_WEIGHTS = 15, 1e-2
 _RULES = Rules(100, tolerance=1e-14, damping=1e-4)
@@ -47,7 +46,7 @@ _RATIO_ROUNDS, _SAME_RATIO = 6, 1e-4
 _CORNER_ROUNDS = 6
 _CHANCE_SIGMAS = 6.4  # one good corner in 1e9 lies further off
 _LEAST_PX = 0.25
-_Y, _Z = np.eye(3)[1:]
+_Y = np.eye(3)[1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,14 +132,7 @@ def linearise(camera: Camera, state: SweepState, corners: SweepCorners) -> _Line
     lever = corners.points_m @ B.rotation.T
     from_foot = np.einsum("nij,nj->ni", world, lever + B.translation_m)
     at = from_foot - state.axis_offset_m * across
-    points = (at - X.translation_m) @ X.rotation
-    seen = camera.project(points)[1][:, None]
-    ahead = np.where(seen, points, _Z)
-    pixels, by_lens, by_pose = PROJECTIONS[camera.model](ahead, np.zeros(6), camera.parameters)
-    pixels = np.where(seen, pixels, _OUT_OF_SIGHT_PX * 10)
-    by_lens, by_point = (
-        np.where(seen[..., None], slopes.reshape(len(points), 2, -1), 0.0) for slopes in (by_lens, by_pose[:, 3:])
-    )
+    seen = projected(camera, (at - X.translation_m) @ X.rotation)
     # how each step, then pan and tilt, moves the point as seen from the attachment: (N, 16, 3)
     moves = [
         np.cross((at - X.translation_m)[:, None], np.eye(3)),
@@ -152,8 +144,8 @@ def linearise(camera: Camera, state: SweepState, corners: SweepCorners) -> _Line
         np.cross(from_foot, world[..., 2])[:, None],
         np.cross(_Y, at)[:, None],
     ]
-    by_state = by_point @ X.rotation.T @ np.swapaxes(np.concatenate(moves, axis=1), -1, -2)
-    return _Linearised(corners.pixels - pixels, by_state[..., :_STATE], by_state[..., _STATE:], by_lens)
+    by_state = seen.by_point @ X.rotation.T @ np.swapaxes(np.concatenate(moves, axis=1), -1, -2)
+    return _Linearised(corners.pixels - seen.pixels, by_state[..., :_STATE], by_state[..., _STATE:], seen.by_lens)
 
 
 def initial_state(camera: Camera, corners: SweepCorners, kinematics: Kinematics) -> SweepState:
