@@ -122,11 +122,11 @@ def sensor_doubts(session: Session, rig: Rig, checks: Checks) -> list[str]:
             f"the moment sensor scatters by {1e3 * checks.noise_Nm:.3g} mN·m, the session says "
             f"{1e3 * session.moment_std_Nm:.3g}: the former is used"
         )
-    drift, per = checks.drift_Nm_per_s or checks.drift_Nm_per_row, "s" if checks.drift_Nm_per_s else "row"
+    drift = checks.drift_Nm
     if drift is not None and abs(drift.in_std) > _SIGNIFICANT:
         found.append(
-            f"the moment sensor drifts by {1e3 * drift.value:.2g} ± {1e3 * drift.std:.2g} mN·m per {per}: let it warm "
-            "up, and zero it again before a recording"
+            f"the moment sensor drifts by {1e3 * drift.value:.2g} ± {1e3 * drift.std:.2g} mN·m per {checks.drift_per}: "
+            "let it warm up, and zero it again before a recording"
         )
     return found
 

@@ -1,4 +1,4 @@
-"""Covariances: whether a matrix is one, steps that vary independently, what some numbers imply about the others."""
+"""Covariances: whether a matrix is one, independent axes, the worst direction, conditioning."""
 
 from __future__ import annotations
 
@@ -28,6 +28,14 @@ def conditioned(covariance: np.ndarray, first: int) -> tuple[np.ndarray, np.ndar
     _, factor = np.linalg.qr(independent_axes(covariance).T)
     slopes = solve_triangular(factor[:first, :first], factor[:first, first:]).T
     return slopes, np.linalg.norm(factor[first:, first:], axis=0)
+
+
+def largest_std(covariance: np.ndarray) -> np.ndarray:
+    """(...) standard deviation in the worst direction of covariances (..., D, D); NaN where one is not finite."""
+    std = np.full(covariance.shape[:-2], np.nan)
+    known = np.isfinite(covariance).all(axis=(-1, -2))
+    std[known] = np.sqrt(np.linalg.eigvalsh(covariance[known])[..., -1].clip(0.0))
+    return std
 
 
 def is_covariance(matrix: np.ndarray) -> bool:

@@ -9,6 +9,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.linalg import eigh
 
+from vbaa_calib.geometry.independent_axes import largest_std
+
 from .patches import IGNORED, LocalTouches, Patch, curve, facing, group, height_field, tangent_frame
 from .solution import PatchModel, Prior, Solution, learn_prior, solve
 from .touches import Touches
@@ -222,7 +224,7 @@ class Normals:
     @property
     def std_rad(self) -> np.ndarray:
         """(P,) the larger of the deviations in the two directions in which a normal can turn."""
-        return np.sqrt(np.maximum(np.linalg.eigvalsh(self.covariance)[:, -1], 0.0))
+        return largest_std(self.covariance)
 
     def best(self, touches: Touches) -> np.ndarray:
         """(P, 3) with the force's direction where the shape says less than that."""

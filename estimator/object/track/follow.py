@@ -20,6 +20,7 @@ from estimator.contact.motion import Beam
 from estimator.table.contacts import ContactTable
 from vbaa_calib.core.robust import NORMAL_QUARTILE
 from vbaa_calib.geometry import Kinematics
+from vbaa_calib.geometry.independent_axes import largest_std
 from vbaa_calib.rig import Rig
 
 from .events import contact_events, ringing_events, ringing_frames, slip_events
@@ -80,9 +81,7 @@ def follow(
     for rows in strokes:
         moving = _slip(table, rows, shared, kinematics, None if normal_world is None else normal_world[rows])
         velocity[rows], covariance[rows], parts[rows] = moving.velocity_m_s, moving.covariance_m2_s2, moving.parts_m_s
-        sound = np.isfinite(moving.parts_m2_s2).all(axis=(1, 2))
-        widest = np.linalg.eigvalsh(moving.parts_m2_s2[sound]).max(axis=-1)
-        std[rows[sound]] = np.sqrt(np.maximum(widest, 0.0))
+        std[rows] = largest_std(moving.parts_m2_s2)
         phase[rows] = _phases(moving, radius)
     happened = list(contact_events(table, contact)) if events else []
     for change, event in zip(contact.changes, happened, strict=events):
@@ -130,7 +129,7 @@ def _phases(slip: _Slip, antenna_radius_m: float) -> np.ndarray:
     """(P,) what each frame of a stroke does; "touching" if undetermined."""
     speed = np.linalg.norm(slip.velocity_m_s, axis=1)
     # its deviation: along the slip where that is clear, else the larger of all directions
-    widest = np.sqrt(np.maximum(np.linalg.eigvalsh(np.nan_to_num(slip.parts_m2_s2, nan=np.inf)).max(axis=-1), 0.0))
+    widest = largest_std(slip.parts_m2_s2)
     toward = slip.velocity_m_s / np.maximum(speed, 1e-12)[:, None]
     own = np.sqrt(np.maximum(np.einsum("pi,pij,pj->p", toward, slip.covariance_m2_s2, toward), 0.0))
     carried = np.where(np.isfinite(slip.carried_m_s), slip.carried_m_s, slip.contact_m_s)

@@ -11,7 +11,7 @@ import numpy as np
 from vbaa_calib.antenna.shape import PARAMETERS
 from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment, noise_scale
 from vbaa_calib.calibrate.antenna.problem import ANTENNA
-from vbaa_calib.calibrate.antenna.residual_checks import Estimate
+from vbaa_calib.calibrate.antenna.residual_checks import Checks
 from vbaa_calib.core.errors import Diagnosis
 from vbaa_calib.core.robust import huber_losses, mad_std
 from vbaa_calib.geometry import Kinematics
@@ -284,13 +284,10 @@ _EXPLAINED = 0.5
 _SIGNIFICANT_STD = 4.0
 
 
-def sensor_diagnoses(
-    joint: BundleAdjustment, std_Nm: float, drift: Estimate | None, per: str, moments_known: bool
-) -> list[Diagnosis]:
+def sensor_diagnoses(joint: BundleAdjustment, std_Nm: float, checks: Checks, moments_known: bool) -> list[Diagnosis]:
     """What is wrong with the sensor; at most one of wiring, sign, unit and drift.
 
-    drift : of its readings, N·m `per` s or row; None where it is not known.
-    moments_known : the loads are what was noted. If not, only an unconnected sensor can be recognised.
+    moments_known : the loads are as noted. If not, only an unconnected sensor can be recognised.
     """
     moments = joint.problem.evaluate(joint.solution.parameters).moments
     read = np.array([one.still.moment_Nm for one in joint.noted])[joint.kept]
@@ -311,8 +308,9 @@ def sensor_diagnoses(
     weak = abs(gain) < max(_DEAD_GAIN, _SIGNIFICANT_STD * std) and not (follow and units)
     far = follow and gain > 0 and not _USUAL_GAIN[0] < gain < _USUAL_GAIN[1]
     words = f"the moment sensor's gain is {gain:.4g} ± {std:.2g}"
+    drift = checks.drift_Nm
     drifts = drift is not None and abs(drift.in_std) > _SIGNIFICANT_STD and follow
-    moved = "" if drift is None else f"{1e3 * drift.value:.2g} ± {1e3 * drift.std:.2g} mN·m per {per}"
+    moved = "" if drift is None else f"{1e3 * drift.value:.2g} ± {1e3 * drift.std:.2g} mN·m per {checks.drift_per}"
     rules = (
         (
             np.ptp(read) <= 1e-3 * std_Nm,

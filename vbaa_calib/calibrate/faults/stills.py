@@ -140,9 +140,7 @@ def _contradiction(joint: BundleAdjustment, own: float, rows: Sequence[Row]) -> 
 
 
 def _sensor(session: Session, joint: BundleAdjustment, moments_known: bool) -> list[Diagnosis]:
-    checks = check(joint)
-    drift, per = (checks.drift_Nm_per_row, "row") if checks.drift_Nm_per_s is None else (checks.drift_Nm_per_s, "s")
-    return sensor_diagnoses(joint, session.moment_std_Nm, drift, per, moments_known)
+    return sensor_diagnoses(joint, session.moment_std_Nm, check(joint), moments_known)
 
 
 def with_cause(

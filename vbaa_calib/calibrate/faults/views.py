@@ -12,7 +12,7 @@ from scipy.special import ndtr
 from targets.board import Board, BoardPoints, BoardSpec, corner_points
 from vbaa_calib.calibrate.lens.board_shape import STRETCH, BoardShape
 from vbaa_calib.calibrate.lens.bundle import Bundle, free_directions, rows
-from vbaa_calib.calibrate.lens.information import observations_of
+from vbaa_calib.calibrate.lens.information import kept_observations
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution
 from vbaa_calib.calibrate.lens.models import LENS_MODELS
 from vbaa_calib.core.errors import Diagnosis
@@ -184,23 +184,14 @@ def set_scores(views: Sequence[BoardView], solution: LensSolution, spec: Board |
     if len({view.name for view in chosen}) < len(chosen) or len(chosen) < 2:
         return None
     model = LENS_MODELS[solution.model]
-    kept = [~np.isin(view.ids, used[view.name].outlier_ids) for view in chosen]
-    observations = [
-        one.picked(mask) for one, mask in zip(observations_of(chosen, corner_points(spec)), kept, strict=True)
-    ]
+    observations = kept_observations(chosen, [used[view.name].outlier_ids for view in chosen], corner_points(spec))
     intrinsics = solution.camera.parameters
     poses = np.array([used[view.name].T_camera_board.vector for view in chosen])
     directions = free_directions(model, square_pixels=bool(intrinsics[0] == intrinsics[1]), shape=True)
     bundle = Bundle(model, intrinsics, poses, directions, shape=solution.board_shape.parameters)
     residuals, by_shared, by_pose, bounds = rows(bundle, observations)
-    own = np.stack(
-        [
-            by_shared[..., 0] * intrinsics[0] + by_shared[..., 1] * intrinsics[1],
-            by_shared[..., 2],
-            by_shared[..., 3],
-        ],
-        axis=-1,
-    )
+    focal = by_shared[..., :1] * intrinsics[0] + by_shared[..., 1:2] * intrinsics[1]
+    own = np.concatenate([focal, by_shared[..., 2:4]], axis=-1)
     every = np.concatenate([by_shared @ directions, own, residuals[..., None]], axis=-1)
     left = without_own(every, by_pose, bounds)
     flat = np.vstack([one[: 2 * count] for one, count in zip(left, np.diff(bounds).tolist(), strict=True)])

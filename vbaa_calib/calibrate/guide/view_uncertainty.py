@@ -10,7 +10,7 @@ import numpy as np
 from targets.board import BoardPoints, BoardSpec, corner_points
 from vbaa_calib.calibrate.lens.board_shape import SHAPE, BoardShape, ShapePrior, deformations
 from vbaa_calib.calibrate.lens.bundle import Bundle, Observation, rows
-from vbaa_calib.calibrate.lens.information import observations_of
+from vbaa_calib.calibrate.lens.information import kept_observations
 from vbaa_calib.calibrate.lens.initialization import robust_poses, widened
 from vbaa_calib.calibrate.lens.intrinsics import MIN_CORNERS, LensSolution
 from vbaa_calib.calibrate.lens.models import LENS_MODELS, LensModel, camera_of
@@ -245,10 +245,7 @@ class LensInformation:
         """Of the views that a lens was solved from, without their outliers."""
         camera, by_name = solution.camera, {view.name: view for view in views}
         own = [by_name[used.name] for used in solution.views]
-        good = [~np.isin(view.ids, used.outlier_ids) for view, used in zip(own, solution.views, strict=True)]
-        observations = [
-            one.picked(mask) for one, mask in zip(observations_of(own, corner_points(spec)), good, strict=True)
-        ]
+        observations = kept_observations(own, [used.outlier_ids for used in solution.views], corner_points(spec))
         poses = np.array([used.T_camera_board.vector for used in solution.views])
         corners = sum(len(view.pixels) for view in observations)
         freedom = 2 * corners - 6 * len(poses) - len(camera.parameter_names)

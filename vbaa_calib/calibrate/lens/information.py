@@ -247,3 +247,11 @@ def observations_of(views: Sequence[BoardView], nominal_m: np.ndarray) -> list[O
     """The corners of views beside the board points (C, 3) they show."""
     moved = deformations(nominal_m)
     return [Observation(nominal_m[view.ids], view.corners_px, moved[view.ids]) for view in views]
+
+
+def kept_observations(
+    views: Sequence[BoardView], outlier_ids: Sequence[Sequence[int]], nominal_m: np.ndarray
+) -> list[Observation]:
+    """`observations_of` without the outliers of each view."""
+    every = zip(observations_of(views, nominal_m), views, outlier_ids, strict=True)
+    return [observation.picked(~np.isin(view.ids, ids)) for observation, view, ids in every]

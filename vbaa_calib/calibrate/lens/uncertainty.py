@@ -17,6 +17,7 @@ import numpy as np
 from vbaa_calib.camera import Camera
 from vbaa_calib.camera.projection import ray_derivatives
 from vbaa_calib.core.errors import InputError
+from vbaa_calib.geometry.independent_axes import largest_std
 
 _GRID = (17, 13)
 _UNSEEN_PX, _LEAST_PX, _CHANCE = 1e3, 1e-4, 2.0
@@ -31,10 +32,7 @@ class _ProjectionUncertainty(NamedTuple):
     @property
     def std_px(self) -> np.ndarray:
         """(R, C) in the worst direction."""
-        values = np.full(self.pixels.shape[:-1], np.nan)
-        known = np.isfinite(self.covariance_px2).all(axis=(-1, -2))
-        values[known] = np.sqrt(np.linalg.eigvalsh(self.covariance_px2[known])[:, -1].clip(0.0))
-        return values
+        return largest_std(self.covariance_px2)
 
 
 def projection_uncertainty(

@@ -19,6 +19,7 @@ from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.geometry import Pose
+from vbaa_calib.geometry.independent_axes import largest_std
 
 from .hand_eye_fit import HandEyeProblem, Misfits, Solved
 from .hand_eye_start import Start, consensus, other_orders
@@ -333,7 +334,7 @@ def _consistent(
 
 def _refuse_loose(found: Solved, tools: Sequence[Pose], reach_m: float) -> None:
     of_camera = found.covariance[:6, :6]
-    turn, place = (float(np.sqrt(np.linalg.eigvalsh(part)[-1])) for part in (of_camera[:3, :3], of_camera[3:, 3:]))
+    turn, place = (float(largest_std(part)) for part in (of_camera[:3, :3], of_camera[3:, 3:]))
     if turn > _LOOSE_RAD or place > _LOOSE_SHARE * reach_m:
         second = np.degrees(_turns(tools)[0][1])
         raise InputError(

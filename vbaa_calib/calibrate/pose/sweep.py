@@ -29,6 +29,7 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.robust import chi_square, chi_square_p
 from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.geometry import Kinematics, Pose
+from vbaa_calib.geometry.independent_axes import largest_std
 from vbaa_calib.session import SweepPicture
 
 from .board_pose import require_size
@@ -284,8 +285,7 @@ def _refuse_loose(found: SweepFit) -> None:
             remedy="take every picture with the joints at rest, the board fixed and the angles in radians",
         )
     of_camera = found.covariance[CAMERA, CAMERA]
-    turn = float(np.sqrt(np.linalg.eigvalsh(of_camera[:3, :3])[-1]))
-    place = float(np.sqrt(np.linalg.eigvalsh(of_camera[3:, 3:])[-1]))
+    turn, place = (float(largest_std(part)) for part in (of_camera[:3, :3], of_camera[3:, 3:]))
     reach = float(np.linalg.norm(found.state.T_actuator_camera.translation_m - found.state.T_foot_board.translation_m))
     if turn > _LOOSE_RAD or place > _LOOSE_SHARE * reach:
         raise InputError(
