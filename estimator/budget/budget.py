@@ -180,15 +180,15 @@ def error_budget(
     now = propagate(linear, space)
     by_cause = {cause: part for cause, part in variance_by_cause(space, now).items() if part.any()}
     aside = (FORCE_PRIOR,) if with_moment else (FORCE_PRIOR, MOMENT_NOISE, "moment_gain", "moment_offset")
-    parts: dict[str, dict[str, Part]] = {name: {} for name in RESULTS}
     whole, shared = _mean(now.variance), _mean(correlated_variance(space, now))
+    parts: dict[str, dict[str, Part]] = {name: {} for name in RESULTS}
     for cause, rows in by_cause.items():
         own, halved, exact = _mean(rows), whole, whole
         if cause != FORCE_PRIOR:
             halved, exact = (_mean(propagate(linear, space, cause, factor).variance) for factor in (0.5, 0.0))
         for name in RESULTS:
-            share, std = own[name] / whole[name], float(np.sqrt(own[name]))
-            parts[name][cause] = Part(std, share, float(np.sqrt(halved[name])), float(np.sqrt(exact[name])))
+            std, if_halved, if_exact = (float(np.sqrt(each[name])) for each in (own, halved, exact))
+            parts[name][cause] = Part(std, own[name] / whole[name], if_halved, if_exact)
     results = {
         name: ResultBudget(float(np.sqrt(whole[name])), shared[name] / whole[name], parts[name]) for name in RESULTS
     }

@@ -105,9 +105,8 @@ def refine(
 ) -> Refined:
     """One maximum a posteriori problem over all frames of a recording.
 
-    contacts : of `vbaa estimate` with this rig. recording : what each of its B frames was measured to be, in order.
-    rig : as calibrated, with the drift that may have come since. known : the object that is touched, where its place is
-    known.
+    contacts : of `vbaa estimate` with this rig. recording : what was measured in each of its B frames, in order.
+    rig : as calibrated, with the drift that may have come since. known : the object, where its place is known.
 
     Raises
     ------
@@ -118,58 +117,52 @@ def refine(
     problem, start = begun(contacts, rig, recording, rows, known)
     strokes = _strokes(contacts, rows)
     found = solved(problem, start, strokes)
-    notes: list[str] = []
     reason = _refusal(found, known is not None)
+    friction, notes = None, []
     if not reason and known is not None and found.offness > _ALLOWED_OFFNESS:
         notes.append(f"the rig is off {found.offness:.1f} times as far as its calibration says; allowed for")
         offness, p = found.offness, found.prior_p
         found = replace(solved(problem, found.state, strokes, offness), offness=offness, prior_p=p)
-    if reason:
-        return _framewise(contacts, rig, found, rows, reason)
-    told = _table(contacts, problem, found, rows)
-    friction = None
-    if known is None:
-        learnt = _rig_of(problem, found)
-        friction, prior = _friction(told, learnt, problem, rows)
+    elif not reason and known is None:
+        table = _table(contacts, problem, found, rows)
+        friction, prior = _friction(table, _rig_of(problem, found), problem, rows)
         if prior is not None:
-            again = replace(problem, friction=prior)
-            second = solved(again, found.state, strokes)
-            angle = again.friction_rad * second.state.unknowns[:, 3]
-            std = again.friction_rad * np.sqrt(second.equations.own_covariance[:, 3, 3])
-            wrong, broken = contradicted(prior, angle, std)
-            if broken:
-                notes.append(
-                    f"{wrong.sum()} frames see a friction that is not Coulomb's with one coefficient: not used"
-                )
-            else:
-                if wrong.any():
-                    before = problem.friction
-                    kept = FrictionPrior(
-                        np.where(wrong, before.mean_rad, prior.mean_rad), np.where(wrong, before.std_rad, prior.std_rad)
-                    )
-                    again = replace(problem, friction=kept)
-                    second = solved(again, second.state, strokes)
-                problem, found = again, second
-                told = _table(contacts, problem, found, rows)
-    foreign = np.zeros(len(contacts), bool)
+            problem, found, note = _with_coulomb(problem, found, prior, strokes)
+            notes += note
+    foreign, refined = np.zeros((2, len(contacts)), bool)
     foreign[rows[found.weight == 0.0]] = True
+    if reason:
+        nothing = np.zeros(len(contacts), bool)
+        return Refined(contacts, contacts, nothing, foreign, rig, rig, None, reason, (), found.offness, found.prior_p)
     if foreign.any():
         notes.append(f"{foreign.sum()} frames do not belong to the rest and stay as they were")
-    refined = np.zeros(len(contacts), bool)
     refined[rows[found.weight > 0.0]] = True
-    return Refined(
-        told,
-        contacts,
-        refined,
-        foreign,
-        _rig_of(problem, found),
-        rig,
-        friction,
-        "",
-        tuple(notes),
-        found.offness,
-        found.prior_p,
-    )
+    table, better = _table(contacts, problem, found, rows), _rig_of(problem, found)
+    off = found.offness, found.prior_p
+    return Refined(table, contacts, refined, foreign, better, rig, friction, "", tuple(notes), *off)
+
+
+def _with_coulomb(
+    problem: Problem, found: Solution, prior: FrictionPrior, strokes: np.ndarray
+) -> tuple[Problem, Solution, list[str]]:
+    """Solved again with the friction angles by Coulomb's law, except in frames that contradict it; and notes.
+
+    Where many do, all stays as it was.
+    """
+    again = replace(problem, friction=prior)
+    second = solved(again, found.state, strokes)
+    angle = again.friction_rad * second.state.unknowns[:, 3]
+    std = again.friction_rad * np.sqrt(second.equations.own_covariance[:, 3, 3])
+    wrong, broken = contradicted(prior, angle, std)
+    if broken:
+        note = f"{wrong.sum()} frames see a friction that is not Coulomb's with one coefficient: not used"
+        return problem, found, [note]
+    if wrong.any():
+        before = problem.friction
+        mean, spread = np.where(wrong, (before.mean_rad, before.std_rad), (prior.mean_rad, prior.std_rad))
+        again = replace(problem, friction=FrictionPrior(mean, spread))
+        second = solved(again, second.state, strokes)
+    return again, second, []
 
 
 def _check(contacts: ContactTable, rig: Rig, recording: Sequence[Measured]) -> None:
@@ -258,13 +251,6 @@ def _refusal(found: Solution, known: bool) -> str:
         off = f"the frames together say that the rig is off {found.offness:.1f} times as far as its calibration says"
         return f"{off}: it has drifted beyond what was allowed for, or it is another rig; look at `vbaa check`"
     return ""
-
-
-def _framewise(contacts: ContactTable, rig: Rig, found: Solution, rows: np.ndarray, reason: str) -> Refined:
-    nothing = np.zeros(len(contacts), bool)
-    foreign = nothing.copy()
-    foreign[rows[found.weight == 0.0]] = True
-    return Refined(contacts, contacts, nothing, foreign, rig, rig, None, reason, (), found.offness, found.prior_p)
 
 
 def _friction(

@@ -176,19 +176,8 @@ def given_solution(
             words = f"{given.path.name} is contradicted by the board in {folders}{size}"
             remedy = "take the file of this lens as it is focused now, or calibrate it again"
             found.append(Diagnosis(_CONTRADICTED, words, remedy, focus.level == FAILS))
-    return LensSolution(
-        camera=given.camera,
-        model=_model_of(given.camera).name,
-        rms_px=np.nan,
-        rms_inliers_px=np.nan,
-        views=(),
-        outliers=(),
-        dropped=(),
-        comparison=(),
-        monotonic=True,
-        board_shape=shape,
-        verdict=Verdict((), tuple(reasons)).with_diagnoses(found),
-    )
+    verdict = Verdict((), tuple(reasons)).with_diagnoses(found)
+    return LensSolution(given.camera, _model_of(given.camera).name, shape, verdict)
 
 
 def _contradiction(given: GivenLens, own: LensSolution, views: Sequence[BoardView]) -> tuple[Diagnosis | None, str]:

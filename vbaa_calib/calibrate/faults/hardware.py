@@ -294,6 +294,13 @@ def sensor_diagnoses(joint: BundleAdjustment, std_Nm: float, checks: Checks, mom
     true = moments[joint.kept, 0]
     if len(read) < 3 or not np.isfinite(read).all() or np.ptp(true) / std_Nm < _LEAST_SPREAD_STD:
         return []
+    spread = f"while the true moments span {1e3 * np.ptp(true):.3g} mN·m"
+    if np.ptp(read) <= 1e-3 * std_Nm:
+        words = f"all {len(read)} moment readings are {read[0]:.4g} N·m, {spread}"
+        remedy = "connect the sensor, or leave moment_Nm to what it reads, not to a zero typed in"
+        return [Diagnosis("sensor_not_connected", words, remedy, grave=True)]
+    if not moments_known:
+        return []
     # the line through readings and true moments by Theil and Sen's medians
     i, j = np.triu_indices(len(true), 1)
     far = np.abs(true[j] - true[i]) > 0.2 * np.ptp(true)
@@ -301,53 +308,30 @@ def sensor_diagnoses(joint: BundleAdjustment, std_Nm: float, checks: Checks, mom
     left = read - gain * true - float(np.median(read - gain * true))
     std = max(mad_std(left), std_Nm) / max(float(np.sqrt(((true - true.mean()) ** 2).sum())), 1e-12)
     about = np.median(np.abs(read - np.median(read)))
-    follow = float(1.0 - np.median(np.abs(left)) / max(about, 1e-15)) > _EXPLAINED
+    follows = float(1.0 - np.median(np.abs(left)) / max(about, 1e-15)) > _EXPLAINED
     units = [one for one in _UNITS if gain > 0 and abs(np.log(gain / one[1])) < _UNIT_REACH]
-    spread = f"while the true moments span {1e3 * np.ptp(true):.3g} mN·m"
-    known = f"gain {gain:.3g} ± {std:.2g}"
-    weak = abs(gain) < max(_DEAD_GAIN, _SIGNIFICANT_STD * std) and not (follow and units)
-    far = follow and gain > 0 and not _USUAL_GAIN[0] < gain < _USUAL_GAIN[1]
-    words = f"the moment sensor's gain is {gain:.4g} ± {std:.2g}"
+    known, words = f"gain {gain:.3g} ± {std:.2g}", f"the moment sensor's gain is {gain:.4g} ± {std:.2g}"
+    weak = abs(gain) < max(_DEAD_GAIN, _SIGNIFICANT_STD * std) and not (follows and units)
+    if weak or np.ptp(read) < _SIGNIFICANT_STD * 2 * std_Nm:
+        words = f"the moment readings do not follow the loads: {known}, {spread}"
+        remedy = (
+            "check that the sensor is connected, sits between clamp and base, and that each row has its own reading"
+        )
+        return [Diagnosis("sensor_not_connected", words, remedy, grave=True)]
+    if not follows:
+        return []
+    if gain <= -_SIGNIFICANT_STD * std:
+        remedy = "exchange its two leads, or change the sign of moment_Nm in all tables, the recording's too"
+        return [Diagnosis("sensor_sign", f"the moment sensor reads with the wrong sign: {known}", remedy)]
+    if gain > 0 and not _USUAL_GAIN[0] < gain < _USUAL_GAIN[1]:
+        if units:
+            words = f"{words}, as if it were read in {' or '.join(unit for unit, *_ in units)}"
+            return [Diagnosis("sensor_unit", words, f"{units[0][2]}: moment_Nm is in N·m", grave=True)]
+        return [Diagnosis("sensor_gain", f"{words}, far from 1", "check its calibration and the unit of moment_Nm")]
     drift = checks.drift_Nm
-    drifts = drift is not None and abs(drift.in_std) > _SIGNIFICANT_STD and follow
-    moved = "" if drift is None else f"{1e3 * drift.value:.2g} ± {1e3 * drift.std:.2g} mN·m per {checks.drift_per}"
-    rules = (
-        (
-            np.ptp(read) <= 1e-3 * std_Nm,
-            "sensor_not_connected",
-            f"all {len(read)} moment readings are {read[0]:.4g} N·m, {spread}",
-            "connect the sensor, or leave moment_Nm to what it reads, not to a zero typed in",
-        ),
-        (
-            moments_known and (weak or np.ptp(read) < _SIGNIFICANT_STD * 2 * std_Nm),
-            "sensor_not_connected",
-            f"the moment readings do not follow the loads: {known}, {spread}",
-            "check that the sensor is connected, sits between clamp and base, and that each row has its own reading",
-        ),
-        (
-            moments_known and follow and gain <= -_SIGNIFICANT_STD * std,
-            "sensor_sign",
-            f"the moment sensor reads with the wrong sign: {known}",
-            "exchange its two leads, or change the sign of moment_Nm in all tables, the recording's too",
-        ),
-        (
-            moments_known and far and bool(units),
-            "sensor_unit",
-            f"{words}, as if it were read in {' or '.join(unit for unit, *_ in units)}",
-            f"{units[0][2] if units else ''}: moment_Nm is in N·m",
-        ),
-        (
-            moments_known and far,
-            "sensor_gain",
-            f"{words}, far from 1",
-            "check its calibration and the unit of moment_Nm",
-        ),
-        (
-            moments_known and drifts,
-            "sensor_drift",
-            f"the moment readings drift by {moved}, or a few readings are wrong",
-            "let it warm up, zero it again before a recording, and check that it is not at the end of its range",
-        ),
-    )
-    grave = ("sensor_not_connected", "sensor_unit")
-    return [Diagnosis(name, said, remedy, name in grave) for holds, name, said, remedy in rules if holds][:1]
+    if drift is None or abs(drift.in_std) <= _SIGNIFICANT_STD:
+        return []
+    moved = f"{1e3 * drift.value:.2g} ± {1e3 * drift.std:.2g} mN·m per {checks.drift_per}"
+    words = f"the moment readings drift by {moved}, or a few readings are wrong"
+    remedy = "let it warm up, zero it again before a recording, and check that it is not at the end of its range"
+    return [Diagnosis("sensor_drift", words, remedy)]

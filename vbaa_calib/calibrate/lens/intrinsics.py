@@ -73,15 +73,15 @@ class LensSolution:
 
     camera: Camera
     model: str
-    rms_px: float
-    rms_inliers_px: float
-    views: tuple[UsedView, ...]
-    outliers: tuple[np.ndarray, ...]
-    dropped: tuple[DroppedView, ...]
-    comparison: tuple[Candidate, ...]
-    monotonic: bool
     board_shape: BoardShape
     verdict: Verdict
+    rms_px: float = np.nan
+    rms_inliers_px: float = np.nan
+    views: tuple[UsedView, ...] = ()
+    outliers: tuple[np.ndarray, ...] = ()
+    dropped: tuple[DroppedView, ...] = ()
+    comparison: tuple[Candidate, ...] = ()
+    monotonic: bool = True
 
     @property
     def board_points(self) -> np.ndarray:

@@ -32,7 +32,7 @@ _OUT_OF_SIGHT_PX = 1e3
 
 
 def require_size(image_size: tuple[int, int], camera: Camera, where: object) -> None:
-    """Raises InputError when a picture (width, height) has not the size that the lens was calibrated for."""
+    """Raises InputError when a picture (width, height) is not of the size that the lens was calibrated for."""
     if tuple(image_size) != tuple(camera.image_size):
         is_, was = (f"{width}x{height} px" for width, height in (image_size, camera.image_size))
         raise InputError(
@@ -41,7 +41,7 @@ def require_size(image_size: tuple[int, int], camera: Camera, where: object) -> 
 
 
 def start_poses(points: np.ndarray, normalized: np.ndarray) -> list[Pose]:
-    """Poses by every closed form at hand: IPPE alone can be far off or NaN without an error.
+    """Poses by every closed form of OpenCV: IPPE alone can be far off or NaN without an error.
 
     points : (N, 3) m, all with z = 0. normalized : (N, 2) their rays' x/z and y/z. Raises SolveError without one.
     """
@@ -67,7 +67,7 @@ def turn_between(one: Pose, other: Pose) -> float:
 
 
 def mirrored(T_camera_board: Pose, points: np.ndarray) -> Pose:
-    """Pose of the board, points (N, 3) m, turned about its centre its normal to the other side of the line of sight."""
+    """The board's pose turned about its centre so that its normal leans to the other side of the line of sight."""
     centre_board = points.mean(axis=0)
     centre = T_camera_board @ centre_board
     sight, normal = centre / np.linalg.norm(centre), T_camera_board.rotation[:, 2]
@@ -83,11 +83,11 @@ class BoardPose:
     """Where the board is, seen from the camera. The board frame lies on the printed face; its thickness is the jig's.
 
     covariance : (6, 6) of `Pose.retract`'s tangent (rotation vector rad, translation m) in the camera frame, the lens
-        held fixed, scaled by the residual variance; the uncertainty of the board's bend is in it where one was given.
-    lens_sensitivity : (6, 4 + k) derivative of that tangent by the camera's (fx, fy, cx, cy, distortion). With the
+        fixed, scaled by the residual variance; with the uncertainty of the board's shape.
+    lens_sensitivity : (6, 4 + k) derivative S of that tangent by the camera's (fx, fy, cx, cy, distortion). With the
         lens' covariance C the whole covariance is `covariance + S C Sᵀ`, and `S C` its covariance with the lens.
-    rms_px : reprojection error over the corners used. corners : how many. left_out : how many were grossly wrong.
-    second_ratio : the error of the second pose that a plane allows, over that of the first; None without one.
+    rms_px : over the corners used. corners : how many. left_out : how many were grossly wrong.
+    second_ratio : the error of a plane's second pose over that of the first; None without one.
     """
 
     T_camera_board: Pose
@@ -105,12 +105,10 @@ class BoardPose:
 
 
 def solve_board_pose(views: Sequence[BoardView], board: BoardShape, camera: Camera) -> BoardPose:
-    """Pose of the board from one or many pictures in which it stands still relative to the camera.
+    """Pose of the board's mean plane from pictures in which it stands still relative to the camera.
 
     Each corner is averaged over the pictures first: what they share (print, lens, detector bias) does not average out,
     and only then is it part of the residual variance.
-
-    board : its shape, as the lens solve found it. The pose is that of its mean plane.
 
     Raises InputError for no usable board in the pictures, a picture size that is not the camera's, or a board that
     moved; SolveError when no start led to a pose.
@@ -142,7 +140,7 @@ def solve_board_pose(views: Sequence[BoardView], board: BoardShape, camera: Came
     covariance = inverse @ inverse.T * float(residual @ residual) / max(residual.size - 6, 1)
     by_point = by_pose[:, 3:].reshape(-1, 2, 3) @ first.rotation
     by_shape = -inverse @ (by_point @ deformations(board.nominal_m)[ids[inliers]]).reshape(-1, SHAPE)
-    # what the shape shares with the lens comes with the lens
+    # the shape's covariance with the lens is counted with the lens
     shared = np.zeros((SHAPE, by_lens.shape[1])) if board.by_lens is None else board.by_lens
     own = board.covariance
     if board.by_lens is not None and camera.covariance is not None:

@@ -64,7 +64,7 @@ class ViewCorners:
         return residuals.ravel(), by_pose, by_lens
 
     def posed(self, camera: Camera, start: Pose) -> tuple[Pose, np.ndarray]:
-        """The pose that the corners fit best, gross ones pulling little, and their residuals' lengths (N,) px there."""
+        """The pose by IRLS (soft L1) from a start, and the residuals' lengths (N,) px there."""
         pose = start
         for _ in range(_REWEIGHTINGS):
             residuals, by_pose, _ = self.linearised(camera, pose)
@@ -88,13 +88,13 @@ class _State:
 
 
 class _Rows(NamedTuple):
-    """A state, and per view six numbers (V, 6) that its corners ask for, in units of their noise.
+    """A state, and per view the six numbers (V, 6) that its corners determine, in units of their noise.
 
     residuals : at the state, (V, 6).
-    by_shared : (V, 6, 12 + K) derivatives of what is predicted by the tangents of X and Z, and by K steps of the lens
-        that vary independently by one deviation.
+    by_shared : (V, 6, 12 + K) derivatives of the prediction by the tangents of X and Z, and by K independent steps of
+        the lens of unit deviation.
     by_error : (V, 6, 6) by the tool's turn and shift. by_pose : (V, 6, 6) by the board's pose.
-    errors : (V, 6) turns and shifts at the state. cost : of all corners and the robot, the lens as it is.
+    errors : (V, 6) turns and shifts at the state. cost : of all corners and the robot, the lens fixed.
     """
 
     state: _State
@@ -119,8 +119,9 @@ class _Rows(NamedTuple):
 
 
 class _Normal(NamedTuple):
-    """A·step = b, and the square of what is left without a step. left : (V, 6), V : (V, 6, 6) its covariance, and the
-    logarithm of its determinants."""
+    """A·step = b, and the squares at no step. left : (V, 6), V : (V, 6, 6) its covariance, and the sum of its log
+    determinants.
+    """
 
     A: np.ndarray
     b: np.ndarray
@@ -143,7 +144,7 @@ class Solved:
         return self.rows.state
 
     def covariance_for(self, std: np.ndarray) -> np.ndarray:
-        """(12, 12) of X's and Z's tangents, the lens' part in it."""
+        """(12, 12) of X's and Z's tangents, with the lens'."""
         A = self.rows.normal(std).A
         own = solve_scaled(A[:SHARED, :SHARED], np.eye(SHARED))
         by_lens = own @ A[:SHARED, SHARED:]
@@ -151,7 +152,7 @@ class Solved:
 
     @cached_property
     def freedom(self) -> float:
-        """Degrees of freedom of the covariance: the robot's variance is known from these few views only."""
+        """Degrees of freedom of the covariance: the robot's variance is estimated from these few views."""
         own, variance = self.covariance_for(self.std), 0.0
         for which, log_std in zip(np.eye(3), self.log_std, strict=True):
             more = self.covariance_for(self.std * np.exp(_DIFFERENCE * which)) - own
@@ -161,16 +162,16 @@ class Solved:
 
     @property
     def covariance(self) -> np.ndarray:
-        """(12, 12) so much larger as the 95 % quantile of Fisher's F is larger than that of χ²."""
+        """(12, 12) inflated by the ratio of the 95 % quantiles of Fisher's F and χ²."""
         return self.covariance_for(self.std) * 6.0 * fdtri(6, self.freedom, 0.95) / chdtri(6, 0.05)
 
 
 @dataclass(frozen=True, eq=False)
 class Misfits:
-    """Where the board is, by a view's own corners, less where the robot's readings say.
+    """Where the board is by a view's own corners, less where the robot's readings put it.
 
     turn_rad, distance_m : (V,) of the board, and of its centre. squares : (V,) normalised, six degrees of freedom.
-    parts : "corners", "lens", "robot" → (V, 2) variance, rad² and m², that each is predicted to add to them.
+    parts : "corners", "lens", "robot" → (V, 2) predicted variance, rad² and m².
     """
 
     turn_rad: np.ndarray
@@ -181,8 +182,9 @@ class Misfits:
 
 @dataclass(frozen=True, eq=False)
 class HandEyeProblem:
-    """Views (V), the robot's readings of the tool in its base, the camera, the noise of a corner's coordinate in px,
-    and whether the arm holds the camera."""
+    """V views, the robot's readings of the tool in its base, the camera, the noise of a corner's coordinate in px, and
+    whether the arm holds the camera.
+    """
 
     views: tuple[ViewCorners, ...]
     readings: tuple[Pose, ...]
@@ -206,7 +208,7 @@ class HandEyeProblem:
         return axes[:, np.any(axes != 0.0, axis=0)]
 
     def start(self, X: Pose, Z: Pose) -> _State:
-        """At which the robot is right."""
+        """The state without robot errors."""
         return _State(X, Z, (Pose.identity(),) * len(self.views))
 
     def predicted(self, state: _State) -> list[Pose]:
@@ -220,7 +222,7 @@ class HandEyeProblem:
         """(6, 18) the tangent of a view's board pose by those of X, Z and E."""
         X, Z, G, E = state.X, state.Z, self.readings[view], state.errors[view]
         R_camera_base = X.rotation.T
-        # what E turns and shifts is seen by the camera through this, about this point
+        # rotation through which the camera sees what E moves, and the lever about which
         through, inner = (R_camera_base, G.inverse() @ Z) if self.in_hand else (R_camera_base @ G.rotation, Z)
         lever = through @ E.rotation @ inner.translation_m
         R_camera_Z = T_camera_board.rotation @ Z.rotation.T
@@ -270,7 +272,7 @@ class HandEyeProblem:
         return levenberg_marquardt(self.linearised(state, std), step, moved, _RULES).at
 
     def solved(self, state: _State, std: np.ndarray) -> Solved:
-        """The minimum, with the deviations that the residuals show, from these."""
+        """The minimum, with the deviations re-estimated from the residuals (REML)."""
         starts = [std, *(np.array([turn, shift, 1.0]) for turn in _STARTS for shift in _STARTS)]
         for _ in range(_ROUNDS):
             rows, before = self._descended(state, std), std
@@ -282,11 +284,11 @@ class HandEyeProblem:
         return Solved(self._descended(state, std), std, log_std)
 
     def board_scale(self, solved: Solved) -> tuple[float, float]:
-        """By what part the board is larger than it is said to be, if the robot measures right, and its deviation."""
+        """By what part the board is larger than stated, if the robot measures right, and its deviation."""
         # a larger board that is seen alike is as much further away
         further = np.array([np.append(np.zeros(3), pose.translation_m) for pose in self.predicted(solved.state)])
         column = -np.einsum("vij,vj->vi", solved.rows.by_pose, further)[..., None]
-        # beside the lens' steps, with a deviation of one, which is none
+        # beside the lens' steps; its prior deviation of one constrains nothing
         rows = solved.rows._replace(by_shared=np.concatenate([solved.rows.by_shared, column], axis=-1))
         normal = rows.normal(solved.std)
         inverse = solve_scaled(normal.A, np.eye(len(normal.A)))
@@ -298,11 +300,11 @@ class HandEyeProblem:
         rows, std = self.linearised(state, solved.std), solved.std
         tangents = np.array([own.tangent_from(said) for own, said in zip(seen, self.predicted(state), strict=True)])
         V, fit = rows.normal(std).V, solved.rows.normal(std)
-        # judged for the lens that fits the robot best: what all views share must not hide what one has
+        # judged for the lens that fits the robot best: shared errors must not hide a single one
         inverse = solve_scaled(fit.A, np.eye(len(fit.A)))
         off = np.einsum("vij,vj->vi", rows.by_pose, tangents) - rows.by_shared @ (inverse @ fit.b)
         of_shared = rows.by_shared @ inverse @ np.swapaxes(rows.by_shared, 1, 2)
-        # what a view has pulled the solution towards itself is missing from its misfit
+        # a kept view has pulled the solution towards itself
         values, axes = np.linalg.eigh(V + np.where(kept, -1.0, 1.0)[:, None, None] * of_shared)
         squares = (np.einsum("vji,vj->vi", axes, off) ** 2 / np.maximum(values, 1e-9)).sum(axis=1)
 

@@ -19,11 +19,10 @@ _SUBSETS, _SUBSET, _CONCENTRATIONS, _SEED = 40, 4, 3, 0
 
 
 def robot_world(known: Sequence[Pose], seen: Sequence[Pose], rounds: int = _ROUNDS) -> tuple[Pose, Pose]:
-    """X and Z of X·seen = known·Z, views weighed so that a few wrong ones do not count.
+    """X and Z of X·seen = known·Z by IRLS of distances, so that a few wrong views do not count.
 
-    Of the rotations it is linear in both: they are the first singular vectors of the sum of the Kronecker products of
-    the two known turns (Shah 2013). The two places then follow from linear least squares. With one of `rounds` the
-    squares are least, with many the distances.
+    The rotations are the first singular vectors of the sum of the Kronecker products of the known turns (Shah 2013);
+    the translations then follow from linear least squares. One of `rounds` gives least squares.
     """
     turned, looked = (np.array([pose.rotation for pose in poses]) for poses in (known, seen))
 
@@ -49,7 +48,7 @@ def robot_world(known: Sequence[Pose], seen: Sequence[Pose], rounds: int = _ROUN
 def _least_absolute(
     solve: Callable[[np.ndarray], tuple[Any, np.ndarray]], count: int, sharp: float, rounds: int
 ) -> Any:
-    """The solution whose misfits (P,), not their squares, are least: by weights that go with one over the misfit."""
+    """The solution of least sum of misfits (P,), not of their squares, by IRLS."""
     weights = np.ones(count)
     for _ in range(rounds):
         solution, misfit = solve(weights)
@@ -66,9 +65,8 @@ def _nearest_rotation(matrix: np.ndarray) -> np.ndarray:
 class Start:
     """A consensus of most views.
 
-    X, Z : as in `robot_world`. distances_m : (V,) of the board's points, rms, seen less predicted; the second of two
-    poses that a view allows counts where it lies nearer. chosen : (V,) which one that is. spread_m : rms over the
-    best views, `good` (V,) those that the consensus may rest on.
+    X, Z : as in `robot_world`. distances_m : (V,) rms of the board's points, seen less predicted; of two poses that a
+    view allows the nearer. chosen : (V,) which one that is. spread_m : rms over the best views. good : (V,) inliers.
     """
 
     X: Pose
@@ -82,9 +80,9 @@ class Start:
 def consensus(
     known: Sequence[Pose], seen: Sequence[Sequence[Pose]], points_m: np.ndarray, subsets: int = _SUBSETS
 ) -> Start:
-    """From all views, and from many small subsets of them, the start whose better 60 % of the views fit best.
+    """The start whose better 60 % of the views fit best, from all views and many small subsets of them.
 
-    seen : of each view one or two poses of the board, points_m (K, 3). At least three views.
+    seen : of each of at least three views one or two poses of the board, points_m (K, 3).
     """
     count, first = len(known), [poses[0] for poses in seen]
     good = max(min(count, _LEAST_GOOD), int(np.ceil(_GOOD_SHARE * count)))
@@ -124,8 +122,8 @@ def consensus(
 def other_orders(known: Sequence[Pose], seen: Sequence[Pose], used: np.ndarray) -> dict[str, np.ndarray]:
     """How rows of poses may have been mixed up: of each view in use (V,) the row that would be its own, or −1.
 
-    known : of all rows. seen : of the views in use, whose own rows `used` (V,) names. Shifted by one, reversed, and the
-    order in which the angles between the views' turns agree best, which are the same whatever X and Z are.
+    known : of all rows. seen : of the views in use, whose own rows are `used` (V,). Shifted by one, reversed, and the
+    order in which the angles between the views' turns agree best, which do not depend on X and Z.
     """
     count = len(known)
     orders = {

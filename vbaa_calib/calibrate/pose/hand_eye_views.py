@@ -1,4 +1,4 @@
-"""Views of a hand-eye calibration, each by itself: its good corners, and the poses of the board that they allow."""
+"""Views of a hand-eye calibration, one by one: good corners, and the poses of the board that they allow."""
 
 from __future__ import annotations
 
@@ -23,8 +23,9 @@ _SECOND_POSE, _SAME_RAD = 3.0, 1e-2
 
 @dataclass(frozen=True, eq=False)
 class SeenView:
-    """A view's good corners, the one or two poses of the board that they allow, the sum of squares (px²) that the
-    better one leaves, how many corners were left out; or the reason why it is not used."""
+    """A view's good corners, the one or two poses of the board that they allow, the squares (px²) that the better one
+    leaves, how many corners were left out; or the reason why it is not used.
+    """
 
     name: str
     reason: str = ""
@@ -75,5 +76,5 @@ def _weights(view: BoardView, seen: np.ndarray) -> np.ndarray:
         return np.ones(int(seen.sum()))
     variance = np.trace(view.covariance_px2[seen], axis1=1, axis2=2)
     middle = max(float(np.median(variance)), 1e-12)
-    # besides the picture's noise there is what all corners have: print, blur, lens
+    # besides the picture's noise all corners have errors of print, blur and lens
     return np.sqrt(2.0 * middle / (variance + middle))

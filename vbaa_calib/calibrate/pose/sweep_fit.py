@@ -1,11 +1,11 @@
 """Least squares of a sweep in pixels: a board fixed in the world, seen by a camera that two joints carry.
 
 p_camera = X⁻¹ · Ry(tilt) · Rx(−skew) · Trans(−offset along x) · Rz(−pan) · B · p_board with X = T_actuator_camera and
-B the board's pose in the world's directions, from where the pan axis is met by the axes' common perpendicular.
+B the board's pose in the world's directions, from the foot of the axes' common perpendicular on the pan axis.
 
-Angles that are a milliradian off shift all corners of their picture alike. Such shifts do not average out over the
-corners, so they are part of the model: two unknown angles a picture, normally distributed with one variance that the
-residuals themselves show (restricted maximum likelihood), eliminated picture by picture.
+An error of the angles shifts all corners of a picture alike and does not average out over them. The model therefore has
+two unknown angle errors a picture, normal with one variance, estimated by restricted maximum likelihood and eliminated
+picture by picture (Schur complement).
 """
 
 from __future__ import annotations
@@ -51,9 +51,9 @@ _Y = np.eye(3)[1]
 
 @dataclass(frozen=True, eq=False)
 class SweepCorners:
-    """All corners of all pictures, one after the other.
+    """All corners of all pictures, concatenated.
 
-    points_m : (N, 3) board frame. pixels : (N, 2). picture : (N,) which picture each is of.
+    points_m : (N, 3) board frame. pixels : (N, 2). picture : (N,) index of the picture.
     angles_rad : (P, 2) readings of pan and tilt of the P pictures, the tilt with its zero.
     """
 
@@ -149,7 +149,7 @@ def linearise(camera: Camera, state: SweepState, corners: SweepCorners) -> _Line
 
 
 def initial_state(camera: Camera, corners: SweepCorners, kinematics: Kinematics) -> SweepState:
-    """From the board's pose in each picture alone, pictures weighed so that a few wrong ones do not count."""
+    """From the board's pose in each picture alone, robust against a few wrong ones."""
     poses, which = _board_poses(camera, corners)
     if len(which) < 3:
         raise SolveError("no pose of the board explains its corners: is the lens that of this camera?")
@@ -160,7 +160,7 @@ def initial_state(camera: Camera, corners: SweepCorners, kinematics: Kinematics)
 
 
 def turned_over(state: SweepState, corners: SweepCorners) -> SweepState:
-    """The same with the board leaning to the other side of the line of sight, which looks much alike."""
+    """The state with the board leaning to the other side of the line of sight, which looks much alike."""
     turn = _turns_actuator_foot(corners, state.axis_skew_rad)[0]
     camera_foot = state.T_actuator_camera.inverse() @ Pose(turn, -state.axis_offset_m * _tilted_x(corners)[0])
     other = mirrored(camera_foot @ state.T_foot_board, corners.points_m)
@@ -253,10 +253,9 @@ class SweepProblem:
         return levenberg_marquardt(linearised(state), step, moved, rules).at
 
     def robust(self, state: SweepState, used: np.ndarray) -> tuple[SweepState, np.ndarray]:
-        """A state that gross errors among the corners used (N,) pull little, and all residuals (N, 2) px.
+        """A state by IRLS of distances of the corners used (N,), and all residuals (N, 2) px.
 
-        Distances count, not their squares. A redescending loss would fit some pictures all but exactly and give up
-        others, where it is the angles that scatter.
+        A redescending loss would fit some pictures all but exactly and give up others, where the angles scatter.
         """
         weights = used.astype(float)
         residuals = linearise(self.camera, state, self.corners).residuals_px
@@ -271,7 +270,7 @@ class SweepProblem:
         return state, residuals
 
     def fit(self, state: SweepState, used: np.ndarray) -> SweepFit:
-        """The minimum over the corners used (N,) bool, with the scatter of the joint angles that the residuals show."""
+        """The minimum over the corners used (N,) bool, with the scatter of the joint angles (REML)."""
         weights, ratio = used.astype(float), 0.0
         for _ in range(_RATIO_ROUNDS):
             system = self._descended(state, weights, ratio, _RULES)
@@ -296,7 +295,7 @@ class SweepProblem:
         return SweepFit(system.state, ratio, variance, residuals, covariance, by_lens)
 
     def inlying(self, state: SweepState, candidates: np.ndarray) -> tuple[SweepFit, np.ndarray]:
-        """The fit to the candidates (N,) but for wrong ones, judged by the spread of the others; and who is in it."""
+        """The fit to the candidates (N,) without outliers, judged by the spread of the others; and which are in it."""
         used = candidates
         for _ in range(_CORNER_ROUNDS):
             found = self.fit(state, used)
@@ -334,7 +333,7 @@ def _angle_variance_ratio(blocks: np.ndarray, rows: int) -> float:
         log_determinant = float(np.log(diagonal).sum() + np.log(np.maximum(values, 1e-15)).sum())
         return shrink + log_determinant + freedom * np.log(left)
 
-    # there may be several minima: a flat stretch, where the angles count as exact, may come before the right one
+    # there may be several minima, and a flat stretch where the angles count as exact
     powers = np.arange(*_RATIO_POWERS)
     best = powers[np.argmin([badness(power) for power in powers])]
     found = minimize_scalar(badness, bounds=(best - 1.0, best + 1.0), method="bounded", options={"xatol": 1e-5})
