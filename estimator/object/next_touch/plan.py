@@ -249,9 +249,7 @@ class _Seen:
 def _seen(solution: Solution, index: int, new: Equations) -> _Seen:
     model = solution.patches[index]
     modes = np.concatenate([each.equations.modes for each in solution.patches])
-    old = new.modes @ modes.T
-    begin = solution.start[index]
-    old[:, begin : begin + len(model.equations)] += model.seen_by(new.rows)
+    old = new.modes @ modes.T + solution.seen_by(index, new.rows)
     half = solve_triangular(solution.lower, old.T, lower=True, check_finite=False)
     whole = covariance(pairs(new.rows, new.rows), model.prior) + new.noise + new.modes @ new.modes.T
     whole += np.diag((model.slack_rad * new.slack) ** 2)
@@ -272,9 +270,7 @@ def _of_surface(found: Fit, reach: Reach, seen: _Offered) -> tuple[float, np.nda
     rows = [values_at(x, height[x.shape[1] == 1]) for x in targets]
     halves, now = [], []
     for index, view in enumerate(rows):
-        old = np.zeros((len(view), len(solution.weights)))
-        begin = solution.start[index]
-        old[:, begin : begin + len(solution.patches[index].equations)] = solution.patches[index].seen_by(view)
+        old = solution.seen_by(index, view)
         halves.append(solve_triangular(solution.lower, old.T, lower=True, check_finite=False))
         now.append(np.maximum(variance(view, solution.patches[index].prior) - np.sum(halves[-1] ** 2, axis=0), 0.0))
     count = sum(map(len, targets))

@@ -190,7 +190,7 @@ class Solution:
     compliance_m_N: float
     variance: float
 
-    def _seen_by(self, patch: int, rows: Functionals) -> np.ndarray:
+    def seen_by(self, patch: int, rows: Functionals) -> np.ndarray:
         """(Q, M) prior covariance of views of a patch with all equations."""
         result = np.zeros((len(rows), len(self.weights)))
         result[:, self._of(patch)] = self.patches[patch].seen_by(rows)
@@ -205,7 +205,7 @@ class Solution:
 
     def spread(self, patch: int, rows: Functionals) -> np.ndarray:
         """(Q,) standard deviations of the same."""
-        seen = self._seen_by(patch, rows)
+        seen = self.seen_by(patch, rows)
         half = solve_triangular(self.lower, seen.T, lower=True, check_finite=False)
         left = variance(rows, self.patches[patch].prior) - np.sum(half**2, axis=0)
         left += (seen @ self.lift) ** 2 * self.variance
@@ -213,7 +213,7 @@ class Solution:
 
     def joint(self, views: list[tuple[int, Functionals]]) -> np.ndarray:
         """(Q, Q) covariance of views of several patches, one after the other."""
-        seen = np.concatenate([self._seen_by(patch, rows) for patch, rows in views])
+        seen = np.concatenate([self.seen_by(patch, rows) for patch, rows in views])
         prior = block_diag(*(covariance(pairs(rows, rows), self.patches[patch].prior) for patch, rows in views))
         half = solve_triangular(self.lower, seen.T, lower=True, check_finite=False)
         lifted = seen @ self.lift

@@ -1,8 +1,8 @@
 """Bundle adjustment of camera pose, antenna, moment sensor and lens, from no-load frames and known loads.
 
 Everything is solved at once: a tilted clamp looks like a tilted camera, a bowed wire like a heavier one. What the
-pictures cannot separate is held by priors, and shows in the covariance. The posterior of the board's pictures, of
-lens and camera pose, is the prior here.
+pictures cannot separate is constrained by priors, and shows in the covariance. The posterior of the board's pictures,
+of lens and camera pose, is the prior here.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ from .inputs import Observation, Prior
 from .problem import GAIN, OFFSET, RIG, Evaluation, LensLost, Problem
 
 _ROUGHLY, _STANDSTILL = 0.1, 1e-11
-"""A step that promises less than this much of the cost is the last: on the way half a standard deviation, at the
-end a few millionths."""
+"""A step that promises a smaller decrease of the cost is the last: on the way half a standard deviation, at the end a
+few millionths."""
 _RULES = Rules(iterations=40, takes_last=True, may_rise=1e-3)
-"""The slopes, by differences, are zero a little beside where the cost is least: a smaller rise is none."""
+"""The slopes are finite differences, zero a little beside the minimum: a smaller rise is none."""
 _ENOUGH = 1e-5
 """A step that promises no more than this after all iterations has converged, too."""
 
@@ -79,9 +79,9 @@ def _fitting(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Which stills fit (F,), and how far each one's points lie off, in scaled deviations (F,).
 
-    A still is judged after its own readings, those that no other still in it has, were let go, for nothing else
-    determines their errors; and the rest, within its uncertainty.
-    solution : of the kept stills (F,). distances : see `Problem.evaluate`, at its parameters.
+    A still is judged with its own readings free, those that no other kept still has, since nothing else determines
+    their errors; the rest moves within its uncertainty.
+    solution : of the kept stills (F,). distances : of `Problem.evaluate` at its parameters.
     """
     groups, readings = problem.groups, problem.lens.stop
     rms, needed, root = np.empty(len(distances)), np.zeros(len(distances)), solution.covariance_root()
@@ -164,9 +164,9 @@ def adjust_bundle(
 ) -> BundleAdjustment:
     """Solve camera pose, antenna, moment sensor and lens from stills. Raises SolveError when it does not converge.
 
-    In passes: each weighs the points by how they scattered about the model of the one before, and leaves out the stills
-    that lie much further off than the others do: a load noted wrong bends its whole shape.
-    The lens moves within its covariance; where that leads to one that folds inside the picture, it is held closer.
+    In passes: each weighs the points by their scatter about the model of the one before, and leaves out the stills that
+    lie much further off than the others do: a load noted wrong bends its whole shape. The lens moves within its
+    covariance; where that leads to one that folds inside the picture, its prior is narrowed.
     """
     sees, covariance = prior.camera.valid_region().image_fraction, prior.camera.covariance
     for share in _HOLDS:
@@ -201,7 +201,7 @@ def _solved(
         problem = problem.relinearised(parameters)
         evaluated = problem.evaluate(parameters)
         fits, rms = _fitting(problem, solution, evaluated.points, kept)
-        # stills on the border do not come and go for ever, and the last pass is over those that it leaves
+        # stills on the border must not come and go for ever; the last pass leaves none out
         fits = kept if turn == _PASSES else fits & kept if turn > _PASSES // 2 else fits
         problem = replace(problem, kept=fits)
         if change < _SETTLED and (fits == kept).all():
@@ -217,7 +217,9 @@ def _solved(
         if with_tips is not None:
             problem, solution, evaluated = with_tips
             parameters = solution.parameters
-    whole = _covariance(problem.lens, solution, share)
+    whole, lens = solution.covariance(), problem.lens
+    # the lens may be off by all its deviation, whatever share it was held to: the solution follows it as its prior
+    whole = whole + (share**-2 - 1.0) * whole[:, lens] @ whole[lens, :]
     # the lens in its own units
     axes = block_diag(np.eye(RIG), prior.lens_axes)
     covariance = axes @ whole[: problem.lens.stop, : problem.lens.stop] @ axes.T
@@ -242,13 +244,16 @@ _ODD_TIP_STD, _TIPS_CONTRADICT_STD = 4.0, 4.0
 
 
 def _with_tips(problem: Problem, solution: Linearised) -> tuple[Problem, float]:
-    """The same with the antenna's ends that agree, if they do not contradict everything else; and by how many
-    deviations all of them together lie off the length."""
+    """The same with the antenna's ends that agree, unless they contradict everything else; and by how many deviations
+    all of them together lie off the length.
+    """
     std_m = problem.prior.tip_std_m
     seen = np.array([bool(np.isfinite([*one.tip_px, one.tip_std_px]).all()) for one in problem.observations])
     camera = problem.camera(solution.parameters)
-    shown = [ok and _shown(camera, one) for one, ok in zip(problem.observations, seen & problem.kept, strict=True)]
-    which = np.flatnonzero(shown)
+    which = np.flatnonzero(seen & problem.kept)
+    ends = [problem.observations[index] for index in which]
+    # where the lens has an inverse
+    which = which[[len(see(camera, one.tip_px[None], np.array([one.tip_std_px]))) > 0 for one in ends]]
     if std_m is None or not len(which):
         return problem, np.nan
     tried = replace(problem, tips=which).relinearised(solution.parameters)
@@ -268,13 +273,8 @@ def _with_tips(problem: Problem, solution: Linearised) -> tuple[Problem, float]:
     return replace(problem, tips=which[agree]).relinearised(solution.parameters), gap_std
 
 
-def _shown(camera: Camera, observation: Observation) -> bool:
-    """Whether the lens has an inverse at the antenna's end."""
-    return len(see(camera, observation.tip_px[None], np.array([observation.tip_std_px]))) > 0
-
-
 def _at_tips(problem: Problem, parameters: np.ndarray) -> tuple[Problem, Linearised, Evaluation] | None:
-    """The problem solved again with the antenna's ends, from where it was without; None where it does not converge."""
+    """Solved again with the antenna's ends, from the solution without; None where it does not converge."""
     try:
         solution = _descended(problem, parameters, problem.evaluate(parameters), _STANDSTILL)
         problem = problem.relinearised(solution.parameters)
@@ -283,15 +283,8 @@ def _at_tips(problem: Problem, parameters: np.ndarray) -> tuple[Problem, Lineari
     return (problem, solution, problem.evaluate(solution.parameters)) if solution.converged else None
 
 
-def _covariance(lens: slice, solution: Linearised, share: float) -> np.ndarray:
-    """Of all parameters. share : of its deviations, in which the lens was held."""
-    inverse = solution.covariance()
-    # the lens may be off by all its deviation, however short it was held: the solution follows it as it does its prior
-    return inverse + (share**-2 - 1.0) * inverse[:, lens] @ inverse[lens, :]
-
-
 def _tip(problem: Problem, evaluated: Evaluation, covariance: np.ndarray, axes: np.ndarray) -> Tip | None:
-    """Where the visible end lies: what its pictures say beside the rig's own errors, and its covariance with them.
+    """Where the visible end lies by its pictures, with the rig's own errors, and its covariance with them.
 
     covariance : of all parameters. axes : (17 + P, 17 + P) of the lens in its own units.
     """
@@ -309,7 +302,7 @@ def _tip(problem: Problem, evaluated: Evaluation, covariance: np.ndarray, axes: 
 
 
 def noise_scale(residuals: Sequence[np.ndarray]) -> float:
-    """Factor between the deviations that the points claim and those that count when many are averaged.
+    """Ratio of the points' effective deviations, when many are averaged, to the stated ones.
 
     Measured on means of runs of neighbours, which also sees errors that neighbours share.
     """

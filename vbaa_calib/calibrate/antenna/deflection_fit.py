@@ -27,18 +27,12 @@ more of it understates that of correlated errors."""
 
 @dataclass(frozen=True, eq=False)
 class ErrorModels:
-    """K models of the readings' errors and what each says about P least-squares parameters.
+    """K models of the readings' errors and the covariance of P least-squares parameters under each."""
 
-    weights : (K,) probabilities, adding up to 1.
-    lengths_m : (K,) correlation length λ; 0 for plain scatter.
-    covariances : (K, P, P) of the least-squares estimate.
-    freedom : N − P, degrees of freedom of every one of them.
-    """
-
-    weights: np.ndarray
-    lengths_m: np.ndarray
-    covariances: np.ndarray
-    freedom: int
+    weights: np.ndarray  # (K,) probabilities, adding up to 1
+    lengths_m: np.ndarray  # (K,) correlation length λ; 0 for plain scatter
+    covariances: np.ndarray  # (K, P, P) of the least-squares estimate
+    freedom: int  # N − P, degrees of freedom of every one of them
 
     @property
     def covariance(self) -> np.ndarray:
@@ -171,16 +165,12 @@ _NODES = np.linspace(0.0, 1.0, 201)
 
 @dataclass(frozen=True, eq=False)
 class Parameters:
-    """Where the least squares ended, and the design matrix (N, P) there.
-
-    Its columns are the derivatives by the compliance 1/EI (relative: dy/d ln 1/EI), the offset and the clamp's
-    rotation, the last two only if they are free.
-    """
+    """Where the least squares ended, and the design matrix there."""
 
     stiffness_Nm2: float
     offset_m: float
     clamp_rotation_rad: float
-    design: np.ndarray
+    design: np.ndarray  # (N, P) derivatives by ln(1/EI), offset and clamp rotation, the last two only if free
 
 
 def beam(x_m: np.ndarray, force_N: float, distance_m: float) -> Forward:

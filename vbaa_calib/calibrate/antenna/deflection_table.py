@@ -20,17 +20,12 @@ _LONGEST_ROD_m = 10.0
 
 @dataclass(frozen=True, eq=False)
 class DeflectionTable:
-    """N readings of a gauge along a clamped rod, without and with the load.
+    """N readings of a gauge along a clamped rod, without and with the load."""
 
-    x_m : (N,) strictly increasing, measured from the clamp along the undeflected rod.
-    unloaded_y_m, loaded_y_m : (N,) the gauge's readings, positive in the force's direction.
-    resolution_m : the last decimal that is written down; 0 where that means nothing.
-    """
-
-    x_m: np.ndarray
-    unloaded_y_m: np.ndarray
-    loaded_y_m: np.ndarray
-    resolution_m: float = 0.0
+    x_m: np.ndarray  # (N,) strictly increasing, from the clamp along the undeflected rod
+    unloaded_y_m: np.ndarray  # (N,) positive in the force's direction
+    loaded_y_m: np.ndarray  # (N,)
+    resolution_m: float = 0.0  # the last decimal written down; 0: unknown
 
     @property
     def deflection_m(self) -> np.ndarray:

@@ -56,19 +56,15 @@ _PLACES = np.linspace(0.0, 1.0, 21)
 
 @dataclass(frozen=True, eq=False)
 class ExpectedAntenna:
-    """Where the antenna is expected in a picture.
-
-    parameters : (9,) of the antenna, as far as they are known.
-    paint : what sets it off from its background; None: learnt from the pictures.
-    course : (3,) how far the free antenna lies beside these parameters' in this rig's pictures: a polynomial in the way
-        from the clamp, both in lengths of the antenna's picture; None where not known.
-    """
+    """Where the antenna is expected in a picture."""
 
     antenna: NominalAntenna
     camera: Camera
     T_antenna_camera: Pose
-    parameters: np.ndarray
-    paint: Paint | None = None
+    parameters: np.ndarray  # (9,) of the antenna, as far as they are known
+    paint: Paint | None = None  # what sets it off from its background; None: learnt from the pictures
+    # (3,) how far the free antenna lies beside these parameters' in this rig's pictures: a polynomial in the way from
+    # the clamp, both in lengths of the antenna's picture; None where not known
     course: np.ndarray | None = None
 
     def observe(self, still: Still, image: np.ndarray, gravity_m_s2: np.ndarray) -> Observation:
@@ -108,24 +104,25 @@ class ExpectedAntenna:
 
     def course_of(self, seen: Observation) -> np.ndarray:
         """(3,) as `course`, of one free antenna as it was seen."""
-        free = free_curve(self.parameters, self.antenna.length_m, seen.gravity_m_s2)
-        where = corridor(self.camera, self.T_antenna_camera.inverse(), free, self.antenna.diameter_m)
-        length = arc_lengths(where.axis_px)[-1]
-        along, aside = where.aside(seen.points_px)
-        return np.polyfit(along / length, aside / length, _COURSE_ORDER)
+        return np.polyfit(*self._aside(seen), _COURSE_ORDER)
 
     def on_course(self, seen: Observation) -> Observation:
         """A free antenna without the stretches that leave the course of this rig's other pictures."""
         assert self.course is not None
-        free = free_curve(self.parameters, self.antenna.length_m, seen.gravity_m_s2)
-        where = corridor(self.camera, self.T_antenna_camera.inverse(), free, self.antenna.diameter_m)
-        length = arc_lengths(where.axis_px)[-1]
-        along, aside = where.aside(seen.points_px)
-        near = np.abs(aside / length - np.polyval(self.course, along / length)) < _LEAVES
+        along, aside = self._aside(seen)
+        near = np.abs(aside - np.polyval(self.course, along)) < _LEAVES
         if near.all() or near.mean() < _LEAST_SEEN_FREE:
             return seen
         ends = seen if near[-1] else replace(seen, tip_std_px=np.nan)
         return replace(ends, points_px=seen.points_px[near], sigma_px=seen.sigma_px[near])
+
+    def _aside(self, seen: Observation) -> tuple[np.ndarray, np.ndarray]:
+        """Where points (N,) of a free antenna lie along and beside the expected one, in lengths of its picture."""
+        free = free_curve(self.parameters, self.antenna.length_m, seen.gravity_m_s2)
+        where = corridor(self.camera, self.T_antenna_camera.inverse(), free, self.antenna.diameter_m)
+        along, aside = where.aside(seen.points_px)
+        length = arc_lengths(where.axis_px)[-1]
+        return along / length, aside / length
 
     def learned(
         self, stills: Sequence[Still], images: Sequence[np.ndarray], gravity_m_s2: Sequence[np.ndarray]

@@ -47,28 +47,18 @@ _FLOOR_PERCENT = 0.5
 
 @dataclass(frozen=True, eq=False)
 class CheckedStill:
-    """One picture of the antenna, N points, against its prediction.
-
-    arclength_m : (N,) where each point lies along the predicted antenna. residual_mm : (N,) its distance from it there.
-    residuals : (N + 1,) of points and moment, observed less predicted, in deviations; the moment's NaN where not read.
-    jacobian : (N + 1, 17 + P) of the predictions by the rig's parameters, in the same units.
-    by_readings : (N + 1, 2) of them by the errors of a load's place and weight, each in its deviations.
-    by_line : (N + 1, 3) by what is common to all points of the picture's line.
-    moment_residual_Nm : the sensor's reading less the prediction. moment_std_Nm : of that, by the sensor's noise and
-        the uncertainty of the load's place and weight.
-    deflection_m : predicted at the load, against the free antenna; 0 where there is none.
-    """
+    """One picture of the antenna, N points, against its prediction."""
 
     still: Still
-    arclength_m: np.ndarray
-    residual_mm: np.ndarray
-    residuals: np.ndarray
-    jacobian: np.ndarray
-    by_readings: np.ndarray
-    by_line: np.ndarray
-    moment_residual_Nm: float
-    moment_std_Nm: float
-    deflection_m: float
+    arclength_m: np.ndarray  # (N,) where each point lies along the predicted antenna
+    residual_mm: np.ndarray  # (N,) its distance from it there
+    residuals: np.ndarray  # (N + 1,) of points and moment (NaN where not read), observed less predicted, in deviations
+    jacobian: np.ndarray  # (N + 1, 17 + P) of the predictions by the rig's parameters, in deviations
+    by_readings: np.ndarray  # (N + 1, 2) by the errors of a load's place and weight, each in its deviations
+    by_line: np.ndarray  # (N + 1, 3) by the common errors of the picture's points
+    moment_residual_Nm: float  # reading less prediction
+    moment_std_Nm: float  # of that, by the sensor's noise and the uncertainty of place and weight
+    deflection_m: float  # predicted at the load, against the free antenna; 0 without a load
 
     @property
     def has_moment(self) -> bool:

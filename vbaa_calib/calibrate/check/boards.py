@@ -38,19 +38,15 @@ _CORRELATED = 4.0
 
 
 class _CheckedView(NamedTuple):
-    """One picture of the board under the rig's lens.
-
-    corners_px, residuals_px : (N, 2) observed, and observed less predicted at the picture's own best pose.
-    good : (N,) corners that are no outliers. ids : (N,).
-    """
+    """One picture of the board under the rig's lens."""
 
     name: str
     folder: str
     T_camera_board: Pose
-    ids: np.ndarray
-    corners_px: np.ndarray
-    residuals_px: np.ndarray
-    good: np.ndarray
+    ids: np.ndarray  # (N,)
+    corners_px: np.ndarray  # (N, 2)
+    residuals_px: np.ndarray  # (N, 2) observed less predicted at the picture's own best pose
+    good: np.ndarray  # (N,) corners that are no outliers
 
     def to_dict(self) -> dict[str, Any]:
         """For check.json, pixels to thousandths."""

@@ -44,19 +44,13 @@ class Information:
 
 @dataclass(frozen=True, eq=False)
 class Change:
-    """An estimated change of Q parameters.
+    """An estimated change of Q parameters."""
 
-    step : (Q,), zero along directions that the data do not show.
-    covariance : (Q, Q) of the predicted difference, rig and new data together; large along those directions.
-    significant : (Q,) the step along the directions in which it exceeds three standard deviations.
-    distance_std : Mahalanobis length of the step. freedom : number of directions that the data show.
-    """
-
-    step: np.ndarray
-    covariance: np.ndarray
-    significant: np.ndarray
-    distance_std: float
-    freedom: int
+    step: np.ndarray  # (Q,), zero along directions that the data do not show
+    covariance: np.ndarray  # (Q, Q) of rig and new data together; large along those directions
+    significant: np.ndarray  # (Q,) the step along directions in which it exceeds three standard deviations
+    distance_std: float  # Mahalanobis length of the step
+    freedom: int  # number of directions that the data show
 
     @property
     def std(self) -> np.ndarray:

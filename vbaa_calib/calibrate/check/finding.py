@@ -36,17 +36,12 @@ _QUESTIONS = {
 
 @dataclass(frozen=True)
 class Evidence:
-    """A difference between prediction and observation.
+    """A difference between prediction and observation."""
 
-    distance_std : its Mahalanobis length, in standard deviations of the predicted difference.
-    freedom : its degrees of freedom.
-    size, floor, unit : what it amounts to, and up to which size it does not matter.
-    """
-
-    distance_std: float
-    freedom: int
-    size: float
-    floor: float
+    distance_std: float  # its Mahalanobis length, in standard deviations of the predicted difference
+    freedom: int  # its degrees of freedom
+    size: float  # what it amounts to
+    floor: float  # up to which size it does not matter
     unit: str
 
     @property
@@ -71,17 +66,13 @@ class Evidence:
 
 @dataclass(frozen=True)
 class Finding:
-    """The answer to one question.
+    """The answer to one question."""
 
-    name : its key in check.json. words : the answer, with numbers. remedy : what to do, if anything.
-    level : `HOLDS`, `LOOK`, `FAILS` or `NOT_GIVEN`. evidence : the difference behind it, if there is one.
-    """
-
-    name: str
-    level: str
-    words: str
-    remedy: str | None = None
-    evidence: Evidence | None = None
+    name: str  # its key in check.json
+    level: str  # `HOLDS`, `LOOK`, `FAILS` or `NOT_GIVEN`
+    words: str  # the answer, with numbers
+    remedy: str | None = None  # what to do
+    evidence: Evidence | None = None  # the difference behind it
 
     @property
     def is_bad(self) -> bool:

@@ -76,22 +76,18 @@ def _diagnoses(session: Session, kinematics: Kinematics, joint: BundleAdjustment
 
 def _tips(joint: BundleAdjustment) -> list[Diagnosis]:
     """Whether the antenna's ends contradict its length; they are then not used."""
-    if len(joint.problem.tips) or np.isnan(joint.tip_gap_std):
+    gap = joint.tip_gap_std
+    if len(joint.problem.tips) or np.isnan(gap):
         return []
-    where = f"{abs(joint.tip_gap_std):.0f} deviations {'beyond' if joint.tip_gap_std > 0 else 'short of'}"
-    said = (
-        f"the antenna's ends lie {where} antenna.length_m"
-        if np.isfinite(joint.tip_gap_std)
-        else ("the antenna's ends do not agree on its length")
+    words = "the antenna's ends do not agree on its length"
+    if np.isfinite(gap):
+        where = "beyond" if gap > 0 else "short of"
+        words = f"the antenna's ends lie {abs(gap):.0f} deviations {where} antenna.length_m"
+    remedy = (
+        "measure length_m from the clamp to the tip again, check the jig's distance, or set antenna.tip: null where "
+        "the visible end is not the tip"
     )
-    return [
-        Diagnosis(
-            "antenna_length",
-            f"{said} in the pictures; they were not used",
-            "measure length_m from the clamp to the tip again, check the jig's distance, or set antenna.tip: null "
-            "where the visible end is not the tip",
-        )
-    ]
+    return [Diagnosis("antenna_length", f"{words} in the pictures; they were not used", remedy)]
 
 
 def _moved(

@@ -287,10 +287,10 @@ def _start(
         pairs = [(rows[i], own) for i, own in zip(order, looked, strict=True) if i >= 0]
         if not np.array_equal(order, used) and len(pairs) > _LEAST_VIEWS:
             others[words] = pairs
-    spreads = {}
-    for words, pairs in others.items():
-        found = consensus(known([tool for tool, _ in pairs]), [own for _, own in pairs], points, _FEW_SUBSETS)
-        spreads[words] = found.spread_m
+    spreads = {
+        words: consensus(known([tool for tool, _ in pairs]), [own for _, own in pairs], points, _FEW_SUBSETS).spread_m
+        for words, pairs in others.items()
+    }
     # another order may be the same as a shift, but for the views at the ends
     words = next(one for one, spread in spreads.items() if spread <= 2.0 * min(spreads.values()))
     better = _BETTER_OF_FEW if len(used) < _FEW else _FAR_BETTER
