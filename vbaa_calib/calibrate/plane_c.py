@@ -86,11 +86,11 @@ class PlaneC:
 
 @dataclass(frozen=True, eq=False)
 class PlaneViews:
-    """What shows plane C, by method; None where the session has no pictures for it."""
+    """What shows plane C; None where the session has no pictures for a method."""
 
     jig: Sequence[BoardView] | None
     sweep: Sequence[BoardView] | None
-    over: Mapping[str, np.ndarray] | None
+    over: Mapping[str, np.ndarray] | None  # name → (H, W) picture
 
 
 def picture_folders(session: Session) -> list[str]:

@@ -111,22 +111,14 @@ def scatter_with_change(joint: BundleAdjustment, which: Sequence[int], after: Se
 
 @dataclass(frozen=True, eq=False)
 class StillRows:
-    """A linearised bundle adjustment with its rows by still.
+    """A linearised bundle adjustment with its R rows by still."""
 
-    joint : where it comes from. solution : linearised at its end, with the stills that took part.
-    points : per observation the slice of its points' rows; empty for one that was left out.
-    moments : (F,) its moment's row; −1 for one that was left out.
-    factor : (R,) on residuals and columns, that makes least squares of them.
-    readings : (R, K) columns of the loads' places and forces, each times its standard deviation, so that their
-        uncertainty is not attributed to something else. K is 0 where they count as exact.
-    """
-
-    joint: BundleAdjustment
-    solution: Linearised
-    points: Sequence[slice]
-    moments: np.ndarray
-    factor: np.ndarray
-    readings: np.ndarray
+    joint: BundleAdjustment  # where it comes from
+    solution: Linearised  # linearised at its end, with the stills that took part
+    points: Sequence[slice]  # per observation the slice of its points' rows; empty for one left out
+    moments: np.ndarray  # (F,) its moment's row; −1 for one that was left out
+    factor: np.ndarray  # (R,) on residuals and columns, that makes least squares of them
+    readings: np.ndarray  # (R, K) by the errors of uncertain places and forces of the loads, in deviations
 
     @staticmethod
     def of(joint: BundleAdjustment) -> StillRows:

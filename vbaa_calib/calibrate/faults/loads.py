@@ -193,29 +193,20 @@ def _force_N(load: Load) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Row:
-    """A load whose picture contradicts its row.
+    """A load whose picture contradicts its row."""
 
-    index : of the load among the loads. entry : what fits instead, None if nothing does.
-    also : other slips that fit as well.
-    """
-
-    index: int
+    index: int  # among the loads
     load: Load
-    entry: _Entry | None
-    also: tuple[str, ...] = ()
+    entry: _Entry | None  # what fits instead; None if nothing does
+    also: tuple[str, ...] = ()  # other slips that fit as well
 
 
 class _Fit(NamedTuple):
-    """The best fits of V loads to one picture, over a range of stiffness.
+    """The best fits of V loads to one picture, over a range of stiffness."""
 
-    misfit : (V,) mean distance of the points from the predicted antenna, over that from the free one.
-    log_stiffness : (V,) of the best fit, less the free antenna's.
-    shown_std : mean distance of the points from the free antenna, in the points' own deviations.
-    """
-
-    misfit: np.ndarray
-    log_stiffness: np.ndarray
-    shown_std: float
+    misfit: np.ndarray  # (V,) mean distance of the points from the predicted antenna, over that from the free one
+    log_stiffness: np.ndarray  # (V,) of the best fit, less the free antenna's
+    shown_std: float  # mean distance of the points from the free antenna, in their own deviations
 
 
 def wrong_rows(free: BundleAdjustment, observations: Sequence[Observation], length_m: float) -> list[Row]:

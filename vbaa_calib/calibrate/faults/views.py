@@ -142,23 +142,16 @@ def _little_variety(views: Sequence[BoardView], solution: LensSolution, spec: Bo
 
 @dataclass(frozen=True, eq=False)
 class SetScores:
-    """A solved set, linearised, every view's pose projected out.
+    """A solved set of V views, linearised, every view's pose eliminated."""
 
-    names : of the V views used, in order.
-    residuals : (2N,) px, observed less projected. own : (2N, E) derivatives by parameters a view has to itself:
-        logarithm of the focal length, cx px, cy px, and relative length of the board along its y.
-    basis : (2N, p) orthonormal, of what the views share: lens and bend of the board.
-    bounds : (V + 1,) first row of each view.
-    focal_px : fx, fy. variance_px2 : of the residuals, per axis.
-    """
-
-    names: tuple[str, ...]
-    residuals: np.ndarray
+    names: tuple[str, ...]  # of the views used, in order
+    residuals: np.ndarray  # (2N,) px, observed less projected
+    # (2N, E) by parameters of a single view: log focal length, cx px, cy px, relative length of the board along its y
     own: np.ndarray
-    basis: np.ndarray
-    bounds: np.ndarray
-    focal_px: tuple[float, float]
-    variance_px2: float
+    basis: np.ndarray  # (2N, p) orthonormal, of what the views share: lens and board shape
+    bounds: np.ndarray  # (V + 1,) first row of each view
+    focal_px: tuple[float, float]  # fx, fy
+    variance_px2: float  # of the residuals, per axis
 
     FOCAL, CENTRE_X, CENTRE_Y = range(3)
 
@@ -225,13 +218,12 @@ def _print_stretched(shape: BoardShape) -> Diagnosis | None:
 
 @dataclass(frozen=True)
 class _Change:
-    """The pattern over the views that explains most: its index, its size with a deviation, in the parameter's unit, by
-    the scatter of views or residuals; and the chance of one so clear among all tested patterns, were there none."""
+    """The pattern over the views that explains most."""
 
-    index: int
-    size: float
-    std: float
-    chance: float
+    index: int  # of the pattern
+    size: float  # in the parameter's unit
+    std: float  # by the scatter of views or residuals
+    chance: float  # of one so clear among all tested patterns, were there none
 
 
 def steps(count: int) -> np.ndarray:

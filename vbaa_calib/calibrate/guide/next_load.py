@@ -61,17 +61,13 @@ class _Pull:
 
 @dataclass(frozen=True, eq=False)
 class _LoadCandidate:
-    """A load that could be hung.
-
-    jacobian : (N, 17 + P) whitened rows that it would add.
-    by_readings : (N, 2) derivatives of its residuals by its distance, per m, and by the logarithm of its force.
-    """
+    """A load that could be hung."""
 
     load: Load
     mass_kg: float
     pull: _Pull
-    jacobian: np.ndarray
-    by_readings: np.ndarray
+    jacobian: np.ndarray  # (N, 17 + P) whitened rows that it would add
+    by_readings: np.ndarray  # (N, 2) by its distance, per m, and by the logarithm of its force
 
 
 def _pulls(session: Session, kinematics: Kinematics, observations: Sequence[Observation]) -> list[_Pull]:
@@ -165,17 +161,13 @@ class StiffnessForecast:
 
     A weight that hangs twice is off by the same both times, and so is a place that is used twice: their errors do not
     average out.
-
-    readings : the G different places and weights, as `reading_keys` names them.
-    scale : (17 + P,) of the joint solve's parameters.
-    information : (17 + P + G, 17 + P + G) of the scaled parameters, then of the readings' errors in their deviations.
-    added : (C, 17 + P + G, 17 + P + G) what each candidate adds to it.
     """
 
-    readings: Sequence[tuple[str, str]]
-    scale: np.ndarray
+    readings: Sequence[tuple[str, str]]  # the G different places and weights, as `reading_keys` names them
+    scale: np.ndarray  # (17 + P,) of the joint solve's parameters
+    # (17 + P + G, 17 + P + G) of the scaled parameters, then of the readings' errors in deviations
     information: np.ndarray
-    added: np.ndarray
+    added: np.ndarray  # (C, 17 + P + G, 17 + P + G) what each candidate adds to it
 
     @staticmethod
     def of(joint: BundleAdjustment, candidates: Sequence[_LoadCandidate], readings: LoadReadings) -> StiffnessForecast:
@@ -241,18 +233,13 @@ class _LoadSuggestion:
 
 @dataclass(frozen=True, eq=False)
 class _LoadProgress:
-    """How well EI is known.
+    """How well EI is known."""
 
-    now : EI's deviations. suggestion : what to hang next; None where no weight helps.
-    enough : the goal is met, or no further load of these weights brings it nearer. reached : the goal is met.
-    missing : what the loads do not show, in words.
-    """
-
-    now: _StiffnessStd
-    suggestion: _LoadSuggestion | None
-    enough: bool
-    reached: bool
-    missing: tuple[str, ...]
+    now: _StiffnessStd  # EI's deviations
+    suggestion: _LoadSuggestion | None  # what to hang next; None where no weight helps
+    enough: bool  # the goal is met, or no further load of these weights helps
+    reached: bool  # the goal is met
+    missing: tuple[str, ...]  # what the loads do not show, in words
     words: str
 
 

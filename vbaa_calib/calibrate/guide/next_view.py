@@ -29,21 +29,13 @@ _LEAST_GAIN = 0.025
 
 @dataclass(frozen=True, eq=False)
 class ViewProgress:
-    """Uncertainty on plane C by the pictures so far.
+    """Uncertainty on plane C by the pictures so far."""
 
-    std_m : predicted deviation of points on plane C, rms over the work area; NaN while unknown. By the lens with the
-        camera's pose solved for from the jig, the board in the jig seen exactly; `plane_progress` adds the share of its
-        pictures. The jig's own accuracy is not in it.
-    enough : whether to go on with the next step. words : why, or what is missing, and what to do.
-    solution : the lens; None while there are too few pictures for one.
-    suggestion : the picture of the board to take next; None where no pose of it can be seen.
-    """
-
-    std_m: float
-    enough: bool
-    words: str
-    solution: LensSolution | None = None
-    suggestion: Suggestion | None = None
+    std_m: float  # predicted, of points on plane C, rms over the work area; without the jig's own; NaN while unknown
+    enough: bool  # whether to go on with the next step
+    words: str  # why, or what is missing, and what to do
+    solution: LensSolution | None = None  # the lens; None while there are too few pictures
+    suggestion: Suggestion | None = None  # the next picture of the board; None where no pose of it can be seen
 
 
 def lens_progress(

@@ -40,18 +40,13 @@ _SAY = 0.6
 
 
 class _HeldPose(NamedTuple):
-    """How a board is held before the camera.
+    """How a board is held before the camera."""
 
-    place : (2,) of its middle in the picture, 0 to 1 from the upper left. distance_m : of its middle.
-    tilt_rad : between its normal and the line of sight. away_rad : direction in the picture in which it is tilted
-        back, right 0, down π/2. roll_rad : about the line of sight, 0 with the board's x to the right; of a pose that
-        was seen, its long side's angle in the picture, within ±π/2.
-    """
-
-    place: tuple[float, float]
-    distance_m: float
-    tilt_rad: float
-    away_rad: float
+    place: tuple[float, float]  # of its middle in the picture, 0 to 1 from the upper left
+    distance_m: float  # of its middle
+    tilt_rad: float  # between its normal and the line of sight
+    away_rad: float  # direction in the picture in which it is tilted back, right 0, down π/2
+    # about the line of sight, 0 with the board's x to the right; of a seen pose its long side's, within ±π/2
     roll_rad: float
 
 
@@ -65,16 +60,12 @@ class _ViewCandidate(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Suggestion:
-    """The picture to take next.
+    """The picture to take next."""
 
-    T_camera_board : pose of the board. outline_px : (4, 2) its outline in the picture, from the board's origin round.
-    words : what a person can do. std_m : on plane C after it by noise, were the lens right; NaN while there is none.
-    """
-
-    T_camera_board: Pose
-    outline_px: np.ndarray
-    words: str
-    std_m: float
+    T_camera_board: Pose  # pose of the board
+    outline_px: np.ndarray  # (4, 2) its outline in the picture, from the board's origin round
+    words: str  # what a person can do
+    std_m: float  # on plane C after it, by noise alone; NaN while there is none
 
 
 def best_next(

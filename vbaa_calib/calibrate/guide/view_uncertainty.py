@@ -35,15 +35,11 @@ _NOMINAL_MODEL = "radial"
 
 @dataclass(frozen=True, eq=False)
 class WorkPlane:
-    """Plane C as far as it is known, and the work area on it.
+    """Plane C as far as it is known, and the work area on it."""
 
-    T_camera_plane : z = 0 is the plane, x runs along the antenna from the clamp.
-    length_m, half_width_m : of the work area, x from 0 to the length and y from minus to plus the half width.
-    """
-
-    T_camera_plane: Pose
-    length_m: float
-    half_width_m: float
+    T_camera_plane: Pose  # z = 0 is the plane, x runs along the antenna from the clamp
+    length_m: float  # of the work area, x from 0 on
+    half_width_m: float  # y from minus to plus this
 
     @staticmethod
     def about(distance_m: float, inclination_rad: float, length_m: float) -> WorkPlane:
@@ -79,18 +75,14 @@ class LensDesign:
 
     A simple model from few pictures has too small a covariance: it has none for what it cannot describe. Here the lens
     may also be wrong in what the next richer model could describe, within a prior.
-
-    model, intrinsics : the lens, (4 + k,). image_size : (width, height) px.
-    scale : (4 + k + 5, p) intrinsics and the board's shape for a unit of each z (p,), whose prior is 0 ± 1.
-    sigma_px : deviation of a corner, per axis. shape : (5,) of the board.
     """
 
     model: LensModel
-    intrinsics: np.ndarray
-    image_size: tuple[int, int]
-    scale: np.ndarray
-    sigma_px: float
-    shape: np.ndarray
+    intrinsics: np.ndarray  # (4 + k,)
+    image_size: tuple[int, int]  # (width, height) px
+    scale: np.ndarray  # (4 + k + 5, p) intrinsics and shape for a unit of each z (p,), of prior 0 ± 1
+    sigma_px: float  # deviation of a corner, per axis
+    shape: np.ndarray  # (5,) of the board
 
     def bundle(self, poses: np.ndarray) -> Bundle:
         """With the board at poses (V, 6)."""
@@ -223,22 +215,15 @@ def bias_square(sensitivity: np.ndarray, information: np.ndarray, gradient: np.n
 
 @dataclass(frozen=True, eq=False)
 class LensInformation:
-    """Information about the lens in the pictures so far.
+    """Information about the lens in the pictures so far."""
 
-    design : the lens they are judged about. information : (p, p) of all of them, in its coordinates, without the prior.
-    gradient : (p,) of the cost, towards another lens of the design.
-    pictures : their number. solved : whether it is a solution or a nominal lens.
-    inflation : factor on deviations, at least 1, by which two halves of the pictures contradict each other.
-    doubt : why it cannot be enough, in words; empty where nothing is in the way.
-    """
-
-    design: LensDesign
-    information: np.ndarray
-    gradient: np.ndarray
-    pictures: int
-    solved: bool
-    inflation: float
-    doubt: str
+    design: LensDesign  # about which it is linearised
+    information: np.ndarray  # (p, p) of all pictures, in the design's coordinates, without the prior
+    gradient: np.ndarray  # (p,) of the cost, towards another lens of the design
+    pictures: int  # their number
+    solved: bool  # whether it is a solution or a nominal lens
+    inflation: float  # factor on deviations, at least 1, by which two halves of the pictures contradict each other
+    doubt: str  # why it cannot be enough, in words; empty where nothing is in the way
 
     @staticmethod
     def of(solution: LensSolution, views: Sequence[BoardView], spec: BoardSpec) -> LensInformation:

@@ -24,16 +24,12 @@ _USUAL_NOISE_PX, _LEAST_NOISE_PX = 0.2, 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """Corners of one view: board points (N, 3) m and their pixels (N, 2).
+    """Corners of one view."""
 
-    deformation : (N, 3, 5) how each point moves with the board's shape (`deformations`); None for a rigid body.
-    weight : of its residuals; less than 1 for a noisy view.
-    """
-
-    points_m: np.ndarray
-    pixels: np.ndarray
-    deformation: np.ndarray | None = None
-    weight: float = 1.0
+    points_m: np.ndarray  # (N, 3) board frame
+    pixels: np.ndarray  # (N, 2)
+    deformation: np.ndarray | None = None  # (N, 3, 5) how each point moves with the board's shape (`deformations`)
+    weight: float = 1.0  # of its residuals; less than 1 for a noisy view
 
     def picked(self, which: np.ndarray) -> Observation:
         """The corners of a mask or of indices."""
@@ -67,25 +63,17 @@ def rows(bundle: Bundle, observations: Sequence[Observation]) -> tuple[np.ndarra
 
 @dataclass(frozen=True, eq=False)
 class Bundle:
-    """A lens with the poses of its views: a start, or a solution.
-
-    intrinsics : (4 + k,) fx, fy, cx, cy, distortion. shape : (5,) of the board (`BoardShape`).
-    poses : (V, 6) rotation vector rad and translation m, T_camera_board of each view.
-    directions : (4 + k + 5, p) from `free_directions`: what is solved for besides the poses.
-    residuals_px : per view (N, 2), observed minus projected; none at a start.
-    prior : of the shape, where that is solved for. noise_px : of a corner per axis; the prior's weight.
-    unfolding : the penalty against folding, where it was needed.
-    """
+    """A lens with the poses of its views: a start, or a solution."""
 
     model: LensModel
-    intrinsics: np.ndarray
-    poses: np.ndarray
-    directions: np.ndarray
-    residuals_px: tuple[np.ndarray, ...] = ()
-    shape: np.ndarray = field(default_factory=lambda: np.zeros(SHAPE))
-    prior: ShapePrior | None = None
-    noise_px: float = _USUAL_NOISE_PX
-    unfolding: Unfolding | None = None
+    intrinsics: np.ndarray  # (4 + k,) fx, fy, cx, cy, distortion
+    poses: np.ndarray  # (V, 6) rotation vector rad and translation m, T_camera_board of each view
+    directions: np.ndarray  # (4 + k + 5, p) from `free_directions`: what is solved for besides the poses
+    residuals_px: tuple[np.ndarray, ...] = ()  # per view (N, 2), observed minus projected; none at a start
+    shape: np.ndarray = field(default_factory=lambda: np.zeros(SHAPE))  # (5,) of the board (`BoardShape`)
+    prior: ShapePrior | None = None  # of the shape, where that is solved for
+    noise_px: float = _USUAL_NOISE_PX  # of a corner per axis; the prior's weight
+    unfolding: Unfolding | None = None  # the penalty against folding, where it was needed
 
     @staticmethod
     def start(model: LensModel, intrinsics: np.ndarray, poses: np.ndarray) -> Bundle:

@@ -37,25 +37,18 @@ class Information:
     """The reduced least-squares problem at a solution, in coordinates z (p,) in which all views and the prior of the
     board's shape together have unit information. To first order everything that the views say, alone or in groups,
     follows from it without a new solve.
-
-    half : (4 + k + 5, p) change of intrinsics and shape for a unit of each z.
-    blocks : (V, p, p) information of each view, gradients : (V, p) what it pulls with, squares : (V,) its squared
-        residuals, px²; its own pose eliminated.
-    roots : (V, p + 1, p + 1) triangular factors R of the views' own problems: the first p columns, rᵀr of which is the
-        information, then the residuals. Sums of information lose half the digits, stacked factors do not.
-    prior : (p, p) information of what holds the lens from folding, and of the board's shape. counts : (V,) corner
-        coordinates of each view.
-    prior_root : (m, p + 1) the shape's part of it as rows, then their residuals.
     """
 
-    half: np.ndarray
-    blocks: np.ndarray
-    gradients: np.ndarray
-    squares: np.ndarray
+    half: np.ndarray  # (4 + k + 5, p) change of intrinsics and shape for a unit of each z
+    blocks: np.ndarray  # (V, p, p) information of each view, its own pose eliminated
+    gradients: np.ndarray  # (V, p) of each view
+    squares: np.ndarray  # (V,) squared residuals of each view, px²
+    # (V, p + 1, p + 1) triangular factors R of the views' own problems: RᵀR of the first p columns is the information,
+    # then the residuals. Sums of information lose half the digits, stacked factors do not.
     roots: np.ndarray
-    prior: np.ndarray
-    prior_root: np.ndarray
-    counts: np.ndarray
+    prior: np.ndarray  # (p, p) information of the penalty against folding, and of the board's shape
+    prior_root: np.ndarray  # (m, p + 1) the shape's part of it as rows, then their residuals
+    counts: np.ndarray  # (V,) corner coordinates of each view
 
     @property
     def covariance(self) -> np.ndarray:
@@ -207,23 +200,16 @@ def compare_split_half(
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """How one lens model does.
-
-    free_parameters : of the lens, focal lengths and principal point included.
-    rms_px : over the corners it was fitted to. held_out_rms_px : over views that only had their poses fitted.
-    monotonic : whether it maps the whole picture without folding.
-    halves, halves_p_value : as `compare_split_half` gives them.
-    expected_error_px : as `expected_errors_px` gives it; None where models were not compared.
-    """
+    """How one lens model does."""
 
     model: str
-    free_parameters: int
-    rms_px: float
-    held_out_rms_px: float
-    monotonic: bool
-    halves: float | None = None
+    free_parameters: int  # of the lens, focal lengths and principal point included
+    rms_px: float  # over the corners it was fitted to
+    held_out_rms_px: float  # over views that only had their poses fitted
+    monotonic: bool  # whether it maps the whole picture without folding
+    halves: float | None = None  # as `compare_split_half` gives them
     halves_p_value: float | None = None
-    expected_error_px: float | None = None
+    expected_error_px: float | None = None  # as `expected_errors_px` gives it; None for a single model
 
     @property
     def split_half_agrees(self) -> bool:

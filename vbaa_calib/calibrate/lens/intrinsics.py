@@ -39,17 +39,13 @@ _ROUGHLY = replace(CONVERGED, iterations=5, tolerance=1e-4)  # just enough to se
 
 @dataclass(frozen=True, eq=False)
 class UsedView:
-    """A view that the lens was solved from.
-
-    corners : how many were used. left_out, outlier_ids : how many outliers were not, and their corner ids.
-    rms_px : reprojection error. outlying : beyond the median + 3.5 scaled MAD of all views, but kept.
-    """
+    """A view that the lens was solved from."""
 
     name: str
-    corners: int
-    left_out: int
-    rms_px: float
-    outlying: bool
+    corners: int  # how many were used
+    left_out: int  # how many outliers were not
+    rms_px: float  # reprojection error
+    outlying: bool  # beyond the median + 3.5 scaled MAD of all views, but kept
     T_camera_board: Pose
     outlier_ids: tuple[int, ...] = ()
 

@@ -17,17 +17,13 @@ from .projection import corner_radius, radial_slopes
 
 @dataclass(frozen=True)
 class LensModel:
-    """A lens model.
+    """A lens model: its distortion, and what of it is solved for."""
 
-    name : as `--model` takes it. camera_model : "opencv" or "fisheye". distortion_count : coefficients stored, in
-    OpenCV's order. free : those that are solved for; the others stay zero. simpler : the model to start from.
-    """
-
-    name: str
-    camera_model: str
-    distortion_count: int
-    free: tuple[int, ...]
-    simpler: str | None
+    name: str  # as `--model` takes it
+    camera_model: str  # "opencv" or "fisheye"
+    distortion_count: int  # coefficients stored, in OpenCV's order
+    free: tuple[int, ...]  # those that are solved for; the others stay zero
+    simpler: str | None  # the model to start from
 
     @property
     def is_fisheye(self) -> bool:
@@ -127,15 +123,11 @@ _DIVISION_TERMS = 2
 
 @dataclass(frozen=True)
 class Unfolding:
-    """A penalty that keeps the lens from folding inside the picture.
+    """A penalty that keeps the lens from folding inside the picture."""
 
-    least_slope : of the distorted radius by the ideal one (by the angle, for a fisheye), as far as the picture reaches.
-    weight_px2 : cost of a slope of zero at one of the radii checked. image_size : (width, height) px.
-    """
-
-    least_slope: float
-    weight_px2: float
-    image_size: tuple[int, int]
+    least_slope: float  # of the distorted radius by the ideal one (fisheye: by the angle), in the picture
+    weight_px2: float  # cost of a slope of zero at one of the radii checked
+    image_size: tuple[int, int]  # (width, height) px
 
 
 def radial_curve(

@@ -23,13 +23,10 @@ _SCATTERED = 2.0
 
 @dataclass(frozen=True)
 class Verdict:
-    """The verdict on a lens: it is as good as the worst that was found.
+    """The verdict on a lens: it is as good as the worst that was found."""
 
-    diagnoses : what is wrong, or looks wrong, with the lens and its pictures, the grave ones first.
-    reasons : sentences: why this lens model, whether halves of the views agree, whether the board is flat.
-    """
-
-    diagnoses: tuple[Diagnosis, ...]
+    diagnoses: tuple[Diagnosis, ...]  # what is wrong, or looks wrong, the grave ones first
+    # sentences: why this lens model, whether halves of the views agree, whether the board is flat
     reasons: tuple[str, ...]
 
     @property
@@ -80,20 +77,15 @@ class Verdict:
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """What a solve knows of its lens.
+    """What a solve knows of its lens."""
 
-    camera : with its covariance. model : name of its lens model. monotonic : whether it maps the picture without folds.
-    comparison : the lens models that were assessed. shape : of the board.
-    views_px : corners (N, 2) px of each view used. view_scatter : as `Information` has it.
-    """
-
-    camera: Camera
-    model: str
-    monotonic: bool
-    comparison: Sequence[Candidate]
-    shape: BoardShape
-    views_px: Sequence[np.ndarray]
-    view_scatter: float = 1.0
+    camera: Camera  # with its covariance
+    model: str  # name of its lens model
+    monotonic: bool  # whether it maps the picture without folds
+    comparison: Sequence[Candidate]  # the lens models that were assessed
+    shape: BoardShape  # of the board
+    views_px: Sequence[np.ndarray]  # corners (N, 2) px of each view used
+    view_scatter: float = 1.0  # as `Information` has it
 
     @property
     def chosen(self) -> Candidate | None:

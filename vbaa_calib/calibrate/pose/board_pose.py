@@ -82,21 +82,17 @@ def mirrored(T_camera_board: Pose, points: np.ndarray) -> Pose:
 class BoardPose:
     """Where the board is, seen from the camera. The board frame lies on the printed face; its thickness is the jig's.
 
-    covariance : (6, 6) of `Pose.retract`'s tangent (rotation vector rad, translation m) in the camera frame, the lens
-        fixed, scaled by the residual variance; with the uncertainty of the board's shape.
-    lens_sensitivity : (6, 4 + k) derivative S of that tangent by the camera's (fx, fy, cx, cy, distortion). With the
-        lens' covariance C the whole covariance is `covariance + S C Sᵀ`, and `S C` its covariance with the lens.
-    rms_px : over the corners used. corners : how many. left_out : how many were grossly wrong.
-    second_ratio : the error of a plane's second pose over that of the first; None without one.
+    With the lens' covariance C and sensitivity S the whole covariance is `covariance + S C Sᵀ`, and `S C` its
+    covariance with the lens.
     """
 
     T_camera_board: Pose
-    covariance: np.ndarray
-    lens_sensitivity: np.ndarray
-    rms_px: float
-    corners: int
-    left_out: int
-    second_ratio: float | None
+    covariance: np.ndarray  # (6, 6) of `Pose.retract`'s tangent, camera frame, the lens fixed; with the board's shape
+    lens_sensitivity: np.ndarray  # (6, 4 + k) derivative of that tangent by fx, fy, cx, cy, distortion
+    rms_px: float  # over the corners used
+    corners: int  # how many were used
+    left_out: int  # how many were grossly wrong
+    second_ratio: float | None  # error of a plane's second pose over the first's; None without one
 
     @property
     def is_ambiguous(self) -> bool:

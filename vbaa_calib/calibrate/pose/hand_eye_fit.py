@@ -45,11 +45,11 @@ _DIFFERENCE, _LEAST_FREEDOM, _SHARED_DOUBT = 0.05, 3.0, 1.5
 
 @dataclass(frozen=True, eq=False)
 class ViewCorners:
-    """One view's corners: points_m (N, 3) of the board, their pixels (N, 2), weights (N,) on residuals."""
+    """One view's corners."""
 
-    points_m: np.ndarray
-    pixels: np.ndarray
-    weights: np.ndarray
+    points_m: np.ndarray  # (N, 3) board frame
+    pixels: np.ndarray  # (N, 2)
+    weights: np.ndarray  # (N,) on residuals
 
     def linearised(self, camera: Camera, T_camera_board: Pose) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Weighted residuals (2N,) px, observed less predicted, and derivatives of what is predicted by the pose's
@@ -88,22 +88,16 @@ class _State:
 
 
 class _Rows(NamedTuple):
-    """A state, and per view the six numbers (V, 6) that its corners determine, in units of their noise.
-
-    residuals : at the state, (V, 6).
-    by_shared : (V, 6, 12 + K) derivatives of the prediction by the tangents of X and Z, and by K independent steps of
-        the lens of unit deviation.
-    by_error : (V, 6, 6) by the tool's turn and shift. by_pose : (V, 6, 6) by the board's pose.
-    errors : (V, 6) turns and shifts at the state. cost : of all corners and the robot, the lens fixed.
-    """
+    """A state, and per view the six numbers that its corners determine, in units of their noise."""
 
     state: _State
-    residuals: np.ndarray
+    residuals: np.ndarray  # (V, 6) at the state
+    # (V, 6, 12 + K) by the tangents of X and Z, and by K independent steps of the lens of unit deviation
     by_shared: np.ndarray
-    by_error: np.ndarray
-    by_pose: np.ndarray
-    errors: np.ndarray
-    cost: float
+    by_error: np.ndarray  # (V, 6, 6) by the tool's turn and shift
+    by_pose: np.ndarray  # (V, 6, 6) by the board's pose
+    errors: np.ndarray  # (V, 6) turns and shifts at the state
+    cost: float  # of all corners and the robot, the lens fixed
 
     def normal(self, std: np.ndarray) -> _Normal:
         """The normal equations of X, Z and lens, the robot's errors eliminated."""
@@ -168,16 +162,12 @@ class Solved:
 
 @dataclass(frozen=True, eq=False)
 class Misfits:
-    """Where the board is by a view's own corners, less where the robot's readings put it.
+    """Where the board is by a view's own corners, less where the robot's readings put it."""
 
-    turn_rad, distance_m : (V,) of the board, and of its centre. squares : (V,) normalised, six degrees of freedom.
-    parts : "corners", "lens", "robot" → (V, 2) predicted variance, rad² and m².
-    """
-
-    turn_rad: np.ndarray
-    distance_m: np.ndarray
-    squares: np.ndarray
-    parts: dict[str, np.ndarray]
+    turn_rad: np.ndarray  # (V,) of the board
+    distance_m: np.ndarray  # (V,) of its centre
+    squares: np.ndarray  # (V,) normalised, six degrees of freedom
+    parts: dict[str, np.ndarray]  # "corners", "lens", "robot" → (V, 2) predicted variance, rad² and m²
 
 
 @dataclass(frozen=True, eq=False)

@@ -63,18 +63,14 @@ def _nearest_rotation(matrix: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Start:
-    """A consensus of most views.
+    """A consensus of most views."""
 
-    X, Z : as in `robot_world`. distances_m : (V,) rms of the board's points, seen less predicted; of two poses that a
-    view allows the nearer. chosen : (V,) which one that is. spread_m : rms over the best views. good : (V,) inliers.
-    """
-
-    X: Pose
+    X: Pose  # as in `robot_world`
     Z: Pose
-    distances_m: np.ndarray
-    chosen: np.ndarray
-    spread_m: float
-    good: np.ndarray
+    distances_m: np.ndarray  # (V,) rms of the board's points, seen less predicted; of two poses of a view the nearer
+    chosen: np.ndarray  # (V,) which of the two that is
+    spread_m: float  # rms over the best views
+    good: np.ndarray  # (V,) inliers
 
 
 def consensus(

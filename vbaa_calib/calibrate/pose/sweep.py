@@ -66,29 +66,21 @@ _LOOSE_RAD, _LOOSE_SHARE, _LOOSE_ANGLES_RAD = 0.02, 0.05, 0.02
 
 @dataclass(frozen=True, eq=False)
 class SweepSolution:
-    """estimate : the camera's pose in the antenna frame; the uncertainty of the tilt's zero is in its covariance.
-    kinematics : as given, with the axes as solved.
-    axes_covariance : (3, 3) of skew, offset and tilt zero. axes_with_pose : (3, 6) their covariance with the estimate.
-    axes_free : whether the axes were solved without their prior, because the data contradict it.
-    axis_skew_rad, axis_offset_m : by the pictures alone, with their standard deviations.
-    rms_px : reprojection error over the corners used, angles corrected.
-    angle_std_rad : scatter of the joint angles' readings; 0 where they count as exact.
-    pictures : how many were used. left_out : the others, with reasons.
-    """
+    """The result of a sweep."""
 
-    estimate: PoseEstimate
-    kinematics: Kinematics
-    axes_covariance: np.ndarray
-    axes_with_pose: np.ndarray
-    axes_free: bool
-    axis_skew_rad: float
+    estimate: PoseEstimate  # the camera's pose in the antenna frame; its covariance holds the tilt zero's
+    kinematics: Kinematics  # as given, with the axes as solved
+    axes_covariance: np.ndarray  # (3, 3) of skew, offset and tilt zero
+    axes_with_pose: np.ndarray  # (3, 6) their covariance with the estimate
+    axes_free: bool  # whether the axes were solved without their prior, because the data contradict it
+    axis_skew_rad: float  # this and the offset by the pictures alone
     axis_skew_std_rad: float
     axis_offset_m: float
     axis_offset_std_m: float
     T_world_board: Pose
-    rms_px: float
-    angle_std_rad: float
-    pictures: int
+    rms_px: float  # over the corners used, angles corrected
+    angle_std_rad: float  # scatter of the joint angles' readings; 0 where they count as exact
+    pictures: int  # how many were used
     left_out: tuple[DroppedView, ...]
 
 

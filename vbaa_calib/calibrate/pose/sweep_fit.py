@@ -51,16 +51,12 @@ _Y = np.eye(3)[1]
 
 @dataclass(frozen=True, eq=False)
 class SweepCorners:
-    """All corners of all pictures, concatenated.
+    """All corners of all pictures, concatenated."""
 
-    points_m : (N, 3) board frame. pixels : (N, 2). picture : (N,) index of the picture.
-    angles_rad : (P, 2) readings of pan and tilt of the P pictures, the tilt with its zero.
-    """
-
-    points_m: np.ndarray
-    pixels: np.ndarray
-    picture: np.ndarray
-    angles_rad: np.ndarray
+    points_m: np.ndarray  # (N, 3) board frame
+    pixels: np.ndarray  # (N, 2)
+    picture: np.ndarray  # (N,) index of the picture
+    angles_rad: np.ndarray  # (P, 2) readings of pan and tilt of the P pictures, the tilt with its zero
 
     @staticmethod
     def of(
@@ -100,16 +96,12 @@ class SweepState:
 
 
 class _Linearised(NamedTuple):
-    """Residuals and their negative derivatives.
+    """Residuals and their negative derivatives."""
 
-    residuals_px : (N, 2) observed less predicted; far off where the lens does not see the point.
-    by_state : (N, 2, 14). by_angles : (N, 2, 2) by the picture's own pan and tilt. by_lens : (N, 2, 4 + k).
-    """
-
-    residuals_px: np.ndarray
-    by_state: np.ndarray
-    by_angles: np.ndarray
-    by_lens: np.ndarray
+    residuals_px: np.ndarray  # (N, 2) observed less predicted; far off where the lens does not see the point
+    by_state: np.ndarray  # (N, 2, 14)
+    by_angles: np.ndarray  # (N, 2, 2) by the picture's own pan and tilt
+    by_lens: np.ndarray  # (N, 2, 4 + k)
 
 
 def _turns_actuator_foot(corners: SweepCorners, axis_skew_rad: float) -> np.ndarray:
@@ -184,19 +176,14 @@ def _board_poses(camera: Camera, corners: SweepCorners) -> tuple[list[Pose], np.
 
 @dataclass(frozen=True, eq=False)
 class SweepFit:
-    """A minimum and its uncertainty.
-
-    angle_ratio : (rad/px)² variance of the joint angles over that of a corner's coordinate.
-    variance_px2 : of a corner's coordinate. residuals_px : (N, 2) once the pictures' angles are corrected.
-    covariance : (14, 14) of the state's step, zero where it was fixed. by_lens : (14, 4 + k) derivative of the step.
-    """
+    """A minimum and its uncertainty."""
 
     state: SweepState
-    angle_ratio: float
-    variance_px2: float
-    residuals_px: np.ndarray
-    covariance: np.ndarray
-    by_lens: np.ndarray
+    angle_ratio: float  # (rad/px)² variance of the joint angles over that of a corner's coordinate
+    variance_px2: float  # of a corner's coordinate
+    residuals_px: np.ndarray  # (N, 2) once the pictures' angles are corrected
+    covariance: np.ndarray  # (14, 14) of the state's step, zero where it was fixed
+    by_lens: np.ndarray  # (14, 4 + k) derivative of the step
 
     @property
     def angle_std_rad(self) -> float:
