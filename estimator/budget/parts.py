@@ -52,11 +52,10 @@ _EXACT_NOISE = 0.01  # noise counts as gone at this part of itself: without any,
 
 @dataclass(frozen=True, eq=False)
 class Touches:
-    """B contacts, antenna frame: `distance_m` (B,), and `push_N` (B, 2), the force across the clamp's x axis before
-    friction; the joints' `pan_rad` and `tilt_rad` for all of them."""
+    """B contacts, antenna frame, at one pair of joint angles."""
 
-    distance_m: np.ndarray
-    push_N: np.ndarray
+    distance_m: np.ndarray  # (B,)
+    push_N: np.ndarray  # (B, 2) force across the clamp's x axis before friction
     pan_rad: float = 0.0
     tilt_rad: float = 0.0
 
@@ -118,21 +117,14 @@ def _empty(rig_arrays: RigArrays, touches: Touches) -> Frames:
 
 @dataclass(frozen=True, eq=False)
 class ErrorSpace:
-    """S independent errors of unit deviation that make all errors of rig and joint axes.
+    """S independent errors of unit deviation that make all errors of rig and joint axes."""
 
-    causes : names of the G causes that have any error, of `RIG_CAUSES`, `LENS` and `JOINT_AXES`.
-    determined : (G, S, S) projector onto the errors that are determined once a cause is known, by correlation, too;
-        determined_by_others : the same of all the other causes together. shares : each cause's part, see `split`.
-    rig : how many of the S are the estimator's own rig steps; they stand first.
-    axes : (3, S) errors of the joint axes' skew, offset and tilt zero.
-    """
-
-    causes: tuple[str, ...]
-    determined: np.ndarray
-    determined_by_others: np.ndarray
-    shares: np.ndarray
-    rig: int
-    axes: np.ndarray
+    causes: tuple[str, ...]  # G that have any error, of `RIG_CAUSES`, `LENS` and `JOINT_AXES`
+    determined: np.ndarray  # (G, S, S) projector onto the errors determined once a cause is known, by correlation, too
+    determined_by_others: np.ndarray  # (G, S, S) the same of all the other causes together
+    shares: np.ndarray  # (G, S, S) each cause's part, see `split`
+    rig: int  # how many of the S, the first ones, are the estimator's own rig steps
+    axes: np.ndarray  # (3, S) errors of the joint axes' skew, offset and tilt zero
 
     @property
     def size(self) -> int:
@@ -191,18 +183,14 @@ def split(determined: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Linearization:
-    """B contacts, linearised: K = 4 + S unknowns, of which the last are the errors of rig and joint axes.
+    """B contacts, linearised: K = 4 + S unknowns, of which the last are the errors of rig and joint axes."""
 
-    `points` and `readings` (B, K, K) are the information in picture and readings, `prior` (B, K) the weights P,
-    `results` (B, 6, K) is T, `beyond` (B, 6, S) is D, `usable` (B,) how many points the picture shows.
-    """
-
-    points: np.ndarray
-    readings: np.ndarray
-    prior: np.ndarray
-    results: np.ndarray
-    beyond: np.ndarray
-    usable: np.ndarray
+    points: np.ndarray  # (B, K, K) information in the picture
+    readings: np.ndarray  # (B, K, K) information in the readings
+    prior: np.ndarray  # (B, K) the weights P
+    results: np.ndarray  # (B, 6, K) is T
+    beyond: np.ndarray  # (B, 6, S) is D
+    usable: np.ndarray  # (B,) how many points the picture shows
 
     def __len__(self) -> int:
         return len(self.points)
@@ -242,15 +230,11 @@ def linearize(rig_arrays: RigArrays, space: ErrorSpace, touches: Touches, with_m
 
 @dataclass(frozen=True, eq=False)
 class _Propagation:
-    """The errors of B results.
+    """The errors of B results."""
 
-    `gain` (B, 6, K) is how far they follow what pulls at the unknowns; `by_noise` the variance (B, 6) by each kind of
-    noise, by friction and by the force's prior; `by_errors` (B, 6, S) how far they are off by each independent error.
-    """
-
-    gain: np.ndarray
-    by_noise: dict[str, np.ndarray]
-    by_errors: np.ndarray
+    gain: np.ndarray  # (B, 6, K) by what pulls at the unknowns
+    by_noise: dict[str, np.ndarray]  # variance (B, 6) by each kind of noise, friction and the force's prior
+    by_errors: np.ndarray  # (B, 6, S) by each independent error
 
     @property
     def variance(self) -> np.ndarray:

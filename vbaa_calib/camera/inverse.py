@@ -54,18 +54,13 @@ _NO_RADIUS = 1e-15
 
 
 class _Inverted(NamedTuple):
-    """Points (...) undistorted, in the model's chart; anything where not valid.
-
-    valid : inside the region that hangs together with the axis, residual at the rounding, finite.
-    jacobian : d(distorted)/d(ideal): (xx, xy, yx, yy), arrays (...) or numbers where it is the same everywhere.
-    put_off : which of those that are not valid might still be found by more effort.
-    """
+    """Points (...) undistorted, in the model's chart; anything where not valid."""
 
     x: Array
     y: Array
-    valid: Array
-    jacobian: Matrix
-    put_off: Array
+    valid: Array  # inside the region around the axis, residual at the rounding, finite
+    jacobian: Matrix  # d(distorted)/d(ideal): (xx, xy, yx, yy), (...) or numbers
+    put_off: Array  # which invalid ones more effort might still find
 
 
 def solve(lens: Lens, x: Array, y: Array) -> tuple[Array, Array, Array]:

@@ -241,16 +241,12 @@ def by_lens_of_points(
 
 @dataclass(frozen=True, eq=False)
 class _RayDerivatives:
-    """Unit rays (..., 3), the axis where not valid (...), and how they move.
+    """Rays of pixels, and how they move."""
 
-    by_pixel : (..., 3, 2) d(ray)/d(u, v).
-    by_parameter : (..., 3, 4 + k) d(ray)/d(fx, fy, cx, cy, *distortion) for a fixed pixel.
-    """
-
-    rays: Array
-    by_pixel: Array
-    by_parameter: Array
-    valid: Array
+    rays: Array  # (..., 3) unit; the axis where not valid
+    by_pixel: Array  # (..., 3, 2) d(ray)/d(u, v)
+    by_parameter: Array  # (..., 3, 4 + k) d(ray)/d(fx, fy, cx, cy, *distortion) for a fixed pixel
+    valid: Array  # (...)
 
 
 def ray_derivatives(intrinsics: Intrinsics, pixels: Array) -> _RayDerivatives:

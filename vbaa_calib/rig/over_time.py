@@ -18,31 +18,19 @@ FEWEST_FOR_TREND = 4
 
 @dataclass(frozen=True, eq=False)
 class OverTime:
-    """P parameters of a rig over N calibrations.
+    """P parameters of a rig over N calibrations."""
 
-    Attributes
-    ----------
-    names : of the parameters; the lens' where all calibrations have the same model.
-    days : (N,) since the first calibration.
-    values, std : (N, P) how far each parameter is from what it was at first, and its standard deviations.
-    mean : (P,) weighted by variances, of what was measured and of what goes on between calibrations.
-    between_std : (P,) what the parameter varies by from one calibration to the next, beyond what they state.
-    slope_per_day, slope_std_per_day : (P,) NaN with fewer than `FEWEST_FOR_TREND` calibrations.
-    scatters, drifts : (P,) bool, beyond what chance gives (`FALSE_ALARM`).
-    supposed_std : (P,) what the rig's drift in rig.json supposes that it may change by.
-    """
-
-    names: tuple[str, ...]
-    days: np.ndarray
-    values: np.ndarray
-    std: np.ndarray
-    mean: np.ndarray
-    between_std: np.ndarray
-    slope_per_day: np.ndarray
-    slope_std_per_day: np.ndarray
-    scatters: np.ndarray
-    drifts: np.ndarray
-    supposed_std: np.ndarray
+    names: tuple[str, ...]  # the lens' where all calibrations have the same model
+    days: np.ndarray  # (N,) since the first calibration
+    values: np.ndarray  # (N, P) how far each parameter is from what it was at first
+    std: np.ndarray  # (N, P)
+    mean: np.ndarray  # (P,) weighted by the variances of measurement and change
+    between_std: np.ndarray  # (P,) variation from one calibration to the next, beyond what they state
+    slope_per_day: np.ndarray  # (P,) NaN with fewer than `FEWEST_FOR_TREND` calibrations
+    slope_std_per_day: np.ndarray  # (P,)
+    scatters: np.ndarray  # (P,) bool, beyond what chance gives (`FALSE_ALARM`)
+    drifts: np.ndarray  # (P,) bool, likewise
+    supposed_std: np.ndarray  # (P,) by which the drift in rig.json lets it change
 
 
 def over_time(rigs: Sequence[Rig], days: Sequence[float]) -> OverTime:

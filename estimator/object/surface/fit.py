@@ -35,16 +35,15 @@ _Turned = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 @dataclass(frozen=True, eq=False)
 class _FitState:
-    """Where the turns have come to: normals (P, 3), the compliance in the points, slopes and bends as `LocalTouches`',
-    each patch's prior and slack, and the factor on each touch's own covariance; `vague` touches are not used."""
+    """Where the turns have come to."""
 
-    normal: np.ndarray
-    compliance_m_N: float
-    slope: np.ndarray
-    bend_per_m: np.ndarray
-    priors: tuple[tuple[Prior, float] | None, ...]
-    widened: np.ndarray
-    vague: np.ndarray
+    normal: np.ndarray  # (P, 3)
+    compliance_m_N: float  # in the points
+    slope: np.ndarray  # (P, 2) as `LocalTouches`'
+    bend_per_m: np.ndarray  # (P, 2, 2)
+    priors: tuple[tuple[Prior, float] | None, ...]  # each patch's, with the tangents' slack
+    widened: np.ndarray  # (P,) factor on each touch's own covariance
+    vague: np.ndarray  # (P,) touches that are not used
 
     @property
     def outlier(self) -> np.ndarray:
@@ -54,13 +53,13 @@ class _FitState:
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """The object's patches, their joint solution, the points (P, 3) taken for the surface's in it, and the normals."""
+    """The object's patches, their joint solution, and the normals."""
 
     touches: Touches
     patches: tuple[Patch, ...]
     solution: Solution
     state: _FitState
-    point_m: np.ndarray
+    point_m: np.ndarray  # (P, 3) taken for the surface's
     normals: Normals
 
     def local(self, patch: Patch) -> np.ndarray:

@@ -113,15 +113,12 @@ def tangent_frame(points_m: np.ndarray, normals: np.ndarray, own_m2: np.ndarray)
 
 @dataclass(frozen=True, eq=False)
 class Patch:
-    """Touches that hang together: indices (N,), centre (3,), and the rows (3, 3) along, across, up of its frame.
+    """Touches that hang together, as a height field or a curve."""
 
-    A `wide` one is a height field over the plane through along and across, any other a curve over along.
-    """
-
-    members: np.ndarray
-    center_m: np.ndarray
-    frame: np.ndarray
-    wide: bool
+    members: np.ndarray  # (N,) indices
+    center_m: np.ndarray  # (3,)
+    frame: np.ndarray  # (3, 3) rows along, across, up
+    wide: bool  # a height field over along and across; any other is a curve over along
 
     @property
     def dimensions(self) -> int:
@@ -140,24 +137,18 @@ class Patch:
 
 @dataclass(frozen=True, eq=False)
 class LocalTouches:
-    """The N touches of a patch as they are seen now: points on the object and what moves them, in the patch's frame.
+    """The N touches of a patch as they are seen now, in the patch's frame."""
 
-    own_m2 : (N, 3, 3) covariance of a point's own error. modes_m, tangent_modes : (N, 3, S) effect of common errors.
-    yield_N : (N, 3) how the point moves with the compliance: the normal force along −normal.
-    slope : (N, 2) as `Patch.slope_rows`; bend_per_m : (N, 2, 2) how it changes over the coordinates.
-    ignored : (N,) touches that are not to be believed, nor their tangents, which may be NaN, too.
-    """
-
-    point_m: np.ndarray
-    tangent: np.ndarray
-    own_m2: np.ndarray
-    modes_m: np.ndarray
-    tangent_modes: np.ndarray
-    yield_N: np.ndarray
-    slope: np.ndarray
-    bend_per_m: np.ndarray
-    normal: np.ndarray
-    ignored: np.ndarray
+    point_m: np.ndarray  # (N, 3) on the object
+    tangent: np.ndarray  # (N, 3)
+    own_m2: np.ndarray  # (N, 3, 3) covariance of a point's own error
+    modes_m: np.ndarray  # (N, 3, S) effect of common errors
+    tangent_modes: np.ndarray  # (N, 3, S)
+    yield_N: np.ndarray  # (N, 3) how the point moves with the compliance: the normal force along −normal
+    slope: np.ndarray  # (N, 2) as `Patch.slope_rows`
+    bend_per_m: np.ndarray  # (N, 2, 2) how it changes over the coordinates
+    normal: np.ndarray  # (N, 3)
+    ignored: np.ndarray  # (N,) touches, with their tangents, that are not used
 
 
 def height_field(seen: LocalTouches) -> Equations:

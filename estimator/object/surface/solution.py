@@ -29,11 +29,11 @@ _POLISHING, _STEP, _NEAR = 2, 1e-3, 0.5
 
 @dataclass(frozen=True, eq=False)
 class Functionals:
-    """N views Σ value_c · h_c(x) + slope_c · ∇h_c(x) of C functions at x (N, D), m: value (N, C), slope (N, C, D)."""
+    """N views Σ value_c · h_c(x) + slope_c · ∇h_c(x) of C functions."""
 
-    x: np.ndarray
-    value: np.ndarray
-    slope: np.ndarray
+    x: np.ndarray  # (N, D) m
+    value: np.ndarray  # (N, C)
+    slope: np.ndarray  # (N, C, D)
 
     def __len__(self) -> int:
         return len(self.x)
@@ -50,12 +50,12 @@ class Functionals:
 
 @dataclass(frozen=True)
 class Prior:
-    """Of the function: Matérn of this length and amplitude, and a linear trend of these standard deviations."""
+    """Of the function: a Matérn process and a linear trend."""
 
-    length_m: float
-    amplitude_m: float
-    offset_m: float
-    incline: float
+    length_m: float  # of the process
+    amplitude_m: float  # of the process
+    offset_m: float  # standard deviation of the trend
+    incline: float  # of its slope
 
     @property
     def steepness(self) -> float:
@@ -138,18 +138,14 @@ def variance(rows: Functionals, prior: Prior) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Equations:
-    """M linear equations: the first N, or twice N for a curve, are of the points, the others of tangents.
+    """M linear equations: the first N, or twice N for a curve, are of the points, the others of tangents."""
 
-    y (M,) was measured of what `rows` see of the shape; noise (M, M) is the covariance of the touches' own errors,
-    modes (M, S) the effect of the common ones, force_N (M,) of the compliance, slack (M,) of 1 rad of the tangent.
-    """
-
-    rows: Functionals
-    y: np.ndarray
-    noise: np.ndarray
-    modes: np.ndarray
-    force_N: np.ndarray
-    slack: np.ndarray
+    rows: Functionals  # what they see of the shape
+    y: np.ndarray  # (M,) measured
+    noise: np.ndarray  # (M, M) covariance of the touches' own errors
+    modes: np.ndarray  # (M, S) effect of the common ones
+    force_N: np.ndarray  # (M,) of the compliance
+    slack: np.ndarray  # (M,) of 1 rad of the tangent
 
     def __len__(self) -> int:
         return len(self.y)
@@ -157,11 +153,11 @@ class Equations:
 
 @dataclass(frozen=True, eq=False)
 class PatchModel:
-    """The equations of a patch, the prior of its shape, and the tangents' standard deviation beyond what is known."""
+    """The equations of a patch and the prior of its shape."""
 
     equations: Equations
     prior: Prior
-    slack_rad: float
+    slack_rad: float  # the tangents' standard deviation beyond what is known
 
     @property
     def own(self) -> np.ndarray:
@@ -176,19 +172,15 @@ class PatchModel:
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """Of all patches, whose equations begin at `start` (patches,).
-
-    `lower` (M, M) is the Cholesky factor of the covariance of y, weights (M,) is covariance⁻¹ (y − compliance · force),
-    lift (M,) is covariance⁻¹ force. The compliance is beyond what was taken into the points, zero where it is left out.
-    """
+    """Of all patches."""
 
     patches: tuple[PatchModel, ...]
-    start: np.ndarray
-    lower: np.ndarray
-    weights: np.ndarray
-    lift: np.ndarray
-    compliance_m_N: float
-    variance: float
+    start: np.ndarray  # (patches,) where their equations begin
+    lower: np.ndarray  # (M, M) Cholesky factor of the covariance of y
+    weights: np.ndarray  # (M,) covariance⁻¹ (y − compliance · force)
+    lift: np.ndarray  # (M,) covariance⁻¹ force
+    compliance_m_N: float  # beyond what was taken into the points; zero for a rigid object
+    variance: float  # of the compliance
 
     def seen_by(self, patch: int, rows: Functionals) -> np.ndarray:
         """(Q, M) prior covariance of views of a patch with all equations."""

@@ -16,27 +16,19 @@ BIASED_STD = 1.0  # contacts whose model's predicted bias exceeds so many of the
 
 @dataclass(frozen=True, eq=False)
 class Touches:
-    """P located contacts, world frame.
+    """P located contacts, world frame."""
 
-    point_m : (P, 3) on the antenna's centreline. distance_m : (P,) arc length from the clamp.
-    force_N : (P, 3) the object's force on the antenna, of some size.
-    tangent : (P, 3) of the antenna, towards the tip; NaN where unknown and at the tip, whose end is not tangent to it.
-    own_m2 : (P, 3, 3) covariance of a point's own error, independent of the others'; NaN where unknown.
-    modes_m, force_modes_N, tangent_modes : (P, 3, S) what S independent common errors of unit deviation do.
-    frame, row : (P,), the row of the table. notes : what was left out, in words.
-    """
-
-    point_m: np.ndarray
-    force_N: np.ndarray
-    tangent: np.ndarray
-    distance_m: np.ndarray
-    own_m2: np.ndarray
-    modes_m: np.ndarray
-    force_modes_N: np.ndarray
-    tangent_modes: np.ndarray
-    frame: np.ndarray
-    row: np.ndarray
-    notes: tuple[str, ...] = ()
+    point_m: np.ndarray  # (P, 3) on the antenna's centreline
+    force_N: np.ndarray  # (P, 3) the object's force on the antenna, not zero
+    tangent: np.ndarray  # (P, 3) of the antenna, towards the tip; NaN where unknown, and at the tip
+    distance_m: np.ndarray  # (P,) arc length from the clamp
+    own_m2: np.ndarray  # (P, 3, 3) covariance of a point's own error, independent of the others'; NaN where unknown
+    modes_m: np.ndarray  # (P, 3, S) effects of S independent common errors of unit deviation
+    force_modes_N: np.ndarray  # (P, 3, S)
+    tangent_modes: np.ndarray  # (P, 3, S)
+    frame: np.ndarray  # (P,)
+    row: np.ndarray  # (P,) of the table
+    notes: tuple[str, ...] = ()  # what was left out, in words
 
     def __len__(self) -> int:
         return len(self.point_m)

@@ -44,19 +44,14 @@ _WIDTH_TOLERANCE = 4.0
 
 @dataclass(frozen=True, eq=False)
 class RodLine:
-    """A rod's middle line, from clamp to tip.
+    """A rod's middle line, from clamp to tip."""
 
-    points_px : (N, 2) measured middles of the rod, in order. curve_px : (M, 2) smooth line through them from clamp to
-    tip, evenly spaced. width_px : median. wander_px : standard deviation of points about the curve.
-    tip_inside : whether the rod ends within the picture. centre_px : (2,) middle of the picture.
-    """
-
-    points_px: np.ndarray
-    curve_px: np.ndarray
-    width_px: float
-    wander_px: float
-    tip_inside: bool
-    centre_px: np.ndarray
+    points_px: np.ndarray  # (N, 2) measured middles of the rod, in order
+    curve_px: np.ndarray  # (M, 2) smooth line through them from clamp to tip, evenly spaced
+    width_px: float  # median
+    wander_px: float  # standard deviation of points about the curve
+    tip_inside: bool  # whether the rod ends within the picture
+    centre_px: np.ndarray  # (2,) middle of the picture
 
     @property
     def length_px(self) -> float:

@@ -18,24 +18,17 @@ _CAMERA_LENGTHS = 2.0
 
 @dataclass(frozen=True)
 class Setting:
-    """What is known of the photographs beside the rod's line.
+    """What is known of the photographs beside the rod's line."""
 
-    length_m : of the rod, from clamp to tip; None where marks give the scale. marks_px : two marks (2, 2) in the plane
-    of the rod, marks_m apart. down_rad : gravity's direction, from down the picture towards its right side.
-    weight_N_m : None for EI per weight, or for a load beside which the weight is nothing. load_m : place of the load
-    along the rod; None for its tip. straight : the free rod is straight. *_std : standard deviations; the scale's is
-    a share.
-    """
-
-    length_m: float | None = None
-    marks_px: np.ndarray | None = None
-    marks_m: float = 0.0
-    down_rad: float = 0.0
-    weight_N_m: float | None = None
+    length_m: float | None = None  # of the rod, from clamp to tip; None where marks give the scale
+    marks_px: np.ndarray | None = None  # two marks (2, 2) in the plane of the rod
+    marks_m: float = 0.0  # their distance
+    down_rad: float = 0.0  # gravity's direction, from down the picture towards its right side
+    weight_N_m: float | None = None  # None for EI per weight, or for a load beside which the weight is nothing
     load_N: float = 0.0
-    load_m: float | None = None
-    straight: bool = False
-    scale_std: float = 0.01
+    load_m: float | None = None  # place of the load along the rod; None for its tip
+    straight: bool = False  # the free rod is straight
+    scale_std: float = 0.01  # relative
     down_std_rad: float = np.radians(1.0)
     tilt_std_rad: float = np.radians(3.0)
 
@@ -47,24 +40,18 @@ class Setting:
 
 @dataclass(frozen=True, eq=False)
 class PhotoStiffness:
-    """EI, or EI per weight, and moment against curvature.
+    """EI, or EI per weight, and moment against curvature."""
 
-    inverse, inverse_std : 1/EI with all deviations. interval : 95 % of EI; its upper end is infinite where the line
-    tells no upper bound. shares : relative standard deviation of EI by cause. views : as fitted; linear, free : fits of
-    one EI and of curvature as any smooth function of the moment. curvature, curvature_std : (K,) of the free one.
-    curved_p : probability of a relation so far from a straight line if it is one.
-    """
-
-    inverse: float
-    inverse_std: float
-    interval: tuple[float, float]
-    shares: dict[str, float]
-    views: list[View]
-    linear: Bending
-    free: Bending
-    curvature: np.ndarray
-    curvature_std: np.ndarray
-    curved_p: float
+    inverse: float  # 1/EI
+    inverse_std: float  # with all deviations
+    interval: tuple[float, float]  # 95 % of EI; infinite at the upper end where the line gives no bound
+    shares: dict[str, float]  # relative standard deviation of EI by cause
+    views: list[View]  # as fitted
+    linear: Bending  # fit of one EI
+    free: Bending  # fit of curvature as any smooth function of the moment
+    curvature: np.ndarray  # (K,) of the free fit
+    curvature_std: np.ndarray  # (K,)
+    curved_p: float  # probability of a relation so far from a straight line if it is one
 
     @property
     def determined(self) -> bool:
