@@ -44,30 +44,19 @@ _APART_RAD = 1e-5
 
 @dataclass(frozen=True, eq=False)
 class Refined:
-    """A recording of B frames as one.
+    """A recording of B frames as one."""
 
-    Attributes
-    ----------
-    contacts : the table with the refined frames' numbers in place of the frame-wise ones; its shared deviations are
-        what is left of rig and friction, which averaging does not lower. framewise : as it came.
-    refined : (B,) bool, which frames were. foreign : (B,) bool, which do not belong to the rest and stay as they were.
-    rig : as all frames together tell it, with what is left of its covariance; the one that came where nothing is.
-    friction : of the object, by the refined contacts; None without its evidence.
-    reason : why nothing was refined; "" where something was. notes : what else there is to say.
-    offness : how far the rig is off, in the deviations that its calibration said. rig_p : that it is so by accident.
-    """
-
-    contacts: ContactTable
-    framewise: ContactTable
-    refined: np.ndarray
-    foreign: np.ndarray
-    rig: Rig
-    calibrated: Rig
-    friction: Friction | None
-    reason: str
+    contacts: ContactTable  # with refined numbers; their shared deviations are what is left of rig and friction
+    framewise: ContactTable  # the table as it came
+    refined: np.ndarray  # (B,) bool, which frames were
+    foreign: np.ndarray  # (B,) bool, which contradict the rest and stay as they were
+    rig: Rig  # by all frames together, with what is left of its covariance
+    calibrated: Rig  # the rig as it came
+    friction: Friction | None  # of the object, by the refined contacts; None without evidence
+    reason: str  # why nothing was refined; "" where something was
     notes: tuple[str, ...]
-    offness: float
-    rig_p: float
+    offness: float  # how far the rig is off, in its calibration's deviations
+    rig_p: float  # probability that it is so by accident
 
     def summary(self) -> dict[str, Any]:
         """The numbers as plain data."""

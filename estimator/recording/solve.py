@@ -30,23 +30,15 @@ _FEW = 0.4
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """A recording solved.
+    """A recording solved."""
 
-    Attributes
-    ----------
-    state, equations : where it ended, and the contacts' equations there, about that state.
-    covariance : (S, S) of the shared steps. weight : (B,) of each frame in them, 0 for one that does not belong.
-    prior_p : that a rig as it was calibrated is off by as much. offness : how far that is, in its deviations.
-    converged : whether the steps came to an end.
-    """
-
-    state: State
-    equations: Equations
-    covariance: np.ndarray
-    weight: np.ndarray
-    prior_p: float
-    offness: float
-    converged: bool
+    state: State  # where it ended
+    equations: Equations  # of the contacts, about that state
+    covariance: np.ndarray  # (S, S) of the shared steps
+    weight: np.ndarray  # (B,) of each frame in them, 0 for one that does not belong
+    prior_p: float  # that a rig as it was calibrated is off by as much
+    offness: float  # how far that is, in its deviations
+    converged: bool  # whether the steps came to an end
 
 
 def disagreement(information: np.ndarray, pull: np.ndarray, total: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

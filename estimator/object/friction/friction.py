@@ -249,16 +249,15 @@ def _by_fit(before: np.ndarray, rubs: FrictionTouches, mu: Coefficient) -> tuple
 
 @dataclass(frozen=True, eq=False)
 class Axes:
-    """At P touches, world frame: (P, 3) each, orthonormal; NaN where the antenna's tangent is not known.
+    """At P touches, world frame, orthonormal; NaN where the antenna's tangent is not known.
 
-    `normal` is the shape's, `along` the antenna's tangent, `lateral` = normal × along. A smooth wire lies flat on what
-    it touches: on its side the normal is taken less its part along the antenna, at its tip the tangent less its part
-    along the normal.
+    A smooth wire lies flat on what it touches: on its side the normal is taken less its part along the antenna, at its
+    tip the tangent less its part along the normal.
     """
 
-    normal: np.ndarray
-    along: np.ndarray
-    lateral: np.ndarray
+    normal: np.ndarray  # (P, 3) the shape's
+    along: np.ndarray  # (P, 3) the antenna's tangent
+    lateral: np.ndarray  # (P, 3) normal × along
 
     @staticmethod
     def of(normal: np.ndarray, tangent: np.ndarray, at_tip: np.ndarray) -> Axes:

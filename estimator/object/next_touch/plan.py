@@ -37,31 +37,21 @@ _UNKNOWN_MU, _LIKELY_MU, _WIDE = 0.5, 0.3, 1.96
 
 @dataclass(frozen=True)
 class NextTouch:
-    """A touch to make next, and what it should tell.
+    """A touch to make next, and what it should tell."""
 
-    Attributes
-    ----------
-    goal : of `GOALS`. begin_rad, touch_rad, press_rad, end_rad : pan and tilt, rad: clear of the object; where it
-        should first be felt; pressed; and where a stroke for the friction ends, else as pressed.
-    distance_m, force_N : along the antenna, and the size of the force, as they should come out when pressed.
-    point_m, normal : the contact in the world and the object's normal there.
-    std, std_after : deviation of the goal now and as it should be afterwards: of the surface, rms over where it was
-        touched and can be, m; of μ; of the compliance, m/N.
-    compared : how many touches could be made.
-    """
-
-    goal: str
-    begin_rad: tuple[float, float]
-    touch_rad: tuple[float, float]
-    press_rad: tuple[float, float]
-    end_rad: tuple[float, float]
-    distance_m: float
-    force_N: float
-    point_m: tuple[float, float, float]
-    normal: tuple[float, float, float]
+    goal: str  # of `GOALS`
+    begin_rad: tuple[float, float]  # pan and tilt clear of the object
+    touch_rad: tuple[float, float]  # where it should first be felt
+    press_rad: tuple[float, float]  # pressed
+    end_rad: tuple[float, float]  # where a stroke for the friction ends, else as pressed
+    distance_m: float  # along the antenna, as it should come out when pressed
+    force_N: float  # its size, likewise
+    point_m: tuple[float, float, float]  # the contact in the world
+    normal: tuple[float, float, float]  # the object's there
+    # deviation of the goal now: of the surface, rms over where it was touched and can be, m; μ; compliance, m/N
     std: float
-    std_after: float
-    compared: int
+    std_after: float  # as it should be afterwards
+    compared: int  # how many touches could be made
 
     def summary(self) -> dict[str, Any]:
         """As plain data."""
@@ -161,13 +151,12 @@ def touches_within(contacts: ContactTable, rig: Rig, goal: str = SURFACE, limits
 
 @dataclass(frozen=True, eq=False)
 class _Offered:
-    """What B touches would be known like: rows (B,) of those that were looked at, errors that they share with the
-    contacts that were made, own covariances (B, 3, 3) of points and forces, world, friction angle's deviation (B,)."""
+    """How well B touches would be known."""
 
-    rows: np.ndarray
-    shared: CommonErrors
-    force_N2: np.ndarray
-    angle_std_rad: np.ndarray
+    rows: np.ndarray  # (B,) of those that were looked at
+    shared: CommonErrors  # errors that they share with the contacts that were made
+    force_N2: np.ndarray  # (B, 3, 3) own covariances, world
+    angle_std_rad: np.ndarray  # (B,) of the friction angle
     friction_rad: float
 
 
@@ -237,13 +226,12 @@ def _equations(found: Fit, index: int, reach: Reach, seen: _Offered, m: np.ndarr
 
 @dataclass(frozen=True, eq=False)
 class _Seen:
-    """New equations (M,) beside those that are solved: whitened (K, M) against these, their covariance (M, M) without
-    the compliance's, and what they see (M,) of the compliance beyond what the old ones predict."""
+    """M new equations beside those that are solved."""
 
     equations: Equations
-    half: np.ndarray
-    covariance: np.ndarray
-    compliance_N: np.ndarray
+    half: np.ndarray  # (K, M) whitened against the old ones
+    covariance: np.ndarray  # (M, M) without the compliance's
+    compliance_N: np.ndarray  # (M,) what they see of the compliance beyond what the old ones predict
 
 
 def _seen(solution: Solution, index: int, new: Equations) -> _Seen:

@@ -65,26 +65,20 @@ class JointLimits:
 
 @dataclass(frozen=True, eq=False)
 class Reach:
-    """B touches that can be made.
+    """B touches that can be made."""
 
-    joints_rad, begin_rad, touch_rad : (B, 2) pan and tilt of the pressed antenna; clear of the object, where the touch
-        begins; and where it should first touch.
-    patch : (B,) of the surface. unknowns : (B, 4) as `rig_arrays.UNKNOWNS`. row, sweep, level : (B,) where from.
-    point_m, normal, tangent, force_N : (B, 3) of the contact, world frame; the normal is out of the object.
-    """
-
-    joints_rad: np.ndarray
-    begin_rad: np.ndarray
-    touch_rad: np.ndarray
-    patch: np.ndarray
-    unknowns: np.ndarray
-    row: np.ndarray
+    joints_rad: np.ndarray  # (B, 2) pan and tilt of the pressed antenna
+    begin_rad: np.ndarray  # (B, 2) clear of the object, where the touch begins
+    touch_rad: np.ndarray  # (B, 2) where it should first touch
+    patch: np.ndarray  # (B,) of the surface
+    unknowns: np.ndarray  # (B, 4) as `rig_arrays.UNKNOWNS`
+    row: np.ndarray  # (B,) row, sweep and level it comes from
     sweep: np.ndarray
     level: np.ndarray
-    point_m: np.ndarray
-    normal: np.ndarray
-    tangent: np.ndarray
-    force_N: np.ndarray
+    point_m: np.ndarray  # (B, 3) of the contact, world frame
+    normal: np.ndarray  # (B, 3) out of the object
+    tangent: np.ndarray  # (B, 3)
+    force_N: np.ndarray  # (B, 3)
 
     def __len__(self) -> int:
         return len(self.patch)
@@ -106,12 +100,12 @@ def _frames(arrays: RigArrays, joints_rad: np.ndarray) -> Frames:
 
 @dataclass(frozen=True, eq=False)
 class _Bent:
-    """Antennas in the world: contact, tangent and force (B, 3), nodes (B, M, 3)."""
+    """B antennas in the world."""
 
-    point_m: np.ndarray
-    tangent: np.ndarray
-    force_N: np.ndarray
-    nodes_m: np.ndarray
+    point_m: np.ndarray  # (B, 3) contact
+    tangent: np.ndarray  # (B, 3)
+    force_N: np.ndarray  # (B, 3)
+    nodes_m: np.ndarray  # (B, M, 3)
 
 
 def _bent(arrays: RigArrays, joints_rad: np.ndarray, unknowns: np.ndarray) -> _Bent:
@@ -124,12 +118,11 @@ def _bent(arrays: RigArrays, joints_rad: np.ndarray, unknowns: np.ndarray) -> _B
 
 @dataclass(frozen=True, eq=False)
 class _Against:
-    """B antennas against their patches: gap (B,) between both surfaces, m; flat (B,), 0 where the antenna lies on the
-    surface; outward normals (B, 3), world."""
+    """B antennas against their patches."""
 
-    gap_m: np.ndarray
-    flat: np.ndarray
-    normal: np.ndarray
+    gap_m: np.ndarray  # (B,) between both surfaces
+    flat: np.ndarray  # (B,) 0 where the antenna lies on the surface
+    normal: np.ndarray  # (B, 3) outward, world
 
 
 def _against(found: Fit, patch: np.ndarray, bent: _Bent, radius_m: float) -> _Against:

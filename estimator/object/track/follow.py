@@ -205,20 +205,16 @@ def _material_noise(
 
 @dataclass(frozen=True, eq=False)
 class _Slip:
-    """Velocities in a stroke of P frames, world frame.
-
-    The slip in the plane of contact, with its parts along the tangent and along normal × tangent; how fast the contact
-    itself moves over the object, and if the joints carried it along; how fast the antenna turns at the contact.
-    """
+    """Velocities in a stroke of P frames, world frame; the slip is in the plane of contact."""
 
     velocity_m_s: np.ndarray  # (P, 3)
     covariance_m2_s2: np.ndarray  # (P, 3, 3)
-    parts_m_s: np.ndarray  # (P, 2)
+    parts_m_s: np.ndarray  # (P, 2) along the tangent and along normal × tangent
     parts_m2_s2: np.ndarray  # (P, 2, 2)
-    contact_m_s: np.ndarray  # (P,)
+    contact_m_s: np.ndarray  # (P,) of the contact over the object
     contact_std_m_s: np.ndarray  # (P,)
-    carried_m_s: np.ndarray  # (P,), NaN without the joints' angles
-    turning_rad_s: np.ndarray  # (P,)
+    carried_m_s: np.ndarray  # (P,) if the joints carried the contact along; NaN without their angles
+    turning_rad_s: np.ndarray  # (P,) of the antenna at the contact
 
 
 def _slip(
