@@ -14,8 +14,7 @@ from .problem import FrictionPrior
 if TYPE_CHECKING:
     from estimator.object.track import Track
 
-_LEAST_RAD = 0.01
-"""No friction angle is known better: friction differs a little from place to place."""
+_LEAST_RAD = 0.01  # no friction angle is known better: friction differs a little from place to place
 _LATERAL_KNOWN_RAD = 0.15
 """A force whose direction about the antenna, from the normal, is known to this says what is left along it."""
 _ALONG, _TURN, _RIM = 0.9, 0.2, 0.2
@@ -23,8 +22,7 @@ _ALONG, _TURN, _RIM = 0.9, 0.2, 0.2
 of it: a slip is an average over some frames."""
 _CONTRADICTED, _FEW = 3.5, 0.1
 """A frame contradicts the law by so many deviations; the recording does, if so large a part of those that tell do."""
-_TELLS = 0.5
-"""A frame tells its friction angle if that part of the prior's variance, at least, is gone."""
+_TELLS = 0.5  # a frame tells its friction angle if that part of the prior's variance, at least, is gone
 
 
 def as_estimated(table: ContactTable, unit_rad: float) -> FrictionPrior:

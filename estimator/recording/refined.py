@@ -29,17 +29,13 @@ from .solve import Solution, solved
 if TYPE_CHECKING:
     from estimator.object.friction import Friction
 
-_GAP_FRAMES, _GAP_S = 5, 0.5
-"""A stroke ends where so many frames, or so much time, lies before the next contact."""
-_ANOTHER_RIG = 1e-4
-"""Probability below which shared errors as large as the best fit's are not this calibration's."""
+_GAP_FRAMES, _GAP_S = 5, 0.5  # a stroke ends where so many frames, or so much time, lies before the next contact
+_ANOTHER_RIG = 1e-4  # probability below which shared errors as large as the best fit's are not this calibration's
 _ALLOWED_OFFNESS, _LARGEST_OFFNESS = 1.3, 5.0
 """How many times farther than its deviations say a rig may be off for its prior to stay, and to be recalibrated by a
 known object."""
-_FOREIGN_SHARE = 0.3
-"""If so large a part of the frames does not belong to the rest, there is no rest."""
-_APART_RAD = 1e-5
-"""Joint angles of contacts and recording that differ by more are of two recordings."""
+_FOREIGN_SHARE = 0.3  # if so large a part of the frames does not belong to the rest, there is no rest
+_APART_RAD = 1e-5  # joint angles of contacts and recording that differ by more are of two recordings
 
 
 @dataclass(frozen=True, eq=False)

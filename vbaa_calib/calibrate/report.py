@@ -29,10 +29,8 @@ from vbaa_calib.session import Load, NominalAntenna, Session, Still
 from .pipeline import Calibration
 from .plane_c import PlaneC, picture_folders
 
-_PACKAGES = ("numpy", "scipy", "opencv-contrib-python-headless", "torch", "kornia")
-"""Whose versions rig.json names."""
-_STIFFNESS_DOUBT = 0.15
-"""Relative difference of EI from E·πd⁴/64 that is worth a warning: 4 % of the diameter."""
+_PACKAGES = ("numpy", "scipy", "opencv-contrib-python-headless", "torch", "kornia")  # whose versions rig.json names
+_STIFFNESS_DOUBT = 0.15  # relative difference of EI from E·πd⁴/64 that is worth a warning: 4 % of the diameter
 _SIGNIFICANT, _CHANCE = 4.0, 6e-5
 """Standard deviations beyond which an assumption counts as broken, and how often one that holds is that far off: there
 are about twenty, and a session without a fault is to pass them all."""
@@ -40,8 +38,7 @@ _SCATTERED = 5.0
 """Scatter of the shapes, over what their pictures explain, beyond which the model is not that of these loads."""
 _EXPLAINS_SCATTER = ("load_", "gravity_", "joint_readings_", "clamp_slipped", "antenna_bent_between", "stills_")
 """How the names of the diagnoses begin that say why the shapes scatter."""
-_ANISOTROPY_MATTERS = 0.01
-"""Part by which the compliances must differ at least: a wire drawn 0.25 % out of round."""
+_ANISOTROPY_MATTERS = 0.01  # part by which the compliances must differ at least: a wire drawn 0.25 % out of round
 
 
 def still_doubts(joint: BundleAdjustment, stills: Sequence[Still], said: str = "") -> list[str]:

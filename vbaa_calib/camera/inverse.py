@@ -14,8 +14,7 @@ from vbaa_calib.core.arrays import Array, empty, is_tensor, namespace
 from .lens import Lens, RadialTable, Sectors, definite, invert_radial, tolerance
 from .models import Matrix
 
-_PIECE = 16384
-"""Points in a piece. Smaller ones pay more for calls: with 4096, a fourth to a third more time."""
+_PIECE = 16384  # points in a piece. Smaller ones pay more for calls: with 4096, a fourth to a third more time.
 
 _PieceWork = Callable[[Array, Array, bool], Sequence[Array]]
 """(x, y, whether to spare no effort) → the results of these points, and last which of them deserve more effort."""
@@ -49,8 +48,7 @@ _PLAIN_STEPS = 3
 _DAMPED_STEPS = 16
 _SHORTEST = 1e-3
 _ROUNDINGS = 0.1
-_NO_RADIUS = 1e-15
-"""Keeps a start on the axis from being 0/0, also in single precision."""
+_NO_RADIUS = 1e-15  # keeps a start on the axis from being 0/0, also in single precision
 
 
 class _Inverted(NamedTuple):

@@ -27,8 +27,7 @@ from .models import MODELS, Coefficients, LensModel
 if TYPE_CHECKING:
     import torch
 
-_FARTHEST = 1e3
-"""Ideal radius at which a distorted perspective lens is cut off: 89.94° from the axis."""
+_FARTHEST = 1e3  # ideal radius at which a distorted perspective lens is cut off: 89.94° from the axis
 _NODES = 2048
 _FAST_STEPS, _SAFE_STEPS, _TABLE_STEPS = 2, 60, 12
 _DIRECTIONS, _RADII, _HALVINGS = 90, 160, 30

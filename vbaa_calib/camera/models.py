@@ -25,8 +25,7 @@ Matrix = tuple[Array, Array, Array, Array]
 """(xx, xy, yx, yy), each (...) or a number."""
 _Path = Literal["none", "radial", "full"]
 _SMALL_ANGLE_SQUARED = 1e-6
-_LEAST_DEPTH = 1e-12
-"""Z of a unit vector from which on X/Z counts as a number."""
+_LEAST_DEPTH = 1e-12  # Z of a unit vector from which on X/Z counts as a number
 
 
 class _Chart(ABC):
@@ -217,8 +216,7 @@ def _smallest_positive_root(coefficients: Sequence[float] | np.ndarray, limit: f
 
 _NAMES = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4", "tau_x", "tau_y")
 _POLYNOMIAL, _RATIONAL, _BEFORE_TILT = 5, 8, 12
-_BEYOND = 1e6
-"""Folds farther out than 1000 focal lengths (s = 1e6) are of no concern."""
+_BEYOND = 1e6  # folds farther out than 1000 focal lengths (s = 1e6) are of no concern
 
 
 class _OpenCV(LensModel):

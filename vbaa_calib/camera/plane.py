@@ -13,8 +13,7 @@ from vbaa_calib.geometry import Plane
 _GRAZING_RAD = 1e-3
 """Rays that meet a plane at a smaller angle are not intersected: an error of 0.001 rad would move them without end."""
 
-_NEAREST_M = 1e-9
-"""A plane closer to the rays' origin than this passes through it."""
+_NEAREST_M = 1e-9  # a plane closer to the rays' origin than this passes through it
 
 
 @dataclass(frozen=True, eq=False)

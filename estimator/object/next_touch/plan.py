@@ -28,10 +28,8 @@ from .reach import RUNG, JointLimits, Reach, along_surface, reachable
 
 SURFACE, FRICTION, STIFFNESS = GOALS = ("surface", "friction", "stiffness")
 UNITS = {SURFACE: "m", FRICTION: "", STIFFNESS: "m/N"}
-_TARGETS = 400
-"""Places of a patch at which the surface is to be known."""
-_FRAMES = 4
-"""Of a stroke: in each of its steps so many frames' own errors average out."""
+_TARGETS = 400  # places of a patch at which the surface is to be known
+_FRAMES = 4  # of a stroke: in each of its steps so many frames' own errors average out
 _UNKNOWN_MU, _LIKELY_MU, _WIDE = 0.5, 0.3, 1.96
 
 

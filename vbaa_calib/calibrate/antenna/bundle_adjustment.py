@@ -29,8 +29,7 @@ _ROUGHLY, _STANDSTILL = 0.1, 1e-11
 few millionths."""
 _RULES = Rules(iterations=40, takes_last=True, may_rise=1e-3)
 """The slopes are finite differences, zero a little beside the minimum: a smaller rise is none."""
-_ENOUGH = 1e-5
-"""A step that promises no more than this after all iterations has converged, too."""
+_ENOUGH = 1e-5  # a step that promises no more than this after all iterations has converged, too
 
 
 def exact_loads(solution: Linearised, readings: int) -> Linearised:
@@ -68,8 +67,7 @@ def _descended(problem: Problem, start: np.ndarray, evaluated: Evaluation, stand
     return replace(descent.at, converged=descent.promise < (_ENOUGH if descent.exhausted else standstill))
 
 
-_FALSE_STILL = 3.0
-"""A still whose points lie this many times further off than the median still's is left out."""
+_FALSE_STILL = 3.0  # a still whose points lie this many times further off than the median still's is left out
 _FALSE_READING_STD = 5.0
 """Deviations by which a still's own place and weight may have to be off for it to fit, before it is left out."""
 
@@ -102,13 +100,11 @@ def _fitting(
     return (rms < _FALSE_STILL * np.median(rms)) & (needed < _FALSE_READING_STD), rms
 
 
-_RUN = 10
-"""Points in a run of neighbours: longer than the picture's noise is correlated, shorter than the shape."""
+_RUN = 10  # points in a run of neighbours: longer than the picture's noise is correlated, shorter than the shape
 _PASSES = 12
 _HOLDS = (1.0, 0.3, 0.1, 0.01)
 """Parts of the lens' deviations that it is given in turn, where more of them make it fold."""
-_SEES_LESS = 1e-3
-"""Part of the picture that a moved lens may see less of."""
+_SEES_LESS = 1e-3  # part of the picture that a moved lens may see less of
 _NEAR, _SETTLED = 0.1, 1e-5
 """The passes are exact once the points' scatter changes by less than the first part, and end when it does by less than
 the second."""

@@ -110,8 +110,7 @@ def _weigh(
     return float(log_weight), variance * inverse @ correlation @ inverse.T
 
 
-_LEAST_READINGS = 8
-"""Fewer readings have no neighbours to be compared with."""
+_LEAST_READINGS = 8  # fewer readings have no neighbours to be compared with
 _THRESHOLD = 5.0
 _ANCHORS = 40
 

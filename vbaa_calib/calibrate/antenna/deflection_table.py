@@ -12,8 +12,7 @@ from vbaa_calib.core.csv_rows import number, read_csv
 from vbaa_calib.core.errors import InputError
 
 _COLUMNS = ("x_m", "unloaded_y_m", "loaded_y_m")
-_LEAST_READINGS = 4
-"""Two unknowns, EI and the gauge's offset, and something left over to judge the scatter by."""
+_LEAST_READINGS = 4  # two unknowns, EI and the gauge's offset, and something left over to judge the scatter by
 _MOST_READINGS = 1000
 _LONGEST_ROD_m = 10.0
 

@@ -30,8 +30,7 @@ from vbaa_calib.session import Load
 
 from .inputs import DISTANCE_STEP_M, EXACT, LOG_FORCE_STEP, Observation, Prior, ReadingGroups
 
-_SWEEPS = 4
-"""Of the antenna's model over its equilibrium, see `antenna.shape.bend`: more change nothing."""
+_SWEEPS = 4  # of the antenna's model over its equilibrium, see `antenna.shape.bend`: more change nothing
 
 
 def still_curves(
@@ -65,8 +64,7 @@ def still_curves(
 
 POSE, ANTENNA = slice(0, 6), slice(6, 6 + len(PARAMETERS))
 GAIN, OFFSET = ANTENNA.stop, ANTENNA.stop + 1
-_BENT = 1 + len(PARAMETERS)
-"""Curves in each still: the antenna, and one a step further along each of its parameters."""
+_BENT = 1 + len(PARAMETERS)  # curves in each still: the antenna, and one a step further along each of its parameters
 RIG = len(RIG_PARAMETERS)
 _INSIDE = 1.0 - 1e-5
 """Part of the length beyond which a load counts as on the tip, where moving it further changes nothing."""

@@ -38,8 +38,7 @@ from .inputs import EXACT, Observation, Prior
 from .problem import ANTENNA
 from .residual_checks import check
 
-_LEAST_SEEN_FREE = 0.6
-"""Nothing hides the free antenna: less than this fraction seen means that something is wrong."""
+_LEAST_SEEN_FREE = 0.6  # nothing hides the free antenna: less than this fraction seen means that something is wrong
 _ASIDE, _NEAR_FIRST = 0.067, (1.3, 3.0, None)
 """How far aside an antenna lies, as a fraction of the distance from the clamp, by one deviation of the priors below; it
 is looked for within so many of them first, then all around: clutter farther away is not even tried."""
@@ -47,10 +46,8 @@ _COURSE_ASIDE, _COURSE_ORDER, _ODD, _LEAVES = 0.02, 2, 0.04, 0.008
 """The same deviation where other pictures of the rig determine the free antenna's course, a polynomial of this order
 beside what is expected; a line that lies so far off the others' course is looked for again, and where it still lies so
 far off it, it has gone over to another thing."""
-_SHARED = 2.0
-"""Effective over own deviation above which neighbouring points share most of their errors."""
-_LEARNT_FROM = 3
-"""Pictures from which the antenna's contrast is learnt."""
+_SHARED = 2.0  # effective over own deviation above which neighbouring points share most of their errors
+_LEARNT_FROM = 3  # pictures from which the antenna's contrast is learnt
 _PLACES = np.linspace(0.0, 1.0, 21)
 
 

@@ -68,12 +68,9 @@ class StiffnessSolution:
 _CLAMP_SHARE_STD = 0.02
 """How far a clamp may turn, as a share of the rod's slope at the load. A rod held in a solid block of its own material
 turns there as if it were longer by about half its thickness t, which is the share t/distance: 1/50 for a rod 1 : 50."""
-_STEEP_RAD = 0.15
-"""Slope at the load from which the small-angle formula is not used, however large the scatter."""
-_BIAS_SHARE = 0.1
-"""Largest error of the small-angle formula that is let pass, as a share of EI's standard deviation."""
-_LEAST_BIAS = 1e-5
-"""A share of EI that no bench test resolves, however well its readings agree."""
+_STEEP_RAD = 0.15  # slope at the load from which the small-angle formula is not used, however large the scatter
+_BIAS_SHARE = 0.1  # largest error of the small-angle formula that is let pass, as a share of EI's standard deviation
+_LEAST_BIAS = 1e-5  # a share of EI that no bench test resolves, however well its readings agree
 
 
 def solve_stiffness(

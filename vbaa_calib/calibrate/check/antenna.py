@@ -22,8 +22,7 @@ from vbaa_calib.session import Load, LoadReadings, Still
 from .change import Change, Information, estimate_change
 from .finding import HOLDS, Checked, Evidence, Finding, judged, not_given, plus_minus
 
-_POINTS, _MOMENT, _BOTH = slice(-1), slice(-1, None), slice(None)
-"""Rows of a `CheckedStill`."""
+_POINTS, _MOMENT, _BOTH = slice(-1), slice(-1, None), slice(None)  # rows of a `CheckedStill`
 _WINDOW, _FAR = 25, 5.0
 """Points further than this many deviations from the median of their neighbours show something beside the antenna."""
 _CLAMP, _BOW, _STIFFNESS = ANTENNA.start + np.arange(4), ANTENNA.start + np.arange(4, 6), ANTENNA.start + 6
@@ -32,8 +31,7 @@ _FREE_FLOOR_MM = 0.1
 _SCALE = np.array([0.01] * 3 + [1e-3] * 3 + [1e-3] * 2 + [0.01] * 2 + [0.1] * 2 + [0.05, 0.2, 1e-3, 0.05])
 """Noticeable changes of pose, antenna and gain; the offset's is ten times the sensor's noise."""
 _WRONG_ROW_STD = 5.0
-_UNSEEN_MM = 2.0
-"""Standard deviation of the tip in a direction that the pictures do not show."""
+_UNSEEN_MM = 2.0  # standard deviation of the tip in a direction that the pictures do not show
 _NO_FREE, _NO_LOADS = "no picture of the free antenna (noload/)", "no known loads (loads/)"
 _UNREAD = "no reading was given with the picture of the free antenna (--moment)"
 _NUMBERS = {

@@ -26,11 +26,9 @@ from .change import Change, Information, estimate_change
 from .finding import HOLDS, LOOK, Checked, Evidence, Finding, judged, not_given, plus_minus
 
 _MIN_CORNERS = 6
-_FOCUS = 4
-"""Parameters that a refocus or a knock changes first: fx, fy, cx, cy."""
+_FOCUS = 4  # parameters that a refocus or a knock changes first: fx, fy, cx, cy
 _NOTICEABLE_FOCAL, _NOTICEABLE_CENTRE_PX = 0.01, 10.0
-_MORE_RMS_PERCENT = 50.0
-"""Excess scatter of corners that light and blur may explain."""
+_MORE_RMS_PERCENT = 50.0  # excess scatter of corners that light and blur may explain
 _FLOOR_PX = 0.1
 _CORRELATED = 4.0
 """Corners that share one error, as far as smooth changes go: rendered pictures of an unchanged lens give changes of
@@ -185,8 +183,7 @@ def _posed(
     return [view for view in found if view.good.sum() >= _MIN_CORNERS], dropped
 
 
-_FLOOR_MM = 0.1
-"""A board taken out of its jig and put back lies within this, and a point on plane C moves with it."""
+_FLOOR_MM = 0.1  # a board taken out of its jig and put back lies within this, and a point on plane C moves with it
 _ALONG_SIGHT = 0.97
 _POSE, _LENS = slice(0, len(POSE_PARAMETERS)), slice(len(RIG_PARAMETERS), None)
 

@@ -14,8 +14,7 @@ _LEVELS = (HOLDS, LOOK, FAILS)
 _LOOK_CHANCE, _FAIL_CHANCE = 2.7e-3 / 7, 5.7e-7
 """How often an unchanged rig exceeds each limit in one question: 3 standard deviations over the seven that are asked of
 new pictures, together, and 5 of one normal number."""
-_FAIL_FLOORS = 2.0
-"""A difference fails a rig from this many times the practical floor on."""
+_FAIL_FLOORS = 2.0  # a difference fails a rig from this many times the practical floor on
 
 _QUESTIONS = {
     "plane_c": "How well is a point on plane C known?",

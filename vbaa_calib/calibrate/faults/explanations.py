@@ -24,11 +24,9 @@ from vbaa_calib.session import Load, LoadReadings
 
 SENSOR_OFF = 1e6
 """Factor on the moment sensor's noise that leaves it out of a solve."""
-_DEGREE = 7
-"""Of the smooth curve that any bent antenna is in the picture."""
+_DEGREE = 7  # of the smooth curve that any bent antenna is in the picture
 _READING_STD = (7e-4, 7e-3)
-_FITS = 1.5
-"""An explanation fits that leaves at most this multiple of the pictures' own scatter."""
+_FITS = 1.5  # an explanation fits that leaves at most this multiple of the pictures' own scatter
 _ROUNDS, _UNWEIGHTED_ROUNDS, _CONVERGED = 10, 4, 0.02
 """Most rounds of a solve, the first ones without robust weights; it ends when the scatter falls by less than a part."""
 _UNOBSERVABLE = 1e-9

@@ -19,12 +19,9 @@ from vbaa_calib.session import Load, Still, gravity_antenna
 
 from .explanations import Further, StillRows, fits, scatter_with_change
 
-_USUAL = 4.0
-"""A bow is reported beyond so many standard deviations of a careful builder's wire."""
-_LEAST_CHI_SQUARE = 50.0
-"""A change between stills above this is no chance, however many places were tried."""
-_CLEARER = 1.5
-"""Ratio of χ² of a slip and of a bend from which only one of the two is named."""
+_USUAL = 4.0  # a bow is reported beyond so many standard deviations of a careful builder's wire
+_LEAST_CHI_SQUARE = 50.0  # a change between stills above this is no chance, however many places were tried
+_CLEARER = 1.5  # ratio of χ² of a slip and of a bend from which only one of the two is named
 _CLEAR_STD = 4.0
 _GIVE_STD = 4.0
 
@@ -155,14 +152,11 @@ def soft_clamp(rows: StillRows) -> Diagnosis | None:
 
 
 _STANDARD_GRAVITY_M_S2 = 9.80665
-_STEPS, _CONVERGED = 8, 0.02
-"""Gauss-Newton steps under another gravity: it is compared roughly, not to the last digit."""
+_STEPS, _CONVERGED = 8, 0.02  # gauss-Newton steps under another gravity: it is compared roughly, not to the last digit
 _LEAST_GAIN, _LEAST_PART = 60.0, 0.1
 """Decrease of χ² that another gravity must bring, in units of the scatter that it leaves and as a part."""
-_ALIKE_PART = 0.1
-"""Others within this part of the gain fit as well."""
-_SAME_M_S2 = 0.5
-"""Gravities that differ by less in every frame are the same."""
+_ALIKE_PART = 0.1  # others within this part of the gain fit as well
+_SAME_M_S2 = 0.5  # gravities that differ by less in every frame are the same
 _AXES = {
     f"{sign}{name}": value * np.eye(3)[axis] for axis, name in enumerate("xyz") for sign, value in (("+", 1), ("−", -1))
 }
@@ -263,8 +257,7 @@ def _hypotheses(
     return different
 
 
-_LEAST_SPREAD_STD = 30.0
-"""Range of the moments, in the sensor's deviations, from which its gain can be judged."""
+_LEAST_SPREAD_STD = 30.0  # range of the moments, in the sensor's deviations, from which its gain can be judged
 _UNITS = (
     ("N·mm", 1e3, "divide the readings by 1000"),
     ("mN·m", 1e3, "divide the readings by 1000"),
@@ -275,12 +268,10 @@ _UNITS = (
     ("kN·m", 1e-3, "multiply the readings by 1000"),
     ("decimetres for metres", 1e1, "divide the readings by 10"),
 )
-_UNIT_REACH = 0.15
-"""Logarithm within which a gain is a unit's: an honest sensor is that good before it is calibrated."""
+_UNIT_REACH = 0.15  # logarithm within which a gain is a unit's: an honest sensor is that good before it is calibrated
 _USUAL_GAIN = (0.5, 2.0)
 _DEAD_GAIN = 0.1
-_EXPLAINED = 0.5
-"""Part of the readings' spread that a working sensor's gain and offset explain at least."""
+_EXPLAINED = 0.5  # part of the readings' spread that a working sensor's gain and offset explain at least
 _SIGNIFICANT_STD = 4.0
 
 

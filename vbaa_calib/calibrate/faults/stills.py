@@ -26,8 +26,7 @@ from .loads import (
     wrong_rows,
 )
 
-_CONTRADICTS = 5.0
-"""Scatter of the points, over their pictures' own, beyond which the stills contradict each other."""
+_CONTRADICTS = 5.0  # scatter of the points, over their pictures' own, beyond which the stills contradict each other
 _ONE_CONTRADICTS = 20.0
 """The same of a single still. Clean sessions have one at 5 now and then, when a ruler was read badly."""
 

@@ -22,22 +22,17 @@ from vbaa_calib.detect.board.view_quality import fixes_homography
 from vbaa_calib.detect.quality.screen import LEAST_CORNERS
 
 _SAME_SHAPE = 0.01
-_MOVED_SQUARES = 0.5
-"""A board that moved by less than so many of its squares is in the same place."""
-_RESHAPED = 0.006
-"""_Change of its outline's shape, rms per extent, below which it is tilted as before, to about 6°."""
+_MOVED_SQUARES = 0.5  # a board that moved by less than so many of its squares is in the same place
+_RESHAPED = 0.006  # _Change of its outline's shape, rms per extent, below which it is tilted as before, to about 6°
 _FEWEST_VIEWS = 5
 _TILTED_DEG = 15.0
 _LEAST_HULL, _REPEATED = 0.5, 0.5
 _OPEN = 1e-9
-_CHANGE_VIEWS, _SIDE_VIEWS = 6, 2
-"""Fewest views that show a change between views, and that lie on either side of it."""
+_CHANGE_VIEWS, _SIDE_VIEWS = 6, 2  # fewest views that show a change between views, and that lie on either side of it
 _STRETCH_SIGNIFICANT, _STRETCH_NOTICEABLE = 5.0, 2e-3
 _SEED, _DRAWS, _MOST_NUMBERS = 0, 40_000, 8_000_000
-_CHANCE = 4e-4
-"""Of a false alarm by each of the five tests: 1 in 500 together."""
-_NOTICEABLE, _GRAVE = 1e-3, 3e-3
-"""Changes of the focal length, relative; of the centre, over the focal length in px."""
+_CHANCE = 4e-4  # of a false alarm by each of the five tests: 1 in 500 together
+_NOTICEABLE, _GRAVE = 1e-3, 3e-3  # changes of the focal length, relative; of the centre, over the focal length in px
 
 
 def resolution_changed(size: tuple[int, int], first: tuple[int, int]) -> Diagnosis | None:

@@ -20,32 +20,21 @@ from vbaa_calib.geometry import Kinematics
 from vbaa_calib.session import Load, LoadReadings, Session, Still, gravity_antenna
 
 _STANDARD_GRAVITY_M_S2 = 9.80665
-_STEEPEST_RAD = np.deg2rad(35.0)
-"""Slope at the load up to which the model of the antenna is exact enough."""
+_STEEPEST_RAD = np.deg2rad(35.0)  # slope at the load up to which the model of the antenna is exact enough
 _NEAREST, _FARTHEST_M = 0.35, 5e-3
 """Loads hang beyond this part of the length, and at least this far from the tip: a hook needs a place."""
-_RULER_M, _PLACES = 5e-3, 9
-"""Distances that are easily found on a ruler, and how many of them are tried."""
-_SIDEWAYS = 0.02
-"""Part of a hanging weight that may pull along the antenna: only the force across it is known."""
-_STRAIGHT = np.cos(np.deg2rad(10.0))
-"""Loads that pull further off gravity than this hang over a pulley."""
-_LEAST_VISIBLE = 0.97
-"""Part of the visible free antenna that must also be visible of the loaded one."""
+_RULER_M, _PLACES = 5e-3, 9  # distances that are easily found on a ruler, and how many of them are tried
+_SIDEWAYS = 0.02  # part of a hanging weight that may pull along the antenna: only the force across it is known
+_STRAIGHT = np.cos(np.deg2rad(10.0))  # loads that pull further off gravity than this hang over a pulley
+_LEAST_VISIBLE = 0.97  # part of the visible free antenna that must also be visible of the loaded one
 _LOG_STIFFNESS = ANTENNA.start + 6
 _AXES = {(0, 1): "+y", (0, -1): "−y", (1, 1): "+z", (1, -1): "−z"}
-_ALONG = 0.5
-"""Part of a force along an axis from which the load counts as one along it."""
-_LEAST_LOADS = 3
-"""A wrong row shows against two others."""
-_GAIN_STD = 0.02
-"""Standard deviation of the moment sensor's gain that is good enough; loads in plane C do not show it."""
-_OUT_OF_PLANE = 0.5
-"""Part of a pull along z from which on it shows that gain."""
-_LEAST_GAIN = 0.05
-"""A load is suggested if it lowers EI's standard deviation by more than this part."""
-_AHEAD = 6
-"""Number of further loads in the forecast."""
+_ALONG = 0.5  # part of a force along an axis from which the load counts as one along it
+_LEAST_LOADS = 3  # a wrong row shows against two others
+_GAIN_STD = 0.02  # standard deviation of the moment sensor's gain that is good enough; loads in plane C do not show it
+_OUT_OF_PLANE = 0.5  # part of a pull along z from which on it shows that gain
+_LEAST_GAIN = 0.05  # a load is suggested if it lowers EI's standard deviation by more than this part
+_AHEAD = 6  # number of further loads in the forecast
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,8 +23,7 @@ GOAL_M = 1e-4
 """Deviation of points on plane C that is good enough."""
 _LEAST_VIEWS, _LEAST_OF_JIG = 8, 3
 """Pictures that lens and jig rest on before they are enough: fewer show no outlier, and no halves to compare."""
-_LEAST_GAIN = 0.025
-"""A picture that lowers the deviation by less than this part is not needed."""
+_LEAST_GAIN = 0.025  # a picture that lowers the deviation by less than this part is not needed
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,8 +24,7 @@ from .view_uncertainty import LensDesign, LensInformation, WorkPlane, mean_squar
 
 NEAREST, FURTHEST = 0.6, 1.7
 """Of plane C's distance: what lies beyond is out of focus in a camera that is sharp on plane C."""
-_FILLS = (0.9, 0.6, 0.4)
-"""Shares of the picture's shorter relative side that the board takes up, near to far."""
+_FILLS = (0.9, 0.6, 0.4)  # shares of the picture's shorter relative side that the board takes up, near to far
 _GRID = (0.1, 0.3, 0.5, 0.7, 0.9)
 _TILT_RAD, _TILTS = np.radians(38.0), 8
 _LEAST_SHARE, _WHOLE_SHARE, _WHOLE_PICTURES = 0.35, 0.95, 3

@@ -27,8 +27,7 @@ _DISTORTION_PRIOR = {"radial": 0.1, "tangential": 0.01}
 _TANGENTIAL = ("p1", "p2", "s1", "s2", "s3", "s4", "tau_x", "tau_y")
 _LEAST_JIG_CORNERS, _LEAST_RAYS = 6, 0.5
 _RICHER = {"none": "opencv5", "radial": "opencv5", "opencv4": "opencv5", "opencv5": "rational", "fisheye": "rational"}
-_NOMINAL_FOCAL_PER_WIDTH = 1.1
-"""A field of view of 49°, as most webcams and machine lenses have."""
+_NOMINAL_FOCAL_PER_WIDTH = 1.1  # a field of view of 49°, as most webcams and machine lenses have
 _NOMINAL_SIGMA_PX, _LEAST_SIGMA_PX = 0.2, 0.02
 _NOMINAL_MODEL = "radial"
 

@@ -18,8 +18,7 @@ from .models import LensModel, camera_of, is_monotonic
 from .uncertainty import compensate, pixel_grid, projection_jacobian
 
 _OPEN, _ROUNDING = 1e-10, 1e-7
-_CHANCE_SCATTER = 1.2
-"""Ratio of variances that noise alone often reaches."""
+_CHANCE_SCATTER = 1.2  # ratio of variances that noise alone often reaches
 _FOLDS = 5
 _LITTLE_MORE = 1.1
 _NEAR = replace(CONVERGED, iterations=20, tolerance=1e-5)  # from a start that is all but the answer

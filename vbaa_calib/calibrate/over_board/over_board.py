@@ -29,8 +29,7 @@ from .fit import Mark, OverProblem, OverSetup, solve_over
 _TOO_LONG, _HARD_SHADOW = 1.15, 0.2
 _AMBIGUOUS_SIDE, _ALONG = 0.6, 0.5
 _MOVED = 0.6
-_CORNER_REACH_PX = 12.0
-"""A corner this near to the antenna was sharpened in a window that shows the antenna."""
+_CORNER_REACH_PX = 12.0  # a corner this near to the antenna was sharpened in a window that shows the antenna
 _MOST_SCATTER = 5.0
 _NAMED = 3
 

@@ -27,20 +27,14 @@ from scipy.special import fdtrc
 
 from vbaa_calib.core.polyline import arc_lengths, beside, normals
 
-_PIECES = 120
-"""Of the rod; curvature is constant on each."""
-_LEAST_INFORMATION = 1e-13
-"""Added on each coefficient, as a part of the sum of all."""
+_PIECES = 120  # of the rod; curvature is constant on each
+_LEAST_INFORMATION = 1e-13  # added on each coefficient, as a part of the sum of all
 _MOST_POINTS = 140
-_CURLS = (0.0, *np.geomspace(0.01, 30.0, 8))
-"""Standard deviations of curl, in radians per length of the rod."""
-_CURL_LENGTHS = (0.03, 0.1, 0.3)
-"""Over which curl is correlated, in lengths of the rod."""
-_ERROR_LENGTHS = (0.0, 0.01, 0.03)
-"""Over which points err together, in lengths of the rod."""
+_CURLS = (0.0, *np.geomspace(0.01, 30.0, 8))  # standard deviations of curl, in radians per length of the rod
+_CURL_LENGTHS = (0.03, 0.1, 0.3)  # over which curl is correlated, in lengths of the rod
+_ERROR_LENGTHS = (0.0, 0.01, 0.03)  # over which points err together, in lengths of the rod
 _SAMPLES = 20_000
-_LAW_STEPS = 4
-"""Of the moment, on each of which a law that is free is a cubic."""
+_LAW_STEPS = 4  # of the moment, on each of which a law that is free is a cubic
 
 
 @dataclass(frozen=True)

@@ -21,25 +21,18 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.polyline import arc_lengths, beside, normals
 from vbaa_calib.core.robust import huber_weights, mad_std
 
-_PATH_SIDE = 500
-"""Longest side, in pixels, of the reduced picture in which the path is looked for."""
-_LEAST_CONTRAST = 12.0
-"""Grey levels by which a rod stands out at least."""
-_LEAST_ELONGATION = 6.0
-"""Length over width, below which it is no rod."""
-_RIVAL = 0.4
-"""A second elongated thing this long, relative to the longest, may be the rod as well."""
+_PATH_SIDE = 500  # longest side, in pixels, of the reduced picture in which the path is looked for
+_LEAST_CONTRAST = 12.0  # grey levels by which a rod stands out at least
+_LEAST_ELONGATION = 6.0  # length over width, below which it is no rod
+_RIVAL = 0.4  # a second elongated thing this long, relative to the longest, may be the rod as well
 _ROUNDS = 3
-_FINE = 0.25
-"""Spacing, in pixels, at which profiles across the rod are read."""
+_FINE = 0.25  # spacing, in pixels, at which profiles across the rod are read
 _SMOOTHING_WIDTHS = 0.5
 """Scale of the smoothing along the rod, in widths: a twisted yarn's plies are lumps of about one width."""
 _LEAST_SMOOTHING_PX = 6.0
 _LEAST_POINTS = 12
-_LONGEST_GAP = 0.15
-"""Of the rod's length, without any point."""
-_WIDTH_TOLERANCE = 4.0
-"""Deviations of the width from its neighbours' beyond which a point is left out."""
+_LONGEST_GAP = 0.15  # of the rod's length, without any point
+_WIDTH_TOLERANCE = 4.0  # deviations of the width from its neighbours' beyond which a point is left out
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,8 +13,7 @@ from scipy.spatial.transform import Rotation
 from vbaa_calib.geometry import Pose
 
 _ROUNDS, _SHARP_RAD, _SHARP_M = 20, 0.01, 1e-3
-_GOOD_SHARE, _LEAST_GOOD = 0.6, 4
-"""Part of the views that a start must explain; others may be wrong."""
+_GOOD_SHARE, _LEAST_GOOD = 0.6, 4  # part of the views that a start must explain; others may be wrong
 _SUBSETS, _SUBSET, _CONCENTRATIONS, _SEED = 40, 4, 3, 0
 
 
