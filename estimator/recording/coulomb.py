@@ -15,13 +15,11 @@ if TYPE_CHECKING:
     from estimator.object.track import Track
 
 _LEAST_RAD = 0.01  # no friction angle is known better: friction differs a little from place to place
-_LATERAL_KNOWN_RAD = 0.15
-"""A force whose direction about the antenna, from the normal, is known to this says what is left along it."""
+_LATERAL_KNOWN_RAD = 0.15  # forces known to this about the antenna bound what is left along it
 _ALONG, _TURN, _RIM = 0.9, 0.2, 0.2
 """A slip that runs along the antenna by so much, known to that angle, puts friction on the cone's rim, within this part
 of it: a slip is an average over some frames."""
-_CONTRADICTED, _FEW = 3.5, 0.1
-"""A frame contradicts the law by so many deviations; the recording does, if so large a part of those that tell do."""
+_CONTRADICTED, _FEW = 3.5, 0.1  # deviations by which a frame contradicts the law; share by which the recording does
 _TELLS = 0.5  # a frame tells its friction angle if that part of the prior's variance, at least, is gone
 
 

@@ -12,8 +12,7 @@ if TYPE_CHECKING:
     from estimator.solver.linearised import Linearised
     from vbaa_calib.session import KnownObject
 
-_ROUND_M = 1e-5
-"""How far a touched place may be from where pin and antenna would meet: neither is quite round or straight."""
+_ROUND_M = 1e-5  # how far pin and antenna are from round and straight
 
 
 def known_equations(

@@ -23,8 +23,7 @@ from vbaa_calib.session import KnownObject
 
 from .known_object import known_equations
 
-RUNG = "rod"
-"""All frames are fitted on the highest rung: what a lower one leaves out is the same in neighbours, and adds up."""
+RUNG = "rod"  # the highest: what a lower rung leaves out is the same in neighbours and adds up
 _CHUNK = 512
 _HELD = 1e12  # prior weight of a distance that is fixed at the tip
 

@@ -14,11 +14,9 @@ from .problem import Equations, Problem, State, spread_evenly
 _ITERATIONS, _ENOUGH = 12, 0.02  # steps are taken until none is longer than this part of a deviation
 _LONGEST = 0.2  # longest step of a distance, in its own size
 _NEARLY_ALL = 0.98
-MOST = 1000
-"""Contacts, and free frames, from which the shared errors are solved for."""
+MOST = 1000  # contacts, and free frames, from which the shared errors are solved for
 _ROUNDS, _SMALL_CHANGE = 4, 0.1  # frames are weighed anew until no weight changes by more
-_SEEN = 0.05
-"""Directions of the shared errors that a group of frames tells to more than this part of what is known beforehand."""
+_SEEN = 0.05  # least information of a group, over the prior's, in directions that count
 _DOUBTED, _FOREIGN, _BEYOND_DOUBT = 1e-2, 1e-6, 1e-9
 """Probabilities below which a frame counts less; below which it, or its stroke, does not belong; and below which it is
 not even begun with, unless more than a part `_FEW` of all are such."""

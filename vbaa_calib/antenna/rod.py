@@ -22,8 +22,7 @@ from vbaa_calib.geometry import Pose
 
 from .shooting import TOLERANCE, RodNumbers, solve_rods
 
-STEPS_PER_SEGMENT = 32
-"""Runge-Kutta steps from the clamp to the contact, and again from there to the tip."""
+STEPS_PER_SEGMENT = 32  # runge-Kutta steps from the clamp to the contact, and again from there to the tip
 
 
 @dataclass(frozen=True, eq=False)

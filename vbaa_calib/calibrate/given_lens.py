@@ -32,15 +32,11 @@ _FOCAL_STD, _ASPECT_STD, _CENTRE_PER_WIDTH, _CORNER_PER_WIDTH = 0.003, 0.001, 0.
 centre, and of what distortion does to the picture's corner, over the width (3.2 and 1.0 px of 1280). OpenCV's solutions
 of two thirds of the views, at random, of four real sets scatter by 0.07 to 0.5 %, 0.02 to 0.13 %, 0.1 to 0.8 %, and
 0.03 to 0.7 % where the border was covered poorly: this is a lens that somebody took ordinary care of."""
-_UNCORRECTED_PER_WIDTH = 0.02
-"""The same of a file whose coefficients are all zero: nobody measured them, and ordinary lenses have up to this."""
-_RADIAL, _DECENTRING = np.sqrt([0.32, 0.18])
-"""Part of the corner's deviation by each of k1 and k2, and by each of p1 and p2."""
-_VAGUE = 0.05
-"""Relative deviation of the focal length beyond which a lens is no start: what rests on it is not linear in it."""
+_UNCORRECTED_PER_WIDTH = 0.02  # the same where all coefficients are zero: ordinary lenses have up to this
+_RADIAL, _DECENTRING = np.sqrt([0.32, 0.18])  # part of the corner's deviation by each of k1, k2, and of p1, p2
+_VAGUE = 0.05  # relative deviation of the focal length beyond which a lens is no start
 _GRID = (17, 13)
-_FLOOR_PX, _LEAST_PX = 0.1, 0.02
-"""A difference over the picture that does not matter, and one that no two lenses are known to."""
+_FLOOR_PX, _LEAST_PX = 0.1, 0.02  # a difference that does not matter; one that no two lenses are known to
 _CONTRADICTED = "given_lens_contradicted"
 _CORRELATED = 2.0
 """By how much the pictures' own lens is less certain than independent corners would make it (`check.boards`)."""

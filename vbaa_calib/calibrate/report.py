@@ -34,8 +34,7 @@ _STIFFNESS_DOUBT = 0.15  # relative difference of EI from E·πd⁴/64 that is w
 _SIGNIFICANT, _CHANCE = 4.0, 6e-5
 """Standard deviations beyond which an assumption counts as broken, and how often one that holds is that far off: there
 are about twenty, and a session without a fault is to pass them all."""
-_SCATTERED = 5.0
-"""Scatter of the shapes, over what their pictures explain, beyond which the model is not that of these loads."""
+_SCATTERED = 5.0  # scatter of the shapes, over their pictures' own, beyond which the model does not fit
 _EXPLAINS_SCATTER = ("load_", "gravity_", "joint_readings_", "clamp_slipped", "antenna_bent_between", "stills_")
 """How the names of the diagnoses begin that say why the shapes scatter."""
 _ANISOTROPY_MATTERS = 0.01  # part by which the compliances must differ at least: a wire drawn 0.25 % out of round

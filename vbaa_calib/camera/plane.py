@@ -10,8 +10,7 @@ import numpy as np
 from vbaa_calib.core.arrays import Array, ArrayT, like, masked, namespace
 from vbaa_calib.geometry import Plane
 
-_GRAZING_RAD = 1e-3
-"""Rays that meet a plane at a smaller angle are not intersected: an error of 0.001 rad would move them without end."""
+_GRAZING_RAD = 1e-3  # rays at a smaller angle to the plane are not intersected
 
 _NEAREST_M = 1e-9  # a plane closer to the rays' origin than this passes through it
 

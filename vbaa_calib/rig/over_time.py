@@ -11,8 +11,7 @@ from scipy.stats import chi2, t
 from .parts import RIG_PARAMETERS
 from .rig import Rig
 
-FALSE_ALARM = 0.01
-"""Probability that a parameter that stays is said to scatter, or to drift; of all parameters together."""
+FALSE_ALARM = 0.01  # that a parameter that stays is said to scatter or drift; of all together
 FEWEST_FOR_TREND = 4
 
 

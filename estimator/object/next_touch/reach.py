@@ -29,12 +29,10 @@ SLOPES_RAD = np.radians([4.0, 8.0, 14.0])
 _ROWS, _SWEEPS = 36, np.arange(-4, 5)
 _SWEPT, _FARTHEST_STEP_RAD = 0.12, 0.06  # a step along the surface: this part of its patch, but no longer than this
 _STEPS, _LONGEST, _CONVERGED = 15, 0.25, 1e-4
-_NEAREST, _FARTHEST = 0.1, 0.97
-"""Of the antenna's length: nearer to the clamp it is stiff, farther out the tip's end would slip off."""
+_NEAREST, _FARTHEST = 0.1, 0.97  # of the antenna's length: nearer it is stiff, farther the tip's end slips off
 _PLACE_M = 0.01  # what a metre of a curve's foot counts as, beside an angle
 _AXIS_STEP_RAD = 1e-4
-CLEAR_M = 5e-3
-"""How far from the surface a touch begins, and three deviations of the surface."""
+CLEAR_M = 5e-3  # how far from the surface a touch begins, and three deviations of the surface
 _BESIDE_M = 1e-3  # no other part of the object may be nearer to the antenna
 
 

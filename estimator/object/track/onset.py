@@ -24,8 +24,7 @@ from estimator.table.contacts import ContactTable
 FREE, TOUCHING, STICKING, SLIDING, ROLLING, UNKNOWN = "free", "touching", "sticking", "sliding", "rolling", "unknown"
 FIRST_CONTACT, LOSS, SLIP_START, SLIP_END, RINGING = "first_contact", "loss", "slip_start", "slip_end", "ringing"
 
-HALF_WINDOW_S = 0.1
-"""Slips are slopes over the frames within this time."""
+HALF_WINDOW_S = 0.1  # slips are slopes over the frames within this time
 _WINDOWS = (3, 6, 12)  # last frames that are taken together
 _ALARM = 1e-6  # probability of a false alarm by each of the windows, in a frame of the free antenna
 # free frames that the free antenna is learnt from, at most and at least; so many of the last are left out where

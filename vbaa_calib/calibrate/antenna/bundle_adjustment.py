@@ -68,8 +68,7 @@ def _descended(problem: Problem, start: np.ndarray, evaluated: Evaluation, stand
 
 
 _FALSE_STILL = 3.0  # a still whose points lie this many times further off than the median still's is left out
-_FALSE_READING_STD = 5.0
-"""Deviations by which a still's own place and weight may have to be off for it to fit, before it is left out."""
+_FALSE_READING_STD = 5.0  # beyond which a still's own readings must not move for it to fit
 
 
 def _fitting(
@@ -102,12 +101,9 @@ def _fitting(
 
 _RUN = 10  # points in a run of neighbours: longer than the picture's noise is correlated, shorter than the shape
 _PASSES = 12
-_HOLDS = (1.0, 0.3, 0.1, 0.01)
-"""Parts of the lens' deviations that it is given in turn, where more of them make it fold."""
+_HOLDS = (1.0, 0.3, 0.1, 0.01)  # parts of the lens' prior deviations, in turn, where more make it fold
 _SEES_LESS = 1e-3  # part of the picture that a moved lens may see less of
-_NEAR, _SETTLED = 0.1, 1e-5
-"""The passes are exact once the points' scatter changes by less than the first part, and end when it does by less than
-the second."""
+_NEAR, _SETTLED = 0.1, 1e-5  # changes of the points' scatter from which on passes are exact, and end
 
 
 @dataclass(frozen=True, eq=False)
@@ -235,8 +231,7 @@ def _solved(
     )
 
 
-_ODD_TIP_STD, _TIPS_CONTRADICT_STD = 4.0, 4.0
-"""An end so many deviations off the others is none; nor are all, where together they lie so far off the length."""
+_ODD_TIP_STD, _TIPS_CONTRADICT_STD = 4.0, 4.0  # of an end from the others; of all from the length
 
 
 def _with_tips(problem: Problem, solution: Linearised) -> tuple[Problem, float]:

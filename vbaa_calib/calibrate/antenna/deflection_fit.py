@@ -155,8 +155,7 @@ def _far(values: np.ndarray, least_std: float) -> np.ndarray:
     return np.abs(values) > _THRESHOLD * scale
 
 
-Forward = Callable[[float], np.ndarray]
-"""EI in N·m² → deflections (N,) in m at the readings."""
+Forward = Callable[[float], np.ndarray]  # EI in N·m² → deflections (N,) in m at the readings
 
 _STEPS, _SHARE = 60, 1e-4
 _NODES = np.linspace(0.0, 1.0, 201)

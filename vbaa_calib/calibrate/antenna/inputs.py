@@ -15,8 +15,7 @@ from vbaa_calib.geometry import Pose
 from vbaa_calib.geometry.independent_axes import independent_axes
 from vbaa_calib.session import Load, LoadReadings, Still
 
-DISTANCE_STEP_M, LOG_FORCE_STEP = 1e-4, 1e-3
-"""Finite-difference steps of a load's distance, towards the clamp, and of the logarithm of its force."""
+DISTANCE_STEP_M, LOG_FORCE_STEP = 1e-4, 1e-3  # finite differences of a load's place, towards the clamp, and log force
 
 EXACT = LoadReadings()
 

@@ -66,8 +66,7 @@ POSE, ANTENNA = slice(0, 6), slice(6, 6 + len(PARAMETERS))
 GAIN, OFFSET = ANTENNA.stop, ANTENNA.stop + 1
 _BENT = 1 + len(PARAMETERS)  # curves in each still: the antenna, and one a step further along each of its parameters
 RIG = len(RIG_PARAMETERS)
-_INSIDE = 1.0 - 1e-5
-"""Part of the length beyond which a load counts as on the tip, where moving it further changes nothing."""
+_INSIDE = 1.0 - 1e-5  # part of the length beyond which a load counts as on the tip
 
 
 class LensLost(SolveError):

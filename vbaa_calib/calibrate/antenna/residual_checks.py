@@ -20,8 +20,7 @@ from .problem import ANTENNA
 
 _ANISOTROPY_STEP = 1e-2
 MASS = 6 + PARAMETERS.index("log_mass_per_length_kg_m")
-FALSE_READING = 5.0
-"""Standard deviations beyond which a moment reading is taken for a wrong one."""
+FALSE_READING = 5.0  # standard deviations beyond which a moment reading is taken for a wrong one
 _LEAST_GAIN = 1e-3  # the weight counts as determined when the pictures narrow its variance by more than this part
 
 

@@ -237,8 +237,7 @@ _GAIN_STD = 0.5
 _OFFSET_STD_NM = 0.02
 """Priors of bundle adjustment: what a careful builder can be trusted with. Stiffness and sensor are left all but free;
 the mass is not, for sag is what weight over stiffness gives, and a kitchen scale knows the mass to a few per cent."""
-_DEFINED = 1e-3
-"""Where the antenna itself defines its frame, the clamp's place and turn in plane C are this part of the ordinary."""
+_DEFINED = 1e-3  # part of the clamp's priors in plane C that is left where the antenna itself defines its frame
 
 
 def nominal_parameters(antenna: NominalAntenna) -> np.ndarray:

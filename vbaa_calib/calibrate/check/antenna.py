@@ -23,8 +23,7 @@ from .change import Change, Information, estimate_change
 from .finding import HOLDS, Checked, Evidence, Finding, judged, not_given, plus_minus
 
 _POINTS, _MOMENT, _BOTH = slice(-1), slice(-1, None), slice(None)  # rows of a `CheckedStill`
-_WINDOW, _FAR = 25, 5.0
-"""Points further than this many deviations from the median of their neighbours show something beside the antenna."""
+_WINDOW, _FAR = 25, 5.0  # points this many deviations off the median of their neighbours are left out
 _CLAMP, _BOW, _STIFFNESS = ANTENNA.start + np.arange(4), ANTENNA.start + np.arange(4, 6), ANTENNA.start + 6
 _FREE_SHAPE = np.concatenate([_CLAMP, _BOW])
 _FREE_FLOOR_MM = 0.1

@@ -13,8 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 _LEAST_INFORMATION = 1.0  # information, in units of the scale, from which on the data show a direction
-_UNOBSERVED_STD, _FREE_STD = 10.0, 100.0
-"""Standard deviation, in the same units, of directions that the data do not show, and of free parameters."""
+_UNOBSERVED_STD, _FREE_STD = 10.0, 100.0  # in the same units: directions that the data do not show; free parameters
 _SIGNIFICANT_STD = 3.0
 
 

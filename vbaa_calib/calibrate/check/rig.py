@@ -16,8 +16,7 @@ from vbaa_calib.rig import POSE_PARAMETERS, Rig
 from .finding import FAILS, HOLDS, LOOK, NOT_GIVEN, Finding
 
 _GRID = (49, 37)
-_REACH_LENGTHS = 1.5
-"""Plane C is mapped up to this distance from the clamp, in antenna lengths: nothing beyond can be touched."""
+_REACH_LENGTHS = 1.5  # plane C is mapped up to this distance from the clamp, in antenna lengths
 _ALONG = (0.0, 0.25, 0.5, 0.75, 1.0)
 _PLANE_LOOK_MM, _PLANE_FAIL_MM = 0.2, 1.0
 _STIFFNESS_LOOK, _STIFFNESS_FAIL = 0.01, 0.05

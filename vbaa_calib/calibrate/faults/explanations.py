@@ -22,15 +22,13 @@ from vbaa_calib.core.least_squares import Linearised
 from vbaa_calib.core.robust import chi_square, huber_weights, mad_std
 from vbaa_calib.session import Load, LoadReadings
 
-SENSOR_OFF = 1e6
-"""Factor on the moment sensor's noise that leaves it out of a solve."""
+SENSOR_OFF = 1e6  # factor on the moment sensor's noise that leaves it out of a solve
 _DEGREE = 7  # of the smooth curve that any bent antenna is in the picture
 _READING_STD = (7e-4, 7e-3)
 _FITS = 1.5  # an explanation fits that leaves at most this multiple of the pictures' own scatter
 _ROUNDS, _UNWEIGHTED_ROUNDS, _CONVERGED = 10, 4, 0.02
 """Most rounds of a solve, the first ones without robust weights; it ends when the scatter falls by less than a part."""
-_UNOBSERVABLE = 1e-9
-"""Share of a further parameter's information that must be left beside the others', for it to be estimated."""
+_UNOBSERVABLE = 1e-9  # least share of a further parameter's information that the others leave
 
 
 def solve_free(observations: Sequence[Observation], before: Prior, length_m: float, std_Nm: float) -> BundleAdjustment:

@@ -153,8 +153,7 @@ def soft_clamp(rows: StillRows) -> Diagnosis | None:
 
 _STANDARD_GRAVITY_M_S2 = 9.80665
 _STEPS, _CONVERGED = 8, 0.02  # gauss-Newton steps under another gravity: it is compared roughly, not to the last digit
-_LEAST_GAIN, _LEAST_PART = 60.0, 0.1
-"""Decrease of χ² that another gravity must bring, in units of the scatter that it leaves and as a part."""
+_LEAST_GAIN, _LEAST_PART = 60.0, 0.1  # decrease of χ² that another gravity must bring, over the scatter, and as a part
 _ALIKE_PART = 0.1  # others within this part of the gain fit as well
 _SAME_M_S2 = 0.5  # gravities that differ by less in every frame are the same
 _AXES = {

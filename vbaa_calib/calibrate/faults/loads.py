@@ -63,11 +63,9 @@ _CONTRADICTS, _FITS = 0.22, 0.08
 other. Half a millimetre on the ruler and half a per cent on the balance make 0.02."""
 _CLEARER = 3.0  # a right entry lies this many times nearer than the noted one
 _ALIKE = 0.01  # entries whose misfits differ by less are indistinguishable
-_SAME_VALUE = 0.03
-"""Entries that differ by less are the same number, by whatever slip: a kilogram is 9.81 N, a lost digit is 10."""
+_SAME_VALUE = 0.03  # entries that differ by less are the same number: a kilogram is 9.81 N, a lost digit 10
 _SHOWN_STD = 5.0  # least deflection, in deviations of single points, that distinguishes entries
-_CHANCE, _CURVE = 1e-5, 3
-"""Chance of a false alarm among all rows of a session; degree of the curve, along a line, that contradicts a row."""
+_CHANCE, _CURVE = 1e-5, 3  # of a false alarm in a session; degree of the curve that contradicts a row
 _AGREE = 0.1  # logarithm within which loads agree on EI
 _MOST_BENT = 6.0  # f·l²/EI beyond which an antenna hangs along its load: more looks the same
 

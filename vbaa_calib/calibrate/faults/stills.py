@@ -27,8 +27,7 @@ from .loads import (
 )
 
 _CONTRADICTS = 5.0  # scatter of the points, over their pictures' own, beyond which the stills contradict each other
-_ONE_CONTRADICTS = 20.0
-"""The same of a single still. Clean sessions have one at 5 now and then, when a ruler was read badly."""
+_ONE_CONTRADICTS = 20.0  # the same of a single still; clean sessions have one at 5 now and then
 
 
 def still_diagnoses(session: Session, kinematics: Kinematics, joint: BundleAdjustment) -> list[Diagnosis]:

@@ -21,8 +21,7 @@ from vbaa_calib.session import Load, LoadReadings, Session, Still, gravity_anten
 
 _STANDARD_GRAVITY_M_S2 = 9.80665
 _STEEPEST_RAD = np.deg2rad(35.0)  # slope at the load up to which the model of the antenna is exact enough
-_NEAREST, _FARTHEST_M = 0.35, 5e-3
-"""Loads hang beyond this part of the length, and at least this far from the tip: a hook needs a place."""
+_NEAREST, _FARTHEST_M = 0.35, 5e-3  # part of the length, and m from the tip, between which loads hang
 _RULER_M, _PLACES = 5e-3, 9  # distances that are easily found on a ruler, and how many of them are tried
 _SIDEWAYS = 0.02  # part of a hanging weight that may pull along the antenna: only the force across it is known
 _STRAIGHT = np.cos(np.deg2rad(10.0))  # loads that pull further off gravity than this hang over a pulley

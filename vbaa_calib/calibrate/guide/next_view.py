@@ -19,10 +19,8 @@ from vbaa_calib.detect.board.corners import BoardView
 from .suggestion import Suggestion, best_next
 from .view_uncertainty import LensInformation, WorkPlane, bias_square, has_rays, mean_square, plane_sensitivity
 
-GOAL_M = 1e-4
-"""Deviation of points on plane C that is good enough."""
-_LEAST_VIEWS, _LEAST_OF_JIG = 8, 3
-"""Pictures that lens and jig rest on before they are enough: fewer show no outlier, and no halves to compare."""
+GOAL_M = 1e-4  # deviation of points on plane C that is good enough
+_LEAST_VIEWS, _LEAST_OF_JIG = 8, 3  # fewer pictures show no outlier, and no halves to compare
 _LEAST_GAIN = 0.025  # a picture that lowers the deviation by less than this part is not needed
 
 

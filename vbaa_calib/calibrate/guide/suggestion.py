@@ -22,8 +22,7 @@ from vbaa_calib.geometry import Pose
 
 from .view_uncertainty import LensDesign, LensInformation, WorkPlane, mean_square, nominal_intrinsics, view_blocks
 
-NEAREST, FURTHEST = 0.6, 1.7
-"""Of plane C's distance: what lies beyond is out of focus in a camera that is sharp on plane C."""
+NEAREST, FURTHEST = 0.6, 1.7  # of plane C's distance: beyond, a camera that is sharp on plane C is out of focus
 _FILLS = (0.9, 0.6, 0.4)  # shares of the picture's shorter relative side that the board takes up, near to far
 _GRID = (0.1, 0.3, 0.5, 0.7, 0.9)
 _TILT_RAD, _TILTS = np.radians(38.0), 8

@@ -22,8 +22,7 @@ _CHANCE_SCATTER = 1.2  # ratio of variances that noise alone often reaches
 _FOLDS = 5
 _LITTLE_MORE = 1.1
 _NEAR = replace(CONVERGED, iterations=20, tolerance=1e-5)  # from a start that is all but the answer
-AGREE = 1e-4
-"""Halves of good data differ by so much that chance explains it with less than this about once in ten thousand."""
+AGREE = 1e-4  # good halves differ so much that the p-value is below this about once in ten thousand
 _HALF_OPEN = 1e6
 """A half leaves the lens open where one of its directions is seen so many times worse than another, of those that all
 views see alike."""

@@ -15,8 +15,7 @@ from .homography import board_poses, homography
 from .models import LENS_MODELS, LensModel, Unfolding, camera_of, division_like, is_monotonic, rational_like
 
 _FOCAL_PER_WIDTH = (0.7, 1.4, 3.0, 8.0, 0.35)
-_DIVISIONS = (0.0, -0.1, -0.2, -0.35, -0.5, -0.65, -0.8, 0.15)
-"""λ of the undistortion x / (1 + λr²), r being 1 at the picture's corner: from a fisheye of 160° to a pincushion."""
+_DIVISIONS = (0.0, -0.1, -0.2, -0.35, -0.5, -0.65, -0.8, 0.15)  # λ of x / (1 + λr²), r = 1 at the picture's corner
 _MOST_VIEWS, _MOST_CORNERS = 10, 40  # views, and corners of each, by which starts are compared
 _SAME, _LITTLE_PX = 1.05, 0.02
 _WRONG_POSE, _LEAST_RAY_Z = 3.0, 0.1

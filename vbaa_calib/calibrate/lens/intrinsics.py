@@ -26,8 +26,7 @@ from .verdict import Evidence, Verdict, judge
 MIN_CORNERS = 6
 _MIN_VIEWS = 3
 _OUTLYING = 3.5
-_CANDIDATES = ("none", "radial", "opencv4", "opencv5", "fisheye", "rational")
-"""What `auto` compares, from simple to rich. Thin-prism and tilted lenses are only solved for when named."""
+_CANDIDATES = ("none", "radial", "opencv4", "opencv5", "fisheye", "rational")  # compared by `auto`, from simple to rich
 _SCREENING = ("opencv5", "fisheye", "rational")
 """Lenses rich enough that their residuals are noise and outliers, used until a lens is chosen."""
 _CENTRED, _DECENTRED, _CLEARLY = ("none", "radial", "fisheye"), "opencv4", 1.15

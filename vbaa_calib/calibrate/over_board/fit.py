@@ -34,8 +34,7 @@ _STEPS = np.array([1e-5, 1e-5, 1e-5, *[0.02] * (_UNKNOWNS - 3)])
 _RULES = Rules(iterations=40, standstill=1e-12)
 _ENOUGH = 1e-6
 _PASSES, _CONVERGED = 10, 1e-5
-_END_MARGIN = 0.004
-"""Points this part of the length off the clamp or the tip are left out: the holder's edge and the tip's round end."""
+_END_MARGIN = 0.004  # part of the length at clamp and tip whose points are left out
 _LEAST_POINTS = 20
 _LENGTH_STD_M, _CLAMP_OUT_OF_PLANE_STD_RAD, _LOG_STIFFNESS_STD = 3e-4, 0.01, 0.15
 """What a nominal antenna is trusted with besides the priors of bundle adjustment: its length to a ruler's reading,

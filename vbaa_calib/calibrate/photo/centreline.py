@@ -27,8 +27,7 @@ _LEAST_ELONGATION = 6.0  # length over width, below which it is no rod
 _RIVAL = 0.4  # a second elongated thing this long, relative to the longest, may be the rod as well
 _ROUNDS = 3
 _FINE = 0.25  # spacing, in pixels, at which profiles across the rod are read
-_SMOOTHING_WIDTHS = 0.5
-"""Scale of the smoothing along the rod, in widths: a twisted yarn's plies are lumps of about one width."""
+_SMOOTHING_WIDTHS = 0.5  # along the rod, in widths: a twisted yarn's plies are lumps of about one width
 _LEAST_SMOOTHING_PX = 6.0
 _LEAST_POINTS = 12
 _LONGEST_GAP = 0.15  # of the rod's length, without any point

@@ -12,8 +12,7 @@ from vbaa_calib.core.errors import InputError
 from .bending import Bending, Loading, View, fit_bending, free_law, linear_law
 from .centreline import RodLine
 
-_CAMERA_LENGTHS = 2.0
-"""How far the camera is taken to be, in lengths of the rod, for what a tilt does to the perspective."""
+_CAMERA_LENGTHS = 2.0  # the camera's supposed distance in lengths of the rod, for the perspective of a tilt
 
 
 @dataclass(frozen=True)

@@ -26,8 +26,7 @@ _SAME_START_RAD, _SAME_RAD = 0.02, 1e-3
 _MOVED_PX = 2.0
 _GROSS_CORNER, _GROSS_LEAST_PX = 20.0, 0.5
 _RULES = Rules(iterations=60, tolerance=1e-12, takes_last=True, may_rise_share=1e-13)
-AMBIGUOUS = 1.2
-"""A plane's second pose fits nearly as well where its error is less than this many times the first one's."""
+AMBIGUOUS = 1.2  # least ratio of the errors of a plane's second pose and its first
 _OUT_OF_SIGHT_PX = 1e3
 
 

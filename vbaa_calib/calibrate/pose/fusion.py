@@ -32,8 +32,7 @@ class PoseEstimate:
     lens_sensitivity: np.ndarray
 
 
-CONTRADICTION = 1e-4
-"""Chance below which two estimates contradict each other."""
+CONTRADICTION = 1e-4  # chance below which two estimates contradict each other
 
 
 @dataclass(frozen=True, eq=False)

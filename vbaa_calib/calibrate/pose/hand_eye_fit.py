@@ -31,8 +31,7 @@ from vbaa_calib.core.robust import radial_std, soft_l1_weights
 from vbaa_calib.geometry import Pose
 from vbaa_calib.geometry.independent_axes import independent_axes
 
-SHARED = 12
-"""Columns of X's tangent and of Z's."""
+SHARED = 12  # columns of X's tangent and of Z's
 _RULES = Rules(60, tolerance=1e-12, takes_last=True, may_rise_share=1e-9)
 _STD_LOGS = np.log([(1e-7, 1.0), (1e-7, 1.0), (1.0, 1e9)])  # between them the deviations are sought
 _STARTS = (1e-5, 1e-4, 1e-3, 1e-2)
