@@ -150,10 +150,8 @@ class ErrorSpace:
 
 
 def subsets(rows: list[np.ndarray], size: int) -> np.ndarray:
-    """(2^G, S, S) projectors onto what any set of causes determines of the independent errors; bit g is cause g.
-
-    `rows` are G arrays (P_g, S): a cause's parameters by the independent errors.
-    """
+    """(2^G, S, S) projectors onto what any set of causes determines of the independent errors; bit g is cause g. `rows`
+    are G arrays (P_g, S): a cause's parameters by the errors."""
     determined = np.zeros((1, size, size))
     for part in rows:
         scale = np.linalg.norm(part, axis=1, keepdims=True)
@@ -244,10 +242,8 @@ class _Propagation:
 
 
 def propagate(linear: Linearization, space: ErrorSpace, cause: str = "", factor: float = 1.0) -> _Propagation:
-    """The errors of contacts that are estimated with what is known, or with a cause's deviation times a factor.
-
-    A rig's cause is then known as if it were measured again, which narrows others, too.
-    """
+    """The errors of contacts that are estimated with what is known, or with a cause's deviation times a factor: as if
+    it were measured again, which narrows correlated ones, too."""
     left = np.eye(linear.prior.shape[1])
     noise = {PIXELS: linear.points, MOMENT_NOISE: linear.readings}
     if cause in noise:
@@ -272,10 +268,8 @@ def propagate(linear: Linearization, space: ErrorSpace, cause: str = "", factor:
 
 
 def correlated_variance(space: ErrorSpace, propagation: _Propagation) -> np.ndarray:
-    """(B, 6) variance by errors that belong to no cause alone, by their correlations; negative where they cancel.
-
-    What all of them make less what each makes beyond what the others determine. `variance_by_cause` divides it.
-    """
+    """(B, 6) variance by errors that belong to no cause alone: of all, less what each makes beyond what the others
+    determine; negative where they cancel. `variance_by_cause` divides it."""
     errors = propagation.by_errors
     whole = (errors**2).sum(axis=-1)
     others = np.einsum("bqi,gij,bqj->gbq", errors, space.determined_by_others, errors, optimize=True)

@@ -35,10 +35,8 @@ def floats(*values: Any) -> list[Array]:
 
 
 def in_pieces(work: Callable[..., tuple[Array, ...]], x_m: Array, y_m: Array, *values: Array) -> list[Array]:
-    """Results (...) of a function of points (n, 2) and numbers (n,), in pieces; the point nearer to the clamp is first.
-
-    Two points x, y (..., 2) and values (...) broadcast; single numbers are handed on. Warnings about NaN are off.
-    """
+    """Results (...) of a function of points (n, 2), the nearer to the clamp first, and numbers (n,), in pieces. Points
+    x, y (..., 2) and values (...) broadcast. Warnings about NaN are off."""
     xp = namespace(y_m)
     batch = np.broadcast_shapes(x_m.shape[:-1], y_m.shape[:-1], *(value.shape for value in values))
     points = [xp.broadcast_to(points, (*batch, 2)).reshape(-1, 2) for points in (x_m, y_m)]

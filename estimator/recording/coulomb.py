@@ -67,10 +67,8 @@ def by_coulomb(table: ContactTable, track: Track, friction: Friction, before: Fr
 
 
 def contradicted(prior: FrictionPrior, angle_rad: np.ndarray, std_rad: np.ndarray) -> tuple[np.ndarray, bool]:
-    """Which frames (B,) see another angle than the law has it, and whether so many do that the law does not hold.
-
-    angle_rad, std_rad : (B,) with the prior.
-    """
+    """Which frames (B,) see another angle than the law's, and whether so many do that it does not hold; angle_rad,
+    std_rad : (B,) with the prior."""
     told = prior.std_rad**2 - std_rad**2
     tells = told > _TELLS * prior.std_rad**2
     off = np.abs(angle_rad - prior.mean_rad) / np.sqrt(np.maximum(told, 1e-12))

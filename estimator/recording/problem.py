@@ -143,10 +143,8 @@ class Problem:
         return np.concatenate(information), np.concatenate(side)
 
     def _split(self) -> np.ndarray:
-        """(4 + R + L, 4 + L + S) a frame's unknowns and steps, from its own ones and the shared ones.
-
-        A line's errors are partly the frame's own, partly common to all: by a lamp that moved.
-        """
+        """(4 + R + L, 4 + L + S) a frame's unknowns and steps, from its own ones and the shared ones. A line's errors
+        are partly common to all frames: by a lamp that moved."""
         rig, lines = self.axes.shape[1], self.lines
         split = np.zeros((UNKNOWNS + rig + lines, UNKNOWNS + lines + self.size))
         split[:UNKNOWNS, :UNKNOWNS] = np.eye(UNKNOWNS)

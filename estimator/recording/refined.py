@@ -130,10 +130,8 @@ def refine(
 def _with_coulomb(
     problem: Problem, found: Solution, prior: FrictionPrior, strokes: np.ndarray
 ) -> tuple[Problem, Solution, list[str]]:
-    """Solved again with the friction angles by Coulomb's law, except in frames that contradict it; and notes.
-
-    Where many do, all stays as it was.
-    """
+    """Solved again with the friction angles by Coulomb's law, but in frames that contradict it, and notes; where many
+    do, all stays."""
     again = replace(problem, friction=prior)
     second = solved(again, found.state, strokes)
     angle = again.friction_rad * second.state.unknowns[:, 3]

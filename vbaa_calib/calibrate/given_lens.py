@@ -111,10 +111,8 @@ def _own_doubts(path: Path) -> tuple[Diagnosis, ...]:
 
 
 def _with_assumed_covariance(camera: Camera) -> tuple[Camera, str]:
-    """The camera with a covariance that an ordinary calibration deserves, and its words.
-
-    The focal lengths err together, the coefficients each in its own way; a camera without any may have some.
-    """
+    """The camera with the covariance of an ordinary calibration, in words, too. The focal lengths err together, the
+    coefficients each by itself; a camera without any may have some."""
     corner_px = camera.image_size[0] * (_CORNER_PER_WIDTH if camera.distortion.any() else _UNCORRECTED_PER_WIDTH)
     if len(camera.distortion) < 4:
         camera = replace(camera, distortion=np.zeros(4), parameter_names=())

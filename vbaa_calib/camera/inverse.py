@@ -62,10 +62,8 @@ class _Inverted(NamedTuple):
 
 
 def solve(lens: Lens, x: Array, y: Array) -> tuple[Array, Array, Array]:
-    """Ideal points (...) of distorted points (...) on an untilted sensor, and which of them are valid.
-
-    The others are (0, 0).
-    """
+    """Ideal points (...) of distorted points (...) on an untilted sensor, and which of them are valid; the others are
+    (0, 0)."""
     xp = namespace(x)
     shape = tuple(x.shape)
     x, y = x.reshape(-1), y.reshape(-1)
@@ -82,10 +80,8 @@ def _solve_piece(xp: ModuleType, lens: Lens, x: Array, y: Array, thorough: bool)
 
 
 def invert_distortion(xp: ModuleType, lens: Lens, x: Array, y: Array, thorough: bool) -> _Inverted:
-    """Distorted points (...) undistorted; points that are no numbers are not valid.
-
-    Not thorough: only what a few Newton steps solve, which is nearly all; the others are put off.
-    """
+    """Distorted points (...) undistorted; NaN is not valid. Not thorough: only what a few Newton steps solve, which is
+    nearly all; the others are put off."""
     if lens.table is None:
         valid = xp.isfinite(x) & xp.isfinite(y) & (x * x + y * y < lens.ideal_limit**2)
         return _Inverted(x, y, valid, (1.0, 0.0, 0.0, 1.0), False)
@@ -157,10 +153,8 @@ def _mended_start(xp: ModuleType, lens: Lens, x: Array, y: Array, distorted: Arr
 
 
 def _damped(xp: ModuleType, lens: Lens, x: Array, y: Array, guess: tuple[Array, Array], usable: Array) -> _Inverted:
-    """Newton with each step shortened until it stays inside the region and the residual falls.
-
-    It starts from the guess where that is usable, else from deep inside the region.
-    """
+    """Newton with each step shortened until it stays inside the region and the residual falls; from the guess where
+    that is usable, else from deep inside the region."""
     assert lens.sectors is not None
     model, c, region = lens.model, lens.coefficients, lens.sectors
     allowed = tolerance(xp, xp.sqrt(x * x + y * y))

@@ -44,10 +44,8 @@ class RadialTable:
     nodes_per_unit: float  # nodes for each unit of ρ/(1 + ρ)
 
     def start(self, xp: ModuleType, distorted: Array) -> tuple[Array, Array, Array]:
-        """Table's radius for distorted radii in [0, distorted_limit], the node before it, and how far the next one is.
-
-        The true radius lies between one step before that node and two after it.
-        """
+        """Table's radius for distorted radii in [0, distorted_limit], the node before it, and the step to the next; the
+        true radius lies between one step before that node and two after it."""
         nodes, steps = self.nodes, self.steps
         if xp is not np:
             nodes, steps = (xp.as_tensor(a, dtype=distorted.dtype, device=distorted.device) for a in (nodes, steps))
@@ -74,10 +72,8 @@ def tolerance(xp: ModuleType, distorted: Array) -> Array:
 def invert_radial(
     xp: ModuleType, model: LensModel, c: Sequence[float], table: RadialTable, distorted: Array, thorough: bool
 ) -> _RadialSolution:
-    """Ideal radii of distorted ones (...) in [0, distorted_limit).
-
-    Not thorough: where a few Newton steps do not arrive the radius is not valid.
-    """
+    """Ideal radii of distorted ones (...) in [0, distorted_limit). Not thorough: not valid where a few Newton steps do
+    not converge."""
     radius, _, _ = table.start(xp, distorted)
     for _ in range(_FAST_STEPS):
         s = radius * radius

@@ -166,18 +166,14 @@ class LensModel(ABC):
 
 
 def _absent(*coefficients: Array) -> bool:
-    """Whether these are all plain zeros, so that their terms need not be computed.
-
-    A tensor never counts as absent: its term has a derivative even where it is zero.
-    """
+    """Whether all are plain zeros, whose terms need not be computed. A tensor never counts as absent: its term has a
+    derivative even where it is zero."""
     return set(map(type, coefficients)) <= {float} and not any(coefficients)
 
 
 def _smallest_positive_root(coefficients: Sequence[float] | np.ndarray, limit: float) -> float:
-    """Smallest real root in (0, limit] of Σ c_i s^i, coefficients (n,), or inf.
-
-    Terms that do not matter anywhere up to the limit are left out: their roots lie beyond it.
-    """
+    """Smallest real root in (0, limit] of Σ c_i s^i, coefficients (n,), or inf; terms that do not matter up to the
+    limit are left out."""
     scaled = np.asarray(coefficients, float) * limit ** np.arange(len(coefficients), dtype=float)
     kept = np.flatnonzero(np.abs(scaled) > 1e-15 * np.abs(scaled).max(initial=0.0))
     if kept.size == 0 or kept[-1] == 0:

@@ -26,10 +26,8 @@ class Crossing:
 
 
 def cross(origins: Array, directions: Array, normals: Array, offsets_m: Array) -> Crossing:
-    """Rays origins + t·directions, t > 0 (unit directions), with planes normals·x = offsets_m; all broadcast.
-
-    Not valid: parallel or grazing, behind the origin, a plane through the origin, not finite.
-    """
+    """Rays origins + t·directions, t > 0 (unit directions), with planes normals·x = offsets_m; all broadcast. Not
+    valid: grazing, behind the origin, a plane through the origin, not finite."""
     xp = namespace(directions)
     slant = (normals * directions).sum(-1)
     height = offsets_m - (normals * origins).sum(-1)

@@ -172,19 +172,15 @@ _OfPoints = Callable[[ModuleType, Intrinsics, Lens, Array, Array, bool], tuple[A
 
 
 def pixel_to_normalized_with_slopes(intrinsics: Intrinsics, pixels: Array) -> tuple[Array, Array, Array]:
-    """Ideal points (..., 2) of pixels (..., 2), d(X/Z, Y/Z)/d(u, v) (..., 2, 2), and validity (...).
-
-    NaN where not valid.
-    """
+    """Ideal points (..., 2) of pixels (..., 2), d(X/Z, Y/Z)/d(u, v) (..., 2, 2), and validity (...); NaN where not
+    valid."""
     points, valid = _worked(by_pixel_of_points, intrinsics, pixels, 6)
     return points[..., :2], points[..., 2:].reshape(*pixels.shape, 2), valid
 
 
 def normalized_by_lens(intrinsics: Intrinsics, points: Array) -> Array:
-    """d(X/Z, Y/Z)/d(fx, fy, cx, cy, *distortion) of the fixed pixels of ideal points (..., 2): (..., 2, 4 + k).
-
-    NaN where the lens does not see the point one to one.
-    """
+    """d(X/Z, Y/Z)/d(fx, fy, cx, cy, *distortion) of the fixed pixels of ideal points (..., 2): (..., 2, 4 + k); NaN
+    where the lens does not see the point one to one."""
     parameters = 4 + len(intrinsics.coefficients)
     slopes, _ = _worked(by_lens_of_points, intrinsics, points, 2 * parameters)
     return slopes.reshape(*points.shape, parameters)

@@ -35,10 +35,8 @@ if TYPE_CHECKING:
 
 
 def _joint_covariance(joint: Joint, lens: tuple[str, ...], where: object) -> np.ndarray:
-    """(17, 17), or (17 + P, 17 + P) with the P parameters of the lens, from the mapping `joint`.
-
-    Raises InputError for other parameters, another shape, or a matrix that is no covariance.
-    """
+    """(17, 17), or (17 + P, 17 + P) with the P parameters of the lens. Raises InputError for other parameters, another
+    shape, or a matrix that is no covariance."""
     rows, names = joint.covariance, tuple(joint.parameters)
     if names not in (RIG_PARAMETERS, RIG_PARAMETERS + lens) or {len(rows), *map(len, rows)} != {len(names)}:
         raise InputError(

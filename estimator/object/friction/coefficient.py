@@ -95,10 +95,8 @@ class Evidence:
 
     @staticmethod
     def of(rubs: FrictionTouches) -> Evidence:
-        """What is known of the touches that are used; of those that slide, along the sure parts of the slip.
-
-        Where fewer slide than μ needs, all of which could be wrong, none is known to.
-        """
+        """What is known of the touches that are used; of sliding ones along the sure parts of the slip. Where fewer
+        slide than μ needs, none counts as sliding."""
         if rubs.counts[0] < _FEWEST:
             rubs = replace(rubs, used_as=np.where(rubs.used_as == SLIDING, STICKING, rubs.used_as))
         used, slides = rubs.used_as != UNUSED, rubs.used_as == SLIDING
@@ -130,10 +128,8 @@ class Evidence:
         return np.where(self.lateral, -across, along)
 
     def spread(self, mu: np.ndarray) -> np.ndarray:
-        """(G, R) own standard deviations, rad, for each μ (G,), larger where the slip's direction is unsure.
-
-        Their logarithm is not part of the cost: with it the errors of the slip would draw μ towards 0.
-        """
+        """(G, R) own deviations, rad, for each μ (G,), larger where the slip's direction is unsure. Their logarithm is
+        not in the cost: it would draw μ towards 0."""
         other = np.where(self.lateral, self.slip[:, 1], self.slip[:, 0])
         return np.hypot(self.angles.std_rad, mu[:, None] * other * self.slip_std_rad)
 
@@ -293,10 +289,8 @@ def _bounds(evidence: Evidence, found: _Profile) -> np.ndarray:
 
 
 def judge(rubs: FrictionTouches, mu: Coefficient | None) -> tuple[bool, str, np.ndarray]:
-    """Whether μ is determined, the reason in words, and its interval or one-sided bounds (2,), 0 and inf without any.
-
-    `mu` is None where no touch could be used.
-    """
+    """Whether μ is determined, the reason in words, and its interval or one-sided bounds (2,), 0 and inf without any;
+    `mu` is None where no touch could be used."""
     (sliding, used), nothing = rubs.counts, np.array([0.0, np.inf])
     known = "a force and a normal from the shape whose directions are"
     advice = "stroke the object across the antenna, over some length"

@@ -382,10 +382,8 @@ def steady_slides(track: Track, time_s: np.ndarray) -> np.ndarray:
 def _friction_angles(
     table: ContactTable, shared: CommonErrors, rows: np.ndarray, axes: Axes, friction_rad: float
 ) -> Angles:
-    """The friction angles as the data alone say them, the estimate's prior taken out again, with S + 1 common errors.
-
-    NaN where the prior is all there was, and at the tip, where the antenna's normal is not the object's.
-    """
+    """The friction angles by the data alone, without their prior, with S + 1 common errors; NaN where the prior is all
+    there was, and at the tip, where the antenna's normal is not the object's."""
     estimated, std = table.friction_angle_rad[rows], table.friction_angle_std_rad[rows]
     before = max(friction_rad, float(np.nanmax(std, initial=1e-12)))
     seen = (std > 0.0) & (std < _SEEN * before) & (table.status[rows] != "tip_contact")

@@ -293,10 +293,8 @@ def _clear(found: Fit, patch: np.ndarray, nodes_m: np.ndarray, radius_m: float) 
 
 
 def along_surface(reach: Reach) -> tuple[np.ndarray, np.ndarray]:
-    """Where a stroke from each touch ends (B,), index of another, and over how many steps (B,), 0 where there is none.
-
-    It goes from touch to touch of one row and level, as far as all of them can be made, to the side that is farther.
-    """
+    """Where a stroke from each touch ends (B,), index of another, and over how many steps (B,): along its row and
+    level, as far as all can be made, to the farther side."""
     keys = list(zip(reach.row.tolist(), reach.sweep.tolist(), reach.level.tolist(), strict=True))
     place = {key: index for index, key in enumerate(keys)}
     end, steps = np.arange(len(reach)), np.zeros(len(reach), int)

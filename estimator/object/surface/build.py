@@ -258,10 +258,8 @@ def _piece_of(fit: Fit, index: int, touched_std_m: np.ndarray) -> _Piece:
 
 
 def _footprint(flat_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Places (V, 2) of a regular grid between touches (N, 2), and the grid (I, J) of their numbers, −1 elsewhere.
-
-    A closing: what no disc as wide as a bridged gap reaches without holding a touch.
-    """
+    """Places (V, 2) of a regular grid between touches (N, 2), and the grid (I, J) of their numbers, −1 elsewhere: a
+    closing by a disc as wide as a bridged gap."""
     low, high = flat_m.min(axis=0), flat_m.max(axis=0)
     extent, gaps = float(np.linalg.norm(high - low)), tree_gaps(flat_m)
     radius = _CLOSING * bridged_gap(gaps, extent)

@@ -273,10 +273,8 @@ def _estimate_normals(
 
 
 def _of_field(seen: LocalTouches, slope: np.ndarray, slack_rad: float) -> _Turned:
-    """The field's normal; where the antenna's tangent is known, less its part along that.
-
-    What is left open then is the turn about the tangent, by slopes, and by the touch's own error along what bends.
-    """
+    """The field's normal, less its part along the antenna's tangent where that is known; what is open then is the turn
+    about the tangent, by slopes and by the touch's own error."""
     raw = np.column_stack([-slope, np.ones(len(slope))])
     length = np.linalg.norm(raw, axis=1)
     normal = raw / length[:, None]

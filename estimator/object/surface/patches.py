@@ -37,10 +37,8 @@ _UNBELIEVED_RAD = 10.0  # deviation of a tangent that is not to be believed
 
 
 def facing(force_N: np.ndarray, tangent: np.ndarray, points_m: np.ndarray) -> np.ndarray:
-    """(P, 3) unit, roughly out of the object: the forces' directions across the antenna, averaged over neighbours.
-
-    Averaging takes out friction where strokes go both ways. Where the tangent (P, 3) is NaN the force counts as it is.
-    """
+    """(P, 3) unit, roughly out of the object: the forces across the antenna (as they are where its tangent is NaN),
+    averaged over neighbours, which takes out friction of strokes both ways."""
     along = np.where(np.isfinite(tangent), tangent, 0.0)
     across = force_N - np.sum(force_N * along, axis=1, keepdims=True) * along
     size, whole = np.linalg.norm(across, axis=1, keepdims=True), np.linalg.norm(force_N, axis=1, keepdims=True)
@@ -89,9 +87,7 @@ def _facing_alike(members: np.ndarray, normals: np.ndarray) -> list[np.ndarray]:
 
 def tangent_frame(points_m: np.ndarray, normals: np.ndarray, own_m2: np.ndarray) -> tuple[np.ndarray, np.ndarray, bool]:
     """Centre (3,) of a patch; rows (3, 3) its long direction, its short one, its mean normal; whether it is an area.
-
-    Points (N, 3) count by how well they are known along the surface, and their own scatter (N, 3, 3) is taken off.
-    """
+    Points (N, 3) are weighted by their own scatter (N, 3, 3), which is taken off."""
     up = normals.sum(axis=0)
     up = up / np.linalg.norm(up)
     first = np.cross(up, np.eye(3)[np.argmin(np.abs(up))])

@@ -248,10 +248,8 @@ def solve(patches: tuple[PatchModel, ...], yielding: bool) -> Solution:
 def learn_prior(
     equations: Equations, extent_m: float, start: tuple[Prior, float] | None, yield_per_N: float
 ) -> tuple[Prior, float]:
-    """The most probable prior of the shape and slack of the tangents, rad; `start` is where an earlier search ended.
-
-    `extent_m` is the patch's, `yield_per_N` the largest compliance to think of, m/N; zero where there is none.
-    """
+    """The most probable prior of the shape and slack of the tangents, rad; `start` is an earlier one, `extent_m` the
+    patch's, `yield_per_N` the largest compliance, m/N, zero for none."""
     extent_m = max(extent_m, 1e-3)
     count = min(len(equations), _MOST_EQUATIONS)
     # at random: evenly spaced ones of strokes that repeat would all lie at the same places

@@ -97,10 +97,8 @@ def _frequency_words(table: ContactTable, near: slice, beam: Beam | None, step: 
 
 
 def frequency(time_s: np.ndarray, signal: np.ndarray, fastest_Hz: float) -> tuple[float, float] | None:
-    """Frequency in Hz and standard deviation of the strongest line in a signal (N,); None where none stands out.
-
-    By Lomb and Scargle, beside a slope; what noise would show, by the beta distribution of the power's share.
-    """
+    """Frequency in Hz and standard deviation of the strongest line in a signal (N,) beside a slope (Lomb–Scargle); None
+    where noise would show as much (beta distribution of the power's share)."""
     time = time_s - time_s.mean()
     away = signal - np.polyval(np.polyfit(time, signal, 1), time)
     span, count = float(np.ptp(time)), len(time)

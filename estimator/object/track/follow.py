@@ -224,10 +224,8 @@ def _slip(
     kinematics: Kinematics,
     normal: np.ndarray | None = None,
 ) -> _Slip:
-    """The slip in each frame of a stroke, rows (P,) of the table; NaN in strokes of fewer than three frames.
-
-    Where the object's outward normals (P, 3) are not known, the force and the slip itself determine them.
-    """
+    """The slip in each frame of a stroke, rows (P,) of the table; NaN in strokes of under three frames. Without the
+    object's outward normals (P, 3) the force and the slip determine them."""
     time, point, tangent = table.time_s[rows], table.point_world_m[rows], table.tangent_world[rows]
     material = _without_walk(point[..., None], tangent, table.distance_m[rows, None])[..., 0]
     modes, own = np.nan_to_num(shared.point_m[rows]), shared.own_m2[rows]

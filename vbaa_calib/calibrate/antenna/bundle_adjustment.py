@@ -275,10 +275,8 @@ def _at_tips(problem: Problem, parameters: np.ndarray) -> tuple[Problem, Lineari
 
 
 def _tip(problem: Problem, evaluated: Evaluation, covariance: np.ndarray, axes: np.ndarray) -> Tip | None:
-    """Where the visible end lies by its pictures, with the rig's own errors, and its covariance with them.
-
-    covariance : of all parameters. axes : (17 + P, 17 + P) of the lens in its own units.
-    """
+    """Where the visible end lies by its pictures, and its covariance with the rig; covariance : of all parameters, axes
+    : (17 + P, 17 + P) of the lens in its own units."""
     std_m = problem.prior.tip_std_m
     if not len(problem.tips) or std_m is None:
         return None

@@ -116,10 +116,8 @@ _ANCHORS = 40
 
 
 def robust_line(regressor: np.ndarray, y: np.ndarray, offset: bool) -> tuple[float, float]:
-    """(slope, intercept) of y (N,) over the regressor (N,) with the least median of squares; intercept 0 if held.
-
-    Of all lines through two readings (through one and the origin), at most 780 of them, spread evenly.
-    """
+    """(slope, intercept) of y (N,) over the regressor (N,) with the least median of squares, of all lines through two
+    readings (or one and the origin), at most 780; intercept 0 if held."""
     anchors = np.unique(np.linspace(0, len(y) - 1, _ANCHORS).astype(int))
     apart = 0.2 * np.ptp(regressor)
     if offset:
@@ -136,10 +134,8 @@ def robust_line(regressor: np.ndarray, y: np.ndarray, offset: bool) -> tuple[flo
 
 
 def outlying(residuals: np.ndarray, least_std: float) -> np.ndarray:
-    """(N,) bool: which residuals from a robust fit, in the order of x, are outliers. None of fewer than 8.
-
-    `least_std` bounds the scatter from below: readings that are rounded may agree too well.
-    """
+    """(N,) bool: outliers among residuals from a robust fit, in the order of x; none of fewer than 8. `least_std`
+    bounds their scatter from below: rounded readings may agree too well."""
     if len(residuals) < _LEAST_READINGS:
         return np.zeros(len(residuals), bool)
     index = np.arange(len(residuals))
@@ -177,10 +173,8 @@ def beam(x_m: np.ndarray, force_N: float, distance_m: float) -> Forward:
 
 
 def elastica(x_m: np.ndarray, force_N: float, distance_m: float) -> Forward:
-    """Large deflections under a hanging weight, read at the places x (N,) on the undeflected rod's axis.
-
-    NaN where the rod is bent so far that it no longer reaches to a reading.
-    """
+    """Large deflections under a hanging weight, read at places x (N,) on the undeflected rod's axis; NaN where the rod
+    is bent so far that it no longer reaches to a reading."""
 
     def deflections(stiffness: float) -> np.ndarray:
         shape = planar_elastica_dead(_NODES * distance_m, distance_m, force_N, stiffness)
@@ -203,10 +197,8 @@ def gauss_newton(
     offset: bool,
     turning: bool = False,
 ) -> Parameters:
-    """Gauss-Newton in the compliance, exact in one step for the beam. All arrays (N,).
-
-    Raises SolveError when it does not converge, as for a clamp that takes over all of the deflection.
-    """
+    """Gauss–Newton in the compliance, exact in one step for the beam. All arrays (N,). Raises SolveError when it does
+    not converge, as for a clamp that takes over all of the deflection."""
     stiffness = start_Nm2
     extra = [column for free, column in ((offset, np.ones_like(x_m)), (turning, x_m)) if free]
     for _ in range(_STEPS):

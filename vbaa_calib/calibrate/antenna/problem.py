@@ -248,10 +248,8 @@ class Problem:
         return replace(self, observations=loaded)
 
     def slopes_by_load(self, parameters: np.ndarray, seen: Sequence[SeenPoints]) -> list[np.ndarray]:
-        """Per observation (N + 1, 2): slopes of the whitened distances, and of the moment, by its own load.
-
-        By its place along the antenna, per m, and by the logarithm of its force; zero for a free one.
-        """
+        """Per observation (N + 1, 2): slopes of the whitened distances, and of the moment, by its own load: by its
+        place, per m, and by its log force; zero for a free one."""
         curves, view = self._by_load(parameters, range(len(seen)))
         projected, three = image_curves(curves, view), [slice(3 * index, 3 * index + 3) for index in range(len(seen))]
         every = [whitened_residuals(one, projected.picked(own)) for one, own in zip(seen, three, strict=True)]

@@ -65,10 +65,8 @@ class ExpectedAntenna:
     course: np.ndarray | None = None
 
     def observe(self, still: Still, image: np.ndarray, gravity_m_s2: np.ndarray) -> Observation:
-        """The antenna's seen points in one picture.
-
-        image : as `read_picture` gives it. gravity_m_s2 : (3,) antenna frame. Raises InputError as `observe` does.
-        """
+        """The antenna's seen points in one picture, as `read_picture` gives it; gravity (3,) in the antenna frame.
+        Raises InputError as `observe` does."""
         paint = self.learned([still], [image], [gravity_m_s2]) if self.paint is None else self.paint
         for deviations in _NEAR_FIRST:
             looking = self._finder(still, gravity_m_s2, deviations)
@@ -274,10 +272,8 @@ def prior(
 
 
 def solve_antenna(session: Session, observations: Sequence[Observation], before: Prior) -> BundleAdjustment:
-    """Camera pose, antenna, moment sensor and lens from the stills of a session.
-
-    A moment sensor that scatters clearly more than the session says is weighted by its own scatter.
-    """
+    """Bundle adjustment of a session's stills. A moment sensor that scatters clearly more than the session says is
+    weighted by its own scatter."""
     joint = adjust_bundle(observations, before, session.antenna.length_m, session.moment_std_Nm)
     sensor = check(joint)
     if sensor.noise_interval_95_Nm[0] > session.moment_std_Nm:

@@ -114,10 +114,8 @@ def check_stills(rig: Rig, observations: Sequence[Observation], readings: LoadRe
 
 
 def check_antenna(rig: Rig, stills: Sequence[CheckedStill], camera_known: bool) -> Checked:
-    """Free shape, then stiffness, offset, gain; what has changed is free in the estimates after it.
-
-    camera_known : the camera's pose was checked by a board.
-    """
+    """Free shape, then stiffness, offset, gain; what has changed is free in the estimates after it. camera_known : the
+    camera's pose was checked by a board."""
     free = [one for one in stills if not isinstance(one.still, Load)]
     loaded = [one for one in stills if isinstance(one.still, Load)]
     covariance = rig.joint_covariance

@@ -65,10 +65,8 @@ def check_lens(
     board: BoardShape,
     recorded_rms_px: float | None,
 ) -> Checked:
-    """Whether pictures of the board, each with its folder's name, fit the lens, and whether its focus has changed.
-
-    board : its shape, as the calibration found it. recorded_rms_px : the calibration's.
-    """
+    """Whether pictures of the board, each with its folder's name, fit the lens, and whether its focus has changed;
+    board : its shape by the calibration, recorded_rms_px : the calibration's."""
     points_m = board.points_m
     views, dropped = _posed(camera, boards, board) if boards else ([], [])
     if not views:

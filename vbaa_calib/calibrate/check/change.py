@@ -26,10 +26,8 @@ class Information:
 
     @staticmethod
     def of(jacobian: np.ndarray, residuals: np.ndarray, nuisance: np.ndarray | None = None) -> Information:
-        """From whitened derivatives (N, P) of the predictions and residuals (N,), observed less predicted.
-
-        nuisance : (N, K) derivatives by unknowns of these data alone, each 0 ± 1; they are marginalised.
-        """
+        """From whitened derivatives (N, P) and residuals (N,), observed less predicted; nuisance : (N, K) derivatives
+        by unknowns of these data alone, each 0 ± 1, which are marginalised."""
         if nuisance is None or not nuisance.any():
             return Information(jacobian.T @ jacobian, jacobian.T @ residuals)
         both = nuisance.T @ np.column_stack([jacobian, residuals])

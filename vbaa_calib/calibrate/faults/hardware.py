@@ -99,10 +99,8 @@ def _steps(rows: StillRows) -> list[_Step]:
 
 
 def step_diagnosis(joint: BundleAdjustment, rows: StillRows, own_scatter: float) -> Diagnosis | None:
-    """A slip of the clamp or a bend of the antenna between two stills, whichever explains the pictures better.
-
-    own_scatter : of the points, see `picture_scatter`. None where neither explains all of the residuals.
-    """
+    """A slip of the clamp or a bend of the antenna between two stills, whichever explains the pictures better; None
+    where neither leaves no more than the pictures' own scatter."""
     found = _steps(rows)
     if not found or found[0].found.chi_square < _LEAST_CHI_SQUARE:
         return None

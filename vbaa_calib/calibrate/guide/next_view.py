@@ -101,10 +101,8 @@ def _lens_judged(
 
 
 def plane_progress(views: Sequence[BoardView], shape: BoardShape, camera: Camera, plane: WorkPlane) -> ViewProgress:
-    """Judge the pictures of the board in the jig, which stands still in all of them.
-
-    shape : of the board, as the lens' solve found it. camera : with its covariance. plane : `WorkPlane` in this camera.
-    """
+    """Judge the pictures of the board in the jig, which stands still in all of them; shape : of the board by the lens
+    solve, camera : with its covariance, plane : in this camera."""
     try:
         board = solve_board_pose(views, shape, camera)
     except (InputError, SolveError) as error:

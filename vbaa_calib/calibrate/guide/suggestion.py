@@ -69,10 +69,8 @@ class Suggestion:
 def best_next(
     known: LensInformation, plane: WorkPlane, spec: BoardSpec, sensitivity: np.ndarray | None
 ) -> Suggestion | None:
-    """The best of a designed set of poses, then of those near it; None where none shows enough of the board.
-
-    sensitivity : of `plane_sensitivity`; without it the lens as a whole counts.
-    """
+    """The best of a designed set of poses, then of those near it; None where none shows enough of the board. Without a
+    sensitivity (`plane_sensitivity`) the lens as a whole counts."""
     aim = np.eye(known.information.shape[0])[None] if sensitivity is None else sensitivity
     # the first pictures find the board and start the lens: all of it has to be seen
     share = _WHOLE_SHARE if known.pictures < _WHOLE_PICTURES else _LEAST_SHARE

@@ -191,10 +191,8 @@ class _Options:
 
 
 def _screened(observations: Sequence[Observation], options: _Options) -> tuple[Inliers, Bundle, Mapping[str, Bundle]]:
-    """The good corners under the given lens, or for "auto" under the best of `_SCREENING`: of least median error.
-
-    With that lens' solution over them, and solutions of other lenses to start from.
-    """
+    """The good corners under the given lens, or for "auto" the one of `_SCREENING` of least median error; its solution
+    over them, and solutions of other lenses to start from."""
     known: dict[str, Bundle] = {}
     robust, guess = {}, Guess.of(observations, options.image_size)
     for name in ("opencv4", *_SCREENING) if options.model == "auto" else (options.model,):

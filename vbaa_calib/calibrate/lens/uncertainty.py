@@ -104,10 +104,8 @@ def projection_jacobian(camera: Camera, pixels: np.ndarray) -> np.ndarray:
 
 
 def compensate(camera: Camera, pixels: np.ndarray, jacobian: np.ndarray, where: np.ndarray | bool = True) -> np.ndarray:
-    """(..., 2, p) what derivatives by p causes leave when the camera turns to meet each best, in mean square.
-
-    where : (...) the pixels that the turn is to meet.
-    """
+    """(..., 2, p) what derivatives by p causes leave when the camera turns to meet each best, in mean square over the
+    pixels `where` (...)."""
     turn = _slopes(camera, pixels)[1]
     known = where & np.isfinite(jacobian).all(axis=(-1, -2)) & np.isfinite(turn).all(axis=(-1, -2))
     if not known.any():

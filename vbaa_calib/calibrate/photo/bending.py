@@ -151,10 +151,7 @@ class Bending:
 
 
 def fit_bending(views: Sequence[View], laws: Sequence[np.ndarray]) -> Bending:
-    """Coefficients of a law of curvature, given by its columns (K, P) for each view.
-
-    The same curl is in all views.
-    """
+    """Coefficients of a law of curvature, given by its columns (K, P) for each view; all views have the same curl."""
     parts = [view.rows for view in views]
     data, effect, shares = (np.concatenate([part[i] for part in parts]) for i in (0, 1, 3))
     owner = np.repeat(np.arange(len(parts)), [len(part[0]) for part in parts])

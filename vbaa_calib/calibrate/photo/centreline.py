@@ -215,10 +215,8 @@ def _smooth(points: np.ndarray, weights: np.ndarray, scale: float) -> np.ndarray
 
 
 def _robust(points: np.ndarray, scale: float, width: float) -> tuple[np.ndarray, np.ndarray]:
-    """`_smooth` curve and what the points (N, 2) miss it by (N,), those that stand off counting less.
-
-    The curve goes on for two widths at both ends, bent as it is over the last three.
-    """
+    """`_smooth` curve by IRLS, and the points' (N, 2) distances from it (N,). It goes on for two widths at both ends,
+    bent as over the last three."""
     weights, misses = np.ones(len(points)), np.zeros(len(points))
     along = arc_lengths(points)
     on = np.linspace(0.0, 2.0 * width, 21)[1:]
@@ -239,10 +237,8 @@ def _robust(points: np.ndarray, scale: float, width: float) -> tuple[np.ndarray,
 
 
 def _edges(picture: np.ndarray, curve: np.ndarray, width: float, first: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Middles (N, 2) between both edges and the widths (N,) there, where both are within the picture.
-
-    In the `first` round, `width` is only how far to look.
-    """
+    """Middles (N, 2) between both edges and the widths (N,) there, where both are within the picture. In the `first`
+    round, `width` is only how far to look."""
     reach = width if first else 2.0 * width
     stations = curve[:: max(1, round(0.2 * min(width, 20.0) / max(arc_lengths(curve[:2])[-1], 1e-9)))]
     normal = normals(stations)

@@ -40,10 +40,8 @@ def require_size(image_size: tuple[int, int], camera: Camera, where: object) -> 
 
 
 def start_poses(points: np.ndarray, normalized: np.ndarray) -> list[Pose]:
-    """Poses by every closed form of OpenCV: IPPE alone can be far off or NaN without an error.
-
-    points : (N, 3) m, all with z = 0. normalized : (N, 2) their rays' x/z and y/z. Raises SolveError without one.
-    """
+    """Poses by every closed form of OpenCV (IPPE alone can be far off or NaN without an error), from points (N, 3) m, z
+    = 0, and their rays' x/z and y/z (N, 2). Raises SolveError without one."""
     starts: list[Pose] = []
     for method in (cv2.SOLVEPNP_ITERATIVE, cv2.SOLVEPNP_SQPNP, cv2.SOLVEPNP_IPPE):
         try:

@@ -263,10 +263,8 @@ def _start(
     in_hand: bool,
     readings: Mapping[str, Sequence[Pose]],
 ) -> Start:
-    """A start. Raises InputError where the poses fit far better in another reading, or in none.
-
-    rows : poses of the tool. used : (V,) those of the views seen. readings : of all rows.
-    """
+    """A start from all rows of poses, of which `used` (V,) are the views'. Raises InputError where they fit far better
+    in another reading, or in none."""
     looked = [one.poses for one in seen]
 
     def known(tools: Sequence[Pose]) -> list[Pose]:

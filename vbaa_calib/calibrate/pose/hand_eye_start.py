@@ -75,10 +75,8 @@ class Start:
 def consensus(
     known: Sequence[Pose], seen: Sequence[Sequence[Pose]], points_m: np.ndarray, subsets: int = _SUBSETS
 ) -> Start:
-    """The start whose better 60 % of the views fit best, from all views and many small subsets of them.
-
-    seen : of each of at least three views one or two poses of the board, points_m (K, 3).
-    """
+    """The start whose better 60 % of at least three views fit best, from all views and many small subsets of them; seen
+    : of each view one or two poses of the board, points_m (K, 3)."""
     count, first = len(known), [poses[0] for poses in seen]
     good = max(min(count, _LEAST_GOOD), int(np.ceil(_GOOD_SHARE * count)))
     centred = points_m - points_m.mean(axis=0)
