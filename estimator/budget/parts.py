@@ -164,11 +164,8 @@ def subsets(rows: list[np.ndarray], size: int) -> np.ndarray:
 
 
 def split(determined: np.ndarray) -> np.ndarray:
-    """(G, S, S) Shapley's shares of G causes, none negative, that add up to what all of them determine.
-
-    A cause's share is what it adds to others that are known before it, averaged over all orders: causes
-    that are correlated divide what they have in common.
-    """
+    """(G, S, S) Shapley's shares of G causes that add up to what all determine: what a cause adds to those known before
+    it, averaged over all orders, so that correlated causes divide what they have in common."""
     count = len(determined).bit_length() - 1
     members = (np.arange(len(determined))[:, None] >> np.arange(count)) & 1
     sizes = members.sum(axis=1)

@@ -256,11 +256,8 @@ def _rig_of(problem: Problem, found: Solution) -> Rig:
 
 
 def _table(contacts: ContactTable, problem: Problem, found: Solution, rows: np.ndarray) -> ContactTable:
-    """The table with the refined frames' numbers.
-
-    A frame's covariance is its own noise, and what it shares: the rig's errors as far as they are left, and the
-    friction angle as far as neither frame nor law tells it, since neighbours rub alike.
-    """
+    """The table with the refined frames' numbers. A frame's covariance is its own noise and what it shares: what is
+    left of the rig's errors, and of the friction angle, since neighbours rub alike."""
     belongs = found.weight > 0.0
     equations, unknowns = found.equations, found.state.unknowns
     rig = problem.rig_at(found.state.shared)

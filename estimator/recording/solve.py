@@ -37,12 +37,9 @@ class Solution:
 
 
 def disagreement(information: np.ndarray, pull: np.ndarray, total: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """χ² and degrees of freedom (G,) with which groups disagree with all the rest.
-
-    A group that belongs, with information S, pulls at the common solution with a force r of covariance S − S·H⁻¹·S,
-    H the information of all. Only directions are counted in which it tells something.
-
-    information : (G, S, S), pull : (G, S), in units of the prior's deviations. total : (S, S).
+    """χ² and degrees of freedom (G,) with which groups of information (G, S, S) disagree with the rest: a group that
+    belongs pulls at the common solution with a force (G, S) of covariance S − S·H⁻¹·S, H the information of all. In
+    units of the prior's deviations; only directions count that a group determines.
     """
     values, vectors = np.linalg.eigh(information)
     told = values > _SEEN
@@ -61,12 +58,9 @@ def disagreement(information: np.ndarray, pull: np.ndarray, total: np.ndarray) -
 
 
 def solved(problem: Problem, start: State, strokes: np.ndarray, widening: float = 1.0) -> Solution:
-    """The most probable recording.
-
-    What frames share is solved for with `MOST` of them at most, evenly over the recording, then held while the others
-    are fitted: a frame's bias is of second order in its noise, but the same in many.
-
-    strokes : (B,) number of each frame's stroke. widening : on the deviations of the calibration.
+    """The most probable recording. What frames share is solved for with `MOST` of them at most, evenly over the
+    recording, then held while the others are fitted: a frame's bias is of second order in its noise, but the same in
+    many. strokes : (B,) number of each frame's; widening : on the deviations of the calibration.
     """
     rig = problem.axes.shape[1]
     prior = np.ones(problem.size)

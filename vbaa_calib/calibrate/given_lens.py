@@ -137,11 +137,8 @@ def _with_assumed_covariance(camera: Camera) -> tuple[Camera, str]:
 def given_solution(
     given: GivenLens, views: Sequence[BoardView], spec: BoardSpec, placed: Sequence[tuple[str, BoardView]] = ()
 ) -> LensSolution:
-    """The given lens as the lens step of a calibration.
-
-    views : of the board, from intrinsics/, if any. placed : each with its folder, those that show plane C. Both test
-    the lens, and the former show the board's shape; they do not change the lens.
-    """
+    """The given lens as the lens step of a calibration. The board's views, if any, and those that show plane C,
+    `placed` with their folders, test the lens; the former show the board's shape, too."""
     found, reasons = list(given.doubts), [f"The lens is the one in {given.path.name} ({given.what})."]
     if given.assumed:
         words = f"{given.path.name} states no uncertainty of its lens: assumed is {given.assumed}"
@@ -175,11 +172,8 @@ def given_solution(
 
 
 def _contradiction(given: GivenLens, own: LensSolution, views: Sequence[BoardView]) -> tuple[Diagnosis | None, str]:
-    """Whether the lens that the pictures have by themselves is the given one; and a sentence on that.
-
-    χ² of the difference over the part of the picture that the views cover, without what a turn of the camera explains,
-    along the directions in which the two covariances let it vary.
-    """
+    """Whether the lens that the pictures have by themselves is the given one, and a sentence on that: χ² of the
+    difference over the part of the picture that the views cover, without what a turn of the camera explains."""
     camera, other = given.camera, own.camera
     corners = np.concatenate([view.corners_px for view in views])
     pixels = pixel_grid(camera.image_size).reshape(-1, 2)

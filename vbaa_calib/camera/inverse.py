@@ -21,11 +21,8 @@ _PieceWork = Callable[[Array, Array, bool], Sequence[Array]]
 
 
 def in_pieces(work: _PieceWork, x: Array, y: Array, results: Sequence[Array]) -> None:
-    """Work on points (n,) and write into results, each (n,), possibly strided.
-
-    In pieces, points that need more effort are put off and worked on together: an effort takes some hundred array
-    operations however few its points. Tensors, of which a device has room for all, are one piece.
-    """
+    """Work on points (n,) and write into results, each (n,). Points that need more effort are put off and worked on
+    together: an effort takes some hundred array operations however few they are. Tensors are one piece."""
     if is_tensor(x) or len(x) <= _PIECE:
         _store(results, ..., work(x, y, True))
         return

@@ -260,11 +260,8 @@ def ray_derivatives(intrinsics: Intrinsics, pixels: Array) -> _RayDerivatives:
 def _by_sensor_and_lens(
     xp: ModuleType, intrinsics: Intrinsics, lens: Lens, at: tuple[Array, Array], by_chart: Matrix | None = None
 ) -> tuple[Matrix, list[tuple[Array, Array]], Array]:
-    """How a chart point with a fixed pixel moves with its place on the sensor's plane, and with each parameter.
-
-    By the implicit function theorem −(∂pixel/∂ideal)⁻¹ ∂pixel/∂parameter, by_chart (2, 2) from the left. Returns also
-    whether the point is in front of the sensor.
-    """
+    """How a chart point with a fixed pixel moves with its place on the sensor's plane and with each parameter,
+    −(∂pixel/∂ideal)⁻¹ ∂pixel/∂parameter, by_chart (2, 2) from the left; and whether it is in front of the sensor."""
     (x, y), model, c = at, lens.model, lens.coefficients
     sensor_x, sensor_y, *jacobian = model.linearize(x, y, c)
     by_distorted, front, by_tilt = _inverse(tuple(jacobian)), xp.isfinite(x), []

@@ -148,12 +148,8 @@ def friction(
 
 
 def _fitted(rubs: FrictionTouches) -> tuple[FrictionTouches, Coefficient | None]:
-    """The touches' coefficient, None where none can be used, and the touches as they took part in it.
-
-    The slip is an average over some frames. Where the push changes faster, a contact slides to and fro along the
-    antenna, and its friction lies across it by less than the average slip says: inside the cone, where a touch that
-    does not surely slide may lie.
-    """
+    """The touches as they took part in the fit, and their coefficient, None where none can be used. A contact that
+    slides to and fro faster than the slip is averaged lies inside the cone: it then counts as not surely sliding."""
     for _ in range(_RELABELLED):
         evidence = Evidence.of(rubs)
         if not len(evidence.touch):
@@ -179,11 +175,8 @@ def _update_normals(
     mu: Coefficient | None,
     largest_mu: float,
 ) -> Normals:
-    """Shape's normals, turned about the antenna as the forces require.
-
-    Touches that slide took part in the fit of μ, and their normals' errors were found with it. In all others, and where
-    no μ fits, the force lies somewhere in the cone of `largest_mu`, inf where nothing is known of it.
-    """
+    """The shape's normals, turned about the antenna as the forces require: of sliding touches by the fit of μ, of
+    others, and where no μ fits, within the cone of `largest_mu`, inf where nothing is known of it."""
     lateral = axes.lateral
     before = np.maximum(axes.lateral_variance(normals.covariance), 0.0)
     angle, variance, fitted = np.zeros(len(rubs)), before, np.zeros(len(rubs), bool)

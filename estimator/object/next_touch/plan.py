@@ -305,11 +305,8 @@ def _of_stiffness(found: Fit, reach: Reach, seen: _Offered) -> tuple[float, np.n
 def _of_friction(
     found: Fit, arrays: RigArrays, reach: Reach, seen: _Offered, rub: Friction
 ) -> tuple[float, np.ndarray, np.ndarray]:
-    """Deviation of μ, now and after a stroke along the surface from each touch, and where that ends.
-
-    A touch that slides tells μ by the angle between force and normal: across the antenna by the force's direction and
-    the shape's normal, along it by the friction angle that the frames see themselves.
-    """
+    """Deviation of μ, now and after a stroke along the surface from each touch, and where that ends. μ shows across the
+    antenna by the force and the shape's normal, along it by the friction angle."""
     low, high = rub.interval
     if rub.determined:
         mu, std = rub.mu, rub.std

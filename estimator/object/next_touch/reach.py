@@ -173,11 +173,8 @@ def _newton(residual: Callable[[np.ndarray], np.ndarray], start: np.ndarray, ste
 
 
 def reachable(found: Fit, arrays: RigArrays, rows: np.ndarray, joints_rad: np.ndarray, limits: JointLimits) -> Reach:
-    """Touches near those that were made, pressed straight onto what is known of the surface.
-
-    rows : (P,) touches of the fit that count. joints_rad : (P, 2) their joint angles. Of a touch the whole way, from
-    where it first touches, lies on places that `reconstruct` would draw.
-    """
+    """Touches near those that were made, rows (P,) at joint angles (P, 2), pressed straight onto what is known of the
+    surface: all the way from the first contact lies on places that `reconstruct` would draw."""
     rows = rows[np.unique(np.linspace(0, len(rows) - 1, _ROWS).astype(int))] if len(rows) > _ROWS else rows
     label = np.empty(len(found.touches), int)
     for index, one in enumerate(found.patches):

@@ -148,11 +148,8 @@ class LocalTouches:
 
 
 def height_field(seen: LocalTouches) -> Equations:
-    """Heights over (u, v), and that the surface holds the antenna's tangent t: ∇h · t_uv = t_h.
-
-    Of a point's error only what is across the surface counts as one of height; what is along it takes the tangent to
-    where the surface has another slope.
-    """
+    """Heights over (u, v), and that the surface holds the antenna's tangent t: ∇h · t_uv = t_h. Of a point's error only
+    what is across the surface is one of height; along it, the tangent is compared with another slope."""
     count, held = len(seen.point_m), np.flatnonzero(np.isfinite(seen.tangent).all(axis=1))
     up = np.column_stack([-seen.slope, np.ones(count)])
     tangent, tilt = seen.tangent[held], up[held]

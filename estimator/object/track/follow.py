@@ -172,11 +172,8 @@ def _without_walk(point: np.ndarray, tangent: np.ndarray, distance: np.ndarray) 
 def _material_noise(
     material: np.ndarray, time: np.ndarray, tangent: np.ndarray, own: np.ndarray, known: bool
 ) -> np.ndarray:
-    """(P, 3, 3) noise of the material path.
-
-    Along the antenna an error of the distance moves contact and walk alike: what is left is the path's own scatter.
-    Across it the contact's own noise stays, or the scatter where that is not separated from the calibration's error.
-    """
+    """(P, 3, 3) noise of the material path: along the antenna its own scatter, since an error of the distance moves
+    contact and walk alike; across it the contact's own noise, or the scatter where that is unknown."""
     along = np.einsum("pi,pj->pij", tangent, tangent)
     flat = np.eye(3) - along
     across = flat @ own @ flat

@@ -66,10 +66,9 @@ class ErrorModels:
 
 
 def error_models(x_m: np.ndarray, design: np.ndarray, residuals_m: np.ndarray, least_std_m: float) -> ErrorModels:
-    """Weigh the error models by the residuals (N,) of a least-squares fit with the design matrix (N, P), N > P.
-
-    λ runs log-uniformly from half the typical spacing to the whole span of x (N,), beyond which it is
-    indistinguishable from the parameters; `least_std_m` bounds the readings' standard deviation from below.
+    """Weigh the error models by the residuals (N,) of least squares with the design (N, P), N > P; `least_std_m` bounds
+    the readings' deviation from below. λ runs log-uniformly from half the typical spacing to the span of x (N,), beyond
+    which the parameters absorb it.
     """
     count, parameters = design.shape
     inverse = np.linalg.pinv(design)

@@ -41,11 +41,8 @@ def still_curves(
     compliance: np.ndarray | None = None,
     loaded: bool = True,
 ) -> Curves:
-    """Shapes of A antennas (A, 9) in each of F stills, still by still: (F·A) curves.
-
-    compliance : (A, 2) factors on what bends each antenna to y and to z.
-    loaded : False takes the loads off; node `CONTACT` stays where they hang.
-    """
+    """Shapes of A antennas (A, 9) in each of F stills, still by still: (F·A) curves. compliance : (A, 2) factors on
+    what bends each to y and to z; loaded : False takes the loads off, node `CONTACT` stays where they hang."""
     count, each = len(observations), len(antennas)
     factor = np.tile(np.ones((each, 2)) if compliance is None else compliance, (count, 1))
     gravity = np.repeat([one.gravity_m_s2 for one in observations], each, axis=0)
@@ -307,11 +304,8 @@ class Problem:
         return [(np.append(off, own), np.vstack([slopes, row])) for (off, slopes), own, row in together]
 
     def residuals(self, parameters: np.ndarray, evaluated: Evaluation | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """All residuals (R,) and their Jacobian (R, 17 + P + K): points, moments, poses, tips, antenna to readings.
-
-        Those of a line's points are whitened of what these share.
-        evaluated : what `evaluate` gives there, if that is known.
-        """
+        """All residuals (R,) and their Jacobian (R, 17 + P + K): points, whitened of their lines' common errors,
+        moments, poses, tips, antenna to readings. evaluated : `evaluate` there, if known."""
         evaluated = self.evaluate(parameters) if evaluated is None else evaluated
         moments = evaluated.moments
         points = np.vstack([self.without_line(i, evaluated.points[i]) for i in np.flatnonzero(self.kept).tolist()])

@@ -162,12 +162,11 @@ class ExpectedAntenna:
 def observe(
     session: Session, kinematics: Kinematics, stills: Sequence[Still], expected: ExpectedAntenna, what: str
 ) -> tuple[list[Observation], ExpectedAntenna]:
-    """The antenna's seen points in every still, and what is known better after them.
+    """The antenna's seen points in every still, and what is known better after them: its paint, learnt from some of
+    them, and the course that the free antenna has in all. A picture that shows none, or another course than most, is
+    searched again along theirs.
 
-    What sets it off from its background is learnt from some of them. The free antenna has the same course in all,
-    beside what is expected: where a picture shows none, or another one than most, it is looked for again along theirs.
-
-    Raises InputError naming the picture that has another size than the lens was calibrated for, or shows no antenna.
+    Raises InputError naming a picture of another size than the lens was calibrated for, or without an antenna.
     """
     gravity = gravity_antenna(kinematics, session.gravity_world_m_s2, stills)
 
@@ -251,11 +250,8 @@ def prior(
     readings: LoadReadings = EXACT,
     line_px: float = 0.0,
 ) -> Prior:
-    """What is known before the stills.
-
-    own_frame : plane C was found by the antenna alone, so that its clamp lies on the x axis of its frame, and along it,
-        because that is how the frame is defined.
-    """
+    """What is known before the stills; own_frame : plane C was found by the antenna alone, so that its clamp lies on
+    and along the x axis by definition."""
     in_plane = _DEFINED if own_frame else 1.0
     clamp = [CLAMP_OFFSET_STD_M * in_plane, CLAMP_OFFSET_STD_M, CLAMP_ANGLE_STD_RAD, CLAMP_ANGLE_STD_RAD * in_plane]
     rest = [BOW_STD_PER_M] * 2 + [LOG_STIFFNESS_STD, LOG_MASS_STD, CLAMP_GIVE_STD_M, _GAIN_STD, _OFFSET_STD_NM]

@@ -57,11 +57,8 @@ class Change:
 def estimate_change(
     information: Information, covariance: np.ndarray, wanted: np.ndarray, scale: np.ndarray, free: Sequence[int] = ()
 ) -> Change:
-    """The change of the parameters with indices `wanted` (Q,), while those of `free` may take any value.
-
-    covariance : (P, P) of the rig's parameters.
-    scale : (P,) a noticeable change of each parameter. Directions in which the data do not show one are left out.
-    """
+    """The change of the parameters with indices `wanted` (Q,), those of `free` unconstrained; covariance : (P, P) of
+    the rig's parameters, scale : (P,) noticeable changes. Directions in which the data do not show one are left out."""
     # in units of the scale, so that metres and radians weigh alike
     matrix, score = information.matrix * np.outer(scale, scale), information.score * scale
     prior = covariance / np.outer(scale, scale)

@@ -63,12 +63,8 @@ def worst_still(joint: BundleAdjustment) -> float:
 
 
 def scatter_with_change(joint: BundleAdjustment, which: Sequence[int], after: Sequence[int], prior_std: float) -> float:
-    """The points' scatter, over their claimed deviations, with parameters that differ from some still on.
-
-    All parameters are solved for again, without the moment sensor: it may be what is wrong.
-    which : indices of the parameters. after : indices of the stills from the change on.
-    prior_std : of the changes, about 0.
-    """
+    """The points' scatter, over their stated deviations, with parameters `which` that change, by `prior_std` about 0,
+    from the stills `after` on. All is solved for again, without the moment sensor: it may be what is wrong."""
     problem = joint.problem
     everything = np.ones_like(problem.kept)
     problem = replace(problem, kept=everything, noise_scale=1.0, moment_std_Nm=SENSOR_OFF * problem.moment_std_Nm)
@@ -158,12 +154,8 @@ class StillRows:
         return self.solution.parameters + step[:count], covariance
 
     def further(self, columns: np.ndarray, prior_std: float) -> Further | None:
-        """What parameters would become whose changes move the residuals along the columns (R, K).
-
-        The solve's own parameters and priors take part, and so do the loads' readings where they count as uncertain.
-        None where the others explain the same.
-
-        prior_std : of the further parameters, about 0: keeps what is hardly observable from becoming absurd.
+        """What parameters would become whose changes, about 0 by `prior_std`, move the residuals along the columns (R,
+        K); None where the others explain the same. The solve's own parameters, priors and uncertain readings take part.
         """
         own = columns * self.factor[:, None]
         size = np.linalg.norm(own, axis=0)

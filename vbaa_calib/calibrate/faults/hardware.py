@@ -172,11 +172,9 @@ _JOINT_SLIPS = (
 def gravity_diagnosis(
     free: BundleAdjustment, kinematics: Kinematics, gravity_world_m_s2: np.ndarray, own_scatter: float
 ) -> Diagnosis | None:
-    """Another direction of gravity, or another reading of the joints, under which the pictures fit.
-
-    One that fits better, but not well, is not named: many fit a slipping clamp or a kink better.
-    free : joint solution of the no-load frames, or of all stills, without the moment sensor.
-    gravity_world_m_s2 : (3,) of the session. own_scatter : of the points, see `picture_scatter`.
+    """Another direction of gravity, or another reading of the joints, under which the pictures fit well; many fit a
+    slipping clamp or a kink better than the noted one. free : solution of the no-load frames, or of all stills, without
+    the moment sensor.
     """
     observations = free.problem.observations
     noted = np.array([one.gravity_m_s2 for one in observations])

@@ -327,11 +327,8 @@ def _fit(free: BundleAdjustment, one: Observation, loads: Sequence[Load], centre
 
 
 def _chance(free: BundleAdjustment, one: Observation, load: Load, log_stiffness: float, reach: float) -> float:
-    """Of points so far off a load that is right, by a smooth curve: their noise, and what the free antenna's pictures
-    leave open of the rig, the row's readings and EI, may have brought them there.
-
-    log_stiffness : the best one within `reach`, less the free antenna's; known to the step in which it was looked for.
-    """
+    """Of points so far off a load that is right, by a smooth curve: of noise and the uncertainty of rig, readings and
+    EI. log_stiffness : the best one within `reach`, less the free antenna's."""
     softer = float(np.exp(-log_stiffness))
     load = replace(load, force_y_N=load.force_y_N * softer, force_z_N=load.force_z_N * softer)
     parameters, prior = free.solution.parameters, free.problem.prior

@@ -31,11 +31,8 @@ _ONE_CONTRADICTS = 20.0  # the same of a single still; clean sessions have one a
 
 
 def still_diagnoses(session: Session, kinematics: Kinematics, joint: BundleAdjustment) -> list[Diagnosis]:
-    """What is wrong with loads, antenna, clamp, moment sensor, gravity and joint readings.
-
-    A fault that explains others comes first, and these are then not looked for.
-    kinematics : with the joints' zeros by a sweep. joint : of all stills, from `solve_antenna`.
-    """
+    """What is wrong with loads, antenna, clamp, moment sensor, gravity and joint readings; a fault that explains others
+    comes first, and these are then not looked for. joint : of all stills, from `solve_antenna`."""
     length = _tips(joint)
     # the other causes follow from the lines alone, whatever the length is
     problem = joint.problem.without_tips()

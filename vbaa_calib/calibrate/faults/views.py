@@ -229,12 +229,9 @@ def steps(count: int) -> np.ndarray:
 def find_change(
     score: np.ndarray, information: np.ndarray, patterns: np.ndarray, variance_px2: float
 ) -> _Change | None:
-    """The pattern (K, V) that a parameter's values over the views follow best; None with too few views.
-
-    score, information : (V,), (V, V) from `SetScores.own_scores`.
-
-    The scatter of the views about the pattern sets the scale, not the corners' noise: a print that is not flat, or a
-    lens that is not quite the model's, moves whole views. The chance is that of normal scatter of any size, by drawing.
+    """The pattern (K, V) that a parameter's values over the views follow best, by `SetScores.own_scores`; None with too
+    few views. Its chance is by drawing: the scatter of the views about the pattern sets the scale, not the corners'
+    noise, for a board that is not flat moves whole views.
     """
     if len(score) < _CHANGE_VIEWS:
         return None

@@ -238,12 +238,9 @@ def load_progress(
     kinematics: Kinematics,
     goal_relative: float = 0.01,
 ) -> _LoadProgress:
-    """The uncertainty of EI by the stills so far, and the load that lowers it most.
-
-    joint : of the stills so far, with or without loads.
-    masses_kg : the weights at hand, positive. One that is used twice counts with the same error.
-    kinematics : with the joints' zeros by a sweep.
-    goal_relative : standard deviation of EI to reach, places and weights included.
+    """The uncertainty of EI by the stills so far, with or without loads, and the load of the weights at hand that
+    lowers it most. A weight that is used twice counts with the same error. kinematics : with the joints' zeros by a
+    sweep; goal_relative : of EI, places and weights included.
     """
     candidates = _load_candidates(joint, session, kinematics, masses_kg)
     forecast = StiffnessForecast.of(joint, candidates, joint.problem.prior.readings)

@@ -170,11 +170,8 @@ def view_blocks(
 
 
 def plane_sensitivity(design: LensDesign, plane: WorkPlane, spec: BoardSpec) -> np.ndarray | None:
-    """(n, 2, p) error of points on the plane, m, for a unit of each z, the board in the jig being seen exactly.
-
-    The camera's pose is solved for again from the board in the jig, and compensates what a pose can. None where plane
-    or board are hardly in the picture.
-    """
+    """(n, 2, p) error of points on the plane, m, for a unit of each z, the camera's pose solved again from a board in
+    the jig that is seen exactly. None where plane or board are hardly in the picture."""
     space = np.pad(plane.points, ((0, 0), (0, 1)))
     inside = design.in_picture(plane.T_camera_plane @ space)
     board = corner_points(spec)

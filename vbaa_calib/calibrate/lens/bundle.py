@@ -51,11 +51,8 @@ def corners_of(observations: Sequence[Observation]) -> Corners:
 
 
 def rows(bundle: Bundle, observations: Sequence[Observation]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Residuals (N, 2) px of all corners, their negative derivatives by intrinsics and shape (N, 2, 4 + k + 5) and by
-    the views' poses (N, 2, 6), and bounds (V + 1,): view v has rows bounds[v] to bounds[v + 1].
-
-    The pose's tangent is `Pose.retract`'s, in the camera frame.
-    """
+    """Residuals (N, 2) px of all corners, negative derivatives by intrinsics and shape (N, 2, 4 + k + 5) and by the
+    poses' tangents (N, 2, 6, `Pose.retract`), and bounds (V + 1,): view v has rows bounds[v] to bounds[v + 1]."""
     corners = corners_of(observations)
     residuals, slopes = corner_rows(*bundle.state, bundle.model.is_fisheye, corners)
     return residuals, slopes[..., :-6], slopes[..., -6:], corners.bounds

@@ -61,10 +61,9 @@ class Information:
 
     @property
     def view_scatter(self) -> float:
-        """How many times more the views contradict each other than the noise of their corners explains, at least 1.
-
-        By the views' gradients, as a covariance that is robust to clusters has them: the corners of a picture that was
-        taken of a moving board, out of focus or by a lens that the model does not describe err alike.
+        """Ratio, at least 1, of the views' contradictions to what the noise of their corners explains, by their
+        gradients (cluster-robust covariance): corners of one picture share errors by motion, blur, and a lens beyond
+        the model.
         """
         expected = np.trace(self.blocks, axis1=1, axis2=2) - np.einsum("vij,vji->v", self.blocks, self.blocks)
         ratio = float((self.gradients**2).sum()) / max(self._variance * float(expected.sum()), 1e-300)
@@ -112,10 +111,9 @@ def information(bundle: Bundle, observations: Sequence[Observation]) -> Informat
 
 
 def held_out_squares(bundle: Bundle, observations: Sequence[Observation], known: Information) -> np.ndarray:
-    """(V,) sum of squared distances of each view's corners, px², under a lens fitted without a fifth of the views.
-
-    The pose of a held-out view is solved for, lens and board are not. The lens is one Gauss–Newton step from the
-    solution over all views; where held-out errors are much larger than the residuals it is solved anew.
+    """(V,) squared distances of each view's corners, px², under a lens fitted without a fifth of the views, the
+    held-out views' poses solved for. One Gauss–Newton step from the solution over all, or where errors are much larger,
+    solved anew.
     """
     squares = known.squares.copy()
     for held in _folds(len(squares)):

@@ -138,11 +138,8 @@ def radial_curve(
 
 
 def is_monotonic(model: LensModel, intrinsics: np.ndarray, image_size: tuple[int, int]) -> bool:
-    """Whether every pixel of the picture has one ray (`Camera.valid_region`), and none lies beside a pole.
-
-    A lens that folds or has a pole inside the picture can fit its corners well, but beyond them it maps two directions
-    to one pixel.
-    """
+    """Whether every pixel of the picture has one ray (`Camera.valid_region`), and none lies beside a pole. A lens that
+    folds can fit its corners well, but beyond them maps two directions to one pixel."""
     # A pole with a zero beside it is narrower than any sampling of the curve, and which comes first often depends on
     # the last digits of the corners: one counts that lies before the curve has, all but, left the picture.
     bottom = [index for index in _DENOMINATOR[model.camera_model] if index < len(intrinsics) - 4]
@@ -161,10 +158,9 @@ def is_monotonic(model: LensModel, intrinsics: np.ndarray, image_size: tuple[int
 
 
 def rational_like(fisheye: LensModel, intrinsics: np.ndarray, image_size: tuple[int, int]) -> np.ndarray | None:
-    """(12,) intrinsics of a rational lens without a pole that follows a fisheye's curve over the picture.
-
-    Solved from another start, a rational lens often has a pole beside a zero, just beyond the corners seen. None where
-    the fisheye sees more than 86° off its axis or folds.
+    """(12,) intrinsics of a rational lens without a pole that follows a fisheye's curve over the picture; None where
+    that sees more than 86° off its axis or folds. From other starts a rational lens often has a pole just beyond the
+    corners.
     """
     reach = corner_radius(intrinsics, image_size)
     angles = np.linspace(0.0, _WIDEST_RAD, _SAMPLES)

@@ -144,11 +144,8 @@ class OverProblem:
 
 
 def solve_over(problem: OverProblem, start: np.ndarray) -> tuple[PoseEstimate, float]:
-    """Solve from a start (angle, x, y) in the board frame.
-
-    Returns the camera's pose, and the scatter of the points over what is predicted. Raises SolveError when the solver
-    does not converge, or too few points lie on the antenna.
-    """
+    """The camera's pose from a start (angle, x, y) in the board frame, and the scatter of the points over the stated
+    one. Raises SolveError where that does not converge, or too few points lie on the antenna."""
     unknowns = np.concatenate([start, np.zeros(_UNKNOWNS - 3)])
     for _ in range(_PASSES):
         unknowns = _descended(problem, unknowns)

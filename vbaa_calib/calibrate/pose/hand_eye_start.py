@@ -18,11 +18,8 @@ _SUBSETS, _SUBSET, _CONCENTRATIONS, _SEED = 40, 4, 3, 0
 
 
 def robot_world(known: Sequence[Pose], seen: Sequence[Pose], rounds: int = _ROUNDS) -> tuple[Pose, Pose]:
-    """X and Z of X·seen = known·Z by IRLS of distances, so that a few wrong views do not count.
-
-    The rotations are the first singular vectors of the sum of the Kronecker products of the known turns (Shah 2013);
-    the translations then follow from linear least squares. One of `rounds` gives least squares.
-    """
+    """X and Z of X·seen = known·Z by IRLS of distances, so that a few wrong views do not count; one of `rounds` gives
+    least squares. The rotations are by Kronecker products (Shah 2013), then the translations linear."""
     turned, looked = (np.array([pose.rotation for pose in poses]) for poses in (known, seen))
 
     def turns(weights: np.ndarray) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray]:

@@ -164,11 +164,8 @@ def _refuse_one_joint(readings: Sequence[SweepPicture]) -> None:
 
 
 def _consistent_pictures(problem: SweepProblem, state: SweepState) -> tuple[SweepState, np.ndarray, np.ndarray]:
-    """A robust state, which pictures it explains (P,) bool, and the median error of each (P,) px.
-
-    A picture is taken back where its angles are off by no more than the others' scatter. Raises InputError when the
-    angles belong to hardly more than half of the pictures, or one row is wrong and which is ambiguous.
-    """
+    """A robust state, which pictures it explains (P,) bool, and the median error of each (P,) px. Raises InputError
+    when the angles belong to hardly more than half of the pictures, or one row is wrong and which is ambiguous."""
     corners = problem.corners
     # the better of the two in which the board leans to one side or the other
     fixed, every = SweepProblem.of(problem.camera, corners, axes=False), np.ones(len(corners.pixels), bool)
