@@ -65,7 +65,8 @@ def touches_of(table: ContactTable, shared: CommonErrors | None = None) -> Touch
     tangent = table.tangent_world[row]
     length = np.linalg.norm(tangent, axis=1, keepdims=True)
     known = (np.abs(length - 1) < 0.1) & (table.status[row] != "tip_contact")[:, None]
-    common = (np.nan_to_num(each[row]) for each in (shared.point_m, shared.force_N, shared.tangent))
+    every = (each[row] for each in (shared.point_m, shared.force_N, shared.tangent))
+    common = (np.where(np.isfinite(each), each, 0.0) for each in every)
     return Touches(
         table.point_world_m[row],
         table.force_world_N[row],

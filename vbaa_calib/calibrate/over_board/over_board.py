@@ -8,7 +8,6 @@ length back from its tip, or where the clamp's edge is marked.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -34,22 +33,12 @@ _MOST_SCATTER = 5.0
 _NAMED = 3
 
 
-@dataclass(frozen=True, eq=False)
-class OverBoardSolution:
-    """The camera's pose by the antenna over the board, and the board's pose, which may have a second one.
-
-    The frame is the antenna's own; a jig that holds the same frame only as well as the clamp repeats differs by the
-    clamp's scatter.
-    """
-
-    estimate: PoseEstimate
-    board: BoardPose
-
-
 def solve_over_board(
     images: Mapping[str, np.ndarray], setup: OverSetup, guess: Pose | None = None
-) -> OverBoardSolution:
-    """Pose of the camera from pictures of the free antenna over a board that lies on plane C.
+) -> tuple[PoseEstimate, BoardPose]:
+    """Pose of the camera from pictures of the free antenna over a board on plane C, and the board's.
+
+    The frame is the antenna's own: a jig that holds the same frame differs by the clamp's scatter.
 
     images : name → (H, W) uint8; camera, antenna and board stand still in all of them.
     guess : a rough T_antenna_camera: only decides which end is clamped, and to which side z points. Without it z points
@@ -99,7 +88,7 @@ def solve_over_board(
             where=where,
             remedy="clear the board of other things, light it softly, and check the board's description",
         )
-    return OverBoardSolution(estimate, board)
+    return estimate, board
 
 
 def _refuse_touching(setup: OverSetup, toward: float) -> None:
