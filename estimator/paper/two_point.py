@@ -168,11 +168,8 @@ def _part(spread: Array, ratio: Array) -> Array:
 
 
 def _mixed_root(spread: Array, known: Array) -> Array:
-    """l/x2 = λ in [q, 1] with λ²(3 − λ) = k(3λ − q), k = q²r: the middle one of three real roots.
-
-    With 3 − λ interpolated it is a quadratic, right to 6 %; Newton's four steps from there reach rounding for every q,
-    where Cardano's formula would lose half the digits as two roots meet (q → 0).
-    """
+    """l/x2 = λ in [q, 1] with λ²(3 − λ) = k(3λ − q), k = q²r, the middle one of three real roots, by Newton from a
+    quadratic that is right to 6 %; Cardano's formula would lose half the digits as two roots meet (q → 0)."""
     xp = namespace(spread)
     lowest, highest = 0.5 * spread * (3.0 - spread), 2.0 / (3.0 - spread)
     share = (known - lowest) / (highest - lowest)

@@ -30,12 +30,11 @@ def as_estimated(table: ContactTable, unit_rad: float) -> FrictionPrior:
 
 
 def by_coulomb(table: ContactTable, track: Track, friction: Friction, before: FrictionPrior) -> FrictionPrior | None:
-    """The friction angles (B,) by the coefficient that the recording tells; None where it tells none.
+    """The friction angles (B,) by the recording's coefficient; None where it has none.
 
-    All of them lie in the cone. Where the shape tells the object's normal, the force's direction λ about the antenna
-    says how much of the cone is left along it: tan²α ≤ μ² − tan²λ, with equality where the contact slides. Where it
-    slides for certain, and along the antenna, the slip tells the sign. At the tip the antenna's normal is not the
-    object's, and nothing is known.
+    All lie in the cone. Where the shape determines the object's normal, the force's direction λ about the antenna says
+    how much of the cone is left along it: tan²α ≤ μ² − tan²λ, with equality where the contact slides, and along the
+    antenna the slip's sign is the angle's. At the tip nothing is known.
     """
     if friction.determined:
         mu, std = friction.mu, friction.std

@@ -25,13 +25,12 @@ def known_equations(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Information (B, K, K) and side (B, K) that contacts on a straight pin or edge give.
 
-    Where the antenna touches it, its axis passes at a known distance: with a the object's direction, t the antenna's
-    tangent and n ∝ ± a × t, the contact point lies at (r + r_antenna)·n from the object's axis, whichever way it slid
-    along it. Of the two equations across a, the one along t determines the contact distance.
+    With a the object's direction, t the antenna's tangent and n ∝ ± a × t, the contact point lies at (r + r_antenna)·n
+    from the object's axis, whichever way it slid along it. Of the two equations across a, the one along t determines
+    the contact distance.
 
     columns : (B, 6, K) derivatives of point and force; the last three are by the object's own place. place : rotations
-    (B, 3, 3) and translations (B, 3) of the antenna frame in the world. shift : (3,) of the object's place, in its
-    standard deviations.
+    (B, 3, 3) and translations (B, 3) of the antenna frame. shift : (3,) of the object's place, in deviations.
     """
     rotation, translation = place
     point, force = found.point_force[:, :3], found.point_force[:, 3:]

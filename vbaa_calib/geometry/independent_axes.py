@@ -18,12 +18,10 @@ def independent_axes(covariance: np.ndarray) -> np.ndarray:
 
 
 def conditioned(covariance: np.ndarray, first: int) -> tuple[np.ndarray, np.ndarray]:
-    """How numbers follow others that are jointly normal with them, and what the others leave open.
+    """Slopes (P − F, F) of numbers on the first F that are jointly normal with them, and what these leave open (P −
+    F,), standard deviations. covariance : (P, P), of the first not singular.
 
-    covariance : (P, P), the first so many of them, F, not singular.
-
-    Returns (P − F, F) slopes, and (P − F,) standard deviations of the rest for given first ones. By a triangular
-    factor: the difference of two covariances that are nearly the same may be negative.
+    By a triangular factor: the difference of two covariances that are nearly the same may be negative.
     """
     _, factor = np.linalg.qr(independent_axes(covariance).T)
     slopes = solve_triangular(factor[:first, :first], factor[:first, first:]).T

@@ -175,10 +175,9 @@ def height_field(seen: LocalTouches) -> Equations:
 def curve(seen: LocalTouches) -> Equations:
     """The coordinates (v, h) across the curve over u, each a function of its own: along the normal, and beside it.
 
-    The antenna touches a round body now here, now there beside the curve, so that what is seen along the surface must
-    say nothing of the errors across it. How the object bends across the curve is not seen, but takes points with an
-    error along the antenna off it, all to the same side; and if it is round, the normal turns as the contact rolls over
-    it, at one distance from an axis instead of one point: two more common errors.
+    The antenna touches a round body beside the curve, so that what is seen along the surface must say nothing of the
+    errors across it. Two more common errors: how the object bends across the curve is not seen, but takes points with
+    an error along the antenna off it; and if it is round, the normal turns as the contact rolls over it.
     """
     count = len(seen.point_m)
     outward, beside = across_curve(seen.normal)

@@ -74,11 +74,9 @@ _FALSE_READING_STD = 5.0  # beyond which a still's own readings must not move fo
 def _fitting(
     problem: Problem, solution: Linearised, distances: Sequence[np.ndarray], kept: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Which stills fit (F,), and how far each one's points lie off, in scaled deviations (F,).
-
-    A still is judged with its own readings free, those that no other kept still has, since nothing else determines
+    """Which stills fit (F,), and how far each one's points lie off, in scaled deviations (F,), by a solution of the
+    kept ones. A still is judged with its own readings free, those that no other kept still has: nothing else determines
     their errors; the rest moves within its uncertainty.
-    solution : of the kept stills (F,). distances : of `Problem.evaluate` at its parameters.
     """
     groups, readings = problem.groups, problem.lens.stop
     rms, needed, root = np.empty(len(distances)), np.zeros(len(distances)), solution.covariance_root()
@@ -156,9 +154,8 @@ def adjust_bundle(
 ) -> BundleAdjustment:
     """Solve camera pose, antenna, moment sensor and lens from stills. Raises SolveError when it does not converge.
 
-    In passes: each weighs the points by their scatter about the model of the one before, and leaves out the stills that
-    lie much further off than the others do: a load noted wrong bends its whole shape. The lens moves within its
-    covariance; where that leads to one that folds inside the picture, its prior is narrowed.
+    In passes: each weighs the points by their scatter in the one before, and leaves out stills that lie much further
+    off than the others. Where the lens folds within its covariance, its prior is narrowed.
     """
     sees, covariance = prior.camera.valid_region().image_fraction, prior.camera.covariance
     for share in _HOLDS:

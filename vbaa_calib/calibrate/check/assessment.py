@@ -121,10 +121,8 @@ class Assessment:
 
 
 def assess(path: Path, session_root: Path | None = None, new: NewPictures | None = None) -> Assessment:
-    """Judge a rig.json by itself, and against a session or new pictures where they are given.
-
-    With new pictures the session is the one that the rig was calibrated from: it describes the jig and the board in it;
-    its own pictures are not read. Without a session, rig.json's record of both is used.
+    """Judge a rig.json by itself, and against a session or new pictures where they are given. With new pictures the
+    session, or without one rig.json's record, describes jig and board; its own pictures are not read.
 
     Raises InputError for a broken rig or session, pictures of another size than the lens', a session without any of
     `_PARTS`, and a new picture that the rig was calibrated from.

@@ -189,9 +189,8 @@ _POSE, _LENS = slice(0, len(POSE_PARAMETERS)), slice(len(RIG_PARAMETERS), None)
 def check_pose(
     rig: Rig, views: Sequence[BoardView], session: Session, no_jig: str, shape: BoardShape, lens_holds: bool
 ) -> tuple[Checked, Rig]:
-    """Whether the camera has moved, by the board in the jig; and the rig, with the camera where it is now.
-
-    no_jig : why the jig's place is not known, where it is not.
+    """Whether the camera has moved, by the board in the jig; and the rig, with the camera where it is now. no_jig : why
+    the jig's place is not known, where it is not.
 
     Raises InputError for pictures of another size or without a usable board, SolveError where no pose explains it.
     """

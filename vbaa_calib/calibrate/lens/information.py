@@ -157,12 +157,11 @@ def excess_in_errors(squares: np.ndarray, reference: np.ndarray) -> float:
 def compare_split_half(
     model: LensModel, intrinsics: np.ndarray, known: Information, image_size: tuple[int, int]
 ) -> tuple[float | None, float | None]:
-    """How far the lenses of two halves of the views differ over the predicted deviation, and the chance of this much.
+    """Rms difference over the picture of the lenses of two halves of the views, in predicted deviations, and its
+    p-value; None with under 6 views, or when a half leaves the lens open.
 
-    rms over the picture; about 1 when all is well. One weak direction of the lens may make up all of the difference, so
-    that 2.5 deviations are sometimes much and sometimes little. The views are dealt out in turn; each half's lens is
-    one Gauss–Newton step from that of all views, intrinsics (4 + k,). What a turn of the camera explains is left out,
-    and so is what holds the lens from folding. None with under 6 views, or when a half leaves the lens open.
+    The views are dealt out in turn; each half's lens is one Gauss–Newton step from that of all. What a turn of the
+    camera explains is left out, and so is the penalty against folding.
     """
     if len(known.squares) < _LEAST_VIEWS:
         return None, None

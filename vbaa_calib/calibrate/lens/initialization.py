@@ -46,11 +46,9 @@ def rough_lens(
     known: Mapping[str, Bundle] | None = None,
     guess: Guess | None = None,
 ) -> Bundle:
-    """A robust solution with a flat board, a few steps from the minimum, whatever outliers there are.
-
-    From the solution of a simpler lens in `known`, or of a richer one. Otherwise from the focal length, distortion and
-    poses of the views' homographies (`guess`), and from other focal lengths, until two lead to the same; the best by
-    the median corner is taken.
+    """A robust solution with a flat board, a few steps from the minimum, whatever outliers there are: from a simpler
+    lens in `known`, or a richer one; else from the homographies (`guess`) and other focal lengths, until two lead to
+    the same, the best by the median corner.
     """
     known = known or {}
     near = known.get(model.simpler or "")
@@ -200,9 +198,8 @@ def unfolded(
 ) -> Bundle:
     """A solution that does not fold inside the picture, where the corners leave room for one; the given one otherwise.
 
-    Beyond the corners nothing constrains a rich lens, and often it folds there. A penalty keeps up the slope of its
-    radial curve as far as the picture's corner. It may cost 1 % of the squared residuals, or what 20 parameters would
-    explain by chance: a lens that needs more is wrong.
+    A penalty keeps up the slope of the radial curve as far as the picture's corner. It may cost 1 % of the squared
+    residuals, or what 20 parameters would explain by chance: a lens that needs more is wrong.
     """
     model = bundle.model
     if not np.isfinite(bundle.rms_px) or is_monotonic(model, bundle.intrinsics, image_size):

@@ -268,17 +268,14 @@ def _fit_lens(
 def _choose_lens(
     observations: Sequence[Observation], options: _Options, warm: Mapping[str, Bundle]
 ) -> tuple[Bundle, tuple[Candidate, ...]]:
-    """The solution of the lens model with the least expected error, and the comparison.
+    """The solution of the lens model with the least expected error, and the comparison; warm : solutions by model name.
 
-    Each model is fitted to four fifths of the views and tested on the rest, whose poses alone are solved for. One whose
-    held-out error is larger by more than 0.5 % and significantly so (over views), or by 10 %, is wrong. Of the others
-    the one of least expected error over the picture is taken, bias and noise together (`expected_errors_px`). A lens
-    without decentring must be 15 % better than opencv4, which has it.
+    Models whose held-out error is larger by 0.5 % and significantly so (over views), or by 10 %, are wrong. Of the
+    others the one of least expected error over the picture is taken, bias and noise together (`expected_errors_px`). A
+    lens without decentring must be 15 % better than opencv4, which has it.
 
     Models that fold inside the picture are passed over unless every other is 10 % worse on held-out views, those whose
     halves disagree unless every other is 0.5 % worse; those with an open parameter are left out.
-
-    warm : solutions by model name for nearly the same corners, to start from.
     """
     fits: dict[str, Bundle] = {}
     errors: dict[str, np.ndarray] = {}

@@ -64,15 +64,12 @@ def is_covered(pixels: np.ndarray, corners_px: np.ndarray) -> np.ndarray:
 
 
 def expected_errors_px(cameras: Mapping[str, Camera], reference: str, corners_px: np.ndarray) -> dict[str, float]:
-    """How far each lens is expected to be off, what a turn of the camera explains among the corners left out.
+    """Expected error of each lens by the focused information criterion (Claeskens & Hjort 2003): its variance, and the
+    square of its bias, the difference from the reference less twice the mean of what noise makes of it.
 
-    cameras : solutions of several lens models from the same corners, by name, with covariances. reference : one that is
-        right but for noise. corners_px : (N, 2) what they were solved from.
-
-    The focused information criterion (Claeskens & Hjort 2003): a lens' own variance, and the square of its bias, which
-    is that of its difference from the reference less twice what noise makes of it in the mean. The geometric mean over
-    the picture: what is good among the corners must not run wild beside them, and what lies beside them does not
-    outweigh them.
+    cameras : by name, from the same corners (N, 2), with covariances. reference : one without bias. What a turn of the
+    camera explains among the corners is left out; the geometric mean over the picture is taken, so that a lens must not
+    run wild beside the corners, nor count for nothing else.
     """
     pixels = pixel_grid(cameras[reference].image_size).reshape(-1, 2)
     among = is_covered(pixels, corners_px)

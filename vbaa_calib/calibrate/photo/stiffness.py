@@ -59,9 +59,8 @@ class PhotoStiffness:
 
 
 def solve_photo(lines: Sequence[RodLine], setting: Setting) -> PhotoStiffness:
-    """EI from the line of the bent rod and, if there is a second line, of the unloaded one.
-
-    The unloaded rod hangs as before without its load; where there was none but its weight, it lies flat.
+    """EI from the line of the bent rod and, if there is a second line, of the unloaded one: hanging as before without
+    its load, or lying flat where there was none but its weight.
 
     Raises InputError where no bending is seen, or load and scale are impossible.
     """

@@ -30,11 +30,8 @@ _UNIT = 0.02
 
 def read_robot_poses(path: Path, euler: str | None = None) -> tuple[dict[str, Pose], dict[str, dict[str, Pose]]]:
     """T_base_tool by view from a CSV: view; x_m,y_m,z_m or x_mm,…; and qx,qy,qz,qw, a rotation vector rx_rad,… or
-    rx_deg,…, or Euler angles a_rad,b_rad,c_rad or a_deg,… in the order `euler`, as SciPy names it.
-
-    Returns besides what else the rows may mean, by what is then said of the poses.
-
-    Raises InputError naming the file, the line and what is wrong.
+    rx_deg,…, or Euler angles a_rad,b_rad,c_rad or a_deg,… in the order `euler`, as SciPy names it. With other readings
+    of the rows, by what is then said of the poses. Raises InputError naming file and line.
     """
     header = _header(path)
     place = next((names for names in _PLACES if names[0] in header), ("x_m", "y_m", "z_m"))
