@@ -24,7 +24,7 @@ from estimator.table.contacts import ContactTable, joint_angles
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.rig import Rig
 
-from .reach import RUNG, JointLimits, Reach, along_surface, reachable
+from .reach import RUNG, JointLimits, Reach, along_surface, carried, reachable
 
 SURFACE, FRICTION, STIFFNESS = GOALS = ("surface", "friction", "stiffness")
 UNITS = {SURFACE: "m", FRICTION: "", STIFFNESS: "m/N"}
@@ -342,11 +342,7 @@ def _lateral(reach: Reach) -> np.ndarray:
 
 def _slip(arrays: RigArrays, reach: Reach, end_rad: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Unit direction (B,), (B,) across and along the antenna in which it slides on its way to other joint angles."""
-    (rotation, translation), (turned, shifted) = (
-        arrays.rig.kinematics.world_antenna(*joints.T) for joints in (reach.joints_rad, end_rad)
-    )
-    local = np.einsum("bji,bj->bi", rotation, reach.point_m - translation)
-    moved = np.einsum("bij,bj->bi", turned, local) + shifted - reach.point_m
+    moved = carried(arrays, reach.joints_rad, end_rad, reach.point_m)
     across, along = (np.sum(moved * side, axis=1) for side in (_lateral(reach), reach.tangent))
     size = np.maximum(np.hypot(across, along), 1e-12)
     return across / size, along / size

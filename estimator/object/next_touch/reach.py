@@ -254,18 +254,21 @@ def _pressed(
     return unknowns_of(x), *at(x)
 
 
+def carried(arrays: RigArrays, joints_rad: np.ndarray, to_rad: np.ndarray, point_m: np.ndarray) -> np.ndarray:
+    """(B, 3) how far the joints (B, 2) carry points of the undeformed antenna on their way to other angles, world."""
+    (rotation, translation), (turned, shifted) = (
+        arrays.rig.kinematics.world_antenna(*joints.T) for joints in (joints_rad, to_rad)
+    )
+    local = np.einsum("bji,bj->bi", rotation, point_m - translation)
+    return np.einsum("bij,bj->bi", turned, local) + shifted - point_m
+
+
 def _ways(
     arrays: RigArrays, joints_rad: np.ndarray, point_m: np.ndarray, normal: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """(B, 2, 2) unit ways of the joints, onto the surface and along it, and how fast (B, 2) points move by them, m."""
-    kinematics = arrays.rig.kinematics
-    rotation, translation = kinematics.world_antenna(*joints_rad.T)
-    local = np.einsum("bji,bj->bi", rotation, point_m - translation)
-    moved = []
-    for axis in _AXIS_STEP_RAD * np.eye(2):
-        turned, shifted = kinematics.world_antenna(*(joints_rad + axis).T)
-        moved.append((np.einsum("bij,bj->bi", turned, local) + shifted - point_m) / _AXIS_STEP_RAD)
-    velocity = np.stack(moved, axis=1)
+    steps = (joints_rad + _AXIS_STEP_RAD * axis for axis in np.eye(2))
+    velocity = np.stack([carried(arrays, joints_rad, to, point_m) / _AXIS_STEP_RAD for to in steps], axis=1)
     onto = -np.einsum("bki,bi->bk", velocity, normal)
     onto = onto / np.maximum(np.linalg.norm(onto, axis=1, keepdims=True), 1e-9)
     ways = np.stack([onto, np.column_stack([-onto[:, 1], onto[:, 0]])], axis=1)

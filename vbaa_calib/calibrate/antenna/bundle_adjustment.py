@@ -90,10 +90,8 @@ def _fitting(
         columns = np.hstack([slopes[:, own], slopes[:, rest] @ root[rest]])
         errors = np.concatenate([solution.parameters[own], np.zeros(len(root))])
         step = -np.linalg.solve(np.eye(len(errors)) + columns.T @ columns, columns.T @ left + errors)
-        rms[index], needed[index] = (
-            np.sqrt(((left + columns @ step) ** 2).mean()),
-            np.linalg.norm((errors + step)[: len(own)]),
-        )
+        rms[index] = np.sqrt(((left + columns @ step) ** 2).mean())
+        needed[index] = np.linalg.norm((errors + step)[: len(own)])
     return (rms < _FALSE_STILL * np.median(rms)) & (needed < _FALSE_READING_STD), rms
 
 
@@ -177,7 +175,7 @@ def _solved(
     problem = Problem.of(observations, prior, length_m, moment_std_Nm)
     parameters = problem.begin
     least = 1.0 if np.mean([one.shared for one in observations]) > 0.5 else 0.0
-    evaluated, gap_std = problem.evaluate(parameters), np.nan
+    evaluated = problem.evaluate(parameters)
     for turn in range(_PASSES + 1):
         kept = problem.kept
         left = [problem.without_line(i, evaluated.points[i][:, 0]) for i in np.flatnonzero(kept).tolist()]
@@ -272,8 +270,8 @@ def _at_tips(problem: Problem, parameters: np.ndarray) -> tuple[Problem, Lineari
 
 
 def _tip(problem: Problem, evaluated: Evaluation, covariance: np.ndarray, axes: np.ndarray) -> Tip | None:
-    """Where the visible end lies by its pictures, and its covariance with the rig; covariance : of all parameters, axes
-    : (17 + P, 17 + P) of the lens in its own units."""
+    """Where the visible end lies by its pictures, and its covariance with the rig, from that of all parameters; `axes`
+    (17 + P, 17 + P) give the lens its own units."""
     std_m = problem.prior.tip_std_m
     if not len(problem.tips) or std_m is None:
         return None

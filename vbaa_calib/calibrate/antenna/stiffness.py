@@ -100,7 +100,7 @@ def solve_stiffness(
     fit, errors, half = chosen.judged(clamp)
     slope, bias = chosen.linear_error()
     relative = fit.std_Nm2 / fit.stiffness_Nm2
-    steep, biased = slope > _STEEP_RAD, abs(bias) > max(_BIAS_SHARE * fit.std_Nm2 / fit.stiffness_Nm2, _LEAST_BIAS)
+    steep, biased = slope > _STEEP_RAD, abs(bias) > max(_BIAS_SHARE * relative, _LEAST_BIAS)
     reason = "large deflection" if steep else "the small-angle formula would bias EI" if biased else "small deflection"
     reason += f": slope {slope:.3g} at the load, small-angle formula off by {100 * bias:+.2g} % of EI against a "
     reason += f"standard deviation of {100 * relative:.2g} %"
