@@ -1,4 +1,4 @@
-"""Everything that contacts.csv says of the object: what happened, its shape, its friction and how far it yields."""
+"""The object from contacts.csv: events, surface, friction and compliance."""
 
 from __future__ import annotations
 

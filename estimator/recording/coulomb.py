@@ -1,4 +1,4 @@
-"""Coulomb's law as what is known of the friction angles of a recording before its frames are fitted."""
+"""Coulomb's law as a prior of the friction angles of a recording."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""An object whose place is known: contacts on it tell where the antenna was touched, and so the rig's errors."""
+"""Equations of contacts with an object whose place is known: they determine the rig's errors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A recording as one: contacts whose rig errors and friction are known as well as all frames together tell them."""
+"""Contacts of a recording refined jointly: rig errors and friction are estimated from all frames together."""
 
 from __future__ import annotations
 

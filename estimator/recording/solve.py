@@ -1,4 +1,4 @@
-"""The recording's problem solved: Gauss–Newton, and what does not belong to the rest given less weight or none."""
+"""Gauss–Newton for a whole recording; frames and strokes that contradict the rest are reweighted or left out."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A lens that was calibrated before, as the beginning of a calibration: its file, its uncertainty, whether it holds."""
+"""A lens calibrated before: reads its file, assumes a covariance where none is given, tests it on new views."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""μ of one object, or the bound that its touches set on it, with the errors that they have in common fitted along.
+"""The posterior of one object's μ, or bounds on it; errors that its touches have in common are fitted along.
 
 Coulomb: in a touch that slides, friction is μ times the normal force, against the slip. With d the unit slip, lateral
 and longitudinal, the force's angles are

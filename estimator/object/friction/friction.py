@@ -1,5 +1,5 @@
-"""Friction of an object from its touches (Fig. 5): out of the table, the surface's normals, the slip, and the errors in
-common; and the normals as the force has confirmed them."""
+"""Friction of an object from contacts, surface normals and slip, with the errors in common (Fig. 5); and normals
+corrected by the force."""
 
 from __future__ import annotations
 

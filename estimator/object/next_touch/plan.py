@@ -1,4 +1,4 @@
-"""Which touch tells most of surface, friction or stiffness: the expected decrease of the posterior variance."""
+"""The next touch: the one that decreases the expected variance of surface, friction or stiffness most."""
 
 from __future__ import annotations
 

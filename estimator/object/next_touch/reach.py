@@ -1,7 +1,7 @@
-"""What the antenna can touch of a surface that is known in part: joint angles, and the contacts that they would make.
+"""Joint angles at which the antenna touches a partly known surface, and the contacts there.
 
-A straight wire touches a body along its outline as the clamp sees it, so that joint angles, not places, are chosen. At
-joint angles the frictionless rod lies tangent on the surface's posterior mean: three equations for distance and force.
+Joint angles are chosen, not places: a straight wire touches a body along its outline seen from the clamp. At given
+angles the frictionless rod lies tangent on the surface's posterior mean: three equations for distance and force.
 """
 
 from __future__ import annotations

@@ -1,5 +1,4 @@
-"""From touches to the object's surface, with its uncertainty, how far the object yields, and a mesh over what was
-touched: what lies between touches, and nothing beyond them."""
+"""The object's surface from touches: uncertainty, compliance, and a mesh between the touches, not beyond them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Touches to a solved shape: shapes, surface points, normals and compliance by turns, until they agree.
+"""Fits the shape to the touches: shapes, surface points, normals and compliance in alternation until they converge.
 
 The normals come from the shape and from the antenna's tangents: n ⟂ shape, n ⟂ tangent."""
 

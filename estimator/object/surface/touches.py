@@ -1,4 +1,4 @@
-"""The located contacts of one object, with what is each one's own error and what is common to all of them."""
+"""The located contacts of one object, their errors split into own and common ones."""
 
 from __future__ import annotations
 

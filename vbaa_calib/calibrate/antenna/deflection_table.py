@@ -1,4 +1,4 @@
-"""A table of measured deflections: x_m,unloaded_y_m,loaded_y_m, and everything that may be wrong with one."""
+"""Reads and checks a table of measured deflections: x_m,unloaded_y_m,loaded_y_m."""
 
 from __future__ import annotations
 

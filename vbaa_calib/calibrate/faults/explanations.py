@@ -1,4 +1,4 @@
-"""How well an explanation fits: the scatter that it leaves, and what further parameters would become."""
+"""Tests of an explanation: the scatter that it leaves, and further parameters estimated to first order."""
 
 from __future__ import annotations
 

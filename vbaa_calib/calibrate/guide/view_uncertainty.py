@@ -1,4 +1,4 @@
-"""Uncertainty on plane C by the pictures of the board so far: information about the lens, and doubts about it."""
+"""Uncertainty on plane C from the board pictures so far, by the information matrix of the lens."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the corners say of what all views share, lens and bend of the board: information, held-out errors, halves."""
+"""Information of the corners about lens and board shape, held-out errors, and split halves."""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
 """The middle line of a rod in one photograph: a path between its two ends, then both edges across that path.
 
-Nothing is known of camera, light or background but that the rod is brighter, or darker, than what is around it all
-along. Pixels count from the middle of the upper left one. The path is the cheapest one through what stands out from
-the background; the edges are where half the rod's contrast is left, coming from inside, so that hairs that stand off
-do not count. Hairs that lie against the rod do: points at which it is wider or narrower than near by are left out.
+The only assumption is that the rod is brighter, or darker, than its surroundings all along. Pixel (0, 0) is the middle
+of the upper left one. The path is the shortest one by Dijkstra where contrast is cheap; the edges are at half of the
+rod's contrast, searched from the inside, so that hairs that stick out do not count. Hairs that lie along the rod do:
+points at which it is wider or narrower than near by are left out.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""EI of a rod from its line in one photograph, with what scale, gravity's direction and the camera's tilt add to it."""
+"""EI of a rod from its line in one photograph; its uncertainty includes scale, gravity's direction and camera tilt."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Robot-world/hand-eye calibration in closed form, and by consensus: X·seen = known·Z for unknown X and Z."""
+"""Robot-world/hand-eye calibration X·seen = known·Z in closed form, robust by random subsets."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Views of a hand-eye calibration, one by one: good corners, and the poses of the board that they allow."""
+"""Each view of a hand-eye calibration by itself: its inlying corners and the board poses that fit them."""
 
 from __future__ import annotations
 
