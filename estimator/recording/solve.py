@@ -14,7 +14,7 @@ from .problem import Equations, Problem, State, spread_evenly
 _ITERATIONS, _ENOUGH = 12, 0.02  # steps are taken until none is longer than this part of a deviation
 _LONGEST = 0.2  # longest step of a distance, in its own size
 _NEARLY_ALL = 0.98
-MOST = 1000  # contacts, and free frames, from which the shared errors are solved for
+_MOST = 1000  # contacts, and free frames, from which the shared errors are solved for
 _ROUNDS, _SMALL_CHANGE = 4, 0.1  # frames are weighed anew until no weight changes by more
 _SEEN = 0.05  # least information of a group, over the prior's, in directions that count
 _DOUBTED, _FOREIGN, _BEYOND_DOUBT = 1e-2, 1e-6, 1e-9
@@ -36,7 +36,7 @@ class Solution:
     converged: bool  # whether the steps came to an end
 
 
-def disagreement(information: np.ndarray, pull: np.ndarray, total: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _disagreement(information: np.ndarray, pull: np.ndarray, total: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """χ² and degrees of freedom (G,) with which groups of information (G, S, S) disagree with the rest: a group that
     belongs pulls at the common solution with a force (G, S) of covariance S − S·H⁻¹·S, H the information of all. In
     units of the prior's deviations; only directions count that a group determines.
@@ -58,15 +58,15 @@ def disagreement(information: np.ndarray, pull: np.ndarray, total: np.ndarray) -
 
 
 def solved(problem: Problem, start: State, strokes: np.ndarray, widening: float = 1.0) -> Solution:
-    """The most probable recording. What frames share is solved for with `MOST` of them at most, evenly over the
+    """The most probable recording. What frames share is solved for with `_MOST` of them at most, evenly over the
     recording, then held while the others are fitted: a frame's bias is of second order in its noise, but the same in
     many. strokes : (B,) number of each frame's; widening : on the deviations of the calibration.
     """
     rig = problem.axes.shape[1]
     prior = np.ones(problem.size)
     prior[:rig] /= widening**2
-    chosen = spread_evenly(len(problem.touching), MOST)
-    few, labels = problem.picked(chosen, MOST), strokes[chosen]
+    chosen = spread_evenly(len(problem.touching), _MOST)
+    few, labels = problem.picked(chosen, _MOST), strokes[chosen]
     state = State(start.unknowns[chosen], start.shared)
     weight, foreign = _beginning(few, state, labels), np.zeros(0, strokes.dtype)
     for _ in range(_ROUNDS):
@@ -75,7 +75,7 @@ def solved(problem: Problem, start: State, strokes: np.ndarray, widening: float 
         renewed = _weights(equations, pull, total)
         each = np.unique(labels)
         sums = np.array([weight * (labels == label) for label in each])
-        square, freedom = disagreement(np.einsum("gb,bst->gst", sums, equations.information), sums @ pull, total)
+        square, freedom = _disagreement(np.einsum("gb,bst->gst", sums, equations.information), sums @ pull, total)
         stroke_p = _p(square, freedom)
         if stroke_p.min(initial=1.0) < _FOREIGN:
             foreign = np.append(foreign, each[np.argmin(stroke_p)])
@@ -85,7 +85,7 @@ def solved(problem: Problem, start: State, strokes: np.ndarray, widening: float 
             break
     offset = np.zeros((1, problem.size))
     offset[0, :rig] = -prior[:rig] * state.shared[:rig]
-    square, freedom = disagreement(np.diag(prior * (np.arange(problem.size) < rig))[None], offset, total)
+    square, freedom = _disagreement(np.diag(prior * (np.arange(problem.size) < rig))[None], offset, total)
     if len(chosen) < len(problem.touching):
         state, equations = _others(problem, State(start.unknowns, state.shared), state.unknowns, chosen)
         weight = _weights(equations, _pull(problem, state, equations), total)
@@ -129,7 +129,7 @@ def _beginning(problem: Problem, state: State, strokes: np.ndarray) -> np.ndarra
 
 def _weights(equations: Equations, pull: np.ndarray, total: np.ndarray) -> np.ndarray:
     """(B,) of frames in the shared steps, by the chance of disagreeing as much with the rest."""
-    square, freedom = disagreement(equations.information, pull, total)
+    square, freedom = _disagreement(equations.information, pull, total)
     p = _p(square, freedom)
     weight = np.where(p < _DOUBTED, freedom / np.maximum(square, 1e-9), 1.0)
     return np.where((p < _FOREIGN) | ~equations.sound, 0.0, weight)

@@ -24,7 +24,7 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.rig import Rig
 
 RUNG = "rod"
-SLOPES_RAD = np.radians([4.0, 8.0, 14.0])
+_SLOPES_RAD = np.radians([4.0, 8.0, 14.0])
 """A touch is pressed to one of these slopes of the antenna at the contact, through those before it."""
 _ROWS, _SWEEPS = 36, np.arange(-4, 5)
 _SWEPT, _FARTHEST_STEP_RAD = 0.12, 0.06  # a step along the surface: this part of its patch, but no longer than this
@@ -32,7 +32,7 @@ _STEPS, _LONGEST, _CONVERGED = 15, 0.25, 1e-4
 _NEAREST, _FARTHEST = 0.1, 0.97  # of the antenna's length: nearer it is stiff, farther the tip's end slips off
 _PLACE_M = 0.01  # what a metre of a curve's foot counts as, beside an angle
 _AXIS_STEP_RAD = 1e-4
-CLEAR_M = 5e-3  # how far from the surface a touch begins, and three deviations of the surface
+_CLEAR_M = 5e-3  # how far from the surface a touch begins, and three deviations of the surface
 _BESIDE_M = 1e-3  # no other part of the object may be nearer to the antenna
 
 
@@ -206,8 +206,8 @@ def reachable(found: Fit, arrays: RigArrays, rows: np.ndarray, joints_rad: np.nd
     shown = np.array([surely_known_m(found, index) for index in range(len(found.patches))])[patch]
     known &= std <= shown
     lever = _ways(arrays, np.nan_to_num(touch), begun.point_m, np.nan_to_num(normal))[1][:, 0]
-    begin = touch - ((CLEAR_M + 3.0 * std) / lever)[:, None] * press
-    for level, slope in enumerate(SLOPES_RAD):
+    begin = touch - ((_CLEAR_M + 3.0 * std) / lever)[:, None] * press
+    for level, slope in enumerate(_SLOPES_RAD):
         size = 2.0 * arrays.rig.antenna.stiffness_Nm2 * slope / (unknowns[:, 0] * length) ** 2
         pressed_rad = 2.0 / 3.0 * slope * first[:, 0] * length / lever
         pressed = touch + pressed_rad[:, None] * press

@@ -228,7 +228,7 @@ CLAMP_OFFSET_STD_M = 1.5e-3
 CLAMP_ANGLE_STD_RAD = 0.035
 BOW_STD_PER_M = 0.3
 CLAMP_GIVE_STD_M = 5e-4
-LOG_STIFFNESS_STD = 0.5
+_LOG_STIFFNESS_STD = 0.5
 LOG_MASS_STD = 0.03
 _GAIN_STD = 0.5
 _OFFSET_STD_NM = 0.02
@@ -254,7 +254,7 @@ def prior(
     and along the x axis by definition."""
     in_plane = _DEFINED if own_frame else 1.0
     clamp = [CLAMP_OFFSET_STD_M * in_plane, CLAMP_OFFSET_STD_M, CLAMP_ANGLE_STD_RAD, CLAMP_ANGLE_STD_RAD * in_plane]
-    rest = [BOW_STD_PER_M] * 2 + [LOG_STIFFNESS_STD, LOG_MASS_STD, CLAMP_GIVE_STD_M, _GAIN_STD, _OFFSET_STD_NM]
+    rest = [BOW_STD_PER_M] * 2 + [_LOG_STIFFNESS_STD, LOG_MASS_STD, CLAMP_GIVE_STD_M, _GAIN_STD, _OFFSET_STD_NM]
     return Prior(
         poses=tuple(poses),
         start=fused(poses),

@@ -37,7 +37,7 @@ class Observation:
         return Observation(self.points_m[which], self.pixels[which], deformation, self.weight)
 
 
-def corners_of(observations: Sequence[Observation]) -> Corners:
+def _corners_of(observations: Sequence[Observation]) -> Corners:
     """All views' corners, concatenated."""
     counts = [len(view.pixels) for view in observations]
     rigid = [np.zeros((len(v.pixels), 3, SHAPE)) if v.deformation is None else v.deformation for v in observations]
@@ -53,7 +53,7 @@ def corners_of(observations: Sequence[Observation]) -> Corners:
 def rows(bundle: Bundle, observations: Sequence[Observation]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Residuals (N, 2) px of all corners, negative derivatives by intrinsics and shape (N, 2, 4 + k + 5) and by the
     poses' tangents (N, 2, 6, `Pose.retract`), and bounds (V + 1,): view v has rows bounds[v] to bounds[v + 1]."""
-    corners = corners_of(observations)
+    corners = _corners_of(observations)
     residuals, slopes = corner_rows(*bundle.state, bundle.model.is_fisheye, corners)
     return residuals, slopes[..., :-6], slopes[..., -6:], corners.bounds
 
@@ -144,7 +144,7 @@ def refine(
     start: Bundle, observations: Sequence[Observation], rules: Rules = CONVERGED, robust: bool = False
 ) -> Bundle:
     """Levenberg–Marquardt on the reprojection error; robust : by Cauchy's loss, so gross errors do not pull."""
-    corners, directions = corners_of(observations), start.directions
+    corners, directions = _corners_of(observations), start.directions
     # each number of lens and shape is part of one unknown, or held
     column = np.where(directions.any(axis=1), directions.argmax(axis=1) if directions.size else 0, -1)
     stop = Stop(rules.iterations, rules.tolerance, rules.damping, rules.growth, rules.may_rise_share)

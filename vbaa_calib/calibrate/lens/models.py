@@ -54,7 +54,7 @@ LENS_MODELS = {
 _Projected = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
-def camera_matrix(intrinsics: np.ndarray) -> np.ndarray:
+def _camera_matrix(intrinsics: np.ndarray) -> np.ndarray:
     """(3, 3) camera matrix from (fx, fy, cx, cy, *distortion)."""
     fx, fy, cx, cy = intrinsics[:4]
     return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
@@ -62,14 +62,14 @@ def camera_matrix(intrinsics: np.ndarray) -> np.ndarray:
 
 def _project_opencv(points: np.ndarray, pose: np.ndarray, intrinsics: np.ndarray) -> _Projected:
     distortion = intrinsics[4:] if len(intrinsics) > 4 else np.zeros(4)
-    pixels, jacobian = cv2.projectPoints(points, pose[:3], pose[3:], camera_matrix(intrinsics), distortion)
+    pixels, jacobian = cv2.projectPoints(points, pose[:3], pose[3:], _camera_matrix(intrinsics), distortion)
     return pixels.reshape(-1, 2), jacobian[:, 6 : 6 + len(intrinsics)], jacobian[:, :6]
 
 
 def _project_fisheye(points: np.ndarray, pose: np.ndarray, intrinsics: np.ndarray) -> _Projected:
     turn, shift, distortion = pose[:3, None], pose[3:, None], intrinsics[4:, None]
     pixels, jacobian = cv2.fisheye.projectPoints(
-        points.reshape(-1, 1, 3), turn, shift, camera_matrix(intrinsics), distortion
+        points.reshape(-1, 1, 3), turn, shift, _camera_matrix(intrinsics), distortion
     )
     return pixels.reshape(-1, 2), jacobian[:, :8], jacobian[:, 8:14]
 
@@ -81,7 +81,7 @@ pixels (N, 2) and the derivatives of the interleaved pixels by intrinsics (2N, 4
 
 def camera_of(model: LensModel, intrinsics: np.ndarray, image_size: tuple[int, int]) -> Camera:
     """The camera of intrinsics (fx, fy, cx, cy, *distortion), without a covariance."""
-    return Camera(model.camera_model, image_size, camera_matrix(intrinsics), intrinsics[4:])
+    return Camera(model.camera_model, image_size, _camera_matrix(intrinsics), intrinsics[4:])
 
 
 _UNSEEN_PX = 1e4

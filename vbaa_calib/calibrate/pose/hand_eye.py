@@ -25,7 +25,7 @@ from .hand_eye_fit import HandEyeProblem, Misfits, Solved
 from .hand_eye_start import Start, consensus, other_orders
 from .hand_eye_views import LEAST_CORNERS, SeenView, seen_view
 
-MOUNTS = ("hand", "fixed")
+_MOUNTS = ("hand", "fixed")
 _LEAST_VIEWS = 3
 _LEAST_TURN_RAD = 0.02
 _FAR_BETTER, _BETTER_OF_FEW, _FEW = 4.0, 12.0, 5
@@ -180,8 +180,8 @@ def solve_hand_eye(
     Raises InputError for views and poses that are not of equal number, fewer than three views that can be used, an arm
     that turned about one axis only or not at all, poses that fit far better read in another way, or do not fit.
     """
-    if mount not in MOUNTS:
-        raise InputError(f"the mount is {mount!r}", remedy=f"take one of {', '.join(MOUNTS)}")
+    if mount not in _MOUNTS:
+        raise InputError(f"the mount is {mount!r}", remedy=f"take one of {', '.join(_MOUNTS)}")
     if len(views) != len(robot_poses):
         raise InputError(
             f"there are {len(views)} views and {len(robot_poses)} robot poses", remedy="give one pose for each view"

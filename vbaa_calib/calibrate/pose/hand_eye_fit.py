@@ -31,7 +31,7 @@ from vbaa_calib.core.robust import radial_std, soft_l1_weights
 from vbaa_calib.geometry import Pose
 from vbaa_calib.geometry.independent_axes import independent_axes
 
-SHARED = 12  # columns of X's tangent and of Z's
+_SHARED = 12  # columns of X's tangent and of Z's
 _RULES = Rules(60, tolerance=1e-12, takes_last=True, may_rise_share=1e-9)
 _STD_LOGS = np.log([(1e-7, 1.0), (1e-7, 1.0), (1.0, 1e9)])  # between them the deviations are sought
 _STARTS = (1e-5, 1e-4, 1e-3, 1e-2)
@@ -105,7 +105,7 @@ class _Rows(NamedTuple):
         root = np.linalg.inv(np.linalg.cholesky(V))
         rows = root @ np.concatenate([self.by_shared, left[..., None]], axis=-1)
         product = np.einsum("vki,vkj->ij", rows, rows)
-        A = product[:-1, :-1] + np.diag(np.arange(len(product) - 1) >= SHARED).astype(float)
+        A = product[:-1, :-1] + np.diag(np.arange(len(product) - 1) >= _SHARED).astype(float)
         spread = -2.0 * float(np.log(np.diagonal(root, axis1=1, axis2=2)).sum())
         return _Normal(A, product[:-1, -1], float(product[-1, -1]), left, V, spread)
 
@@ -138,8 +138,8 @@ class Solved:
     def covariance_for(self, std: np.ndarray) -> np.ndarray:
         """(12, 12) of X's and Z's tangents, with the lens'."""
         A = self.rows.normal(std).A
-        own = solve_scaled(A[:SHARED, :SHARED], np.eye(SHARED))
-        by_lens = own @ A[:SHARED, SHARED:]
+        own = solve_scaled(A[:_SHARED, :_SHARED], np.eye(_SHARED))
+        by_lens = own @ A[:_SHARED, _SHARED:]
         return own + by_lens @ by_lens.T
 
     @cached_property
@@ -148,7 +148,7 @@ class Solved:
         own, variance = self.covariance_for(self.std), 0.0
         for which, log_std in zip(np.eye(3), self.log_std, strict=True):
             more = self.covariance_for(self.std * np.exp(_DIFFERENCE * which)) - own
-            share = float(np.trace(solve_scaled(own, more))) / (2.0 * _DIFFERENCE * SHARED)
+            share = float(np.trace(solve_scaled(own, more))) / (2.0 * _DIFFERENCE * _SHARED)
             variance += max(share, 0.0) ** _SHARED_DOUBT * (2.0 * min(log_std, 1.0)) ** 2
         return max(2.0 / max(variance, 1e-9), _LEAST_FREEDOM)
 
@@ -230,8 +230,8 @@ class HandEyeProblem:
             basis, factor = np.linalg.qr(tangents)
             own, slopes = basis.T @ residuals, factor @ self._tangents(state, pose, index)
             squares += float(residuals @ residuals) / std[2] ** 2
-            shared = np.hstack([slopes[:, :SHARED], basis.T @ by_lens @ axes])
-            each.append((own, shared, slopes[:, SHARED:], factor))
+            shared = np.hstack([slopes[:, :_SHARED], basis.T @ by_lens @ axes])
+            each.append((own, shared, slopes[:, _SHARED:], factor))
         own, by_shared, by_error, by_pose = (np.array(parts) for parts in zip(*each, strict=True))
         errors = np.array([E.vector for E in state.errors])
         squares += float(((errors / std[:2].repeat(3)) ** 2).sum())
@@ -243,17 +243,17 @@ class HandEyeProblem:
 
         def step(at: _Rows, damping: float) -> tuple[np.ndarray, float]:
             normal = at.normal(std)
-            A, b = normal.A[:SHARED, :SHARED], normal.b[:SHARED]
+            A, b = normal.A[:_SHARED, :_SHARED], normal.b[:_SHARED]
             move = solve_scaled(A, b, damping)
-            left = normal.left - at.by_shared[..., :SHARED] @ move
+            left = normal.left - at.by_shared[..., :_SHARED] @ move
             errors = variance * np.einsum("vji,vj->vi", at.by_error, np.linalg.solve(normal.V, left[..., None])[..., 0])
             own = errors - at.errors
             promise = 0.5 * float(2.0 * b @ move - move @ A @ move + (own**2 / variance).sum())
             return np.concatenate([move, own.ravel()]), promise
 
         def moved(at: _Rows, move: np.ndarray) -> _Rows:
-            X, Z = at.state.X.retract(move[:6]), at.state.Z.retract(move[6:SHARED])
-            steps = move[SHARED:].reshape(-1, 6)
+            X, Z = at.state.X.retract(move[:6]), at.state.Z.retract(move[6:_SHARED])
+            steps = move[_SHARED:].reshape(-1, 6)
             errors = tuple(E.retract(own) for E, own in zip(at.state.errors, steps, strict=True))
             return self.linearised(_State(X, Z, errors), std)
 
@@ -297,8 +297,8 @@ class HandEyeProblem:
         squares = (np.einsum("vji,vj->vi", axes, off) ** 2 / np.maximum(values, 1e-9)).sum(axis=1)
 
         robot = (rows.by_error * std[:2].repeat(3) ** 2) @ np.swapaxes(rows.by_error, 1, 2)
-        fixed, of_lens = rows.by_shared[..., :SHARED], rows.by_shared[..., SHARED:]
-        own = solve_scaled(fit.A[:SHARED, :SHARED], np.eye(SHARED))
+        fixed, of_lens = rows.by_shared[..., :_SHARED], rows.by_shared[..., _SHARED:]
+        own = solve_scaled(fit.A[:_SHARED, :_SHARED], np.eye(_SHARED))
         taken = own @ np.swapaxes(fixed, 1, 2) @ np.linalg.inv(V) * kept[:, None, None]
         # a turn moves the board's centre, too
         levers = np.array([_crossed(pose.rotation @ centre_m) for pose in seen])
