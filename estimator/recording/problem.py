@@ -93,16 +93,12 @@ class Problem:
     @property
     def lines(self) -> int:
         """L, how many errors a line has."""
-        return len(self._arrays.line)
+        return len(RigArrays.from_rig(self.rig, self.friction_rad).line)
 
     @property
     def size(self) -> int:
         """S."""
         return self.axes.shape[1] + self.lines + (0 if self.known is None else 3)
-
-    @property
-    def _arrays(self) -> RigArrays:
-        return RigArrays.from_rig(self.rig, self.friction_rad)
 
     def rig_at(self, shared: np.ndarray) -> Rig:
         """The rig after the shared steps (S,)."""

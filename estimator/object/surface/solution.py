@@ -124,11 +124,6 @@ def _covariance_by_log_length(between: _Pairs, prior: Prior) -> np.ndarray:
     return np.asarray(result * np.exp(-scaled))
 
 
-def _trend(rows: Functionals, prior: Prior) -> np.ndarray:
-    """(N, C + C·D) H with H·Hᵀ the covariance of the prior's linear trend."""
-    return np.hstack([prior.offset_m * rows.value, prior.incline * rows.of_lines])
-
-
 def variance(rows: Functionals, prior: Prior) -> np.ndarray:
     """(N,) prior variance of each view, the diagonal of `covariance(pairs(rows, rows), prior)`."""
     result = (rows.value**2).sum(axis=1) * (prior.amplitude_m**2 + prior.offset_m**2)
@@ -278,7 +273,8 @@ def learn_prior(
         except LinAlgError:
             # a search that meets a wall stops there: somewhat rougher numbers lead on
             lower = np.linalg.cholesky(whole + _ROUGHER * np.diag(np.diag(whole)))
-        columns = np.column_stack([np.eye(count), _trend(rows, prior), y])
+        # the columns H in the middle have the trend's covariance H·Hᵀ
+        columns = np.column_stack([np.eye(count), prior.offset_m * rows.value, prior.incline * rows.of_lines, y])
         white = solve_triangular(lower, columns, lower=True, check_finite=False)
         inverse, lines, seen = white[:, :count], white[:, count:-1], white[:, -1]
         inner = np.linalg.cholesky(np.eye(lines.shape[1]) + lines.T @ lines)

@@ -142,11 +142,6 @@ def solved_squares(bundle: Bundle, observations: Sequence[Observation]) -> np.nd
     return squares
 
 
-def _rms_over(squares: np.ndarray, observations: Sequence[Observation]) -> float:
-    """Root mean square distance, px, out of each view's weighted sum of squares (V,)."""
-    return float(np.sqrt(squares.sum() / sum(view.weight**2 * len(view.pixels) for view in observations)))
-
-
 def excess_in_errors(squares: np.ndarray, reference: np.ndarray) -> float:
     """By how many standard errors, over views, squared errors (V,) exceed those of a reference."""
     excess = squares - reference
@@ -220,7 +215,7 @@ def assess(
     free = int(np.any(bundle.directions[:-SHAPE] != 0.0, axis=0).sum())
     monotonic = is_monotonic(bundle.model, bundle.intrinsics, image_size)
     halves = compare_split_half(bundle.model, bundle.intrinsics, known, image_size)
-    held_out_px = _rms_over(squares, observations)
+    held_out_px = float(np.sqrt(squares.sum() / sum(view.weight**2 * len(view.pixels) for view in observations)))
     return Candidate(bundle.model.name, free, bundle.rms_px, held_out_px, monotonic, *halves), squares
 
 
