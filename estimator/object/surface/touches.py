@@ -66,15 +66,17 @@ def touches_of(table: ContactTable, shared: CommonErrors | None = None) -> Touch
     length = np.linalg.norm(tangent, axis=1, keepdims=True)
     known = (np.abs(length - 1) < 0.1) & (table.status[row] != "tip_contact")[:, None]
     every = (each[row] for each in (shared.point_m, shared.force_N, shared.tangent))
-    common = (np.where(np.isfinite(each), each, 0.0) for each in every)
+    modes_m, force_modes_N, tangent_modes = (np.where(np.isfinite(each), each, 0.0) for each in every)
     return Touches(
-        table.point_world_m[row],
-        table.force_world_N[row],
-        np.where(known, tangent / np.where(known, length, 1.0), np.nan),
-        table.distance_m[row],
-        shared.own_m2[row],
-        *common,
-        table.frame[row],
-        row,
-        tuple(notes),
+        point_m=table.point_world_m[row],
+        force_N=table.force_world_N[row],
+        tangent=np.where(known, tangent / np.where(known, length, 1.0), np.nan),
+        distance_m=table.distance_m[row],
+        own_m2=shared.own_m2[row],
+        modes_m=modes_m,
+        force_modes_N=force_modes_N,
+        tangent_modes=tangent_modes,
+        frame=table.frame[row],
+        row=row,
+        notes=tuple(notes),
     )

@@ -237,7 +237,7 @@ def _with_tips(problem: Problem, solution: Linearised) -> tuple[Problem, float]:
     seen = np.array([bool(np.isfinite([*one.tip_px, one.tip_std_px]).all()) for one in problem.observations])
     camera = problem.camera(solution.parameters)
     which = np.flatnonzero(seen & problem.kept)
-    ends = [problem.observations[index] for index in which]
+    ends = [problem.observations[index] for index in which.tolist()]
     # where the lens has an inverse
     which = which[[len(see(camera, one.tip_px[None], np.array([one.tip_std_px]))) > 0 for one in ends]]
     if std_m is None or not len(which):
