@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from vbaa_calib.calibrate.over_board.fit import FreeAntenna, OverSetup, nominal_free_antenna
-from vbaa_calib.calibrate.over_board.over_board import OverBoardSolution, solve_over_board
+from vbaa_calib.calibrate.over_board.over_board import solve_over_board
+from vbaa_calib.calibrate.pose.fusion import PoseEstimate
 from vbaa_calib.camera import Camera
 from vbaa_calib.geometry import Pose
 from vbaa_calib.simulate.render.board import print_sheet
@@ -68,14 +69,14 @@ class Shown:
         points = np.stack([np.interp(s, wire.arclength_m, column) for column in wire.points_m.T], axis=1)
         return project(self.scene.lens, self.truth.inverse() @ points)
 
-    def solved(self, **changes: Any) -> OverBoardSolution:
-        """`solve_over_board` of this picture, with a guess that is a few degrees and millimetres off."""
+    def solved(self, **changes: Any) -> PoseEstimate:
+        """The camera by `solve_over_board` of this picture, with a guess that is a few degrees and millimetres off."""
         guess = self.truth.retract(np.array([0.03, -0.02, 0.05, 0.004, -0.004, 0.003]))
         options = {"images": {"over.png": self.picture}, "guess": guess} | changes
         pictures = {name: options.pop(name) for name in ("images", "guess")}
         known = {"antenna": self.antenna, "height_m": self.over.height_m, "height_std_m": HEIGHT_STD_M}
         setup = OverSetup(**{"spec": self.scene.board, "camera": self.camera} | known | options)
-        return solve_over_board(setup=setup, **pictures)
+        return solve_over_board(setup=setup, **pictures)[0]
 
 
 @functools.cache

@@ -19,12 +19,13 @@ from benchmarks.figures import GREEN, GREY, INK, label, panels
 from benchmarks.harness import Draws, Findings, Options, column, rms, row_of, table
 from benchmarks.object.scenes import AXIS, CASES, CENTRE, RIGID, SETUP, SOFT, Case, Recorded, contacts, play
 from estimator.object.estimate import estimate_object
-from estimator.recording import KnownLine, Refined, refine
+from estimator.recording import Refined, refine
 from estimator.recording.problem import FrictionPrior
 from estimator.recording.refined import begun
 from estimator.table.contacts import ContactTable, Measured
 from vbaa_calib.core.console import progress
 from vbaa_calib.rig import Rig
+from vbaa_calib.session import KnownObject
 from vbaa_calib.simulate.scene.objects import TouchObject
 
 if TYPE_CHECKING:
@@ -278,7 +279,7 @@ class KnownRow:
 def recalibrated(draws: int, seed: int) -> KnownRow:
     """A pin stroked with rigs that are off, and the same rigs on a sphere afterwards."""
     pin, sphere = played("pin", RIGID, 0.1), played("sphere", RIGID, 0.1)
-    line = KnownLine(CENTRE, AXIS, PIN_M, PIN_STD_M)
+    line = KnownObject("pin", CENTRE, AXIS, PIN_STD_M, PIN_M)
     errors: dict[str, list[np.ndarray]] = {"off": [], "recalibrated": [], "fresh": []}
     updated, worst = 0, []
     for index in range(draws):

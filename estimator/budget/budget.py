@@ -78,28 +78,21 @@ OWN = (PIXELS, MOMENT_NOISE, FRICTION, FORCE_PRIOR)  # causes that are not the c
 
 @dataclass(frozen=True)
 class Part:
-    """One cause's part of one result, rms over the contacts, in the result's unit.
+    """One cause's part of one result, rms over the contacts, in the result's unit."""
 
-    `std` is the deviation that it contributes, squares add up; `share` its part of the variance; `if_halved` and
-    `if_exact` the result's whole deviation if the cause's were half of what it is, or none.
-    """
-
-    std: float
-    share: float
-    if_halved: float
-    if_exact: float
+    std: float  # the deviation that it contributes; squares add up
+    share: float  # of the variance
+    if_halved: float  # the result's whole deviation if the cause's were half of what it is
+    if_exact: float  # or none
 
 
 @dataclass(frozen=True)
 class ResultBudget:
-    """One result's budget: its deviation `std`, rms over the contacts; its `parts` by cause, which add up.
+    """One result's budget, rms over the contacts."""
 
-    `in_common` is the share of the variance that belongs to no one cause, by correlations; the parts hold it divided.
-    """
-
-    std: float
-    in_common: float
-    parts: dict[str, Part]
+    std: float  # whole deviation
+    in_common: float  # share of the variance that belongs to no one cause, by correlations; the parts hold it divided
+    parts: dict[str, Part]  # by cause; they add up
 
     @property
     def first(self) -> str:
@@ -118,17 +111,13 @@ class ResultBudget:
 
 @dataclass(frozen=True, eq=False)
 class Budget:
-    """The error budget of a rig for B contacts, `touches`, of those `asked` for that would come with numbers.
+    """The error budget of a rig."""
 
-    `results` by `RESULTS`; `variances` cause → (B, 6) of the rows that `RESULTS` names; `exact` the causes of which
-    rig.json says that they are exact, or nothing.
-    """
-
-    touches: Touches
-    asked: int
-    results: dict[str, ResultBudget]
-    variances: dict[str, np.ndarray]
-    exact: tuple[str, ...]
+    touches: Touches  # B contacts that would come with numbers
+    asked: int  # of so many
+    results: dict[str, ResultBudget]  # by `RESULTS`
+    variances: dict[str, np.ndarray]  # cause → (B, 6) of the rows that `RESULTS` names
+    exact: tuple[str, ...]  # causes that rig.json says are exact, or nothing of
     notes: tuple[str, ...]
 
     def gain(self, cause: str) -> float:
@@ -180,15 +169,15 @@ def error_budget(
     now = propagate(linear, space)
     by_cause = {cause: part for cause, part in variance_by_cause(space, now).items() if part.any()}
     aside = (FORCE_PRIOR,) if with_moment else (FORCE_PRIOR, MOMENT_NOISE, "moment_gain", "moment_offset")
-    parts: dict[str, dict[str, Part]] = {name: {} for name in RESULTS}
     whole, shared = _mean(now.variance), _mean(correlated_variance(space, now))
+    parts: dict[str, dict[str, Part]] = {name: {} for name in RESULTS}
     for cause, rows in by_cause.items():
         own, halved, exact = _mean(rows), whole, whole
         if cause != FORCE_PRIOR:
             halved, exact = (_mean(propagate(linear, space, cause, factor).variance) for factor in (0.5, 0.0))
         for name in RESULTS:
-            share, std = own[name] / whole[name], float(np.sqrt(own[name]))
-            parts[name][cause] = Part(std, share, float(np.sqrt(halved[name])), float(np.sqrt(exact[name])))
+            std, if_halved, if_exact = (float(np.sqrt(each[name])) for each in (own, halved, exact))
+            parts[name][cause] = Part(std, own[name] / whole[name], if_halved, if_exact)
     results = {
         name: ResultBudget(float(np.sqrt(whole[name])), shared[name] / whole[name], parts[name]) for name in RESULTS
     }

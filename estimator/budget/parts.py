@@ -52,11 +52,10 @@ _EXACT_NOISE = 0.01  # noise counts as gone at this part of itself: without any,
 
 @dataclass(frozen=True, eq=False)
 class Touches:
-    """B contacts, antenna frame: `distance_m` (B,), and `push_N` (B, 2), the force across the clamp's x axis before
-    friction; the joints' `pan_rad` and `tilt_rad` for all of them."""
+    """B contacts, antenna frame, at one pair of joint angles."""
 
-    distance_m: np.ndarray
-    push_N: np.ndarray
+    distance_m: np.ndarray  # (B,)
+    push_N: np.ndarray  # (B, 2) force across the clamp's x axis before friction
     pan_rad: float = 0.0
     tilt_rad: float = 0.0
 
@@ -118,21 +117,14 @@ def _empty(rig_arrays: RigArrays, touches: Touches) -> Frames:
 
 @dataclass(frozen=True, eq=False)
 class ErrorSpace:
-    """S independent errors of unit deviation that make all errors of rig and joint axes.
+    """S independent errors of unit deviation that make all errors of rig and joint axes."""
 
-    causes : names of the G causes that have any error, of `RIG_CAUSES`, `LENS` and `JOINT_AXES`.
-    determined : (G, S, S) projector onto the errors that are determined once a cause is known, by correlation, too;
-        determined_by_others : the same of all the other causes together. shares : each cause's part, see `split`.
-    rig : how many of the S are the estimator's own rig steps; they stand first.
-    axes : (3, S) errors of the joint axes' skew, offset and tilt zero.
-    """
-
-    causes: tuple[str, ...]
-    determined: np.ndarray
-    determined_by_others: np.ndarray
-    shares: np.ndarray
-    rig: int
-    axes: np.ndarray
+    causes: tuple[str, ...]  # G that have any error, of `RIG_CAUSES`, `LENS` and `JOINT_AXES`
+    determined: np.ndarray  # (G, S, S) projector onto the errors determined once a cause is known, by correlation, too
+    determined_by_others: np.ndarray  # (G, S, S) the same of all the other causes together
+    shares: np.ndarray  # (G, S, S) each cause's part, see `split`
+    rig: int  # how many of the S, the first ones, are the estimator's own rig steps
+    axes: np.ndarray  # (3, S) errors of the joint axes' skew, offset and tilt zero
 
     @property
     def size(self) -> int:
@@ -158,10 +150,8 @@ class ErrorSpace:
 
 
 def subsets(rows: list[np.ndarray], size: int) -> np.ndarray:
-    """(2^G, S, S) projectors onto what any set of causes determines of the independent errors; bit g is cause g.
-
-    `rows` are G arrays (P_g, S): a cause's parameters by the independent errors.
-    """
+    """(2^G, S, S) projectors onto what any set of causes determines of the independent errors; bit g is cause g. `rows`
+    are G arrays (P_g, S): a cause's parameters by the errors."""
     determined = np.zeros((1, size, size))
     for part in rows:
         scale = np.linalg.norm(part, axis=1, keepdims=True)
@@ -174,11 +164,8 @@ def subsets(rows: list[np.ndarray], size: int) -> np.ndarray:
 
 
 def split(determined: np.ndarray) -> np.ndarray:
-    """(G, S, S) Shapley's shares of G causes, none negative, that add up to what all of them determine.
-
-    A cause's share is what it adds to others that are known before it, averaged over all orders: causes
-    that are correlated divide what they have in common.
-    """
+    """(G, S, S) Shapley's shares of G causes that add up to what all determine: what a cause adds to those known before
+    it, averaged over all orders, so that correlated causes divide what they have in common."""
     count = len(determined).bit_length() - 1
     members = (np.arange(len(determined))[:, None] >> np.arange(count)) & 1
     sizes = members.sum(axis=1)
@@ -191,18 +178,14 @@ def split(determined: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Linearization:
-    """B contacts, linearised: K = 4 + S unknowns, of which the last are the errors of rig and joint axes.
+    """B contacts, linearised: K = 4 + S unknowns, of which the last are the errors of rig and joint axes."""
 
-    `points` and `readings` (B, K, K) are the information in picture and readings, `prior` (B, K) the weights P,
-    `results` (B, 6, K) is T, `beyond` (B, 6, S) is D, `usable` (B,) how many points the picture shows.
-    """
-
-    points: np.ndarray
-    readings: np.ndarray
-    prior: np.ndarray
-    results: np.ndarray
-    beyond: np.ndarray
-    usable: np.ndarray
+    points: np.ndarray  # (B, K, K) information in the picture
+    readings: np.ndarray  # (B, K, K) information in the readings
+    prior: np.ndarray  # (B, K) the weights P
+    results: np.ndarray  # (B, 6, K) is T
+    beyond: np.ndarray  # (B, 6, S) is D
+    usable: np.ndarray  # (B,) how many points the picture shows
 
     def __len__(self) -> int:
         return len(self.points)
@@ -242,15 +225,11 @@ def linearize(rig_arrays: RigArrays, space: ErrorSpace, touches: Touches, with_m
 
 @dataclass(frozen=True, eq=False)
 class _Propagation:
-    """The errors of B results.
+    """The errors of B results."""
 
-    `gain` (B, 6, K) is how far they follow what pulls at the unknowns; `by_noise` the variance (B, 6) by each kind of
-    noise, by friction and by the force's prior; `by_errors` (B, 6, S) how far they are off by each independent error.
-    """
-
-    gain: np.ndarray
-    by_noise: dict[str, np.ndarray]
-    by_errors: np.ndarray
+    gain: np.ndarray  # (B, 6, K) by what pulls at the unknowns
+    by_noise: dict[str, np.ndarray]  # variance (B, 6) by each kind of noise, friction and the force's prior
+    by_errors: np.ndarray  # (B, 6, S) by each independent error
 
     @property
     def variance(self) -> np.ndarray:
@@ -260,10 +239,8 @@ class _Propagation:
 
 
 def propagate(linear: Linearization, space: ErrorSpace, cause: str = "", factor: float = 1.0) -> _Propagation:
-    """The errors of contacts that are estimated with what is known, or with a cause's deviation times a factor.
-
-    A rig's cause is then known as if it were measured again, which narrows others, too.
-    """
+    """The errors of contacts that are estimated with what is known, or with a cause's deviation times a factor: as if
+    it were measured again, which narrows correlated ones, too."""
     left = np.eye(linear.prior.shape[1])
     noise = {PIXELS: linear.points, MOMENT_NOISE: linear.readings}
     if cause in noise:
@@ -288,10 +265,8 @@ def propagate(linear: Linearization, space: ErrorSpace, cause: str = "", factor:
 
 
 def correlated_variance(space: ErrorSpace, propagation: _Propagation) -> np.ndarray:
-    """(B, 6) variance by errors that belong to no cause alone, by their correlations; negative where they cancel.
-
-    What all of them make less what each makes beyond what the others determine. `variance_by_cause` divides it.
-    """
+    """(B, 6) variance by errors that belong to no cause alone: of all, less what each makes beyond what the others
+    determine; negative where they cancel. `variance_by_cause` divides it."""
     errors = propagation.by_errors
     whole = (errors**2).sum(axis=-1)
     others = np.einsum("bqi,gij,bqj->gbq", errors, space.determined_by_others, errors, optimize=True)

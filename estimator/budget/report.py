@@ -198,7 +198,7 @@ def _bars(axes: Axes, budget: Budget, variances: Mapping[str, np.ndarray], title
             bottom = bottom + height
     for place, name in enumerate(_TABLES):
         std = 1e3 * (budget.results[name].std if whole else budget.results[name].common_std)
-        axes.text(place, 101.5, f"{std:.3g} {'mm' if name.endswith('_m') else 'mN'}", ha="center", fontsize=8)
+        axes.text(place, 101.5, f"{std:.3g} {_unit(name)}", ha="center", fontsize=8)
     axes.set_xticks(range(len(_TABLES)), [_SHORT[name] for name in _TABLES])
     axes.set_ylim(0, 108)
     axes.set_ylabel("share of the variance, %")

@@ -31,7 +31,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Solve the recording as one, write refined.csv and, where asked for, the rig."""
-    from estimator.recording import KnownLine, refine
+    from estimator.recording import refine
     from estimator.table.files import check_format, read_contacts, write_contacts
     from vbaa_calib.core.console import say
     from vbaa_calib.core.errors import InputError
@@ -51,9 +51,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             raise InputError("is the contacts' own file", where=args.update_rig, remedy="name another")
     table, rig, session = read_contacts(args.contacts), Rig.load(args.rig), load_session(args.session)
     rig = rig if session.drift is None else _with_drift(rig, session)
-    known = None if session.known_object is None else KnownLine.of(session.known_object)
     try:
-        found = refine(table, rig, _recording(table, rig, session), known)
+        found = refine(table, rig, _recording(table, rig, session), session.known_object)
     except InputError as error:
         raise InputError(error.what, where=error.where or args.contacts, remedy=error.remedy) from None
     write_contacts(args.output, found.contacts.rows(), args.force)

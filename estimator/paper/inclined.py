@@ -29,10 +29,9 @@ _HALVINGS, _ROUNDING = 36, 1e-9
 
 
 def _candidates(xp1: Array, xp2: Array, ratio: Array, torque: Array) -> tuple[Array, Array, Array, Array]:
-    """Part, l, x1 and x2 (n, 3) of every contact: the first and second not straight, and the straight one; or NaN.
-
-    The straight one is Eq. (30), its points lie at Eq. (26), mended to invert Eq. (25), whose depth is Eqs. (27), (28).
-    `ratio` is y2/y1, `torque` τ_y·tanφ/2EI.
+    """Part, l, x1 and x2 (n, 3) of every contact: the first and second not straight, and the straight one, Eq. (30),
+    with its points at Eq. (26), mended to invert Eq. (25), and depth by Eqs. (27), (28); or NaN. `ratio` is y2/y1,
+    `torque` τ_y·tanφ/2EI.
     """
     xp = namespace(ratio)
     drop = ratio * xp1 - xp2

@@ -35,10 +35,8 @@ def floats(*values: Any) -> list[Array]:
 
 
 def in_pieces(work: Callable[..., tuple[Array, ...]], x_m: Array, y_m: Array, *values: Array) -> list[Array]:
-    """Results (...) of a function of points (n, 2) and numbers (n,), in pieces; the point nearer to the clamp is first.
-
-    Two points x, y (..., 2) and values (...) broadcast; single numbers are handed on. Warnings about NaN are off.
-    """
+    """Results (...) of a function of points (n, 2), the nearer to the clamp first, and numbers (n,), in pieces. Points
+    x, y (..., 2) and values (...) broadcast. Warnings about NaN are off."""
     xp = namespace(y_m)
     batch = np.broadcast_shapes(x_m.shape[:-1], y_m.shape[:-1], *(value.shape for value in values))
     points = [xp.broadcast_to(points, (*batch, 2)).reshape(-1, 2) for points in (x_m, y_m)]
@@ -170,11 +168,8 @@ def _part(spread: Array, ratio: Array) -> Array:
 
 
 def _mixed_root(spread: Array, known: Array) -> Array:
-    """l/x2 = λ in [q, 1] with λ²(3 − λ) = k(3λ − q), k = q²r: the middle one of three real roots.
-
-    With 3 − λ interpolated it is a quadratic, right to 6 %; Newton's four steps from there reach rounding for every q,
-    where Cardano's formula would lose half the digits as two roots meet (q → 0).
-    """
+    """l/x2 = λ in [q, 1] with λ²(3 − λ) = k(3λ − q), k = q²r, the middle one of three real roots, by Newton from a
+    quadratic that is right to 6 %; Cardano's formula would lose half the digits as two roots meet (q → 0)."""
     xp = namespace(spread)
     lowest, highest = 0.5 * spread * (3.0 - spread), 2.0 / (3.0 - spread)
     share = (known - lowest) / (highest - lowest)

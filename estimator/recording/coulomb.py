@@ -1,4 +1,4 @@
-"""Coulomb's law as what is known of the friction angles of a recording before its frames are fitted."""
+"""Coulomb's law as a prior of the friction angles of a recording."""
 
 from __future__ import annotations
 
@@ -14,17 +14,13 @@ from .problem import FrictionPrior
 if TYPE_CHECKING:
     from estimator.object.track import Track
 
-_LEAST_RAD = 0.01
-"""No friction angle is known better: friction differs a little from place to place."""
-_LATERAL_KNOWN_RAD = 0.15
-"""A force whose direction about the antenna, from the normal, is known to this says what is left along it."""
+_LEAST_RAD = 0.01  # no friction angle is known better: friction differs a little from place to place
+_LATERAL_KNOWN_RAD = 0.15  # forces known to this about the antenna bound what is left along it
 _ALONG, _TURN, _RIM = 0.9, 0.2, 0.2
 """A slip that runs along the antenna by so much, known to that angle, puts friction on the cone's rim, within this part
 of it: a slip is an average over some frames."""
-_CONTRADICTED, _FEW = 3.5, 0.1
-"""A frame contradicts the law by so many deviations; the recording does, if so large a part of those that tell do."""
-_TELLS = 0.5
-"""A frame tells its friction angle if that part of the prior's variance, at least, is gone."""
+_CONTRADICTED, _FEW = 3.5, 0.1  # deviations by which a frame contradicts the law; share by which the recording does
+_TELLS = 0.5  # a frame tells its friction angle if that part of the prior's variance, at least, is gone
 
 
 def as_estimated(table: ContactTable, unit_rad: float) -> FrictionPrior:
@@ -34,12 +30,11 @@ def as_estimated(table: ContactTable, unit_rad: float) -> FrictionPrior:
 
 
 def by_coulomb(table: ContactTable, track: Track, friction: Friction, before: FrictionPrior) -> FrictionPrior | None:
-    """The friction angles (B,) by the coefficient that the recording tells; None where it tells none.
+    """The friction angles (B,) by the recording's coefficient; None where it has none.
 
-    All of them lie in the cone. Where the shape tells the object's normal, the force's direction λ about the antenna
-    says how much of the cone is left along it: tan²α ≤ μ² − tan²λ, with equality where the contact slides. Where it
-    slides for certain, and along the antenna, the slip tells the sign. At the tip the antenna's normal is not the
-    object's, and nothing is known.
+    All lie in the cone. Where the shape determines the object's normal, the force's direction λ about the antenna says
+    how much of the cone is left along it: tan²α ≤ μ² − tan²λ, with equality where the contact slides, and along the
+    antenna the slip's sign is the angle's. At the tip nothing is known.
     """
     if friction.determined:
         mu, std = friction.mu, friction.std
@@ -71,10 +66,8 @@ def by_coulomb(table: ContactTable, track: Track, friction: Friction, before: Fr
 
 
 def contradicted(prior: FrictionPrior, angle_rad: np.ndarray, std_rad: np.ndarray) -> tuple[np.ndarray, bool]:
-    """Which frames (B,) see another angle than the law has it, and whether so many do that the law does not hold.
-
-    angle_rad, std_rad : (B,) with the prior.
-    """
+    """Which frames (B,) see another angle than the law's, and whether so many do that it does not hold; angle_rad,
+    std_rad : (B,) with the prior."""
     told = prior.std_rad**2 - std_rad**2
     tells = told > _TELLS * prior.std_rad**2
     off = np.abs(angle_rad - prior.mean_rad) / np.sqrt(np.maximum(told, 1e-12))

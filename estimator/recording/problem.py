@@ -19,22 +19,21 @@ from estimator.solver.rig_arrays import UNKNOWNS, RigArrays
 from vbaa_calib.antenna.nodes import CONTACT
 from vbaa_calib.core.robust import huber_weights
 from vbaa_calib.rig import Rig
+from vbaa_calib.session import KnownObject
 
-from .known_object import KnownLine
+from .known_object import known_equations
 
-RUNG = "rod"
-"""All frames are fitted on the highest rung: what a lower one leaves out is the same in neighbours, and adds up."""
+RUNG = "rod"  # the highest: what a lower rung leaves out is the same in neighbours and adds up
 _CHUNK = 512
-_HELD = 1e12
-"""Prior weight of a distance that is fixed at the tip."""
+_HELD = 1e12  # prior weight of a distance that is fixed at the tip
 
 
 @dataclass(frozen=True, eq=False)
 class FrictionPrior:
-    """What Coulomb's law says of the friction angles (B,) beforehand: mean and standard deviation, rad."""
+    """What Coulomb's law says of the friction angles beforehand."""
 
-    mean_rad: np.ndarray
-    std_rad: np.ndarray
+    mean_rad: np.ndarray  # (B,)
+    std_rad: np.ndarray  # (B,)
 
     def picked(self, which: np.ndarray | slice) -> FrictionPrior:
         """Of some of the frames."""
@@ -48,60 +47,42 @@ def spread_evenly(count: int, most: int) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """Where a recording is: unknowns (B, 4) of the frames as `rig_arrays.UNKNOWNS`, and steps (S,) of what they share:
-    the rig's R axes, the L errors that all lines have in common, the three coordinates of a known object's place."""
+    """The unknowns of a recording."""
 
-    unknowns: np.ndarray
+    unknowns: np.ndarray  # (B, 4) of the frames as `rig_arrays.UNKNOWNS`
+    # (S,) steps along the rig's R axes, the L common errors of all lines, a known object's place (3)
     shared: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
 class Equations:
-    """Normal equations about a state, each frame's own unknowns eliminated.
+    """Normal equations about a state, each frame's own unknowns eliminated (Schur complement)."""
 
-    Attributes
-    ----------
-    own_covariance : (B, 4, 4) of the unknowns, with the shared errors known. through : (B, 4, S) how the unknowns
-        follow the shared steps (with the sign of `schur_complement`). step : (B, 4) with the shared steps as they are.
-    information, side : (B, S, S), (B, S) of the shared steps by each frame, without prior.
-    touch : (B, 6) contact point and force, antenna frame. by_own, by_shared : (B, 6, 4), (B, 6, S) derivatives.
-    tangent : (B, 3) of the antenna at the contact. reading : (B,) residual of the moment about y, in deviations.
-    sound : (B,) bool; the others left the model's domain, and say nothing.
-    """
-
-    own_covariance: np.ndarray
-    through: np.ndarray
-    step: np.ndarray
-    information: np.ndarray
-    side: np.ndarray
-    touch: np.ndarray
-    by_own: np.ndarray
-    by_shared: np.ndarray
-    tangent: np.ndarray
-    reading: np.ndarray
-    sound: np.ndarray
+    own_covariance: np.ndarray  # (B, 4, 4) of the unknowns, with the shared errors known
+    through: np.ndarray  # (B, 4, S) how the unknowns follow the shared steps (with the sign of `schur_complement`)
+    step: np.ndarray  # (B, 4) with the shared steps as they are
+    information: np.ndarray  # (B, S, S) of the shared steps by each frame, without prior
+    side: np.ndarray  # (B, S)
+    touch: np.ndarray  # (B, 6) contact point and force, antenna frame
+    by_own: np.ndarray  # (B, 6, 4) derivatives of these
+    by_shared: np.ndarray  # (B, 6, S)
+    tangent: np.ndarray  # (B, 3) of the antenna at the contact
+    reading: np.ndarray  # (B,) residual of the moment about y, in deviations
+    sound: np.ndarray  # (B,) bool; the others left the model's domain, and say nothing
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """A recording of B contacts and F frames of the free antenna, to be fitted as one.
+    """A recording of B contacts and F frames of the free antenna, to be fitted as one."""
 
-    Attributes
-    ----------
-    rig : as calibrated, with the drift that may have come since. axes : (17 + P, R) of `RigArrays`, about that rig.
-    friction_rad : unit of the friction angle among the unknowns.
-    touching, free : what was measured. held : (B,) bool, distances that are fixed at the tip.
-    friction : what is known of the friction angles. known : the object that is touched, where it is known.
-    """
-
-    rig: Rig
-    axes: np.ndarray
-    friction_rad: float
-    touching: Batch
-    free: Batch
-    held: np.ndarray
-    friction: FrictionPrior
-    known: KnownLine | None = None
+    rig: Rig  # as calibrated, with the drift that may have come since
+    axes: np.ndarray  # (17 + P, R) of `RigArrays`, about that rig
+    friction_rad: float  # unit of the friction angle among the unknowns
+    touching: Batch  # what was measured in contact
+    free: Batch  # and without
+    held: np.ndarray  # (B,) bool, distances that are fixed at the tip
+    friction: FrictionPrior  # what is known of the friction angles
+    known: KnownObject | None = None  # the object that is touched, where it is known
 
     def picked(self, rows: np.ndarray, most_free: int) -> Problem:
         """With these contacts alone, and so many free frames at most."""
@@ -112,16 +93,12 @@ class Problem:
     @property
     def lines(self) -> int:
         """L, how many errors a line has."""
-        return len(self._arrays.line)
+        return len(RigArrays.from_rig(self.rig, self.friction_rad).line)
 
     @property
     def size(self) -> int:
         """S."""
         return self.axes.shape[1] + self.lines + (0 if self.known is None else 3)
-
-    @property
-    def _arrays(self) -> RigArrays:
-        return RigArrays.from_rig(self.rig, self.friction_rad)
 
     def rig_at(self, shared: np.ndarray) -> Rig:
         """The rig after the shared steps (S,)."""
@@ -162,10 +139,8 @@ class Problem:
         return np.concatenate(information), np.concatenate(side)
 
     def _split(self) -> np.ndarray:
-        """(4 + R + L, 4 + L + S) a frame's unknowns and steps, from its own ones and the shared ones.
-
-        A line's errors are partly the frame's own, partly common to all: by a lamp that moved.
-        """
+        """(4 + R + L, 4 + L + S) a frame's unknowns and steps, from its own ones and the shared ones. A line's errors
+        are partly common to all frames: by a lamp that moved."""
         rig, lines = self.axes.shape[1], self.lines
         split = np.zeros((UNKNOWNS + rig + lines, UNKNOWNS + lines + self.size))
         split[:UNKNOWNS, :UNKNOWNS] = np.eye(UNKNOWNS)
@@ -203,7 +178,7 @@ class Problem:
         if self.known is not None:
             place = self.rig.kinematics.world_antenna(batch.pan_rad, batch.tilt_rad)
             radius_m = 0.5 * self.rig.antenna.diameter_m
-            more = self.known.equations(found, touch_columns, *place, radius_m, state.shared[-3:])
+            more = known_equations(self.known, found, touch_columns, place, radius_m, state.shared[-3:])
             whole, side = whole + more[0], side + more[1]
         diagonal = np.arange(UNKNOWNS + self.lines)
         weight, pull = np.zeros((2, len(unknowns), len(diagonal)))

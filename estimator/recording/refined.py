@@ -1,4 +1,4 @@
-"""A recording as one: contacts whose rig errors and friction are known as well as all frames together tell them."""
+"""Contacts of a recording refined jointly: rig errors and friction are estimated from all frames together."""
 
 from __future__ import annotations
 
@@ -17,11 +17,12 @@ from estimator.solver.linearised import bend, free_antennas
 from estimator.solver.rig_arrays import UNKNOWNS, RigArrays
 from estimator.table.contacts import COLUMNS, FRICTION_RAD, ContactTable, Measured, joint_angles
 from vbaa_calib.antenna.nodes import CONTACT
+from vbaa_calib.core.arrays import finite
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.rig import POSE_PARAMETERS, Rig
+from vbaa_calib.session import KnownObject
 
 from .coulomb import as_estimated, by_coulomb, contradicted
-from .known_object import KnownLine
 from .problem import RUNG, FrictionPrior, Problem, State
 from .solve import Solution, solved
 
@@ -29,45 +30,30 @@ if TYPE_CHECKING:
     from estimator.object.estimate import ObjectEstimate
     from estimator.object.friction import Friction
 
-_GAP_FRAMES, _GAP_S = 5, 0.5
-"""A stroke ends where so many frames, or so much time, lies before the next contact."""
-_ANOTHER_RIG = 1e-4
-"""Probability below which shared errors as large as the best fit's are not this calibration's."""
+_GAP_FRAMES, _GAP_S = 5, 0.5  # a stroke ends where so many frames, or so much time, lies before the next contact
+_ANOTHER_RIG = 1e-4  # probability below which shared errors as large as the best fit's are not this calibration's
 _ALLOWED_OFFNESS, _LARGEST_OFFNESS = 1.3, 5.0
 """How many times farther than its deviations say a rig may be off for its prior to stay, and to be recalibrated by a
 known object."""
-_FOREIGN_SHARE = 0.3
-"""If so large a part of the frames does not belong to the rest, there is no rest."""
-_APART_RAD = 1e-5
-"""Joint angles of contacts and recording that differ by more are of two recordings."""
+_FOREIGN_SHARE = 0.3  # if so large a part of the frames does not belong to the rest, there is no rest
+_APART_RAD = 1e-5  # joint angles of contacts and recording that differ by more are of two recordings
 
 
 @dataclass(frozen=True, eq=False)
 class Refined:
-    """A recording of B frames as one.
+    """A recording of B frames as one."""
 
-    Attributes
-    ----------
-    contacts : the table with the refined frames' numbers in place of the frame-wise ones; its shared deviations are
-        what is left of rig and friction, which averaging does not lower. framewise : as it came.
-    refined : (B,) bool, which frames were. foreign : (B,) bool, which do not belong to the rest and stay as they were.
-    rig : as all frames together tell it, with what is left of its covariance; the one that came where nothing is.
-    object : shape, friction and stiffness by the refined contacts, before friction is used; None with a known object.
-    reason : why nothing was refined; "" where something was. notes : what else there is to say.
-    offness : how far the rig is off, in the deviations that its calibration said. rig_p : that it is so by accident.
-    """
-
-    contacts: ContactTable
-    framewise: ContactTable
-    refined: np.ndarray
-    foreign: np.ndarray
-    rig: Rig
-    calibrated: Rig
-    object: ObjectEstimate | None
-    reason: str
+    contacts: ContactTable  # with refined numbers; their shared deviations are what is left of rig and friction
+    framewise: ContactTable  # the table as it came
+    refined: np.ndarray  # (B,) bool, which frames were
+    foreign: np.ndarray  # (B,) bool, which contradict the rest and stay as they were
+    rig: Rig  # by all frames together, with what is left of its covariance
+    calibrated: Rig  # the rig as it came
+    object: ObjectEstimate | None  # by the refined contacts, before its friction is used; None without evidence
+    reason: str  # why nothing was refined; "" where something was
     notes: tuple[str, ...]
-    offness: float
-    rig_p: float
+    offness: float  # how far the rig is off, in its calibration's deviations
+    rig_p: float  # probability that it is so by accident
 
     @property
     def friction(self) -> Friction | None:
@@ -93,29 +79,26 @@ class Refined:
             "friction": of_object.get("friction"),
             "stiffness": of_object.get("stiffness"),
             "rig": {
-                "offness": _plain(self.offness),
-                "p": _plain(self.rig_p),
+                "offness": finite(self.offness),
+                "p": finite(self.rig_p),
                 "parameters": parameter_changes(self.calibrated, self.rig.step_from(self.calibrated)[: len(std)], std),
             },
         }
 
 
-def _plain(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
-
-
 def _pair(before: np.ndarray, after: np.ndarray) -> dict[str, float | None]:
     """Root mean squares."""
     values = (float(np.sqrt(np.mean(each**2))) if len(each) else np.nan for each in (before, after))
-    return dict(zip(("framewise", "refined"), map(_plain, values), strict=True))
+    return dict(zip(("framewise", "refined"), map(finite, values), strict=True))
 
 
-def refine(contacts: ContactTable, rig: Rig, recording: Sequence[Measured], known: KnownLine | None = None) -> Refined:
+def refine(
+    contacts: ContactTable, rig: Rig, recording: Sequence[Measured], known: KnownObject | None = None
+) -> Refined:
     """One maximum a posteriori problem over all frames of a recording.
 
-    contacts : of `vbaa estimate` with this rig. recording : what each of its B frames was measured to be, in order.
-    rig : as calibrated, with the drift that may have come since. known : the object that is touched, where its place is
-    known.
+    contacts : of `vbaa estimate` with this rig. recording : what was measured in each of its B frames, in order.
+    rig : as calibrated, with the drift that may have come since. known : the object, where its place is known.
 
     Raises
     ------
@@ -126,58 +109,52 @@ def refine(contacts: ContactTable, rig: Rig, recording: Sequence[Measured], know
     problem, start = begun(contacts, rig, recording, rows, known)
     strokes = _strokes(contacts, rows)
     found = solved(problem, start, strokes)
-    notes: list[str] = []
     reason = _refusal(found, known is not None)
+    touched: ObjectEstimate | None = None
+    notes: list[str] = []
     if not reason and known is not None and found.offness > _ALLOWED_OFFNESS:
         notes.append(f"the rig is off {found.offness:.1f} times as far as its calibration says; allowed for")
         offness, p = found.offness, found.prior_p
         found = replace(solved(problem, found.state, strokes, offness), offness=offness, prior_p=p)
-    if reason:
-        return _framewise(contacts, rig, found, rows, reason)
-    told = _table(contacts, problem, found, rows)
-    touched = None
-    if known is None:
-        touched = _object(told, _rig_of(problem, found))
-        prior = None if touched is None else _friction_prior(told, touched, problem, rows)
+    elif not reason and known is None:
+        table = _table(contacts, problem, found, rows)
+        touched = _object(table, _rig_of(problem, found))
+        prior = None if touched is None else _friction_prior(table, touched, problem, rows)
         if prior is not None:
-            again = replace(problem, friction=prior)
-            second = solved(again, found.state, strokes)
-            angle = again.friction_rad * second.state.unknowns[:, 3]
-            std = again.friction_rad * np.sqrt(second.equations.own_covariance[:, 3, 3])
-            wrong, broken = contradicted(prior, angle, std)
-            if broken:
-                notes.append(
-                    f"{wrong.sum()} frames see a friction that is not Coulomb's with one coefficient: not used"
-                )
-            else:
-                if wrong.any():
-                    before = problem.friction
-                    kept = FrictionPrior(
-                        np.where(wrong, before.mean_rad, prior.mean_rad), np.where(wrong, before.std_rad, prior.std_rad)
-                    )
-                    again = replace(problem, friction=kept)
-                    second = solved(again, second.state, strokes)
-                problem, found = again, second
-                told = _table(contacts, problem, found, rows)
-    foreign = np.zeros(len(contacts), bool)
+            problem, found, note = _with_coulomb(problem, found, prior, strokes)
+            notes += note
+    foreign, refined = np.zeros((2, len(contacts)), bool)
     foreign[rows[found.weight == 0.0]] = True
+    if reason:
+        nothing = np.zeros(len(contacts), bool)
+        return Refined(contacts, contacts, nothing, foreign, rig, rig, None, reason, (), found.offness, found.prior_p)
     if foreign.any():
         notes.append(f"{foreign.sum()} frames do not belong to the rest and stay as they were")
-    refined = np.zeros(len(contacts), bool)
     refined[rows[found.weight > 0.0]] = True
-    return Refined(
-        told,
-        contacts,
-        refined,
-        foreign,
-        _rig_of(problem, found),
-        rig,
-        touched,
-        "",
-        tuple(notes),
-        found.offness,
-        found.prior_p,
-    )
+    table, better = _table(contacts, problem, found, rows), _rig_of(problem, found)
+    off = found.offness, found.prior_p
+    return Refined(table, contacts, refined, foreign, better, rig, touched, "", tuple(notes), *off)
+
+
+def _with_coulomb(
+    problem: Problem, found: Solution, prior: FrictionPrior, strokes: np.ndarray
+) -> tuple[Problem, Solution, list[str]]:
+    """Solved again with the friction angles by Coulomb's law, but in frames that contradict it, and notes; where many
+    do, all stays."""
+    again = replace(problem, friction=prior)
+    second = solved(again, found.state, strokes)
+    angle = again.friction_rad * second.state.unknowns[:, 3]
+    std = again.friction_rad * np.sqrt(second.equations.own_covariance[:, 3, 3])
+    wrong, broken = contradicted(prior, angle, std)
+    if broken:
+        note = f"{wrong.sum()} frames see a friction that is not Coulomb's with one coefficient: not used"
+        return problem, found, [note]
+    if wrong.any():
+        before = problem.friction
+        mean, spread = np.where(wrong, (before.mean_rad, before.std_rad), (prior.mean_rad, prior.std_rad))
+        again = replace(problem, friction=FrictionPrior(mean, spread))
+        second = solved(again, second.state, strokes)
+    return again, second, []
 
 
 def _check(contacts: ContactTable, rig: Rig, recording: Sequence[Measured]) -> None:
@@ -216,7 +193,7 @@ def _usable(contacts: ContactTable, recording: Sequence[Measured]) -> np.ndarray
 
 
 def begun(
-    contacts: ContactTable, rig: Rig, recording: Sequence[Measured], rows: np.ndarray, known: KnownLine | None
+    contacts: ContactTable, rig: Rig, recording: Sequence[Measured], rows: np.ndarray, known: KnownObject | None
 ) -> tuple[Problem, State]:
     """The problem, and where it begins: at the contacts as they are, the rig as calibrated."""
     arrays = RigArrays.from_rig(rig, FRICTION_RAD)
@@ -268,13 +245,6 @@ def _refusal(found: Solution, known: bool) -> str:
     return ""
 
 
-def _framewise(contacts: ContactTable, rig: Rig, found: Solution, rows: np.ndarray, reason: str) -> Refined:
-    nothing = np.zeros(len(contacts), bool)
-    foreign = nothing.copy()
-    foreign[rows[found.weight == 0.0]] = True
-    return Refined(contacts, contacts, nothing, foreign, rig, rig, None, reason, (), found.offness, found.prior_p)
-
-
 def _object(table: ContactTable, rig: Rig) -> ObjectEstimate | None:
     try:
         return estimate_object(table, rig, events=False)
@@ -298,11 +268,8 @@ def _rig_of(problem: Problem, found: Solution) -> Rig:
 
 
 def _table(contacts: ContactTable, problem: Problem, found: Solution, rows: np.ndarray) -> ContactTable:
-    """The table with the refined frames' numbers.
-
-    A frame's covariance is its own noise, and what it shares: the rig's errors as far as they are left, and the
-    friction angle as far as neither frame nor law tells it, since neighbours rub alike.
-    """
+    """The table with the refined frames' numbers. A frame's covariance is its own noise and what it shares: what is
+    left of the rig's errors, and of the friction angle, since neighbours rub alike."""
     belongs = found.weight > 0.0
     equations, unknowns = found.equations, found.state.unknowns
     rig = problem.rig_at(found.state.shared)

@@ -1,4 +1,4 @@
-"""The recording's problem solved: Gauss–Newton, and what does not belong to the rest given less weight or none."""
+"""Gauss–Newton for a whole recording; frames and strokes that contradict the rest are reweighted or left out."""
 
 from __future__ import annotations
 
@@ -12,15 +12,11 @@ from vbaa_calib.core.least_squares import TELLS, disagreement
 
 from .problem import Equations, Problem, State, spread_evenly
 
-_ITERATIONS, _ENOUGH = 12, 0.02
-"""Steps are taken until none is longer than this part of a deviation."""
-_LONGEST = 0.2
-"""Longest step of a distance, in its own size."""
+_ITERATIONS, _ENOUGH = 12, 0.02  # steps are taken until none is longer than this part of a deviation
+_LONGEST = 0.2  # longest step of a distance, in its own size
 _NEARLY_ALL = 0.98
-MOST = 1000
-"""Contacts, and free frames, from which the shared errors are solved for."""
-_ROUNDS, _SMALL_CHANGE = 4, 0.1
-"""Frames are weighed anew until no weight changes by more."""
+_MOST = 1000  # contacts, and free frames, from which the shared errors are solved for
+_ROUNDS, _SMALL_CHANGE = 4, 0.1  # frames are weighed anew until no weight changes by more
 _DOUBTED, _FOREIGN, _BEYOND_DOUBT = 1e-2, 1e-6, 1e-9
 """Probabilities below which a frame counts less; below which it, or its stroke, does not belong; and below which it is
 not even begun with, unless more than a part `_FEW` of all are such."""
@@ -29,46 +25,33 @@ _FEW = 0.4
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """A recording solved.
+    """A recording solved."""
 
-    Attributes
-    ----------
-    state, equations : where it ended, and the contacts' equations there, about that state.
-    covariance : (S, S) of the shared steps. weight : (B,) of each frame in them, 0 for one that does not belong.
-    frame_p : (B,) probability that a frame that belongs disagrees as much with the rest.
-    prior_p : that a rig as it was calibrated is off by as much. offness : how far that is, in its deviations.
-    converged : whether the steps came to an end.
-    """
-
-    state: State
-    equations: Equations
-    covariance: np.ndarray
-    weight: np.ndarray
-    frame_p: np.ndarray
-    prior_p: float
-    offness: float
-    converged: bool
+    state: State  # where it ended
+    equations: Equations  # of the contacts, about that state
+    covariance: np.ndarray  # (S, S) of the shared steps
+    weight: np.ndarray  # (B,) of each frame in them, 0 for one that does not belong
+    prior_p: float  # that a rig as it was calibrated is off by as much
+    offness: float  # how far that is, in its deviations
+    converged: bool  # whether the steps came to an end
 
 
 def solved(problem: Problem, start: State, strokes: np.ndarray, widening: float = 1.0) -> Solution:
-    """The most probable recording.
-
-    What frames share is solved for with `MOST` of them at most, evenly over the recording, then held while the others
-    are fitted: a frame's bias is of second order in its noise, but the same in many.
-
-    strokes : (B,) number of each frame's stroke. widening : on the deviations of the calibration.
+    """The most probable recording. What frames share is solved for with `_MOST` of them at most, evenly over the
+    recording, then held while the others are fitted: a frame's bias is of second order in its noise, but the same in
+    many. strokes : (B,) number of each frame's; widening : on the deviations of the calibration.
     """
     rig = problem.axes.shape[1]
     prior = np.ones(problem.size)
     prior[:rig] /= widening**2
-    chosen = spread_evenly(len(problem.touching), MOST)
-    few, labels = problem.picked(chosen, MOST), strokes[chosen]
+    chosen = spread_evenly(len(problem.touching), _MOST)
+    few, labels = problem.picked(chosen, _MOST), strokes[chosen]
     state = State(start.unknowns[chosen], start.shared)
     weight, foreign = _beginning(few, state, labels), np.zeros(0, strokes.dtype)
     for _ in range(_ROUNDS):
         state, equations, total, converged = _descended(few, state, weight, prior)
         pull = _pull(few, state, equations)
-        frame_p, renewed = _judged(equations, pull, total)
+        renewed = _weights(equations, pull, total)
         each = np.unique(labels)
         sums = np.array([weight * (labels == label) for label in each])
         square, freedom = disagreement(np.einsum("gb,bst->gst", sums, equations.information), sums @ pull, total)
@@ -84,14 +67,13 @@ def solved(problem: Problem, start: State, strokes: np.ndarray, widening: float 
     square, freedom = disagreement(np.diag(prior * (np.arange(problem.size) < rig))[None], offset, total)
     if len(chosen) < len(problem.touching):
         state, equations = _others(problem, State(start.unknowns, state.shared), state.unknowns, chosen)
-        frame_p, weight = _judged(equations, _pull(problem, state, equations), total)
+        weight = _weights(equations, _pull(problem, state, equations), total)
         weight[np.isin(strokes, foreign)] = 0.0
     return Solution(
         state,
         equations,
         np.linalg.inv(total),
         weight,
-        frame_p,
         float(_p(square, freedom)[0]),
         _offness(np.linalg.inv(total), prior, rig, float(square[0] - freedom[0])),
         converged,
@@ -124,12 +106,12 @@ def _beginning(problem: Problem, state: State, strokes: np.ndarray) -> np.ndarra
     return weight if np.mean(weight) > 1.0 - _FEW else np.where(equations.sound, 1.0, 0.0)
 
 
-def _judged(equations: Equations, pull: np.ndarray, total: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(B,) probability that frames that belong disagree as much with the rest, and the weight that leaves them."""
+def _weights(equations: Equations, pull: np.ndarray, total: np.ndarray) -> np.ndarray:
+    """(B,) of frames in the shared steps, by the chance of disagreeing as much with the rest."""
     square, freedom = disagreement(equations.information, pull, total)
     p = _p(square, freedom)
     weight = np.where(p < _DOUBTED, freedom / np.maximum(square, 1e-9), 1.0)
-    return p, np.where((p < _FOREIGN) | ~equations.sound, 0.0, weight)
+    return np.where((p < _FOREIGN) | ~equations.sound, 0.0, weight)
 
 
 def _pull(problem: Problem, state: State, equations: Equations) -> np.ndarray:

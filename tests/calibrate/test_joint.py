@@ -354,7 +354,7 @@ def test_a_drifting_sensor_is_seen() -> None:
         replace(one, still=replace(one.still, moment_Nm=one.still.moment_Nm + 2e-5 * row, time_s=60.0 * row))
         for row, one in enumerate(observed(TRUE, rng))
     ]
-    drift = check(solved(drifting, rng)).drift_Nm_per_s
+    drift = check(solved(drifting, rng)).drift_Nm
     assert drift is not None
     assert drift.in_std > 4.0
     assert drift.value == pytest.approx(2e-5 / 60.0, abs=4 * drift.std)

@@ -12,10 +12,11 @@ from benchmarks.estimator.setup import drawn_truth
 from benchmarks.object.scenes import AXIS, CENTRE, RIGID, SETUP, Recorded, contacts
 from benchmarks.recording.recording import CELLS, PIN_M, PIN_STD_M, lengthened, measured, played, run
 from estimator.object.estimate import estimate_object
-from estimator.recording import KnownLine, Refined, refine
+from estimator.recording import Refined, refine
 from estimator.table.contacts import ContactTable, Measured
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.rig import Rig
+from vbaa_calib.session import KnownObject
 
 FRAMES = 74
 CALIBRATED = replace(SETUP, exact=False).rig()
@@ -130,7 +131,7 @@ def test_a_pin_at_a_known_place_recalibrates() -> None:
     off = drawn_truth(wide, rng).with_covariance(CALIBRATED.covariance)
     touched = lengthened(played("pin", RIGID, 0.1), 148).noisy(rng, off)
     table = contacts(touched)
-    found = refine(table, off, measured(touched), KnownLine(CENTRE, AXIS, PIN_M, PIN_STD_M))
+    found = refine(table, off, measured(touched), KnownObject("pin", CENTRE, AXIS, PIN_STD_M, PIN_M))
     assert not found.reason
     right = found.refined & touched.truth.in_contact
     before, after = (

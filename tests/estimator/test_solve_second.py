@@ -9,8 +9,8 @@ import pytest
 
 from estimator import Contact, ContactEstimator
 from estimator.contact.contacts import Contacts
-from vbaa_calib.antenna import linear
 
+from ..beam import superposed_deflection
 from ..rod_scenes import LENGTH_M, RIG_STD, STIFFNESS_NM2, World, camera_pose
 from ..rod_scenes import seen as pictured
 from .contact_scenes import STRAIGHT, WORLD, answered, rubbed, withheld
@@ -29,7 +29,7 @@ def twice_touched(
     forces = np.array([1.0, share])
     forces *= 2.0 * STIFFNESS_NM2 * np.tan(np.radians(slope_deg)) / (forces * at**2).sum()
     x = (np.arange(POINTS) + 0.5) / POINTS * LENGTH_M
-    aside = linear.superposed_deflection(x, at, forces, STIFFNESS_NM2)
+    aside = superposed_deflection(x, at, forces, STIFFNESS_NM2)
     points = np.stack([x, aside * np.cos(roll), aside * np.sin(roll)], axis=1)
     rng, sensor = np.random.default_rng(seed), LIGHT.sensor
     pixels = pictured(LIGHT.T_antenna_camera, points) + rng.normal(0.0, SIGMA_PX, (POINTS, 2))

@@ -29,6 +29,7 @@ from vbaa_calib.antenna import linear
 from vbaa_calib.core.robust import HUBER
 from vbaa_calib.rig import MomentSensor, Rig
 
+from ..beam import deflection_by_contact
 from .contact_scenes import answered, fitted_std
 
 PAGE = Path(__file__).parents[2] / "docs/theory_bounds.md"
@@ -107,7 +108,7 @@ class TestClosedForm:
     def test_against_fishers_information(self, reach: float, unsure: float) -> None:
         """Slopes of the beam itself, point by point; an unknown clamp angle is one column more."""
         x = (np.arange(4000) + 0.5) / 4000
-        columns = [linear.deflection_by_contact(x, reach, 1.0, 1.0) * reach, linear.deflection(x, reach, 1.0, 1.0), x]
+        columns = [deflection_by_contact(x, reach, 1.0, 1.0) * reach, linear.deflection(x, reach, 1.0, 1.0), x]
         table = np.stack(columns) / float(linear.deflection_at_contact(reach, 1.0, 1.0))
         covariance = np.linalg.inv(table[:2] @ table[:2].T / len(x))
         found = np.sqrt(np.diag(covariance))
@@ -184,9 +185,7 @@ class TestAgainstTheNumericalBound:
     def test_a_moment_in_the_plane_that_is_seen(self) -> None:
         """l·f read to ρ of itself: 1/var = 1/var without + (ē − 1)²/(ρ² + σ²/N⟨y²⟩), which is most of what is known."""
         x = (np.arange(POINTS) + 0.5) / POINTS
-        table = np.stack(
-            [linear.deflection_by_contact(x, REACH, 1.0, 1.0) * REACH, linear.deflection(x, REACH, 1.0, 1.0)]
-        )
+        table = np.stack([deflection_by_contact(x, REACH, 1.0, 1.0) * REACH, linear.deflection(x, REACH, 1.0, 1.0)])
         table /= 2e-2 * float(linear.deflection_at_contact(REACH, 1.0, 1.0))
         mean = float(table[0] @ table[1] / (table[1] @ table[1]))
         alone = np.linalg.inv(table @ table.T)[0, 0]
@@ -222,7 +221,7 @@ class TestTwoPointsInsteadOfAll:
     def best(self, first: tuple[float, float], second: tuple[float, float]) -> float:
         u1, u2 = np.meshgrid(np.linspace(*first, 300), np.linspace(*second, 300), indexing="ij")
         s1, s2 = (linear.deflection(u, 1.0, 3.0, 1.0) for u in (u1, u2))
-        e1, e2 = (linear.deflection_by_contact(u, 1.0, 3.0, 1.0) / s for u, s in ((u1, s1), (u2, s2)))
+        e1, e2 = (deflection_by_contact(u, 1.0, 3.0, 1.0) / s for u, s in ((u1, s1), (u2, s2)))
         with np.errstate(divide="ignore"):
             return float(np.nanmin(np.where(u2 > u1, 0.025 * np.hypot(1 / s1, 1 / s2) / np.abs(e2 - e1), np.nan)))
 

@@ -134,7 +134,7 @@ def test_no_admissible_contact_is_nan(x: tuple[float, float], y: tuple[float, fl
 def test_force_z_and_contact_position() -> None:
     """Eqs. (16) and (20): the moment sensor's component, and the beam's own point at the contact."""
     contact, f_y, f_z = 0.16, 0.2, -0.3
-    moment = linear.clamp_moment(contact, f_z)
+    moment = contact * f_z
     assert two_point.force_z(moment, contact) == pytest.approx(f_z)
     expected = [contact, linear.deflection(contact, contact, f_y, EI), linear.deflection(contact, contact, f_z, EI)]
     np.testing.assert_allclose(two_point.contact_position(contact, f_y, f_z, EI), expected, rtol=1e-14)

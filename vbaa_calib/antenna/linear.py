@@ -32,50 +32,10 @@ def slope(x_m: ArrayLike, contact_m: ArrayLike, force_N: ArrayLike, stiffness_Nm
     return force * (2.0 * contact - bent) * bent / (2.0 * stiffness)
 
 
-def deflection_by_contact(x_m: ArrayLike, contact_m: ArrayLike, force_N: ArrayLike, stiffness_Nm2: ArrayLike) -> Any:
-    """∂y/∂l (...), how much the deflection at x grows per metre that the same force sits further out."""
-    x, contact, force, stiffness = _floats(x_m, contact_m, force_N, stiffness_Nm2)
-    near, _ = _ordered(_not_negative(x), _not_negative(contact))
-    return force * near * (2.0 * x - near) / (2.0 * stiffness)
-
-
 def deflection_at_contact(contact_m: ArrayLike, force_N: ArrayLike, stiffness_Nm2: ArrayLike) -> Any:
     """Displacement (...) in m of the contact: f_y gives Δy, Eq. (17); f_z gives Δz, Eq. (18)."""
     contact, force, stiffness = _floats(contact_m, force_N, stiffness_Nm2)
     return force * _not_negative(contact) ** 3 / (3.0 * stiffness)
-
-
-def superposed_deflection(x_m: ArrayLike, contacts_m: ArrayLike, forces_N: ArrayLike, stiffness_Nm2: ArrayLike) -> Any:
-    """Deflection (..., N) in m at x (..., N) under several point forces (..., M) at contacts (..., M) together."""
-    x, contacts, forces, stiffness = _floats(x_m, contacts_m, forces_N, stiffness_Nm2)
-    per_load = deflection(x[..., None], contacts[..., None, :], forces[..., None, :], stiffness[..., None, None])
-    return per_load.sum(-1)
-
-
-def clamp_moment(contact_m: ArrayLike, force_N: ArrayLike) -> Any:
-    """Moment (...) in N·m at the clamp of a transverse point force: with f_z the sensor's τ_y = + l·f_z."""
-    contact, force = _floats(contact_m, force_N)
-    return _not_negative(contact) * force
-
-
-def weight_deflection(x_m: ArrayLike, length_m: ArrayLike, load_N_per_m: ArrayLike, stiffness_Nm2: ArrayLike) -> Any:
-    """Deflection (...) in m at x ≤ L under a uniform transverse load, such as the weight of a level antenna."""
-    x, length, load, stiffness = _floats(x_m, length_m, load_N_per_m, stiffness_Nm2)
-    x = _on_antenna(x, length)
-    return load * x**2 * (6.0 * length**2 - 4.0 * length * x + x**2) / (24.0 * stiffness)
-
-
-def weight_slope(x_m: ArrayLike, length_m: ArrayLike, load_N_per_m: ArrayLike, stiffness_Nm2: ArrayLike) -> Any:
-    """Slope (...) at x ≤ L under a uniform transverse load."""
-    x, length, load, stiffness = _floats(x_m, length_m, load_N_per_m, stiffness_Nm2)
-    x = _on_antenna(x, length)
-    return load * x * (3.0 * length**2 - 3.0 * length * x + x**2) / (6.0 * stiffness)
-
-
-def weight_clamp_moment(length_m: ArrayLike, load_N_per_m: ArrayLike) -> Any:
-    """Moment (...) in N·m at the clamp of a uniform transverse load."""
-    length, load = _floats(length_m, load_N_per_m)
-    return 0.5 * load * _not_negative(length) ** 2
 
 
 def _floats(*values: ArrayLike) -> list[np.ndarray]:
@@ -88,7 +48,3 @@ def _not_negative(values_m: np.ndarray) -> np.ndarray:
 
 def _ordered(x_m: np.ndarray, contact_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.minimum(x_m, contact_m), np.maximum(x_m, contact_m)
-
-
-def _on_antenna(x_m: np.ndarray, length_m: np.ndarray) -> np.ndarray:
-    return np.where((x_m >= 0.0) & (x_m <= length_m), x_m, np.nan)

@@ -11,15 +11,13 @@ import numpy as np
 from numpy.polynomial import legendre
 
 NODES_TO_CONTACT, NODES_BEYOND = 40, 17
-CONTACT = NODES_TO_CONTACT - 1
-"""The contact's node."""
+CONTACT = NODES_TO_CONTACT - 1  # the contact's node
 INNER_NODES, OUTER_NODES = 12, 8
 """Nodes at which the shape is computed, from the clamp to the contact and from there to the tip."""
 INNER_CURVE = np.linspace(0.0, 1.0, NODES_TO_CONTACT)
 OUTER_CURVE = np.linspace(0.0, 1.0, NODES_BEYOND + 1)[1:]
 """Nodes at which the shape is given, as fractions of the way from clamp to contact, and from there to the tip."""
-NEAREST_TO_TIP = 1e-6
-"""Contacts are kept from the very tip, which would leave nothing beyond them: a micrometre in a metre."""
+NEAREST_TO_TIP = 1e-6  # contacts are kept this part of the length from the tip
 
 
 def aligned_arclength(contact_m: np.ndarray, length_m: float) -> np.ndarray:

@@ -22,8 +22,7 @@ from vbaa_calib.geometry import Pose
 
 from .shooting import TOLERANCE, RodNumbers, solve_rods
 
-STEPS_PER_SEGMENT = 32
-"""Runge-Kutta steps from the clamp to the contact, and again from there to the tip."""
+STEPS_PER_SEGMENT = 32  # runge-Kutta steps from the clamp to the contact, and again from there to the tip
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,10 +148,8 @@ def shape_of(rod: Rod, contact_m: np.ndarray, nodes: np.ndarray, clamp_moment_Nm
 
 
 def node_arclength(rod: Rod, contact_m: np.ndarray) -> np.ndarray:
-    """(N, B) arc length of the nodes: two equally divided segments that meet at the contact (B,).
-
-    A contact at the tip leaves no second segment; the rod is then split in its middle.
-    """
+    """(N, B) arc length of the nodes: two equally divided segments that meet at the contact (B,), or in the middle
+    where that is at the tip."""
     split = np.where(contact_m < rod.length_m, contact_m, rod.length_m / 2)
     share = np.linspace(0.0, 1.0, STEPS_PER_SEGMENT + 1)[:, None]
     return np.concatenate([share * split, (split + share * (rod.length_m - split))[1:]])

@@ -1,4 +1,4 @@
-"""A lens from corners that others found: what is given is checked, then solved as the corners of pictures are."""
+"""Lens calibration from given corners: they are checked, then solved like detected ones."""
 
 from __future__ import annotations
 

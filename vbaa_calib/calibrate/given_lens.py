@@ -1,4 +1,4 @@
-"""A lens that was calibrated before, as the beginning of a calibration: its file, its uncertainty, whether it holds."""
+"""A lens calibrated before: reads its file, assumes a covariance where none is given, tests it on new views."""
 
 from __future__ import annotations
 
@@ -32,15 +32,11 @@ _FOCAL_STD, _ASPECT_STD, _CENTRE_PER_WIDTH, _CORNER_PER_WIDTH = 0.003, 0.001, 0.
 centre, and of what distortion does to the picture's corner, over the width (3.2 and 1.0 px of 1280). OpenCV's solutions
 of two thirds of the views, at random, of four real sets scatter by 0.07 to 0.5 %, 0.02 to 0.13 %, 0.1 to 0.8 %, and
 0.03 to 0.7 % where the border was covered poorly: this is a lens that somebody took ordinary care of."""
-_UNCORRECTED_PER_WIDTH = 0.02
-"""The same of a file whose coefficients are all zero: nobody measured them, and ordinary lenses have up to this."""
-_RADIAL, _DECENTRING = np.sqrt([0.32, 0.18])
-"""Part of the corner's deviation by each of k1 and k2, and by each of p1 and p2."""
-_VAGUE = 0.05
-"""Relative deviation of the focal length beyond which a lens is no start: what rests on it is not linear in it."""
+_UNCORRECTED_PER_WIDTH = 0.02  # the same where all coefficients are zero: ordinary lenses have up to this
+_RADIAL, _DECENTRING = np.sqrt([0.32, 0.18])  # part of the corner's deviation by each of k1, k2, and of p1, p2
+_VAGUE = 0.05  # relative deviation of the focal length beyond which a lens is no start
 _GRID = (17, 13)
-_FLOOR_PX, _LEAST_PX = 0.1, 0.02
-"""A difference over the picture that does not matter, and one that no two lenses are known to."""
+_FLOOR_PX, _LEAST_PX = 0.1, 0.02  # a difference that does not matter; one that no two lenses are known to
 _CONTRADICTED = "given_lens_contradicted"
 _CORRELATED = 2.0
 """By how much the pictures' own lens is less certain than independent corners would make it (`check.boards`)."""
@@ -115,10 +111,8 @@ def _own_doubts(path: Path) -> tuple[Diagnosis, ...]:
 
 
 def _with_assumed_covariance(camera: Camera) -> tuple[Camera, str]:
-    """The camera with a covariance that an ordinary calibration deserves, and its words.
-
-    The focal lengths err together, the coefficients each in its own way; a camera without any may have some.
-    """
+    """The camera with the covariance of an ordinary calibration, in words, too. The focal lengths err together, the
+    coefficients each by itself; a camera without any may have some."""
     corner_px = camera.image_size[0] * (_CORNER_PER_WIDTH if camera.distortion.any() else _UNCORRECTED_PER_WIDTH)
     if len(camera.distortion) < 4:
         camera = replace(camera, distortion=np.zeros(4), parameter_names=())
@@ -143,11 +137,8 @@ def _with_assumed_covariance(camera: Camera) -> tuple[Camera, str]:
 def given_solution(
     given: GivenLens, views: Sequence[BoardView], spec: BoardSpec, placed: Sequence[tuple[str, BoardView]] = ()
 ) -> LensSolution:
-    """The given lens as the lens step of a calibration.
-
-    views : of the board, from intrinsics/, if any. placed : each with its folder, those that show plane C. Both test
-    the lens, and the former show the board's shape; they do not change the lens.
-    """
+    """The given lens as the lens step of a calibration. The board's views, if any, and those that show plane C,
+    `placed` with their folders, test the lens; the former show the board's shape, too."""
     found, reasons = list(given.doubts), [f"The lens is the one in {given.path.name} ({given.what})."]
     if given.assumed:
         words = f"{given.path.name} states no uncertainty of its lens: assumed is {given.assumed}"
@@ -176,27 +167,13 @@ def given_solution(
             words = f"{given.path.name} is contradicted by the board in {folders}{size}"
             remedy = "take the file of this lens as it is focused now, or calibrate it again"
             found.append(Diagnosis(_CONTRADICTED, words, remedy, focus.level == FAILS))
-    return LensSolution(
-        camera=given.camera,
-        model=_model_of(given.camera).name,
-        rms_px=np.nan,
-        rms_inliers_px=np.nan,
-        views=(),
-        outliers=(),
-        dropped=(),
-        comparison=(),
-        monotonic=True,
-        board_shape=shape,
-        verdict=Verdict((), tuple(reasons)).with_diagnoses(found),
-    )
+    verdict = Verdict((), tuple(reasons)).with_diagnoses(found)
+    return LensSolution(given.camera, _model_of(given.camera).name, shape, verdict)
 
 
 def _contradiction(given: GivenLens, own: LensSolution, views: Sequence[BoardView]) -> tuple[Diagnosis | None, str]:
-    """Whether the lens that the pictures have by themselves is the given one; and a sentence on that.
-
-    χ² of the difference over the part of the picture that the views cover, without what a turn of the camera explains,
-    along the directions in which the two covariances let it vary.
-    """
+    """Whether the lens that the pictures have by themselves is the given one, and a sentence on that: χ² of the
+    difference over the part of the picture that the views cover, without what a turn of the camera explains."""
     camera, other = given.camera, own.camera
     corners = np.concatenate([view.corners_px for view in views])
     pixels = pixel_grid(camera.image_size).reshape(-1, 2)

@@ -12,7 +12,7 @@ from targets.board import BoardSpec
 from vbaa_calib.calibrate.antenna.session_rig import CLAMP_ANGLE_STD_RAD, CLAMP_OFFSET_STD_M
 from vbaa_calib.calibrate.lens.board_shape import BoardShape
 from vbaa_calib.calibrate.over_board.fit import OverSetup, nominal_free_antenna
-from vbaa_calib.calibrate.over_board.over_board import OverBoardSolution, solve_over_board
+from vbaa_calib.calibrate.over_board.over_board import solve_over_board
 from vbaa_calib.calibrate.pose.board_pose import BoardPose, jig_estimate, solve_board_pose
 from vbaa_calib.calibrate.pose.fusion import Difference, PoseEstimate, differences, fused, inflated, require_agreement
 from vbaa_calib.calibrate.pose.sweep import SweepSolution, solve_sweep
@@ -48,7 +48,7 @@ class PlaneC:
     differences: tuple[Difference, ...]
     jig: BoardPose | None
     sweep: SweepSolution | None
-    over: OverBoardSolution | None
+    over: BoardPose | None
     kinematics: Kinematics
 
     @property
@@ -59,7 +59,7 @@ class PlaneC:
     @property
     def boards(self) -> dict[str, BoardPose]:
         """The boards whose single pose an estimate rests on: each may have a second one that fits nearly as well."""
-        boards = {"jig": self.jig, "over board": None if self.over is None else self.over.board}
+        boards = {"jig": self.jig, "over board": self.over}
         return {way: board for way, board in boards.items() if board is not None}
 
     def to_dict(self) -> dict[str, Any]:
@@ -86,11 +86,11 @@ class PlaneC:
 
 @dataclass(frozen=True, eq=False)
 class PlaneViews:
-    """What shows plane C, by method; None where the session has no pictures for it."""
+    """What shows plane C; None where the session has no pictures for a method."""
 
     jig: Sequence[BoardView] | None
     sweep: Sequence[BoardView] | None
-    over: Mapping[str, np.ndarray] | None
+    over: Mapping[str, np.ndarray] | None  # name → (H, W) picture
 
 
 def picture_folders(session: Session) -> list[str]:
@@ -136,9 +136,9 @@ def find_plane(session: Session, camera: Camera, board: BoardShape, views: Plane
         antenna = nominal_free_antenna(session.antenna, rotation.T @ session.gravity_world_m_s2)
         mark = None if said.clamp_px is None else LineEnd(np.array(said.clamp_px), said.clamp_std_px)
         setup = OverSetup(session.board, camera, antenna, said.height_m, said.height_std_m, mark)
-        over = solve_over_board(views.over, setup, fused(estimates) if estimates else None)
-        doubt = _clamp_doubt(over, session.over, session.board)
-        estimates.append(inflated(over.estimate, *doubt) if estimates else over.estimate)
+        estimate, over = solve_over_board(views.over, setup, fused(estimates) if estimates else None)
+        doubt = _clamp_doubt(estimate, session.over, session.board)
+        estimates.append(inflated(estimate, *doubt) if estimates else estimate)
     estimates = [inflated(estimate, *corner_bias(estimate, camera)) for estimate in estimates]
     # both rulers say which side of a stretched print is right
     unread = board.scale_doubt if session.board.stretch_std is None else 0.0
@@ -149,9 +149,9 @@ def find_plane(session: Session, camera: Camera, board: BoardShape, views: Plane
     return PlaneC(tuple(estimates), tuple(apart), jig, sweep, over, _kinematics(session, sweep, estimates))
 
 
-def _clamp_doubt(found: OverBoardSolution, over: OverBoard, board: BoardSpec) -> tuple[np.ndarray, np.ndarray]:
+def _clamp_doubt(found: PoseEstimate, over: OverBoard, board: BoardSpec) -> tuple[np.ndarray, np.ndarray]:
     """Directions (K, 6), deviations (K,) of the antenna's own frame from jig's and joints': clamp and height."""
-    camera_m = found.estimate.T_antenna_camera.translation_m
+    camera_m = found.T_antenna_camera.translation_m
     turns = np.hstack([np.eye(3), np.cross(np.eye(3), camera_m)])
     across = np.hstack([np.zeros((2, 4)), np.eye(2)])
     half_m = 0.5 * board.square_m * min(board.squares_x, board.squares_y)

@@ -19,6 +19,7 @@ from vbaa_calib.calibrate.faults.explanations import picture_scatter
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution
 from vbaa_calib.calibrate.lens.uncertainty import projection_uncertainty
 from vbaa_calib.calibrate.pose.fusion import CONTRADICTION
+from vbaa_calib.core.arrays import finite
 from vbaa_calib.core.console import say
 from vbaa_calib.core.files import sha256
 from vbaa_calib.core.robust import chi_square_p
@@ -28,19 +29,15 @@ from vbaa_calib.session import Load, NominalAntenna, Session, Still
 from .pipeline import Calibration
 from .plane_c import PlaneC, picture_folders
 
-_PACKAGES = ("numpy", "scipy", "opencv-contrib-python-headless", "torch", "kornia")
-"""Whose versions rig.json names."""
-_STIFFNESS_DOUBT = 0.15
-"""Relative difference of EI from E·πd⁴/64 that is worth a warning: 4 % of the diameter."""
+_PACKAGES = ("numpy", "scipy", "opencv-contrib-python-headless", "torch", "kornia")  # whose versions rig.json names
+_STIFFNESS_DOUBT = 0.15  # relative difference of EI from E·πd⁴/64 that is worth a warning: 4 % of the diameter
 _SIGNIFICANT, _CHANCE = 4.0, 6e-5
 """Standard deviations beyond which an assumption counts as broken, and how often one that holds is that far off: there
 are about twenty, and a session without a fault is to pass them all."""
-_SCATTERED = 5.0
-"""Scatter of the shapes, over what their pictures explain, beyond which the model is not that of these loads."""
+_SCATTERED = 5.0  # scatter of the shapes, over their pictures' own, beyond which the model does not fit
 _EXPLAINS_SCATTER = ("load_", "gravity_", "joint_readings_", "clamp_slipped", "antenna_bent_between", "stills_")
 """How the names of the diagnoses begin that say why the shapes scatter."""
-_ANISOTROPY_MATTERS = 0.01
-"""Part by which the compliances must differ at least: a wire drawn 0.25 % out of round."""
+_ANISOTROPY_MATTERS = 0.01  # part by which the compliances must differ at least: a wire drawn 0.25 % out of round
 
 
 def still_doubts(joint: BundleAdjustment, stills: Sequence[Still], said: str = "") -> list[str]:
@@ -123,11 +120,11 @@ def sensor_doubts(session: Session, rig: Rig, checks: Checks) -> list[str]:
             f"the moment sensor scatters by {1e3 * checks.noise_Nm:.3g} mN·m, the session says "
             f"{1e3 * session.moment_std_Nm:.3g}: the former is used"
         )
-    drift, per = checks.drift_Nm_per_s or checks.drift_Nm_per_row, "s" if checks.drift_Nm_per_s else "row"
+    drift = checks.drift_Nm
     if drift is not None and abs(drift.in_std) > _SIGNIFICANT:
         found.append(
-            f"the moment sensor drifts by {1e3 * drift.value:.2g} ± {1e3 * drift.std:.2g} mN·m per {per}: let it warm "
-            "up, and zero it again before a recording"
+            f"the moment sensor drifts by {1e3 * drift.value:.2g} ± {1e3 * drift.std:.2g} mN·m per {checks.drift_per}: "
+            "let it warm up, and zero it again before a recording"
         )
     return found
 
@@ -246,10 +243,6 @@ def rig_document(calibration: Calibration, warnings: Sequence[str], command: Seq
     }
 
 
-def _finite(value: float) -> float | None:
-    return value if np.isfinite(value) else None
-
-
 def camera_document(solution: LensSolution, spec: Board) -> dict[str, Any]:
     """camera.json: what `Camera.load` reads, and the evidence for it (docs/formats.md)."""
     covariance = solution.camera.covariance
@@ -263,8 +256,8 @@ def camera_document(solution: LensSolution, spec: Board) -> dict[str, Any]:
         "lens_model": solution.model,
         "monotonic": solution.monotonic,
         **solution.verdict.to_dict(),
-        "rms_px": _finite(solution.rms_px),
-        "rms_inliers_px": _finite(solution.rms_inliers_px),
+        "rms_px": finite(solution.rms_px),
+        "rms_inliers_px": finite(solution.rms_inliers_px),
         "projection_uncertainty": {
             "columns_px": free.pixels[0, :, 0].tolist(),
             "rows_px": free.pixels[:, 0, 1].tolist(),

@@ -37,9 +37,7 @@ def _checked_image_size(image_size: Any) -> tuple[int, int]:
 
 def _checked_matrix(matrix: Any) -> np.ndarray:
     """(3, 3) read-only copy of a camera matrix: fx, fy > 0, no skew, last row 0 0 1."""
-    values = _numbers(matrix, "the camera matrix")
-    if values.shape != (3, 3):
-        raise InputError(f"the camera matrix has the shape {values.shape}", remedy="give it as (3, 3)")
+    values = _numbers(matrix, "the camera matrix", (3, 3))
     if values[0, 0] <= 0 or values[1, 1] <= 0:
         raise InputError(
             f"the camera matrix is singular or mirrored: fx = {values[0, 0]:g}, fy = {values[1, 1]:g}",
@@ -63,21 +61,22 @@ def _checked_distortion(distortion: Any, model: LensModel) -> np.ndarray:
 
 def _checked_covariance(covariance: Any, count: int) -> np.ndarray:
     """(count, count) read-only copy of a symmetric, positive semidefinite matrix."""
-    values = _numbers(covariance, "the covariance")
-    if values.shape != (count, count):
-        raise InputError(f"the covariance has the shape {values.shape}", remedy=f"give it as ({count}, {count})")
+    values = _numbers(covariance, "the covariance", (count, count))
     if not is_covariance(values):
         raise InputError("the covariance is not symmetric and positive", remedy="calibrate again")
     return values
 
 
-def _numbers(values: Any, name: str) -> np.ndarray:
+def _numbers(values: Any, name: str, shape: tuple[int, ...] | None = None) -> np.ndarray:
+    """A read-only copy of finite numbers, of a shape where one is given."""
     try:
         array = np.array(values, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
         raise InputError(f"{name} is not an array of numbers", remedy="give finite numbers") from None
     if not np.isfinite(array).all():
         raise InputError(f"{name} has NaN or infinity in it", remedy="give finite numbers")
+    if shape not in (None, array.shape):
+        raise InputError(f"{name} has the shape {array.shape}", remedy=f"give it as {shape}")
     array.flags.writeable = False
     return array
 

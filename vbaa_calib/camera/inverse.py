@@ -14,19 +14,15 @@ from vbaa_calib.core.arrays import Array, empty, is_tensor, namespace
 from .lens import Lens, RadialTable, Sectors, definite, invert_radial, tolerance
 from .models import Matrix
 
-_PIECE = 16384
-"""Points in a piece. Smaller ones pay more for calls: with 4096, a fourth to a third more time."""
+_PIECE = 16384  # points in a piece. Smaller ones pay more for calls: with 4096, a fourth to a third more time.
 
 _PieceWork = Callable[[Array, Array, bool], Sequence[Array]]
 """(x, y, whether to spare no effort) → the results of these points, and last which of them deserve more effort."""
 
 
 def in_pieces(work: _PieceWork, x: Array, y: Array, results: Sequence[Array]) -> None:
-    """Work on points (n,) and write into results, each (n,), possibly strided.
-
-    In pieces, points that need more effort are put off and worked on together: an effort takes some hundred array
-    operations however few its points. Tensors, of which a device has room for all, are one piece.
-    """
+    """Work on points (n,) and write into results, each (n,). Points that need more effort are put off and worked on
+    together: an effort takes some hundred array operations however few they are. Tensors are one piece."""
     if is_tensor(x) or len(x) <= _PIECE:
         _store(results, ..., work(x, y, True))
         return
@@ -49,30 +45,22 @@ _PLAIN_STEPS = 3
 _DAMPED_STEPS = 16
 _SHORTEST = 1e-3
 _ROUNDINGS = 0.1
-_NO_RADIUS = 1e-15
-"""Keeps a start on the axis from being 0/0, also in single precision."""
+_NO_RADIUS = 1e-15  # keeps a start on the axis from being 0/0, also in single precision
 
 
 class _Inverted(NamedTuple):
-    """Points (...) undistorted, in the model's chart; anything where not valid.
-
-    valid : inside the region that hangs together with the axis, residual at the rounding, finite.
-    jacobian : d(distorted)/d(ideal): (xx, xy, yx, yy), arrays (...) or numbers where it is the same everywhere.
-    put_off : which of those that are not valid might still be found by more effort.
-    """
+    """Points (...) undistorted, in the model's chart; anything where not valid."""
 
     x: Array
     y: Array
-    valid: Array
-    jacobian: Matrix
-    put_off: Array
+    valid: Array  # inside the region around the axis, residual at the rounding, finite
+    jacobian: Matrix  # d(distorted)/d(ideal): (xx, xy, yx, yy), (...) or numbers
+    put_off: Array  # which invalid ones more effort might still find
 
 
 def solve(lens: Lens, x: Array, y: Array) -> tuple[Array, Array, Array]:
-    """Ideal points (...) of distorted points (...) on an untilted sensor, and which of them are valid.
-
-    The others are (0, 0).
-    """
+    """Ideal points (...) of distorted points (...) on an untilted sensor, and which of them are valid; the others are
+    (0, 0)."""
     xp = namespace(x)
     shape = tuple(x.shape)
     x, y = x.reshape(-1), y.reshape(-1)
@@ -89,10 +77,8 @@ def _solve_piece(xp: ModuleType, lens: Lens, x: Array, y: Array, thorough: bool)
 
 
 def invert_distortion(xp: ModuleType, lens: Lens, x: Array, y: Array, thorough: bool) -> _Inverted:
-    """Distorted points (...) undistorted; points that are no numbers are not valid.
-
-    Not thorough: only what a few Newton steps solve, which is nearly all; the others are put off.
-    """
+    """Distorted points (...) undistorted; NaN is not valid. Not thorough: only what a few Newton steps solve, which is
+    nearly all; the others are put off."""
     if lens.table is None:
         valid = xp.isfinite(x) & xp.isfinite(y) & (x * x + y * y < lens.ideal_limit**2)
         return _Inverted(x, y, valid, (1.0, 0.0, 0.0, 1.0), False)
@@ -164,10 +150,8 @@ def _mended_start(xp: ModuleType, lens: Lens, x: Array, y: Array, distorted: Arr
 
 
 def _damped(xp: ModuleType, lens: Lens, x: Array, y: Array, guess: tuple[Array, Array], usable: Array) -> _Inverted:
-    """Newton with each step shortened until it stays inside the region and the residual falls.
-
-    It starts from the guess where that is usable, else from deep inside the region.
-    """
+    """Newton with each step shortened until it stays inside the region and the residual falls; from the guess where
+    that is usable, else from deep inside the region."""
     assert lens.sectors is not None
     model, c, region = lens.model, lens.coefficients, lens.sectors
     allowed = tolerance(xp, xp.sqrt(x * x + y * y))

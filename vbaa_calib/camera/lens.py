@@ -27,8 +27,7 @@ from .models import MODELS, Coefficients, LensModel
 if TYPE_CHECKING:
     import torch
 
-_FARTHEST = 1e3
-"""Ideal radius at which a distorted perspective lens is cut off: 89.94° from the axis."""
+_FARTHEST = 1e3  # ideal radius at which a distorted perspective lens is cut off: 89.94° from the axis
 _NODES = 2048
 _FAST_STEPS, _SAFE_STEPS, _TABLE_STEPS = 2, 60, 12
 _DIRECTIONS, _RADII, _HALVINGS = 90, 160, 30
@@ -36,24 +35,17 @@ _DIRECTIONS, _RADII, _HALVINGS = 90, 160, 30
 
 @dataclass(frozen=True, eq=False)
 class RadialTable:
-    """r at even steps of ρ/(1 + ρ), over the branch on which ρ grows.
+    """r at even steps of ρ/(1 + ρ), over the branch on which ρ grows."""
 
-    ideal_limit, distorted_limit : where the branch ends.
-    nodes, steps : r at each node, and from it to the next.
-    nodes_per_unit : nodes for each unit of ρ/(1 + ρ).
-    """
-
-    ideal_limit: float
-    distorted_limit: float
-    nodes: np.ndarray
-    steps: np.ndarray
-    nodes_per_unit: float
+    ideal_limit: float  # where the branch ends
+    distorted_limit: float  # the same of ρ
+    nodes: np.ndarray  # r at each node
+    steps: np.ndarray  # from it to the next
+    nodes_per_unit: float  # nodes for each unit of ρ/(1 + ρ)
 
     def start(self, xp: ModuleType, distorted: Array) -> tuple[Array, Array, Array]:
-        """Table's radius for distorted radii in [0, distorted_limit], the node before it, and how far the next one is.
-
-        The true radius lies between one step before that node and two after it.
-        """
+        """Table's radius for distorted radii in [0, distorted_limit], the node before it, and the step to the next; the
+        true radius lies between one step before that node and two after it."""
         nodes, steps = self.nodes, self.steps
         if xp is not np:
             nodes, steps = (xp.as_tensor(a, dtype=distorted.dtype, device=distorted.device) for a in (nodes, steps))
@@ -80,10 +72,8 @@ def tolerance(xp: ModuleType, distorted: Array) -> Array:
 def invert_radial(
     xp: ModuleType, model: LensModel, c: Sequence[float], table: RadialTable, distorted: Array, thorough: bool
 ) -> _RadialSolution:
-    """Ideal radii of distorted ones (...) in [0, distorted_limit).
-
-    Not thorough: where a few Newton steps do not arrive the radius is not valid.
-    """
+    """Ideal radii of distorted ones (...) in [0, distorted_limit). Not thorough: not valid where a few Newton steps do
+    not converge."""
     radius, _, _ = table.start(xp, distorted)
     for _ in range(_FAST_STEPS):
         s = radius * radius
@@ -157,15 +147,11 @@ def _radial_table(model: LensModel, c: Sequence[float]) -> RadialTable:
 
 @dataclass(frozen=True, eq=False)
 class _Rim:
-    """A closed curve around the axis, as a radius in each of evenly spaced directions from −π on.
+    """A closed curve around the axis, as a radius in each of evenly spaced directions from −π on."""
 
-    radii, steps : radius in each direction, and from it to the next.
-    inner : the smallest of them.
-    """
-
-    radii: np.ndarray
-    steps: np.ndarray
-    inner: float
+    radii: np.ndarray  # in each direction
+    steps: np.ndarray  # from it to the next
+    inner: float  # the smallest radius
 
     @staticmethod
     def of(radii: np.ndarray) -> _Rim:
@@ -189,16 +175,11 @@ class _Rim:
 
 @dataclass(frozen=True, eq=False)
 class Sectors:
-    """The trusted region of a lens.
+    """The trusted region of a lens."""
 
-    ideal : its rim.
-    reach : nothing inside is distorted to a point outside this rim.
-    distorted_radius : smallest distorted radius on the region's rim.
-    """
-
-    ideal: _Rim
-    reach: _Rim
-    distorted_radius: float
+    ideal: _Rim  # its rim
+    reach: _Rim  # nothing inside is distorted to a point outside this rim
+    distorted_radius: float  # smallest distorted radius on the region's rim
 
 
 def definite(xx: Array, xy: Array, yx: Array, yy: Array) -> Array:
@@ -249,16 +230,12 @@ def _reach(x: np.ndarray, y: np.ndarray) -> _Rim:
 
 @dataclass(frozen=True, eq=False)
 class Lens:
-    """A lens model with its coefficients, and all that is worked out once for them.
-
-    table : start values and the end of the monotonic branch; None on the path "none".
-    sectors : the trusted region; only on the path "full".
-    """
+    """A lens model with its coefficients, and all that is worked out once for them."""
 
     model: LensModel
     coefficients: tuple[float, ...]
-    table: RadialTable | None
-    sectors: Sectors | None
+    table: RadialTable | None  # start values and the end of the monotonic branch; None on the path "none"
+    sectors: Sectors | None  # the trusted region; only on the path "full"
 
     @property
     def ideal_limit(self) -> float:

@@ -21,73 +21,50 @@ if TYPE_CHECKING:
     import torch
 
 Coefficients = Sequence[Array]
-Matrix = tuple[Array, Array, Array, Array]
-"""(xx, xy, yx, yy), each (...) or a number."""
+Matrix = tuple[Array, Array, Array, Array]  # (xx, xy, yx, yy), each (...) or a number
 _Path = Literal["none", "radial", "full"]
 _SMALL_ANGLE_SQUARED = 1e-6
-_LEAST_DEPTH = 1e-12
-"""Z of a unit vector from which on X/Z counts as a number."""
+_LEAST_DEPTH = 1e-12  # Z of a unit vector from which on X/Z counts as a number
 
 
-class _Chart(ABC):
-    """How directions in the camera frame are laid out on a plane before a lens bends them.
+class _Perspective:
+    """The z = 1 plane: the directions in front of the camera.
 
-    radius_limit : no direction lies farther out. is_normalized : whether its coordinates are X/Z, Y/Z.
+    A chart is how directions in the camera frame are laid out on a plane before a lens bends them. radius_limit : no
+    direction lies farther out. is_normalized : whether its coordinates are X/Z, Y/Z.
     """
-
-    radius_limit: ClassVar[float]
-    is_normalized: ClassVar[bool]
-
-    @abstractmethod
-    def to_plane(self, xp: ModuleType, X: Array, Y: Array, Z: Array) -> tuple[Array, Array, Array]:
-        """x, y, and whether it is seen, of vectors of any length; x = y = 0 where not."""
-
-    @abstractmethod
-    def to_ray(self, xp: ModuleType, x: Array, y: Array) -> tuple[Array, Array, Array]:
-        """Unit vectors."""
-
-    @abstractmethod
-    def ray_jacobian(self, xp: ModuleType, x: Array, y: Array) -> Array:
-        """d(unit vector)/d(x, y), (..., 3, 2)."""
-
-    @abstractmethod
-    def half_angle(self, radius: float) -> float:
-        """Angle from the axis, rad, at a radius in the chart."""
-
-    @abstractmethod
-    def normalized(self, xp: ModuleType, x: Array, y: Array) -> tuple[Array, Array, Matrix, Array]:
-        """X/Z, Y/Z, their derivatives by x and y, and whether Z > 0."""
-
-
-class _Perspective(_Chart):
-    """The z = 1 plane: the directions in front of the camera."""
 
     radius_limit = math.inf
     is_normalized = True
 
     def to_plane(self, xp: ModuleType, X: Array, Y: Array, Z: Array) -> tuple[Array, Array, Array]:
+        """x, y, and whether it is seen, of vectors of any length; x = y = 0 where not."""
         seen = Z > 0
         depth = xp.where(seen, Z, 1.0)
         return xp.where(seen, X / depth, 0.0), xp.where(seen, Y / depth, 0.0), seen
 
     def to_ray(self, xp: ModuleType, x: Array, y: Array) -> tuple[Array, Array, Array]:
+        """Unit vectors."""
         z = 1.0 / xp.sqrt(1.0 + x * x + y * y)
         return x * z, y * z, z
 
     def ray_jacobian(self, xp: ModuleType, x: Array, y: Array) -> Array:
+        """d(unit vector)/d(x, y), (..., 3, 2)."""
         z2 = 1.0 / (1.0 + x * x + y * y)
         z3 = z2 * xp.sqrt(z2)
         return matrix(xp, [[(1.0 + y * y) * z3, -x * y * z3], [-x * y * z3, (1.0 + x * x) * z3], [-x * z3, -y * z3]])
 
     def half_angle(self, radius: float) -> float:
+        """Angle from the axis, rad, at a radius in the chart."""
         return math.atan(radius)
 
     def normalized(self, xp: ModuleType, x: Array, y: Array) -> tuple[Array, Array, Matrix, Array]:
+        """X/Z, Y/Z, their derivatives by x and y, and whether Z > 0."""
         return x, y, (1.0, 0.0, 0.0, 1.0), xp.isfinite(x) & xp.isfinite(y)
 
 
-class _Equidistant(_Chart):
-    """Every direction but straight back, at its angle θ from the axis."""
+class _Equidistant:
+    """As `_Perspective`, every direction but straight back, at its angle θ from the axis."""
 
     radius_limit = math.pi
     is_normalized = False
@@ -140,19 +117,16 @@ class _Equidistant(_Chart):
 
 
 class LensModel(ABC):
-    """What a lens model has to say for itself; everything else is done for all models alike.
+    """What a lens model must define; everything else is done for all models alike.
 
     It maps the ideal point (x, y) in its chart to the distorted point on the sensor's normalized plane: a radial gain
     g(s) with s = x² + y², the rest (decentring, thin prism), then possibly a tilted sensor.
-
-    name : as it stands in camera.json. counts : lengths of the coefficient vector that are allowed.
-    coefficient_names : of the longest vector, in file order.
     """
 
-    name: ClassVar[str]
-    chart: ClassVar[_Chart]
-    coefficient_names: ClassVar[tuple[str, ...]]
-    counts: ClassVar[tuple[int, ...]]
+    name: ClassVar[str]  # in camera.json
+    chart: ClassVar[_Perspective | _Equidistant]
+    coefficient_names: ClassVar[tuple[str, ...]]  # of the longest vector, in file order
+    counts: ClassVar[tuple[int, ...]]  # allowed lengths of the coefficient vector
 
     @abstractmethod
     def radial(self, s: Array, c: Coefficients) -> tuple[Array, Array]:
@@ -192,18 +166,14 @@ class LensModel(ABC):
 
 
 def _absent(*coefficients: Array) -> bool:
-    """Whether these are all plain zeros, so that their terms need not be computed.
-
-    A tensor never counts as absent: its term has a derivative even where it is zero.
-    """
+    """Whether all are plain zeros, whose terms need not be computed. A tensor never counts as absent: its term has a
+    derivative even where it is zero."""
     return set(map(type, coefficients)) <= {float} and not any(coefficients)
 
 
 def _smallest_positive_root(coefficients: Sequence[float] | np.ndarray, limit: float) -> float:
-    """Smallest real root in (0, limit] of Σ c_i s^i, coefficients (n,), or inf.
-
-    Terms that do not matter anywhere up to the limit are left out: their roots lie beyond it.
-    """
+    """Smallest real root in (0, limit] of Σ c_i s^i, coefficients (n,), or inf; terms that do not matter up to the
+    limit are left out."""
     scaled = np.asarray(coefficients, float) * limit ** np.arange(len(coefficients), dtype=float)
     kept = np.flatnonzero(np.abs(scaled) > 1e-15 * np.abs(scaled).max(initial=0.0))
     if kept.size == 0 or kept[-1] == 0:
@@ -217,8 +187,7 @@ def _smallest_positive_root(coefficients: Sequence[float] | np.ndarray, limit: f
 
 _NAMES = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4", "tau_x", "tau_y")
 _POLYNOMIAL, _RATIONAL, _BEFORE_TILT = 5, 8, 12
-_BEYOND = 1e6
-"""Folds farther out than 1000 focal lengths (s = 1e6) are of no concern."""
+_BEYOND = 1e6  # folds farther out than 1000 focal lengths (s = 1e6) are of no concern
 
 
 class _OpenCV(LensModel):
@@ -391,5 +360,4 @@ class _Fisheye(LensModel):
         return math.sqrt(_smallest_positive_root(growth, math.pi**2))
 
 
-MODELS: dict[str, LensModel] = {model.name: model for model in (_OpenCV(), _Fisheye())}
-"""Name in camera.json → model."""
+MODELS: dict[str, LensModel] = {model.name: model for model in (_OpenCV(), _Fisheye())}  # name in camera.json → model

@@ -10,11 +10,9 @@ import numpy as np
 from vbaa_calib.core.arrays import Array, ArrayT, like, masked, namespace
 from vbaa_calib.geometry import Plane
 
-_GRAZING_RAD = 1e-3
-"""Rays that meet a plane at a smaller angle are not intersected: an error of 0.001 rad would move them without end."""
+_GRAZING_RAD = 1e-3  # rays at a smaller angle to the plane are not intersected
 
-_NEAREST_M = 1e-9
-"""A plane closer to the rays' origin than this passes through it."""
+_NEAREST_M = 1e-9  # a plane closer to the rays' origin than this passes through it
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,10 +26,8 @@ class Crossing:
 
 
 def cross(origins: Array, directions: Array, normals: Array, offsets_m: Array) -> Crossing:
-    """Rays origins + t·directions, t > 0 (unit directions), with planes normals·x = offsets_m; all broadcast.
-
-    Not valid: parallel or grazing, behind the origin, a plane through the origin, not finite.
-    """
+    """Rays origins + t·directions, t > 0 (unit directions), with planes normals·x = offsets_m; all broadcast. Not
+    valid: grazing, behind the origin, a plane through the origin, not finite."""
     xp = namespace(directions)
     slant = (normals * directions).sum(-1)
     height = offsets_m - (normals * origins).sum(-1)

@@ -172,19 +172,15 @@ _OfPoints = Callable[[ModuleType, Intrinsics, Lens, Array, Array, bool], tuple[A
 
 
 def pixel_to_normalized_with_slopes(intrinsics: Intrinsics, pixels: Array) -> tuple[Array, Array, Array]:
-    """Ideal points (..., 2) of pixels (..., 2), d(X/Z, Y/Z)/d(u, v) (..., 2, 2), and validity (...).
-
-    NaN where not valid.
-    """
+    """Ideal points (..., 2) of pixels (..., 2), d(X/Z, Y/Z)/d(u, v) (..., 2, 2), and validity (...); NaN where not
+    valid."""
     points, valid = _worked(by_pixel_of_points, intrinsics, pixels, 6)
     return points[..., :2], points[..., 2:].reshape(*pixels.shape, 2), valid
 
 
 def normalized_by_lens(intrinsics: Intrinsics, points: Array) -> Array:
-    """d(X/Z, Y/Z)/d(fx, fy, cx, cy, *distortion) of the fixed pixels of ideal points (..., 2): (..., 2, 4 + k).
-
-    NaN where the lens does not see the point one to one.
-    """
+    """d(X/Z, Y/Z)/d(fx, fy, cx, cy, *distortion) of the fixed pixels of ideal points (..., 2): (..., 2, 4 + k); NaN
+    where the lens does not see the point one to one."""
     parameters = 4 + len(intrinsics.coefficients)
     slopes, _ = _worked(by_lens_of_points, intrinsics, points, 2 * parameters)
     return slopes.reshape(*points.shape, parameters)
@@ -241,16 +237,12 @@ def by_lens_of_points(
 
 @dataclass(frozen=True, eq=False)
 class _RayDerivatives:
-    """Unit rays (..., 3), the axis where not valid (...), and how they move.
+    """Rays of pixels, and how they move."""
 
-    by_pixel : (..., 3, 2) d(ray)/d(u, v).
-    by_parameter : (..., 3, 4 + k) d(ray)/d(fx, fy, cx, cy, *distortion) for a fixed pixel.
-    """
-
-    rays: Array
-    by_pixel: Array
-    by_parameter: Array
-    valid: Array
+    rays: Array  # (..., 3) unit; the axis where not valid
+    by_pixel: Array  # (..., 3, 2) d(ray)/d(u, v)
+    by_parameter: Array  # (..., 3, 4 + k) d(ray)/d(fx, fy, cx, cy, *distortion) for a fixed pixel
+    valid: Array  # (...)
 
 
 def ray_derivatives(intrinsics: Intrinsics, pixels: Array) -> _RayDerivatives:
@@ -268,11 +260,8 @@ def ray_derivatives(intrinsics: Intrinsics, pixels: Array) -> _RayDerivatives:
 def _by_sensor_and_lens(
     xp: ModuleType, intrinsics: Intrinsics, lens: Lens, at: tuple[Array, Array], by_chart: Matrix | None = None
 ) -> tuple[Matrix, list[tuple[Array, Array]], Array]:
-    """How a chart point with a fixed pixel moves with its place on the sensor's plane, and with each parameter.
-
-    By the implicit function theorem −(∂pixel/∂ideal)⁻¹ ∂pixel/∂parameter, by_chart (2, 2) from the left. Returns also
-    whether the point is in front of the sensor.
-    """
+    """How a chart point with a fixed pixel moves with its place on the sensor's plane and with each parameter,
+    −(∂pixel/∂ideal)⁻¹ ∂pixel/∂parameter, by_chart (2, 2) from the left; and whether it is in front of the sensor."""
     (x, y), model, c = at, lens.model, lens.coefficients
     sensor_x, sensor_y, *jacobian = model.linearize(x, y, c)
     by_distorted, front, by_tilt = _inverse(tuple(jacobian)), xp.isfinite(x), []

@@ -17,12 +17,8 @@ _Solution = tuple[Array, Array, Array]
 
 
 def invert(model: LensModel, x: torch.Tensor, y: torch.Tensor, c: Coefficients | torch.Tensor) -> _Solution:
-    """Ideal points (...) in the model's chart of distorted ones (...) before the sensor's tilt, and their validity.
-
-    c is a sequence of floats, or a tensor (..., k) whose leading dimensions broadcast against the points'.
-    Differentiable in x, y and c. Points that are not valid are (0, 0), where every lens has the identity as its
-    Jacobian, and have no gradient.
-    """
+    """Ideal points (...) in the model's chart of distorted ones (...) before the sensor's tilt, and their validity; c
+    floats, or a tensor (..., k). Differentiable in x, y and c; invalid points are (0, 0) without gradient."""
     coefficients = like(x, c)
     if coefficients.shape[-1] == 0:
         return solve(lens_of(model, ()), x, y)

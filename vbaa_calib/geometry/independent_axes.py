@@ -1,4 +1,4 @@
-"""Covariances: whether a matrix is one, steps that vary independently, what some numbers imply about the others."""
+"""Covariances: whether a matrix is one, independent axes, the worst direction, conditioning."""
 
 from __future__ import annotations
 
@@ -18,16 +18,22 @@ def independent_axes(covariance: np.ndarray) -> np.ndarray:
 
 
 def conditioned(covariance: np.ndarray, first: int) -> tuple[np.ndarray, np.ndarray]:
-    """How numbers follow others that are jointly normal with them, and what the others leave open.
+    """Slopes (P − F, F) of numbers on the first F that are jointly normal with them, and what these leave open (P −
+    F,), standard deviations. covariance : (P, P), of the first not singular.
 
-    covariance : (P, P), the first so many of them, F, not singular.
-
-    Returns (P − F, F) slopes, and (P − F,) standard deviations of the rest for given first ones. By a triangular
-    factor: the difference of two covariances that are nearly the same may be negative.
+    By a triangular factor: the difference of two covariances that are nearly the same may be negative.
     """
     _, factor = np.linalg.qr(independent_axes(covariance).T)
     slopes = solve_triangular(factor[:first, :first], factor[:first, first:]).T
     return slopes, np.linalg.norm(factor[first:, first:], axis=0)
+
+
+def largest_std(covariance: np.ndarray) -> np.ndarray:
+    """(...) standard deviation in the worst direction of covariances (..., D, D); NaN where one is not finite."""
+    std = np.full(covariance.shape[:-2], np.nan)
+    known = np.isfinite(covariance).all(axis=(-1, -2))
+    std[known] = np.sqrt(np.linalg.eigvalsh(covariance[known])[..., -1].clip(0.0))
+    return std
 
 
 def is_covariance(matrix: np.ndarray) -> bool:

@@ -10,8 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from .pose import Pose
 
-_STEP = 1e-5
-"""Finite-difference step of skew, offset and zero, rad or m."""
+_STEP = 1e-5  # finite-difference step of skew, offset and zero, rad or m
 
 
 def rotation_world_antenna(pan_rad: ArrayLike, tilt_rad: ArrayLike, axis_skew_rad: float = 0.0) -> np.ndarray:

@@ -11,38 +11,25 @@ from scipy.stats import chi2, t
 from .parts import RIG_PARAMETERS
 from .rig import Rig
 
-FALSE_ALARM = 0.01
-"""Probability that a parameter that stays is said to scatter, or to drift; of all parameters together."""
+FALSE_ALARM = 0.01  # that a parameter that stays is said to scatter or drift; of all together
 FEWEST_FOR_TREND = 4
 
 
 @dataclass(frozen=True, eq=False)
 class OverTime:
-    """P parameters of a rig over N calibrations.
+    """P parameters of a rig over N calibrations."""
 
-    Attributes
-    ----------
-    names : of the parameters; the lens' where all calibrations have the same model.
-    days : (N,) since the first calibration.
-    values, std : (N, P) how far each parameter is from what it was at first, and its standard deviations.
-    mean : (P,) weighted by variances, of what was measured and of what goes on between calibrations.
-    between_std : (P,) what the parameter varies by from one calibration to the next, beyond what they state.
-    slope_per_day, slope_std_per_day : (P,) NaN with fewer than `FEWEST_FOR_TREND` calibrations.
-    scatters, drifts : (P,) bool, beyond what chance gives (`FALSE_ALARM`).
-    supposed_std : (P,) what the rig's drift in rig.json supposes that it may change by.
-    """
-
-    names: tuple[str, ...]
-    days: np.ndarray
-    values: np.ndarray
-    std: np.ndarray
-    mean: np.ndarray
-    between_std: np.ndarray
-    slope_per_day: np.ndarray
-    slope_std_per_day: np.ndarray
-    scatters: np.ndarray
-    drifts: np.ndarray
-    supposed_std: np.ndarray
+    names: tuple[str, ...]  # the lens' where all calibrations have the same model
+    days: np.ndarray  # (N,) since the first calibration
+    values: np.ndarray  # (N, P) how far each parameter is from what it was at first
+    std: np.ndarray  # (N, P)
+    mean: np.ndarray  # (P,) weighted by the variances of measurement and change
+    between_std: np.ndarray  # (P,) variation from one calibration to the next, beyond what they state
+    slope_per_day: np.ndarray  # (P,) NaN with fewer than `FEWEST_FOR_TREND` calibrations
+    slope_std_per_day: np.ndarray  # (P,)
+    scatters: np.ndarray  # (P,) bool, beyond what chance gives (`FALSE_ALARM`)
+    drifts: np.ndarray  # (P,) bool, likewise
+    supposed_std: np.ndarray  # (P,) by which the drift in rig.json lets it change
 
 
 def over_time(rigs: Sequence[Rig], days: Sequence[float]) -> OverTime:
@@ -50,8 +37,8 @@ def over_time(rigs: Sequence[Rig], days: Sequence[float]) -> OverTime:
     steps = [rig.step_from(rigs[0]) for rig in rigs]
     size = min(map(len, steps))
     values = np.array([step[:size] for step in steps])
-    std = np.array([parameter_std(rig, size) for rig in rigs])
-    names = parameter_names(rigs[0])[:size]
+    std = np.array([parameter_std(rig)[:size] for rig in rigs])
+    names = (*RIG_PARAMETERS, *rigs[0].camera.parameter_names)[:size]
     at = np.asarray(days, float)
     count, limit = len(rigs), FALSE_ALARM / size
     mean, between, slope, slope_std = (np.full(size, np.nan) for _ in range(4))
@@ -72,21 +59,14 @@ def over_time(rigs: Sequence[Rig], days: Sequence[float]) -> OverTime:
             slope_std[index] = deviations[1]
             drifts[index] = abs(slope[index]) > t.isf(limit / 2, count - 2) * slope_std[index]
     wide = rigs[0].drifted().covariance
-    supposed = np.sqrt(np.clip(np.diag(wide)[:size] - parameter_std(rigs[0], size)[: len(wide)] ** 2, 0.0, None))
+    supposed = np.sqrt(np.clip(np.diag(wide)[:size] - std[0, : len(wide)] ** 2, 0.0, None))
     supposed = np.concatenate([supposed, np.zeros(size - len(supposed))])
     return OverTime(names, at, values, std, mean, between, slope, slope_std, scatters, drifts, supposed)
 
 
-def parameter_names(rig: Rig) -> tuple[str, ...]:
-    """Of the rig's parameters and then the lens', whether or not the joint covariance holds the lens."""
-    return (*RIG_PARAMETERS, *rig.camera.parameter_names)
-
-
-def parameter_std(rig: Rig, size: int) -> np.ndarray:
-    """(size,) standard deviations of the first of `parameter_names`; 0 for what counts as exact."""
-    own = np.diag(rig.covariance)
-    lens = np.zeros(0) if rig.with_lens or rig.camera.covariance is None else np.diag(rig.camera.covariance)
-    return np.sqrt(np.concatenate([own, lens, np.zeros(size)])[:size])
+def parameter_std(rig: Rig) -> np.ndarray:
+    """(17 + P,) standard deviations of the rig's parameters and the lens'; 0 for what counts as exact."""
+    return np.sqrt(np.diag(rig.joint_covariance))
 
 
 def _misfit(x: np.ndarray, std: np.ndarray, columns: np.ndarray) -> tuple[float, np.ndarray]:

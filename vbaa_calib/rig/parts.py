@@ -24,8 +24,7 @@ RIG_STEPS = np.array([1e-5] * 6 + [1e-5] * 2 + [1e-4] * 2 + [1e-3] * 4 + [1e-4])
 
 JOINT_AXES = ("axis_skew_rad", "axis_offset_m", "tilt_zero_rad")
 """What a sweep finds of the joints, in the order of `Kinematics`."""
-_NEAREST_M = 1e-3
-"""What comes nearer to the camera's plane counts as not in front of it."""
+_NEAREST_M = 1e-3  # what comes nearer to the camera's plane counts as not in front of it
 
 
 @dataclass(frozen=True, eq=False)

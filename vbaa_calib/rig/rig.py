@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError
@@ -34,10 +35,8 @@ if TYPE_CHECKING:
 
 
 def _joint_covariance(joint: Joint, lens: tuple[str, ...], where: object) -> np.ndarray:
-    """(17, 17), or (17 + P, 17 + P) with the P parameters of the lens, from the mapping `joint`.
-
-    Raises InputError for other parameters, another shape, or a matrix that is no covariance.
-    """
+    """(17, 17), or (17 + P, 17 + P) with the P parameters of the lens. Raises InputError for other parameters, another
+    shape, or a matrix that is no covariance."""
     rows, names = joint.covariance, tuple(joint.parameters)
     if names not in (RIG_PARAMETERS, RIG_PARAMETERS + lens) or {len(rows), *map(len, rows)} != {len(names)}:
         raise InputError(
@@ -186,20 +185,20 @@ class Rig:
         """What the rows of the joint covariance are."""
         return RIG_PARAMETERS + (self.camera.parameter_names if self.with_lens else ())
 
-    def plane_covariance(self) -> np.ndarray:
-        """(P + 6, P + 6) covariance of lens and camera pose in the order of `CameraOnPlane.parameter_names`.
-
-        Without the lens in the joint covariance its own stands beside the pose's, as if they were independent.
-        """
-        lens, pose = len(self.camera.parameter_names), len(POSE_PARAMETERS)
-        whole = np.zeros((lens + pose, lens + pose))
+    @property
+    def joint_covariance(self) -> np.ndarray:
+        """(17 + P, 17 + P) of `RIG_PARAMETERS` and the lens; without correlations with the lens where none are known,
+        and zero for a lens that counts as exact."""
         if self.with_lens:
-            order = np.r_[len(RIG_PARAMETERS) : len(self.covariance), :pose]
-            return self.covariance[np.ix_(order, order)]
-        if self.camera.covariance is not None:
-            whole[:lens, :lens] = self.camera.covariance
-        whole[lens:, lens:] = self.covariance[:pose, :pose]
-        return whole
+            return self.covariance
+        lens = self.camera.covariance
+        return block_diag(self.covariance, np.zeros((len(self.camera.parameters),) * 2) if lens is None else lens)
+
+    def plane_covariance(self) -> np.ndarray:
+        """(P + 6, P + 6) covariance of lens and camera pose in the order of `CameraOnPlane.parameter_names`."""
+        joint = self.joint_covariance
+        order = np.r_[len(RIG_PARAMETERS) : len(joint), : len(POSE_PARAMETERS)]
+        return joint[np.ix_(order, order)]
 
     def std(self, parameter: str) -> float:
         """Standard deviation of one of `parameter_names`."""

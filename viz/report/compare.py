@@ -12,8 +12,8 @@ from markupsafe import Markup
 from matplotlib.axes import Axes
 
 from estimator.table.contacts import ContactTable
-from vbaa_calib.rig import Rig
-from vbaa_calib.rig.over_time import parameter_names, parameter_std
+from vbaa_calib.rig import RIG_PARAMETERS, Rig
+from vbaa_calib.rig.over_time import parameter_std
 from viz.figures.drawing import AMBER, RED, SLATE, TEAL, dots, limits, new_axes, paths, svg
 from viz.pages.page import Table, number, render
 
@@ -167,8 +167,8 @@ class ComparedRigs:
 def compare_rigs(a: Rig, b: Rig) -> ComparedRigs:
     """Two rigs, of any lens models."""
     step = b.step_from(a)
-    std = [parameter_std(rig, len(step)) for rig in (a, b)]
-    names = parameter_names(a)[: len(step)]
+    std = [parameter_std(rig)[: len(step)] for rig in (a, b)]
+    names = (*RIG_PARAMETERS, *a.camera.parameter_names)[: len(step)]
     one, other = a.to_dict(), b.to_dict()
     settings = [name for name in ("kinematics", "gravity_world", "drift") if one[name] != other[name]]
     settings += [

@@ -1,4 +1,4 @@
-"""μ of one object, or the bound that its touches set on it, with the errors that they have in common fitted along.
+"""The posterior of one object's μ, or bounds on it; errors that its touches have in common are fitted along.
 
 Coulomb: in a touch that slides, friction is μ times the normal force, against the slip. With d the unit slip, lateral
 and longitudinal, the force's angles are
@@ -42,11 +42,11 @@ _STEPS, _ENOUGH, _LEAST_SHARE = 40, 1e-5, 1e-2
 
 @dataclass(frozen=True, eq=False)
 class Angles:
-    """P angles (P,), rad, NaN where not known or to be used; own deviations (P,); effects of K common errors (P, K)."""
+    """P angles; NaN where not known or not to be used."""
 
-    angle_rad: np.ndarray
-    std_rad: np.ndarray
-    modes_rad: np.ndarray
+    angle_rad: np.ndarray  # (P,)
+    std_rad: np.ndarray  # (P,) own deviations
+    modes_rad: np.ndarray  # (P, K) effects of K common errors
 
     @property
     def whole_std_rad(self) -> np.ndarray:
@@ -56,25 +56,17 @@ class Angles:
 
 @dataclass(frozen=True, eq=False)
 class FrictionTouches:
-    """P touches. The lateral axis is n × t, across the antenna on the object's surface; the longitudinal one is t.
+    """P touches. The lateral axis is n × t, across the antenna on the object's surface; the longitudinal one is t."""
 
-    used_as : (P,) as `Friction`'s. slides : (P,) bool, in the midst of sliding, used or not.
-    spread_across : (P,) bool, whether neighbours across the antenna let the shape determine the normal.
-    lateral : of the force from the shape's normal, about the antenna, positive along n × t; with the normal's errors.
-    normal_std_rad, normal_modes_rad : (P,), (P, K) of these the normal's: how far it may be turned along n × t.
-    longitudinal : the friction angle as the data alone say it, positive for a force towards the clamp.
-    slip, slip_std_rad : (P, 2), (P,) unit direction of the slip, lateral and longitudinal; NaN where it does not slide.
-    """
-
-    used_as: np.ndarray
-    slides: np.ndarray
-    spread_across: np.ndarray
-    lateral: Angles
-    normal_std_rad: np.ndarray
-    normal_modes_rad: np.ndarray
-    longitudinal: Angles
-    slip: np.ndarray
-    slip_std_rad: np.ndarray
+    used_as: np.ndarray  # (P,) as `Friction`'s
+    slides: np.ndarray  # (P,) bool, in the midst of sliding, used or not
+    spread_across: np.ndarray  # (P,) bool, whether neighbours across the antenna let the shape determine the normal
+    lateral: Angles  # of the force from the shape's normal, positive along n × t; with the normal's errors
+    normal_std_rad: np.ndarray  # (P,) how far the normal may be turned along n × t
+    normal_modes_rad: np.ndarray  # (P, K)
+    longitudinal: Angles  # the friction angle without its prior, positive for a force towards the clamp
+    slip: np.ndarray  # (P, 2) unit direction of the slip, lateral and longitudinal; NaN where it does not slide
+    slip_std_rad: np.ndarray  # (P,)
 
     def __len__(self) -> int:
         return len(self.used_as)
@@ -92,24 +84,19 @@ class FrictionTouches:
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """R angles (R,), lateral and longitudinal ones of all touches that are used; `touch` (R,) says of which.
+    """R angles, lateral and longitudinal ones of all touches that are used."""
 
-    `slides` (R,): the others only bound μ. `lateral` (R,): the others are longitudinal. `slip` (R, 2) is of length 1.
-    """
-
-    angles: Angles
-    slides: np.ndarray
-    lateral: np.ndarray
-    slip: np.ndarray
-    slip_std_rad: np.ndarray
-    touch: np.ndarray
+    angles: Angles  # R
+    slides: np.ndarray  # (R,) the others only bound μ
+    lateral: np.ndarray  # (R,) the others are longitudinal
+    slip: np.ndarray  # (R, 2) unit
+    slip_std_rad: np.ndarray  # (R,)
+    touch: np.ndarray  # (R,) of which touch
 
     @staticmethod
     def of(rubs: FrictionTouches) -> Evidence:
-        """What is known of the touches that are used; of those that slide, along the sure parts of the slip.
-
-        Where fewer slide than μ needs, all of which could be wrong, none is known to.
-        """
+        """What is known of the touches that are used; of sliding ones along the sure parts of the slip. Where fewer
+        slide than μ needs, none counts as sliding."""
         if rubs.counts[0] < _FEWEST:
             rubs = replace(rubs, used_as=np.where(rubs.used_as == SLIDING, STICKING, rubs.used_as))
         used, slides = rubs.used_as != UNUSED, rubs.used_as == SLIDING
@@ -141,29 +128,22 @@ class Evidence:
         return np.where(self.lateral, -across, along)
 
     def spread(self, mu: np.ndarray) -> np.ndarray:
-        """(G, R) own standard deviations, rad, for each μ (G,), larger where the slip's direction is unsure.
-
-        Their logarithm is not part of the cost: with it the errors of the slip would draw μ towards 0.
-        """
+        """(G, R) own deviations, rad, for each μ (G,), larger where the slip's direction is unsure. Their logarithm is
+        not in the cost: it would draw μ towards 0."""
         other = np.where(self.lateral, self.slip[:, 1], self.slip[:, 0])
         return np.hypot(self.angles.std_rad, mu[:, None] * other * self.slip_std_rad)
 
 
 @dataclass(frozen=True, eq=False)
 class _Profile:
-    """The common errors that explain the angles best, for each of G values of μ.
+    """The common errors that explain the angles best, for each of G values of μ."""
 
-    `cost` (G,) is the negative log-likelihood with the common errors profiled out, `evidence` (G,) integrated out;
-    modes (G, K) are the common errors, with covariance (G, K, K), off (G, R) the residuals in own standard deviations:
-    0 within the bound of touches that need not slide.
-    """
-
-    mu: np.ndarray
-    cost: np.ndarray
-    evidence: np.ndarray
-    modes: np.ndarray
-    covariance: np.ndarray
-    off: np.ndarray
+    mu: np.ndarray  # (G,)
+    cost: np.ndarray  # (G,) negative log-likelihood with the common errors profiled out
+    evidence: np.ndarray  # (G,) the same integrated out
+    modes: np.ndarray  # (G, K) the common errors
+    covariance: np.ndarray  # (G, K, K)
+    off: np.ndarray  # (G, R) residuals in own deviations: 0 within the bound of touches that need not slide
 
     def select(self, which: np.ndarray | slice) -> _Profile:
         """Those of some values."""
@@ -222,26 +202,18 @@ def _profile(evidence: Evidence, mu: np.ndarray, start: np.ndarray | None = None
 
 @dataclass(frozen=True, eq=False)
 class Coefficient:
-    """What the touches say of μ: mean and standard deviation of the posterior, all μ up to `_LARGEST` alike before.
+    """What the touches say of μ; before, all μ up to `_LARGEST` count alike."""
 
-    interval : (2,) the shortest that holds 95 %. bounds : (2,) one-sided at 95 %, 0 and inf where there is none.
-    scatter : median of the own residuals; the deviations were widened by it where above 1.
-    wrong : share of the sliding touches that are not believed.
-    strain : probability that common errors as large as the best fit's are an accident.
-    axes : (L, K) the combinations of the K common errors that the angles determine; `fits` are in these, at G values
-        of μ with probabilities `weight` (G,).
-    """
-
-    mu: float
-    std: float
-    interval: np.ndarray
-    bounds: np.ndarray
-    scatter: float
-    wrong: float
-    strain: float
-    axes: np.ndarray
-    fits: _Profile
-    weight: np.ndarray
+    mu: float  # mean of the posterior
+    std: float  # of the posterior
+    interval: np.ndarray  # (2,) the shortest that holds 95 %
+    bounds: np.ndarray  # (2,) one-sided at 95 %, 0 and inf where there is none
+    scatter: float  # median of the own residuals; the deviations were widened by it where above 1
+    wrong: float  # share of the sliding touches that are not believed
+    strain: float  # probability that common errors as large as the best fit's are an accident
+    axes: np.ndarray  # (L, K) the combinations of the K common errors that the angles determine
+    fits: _Profile  # in these, at G values of μ
+    weight: np.ndarray  # (G,) probabilities
 
 
 def coefficient(evidence: Evidence) -> Coefficient:
@@ -317,10 +289,8 @@ def _bounds(evidence: Evidence, found: _Profile) -> np.ndarray:
 
 
 def judge(rubs: FrictionTouches, mu: Coefficient | None) -> tuple[bool, str, np.ndarray]:
-    """Whether μ is determined, the reason in words, and its interval or one-sided bounds (2,), 0 and inf without any.
-
-    `mu` is None where no touch could be used.
-    """
+    """Whether μ is determined, the reason in words, and its interval or one-sided bounds (2,), 0 and inf without any;
+    `mu` is None where no touch could be used."""
     (sliding, used), nothing = rubs.counts, np.array([0.0, np.inf])
     known = "a force and a normal from the shape whose directions are"
     advice = "stroke the object across the antenna, over some length"

@@ -1,16 +1,17 @@
-"""Friction of an object from its touches (Fig. 5): out of the table, the surface's normals, the slip, and the errors in
-common; and the normals as the force has confirmed them."""
+"""Friction of an object from contacts, surface normals and slip, with the errors in common (Fig. 5); and normals
+corrected by the force."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.spatial.distance import cdist
 
 from estimator.object.surface import Normals
 from estimator.table.contacts import ContactTable, joint_angles
+from vbaa_calib.core.arrays import finite
 
 from .coefficient import (
     SLIDING,
@@ -86,6 +87,16 @@ class Friction:
     nu_rad: np.ndarray
     normals: Normals
 
+    def to_dict(self) -> dict[str, Any]:
+        """The coefficient as plain data."""
+        return {
+            "told": self.determined,
+            "mu": finite(self.mu),
+            "std": finite(self.std),
+            "interval": [finite(end) for end in self.interval],
+            "reason": self.reason,
+        }
+
 
 def friction(
     table: ContactTable,
@@ -137,12 +148,8 @@ def friction(
 
 
 def _fitted(rubs: FrictionTouches) -> tuple[FrictionTouches, Coefficient | None]:
-    """The touches' coefficient, None where none can be used, and the touches as they took part in it.
-
-    The slip is an average over some frames. Where the push changes faster, a contact slides to and fro along the
-    antenna, and its friction lies across it by less than the average slip says: inside the cone, where a touch that
-    does not surely slide may lie.
-    """
+    """The touches as they took part in the fit, and their coefficient, None where none can be used. A contact that
+    slides to and fro faster than the slip is averaged lies inside the cone: it then counts as not surely sliding."""
     for _ in range(_RELABELLED):
         evidence = Evidence.of(rubs)
         if not len(evidence.touch):
@@ -168,11 +175,8 @@ def _update_normals(
     mu: Coefficient | None,
     largest_mu: float,
 ) -> Normals:
-    """Shape's normals, turned about the antenna as the forces require.
-
-    Touches that slide took part in the fit of μ, and their normals' errors were found with it. In all others, and where
-    no μ fits, the force lies somewhere in the cone of `largest_mu`, inf where nothing is known of it.
-    """
+    """The shape's normals, turned about the antenna as the forces require: of sliding touches by the fit of μ, of
+    others, and where no μ fits, within the cone of `largest_mu`, inf where nothing is known of it."""
     lateral = axes.lateral
     before = np.maximum(axes.lateral_variance(normals.covariance), 0.0)
     angle, variance, fitted = np.zeros(len(rubs)), before, np.zeros(len(rubs), bool)
@@ -238,16 +242,15 @@ def _by_fit(before: np.ndarray, rubs: FrictionTouches, mu: Coefficient) -> tuple
 
 @dataclass(frozen=True, eq=False)
 class Axes:
-    """At P touches, world frame: (P, 3) each, orthonormal; NaN where the antenna's tangent is not known.
+    """At P touches, world frame, orthonormal; NaN where the antenna's tangent is not known.
 
-    `normal` is the shape's, `along` the antenna's tangent, `lateral` = normal × along. A smooth wire lies flat on what
-    it touches: on its side the normal is taken less its part along the antenna, at its tip the tangent less its part
-    along the normal.
+    A smooth wire lies flat on what it touches: on its side the normal is taken less its part along the antenna, at its
+    tip the tangent less its part along the normal.
     """
 
-    normal: np.ndarray
-    along: np.ndarray
-    lateral: np.ndarray
+    normal: np.ndarray  # (P, 3) the shape's
+    along: np.ndarray  # (P, 3) the antenna's tangent
+    lateral: np.ndarray  # (P, 3) normal × along
 
     @staticmethod
     def of(normal: np.ndarray, tangent: np.ndarray, at_tip: np.ndarray) -> Axes:
@@ -372,10 +375,8 @@ def steady_slides(track: Track, time_s: np.ndarray) -> np.ndarray:
 def _friction_angles(
     table: ContactTable, shared: CommonErrors, rows: np.ndarray, axes: Axes, friction_rad: float
 ) -> Angles:
-    """The friction angles as the data alone say them, the estimate's prior taken out again, with S + 1 common errors.
-
-    NaN where the prior is all there was, and at the tip, where the antenna's normal is not the object's.
-    """
+    """The friction angles by the data alone, without their prior, with S + 1 common errors; NaN where the prior is all
+    there was, and at the tip, where the antenna's normal is not the object's."""
     estimated, std = table.friction_angle_rad[rows], table.friction_angle_std_rad[rows]
     before = max(friction_rad, float(np.nanmax(std, initial=1e-12)))
     seen = (std > 0.0) & (std < _SEEN * before) & (table.status[rows] != "tip_contact")

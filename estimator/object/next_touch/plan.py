@@ -1,4 +1,4 @@
-"""Which touch tells most of surface, friction or stiffness: the expected decrease of the posterior variance."""
+"""The next touch: the one that decreases the expected variance of surface, friction or stiffness most."""
 
 from __future__ import annotations
 
@@ -24,44 +24,32 @@ from estimator.table.contacts import ContactTable, joint_angles
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.rig import Rig
 
-from .reach import RUNG, JointLimits, Reach, along_surface, reachable
+from .reach import RUNG, JointLimits, Reach, along_surface, carried, reachable
 
 SURFACE, FRICTION, STIFFNESS = GOALS = ("surface", "friction", "stiffness")
 UNITS = {SURFACE: "m", FRICTION: "", STIFFNESS: "m/N"}
-_TARGETS = 400
-"""Places of a patch at which the surface is to be known."""
-_FRAMES = 4
-"""Of a stroke: in each of its steps so many frames' own errors average out."""
+_TARGETS = 400  # places of a patch at which the surface is to be known
+_FRAMES = 4  # of a stroke: in each of its steps so many frames' own errors average out
 _UNKNOWN_MU, _LIKELY_MU, _WIDE = 0.5, 0.3, 1.96
 
 
 @dataclass(frozen=True)
 class NextTouch:
-    """A touch to make next, and what it should tell.
+    """A touch to make next, and what it should tell."""
 
-    Attributes
-    ----------
-    goal : of `GOALS`. begin_rad, touch_rad, press_rad, end_rad : pan and tilt, rad: clear of the object; where it
-        should first be felt; pressed; and where a stroke for the friction ends, else as pressed.
-    distance_m, force_N : along the antenna, and the size of the force, as they should come out when pressed.
-    point_m, normal : the contact in the world and the object's normal there.
-    std, std_after : deviation of the goal now and as it should be afterwards: of the surface, rms over where it was
-        touched and can be, m; of μ; of the compliance, m/N.
-    compared : how many touches could be made.
-    """
-
-    goal: str
-    begin_rad: tuple[float, float]
-    touch_rad: tuple[float, float]
-    press_rad: tuple[float, float]
-    end_rad: tuple[float, float]
-    distance_m: float
-    force_N: float
-    point_m: tuple[float, float, float]
-    normal: tuple[float, float, float]
+    goal: str  # of `GOALS`
+    begin_rad: tuple[float, float]  # pan and tilt clear of the object
+    touch_rad: tuple[float, float]  # where it should first be felt
+    press_rad: tuple[float, float]  # pressed
+    end_rad: tuple[float, float]  # where a stroke for the friction ends, else as pressed
+    distance_m: float  # along the antenna, as it should come out when pressed
+    force_N: float  # its size, likewise
+    point_m: tuple[float, float, float]  # the contact in the world
+    normal: tuple[float, float, float]  # the object's there
+    # deviation of the goal now: of the surface, rms over where it was touched and can be, m; μ; compliance, m/N
     std: float
-    std_after: float
-    compared: int
+    std_after: float  # as it should be afterwards
+    compared: int  # how many touches could be made
 
     def summary(self) -> dict[str, Any]:
         """As plain data."""
@@ -97,23 +85,20 @@ class Options:
     def chosen(self, index: int) -> NextTouch:
         """One of them in plain numbers."""
         reach = self.reach
-
-        def joints(pairs: np.ndarray) -> tuple[float, float]:
-            return float(pairs[index, 0]), float(pairs[index, 1])
-
-        def vector(vectors: np.ndarray) -> tuple[float, float, float]:
-            return float(vectors[index, 0]), float(vectors[index, 1]), float(vectors[index, 2])
-
+        begin, touch, press, end, point, normal = (
+            tuple(each[index].tolist())
+            for each in (reach.begin_rad, reach.touch_rad, reach.joints_rad, self.end_rad, reach.point_m, reach.normal)
+        )
         return NextTouch(
             goal=self.goal,
-            begin_rad=joints(reach.begin_rad),
-            touch_rad=joints(reach.touch_rad),
-            press_rad=joints(reach.joints_rad),
-            end_rad=joints(self.end_rad),
+            begin_rad=begin,
+            touch_rad=touch,
+            press_rad=press,
+            end_rad=end,
             distance_m=float(reach.unknowns[index, 0] * self.length_m),
             force_N=float(np.linalg.norm(reach.force_N[index])),
-            point_m=vector(reach.point_m),
-            normal=vector(reach.normal),
+            point_m=point,
+            normal=normal,
             std=self.std,
             std_after=float(self.std_after[index]),
             compared=int(np.isfinite(self.std_after).sum()),
@@ -164,13 +149,12 @@ def touches_within(contacts: ContactTable, rig: Rig, goal: str = SURFACE, limits
 
 @dataclass(frozen=True, eq=False)
 class _Offered:
-    """What B touches would be known like: rows (B,) of those that were looked at, errors that they share with the
-    contacts that were made, own covariances (B, 3, 3) of points and forces, world, friction angle's deviation (B,)."""
+    """How well B touches would be known."""
 
-    rows: np.ndarray
-    shared: CommonErrors
-    force_N2: np.ndarray
-    angle_std_rad: np.ndarray
+    rows: np.ndarray  # (B,) of those that were looked at
+    shared: CommonErrors  # errors that they share with the contacts that were made
+    force_N2: np.ndarray  # (B, 3, 3) own covariances, world
+    angle_std_rad: np.ndarray  # (B,) of the friction angle
     friction_rad: float
 
 
@@ -240,21 +224,18 @@ def _equations(found: Fit, index: int, reach: Reach, seen: _Offered, m: np.ndarr
 
 @dataclass(frozen=True, eq=False)
 class _Seen:
-    """New equations (M,) beside those that are solved: whitened (K, M) against these, their covariance (M, M) without
-    the compliance's, and what they see (M,) of the compliance beyond what the old ones predict."""
+    """M new equations beside those that are solved."""
 
     equations: Equations
-    half: np.ndarray
-    covariance: np.ndarray
-    compliance_N: np.ndarray
+    half: np.ndarray  # (K, M) whitened against the old ones
+    covariance: np.ndarray  # (M, M) without the compliance's
+    compliance_N: np.ndarray  # (M,) what they see of the compliance beyond what the old ones predict
 
 
 def _seen(solution: Solution, index: int, new: Equations) -> _Seen:
     model = solution.patches[index]
     modes = np.concatenate([each.equations.modes for each in solution.patches])
-    old = new.modes @ modes.T
-    begin = solution.start[index]
-    old[:, begin : begin + len(model.equations)] += model.seen_by(new.rows)
+    old = new.modes @ modes.T + solution.seen_by(index, new.rows)
     half = solve_triangular(solution.lower, old.T, lower=True, check_finite=False)
     whole = covariance(pairs(new.rows, new.rows), model.prior) + new.noise + new.modes @ new.modes.T
     whole += np.diag((model.slack_rad * new.slack) ** 2)
@@ -275,9 +256,7 @@ def _of_surface(found: Fit, reach: Reach, seen: _Offered) -> tuple[float, np.nda
     rows = [values_at(x, height[x.shape[1] == 1]) for x in targets]
     halves, now = [], []
     for index, view in enumerate(rows):
-        old = np.zeros((len(view), len(solution.weights)))
-        begin = solution.start[index]
-        old[:, begin : begin + len(solution.patches[index].equations)] = solution.patches[index].seen_by(view)
+        old = solution.seen_by(index, view)
         halves.append(solve_triangular(solution.lower, old.T, lower=True, check_finite=False))
         now.append(np.maximum(variance(view, solution.patches[index].prior) - np.sum(halves[-1] ** 2, axis=0), 0.0))
     count = sum(map(len, targets))
@@ -326,11 +305,8 @@ def _of_stiffness(found: Fit, reach: Reach, seen: _Offered) -> tuple[float, np.n
 def _of_friction(
     found: Fit, arrays: RigArrays, reach: Reach, seen: _Offered, rub: Friction
 ) -> tuple[float, np.ndarray, np.ndarray]:
-    """Deviation of μ, now and after a stroke along the surface from each touch, and where that ends.
-
-    A touch that slides tells μ by the angle between force and normal: across the antenna by the force's direction and
-    the shape's normal, along it by the friction angle that the frames see themselves.
-    """
+    """Deviation of μ, now and after a stroke along the surface from each touch, and where that ends. μ shows across the
+    antenna by the force and the shape's normal, along it by the friction angle."""
     low, high = rub.interval
     if rub.determined:
         mu, std = rub.mu, rub.std
@@ -366,11 +342,7 @@ def _lateral(reach: Reach) -> np.ndarray:
 
 def _slip(arrays: RigArrays, reach: Reach, end_rad: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Unit direction (B,), (B,) across and along the antenna in which it slides on its way to other joint angles."""
-    (rotation, translation), (turned, shifted) = (
-        arrays.rig.kinematics.world_antenna(*joints.T) for joints in (reach.joints_rad, end_rad)
-    )
-    local = np.einsum("bji,bj->bi", rotation, reach.point_m - translation)
-    moved = np.einsum("bij,bj->bi", turned, local) + shifted - reach.point_m
+    moved = carried(arrays, reach.joints_rad, end_rad, reach.point_m)
     across, along = (np.sum(moved * side, axis=1) for side in (_lateral(reach), reach.tangent))
     size = np.maximum(np.hypot(across, along), 1e-12)
     return across / size, along / size

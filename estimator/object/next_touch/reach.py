@@ -1,7 +1,7 @@
-"""What the antenna can touch of a surface that is known in part: joint angles, and the contacts that they would make.
+"""Joint angles at which the antenna touches a partly known surface, and the contacts there.
 
-A straight wire touches a body along its outline as the clamp sees it, so that joint angles, not places, are chosen. At
-joint angles the frictionless rod lies tangent on the surface's posterior mean: three equations for distance and force.
+Joint angles are chosen, not places: a straight wire touches a body along its outline seen from the clamp. At given
+angles the frictionless rod lies tangent on the surface's posterior mean: three equations for distance and force.
 """
 
 from __future__ import annotations
@@ -24,21 +24,16 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.rig import Rig
 
 RUNG = "rod"
-SLOPES_RAD = np.radians([4.0, 8.0, 14.0])
+_SLOPES_RAD = np.radians([4.0, 8.0, 14.0])
 """A touch is pressed to one of these slopes of the antenna at the contact, through those before it."""
 _ROWS, _SWEEPS = 36, np.arange(-4, 5)
-_SWEPT, _FARTHEST_STEP_RAD = 0.12, 0.06
-"""A step along the surface: this part of its patch, but no longer than this."""
+_SWEPT, _FARTHEST_STEP_RAD = 0.12, 0.06  # a step along the surface: this part of its patch, but no longer than this
 _STEPS, _LONGEST, _CONVERGED = 15, 0.25, 1e-4
-_NEAREST, _FARTHEST = 0.1, 0.97
-"""Of the antenna's length: nearer to the clamp it is stiff, farther out the tip's end would slip off."""
-_PLACE_M = 0.01
-"""What a metre of a curve's foot counts as, beside an angle."""
+_NEAREST, _FARTHEST = 0.1, 0.97  # of the antenna's length: nearer it is stiff, farther the tip's end slips off
+_PLACE_M = 0.01  # what a metre of a curve's foot counts as, beside an angle
 _AXIS_STEP_RAD = 1e-4
-CLEAR_M = 5e-3
-"""How far from the surface a touch begins, and three deviations of the surface."""
-_BESIDE_M = 1e-3
-"""No other part of the object may be nearer to the antenna."""
+_CLEAR_M = 5e-3  # how far from the surface a touch begins, and three deviations of the surface
+_BESIDE_M = 1e-3  # no other part of the object may be nearer to the antenna
 
 
 @dataclass(frozen=True)
@@ -65,26 +60,20 @@ class JointLimits:
 
 @dataclass(frozen=True, eq=False)
 class Reach:
-    """B touches that can be made.
+    """B touches that can be made."""
 
-    joints_rad, begin_rad, touch_rad : (B, 2) pan and tilt of the pressed antenna; clear of the object, where the touch
-        begins; and where it should first touch.
-    patch : (B,) of the surface. unknowns : (B, 4) as `rig_arrays.UNKNOWNS`. row, sweep, level : (B,) where from.
-    point_m, normal, tangent, force_N : (B, 3) of the contact, world frame; the normal is out of the object.
-    """
-
-    joints_rad: np.ndarray
-    begin_rad: np.ndarray
-    touch_rad: np.ndarray
-    patch: np.ndarray
-    unknowns: np.ndarray
-    row: np.ndarray
+    joints_rad: np.ndarray  # (B, 2) pan and tilt of the pressed antenna
+    begin_rad: np.ndarray  # (B, 2) clear of the object, where the touch begins
+    touch_rad: np.ndarray  # (B, 2) where it should first touch
+    patch: np.ndarray  # (B,) of the surface
+    unknowns: np.ndarray  # (B, 4) as `rig_arrays.UNKNOWNS`
+    row: np.ndarray  # (B,) row, sweep and level it comes from
     sweep: np.ndarray
     level: np.ndarray
-    point_m: np.ndarray
-    normal: np.ndarray
-    tangent: np.ndarray
-    force_N: np.ndarray
+    point_m: np.ndarray  # (B, 3) of the contact, world frame
+    normal: np.ndarray  # (B, 3) out of the object
+    tangent: np.ndarray  # (B, 3)
+    force_N: np.ndarray  # (B, 3)
 
     def __len__(self) -> int:
         return len(self.patch)
@@ -99,18 +88,19 @@ class Reach:
 
 
 def _frames(arrays: RigArrays, joints_rad: np.ndarray) -> Frames:
+    """Frames at joint angles (B, 2), without points and readings."""
     rotation, _ = arrays.rig.kinematics.world_antenna(*joints_rad.T)
     return empty_frames(arrays, np.einsum("bji,j->bi", rotation, arrays.rig.gravity_world_m_s2))
 
 
 @dataclass(frozen=True, eq=False)
 class _Bent:
-    """Antennas in the world: contact, tangent and force (B, 3), nodes (B, M, 3)."""
+    """B antennas in the world."""
 
-    point_m: np.ndarray
-    tangent: np.ndarray
-    force_N: np.ndarray
-    nodes_m: np.ndarray
+    point_m: np.ndarray  # (B, 3) contact
+    tangent: np.ndarray  # (B, 3)
+    force_N: np.ndarray  # (B, 3)
+    nodes_m: np.ndarray  # (B, M, 3)
 
 
 def _bent(arrays: RigArrays, joints_rad: np.ndarray, unknowns: np.ndarray) -> _Bent:
@@ -123,12 +113,11 @@ def _bent(arrays: RigArrays, joints_rad: np.ndarray, unknowns: np.ndarray) -> _B
 
 @dataclass(frozen=True, eq=False)
 class _Against:
-    """B antennas against their patches: gap (B,) between both surfaces, m; flat (B,), 0 where the antenna lies on the
-    surface; outward normals (B, 3), world."""
+    """B antennas against their patches."""
 
-    gap_m: np.ndarray
-    flat: np.ndarray
-    normal: np.ndarray
+    gap_m: np.ndarray  # (B,) between both surfaces
+    flat: np.ndarray  # (B,) 0 where the antenna lies on the surface
+    normal: np.ndarray  # (B, 3) outward, world
 
 
 def _against(found: Fit, patch: np.ndarray, bent: _Bent, radius_m: float) -> _Against:
@@ -163,13 +152,7 @@ def surface_std(found: Fit, patch: np.ndarray, point_m: np.ndarray, normal: np.n
     result = np.full(len(patch), np.nan)
     for index in np.unique(patch):
         m, one = patch == index, found.patches[index]
-        local = (point_m[m] - one.center_m) @ one.frame.T
-        if one.wide:
-            result[m] = found.heights(index, local[:, :2])[2]
-        else:
-            side = (normal[m] @ one.frame.T)[:, 1:]
-            covariance = found.along_curve(index, local[:, 0])[1]
-            result[m] = np.sqrt(np.maximum(np.einsum("ni,nij,nj->n", side, covariance, side), 0.0))
+        result[m] = found.std_along(index, (point_m[m] - one.center_m) @ one.frame.T, normal[m])
     return result
 
 
@@ -190,11 +173,8 @@ def _newton(residual: Callable[[np.ndarray], np.ndarray], start: np.ndarray, ste
 
 
 def reachable(found: Fit, arrays: RigArrays, rows: np.ndarray, joints_rad: np.ndarray, limits: JointLimits) -> Reach:
-    """Touches near those that were made, pressed straight onto what is known of the surface.
-
-    rows : (P,) touches of the fit that count. joints_rad : (P, 2) their joint angles. Of a touch the whole way, from
-    where it first touches, lies on places that `reconstruct` would draw.
-    """
+    """Touches near those that were made, rows (P,) at joint angles (P, 2), pressed straight onto what is known of the
+    surface: all the way from the first contact lies on places that `reconstruct` would draw."""
     rows = rows[np.unique(np.linspace(0, len(rows) - 1, _ROWS).astype(int))] if len(rows) > _ROWS else rows
     label = np.empty(len(found.touches), int)
     for index, one in enumerate(found.patches):
@@ -226,8 +206,8 @@ def reachable(found: Fit, arrays: RigArrays, rows: np.ndarray, joints_rad: np.nd
     shown = np.array([surely_known_m(found, index) for index in range(len(found.patches))])[patch]
     known &= std <= shown
     lever = _ways(arrays, np.nan_to_num(touch), begun.point_m, np.nan_to_num(normal))[1][:, 0]
-    begin = touch - ((CLEAR_M + 3.0 * std) / lever)[:, None] * press
-    for level, slope in enumerate(SLOPES_RAD):
+    begin = touch - ((_CLEAR_M + 3.0 * std) / lever)[:, None] * press
+    for level, slope in enumerate(_SLOPES_RAD):
         size = 2.0 * arrays.rig.antenna.stiffness_Nm2 * slope / (unknowns[:, 0] * length) ** 2
         pressed_rad = 2.0 / 3.0 * slope * first[:, 0] * length / lever
         pressed = touch + pressed_rad[:, None] * press
@@ -274,18 +254,21 @@ def _pressed(
     return unknowns_of(x), *at(x)
 
 
+def carried(arrays: RigArrays, joints_rad: np.ndarray, to_rad: np.ndarray, point_m: np.ndarray) -> np.ndarray:
+    """(B, 3) how far the joints (B, 2) carry points of the undeformed antenna on their way to other angles, world."""
+    (rotation, translation), (turned, shifted) = (
+        arrays.rig.kinematics.world_antenna(*joints.T) for joints in (joints_rad, to_rad)
+    )
+    local = np.einsum("bji,bj->bi", rotation, point_m - translation)
+    return np.einsum("bij,bj->bi", turned, local) + shifted - point_m
+
+
 def _ways(
     arrays: RigArrays, joints_rad: np.ndarray, point_m: np.ndarray, normal: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """(B, 2, 2) unit ways of the joints, onto the surface and along it, and how fast (B, 2) points move by them, m."""
-    kinematics = arrays.rig.kinematics
-    rotation, translation = kinematics.world_antenna(*joints_rad.T)
-    local = np.einsum("bji,bj->bi", rotation, point_m - translation)
-    moved = []
-    for axis in _AXIS_STEP_RAD * np.eye(2):
-        turned, shifted = kinematics.world_antenna(*(joints_rad + axis).T)
-        moved.append((np.einsum("bij,bj->bi", turned, local) + shifted - point_m) / _AXIS_STEP_RAD)
-    velocity = np.stack(moved, axis=1)
+    steps = (joints_rad + _AXIS_STEP_RAD * axis for axis in np.eye(2))
+    velocity = np.stack([carried(arrays, joints_rad, to, point_m) / _AXIS_STEP_RAD for to in steps], axis=1)
     onto = -np.einsum("bki,bi->bk", velocity, normal)
     onto = onto / np.maximum(np.linalg.norm(onto, axis=1, keepdims=True), 1e-9)
     ways = np.stack([onto, np.column_stack([-onto[:, 1], onto[:, 0]])], axis=1)
@@ -310,10 +293,8 @@ def _clear(found: Fit, patch: np.ndarray, nodes_m: np.ndarray, radius_m: float) 
 
 
 def along_surface(reach: Reach) -> tuple[np.ndarray, np.ndarray]:
-    """Where a stroke from each touch ends (B,), index of another, and over how many steps (B,), 0 where there is none.
-
-    It goes from touch to touch of one row and level, as far as all of them can be made, to the side that is farther.
-    """
+    """Where a stroke from each touch ends (B,), index of another, and over how many steps (B,): along its row and
+    level, as far as all can be made, to the farther side."""
     keys = list(zip(reach.row.tolist(), reach.sweep.tolist(), reach.level.tolist(), strict=True))
     place = {key: index for index, key in enumerate(keys)}
     end, steps = np.arange(len(reach)), np.zeros(len(reach), int)

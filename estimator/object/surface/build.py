@@ -1,5 +1,4 @@
-"""From touches to the object's surface, with its uncertainty, how far the object yields, and a mesh over what was
-touched: what lies between touches, and nothing beyond them."""
+"""The object's surface from touches: uncertainty, compliance, and a mesh between the touches, not beyond them."""
 
 from __future__ import annotations
 
@@ -12,7 +11,7 @@ from scipy.spatial import KDTree
 from estimator.table.contacts import ContactTable
 from vbaa_calib.core.robust import NORMAL_QUARTILE
 
-from .fit import CONVERGED, Fit, begin, fit
+from .fit import CONVERGED, Fit, begin, deviations_along, fit
 from .patches import IGNORED, LINK_FACTOR, UNSEEN_BEND_PER_M, across_curve, bridged_gap, tree_gaps
 from .touches import Touches, touches_of
 
@@ -186,9 +185,8 @@ def _surface(found: Fit, compliance: Compliance, known: bool, notes: list[str]) 
         if patch.wide:
             touched[m], _, touched_std[m] = found.heights(index, local[:, :2])
         else:
-            touched[m], covariance = found.along_curve(index, local[:, 0])
-            side = (found.normals.normal[m] @ patch.frame.T)[:, 1:]
-            touched_std[m] = _deviations_along(side, covariance)
+            touched[m] = found.along_curve(index, local[:, 0])[0]
+            touched_std[m] = found.std_along(index, local, found.normals.normal[m])
         pieces.append(_piece_of(found, index, touched_std[m]))
     sizes = [len(piece["points_m"]) for piece in pieces]
     vague, outlier = np.sum(found.state.vague), np.sum(found.state.outlier)
@@ -235,15 +233,7 @@ def _shown_m(touched_std_m: np.ndarray) -> float:
 def surely_known_m(fit: Fit, index: int) -> float:
     """Where the surface of a patch is known less well than this, it is not drawn."""
     patch = fit.patches[index]
-    if patch.wide:
-        return _shown_m(fit.heights(index, fit.local(patch)[:, :2])[2])
-    side = (fit.normals.normal[patch.members] @ patch.frame.T)[:, 1:]
-    return _shown_m(_deviations_along(side, fit.along_curve(index, fit.local(patch)[:, 0])[1]))
-
-
-def _deviations_along(side: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-    """(N,) of vectors with covariances (N, D, D), along directions (N, D)."""
-    return np.sqrt(np.maximum(np.einsum("ni,nij,nj->n", side, covariance, side), 0.0))
+    return _shown_m(fit.std_along(index, fit.local(patch), fit.normals.normal[patch.members]))
 
 
 def _piece_of(fit: Fit, index: int, touched_std_m: np.ndarray) -> _Piece:
@@ -267,10 +257,8 @@ def _piece_of(fit: Fit, index: int, touched_std_m: np.ndarray) -> _Piece:
 
 
 def _footprint(flat_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Places (V, 2) of a regular grid between touches (N, 2), and the grid (I, J) of their numbers, −1 elsewhere.
-
-    A closing: what no disc as wide as a bridged gap reaches without holding a touch.
-    """
+    """Places (V, 2) of a regular grid between touches (N, 2), and the grid (I, J) of their numbers, −1 elsewhere: a
+    closing by a disc as wide as a bridged gap."""
     low, high = flat_m.min(axis=0), flat_m.max(axis=0)
     extent, gaps = float(np.linalg.norm(high - low)), tree_gaps(flat_m)
     radius = _CLOSING * bridged_gap(gaps, extent)
@@ -317,7 +305,7 @@ def _line(fit: Fit, index: int, touched_m: np.ndarray, members: np.ndarray) -> _
     normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
     local = normals @ patch.frame.T
     sides = local[:, 1:], across_curve(local, 1e-9)[1]
-    std, std_across = (_deviations_along(side, covariance) for side in sides)
+    std, std_across = (deviations_along(side, covariance) for side in sides)
     # to second order: beside where it was touched, the object bends away from under the line
     std = np.hypot(std, np.sqrt(0.75) * UNSEEN_BEND_PER_M * std_across**2)
     if len(fit.patches) > len(places) == 1 and max(std[0], std_across[0]) > _LONE_SHOWN_M:

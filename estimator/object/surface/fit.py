@@ -1,4 +1,4 @@
-"""Touches to a solved shape: shapes, surface points, normals and compliance by turns, until they agree.
+"""Fits the shape to the touches: shapes, surface points, normals and compliance in alternation until they converge.
 
 The normals come from the shape and from the antenna's tangents: n ⟂ shape, n ⟂ tangent."""
 
@@ -8,6 +8,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.linalg import eigh
+
+from vbaa_calib.geometry.independent_axes import largest_std
 
 from .patches import IGNORED, LocalTouches, Patch, curve, facing, group, height_field, tangent_frame
 from .solution import PatchModel, Prior, Solution, learn_prior, solve
@@ -33,16 +35,15 @@ _Turned = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 @dataclass(frozen=True, eq=False)
 class _FitState:
-    """Where the turns have come to: normals (P, 3), the compliance in the points, slopes and bends as `LocalTouches`',
-    each patch's prior and slack, and the factor on each touch's own covariance; `vague` touches are not used."""
+    """Where the turns have come to."""
 
-    normal: np.ndarray
-    compliance_m_N: float
-    slope: np.ndarray
-    bend_per_m: np.ndarray
-    priors: tuple[tuple[Prior, float] | None, ...]
-    widened: np.ndarray
-    vague: np.ndarray
+    normal: np.ndarray  # (P, 3)
+    compliance_m_N: float  # in the points
+    slope: np.ndarray  # (P, 2) as `LocalTouches`'
+    bend_per_m: np.ndarray  # (P, 2, 2)
+    priors: tuple[tuple[Prior, float] | None, ...]  # each patch's, with the tangents' slack
+    widened: np.ndarray  # (P,) factor on each touch's own covariance
+    vague: np.ndarray  # (P,) touches that are not used
 
     @property
     def outlier(self) -> np.ndarray:
@@ -52,13 +53,13 @@ class _FitState:
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """The object's patches, their joint solution, the points (P, 3) taken for the surface's in it, and the normals."""
+    """The object's patches, their joint solution, and the normals."""
 
     touches: Touches
     patches: tuple[Patch, ...]
     solution: Solution
     state: _FitState
-    point_m: np.ndarray
+    point_m: np.ndarray  # (P, 3) taken for the surface's
     normals: Normals
 
     def local(self, patch: Patch) -> np.ndarray:
@@ -75,6 +76,14 @@ class Fit:
         points = patch.center_m + np.column_stack([flat_m, height]) @ patch.frame
         return points, (raw / length[:, None]) @ patch.frame, std / length
 
+    def std_along(self, index: int, local_m: np.ndarray, normal: np.ndarray) -> np.ndarray:
+        """(N,) deviations of a patch's surface under places (N, 3) in its frame, along normals (N, 3), world frame."""
+        patch = self.patches[index]
+        if patch.wide:
+            return self.heights(index, local_m[:, :2])[2]
+        side = (normal @ patch.frame.T)[:, 1:]
+        return deviations_along(side, self.along_curve(index, local_m[:, 0])[1])
+
     def along_curve(self, index: int, over_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Points (V, 3) of a curve over places (V,), world, and covariances (V, 2, 2) across it in its frame."""
         patch = self.patches[index]
@@ -83,6 +92,11 @@ class Fit:
         pair = np.arange(len(over_m))[:, None] + [0, len(over_m)]
         points = patch.center_m + np.column_stack([over_m, *across]) @ patch.frame
         return points, joint[pair[:, :, None], pair[:, None, :]]
+
+
+def deviations_along(side: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """(N,) of vectors with covariances (N, D, D), along directions (N, D)."""
+    return np.sqrt(np.maximum(np.einsum("ni,nij,nj->n", side, covariance, side), 0.0))
 
 
 def begin(touches: Touches, antenna_radius_m: float) -> tuple[tuple[Patch, ...], _FitState]:
@@ -209,7 +223,7 @@ class Normals:
     @property
     def std_rad(self) -> np.ndarray:
         """(P,) the larger of the deviations in the two directions in which a normal can turn."""
-        return np.sqrt(np.maximum(np.linalg.eigvalsh(self.covariance)[:, -1], 0.0))
+        return largest_std(self.covariance)
 
     def best(self, touches: Touches) -> np.ndarray:
         """(P, 3) with the force's direction where the shape says less than that."""
@@ -259,10 +273,8 @@ def _estimate_normals(
 
 
 def _of_field(seen: LocalTouches, slope: np.ndarray, slack_rad: float) -> _Turned:
-    """The field's normal; where the antenna's tangent is known, less its part along that.
-
-    What is left open then is the turn about the tangent, by slopes, and by the touch's own error along what bends.
-    """
+    """The field's normal, less its part along the antenna's tangent where that is known; what is open then is the turn
+    about the tangent, by slopes and by the touch's own error."""
     raw = np.column_stack([-slope, np.ones(len(slope))])
     length = np.linalg.norm(raw, axis=1)
     normal = raw / length[:, None]

@@ -37,10 +37,8 @@ _UNBELIEVED_RAD = 10.0  # deviation of a tangent that is not to be believed
 
 
 def facing(force_N: np.ndarray, tangent: np.ndarray, points_m: np.ndarray) -> np.ndarray:
-    """(P, 3) unit, roughly out of the object: the forces' directions across the antenna, averaged over neighbours.
-
-    Averaging takes out friction where strokes go both ways. Where the tangent (P, 3) is NaN the force counts as it is.
-    """
+    """(P, 3) unit, roughly out of the object: the forces across the antenna (as they are where its tangent is NaN),
+    averaged over neighbours, which takes out friction of strokes both ways."""
     along = np.where(np.isfinite(tangent), tangent, 0.0)
     across = force_N - np.sum(force_N * along, axis=1, keepdims=True) * along
     size, whole = np.linalg.norm(across, axis=1, keepdims=True), np.linalg.norm(force_N, axis=1, keepdims=True)
@@ -89,9 +87,7 @@ def _facing_alike(members: np.ndarray, normals: np.ndarray) -> list[np.ndarray]:
 
 def tangent_frame(points_m: np.ndarray, normals: np.ndarray, own_m2: np.ndarray) -> tuple[np.ndarray, np.ndarray, bool]:
     """Centre (3,) of a patch; rows (3, 3) its long direction, its short one, its mean normal; whether it is an area.
-
-    Points (N, 3) count by how well they are known along the surface, and their own scatter (N, 3, 3) is taken off.
-    """
+    Points (N, 3) are weighted by their own scatter (N, 3, 3), which is taken off."""
     up = normals.sum(axis=0)
     up = up / np.linalg.norm(up)
     first = np.cross(up, np.eye(3)[np.argmin(np.abs(up))])
@@ -113,15 +109,12 @@ def tangent_frame(points_m: np.ndarray, normals: np.ndarray, own_m2: np.ndarray)
 
 @dataclass(frozen=True, eq=False)
 class Patch:
-    """Touches that hang together: indices (N,), centre (3,), and the rows (3, 3) along, across, up of its frame.
+    """Touches that hang together, as a height field or a curve."""
 
-    A `wide` one is a height field over the plane through along and across, any other a curve over along.
-    """
-
-    members: np.ndarray
-    center_m: np.ndarray
-    frame: np.ndarray
-    wide: bool
+    members: np.ndarray  # (N,) indices
+    center_m: np.ndarray  # (3,)
+    frame: np.ndarray  # (3, 3) rows along, across, up
+    wide: bool  # a height field over along and across; any other is a curve over along
 
     @property
     def dimensions(self) -> int:
@@ -140,32 +133,23 @@ class Patch:
 
 @dataclass(frozen=True, eq=False)
 class LocalTouches:
-    """The N touches of a patch as they are seen now: points on the object and what moves them, in the patch's frame.
+    """The N touches of a patch as they are seen now, in the patch's frame."""
 
-    own_m2 : (N, 3, 3) covariance of a point's own error. modes_m, tangent_modes : (N, 3, S) effect of common errors.
-    yield_N : (N, 3) how the point moves with the compliance: the normal force along −normal.
-    slope : (N, 2) as `Patch.slope_rows`; bend_per_m : (N, 2, 2) how it changes over the coordinates.
-    ignored : (N,) touches that are not to be believed, nor their tangents, which may be NaN, too.
-    """
-
-    point_m: np.ndarray
-    tangent: np.ndarray
-    own_m2: np.ndarray
-    modes_m: np.ndarray
-    tangent_modes: np.ndarray
-    yield_N: np.ndarray
-    slope: np.ndarray
-    bend_per_m: np.ndarray
-    normal: np.ndarray
-    ignored: np.ndarray
+    point_m: np.ndarray  # (N, 3) on the object
+    tangent: np.ndarray  # (N, 3)
+    own_m2: np.ndarray  # (N, 3, 3) covariance of a point's own error
+    modes_m: np.ndarray  # (N, 3, S) effect of common errors
+    tangent_modes: np.ndarray  # (N, 3, S)
+    yield_N: np.ndarray  # (N, 3) how the point moves with the compliance: the normal force along −normal
+    slope: np.ndarray  # (N, 2) as `Patch.slope_rows`
+    bend_per_m: np.ndarray  # (N, 2, 2) how it changes over the coordinates
+    normal: np.ndarray  # (N, 3)
+    ignored: np.ndarray  # (N,) touches, with their tangents, that are not used
 
 
 def height_field(seen: LocalTouches) -> Equations:
-    """Heights over (u, v), and that the surface holds the antenna's tangent t: ∇h · t_uv = t_h.
-
-    Of a point's error only what is across the surface counts as one of height; what is along it takes the tangent to
-    where the surface has another slope.
-    """
+    """Heights over (u, v), and that the surface holds the antenna's tangent t: ∇h · t_uv = t_h. Of a point's error only
+    what is across the surface is one of height; along it, the tangent is compared with another slope."""
     count, held = len(seen.point_m), np.flatnonzero(np.isfinite(seen.tangent).all(axis=1))
     up = np.column_stack([-seen.slope, np.ones(count)])
     tangent, tilt = seen.tangent[held], up[held]
@@ -191,10 +175,9 @@ def height_field(seen: LocalTouches) -> Equations:
 def curve(seen: LocalTouches) -> Equations:
     """The coordinates (v, h) across the curve over u, each a function of its own: along the normal, and beside it.
 
-    The antenna touches a round body now here, now there beside the curve, so that what is seen along the surface must
-    say nothing of the errors across it. How the object bends across the curve is not seen, but takes points with an
-    error along the antenna off it, all to the same side; and if it is round, the normal turns as the contact rolls over
-    it, at one distance from an axis instead of one point: two more common errors.
+    The antenna touches a round body beside the curve, so that what is seen along the surface must say nothing of the
+    errors across it. Two more common errors: how the object bends across the curve is not seen, but takes points with
+    an error along the antenna off it; and if it is round, the normal turns as the contact rolls over it.
     """
     count = len(seen.point_m)
     outward, beside = across_curve(seen.normal)

@@ -29,11 +29,11 @@ _POLISHING, _STEP, _NEAR = 2, 1e-3, 0.5
 
 @dataclass(frozen=True, eq=False)
 class Functionals:
-    """N views Σ value_c · h_c(x) + slope_c · ∇h_c(x) of C functions at x (N, D), m: value (N, C), slope (N, C, D)."""
+    """N views Σ value_c · h_c(x) + slope_c · ∇h_c(x) of C functions."""
 
-    x: np.ndarray
-    value: np.ndarray
-    slope: np.ndarray
+    x: np.ndarray  # (N, D) m
+    value: np.ndarray  # (N, C)
+    slope: np.ndarray  # (N, C, D)
 
     def __len__(self) -> int:
         return len(self.x)
@@ -50,12 +50,12 @@ class Functionals:
 
 @dataclass(frozen=True)
 class Prior:
-    """Of the function: Matérn of this length and amplitude, and a linear trend of these standard deviations."""
+    """Of the function: a Matérn process and a linear trend."""
 
-    length_m: float
-    amplitude_m: float
-    offset_m: float
-    incline: float
+    length_m: float  # of the process
+    amplitude_m: float  # of the process
+    offset_m: float  # standard deviation of the trend
+    incline: float  # of its slope
 
     @property
     def steepness(self) -> float:
@@ -124,11 +124,6 @@ def _covariance_by_log_length(between: _Pairs, prior: Prior) -> np.ndarray:
     return np.asarray(result * np.exp(-scaled))
 
 
-def _trend(rows: Functionals, prior: Prior) -> np.ndarray:
-    """(N, C + C·D) H with H·Hᵀ the covariance of the prior's linear trend."""
-    return np.hstack([prior.offset_m * rows.value, prior.incline * rows.of_lines])
-
-
 def variance(rows: Functionals, prior: Prior) -> np.ndarray:
     """(N,) prior variance of each view, the diagonal of `covariance(pairs(rows, rows), prior)`."""
     result = (rows.value**2).sum(axis=1) * (prior.amplitude_m**2 + prior.offset_m**2)
@@ -138,18 +133,14 @@ def variance(rows: Functionals, prior: Prior) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Equations:
-    """M linear equations: the first N, or twice N for a curve, are of the points, the others of tangents.
+    """M linear equations: the first N, or twice N for a curve, are of the points, the others of tangents."""
 
-    y (M,) was measured of what `rows` see of the shape; noise (M, M) is the covariance of the touches' own errors,
-    modes (M, S) the effect of the common ones, force_N (M,) of the compliance, slack (M,) of 1 rad of the tangent.
-    """
-
-    rows: Functionals
-    y: np.ndarray
-    noise: np.ndarray
-    modes: np.ndarray
-    force_N: np.ndarray
-    slack: np.ndarray
+    rows: Functionals  # what they see of the shape
+    y: np.ndarray  # (M,) measured
+    noise: np.ndarray  # (M, M) covariance of the touches' own errors
+    modes: np.ndarray  # (M, S) effect of the common ones
+    force_N: np.ndarray  # (M,) of the compliance
+    slack: np.ndarray  # (M,) of 1 rad of the tangent
 
     def __len__(self) -> int:
         return len(self.y)
@@ -157,11 +148,11 @@ class Equations:
 
 @dataclass(frozen=True, eq=False)
 class PatchModel:
-    """The equations of a patch, the prior of its shape, and the tangents' standard deviation beyond what is known."""
+    """The equations of a patch and the prior of its shape."""
 
     equations: Equations
     prior: Prior
-    slack_rad: float
+    slack_rad: float  # the tangents' standard deviation beyond what is known
 
     @property
     def own(self) -> np.ndarray:
@@ -176,21 +167,17 @@ class PatchModel:
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """Of all patches, whose equations begin at `start` (patches,).
-
-    `lower` (M, M) is the Cholesky factor of the covariance of y, weights (M,) is covariance⁻¹ (y − compliance · force),
-    lift (M,) is covariance⁻¹ force. The compliance is beyond what was taken into the points, zero where it is left out.
-    """
+    """Of all patches."""
 
     patches: tuple[PatchModel, ...]
-    start: np.ndarray
-    lower: np.ndarray
-    weights: np.ndarray
-    lift: np.ndarray
-    compliance_m_N: float
-    variance: float
+    start: np.ndarray  # (patches,) where their equations begin
+    lower: np.ndarray  # (M, M) Cholesky factor of the covariance of y
+    weights: np.ndarray  # (M,) covariance⁻¹ (y − compliance · force)
+    lift: np.ndarray  # (M,) covariance⁻¹ force
+    compliance_m_N: float  # beyond what was taken into the points; zero for a rigid object
+    variance: float  # of the compliance
 
-    def _seen_by(self, patch: int, rows: Functionals) -> np.ndarray:
+    def seen_by(self, patch: int, rows: Functionals) -> np.ndarray:
         """(Q, M) prior covariance of views of a patch with all equations."""
         result = np.zeros((len(rows), len(self.weights)))
         result[:, self._of(patch)] = self.patches[patch].seen_by(rows)
@@ -205,7 +192,7 @@ class Solution:
 
     def spread(self, patch: int, rows: Functionals) -> np.ndarray:
         """(Q,) standard deviations of the same."""
-        seen = self._seen_by(patch, rows)
+        seen = self.seen_by(patch, rows)
         half = solve_triangular(self.lower, seen.T, lower=True, check_finite=False)
         left = variance(rows, self.patches[patch].prior) - np.sum(half**2, axis=0)
         left += (seen @ self.lift) ** 2 * self.variance
@@ -213,7 +200,7 @@ class Solution:
 
     def joint(self, views: list[tuple[int, Functionals]]) -> np.ndarray:
         """(Q, Q) covariance of views of several patches, one after the other."""
-        seen = np.concatenate([self._seen_by(patch, rows) for patch, rows in views])
+        seen = np.concatenate([self.seen_by(patch, rows) for patch, rows in views])
         prior = block_diag(*(covariance(pairs(rows, rows), self.patches[patch].prior) for patch, rows in views))
         half = solve_triangular(self.lower, seen.T, lower=True, check_finite=False)
         lifted = seen @ self.lift
@@ -256,10 +243,8 @@ def solve(patches: tuple[PatchModel, ...], yielding: bool) -> Solution:
 def learn_prior(
     equations: Equations, extent_m: float, start: tuple[Prior, float] | None, yield_per_N: float
 ) -> tuple[Prior, float]:
-    """The most probable prior of the shape and slack of the tangents, rad; `start` is where an earlier search ended.
-
-    `extent_m` is the patch's, `yield_per_N` the largest compliance to think of, m/N; zero where there is none.
-    """
+    """The most probable prior of the shape and slack of the tangents, rad; `start` is an earlier one, `extent_m` the
+    patch's, `yield_per_N` the largest compliance, m/N, zero for none."""
     extent_m = max(extent_m, 1e-3)
     count = min(len(equations), _MOST_EQUATIONS)
     # at random: evenly spaced ones of strokes that repeat would all lie at the same places
@@ -288,7 +273,8 @@ def learn_prior(
         except LinAlgError:
             # a search that meets a wall stops there: somewhat rougher numbers lead on
             lower = np.linalg.cholesky(whole + _ROUGHER * np.diag(np.diag(whole)))
-        columns = np.column_stack([np.eye(count), _trend(rows, prior), y])
+        # the columns H in the middle have the trend's covariance H·Hᵀ
+        columns = np.column_stack([np.eye(count), prior.offset_m * rows.value, prior.incline * rows.of_lines, y])
         white = solve_triangular(lower, columns, lower=True, check_finite=False)
         inverse, lines, seen = white[:, :count], white[:, count:-1], white[:, -1]
         inner = np.linalg.cholesky(np.eye(lines.shape[1]) + lines.T @ lines)

@@ -1,4 +1,4 @@
-"""The located contacts of one object, with what is each one's own error and what is common to all of them."""
+"""The located contacts of one object, their errors split into own and common ones."""
 
 from __future__ import annotations
 
@@ -16,27 +16,19 @@ BIASED_STD = 1.0  # contacts whose model's predicted bias exceeds so many of the
 
 @dataclass(frozen=True, eq=False)
 class Touches:
-    """P located contacts, world frame.
+    """P located contacts, world frame."""
 
-    point_m : (P, 3) on the antenna's centreline. distance_m : (P,) arc length from the clamp.
-    force_N : (P, 3) the object's force on the antenna, of some size.
-    tangent : (P, 3) of the antenna, towards the tip; NaN where unknown and at the tip, whose end is not tangent to it.
-    own_m2 : (P, 3, 3) covariance of a point's own error, independent of the others'; NaN where unknown.
-    modes_m, force_modes_N, tangent_modes : (P, 3, S) what S independent common errors of unit deviation do.
-    frame, row : (P,), the row of the table. notes : what was left out, in words.
-    """
-
-    point_m: np.ndarray
-    force_N: np.ndarray
-    tangent: np.ndarray
-    distance_m: np.ndarray
-    own_m2: np.ndarray
-    modes_m: np.ndarray
-    force_modes_N: np.ndarray
-    tangent_modes: np.ndarray
-    frame: np.ndarray
-    row: np.ndarray
-    notes: tuple[str, ...] = ()
+    point_m: np.ndarray  # (P, 3) on the antenna's centreline
+    force_N: np.ndarray  # (P, 3) the object's force on the antenna, not zero
+    tangent: np.ndarray  # (P, 3) of the antenna, towards the tip; NaN where unknown, and at the tip
+    distance_m: np.ndarray  # (P,) arc length from the clamp
+    own_m2: np.ndarray  # (P, 3, 3) covariance of a point's own error, independent of the others'; NaN where unknown
+    modes_m: np.ndarray  # (P, 3, S) effects of S independent common errors of unit deviation
+    force_modes_N: np.ndarray  # (P, 3, S)
+    tangent_modes: np.ndarray  # (P, 3, S)
+    frame: np.ndarray  # (P,)
+    row: np.ndarray  # (P,) of the table
+    notes: tuple[str, ...] = ()  # what was left out, in words
 
     def __len__(self) -> int:
         return len(self.point_m)
@@ -45,51 +37,46 @@ class Touches:
 def touches_of(table: ContactTable, shared: CommonErrors | None = None) -> Touches:
     """The contacts that can be used: located, with a force whose direction is known; thinned to `_MAX_TOUCHES`.
 
-    `shared` is what of their errors is common; without it all of it counts as each contact's own. Raises InputError
+    `shared` are the common parts of their errors; without it all errors count as each contact's own. Raises InputError
     where no frame has a contact point with its force.
     """
     size = np.linalg.norm(table.force_world_N, axis=1)
     usable = table.located & np.isfinite(table.point_world_m).all(axis=1) & np.isfinite(size) & (size > 0)
     biased = usable & (table.bias_std > BIASED_STD)
-    row = np.flatnonzero(usable & ~biased)
+    row, left_out, off = np.flatnonzero(usable & ~biased), int(biased.sum()), "off by more than one standard deviation"
     if not len(row):
         what = "no frame has a located contact with a force (status ok or tip_contact)"
         remedy = "record contacts, or see the reason column of contacts.csv"
-        if biased.any():
-            what = (
-                f"all {np.sum(biased)} contacts were found with a model that is off by more than one standard deviation"
-            )
+        if left_out:
+            what = f"all {left_out} contacts were found with a model that is {off}"
             remedy = "estimate them with --model auto"
         elif table.located.any() and not np.isfinite(table.force_world_N).all(axis=1).any():
             what, remedy = "the contacts have no force in the world frame (FX_N, FY_N, FZ_N)", "estimate them again"
         raise InputError(what, remedy=remedy)
-    notes: tuple[str, ...] = ()
-    if biased.any():
-        count = int(biased.sum())
-        notes = (f"{count} contact{'s' * (count != 1)} not used: the model is off by more than one standard deviation",)
+    notes = [f"{left_out} contact{'s' * (left_out != 1)} not used: the model is {off}"] if left_out else []
     if len(row) > _MAX_TOUCHES:
-        notes += (f"{len(row)} contacts were thinned evenly to {_MAX_TOUCHES}",)
+        notes.append(f"{len(row)} contacts were thinned evenly to {_MAX_TOUCHES}")
         row = row[np.round(np.linspace(0, len(row) - 1, _MAX_TOUCHES)).astype(int)]
-    unknown = 0 if shared is None else int(np.sum(~np.isfinite(shared.point_m[row]).all(axis=(1, 2))))
-    if unknown:
+    if shared is None:
+        shared = CommonErrors.none(table)
+    elif unknown := int(np.sum(~np.isfinite(shared.point_m[row]).all(axis=(1, 2)))):
         why = "the calibration's errors are not given (distance_std_m): they count as the contacts' own"
-        notes += (f"of {unknown} contacts {why}",)
+        notes.append(f"of {unknown} contacts {why}")
     tangent = table.tangent_world[row]
     length = np.linalg.norm(tangent, axis=1, keepdims=True)
     known = (np.abs(length - 1) < 0.1) & (table.status[row] != "tip_contact")[:, None]
-    shared = CommonErrors.none(table) if shared is None else shared
-    common = (shared.point_m, shared.force_N, shared.tangent)
-    modes = [np.where(np.isfinite(each[row]), each[row], 0.0) for each in common]
+    every = (each[row] for each in (shared.point_m, shared.force_N, shared.tangent))
+    modes_m, force_modes_N, tangent_modes = (np.where(np.isfinite(each), each, 0.0) for each in every)
     return Touches(
         point_m=table.point_world_m[row],
         force_N=table.force_world_N[row],
         tangent=np.where(known, tangent / np.where(known, length, 1.0), np.nan),
         distance_m=table.distance_m[row],
         own_m2=shared.own_m2[row],
-        modes_m=modes[0],
-        force_modes_N=modes[1],
-        tangent_modes=modes[2],
+        modes_m=modes_m,
+        force_modes_N=force_modes_N,
+        tangent_modes=tangent_modes,
         frame=table.frame[row],
         row=row,
-        notes=notes,
+        notes=tuple(notes),
     )

@@ -97,10 +97,8 @@ def _frequency_words(table: ContactTable, near: slice, beam: Beam | None, step: 
 
 
 def frequency(time_s: np.ndarray, signal: np.ndarray, fastest_Hz: float) -> tuple[float, float] | None:
-    """Frequency in Hz and standard deviation of the strongest line in a signal (N,); None where none stands out.
-
-    By Lomb and Scargle, beside a slope; what noise would show, by the beta distribution of the power's share.
-    """
+    """Frequency in Hz and standard deviation of the strongest line in a signal (N,) beside a slope (Lomb–Scargle); None
+    where noise would show as much (beta distribution of the power's share)."""
     time = time_s - time_s.mean()
     away = signal - np.polyval(np.polyfit(time, signal, 1), time)
     span, count = float(np.ptp(time)), len(time)
@@ -122,19 +120,15 @@ def frequency(time_s: np.ndarray, signal: np.ndarray, fastest_Hz: float) -> tupl
 
 @dataclass(frozen=True, eq=False)
 class _Growth:
-    """What surrounds a change, in order of time; a loss is looked at backwards.
+    """What surrounds a change, in order of time; a loss is looked at backwards."""
 
-    `time_s`, `evidence` (N,) are of frames before and after, `free_evidence` (K,) of frames that are free for certain,
-    force_time_s, force_N, force_std_N (F,) of the first located ones. The instant lies within earliest_s and latest_s.
-    """
-
-    time_s: np.ndarray
-    evidence: np.ndarray
-    free_evidence: np.ndarray
-    force_time_s: np.ndarray
-    force_N: np.ndarray
-    force_std_N: np.ndarray
-    earliest_s: float
+    time_s: np.ndarray  # (N,) of frames before and after
+    evidence: np.ndarray  # (N,)
+    free_evidence: np.ndarray  # (K,) of frames that are free for certain
+    force_time_s: np.ndarray  # (F,) of the first located frames
+    force_N: np.ndarray  # (F,)
+    force_std_N: np.ndarray  # (F,)
+    earliest_s: float  # bounds of the instant
     latest_s: float
 
 

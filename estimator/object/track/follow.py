@@ -20,6 +20,7 @@ from estimator.contact.motion import Beam
 from estimator.table.contacts import ContactTable
 from vbaa_calib.core.robust import NORMAL_QUARTILE
 from vbaa_calib.geometry import Kinematics
+from vbaa_calib.geometry.independent_axes import largest_std
 from vbaa_calib.rig import Rig
 
 from .events import contact_events, ringing_events, ringing_frames, slip_events
@@ -80,9 +81,7 @@ def follow(
     for rows in strokes:
         moving = _slip(table, rows, shared, kinematics, None if normal_world is None else normal_world[rows])
         velocity[rows], covariance[rows], parts[rows] = moving.velocity_m_s, moving.covariance_m2_s2, moving.parts_m_s
-        sound = np.isfinite(moving.parts_m2_s2).all(axis=(1, 2))
-        widest = np.linalg.eigvalsh(moving.parts_m2_s2[sound]).max(axis=-1)
-        std[rows[sound]] = np.sqrt(np.maximum(widest, 0.0))
+        std[rows] = largest_std(moving.parts_m2_s2)
         phase[rows] = _phases(moving, radius)
     happened = list(contact_events(table, contact)) if events else []
     for change, event in zip(contact.changes, happened, strict=events):
@@ -130,7 +129,7 @@ def _phases(slip: _Slip, antenna_radius_m: float) -> np.ndarray:
     """(P,) what each frame of a stroke does; "touching" if undetermined."""
     speed = np.linalg.norm(slip.velocity_m_s, axis=1)
     # its deviation: along the slip where that is clear, else the larger of all directions
-    widest = np.sqrt(np.maximum(np.linalg.eigvalsh(np.nan_to_num(slip.parts_m2_s2, nan=np.inf)).max(axis=-1), 0.0))
+    widest = largest_std(slip.parts_m2_s2)
     toward = slip.velocity_m_s / np.maximum(speed, 1e-12)[:, None]
     own = np.sqrt(np.maximum(np.einsum("pi,pij,pj->p", toward, slip.covariance_m2_s2, toward), 0.0))
     carried = np.where(np.isfinite(slip.carried_m_s), slip.carried_m_s, slip.contact_m_s)
@@ -173,11 +172,8 @@ def _without_walk(point: np.ndarray, tangent: np.ndarray, distance: np.ndarray) 
 def _material_noise(
     material: np.ndarray, time: np.ndarray, tangent: np.ndarray, own: np.ndarray, known: bool
 ) -> np.ndarray:
-    """(P, 3, 3) noise of the material path.
-
-    Along the antenna an error of the distance moves contact and walk alike: what is left is the path's own scatter.
-    Across it the contact's own noise stays, or the scatter where that is not separated from the calibration's error.
-    """
+    """(P, 3, 3) noise of the material path: along the antenna its own scatter, since an error of the distance moves
+    contact and walk alike; across it the contact's own noise, or the scatter where that is unknown."""
     along = np.einsum("pi,pj->pij", tangent, tangent)
     flat = np.eye(3) - along
     across = flat @ own @ flat
@@ -206,20 +202,16 @@ def _material_noise(
 
 @dataclass(frozen=True, eq=False)
 class _Slip:
-    """Velocities in a stroke of P frames, world frame.
-
-    The slip in the plane of contact, with its parts along the tangent and along normal × tangent; how fast the contact
-    itself moves over the object, and if the joints carried it along; how fast the antenna turns at the contact.
-    """
+    """Velocities in a stroke of P frames, world frame; the slip is in the plane of contact."""
 
     velocity_m_s: np.ndarray  # (P, 3)
     covariance_m2_s2: np.ndarray  # (P, 3, 3)
-    parts_m_s: np.ndarray  # (P, 2)
+    parts_m_s: np.ndarray  # (P, 2) along the tangent and along normal × tangent
     parts_m2_s2: np.ndarray  # (P, 2, 2)
-    contact_m_s: np.ndarray  # (P,)
+    contact_m_s: np.ndarray  # (P,) of the contact over the object
     contact_std_m_s: np.ndarray  # (P,)
-    carried_m_s: np.ndarray  # (P,), NaN without the joints' angles
-    turning_rad_s: np.ndarray  # (P,)
+    carried_m_s: np.ndarray  # (P,) if the joints carried the contact along; NaN without their angles
+    turning_rad_s: np.ndarray  # (P,) of the antenna at the contact
 
 
 def _slip(
@@ -229,10 +221,8 @@ def _slip(
     kinematics: Kinematics,
     normal: np.ndarray | None = None,
 ) -> _Slip:
-    """The slip in each frame of a stroke, rows (P,) of the table; NaN in strokes of fewer than three frames.
-
-    Where the object's outward normals (P, 3) are not known, the force and the slip itself determine them.
-    """
+    """The slip in each frame of a stroke, rows (P,) of the table; NaN in strokes of under three frames. Without the
+    object's outward normals (P, 3) the force and the slip determine them."""
     time, point, tangent = table.time_s[rows], table.point_world_m[rows], table.tangent_world[rows]
     material = _without_walk(point[..., None], tangent, table.distance_m[rows, None])[..., 0]
     modes, own = np.nan_to_num(shared.point_m[rows]), shared.own_m2[rows]

@@ -24,8 +24,7 @@ from estimator.table.contacts import ContactTable
 FREE, TOUCHING, STICKING, SLIDING, ROLLING, UNKNOWN = "free", "touching", "sticking", "sliding", "rolling", "unknown"
 FIRST_CONTACT, LOSS, SLIP_START, SLIP_END, RINGING = "first_contact", "loss", "slip_start", "slip_end", "ringing"
 
-HALF_WINDOW_S = 0.1
-"""Slips are slopes over the frames within this time."""
+HALF_WINDOW_S = 0.1  # slips are slopes over the frames within this time
 _WINDOWS = (3, 6, 12)  # last frames that are taken together
 _ALARM = 1e-6  # probability of a false alarm by each of the windows, in a frame of the free antenna
 # free frames that the free antenna is learnt from, at most and at least; so many of the last are left out where
@@ -85,28 +84,21 @@ class Track:
 
 @dataclass(frozen=True, eq=False)
 class Change:
-    """A change between the free antenna and contact, decided with frame `row`: a contact begins, or is lost.
+    """A change between the free antenna and contact."""
 
-    `known_before` (K,) are the frames in the state before, empty where that was never seen; `pooled`: several frames
-    together show it, none alone.
-    """
-
-    row: int
-    begins: bool
-    known_before: np.ndarray
-    pooled: bool
+    row: int  # of the frame with which it was decided
+    begins: bool  # a contact begins; else it is lost
+    known_before: np.ndarray  # (K,) frames in the state before, empty where that was never seen
+    pooled: bool  # several frames together show it, none alone
 
 
 @dataclass(frozen=True, eq=False)
 class ContactStates:
-    """The `state` (B,) of frames as it was decided in time: 1 in contact, 0 free, -1 not known; and its `changes`.
+    """The states of frames as they were decided in time."""
 
-    `pooled_test`: a baseline could be learnt, so that slow approaches show early.
-    """
-
-    state: np.ndarray
+    state: np.ndarray  # (B,) 1 in contact, 0 free, -1 not known
     changes: tuple[Change, ...]
-    pooled_test: bool
+    pooled_test: bool  # a baseline could be learnt, so that slow approaches show early
 
 
 def contact_states(table: ContactTable, ringing: np.ndarray) -> ContactStates:

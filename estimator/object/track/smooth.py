@@ -103,11 +103,9 @@ def _log_likelihoods(time: np.ndarray, values: np.ndarray, variance: np.ndarray,
 def smooth(
     table: ContactTable, rig: Rig, shared: CommonErrors | None = None, track: Track | None = None
 ) -> ContactTable:
-    """The same table with contact points, distances and forces smoothed in time.
-
-    What is not located, or lies in too short a piece, stays as it is. The rig separates calibration errors from
-    noise: without that, smoothed points would claim too much. `shared` and `track` are `shared_errors(rig, table)` and
-    `follow(table, rig, shared)`, where they are known already.
+    """The same table with contact points, distances and forces smoothed in time; what is not located, or lies in too
+    short a piece, stays. The rig separates calibration errors from noise, for smoothing reduces the latter alone.
+    `shared` and `track` as by `shared_errors` and `follow`, where they are known already.
     """
     shared = shared_errors(rig, table) if shared is None else shared
     track = follow(table, rig, shared) if track is None else track

@@ -65,10 +65,8 @@ def active_antenna_3d(press: Press) -> Answer:
 
 
 def _slope(press: Press, turn: np.ndarray, moment: np.ndarray) -> _Slope:
-    """Of the moment over the turn (F,) by least squares, its deviation, and how much the last moment moves it.
-
-    With an intercept if F > 1; NaN where nothing turns. An unknown deviation of the turn counts as none.
-    """
+    """Of the moment over the turn (F,) by least squares, with an intercept if F > 1, its deviation, and how much the
+    last moment moves it; NaN where nothing turns."""
     aside = turn - turn.mean() if len(turn) > 1 else turn
     spread = float(aside @ aside)
     if spread <= 0.0:

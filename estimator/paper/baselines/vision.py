@@ -24,8 +24,7 @@ _UNCERTAIN = 0.1  # distances less certain than this share of the length are not
 _STEEP = 0.5  # slopes of the straight part beyond this are not the small deflections of Assumption 1
 _FEWEST_FRAMES = 3  # needed for an object's stiffness
 _KNOWN = 0.2  # frames whose force is less certain than this share of itself are left out: the formulas are not linear
-STANDS_OUT = 3.0
-"""The compliance must be so many of its deviations."""
+STANDS_OUT = 3.0  # the compliance must be so many of its deviations
 
 _Formula = Callable[[np.ndarray], np.ndarray]  # from M inputs (M, K) to results (M, Q)
 

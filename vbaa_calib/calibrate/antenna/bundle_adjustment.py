@@ -1,8 +1,8 @@
 """Bundle adjustment of camera pose, antenna, moment sensor and lens, from no-load frames and known loads.
 
 Everything is solved at once: a tilted clamp looks like a tilted camera, a bowed wire like a heavier one. What the
-pictures cannot separate is held by priors, and shows in the covariance. The posterior of the board's pictures, of
-lens and camera pose, is the prior here.
+pictures cannot separate is constrained by priors, and shows in the covariance. The posterior of the board's pictures,
+of lens and camera pose, is the prior here.
 """
 
 from __future__ import annotations
@@ -27,12 +27,11 @@ from .inputs import Observation, Prior
 from .problem import GAIN, OFFSET, RIG, Evaluation, LensLost, Problem
 
 _ROUGHLY, _STANDSTILL = 0.1, 1e-11
-"""A step that promises less than this much of the cost is the last: on the way half a standard deviation, at the
-end a few millionths."""
+"""A step that promises a smaller decrease of the cost is the last: on the way half a standard deviation, at the end a
+few millionths."""
 _RULES = Rules(iterations=40, takes_last=True, may_rise=1e-3)
-"""The slopes, by differences, are zero a little beside where the cost is least: a smaller rise is none."""
-_ENOUGH = 1e-5
-"""A step that promises no more than this after all iterations has converged, too."""
+"""The slopes are finite differences, zero a little beside the minimum: a smaller rise is none."""
+_ENOUGH = 1e-5  # a step that promises no more than this after all iterations has converged, too
 
 
 def exact_loads(solution: Linearised, readings: int) -> Linearised:
@@ -70,20 +69,16 @@ def _descended(problem: Problem, start: np.ndarray, evaluated: Evaluation, stand
     return replace(descent.at, converged=descent.promise < (_ENOUGH if descent.exhausted else standstill))
 
 
-_FALSE_STILL = 3.0
-"""A still whose points lie this many times further off than the median still's is left out."""
-_FALSE_READING_STD = 5.0
-"""Deviations by which a still's own place and weight may have to be off for it to fit, before it is left out."""
+_FALSE_STILL = 3.0  # a still whose points lie this many times further off than the median still's is left out
+_FALSE_READING_STD = 5.0  # beyond which a still's own readings must not move for it to fit
 
 
 def _fitting(
     problem: Problem, solution: Linearised, distances: Sequence[np.ndarray], kept: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Which stills fit (F,), and how far each one's points lie off, in scaled deviations (F,).
-
-    A still is judged after its own readings, those that no other still in it has, were let go, for nothing else
-    determines their errors; and the rest, within its uncertainty.
-    solution : of the kept stills (F,). distances : see `Problem.evaluate`, at its parameters.
+    """Which stills fit (F,), and how far each one's points lie off, in scaled deviations (F,), by a solution of the
+    kept ones. A still is judged with its own readings free, those that no other kept still has: nothing else determines
+    their errors; the rest moves within its uncertainty.
     """
     groups, readings = problem.groups, problem.lens.stop
     rms, needed, root = np.empty(len(distances)), np.zeros(len(distances)), solution.covariance_root()
@@ -97,10 +92,8 @@ def _fitting(
         columns = np.hstack([slopes[:, own], slopes[:, rest] @ root[rest]])
         errors = np.concatenate([solution.parameters[own], np.zeros(len(root))])
         step = -np.linalg.solve(np.eye(len(errors)) + columns.T @ columns, columns.T @ left + errors)
-        rms[index], needed[index] = (
-            np.sqrt(((left + columns @ step) ** 2).mean()),
-            np.linalg.norm((errors + step)[: len(own)]),
-        )
+        rms[index] = np.sqrt(((left + columns @ step) ** 2).mean())
+        needed[index] = np.linalg.norm((errors + step)[: len(own)])
     return (rms < _FALSE_STILL * np.median(rms)) & (needed < _FALSE_READING_STD), rms
 
 
@@ -130,16 +123,11 @@ def _agreement(problem: Problem, solution: Linearised, distances: Sequence[np.nd
     return p
 
 
-_RUN = 10
-"""Points in a run of neighbours: longer than the picture's noise is correlated, shorter than the shape."""
+_RUN = 10  # points in a run of neighbours: longer than the picture's noise is correlated, shorter than the shape
 _PASSES = 12
-_HOLDS = (1.0, 0.3, 0.1, 0.01)
-"""Parts of the lens' deviations that it is given in turn, where more of them make it fold."""
-_SEES_LESS = 1e-3
-"""Part of the picture that a moved lens may see less of."""
-_NEAR, _SETTLED = 0.1, 1e-5
-"""The passes are exact once the points' scatter changes by less than the first part, and end when it does by less than
-the second."""
+_HOLDS = (1.0, 0.3, 0.1, 0.01)  # parts of the lens' prior deviations, in turn, where more make it fold
+_SEES_LESS = 1e-3  # part of the picture that a moved lens may see less of
+_NEAR, _SETTLED = 0.1, 1e-5  # changes of the points' scatter from which on passes are exact, and end
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,9 +180,8 @@ def adjust_bundle(
 ) -> BundleAdjustment:
     """Solve camera pose, antenna, moment sensor and lens from stills. Raises SolveError when it does not converge.
 
-    In passes: each weighs the points by how they scattered about the model of the one before, and leaves out the stills
-    that lie much further off than the others do: a load noted wrong bends its whole shape.
-    The lens moves within its covariance; where that leads to one that folds inside the picture, it is held closer.
+    In passes: each weighs the points by their scatter in the one before, and leaves out stills that lie much further
+    off than the others. Where the lens folds within its covariance, its prior is narrowed.
     """
     sees, covariance = prior.camera.valid_region().image_fraction, prior.camera.covariance
     for share in _HOLDS:
@@ -250,7 +237,7 @@ def _in_passes(problem: Problem, judged: bool = True) -> _Solved | None:
         problem = problem.relinearised(parameters)
         evaluated = problem.evaluate(parameters)
         fits, rms = _fitting(problem, solution, evaluated.points, kept)
-        # stills on the border do not come and go for ever, and the last pass is over those that it leaves
+        # stills on the border must not come and go for ever; the last pass leaves none out
         fits = kept if turn == _PASSES else fits & kept if turn > _PASSES // 2 else fits
         if judged and change < _NEAR and (fits == kept).all():
             p = _agreement(problem, solution, evaluated.points)
@@ -285,7 +272,9 @@ def _solved(
         if with_tips is not None:
             problem, solution, evaluated = with_tips
             parameters = solution.parameters
-    whole = _covariance(problem.lens, solution, share)
+    whole, lens = solution.covariance(), problem.lens
+    # the lens may be off by all its deviation, whatever share it was held to: the solution follows it as its prior
+    whole = whole + (share**-2 - 1.0) * whole[:, lens] @ whole[lens, :]
     # the lens in its own units
     axes = block_diag(np.eye(RIG), prior.lens_axes)
     covariance = axes @ whole[: problem.lens.stop, : problem.lens.stop] @ axes.T
@@ -305,18 +294,20 @@ def _solved(
     )
 
 
-_ODD_TIP_STD, _TIPS_CONTRADICT_STD = 4.0, 4.0
-"""An end so many deviations off the others is none; nor are all, where together they lie so far off the length."""
+_ODD_TIP_STD, _TIPS_CONTRADICT_STD = 4.0, 4.0  # of an end from the others; of all from the length
 
 
 def _with_tips(problem: Problem, solution: Linearised) -> tuple[Problem, float]:
-    """The same with the antenna's ends that agree, if they do not contradict everything else; and by how many
-    deviations all of them together lie off the length."""
+    """The same with the antenna's ends that agree, unless they contradict everything else; and by how many deviations
+    all of them together lie off the length.
+    """
     std_m = problem.prior.tip_std_m
     seen = np.array([bool(np.isfinite([*one.tip_px, one.tip_std_px]).all()) for one in problem.observations])
     camera = problem.camera(solution.parameters)
-    shown = [ok and _shown(camera, one) for one, ok in zip(problem.observations, seen & problem.kept, strict=True)]
-    which = np.flatnonzero(shown)
+    which = np.flatnonzero(seen & problem.kept)
+    ends = [problem.observations[index] for index in which.tolist()]
+    # where the lens has an inverse
+    which = which[[len(see(camera, one.tip_px[None], np.array([one.tip_std_px]))) > 0 for one in ends]]
     if std_m is None or not len(which):
         return problem, np.nan
     tried = replace(problem, tips=which).relinearised(solution.parameters)
@@ -336,13 +327,8 @@ def _with_tips(problem: Problem, solution: Linearised) -> tuple[Problem, float]:
     return replace(problem, tips=which[agree]).relinearised(solution.parameters), gap_std
 
 
-def _shown(camera: Camera, observation: Observation) -> bool:
-    """Whether the lens has an inverse at the antenna's end."""
-    return len(see(camera, observation.tip_px[None], np.array([observation.tip_std_px]))) > 0
-
-
 def _at_tips(problem: Problem, parameters: np.ndarray) -> tuple[Problem, Linearised, Evaluation] | None:
-    """The problem solved again with the antenna's ends, from where it was without; None where it does not converge."""
+    """Solved again with the antenna's ends, from the solution without; None where it does not converge."""
     try:
         solution = _descended(problem, parameters, problem.evaluate(parameters), _STANDSTILL)
         problem = problem.relinearised(solution.parameters)
@@ -351,18 +337,9 @@ def _at_tips(problem: Problem, parameters: np.ndarray) -> tuple[Problem, Lineari
     return (problem, solution, problem.evaluate(solution.parameters)) if solution.converged else None
 
 
-def _covariance(lens: slice, solution: Linearised, share: float) -> np.ndarray:
-    """Of all parameters. share : of its deviations, in which the lens was held."""
-    inverse = solution.covariance()
-    # the lens may be off by all its deviation, however short it was held: the solution follows it as it does its prior
-    return inverse + (share**-2 - 1.0) * inverse[:, lens] @ inverse[lens, :]
-
-
 def _tip(problem: Problem, evaluated: Evaluation, covariance: np.ndarray, axes: np.ndarray) -> Tip | None:
-    """Where the visible end lies: what its pictures say beside the rig's own errors, and its covariance with them.
-
-    covariance : of all parameters. axes : (17 + P, 17 + P) of the lens in its own units.
-    """
+    """Where the visible end lies by its pictures, and its covariance with the rig, from that of all parameters; `axes`
+    (17 + P, 17 + P) give the lens its own units."""
     std_m = problem.prior.tip_std_m
     if not len(problem.tips) or std_m is None:
         return None
@@ -377,7 +354,7 @@ def _tip(problem: Problem, evaluated: Evaluation, covariance: np.ndarray, axes: 
 
 
 def noise_scale(residuals: Sequence[np.ndarray]) -> float:
-    """Factor between the deviations that the points claim and those that count when many are averaged.
+    """Ratio of the points' effective deviations, when many are averaged, to the stated ones.
 
     Measured on means of runs of neighbours, which also sees errors that neighbours share.
     """

@@ -27,18 +27,12 @@ more of it understates that of correlated errors."""
 
 @dataclass(frozen=True, eq=False)
 class ErrorModels:
-    """K models of the readings' errors and what each says about P least-squares parameters.
+    """K models of the readings' errors and the covariance of P least-squares parameters under each."""
 
-    weights : (K,) probabilities, adding up to 1.
-    lengths_m : (K,) correlation length λ; 0 for plain scatter.
-    covariances : (K, P, P) of the least-squares estimate.
-    freedom : N − P, degrees of freedom of every one of them.
-    """
-
-    weights: np.ndarray
-    lengths_m: np.ndarray
-    covariances: np.ndarray
-    freedom: int
+    weights: np.ndarray  # (K,) probabilities, adding up to 1
+    lengths_m: np.ndarray  # (K,) correlation length λ; 0 for plain scatter
+    covariances: np.ndarray  # (K, P, P) of the least-squares estimate
+    freedom: int  # N − P, degrees of freedom of every one of them
 
     @property
     def covariance(self) -> np.ndarray:
@@ -72,10 +66,9 @@ class ErrorModels:
 
 
 def error_models(x_m: np.ndarray, design: np.ndarray, residuals_m: np.ndarray, least_std_m: float) -> ErrorModels:
-    """Weigh the error models by the residuals (N,) of a least-squares fit with the design matrix (N, P), N > P.
-
-    λ runs log-uniformly from half the typical spacing to the whole span of x (N,), beyond which it is
-    indistinguishable from the parameters; `least_std_m` bounds the readings' standard deviation from below.
+    """Weigh the error models by the residuals (N,) of least squares with the design (N, P), N > P; `least_std_m` bounds
+    the readings' deviation from below. λ runs log-uniformly from half the typical spacing to the span of x (N,), beyond
+    which the parameters absorb it.
     """
     count, parameters = design.shape
     inverse = np.linalg.pinv(design)
@@ -116,17 +109,14 @@ def _weigh(
     return float(log_weight), variance * inverse @ correlation @ inverse.T
 
 
-_LEAST_READINGS = 8
-"""Fewer readings have no neighbours to be compared with."""
+_LEAST_READINGS = 8  # fewer readings have no neighbours to be compared with
 _THRESHOLD = 5.0
 _ANCHORS = 40
 
 
 def robust_line(regressor: np.ndarray, y: np.ndarray, offset: bool) -> tuple[float, float]:
-    """(slope, intercept) of y (N,) over the regressor (N,) with the least median of squares; intercept 0 if held.
-
-    Of all lines through two readings (through one and the origin), at most 780 of them, spread evenly.
-    """
+    """(slope, intercept) of y (N,) over the regressor (N,) with the least median of squares, of all lines through two
+    readings (or one and the origin), at most 780; intercept 0 if held."""
     anchors = np.unique(np.linspace(0, len(y) - 1, _ANCHORS).astype(int))
     apart = 0.2 * np.ptp(regressor)
     if offset:
@@ -143,10 +133,8 @@ def robust_line(regressor: np.ndarray, y: np.ndarray, offset: bool) -> tuple[flo
 
 
 def outlying(residuals: np.ndarray, least_std: float) -> np.ndarray:
-    """(N,) bool: which residuals from a robust fit, in the order of x, are outliers. None of fewer than 8.
-
-    `least_std` bounds the scatter from below: readings that are rounded may agree too well.
-    """
+    """(N,) bool: outliers among residuals from a robust fit, in the order of x; none of fewer than 8. `least_std`
+    bounds their scatter from below: rounded readings may agree too well."""
     if len(residuals) < _LEAST_READINGS:
         return np.zeros(len(residuals), bool)
     index = np.arange(len(residuals))
@@ -162,8 +150,7 @@ def _far(values: np.ndarray, least_std: float) -> np.ndarray:
     return np.abs(values) > _THRESHOLD * scale
 
 
-Forward = Callable[[float], np.ndarray]
-"""EI in N·m² → deflections (N,) in m at the readings."""
+Forward = Callable[[float], np.ndarray]  # EI in N·m² → deflections (N,) in m at the readings
 
 _STEPS, _SHARE = 60, 1e-4
 _NODES = np.linspace(0.0, 1.0, 201)
@@ -171,16 +158,12 @@ _NODES = np.linspace(0.0, 1.0, 201)
 
 @dataclass(frozen=True, eq=False)
 class Parameters:
-    """Where the least squares ended, and the design matrix (N, P) there.
-
-    Its columns are the derivatives by the compliance 1/EI (relative: dy/d ln 1/EI), the offset and the clamp's
-    rotation, the last two only if they are free.
-    """
+    """Where the least squares ended, and the design matrix there."""
 
     stiffness_Nm2: float
     offset_m: float
     clamp_rotation_rad: float
-    design: np.ndarray
+    design: np.ndarray  # (N, P) derivatives by ln(1/EI), offset and clamp rotation, the last two only if free
 
 
 def beam(x_m: np.ndarray, force_N: float, distance_m: float) -> Forward:
@@ -189,10 +172,8 @@ def beam(x_m: np.ndarray, force_N: float, distance_m: float) -> Forward:
 
 
 def elastica(x_m: np.ndarray, force_N: float, distance_m: float) -> Forward:
-    """Large deflections under a hanging weight, read at the places x (N,) on the undeflected rod's axis.
-
-    NaN where the rod is bent so far that it no longer reaches to a reading.
-    """
+    """Large deflections under a hanging weight, read at places x (N,) on the undeflected rod's axis; NaN where the rod
+    is bent so far that it no longer reaches to a reading."""
 
     def deflections(stiffness: float) -> np.ndarray:
         shape = planar_elastica_dead(_NODES * distance_m, distance_m, force_N, stiffness)
@@ -215,10 +196,8 @@ def gauss_newton(
     offset: bool,
     turning: bool = False,
 ) -> Parameters:
-    """Gauss-Newton in the compliance, exact in one step for the beam. All arrays (N,).
-
-    Raises SolveError when it does not converge, as for a clamp that takes over all of the deflection.
-    """
+    """Gauss–Newton in the compliance, exact in one step for the beam. All arrays (N,). Raises SolveError when it does
+    not converge, as for a clamp that takes over all of the deflection."""
     stiffness = start_Nm2
     extra = [column for free, column in ((offset, np.ones_like(x_m)), (turning, x_m)) if free]
     for _ in range(_STEPS):

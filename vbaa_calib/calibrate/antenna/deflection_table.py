@@ -1,4 +1,4 @@
-"""A table of measured deflections: x_m,unloaded_y_m,loaded_y_m, and everything that may be wrong with one."""
+"""Reads and checks a table of measured deflections: x_m,unloaded_y_m,loaded_y_m."""
 
 from __future__ import annotations
 
@@ -12,25 +12,19 @@ from vbaa_calib.core.csv_rows import number, read_csv
 from vbaa_calib.core.errors import InputError
 
 _COLUMNS = ("x_m", "unloaded_y_m", "loaded_y_m")
-_LEAST_READINGS = 4
-"""Two unknowns, EI and the gauge's offset, and something left over to judge the scatter by."""
+_LEAST_READINGS = 4  # two unknowns, EI and the gauge's offset, and something left over to judge the scatter by
 _MOST_READINGS = 1000
 _LONGEST_ROD_m = 10.0
 
 
 @dataclass(frozen=True, eq=False)
 class DeflectionTable:
-    """N readings of a gauge along a clamped rod, without and with the load.
+    """N readings of a gauge along a clamped rod, without and with the load."""
 
-    x_m : (N,) strictly increasing, measured from the clamp along the undeflected rod.
-    unloaded_y_m, loaded_y_m : (N,) the gauge's readings, positive in the force's direction.
-    resolution_m : the last decimal that is written down; 0 where that means nothing.
-    """
-
-    x_m: np.ndarray
-    unloaded_y_m: np.ndarray
-    loaded_y_m: np.ndarray
-    resolution_m: float = 0.0
+    x_m: np.ndarray  # (N,) strictly increasing, from the clamp along the undeflected rod
+    unloaded_y_m: np.ndarray  # (N,) positive in the force's direction
+    loaded_y_m: np.ndarray  # (N,)
+    resolution_m: float = 0.0  # the last decimal written down; 0: unknown
 
     @property
     def deflection_m(self) -> np.ndarray:

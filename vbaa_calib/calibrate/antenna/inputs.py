@@ -15,8 +15,7 @@ from vbaa_calib.geometry import Pose
 from vbaa_calib.geometry.independent_axes import independent_axes
 from vbaa_calib.session import Load, LoadReadings, Still
 
-DISTANCE_STEP_M, LOG_FORCE_STEP = 1e-4, 1e-3
-"""Finite-difference steps of a load's distance, towards the clamp, and of the logarithm of its force."""
+DISTANCE_STEP_M, LOG_FORCE_STEP = 1e-4, 1e-3  # finite differences of a load's place, towards the clamp, and log force
 
 EXACT = LoadReadings()
 
@@ -35,15 +34,11 @@ def _read(load: Load, further_m: float, heavier: float) -> Load:
 
 @dataclass(frozen=True, eq=False)
 class ReadingGroups:
-    """The unknown errors of the readings of F stills, K in all, each in its standard deviations.
+    """The unknown errors of the readings of F stills, K in all, each in its standard deviations."""
 
-    std : (K,) of each: m of a place, relative of a weight.
-    distance, force : (F,) which of the K a still's place and weight are; −1 for none.
-    """
-
-    std: np.ndarray
-    distance: np.ndarray
-    force: np.ndarray
+    std: np.ndarray  # (K,) m of a place, relative of a weight
+    distance: np.ndarray  # (F,) which of the K a still's place is; −1 for none
+    force: np.ndarray  # (F,) the same of its weight
 
     @property
     def count(self) -> int:
@@ -92,26 +87,19 @@ class ReadingGroups:
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """One still of the antenna: what was seen, what was read, and the load on it, if any.
-
-    points_px : (N, 2) on the centreline. sigma_px : (N,) their standard deviations across it.
-    gravity_m_s2 : (3,) antenna frame.
-    paint : what sets the antenna off from its background. height : of its line above that, grey levels.
-    tip_px : (2,) the antenna's end; tip_std_px : its deviation along the antenna; NaN where it is not seen.
-    shared : whether neighbouring points share most of their errors: a shape that follows these does not show them.
-    look : (PLACES, C) the antenna's mean colour at places from clamp to tip; empty where there is no picture.
-    """
+    """One still of the antenna: what was seen, what was read, and the load on it, if any."""
 
     still: Still
-    points_px: np.ndarray
-    sigma_px: np.ndarray
-    gravity_m_s2: np.ndarray
-    paint: Paint = field(default_factory=Paint)
-    height: float = 0.0
-    tip_px: np.ndarray = field(default_factory=lambda: np.full(2, np.nan))
-    tip_std_px: float = np.nan
+    points_px: np.ndarray  # (N, 2) on the centreline
+    sigma_px: np.ndarray  # (N,) their standard deviations across it
+    gravity_m_s2: np.ndarray  # (3,) antenna frame
+    paint: Paint = field(default_factory=Paint)  # what sets the antenna off from its background
+    height: float = 0.0  # of its line above the background, grey levels
+    tip_px: np.ndarray = field(default_factory=lambda: np.full(2, np.nan))  # (2,) the antenna's end; NaN where not seen
+    tip_std_px: float = np.nan  # its deviation along the antenna
+    # whether neighbouring points share most of their errors, which no shape that follows them shows
     shared: bool = False
-    look: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
+    look: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))  # (PLACES, C) mean colour from clamp to tip
 
     @property
     def load_N(self) -> np.ndarray:
@@ -128,25 +116,16 @@ class Observation:
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """What is known before the stills.
+    """What is known before the stills."""
 
-    poses : the camera's pose by one or several methods.
-    start : camera pose from which the solution's steps are counted.
-    camera : the lens; one without a covariance counts as exact.
-    mean, std : (11,) of the antenna's parameters, gain and offset.
-    readings : how well the loads' places and forces are known.
-    tip_std_m : how well the visible end is known to lie at the antenna's length; None: it is not used.
-    line_px : what is common to all points of one picture's centreline, see `session.Drift`.
-    """
-
-    poses: Sequence[PoseEstimate]
-    start: Pose
-    camera: Camera
-    mean: np.ndarray
-    std: np.ndarray
-    readings: LoadReadings = EXACT
-    tip_std_m: float | None = None
-    line_px: float = 0.0
+    poses: Sequence[PoseEstimate]  # the camera's pose by one or several methods
+    start: Pose  # camera pose from which the solution's steps are counted
+    camera: Camera  # one without a covariance counts as exact
+    mean: np.ndarray  # (11,) of the antenna's parameters, gain and offset
+    std: np.ndarray  # (11,)
+    readings: LoadReadings = EXACT  # how well the loads' places and forces are known
+    tip_std_m: float | None = None  # how well the visible end is known to lie at the antenna's length; None: not used
+    line_px: float = 0.0  # common error of all points of a centreline, see `session.Drift`
 
     @cached_property
     def lens_axes(self) -> np.ndarray:

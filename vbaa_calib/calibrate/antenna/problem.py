@@ -30,8 +30,7 @@ from vbaa_calib.session import Load
 
 from .inputs import DISTANCE_STEP_M, EXACT, LOG_FORCE_STEP, Observation, Prior, ReadingGroups
 
-_SWEEPS = 4
-"""Of the antenna's model over its equilibrium, see `antenna.shape.bend`: more change nothing."""
+_SWEEPS = 4  # of the antenna's model over its equilibrium, see `antenna.shape.bend`: more change nothing
 
 
 def still_curves(
@@ -42,11 +41,8 @@ def still_curves(
     compliance: np.ndarray | None = None,
     loaded: bool = True,
 ) -> Curves:
-    """Shapes of A antennas (A, 9) in each of F stills, still by still: (F·A) curves.
-
-    compliance : (A, 2) factors on what bends each antenna to y and to z.
-    loaded : False takes the loads off; node `CONTACT` stays where they hang.
-    """
+    """Shapes of A antennas (A, 9) in each of F stills, still by still: (F·A) curves. compliance : (A, 2) factors on
+    what bends each to y and to z; loaded : False takes the loads off, node `CONTACT` stays where they hang."""
     count, each = len(observations), len(antennas)
     factor = np.tile(np.ones((each, 2)) if compliance is None else compliance, (count, 1))
     gravity = np.repeat([one.gravity_m_s2 for one in observations], each, axis=0)
@@ -65,57 +61,42 @@ def still_curves(
 
 POSE, ANTENNA = slice(0, 6), slice(6, 6 + len(PARAMETERS))
 GAIN, OFFSET = ANTENNA.stop, ANTENNA.stop + 1
-_BENT = 1 + len(PARAMETERS)
-"""Curves in each still: the antenna, and one a step further along each of its parameters."""
+_BENT = 1 + len(PARAMETERS)  # curves in each still: the antenna, and one a step further along each of its parameters
 RIG = len(RIG_PARAMETERS)
-_INSIDE = 1.0 - 1e-5
-"""Part of the length beyond which a load counts as on the tip, where moving it further changes nothing."""
+_INSIDE = 1.0 - 1e-5  # part of the length beyond which a load counts as on the tip
 
 
 class LensLost(SolveError):
-    """A step of the lens within its covariance led to one that is none: its covariance is not to be trusted so far."""
+    """A step of the lens within its covariance led to a lens that folds: the covariance is too large."""
 
 
 class Evaluation(NamedTuple):
-    """What a problem's parameters predict, and its slopes.
+    """Predictions at a problem's parameters, and their slopes."""
 
-    points : per observation (N, 16 + P + K), whitened distances, their slopes by pose, antenna, lens and readings.
-    moments : (F, 10 + K) of the antenna, and of one a step further along each of its parameters, then slopes by the
-        readings.
-    tips : (T, 16 + P + K) as `points`, along the antenna. by_length : (T,) their slopes by the visible length, per m.
-    """
-
+    # per observation (N, 16 + P + K) whitened distances, slopes by pose, antenna, lens, readings
     points: list[np.ndarray]
-    moments: np.ndarray
-    tips: np.ndarray
-    by_length: np.ndarray
+    moments: np.ndarray  # (F, 10 + K) of the antenna, with a step along each of its parameters; slopes by readings
+    tips: np.ndarray  # (T, 16 + P + K) as `points`, along the antenna
+    by_length: np.ndarray  # (T,) slopes of the tips by the visible length, per m
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """The residuals of everything, for parameters (17 + P + K,).
-
-    These are `RIG_PARAMETERS`, then steps along `lens_axes`, then what the loads' readings are off by, in deviations.
-
-    observations : with the loads as the parameters had them at the last `relinearised`.
-    groups : what the readings have in common. readings_at : (K,) parameters that are in `observations` already.
-    seen_at_lens : every observation's points, through the lens that is `lens_at` (P,) steps away.
-    noise_scale : factor on the deviations that the points claim.
-    kept : (F,) which observations take part.
-    tips : (T,) of which observations the antenna's end is compared with the model's. tips_at_lens : those ends.
+    """All residuals, for parameters (17 + P + K,): `RIG_PARAMETERS`, steps along `lens_axes`, errors of the loads'
+    readings in deviations.
     """
 
-    observations: Sequence[Observation]
+    observations: Sequence[Observation]  # F, with the loads as the parameters had them at the last `relinearised`
     prior: Prior
-    seen_at_lens: Sequence[SeenPoints]
-    lens_at: np.ndarray
+    seen_at_lens: Sequence[SeenPoints]  # every observation's points, through the lens that is `lens_at` steps away
+    lens_at: np.ndarray  # (P,)
     length_m: float
     moment_std_Nm: float
-    noise_scale: float
-    kept: np.ndarray
-    groups: ReadingGroups
-    readings_at: np.ndarray
-    tips: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
+    noise_scale: float  # factor on the stated deviations of the points
+    kept: np.ndarray  # (F,) which observations take part
+    groups: ReadingGroups  # what the readings have in common
+    readings_at: np.ndarray  # (K,) parameters that are in `observations` already
+    tips: np.ndarray = field(default_factory=lambda: np.zeros(0, int))  # (T,) of which observations the end is used
     tips_at_lens: SeenPoints | None = None
 
     @staticmethod
@@ -163,7 +144,7 @@ class Problem:
         return slice(RIG, RIG + len(self.prior.lens_axes))
 
     def relinearised(self, parameters: np.ndarray) -> Problem:
-        """The same with all points seen through the lens, and all loads as they are, of these parameters.
+        """With points seen through the lens, and loads, of these parameters.
 
         Raises LensLost where that lens folds before points that the prior's lens sees.
         """
@@ -194,7 +175,7 @@ class Problem:
 
     @property
     def certain(self) -> int:
-        """How many residuals, the last ones, are the priors': they are what they say, and are never weighed down."""
+        """How many residuals, the last ones, are the priors': these are never weighed down."""
         priors = 6 * len(self.prior.poses) + len(self.prior.mean) + len(self.prior.lens_axes) + self.groups.count
         return len(self.tips) + priors
 
@@ -264,24 +245,22 @@ class Problem:
         return replace(self, observations=loaded)
 
     def slopes_by_load(self, parameters: np.ndarray, seen: Sequence[SeenPoints]) -> list[np.ndarray]:
-        """Per observation (N + 1, 2): slopes of the whitened distances, and of the moment, by its own load.
-
-        By its place along the antenna, per m, and by the logarithm of its force; zero for a free one.
-        """
+        """Per observation (N + 1, 2): slopes of the whitened distances, and of the moment, by its own load: by its
+        place, per m, and by its log force; zero for a free one."""
         curves, view = self._by_load(parameters, range(len(seen)))
         projected, three = image_curves(curves, view), [slice(3 * index, 3 * index + 3) for index in range(len(seen))]
         every = [whitened_residuals(one, projected.picked(own)) for one, own in zip(seen, three, strict=True)]
         return [_by_step(np.vstack([one, curves.moment_Nm[own]])) for one, own in zip(every, three, strict=True)]
 
     def line_modes(self, index: int) -> np.ndarray:
-        """(N, 3) by which an observation's residuals move with what its line's points share, each in its deviation."""
+        """(N, 3) how an observation's residuals move with its line's common errors, each in its deviation."""
         seen, matrix = self.seen_at_lens[index], self.prior.camera.matrix
         std = np.sqrt(0.5 * matrix[0, 0] * matrix[1, 1] * np.trace(seen.covariance, axis1=1, axis2=2))
         modes = np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, len(seen)), 2)
         return modes * (self.prior.line_px / (self.noise_scale * std))[:, None]
 
     def without_line(self, index: int, rows: np.ndarray) -> np.ndarray:
-        """Rows (N, ...) of an observation's points, whitened of what these share."""
+        """Rows (N, ...) of an observation's points, whitened of their common errors."""
         if self.prior.line_px == 0.0:
             return rows
         axes, shrunk = self._line_axes[index]
@@ -320,22 +299,19 @@ class Problem:
         distances, moments, *_ = self.evaluate(parameters)
         read = -self.moment_residuals_Nm(parameters, moments) / self.moment_std_Nm
         rows = self._moment_slopes(parameters, moments) / self.moment_std_Nm
-        points = [(block[:, 0] / self.noise_scale, self._point_slopes(block)) for block in distances]
+        points = [(block[:, 0] / self.noise_scale, self.by_all(block) / self.noise_scale) for block in distances]
         together = zip(points, read, rows, strict=True)
         return [(np.append(off, own), np.vstack([slopes, row])) for (off, slopes), own, row in together]
 
     def residuals(self, parameters: np.ndarray, evaluated: Evaluation | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """All residuals (R,) and their Jacobian (R, 17 + P + K): points, moments, poses, tips, antenna to readings.
-
-        Those of a line's points are whitened of what these share.
-        evaluated : what `evaluate` gives there, if that is known.
-        """
+        """All residuals (R,) and their Jacobian (R, 17 + P + K): points, whitened of their lines' common errors,
+        moments, poses, tips, antenna to readings. evaluated : `evaluate` there, if known."""
         evaluated = self.evaluate(parameters) if evaluated is None else evaluated
         moments = evaluated.moments
         points = np.vstack([self.without_line(i, evaluated.points[i]) for i in np.flatnonzero(self.kept).tolist()])
         misfit, rows = -self.moment_residuals_Nm(parameters, moments), self._moment_slopes(parameters, moments)
         parts = [
-            (points[:, 0] / self.noise_scale, self._point_slopes(points)),
+            (points[:, 0] / self.noise_scale, self.by_all(points) / self.noise_scale),
             (misfit[self.kept] / self.moment_std_Nm, rows[self.kept] / self.moment_std_Nm),
         ]
         parts += [self._pose_prior(estimate, parameters) for estimate in self.prior.poses]
@@ -358,9 +334,6 @@ class Problem:
         common = self.prior.tip_std_m * evaluated.by_length
         whiten = np.linalg.inv(np.linalg.cholesky(np.eye(len(common)) + np.outer(common, common)))
         return whiten @ evaluated.tips[:, 0], whiten @ self.by_all(evaluated.tips)
-
-    def _point_slopes(self, block: np.ndarray) -> np.ndarray:
-        return self.by_all(block) / self.noise_scale
 
     @staticmethod
     def by_all(rows: np.ndarray) -> np.ndarray:

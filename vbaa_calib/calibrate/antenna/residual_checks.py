@@ -6,7 +6,7 @@ Each check estimates one more parameter, to first order: nothing is solved again
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from scipy.special import chdtri
@@ -20,10 +20,8 @@ from .problem import ANTENNA
 
 _ANISOTROPY_STEP = 1e-2
 MASS = 6 + PARAMETERS.index("log_mass_per_length_kg_m")
-FALSE_READING = 5.0
-"""Standard deviations beyond which a moment reading is taken for a wrong one."""
-_LEAST_GAIN = 1e-3
-"""The weight counts as determined when the pictures narrow its variance by more than this part."""
+FALSE_READING = 5.0  # standard deviations beyond which a moment reading is taken for a wrong one
+_LEAST_GAIN = 1e-3  # the weight counts as determined when the pictures narrow its variance by more than this part
 
 
 @dataclass(frozen=True)
@@ -47,14 +45,14 @@ class Checks:
     ----------
     anisotropy : log of the stiffness against bending to y over that to z; assumption 4 says 0. None without loads.
     mass_per_length_kg_m : from the sag alone, without prior knowledge; None if the sag does not determine it.
-    drift_Nm_per_s : of the moment sensor; `drift_Nm_per_row` where the stills have no times.
+    drift_Nm : of the moment sensor, per s, or per row where the stills have no times: drift_per.
     noise_Nm : of the moment sensor as the stills show it, by so many degrees of freedom, and its 95 % interval.
     """
 
     anisotropy: Estimate | None
     mass_per_length_kg_m: Estimate | None
-    drift_Nm_per_s: Estimate | None
-    drift_Nm_per_row: Estimate | None
+    drift_Nm: Estimate | None
+    drift_per: Literal["s", "row"]
     noise_Nm: float
     noise_interval_95_Nm: tuple[float, float]
     noise_freedom: float
@@ -65,9 +63,10 @@ class Checks:
 
     def to_dict(self) -> dict[str, Any]:
         """For rig.json."""
-        names = ("anisotropy", "mass_per_length_kg_m", "drift_Nm_per_s", "drift_Nm_per_row")
-        estimates = {name: vars(one) if (one := getattr(self, name)) else None for name in names}
-        return estimates | {"noise_Nm": self.noise_Nm, "noise_interval_95_Nm": list(self.noise_interval_95_Nm)}
+        drift = {f"drift_Nm_per_{per}": self.drift_Nm if per == self.drift_per else None for per in ("s", "row")}
+        estimates = {"anisotropy": self.anisotropy, "mass_per_length_kg_m": self.mass_per_length_kg_m, **drift}
+        numbers = {name: one and vars(one) for name, one in estimates.items()}
+        return numbers | {"noise_Nm": self.noise_Nm, "noise_interval_95_Nm": list(self.noise_interval_95_Nm)}
 
 
 def check(joint: BundleAdjustment) -> Checks:
@@ -75,8 +74,7 @@ def check(joint: BundleAdjustment) -> Checks:
     times = [observation.still.time_s for observation in joint.problem.observations]
     timed = all(time is not None for time in times)
     drift = _drift(joint, np.array(times, float) if timed else np.arange(len(times), dtype=float))
-    by_time, by_row = (drift, None) if timed else (None, drift)
-    return Checks(_anisotropy(joint), _mass(joint), by_time, by_row, *_moment_noise(joint))
+    return Checks(_anisotropy(joint), _mass(joint), drift, "s" if timed else "row", *_moment_noise(joint))
 
 
 def _one_more(joint: BundleAdjustment, column: np.ndarray) -> Estimate | None:

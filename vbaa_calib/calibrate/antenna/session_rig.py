@@ -38,8 +38,7 @@ from .inputs import EXACT, Observation, Prior
 from .problem import ANTENNA
 from .residual_checks import check
 
-_LEAST_SEEN_FREE = 0.6
-"""Nothing hides the free antenna: less than this fraction seen means that something is wrong."""
+_LEAST_SEEN_FREE = 0.6  # nothing hides the free antenna: less than this fraction seen means that something is wrong
 _ASIDE, _NEAR_FIRST = 0.067, (1.3, 3.0, None)
 """How far aside an antenna lies, as a fraction of the distance from the clamp, by one deviation of the priors below; it
 is looked for within so many of them first, then all around: clutter farther away is not even tried."""
@@ -47,35 +46,27 @@ _COURSE_ASIDE, _COURSE_ORDER, _ODD, _LEAVES = 0.02, 2, 0.04, 0.008
 """The same deviation where other pictures of the rig determine the free antenna's course, a polynomial of this order
 beside what is expected; a line that lies so far off the others' course is looked for again, and where it still lies so
 far off it, it has gone over to another thing."""
-_SHARED = 2.0
-"""Effective over own deviation above which neighbouring points share most of their errors."""
-_LEARNT_FROM = 3
-"""Pictures from which the antenna's contrast is learnt."""
+_SHARED = 2.0  # effective over own deviation above which neighbouring points share most of their errors
+_LEARNT_FROM = 3  # pictures from which the antenna's contrast is learnt
 _PLACES = np.linspace(0.0, 1.0, 21)
 
 
 @dataclass(frozen=True, eq=False)
 class ExpectedAntenna:
-    """Where the antenna is expected in a picture.
-
-    parameters : (9,) of the antenna, as far as they are known.
-    paint : what sets it off from its background; None: learnt from the pictures.
-    course : (3,) how far the free antenna lies beside these parameters' in this rig's pictures: a polynomial in the way
-        from the clamp, both in lengths of the antenna's picture; None where not known.
-    """
+    """Where the antenna is expected in a picture."""
 
     antenna: NominalAntenna
     camera: Camera
     T_antenna_camera: Pose
-    parameters: np.ndarray
-    paint: Paint | None = None
+    parameters: np.ndarray  # (9,) of the antenna, as far as they are known
+    paint: Paint | None = None  # what sets it off from its background; None: learnt from the pictures
+    # (3,) how far the free antenna lies beside these parameters' in this rig's pictures: a polynomial in the way from
+    # the clamp, both in lengths of the antenna's picture; None where not known
     course: np.ndarray | None = None
 
     def observe(self, still: Still, image: np.ndarray, gravity_m_s2: np.ndarray) -> Observation:
-        """The antenna's seen points in one picture.
-
-        image : as `read_picture` gives it. gravity_m_s2 : (3,) antenna frame. Raises InputError as `observe` does.
-        """
+        """The antenna's seen points in one picture, as `read_picture` gives it; gravity (3,) in the antenna frame.
+        Raises InputError as `observe` does."""
         paint = self.learned([still], [image], [gravity_m_s2]) if self.paint is None else self.paint
         for deviations in _NEAR_FIRST:
             looking = self._finder(still, gravity_m_s2, deviations)
@@ -108,24 +99,25 @@ class ExpectedAntenna:
 
     def course_of(self, seen: Observation) -> np.ndarray:
         """(3,) as `course`, of one free antenna as it was seen."""
-        free = free_curve(self.parameters, self.antenna.length_m, seen.gravity_m_s2)
-        where = corridor(self.camera, self.T_antenna_camera.inverse(), free, self.antenna.diameter_m)
-        length = arc_lengths(where.axis_px)[-1]
-        along, aside = where.aside(seen.points_px)
-        return np.polyfit(along / length, aside / length, _COURSE_ORDER)
+        return np.polyfit(*self._aside(seen), _COURSE_ORDER)
 
     def on_course(self, seen: Observation) -> Observation:
         """A free antenna without the stretches that leave the course of this rig's other pictures."""
         assert self.course is not None
-        free = free_curve(self.parameters, self.antenna.length_m, seen.gravity_m_s2)
-        where = corridor(self.camera, self.T_antenna_camera.inverse(), free, self.antenna.diameter_m)
-        length = arc_lengths(where.axis_px)[-1]
-        along, aside = where.aside(seen.points_px)
-        near = np.abs(aside / length - np.polyval(self.course, along / length)) < _LEAVES
+        along, aside = self._aside(seen)
+        near = np.abs(aside - np.polyval(self.course, along)) < _LEAVES
         if near.all() or near.mean() < _LEAST_SEEN_FREE:
             return seen
         ends = seen if near[-1] else replace(seen, tip_std_px=np.nan)
         return replace(ends, points_px=seen.points_px[near], sigma_px=seen.sigma_px[near])
+
+    def _aside(self, seen: Observation) -> tuple[np.ndarray, np.ndarray]:
+        """Where points (N,) of a free antenna lie along and beside the expected one, in lengths of its picture."""
+        free = free_curve(self.parameters, self.antenna.length_m, seen.gravity_m_s2)
+        where = corridor(self.camera, self.T_antenna_camera.inverse(), free, self.antenna.diameter_m)
+        along, aside = where.aside(seen.points_px)
+        length = arc_lengths(where.axis_px)[-1]
+        return along / length, aside / length
 
     def learned(
         self, stills: Sequence[Still], images: Sequence[np.ndarray], gravity_m_s2: Sequence[np.ndarray]
@@ -170,12 +162,11 @@ class ExpectedAntenna:
 def observe(
     session: Session, kinematics: Kinematics, stills: Sequence[Still], expected: ExpectedAntenna, what: str
 ) -> tuple[list[Observation], ExpectedAntenna]:
-    """The antenna's seen points in every still, and what is known better after them.
+    """The antenna's seen points in every still, and what is known better after them: its paint, learnt from some of
+    them, and the course that the free antenna has in all. A picture that shows none, or another course than most, is
+    searched again along theirs.
 
-    What sets it off from its background is learnt from some of them. The free antenna has the same course in all,
-    beside what is expected: where a picture shows none, or another one than most, it is looked for again along theirs.
-
-    Raises InputError naming the picture that has another size than the lens was calibrated for, or shows no antenna.
+    Raises InputError naming a picture of another size than the lens was calibrated for, or without an antenna.
     """
     gravity = gravity_antenna(kinematics, session.gravity_world_m_s2, stills)
 
@@ -237,14 +228,13 @@ CLAMP_OFFSET_STD_M = 1.5e-3
 CLAMP_ANGLE_STD_RAD = 0.035
 BOW_STD_PER_M = 0.3
 CLAMP_GIVE_STD_M = 5e-4
-LOG_STIFFNESS_STD = 0.5
+_LOG_STIFFNESS_STD = 0.5
 LOG_MASS_STD = 0.03
 _GAIN_STD = 0.5
 _OFFSET_STD_NM = 0.02
 """Priors of bundle adjustment: what a careful builder can be trusted with. Stiffness and sensor are left all but free;
 the mass is not, for sag is what weight over stiffness gives, and a kitchen scale knows the mass to a few per cent."""
-_DEFINED = 1e-3
-"""Where the antenna itself defines its frame, the clamp's place and turn in plane C are this part of the ordinary."""
+_DEFINED = 1e-3  # part of the clamp's priors in plane C that is left where the antenna itself defines its frame
 
 
 def nominal_parameters(antenna: NominalAntenna) -> np.ndarray:
@@ -260,14 +250,11 @@ def prior(
     readings: LoadReadings = EXACT,
     line_px: float = 0.0,
 ) -> Prior:
-    """What is known before the stills.
-
-    own_frame : plane C was found by the antenna alone, so that its clamp lies on the x axis of its frame, and along it,
-        because that is how the frame is defined.
-    """
+    """What is known before the stills; own_frame : plane C was found by the antenna alone, so that its clamp lies on
+    and along the x axis by definition."""
     in_plane = _DEFINED if own_frame else 1.0
     clamp = [CLAMP_OFFSET_STD_M * in_plane, CLAMP_OFFSET_STD_M, CLAMP_ANGLE_STD_RAD, CLAMP_ANGLE_STD_RAD * in_plane]
-    rest = [BOW_STD_PER_M] * 2 + [LOG_STIFFNESS_STD, LOG_MASS_STD, CLAMP_GIVE_STD_M, _GAIN_STD, _OFFSET_STD_NM]
+    rest = [BOW_STD_PER_M] * 2 + [_LOG_STIFFNESS_STD, LOG_MASS_STD, CLAMP_GIVE_STD_M, _GAIN_STD, _OFFSET_STD_NM]
     return Prior(
         poses=tuple(poses),
         start=fused(poses),
@@ -281,10 +268,8 @@ def prior(
 
 
 def solve_antenna(session: Session, observations: Sequence[Observation], before: Prior) -> BundleAdjustment:
-    """Camera pose, antenna, moment sensor and lens from the stills of a session.
-
-    A moment sensor that scatters clearly more than the session says is weighted by its own scatter.
-    """
+    """Bundle adjustment of a session's stills. A moment sensor that scatters clearly more than the session says is
+    weighted by its own scatter."""
     joint = adjust_bundle(observations, before, session.antenna.length_m, session.moment_std_Nm)
     sensor = check(joint)
     if sensor.noise_interval_95_Nm[0] > session.moment_std_Nm:

@@ -45,46 +45,32 @@ class Fit:
 
 @dataclass(frozen=True, eq=False)
 class StiffnessSolution:
-    """EI of a rod and the evidence for it.
+    """EI of a rod and the evidence for it."""
 
-    fit : the estimate; its std holds the correlated scatter and the clamp's prior. interval_Nm2 : 95 % of EI.
-    model, model_reason : "linear" or "elastica", and why. slope_at_load : dy/dx of the fitted rod.
-    linear_bias : by which share the small-angle formula would miss EI on such a rod.
-    residuals_m : (N,) of all readings. outliers : which were left out.
-    correlation, correlation_length_m : of neighbouring residuals, and the length over which it dies out.
-    effective_readings : how many independent readings would fix EI as well as these.
-    clamp_share_std, clamp_std_Nm2 : the clamp's prior, and its part of EI's std.
-    offset_free : whether the gauge's offset was fitted. other_offset : the fit with the offset held, or free.
-    free_clamp : the fit with a clamp that may turn at no cost; None where it does not converge.
-    """
-
-    fit: Fit
-    interval_Nm2: tuple[float, float]
-    model: str
+    fit: Fit  # its std holds the correlated scatter and the clamp's prior
+    interval_Nm2: tuple[float, float]  # 95 % of EI
+    model: str  # "linear" or "elastica"
     model_reason: str
-    slope_at_load: float
-    linear_bias: float
-    residuals_m: np.ndarray
-    outliers: tuple[int, ...]
-    correlation: float
-    correlation_length_m: float
-    effective_readings: float
-    clamp_share_std: float
-    clamp_std_Nm2: float
-    offset_free: bool
-    other_offset: Fit
-    free_clamp: Fit | None
+    slope_at_load: float  # dy/dx of the fitted rod
+    linear_bias: float  # by which share the small-angle formula would miss EI
+    residuals_m: np.ndarray  # (N,) of all readings
+    outliers: tuple[int, ...]  # which readings were left out
+    correlation: float  # of neighbouring residuals
+    correlation_length_m: float  # over which it dies out
+    effective_readings: float  # independent readings that would fix EI as well
+    clamp_share_std: float  # the clamp's prior
+    clamp_std_Nm2: float  # its part of EI's std
+    offset_free: bool  # whether the gauge's offset was fitted
+    other_offset: Fit  # the fit with the offset held, or free
+    free_clamp: Fit | None  # with a clamp free to turn; None where it does not converge
 
 
 _CLAMP_SHARE_STD = 0.02
 """How far a clamp may turn, as a share of the rod's slope at the load. A rod held in a solid block of its own material
 turns there as if it were longer by about half its thickness t, which is the share t/distance: 1/50 for a rod 1 : 50."""
-_STEEP_RAD = 0.15
-"""Slope at the load from which the small-angle formula is not used, however large the scatter."""
-_BIAS_SHARE = 0.1
-"""Largest error of the small-angle formula that is let pass, as a share of EI's standard deviation."""
-_LEAST_BIAS = 1e-5
-"""A share of EI that no bench test resolves, however well its readings agree."""
+_STEEP_RAD = 0.15  # slope at the load from which the small-angle formula is not used, however large the scatter
+_BIAS_SHARE = 0.1  # largest error of the small-angle formula that is let pass, as a share of EI's standard deviation
+_LEAST_BIAS = 1e-5  # a share of EI that no bench test resolves, however well its readings agree
 
 
 def solve_stiffness(
@@ -114,7 +100,7 @@ def solve_stiffness(
     fit, errors, half = chosen.judged(clamp)
     slope, bias = chosen.linear_error()
     relative = fit.std_Nm2 / fit.stiffness_Nm2
-    steep, biased = slope > _STEEP_RAD, abs(bias) > max(_BIAS_SHARE * fit.std_Nm2 / fit.stiffness_Nm2, _LEAST_BIAS)
+    steep, biased = slope > _STEEP_RAD, abs(bias) > max(_BIAS_SHARE * relative, _LEAST_BIAS)
     reason = "large deflection" if steep else "the small-angle formula would bias EI" if biased else "small deflection"
     reason += f": slope {slope:.3g} at the load, small-angle formula off by {100 * bias:+.2g} % of EI against a "
     reason += f"standard deviation of {100 * relative:.2g} %"

@@ -19,21 +19,18 @@ from vbaa_calib.rig import RIG_STEPS, Rig
 from vbaa_calib.rig.reprojection import feet, image_curves
 from vbaa_calib.session import Load, LoadReadings, Still
 
-from .change import Change, Information, estimate_change, joint_covariance
+from .change import Change, Information, estimate_change
 from .finding import HOLDS, Checked, Evidence, Finding, judged, not_given, plus_minus
 
-_POINTS, _MOMENT, _BOTH = slice(-1), slice(-1, None), slice(None)
-"""Rows of a `CheckedStill`."""
-_WINDOW, _FAR = 25, 5.0
-"""Points further than this many deviations from the median of their neighbours show something beside the antenna."""
+_POINTS, _MOMENT, _BOTH = slice(-1), slice(-1, None), slice(None)  # rows of a `CheckedStill`
+_WINDOW, _FAR = 25, 5.0  # points this many deviations off the median of their neighbours are left out
 _CLAMP, _BOW, _STIFFNESS = ANTENNA.start + np.arange(4), ANTENNA.start + np.arange(4, 6), ANTENNA.start + 6
 _FREE_SHAPE = np.concatenate([_CLAMP, _BOW])
 _FREE_FLOOR_MM = 0.1
 _SCALE = np.array([0.01] * 3 + [1e-3] * 3 + [1e-3] * 2 + [0.01] * 2 + [0.1] * 2 + [0.05, 0.2, 1e-3, 0.05])
 """Noticeable changes of pose, antenna and gain; the offset's is ten times the sensor's noise."""
 _WRONG_ROW_STD = 5.0
-_UNSEEN_MM = 2.0
-"""Standard deviation of the tip in a direction that the pictures do not show."""
+_UNSEEN_MM = 2.0  # standard deviation of the tip in a direction that the pictures do not show
 _NO_FREE, _NO_LOADS = "no picture of the free antenna (noload/)", "no known loads (loads/)"
 _UNREAD = "no reading was given with the picture of the free antenna (--moment)"
 _NUMBERS = {
@@ -47,28 +44,18 @@ _FLOOR_PERCENT = 0.5
 
 @dataclass(frozen=True, eq=False)
 class CheckedStill:
-    """One picture of the antenna, N points, against its prediction.
-
-    arclength_m : (N,) where each point lies along the predicted antenna. residual_mm : (N,) its distance from it there.
-    residuals : (N + 1,) of points and moment, observed less predicted, in deviations; the moment's NaN where not read.
-    jacobian : (N + 1, 17 + P) of the predictions by the rig's parameters, in the same units.
-    by_readings : (N + 1, 2) of them by the errors of a load's place and weight, each in its deviations.
-    by_line : (N + 1, 3) by what is common to all points of the picture's line.
-    moment_residual_Nm : the sensor's reading less the prediction. moment_std_Nm : of that, by the sensor's noise and
-        the uncertainty of the load's place and weight.
-    deflection_m : predicted at the load, against the free antenna; 0 where there is none.
-    """
+    """One picture of the antenna, N points, against its prediction."""
 
     still: Still
-    arclength_m: np.ndarray
-    residual_mm: np.ndarray
-    residuals: np.ndarray
-    jacobian: np.ndarray
-    by_readings: np.ndarray
-    by_line: np.ndarray
-    moment_residual_Nm: float
-    moment_std_Nm: float
-    deflection_m: float
+    arclength_m: np.ndarray  # (N,) where each point lies along the predicted antenna
+    residual_mm: np.ndarray  # (N,) its distance from it there
+    residuals: np.ndarray  # (N + 1,) of points and moment (NaN where not read), observed less predicted, in deviations
+    jacobian: np.ndarray  # (N + 1, 17 + P) of the predictions by the rig's parameters, in deviations
+    by_readings: np.ndarray  # (N + 1, 2) by the errors of a load's place and weight, each in its deviations
+    by_line: np.ndarray  # (N + 1, 3) by the common errors of the picture's points
+    moment_residual_Nm: float  # reading less prediction
+    moment_std_Nm: float  # of that, by the sensor's noise and the uncertainty of place and weight
+    deflection_m: float  # predicted at the load, against the free antenna; 0 without a load
 
     @property
     def has_moment(self) -> bool:
@@ -127,13 +114,11 @@ def check_stills(rig: Rig, observations: Sequence[Observation], readings: LoadRe
 
 
 def check_antenna(rig: Rig, stills: Sequence[CheckedStill], camera_known: bool) -> Checked:
-    """Free shape, then stiffness, offset, gain; what has changed is free in the estimates after it.
-
-    camera_known : the camera's pose was checked by a board.
-    """
+    """Free shape, then stiffness, offset, gain; what has changed is free in the estimates after it. camera_known : the
+    camera's pose was checked by a board."""
     free = [one for one in stills if not isinstance(one.still, Load)]
     loaded = [one for one in stills if isinstance(one.still, Load)]
-    covariance = joint_covariance(rig)
+    covariance = rig.joint_covariance
     count = len(covariance)
     scale = np.concatenate([_SCALE, [10 * rig.moment_sensor.std_Nm], np.full(count - LENS, 0.01)])
     changed: list[int] = []

@@ -45,18 +45,13 @@ _NO_JIG = "session.yaml does not say where the jig is"
 
 @dataclass(frozen=True, eq=False)
 class NewPictures:
-    """One new picture of each, with the joints at rest.
+    """One new picture of each, with the joints at rest."""
 
-    board : the board in its jig. free : the free antenna. Either may be None, not both.
-    pan_rad, tilt_rad : the joints' readings with `free`.
-    moment_Nm : the moment sensor's reading with it; None where nobody noted it.
-    """
-
-    board: Path | None
-    free: Path | None
-    pan_rad: float = 0.0
+    board: Path | None  # the board in its jig; None if free is given
+    free: Path | None  # the free antenna; None if board is given
+    pan_rad: float = 0.0  # the joints' readings with `free`
     tilt_rad: float = 0.0
-    moment_Nm: float | None = None
+    moment_Nm: float | None = None  # the sensor's reading with `free`; None where nobody noted it
 
     def __post_init__(self) -> None:
         if self.board is None and self.free is None:
@@ -77,18 +72,14 @@ _VERDICTS = {
 
 @dataclass(frozen=True, eq=False)
 class Assessment:
-    """The result of `assess`.
-
-    findings : on the rig by itself; those on new pictures are in `session`.
-    quality : of rig.json, as it is there. nominal_Nm2 : E·πd⁴/64, from there or from the session.
-    """
+    """The result of `assess`."""
 
     rig: Rig
     path: Path
-    findings: tuple[Finding, ...]
-    quality: Mapping[str, Any]
+    findings: tuple[Finding, ...]  # on the rig by itself; those on new pictures are in `session`
+    quality: Mapping[str, Any]  # of rig.json, as it is there
     session: Checked | None
-    nominal_Nm2: float | None = None
+    nominal_Nm2: float | None = None  # E·πd⁴/64, from rig.json or the session
 
     @property
     def answers(self) -> list[Finding]:
@@ -130,10 +121,8 @@ class Assessment:
 
 
 def assess(path: Path, session_root: Path | None = None, new: NewPictures | None = None) -> Assessment:
-    """Judge a rig.json by itself, and against a session or new pictures where they are given.
-
-    With new pictures the session is the one that the rig was calibrated from: it describes the jig and the board in it;
-    its own pictures are not read. Without a session, rig.json's record of both is used.
+    """Judge a rig.json by itself, and against a session or new pictures where they are given. With new pictures the
+    session, or without one rig.json's record, describes jig and board; its own pictures are not read.
 
     Raises InputError for a broken rig or session, pictures of another size than the lens', a session without any of
     `_PARTS`, and a new picture that the rig was calibrated from.
@@ -163,18 +152,13 @@ def assess(path: Path, session_root: Path | None = None, new: NewPictures | None
 
 @dataclass(frozen=True, eq=False)
 class _Inputs:
-    """Pictures to check a rig against, and what must be known to read them.
+    """Pictures to check a rig against, and what must be known to read them."""
 
-    session : board, jig, antenna and gravity; nothing more is read from its folder.
-    boards : part → its pictures. stills : of the free and the loaded antenna; `moment_Nm` NaN where not read.
-    no_jig : why the jig's place is not known, where it is not.
-    """
-
-    session: Session
+    session: Session  # board, jig, antenna and gravity; nothing more is read from its folder
     parts: tuple[str, ...]
-    boards: Mapping[str, Sequence[Path]]
-    stills: Sequence[Still]
-    no_jig: str = _NO_JIG
+    boards: Mapping[str, Sequence[Path]]  # part → its pictures
+    stills: Sequence[Still]  # of the free and the loaded antenna; `moment_Nm` NaN where not read
+    no_jig: str = _NO_JIG  # why the jig's place is not known, where it is not
 
 
 def _from_session(session: Session) -> _Inputs:

@@ -22,15 +22,13 @@ from vbaa_calib.geometry import Pose
 from vbaa_calib.rig import POSE_PARAMETERS, RIG_PARAMETERS, Rig
 from vbaa_calib.session import Session
 
-from .change import Change, Information, estimate_change, joint_covariance
+from .change import Change, Information, estimate_change
 from .finding import HOLDS, LOOK, Checked, Evidence, Finding, judged, not_given, plus_minus
 
 _MIN_CORNERS = 6
-_FOCUS = 4
-"""Parameters that a refocus or a knock changes first: fx, fy, cx, cy."""
+_FOCUS = 4  # parameters that a refocus or a knock changes first: fx, fy, cx, cy
 _NOTICEABLE_FOCAL, _NOTICEABLE_CENTRE_PX = 0.01, 10.0
-_MORE_RMS_PERCENT = 50.0
-"""Excess scatter of corners that light and blur may explain."""
+_MORE_RMS_PERCENT = 50.0  # excess scatter of corners that light and blur may explain
 _FLOOR_PX = 0.1
 _CORRELATED = 4.0
 """Corners that share one error, as far as smooth changes go: rendered pictures of an unchanged lens give changes of
@@ -38,19 +36,15 @@ _CORRELATED = 4.0
 
 
 class _CheckedView(NamedTuple):
-    """One picture of the board under the rig's lens.
-
-    corners_px, residuals_px : (N, 2) observed, and observed less predicted at the picture's own best pose.
-    good : (N,) corners that are no outliers. ids : (N,).
-    """
+    """One picture of the board under the rig's lens."""
 
     name: str
     folder: str
     T_camera_board: Pose
-    ids: np.ndarray
-    corners_px: np.ndarray
-    residuals_px: np.ndarray
-    good: np.ndarray
+    ids: np.ndarray  # (N,)
+    corners_px: np.ndarray  # (N, 2)
+    residuals_px: np.ndarray  # (N, 2) observed less predicted at the picture's own best pose
+    good: np.ndarray  # (N,) corners that are no outliers
 
     def to_dict(self) -> dict[str, Any]:
         """For check.json, pixels to thousandths."""
@@ -71,10 +65,8 @@ def check_lens(
     board: BoardShape,
     recorded_rms_px: float | None,
 ) -> Checked:
-    """Whether pictures of the board, each with its folder's name, fit the lens, and whether its focus has changed.
-
-    board : its shape, as the calibration found it. recorded_rms_px : the calibration's.
-    """
+    """Whether pictures of the board, each with its folder's name, fit the lens, and whether its focus has changed;
+    board : its shape by the calibration, recorded_rms_px : the calibration's."""
     points_m = board.points_m
     views, dropped = _posed(camera, boards, board) if boards else ([], [])
     if not views:
@@ -189,8 +181,7 @@ def _posed(
     return [view for view in found if view.good.sum() >= _MIN_CORNERS], dropped
 
 
-_FLOOR_MM = 0.1
-"""A board taken out of its jig and put back lies within this, and a point on plane C moves with it."""
+_FLOOR_MM = 0.1  # a board taken out of its jig and put back lies within this, and a point on plane C moves with it
 _ALONG_SIGHT = 0.97
 _POSE, _LENS = slice(0, len(POSE_PARAMETERS)), slice(len(RIG_PARAMETERS), None)
 
@@ -198,9 +189,8 @@ _POSE, _LENS = slice(0, len(POSE_PARAMETERS)), slice(len(RIG_PARAMETERS), None)
 def check_pose(
     rig: Rig, views: Sequence[BoardView], session: Session, no_jig: str, shape: BoardShape, lens_holds: bool
 ) -> tuple[Checked, Rig]:
-    """Whether the camera has moved, by the board in the jig; and the rig, with the camera where it is now.
-
-    no_jig : why the jig's place is not known, where it is not.
+    """Whether the camera has moved, by the board in the jig; and the rig, with the camera where it is now. no_jig : why
+    the jig's place is not known, where it is not.
 
     Raises InputError for pictures of another size or without a usable board, SolveError where no pose explains it.
     """
@@ -210,7 +200,7 @@ def check_pose(
         return Checked((not_given("camera_pose", why),), {"camera_pose": None}), rig
     board = solve_board_pose(views, shape, rig.camera)
     jig = jig_estimate(board, T_antenna_board)
-    joint, by_lens = joint_covariance(rig), jig.lens_sensitivity
+    joint, by_lens = rig.joint_covariance, jig.lens_sensitivity
     shared = by_lens @ joint[_LENS, _POSE]
     covariance = jig.covariance + by_lens @ joint[_LENS, _LENS] @ by_lens.T
     covariance = covariance + joint[_POSE, _POSE] - shared - shared.T
@@ -248,7 +238,7 @@ def check_pose(
 
 
 def _with_jig_pose(rig: Rig, jig: PoseEstimate) -> Rig:
-    joint = joint_covariance(rig).copy()
+    joint = rig.joint_covariance.copy()
     shared = jig.lens_sensitivity @ joint[_LENS, _LENS]
     joint[_POSE], joint[:, _POSE] = 0.0, 0.0
     joint[_POSE, _POSE] = jig.covariance + shared @ jig.lens_sensitivity.T

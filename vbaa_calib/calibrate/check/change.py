@@ -11,14 +11,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import block_diag
 
-from vbaa_calib.rig import Rig
-
-_LEAST_INFORMATION = 1.0
-"""Information, in units of the scale, from which on the data show a direction."""
-_UNOBSERVED_STD, _FREE_STD = 10.0, 100.0
-"""Standard deviation, in the same units, of directions that the data do not show, and of free parameters."""
+_LEAST_INFORMATION = 1.0  # information, in units of the scale, from which on the data show a direction
+_UNOBSERVED_STD, _FREE_STD = 10.0, 100.0  # in the same units: directions that the data do not show; free parameters
 _SIGNIFICANT_STD = 3.0
 
 
@@ -31,10 +26,8 @@ class Information:
 
     @staticmethod
     def of(jacobian: np.ndarray, residuals: np.ndarray, nuisance: np.ndarray | None = None) -> Information:
-        """From whitened derivatives (N, P) of the predictions and residuals (N,), observed less predicted.
-
-        nuisance : (N, K) derivatives by unknowns of these data alone, each 0 ± 1; they are marginalised.
-        """
+        """From whitened derivatives (N, P) and residuals (N,), observed less predicted; nuisance : (N, K) derivatives
+        by unknowns of these data alone, each 0 ± 1, which are marginalised."""
         if nuisance is None or not nuisance.any():
             return Information(jacobian.T @ jacobian, jacobian.T @ residuals)
         both = nuisance.T @ np.column_stack([jacobian, residuals])
@@ -47,19 +40,13 @@ class Information:
 
 @dataclass(frozen=True, eq=False)
 class Change:
-    """An estimated change of Q parameters.
+    """An estimated change of Q parameters."""
 
-    step : (Q,), zero along directions that the data do not show.
-    covariance : (Q, Q) of the predicted difference, rig and new data together; large along those directions.
-    significant : (Q,) the step along the directions in which it exceeds three standard deviations.
-    distance_std : Mahalanobis length of the step. freedom : number of directions that the data show.
-    """
-
-    step: np.ndarray
-    covariance: np.ndarray
-    significant: np.ndarray
-    distance_std: float
-    freedom: int
+    step: np.ndarray  # (Q,), zero along directions that the data do not show
+    covariance: np.ndarray  # (Q, Q) of rig and new data together; large along those directions
+    significant: np.ndarray  # (Q,) the step along directions in which it exceeds three standard deviations
+    distance_std: float  # Mahalanobis length of the step
+    freedom: int  # number of directions that the data show
 
     @property
     def std(self) -> np.ndarray:
@@ -70,11 +57,8 @@ class Change:
 def estimate_change(
     information: Information, covariance: np.ndarray, wanted: np.ndarray, scale: np.ndarray, free: Sequence[int] = ()
 ) -> Change:
-    """The change of the parameters with indices `wanted` (Q,), while those of `free` may take any value.
-
-    covariance : (P, P) of the rig's parameters.
-    scale : (P,) a noticeable change of each parameter. Directions in which the data do not show one are left out.
-    """
+    """The change of the parameters with indices `wanted` (Q,), those of `free` unconstrained; covariance : (P, P) of
+    the rig's parameters, scale : (P,) noticeable changes. Directions in which the data do not show one are left out."""
     # in units of the scale, so that metres and radians weigh alike
     matrix, score = information.matrix * np.outer(scale, scale), information.score * scale
     prior = covariance / np.outer(scale, scale)
@@ -92,11 +76,3 @@ def estimate_change(
         distance_std=float(np.linalg.norm(along / std)),
         freedom=int(seen.sum()),
     )
-
-
-def joint_covariance(rig: Rig) -> np.ndarray:
-    """(17 + P, 17 + P) of `RIG_PARAMETERS` and the lens, without correlations where the rig has none with the lens."""
-    if rig.with_lens:
-        return rig.covariance
-    lens = rig.camera.covariance
-    return block_diag(rig.covariance, np.zeros((len(rig.camera.parameter_names),) * 2) if lens is None else lens)

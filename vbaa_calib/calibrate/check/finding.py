@@ -14,8 +14,7 @@ _LEVELS = (HOLDS, LOOK, FAILS)
 _LOOK_CHANCE, _FAIL_CHANCE = 2.7e-3 / 7, 5.7e-7
 """How often an unchanged rig exceeds each limit in one question: 3 standard deviations over the seven that are asked of
 new pictures, together, and 5 of one normal number."""
-_FAIL_FLOORS = 2.0
-"""A difference fails a rig from this many times the practical floor on."""
+_FAIL_FLOORS = 2.0  # a difference fails a rig from this many times the practical floor on
 
 _QUESTIONS = {
     "plane_c": "How well is a point on plane C known?",
@@ -36,17 +35,12 @@ _QUESTIONS = {
 
 @dataclass(frozen=True)
 class Evidence:
-    """A difference between prediction and observation.
+    """A difference between prediction and observation."""
 
-    distance_std : its Mahalanobis length, in standard deviations of the predicted difference.
-    freedom : its degrees of freedom.
-    size, floor, unit : what it amounts to, and up to which size it does not matter.
-    """
-
-    distance_std: float
-    freedom: int
-    size: float
-    floor: float
+    distance_std: float  # its Mahalanobis length, in standard deviations of the predicted difference
+    freedom: int  # its degrees of freedom
+    size: float  # what it amounts to
+    floor: float  # up to which size it does not matter
     unit: str
 
     @property
@@ -71,17 +65,13 @@ class Evidence:
 
 @dataclass(frozen=True)
 class Finding:
-    """The answer to one question.
+    """The answer to one question."""
 
-    name : its key in check.json. words : the answer, with numbers. remedy : what to do, if anything.
-    level : `HOLDS`, `LOOK`, `FAILS` or `NOT_GIVEN`. evidence : the difference behind it, if there is one.
-    """
-
-    name: str
-    level: str
-    words: str
-    remedy: str | None = None
-    evidence: Evidence | None = None
+    name: str  # its key in check.json
+    level: str  # `HOLDS`, `LOOK`, `FAILS` or `NOT_GIVEN`
+    words: str  # the answer, with numbers
+    remedy: str | None = None  # what to do
+    evidence: Evidence | None = None  # the difference behind it
 
     @property
     def is_bad(self) -> bool:

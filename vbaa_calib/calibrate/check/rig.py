@@ -10,13 +10,13 @@ import numpy as np
 from vbaa_calib.antenna.shape import PARAMETERS as ANTENNA_PARAMETERS
 from vbaa_calib.calibrate.lens.uncertainty import pixel_grid, projection_uncertainty
 from vbaa_calib.calibrate.pose.board_pose import AMBIGUOUS
+from vbaa_calib.geometry.independent_axes import largest_std
 from vbaa_calib.rig import POSE_PARAMETERS, Rig
 
 from .finding import FAILS, HOLDS, LOOK, NOT_GIVEN, Finding
 
 _GRID = (49, 37)
-_REACH_LENGTHS = 1.5
-"""Plane C is mapped up to this distance from the clamp, in antenna lengths: nothing beyond can be touched."""
+_REACH_LENGTHS = 1.5  # plane C is mapped up to this distance from the clamp, in antenna lengths
 _ALONG = (0.0, 0.25, 0.5, 0.75, 1.0)
 _PLANE_LOOK_MM, _PLANE_FAIL_MM = 0.2, 1.0
 _STIFFNESS_LOOK, _STIFFNESS_FAIL = 0.01, 0.05
@@ -75,11 +75,7 @@ def _along(rig: Rig) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 def _plane_std_m(rig: Rig, pixels: np.ndarray) -> np.ndarray:
     jacobian = np.asarray(rig.camera_on_plane().calibration_jacobian(pixels))
-    covariance = jacobian @ rig.plane_covariance() @ np.swapaxes(jacobian, -1, -2)
-    std = np.full(covariance.shape[:-2], np.nan)
-    known = np.isfinite(covariance).all(axis=(-1, -2))
-    std[known] = np.sqrt(np.linalg.eigvalsh(covariance[known])[..., -1].clip(0.0))
-    return std
+    return largest_std(jacobian @ rig.plane_covariance() @ np.swapaxes(jacobian, -1, -2))
 
 
 def _rounded(value: float) -> float | None:

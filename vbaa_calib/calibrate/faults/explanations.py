@@ -1,4 +1,4 @@
-"""How well an explanation fits: the scatter that it leaves, and what further parameters would become."""
+"""Tests of an explanation: the scatter that it leaves, and further parameters estimated to first order."""
 
 from __future__ import annotations
 
@@ -22,17 +22,13 @@ from vbaa_calib.core.least_squares import Linearised
 from vbaa_calib.core.robust import chi_square, huber_weights, mad_std
 from vbaa_calib.session import Load, LoadReadings
 
-SENSOR_OFF = 1e6
-"""Factor on the moment sensor's noise that leaves it out of a solve."""
-_DEGREE = 7
-"""Of the smooth curve that any bent antenna is in the picture."""
+SENSOR_OFF = 1e6  # factor on the moment sensor's noise that leaves it out of a solve
+_DEGREE = 7  # of the smooth curve that any bent antenna is in the picture
 _READING_STD = (7e-4, 7e-3)
-_FITS = 1.5
-"""An explanation fits that leaves at most this multiple of the pictures' own scatter."""
+_FITS = 1.5  # an explanation fits that leaves at most this multiple of the pictures' own scatter
 _ROUNDS, _UNWEIGHTED_ROUNDS, _CONVERGED = 10, 4, 0.02
 """Most rounds of a solve, the first ones without robust weights; it ends when the scatter falls by less than a part."""
-_UNOBSERVABLE = 1e-9
-"""Share of a further parameter's information that must be left beside the others', for it to be estimated."""
+_UNOBSERVABLE = 1e-9  # least share of a further parameter's information that the others leave
 
 
 def solve_free(observations: Sequence[Observation], before: Prior, length_m: float, std_Nm: float) -> BundleAdjustment:
@@ -67,12 +63,8 @@ def worst_still(joint: BundleAdjustment) -> float:
 
 
 def scatter_with_change(joint: BundleAdjustment, which: Sequence[int], after: Sequence[int], prior_std: float) -> float:
-    """The points' scatter, over their claimed deviations, with parameters that differ from some still on.
-
-    All parameters are solved for again, without the moment sensor: it may be what is wrong.
-    which : indices of the parameters. after : indices of the stills from the change on.
-    prior_std : of the changes, about 0.
-    """
+    """The points' scatter, over their stated deviations, with parameters `which` that change, by `prior_std` about 0,
+    from the stills `after` on. All is solved for again, without the moment sensor: it may be what is wrong."""
     problem = joint.problem
     everything = np.ones_like(problem.kept)
     problem = replace(problem, kept=everything, noise_scale=1.0, moment_std_Nm=SENSOR_OFF * problem.moment_std_Nm)
@@ -111,22 +103,14 @@ def scatter_with_change(joint: BundleAdjustment, which: Sequence[int], after: Se
 
 @dataclass(frozen=True, eq=False)
 class StillRows:
-    """A linearised bundle adjustment with its rows by still.
+    """A linearised bundle adjustment with its R rows by still."""
 
-    joint : where it comes from. solution : linearised at its end, with the stills that took part.
-    points : per observation the slice of its points' rows; empty for one that was left out.
-    moments : (F,) its moment's row; −1 for one that was left out.
-    factor : (R,) on residuals and columns, that makes least squares of them.
-    readings : (R, K) columns of the loads' places and forces, each times its standard deviation, so that their
-        uncertainty is not attributed to something else. K is 0 where they count as exact.
-    """
-
-    joint: BundleAdjustment
-    solution: Linearised
-    points: Sequence[slice]
-    moments: np.ndarray
-    factor: np.ndarray
-    readings: np.ndarray
+    joint: BundleAdjustment  # where it comes from
+    solution: Linearised  # linearised at its end, with the stills that took part
+    points: Sequence[slice]  # per observation the slice of its points' rows; empty for one left out
+    moments: np.ndarray  # (F,) its moment's row; −1 for one that was left out
+    factor: np.ndarray  # (R,) on residuals and columns, that makes least squares of them
+    readings: np.ndarray  # (R, K) by the errors of uncertain places and forces of the loads, in deviations
 
     @staticmethod
     def of(joint: BundleAdjustment) -> StillRows:
@@ -170,12 +154,8 @@ class StillRows:
         return self.solution.parameters + step[:count], covariance
 
     def further(self, columns: np.ndarray, prior_std: float) -> Further | None:
-        """What parameters would become whose changes move the residuals along the columns (R, K).
-
-        The solve's own parameters and priors take part, and so do the loads' readings where they count as uncertain.
-        None where the others explain the same.
-
-        prior_std : of the further parameters, about 0: keeps what is hardly observable from becoming absurd.
+        """What parameters would become whose changes, about 0 by `prior_std`, move the residuals along the columns (R,
+        K); None where the others explain the same. The solve's own parameters, priors and uncertain readings take part.
         """
         own = columns * self.factor[:, None]
         size = np.linalg.norm(own, axis=0)

@@ -11,7 +11,7 @@ import numpy as np
 from vbaa_calib.antenna.shape import PARAMETERS
 from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment, noise_scale
 from vbaa_calib.calibrate.antenna.problem import ANTENNA
-from vbaa_calib.calibrate.antenna.residual_checks import Estimate
+from vbaa_calib.calibrate.antenna.residual_checks import Checks
 from vbaa_calib.core.errors import Diagnosis
 from vbaa_calib.core.robust import huber_losses, mad_std
 from vbaa_calib.geometry import Kinematics
@@ -19,12 +19,9 @@ from vbaa_calib.session import Load, Still, gravity_antenna
 
 from .explanations import Further, StillRows, fits, scatter_with_change
 
-_USUAL = 4.0
-"""A bow is reported beyond so many standard deviations of a careful builder's wire."""
-_LEAST_CHI_SQUARE = 50.0
-"""A change between stills above this is no chance, however many places were tried."""
-_CLEARER = 1.5
-"""Ratio of χ² of a slip and of a bend from which only one of the two is named."""
+_USUAL = 4.0  # a bow is reported beyond so many standard deviations of a careful builder's wire
+_LEAST_CHI_SQUARE = 50.0  # a change between stills above this is no chance, however many places were tried
+_CLEARER = 1.5  # ratio of χ² of a slip and of a bend from which only one of the two is named
 _CLEAR_STD = 4.0
 _GIVE_STD = 4.0
 
@@ -102,10 +99,8 @@ def _steps(rows: StillRows) -> list[_Step]:
 
 
 def step_diagnosis(joint: BundleAdjustment, rows: StillRows, own_scatter: float) -> Diagnosis | None:
-    """A slip of the clamp or a bend of the antenna between two stills, whichever explains the pictures better.
-
-    own_scatter : of the points, see `picture_scatter`. None where neither explains all of the residuals.
-    """
+    """A slip of the clamp or a bend of the antenna between two stills, whichever explains the pictures better; None
+    where neither leaves no more than the pictures' own scatter."""
     found = _steps(rows)
     if not found or found[0].found.chi_square < _LEAST_CHI_SQUARE:
         return None
@@ -155,14 +150,10 @@ def soft_clamp(rows: StillRows) -> Diagnosis | None:
 
 
 _STANDARD_GRAVITY_M_S2 = 9.80665
-_STEPS, _CONVERGED = 8, 0.02
-"""Gauss-Newton steps under another gravity: it is compared roughly, not to the last digit."""
-_LEAST_GAIN, _LEAST_PART = 60.0, 0.1
-"""Decrease of χ² that another gravity must bring, in units of the scatter that it leaves and as a part."""
-_ALIKE_PART = 0.1
-"""Others within this part of the gain fit as well."""
-_SAME_M_S2 = 0.5
-"""Gravities that differ by less in every frame are the same."""
+_STEPS, _CONVERGED = 8, 0.02  # gauss-Newton steps under another gravity: it is compared roughly, not to the last digit
+_LEAST_GAIN, _LEAST_PART = 60.0, 0.1  # decrease of χ² that another gravity must bring, over the scatter, and as a part
+_ALIKE_PART = 0.1  # others within this part of the gain fit as well
+_SAME_M_S2 = 0.5  # gravities that differ by less in every frame are the same
 _AXES = {
     f"{sign}{name}": value * np.eye(3)[axis] for axis, name in enumerate("xyz") for sign, value in (("+", 1), ("−", -1))
 }
@@ -181,11 +172,9 @@ _JOINT_SLIPS = (
 def gravity_diagnosis(
     free: BundleAdjustment, kinematics: Kinematics, gravity_world_m_s2: np.ndarray, own_scatter: float
 ) -> Diagnosis | None:
-    """Another direction of gravity, or another reading of the joints, under which the pictures fit.
-
-    One that fits better, but not well, is not named: many fit a slipping clamp or a kink better.
-    free : joint solution of the no-load frames, or of all stills, without the moment sensor.
-    gravity_world_m_s2 : (3,) of the session. own_scatter : of the points, see `picture_scatter`.
+    """Another direction of gravity, or another reading of the joints, under which the pictures fit well; many fit a
+    slipping clamp or a kink better than the noted one. free : solution of the no-load frames, or of all stills, without
+    the moment sensor.
     """
     observations = free.problem.observations
     noted = np.array([one.gravity_m_s2 for one in observations])
@@ -263,8 +252,7 @@ def _hypotheses(
     return different
 
 
-_LEAST_SPREAD_STD = 30.0
-"""Range of the moments, in the sensor's deviations, from which its gain can be judged."""
+_LEAST_SPREAD_STD = 30.0  # range of the moments, in the sensor's deviations, from which its gain can be judged
 _UNITS = (
     ("N·mm", 1e3, "divide the readings by 1000"),
     ("mN·m", 1e3, "divide the readings by 1000"),
@@ -275,27 +263,29 @@ _UNITS = (
     ("kN·m", 1e-3, "multiply the readings by 1000"),
     ("decimetres for metres", 1e1, "divide the readings by 10"),
 )
-_UNIT_REACH = 0.15
-"""Logarithm within which a gain is a unit's: an honest sensor is that good before it is calibrated."""
+_UNIT_REACH = 0.15  # logarithm within which a gain is a unit's: an honest sensor is that good before it is calibrated
 _USUAL_GAIN = (0.5, 2.0)
 _DEAD_GAIN = 0.1
-_EXPLAINED = 0.5
-"""Part of the readings' spread that a working sensor's gain and offset explain at least."""
+_EXPLAINED = 0.5  # part of the readings' spread that a working sensor's gain and offset explain at least
 _SIGNIFICANT_STD = 4.0
 
 
-def sensor_diagnoses(
-    joint: BundleAdjustment, std_Nm: float, drift: Estimate | None, per: str, moments_known: bool
-) -> list[Diagnosis]:
+def sensor_diagnoses(joint: BundleAdjustment, std_Nm: float, checks: Checks, moments_known: bool) -> list[Diagnosis]:
     """What is wrong with the sensor; at most one of wiring, sign, unit and drift.
 
-    drift : of its readings, N·m `per` s or row; None where it is not known.
-    moments_known : the loads are what was noted. If not, only an unconnected sensor can be recognised.
+    moments_known : the loads are as noted. If not, only an unconnected sensor can be recognised.
     """
     moments = joint.problem.evaluate(joint.solution.parameters).moments
     read = np.array([one.still.moment_Nm for one in joint.noted])[joint.kept]
     true = moments[joint.kept, 0]
     if len(read) < 3 or not np.isfinite(read).all() or np.ptp(true) / std_Nm < _LEAST_SPREAD_STD:
+        return []
+    spread = f"while the true moments span {1e3 * np.ptp(true):.3g} mN·m"
+    if np.ptp(read) <= 1e-3 * std_Nm:
+        words = f"all {len(read)} moment readings are {read[0]:.4g} N·m, {spread}"
+        remedy = "connect the sensor, or leave moment_Nm to what it reads, not to a zero typed in"
+        return [Diagnosis("sensor_not_connected", words, remedy, grave=True)]
+    if not moments_known:
         return []
     # the line through readings and true moments by Theil and Sen's medians
     i, j = np.triu_indices(len(true), 1)
@@ -304,52 +294,30 @@ def sensor_diagnoses(
     left = read - gain * true - float(np.median(read - gain * true))
     std = max(mad_std(left), std_Nm) / max(float(np.sqrt(((true - true.mean()) ** 2).sum())), 1e-12)
     about = np.median(np.abs(read - np.median(read)))
-    follow = float(1.0 - np.median(np.abs(left)) / max(about, 1e-15)) > _EXPLAINED
+    follows = float(1.0 - np.median(np.abs(left)) / max(about, 1e-15)) > _EXPLAINED
     units = [one for one in _UNITS if gain > 0 and abs(np.log(gain / one[1])) < _UNIT_REACH]
-    spread = f"while the true moments span {1e3 * np.ptp(true):.3g} mN·m"
-    known = f"gain {gain:.3g} ± {std:.2g}"
-    weak = abs(gain) < max(_DEAD_GAIN, _SIGNIFICANT_STD * std) and not (follow and units)
-    far = follow and gain > 0 and not _USUAL_GAIN[0] < gain < _USUAL_GAIN[1]
-    words = f"the moment sensor's gain is {gain:.4g} ± {std:.2g}"
-    drifts = drift is not None and abs(drift.in_std) > _SIGNIFICANT_STD and follow
-    moved = "" if drift is None else f"{1e3 * drift.value:.2g} ± {1e3 * drift.std:.2g} mN·m per {per}"
-    rules = (
-        (
-            np.ptp(read) <= 1e-3 * std_Nm,
-            "sensor_not_connected",
-            f"all {len(read)} moment readings are {read[0]:.4g} N·m, {spread}",
-            "connect the sensor, or leave moment_Nm to what it reads, not to a zero typed in",
-        ),
-        (
-            moments_known and (weak or np.ptp(read) < _SIGNIFICANT_STD * 2 * std_Nm),
-            "sensor_not_connected",
-            f"the moment readings do not follow the loads: {known}, {spread}",
-            "check that the sensor is connected, sits between clamp and base, and that each row has its own reading",
-        ),
-        (
-            moments_known and follow and gain <= -_SIGNIFICANT_STD * std,
-            "sensor_sign",
-            f"the moment sensor reads with the wrong sign: {known}",
-            "exchange its two leads, or change the sign of moment_Nm in all tables, the recording's too",
-        ),
-        (
-            moments_known and far and bool(units),
-            "sensor_unit",
-            f"{words}, as if it were read in {' or '.join(unit for unit, *_ in units)}",
-            f"{units[0][2] if units else ''}: moment_Nm is in N·m",
-        ),
-        (
-            moments_known and far,
-            "sensor_gain",
-            f"{words}, far from 1",
-            "check its calibration and the unit of moment_Nm",
-        ),
-        (
-            moments_known and drifts,
-            "sensor_drift",
-            f"the moment readings drift by {moved}, or a few readings are wrong",
-            "let it warm up, zero it again before a recording, and check that it is not at the end of its range",
-        ),
-    )
-    grave = ("sensor_not_connected", "sensor_unit")
-    return [Diagnosis(name, said, remedy, name in grave) for holds, name, said, remedy in rules if holds][:1]
+    known, words = f"gain {gain:.3g} ± {std:.2g}", f"the moment sensor's gain is {gain:.4g} ± {std:.2g}"
+    weak = abs(gain) < max(_DEAD_GAIN, _SIGNIFICANT_STD * std) and not (follows and units)
+    if weak or np.ptp(read) < _SIGNIFICANT_STD * 2 * std_Nm:
+        words = f"the moment readings do not follow the loads: {known}, {spread}"
+        remedy = (
+            "check that the sensor is connected, sits between clamp and base, and that each row has its own reading"
+        )
+        return [Diagnosis("sensor_not_connected", words, remedy, grave=True)]
+    if not follows:
+        return []
+    if gain <= -_SIGNIFICANT_STD * std:
+        remedy = "exchange its two leads, or change the sign of moment_Nm in all tables, the recording's too"
+        return [Diagnosis("sensor_sign", f"the moment sensor reads with the wrong sign: {known}", remedy)]
+    if gain > 0 and not _USUAL_GAIN[0] < gain < _USUAL_GAIN[1]:
+        if units:
+            words = f"{words}, as if it were read in {' or '.join(unit for unit, *_ in units)}"
+            return [Diagnosis("sensor_unit", words, f"{units[0][2]}: moment_Nm is in N·m", grave=True)]
+        return [Diagnosis("sensor_gain", f"{words}, far from 1", "check its calibration and the unit of moment_Nm")]
+    drift = checks.drift_Nm
+    if drift is None or abs(drift.in_std) <= _SIGNIFICANT_STD:
+        return []
+    moved = f"{1e3 * drift.value:.2g} ± {1e3 * drift.std:.2g} mN·m per {checks.drift_per}"
+    words = f"the moment readings drift by {moved}, or a few readings are wrong"
+    remedy = "let it warm up, zero it again before a recording, and check that it is not at the end of its range"
+    return [Diagnosis("sensor_drift", words, remedy)]

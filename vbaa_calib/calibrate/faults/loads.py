@@ -51,10 +51,8 @@ _TURNS = (
 )
 """Wrong directions of a force, and the matrix (yy, yz, zy, zz) that puts each right."""
 _SAME = 1e-6
-_TOO_STEEP_RAD = 1.2
-"""Slope at the load, by the nominal antenna's linear beam, that nobody hangs on purpose."""
-_TOO_FLAT_RAD = 1e-3
-"""Slope that no picture shows well: a tenth of a millimetre at 150 mm."""
+_TOO_STEEP_RAD = 1.2  # slope at the load, by the nominal antenna's linear beam, that nobody hangs on purpose
+_TOO_FLAT_RAD = 1e-3  # slope that no picture shows well: a tenth of a millimetre at 150 mm
 _LIKELY_RAD = 0.2
 _NOMINAL_REACH, _KNOWN_REACH, _FAR_REACH = 0.3, 0.03, 1.0
 """Largest |log| of EI over the free antenna's or E·πd⁴/64 (8 % of the diameter); over what other loads agree on; and in
@@ -63,20 +61,13 @@ _STEP = 0.05
 _CONTRADICTS, _FITS = 0.22, 0.08
 """An entry is wrong whose antenna lies further off the points than this part of the deflection, and right below the
 other. Half a millimetre on the ruler and half a per cent on the balance make 0.02."""
-_CLEARER = 3.0
-"""A right entry lies this many times nearer than the noted one."""
-_ALIKE = 0.01
-"""Entries whose misfits differ by less are indistinguishable."""
-_SAME_VALUE = 0.03
-"""Entries that differ by less are the same number, by whatever slip: a kilogram is 9.81 N, a lost digit is 10."""
-_SHOWN_STD = 5.0
-"""Least deflection, in deviations of single points, that distinguishes entries."""
-_CHANCE, _CURVE = 1e-5, 3
-"""Chance of a false alarm among all rows of a session; degree of the curve, along a line, that contradicts a row."""
-_AGREE = 0.1
-"""Logarithm within which loads agree on EI."""
-_MOST_BENT = 6.0
-"""f·l²/EI beyond which an antenna hangs along its load: more looks the same."""
+_CLEARER = 3.0  # a right entry lies this many times nearer than the noted one
+_ALIKE = 0.01  # entries whose misfits differ by less are indistinguishable
+_SAME_VALUE = 0.03  # entries that differ by less are the same number: a kilogram is 9.81 N, a lost digit 10
+_SHOWN_STD = 5.0  # least deflection, in deviations of single points, that distinguishes entries
+_CHANCE, _CURVE = 1e-5, 3  # of a false alarm in a session; degree of the curve that contradicts a row
+_AGREE = 0.1  # logarithm within which loads agree on EI
+_MOST_BENT = 6.0  # f·l²/EI beyond which an antenna hangs along its load: more looks the same
 
 
 class _Entry(NamedTuple):
@@ -193,29 +184,20 @@ def _force_N(load: Load) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Row:
-    """A load whose picture contradicts its row.
+    """A load whose picture contradicts its row."""
 
-    index : of the load among the loads. entry : what fits instead, None if nothing does.
-    also : other slips that fit as well.
-    """
-
-    index: int
+    index: int  # among the loads
     load: Load
-    entry: _Entry | None
-    also: tuple[str, ...] = ()
+    entry: _Entry | None  # what fits instead; None if nothing does
+    also: tuple[str, ...] = ()  # other slips that fit as well
 
 
 class _Fit(NamedTuple):
-    """The best fits of V loads to one picture, over a range of stiffness.
+    """The best fits of V loads to one picture, over a range of stiffness."""
 
-    misfit : (V,) mean distance of the points from the predicted antenna, over that from the free one.
-    log_stiffness : (V,) of the best fit, less the free antenna's.
-    shown_std : mean distance of the points from the free antenna, in the points' own deviations.
-    """
-
-    misfit: np.ndarray
-    log_stiffness: np.ndarray
-    shown_std: float
+    misfit: np.ndarray  # (V,) mean distance of the points from the predicted antenna, over that from the free one
+    log_stiffness: np.ndarray  # (V,) of the best fit, less the free antenna's
+    shown_std: float  # mean distance of the points from the free antenna, in their own deviations
 
 
 def wrong_rows(free: BundleAdjustment, observations: Sequence[Observation], length_m: float) -> list[Row]:
@@ -345,11 +327,8 @@ def _fit(free: BundleAdjustment, one: Observation, loads: Sequence[Load], centre
 
 
 def _chance(free: BundleAdjustment, one: Observation, load: Load, log_stiffness: float, reach: float) -> float:
-    """Of points so far off a load that is right, by a smooth curve: their noise, and what the free antenna's pictures
-    leave open of the rig, the row's readings and EI, may have brought them there.
-
-    log_stiffness : the best one within `reach`, less the free antenna's; known to the step in which it was looked for.
-    """
+    """Of points so far off a load that is right, by a smooth curve: of noise and the uncertainty of rig, readings and
+    EI. log_stiffness : the best one within `reach`, less the free antenna's."""
     softer = float(np.exp(-log_stiffness))
     load = replace(load, force_y_N=load.force_y_N * softer, force_z_N=load.force_z_N * softer)
     parameters, prior = free.solution.parameters, free.problem.prior

@@ -26,18 +26,13 @@ from .loads import (
     wrong_rows,
 )
 
-_CONTRADICTS = 5.0
-"""Scatter of the points, over their pictures' own, beyond which the stills contradict each other."""
-_ONE_CONTRADICTS = 20.0
-"""The same of a single still. Clean sessions have one at 5 now and then, when a ruler was read badly."""
+_CONTRADICTS = 5.0  # scatter of the points, over their pictures' own, beyond which the stills contradict each other
+_ONE_CONTRADICTS = 20.0  # the same of a single still; clean sessions have one at 5 now and then
 
 
 def still_diagnoses(session: Session, kinematics: Kinematics, joint: BundleAdjustment) -> list[Diagnosis]:
-    """What is wrong with loads, antenna, clamp, moment sensor, gravity and joint readings.
-
-    A fault that explains others comes first, and these are then not looked for.
-    kinematics : with the joints' zeros by a sweep. joint : of all stills, from `solve_antenna`.
-    """
+    """What is wrong with loads, antenna, clamp, moment sensor, gravity and joint readings; a fault that explains others
+    comes first, and these are then not looked for. joint : of all stills, from `solve_antenna`."""
     length = _tips(joint)
     # the other causes follow from the lines alone, whatever the length is
     problem = joint.problem.without_tips()
@@ -76,22 +71,18 @@ def _diagnoses(session: Session, kinematics: Kinematics, joint: BundleAdjustment
 
 def _tips(joint: BundleAdjustment) -> list[Diagnosis]:
     """Whether the antenna's ends contradict its length; they are then not used."""
-    if len(joint.problem.tips) or np.isnan(joint.tip_gap_std):
+    gap = joint.tip_gap_std
+    if len(joint.problem.tips) or np.isnan(gap):
         return []
-    where = f"{abs(joint.tip_gap_std):.0f} deviations {'beyond' if joint.tip_gap_std > 0 else 'short of'}"
-    said = (
-        f"the antenna's ends lie {where} antenna.length_m"
-        if np.isfinite(joint.tip_gap_std)
-        else ("the antenna's ends do not agree on its length")
+    words = "the antenna's ends do not agree on its length"
+    if np.isfinite(gap):
+        where = "beyond" if gap > 0 else "short of"
+        words = f"the antenna's ends lie {abs(gap):.0f} deviations {where} antenna.length_m"
+    remedy = (
+        "measure length_m from the clamp to the tip again, check the jig's distance, or set antenna.tip: null where "
+        "the visible end is not the tip"
     )
-    return [
-        Diagnosis(
-            "antenna_length",
-            f"{said} in the pictures; they were not used",
-            "measure length_m from the clamp to the tip again, check the jig's distance, or set antenna.tip: null "
-            "where the visible end is not the tip",
-        )
-    ]
+    return [Diagnosis("antenna_length", f"{words} in the pictures; they were not used", remedy)]
 
 
 def _moved(
@@ -140,9 +131,7 @@ def _contradiction(joint: BundleAdjustment, own: float, rows: Sequence[Row]) -> 
 
 
 def _sensor(session: Session, joint: BundleAdjustment, moments_known: bool) -> list[Diagnosis]:
-    checks = check(joint)
-    drift, per = (checks.drift_Nm_per_row, "row") if checks.drift_Nm_per_s is None else (checks.drift_Nm_per_s, "s")
-    return sensor_diagnoses(joint, session.moment_std_Nm, drift, per, moments_known)
+    return sensor_diagnoses(joint, session.moment_std_Nm, check(joint), moments_known)
 
 
 def with_cause(

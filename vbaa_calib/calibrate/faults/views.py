@@ -12,7 +12,7 @@ from scipy.special import ndtr
 from targets.board import Board, BoardPoints, BoardSpec, corner_points
 from vbaa_calib.calibrate.lens.board_shape import STRETCH, BoardShape
 from vbaa_calib.calibrate.lens.bundle import Bundle, free_directions, rows
-from vbaa_calib.calibrate.lens.information import observations_of
+from vbaa_calib.calibrate.lens.information import kept_observations
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution
 from vbaa_calib.calibrate.lens.models import LENS_MODELS
 from vbaa_calib.core.errors import Diagnosis
@@ -22,22 +22,17 @@ from vbaa_calib.detect.board.view_quality import fixes_homography
 from vbaa_calib.detect.quality.screen import LEAST_CORNERS
 
 _SAME_SHAPE = 0.01
-_MOVED_SQUARES = 0.5
-"""A board that moved by less than so many of its squares is in the same place."""
-_RESHAPED = 0.006
-"""_Change of its outline's shape, rms per extent, below which it is tilted as before, to about 6°."""
+_MOVED_SQUARES = 0.5  # a board that moved by less than so many of its squares is in the same place
+_RESHAPED = 0.006  # _Change of its outline's shape, rms per extent, below which it is tilted as before, to about 6°
 _FEWEST_VIEWS = 5
 _TILTED_DEG = 15.0
 _LEAST_HULL, _REPEATED = 0.5, 0.5
 _OPEN = 1e-9
-_CHANGE_VIEWS, _SIDE_VIEWS = 6, 2
-"""Fewest views that show a change between views, and that lie on either side of it."""
+_CHANGE_VIEWS, _SIDE_VIEWS = 6, 2  # fewest views that show a change between views, and that lie on either side of it
 _STRETCH_SIGNIFICANT, _STRETCH_NOTICEABLE = 5.0, 2e-3
 _SEED, _DRAWS, _MOST_NUMBERS = 0, 40_000, 8_000_000
-_CHANCE = 4e-4
-"""Of a false alarm by each of the five tests: 1 in 500 together."""
-_NOTICEABLE, _GRAVE = 1e-3, 3e-3
-"""Changes of the focal length, relative; of the centre, over the focal length in px."""
+_CHANCE = 4e-4  # of a false alarm by each of the five tests: 1 in 500 together
+_NOTICEABLE, _GRAVE = 1e-3, 3e-3  # changes of the focal length, relative; of the centre, over the focal length in px
 
 
 def resolution_changed(size: tuple[int, int], first: tuple[int, int]) -> Diagnosis | None:
@@ -142,23 +137,16 @@ def _little_variety(views: Sequence[BoardView], solution: LensSolution, spec: Bo
 
 @dataclass(frozen=True, eq=False)
 class SetScores:
-    """A solved set, linearised, every view's pose projected out.
+    """A solved set of V views, linearised, every view's pose eliminated."""
 
-    names : of the V views used, in order.
-    residuals : (2N,) px, observed less projected. own : (2N, E) derivatives by parameters a view has to itself:
-        logarithm of the focal length, cx px, cy px, and relative length of the board along its y.
-    basis : (2N, p) orthonormal, of what the views share: lens and bend of the board.
-    bounds : (V + 1,) first row of each view.
-    focal_px : fx, fy. variance_px2 : of the residuals, per axis.
-    """
-
-    names: tuple[str, ...]
-    residuals: np.ndarray
+    names: tuple[str, ...]  # of the views used, in order
+    residuals: np.ndarray  # (2N,) px, observed less projected
+    # (2N, E) by parameters of a single view: log focal length, cx px, cy px, relative length of the board along its y
     own: np.ndarray
-    basis: np.ndarray
-    bounds: np.ndarray
-    focal_px: tuple[float, float]
-    variance_px2: float
+    basis: np.ndarray  # (2N, p) orthonormal, of what the views share: lens and board shape
+    bounds: np.ndarray  # (V + 1,) first row of each view
+    focal_px: tuple[float, float]  # fx, fy
+    variance_px2: float  # of the residuals, per axis
 
     FOCAL, CENTRE_X, CENTRE_Y = range(3)
 
@@ -184,23 +172,14 @@ def set_scores(views: Sequence[BoardView], solution: LensSolution, spec: Board |
     if len({view.name for view in chosen}) < len(chosen) or len(chosen) < 2:
         return None
     model = LENS_MODELS[solution.model]
-    kept = [~np.isin(view.ids, used[view.name].outlier_ids) for view in chosen]
-    observations = [
-        one.picked(mask) for one, mask in zip(observations_of(chosen, corner_points(spec)), kept, strict=True)
-    ]
+    observations = kept_observations(chosen, [used[view.name].outlier_ids for view in chosen], corner_points(spec))
     intrinsics = solution.camera.parameters
     poses = np.array([used[view.name].T_camera_board.vector for view in chosen])
     directions = free_directions(model, square_pixels=bool(intrinsics[0] == intrinsics[1]), shape=True)
     bundle = Bundle(model, intrinsics, poses, directions, shape=solution.board_shape.parameters)
     residuals, by_shared, by_pose, bounds = rows(bundle, observations)
-    own = np.stack(
-        [
-            by_shared[..., 0] * intrinsics[0] + by_shared[..., 1] * intrinsics[1],
-            by_shared[..., 2],
-            by_shared[..., 3],
-        ],
-        axis=-1,
-    )
+    focal = by_shared[..., :1] * intrinsics[0] + by_shared[..., 1:2] * intrinsics[1]
+    own = np.concatenate([focal, by_shared[..., 2:4]], axis=-1)
     every = np.concatenate([by_shared @ directions, own, residuals[..., None]], axis=-1)
     left = without_own(every, by_pose, bounds)
     flat = np.vstack([one[: 2 * count] for one, count in zip(left, np.diff(bounds).tolist(), strict=True)])
@@ -234,13 +213,12 @@ def _print_stretched(shape: BoardShape) -> Diagnosis | None:
 
 @dataclass(frozen=True)
 class _Change:
-    """The pattern over the views that explains most: its index, its size with a deviation, in the parameter's unit, by
-    the scatter of views or residuals; and the chance of one so clear among all tested patterns, were there none."""
+    """The pattern over the views that explains most."""
 
-    index: int
-    size: float
-    std: float
-    chance: float
+    index: int  # of the pattern
+    size: float  # in the parameter's unit
+    std: float  # by the scatter of views or residuals
+    chance: float  # of one so clear among all tested patterns, were there none
 
 
 def steps(count: int) -> np.ndarray:
@@ -251,12 +229,9 @@ def steps(count: int) -> np.ndarray:
 def find_change(
     score: np.ndarray, information: np.ndarray, patterns: np.ndarray, variance_px2: float
 ) -> _Change | None:
-    """The pattern (K, V) that a parameter's values over the views follow best; None with too few views.
-
-    score, information : (V,), (V, V) from `SetScores.own_scores`.
-
-    The scatter of the views about the pattern sets the scale, not the corners' noise: a print that is not flat, or a
-    lens that is not quite the model's, moves whole views. The chance is that of normal scatter of any size, by drawing.
+    """The pattern (K, V) that a parameter's values over the views follow best, by `SetScores.own_scores`; None with too
+    few views. Its chance is by drawing: the scatter of the views about the pattern sets the scale, not the corners'
+    noise, for a board that is not flat moves whole views.
     """
     if len(score) < _CHANGE_VIEWS:
         return None

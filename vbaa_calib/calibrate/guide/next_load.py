@@ -20,32 +20,20 @@ from vbaa_calib.geometry import Kinematics
 from vbaa_calib.session import Load, LoadReadings, Session, Still, gravity_antenna
 
 _STANDARD_GRAVITY_M_S2 = 9.80665
-_STEEPEST_RAD = np.deg2rad(35.0)
-"""Slope at the load up to which the model of the antenna is exact enough."""
-_NEAREST, _FARTHEST_M = 0.35, 5e-3
-"""Loads hang beyond this part of the length, and at least this far from the tip: a hook needs a place."""
-_RULER_M, _PLACES = 5e-3, 9
-"""Distances that are easily found on a ruler, and how many of them are tried."""
-_SIDEWAYS = 0.02
-"""Part of a hanging weight that may pull along the antenna: only the force across it is known."""
-_STRAIGHT = np.cos(np.deg2rad(10.0))
-"""Loads that pull further off gravity than this hang over a pulley."""
-_LEAST_VISIBLE = 0.97
-"""Part of the visible free antenna that must also be visible of the loaded one."""
+_STEEPEST_RAD = np.deg2rad(35.0)  # slope at the load up to which the model of the antenna is exact enough
+_NEAREST, _FARTHEST_M = 0.35, 5e-3  # part of the length, and m from the tip, between which loads hang
+_RULER_M, _PLACES = 5e-3, 9  # distances that are easily found on a ruler, and how many of them are tried
+_SIDEWAYS = 0.02  # part of a hanging weight that may pull along the antenna: only the force across it is known
+_STRAIGHT = np.cos(np.deg2rad(10.0))  # loads that pull further off gravity than this hang over a pulley
+_LEAST_VISIBLE = 0.97  # part of the visible free antenna that must also be visible of the loaded one
 _LOG_STIFFNESS = ANTENNA.start + 6
 _AXES = {(0, 1): "+y", (0, -1): "−y", (1, 1): "+z", (1, -1): "−z"}
-_ALONG = 0.5
-"""Part of a force along an axis from which the load counts as one along it."""
-_LEAST_LOADS = 3
-"""A wrong row shows against two others."""
-_GAIN_STD = 0.02
-"""Standard deviation of the moment sensor's gain that is good enough; loads in plane C do not show it."""
-_OUT_OF_PLANE = 0.5
-"""Part of a pull along z from which on it shows that gain."""
-_LEAST_GAIN = 0.05
-"""A load is suggested if it lowers EI's standard deviation by more than this part."""
-_AHEAD = 6
-"""Number of further loads in the forecast."""
+_ALONG = 0.5  # part of a force along an axis from which the load counts as one along it
+_LEAST_LOADS = 3  # a wrong row shows against two others
+_GAIN_STD = 0.02  # standard deviation of the moment sensor's gain that is good enough; loads in plane C do not show it
+_OUT_OF_PLANE = 0.5  # part of a pull along z from which on it shows that gain
+_LEAST_GAIN = 0.05  # a load is suggested if it lowers EI's standard deviation by more than this part
+_AHEAD = 6  # number of further loads in the forecast
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,17 +49,13 @@ class _Pull:
 
 @dataclass(frozen=True, eq=False)
 class _LoadCandidate:
-    """A load that could be hung.
-
-    jacobian : (N, 17 + P) whitened rows that it would add.
-    by_readings : (N, 2) derivatives of its residuals by its distance, per m, and by the logarithm of its force.
-    """
+    """A load that could be hung."""
 
     load: Load
     mass_kg: float
     pull: _Pull
-    jacobian: np.ndarray
-    by_readings: np.ndarray
+    jacobian: np.ndarray  # (N, 17 + P) whitened rows that it would add
+    by_readings: np.ndarray  # (N, 2) by its distance, per m, and by the logarithm of its force
 
 
 def _pulls(session: Session, kinematics: Kinematics, observations: Sequence[Observation]) -> list[_Pull]:
@@ -165,17 +149,13 @@ class StiffnessForecast:
 
     A weight that hangs twice is off by the same both times, and so is a place that is used twice: their errors do not
     average out.
-
-    readings : the G different places and weights, as `reading_keys` names them.
-    scale : (17 + P,) of the joint solve's parameters.
-    information : (17 + P + G, 17 + P + G) of the scaled parameters, then of the readings' errors in their deviations.
-    added : (C, 17 + P + G, 17 + P + G) what each candidate adds to it.
     """
 
-    readings: Sequence[tuple[str, str]]
-    scale: np.ndarray
+    readings: Sequence[tuple[str, str]]  # the G different places and weights, as `reading_keys` names them
+    scale: np.ndarray  # (17 + P,) of the joint solve's parameters
+    # (17 + P + G, 17 + P + G) of the scaled parameters, then of the readings' errors in deviations
     information: np.ndarray
-    added: np.ndarray
+    added: np.ndarray  # (C, 17 + P + G, 17 + P + G) what each candidate adds to it
 
     @staticmethod
     def of(joint: BundleAdjustment, candidates: Sequence[_LoadCandidate], readings: LoadReadings) -> StiffnessForecast:
@@ -241,18 +221,13 @@ class _LoadSuggestion:
 
 @dataclass(frozen=True, eq=False)
 class _LoadProgress:
-    """How well EI is known.
+    """How well EI is known."""
 
-    now : EI's deviations. suggestion : what to hang next; None where no weight helps.
-    enough : the goal is met, or no further load of these weights brings it nearer. reached : the goal is met.
-    missing : what the loads do not show, in words.
-    """
-
-    now: _StiffnessStd
-    suggestion: _LoadSuggestion | None
-    enough: bool
-    reached: bool
-    missing: tuple[str, ...]
+    now: _StiffnessStd  # EI's deviations
+    suggestion: _LoadSuggestion | None  # what to hang next; None where no weight helps
+    enough: bool  # the goal is met, or no further load of these weights helps
+    reached: bool  # the goal is met
+    missing: tuple[str, ...]  # what the loads do not show, in words
     words: str
 
 
@@ -263,12 +238,9 @@ def load_progress(
     kinematics: Kinematics,
     goal_relative: float = 0.01,
 ) -> _LoadProgress:
-    """The uncertainty of EI by the stills so far, and the load that lowers it most.
-
-    joint : of the stills so far, with or without loads.
-    masses_kg : the weights at hand, positive. One that is used twice counts with the same error.
-    kinematics : with the joints' zeros by a sweep.
-    goal_relative : standard deviation of EI to reach, places and weights included.
+    """The uncertainty of EI by the stills so far, with or without loads, and the load of the weights at hand that
+    lowers it most. A weight that is used twice counts with the same error. kinematics : with the joints' zeros by a
+    sweep; goal_relative : of EI, places and weights included.
     """
     candidates = _load_candidates(joint, session, kinematics, masses_kg)
     forecast = StiffnessForecast.of(joint, candidates, joint.problem.prior.readings)

@@ -10,7 +10,7 @@ import numpy as np
 from targets.board import BoardSpec
 from vbaa_calib.calibrate.lens.board_shape import BoardShape
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution, solve_intrinsics
-from vbaa_calib.calibrate.lens.models import PROJECTIONS
+from vbaa_calib.calibrate.lens.models import projected
 from vbaa_calib.calibrate.pose.board_pose import BoardPose, solve_board_pose
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError, SolveError
@@ -19,31 +19,20 @@ from vbaa_calib.detect.board.corners import BoardView
 from .suggestion import Suggestion, best_next
 from .view_uncertainty import LensInformation, WorkPlane, bias_square, has_rays, mean_square, plane_sensitivity
 
-GOAL_M = 1e-4
-"""Deviation of points on plane C that is good enough."""
-_LEAST_VIEWS, _LEAST_OF_JIG = 8, 3
-"""Pictures that lens and jig rest on before they are enough: fewer show no outlier, and no halves to compare."""
-_LEAST_GAIN = 0.025
-"""A picture that lowers the deviation by less than this part is not needed."""
+GOAL_M = 1e-4  # deviation of points on plane C that is good enough
+_LEAST_VIEWS, _LEAST_OF_JIG = 8, 3  # fewer pictures show no outlier, and no halves to compare
+_LEAST_GAIN = 0.025  # a picture that lowers the deviation by less than this part is not needed
 
 
 @dataclass(frozen=True, eq=False)
 class ViewProgress:
-    """Uncertainty on plane C by the pictures so far.
+    """Uncertainty on plane C by the pictures so far."""
 
-    std_m : predicted deviation of points on plane C, rms over the work area; NaN while unknown. By the lens with the
-        camera's pose solved for from the jig, the board in the jig seen exactly; `plane_progress` adds the share of its
-        pictures. The jig's own accuracy is not in it.
-    enough : whether to go on with the next step. words : why, or what is missing, and what to do.
-    solution : the lens; None while there are too few pictures for one.
-    suggestion : the picture of the board to take next; None where no pose of it can be seen.
-    """
-
-    std_m: float
-    enough: bool
-    words: str
-    solution: LensSolution | None = None
-    suggestion: Suggestion | None = None
+    std_m: float  # predicted, of points on plane C, rms over the work area; without the jig's own; NaN while unknown
+    enough: bool  # whether to go on with the next step
+    words: str  # why, or what is missing, and what to do
+    solution: LensSolution | None = None  # the lens; None while there are too few pictures
+    suggestion: Suggestion | None = None  # the next picture of the board; None where no pose of it can be seen
 
 
 def lens_progress(
@@ -112,10 +101,8 @@ def _lens_judged(
 
 
 def plane_progress(views: Sequence[BoardView], shape: BoardShape, camera: Camera, plane: WorkPlane) -> ViewProgress:
-    """Judge the pictures of the board in the jig, which stands still in all of them.
-
-    shape : of the board, as the lens' solve found it. camera : with its covariance. plane : `WorkPlane` in this camera.
-    """
+    """Judge the pictures of the board in the jig, which stands still in all of them; shape : of the board by the lens
+    solve, camera : with its covariance, plane : in this camera."""
     try:
         board = solve_board_pose(views, shape, camera)
     except (InputError, SolveError) as error:
@@ -152,18 +139,16 @@ def _shares_m(board: BoardPose, camera: Camera, covariance: np.ndarray, plane: W
     inside = valid & camera.in_picture(pixels)
     if inside.mean() < 0.5:
         return np.nan, np.nan
-    _, by_lens, by_point = PROJECTIONS[camera.model](space[inside], np.zeros(6), camera.parameters)
-    by_lens, by_point = by_lens.reshape(inside.sum(), 2, -1), by_point[:, 3:].reshape(-1, 2, 3)
-    lever = space[inside] - board.T_camera_board.translation_m
-    by_pose = np.concatenate([np.cross(lever[:, None, :], by_point), by_point], axis=-1)
-    in_plane = by_point @ plane.T_camera_plane.rotation[:, :2]
+    seen = projected(camera, space[inside])
+    by_pose = seen.by_pose(space[inside] - board.T_camera_board.translation_m)
+    in_plane = seen.by_point @ plane.T_camera_plane.rotation[:, :2]
 
     def rms(in_pixels: np.ndarray, covariance: np.ndarray) -> float:
         jacobian = np.linalg.solve(in_plane, in_pixels)
         carried = jacobian @ covariance @ np.swapaxes(jacobian, -1, -2)
         return float(np.sqrt(np.trace(carried, axis1=-2, axis2=-1).mean()))
 
-    return rms(by_lens + by_pose @ board.lens_sensitivity, covariance), rms(by_pose, board.covariance)
+    return rms(seen.by_lens + by_pose @ board.lens_sensitivity, covariance), rms(by_pose, board.covariance)
 
 
 def _next_share(views: Sequence[BoardView], board: BoardPose) -> float:

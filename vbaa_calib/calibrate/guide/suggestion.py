@@ -22,10 +22,8 @@ from vbaa_calib.geometry import Pose
 
 from .view_uncertainty import LensDesign, LensInformation, WorkPlane, mean_square, nominal_intrinsics, view_blocks
 
-NEAREST, FURTHEST = 0.6, 1.7
-"""Of plane C's distance: what lies beyond is out of focus in a camera that is sharp on plane C."""
-_FILLS = (0.9, 0.6, 0.4)
-"""Shares of the picture's shorter relative side that the board takes up, near to far."""
+NEAREST, FURTHEST = 0.6, 1.7  # of plane C's distance: beyond, a camera that is sharp on plane C is out of focus
+_FILLS = (0.9, 0.6, 0.4)  # shares of the picture's shorter relative side that the board takes up, near to far
 _GRID = (0.1, 0.3, 0.5, 0.7, 0.9)
 _TILT_RAD, _TILTS = np.radians(38.0), 8
 _LEAST_SHARE, _WHOLE_SHARE, _WHOLE_PICTURES = 0.35, 0.95, 3
@@ -40,18 +38,13 @@ _SAY = 0.6
 
 
 class _HeldPose(NamedTuple):
-    """How a board is held before the camera.
+    """How a board is held before the camera."""
 
-    place : (2,) of its middle in the picture, 0 to 1 from the upper left. distance_m : of its middle.
-    tilt_rad : between its normal and the line of sight. away_rad : direction in the picture in which it is tilted
-        back, right 0, down π/2. roll_rad : about the line of sight, 0 with the board's x to the right; of a pose that
-        was seen, its long side's angle in the picture, within ±π/2.
-    """
-
-    place: tuple[float, float]
-    distance_m: float
-    tilt_rad: float
-    away_rad: float
+    place: tuple[float, float]  # of its middle in the picture, 0 to 1 from the upper left
+    distance_m: float  # of its middle
+    tilt_rad: float  # between its normal and the line of sight
+    away_rad: float  # direction in the picture in which it is tilted back, right 0, down π/2
+    # about the line of sight, 0 with the board's x to the right; of a seen pose its long side's, within ±π/2
     roll_rad: float
 
 
@@ -65,25 +58,19 @@ class _ViewCandidate(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Suggestion:
-    """The picture to take next.
+    """The picture to take next."""
 
-    T_camera_board : pose of the board. outline_px : (4, 2) its outline in the picture, from the board's origin round.
-    words : what a person can do. std_m : on plane C after it by noise, were the lens right; NaN while there is none.
-    """
-
-    T_camera_board: Pose
-    outline_px: np.ndarray
-    words: str
-    std_m: float
+    T_camera_board: Pose  # pose of the board
+    outline_px: np.ndarray  # (4, 2) its outline in the picture, from the board's origin round
+    words: str  # what a person can do
+    std_m: float  # on plane C after it, by noise alone; NaN while there is none
 
 
 def best_next(
     known: LensInformation, plane: WorkPlane, spec: BoardSpec, sensitivity: np.ndarray | None
 ) -> Suggestion | None:
-    """The best of a designed set of poses, then of those near it; None where none shows enough of the board.
-
-    sensitivity : of `plane_sensitivity`; without it the lens as a whole counts.
-    """
+    """The best of a designed set of poses, then of those near it; None where none shows enough of the board. Without a
+    sensitivity (`plane_sensitivity`) the lens as a whole counts."""
     aim = np.eye(known.information.shape[0])[None] if sensitivity is None else sensitivity
     # the first pictures find the board and start the lens: all of it has to be seen
     share = _WHOLE_SHARE if known.pictures < _WHOLE_PICTURES else _LEAST_SHARE

@@ -1,4 +1,4 @@
-"""Uncertainty on plane C by the pictures of the board so far: information about the lens, and doubts about it."""
+"""Uncertainty on plane C from the board pictures so far, by the information matrix of the lens."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from targets.board import BoardPoints, BoardSpec, corner_points
 from vbaa_calib.calibrate.lens.board_shape import SHAPE, BoardShape, ShapePrior, deformations
 from vbaa_calib.calibrate.lens.bundle import Bundle, Observation, rows
-from vbaa_calib.calibrate.lens.information import observations_of
+from vbaa_calib.calibrate.lens.information import kept_observations
 from vbaa_calib.calibrate.lens.initialization import robust_poses, widened
 from vbaa_calib.calibrate.lens.intrinsics import MIN_CORNERS, LensSolution
 from vbaa_calib.calibrate.lens.models import LENS_MODELS, LensModel, camera_of
@@ -27,23 +27,18 @@ _DISTORTION_PRIOR = {"radial": 0.1, "tangential": 0.01}
 _TANGENTIAL = ("p1", "p2", "s1", "s2", "s3", "s4", "tau_x", "tau_y")
 _LEAST_JIG_CORNERS, _LEAST_RAYS = 6, 0.5
 _RICHER = {"none": "opencv5", "radial": "opencv5", "opencv4": "opencv5", "opencv5": "rational", "fisheye": "rational"}
-_NOMINAL_FOCAL_PER_WIDTH = 1.1
-"""A field of view of 49°, as most webcams and machine lenses have."""
+_NOMINAL_FOCAL_PER_WIDTH = 1.1  # a field of view of 49°, as most webcams and machine lenses have
 _NOMINAL_SIGMA_PX, _LEAST_SIGMA_PX = 0.2, 0.02
 _NOMINAL_MODEL = "radial"
 
 
 @dataclass(frozen=True, eq=False)
 class WorkPlane:
-    """Plane C as far as it is known, and the work area on it.
+    """Plane C as far as it is known, and the work area on it."""
 
-    T_camera_plane : z = 0 is the plane, x runs along the antenna from the clamp.
-    length_m, half_width_m : of the work area, x from 0 to the length and y from minus to plus the half width.
-    """
-
-    T_camera_plane: Pose
-    length_m: float
-    half_width_m: float
+    T_camera_plane: Pose  # z = 0 is the plane, x runs along the antenna from the clamp
+    length_m: float  # of the work area, x from 0 on
+    half_width_m: float  # y from minus to plus this
 
     @staticmethod
     def about(distance_m: float, inclination_rad: float, length_m: float) -> WorkPlane:
@@ -79,18 +74,14 @@ class LensDesign:
 
     A simple model from few pictures has too small a covariance: it has none for what it cannot describe. Here the lens
     may also be wrong in what the next richer model could describe, within a prior.
-
-    model, intrinsics : the lens, (4 + k,). image_size : (width, height) px.
-    scale : (4 + k + 5, p) intrinsics and the board's shape for a unit of each z (p,), whose prior is 0 ± 1.
-    sigma_px : deviation of a corner, per axis. shape : (5,) of the board.
     """
 
     model: LensModel
-    intrinsics: np.ndarray
-    image_size: tuple[int, int]
-    scale: np.ndarray
-    sigma_px: float
-    shape: np.ndarray
+    intrinsics: np.ndarray  # (4 + k,)
+    image_size: tuple[int, int]  # (width, height) px
+    scale: np.ndarray  # (4 + k + 5, p) intrinsics and shape for a unit of each z (p,), of prior 0 ± 1
+    sigma_px: float  # deviation of a corner, per axis
+    shape: np.ndarray  # (5,) of the board
 
     def bundle(self, poses: np.ndarray) -> Bundle:
         """With the board at poses (V, 6)."""
@@ -179,11 +170,8 @@ def view_blocks(
 
 
 def plane_sensitivity(design: LensDesign, plane: WorkPlane, spec: BoardSpec) -> np.ndarray | None:
-    """(n, 2, p) error of points on the plane, m, for a unit of each z, the board in the jig being seen exactly.
-
-    The camera's pose is solved for again from the board in the jig, and compensates what a pose can. None where plane
-    or board are hardly in the picture.
-    """
+    """(n, 2, p) error of points on the plane, m, for a unit of each z, the camera's pose solved again from a board in
+    the jig that is seen exactly. None where plane or board are hardly in the picture."""
     space = np.pad(plane.points, ((0, 0), (0, 1)))
     inside = design.in_picture(plane.T_camera_plane @ space)
     board = corner_points(spec)
@@ -223,32 +211,22 @@ def bias_square(sensitivity: np.ndarray, information: np.ndarray, gradient: np.n
 
 @dataclass(frozen=True, eq=False)
 class LensInformation:
-    """Information about the lens in the pictures so far.
+    """Information about the lens in the pictures so far."""
 
-    design : the lens they are judged about. information : (p, p) of all of them, in its coordinates, without the prior.
-    gradient : (p,) of the cost, towards another lens of the design.
-    pictures : their number. solved : whether it is a solution or a nominal lens.
-    inflation : factor on deviations, at least 1, by which two halves of the pictures contradict each other.
-    doubt : why it cannot be enough, in words; empty where nothing is in the way.
-    """
-
-    design: LensDesign
-    information: np.ndarray
-    gradient: np.ndarray
-    pictures: int
-    solved: bool
-    inflation: float
-    doubt: str
+    design: LensDesign  # about which it is linearised
+    information: np.ndarray  # (p, p) of all pictures, in the design's coordinates, without the prior
+    gradient: np.ndarray  # (p,) of the cost, towards another lens of the design
+    pictures: int  # their number
+    solved: bool  # whether it is a solution or a nominal lens
+    inflation: float  # factor on deviations, at least 1, by which two halves of the pictures contradict each other
+    doubt: str  # why it cannot be enough, in words; empty where nothing is in the way
 
     @staticmethod
     def of(solution: LensSolution, views: Sequence[BoardView], spec: BoardSpec) -> LensInformation:
         """Of the views that a lens was solved from, without their outliers."""
         camera, by_name = solution.camera, {view.name: view for view in views}
         own = [by_name[used.name] for used in solution.views]
-        good = [~np.isin(view.ids, used.outlier_ids) for view, used in zip(own, solution.views, strict=True)]
-        observations = [
-            one.picked(mask) for one, mask in zip(observations_of(own, corner_points(spec)), good, strict=True)
-        ]
+        observations = kept_observations(own, [used.outlier_ids for used in solution.views], corner_points(spec))
         poses = np.array([used.T_camera_board.vector for used in solution.views])
         corners = sum(len(view.pixels) for view in observations)
         freedom = 2 * corners - 6 * len(poses) - len(camera.parameter_names)

@@ -9,15 +9,13 @@ import numpy as np
 
 from targets.board import Board, BoardPoints, BoardSpec, corner_points
 
-SHAPE = 5
-"""Numbers that describe a board's shape (`BoardShape`)."""
+SHAPE = 5  # numbers that describe a board's shape (`BoardShape`)
 SHAPE_NAMES = ("bow_x_m", "bow_y_m", "twist_m", "stretch", "shear")
 STRETCH = SHAPE_NAMES.index("stretch")
 _BOW_PER_EXTENT, _STRETCH, _SHEAR = 1e-3, 5e-4, 3e-4
 """Standard deviations of what printers and mounts do: a board of 250 mm bows by a quarter of a millimetre, the axes of
 a print differ by 0.05 %. Some are ten times worse, so the prior has long tails."""
-TAIL = 3.0
-"""Degrees of freedom of the prior's Student t distribution."""
+TAIL = 3.0  # degrees of freedom of the prior's Student t distribution
 _SINGULAR = 1e-10
 _CLEAR_STD, _NOTICEABLE_PER_EXTENT, _NOTICEABLE_SHARE = 4.0, 3e-4, 1e-3
 

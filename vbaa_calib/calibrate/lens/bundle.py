@@ -1,4 +1,4 @@
-"""Bundle adjustment of one lens, one board and many board poses; the poses are eliminated view by view."""
+"""Bundle adjustment of one lens, one board and many board poses (Schur complement over the views)."""
 
 from __future__ import annotations
 
@@ -24,16 +24,12 @@ _USUAL_NOISE_PX, _LEAST_NOISE_PX = 0.2, 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """Corners of one view: board points (N, 3) m and their pixels (N, 2).
+    """Corners of one view."""
 
-    deformation : (N, 3, 5) how each point moves with the board's shape (`deformations`); None of a rigid thing.
-    weight : of its residuals, as against the others': less than 1 for a view with more noise.
-    """
-
-    points_m: np.ndarray
-    pixels: np.ndarray
-    deformation: np.ndarray | None = None
-    weight: float = 1.0
+    points_m: np.ndarray  # (N, 3) board frame
+    pixels: np.ndarray  # (N, 2)
+    deformation: np.ndarray | None = None  # (N, 3, 5) how each point moves with the board's shape (`deformations`)
+    weight: float = 1.0  # of its residuals; less than 1 for a noisy view
 
     def picked(self, which: np.ndarray) -> Observation:
         """The corners of a mask or of indices."""
@@ -41,8 +37,8 @@ class Observation:
         return Observation(self.points_m[which], self.pixels[which], deformation, self.weight)
 
 
-def corners_of(observations: Sequence[Observation]) -> Corners:
-    """Those of all views, one after the other."""
+def _corners_of(observations: Sequence[Observation]) -> Corners:
+    """All views' corners, concatenated."""
     counts = [len(view.pixels) for view in observations]
     rigid = [np.zeros((len(v.pixels), 3, SHAPE)) if v.deformation is None else v.deformation for v in observations]
     return Corners(
@@ -55,42 +51,31 @@ def corners_of(observations: Sequence[Observation]) -> Corners:
 
 
 def rows(bundle: Bundle, observations: Sequence[Observation]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Residuals (N, 2) px of all corners, their negative derivatives by intrinsics and shape (N, 2, 4 + k + 5) and
-    by the views' poses (N, 2, 6), and the views' bounds (V + 1,): view v has rows bounds[v] to bounds[v + 1].
-
-    Poses turn about the board's origin by a rotation vector in the camera frame, and shift.
-    """
-    corners = corners_of(observations)
+    """Residuals (N, 2) px of all corners, negative derivatives by intrinsics and shape (N, 2, 4 + k + 5) and by the
+    poses' tangents (N, 2, 6, `Pose.retract`), and bounds (V + 1,): view v has rows bounds[v] to bounds[v + 1]."""
+    corners = _corners_of(observations)
     residuals, slopes = corner_rows(*bundle.state, bundle.model.is_fisheye, corners)
     return residuals, slopes[..., :-6], slopes[..., -6:], corners.bounds
 
 
 @dataclass(frozen=True, eq=False)
 class Bundle:
-    """A lens with the poses of its views: a start, or a solution.
-
-    intrinsics : (4 + k,) fx, fy, cx, cy, distortion. shape : (5,) of the board (`BoardShape`).
-    poses : (V, 6) rotation vector rad and translation m, T_camera_board of each view.
-    directions : (4 + k + 5, p) from `free_directions`: what is solved for besides the poses.
-    residuals_px : per view (N, 2), observed minus projected; none at a start.
-    prior : of the shape, where that is solved for. noise_px : of a corner per axis, which the prior is weighed by.
-    unfolding : what keeps the lens from folding, where that was needed.
-    """
+    """A lens with the poses of its views: a start, or a solution."""
 
     model: LensModel
-    intrinsics: np.ndarray
-    poses: np.ndarray
-    directions: np.ndarray
-    residuals_px: tuple[np.ndarray, ...] = ()
-    shape: np.ndarray = field(default_factory=lambda: np.zeros(SHAPE))
-    prior: ShapePrior | None = None
-    noise_px: float = _USUAL_NOISE_PX
-    unfolding: Unfolding | None = None
+    intrinsics: np.ndarray  # (4 + k,) fx, fy, cx, cy, distortion
+    poses: np.ndarray  # (V, 6) rotation vector rad and translation m, T_camera_board of each view
+    directions: np.ndarray  # (4 + k + 5, p) from `free_directions`: what is solved for besides the poses
+    residuals_px: tuple[np.ndarray, ...] = ()  # per view (N, 2), observed minus projected; none at a start
+    shape: np.ndarray = field(default_factory=lambda: np.zeros(SHAPE))  # (5,) of the board (`BoardShape`)
+    prior: ShapePrior | None = None  # of the shape, where that is solved for
+    noise_px: float = _USUAL_NOISE_PX  # of a corner per axis; the prior's weight
+    unfolding: Unfolding | None = None  # the penalty against folding, where it was needed
 
     @staticmethod
-    def start(model: LensModel, intrinsics: np.ndarray, poses: np.ndarray, square_pixels: bool = False) -> Bundle:
+    def start(model: LensModel, intrinsics: np.ndarray, poses: np.ndarray) -> Bundle:
         """Before anything is solved, the board flat."""
-        return Bundle(model, intrinsics, poses, free_directions(model, square_pixels))
+        return Bundle(model, intrinsics, poses, free_directions(model))
 
     @property
     def poses_only(self) -> Bundle:
@@ -114,7 +99,7 @@ class Bundle:
 
     @property
     def held(self) -> Held:
-        """What holds it besides the corners."""
+        """Priors and penalties."""
         nil, unfolding = np.zeros(SHAPE), self.unfolding or Unfolding(0.0, 0.0, (0, 0))
         mean, std, noise_px = (
             (nil, nil, 0.0) if self.prior is None else (self.prior.mean, self.prior.std, self.noise_px)
@@ -123,7 +108,7 @@ class Bundle:
         return Held(mean, std, float(noise_px), unfolding.least_slope, stiffness, unfolding.image_size)
 
     def prior_rows(self) -> tuple[np.ndarray, np.ndarray]:
-        """Residuals (m,) px of the shape's prior in reweighted least squares, negative derivatives (m, 4 + k + 5)."""
+        """Residuals (m,) px of the shape's prior as IRLS has them, and their negative derivatives (m, 4 + k + 5)."""
         size = len(self.intrinsics)
         if self.prior is None:
             return np.zeros(0), np.zeros((0, size + SHAPE))
@@ -142,7 +127,7 @@ class Bundle:
 
     @property
     def sigma_px(self) -> float:
-        """Noise per axis as the median corner has it: half of the corners may be wrong."""
+        """Noise per axis by the median corner: robust up to half of them."""
         return radial_std(np.linalg.norm(np.concatenate(self.residuals_px), axis=1))
 
 
@@ -159,7 +144,7 @@ def refine(
     start: Bundle, observations: Sequence[Observation], rules: Rules = CONVERGED, robust: bool = False
 ) -> Bundle:
     """Levenberg–Marquardt on the reprojection error; robust : by Cauchy's loss, so gross errors do not pull."""
-    corners, directions = corners_of(observations), start.directions
+    corners, directions = _corners_of(observations), start.directions
     # each number of lens and shape is part of one unknown, or held
     column = np.where(directions.any(axis=1), directions.argmax(axis=1) if directions.size else 0, -1)
     stop = Stop(rules.iterations, rules.tolerance, rules.damping, rules.growth, rules.may_rise_share)
@@ -179,7 +164,7 @@ def of_views(values: np.ndarray, bounds: np.ndarray) -> tuple[np.ndarray, ...]:
 
 
 def polished(bundle: Bundle, observations: Sequence[Observation]) -> Bundle:
-    """Converged to a millionth of the deviations: what is reported must not show where a descent ended."""
+    """Converged to a millionth of the deviations, so that results do not depend on where a descent stopped."""
     sizes = sum(view.pixels.size for view in observations) - bundle.directions.shape[1] - 6 * len(observations)
     return refine(bundle, observations, replace(_POLISH, tolerance=_STANDSTILL**2 / max(sizes, 1)))
 

@@ -1,4 +1,4 @@
-"""What the corners say of what all views share, lens and bend of the board: information, held-out errors, halves."""
+"""Information of the corners about lens and board shape, held-out errors, and split halves."""
 
 from __future__ import annotations
 
@@ -18,13 +18,11 @@ from .models import LensModel, camera_of, is_monotonic
 from .uncertainty import compensate, pixel_grid, projection_jacobian
 
 _OPEN, _ROUNDING = 1e-10, 1e-7
-_CHANCE_SCATTER = 1.2
-"""Ratio of variances that noise alone often reaches."""
+_CHANCE_SCATTER = 1.2  # ratio of variances that noise alone often reaches
 _FOLDS = 5
 _LITTLE_MORE = 1.1
 _NEAR = replace(CONVERGED, iterations=20, tolerance=1e-5)  # from a start that is all but the answer
-AGREE = 1e-4
-"""Halves of good data differ by so much that chance explains it with less than this about once in ten thousand."""
+AGREE = 1e-4  # good halves differ so much that the p-value is below this about once in ten thousand
 _HALF_OPEN = 1e6
 """A half leaves the lens open where one of its directions is seen so many times worse than another, of those that all
 views see alike."""
@@ -37,25 +35,18 @@ class Information:
     """The reduced least-squares problem at a solution, in coordinates z (p,) in which all views and the prior of the
     board's shape together have unit information. To first order everything that the views say, alone or in groups,
     follows from it without a new solve.
-
-    half : (4 + k + 5, p) change of intrinsics and shape for a unit of each z.
-    blocks : (V, p, p) information of each view, gradients : (V, p) what it pulls with, squares : (V,) its squared
-        residuals, px²; its own pose eliminated.
-    roots : (V, p + 1, p + 1) triangular factors R of the views' own problems: the first p columns, rᵀr of which is the
-        information, then the residuals. Sums of information lose half the digits, stacked factors do not.
-    prior : (p, p) information of what holds the lens from folding, and of the board's shape. counts : (V,) corner
-        coordinates of each view.
-    prior_root : (m, p + 1) the shape's part of it as rows, then their residuals.
     """
 
-    half: np.ndarray
-    blocks: np.ndarray
-    gradients: np.ndarray
-    squares: np.ndarray
+    half: np.ndarray  # (4 + k + 5, p) change of intrinsics and shape for a unit of each z
+    blocks: np.ndarray  # (V, p, p) information of each view, its own pose eliminated
+    gradients: np.ndarray  # (V, p) of each view
+    squares: np.ndarray  # (V,) squared residuals of each view, px²
+    # (V, p + 1, p + 1) triangular factors R of the views' own problems: RᵀR of the first p columns is the information,
+    # then the residuals. Sums of information lose half the digits, stacked factors do not.
     roots: np.ndarray
-    prior: np.ndarray
-    prior_root: np.ndarray
-    counts: np.ndarray
+    prior: np.ndarray  # (p, p) information of the penalty against folding, and of the board's shape
+    prior_root: np.ndarray  # (m, p + 1) the shape's part of it as rows, then their residuals
+    counts: np.ndarray  # (V,) corner coordinates of each view
 
     @property
     def covariance(self) -> np.ndarray:
@@ -70,10 +61,9 @@ class Information:
 
     @property
     def view_scatter(self) -> float:
-        """How many times more the views contradict each other than the noise of their corners explains, at least 1.
-
-        By the views' gradients, as a covariance that is robust to clusters has them: the corners of a picture that was
-        taken of a moving board, out of focus or by a lens that the model does not describe err alike.
+        """Ratio, at least 1, of the views' contradictions to what the noise of their corners explains, by their
+        gradients (cluster-robust covariance): corners of one picture share errors by motion, blur, and a lens beyond
+        the model.
         """
         expected = np.trace(self.blocks, axis1=1, axis2=2) - np.einsum("vij,vji->v", self.blocks, self.blocks)
         ratio = float((self.gradients**2).sum()) / max(self._variance * float(expected.sum()), 1e-300)
@@ -121,10 +111,9 @@ def information(bundle: Bundle, observations: Sequence[Observation]) -> Informat
 
 
 def held_out_squares(bundle: Bundle, observations: Sequence[Observation], known: Information) -> np.ndarray:
-    """(V,) sum of squared distances of each view's corners, px², under a lens fitted without a fifth of the views.
-
-    The pose of a held-out view is solved for, lens and board are not. The lens is one Gauss–Newton step from the
-    solution over all views; where held-out errors are much larger than the residuals it is solved anew.
+    """(V,) squared distances of each view's corners, px², under a lens fitted without a fifth of the views, the
+    held-out views' poses solved for. One Gauss–Newton step from the solution over all, or where errors are much larger,
+    solved anew.
     """
     squares = known.squares.copy()
     for held in _folds(len(squares)):
@@ -153,11 +142,6 @@ def solved_squares(bundle: Bundle, observations: Sequence[Observation]) -> np.nd
     return squares
 
 
-def _rms_over(squares: np.ndarray, observations: Sequence[Observation]) -> float:
-    """Root mean square distance, px, out of each view's weighted sum of squares (V,)."""
-    return float(np.sqrt(squares.sum() / sum(view.weight**2 * len(view.pixels) for view in observations)))
-
-
 def excess_in_errors(squares: np.ndarray, reference: np.ndarray) -> float:
     """By how many standard errors, over views, squared errors (V,) exceed those of a reference."""
     excess = squares - reference
@@ -168,12 +152,11 @@ def excess_in_errors(squares: np.ndarray, reference: np.ndarray) -> float:
 def compare_split_half(
     model: LensModel, intrinsics: np.ndarray, known: Information, image_size: tuple[int, int]
 ) -> tuple[float | None, float | None]:
-    """How far the lenses of two halves of the views differ over the predicted deviation, and the chance of this much.
+    """Rms difference over the picture of the lenses of two halves of the views, in predicted deviations, and its
+    p-value; None with under 6 views, or when a half leaves the lens open.
 
-    rms over the picture; about 1 when all is well. One weak direction of the lens may make up all of the difference, so
-    that 2.5 deviations are sometimes much and sometimes little. The views are dealt out in turn; each half's lens is
-    one Gauss–Newton step from that of all views, intrinsics (4 + k,). What a turn of the camera explains is left out,
-    and so is what holds the lens from folding. None with under 6 views, or when a half leaves the lens open.
+    The views are dealt out in turn; each half's lens is one Gauss–Newton step from that of all. What a turn of the
+    camera explains is left out, and so is the penalty against folding.
     """
     if len(known.squares) < _LEAST_VIEWS:
         return None, None
@@ -207,23 +190,16 @@ def compare_split_half(
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """How one lens model does.
-
-    free_parameters : of the lens, focal lengths and principal point included.
-    rms_px : over the corners it was fitted to. held_out_rms_px : over views that only had their poses fitted.
-    monotonic : whether it maps the whole picture without folding.
-    halves, halves_p_value : as `compare_split_half` gives them.
-    expected_error_px : as `expected_errors_px` gives it; None where models were not compared.
-    """
+    """How one lens model does."""
 
     model: str
-    free_parameters: int
-    rms_px: float
-    held_out_rms_px: float
-    monotonic: bool
-    halves: float | None = None
+    free_parameters: int  # of the lens, focal lengths and principal point included
+    rms_px: float  # over the corners it was fitted to
+    held_out_rms_px: float  # over views that only had their poses fitted
+    monotonic: bool  # whether it maps the whole picture without folding
+    halves: float | None = None  # as `compare_split_half` gives them
     halves_p_value: float | None = None
-    expected_error_px: float | None = None
+    expected_error_px: float | None = None  # as `expected_errors_px` gives it; None for a single model
 
     @property
     def split_half_agrees(self) -> bool:
@@ -239,7 +215,7 @@ def assess(
     free = int(np.any(bundle.directions[:-SHAPE] != 0.0, axis=0).sum())
     monotonic = is_monotonic(bundle.model, bundle.intrinsics, image_size)
     halves = compare_split_half(bundle.model, bundle.intrinsics, known, image_size)
-    held_out_px = _rms_over(squares, observations)
+    held_out_px = float(np.sqrt(squares.sum() / sum(view.weight**2 * len(view.pixels) for view in observations)))
     return Candidate(bundle.model.name, free, bundle.rms_px, held_out_px, monotonic, *halves), squares
 
 
@@ -247,3 +223,11 @@ def observations_of(views: Sequence[BoardView], nominal_m: np.ndarray) -> list[O
     """The corners of views beside the board points (C, 3) they show."""
     moved = deformations(nominal_m)
     return [Observation(nominal_m[view.ids], view.corners_px, moved[view.ids]) for view in views]
+
+
+def kept_observations(
+    views: Sequence[BoardView], outlier_ids: Sequence[Sequence[int]], nominal_m: np.ndarray
+) -> list[Observation]:
+    """`observations_of` without the outliers of each view."""
+    every = zip(observations_of(views, nominal_m), views, outlier_ids, strict=True)
+    return [observation.picked(~np.isin(view.ids, ids)) for observation, view, ids in every]

@@ -1,4 +1,4 @@
-"""Starting values that reach the right minimum: robust homographies, several focal lengths, simpler lenses first."""
+"""Initialization: robust homographies, several focal lengths, simpler lenses first."""
 
 from __future__ import annotations
 
@@ -15,10 +15,8 @@ from .homography import board_poses, homography
 from .models import LENS_MODELS, LensModel, Unfolding, camera_of, division_like, is_monotonic, rational_like
 
 _FOCAL_PER_WIDTH = (0.7, 1.4, 3.0, 8.0, 0.35)
-_DIVISIONS = (0.0, -0.1, -0.2, -0.35, -0.5, -0.65, -0.8, 0.15)
-"""Of the undistortion x / (1 + λr²), r being 1 at the picture's corner: from a fisheye of 160° to a pincushion."""
-_MOST_VIEWS, _MOST_CORNERS = 10, 40
-"""Views, and corners of each, that starts are compared by."""
+_DIVISIONS = (0.0, -0.1, -0.2, -0.35, -0.5, -0.65, -0.8, 0.15)  # λ of x / (1 + λr²), r = 1 at the picture's corner
+_MOST_VIEWS, _MOST_CORNERS = 10, 40  # views, and corners of each, by which starts are compared
 _SAME, _LITTLE_PX = 1.05, 0.02
 _WRONG_POSE, _LEAST_RAY_Z = 3.0, 0.1
 _TRIAL = replace(CONVERGED, iterations=15, tolerance=1e-3)
@@ -29,14 +27,14 @@ _UNFOLDING_MAY_COST, _UNFOLDING_DEVIATIONS = 0.01, 20.0
 
 
 class Guess(NamedTuple):
-    """A focal length, px or NaN, and λ of a distortion by the division model, from the views' homographies."""
+    """Focal length, px or NaN, and λ of a distortion by the division model, from the views' homographies."""
 
     focal_px: float
     division: float
 
     @staticmethod
     def of(observations: Sequence[Observation], image_size: tuple[int, int]) -> Guess:
-        """The λ under which the median corners of the views, each by its own homography, are best."""
+        """The λ of least median error, each view by its own homography."""
         division, homographies = _undistorted_homographies(_thinned(observations), image_size)
         return Guess(_focal_length(homographies), division)
 
@@ -48,12 +46,9 @@ def rough_lens(
     known: Mapping[str, Bundle] | None = None,
     guess: Guess | None = None,
 ) -> Bundle:
-    """A robust solution of a flat board that needs only a few more steps, whatever outliers there are.
-
-    From the solution of a simpler lens where `known` has one by its name, or of a richer one. Otherwise from the focal
-    length, distortion and poses that the views' homographies give without their outliers (`guess`), and from focal
-    lengths long and short, until two lead to the same; the best by the median corner is taken, for half of the corners
-    may be wrong.
+    """A robust solution with a flat board, a few steps from the minimum, whatever outliers there are: from a simpler
+    lens in `known`, or a richer one; else from the homographies (`guess`) and other focal lengths, until two lead to
+    the same, the best by the median corner.
     """
     known = known or {}
     near = known.get(model.simpler or "")
@@ -80,7 +75,7 @@ def _begun(model: LensModel, simpler: Bundle, image_size: tuple[int, int]) -> Bu
 def _from_homographies(
     model: LensModel, observations: Sequence[Observation], image_size: tuple[int, int], guess: Guess
 ) -> Bundle:
-    """The first of a ladder of lenses that has a distortion, or one without."""
+    """Of the first lens of a ladder that has a distortion, or of one without."""
     some = _thinned(observations)
     others = [ratio * max(image_size) for ratio in _FOCAL_PER_WIDTH]
     tried: list[Bundle] = []
@@ -98,13 +93,13 @@ def _from_homographies(
 
 
 def _thinned(observations: Sequence[Observation]) -> list[Observation]:
-    """Some of the views, and some of their corners, all over."""
+    """Some of the views, and some of their corners, evenly."""
     views = observations[:: -(-len(observations) // _MOST_VIEWS)]
     return [view.picked(np.arange(0, len(view.pixels), -(-len(view.pixels) // _MOST_CORNERS))) for view in views]
 
 
 def _start(model: LensModel, guess: Guess, observations: Sequence[Observation], image_size: tuple[int, int]) -> Bundle:
-    """Of a focal length and a distortion, by the division model, about the picture's centre."""
+    """From a focal length and a division model's distortion about the picture's centre."""
     (width, height), (focal, division) = image_size, guess
     reach = 0.5 * np.hypot(width, height) / focal
     division /= reach**2
@@ -130,7 +125,7 @@ def _undistorted_homographies(
 
 
 def _focal_length(homographies: Sequence[np.ndarray]) -> float:
-    """Of pixels about the principal point, by what each homography says of it: their weighted median; or NaN."""
+    """From homographies to pixels about the principal point: the weighted median of what each says; or NaN."""
     # the columns of K⁻¹H are orthogonal and as long as each other (Zhang 2000): a / f² = b
     rows = []
     for each in homographies:
@@ -153,7 +148,8 @@ def _focal_length(homographies: Sequence[np.ndarray]) -> float:
 
 def robust_poses(model: LensModel, intrinsics: np.ndarray, observations: Sequence[Observation]) -> np.ndarray:
     """(V, 6) poses of the views under a lens, each by the homography of most of its corners."""
-    pixels, bounds = np.concatenate([view.pixels for view in observations]), np.cumsum([0, *map(_count, observations)])
+    pixels = np.concatenate([view.pixels for view in observations])
+    bounds = np.cumsum([0, *(len(view.pixels) for view in observations)])
     size = np.ceil(pixels.max(axis=0)).astype(int) + 1
     rays, valid = camera_of(model, intrinsics, (int(size[0]), int(size[1]))).unproject(pixels)
     seen = valid & (rays[:, 2] > _LEAST_RAY_Z)
@@ -162,14 +158,9 @@ def robust_poses(model: LensModel, intrinsics: np.ndarray, observations: Sequenc
     return board_poses([None if fit is None else fit[0] for fit in fits])
 
 
-def _count(view: Observation) -> int:
-    return len(view.pixels)
-
-
 def _posed(start: Bundle, observations: Sequence[Observation], rules: Rules) -> Bundle:
-    """Refined robustly; views whose median corner is far off are posed anew, for from there they do not come back."""
-    bundle = refine(start, observations, rules, robust=True)
-    return reposed(bundle, observations, rules)
+    """Refined robustly; views whose median corner is far off are posed anew, for refining does not bring them back."""
+    return reposed(refine(start, observations, rules, robust=True), observations, rules)
 
 
 def reposed(bundle: Bundle, observations: Sequence[Observation], rules: Rules = _FEW_STEPS) -> Bundle:
@@ -207,9 +198,8 @@ def unfolded(
 ) -> Bundle:
     """A solution that does not fold inside the picture, where the corners leave room for one; the given one otherwise.
 
-    Beyond the corners nothing constrains a rich lens, and often it folds there. Keeping up the slope of its radial
-    curve as far as the picture's corner takes that away and leaves the rest to the corners. At most 1 % of the squared
-    residuals is paid for it, or what 20 parameters would explain by chance: a lens that must pay more is wrong.
+    A penalty keeps up the slope of the radial curve as far as the picture's corner. It may cost 1 % of the squared
+    residuals, or what 20 parameters would explain by chance: a lens that needs more is wrong.
     """
     model = bundle.model
     if not np.isfinite(bundle.rms_px) or is_monotonic(model, bundle.intrinsics, image_size):
@@ -219,7 +209,7 @@ def unfolded(
     at_most = np.sqrt(1.0 + share) * bundle.rms_px
     starts, simplest = [bundle], _ladder(model)[-1]
     if simplest.camera_model != model.camera_model:
-        # a pole inside the picture is not left by small steps
+        # small steps do not leave a pole inside the picture
         smooth = (known or {}).get(simplest.name) or rough_lens(simplest, observations, image_size)
         wide = widened(smooth.intrinsics, model, image_size)
         starts.insert(0, replace(bundle, intrinsics=wide, poses=smooth.poses))
@@ -233,7 +223,7 @@ def unfolded(
 
 
 def widened(intrinsics: np.ndarray, model: LensModel, image_size: tuple[int, int]) -> np.ndarray:
-    """(4 + k,) start of a lens model from the solution of the next simpler one."""
+    """(4 + k,) intrinsics of a lens model from the solution of the next simpler one."""
     wide = np.zeros(4 + model.distortion_count)
     before = LENS_MODELS.get(model.simpler or "")
     if before is not None and before.camera_model != model.camera_model:

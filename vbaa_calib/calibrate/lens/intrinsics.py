@@ -1,4 +1,4 @@
-"""The lens from views of the board: outliers, the bend of the board, and the lens model are decided together."""
+"""The lens from views of the board: outliers, the board's shape and the lens model are decided together."""
 
 from __future__ import annotations
 
@@ -26,10 +26,9 @@ from .verdict import Evidence, Verdict, judge
 MIN_CORNERS = 6
 _MIN_VIEWS = 3
 _OUTLYING = 3.5
-_CANDIDATES = ("none", "radial", "opencv4", "opencv5", "fisheye", "rational")
-"""What `auto` compares, from simple to rich. Thin-prism and tilted lenses are compared only when named."""
+_CANDIDATES = ("none", "radial", "opencv4", "opencv5", "fisheye", "rational")  # compared by `auto`, from simple to rich
 _SCREENING = ("opencv5", "fisheye", "rational")
-"""Lenses rich enough that what they leave over is noise and outliers, tried while the lens is not chosen."""
+"""Lenses rich enough that their residuals are noise and outliers, used until a lens is chosen."""
 _CENTRED, _DECENTRED, _CLEARLY = ("none", "radial", "fisheye"), "opencv4", 1.15
 _EXCESS, _NEGLIGIBLE, _MOST = 3.0, 1.005, 1.1
 _AGREEMENT_MAY_COST, _MONOTONIC_MAY_COST = 1.005, 1.1
@@ -39,17 +38,13 @@ _ROUGHLY = replace(CONVERGED, iterations=5, tolerance=1e-4)  # just enough to se
 
 @dataclass(frozen=True, eq=False)
 class UsedView:
-    """A view the lens rests on.
-
-    corners : how many were used. left_out : how many are outliers and were not, outlier_ids their corner ids.
-    rms_px : reprojection error. outlying : it stands out (median + 3.5 scaled MAD), but was kept.
-    """
+    """A view that the lens was solved from."""
 
     name: str
-    corners: int
-    left_out: int
-    rms_px: float
-    outlying: bool
+    corners: int  # how many were used
+    left_out: int  # how many outliers were not
+    rms_px: float  # reprojection error
+    outlying: bool  # beyond the median + 3.5 scaled MAD of all views, but kept
     T_camera_board: Pose
     outlier_ids: tuple[int, ...] = ()
 
@@ -62,10 +57,10 @@ class LensSolution:
     ----------
     camera : with the covariance of (fx, fy, cx, cy, distortion), poses and board marginalised, scaled by the residual
         variance.
-    rms_px : recomputed from the parameters returned, over all corners of the views used, outliers too: what other tools
-        call RMS. rms_inliers_px : without the outliers, which is what was minimised.
+    rms_px : over all corners of the views used, outliers too, as other tools report it. rms_inliers_px : without the
+        outliers, which is what was minimised.
     outliers : for each view given, in their order, the ids (N,) of corners left out; all of a dropped view's.
-    comparison : the lens models that were assessed: all that `auto` compared, or the one that was given.
+    comparison : the lens models that `auto` compared, or the one that was given.
     board_shape : how the board differs from a flat print with square squares; always solved for, with a prior.
     monotonic : whether the lens maps the whole picture without folding. views, dropped : in the order of their names.
     verdict : by the solve alone; `faults.views.judge_views` adds what the set of views shows.
@@ -73,15 +68,15 @@ class LensSolution:
 
     camera: Camera
     model: str
-    rms_px: float
-    rms_inliers_px: float
-    views: tuple[UsedView, ...]
-    outliers: tuple[np.ndarray, ...]
-    dropped: tuple[DroppedView, ...]
-    comparison: tuple[Candidate, ...]
-    monotonic: bool
     board_shape: BoardShape
     verdict: Verdict
+    rms_px: float = np.nan
+    rms_inliers_px: float = np.nan
+    views: tuple[UsedView, ...] = ()
+    outliers: tuple[np.ndarray, ...] = ()
+    dropped: tuple[DroppedView, ...] = ()
+    comparison: tuple[Candidate, ...] = ()
+    monotonic: bool = True
 
     @property
     def board_points(self) -> np.ndarray:
@@ -90,7 +85,7 @@ class LensSolution:
 
     @property
     def trusted(self) -> bool:
-        """Whether nothing is, or looks, wrong with the lens or its pictures."""
+        """Whether the verdict has no diagnosis."""
         return self.verdict.trusted
 
 
@@ -101,13 +96,12 @@ def solve_intrinsics(
     min_corners: int = MIN_CORNERS,
     square_pixels: bool = False,
 ) -> LensSolution:
-    """Solve for the lens, with it the poses of all views, the outliers, and the shape of the board.
+    """Solve for the lens, the poses of all views, the outliers and the board's shape.
 
-    Views with fewer than `min_corners` corners, or whose corners fix no homography, are dropped. Outlier corners are
-    left out; a view is dropped only where most of its corners are wrong, and weighs less where they are noisy.
+    Views with fewer than `min_corners` corners, or whose corners fix no homography, are dropped, and those of which
+    most corners are wrong. Other outlier corners are left out; noisy views weigh less.
 
-    board : its description, or its points. model : "auto" or a name in `LENS_MODELS`.
-    square_pixels : hold fx = fy.
+    model : "auto" or a name in `LENS_MODELS`. square_pixels : hold fx = fy.
 
     Raises InputError for fewer than 3 usable views, views that leave a parameter of the lens open, an unknown model.
     """
@@ -119,18 +113,12 @@ def solve_intrinsics(
         order = np.argsort(view.ids)
         return view.name, view.ids[order].tolist(), view.corners_px[order].ravel().tolist()
 
-    # held-out views and halves are dealt out in turn: the lens must not depend on the order in which views were listed
+    # held-out views and halves are dealt out in turn: the lens must not depend on the order of the views given
     nominal_m = corner_points(board)
     usable, dropped = usable_views(sorted(views, key=rank), nominal_m, min_corners)
     observations = observations_of(usable, nominal_m)
     _require_enough(observations, dropped, model)
-    options = _Options(
-        usable[0].image_size,
-        ShapePrior.of(board),
-        model,
-        min_corners,
-        square_pixels,
-    )
+    options = _Options(usable[0].image_size, ShapePrior.of(board), model, min_corners, square_pixels)
     inliers, rough, warm = _screened(observations, options)
     _require_enough(inliers.of(observations), [*dropped, *_contradicting(usable, inliers.views)], model)
     fit = _decided(inliers, rough, warm, observations, options)
@@ -193,22 +181,18 @@ def _require_enough(observations: Sequence[Observation], dropped: Sequence[Dropp
 
 @dataclass(frozen=True)
 class _Options:
-    """Picture (width, height) px, the prior of the board's shape, "auto" or a name in `LENS_MODELS`, the fewest corners
-    of a view, and whether fx = fy."""
+    """image_size : (width, height) px. prior : of the board's shape. model : "auto" or a name in `LENS_MODELS`."""
 
     image_size: tuple[int, int]
     prior: ShapePrior
-    model: str = "auto"
-    min_corners: int = 6
-    square_pixels: bool = False
+    model: str
+    min_corners: int
+    square_pixels: bool
 
 
 def _screened(observations: Sequence[Observation], options: _Options) -> tuple[Inliers, Bundle, Mapping[str, Bundle]]:
-    """The good corners under the lens given, or under the best of `_SCREENING` for "auto".
-
-    Besides them that lens' solution over them, and solutions of other lenses to start from. The best lens is that with
-    the least median error in a robust fit, which outliers do not move.
-    """
+    """The good corners under the given lens, or for "auto" the one of `_SCREENING` of least median error; its solution
+    over them, and solutions of other lenses to start from."""
     known: dict[str, Bundle] = {}
     robust, guess = {}, Guess.of(observations, options.image_size)
     for name in ("opencv4", *_SCREENING) if options.model == "auto" else (options.model,):
@@ -227,7 +211,7 @@ def _posed(fits: Mapping[str, Bundle], views: np.ndarray) -> Mapping[str, Bundle
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    """A lens over the good corners, one pose for each good view, and what was decided; information : None if open."""
+    """A lens over the good corners, with one pose for each good view; information : None where a parameter is open."""
 
     bundle: Bundle
     inliers: Inliers
@@ -242,7 +226,7 @@ def _decided(
     observations: Sequence[Observation],
     options: _Options,
 ) -> _Fit:
-    """Lens model, and once more the outliers under it, until neither changes."""
+    """Lens model and outliers by turns, until neither changes."""
     comparison: tuple[Candidate, ...] = ()
     decided: tuple[str, int] | None = None
     for _ in range(_ROUNDS):
@@ -262,7 +246,7 @@ def _decided(
     good = inliers.of(observations)
     bundle = unfolded(bundle, good, options.image_size)
     for _ in range(_ROUNDS):
-        # the prior counts by the noise that is left, not by what there was on the way
+        # the prior is weighed by the noise that is left
         bundle = polished(bundle.freed(options.square_pixels, options.prior), good)
     known = information(bundle, good)
     if options.model != "auto" and known is not None:
@@ -284,17 +268,14 @@ def _fit_lens(
 def _choose_lens(
     observations: Sequence[Observation], options: _Options, warm: Mapping[str, Bundle]
 ) -> tuple[Bundle, tuple[Candidate, ...]]:
-    """The solution of the lens model that is expected to be least off, and the comparison it rests on.
+    """The solution of the lens model with the least expected error, and the comparison; warm : solutions by model name.
 
-    Each model is fitted to four fifths of the views and tested on the rest, whose poses alone are solved for. One whose
-    held-out error is clearly the larger (over views) by more than 0.5 %, or by 10 %, is wrong. Of the others that is
-    taken which is expected to be least off over the picture, bias and noise together (`expected_errors_px`): too simple
-    a lens is biased, too rich a one noisy. One without decentring must be 15 % better than opencv4, which has it.
+    Models whose held-out error is larger by 0.5 % and significantly so (over views), or by 10 %, are wrong. Of the
+    others the one of least expected error over the picture is taken, bias and noise together (`expected_errors_px`). A
+    lens without decentring must be 15 % better than opencv4, which has it.
 
     Models that fold inside the picture are passed over unless every other is 10 % worse on held-out views, those whose
-    halves disagree unless every other is 0.5 % worse; one that the views leave open is left out.
-
-    warm : solutions by model name for nearly the same corners, to start from.
+    halves disagree unless every other is 0.5 % worse; those with an open parameter are left out.
     """
     fits: dict[str, Bundle] = {}
     errors: dict[str, np.ndarray] = {}
@@ -327,7 +308,7 @@ def _choose_lens(
     candidates = [replace(candidate, expected_error_px=off_px[candidate.model]) for candidate in candidates]
     names = [candidate.model for candidate in good]
     chosen = min(names, key=off_px.__getitem__)
-    # every lens is a little off its axis: to deny that takes more than chance gives
+    # every lens is a little decentred: a model without it must be clearly better
     if chosen in _CENTRED and _DECENTRED in names and off_px[_DECENTRED] < _CLEARLY * off_px[chosen]:
         chosen = _DECENTRED
     return fits[chosen], tuple(candidates)

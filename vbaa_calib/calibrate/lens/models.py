@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -17,14 +17,13 @@ from .projection import corner_radius, radial_slopes
 
 @dataclass(frozen=True)
 class LensModel:
-    """A lens model: a name as `--model` takes it, "opencv" or "fisheye", how many distortion coefficients it stores, in
-    OpenCV's order, which of them are free (the others stay zero), and the model whose solution is a good start."""
+    """A lens model: its distortion, and what of it is solved for."""
 
-    name: str
-    camera_model: str
-    distortion_count: int
-    free: tuple[int, ...]
-    simpler: str | None
+    name: str  # as `--model` takes it
+    camera_model: str  # "opencv" or "fisheye"
+    distortion_count: int  # coefficients stored, in OpenCV's order
+    free: tuple[int, ...]  # those that are solved for; the others stay zero
+    simpler: str | None  # the model to start from
 
     @property
     def is_fisheye(self) -> bool:
@@ -51,12 +50,11 @@ LENS_MODELS = {
         LensModel("fisheye", "fisheye", 4, (0, 1, 2, 3), None),
     )
 }
-"""By name, from simple to rich."""
 
 _Projected = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
-def camera_matrix(intrinsics: np.ndarray) -> np.ndarray:
+def _camera_matrix(intrinsics: np.ndarray) -> np.ndarray:
     """(3, 3) camera matrix from (fx, fy, cx, cy, *distortion)."""
     fx, fy, cx, cy = intrinsics[:4]
     return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
@@ -64,14 +62,14 @@ def camera_matrix(intrinsics: np.ndarray) -> np.ndarray:
 
 def _project_opencv(points: np.ndarray, pose: np.ndarray, intrinsics: np.ndarray) -> _Projected:
     distortion = intrinsics[4:] if len(intrinsics) > 4 else np.zeros(4)
-    pixels, jacobian = cv2.projectPoints(points, pose[:3], pose[3:], camera_matrix(intrinsics), distortion)
+    pixels, jacobian = cv2.projectPoints(points, pose[:3], pose[3:], _camera_matrix(intrinsics), distortion)
     return pixels.reshape(-1, 2), jacobian[:, 6 : 6 + len(intrinsics)], jacobian[:, :6]
 
 
 def _project_fisheye(points: np.ndarray, pose: np.ndarray, intrinsics: np.ndarray) -> _Projected:
     turn, shift, distortion = pose[:3, None], pose[3:, None], intrinsics[4:, None]
     pixels, jacobian = cv2.fisheye.projectPoints(
-        points.reshape(-1, 1, 3), turn, shift, camera_matrix(intrinsics), distortion
+        points.reshape(-1, 1, 3), turn, shift, _camera_matrix(intrinsics), distortion
     )
     return pixels.reshape(-1, 2), jacobian[:, :8], jacobian[:, 8:14]
 
@@ -83,7 +81,36 @@ pixels (N, 2) and the derivatives of the interleaved pixels by intrinsics (2N, 4
 
 def camera_of(model: LensModel, intrinsics: np.ndarray, image_size: tuple[int, int]) -> Camera:
     """The camera of intrinsics (fx, fy, cx, cy, *distortion), without a covariance."""
-    return Camera(model.camera_model, image_size, camera_matrix(intrinsics), intrinsics[4:])
+    return Camera(model.camera_model, image_size, _camera_matrix(intrinsics), intrinsics[4:])
+
+
+_UNSEEN_PX = 1e4
+
+
+class ProjectedPoints(NamedTuple):
+    """Pixels (N, 2), and their derivatives by the points (N, 2, 3), per m, and by the lens (N, 2, 4 + k).
+
+    Points that the lens does not see are far outside the picture, with derivatives of zero.
+    """
+
+    pixels: np.ndarray
+    by_point: np.ndarray
+    by_lens: np.ndarray
+
+    def by_pose(self, lever: np.ndarray) -> np.ndarray:
+        """(N, 2, 6) by the tangent (`Pose.retract`) of a body's pose; lever (N, 3) from its origin to the points."""
+        return np.concatenate([np.cross(lever[:, None], self.by_point), self.by_point], axis=-1)
+
+
+def projected(camera: Camera, points: np.ndarray) -> ProjectedPoints:
+    """Points (N, 3) m in the camera frame through the lens, with derivatives."""
+    seen = camera.project(points)[1][:, None]
+    ahead = np.where(seen, points, [0.0, 0.0, 1.0])
+    pixels, by_lens, by_pose = PROJECTIONS[camera.model](ahead, np.zeros(6), camera.parameters)
+    slopes = (each.reshape(len(points), 2, -1) for each in (by_pose[:, 3:], by_lens))
+    return ProjectedPoints(
+        np.where(seen, pixels, _UNSEEN_PX), *(np.where(seen[..., None], each, 0.0) for each in slopes)
+    )
 
 
 _NUMERATOR = {"opencv": (0, 1, 4), "fisheye": (0, 1, 2, 3)}
@@ -96,15 +123,11 @@ _DIVISION_TERMS = 2
 
 @dataclass(frozen=True)
 class Unfolding:
-    """What is added to a cost so that the lens does not fold inside the picture.
+    """A penalty that keeps the lens from folding inside the picture."""
 
-    least_slope : of the distorted radius by the ideal one (by the angle, for a fisheye), wherever the picture reaches.
-    weight_px2 : cost of a slope of zero at one of the radii checked. image_size : (width, height) px.
-    """
-
-    least_slope: float
-    weight_px2: float
-    image_size: tuple[int, int]
+    least_slope: float  # of the distorted radius by the ideal one (fisheye: by the angle), in the picture
+    weight_px2: float  # cost of a slope of zero at one of the radii checked
+    image_size: tuple[int, int]  # (width, height) px
 
 
 def radial_curve(
@@ -115,24 +138,15 @@ def radial_curve(
 
 
 def is_monotonic(model: LensModel, intrinsics: np.ndarray, image_size: tuple[int, int]) -> bool:
-    """Whether every pixel of the picture has a ray of its own (`Camera.valid_region`), and none lies beside a pole.
-
-    A lens that folds back or has a pole inside the picture can still fit its corners well, but beyond them it maps two
-    directions to one pixel.
-    """
-    return _is_monotonic(model, tuple(intrinsics.tolist()), image_size)
-
-
-@lru_cache(maxsize=64)
-def _is_monotonic(model: LensModel, numbers: tuple[float, ...], image_size: tuple[int, int]) -> bool:
-    intrinsics = np.array(numbers)
-    # A pole with a zero beside it is narrower than any sampling of the curve, and which of the two comes first is often
-    # decided by the last digits of the corners: one counts that lies before the curve has left the picture, or nearly.
+    """Whether every pixel of the picture has one ray (`Camera.valid_region`), and none lies beside a pole. A lens that
+    folds can fit its corners well, but beyond them maps two directions to one pixel."""
+    # A pole with a zero beside it is narrower than any sampling of the curve, and which comes first often depends on
+    # the last digits of the corners: one counts that lies before the curve has, all but, left the picture.
     bottom = [index for index in _DENOMINATOR[model.camera_model] if index < len(intrinsics) - 4]
     coefficients = intrinsics[4:][bottom]
     if not np.isfinite(coefficients).all():
         return False
-    # of one over the radius' square, so that small coefficients do no harm
+    # in one over the squared radius, so that small coefficients do no harm
     inverses = np.roots([1.0, *coefficients])
     squares = 1.0 / inverses[np.abs(inverses) > _FAR]
     near = squares[(squares.real > 0.0) & (np.abs(squares.imag) < _NEARLY * np.abs(squares))].real
@@ -144,10 +158,9 @@ def _is_monotonic(model: LensModel, numbers: tuple[float, ...], image_size: tupl
 
 
 def rational_like(fisheye: LensModel, intrinsics: np.ndarray, image_size: tuple[int, int]) -> np.ndarray | None:
-    """(12,) intrinsics of a rational lens that follows a fisheye's curve over the picture, without a pole.
-
-    A rational lens that is solved from another start often has a pole beside a zero, just beyond the corners seen. None
-    where the fisheye sees more than 86° off its axis or folds.
+    """(12,) intrinsics of a rational lens without a pole that follows a fisheye's curve over the picture; None where
+    that sees more than 86° off its axis or folds. From other starts a rational lens often has a pole just beyond the
+    corners.
     """
     reach = corner_radius(intrinsics, image_size)
     angles = np.linspace(0.0, _WIDEST_RAD, _SAMPLES)
@@ -158,7 +171,7 @@ def rational_like(fisheye: LensModel, intrinsics: np.ndarray, image_size: tuple[
     radii = np.tan(angles[seen][1:])
     ratio, square = curve[seen][1:] / radii, radii**2
     powers = square[:, None] ** np.arange(1, 4)
-    # near the axis all is well anyhow; far out the powers would rule
+    # without the weight the powers far out would dominate
     weight = 1.0 / (1.0 + square)
     design = np.hstack([powers, -ratio[:, None] * powers]) * weight[:, None]
     lowest = np.array([-np.inf] * 3 + [0.0] * 3)

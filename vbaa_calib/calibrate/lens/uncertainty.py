@@ -17,6 +17,7 @@ import numpy as np
 from vbaa_calib.camera import Camera
 from vbaa_calib.camera.projection import ray_derivatives
 from vbaa_calib.core.errors import InputError
+from vbaa_calib.geometry.independent_axes import largest_std
 
 _GRID = (17, 13)
 _UNSEEN_PX, _LEAST_PX, _CHANCE = 1e3, 1e-4, 2.0
@@ -31,10 +32,7 @@ class _ProjectionUncertainty(NamedTuple):
     @property
     def std_px(self) -> np.ndarray:
         """(R, C) in the worst direction."""
-        values = np.full(self.pixels.shape[:-1], np.nan)
-        known = np.isfinite(self.covariance_px2).all(axis=(-1, -2))
-        values[known] = np.sqrt(np.linalg.eigvalsh(self.covariance_px2[known])[:, -1].clip(0.0))
-        return values
+        return largest_std(self.covariance_px2)
 
 
 def projection_uncertainty(
@@ -66,15 +64,12 @@ def is_covered(pixels: np.ndarray, corners_px: np.ndarray) -> np.ndarray:
 
 
 def expected_errors_px(cameras: Mapping[str, Camera], reference: str, corners_px: np.ndarray) -> dict[str, float]:
-    """How far each lens is expected to be off, what a turn of the camera explains among the corners left out.
+    """Expected error of each lens by the focused information criterion (Claeskens & Hjort 2003): its variance, and the
+    square of its bias, the difference from the reference less twice the mean of what noise makes of it.
 
-    cameras : solutions of several lens models from the same corners, by name, with covariances. reference : one that is
-        right but for noise. corners_px : (N, 2) what they were solved from.
-
-    The focused information criterion (Claeskens & Hjort 2003): a lens' own variance, and the square of its bias, which
-    is that of its difference from the reference less twice what noise makes of it in the mean. The geometric mean over
-    the picture: what is good among the corners must not run wild beside them, and what lies beside them does not
-    outweigh them.
+    cameras : by name, from the same corners (N, 2), with covariances. reference : one without bias. What a turn of the
+    camera explains among the corners is left out; the geometric mean over the picture is taken, so that a lens must not
+    run wild beside the corners, nor count for nothing else.
     """
     pixels = pixel_grid(cameras[reference].image_size).reshape(-1, 2)
     among = is_covered(pixels, corners_px)
@@ -105,17 +100,10 @@ def projection_jacobian(camera: Camera, pixels: np.ndarray) -> np.ndarray:
     return _slopes(camera, pixels)[0]
 
 
-def turn_jacobian(camera: Camera, pixels: np.ndarray) -> np.ndarray:
-    """(..., 2, 3) how the projection of each pixel's ray moves when the ray is turned by a rotation vector, per rad."""
-    return _slopes(camera, pixels)[1]
-
-
 def compensate(camera: Camera, pixels: np.ndarray, jacobian: np.ndarray, where: np.ndarray | bool = True) -> np.ndarray:
-    """(..., 2, p) what derivatives by p causes leave when the camera turns to meet each best, in mean square.
-
-    where : (...) the pixels that the turn is to meet.
-    """
-    turn = turn_jacobian(camera, pixels)
+    """(..., 2, p) what derivatives by p causes leave when the camera turns to meet each best, in mean square over the
+    pixels `where` (...)."""
+    turn = _slopes(camera, pixels)[1]
     known = where & np.isfinite(jacobian).all(axis=(-1, -2)) & np.isfinite(turn).all(axis=(-1, -2))
     if not known.any():
         return np.full_like(jacobian, np.nan)
@@ -124,14 +112,14 @@ def compensate(camera: Camera, pixels: np.ndarray, jacobian: np.ndarray, where: 
 
 
 def _slopes(camera: Camera, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """`projection_jacobian` and `turn_jacobian`."""
+    """How the projections of pixels' rays move with the lens (..., 2, 4 + k), and per rad with a turn (..., 2, 3)."""
     pixels = np.asarray(pixels, float)
     return _slopes_at(camera, pixels.shape, pixels.tobytes())
 
 
 @lru_cache(maxsize=4)
 def _slopes_at(camera: Camera, shape: tuple[int, ...], pixels: bytes) -> tuple[np.ndarray, np.ndarray]:
-    """One after the other is asked for, of the same pixels."""
+    """Cached: `projection_jacobian` and `compensate` ask for the same pixels."""
     moved = ray_derivatives(camera.intrinsics, np.frombuffer(pixels).reshape(shape))
     valid, turned = moved.valid[..., None, None], np.cross(np.eye(3), moved.rays[..., None, :])
     safe = np.where(valid, moved.by_pixel, np.eye(3)[:, :2])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -23,13 +23,10 @@ _SCATTERED = 2.0
 
 @dataclass(frozen=True)
 class Verdict:
-    """The verdict on a lens: it is as good as the worst that was found.
+    """The verdict on a lens: it is as good as the worst that was found."""
 
-    diagnoses : what is wrong, or looks wrong, with the lens and its pictures, the grave ones first.
-    reasons : sentences: why this lens model, whether halves of the views agree, whether the board is flat.
-    """
-
-    diagnoses: tuple[Diagnosis, ...]
+    diagnoses: tuple[Diagnosis, ...]  # what is wrong, or looks wrong, the grave ones first
+    # sentences: why this lens model, whether halves of the views agree, whether the board is flat
     reasons: tuple[str, ...]
 
     @property
@@ -80,20 +77,15 @@ class Verdict:
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """What a solve knows of its lens.
+    """What a solve knows of its lens."""
 
-    camera : with its covariance. model : name of its lens model. monotonic : whether it maps the picture without folds.
-    comparison : the lens models that were assessed. shape : of the board.
-    views_px : corners (N, 2) px of each view used. view_scatter : as `Information` has it.
-    """
-
-    camera: Camera
-    model: str
-    monotonic: bool
-    comparison: Sequence[Candidate]
-    shape: BoardShape
-    views_px: Sequence[np.ndarray]
-    view_scatter: float = 1.0
+    camera: Camera  # with its covariance
+    model: str  # name of its lens model
+    monotonic: bool  # whether it maps the picture without folds
+    comparison: Sequence[Candidate]  # the lens models that were assessed
+    shape: BoardShape  # of the board
+    views_px: Sequence[np.ndarray]  # corners (N, 2) px of each view used
+    view_scatter: float = 1.0  # as `Information` has it
 
     @property
     def chosen(self) -> Candidate | None:
@@ -103,75 +95,48 @@ class Evidence:
 
 def judge(known: Evidence) -> Verdict:
     """The verdict on a lens by its solve alone; what the set of views shows is added with `with_diagnoses`."""
-    found = [one for rule in _RULES if (one := rule(known)) is not None]
-    return Verdict(_grave_first(found), (*_why(known), *_split_half(known), _board(known.shape)))
+    return Verdict(_grave_first(_diagnoses(known)), (*_why(known), *_split_half(known), _board(known.shape)))
 
 
 def _grave_first(found: Iterable[Diagnosis]) -> tuple[Diagnosis, ...]:
     return tuple(sorted(found, key=lambda one: not one.grave))
 
 
-def _folds(known: Evidence) -> Diagnosis | None:
-    if known.monotonic:
-        return None
-    words = f"the {known.model} lens folds inside the picture: directions near its border are not to be trusted"
-    return Diagnosis("lens_folds", words, "show the board near the border, too, or choose another --model")
-
-
-def _split_half_differs(known: Evidence) -> Diagnosis | None:
-    chosen = known.chosen
-    if chosen is None or chosen.halves is None or chosen.split_half_agrees:
-        return None
-    words = f"two halves of the views give lenses that differ by {chosen.halves:.1f} times what is predicted"
-    remedy = "the uncertainty is larger than stated by about as much: add views, or choose another --model"
-    return Diagnosis("split_half_differs", words, remedy)
-
-
-def _focal_vague(known: Evidence) -> Diagnosis | None:
-    covariance = known.camera.covariance
-    assert covariance is not None
-    std = float((np.sqrt(np.diag(covariance)[:2]) / known.camera.parameters[:2]).max())
-    if std <= _VAGUE_FOCAL:
-        return None
-    words = f"the focal length is known to {100 * std:.1f} % only"
-    return Diagnosis("focal_vague", words, "add views of the board tilted by 30 to 45 degrees")
-
-
-def _little_covered(known: Evidence) -> Diagnosis | None:
-    # of an 8 x 6 grid over the picture, those in which a corner was seen
+def _diagnoses(known: Evidence) -> Iterator[Diagnosis]:
+    """What speaks against trusting the lens."""
+    chosen, count = known.chosen, len(known.views_px)
+    if count < _ENOUGH_VIEWS:
+        words = f"the lens rests on {count} views: they fit almost any lens, and halves of them cannot be compared"
+        missing = f"add {_ENOUGH_VIEWS - count} or more views"
+        yield Diagnosis("few_views", words, f"{missing}, the board tilted by 30 to 45 degrees, each time another way")
+    if known.view_scatter >= _SCATTERED:
+        words = (
+            f"the views contradict each other {known.view_scatter:.1f} times as much as their corners scatter; the "
+            "stated uncertainty counts that"
+        )
+        remedy = (
+            "hold board and camera still and the focus fixed, with more light (a rolling shutter bends a moving "
+            "board); or choose another --model"
+        )
+        yield Diagnosis("views_scatter", words, remedy)
+    if not known.monotonic:
+        words = f"the {known.model} lens folds inside the picture: directions near its border are not to be trusted"
+        yield Diagnosis("lens_folds", words, "show the board near the border, too, or choose another --model")
+    if chosen is not None and chosen.halves is not None and not chosen.split_half_agrees:
+        words = f"two halves of the views give lenses that differ by {chosen.halves:.1f} times what is predicted"
+        remedy = "the uncertainty is larger than stated by about as much: add views, or choose another --model"
+        yield Diagnosis("split_half_differs", words, remedy)
+    assert known.camera.covariance is not None
+    focal_std = float((np.sqrt(np.diag(known.camera.covariance)[:2]) / known.camera.parameters[:2]).max())
+    if focal_std > _VAGUE_FOCAL:
+        words = f"the focal length is known to {100 * focal_std:.1f} % only"
+        yield Diagnosis("focal_vague", words, "add views of the board tilted by 30 to 45 degrees")
+    # of an 8 x 6 grid over the picture, the cells in which a corner was seen
     places = (np.concatenate(known.views_px) + 0.5) / np.array(known.camera.image_size) * (8, 6)
     share = len(np.unique(np.clip(places, 0, (7, 5)).astype(int), axis=0)) / 48
-    if share >= _COVERED:
-        return None
-    words = f"the corners cover {100 * share:.0f} % of the picture"
-    return Diagnosis("little_covered", words, "add views with the board near its border")
-
-
-def _views_scatter(known: Evidence) -> Diagnosis | None:
-    if known.view_scatter < _SCATTERED:
-        return None
-    words = (
-        f"the views contradict each other {known.view_scatter:.1f} times as much as their corners scatter; the stated "
-        "uncertainty counts that"
-    )
-    remedy = (
-        "hold board and camera still and the focus fixed, with more light (a rolling shutter bends a moving board); or "
-        "choose another --model"
-    )
-    return Diagnosis("views_scatter", words, remedy)
-
-
-def _few_views(known: Evidence) -> Diagnosis | None:
-    count = len(known.views_px)
-    if count >= _ENOUGH_VIEWS:
-        return None
-    words = f"the lens rests on {count} views: they fit almost any lens, and halves of them cannot be compared"
-    missing = f"add {_ENOUGH_VIEWS - count} or more views, the board tilted by 30 to 45 degrees, each time another way"
-    return Diagnosis("few_views", words, missing)
-
-
-_RULES = (_few_views, _views_scatter, _folds, _split_half_differs, _focal_vague, _little_covered)
-"""What a lens must not show to be trusted: each a function from `Evidence` to a `Diagnosis`, or None where it holds."""
+    if share < _COVERED:
+        words = f"the corners cover {100 * share:.0f} % of the picture"
+        yield Diagnosis("little_covered", words, "add views with the board near its border")
 
 
 def _why(known: Evidence) -> list[str]:
@@ -179,20 +144,18 @@ def _why(known: Evidence) -> list[str]:
     chosen = known.chosen
     if chosen is None:
         return []
-    name, own_px = chosen.model, chosen.held_out_rms_px
+    name, misses = chosen.model, f"misses views that it has not seen by {chosen.held_out_rms_px:.3f} px rms"
     if len(known.comparison) < 2:
-        return [f"The lens model {name} was given; it misses views that it has not seen by {own_px:.3f} px rms."]
-    best = min(known.comparison, key=lambda candidate: candidate.held_out_rms_px)
+        return [f"The lens model {name} was given; it {misses}."]
     if chosen.expected_error_px is None:
-        return [f"{name} misses views that it has not seen by {own_px:.3f} px rms."]
-    off = f"{chosen.expected_error_px:.2f} px"
-    words = f"Of the lens models, {name} is expected to be least off ({off})"
+        return [f"{name} {misses}."]
+    best = min(known.comparison, key=lambda candidate: candidate.held_out_rms_px)
+    words = f"Of the lens models, {name} is expected to be least off ({chosen.expected_error_px:.2f} px)"
     if best.model == name:
-        return [f"{words}, and predicts views that it has not seen best ({own_px:.3f} px rms)."]
-    errors = f"{own_px:.3f} px rms, {best.model} by {best.held_out_rms_px:.3f} px"
-    why = "" if best.monotonic else f"; {best.model} folds inside the picture"
-    why = why or ("" if best.split_half_agrees else f"; {best.model} differs between halves of the views")
-    return [f"{words}; it misses views that it has not seen by {errors}{why}."]
+        return [f"{words}, and predicts views that it has not seen best ({chosen.held_out_rms_px:.3f} px rms)."]
+    why = "" if best.split_half_agrees else f"; {best.model} differs between halves of the views"
+    why = why if best.monotonic else f"; {best.model} folds inside the picture"
+    return [f"{words}; it {misses}, {best.model} by {best.held_out_rms_px:.3f} px{why}."]
 
 
 def _split_half(known: Evidence) -> list[str]:

@@ -34,8 +34,7 @@ _STEPS = np.array([1e-5, 1e-5, 1e-5, *[0.02] * (_UNKNOWNS - 3)])
 _RULES = Rules(iterations=40, standstill=1e-12)
 _ENOUGH = 1e-6
 _PASSES, _CONVERGED = 10, 1e-5
-_END_MARGIN = 0.004
-"""Points this part of the length off the clamp or the tip are left out: the holder's edge and the tip's round end."""
+_END_MARGIN = 0.004  # part of the length at clamp and tip whose points are left out
 _LEAST_POINTS = 20
 _LENGTH_STD_M, _CLAMP_OUT_OF_PLANE_STD_RAD, _LOG_STIFFNESS_STD = 3e-4, 0.01, 0.15
 """What a nominal antenna is trusted with besides the priors of bundle adjustment: its length to a ruler's reading,
@@ -45,20 +44,15 @@ diameter."""
 
 @dataclass(frozen=True, eq=False)
 class FreeAntenna:
-    """What is known of the free antenna before the picture.
+    """What is known of the free antenna before the picture."""
 
-    length_m, length_std_m : from the clamp to the tip. diameter_m : of the wire.
-    parameters : (9,) `antenna.shape.PARAMETERS` in the frame that is looked for, with their covariance (9, 9). With
-        clamp offsets and angles of zero that frame is the clamp's own.
-    gravity_m_s2 : (3,) antenna frame, at the joints' angles of the pictures.
-    """
-
-    length_m: float
+    length_m: float  # from the clamp to the tip
     length_std_m: float
-    diameter_m: float
+    diameter_m: float  # of the wire
+    # (9,) `antenna.shape.PARAMETERS` in the frame looked for; with zero clamp offsets and angles the clamp's
     parameters: np.ndarray
-    covariance: np.ndarray
-    gravity_m_s2: np.ndarray
+    covariance: np.ndarray  # (9, 9) of the parameters
+    gravity_m_s2: np.ndarray  # (3,) antenna frame, at the joints' angles of the pictures
 
     def curves(self, parameters: np.ndarray) -> Curves:
         """The free antenna with each of K parameter vectors (K, 9)."""
@@ -78,31 +72,23 @@ def nominal_free_antenna(antenna: NominalAntenna, gravity_m_s2: np.ndarray) -> F
 
 @dataclass(frozen=True, eq=False)
 class OverSetup:
-    """The antenna over the board, as described.
+    """The antenna over the board, as described."""
 
-    spec : the board, flat on plane C. antenna : the free antenna above it.
-    height_m, height_std_m : of the antenna's axis at the clamp above the print.
-    clamp : the clamp's visible edge, where it is known.
-    """
-
-    spec: BoardSpec
+    spec: BoardSpec  # the board, flat on plane C
     camera: Camera
-    antenna: FreeAntenna
-    height_m: float
+    antenna: FreeAntenna  # the free antenna above it
+    height_m: float  # of the antenna's axis at the clamp above the print
     height_std_m: float
-    clamp: LineEnd | None = None
+    clamp: LineEnd | None = None  # the clamp's visible edge, where it is known
 
 
 @dataclass(frozen=True, eq=False)
 class Mark:
-    """A point of the antenna that is known along it, its tip (end −1) or its clamp (end 0).
+    """A point of the antenna that is known along it."""
 
-    seen : the one point, its covariance across and along; std_m : how well its place along the antenna is known.
-    """
-
-    end: int
-    seen: SeenPoints
-    std_m: float
+    end: int  # −1 the tip, 0 the clamp
+    seen: SeenPoints  # the one point
+    std_m: float  # how well its place along the antenna is known
 
     def along(self, curves: ImageCurves) -> np.ndarray:
         """(1, 2) the first curve's direction there over the mark's standard deviation along it."""
@@ -114,18 +100,14 @@ class Mark:
 
 @dataclass(frozen=True, eq=False)
 class OverProblem:
-    """What was seen and what is known.
-
-    toward : +1 where the antenna frame's z points from plane C to the camera's side, −1 where away.
-    noise_scale : scatter of the points over what their standard deviations predict.
-    """
+    """What was seen and what is known."""
 
     setup: OverSetup
     board: BoardPose
     seen: SeenPoints
     marks: Sequence[Mark]
-    toward: float
-    noise_scale: float = 1.0
+    toward: float  # +1 where the antenna frame's z points from plane C to the camera's side, −1 where away
+    noise_scale: float = 1.0  # scatter of the points over the stated one
 
     def T_camera_antenna(self, unknowns: np.ndarray) -> Pose:
         """Pose of the antenna frame."""
@@ -162,11 +144,8 @@ class OverProblem:
 
 
 def solve_over(problem: OverProblem, start: np.ndarray) -> tuple[PoseEstimate, float]:
-    """Solve from a start (angle, x, y) in the board frame.
-
-    Returns the camera's pose, and the scatter of the points over what is predicted. Raises SolveError when the solver
-    does not converge, or too few points lie on the antenna.
-    """
+    """The camera's pose from a start (angle, x, y) in the board frame, and the scatter of the points over the stated
+    one. Raises SolveError where that does not converge, or too few points lie on the antenna."""
     unknowns = np.concatenate([start, np.zeros(_UNKNOWNS - 3)])
     for _ in range(_PASSES):
         unknowns = _descended(problem, unknowns)

@@ -8,7 +8,6 @@ length back from its tip, or where the clamp's edge is marked.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -29,28 +28,17 @@ from .fit import Mark, OverProblem, OverSetup, solve_over
 _TOO_LONG, _HARD_SHADOW = 1.15, 0.2
 _AMBIGUOUS_SIDE, _ALONG = 0.6, 0.5
 _MOVED = 0.6
-_CORNER_REACH_PX = 12.0
-"""A corner this near to the antenna was sharpened in a window that shows the antenna."""
+_CORNER_REACH_PX = 12.0  # a corner this near to the antenna was sharpened in a window that shows the antenna
 _MOST_SCATTER = 5.0
 _NAMED = 3
 
 
-@dataclass(frozen=True, eq=False)
-class OverBoardSolution:
-    """The camera's pose by the antenna over the board, and the board's pose, which may have a second one.
-
-    The frame is the antenna's own; a jig that holds the same frame only as well as the clamp repeats differs by the
-    clamp's scatter.
-    """
-
-    estimate: PoseEstimate
-    board: BoardPose
-
-
 def solve_over_board(
     images: Mapping[str, np.ndarray], setup: OverSetup, guess: Pose | None = None
-) -> OverBoardSolution:
-    """Pose of the camera from pictures of the free antenna over a board that lies on plane C.
+) -> tuple[PoseEstimate, BoardPose]:
+    """Pose of the camera from pictures of the free antenna over a board on plane C, and the board's.
+
+    The frame is the antenna's own: a jig that holds the same frame differs by the clamp's scatter.
 
     images : name → (H, W) uint8; camera, antenna and board stand still in all of them.
     guess : a rough T_antenna_camera: only decides which end is clamped, and to which side z points. Without it z points
@@ -100,7 +88,7 @@ def solve_over_board(
             where=where,
             remedy="clear the board of other things, light it softly, and check the board's description",
         )
-    return OverBoardSolution(estimate, board)
+    return estimate, board
 
 
 def _refuse_touching(setup: OverSetup, toward: float) -> None:

@@ -27,33 +27,24 @@ from scipy.special import fdtrc
 
 from vbaa_calib.core.polyline import arc_lengths, beside, normals
 
-_PIECES = 120
-"""Of the rod; curvature is constant on each."""
-_LEAST_INFORMATION = 1e-13
-"""Added on each coefficient, as a part of the sum of all."""
+_PIECES = 120  # of the rod; curvature is constant on each
+_LEAST_INFORMATION = 1e-13  # added on each coefficient, as a part of the sum of all
 _MOST_POINTS = 140
-_CURLS = (0.0, *np.geomspace(0.01, 30.0, 8))
-"""Standard deviations of curl, in radians per length of the rod."""
-_CURL_LENGTHS = (0.03, 0.1, 0.3)
-"""Over which curl is correlated, in lengths of the rod."""
-_ERROR_LENGTHS = (0.0, 0.01, 0.03)
-"""Over which points err together, in lengths of the rod."""
+_CURLS = (0.0, *np.geomspace(0.01, 30.0, 8))  # standard deviations of curl, in radians per length of the rod
+_CURL_LENGTHS = (0.03, 0.1, 0.3)  # over which curl is correlated, in lengths of the rod
+_ERROR_LENGTHS = (0.0, 0.01, 0.03)  # over which points err together, in lengths of the rod
 _SAMPLES = 20_000
-_LAW_STEPS = 4
-"""Of the moment, on each of which a law that is free is a cubic."""
+_LAW_STEPS = 4  # of the moment, on each of which a law that is free is a cubic
 
 
 @dataclass(frozen=True)
 class Loading:
-    """What bends the rod: weight per length and a dead load, both along `down` (2,), a unit vector in the picture.
+    """What bends the rod: weight per length and a dead load along `down`."""
 
-    weight_N_m : 1 for results per weight. load_at : the load's place as a share of the length.
-    """
-
-    down: tuple[float, float]
-    weight_N_m: float = 1.0
+    down: tuple[float, float]  # unit vector in the picture
+    weight_N_m: float = 1.0  # 1 for results per weight
     load_N: float = 0.0
-    load_at: float = 1.0
+    load_at: float = 1.0  # the load's place as a share of the length
 
     def moments(self, curve: np.ndarray) -> np.ndarray:
         """(M,) bending moment at the places of an evenly spaced line (M, 2) in metres, in the sense of u to v."""
@@ -67,13 +58,10 @@ class Loading:
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """One photograph's line in metres, and what bent the rod in it.
+    """One photograph's line in metres, and what bent the rod in it."""
 
-    points_m : (N, 2) measured. curve_m : (M, 2) smooth, evenly spaced, clamp to tip.
-    """
-
-    points_m: np.ndarray
-    curve_m: np.ndarray
+    points_m: np.ndarray  # (N, 2) measured
+    curve_m: np.ndarray  # (M, 2) smooth, evenly spaced, clamp to tip
     loading: Loading
 
     @cached_property
@@ -130,19 +118,15 @@ def free_law(views: Sequence[View]) -> tuple[list[np.ndarray], np.ndarray]:
 
 @dataclass(frozen=True, eq=False)
 class Bending:
-    """What one or two photographs say of a rod's bending, under H error models of probabilities `weights` (H,).
+    """What one or two photographs say of a rod's bending, under H error models."""
 
-    values, covariances : (H, P), (H, P, P) of the law's coefficients. freedom : degrees of freedom of each of them.
-    uncurled : probability of no curl. curl_std : of the rod's own curl, 1/m. error_std_m : of the points.
-    """
-
-    weights: np.ndarray
-    values: np.ndarray
-    covariances: np.ndarray
-    freedom: int
-    uncurled: float
-    curl_std: float
-    error_std_m: float
+    weights: np.ndarray  # (H,) probabilities
+    values: np.ndarray  # (H, P) the law's coefficients
+    covariances: np.ndarray  # (H, P, P)
+    freedom: int  # degrees of freedom of each
+    uncurled: float  # probability of no curl
+    curl_std: float  # of the rod's own curl, 1/m
+    error_std_m: float  # of the points
 
     def moments_of(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Mean (N,) and standard deviation (N,) of combinations of the coefficients (N, P)."""
@@ -167,10 +151,7 @@ class Bending:
 
 
 def fit_bending(views: Sequence[View], laws: Sequence[np.ndarray]) -> Bending:
-    """Coefficients of a law of curvature, given by its columns (K, P) for each view.
-
-    The same curl is in all views.
-    """
+    """Coefficients of a law of curvature, given by its columns (K, P) for each view; all views have the same curl."""
     parts = [view.rows for view in views]
     data, effect, shares = (np.concatenate([part[i] for part in parts]) for i in (0, 1, 3))
     owner = np.repeat(np.arange(len(parts)), [len(part[0]) for part in parts])

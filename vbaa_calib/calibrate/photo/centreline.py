@@ -1,9 +1,9 @@
 """The middle line of a rod in one photograph: a path between its two ends, then both edges across that path.
 
-Nothing is known of camera, light or background but that the rod is brighter, or darker, than what is around it all
-along. Pixels count from the middle of the upper left one. The path is the cheapest one through what stands out from
-the background; the edges are where half the rod's contrast is left, coming from inside, so that hairs that stand off
-do not count. Hairs that lie against the rod do: points at which it is wider or narrower than near by are left out.
+The only assumption is that the rod is brighter, or darker, than its surroundings all along. Pixel (0, 0) is the middle
+of the upper left one. The path is the shortest one by Dijkstra where contrast is cheap; the edges are at half of the
+rod's contrast, searched from the inside, so that hairs that stick out do not count. Hairs that lie along the rod do:
+points at which it is wider or narrower than near by are left out.
 """
 
 from __future__ import annotations
@@ -21,42 +21,29 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.polyline import arc_lengths, beside, normals
 from vbaa_calib.core.robust import huber_weights, mad_std
 
-_PATH_SIDE = 500
-"""Longest side, in pixels, of the reduced picture in which the path is looked for."""
-_LEAST_CONTRAST = 12.0
-"""Grey levels by which a rod stands out at least."""
-_LEAST_ELONGATION = 6.0
-"""Length over width, below which it is no rod."""
-_RIVAL = 0.4
-"""A second elongated thing this long, relative to the longest, may be the rod as well."""
+_PATH_SIDE = 500  # longest side, in pixels, of the reduced picture in which the path is looked for
+_LEAST_CONTRAST = 12.0  # grey levels by which a rod stands out at least
+_LEAST_ELONGATION = 6.0  # length over width, below which it is no rod
+_RIVAL = 0.4  # a second elongated thing this long, relative to the longest, may be the rod as well
 _ROUNDS = 3
-_FINE = 0.25
-"""Spacing, in pixels, at which profiles across the rod are read."""
-_SMOOTHING_WIDTHS = 0.5
-"""Scale of the smoothing along the rod, in widths: a twisted yarn's plies are lumps of about one width."""
+_FINE = 0.25  # spacing, in pixels, at which profiles across the rod are read
+_SMOOTHING_WIDTHS = 0.5  # along the rod, in widths: a twisted yarn's plies are lumps of about one width
 _LEAST_SMOOTHING_PX = 6.0
 _LEAST_POINTS = 12
-_LONGEST_GAP = 0.15
-"""Of the rod's length, without any point."""
-_WIDTH_TOLERANCE = 4.0
-"""Deviations of the width from its neighbours' beyond which a point is left out."""
+_LONGEST_GAP = 0.15  # of the rod's length, without any point
+_WIDTH_TOLERANCE = 4.0  # deviations of the width from its neighbours' beyond which a point is left out
 
 
 @dataclass(frozen=True, eq=False)
 class RodLine:
-    """A rod's middle line, from clamp to tip.
+    """A rod's middle line, from clamp to tip."""
 
-    points_px : (N, 2) measured middles of the rod, in order. curve_px : (M, 2) smooth line through them from clamp to
-    tip, evenly spaced. width_px : median. wander_px : standard deviation of points about the curve.
-    tip_inside : whether the rod ends within the picture. centre_px : (2,) middle of the picture.
-    """
-
-    points_px: np.ndarray
-    curve_px: np.ndarray
-    width_px: float
-    wander_px: float
-    tip_inside: bool
-    centre_px: np.ndarray
+    points_px: np.ndarray  # (N, 2) measured middles of the rod, in order
+    curve_px: np.ndarray  # (M, 2) smooth line through them from clamp to tip, evenly spaced
+    width_px: float  # median
+    wander_px: float  # standard deviation of points about the curve
+    tip_inside: bool  # whether the rod ends within the picture
+    centre_px: np.ndarray  # (2,) middle of the picture
 
     @property
     def length_px(self) -> float:
@@ -228,10 +215,8 @@ def _smooth(points: np.ndarray, weights: np.ndarray, scale: float) -> np.ndarray
 
 
 def _robust(points: np.ndarray, scale: float, width: float) -> tuple[np.ndarray, np.ndarray]:
-    """`_smooth` curve and what the points (N, 2) miss it by (N,), those that stand off counting less.
-
-    The curve goes on for two widths at both ends, bent as it is over the last three.
-    """
+    """`_smooth` curve by IRLS, and the points' (N, 2) distances from it (N,). It goes on for two widths at both ends,
+    bent as over the last three."""
     weights, misses = np.ones(len(points)), np.zeros(len(points))
     along = arc_lengths(points)
     on = np.linspace(0.0, 2.0 * width, 21)[1:]
@@ -252,10 +237,8 @@ def _robust(points: np.ndarray, scale: float, width: float) -> tuple[np.ndarray,
 
 
 def _edges(picture: np.ndarray, curve: np.ndarray, width: float, first: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Middles (N, 2) between both edges and the widths (N,) there, where both are within the picture.
-
-    In the `first` round, `width` is only how far to look.
-    """
+    """Middles (N, 2) between both edges and the widths (N,) there, where both are within the picture. In the `first`
+    round, `width` is only how far to look."""
     reach = width if first else 2.0 * width
     stations = curve[:: max(1, round(0.2 * min(width, 20.0) / max(arc_lengths(curve[:2])[-1], 1e-9)))]
     normal = normals(stations)

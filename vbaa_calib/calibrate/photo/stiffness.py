@@ -1,4 +1,4 @@
-"""EI of a rod from its line in one photograph, with what scale, gravity's direction and the camera's tilt add to it."""
+"""EI of a rod from its line in one photograph; its uncertainty includes scale, gravity's direction and camera tilt."""
 
 from __future__ import annotations
 
@@ -12,30 +12,22 @@ from vbaa_calib.core.errors import InputError
 from .bending import Bending, Loading, View, fit_bending, free_law, linear_law
 from .centreline import RodLine
 
-_CAMERA_LENGTHS = 2.0
-"""How far the camera is taken to be, in lengths of the rod, for what a tilt does to the perspective."""
+_CAMERA_LENGTHS = 2.0  # the camera's supposed distance in lengths of the rod, for the perspective of a tilt
 
 
 @dataclass(frozen=True)
 class Setting:
-    """What is known of the photographs beside the rod's line.
+    """What is known of the photographs beside the rod's line."""
 
-    length_m : of the rod, from clamp to tip; None where marks give the scale. marks_px : two marks (2, 2) in the plane
-    of the rod, marks_m apart. down_rad : gravity's direction, from down the picture towards its right side.
-    weight_N_m : None for EI per weight, or for a load beside which the weight is nothing. load_m : place of the load
-    along the rod; None for its tip. straight : the free rod is straight. *_std : standard deviations; the scale's is
-    a share.
-    """
-
-    length_m: float | None = None
-    marks_px: np.ndarray | None = None
-    marks_m: float = 0.0
-    down_rad: float = 0.0
-    weight_N_m: float | None = None
+    length_m: float | None = None  # of the rod, from clamp to tip; None where marks give the scale
+    marks_px: np.ndarray | None = None  # two marks (2, 2) in the plane of the rod
+    marks_m: float = 0.0  # their distance
+    down_rad: float = 0.0  # gravity's direction, from down the picture towards its right side
+    weight_N_m: float | None = None  # None for EI per weight, or for a load beside which the weight is nothing
     load_N: float = 0.0
-    load_m: float | None = None
-    straight: bool = False
-    scale_std: float = 0.01
+    load_m: float | None = None  # place of the load along the rod; None for its tip
+    straight: bool = False  # the free rod is straight
+    scale_std: float = 0.01  # relative
     down_std_rad: float = np.radians(1.0)
     tilt_std_rad: float = np.radians(3.0)
 
@@ -47,24 +39,18 @@ class Setting:
 
 @dataclass(frozen=True, eq=False)
 class PhotoStiffness:
-    """EI, or EI per weight, and moment against curvature.
+    """EI, or EI per weight, and moment against curvature."""
 
-    inverse, inverse_std : 1/EI with all deviations. interval : 95 % of EI; its upper end is infinite where the line
-    tells no upper bound. shares : relative standard deviation of EI by cause. views : as fitted; linear, free : fits of
-    one EI and of curvature as any smooth function of the moment. curvature, curvature_std : (K,) of the free one.
-    curved_p : probability of a relation so far from a straight line if it is one.
-    """
-
-    inverse: float
-    inverse_std: float
-    interval: tuple[float, float]
-    shares: dict[str, float]
-    views: list[View]
-    linear: Bending
-    free: Bending
-    curvature: np.ndarray
-    curvature_std: np.ndarray
-    curved_p: float
+    inverse: float  # 1/EI
+    inverse_std: float  # with all deviations
+    interval: tuple[float, float]  # 95 % of EI; infinite at the upper end where the line gives no bound
+    shares: dict[str, float]  # relative standard deviation of EI by cause
+    views: list[View]  # as fitted
+    linear: Bending  # fit of one EI
+    free: Bending  # fit of curvature as any smooth function of the moment
+    curvature: np.ndarray  # (K,) of the free fit
+    curvature_std: np.ndarray  # (K,)
+    curved_p: float  # probability of a relation so far from a straight line if it is one
 
     @property
     def determined(self) -> bool:
@@ -73,9 +59,8 @@ class PhotoStiffness:
 
 
 def solve_photo(lines: Sequence[RodLine], setting: Setting) -> PhotoStiffness:
-    """EI from the line of the bent rod and, if there is a second line, of the unloaded one.
-
-    The unloaded rod hangs as before without its load; where there was none but its weight, it lies flat.
+    """EI from the line of the bent rod and, if there is a second line, of the unloaded one: hanging as before without
+    its load, or lying flat where there was none but its weight.
 
     Raises InputError where no bending is seen, or load and scale are impossible.
     """

@@ -26,13 +26,12 @@ _SAME_START_RAD, _SAME_RAD = 0.02, 1e-3
 _MOVED_PX = 2.0
 _GROSS_CORNER, _GROSS_LEAST_PX = 20.0, 0.5
 _RULES = Rules(iterations=60, tolerance=1e-12, takes_last=True, may_rise_share=1e-13)
-AMBIGUOUS = 1.2
-"""A plane's second pose fits nearly as well where its error is less than this many times the first one's."""
+AMBIGUOUS = 1.2  # least ratio of the errors of a plane's second pose and its first
 _OUT_OF_SIGHT_PX = 1e3
 
 
 def require_size(image_size: tuple[int, int], camera: Camera, where: object) -> None:
-    """Raises InputError when a picture (width, height) has not the size that the lens was calibrated for."""
+    """Raises InputError when a picture (width, height) is not of the size that the lens was calibrated for."""
     if tuple(image_size) != tuple(camera.image_size):
         is_, was = (f"{width}x{height} px" for width, height in (image_size, camera.image_size))
         raise InputError(
@@ -41,10 +40,8 @@ def require_size(image_size: tuple[int, int], camera: Camera, where: object) -> 
 
 
 def start_poses(points: np.ndarray, normalized: np.ndarray) -> list[Pose]:
-    """Poses by every closed form at hand: IPPE alone can be far off or NaN without an error.
-
-    points : (N, 3) m, all with z = 0. normalized : (N, 2) their rays' x/z and y/z. Raises SolveError without one.
-    """
+    """Poses by every closed form of OpenCV (IPPE alone can be far off or NaN without an error), from points (N, 3) m, z
+    = 0, and their rays' x/z and y/z (N, 2). Raises SolveError without one."""
     starts: list[Pose] = []
     for method in (cv2.SOLVEPNP_ITERATIVE, cv2.SOLVEPNP_SQPNP, cv2.SOLVEPNP_IPPE):
         try:
@@ -54,19 +51,20 @@ def start_poses(points: np.ndarray, normalized: np.ndarray) -> list[Pose]:
         for rotvec, translation in zip(rotvecs, translations, strict=True):
             if np.all(np.isfinite(rotvec)) and np.all(np.isfinite(translation)) and translation[2] > 0.0:
                 start = Pose.from_rotvec(rotvec.ravel(), translation)
-                if all(_turn_between(start, other) > _SAME_START_RAD for other in starts):
+                if all(turn_between(start, other) > _SAME_START_RAD for other in starts):
                     starts.append(start)
     if not starts:
         raise SolveError("no pose of the board explains its corners: is the lens that of this camera?")
     return starts
 
 
-def _turn_between(one: Pose, other: Pose) -> float:
+def turn_between(one: Pose, other: Pose) -> float:
+    """Angle between two orientations, rad."""
     return float(Rotation.from_matrix(one.rotation @ other.rotation.T).magnitude())
 
 
 def mirrored(T_camera_board: Pose, points: np.ndarray) -> Pose:
-    """Pose of the board, points (N, 3) m, turned about its centre its normal to the other side of the line of sight."""
+    """The board's pose turned about its centre so that its normal leans to the other side of the line of sight."""
     centre_board = points.mean(axis=0)
     centre = T_camera_board @ centre_board
     sight, normal = centre / np.linalg.norm(centre), T_camera_board.rotation[:, 2]
@@ -81,21 +79,17 @@ def mirrored(T_camera_board: Pose, points: np.ndarray) -> Pose:
 class BoardPose:
     """Where the board is, seen from the camera. The board frame lies on the printed face; its thickness is the jig's.
 
-    covariance : (6, 6) of `Pose.retract`'s tangent (rotation vector rad, translation m) in the camera frame, the lens
-        held fixed, scaled by the residual variance; the uncertainty of the board's bend is in it where one was given.
-    lens_sensitivity : (6, 4 + k) derivative of that tangent by the camera's (fx, fy, cx, cy, distortion). With the
-        lens' covariance C the whole covariance is `covariance + S C Sᵀ`, and `S C` its covariance with the lens.
-    rms_px : reprojection error over the corners used. corners : how many. left_out : how many were grossly wrong.
-    second_ratio : the error of the second pose that a plane allows, over that of the first; None without one.
+    With the lens' covariance C and sensitivity S the whole covariance is `covariance + S C Sᵀ`, and `S C` its
+    covariance with the lens.
     """
 
     T_camera_board: Pose
-    covariance: np.ndarray
-    lens_sensitivity: np.ndarray
-    rms_px: float
-    corners: int
-    left_out: int
-    second_ratio: float | None
+    covariance: np.ndarray  # (6, 6) of `Pose.retract`'s tangent, camera frame, the lens fixed; with the board's shape
+    lens_sensitivity: np.ndarray  # (6, 4 + k) derivative of that tangent by fx, fy, cx, cy, distortion
+    rms_px: float  # over the corners used
+    corners: int  # how many were used
+    left_out: int  # how many were grossly wrong
+    second_ratio: float | None  # error of a plane's second pose over the first's; None without one
 
     @property
     def is_ambiguous(self) -> bool:
@@ -104,12 +98,10 @@ class BoardPose:
 
 
 def solve_board_pose(views: Sequence[BoardView], board: BoardShape, camera: Camera) -> BoardPose:
-    """Pose of the board from one or many pictures in which it stands still relative to the camera.
+    """Pose of the board's mean plane from pictures in which it stands still relative to the camera.
 
     Each corner is averaged over the pictures first: what they share (print, lens, detector bias) does not average out,
     and only then is it part of the residual variance.
-
-    board : its shape, as the lens solve found it. The pose is that of its mean plane.
 
     Raises InputError for no usable board in the pictures, a picture size that is not the camera's, or a board that
     moved; SolveError when no start led to a pose.
@@ -141,7 +133,7 @@ def solve_board_pose(views: Sequence[BoardView], board: BoardShape, camera: Came
     covariance = inverse @ inverse.T * float(residual @ residual) / max(residual.size - 6, 1)
     by_point = by_pose[:, 3:].reshape(-1, 2, 3) @ first.rotation
     by_shape = -inverse @ (by_point @ deformations(board.nominal_m)[ids[inliers]]).reshape(-1, SHAPE)
-    # what the shape shares with the lens comes with the lens
+    # the shape's covariance with the lens is counted with the lens
     shared = np.zeros((SHAPE, by_lens.shape[1])) if board.by_lens is None else board.by_lens
     own = board.covariance
     if board.by_lens is not None and camera.covariance is not None:
@@ -233,7 +225,7 @@ class _Corners:
         """Of another pose that explains the corners."""
         for start in others:
             pose = self.refined(start, SQUARES)
-            if _turn_between(pose, first) > _SAME_RAD and self.camera.project(pose @ self.points)[1].all():
+            if turn_between(pose, first) > _SAME_RAD and self.camera.project(pose @ self.points)[1].all():
                 return _rms(self.residual(pose))
         return None
 

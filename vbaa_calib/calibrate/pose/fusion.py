@@ -1,4 +1,4 @@
-"""Camera poses by several methods: whether they agree within their uncertainty, and their weighted mean."""
+"""Pose fusion: whether camera poses by several methods agree within their uncertainty, and their weighted mean."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ class PoseEstimate:
     Attributes
     ----------
     covariance : (6, 6) of `Pose.retract`'s tangent (rotation vector rad, translation m) in the antenna frame, the lens
-        held fixed.
-    lens_sensitivity : (6, 4 + k) derivative of that tangent by the camera's (fx, fy, cx, cy, distortion). With the
+        fixed.
+    lens_sensitivity : (6, 4 + k) derivative S of that tangent by the camera's (fx, fy, cx, cy, distortion). With the
         lens' covariance C the whole covariance is `covariance + S C Sᵀ`.
     """
 
@@ -32,8 +32,7 @@ class PoseEstimate:
     lens_sensitivity: np.ndarray
 
 
-CONTRADICTION = 1e-4
-"""Chance below which two estimates contradict each other."""
+CONTRADICTION = 1e-4  # chance below which two estimates contradict each other
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +78,7 @@ class Difference:
 
 
 def differences(ways: Sequence[PoseEstimate], lens_covariance: np.ndarray) -> list[Difference]:
-    """Of every pair. What both share through the lens, whose covariance is (P, P), cancels."""
+    """Of every pair. What both share through the lens, of covariance (P, P), cancels."""
     found = []
     for one, other in combinations(ways, 2):
         covariance = one.covariance + other.covariance
@@ -108,7 +107,7 @@ def require_agreement(found: Sequence[Difference], where: object) -> None:
 
 
 def fused(ways: Sequence[PoseEstimate]) -> Pose:
-    """The weighted mean of all estimates, for the lens as it is: where bundle adjustment starts."""
+    """The weighted mean of all estimates, the lens fixed: where bundle adjustment starts."""
     first = ways[0].T_antenna_camera
     weights = [np.linalg.inv(way.covariance) for way in ways]
     weighted = [weight @ way.T_antenna_camera.tangent_from(first) for weight, way in zip(weights, ways, strict=True)]

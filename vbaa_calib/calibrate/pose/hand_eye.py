@@ -1,8 +1,8 @@
 """Hand-eye calibration: where the camera sits on a robot's arm, or stands in its base, from poses and board views.
 
 X is the camera in what carries it (the tool, or the base), Z the board in the other: X·T_camera_board = K·Z, K the
-robot's pose of the one in the other. Robots miss their own readings by more than corners are off, so that the robot's
-error is part of the model (`hand_eye_fit`), found as variance of its turns and of its shifts.
+robot's pose of the one in the other. Robots miss their readings by more than corners are off, so the variances of the
+robot's turns and shifts are part of the model (`hand_eye_fit`).
 """
 
 from __future__ import annotations
@@ -19,18 +19,18 @@ from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.geometry import Pose
+from vbaa_calib.geometry.independent_axes import largest_std
 
 from .hand_eye_fit import HandEyeProblem, Misfits, Solved
 from .hand_eye_start import Start, consensus, other_orders
 from .hand_eye_views import LEAST_CORNERS, SeenView, seen_view
 
-MOUNTS = ("hand", "fixed")
+_MOUNTS = ("hand", "fixed")
 _LEAST_VIEWS = 3
 _LEAST_TURN_RAD = 0.02
 _FAR_BETTER, _BETTER_OF_FEW, _FEW = 4.0, 12.0, 5
 _EXPLAINED, _WELL_EXPLAINED, _FEW_SUBSETS = 0.05, 0.002, 10
-"""Misfits over the board's distance: beyond the first the poses are not of these views, below the second all is
-well."""
+"""Misfits over the board's distance: beyond the first the poses are not of these views, below the second they are."""
 _OUTLIER_CHANCE, _ROUNDS, _FEW_TO_JUDGE, _MANY, _ROUNDING_PX = 1e-5, 8, 8, 0.2, 1e-6
 _LOOSE_RAD, _LOOSE_SHARE, _TURNED_WELL_DEG, _SIGNIFICANT = 0.02, 0.05, 10.0, 3.3
 _TURN_MORE = "add views with the hand turned by 20° and more about a second axis, at right angles to the first"
@@ -38,10 +38,10 @@ _TURN_MORE = "add views with the hand turned by 20° and more about a second axi
 
 @dataclass(frozen=True, eq=False)
 class HandEyeView:
-    """One view. distance_m, turn_rad : by how much the board's centre and its turn, as its corners alone show them,
-    differ from what the robot's pose says; NaN where the view was not used.
+    """One view.
 
-    reason : why the view counts as an outlier or was not used at all; empty for a good one.
+    distance_m, turn_rad : disagreement of the board's centre and turn, by its corners alone, with the robot's pose; NaN
+    where not used. reason : why the view counts as an outlier or was not used; empty for a good one.
     """
 
     name: str
@@ -60,14 +60,14 @@ class HandEye:
     ----------
     mount : "hand": the arm carries the camera; "fixed": it carries the board, and the camera stands beside it.
     camera_pose : T_tool_camera, or T_base_camera where the camera is fixed. board_pose : T_base_board, or T_tool_board.
-    covariance : (12, 12) of their tangents (`Pose.retract`), camera first; the lens' covariance is in it, and the doubt
-        about the robot's variance, so that χ² regions of 95 % hold 95 % also with few views.
+    covariance : (12, 12) of their tangents (`Pose.retract`), camera first; with the lens' covariance and the
+        uncertainty of the robot's variance, so that χ² regions of 95 % hold 95 % also with few views.
     robot_std : (2,) standard deviation per axis of the tool's turns, rad, and shifts, m, against the robot's readings.
-    robot_log_std : (2,) of their logarithms: how well they are known.
-    rms : (2,) disagreement of the good views, turns rad and the board's centre m. parts : "corners", "lens", "robot" →
-        (2,) what each is predicted to contribute to it, rms.
-    board_scale : by what part the board is larger than it is said to be where the robot's lengths are right, and its
-        standard deviation.
+    robot_log_std : (2,) of their logarithms.
+    rms : (2,) disagreement of the good views, turns rad and the board's centre m.
+    parts : "corners", "lens", "robot" → (2,) predicted contribution of each to it, rms.
+    board_scale : by what part the board is larger than stated where the robot's lengths are right, and its standard
+        deviation.
     noise_px : of a corner's coordinate: as the corners of a view scatter, or more where the boards' poses do.
     """
 
@@ -90,7 +90,7 @@ class HandEye:
 
     @property
     def robot_share(self) -> np.ndarray:
-        """(2,) of the variance that is predicted for the disagreement, what the robot contributes: turns, distances."""
+        """(2,) share of the robot in the predicted variance of the disagreement: turns, distances."""
         return self.parts["robot"] ** 2 / np.sum([part**2 for part in self.parts.values()], axis=0)
 
     @property
@@ -173,16 +173,15 @@ def solve_hand_eye(
 
     views : the board in each picture; grossly wrong corners are left out.
     robot_poses : T_base_tool of each, in the same order.
-    board_points : (K, 3) m, by corner id, as the lens solve has found them: a bent board counts as bent.
-    camera : its covariance, if it has one, is in the result's.
+    board_points : (K, 3) m, by corner id, as the lens solve has found them.
     mount : "hand" or "fixed", as in `HandEye`.
     readings : other ways to read the poses, by what is then said of them ("are in degrees"), to name a mistake.
 
     Raises InputError for views and poses that are not of equal number, fewer than three views that can be used, an arm
     that turned about one axis only or not at all, poses that fit far better read in another way, or do not fit.
     """
-    if mount not in MOUNTS:
-        raise InputError(f"the mount is {mount!r}", remedy=f"take one of {', '.join(MOUNTS)}")
+    if mount not in _MOUNTS:
+        raise InputError(f"the mount is {mount!r}", remedy=f"take one of {', '.join(_MOUNTS)}")
     if len(views) != len(robot_poses):
         raise InputError(
             f"there are {len(views)} views and {len(robot_poses)} robot poses", remedy="give one pose for each view"
@@ -200,7 +199,7 @@ def solve_hand_eye(
     good = [seen[i] for i in used]
     rows = [_checked_pose(pose, index) for index, pose in enumerate(robot_poses)]
     poses = [rows[i] for i in used]
-    _refuse_one_axis(poses)  # and again without those that are wrong
+    _refuse_one_axis(poses)  # and again without outliers
     start = _start(rows, used, good, points, mount == "hand", readings or {})
     corners = tuple(one.corners for one in good if one.corners is not None)
     freedom = sum(2 * len(one.pixels) - 6 for one in corners)
@@ -264,10 +263,8 @@ def _start(
     in_hand: bool,
     readings: Mapping[str, Sequence[Pose]],
 ) -> Start:
-    """A start. Raises InputError where the poses fit far better in another reading, or in none.
-
-    rows : poses of the tool. used : (V,) those of the views seen. readings : of all rows.
-    """
+    """A start from all rows of poses, of which `used` (V,) are the views'. Raises InputError where they fit far better
+    in another reading, or in none."""
     looked = [one.poses for one in seen]
 
     def known(tools: Sequence[Pose]) -> list[Pose]:
@@ -288,10 +285,10 @@ def _start(
         pairs = [(rows[i], own) for i, own in zip(order, looked, strict=True) if i >= 0]
         if not np.array_equal(order, used) and len(pairs) > _LEAST_VIEWS:
             others[words] = pairs
-    spreads = {}
-    for words, pairs in others.items():
-        found = consensus(known([tool for tool, _ in pairs]), [own for _, own in pairs], points, _FEW_SUBSETS)
-        spreads[words] = found.spread_m
+    spreads = {
+        words: consensus(known([tool for tool, _ in pairs]), [own for _, own in pairs], points, _FEW_SUBSETS).spread_m
+        for words, pairs in others.items()
+    }
     # another order may be the same as a shift, but for the views at the ends
     words = next(one for one, spread in spreads.items() if spread <= 2.0 * min(spreads.values()))
     better = _BETTER_OF_FEW if len(used) < _FEW else _FAR_BETTER
@@ -322,7 +319,7 @@ def _consistent(
         solved = part.solved(part.start(X, Z), std)
         X, Z, std = solved.state.X, solved.state.Z, solved.std
         off = problem.misfits(solved, seen, kept, centre_m)
-        # outliers that are still in it make the robot look worse than it is; among few views nothing shows that
+        # outliers still in it make the robot look worse than it is; among few views that cannot be seen
         scale = float(np.median(off.squares) / chdtri(6, 0.5))
         scale = max(scale, 1.0) if len(seen) < _FEW_TO_JUDGE else scale
         before, kept = kept, off.squares <= scale * 6.0 * fdtri(6, solved.freedom, 1.0 - _OUTLIER_CHANCE)
@@ -333,7 +330,7 @@ def _consistent(
 
 def _refuse_loose(found: Solved, tools: Sequence[Pose], reach_m: float) -> None:
     of_camera = found.covariance[:6, :6]
-    turn, place = (float(np.sqrt(np.linalg.eigvalsh(part)[-1])) for part in (of_camera[:3, :3], of_camera[3:, 3:]))
+    turn, place = (float(largest_std(part)) for part in (of_camera[:3, :3], of_camera[3:, 3:]))
     if turn > _LOOSE_RAD or place > _LOOSE_SHARE * reach_m:
         second = np.degrees(_turns(tools)[0][1])
         raise InputError(

@@ -1,16 +1,16 @@
-"""Maximum likelihood of a hand-eye calibration: corners, lens, and a robot whose own poses are off.
+"""Maximum likelihood of a hand-eye calibration: corners, lens, and the errors of the robot's own poses.
 
 p_camera = X⁻¹·G·E·Z·p_board where the arm holds the board, X⁻¹·E·G⁻¹·Z·p_board where it holds the camera: G is the
-robot's reading, E the error of each view, a turn and a shift of the tool, both normal. Corners of one view err alike,
-by print, lens and detector, so that the board's poses may err more than the corners' scatter would have it.
+robot's reading, E the normal error of each view, a turn and a shift of the tool. Corners of one view share errors of
+print, lens and detector, so that the board's poses may err more than the corners' scatter shows.
 
 Deviations `std` are (3,) throughout: of the tool's turns, rad, and shifts, m, per axis, and the factor, 1 or more, on
-the corners' own. The residuals themselves show them (restricted maximum likelihood, with a penalty that keeps the
-robot's off zero: Chung et al. 2013).
+the corners' own. They are estimated by restricted maximum likelihood (REML), with a penalty that keeps the robot's off
+zero (Chung et al. 2013).
 
-X and Z are those for the lens as it is given, with which they will be used; its covariance is in theirs, and in the
-variances of the robot's errors. Of each view's corners only what a pose of its own can explain takes part, six numbers.
-The rest is noise, and has had its say on the lens if that was solved from the same corners: they may be the same.
+X and Z are solved for with the lens fixed; its covariance is in theirs and in the variances of the robot's errors. Of
+each view's corners only the six numbers that its own pose can explain take part; the rest is noise, which was already
+used where the lens was solved from the same corners.
 """
 
 from __future__ import annotations
@@ -24,19 +24,16 @@ import numpy as np
 from scipy.optimize import minimize
 from scipy.special import chdtri, fdtri
 
-from vbaa_calib.calibrate.lens.models import PROJECTIONS
+from vbaa_calib.calibrate.lens.models import projected
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.least_squares import Rules, levenberg_marquardt, solve_scaled
 from vbaa_calib.core.robust import radial_std, soft_l1_weights
 from vbaa_calib.geometry import Pose
 from vbaa_calib.geometry.independent_axes import independent_axes
 
-SHARED = 12
-"""Columns of X's tangent and of Z's."""
+_SHARED = 12  # columns of X's tangent and of Z's
 _RULES = Rules(60, tolerance=1e-12, takes_last=True, may_rise_share=1e-9)
-_OUT_OF_SIGHT_PX = 1e4
-_STD_LOGS = np.log([(1e-7, 1.0), (1e-7, 1.0), (1.0, 1e9)])
-"""Between them the deviations are sought."""
+_STD_LOGS = np.log([(1e-7, 1.0), (1e-7, 1.0), (1.0, 1e9)])  # between them the deviations are sought
 _STARTS = (1e-5, 1e-4, 1e-3, 1e-2)
 _ROUNDS, _SAME = 8, 1e-3
 _REWEIGHTINGS, _SOFT_PER_SIGMA, _STANDSTILL_PX = 10, 1.5, 1e-3
@@ -46,31 +43,26 @@ _DIFFERENCE, _LEAST_FREEDOM, _SHARED_DOUBT = 0.05, 3.0, 1.5
 
 @dataclass(frozen=True, eq=False)
 class ViewCorners:
-    """One view's corners: points_m (N, 3) of the board, their pixels (N, 2), weights (N,) on residuals."""
+    """One view's corners."""
 
-    points_m: np.ndarray
-    pixels: np.ndarray
-    weights: np.ndarray
+    points_m: np.ndarray  # (N, 3) board frame
+    pixels: np.ndarray  # (N, 2)
+    weights: np.ndarray  # (N,) on residuals
 
     def linearised(self, camera: Camera, T_camera_board: Pose) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Weighted residuals (2N,) px, observed less predicted, and derivatives of what is predicted by the pose's
         tangent (2N, 6) and by the lens (2N, 4 + k)."""
         lever = self.points_m @ T_camera_board.rotation.T
-        points = lever + T_camera_board.translation_m
-        seen = camera.project(points)[1]
-        ahead = np.where(seen[:, None], points, [0.0, 0.0, 1.0])
-        pixels, by_lens, by_pose = PROJECTIONS[camera.model](ahead, np.zeros(6), camera.parameters)
-        by_point = by_pose[:, 3:].reshape(-1, 2, 3)
-        # turning by w about the board's origin moves a point by w × lever
-        slopes = np.concatenate(
-            [np.cross(lever[:, None], by_point), by_point, by_lens.reshape(-1, 2, by_lens.shape[1])], 2
+        seen = projected(camera, lever + T_camera_board.translation_m)
+        residuals = (self.pixels - seen.pixels) * self.weights[:, None]
+        by_pose, by_lens = (
+            (slopes * self.weights[:, None, None]).reshape(residuals.size, -1)
+            for slopes in (seen.by_pose(lever), seen.by_lens)
         )
-        residuals = self.pixels - np.where(seen[:, None], pixels, _OUT_OF_SIGHT_PX)
-        slopes = (slopes * (self.weights * seen)[:, None, None]).reshape(2 * len(points), -1)
-        return (residuals * self.weights[:, None]).ravel(), slopes[:, :6], slopes[:, 6:]
+        return residuals.ravel(), by_pose, by_lens
 
     def posed(self, camera: Camera, start: Pose) -> tuple[Pose, np.ndarray]:
-        """The pose that the corners fit best, gross ones pulling little, and their residuals' lengths (N,) px there."""
+        """The pose by IRLS (soft L1) from a start, and the residuals' lengths (N,) px there."""
         pose = start
         for _ in range(_REWEIGHTINGS):
             residuals, by_pose, _ = self.linearised(camera, pose)
@@ -94,22 +86,16 @@ class _State:
 
 
 class _Rows(NamedTuple):
-    """A state, and per view six numbers (V, 6) that its corners ask for, in units of their noise.
-
-    residuals : at the state, (V, 6).
-    by_shared : (V, 6, 12 + K) derivatives of what is predicted by the tangents of X and Z, and by K steps of the lens
-        that vary independently by one deviation.
-    by_error : (V, 6, 6) by the tool's turn and shift. by_pose : (V, 6, 6) by the board's pose.
-    errors : (V, 6) turns and shifts at the state. cost : of all corners and the robot, the lens as it is.
-    """
+    """A state, and per view the six numbers that its corners determine, in units of their noise."""
 
     state: _State
-    residuals: np.ndarray
+    residuals: np.ndarray  # (V, 6) at the state
+    # (V, 6, 12 + K) by the tangents of X and Z, and by K independent steps of the lens of unit deviation
     by_shared: np.ndarray
-    by_error: np.ndarray
-    by_pose: np.ndarray
-    errors: np.ndarray
-    cost: float
+    by_error: np.ndarray  # (V, 6, 6) by the tool's turn and shift
+    by_pose: np.ndarray  # (V, 6, 6) by the board's pose
+    errors: np.ndarray  # (V, 6) turns and shifts at the state
+    cost: float  # of all corners and the robot, the lens fixed
 
     def normal(self, std: np.ndarray) -> _Normal:
         """The normal equations of X, Z and lens, the robot's errors eliminated."""
@@ -119,14 +105,15 @@ class _Rows(NamedTuple):
         root = np.linalg.inv(np.linalg.cholesky(V))
         rows = root @ np.concatenate([self.by_shared, left[..., None]], axis=-1)
         product = np.einsum("vki,vkj->ij", rows, rows)
-        A = product[:-1, :-1] + np.diag(np.arange(len(product) - 1) >= SHARED).astype(float)
+        A = product[:-1, :-1] + np.diag(np.arange(len(product) - 1) >= _SHARED).astype(float)
         spread = -2.0 * float(np.log(np.diagonal(root, axis1=1, axis2=2)).sum())
         return _Normal(A, product[:-1, -1], float(product[-1, -1]), left, V, spread)
 
 
 class _Normal(NamedTuple):
-    """A·step = b, and the square of what is left without a step. left : (V, 6), V : (V, 6, 6) its covariance, and the
-    logarithm of its determinants."""
+    """A·step = b, and the squares at no step. left : (V, 6), V : (V, 6, 6) its covariance, and the sum of its log
+    determinants.
+    """
 
     A: np.ndarray
     b: np.ndarray
@@ -149,46 +136,43 @@ class Solved:
         return self.rows.state
 
     def covariance_for(self, std: np.ndarray) -> np.ndarray:
-        """(12, 12) of X's and Z's tangents, the lens' part in it."""
+        """(12, 12) of X's and Z's tangents, with the lens'."""
         A = self.rows.normal(std).A
-        own = solve_scaled(A[:SHARED, :SHARED], np.eye(SHARED))
-        by_lens = own @ A[:SHARED, SHARED:]
+        own = solve_scaled(A[:_SHARED, :_SHARED], np.eye(_SHARED))
+        by_lens = own @ A[:_SHARED, _SHARED:]
         return own + by_lens @ by_lens.T
 
     @cached_property
     def freedom(self) -> float:
-        """Degrees of freedom of the covariance: the robot's variance is known from these few views only."""
+        """Degrees of freedom of the covariance: the robot's variance is estimated from these few views."""
         own, variance = self.covariance_for(self.std), 0.0
         for which, log_std in zip(np.eye(3), self.log_std, strict=True):
             more = self.covariance_for(self.std * np.exp(_DIFFERENCE * which)) - own
-            share = float(np.trace(solve_scaled(own, more))) / (2.0 * _DIFFERENCE * SHARED)
+            share = float(np.trace(solve_scaled(own, more))) / (2.0 * _DIFFERENCE * _SHARED)
             variance += max(share, 0.0) ** _SHARED_DOUBT * (2.0 * min(log_std, 1.0)) ** 2
         return max(2.0 / max(variance, 1e-9), _LEAST_FREEDOM)
 
     @property
     def covariance(self) -> np.ndarray:
-        """(12, 12) so much larger as the 95 % quantile of Fisher's F is larger than that of χ²."""
+        """(12, 12) inflated by the ratio of the 95 % quantiles of Fisher's F and χ²."""
         return self.covariance_for(self.std) * 6.0 * fdtri(6, self.freedom, 0.95) / chdtri(6, 0.05)
 
 
 @dataclass(frozen=True, eq=False)
 class Misfits:
-    """Where the board is, by a view's own corners, less where the robot's readings say.
+    """Where the board is by a view's own corners, less where the robot's readings put it."""
 
-    turn_rad, distance_m : (V,) of the board, and of its centre. squares : (V,) normalised, six degrees of freedom.
-    parts : "corners", "lens", "robot" → (V, 2) variance, rad² and m², that each is predicted to add to them.
-    """
-
-    turn_rad: np.ndarray
-    distance_m: np.ndarray
-    squares: np.ndarray
-    parts: dict[str, np.ndarray]
+    turn_rad: np.ndarray  # (V,) of the board
+    distance_m: np.ndarray  # (V,) of its centre
+    squares: np.ndarray  # (V,) normalised, six degrees of freedom
+    parts: dict[str, np.ndarray]  # "corners", "lens", "robot" → (V, 2) predicted variance, rad² and m²
 
 
 @dataclass(frozen=True, eq=False)
 class HandEyeProblem:
-    """Views (V), the robot's readings of the tool in its base, the camera, the noise of a corner's coordinate in px,
-    and whether the arm holds the camera."""
+    """V views, the robot's readings of the tool in its base, the camera, the noise of a corner's coordinate in px, and
+    whether the arm holds the camera.
+    """
 
     views: tuple[ViewCorners, ...]
     readings: tuple[Pose, ...]
@@ -212,7 +196,7 @@ class HandEyeProblem:
         return axes[:, np.any(axes != 0.0, axis=0)]
 
     def start(self, X: Pose, Z: Pose) -> _State:
-        """At which the robot is right."""
+        """The state without robot errors."""
         return _State(X, Z, (Pose.identity(),) * len(self.views))
 
     def predicted(self, state: _State) -> list[Pose]:
@@ -226,7 +210,7 @@ class HandEyeProblem:
         """(6, 18) the tangent of a view's board pose by those of X, Z and E."""
         X, Z, G, E = state.X, state.Z, self.readings[view], state.errors[view]
         R_camera_base = X.rotation.T
-        # what E turns and shifts is seen by the camera through this, about this point
+        # rotation through which the camera sees what E moves, and the lever about which
         through, inner = (R_camera_base, G.inverse() @ Z) if self.in_hand else (R_camera_base @ G.rotation, Z)
         lever = through @ E.rotation @ inner.translation_m
         R_camera_Z = T_camera_board.rotation @ Z.rotation.T
@@ -246,8 +230,8 @@ class HandEyeProblem:
             basis, factor = np.linalg.qr(tangents)
             own, slopes = basis.T @ residuals, factor @ self._tangents(state, pose, index)
             squares += float(residuals @ residuals) / std[2] ** 2
-            shared = np.hstack([slopes[:, :SHARED], basis.T @ by_lens @ axes])
-            each.append((own, shared, slopes[:, SHARED:], factor))
+            shared = np.hstack([slopes[:, :_SHARED], basis.T @ by_lens @ axes])
+            each.append((own, shared, slopes[:, _SHARED:], factor))
         own, by_shared, by_error, by_pose = (np.array(parts) for parts in zip(*each, strict=True))
         errors = np.array([E.vector for E in state.errors])
         squares += float(((errors / std[:2].repeat(3)) ** 2).sum())
@@ -259,24 +243,24 @@ class HandEyeProblem:
 
         def step(at: _Rows, damping: float) -> tuple[np.ndarray, float]:
             normal = at.normal(std)
-            A, b = normal.A[:SHARED, :SHARED], normal.b[:SHARED]
+            A, b = normal.A[:_SHARED, :_SHARED], normal.b[:_SHARED]
             move = solve_scaled(A, b, damping)
-            left = normal.left - at.by_shared[..., :SHARED] @ move
+            left = normal.left - at.by_shared[..., :_SHARED] @ move
             errors = variance * np.einsum("vji,vj->vi", at.by_error, np.linalg.solve(normal.V, left[..., None])[..., 0])
             own = errors - at.errors
             promise = 0.5 * float(2.0 * b @ move - move @ A @ move + (own**2 / variance).sum())
             return np.concatenate([move, own.ravel()]), promise
 
         def moved(at: _Rows, move: np.ndarray) -> _Rows:
-            X, Z = at.state.X.retract(move[:6]), at.state.Z.retract(move[6:SHARED])
-            steps = move[SHARED:].reshape(-1, 6)
+            X, Z = at.state.X.retract(move[:6]), at.state.Z.retract(move[6:_SHARED])
+            steps = move[_SHARED:].reshape(-1, 6)
             errors = tuple(E.retract(own) for E, own in zip(at.state.errors, steps, strict=True))
             return self.linearised(_State(X, Z, errors), std)
 
         return levenberg_marquardt(self.linearised(state, std), step, moved, _RULES).at
 
     def solved(self, state: _State, std: np.ndarray) -> Solved:
-        """The minimum, with the deviations that the residuals show, from these."""
+        """The minimum, with the deviations re-estimated from the residuals (REML)."""
         starts = [std, *(np.array([turn, shift, 1.0]) for turn in _STARTS for shift in _STARTS)]
         for _ in range(_ROUNDS):
             rows, before = self._descended(state, std), std
@@ -288,11 +272,11 @@ class HandEyeProblem:
         return Solved(self._descended(state, std), std, log_std)
 
     def board_scale(self, solved: Solved) -> tuple[float, float]:
-        """By what part the board is larger than it is said to be, if the robot measures right, and its deviation."""
+        """By what part the board is larger than stated, if the robot measures right, and its deviation."""
         # a larger board that is seen alike is as much further away
         further = np.array([np.append(np.zeros(3), pose.translation_m) for pose in self.predicted(solved.state)])
         column = -np.einsum("vij,vj->vi", solved.rows.by_pose, further)[..., None]
-        # beside the lens' steps, with a deviation of one, which is none
+        # beside the lens' steps; its prior deviation of one constrains nothing
         rows = solved.rows._replace(by_shared=np.concatenate([solved.rows.by_shared, column], axis=-1))
         normal = rows.normal(solved.std)
         inverse = solve_scaled(normal.A, np.eye(len(normal.A)))
@@ -304,17 +288,17 @@ class HandEyeProblem:
         rows, std = self.linearised(state, solved.std), solved.std
         tangents = np.array([own.tangent_from(said) for own, said in zip(seen, self.predicted(state), strict=True)])
         V, fit = rows.normal(std).V, solved.rows.normal(std)
-        # judged for the lens that fits the robot best: what all views share must not hide what one has
+        # judged for the lens that fits the robot best: shared errors must not hide a single one
         inverse = solve_scaled(fit.A, np.eye(len(fit.A)))
         off = np.einsum("vij,vj->vi", rows.by_pose, tangents) - rows.by_shared @ (inverse @ fit.b)
         of_shared = rows.by_shared @ inverse @ np.swapaxes(rows.by_shared, 1, 2)
-        # what a view has pulled the solution towards itself is missing from its misfit
+        # a kept view has pulled the solution towards itself
         values, axes = np.linalg.eigh(V + np.where(kept, -1.0, 1.0)[:, None, None] * of_shared)
         squares = (np.einsum("vji,vj->vi", axes, off) ** 2 / np.maximum(values, 1e-9)).sum(axis=1)
 
         robot = (rows.by_error * std[:2].repeat(3) ** 2) @ np.swapaxes(rows.by_error, 1, 2)
-        fixed, of_lens = rows.by_shared[..., :SHARED], rows.by_shared[..., SHARED:]
-        own = solve_scaled(fit.A[:SHARED, :SHARED], np.eye(SHARED))
+        fixed, of_lens = rows.by_shared[..., :_SHARED], rows.by_shared[..., _SHARED:]
+        own = solve_scaled(fit.A[:_SHARED, :_SHARED], np.eye(_SHARED))
         taken = own @ np.swapaxes(fixed, 1, 2) @ np.linalg.inv(V) * kept[:, None, None]
         # a turn moves the board's centre, too
         levers = np.array([_crossed(pose.rotation @ centre_m) for pose in seen])

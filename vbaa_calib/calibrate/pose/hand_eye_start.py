@@ -1,4 +1,4 @@
-"""Robot-world/hand-eye calibration in closed form, and by consensus: X·seen = known·Z for unknown X and Z."""
+"""Robot-world/hand-eye calibration X·seen = known·Z in closed form, robust by random subsets."""
 
 from __future__ import annotations
 
@@ -13,18 +13,13 @@ from scipy.spatial.transform import Rotation
 from vbaa_calib.geometry import Pose
 
 _ROUNDS, _SHARP_RAD, _SHARP_M = 20, 0.01, 1e-3
-_GOOD_SHARE, _LEAST_GOOD = 0.6, 4
-"""Part of the views that a start must explain; others may be wrong."""
+_GOOD_SHARE, _LEAST_GOOD = 0.6, 4  # part of the views that a start must explain; others may be wrong
 _SUBSETS, _SUBSET, _CONCENTRATIONS, _SEED = 40, 4, 3, 0
 
 
 def robot_world(known: Sequence[Pose], seen: Sequence[Pose], rounds: int = _ROUNDS) -> tuple[Pose, Pose]:
-    """X and Z of X·seen = known·Z, views weighed so that a few wrong ones do not count.
-
-    Of the rotations it is linear in both: they are the first singular vectors of the sum of the Kronecker products of
-    the two known turns (Shah 2013). The two places then follow from linear least squares. With one of `rounds` the
-    squares are least, with many the distances.
-    """
+    """X and Z of X·seen = known·Z by IRLS of distances, so that a few wrong views do not count; one of `rounds` gives
+    least squares. The rotations are by Kronecker products (Shah 2013), then the translations linear."""
     turned, looked = (np.array([pose.rotation for pose in poses]) for poses in (known, seen))
 
     def turns(weights: np.ndarray) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray]:
@@ -49,7 +44,7 @@ def robot_world(known: Sequence[Pose], seen: Sequence[Pose], rounds: int = _ROUN
 def _least_absolute(
     solve: Callable[[np.ndarray], tuple[Any, np.ndarray]], count: int, sharp: float, rounds: int
 ) -> Any:
-    """The solution whose misfits (P,), not their squares, are least: by weights that go with one over the misfit."""
+    """The solution of least sum of misfits (P,), not of their squares, by IRLS."""
     weights = np.ones(count)
     for _ in range(rounds):
         solution, misfit = solve(weights)
@@ -64,28 +59,21 @@ def _nearest_rotation(matrix: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Start:
-    """A consensus of most views.
+    """A consensus of most views."""
 
-    X, Z : as in `robot_world`. distances_m : (V,) of the board's points, rms, seen less predicted; the second of two
-    poses that a view allows counts where it lies nearer. chosen : (V,) which one that is. spread_m : rms over the
-    best views, `good` (V,) those that the consensus may rest on.
-    """
-
-    X: Pose
+    X: Pose  # as in `robot_world`
     Z: Pose
-    distances_m: np.ndarray
-    chosen: np.ndarray
-    spread_m: float
-    good: np.ndarray
+    distances_m: np.ndarray  # (V,) rms of the board's points, seen less predicted; of two poses of a view the nearer
+    chosen: np.ndarray  # (V,) which of the two that is
+    spread_m: float  # rms over the best views
+    good: np.ndarray  # (V,) inliers
 
 
 def consensus(
     known: Sequence[Pose], seen: Sequence[Sequence[Pose]], points_m: np.ndarray, subsets: int = _SUBSETS
 ) -> Start:
-    """From all views, and from many small subsets of them, the start whose better 60 % of the views fit best.
-
-    seen : of each view one or two poses of the board, points_m (K, 3). At least three views.
-    """
+    """The start whose better 60 % of at least three views fit best, from all views and many small subsets of them; seen
+    : of each view one or two poses of the board, points_m (K, 3)."""
     count, first = len(known), [poses[0] for poses in seen]
     good = max(min(count, _LEAST_GOOD), int(np.ceil(_GOOD_SHARE * count)))
     centred = points_m - points_m.mean(axis=0)
@@ -124,8 +112,8 @@ def consensus(
 def other_orders(known: Sequence[Pose], seen: Sequence[Pose], used: np.ndarray) -> dict[str, np.ndarray]:
     """How rows of poses may have been mixed up: of each view in use (V,) the row that would be its own, or −1.
 
-    known : of all rows. seen : of the views in use, whose own rows `used` (V,) names. Shifted by one, reversed, and the
-    order in which the angles between the views' turns agree best, which are the same whatever X and Z are.
+    known : of all rows. seen : of the views in use, whose own rows are `used` (V,). Shifted by one, reversed, and the
+    order in which the angles between the views' turns agree best, which do not depend on X and Z.
     """
     count = len(known)
     orders = {

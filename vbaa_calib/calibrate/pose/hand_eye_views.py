@@ -1,11 +1,10 @@
-"""Views of a hand-eye calibration, each by itself: its good corners, and the poses of the board that they allow."""
+"""Each view of a hand-eye calibration by itself: its inlying corners and the board poses that fit them."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import SolveError
@@ -14,7 +13,7 @@ from vbaa_calib.detect.board.corners import BoardView, require_corners
 from vbaa_calib.detect.board.view_quality import fixes_homography
 from vbaa_calib.geometry import Pose
 
-from .board_pose import mirrored, require_size, start_poses
+from .board_pose import mirrored, require_size, start_poses, turn_between
 from .hand_eye_fit import ViewCorners
 
 LEAST_CORNERS = 6
@@ -24,8 +23,9 @@ _SECOND_POSE, _SAME_RAD = 3.0, 1e-2
 
 @dataclass(frozen=True, eq=False)
 class SeenView:
-    """A view's good corners, the one or two poses of the board that they allow, the sum of squares (px²) that the
-    better one leaves, how many corners were left out; or the reason why it is not used."""
+    """A view's good corners, the one or two poses of the board that they allow, the squares (px²) that the better one
+    leaves, how many corners were left out; or the reason why it is not used.
+    """
 
     name: str
     reason: str = ""
@@ -62,16 +62,12 @@ def seen_view(view: BoardView, points: np.ndarray, camera: Camera) -> SeenView:
     corners = ViewCorners(every.points_m[inlying], every.pixels[inlying], every.weights[inlying])
     best, distances = corners.posed(camera, pose)
     poses, square = [best], float((distances**2).sum())
-    others = sorted(found, key=lambda one: -_turn_between(one[0], best))
-    second, off = corners.posed(camera, others[0][0])
-    ahead = second.translation_m[2] > 0.0 and _turn_between(second, best) > _SAME_RAD
+    other, _ = max(found, key=lambda one: turn_between(one[0], best))
+    second, off = corners.posed(camera, other)
+    ahead = second.translation_m[2] > 0.0 and turn_between(second, best) > _SAME_RAD
     if ahead and float((off**2).sum()) < _SECOND_POSE**2 * square:
         poses.append(second)
     return SeenView(view.name, "", corners, tuple(poses), square, len(ids) - int(inlying.sum()))
-
-
-def _turn_between(one: Pose, other: Pose) -> float:
-    return float(Rotation.from_matrix(one.rotation @ other.rotation.T).magnitude())
 
 
 def _weights(view: BoardView, seen: np.ndarray) -> np.ndarray:
@@ -80,5 +76,5 @@ def _weights(view: BoardView, seen: np.ndarray) -> np.ndarray:
         return np.ones(int(seen.sum()))
     variance = np.trace(view.covariance_px2[seen], axis1=1, axis2=2)
     middle = max(float(np.median(variance)), 1e-12)
-    # besides the picture's noise there is what all corners have: print, blur, lens
+    # besides the picture's noise all corners have errors of print, blur and lens
     return np.sqrt(2.0 * middle / (variance + middle))

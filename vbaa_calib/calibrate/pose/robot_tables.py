@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Mapping
 from itertools import permutations
 from pathlib import Path
 
@@ -31,11 +30,8 @@ _UNIT = 0.02
 
 def read_robot_poses(path: Path, euler: str | None = None) -> tuple[dict[str, Pose], dict[str, dict[str, Pose]]]:
     """T_base_tool by view from a CSV: view; x_m,y_m,z_m or x_mm,…; and qx,qy,qz,qw, a rotation vector rx_rad,… or
-    rx_deg,…, or Euler angles a_rad,b_rad,c_rad or a_deg,… in the order `euler`, as SciPy names it.
-
-    Returns besides what else the rows may mean, by what is then said of the poses.
-
-    Raises InputError naming the file, the line and what is wrong.
+    rx_deg,…, or Euler angles a_rad,b_rad,c_rad or a_deg,… in the order `euler`, as SciPy names it. With other readings
+    of the rows, by what is then said of the poses. Raises InputError naming file and line.
     """
     header = _header(path)
     place = next((names for names in _PLACES if names[0] in header), ("x_m", "y_m", "z_m"))
@@ -60,9 +56,13 @@ def read_robot_poses(path: Path, euler: str | None = None) -> tuple[dict[str, Po
         if turn == _QUATERNION and abs(np.linalg.norm(turns[name]) - 1.0) > _UNIT:
             length = np.linalg.norm(turns[name])
             raise InputError(f"the quaternion's length is {length:.3g}, not 1", where=where, remedy="mend the row")
-    return _posed(places, _turned(turns, turn, euler)), {
-        words: _posed(places, other) for words, other in _other_turns(turns, turn, euler).items()
-    }
+    rotations = np.array(list(turns.values()))
+
+    def posed(turned: Rotation) -> dict[str, Pose]:
+        return {name: Pose(own, places[name]) for name, own in zip(places, turned.as_matrix(), strict=True)}
+
+    others = _other_readings(rotations, turn, euler)
+    return posed(_rotations(rotations, turn, euler)), {words: posed(turned) for words, turned in others.items()}
 
 
 def _header(path: Path) -> list[str]:
@@ -70,33 +70,26 @@ def _header(path: Path) -> list[str]:
     return [cell.strip() for cells in csv.reader([next(filled, "")]) for cell in cells]
 
 
-def _posed(places: Mapping[str, np.ndarray], turns: Mapping[str, Rotation]) -> dict[str, Pose]:
-    return {name: Pose(turns[name].as_matrix(), place) for name, place in places.items()}
-
-
-def _turned(turns: Mapping[str, np.ndarray], columns: tuple[str, ...], euler: str | None) -> dict[str, Rotation]:
+def _rotations(values: np.ndarray, columns: tuple[str, ...], euler: str | None) -> Rotation:
+    """V rotations from the numbers (V, 3 or 4) in these columns."""
     degrees = columns[0].endswith("_deg")
     if columns == _QUATERNION:
-        return {name: Rotation.from_quat(values) for name, values in turns.items()}
+        return Rotation.from_quat(values)
     if columns in _VECTORS:
-        return {name: Rotation.from_rotvec(values, degrees=degrees) for name, values in turns.items()}
-    return {name: Rotation.from_euler(str(euler), values, degrees=degrees) for name, values in turns.items()}
+        return Rotation.from_rotvec(values, degrees=degrees)
+    return Rotation.from_euler(str(euler), values, degrees=degrees)
 
 
-def _other_turns(
-    turns: Mapping[str, np.ndarray], columns: tuple[str, ...], euler: str | None
-) -> dict[str, dict[str, Rotation]]:
+def _other_readings(values: np.ndarray, columns: tuple[str, ...], euler: str | None) -> dict[str, Rotation]:
+    """What else the numbers may mean, by what is then said of the poses."""
     if columns == _QUATERNION:
-        rolled = {name: np.roll(values, -1) for name, values in turns.items()}
-        return {"have quaternions with w first": _turned(rolled, columns, None)}
+        return {"have quaternions with w first": _rotations(np.roll(values, -1, axis=1), columns, None)}
     unit, other = ("degrees", "rad") if columns[0].endswith("_rad") else ("rad", "degrees")
     swapped = tuple(f"{column[:-3]}{unit[:3]}" for column in columns)
-    found = {f"are in {unit}, not in {other}": _turned(turns, swapped, euler)}
+    found = {f"are in {unit}, not in {other}": _rotations(values, swapped, euler)}
     angles = tuple(f"{each}_{columns[0][-3:]}" for each in "abc")
-    for order in _EULER:
-        if order != euler:
-            found[f"have Euler angles in the order {order}"] = _turned(turns, angles, order)
-    return found
+    orders = (order for order in _EULER if order != euler)
+    return found | {f"have Euler angles in the order {order}": _rotations(values, angles, order) for order in orders}
 
 
 def read_corners(path: Path, image_size: tuple[int, int], corner_count: int) -> list[BoardView]:

@@ -1,17 +1,16 @@
 """Plane C by the actuator sweep: both joints move camera and antenna in front of a board that is fixed in the world.
 
-Pan alone shows one line in the camera frame, the pan axis: the camera's turn about it and its place along it stay open,
-for the unknown board can follow both. Tilt alone leaves the same open for the tilt axis. Two lines that are not
+Pan alone determines one line in the camera frame, the pan axis: the camera's turn about it and its place along it stay
+open, for the unknown board can follow both. Tilt alone leaves the same open for the tilt axis. Two lines that are not
 parallel leave nothing open: their common perpendicular is the actuator frame's x, its foot on the tilt axis the origin;
 their angle and distance are the joints' skew and offset. The least motion is a cross.
 
-What the pictures cannot show.
-- The zero of the pan: turning world and board together about the pan axis changes no picture, nor the camera's pose.
-- The zero of the tilt: another one turns the camera about the tilt axis, and changes no picture either. The covariance
-  holds the doubt about it; another method, fused with this one, finds the zero.
-- The sense of a joint: with all its angles negated, a camera half a turn away on the actuator fits the pictures as
-  well. Only the comparison with another method shows it.
-- Where on the attachment the antenna is: that is T_actuator_antenna, from the session, taken as exact.
+Not observable:
+- The zero of the pan: turning world and board together about the pan axis changes neither pictures nor camera pose.
+- The zero of the tilt: another one turns the camera about the tilt axis and changes no picture. It is in the
+  covariance; another method, fused with this one, finds it.
+- The sense of a joint: with all its angles negated, a camera half a turn away fits as well. Another method shows it.
+- Where the antenna is on the attachment: T_actuator_antenna of the session counts as exact.
 """
 
 from __future__ import annotations
@@ -29,6 +28,7 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.robust import chi_square, chi_square_p
 from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.geometry import Kinematics, Pose
+from vbaa_calib.geometry.independent_axes import largest_std
 from vbaa_calib.session import SweepPicture
 
 from .board_pose import require_size
@@ -46,8 +46,8 @@ from .sweep_fit import (
 )
 
 _LEAST_PICTURES = 5
-"""A cross. Three fix the pose, but fewer than five do not show how far the readings scatter: with four, and 0.3 mrad,
-14 of 120 sweeps were off by over six of their standard deviations."""
+"""A cross. Three fix the pose, but fewer than five do not determine the scatter of the readings: with four, and
+0.3 mrad, 14 of 120 sweeps were off by over six of their standard deviations."""
 
 _LEAST_TURN_RAD = 0.01
 _GROSS_PICTURE, _GROSS_LEAST_PX, _GROSS_ANGLE, _ROUNDS = 5.0, 0.5, 5.0, 6
@@ -58,39 +58,29 @@ _CROSS = "take a cross at least: the middle, pan to either side, tilt to either 
 _MEND = "look the rows through; the board must not move, the joints be at rest, the angles in radians"
 _AXIS_SKEW_STD_RAD = 5e-3
 _AXIS_OFFSET_STD_M = 5e-4
-"""How near to the given skew and offset a careful workshop keeps the axes. Held exactly there, 0.3 mrad and 0.02 mm,
-which a good sweep hardly sees, put the camera seven of its standard deviations off."""
+"""Prior of skew and offset about the given ones, as a careful workshop keeps them. Fixed there, errors of 0.3 mrad and
+0.02 mm, which a good sweep hardly sees, put the camera seven of its standard deviations off."""
 _CONTRADICTED = 0.05
 _LOOSE_RAD, _LOOSE_SHARE, _LOOSE_ANGLES_RAD = 0.02, 0.05, 0.02
 
 
 @dataclass(frozen=True, eq=False)
 class SweepSolution:
-    """The result of a sweep.
+    """The result of a sweep."""
 
-    estimate : the camera's pose in the antenna frame. Its covariance holds the doubt about the tilt's zero.
-    kinematics : as given, with the axes as solved.
-    axes_covariance : (3, 3) of skew, offset and tilt zero. axes_with_pose : (3, 6) their covariance with the estimate.
-    axes_free : whether the axes were solved without regard to where they were given, because the data contradict it.
-    axis_skew_rad, axis_offset_m : as the pictures alone show them, with their standard deviations.
-    rms_px : reprojection error over the corners used, angles corrected.
-    angle_std_rad : scatter of the joint angles' readings as the pictures show it; 0 where they count as exact.
-    pictures : how many were used. left_out : the others, each with its reason.
-    """
-
-    estimate: PoseEstimate
-    kinematics: Kinematics
-    axes_covariance: np.ndarray
-    axes_with_pose: np.ndarray
-    axes_free: bool
-    axis_skew_rad: float
+    estimate: PoseEstimate  # the camera's pose in the antenna frame; its covariance holds the tilt zero's
+    kinematics: Kinematics  # as given, with the axes as solved
+    axes_covariance: np.ndarray  # (3, 3) of skew, offset and tilt zero
+    axes_with_pose: np.ndarray  # (3, 6) their covariance with the estimate
+    axes_free: bool  # whether the axes were solved without their prior, because the data contradict it
+    axis_skew_rad: float  # this and the offset by the pictures alone
     axis_skew_std_rad: float
     axis_offset_m: float
     axis_offset_std_m: float
     T_world_board: Pose
-    rms_px: float
-    angle_std_rad: float
-    pictures: int
+    rms_px: float  # over the corners used, angles corrected
+    angle_std_rad: float  # scatter of the joint angles' readings; 0 where they count as exact
+    pictures: int  # how many were used
     left_out: tuple[DroppedView, ...]
 
 
@@ -104,11 +94,9 @@ def solve_sweep(
 ) -> SweepSolution:
     """The camera's pose in the antenna frame from a sweep.
 
-    views : the board as each picture shows it. pictures : the joints' readings, in the same order.
-    board : its shape, as the lens solve found it.
-    kinematics : how the antenna is mounted. Its skew and offset count as known to within _AXIS_SKEW_STD_RAD and
-        _AXIS_OFFSET_STD_M, and not at all where the pictures contradict that (5 % level).
-    tilt_zero_std_rad : how well the tilt encoder's zero is known.
+    views : the board in each picture. pictures : the joints' readings, in the same order.
+    kinematics : how the antenna is mounted; its skew and offset are priors, with _AXIS_SKEW_STD_RAD and
+        _AXIS_OFFSET_STD_M, unless the pictures contradict them (5 % level).
 
     Raises InputError for too few usable pictures, a joint that did not move or both too little, angles that do not
     belong to the pictures, or another picture size; SolveError when hardly any corners are those of the board.
@@ -176,13 +164,10 @@ def _refuse_one_joint(readings: Sequence[SweepPicture]) -> None:
 
 
 def _consistent_pictures(problem: SweepProblem, state: SweepState) -> tuple[SweepState, np.ndarray, np.ndarray]:
-    """A robust state, which pictures it explains (P,) bool, and the median error of each (P,) px.
-
-    A picture is taken back where its angles are no further off than those of the others scatter. Raises InputError when
-    the angles belong to hardly more than half of the pictures, or one row is wrong and nothing shows which.
-    """
+    """A robust state, which pictures it explains (P,) bool, and the median error of each (P,) px. Raises InputError
+    when the angles belong to hardly more than half of the pictures, or one row is wrong and which is ambiguous."""
     corners = problem.corners
-    # of the two in which the board leans to one side or the other the better one
+    # the better of the two in which the board leans to one side or the other
     fixed, every = SweepProblem.of(problem.camera, corners, axes=False), np.ones(len(corners.pixels), bool)
     first = fixed.robust(state, every)
     both = (first, fixed.robust(turned_over(first[0], corners), every))
@@ -219,7 +204,7 @@ def _picture_errors_px(residuals: np.ndarray, corners: SweepCorners) -> np.ndarr
 
 
 def _without_the_odd_one(problem: SweepProblem, state: SweepState, kept: np.ndarray) -> tuple[SweepState, np.ndarray]:
-    """Without the one wrong row that among few pictures bends the fit so far that all seem a little off."""
+    """Without the one wrong row that, among few pictures, bends the fit so that all seem a little off."""
     picture = problem.corners.picture
     whole, _ = problem.inlying(state, kept[picture])
     if whole.angle_std_rad < _NO_ENCODER_RAD:
@@ -284,8 +269,7 @@ def _refuse_loose(found: SweepFit) -> None:
             remedy="take every picture with the joints at rest, the board fixed and the angles in radians",
         )
     of_camera = found.covariance[CAMERA, CAMERA]
-    turn = float(np.sqrt(np.linalg.eigvalsh(of_camera[:3, :3])[-1]))
-    place = float(np.sqrt(np.linalg.eigvalsh(of_camera[3:, 3:])[-1]))
+    turn, place = (float(largest_std(part)) for part in (of_camera[:3, :3], of_camera[3:, 3:]))
     reach = float(np.linalg.norm(found.state.T_actuator_camera.translation_m - found.state.T_foot_board.translation_m))
     if turn > _LOOSE_RAD or place > _LOOSE_SHARE * reach:
         raise InputError(

@@ -1,11 +1,11 @@
 """Least squares of a sweep in pixels: a board fixed in the world, seen by a camera that two joints carry.
 
 p_camera = X⁻¹ · Ry(tilt) · Rx(−skew) · Trans(−offset along x) · Rz(−pan) · B · p_board with X = T_actuator_camera and
-B the board's pose in the world's directions, from where the pan axis is met by the axes' common perpendicular.
+B the board's pose in the world's directions, from the foot of the axes' common perpendicular on the pan axis.
 
-Angles that are a milliradian off shift all corners of their picture alike. Such shifts do not average out over the
-corners, so they are part of the model: two unknown angles a picture, normally distributed with one variance that the
-residuals themselves show (restricted maximum likelihood), eliminated picture by picture.
+An error of the angles shifts all corners of a picture alike and does not average out over them. The model therefore has
+two unknown angle errors a picture, normal with one variance, estimated by restricted maximum likelihood and eliminated
+picture by picture (Schur complement).
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from vbaa_calib.calibrate.lens.models import PROJECTIONS
+from vbaa_calib.calibrate.lens.models import projected
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import SolveError
 from vbaa_calib.core.least_squares import Rules, levenberg_marquardt, schur_complement, solve_scaled, view_products
@@ -36,7 +36,6 @@ CAMERA, _BOARD, AXES = slice(0, 6), slice(6, 12), slice(12, 14)
 
 _STATE = 14
 _AXES_FIXED = np.arange(_STATE) < AXES.start
-_OUT_OF_SIGHT_PX = 1e3
 _SOFT_PER_SIGMA = 1.5
 _REWEIGHTINGS, _CONVERGED_WEIGHTS = 15, 1e-2
 _RULES = Rules(100, tolerance=1e-14, damping=1e-4)
@@ -47,21 +46,17 @@ _RATIO_ROUNDS, _SAME_RATIO = 6, 1e-4
 _CORNER_ROUNDS = 6
 _CHANCE_SIGMAS = 6.4  # one good corner in 1e9 lies further off
 _LEAST_PX = 0.25
-_Y, _Z = np.eye(3)[1:]
+_Y = np.eye(3)[1]
 
 
 @dataclass(frozen=True, eq=False)
 class SweepCorners:
-    """All corners of all pictures, one after the other.
+    """All corners of all pictures, concatenated."""
 
-    points_m : (N, 3) board frame. pixels : (N, 2). picture : (N,) which picture each is of.
-    angles_rad : (P, 2) readings of pan and tilt of the P pictures, the tilt with its zero.
-    """
-
-    points_m: np.ndarray
-    pixels: np.ndarray
-    picture: np.ndarray
-    angles_rad: np.ndarray
+    points_m: np.ndarray  # (N, 3) board frame
+    pixels: np.ndarray  # (N, 2)
+    picture: np.ndarray  # (N,) index of the picture
+    angles_rad: np.ndarray  # (P, 2) readings of pan and tilt of the P pictures, the tilt with its zero
 
     @staticmethod
     def of(
@@ -101,16 +96,12 @@ class SweepState:
 
 
 class _Linearised(NamedTuple):
-    """Residuals and their negative derivatives.
+    """Residuals and their negative derivatives."""
 
-    residuals_px : (N, 2) observed less predicted; far off where the lens does not see the point.
-    by_state : (N, 2, 14). by_angles : (N, 2, 2) by the picture's own pan and tilt. by_lens : (N, 2, 4 + k).
-    """
-
-    residuals_px: np.ndarray
-    by_state: np.ndarray
-    by_angles: np.ndarray
-    by_lens: np.ndarray
+    residuals_px: np.ndarray  # (N, 2) observed less predicted; far off where the lens does not see the point
+    by_state: np.ndarray  # (N, 2, 14)
+    by_angles: np.ndarray  # (N, 2, 2) by the picture's own pan and tilt
+    by_lens: np.ndarray  # (N, 2, 4 + k)
 
 
 def _turns_actuator_foot(corners: SweepCorners, axis_skew_rad: float) -> np.ndarray:
@@ -133,14 +124,7 @@ def linearise(camera: Camera, state: SweepState, corners: SweepCorners) -> _Line
     lever = corners.points_m @ B.rotation.T
     from_foot = np.einsum("nij,nj->ni", world, lever + B.translation_m)
     at = from_foot - state.axis_offset_m * across
-    points = (at - X.translation_m) @ X.rotation
-    seen = camera.project(points)[1][:, None]
-    ahead = np.where(seen, points, _Z)
-    pixels, by_lens, by_pose = PROJECTIONS[camera.model](ahead, np.zeros(6), camera.parameters)
-    pixels = np.where(seen, pixels, _OUT_OF_SIGHT_PX * 10)
-    by_lens, by_point = (
-        np.where(seen[..., None], slopes.reshape(len(points), 2, -1), 0.0) for slopes in (by_lens, by_pose[:, 3:])
-    )
+    seen = projected(camera, (at - X.translation_m) @ X.rotation)
     # how each step, then pan and tilt, moves the point as seen from the attachment: (N, 16, 3)
     moves = [
         np.cross((at - X.translation_m)[:, None], np.eye(3)),
@@ -152,12 +136,12 @@ def linearise(camera: Camera, state: SweepState, corners: SweepCorners) -> _Line
         np.cross(from_foot, world[..., 2])[:, None],
         np.cross(_Y, at)[:, None],
     ]
-    by_state = by_point @ X.rotation.T @ np.swapaxes(np.concatenate(moves, axis=1), -1, -2)
-    return _Linearised(corners.pixels - pixels, by_state[..., :_STATE], by_state[..., _STATE:], by_lens)
+    by_state = seen.by_point @ X.rotation.T @ np.swapaxes(np.concatenate(moves, axis=1), -1, -2)
+    return _Linearised(corners.pixels - seen.pixels, by_state[..., :_STATE], by_state[..., _STATE:], seen.by_lens)
 
 
 def initial_state(camera: Camera, corners: SweepCorners, kinematics: Kinematics) -> SweepState:
-    """From the board's pose in each picture alone, pictures weighed so that a few wrong ones do not count."""
+    """From the board's pose in each picture alone, robust against a few wrong ones."""
     poses, which = _board_poses(camera, corners)
     if len(which) < 3:
         raise SolveError("no pose of the board explains its corners: is the lens that of this camera?")
@@ -168,7 +152,7 @@ def initial_state(camera: Camera, corners: SweepCorners, kinematics: Kinematics)
 
 
 def turned_over(state: SweepState, corners: SweepCorners) -> SweepState:
-    """The same with the board leaning to the other side of the line of sight, which looks much alike."""
+    """The state with the board leaning to the other side of the line of sight, which looks much alike."""
     turn = _turns_actuator_foot(corners, state.axis_skew_rad)[0]
     camera_foot = state.T_actuator_camera.inverse() @ Pose(turn, -state.axis_offset_m * _tilted_x(corners)[0])
     other = mirrored(camera_foot @ state.T_foot_board, corners.points_m)
@@ -192,19 +176,14 @@ def _board_poses(camera: Camera, corners: SweepCorners) -> tuple[list[Pose], np.
 
 @dataclass(frozen=True, eq=False)
 class SweepFit:
-    """A minimum and its uncertainty.
-
-    angle_ratio : (rad/px)² variance of the joint angles over that of a corner's coordinate.
-    variance_px2 : of a corner's coordinate. residuals_px : (N, 2) once the pictures' angles are corrected.
-    covariance : (14, 14) of the state's step, zero where it was fixed. by_lens : (14, 4 + k) derivative of the step.
-    """
+    """A minimum and its uncertainty."""
 
     state: SweepState
-    angle_ratio: float
-    variance_px2: float
-    residuals_px: np.ndarray
-    covariance: np.ndarray
-    by_lens: np.ndarray
+    angle_ratio: float  # (rad/px)² variance of the joint angles over that of a corner's coordinate
+    variance_px2: float  # of a corner's coordinate
+    residuals_px: np.ndarray  # (N, 2) once the pictures' angles are corrected
+    covariance: np.ndarray  # (14, 14) of the state's step, zero where it was fixed
+    by_lens: np.ndarray  # (14, 4 + k) derivative of the step
 
     @property
     def angle_std_rad(self) -> float:
@@ -261,10 +240,9 @@ class SweepProblem:
         return levenberg_marquardt(linearised(state), step, moved, rules).at
 
     def robust(self, state: SweepState, used: np.ndarray) -> tuple[SweepState, np.ndarray]:
-        """A state that gross errors among the corners used (N,) pull little, and all residuals (N, 2) px.
+        """A state by IRLS of distances of the corners used (N,), and all residuals (N, 2) px.
 
-        Distances count, not their squares. A redescending loss would fit some pictures all but exactly and give up
-        others, where it is the angles that scatter.
+        A redescending loss would fit some pictures all but exactly and give up others, where the angles scatter.
         """
         weights = used.astype(float)
         residuals = linearise(self.camera, state, self.corners).residuals_px
@@ -279,7 +257,7 @@ class SweepProblem:
         return state, residuals
 
     def fit(self, state: SweepState, used: np.ndarray) -> SweepFit:
-        """The minimum over the corners used (N,) bool, with the scatter of the joint angles that the residuals show."""
+        """The minimum over the corners used (N,) bool, with the scatter of the joint angles (REML)."""
         weights, ratio = used.astype(float), 0.0
         for _ in range(_RATIO_ROUNDS):
             system = self._descended(state, weights, ratio, _RULES)
@@ -304,7 +282,7 @@ class SweepProblem:
         return SweepFit(system.state, ratio, variance, residuals, covariance, by_lens)
 
     def inlying(self, state: SweepState, candidates: np.ndarray) -> tuple[SweepFit, np.ndarray]:
-        """The fit to the candidates (N,) but for wrong ones, judged by the spread of the others; and who is in it."""
+        """The fit to the candidates (N,) without outliers, judged by the spread of the others; and which are in it."""
         used = candidates
         for _ in range(_CORNER_ROUNDS):
             found = self.fit(state, used)
@@ -342,7 +320,7 @@ def _angle_variance_ratio(blocks: np.ndarray, rows: int) -> float:
         log_determinant = float(np.log(diagonal).sum() + np.log(np.maximum(values, 1e-15)).sum())
         return shrink + log_determinant + freedom * np.log(left)
 
-    # there may be several minima: a flat stretch, where the angles count as exact, may come before the right one
+    # there may be several minima, and a flat stretch where the angles count as exact
     powers = np.arange(*_RATIO_POWERS)
     best = powers[np.argmin([badness(power) for power in powers])]
     found = minimize_scalar(badness, bounds=(best - 1.0, best + 1.0), method="bounded", options={"xatol": 1e-5})
