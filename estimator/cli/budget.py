@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import argparse
+import json
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vbaa_calib.cli.joints import add_joints, joints_rad
+from vbaa_calib.core.console import say
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.files import refuse_overwrite, write_text
 
 if TYPE_CHECKING:
     from estimator.budget.parts import Touches
@@ -39,13 +43,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Make the budget, say it, and write what is asked for."""
-    import json
 
     from estimator.budget.budget import error_budget
     from estimator.budget.report import SCHEMA, advice, as_data, contacts_as_data, table, write_figure
-    from vbaa_calib.core.console import say
-    from vbaa_calib.core.errors import InputError
-    from vbaa_calib.core.files import refuse_overwrite, write_text
     from vbaa_calib.rig import Rig
 
     outputs = {"budget": args.output, "figure": args.figure}
@@ -98,7 +98,6 @@ def _touches(args: argparse.Namespace, rig: Rig) -> Touches:
     from estimator.budget.parts import ordinary_touches, touch_of_force
     from estimator.solver.convergence import NEAREST
     from estimator.solver.rig_arrays import RigArrays
-    from vbaa_calib.core.errors import InputError
 
     pan, tilt = joints_rad(args, 0.0).values()
     if args.distance is None:

@@ -7,6 +7,10 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from vbaa_calib.core.console import say
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.files import refuse_overwrite, write_json
+
 if TYPE_CHECKING:
     from estimator.object.next_touch import JointLimits, NextTouch
     from estimator.table.contacts import ContactTable
@@ -38,9 +42,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Say where to touch next, and what it should tell."""
     from estimator.object.next_touch import next_touch
     from estimator.table.files import read_contacts
-    from vbaa_calib.core.console import say
-    from vbaa_calib.core.errors import InputError
-    from vbaa_calib.core.files import refuse_overwrite, write_json
     from vbaa_calib.rig import Rig
 
     if args.output is not None:
@@ -64,7 +65,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 def _limits(args: argparse.Namespace, name: str) -> tuple[float, float] | None:
     """rad. Raises InputError for limits that are none."""
-    from vbaa_calib.core.errors import InputError
 
     given = getattr(args, name)
     if given is None:

@@ -3,8 +3,13 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from vbaa_calib.core.console import progress, say
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.files import refuse_overwrite, sha256, write_json
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -33,9 +38,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Solve the recording as one, write refined.csv and, where asked for, the rig."""
     from estimator.recording import KnownLine, refine
     from estimator.table.files import check_format, read_contacts, write_contacts
-    from vbaa_calib.core.console import say
-    from vbaa_calib.core.errors import InputError
-    from vbaa_calib.core.files import refuse_overwrite, write_json
     from vbaa_calib.rig import Rig
     from vbaa_calib.session import load_session, refuse_measured
 
@@ -75,7 +77,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _with_drift(rig: Rig, session: Session) -> Rig:
-    from dataclasses import replace
 
     assert session.drift is not None
     return replace(rig, drift=session.drift)
@@ -83,14 +84,11 @@ def _with_drift(rig: Rig, session: Session) -> Rig:
 
 def _recording(table: ContactTable, rig: Rig, session: Session) -> Sequence[Measured]:
     """What the frames of the table were measured to be. Raises InputError where the session has others."""
-    from dataclasses import replace
 
     import numpy as np
 
     from estimator.contact.estimate import ContactEstimator
     from estimator.contact.recording import measured_recording
-    from vbaa_calib.core.console import progress
-    from vbaa_calib.core.errors import InputError
     from vbaa_calib.session import check_pictures, read_recording
 
     frames = {frame.frame: frame for frame in read_recording(session)}
@@ -134,7 +132,6 @@ def _words(found: Refined) -> list[str]:
 
 def _document(args: argparse.Namespace, found: Refined) -> dict[str, Any]:
     """rig.json as the recording tells it, with where it came from."""
-    from vbaa_calib.core.files import sha256
 
     inputs = {path.name: sha256(path) for path in (args.rig, args.contacts)}
     return {

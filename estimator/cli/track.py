@@ -7,6 +7,10 @@ from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from vbaa_calib.core.console import say
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.files import refuse_overwrite, write_text
+
 if TYPE_CHECKING:
     from estimator.object.track import Track
     from estimator.table.contacts import ContactTable
@@ -39,9 +43,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from estimator.contact.common_errors import shared_errors
     from estimator.object.track import follow, smooth
     from estimator.table.files import check_format, read_contacts, write_contacts
-    from vbaa_calib.core.console import say
-    from vbaa_calib.core.errors import InputError
-    from vbaa_calib.core.files import refuse_overwrite, write_text
     from vbaa_calib.rig import Rig
 
     outputs = [args.output] if args.smooth is None else [args.output, args.smooth]

@@ -6,6 +6,10 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from vbaa_calib.core.console import say
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.files import refuse_overwrite, write_json
+
 from .intrinsics import MODELS
 
 
@@ -42,9 +46,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from vbaa_calib.calibrate.given_lens import read_lens
     from vbaa_calib.calibrate.pipeline import calibrate
     from vbaa_calib.calibrate.report import doubts, report, rig_document, summary
-    from vbaa_calib.core.console import say
-    from vbaa_calib.core.errors import InputError
-    from vbaa_calib.core.files import refuse_overwrite, write_json
     from vbaa_calib.session import load_session, refuse_measured
 
     inputs = [] if args.camera is None else [args.camera]

@@ -9,6 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from vbaa_calib.cli import calibrate as one
+from vbaa_calib.core.console import say
+from vbaa_calib.core.csv_rows import read_csv
+from vbaa_calib.core.errors import InputError, VbaaError
+from vbaa_calib.core.files import read_json, sha256, write_text
 
 _DATE = re.compile(r"(?<!\d)(\d{4})-?(\d\d)-?(\d\d)(?:[T_-]?(\d\d)[:-]?(\d\d))?(?!\d)")
 
@@ -28,9 +32,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _fleet(args: argparse.Namespace, sessions: list[tuple[datetime, Path]]) -> dict[str, Any]:
-    from vbaa_calib.core.console import say
-    from vbaa_calib.core.errors import InputError, VbaaError
-    from vbaa_calib.core.files import write_text
     from vbaa_calib.rig import Rig
     from vbaa_calib.rig.over_time import over_time
     from viz.report.over_time import page, table_csv, words
@@ -79,8 +80,6 @@ def _fleet(args: argparse.Namespace, sessions: list[tuple[datetime, Path]]) -> d
 
 def _unchanged(output: Path, session: Path) -> bool:
     """Whether a rig was made from what is in the session now."""
-    from vbaa_calib.core.errors import InputError
-    from vbaa_calib.core.files import read_json, sha256
 
     if not output.exists():
         return False
@@ -96,8 +95,6 @@ def _dated(given: list[Path]) -> list[tuple[datetime, Path]]:
 
     Raises InputError for a session whose date is not known.
     """
-    from vbaa_calib.core.csv_rows import read_csv
-    from vbaa_calib.core.errors import InputError
 
     found: list[tuple[datetime, Path]] = []
     for path in given:

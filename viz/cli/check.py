@@ -7,6 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from vbaa_calib.cli.joints import add_joints, joints_rad
+from vbaa_calib.core.console import say
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.files import write_json, write_text
+from viz.files.outputs import PAGES, refuse_output
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -29,9 +33,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     Raises InputError for a broken rig or session, or a file in the way.
     """
-    from vbaa_calib.core.errors import InputError
-    from vbaa_calib.core.files import write_json, write_text
-    from viz.files.outputs import PAGES, refuse_output
 
     for path, suffixes in ((args.html, PAGES), (args.output, (".json",))):
         if path is not None:
@@ -42,7 +43,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         raise InputError(f"{flags} without --free", remedy="they belong to the picture of the free antenna")
 
     from vbaa_calib.calibrate.check.assessment import NewPictures, assess
-    from vbaa_calib.core.console import say
     from viz.report.check import page
 
     new = None

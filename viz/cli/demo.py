@@ -14,7 +14,8 @@ import numpy as np
 
 from vbaa_calib.core.console import say
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.core.files import write_json
+from vbaa_calib.core.files import read_json, write_json
+from vbaa_calib.core.folders import writing_alone
 
 if TYPE_CHECKING:
     from estimator.table.contacts import ContactTable
@@ -47,7 +48,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     Raises InputError when the folder holds something that is not a demo's, or a demo without `force`.
     """
-    from vbaa_calib.core.folders import writing_alone
 
     started = time.perf_counter()
     out: Path = args.out
@@ -97,7 +97,6 @@ def _whole_way(args: argparse.Namespace, out: Path, started: float) -> dict[str,
 def _finish(out: Path, seconds: float, argv: Sequence[str]) -> dict[str, Any]:
     """Score, table, report.html and summary.json. `argv` is the demo's command line, printed in the report."""
     from estimator.table.files import read_contacts
-    from vbaa_calib.core.files import read_json
     from vbaa_calib.rig import Rig
     from viz.report.make import Sources, make_report
 

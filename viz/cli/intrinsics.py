@@ -7,6 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from vbaa_calib.cli import intrinsics as lens
+from vbaa_calib.core.console import say
+from vbaa_calib.core.files import write_text
+from viz.files.outputs import PAGES, refuse_output
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -20,14 +23,11 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     Raises InputError for pictures, a board or a call that is wrong, or a file in the way.
     """
-    from vbaa_calib.core.files import write_text
-    from viz.files.outputs import PAGES, refuse_output
 
     if args.html is not None:
         refuse_output(args.html, PAGES, args.force, [args.board])
     result, solution, views, board = lens.solve(args)
     if args.html is not None:
-        from vbaa_calib.core.console import say
         from viz.report.lens import page
 
         write_text(args.html, page(solution, views, board, result, args.images), args.force)

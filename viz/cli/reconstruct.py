@@ -3,8 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from vbaa_calib.core.console import say
+from vbaa_calib.core.errors import InputError
+from viz.files.outputs import refuse_output
 
 if TYPE_CHECKING:
     import numpy as np
@@ -20,14 +25,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Write the surface. Returns what it is made of. Raises InputError for wrong input or a file in the way."""
-    import math
 
     from estimator.object.surface import reconstruct, touches_of
     from estimator.table.files import read_contacts
-    from vbaa_calib.core.console import say
-    from vbaa_calib.core.errors import InputError
     from viz.files.object_file import SUFFIXES, write_object
-    from viz.files.outputs import refuse_output
 
     refuse_output(args.output, SUFFIXES, args.force, (args.contacts, args.rig))
     table = read_contacts(args.contacts)

@@ -10,6 +10,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from vbaa_calib.core.console import say
+from vbaa_calib.core.errors import InputError, VbaaError
+from vbaa_calib.core.files import read_yaml
 from vbaa_calib.wizard.questions import BOARD_ANSWERS, PICTURES, QUESTIONS, SOURCES, STEPS, TABLES, Question
 
 if TYPE_CHECKING:
@@ -55,8 +58,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     full or gone.
     """
     from vbaa_calib.calibrate.given_lens import read_lens
-    from vbaa_calib.core.console import say
-    from vbaa_calib.core.errors import InputError, VbaaError
     from vbaa_calib.wizard.store import Store
 
     if not 0 <= args.port <= _LAST_PORT:
@@ -80,8 +81,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 def _answers_given(args: argparse.Namespace) -> dict[str, Any]:
     """Answers of --answers and of flags, which win; checked. Raises InputError."""
-    from vbaa_calib.core.errors import InputError
-    from vbaa_calib.core.files import read_yaml
     from vbaa_calib.wizard.asking import absolute
     from vbaa_calib.wizard.questions import table_of
 
