@@ -22,7 +22,6 @@ _FRICTION_RAD = 0.2  # as the contacts' default, which is not imported for the s
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `vbaa budget`."""
     parser.add_argument("rig", type=Path, help="rig.json of `vbaa calibrate`")
     parser.add_argument("-o", "--output", type=Path, metavar="BUDGET", help="budget.json to write, contact by contact")
     parser.add_argument("--figure", type=Path, metavar="IMAGE", help="figure to write, .png, .pdf or .svg")

@@ -20,7 +20,6 @@ _GOALS = ("surface", "friction", "stiffness")  # as `estimator.object.next_touch
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `vbaa next`."""
     parser.add_argument("contacts", type=Path, help="contacts.csv or .parquet of one object that stands still")
     parser.add_argument("--rig", type=Path, required=True, help="rig.json that the contacts were made with")
     parser.add_argument(

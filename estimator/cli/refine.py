@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `vbaa refine`."""
     parser.add_argument("contacts", type=Path, help="contacts.csv or .parquet, as vbaa estimate writes it")
     parser.add_argument("--rig", type=Path, required=True, help="rig.json that the contacts were made with")
     parser.add_argument("--session", type=Path, required=True, help="the session folder that they were made of")

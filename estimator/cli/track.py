@@ -24,7 +24,6 @@ _MOST_EVENTS = 20  # that are printed; --json has all
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `vbaa track`."""
     parser.add_argument("contacts", type=Path, help="contacts.csv or .parquet, as vbaa estimate writes it")
     parser.add_argument(
         "--rig", type=Path, help="rig.json of the contacts: separates noise from the calibration's errors"

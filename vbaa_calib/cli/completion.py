@@ -94,7 +94,6 @@ complete -o default -F _vbaa vbaa
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `vbaa completion`."""
     parser.add_argument("shell", choices=("bash", "zsh", "fish"), help="the shell that the script is for")
 
 

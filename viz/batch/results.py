@@ -25,6 +25,7 @@ import numpy as np
 from estimator.table.contacts import LOCATED, STATUSES
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_json, replacing, write_json, write_text
+from vbaa_calib.core.folders import writing_alone
 
 SCHEMA = "vbaa.batch/1"
 _KEY = b"vbaa.batch"
@@ -75,16 +76,10 @@ class Results:
     @contextmanager
     def locked(self) -> Iterator[None]:
         """While one batch works here no other does. Raises InputError where one does already."""
-        from filelock import FileLock, Timeout
-
-        try:
-            with FileLock(self.root / ".lock", timeout=0):
-                self.remove_work()
-                yield
-                self.remove_work()
-        except Timeout:
-            remedy = "wait for it, or take another folder"
-            raise InputError("another vbaa batch works here", where=self.root, remedy=remedy) from None
+        with writing_alone(self.root):
+            self.remove_work()
+            yield
+            self.remove_work()
 
     def done(self, name: str) -> Row | None:
         """The summary of a recording whose contacts are there; None where they are not, or cannot be read."""

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .estimate import DRIFTS, FRICTION_RAD, MODELS
+from .estimate import add_estimator_options
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -15,7 +15,6 @@ if TYPE_CHECKING:
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `vbaa batch`."""
     parser.add_argument(
         "recordings",
         nargs="+",
@@ -37,11 +36,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="longer recordings are cut into pieces of so many frames (default: 16384), with the same rows",
     )
     parser.add_argument("--reconstruct", action="store_true", help="each recording's object, too: objects/NAME.vtp")
-    parser.add_argument("--model", default="auto", choices=MODELS, help="as for vbaa estimate")
-    parser.add_argument("--friction", type=float, default=FRICTION_RAD, metavar="RAD", help="as for vbaa estimate")
-    parser.add_argument("--drift", choices=DRIFTS, help="as for vbaa estimate")
-    parser.add_argument("--no-moment", action="store_true", help="as for vbaa estimate")
-    parser.add_argument("--background", type=Path, metavar="IMAGE|auto", help="as for vbaa estimate")
+    add_estimator_options(parser)
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:

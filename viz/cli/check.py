@@ -14,7 +14,6 @@ from viz.files.outputs import PAGES, refuse_output
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments of `vbaa check`."""
     parser.add_argument("rig", type=Path, help="rig.json, as vbaa calibrate writes it")
     against = "a session to hold it against; with --jig or --free the one that the rig was calibrated from, for its "
     against += "board and jig alone, if rig.json does not record them"

@@ -19,7 +19,6 @@ _SHOWN = 10
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `vbaa compare`."""
     parser.add_argument("a", type=Path, metavar="A", help="contacts.csv or .parquet, a results folder, or rig.json")
     parser.add_argument("b", type=Path, metavar="B", help="another of the same kind")
     parser.add_argument(

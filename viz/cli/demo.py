@@ -38,7 +38,6 @@ _DISTANCE_GOAL = 0.02
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `vbaa demo`."""
     parser.add_argument("--out", type=Path, default=Path("demo"), help="folder for everything (default: demo)")
     parser.add_argument("--scene", choices=SCENES, default="demo", help="which bundled scene")
 

@@ -33,28 +33,10 @@ FRICTION_RAD = 0.2
 """The estimator's own, `estimate.FRICTION_RAD`, not imported either."""
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `vbaa estimate`."""
+def add_estimator_options(parser: argparse.ArgumentParser, *, learns_background: bool = True) -> None:
+    """The options of the estimator itself, which `estimate`, `live` and `batch` share."""
     parser.add_argument(
-        "session",
-        type=Path,
-        nargs="?",
-        help="the session folder with recording/ in it; a ROS bag, an .mcap, a video, or a table of pictures",
-    )
-    parser.add_argument(
-        "--centrelines",
-        type=Path,
-        metavar="FILE",
-        help="in place of a session: the antenna's pixels, frame,u_px,v_px[,sigma_px], from one's own tracker; "
-        "--readings gives frame,time_s,pan_rad,tilt_rad[,moment_Nm]",
-    )
-    parser.add_argument("--rig", type=Path, required=True, help="rig.json of `vbaa calibrate`")
-    parser.add_argument("-o", "--output", type=Path, required=True, help="contacts.csv to write, or contacts.parquet")
-    parser.add_argument(
-        "--model",
-        default="auto",
-        choices=MODELS,
-        help="mechanical model (default: the lowest that suffices)",
+        "--model", default="auto", choices=MODELS, help="mechanical model (default: the lowest that suffices)"
     )
     parser.add_argument(
         "--friction",
@@ -70,15 +52,34 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="what may have changed since the calibration (default: as session.yaml says, else as rig.json does)",
     )
     parser.add_argument("--no-moment", action="store_true", help="vision alone: leave the moment readings aside")
-    parser.add_argument(
-        "--jobs", type=int, metavar="N", help="threads over the frames (default: the processor's cores)"
-    )
+    learnt = "; auto: learnt from the recording and the free antenna's pictures, where the background does not move"
     parser.add_argument(
         "--background",
         type=Path,
-        metavar="IMAGE|auto",
-        help="the same view without the antenna, taken off every picture that it lies behind; auto: learnt from the "
-        "recording and the pictures of the free antenna, where the background is at rest in them",
+        metavar="IMAGE|auto" if learns_background else "IMAGE",
+        help="the same view without the antenna, subtracted from every picture" + learnt * learns_background,
+    )
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "session",
+        type=Path,
+        nargs="?",
+        help="the session folder with recording/ in it; a ROS bag, an .mcap, a video, or a table of pictures",
+    )
+    parser.add_argument(
+        "--centrelines",
+        type=Path,
+        metavar="FILE",
+        help="in place of a session: the antenna's pixels, frame,u_px,v_px[,sigma_px], from one's own tracker; "
+        "--readings gives frame,time_s,pan_rad,tilt_rad[,moment_Nm]",
+    )
+    parser.add_argument("--rig", type=Path, required=True, help="rig.json of `vbaa calibrate`")
+    parser.add_argument("-o", "--output", type=Path, required=True, help="contacts.csv to write, or contacts.parquet")
+    add_estimator_options(parser)
+    parser.add_argument(
+        "--jobs", type=int, metavar="N", help="threads over the frames (default: the processor's cores)"
     )
     parser.add_argument(
         "--overlay",

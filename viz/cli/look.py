@@ -16,7 +16,6 @@ _SUFFIXES = (".png", ".jpg", ".jpeg")
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments of `vbaa look`."""
     parser.add_argument("image", type=Path, help="a picture of the antenna, at the size that the rig was calibrated at")
     parser.add_argument("--rig", type=Path, required=True, help="rig.json, as vbaa calibrate writes it")
     add_joints(parser)

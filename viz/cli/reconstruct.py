@@ -16,7 +16,6 @@ if TYPE_CHECKING:
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments of `vbaa reconstruct`."""
     parser.add_argument("contacts", type=Path, help="contacts.csv, as vbaa estimate writes it")
     why = "rig.json: its antenna's radius lies between contact and object, its errors are common to all contacts"
     parser.add_argument("--rig", type=Path, help=why)

@@ -25,7 +25,6 @@ _READ = Question("read", "", "Press Enter when you have read the report", kind="
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments of `vbaa wizard`: one for every question."""
     parser.add_argument("session", type=Path, help="the session folder: made if it is new, gone on with if it is not")
     parser.add_argument("--answers", type=Path, metavar="FILE", help="YAML or JSON with answers by their keys")
     parser.add_argument(
