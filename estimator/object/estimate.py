@@ -9,6 +9,7 @@ import numpy as np
 
 from estimator.contact.common_errors import CommonErrors, shared_errors
 from estimator.table.contacts import ContactTable
+from vbaa_calib.core.robust import finite_median, finite_or_none
 
 from .friction import NORMAL_KNOWN_RAD, Friction, friction
 from .surface import Compliance, Normals, Surface, reconstruct, touches_of
@@ -45,29 +46,34 @@ class ObjectEstimate:
             "contacts": len(surface.touched_m),
             "patches": len(np.unique(surface.touched_patch)),
             "triangles": len(surface.triangles),
-            "surface_std_m": _median(surface.touched_std_m),
-            "normal_std_rad": _median(self.normals.std_rad),
+            "surface_std_m": finite_or_none(finite_median(surface.touched_std_m)),
+            "normal_std_rad": finite_or_none(finite_median(self.normals.std_rad)),
             "friction": {
                 "told": rub.determined,
-                "mu": _plain(rub.mu),
-                "std": _plain(rub.std),
-                "interval": [_plain(end) for end in rub.interval],
-                "cone_half_angle_rad": _plain(rub.cone_half_angle_rad),
+                "mu": finite_or_none(rub.mu),
+                "std": finite_or_none(rub.std),
+                "interval": [finite_or_none(end) for end in rub.interval],
+                "cone_half_angle_rad": finite_or_none(rub.cone_half_angle_rad),
                 "sliding": int(np.sum(rub.used_as == "sliding")),
                 "at_most": int(np.sum(rub.used_as == "sticking")),
-                "force_from_normal_rad": _median(np.abs(rub.lateral_rad)),
+                "force_from_normal_rad": finite_or_none(finite_median(np.abs(rub.lateral_rad))),
                 "reason": rub.reason,
             },
             "stiffness": {
                 "told": soft.determined,
-                "stiffness_N_m": _plain(soft.stiffness_N_m),
-                "interval_N_m": [_plain(end) for end in soft.interval_N_m],
-                "compliance_m_N": _plain(soft.compliance_m_N),
-                "compliance_std_m_N": _plain(soft.std_m_N),
+                "stiffness_N_m": finite_or_none(soft.stiffness_N_m),
+                "interval_N_m": [finite_or_none(end) for end in soft.interval_N_m],
+                "compliance_m_N": finite_or_none(soft.compliance_m_N),
+                "compliance_std_m_N": finite_or_none(soft.std_m_N),
                 "reason": soft.reason,
             },
             "events": [
-                {"kind": event.kind, "frame": int(event.frame), "time_s": _plain(event.time_s), "words": event.words}
+                {
+                    "kind": event.kind,
+                    "frame": int(event.frame),
+                    "time_s": finite_or_none(event.time_s),
+                    "words": event.words,
+                }
                 for event in self.track.events
             ],
             "notes": list(surface.notes),
@@ -96,12 +102,3 @@ def estimate_object(
     normals[surface.touched_row[known]] = surface.touched_normal[known]
     track = follow(table, rig, shared, normals, events=events)
     return ObjectEstimate(track, surface, friction(table, surface, track, shared, friction_rad, rig), shared)
-
-
-def _plain(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
-
-
-def _median(values: np.ndarray) -> float | None:
-    known = values[np.isfinite(values)]
-    return float(np.median(known)) if len(known) else None

@@ -18,6 +18,7 @@ from estimator.solver.rig_arrays import UNKNOWNS, RigArrays
 from estimator.table.contacts import COLUMNS, FRICTION_RAD, ContactTable, Measured, joint_angles
 from vbaa_calib.antenna.nodes import CONTACT
 from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.robust import finite_or_none
 from vbaa_calib.rig import POSE_PARAMETERS, Rig
 
 from .coulomb import as_estimated, by_coulomb, contradicted
@@ -88,27 +89,23 @@ class Refined:
             if mu is None
             else {
                 "told": mu.determined,
-                "mu": _plain(mu.mu),
-                "std": _plain(mu.std),
-                "interval": [_plain(end) for end in mu.interval],
+                "mu": finite_or_none(mu.mu),
+                "std": finite_or_none(mu.std),
+                "interval": [finite_or_none(end) for end in mu.interval],
                 "reason": mu.reason,
             },
             "rig": {
-                "offness": _plain(self.offness),
-                "p": _plain(self.rig_p),
+                "offness": finite_or_none(self.offness),
+                "p": finite_or_none(self.rig_p),
                 "parameters": parameter_changes(self.calibrated, self.rig.step_from(self.calibrated)[: len(std)], std),
             },
         }
 
 
-def _plain(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
-
-
 def _pair(before: np.ndarray, after: np.ndarray) -> dict[str, float | None]:
     """Root mean squares."""
     values = (float(np.sqrt(np.mean(each**2))) if len(each) else np.nan for each in (before, after))
-    return dict(zip(("framewise", "refined"), map(_plain, values), strict=True))
+    return dict(zip(("framewise", "refined"), map(finite_or_none, values), strict=True))
 
 
 def refine(contacts: ContactTable, rig: Rig, recording: Sequence[Measured], known: KnownLine | None = None) -> Refined:

@@ -32,7 +32,7 @@ def take_back(store: Store, step: str) -> bool:
     It is offered as the default then. The way to plane C stays while it has pictures: they are in that way's folder.
     """
     answers = store.journal.answers
-    still = [question for question in open_questions(step, answers) if not question.usual]
+    still = open_questions(step, answers)
     before = QUESTIONS[: QUESTIONS.index(still[0])] if still else QUESTIONS
     asked = [q for q in before if q.step == step and not q.usual]
     answered = [q.key for q in asked if q.key in answers and q.needed(answers)]
@@ -65,7 +65,7 @@ def answer_all(state: SessionState, ui: Ui, step: Step) -> None:
     store = state.store
     while True:
         answers = store.journal.answers
-        questions = [question for question in open_questions(step.name, answers) if not question.usual]
+        questions = open_questions(step.name, answers)
         first = questions[0].key if questions else ""
         if step.name == "board" and "measure_x_mm" not in answers and first not in ("board", "paper"):
             # it is known which board it is: board.yaml, the sheet, and how long its print should be
@@ -108,7 +108,7 @@ def answer_all(state: SessionState, ui: Ui, step: Step) -> None:
 
 def _take_usual(store: Store, ui: Ui, step: Step) -> None:
     """Answer with their defaults what is not asked, and show it."""
-    usual = [question for question in open_questions(step.name, store.journal.answers) if question.usual]
+    usual = open_questions(step.name, store.journal.answers, usual=True)
     if not usual:
         return
     store.answer({one.key: one.read(store.retracted.get(one.key, one.default)) for one in usual})

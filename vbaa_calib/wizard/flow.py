@@ -30,14 +30,10 @@ _ASKED_AGAIN = {
 """Answers that a redo of the step forgets."""
 
 
-class Quit(Exception):
-    """The person stops here."""
-
-
 def walk(state: SessionState, ui: Ui, report: Report) -> dict[str, Any]:
     """All steps that are open, to the verdict; check.json's content, of which `report` makes the page.
 
-    Raises Quit, InputError, SolveError.
+    Raises Interrupted("quit") where the person stops, InputError, SolveError.
     """
     at, store = 0, state.store
     ui.change = partial(change, state, ui)
@@ -67,7 +63,7 @@ def walk(state: SessionState, ui: Ui, report: Report) -> dict[str, Any]:
             except Interrupted as interrupt:
                 command = interrupt.command
         if command == "quit":
-            raise Quit
+            raise Interrupted(command)
         if command == "back":
             at = _step_before(store, ui, at)
         elif command == "redo":

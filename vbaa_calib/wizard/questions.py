@@ -199,9 +199,10 @@ BOARD_ANSWERS = (*_FILE["board"], "measure_x_mm", "measure_y_mm", "board_given")
 """What is known of the board; another board makes all of it void."""
 
 
-def open_questions(step: str, answers: Answers) -> list[Question]:
-    """What a step still has to ask, given the answers so far."""
-    return [q for q in QUESTIONS if q.step == step and q.key not in answers and q.needed(answers)]
+def open_questions(step: str, answers: Answers, *, usual: bool = False) -> list[Question]:
+    """What a step still has to ask, given the answers so far; or whose defaults it takes without asking (`usual`)."""
+    mine = (one for one in QUESTIONS if one.step == step and one.usual == usual)
+    return [one for one in mine if one.key not in answers and one.needed(answers)]
 
 
 _DEGREES = math.pi / 180.0

@@ -33,9 +33,9 @@ _CHANGE = re.compile(r"\s*(\w+)\s*=\s*(\S.*)")
 class Interrupted(Exception):
     """A command came where an answer was asked for."""
 
-    def __init__(self, command: str) -> None:
-        super().__init__(command)
-        self.command = command
+    @property
+    def command(self) -> str:
+        return str(self.args[0])
 
 
 @dataclass(frozen=True, eq=False)

@@ -26,6 +26,7 @@ from estimator.table.contacts import LOCATED, STATUSES
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_json, replacing, write_json, write_text
 from vbaa_calib.core.folders import writing_alone
+from vbaa_calib.core.robust import finite_median, finite_or_none
 
 SCHEMA = "vbaa.batch/1"
 _KEY = b"vbaa.batch"
@@ -145,26 +146,16 @@ def _numbers(pieces: Sequence[Path]) -> dict[str, Any]:
     located = np.isin(column["status"].astype(str), LOCATED)
     distance, distance_std, y, z, y_std, z_std = (column[name][located] for name in names)
     residual = column["moment_residual_Nm"]
+    residual = residual[np.isfinite(residual)]
     return {
         "frames": len(located),
         **{status: int((column["status"] == status).sum()) for status in STATUSES},
-        "distance_median_m": _finite(_median(distance)),
-        "distance_std_median_m": _finite(_median(distance_std)),
-        "force_median_N": _finite(_median(np.hypot(y, z))),
-        "force_std_median_N": _finite(_median(np.hypot(y_std, z_std))),
-        "moment_residual_rms_Nm": _finite(np.sqrt(np.mean(residual[np.isfinite(residual)] ** 2)))
-        if np.isfinite(residual).any()
-        else None,
+        "distance_median_m": finite_or_none(finite_median(distance)),
+        "distance_std_median_m": finite_or_none(finite_median(distance_std)),
+        "force_median_N": finite_or_none(finite_median(np.hypot(y, z))),
+        "force_std_median_N": finite_or_none(finite_median(np.hypot(y_std, z_std))),
+        "moment_residual_rms_Nm": float(np.sqrt(np.mean(residual**2))) if len(residual) else None,
     }
-
-
-def _median(values: np.ndarray) -> float:
-    known = values[np.isfinite(values)]
-    return float(np.median(known)) if len(known) else np.nan
-
-
-def _finite(value: Any) -> float | None:
-    return float(value) if np.isfinite(value) else None
 
 
 def _cell(value: Any) -> str:

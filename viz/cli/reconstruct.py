@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from vbaa_calib.core.console import say
 from vbaa_calib.core.errors import InputError
 from viz.files.outputs import refuse_output
-
-if TYPE_CHECKING:
-    import numpy as np
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -27,6 +23,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     from estimator.object.surface import reconstruct, touches_of
     from estimator.table.files import read_contacts
+    from vbaa_calib.core.robust import finite_median, finite_or_none
     from viz.files.object_file import SUFFIXES, write_object
 
     refuse_output(args.output, SUFFIXES, args.force, (args.contacts, args.rig))
@@ -55,8 +52,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     for note in (*surface.notes, soft.reason):
         say(f"  {note}")
     numbers = {
-        "median_std_m": _median(surface.std_m),
-        "median_contact_std_m": _median(surface.touched_std_m),
+        "median_std_m": finite_median(surface.std_m),
+        "median_contact_std_m": finite_median(surface.touched_std_m),
         "stiffness_N_m": soft.stiffness_N_m,
         "stiffness_low_N_m": soft.interval_N_m[0],
         "stiffness_high_N_m": soft.interval_N_m[1],
@@ -71,16 +68,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         "triangles": len(surface.triangles),
         "lines": len(surface.lines),
         "left_out": int(surface.outlier.sum()),
-        **{name: float(value) if math.isfinite(value) else None for name, value in numbers.items()},
+        **{name: finite_or_none(value) for name, value in numbers.items()},
         "stiffness_told": soft.determined,
         "stiffness_in_words": soft.reason,
         "notes": list(surface.notes),
     }
-
-
-def _median(values: np.ndarray) -> float:
-    """Of the finite ones; NaN for none."""
-    import numpy as np
-
-    known = values[np.isfinite(values)]
-    return float(np.median(known)) if len(known) else np.nan

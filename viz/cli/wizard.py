@@ -108,7 +108,7 @@ def _answers_given(args: argparse.Namespace) -> dict[str, Any]:
 
 def _run(args: argparse.Namespace, store: Store, given: dict[str, Any]) -> dict[str, Any]:
     from vbaa_calib.wizard.asking import adopt, check_together, set_unlisted_aside
-    from vbaa_calib.wizard.flow import Quit, redo, walk
+    from vbaa_calib.wizard.flow import redo, walk
     from vbaa_calib.wizard.session_state import SessionState
     from vbaa_calib.wizard.steps import REPORT
     from vbaa_calib.wizard.ui import Interrupted, Ui
@@ -146,7 +146,7 @@ def _run(args: argparse.Namespace, store: Store, given: dict[str, Any]) -> dict[
             store.close(args.reopen, "")
         try:
             document = walk(state, ui, report.page)
-        except Quit:
+        except Interrupted:
             ui.say(f"stopped; `vbaa wizard {args.session}` goes on here")
             return _result(store, None)
         ui.done(document, str(store.root / REPORT))

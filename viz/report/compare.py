@@ -12,6 +12,7 @@ from markupsafe import Markup
 from matplotlib.axes import Axes
 
 from estimator.table.contacts import ContactTable
+from vbaa_calib.core.robust import finite_or_none
 from vbaa_calib.rig import Rig
 from vbaa_calib.rig.over_time import parameter_names, parameter_std
 from viz.figures.drawing import AMBER, RED, SLATE, TEAL, dots, limits, new_axes, paths, svg
@@ -83,9 +84,9 @@ def _spread(deviations: np.ndarray, differences: np.ndarray, frames: np.ndarray)
     size = np.abs(deviations)
     most = int(np.argmax(np.where(np.isnan(size), np.inf, size)))
     return {
-        "rms": _finite(np.sqrt(np.mean(size**2))),
-        "largest": _finite(deviations[most]),
-        "largest_difference": _finite(differences[most]),
+        "rms": finite_or_none(np.sqrt(np.mean(size**2))),
+        "largest": finite_or_none(deviations[most]),
+        "largest_difference": finite_or_none(differences[most]),
         "largest_frame": int(frames[most]),
     }
 
@@ -154,10 +155,10 @@ class ComparedRigs:
             "settings": list(self.settings),
             "parameters": {
                 name: {
-                    "difference": _finite(difference),
-                    "std_a": _finite(std_a),
-                    "std_b": _finite(std_b),
-                    "deviations": _finite(deviations),
+                    "difference": finite_or_none(difference),
+                    "std_a": finite_or_none(std_a),
+                    "std_b": finite_or_none(std_b),
+                    "deviations": finite_or_none(deviations),
                 }
                 for name, difference, std_a, std_b, deviations in columns
             },
@@ -176,10 +177,6 @@ def compare_rigs(a: Rig, b: Rig) -> ComparedRigs:
     ]
     settings += ["camera.model"] if a.camera.parameter_names != b.camera.parameter_names else []
     return ComparedRigs(names, std[0], std[1], step, _over(step, _pooled(std[0], std[1])), tuple(settings))
-
-
-def _finite(value: Any) -> float | None:
-    return float(value) if np.isfinite(value) else None
 
 
 def contacts_page(
