@@ -19,12 +19,12 @@ import numpy as np
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.geometry import Pose
 from vbaa_calib.simulate.render.board import Sheet
+from vbaa_calib.simulate.render.meshes import Triangles, object_mesh, tube_mesh
 from vbaa_calib.simulate.scene.lens import RayMap
 from vbaa_calib.simulate.scene.objects import TouchObject
 from vbaa_calib.simulate.scene.scene import Joints, Scene
 
 from .bench import bench, facing, lights, matt, picture_of, placed, rgb
-from .meshes import Triangles, object_mesh, tube_mesh
 
 _MM = 1000.0
 _FINER = 2.0
