@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.arrays import FARTHEST_M
-from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.errors import InputError, shown
 from vbaa_calib.geometry import Pose
 
 
@@ -121,7 +121,7 @@ def size_of(sides: Sequence[tuple[str, Any]], path: Path) -> tuple[int, int]:
         number = isinstance(value, int | float) and not isinstance(value, bool)
         if not number or not 0 < value <= _LARGEST_SIDE_PX or value != int(value):
             remedy = "a picture's side in whole pixels is needed"
-            raise InputError(f"{key} is {_shown(value)}", where=path, remedy=remedy)
+            raise InputError(f"{key} is {shown(value)}", where=path, remedy=remedy)
     (_, width), (_, height) = sides
     return int(width), int(height)
 
@@ -152,11 +152,11 @@ def numbers(values: Any, key: str, path: Path, counts: Sequence[int], most: floa
     """A flat list of numbers within ±most, as many as one of `counts`."""
     if not isinstance(values, list | tuple) or len(values) not in counts:
         wanted = " or ".join(map(str, counts))
-        raise InputError(f"{key} is {_shown(values)}", where=path, remedy=f"a list of {wanted} numbers is needed")
+        raise InputError(f"{key} is {shown(values)}", where=path, remedy=f"a list of {wanted} numbers is needed")
     for value in values:
         # a whole number may be too large for a float
         if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < most:
-            raise InputError(f"{key} holds {_shown(value)}", where=path, remedy=f"numbers below {most:g} are needed")
+            raise InputError(f"{key} holds {shown(value)}", where=path, remedy=f"numbers below {most:g} are needed")
     return [float(value) for value in values]
 
 
@@ -175,7 +175,7 @@ def checked(model: str, size: tuple[int, int], matrix: np.ndarray, coefficients:
 def pose_of(matrix: Any, key: str, path: Path) -> Pose:
     """A pose from four rows of four numbers. Raises InputError where the rotation is none."""
     if not isinstance(matrix, list | tuple) or len(matrix) != 4:
-        raise InputError(f"{key} is {_shown(matrix)}", where=path, remedy="four rows of four numbers are needed")
+        raise InputError(f"{key} is {shown(matrix)}", where=path, remedy="four rows of four numbers are needed")
     rows = np.array([numbers(row, key, path, (4,), FARTHEST_M) for row in matrix])
     turn = rows[:3, :3]
     off = np.abs(turn @ turn.T - np.eye(3)).max() if np.abs(turn).max() < 2 else math.inf
@@ -185,12 +185,5 @@ def pose_of(matrix: Any, key: str, path: Path) -> Pose:
 
 
 def intrinsics(camera: Camera) -> list[float]:
-    return [float(camera.matrix[index]) for index in ((0, 0), (1, 1), (0, 2), (1, 2))]
-
-
-def _shown(value: Any) -> str:
-    try:
-        text = repr(value)
-    except (RecursionError, ValueError):
-        text = f"a {type(value).__name__}"
-    return text if len(text) <= 60 else text[:57] + "..."
+    """fx, fy, cx, cy."""
+    return camera.parameters[:4].tolist()

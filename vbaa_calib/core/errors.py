@@ -36,6 +36,20 @@ def clipped(text: str) -> str:
     return text if len(text) <= _LONGEST else f"{text[:half]} ... {text[-half:]}"
 
 
+def shown(value: object) -> str:
+    """A value out of a file or an answer, as Python writes it, for a message: at most 60 characters."""
+    try:
+        text = repr(value)
+    except (RecursionError, ValueError):  # nested without end; a number of thousands of digits
+        text = f"a {type(value).__name__}"
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def reason_of(error: Exception) -> object:
+    """Why the system refused a path, in its words; the error itself for a path that it does not even take."""
+    return getattr(error, "strerror", None) or error
+
+
 def sentence_of(error: BaseException) -> str | None:
     """What to tell a user of an error that can come from outside: ours, or a full disk's; None for a fault of ours."""
     if isinstance(error, VbaaError):

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import yaml
 
 from vbaa_calib.core.csv_rows import read_csv
-from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.errors import InputError, shown
 
 if TYPE_CHECKING:
     import numpy as np
@@ -69,7 +69,7 @@ class Question:
                 "yesno": "yes or no",
                 "text": f"a text: {self.words}",
             }[self.kind]
-            what = f"{self.key} is {_short(given)}: {error}"
+            what = f"{self.key} is {'empty' if given is None else shown(given)}: {error}"
             raise InputError(what, where=where, remedy=f"give {expected}") from None
 
     def _number(self, given: object) -> float:
@@ -98,14 +98,6 @@ class Question:
         if len(fitting) != 1:
             raise ValueError("that is none of them" if not fitting else f"that may be {' or '.join(fitting)}")
         return fitting[0]
-
-
-def _short(given: object) -> str:
-    try:
-        text = "empty" if given is None else repr(given)
-    except ValueError:  # Python writes out no number of thousands of digits
-        text = "a number of thousands of digits"
-    return text if len(text) <= 60 else text[:57] + "..."
 
 
 def typed(value: Any) -> str:

@@ -21,6 +21,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, FiniteFloat, Validat
 
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_json, replacing, sha256, write_json
+from vbaa_calib.core.folders import make_folder
 from vbaa_calib.core.images import SUFFIXES
 
 from .questions import PICTURES, QUESTIONS, READINGS, SOURCES, STEPS, TABLES, Question
@@ -170,11 +171,7 @@ class Store:
         """Answers that were taken back: the defaults when their questions are asked again."""
 
     def __enter__(self) -> Store:
-        try:
-            self.root.mkdir(parents=True, exist_ok=True)
-        except (OSError, ValueError) as error:
-            why = getattr(error, "strerror", None) or error
-            raise InputError(f"cannot be made ({why})", where=self.root, remedy="name another folder") from None
+        make_folder(self.root)
         remedy = "name a folder that can be written"
         if not os.access(self.root, os.W_OK | os.X_OK):
             raise InputError("is read-only", where=self.root, remedy=remedy)

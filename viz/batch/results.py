@@ -25,7 +25,7 @@ import numpy as np
 from estimator.table.contacts import LOCATED, STATUSES
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_json, replacing, write_json, write_text
-from vbaa_calib.core.folders import writing_alone
+from vbaa_calib.core.folders import make_folder, writing_alone
 from vbaa_calib.core.robust import finite_median, finite_or_none
 
 SCHEMA = "vbaa.batch/1"
@@ -62,13 +62,8 @@ class Results:
     def prepare(self, argv: Sequence[str]) -> None:
         """Make the folder, or go on in one that a batch made. Raises InputError for any other."""
         own = self.root / "batch.json"
-        try:
-            self.root.mkdir(parents=True, exist_ok=True)
-            strange = any(self.root.iterdir()) and not own.exists()
-        except OSError as error:
-            what = f"cannot be made ({error.strerror})"
-            raise InputError(what, where=self.root, remedy="take another name") from None
-        if strange:
+        make_folder(self.root)
+        if any(self.root.iterdir()) and not own.exists():
             raise InputError("holds other things than a batch's results", where=self.root, remedy="take another name")
         if own.exists() and read_json(own).get("schema") != SCHEMA:
             raise InputError(f"is not of {SCHEMA}", where=own, remedy="take another folder")

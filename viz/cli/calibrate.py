@@ -12,6 +12,7 @@ from vbaa_calib.core.console import say
 from vbaa_calib.core.csv_rows import read_csv
 from vbaa_calib.core.errors import InputError, VbaaError
 from vbaa_calib.core.files import read_json, refuse_overwrite, sha256, write_json, write_text
+from vbaa_calib.core.folders import make_folder
 
 from .intrinsics import MODELS
 
@@ -94,7 +95,7 @@ def _over_time(args: argparse.Namespace, sessions: list[tuple[datetime, Path]]) 
     if len(set(names)) < len(names):
         twice = next(name for name in names if names.count(name) > 1)
         raise InputError(f"two sessions are named {twice}", where="vbaa calibrate", remedy="give each its own name")
-    root.mkdir(parents=True, exist_ok=True)
+    make_folder(root)
     rigs, days, failed, codes = [], [], dict[str, str](), []
     for (date, path), name in zip(sessions, names, strict=True):
         output = root / f"{name}.json"

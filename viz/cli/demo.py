@@ -15,7 +15,7 @@ import numpy as np
 from vbaa_calib.core.console import say
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_json, write_json
-from vbaa_calib.core.folders import writing_alone
+from vbaa_calib.core.folders import make_folder, writing_alone
 
 if TYPE_CHECKING:
     from estimator.table.contacts import ContactTable
@@ -57,11 +57,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             raise InputError("exists already", where=out, remedy="give --force to replace it, or another --out")
     elif os.path.lexists(out) and not os.path.isdir(out):
         raise InputError("is a file", where=out, remedy="name a folder with --out")
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except (OSError, ValueError) as error:
-        why = getattr(error, "strerror", None) or error
-        raise InputError(f"cannot be made ({why})", where=out, remedy="name another folder with --out") from None
+    make_folder(out)
     with writing_alone(out):
         return _whole_way(args, out, started)
 

@@ -6,7 +6,7 @@ import stat
 from collections.abc import Container
 from pathlib import Path
 
-from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.errors import InputError, reason_of
 from vbaa_calib.core.images import SUFFIXES
 
 from .files import FolderSource, Picture, SourceLost, VideoSource, shown
@@ -43,8 +43,7 @@ def open_source(text: str, seen: Container[str] = (), wait: bool = False) -> Sou
         digits = f"for a camera write camera:{text}; or " if text.isdigit() and len(text) < 4 else ""
         raise InputError("no such folder or video", where=shown(text), remedy=f"{digits}{_KINDS}") from None
     except (OSError, ValueError) as error:
-        why = getattr(error, "strerror", None) or error
-        raise InputError(f"cannot be read ({why})", where=shown(text), remedy=_KINDS) from None
+        raise InputError(f"cannot be read ({reason_of(error)})", where=shown(text), remedy=_KINDS) from None
     if stat.S_ISDIR(mode):
         return FolderSource(path, seen, wait)
     if stat.S_ISCHR(mode):

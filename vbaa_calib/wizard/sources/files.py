@@ -16,7 +16,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.errors import InputError, reason_of
 from vbaa_calib.core.images import SUFFIXES, read_gray
 
 _LONGEST = 100
@@ -233,8 +233,9 @@ class FolderSource:
         except (FileNotFoundError, NotADirectoryError):
             raise kind("no such folder", where=self.name, remedy="check the path, and that the disk is there") from None
         except (OSError, ValueError) as error:
-            why = getattr(error, "strerror", None) or error
-            raise kind(f"cannot be read ({why})", where=self.name, remedy="check its permissions") from None
+            raise kind(
+                f"cannot be read ({reason_of(error)})", where=self.name, remedy="check its permissions"
+            ) from None
         return sorted(filter(self._is_picture, names))
 
     def _is_picture(self, name: str) -> bool:
