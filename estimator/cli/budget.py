@@ -8,10 +8,10 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vbaa_calib.cli.joints import add_joints, joints_rad
+from vbaa_calib.cli.joints import add_joints, pan_tilt_rad
 from vbaa_calib.core.console import say
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.core.files import refuse_overwrite, write_text
+from vbaa_calib.core.files import refuse_outputs, write_text
 
 if TYPE_CHECKING:
     from estimator.budget.parts import Touches
@@ -48,9 +48,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from vbaa_calib.rig import Rig
 
     outputs = {"budget": args.output, "figure": args.figure}
-    for path in outputs.values():
-        if path is not None:
-            refuse_overwrite(path, args.force, (args.rig,))
+    refuse_outputs(outputs.values(), args.force, (args.rig,))
     if args.output is not None and args.output.suffix.lower() != ".json":
         raise InputError("is not a .json", where=args.output, remedy="name it budget.json")
     if args.figure is not None and args.figure.suffix.lower() not in _FIGURES:
@@ -98,7 +96,7 @@ def _touches(args: argparse.Namespace, rig: Rig) -> Touches:
     from estimator.solver.convergence import NEAREST
     from estimator.solver.rig_arrays import RigArrays
 
-    pan, tilt = joints_rad(args, 0.0).values()
+    pan, tilt = pan_tilt_rad(args)
     if args.distance is None:
         return ordinary_touches(rig, pan, tilt)
     distance, length = args.distance, rig.antenna.length_m

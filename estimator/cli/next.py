@@ -12,9 +12,7 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import refuse_overwrite, write_json
 
 if TYPE_CHECKING:
-    from estimator.object.next_touch import JointLimits, NextTouch
-    from estimator.table.contacts import ContactTable
-    from vbaa_calib.rig import Rig
+    from estimator.object.next_touch import NextTouch
 
 _GOALS = ("surface", "friction", "stiffness")  # as `estimator.object.next_touch.GOALS`, not imported for a quick --help
 
@@ -39,7 +37,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Say where to touch next, and what it should tell."""
-    from estimator.object.next_touch import next_touch
+    from estimator.object.next_touch import JointLimits, next_touch
     from estimator.table.files import read_contacts
     from vbaa_calib.rig import Rig
 
@@ -47,10 +45,11 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         refuse_overwrite(args.output, args.force, (args.contacts, args.rig))
         if args.output.suffix != ".json":
             raise InputError("is not a .json", where=args.output, remedy="name it next.json")
-    limits = {name: _limits(args, name) for name in ("pan", "tilt")}
+    pan, tilt = (_limits(args, name) for name in ("pan", "tilt"))
     table, rig = read_contacts(args.contacts), Rig.load(args.rig)
     try:
-        one = next_touch(table, rig, args.goal, _joint_limits(limits, table, rig))
+        recorded = JointLimits.of(table, rig)
+        one = next_touch(table, rig, args.goal, JointLimits(pan or recorded.pan_rad, tilt or recorded.tilt_rad))
     except InputError as error:
         raise InputError(error.what, where=error.where or args.contacts, remedy=error.remedy) from None
     for line in _words(one):
@@ -76,14 +75,6 @@ def _limits(args: argparse.Namespace, name: str) -> tuple[float, float] | None:
         )
     low, high = (math.radians(each) if args.degrees else each for each in given)
     return low, high
-
-
-def _joint_limits(given: dict[str, tuple[float, float] | None], table: ContactTable, rig: Rig) -> JointLimits:
-    """Those that are given, and the recording's own where none are."""
-    from estimator.object.next_touch import JointLimits
-
-    recorded = JointLimits.of(table, rig)
-    return JointLimits(given["pan"] or recorded.pan_rad, given["tilt"] or recorded.tilt_rad)
 
 
 def _words(one: NextTouch) -> list[str]:

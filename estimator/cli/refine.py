@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from vbaa_calib.core.console import progress, say
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.core.files import refuse_overwrite, sha256, write_json
+from vbaa_calib.core.files import refuse_outputs, sha256, write_json
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -41,17 +41,15 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from vbaa_calib.session import load_session, refuse_measured
 
     outputs = [args.output] if args.update_rig is None else [args.output, args.update_rig]
+    refuse_outputs(outputs, args.force, (args.contacts, args.rig))
     for path in outputs:
-        refuse_overwrite(path, args.force, (args.contacts, args.rig))
         refuse_measured(path, args.session)
     check_format(args.output)
-    if args.update_rig is not None:
-        if args.update_rig.suffix != ".json":
-            raise InputError("is not a .json", where=args.update_rig, remedy="name it something.json")
-        if args.update_rig.resolve() == args.output.resolve():
-            raise InputError("is the contacts' own file", where=args.update_rig, remedy="name another")
+    if args.update_rig is not None and args.update_rig.suffix != ".json":
+        raise InputError("is not a .json", where=args.update_rig, remedy="name it something.json")
     table, rig, session = read_contacts(args.contacts), Rig.load(args.rig), load_session(args.session)
-    rig = rig if session.drift is None else _with_drift(rig, session)
+    if session.drift is not None:
+        rig = replace(rig, drift=session.drift)
     known = None if session.known_object is None else KnownLine.of(session.known_object)
     try:
         found = refine(table, rig, _recording(table, rig, session), known)
@@ -73,12 +71,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         "exit_code": 1 if args.update_rig is not None and updated is None else 0,
         **found.summary(),
     }
-
-
-def _with_drift(rig: Rig, session: Session) -> Rig:
-
-    assert session.drift is not None
-    return replace(rig, drift=session.drift)
 
 
 def _recording(table: ContactTable, rig: Rig, session: Session) -> Sequence[Measured]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from vbaa_calib.core.console import say
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.core.files import refuse_overwrite, write_text
+from vbaa_calib.core.files import refuse_outputs, write_text
 
 if TYPE_CHECKING:
     from estimator.object.track import Track
@@ -45,14 +45,11 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from vbaa_calib.rig import Rig
 
     outputs = [args.output] if args.smooth is None else [args.output, args.smooth]
-    for path in outputs:
-        refuse_overwrite(path, args.force, (args.contacts, args.rig))
+    refuse_outputs(outputs, args.force, (args.contacts, args.rig))
     if args.output.suffix != ".csv":
         raise InputError("is not a .csv", where=args.output, remedy="name it something.csv")
     if args.smooth is not None:
         check_format(args.smooth)
-        if args.smooth.resolve() == args.output.resolve():
-            raise InputError("is the track's own file", where=args.smooth, remedy="name another with --smooth")
         if args.rig is None:
             remedy = "give the rig.json that the contacts were made with"
             raise InputError("--smooth needs --rig to separate noise from the calibration's errors", remedy=remedy)

@@ -13,7 +13,7 @@ import numpy as np
 
 from vbaa_calib.core.console import say
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.core.files import refuse_overwrite, replacing, sha256, write_json, write_text
+from vbaa_calib.core.files import refuse_outputs, replacing, sha256, write_json, write_text
 
 if TYPE_CHECKING:
     from vbaa_calib.calibrate.photo.centreline import RodLine
@@ -69,9 +69,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from vbaa_calib.core.images import read_gray
 
     photos = [args.table, *([args.unloaded] if args.unloaded else [])]
-    for path in (args.output, args.moments, args.overlay):
-        if path is not None:
-            refuse_overwrite(path, args.force, photos)
+    outputs = [path for path in (args.output, args.moments, args.overlay) if path is not None]
+    refuse_outputs(outputs, args.force, photos)
     setting = _setting(args)
     pictures = [read_gray(path) for path in photos]
     lines: list[RodLine] = []
@@ -97,9 +96,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         write_text(args.moments, text.getvalue(), args.force)
     if args.output:
         write_json(args.output, document, args.force)
-    for path in (args.output, args.moments, args.overlay):
-        if path is not None:
-            say(f"wrote {path}")
+    for path in outputs:
+        say(f"wrote {path}")
     return document
 
 

@@ -261,6 +261,16 @@ def refuse_overwrite(path: Path, force: bool, inputs: Iterable[Path | None] = ()
     refuse_folder_of(path)
 
 
+def refuse_outputs(paths: Iterable[Path | None], force: bool, inputs: Iterable[Path | None] = ()) -> None:
+    """`refuse_overwrite` for each output that is asked for; no two may be the same file."""
+    known, inputs = set[Path](), list(inputs)
+    for path in filter(None, paths):
+        refuse_overwrite(path, force, inputs)
+        if path.resolve() in known:
+            raise InputError("is another output of this command, too", where=path, remedy="take another name")
+        known.add(path.resolve())
+
+
 def refuse_folder_of(path: Path) -> None:
     """Raises InputError where the folder of `path` can neither be written nor made."""
     folder = Path(os.path.realpath(path)).parent

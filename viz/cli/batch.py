@@ -9,8 +9,6 @@ from typing import TYPE_CHECKING, Any
 from .estimate import add_estimator_options
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
     from viz.batch.cluster import Where
 
 
@@ -56,8 +54,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     cuts(0, args.piece)
     for rig in {each.rig for each in recordings}:
         ContactEstimator(Rig.load(rig), args.model, friction=args.friction)  # refuses what is wrong before any work
-    if args.background is not None and str(args.background) != "auto":
-        require_file(args.background, "picture")
+    background = args.background
+    if background is not None and str(background) != "auto":
+        require_file(background, "picture")
+        background = background.resolve()
     results = Results(args.output.resolve())
     results.prepare(args.argv)
     settings = Settings(
@@ -65,7 +65,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         friction=args.friction,
         drift=args.drift,
         no_moment=args.no_moment,
-        background=_absolute(args.background),
+        background=background,
         reconstruct=args.reconstruct,
         piece=args.piece,
         threads=where.threads,
@@ -99,8 +99,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         **{state: len(names) for state, names in states.items()},
         "missing": missing,
         "scheduler_lost": lost is not None,
-        "frames": _sum(row["frames"] for row in own),
-        "ok": _sum(row["ok"] for row in own),
+        "frames": sum(int(row["frames"]) for row in own),
+        "ok": sum(int(row["ok"]) for row in own),
         "exit_code": 1 if missing else 0,
     }
 
@@ -152,11 +152,3 @@ def _described(client: Any, where: Where) -> str:
     kernels = f" of {where.threads} threads" if where.threads > 1 else ""
     shown = f"; dashboard: {client.dashboard_link}" if find_spec("bokeh") else "; its dashboard needs bokeh"
     return f"{len(workers)} workers{kernels}{each}{shown}"
-
-
-def _absolute(path: Path | None) -> Path | None:
-    return path if path is None or str(path) == "auto" else path.resolve()
-
-
-def _sum(values: Iterable[Any]) -> int:
-    return sum(int(value) for value in values)

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from vbaa_calib.cli.joints import add_joints, joints_rad
+from vbaa_calib.cli.joints import add_joints, pan_tilt_rad
 from vbaa_calib.core.console import say
 from vbaa_calib.core.files import replacing
 from viz.files.outputs import refuse_output
@@ -34,7 +34,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     Raises InputError for a broken picture or rig, a wrong size or angle, or a file in the way.
     """
 
-    pan, tilt = joints_rad(args, 0.0).values()
+    pan, tilt = pan_tilt_rad(args)
     if args.output is not None:
         refuse_output(args.output, _SUFFIXES, args.force, (args.image, args.background))
 

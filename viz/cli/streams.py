@@ -9,7 +9,7 @@ from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from vbaa_calib.cli.joints import add_joints, joints_rad
+from vbaa_calib.cli.joints import add_joints, pan_tilt_rad
 from vbaa_calib.core.errors import InputError
 
 if TYPE_CHECKING:
@@ -80,13 +80,7 @@ def timing_of(args: argparse.Namespace) -> Timing:
         value = getattr(args, name)
         if not least <= value <= most:  # NaN is not, either
             raise InputError(f"--{name} is {value}", remedy=f"give a number from {least:g} to {most:g}")
-    return Timing(args.offset, args.gap, args.wait, _joints(args))
-
-
-def _joints(args: argparse.Namespace) -> tuple[float, float]:
-    """Pan and tilt where they are not read. Raises InputError."""
-    pan, tilt = joints_rad(args, 0.0).values()
-    return pan, tilt
+    return Timing(args.offset, args.gap, args.wait, pan_tilt_rad(args))
 
 
 def topics_of(args: argparse.Namespace) -> Topics:
@@ -134,7 +128,7 @@ def tracked(args: argparse.Namespace) -> tuple[list[Frame], Mapping[int, np.ndar
 
     from vbaa_calib.session import Frame, centrelines_of, recording_of
 
-    path, readings, joints = args.centrelines, args.readings, _joints(args)
+    path, readings, joints = args.centrelines, args.readings, pan_tilt_rad(args)
     lines = centrelines_of(path)
     if readings is None:
         return [Frame(None, *joints, math.nan, frame=frame, time_s=float(frame)) for frame in sorted(lines)], lines

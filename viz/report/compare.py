@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from markupsafe import Markup
 from matplotlib.axes import Axes
 
 from estimator.table.contacts import ContactTable
@@ -190,7 +189,10 @@ def contacts_page(
     for each in compared.values():
         changed.update(each.changed)
     head = ["recording", "frames", "off", *(f"{name}, rms" for name in (*_QUANTITIES, "point")), "largest"]
-    figures = _figures(next(iter(compared.values())), tolerance) if len(compared) == 1 else []
+    figures = []
+    if len(compared) == 1:
+        (one,) = compared.values()
+        figures = [svg(_over_frames(name, one, values, tolerance)) for name, values in one.deviations.items()]
     return _page(
         title,
         result,
@@ -206,10 +208,6 @@ def _cells(deviations: Mapping[str, Any]) -> list[str]:
     known = [one for one in deviations.values() if one is not None]
     largest = max((abs(one["largest"] or 0.0) for one in known), default=0.0)
     return [*(number(one["rms"] if one else None, 3) for one in deviations.values()), number(largest, 3)]
-
-
-def _figures(one: ComparedContacts, tolerance: float) -> list[Markup]:
-    return [svg(_over_frames(name, one, values, tolerance)) for name, values in one.deviations.items()]
 
 
 def _over_frames(name: str, one: ComparedContacts, values: np.ndarray, tolerance: float) -> Axes:

@@ -169,15 +169,6 @@ class AntennaFinder:
         return apart.mean(axis=1) < APART
 
 
-def trace(image: np.ndarray, corridor: Corridor, bright: bool | None = True) -> np.ndarray:
-    """(K, 2) rough path of the antenna from clamp to tip, pixels. There is always one; `profile.measure` judges it.
-
-    image (H, W). Hidden stretches are bridged by a smooth curve.
-    """
-    finder = AntennaFinder.prepare(corridor, (image.shape[1], image.shape[0]))
-    return finder.path(image, finder.candidates(image, bright)[0], bright).path_px
-
-
 def templates(corridor: Corridor) -> Templates:
     """Every path in a corridor, close enough together that the antenna is within `spacing_px` of one of them."""
     axis, _ = resample(corridor.axis_px, max(arc_lengths(corridor.axis_px)[-1] / SAMPLES, 1e-3))
