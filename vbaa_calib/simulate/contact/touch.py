@@ -1,11 +1,11 @@
 """Pressing the antenna against an object: where it touches and how hard, for each frame of a recording.
 
-There are two methods. Frictionless contacts with a cylinder, a sphere or a knife edge depend only on the side from
-which the antenna came: all frames are solved for at once (`at_once`). With friction, and on the other objects, the
-frames follow one another (`strokes`): Coulomb's friction with sticking (`stick_slip`).
+Frictionless contacts with a cylinder, a sphere or a knife edge depend only on the side from which the antenna came: all
+frames are solved at once (`at_once`). With friction, and on other objects, frames are solved in order (`strokes`), with
+Coulomb friction and sticking (`stick_slip`).
 
-Friction's lever of one antenna radius about the centreline is left out: it twists and bends a thin antenna by less
-than a part in a hundred. So is the way by which the wire rolls about its own axis.
+Neglected: the lever of friction about the centreline (one antenna radius, below 1 % in twist and bending), and rolling
+of the wire about its own axis.
 """
 
 from __future__ import annotations
@@ -32,14 +32,12 @@ class Touch:
     Attributes
     ----------
     in_contact : (B,) bool.
-    contact_m : (B,) arc length of the contact from the clamp; NaN without contact.
+    contact_m : (B,) arc length of the contact from the clamp; NaN without contact, as the next three but the force.
     force_antenna_N : (B, 3) the object's force on the antenna, antenna frame; zero without contact.
-    contact_antenna_m : (B, 3) point of the centreline at the contact, antenna frame; NaN without contact.
-    touched_world_m, normal_world : (B, 3) the touched point of the object's undeformed surface and the outward normal
-        there; NaN without contact.
-    sticks : (B,) bool; touched in the frame before too, and not slid since (`strokes.STICKS_M`).
-    slip_world_m : (B, 3) way of the antenna's material point at the contact along the object since the frame before;
-        zero where there was no contact.
+    contact_antenna_m : (B, 3) point of the centreline at the contact, antenna frame.
+    touched_world_m, normal_world : (B, 3) touched point of the undeformed surface, and its outward normal.
+    sticks : (B,) bool; in contact in the previous frame, too, without slip since (`strokes.STICKS_M`).
+    slip_world_m : (B, 3) slip of the antenna's material point since the previous frame; zero without contact there.
     shape : the antenna under its weight and this force.
     """
 
@@ -84,7 +82,7 @@ def touch_strokes(
     strokes: Sequence[Sequence[Pose]],
     gravity_world_m_s2: np.ndarray,
 ) -> list[Touch]:
-    """As `touch`, of several strokes that know nothing of each other, which is faster than one by one."""
+    """As `touch`, for several independent strokes, which is faster than one by one."""
     fewest = min((len(poses) for poses in strokes), default=0)
     if not fewest or not antenna_radius_m > 0.0:
         raise InputError(f"{fewest} frames, antenna radius {antenna_radius_m} m", where="touch")
@@ -97,7 +95,7 @@ def touch_strokes(
 
 
 def _touch(setting: Setting, bases: Bases, contacts: Contacts) -> Touch:
-    """The antenna's shapes under the forces of contacts that a real one could hold."""
+    """The antenna's shapes under the contacts' forces. Raises SolveError for contacts that are impossible."""
     rod, obj, radius = setting.rod, setting.object, setting.antenna_radius_m
     touching, held = contacts.touches, contacts.held
     lost = ~touching[:, None]

@@ -1,4 +1,4 @@
-"""A scene file to a `Scene`. Degrees only where the key says `_deg`."""
+"""Reads a scene file. Angles are in degrees where the key ends in `_deg`."""
 
 from __future__ import annotations
 
