@@ -1,4 +1,4 @@
-"""A debug picture of what was seen: corridor, centreline with its deviations, what is hidden, clamp and visible end."""
+"""A debug picture of a detection: corridor, centreline with its deviations, hidden parts, clamp and visible end."""
 
 from __future__ import annotations
 
@@ -29,17 +29,17 @@ _CAUSES: dict[Cause, Colour] = {
 }
 """Colour of a stretch that was not seen, by what became of it."""
 _SIGMA_RANGE_PX = (0.02, 0.5)
-"""Deviations that have the ends of the colour scale: the same in every picture, so that pictures compare."""
+"""Ends of the colour scale of deviations, the same in all pictures."""
 _SURE, _UNSURE = np.array([255.0, 255.0, 0.0]), np.array([255.0, 0.0, 255.0])
-"""Its ends: cyan and magenta, which colour-blind people can distinguish, too."""
+"""Its colours, cyan and magenta, distinguishable for colour-blind people, too."""
 _BRIGHTEST = 150.0
-"""Grey level that the picture's bright end is drawn at, so that the marks stand out from it."""
+"""Grey level of the picture's bright end, so that marks stand out."""
 _ASIDE = 0.5
-"""The picture outside the corridor is drawn darker by this factor."""
+"""Factor of brightness outside the corridor."""
 _LEAST_SPAN = 48.0
-"""A picture with less between its dark and its bright end is not stretched any further: it would be all noise."""
+"""Least range of grey levels that is stretched to full contrast."""
 _GAMMA = 0.75
-"""Exponent of grey levels: what is dark is still to be made out."""
+"""Exponent of grey levels, which brightens the dark ones."""
 _VERDICTS: dict[str, tuple[Colour, str]] = {
     "ok": ((136, 148, 13), "the antenna was found"),
     "no_antenna": ((139, 116, 100), "there is no antenna, or it cannot be made out"),
