@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vbaa_calib.antenna.rod import Rod, RodShape, sample_shape, solve_rod
-from vbaa_calib.core.errors import InputError, SolveError
+from vbaa_calib.core.errors import SolveError
 from vbaa_calib.geometry import Pose
 from vbaa_calib.simulate.scene.objects import TouchObject
 
@@ -64,12 +64,11 @@ def touch(
     Parameters
     ----------
     antenna_radius_m : half the antenna's diameter.
-    T_world_antenna : B poses in order of time: the side of the contact and the friction depend on the frames before.
+    T_world_antenna : poses in order of time, at least one: side and friction depend on the frames before.
     gravity_world_m_s2 : (3,).
 
     Raises
     ------
-    InputError : no frames, or a radius that is not positive.
     SolveError : names the first frame without a trustworthy equilibrium, and why.
     """
     return touch_strokes(rod, antenna_radius_m, obj, [T_world_antenna], gravity_world_m_s2)[0]
@@ -83,9 +82,6 @@ def touch_strokes(
     gravity_world_m_s2: np.ndarray,
 ) -> list[Touch]:
     """As `touch`, for several independent strokes, which is faster than one by one."""
-    fewest = min((len(poses) for poses in strokes), default=0)
-    if not fewest or not antenna_radius_m > 0.0:
-        raise InputError(f"{fewest} frames, antenna radius {antenna_radius_m} m", where="touch")
     setting = Setting(rod, antenna_radius_m, obj, np.asarray(gravity_world_m_s2, float))
     bases = [Bases.of(poses) for poses in strokes]
     if obj.friction == 0.0 and obj.shape in ("cylinder", "sphere", "knife_edge"):
