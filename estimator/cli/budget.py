@@ -42,7 +42,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Make the budget, say it, and write what is asked for."""
-
     from estimator.budget.budget import error_budget
     from estimator.budget.report import SCHEMA, advice, as_data, contacts_as_data, table, write_figure
     from vbaa_calib.rig import Rig

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vbaa_calib.core.console import say
-from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.errors import InputError, about
 from vbaa_calib.core.files import refuse_overwrite, write_json
 
 if TYPE_CHECKING:
@@ -47,11 +47,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             raise InputError("is not a .json", where=args.output, remedy="name it next.json")
     pan, tilt = (_limits(args, name) for name in ("pan", "tilt"))
     table, rig = read_contacts(args.contacts), Rig.load(args.rig)
-    try:
+    with about(args.contacts):
         recorded = JointLimits.of(table, rig)
         one = next_touch(table, rig, args.goal, JointLimits(pan or recorded.pan_rad, tilt or recorded.tilt_rad))
-    except InputError as error:
-        raise InputError(error.what, where=error.where or args.contacts, remedy=error.remedy) from None
     for line in _words(one):
         say(line)
     result = one.summary()
@@ -63,7 +61,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 def _limits(args: argparse.Namespace, name: str) -> tuple[float, float] | None:
     """rad. Raises InputError for limits that are none."""
-
     given = getattr(args, name)
     if given is None:
         return None

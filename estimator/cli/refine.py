@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vbaa_calib.core.console import progress, say
-from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.errors import InputError, about
 from vbaa_calib.core.files import refuse_outputs, sha256, write_json
 
 if TYPE_CHECKING:
@@ -51,10 +51,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if session.drift is not None:
         rig = replace(rig, drift=session.drift)
     known = None if session.known_object is None else KnownLine.of(session.known_object)
-    try:
+    with about(args.contacts):
         found = refine(table, rig, _recording(table, rig, session), known)
-    except InputError as error:
-        raise InputError(error.what, where=error.where or args.contacts, remedy=error.remedy) from None
     write_contacts(args.output, found.contacts.rows(), args.force)
     if args.update_rig is not None and not found.reason:
         write_json(args.update_rig, _document(args, found), force=args.force)
@@ -75,7 +73,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 def _recording(table: ContactTable, rig: Rig, session: Session) -> Sequence[Measured]:
     """What the frames of the table were measured to be. Raises InputError where the session has others."""
-
     import numpy as np
 
     from estimator.contact.estimate import ContactEstimator
@@ -123,7 +120,6 @@ def _words(found: Refined) -> list[str]:
 
 def _document(args: argparse.Namespace, found: Refined) -> dict[str, Any]:
     """rig.json as the recording tells it, with where it came from."""
-
     inputs = {path.name: sha256(path) for path in (args.rig, args.contacts)}
     return {
         **found.rig.to_dict(),

@@ -64,7 +64,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     Raises InputError for a wrong scene, or a file or folder in the way.
     """
-
     from vbaa_calib.simulate.scene.scene import bundled_scene
     from vbaa_calib.simulate.scene.scene_file import load_scene
     from vbaa_calib.streams.bag_of_session import Lens, refuse_bag, write_recording

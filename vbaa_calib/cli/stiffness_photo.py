@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vbaa_calib.core.console import say
-from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.errors import InputError, about
 from vbaa_calib.core.files import refuse_outputs, replacing, sha256, write_json, write_text
 
 if TYPE_CHECKING:
@@ -75,16 +75,12 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     pictures = [read_gray(path) for path in photos]
     lines: list[RodLine] = []
     for path, picture in zip(photos, pictures, strict=True):
-        try:
+        with about(path):
             lines.append(find_rod(picture, args.clamp, None if lines else args.tip))
-        except InputError as error:
-            raise InputError(error.what, where=path, remedy=error.remedy) from None
     if args.overlay:
         _draw(args.overlay, pictures[0], lines[0], args.force)
-    try:
+    with about(args.table):
         found = solve_photo(lines, setting)
-    except InputError as error:
-        raise InputError(error.what, where=args.table, remedy=error.remedy) from None
     document = _document(found, setting, lines[0])
     document |= {"inputs_sha256": {path.name: sha256(path) for path in photos}, "command": list(args.argv)}
     _report(document)

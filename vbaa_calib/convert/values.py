@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.arrays import FARTHEST_M
-from vbaa_calib.core.errors import InputError, shown
+from vbaa_calib.core.errors import InputError, about, shown
 from vbaa_calib.geometry import Pose
 
 
@@ -166,10 +166,8 @@ def matrix_of(fx: float, fy: float, cx: float, cy: float) -> np.ndarray:
 
 def checked(model: str, size: tuple[int, int], matrix: np.ndarray, coefficients: ArrayLike, path: Path) -> Camera:
     """A camera from its matrix (3, 3) and its coefficients. Raises InputError naming the file."""
-    try:
+    with about(path):
         return Camera(model, size, matrix, np.array(coefficients, float))
-    except InputError as error:
-        raise InputError(error.what, where=path, remedy=error.remedy) from None
 
 
 def pose_of(matrix: Any, key: str, path: Path) -> Pose:

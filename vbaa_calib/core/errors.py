@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 _LONGEST = 600
@@ -28,6 +30,15 @@ class InputError(VbaaError):
         self.what, self.where, self.remedy = what, where, remedy
         line = clipped(what) if where is None else f"{clipped(str(where))}: {clipped(what)}"
         super().__init__(f"{line}; {clipped(remedy)}" if remedy else line)
+
+
+@contextmanager
+def about(where: object) -> Iterator[None]:
+    """Errors of input raised inside that name no place of their own name this one."""
+    try:
+        yield
+    except InputError as error:
+        raise error if error.where else InputError(error.what, where=where, remedy=error.remedy) from None
 
 
 def clipped(text: str) -> str:

@@ -132,7 +132,6 @@ def _over_time(args: argparse.Namespace, sessions: list[tuple[datetime, Path]]) 
 
 def _unchanged(output: Path, session: Path) -> bool:
     """Whether a rig was made from what is in the session now."""
-
     if not output.exists():
         return False
     try:
@@ -147,7 +146,6 @@ def _dated(given: list[Path]) -> list[tuple[datetime, Path]]:
 
     Raises InputError for a session whose date is not known.
     """
-
     found: list[tuple[datetime, Path]] = []
     for path in given:
         if path.suffix == ".csv":

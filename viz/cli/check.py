@@ -32,7 +32,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     Raises InputError for a broken rig or session, or a file in the way.
     """
-
     for path, suffixes in ((args.html, PAGES), (args.output, (".json",))):
         if path is not None:
             refuse_output(path, suffixes, args.force)

@@ -47,7 +47,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     Raises InputError when the folder holds something that is not a demo's, or a demo without `force`.
     """
-
     started = time.perf_counter()
     out: Path = args.out
     if os.path.isdir(out) and any(out.iterdir()):

@@ -128,7 +128,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None]:
     """contacts.csv; what became of the frames, and what was taken off them."""
-
     import numpy as np
 
     from estimator.contact.drift import summary

@@ -33,7 +33,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     Raises InputError for a broken picture or rig, a wrong size or angle, or a file in the way.
     """
-
     pan, tilt = pan_tilt_rad(args)
     if args.output is not None:
         refuse_output(args.output, _SUFFIXES, args.force, (args.image, args.background))

@@ -20,7 +20,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Write the surface. Returns what it is made of. Raises InputError for wrong input or a file in the way."""
-
     from estimator.object.surface import reconstruct, touches_of
     from estimator.table.files import read_contacts
     from vbaa_calib.core.robust import finite_median, finite_or_none

@@ -23,7 +23,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Write the page. Returns where it is. Raises InputError for wrong input or a file in the way."""
-
     output = report_beside(args.contacts) if args.output is None else args.output
     refuse_output(output, PAGES, args.force)
     if args.session is not None and args.rig is None:

@@ -67,7 +67,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     Raises InputError for wrong input, a file in the way, or no display for a window; OpenGLError where none works.
     """
-
     if args.rerun is not None:
         return _in_rerun(args)
     outputs: dict[str, Path] = {name: path for name in _OUTPUTS if (path := getattr(args, name)) is not None}
@@ -110,14 +109,12 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _no_display() -> Exception:
-
     remedy = "give --screenshot PNG, --html PAGE or --gltf FILE"
     return InputError("there is no display to open a window on", remedy=remedy)
 
 
 def _scene(args: argparse.Namespace) -> tuple[Scene, int]:
     """All that is read and found, as a scene, and how many frames that was."""
-
     from estimator.object.estimate import estimate_object
     from estimator.table.files import read_contacts
     from vbaa_calib.rig import Rig
