@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from vbaa_calib.cli.joints import add_joints, pan_tilt_rad
 from vbaa_calib.core.console import say
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.core.files import refuse_outputs, write_text
+from vbaa_calib.core.files import refuse_outputs, write_json
 
 if TYPE_CHECKING:
     from estimator.budget.parts import Touches
@@ -80,7 +79,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         write_figure(args.figure, budget, args.force)
     if args.output is not None:
         whole = {"schema": SCHEMA, **result, "by_contact": contacts_as_data(budget)}
-        write_text(args.output, json.dumps(whole, indent=2, allow_nan=False) + "\n", args.force)
+        write_json(args.output, whole, args.force)
     written = {name: None if path is None else str(path) for name, path in outputs.items()}
     if any(written.values()):
         say("wrote " + " and ".join(filter(None, written.values())))

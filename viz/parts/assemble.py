@@ -21,7 +21,7 @@ _GRID_STEPS_M = (0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
 
 
 def all_parts(scene: Scene) -> list[Part]:
-    """Every part that this scene shows, opaque ones in any order; their number does not grow with the recording."""
+    """Every part of the scene; their number does not grow with the recording."""
     parts = _contact_parts(scene)
     if scene.object is not None:
         parts += _object_parts(scene.object, scene.bounding_ball_m[1])
@@ -34,7 +34,7 @@ def all_parts(scene: Scene) -> list[Part]:
 
 
 def _contact_parts(scene: Scene) -> list[Part]:
-    """Balls, force arrows, ellipsoids, friction cones, in the order of time: an instant shows those up to then."""
+    """Balls, force arrows, ellipsoids and friction cones in order of time: an instant shows those up to then."""
     contacts, (_, reach) = scene.contacts, scene.bounding_ball_m
     count = len(contacts.points_m)
     chosen = thinned(np.arange(count), _MOST_BALLS)
@@ -98,10 +98,9 @@ def _stamped(scene: Scene, name: str, chosen: np.ndarray, mesh: pv.PolyData, lin
 
 
 def _object_parts(mesh: ObjectMesh, reach_m: float) -> list[Part]:
-    """The reconstructed object, coloured by how well it is known where that is known.
+    """The reconstructed object, coloured by its standard deviation where that is known.
 
-    Points that belong to no triangle are discs across their normal: a piece of the object, however little of it was
-    touched. Those without a normal are balls.
+    Points outside all triangles are drawn as discs across their normal, or as balls without one.
     """
     disc_m, grey = 0.03 * reach_m, np.array([pv.Color(OBJECT).int_rgb], np.uint8)
     known = np.isfinite(mesh.std_m).any()
@@ -130,7 +129,7 @@ def _object_parts(mesh: ObjectMesh, reach_m: float) -> list[Part]:
 
 
 def _rig_parts(scene: Scene, rig: RigItems) -> list[Part]:
-    """Antenna, the same without the object, its ghosts, plane C, the camera and what it saw; as at each instant."""
+    """At each instant: antenna, free antenna, ghosts, plane C, camera and its picture."""
     width = _THICKER * rig.antenna_radius_m
     edge = float(np.linalg.norm(rig.plane_m[1] - rig.plane_m[0]))
     known = np.isfinite(rig.poses[:, 0, 0])
@@ -159,7 +158,7 @@ def _rig_parts(scene: Scene, rig: RigItems) -> list[Part]:
 def _over_time(
     paths_m: np.ndarray, known: np.ndarray, radius_m: float, sides: int = 8
 ) -> tuple[pv.PolyData, np.ndarray]:
-    """The wire of every known instant in one mesh, and which triangles are whose."""
+    """The wires of all known instants in one mesh, and the triangles of each."""
     mesh, starts = joined([wire(path, radius_m, sides) for path in paths_m[known]])
     span = np.zeros((len(known), 2), int)
     span[known] = np.column_stack([starts[:-1], starts[1:]])

@@ -71,7 +71,7 @@ class Background:
         return np.stack([u, v], axis=1)[::every].astype(np.float32), detail
 
     def _fitted(self, image: np.ndarray, least: float = LEAST_CORRELATION) -> tuple[float, np.ndarray] | None:
-        """Gain and shift (2,) px that bring the background behind a picture, whatever else the picture shows."""
+        """Gain and shift (2,) px that fit the background to a picture, whatever stands before it."""
         at, detail = self._marks
         if len(at) < 50:
             return None
@@ -82,7 +82,7 @@ class Background:
         return found or self._near(seen, np.array(cv2.phaseCorrelate(detail, whole)[0]), least)
 
     def _near(self, seen: np.ndarray, shift: np.ndarray, least: float) -> tuple[float, np.ndarray] | None:
-        """The same near a shift (2,), from the picture's detail (M,) in the pixels that count."""
+        """The same, starting from a shift (2,), by the picture's detail (M,) in the marked pixels."""
         (at, detail), gain = self._marks, 1.0
         for _ in range(ROUNDS):
             here, right, down = (_at(detail, at - shift + step) for step in ((0.0, 0.0), (0.5, 0.0), (0.0, 0.5)))
