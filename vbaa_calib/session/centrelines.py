@@ -37,7 +37,7 @@ def read_centrelines(session: Session) -> Centrelines:
 
 
 def centrelines_of(path: Path) -> Centrelines:
-    """The same from any path."""
+    """As `read_centrelines`, of any file."""
     require_file(path)
     found = None
     with suppress(OSError), path.open("rb") as stream:

@@ -162,7 +162,7 @@ def read_recording(session: Session) -> list[Frame]:
 
 
 def recording_of(path: Path, *, with_images: bool) -> list[Frame]:
-    """The same from any path. Raises InputError with file, line and remedy."""
+    """As `read_recording`, of any file. Raises InputError with file, line and remedy."""
     columns = ("frame", "time_s", *(("image",) if with_images else ()), *_ANGLES)
     rows = csv_rows(path, columns, _MOMENTS, _IN_DEGREES)
     first = next(rows)
