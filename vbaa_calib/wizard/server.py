@@ -45,7 +45,7 @@ _PICTURES_KEPT = 8
 _COMMANDS_KEPT = 100
 
 FILES = {"/": "page.html"} | {
-    f"/{name}": name for name in ("icon.svg", "page.css", "page.js", "picture.js", "question.js")
+    f"/{name}": name for name in ("icon.svg", "page.css", "page.js", "dom.js", "picture.js", "question.js")
 }
 _TYPES = {".html": "text/html", ".svg": "image/svg+xml", ".css": "text/css", ".js": "text/javascript"}
 STATIC = Path(__file__).with_name("static")
