@@ -110,7 +110,7 @@ def _views(args: argparse.Namespace, spec: BoardSpec, lens: GivenLens | None) ->
 
 
 def _paired(views: Sequence[BoardView], poses: Mapping[str, Pose], where: Path) -> list[BoardView]:
-    """The views that have a pose, in the order of the poses and by their names: with or without the suffix."""
+    """The views that have a pose, in the order of the poses, matched by names with or without suffix."""
     by_name = {view.name: view for view in views} | {Path(view.name).stem: view for view in views}
     paired = [replace(by_name[name], name=name) for name in poses if name in by_name]
     twice = {name for name in poses if by_name.get(name) is by_name.get(Path(name).stem) and Path(name).stem != name}

@@ -1,4 +1,4 @@
-"""--pan and --tilt, one meaning in every verb: radians, or degrees with --degrees."""
+"""--pan and --tilt in radians, or in degrees with --degrees."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _ANGLES = ("pan", "tilt")
 
 
 def add_joints(parser: argparse._ActionsContainer, of: str = "joint angle") -> None:
-    """Declare --pan, --tilt and --degrees; None where they are not given."""
+    """Add --pan and --tilt (None if not given) and --degrees."""
     for name in _ANGLES:
         parser.add_argument(f"--{name}", type=float, metavar="RAD", help=f"{of}, rad (default: 0)")
     parser.add_argument("--degrees", action="store_true", help="--pan and --tilt are in degrees")
