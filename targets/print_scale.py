@@ -1,4 +1,4 @@
-"""The scale of a print, from one reading on each of the sheet's rulers, and the board as it was printed."""
+"""The scale of a print from a reading on each of its rulers, and the board as printed."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from .board import BoardSpec
 READING_STD_MM = 0.25
 _SIGNIFICANT = 3.0
 _MOST_ASPECT = 1e-3
-"""Difference of the scales in x and y below which a board may be called square: 0.12 mm at the end of 240 mm."""
+"""Difference of the scales below which a board counts as square: 0.12 mm over 240 mm."""
 _LEAST_PRECISION = 0.01
-"""Standard deviation of a scale beyond which it is not taken."""
+"""Largest standard deviation of a usable scale."""
 _REACH_MM = 240.0
-"""The length for which errors are given in words: a usual antenna's."""
+"""A usual antenna's length, for which errors are stated."""
 _RANGE = (0.8, 1.25)
 _SHORT_MM = 100.0
 _SLIPS = {
@@ -27,14 +27,14 @@ _SLIPS = {
 
 @dataclass(frozen=True)
 class PrintScale:
-    """How large a sheet was printed: measured length over the length that its ruler says.
+    """Scale of a print: measured over nominal length of its rulers.
 
     Attributes
     ----------
-    scale, std : of both axes together, weighted by how well each is known; their mean where the axes differ.
+    scale, std : weighted mean of both axes; their plain mean where the axes differ.
     aspect, aspect_std : scale along x over scale along y, less 1.
-    differs : whether the axes differ by more than the readings allow, and enough to matter.
-    words, remedy : what was found, and what to do.
+    differs : whether the axes differ significantly, and enough to matter.
+    words, remedy : finding and advice.
     """
 
     scale: float
@@ -53,12 +53,12 @@ def print_scale(
     reading_y_mm: float,
     reading_std_mm: float = READING_STD_MM,
 ) -> PrintScale:
-    """The scale of a print. Raises ValueError for a reading that cannot be: not positive, of another unit, exchanged.
+    """The scale of a print. Raises ValueError for implausible readings: not positive, in another unit, or exchanged.
 
     Parameters
     ----------
-    ruler_x_mm, ruler_y_mm : what the sheet's rulers say between the two lines that were measured.
-    reading_x_mm, reading_y_mm : what a ruler or a caliper says.
+    ruler_x_mm, ruler_y_mm : nominal lengths between the measured lines.
+    reading_x_mm, reading_y_mm : lengths measured with a ruler or a caliper.
     reading_std_mm : standard deviation of a reading, both its ends together: 0.25 with a ruler, 0.05 with a caliper.
     """
     rulers, readings = (ruler_x_mm, ruler_y_mm), (reading_x_mm, reading_y_mm)
@@ -78,7 +78,7 @@ def print_scale(
         remedy = "go on with both as measured; if the readings were rough, measure again"
         return PrintScale((x + y) / 2, math.hypot(std_x, std_y) / 2, aspect, aspect_std, words, remedy, differs=True)
     scale = (weight_x * x + weight_y * y) / (weight_x + weight_y)
-    # a difference of the axes that is let pass stays in the squares, half of it to either side
+    # an accepted difference of the axes stays in the squares, half of it on either side
     std = math.hypot((weight_x + weight_y) ** -0.5, min(abs(aspect), _MOST_ASPECT) / 2)
     words = (
         f"printed at {_percent(scale, std)} ({axes}): lengths of {_REACH_MM:g} mm are known to {_REACH_MM * std:.2g} mm"
@@ -131,7 +131,7 @@ def _percent(scale: float, std: float) -> str:
 
 
 def rescaled(spec: BoardSpec, scale: PrintScale) -> BoardSpec:
-    """The board as it was printed: squares and markers at the measured scale; the mount's thickness stays."""
+    """The board as printed: squares and markers at the measured scale, the thickness unchanged."""
     square_m, marker_m = (round(length * scale.scale, 9) for length in (spec.square_m, spec.marker_m))
     printed = replace(spec, square_m=square_m, marker_m=marker_m)
     if not scale.differs:

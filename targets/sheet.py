@@ -1,4 +1,4 @@
-"""The printed board: papers, its description in words and YAML, its layout on a page, and what a page is made of."""
+"""The printed board: papers, description in words and YAML, layout on a page, and the page's marks."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ class Stroke:
 
 @dataclass(frozen=True)
 class Label:
-    """Text on a baseline that begins or is centred at (x, y) mm; `turned` reads upwards."""
+    """Text on a baseline that starts or is centred at (x, y) mm; `turned` reads upwards."""
 
     x: float
     y: float
@@ -100,10 +100,9 @@ class Drawing:
 
 
 def board_id(spec: BoardSpec) -> str:
-    """Eight hexadecimal digits that stand for what is printed: the same for the same print, always.
+    """Eight hexadecimal digits that identify the print.
 
-    Lengths count to the nanometre. The thickness is the mount's, not the print's, and does not count; nor does the
-    legacy flag where both patterns are the same.
+    Lengths count to the nanometre; the mount's thickness does not count, nor the legacy flag where both patterns agree.
     """
     lengths = [round(1e9 * length) for length in (spec.square_m, spec.marker_m)]
     text = f"charuco {spec.squares_x} {spec.squares_y} {lengths} {spec.dictionary} {spec.starts_with_marker}"
@@ -111,13 +110,13 @@ def board_id(spec: BoardSpec) -> str:
 
 
 def spec_document(spec: BoardSpec, note: str = "") -> str:
-    """board.yaml: the keys one a line, with a remark on top."""
+    """board.yaml, with a comment on top."""
     head = f"# ChArUco board {board_id(spec)}" + (f", {note}" if note else "")
     return f"{head}\n{yaml.safe_dump(spec.to_dict(), sort_keys=False)}"
 
 
 def size_words(spec: BoardSpec) -> str:
-    """Squares, markers and dictionary for a person."""
+    """Squares, markers and dictionary in words."""
     pattern = ""
     if spec.squares_y % 2 == 0:
         pattern = ", legacy pattern (OpenCV before 4.6)" if spec.legacy_pattern else ", pattern of OpenCV 4.6 and later"
@@ -133,7 +132,7 @@ _RULER_MM = 8.0
 _QR_MM = 22.0
 _GAP_MM = 3.0
 _SIZES = (1.0, 0.9, 0.8, 0.7)
-"""Rulers, words and QR code are drawn so many times as large, the largest with which the board fits."""
+"""Scales of rulers, text and QR code; the largest with which the board fits is taken."""
 _LEAST_QUIET_MM, _QUIET_SQUARES = 5.0, 0.35
 _LEAST_RULER_MM = 30.0
 _RULER_END_MM = 5.5
@@ -149,10 +148,10 @@ _ADVICE = (
 class Layout:
     """A sheet's measures, mm, from the page's upper left corner.
 
-    board_x, board_y : the board's first corner. quiet : white that is kept around the board, at least.
+    board_x, board_y : the board's first corner. quiet : least white margin around the board.
     ruler_x, ruler_y : lengths of the rulers along x and y.
-    header : lines of text; their room is `header_height`, which the QR code beside them may need too.
-    size : of rulers, words and QR code, as a part of the usual.
+    header : lines of text; `header_height` is the room for them and the QR code beside them.
+    size : scale of rulers, text and QR code.
     """
 
     width: float
@@ -189,9 +188,9 @@ def font_name(bold: bool) -> str:
 
 
 def lay_out(spec: BoardSpec, paper: _Paper, margin_mm: float = MARGIN_MM) -> Layout:
-    """The sheet for a board on a paper, upright or lying, whichever leaves more room.
+    """The sheet for a board on a paper, in the orientation that leaves more room.
 
-    Raises ValueError where it does not fit, with the largest square that would and the paper that would do.
+    Raises ValueError if it does not fit, with the largest fitting square and the smallest sufficient paper.
     """
     fitting = _fitting(spec, paper, margin_mm)
     if fitting is not None:
@@ -207,7 +206,7 @@ def lay_out(spec: BoardSpec, paper: _Paper, margin_mm: float = MARGIN_MM) -> Lay
 
 
 def _largest_square_mm(spec: BoardSpec, paper: _Paper, margin_mm: float) -> float | None:
-    """The largest square, in tenths, with which a board of this layout fits; None where none does."""
+    """The largest square, in steps of 0.1 mm, with which a board of this layout fits; None if none does."""
     ratio = spec.marker_m / spec.square_m
 
     def is_too_large(tenths: int) -> bool:
@@ -225,7 +224,7 @@ def _fitting(spec: BoardSpec, paper: _Paper, margin: float) -> Layout | None:
     for size in _SIZES:
         layouts = [layout for page in pages if (layout := _on_page(spec, page, margin, size)) is not None]
         if layouts:
-            # that with the most white around the board
+            # the one with the most white around the board
             return max(
                 layouts,
                 key=lambda layout: min(
@@ -277,14 +276,13 @@ def _header(spec: BoardSpec, margin: float, width_mm: float, size: float) -> tup
 
 
 def _floor_to(value: float, step: float) -> float:
-    """The largest multiple of `step` that is not above `value`, forgiving rounding."""
+    """The largest multiple of `step` up to `value`, with tolerance for rounding."""
     return step * math.floor(value / step + 1e-9)
 
 
-# Odd by odd: with an odd number of rows OpenCV's old and new patterns are the same, so that the legacy flag cannot be
-# wrong. 60 corners, and 38 markers that one picture need not show all.
+# with an odd number of rows OpenCV's old and new patterns agree, so that the legacy flag cannot be wrong
 SQUARES = (11, 7)
-# Three quarters: a marker of six modules leaves white of one module around itself.
+# a marker of six modules then has a white margin of one module
 _MARKER_SHARE = 0.75
 _FAMILY, _USUAL = "DICT_4X4", 100
 _SCREEN_SQUARE_MM = 20.0
@@ -298,9 +296,9 @@ def fill_in(
     margin_mm: float = MARGIN_MM,
     **other: Any,
 ) -> BoardSpec:
-    """The spec with what was left out filled in: the largest round square that fits on the paper, or 20 mm without one.
+    """A spec from partial data; the default square is the largest round one that fits on the paper, 20 mm without one.
 
-    other : further fields of BoardSpec. Raises ValueError where all that makes no board, or where none fits.
+    other : further fields of BoardSpec. Raises ValueError if they make no board, or none fits.
     """
     columns, rows = squares or SQUARES
     other |= {"squares_x": columns, "squares_y": rows}
@@ -311,12 +309,12 @@ def fill_in(
             raise ValueError(f"{columns}x{rows} squares are too many: at most {most} have markers")
         other["dictionary"] = f"{_FAMILY}_{enough[0]}"
     if square_mm is None and paper is not None:
-        # only squares and dictionary decide the room
+        # the room depends on squares and dictionary only
         largest = _largest_square_mm(BoardSpec(square_m=1.0, marker_m=_MARKER_SHARE, **other), paper, margin_mm)
         if largest is None:
             what = f"no board of {columns}x{rows} squares fits on {paper.name}"
             raise ValueError(f"{what}; take fewer squares or more paper")
-        # then a module (an eighth) is a round number too
+        # a module (an eighth) is then round, too
         square_mm = round(_floor_to(largest, 4.0 if largest >= 12 else 1.0 if largest >= 2 else 0.1), 6)
     square = _SCREEN_SQUARE_MM if square_mm is None else square_mm
     marker = _MARKER_SHARE * square if marker_mm is None else marker_mm

@@ -1,4 +1,4 @@
-"""The board drawn: on a page with rulers, words and QR code as PDF or SVG, or for a screen in whole pixels."""
+"""The board as a page with rulers, text and QR code (PDF, SVG), or for a screen in whole pixels."""
 
 from __future__ import annotations
 
@@ -26,14 +26,13 @@ _QR_QUIET = 4
 
 
 def outlines(black: np.ndarray) -> tuple[Loop, ...]:
-    """The border of the black cells of a (rows, columns) mask, in cells; to be filled by the even-odd rule.
+    """The outlines of the black cells of a (rows, columns) mask, in cells, for the even-odd rule.
 
-    One outline round neighbouring cells, not one rectangle each: viewers that smooth edges show a hairline between
-    rectangles that touch.
+    Neighbouring cells share an outline: viewers that smooth edges show hairlines between touching rectangles.
     """
     steps: defaultdict[tuple[int, int], list[tuple[int, int]]] = defaultdict(list)
     padded = np.pad(np.asarray(black, bool), 1)
-    # borders between a cell and the one below it run along x, between a cell and the one right of it along y
+    # edges below a cell run along x, edges beside it along y
     below, beside = (np.argwhere(changes).tolist() for changes in (np.diff(padded, axis=0), np.diff(padded, axis=1)))
     for a, b in [((x - 1, y), (x, y)) for y, x in below] + [((x, y - 1), (x, y)) for y, x in beside]:
         steps[a].append(b)
@@ -55,9 +54,9 @@ def outlines(black: np.ndarray) -> tuple[Loop, ...]:
 
 
 def board_shapes(spec: BoardSpec) -> list[tuple[Loop, ...]]:
-    """The black squares all together, then marker by marker: outlines for the even-odd rule, mm in the board frame.
+    """Outlines of all black squares, then of each marker, for the even-odd rule, mm in the board frame.
 
-    Together, because viewers move a rectangle that stands alone to whole pixels.
+    The squares are one shape, since viewers snap single rectangles to whole pixels.
     """
     square, marker = 1e3 * spec.square_m, 1e3 * spec.marker_m
     board, black = opencv_board(spec), np.ones((spec.squares_y, spec.squares_x), bool)
@@ -84,7 +83,7 @@ def draw(spec: BoardSpec, layout: Layout) -> Drawing:
     code.make()
     count = code.getModuleCount()
     dark = np.array([[bool(code.isDark(row, column)) for column in range(count)] for row in range(count)])
-    # the quiet zone counts as part of the code's room, so that the code ends where the text's margin does
+    # the quiet zone is within the code's room, so that the code ends at the margin
     module = layout.qr / (len(dark) + _QR_QUIET)
     qr = placed(outlines(dark), module, layout.width - layout.margin - module * len(dark), layout.margin)
     marks += [*_ruler(layout, turned=False), *_ruler(layout, turned=True), *layout.header, Shape(qr)]

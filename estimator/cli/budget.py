@@ -7,7 +7,10 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vbaa_calib.cli.joints import add_joints, joints_rad
+from vbaa_calib.cli.joints import add_joints, pan_tilt_rad
+from vbaa_calib.core.console import say
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.files import refuse_outputs, write_json
 
 if TYPE_CHECKING:
     from estimator.budget.parts import Touches
@@ -18,7 +21,6 @@ _FRICTION_RAD = 0.2  # as the contacts' default, which is not imported for the s
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `vbaa budget`."""
     parser.add_argument("rig", type=Path, help="rig.json of `vbaa calibrate`")
     parser.add_argument("-o", "--output", type=Path, metavar="BUDGET", help="budget.json to write, contact by contact")
     parser.add_argument("--figure", type=Path, metavar="IMAGE", help="figure to write, .png, .pdf or .svg")
@@ -39,19 +41,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Make the budget, say it, and write what is asked for."""
-    import json
-
     from estimator.budget.budget import error_budget
     from estimator.budget.report import SCHEMA, advice, as_data, contacts_as_data, table, write_figure
-    from vbaa_calib.core.console import say
-    from vbaa_calib.core.errors import InputError
-    from vbaa_calib.core.files import refuse_overwrite, write_text
     from vbaa_calib.rig import Rig
 
     outputs = {"budget": args.output, "figure": args.figure}
-    for path in outputs.values():
-        if path is not None:
-            refuse_overwrite(path, args.force, (args.rig,))
+    refuse_outputs(outputs.values(), args.force, (args.rig,))
     if args.output is not None and args.output.suffix.lower() != ".json":
         raise InputError("is not a .json", where=args.output, remedy="name it budget.json")
     if args.figure is not None and args.figure.suffix.lower() not in _FIGURES:
@@ -84,7 +79,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         write_figure(args.figure, budget, args.force)
     if args.output is not None:
         whole = {"schema": SCHEMA, **result, "by_contact": contacts_as_data(budget)}
-        write_text(args.output, json.dumps(whole, indent=2, allow_nan=False) + "\n", args.force)
+        write_json(args.output, whole, args.force)
     written = {name: None if path is None else str(path) for name, path in outputs.items()}
     if any(written.values()):
         say("wrote " + " and ".join(filter(None, written.values())))
@@ -98,9 +93,8 @@ def _touches(args: argparse.Namespace, rig: Rig) -> Touches:
     from estimator.budget.parts import ordinary_touches, touch_of_force
     from estimator.solver.convergence import NEAREST
     from estimator.solver.rig_arrays import RigArrays
-    from vbaa_calib.core.errors import InputError
 
-    pan, tilt = joints_rad(args, 0.0).values()
+    pan, tilt = pan_tilt_rad(args)
     if args.distance is None:
         return ordinary_touches(rig, pan, tilt)
     distance, length = args.distance, rig.antenna.length_m

@@ -7,16 +7,17 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from vbaa_calib.core.console import say
+from vbaa_calib.core.errors import InputError, about
+from vbaa_calib.core.files import refuse_overwrite, write_json
+
 if TYPE_CHECKING:
-    from estimator.object.next_touch import JointLimits, NextTouch
-    from estimator.table.contacts import ContactTable
-    from vbaa_calib.rig import Rig
+    from estimator.object.next_touch import NextTouch
 
 _GOALS = ("surface", "friction", "stiffness")  # as `estimator.object.next_touch.GOALS`, not imported for a quick --help
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `vbaa next`."""
     parser.add_argument("contacts", type=Path, help="contacts.csv or .parquet of one object that stands still")
     parser.add_argument("--rig", type=Path, required=True, help="rig.json that the contacts were made with")
     parser.add_argument(
@@ -36,23 +37,19 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Say where to touch next, and what it should tell."""
-    from estimator.object.next_touch import next_touch
+    from estimator.object.next_touch import JointLimits, next_touch
     from estimator.table.files import read_contacts
-    from vbaa_calib.core.console import say
-    from vbaa_calib.core.errors import InputError
-    from vbaa_calib.core.files import refuse_overwrite, write_json
     from vbaa_calib.rig import Rig
 
     if args.output is not None:
         refuse_overwrite(args.output, args.force, (args.contacts, args.rig))
         if args.output.suffix != ".json":
             raise InputError("is not a .json", where=args.output, remedy="name it next.json")
-    limits = {name: _limits(args, name) for name in ("pan", "tilt")}
+    pan, tilt = (_limits(args, name) for name in ("pan", "tilt"))
     table, rig = read_contacts(args.contacts), Rig.load(args.rig)
-    try:
-        one = next_touch(table, rig, args.goal, _joint_limits(limits, table, rig))
-    except InputError as error:
-        raise InputError(error.what, where=error.where or args.contacts, remedy=error.remedy) from None
+    with about(args.contacts):
+        recorded = JointLimits.of(table, rig)
+        one = next_touch(table, rig, args.goal, JointLimits(pan or recorded.pan_rad, tilt or recorded.tilt_rad))
     for line in _words(one):
         say(line)
     result = one.summary()
@@ -64,8 +61,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 def _limits(args: argparse.Namespace, name: str) -> tuple[float, float] | None:
     """rad. Raises InputError for limits that are none."""
-    from vbaa_calib.core.errors import InputError
-
     given = getattr(args, name)
     if given is None:
         return None
@@ -77,14 +72,6 @@ def _limits(args: argparse.Namespace, name: str) -> tuple[float, float] | None:
         )
     low, high = (math.radians(each) if args.degrees else each for each in given)
     return low, high
-
-
-def _joint_limits(given: dict[str, tuple[float, float] | None], table: ContactTable, rig: Rig) -> JointLimits:
-    """Those that are given, and the recording's own where none are."""
-    from estimator.object.next_touch import JointLimits
-
-    recorded = JointLimits.of(table, rig)
-    return JointLimits(given["pan"] or recorded.pan_rad, given["tilt"] or recorded.tilt_rad)
 
 
 def _words(one: NextTouch) -> list[str]:

@@ -3,8 +3,13 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from vbaa_calib.core.console import progress, say
+from vbaa_calib.core.errors import InputError, about
+from vbaa_calib.core.files import refuse_outputs, sha256, write_json
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -16,7 +21,6 @@ if TYPE_CHECKING:
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `vbaa refine`."""
     parser.add_argument("contacts", type=Path, help="contacts.csv or .parquet, as vbaa estimate writes it")
     parser.add_argument("--rig", type=Path, required=True, help="rig.json that the contacts were made with")
     parser.add_argument("--session", type=Path, required=True, help="the session folder that they were made of")
@@ -33,28 +37,21 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Solve the recording as one, write refined.csv and, where asked for, the rig."""
     from estimator.recording import refine
     from estimator.table.files import check_format, read_contacts, write_contacts
-    from vbaa_calib.core.console import say
-    from vbaa_calib.core.errors import InputError
-    from vbaa_calib.core.files import refuse_overwrite, write_json
     from vbaa_calib.rig import Rig
     from vbaa_calib.session import load_session, refuse_measured
 
     outputs = [args.output] if args.update_rig is None else [args.output, args.update_rig]
+    refuse_outputs(outputs, args.force, (args.contacts, args.rig))
     for path in outputs:
-        refuse_overwrite(path, args.force, (args.contacts, args.rig))
         refuse_measured(path, args.session)
     check_format(args.output)
-    if args.update_rig is not None:
-        if args.update_rig.suffix != ".json":
-            raise InputError("is not a .json", where=args.update_rig, remedy="name it something.json")
-        if args.update_rig.resolve() == args.output.resolve():
-            raise InputError("is the contacts' own file", where=args.update_rig, remedy="name another")
+    if args.update_rig is not None and args.update_rig.suffix != ".json":
+        raise InputError("is not a .json", where=args.update_rig, remedy="name it something.json")
     table, rig, session = read_contacts(args.contacts), Rig.load(args.rig), load_session(args.session)
-    rig = rig if session.drift is None else _with_drift(rig, session)
-    try:
+    if session.drift is not None:
+        rig = replace(rig, drift=session.drift)
+    with about(args.contacts):
         found = refine(table, rig, _recording(table, rig, session), session.known_object)
-    except InputError as error:
-        raise InputError(error.what, where=error.where or args.contacts, remedy=error.remedy) from None
     write_contacts(args.output, found.contacts.rows(), args.force)
     if args.update_rig is not None and not found.reason:
         write_json(args.update_rig, _document(args, found), force=args.force)
@@ -73,23 +70,12 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     }
 
 
-def _with_drift(rig: Rig, session: Session) -> Rig:
-    from dataclasses import replace
-
-    assert session.drift is not None
-    return replace(rig, drift=session.drift)
-
-
 def _recording(table: ContactTable, rig: Rig, session: Session) -> Sequence[Measured]:
     """What the frames of the table were measured to be. Raises InputError where the session has others."""
-    from dataclasses import replace
-
     import numpy as np
 
     from estimator.contact.estimate import ContactEstimator
     from estimator.contact.recording import measured_recording
-    from vbaa_calib.core.console import progress
-    from vbaa_calib.core.errors import InputError
     from vbaa_calib.session import check_pictures, read_recording
 
     frames = {frame.frame: frame for frame in read_recording(session)}
@@ -135,8 +121,6 @@ def _words(found: Refined) -> list[str]:
 
 def _document(args: argparse.Namespace, found: Refined) -> dict[str, Any]:
     """rig.json as the recording tells it, with where it came from."""
-    from vbaa_calib.core.files import sha256
-
     inputs = {path.name: sha256(path) for path in (args.rig, args.contacts)}
     return {
         **found.rig.to_dict(),

@@ -7,6 +7,10 @@ from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from vbaa_calib.core.console import say
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.files import refuse_outputs, write_text
+
 if TYPE_CHECKING:
     from estimator.object.track import Track
     from estimator.table.contacts import ContactTable
@@ -20,7 +24,6 @@ _MOST_EVENTS = 20  # that are printed; --json has all
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `vbaa track`."""
     parser.add_argument("contacts", type=Path, help="contacts.csv or .parquet, as vbaa estimate writes it")
     parser.add_argument(
         "--rig", type=Path, help="rig.json of the contacts: separates noise from the calibration's errors"
@@ -39,20 +42,14 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from estimator.contact.common_errors import shared_errors
     from estimator.object.track import follow, smooth
     from estimator.table.files import check_format, read_contacts, write_contacts
-    from vbaa_calib.core.console import say
-    from vbaa_calib.core.errors import InputError
-    from vbaa_calib.core.files import refuse_overwrite, write_text
     from vbaa_calib.rig import Rig
 
     outputs = [args.output] if args.smooth is None else [args.output, args.smooth]
-    for path in outputs:
-        refuse_overwrite(path, args.force, (args.contacts, args.rig))
+    refuse_outputs(outputs, args.force, (args.contacts, args.rig))
     if args.output.suffix != ".csv":
         raise InputError("is not a .csv", where=args.output, remedy="name it something.csv")
     if args.smooth is not None:
         check_format(args.smooth)
-        if args.smooth.resolve() == args.output.resolve():
-            raise InputError("is the track's own file", where=args.smooth, remedy="name another with --smooth")
         if args.rig is None:
             remedy = "give the rig.json that the contacts were made with"
             raise InputError("--smooth needs --rig to separate noise from the calibration's errors", remedy=remedy)

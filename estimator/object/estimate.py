@@ -9,7 +9,7 @@ import numpy as np
 
 from estimator.contact.common_errors import CommonErrors, shared_errors
 from estimator.table.contacts import ContactTable
-from vbaa_calib.core.arrays import finite
+from vbaa_calib.core.robust import finite_median, finite_or_none
 
 from .friction import NORMAL_KNOWN_RAD, Friction, friction
 from .surface import Compliance, Normals, Surface, reconstruct, touches_of
@@ -46,25 +46,30 @@ class ObjectEstimate:
             "contacts": len(surface.touched_m),
             "patches": len(np.unique(surface.touched_patch)),
             "triangles": len(surface.triangles),
-            "surface_std_m": _median(surface.touched_std_m),
-            "normal_std_rad": _median(self.normals.std_rad),
+            "surface_std_m": finite_or_none(finite_median(surface.touched_std_m)),
+            "normal_std_rad": finite_or_none(finite_median(self.normals.std_rad)),
             "friction": rub.to_dict()
             | {
-                "cone_half_angle_rad": finite(rub.cone_half_angle_rad),
+                "cone_half_angle_rad": finite_or_none(rub.cone_half_angle_rad),
                 "sliding": int(np.sum(rub.used_as == "sliding")),
                 "at_most": int(np.sum(rub.used_as == "sticking")),
-                "force_from_normal_rad": _median(np.abs(rub.lateral_rad)),
+                "force_from_normal_rad": finite_or_none(finite_median(np.abs(rub.lateral_rad))),
             },
             "stiffness": {
                 "told": soft.determined,
-                "stiffness_N_m": finite(soft.stiffness_N_m),
-                "interval_N_m": [finite(end) for end in soft.interval_N_m],
-                "compliance_m_N": finite(soft.compliance_m_N),
-                "compliance_std_m_N": finite(soft.std_m_N),
+                "stiffness_N_m": finite_or_none(soft.stiffness_N_m),
+                "interval_N_m": [finite_or_none(end) for end in soft.interval_N_m],
+                "compliance_m_N": finite_or_none(soft.compliance_m_N),
+                "compliance_std_m_N": finite_or_none(soft.std_m_N),
                 "reason": soft.reason,
             },
             "events": [
-                {"kind": event.kind, "frame": int(event.frame), "time_s": finite(event.time_s), "words": event.words}
+                {
+                    "kind": event.kind,
+                    "frame": int(event.frame),
+                    "time_s": finite_or_none(event.time_s),
+                    "words": event.words,
+                }
                 for event in self.track.events
             ],
             "notes": list(surface.notes),
@@ -93,8 +98,3 @@ def estimate_object(
     normals[surface.touched_row[known]] = surface.touched_normal[known]
     track = follow(table, rig, shared, normals, events=events)
     return ObjectEstimate(track, surface, friction(table, surface, track, shared, friction_rad, rig), shared)
-
-
-def _median(values: np.ndarray) -> float | None:
-    known = values[np.isfinite(values)]
-    return float(np.median(known)) if len(known) else None

@@ -17,8 +17,8 @@ from estimator.solver.linearised import bend, free_antennas
 from estimator.solver.rig_arrays import UNKNOWNS, RigArrays
 from estimator.table.contacts import COLUMNS, FRICTION_RAD, ContactTable, Measured, joint_angles
 from vbaa_calib.antenna.nodes import CONTACT
-from vbaa_calib.core.arrays import finite
 from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.robust import finite_or_none
 from vbaa_calib.rig import POSE_PARAMETERS, Rig
 from vbaa_calib.session import KnownObject
 
@@ -79,8 +79,8 @@ class Refined:
             "friction": of_object.get("friction"),
             "stiffness": of_object.get("stiffness"),
             "rig": {
-                "offness": finite(self.offness),
-                "p": finite(self.rig_p),
+                "offness": finite_or_none(self.offness),
+                "p": finite_or_none(self.rig_p),
                 "parameters": parameter_changes(self.calibrated, self.rig.step_from(self.calibrated)[: len(std)], std),
             },
         }
@@ -89,7 +89,7 @@ class Refined:
 def _pair(before: np.ndarray, after: np.ndarray) -> dict[str, float | None]:
     """Root mean squares."""
     values = (float(np.sqrt(np.mean(each**2))) if len(each) else np.nan for each in (before, after))
-    return dict(zip(("framewise", "refined"), map(finite, values), strict=True))
+    return dict(zip(("framewise", "refined"), map(finite_or_none, values), strict=True))
 
 
 def refine(

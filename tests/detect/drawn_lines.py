@@ -7,6 +7,9 @@ from itertools import pairwise
 import cv2
 import numpy as np
 
+from vbaa_calib.detect.whisker.corridor import Corridor
+from vbaa_calib.detect.whisker.finder import AntennaFinder
+
 SIZE = (240, 320)
 """(height, width) of the pictures."""
 _FINE = 6
@@ -91,3 +94,9 @@ def aside(path_px: np.ndarray, points_px: np.ndarray) -> np.ndarray:
         best[nearer] = distance[nearer]
         signed[nearer] = (along[0] * offset[:, 1] - along[1] * offset[:, 0])[nearer]
     return signed
+
+
+def trace(image: np.ndarray, corridor: Corridor, bright: bool | None = True) -> np.ndarray:
+    """(K, 2) the finder's best path from clamp to tip in a picture (H, W)."""
+    finder = AntennaFinder.prepare(corridor, (image.shape[1], image.shape[0]))
+    return finder.path(image, finder.candidates(image, bright)[0], bright).path_px

@@ -7,9 +7,8 @@ import pytest
 
 from vbaa_calib.core.polyline import normals, resample
 from vbaa_calib.detect.whisker.corridor import Corridor
-from vbaa_calib.detect.whisker.finder import trace
 
-from .drawn_lines import aside, background, bent, exposed, straight, tube
+from .drawn_lines import aside, background, bent, exposed, straight, trace, tube
 
 WIDTH_PX = 2.3
 

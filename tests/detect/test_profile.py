@@ -8,10 +8,9 @@ import pytest
 
 from vbaa_calib.detect.whisker.centreline import Centreline
 from vbaa_calib.detect.whisker.corridor import Corridor
-from vbaa_calib.detect.whisker.finder import trace
 from vbaa_calib.detect.whisker.profile import measure
 
-from .drawn_lines import SIZE, aside, background, bent, exposed, straight, tube
+from .drawn_lines import SIZE, aside, background, bent, exposed, straight, trace, tube
 
 WIDTH_PX = 2.3
 

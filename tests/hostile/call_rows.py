@@ -120,7 +120,7 @@ CALLS: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     (
         "track and smooth in one",
         "track contacts.csv --rig rig.json -o a.csv --smooth a.csv",
-        ("is the track's own file",),
+        ("is another output",),
     ),
     ("refined onto the contacts", f"{REFINE} --force -o contacts.csv", ("contacts.csv", "is an input")),
     ("refined into a spreadsheet", f"{REFINE} -o a.xlsx", ("is neither .csv nor .parquet",)),

@@ -16,11 +16,11 @@ from vbaa_calib.antenna.rod import solve_rod
 from vbaa_calib.cli.main import main
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.simulate.render.antenna import tube
+from vbaa_calib.simulate.render.meshes import Triangles, object_mesh, tube_mesh
 from vbaa_calib.simulate.render.picture import studio
 from vbaa_calib.simulate.scene.objects import Bump, TouchObject
 from vbaa_calib.simulate.scene.scene import Joints, Scene, true_rod
 from vbaa_calib.simulate.scene.scene_file import load_scene
-from vbaa_calib.simulate.traced.meshes import Triangles, object_mesh, tube_mesh
 from vbaa_calib.simulate.traced.tracer import Exposure, Tracer, load_mitsuba
 
 X, Y, Z = np.eye(3)

@@ -31,7 +31,7 @@ class Typist(Ui):
 
     def ask(self, question: Question, facts: Mapping[str, Any] | None = None) -> Any:
         if not self.script:
-            raise flow.Quit
+            raise Interrupted("quit")
         key, given = self.script.pop(0)
         assert question.key == key
         self.offered[question.key] = question.default
@@ -41,7 +41,7 @@ class Typist(Ui):
 
     def commands(self) -> list[str]:
         if not self.script:
-            raise flow.Quit
+            raise Interrupted("quit")
         wanted, command = self.script[0]
         if isinstance(wanted, str):
             raise AssertionError(f"{wanted} is not asked")
@@ -63,7 +63,7 @@ def walked(root: Path, given: Mapping[str, Any], script: Sequence[tuple[str | in
     with Store(root) as store:
         store.answer(given)
         typist = Typist(script, store)
-        with pytest.raises(flow.Quit):
+        with pytest.raises(Interrupted):
             flow.walk(SessionState(store), typist, lambda document: "")
     assert not typist.script
     return store, typist

@@ -37,7 +37,7 @@ def fresh() -> Iterator[PageServer]:
     server.close()
 
 
-PATHS = ("/", "/page.js", "/picture.js", "/question.js", "/page.css", "/icon.svg", "/state", "/picture", "/report")
+PATHS = (*FILES, "/state", "/picture", "/report")
 
 
 def test_the_address_gives_a_cookie_and_leads_to_an_address_without_the_token(server: PageServer) -> None:

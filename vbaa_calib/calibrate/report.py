@@ -19,10 +19,9 @@ from vbaa_calib.calibrate.faults.explanations import picture_scatter
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution
 from vbaa_calib.calibrate.lens.uncertainty import projection_uncertainty
 from vbaa_calib.calibrate.pose.fusion import CONTRADICTION
-from vbaa_calib.core.arrays import finite
 from vbaa_calib.core.console import say
 from vbaa_calib.core.files import sha256
-from vbaa_calib.core.robust import chi_square_p
+from vbaa_calib.core.robust import chi_square_p, finite_or_none
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import Load, NominalAntenna, Session, Still
 
@@ -256,8 +255,8 @@ def camera_document(solution: LensSolution, spec: Board) -> dict[str, Any]:
         "lens_model": solution.model,
         "monotonic": solution.monotonic,
         **solution.verdict.to_dict(),
-        "rms_px": finite(solution.rms_px),
-        "rms_inliers_px": finite(solution.rms_inliers_px),
+        "rms_px": finite_or_none(solution.rms_px),
+        "rms_inliers_px": finite_or_none(solution.rms_inliers_px),
         "projection_uncertainty": {
             "columns_px": free.pixels[0, :, 0].tolist(),
             "rows_px": free.pixels[:, 0, 1].tolist(),

@@ -147,7 +147,7 @@ def _for_screens(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _wanted(args: argparse.Namespace, **room: Any) -> BoardSpec:
-    """The board of --spec or of the flags, what is left out filled in."""
+    """The board of --spec, or of the flags, completed."""
     from targets.sheet import fill_in
     from vbaa_calib.detect.board.board_file import counts, load_board
 
@@ -167,7 +167,7 @@ def _wanted(args: argparse.Namespace, **room: Any) -> BoardSpec:
 
 
 def _description(args: argparse.Namespace, spec: BoardSpec, changed: bool) -> tuple[Path | None, bool]:
-    """Where the description stands, None where the user's own file has it; and whether it is to be written."""
+    """The description's path, None if it is --spec, and whether to write it."""
     from vbaa_calib.detect.board.board_file import load_board
 
     if args.spec is not None and not changed and args.write_spec is None:
@@ -181,7 +181,7 @@ def _description(args: argparse.Namespace, spec: BoardSpec, changed: bool) -> tu
             if load_board(path) == spec:
                 return path, False
         except InputError:
-            pass  # no board at all: in the way like any other file
+            pass  # no board: refused below as any other file
         # it may hold what was measured since: a print's scale, the mount's thickness
         if args.write_spec is None or not args.force:
             remedy = f"print that one with --spec {path}, or name another with --write-spec (--force replaces that)"
@@ -197,7 +197,7 @@ def _write(
 
     described, missing = description
     with ExitStack() as both:
-        # what is entered last takes its place first: no description without its sheet
+        # the last one entered is moved into place first: no description without its sheet
         if described is not None and missing:
             words = spec_document(spec, f"as `vbaa board` drew it in {args.output.name}")
             both.enter_context(replacing(described)).write_text(words, encoding="utf-8")

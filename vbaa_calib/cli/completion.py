@@ -1,4 +1,4 @@
-"""`vbaa completion bash|zsh|fish`: a script for the shell, made of the parsers."""
+"""`vbaa completion bash|zsh|fish`: a completion script, generated from the parsers."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ EXAMPLES = {
     "completion": ("vbaa completion bash", "vbaa completion fish"),
     "demo": ("vbaa demo", "vbaa demo --out my_demo/"),
 }
-"""Two calls of each verb for its --help; the tests run them in a folder that holds what they name."""
+"""Two examples for each verb's --help; tests run them."""
 
 _BASH = """_vbaa() {{
   local word="${{COMP_WORDS[COMP_CWORD]}}" words=""
@@ -94,7 +94,6 @@ complete -o default -F _vbaa vbaa
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `vbaa completion`."""
     parser.add_argument("shell", choices=("bash", "zsh", "fish"), help="the shell that the script is for")
 
 

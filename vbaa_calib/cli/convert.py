@@ -6,6 +6,9 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from vbaa_calib.core.console import say
+from vbaa_calib.core.files import refuse_overwrite, write_text
+
 _NAMES = ("vbaa", "ros", "opencv", "kalibr", "mrcal", "colmap")
 
 
@@ -30,8 +33,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     Raises InputError for a broken file, a lens that the format cannot hold, or a file in the way.
     """
     from vbaa_calib.convert import FORMATS, guessed
-    from vbaa_calib.core.console import say
-    from vbaa_calib.core.files import refuse_overwrite, write_text
 
     refuse_overwrite(args.output, args.force, [args.file])
     source = guessed(args.file) if args.source is None else FORMATS[args.source]

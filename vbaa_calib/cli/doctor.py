@@ -25,7 +25,7 @@ CHECKS: dict[str, Callable[[], Finding]] = {
     "terminal": machine.terminal,
     "detector": packages.detector,
 }
-"""The order of the table. What may end the process comes last, when the rest has been said."""
+"""In the order of the table; what may end the process comes last."""
 _WIDTH = 118
 
 
@@ -36,7 +36,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
-    """Look at everything, say it as it is found. The result's `exit_code` is 1 where something fails, else 0."""
+    """Run and print the checks. `exit_code` in the result is 1 if any fails, else 0."""
     findings = []
     for finding in _examine({name: check for name, check in CHECKS.items() if name not in args.skip}):
         findings.append(finding)
@@ -56,7 +56,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _examine(checks: Mapping[str, Callable[[], Finding]]) -> Iterator[Finding]:
-    """Each check's finding; a check that breaks is a finding too, and does not stop the others."""
+    """Each check's finding; an exception in a check becomes a finding, too."""
     for name, check in checks.items():
         try:
             yield check()
@@ -82,7 +82,7 @@ def _as_lines(finding: Finding) -> list[str]:
 
 
 def _print(lines: list[str]) -> None:
-    """To stderr, whatever it can show: the doctor may not fall ill of the terminal that it finds."""
+    """To stderr, with ? for signs that its encoding lacks."""
     encoding = getattr(sys.stderr, "encoding", None) or "ascii"
     for line in lines:
         print(line.encode(encoding, "replace").decode(encoding), file=sys.stderr, flush=True)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vbaa_calib.core.console import say
-from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.errors import InputError, about
 from vbaa_calib.core.files import refuse_overwrite, sha256, write_json
 
 if TYPE_CHECKING:
@@ -77,12 +77,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     views = [view.picked(np.isin(view.ids, outlier_ids.get(view.name, ()), invert=True)) for view in views]
     given = [poses[view.name] for view in views]
     readings = {words: [other[view.name] for view in views] for words, other in others.items()}
-    try:
+    with about(f"{args.views} by {args.poses}"):
         solution = solve_hand_eye(views, given, lens.board_shape.points_m, lens.camera, args.mount, readings)
-    except InputError as error:
-        raise InputError(
-            error.what, where=error.where or f"{args.views} by {args.poses}", remedy=error.remedy
-        ) from None
     document = solution.to_dict() | {"camera": lens.camera.to_dict(), "board": spec.to_dict()}
     document["warnings"] += [f"the lens: {one}" for one in lens.verdict.diagnoses]
     document["board_shape"] = lens.board_shape.to_dict()
@@ -114,7 +110,7 @@ def _views(args: argparse.Namespace, spec: BoardSpec, lens: GivenLens | None) ->
 
 
 def _paired(views: Sequence[BoardView], poses: Mapping[str, Pose], where: Path) -> list[BoardView]:
-    """The views that have a pose, in the order of the poses and by their names: with or without the suffix."""
+    """The views that have a pose, in the order of the poses, matched by names with or without suffix."""
     by_name = {view.name: view for view in views} | {Path(view.name).stem: view for view in views}
     paired = [replace(by_name[name], name=name) for name in poses if name in by_name]
     twice = {name for name in poses if by_name.get(name) is by_name.get(Path(name).stem) and Path(name).stem != name}

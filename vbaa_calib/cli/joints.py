@@ -1,4 +1,4 @@
-"""--pan and --tilt, one meaning in every verb: radians, or degrees with --degrees."""
+"""--pan and --tilt in radians, or in degrees with --degrees."""
 
 from __future__ import annotations
 
@@ -11,18 +11,23 @@ _ANGLES = ("pan", "tilt")
 
 
 def add_joints(parser: argparse._ActionsContainer, of: str = "joint angle") -> None:
-    """Declare --pan, --tilt and --degrees; None where they are not given."""
+    """Add --pan and --tilt (None if not given) and --degrees."""
     for name in _ANGLES:
         parser.add_argument(f"--{name}", type=float, metavar="RAD", help=f"{of}, rad (default: 0)")
     parser.add_argument("--degrees", action="store_true", help="--pan and --tilt are in degrees")
 
 
-def joints_rad(args: argparse.Namespace, default: float | None = None) -> dict[str, float]:
-    """The angles that are given, by name, rad; with a default all of them. Raises InputError for one beyond a turn."""
+def joints_rad(args: argparse.Namespace) -> dict[str, float]:
+    """The angles that are given, by name, rad. Raises InputError for one beyond a turn."""
     given = {name: getattr(args, name) for name in _ANGLES if getattr(args, name) is not None}
     for name, value in given.items():
         if not abs(value) <= (360.0 if args.degrees else 2.0 * math.pi):
             remedy = "give degrees, up to a turn" if args.degrees else "give radians, up to a turn, or add --degrees"
             raise InputError(f"--{name} is {value:g}", remedy=remedy)
-    angles = {name: math.radians(value) if args.degrees else value for name, value in given.items()}
-    return angles if default is None else dict.fromkeys(_ANGLES, default) | angles
+    return {name: math.radians(value) if args.degrees else value for name, value in given.items()}
+
+
+def pan_tilt_rad(args: argparse.Namespace) -> tuple[float, float]:
+    """Pan and tilt, rad, 0 where they are not given. Raises InputError as `joints_rad` does."""
+    given = joints_rad(args)
+    return given.get("pan", 0.0), given.get("tilt", 0.0)

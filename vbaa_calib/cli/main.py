@@ -70,13 +70,13 @@ VERBS = {
 """Name → (module with `configure` and `run`, one line of help). Modules are imported when their verb is run."""
 _PACKAGES = ("estimator", "targets", "vbaa", "vbaa_calib", "viz")
 _SELDOM = 100_000
-"""New objects between two searches for those that nobody holds any more."""
-# the last of them, for what is gone with the process anyway, takes a third of a second once numba is loaded
+"""New objects between two garbage collections."""
+# the collection at exit takes a third of a second once numba is loaded
 atexit.register(gc.freeze)
 
 
 def _module(verb: str) -> ModuleType:
-    """The module of a verb. Raises InputError where a folder of the user's stands in its package's place."""
+    """The module of a verb. Raises InputError where another folder hides its package."""
     name = VERBS[verb][0]
     try:
         return importlib.import_module(name)
@@ -88,7 +88,7 @@ def _module(verb: str) -> ModuleType:
 
 
 class _Parser(argparse.ArgumentParser):
-    """argparse that raises our error instead of leaving the process."""
+    """Raises our error instead of exiting."""
 
     def error(self, message: str) -> NoReturn:
         verb = self.prog.removeprefix("vbaa").strip()
@@ -99,7 +99,7 @@ class _Parser(argparse.ArgumentParser):
 
 
 class _Version(argparse.Action):
-    """Prints the version, with a digest of the sources: two that agree run the same code."""
+    """Prints the version and a digest of the sources."""
 
     def __call__(self, *_: object) -> NoReturn:
         digest, root = hashlib.sha256(), Path(vbaa_calib.__file__).parents[1]
@@ -145,7 +145,7 @@ def _verb_parser(name: str) -> _Parser:
 
 
 def run_verb(argv: Sequence[str]) -> int:
-    """Run one command line. Errors of ours pass through; the caller turns them into exit codes."""
+    """Run a command line; returns its exit code. Raises our errors."""
     name = _front_parser().parse_args(argv[:1]).verb
     if name not in VERBS:
         close = difflib.get_close_matches(name, VERBS, n=1)
@@ -156,11 +156,11 @@ def run_verb(argv: Sequence[str]) -> int:
     result = _module(name).run(args)
     if args.json:
         print(json.dumps(result, allow_nan=False))
-    return int(result.get("exit_code", 0))  # `doctor` has bad news and its numbers at once
+    return int(result.get("exit_code", 0))  # `doctor` has both findings and a failure
 
 
 class _Ended(BaseException):
-    """A signal that ends the process was received: what is half-written is removed on the way out."""
+    """A terminating signal: raised so that half-written files are removed."""
 
 
 def _end(number: int, _frame: object) -> NoReturn:
@@ -169,7 +169,7 @@ def _end(number: int, _frame: object) -> NoReturn:
 
 @contextlib.contextmanager
 def _unwinding_when_ended() -> Iterator[None]:
-    """SIGTERM and a closed terminal clean up as Ctrl-C does; a signal that is ignored (nohup) stays so."""
+    """Let SIGTERM and SIGHUP clean up as Ctrl-C does; ignored signals (nohup) stay ignored."""
     named = (getattr(signal, name, None) for name in ("SIGTERM", "SIGHUP"))
     ours = [number for number in named if number is not None and signal.getsignal(number) is signal.SIG_DFL]
     if threading.current_thread() is not threading.main_thread():
@@ -185,7 +185,7 @@ def _unwinding_when_ended() -> Iterator[None]:
 
 @contextlib.contextmanager
 def _seldom_collecting() -> Iterator[None]:
-    """While libraries load, nothing becomes rubbish, and looking for it is a tenth of a short command's time."""
+    """With rare garbage collection, which takes a tenth of a short command's time while libraries load."""
     before = gc.get_threshold()
     gc.set_threshold(_SELDOM, *before[1:])
     try:

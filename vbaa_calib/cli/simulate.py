@@ -3,9 +3,15 @@
 from __future__ import annotations
 
 import argparse
+import tempfile
 import time
+from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from vbaa_calib.core.console import say
+from vbaa_calib.core.errors import InputError
 
 if TYPE_CHECKING:
     from vbaa_calib.simulate.plan import Plan
@@ -58,12 +64,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     Raises InputError for a wrong scene, or a file or folder in the way.
     """
-    import tempfile
-    from contextlib import ExitStack
-    from dataclasses import replace
-
-    from vbaa_calib.core.console import say
-    from vbaa_calib.core.errors import InputError
     from vbaa_calib.simulate.scene.scene import bundled_scene
     from vbaa_calib.simulate.scene.scene_file import load_scene
     from vbaa_calib.streams.bag_of_session import Lens, refuse_bag, write_recording

@@ -102,7 +102,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 def _stiffness_document(
     table: DeflectionTable, solution: StiffnessSolution, force_N: float, distance_m: float, moment_m4: float | None
 ) -> dict[str, Any]:
-
     def fields(of: object, *names: str) -> dict[str, Any]:
         return {name: getattr(of, name) for name in names}
 

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vbaa_calib.core.console import say
-from vbaa_calib.core.errors import InputError
-from vbaa_calib.core.files import refuse_overwrite, replacing, sha256, write_json, write_text
+from vbaa_calib.core.errors import InputError, about
+from vbaa_calib.core.files import refuse_outputs, replacing, sha256, write_json, write_text
 
 if TYPE_CHECKING:
     from vbaa_calib.calibrate.photo.centreline import RodLine
@@ -69,23 +69,18 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from vbaa_calib.core.images import read_gray
 
     photos = [args.table, *([args.unloaded] if args.unloaded else [])]
-    for path in (args.output, args.moments, args.overlay):
-        if path is not None:
-            refuse_overwrite(path, args.force, photos)
+    outputs = [path for path in (args.output, args.moments, args.overlay) if path is not None]
+    refuse_outputs(outputs, args.force, photos)
     setting = _setting(args)
     pictures = [read_gray(path) for path in photos]
     lines: list[RodLine] = []
     for path, picture in zip(photos, pictures, strict=True):
-        try:
+        with about(path):
             lines.append(find_rod(picture, args.clamp, None if lines else args.tip))
-        except InputError as error:
-            raise InputError(error.what, where=path, remedy=error.remedy) from None
     if args.overlay:
         _draw(args.overlay, pictures[0], lines[0], args.force)
-    try:
+    with about(args.table):
         found = solve_photo(lines, setting)
-    except InputError as error:
-        raise InputError(error.what, where=args.table, remedy=error.remedy) from None
     document = _document(found, setting, lines[0])
     document |= {"inputs_sha256": {path.name: sha256(path) for path in photos}, "command": list(args.argv)}
     _report(document)
@@ -97,9 +92,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         write_text(args.moments, text.getvalue(), args.force)
     if args.output:
         write_json(args.output, document, args.force)
-    for path in (args.output, args.moments, args.overlay):
-        if path is not None:
-            say(f"wrote {path}")
+    for path in outputs:
+        say(f"wrote {path}")
     return document
 
 

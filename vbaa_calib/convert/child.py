@@ -1,7 +1,7 @@
 """Readers in a process of their own, with limits of time and memory, for files from outside that can hurt them.
 
-A file that is cut short or forged can crash a reader written in C++, or keep it busy without end; Python's own parser
-takes a hundred times a file's size of memory. Then only the child is lost.
+A damaged or forged file can crash a C++ reader or keep it busy for ever, and Python's parser needs a hundred times the
+file's size of memory: only the child is lost then.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ import cv2  # not later: with the limits in force it could not be loaded
 import numpy as np
 
 _SECONDS, _SECONDS_PER_MB = 4.0, 0.2
-"""Processor time that a reader may take: for any file, and for each megabyte of it."""
+"""Limit of processor time: for any file, and per megabyte."""
 _WAITING = 20.0
-"""The wall clock may show so many times more where others use the machine."""
+"""Limit of the wall clock, in multiples of that."""
 _MEMORY_FACTOR, _MEMORY_BYTES = 50, 200_000_000
-"""Memory that a reader may take beyond its libraries: so many times the file, and so much more."""
+"""Limit of memory beyond the libraries: a multiple of the file's size, plus a constant."""
 _ERROR = "error"
 
 Arrays = Mapping[str, np.ndarray]
@@ -36,13 +36,11 @@ MATRICES = ("camera_matrix", "distortion_coefficients")
 
 
 def read_in_child(reader: Callable[[Path], Arrays], path: Path) -> dict[str, np.ndarray]:
-    """What `reader(path)` returns, a mapping of arrays, read in another process.
-
-    reader : a function of a module, which the other process imports again.
+    """The arrays that `reader(path)` returns, read in another process, which imports the reader's module.
 
     Raises
     ------
-    ValueError : the reader raised an error, crashed, or took too much time or memory; in words.
+    ValueError : the reader failed, crashed, or took too much time or memory.
     """
     size = path.stat().st_size
     seconds = _SECONDS + _SECONDS_PER_MB * size / 1e6
@@ -111,7 +109,7 @@ def read_literal(path: Path) -> dict[str, np.ndarray]:
 
 
 def _limit(seconds: int, memory: int) -> None:
-    """Limits for this process beyond what its libraries took; where the system has none, the parent's clock is left."""
+    """Limit this process beyond what its libraries use; systems without limits have the parent's timeout."""
     try:
         import resource
     except ImportError:

@@ -14,15 +14,15 @@ from scipy.spatial.transform import Rotation
 
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.arrays import FARTHEST_M
-from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.errors import InputError, about, shown
 from vbaa_calib.geometry import Pose
 
 
 @dataclass(frozen=True, eq=False)
 class Exchanged:
-    """A camera, its pose in whatever frame the file counts from (in ours the antenna's; None where there is none).
+    """A camera and its pose in the file's reference frame (in ours the antenna's); None without a pose.
 
-    beside : what the file holds that no other format has a place for, in words. notes : on how it was read.
+    beside : contents that no other format can hold, in words. notes : on how the file was read.
     """
 
     camera: Camera
@@ -33,7 +33,7 @@ class Exchanged:
 
 @dataclass(frozen=True)
 class Format:
-    """A file format: its name on the command line and in words, and what it has a place for.
+    """A file format: its name on the command line and in words, and what it can hold.
 
     parse : path and which camera of several → the camera. write : → text. Both raise InputError.
     fits : whether a text looks like this format.
@@ -55,7 +55,7 @@ class Format:
         return self.parse(path, which)
 
     def lost(self, given: Exchanged) -> list[str]:
-        """What of a camera does not get into a file of this format, in words."""
+        """What a file of this format cannot hold of a camera, in words."""
         words = list(given.beside)
         if given.T_reference_camera is not None and not self.with_pose:
             words.append("the camera's pose")
@@ -68,11 +68,11 @@ _COLUMNS, _ROWS = 41, 31
 
 
 def stated(camera: Camera, models: Mapping[tuple[str, int], str], whose: str) -> tuple[str, list[float]]:
-    """What a program calls the camera's lens, and its coefficients, filled with zeros, which change nothing.
+    """The lens model's name in another program, and its coefficients, padded with zeros.
 
-    models : our model and a count of coefficients → the name. The count is the camera's own, so that it is read as
-    the same camera, else the shortest that holds all that are not zero. Raises InputError, with what leaving them out
-    would cost, where there is none.
+    models : our model and a number of coefficients → the name. That of the camera's own number is taken, else the
+    shortest that holds all coefficients but zeros. Raises InputError, with the error that leaving some out would cause,
+    where there is none.
     """
     values = camera.distortion.tolist()
     needed = max((index + 1 for index, value in enumerate(values) if value != 0.0), default=0)
@@ -96,10 +96,7 @@ def stated(camera: Camera, models: Mapping[tuple[str, int], str], whose: str) ->
 
 
 def _left_out_px(camera: Camera, count: int) -> float:
-    """How far points of the picture move, at most, when only the first `count` coefficients are kept; NaN: unknown.
-
-    The lens is not fitted anew: that might make up for some of it.
-    """
+    """Largest shift of picture points if only `count` coefficients are kept, without a new fit; NaN: unknown."""
     width, height = camera.image_size
     u, v = np.meshgrid(np.linspace(0, width - 1, _COLUMNS), np.linspace(0, height - 1, _ROWS))
     pixels = np.stack([u, v], axis=-1).reshape(-1, 2)
@@ -121,20 +118,20 @@ def size_of(sides: Sequence[tuple[str, Any]], path: Path) -> tuple[int, int]:
         number = isinstance(value, int | float) and not isinstance(value, bool)
         if not number or not 0 < value <= _LARGEST_SIDE_PX or value != int(value):
             remedy = "a picture's side in whole pixels is needed"
-            raise InputError(f"{key} is {_shown(value)}", where=path, remedy=remedy)
+            raise InputError(f"{key} is {shown(value)}", where=path, remedy=remedy)
     (_, width), (_, height) = sides
     return int(width), int(height)
 
 
 def one_of(value: Any, known: Iterable[str], key: str, path: Path) -> str:
-    """One of the names that are known. Raises InputError for anything else."""
+    """A known name. Raises InputError for anything else."""
     if not isinstance(value, str) or value not in known:
         raise InputError(f"{key} is {value!r:.60}", where=path, remedy=f"one of {', '.join(known)} is needed")
     return value
 
 
 def which_of(names: Sequence[str], which: str | None, path: Path) -> str:
-    """The camera that is meant. Raises InputError where there is none, or it is not said which of several."""
+    """The name of the chosen camera. Raises InputError where there is none, or several and no choice."""
     if not names:
         raise InputError("holds no camera", where=path, remedy="is it the file that is meant?")
     if which is None and len(names) > 1:
@@ -152,11 +149,11 @@ def numbers(values: Any, key: str, path: Path, counts: Sequence[int], most: floa
     """A flat list of numbers within ±most, as many as one of `counts`."""
     if not isinstance(values, list | tuple) or len(values) not in counts:
         wanted = " or ".join(map(str, counts))
-        raise InputError(f"{key} is {_shown(values)}", where=path, remedy=f"a list of {wanted} numbers is needed")
+        raise InputError(f"{key} is {shown(values)}", where=path, remedy=f"a list of {wanted} numbers is needed")
     for value in values:
         # a whole number may be too large for a float
         if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < most:
-            raise InputError(f"{key} holds {_shown(value)}", where=path, remedy=f"numbers below {most:g} are needed")
+            raise InputError(f"{key} holds {shown(value)}", where=path, remedy=f"numbers below {most:g} are needed")
     return [float(value) for value in values]
 
 
@@ -166,16 +163,14 @@ def matrix_of(fx: float, fy: float, cx: float, cy: float) -> np.ndarray:
 
 def checked(model: str, size: tuple[int, int], matrix: np.ndarray, coefficients: ArrayLike, path: Path) -> Camera:
     """A camera from its matrix (3, 3) and its coefficients. Raises InputError naming the file."""
-    try:
+    with about(path):
         return Camera(model, size, matrix, np.array(coefficients, float))
-    except InputError as error:
-        raise InputError(error.what, where=path, remedy=error.remedy) from None
 
 
 def pose_of(matrix: Any, key: str, path: Path) -> Pose:
     """A pose from four rows of four numbers. Raises InputError where the rotation is none."""
     if not isinstance(matrix, list | tuple) or len(matrix) != 4:
-        raise InputError(f"{key} is {_shown(matrix)}", where=path, remedy="four rows of four numbers are needed")
+        raise InputError(f"{key} is {shown(matrix)}", where=path, remedy="four rows of four numbers are needed")
     rows = np.array([numbers(row, key, path, (4,), FARTHEST_M) for row in matrix])
     turn = rows[:3, :3]
     off = np.abs(turn @ turn.T - np.eye(3)).max() if np.abs(turn).max() < 2 else math.inf
@@ -185,12 +180,5 @@ def pose_of(matrix: Any, key: str, path: Path) -> Pose:
 
 
 def intrinsics(camera: Camera) -> list[float]:
-    return [float(camera.matrix[index]) for index in ((0, 0), (1, 1), (0, 2), (1, 2))]
-
-
-def _shown(value: Any) -> str:
-    try:
-        text = repr(value)
-    except (RecursionError, ValueError):
-        text = f"a {type(value).__name__}"
-    return text if len(text) <= 60 else text[:57] + "..."
+    """fx, fy, cx, cy."""
+    return camera.parameters[:4].tolist()

@@ -68,10 +68,6 @@ def _write_opencv(given: Exchanged) -> str:
     return str(storage.releaseAndGetString())
 
 
-def _is_opencv(text: str) -> bool:
-    return "camera_matrix" in text and ("opencv-matrix" in text or "opencv_storage" in text)
-
-
 _MRCAL_COUNTS = {"LENSMODEL_PINHOLE": 0} | {f"LENSMODEL_OPENCV{count}": count for count in (4, 5, 8, 12)}
 _LARGEST = 100_000_000
 """Bytes; the data of a whole calibration stand in such a file as text."""
@@ -119,10 +115,6 @@ def _write_mrcal(given: Exchanged) -> str:
         f"    'imagersize': [ {camera.image_size[0]}, {camera.image_size[1]} ]\n"
         "}\n"
     )
-
-
-def _is_mrcal(text: str) -> bool:
-    return re.search(r"['\"]lens_?model['\"]\s*:\s*['\"]LENSMODEL_", text) is not None
 
 
 _COLMAP_MODELS = {
@@ -210,6 +202,19 @@ def _decimal(text: str, place: Path | None, shift: Decimal) -> Decimal:
         return value + shift
 
 
-OPENCV = Format("opencv", "YAML of OpenCV's calibration samples", _read_opencv, _write_opencv, _is_opencv)
-MRCAL = Format("mrcal", ".cameramodel of mrcal", _read_mrcal, _write_mrcal, _is_mrcal, with_pose=True)
+OPENCV = Format(
+    "opencv",
+    "YAML of OpenCV's calibration samples",
+    _read_opencv,
+    _write_opencv,
+    lambda text: "camera_matrix" in text and ("opencv-matrix" in text or "opencv_storage" in text),
+)
+MRCAL = Format(
+    "mrcal",
+    ".cameramodel of mrcal",
+    _read_mrcal,
+    _write_mrcal,
+    lambda text: re.search(r"['\"]lens_?model['\"]\s*:\s*['\"]LENSMODEL_", text) is not None,
+    with_pose=True,
+)
 COLMAP = Format("colmap", "cameras.txt of COLMAP", _read_colmap, _write_colmap, _is_colmap, several=True)

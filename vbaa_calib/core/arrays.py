@@ -136,11 +136,6 @@ ANGLE_REMEDY = "give radians, up to a turn (degrees where the call or the table 
 MOMENT_REMEDY = "give N·m"
 
 
-def finite(value: float) -> float | None:
-    """A number for JSON: None in place of NaN and infinity."""
-    return float(value) if math.isfinite(value) else None
-
-
 def as_floats(values: Any, name: str, remedy: str) -> np.ndarray:
     """`values` as float64, of any shape: numbers, lists and arrays of them; None and what an array masks become NaN.
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 _LONGEST = 600
@@ -30,10 +32,33 @@ class InputError(VbaaError):
         super().__init__(f"{line}; {clipped(remedy)}" if remedy else line)
 
 
+@contextmanager
+def about(where: object) -> Iterator[None]:
+    """Errors of input raised inside that name no place of their own name this one."""
+    try:
+        yield
+    except InputError as error:
+        raise error if error.where else InputError(error.what, where=where, remedy=error.remedy) from None
+
+
 def clipped(text: str) -> str:
     """The text without its middle where nobody would read all of it: a value out of a file may have any length."""
     half = _LONGEST // 2
     return text if len(text) <= _LONGEST else f"{text[:half]} ... {text[-half:]}"
+
+
+def shown(value: object) -> str:
+    """A value out of a file or an answer, as Python writes it, for a message: at most 60 characters."""
+    try:
+        text = repr(value)
+    except (RecursionError, ValueError):  # nested without end; a number of thousands of digits
+        text = f"a {type(value).__name__}"
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def reason_of(error: Exception) -> object:
+    """Why the system refused a path, in its words; the error itself for a path that it does not even take."""
+    return getattr(error, "strerror", None) or error
 
 
 def sentence_of(error: BaseException) -> str | None:

@@ -20,7 +20,7 @@ from typing import Any
 
 import yaml
 
-from .errors import InputError
+from .errors import InputError, reason_of
 
 MOST_BYTES = 2_000_000_000
 _MOST_YAML_BYTES = 1_000_000
@@ -55,8 +55,9 @@ def require_file(path: Path, kind: str = "file", most: float = math.inf) -> None
     except FileNotFoundError:
         raise InputError(f"no such {kind}", where=path, remedy="check the path") from None
     except (OSError, ValueError) as error:
-        why = getattr(error, "strerror", None) or error
-        raise InputError(f"cannot be read ({why})", where=path, remedy="check the path and its permissions") from None
+        raise InputError(
+            f"cannot be read ({reason_of(error)})", where=path, remedy="check the path and its permissions"
+        ) from None
     if stat.S_ISDIR(status.st_mode):
         raise InputError(f"is a folder, not a {kind}", where=path, remedy=f"name the {kind} inside it")
     if not stat.S_ISREG(status.st_mode):
@@ -247,8 +248,7 @@ def refuse_overwrite(path: Path, force: bool, inputs: Iterable[Path | None] = ()
     except FileNotFoundError:
         pass
     except (OSError, ValueError) as error:
-        why = getattr(error, "strerror", None) or error
-        raise InputError(f"cannot be written ({why})", where=path, remedy="take another name") from None
+        raise InputError(f"cannot be written ({reason_of(error)})", where=path, remedy="take another name") from None
     if mode is not None:
         if stat.S_ISDIR(mode):
             raise InputError("is a folder", where=path, remedy="name a file inside it")
@@ -259,6 +259,16 @@ def refuse_overwrite(path: Path, force: bool, inputs: Iterable[Path | None] = ()
     if (mode is not None or path.is_symlink()) and not force:
         raise InputError("exists already", where=path, remedy="give --force to replace it, or another name")
     refuse_folder_of(path)
+
+
+def refuse_outputs(paths: Iterable[Path | None], force: bool, inputs: Iterable[Path | None] = ()) -> None:
+    """`refuse_overwrite` for each output that is asked for; no two may be the same file."""
+    known, inputs = set[Path](), list(inputs)
+    for path in filter(None, paths):
+        refuse_overwrite(path, force, inputs)
+        if path.resolve() in known:
+            raise InputError("is another output of this command, too", where=path, remedy="take another name")
+        known.add(path.resolve())
 
 
 def refuse_folder_of(path: Path) -> None:

@@ -8,8 +8,17 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
-from .errors import InputError
+from .errors import InputError, reason_of
 from .files import disk_errors_named, signals_held, umask
+
+
+def make_folder(path: Path) -> None:
+    """Make a folder, and those above it, unless it is there. Raises InputError."""
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except (OSError, ValueError) as error:
+        what = f"cannot be made ({reason_of(error)})"
+        raise InputError(what, where=path, remedy="name another folder") from None
 
 
 @contextlib.contextmanager

@@ -17,6 +17,17 @@ HUBER = 2.5
 """Whitened residuals beyond this count linearly (Huber): a few false points must not pull."""
 
 
+def finite_or_none(value: float) -> float | None:
+    """A number for JSON, which has neither NaN nor infinity."""
+    return float(value) if np.isfinite(value) else None
+
+
+def finite_median(values: np.ndarray) -> float:
+    """Median of those of the values (...) that are finite; NaN if none is."""
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if len(known) else np.nan
+
+
 def mad_std(residuals: np.ndarray) -> float:
     """Standard deviation of residuals (N,) about zero, from their median absolute value."""
     return MAD_SCALE * float(np.median(np.abs(residuals)))

@@ -1,4 +1,4 @@
-"""Is this installation healthy? What one look at it found."""
+"""The findings of `vbaa doctor`, and what its remedies share."""
 
 from __future__ import annotations
 
@@ -13,11 +13,7 @@ OK, LOOK, FAILS = "ok", "look", "fails"
 
 @dataclass(frozen=True, eq=False)
 class Finding:
-    """One thing that was looked at.
-
-    name : what was looked at. words : what was seen. numbers : for JSON.
-    problems : what is wrong with it; none where it is well. A grave one means that something will not work.
-    """
+    """The result of one check: what was seen, in words and as numbers for JSON, and the problems, if any."""
 
     name: str
     words: str
@@ -35,10 +31,10 @@ class Finding:
 
 
 def by_system(debian: str, macos: str, windows: str) -> str:
-    """The remedy for the system at hand. Linux gets Debian's and Ubuntu's."""
+    """The remedy for this operating system; every Linux gets Debian's."""
     return {"darwin": macos, "win32": windows}.get(sys.platform, debian)
 
 
 def pip(*words: str) -> str:
-    """A pip command of this very Python, which need not be the one that `pip` belongs to."""
+    """A pip command for this Python, which `pip` alone need not be."""
     return " ".join([sys.executable, "-m", "pip", *words])

@@ -1,4 +1,4 @@
-"""How well the installed OpenCV finds the corners of one board, and how well we do, in pictures with known corners."""
+"""How well the installed OpenCV, and our detector, find a board's corners in pictures with known corners."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class DrawnBoard:
 def draw_board(
     sheet: Sheet, conditions: Conditions, rng: np.random.Generator, tilt_rad: float = _TILT_RAD
 ) -> DrawnBoard:
-    """The whole board at a random tilt up to `tilt_rad`, any roll, any place on the pixel grid; the lens is ideal."""
+    """The whole board through an ideal lens: random tilt up to `tilt_rad`, roll and place on the pixel grid."""
     spec = sheet.spec
     diagonal = float(np.hypot(spec.squares_x + 1, spec.squares_y + 1))
     side = int(np.ceil(_ROOM * diagonal * conditions.square_px))
@@ -67,7 +67,7 @@ def draw_board(
     pose = _pose(spec, focal, conditions.square_px, rng, tilt_rad)
     ones = np.ones((side, side), np.float32)
     place = Studio(_picture_spec(conditions), ray_map(lens), np.float32(conditions.exposure) * ones, ones[:2, :2])
-    # a camera that looks straight down: the board is lit about alike in every picture
+    # seen straight down, so that the board is lit alike in every picture
     patch = board_patch(place, sheet, pose, np.diag([1.0, -1.0, -1.0]))
     grey = expose(place, np.float32(_BEHIND) * ones, [] if patch is None else [patch])
     return DrawnBoard(grey, project(lens, pose @ corner_points(spec)), conditions)
@@ -117,11 +117,11 @@ class Row:
 
     @property
     def measured(self) -> bool:
-        """Whether corners enough were found to speak of errors."""
+        """Whether enough corners were found to measure errors."""
         return bool(np.isfinite(self.rms_px))
 
     def to_dict(self) -> dict[str, Any]:
-        """For JSON: what was not measured is null."""
+        """For JSON, with null for what was not measured."""
         errors = ("bias_px", "rms_px", "median_px", "worst_px", "error_per_std")
         return asdict(self) | ({} if self.measured else dict.fromkeys(errors))
 
@@ -183,30 +183,30 @@ def _row(
 
 
 _BIASED_PX = 0.08
-"""A mean error that no chance makes: the detectors at hand stay below 0.02 px."""
+"""Least mean error that counts as bias; sound detectors are below 0.02 px."""
 _HALF_PX = (0.35, 0.65)
 _GOOD_PX = 0.1
 _FOUND = 0.5
 
 
 def _measured(rows: Sequence[Row], detector: str) -> list[Row]:
-    """Of a detector, under the conditions in which half the corners or more are found."""
+    """A detector's rows under conditions in which it finds at least half the corners."""
     return [row for row in rows if row.detector == detector and row.measured and row.found >= _FOUND]
 
 
 def mean_bias_px(rows: Sequence[Row], detector: str) -> np.ndarray:
-    """(2,) mean error along u and v, over the conditions under which half the corners or more are found; else NaN."""
+    """(2,) mean error along u and v over those conditions; NaN if there are none."""
     biases = [row.bias_px for row in _measured(rows, detector)]
     return np.median(biases, axis=0) if biases else np.full(2, np.nan)
 
 
 def is_sound(rows: Sequence[Row]) -> bool:
-    """Whether neither detector is off as a whole, nor silent under every condition."""
+    """Whether both detectors find corners, without bias."""
     return bool((np.abs([mean_bias_px(rows, detector) for detector in (OPENCV, OURS)]) < _BIASED_PX).all())
 
 
 def verdict(rows: Sequence[Row]) -> list[str]:
-    """Sentences: whether OpenCV, and what we make of its corners, can be trusted, and down to which size of squares."""
+    """Sentences: whether OpenCV and our detector can be trusted, and down to which size of squares."""
     bias = mean_bias_px(rows, OPENCV)
     shift, size = f"({bias[0]:+.2f}, {bias[1]:+.2f}) px", np.abs(bias)
     rules = (

@@ -1,7 +1,7 @@
-"""recording/centrelines.csv, a frame at a time: the file is checked whole, and only the places of its frames are kept.
+"""recording/centrelines.csv, read frame by frame: the file is checked once, and only its frames' byte ranges kept.
 
-Files of the usual kind (numbers and commas) go through NumPy in blocks. Of one that holds anything else (quotes,
-letters, a cell too few) a plain copy is made row by row, by the reader that knows what to say of each.
+Plain files (numbers and commas) are parsed by NumPy in blocks. Any other (quotes, letters, missing cells) is first
+copied row by row by the CSV reader, which names the faulty line.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def read_centrelines(session: Session) -> Centrelines:
 
 
 def centrelines_of(path: Path) -> Centrelines:
-    """A table like recording/centrelines.csv, wherever it is. Raises InputError as `read_centrelines` does."""
+    """As `read_centrelines`, of any file."""
     require_file(path)
     found = None
     with suppress(OSError), path.open("rb") as stream:
@@ -53,7 +53,7 @@ def centrelines_of(path: Path) -> Centrelines:
 
 @dataclass(frozen=True)
 class _Layout:
-    """Cells of a row, and where the frame's, u's, v's and, where it is given, the deviation's stand."""
+    """Number of cells in a row, and the columns of frame, u, v and, if given, sigma."""
 
     count: int
     places: tuple[int, ...]
@@ -62,9 +62,8 @@ class _Layout:
 class Centrelines(Mapping[int, np.ndarray]):
     """Frame → (N, 3) of u_px, v_px, sigma_px (NaN where the column is missing), read from the file when asked for.
 
-    Takes 24 bytes for each run of rows of one frame: for each frame, where its points stand together.
-
-    Raises InputError, when asked for a frame, if the file is no longer the one that was checked.
+    Takes 24 bytes for each run of consecutive rows of one frame. Looking up a frame raises InputError if the file has
+    changed since it was checked.
     """
 
     def __init__(
@@ -75,18 +74,18 @@ class Centrelines(Mapping[int, np.ndarray]):
         layout: _Layout,
         runs: np.ndarray,
     ) -> None:
-        """`runs` (R, 3) int64: frame, and the bytes of the file, or of its plain copy, where its rows begin and end."""
+        """`runs` (R, 3) int64: frame, first and last byte of its rows in the file or its plain copy."""
         self._path, self._copy, self._state, self._layout = path, copy, state, layout
         self._runs = runs[np.argsort(runs[:, 0], kind="stable")]
         self._frames = np.unique(self._runs[:, 0])
 
     @property
     def portable(self) -> bool:
-        """Whether another process may read it: it is no plain copy that this one has made."""
+        """Whether another process can read it: not from a temporary copy."""
         return self._copy is None
 
     def picked(self, frames: Sequence[int]) -> Centrelines:
-        """Of these frames alone."""
+        """Only these frames."""
         runs = self._runs[np.isin(self._runs[:, 0], np.asarray(frames))]
         return Centrelines(self._path, self._copy, self._state, self._layout, runs)
 
@@ -116,7 +115,7 @@ class Centrelines(Mapping[int, np.ndarray]):
             raise InputError("has changed since it was checked", where=self._path, remedy=remedy)
         points = np.full((len(table), 3), np.nan)
         points[:, : table.shape[1] - 1] = table[:, 1:]
-        # a point that stands there twice was measured once
+        # a repeated point was measured once
         _, first = np.unique(points[:, 0] + 1j * points[:, 1], return_index=True)
         return points if len(first) == len(points) else points[np.sort(first)]
 
@@ -131,7 +130,7 @@ def _state(stream: BinaryIO) -> tuple[int, ...]:
 
 
 def _indexed(stream: BinaryIO) -> tuple[tuple[int, ...], _Layout, np.ndarray] | None:
-    """State, layout and runs (R, 3) of a file; None where anything in it is unusual, let alone wrong."""
+    """State, layout and runs (R, 3) of a plain file; None for any other."""
     state, line = _state(stream), stream.readline(BLOCK)
     try:
         header = [name.strip() for name in line.decode("utf-8-sig").split(",")]
@@ -150,7 +149,7 @@ def _indexed(stream: BinaryIO) -> tuple[tuple[int, ...], _Layout, np.ndarray] | 
 
 
 def _plain(block: bytes, layout: _Layout) -> np.ndarray | None:
-    """(R, 3) runs of whole lines, by bytes of the block; None where anything is unusual, let alone wrong."""
+    """(R, 3) runs of whole lines, in bytes of the block; None unless they are plain and correct."""
     endless = len(block) == 2 * BLOCK and not block.endswith(b"\n")
     if endless or b'"' in block or block.count(b"\r") != block.count(b"\r\n"):
         return None
@@ -180,12 +179,12 @@ def _plain(block: bytes, layout: _Layout) -> np.ndarray | None:
 
 
 def _loaded(text: str, layout: _Layout) -> np.ndarray:
-    """(N, 3 or 4) the wanted columns of rows. Raises ValueError for what is no number."""
+    """(N, 3 or 4) the needed columns. Raises ValueError for cells that are no numbers."""
     return np.loadtxt(io.StringIO(text), delimiter=",", comments=None, usecols=layout.places, ndmin=2)
 
 
 def _copy_plainly(path: Path, copy: BinaryIO) -> None:
-    """Write the same numbers as they are usually written. Raises InputError naming the first line that is wrong."""
+    """Write the numbers as a plain file. Raises InputError naming the first wrong line."""
     columns: tuple[str, ...] = ()
     for row in csv_rows(path, _COLUMNS, (_DEVIATION,)):
         if not columns:

@@ -1,4 +1,4 @@
-"""session.yaml: what is known of a rig before it is calibrated, and which ways to plane C the folder offers."""
+"""session.yaml: what is known of a rig before its calibration, and which optional folders a session has."""
 
 from __future__ import annotations
 
@@ -27,8 +27,7 @@ SCHEMA = "vbaa.session/1"
 _TILT_ZERO_STD_RAD = 0.01
 _OVER_HEIGHT_STD_M = 1e-4
 RULER_STD_M, WEIGHT_STD_RELATIVE = 5e-4, 5e-3
-"""How well a load's place and weight are known where session.yaml does not say: a ruler, and weights as they are sold.
-"""
+"""Default uncertainty of a load's place and weight: a ruler, and weights as they are sold."""
 _CLAMP_STD_PX = 20.0
 _LEAST_TIP_STD_M = 1e-6
 
@@ -60,7 +59,7 @@ class MomentSensor:
 
 @dataclass(frozen=True)
 class NominalTip:
-    """How well the visible end is known to lie at `length_m`; the pictures determine the camera's distance by it."""
+    """How well the visible end is known to lie at `length_m`, by which the camera's distance is determined."""
 
     length_std_m: Annotated[Number, Field(ge=0, le=0.1, description="standard deviation of length_m")] = 3e-4
     shape_std_m: Annotated[
@@ -71,9 +70,9 @@ class NominalTip:
 
 @dataclass(frozen=True)
 class NominalAntenna:
-    """What the user says of the antenna; stiffness and no-load shape are solved for.
+    """The antenna's nominal properties; stiffness and no-load shape are solved for.
 
-    tip : None where the visible end is none to measure by: a ball, a sheath, a tip out of every picture.
+    tip : None where the visible end cannot be used: a ball, a sheath, or a tip outside every picture.
     """
 
     length_m: AnyLength
@@ -84,7 +83,7 @@ class NominalAntenna:
 
     @property
     def tip_std_m(self) -> float | None:
-        """Standard deviation of where the visible end lies along the antenna; None where it is not to be used."""
+        """Standard deviation of the visible end's place along the antenna; None where it is not used."""
         if self.tip is None:
             return None
         shape_m = self.diameter_m / 7.0 if self.tip.shape_std_m is None else self.tip.shape_std_m
@@ -164,7 +163,7 @@ def _pose(read: _PoseInFile) -> Pose:
 
 
 FilePose = Annotated[Pose, ReadAs(_PoseInFile, _pose)]
-"""A pose, and how our files write it."""
+"""A pose as our files write it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,7 +183,7 @@ class FileKinematics:
     ] = 0.0
 
     def kinematics(self) -> Kinematics:
-        """As the solver takes them."""
+        """For the solver."""
         axes = self.axis_skew_rad, self.axis_offset_m, self.tilt_zero_rad
         return Kinematics(self.T_actuator_antenna, self.position_world_m, *axes)
 
@@ -338,7 +337,7 @@ def load_session(root: Path) -> Session:
 
 
 def session_from(data: Mapping[str, Any], root: Path, path: object) -> Session:
-    """What session.yaml holds, checked. Raises InputError naming `path` and the key that is wrong."""
+    """A session from the content of session.yaml. Raises InputError naming `path` and the wrong key."""
     read = checked(SessionFile, data, path, "`vbaa schema session` prints what is expected")
     kinematics, jig = read.kinematics or _SessionKinematics(), read.jig
     # The jig holds the board's back; the printed face lies one thickness nearer to the viewer, along −z.

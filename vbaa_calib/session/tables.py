@@ -1,4 +1,4 @@
-"""A session's CSV tables, what one row of each holds, and that no row is taken on trust."""
+"""A session's CSV tables: their rows, read and checked."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class SweepPicture:
 class Still:
     """One picture of the antenna with the joints at rest. `moment_Nm` is the sensor's reading.
 
-    `time_s` is when it was taken, from any start, for the sensor's drift; None where nobody wrote it down.
+    `time_s` is when it was taken, from any start, for the sensor's drift; None if not recorded.
     """
 
     image: Path | None
@@ -66,7 +66,7 @@ class Frame(Still):
 
 
 def wrong(row: Mapping[str, str], path: Path, what: str, remedy: str) -> InputError:
-    """An error that names file and line of a row."""
+    """An error naming the row's file and line."""
     return InputError(what, where=f"{path} line {row['line']}", remedy=remedy)
 
 
@@ -91,7 +91,7 @@ def refuse_measured(output: Path, root: Path) -> None:
 def check_pictures(pictures: Iterable[Path], image_size: tuple[int, int], whose: str) -> None:
     """Raises InputError for the first picture that is not whole or has another size than (width, height) px.
 
-    It is quick: better all of it before the long work than an error in the middle of it.
+    Quick, so that bad pictures are reported before the long work and not in the middle of it.
     """
     for path in pictures:
         width, height = picture_size(path)
@@ -105,23 +105,23 @@ _MOMENTS = ("moment_Nm", "moment_z_Nm")
 """Columns of a recording that may be missing."""
 _ANGLES = ("pan_rad", "tilt_rad")
 _IN_DEGREES = {"pan_rad": "pan_deg", "tilt_rad": "tilt_deg"}
-"""What people who type may give instead."""
+"""Columns in degrees that may stand in their place."""
 
 
 def read_sweep(session: Session) -> list[SweepPicture]:
-    """sweep/sweep.csv: a board fixed in the world, seen while the joints move, a picture a row."""
+    """sweep/sweep.csv: a board fixed in the world, seen while the joints move."""
     why = "it gives the joint angles of every picture of the sweep"
     return [picture for _, picture in _pictures(session, "sweep", why, SweepPicture)]
 
 
 def read_noload(session: Session) -> list[Still]:
-    """noload/noload.csv: the free antenna, a picture a row."""
+    """noload/noload.csv: the free antenna."""
     why = "calibration needs the free antenna"
     return [still for _, still in _pictures(session, "noload", why, Still, "moment_Nm")]
 
 
 def read_loads(session: Session) -> list[Load]:
-    """loads/loads.csv: known loads, each on the antenna, a picture a row."""
+    """loads/loads.csv: the antenna under known loads."""
     why, loads = "calibration needs known loads, for the stiffness", []
     values, path = ("moment_Nm", "distance_m", "force_y_N", "force_z_N"), session.root / "loads" / "loads.csv"
     for row, load in _pictures(session, "loads", why, Load, *values):
@@ -137,7 +137,7 @@ def read_loads(session: Session) -> list[Load]:
 def _pictures(
     session: Session, name: str, why: str, kind: type[_Row], *values: str
 ) -> Iterator[tuple[Mapping[str, str], _Row]]:
-    """The rows of a table, each of a picture of its own, with its joints and the columns `values`."""
+    """The rows of a table: picture (no two alike), joint angles, and the columns `values`."""
     path, lines = session.root / name / f"{name}.csv", dict[Path, str]()
     _require(path, why)
     columns, optional = ("image", *_ANGLES, *values), ("time_s",) if values else ()
@@ -154,7 +154,7 @@ def _pictures(
 def read_recording(session: Session) -> list[Frame]:
     """recording/recording.csv. With recording/centrelines.csv instead of pictures it needs no image column.
 
-    Moments may be missing, in a cell or as a column: the frame is then seen but not felt.
+    Moments may be missing, cell by cell or as a column.
     """
     path = session.root / "recording" / "recording.csv"
     _require(path, "it names the frames of the recording")
@@ -162,7 +162,7 @@ def read_recording(session: Session) -> list[Frame]:
 
 
 def recording_of(path: Path, *, with_images: bool) -> list[Frame]:
-    """A table like recording/recording.csv, wherever it is. Raises InputError with file, line and remedy."""
+    """As `read_recording`, of any file. Raises InputError with file, line and remedy."""
     columns = ("frame", "time_s", *(("image",) if with_images else ()), *_ANGLES)
     rows = csv_rows(path, columns, _MOMENTS, _IN_DEGREES)
     first = next(rows)
@@ -182,7 +182,7 @@ def recording_of(path: Path, *, with_images: bool) -> list[Frame]:
 
 
 def _view(row: Mapping[str, str], path: Path, with_image: bool = True) -> dict[str, Any]:
-    """The picture that a row names, relative to its table; joints; time. Raises InputError for what cannot be."""
+    """A row's picture (relative to the table), joint angles and time. Raises InputError for what cannot be."""
     seen: dict[str, Any] = {"image": path.parent / row["image"] if with_image else None}
     if with_image and not row["image"]:
         raise wrong(row, path, "image is empty", "name the picture")
@@ -198,10 +198,7 @@ def _view(row: Mapping[str, str], path: Path, with_image: bool = True) -> dict[s
 
 
 def _refuse_misspelt(path: Path, wanted: str, known: Sequence[str]) -> None:
-    """Raises InputError for a table without the optional column `wanted`, but with one that can only be meant for it.
-
-    Left out in silence, such a slip would cost all its readings.
-    """
+    """Raises InputError for a misspelt optional column `wanted`, whose readings would else be ignored in silence."""
     lines = ([cell.strip() for cell in cells] for cells in csv.reader(io.StringIO(read_text(path))))
     header = next(cells for cells in lines if any(cells))
     strange = {name.lower(): name for name in header if name not in known}

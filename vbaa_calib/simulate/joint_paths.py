@@ -24,7 +24,7 @@ _DIVISIONS, _PARTS = 4, 16
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """An object before an antenna that two joints carry. `radius_m` is the antenna's; `gravity_world_m_s2` is (3,)."""
+    """An object and the rig in front of it. radius_m : the antenna's. gravity_world_m_s2 : (3,)."""
 
     name: str
     object: TouchObject
@@ -53,15 +53,11 @@ def _joints(press: str, pressed_rad: np.ndarray, other_rad: np.ndarray) -> tuple
 
 
 def _first_touch(place: Place, sweep: Sweep, points_antenna_m: np.ndarray, other_rad: float) -> float:
-    """Angle of the pressing joint, rad, at first touch by the free antenna's points (N, 3).
-
-    Raises InputError when there is none.
-    """
-
+    """Angle of the pressing joint, rad, at first touch by the free antenna's points (N, 3). Raises InputError."""
     angles = sweep.toward * _SCAN_RAD
     for divided in range(_DIVISIONS + 1):
         poses = place.kinematics.world_antenna(*_joints(sweep.press, angles, np.full_like(angles, other_rad)))
-        # where the free antenna, were the object not in its way, would reach into it
+        # where the free antenna would penetrate the object
         hit = first_within(place.object.numbers, *poses, points_antenna_m, place.radius_m)
         if divided == 0 and hit in (0, len(angles)):
             raise InputError(
@@ -77,7 +73,7 @@ def _first_touch(place: Place, sweep: Sweep, points_antenna_m: np.ndarray, other
 
 
 def sweep_joints(place: Place, rod: Rod, sweep: Sweep) -> list[Joints]:
-    """The frames of one stroke: free, then pressed against the object while the other joint sweeps, then free again."""
+    """The frames of one stroke: free, pressed against the object while the other joint sweeps, free again."""
     swept = np.linspace(*sweep.sweep_rad, sweep.frames)
     phase = np.linspace(0.0, 2 * np.pi * sweep.swells, sweep.frames)
     push = sweep.push_rad[0] + (sweep.push_rad[1] - sweep.push_rad[0]) * (0.5 - 0.5 * np.cos(phase))
@@ -101,11 +97,9 @@ _LEAN_RAD = (0.35, -0.25)
 
 
 def sweep_of_the_board(scene: Scene, outline_m: np.ndarray) -> tuple[Pose, list[Joints]]:
-    """T_world_board and the joint angles: the widest sweep with the board as large as that allows.
+    """T_world_board and joint angles of the widest sweep that keeps the whole sheet in the picture.
 
-    outline_m : (n, 3) points around the sheet's edge, board frame; they stay in the picture.
-
-    Raises InputError when they do not, however the board is put.
+    outline_m : (n, 3) points around the sheet's edge, board frame. Raises InputError if there is no such sweep.
     """
     possible = []
     for share in _SHARES:

@@ -1,7 +1,4 @@
-"""What is to be seen in a session's pictures of the antenna, for those who train or test on them.
-
-It comes from the geometry alone, not from the pictures, whichever renderer made them.
-"""
+"""Labels of a session's pictures of the antenna, for training and tests; from the geometry alone."""
 
 from __future__ import annotations
 
@@ -32,7 +29,7 @@ def antenna_mask(scene: Scene, place: Studio, shot: AntennaShot) -> np.ndarray:
 
 
 def centreline_rows(scene: Scene, place: Studio, shot: AntennaShot) -> list[dict[str, Any]]:
-    """The whole centreline about every pixel from clamp to tip, also where it is hidden or outside the picture."""
+    """The whole centreline, about a row a pixel from clamp to tip, also where it is hidden or outside the picture."""
     seen = seen_antenna(scene, shot)
     s = np.linspace(shot.arclength_m[0], shot.arclength_m[-1], len(seen.pixels))
     shown = visible(scene.lens, seen.pixels, seen.depth_m, obstacle_of(scene, place, shot))
@@ -45,7 +42,7 @@ def centreline_rows(scene: Scene, place: Studio, shot: AntennaShot) -> list[dict
 
 
 def contact_row(scene: Scene, place: Studio, shot: AntennaShot, truth: Mapping[str, Any]) -> dict[str, Any]:
-    """Where the object touches the antenna in one picture; empty where it does not. truth : of the frame."""
+    """The contact in one picture, with empty cells without contact. truth : of the frame."""
     row: dict[str, Any] = dict.fromkeys(("distance_m", "u_px", "v_px", "visible", "force_y_N", "force_z_N"), "")
     if truth.get("in_contact"):
         point = scene.T_antenna_camera.inverse() @ np.array([truth["contact_antenna_m"]])

@@ -1,4 +1,4 @@
-"""Everything that happens in a session, worked out before the first picture: shapes, readings, truth."""
+"""The plan of a session, made before the first picture: shapes, readings, truth."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _SPILL = 0.9
 
 
 def board_poses(lens: Lens, board: BoardSpec, spec: IntrinsicsSpec, rng: np.random.Generator) -> list[Pose]:
-    """T_camera_board of every picture: the board stays about inside the picture and reaches its borders and corners."""
+    """T_camera_board of every picture: about inside the picture, and reaching its borders and corners."""
     size = board.square_m * np.array([board.squares_x, board.squares_y])
     focal = np.diag(lens.matrix)[:2]
     middle = (np.array(lens.image_size) - 1) / 2
@@ -70,7 +70,7 @@ def _plain(data: Any) -> dict[str, Any]:
 
 
 def _rig_truth(scene: Scene, rod: Rod) -> dict[str, Any]:
-    """The rig, its sensors and the object, in the units that their names say."""
+    """The rig, its sensors and the object."""
     return {
         "schema": "vbaa.truth/1",
         "scene": scene.name,
@@ -93,7 +93,7 @@ def _rig_truth(scene: Scene, rod: Rod) -> dict[str, Any]:
 
 
 _STREAMS = {"bench": 0, "boards": 1, "moments": 2, "pictures": 3, "centrelines": 4, "over": 5}
-"""One independent stream of random numbers for each purpose, so that more of one does not change another."""
+"""An independent stream of random numbers for each purpose."""
 
 
 def stream(scene: Scene, purpose: str, index: int = 0) -> np.random.Generator:
@@ -118,7 +118,7 @@ class AntennaShot:
     ----------
     path : its file, relative to the session.
     arclength_m, points_m : (N,) and (N, 3) the antenna's centreline, antenna frame.
-    indentation_m : how far the object gives way to the antenna; None when the object is not there.
+    indentation_m : how far the object yields; None without the object.
     """
 
     path: str
@@ -138,7 +138,7 @@ class Plan:
 
 
 def plan(scene: Scene) -> Plan:
-    """Work out a scene. Raises InputError when path and object do not fit, or a load is too much."""
+    """Plan a scene. Raises InputError if the strokes miss the object, or a load is too large."""
     rod = true_rod(scene)
     noise = stream(scene, "moments")
     home = Joints(0.0, 0.0)
@@ -160,7 +160,7 @@ def plan(scene: Scene) -> Plan:
 
 
 def _measured(scene: Scene, shape: RodShape, noise: np.random.Generator) -> tuple[list[float], list[float]]:
-    """The true moments, x·f_z − z·f_x of all loads (the paper's τ_y), and what the sensor makes of them."""
+    """The true moments, x·f_z − z·f_x (the paper's τ_y), and the sensor's readings."""
     # minus the right-handed y moment
     true_Nm, sensor = -shape.clamp_moment_Nm[:, 1], scene.moment
     readings = sensor.gain * true_Nm + sensor.offset_Nm + sensor.std_Nm * noise.standard_normal(len(true_Nm))
@@ -174,7 +174,7 @@ def _row(image: str, joints: Joints, reading_Nm: float) -> dict[str, Any]:
 def _held(
     scene: Scene, rod: Rod, cases: Sequence[Joints | KnownLoad], folder: str, noise: np.random.Generator
 ) -> tuple[list[AntennaShot], list[dict[str, Any]], list[dict[str, Any]]]:
-    """Pictures, rows and truth of the antenna held still, free or under a known load."""
+    """Pictures, rows and truth of the antenna at rest, free or under a known load."""
     gravity = np.array([scene.T_world_antenna(at).rotation.T @ scene.gravity_world_m_s2 for at in cases])
     loads = [
         {name: getattr(case, name) for name in ("distance_m", "force_y_N", "force_z_N")}

@@ -117,10 +117,10 @@ def render_over(
 
 
 def _in_front(canvas: np.ndarray, patch: Patch, board: Patch) -> Patch:
-    """A patch that `expose` may lay over the canvas beside the board's, and that looks as if it hid the board.
+    """A patch that hides the board when `expose` lays both over the canvas.
 
-    `expose` adds what each patch changes of the canvas alone; the difference between the board and the canvas behind
-    the patch is put into its brightness.
+    `expose` adds each patch's change of the canvas alone, so the difference between board and canvas goes into its
+    brightness.
     """
     alpha, brightness = (_resampled(values, board, patch) for values in (board.alpha, board.brightness))
     lacking = patch.alpha * (behind(canvas, patch) * alpha - brightness)

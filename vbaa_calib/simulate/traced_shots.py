@@ -31,10 +31,7 @@ class TracedPictures:
         self._tracer = tracer(scene, place.rays, rng)
 
     def shot(self, shot: BoardShot | AntennaShot, after: AntennaShot | None, rng: np.random.Generator) -> np.ndarray:
-        """(height, width) or, in colour, (height, width, 3) blue, green, red, uint8.
-
-        after : the recording's next frame, toward which the antenna moves while the shutter is open.
-        """
+        """(height, width) or (height, width, 3) BGR, uint8. after : the next frame, for motion blur."""
         scene, T_world_camera = self._scene, self._scene.T_world_camera(shot.joints)
         if isinstance(shot, BoardShot):
             return self._with_board(shot.joints, T_world_camera @ shot.T_camera_board, [], rng)
@@ -56,7 +53,7 @@ class TracedPictures:
     def _with_board(
         self, joints: Joints, T_world_board: Pose, wires: list[Wire], rng: np.random.Generator
     ) -> np.ndarray:
-        # nothing on the bench may reach through the board: rig and board are lifted as far as it needs
+        # rig and board are lifted until nothing on the bench reaches through the board
         raised = self._tracer.raised_above(T_world_board @ outline(self._sheet))
         return self._taken(
             raised, [self._exposure(joints, wires)], {"board": raised.board(self._sheet, T_world_board)}, rng
@@ -83,7 +80,7 @@ class TracedPictures:
 
 
 def _while_open(shot: AntennaShot, after: AntennaShot, shutter: float) -> list[AntennaShot]:
-    """The antenna at instants while the shutter is open, between two frames; in the middle it is the shot itself."""
+    """The antenna at instants while the shutter is open, centred on the shot, on the way to the next frame."""
     ahead = np.stack([np.interp(shot.arclength_m, after.arclength_m, axis) for axis in after.points_m.T], axis=1)
     turn = np.subtract(*(np.array([at.pan_rad, at.tilt_rad]) for at in (after.joints, shot.joints)))
     shares = shutter * ((np.arange(_INSTANTS) + 0.5) / _INSTANTS - 0.5)

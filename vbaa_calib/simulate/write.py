@@ -39,13 +39,13 @@ _PNG = (
     *(cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY),
     *(cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_AVG),
 )
-"""In noise nothing repeats: to look for it takes three times as long and makes larger files."""
+"""Noise does not compress: a real search takes three times as long and makes larger files."""
 _SWEEP = 1_000_000
 """The sweep's pictures take their noise after all those of the plan."""
 
 
 def refuse_target(path: Path, force: bool) -> None:
-    """Raises InputError unless a session may be written to `path`; a folder that is not a session is never replaced."""
+    """Raises InputError unless a session may be written to `path`; only sessions and empty folders are replaced."""
     refuse_folder_of(path)
     if not os.path.lexists(path):
         return
@@ -162,17 +162,9 @@ def _write_labels(scene: Scene, place: Studio, planned: Plan, taken: Sequence[bo
 
 
 def write_sweep(scene: Scene, take: Take, sheet: Sheet, root: Path) -> Pose:
-    """Write sweep/*.png and sweep/sweep.csv into a session's folder: a board that stays in the world.
+    """Write sweep/*.png and sweep/sweep.csv: a board fixed in the world, always wholly in the picture.
 
-    The board is put and the joints are turned so that the whole sheet stays in the picture.
-
-    Returns
-    -------
-    Pose : T_world_board of the printed face, what is true of the sweep.
-
-    Raises
-    ------
-    InputError : the camera sees no place where the board could stay in view.
+    Returns T_world_board of the printed face. Raises InputError if the board cannot stay in view.
     """
     T_world_board, joints = sweep_of_the_board(scene, outline(sheet))
     folder = root / "sweep"

@@ -1,4 +1,4 @@
-"""What a picture says against what was typed: the jig's place, the board's thickness, the camera's distance."""
+"""Pictures checked against the answers: the jig's place, the board's thickness, the camera's distance."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _JIG_REMEDY = "correct jig_translation_mm, jig_board_x, jig_board_y or board_thi
 
 
 def jig_refusal(state: SessionState, view: BoardView, fast: bool) -> str:
-    """Why a picture is none of the board in its jig; empty where it is. fast : without solving for its pose."""
+    """Why a picture cannot be of the board in its jig, or "". fast : without solving for the board's pose."""
     taken = state.views("plane")
     if taken:
         first = taken[0]
@@ -59,7 +59,7 @@ def _antenna_out_of_view(state: SessionState, board: BoardPose, camera: Camera) 
 
 
 def distance_diagnosis(state: SessionState, T_antenna_camera: Pose) -> list[Diagnosis]:
-    """Whether the camera is about as far from the antenna's middle as was typed."""
+    """Whether the camera's distance from the antenna's middle is about as answered."""
     typed_mm = state.store.journal.answers.get("camera_distance_mm")
     middle = np.array([0.5 * state.session.antenna.length_m, 0.0, 0.0])
     seen_mm = 1e3 * float(np.linalg.norm(T_antenna_camera.translation_m - middle))
@@ -71,7 +71,7 @@ def distance_diagnosis(state: SessionState, T_antenna_camera: Pose) -> list[Diag
 
 
 def thickness_that_shows_it(state: SessionState, still: Still, step: str, image: np.ndarray) -> str:
-    """The board's thickness with which the antenna is found where it was not, in words; empty without one."""
+    """The thickness of the board with which the antenna would be found, in words, or ""."""
     session, typed_mm = state.session, float(state.store.journal.answers.get("board_thickness_mm") or 0.0)
     if session.T_antenna_board is None:
         return ""

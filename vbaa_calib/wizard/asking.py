@@ -1,4 +1,4 @@
-"""The questions of a step, asked, acted on and taken back; and what was in the session before the wizard came."""
+"""Ask a step's questions, act on the answers, take them back; and adopt a session made without the wizard."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ _JIG = {key for key in BY_KEY if key.startswith("jig_")} | {"board_thickness_mm"
 
 
 def take_back(store: Store, step: str) -> bool:
-    """Forget the last answer of a step and what rests on it, so that it is asked again; False where there is none.
+    """Forget a step's last answer and what depends on it; False if there is none. It becomes the question's default.
 
-    It is offered as the default then. The way to plane C stays while it has pictures: they are in that way's folder.
+    The way to plane C stays while it has pictures, which are in its folder.
     """
     answers = store.journal.answers
-    still = [question for question in open_questions(step, answers) if not question.usual]
+    still = open_questions(step, answers)
     before = QUESTIONS[: QUESTIONS.index(still[0])] if still else QUESTIONS
     asked = [q for q in before if q.step == step and not q.usual]
     answered = [q.key for q in asked if q.key in answers and q.needed(answers)]
@@ -50,7 +50,7 @@ def take_back(store: Store, step: str) -> bool:
 
 
 def keep_answer(store: Store, key: str, value: Any) -> None:
-    """Keep an answer. Where it is another than before, what rested on that one is void."""
+    """Store an answer. If it differs from the one taken back, what depended on that one is dropped."""
     other = store.retracted.get(key, value) != value
     if other and key in ("board", "paper"):
         store.offer_no_more(BOARD_ANSWERS)
@@ -58,14 +58,14 @@ def keep_answer(store: Store, key: str, value: Any) -> None:
 
 
 def answer_all(state: SessionState, ui: Ui, step: Step) -> None:
-    """Ask what the step has to ask, and act on it; `back` asks the question before again.
+    """Ask all open questions of a step; `back` asks the previous one again.
 
-    Raises Interrupted for a command that leaves the step, InputError where nobody is there.
+    Raises Interrupted for a command that leaves the step, InputError where nobody answers.
     """
     store = state.store
     while True:
         answers = store.journal.answers
-        questions = [question for question in open_questions(step.name, answers) if not question.usual]
+        questions = open_questions(step.name, answers)
         first = questions[0].key if questions else ""
         if step.name == "board" and "measure_x_mm" not in answers and first not in ("board", "paper"):
             # it is known which board it is: board.yaml, the sheet, and how long its print should be
@@ -107,8 +107,8 @@ def answer_all(state: SessionState, ui: Ui, step: Step) -> None:
 
 
 def _take_usual(store: Store, ui: Ui, step: Step) -> None:
-    """Answer with their defaults what is not asked, and show it."""
-    usual = [question for question in open_questions(step.name, store.journal.answers) if question.usual]
+    """Answer the questions that are not asked with their defaults, and show them."""
+    usual = open_questions(step.name, store.journal.answers, usual=True)
     if not usual:
         return
     store.answer({one.key: one.read(store.retracted.get(one.key, one.default)) for one in usual})
@@ -118,7 +118,7 @@ def _take_usual(store: Store, ui: Ui, step: Step) -> None:
 
 
 def change(state: SessionState, ui: Ui, key: str, value: str) -> bool:
-    """Give an earlier answer anew; False where no question is called that."""
+    """Change an earlier answer; False if there is no such question."""
     store, question = state.store, BY_KEY.get(key)
     if question is None:
         return False
@@ -140,10 +140,7 @@ def change(state: SessionState, ui: Ui, key: str, value: str) -> bool:
 
 
 def _make_board(store: Store, answers: Mapping[str, Any]) -> dict[str, Any]:
-    """Put board.yaml into the session, and a sheet to print where the board is new.
-
-    Returns what is measured on the print, mm, for the journal. Raises InputError for a board.yaml that is none.
-    """
+    """Write board.yaml into the session, and a sheet to print if the board is new; the rulers' lengths, mm."""
     if answers["board"] != "new":
         spec = load_board(Path(str(answers["board"])))
         store.write(BOARD, spec_document(spec, f"from {answers['board']}").encode())
@@ -160,7 +157,7 @@ def _make_board(store: Store, answers: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def absolute(folder: Path, text: str) -> str:
-    """A path, from then on wherever the wizard is called; what names nothing in `folder` is left for its own errors."""
+    """The absolute path of a file in `folder`; any other text as it is."""
     path = os.path.abspath(folder / text)
     if text == "new" or "://" in text or text.startswith("camera:") or not os.path.exists(path):
         return text
@@ -168,7 +165,7 @@ def absolute(folder: Path, text: str) -> str:
 
 
 def _forget_if_inconsistent(store: Store, ui: Ui) -> None:
-    """Answers that do not go together are asked again where somebody is there. Raises InputError where nobody is."""
+    """Drop contradictory answers, so that they are asked again. Raises InputError where nobody answers."""
     try:
         check_together(store.journal.answers)
     except InputError as error:
@@ -179,7 +176,7 @@ def _forget_if_inconsistent(store: Store, ui: Ui) -> None:
 
 
 def check_together(answers: Mapping[str, Any]) -> None:
-    """Raises InputError for answers that are right one by one but do not go together; `where` names their keys."""
+    """Raises InputError for answers that contradict each other; `where` names their keys."""
     if answers.get("board") not in (None, "new") and "measure_x_mm" not in answers:
         try:
             load_board(Path(str(answers["board"])))
@@ -204,7 +201,7 @@ _COLUMNS = ("pan_rad", "tilt_rad", "moment_Nm", "distance_m", "force_y_N", "forc
 
 
 def adopt(store: Store, ui: Ui) -> None:
-    """Begin with a session that was made without the wizard: what is in it counts as answered and taken."""
+    """Start from a session made without the wizard: its settings are answers, its pictures are accepted."""
     path = store.root / "session.yaml"
     if not store.is_new or not path.exists():
         return
@@ -232,7 +229,7 @@ def adopt(store: Store, ui: Ui) -> None:
 
 
 def _accepted(folder: Path, image: Path, row: Any) -> AcceptedPicture:
-    """A picture that is there already; `row` of its table holds its readings, None without a table."""
+    """A picture that exists already, with the readings in its table's `row`, if it has a table."""
     read_picture(image)
     if image.parent.resolve() != folder.resolve():
         raise InputError(
@@ -244,7 +241,7 @@ def _accepted(folder: Path, image: Path, row: Any) -> AcceptedPicture:
 
 
 def set_unlisted_aside(store: Store, ui: Ui) -> None:
-    """Set aside pictures in the session's folders that wizard.json does not name: of a stop, or put there by hand."""
+    """Set aside pictures that wizard.json does not list: left by an interruption, or put there by hand."""
     unlisted = store.unlisted()
     if unlisted:
         names = [path.relative_to(store.root).as_posix() for path in unlisted]

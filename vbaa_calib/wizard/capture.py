@@ -1,4 +1,4 @@
-"""Pictures for one step: offered, held still, checked, read, kept."""
+"""The pictures of one step: wait for a still scene, check, ask for the readings, store."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ _WAIT_S = 0.2
 
 
 class NoMorePictures(InputError):
-    """The source has ended, and what it gave is not enough to go on."""
+    """The source has ended before the step had enough pictures."""
 
 
 @dataclass
 class Capture:
-    """Takes a step's pictures. declined : whether more pictures were wanted although there are enough."""
+    """Takes a step's pictures. declined : the user wants more although there are enough."""
 
     state: SessionState
     ui: Ui
@@ -56,7 +56,7 @@ class Capture:
         self.refused_before = {one.source for one in record.left}
 
     def run(self) -> str:
-        """How it ended: "closed", "again" where an answer was changed, or a command that leaves the step.
+        """Until "closed", "again" (an answer was changed) or a command that leaves the step.
 
         Raises SourceLost, NoMorePictures, InputError.
         """
@@ -70,7 +70,7 @@ class Capture:
                 return ended
 
     def _once(self) -> str | None:
-        """Commands, and one picture. Raises Interrupted for a command where something was asked."""
+        """Handle commands, then one picture. Raises Interrupted for a command in answer to a question."""
         self._pass_notes()
         # progress is of use while pictures come: somebody is there, or the next picture depends on it
         if self.progress is None and (self.ui.interactive or (self.source.live and not self.source.ended)):
@@ -108,7 +108,7 @@ class Capture:
         self.noted = len(self.source.notes)
 
     def _show_last(self) -> None:
-        """The last picture of the step, where no stream shows one."""
+        """Show the step's last picture unless a stream is shown."""
         if self.source.live or not self.ui.interactive or not (taken := self.state.taken(self.step.name)):
             return
         path = self.store.path(taken[-1])
@@ -116,14 +116,14 @@ class Capture:
         self.ui.live(LivePicture(picture.image, self._check(picture, None), 0.0, taken[-1].source, live=False))
 
     def _advised(self, progress: Progress) -> Progress:
-        """Advice that stays the same says why."""
+        """The progress; advice that repeats itself says why."""
         before, self.wanted = self.wanted, progress.next
         if progress.next and progress.next == before and self.match and progress.target is not None:
             return replace(progress, next=f"the same pose once more: {self.match}")
         return progress
 
     def _obey(self, command: str) -> str | None:
-        """Do what is wanted. Returns the command where it leaves the step."""
+        """Execute a command; returned if it leaves the step."""
         if command == "enough":
             progress = self.step.progress(self.state)
             if progress.usable:
@@ -175,7 +175,7 @@ class Capture:
         return self.step.check(self.state, picture, readings)
 
     def _decide(self, picture: Picture) -> None:
-        """Take a picture or refuse it: on the disk when this returns, pending till then."""
+        """Accept or refuse a picture; it is stored when this returns, pending until then."""
         name, self.pending = self.step.name, picture
         taken_anywhere = (one for step in PICTURES for one in self.state.taken(step))
         twin = next((one for one in taken_anywhere if one.sha256 == picture.sha256), None)
@@ -200,10 +200,9 @@ class Capture:
         self.progress = None
 
     def _readings_of(self, picture: str) -> dict[str, float]:
-        """Readings in SI of a picture, none where the step has none to read.
+        """A picture's readings in SI, from the table or by asking; none if the step has none.
 
-        Raises InputError for readings that are missing or cannot be where nobody is there to be asked, and for rows of
-        the table that cannot be; Interrupted for a command.
+        Raises InputError for a wrong row, and for missing readings where nobody answers; Interrupted for a command.
         """
         step, ui, taken = self.step.name, self.ui, self.state.taken(self.step.name)
         questions = asked(self.store.folder(step), taken[-1].readings if taken else None)
@@ -233,7 +232,7 @@ class Capture:
                 return readings
 
     def _judged(self, typed: Mapping[str, Any], where: str) -> tuple[dict[str, float], list[Diagnosis]]:
-        """Readings as the tables want them, and what looks wrong with a load."""
+        """Readings as the session's tables hold them, and what looks wrong with a load."""
         session, step, si = self.state.session, self.step.name, in_si(typed, where)
         still = Still(None, si.get("pan_rad", 0.0), si.get("tilt_rad", 0.0), 0.0)
         pull = session.gravity_antenna([still])[0]

@@ -1,4 +1,4 @@
-"""From the first question to the verdict, step by step, onwards and backwards."""
+"""The sequence of steps, from the first question to the verdict, forwards and back."""
 
 from __future__ import annotations
 
@@ -27,17 +27,13 @@ _ASKED_AGAIN = {
     "lens": ("camera", "camera_name"),
     "plane": ("plane_way", "jig_given", "over_given"),
 }
-"""Answers that a redo of the step forgets."""
-
-
-class Quit(Exception):
-    """The person stops here."""
+"""Answers that `redo` of a step forgets."""
 
 
 def walk(state: SessionState, ui: Ui, report: Report) -> dict[str, Any]:
-    """All steps that are open, to the verdict; check.json's content, of which `report` makes the page.
+    """Take all open steps to the verdict. Returns check.json's content, of which `report` makes the page.
 
-    Raises Quit, InputError, SolveError.
+    Raises Interrupted("quit") where the person stops, InputError, SolveError.
     """
     at, store = 0, state.store
     ui.change = partial(change, state, ui)
@@ -67,7 +63,7 @@ def walk(state: SessionState, ui: Ui, report: Report) -> dict[str, Any]:
             except Interrupted as interrupt:
                 command = interrupt.command
         if command == "quit":
-            raise Quit
+            raise Interrupted(command)
         if command == "back":
             at = _step_before(store, ui, at)
         elif command == "redo":
@@ -76,7 +72,7 @@ def walk(state: SessionState, ui: Ui, report: Report) -> dict[str, Any]:
 
 
 def _step_before(store: Store, ui: Ui, at: int) -> int:
-    """The step to go back to, opened again: this one with an answer taken back, else one before it."""
+    """Reopen the step to go back to: this one if an answer was taken back, else an earlier one."""
     for index in range(at, -1, -1):
         step = STEP_BY_NAME[STEPS[index]]
         found = (index < at and step.check is not None) or take_back(store, step.name)
@@ -102,7 +98,7 @@ def _conclude(state: SessionState, ui: Ui, report: Report) -> dict[str, Any]:
 
 
 def _set_results_aside(store: Store, ui: Ui) -> None:
-    """A rig that was solved from something else must not be taken for this session's."""
+    """A rig solved from other pictures must not be taken for this session's."""
     there = [path for path in (store.root / RIG, store.root / REPORT) if path.exists()]
     if there:
         place = store.set_aside(there, "before")
@@ -110,7 +106,7 @@ def _set_results_aside(store: Store, ui: Ui) -> None:
 
 
 def redo(store: Store, ui: Ui, step: str) -> None:
-    """Start a step again, and say where the old one is."""
+    """Start a step again, and say where its old pictures are."""
     # somebody who is there takes new pictures; a program gives what its folder holds now
     past = [str(path) for path in _pictures_in(_source_text(store, step))] if ui.interactive else None
     place = store.redo(step, _ASKED_AGAIN.get(step, ()), past)
@@ -118,7 +114,7 @@ def redo(store: Store, ui: Ui, step: str) -> None:
 
 
 def _take_step(state: SessionState, ui: Ui, step: Step) -> str:
-    """One step from its questions to its end: "closed", or a command that leaves it; that may be raised, too."""
+    """One step, from its questions to "closed", or to a command that leaves it (returned or raised)."""
     answer_all(state, ui, step)
     if step.check is None or (step.name == "lens" and state.given_lens is not None):
         ui.show(step, step.progress(state))
@@ -154,7 +150,7 @@ def _take_step(state: SessionState, ui: Ui, step: Step) -> str:
 
 
 def _closes_as_it_is(state: SessionState, ui: Ui, step: Step) -> tuple[bool, bool]:
-    """Whether the pictures that were there when the step began will do; whether more were wanted."""
+    """Whether the step closes with the pictures it has, and whether the user wants more of them."""
     if not ui.interactive and _source_text(state.store, step.name):
         return False, False
     progress = step.progress(state)
@@ -178,9 +174,9 @@ def _closes_as_it_is(state: SessionState, ui: Ui, step: Step) -> tuple[bool, boo
 
 
 def _open(store: Store, ui: Ui, step: Step) -> Source:
-    """The source of a step's pictures, asked for again where it cannot be opened. Raises InputError if nobody is there.
+    """Open the source of a step's pictures, without those judged before; asks for another if it cannot be opened.
 
-    Pictures that were judged already are left out.
+    Raises InputError where nobody answers.
     """
     while True:
         text = _source_text(store, step.name)
@@ -202,17 +198,14 @@ def _open(store: Store, ui: Ui, step: Step) -> Source:
 
 
 def _pictures_in(text: str) -> list[Path]:
-    """Pictures of a source that is a folder; none of any other."""
+    """The pictures of a source that is a folder."""
     if "://" in text or not os.path.isdir(text):
         return []
     return [path for path in sorted(Path(text).iterdir()) if path.suffix.lower() in SUFFIXES]
 
 
 def _begin(store: Store, ui: Ui, step: str) -> None:
-    """Note what does not count for a step that begins: of a folder that it shares, what came for the steps before.
-
-    A folder of the step's own counts whole, and so does one that the first step of pictures finds.
-    """
+    """Note the pictures of a shared folder that belong to earlier steps; a folder of the step's own counts whole."""
     text = _source_text(store, step)
     if store.journal.of(step).past is not None or not text:
         return
@@ -231,7 +224,7 @@ def _ask_for_source(store: Store, ui: Ui, step: str) -> None:
 
 
 def _source_text(store: Store, step: str) -> str:
-    """Where a step's pictures come from: its own source, or the folder of its name in the source of all; "" unknown."""
+    """A step's source: its own, or the folder of its name in the common source; "" if unknown."""
     answers = store.journal.answers
     own = answers.get(f"{step}_source")
     if own:
@@ -242,7 +235,7 @@ def _source_text(store: Store, step: str) -> str:
 
 
 def _readings_table(store: Store, step: str) -> ReadingsTable:
-    """Readings that were written down beforehand: those named, or the table in the folder of the pictures."""
+    """Readings written down beforehand: the table that is named, or the one in the pictures' folder."""
     named = store.journal.answers.get(f"{step}_readings")
     if isinstance(named, list):
         return table_of(named, f"{step}_readings")

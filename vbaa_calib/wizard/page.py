@@ -1,4 +1,4 @@
-"""The wizard's page: what the terminal says in words, with the live picture."""
+"""The wizard's page in the browser: the content of the terminal, and the live picture."""
 
 from __future__ import annotations
 
@@ -28,19 +28,19 @@ class Page(View):
         self._state, self._server = state, PageServer(port)
         self._live: dict[str, Any] | None = None
         self._jpeg: bytes | None = None
-        # numbers of states: the last one; the first that commands may be meant for; the first with the question
+        # numbers of states: the latest; the first that commands may refer to; the first with the current question
         self._number = self._commands_from = self._answers_from = 0
 
     @property
     def url(self) -> str:
-        """To open in a browser on this machine."""
+        """The address to open in a browser on this machine."""
         return self._server.url
 
     def close(self) -> None:
         self._server.close()
 
     def events(self, ui: Ui) -> Iterator[tuple[str, Any]]:
-        """Commands and answers since the last call, but for those that were meant for what was there before."""
+        """Commands and answers since the last call, without those that refer to an earlier state."""
         for command in self._server.take_commands():
             seen = self._number if command.seen is None else command.seen
             late = seen < self._commands_from and command.kind not in ("take", "quit")

@@ -1,4 +1,4 @@
-"""What the wizard asks: each question a prompt, a flag and an entry of the answers file; readings with a picture."""
+"""The wizard's questions, each a prompt, a flag and a key of the answers file; and the readings of pictures."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import yaml
 
 from vbaa_calib.core.csv_rows import read_csv
-from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.errors import InputError, shown
 
 if TYPE_CHECKING:
     import numpy as np
@@ -27,11 +27,8 @@ _YES_NO = dict.fromkeys(("y", "yes", "true"), True) | dict.fromkeys(("n", "no", 
 class Question:
     """One question. Its key `antenna_length_mm` is the flag `--antenna-length-mm` and `antenna_length_mm:` in a file.
 
-    step : that asks it. why : what the answer is used for. kind : number, numbers, choice, yesno or text.
-    default : taken when nothing is typed; None: there is none.
-    low, high : the range of a number. choices : of a choice. length : of numbers, 0 for any.
-    usual : the default is taken without asking, and shown.
-    needed : whether it is asked, given the answers so far.
+    kind : number, numbers, choice, yesno or text. default : None if there is none. usual : taken without asking.
+    low, high : of numbers. length : how many numbers, 0 for any. needed : whether it is asked, by the answers so far.
     """
 
     key: str
@@ -54,7 +51,7 @@ class Question:
         return "--" + self.key.replace("_", "-")
 
     def read(self, given: object, where: object = None) -> Any:
-        """The answer that was typed, written or clicked, checked. Raises InputError saying what is expected."""
+        """The answer, converted and checked. Raises InputError saying what is expected."""
         readers = {"number": self._number, "numbers": self._numbers, "choice": self._choice}
         try:
             return readers.get(self.kind, _yesno if self.kind == "yesno" else _text)(given)
@@ -69,7 +66,7 @@ class Question:
                 "yesno": "yes or no",
                 "text": f"a text: {self.words}",
             }[self.kind]
-            what = f"{self.key} is {_short(given)}: {error}"
+            what = f"{self.key} is {'empty' if given is None else shown(given)}: {error}"
             raise InputError(what, where=where, remedy=f"give {expected}") from None
 
     def _number(self, given: object) -> float:
@@ -100,16 +97,8 @@ class Question:
         return fitting[0]
 
 
-def _short(given: object) -> str:
-    try:
-        text = "empty" if given is None else repr(given)
-    except ValueError:  # Python writes out no number of thousands of digits
-        text = "a number of thousands of digits"
-    return text if len(text) <= 60 else text[:57] + "..."
-
-
 def typed(value: Any) -> str:
-    """An answer as one types it."""
+    """An answer as a person would type it."""
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, list | tuple):
@@ -118,7 +107,7 @@ def typed(value: Any) -> str:
 
 
 def _as_number(given: object) -> float:
-    """Raises ValueError; 1_0 and true are slips, not numbers; a decimal comma is named."""
+    """Raises ValueError, also for 1_0, true and a decimal comma."""
     if isinstance(given, bool) or not isinstance(given, int | float | str):
         raise ValueError("that is not a number")
     if isinstance(given, str):
@@ -162,7 +151,7 @@ READINGS: Mapping[str, tuple[str, ...]] = {
 
 
 def keeps_jig(answers: Answers) -> bool:
-    """Whether the jig is the one that came with the session, and no other was described."""
+    """Whether the jig is the session's own, and no other is described."""
     return bool(answers.get("jig_given")) and "jig_translation_mm" not in answers
 
 
@@ -199,9 +188,10 @@ BOARD_ANSWERS = (*_FILE["board"], "measure_x_mm", "measure_y_mm", "board_given")
 """What is known of the board; another board makes all of it void."""
 
 
-def open_questions(step: str, answers: Answers) -> list[Question]:
-    """What a step still has to ask, given the answers so far."""
-    return [q for q in QUESTIONS if q.step == step and q.key not in answers and q.needed(answers)]
+def open_questions(step: str, answers: Answers, *, usual: bool = False) -> list[Question]:
+    """What a step still has to ask, given the answers so far; or whose defaults it takes without asking (`usual`)."""
+    mine = (one for one in QUESTIONS if one.step == step and one.usual == usual)
+    return [one for one in mine if one.key not in answers and one.needed(answers)]
 
 
 _DEGREES = math.pi / 180.0
@@ -233,7 +223,7 @@ _ASKED = {"sweep": _JOINTS, "noload": (*_JOINTS, _MOMENT), "loads": (*_LOAD, *_J
 
 
 def asked(folder: str, last: Mapping[str, float] | None = None) -> list[Question]:
-    """What has to be read with each picture of a folder. last : readings, of which joint angles are the defaults."""
+    """The readings of each picture of a folder. last : readings whose joint angles become the defaults."""
     questions = _ASKED.get(folder, ())
     if last is None:
         return list(questions)
@@ -242,7 +232,7 @@ def asked(folder: str, last: Mapping[str, float] | None = None) -> list[Question
 
 
 def line_of(questions: Sequence[Question], picture: str) -> Question:
-    """One question for all readings of a picture, typed as one line."""
+    """One question for all readings of a picture, answered in one line."""
     names = ", ".join(f"{question.words.lower()} ({question.unit})" for question in questions)
     kept = [question for question in questions if question.default is not None]
     default = [question.default for question in questions] if len(kept) == len(questions) else None
@@ -252,7 +242,7 @@ def line_of(questions: Sequence[Question], picture: str) -> Question:
 
 
 def split_line(questions: Sequence[Question], numbers: Sequence[float]) -> dict[str, Any]:
-    """The readings of one typed line; joint angles may be left out. Raises InputError."""
+    """The readings of one line; joint angles may be missing. Raises InputError."""
     needed = [question for question in questions if question.default is None]
     if len(numbers) == len(questions):
         return {one.key: one.read(number) for one, number in zip(questions, numbers, strict=True)}
@@ -265,14 +255,14 @@ def split_line(questions: Sequence[Question], numbers: Sequence[float]) -> dict[
 
 @dataclass(frozen=True)
 class ReadingsTable:
-    """Readings of a file: rows by the names of pictures, and rows without, for pictures as they are taken."""
+    """Readings of a file: rows by picture, and rows without a picture in the order of taking."""
 
     by_image: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     in_order: Sequence[Mapping[str, Any]] = ()
     where: object = None
 
     def of(self, name: str, taken: int) -> Mapping[str, Any] | None:
-        """The row of a picture, the `taken`-th that was accepted from 0 on; None where there is none."""
+        """The row of the `taken`-th accepted picture, counted from 0; None if there is none."""
         if name in self.by_image:
             return self.by_image[name]
         return self.in_order[taken] if taken < len(self.in_order) else None
@@ -332,10 +322,9 @@ def in_si(typed: Mapping[str, Any], where: object) -> dict[str, float]:
 def complete(
     folder: str, typed: Mapping[str, Any], gravity_antenna_m_s2: np.ndarray, length_m: float, where: object
 ) -> dict[str, float]:
-    """Readings of a picture as the tables of a session want them.
+    """Readings of a picture as the session's tables hold them. Raises InputError naming what is missing or wrong.
 
-    gravity_antenna_m_s2 : (3,) at these joint angles: a mass pulls along it. length_m : of the antenna, where no load
-    hangs beyond. Raises InputError naming what is missing.
+    gravity_antenna_m_s2 : (3,) at these joint angles. length_m : of the antenna.
     """
     readings = in_si(typed, where)
     for question in _ASKED.get(folder, ()):

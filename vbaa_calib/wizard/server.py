@@ -1,4 +1,4 @@
-"""The HTTP server of the wizard's page, on 127.0.0.1 and for whoever has the token of this run."""
+"""The HTTP server of the wizard's page: on 127.0.0.1, only for clients that have this run's token."""
 
 from __future__ import annotations
 
@@ -34,18 +34,18 @@ BODY_LIMIT = 16 * 1024
 _REPORT_LIMIT = 200 * 1024 * 1024
 _TEXT_LIMIT = 2000
 NEWS_S = 20.0
-"""How long a request for news is held open."""
+"""How long a request for the next state is held open."""
 CONNECTION_S = 30.0
-"""A connection is cut after this time, however slowly its bytes are sent or read."""
+"""A connection is cut after this time, whatever it does."""
 CONNECTIONS = 64
 SILENT = 32
-"""Connections that have not yet asked for anything; of more the oldest is cut, so that slow ones starve nobody."""
+"""Connections without a request yet; beyond it the oldest is cut, so that slow clients block nobody."""
 _PICTURES_KEPT = 8
-"""A browser that is a little behind still gets the picture that belongs to the corners it draws."""
+"""A browser that lags still gets the picture that belongs to the corners it draws."""
 _COMMANDS_KEPT = 100
 
 FILES = {"/": "page.html"} | {
-    f"/{name}": name for name in ("icon.svg", "page.css", "page.js", "picture.js", "question.js")
+    f"/{name}": name for name in ("icon.svg", "page.css", "page.js", "dom.js", "picture.js", "question.js")
 }
 _TYPES = {".html": "text/html", ".svg": "image/svg+xml", ".css": "text/css", ".js": "text/javascript"}
 STATIC = Path(__file__).with_name("static")
@@ -60,7 +60,7 @@ _HEADERS = {
     "Cache-Control": "no-store",
     "Connection": "close",
 }
-# a report stands alone: it may run its own scripts, but as a stranger to this server
+# a report may run its own scripts, but without access to this server
 _REPORT_POLICY = (
     "sandbox allow-scripts allow-popups; default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval' data: blob:; "
     "style-src 'unsafe-inline'; img-src data: blob:; font-src data:; connect-src data: blob:; worker-src blob:; "
@@ -70,7 +70,7 @@ _log = logging.getLogger(__name__)
 
 
 def _printable(text: str) -> str:
-    """No control characters: the text can be printed to a terminal and written to a file."""
+    """Refuse control characters: the text is printed to a terminal."""
     if not text.isprintable():
         raise ValueError("not printable")
     return text
@@ -82,7 +82,7 @@ _Number = Annotated[float, Field(ge=-1e15, le=1e15)]
 
 
 class PageCommand(BaseModel):
-    """A click, or an answer as {key: value}; `seen` is the number of the state on the page, None if not sent."""
+    """A click, or an answer as {key: value}; `seen` is the number of the state that the page showed."""
 
     model_config = ConfigDict(strict=True, extra="forbid", frozen=True, allow_inf_nan=False)
     kind: Literal["answer", "take", "enough", "back", "redo", "drop", "quit"]
@@ -98,7 +98,7 @@ class PageCommand(BaseModel):
 
 class _Connection(H11Protocol):
     silent = True
-    """No whole request has come yet."""
+    """No complete request so far."""
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         super().connection_made(transport)
@@ -119,9 +119,9 @@ class _Connection(H11Protocol):
 
 
 class PageServer:
-    """Serves the page at 127.0.0.1 from a thread of its own; port 0 is any that is free. No method waits for a browser.
+    """Serves the page at 127.0.0.1 in a thread; port 0 takes any free one. No method waits for a browser.
 
-    Raises InputError when the port cannot be had.
+    Raises InputError if the port is not available.
     """
 
     def __init__(self, port: int = 0) -> None:
@@ -164,7 +164,7 @@ class PageServer:
         )
         self._server = uvicorn.Server(config)
         self._loop = asyncio.new_event_loop()
-        # browsers come and go; the terminal is the wizard's
+        # errors of connections do not belong in the terminal
         self._loop.set_exception_handler(lambda _, context: _log.debug("the page's server: %s", context))
         self._thread = threading.Thread(target=self._serve, name="page", daemon=True)
         self._thread.start()
@@ -175,11 +175,11 @@ class PageServer:
 
     @property
     def url(self) -> str:
-        """The address to open, with this run's token: whoever has it can see the page and give commands."""
+        """The address with this run's token; whoever has it can see the page and send commands."""
         return f"http://127.0.0.1:{self.port}/?token={self._token}"
 
     def show(self, state: Mapping[str, Any], jpeg: bytes | None = None) -> int:
-        """Make this what the page shows; its number, which commands given on seeing it carry. NaN becomes null."""
+        """Publish a state. Returns its number, which commands refer to. NaN becomes null."""
         with self._lock:
             self._number += 1
             if jpeg is not None and (not self._pictures or self._pictures[-1][1] is not jpeg):
@@ -193,11 +193,11 @@ class PageServer:
         return self._number
 
     def take_commands(self) -> list[PageCommand]:
-        """What was commanded since the last call, in order."""
+        """The commands since the last call, in order."""
         return [self._commands.get_nowait() for _ in range(self._commands.qsize())]
 
     def close(self) -> None:
-        """Stop answering; may be called twice. What is still being sent is given a second."""
+        """Stop, after a second for answers being sent. May be called twice."""
         self._server.should_exit = True
         self._wake()
         self._thread.join()
@@ -212,7 +212,7 @@ class PageServer:
             self._loop.call_soon_threadsafe(renew)
 
     async def _guarded(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """The application for who may use it; every answer carries the policy."""
+        """The application behind the access checks; every response carries the security headers."""
 
         async def with_policy(message: Message) -> None:
             if message["type"] == "http.response.start":
@@ -224,12 +224,12 @@ class PageServer:
         await (self._refusal(Request(scope)) or self._app)(scope, receive, with_policy)
 
     def _refusal(self, request: Request) -> Response | None:
-        """The answer to a request that may not pass, or that brings the token; None for all others."""
+        """The response to a refused request, or to the one with the token in its address; None for all others."""
         headers, told = request.headers, request.query_params.getlist("token")
         if len(headers.getlist("host")) != 1 or headers["host"].lower() not in self._hosts:
             return PlainTextResponse("this server answers only to its own address\n", 421)
         if told and request.scope["path"] == "/" and request.method == "GET":
-            # from the address with the token to the one without, the token kept in a cookie
+            # move the token from the address into a cookie
             if len(told) == 1 and self._is_token(told[0]):
                 cookie = f"{self._cookie}={self._token}; Path=/; HttpOnly; SameSite=Strict"
                 return Response(status_code=303, headers={"Location": "/", "Set-Cookie": cookie})
@@ -243,7 +243,7 @@ class PageServer:
             words = "open the address that the wizard printed in the terminal: it carries this run's token\n"
             return PlainTextResponse(words, 403)
         if request.method == "POST":
-            # browsers tell the origin of every POST; a program with the token in its header need not
+            # browsers send the origin with every POST; a program with the token in its header need not
             origins = headers.getlist("origin")
             if origins not in [[f"http://{host}"] for host in self._hosts] and not (by_header and not origins):
                 return PlainTextResponse("another site may not send commands\n", 403)

@@ -1,4 +1,4 @@
-"""What follows from answers and pictures: session.yaml, its tables, and what the calibration makes of them."""
+"""What follows from answers and pictures: session.yaml, its tables, and the calibration so far."""
 
 from __future__ import annotations
 
@@ -65,10 +65,7 @@ _PASSING = {"antenna_length_mm": 100.0, "antenna_diameter_mm": 1.0}
 
 
 def scale_of(answers: Mapping[str, Any]) -> PrintScale | None:
-    """The print's scale; None before both readings were given.
-
-    Raises InputError for readings that cannot be.
-    """
+    """The print's scale, None before both readings are known. Raises InputError for impossible readings."""
     if any(name not in answers for name in _MEASURED):
         return None
     where = "board_along_x_mm, board_along_y_mm"
@@ -83,7 +80,7 @@ def scale_of(answers: Mapping[str, Any]) -> PrintScale | None:
 
 
 def check_jig_axes(x: str, y: str) -> None:
-    """Raises InputError for axes of the board that run along the same line."""
+    """Raises InputError for parallel axes."""
     if x.lstrip("-") == y.lstrip("-"):
         what = f"the board's x runs along {x} and its y along {y}"
         raise InputError(what, where="jig_board_x, jig_board_y", remedy="the two are at right angles: answer anew")
@@ -105,7 +102,7 @@ def _jig(value: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _write_table(path: Path, taken: Sequence[AcceptedPicture]) -> None:
-    """The table of a folder of pictures; numbers to the last bit. Untouched where it says the same already."""
+    """Write the table of a folder of pictures, numbers in full precision, unless it is the same already."""
     timed = ["time_s"] if all("time_s" in one.readings for one in taken) else []
     columns, text = ["image", *READINGS[path.stem], *timed], io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
@@ -117,7 +114,7 @@ def _write_table(path: Path, taken: Sequence[AcceptedPicture]) -> None:
 
 
 def answers_of(session_yaml: Path) -> dict[str, Any]:
-    """What a session.yaml that was written by hand answers already. Raises InputError where it is wrong."""
+    """The answers that a session.yaml contains. Raises InputError where it is wrong."""
     session, data = load_session(session_yaml.parent), read_yaml(session_yaml)
     sections = {
         "antenna": session.antenna,
@@ -140,11 +137,9 @@ def answers_of(session_yaml: Path) -> dict[str, Any]:
 
 
 class SessionState:
-    """A store, and what follows from it: worked out when it is asked for, again only when its inputs change.
+    """A store and what follows from it, computed on demand and again when its inputs change.
 
-    Methods raise what the calibration beneath raises: InputError, SolveError.
-
-    live_size : (width, height) px of the live pictures, where there were some.
+    Methods raise InputError and SolveError as the calibration does. live_size : (width, height) px of live pictures.
     """
 
     def __init__(self, store: Store) -> None:
@@ -154,7 +149,7 @@ class SessionState:
         self._session_yaml = store.root / "session.yaml"
 
     def cached(self, name: Hashable, inputs: Hashable, make: Callable[[], _Result]) -> _Result:
-        """What was made of the same inputs before, a failure too; or made now."""
+        """The result for these inputs, computed once; a failure is remembered, too."""
         if name not in self._cache or self._cache[name][0] != inputs:
             try:
                 self._cache[name] = inputs, make()
@@ -166,7 +161,7 @@ class SessionState:
         return found
 
     def inputs(self, *steps: str) -> Hashable:
-        """What changes when an answer or a picture of these steps does."""
+        """A key that changes with any answer and any picture of these steps."""
         answers = tuple(sorted((key, repr(value)) for key, value in self._answers.items()))
         return answers, tuple((step, tuple(one.sha256 for one in self.taken(step))) for step in steps)
 
@@ -176,35 +171,32 @@ class SessionState:
 
     @property
     def nominal_board(self) -> BoardSpec:
-        """The board as it was meant."""
+        """The board as designed."""
         path = self.store.root / BOARD
         stamp = path.stat().st_mtime_ns if path.exists() else 0
         return self.cached("nominal board", stamp, lambda: load_board(path))
 
     @property
     def scale(self) -> PrintScale | None:
-        """The print's scale by the two readings; None before they were given."""
+        """The print's scale; None before both readings are known."""
         return scale_of(self._answers)
 
     @property
     def board(self) -> BoardSpec:
-        """The board as it was printed."""
+        """The board as printed."""
         scale = scale_of(self._answers)
         return self.nominal_board if scale is None else rescaled(self.nominal_board, scale)
 
     @property
     def session(self) -> Session:
-        """session.yaml, as far as it is answered. Raises InputError for answers that do not go together."""
+        """session.yaml as far as it is answered. Raises InputError for contradictory answers."""
         return session_from(self._session_data(self._written()), self.store.root, self._session_yaml)
 
     def _written(self) -> dict[str, Any]:
         return read_yaml(self._session_yaml) if self._session_yaml.exists() else {}
 
     def _session_data(self, before: Mapping[str, Any]) -> dict[str, Any]:
-        """session.yaml out of the answers; what is not answered yet has its default.
-
-        before : what it holds, of which keys that nobody asks for stay.
-        """
+        """session.yaml from answers and defaults. before : its content, whose other keys stay."""
         answers, board, scale = self._answers, self.board, self.scale
         value = {key: answers.get(key, question.default) for key, question in BY_KEY.items()}
         read = {
@@ -261,20 +253,20 @@ class SessionState:
 
     @property
     def given_lens(self) -> GivenLens | None:
-        """The lens that is known, where one is. Raises InputError for a file that holds none."""
+        """The known lens, if any. Raises InputError for a file without one."""
         path, name = (self._answers.get(key) for key in ("camera", "camera_name"))
         return path and self.cached("given lens", (path, name), lambda: read_lens(Path(path), name))
 
     @property
     def image_size(self) -> tuple[int, int] | None:
-        """(width, height) that the known lens is for, or of the first picture that was taken."""
+        """(width, height) px of the known lens, or of the first accepted picture."""
         if self.given_lens is not None:
             return self.given_lens.camera.image_size
         first = [*self.taken("lens")[:1], *self.taken("plane")[:1]]
         return self._view(first[0]).image_size if first else None
 
     def lens(self) -> LensSolution:
-        """The lens that is known, or the one by the pictures so far; judged."""
+        """The known lens, or the one solved from the pictures so far; judged."""
 
         def made() -> LensSolution:
             views, board = self.views("lens"), self.board
@@ -285,7 +277,7 @@ class SessionState:
         return self.cached("lens", self.inputs("lens"), made)
 
     def plane(self) -> PlaneC:
-        """The camera's pose on the antenna's base by the way that was chosen."""
+        """The camera's pose on the antenna's base, by the chosen way."""
 
         def made() -> PlaneC:
             way, lens, taken = self.store.folder("plane"), self.lens(), self.taken("plane")
@@ -303,7 +295,7 @@ class SessionState:
         return self.cached("plane", self.inputs("lens", "plane"), made)
 
     def work_plane(self) -> WorkPlane:
-        """Where the antenna will move, seen from the camera: by plane C where it was seen, else as the user says."""
+        """Where the antenna will move, seen from the camera: by plane C if known, else by the answers."""
         length_m, answers = self.session.antenna.length_m, self._answers
         if self.taken("plane"):
             try:
@@ -315,10 +307,7 @@ class SessionState:
         return WorkPlane.about(distance_m, float(np.radians(answers.get("camera_inclination_deg", 0.0))), length_m)
 
     def observe(self, still: Still, step: str, image: np.ndarray, pose: Pose | None = None) -> Observation:
-        """The antenna in a still that need not be taken yet; its picture as `read_picture` gives it.
-
-        pose : of the camera in the antenna frame, where it is another than plane C's.
-        """
+        """The antenna in a still's picture (as `read_picture` gives it). pose : T_antenna_camera, if not plane C's."""
         session, plane, camera = self.session, self.plane(), self.lens().camera
         nominal = nominal_parameters(session.antenna)
         pull = gravity_antenna(plane.kinematics, session.gravity_world_m_s2, [still])[0]
@@ -335,7 +324,7 @@ class SessionState:
         return self.cached(("antenna", taken.file), inputs, lambda: self.observe(still, step, read_picture(path)))
 
     def joint(self) -> BundleAdjustment:
-        """The bundle adjustment of lens, plane C, antenna and sensor, by the stills so far, the free ones first."""
+        """The bundle adjustment of lens, plane C, antenna and sensor with the stills so far, free ones first."""
 
         def made() -> BundleAdjustment:
             session = self.session
@@ -348,7 +337,7 @@ class SessionState:
         return self.cached("joint", self.inputs(*_ALL), made)
 
     def still_diagnoses(self) -> list[Diagnosis]:
-        """What is wrong, or looks wrong, with the pictures of the antenna and what was typed with them."""
+        """What is wrong, or looks wrong, with the antenna's pictures and their readings."""
         joint = self.joint()
         remedy = "check the answers about the jig (place, axes, turn, how well it is known) and the clamp"
 
@@ -362,6 +351,6 @@ class SessionState:
 
 
 def still_of(step: str, path: Path | None, readings: Mapping[str, float]) -> Still:
-    """A still with its readings, a load where the step is that."""
+    """A still with its readings; a `Load` in the step of loads."""
     values = {name: readings[name] for name in READINGS[step]}
     return (Load if step == "loads" else Still)(path, **values, time_s=readings.get("time_s"))

@@ -1,4 +1,4 @@
-"""The steps of the wizard, in order: how far each is, whether a picture is good for it, and what ends it."""
+"""The wizard's steps in order: the progress of each, and whether a picture is good for it."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ from .sources import Picture
 
 @dataclass(frozen=True)
 class Number:
-    """A number against its goal, in words with units. `met` is None where there is no goal."""
+    """A number and its goal, with units; `met` is None without a goal."""
 
     label: str
     value: str
@@ -47,7 +47,7 @@ class Number:
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """Where to show the board next: outline (4, 2) px as printed from top left, clockwise."""
+    """Where to show the board next: outline (4, 2) px, clockwise from the print's top left."""
 
     outline_px: np.ndarray
     words: str
@@ -55,7 +55,7 @@ class Target:
 
 @dataclass(frozen=True, eq=False)
 class Progress:
-    """How far a step is. enough : more pictures will not help. usable : the step may be closed as it is."""
+    """Progress of a step. enough : more pictures will not help. usable : the step may be closed."""
 
     seen: tuple[str, ...] = ()
     missing: tuple[str, ...] = ()
@@ -71,9 +71,9 @@ class Progress:
 class PictureCheck:
     """Whether a picture is good for a step.
 
-    refusal : why it is not taken; empty where it is. words : what it shows, for the log.
-    corners_px : (N, 2) corners of the board, or points on the antenna. ids : (N,) theirs. hints : what could be better.
-    closeness : to the suggested pose, 0..1; None where none is suggested. closer : what to change.
+    refusal : why it is refused, or "". words : what it shows, for the log. hints : what could be better.
+    corners_px : (N, 2) corners of the board with their ids (N,), or points on the antenna.
+    closeness : to the suggested pose, 0 to 1, None without one. closer : what to change.
     """
 
     refusal: str = ""
@@ -91,7 +91,7 @@ Readings = Mapping[str, float]
 
 @dataclass(frozen=True)
 class Step:
-    """A step. check : whether a picture is good, None where it takes none; readings are None for a live preview."""
+    """A step. check : judges a picture, None for a step without pictures; readings are None for a preview."""
 
     name: str
     title: str
@@ -107,7 +107,7 @@ def counted(number: int, word: str) -> str:
 
 
 def _other_size(state: SessionState, size: tuple[int, int]) -> Diagnosis | None:
-    """Why a picture of `size` (width, height) px is none of this session's."""
+    """Why a picture of `size` (width, height) px does not belong to this session."""
     known, wanted = state.given_lens, state.image_size
     if known is None or size == wanted:
         return None if wanted is None else resolution_changed(size, wanted)
@@ -118,7 +118,7 @@ def _other_size(state: SessionState, size: tuple[int, int]) -> Diagnosis | None:
 
 
 def _check_board(state: SessionState, picture: Picture, live: bool) -> tuple[BoardView, PictureCheck]:
-    """The board in a picture, and whether it is good. live : a preview, without the slow search for another board."""
+    """The board in a picture, and whether the picture is good. live : without the slow search for other boards."""
     image = picture.image
     view = detect_corners(image, state.board, picture.name)
     changed = _other_size(state, view.image_size)
@@ -142,7 +142,7 @@ def _check_plane(state: SessionState, picture: Picture, readings: Readings | Non
 
 
 def _check_antenna(step: str, state: SessionState, picture: Picture, readings: Readings | None) -> PictureCheck:
-    """Whether the antenna is found in a picture; a live preview is not searched."""
+    """Whether the antenna is found in a picture; previews are not searched."""
     height, width = picture.image.shape
     changed = _other_size(state, (width, height))
     if changed is not None:
@@ -174,7 +174,7 @@ def _board_progress(state: SessionState) -> Progress:
 
 
 _FEWEST_VIEWS, _TRUSTED_VIEWS = 3, 6
-"""Pictures below which no lens is solved for, and below which none is trusted."""
+"""Pictures needed to solve for a lens, and to trust it."""
 
 
 def _check_lens(state: SessionState, picture: Picture, readings: Readings | None) -> PictureCheck:
@@ -192,7 +192,7 @@ def _check_lens(state: SessionState, picture: Picture, readings: Readings | None
 
 
 def guidance(state: SessionState) -> ViewProgress:
-    """How well the pictures determine points on plane C, and which pose improves that most."""
+    """How well the pictures determine points on plane C, and which pose would improve that most."""
     size = state.live_size or (1280, 720)
 
     def made() -> ViewProgress:
@@ -245,7 +245,7 @@ _WAYS = {
     "sweep": (5, 10, "the board fixed in the world; turn pan and tilt to another place, let them rest, read them"),
     "over": (1, 3, "the board flat under the free antenna, at rest"),
 }
-"""Way to plane C → fewest pictures, enough pictures (for the jig they decide themselves), and what to shoot."""
+"""Way to plane C → fewest pictures, enough pictures (0: judged from the pictures), and what to shoot."""
 
 
 def _plane_progress(state: SessionState) -> Progress:
@@ -360,11 +360,9 @@ Report = Callable[[dict[str, Any]], str]
 
 
 def conclude(root: Path, report: Report, given: GivenLens | None = None) -> dict[str, Any]:
-    """Calibrate the session from its files, write rig.json and check.html beside them. Returns check.json's content.
+    """Calibrate the session, write rig.json and check.html into it. Returns check.json's content.
 
-    given : the lens, where it was known before.
-    rig.json is the same for the same session: how the wizard was called is not in it. Raises InputError and SolveError
-    as `calibrate` does.
+    rig.json does not depend on how the wizard was called. Raises InputError and SolveError as `calibrate` does.
     """
     calibration = calibrate(load_session(root), given=given)
     write_json(root / RIG, rig_document(calibration, doubts(calibration), ["vbaa", "wizard"]))

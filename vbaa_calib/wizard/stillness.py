@@ -1,4 +1,4 @@
-"""Finds when the scene is held still, so that nobody has to press a key with the board in both hands."""
+"""Detects when the scene is held still, so that pictures are taken without a key press."""
 
 from __future__ import annotations
 
@@ -13,37 +13,33 @@ _TILE_PX = 20
 _SIGMAS = 5.0
 _FEWEST_CORNERS = 4
 _LEAST_SLOPE = 3.0
-"""Root mean square slope of a tile, grey levels per small pixel, below which there is nothing to see motion by."""
+"""Rms slope of a tile, grey levels per small pixel, below which it shows no motion."""
 _LEAST_SLOPE_PER_NOISE = 3.0
 _NOISE_MARGIN = 1.5
-"""Bright parts of a picture are noisier than the dark ones, and small pixels of a JPEG than white noise makes them."""
+"""Bright parts are noisier than dark ones, and a JPEG's small pixels noisier than white noise would make them."""
 _QUARTILE_OF_NOISE = 0.3186
-"""The lower quartile of |x| for x normal, in standard deviations."""
+"""Lower quartile of |x| for standard normal x."""
 _WEAK_SHARE = 0.1
-"""Of the squared slope in a tile's strongest direction, that another must have to be looked along."""
+"""Share of the squared slope in a tile's strongest direction that another direction needs to be used."""
 _UNLIKE_PX = 0.8
-"""Unexplained change over slope, small pixels, from which a tile shows something else."""
+"""Unexplained change over slope, small pixels, above which a tile shows something else."""
 _FAR_PX = 16.0
-"""What such a tile counts as, small pixels."""
+"""Shift that such a tile counts as, small pixels."""
 
 
 _NO_CORNERS, _NO_IDS = np.zeros((0, 2)), np.zeros(0, int)
 _X, _Y = (each.ravel() for each in np.meshgrid(*2 * [np.linspace(-1, 1, _TILE_PX, dtype=np.float32)]))
 _BENDS = (np.ones_like(_X), _X, _Y, _X**2, _Y**2)
-"""How the light's factor may vary across a tile."""
+"""Polynomials by which the light's factor may vary across a tile."""
 
 
 @dataclass(frozen=True, eq=False)
 class _FrameFeatures:
-    """What is kept of a frame: its time, its (width, height) px, and
+    """A frame, shrunk and cut into T tiles of P small pixels. size : (width, height) px of the frame.
 
-    scale : pixels of the picture per small pixel.
-    noise : standard deviation of a small pixel, grey levels.
-    tiles : (T, P) grey levels of the small picture, by tile.
-    basis : (T, P, 8) slope along u and v, then what a change of light does, in each tile.
-    slope : (T,) root mean square slope of each tile, grey levels per small pixel.
-    sharpness : slope over contrast, 1/px; light does not change it.
-    corners_px, ids : (N, 2), (N,) of a board.
+    scale : pixels per small pixel. noise : std of a small pixel, grey levels. tiles : (T, P) grey levels.
+    basis : (T, P, 8) slopes along u and v, then the effect of light. slope : (T,) rms, grey levels per small pixel.
+    sharpness : slope over contrast, 1/px. corners_px, ids : (N, 2), (N,) of a board.
     """
 
     time_s: float
@@ -59,7 +55,7 @@ class _FrameFeatures:
 
 
 def _features_of(image: np.ndarray, time_s: float, corners_px: np.ndarray, ids: np.ndarray) -> _FrameFeatures:
-    """What motion of an (H, W) uint8 picture is measured by."""
+    """Features of an (H, W) uint8 picture."""
     height, width = image.shape
     scale = max(1.0, max(width, height) / _SMALL_PX)
     columns, rows = (max(1, round(side / scale / _TILE_PX)) for side in (width, height))
@@ -78,10 +74,9 @@ def _features_of(image: np.ndarray, time_s: float, corners_px: np.ndarray, ids: 
 
 
 def _motion_px(frame: _FrameFeatures, other: _FrameFeatures) -> float:
-    """The largest shift of anything between two frames of one size, px; NaN where nothing is there to see it by.
+    """The largest shift between two frames of one size, px; NaN without any texture, 0 within the noise.
 
-    0 where no shift is larger than noise explains; up to twice too large while small. Those above some 2
-    small pixels are not distinguished: they count as 16.
+    Small shifts come out up to twice too large; those above about 2 small pixels count as 16.
     """
     _, here, there = np.intersect1d(frame.ids, other.ids, return_indices=True)
     if len(here) >= _FEWEST_CORNERS:
@@ -97,10 +92,10 @@ def _motion_px(frame: _FrameFeatures, other: _FrameFeatures) -> float:
 
 
 def _shifts(basis: np.ndarray, change: np.ndarray, least_slope: float) -> tuple[np.ndarray, np.ndarray]:
-    """Each tile's shift beyond its noise, small pixels (T,), and the change that is left, grey levels (T,).
+    """Each tile's shift beyond its noise, small pixels (T,), and the unexplained change, grey levels (T,).
 
-    Only along directions in which the tile's slopes are at least `least_slope` and not far below those across it:
-    along an edge, roughness of the pixels would be taken for a shift. -inf where there is none.
+    Directions with slopes below `least_slope`, or far below those across them, are ignored (-inf if none is left):
+    along an edge, rough pixels would look like a shift.
     """
     across = basis.swapaxes(1, 2)
     normal = (across @ basis).astype(float)
@@ -123,10 +118,7 @@ def _shifts(basis: np.ndarray, change: np.ndarray, least_slope: float) -> tuple[
 
 
 def _noise(image: np.ndarray) -> float:
-    """Standard deviation of a pixel's noise, grey levels, from the second differences of every eighth row.
-
-    Their lower quartile, since edges and texture only make differences larger.
-    """
+    """Std of a pixel's noise, grey levels: lower quartile of second differences, as edges only enlarge them."""
     rows = image[::8].astype(np.int16)
     bends = np.abs(rows[:, :-2] - 2 * rows[:, 1:-1] + rows[:, 2:])
     return float(np.quantile(bends, 0.25)) / (_QUARTILE_OF_NOISE * np.sqrt(6)) if bends.size else 0.0
@@ -142,13 +134,10 @@ def _cut(small: np.ndarray) -> np.ndarray:
 class _Settings:
     """When a scene counts as still; the defaults are for a board held by hand.
 
-    hold_s, hold_frames : how long, and in how many frames, it must be.
-    step_px : motion from one frame to the next that is still none, up to 1280 px picture length; in proportion above.
-    speed_px_s : the same, by the time between them, whichever is more: 30 px/s blur a picture of 1/60 s by 0.5 px.
-    drift_px : the same, against the first frame of the hold: a hand is never quite still.
-    clear_px : the same, against the frame that was taken: what has to move before another one is.
-    gap_s : a pause between two frames after which nobody knows what happened.
-    sharp_share : of the sharpness of the hold's best frame, that the frame which is taken must have.
+    hold_s, hold_frames : duration and number of frames. gap_s : pause between frames that restarts the hold.
+    step_px, speed_px_s : motion between frames that counts as none, whichever is more: 30 px/s blur 1/60 s by 0.5 px.
+    drift_px, clear_px : the same against the hold's first frame; motion that must follow a taken frame.
+    All px for pictures up to 1280 px wide, in proportion above. sharp_share : of the hold's sharpest frame.
     """
 
     hold_s: float = 0.7
@@ -162,12 +151,12 @@ class _Settings:
 
 
 ON_A_STAND = _Settings(speed_px_s=0.0, drift_px=1.5, clear_px=6.0)
-"""For an antenna with a load: everything else is at rest, and the antenna may still vibrate."""
+"""For an antenna with a load, which may still vibrate while all else is at rest."""
 
 
 @dataclass(frozen=True)
 class Stillness:
-    """How long the scene has been still: the share of the hold that is done, and whether this frame is to be taken."""
+    """The completed share of the hold, and whether to take this frame."""
 
     share: float
     take: bool
@@ -182,11 +171,10 @@ class _Hold:
 
 
 class StillnessDetector:
-    """Says of each frame whether the scene has been still for long enough to take it.
+    """Decides for each frame whether the scene has been still for long enough to take it.
 
-    The frame that is taken is the one just fed; it waits for one that is nearly as sharp as the hold's best, since a
-    lens may still be focusing. After that the scene must move clearly, and differ from what was taken, before another
-    frame is. Depends on nothing but what it is fed, times included.
+    A frame must be nearly as sharp as the hold's best: the lens may be focusing. Then the scene must move clearly, and
+    differ from the taken frame, before another is taken. Deterministic in frames and times.
     """
 
     def __init__(self, settings: _Settings | None = None) -> None:
@@ -197,16 +185,15 @@ class StillnessDetector:
         self._moved = True
 
     def rearm(self) -> None:
-        """Forget what was taken: the same scene may be taken again, as after a picture that was refused."""
+        """Allow the same scene to be taken again, as after a refused picture."""
         self._taken, self._moved, self._hold = None, True, None
 
     def feed(
         self, image: np.ndarray, time_s: float, corners_px: np.ndarray = _NO_CORNERS, ids: np.ndarray = _NO_IDS
     ) -> Stillness:
-        """Judge the next frame, (H, W) uint8, by its time on any clock that runs on.
+        """Judge the next frame, (H, W) uint8, at a time on any monotonic clock.
 
-        corners_px, ids : (N, 2), (N,) of a board seen in it. Where this frame and the one it is held against share 4
-            or more, motion is theirs, and the rest of the picture is not looked at.
+        corners_px, ids : (N, 2), (N,) of a board in it; two frames that share 4 or more are compared by these alone.
         """
         frame = _features_of(image, time_s, corners_px, ids)
         last, self._last = self._last, frame

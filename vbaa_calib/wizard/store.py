@@ -1,8 +1,7 @@
-"""The session folder as the wizard's memory: what it reports as taken is on the disk before it reports it.
+"""The wizard's state on the disk: pictures in the session folder, answers and their list in wizard.json.
 
-Each picture is written whole (write, fsync, rename), then wizard.json that names it. Whatever ends the program in
-between leaves a picture that wizard.json does not name, which is set aside at the next start. The tables and
-session.yaml follow from wizard.json and are written anew from it.
+Each picture is written (write, fsync, rename) before wizard.json that lists it. A picture that an interruption left
+unlisted is set aside at the next start. session.yaml and the tables are derived from wizard.json.
 """
 
 from __future__ import annotations
@@ -21,6 +20,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, FiniteFloat, Validat
 
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_json, replacing, sha256, write_json
+from vbaa_calib.core.folders import make_folder
 from vbaa_calib.core.images import SUFFIXES
 
 from .questions import PICTURES, QUESTIONS, READINGS, SOURCES, STEPS, TABLES, Question
@@ -33,14 +33,14 @@ _SCHEMA = "vbaa.wizard/1"
 _HALF_WRITTEN = re.compile(r"\.(wizard|session|noload|loads|sweep|board|rig|camera|check|\d{4,})-[a-z0-9_]{8}\.\w+")
 _REMEDY = "move wizard.json away: the wizard then begins with session.yaml and what it names, or anew; nothing is lost"
 FOLDERS = {"lens": "intrinsics", "noload": "noload", "loads": "loads"}
-"""Step → folder of its pictures; plane C's depends on the way that was chosen."""
+"""Step → folder of its pictures; plane C's depends on the chosen way."""
 WAYS = {"jig": "plane", "sweep": "sweep", "over": "over"}
 _TABLES = {question.key for question in TABLES}
 _FOLLOWING = (
     *(Question(f"measure_{axis}_mm", "", "") for axis in "xy"),
     *(Question(f"{name}_given", "", "", kind="yesno") for name in ("board", "jig", "over", "gravity")),
 )
-"""What is kept with the answers and follows from them or from a session that was there."""
+"""Kept with the answers: what follows from them, or from a session that existed before."""
 _QUESTIONS = {question.key: question for question in (*QUESTIONS, *SOURCES, *TABLES, *_FOLLOWING)}
 
 
@@ -73,7 +73,7 @@ class _Model(BaseModel):
 
 
 class AcceptedPicture(_Model):
-    """A picture that was taken: its file relative to the session, its name at the source, its readings in SI."""
+    """An accepted picture: its file relative to the session, its name at the source, its readings in SI."""
 
     file: Annotated[str, AfterValidator(_inside)]
     source: str
@@ -95,9 +95,9 @@ class RefusedPicture(_Model):
 
 
 class StepRecord(_Model):
-    """One step. `closed` says how it ended: "enough", "by hand", "all pictures seen"; empty while it is open.
+    """One step. closed : how it ended ("enough", "by hand", "all pictures seen"), "" while it is open.
 
-    past : paths of pictures that were at the source before the step began, and do not count; None: it has not begun.
+    past : pictures that were at the source before the step began and do not count; None if it has not begun.
     """
 
     taken: tuple[AcceptedPicture, ...] = ()
@@ -107,12 +107,12 @@ class StepRecord(_Model):
 
     @property
     def judged(self) -> frozenset[str]:
-        """Names, where they came from, of all pictures that were taken or refused."""
+        """Names at the source of all accepted and refused pictures."""
         return frozenset({one.source for one in self.taken} | {one.source for one in self.left})
 
 
 class Journal(_Model):
-    """All answers and pictures: wizard.json. Changed only by making a new one."""
+    """wizard.json: all answers and pictures. Immutable."""
 
     answers: Annotated[dict[str, Any], AfterValidator(_answers)]
     steps: dict[Annotated[str, AfterValidator(_step)], StepRecord]
@@ -127,7 +127,7 @@ class Journal(_Model):
         return self.with_answers(_without(self.answers, keys))
 
     def with_step(self, step: str, **changes: Any) -> Journal:
-        """With these entries of the step's record changed."""
+        """With these fields of the step's record changed."""
         return self.model_copy(update={"steps": {**self.steps, step: self.of(step).model_copy(update=changes)}})
 
     def to_dict(self) -> dict[str, Any]:
@@ -157,24 +157,19 @@ def _without(answers: Mapping[str, Any], keys: Collection[str]) -> dict[str, Any
 
 
 class Store:
-    """A session folder in a wizard's hands. Use as a context: one wizard at a time.
+    """A session folder that one wizard works on at a time; a context manager.
 
-    Raises InputError where the folder cannot be made or written, where another wizard has it, or where wizard.json is
-    damaged.
+    Raises InputError if the folder cannot be made or written, is in use, or has a damaged wizard.json.
     """
 
     def __init__(self, root: Path) -> None:
         self.root = Path(root)
         self.journal = Journal(answers={}, steps={})
         self.retracted: dict[str, Any] = {}
-        """Answers that were taken back: the defaults when their questions are asked again."""
+        """Answers that were taken back, which become the defaults of their questions."""
 
     def __enter__(self) -> Store:
-        try:
-            self.root.mkdir(parents=True, exist_ok=True)
-        except (OSError, ValueError) as error:
-            why = getattr(error, "strerror", None) or error
-            raise InputError(f"cannot be made ({why})", where=self.root, remedy="name another folder") from None
+        make_folder(self.root)
         remedy = "name a folder that can be written"
         if not os.access(self.root, os.W_OK | os.X_OK):
             raise InputError("is read-only", where=self.root, remedy=remedy)
@@ -204,18 +199,18 @@ class Store:
 
     @property
     def is_new(self) -> bool:
-        """Whether no wizard was here before."""
+        """Whether there is no wizard.json yet."""
         return not (self.root / NAME).exists()
 
     def folder(self, step: str) -> str:
-        """Name of the folder of a step's pictures."""
+        """The name of the folder of a step's pictures."""
         return FOLDERS.get(step) or WAYS[str(self.journal.answers.get("plane_way", "jig"))]
 
     def path(self, taken: AcceptedPicture) -> Path:
         return self.root / taken.file
 
     def save(self, journal: Journal) -> None:
-        """Put a journal on the disk, then go on with it."""
+        """Write a journal, then continue with it."""
         write_json(self.root / NAME, journal.to_dict())
         self.journal = journal
 
@@ -223,9 +218,9 @@ class Store:
         self.save(self.journal.with_step(step, **changes))
 
     def answer(self, answers: Mapping[str, Any], corrected: bool = False) -> None:
-        """Keep answers. corrected : they replace others that were taken back.
+        """Store answers. corrected : they replace others that were taken back.
 
-        Pictures of the antenna that were refused are offered again: a wrong answer may have been the reason.
+        Refused pictures of jig and antenna are offered again: a wrong answer may have been the reason.
         """
         before = self.journal.answers
         changed = [key for key, value in answers.items() if before.get(key) != value]
@@ -243,11 +238,11 @@ class Store:
         self.save(self.journal.without_answers(keys))
 
     def offer_no_more(self, keys: Collection[str]) -> None:
-        """Drop answers that were taken back, so that they are no defaults."""
+        """Forget answers that were taken back as defaults."""
         self.retracted = _without(self.retracted, keys)
 
     def take(self, step: str, picture: Picture, readings: Mapping[str, float]) -> AcceptedPicture:
-        """Keep a picture, with what was read with it."""
+        """Store a picture with its readings."""
         before = self.journal.of(step).taken
         folder = self.root / self.folder(step)
         folder.mkdir(exist_ok=True)
@@ -268,16 +263,16 @@ class Store:
         self._record(step, left=(*self.journal.of(step).left, refused))
 
     def begin(self, step: str, past: Sequence[str]) -> None:
-        """The step begins; what was there before does not count."""
+        """Begin a step; pictures that are there already (`past`) do not count."""
         self._record(step, past=tuple(past))
 
     def close(self, step: str, how: str) -> None:
-        """The step is done; `how` is empty to go on with it."""
+        """Close a step, or open it again with `how` = ""."""
         if self.journal.of(step).closed != how:
             self._record(step, closed=how)
 
     def drop(self, step: str, taken: AcceptedPicture) -> Path:
-        """Take a picture back: it is set aside and not offered again. Where it is now."""
+        """Set a picture aside, never to be offered again. Returns where it is now."""
         record = self.journal.of(step)
         kept = tuple(one for one in record.taken if one is not taken)
         refused = RefusedPicture(source=taken.source, sha256=taken.sha256, why="taken back")
@@ -288,10 +283,7 @@ class Store:
         return target
 
     def redo(self, step: str, forget: Collection[str] = (), past: Sequence[str] | None = None) -> Path | None:
-        """Start a step again, these answers forgotten. past : as of `StepRecord`.
-
-        What it had is set aside, and the folder comes back; None where it had nothing.
-        """
+        """Start a step again, without these answers. past : as in `StepRecord`. Returns where its pictures are now."""
         record, place = self.journal.of(step), None
         again = self.journal.without_answers(forget)
         again = again.model_copy(
@@ -307,7 +299,7 @@ class Store:
         return place
 
     def forget_lost(self) -> list[AcceptedPicture]:
-        """Go on without the pictures that are not there any more, or have changed; these."""
+        """Forget the pictures that have disappeared or changed. Returns them."""
         journal, lost = self.journal, list[AcceptedPicture]()
         for step, record in self.journal.steps.items():
             kept = [one for one in record.taken if self.path(one).is_file() and sha256(self.path(one)) == one.sha256]
@@ -319,9 +311,9 @@ class Store:
         return lost
 
     def unlisted(self) -> list[Path]:
-        """Pictures in the steps' folders that the journal does not name, and folders of ways that were not chosen.
+        """Pictures in the steps' folders that the journal does not list, and folders of ways that were not chosen.
 
-        The calibration takes every way to plane C that it finds; those that came with a session are meant.
+        The calibration uses every way to plane C that it finds; in an adopted session all of them are meant.
         """
         named = {one.file for record in self.journal.steps.values() for one in record.taken}
         folders = [self.root / self.folder(step) for step in PICTURES]
@@ -334,7 +326,7 @@ class Store:
         return unlisted + [folder for folder in ways if folder.is_dir()]
 
     def write(self, name: str, data: bytes) -> None:
-        """Write a file that is not the wizard's alone; what it held before is kept aside."""
+        """Write a file that the user may have changed; its previous version is set aside."""
         path = self.root / name
         if path.exists():
             if path.read_bytes() == data:
@@ -344,7 +336,7 @@ class Store:
             temporary.write_bytes(data)
 
     def set_aside(self, paths: Sequence[Path], why: str) -> Path:
-        """Move files or folders out of the way, never delete them. The folder where they are now."""
+        """Move files or folders out of the way. Returns the folder where they are now."""
         place = self._new_aside(why)
         for path in paths:
             target = place / path.relative_to(self.root)

@@ -21,10 +21,7 @@ _STYLES = {"bold": "\033[1m", "dim": "\033[2m", "next": "\033[1;36m", "wrong": "
 
 
 def _wrapped(text: str, width: int, indent: str = "", hang: str | None = None) -> str:
-    """Lines broken at blanks to fit `width`; paths and addresses stay whole, so that they can be copied.
-
-    hang : before what a line goes on with, as `indent` where it is None.
-    """
+    """Text wrapped at blanks only, so that paths and addresses can be copied. hang : indent of continued lines."""
     fold = textwrap.TextWrapper(
         width,
         initial_indent=indent,
@@ -41,9 +38,9 @@ def _clipped(text: str, width: int) -> str:
 
 
 class Screen:
-    """A terminal, standard error where none is named. What is written goes above the prompt, which `below` draws again.
+    """A terminal (default: stderr) with a prompt in its last line, below what is written.
 
-    Without a cursor that can be moved (TERM=dumb) nothing is written over, and NO_COLOR leaves the styles out.
+    With TERM=dumb nothing is overwritten; NO_COLOR disables styles.
     """
 
     def __init__(self, stream: TextIO | None = None) -> None:
@@ -55,7 +52,7 @@ class Screen:
 
     @property
     def width(self) -> int:
-        """Columns to write on, now: a window may be resized."""
+        """Columns of the window now."""
         try:
             columns = os.get_terminal_size(self._stream.fileno()).columns
         except (OSError, ValueError):
@@ -63,13 +60,13 @@ class Screen:
         return max(min(columns or shutil.get_terminal_size().columns, _WIDEST + 1) - 1, _NARROWEST)
 
     def write(self, text: str, style: str = "", indent: str = "", hang: str | None = None) -> None:
-        """A paragraph for good."""
+        """Write a paragraph."""
         self.clear()
         begin, end = (_STYLES[style], "\033[0m") if style and self._styled else ("", "")
         self._put(f"{begin}{_wrapped(text, self.width, indent, hang)}{end}\n")
 
     def below(self, prompt: str, status: str | None = None) -> None:
-        """The line where one types, and a line above it that changes; what was typed so far stays."""
+        """Draw the prompt and the status line above it; what was typed so far stays."""
         status = None if status is None else _clipped(status, self.width)
         prompt = _clipped(prompt, self.width)
         if prompt == self._prompt and (status is None) == (self._status is None):
@@ -84,10 +81,11 @@ class Screen:
         self._prompt, self._status = prompt, status
 
     def line_typed(self) -> None:
-        """What was typed behind the prompt stays."""
+        """A line was completed: the prompt scrolls away with it."""
         self._prompt = self._status = None
 
     def passing(self, text: str) -> None:
+        """Show a line until something else is shown."""
         self.clear()
         if self._moves:
             self._prompt = _clipped(text, self.width)
@@ -96,7 +94,7 @@ class Screen:
             self._put(f"{text}\n")
 
     def clear(self) -> None:
-        """What comes next begins a line of its own."""
+        """Remove the prompt, or end its line."""
         if self._prompt is None:
             return
         if self._moves:
@@ -119,7 +117,7 @@ _AFTER = "vbaa estimate finds contacts in a recording; vbaa check says in a mont
 
 
 class Terminal(View):
-    """Questions and progress as lines; single words are commands."""
+    """Questions and progress as lines of text; single words are commands."""
 
     def __init__(self) -> None:
         self._screen = Screen()
@@ -130,15 +128,15 @@ class Terminal(View):
         threading.Thread(target=self._read, daemon=True).start()
 
     def _read(self) -> None:
-        # A thread of its own: nothing else reads a terminal without waiting on every system. And past Python's buffer,
-        # whose lock a thread that waits would still hold when the program ends.
+        # In a thread: no other way reads a terminal without blocking on every system. Unbuffered: Python's buffered
+        # reader would hold its lock when the program ends.
         with open(sys.stdin.fileno(), "rb", buffering=0, closefd=False) as raw:
             while line := raw.readline():
                 self._typed.put(line.decode(sys.stdin.encoding or "utf-8", "replace").strip())
         self._typed.put(None)
 
     def events(self, ui: Ui) -> Iterator[tuple[str, Any]]:
-        """Lines that were typed; the end of the input is the command quit."""
+        """The lines that were typed; the end of input is the command quit."""
         question = ui.question
         if question is not None:
             self._screen.below(_prompt(question))

@@ -1,4 +1,4 @@
-"""What the wizard shows and asks now, and the views that show it and bring what is typed or clicked."""
+"""What the wizard shows and asks, and the views (terminal, page) that display it and deliver the input."""
 
 from __future__ import annotations
 
@@ -27,20 +27,20 @@ COMMANDS = {
 }
 _TICK_S = 0.03
 _CHANGE = re.compile(r"\s*(\w+)\s*=\s*(\S.*)")
-"""`key = value`, typed instead of an answer or a command."""
+"""`key = value`, which changes an earlier answer."""
 
 
 class Interrupted(Exception):
     """A command came where an answer was asked for."""
 
-    def __init__(self, command: str) -> None:
-        super().__init__(command)
-        self.command = command
+    @property
+    def command(self) -> str:
+        return str(self.args[0])
 
 
 @dataclass(frozen=True, eq=False)
 class LivePicture:
-    """A picture: (H, W) uint8, what was found in it, how long it is held still (0..1), and words about that.
+    """A picture (H, W) uint8, its check, how long it has been held still (0 to 1), and a comment.
 
     live : of a stream; else the last one of a folder.
     """
@@ -53,10 +53,10 @@ class LivePicture:
 
 
 class View:
-    """Shows a `Ui`. This one, for where nobody is, writes lines to stderr and brings nothing."""
+    """Displays a `Ui`. This one, for runs without a user, writes lines to stderr and delivers no input."""
 
     def update(self, ui: Ui, change: str) -> None:
-        """Show what has changed: greeting, step, progress, question, problem, answered, doing, live, line, verdict."""
+        """Display a change: greeting, step, progress, question, problem, answered, doing, live, line, verdict."""
         match change:
             case "step":
                 say(ui.step.title if ui.step else "")
@@ -69,17 +69,17 @@ class View:
                 say(ui.document["words"])
 
     def events(self, ui: Ui) -> Iterable[tuple[str, Any]]:
-        """("answer", what was given) or (command, None), as typed or clicked since the last call; never waits."""
+        """Input since the last call, without waiting: ("answer", the answer) or (command, None)."""
         return ()
 
     def close(self) -> None:
-        """Nothing more is shown or asked."""
+        """End the display."""
 
 
 class Ui:
-    """The wizard's side of the dialogue: what is shown and asked, the same on all views; any of them may answer.
+    """What is shown and asked, the same on all views; any of them may answer.
 
-    interactive : whether somebody is there. Else answers come from flags and files, and nothing ever waits.
+    interactive : whether a user is there; else answers come from flags and files, and nothing waits.
     """
 
     def __init__(self, *views: View, interactive: bool = False) -> None:
@@ -94,7 +94,7 @@ class Ui:
         self.document: Mapping[str, Any] = {}
         self.usual: Sequence[str] = ()
         self.change: Callable[[str, str], bool] = lambda key, value: False
-        """Changes an earlier answer; False where there is no such question."""
+        """Changes an earlier answer; False if there is no such question."""
 
     def _changed(self, change: str, **fields: Any) -> None:
         vars(self).update(fields)
@@ -102,9 +102,9 @@ class Ui:
             view.update(self, change)
 
     def ask(self, question: Question, facts: Mapping[str, Any] | None = None) -> Any:
-        """An answer, checked. facts : what the question's words name.
+        """Ask a question, whose words may contain `facts`, until the answer is valid.
 
-        Raises Interrupted for a command, InputError where nobody is there and there is no default.
+        Raises Interrupted for a command; InputError without a user and a default.
         """
         words = question.words.format_map(facts or {})
         if not self.interactive:
@@ -147,12 +147,12 @@ class Ui:
         return commands
 
     def _is_change(self, given: object) -> bool:
-        """Whether `key = value` was typed, which is done then."""
+        """Whether `key = value` was typed; it is carried out then."""
         found = _CHANGE.fullmatch(given) if isinstance(given, str) else None
         return found is not None and self.change(*found.groups())
 
     def take_usual(self, lines: Sequence[str]) -> None:
-        """Answers that were taken without asking, as `key = value`."""
+        """Show answers that were taken without asking, as `key = value`."""
         self.say(f"taken as usual, type one of these with another value to change it: {'; '.join(lines)}")
         self._changed("usual", usual=[*self.usual, *lines])
 
@@ -166,7 +166,7 @@ class Ui:
         self._changed("progress", step=step, progress=progress, doing="")
 
     def working(self, words: str) -> None:
-        """Something takes a while."""
+        """Show what takes a while now."""
         self._changed("doing", doing=words)
 
     def live(self, picture: LivePicture) -> None:
@@ -176,22 +176,21 @@ class Ui:
         self._changed("line", lines=[*self.lines[-59:], line])
 
     def wrong(self, line: str) -> None:
-        """A line for the log, and beside the next question, which is about it."""
+        """Log a line, and show it beside the next question, too."""
         self.problem = line
         self.say(line)
 
     def done(self, document: Mapping[str, Any], report: str) -> None:
-        """The end. document : check.json's content. report : its page."""
+        """Show the verdict. document : check.json's content. report : path of its page."""
         self._changed("verdict", document=document, report=report, question=None, picture=None)
 
     def close(self) -> None:
-        """Nothing more is shown or asked."""
         for view in self.views:
             view.close()
 
 
 def progress_lines(progress: Progress) -> list[str]:
-    """A step's progress for a terminal: what is wrong before what is doubtful, what is next last."""
+    """A step's progress as lines: grave problems before doubts, the next thing to do last."""
     lines = [f"seen      {line}" for line in progress.seen]
     for number in progress.numbers:
         goal = f" (goal {number.goal}{', reached' if number.met else ''})" if number.goal else ""

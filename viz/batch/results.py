@@ -25,6 +25,8 @@ import numpy as np
 from estimator.table.contacts import LOCATED, STATUSES
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_json, replacing, write_json, write_text
+from vbaa_calib.core.folders import make_folder, writing_alone
+from vbaa_calib.core.robust import finite_median, finite_or_none
 
 SCHEMA = "vbaa.batch/1"
 _KEY = b"vbaa.batch"
@@ -60,13 +62,8 @@ class Results:
     def prepare(self, argv: Sequence[str]) -> None:
         """Make the folder, or go on in one that a batch made. Raises InputError for any other."""
         own = self.root / "batch.json"
-        try:
-            self.root.mkdir(parents=True, exist_ok=True)
-            strange = any(self.root.iterdir()) and not own.exists()
-        except OSError as error:
-            what = f"cannot be made ({error.strerror})"
-            raise InputError(what, where=self.root, remedy="take another name") from None
-        if strange:
+        make_folder(self.root)
+        if any(self.root.iterdir()) and not own.exists():
             raise InputError("holds other things than a batch's results", where=self.root, remedy="take another name")
         if own.exists() and read_json(own).get("schema") != SCHEMA:
             raise InputError(f"is not of {SCHEMA}", where=own, remedy="take another folder")
@@ -75,16 +72,10 @@ class Results:
     @contextmanager
     def locked(self) -> Iterator[None]:
         """While one batch works here no other does. Raises InputError where one does already."""
-        from filelock import FileLock, Timeout
-
-        try:
-            with FileLock(self.root / ".lock", timeout=0):
-                self.remove_work()
-                yield
-                self.remove_work()
-        except Timeout:
-            remedy = "wait for it, or take another folder"
-            raise InputError("another vbaa batch works here", where=self.root, remedy=remedy) from None
+        with writing_alone(self.root):
+            self.remove_work()
+            yield
+            self.remove_work()
 
     def done(self, name: str) -> Row | None:
         """The summary of a recording whose contacts are there; None where they are not, or cannot be read."""
@@ -150,26 +141,16 @@ def _numbers(pieces: Sequence[Path]) -> dict[str, Any]:
     located = np.isin(column["status"].astype(str), LOCATED)
     distance, distance_std, y, z, y_std, z_std = (column[name][located] for name in names)
     residual = column["moment_residual_Nm"]
+    residual = residual[np.isfinite(residual)]
     return {
         "frames": len(located),
         **{status: int((column["status"] == status).sum()) for status in STATUSES},
-        "distance_median_m": _finite(_median(distance)),
-        "distance_std_median_m": _finite(_median(distance_std)),
-        "force_median_N": _finite(_median(np.hypot(y, z))),
-        "force_std_median_N": _finite(_median(np.hypot(y_std, z_std))),
-        "moment_residual_rms_Nm": _finite(np.sqrt(np.mean(residual[np.isfinite(residual)] ** 2)))
-        if np.isfinite(residual).any()
-        else None,
+        "distance_median_m": finite_or_none(finite_median(distance)),
+        "distance_std_median_m": finite_or_none(finite_median(distance_std)),
+        "force_median_N": finite_or_none(finite_median(np.hypot(y, z))),
+        "force_std_median_N": finite_or_none(finite_median(np.hypot(y_std, z_std))),
+        "moment_residual_rms_Nm": float(np.sqrt(np.mean(residual**2))) if len(residual) else None,
     }
-
-
-def _median(values: np.ndarray) -> float:
-    known = values[np.isfinite(values)]
-    return float(np.median(known)) if len(known) else np.nan
-
-
-def _finite(value: Any) -> float | None:
-    return float(value) if np.isfinite(value) else None
 
 
 def _cell(value: Any) -> str:

@@ -6,16 +6,13 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .estimate import DRIFTS, FRICTION_RAD, MODELS
+from .estimate import add_estimator_options
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
     from viz.batch.cluster import Where
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `vbaa batch`."""
     parser.add_argument(
         "recordings",
         nargs="+",
@@ -37,11 +34,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="longer recordings are cut into pieces of so many frames (default: 16384), with the same rows",
     )
     parser.add_argument("--reconstruct", action="store_true", help="each recording's object, too: objects/NAME.vtp")
-    parser.add_argument("--model", default="auto", choices=MODELS, help="as for vbaa estimate")
-    parser.add_argument("--friction", type=float, default=FRICTION_RAD, metavar="RAD", help="as for vbaa estimate")
-    parser.add_argument("--drift", choices=DRIFTS, help="as for vbaa estimate")
-    parser.add_argument("--no-moment", action="store_true", help="as for vbaa estimate")
-    parser.add_argument("--background", type=Path, metavar="IMAGE|auto", help="as for vbaa estimate")
+    add_estimator_options(parser)
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
@@ -61,8 +54,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     cuts(0, args.piece)
     for rig in {each.rig for each in recordings}:
         ContactEstimator(Rig.load(rig), args.model, friction=args.friction)  # refuses what is wrong before any work
-    if args.background is not None and str(args.background) != "auto":
-        require_file(args.background, "picture")
+    background = args.background
+    if background is not None and str(background) != "auto":
+        require_file(background, "picture")
+        background = background.resolve()
     results = Results(args.output.resolve())
     results.prepare(args.argv)
     settings = Settings(
@@ -70,7 +65,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         friction=args.friction,
         drift=args.drift,
         no_moment=args.no_moment,
-        background=_absolute(args.background),
+        background=background,
         reconstruct=args.reconstruct,
         piece=args.piece,
         threads=where.threads,
@@ -104,8 +99,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         **{state: len(names) for state, names in states.items()},
         "missing": missing,
         "scheduler_lost": lost is not None,
-        "frames": _sum(row["frames"] for row in own),
-        "ok": _sum(row["ok"] for row in own),
+        "frames": sum(int(row["frames"]) for row in own),
+        "ok": sum(int(row["ok"]) for row in own),
         "exit_code": 1 if missing else 0,
     }
 
@@ -157,11 +152,3 @@ def _described(client: Any, where: Where) -> str:
     kernels = f" of {where.threads} threads" if where.threads > 1 else ""
     shown = f"; dashboard: {client.dashboard_link}" if find_spec("bokeh") else "; its dashboard needs bokeh"
     return f"{len(workers)} workers{kernels}{each}{shown}"
-
-
-def _absolute(path: Path | None) -> Path | None:
-    return path if path is None or str(path) == "auto" else path.resolve()
-
-
-def _sum(values: Iterable[Any]) -> int:
-    return sum(int(value) for value in values)

@@ -8,14 +8,43 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from vbaa_calib.cli import calibrate as one
+from vbaa_calib.core.console import say
+from vbaa_calib.core.csv_rows import read_csv
+from vbaa_calib.core.errors import InputError, VbaaError
+from vbaa_calib.core.files import read_json, refuse_overwrite, sha256, write_json, write_text
+from vbaa_calib.core.folders import make_folder
+
+from .intrinsics import MODELS
 
 _DATE = re.compile(r"(?<!\d)(\d{4})-?(\d\d)-?(\d\d)(?:[T_-]?(\d\d)[:-]?(\d\d))?(?!\d)")
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments of `vbaa calibrate`."""
-    one.configure(parser)
+    parser.add_argument(
+        "session",
+        type=Path,
+        nargs="+",
+        help="the session folder (docs/formats.md); or many of one rig over time, with their dates in their names, or "
+        "a CSV with the columns session and date",
+    )
+    parser.add_argument(
+        "-o", "--output", type=Path, required=True, help="rig.json to write; a folder for the rigs of many sessions"
+    )
+    parser.add_argument(
+        "--lens-model",
+        dest="model",
+        default="auto",
+        choices=MODELS,
+        help="lens model (default: the one expected to be least off)",
+    )
+    parser.add_argument(
+        "--camera",
+        type=Path,
+        metavar="FILE",
+        help="start from a known lens: camera.json, rig.json, or a file of ROS, OpenCV, Kalibr, mrcal or COLMAP; "
+        "intrinsics/ is not needed then, and tests it if it is there",
+    )
+    parser.add_argument("--camera-name", metavar="NAME", help="which one, where FILE holds several (cam1; CAMERA_ID)")
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
@@ -23,14 +52,38 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     sessions = args.session
     if len(sessions) == 1 and sessions[0].suffix != ".csv":
         args.session = sessions[0]
-        return one.run(args)
-    return _fleet(args, _dated(sessions))
+        return _one(args)
+    return _over_time(args, _dated(sessions))
 
 
-def _fleet(args: argparse.Namespace, sessions: list[tuple[datetime, Path]]) -> dict[str, Any]:
-    from vbaa_calib.core.console import say
-    from vbaa_calib.core.errors import InputError, VbaaError
-    from vbaa_calib.core.files import write_text
+def _one(args: argparse.Namespace) -> dict[str, Any]:
+    """Calibrate one session and write rig.json."""
+    from vbaa_calib.calibrate.given_lens import read_lens
+    from vbaa_calib.calibrate.pipeline import calibrate
+    from vbaa_calib.calibrate.report import doubts, report, rig_document, summary
+    from vbaa_calib.session import load_session, refuse_measured
+
+    inputs = [] if args.camera is None else [args.camera]
+    refuse_overwrite(args.output, args.force, inputs)
+    if args.camera_name is not None and not inputs:
+        raise InputError("names a camera of no file", where="--camera-name", remedy="give --camera FILE, too")
+    if inputs and args.model != "auto":
+        raise InputError("--camera brings its lens model", where="--lens-model", remedy="leave one of the two out")
+    refuse_measured(args.output, args.session)
+    session = load_session(args.session)
+    given = None if args.camera is None else read_lens(args.camera, args.camera_name)
+    calibration = calibrate(session, args.model, given)
+    warnings = doubts(calibration)
+    report(calibration, warnings)
+    write_json(args.output, rig_document(calibration, warnings, args.argv), force=args.force)
+    say(f"wrote {args.output}")
+    described = calibration.rig.to_dict()
+    numbers = {key: described[key] for key in ("T_antenna_camera", "antenna", "moment_sensor")}
+    code = calibration.lens.verdict.exit_code
+    return {"rig": str(args.output), **summary(calibration, warnings), **numbers, "exit_code": code}
+
+
+def _over_time(args: argparse.Namespace, sessions: list[tuple[datetime, Path]]) -> dict[str, Any]:
     from vbaa_calib.rig import Rig
     from vbaa_calib.rig.over_time import over_time
     from viz.report.over_time import page, table_csv, words
@@ -42,14 +95,14 @@ def _fleet(args: argparse.Namespace, sessions: list[tuple[datetime, Path]]) -> d
     if len(set(names)) < len(names):
         twice = next(name for name in names if names.count(name) > 1)
         raise InputError(f"two sessions are named {twice}", where="vbaa calibrate", remedy="give each its own name")
-    root.mkdir(parents=True, exist_ok=True)
+    make_folder(root)
     rigs, days, failed, codes = [], [], dict[str, str](), []
     for (date, path), name in zip(sessions, names, strict=True):
         output = root / f"{name}.json"
         try:
             if args.force or not _unchanged(output, path):
                 say(f"{name}:")
-                made = one.run(argparse.Namespace(**{**vars(args), "session": path, "output": output, "force": True}))
+                made = _one(argparse.Namespace(**{**vars(args), "session": path, "output": output, "force": True}))
                 codes.append(int(made["exit_code"]))
             rigs.append(Rig.load(output))
             days.append((date - sessions[0][0]).total_seconds() / 86400.0)
@@ -79,9 +132,6 @@ def _fleet(args: argparse.Namespace, sessions: list[tuple[datetime, Path]]) -> d
 
 def _unchanged(output: Path, session: Path) -> bool:
     """Whether a rig was made from what is in the session now."""
-    from vbaa_calib.core.errors import InputError
-    from vbaa_calib.core.files import read_json, sha256
-
     if not output.exists():
         return False
     try:
@@ -96,9 +146,6 @@ def _dated(given: list[Path]) -> list[tuple[datetime, Path]]:
 
     Raises InputError for a session whose date is not known.
     """
-    from vbaa_calib.core.csv_rows import read_csv
-    from vbaa_calib.core.errors import InputError
-
     found: list[tuple[datetime, Path]] = []
     for path in given:
         if path.suffix == ".csv":

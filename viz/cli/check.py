@@ -7,10 +7,13 @@ from pathlib import Path
 from typing import Any
 
 from vbaa_calib.cli.joints import add_joints, joints_rad
+from vbaa_calib.core.console import say
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.files import write_json, write_text
+from viz.files.outputs import PAGES, refuse_output
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments of `vbaa check`."""
     parser.add_argument("rig", type=Path, help="rig.json, as vbaa calibrate writes it")
     against = "a session to hold it against; with --jig or --free the one that the rig was calibrated from, for its "
     against += "board and jig alone, if rig.json does not record them"
@@ -29,10 +32,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     Raises InputError for a broken rig or session, or a file in the way.
     """
-    from vbaa_calib.core.errors import InputError
-    from vbaa_calib.core.files import write_json, write_text
-    from viz.files.outputs import PAGES, refuse_output
-
     for path, suffixes in ((args.html, PAGES), (args.output, (".json",))):
         if path is not None:
             refuse_output(path, suffixes, args.force)
@@ -42,7 +41,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         raise InputError(f"{flags} without --free", remedy="they belong to the picture of the free antenna")
 
     from vbaa_calib.calibrate.check.assessment import NewPictures, assess
-    from vbaa_calib.core.console import say
     from viz.report.check import page
 
     new = None

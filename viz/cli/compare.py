@@ -3,8 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from vbaa_calib.core.console import say
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.files import write_text
+from viz.files.outputs import PAGES, refuse_output
 
 if TYPE_CHECKING:
     from viz.report.compare import ComparedContacts
@@ -13,7 +19,6 @@ _SHOWN = 10
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `vbaa compare`."""
     parser.add_argument("a", type=Path, metavar="A", help="contacts.csv or .parquet, a results folder, or rig.json")
     parser.add_argument("b", type=Path, metavar="B", help="another of the same kind")
     parser.add_argument(
@@ -35,13 +40,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Compare two results; the exit code is 1 where they differ by more than is allowed."""
-    import math
-
-    from vbaa_calib.core.console import say
-    from vbaa_calib.core.errors import InputError
-    from vbaa_calib.core.files import write_text
-    from viz.files.outputs import PAGES, refuse_output
-
     if not (args.tolerance > 0.0 and math.isfinite(args.tolerance)):
         raise InputError(f"--tolerance is {args.tolerance:g}", remedy="give a number of deviations, above 0")
     if not 0.0 <= args.allow <= 1.0:
@@ -123,8 +121,6 @@ def _lines(name: str, one: ComparedContacts, tolerance: float) -> list[str]:
 
 def _tables(root: Path) -> dict[str, Path]:
     """The contacts of a batch by recording. Raises InputError for another folder."""
-    from vbaa_calib.core.errors import InputError
-
     found = {path.parent.name.partition("=")[2]: path for path in root.glob("contacts/recording=*/contacts.parquet")}
     if not found:
         raise InputError("holds no results of vbaa batch", where=root, remedy="name the folder that it wrote")

@@ -14,7 +14,8 @@ import numpy as np
 
 from vbaa_calib.core.console import say
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.core.files import write_json
+from vbaa_calib.core.files import read_json, write_json
+from vbaa_calib.core.folders import make_folder, writing_alone
 
 if TYPE_CHECKING:
     from estimator.table.contacts import ContactTable
@@ -37,7 +38,6 @@ _DISTANCE_GOAL = 0.02
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `vbaa demo`."""
     parser.add_argument("--out", type=Path, default=Path("demo"), help="folder for everything (default: demo)")
     parser.add_argument("--scene", choices=SCENES, default="demo", help="which bundled scene")
 
@@ -47,8 +47,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     Raises InputError when the folder holds something that is not a demo's, or a demo without `force`.
     """
-    from vbaa_calib.core.folders import writing_alone
-
     started = time.perf_counter()
     out: Path = args.out
     if os.path.isdir(out) and any(out.iterdir()):
@@ -58,11 +56,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             raise InputError("exists already", where=out, remedy="give --force to replace it, or another --out")
     elif os.path.lexists(out) and not os.path.isdir(out):
         raise InputError("is a file", where=out, remedy="name a folder with --out")
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except (OSError, ValueError) as error:
-        why = getattr(error, "strerror", None) or error
-        raise InputError(f"cannot be made ({why})", where=out, remedy="name another folder with --out") from None
+    make_folder(out)
     with writing_alone(out):
         return _whole_way(args, out, started)
 
@@ -97,7 +91,6 @@ def _whole_way(args: argparse.Namespace, out: Path, started: float) -> dict[str,
 def _finish(out: Path, seconds: float, argv: Sequence[str]) -> dict[str, Any]:
     """Score, table, report.html and summary.json. `argv` is the demo's command line, printed in the report."""
     from estimator.table.files import read_contacts
-    from vbaa_calib.core.files import read_json
     from vbaa_calib.rig import Rig
     from viz.report.make import Sources, make_report
 

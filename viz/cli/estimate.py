@@ -7,9 +7,15 @@ import math
 from array import array
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from vbaa_calib.core.console import progress, say
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.files import refuse_overwrite
+from viz.files.outputs import PAGES, refuse_output, report_beside
 
 from . import streams
 
@@ -27,28 +33,10 @@ FRICTION_RAD = 0.2
 """The estimator's own, `estimate.FRICTION_RAD`, not imported either."""
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `vbaa estimate`."""
+def add_estimator_options(parser: argparse.ArgumentParser, *, learns_background: bool = True) -> None:
+    """The options of the estimator itself, which `estimate`, `live` and `batch` share."""
     parser.add_argument(
-        "session",
-        type=Path,
-        nargs="?",
-        help="the session folder with recording/ in it; a ROS bag, an .mcap, a video, or a table of pictures",
-    )
-    parser.add_argument(
-        "--centrelines",
-        type=Path,
-        metavar="FILE",
-        help="in place of a session: the antenna's pixels, frame,u_px,v_px[,sigma_px], from one's own tracker; "
-        "--readings gives frame,time_s,pan_rad,tilt_rad[,moment_Nm]",
-    )
-    parser.add_argument("--rig", type=Path, required=True, help="rig.json of `vbaa calibrate`")
-    parser.add_argument("-o", "--output", type=Path, required=True, help="contacts.csv to write, or contacts.parquet")
-    parser.add_argument(
-        "--model",
-        default="auto",
-        choices=MODELS,
-        help="mechanical model (default: the lowest that suffices)",
+        "--model", default="auto", choices=MODELS, help="mechanical model (default: the lowest that suffices)"
     )
     parser.add_argument(
         "--friction",
@@ -64,15 +52,34 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="what may have changed since the calibration (default: as session.yaml says, else as rig.json does)",
     )
     parser.add_argument("--no-moment", action="store_true", help="vision alone: leave the moment readings aside")
-    parser.add_argument(
-        "--jobs", type=int, metavar="N", help="threads over the frames (default: the processor's cores)"
-    )
+    learnt = "; auto: learnt from the recording and the free antenna's pictures, where the background does not move"
     parser.add_argument(
         "--background",
         type=Path,
-        metavar="IMAGE|auto",
-        help="the same view without the antenna, taken off every picture that it lies behind; auto: learnt from the "
-        "recording and the pictures of the free antenna, where the background is at rest in them",
+        metavar="IMAGE|auto" if learns_background else "IMAGE",
+        help="the same view without the antenna, subtracted from every picture" + learnt * learns_background,
+    )
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "session",
+        type=Path,
+        nargs="?",
+        help="the session folder with recording/ in it; a ROS bag, an .mcap, a video, or a table of pictures",
+    )
+    parser.add_argument(
+        "--centrelines",
+        type=Path,
+        metavar="FILE",
+        help="in place of a session: the antenna's pixels, frame,u_px,v_px[,sigma_px], from one's own tracker; "
+        "--readings gives frame,time_s,pan_rad,tilt_rad[,moment_Nm]",
+    )
+    parser.add_argument("--rig", type=Path, required=True, help="rig.json of `vbaa calibrate`")
+    parser.add_argument("-o", "--output", type=Path, required=True, help="contacts.csv to write, or contacts.parquet")
+    add_estimator_options(parser)
+    parser.add_argument(
+        "--jobs", type=int, metavar="N", help="threads over the frames (default: the processor's cores)"
     )
     parser.add_argument(
         "--overlay",
@@ -88,11 +95,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Estimate every frame of a recording, write contacts.csv, then report.html. Refuses before any work."""
     from estimator.table.files import check_format
-    from vbaa_calib.core.console import say
-    from vbaa_calib.core.errors import InputError
-    from vbaa_calib.core.files import refuse_overwrite
     from vbaa_calib.session import refuse_measured
-    from viz.files.outputs import PAGES, refuse_output, report_beside
 
     if args.no_report and args.report is not None:
         raise InputError("--report and --no-report", where="vbaa estimate", remedy="give one of them")
@@ -125,14 +128,11 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None]:
     """contacts.csv; what became of the frames, and what was taken off them."""
-    from contextlib import ExitStack
-
     import numpy as np
 
     from estimator.contact.drift import summary
     from estimator.table.contacts import ContactRow
     from estimator.table.files import write_contacts
-    from vbaa_calib.core.console import progress, say
     from vbaa_calib.rig import Rig
 
     rig = Rig.load(args.rig)
@@ -223,7 +223,6 @@ def _from_session(args: argparse.Namespace, rig: Rig) -> tuple[ContactEstimator,
     """The recording of a session. Raises InputError."""
     from estimator.contact.source import estimate_source, open_source
     from estimator.contact.surroundings import surroundings
-    from vbaa_calib.core.errors import InputError
 
     if args.readings is not None:
         what = "--readings belongs to a bag, a video or --centrelines"
@@ -241,7 +240,6 @@ def _without_session(args: argparse.Namespace, rig: Rig) -> tuple[ContactEstimat
     from estimator.contact.recording import estimate_centrelines, estimate_taken
     from estimator.contact.source import without_moments
     from estimator.contact.surroundings import AUTO, surroundings
-    from vbaa_calib.core.errors import InputError
     from vbaa_calib.streams import Synchronizer
 
     if args.overlay is not None and args.session is not None:
@@ -271,8 +269,6 @@ def _without_session(args: argparse.Namespace, rig: Rig) -> tuple[ContactEstimat
 def _say_silent(frames: Sequence[Frame], rig: Rig) -> None:
     """A word about readings that are missing, or left aside."""
     import numpy as np
-
-    from vbaa_calib.core.console import say
 
     silent = sum(np.isnan(frame.moment_Nm) for frame in frames)
     if silent:

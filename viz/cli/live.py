@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 from . import streams
-from .estimate import FRICTION_RAD, MODELS
+from .estimate import add_estimator_options
 
 if TYPE_CHECKING:
     from estimator.live import LiveContact, LiveEstimator
@@ -29,7 +29,6 @@ _SHOWN_S = 1.0
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `vbaa live`."""
     parser.add_argument("rig", type=Path, help="rig.json of `vbaa calibrate`")
     parser.add_argument(
         "source",
@@ -47,13 +46,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="show it in Rerun: alone, in a viewer that is opened; a URL, in one that runs; or a file.rrd to write",
     )
     parser.add_argument("--udp", metavar="[HOST:]PORT", help="where readings come in as JSON lines, by UDP")
-    parser.add_argument("--model", default="auto", choices=MODELS, help="mechanical model (default: auto)")
-    parser.add_argument(
-        "--friction", type=float, default=FRICTION_RAD, metavar="RAD", help="as in `vbaa estimate` (default: 0.2)"
-    )
-    parser.add_argument("--drift", choices=("none", "lab", "rough"), help="what may have changed since the calibration")
-    parser.add_argument("--no-moment", action="store_true", help="vision alone")
-    parser.add_argument("--background", type=Path, metavar="IMAGE", help="the same view without the antenna")
+    add_estimator_options(parser, learns_background=False)
     parser.add_argument("--no-final", action="store_true", help="only what is known at once, in half the solver's time")
     parser.add_argument(
         "--idle", type=float, default=10.0, metavar="S", help="a folder or standard input silent for so long has ended"

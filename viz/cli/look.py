@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from vbaa_calib.cli.joints import add_joints, joints_rad
+from vbaa_calib.cli.joints import add_joints, pan_tilt_rad
+from vbaa_calib.core.console import say
+from vbaa_calib.core.files import replacing
+from viz.files.outputs import refuse_output
 
 _SUFFIXES = (".png", ".jpg", ".jpeg")
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments of `vbaa look`."""
     parser.add_argument("image", type=Path, help="a picture of the antenna, at the size that the rig was calibrated at")
     parser.add_argument("--rig", type=Path, required=True, help="rig.json, as vbaa calibrate writes it")
     add_joints(parser)
@@ -30,13 +33,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     Raises InputError for a broken picture or rig, a wrong size or angle, or a file in the way.
     """
-    from viz.files.outputs import refuse_output
-
-    pan, tilt = joints_rad(args, 0.0).values()
+    pan, tilt = pan_tilt_rad(args)
     if args.output is not None:
         refuse_output(args.output, _SUFFIXES, args.force, (args.image, args.background))
-
-    from dataclasses import replace
 
     import cv2
     import numpy as np
@@ -44,8 +43,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from estimator.contact.overlay import corridor_of
     from estimator.contact.recording import detect, paint, prepared, subtracted
     from estimator.contact.surroundings import AUTO, beside, surroundings
-    from vbaa_calib.core.console import say
-    from vbaa_calib.core.files import replacing
     from vbaa_calib.core.images import read_gray, read_picture
     from vbaa_calib.detect.drawing.overlay import centreline_picture, described
     from vbaa_calib.detect.whisker.centreline import Visibility

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    import numpy as np
+from vbaa_calib.core.console import say
+from vbaa_calib.core.errors import InputError
+from viz.files.outputs import refuse_output
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments of `vbaa reconstruct`."""
     parser.add_argument("contacts", type=Path, help="contacts.csv, as vbaa estimate writes it")
     why = "rig.json: its antenna's radius lies between contact and object, its errors are common to all contacts"
     parser.add_argument("--rig", type=Path, help=why)
@@ -20,14 +20,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Write the surface. Returns what it is made of. Raises InputError for wrong input or a file in the way."""
-    import math
-
     from estimator.object.surface import reconstruct, touches_of
     from estimator.table.files import read_contacts
-    from vbaa_calib.core.console import say
-    from vbaa_calib.core.errors import InputError
+    from vbaa_calib.core.robust import finite_median, finite_or_none
     from viz.files.object_file import SUFFIXES, write_object
-    from viz.files.outputs import refuse_output
 
     refuse_output(args.output, SUFFIXES, args.force, (args.contacts, args.rig))
     table = read_contacts(args.contacts)
@@ -55,8 +51,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     for note in (*surface.notes, soft.reason):
         say(f"  {note}")
     numbers = {
-        "median_std_m": _median(surface.std_m),
-        "median_contact_std_m": _median(surface.touched_std_m),
+        "median_std_m": finite_median(surface.std_m),
+        "median_contact_std_m": finite_median(surface.touched_std_m),
         "stiffness_N_m": soft.stiffness_N_m,
         "stiffness_low_N_m": soft.interval_N_m[0],
         "stiffness_high_N_m": soft.interval_N_m[1],
@@ -71,16 +67,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         "triangles": len(surface.triangles),
         "lines": len(surface.lines),
         "left_out": int(surface.outlier.sum()),
-        **{name: float(value) if math.isfinite(value) else None for name, value in numbers.items()},
+        **{name: finite_or_none(value) for name, value in numbers.items()},
         "stiffness_told": soft.determined,
         "stiffness_in_words": soft.reason,
         "notes": list(surface.notes),
     }
-
-
-def _median(values: np.ndarray) -> float:
-    """Of the finite ones; NaN for none."""
-    import numpy as np
-
-    known = values[np.isfinite(values)]
-    return float(np.median(known)) if len(known) else np.nan

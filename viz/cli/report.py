@@ -6,9 +6,12 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from vbaa_calib.core.console import say
+from vbaa_calib.core.errors import InputError
+from viz.files.outputs import PAGES, refuse_output, report_beside
+
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments of `vbaa report`."""
     parser.add_argument("contacts", type=Path, help="contacts.csv, as vbaa estimate writes it")
     parser.add_argument("--rig", type=Path, help="rig.json: friction, stiffness, and the rig in the picture need it")
     parser.add_argument("--framewise", type=Path, help="contacts.csv that vbaa refine made these of: drawn beside them")
@@ -20,10 +23,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Write the page. Returns where it is. Raises InputError for wrong input or a file in the way."""
-    from vbaa_calib.core.console import say
-    from vbaa_calib.core.errors import InputError
-    from viz.files.outputs import PAGES, refuse_output, report_beside
-
     output = report_beside(args.contacts) if args.output is None else args.output
     refuse_output(output, PAGES, args.force)
     if args.session is not None and args.rig is None:

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import math
 from collections.abc import Iterator, Mapping
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from vbaa_calib.cli.joints import add_joints, joints_rad
+from vbaa_calib.cli.joints import add_joints, pan_tilt_rad
+from vbaa_calib.core.errors import InputError
 
 if TYPE_CHECKING:
     import numpy as np
@@ -67,7 +70,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def timing_of(args: argparse.Namespace) -> Timing:
     """How readings and pictures belong together. Raises InputError for times and angles that cannot be."""
-    from vbaa_calib.core.errors import InputError
     from vbaa_calib.streams import Timing
 
     for name, least, most in (
@@ -78,18 +80,11 @@ def timing_of(args: argparse.Namespace) -> Timing:
         value = getattr(args, name)
         if not least <= value <= most:  # NaN is not, either
             raise InputError(f"--{name} is {value}", remedy=f"give a number from {least:g} to {most:g}")
-    return Timing(args.offset, args.gap, args.wait, _joints(args))
-
-
-def _joints(args: argparse.Namespace) -> tuple[float, float]:
-    """Pan and tilt where they are not read. Raises InputError."""
-    pan, tilt = joints_rad(args, 0.0).values()
-    return pan, tilt
+    return Timing(args.offset, args.gap, args.wait, pan_tilt_rad(args))
 
 
 def topics_of(args: argparse.Namespace) -> Topics:
     """Which topics of a bag to take. Raises InputError for what is no role."""
-    from vbaa_calib.core.errors import InputError
     from vbaa_calib.streams.bags import Topics
 
     named = {}
@@ -119,7 +114,6 @@ def recorded(args: argparse.Namespace, path: Path, rig: Rig) -> Source:
 
 def taken_frames(source: Source, synchronizer: Synchronizer) -> Iterator[tuple[Frame, np.ndarray]]:
     """The frames of a recorded source and their pictures."""
-    from itertools import chain
 
     pushed = (each for message in source.messages() if message is not None for each in synchronizer.push(message))
     return ((each.frame, each.taken.image) for each in chain(pushed, synchronizer.finish()))
@@ -131,12 +125,10 @@ def tracked(args: argparse.Namespace) -> tuple[list[Frame], Mapping[int, np.ndar
     Without readings: vision alone, the joints as --pan and --tilt say, a second from frame to frame, so that none is
     tested for motion.
     """
-    import math
 
-    from vbaa_calib.core.errors import InputError
     from vbaa_calib.session import Frame, centrelines_of, recording_of
 
-    path, readings, joints = args.centrelines, args.readings, _joints(args)
+    path, readings, joints = args.centrelines, args.readings, pan_tilt_rad(args)
     lines = centrelines_of(path)
     if readings is None:
         return [Frame(None, *joints, math.nan, frame=frame, time_s=float(frame)) for frame in sorted(lines)], lines

@@ -5,8 +5,14 @@ from __future__ import annotations
 import argparse
 import os
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from vbaa_calib.core.console import say
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.files import read_json
+from viz.files.outputs import refuse_output
 
 if TYPE_CHECKING:
     from viz.scene.scene import Scene
@@ -16,7 +22,6 @@ _OUTPUTS = {"screenshot": (".png",), "html": (".html", ".htm"), "gltf": (".glb",
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments of `vbaa view`."""
     parser.add_argument("contacts", type=Path, help="contacts.csv, as vbaa estimate writes it")
     parser.add_argument("--rig", type=Path, help="rig.json: draws the antenna, plane C and the camera, too")
     parser.add_argument("--framewise", type=Path, help="contacts.csv that vbaa refine made these of: drawn beside them")
@@ -44,7 +49,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def _in_rerun(args: argparse.Namespace) -> dict[str, Any]:
     """The contacts in Rerun's viewer, frame by frame. Raises InputError as `run` does."""
     from estimator.table.files import read_contacts
-    from vbaa_calib.core.console import say
     from viz.files.rerun_log import RerunLog
 
     table = read_contacts(args.contacts)
@@ -63,8 +67,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     Raises InputError for wrong input, a file in the way, or no display for a window; OpenGLError where none works.
     """
-    from viz.files.outputs import refuse_output
-
     if args.rerun is not None:
         return _in_rerun(args)
     outputs: dict[str, Path] = {name: path for name in _OUTPUTS if (path := getattr(args, name)) is not None}
@@ -75,7 +77,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if not outputs and unseen and sys.platform.startswith("linux"):
         raise _no_display()
 
-    from vbaa_calib.core.console import say
     from viz.render.gltf import write_gltf
     from viz.render.page import write_page
     from viz.render.probe import require_opengl
@@ -108,21 +109,14 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _no_display() -> Exception:
-    from vbaa_calib.core.errors import InputError
-
     remedy = "give --screenshot PNG, --html PAGE or --gltf FILE"
     return InputError("there is no display to open a window on", remedy=remedy)
 
 
 def _scene(args: argparse.Namespace) -> tuple[Scene, int]:
     """All that is read and found, as a scene, and how many frames that was."""
-    from dataclasses import replace
-
     from estimator.object.estimate import estimate_object
     from estimator.table.files import read_contacts
-    from vbaa_calib.core.console import say
-    from vbaa_calib.core.errors import InputError
-    from vbaa_calib.core.files import read_json
     from vbaa_calib.rig import Rig
     from viz.files.object_file import read_object
     from viz.scene.rig_items import session_pictures, small_picture

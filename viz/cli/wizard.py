@@ -10,6 +10,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from vbaa_calib.core.console import say
+from vbaa_calib.core.errors import InputError, VbaaError
+from vbaa_calib.core.files import read_yaml
 from vbaa_calib.wizard.questions import BOARD_ANSWERS, PICTURES, QUESTIONS, SOURCES, STEPS, TABLES, Question
 
 if TYPE_CHECKING:
@@ -22,7 +25,6 @@ _READ = Question("read", "", "Press Enter when you have read the report", kind="
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments of `vbaa wizard`: one for every question."""
     parser.add_argument("session", type=Path, help="the session folder: made if it is new, gone on with if it is not")
     parser.add_argument("--answers", type=Path, metavar="FILE", help="YAML or JSON with answers by their keys")
     parser.add_argument(
@@ -55,8 +57,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     full or gone.
     """
     from vbaa_calib.calibrate.given_lens import read_lens
-    from vbaa_calib.core.console import say
-    from vbaa_calib.core.errors import InputError, VbaaError
     from vbaa_calib.wizard.store import Store
 
     if not 0 <= args.port <= _LAST_PORT:
@@ -80,8 +80,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 def _answers_given(args: argparse.Namespace) -> dict[str, Any]:
     """Answers of --answers and of flags, which win; checked. Raises InputError."""
-    from vbaa_calib.core.errors import InputError
-    from vbaa_calib.core.files import read_yaml
     from vbaa_calib.wizard.asking import absolute
     from vbaa_calib.wizard.questions import table_of
 
@@ -110,7 +108,7 @@ def _answers_given(args: argparse.Namespace) -> dict[str, Any]:
 
 def _run(args: argparse.Namespace, store: Store, given: dict[str, Any]) -> dict[str, Any]:
     from vbaa_calib.wizard.asking import adopt, check_together, set_unlisted_aside
-    from vbaa_calib.wizard.flow import Quit, redo, walk
+    from vbaa_calib.wizard.flow import redo, walk
     from vbaa_calib.wizard.session_state import SessionState
     from vbaa_calib.wizard.steps import REPORT
     from vbaa_calib.wizard.ui import Interrupted, Ui
@@ -148,7 +146,7 @@ def _run(args: argparse.Namespace, store: Store, given: dict[str, Any]) -> dict[
             store.close(args.reopen, "")
         try:
             document = walk(state, ui, report.page)
-        except Quit:
+        except Interrupted:
             ui.say(f"stopped; `vbaa wizard {args.session}` goes on here")
             return _result(store, None)
         ui.done(document, str(store.root / REPORT))

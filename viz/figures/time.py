@@ -8,6 +8,8 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.axes import Axes
 
+from vbaa_calib.core.robust import finite_median
+
 from .drawing import ESTIMATE, INK, SOFT, TRUTH, band, bars, dots, legend, limits, new_axes, paths, style, svg
 
 _LEFT, _RIGHT, _TOP, _WIDTH = 148.0, 14.0, 34.0, 960.0
@@ -82,7 +84,7 @@ def curve(
     value, std, truth, shared : (B,) in one unit, NaN where there is none.
     """
     # the values with their usual bands: the band of a frame that is hardly known is cut
-    usual = 2 * np.where(np.isfinite(std), np.minimum(std, 5 * _usual(std)), 0.0)
+    usual = 2 * np.where(np.isfinite(std), np.minimum(std, 5 * finite_median(std)), 0.0)
     axes = clock.axes(title, limits(value - usual, value + usual, [] if truth is None else truth))
     meaning = "estimate ± 2 std" if np.isfinite(std).any() else "each frame"
     apart = shared is not None and bool(np.isfinite(shared).any())
@@ -124,7 +126,7 @@ def signals(
     values : name, colour and (B,) of each in one unit. noise_std : (B,) of any of them.
     noise : its source, for the legend.
     """
-    usual = _usual(noise_std)
+    usual = np.nan_to_num(finite_median(noise_std))
     axes = clock.axes(title, limits(*(value for _, _, value in values), [-2.5 * usual, 2.5 * usual]))
     known = np.isfinite(noise_std) & np.any([np.isfinite(value) for _, _, value in values], axis=0)
     spread = np.where(known, 2 * noise_std, np.nan)
@@ -215,8 +217,3 @@ def _lines(axes: Axes, clock: TimeAxis, value: np.ndarray, colour: str, width: f
         if len(run) > 1:
             line = np.column_stack([clock.time_s[run], value[run]])
             paths(axes, line[None], ec=colour, lw=width, joinstyle="round", label="line")
-
-
-def _usual(std: np.ndarray) -> float:
-    finite = std[np.isfinite(std)]
-    return float(np.median(finite)) if len(finite) else 0.0

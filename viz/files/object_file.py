@@ -42,7 +42,7 @@ _UNREADABLE = (
     AttributeError,
 )
 _FARTHEST_M = 1e6
-"""Of what an antenna touched, from anywhere."""
+"""Limit of coordinates: no antenna touches anything that far off."""
 
 
 def write_object(surface: Surface, path: Path, *, force: bool = False) -> None:
@@ -87,7 +87,7 @@ def read_object(path: Path) -> ObjectMesh:
 
 
 def _vertex_normals(points_m: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """(N, 3) unit mean of the normals of each point's triangles, weighted by their areas; zero where it has none."""
+    """(N, 3) unit normals: means over each point's triangles, weighted by area; zero without any."""
     first, second, third = points_m[triangles].transpose(1, 0, 2)
     across, total = np.cross(second - first, third - first), np.zeros_like(points_m)
     for corner in triangles.T:
@@ -103,7 +103,7 @@ def _checked(
     normals: np.ndarray | None = None,
     std_m: np.ndarray | None = None,
 ) -> ObjectMesh:
-    """The mesh; normals of its triangles where it has none. Raises ValueError for points that are not there."""
+    """The mesh, with normals computed where the file has none. Raises ValueError for indices of missing points."""
     indices = np.concatenate([triangles.ravel(), lines.ravel()])
     near = len(points_m) and np.abs(points_m).max() < _FARTHEST_M  # false for NaN, too
     if not near or not ((indices >= 0) & (indices < len(points_m))).all():
@@ -201,7 +201,7 @@ def _ply_bytes(mesh: ObjectMesh) -> bytes:
 
 
 def _read_ply(data: bytes) -> dict[str, Any]:
-    """Points, triangles, lines, normals and deviations, None for those it has not; polygons are cut into triangles.
+    """Points, triangles, lines, normals and deviations, None for those it lacks; polygons are cut into triangles.
 
     Raises KeyError, IndexError, ValueError or StopIteration where the header makes no sense or rows are missing.
     """

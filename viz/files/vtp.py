@@ -14,8 +14,8 @@ from vtkmodules.vtkIOXML import vtkXMLPolyDataReader
 def read_vtp(path: Path) -> dict[str, np.ndarray]:
     """points_m (N, 3), triangles (T, 3), lines (L, 2), and normals (N, 3) and std_m (N,) where the file has them.
 
-    Polygons are cut into triangles. Raises ValueError for cells of points that there are not; what VTK cannot read is
-    an empty mesh.
+    Polygons are cut into triangles. Raises ValueError for cells that refer to missing points; a file that VTK cannot
+    read gives an empty mesh.
     """
     reader = vtkXMLPolyDataReader()
     reader.SetFileName(str(path))

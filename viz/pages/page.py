@@ -1,5 +1,4 @@
-"""Templates to pages that stand alone: style, figures and script are inside, every value is escaped; and the tables and
-numbers on them as a person writes them."""
+"""Self-contained pages from templates: style, figures and scripts are inside, and every value is escaped."""
 
 from __future__ import annotations
 
@@ -61,9 +60,9 @@ def _environment() -> jinja2.Environment:
 
 @dataclass(frozen=True)
 class Table:
-    """Cells row by row, as text or as HTML; the columns named in `text` stand to the left.
+    """Rows of cells, text or HTML; the columns named in `text` are left-aligned.
 
-    `cut` is a sentence over the table where it does not hold all rows.
+    `cut` is a sentence above a table that does not show all rows.
     """
 
     head: Sequence[str]
@@ -73,7 +72,7 @@ class Table:
 
 
 def number(value: Any, digits: int = 4) -> str:
-    """With so many digits; a dash where there is none."""
+    """A number with so many digits; a dash for none."""
     if isinstance(value, bool):
         return "yes" if value else "no"
     if not isinstance(value, int | float) or not np.isfinite(value):
@@ -82,7 +81,7 @@ def number(value: Any, digits: int = 4) -> str:
 
 
 def fixed(value: float, decimals: int) -> str:
-    """With so many decimals, without a minus where nothing is left of it."""
+    """A number with so many decimals, without a minus before zero."""
     text = f"{value:.{decimals}f}"
     return text.removeprefix("-") if float(text) == 0 else text.replace("-", "−")
 
@@ -93,7 +92,7 @@ def decimals_of(std: float) -> int:
 
 
 def with_std(value: float, std: float | None, scale: float = 1.0) -> str:
-    """With the digits that the standard deviation leaves it, and that; as HTML."""
+    """Value and standard deviation, with two digits of the latter, as HTML."""
     value, std = scale * value, None if std is None else scale * std
     if std is None or not np.isfinite(std) or std <= 0:
         return number(value, 6)
@@ -102,7 +101,7 @@ def with_std(value: float, std: float | None, scale: float = 1.0) -> str:
 
 
 def records(rows: Any, columns: Sequence[tuple[str, str, int | None]], text_columns: int = 1) -> Table:
-    """A table of mappings by (key, heading, decimals); a key that a row does not have is a dash."""
+    """A table of mappings by (key, heading, decimals); missing keys are dashes."""
     found = [row for row in rows if isinstance(row, Mapping)] if isinstance(rows, list) else []
     cells = [[_cell(row.get(key), decimals) for key, _, decimals in columns] for row in found[:_MOST_ROWS]]
     head = [heading for _, heading, _ in columns]
@@ -116,7 +115,7 @@ def listing(data: Any) -> Table:
 
 
 def at(data: Any, *keys: str) -> Any:
-    """What lies at a path of keys; None where the path ends."""
+    """The value at a path of keys; None if there is none."""
     for key in keys:
         data = data.get(key) if isinstance(data, Mapping) else None
     return data

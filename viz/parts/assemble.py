@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pyvista as pv
 
-from vbaa_calib.simulate.scene.objects import BOX_FACE_M, TouchObject, surface_radius
+from vbaa_calib.simulate.render.meshes import object_mesh
 from viz.scene.readable import enlargement, surface_scale, thinned
 from viz.scene.rig_items import RigItems
 from viz.scene.scene import ObjectMesh, Scene
@@ -17,26 +17,24 @@ from .part import OBJECT, Part, along, arrow, ball, cone, joined, stamp, triangl
 _MOST_BALLS, _MOST_ARROWS, _MOST_SPREADS, _MOST_CONES = 2500, 100, 60, 16
 _THICKER = 1.8  # wires are drawn thicker than life: 0.8 mm would be less than a pixel
 _NODES = 29  # of the drawn antenna
-_ARC = 12  # steps along the rounding of the box's edge
 _GRID_STEPS_M = (0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
 
 
 def all_parts(scene: Scene) -> list[Part]:
-    """Every part that this scene shows, opaque ones in any order; their number does not grow with the recording."""
+    """Every part of the scene; their number does not grow with the recording."""
     parts = _contact_parts(scene)
     if scene.object is not None:
         parts += _object_parts(scene.object, scene.bounding_ball_m[1])
     if scene.truth is not None:
-        mesh = _truth_mesh(scene.truth).compute_normals(cell_normals=False, split_vertices=True, feature_angle=40)
-        seen_through = triangles(mesh.points, mesh.regular_faces, mesh.point_data["Normals"])
-        parts.append(Part("truth", seen_through, opacity=0.22))
+        shape = object_mesh(scene.truth, rings=64)
+        parts.append(Part("truth", triangles(shape.vertices, shape.faces, shape.normals), opacity=0.22))
     if scene.rig is not None:
         parts += [*_rig_parts(scene, scene.rig), *_grid(scene, scene.rig)]
     return parts
 
 
 def _contact_parts(scene: Scene) -> list[Part]:
-    """Balls, force arrows, ellipsoids, friction cones, in the order of time: an instant shows those up to then."""
+    """Balls, force arrows, ellipsoids and friction cones in order of time: an instant shows those up to then."""
     contacts, (_, reach) = scene.contacts, scene.bounding_ball_m
     count = len(contacts.points_m)
     chosen = thinned(np.arange(count), _MOST_BALLS)
@@ -100,10 +98,9 @@ def _stamped(scene: Scene, name: str, chosen: np.ndarray, mesh: pv.PolyData, lin
 
 
 def _object_parts(mesh: ObjectMesh, reach_m: float) -> list[Part]:
-    """The reconstructed object, coloured by how well it is known where that is known.
+    """The reconstructed object, coloured by its standard deviation where that is known.
 
-    Points that belong to no triangle are discs across their normal: a piece of the object, however little of it was
-    touched. Those without a normal are balls.
+    Points outside all triangles are drawn as discs across their normal, or as balls without one.
     """
     disc_m, grey = 0.03 * reach_m, np.array([pv.Color(OBJECT).int_rgb], np.uint8)
     known = np.isfinite(mesh.std_m).any()
@@ -132,7 +129,7 @@ def _object_parts(mesh: ObjectMesh, reach_m: float) -> list[Part]:
 
 
 def _rig_parts(scene: Scene, rig: RigItems) -> list[Part]:
-    """Antenna, the same without the object, its ghosts, plane C, the camera and what it saw; as at each instant."""
+    """At each instant: antenna, free antenna, ghosts, plane C, camera and its picture."""
     width = _THICKER * rig.antenna_radius_m
     edge = float(np.linalg.norm(rig.plane_m[1] - rig.plane_m[0]))
     known = np.isfinite(rig.poses[:, 0, 0])
@@ -161,7 +158,7 @@ def _rig_parts(scene: Scene, rig: RigItems) -> list[Part]:
 def _over_time(
     paths_m: np.ndarray, known: np.ndarray, radius_m: float, sides: int = 8
 ) -> tuple[pv.PolyData, np.ndarray]:
-    """The wire of every known instant in one mesh, and which triangles are whose."""
+    """The wires of all known instants in one mesh, and the triangles of each."""
     mesh, starts = joined([wire(path, radius_m, sides) for path in paths_m[known]])
     span = np.zeros((len(known), 2), int)
     span[known] = np.column_stack([starts[:-1], starts[1:]])
@@ -196,41 +193,3 @@ def _grid(scene: Scene, rig: RigItems) -> list[Part]:
     columns = [np.array([[at, first[1], level], [at, last[1], level]]) for at in x]
     squares = wires([*rows, *columns], 0.0011 * side, 4)
     return [Part("grid", squares, opacity=0.5, lit=False, note=f"{1e3 * step:g} mm")]
-
-
-def _truth_mesh(truth: TouchObject) -> pv.PolyData:
-    """The true object; of a box its two faces as deep as simulated pictures show them.
-
-    Of a knife, as much of the blade as the edge is half as long."""
-    radius, half, wedge = truth.radius_m, truth.half_length_m, truth.wedge_world
-    if truth.shape in ("sphere", "freeform"):
-        mesh = pv.Icosphere(radius=1.0, nsub=5)
-        directions = np.asarray(mesh.points, float)
-        directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-        away = surface_radius(directions, radius, truth.bumps)[:, None] * directions
-        return pv.PolyData.from_regular_faces(truth.center_world_m + away, mesh.regular_faces)
-    side = np.cross(truth.axis_world, wedge)
-    if truth.shape == "box_edge":
-        # across the edge, from the centre of the rounding: face, rounding, face
-        turn = np.linspace(-np.pi / 4, np.pi / 4, _ARC + 1)[:, None]
-        rounding = radius * (np.sin(turn) * side - np.cos(turn) * wedge)
-        faces = BOX_FACE_M * truth.into_faces
-        return _extruded(truth, np.vstack([rounding[:1] + faces[0], rounding, rounding[-1:] + faces[1]]))
-    place = {"center": truth.center_world_m, "direction": truth.axis_world}
-    rod = pv.Cylinder(**place, radius=radius, height=2 * half, resolution=128).triangulate()
-    if truth.shape == "cylinder":
-        return rod
-    thick, into = radius * side, half * wedge
-    return rod.append_polydata(_extruded(truth, np.array([thick, thick + into, into - thick, -thick])))
-
-
-def _extruded(truth: TouchObject, outline: np.ndarray) -> pv.PolyData:
-    """The convex outline (K, 3) across the axis, from one end of the object to the other, closed."""
-    count, ends = len(outline), np.array([-1.0, 1.0])[:, None, None]
-    points = truth.center_world_m + outline + truth.half_length_m * ends * truth.axis_world
-    here, there = np.arange(count), np.roll(np.arange(count), -1)
-    fan = np.column_stack([np.zeros(count - 2, int), np.arange(1, count - 1), np.arange(2, count)])
-    sides = [np.column_stack([here, there, there + count]), np.column_stack([here, there + count, here + count])]
-    mesh = pv.PolyData.from_regular_faces(points.reshape(-1, 3), np.vstack([*sides, fan[:, ::-1], fan + count]))
-    # the outline may run either way round
-    return mesh.flip_faces() if mesh.volume < 0 else mesh

@@ -29,18 +29,17 @@ LOOK = {
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """Triangles of one colour, of a colour per contact, of colours of their own, or with a picture on them.
+    """A mesh of one colour, of a colour per contact, with vertex colours, or with a picture as texture.
 
     Attributes
     ----------
     name : a key of `LOOK`; several parts may share it.
     mesh : triangles with `Normals`; with uint8 RGB `colour` where `painted`, with texture coordinates where `textured`.
-    span : (M, 2) the first and one past the last triangle that each of M instants shows; None for all, always.
-    history : the span is what there was up to each instant, so that all of it shows the whole recording.
-    poses : (M, 4, 4) where the mesh stands at each instant, NaN for nowhere; None for a mesh in the world frame.
-    contact : (K,) the contacts that the mesh repeats one shape for, each with equally many points; their colour follows
-        the chosen scale. None for any other mesh.
-    note : said in the legend after the name.
+    span : (M, 2) first and one past the last triangle shown at each of M instants; None for all.
+    history : spans grow with time, so that all triangles together show the whole recording.
+    poses : (M, 4, 4) of the mesh at each instant, NaN where it is hidden; None for a mesh in the world frame.
+    contact : (K,) contacts for which the mesh repeats one shape, coloured by the chosen scale; None for other meshes.
+    note : added to the name in legends.
     """
 
     name: str
@@ -57,12 +56,12 @@ class Part:
 
     @property
     def colour(self) -> str:
-        """Of what is not painted, as hex."""
+        """Hex colour of an unpainted part."""
         return LOOK[self.name][0]
 
     @property
     def label(self) -> str:
-        """What legends say."""
+        """Text in legends."""
         return LOOK[self.name][1] + (f", {self.note}" if self.note else "")
 
 

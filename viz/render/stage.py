@@ -1,4 +1,4 @@
-"""A scene's parts in a pyvista plotter, at any instant, by any colour scale, and from the side that shows most."""
+"""A scene's parts in a pyvista plotter: instant, colour scale and camera."""
 
 from __future__ import annotations
 
@@ -15,10 +15,7 @@ from viz.scene.scene import Scene
 
 
 class Stage:
-    """What draws a scene in a plotter of its own.
-
-    parts, actors : each part and what draws it, in the same order.
-    """
+    """A scene in a plotter of its own; `actors` are in the order of `parts`."""
 
     def __init__(
         self,
@@ -32,7 +29,7 @@ class Stage:
         self.plotter = pv.Plotter(off_screen=off_screen, window_size=list(size), title="vbaa")
         self.plotter.set_background("#ffffff")
         self.scene, self.parts = scene, parts
-        # one part may stand on several stages: what changes with time and colours is the stage's own
+        # parts are shared between stages: what changes with time and colours is copied
         self._meshes = [part.mesh.copy(deep=False) for part in parts]
         self._faces = [part.mesh.regular_faces for part in parts]
         self.paint(mode)
@@ -87,7 +84,7 @@ class Stage:
             actor.visibility = True
 
     def look_at_all(self) -> None:
-        """The whole rig, from beside and above, on the side that was touched."""
+        """Show the whole rig from the touched side, from above."""
         self.plotter.view_vector(view_direction(self.scene, height=0.75, liking=0.8), viewup=(0, 0, 1))
         camera = self.plotter.camera
         focus = np.array(camera.focal_point)
@@ -95,7 +92,7 @@ class Stage:
         self.plotter.reset_camera_clipping_range()
 
     def look_at_contacts(self, *, parallel: bool = True) -> float:
-        """What was touched, close up, in parallel projection or in perspective. Returns half the height it shows, m."""
+        """Show the contacts close up. Returns half the visible height, m."""
         centre, radius = self.scene.bounding_ball_m
         half = 1.3 * radius
         away = half / np.tan(np.radians(15))
@@ -118,9 +115,9 @@ def _texture(picture: np.ndarray) -> pv.Texture:
 
 
 def view_direction(scene: Scene, height: float, liking: float) -> np.ndarray:
-    """(3,) towards the viewer: from the side of the touched surface that shows it and its forces best, and from above.
+    """(3,) towards the viewer: the side that shows the touched surface and the forces best, from above.
 
-    `liking` is how much to stay beside the antenna, on either side.
+    liking : weight of looking at the antenna from its side.
     """
     angle = np.radians(np.arange(0, 360, 10))
     views = np.column_stack([np.cos(angle), np.sin(angle), np.full(len(angle), height)])
@@ -143,7 +140,7 @@ def view_direction(scene: Scene, height: float, liking: float) -> np.ndarray:
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """VTK warns on stderr when it looks for a display first and finds none; that is no news to anyone."""
+    """Without VTK's warnings on stderr about a missing display."""
     before = vtkLogger.GetCurrentVerbosityCutoff()
     vtkLogger.SetStderrVerbosity(vtkLogger.VERBOSITY_ERROR)
     try:

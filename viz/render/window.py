@@ -31,7 +31,7 @@ def show(scene: Scene, *, mode: str = "force") -> bool:
 
 
 class Controls:
-    """What the viewer has chosen; `stage` follows."""
+    """State of the window's slider and keys, applied to `stage`."""
 
     def __init__(self, stage: Stage, mode: str) -> None:
         self.stage, self.plotter = stage, stage.plotter
@@ -55,7 +55,7 @@ class Controls:
         self.refresh()
 
     def refresh(self) -> None:
-        """Draw what is chosen and say it in words."""
+        """Update picture, text and colour bar."""
         instants, now = self.stage.scene.instants, self.instant
         self.stage.show(now, everything=self.everything)
         words = (

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from viz.figures import check as figures
@@ -124,16 +124,14 @@ def _calibrated(numbers: Mapping[str, Any]) -> list[tuple[str, Table]]:
         end, scale, unit = next(kind for kind in kinds if row["name"].endswith(kind[0]))
         name = row["name"].removesuffix(end).replace("_", " ")
         shape.append([name, with_std(row["value"], row["std"], scale), unit])
-    coefficients = zip(lens["parameters"], lens["values"], lens_std, strict=True)
     tables = {
         "Camera in the antenna's frame": [
             *([f"position {axis}", with_std(value, own, 1e3), "mm"] for axis, value, own in places),
             *([f"turn about {axis}", f"± {number(1e3 * own, 2)}", "mrad"] for axis, own in turns),
         ],
-        f"Lens ({lens['model']}, {lens['image_size'][0]} × {lens['image_size'][1]} px)": [
-            [name, with_std(value, own), "px" if name in ("fx", "fy", "cx", "cy") else ""]
-            for name, value, own in coefficients
-        ],
+        f"Lens ({lens['model']}, {lens['image_size'][0]} × {lens['image_size'][1]} px)": lens_rows(
+            lens["parameters"], lens["values"], lens_std
+        ),
         "Antenna": [
             _row("EI", antenna, "stiffness", "_Nm2", 1e3, "mN·m²"),
             ["EI nominal, E·πd⁴/64", "not recorded" if nominal is None else number(1e3 * nominal, 5), "mN·m²"],
@@ -149,6 +147,14 @@ def _calibrated(numbers: Mapping[str, Any]) -> list[tuple[str, Table]]:
         ],
     }
     return [(name, Table(("what", "value", "unit"), rows, ("what",))) for name, rows in tables.items()]
+
+
+def lens_rows(names: Iterable[str], values: Iterable[float], stds: Iterable[float | None]) -> list[list[str]]:
+    """A row for each number of a lens: name, value with deviation, unit."""
+    return [
+        [name, with_std(float(value), std), "px" if name in ("fx", "fy", "cx", "cy") else ""]
+        for name, value, std in zip(names, values, stds, strict=True)
+    ]
 
 
 def _row(words: str, data: Mapping[str, Any], name: str, suffix: str, scale: float, unit: str) -> list[str]:

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from markupsafe import Markup
 from matplotlib.axes import Axes
 
 from estimator.table.contacts import ContactTable
+from vbaa_calib.core.robust import finite_or_none
 from vbaa_calib.rig import RIG_PARAMETERS, Rig
 from vbaa_calib.rig.over_time import parameter_std
 from viz.figures.drawing import AMBER, RED, SLATE, TEAL, dots, limits, new_axes, paths, svg
@@ -83,9 +83,9 @@ def _spread(deviations: np.ndarray, differences: np.ndarray, frames: np.ndarray)
     size = np.abs(deviations)
     most = int(np.argmax(np.where(np.isnan(size), np.inf, size)))
     return {
-        "rms": _finite(np.sqrt(np.mean(size**2))),
-        "largest": _finite(deviations[most]),
-        "largest_difference": _finite(differences[most]),
+        "rms": finite_or_none(np.sqrt(np.mean(size**2))),
+        "largest": finite_or_none(deviations[most]),
+        "largest_difference": finite_or_none(differences[most]),
         "largest_frame": int(frames[most]),
     }
 
@@ -154,10 +154,10 @@ class ComparedRigs:
             "settings": list(self.settings),
             "parameters": {
                 name: {
-                    "difference": _finite(difference),
-                    "std_a": _finite(std_a),
-                    "std_b": _finite(std_b),
-                    "deviations": _finite(deviations),
+                    "difference": finite_or_none(difference),
+                    "std_a": finite_or_none(std_a),
+                    "std_b": finite_or_none(std_b),
+                    "deviations": finite_or_none(deviations),
                 }
                 for name, difference, std_a, std_b, deviations in columns
             },
@@ -178,10 +178,6 @@ def compare_rigs(a: Rig, b: Rig) -> ComparedRigs:
     return ComparedRigs(names, std[0], std[1], step, _over(step, _pooled(std[0], std[1])), tuple(settings))
 
 
-def _finite(value: Any) -> float | None:
-    return float(value) if np.isfinite(value) else None
-
-
 def contacts_page(
     title: str, compared: Mapping[str, ComparedContacts], missing: Sequence[str], result: Mapping[str, Any]
 ) -> str:
@@ -193,7 +189,10 @@ def contacts_page(
     for each in compared.values():
         changed.update(each.changed)
     head = ["recording", "frames", "off", *(f"{name}, rms" for name in (*_QUANTITIES, "point")), "largest"]
-    figures = _figures(next(iter(compared.values())), tolerance) if len(compared) == 1 else []
+    figures = []
+    if len(compared) == 1:
+        (one,) = compared.values()
+        figures = [svg(_over_frames(name, one, values, tolerance)) for name, values in one.deviations.items()]
     return _page(
         title,
         result,
@@ -209,10 +208,6 @@ def _cells(deviations: Mapping[str, Any]) -> list[str]:
     known = [one for one in deviations.values() if one is not None]
     largest = max((abs(one["largest"] or 0.0) for one in known), default=0.0)
     return [*(number(one["rms"] if one else None, 3) for one in deviations.values()), number(largest, 3)]
-
-
-def _figures(one: ComparedContacts, tolerance: float) -> list[Markup]:
-    return [svg(_over_frames(name, one, values, tolerance)) for name, values in one.deviations.items()]
 
 
 def _over_frames(name: str, one: ComparedContacts, values: np.ndarray, tolerance: float) -> Axes:

@@ -22,7 +22,7 @@ from viz.figures import check as figures
 from viz.figures.drawing import AMBER, RED, TEAL, svg
 from viz.pages.page import Table, fixed, number, records, render, with_std
 
-from .check import DROPPED, LENSES
+from .check import DROPPED, LENSES, lens_rows
 from .make import packed
 
 _COLOURS = {"trusted": TEAL, "look at": AMBER, "do not use": RED}
@@ -50,11 +50,7 @@ def page(
         figures.residuals_by_radius(rows, camera.parameters[2:4].tolist()),
         figures.views_rms(rows, None),
     ]
-    coefficients = zip(camera.parameter_names, camera.parameters, document["std"].values(), strict=True)
-    parameters = [
-        [name, with_std(float(value), std), "px" if name in ("fx", "fy", "cx", "cy") else ""]
-        for name, value, std in coefficients
-    ]
+    parameters = lens_rows(camera.parameter_names, camera.parameters, document["std"].values())
     sample = max(rows, key=lambda row: np.ptp(row["corners_px"], axis=0).prod())["name"]
     return render(
         "lens.html.j2",

@@ -19,6 +19,7 @@ from estimator.object.surface.touches import BIASED_STD
 from estimator.table.contacts import STATUSES, ContactTable
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import sha256
+from vbaa_calib.core.robust import finite_median
 from vbaa_calib.rig import Rig
 from viz.figures.drawing import AMBER, SLATE, TEAL
 from viz.pages.page import decimals_of, number
@@ -59,8 +60,8 @@ def facts_of(estimate: ObjectEstimate) -> tuple[Fact, ...]:
     """An object estimate in words."""
     surface = estimate.surface
     patches = len(np.unique(surface.touched_patch))
-    known = surface.std_m[np.isfinite(surface.std_m)]
-    well = f", known to {1e3 * float(np.median(known)):.2f} mm (median standard deviation)" if len(known) else ""
+    std_mm = 1e3 * finite_median(surface.std_m)
+    well = f", known to {std_mm:.2f} mm (median standard deviation)" if np.isfinite(std_mm) else ""
     kind = "a surface" if len(surface.triangles) else "lines: too narrow for a surface"
     words = f"{_contacts(len(surface.touched_m))} on {patches} patch{'es' * (patches != 1)}, joined to {kind}{well}."
     shape = Fact("Shape", " ".join([words, *map(sentence, surface.notes)]))
@@ -109,9 +110,8 @@ def headline(table: ContactTable) -> tuple[str, str]:
     if not located:
         free = int(np.sum(table.status == "no_contact"))
         return ("Nothing was touched" if free == frames else "No contact was located"), SLATE
-    std = table.distance_std_m[table.located]
-    known = std[np.isfinite(std)]
-    well = f", to {1e3 * float(np.median(known)):.2f} mm along the antenna" if len(known) else ""
+    std_mm = 1e3 * finite_median(table.distance_std_m[table.located])
+    well = f", to {std_mm:.2f} mm along the antenna" if np.isfinite(std_mm) else ""
     lost = float(np.mean(np.isin(table.status, _LOST) | table.located & (table.bias_std > BIASED_STD)))
     return f"Contact located in {located} of {frames} frames{well}", AMBER if lost > _MANY else TEAL
 

@@ -11,7 +11,6 @@ from scipy.spatial.distance import cdist
 
 from estimator.object.surface import Normals
 from estimator.table.contacts import ContactTable, joint_angles
-from vbaa_calib.core.arrays import finite
 
 from .coefficient import (
     SLIDING,
@@ -30,7 +29,8 @@ if TYPE_CHECKING:
     from estimator.contact.common_errors import CommonErrors
     from estimator.object.surface import Surface
     from estimator.object.track.onset import Track
-    from vbaa_calib.rig import Rig
+    from vbaa_calib.core.robust import finite_or_none
+from vbaa_calib.rig import Rig
 
 _UNKNOWN_MU = 1.0  # of an object whose friction is not known the force is thought to lean as far as this allows
 _LEAST_STD_RAD = 1e-4  # no direction is known better: rigs said to be exact would else be believed without limit
@@ -91,9 +91,9 @@ class Friction:
         """The coefficient as plain data."""
         return {
             "told": self.determined,
-            "mu": finite(self.mu),
-            "std": finite(self.std),
-            "interval": [finite(end) for end in self.interval],
+            "mu": finite_or_none(self.mu),
+            "std": finite_or_none(self.std),
+            "interval": [finite_or_none(end) for end in self.interval],
             "reason": self.reason,
         }
 

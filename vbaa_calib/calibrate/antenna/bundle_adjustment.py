@@ -113,7 +113,7 @@ def _agreement(problem: Problem, solution: Linearised, distances: Sequence[np.nd
     total, beforehand = jacobian.T @ jacobian, jacobian[len(jacobian) - solution.certain :]
     # in units of what is known beforehand
     unit = 1.0 / np.sqrt(np.maximum((beforehand**2).sum(axis=0), 1e-12 * np.diag(total)))
-    bounds = np.cumsum([0, *(len(distances[index]) for index in kept)])
+    bounds = np.cumsum([0, *(len(distances[index]) for index in kept.tolist())])
     rows = [np.append(np.arange(*ends), bounds[-1] + n) for n, ends in enumerate(pairwise(bounds))]
     own = [(jacobian[each] * unit, residuals[each]) for each in rows]
     information = np.array([slopes.T @ slopes for slopes, _ in own])

@@ -1,4 +1,4 @@
-"""board.yaml, or the flags that stand for it: what the printed board is."""
+"""board.yaml, or the flags that stand for it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _REMEDY = "mend that key (docs/formats.md)"
 
 
 def load_board(path: Path) -> BoardSpec:
-    """The ChArUco board of a file: its keys at the top level or under `board:`, so that a session.yaml serves too.
+    """The ChArUco board of a file, at the top level or, as in session.yaml, under `board:`.
 
     Raises InputError naming the file, the key and the remedy; also for a board without ids.
     """
@@ -25,7 +25,7 @@ def load_board(path: Path) -> BoardSpec:
 
 
 def load_lens_board(path: Path) -> Board:
-    """As `load_board`, also a board without ids, which serves the lens."""
+    """As `load_board`, also a board without ids, for the lens."""
     board, key = _keys(path)
     return board_from(board, path, key)
 
@@ -50,7 +50,7 @@ def board_from(board: Mapping[str, Any], where: object, key: str = "") -> Board:
 
 
 def counts(text: str, flag: str, where: str) -> tuple[int, int]:
-    """Columns and rows out of a flag's text, such as 11x7. Raises InputError."""
+    """Columns and rows from a text such as 11x7. Raises InputError."""
     found = re.fullmatch(r"\s*([0-9]{1,6})\s*[xX×]\s*([0-9]{1,6})\s*", text)
     if not found:
         raise InputError(f"{flag} is {text!r}", where=where, remedy="give columns x rows, such as 11x7")

@@ -1,8 +1,7 @@
-"""Centres of circles: of the areas that they cover in a picture, and from these the pictures of the true centres.
+"""Centres of circles: centroids of their areas in a picture, corrected to the pictures of the true centres.
 
-The two differ: perspective and the lens are no affine maps, and the nearer half of a circle covers more of the picture.
-The map from board to picture is read from the grid itself, a homography and a cubic after it, and the difference is
-integrated over each circle. Its radius is measured in the pictures, by the area covered.
+The two differ, since perspective and lens are no affine maps. The map from board to picture is fitted to the grid, a
+homography followed by a cubic, and the difference integrated over each circle, whose radius is measured by its area.
 """
 
 from __future__ import annotations
@@ -19,12 +18,12 @@ from .covariance import QUANTISATION
 
 _ROUNDS = 3
 _INSIDE, _RING = 0.4, 0.7
-"""Where the area summed over ends, and the ring for the level around it, from the circle's edge to its neighbour's."""
+"""Outer limits of the summed area and of the background ring, from the circle's edge (0) to its neighbour's (1)."""
 _CORE, _LEAST_PIXELS = 0.6, 12
 _EDGE_BLURS = 4.0
 _HALF_PITCH = 0.5
 _CUBIC_NEEDS = 30
-"""Marks from which on ten more coefficients per axis are well known."""
+"""Number of marks from which the cubic's ten coefficients per axis are well known."""
 _STEP = 1e-3
 _RADII, _ANGLES = 4, 12
 
@@ -32,10 +31,10 @@ _Map = Callable[[np.ndarray], np.ndarray]
 
 
 def circle_centres(image: np.ndarray, found_px: np.ndarray, spec: CircleGrid) -> tuple[np.ndarray, ...]:
-    """Refine the circles of a grid in a picture (H, W) uint8, from all their rough centres (corner_count, 2) px.
+    """Refine the circles of a grid in a picture (H, W) uint8, from rough centres (corner_count, 2) px.
 
     Returns ids (N,) of the circles that are large and free enough, the pictures of their centres (N, 2) px, covariances
-    (N, 2, 2) px² from the picture's noise, and what was taken off the areas' centres (N, 2) px.
+    (N, 2, 2) px² from the picture's noise, and the corrections (N, 2) px, subtracted from the centroids.
     """
     points = corner_points(spec)[:, :2]
     centres, bias = found_px.copy(), np.zeros_like(found_px)
@@ -62,7 +61,7 @@ def circle_centres(image: np.ndarray, found_px: np.ndarray, spec: CircleGrid) ->
 
 
 def _board_to_picture(points: np.ndarray, pixels: np.ndarray) -> _Map:
-    """The smooth map from the board's plane to the picture that points (N, 2) m and their pixels (N, 2) lie on."""
+    """The smooth map from the board's plane to the picture through points (N, 2) m and their pixels (N, 2)."""
     homography = cv2.findHomography(points, pixels)[0]
     if homography is None:
         homography = np.eye(3)
@@ -96,9 +95,9 @@ def _slopes(project: _Map, places: np.ndarray, pitch_m: float) -> np.ndarray:
 
 
 def _bias(project: _Map, centres: np.ndarray, radius_m: float) -> np.ndarray:
-    """(N, 2) px from the picture of each circle's centre (N, 2) m to the centre of the area that the circle covers."""
+    """(N, 2) px from the picture of each circle's centre (N, 2) m to the centroid of its area."""
     nodes, weights = np.polynomial.legendre.leggauss(_RADII)
-    # rings of like area, and on each as much to every side
+    # quadrature over rings of equal area
     radii, angles = np.sqrt((nodes + 1.0) / 2.0), 2.0 * np.pi * np.arange(_ANGLES) / _ANGLES
     offsets = radius_m * radii[:, None, None] * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
     places = centres[:, None] + offsets.reshape(1, -1, 2)
@@ -108,7 +107,7 @@ def _bias(project: _Map, centres: np.ndarray, radius_m: float) -> np.ndarray:
 
 
 def _first_radius_m(image: np.ndarray, centres: np.ndarray, points: np.ndarray, pitch_m: float) -> float:
-    """The circles' radius by the pixels on the circles' side of the mid grey level, within half the pitch."""
+    """The circles' radius from the share of pixels nearer to their grey level, within half the pitch."""
     slopes = _slopes(_board_to_picture(points, centres), points, pitch_m)
     shares = []
     for centre, slope in zip(centres, slopes, strict=True):
@@ -123,7 +122,7 @@ def _first_radius_m(image: np.ndarray, centres: np.ndarray, points: np.ndarray, 
 
 
 def _around(image: np.ndarray, centre: np.ndarray, slope: np.ndarray, reach_m: float) -> tuple[np.ndarray, ...]:
-    """Pixels within `reach_m` and some more: from the centre to them, (P, 2) px and (P, 2) m; grey levels (P,)."""
+    """Pixels around a centre, at least those within `reach_m`: offsets (P, 2) in px and in m, grey levels (P,)."""
     half = reach_m * np.linalg.norm(slope, axis=1)
     low = np.maximum(np.floor(centre - half).astype(int), 0)
     high = np.maximum(np.minimum(np.ceil(centre + half).astype(int) + 1, image.shape[::-1]), low)
@@ -134,7 +133,7 @@ def _around(image: np.ndarray, centre: np.ndarray, slope: np.ndarray, reach_m: f
 
 @dataclass(frozen=True, eq=False)
 class _Circle:
-    """How large circles are: radius and distance of the nearest, m, and the standard deviation of their edges' blur."""
+    """Radius and pitch of the circles, m, and the standard deviation of their edges' blur."""
 
     radius_m: float
     pitch_m: float
@@ -143,12 +142,12 @@ class _Circle:
 
 @dataclass(frozen=True, eq=False)
 class _Area:
-    """What a circle covers.
+    """The area of a circle.
 
-    centre : (2,) px. px2 : size. blur_px : of its edge, standard deviation. variances : (2,) of the noise in the circle
-        and around it, grey levels squared.
-    by_grey : (2, P) derivatives of the centre by the grey levels. share : (P,) how far each is from the circle's own
-        level (0) to that around it (1).
+    centre : (2,) px. px2 : size. blur_px : standard deviation of its edge.
+    variances : (2,) of the noise within and around it, grey levels squared.
+    by_grey : (2, P) derivatives of the centre by the grey levels. share : (P,) each level between the circle's (0) and
+        that around it (1).
     """
 
     centre: np.ndarray
@@ -163,9 +162,9 @@ class _Area:
 
 
 def _area(image: np.ndarray, centre: np.ndarray, slope: np.ndarray, circle: _Circle) -> _Area | None:
-    """The area that the circle at about `centre` covers; None where it is too small, or cut off by the border.
+    """The area of the circle at about `centre`; None if it is too small, or cut off by the picture's border.
 
-    Noise counts only where the edge may be: what lies deeper is covered, what lies beyond is not.
+    Grey levels are used only near the edge: pixels further inside count as covered, those further outside as not.
     """
     gap_m = circle.pitch_m - 2.0 * circle.radius_m
     inner_m, outer_m = circle.radius_m + _INSIDE * gap_m, circle.radius_m + _RING * gap_m

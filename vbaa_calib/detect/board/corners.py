@@ -35,7 +35,7 @@ _STOP = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 50, 1e-3)
 
 @dataclass(frozen=True, eq=False)
 class BoardView:
-    """What one picture shows of the board.
+    """The board in one picture.
 
     Attributes
     ----------
@@ -43,7 +43,7 @@ class BoardView:
     ids : (N,) corner ids in OpenCV's order.
     corners_px : (N, 2) their pixels; (0, 0) is the centre of the first pixel.
     image_size : (width, height) px.
-    marker_ids : (M,) ids of all markers of the dictionary, on the board or not.
+    marker_ids : (M,) ids of all markers of the dictionary, also of those that are not on the board.
     marker_corners_px : (M, 4, 2) their outlines.
     covariance_px2 : (N, 2, 2) of each corner, from the picture's noise alone (`corner_covariance`).
     quality : blur, saturation and contrast (`view_quality`).
@@ -60,17 +60,16 @@ class BoardView:
 
     @property
     def marker_count(self) -> int:
-        """Number of markers seen."""
         return len(self.marker_ids)
 
     def picked(self, which: np.ndarray) -> BoardView:
-        """The view with the corners of a mask or of indices only."""
+        """With only the corners of a mask or of indices."""
         covariance = None if self.covariance_px2 is None else self.covariance_px2[which]
         return replace(self, ids=self.ids[which], corners_px=self.corners_px[which], covariance_px2=covariance)
 
 
 def require_corners(ids: np.ndarray, pixels: np.ndarray, count: int, where: str) -> None:
-    """Raises InputError for corners that are not (N,) different ids of a board's `count` points, and their pixels."""
+    """Raises InputError unless `ids` (N,) are different ids below `count` and `pixels` (N, 2) are finite."""
     shaped = ids.ndim == 1 and pixels.shape == (len(ids), 2) and np.isfinite(pixels).all()
     if not shaped or len(np.unique(ids)) < len(ids) or not np.isin(ids, np.arange(count)).all():
         what = f"the corners are not (N,) different ids from 0 to {count - 1} and (N, 2) finite pixels"
@@ -78,13 +77,11 @@ def require_corners(ids: np.ndarray, pixels: np.ndarray, count: int, where: str)
 
 
 def detect_corners(image: np.ndarray, spec: Board, name: str = "") -> BoardView:
-    """Find the board's corners in one picture, (H, W) uint8. A picture without the board gives an empty view.
+    """Find the board's corners in a picture (H, W) uint8; none gives an empty view. Boards without ids must be whole.
 
-    A board without ids is found whole or not at all (`grids.find_grid`).
-
-    On ChArUco boards OpenCV's own settings are kept. On the real photo sets no marker refinement (sub-pixel, contour)
-    is better on all: each changes the reprojection error by a few per cent, up or down. Corners next to a single marker
-    are left out, for they are grossly wrong on a board that is partly covered.
+    OpenCV's settings for ChArUco boards are kept: on the real photo sets each marker refinement changes the
+    reprojection error by a few per cent, up or down. Corners next to a single marker are left out, since they are
+    grossly wrong on partly covered boards.
     """
     if not isinstance(spec, BoardSpec):
         return _detect_grid(image, spec, name)
@@ -134,11 +131,11 @@ def _detect_grid(image: np.ndarray, spec: Chessboard | CircleGrid, name: str) ->
 def _between_markers(
     image: np.ndarray, corners: np.ndarray, outlines: np.ndarray, spec: BoardSpec
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Corners (N, 2) refined again in windows that stop short of the markers, and the half windows (N,) they rest on.
+    """Corners (N, 2) refined again in windows that end before the markers, and these half windows (N,).
 
-    In drawn pictures with known corners OpenCV's window, which reaches the markers, is off by 0.14 px rms and up to
-    0.6 px, this one by 0.03 px; on the real photo sets the reprojection error changes by under 1 %. Where the gap
-    between corner and markers is too narrow for a window, OpenCV's corner stays.
+    In drawn pictures OpenCV's window, which reaches the markers, gives errors of 0.14 px rms and up to 0.6 px, this one
+    of 0.03 px; on the real photo sets the reprojection error changes by less than 1 %. OpenCV's corner is kept where
+    the gap between corner and markers is too narrow.
     """
     if not len(corners) or not len(outlines):
         return corners, np.full(len(corners), _SMALLEST_WINDOW_PX)
@@ -146,7 +143,7 @@ def _between_markers(
     smallest = np.linalg.svd(px_per_square(outlines, ratio), compute_uv=False)[:, 1]
     nearest = np.argsort(np.linalg.norm(outlines.mean(axis=1)[None] - corners[:, None], axis=-1), axis=1)[:, :2]
     gap_px = smallest[nearest].min(axis=1) * (1.0 - ratio) / 2.0
-    # OpenCV's own reach up to two pixels short of the nearest marker corner
+    # OpenCV's windows end two pixels before the nearest marker corner
     to_marker = np.linalg.norm(outlines.reshape(1, -1, 2) - corners[:, None], axis=-1).min(axis=1)
     return _sharpened(image, corners, gap_px, np.clip((to_marker - 2.0).astype(int), 1, 10))
 
@@ -154,9 +151,9 @@ def _between_markers(
 def _sharpened(
     image: np.ndarray, corners: np.ndarray, gap_px: np.ndarray, unrefined: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Corners (N, 2) refined in windows that stop short of what lies `gap_px` (N,) off, and the half windows (N,).
+    """Corners (N, 2) refined in windows smaller than `gap_px` (N,), and the half windows (N,).
 
-    unrefined : (N,) half windows of corners that stay as they are, the room being too little or the step too large.
+    unrefined : (N,) half windows of corners that are kept, since the gap is too small or the step too large.
     """
     windows = np.minimum(_WINDOW_PER_GAP * gap_px, _LARGEST_WINDOW_PX).astype(int)
     refined, used = corners.copy(), unrefined.copy()
@@ -171,16 +168,16 @@ def _sharpened(
 
 
 def detect_folder(folder: Path, spec: Board) -> list[BoardView]:
-    """The board in every picture of a folder, by name. See `detect_files`."""
+    """As `detect_files`, for all pictures of a folder."""
     return detect_files(list_images(folder), spec)
 
 
 def detect_files(paths: Sequence[Path], spec: Board) -> list[BoardView]:
-    """The board in every picture named.
+    """The board in each picture.
 
-    Raises InputError for a damaged picture, pictures of different size, and a board spec that does not fit what the
-    pictures show (kind of board, dictionary, legacy pattern, number of squares, size of markers), naming the causes and
-    the spec that fits where they can be found.
+    Raises InputError for damaged pictures, for pictures of different sizes, and for a board spec that does not fit the
+    pictures (kind of board, dictionary, legacy pattern, number of squares, size of markers), with the causes and the
+    fitting spec where they can be found.
     """
     with ThreadPoolExecutor(_WORKERS) as pool:
         found = pool.map(lambda path: detect_corners(read_gray(path), spec, Path(path).name), paths)

@@ -1,4 +1,4 @@
-"""How far noise moves a corner: the picture's noise carried through the equations that `cv2.cornerSubPix` solves.
+"""Covariance of a corner: the picture's noise propagated through the equations that `cv2.cornerSubPix` solves.
 
 That corner p is where f = Σ w(r) g gᵀ r = 0, over the samples at r from it in a window that moves with it; g are the
 grey levels' central differences, w = exp(−|r|²/window²). Noise δI changes f by Σ w (δg gᵀ r + g δgᵀ r), a weighted sum
@@ -12,9 +12,9 @@ import numpy as np
 from scipy.special import ndtri
 
 QUANTISATION = 1.0 / 12.0
-"""Variance of rounding to whole grey levels: the least noise that a picture has, even where it shows none."""
+"""Variance of rounding to whole grey levels: the least noise of any picture."""
 _KEPT = 0.8
-"""Share of the flat pixels that count: dirt and print grain are in the rest."""
+"""Share of the flat pixels that is used; dirt and print grain are in the rest."""
 _LIMIT = float(ndtri(0.5 + _KEPT / 2.0))
 _TRIMMING_LOSES = _KEPT / (_KEPT - 2.0 * _LIMIT * float(np.exp(-0.5 * _LIMIT**2) / np.sqrt(2.0 * np.pi)))
 _FLAT = 0.2
@@ -27,8 +27,8 @@ _DIFFERENCE_VARIANCE = 36.0
 def measure_noise(image: np.ndarray, corners_px: np.ndarray, windows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Mean grey levels (2,) of black and white squares, and the variance (2,) of the noise there, rounding included.
 
-    Looked for in windows of half size (N,) around chessboard corners (N, 2) px of a picture (H, W) uint8, N ≥ 1.
-    Neighbouring pixels are differenced twice along both axes, which blurred edges and uneven light do not survive.
+    Measured in windows of half size (N,) around chessboard corners (N, 2) px of a picture (H, W) uint8, N ≥ 1, from
+    second differences along both axes, which remove blurred edges and uneven light.
     """
     chosen = np.linspace(0, len(corners_px) - 1, min(len(corners_px), _LARGEST_SAMPLE)).astype(int)
     levels, share, rough = [], [], []
@@ -49,7 +49,7 @@ def measure_noise(image: np.ndarray, corners_px: np.ndarray, windows: np.ndarray
 
 
 def _blocks(image: np.ndarray, centres: np.ndarray, first: int, last: int) -> np.ndarray:
-    """(N, K, K) pixels from `first` to `last` around centres (N, 2); beyond the border the last pixel goes on."""
+    """(N, K, K) pixels from `first` to `last` around centres (N, 2); border pixels are repeated."""
     span = np.arange(first, last + 1)
     rows = np.clip(centres[:, 1, None] + span, 0, image.shape[0] - 1)
     columns = np.clip(centres[:, 0, None] + span, 0, image.shape[1] - 1)
@@ -63,7 +63,7 @@ def _folded(blocks: np.ndarray, middle: float) -> np.ndarray:
 
 
 def _trimmed(squares: np.ndarray) -> float:
-    """Mean of squares (N,) of normal numbers without the largest, made up for."""
+    """Variance of normal numbers from the smallest of their squares (N,), corrected for the trimming."""
     kept = max(int(_KEPT * len(squares)), 1)
     return float(np.partition(squares, kept - 1)[:kept].mean()) * _TRIMMING_LOSES
 
@@ -71,15 +71,15 @@ def _trimmed(squares: np.ndarray) -> float:
 _LEAST_FIXED = 1e-4
 """Least determinant of M over its trace squared for a window to show a corner at all."""
 _LEAST_SHARE = 0.25
-"""Least part of M that J is taken to keep."""
+"""Least share of M that J is assumed to keep."""
 
 
 def corner_covariances(image: np.ndarray, corners_px: np.ndarray, windows: np.ndarray) -> np.ndarray:
     """(N, 2, 2) px² covariance of corners (N, 2) px that `cv2.cornerSubPix` refined with half windows (N,).
 
-    image : (H, W) uint8. A window that shows no corner gives its own size. Noise is taken as independent from pixel to
-    pixel: where JPEG or a camera's own smoothing ties neighbours together the truth is larger. The detector's bias is
-    not in it: up to 0.03 px in sharp pictures, where it outweighs noise below about 3 grey levels.
+    image : (H, W) uint8. A window without a corner gives its own size. Noise is assumed independent between pixels: the
+    covariance is too small where JPEG or the camera smooths. The detector's bias is not included: up to 0.03 px in
+    sharp pictures, where it outweighs noise below about 3 grey levels.
     """
     found = np.zeros((len(corners_px), 2, 2))
     if not len(corners_px):
@@ -97,7 +97,7 @@ def corner_covariances(image: np.ndarray, corners_px: np.ndarray, windows: np.nd
 
 
 def _of_one_size(pixels: np.ndarray, part: np.ndarray, window: int, variance: np.ndarray) -> np.ndarray:
-    """Covariances from pixels (N, K + 3, K + 3) with their noise; part (N, 2, 1, 1) is what corners are off them."""
+    """Covariances from pixels (N, K + 3, K + 3) and their noise; part (N, 2, 1, 1) is the corners' sub-pixel offset."""
     samples = _bilinear(pixels, part)
     gradient = 0.5 * np.stack(
         [samples[:, 1:-1, 2:] - samples[:, 1:-1, :-2], samples[:, 2:, 1:-1] - samples[:, :-2, 1:-1]], axis=1
@@ -158,7 +158,7 @@ def _slopes(pixels: np.ndarray, part: np.ndarray) -> np.ndarray:
 
 
 def _sandwich(by_shift: np.ndarray, curvature: np.ndarray, scatter: np.ndarray, window: int) -> np.ndarray:
-    """J⁻¹ S J⁻ᵀ (N, 2, 2), where J keeps at least a part of M in every direction: beyond it nothing is linear."""
+    """J⁻¹ S J⁻ᵀ (N, 2, 2), J bounded below by a share of M in every direction, beyond which it is not linear."""
     size = np.trace(curvature, axis1=1, axis2=2)
     fixed = np.linalg.det(curvature) > _LEAST_FIXED * np.maximum(size, 1e-3) ** 2
     whole = np.where(fixed[:, None, None], curvature, np.eye(2))

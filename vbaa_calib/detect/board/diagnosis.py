@@ -1,6 +1,6 @@
-"""Why a board spec does not fit the pictures: the causes in words and the spec that fits, found by trying.
+"""Why a board spec does not fit the pictures, and the spec that does, found by trying.
 
-A layout fits when markers that are neighbours in it stand to one another as it has them.
+A layout fits when neighbouring markers lie relative to one another as it says.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ _APRILTAGS = ("DICT_APRILTAG_16h5", "DICT_APRILTAG_25h9", "DICT_APRILTAG_36h10",
 _FAMILIES = (*(name for name in DICTIONARIES if name.endswith("_1000")), *_APRILTAGS, "DICT_ARUCO_ORIGINAL")
 _CONTRADICTED = 0.2
 _RATIO_OFF, _RATIO_OFF_PX = 0.08, 2.0
-"""How far the markers' share of a square may be off before it is called wrong. By 0.1 it costs up to half as much again
-in drawn corners (0.03 px to 0.05 px), by 0.25 up to ten times (0.04 px to 0.4 px)."""
+"""Error of the marker-to-square ratio that is reported. In drawn pictures an error of 0.1 raises the corners' error
+from 0.03 to 0.05 px, one of 0.25 from 0.04 to 0.4 px."""
 _PAIRS_NEEDED = 6
-"""Pairs of markers that must agree before anything is concluded from them."""
+"""Least number of agreeing pairs of markers for any conclusion."""
 _MISS_SQUARES = 0.6
 _LARGEST_WIDTH = 60
 _RATIOS = (0.2, 1.0)
@@ -39,9 +39,9 @@ _CONTOUR_PX = 1.0
 
 
 def marker_cells(squares_x: int, on_even_squares: bool, count: int) -> np.ndarray:
-    """(count, 2) column and row of each marker id: markers are numbered along the rows, on every other square.
+    """(count, 2) column and row of each marker id, numbered along the rows on every other square.
 
-    on_even_squares: the first square holds a marker (OpenCV's legacy layout with an even number of rows).
+    on_even_squares : the first square has a marker (OpenCV's legacy layout with an even number of rows).
     """
     rows = 2 * count // squares_x + 2
     row, column = np.mgrid[:rows, :squares_x]
@@ -73,26 +73,26 @@ class Markers:
 
     @cached_property
     def offsets(self) -> np.ndarray:
-        """(M, M, 2) from each marker's centre to every other one's, in sides of the first along the board's x and y."""
+        """(M, M, 2) from each marker's centre to every other's, along the board's x and y in sides of the first."""
         centres = self.outlines.mean(axis=1)
         return np.einsum("ibp,ijp->ijb", np.linalg.pinv(self.px_per_marker), centres[None] - centres[:, None])
 
     def below(self, count: int) -> Markers:
-        """Those with ids under a count."""
+        """The markers with ids below `count`."""
         low = self.ids < count
         return self if low.all() else Markers(self.ids[low], self.outlines[low])
 
 
 @dataclass(frozen=True, eq=False)
 class _Layout:
-    """How well markers stand as a layout has them.
+    """How well markers fit a layout.
 
     Attributes
     ----------
     squares_x, on_even_squares : the layout (`marker_cells`).
-    ratio : marker side over square side that fits it best.
-    wrong, total : pairs of markers at most two squares apart in it: that contradict it, and all.
-    fits : (count,) of how many fitting pairs each id is the first.
+    ratio : best fitting marker side over square side.
+    wrong, total : pairs of markers at most two squares apart that contradict the layout, and all such pairs.
+    fits : (count,) number of fitting pairs that begin with each id.
     """
 
     squares_x: int
@@ -104,12 +104,10 @@ class _Layout:
 
     @property
     def agreeing(self) -> int:
-        """Pairs that stand as the layout has them."""
         return self.total - self.wrong
 
     @property
     def share_wrong(self) -> float:
-        """wrong / total."""
         return self.wrong / max(self.total, 1)
 
     @property
@@ -121,8 +119,8 @@ class _Layout:
 def judge(pictures: Sequence[Markers], squares_x: int, on_even_squares: bool, count: int) -> _Layout:
     """How well the markers with ids under `count` fit a layout.
 
-    Each marker's outline predicts where its neighbours stand; a pair fits when that misses by less than 0.6 squares.
-    Being local, this bears any lens. The marker's size against the square's is found from the same pairs.
+    Each marker's outline predicts its neighbours' places; a pair fits if they are within 0.6 squares. This is local and
+    so holds for any lens. The marker-to-square ratio is found from the same pairs.
     """
     cells = marker_cells(squares_x, on_even_squares, count)
     ids, steps, offsets = [np.zeros(0, int)], [np.zeros((0, 2))], [np.zeros((0, 2))]
@@ -143,7 +141,7 @@ def judge(pictures: Sequence[Markers], squares_x: int, on_even_squares: bool, co
 
 
 def _distinctive_pairs(pictures: Sequence[Markers], here: _Layout, other: _Layout) -> int:
-    """How many pairs of neighbouring markers fit one layout and stand differently in the other, of as many ids."""
+    """Number of pairs of neighbouring markers that fit the layout `here` and would lie differently in `other`."""
     cells, votes = (here.cells, other.cells), 0
     for picture in (picture.below(len(here.fits)) for picture in pictures):
         step, rival = (layout[picture.ids][None] - layout[picture.ids][:, None] for layout in cells)
@@ -153,9 +151,9 @@ def _distinctive_pairs(pictures: Sequence[Markers], here: _Layout, other: _Layou
 
 
 def _best_layout(pictures: Sequence[Markers], prefer: tuple[int, bool]) -> _Layout | None:
-    """The layout that the fewest pairs contradict; the preferred (squares_x, on_even_squares) where none is better.
+    """The layout with the smallest share of contradicting pairs, `prefer` (squares_x, on_even_squares) among equals.
 
-    None where too few pairs say anything, or one in ten contradicts the best.
+    None with too few pairs, or if one in ten contradicts the best layout.
     """
     count = 1 + max((int(picture.ids.max(initial=-1)) for picture in pictures), default=-1)
     every = [(squares_x, even) for squares_x in range(2, _LARGEST_WIDTH + 1) for even in (False, True)]
@@ -168,7 +166,7 @@ def _best_layout(pictures: Sequence[Markers], prefer: tuple[int, bool]) -> _Layo
 
 
 def _vacant_below(picture: Markers, layout: _Layout, row: int, image_size: tuple[int, int]) -> int:
-    """How many markers of the row after `row` would stand well inside the picture, beside markers of `row` in it."""
+    """Number of places for markers of the next row that lie well inside the picture, beside markers of `row`."""
     picture = picture.below(len(layout.fits))
     column, its_row = layout.cells[picture.ids].T
     last = its_row == row
@@ -184,7 +182,7 @@ def _vacant_below(picture: Markers, layout: _Layout, row: int, image_size: tuple
 
 @dataclass(frozen=True)
 class _Mismatch:
-    """Causes in words, and what to do: where there is one, the spec that fits, as a line of YAML to paste."""
+    """Causes in words, and a remedy: the fitting spec as a line of YAML, if there is one."""
 
     causes: tuple[str, ...]
     remedy: str
@@ -192,7 +190,7 @@ class _Mismatch:
 
 @dataclass(frozen=True, eq=False)
 class _Sighting:
-    """Markers that agree on a layout: their dictionary, how the pictures are turned (in words, or ""), per picture."""
+    """Markers per picture that agree on a layout, and how the pictures are mirrored or inverted ("" for not)."""
 
     dictionary: str
     turned: str
@@ -203,13 +201,13 @@ class _Sighting:
 def explain_mismatch(
     read: Callable[[int], np.ndarray], markers: Sequence[Markers], spec: BoardSpec, found: bool
 ) -> _Mismatch | None:
-    """What is wrong with the spec, or None if nothing is wrong or it cannot be determined.
+    """What is wrong with the spec; None if nothing is, or if that cannot be determined.
 
     Parameters
     ----------
-    read : picture of an index, (H, W) uint8.
-    markers : per picture, what was found with the spec's dictionary.
-    found : whether the board's corners are found in a fair share of the pictures.
+    read : reads a picture (H, W) uint8 by its index.
+    markers : markers of the spec's dictionary in each picture.
+    found : whether the board's corners are found in enough pictures.
     """
     own = judge(markers, spec.squares_x, spec.starts_with_marker, spec.marker_count)
     doubtful = own.total >= _PAIRS_NEEDED and own.share_wrong > _CONTRADICTED
@@ -231,15 +229,15 @@ def explain_mismatch(
 
 
 def fitting_board(pictures: Sequence[np.ndarray], square_m: float) -> BoardSpec | str | None:
-    """The ChArUco board in pictures (H, W) uint8, its squares being so large; the dictionary's name alone where no
-    BoardSpec describes it, None where there are no markers."""
+    """The ChArUco board in pictures (H, W) uint8, given the side of its squares; only the dictionary's name where no
+    BoardSpec fits, None without markers."""
     any_board = BoardSpec(3, 3, square_m, 0.75 * square_m)
     sighting = _searched(pictures, (any_board.squares_x, False))
     return None if sighting is None else _fitting_spec(sighting, any_board) or sighting.dictionary
 
 
 def markers_within(picture: np.ndarray, corners_px: np.ndarray) -> int:
-    """How many markers of one dictionary stand amid corners (N, 2) px, N ≥ 3, at most."""
+    """Largest number of markers of one dictionary within the hull of corners (N, 2) px, N ≥ 3."""
     hull = cv2.convexHull(corners_px.astype(np.float32))
     counts = []
     for dictionary in _FAMILIES:
@@ -251,8 +249,8 @@ def markers_within(picture: np.ndarray, corners_px: np.ndarray) -> int:
 def _legacy_is_wrong(markers: Sequence[Markers], own: _Layout, spec: BoardSpec) -> bool:
     """Whether the markers fit the board clearly better with the other legacy flag.
 
-    With an odd number of columns and an even number of rows the two layouts differ by a shift of one square, so that
-    corners are found and the fit is good under both; only the markers that wrap to the next row distinguish them.
+    With odd columns and even rows the two layouts differ by a shift of one square: corners are found under both, and
+    only markers that wrap to the next row tell them apart.
     """
     if spec.squares_y % 2:
         return False
@@ -262,7 +260,7 @@ def _legacy_is_wrong(markers: Sequence[Markers], own: _Layout, spec: BoardSpec) 
 
 
 def _searched(pictures: Sequence[np.ndarray], prefer: tuple[int, bool]) -> _Sighting | None:
-    """The markers that agree best on a layout (`_best_layout`) in pictures, as they are or else turned somehow."""
+    """The markers that agree best on a layout, in the pictures as they are, else mirrored or inverted."""
     for turned in ("", MIRRORED, _NEGATIVE, _BOTH):
         seen = [cv2.flip(picture, 1) for picture in pictures] if turned in (MIRRORED, _BOTH) else pictures
         seen = [255 - picture for picture in seen] if turned in (_NEGATIVE, _BOTH) else seen
@@ -285,7 +283,7 @@ def _find_markers(picture: np.ndarray, dictionary: str) -> Markers:
 
 
 def _compared(sighting: _Sighting, spec: BoardSpec) -> _Mismatch | None:
-    """The differences between what is seen and the spec."""
+    """How the board in the pictures differs from the spec."""
     fitting = _fitting_spec(sighting, spec)
     if fitting is None:
         turned = (sighting.turned,) if sighting.turned else ()
@@ -308,7 +306,7 @@ def _compared(sighting: _Sighting, spec: BoardSpec) -> _Mismatch | None:
 
 
 def _fitting_spec(sighting: _Sighting, spec: BoardSpec) -> BoardSpec | None:
-    """The spec that the pictures show: what they leave open is kept; None where its dictionary is none of ours."""
+    """The spec of the board in the pictures, undetermined fields kept; None if its dictionary is not supported."""
     layout, columns, even = sighting.layout, sighting.layout.squares_x, sighting.layout.on_even_squares
     seen = layout.fits >= _PAIRS_NEEDED
     rows = int(layout.cells[seen if seen.any() else layout.fits > 0, 1].max(initial=-1)) + 1
@@ -332,7 +330,7 @@ def _fitting_spec(sighting: _Sighting, spec: BoardSpec) -> BoardSpec | None:
 
 
 def _marker_m(sighting: _Sighting, spec: BoardSpec) -> float:
-    """The spec's marker side, or that which the pictures show where it is clearly another."""
+    """The spec's marker side, or that in the pictures if it clearly differs."""
     ratio, named = sighting.layout.ratio, spec.marker_m / spec.square_m
     sides = [np.sqrt(np.abs(np.linalg.det(picture.px_per_marker))) for picture in sighting.markers if len(picture.ids)]
     side_px = float(np.median(np.concatenate(sides))) if sides else 0.0
@@ -342,9 +340,9 @@ def _marker_m(sighting: _Sighting, spec: BoardSpec) -> float:
 
 
 def rows_too_many(markers: Sequence[Markers], spec: BoardSpec, image_size: tuple[int, int]) -> int:
-    """Rows of the spec that are not on the board: their places lie well inside the pictures, and no marker is there.
+    """Number of the spec's last rows that the board lacks: their places are in view and show no marker.
 
-    Harmless to the corners, which keep their ids, and a sheet may be covered there: a note, not an error.
+    A note rather than an error: the corners keep their ids, and the sheet may be covered there.
     """
     layout = judge(markers, spec.squares_x, spec.starts_with_marker, spec.marker_count)
     if not layout.fits.any():

@@ -1,4 +1,4 @@
-"""Boards whose marks have no ids: chessboards and grids of circles, found whole or not at all."""
+"""Boards without ids, chessboards and grids of circles: they are found whole or not at all."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from targets.board import Chessboard, CircleGrid
 
 _MOST_PX = 1_500_000
-"""Larger pictures are searched shrunk; the marks are refined in the picture as it is."""
+"""Larger pictures are reduced for the search; marks are refined at full size."""
 _LEAST_SIDE_PX = 16
 _SEARCHES = (
     cv2.CALIB_CB_EXHAUSTIVE,
@@ -21,7 +21,7 @@ _CLASSIC = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CAL
 _LEAST_BLOB_PX2, _WIDEST_BLOB = 20.0, 0.5
 _LEVELS = 20.0, 240.0
 _IRREGULAR = 0.35
-"""Distance of a mark from where its neighbours put it, in their distance, beyond which the find is none."""
+"""Largest distance of a mark from the place that its neighbours predict, in their spacing."""
 _MOST_SPOTS, _GOES_ON = 3, 0.2
 """Spots among which a grid is looked for, per circle; share of places beside the grid that hold one where it goes on.
 """
@@ -29,7 +29,7 @@ _TURNS = tuple(np.array(turn) for turn in ([[1, 0], [0, 1]], [[0, -1], [1, 0]], 
 
 
 def grid_readings(spec: Chessboard | CircleGrid) -> np.ndarray:
-    """(K, corner_count) the orders in which the same marks may be numbered: turned by quarter turns, and mirrored."""
+    """(K, corner_count) orders in which the marks may be numbered: by quarter turns and mirroring."""
     centred = 2 * spec.lattice - spec.lattice.min(axis=0) - spec.lattice.max(axis=0)
     index = {tuple(place): number for number, place in enumerate(centred.tolist())}
     found = []
@@ -41,9 +41,9 @@ def grid_readings(spec: Chessboard | CircleGrid) -> np.ndarray:
 
 
 def find_grid(image: np.ndarray, spec: Chessboard | CircleGrid) -> np.ndarray | None:
-    """(corner_count, 2) px of all marks by their number in a picture (H, W) uint8, unrefined; None where not all show.
+    """(corner_count, 2) px of all marks in a picture (H, W) uint8, unrefined; None if not all are found.
 
-    Where the board can be read turned, the reading is taken whose x axis points most nearly along the picture's.
+    Of several possible numberings, that whose x axis is nearest to the picture's.
     """
     small, scale = _searchable(image)
     if min(small.shape) < _LEAST_SIDE_PX:
@@ -71,14 +71,14 @@ def find_whole_chessboard(image: np.ndarray) -> tuple[int, int] | None:
         return None
     sizes = []
     for flags in _SEARCHES:
-        # it is content with a part of the board now and then
+        # it sometimes finds only a part of the board
         found, _, meta = cv2.findChessboardCornersSBWithMeta(small, (3, 3), flags | cv2.CALIB_CB_LARGER)
         sizes += [(meta.shape[1], meta.shape[0])] if found else []
     return max(sizes, key=np.prod, default=None)
 
 
 def _searchable(image: np.ndarray) -> tuple[np.ndarray, float]:
-    """The picture, shrunk by the scale where it is large."""
+    """The picture, reduced if it is large, and the scale."""
     scale = min(1.0, float(np.sqrt(_MOST_PX / max(image.size, 1))))
     shrunk = image if scale == 1.0 else cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
     return shrunk, scale
@@ -107,7 +107,7 @@ def _circles(image: np.ndarray, spec: CircleGrid) -> np.ndarray | None:
 
 
 def _rows_of_three(spec: Chessboard | CircleGrid) -> np.ndarray:
-    """(T, 3) numbers of marks before, at, and after a place, along the board's x and y both ways; −1 for none after."""
+    """(T, 3) numbers of three marks in a row, along the board's ±x and ±y; the last is −1 at the border."""
     index = {tuple(place): number for number, place in enumerate(spec.lattice.tolist())}
     wide = 2 if isinstance(spec, CircleGrid) and spec.type == "asymmetric_circles" else 1
     return np.array(
@@ -121,7 +121,7 @@ def _rows_of_three(spec: Chessboard | CircleGrid) -> np.ndarray:
 
 
 def _goes_on(marks: np.ndarray, spots: np.ndarray, spec: CircleGrid) -> bool:
-    """Whether the grid goes on beyond the marks: spots (S, 2) px stand where the next ones would."""
+    """Whether the grid continues beyond the marks: spots (S, 2) px lie where the next ones would."""
     rows = _rows_of_three(spec)
     before, last = marks[rows[rows[:, 2] < 0, :2].T]
     miss = np.linalg.norm((2.0 * last - before)[:, None] - spots, axis=-1).min(axis=1)
@@ -129,7 +129,7 @@ def _goes_on(marks: np.ndarray, spots: np.ndarray, spec: CircleGrid) -> bool:
 
 
 def _regular(marks: np.ndarray, spec: Chessboard | CircleGrid) -> bool:
-    """Whether marks lie amid their neighbours to either side, as far as perspective and lens allow."""
+    """Whether marks lie midway between their neighbours, as far as perspective and lens allow."""
     rows = _rows_of_three(spec)
     before, middle, after = marks[rows[rows[:, 2] >= 0].T]
     miss = np.linalg.norm(middle - (before + after) / 2.0, axis=1)
@@ -137,7 +137,7 @@ def _regular(marks: np.ndarray, spec: Chessboard | CircleGrid) -> bool:
 
 
 def _upright(marks: np.ndarray, image: np.ndarray, spec: Chessboard | CircleGrid) -> np.ndarray:
-    """The marks in the order of their numbers: not mirrored, black square first, and as upright as may be."""
+    """The marks in order: not mirrored, black square first, as upright as possible."""
     places = spec.lattice - spec.lattice.mean(axis=0)
     readings = [marks[order] for order in grid_readings(spec)]
     slopes = [np.linalg.lstsq(places, reading - reading.mean(axis=0), rcond=None)[0].T for reading in readings]
@@ -157,7 +157,7 @@ def _angle(slope: np.ndarray) -> float:
 
 
 def _begins_black(image: np.ndarray, corners: np.ndarray, spec: Chessboard) -> bool:
-    """Whether the first inner square, between the first four corners, is of the black ones."""
+    """Whether the square between the first four corners is black."""
     grid = corners.reshape(spec.squares_y - 1, spec.squares_x - 1, 2)
     middles = (grid[:-1, :-1] + grid[1:, 1:] + grid[:-1, 1:] + grid[1:, :-1]) / 4.0
     column, row = np.clip(np.rint(middles).astype(int), 0, np.array(image.shape[::-1]) - 1).reshape(-1, 2).T

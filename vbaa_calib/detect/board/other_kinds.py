@@ -15,17 +15,17 @@ from .grids import find_grid, find_whole_chessboard
 _CHARUCO, _CHESSBOARD = "a ChArUco board", "a plain chessboard"
 _LEAST_CORNERS = 20
 _MARKERS_AMID = 3
-"""So many markers within a plain chessboard are none by chance, nor a chessboard inset among markers."""
+"""Least number of markers within a plain chessboard that makes it a ChArUco board."""
 _Read = Callable[[int], np.ndarray]
 
 
 def explain_other_kind(read: _Read, found: Sequence[np.ndarray], spec: Board) -> tuple[str, str] | None:
-    """What is in the pictures instead, in words, and what to do; None if it cannot be determined.
+    """The board that the pictures show instead, in words, and a remedy; None if that cannot be determined.
 
     Parameters
     ----------
-    read : picture of an index, (H, W) uint8.
-    found : (N, 2) px per picture, what was found as the spec has it; (0, 2) where nothing was.
+    read : reads a picture (H, W) uint8 by its index.
+    found : (N, 2) px marks of the spec's board in each picture.
     """
     shown = [index for index, corners in enumerate(found) if len(corners)]
     if shown:
@@ -74,10 +74,7 @@ def _as_circles(pictures: Sequence[np.ndarray], spec: Board) -> tuple[str, str] 
 
 
 def _as_chessboard(pictures: Sequence[np.ndarray], spec: Board) -> tuple[str, str] | None:
-    """A plain chessboard of another size than the spec's: the largest that two pictures agree on, or an only picture's.
-
-    An only picture may show a part of the board.
-    """
+    """A plain chessboard of another size: the largest that two pictures agree on, or that of a single picture."""
     sizes = [sorted(size)[::-1] for picture in pictures if (size := find_whole_chessboard(picture))]
     own = sorted((spec.squares_x - 1, spec.squares_y - 1))[::-1] if isinstance(spec, Chessboard) else [0, 0]
     least = 2 if len(pictures) > 1 or any(np.greater_equal(own, max(sizes, default=own))) else 1

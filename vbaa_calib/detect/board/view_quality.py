@@ -22,20 +22,19 @@ _ADDED_PX2 = 1.0 / 6.0 + _STEP_PX**2 / 12.0
 
 @dataclass(frozen=True)
 class ViewQuality:
-    """What can be said of one view of the board.
+    """Quality of one view of the board.
 
     Attributes
     ----------
-    collinear : whether the corners fix no homography, lying (all but one) on a line.
-    blur_px : standard deviation of the point spread, the pixel's own area included, along the board's x and y; NaN
-        where no two neighbouring corners are seen. Right to a tenth up to half of `gap_px`, too small beyond, and too
-        small where the camera sharpens.
-    direction_rad : where the larger blur points in the picture, from u towards v, in (−π/2, π/2]; NaN as above.
-    gap_px : room between the squares' edges and the markers; without markers, to the middle of the square.
+    collinear : whether the corners, all but one on a line, determine no homography.
+    blur_px : standard deviation of the point spread, including the pixel's area, along the board's x and y; NaN without
+        neighbouring corners. Right to 10 % up to half of `gap_px`; too small beyond, and where the camera sharpens.
+    direction_rad : direction of the larger blur in the picture, from u towards v, in (−π/2, π/2]; NaN as above.
+    gap_px : distance from the squares' edges to the markers; without markers, to the middle of the square.
     contrast : white less black, grey levels.
     saturated : share of the white pixels (or of the black ones, if that is more) beyond the camera's range.
-    edge_level : grey level right at the squares' edges, from black (0) to white (1): a half in a linear picture, up to
-        about 0.75 after a display's gamma, more where clipped or overflowing white has grown over the edges.
+    edge_level : grey level at the squares' edges, from black (0) to white (1): 0.5 in a linear picture, up to about
+        0.75 after a display's gamma, more where clipped or blooming white spreads over the edges.
     """
 
     collinear: bool
@@ -48,18 +47,18 @@ class ViewQuality:
 
     @property
     def mean_blur_px(self) -> float:
-        """Root mean square of the two blurs, of one where the other is unknown; NaN where both are."""
+        """Root mean square of the known blurs; NaN if both are unknown."""
         known = [blur for blur in self.blur_px if np.isfinite(blur)]
         return float(np.sqrt(np.mean(np.square(known)))) if known else float("nan")
 
     @property
     def motion(self) -> float:
-        """The larger blur over the smaller: 1 for a still camera, NaN where one is unknown."""
+        """The larger blur over the smaller, 1 for a still camera; NaN if one is unknown."""
         return float(max(self.blur_px) / min(self.blur_px)) if np.isfinite(self.blur_px).all() else float("nan")
 
     @property
     def blur_in_words(self) -> str:
-        """The blur's direction, as far as edges of two directions determine it."""
+        """The blur's direction, as far as it is determined."""
         if self.motion > _MOVED:
             return f"{self.motion:.1f} times more along {np.degrees(self.direction_rad):.0f}° than across: motion"
         return "much alike along both sides of the squares"
@@ -102,7 +101,7 @@ class _Across:
 
 
 def _edges(ids: np.ndarray, cells: np.ndarray, step: tuple[int, int], columns: int, count: int) -> np.ndarray:
-    """(E, 2) indices of corners that are neighbours, one step (column, row) apart; at most so many, evenly chosen."""
+    """(E, 2) indices of corners one step (column, row) apart; at most `_MOST_EDGES`, evenly chosen."""
     index = np.full(count + columns + 1, -1)
     index[ids] = np.arange(len(ids))
     second = index[ids + step[0] + step[1] * columns]
@@ -119,10 +118,10 @@ def _gap_px(corners_px: np.ndarray, edges: np.ndarray, room: float) -> float:
 
 
 def _across(image: np.ndarray, ends: np.ndarray, gap_px: float, square_px: float) -> _Across:
-    """Profiles across edges between corners (E, 2, 2) px, from inside the black square to amid the white one's rim.
+    """Blur from profiles across edges between corners (E, 2, 2) px, from the black square to the white one's rim.
 
-    The blur is read from the black half, where nothing but the edge is: a Gaussian edge of height 2a has the slopes'
-    energy a² / (√π σ) there.
+    It is read from the black half, where only the edge is: there a Gaussian edge of height 2a has the squared slopes'
+    integral a² / (√π σ).
     """
     if not len(ends):
         return _Across()

@@ -1,4 +1,4 @@
-"""A colour picture to draw on in the picture's own pixels, enlarged where they are few, and the legend under it."""
+"""A colour picture to draw on in camera pixels, enlarged if small, and the legend under it."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ _WIDEST, _NARROWEST = 1920.0, 960.0
 _PARTS_BITS = 4
 """Canvas coordinates are drawn to a sixteenth of a pixel."""
 _FARTHEST = 8000.0
-"""Coordinates are cut off here: OpenCV's are of few bits."""
+"""Limit of coordinates, since OpenCV's have few bits."""
 _FONT = cv2.FONT_HERSHEY_SIMPLEX
 _ASCII = {"±": "+-", "°": " deg", "µ": "u", "·": ".", "–": "-", "→": "->", "≤": "<=", "ξ": "xi", "×": "x", "²": "^2"}
-"""OpenCV's fonts have _ASCII only."""
+"""OpenCV's fonts have ASCII only."""
 _GROUND: Colour = (30, 26, 24)
 _SOFT: Colour = (190, 182, 176)
 _TEXT_SIZE = 0.5
@@ -34,7 +34,7 @@ _MARGIN = 14
 
 @dataclass(frozen=True, eq=False)
 class Canvas:
-    """A picture being drawn on. Points are given in the camera's pixels (centres at whole numbers) and drawn in place.
+    """A picture to draw on; points are given in camera pixels, whose centres are whole numbers.
 
     image : (H, W, 3) uint8, blue, green, red. scale : canvas pixels per camera pixel.
     origin_px : (2,) camera pixel at the middle of the canvas' upper left pixel, if `scale` is 1.
@@ -48,7 +48,7 @@ class Canvas:
 
     @staticmethod
     def over(grey: np.ndarray) -> Canvas:
-        """A canvas with a grey picture (H, W) uint8 in it, a whole number of times as large where that is small."""
+        """A canvas showing a grey picture (H, W) uint8, enlarged by a whole factor if it is small."""
         width = grey.shape[1]
         scale = _WIDEST / width if width > _WIDEST else float(max(1, round(_NARROWEST / width)))
         size = (max(1, round(scale * width)), max(1, round(scale * grey.shape[0])))
@@ -56,7 +56,7 @@ class Canvas:
         return Canvas(cv2.cvtColor(large, cv2.COLOR_GRAY2BGR), scale, unit=float(np.clip(size[0] / 1100.0, 1.0, 1.8)))
 
     def cut(self, grey: np.ndarray, centre_px: np.ndarray, radius_px: float, size: int) -> Canvas:
-        """A square canvas of `size` with the grey picture's surroundings (H, W) of a point (2,) in it."""
+        """A square canvas of `size` showing a grey picture (H, W) around a point (2,)."""
         scale = size / (2.0 * radius_px)
         origin = (float(centre_px[0] - radius_px + 0.5), float(centre_px[1] - radius_px + 0.5))
         back = np.array([[1 / scale, 0, origin[0] - 0.5 + 0.5 / scale], [0, 1 / scale, origin[1] - 0.5 + 0.5 / scale]])
@@ -69,13 +69,13 @@ class Canvas:
         return (np.asarray(points_px, float) - self.origin_px + 0.5) * self.scale - 0.5
 
     def line(self, points_px: np.ndarray, colour: Colour, thick: float = 1.0) -> None:
-        """A polyline through points (M, 2); those that are not finite are left out."""
+        """A polyline through the finite ones of points (M, 2)."""
         places = self._places(points_px)
         if len(places) >= 2:
             cv2.polylines(self.image, [places], False, colour, self._thickness(thick), cv2.LINE_AA, _PARTS_BITS)
 
     def dashes(self, points_px: np.ndarray, colour: Colour, thick: float = 1.0, dash: float = 9.0) -> None:
-        """The same, dashed: as long on as off, in canvas pixels."""
+        """A dashed polyline; dashes and gaps are `dash` canvas pixels long."""
         points = np.asarray(points_px, float)
         points = points[np.isfinite(points).all(axis=1)]
         if len(points) < 2:
@@ -87,7 +87,7 @@ class Canvas:
             self.line(piece, colour, thick)
 
     def graded(self, points_px: np.ndarray, colours: np.ndarray, thick: float = 2.0, gap_px: float = 2.5) -> None:
-        """Points (N, 2), each of its own colour (N, 3), joined where they are no farther apart than the gap."""
+        """Points (N, 2) of colours (N, 3), joined where they are at most `gap_px` apart."""
         places = self._places(points_px, keep=True)
         near = np.hypot(*np.diff(points_px, axis=0).T) <= gap_px if len(points_px) > 1 else np.zeros(0, bool)
         for index, (place, colour) in enumerate(zip(places, colours.tolist(), strict=True)):
@@ -115,7 +115,7 @@ class Canvas:
             self.line(barbs, ink, thick + more)
 
     def words(self, text: str, at_px: np.ndarray, colour: Colour, aside: tuple[float, float] = (9.0, -9.0)) -> None:
-        """A label beside a point, to its left where `aside` says so; kept inside the canvas, with a black edge."""
+        """A label with a black edge, `aside` of a point and kept inside the canvas."""
         width, height = _text_size(text, 0.5 * self.unit)
         spot = self.at(np.asarray(at_px)) + np.array(aside) * self.unit - [width if aside[0] < 0 else 0, 0]
         rows, columns = self.image.shape[:2]
@@ -127,7 +127,7 @@ class Canvas:
         return max(1, round(thick * self.unit))
 
     def _places(self, points_px: np.ndarray, keep: bool = False) -> np.ndarray:
-        """Canvas coordinates (M, 2) as OpenCV's whole numbers of parts."""
+        """Canvas coordinates (M, 2) in OpenCV's fixed-point numbers."""
         points = np.asarray(points_px, float).reshape(-1, 2)
         good = points if keep else points[np.isfinite(points).all(axis=1)]
         limit = np.clip(np.nan_to_num(self.at(good)), -_FARTHEST, _FARTHEST)
@@ -135,7 +135,7 @@ class Canvas:
 
 
 def _ascii_text(text: str) -> str:
-    """The text in the letters that OpenCV can draw."""
+    """The text in ASCII."""
     return "".join(_ASCII.get(letter, letter) for letter in text).encode("ascii", "replace").decode()
 
 
@@ -151,7 +151,7 @@ def _put(image: np.ndarray, text: str, at: tuple[int, int], size: float, colour:
 
 
 def _wrapped(text: str, width: float, size: float) -> list[str]:
-    """The text in lines that are no wider than so many canvas pixels; a single longer word is cut."""
+    """The text in lines of at most `width` canvas pixels; a longer word is cut."""
     lines: list[str] = []
     for word in _ascii_text(text).split():
         while _text_size(word, size)[0] > width and len(word) > 1:
@@ -181,7 +181,7 @@ def strip(
     lines: Sequence[str],
     keys: Sequence[Key],
 ) -> np.ndarray:
-    """An image (H, width, 3): the badge, headings to the left and the right, wrapped paragraphs, and the keys."""
+    """An image (H, width, 3) with badge, left and right heading, wrapped paragraphs and keys."""
     margin, step, size = round(_MARGIN * unit), round(_LINE_HEIGHT * unit), _TEXT_SIZE * unit
     inner = width - 2 * margin
     paragraphs = [_wrapped(line, inner, size) for line in lines if line]
@@ -204,7 +204,7 @@ def strip(
 
 
 def _headed(image: np.ndarray, badge: tuple[str, Colour], heading: tuple[str, str], margin: int, unit: float) -> int:
-    """Draw badge and headings, the right one as far as there is room; returns the base line."""
+    """Draw badge and headings, the right one if there is room; returns the base line."""
     word, colour = badge
     size, pad = 0.62 * unit, round(8 * unit)
     width, height = _text_size(word, size, 2)
@@ -222,7 +222,7 @@ def _headed(image: np.ndarray, badge: tuple[str, Colour], heading: tuple[str, st
 
 
 def _key_width(key: Key, unit: float) -> int:
-    """From where a key starts to where the next one does."""
+    """Distance to the next key."""
     sample = round((44 if key.mark != "scale" else 100) * unit)
     return sample + _text_size(key.words, 0.9 * _TEXT_SIZE * unit)[0] + round(18 * unit)
 

@@ -1,4 +1,4 @@
-"""A debug picture of what was seen: corridor, centreline with its deviations, what is hidden, clamp and visible end."""
+"""A debug picture of a detection: corridor, centreline with its deviations, hidden parts, clamp and visible end."""
 
 from __future__ import annotations
 
@@ -27,19 +27,19 @@ _CAUSES: dict[Cause, Colour] = {
     Cause.HIDDEN: HIDDEN,
     Cause.OUTSIDE: OUTSIDE,
 }
-"""Colour of a stretch that was not seen, by what became of it."""
+"""Colours of unseen stretches."""
 _SIGMA_RANGE_PX = (0.02, 0.5)
-"""Deviations that have the ends of the colour scale: the same in every picture, so that pictures compare."""
+"""Range of the colour scale of deviations."""
 _SURE, _UNSURE = np.array([255.0, 255.0, 0.0]), np.array([255.0, 0.0, 255.0])
-"""Its ends: cyan and magenta, which colour-blind people can distinguish, too."""
+"""Its colours, cyan and magenta, which colour-blind people can tell apart, too."""
 _BRIGHTEST = 150.0
-"""Grey level that the picture's bright end is drawn at, so that the marks stand out from it."""
+"""Grey level of the picture's bright end, so that marks stand out."""
 _ASIDE = 0.5
-"""The picture outside the corridor is drawn darker by this factor."""
+"""Factor of brightness outside the corridor."""
 _LEAST_SPAN = 48.0
-"""A picture with less between its dark and its bright end is not stretched any further: it would be all noise."""
+"""Least range of grey levels that is stretched to full contrast."""
 _GAMMA = 0.75
-"""Exponent of grey levels: what is dark is still to be made out."""
+"""Exponent of grey levels, which brightens the dark ones."""
 _VERDICTS: dict[str, tuple[Colour, str]] = {
     "ok": ((136, 148, 13), "the antenna was found"),
     "no_antenna": ((139, 116, 100), "there is no antenna, or it cannot be made out"),
@@ -57,7 +57,7 @@ _END_WORDS = {
 
 
 def background(image: np.ndarray, where: Corridor | None) -> np.ndarray:
-    """(H, W) uint8: a grey picture (H, W), any number type, darkened, more so outside the corridor."""
+    """(H, W) uint8: a grey picture (H, W) of any type, darkened, more so outside the corridor."""
     grey = np.nan_to_num(np.asarray(image, np.float32), nan=0.0, posinf=0.0, neginf=0.0)
     low, high = np.percentile(grey[::3, ::3], (1.0, 99.8))
     grey = _BRIGHTEST * np.clip((grey - low) / max(high - low, _LEAST_SPAN), 0.0, 1.0) ** _GAMMA
@@ -69,9 +69,9 @@ def background(image: np.ndarray, where: Corridor | None) -> np.ndarray:
 def centreline_picture(
     image: np.ndarray, line: Centreline, where: Corridor | None, words: tuple[str, ...], parts: Sequence[Stretch] = ()
 ) -> np.ndarray:
-    """(H, W, 3) uint8, blue, green, red: a grey picture (H, W) with what was seen in it, over a legend.
+    """(H, W, 3) uint8, blue, green, red: a grey picture (H, W) with the detection drawn in it, over a legend.
 
-    words : the title, then notes under it. parts : what became of every stretch, where that was worked out.
+    words : title and notes. parts : seen and unseen stretches, if known.
     """
     canvas = Canvas.over(background(image, where))
     if where is not None:
@@ -102,7 +102,7 @@ def _corridor_sides(where: Corridor) -> tuple[np.ndarray, np.ndarray]:
 
 
 def draw_corridor(canvas: Canvas, where: Corridor) -> None:
-    """The corridor's outline, the predicted free antenna in its middle, and the clamp."""
+    """The corridor's outline, and the predicted free antenna."""
     left, right = _corridor_sides(where)
     canvas.line(np.concatenate([left, right[::-1], left[:1]]), _CORRIDOR)
     canvas.dashes(where.axis_px, _FREE, 1.5)
@@ -115,7 +115,7 @@ def draw_clamp(canvas: Canvas, where: Corridor) -> None:
 
 
 def draw_centreline(canvas: Canvas, line: Centreline, parts: Sequence[Stretch] = (), *, named: bool = True) -> None:
-    """Points by their deviation; stretches that were not seen dashed, by cause where `parts` give it; a second line;
+    """Points coloured by deviation, unseen stretches dashed (coloured by cause if `parts` give it), a second line, and
     the visible end."""
     if len(line.other_line_px):
         canvas.line(line.other_line_px, OTHER_LINE, 2.0)
@@ -143,7 +143,7 @@ def sigma_colours(sigma_px: np.ndarray) -> np.ndarray:
 
 
 def keys(line: Centreline | None, where: Corridor | None, parts: Sequence[Stretch] = ()) -> list[Key]:
-    """The legend of what these functions draw, without what is not there."""
+    """The legend of what is drawn."""
     low, high = _SIGMA_RANGE_PX
     scale = sigma_colours(np.geomspace(low, high, 64))
     points = Key(f"centreline, std {low:g} to {high:g} px", mark="scale", scale=scale)
@@ -162,7 +162,7 @@ def keys(line: Centreline | None, where: Corridor | None, parts: Sequence[Stretc
 
 
 def described(line: Centreline) -> str:
-    """What was seen, in words and numbers."""
+    """The detection in words and numbers."""
     if not len(line.points_px):
         return "no point of the antenna was measured"
     low, middle, high = np.percentile(line.sigma_px, (5, 50, 95))

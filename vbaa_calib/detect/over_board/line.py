@@ -1,7 +1,6 @@
-"""The antenna in front of a printed board: found, then its centreline and ends measured where it differs from print.
+"""The antenna in front of a printed board: centreline and ends, measured where the antenna differs from the print.
 
-A white antenna does not show over white squares, nor a dark one over black: there is no point there, rather than a
-guessed one.
+Over squares of its own brightness the antenna is invisible and gets no points.
 """
 
 from __future__ import annotations
@@ -42,27 +41,27 @@ _BANDS = (6.0, 3.0, 1.5)
 _STEP_PX = 2.0
 _LEAST_STEPS = 12
 _LEAST_COVER = 0.5
-"""Least part of the steps along the line, where the antenna would show, that must show it."""
+"""Least share of the visible steps along the line that must show it."""
 
 
 _SEEN_RATIO = 6.0
 _AMPLITUDES = 0.5, 1.6
 _FAINTEST = 0.12
-"""A line of less cover is a shadow, a scratch or the print's own misfit."""
+"""Least cover; less is a shadow, a scratch or a misfit of the print."""
 _WORST_CENTRE_PX = 0.5
 _DISTURBED = 2.0
-"""Profiles that leave this many times the residual of most show something else, too."""
+"""Profiles with more than this many times the usual residual show something else, too."""
 _GROWTH, _GROWTHS = 0.25, 8
-"""The path grows beyond what is seen of it by this part of its length at a time, as long as more comes into sight."""
+"""Share of its length by which the path is extended, repeatedly, while more of the line is found."""
 _ENDWARD = 0.03
 _LEAST_POINTS = 30
 _REWEIGHINGS = 4
 _END_STEP_PX = 0.1
 _END_STD_PX = 0.3
-"""Least standard deviation of an end: how square it is cut, and how far its flank shines, is not known."""
+"""Least standard deviation of an end: its cut and its reflections are unknown."""
 _PRESENCE_STD = 0.15
 _WORST_SURPRISE = 9.0
-"""A column says no more against a place of the end than three standard deviations do."""
+"""Cap on a column's squared deviation in the likelihood of an end."""
 _BORDER_PX = 3.0
 
 
@@ -142,7 +141,7 @@ def _search(picture: BoardPicture, plane: PlaneAbove, width_px: float, bright: b
         if near.sum() < _LEAST_STEPS:
             return None
         path = path.fitted(points[near], strength[near], 1 if band == _BANDS[0] else 2)
-    # with its ends, where it shows often enough
+    # its ends, if it shows often enough
     s = path.along(points[np.abs(path.along(points)[1]) < width])[0]
     step = scale * _STEP_PX
     steps = np.arange(path.start, path.end, step)
@@ -236,10 +235,9 @@ class BoardLine:
 def find_over_board(
     image: np.ndarray, plane: PlaneAbove, spec: BoardSpec, diameter_m: float, bright: bool | None = None
 ) -> BoardLine | None:
-    """The thin line on a plane above a board, in an (H, W) picture; None where there is none.
+    """The thin line on a plane above a board, in an (H, W) picture; None without one.
 
-    With `bright` None a bright and a dark line are looked for, and the one that covers more of its pixels is taken:
-    an antenna covers them, its shadow only dims them.
+    With `bright` None the one with more cover of a bright and a dark line: an antenna covers, its shadow only dims.
     """
     picture = board_picture(image, plane.camera, plane.T_camera_board, spec)
     if picture is None:

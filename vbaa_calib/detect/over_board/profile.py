@@ -28,13 +28,10 @@ _STEEP, _FLAT = 0.08, 0.01
 
 @dataclass(frozen=True, eq=False)
 class BoardPicture:
-    """A picture in units of the board's own print: 0 is its black, 1 its white, wherever the light falls.
+    """A picture in units of the print, 0 black and 1 white, whatever the light. Arrays (H, W) float32.
 
-    seen : (H, W) float32, the picture.
-    pattern : (H, W) float32, the bare board, blurred like the picture; NaN off the board's outline.
-    slope : (H, W) float32, how steep the pattern is, 1/px.
-    noise : (H, W) float32, standard deviation of `seen - pattern`: grain, and at edges how well they are known.
-    blur_px : standard deviation of the blur.
+    pattern : the bare board, blurred like the picture; NaN off the board. slope : of the pattern, 1/px.
+    noise : std of `seen - pattern`: grain, and at edges their uncertainty. blur_px : std of the blur.
     """
 
     seen: np.ndarray
@@ -257,13 +254,12 @@ def _with_flanks(
 def fit(
     cut: Profiles, paint: Paint, start: float | np.ndarray = 0.0, steps: int = _GAUSS_NEWTON, wary: bool = False
 ) -> _Fitted:
-    """Weighted Gauss–Newton for the line's centre and cover in a light of its own and its slope, all profiles at once.
+    """Weighted Gauss–Newton for the line's centre and cover, with the light's level and slope, all profiles at once.
 
-    The line hides what is behind it: at each pixel it adds its cover times (its brightness − what is behind).
+    At each pixel the line adds its cover times (its brightness − what is behind).
 
-    start : (N,) px from the guide, where each line is looked for. wary : trust pixels less where the guide runs over
-        an edge of the pattern: the picture shows the blur of what the line leaves of the edge, the model the line's
-        blur times the edge's.
+    start : (N,) px from the guide. wary : less weight where the guide crosses edges of the pattern: the picture has the
+        blur of the product of line and edge, the model the product of their blurs.
     """
     width = paint.scale_px * cut.stretch[:, None]
     variance = cut.noise**2
@@ -338,10 +334,9 @@ _WHITE, _EVEN = 0.9, 0.05
 
 
 def darkest_beside(cut: Profiles, core_px: float) -> float:
-    """How much darker white print is, in units of the print, along the darkest band beside a line.
+    """By how much the darkest band beside a line dims white print, in units of the print: median of a few stretches.
 
-    The middle one of a few stretches: the shadow of a sagging antenna is not parallel to it. `core_px` is how far the
-    line itself reaches to either side.
+    core_px : how far the line itself reaches to either side.
     """
     white = np.isfinite(cut.noise) & (cut.slope < _EVEN) & (cut.behind > _WHITE) & (np.abs(cut.across) > core_px)
     parts = (np.array_split(values, _STRETCHES) for values in (white, np.round(cut.across), cut.behind - cut.seen))

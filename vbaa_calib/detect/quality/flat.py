@@ -1,4 +1,4 @@
-"""The board of a picture laid flat: where it lies, its grey levels, and the patches that have lost their black."""
+"""The board rectified: its homography, grey levels, and patches that are not black where they should be."""
 
 from __future__ import annotations
 
@@ -26,10 +26,7 @@ _OUTLINE = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
 
 @dataclass(frozen=True, eq=False)
 class BoardMap:
-    """The plane map from the board to a picture; the lens is taken as ideal.
-
-    homography : (3, 3) from squares along the board's x and y, origin at its outline's first corner, to px.
-    """
+    """The board's homography (3, 3), without distortion: squares along x and y from the outline's corner, to px."""
 
     spec: BoardSpec
     homography: np.ndarray
@@ -51,8 +48,8 @@ class BoardMap:
 
 
 def board_map(view: BoardView, spec: BoardSpec) -> BoardMap | None:
-    """From the corners where they fix it, else from three or more markers; None where neither do, or where the lens
-    bends the board by more than a third of a square."""
+    """From the corners, else from three or more markers; None if neither suffice, or distortion exceeds a third of a
+    square."""
     columns = spec.squares_x - 1
     squares, seen = np.stack([view.ids % columns, view.ids // columns], axis=1) + 1.0, view.corners_px
     if len(squares) < 6 or not fixes_homography(squares):
@@ -113,10 +110,9 @@ def levels(image: np.ndarray, where: BoardMap) -> Levels | None:
 
 
 class _Blemish(NamedTuple):
-    """A connected patch of squares that are not black where they should be.
+    """A connected patch of squares without their black. centre : (2,) in squares along the board's x and y.
 
-    squares : how many. centre : (2,) of them, in squares along the board's x and y.
-    shining : clipped or as bright as paper: a reflection; else something covers the board, or a shadow's edge.
+    shining : as bright as paper: a reflection; else something covers the board, or a shadow's edge.
     """
 
     squares: int
@@ -125,7 +121,7 @@ class _Blemish(NamedTuple):
 
 
 def blemishes(seen: Levels) -> list[_Blemish]:
-    """Patches of squares whose black is gone: every square of a board has black in its middle."""
+    """Patches of squares without black: every square, or its marker, has black in its middle."""
     rise = (np.nan_to_num(seen.dark, nan=seen.black) - seen.black) / max(seen.white - seen.black, 1.0)
     count, labels = cv2.connectedComponents((rise > _WASHED_OUT).astype(np.uint8), connectivity=8)
     shining = (seen.dark >= _CLIPPED) | (rise >= _BRIGHT)

@@ -1,4 +1,4 @@
-"""What is wrong with one picture of the board, for a person who can still take it again."""
+"""What is wrong with a picture of the board, while it can still be taken again."""
 
 from __future__ import annotations
 
@@ -31,10 +31,7 @@ _FEWEST_CORNERS = 4
 
 
 def picture_hints(image: np.ndarray, view: BoardView, spec: BoardSpec) -> list[Diagnosis]:
-    """Faults of a picture (H, W) uint8 as `detect_corners` saw it, the grave ones first.
-
-    Grave: its corners are missing or wrong, do not take it. The others cost accuracy, or may be meant so.
-    """
+    """Faults of a picture (H, W) uint8 and its view, grave ones (corners missing or wrong) first."""
     where = board_map(view, spec)
     seen = None if where is None else levels(image, where)
     found = _blur(image, view, spec) + _light(view, seen)
@@ -48,10 +45,7 @@ def picture_hints(image: np.ndarray, view: BoardView, spec: BoardSpec) -> list[D
 
 
 def wrong_board(image: np.ndarray, view: BoardView, spec: BoardSpec) -> Diagnosis | None:
-    """Whether the picture (H, W) shows another board than the spec, or is mirrored; None if it cannot be determined.
-
-    All dictionaries are tried, mirrored and as negatives too: seconds, where no marker of the spec is found.
-    """
+    """Whether the picture (H, W) shows another board, or is mirrored; None if undetermined. Takes up to seconds."""
     markers = [Markers(view.marker_ids, view.marker_corners_px)]
     mismatch = explain_mismatch(lambda _: image, markers, spec, len(view.ids) >= LEAST_CORNERS)
     if mismatch is None:
@@ -64,7 +58,7 @@ def wrong_board(image: np.ndarray, view: BoardView, spec: BoardSpec) -> Diagnosi
 
 
 def _missing(image: np.ndarray, view: BoardView) -> list[Diagnosis]:
-    """No board, or too little of it: by the light and the edges of the whole picture, if they show it."""
+    """Why the board is missing or incomplete, by the light and the edges of the whole picture."""
     low, high = np.percentile(image[::4, ::4], (5.0, 95.0)) if image.size else (0.0, 0.0)
     if view.marker_count:
         seen = f"{view.marker_count} marker{'s are' if view.marker_count > 1 else ' is'} seen"
@@ -83,7 +77,7 @@ def _missing(image: np.ndarray, view: BoardView) -> list[Diagnosis]:
     if edges is None or edges.long_px < _UNSHARP_PX:
         return [missing]
     if view.marker_count and edges.long_px > _MOVED_EDGES * edges.short_px:
-        # where no marker is seen it may well be other things' edges that are soft
+        # without a marker the soft edges may belong to other things
         words = f"edges are blurred by {edges.long_px:.1f} px {_direction(edges.direction_rad)}, others are sharp"
         return [missing, Diagnosis("motion_blur", words, "if something moved: hold board and camera still")]
     if edges.short_px < _UNSHARP_PX:
@@ -175,7 +169,7 @@ def _size(view: BoardView, where: BoardMap) -> list[Diagnosis]:
 
 
 def _edge(view: BoardView, where: BoardMap) -> list[Diagnosis]:
-    """Pictures with the board across the border are welcome as long as half of it is seen."""
+    """The board may cross the picture's border as long as half of it is seen."""
     low, high = where.outline_px.min(axis=0), where.outline_px.max(axis=0) - view.image_size
     beyond = np.array([-low[0], high[0], -low[1], high[1]])
     count, seen = where.spec.corner_count, len(view.ids)
@@ -188,10 +182,7 @@ def _edge(view: BoardView, where: BoardMap) -> list[Diagnosis]:
 
 @dataclass(frozen=True)
 class _Blur:
-    """Standard deviations of a blur where it is widest and where it is narrowest, px, the pixel's area included.
-
-    direction_rad : where the wide one goes, from u towards v.
-    """
+    """Largest and smallest std of a blur, px, pixel's area included; direction of the largest, from u towards v."""
 
     long_px: float
     short_px: float
@@ -199,9 +190,9 @@ class _Blur:
 
 
 def edge_blur(image: np.ndarray) -> _Blur | None:
-    """Of the strong edges of a picture (H, W) uint8, looked at in half its size; None where it has none to speak of.
+    """Blur of the strong edges of a picture (H, W) uint8, at half its size; None without any. Directions: k·π/4.
 
-    The direction is a multiple of π/4. Blurred once more by s, an edge of blur b loses the slope √(1 + s²/b²).
+    Blurred once more by s, the slope of an edge of blur b falls by √(1 + s²/b²).
     """
     if min(image.shape) < 32:
         return None
@@ -231,11 +222,10 @@ def edge_blur(image: np.ndarray) -> _Blur | None:
 
 
 def blur_ellipse(image: np.ndarray, view: BoardView, spec: BoardSpec) -> _Blur | None:
-    """From a view with its quality and the picture (H, W) uint8; None where not both directions are seen.
+    """Blur from a view with its quality and the picture (H, W) uint8; None unless both directions are seen.
 
-    The edges determine the blur along the squares' sides, b₁ and b₂, but not along a diagonal. There the corners help:
-    for correlated blur the grey level right at a corner between two black squares is off the mean by asin(ρ) / π of the
-    contrast, up at every other corner and down at the rest; light and the camera's curve shift all alike.
+    Edges determine the blur along the squares' sides, b₁ and b₂, not along diagonals. With correlation ρ the grey level
+    at a corner is off the mean by asin(ρ) / π of the contrast, up at every other corner and down at the rest.
     """
     quality = view.quality
     if quality is None or not np.isfinite([*quality.blur_px, quality.contrast]).all() or quality.contrast <= 0.0:

@@ -6,19 +6,19 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from vbaa_calib.core.robust import finite_median
 from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.detect.board.view_quality import ViewQuality
 
 LEAST_CORNERS = 6
 MOST_BLUR_PER_GAP = 0.5
-"""Blur over the room between squares and markers. Up to 0.4 corners are as good as their covariance says; at 0.55 they
-are off by 0.7 px where it says 0.2, for the markers have run into the corners."""
+"""Largest blur over the gap between squares and markers. Up to 0.4 the corners' covariance holds; at 0.55 they are off
+by 0.7 px where it says 0.2, as the markers blur into the corners."""
 CLIPPED, GROWN = 0.5, 0.85
-"""Share of white pixels beyond the range, with the grey level at the squares' edges: from there on clipped white has
-eaten into black and corners err by more than 1.5 times what they do in a picture exposed well. Clipped whites alone
-change nothing."""
+"""Share of clipped white pixels, and grey level at the squares' edges, above which white has grown into black: corner
+errors are then more than 1.5 times those of a good exposure. Clipped whites alone are harmless."""
 _NOISIER, NOISY_PX = 4.0, 0.1
-"""A view goes when its corners are so many times less certain than the median view's, and less than this, in px."""
+"""A view is dropped if its corners' std exceeds both this multiple of the median view's and this many px."""
 _BLURRED, _PALE = 1.5, 0.5
 
 
@@ -32,7 +32,7 @@ def screen_views(
     std_px = [corner_std_px(view) for view in views]
     known = [view.quality for view in views if view.quality is not None]
     blurs, contrasts = ([getattr(quality, name) for quality in known] for name in ("mean_blur_px", "contrast"))
-    typical = tuple(_median(values) for values in (blurs, contrasts, std_px))
+    typical = tuple(finite_median(np.array(values, float)) for values in (blurs, contrasts, std_px))
     kept, dropped = [], []
     for view, std in zip(views, std_px, strict=True):
         reason = too_few(view, min_corners) or (view.quality and _too_poor(view.quality, std, typical))
@@ -50,13 +50,8 @@ def corner_std_px(view: BoardView) -> float:
     return float(np.sqrt(np.median(np.trace(view.covariance_px2, axis1=1, axis2=2))))
 
 
-def _median(values: Sequence[float]) -> float:
-    known = np.array(values, float)[np.isfinite(values)]
-    return float(np.median(known)) if len(known) else float("nan")
-
-
 def too_few(view: BoardView, min_corners: int) -> str:
-    """Why the corners are not enough, in words; empty where they are."""
+    """Why there are too few corners, or ""."""
     if len(view.ids) == 0:
         return "the board is not found" if view.marker_count == 0 else "markers are found, corners are not"
     if len(view.ids) < min_corners:

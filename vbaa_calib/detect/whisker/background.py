@@ -1,7 +1,7 @@
-"""Background subtraction: the scene without the antenna, from one picture of it or from several with the antenna in.
+"""Background subtraction: the scene without the antenna, from one picture of it or from several with the antenna.
 
-A camera may shake by a pixel or so and a lamp change: a background is moved and scaled to each picture before it is
-taken off. Where it does not lie behind a picture, that is noticed.
+The background is shifted and scaled to each picture first, since cameras shake and lamps change; a background that does
+not fit is rejected.
 """
 
 from __future__ import annotations
@@ -26,17 +26,15 @@ MOST_PIXELS, DETAILED = 8_000, 0.9
 """At most so many pixels are compared, of those above this quantile of the slope."""
 ROUNDS, MOST_SHIFT_PX = 6, 6.0
 GAIN, LEAST_CORRELATION, BETWEEN_TWO = (0.4, 2.5), 0.65, 0.5
-"""A background behind a picture has a gain within these, and its detail correlates by so much; that of two pictures,
-both of them noisy, by so much."""
+"""Limits of the gain, and least correlation of the detail with a picture, and of two noisy pictures."""
 LEAST_PICTURES, LEAST_UNCOVERED = 5, 3
-"""A background is learnt from so many pictures or more, each pixel from so many that show it."""
+"""Least number of pictures to learn from, and of those that show a pixel."""
 ORDINARY_BLUR_PX = 0.85
 """Blur of a lens in focus and of the pixels, standard deviation."""
 FADE_PX = 6
-"""What is filled in goes over into what is known over so many pixels."""
+"""Width of the transition from known to filled-in pixels."""
 STILL = 1.0
-"""A background is taken off where its detail is so many times what it scatters by: beside what moves, what stands still
-may be the smaller part."""
+"""A background is used if its detail is so many times its scatter."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +71,7 @@ class Background:
         return np.stack([u, v], axis=1)[::every].astype(np.float32), detail
 
     def _fitted(self, image: np.ndarray, least: float = LEAST_CORRELATION) -> tuple[float, np.ndarray] | None:
-        """Gain and shift (2,) px that bring the background behind a picture, whatever else the picture shows."""
+        """Gain and shift (2,) px that fit the background to a picture, whatever stands before it."""
         at, detail = self._marks
         if len(at) < 50:
             return None
@@ -84,7 +82,7 @@ class Background:
         return found or self._near(seen, np.array(cv2.phaseCorrelate(detail, whole)[0]), least)
 
     def _near(self, seen: np.ndarray, shift: np.ndarray, least: float) -> tuple[float, np.ndarray] | None:
-        """The same near a shift (2,), from the picture's detail (M,) in the pixels that count."""
+        """The same, starting from a shift (2,), by the picture's detail (M,) in the marked pixels."""
         (at, detail), gain = self._marks, 1.0
         for _ in range(ROUNDS):
             here, right, down = (_at(detail, at - shift + step) for step in ((0.0, 0.0), (0.5, 0.0), (0.0, 0.5)))
@@ -110,10 +108,9 @@ class Background:
 
 
 def learn(images: Sequence[np.ndarray], masks: Sequence[np.ndarray]) -> Background | None:
-    """What stands still behind the antenna in pictures (H, W): their median, without what is `covered` (masks).
+    """The static background of pictures (H, W): their median without what is `covered` (masks).
 
-    Where the antenna always covers it, from beside the antenna: one that never moves must not become background.
-    None where too few of the pictures show the same scene.
+    Pixels that are always covered are filled in from beside the antenna. None if too few pictures show the same scene.
     """
     best: list[_Fit] = []
     for first in dict.fromkeys((len(images) // 2, 0, len(images) - 1)):
@@ -164,10 +161,9 @@ def covered(line: Centreline, shape: tuple[int, ...], width_px: float) -> np.nda
 
 
 def evened(image: np.ndarray, behind: np.ndarray, line: Centreline, width_px: float) -> np.ndarray:
-    """(H, W) float32 picture less what lies behind it, evened out where a found antenna covers it.
+    """(H, W) float32 picture less its background; on the found antenna less the background's local mean.
 
-    An opaque antenna stands out from an uneven background by more on one side than on the other, which would draw its
-    line aside: on the antenna only the background's mean over its surroundings is taken off.
+    An opaque antenna over an uneven background would otherwise get a lopsided profile, which biases its centreline.
     """
     difference = image.astype(np.float32) - behind
     v, u = np.nonzero(covered(line, difference.shape, width_px))

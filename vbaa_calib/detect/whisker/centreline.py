@@ -45,12 +45,11 @@ class Centreline:
         `sigma_px` where neighbours share their errors.
     seen : fraction of the guide where the antenna was seen.
     amplitude : median height of the line above its background, grey levels.
-    breadth : how broad the line is, over what its width and an ordinary lens make of it.
+    breadth : width of the line over that expected from the antenna's width and an ordinary lens.
     verdict : "ok"; "no_antenna": nothing that looks like one; "too_little": something, but too short a part of it;
         "ambiguous": two lines that could both be it.
     reason : the verdict in words; empty when it is "ok".
-    guide_px : (K, 2) the path that was looked along, from the clamp to where a whole antenna ends; where the antenna
-        is hidden it is bridged.
+    guide_px : (K, 2) the path of the search, from the clamp to where a whole antenna ends; it bridges hidden parts.
     visibility : (K,) one `Visibility` for each point of the guide.
     end_px : (2,) the visible end; NaN where there is none. end_std_px : its deviation along the antenna, NaN where it
         is neither the tip nor perhaps the tip.

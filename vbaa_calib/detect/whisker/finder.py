@@ -1,4 +1,4 @@
-"""The antenna in pictures of one rig: what can be worked out once is kept, what is left costs about a millisecond."""
+"""Finds the antenna in pictures of one rig: its possible paths are tabled once, a search takes about a millisecond."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from .path_refinement import RefinedPath, refine_path
 from .profile import measure_on
 
 OTHER_PATH_SHARE = 0.75
-"""A second path is looked at when it scores this much of the best one's."""
+"""A second path is measured if its score is at least this share of the best."""
 BLURRED_PX = 8.0
 """Blur at which the antenna is looked for once more where it is not found in focus."""
 CHANGING_PATHS, CHANGING_SHARE, CHANGING_OTHER = 4, 0.5, 0.85
-"""The same where the polarity changes along the antenna: so many paths, of so much of the best one's score; and how
-much of a second line, of what is seen of the first, makes the picture ambiguous."""
+"""The same where the polarity changes along the antenna: number of paths, share of the best score; and the share of the
+first line's visible length from which a second line makes the picture ambiguous."""
 APART = 0.4
 """Fraction of their length over which two paths must differ to be two."""
 SAMPLES = 72
@@ -34,7 +34,7 @@ LARGEST_TURN_RAD = 1.75
 STEPS = np.array([[0, 1], [1, 1], [1, 0], [1, -1]])
 """(4, 2) steps (u, v) along the normals that ridges are looked for in."""
 TEXTURE_QUANTILE = 0.8
-"""Quantile of the response that counts as the surroundings' own texture."""
+"""Quantile of the response that is taken as the background's texture."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +55,7 @@ class Templates:
 
 @dataclass(frozen=True, eq=False)
 class AntennaFinder:
-    """Looks for the antenna in a corridor, in pictures of one size; make one per rig and use it for every frame.
+    """Finds the antenna within a corridor, in pictures of one size; prepared once per rig.
 
     Attributes
     ----------
@@ -102,10 +102,9 @@ class AntennaFinder:
         return replace(self, usual_height=usual_height)
 
     def candidates(self, image: np.ndarray, bright: bool | None = True, blurred_px: float = 0.0) -> list[np.ndarray]:
-        """Paths (K, 2) that look like the antenna in an (H, W) picture, blurred by about so many pixels.
+        """Paths (K, 2) that look like the antenna in an (H, W) picture, blurred by about so many pixels; best first.
 
-        The best one, and after it the best of those that differ from it and score nearly as well, if there is one;
-        with `bright` None, which more things look like, up to `CHANGING_PATHS` that all differ.
+        Up to two that differ and score alike; with `bright` None, which fits more things, up to `CHANGING_PATHS`.
         """
         small = downsampled(image, self.factor)
         reach = self.reach + int(np.ceil(0.6 * blurred_px / self.factor))
@@ -128,9 +127,8 @@ class AntennaFinder:
     def find(self, image: np.ndarray, bright: bool | None = True) -> Centreline:
         """The centreline in a picture, with its verdict; where there is none in focus, one out of focus.
 
-        image (H, W) uint8, uint16 or float; a colour picture goes through `paint.Paint`. bright : brighter than its
-        surroundings, darker, or, with None, here this and there that. Raises InputError when it is
-        not of the size that the finder was made for.
+        image : (H, W) uint8, uint16 or float; colour pictures go through `paint.Paint`. bright : whether the antenna is
+        brighter than its surroundings; None: in part. Raises InputError for a picture of another size.
         """
         if image.shape != (self.image_size[1], self.image_size[0]):
             seen, meant = ("x".join(map(str, size)) for size in (image.shape[::-1], self.image_size))
@@ -169,17 +167,8 @@ class AntennaFinder:
         return apart.mean(axis=1) < APART
 
 
-def trace(image: np.ndarray, corridor: Corridor, bright: bool | None = True) -> np.ndarray:
-    """(K, 2) rough path of the antenna from clamp to tip, pixels. There is always one; `profile.measure` judges it.
-
-    image (H, W). Hidden stretches are bridged by a smooth curve.
-    """
-    finder = AntennaFinder.prepare(corridor, (image.shape[1], image.shape[0]))
-    return finder.path(image, finder.candidates(image, bright)[0], bright).path_px
-
-
 def templates(corridor: Corridor) -> Templates:
-    """Every path in a corridor, close enough together that the antenna is within `spacing_px` of one of them."""
+    """Paths that fill a corridor, so dense that the antenna is within `spacing_px` of one."""
     axis, _ = resample(corridor.axis_px, max(arc_lengths(corridor.axis_px)[-1] / SAMPLES, 1e-3))
     length = arc_lengths(axis)[-1]
     step = length / (len(axis) - 1)
@@ -235,8 +224,8 @@ def downsampled(image: np.ndarray, factor: int) -> np.ndarray:
 def ridge_responses(small: np.ndarray, reach: int, pool: int, bright: bool | None = True) -> np.ndarray:
     """(4 · h · w + 1,) uint8 ridge response for the four normals, pooled over `pool` pixels, flat; the last is zero.
 
-    small (H, W) uint8; the line is `bright`er than both flanks, `reach` pixels away, or darker, or, with None, either.
-    The answer saturates where a ridge is clear, so that a brighter one buys no detour.
+    small : (H, W) uint8. The line is `bright`er than both flanks `reach` pixels away, or darker, or, for None, either.
+    The response saturates where a ridge is clear: a brighter ridge must not make up for a detour.
     """
     small = 255 - small if bright is False else small
     height, width = small.shape
@@ -260,7 +249,7 @@ def ridge_responses(small: np.ndarray, reach: int, pool: int, bright: bool | Non
 
 
 def _saturation(flat: np.ndarray) -> np.ndarray:
-    """(256,) lookup table of responses: none for the texture that is everywhere, level at a few times that."""
+    """(256,) lookup table of responses: zero up to the texture's level, saturating at a few times that."""
     few = np.ascontiguousarray(flat[:: 1 + len(flat) // 20_000])
     counts = cv2.calcHist([few], [0], None, [256], [0, 256]).cumsum(dtype=float)
     ordinary = float(np.searchsorted(counts, TEXTURE_QUANTILE * counts[-1])) + 1.0

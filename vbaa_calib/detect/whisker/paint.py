@@ -21,19 +21,19 @@ from .finder import AntennaFinder
 OPPONENTS = ((0.5, 0.5, -1.0), (0.5, -1.0, 0.5), (-1.0, 0.5, 0.5))
 """Weights (b, g, r) of pictures that show one colour against the two others."""
 WELL_SEEN, ENOUGH, CLEARLY_MORE = 0.9, 0.7, 0.1
-"""A paint that sees so much of the antenna is good enough; of those that see less, one polarity, by brightness or by
-nearness to the antenna's colour, that sees the second: one that changes along the antenna sees it in much else, and
-must see so much more than the others where they do not see enough."""
+"""Shares of the antenna that a paint sees. From `WELL_SEEN` on, one polarity by brightness is taken; below, nearness to
+the antenna's colour is tried, too. Below `ENOUGH`, a polarity that changes along the antenna is taken if it sees more
+by `CLEARLY_MORE`, since it fits other things as well."""
 
 
 PLACES, RUN, LEAST_POINTS = 8, 15, 20
-"""Places along the antenna at which its look is learnt, neighbouring points that show one colour, and the fewest that
-tell how brightly it is lit."""
+"""Places along the antenna at which its colour is learnt, points averaged for a colour, and the fewest points that tell
+how brightly it is lit."""
 FOREIGN, LEAST_SPREAD = 4.0, (0.08, 3.0)
-"""So many deviations off its usual look it is another thing; the least deviation, as a part of its brightness and in
-grey levels: light changes as it bends."""
+"""Deviations from the usual colour beyond which a point is no antenna; the least deviation, relative to the brightness
+and in grey levels, since the light changes as the antenna bends."""
 ROOT, LIGHT = 0.4, (0.6, 1.7)
-"""The part of the line, from the clamp, that tells how brightly it is lit, and how much that may change."""
+"""Share of the line, from the clamp, that tells how brightly it is lit; limits of that factor."""
 
 
 @dataclass(frozen=True)
@@ -44,8 +44,8 @@ class Paint:
     ----------
     bright : on that plane the antenna is brighter than its surroundings; None: here brighter, there darker.
     weights : (b, g, r) of a colour picture's channels; None for its grey level.
-    colour : (b, g, r) of the antenna where that tells it from its surroundings: the plane shows how near to it a pixel
-        is. A pixel half covered is half as far from it as what lies behind, so that edges stay where they are.
+    colour : (b, g, r) of the antenna: the plane is then the negative distance of a pixel from it. It is linear in how
+        much of the pixel the antenna covers, so that edges stay where they are.
     """
 
     bright: bool | None = True
@@ -70,10 +70,10 @@ class Paint:
 
 
 def learn(finders: Sequence[AntennaFinder], images: Sequence[np.ndarray]) -> Paint | None:
-    """The paint that shows the antenna best in pictures (H, W[, 3]) of the free antenna: bright, dark, or its colour.
+    """The paint that shows the antenna best in pictures (H, W[, 3]) of the free antenna; None where none finds it.
 
-    Of a colour, the weights that part the antenna from what lies beside it by the most deviations. A paint that changes
-    along the antenna only where it sees clearly more. None where the antenna is not found by any.
+    Brighter or darker than its surroundings, in grey, by weighted colours, or by its own colour; a polarity that
+    changes along the antenna only where that sees clearly more.
 
     finders : one for each picture.
     """
@@ -120,7 +120,7 @@ class _Tried:
         return self.seen, self.clearness()
 
     def in_its_colour(self, finders: Sequence[AntennaFinder], images: Sequence[np.ndarray]) -> _Tried:
-        """The antenna by the colour that it mostly has where it was found; the same where there is none."""
+        """The antenna by its median colour where it was found; itself where it was not found, or in grey pictures."""
         found = [(image, line.points_px) for image, line in zip(images, self.lines, strict=True) if line.found]
         if not found or images[0].ndim == 2:
             return self
@@ -128,7 +128,7 @@ class _Tried:
         return _Tried.of(Paint(True, colour=(b, g, r)), finders, images)
 
     def parted(self, finders: Sequence[AntennaFinder], images: Sequence[np.ndarray]) -> _Tried:
-        """The same with weights along which the antenna differs from its flanks by more of their deviations, if any."""
+        """With weights that separate the antenna better from its flanks, if there are any."""
         if not self.seen or images[0].ndim == 2:
             return self
         other = _Tried.of(_parting(self, finders[0].corridor.width_px, images), finders, images)
@@ -136,7 +136,7 @@ class _Tried:
 
 
 def _parting(tried: _Tried, width_px: float, images: Sequence[np.ndarray]) -> Paint:
-    """Weights along which the antenna's colour differs from its flanks' by the most of their deviations."""
+    """Colour weights that separate the antenna from its flanks by the most standard deviations (Fisher)."""
     found = [(image, line.points_px) for image, line in zip(images, tried.lines, strict=True) if line.found]
     antenna = np.concatenate([_sampled(image, points, 0.0) for image, points in found])
     flanks = [
@@ -190,7 +190,7 @@ def look_of(image: np.ndarray, line: Centreline) -> np.ndarray:
 
 
 def usual_looks(several: Sequence[np.ndarray]) -> Looks | None:
-    """What the antenna looks like, by looks (PLACES, 3) in some pictures; None where a place was not seen in two."""
+    """Median colours and deviations of (PLACES, 3) in several pictures; None if a place is not seen in two of them."""
     looks = np.array([one for one in several if len(one)])
     if len(looks) < 2 or (np.isfinite(looks).all(axis=2).sum(axis=0) < 2).any():
         return None

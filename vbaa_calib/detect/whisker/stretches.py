@@ -18,19 +18,18 @@ from .crossings import Crossings, crossings
 from .line_shape import expected, fit
 
 RUN = 9
-"""Profiles that are averaged: what is too faint for one of them may show in several."""
+"""Neighbouring profiles that are averaged, so that a faint line shows."""
 SHORTEST, SHORTEST_PX = 0.02, 8.0
-"""Stretches shorter than this part of the length, and than so many pixels, count with their neighbours."""
+"""Stretches shorter than this share of the length, or than so many pixels, are merged with their neighbours."""
 CLEAR, ALIKE, NEARLY, DISTURBED = 4.5, 0.2, 0.35, 1.8
-"""Least height over its deviation of a line that is there; part of the usual height within which the antenna is as
-bright as its background, and within which it is nearly, if it shows at all; residual over the noise that shows
-something else."""
+"""Least height of a visible line over its deviation; shares of the usual height within which the antenna is as bright
+as its background, or nearly so; residual over noise that shows something else."""
 BROADER_PX, MUCH_BROADER = (2.0, 4.0), 0.8
-"""Blurs that are tried as well, and part of the residuals that they must leave at most."""
+"""Larger blurs that are tried, and the share of the residuals that they may leave."""
 
 
 class Cause(Enum):
-    """What became of a stretch: in words, and what to change."""
+    """Why a stretch was not seen, and the remedy."""
 
     SEEN = ("seen", "")
     FAINT = (
@@ -48,18 +47,16 @@ class Cause(Enum):
 
     @property
     def words(self) -> str:
-        """What is wrong there."""
         return self.value[0]
 
     @property
     def remedy(self) -> str:
-        """What to change."""
         return self.value[1]
 
 
 @dataclass(frozen=True, eq=False)
 class Stretch:
-    """A piece of the antenna, from `start` to `end` as parts of its length, along `path_px` (M, 2)."""
+    """A piece of the antenna along `path_px` (M, 2); `start` and `end` are fractions of the antenna's length."""
 
     start: float
     end: float
@@ -68,9 +65,9 @@ class Stretch:
 
 
 def stretches(image: np.ndarray, line: Centreline, where: Corridor, bright: bool | None = True) -> list[Stretch]:
-    """What became of every stretch of the antenna in an (H, W) picture, from clamp to tip.
+    """Which stretches of the antenna were seen in an (H, W) picture, and why the others were not, clamp to tip.
 
-    Along the line's guide; where there is none, along the free antenna. `bright` as the antenna was looked for.
+    Taken along the line's guide, or along the free antenna where there is none. bright : polarity of the search.
     """
     guide = line.guide_px if len(line.guide_px) >= 2 else where.axis_px
     width = where.width_px * float(np.clip(line.breadth, 1.0, 3.0))
@@ -96,7 +93,7 @@ def stretches(image: np.ndarray, line: Centreline, where: Corridor, bright: bool
 
 
 def explained(line: Centreline, image: np.ndarray, where: Corridor, bright: bool | None = True) -> Centreline:
-    """The centreline; where it is not "ok", its reason says which stretches of the picture (H, W) failed, and why."""
+    """The centreline; unless it is "ok", its reason names the stretches that were not seen, and why."""
     lost, remedy = ("", "") if line.found else why_lost(stretches(image, line, where, bright))
     return replace(line, reason=f"{line.reason}; {lost} (remedy: {remedy})") if lost else line
 

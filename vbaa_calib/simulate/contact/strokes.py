@@ -1,7 +1,7 @@
-"""Antennas that stroke an object, in order of time: where they touch, stick, slide and lift off.
+"""Antennas that stroke an object, frame by frame: where they touch, stick, slide and lift off.
 
-All strokes of a recording go on together, each from a free antenna or from one that has just been pressed on. Between
-two frames the base moves evenly, in steps of `_STEP_M` at most; a step that finds no equilibrium is halved.
+All strokes of a recording advance together. Between two frames the base moves evenly, in steps of at most `_STEP_M`; a
+step without an equilibrium is halved.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from vbaa_calib.simulate.scene.objects import WEDGES
 from .stick_slip import Bases, Contacts, Held, Setting, advance, picked
 
 STICKS_M = 1e-6
-"""Along itself the antenna hardly gives way, so that a contact that else sticks creeps by nanometres."""
+"""Along itself the antenna hardly yields, so that even a sticking contact creeps by nanometres."""
 _STEP_M = 4e-3
-"""How far the free antenna may be carried in one step. Against steps of half a millimetre on a cylinder, μ = 0.3:
-the contact's place within 0.3 µm, friction's direction within 0.5° but for the frame of landing, N within 0.5 %."""
+"""Largest motion of the free antenna in one step. Compared with steps of 0.5 mm on a cylinder, μ = 0.3: contact within
+0.3 µm, direction of friction within 0.5° except in the frame of first touch, N within 0.5 %."""
 _MOST_STEPS = 100
 _HALVINGS, _DOUBLINGS = 6, 8
 _SNAP_M, _CLEAR_M = 2e-4, 2e-3
@@ -33,9 +33,9 @@ _Place = tuple[Bases, np.ndarray]
 
 
 def follow(setting: Setting, strokes: Sequence[Bases]) -> list[Contacts]:
-    """The contacts of all strokes of one recording, each its bases (at least one) in order of time.
+    """The contacts of all strokes of one recording; each stroke is its bases (at least one) in order of time.
 
-    A stroke that begins in contact is pressed on along the object's normal first, without friction.
+    A stroke that begins in contact is first pressed on along the object's normal, without friction.
 
     Raises
     ------
@@ -64,7 +64,7 @@ def follow(setting: Setting, strokes: Sequence[Bases]) -> list[Contacts]:
 
 @dataclass(frozen=True, eq=False)
 class _Path:
-    """The bases of B strokes in T frames, and the free antenna's nodes (B, N, 3) and their arc lengths (N,) there."""
+    """The bases of B strokes in T frames, with the free antenna's nodes (B, N, 3) and their arc lengths (N,)."""
 
     bases: list[Bases]
     points_m: list[np.ndarray]
@@ -76,7 +76,7 @@ class _Path:
         return _between(self.bases[frame - 1], self.bases[frame], share), points
 
     def ways(self, frame: int) -> np.ndarray:
-        """(B,) how far the free antenna is carried from the frame before to a frame, where that is furthest."""
+        """(B,) the largest motion of a point of the free antenna since the previous frame."""
         start, end = (self.bases[i].world(self.points_m[i]) for i in (frame - 1, frame))
         return np.asarray(np.linalg.norm(end - start, axis=-1).max(axis=1))
 
@@ -88,7 +88,7 @@ def _between(start: Bases, end: Bases, share: float) -> Bases:
 
 
 def _path(setting: Setting, strokes: Sequence[Bases]) -> _Path:
-    """With one frame before the first, in which no stroke touches; shorter strokes rest at their ends."""
+    """All frames, after one in which no stroke touches; shorter strokes rest at their ends."""
     bases = []
     for frame in range(max(len(each.origin_m) for each in strokes)):
         at = [min(frame, len(each.origin_m) - 1) for each in strokes]
@@ -106,7 +106,7 @@ def _path(setting: Setting, strokes: Sequence[Bases]) -> _Path:
 
 
 def _drawn_back(setting: Setting, path: _Path) -> Bases:
-    """The bases of the first frame moved out of the object, in strokes that begin in contact."""
+    """The first frame's bases, moved out of the object where a stroke begins in contact."""
     home, points = path.at(1, 1.0)
     gap, _, _, normal = _gaps(setting, (home, points), path.arclength_m)
     outward = -setting.object.wedge_world if setting.object.shape in WEDGES else normal
@@ -127,9 +127,9 @@ def _refused(count: int, stroke: int, frame: int, reason: str) -> SolveError:
 def _gaps(
     setting: Setting, place: _Place, arclength_m: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """How clear (B,) the free antenna is of the object, at which arc length (B,), point and normal (B, 3) in the world.
+    """Clearance (B,) of the free antenna from the object, with arc length (B,), point and normal (B, 3), world frame.
 
-    Where the nearest point lies beyond the object's ends or is the clamp, it counts as clear.
+    A nearest point beyond the object's ends, or at the clamp, counts as clear.
     """
     bases, points_m = place
     rows = np.arange(len(points_m))
@@ -155,7 +155,7 @@ def _interpolated(points_m: np.ndarray, arclength_m: np.ndarray, at_m: np.ndarra
 
 @dataclass(frozen=True, eq=False)
 class _Walk:
-    """How far the strokes have come: contacts, who touches (B,), and how clear of the object (B,) the free ones are."""
+    """State of the strokes: contacts, which ones touch (B,), and the clearance (B,) of the free ones."""
 
     setting: Setting
     path: _Path
@@ -165,7 +165,7 @@ class _Walk:
 
 
 def _to_frame(walk: _Walk, frame: int, friction: float) -> tuple[_Walk, np.ndarray, np.ndarray]:
-    """On to a frame: how far the contacts slid (B, 3), and the length of that way (B,)."""
+    """Advance to a frame. Returns slip (B, 3) and its length along the way (B,), too."""
     setting, path = walk.setting, walk.path
     ways, gap = path.ways(frame), _gaps(setting, path.at(frame, 1.0), path.arclength_m)[0]
     # a free antenna may also have met the object on its way
@@ -180,7 +180,7 @@ def _to_frame(walk: _Walk, frame: int, friction: float) -> tuple[_Walk, np.ndarr
 
 
 def _step(walk: _Walk, ends: tuple[_Place, _Place], friction: float, frame: int) -> tuple[_Walk, np.ndarray]:
-    """One step of the base: contacts that last, begin and end, and how far they slid (B, 3)."""
+    """One step of the base: contacts that last, begin and end; and their slip (B, 3)."""
     near = _gaps(walk.setting, ends[1], walk.path.arclength_m)
     gap, count = near[0], len(near[0])
     before, guess, after = (Held.nowhere(count) for _ in range(3))
@@ -201,7 +201,7 @@ def _step(walk: _Walk, ends: tuple[_Place, _Place], friction: float, frame: int)
         after.put(rows, found)
         touches[rows] = (found.press_N > 0.0) & walk.setting.object.within(found.place_m)
         way[touches] = after.slipped_m[touches]
-    # the free antenna would lie on the other side of where it has touched last
+    # the free antenna would lie beyond the last contact
     at = np.nan_to_num(walk.contacts.arclength_m)[:, None]
     point = ends[1][0].world(_interpolated(ends[1][1], walk.path.arclength_m, at))[:, 0]
     behind = ((point - walk.contacts.place_m) * walk.contacts.normal).sum(axis=1) < -_SNAP_M
@@ -214,9 +214,9 @@ def _step(walk: _Walk, ends: tuple[_Place, _Place], friction: float, frame: int)
 def _landing(
     walk: _Walk, ends: tuple[_Place, _Place], near: tuple[np.ndarray, ...], rows: np.ndarray
 ) -> tuple[Held, Held]:
-    """The moment in which free antennas meet the object in a step, and a guess of the contact at its end.
+    """The contact at first touch within a step, and a guess of the one at its end.
 
-    The guess is a straight cantilever and the object's spring in series, displaced by the depth.
+    The guess is a straight cantilever in series with the object's spring, displaced by the depth.
     """
     setting, rod = walk.setting, walk.setting.rod
     gap, at, point, normal = (values[rows] for values in near)
@@ -240,7 +240,7 @@ def _landing(
 def _carry(
     setting: Setting, ends: tuple[Bases, Bases], before: Held, guess: Held, friction: float, halvings: int
 ) -> tuple[Held, np.ndarray]:
-    """The contacts at the end of a step, and which were found; what fails is tried in two halves."""
+    """The contacts at the end of a step, and which were found; failures are retried in two halves."""
     found, good = advance(setting, ends[1], before, guess, friction)
     rows = np.flatnonzero(~good)
     if rows.size == 0 or halvings == 0:

@@ -1,11 +1,11 @@
 """Pressing the antenna against an object: where it touches and how hard, for each frame of a recording.
 
-There are two methods. Frictionless contacts with a cylinder, a sphere or a knife edge depend only on the side from
-which the antenna came: all frames are solved for at once (`at_once`). With friction, and on the other objects, the
-frames follow one another (`strokes`): Coulomb's friction with sticking (`stick_slip`).
+Frictionless contacts with a cylinder, a sphere or a knife edge depend only on the side from which the antenna came: all
+frames are solved at once (`at_once`). With friction, and on other objects, frames are solved in order (`strokes`), with
+Coulomb friction and sticking (`stick_slip`).
 
-Friction's lever of one antenna radius about the centreline is left out: it twists and bends a thin antenna by less
-than a part in a hundred. So is the way by which the wire rolls about its own axis.
+Neglected: the lever of friction about the centreline (one antenna radius, below 1 % in twist and bending), and rolling
+of the wire about its own axis.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vbaa_calib.antenna.rod import Rod, RodShape, sample_shape, solve_rod
-from vbaa_calib.core.errors import InputError, SolveError
+from vbaa_calib.core.errors import SolveError
 from vbaa_calib.geometry import Pose
 from vbaa_calib.simulate.scene.objects import TouchObject
 
@@ -32,14 +32,12 @@ class Touch:
     Attributes
     ----------
     in_contact : (B,) bool.
-    contact_m : (B,) arc length of the contact from the clamp; NaN without contact.
+    contact_m : (B,) arc length of the contact from the clamp; NaN without contact, as the next three but the force.
     force_antenna_N : (B, 3) the object's force on the antenna, antenna frame; zero without contact.
-    contact_antenna_m : (B, 3) point of the centreline at the contact, antenna frame; NaN without contact.
-    touched_world_m, normal_world : (B, 3) the touched point of the object's undeformed surface and the outward normal
-        there; NaN without contact.
-    sticks : (B,) bool; touched in the frame before too, and not slid since (`strokes.STICKS_M`).
-    slip_world_m : (B, 3) way of the antenna's material point at the contact along the object since the frame before;
-        zero where there was no contact.
+    contact_antenna_m : (B, 3) point of the centreline at the contact, antenna frame.
+    touched_world_m, normal_world : (B, 3) touched point of the undeformed surface, and its outward normal.
+    sticks : (B,) bool; in contact in the previous frame, too, without slip since (`strokes.STICKS_M`).
+    slip_world_m : (B, 3) slip of the antenna's material point since the previous frame; zero without contact there.
     shape : the antenna under its weight and this force.
     """
 
@@ -66,12 +64,11 @@ def touch(
     Parameters
     ----------
     antenna_radius_m : half the antenna's diameter.
-    T_world_antenna : B poses in order of time: the side of the contact and the friction depend on the frames before.
+    T_world_antenna : poses in order of time, at least one: side and friction depend on the frames before.
     gravity_world_m_s2 : (3,).
 
     Raises
     ------
-    InputError : no frames, or a radius that is not positive.
     SolveError : names the first frame without a trustworthy equilibrium, and why.
     """
     return touch_strokes(rod, antenna_radius_m, obj, [T_world_antenna], gravity_world_m_s2)[0]
@@ -84,10 +81,7 @@ def touch_strokes(
     strokes: Sequence[Sequence[Pose]],
     gravity_world_m_s2: np.ndarray,
 ) -> list[Touch]:
-    """As `touch`, of several strokes that know nothing of each other, which is faster than one by one."""
-    fewest = min((len(poses) for poses in strokes), default=0)
-    if not fewest or not antenna_radius_m > 0.0:
-        raise InputError(f"{fewest} frames, antenna radius {antenna_radius_m} m", where="touch")
+    """As `touch`, for several independent strokes, which is faster than one by one."""
     setting = Setting(rod, antenna_radius_m, obj, np.asarray(gravity_world_m_s2, float))
     bases = [Bases.of(poses) for poses in strokes]
     if obj.friction == 0.0 and obj.shape in ("cylinder", "sphere", "knife_edge"):
@@ -97,7 +91,7 @@ def touch_strokes(
 
 
 def _touch(setting: Setting, bases: Bases, contacts: Contacts) -> Touch:
-    """The antenna's shapes under the forces of contacts that a real one could hold."""
+    """The antenna's shapes under the contacts' forces. Raises SolveError for contacts that are impossible."""
     rod, obj, radius = setting.rod, setting.object, setting.antenna_radius_m
     touching, held = contacts.touches, contacts.held
     lost = ~touching[:, None]

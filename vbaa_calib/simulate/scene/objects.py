@@ -16,8 +16,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from vbaa_calib.core.errors import InputError
-
 from .distance import ObjectNumbers, elevations, rough_distances, signed_distances, surface_radii
 
 SHAPES = ("cylinder", "sphere", "knife_edge", "box_edge", "freeform")
@@ -27,9 +25,6 @@ LINES = ("cylinder", "knife_edge", "box_edge")
 WEDGES = ("knife_edge", "box_edge")
 BOX_FACE_M = 0.03
 """How deep a box's two faces are drawn."""
-
-_STEEPEST = 0.5
-"""Height over width up to which F still grows from the centre outwards near the surface: |F's slope| > 1 − 0.61·0.5."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,16 +40,6 @@ class Bump:
     direction_world: np.ndarray
     height_m: float
     width_m: float
-
-    def __post_init__(self) -> None:
-        if not abs(float(np.linalg.norm(self.direction_world)) - 1.0) < 1e-6:
-            raise InputError("direction_world has not length 1", where="bump", remedy="give a unit vector")
-        if not (self.width_m > 0.0 and abs(self.height_m) <= _STEEPEST * self.width_m):
-            raise InputError(
-                f"a bump {self.height_m} m high and {self.width_m} m wide is too steep",
-                where="bump",
-                remedy=f"keep its height below {_STEEPEST} of its width",
-            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,23 +70,6 @@ class TouchObject:
     friction: float = 0.0
     wedge_world: np.ndarray = field(default_factory=lambda: np.zeros(3))
     bumps: tuple[Bump, ...] = ()
-
-    def __post_init__(self) -> None:
-        if self.shape not in SHAPES:
-            raise InputError(f"shape {self.shape!r} is unknown", where="object", remedy=f"give one of {SHAPES}")
-        for name in ("radius_m", "half_length_m", "stiffness_N_m"):
-            if not getattr(self, name) > 0.0:
-                raise InputError(f"{name} is {getattr(self, name)}", where="object", remedy="give a positive number")
-        if not 0.0 <= self.friction < math.inf:
-            raise InputError(f"friction is {self.friction}", where="object", remedy="give 0 or more")
-        units = (("axis_world",) if self.shape in LINES else ()) + (("wedge_world",) if self.shape in WEDGES else ())
-        for name in units:
-            if not math.isclose(float(np.linalg.norm(getattr(self, name))), 1.0, abs_tol=1e-6):
-                raise InputError(f"{name} has not length 1", where="object", remedy="give a unit vector")
-        if self.shape in WEDGES and abs(float(np.dot(self.axis_world, self.wedge_world))) > 1e-6:
-            raise InputError("wedge_world is not across axis_world", where="object", remedy="give orthogonal vectors")
-        if self.bumps and self.shape != "freeform":
-            raise InputError(f"a {self.shape} has no bumps", where="object", remedy="take the shape freeform")
 
     @property
     def across(self) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""What a simulated rig is made of and what is done with it: a scene file, checked, as plain data. SI units, radians."""
+"""A simulated rig and its session: the content of a scene file, checked, in SI units and radians."""
 
 from __future__ import annotations
 
@@ -117,7 +117,7 @@ class TraceSpec:
     Attributes
     ----------
     material : of the antenna; paint has the albedo `picture.antenna`, none leaves the antenna away.
-    bench, light : what lies behind, and what lights it.
+    bench, light : background and lighting.
     bench_below_m : how far the bench is below the joints.
     aperture_m : diameter of the lens's opening; 0: everything is sharp. focus_m : depth that is sharp, by default the
         middle of the straight antenna.
@@ -239,8 +239,7 @@ class Scene:
     ----------
     T_antenna_board : pose of the jig's board, back face, in the antenna frame.
     gravity_world_m_s2 : (3,).
-    sweep : whether the joints are swept in front of a board that is fixed in the world. over : how the free antenna is
-        shown over a board, None where it is not.
+    sweep : whether there are pictures of a board fixed in the world. over : of the free antenna over a board, if any.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""A scene file to a `Scene`. Degrees only where the key says `_deg`."""
+"""Reads a scene file. Angles are in degrees where the key ends in `_deg`."""
 
 from __future__ import annotations
 
@@ -37,6 +37,9 @@ from .scene import (
 
 _DISTORTION_LENGTHS = {"opencv": (0, 4, 5, 8, 12, 14), "fisheye": (4,)}
 _Side = Annotated[WholeNumber, Field(ge=16, le=20_000)]
+_STEEPEST = 0.5
+"""A bump's height over its width up to which `objects.implicit` still grows outwards near the surface: its slope there
+is above 1 − 0.61·0.5."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,10 +103,10 @@ class _Bump:
 
 
 def _bump(read: _Bump) -> Bump:
-    try:
-        return Bump(read.direction_world, read.height_m, read.width_m)
-    except InputError as error:
-        raise ValueError(f"does not fit: {error.what}", error.remedy, "height_m") from None
+    if abs(read.height_m) > _STEEPEST * read.width_m:
+        what = f"does not fit: a bump {read.height_m} m high and {read.width_m} m wide is too steep"
+        raise ValueError(what, f"keep its height below {_STEEPEST} of its width", "height_m")
+    return Bump(**vars(read))
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from .meshes import Triangles, tube_mesh
+from vbaa_calib.simulate.render.meshes import Triangles, tube_mesh
 
 Thing = dict[str, Any]
 Solid = Thing | tuple[Triangles, Thing]

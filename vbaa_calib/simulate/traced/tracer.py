@@ -1,6 +1,6 @@
-"""Pictures by mitsuba 3: a pinhole or thin lens that is larger and finer than needed, resampled through our lens.
+"""Pictures by mitsuba 3: a larger and finer pinhole or thin-lens picture, resampled through our lens.
 
-Mitsuba gets millimetres with the rig in the middle: its rays start anew at a distance that grows with the coordinates.
+Mitsuba works in millimetres about the rig: its ray offsets grow with the coordinates.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ import numpy as np
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.geometry import Pose
 from vbaa_calib.simulate.render.board import Sheet
+from vbaa_calib.simulate.render.meshes import Triangles, object_mesh, tube_mesh
 from vbaa_calib.simulate.scene.lens import RayMap
 from vbaa_calib.simulate.scene.objects import TouchObject
 from vbaa_calib.simulate.scene.scene import Joints, Scene
 
 from .bench import bench, facing, lights, matt, picture_of, placed, rgb
-from .meshes import Triangles, object_mesh, tube_mesh
 
 _MM = 1000.0
 _FINER = 2.0
@@ -38,19 +38,19 @@ _PROBE = (
     "import mitsuba as mi, drjit as dr, numpy as np; mi.set_variant('llvm_ad_rgb'); "
     "print(np.array(dr.minimum(mi.Float([1, 2]), mi.Float([2, 1]))))"
 )
-"""What an LLVM that is too old for this processor cannot compile."""
+"""A program that an LLVM too old for this processor cannot compile."""
 
 
 @cache
 def load_mitsuba() -> Any:
-    """The module, set to its quickest variant here. Raises InputError where it is not installed."""
+    """The module, set to its fastest variant. Raises InputError if it is not installed."""
     try:
         import mitsuba
     except ImportError as error:
         raise InputError(
             f"needs mitsuba ({error})", where="--render mitsuba", remedy="pip install 'vbaa-calib[render]'"
         ) from error
-    # an unsuitable LLVM aborts the process, hence another one is asked
+    # an unsuitable LLVM aborts the process: try in another one
     probe = subprocess.run(
         [sys.executable, "-c", _PROBE], capture_output=True, env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
     )
@@ -60,10 +60,7 @@ def load_mitsuba() -> Any:
 
 @dataclass(frozen=True, eq=False)
 class Exposure:
-    """The rig at one instant: pose of the camera and of the antenna frame, and the wires in that frame.
-
-    wires : (arc lengths, points, radius, surface) of each tube, m.
-    """
+    """The rig at one instant. wires : (arc lengths, points, radius, surface) of each tube, antenna frame, m."""
 
     T_world_camera: Pose
     T_world_antenna: Pose
@@ -72,7 +69,7 @@ class Exposure:
 
 @dataclass(frozen=True, eq=False)
 class Tracer:
-    """What all pictures of a scene share: mitsuba, the lens, the surroundings, and how bright a white card is."""
+    """What all pictures of a scene share: mitsuba, the lens, the surroundings, and the radiance of a white card."""
 
     mi: Any
     scene: Scene
@@ -89,7 +86,7 @@ class Tracer:
             _render(self.mi, self._around_and(one, things), self._sensor(one), each, seed + n)
             for n, one in enumerate(exposures)
         )
-        # a pixel's well overflows; without a limit one rare path through nylon would be a spark
+        # pixels saturate; without a limit a rare path through nylon would be a spark
         fine = np.minimum(total / len(exposures) * (spec.exposure / self.card), _FULL_WELL)
         return _through_lens(self.rays, _pinhole(self.rays), fine)
 
@@ -107,7 +104,7 @@ class Tracer:
         return _MM * (points_world_m - _origin(self.scene) + np.array([0.0, 0.0, self.lift_m]))
 
     def raised_above(self, points_world_m: np.ndarray) -> Tracer:
-        """The same with the rig so much higher that points (N, 3) are above all that lies on the bench."""
+        """The same with the rig lifted until points (N, 3) are above everything on the bench."""
         needed = _CLEAR_M - self.scene.traced.bench_below_m + _origin(self.scene)[2] - points_world_m[:, 2].min()
         return replace(self, lift_m=max(float(needed), 0.0))
 
@@ -156,7 +153,7 @@ class Tracer:
 
 
 def tracer(scene: Scene, rays: RayMap, rng: np.random.Generator) -> Tracer:
-    """Work out what all pictures share. Raises InputError without mitsuba, or for a lens that no pinhole covers."""
+    """Prepare a scene. Raises InputError without mitsuba, or for a lens too wide for a pinhole."""
     mi = load_mitsuba()
     if np.abs(rays.padded).max() > _WIDEST:
         what = "sees more than 143°, too wide for a pinhole picture"

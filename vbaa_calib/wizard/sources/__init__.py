@@ -1,4 +1,4 @@
-"""Where the wizard's pictures come from: a folder that fills up, a camera, a video, a stream."""
+"""Sources of the wizard's pictures: a folder that is being filled, a camera, a video, a stream."""
 
 from __future__ import annotations
 
@@ -6,25 +6,24 @@ import stat
 from collections.abc import Container
 from pathlib import Path
 
-from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.errors import InputError, reason_of
 from vbaa_calib.core.images import SUFFIXES
 
 from .files import FolderSource, Picture, SourceLost, VideoSource, shown
 from .live import LiveSource, open_camera, open_stream, parse_camera
 
 Source = FolderSource | VideoSource | LiveSource
-"""`next` gives the next picture, None where there is nothing new in time, and raises SourceLost; `close` may be called
-twice. name : for the screen, without a URL's secrets. notes : messages so far. live : a stream of frames, of which one
-is accepted when it is held still; else every picture counts."""
+"""`next` returns the next picture, None if none comes in time, and raises SourceLost; `close` may be called twice.
+name : without a URL's secrets. notes : messages so far. live : frames, taken when held still; otherwise all count.
+"""
 _LONGEST = 4096
 _KINDS = "name a folder of pictures, a video, a camera like camera:0, or a stream like rtsp://host/path"
 
 
 def open_source(text: str, seen: Container[str] = (), wait: bool = False) -> Source:
-    """The source that `text` means: "camera:0", "/dev/video0", the path of a folder or video, or a stream's URL.
+    """Open "camera:0", "/dev/video0", the path of a folder or video, or a stream's URL. Raises InputError.
 
-    seen : names that are not offered again. wait : a folder is watched for more pictures.
-    Raises InputError for what is not there, cannot be read or is none of these.
+    seen : names of pictures to skip. wait : watch a folder for more pictures.
     """
     if not text.strip():
         raise InputError("no source of pictures is named", remedy=_KINDS)
@@ -43,8 +42,7 @@ def open_source(text: str, seen: Container[str] = (), wait: bool = False) -> Sou
         digits = f"for a camera write camera:{text}; or " if text.isdigit() and len(text) < 4 else ""
         raise InputError("no such folder or video", where=shown(text), remedy=f"{digits}{_KINDS}") from None
     except (OSError, ValueError) as error:
-        why = getattr(error, "strerror", None) or error
-        raise InputError(f"cannot be read ({why})", where=shown(text), remedy=_KINDS) from None
+        raise InputError(f"cannot be read ({reason_of(error)})", where=shown(text), remedy=_KINDS) from None
     if stat.S_ISDIR(mode):
         return FolderSource(path, seen, wait)
     if stat.S_ISCHR(mode):

@@ -1,4 +1,4 @@
-"""A picture of a source; pictures of a folder that a program fills while it is watched, and all frames of a video."""
+"""A source's picture; the pictures of a folder that is being filled, and the frames of a video."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.errors import InputError, reason_of
 from vbaa_calib.core.images import SUFFIXES, read_gray
 
 _LONGEST = 100
@@ -25,15 +25,12 @@ _SECRET = re.compile(r"([?&;][^=&;]*(?:pass|pwd|user|usr|token|key|auth|secret|s
 
 
 def without_secrets(text: str) -> str:
-    """A URL without user, password and tokens.
-
-    All up to the last @ goes, since a password may hold one, or a slash.
-    """
+    """A URL without user, password (all up to the last @) and tokens."""
     return _SECRET.sub(r"\1***", _USER.sub("://***@", text))
 
 
 def shown(text: str) -> str:
-    """A text for a message: one line, at most 100 characters, without secrets."""
+    """A text for a message: one line of at most 100 characters, without secrets."""
     line = "".join(sign if sign.isprintable() else "?" for sign in without_secrets(text))
     return line if len(line) <= _LONGEST else f"{line[:_LONGEST]}…"
 
@@ -43,16 +40,15 @@ _TO_GRAY = np.array([[3737 / 2**15, 19234 / 2**15, 9797 / 2**15, 2**-16 - 0.5]])
 
 
 class SourceLost(InputError):
-    """A source that was there gives no more pictures: unplugged, broken off, taken away."""
+    """A source gives no more pictures: unplugged, disconnected, removed."""
 
 
 @dataclass(frozen=True, eq=False)
 class Picture:
     """A picture of a source, by a name that is unique within it: a file's, or "frame 12".
 
-    image : (H, W) uint8 grey, as `vbaa_calib.core.images.read_gray` gives it of `data`, which is stored as `suffix`.
-    content : a file's own bytes, or a live frame's pixels, (H, W) grey or (H, W, 3) blue, green, red, uint8.
-    time_s : of a frame, since the source was opened or the video began; None for files.
+    image : (H, W) uint8 grey, as `core.images.read_gray` reads `data`, which is stored with `suffix`.
+    content : a file's bytes, or a frame's pixels, (H, W) grey or (H, W, 3) BGR, uint8. time_s : None for files.
     """
 
     name: str
@@ -63,7 +59,7 @@ class Picture:
 
     @cached_property
     def data(self) -> bytes:
-        """What is stored when the picture is accepted: the file's own bytes, or a live frame as PNG, in colour."""
+        """The bytes to store: the file's own, or the frame as a colour PNG."""
         if isinstance(self.content, bytes):
             return self.content
         done, png = cv2.imencode(".png", self.content, [cv2.IMWRITE_PNG_COMPRESSION, 1])
@@ -77,14 +73,14 @@ class Picture:
 
 
 def silence_opencv() -> None:
-    """Keep OpenCV's and FFmpeg's own lines off the terminal: the sources report what matters."""
+    """Keep OpenCV's and FFmpeg's messages off the terminal."""
     # FFmpeg's level is read once, when the first capture is opened; -8 is its "quiet"
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
 
 
 def frame_picture(name: str, pixels: np.ndarray, time_s: float) -> Picture:
-    """A live frame: (H, W) grey or (H, W, 3) blue, green, red, uint8."""
+    """A frame (H, W) grey or (H, W, 3) BGR, uint8, as a picture."""
     gray = pixels if pixels.ndim == 2 else cv2.transform(pixels, _TO_GRAY)
     return Picture(name, gray, ".png", pixels, time_s)
 
@@ -96,7 +92,7 @@ _OLD_S = 10.0
 
 @dataclass(frozen=True)
 class Pace:
-    """Time between two scans of a folder; after which an unchanged file counts as written; and, unread, as broken."""
+    """Times between scans of a folder, until an unchanged file counts as complete, and, unreadable, as broken."""
 
     scan_s: float = 0.25
     settle_s: float = 0.5
@@ -105,7 +101,7 @@ class Pace:
 
 @dataclass(frozen=True)
 class _Watched:
-    """A file that was not offered yet: its size and time, since when; whether it was read in vain, and reported."""
+    """A file not offered yet: its size and time, since when; whether reading failed, and was reported."""
 
     state: tuple[int, int]
     since_s: float
@@ -114,16 +110,16 @@ class _Watched:
 
 
 class FolderSource:
-    """The pictures of a folder: those that are there by name, then new ones as they come.
+    """The pictures of a folder: existing ones by name, then new ones as they come.
 
-    A picture is offered once it is whole: its size and time stand still and its bytes decode. One that is replaced
-    by another of the same name is not offered again; one that was reported as broken is, when it changes.
+    A picture is offered once, when its size and time no longer change and it decodes; a broken one again when it
+    changes.
     """
 
     live = False
 
     def __init__(self, folder: Path, seen: Container[str] = (), wait: bool = False, pace: Pace | None = None) -> None:
-        """Raises InputError when the folder cannot be read, or is empty and not waited for."""
+        """Raises InputError if the folder cannot be read, or is empty and `wait` is off."""
         self.name = shown(str(folder))
         self.notes: tuple[str, ...] = ()
         self._folder, self._seen, self._wait = folder, seen, wait
@@ -137,20 +133,20 @@ class FolderSource:
         self._start_s = self._scanned_s = time.monotonic()
         for name in filter(self._is_new, names):
             if (state := self._state(name)) is not None:
-                # what was there for long need not be watched first
+                # old files are complete
                 is_old = time.time() - 1e-9 * state[1] > _OLD_S
                 self._watched[name] = _Watched(state, self._start_s - (self._pace.patience_s if is_old else 0))
 
     @property
     def ended(self) -> bool:
-        """All that was there at the start was offered, or reported as broken; never while more is waited for."""
+        """Whether all files of the start were offered or reported; never with `wait`."""
         return not self._wait and all(watched.reported or name in self._seen for name, watched in self._watched.items())
 
     def next(self, timeout_s: float) -> Picture | None:
         """The next whole picture. Raises SourceLost when the folder is gone."""
         until_s = time.monotonic() + timeout_s
         while True:
-            # thousands of files take long to look at: not as long as some are known to wait
+            # scanning thousands of files takes long: not while some are ready
             if not self._ready:
                 if time.monotonic() - self._scanned_s >= self._pace.scan_s:
                     self._scan()
@@ -169,7 +165,7 @@ class FolderSource:
         """Nothing is held open."""
 
     def _unchanging(self) -> list[str]:
-        """Names, in order, that stand still and were not tried in this state; or once more at the end of patience."""
+        """Names, in order, of unchanging files to try: once, and once more when patience ends."""
         now_s = time.monotonic()
         unchanging = []
         for name, watched in sorted(self._watched.items()):
@@ -182,7 +178,7 @@ class FolderSource:
         return unchanging
 
     def _read(self, name: str) -> Picture | None:
-        """The picture, from bytes that are read once; None where it is not whole, with a note once patience is over."""
+        """The picture; None if it is incomplete, with a note when patience ends."""
         path, watched = self._folder / name, self._watched[name]
         try:
             data = path.read_bytes() if watched.state[0] <= _MOST_BYTES else None
@@ -226,15 +222,16 @@ class FolderSource:
             del self._watched[name]
 
     def _names(self, kind: type[InputError]) -> list[str]:
-        """The pictures in the folder by their names. Raises `kind` when it cannot be read."""
+        """The names of the folder's pictures. Raises `kind` if it cannot be read."""
         try:
             with os.scandir(self._folder) as entries:
                 names = [entry.name for entry in entries]
         except (FileNotFoundError, NotADirectoryError):
             raise kind("no such folder", where=self.name, remedy="check the path, and that the disk is there") from None
         except (OSError, ValueError) as error:
-            why = getattr(error, "strerror", None) or error
-            raise kind(f"cannot be read ({why})", where=self.name, remedy="check its permissions") from None
+            raise kind(
+                f"cannot be read ({reason_of(error)})", where=self.name, remedy="check its permissions"
+            ) from None
         return sorted(filter(self._is_picture, names))
 
     def _is_picture(self, name: str) -> bool:
@@ -253,7 +250,7 @@ class FolderSource:
         return name not in self._given and name not in self._seen
 
     def _state(self, name: str) -> tuple[int, int] | None:
-        """Size and time of a file; None for what is none."""
+        """Size and time of a regular file, else None."""
         try:
             status = os.stat(os.path.join(self._folder, name))
         except OSError:
@@ -267,15 +264,12 @@ _READABLE_SHARE = 0.95
 
 
 class VideoSource:
-    """Every frame of a video, named by its place in it from 0 on: the same from run to run.
-
-    It is judged by holding still, like a live stream, but no frame is dropped, however slow the reader is.
-    """
+    """Every frame of a video, named by its index; none is dropped. Taken when held still, like a live stream."""
 
     live = True
 
     def __init__(self, path: Path, seen: Container[str] = ()) -> None:
-        """Raises InputError when the file holds no video that can be read."""
+        """Raises InputError if the file is no readable video."""
         silence_opencv()
         self.name = shown(path.name)
         self.ended = False
@@ -311,7 +305,7 @@ class VideoSource:
         self._capture.release()
 
     def _stamp(self) -> float:
-        """The frame's time since the video began, s; one frame after the last where the file does not hold it."""
+        """The frame's time since the video began, s; one frame after the last if the file has none."""
         time_s = self._capture.get(cv2.CAP_PROP_POS_MSEC) / 1000
         if not math.isfinite(time_s) or time_s < 0 or time_s <= self._time_s:
             time_s = 0.0 if self._index == 0 else self._time_s + 1 / self._fps

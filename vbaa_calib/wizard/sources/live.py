@@ -1,4 +1,4 @@
-"""The newest frames of a camera at this computer, or of a stream from the net (rtsp, http, udp and others)."""
+"""The newest frames of a local camera or a network stream (rtsp, http, udp and others)."""
 
 from __future__ import annotations
 
@@ -21,17 +21,14 @@ from vbaa_calib.core.errors import InputError
 from .files import Picture, SourceLost, frame_picture, shown, silence_opencv
 
 _Fault = Literal["closed", "blank", "broken", "hung"]
-"""Could not be opened; opened but never gave a frame; its frames stopped; it does not answer."""
+"""Cannot be opened; opened but without any frame; its frames stopped; does not respond."""
 _PAUSE_S = 0.05
 _LEAVE_S = 0.5
 
 
 @dataclass(frozen=True)
 class Patience:
-    """How long a device is waited for: for its first frame, and for the next one; and how many reads may fail in turn.
-
-    retries_s : waits before each try to open it again, once there were frames; empty: it is not tried.
-    """
+    """Timeouts for the first and the next frame, failed reads in a row, and waits before reopening (`retries_s`)."""
 
     open_s: float = 10.0
     silence_s: float = 5.0
@@ -40,12 +37,10 @@ class Patience:
 
 
 class LiveSource:
-    """The newest frames of a device: those that nobody took in time are dropped, and not decoded.
+    """The newest frames of a device, read by a thread; frames that are not fetched in time are dropped undecoded.
 
-    Frames count from 0; a number whose name is in `seen` is left out, so that names stay unique when a session goes on.
-    A thread reads the device; one that hangs is left behind and ends with the process. `start_s` is when it was opened,
-    by `time.monotonic`, from which the frames' times count, and `dropped` how many frames nobody took. With `eager`
-    each frame is decoded, so that the newest is at hand when it is asked for.
+    Names count from 0 and skip those in `seen`. start_s : time of opening by `time.monotonic`, the zero of frame times.
+    dropped : number of dropped frames. eager : decode every frame, so that the newest is ready when asked for.
     """
 
     live = True
@@ -60,9 +55,9 @@ class LiveSource:
         seen: Container[str] = (),
         notes: Sequence[str] = (),
     ) -> None:
-        """Opens the device and waits for its first frame. faults : what is wrong, and the remedy.
+        """Open the device and wait for its first frame. Raises InputError if none comes.
 
-        notes : messages, which `opener` may add to. Raises InputError when no frame comes.
+        faults : clause and remedy of each. notes : messages, which `opener` may extend.
         """
         self.name = name
         self._opener, self._patience, self._faults = opener, patience, faults
@@ -79,13 +74,13 @@ class LiveSource:
         self._thread = threading.Thread(target=self._run, name="frames", daemon=True)
         self._thread.start()
         try:
-            # a little longer than the thread's own patience, so that the thread finds what is wrong
+            # a little longer than the thread waits, so that the thread finds the fault
             self._first = self._newest(patience.open_s + 1)
         except BaseException:
             self.close()
             raise
         if self._first is None:
-            # closing gives a slow device the time to say what is wrong
+            # closing gives a slow device time to report its fault
             self.close()
             raise self._error(InputError, self._fault_now() or "hung")
 
@@ -95,7 +90,7 @@ class LiveSource:
         return (*self._notes, *(f"{self.name} broke off and was reached again, time {time}" for time in times))
 
     def next(self, timeout_s: float) -> Picture | None:
-        """The newest frame, waited for if need be. Raises SourceLost when the device is gone."""
+        """The newest frame, waited for if necessary. Raises SourceLost if the device is gone."""
         frame, self._first = self._first or self._newest(timeout_s), None
         if frame is None:
             if (fault := self._fault_now()) is not None:
@@ -116,12 +111,12 @@ class LiveSource:
         return kind(what, where=self.name, remedy=remedy)
 
     def _fault_now(self) -> _Fault | None:
-        """Why there are no more frames; None while there may be some."""
+        """Why no more frames come; None while they may."""
         with self._changed:
             return "hung" if self._fault is None and time.monotonic() > self._due_s else self._fault
 
     def _newest(self, timeout_s: float) -> tuple[np.ndarray, float] | None:
-        """A frame that was not given before, and its time; None when none came in time, or there is a fault."""
+        """A new frame and its time; None if none comes in time, or for a fault."""
         until_s = time.monotonic() + timeout_s
         with self._changed:
             self._wanted = True
@@ -177,7 +172,7 @@ class LiveSource:
         return "broken" if frames else "blank", frames
 
     def _grab(self, capture: cv2.VideoCapture) -> np.ndarray | None:
-        """The next frame's pixels, empty if nobody wants them; None where there is no frame."""
+        """The next frame's pixels, empty if it is not wanted; None without a frame."""
         try:
             if not capture.grab():
                 return None
@@ -211,10 +206,7 @@ _CAMERA_FAULTS: dict[_Fault, tuple[str, str]] = {
 
 
 def parse_camera(text: str) -> tuple[int | str, dict[str, Any]]:
-    """What follows "camera:": which one (OpenCV's index, or a device file), and what is asked of it.
-
-    Many cameras are slow at full size without a fourcc such as MJPG. Raises InputError.
-    """
+    """The device (OpenCV's index or a file) and its settings, from the text behind "camera:". Raises InputError."""
     device, _, query = text.partition("?")
     where, given = f"camera:{shown(text)}", dict[str, Any]()
     for key, value in parse_qsl(query, keep_blank_values=True):
@@ -239,7 +231,7 @@ def open_camera(
     seen: Container[str] = (),
     patience: Patience | None = None,
 ) -> LiveSource:
-    """A camera, running. Raises InputError when it is not there or gives no picture."""
+    """A running camera. Raises InputError if it is missing or gives no picture."""
     name, notes = f"camera:{device}", list[str]()
     _check_device(device, name)
 
@@ -255,7 +247,7 @@ def open_camera(
 
 
 def _check_device(device: int | str, name: str) -> None:
-    """On Linux a camera is a file, so that what is missing is known without asking the driver."""
+    """Raises InputError for a missing or forbidden device file (Linux only)."""
     if not sys.platform.startswith("linux"):
         return
     path = Path(f"/dev/video{device}" if isinstance(device, int) else device)
@@ -275,7 +267,7 @@ def _check_device(device: int | str, name: str) -> None:
 
 
 def _set_up(capture: cv2.VideoCapture, wanted: Mapping[str, Any]) -> tuple[str, str]:
-    """Asks for what is wanted, and for no autofocus; what came of it."""
+    """Apply the settings and switch autofocus off. Returns notes on the result."""
     # the pixel format first: it decides which sizes there are
     if "fourcc" in wanted:
         capture.set(cv2.CAP_PROP_FOURCC, cv2.VideoWriter.fourcc(*wanted["fourcc"]))
@@ -310,13 +302,10 @@ _STREAM_PATIENCE = Patience(failures=1, retries_s=(0.5, 1.0, 2.0, 4.0))
 
 
 def open_stream(url: str, seen: Container[str] = (), patience: Patience = _STREAM_PATIENCE) -> LiveSource:
-    """A stream, running; when it breaks off it is opened again, a few times. Raises InputError.
-
-    User, password and tokens in the URL are never shown.
-    """
+    """A running stream, reopened a few times if it breaks off. Raises InputError, without the URL's secrets."""
     name, stored = shown(url), False
     _check_url(url, name)
-    # shorter than the thread's own patience, so that FFmpeg ends by itself rather than being left behind
+    # shorter than the thread's patience, so that FFmpeg ends by itself
     waits = {
         cv2.CAP_PROP_OPEN_TIMEOUT_MSEC: 0.8 * patience.open_s,
         cv2.CAP_PROP_READ_TIMEOUT_MSEC: 0.8 * patience.silence_s,
@@ -327,7 +316,7 @@ def open_stream(url: str, seen: Container[str] = (), patience: Patience = _STREA
         nonlocal stored
         silence_opencv()
         capture = cv2.VideoCapture(url, cv2.CAP_FFMPEG, settings)
-        # a picture on its own is one "frame" long: that is a camera's snapshot, which is opened anew for each
+        # one frame: a camera's snapshot, which is opened anew for each picture
         if capture.isOpened() and capture.get(cv2.CAP_PROP_FRAME_COUNT) > 1:
             stored = True
             capture.release()

@@ -1,9 +1,9 @@
 // The page: asks for what is new, fills it in as text, sends what a person commands. Text comes from files and
 // cameras: it only ever becomes textContent.
+import { $, make, text } from "/dom.js";
 import { showPicture } from "/picture.js";
 import { showQuestion } from "/question.js";
 
-const $ = id => document.getElementById(id);
 const BUTTONS = [...document.querySelectorAll("#buttons button")];
 const SIGNS = { done: "✓", now: "●", todo: "○", skipped: "–" };
 const STATUS = { done: "done", now: "now", todo: "to do", skipped: "skipped" };
@@ -14,18 +14,6 @@ const SURE = {
 let shown = 0;
 let state = null;
 const before = new Map();
-
-export function text(node, words) {
-  const told = words ?? "";
-  if (node.textContent !== String(told)) node.textContent = told;
-}
-
-export function make(name, attributes = {}, ...children) {
-  const node = document.createElement(name);
-  for (const [key, value] of Object.entries(attributes)) node.setAttribute(key, value);
-  node.append(...children);
-  return node;
-}
 
 // fills a part of the page only when what it shows has changed: readers and typing are left in peace
 function renew(name, value, fill) {

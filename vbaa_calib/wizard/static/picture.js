@@ -1,6 +1,6 @@
 // The camera's picture and what is drawn over it, in the picture's own pixels.
-const $ = id => document.getElementById(id);
-const text = (node, words) => { if (node.textContent !== words) node.textContent = words; };
+import { $, make, text } from "/dom.js";
+
 let fetched = null;
 
 function draw(name, attributes) {
@@ -54,12 +54,8 @@ function marks(live) {
 }
 
 function hint({ words, remedy, grave }) {
-  const item = document.createElement("li"), sign = document.createElement("b"), cure = document.createElement("span");
-  item.dataset.grave = String(Boolean(grave));
-  sign.textContent = grave ? "✕ wrong" : "▲ look";
-  cure.textContent = remedy ? ` → ${remedy}` : "";
-  item.append(sign, ` ${words}`, cure);
-  return item;
+  const sign = make("b", {}, grave ? "✕ wrong" : "▲ look");
+  return make("li", { "data-grave": String(Boolean(grave)) }, sign, ` ${words}`, make("span", {}, remedy ? ` → ${remedy}` : ""));
 }
 
 let last = null;

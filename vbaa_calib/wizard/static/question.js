@@ -1,15 +1,9 @@
 // The question that the wizard asks now, as a form. The wizard judges the answer; here it is only read.
-const $ = id => document.getElementById(id);
+import { $, make } from "/dom.js";
+
 const PLAIN = /^[+-]?(\d+([.,]\d*)?|[.,]\d+)(e[+-]?\d+)?$/i;
 const RADIOS = 7;
 let current = null;
-
-function make(name, attributes = {}, ...children) {
-  const node = document.createElement(name);
-  for (const [key, value] of Object.entries(attributes)) if (value !== null) node.setAttribute(key, value);
-  node.append(...children);
-  return node;
-}
 
 function head({ words, why }) {
   return [make("span", { class: "words" }, words), ...(why ? [make("small", { id: "because" }, why)] : [])];

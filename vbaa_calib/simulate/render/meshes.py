@@ -8,10 +8,11 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.spatial import ConvexHull, HalfspaceIntersection
 
-from vbaa_calib.simulate.render.object import flat_sides
-from vbaa_calib.simulate.scene.objects import BOX_FACE_M, WEDGES, TouchObject, implicit
+from vbaa_calib.simulate.scene.objects import BOX_FACE_M, WEDGES, TouchObject, implicit, surface_radius
 
-_ROUND_THE_TUBE, _FACETS, _RINGS = 32, 255, 160
+from .object import flat_sides
+
+_ROUND_THE_TUBE, _FACETS = 32, 255
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,10 +60,10 @@ def tube_mesh(s: np.ndarray, points: np.ndarray, radius: float, step: float) -> 
     return Triangles(np.concatenate(vertices), np.concatenate(normals), np.concatenate(faces))
 
 
-def object_mesh(obj: TouchObject) -> Triangles:
-    """The object's surface, world frame, m."""
+def object_mesh(obj: TouchObject, rings: int = 160) -> Triangles:
+    """The object's surface, world frame, m; that of spheres and free forms in so many rings."""
     if obj.shape in ("sphere", "freeform"):
-        return _round_mesh(obj)
+        return _round_mesh(obj, rings)
     normals, offsets = _planes(obj)
     into = obj.wedge_world if obj.shape in WEDGES else np.zeros(3)
     corners = HalfspaceIntersection(np.column_stack([normals, -offsets]), 0.2 * BOX_FACE_M * into).intersections
@@ -90,17 +91,12 @@ def _planes(obj: TouchObject) -> tuple[np.ndarray, np.ndarray]:
     return np.vstack([rounding, normals]), np.append(np.full(_FACETS, obj.radius_m), offsets)
 
 
-def _round_mesh(obj: TouchObject) -> Triangles:
+def _round_mesh(obj: TouchObject, rings: int) -> Triangles:
     """Sphere and free form: the surface along rays from the centre, which meet it once."""
-    polar, turn = np.linspace(0.0, np.pi, _RINGS)[:, None], np.linspace(0.0, 2 * np.pi, 2 * _RINGS, endpoint=False)
+    polar, turn = np.linspace(0.0, np.pi, rings)[:, None], np.linspace(0.0, 2 * np.pi, 2 * rings, endpoint=False)
     out = np.stack([np.sin(polar) * np.cos(turn), np.sin(polar) * np.sin(turn), np.cos(polar) + 0 * turn], axis=-1)
     out = out.reshape(-1, 3)
-    low, high = np.zeros(len(out)), np.full(len(out), 2.0 * obj.radius_m + sum(abs(b.height_m) for b in obj.bumps))
-    for _ in range(40):
-        middle = (low + high) / 2
-        beyond = implicit(middle[:, None] * out, obj.radius_m, obj.bumps)[0] > 0
-        low, high = np.where(beyond, low, middle), np.where(beyond, middle, high)
-    surface = low[:, None] * out
+    surface = surface_radius(out, obj.radius_m, obj.bumps)[:, None] * out
     slope = implicit(surface, obj.radius_m, obj.bumps)[1]
     normals = slope / np.linalg.norm(slope, axis=1, keepdims=True)
-    return Triangles(surface + obj.center_world_m, normals, _grid_faces(_RINGS, 2 * _RINGS)[:, ::-1])
+    return Triangles(surface + obj.center_world_m, normals, _grid_faces(rings, 2 * rings)[:, ::-1])
