@@ -51,10 +51,11 @@ def test_pieces_make_the_same_rows(tmp_path: Path) -> None:
     """With drift that is learnt, motion and a rolling shutter across the seams."""
     path, rig = write_recording(tmp_path / "one", FRAMES, rolling=True), Rig.load(write_rig(tmp_path / "rig.json"))
     whole = as_one(path, rig)
+    pieces = in_pieces(path, rig, AFRESH)
     write_contacts(tmp_path / "whole.csv", whole)
-    write_contacts(tmp_path / "pieces.csv", in_pieces(path, rig, AFRESH))
+    write_contacts(tmp_path / "pieces.csv", pieces)
     assert (tmp_path / "pieces.csv").read_bytes() == (tmp_path / "whole.csv").read_bytes()
-    for own, other in zip(in_pieces(path, rig, AFRESH), whole, strict=True):
+    for own, other in zip(pieces, whole, strict=True):
         assert all(np.array_equal(a, b, equal_nan=True) for a, b in _floats(own, other))
     found = Counter(row.status for row in whole)
     assert len(whole) == FRAMES
