@@ -33,8 +33,8 @@ from viz.report import check as report
 from .small_session import answers
 
 MOST_ANSWERS = 25
-WRONG_MM = 30.0
-PATIENCE = 30
+WRONG_MM = 60.0
+PATIENCE = 8
 """Looks at the folder without news after which a person types enough."""
 
 
