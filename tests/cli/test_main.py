@@ -126,12 +126,3 @@ def test_a_caller_keeps_its_own_signals(vbaa: Call, raising: Callable[[BaseExcep
                 assert signal.getsignal(signal.SIGTERM) is handler
             finally:
                 signal.signal(signal.SIGTERM, before)
-
-
-def test_debug_shows_where(vbaa: Call, raising: Callable[[BaseException], None]) -> None:
-    raising(InputError("is odd"))
-    said = vbaa("schema", "rig", "--debug")
-    assert said.code == 2
-    assert "Traceback" in said.err
-    assert __file__ in said.err
-    assert said.err.splitlines()[-1].startswith("vbaa: ")

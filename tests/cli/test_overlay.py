@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from .conftest import PICTURES, Call, noise, refused, repaint
+from .conftest import PICTURES, Call, noise, repaint
 
 
 def left(folder: Path) -> set[str]:
@@ -49,25 +49,6 @@ def test_every_frame_has_its_picture_and_its_place_on_the_page(
     for status in {row["status"] for row in rows}:
         assert f"#only-{status}:checked ~ .frames a:not(.{status})" in page
         assert f'<input type="radio" name="status" id="only-{status}"' in page
-
-
-def test_a_folder_in_the_way_is_refused_and_only_ours_is_replaced(drawn: Call, rig: Path, tmp_path: Path) -> None:
-    assert drawn(tmp_path / "seen").code == 0
-    (tmp_path / "seen" / "old.jpg").write_bytes(b"x")
-    (tmp_path / "contacts.csv").unlink()
-    refused(drawn(tmp_path / "seen"), "seen: exists already", "--force")
-    assert "old.jpg" in left(tmp_path / "seen")
-    assert drawn(tmp_path / "seen", "--force").code == 0
-    assert "old.jpg" not in left(tmp_path / "seen")
-    mine = tmp_path / "mine"
-    mine.mkdir()
-    (mine / "index.html").write_text("<p>my own page</p>")
-    refused(drawn(mine, "--force"), "mine: holds other things")
-    refused(drawn(rig, "--force"), "is not a folder")
-    assert drawn(tmp_path / "nowhere" / "seen", "--force").code == 0
-    (tmp_path / "link").symlink_to(tmp_path / "seen")
-    refused(drawn(tmp_path / "link", "--force"), "is not a folder")
-    assert left(mine) == {"index.html"}
 
 
 def test_look_says_what_is_seen(vbaa: Call, session: Path, rig: Path, tmp_path: Path) -> None:

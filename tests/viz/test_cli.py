@@ -59,15 +59,6 @@ def test_view_writes_page_and_gltf(files: SimpleNamespace, capsys: pytest.Captur
     assert page.read_text() == text
 
 
-def test_view_finds_the_object_itself(files: SimpleNamespace, capsys: pytest.CaptureFixture[str]) -> None:
-    page = files.folder / "scene.html"
-    code, result, said = outcome(capsys, "view", files.contacts, "--rig", files.rig, "--html", page, "--json")
-    assert code == 0
-    assert [fact.partition(":")[0] for fact in result["facts"][:2]] == ["Friction", "Stiffness"]
-    assert all(fact in said for fact in result["facts"])
-    assert "reconstructed surface" in page.read_text()
-
-
 def test_view_without_opengl_writes_the_page_and_says_what_to_install(
     files: SimpleNamespace, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
