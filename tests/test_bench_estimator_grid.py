@@ -11,9 +11,6 @@ from benchmarks.estimator.bound import QUANTITIES, estimate, truth
 from benchmarks.estimator.grid import summary
 from benchmarks.estimator.rods import POPULATIONS
 from benchmarks.estimator.scenes import random_scenes
-from benchmarks.estimator.setup import Setup
-
-UPRIGHT = Setup("none").rig()
 
 
 def test_the_estimator_reaches_the_bound_on_a_part_of_the_grid() -> None:

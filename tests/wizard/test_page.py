@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,9 +22,6 @@ from vbaa_calib.wizard.sources.files import frame_picture
 from vbaa_calib.wizard.steps import PictureCheck
 from vbaa_calib.wizard.store import Store
 from vbaa_calib.wizard.ui import LivePicture, Ui, View
-
-from .browser import Browser
-from .pseudo_terminal import PseudoTerminal
 
 
 class Shown:
@@ -144,25 +140,3 @@ def test_the_first_answer_counts_wherever_it_is_given() -> None:
     question = Question("mass_g", "loads", "Mass?", unit="g")
     assert Ui(silent, clicking, interactive=True).ask(question) == 7.0
     assert silent.problems == clicking.problems != []
-
-
-def address(wizard: PseudoTerminal) -> str:
-    """The page's."""
-    wizard.until("http://127.0.0.1:")
-    wizard.until("1 of 7")
-    found = re.search(r"http://127\.0\.0\.1:\d+/\?token=\S+", wizard.screen)
-    assert found is not None
-    return found.group(0)
-
-
-def until_text(browser: Browser, words: str) -> None:
-    """Once they stand on the page."""
-    browser.until(f"document.body?.innerText.includes({json.dumps(words)})", 60)
-
-
-def answer(browser: Browser, key_words: str, typed: str) -> None:
-    """Type into the field of the question with these words, and Enter."""
-    until_text(browser, key_words)
-    browser.value("document.querySelector('#field').select()")
-    browser.type(typed)
-    browser.press("Enter", 13)
