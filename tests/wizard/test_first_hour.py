@@ -33,7 +33,7 @@ from viz.report import check as report
 from .small_session import answers
 
 MOST_ANSWERS = 25
-WRONG_MM = 60.0
+WRONG_MM = 80.0
 PATIENCE = 8
 """Looks at the folder without news after which a person types enough."""
 
@@ -179,7 +179,7 @@ def test_a_wrong_thickness_is_named_by_the_first_free_picture(walked: tuple[Path
         image = read_picture(store.path(first))
         with pytest.raises(InputError):
             state.observe(still, "noload", image)
-        assert "type `board_thickness_mm = 3`" in thickness_that_shows_it(state, still, "noload", image)
+        assert f"type `board_thickness_mm = {WRONG_MM / 10:g}`" in thickness_that_shows_it(state, still, "noload", image)
 
 
 def test_a_jig_that_puts_the_antenna_out_of_the_picture_is_refused(walked: tuple[Path, Person], tmp_path: Path) -> None:
