@@ -179,7 +179,9 @@ def test_a_wrong_thickness_is_named_by_the_first_free_picture(walked: tuple[Path
         image = read_picture(store.path(first))
         with pytest.raises(InputError):
             state.observe(still, "noload", image)
-        assert f"type `board_thickness_mm = {WRONG_MM / 10:g}`" in thickness_that_shows_it(state, still, "noload", image)
+        assert f"type `board_thickness_mm = {WRONG_MM / 10:g}`" in thickness_that_shows_it(
+            state, still, "noload", image
+        )
 
 
 def test_a_jig_that_puts_the_antenna_out_of_the_picture_is_refused(walked: tuple[Path, Person], tmp_path: Path) -> None:
