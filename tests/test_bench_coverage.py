@@ -12,66 +12,18 @@ from benchmarks.coverage.coverage import (
     JUDGED,
     errors_of,
     outcome,
-    outcomes,
     run,
 )
-from benchmarks.coverage.rigs import coverage_rigs, draw, drawn_truth
-from benchmarks.coverage.solve import Errors, Solved, Statistics, statistics
+from benchmarks.coverage.rigs import coverage_rigs, draw
+from benchmarks.coverage.solve import Solved
 from vbaa_calib.camera import Camera
 
 RIGS = coverage_rigs()
-COVARIANCE = np.array([[4.0, 1.9], [1.9, 1.0]])
-
-
-def sampled(predicted: np.ndarray, shift: float = 0.0, draws: int = 2000) -> Statistics:
-    """Of errors that scatter by `COVARIANCE`, three pairs a draw, while another covariance is predicted."""
-    rng = np.random.default_rng(0)
-    errors = rng.multivariate_normal(np.full(2, shift), COVARIANCE, (draws, 3))
-    return statistics([Errors(own, np.tile(predicted, (3, 1, 1))) for own in errors])
-
-
-def test_a_true_covariance_is_found_true() -> None:
-    found = sampled(COVARIANCE)
-    assert found.ratio == pytest.approx(1.0, abs=3 * found.ratio_error)
-    assert found.covered == pytest.approx(0.95, abs=3 * found.covered_error)
-    assert abs(found.bias) < 4 / np.sqrt(2000)
-    assert found.predicted_std == pytest.approx(np.sqrt(2.5))
-    assert 0.003 < found.ratio_error < 0.02
-
-
-@pytest.mark.parametrize(("factor", "covered"), [(0.5, 0.527), (2.0, 0.9999)])
-def test_a_wrong_size_is_found_out(factor: float, covered: float) -> None:
-    """χ² of 2 at 95 % is 5.99: with half the deviation 1 − exp(−5.99/8) of the regions hold the truth."""
-    found = sampled(factor**2 * COVARIANCE)
-    assert found.ratio == pytest.approx(1 / factor, rel=0.03)
-    assert found.covered == pytest.approx(covered, abs=0.025)
-
-
-def test_a_wrong_correlation_and_a_bias_are_found_out() -> None:
-    turned = sampled(COVARIANCE * [[1, -1], [-1, 1]])
-    assert turned.ratio == pytest.approx(1.0, abs=0.03)
-    assert turned.covered < 0.7
-    shifted = sampled(COVARIANCE, shift=1.0)
-    assert shifted.bias == pytest.approx(1.0, abs=0.1)
-    assert shifted.ratio == pytest.approx(1.0, abs=0.03)
-    assert shifted.covered < 0.94
 
 
 def true_camera(rig) -> Camera:
     """The true lens in the camera layer."""
     return Camera(rig.lens.model, rig.lens.image_size, rig.lens.matrix, rig.lens.distortion)
-
-
-def test_draws_are_seeded_and_scatter_as_the_priors_say() -> None:
-    one, again, other = (draw(RIGS[4], seed) for seed in ((0, 4, 1), (0, 4, 1), (0, 4, 2)))
-    np.testing.assert_array_equal(one.stills[7].points_px, again.stills[7].points_px)
-    np.testing.assert_array_equal(one.views[3].corners_px, again.views[3].corners_px)
-    assert not np.array_equal(one.truth, other.truth)
-    assert one.stills[3].still.moment_Nm != other.stills[3].still.moment_Nm
-    rng = np.random.default_rng(0)
-    scatter = np.std([drawn_truth(rng) for _ in range(3000)], axis=0)
-    np.testing.assert_allclose(scatter[:6], [1.5e-3] * 2 + [0.035] * 2 + [0.3] * 2, rtol=0.05)
-    assert scatter[7] == pytest.approx(0.03, rel=0.05)
 
 
 def test_the_judge_sees_a_moved_camera_at_its_size() -> None:
@@ -124,11 +76,3 @@ def test_deviations_and_regions_hold_over_many_draws(number: int) -> None:
         if row.quantity in JUDGED:
             assert abs(row.ratio - 1.0) < 0.15 + 2 * row.ratio_error, row
             assert abs(row.covered - 0.95) < 0.02 + 2.5 * row.covered_error, row
-
-
-@pytest.mark.slow
-def test_the_number_of_processes_changes_nothing() -> None:
-    tasks = [(0, 4, number) for number in range(3)]
-    for alone, beside in zip(outcomes(tasks, 1), outcomes(tasks, 2), strict=True):
-        for name, errors in alone.errors.items():
-            np.testing.assert_allclose(errors.errors, beside.errors[name].errors, rtol=1e-6, atol=1e-12)

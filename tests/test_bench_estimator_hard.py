@@ -58,21 +58,3 @@ def test_hostile_frames_are_replayed_and_judged(monkeypatch: pytest.MonkeyPatch)
     first, again = (estimator_hostile.replay(5, 0, FEW) for _ in range(2))
     np.testing.assert_array_equal(first.scenes.points_px, again.scenes.points_px)
     np.testing.assert_array_equal(first.readings_Nm, again.readings_Nm)
-
-
-def test_hostile_counts_what_is_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Contacts moved by ten deviations are found out, and so is a NaN."""
-    _found(0)
-    before = judged(monkeypatch, 0)
-    after = judged(
-        monkeypatch,
-        0,
-        lambda found: replace(
-            found,
-            distance_m=found.distance_m + 10.0 * found.distance_std_m,
-            force_N=np.where(np.arange(3) == 2, np.nan, found.force_N),
-        ),
-    )
-    assert after.claimed == before.claimed
-    assert after.nan == after.claimed
-    assert after.beyond == after.claimed - after.imagined

@@ -7,22 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.vision.judge import bound_px, score, steger
-from benchmarks.vision.scenes import HARDSHIPS, Bend, Block, Shot, aside_px, good, light, path_px, truth
+from benchmarks.vision.judge import bound_px
+from benchmarks.vision.scenes import HARDSHIPS, Bend, Shot, good, light
 from benchmarks.vision.vision import hardships, hostile
-from vbaa_calib.detect.whisker.centreline import Centreline
 
 SIZE = (400, 300)
-
-
-def test_a_path_is_as_long_and_turns_as_much_as_told() -> None:
-    path = path_px(Bend((40.0, 100.0), 0.2, 300.0, turn_rad=0.8, contact=0.6))
-    steps = np.diff(path, axis=0)
-    heading = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
-    assert np.linalg.norm(steps, axis=1).sum() == pytest.approx(300.0, rel=1e-3)
-    assert heading[0] == pytest.approx(0.2, abs=0.01)
-    assert heading[-1] - heading[0] == pytest.approx(0.8, abs=0.01)
-    assert np.ptp(heading[int(0.62 * len(heading)) :]) < 1e-9, "straight beyond the contact"
 
 
 def test_the_drawn_line_lies_on_the_true_path() -> None:
@@ -46,29 +35,6 @@ def test_the_bound_of_a_line_that_can_be_worked_out() -> None:
     assert 0.9 * slopes_alone < bound[0] < 1.4 * slopes_alone
 
 
-def test_the_judge_sees_false_and_missing_points() -> None:
-    shot = Shot(SIZE, Bend((30.0, 150.0), 0.0, 300.0), 3.0, blocks=(Block((200.0, 150.0), (30.0, 30.0), 0.0, 0.5),))
-    u = np.arange(30.0, 180.0)
-    points = np.stack([u, np.full(len(u), 150.0)], axis=1)
-    points[10, 1] += 3.0
-    judged = score(Centreline(points, np.full(len(u), 0.05), 1.0, 1.0, 1.0), truth(shot))
-    assert np.flatnonzero(judged.false).tolist() == [10, *range(141 + 1, 150)]
-    assert 0.5 < judged.kept < 0.65
-    assert aside_px(truth(shot).path_px, np.array([[100.0, 152.0]]))[0] == pytest.approx(2.0)
-
-
-@pytest.mark.parametrize("bright", [True, None])
-def test_stegers_points_lie_on_a_drawn_line(bright: bool | None) -> None:
-    shot = Shot(SIZE, Bend((30.0, 150.3), 0.05, 300.0), 4.0)
-    middle = path_px(shot.bend)[200:-200] if shot.bend else np.empty((0, 2))
-    mask = np.zeros(SIZE[::-1], bool)
-    mask[120:185, 60:300] = True
-    points = steger(light(shot), mask, 4.0, bright)
-    near = points[np.abs(aside_px(middle, points)[0]) < 1.0]
-    assert len(near) > 120
-    assert np.sqrt(np.mean(aside_px(middle, near)[0] ** 2)) < 0.05
-
-
 def test_good_pictures_reach_the_goals() -> None:
     """Bias, spread against the bound, predicted deviations, false points."""
     (row,) = hardships(6, 3, ("none",))
@@ -80,7 +46,17 @@ def test_good_pictures_reach_the_goals() -> None:
     assert row.kept > 0.97
 
 
-@pytest.mark.parametrize("name", [name for name in HARDSHIPS if name not in ("highlights", "sensor noise")])
+QUICK = ("clutter", "shadow or reflection", "1.5 to 2 px wide")
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=[pytest.mark.slow] * (name not in QUICK))
+        for name in HARDSHIPS
+        if name not in ("highlights", "sensor noise")
+    ],
+)
 def test_deviations_stay_honest_under_a_hardship(name: str) -> None:
     (row,) = hardships(3, 5, (name,))
     assert row.found == 1.0
@@ -93,9 +69,9 @@ def test_deviations_stay_honest_under_a_hardship(name: str) -> None:
 
 def test_a_seeded_few_hard_pictures() -> None:
     """No exception, no NaN, and nothing confident where there is no antenna."""
-    hard, empty = hostile(40, 7)
+    hard, empty = hostile(20, 7)
     assert hard.ok > 0.8
-    assert hard.confident_false <= 0.025
+    assert hard.confident_false == 0.0
     assert empty.confident_false == 0.0
 
 

@@ -9,11 +9,14 @@ import subprocess
 import sys
 from pathlib import Path
 
+import cv2
 import pytest
 
 from benchmarks.processors import apart, of_contacts, of_rig
 from estimator.table.files import read_contacts
 from vbaa_calib.rig import Rig
+
+from . import determinism_run
 
 ROOT = Path(__file__).parents[1]
 NOT_OF_THE_RESULT = ("command", "versions")
@@ -38,8 +41,12 @@ def whole_way(folder: Path, threads: int, session: Path | None = None, **environ
 
 @pytest.fixture(scope="module")
 def first(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """One thread, hash seed 0."""
-    return whole_way(tmp_path_factory.mktemp("same") / "first", 1, PYTHONHASHSEED="0")
+    """One thread, in this process."""
+    folder, threads = tmp_path_factory.mktemp("same"), cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    determinism_run.whole_way(folder, None)
+    cv2.setNumThreads(threads)
+    return folder
 
 
 def results(folder: Path) -> dict[str, bytes]:

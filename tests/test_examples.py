@@ -9,7 +9,6 @@ import runpy
 import sys
 import warnings
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 
 import cv2
@@ -102,28 +101,6 @@ def test_prints_what_the_docs_quote(ran: Ran) -> None:
 
 def test_draws_the_figure_that_is_shown(ran: Ran) -> None:
     assert difference(picture(SHOWN / ran.figure.name), picture(ran.figure)) < ALIKE
-
-
-def retold() -> list[tuple[str, str, str]]:
-    """(page, example, what follows) wherever a page goes on to say what an example prints: the rest, or the table."""
-    found = []
-    for path in sorted((ROOT / "docs").glob("*.md")):
-        paragraphs = path.read_text(encoding="utf-8").split("\n\n")
-        for paragraph, following in pairwise([*paragraphs, ""]):
-            for name, rest in re.findall(r"`python examples/(\w+)\.py` prints(.*)", paragraph, re.DOTALL):
-                found.append((path.name, name, rest.strip() or following))
-    return found
-
-
-@pytest.mark.parametrize(("page", "name", "text"), retold())
-def test_what_other_pages_retell_is_what_is_printed(page: str, name: str, text: str) -> None:
-    """Every number with a decimal point is one of the printed ones, rounded."""
-    printed = [abs(float(number)) for number in _NUMBER.findall(quoted(name))]
-    told = re.findall(r"\d+\.\d+", text)
-    assert told
-    for number in told:
-        digits = len(number.partition(".")[2])
-        assert number in {f"{value:.{digits}f}" for value in printed}, f"{page}: {number} is not what {name} prints"
 
 
 def test_every_figure_shown_is_made_by_an_example() -> None:

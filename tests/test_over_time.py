@@ -31,7 +31,7 @@ def calibrated(rng: np.random.Generator, moved: np.ndarray) -> list[Rig]:
 
 def test_what_stays_is_left_in_peace() -> None:
     """Not one of so many rigs in more than the share of false alarms, within what chance allows."""
-    draws, still = 300, np.zeros((len(DAYS), len(STD)))
+    draws, still = 150, np.zeros((len(DAYS), len(STD)))
     found = [over_time(calibrated(np.random.default_rng(seed), still), DAYS) for seed in range(draws)]
     for name in ("scatters", "drifts"):
         alarms = sum(bool(getattr(one, name).any()) for one in found)

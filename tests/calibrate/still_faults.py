@@ -18,13 +18,12 @@ from vbaa_calib.camera import Camera
 from vbaa_calib.geometry import Kinematics
 from vbaa_calib.session import Load, LoadReadings, NominalAntenna, Session, Still, gravity_antenna
 
-from ..rod_scenes import BROWN, GRAVITY_WORLD, LENGTH_M, MATRIX, World, along, camera_pose, seen
+from ..rod_scenes import BROWN, GRAVITY_WORLD, LENGTH_M, MATRIX, TIP_PX, World, along, camera_pose, seen
 
 NOMINAL = NominalAntenna(LENGTH_M, 0.8e-3, 193e9, 7900.0)
 POSE_COVARIANCE = np.diag([3e-4**2] * 3 + [1e-4**2] * 3)
 WEIGHED = LoadReadings(5e-4, 5e-3)
 """As a session has them that does not say."""
-POINTS, SIGMA_PX = 120, 0.05
 TILTS = (0.0, 0.35, -0.35)
 HUNG = ((0.10, 0.08), (0.15, 0.06), (0.20, 0.035), (0.21, 0.02), (0.16, 0.03))
 
@@ -53,12 +52,22 @@ class Faults:
     world : the rig as it is in a still, by its index; the same for all where nothing moves.
     ruler_std_m, balance_std : of every load's readings.
     kink : (3,) a sharp bend: its arc length in m, and its angles about y and about z in rad.
+    points, sigma_px : of a line, and its noise; deviations are `claimed` times the true ones.
+    line_px : deviation of the smooth curves by which lines are off.
+    softer_to_z : loads to z act so many times as strongly on the shape as they do on the sensor.
+    tip_m : how far beyond its length the antenna's end is seen; None: it is not seen.
     """
 
     world: Callable[[int, World], World] = field(default=lambda index, world: world)
     ruler_std_m: float = 5e-4
     balance_std: float = 5e-3
     kink: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    points: int = 120
+    sigma_px: float = 0.05
+    claimed: float = 1.0
+    line_px: float = 0.0
+    softer_to_z: float = 1.0
+    tip_m: float | None = None
 
 
 def drawn_world(rng: np.random.Generator) -> World:
@@ -83,26 +92,34 @@ def observed(
     world: World, stills: Sequence[Still], rng: np.random.Generator, faults: Faults = Faults()
 ) -> list[Observation]:
     """What the camera and the sensor see of the stills, under the rows that were noted."""
-    s = np.linspace(0.01, 1.0, POINTS) * LENGTH_M
-    found = []
+    s, found = np.linspace(0.01, 1.0, faults.points) * LENGTH_M, []
     for index, still in enumerate(stills):
         now = faults.world(index, world)
         true = gravity_antenna(Kinematics(), GRAVITY_WORLD, [still])
         distance, force = 0.1, np.zeros(3)
         if isinstance(still, Load):
-            distance = min(still.distance_m + faults.ruler_std_m * rng.normal(), LENGTH_M)
-            weight = 1 + faults.balance_std * rng.normal()
-            force = weight * np.array([0.0, still.force_y_N, still.force_z_N])
-        bent = solve_rod(now.rod, true, np.array([distance]), force[None])
+            ruler, balance = (std * rng.normal() if std else 0.0 for std in (faults.ruler_std_m, faults.balance_std))
+            distance = min(still.distance_m + ruler, LENGTH_M)
+            force = (1 + balance) * np.array([0.0, still.force_y_N, still.force_z_N])
+        felt = solve_rod(now.rod, true, np.array([distance]), force[None])
+        bent = solve_rod(now.rod, true, np.array([distance]), force[None] * [1.0, 1.0, faults.softer_to_z])
         points = along(bent, s)
         at_m, about_y, about_z = faults.kink
         beyond = np.clip(s - at_m, 0.0, None)
         points = points + np.column_stack([0.0 * s, about_z * beyond, -about_y * beyond])
-        pixels = seen(now.T_antenna_camera, points) + rng.normal(0.0, SIGMA_PX, (POINTS, 2))
-        sensor = now.sensor
-        read = -sensor.gain * bent.clamp_moment_Nm[0, 1] + sensor.offset_Nm + rng.normal(0.0, sensor.std_Nm)
+        pixels = seen(now.T_antenna_camera, points) + rng.normal(0.0, faults.sigma_px, points[:, :2].shape)
+        sensor, tip = now.sensor, {}
+        read = -sensor.gain * felt.clamp_moment_Nm[0, 1] + sensor.offset_Nm + rng.normal(0.0, sensor.std_Nm)
+        if faults.line_px:
+            across = np.gradient(pixels, axis=0)[len(pixels) // 2][::-1] * [-1.0, 1.0]
+            off = np.polynomial.legendre.legval(np.linspace(-1.0, 1.0, len(s)), faults.line_px * rng.normal(size=3))
+            pixels = pixels + off[:, None] * across / np.linalg.norm(across)
+        if faults.tip_m is not None:
+            before, end = seen(now.T_antenna_camera, along(bent, np.array([LENGTH_M - 1e-3, LENGTH_M])))
+            end += 1e3 * faults.tip_m * (end - before) + rng.normal(0.0, TIP_PX, 2)
+            tip = {"tip_px": end, "tip_std_px": TIP_PX}
         noted = replace(still, moment_Nm=float(read))
-        found.append(Observation(noted, pixels, np.full(POINTS, SIGMA_PX), true[0]))
+        found.append(Observation(noted, pixels, np.full(len(s), faults.claimed * faults.sigma_px), true[0], **tip))
     return found
 
 

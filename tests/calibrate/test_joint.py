@@ -9,8 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from targets.board import BoardSpec
-from vbaa_calib.antenna.rod import solve_rod
 from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment, adjust_bundle, noise_scale
 from vbaa_calib.calibrate.antenna.inputs import EXACT, Observation, Prior
 from vbaa_calib.calibrate.antenna.residual_checks import check
@@ -21,29 +19,16 @@ from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import SolveError
 from vbaa_calib.geometry import Kinematics, Pose
 from vbaa_calib.rig import RIG_PARAMETERS
-from vbaa_calib.session import Load, LoadReadings, NominalAntenna, Session, Still
+from vbaa_calib.session import Load, LoadReadings, Still
 
-from ..rod_scenes import (
-    BROWN,
-    GRAVITY_WORLD,
-    LENGTH_M,
-    MATRIX,
-    TIP_PX,
-    World,
-    along,
-    camera_pose,
-    gravity_antenna,
-    seen,
-)
+from ..rod_scenes import BROWN, LENGTH_M, MATRIX, World, camera_pose
+from . import still_faults
 from .clean_sessions import clean_session
+from .still_faults import NOMINAL, POSE_COVARIANCE, Faults
 
 CAMERA = Camera("opencv", (960, 720), MATRIX, BROWN)
-NOMINAL = NominalAntenna(LENGTH_M, 0.8e-3, 193e9, 7900.0)
-POSE_COVARIANCE = np.diag([3e-4**2] * 3 + [1e-4**2] * 3)
 TRUE = World(camera_pose(0.6, 1.0))
-SESSION = Session(
-    Path("."), BoardSpec(9, 6, 0.012, 0.009), NOMINAL, None, Kinematics(), GRAVITY_WORLD, TRUE.sensor.std_Nm
-)
+SESSION = still_faults.session()
 RULER = LoadReadings(5e-4, 5e-3)
 TILTS = (0.0, 0.5, -0.4, 0.9)
 LOADS = [(0.12, 0.08), (0.18, -0.04), (0.22, 0.03), (0.15, 0.05)]
@@ -60,43 +45,10 @@ def stills() -> list[Still]:
     return [*free, *hung]
 
 
-def observed(
-    world: World,
-    rng: np.random.Generator,
-    sigma_px: float = 0.04,
-    claimed: float = 1.0,
-    points: int = 200,
-    softer_to_z: float = 1.0,
-    tip_m: float | None = None,
-    line_px: float = 0.0,
-) -> list[Observation]:
-    """What the camera sees of the stills, and what the sensor reads; deviations `claimed` times the true ones.
-
-    The antenna's end, `tip_m` beyond its length, is seen where that is given. Lines are off by smooth curves of
-    deviation `line_px`. Loads to z act `softer_to_z` times as strongly on the shape as they do on the sensor.
-    """
-    s = np.linspace(0.01, 1.0, points) * LENGTH_M
-    result = []
-    for still in stills():
-        gravity = gravity_antenna(still.tilt_rad)
-        loaded = isinstance(still, Load)
-        force = np.array([0.0, still.force_y_N, still.force_z_N]) if loaded else np.zeros(3)
-        contact = np.array([still.distance_m if loaded else 0.1])
-        bent = solve_rod(world.rod, gravity[None], contact, force[None] * [1.0, 1.0, softer_to_z])
-        pixels = seen(world.T_antenna_camera, along(bent, s)) + rng.normal(0.0, sigma_px, (points, 2))
-        sensor, pressed = world.sensor, solve_rod(world.rod, gravity[None], contact, force[None])
-        reading = -sensor.gain * pressed.clamp_moment_Nm[0, 1] + sensor.offset_Nm + rng.normal(0.0, sensor.std_Nm)
-        read = replace(still, moment_Nm=float(reading))
-        if line_px:
-            across = np.gradient(pixels, axis=0)[len(pixels) // 2][::-1] * [-1.0, 1.0]
-            off = np.polynomial.legendre.legval(np.linspace(-1.0, 1.0, points), line_px * rng.normal(size=3))
-            pixels = pixels + off[:, None] * across / np.linalg.norm(across)
-        result.append(Observation(read, pixels, np.full(points, claimed * sigma_px), gravity))
-        if tip_m is not None:
-            before, end = seen(world.T_antenna_camera, along(bent, np.array([LENGTH_M - 1e-3, LENGTH_M])))
-            tip_px = end + 1e3 * tip_m * (end - before) + rng.normal(0.0, TIP_PX, 2)
-            result[-1] = replace(result[-1], tip_px=tip_px, tip_std_px=TIP_PX)
-    return result
+def observed(world: World, rng: np.random.Generator, **faults: Any) -> list[Observation]:
+    """What the camera sees of the stills, and what the sensor reads, with these `Faults`."""
+    exact = {"ruler_std_m": 0.0, "balance_std": 0.0, "points": 200, "sigma_px": 0.04}
+    return still_faults.observed(world, stills(), rng, Faults(**exact | faults))
 
 
 def jig_prior(pose: Pose, camera: Camera = CAMERA, covariance: np.ndarray = POSE_COVARIANCE, **more: Any) -> Prior:

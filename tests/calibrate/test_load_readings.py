@@ -15,7 +15,8 @@ from vbaa_calib.calibrate.pose.fusion import PoseEstimate
 from vbaa_calib.session import Load, LoadReadings, Still
 
 from ..rod_scenes import LENGTH_M
-from .test_joint import CAMERA, NOMINAL, POSE_COVARIANCE, TRUE, errors, observed
+from .still_faults import NOMINAL, POSE_COVARIANCE
+from .test_joint import CAMERA, TRUE, errors, observed
 
 RULER = LoadReadings(5e-4, 5e-3)
 LOG_STIFFNESS = 12

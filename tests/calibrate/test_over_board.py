@@ -99,6 +99,7 @@ def test_z_points_to_the_side_that_the_guess_says() -> None:
     assert np.abs(found.tangent_from(turned)).max() < 1.5e-3
 
 
+@pytest.mark.slow
 def test_a_clamp_that_leaves_the_picture_tells_which_end_it_is() -> None:
     scene = shown(View(distance=0.3, look_at=(0.17, 0.0, 0.0)))
     assert scene.centreline_px()[0, 0] < 0
@@ -114,6 +115,7 @@ def test_a_marked_clamp_fixes_the_place_without_a_tip() -> None:
     assert nees(scene, clamp=LineEnd(line[0], 0.5)) < 25.0
 
 
+@pytest.mark.slow
 def test_a_dark_antenna_beside_its_hard_shadow_is_refused() -> None:
     scene = shown(View(paint=0.05, diameter=0.0016, over=replace(PLAIN.over, shadow=0.5, penumbra_m=6e-4)))
     with pytest.raises(InputError, match="darker runs beside the dark antenna"):

@@ -176,20 +176,6 @@ def test_the_covariance_carries_how_well_the_bend_is_known() -> None:
     assert np.trace(gained[3:, 3:]) > np.trace(exact.covariance[3:, 3:]), "here the bend is most of it"
 
 
-def test_no_board_a_line_and_another_picture_size_are_refused() -> None:
-    rng, camera = np.random.default_rng(10), camera_of("rational", WIDE)
-    (view,) = pictures("rational", facing([0.5, 0.2, 0.1]), rng, 0.0)
-    line = np.arange(8)
-    with pytest.raises(InputError, match="not found"):
-        solve_board_pose([BoardView("empty", np.zeros(0, int), np.zeros((0, 2)), SIZE)], FLAT, camera)
-    with pytest.raises(InputError, match="not found"):
-        solve_board_pose([], FLAT, camera)
-    with pytest.raises(InputError, match="do not fix its pose"):
-        solve_board_pose([replace(view, ids=line, corners_px=view.corners_px[line])], FLAT, camera)
-    with pytest.raises(InputError, match="calibrated at 1280x960"):
-        solve_board_pose([replace(view, image_size=(640, 480))], FLAT, camera)
-
-
 @pytest.mark.parametrize(("name", "model"), [("gopro", "fisheye"), ("realsense", "radial")])
 def test_real_views_get_the_pose_of_the_joint_solve(name: str, model: str) -> None:
     views, spec = detected(name)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+from functools import cache
 from pathlib import Path
 
 import cv2
@@ -13,7 +14,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 from scipy.spatial import cKDTree
 
-from vbaa_calib.calibrate.photo.centreline import find_rod
+from vbaa_calib.calibrate.photo.centreline import RodLine, find_rod
 from vbaa_calib.calibrate.photo.stiffness import PhotoStiffness, Setting, solve_photo
 from vbaa_calib.cli.main import main
 from vbaa_calib.core.images import read_gray
@@ -152,16 +153,18 @@ def hand_drawn() -> dict[str, np.ndarray]:
     return {name: np.array(each) for name, each in middles.items()}
 
 
-def photograph(name: str) -> Path:
+@cache
+def photographed(name: str) -> RodLine:
+    """The rod in a real photograph."""
     path = DATA / ("fabric_strip/strip.jpg" if name == "strip" else f"yarn_over_ledge/{name}.jpg")
     if not path.exists():
         pytest.skip("no ../shared/data here")
-    return path
+    return find_rod(read_gray(path))
 
 
 @pytest.mark.parametrize("name", [*YARNS, "strip"])
 def test_real_lines_run_where_a_person_draws_them(name: str) -> None:
-    _, apart = beside(find_rod(read_gray(photograph(name))).curve_px, hand_drawn()[name])
+    _, apart = beside(photographed(name).curve_px, hand_drawn()[name])
     # hairs that lie against the yarn at the border move the line by 4 px there
     most = {"10cm_5": 2.0, "20cm_4": 1.8}.get(name, 1.5)
     assert np.sqrt(np.mean(apart**2)) < most
@@ -173,9 +176,7 @@ def test_one_yarn_is_as_stiff_at_either_length() -> None:
     means = []
     for length, samples in ((10, 4), (20, 5)):  # the tip of 10cm_5 is not in its picture
         setting = Setting(0.01 * length)
-        found = [
-            solve_photo([find_rod(read_gray(photograph(f"{length}cm_{n}")))], setting) for n in range(1, samples + 1)
-        ]
+        found = [solve_photo([photographed(f"{length}cm_{n}")], setting) for n in range(1, samples + 1)]
         value, variance = (np.array(each) for each in zip(*((f.inverse, f.inverse_std**2) for f in found), strict=True))
         fixed = np.average(value, weights=1.0 / variance)
         excess = np.sum((value - fixed) ** 2 / variance) - (len(value) - 1)
@@ -190,7 +191,7 @@ def test_one_yarn_is_as_stiff_at_either_length() -> None:
 
 def test_the_strip_bends_as_its_reference_says() -> None:
     """Moment at the same curvature, from 0.5 1/m to 10: less is a slope's noise, more is the clamp's edge."""
-    line = find_rod(read_gray(photograph("strip")))
+    line = photographed("strip")
     marks = np.array([[0.0, 0.0], [1000.0, 0.0]])
     found = solve_photo([line], Setting(marks_px=marks, marks_m=0.1101, weight_N_m=0.68))
     reference = np.loadtxt(DATA / "fabric_strip/reference_moment_curvature.csv", delimiter=",", skiprows=1)

@@ -13,7 +13,7 @@ from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import write_json
 
-from .lenses import LENSES, REAL
+from .lenses import LENSES
 
 K = np.array([[900.0, 0, 640], [0, 900, 360], [0, 0, 1]])
 
@@ -54,29 +54,6 @@ def test_parameters_are_in_the_order_of_their_names_and_move_as_such(name):
     np.testing.assert_allclose(there.parameters - camera.parameters, step, rtol=1e-6)
     np.testing.assert_allclose(there.moved(-step).parameters, camera.parameters, rtol=1e-15, atol=1e-15)
     assert there.covariance is camera.covariance
-
-
-@pytest.mark.parametrize(
-    ("pixels", "says"),
-    [
-        (np.zeros((4, 3)), r"\(\.\.\., 2\)"),
-        (np.zeros(()), r"\(\.\.\., 2\)"),
-        (np.zeros((4, 2), int), "int64"),
-        (torch.zeros(4, 2, dtype=torch.int32), "int32"),
-        (torch.zeros(4, 2, dtype=torch.float16), "float16"),
-        (torch.zeros(4, 2, dtype=torch.bool), "bool"),
-        (np.array(["a", "b"]), "float64"),
-    ],
-)
-def test_wrong_pixels_are_refused(pixels, says):
-    for method in (REAL["gopro five"].unproject, REAL["gopro five"].normalized_with_slopes):
-        with pytest.raises(InputError, match=says):
-            method(pixels)
-
-
-def test_wrong_points_are_refused():
-    with pytest.raises(InputError, match=r"points have the shape \(5, 2\)"):
-        REAL["gopro five"].project(np.zeros((5, 2)))
 
 
 @pytest.mark.parametrize(

@@ -10,12 +10,8 @@ import pytest
 
 from vbaa_calib.cli.main import main
 from viz.cli.demo import SCENES
-from viz.render.probe import can_render
 
 from ..readme_table import table_in_readme, table_of
-
-FILES = ("rig.json", "contacts.csv", "object.vtp", "scene.html", "report.html", "summary.json")
-
 
 HARD = [pytest.param(name, marks=pytest.mark.slow) for name in SCENES[1:]]
 
@@ -52,25 +48,3 @@ def test_the_readme_says_it(demo: Path) -> None:
     assert here.keys() == readme.keys()
     for name, cell in here.items():
         assert cell.agrees(readme[name]), f"{name}: {readme[name]} in the README, {cell.text} here"
-
-
-def test_the_report_shows_all_there_is(demo: Path) -> None:
-    """The scene, a picture of the recording, truth and goals beside the estimates, and what was felt."""
-    html = (demo / "report.html").read_text()
-    assert html.count("data:image/jpeg;base64,") == 1 + can_render()
-    assert "the one of the greatest force" in html
-    assert ">truth<" in html
-    assert ">met<" in html
-    assert ">missed<" not in html
-    for heading in ("Over time", "Map of the contacts", "Force and friction", "Every frame", "Glossary"):
-        assert f"<h2>{heading}</h2>" in html
-    for fact in ("In time", "Friction", "Stiffness", "Shape"):
-        assert f"<dt>{fact}</dt>" in html
-
-
-def test_a_second_run_needs_force(demo: Path, capsys) -> None:
-    """A finished demo is not overwritten without being asked to."""
-    before = (demo / "rig.json").read_bytes()
-    assert main(["demo", "--out", str(demo)]) == 2
-    assert "--force" in capsys.readouterr().err
-    assert (demo / "rig.json").read_bytes() == before

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import argparse
 import importlib.metadata as metadata
-import io
 import sys
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -15,7 +13,6 @@ from typing import Any
 import pytest
 
 from vbaa_calib.cli import doctor as verb
-from vbaa_calib.core.errors import Diagnosis
 from vbaa_calib.doctor import FAILS, LOOK, OK, Finding, machine, packages
 from vbaa_calib.doctor.machine import Tried
 
@@ -153,23 +150,6 @@ def test_a_folder_that_takes_a_packages_place(tmp_path: Path, monkeypatch: pytes
     assert f"targets is taken from {tmp_path / 'targets'}" in taken.problems[0].words
 
 
-def test_a_distribution_that_brings_a_package_of_ours_is_named(tmp_path: Path) -> None:
-    owners = {"estimator": ["vbaa-calib", "estimator-of-others"], "viz": ["vbaa-calib"]}
-    (problem,) = packages.shadows(tmp_path, lambda: owners).problems
-    assert problem.name == "package_overwritten"
-    assert "estimator-of-others" in problem.words
-
-
-def test_folders_that_cannot_be_written(tmp_path: Path) -> None:
-    """A file in place of a folder stops root too; none at all; the cache is not needed."""
-    (tmp_path / "file").write_text("")
-    found = machine.writable({"current": tmp_path / "file", "temporary": None, "cache": tmp_path / "absent"})
-    assert names(found) == ["folder_not_writable"] * 3
-    assert [problem.grave for problem in found.problems] == [True, True, False]
-    assert machine.writable({"current": tmp_path}).status == OK
-    assert list(tmp_path.iterdir()) == [tmp_path / "file"]
-
-
 def test_a_process_may_crash_or_hang() -> None:
     """Real ones: the doctor outlives them, and keeps what they had said."""
     crashed = machine.try_python(["-c", "import os; os.abort()"], 20)
@@ -177,27 +157,3 @@ def test_a_process_may_crash_or_hang() -> None:
     assert crashed.code != 0
     hung = machine.try_python(["-c", "import time; print('[0, null]', flush=True); time.sleep(60)"], 1.5)
     assert (hung.code, hung.out.strip()) == (None, "[0, null]")
-
-
-def test_the_table(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Problems with their remedies, on a terminal without signs, too; a check that breaks is told and stops nothing."""
-
-    def breaks() -> Finding:
-        raise RuntimeError("two\nlines")
-
-    def well() -> Finding:
-        return Finding("a", "a is well")
-
-    printed = io.BytesIO()
-    latin = io.TextIOWrapper(printed, encoding="latin-1")
-    monkeypatch.setattr(sys, "stderr", latin)
-    look = Finding("b", "b is", (Diagnosis("odd", "b is odd", "turn it"),))
-    monkeypatch.setattr(verb, "CHECKS", {"c": breaks, "a": well, "b": lambda: look})
-    result = verb.run(argparse.Namespace(skip=[]))
-    assert (result["healthy"], result["exit_code"], result["counts"]) == (False, 1, {OK: 1, LOOK: 1, FAILS: 1})
-    latin.flush()
-    for words in (b"RuntimeError: two lines", b"a is well", b"turn it", b"not healthy: 1 of 3 fail"):
-        assert words in printed.getvalue()
-    monkeypatch.setattr(verb, "CHECKS", {"a": well, "b": lambda: look})
-    healthy = verb.run(argparse.Namespace(skip=[]))
-    assert (healthy["healthy"], healthy["exit_code"]) == (True, 0)

@@ -35,24 +35,6 @@ def test_help_needs_no_heavy_library() -> None:
     assert done.returncode == 0, done.stderr
 
 
-def test_torch_is_loaded_for_tensors_alone(made: Path, tmp_path: Path) -> None:
-    """It takes a second."""
-    calls = (
-        ["simulate", made / "scene.yaml", "-o", tmp_path / "session"],
-        ["calibrate", made / "session", "-o", tmp_path / "rig.json"],
-        ["look", made / "session" / "noload" / "noload_001.png", "--rig", made / "rig.json"],
-        ["estimate", made / "session", "--rig", made / "rig.json", "-o", tmp_path / "contacts.csv"],
-    )
-    lines = ["import sys, vbaa_calib, estimator", "from vbaa_calib.cli.main import main"]
-    for call in calls:
-        lines += [
-            f"assert main({[str(word) for word in call]}) == 0",
-            f"assert 'torch' not in sys.modules, {call[0]!r}",
-        ]
-    done = in_fresh_python("\n".join(lines))
-    assert done.returncode == 0, done.stderr
-
-
 def test_json_is_one_object_and_prose_goes_elsewhere(vbaa: Call, made: Path) -> None:
     call = ("look", made / "session" / "noload" / "noload_001.png", "--rig", made / "rig.json")
     quiet, loud = vbaa(*call), vbaa(*call, "--json")
@@ -144,12 +126,3 @@ def test_a_caller_keeps_its_own_signals(vbaa: Call, raising: Callable[[BaseExcep
                 assert signal.getsignal(signal.SIGTERM) is handler
             finally:
                 signal.signal(signal.SIGTERM, before)
-
-
-def test_debug_shows_where(vbaa: Call, raising: Callable[[BaseException], None]) -> None:
-    raising(InputError("is odd"))
-    said = vbaa("schema", "rig", "--debug")
-    assert said.code == 2
-    assert "Traceback" in said.err
-    assert __file__ in said.err
-    assert said.err.splitlines()[-1].startswith("vbaa: ")

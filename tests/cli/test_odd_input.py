@@ -10,33 +10,9 @@ import cv2
 import numpy as np
 import pytest
 
-from vbaa_calib.detect.board import corners
 from vbaa_calib.rig import Rig
 
 from .conftest import Call, grey, noise, refused, repaint
-
-
-def refuse_to_begin(*_: object) -> None:
-    raise AssertionError("the long work has begun")
-
-
-@pytest.mark.parametrize(
-    ("path", "words"),
-    [
-        ("noload/noload_001.png", "is truncated or damaged"),
-        ("loads/loads_002.png", "is truncated or damaged"),
-        ("loads/loads.csv", "cells, the header"),
-        ("session.yaml", "is not valid YAML"),
-    ],
-)
-def test_calibrate_refuses_before_the_long_work(
-    vbaa: Call, session: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, path: str, words: str
-) -> None:
-    monkeypatch.setattr(corners, "detect_corners", refuse_to_begin)
-    data = (session / path).read_bytes()
-    (session / path).write_bytes(data[: int(0.7 * len(data))])
-    said = vbaa("calibrate", session, "-o", tmp_path / "rig.json")
-    refused(said, words)
 
 
 def test_vision_alone(vbaa: Call, session: Path, rig: Path, tmp_path: Path) -> None:

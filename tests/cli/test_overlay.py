@@ -4,19 +4,13 @@ from __future__ import annotations
 
 import csv
 import re
-from itertools import count
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
-from estimator.contact import overlay
-from estimator.contact.estimate import ContactEstimator
-from estimator.contact.recording import FrameContact
-
-from ..hostile import damage
-from .conftest import PICTURES, Call, grey, noise, refused, repaint
+from .conftest import PICTURES, Call, noise, repaint
 
 
 def left(folder: Path) -> set[str]:
@@ -57,57 +51,6 @@ def test_every_frame_has_its_picture_and_its_place_on_the_page(
         assert f'<input type="radio" name="status" id="only-{status}"' in page
 
 
-def test_a_folder_in_the_way_is_refused_and_only_ours_is_replaced(drawn: Call, rig: Path, tmp_path: Path) -> None:
-    assert drawn(tmp_path / "seen").code == 0
-    (tmp_path / "seen" / "old.jpg").write_bytes(b"x")
-    (tmp_path / "contacts.csv").unlink()
-    refused(drawn(tmp_path / "seen"), "seen: exists already", "--force")
-    assert "old.jpg" in left(tmp_path / "seen")
-    assert drawn(tmp_path / "seen", "--force").code == 0
-    assert "old.jpg" not in left(tmp_path / "seen")
-    mine = tmp_path / "mine"
-    mine.mkdir()
-    (mine / "index.html").write_text("<p>my own page</p>")
-    refused(drawn(mine, "--force"), "mine: holds other things")
-    refused(drawn(rig, "--force"), "is not a folder")
-    assert drawn(tmp_path / "nowhere" / "seen", "--force").code == 0
-    (tmp_path / "link").symlink_to(tmp_path / "seen")
-    refused(drawn(tmp_path / "link", "--force"), "is not a folder")
-    assert left(mine) == {"index.html"}
-
-
-@pytest.mark.parametrize("when", ["before the work", "in its middle"])
-def test_nothing_is_left_behind(
-    when: str, drawn: Call, session: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    if when == "before the work":
-        damage.cut(0.7)(session / PICTURES["recording"])
-    else:
-        pictures = count()
-
-        def full(estimator: ContactEstimator, item: FrameContact) -> np.ndarray:
-            if next(pictures) == 2:
-                raise OSError(28, "No space left on device", str(tmp_path / "seen"))
-            return frame_picture(estimator, item)
-
-        frame_picture = overlay.frame_picture
-        monkeypatch.setattr(overlay, "frame_picture", full)
-    before = left(tmp_path)
-    said = drawn(tmp_path / "seen")
-    assert said.code == 2
-    assert said.err.count("\n") == 1
-    assert left(tmp_path) == before
-
-
-def test_recording_without_pictures_is_drawn_too(drawn: Call, session: Path, tmp_path: Path) -> None:
-    u = np.linspace(150.0, 300.0, 200)
-    lines = [f"0,{x:.3f},{181.0 + 1e-4 * (x - 150) ** 2:.3f},0.05" for x in u]
-    (session / "recording" / "centrelines.csv").write_text("\n".join(["frame,u_px,v_px,sigma_px", *lines]) + "\n")
-    said = drawn(tmp_path / "seen")
-    assert said.code == 0, said.err
-    assert len(left(tmp_path / "seen")) == 2 + len((tmp_path / "contacts.csv").read_text().splitlines()) - 1
-
-
 def test_look_says_what_is_seen(vbaa: Call, session: Path, rig: Path, tmp_path: Path) -> None:
     image = session / PICTURES["noload"]
     said = vbaa("look", image, "--rig", rig, "-o", tmp_path / "look.png", "--json")
@@ -123,25 +66,6 @@ def test_look_says_what_is_seen(vbaa: Call, session: Path, rig: Path, tmp_path: 
     end = np.rint(2 * np.array(result["end_px"])).astype(int)
     ring = drawn[end[1] - 8 : end[1] + 9, end[0] - 8 : end[0] + 9]
     assert (ring.min(axis=-1) > 200).sum() > 20
-
-
-@pytest.mark.parametrize("change", [grey, noise])
-def test_look_exits_0_whatever_the_verdict(change: object, vbaa: Call, session: Path, rig: Path) -> None:
-    assert callable(change)
-    repaint(PICTURES["noload"], change)(session)
-    said = vbaa("look", session / PICTURES["noload"], "--rig", rig, "--json")
-    assert said.code == 0
-    assert said.result["verdict"] == "no_antenna"
-    assert said.result["end_px"] is None or len(said.result["end_px"]) == 2
-    assert "verdict  no_antenna: " in said.err
-
-
-def test_look_tells_a_dark_antenna_from_none(vbaa: Call, session: Path, rig: Path) -> None:
-    repaint(PICTURES["noload"], lambda picture: 255 - picture)(session)
-    said = vbaa("look", session / PICTURES["noload"], "--rig", rig, "--json")
-    assert said.result["verdict"] != "ok"
-    assert said.result["found_the_other_way"]
-    assert "taken for darker it is found" in said.err
 
 
 def test_look_with_the_empty_scene_taken_off(vbaa: Call, session: Path, rig: Path, tmp_path: Path) -> None:

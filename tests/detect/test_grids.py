@@ -113,7 +113,9 @@ CHARUCO = BoardSpec(9, 6, 0.02, 0.015)
 @pytest.mark.parametrize(
     ("shown", "named", "words"),
     [
-        (CHESSBOARD, CHARUCO, "a plain chessboard of 9 x 6 squares is in the pictures"),
+        pytest.param(
+            CHESSBOARD, CHARUCO, "a plain chessboard of 9 x 6 squares is in the pictures", marks=pytest.mark.slow
+        ),
         pytest.param(
             CHESSBOARD,
             Chessboard("chessboard", 8, 5, 0.02),
@@ -130,7 +132,12 @@ CHARUCO = BoardSpec(9, 6, 0.02, 0.015)
             replace(ASYMMETRIC, columns=11, rows=4),
             "grid of 4 columns and 11 rows of circles is in the pict",
         ),
-        (ASYMMETRIC, replace(CIRCLES, columns=4, rows=11), "an asymmetric grid of 4 columns and 11 rows"),
+        pytest.param(
+            ASYMMETRIC,
+            replace(CIRCLES, columns=4, rows=11),
+            "an asymmetric grid of 4 columns and 11 rows",
+            marks=pytest.mark.slow,
+        ),
     ],
 )
 def test_a_board_of_another_kind_is_named(

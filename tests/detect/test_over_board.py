@@ -98,7 +98,7 @@ def test_the_profile_fit_is_unbiased_before_a_pattern(brightness: float) -> None
     ("view", "most_rms_px"),
     [
         (PLAIN, 0.09),
-        (View(paint=0.05), 0.25),
+        pytest.param(View(paint=0.05), 0.25, marks=pytest.mark.slow),
         (View(diameter=0.0022), 0.25),
         pytest.param(View(diameter=0.00055, noise=3.0), 0.12, marks=pytest.mark.slow),
         pytest.param(

@@ -121,18 +121,6 @@ def test_a_rigid_object_gets_a_bound_in_place_of_a_stiffness() -> None:
     assert all(float(each.reason.split()[-2]) > 80.0 and "stiffer than" in each.reason for each in silent)
 
 
-def test_wrong_inputs_are_named() -> None:
-    with pytest.raises(InputError, match="no method"):
-        run_method("4D-VBAA", Press(WIRE))
-    with pytest.raises(InputError, match="differ in number"):
-        Press(WIRE, turn_rad=np.zeros((2, 2)), moment_Nm=np.zeros((3, 2)))
-    with pytest.raises(InputError, match="points_m has shape"):
-        Press(WIRE, points_m=np.zeros((2, 2)))
-    with pytest.raises(InputError, match="positive"):
-        Wire(0.24, 0.0)
-    assert "needs the base's turns" in run_method("Active Antenna", Press(WIRE)).reason
-
-
 def test_a_press_out_of_pixels_and_readings() -> None:
     """A real antenna in a real clamp, seen in perspective by a camera that is square on: less the free antenna's."""
     rig = replace(Setup("brown", real=True).rig(), covariance=np.diag(RIG_STD**2))

@@ -20,8 +20,6 @@ from .contact_scenes import RIG, WORLD, answered, deviations, estimated, estimat
 STANDSTILL = 0.015
 """In standard deviations. A descent ends when a step promises less than 1e-4 of the cost, √(2·1e-4) of a deviation: two
 that differ by rounding alone, or begin elsewhere, may end one step apart."""
-ROUNDING = 1e-6
-"""What rounding makes of most frames: finite differences blow it up by their step."""
 SIGMA = 0.05
 
 

@@ -156,21 +156,6 @@ def test_a_batch_of_unequal_lengths_is_refused(changes: dict, what: str) -> None
         ContactEstimator(RIG).estimate_batch(**call)
 
 
-@pytest.mark.parametrize(
-    ("changes", "what"),
-    [
-        ({"model": "beam"}, "model is 'beam'"),
-        ({"friction": -0.1}, "friction is -0.1"),
-        ({"friction": np.nan}, "friction is nan"),
-        ({"jobs": 0}, "jobs is 0"),
-        ({"jobs": 1.5}, "jobs is 1.5"),
-    ],
-)
-def test_an_estimator_that_cannot_be_is_refused(changes: dict, what: str) -> None:
-    with pytest.raises(InputError, match=what):
-        ContactEstimator(RIG, **changes)
-
-
 def test_a_reading_that_is_not_there_is_vision_alone() -> None:
     """None, and NaN as in a recording's table."""
     seen = frame()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,16 +10,12 @@ from scipy.stats import chi2
 
 from estimator.contact.estimate import ContactEstimator
 from estimator.contact.overlay import (
-    CONTACT,
     ellipse,
     frame_picture,
     marks,
-    status_colour,
 )
 from estimator.contact.recording import FrameContact, estimate_picture
-from estimator.table.contacts import LOCATED, STATUSES
 from vbaa_calib.antenna.shape import Curves
-from vbaa_calib.detect.drawing.canvas import Canvas
 from vbaa_calib.detect.drawing.overlay import HIDDEN
 from vbaa_calib.geometry import Kinematics, Pose
 
@@ -57,17 +52,6 @@ def around(image: np.ndarray, points_px: np.ndarray, reach: int = 4) -> np.ndarr
     """(N, 2·reach + 1, 2·reach + 1, 3) the drawn picture around points of the camera's picture (N, 2)."""
     at = np.rint((points_px + 0.5) * SCALE - 0.5).astype(int)
     return np.stack([image[v - reach : v + reach + 1, u - reach : u + reach + 1] for u, v in at])
-
-
-@pytest.mark.parametrize("status", STATUSES)
-def test_every_status_is_drawn(status: str, estimator: ContactEstimator, curves: Curves, item: FrameContact) -> None:
-    drawn = frame_picture(estimator, replace(item, contact=contact_of(status, curves)))
-    rows = SCALE * SIZE[1]
-    assert drawn.dtype == np.uint8
-    assert drawn.shape[0] > rows
-    assert drawn.shape[1] == SCALE * SIZE[0]
-    assert coloured(drawn[rows:], status_colour(status), 2).sum() > 500
-    assert coloured(drawn[:rows], CONTACT).any() == (status in LOCATED)
 
 
 def test_seen_and_hidden_parts_are_marked_where_they_are(
@@ -111,31 +95,3 @@ def test_ellipse_holds_95_percent_of_contacts_drawn_by_lot(curves: Curves) -> No
     half = np.stack([edge[0] - middle, edge[12] - middle], axis=1)  # conjugate radii
     inside = (np.linalg.solve(half, (seen - middle).T) ** 2).sum(axis=0) <= 1.0
     assert abs(inside.mean() - chi2.cdf(2.448**2, 2)) < 0.006
-
-
-def test_frame_without_antenna_and_frame_without_picture(
-    estimator: ContactEstimator, item: FrameContact, tmp_path: Path
-) -> None:
-    nothing = estimate_picture(estimator, frame_of(tmp_path, picture(estimator.rig, None), 0.0))
-    assert nothing.contact.status == "no_antenna"
-    drawn = frame_picture(estimator, nothing)
-    assert not coloured(drawn[: SCALE * SIZE[1]], CONTACT).any()
-    blind = replace(item, frame=replace(item.frame, image=None), line=None)
-    points = frame_picture(estimator, blind)[: SCALE * SIZE[1]].astype(int)
-    assert (points[..., 0] - points[..., 2] > 150).sum() > 300
-
-
-@pytest.mark.parametrize("size", [(8, 6), (320, 240), (5000, 40)])
-def test_canvas_keeps_places_and_draws_nothing_at_places_that_are_none(size: tuple[int, int]) -> None:
-    canvas = Canvas.over(np.zeros(size[::-1], np.uint8))
-    assert 640 <= canvas.image.shape[1] <= 1920
-    point = np.array([[0.6 * size[0], 0.5 * size[1]]])
-    canvas.ring(point[0], 2.0, (0, 255, 0))
-    v, u = np.nonzero(canvas.image[..., 1] > 128)
-    assert np.abs(canvas.at(point)[0] - [u.mean(), v.mean()]).max() < 0.6
-    wild = np.array([[np.nan, 3.0], [1e12, -1e12], [-np.inf, 0.0], [50.0, 60.0], [5e5, 60.0]])
-    canvas.line(wild, (255, 255, 255))
-    canvas.dashes(wild, (255, 255, 255))
-    canvas.graded(wild, np.full((5, 3), 200))
-    canvas.arrow(wild[3], wild[2], (255, 255, 255))
-    canvas.words("µ ° ± ☃", wild[1], (255, 255, 255))

@@ -26,7 +26,7 @@ from vbaa_calib.session import Frame
 
 from ..recordings import write_recording, write_rig
 
-FRAMES = 2 * AFRESH + 3 * STREAM + 1
+FRAMES = AFRESH + 3 * STREAM + 1
 
 
 def in_pieces(path: Path, rig: Rig, most: int) -> list[ContactRow]:
@@ -47,17 +47,19 @@ def as_one(path: Path, rig: Rig) -> list[ContactRow]:
     return [ContactRow.of(item.frame, item.contact) for item in found]
 
 
-def test_pieces_make_the_same_rows(tmp_path: Path) -> None:
+@pytest.mark.parametrize("frames", [FRAMES, pytest.param(FRAMES + AFRESH, marks=pytest.mark.slow)])
+def test_pieces_make_the_same_rows(tmp_path: Path, frames: int) -> None:
     """With drift that is learnt, motion and a rolling shutter across the seams."""
-    path, rig = write_recording(tmp_path / "one", FRAMES, rolling=True), Rig.load(write_rig(tmp_path / "rig.json"))
+    path, rig = write_recording(tmp_path / "one", frames, rolling=True), Rig.load(write_rig(tmp_path / "rig.json"))
     whole = as_one(path, rig)
+    pieces = in_pieces(path, rig, AFRESH)
     write_contacts(tmp_path / "whole.csv", whole)
-    write_contacts(tmp_path / "pieces.csv", in_pieces(path, rig, AFRESH))
+    write_contacts(tmp_path / "pieces.csv", pieces)
     assert (tmp_path / "pieces.csv").read_bytes() == (tmp_path / "whole.csv").read_bytes()
-    for own, other in zip(in_pieces(path, rig, AFRESH), whole, strict=True):
+    for own, other in zip(pieces, whole, strict=True):
         assert all(np.array_equal(a, b, equal_nan=True) for a, b in _floats(own, other))
     found = Counter(row.status for row in whole)
-    assert len(whole) == FRAMES
+    assert len(whole) == frames
     assert min(found[name] for name in ("ok", "no_contact", "not_quasistatic")) > 20  # there is something to get wrong
 
 

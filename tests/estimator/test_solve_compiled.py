@@ -65,6 +65,7 @@ def test_the_answers_of_the_plain_code(row: int) -> None:
     assert found.numbers.evidence[0] == pytest.approx(said["evidence"], rel=EVIDENCE)
 
 
+@pytest.mark.slow
 def test_uncompiled_it_says_the_same() -> None:
     """The same functions run by Python, on a few points of frames of three rigs."""
     rows = [0, 3, 10, 11]

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import os
+import shutil
 from pathlib import Path
 
 import pytest
 
-from ..hostile.conftest import make_files
+from ..hostile.conftest import good_files
 from .fuzz import READERS, SEEDS, outcome, runs
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return make_files(tmp_path_factory.mktemp("fuzz"))
+    # hard links: a file that is changed is written anew
+    return Path(shutil.copytree(good_files(), tmp_path_factory.mktemp("fuzz") / "work", copy_function=os.link))
 
 
 @pytest.mark.parametrize("count", [1000, pytest.param(100_000, marks=pytest.mark.slow)])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
 import resource
 import shlex
@@ -23,8 +22,6 @@ LONGEST_S = 60.0
 """Of processor time. The wall clock may show more where others share the machine."""
 BLOCKED_S = 90.0
 """On the wall clock: it waits for something that never comes."""
-LARGE = 50_000_000
-"""Bytes: such a file is known again by its size and time."""
 MOST_BYTES = 3 << 30
 """Address space that a refusal may take on top of what the process has."""
 
@@ -85,7 +82,7 @@ def bounded(seconds: float = LONGEST_S, memory: int = MOST_BYTES) -> Iterator[No
 
 
 def tree(root: Path) -> dict[str, str]:
-    """Everything below a folder, hidden files included: a file's time and hash, a link's target, or what else it is.
+    """Everything below a folder, hidden files included: a file's size and time, a link's target, or what else it is.
 
     The lock of a wizard's folder does not count: it stays.
     """
@@ -97,8 +94,7 @@ def tree(root: Path) -> dict[str, str]:
                 what = os.readlink(path)
             elif stat.S_ISREG(mode):
                 status = path.stat()
-                digest = "" if status.st_size > LARGE else hashlib.sha256(path.read_bytes()).hexdigest()
-                what = f"{status.st_size} {status.st_mtime_ns} {digest}"
+                what = f"{status.st_ino} {status.st_size} {status.st_mtime_ns}"
             else:
                 what = stat.filemode(mode)
             found[str(path.relative_to(root))] = what

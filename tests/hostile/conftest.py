@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import atexit
+import functools
 import os
 import shutil
 import tempfile
@@ -35,11 +37,12 @@ def vbaa(line: str) -> None:
     assert main(line.split()) == 0, line
 
 
-@pytest.fixture(scope="package")
-def made() -> Iterator[Path]:
-    """Never to be written to."""
-    with tempfile.TemporaryDirectory(prefix="hostile-") as name:
-        yield make_files(Path(name))
+@functools.cache
+def good_files() -> Path:
+    """Made once a process, never to be written to."""
+    folder = Path(tempfile.mkdtemp(prefix="hostile-"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return make_files(folder)
 
 
 def make_files(folder: Path) -> Path:
@@ -99,11 +102,11 @@ def _add_arm(folder: Path) -> None:
 
 
 @pytest.fixture
-def folder(made: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+def folder(monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """One of the case's own, in which the command runs."""
     with tempfile.TemporaryDirectory(prefix="hostile-case-") as name:
         # hard links: no damage, and no verb, writes into a file that is there
-        copy = Path(shutil.copytree(made, Path(name, "work"), copy_function=os.link))
+        copy = Path(shutil.copytree(good_files(), Path(name, "work"), copy_function=os.link))
         monkeypatch.chdir(copy)
         yield copy
 

@@ -45,7 +45,6 @@ def linked(path: Path) -> None:
 LINED = "estimate lined --rig rig.json --no-report -o {}.csv"
 TRACK = "track contacts.csv --rig rig.json -o {}.csv"
 CONVERT = "convert camera.json --to kalibr -o {}.yaml"
-STIFF = "stiffness stiffness.csv --load 0.01 --distance 0.2"
 TEXTS: tuple[tuple[str, str, Damage, str], ...] = (
     *((name, f"lined/recording/{table}.csv", damage, LINED)
       for name, damage in (("BOM", BOM), ("CRLF", CRLF), ("blank lines", BLANK_LINES), ("spaces", SPACES),

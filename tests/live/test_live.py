@@ -26,7 +26,7 @@ from estimator import ContactEstimator
 from estimator.contact.estimate import STREAM
 from estimator.contact.recording import estimate_taken
 from estimator.live import LiveContact, LiveEstimator
-from estimator.live.outputs import GrowingTable, json_line
+from estimator.live.outputs import GrowingTable
 from estimator.table.contacts import ContactRow
 from estimator.table.files import cells_of, read_contacts
 from tests.small_scene import small_rig
@@ -34,7 +34,7 @@ from vbaa_calib.cli.main import main
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.session import DRIFTS
 from vbaa_calib.streams import Reading, Synchronizer, Taken, Timing
-from vbaa_calib.streams.devices import open_device, udp_socket, with_datagrams
+from vbaa_calib.streams.devices import udp_socket, with_datagrams
 from vbaa_calib.streams.recorded import open_folder, open_lines
 
 from .recordings import COUNT, RATE_HZ, frames, messages, rig, shown, write
@@ -106,13 +106,6 @@ def test_without_joint_angles_nothing_is_estimated() -> None:
     assert all("joint angles" in row.reason for row in late)
 
 
-def test_a_json_line_is_one() -> None:
-    for each in found()[:20]:
-        said = json.loads(json_line(each))
-        assert said["frame"] == each.row.frame
-        assert said["distance_m"] is None or said["distance_m"] == each.row.distance_m
-
-
 def test_the_table_is_read_while_it_grows(tmp_path: Path) -> None:
     path = tmp_path / "contacts.csv"
     table = GrowingTable(path)
@@ -126,15 +119,6 @@ def test_the_table_is_read_while_it_grows(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["contacts.csv"]
     with pytest.raises(InputError, match="exists already"):
         GrowingTable(path)
-
-
-def test_a_table_that_is_cut_short_keeps_what_was_known_at_once(tmp_path: Path) -> None:
-    path = tmp_path / "contacts.csv"
-    table = GrowingTable(path)
-    for each in found()[:20]:
-        table.write(each)
-    table.close()
-    assert len(read_contacts(path)) == 20
 
 
 def verb(*words: object) -> int:
@@ -213,37 +197,6 @@ def test_centrelines_of_ones_own_tracker(tmp_path: Path) -> None:
     assert np.isnan(read_contacts(out).moment_residual_Nm).all()
 
 
-HOSTILE = {
-    "no such": ("live", "RIG", "none.mcap"),
-    "no bag": ("live", "RIG", "RIG/../scene.yaml"),
-    "no camera": ("live", "RIG", "camera:77"),
-    "no readings": ("estimate", "RIG", "--rig", "RIG", "-o", "OUT"),
-    "nothing named": ("estimate", "--rig", "RIG", "-o", "OUT"),
-    "both named": ("estimate", "a", "--centrelines", "b", "--rig", "RIG", "-o", "OUT"),
-    "parquet": ("live", "RIG", "-", "-o", "OUT.parquet"),
-    "role": ("live", "RIG", "none.mcap", "--topic", "eyes=/x"),
-    "gap": ("live", "RIG", "none.mcap", "--gap", "nan"),
-    "udp": ("live", "RIG", "-", "--udp", "here"),
-    "idle": ("live", "RIG", "-", "--idle", "0"),
-    "background": ("live", "RIG", "-", "--background", "auto"),
-    "bag out": ("live", "RIG", "-", "--bag", "OUT.txt"),
-}
-
-
-@pytest.mark.parametrize("words", HOSTILE.values(), ids=HOSTILE.keys())
-def test_a_wrong_call_is_one_line(words: tuple[str, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    places = {"RIG": str(small_rig() / "rig.json"), "OUT": str(tmp_path / "contacts.csv")}
-    given = []
-    for word in words:
-        for name, path in places.items():
-            word = word.replace(name, path)
-        given.append(word)
-    assert verb(*given) == 2
-    said = capsys.readouterr().err
-    assert said.count("\n") == 1
-    assert not list(tmp_path.iterdir())
-
-
 def lines_of(data: bytes, root: Path) -> tuple[list[Any], list[str]]:
     with tempfile.TemporaryFile() as stream:  # a pipe holds no picture
         stream.write(data)
@@ -303,43 +256,6 @@ def test_a_folder_that_fills(tmp_path: Path) -> None:
     assert "gave nothing new" in source.notes[-1]
 
 
-class Stub:
-    """A capture that gives pictures faster than they are taken, then breaks."""
-
-    def __init__(self, count: int) -> None:
-        self._left = count
-
-    def isOpened(self) -> bool:
-        return True
-
-    def grab(self) -> bool:
-        time.sleep(0.002)
-        self._left -= 1
-        return self._left >= 0
-
-    def retrieve(self) -> tuple[bool, np.ndarray]:
-        return True, np.full((4, 6), self._left % 256, np.uint8)
-
-    def release(self) -> None:
-        """Nothing is held."""
-
-
-def test_the_newest_picture_is_taken_and_the_others_counted() -> None:
-    from vbaa_calib.wizard.sources.live import _CAMERA_FAULTS, LiveSource, Patience
-
-    camera = LiveSource("stub", lambda: Stub(100), Patience(failures=1), _CAMERA_FAULTS)  # type: ignore[arg-type,return-value]
-    source = open_device(camera)
-    several: list[Taken] = []
-    for message in source.messages():
-        if isinstance(message, Taken):
-            several.append(message)
-            time.sleep(0.01)
-    assert len(several) + source.dropped() == 100
-    assert source.dropped() > 0
-    assert np.diff([each.time_s for each in several]).min() > 0.0
-    assert "no more pictures" in source.notes[0]
-
-
 def test_readings_by_udp() -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
         free.bind(("127.0.0.1", 0))
@@ -365,7 +281,7 @@ def test_readings_by_udp() -> None:
     assert "rubbish" in source.notes[0]
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
 def test_files_are_whole_however_it_ends(number: signal.Signals, tmp_path: Path) -> None:
     """Ctrl-C: nothing is lost; a kill: at most what is in work."""
     out = tmp_path / "contacts.csv"

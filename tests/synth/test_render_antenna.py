@@ -39,7 +39,10 @@ def _centroid_offsets(scene: Studio, picture: np.ndarray, arclength: np.ndarray,
 
 
 @pytest.mark.parametrize("lens", sorted(LENSES))
-@pytest.mark.parametrize(("slope", "bend"), [(0.1, 0.6), (-0.35, -0.4), (0.0, 0.0)])
+@pytest.mark.parametrize(
+    ("slope", "bend"),
+    [(0.1, 0.6), *(pytest.param(*one, marks=pytest.mark.slow) for one in ((-0.35, -0.4), (0.0, 0.0)))],
+)
 def test_the_centroid_across_the_tube_is_the_projected_centreline(lens: str, slope: float, bend: float) -> None:
     scene = place(lens)
     offsets = _centroid_offsets(scene, _picture(scene, *_curve(slope, bend)), *_curve(slope, bend))

@@ -17,13 +17,10 @@ import yaml
 
 from vbaa_calib import session as session_files
 from vbaa_calib.cli import simulate as simulate_cli
-from vbaa_calib.core.errors import InputError
-from vbaa_calib.core.folders import replacing_folder
 from vbaa_calib.simulate.plan import AntennaShot, Plan, plan
 from vbaa_calib.simulate.scene.lens import project
 from vbaa_calib.simulate.scene.scene import Scene, bundled_names, bundled_scene, true_rod
 from vbaa_calib.simulate.scene.scene_file import load_scene
-from vbaa_calib.simulate.write import refuse_target, write_session
 
 
 @functools.cache
@@ -93,14 +90,6 @@ def test_the_session_reader_takes_what_was_written(written: Path) -> None:
         picture = cv2.imread(str(written / name), cv2.IMREAD_UNCHANGED)
         assert picture.shape == (240, 320)
         assert picture.dtype == np.uint8
-
-
-def test_the_columns_are_the_agreed_ones(written: Path) -> None:
-    headers = {name: (written / name).read_text().splitlines()[0] for name in ("noload/noload.csv", "loads/loads.csv")}
-    assert headers["noload/noload.csv"] == "image,pan_rad,tilt_rad,moment_Nm"
-    assert headers["loads/loads.csv"] == "image,pan_rad,tilt_rad,moment_Nm,distance_m,force_y_N,force_z_N"
-    recording = (written / "recording/recording.csv").read_text().splitlines()[0]
-    assert recording == "frame,time_s,image,pan_rad,tilt_rad,moment_Nm"
 
 
 def test_the_same_seed_gives_the_same_bytes_and_another_does_not(written: Path, tmp_path: Path) -> None:
@@ -216,38 +205,3 @@ def test_thickness_moves_the_printed_face_toward_the_viewer(tmp_path: Path) -> N
     camera = thick.T_antenna_camera.translation_m
     nearer = np.linalg.norm(camera - thick.T_antenna_face.translation_m)
     assert nearer < np.linalg.norm(camera - thick.T_antenna_board.translation_m)
-
-
-def test_only_a_session_is_ever_replaced(tmp_path: Path) -> None:
-    foreign = tmp_path / "photos"
-    foreign.mkdir()
-    (foreign / "holiday.png").write_bytes(b"precious")
-    with pytest.raises(InputError, match="exists already"):
-        refuse_target(foreign, force=False)
-    with pytest.raises(InputError, match="is not a session"):
-        refuse_target(foreign, force=True)
-    (tmp_path / "file").write_text("text")
-    with pytest.raises(InputError, match="is not a session"):
-        refuse_target(tmp_path / "file", force=True)
-    old = tmp_path / "old"
-    old.mkdir()
-    (old / "session.yaml").write_text("schema: old")
-    with replacing_folder(old) as fresh:
-        (fresh / "session.yaml").write_text("schema: new")
-    assert (old / "session.yaml").read_text() == "schema: new"
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "old", "photos"]
-
-
-def test_a_failure_on_the_way_leaves_the_old_session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    scene, session = load_scene(_scene_file(tmp_path)), tmp_path / "session"
-    session.mkdir()
-    (session / "session.yaml").write_text("schema: old")
-
-    def fail(*_: object) -> None:
-        raise OSError("disk full")
-
-    monkeypatch.setattr("vbaa_calib.simulate.write.render_shot", fail)
-    with pytest.raises(OSError, match="disk full"):
-        write_session(scene, session, force=True)
-    assert (session / "session.yaml").read_text() == "schema: old"
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["scene.yaml", "session"]

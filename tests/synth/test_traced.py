@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import sys
 from pathlib import Path
 
 import cv2
@@ -14,7 +13,6 @@ import yaml
 from tests.small_scene import small_scene
 from vbaa_calib.antenna.rod import solve_rod
 from vbaa_calib.cli.main import main
-from vbaa_calib.core.errors import InputError
 from vbaa_calib.simulate.render.antenna import tube
 from vbaa_calib.simulate.render.meshes import Triangles, object_mesh, tube_mesh
 from vbaa_calib.simulate.render.picture import studio
@@ -98,22 +96,6 @@ def test_labels_show_what_was_drawn(tmp_path: Path) -> None:
         if contact["in_contact"] == "1":
             at = np.array([np.interp(float(contact["distance_m"]), line[:, 0], line[:, k]) for k in (1, 2)])
             assert at == pytest.approx([float(contact["u_px"]), float(contact["v_px"])], abs=0.05)
-
-
-def test_an_unknown_material_and_a_missing_mitsuba_are_one_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = tmp_path / "scene.yaml"
-    path.write_text(yaml.safe_dump(small_scene(1, (1,)) | {"traced": {"material": "wood"}}))
-    with pytest.raises(InputError, match="material"):
-        load_scene(path)
-    load_mitsuba.cache_clear()
-    monkeypatch.setitem(sys.modules, "mitsuba", None)
-    assert main(["simulate", "demo", "-o", str(tmp_path / "s"), "--render", "mitsuba"]) == 2
-    said = capsys.readouterr().err
-    assert "pip install" in said
-    assert not (tmp_path / "s").exists()
-    load_mitsuba.cache_clear()
 
 
 # --- what mitsuba shows

@@ -70,32 +70,3 @@ def test_a_screen_has_its_own_description(tmp_path: Path) -> None:
     assert len(detect_corners(picture, shown).ids) == shown.corner_count
     with pytest.raises(InputError, match="is an input of this command"):
         board("--spec", given, "-o", tmp_path / "board.png", "--screen-ppi", 96)
-
-
-def test_what_stands_there_is_kept(tmp_path: Path) -> None:
-    """The sheet gives way to --force; a description that says something else does not, unless it is named."""
-    out, spec = tmp_path / "board.pdf", tmp_path / "board.yaml"
-    board("-o", out)
-    with pytest.raises(InputError, match=r"board\.pdf: exists already"):
-        board("-o", out)
-    board("-o", out, force=True)
-    measured = BoardSpec(11, 7, 0.01994, 0.014955, thickness_m=0.003)
-    spec.write_text(yaml.safe_dump(measured.to_dict()))
-    before = out.read_bytes()
-    with pytest.raises(InputError, match="describes another board"):
-        board("-o", out, force=True)
-    assert (load_board(spec), out.read_bytes()) == (measured, before)
-    board("-o", out, "--write-spec", spec, force=True)
-    assert load_board(spec) == BoardSpec(11, 7, 0.02, 0.015)
-    spec.write_text("notes: mine\n")
-    with pytest.raises(InputError, match="describes another board"):
-        board("-o", out, force=True)
-
-
-def test_warns_of_what_prints_badly(tmp_path: Path) -> None:
-    """Modules too fine, white too narrow."""
-    assert board("-o", tmp_path / "a.pdf")["warnings"] == []
-    [fine] = board("-o", tmp_path / "b.pdf", "--square-mm", 3)["warnings"]
-    [narrow] = board("-o", tmp_path / "c.pdf", "--square-mm", 20, "--marker-mm", 19)["warnings"]
-    assert "0.38 mm" in fine
-    assert "0.5 mm of white" in narrow

@@ -52,24 +52,3 @@ def test_the_board_as_it_was_printed() -> None:
     assert (board.square_m, board.marker_m) == pytest.approx((0.020 * 0.97, 0.015 * 0.97), abs=1e-9)
     assert (board.thickness_m, board.squares_x, board.dictionary) == (0.003, 11, "DICT_4X4_100")
     assert print_scale(200, 200.0, 100, 100.3).scale == pytest.approx((4 * 1.0 + 1 * 1.003) / 5)
-
-
-@pytest.mark.parametrize(
-    ("call", "words"),
-    [
-        ((260, 26.0, 150, 15.0), "centimetres were read, it seems, 260 mm would do"),
-        ((254, 10.0, 150, 150.0), "inches were read, it seems, 254 mm would do"),
-        ((260, 0.26, 150, 0.15), "metres were read"),
-        ((260, 150.0, 150, 260.0), "they are exchanged, it seems"),
-        ((260, 1000.0, 150, 150.0), "read it again, in mm"),
-        ((260, 0.0, 150, 150.0), "reading_x_mm is 0.0"),
-        ((260, 260.0, 150, float("nan")), "reading_y_mm is nan"),
-        ((0, 260.0, 150, 150.0), "ruler_x_mm is 0"),
-        ((260, 260.0, 20, 20.0), "measure over 25 mm or more"),
-        ((260, 260.0, 150, 150.0, float("nan")), "reading_std_mm is nan"),
-    ],
-)
-def test_senseless_readings_are_refused(call: tuple[float, ...], words: str) -> None:
-    """Each with what it seems to be."""
-    with pytest.raises(ValueError, match=words):
-        print_scale(*call)

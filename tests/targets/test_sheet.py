@@ -2,30 +2,23 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
-from xml.etree import ElementTree
 
 import cv2
 import numpy as np
 import pypdfium2
 import pytest
-import yaml
 
 from targets.board import BoardSpec, corner_points, opencv_board, spec_line
 from targets.sheet import (
     PAPERS_MM,
     Label,
     Layout,
-    Shape,
-    Stroke,
-    board_id,
     fill_in,
     lay_out,
     paper_named,
-    spec_document,
 )
-from targets.write_sheet import as_pdf, as_pixels, as_svg, board_shapes, draw, on_screen, ruler_origin
+from targets.write_sheet import as_pdf, as_pixels, board_shapes, draw, on_screen, ruler_origin
 from vbaa_calib.detect.board.board_file import load_board
 
 A4_BOARD = BoardSpec(11, 7, 0.020, 0.015)
@@ -133,19 +126,6 @@ def test_qr_code_is_a_board_file(case: tuple[BoardSpec, str, int], tmp_path: Pat
     assert load_board(tmp_path / "board.yaml") == spec
 
 
-def test_the_pdf_says_what_it_is_and_that_it_must_not_be_scaled() -> None:
-    """In its text and its metadata; the same bytes each time."""
-    data = as_pdf(draw(A4_BOARD, lay_out(A4_BOARD, paper_named("A4"))))
-    document = pypdfium2.PdfDocument(data)
-    assert pypdfium2.raw.FPDF_VIEWERREF_GetPrintScaling(document.raw) == 0
-    text = document[0].get_textpage().get_text_bounded()
-    assert board_id(A4_BOARD) in text
-    assert "11 × 7 squares of 20 mm, markers of 15 mm" in text
-    assert yaml.safe_load(text[text.index("{") : text.index("}") + 1]) == A4_BOARD.to_dict()
-    assert document.get_metadata_dict()["Subject"] == spec_line(A4_BOARD)
-    assert data == as_pdf(draw(A4_BOARD, lay_out(A4_BOARD, paper_named("A4"))))
-
-
 def test_nothing_enters_the_quiet_zone() -> None:
     """Around the board is white, as wide as the layout says, and the board is all that is inside."""
     for spec, paper, _ in CASES:
@@ -158,38 +138,6 @@ def test_nothing_enters_the_quiet_zone() -> None:
         ].copy()
         window[inner[1] - outer[1] :, inner[0] - outer[0] :][: size[1], : size[0]] = 255
         assert (window == 255).all()
-
-
-def test_svg_says_the_same_as_the_pdf() -> None:
-    """The same outlines, lines and texts, in millimetres."""
-    drawing = draw(A4_BOARD, lay_out(A4_BOARD, paper_named("A4")))
-    text = as_svg(drawing)
-    assert 'width="297mm" height="210mm" viewBox="0 0 297 210"' in text
-    page = ElementTree.fromstring(text.encode())
-    shapes = [mark for mark in drawing.marks if isinstance(mark, Shape)]
-    strokes = [mark for mark in drawing.marks if isinstance(mark, Stroke)]
-    texts = [mark.text for mark in drawing.marks if isinstance(mark, Label)]
-    space = "{http://www.w3.org/2000/svg}"
-    paths, lines, labels = (list(page.iter(space + tag)) for tag in ("path", "line", "text"))
-    for path, shape in zip(paths, shapes, strict=True):
-        loops = [re.findall(r"[-\d.]+,[-\d.]+", loop) for loop in path.attrib["d"].split("Z")[:-1]]
-        for drawn_loop, loop in zip(loops, shape.loops, strict=True):
-            np.testing.assert_allclose([list(map(float, point.split(","))) for point in drawn_loop], loop, atol=1e-6)
-    for line, stroke in zip(lines, strokes, strict=True):
-        ends = [float(line.attrib[name]) for name in ("x1", "y1", "x2", "y2", "stroke-width")]
-        np.testing.assert_allclose(ends, [stroke.x0, stroke.y0, stroke.x1, stroke.y1, stroke.width], atol=1e-6)
-    assert [label.text for label in labels] == texts
-
-
-def test_what_does_not_fit_is_refused_with_what_would() -> None:
-    """The largest square named does fit, the next does not, and so does the paper named."""
-    spec = BoardSpec(9, 6, 0.030, 0.022)
-    with pytest.raises(ValueError, match=r"does not fit on A4: the largest square that fits is 25.8 mm; A3 would do"):
-        lay_out(spec, paper_named("A4"))
-    lay_out(spec, paper_named("A3"))
-    lay_out(BoardSpec(9, 6, 0.0258, 0.0183), paper_named("A4"))
-    with pytest.raises(ValueError, match="does not fit"):
-        lay_out(BoardSpec(9, 6, 0.0259, 0.0183), paper_named("A4"))
 
 
 def test_the_commonest_board_fits_a4() -> None:
@@ -215,20 +163,6 @@ def test_every_paper_has_room_and_its_name() -> None:
     for wrong in ("A9", "", "-1x5", "nanxnan", "100", "6000x100", "59x100"):
         with pytest.raises(ValueError, match="paper is"):
             paper_named(wrong)
-
-
-def test_id_is_of_the_print() -> None:
-    """Stable for ever; blind to the mount and to a flag that changes nothing."""
-    assert board_id(A4_BOARD) == "cc20e81f"
-    assert board_id(BoardSpec(11, 7, 0.02, 0.015, legacy_pattern=True, thickness_m=0.003)) == "cc20e81f"
-    even = BoardSpec(11, 6, 0.02, 0.015)
-    assert board_id(even) != board_id(BoardSpec(11, 6, 0.02, 0.015, legacy_pattern=True))
-
-
-def test_board_file_reads_back(tmp_path: Path) -> None:
-    spec = BoardSpec(5, 8, 0.0131, 1e-5, "DICT_6X6_250", True, 0.0031)
-    (tmp_path / "board.yaml").write_text(spec_document(spec, "a remark"))
-    assert load_board(tmp_path / "board.yaml") == spec
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -260,15 +194,6 @@ def test_corners_are_found_where_the_spec_says() -> None:
     assert np.abs(found - 1e3 * corner_points(board.spec)[np.ravel(ids), :2]).max() < 0.02
 
 
-def test_what_no_screen_shows_is_refused() -> None:
-    """Too coarse, and the size named does do; too many pixels."""
-    with pytest.raises(ValueError, match=r"too few to draw the markers; take squares of 8 mm or more"):
-        on_screen(BoardSpec(9, 6, 0.004, 0.003), 2.0)
-    on_screen(BoardSpec(9, 6, 0.008, 0.006), 2.0)
-    with pytest.raises(ValueError, match="more than any screen"):
-        on_screen(BoardSpec(40, 40, 0.02, 0.015, "DICT_4X4_1000"), 30.0)
-
-
 def test_default_boards_fit_their_paper_and_are_odd() -> None:
     """Whatever the paper: an odd number of rows, for which the legacy flag means nothing, and a round square."""
     squares = {}
@@ -278,10 +203,3 @@ def test_default_boards_fit_their_paper_and_are_odd() -> None:
         assert spec.squares_y % 2 == 1
         squares[name] = round(1e3 * spec.square_m, 6)
     assert (squares["A4"], squares["Letter"], squares["A3"]) == (20.0, 20.0, 32.0)
-
-
-def test_what_is_given_is_kept() -> None:
-    """And the dictionary grows with the board."""
-    spec = fill_in((9, 6), 24.0, 17.0, dictionary="DICT_5X5_50", legacy_pattern=True, thickness_m=0.0031)
-    assert spec == BoardSpec(9, 6, 0.024, 0.017, "DICT_5X5_50", True, 0.0031)
-    assert fill_in((20, 30), 10.0).dictionary == "DICT_4X4_1000"

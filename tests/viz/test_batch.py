@@ -30,8 +30,8 @@ from viz.batch.work import Settings
 
 from ..recordings import write_recording, write_rig
 
-FRAMES, LONG, PIECE = 200, 1100, 1024
-ALIKE = 6
+FRAMES, LONG, PIECE = 60, 1100, 1024
+ALIKE = 4
 DEADLY, ENDLESS = "deadly", "endless"
 PRELOAD = f"""import time
 from viz.batch import work
@@ -102,7 +102,7 @@ def same_bits(own: pyarrow.Table, other: pyarrow.Table) -> bool:
     return all(a.tolist() == b.tolist() if a.dtype == object else a.tobytes() == b.tobytes() for a, b in columns)
 
 
-@pytest.mark.parametrize(("copies", "kills"), [(1, 3), pytest.param(10, 30, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(("copies", "kills"), [(1, 1), pytest.param(10, 30, marks=pytest.mark.slow)])
 def test_killed_workers_cost_nothing_but_time(
     client: Client, folder: Path, tmp_path: Path, copies: int, kills: int
 ) -> None:
@@ -142,7 +142,7 @@ def test_killed_workers_cost_nothing_but_time(
     assert found["0-long"].row["pieces"] == 2
     assert sorted(summary(results)) == sorted(names)
     assert not list(results.root.glob("pieces/*"))
-    for name in ("0-s0", "0-s5", "0-long"):
+    for name in ("0-s0", "0-long"):
         made = read_table(results.contacts(name), partitioning=None)
         assert same_bits(made, serial(own / name.replace("-", "/"), folder / "rig.json", tmp_path / f"{name}.parquet"))
     assert (

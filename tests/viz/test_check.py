@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import json
 import re
 from types import SimpleNamespace
@@ -12,7 +11,7 @@ import pytest
 from vbaa_calib.calibrate.check.assessment import assess
 from vbaa_calib.cli.main import main
 from viz.pages.page import prose
-from viz.report.check import LEVEL_COLOURS, page
+from viz.report.check import page
 
 from ..calibrate.checked_rigs import QUALITY, month_later, rig_of, scene
 
@@ -56,28 +55,3 @@ def test_the_page_of_a_rig_alone_whatever_its_quality_section(made: SimpleNamesp
     assert "Is it still right?" not in text
     assert "not recorded" in text
     assert "<i>" not in text
-
-
-def test_the_verdict_comes_first_and_parts_that_were_not_given_say_so(made: SimpleNamespace) -> None:
-    document = copy.deepcopy(made.document)
-    document["session_findings"][2] |= {"level": "does not hold", "remedy": "run `vbaa calibrate` <now>"}
-    document |= {"verdict": "does not hold", "headline": "This rig does not hold."}
-    document["session"] |= {"boards": [], "camera_pose": None, "noload": [], "loads": []}
-    text = page(document)
-    head = text.partition("</header>")[0]
-    assert "This rig does not hold." in head
-    assert "run <code>vbaa calibrate</code> &lt;now&gt;" in head
-    assert LEVEL_COLOURS["does not hold"] in head
-    assert text.count("not given: ") == 4
-    assert len(figures(text)) == 2
-
-
-def test_the_command_prints_what_it_writes_and_overwrites_nothing(
-    made: SimpleNamespace, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main([*made.argv[:2], "--json"]) == 0
-    said = capsys.readouterr()
-    assert json.loads(said.out)["findings"] == made.document["findings"]
-    assert "verdict        holds" in said.err
-    assert main(made.argv) == 2
-    assert "exists already" in capsys.readouterr().err

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -15,7 +13,6 @@ import pytest
 import pyvista as pv
 
 from vbaa_calib.cli import main
-from viz.cli import estimate as estimate_cli
 from viz.render import probe
 from viz.report import make as report_make
 from viz.report.recording import Picture
@@ -62,31 +59,6 @@ def test_view_writes_page_and_gltf(files: SimpleNamespace, capsys: pytest.Captur
     assert page.read_text() == text
 
 
-def test_view_finds_the_object_itself(files: SimpleNamespace, capsys: pytest.CaptureFixture[str]) -> None:
-    page = files.folder / "scene.html"
-    code, result, said = outcome(capsys, "view", files.contacts, "--rig", files.rig, "--html", page, "--json")
-    assert code == 0
-    assert [fact.partition(":")[0] for fact in result["facts"][:2]] == ["Friction", "Stiffness"]
-    assert all(fact in said for fact in result["facts"])
-    assert "reconstructed surface" in page.read_text()
-
-
-@pytest.mark.parametrize("display", [None, ":7777"], ids=["none", "not there"])
-def test_view_without_a_display_says_what_to_do(
-    files: SimpleNamespace, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, display: str | None
-) -> None:
-    if not sys.platform.startswith("linux") or not probe.can_render():
-        pytest.skip("no X11, or no OpenGL here")
-    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
-        monkeypatch.delenv(name, raising=False)
-    if display is not None:
-        monkeypatch.setenv("DISPLAY", display)
-    code, _, said = outcome(capsys, "view", files.contacts, "--plain")
-    assert code == 2
-    assert "no display" in said
-    assert "--screenshot" in said
-
-
 def test_view_without_opengl_writes_the_page_and_says_what_to_install(
     files: SimpleNamespace, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -127,31 +99,3 @@ def test_a_report_of_files(files: SimpleNamespace, capsys: pytest.CaptureFixture
     code, _, words = outcome(capsys, *argv, "-o", files.folder / "foreign.html")
     assert (code, "do not fit the rig's kinematics" in words) == (2, True)
     assert not (files.folder / "foreign.html").exists()
-
-
-@pytest.mark.usefixtures("undrawn")
-def test_an_estimate_ends_with_a_report(
-    files: SimpleNamespace, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    done: list[Path] = []
-
-    def run(args: argparse.Namespace) -> tuple[dict[str, Any], None]:
-        """Stands for the estimator, whose work is tested elsewhere: writes what was found before."""
-        args.output.write_bytes(files.free.read_bytes())
-        done.append(args.output)
-        return {"contacts": str(args.output), "drift": None}, None
-
-    monkeypatch.setattr(estimate_cli, "_estimate", run)
-    out, call = files.folder / "a.csv", ("estimate", files.folder, "--rig", files.rig, "-o")
-    assert outcome(capsys, *call, out, "--no-report")[0] == 0
-    assert not (files.folder / "a_report.html").exists()
-    result = outcome(capsys, *call, out, "--force", "--json")[1]
-    assert (result["contacts"], result["report"]) == (str(out), str(files.folder / "a_report.html"))
-    html = (files.folder / "a_report.html").read_text()
-    assert "Nothing was touched" in html
-    assert f"vbaa estimate {files.folder}" in html
-    assert "a.csv: exists already" in outcome(capsys, *call, out)[2]
-    out.unlink()
-    assert "a_report.html: exists already" in outcome(capsys, *call, out)[2]
-    assert outcome(capsys, *call, out, "--no-report", "--report", files.folder / "x.html", "--force")[0] == 2
-    assert len(done) == 2, "refused before any work"

@@ -47,17 +47,6 @@ def clock(number: int, step_s: float = 0.1, start_s: float = 0.0) -> TimeAxis:
     return TimeAxis(start_s + step_s * np.arange(number))
 
 
-def test_a_figure_is_the_same_every_time_and_says_its_tips_escaped() -> None:
-    value = np.arange(5.0)
-    texts = []
-    for _ in range(2):
-        axes = TimeAxis(value, [(2.0, "<touch> & go")])
-        texts.append(axes.svg(curve(axes, "force, mN", value, value)))
-    assert texts[0] == texts[1]
-    assert "<title>&lt;touch&gt; &amp; go</title>" in texts[0]
-    assert ">force, mN</text>" in texts[0]
-
-
 @pytest.mark.parametrize("value", [np.full(4, np.nan), np.full(4, 3.0), np.zeros(4)])
 def test_a_curve_of_nothing_or_of_one_value_is_still_a_picture(value: np.ndarray) -> None:
     axes = curve(clock(4), "force, mN", value, np.full(4, np.nan))

@@ -21,8 +21,6 @@ from viz.render import probe
 from viz.render import screenshot as sheet
 from viz.render.gltf import write_gltf
 from viz.render.stage import Stage, view_direction
-from viz.render.window import Controls
-from viz.scene.readable import MODES
 from viz.scene.scene import Scene, build_scene
 
 
@@ -103,22 +101,6 @@ def test_a_stage_follows_instant_and_colour_without_opengl(scene: Scene, no_open
     before = np.array(shown["contacts"].mapper.dataset.point_data["colour"])
     stage.paint("time")
     assert (before != shown["contacts"].mapper.dataset.point_data["colour"]).any()
-    stage.plotter.close()
-
-
-def test_the_window_s_controls_choose_instant_colour_and_contacts(scene: Scene, no_opengl: None) -> None:
-    stage = Stage(scene, all_parts(scene))
-    controls = Controls(stage, "force")
-    controls.go(11.7)
-    assert controls.instant == 12
-    for mode in (*MODES[1:], MODES[0]):
-        controls.next_mode()
-        assert controls.mode == mode
-    controls.toggle_everything()
-    words = stage.plotter.actors["words"].GetText(2)  # the upper left corner
-    assert "frame 12" in words
-    assert "coloured by force" in words
-    assert list(stage.plotter.scalar_bars.keys()) == ["force on the antenna, mN\n"]
     stage.plotter.close()
 
 

@@ -77,23 +77,6 @@ def test_the_report_stands_alone_and_holds_everything(table: ContactTable, rig: 
     assert not re.search(r"""(src|href)\s*=\s*["'](https?:)?//|@import|url\((?!#)""", html)
     assert "data:image/jpeg;base64," in html
     assert "nan" not in text_of(html).lower().replace("nanm", "")
-    said = " ".join(text_of(html).split())
-    for words in (
-        "T &lt;1&gt;",
-        "Contact located in 90 of 92 frames",
-        "&lt;the fit&gt; did not converge",
-        "&lt;touch&gt; at 0.10 s",
-        "μ = 0.300 ± 0.010 (95 %: 0.280 to 0.320)",
-        "α = 16.7°",
-        "250 N/m (95 %: 238 to 263 N/m)",
-        "One patch was withheld.",
-        "Contact at 0.100 ± 0.020 s; 1 slip began. The frames come too seldom to tell a frequency.",
-        "ringing (1)",
-        "No picture: there is none.",
-        "vbaa report &#39;a b.csv&#39;",
-        "antenna of 240 mm × 0.8 mm",
-    ):
-        assert words in said, words
     for meaning in (*STATUSES.values(), *(COLUMNS[name].meaning for name in SYMBOLS)):
         assert str(escape(meaning)) in html, "all is explained as in docs/formats.md"
     goals = {
@@ -101,16 +84,6 @@ def test_the_report_stands_alone_and_holds_everything(table: ContactTable, rig: 
         for row in ("contact point", "force", "focal length")
     }
     assert goals == {"contact point": ["met"], "force": ["missed"], "focal length": []}
-
-
-def test_what_is_undetermined_is_said_and_not_drawn(table: ContactTable, rig: Rig, truth: dict[str, Any]) -> None:
-    html = page(whole(table, rig, truth, determined=False))
-    said = " ".join(text_of(html).split())
-    assert "Undetermined: it never slid." in said
-    assert "Undetermined: the force hardly varied." in said
-    assert "μ =" not in said
-    assert "N/m" not in said.replace("N/m²", "")
-    assert "cone, 95 %" not in said
 
 
 @pytest.mark.parametrize("shown", [slice(92), slice(1), slice(90, 91)], ids=["all", "one", "no contact"])

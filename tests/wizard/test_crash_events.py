@@ -17,7 +17,7 @@ from vbaa_calib.wizard.sources.files import Picture, SourceLost, frame_picture
 from vbaa_calib.wizard.steps import PictureCheck
 from vbaa_calib.wizard.store import Journal, Store
 
-from .small_session import Tiny, call, expect_refused, finished, tiny, tree
+from .small_session import Tiny, call, expect_refused, finished, pictures, tiny, tree
 
 __all__ = ["finished", "tiny"]
 
@@ -125,3 +125,28 @@ def test_strangers_that_come_meanwhile(tiny: Tiny, monkeypatch: pytest.MonkeyPat
     on_picture(monkeypatch, "loads", 1, lambda: (tiny.session / "intrinsics" / "late.png").write_bytes(b"late"))
     assert call(tiny.session, "--redo", "loads")[0] == 0
     assert "intrinsics/late.png" not in tree(tiny.session)
+
+
+def test_a_session_is_gone_on_with_when_its_journal_is_moved_away(tiny: Tiny) -> None:
+    (tiny.session / "wizard.json").write_text("")
+    expect_refused(tiny, call(tiny.session), "move wizard.json away")
+    (tiny.session / "wizard.json").unlink()
+    code, said = call(tiny.session)
+    assert code == 0, said
+    assert len(pictures(tiny.session)) == 7
+    assert not list(tiny.session.glob("aside/**/*.png"))
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--board-along-x-mm=16.51", "--board-along-y-mm=12"), ("x_mm is 16.51", "centimetres")),
+        (("--jig-board-x=y",), ("jig_board_x, jig_board_y", "right angles")),
+    ],
+)
+def test_answers_that_do_not_go_together_change_nothing(
+    tiny: Tiny, options: tuple[str, ...], words: tuple[str, ...]
+) -> None:
+    before = (tiny.session / "wizard.json").read_bytes()
+    expect_refused(tiny, call(tiny.session, *options), *words)
+    assert (tiny.session / "wizard.json").read_bytes() == before

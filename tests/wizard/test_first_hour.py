@@ -20,7 +20,6 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_yaml
 from vbaa_calib.core.images import read_picture
 from vbaa_calib.session import load_session, read_loads, read_noload
-from vbaa_calib.simulate.scene.scene import bundled_scene
 from vbaa_calib.wizard import flow
 from vbaa_calib.wizard.against_answers import jig_refusal, thickness_that_shows_it
 from vbaa_calib.wizard.questions import Question
@@ -28,13 +27,14 @@ from vbaa_calib.wizard.session_state import SessionState, still_of
 from vbaa_calib.wizard.steps import Progress, Step
 from vbaa_calib.wizard.store import Store
 from vbaa_calib.wizard.ui import Ui, View
+from viz.cli.warm import small_scene
 from viz.report import check as report
 
 from .small_session import answers
 
 MOST_ANSWERS = 25
-WRONG_MM = 30.0
-PATIENCE = 30
+WRONG_MM = 80.0
+PATIENCE = 8
 """Looks at the folder without news after which a person types enough."""
 
 
@@ -42,8 +42,8 @@ PATIENCE = 30
 def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """What the camera sees, and truth.json."""
     folder = tmp_path_factory.mktemp("first-hour")
-    scene = read_yaml(bundled_scene("demo"))
-    scene["recording"]["sweeps"] = [scene["recording"]["sweeps"][0] | {"frames": 2, "free_frames": 1}]
+    scene = small_scene(noload=3, loads=())
+    scene["intrinsics"]["pictures"] = 10
     level = {"pan_deg": 0.0, "tilt_deg": 0.0, "force_y_N": 0.0}
     places = ((0.1, 0.02), (0.16, 0.01), (0.2, 0.005), (0.13, 0.02), (0.18, 0.01))
     scene["loads"] = [level | {"distance_m": place, "force_z_N": -9.80665 * mass} for place, mass in places]
@@ -179,7 +179,9 @@ def test_a_wrong_thickness_is_named_by_the_first_free_picture(walked: tuple[Path
         image = read_picture(store.path(first))
         with pytest.raises(InputError):
             state.observe(still, "noload", image)
-        assert "type `board_thickness_mm = 3`" in thickness_that_shows_it(state, still, "noload", image)
+        assert f"type `board_thickness_mm = {WRONG_MM / 10:g}`" in thickness_that_shows_it(
+            state, still, "noload", image
+        )
 
 
 def test_a_jig_that_puts_the_antenna_out_of_the_picture_is_refused(walked: tuple[Path, Person], tmp_path: Path) -> None:

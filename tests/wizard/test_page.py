@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,10 +22,6 @@ from vbaa_calib.wizard.sources.files import frame_picture
 from vbaa_calib.wizard.steps import PictureCheck
 from vbaa_calib.wizard.store import Store
 from vbaa_calib.wizard.ui import LivePicture, Ui, View
-
-from .browser import BROWSER, Browser
-from .pseudo_terminal import PseudoTerminal
-from .small_session import answers, answers_file, rendered
 
 
 class Shown:
@@ -145,66 +140,3 @@ def test_the_first_answer_counts_wherever_it_is_given() -> None:
     question = Question("mass_g", "loads", "Mass?", unit="g")
     assert Ui(silent, clicking, interactive=True).ask(question) == 7.0
     assert silent.problems == clicking.problems != []
-
-
-def address(wizard: PseudoTerminal) -> str:
-    """The page's."""
-    wizard.until("http://127.0.0.1:")
-    wizard.until("1 of 7")
-    found = re.search(r"http://127\.0\.0\.1:\d+/\?token=\S+", wizard.screen)
-    assert found is not None
-    return found.group(0)
-
-
-def until_text(browser: Browser, words: str) -> None:
-    """Once they stand on the page."""
-    browser.until(f"document.body?.innerText.includes({json.dumps(words)})", 60)
-
-
-def answer(browser: Browser, key_words: str, typed: str) -> None:
-    """Type into the field of the question with these words, and Enter."""
-    until_text(browser, key_words)
-    browser.value("document.querySelector('#field').select()")
-    browser.type(typed)
-    browser.press("Enter", 13)
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(BROWSER is None, reason="no Chromium")
-def test_the_wizard_is_led_from_its_page(tmp_path: Path) -> None:
-    given: Mapping[str, Any] = {
-        key: value for key, value in answers(rendered()).items() if key.startswith(("board", "antenna_length"))
-    }
-    file = answers_file(tmp_path / "answers.yaml", dict(given) | {"board_reading_std_mm": 0.25})
-    wizard = PseudoTerminal(["wizard", "rig", "--answers", str(file)], tmp_path)
-    browser = Browser(tmp_path / "profile")
-    try:
-        browser.open(address(wizard))
-        answer(browser, "Where do the pictures come from?", str(tmp_path / "nowhere"))
-        answer(browser, "About how far is the camera", "near")
-        until_text(browser, "that is not a number")
-        answer(browser, "About how far is the camera", "370")
-        answer(browser, "How far is the camera tilted", "30")
-        until_text(browser, "no such folder or video")
-        answer(browser, "Where do the pictures come from?", str(rendered()))
-        wizard.until("as intrinsics/0005.png")
-        until_text(browser, "5 pictures")
-        browser.click("[data-kind=drop]")
-        browser.click("[data-kind=drop]")
-        wizard.until("intrinsics/0005.png is set aside")
-        until_text(browser, "4 pictures")
-        browser.click("[data-kind=enough]")
-        wizard.until("3 of 7")
-        until_text(browser, "How shall the camera's place")
-        browser.click("[data-kind=quit]")
-        browser.click("#yes")
-        wizard.until("goes on here")
-        assert wizard.ended() == 0
-        # one line of the console is of the page that asks when nobody answers any more
-        assert not [one for one in browser.complaints() if "ERR_CONNECTION" not in one]
-    finally:
-        browser.close()
-        wizard.close()
-    kept = json.loads((tmp_path / "rig" / "wizard.json").read_text())
-    assert len(kept["steps"]["lens"]["taken"]) == 4
-    assert kept["answers"]["camera_distance_mm"] == 370

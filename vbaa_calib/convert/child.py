@@ -45,7 +45,9 @@ def read_in_child(reader: Callable[[Path], Arrays], path: Path) -> dict[str, np.
     size = path.stat().st_size
     seconds = _SECONDS + _SECONDS_PER_MB * size / 1e6
     limits = f"{seconds:.0f}", str(_MEMORY_FACTOR * size + _MEMORY_BYTES)
-    call = [sys.executable, "-P", "-m", __name__, reader.__module__, reader.__name__, str(path.absolute()), *limits]
+    # as a script: with -m the whole package would be imported, which takes longer than any reading
+    module = "" if reader.__module__ == __name__ else reader.__module__
+    call = [sys.executable, "-P", __file__, module, reader.__name__, str(path.absolute()), *limits]
     places = os.pathsep.join(each or os.getcwd() for each in sys.path)
     try:
         done = subprocess.run(
@@ -126,7 +128,7 @@ def _limit(seconds: int, memory: int) -> None:
 
 
 def _main(module: str, name: str, path: str, seconds: str, memory: str) -> None:
-    reader = getattr(importlib.import_module(module), name)
+    reader = getattr(importlib.import_module(module), name) if module else globals()[name]
     _limit(int(seconds), int(memory))
     try:
         found = dict(reader(Path(path)))
