@@ -269,7 +269,7 @@ def commands(trees: Sequence[Tree], pairs: int, folder: Path) -> list[SpeedRow]:
         ordered = [{tree.name: one[tree.name] for tree in trees} for one in timings]
         rows.append(_row(DEMO, work, ordered, method="command"))
 
-    vbaa = ("-m", "vbaa_calib")
+    vbaa = ("-c", "import sys; from vbaa_calib.cli.main import main; sys.exit(main())")
     row("the command simulate", *vbaa, "simulate", "demo", "-o", str(session), "--force", repeats=1)
     row("the command calibrate", *vbaa, "calibrate", str(session), "-o", str(rig), "--force")
     shutil.copytree(session, one)

@@ -155,7 +155,7 @@ def moving(rig: Rig, several: Sequence[Measured], found: Contacts) -> MovingCont
     distance = np.where(found.status == NO_CONTACT, np.nan, numbers.unknowns[:, 0])
     # a load's components along y and z of the antenna, from those along the world's axes
     push = numbers.push @ np.swapaxes(rotation[:, :, 1:], 1, 2)
-    return MovingContacts(list(found), push, Shapes(times, points, numbers.pieces_std_m, distance))
+    return MovingContacts(found, push, Shapes(times, points, numbers.pieces_std_m, distance))
 
 
 class MotionCheck:
@@ -166,13 +166,13 @@ class MotionCheck:
 
     def __init__(self, beam: Beam, live: bool = False) -> None:
         self._motion = Motion(beam, live)
-        self._waiting: deque[tuple[Contact, np.ndarray]] = deque()
+        self._waiting: deque[tuple[Sequence[Contact], int, np.ndarray]] = deque()
 
     def push(self, several: MovingContacts) -> Iterator[Contact]:
         """The contacts that are ready once these frames are known."""
         if not self._waiting and not np.isfinite(several.shapes.time_s).any():
             return iter(several.contacts)
-        self._waiting.extend(zip(several.contacts, several.push, strict=True))
+        self._waiting.extend((several.contacts, index, push) for index, push in enumerate(several.push))
         return self._ready(self._motion.push(several.shapes))
 
     def finish(self) -> Iterator[Contact]:
@@ -182,7 +182,8 @@ class MotionCheck:
 
     def _ready(self, loads: Inertia) -> Iterator[Contact]:
         for load, significant in zip(np.asarray(loads.load_N_m), np.asarray(loads.significant), strict=True):
-            contact, push = self._waiting.popleft()
+            contacts, index, push = self._waiting.popleft()
+            contact = contacts[index]
             shift = float(np.sum(push * load)) if significant else 0.0
             if abs(shift) > _LARGEST_SHIFT and contact.status in (OK, TIP):
                 off = f"{1e3 * abs(shift) * contact.distance_std_m:.1f} mm off, {abs(shift):.1f} std"

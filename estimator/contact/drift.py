@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Generator
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -71,21 +72,22 @@ class LearntRig:
         part = self.calibrated.drift.hourly * np.sqrt(hours)
         return replace(self, now=_in_covariance(wandering.drifted(min(part, 1.0)), self.now), time_s=time_s)
 
-    def learn(self, batch: Batch, time_s: float) -> LearntRig:
-        """From frames of which only the free ones are used, if there are any."""
+    def learn(self, batch: Batch, time_s: float) -> Generator[None, None, LearntRig]:
+        """From frames of which only the free ones are used, if there are any; in steps, as it takes a while."""
         rows = np.flatnonzero(_is_free(batch.frames(RigArrays.from_rig(self.now, 0.0))))
         if len(rows) == 0:
             return self
+        yield
         rows = rows[np.unique(np.linspace(0, len(rows) - 1, _AT_ONCE).astype(int))]
         free, now, own, count = batch[rows], self.now, self.line_sum_px2, self.line_frames
         if now.drift.line_px > 0.0:
             # with a prior that is wide, or it would say how large they are
             wide = replace(now, drift=replace(now.drift, line_px=_WIDE * now.drift.line_px))
-            _, _, excess_px2 = _posterior(free, wide)
+            _, _, excess_px2 = yield from _posterior(free, wide)
             own, count = own + float(excess_px2.sum()) / LINE_ERRORS, count + len(rows)
             line_px = max(float(np.sqrt(max(own, 0.0) / count)), self.calibrated.drift.line_px)
             now = replace(now, drift=replace(now.drift, line_px=line_px))
-        rig, covariance, _ = _posterior(free, now)
+        rig, covariance, _ = yield from _posterior(free, now)
         step = rig.step_from(self.calibrated)
         now = rig.with_covariance(covariance)
         past = (*self.history, (time_s, step, np.sqrt(np.diag(now.covariance))))
@@ -104,7 +106,7 @@ def _is_free(frames: Frames) -> np.ndarray:
     return (frames.usable.sum(-1) >= FEWEST_FREE_POINTS) & (free_antennas(frames).gain < FREE_GAIN)
 
 
-def _posterior(batch: Batch, rig: Rig) -> tuple[Rig, np.ndarray, np.ndarray]:
+def _posterior(batch: Batch, rig: Rig) -> Generator[None, None, tuple[Rig, np.ndarray, np.ndarray]]:
     """The rig that explains frames of the free antenna best, its covariance, and what of the squares (B, L) of
     their lines' errors, px², is not noise."""
     rig_arrays, moving = RigArrays.from_rig(rig, 0.0), rig
@@ -125,6 +127,7 @@ def _posterior(batch: Batch, rig: Rig) -> tuple[Rig, np.ndarray, np.ndarray]:
             steps = steps + np.concatenate([np.broadcast_to(change, (len(batch), size)), own], axis=1)
         at = at + steps[0, :size]
         moving = rig.moved(axes @ at)
+        yield
     covariance = axes @ np.linalg.solve(total, axes.T)
     own_information = equations.information[:, size:, size:]
     variance = np.diagonal(np.linalg.inv(own_information), axis1=1, axis2=2) if len(line) else steps[:, size:]

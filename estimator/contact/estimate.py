@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Generator, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 from typing import TypeVar
 
 import numpy as np
@@ -148,12 +149,12 @@ class ContactEstimator:
         """The estimator for the rest of a recording of this rig, of which so much was learnt; self is a new one."""
         return self._with(learnt) if learnt.frames else self
 
-    def after_free_frames(self, several: Sequence[Measured]) -> ContactEstimator:
-        """The estimator for the rig as it is now: its drift is learnt from the free ones of some frames."""
+    def after_free_frames(self, several: Sequence[Measured]) -> Generator[None, None, ContactEstimator]:
+        """The estimator for the rig as it is now: its drift is learnt from the free ones of some frames, in steps."""
         time_s = max(each.time_s for each in several)
         if not self.drift.due(time_s):
             return self
-        learnt = self.drift.later(time_s).learn(Batch.of(several), time_s)
+        learnt = yield from self.drift.later(time_s).learn(Batch.of(several), time_s)
         return self if learnt.frames == self.drift.frames else self._with(learnt)
 
     def at(self, time_s: float) -> ContactEstimator:
@@ -285,7 +286,7 @@ class Batches:
         self, several: list[Measured], now: ContactEstimator | None = None
     ) -> list[tuple[ContactEstimator, list[Measured]]]:
         """Those that are ready; `now` : what others have learnt of the rig from the same frames."""
-        self.now = self.now.after_free_frames(several) if now is None else now
+        self.now = last(self.now.after_free_frames(several)) if now is None else now
         self._waiting.append(several)
         self._patient = self._patient and self.now.drift.frames == 0 and len(self._waiting) * STREAM < AFRESH
         return [] if self._patient else self.finish()
@@ -320,8 +321,8 @@ class ContactStream:
     when they come.
 
     live : each frame is answered as it comes, from those before it; else `STREAM` at a time, as a recording's.
-    at_once : frames that one `push` solves at most, so that none takes long; by default all that are due. The contacts
-        are the same.
+    at_once : frames that one `push` solves, or gives the contacts of, at most, so that none takes long; by default all
+        that are due. The contacts are the same.
     beside : another stream of the same frames, which learns how the rig has changed for this one, too.
     """
 
@@ -338,8 +339,7 @@ class ContactStream:
         self._batches = Batches(estimator, not live)
         self._search, self._motion = Search(estimator.rig), MotionCheck(Beam.of(estimator.rig), live)
         self._coming: list[Measured] = []
-        self._ready: deque[tuple[ContactEstimator, list[Measured]]] = deque()
-        self._solving: Generator[None, None, MovingContacts] | None = None
+        self._work: deque[Generator[list[Contact] | None, None, None]] = deque()
 
     @property
     def drift(self) -> LearntRig:
@@ -351,35 +351,50 @@ class ContactStream:
         self._coming.append(measured)
         if len(self._coming) == self._size:
             self._take()
-        return self._solved(self._at_once)
+        return self._worked(self._at_once)
 
     def finish(self) -> Iterator[Contact]:
         """The contacts of all frames that still wait; nothing comes after them."""
         if self._coming:
             self._take()
-        self._ready.extend(self._batches.finish())
-        yield from self._solved(None)
+        yield from self._worked(None)
+        self._work.append(self._solved(self._batches.finish()))
+        yield from self._worked(None)
         yield from self._motion.finish()
 
     def _take(self) -> None:
         """What came is one batch."""
-        now = None if self._beside is None else self._beside._batches.now
-        self._ready.extend(self._batches.push(self._coming, now))
-        self._estimator.drift = self.drift
+        self._work.append(self._taken(self._coming))
         self._coming = []
 
-    def _solved(self, at_once: int | None) -> Iterator[Contact]:
-        """The contacts of batches that are solved, after a step of the work or, without `at_once`, all of it."""
-        while self._solving is not None or self._ready:
-            if self._solving is None:
-                self._solving = self._search.solve(*self._ready.popleft(), CHUNK if at_once is None else at_once)
-            try:
-                next(self._solving)
-            except StopIteration as done:
-                self._solving = None
-                yield from self._motion.push(done.value)
-            if at_once is not None:
-                return
+    def _worked(self, at_once: int | None) -> Iterator[Contact]:
+        """The contacts that a step of the work gives or, without `at_once`, all of it."""
+        while self._work:
+            for contacts in self._work[0]:
+                yield from contacts or ()
+                if at_once is not None:
+                    return
+            self._work.popleft()
+
+    def _taken(self, several: list[Measured]) -> Generator[list[Contact] | None, None, None]:
+        """The work that a batch makes, in steps, some of which give contacts."""
+        if self._beside is None:
+            now = yield from self._batches.now.after_free_frames(several)
+        else:
+            now = self._beside._batches.now
+        ready = self._batches.push(several, now)
+        self._estimator.drift = self.drift
+        yield from self._solved(ready)
+
+    def _solved(
+        self, ready: list[tuple[ContactEstimator, list[Measured]]]
+    ) -> Generator[list[Contact] | None, None, None]:
+        most = CHUNK if self._at_once is None else self._at_once
+        for now, several in ready:
+            found = yield from self._search.solve(now, several, most)
+            contacts = self._motion.push(found)
+            while part := list(islice(contacts, most)):
+                yield part
 
 
 def last(parts: Generator[None, None, _T]) -> _T:

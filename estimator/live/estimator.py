@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from time import perf_counter
 from typing import Any
 
@@ -22,14 +22,15 @@ from estimator.contact.recording import (
     first_look,
     frame_contact,
     gravity,
+    measured_points,
 )
 from estimator.table.contacts import ContactRow
-from vbaa_calib.detect.whisker.antenna import free_curve, pixels
+from vbaa_calib.detect.whisker.antenna import free_curve, pixels, width_px
 from vbaa_calib.session import Frame
 from vbaa_calib.streams import Reading, Synchronizer, Taken
 from vbaa_calib.streams.synchronize import Synchronized
 
-FINAL_AT_ONCE = 8
+FINAL_AT_ONCE = 4
 """Frames whose final contacts are worked out with one picture: few enough that it is hardly late."""
 
 
@@ -89,13 +90,18 @@ class LiveEstimator:
         rig = self.estimator.rig
         frame = Frame(None, 0.0, 0.0, rig.moment_sensor.offset_Nm, frame=0, time_s=0.0)
         free = free_curve(rig.antenna.parameters, rig.antenna.length_m, gravity(rig, frame)).points_m[0]
-        line = pixels(rig.camera, rig.T_antenna_camera.inverse(), free)
-        width, height = rig.camera.image_size
-        picture = np.full((height, width), 128, np.uint8)
-        cv2.polylines(picture, [np.rint(line[np.isfinite(line).all(axis=1)]).astype(np.int32)], False, 250, 3)
-        first = first_look(self.estimator, frame, picture)
-        (seen,) = detect_again(self.estimator, [replace(first, line=first.line.with_verdict("ok", ""))])
-        self.estimator.measure(seen.measured)
+        T_camera_antenna = rig.T_antenna_camera.inverse()
+        line = pixels(rig.camera, T_camera_antenna, free)
+        thick = max(1, round(width_px(rig.camera, T_camera_antenna, free, rig.antenna.diameter_m)))
+        picture = np.random.default_rng(0).normal(110.0, 2.0, rig.camera.image_size[::-1]).astype(np.uint8)
+        cv2.polylines(picture, [np.rint(line).astype(np.int32)], False, 180, thick, cv2.LINE_AA)
+        picture = 255 - picture if rig.image.bright is False else picture
+        (seen,) = detect_again(self.estimator, [first_look(self.estimator, frame, picture)])
+        ready = measured_points(rig, frame, {0: np.column_stack([line, np.full(len(line), np.nan)])})
+        trial = ContactEstimator(rig, self.estimator.model, friction=self.estimator.friction_rad, jobs=1)
+        trial.rough([ready])
+        for contact in trial.run([ready] * 3, live=True):
+            ContactRow.of(frame, frame_contact(frame, seen, contact).contact)
 
     def push(self, message: Taken | Reading | None) -> Iterator[LiveContact]:
         """The contacts that are there with a picture or a reading; None: some time has passed, see `tick`."""

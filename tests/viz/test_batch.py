@@ -90,9 +90,8 @@ def summary(results: Results) -> dict[str, dict[str, str]]:
 
 
 def serial(path: Path, rig_file: Path, output: Path) -> pyarrow.Table:
-    """As `vbaa estimate` makes them: by a process that has done nothing else, as the workers are."""
-    words = ["estimate", str(path), "--rig", str(rig_file), "-o", str(output), "--no-report"]
-    subprocess.run([sys.executable, "-m", "vbaa_calib", *words], check=True, capture_output=True)
+    """As `vbaa estimate` makes them, in a process that has done other things, as the workers have not."""
+    assert main(["estimate", str(path), "--rig", str(rig_file), "-o", str(output), "--no-report"]) == 0
     return read_table(output)
 
 

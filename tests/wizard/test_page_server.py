@@ -15,7 +15,7 @@ from urllib.parse import urlsplit
 import pytest
 
 from vbaa_calib.wizard import server as module
-from vbaa_calib.wizard.server import BODY_LIMIT, PageCommand, PageServer
+from vbaa_calib.wizard.server import BODY_LIMIT, FILES, PageCommand, PageServer
 
 from .page_client import ask, command, cookie, jpeg, raw, state, token
 

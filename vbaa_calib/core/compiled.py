@@ -10,10 +10,12 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache
+from pathlib import Path
 from typing import Any, TypeVar, cast, dataclass_transform
 
 import numba
 import numpy as np
+from llvmlite.binding import Linkage, parse_assembly
 from numba.core import types
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
@@ -28,6 +30,8 @@ _FAST = {"contract", "reassoc", "nsz", "arcp"}
 """Freedoms in the order of sums and products. NaN and infinity keep their meaning: they mark what is not known."""
 
 
+_OWN = zlib.crc32(Path(__file__).read_bytes())
+
 _PIECE = 16
 """Items that a thread takes at once."""
 
@@ -35,8 +39,23 @@ _PIECE = 16
 class _Whole(JITCodeLibrary):
     """Machine code of a kernel and of all that it calls: optimised and translated once.
 
-    By itself numba does both for each function with all that it calls, level by level: three quarters of the time.
+    By itself numba does both for each function with all that it calls, level by level: three quarters of the time. And
+    it leaves those functions to be shared between kernels: a kernel would run the code of whichever was loaded first,
+    optimised for that one, and differ in the last digits. Here each kernel has its own.
     """
+
+    def _optimize_final_module(self) -> None:
+        for function in self._final_module.functions:
+            if not function.is_declaration and function.linkage != Linkage.external:
+                function.linkage = Linkage.internal
+        super()._optimize_final_module()
+
+    def serialize_using_object_code(self) -> tuple[str, str, tuple[bytes, bytes]]:
+        """Without the code for other kernels to build on, which would take most of the time of loading it."""
+        name, kind, (machine_code, _) = super().serialize_using_object_code()
+        entries = (each.name for each in self.get_defined_functions() if each.linkage == Linkage.external)
+        names = "\n".join(f'define void @"{each}"() {{ unreachable }}' for each in entries)
+        return name, kind, (machine_code, parse_assembly(names).as_bitcode())
 
     def add_linking_library(self, library: Any) -> None:
         if library not in self._linking_libraries:
@@ -88,8 +107,14 @@ def kernel(function: _F) -> _F:
     interpreter's lock is released. The plain function stays as `py_func`.
     """
     made = _compiled(function, pipeline_class=_WholeCompiler)
+    if made is function:
+        return function
+    # what calls it is compiled with its own copy of it
+    within = cache(lambda: compiled(function))
+    made.get_call_template = lambda args, kws: cast(Any, within()).get_call_template(args, kws)
+    made.get_overload = lambda signature: cast(Any, within()).get_overload(signature)
     # what is made for one kernel is kept with that kernel's code
-    if "<locals>" not in function.__qualname__ and hasattr(made, "stamp") and _kept(made):
+    if "<locals>" not in function.__qualname__ and _kept(made):
         # numba compares the function's own file alone: after a change in a function that it calls, old code would run
         made._cache._cache_file._source_stamp = made.stamp
     return cast(_F, made)
@@ -177,4 +202,4 @@ def _stamp(function: Callable[..., Any]) -> tuple[Any, ...]:
             used.append((name, zlib.crc32(value.tobytes())))
         elif getattr(value, "stamp", None) and value.__module__ != own:
             used.append((name, zlib.crc32(repr(value.stamp).encode())))
-    return file.st_mtime, file.st_size, *used
+    return _OWN, file.st_mtime, file.st_size, *used

@@ -11,6 +11,7 @@ import numpy as np
 from scipy.linalg import eigh
 
 from vbaa_calib.core import smooth
+from vbaa_calib.core.compiled import kernel
 from vbaa_calib.core.polyline import arc_lengths, beside
 from vbaa_calib.core.robust import MAD_SCALE
 
@@ -171,8 +172,9 @@ def _sampled(image: np.ndarray, points: np.ndarray, aside: float) -> np.ndarray:
 
 def _colours(image: np.ndarray, points: np.ndarray) -> np.ndarray:
     """(N, 3) colours at points, grey levels of 8 bits whatever the picture's depth; grey is three times one."""
-    colours = _sampled(image, points, 0.0) / (257.0 if image.dtype == np.uint16 else 1.0)
-    return np.broadcast_to(colours, (len(colours), 3))
+    at = np.clip(np.rint(points).astype(int), 0, [image.shape[1] - 1, image.shape[0] - 1])
+    colours = image[at[:, 1], at[:, 0]] / (257.0 if image.dtype == np.uint16 else 1.0)
+    return colours[:, :3] if image.ndim == 3 else np.broadcast_to(colours[:, None], (len(colours), 3))
 
 
 Looks = tuple[tuple[float, float, float, float], ...]
@@ -211,20 +213,10 @@ def without_other_things(image: np.ndarray, line: Centreline, looks: Looks | Non
     """
     if looks is None or not line.found:
         return line
-    share, colours, table = _shares(line), _colours(image, line.points_px), np.array(looks)
+    table = np.array(looks)
     if image.ndim == 2 and np.ptp(table[:, :3], axis=1).max() > LEAST_SPREAD[1]:
         return line  # a grey picture does not show the colour
-    place = (np.arange(PLACES) + 0.5) / PLACES
-    usual = np.stack([np.interp(share, place, column) for column in table.T], axis=1)
-    usual, spread = usual[:, :-1], usual[:, -1]
-    root, light = share < ROOT, 1.0
-    if root.sum() >= LEAST_POINTS:
-        ratio = (colours * usual)[root].sum(axis=1) / np.maximum((usual**2)[root].sum(axis=1), 1e-9)
-        light = float(np.clip(np.median(ratio), *LIGHT))
-    off = np.stack([smooth.running_mean(column, RUN, smooth.END_VALUE) for column in (colours - light * usual).T])
-    other = np.linalg.norm(off, axis=0) > FOREIGN * light * spread
-    # a run's mean blends what lies before and after its middle
-    other = cv2.dilate(other.astype(np.uint8), np.ones((RUN, 1), np.uint8)).ravel() > 0
+    other = _foreign(np.ascontiguousarray(_colours(image, line.points_px)), _shares(line), table)
     if not other.any():
         return line
     own, last = ~other, len(other) - 1 - int(np.argmax(other[::-1]))
@@ -245,6 +237,32 @@ def without_other_things(image: np.ndarray, line: Centreline, looks: Looks | Non
         share_seen = f"{100 * shorter.seen:.0f} % of its length"
         return shorter.with_verdict("too_little", f"most of the line has not the antenna's look ({share_seen} has)")
     return shorter
+
+
+@kernel
+def _foreign(colours: np.ndarray, shares: np.ndarray, looks: np.ndarray) -> np.ndarray:
+    """(N,) bool, points of a line, colours (N, 3) at shares (N,) of its length, that have not the looks (PLACES, 4)."""
+    count, places = len(shares), (np.arange(PLACES) + 0.5) / PLACES
+    usual = np.empty((4, count))
+    for c in range(4):
+        usual[c] = np.interp(shares, places, looks[:, c].copy())
+    root, near = np.empty(count), 0
+    for n in range(count):
+        if shares[n] < ROOT:
+            across, own = 0.0, 1e-9
+            for c in range(3):
+                across, own = across + colours[n, c] * usual[c, n], own + usual[c, n] ** 2
+            root[near], near = across / own, near + 1
+    light = 1.0 if near < LEAST_POINTS else min(max(np.median(root[:near]), LIGHT[0]), LIGHT[1])
+    off = np.zeros(count)
+    for c in range(3):
+        off += smooth.running_mean(colours[:, c] - light * usual[c], RUN, smooth.END_VALUE) ** 2
+    other = np.zeros(count, np.bool_)
+    for n in range(count):
+        if off[n] > (FOREIGN * light * usual[3, n]) ** 2:
+            # a run's mean blends what lies before and after its middle
+            other[max(n - RUN // 2, 0) : n + RUN // 2 + 1] = True
+    return other
 
 
 def _shares(line: Centreline) -> np.ndarray:
