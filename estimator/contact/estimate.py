@@ -219,7 +219,13 @@ class ContactEstimator:
             if len(rows):
                 found.put(begin + rows, self._fitted(part[rows], frames.select(rows), beam))
         assert found is not None
-        return contacts_of(found, self._rig_arrays.rig, self.friction_rad, batch.pan_rad, batch.tilt_rad, self.model)
+        contacts = contacts_of(
+            found, self._rig_arrays.rig, self.friction_rad, batch.pan_rad, batch.tilt_rad, self.model
+        )
+        weights = batch.weights(self._rig_arrays)
+        if weights is None:
+            return contacts
+        return replace(contacts, moment_residual_Nm=contacts.moment_residual_Nm / weights[:, 0])
 
     def _fitted(self, batch: Batch, frames: Frames, beam: Beam | None) -> FitNumbers:
         """The fits of frames with enough points; what does not fit is looked at again."""

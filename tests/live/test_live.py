@@ -220,7 +220,7 @@ HOSTILE = {
     "no readings": ("estimate", "RIG", "--rig", "RIG", "-o", "OUT"),
     "nothing named": ("estimate", "--rig", "RIG", "-o", "OUT"),
     "both named": ("estimate", "a", "--centrelines", "b", "--rig", "RIG", "-o", "OUT"),
-    "parquet": ("live", "RIG", "-", "-o", "OUT.parquet"),
+    "format": ("live", "RIG", "-", "-o", "OUT.xlsx"),
     "role": ("live", "RIG", "none.mcap", "--topic", "eyes=/x"),
     "gap": ("live", "RIG", "none.mcap", "--gap", "nan"),
     "udp": ("live", "RIG", "-", "--udp", "here"),

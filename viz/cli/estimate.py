@@ -99,6 +99,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if (args.session is None) == (args.centrelines is None):
         remedy = "give a session, a bag or a video, or --centrelines"
         raise InputError("what is to be estimated is not named, or twice", where="vbaa estimate", remedy=remedy)
+    if args.clock_offset != "0" and (args.session is None or _is_session(args.session)):
+        remedy = "leave it out: here every reading stands beside its picture"
+        raise InputError("--clock-offset is for a bag, a video or a table of pictures", remedy=remedy)
     inputs = (args.rig, args.background, args.readings, args.centrelines, args.session)
     refuse_overwrite(args.output, args.force, [each for each in inputs if each is None or not each.is_dir()])
     if args.session is not None:
@@ -260,9 +263,10 @@ def _without_session(args: argparse.Namespace, rig: Rig) -> tuple[ContactEstimat
     if args.background == AUTO:
         raise InputError("--background auto", where="vbaa estimate", remedy="give a picture without the antenna")
     ground, words = surroundings(estimator.rig, args.background, list)
-    source = streams.recorded(args, args.session, estimator.rig)
-    synchronizer = Synchronizer(streams.timing_of(args), source.channels, estimator.rig.camera.image_size)
-    items = estimate_taken(estimator, streams.taken_frames(source, synchronizer), ground)
+    timing = streams.clocked(args, args.session, estimator, streams.timing_of(args, rig), ground)
+    source = streams.recorded(args, args.session, estimator.rig, timing)
+    synchronizer = Synchronizer(timing, source.channels, estimator.rig.camera.image_size)
+    items = estimate_taken(estimator, streams.taken_frames(source.messages(), synchronizer), ground)
     return estimator, _Recording(
         items, None, ground, words, lambda: [*source.notes, *synchronizer.left_out()], synchronizer.counts
     )

@@ -19,9 +19,11 @@ from . import streams
 from .estimate import FRICTION_RAD, MODELS
 
 if TYPE_CHECKING:
+    from estimator.contact.estimate import ContactEstimator
+    from estimator.contact.recording import Ground
     from estimator.live import LiveContact, LiveEstimator
     from vbaa_calib.rig import Rig
-    from vbaa_calib.streams import Source
+    from vbaa_calib.streams import Source, Timing
 
 _LATENCIES = 100_000
 """Of so many of the last frames the latency's quantiles are told."""
@@ -36,8 +38,15 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="camera:0, /dev/video0, rtsp://host/path, a folder that fills up, a ROS bag, an .mcap, a video, a table "
         "of pictures, or - for JSON lines on standard input",
     )
-    parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="contacts.csv, which grows as contacts come")
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        metavar="FILE",
+        help="contacts.csv, which grows as contacts come; contacts.parquet grows as a .csv and is written at the end",
+    )
     parser.add_argument("--lines", action="store_true", help="contacts as JSON lines on standard output")
+    parser.add_argument("--udp-out", metavar="[HOST:]PORT", help="where contacts are sent as JSON lines, by UDP")
     parser.add_argument("--bag", type=Path, metavar="FILE", help="contacts as ROS messages, in an .mcap file or a bag")
     parser.add_argument(
         "--rerun",
@@ -91,12 +100,13 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     rig = Rig.load(args.rig)
     rig = rig if args.drift is None else replace(rig, drift=DRIFTS[args.drift])
     estimator = ContactEstimator(rig, args.model, friction=args.friction, jobs=1)
-    timing = streams.timing_of(args)
+    timing = streams.timing_of(args, rig)
     ground, words = surroundings(rig, args.background, list)
     if words:
         say(f"background: {words}")
     with ExitStack() as stack:
-        source = _source(args, rig)
+        timing = _clocked(args, estimator, timing, ground)
+        source = _source(args, rig, timing)
         sinks = _sinks(args, stack)
         synchronizer = Synchronizer(timing, source.channels, rig.camera.image_size)
         live = LiveEstimator(estimator, synchronizer, ground, final=not args.no_final)
@@ -107,7 +117,19 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     return monitor.summary(args)
 
 
-def _source(args: argparse.Namespace, rig: Rig) -> Source:
+def _clocked(args: argparse.Namespace, estimator: ContactEstimator, timing: Timing, ground: Ground | None) -> Timing:
+    """With the clocks' offset. Raises InputError where it cannot be estimated."""
+    from vbaa_calib.core.errors import InputError
+    from vbaa_calib.streams.open import is_recorded
+
+    path = Path(args.source)
+    if args.clock_offset == streams.ESTIMATE and (args.source == "-" or not is_recorded(path)):
+        remedy = "estimate it from a recording of the same rig (vbaa estimate says it), then state it"
+        raise InputError("--clock-offset estimate needs a recording", where="vbaa live", remedy=remedy)
+    return streams.clocked(args, path, estimator, timing, ground)
+
+
+def _source(args: argparse.Namespace, rig: Rig, timing: Timing) -> Source:
     """The source that is named, with its readings. Raises InputError."""
     from vbaa_calib.core.errors import InputError
     from vbaa_calib.streams.devices import udp_socket, with_datagrams
@@ -118,7 +140,7 @@ def _source(args: argparse.Namespace, rig: Rig) -> Source:
         if args.udp is not None:
             remedy = "what was recorded needs readings that were, too: --readings"
             raise InputError("--udp", where="vbaa live", remedy=remedy)
-        return streams.recorded(args, path, rig)
+        return streams.recorded(args, path, rig, timing)
     if args.readings is not None:
         remedy = "readings that come meanwhile: --udp, or standard input"
         raise InputError("--readings is for what was recorded", where="vbaa live", remedy=remedy)
@@ -134,7 +156,7 @@ def _source(args: argparse.Namespace, rig: Rig) -> Source:
 
 def _sinks(args: argparse.Namespace, stack: ExitStack) -> list[_Sink]:
     """Where contacts go; all are closed with the stack, whole. Raises InputError for a file in the way."""
-    from estimator.live.outputs import ContactBag, GrowingTable
+    from estimator.live.outputs import ContactBag, Datagrams, GrowingTable
     from vbaa_calib.core.errors import InputError
     from vbaa_calib.streams.bag_of_session import refuse_bag
 
@@ -150,11 +172,13 @@ def _sinks(args: argparse.Namespace, stack: ExitStack) -> list[_Sink]:
         refuse_log(args.rerun, args.force)
     sinks: list[_Sink] = []
     if args.output is not None:
-        sinks.append(GrowingTable(args.output, args.force))
+        sinks.append(GrowingTable(args.output, args.force, final=not args.no_final))
     if args.bag is not None:
         sinks.append(ContactBag(args.bag))
     if args.lines:
         sinks.append(_Lines())
+    if args.udp_out is not None:
+        sinks.append(Datagrams(args.udp_out))
     if args.rerun is not None:
         sinks.append(RerunLog(args.rerun, args.force))
     for sink in sinks:
