@@ -23,7 +23,7 @@ from vbaa_calib.rig import Rig
 from vbaa_calib.session import DRIFTS
 
 from .contacts import Contacts, MotionCheck, MovingContacts, contacts_of, moving
-from .drift import RENEWED_S, LearntRig
+from .drift import LearntRig
 from .inputs import Batch, Values
 from .motion import Beam
 from .status import CONTACT_EVIDENCE, FEWEST_POINTS, ODD_END, unexplained
@@ -158,7 +158,7 @@ class ContactEstimator:
 
     def at(self, time_s: float) -> ContactEstimator:
         """The estimator for the rig as it may be some time after its last free frames, or was before them."""
-        return self._with(self.drift.later(time_s)) if abs(time_s - self.drift.time_s) > RENEWED_S else self
+        return self._with(self.drift.later(time_s)) if abs(time_s - self.drift.time_s) > self.drift.renewed_s else self
 
     def _with(self, learnt: LearntRig) -> ContactEstimator:
         later = ContactEstimator(learnt.now, self.model, friction=self.friction_rad, jobs=self.jobs)

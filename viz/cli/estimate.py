@@ -7,7 +7,7 @@ import math
 from array import array
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -62,6 +62,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--drift",
         choices=DRIFTS,
         help="what may have changed since the calibration (default: as session.yaml says, else as rig.json does)",
+    )
+    parser.add_argument(
+        "--track-zero", action="store_true", help="follow the moment sensor's zero by the free frames as they pass"
     )
     parser.add_argument("--no-moment", action="store_true", help="vision alone: leave the moment readings aside")
     parser.add_argument(
@@ -133,6 +136,7 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None]:
     import numpy as np
 
     from estimator.contact.drift import summary
+    from estimator.contact.watch import DriftWatch
     from estimator.table.contacts import ContactRow
     from estimator.table.files import write_contacts
     from vbaa_calib.core.console import progress, say
@@ -143,6 +147,7 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None]:
     estimator, given = recording(args, rig)
     if given.words:
         say(f"background: {given.words}")
+    watch = DriftWatch(estimator.rig)
     statuses, models, std_m = Counter[str](), Counter[str](), array("d")  # all that is kept of the rows
 
     def rows() -> Iterator[ContactRow]:
@@ -154,6 +159,8 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None]:
 
                 found = stack.enter_context(overlaid(found, estimator, args.overlay, args.force))
             for item in found:
+                for change in watch.push(item.frame.frame, item.measured):
+                    say(f"warning, frame {change.frame}: {change.words}")
                 row = ContactRow.of(item.frame, item.contact)
                 statuses[row.status] += 1
                 models[row.model] += 1
@@ -189,6 +196,7 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None]:
         "models": dict(models),
         "distance_std_median_m": located,
         "drift": changed,
+        "changes": [asdict(change) for change in watch.changes],
         "background": given.words or None,
         "stream": dict(given.counts) or None,
     }
@@ -218,7 +226,8 @@ def _estimator(args: argparse.Namespace, rig: Rig, drift: Drift | None) -> Conta
     from vbaa_calib.session import DRIFTS
 
     drift = drift if args.drift is None else DRIFTS[args.drift]
-    rig = rig if drift is None else replace(rig, drift=drift)
+    drift = rig.drift if drift is None else drift
+    rig = replace(rig, drift=drift.tracking_zero() if args.track_zero else drift)
     return ContactEstimator(rig, args.model, friction=args.friction, jobs=args.jobs)
 
 

@@ -11,7 +11,7 @@ import time
 from collections import Counter, deque
 from collections.abc import Iterator
 from contextlib import ExitStack, closing, contextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -21,6 +21,7 @@ from .estimate import FRICTION_RAD, MODELS
 if TYPE_CHECKING:
     from estimator.contact.estimate import ContactEstimator
     from estimator.contact.recording import Ground
+    from estimator.contact.watch import Change
     from estimator.live import LiveContact, LiveEstimator
     from vbaa_calib.rig import Rig
     from vbaa_calib.streams import Source, Timing
@@ -61,6 +62,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--friction", type=float, default=FRICTION_RAD, metavar="RAD", help="as in `vbaa estimate` (default: 0.2)"
     )
     parser.add_argument("--drift", choices=("none", "lab", "rough"), help="what may have changed since the calibration")
+    parser.add_argument(
+        "--track-zero", action="store_true", help="follow the moment sensor's zero by the free frames as they pass"
+    )
     parser.add_argument("--no-moment", action="store_true", help="vision alone")
     parser.add_argument("--background", type=Path, metavar="IMAGE", help="the same view without the antenna")
     parser.add_argument("--no-final", action="store_true", help="only what is known at once, in half the solver's time")
@@ -98,7 +102,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if args.lines and args.json:
         raise InputError("--lines and --json", where="vbaa live", remedy="give one of them: both write to stdout")
     rig = Rig.load(args.rig)
-    rig = rig if args.drift is None else replace(rig, drift=DRIFTS[args.drift])
+    drift = rig.drift if args.drift is None else DRIFTS[args.drift]
+    rig = replace(rig, drift=drift.tracking_zero() if args.track_zero else drift)
     estimator = ContactEstimator(rig, args.model, friction=args.friction, jobs=1)
     timing = streams.timing_of(args, rig)
     ground, words = surroundings(rig, args.background, list)
@@ -260,6 +265,17 @@ class _Monitor:
     at_once: dict[int, str] = field(default_factory=dict)
     drift: dict[str, Any] = field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        from estimator.contact.watch import DriftWatch
+
+        self.watch = DriftWatch(self.live.estimator.rig)
+
+    def _say(self, changes: list[Change]) -> None:
+        from vbaa_calib.core.console import say
+
+        for change in changes:
+            say(f"warning, frame {change.frame}: {change.words}")
+
     def write(self, contact: LiveContact) -> None:
         row = contact.row
         if contact.final:
@@ -270,6 +286,7 @@ class _Monitor:
         if self.live.final:
             self.at_once[row.frame] = row.status
         self._watch(row.frame)
+        self._say(self.watch.push(row.frame, contact.item.measured))
         now_s = time.monotonic()
         if now_s >= self.next_s and sys.stderr is not None and sys.stderr.isatty():
             self.next_s = now_s + _SHOWN_S
@@ -346,5 +363,6 @@ class _Monitor:
             "latency_p99_s": late if frames else None,
             "stream": dict(synchronizer.counts),
             "drift": self.drift,
+            "changes": [asdict(change) for change in self.watch.changes],
             "notes": list(self.source.notes),
         }
