@@ -315,6 +315,21 @@ def detected(
     return detections(estimator, _in_order(firsts, earlier))
 
 
+def detected_taken(
+    estimator: ContactEstimator, taken: Iterable[tuple[Frame, np.ndarray]], ground: Ground | None = None
+) -> Iterator[tuple[Frame, Detection]]:
+    """What is seen in pictures (H, W[, 3]) that come with their frames, in order."""
+    frames: deque[Frame] = deque()
+
+    def noted() -> Iterator[tuple[Frame, np.ndarray]]:
+        for frame, image in taken:
+            frames.append(frame)
+            yield frame, image
+
+    for seen in detections(estimator, _in_order(first_looks(estimator, noted(), ground))):
+        yield frames.popleft(), seen
+
+
 def estimate_picture(estimator: ContactEstimator, frame: Frame, ground: Ground | None = None) -> FrameContact:
     """One frame from its picture, as `estimate_pictures` does it but for its motion."""
     return next(estimate_pictures(estimator, [frame], ground))

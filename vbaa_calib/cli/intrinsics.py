@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from vbaa_calib.core.console import say
@@ -19,7 +22,12 @@ MODELS = ("auto", "none", "radial", "opencv4", "opencv5", "rational", "thin", "t
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("images", type=Path, help="folder of photos of the board in many poses")
+    parser.add_argument(
+        "images", type=Path, help="folder of photos of the board in many poses; or a video or bag that shows them"
+    )
+    parser.add_argument(
+        "--topic", metavar="ROLE=NAME", default="", help="of a bag with several topics of pictures: image=NAME"
+    )
     parser.add_argument("-o", "--output", type=Path, required=True, help="camera.json to write")
     board = parser.add_argument_group("board, by a file or by flags; lengths in metres")
     board.add_argument("--board", type=Path, metavar="FILE", help="board.yaml, or a session.yaml")
@@ -91,6 +99,42 @@ def _board(args: argparse.Namespace) -> Board:
         given["columns"], given["rows"] = counts(args.circles, "--circles", _VERB)
         given["type"] = "asymmetric_circles" if args.asymmetric else "circles"
     return board_from(given, _VERB)
+
+
+VIEWS = 60
+"""Of a video or bag so many views are taken at most."""
+
+
+@contextmanager
+def folder_of(args: argparse.Namespace) -> Iterator[None]:
+    """`args.images` as a folder: of a video or bag its sharp and different pictures. Raises InputError."""
+    from vbaa_calib.streams.bags import Topics
+    from vbaa_calib.streams.open import is_recorded
+    from vbaa_calib.streams.pictures import unpack_views
+
+    given = args.images
+    if not is_recorded(given):
+        if args.topic:
+            raise InputError("--topic is for a bag", where=_VERB, remedy="leave it out")
+        yield
+        return
+    _board(args)  # refused before any work
+    role, _, topic = args.topic.partition("=")
+    if args.topic and (role != "image" or not topic):
+        raise InputError(
+            f"--topic is {args.topic!r}", where=_VERB, remedy="write it like --topic image=/camera/image_raw"
+        )
+    with TemporaryDirectory(prefix="vbaa-views-") as name:
+        args.images = Path(name)
+        count = unpack_views(given, args.images, Topics(topic), VIEWS)
+        kept = len(list(args.images.iterdir()))
+        if not kept:
+            raise InputError("holds no pictures", where=given, remedy="record the board in many poses")
+        say(f"{kept} of the {count} pictures of {given.name} are sharp and differ")
+        try:
+            yield
+        finally:
+            args.images = given
 
 
 def solve(args: argparse.Namespace) -> tuple[dict[str, Any], LensSolution, list[BoardView], Board]:

@@ -9,16 +9,20 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from . import streams
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from estimator.contact.estimate import ContactEstimator
     from estimator.contact.recording import FrameContact, Ground
     from estimator.table.contacts import ContactRow
     from vbaa_calib.rig import Rig
     from vbaa_calib.session import Drift, Frame
+    from vbaa_calib.streams import Source, Synchronizer
 
 MODELS = ("auto", "paper", "linear", "elastica", "rod")
 """auto and `vbaa_calib.antenna.rungs.RUNGS`, which is not imported for the sake of a quick --help."""
@@ -144,6 +148,8 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None]:
 
     rig = Rig.load(args.rig)
     recording = _from_session if args.session is not None and _is_session(args.session) else _without_session
+    unpacking = TemporaryDirectory(prefix="vbaa-overlay-")  # gone with this call
+    args.unpacked = Path(unpacking.name)
     estimator, given = recording(args, rig)
     if given.words:
         say(f"background: {given.words}")
@@ -161,6 +167,8 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None]:
             for item in found:
                 for change in watch.push(item.frame.frame, item.measured):
                     say(f"warning, frame {change.frame}: {change.words}")
+                if item.frame.image is not None and item.frame.image.parent == args.unpacked:
+                    item.frame.image.unlink()
                 row = ContactRow.of(item.frame, item.contact)
                 statuses[row.status] += 1
                 models[row.model] += 1
@@ -241,24 +249,21 @@ def _from_session(args: argparse.Namespace, rig: Rig) -> tuple[ContactEstimator,
         what = "--readings belongs to a bag, a video or --centrelines"
         raise InputError(what, where="vbaa estimate", remedy="a session's readings are in recording/recording.csv")
     source = open_source(args.session, rig, args.no_moment)
-    estimator = _estimator(args, rig, source.session.drift)
+    estimator = _estimator(args, rig, source.drift)
     if not args.no_moment:
         _say_silent(source.frames, rig)
-    ground, words = surroundings(estimator.rig, args.background, lambda: source.stills(rig))
+    ground, words = surroundings(estimator.rig, args.background, lambda: source.stills(rig, Path()))
     return estimator, _Recording(estimate_source(estimator, source, ground), len(source.frames), ground, words)
 
 
 def _without_session(args: argparse.Namespace, rig: Rig) -> tuple[ContactEstimator, _Recording]:
     """A bag, a video, a table of pictures, or centrelines. Raises InputError."""
     from estimator.contact.recording import estimate_centrelines, estimate_taken
-    from estimator.contact.source import without_moments
-    from estimator.contact.surroundings import AUTO, surroundings
+    from estimator.contact.source import some_stills, unpacked, without_moments
+    from estimator.contact.surroundings import surroundings
     from vbaa_calib.core.errors import InputError
     from vbaa_calib.streams import Synchronizer
 
-    if args.overlay is not None and args.session is not None:
-        what, remedy = "--overlay is for a session's recording", "leave it out; vbaa look shows single pictures"
-        raise InputError(what, where="vbaa estimate", remedy=remedy)
     estimator = _estimator(args, rig, None)
     if args.centrelines is not None:
         if args.background is not None:
@@ -269,13 +274,20 @@ def _without_session(args: argparse.Namespace, rig: Rig) -> tuple[ContactEstimat
         else:
             _say_silent(frames, rig)
         return estimator, _Recording(estimate_centrelines(estimator, frames, lines), len(frames), None)
-    if args.background == AUTO:
-        raise InputError("--background auto", where="vbaa estimate", remedy="give a picture without the antenna")
-    ground, words = surroundings(estimator.rig, args.background, list)
-    timing = streams.clocked(args, args.session, estimator, streams.timing_of(args, rig), ground)
-    source = streams.recorded(args, args.session, estimator.rig, timing)
-    synchronizer = Synchronizer(timing, source.channels, estimator.rig.camera.image_size)
-    items = estimate_taken(estimator, streams.taken_frames(source.messages(), synchronizer), ground)
+    timing = streams.timing_of(args, rig)
+
+    def opened() -> tuple[Source, Synchronizer, Iterator[tuple[Frame, np.ndarray]]]:
+        source = streams.recorded(args, args.session, estimator.rig, timing)
+        synchronizer = Synchronizer(timing, source.channels, estimator.rig.camera.image_size)
+        return source, synchronizer, streams.taken_frames(source.messages(), synchronizer)
+
+    with TemporaryDirectory(prefix="vbaa-stills-") as folder:
+        ground, words = surroundings(estimator.rig, args.background, lambda: some_stills(opened()[2], Path(folder)))
+    timing = streams.clocked(args, args.session, estimator, timing, ground)
+    source, synchronizer, taken = opened()
+    if args.overlay is not None:
+        taken = unpacked(taken, args.unpacked)
+    items = estimate_taken(estimator, taken, ground)
     return estimator, _Recording(
         items, None, ground, words, lambda: [*source.notes, *synchronizer.left_out()], synchronizer.counts
     )

@@ -20,11 +20,17 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     Raises InputError for pictures, a board or a call that is wrong, or a file in the way.
     """
-    from vbaa_calib.core.files import write_text
     from viz.files.outputs import PAGES, refuse_output
 
     if args.html is not None:
         refuse_output(args.html, PAGES, args.force, [args.board])
+    with lens.folder_of(args):
+        return _solved(args)
+
+
+def _solved(args: argparse.Namespace) -> dict[str, Any]:
+    from vbaa_calib.core.files import write_text
+
     result, solution, views, board = lens.solve(args)
     if args.html is not None:
         from vbaa_calib.core.console import say
