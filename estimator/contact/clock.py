@@ -30,11 +30,12 @@ _FREE = 0.05
 _COARSE_S, _FINER, _ROUNDS = 0.005, 8.0, 3
 _REWEIGHTINGS, _HUBER = 4, 2.0
 _LARGEST_GAP = 5.0  # between readings, in their usual intervals
-_LEAST_EXPLAINED = 0.5
+_LEAST_EXPLAINED = 0.3
+"""At the right offset the bend leaves less than this part unexplained of what it does at others."""
 _LEAST_SIGNAL = 5.0
 """The moment must leave its mean, and what the bend explains of it its noise, by so many deviations."""
-_OTHER = 16.0
-"""In squares of deviations: another offset that fits worse by less may be the right one."""
+_OTHER = 2.0
+"""Another offset that leaves less than so many times as much unexplained may be the right one."""
 
 
 @dataclass(frozen=True)
@@ -135,12 +136,14 @@ def clock_offset(
         if curve > 0.0:
             offset_s += float(np.clip(-0.5 * slope / curve, -3.0 * step_s, 3.0 * step_s))
         step_s = max(step_s / _FINER, 1e-4)
-    found, spread = _judged(windows, readings, offset_s, sensor.std_Nm)
+    found = _judged(windows, readings, offset_s, sensor.std_Nm)
+    if whole[best] > _LEAST_EXPLAINED * min(float(np.median(whole[np.isfinite(whole)])), 1.0):
+        what = f"at no offset within {FARTHEST_S:g} s does the moment follow the bend that the pictures show"
+        raise _refused(f"{what}; is it the moment about the antenna's y?")
     for i in range(1, len(whole) - 1):
         apart = abs(coarse[i] - coarse[best]) > max(5.0 * found.std_s, 10.0 * _COARSE_S)
-        worse = found.frames / spread * (whole[i] / whole[best] - 1.0)
-        if apart and whole[i] <= min(whole[i - 1], whole[i + 1]) and worse < _OTHER:
-            what = f"{coarse[i]:+.2f} s fits as well as {offset_s:+.2f} s, as when a motion repeats itself"
+        if apart and whole[i] <= min(whole[i - 1], whole[i + 1]) and whole[i] < _OTHER * whole[best]:
+            what = f"{coarse[i]:+.2f} s fits about as well as {offset_s:+.2f} s, as when a motion repeats itself"
             raise _refused(what)
     return found
 
@@ -215,9 +218,9 @@ def _cost(
     return np.where(enough, cost / np.maximum(all_of_it, 1e-300), np.inf), weight
 
 
-def _judged(windows: _Windows, readings: _Readings, offset_s: float, noise_Nm: float) -> tuple[ClockOffset, float]:
-    """The offset with its deviation, and by how much neighbours raise the variance. Raises InputError."""
-    cost, weight = _cost(windows, readings, np.array([offset_s]), noise_Nm)
+def _judged(windows: _Windows, readings: _Readings, offset_s: float, noise_Nm: float) -> ClockOffset:
+    """The offset with its deviation. Raises InputError where too little moves."""
+    _, weight = _cost(windows, readings, np.array([offset_s]), noise_Nm)
     by_s = max(readings.step_s, 0.5 * readings.width_s)
     at = windows.times_s - offset_s
     (values, there), (ahead, _), (behind, _) = (readings.at(each) for each in (at, at + by_s, at - by_s))
@@ -225,9 +228,6 @@ def _judged(windows: _Windows, readings: _Readings, offset_s: float, noise_Nm: f
     rows = np.stack([values, rate])
     residual, slope = np.where(there, rows - windows.explained(rows, np.repeat(weight, 2, axis=0)), 0.0)
     count = int(there.sum())
-    if cost[0] > _LEAST_EXPLAINED:
-        what = f"at no offset within {FARTHEST_S:g} s does the moment follow the bend that the pictures show"
-        raise _refused(f"{what}; is it the moment about the antenna's y?")
     score = slope * weight[0] * residual
     by_window = np.add.reduceat(score, windows.begins)
     count_of = len(by_window)
@@ -240,7 +240,7 @@ def _judged(windows: _Windows, readings: _Readings, offset_s: float, noise_Nm: f
     if not std_s <= MOST_STD_S:
         known = f"it is known to {1e3 * std_s:.0f} ms only" if np.isfinite(std_s) else "nothing moves"
         raise _refused(f"{known}: the moment changes too little, or too slowly, while the antenna is seen to bend")
-    return ClockOffset(offset_s, std_s, count), max(variance / max(float(score @ score), 1e-300), 1.0)
+    return ClockOffset(offset_s, std_s, count)
 
 
 def _with_neighbours(score: np.ndarray) -> float:

@@ -15,7 +15,7 @@ from vbaa_calib.core.errors import InputError
 
 from .pressing import WORLD, Motion, pictures, readings
 
-LENGTH_S = 8.0
+LENGTH_S = 7.0
 
 
 def estimator() -> ContactEstimator:
@@ -27,7 +27,7 @@ def recorded(seed: int, picture_Hz: float, reading_Hz: float) -> tuple[list[Meas
     """Pictures, and times and values of readings, all on one clock."""
     rng = np.random.default_rng(seed)
     motion = Motion.drawn(rng, LENGTH_S + 2.0)
-    times_s = np.arange(-1.5, LENGTH_S + 1.5, 1.0 / reading_Hz) + rng.uniform(0.0, 1.0 / reading_Hz)
+    times_s = np.arange(-1.2, LENGTH_S + 1.2, 1.0 / reading_Hz) + rng.uniform(0.0, 1.0 / reading_Hz)
     at = np.arange(0.0, LENGTH_S, 1.0 / picture_Hz)
     return pictures(motion, at, rng), times_s, readings(motion, times_s, rng)
 
@@ -39,7 +39,7 @@ def found(seed: int, offset_s: float, picture_Hz: float = 30.0, reading_Hz: floa
 
 @pytest.mark.parametrize(
     ("offset_s", "picture_Hz", "reading_Hz"),
-    [(0.0, 30.0, 97.0), (0.012, 30.0, 30.0), (-0.08, 30.0, 500.0), (0.4, 15.0, 40.0), (-0.7, 60.0, 25.0)],
+    [(0.0, 30.0, 97.0), (0.012, 30.0, 30.0), (-0.08, 30.0, 210.0), (0.4, 15.0, 40.0), (-0.7, 60.0, 25.0)],
 )
 def test_an_injected_offset_is_found(offset_s: float, picture_Hz: float, reading_Hz: float) -> None:
     """Whatever its size and the rates, also where readings and pictures come in step; and with a useful deviation."""
@@ -66,9 +66,9 @@ def test_what_the_data_do_not_show_is_refused() -> None:
     other = recorded(2, 30.0, 97.0)[2]
     for why, given in {
         "hardly changes": (several, times_s, still(values)),
-        "follow the bend|fits as well|search ends|known to": (several, times_s, other[: len(values)]),
+        "follow the bend|about as well|known to": (several, times_s, other[: len(values)]),
         "hardly overlap": (several, times_s + 100.0, values),
-        "search ends|fits as well|follow the bend|known to": (several, times_s - 1.8 * FARTHEST_S, values),
+        "search ends|about as well|follow the bend": (several, times_s - 1.8 * FARTHEST_S, values),
         "pictures show": (several[:20], times_s, values),
         "readings": (several, times_s[:3], values[:3]),
     }.items():
