@@ -12,7 +12,7 @@ from estimator.solver.frames import Frames
 from estimator.solver.linearised import FreeAntennas, free_antennas
 from estimator.solver.rig_arrays import LINE_ERRORS, RigArrays
 from vbaa_calib.detect.whisker.antenna import free_curve, pixels
-from vbaa_calib.rig import Rig
+from vbaa_calib.rig import RIG_PARAMETERS, Rig
 
 from .inputs import Batch
 
@@ -21,6 +21,8 @@ FREE_GAIN = 5.0
 FEWEST_FREE_POINTS = 20
 _ENOUGH, RENEWED_S = 20, 60.0
 """With so many free frames the rig is known, until so many seconds later."""
+_ZERO_RENEWED_S = 0.5
+_HISTORY = 4000
 _AT_ONCE = 16
 """Free frames that are used together at most."""
 _LINEARISATIONS, _REWEIGHTINGS = 2, 3
@@ -61,7 +63,12 @@ class LearntRig:
 
     def due(self, time_s: float) -> bool:
         """Whether free frames at this time would add information."""
-        return self.calibrated.drift.of_rig and (self.frames < _ENOUGH or time_s > self.time_s + RENEWED_S)
+        return self.calibrated.drift.of_rig and (self.frames < _ENOUGH or time_s > self.time_s + self.renewed_s)
+
+    @property
+    def renewed_s(self) -> float:
+        """After so long there is something to learn again."""
+        return RENEWED_S if self.calibrated.drift.zero_hourly == 0.0 else _ZERO_RENEWED_S
 
     def later(self, time_s: float) -> LearntRig:
         """With what may have changed until a time, or since: a random walk."""
@@ -70,7 +77,11 @@ class LearntRig:
             return self
         wandering = replace(self.now, drift=self.calibrated.drift)
         part = self.calibrated.drift.hourly * np.sqrt(hours)
-        return replace(self, now=_in_covariance(wandering.drifted(min(part, 1.0)), self.now), time_s=time_s)
+        later = wandering.drifted(min(part, 1.0))
+        zero = len(RIG_PARAMETERS) - 1
+        covariance = later.covariance.copy()
+        covariance[zero, zero] += hours * (self.calibrated.drift.zero_hourly * self.now.moment_sensor.std_Nm) ** 2
+        return replace(self, now=_in_covariance(later.with_covariance(covariance), self.now), time_s=time_s)
 
     def learn(self, batch: Batch, time_s: float) -> Generator[None, None, LearntRig]:
         """From frames of which only the free ones are used, if there are any; in steps, as it takes a while."""
@@ -90,7 +101,7 @@ class LearntRig:
         rig, covariance, _ = yield from _posterior(free, now)
         step = rig.step_from(self.calibrated)
         now = rig.with_covariance(covariance)
-        past = (*self.history, (time_s, step, np.sqrt(np.diag(now.covariance))))
+        past = (*self.history[-_HISTORY:], (time_s, step, np.sqrt(np.diag(now.covariance))))
         return LearntRig(self.calibrated, now, self.frames + len(rows), count, own, time_s, step, past)
 
 

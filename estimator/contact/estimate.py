@@ -24,7 +24,7 @@ from vbaa_calib.rig import Rig
 from vbaa_calib.session import DRIFTS
 
 from .contacts import Contacts, MotionCheck, MovingContacts, contacts_of, moving
-from .drift import RENEWED_S, LearntRig
+from .drift import LearntRig
 from .inputs import Batch, Values
 from .motion import Beam
 from .status import CONTACT_EVIDENCE, FEWEST_POINTS, ODD_END, unexplained
@@ -159,7 +159,7 @@ class ContactEstimator:
 
     def at(self, time_s: float) -> ContactEstimator:
         """The estimator for the rig as it may be some time after its last free frames, or was before them."""
-        return self._with(self.drift.later(time_s)) if abs(time_s - self.drift.time_s) > RENEWED_S else self
+        return self._with(self.drift.later(time_s)) if abs(time_s - self.drift.time_s) > self.drift.renewed_s else self
 
     def _with(self, learnt: LearntRig) -> ContactEstimator:
         later = ContactEstimator(learnt.now, self.model, friction=self.friction_rad, jobs=self.jobs)
@@ -220,7 +220,13 @@ class ContactEstimator:
             if len(rows):
                 found.put(begin + rows, self._fitted(part[rows], frames.select(rows), beam))
         assert found is not None
-        return contacts_of(found, self._rig_arrays.rig, self.friction_rad, batch.pan_rad, batch.tilt_rad, self.model)
+        contacts = contacts_of(
+            found, self._rig_arrays.rig, self.friction_rad, batch.pan_rad, batch.tilt_rad, self.model
+        )
+        weights = batch.weights(self._rig_arrays)
+        if weights is None:
+            return contacts
+        return replace(contacts, moment_residual_Nm=contacts.moment_residual_Nm / weights[:, 0])
 
     def _fitted(self, batch: Batch, frames: Frames, beam: Beam | None) -> FitNumbers:
         """The fits of frames with enough points; what does not fit is looked at again."""

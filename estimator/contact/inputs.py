@@ -41,6 +41,7 @@ class Batch:
     tip_px : (B, 3) the antenna's end and its deviation along the antenna; NaN where it is not known.
     pan_rad, tilt_rad : (B,) joint angles.
     start : (B, 4) initial unknowns, NaN where there are none; None without any.
+    errors_Nm : (B, 2) deviations of the readings beside the sensors' noise; None without any.
     """
 
     points_px: np.ndarray
@@ -50,21 +51,30 @@ class Batch:
     pan_rad: np.ndarray
     tilt_rad: np.ndarray
     start: np.ndarray | None = None
+    errors_Nm: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.points_px)
 
     def __getitem__(self, which: slice | np.ndarray) -> Batch:
-        start = None if self.start is None else self.start[which]
+        start, errors = (None if each is None else each[which] for each in (self.start, self.errors_Nm))
         points_px, sigma_px, tip_px = self.points_px[which], self.sigma_px[which], self.tip_px[which]
         angles = self.pan_rad[which], self.tilt_rad[which]
-        return Batch(points_px, sigma_px, self.readings_Nm[which], tip_px, *angles, start)
+        return Batch(points_px, sigma_px, self.readings_Nm[which], tip_px, *angles, start, errors)
+
+    def weights(self, rig_arrays: RigArrays) -> np.ndarray | None:
+        """(B, 2) the sensors' noise by all of the readings' deviation; None where there is nothing but noise."""
+        return None if self.errors_Nm is None else rig_arrays.std / np.hypot(rig_arrays.std, self.errors_Nm)
 
     def frames(self, rig_arrays: RigArrays) -> Frames:
         """As the solver takes them, for one rig."""
         rotation, _ = rig_arrays.rig.kinematics.world_antenna(self.pan_rad, self.tilt_rad)
         gravity = np.einsum("bji,j->bi", rotation, rig_arrays.rig.gravity_world_m_s2)
-        return frames_from_pixels(rig_arrays, self.points_px, self.sigma_px, self.readings_Nm, self.tip_px, gravity)
+        frames = frames_from_pixels(rig_arrays, self.points_px, self.sigma_px, self.readings_Nm, self.tip_px, gravity)
+        weights = self.weights(rig_arrays)
+        if weights is not None:
+            frames.available[:, :2] *= weights  # each residual, and its derivatives, in its own deviations
+        return frames
 
     @staticmethod
     def of(several: Sequence[Measured], warm: np.ndarray | None = None) -> Batch:
@@ -80,7 +90,9 @@ class Batch:
         known = np.isfinite(starts).all(axis=1).any()
         ordered = _in_order(points, sigma)
         tips = np.stack([_end(each.tip_px) for each in several])
-        return Batch(*ordered, numbers[:, :2], tips, numbers[:, 2], numbers[:, 3], starts if known else None)
+        errors = np.array([each.moment_errors_Nm for each in several])
+        angles, start = (numbers[:, 2], numbers[:, 3]), starts if known else None
+        return Batch(*ordered, numbers[:, :2], tips, *angles, start, errors if errors.any() else None)
 
     @staticmethod
     def checked(

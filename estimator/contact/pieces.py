@@ -30,7 +30,7 @@ from .contacts import MotionCheck, MovingContacts
 from .drift import LearntRig
 from .estimate import AFRESH, CHUNK, STREAM, Batches, ContactEstimator, Search, last
 from .motion import Beam
-from .recording import FrameContact, Ground, detected, measured_points
+from .recording import FrameContact, Ground, detected, detected_taken, measured_points
 from .shutter import ShutterCheck
 from .source import Source
 
@@ -55,6 +55,10 @@ class Seen:
 def look(estimator: ContactEstimator, source: Source, piece: slice, ground: Ground | None = None) -> Seen:
     """What a piece of a recording shows. Raises InputError for a picture that cannot be read."""
     frames = source.frames[piece]
+    if source.taken is not None:
+        whole = list(detected_taken(estimator, source.taken(), ground))
+        reasons = [None if each.line.found else each.line.reason for _, each in whole]
+        return Seen([frame for frame, _ in whole], [each.measured for _, each in whole], reasons)
     if source.lines is not None:
         measured = [measured_points(estimator.rig, frame, source.lines) for frame in frames]
         return Seen(frames, measured, [None] * len(frames))

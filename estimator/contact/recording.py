@@ -100,6 +100,7 @@ def _measured(frame: Frame, points_px: np.ndarray, sigma_px: np.ndarray) -> Meas
         frame.tilt_rad,
         moment_z_Nm=frame.moment_z_Nm,
         time_s=frame.time_s,
+        moment_errors_Nm=frame.moment_errors_Nm,
     )
 
 
@@ -265,7 +266,14 @@ def estimate_taken(
     estimator: ContactEstimator, taken: Iterable[tuple[Frame, np.ndarray]], ground: Ground | None = None
 ) -> Iterator[FrameContact]:
     """Every frame from its picture (H, W[, 3]) of the rig's size, in order, in constant memory."""
-    return _estimated(estimator, ((frame, first_look(estimator, frame, image, ground)) for frame, image in taken))
+    return _estimated(estimator, ((each.frame, each) for each in first_looks(estimator, taken, ground)))
+
+
+def first_looks(
+    estimator: ContactEstimator, taken: Iterable[tuple[Frame, np.ndarray]], ground: Ground | None = None
+) -> Iterator[FirstDetection]:
+    """First looks at pictures (H, W[, 3]) of the rig's size."""
+    return (first_look(estimator, frame, image, ground) for frame, image in taken)
 
 
 def _estimated(estimator: ContactEstimator, firsts: Iterable[tuple[Frame, FirstDetection]]) -> Iterator[FrameContact]:
@@ -305,6 +313,21 @@ def detected(
     firsts = (first_detection(estimator, frame, ground) for frame in frames[begin:])
     earlier = (first_detection(estimator, frame, ground) for frame in reversed(frames[:begin]))
     return detections(estimator, _in_order(firsts, earlier))
+
+
+def detected_taken(
+    estimator: ContactEstimator, taken: Iterable[tuple[Frame, np.ndarray]], ground: Ground | None = None
+) -> Iterator[tuple[Frame, Detection]]:
+    """What is seen in pictures (H, W[, 3]) that come with their frames, in order."""
+    frames: deque[Frame] = deque()
+
+    def noted() -> Iterator[tuple[Frame, np.ndarray]]:
+        for frame, image in taken:
+            frames.append(frame)
+            yield frame, image
+
+    for seen in detections(estimator, _in_order(first_looks(estimator, noted(), ground))):
+        yield frames.popleft(), seen
 
 
 def estimate_picture(estimator: ContactEstimator, frame: Frame, ground: Ground | None = None) -> FrameContact:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -15,18 +15,36 @@ from vbaa_calib.core.files import sha256
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import (
     Centrelines,
+    Drift,
     Frame,
     Session,
+    Shutter,
     Still,
     check_pictures,
     load_session,
     read_noload,
     read_recording,
 )
+from vbaa_calib.streams import Source as Stream
+from vbaa_calib.streams import Synchronizer, Timing
+from vbaa_calib.streams.bags import Topics, is_bag, open_bag
+from vbaa_calib.streams.open import is_recorded, open_recorded
+from vbaa_calib.streams.pictures import stored, thinned
+from vbaa_calib.streams.recorded import with_readings
 
 from .estimate import ContactEstimator
-from .recording import FrameContact, Ground, estimate_centrelines, estimate_pictures, recorded_lines
+from .recording import (
+    FrameContact,
+    Ground,
+    estimate_centrelines,
+    estimate_pictures,
+    estimate_taken,
+    recorded_lines,
+)
 from .shutter import checked
+
+_STILLS = 48
+"""So many pictures of a bag or video show what stands still behind the antenna."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,45 +53,112 @@ class Source:
 
     Attributes
     ----------
-    session : settings of its session.
-    frames : all of them, in order.
+    session : settings of its session; None for a bag or video.
+    frames : all of them, in order; of a bag or video they come with their pictures.
     lines : centrelines by frame; None where each frame has its picture.
+    taken : of a bag or video, frames with pictures (H, W[, 3]), in order, anew with every call. notes : what the last
+        pass had to tell.
     """
 
-    session: Session
+    session: Session | None
     frames: Sequence[Frame]
     lines: Centrelines | None
+    taken: Callable[[], Iterator[tuple[Frame, np.ndarray]]] | None = None
+    notes: Sequence[str] = ()
 
     @property
     def divisible(self) -> bool:
         """Whether other processes may open parts of it."""
-        return self.lines is None or self.lines.portable
+        return self.taken is None and (self.lines is None or self.lines.portable)
 
-    def stills(self, rig: Rig) -> list[Still]:
-        """Its pictures and, where the session has some of this camera, those of the free antenna."""
+    @property
+    def drift(self) -> Drift | None:
+        """What may have changed since the calibration, where the session says so."""
+        return None if self.session is None else self.session.drift
+
+    @property
+    def shutter(self) -> Shutter:
+        """The camera's, as far as it is known."""
+        return Shutter() if self.session is None else self.session.shutter
+
+    def stills(self, rig: Rig, folder: Path) -> list[Still]:
+        """Its pictures and, where the session has some of this camera, those of the free antenna.
+
+        folder : where some of a bag's or video's are put.
+        """
+        if self.taken is not None:
+            return some_stills(self.taken(), folder)
+        assert self.session is not None
         return [*self.frames, *free_stills(self.session, rig)]
 
 
 def recording_files(path: Path) -> list[Path]:
     """The files that a recording is made of, beside its pictures. Raises InputError for what holds none."""
+    if is_recorded(path) and not _stands_for_session(path):
+        table = path.with_suffix(".csv")
+        inside = sorted(each for each in path.iterdir() if each.is_file()) if path.is_dir() else [path]
+        return [*inside, table] if not is_bag(path) and table.is_file() else inside
     root = _session_root(path)
     files = [root / "session.yaml", root / "recording" / "recording.csv"]
     lines = root / "recording" / "centrelines.csv"
     return [*files, lines] if lines.exists() else files
 
 
+def _stands_for_session(path: Path) -> bool:
+    return path.name == "centrelines.csv" and path.is_file() and path.parent.name == "recording"
+
+
 def _session_root(path: Path) -> Path:
     """The session of a recording, which its centrelines.csv may stand for."""
-    if path.name == "centrelines.csv" and path.is_file() and path.parent.name == "recording":
-        return path.parent.parent
-    return path
+    return path.parent.parent if _stands_for_session(path) else path
+
+
+def _open_stream(path: Path, rig: Rig, no_moment: bool) -> Source:
+    """A bag, or a video with the readings of the .csv beside it that has its name. Raises InputError."""
+    sensors = [sensor.std_Nm if sensor else 0.0 for sensor in (rig.moment_sensor, rig.second_moment_sensor)]
+    timing = Timing(moment_std_Nm=(sensors[0], sensors[1]))
+
+    def opened() -> tuple[Stream, Synchronizer]:
+        if is_bag(path):
+            stream = open_bag(path, Topics(), rig.camera.matrix, rig.camera.image_size)
+        else:
+            table = path.with_suffix(".csv")
+            stream = with_readings(open_recorded(path), table if table.is_file() else None, 0.0)
+        stream = stream.without_moments() if no_moment else stream
+        return stream, Synchronizer(timing, stream.channels, rig.camera.image_size)
+
+    passes = [opened()]  # what is wrong is told at once
+    notes: list[str] = []
+
+    def taken() -> Iterator[tuple[Frame, np.ndarray]]:
+        stream, synchronizer = passes.pop() if passes else opened()
+        for message in stream.messages():
+            if message is not None:
+                yield from ((each.frame, each.taken.image) for each in synchronizer.push(message))
+        yield from ((each.frame, each.taken.image) for each in synchronizer.finish())
+        notes[:] = [*stream.notes, *synchronizer.left_out()]
+
+    return Source(None, (), None, taken, notes)
+
+
+def unpacked(taken: Iterable[tuple[Frame, np.ndarray]], folder: Path) -> Iterator[tuple[Frame, np.ndarray]]:
+    """Frames with pictures, these in files of a folder, too."""
+    for frame, image in taken:
+        yield replace(frame, image=stored(image, folder / f"{frame.frame:06d}.png")), image
+
+
+def some_stills(taken: Iterable[tuple[Frame, np.ndarray]], folder: Path) -> list[Still]:
+    """Of a bag or video some pictures, in files of a folder."""
+    return [frame for frame, _ in unpacked(thinned(taken, _STILLS), folder)]
 
 
 def open_source(path: Path, rig: Rig, no_moment: bool = False) -> Source:
-    """Open a session folder, or its recording/centrelines.csv. Raises InputError for what is wrong in it.
+    """Open a session folder, or its recording/centrelines.csv; a bag; a video with readings in the .csv of its name.
 
-    no_moment : leave the moment readings aside.
+    no_moment : leave the moment readings aside. Raises InputError for what is wrong in it.
     """
+    if is_recorded(path) and not _stands_for_session(path):
+        return _open_stream(path, rig, no_moment)
     session = load_session(_session_root(path))
     frames = read_recording(session)
     if no_moment:
@@ -87,11 +172,13 @@ def estimate_source(
     estimator: ContactEstimator, source: Source, ground: Ground | None = None
 ) -> Iterator[FrameContact]:
     """Every frame of a recording, in order, those in which the shutter matters marked."""
-    if source.lines is None:
+    if source.taken is not None:
+        found = estimate_taken(estimator, source.taken(), ground)
+    elif source.lines is None:
         found = estimate_pictures(estimator, source.frames, ground)
     else:
         found = estimate_centrelines(estimator, source.frames, source.lines)
-    return checked(found, source.session.shutter, estimator.rig.camera.image_size[1])
+    return checked(found, source.shutter, estimator.rig.camera.image_size[1])
 
 
 def inputs_digest(path: Path) -> str:
@@ -100,6 +187,10 @@ def inputs_digest(path: Path) -> str:
     Raises InputError where a file is missing or cannot be read.
     """
     files = recording_files(path)
+    if is_recorded(path) and not _stands_for_session(path):
+        # bags and videos are too large to be read twice
+        stats = [(file.name, file.stat()) for file in files]
+        return hashlib.sha256(json.dumps([(n, s.st_size, s.st_mtime_ns) for n, s in stats]).encode()).hexdigest()
     said: list[object] = [[file.name, sha256(file)] for file in files]
     session = load_session(_session_root(path))
     for frame in () if files[-1].name == "centrelines.csv" else read_recording(session):

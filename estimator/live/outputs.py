@@ -1,18 +1,23 @@
-"""Where live contacts go: a table that grows, JSON lines, an MCAP file."""
+"""Where live contacts go: a table that grows, JSON lines, datagrams, an MCAP file."""
 
 from __future__ import annotations
 
 import json
 import math
-import os
+import pickle
+import socket
+import tempfile
+from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, TextIO
 
-from estimator.table.contacts import LOCATED
-from estimator.table.files import cells_of, write_header, write_row
+from estimator.table.contacts import LOCATED, ContactRow
+from estimator.table.files import cells_of, check_format, write_contacts, write_header, write_row
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import refuse_overwrite
 from vbaa_calib.streams.bags import BagWriter, Logged
+from vbaa_calib.streams.devices import udp_address
 
 from .estimator import LiveContact
 
@@ -20,34 +25,42 @@ from .estimator import LiveContact
 class GrowingTable:
     """contacts.csv that can be read while it grows: a line for each frame as it comes, at once in the file.
 
-    The final rows are kept beside it, and take its place when it is closed.
+    The final rows are kept in a file without a name, which nobody has to remove, and take its place when it is closed.
+    Parquet cannot be read while it grows: a .parquet is written when it is closed, and grows as a .csv until then.
     """
 
-    def __init__(self, path: Path, force: bool = False) -> None:
-        """Raises InputError for a file in the way, or what is not a .csv."""
-        if path.suffix != ".csv":
-            raise InputError(
-                "is not a .csv", where=path, remedy="others cannot be read while they grow; convert it later"
-            )
-        refuse_overwrite(path, force)
-        self._path, self._later = path, path.with_name(f".{path.name}.final")
-        self._now_stream, self._later_stream = _opened(path), _opened(self._later)
+    def __init__(self, path: Path, force: bool = False, *, final: bool = True) -> None:
+        """final : whether there will be final rows. Raises InputError for a file in the way, or another format."""
+        check_format(path)
+        self._path, self._grown, self._final = path, path.with_suffix(".csv"), final
+        for each in {self._path, self._grown}:
+            refuse_overwrite(each, force)
+        self._stream = _opened(self._grown)
+        self._kept = tempfile.TemporaryFile(dir=path.parent)  # noqa: SIM115 -- it lives as long as this
         self._rows = [0, 0]
 
     def write(self, contact: LiveContact) -> None:
-        stream = self._later_stream if contact.final else self._now_stream
-        write_row(stream, cells_of(contact.row))
-        stream.flush()
+        if not contact.final:
+            write_row(self._stream, cells_of(contact.row))
+            self._stream.flush()
+        if contact.final == self._final:
+            pickle.dump(contact.row, self._kept)
         self._rows[contact.final] += 1
 
     def close(self) -> None:
         """Puts the final rows in place, if there is one of every frame."""
-        self._now_stream.close()
-        self._later_stream.close()
-        if self._rows[True] == self._rows[False]:
-            os.replace(self._later, self._path)
-        else:
-            self._later.unlink(missing_ok=True)
+        self._stream.close()
+        with self._kept:
+            if self._rows[False] and self._rows[self._final] == self._rows[False]:
+                self._kept.seek(0)
+                write_contacts(self._path, self._again(), force=True)
+                if self._grown != self._path:
+                    self._grown.unlink()
+
+    def _again(self) -> Iterator[ContactRow]:
+        with suppress(EOFError):
+            while True:
+                yield pickle.load(self._kept)
 
 
 def _opened(path: Path) -> TextIO:
@@ -67,6 +80,28 @@ def json_line(contact: LiveContact) -> str:
         name: None if isinstance(value, float) and not math.isfinite(value) else value for name, value in cells.items()
     }
     return json.dumps({"final": contact.final, **plain}, allow_nan=False)
+
+
+class Datagrams:
+    """Contacts by UDP, a JSON line in each datagram. Nobody learns whether one arrives."""
+
+    def __init__(self, address: str) -> None:
+        """address : HOST:PORT or PORT, of this machine. Raises InputError for what is none."""
+        self._address = udp_address(address, "--udp-out")
+        try:
+            family = socket.getaddrinfo(*self._address, type=socket.SOCK_DGRAM)[0][0]
+        except OSError as error:
+            what = f"{address} is not known ({error.strerror})"
+            raise InputError(what, where="--udp-out", remedy="write it like 192.168.0.7:5006") from None
+        self._socket = socket.socket(family, socket.SOCK_DGRAM)
+        self._socket.setblocking(False)
+
+    def write(self, contact: LiveContact) -> None:
+        with suppress(OSError):  # a net that is gone or full: the next one may get through
+            self._socket.sendto(json_line(contact).encode(), self._address)
+
+    def close(self) -> None:
+        self._socket.close()
 
 
 class ContactBag:

@@ -24,7 +24,8 @@ class Frames:
     usable : (B, N) 1 for a point, 0 for padding and missing points, whose values are finite.
     moment_Nm : (B, 2) read by the sensors about y and z.
     tip : (B, 2) the antenna's end, as the points. tip_covariance : (B, 3) likewise.
-    available : (B, 3) 1 where there is a reading about y, about z, and an end, else 0.
+    available : (B, 3) 1 where there is a reading about y, about z, and an end, else 0; less where the deviation of the
+        reading is more than the noise: its residual is multiplied by it.
     gravity_m_s2 : (B, 3) antenna frame.
     """
 

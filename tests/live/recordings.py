@@ -47,8 +47,9 @@ def messages() -> list[Taken | Reading]:
     return several
 
 
-def write(path: Path, changed: dict[int, np.ndarray] | None = None) -> Path:
-    """The recording as a bag. changed : bytes of pictures in the place of others, by their number."""
+def write(path: Path, changed: dict[int, np.ndarray] | None = None, early_ns: int = 0) -> Path:
+    """The recording as a bag. changed : bytes of pictures in the place of others, by their number. early_ns : by so
+    much the readings' stamps are wrong."""
     writer = BagWriter(path)
     for number, (time_s, frame) in enumerate(shown()):
         assert frame.image is not None
@@ -56,8 +57,8 @@ def write(path: Path, changed: dict[int, np.ndarray] | None = None) -> Path:
         data = (changed or {}).get(number, np.frombuffer(frame.image.read_bytes(), np.uint8))
         torque = {"wrench": {"torque": {"y": frame.moment_Nm}}}
         joints = {"name": ["pan", "tilt"], "position": [frame.pan_rad, frame.tilt_rad]}
-        writer.write(Logged("/moment", "geometry_msgs/msg/WrenchStamped", torque, time_ns))
-        writer.write(Logged("/joint_states", "sensor_msgs/msg/JointState", joints, time_ns))
+        writer.write(Logged("/moment", "geometry_msgs/msg/WrenchStamped", torque, time_ns - early_ns))
+        writer.write(Logged("/joint_states", "sensor_msgs/msg/JointState", joints, time_ns - early_ns))
         picture = {"format": "png", "data": data}
         writer.write(Logged("/camera/compressed", "sensor_msgs/msg/CompressedImage", picture, time_ns))
     writer.close()

@@ -26,7 +26,7 @@ from estimator import ContactEstimator
 from estimator.contact.estimate import STREAM
 from estimator.contact.recording import estimate_taken
 from estimator.live import LiveContact, LiveEstimator
-from estimator.live.outputs import GrowingTable
+from estimator.live.outputs import Datagrams, GrowingTable, json_line
 from estimator.table.contacts import ContactRow
 from estimator.table.files import cells_of, read_contacts
 from tests.small_scene import small_rig
@@ -119,6 +119,51 @@ def test_the_table_is_read_while_it_grows(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["contacts.csv"]
     with pytest.raises(InputError, match="exists already"):
         GrowingTable(path)
+
+
+def test_parquet_grows_as_a_csv_until_it_is_closed(tmp_path: Path) -> None:
+    """With the final rows in the end, to the last digit; cut short, the .csv stays."""
+    for count, name in ((len(found()), "contacts.parquet"), (20, "contacts.csv")):
+        path = tmp_path / str(count) / "contacts.parquet"
+        path.parent.mkdir()
+        table = GrowingTable(path)
+        for each in found()[:count]:
+            table.write(each)
+        assert [each.name for each in path.parent.iterdir()] == ["contacts.csv"]
+        table.close()
+        assert [each.name for each in path.parent.iterdir()] == [name]
+        if name == "contacts.parquet":
+            expected = [each.row.distance_m for each in found() if each.final]
+            np.testing.assert_array_equal(read_contacts(path).distance_m, expected)
+        else:
+            assert len(read_contacts(path.with_suffix(".csv"))) == 20
+
+
+def test_contacts_by_udp() -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listening:
+        listening.bind(("127.0.0.1", 0))
+        listening.settimeout(5.0)
+        sink = Datagrams(str(listening.getsockname()[1]))
+        for each in found()[:3]:
+            sink.write(each)
+            assert listening.recv(65536).decode() == json_line(each)
+    sink.write(found()[0])  # nobody listens
+    sink.close()
+    for wrong in ("here", "70000", "no such host.invalid:5"):
+        with pytest.raises(InputError, match="--udp-out"):
+            Datagrams(wrong)
+
+
+def test_a_stated_offset_puts_readings_back(tmp_path: Path) -> None:
+    """A bag whose readings are stamped a quarter of a second early: the rows of the one that is right."""
+    found = []
+    for early_ns, words in ((0, ()), (250_000_000, ("--clock-offset", "0.25"))):
+        bag, out = write(tmp_path / f"{early_ns}.mcap", early_ns=early_ns), tmp_path / f"{early_ns}.csv"
+        rig, more = small_rig() / "rig.json", ("--no-report", "--drift", "none", "--gap", "0.5", "--wait", "1")
+        assert verb("estimate", bag, "--rig", rig, "-o", out, *more, *words) == 0
+        found.append(read_contacts(out))
+    assert found[0].status.tolist() == found[1].status.tolist()
+    np.testing.assert_allclose(found[0].distance_m, found[1].distance_m, rtol=1e-6)
 
 
 def verb(*words: object) -> int:
@@ -303,8 +348,8 @@ def test_files_are_whole_however_it_ends(number: signal.Signals, tmp_path: Path)
     rest, words_said = process.communicate(timeout=60)
     table = read_contacts(out)
     assert table.frame.tolist() == [each["frame"] for each in said]
+    assert list(tmp_path.iterdir()) == [out]
     if number == signal.SIGINT:
         assert process.returncode == 0
         assert b"interrupted" in words_said
         assert len(rest.splitlines()) == len(said)  # the final ones
-        assert list(tmp_path.iterdir()) == [out]

@@ -123,3 +123,42 @@ def test_memory_does_not_grow_with_readings() -> None:
     for index in range(20_000):
         list(synchronizer.push(moment(1e-3 * index, 1e-3)))
     assert len(synchronizer._channels["moment_Nm"].times) < 10_000
+
+
+def error_of(timing: Timing, at: float, *readings: Reading) -> float:
+    (found,) = through(Synchronizer(timing), *readings, taken(at, 9.0))
+    return found.frame.moment_errors_Nm[0]
+
+
+@given(st.floats(0.01, 0.99), st.floats(-1e-2, 1e-2), st.floats(-1.0, 1.0))
+@settings(max_examples=60, deadline=None)
+def test_a_steady_rate_has_no_error_of_interpolation(share: float, value: float, slope: float) -> None:
+    readings = [moment(t, value + slope * (t - 1.0)) for t in (1.0, 1.05, 1.1)]
+    assert error_of(Timing(), 1.05 + 0.05 * share, *readings) < 1e-9
+    # the clocks' deviation has: as much as the reading changes within it
+    timing = Timing(offset_std_s=0.004)
+    assert error_of(timing, 1.05 + 0.05 * share, *readings) == pytest.approx(0.004 * abs(slope), abs=1e-9)
+
+
+def test_the_error_grows_with_the_gap_and_is_true() -> None:
+    """Readings of a sine at several rates, with their noise: what is interpolated is as far off as its deviation."""
+    rng, std = np.random.default_rng(0), 2e-5
+    sizes = []
+    for step in (0.005, 0.02, 0.05, 0.09):
+        times = 1.0 + np.arange(0.0, 20.0, step)
+        values = 5e-3 * np.sin(5.0 * times) + rng.normal(0.0, std, len(times))
+        synchronizer = Synchronizer(Timing(moment_std_Nm=(std, 0.0)))
+        readings = [moment(t, v) for t, v in zip(times, values, strict=True)]
+        pictures = [taken(t, t + 0.2) for t in np.arange(1.5, 20.0, 0.0337)]
+        found = through(synchronizer, *sorted([*readings, *pictures], key=lambda each: each.arrived_s))
+        off = np.array([each.frame.moment_Nm - 5e-3 * np.sin(5.0 * each.frame.time_s) for each in found])
+        stated = np.hypot(std, [each.frame.moment_errors_Nm[0] for each in found])
+        sizes.append(np.mean(stated))
+        assert np.mean(np.abs(off) < 2.0 * stated) > 0.93
+    assert sizes == sorted(sizes)
+    assert sizes[0] < 1.2 * std
+    assert sizes[-1] > 2.0 * std
+
+
+def test_readings_at_the_pictures_instants_have_no_error() -> None:
+    assert error_of(Timing(), 1.05, moment(1.0, 1e-3), moment(1.05, 5e-3), moment(1.1, 1e-3)) == 0.0

@@ -14,7 +14,7 @@ from pydantic_core import CoreSchema
 from vbaa_calib.core.models import Number
 
 _Small = Annotated[Number, Field(ge=0, le=0.1)]
-_OF_FRAMES = ("line_px", "light_px", "hourly")
+_OF_FRAMES = ("line_px", "light_px", "hourly", "zero_hourly")
 
 
 @dataclass(frozen=True)
@@ -33,6 +33,8 @@ class Drift:
         (the Legendre polynomials along the antenna), by light, focus and edges.
     light_px : of the same in all frames alike, by a lamp that moved or another focus; until free frames show it.
     hourly : part of all these, but for the line's, by which the rig goes on changing within an hour of recording.
+    zero_hourly : of the moment's zero, in deviations of its noise, within an hour of recording, besides; it is then
+        learnt from every free frame.
     """
 
     camera_turn_rad: _Small = 0.0
@@ -47,10 +49,15 @@ class Drift:
     line_px: Annotated[Number, Field(ge=0, le=10)] = 0.0
     light_px: Annotated[Number, Field(ge=0, le=10)] = 0.0
     hourly: Annotated[Number, Field(ge=0, le=100)] = 0.0
+    zero_hourly: Annotated[Number, Field(ge=0, le=1e4)] = 0.0
 
     @property
     def of_rig(self) -> bool:
         return any(getattr(self, each.name) for each in fields(self) if each.name not in _OF_FRAMES)
+
+    def tracking_zero(self) -> Drift:
+        """With a zero of the moment sensor that is followed, whatever else may change."""
+        return replace(self, moment_zero=max(self.moment_zero, 50.0), zero_hourly=60.0)
 
     def times(self, factor: float) -> Drift:
         """With all deviations of the rig so many times as large."""

@@ -18,21 +18,26 @@ from .recorded import TICK_S, line_messages
 _LARGEST_DATAGRAM = 65536
 
 
+def udp_address(address: str, flag: str) -> tuple[str, int]:
+    """Host and port of HOST:PORT, or of PORT at this machine. Raises InputError."""
+    host, _, port = address.rpartition(":")
+    if not (port.isdecimal() and 0 < int(port) < 65536):
+        raise InputError(f"{address!r} is no address", where=flag, remedy="write it like 5005 or 0.0.0.0:5005")
+    return host or "127.0.0.1", int(port)
+
+
 def udp_socket(address: str) -> socket.socket:
     """A socket that takes datagrams at HOST:PORT or PORT (of this machine alone). Raises InputError."""
-    host, _, port = address.rpartition(":")
-    remedy = "write it like 5005 or 0.0.0.0:5005"
-    if not (port.isdigit() and 0 < int(port) < 65536):
-        raise InputError(f"{address!r} is no address", where="--udp", remedy=remedy)
+    place = udp_address(address, "--udp")
     taken = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     taken.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20)
     taken.setblocking(False)
     try:
-        taken.bind((host or "127.0.0.1", int(port)))
+        taken.bind(place)
     except OSError as error:
         taken.close()
         what = f"{address} cannot be listened to ({error.strerror})"
-        raise InputError(what, where="--udp", remedy=remedy) from None
+        raise InputError(what, where="--udp", remedy="take another port, or an address of this machine") from None
     return taken
 
 

@@ -31,12 +31,15 @@ class Timing:
     gap_s : a picture between two readings further apart, or beside the only one at such a distance, has none.
     wait_s : how long a picture waits for the readings after it, by the source's clock.
     joints_rad : pan and tilt of a rig whose joints are not read, or NaN: they must be.
+    offset_std_s : deviation of the offset. moment_std_Nm : noise of the moment sensors about y and z.
     """
 
     offset_s: float = 0.0
     gap_s: float = 0.1
     wait_s: float = 0.25
     joints_rad: tuple[float, float] = (0.0, 0.0)
+    offset_std_s: float = 0.0
+    moment_std_Nm: tuple[float, float] = (0.0, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +71,32 @@ class _Channel:
         if t1 - t0 > gap_s:
             return np.nan, np.nan
         return v0 + (v1 - v0) * ((time_s - t0) / (t1 - t0)), max(time_s - t0, t1 - time_s)
+
+    def error(self, time_s: float, timing: Timing, std: float) -> float:
+        """Deviation of the value at a time beside the readings' noise `std`: of interpolation, and of the clocks.
+
+        Between two readings the value may leave the line by as much as its rate changes there, s·(1 − s) of how far the
+        second lies off the line through the first and the one before. What noise alone makes of that is taken off, and
+        what interpolation takes off the noise.
+        """
+        value, age_s = self.at(time_s, timing.gap_s)
+        if not age_s >= 0.0:
+            return 0.0
+        times, values = self.times, self.values
+        after, variance, step_s = bisect_left(times, time_s), 0.0, np.inf
+        if age_s > 0.0 and 0 < after < len(times):
+            step_s = times[after] - times[after - 1]
+            share = (time_s - times[after - 1]) / step_s
+            turn = values[after] - values[after - 1]
+            if after > 1:
+                turn -= step_s * (values[after - 1] - values[after - 2]) / (times[after - 1] - times[after - 2])
+            variance = max(share * (1.0 - share) * (share * (1.0 - share) * turn**2 - 2.0 * std**2), 0.0)
+        if timing.offset_std_s > 0.0:
+            before, found_s = self.at(time_s - timing.offset_std_s, timing.gap_s)
+            if found_s >= 0.0:
+                noise = math.sqrt(2.0) * std * min(timing.offset_std_s / step_s, 1.0)
+                variance += max((value - before) ** 2 - noise**2, 0.0)
+        return math.sqrt(variance)
 
 
 class Synchronizer:
@@ -157,5 +186,10 @@ class Synchronizer:
         self.counts["pictures without joint angles"] += any(math.isnan(values[name]) for name in _ANGLES)
         self._given_s, self._number = taken.time_s, self._number + 1
         ages = [age for _, age in read.values()]
+        errors = [
+            self._channels[name].error(taken.time_s, self._timing, std) if name in self._channels else 0.0
+            for name, std in zip(CHANNELS, self._timing.moment_std_Nm, strict=False)
+        ]
+        values["moment_errors_Nm"] = (errors[0], errors[1])
         frame = Frame(image=None, frame=self._number - 1, time_s=taken.time_s, **values)
         return Synchronized(frame, taken, max(ages, default=np.nan))

@@ -10,6 +10,8 @@ from typing import Any
 from vbaa_calib.core.errors import InputError, VbaaError
 from vbaa_calib.core.images import SUFFIXES
 
+from ..streams.bags import is_bag
+from ..streams.pictures import BagPictures
 from .asking import answer_all, change, set_unlisted_aside, take_back
 from .capture import GO_ON, Capture, NoMorePictures
 from .questions import BOARD_ANSWERS, BY_KEY, PICTURES, SOURCES, STEPS, Question, ReadingsTable, read_table, table_of
@@ -189,6 +191,8 @@ def _open(store: Store, ui: Ui, step: Step) -> Source:
             record = store.journal.of(step.name)
             before = {path.name for path in map(Path, record.past or ()) if path.parent == Path(text)}
             judged = () if os.path.isfile(text) else record.judged | before
+            if "://" not in text and is_bag(Path(text.partition("#")[0])):
+                return BagPictures(text)
             return open_source(text, judged, ui.interactive)
         except InputError as error:
             if not ui.interactive:

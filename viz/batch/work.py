@@ -9,6 +9,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import vbaa_calib
@@ -174,7 +175,7 @@ def rows_of(
     """The state after a piece, and the file of its rows."""
     begun = time.process_time()
     # the state before is another task's result, which may be asked for again
-    maker = RowMaker(opened.rig, opened.source.session.shutter) if before is None else copy.deepcopy(before[0])
+    maker = RowMaker(opened.rig, opened.source.shutter) if before is None else copy.deepcopy(before[0])
     rows: list[ContactRow] = maker.push(seen[0], found[0])
     if index == len(opened.pieces) - 1:
         rows += maker.finish()
@@ -256,9 +257,10 @@ def _about(recording: Recording, settings: Settings) -> Row:
 def _opened(recording: Recording, settings: Settings, results: Results, about: Row) -> Opened:
     rig = Rig.load(recording.rig)
     source = open_source(recording.path, rig, settings.no_moment)
-    drift = source.session.drift if settings.drift is None else DRIFTS[settings.drift]
+    drift = source.drift if settings.drift is None else DRIFTS[settings.drift]
     rig = rig if drift is None else replace(rig, drift=drift)
-    ground, _ = surroundings(rig, settings.background, lambda: source.stills(rig))
+    with TemporaryDirectory(prefix="vbaa-stills-") as folder:
+        ground, _ = surroundings(rig, settings.background, lambda: source.stills(rig, Path(folder)))
     count = len(source.frames)
     return Opened(recording, settings, results, source, slice(0, count), rig, ground, about, count)
 
@@ -269,7 +271,7 @@ def _warnings(opened: Opened, changed: dict[str, Any]) -> list[str]:
         warnings.append("no frame shows the free antenna")
     if changed["beyond"]:
         warnings.append(f"{', '.join(changed['beyond'])} changed more than drift does: run vbaa check")
-    return warnings
+    return [*warnings, *opened.source.notes]
 
 
 def _one_thread_each(threads: int) -> None:

@@ -8,8 +8,9 @@ from array import array
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from vbaa_calib.core.console import progress, say
@@ -20,11 +21,14 @@ from viz.files.outputs import PAGES, refuse_output, report_beside
 from . import streams
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from estimator.contact.estimate import ContactEstimator
     from estimator.contact.recording import FrameContact, Ground
     from estimator.table.contacts import ContactRow
     from vbaa_calib.rig import Rig
     from vbaa_calib.session import Drift, Frame
+    from vbaa_calib.streams import Source, Synchronizer
 
 MODELS = ("auto", "paper", "linear", "elastica", "rod")
 """auto and `vbaa_calib.antenna.rungs.RUNGS`, which is not imported for the sake of a quick --help."""
@@ -50,6 +54,9 @@ def add_estimator_options(parser: argparse.ArgumentParser, *, learns_background:
         "--drift",
         choices=DRIFTS,
         help="what may have changed since the calibration (default: as session.yaml says, else as rig.json does)",
+    )
+    parser.add_argument(
+        "--track-zero", action="store_true", help="follow the moment sensor's zero by the free frames as they pass"
     )
     parser.add_argument("--no-moment", action="store_true", help="vision alone: leave the moment readings aside")
     learnt = "; auto: learnt from the recording and the free antenna's pictures, where the background does not move"
@@ -102,6 +109,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if (args.session is None) == (args.centrelines is None):
         remedy = "give a session, a bag or a video, or --centrelines"
         raise InputError("what is to be estimated is not named, or twice", where="vbaa estimate", remedy=remedy)
+    if args.clock_offset != "0" and (args.session is None or _is_session(args.session)):
+        remedy = "leave it out: here every reading stands beside its picture"
+        raise InputError("--clock-offset is for a bag, a video or a table of pictures", remedy=remedy)
     inputs = (args.rig, args.background, args.readings, args.centrelines, args.session)
     refuse_overwrite(args.output, args.force, [each for each in inputs if each is None or not each.is_dir()])
     if args.session is not None:
@@ -131,15 +141,19 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None]:
     import numpy as np
 
     from estimator.contact.drift import summary
+    from estimator.contact.watch import DriftWatch
     from estimator.table.contacts import ContactRow
     from estimator.table.files import write_contacts
     from vbaa_calib.rig import Rig
 
     rig = Rig.load(args.rig)
     recording = _from_session if args.session is not None and _is_session(args.session) else _without_session
+    unpacking = TemporaryDirectory(prefix="vbaa-overlay-")  # gone with this call
+    args.unpacked = Path(unpacking.name)
     estimator, given = recording(args, rig)
     if given.words:
         say(f"background: {given.words}")
+    watch = DriftWatch(estimator.rig)
     statuses, models, std_m = Counter[str](), Counter[str](), array("d")  # all that is kept of the rows
 
     def rows() -> Iterator[ContactRow]:
@@ -151,6 +165,10 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None]:
 
                 found = stack.enter_context(overlaid(found, estimator, args.overlay, args.force))
             for item in found:
+                for change in watch.push(item.frame.frame, item.measured):
+                    say(f"warning, frame {change.frame}: {change.words}")
+                if item.frame.image is not None and item.frame.image.parent == args.unpacked:
+                    item.frame.image.unlink()
                 row = ContactRow.of(item.frame, item.contact)
                 statuses[row.status] += 1
                 models[row.model] += 1
@@ -186,6 +204,7 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None]:
         "models": dict(models),
         "distance_std_median_m": located,
         "drift": changed,
+        "changes": [asdict(change) for change in watch.changes],
         "background": given.words or None,
         "stream": dict(given.counts) or None,
     }
@@ -215,7 +234,8 @@ def _estimator(args: argparse.Namespace, rig: Rig, drift: Drift | None) -> Conta
     from vbaa_calib.session import DRIFTS
 
     drift = drift if args.drift is None else DRIFTS[args.drift]
-    rig = rig if drift is None else replace(rig, drift=drift)
+    drift = rig.drift if drift is None else drift
+    rig = replace(rig, drift=drift.tracking_zero() if args.track_zero else drift)
     return ContactEstimator(rig, args.model, friction=args.friction, jobs=args.jobs)
 
 
@@ -228,23 +248,20 @@ def _from_session(args: argparse.Namespace, rig: Rig) -> tuple[ContactEstimator,
         what = "--readings belongs to a bag, a video or --centrelines"
         raise InputError(what, where="vbaa estimate", remedy="a session's readings are in recording/recording.csv")
     source = open_source(args.session, rig, args.no_moment)
-    estimator = _estimator(args, rig, source.session.drift)
+    estimator = _estimator(args, rig, source.drift)
     if not args.no_moment:
         _say_silent(source.frames, rig)
-    ground, words = surroundings(estimator.rig, args.background, lambda: source.stills(rig))
+    ground, words = surroundings(estimator.rig, args.background, lambda: source.stills(rig, Path()))
     return estimator, _Recording(estimate_source(estimator, source, ground), len(source.frames), ground, words)
 
 
 def _without_session(args: argparse.Namespace, rig: Rig) -> tuple[ContactEstimator, _Recording]:
     """A bag, a video, a table of pictures, or centrelines. Raises InputError."""
     from estimator.contact.recording import estimate_centrelines, estimate_taken
-    from estimator.contact.source import without_moments
-    from estimator.contact.surroundings import AUTO, surroundings
+    from estimator.contact.source import some_stills, unpacked, without_moments
+    from estimator.contact.surroundings import surroundings
     from vbaa_calib.streams import Synchronizer
 
-    if args.overlay is not None and args.session is not None:
-        what, remedy = "--overlay is for a session's recording", "leave it out; vbaa look shows single pictures"
-        raise InputError(what, where="vbaa estimate", remedy=remedy)
     estimator = _estimator(args, rig, None)
     if args.centrelines is not None:
         if args.background is not None:
@@ -255,12 +272,20 @@ def _without_session(args: argparse.Namespace, rig: Rig) -> tuple[ContactEstimat
         else:
             _say_silent(frames, rig)
         return estimator, _Recording(estimate_centrelines(estimator, frames, lines), len(frames), None)
-    if args.background == AUTO:
-        raise InputError("--background auto", where="vbaa estimate", remedy="give a picture without the antenna")
-    ground, words = surroundings(estimator.rig, args.background, list)
-    source = streams.recorded(args, args.session, estimator.rig)
-    synchronizer = Synchronizer(streams.timing_of(args), source.channels, estimator.rig.camera.image_size)
-    items = estimate_taken(estimator, streams.taken_frames(source, synchronizer), ground)
+    timing = streams.timing_of(args, rig)
+
+    def opened() -> tuple[Source, Synchronizer, Iterator[tuple[Frame, np.ndarray]]]:
+        source = streams.recorded(args, args.session, estimator.rig, timing)
+        synchronizer = Synchronizer(timing, source.channels, estimator.rig.camera.image_size)
+        return source, synchronizer, streams.taken_frames(source.messages(), synchronizer)
+
+    with TemporaryDirectory(prefix="vbaa-stills-") as folder:
+        ground, words = surroundings(estimator.rig, args.background, lambda: some_stills(opened()[2], Path(folder)))
+    timing = streams.clocked(args, args.session, estimator, timing, ground)
+    source, synchronizer, taken = opened()
+    if args.overlay is not None:
+        taken = unpacked(taken, args.unpacked)
+    items = estimate_taken(estimator, taken, ground)
     return estimator, _Recording(
         items, None, ground, words, lambda: [*source.notes, *synchronizer.left_out()], synchronizer.counts
     )

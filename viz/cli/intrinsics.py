@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from vbaa_calib.core.console import say
@@ -19,7 +22,12 @@ MODELS = ("auto", "none", "radial", "opencv4", "opencv5", "rational", "thin", "t
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("images", type=Path, help="folder of photos of the board in many poses")
+    parser.add_argument(
+        "images", type=Path, help="folder of photos of the board in many poses; or a video or bag that shows them"
+    )
+    parser.add_argument(
+        "--topic", metavar="ROLE=NAME", default="", help="of a bag with several topics of pictures: image=NAME"
+    )
     parser.add_argument("-o", "--output", type=Path, required=True, help="camera.json to write")
     board = parser.add_argument_group("board, by a file or by flags; lengths in metres")
     board.add_argument("--board", type=Path, metavar="FILE", help="board.yaml, or a session.yaml")
@@ -94,22 +102,56 @@ def _board(args: argparse.Namespace) -> Board:
     return board_from(given, _VERB)
 
 
+_VIEWS = 60
+"""Of a video or bag so many views are taken at most."""
+
+
+@contextmanager
+def _folder_of(args: argparse.Namespace) -> Iterator[Path]:
+    """The pictures' folder; of a video or bag one of its sharp and different pictures. Raises InputError."""
+    from vbaa_calib.streams.bags import Topics
+    from vbaa_calib.streams.open import is_recorded
+    from vbaa_calib.streams.pictures import unpack_views
+
+    if not is_recorded(args.images):
+        if args.topic:
+            raise InputError("--topic is for a bag", where=_VERB, remedy="leave it out")
+        yield args.images
+        return
+    role, _, topic = args.topic.partition("=")
+    if args.topic and (role != "image" or not topic):
+        remedy = "write it like --topic image=/camera/image_raw"
+        raise InputError(f"--topic is {args.topic!r}", where=_VERB, remedy=remedy)
+    with TemporaryDirectory(prefix="vbaa-views-") as name:
+        count = unpack_views(args.images, Path(name), Topics(topic), _VIEWS)
+        kept = len(list(Path(name).iterdir()))
+        if not kept:
+            raise InputError("holds no pictures", where=args.images, remedy="record the board in many poses")
+        say(f"{kept} of the {count} pictures of {args.images.name} are sharp and differ")
+        yield Path(name)
+
+
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Detect, solve, write camera.json and the page. The exit code is 1 where the lens must not be used."""
+    if args.html is not None:
+        refuse_output(args.html, PAGES, args.force, [args.board])
+    refuse_overwrite(args.output, args.force, [args.board])
+    if args.min_corners < 4:
+        raise InputError(f"--min-corners is {args.min_corners}", remedy="4 corners are the least that fix a pose")
+    board = _board(args)
+    with _folder_of(args) as images:
+        return _solved(args, images, board)
+
+
+def _solved(args: argparse.Namespace, images: Path, spec: Board) -> dict[str, Any]:
     from vbaa_calib.calibrate.faults.views import judge_views
     from vbaa_calib.calibrate.lens.intrinsics import solve_intrinsics
     from vbaa_calib.calibrate.report import camera_document
     from vbaa_calib.core.images import list_images
     from vbaa_calib.detect.board.corners import detect_folder
 
-    if args.html is not None:
-        refuse_output(args.html, PAGES, args.force, [args.board])
-    refuse_overwrite(args.output, args.force, [args.board])
-    if args.min_corners < 4:
-        raise InputError(f"--min-corners is {args.min_corners}", remedy="4 corners are the least that fix a pose")
-    spec = _board(args)
-    refuse_overwrite(args.output, args.force, list_images(args.images))
-    views = detect_folder(args.images, spec)
+    refuse_overwrite(args.output, args.force, list_images(images))
+    views = detect_folder(images, spec)
     solution = solve_intrinsics(views, spec, args.model, args.min_corners, args.fix_aspect)
     solution = judge_views(views, solution, spec)
     document = camera_document(solution, spec)
@@ -120,7 +162,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if args.html is not None:
         from viz.report.lens import page
 
-        write_text(args.html, page(solution, views, spec, result, args.images), args.force)
+        write_text(args.html, page(solution, views, spec, result, images), args.force)
         say(f"wrote {args.html}")
     return result
 

@@ -11,7 +11,7 @@ import time
 from collections import Counter, deque
 from collections.abc import Iterator
 from contextlib import ExitStack, closing, contextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -19,9 +19,12 @@ from . import streams
 from .estimate import add_estimator_options
 
 if TYPE_CHECKING:
+    from estimator.contact.estimate import ContactEstimator
+    from estimator.contact.recording import Ground
+    from estimator.contact.watch import Change
     from estimator.live import LiveContact, LiveEstimator
     from vbaa_calib.rig import Rig
-    from vbaa_calib.streams import Source
+    from vbaa_calib.streams import Source, Timing
 
 _LATENCIES = 100_000
 """Of so many of the last frames the latency's quantiles are told."""
@@ -35,8 +38,15 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="camera:0, /dev/video0, rtsp://host/path, a folder that fills up, a ROS bag, an .mcap, a video, a table "
         "of pictures, or - for JSON lines on standard input",
     )
-    parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="contacts.csv, which grows as contacts come")
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        metavar="FILE",
+        help="contacts.csv, which grows as contacts come; contacts.parquet grows as a .csv and is written at the end",
+    )
     parser.add_argument("--lines", action="store_true", help="contacts as JSON lines on standard output")
+    parser.add_argument("--udp-out", metavar="[HOST:]PORT", help="where contacts are sent as JSON lines, by UDP")
     parser.add_argument("--bag", type=Path, metavar="FILE", help="contacts as ROS messages, in an .mcap file or a bag")
     parser.add_argument(
         "--rerun",
@@ -82,14 +92,16 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if args.lines and args.json:
         raise InputError("--lines and --json", where="vbaa live", remedy="give one of them: both write to stdout")
     rig = Rig.load(args.rig)
-    rig = rig if args.drift is None else replace(rig, drift=DRIFTS[args.drift])
+    drift = rig.drift if args.drift is None else DRIFTS[args.drift]
+    rig = replace(rig, drift=drift.tracking_zero() if args.track_zero else drift)
     estimator = ContactEstimator(rig, args.model, friction=args.friction, jobs=1)
-    timing = streams.timing_of(args)
+    timing = streams.timing_of(args, rig)
     ground, words = surroundings(rig, args.background, list)
     if words:
         say(f"background: {words}")
     with ExitStack() as stack:
-        source = _source(args, rig)
+        timing = _clocked(args, estimator, timing, ground)
+        source = _source(args, rig, timing)
         sinks = _sinks(args, stack)
         synchronizer = Synchronizer(timing, source.channels, rig.camera.image_size)
         live = LiveEstimator(estimator, synchronizer, ground, final=not args.no_final)
@@ -100,7 +112,19 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     return monitor.summary(args)
 
 
-def _source(args: argparse.Namespace, rig: Rig) -> Source:
+def _clocked(args: argparse.Namespace, estimator: ContactEstimator, timing: Timing, ground: Ground | None) -> Timing:
+    """With the clocks' offset. Raises InputError where it cannot be estimated."""
+    from vbaa_calib.core.errors import InputError
+    from vbaa_calib.streams.open import is_recorded
+
+    path = Path(args.source)
+    if args.clock_offset == streams.ESTIMATE and (args.source == "-" or not is_recorded(path)):
+        remedy = "estimate it from a recording of the same rig (vbaa estimate says it), then state it"
+        raise InputError("--clock-offset estimate needs a recording", where="vbaa live", remedy=remedy)
+    return streams.clocked(args, path, estimator, timing, ground)
+
+
+def _source(args: argparse.Namespace, rig: Rig, timing: Timing) -> Source:
     """The source that is named, with its readings. Raises InputError."""
     from vbaa_calib.core.errors import InputError
     from vbaa_calib.streams.devices import udp_socket, with_datagrams
@@ -111,7 +135,7 @@ def _source(args: argparse.Namespace, rig: Rig) -> Source:
         if args.udp is not None:
             remedy = "what was recorded needs readings that were, too: --readings"
             raise InputError("--udp", where="vbaa live", remedy=remedy)
-        return streams.recorded(args, path, rig)
+        return streams.recorded(args, path, rig, timing)
     if args.readings is not None:
         remedy = "readings that come meanwhile: --udp, or standard input"
         raise InputError("--readings is for what was recorded", where="vbaa live", remedy=remedy)
@@ -127,7 +151,7 @@ def _source(args: argparse.Namespace, rig: Rig) -> Source:
 
 def _sinks(args: argparse.Namespace, stack: ExitStack) -> list[_Sink]:
     """Where contacts go; all are closed with the stack, whole. Raises InputError for a file in the way."""
-    from estimator.live.outputs import ContactBag, GrowingTable
+    from estimator.live.outputs import ContactBag, Datagrams, GrowingTable
     from vbaa_calib.core.errors import InputError
     from vbaa_calib.streams.bag_of_session import refuse_bag
 
@@ -143,11 +167,13 @@ def _sinks(args: argparse.Namespace, stack: ExitStack) -> list[_Sink]:
         refuse_log(args.rerun, args.force)
     sinks: list[_Sink] = []
     if args.output is not None:
-        sinks.append(GrowingTable(args.output, args.force))
+        sinks.append(GrowingTable(args.output, args.force, final=not args.no_final))
     if args.bag is not None:
         sinks.append(ContactBag(args.bag))
     if args.lines:
         sinks.append(_Lines())
+    if args.udp_out is not None:
+        sinks.append(Datagrams(args.udp_out))
     if args.rerun is not None:
         sinks.append(RerunLog(args.rerun, args.force))
     for sink in sinks:
@@ -229,6 +255,17 @@ class _Monitor:
     at_once: dict[int, str] = field(default_factory=dict)
     drift: dict[str, Any] = field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        from estimator.contact.watch import DriftWatch
+
+        self.watch = DriftWatch(self.live.estimator.rig)
+
+    def _say(self, changes: list[Change]) -> None:
+        from vbaa_calib.core.console import say
+
+        for change in changes:
+            say(f"warning, frame {change.frame}: {change.words}")
+
     def write(self, contact: LiveContact) -> None:
         row = contact.row
         if contact.final:
@@ -239,6 +276,7 @@ class _Monitor:
         if self.live.final:
             self.at_once[row.frame] = row.status
         self._watch(row.frame)
+        self._say(self.watch.push(row.frame, contact.item.measured))
         now_s = time.monotonic()
         if now_s >= self.next_s and sys.stderr is not None and sys.stderr.isatty():
             self.next_s = now_s + _SHOWN_S
@@ -315,5 +353,6 @@ class _Monitor:
             "latency_p99_s": late if frames else None,
             "stream": dict(synchronizer.counts),
             "drift": self.drift,
+            "changes": [asdict(change) for change in self.watch.changes],
             "notes": list(self.source.notes),
         }

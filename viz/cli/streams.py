@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,9 +15,11 @@ from vbaa_calib.core.errors import InputError
 if TYPE_CHECKING:
     import numpy as np
 
+    from estimator.contact.estimate import ContactEstimator
+    from estimator.contact.recording import Ground
     from vbaa_calib.rig import Rig
     from vbaa_calib.session import Frame
-    from vbaa_calib.streams import Source, Synchronizer, Timing
+    from vbaa_calib.streams import Reading, Source, Synchronizer, Taken, Timing
     from vbaa_calib.streams.bags import Topics
 
 _ROLES = ("image", "moment", "joints", "camera")
@@ -45,11 +47,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--moment-axis", default="y", choices=("x", "y", "z"), help="of a WrenchStamped, the antenna's y (default: y)"
     )
     group.add_argument(
-        "--offset",
-        type=float,
-        default=0.0,
-        metavar="S",
-        help="what is added to the readings' times to have them on the pictures' clock (default: 0)",
+        "--clock-offset",
+        default="0",
+        metavar="S|estimate",
+        help="what is added to the readings' times to have them on the pictures' clock (default: 0); estimate: of a "
+        "recording, from the moment and the bend that the pictures show",
     )
     group.add_argument(
         "--gap",
@@ -68,19 +70,75 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add_joints(group, "joint angle where it is not read")
 
 
-def timing_of(args: argparse.Namespace) -> Timing:
-    """How readings and pictures belong together. Raises InputError for times and angles that cannot be."""
+ESTIMATE = "estimate"
+
+
+def timing_of(args: argparse.Namespace, rig: Rig) -> Timing:
+    """How readings and pictures belong together; the clocks' offset is 0 where it is to be estimated.
+
+    Raises InputError for times and angles that cannot be.
+    """
     from vbaa_calib.streams import Timing
 
+    try:
+        offset_s = 0.0 if args.clock_offset == ESTIMATE else float(args.clock_offset)
+    except ValueError:
+        offset_s = float("nan")
+    if not abs(offset_s) <= 1e12:
+        remedy = "give seconds, like 0.012, or estimate"
+        raise InputError(f"--clock-offset is {args.clock_offset!r}", remedy=remedy)
     for name, least, most in (
-        ("offset", -1e12, 1e12),
         ("gap", 1e-6, 3600.0),
         ("wait", 0.0, 3600.0),
     ):
         value = getattr(args, name)
         if not least <= value <= most:  # NaN is not, either
             raise InputError(f"--{name} is {value}", remedy=f"give a number from {least:g} to {most:g}")
-    return Timing(args.offset, args.gap, args.wait, pan_tilt_rad(args))
+    sensors = (rig.moment_sensor, rig.second_moment_sensor)
+    noise_Nm = [0.0 if sensor is None else sensor.std_Nm for sensor in sensors]
+    return Timing(offset_s, args.gap, args.wait, pan_tilt_rad(args), moment_std_Nm=(noise_Nm[0], noise_Nm[1]))
+
+
+def clocked(
+    args: argparse.Namespace, path: Path, estimator: ContactEstimator, timing: Timing, ground: Ground | None
+) -> Timing:
+    """The timing with the clocks' offset, estimated from a recorded source if that is asked for. Raises InputError."""
+    from dataclasses import replace
+    from itertools import islice
+
+    import numpy as np
+
+    from estimator.contact.clock import MOST_PICTURES, clock_offset
+    from estimator.contact.recording import detections, first_looks
+    from vbaa_calib.core.console import say
+    from vbaa_calib.streams import Reading, Synchronizer
+
+    if args.clock_offset != ESTIMATE:
+        return timing
+    if args.no_moment:
+        remedy = "leave out --no-moment, or state the offset"
+        raise InputError("--clock-offset estimate needs the moment", where="--no-moment", remedy=remedy)
+    source = recorded(args, path, estimator.rig, timing)
+    read: list[tuple[float, float]] = []
+
+    def heard() -> Iterator[Taken | Reading | None]:
+        for message in source.messages():
+            if isinstance(message, Reading) and message.channel == "moment_Nm" and message.possible:
+                read.append((message.time_s, message.value))
+            yield message
+
+    # the joints' angles hardly change by what the clocks are apart
+    synchronizer = Synchronizer(replace(timing, wait_s=0.0), source.channels, estimator.rig.camera.image_size)
+    taken = islice(taken_frames(heard(), synchronizer), MOST_PICTURES)
+    seen = list(detections(estimator, first_looks(estimator, taken, ground)))
+    times_s, first = np.unique([time_s for time_s, _ in read], return_index=True)
+    moments_Nm = np.array([moment_Nm for _, moment_Nm in read])[first]
+    found = clock_offset(estimator, [each.measured for each in seen if each.line.found], times_s, moments_Nm)
+    say(
+        f"the readings' clock: {1e3 * found.offset_s:+.1f} ± {1e3 * found.std_s:.1f} ms are added to their times, by "
+        f"{found.frames} pictures"
+    )
+    return replace(timing, offset_s=found.offset_s, offset_std_s=found.std_s)
 
 
 def topics_of(args: argparse.Namespace) -> Topics:
@@ -96,7 +154,7 @@ def topics_of(args: argparse.Namespace) -> Topics:
     return Topics(**named, pan=args.pan_joint, tilt=args.tilt_joint, moment_axis=args.moment_axis)
 
 
-def recorded(args: argparse.Namespace, path: Path, rig: Rig) -> Source:
+def recorded(args: argparse.Namespace, path: Path, rig: Rig, timing: Timing) -> Source:
     """A bag, a video or a table of pictures, with its readings. Raises InputError."""
     from vbaa_calib.streams.bags import is_bag, open_bag
     from vbaa_calib.streams.open import open_recorded
@@ -108,14 +166,16 @@ def recorded(args: argparse.Namespace, path: Path, rig: Rig) -> Source:
     else:
         source = open_recorded(path)
         table = path if path.suffix.lower() == ".csv" and args.readings is None else args.readings
-    source = with_readings(source, table, args.offset)
+    source = with_readings(source, table, timing.offset_s)
     return source.without_moments() if args.no_moment else source
 
 
-def taken_frames(source: Source, synchronizer: Synchronizer) -> Iterator[tuple[Frame, np.ndarray]]:
-    """The frames of a recorded source and their pictures."""
+def taken_frames(
+    messages: Iterable[Taken | Reading | None], synchronizer: Synchronizer
+) -> Iterator[tuple[Frame, np.ndarray]]:
+    """The frames of a recorded source's messages, and their pictures."""
 
-    pushed = (each for message in source.messages() if message is not None for each in synchronizer.push(message))
+    pushed = (each for message in messages if message is not None for each in synchronizer.push(message))
     return ((each.frame, each.taken.image) for each in chain(pushed, synchronizer.finish()))
 
 

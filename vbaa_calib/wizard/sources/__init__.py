@@ -5,6 +5,7 @@ from __future__ import annotations
 import stat
 from collections.abc import Container
 from pathlib import Path
+from typing import Protocol
 
 from vbaa_calib.core.errors import InputError, reason_of
 from vbaa_calib.core.images import SUFFIXES
@@ -12,12 +13,34 @@ from vbaa_calib.core.images import SUFFIXES
 from .files import FolderSource, Picture, SourceLost, VideoSource, shown
 from .live import LiveSource, open_camera, open_stream, parse_camera
 
-Source = FolderSource | VideoSource | LiveSource
-"""`next` returns the next picture, None if none comes in time, and raises SourceLost; `close` may be called twice.
-name : without a URL's secrets. notes : messages so far. live : frames, taken when held still; otherwise all count.
-"""
+
+class Source(Protocol):
+    """Pictures one after the other.
+
+    name : for the screen, without a URL's secrets. notes : messages so far. live : a stream of frames, of which one is
+    accepted when it is held still; else every picture counts.
+    """
+
+    live: bool
+    name: str
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """So far."""
+
+    @property
+    def ended(self) -> bool:
+        """No more will come."""
+
+    def next(self, timeout_s: float) -> Picture | None:
+        """The next picture, None where there is nothing new in time. Raises SourceLost."""
+
+    def close(self) -> None:
+        """May be called twice."""
+
+
 _LONGEST = 4096
-_KINDS = "name a folder of pictures, a video, a camera like camera:0, or a stream like rtsp://host/path"
+_KINDS = "name a folder of pictures, a video, a bag, a camera like camera:0, or a stream like rtsp://host/path"
 
 
 def open_source(text: str, seen: Container[str] = (), wait: bool = False) -> Source:

@@ -1,0 +1,89 @@
+"""The offset of the readings' clock: found within its deviation, or refused where the data do not show it."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from estimator import ContactEstimator
+from estimator.contact.clock import FARTHEST_S, ClockOffset, clock_offset
+from estimator.table.contacts import Measured
+from tests.rod_scenes import RIG_STD
+from vbaa_calib.core.errors import InputError
+
+from .pressing import WORLD, Motion, pictures, readings
+
+LENGTH_S = 7.0
+
+
+def estimator() -> ContactEstimator:
+    return ContactEstimator(WORLD.rig(0.25 * RIG_STD), jobs=1)
+
+
+@cache
+def recorded(seed: int, picture_Hz: float, reading_Hz: float) -> tuple[list[Measured], np.ndarray, np.ndarray]:
+    """Pictures, and times and values of readings, all on one clock."""
+    rng = np.random.default_rng(seed)
+    motion = Motion.drawn(rng, LENGTH_S + 2.0)
+    times_s = np.arange(-1.2, LENGTH_S + 1.2, 1.0 / reading_Hz) + rng.uniform(0.0, 1.0 / reading_Hz)
+    at = np.arange(0.0, LENGTH_S, 1.0 / picture_Hz)
+    return pictures(motion, at, rng), times_s, readings(motion, times_s, rng)
+
+
+def found(seed: int, offset_s: float, picture_Hz: float = 30.0, reading_Hz: float = 97.0) -> ClockOffset:
+    several, times_s, values = recorded(seed, picture_Hz, reading_Hz)
+    return clock_offset(estimator(), several, times_s - offset_s, values)
+
+
+@pytest.mark.parametrize(
+    ("offset_s", "picture_Hz", "reading_Hz"),
+    [(0.0, 30.0, 97.0), (0.012, 30.0, 30.0), (-0.08, 30.0, 210.0), (0.4, 15.0, 40.0), (-0.7, 60.0, 25.0)],
+)
+def test_an_injected_offset_is_found(offset_s: float, picture_Hz: float, reading_Hz: float) -> None:
+    """Whatever its size and the rates, also where readings and pictures come in step; and with a useful deviation."""
+    one = found(1, offset_s, picture_Hz, reading_Hz)
+    assert abs(one.offset_s - offset_s) < 3.5 * one.std_s
+    assert one.std_s < 0.25 / picture_Hz
+
+
+def test_the_deviation_covers_what_is_off() -> None:
+    offsets = np.random.default_rng(5).uniform(-0.3, 0.3, 16)
+    several = [found(seed, offset_s) for seed, offset_s in enumerate(offsets)]
+    off = np.array([(one.offset_s - offset_s) / one.std_s for one, offset_s in zip(several, offsets, strict=True)])
+    assert np.mean(np.abs(off) < 2.0) >= 13 / 16
+    assert 0.5 < np.sqrt(np.mean(off**2)) < 1.5
+
+
+def still(values: np.ndarray) -> np.ndarray:
+    return np.random.default_rng(0).normal(values[0], WORLD.sensor.std_Nm, len(values))
+
+
+def test_what_the_data_do_not_show_is_refused() -> None:
+    """A sensor that is not connected, readings of something else, no overlap, an offset out of reach, few pictures."""
+    several, times_s, values = recorded(1, 30.0, 97.0)
+    other = recorded(2, 30.0, 97.0)[2]
+    for why, given in {
+        "hardly changes": (several, times_s, still(values)),
+        "follow the bend|about as well|known to": (several, times_s, other[: len(values)]),
+        "hardly overlap": (several, times_s + 100.0, values),
+        "search ends|about as well|follow the bend": (several, times_s - 1.8 * FARTHEST_S, values),
+        "pictures show": (several[:20], times_s, values),
+        "readings": (several, times_s[:3], values[:3]),
+    }.items():
+        with pytest.raises(InputError, match=why):
+            clock_offset(estimator(), *given)
+
+
+def test_no_motion_and_one_that_repeats_itself_are_refused() -> None:
+    rng = np.random.default_rng(3)
+    at, times_s = np.arange(0.0, 6.0, 1 / 30.0), np.arange(-1.0, 7.0, 0.01)
+    same = Motion(np.arange(-1.0, 9.0, 0.5), np.full(20, 0.7), np.full(20, 0.5))
+    with pytest.raises(InputError, match="repeats itself"):
+        clock_offset(estimator(), pictures(same, at, rng), times_s, readings(same, times_s, rng))
+    held = pictures(same, np.full(len(at), 0.15), rng)
+    several = [Measured(e.points_px, e.sigma_px, np.nan, 0.0, 0.3, time_s=t) for e, t in zip(held, at, strict=True)]
+    values = readings(same, np.full(len(times_s), 0.15), rng)
+    with pytest.raises(InputError, match="hardly changes"):
+        clock_offset(estimator(), several, times_s, values)
