@@ -6,13 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from ..hostile.conftest import make_files
-from .fuzz import READERS, SEEDS, outcome, runs
+from .fuzz import READERS, SEEDS, make_inputs, outcome, runs
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return make_files(tmp_path_factory.mktemp("fuzz"))
+    return make_inputs(tmp_path_factory.mktemp("fuzz"))
 
 
 @pytest.mark.parametrize("count", [1000, pytest.param(100_000, marks=pytest.mark.slow)])
