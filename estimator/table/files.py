@@ -121,11 +121,11 @@ def cells_of(row: ContactRow) -> dict[str, int | float | bool | str]:
     cells: dict[str, int | float | bool | str] = {}
     for field, names in _NAMES.items():
         value = getattr(row, field)
-        if isinstance(value, np.ndarray):
-            value = value[_UPPER] if value.ndim == 2 else value
-            cells |= zip(names, value.ravel().tolist(), strict=True)
-        else:
-            cells[names[0]] = value.item() if isinstance(value, np.generic) else value
+        if len(names) == 1:  # most of them: NumPy would take longer than all else
+            cells[names[0]] = value.item() if isinstance(value, np.generic | np.ndarray) else value
+            continue
+        value = value[_UPPER] if np.ndim(value) == 2 else value
+        cells |= zip(names, np.ravel(value).tolist(), strict=True)
     cells["reason"] = " ".join(row.reason.split())
     return cells
 
