@@ -6,7 +6,7 @@ import importlib
 import os
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
@@ -85,7 +85,9 @@ def open_bag(path: Path, topics: Topics, camera_matrix: np.ndarray | None, image
     highlevel = require_extra("rosbags.highlevel", "live")
     stack = ExitStack()
     try:
-        reader = stack.enter_context(highlevel.AnyReader([path], default_typestore=_typestore(path)))
+        reader = highlevel.AnyReader([path], default_typestore=_typestore(path))
+        reader.open()
+        stack.callback(_close, reader)
         kinds = {name: info.msgtype for name, info in reader.topics.items()}
     except Exception as error:  # of a damaged file the reader lets anything through
         what = f"cannot be read as a bag ({type(error).__name__}: {clipped(str(error).partition(chr(10))[0])})"
@@ -128,6 +130,11 @@ def open_bag(path: Path, topics: Topics, camera_matrix: np.ndarray | None, image
                         notes.append(f"{connection.topic} holds messages that cannot be read ({clipped(str(error))})")
 
     return Source(path.name, messages, frozenset(channels), notes=notes)
+
+
+def _close(reader: Any) -> None:
+    with suppress(Exception):  # of a damaged bag it lets anything through here, too
+        reader.close()
 
 
 class _NotThisRig(InputError):
