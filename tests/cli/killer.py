@@ -39,7 +39,7 @@ CALLS = {
     "handeye": "handeye ../corners.csv --board ../board.yaml --poses ../poses.csv --camera ../camera.json -o out.json",
     "stiffness": "stiffness ../stiffness.csv --load 0.01 --distance 0.2 -o out.json",
     "simulate": "simulate ../scene.yaml --pictures none -o out",
-    "simulate bag": "simulate ../scene.yaml --pictures none -o out --bag out.mcap",
+    "simulate bag": "simulate ../scene.yaml -o out --bag out.mcap",
     "convert": "convert ../rig.json --to ros -o out.yaml",
     "budget": "budget ../rig.json -o out.json",
     "track": "track ../touches.csv --rig ../touches.json -o out.csv",
@@ -108,7 +108,10 @@ def life(call: str, place: Path, move: int = 0, after_s: float = 0.0) -> tuple[i
 
 
 def _watched(place: Path, last: int) -> list[int]:
-    """Counts moves on the disk in a folder from now on, and ends the process before the one of this number."""
+    """Counts moves on the disk in a folder from now on, and ends the process before the one of this number.
+
+    A hook of Python's stays as long as the process: hence only in a life's.
+    """
     count, root = [0], str(place)
 
     def watch(event: str, args: tuple[Any, ...]) -> None:
@@ -167,13 +170,10 @@ def broken(name: str, folder: Path, kills: int) -> Iterator[str]:
         yield f"{name}: exit {code} after {moves} moves: {said}"
         return
     for number in range(kills):
-        if number % 4 == 0:  # two lives upon nothing or what a killed one left, two upon an earlier run's files
+        old = number % 4 < 2  # two lives upon an earlier run's files, two upon nothing or what a killed one left
+        if number % 2 == 0:
             shutil.rmtree(place)
-            place.mkdir()
-        elif number % 4 == 2:
-            shutil.rmtree(place)
-            shutil.copytree(whole, place)
-        old = number % 4 >= 2
+            shutil.copytree(whole, place) if old else place.mkdir()
         if rng.random() < 0.5:
             how: dict[str, Any] = {"move": int(rng.integers(1, moves + 1))}
         else:
