@@ -11,7 +11,7 @@ from typing import Any, TextIO
 from estimator.table.contacts import LOCATED
 from estimator.table.files import cells_of, write_header, write_row
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.core.files import refuse_overwrite
+from vbaa_calib.core.files import disk_errors_named, refuse_overwrite
 from vbaa_calib.streams.bags import BagWriter, Logged
 
 from .estimator import LiveContact
@@ -36,17 +36,20 @@ class GrowingTable:
 
     def write(self, contact: LiveContact) -> None:
         stream = self._later_stream if contact.final else self._now_stream
-        write_row(stream, cells_of(contact.row))
-        stream.flush()
+        with disk_errors_named(self._path):
+            write_row(stream, cells_of(contact.row))
+            stream.flush()
         self._rows[contact.final] += 1
 
     def close(self) -> None:
         """Puts the final rows in place, if there is one of every frame."""
-        self._now_stream.close()
-        self._later_stream.close()
-        if self._rows[True] == self._rows[False]:
-            os.replace(self._later, self._path)
-        else:
+        try:
+            with disk_errors_named(self._path):
+                self._now_stream.close()
+                self._later_stream.close()
+                if self._rows[True] == self._rows[False]:
+                    os.replace(self._later, self._path)
+        finally:
             self._later.unlink(missing_ok=True)
 
 
@@ -55,8 +58,13 @@ def _opened(path: Path) -> TextIO:
         stream = path.open("w", encoding="utf-8", newline="")
     except OSError as error:
         raise InputError(f"cannot be written ({error.strerror})", where=path, remedy="write somewhere else") from None
-    write_header(stream)
-    stream.flush()
+    try:
+        with disk_errors_named(path):
+            write_header(stream)
+            stream.flush()
+    except BaseException:
+        path.unlink(missing_ok=True)
+        raise
     return stream
 
 
@@ -76,14 +84,18 @@ class ContactBag:
     def __init__(self, path: Path, force: bool = False) -> None:
         """Raises InputError for a file in the way."""
         refuse_overwrite(path, force)
-        self._writer = BagWriter(path)
+        self._path = path
+        with disk_errors_named(path):
+            self._writer = BagWriter(path)
 
     def write(self, contact: LiveContact) -> None:
-        for logged in contact_messages(contact):
-            self._writer.write(logged)
+        with disk_errors_named(self._path):
+            for logged in contact_messages(contact):
+                self._writer.write(logged)
 
     def close(self) -> None:
-        self._writer.close()
+        with disk_errors_named(self._path):
+            self._writer.close()
 
 
 def contact_messages(contact: LiveContact) -> list[Logged]:
