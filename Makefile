@@ -6,7 +6,7 @@ INSTALLED := $(VENV)/.installed
 # One thread per process: the arrays are small, and two workers share two cores.
 export OMP_NUM_THREADS ?= 1
 
-.PHONY: demo test test-slow fuzz processors docs sbom lint install gl clean
+.PHONY: demo test test-slow fuzz kills soak processors docs sbom lint install gl clean
 .DEFAULT_GOAL := test
 
 install: $(INSTALLED)
@@ -37,6 +37,14 @@ test-slow: $(INSTALLED) gl
 # a million files changed at random, and every reader on them: two hours; what breaks one is kept in tests/fuzz/seeds
 fuzz: $(INSTALLED)
 	$(BIN)/python -m tests.fuzz.fuzz --runs 1000000 --report fuzz.md
+
+# two thousand kills of the verbs that write: half an hour
+kills: $(INSTALLED)
+	$(BIN)/python -m tests.cli.killer --kills 2000
+
+# long runs, in which memory and open files must not grow: an hour; PART=0.1 for a tenth of each
+soak: $(INSTALLED)
+	$(BIN)/python -m benchmarks.soak $(if $(PART),--part $(PART))
 
 # the same answers as on other processors? twenty minutes; with PHOTOGRAPHS=DIR the real sets' lenses, too
 processors: $(INSTALLED)

@@ -8,18 +8,21 @@ import io
 import json
 import math
 import os
+import shutil
 import signal
 import subprocess
 import sys
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vbaa_calib.core.csv_rows import number, read_csv
-from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.errors import InputError, sentence_of
 from vbaa_calib.core.files import (
     read_json,
     read_yaml,
@@ -274,3 +277,28 @@ def test_a_writer_that_was_killed_between_the_two_names_has_lost_nothing(tmp_pat
         raise RuntimeError
     assert (target / "kept").read_text() == "old"
     assert [path.name for path in tmp_path.iterdir()] == ["session"]
+
+
+@pytest.mark.parametrize("writing", [replacing, replacing_folder])
+def test_a_folder_that_vanishes_under_its_writer(writing: Callable[..., Any], tmp_path: Path) -> None:
+    """It is one line at the end, whatever came first."""
+    target = tmp_path / "gone" / "out.csv"
+
+    def write() -> None:
+        with writing(target) as temporary:
+            shutil.rmtree(target.parent)
+            (temporary if writing is replacing else temporary / "kept").write_text("new")
+
+    with pytest.raises(OSError) as raised:  # noqa: PT011 - which one is the system's choice
+        write()
+    assert sentence_of(raised.value)
+    assert list(tmp_path.glob("gone/*")) == []
+
+
+def test_of_two_that_write_a_file_one_stands_whole(tmp_path: Path) -> None:
+    target = tmp_path / "out.csv"
+    with replacing(target) as first, replacing(target) as second:
+        first.write_text("first")
+        second.write_text("second")
+    assert target.read_text() == "first"  # it ended last
+    assert [path.name for path in tmp_path.iterdir()] == ["out.csv"]

@@ -30,19 +30,21 @@ class Scale:
     """One way to do the same frames.
 
     workers : processes; 0: in this process, without dask. wall_s : by the clock, on a machine that others may use.
-    work_s : the processor's seconds of what is done with recordings, all_s : of all processes together.
-    overhead : what `all_s` has beyond the serial run's, of that.
+    parts : recordings, or pieces. work_s : the processor's seconds of what is done with frames, all_s : of all
+        processes together. overhead : what they take beside the work, beyond what the serial run does, of all that it
+        takes; each_ms : the same for a part. (The work itself scatters with what else the machine does.)
     moved_per_frame, written_per_frame : bytes between workers, and of the data set.
     """
 
     kind: str
     workers: int
-    recordings: int
+    parts: int
     frames: int
     wall_s: float
     work_s: float
     all_s: float
     overhead: float
+    each_ms: float
     frames_per_s: float
     work_us_per_frame: float
     moved_per_frame: float
@@ -73,7 +75,7 @@ def measure(options: Options) -> Findings:
                 task_s = _empty_task_s(client)
                 rows.append(_on(client, workers, "recordings", recordings, root / f"short{workers}"))
                 rows.append(_on(client, workers, "pieces", one, root / f"long{workers}", each))
-    rows = [replace(row, overhead=row.all_s / rows[0].all_s - 1.0) for row in rows]
+    rows = [_beside(row, rows[0]) for row in rows]
     by = {(row.kind, row.workers): row for row in rows}
     faster = {kind: by[kind, 1].wall_s / by[kind, 2].wall_s for kind in ("recordings", "pieces")}
     worst = max(row.overhead for row in rows[1:])
@@ -118,17 +120,23 @@ def _scale(
     return Scale(
         kind,
         workers,
-        len(done),
+        sum(row["pieces"] for row in done),
         frames,
         wall_s,
         work_s,
         all_s,
+        0.0,
         0.0,
         frames / wall_s,
         1e6 * work_s / frames,
         moved / frames,
         written / frames,
     )
+
+
+def _beside(row: Scale, serial: Scale) -> Scale:
+    more_s = (row.all_s - row.work_s) - (serial.all_s - serial.work_s)
+    return replace(row, overhead=more_s / serial.all_s, each_ms=1e3 * more_s / row.parts)
 
 
 def _spent_s(client: Client) -> float:
@@ -153,11 +161,13 @@ def _table(rows: Sequence[Scale]) -> str:
     head = [
         "what",
         "workers",
+        "parts",
         "frames",
         "wall s",
         "work s",
         "all s",
         "overhead",
+        "ms each",
         "frames/s",
         "µs/frame",
         "B moved",
@@ -167,11 +177,13 @@ def _table(rows: Sequence[Scale]) -> str:
         [
             row.kind,
             str(row.workers),
+            str(row.parts),
             str(row.frames),
             f"{row.wall_s:.1f}",
             f"{row.work_s:.1f}",
             f"{row.all_s:.1f}",
             f"{100 * row.overhead:.1f} %",
+            f"{row.each_ms:.0f}",
             f"{row.frames_per_s:.0f}",
             f"{row.work_us_per_frame:.0f}",
             f"{row.moved_per_frame:.0f}",

@@ -15,7 +15,7 @@ from typing import Any, TextIO
 from estimator.table.contacts import LOCATED, ContactRow
 from estimator.table.files import cells_of, check_format, write_contacts, write_header, write_row
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.core.files import refuse_overwrite
+from vbaa_calib.core.files import disk_errors_named, refuse_overwrite
 from vbaa_calib.streams.bags import BagWriter, Logged
 from vbaa_calib.streams.devices import udp_address
 
@@ -40,17 +40,18 @@ class GrowingTable:
         self._rows = [0, 0]
 
     def write(self, contact: LiveContact) -> None:
-        if not contact.final:
-            write_row(self._stream, cells_of(contact.row))
-            self._stream.flush()
-        if contact.final == self._final:
-            pickle.dump(contact.row, self._kept)
+        with disk_errors_named(self._path):
+            if not contact.final:
+                write_row(self._stream, cells_of(contact.row))
+                self._stream.flush()
+            if contact.final == self._final:
+                pickle.dump(contact.row, self._kept)
         self._rows[contact.final] += 1
 
     def close(self) -> None:
         """Puts the final rows in place, if there is one of every frame."""
-        self._stream.close()
-        with self._kept:
+        with self._kept, disk_errors_named(self._path):
+            self._stream.close()
             if self._rows[False] and self._rows[self._final] == self._rows[False]:
                 self._kept.seek(0)
                 write_contacts(self._path, self._again(), force=True)
@@ -68,8 +69,13 @@ def _opened(path: Path) -> TextIO:
         stream = path.open("w", encoding="utf-8", newline="")
     except OSError as error:
         raise InputError(f"cannot be written ({error.strerror})", where=path, remedy="write somewhere else") from None
-    write_header(stream)
-    stream.flush()
+    try:
+        with disk_errors_named(path):
+            write_header(stream)
+            stream.flush()
+    except BaseException:
+        path.unlink(missing_ok=True)
+        raise
     return stream
 
 
@@ -111,14 +117,18 @@ class ContactBag:
     def __init__(self, path: Path, force: bool = False) -> None:
         """Raises InputError for a file in the way."""
         refuse_overwrite(path, force)
-        self._writer = BagWriter(path)
+        self._path = path
+        with disk_errors_named(path):
+            self._writer = BagWriter(path)
 
     def write(self, contact: LiveContact) -> None:
-        for logged in contact_messages(contact):
-            self._writer.write(logged)
+        with disk_errors_named(self._path):
+            for logged in contact_messages(contact):
+                self._writer.write(logged)
 
     def close(self) -> None:
-        self._writer.close()
+        with disk_errors_named(self._path):
+            self._writer.close()
 
 
 def contact_messages(contact: LiveContact) -> list[Logged]:

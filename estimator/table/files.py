@@ -121,6 +121,9 @@ def cells_of(row: ContactRow) -> dict[str, int | float | bool | str]:
     cells: dict[str, int | float | bool | str] = {}
     for field, names in _NAMES.items():
         value = getattr(row, field)
+        if len(names) == 1:  # most of them: NumPy would take longer than all else
+            cells[names[0]] = value.item() if isinstance(value, np.generic | np.ndarray) else value
+            continue
         value = value[_UPPER] if np.ndim(value) == 2 else value
         cells |= zip(names, np.ravel(value).tolist(), strict=True)
     cells["reason"] = " ".join(row.reason.split())
@@ -154,7 +157,7 @@ def _parquet_rows(path: Path, columns: tuple[str, ...], optional: tuple[str, ...
                 for record in batch.to_pylist():
                     line += 1
                     yield {name: _text(value) for name, value in record.items()} | {"line": str(line)}
-    except (pyarrow.ArrowException, OSError) as error:
+    except (pyarrow.ArrowException, OSError, UnicodeDecodeError) as error:
         why = str(error).partition("\n")[0]
         raise InputError(f"is not a valid Parquet file ({why})", where=path, remedy="write it again") from None
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import errno
 import json
+import shlex
 import signal
 import subprocess
 import sys
@@ -126,3 +127,15 @@ def test_a_caller_keeps_its_own_signals(vbaa: Call, raising: Callable[[BaseExcep
                 assert signal.getsignal(signal.SIGTERM) is handler
             finally:
                 signal.signal(signal.SIGTERM, before)
+
+
+@pytest.mark.parametrize(
+    ("redirected", "code", "said"),
+    [(">&-", 0, ""), ("| true", 1, ""), (">/dev/full", 1, "vbaa: No space left on device\n")],
+)
+def test_stdout_that_is_closed_or_full(redirected: str, code: int, said: str) -> None:
+    """No traceback, nor anything of the interpreter's at its exit."""
+    call = f"sleep 0.1; {shlex.quote(sys.executable)} -m vbaa_calib schema rig; echo $? >&2"
+    shell = ["bash", "-c", f"({call}) {redirected}"]
+    done = subprocess.run(shell, stderr=subprocess.PIPE, text=True, check=False, cwd=Path(__file__).parents[2])
+    assert done.stderr == f"{said}{code}\n"

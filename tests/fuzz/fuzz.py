@@ -10,35 +10,45 @@ import argparse
 import contextlib
 import json
 import re
+import shutil
 import tempfile
 import time
 import warnings
 import zlib
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import yaml
 
 from estimator.table.files import read_contacts
 from vbaa_calib import Camera, Rig
 from vbaa_calib.calibrate.antenna.deflection_table import read_deflections
+from vbaa_calib.calibrate.given_lens import read_lens
 from vbaa_calib.calibrate.pose.robot_tables import read_corners, read_robot_poses
 from vbaa_calib.convert import FORMATS
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_json, read_yaml
 from vbaa_calib.core.images import read_gray
 from vbaa_calib.detect.board.board_file import load_board
-from vbaa_calib.session import load_session, read_recording
+from vbaa_calib.session import centrelines_of, load_session, read_recording
 from vbaa_calib.session.centrelines import read_centrelines
 from vbaa_calib.session.tables import read_loads, read_noload, read_sweep
 from vbaa_calib.simulate.scene.scene_file import load_scene
+from vbaa_calib.streams.bags import BagWriter, Logged, Topics, open_bag
+from vbaa_calib.streams.devices import datagrams
+from vbaa_calib.streams.recorded import csv_readings, open_lines, open_table, open_video
 from vbaa_calib.wizard.questions import read_table
 from vbaa_calib.wizard.store import Journal
+from viz.batch.recordings import recordings_of
+from viz.batch.results import SCHEMA, Results
+from viz.cli.calibrate import _dated
 from viz.files.object_file import read_object
+from viz.scene.truth import true_contacts, true_object
 
 from ..hostile.case import TooLong, bounded
 from ..hostile.conftest import make_files
@@ -65,9 +75,58 @@ def _of(path: Path, read: Callable[[Any], Any]) -> Any:
     return read(load_session(path.parent.parent))
 
 
-def _every_centreline(session: Any) -> None:
-    for _ in read_centrelines(session).values():
+def _all_of(items: Iterable[Any]) -> None:
+    for _ in items:
         pass
+
+
+def _every_centreline(lines: Any) -> None:
+    _all_of(lines.values())
+
+
+def _centrelines(path: Path) -> None:
+    _every_centreline(_of(path, read_centrelines))
+
+
+def _every_message(source: Any) -> None:
+    _all_of(source.messages())
+
+
+def _bag(path: Path) -> None:
+    """A file, or the folder that it lies in."""
+    whole = path.parent if (path.parent / "metadata.yaml").exists() else path
+    _every_message(open_bag(whole, Topics(), np.diag([500.0, 500.0, 1.0]), (480, 360)))
+
+
+def _lines(path: Path) -> None:
+    with path.open("rb") as stream:
+        _every_message(open_lines(stream, 0.1, path.parent))
+
+
+class _Datagrams:
+    """In place of a socket: each paragraph of a file comes as one datagram."""
+
+    def __init__(self, path: Path) -> None:
+        self._several = path.read_bytes().split(b"\n\n")
+
+    def recv(self, most: int) -> bytes:
+        if not self._several:
+            raise BlockingIOError
+        return self._several.pop(0)[:most]
+
+
+def _truth(path: Path) -> None:
+    truth = read_json(path)
+    true_contacts(read_contacts(path.with_name("contacts.csv")), truth, path)
+    true_object(truth, path)
+
+
+def _results(path: Path) -> None:
+    """A batch's folder, or its one recording's contacts, which may be asked for what they were made of."""
+    results = Results(path.parent if path.name == "batch.json" else path.parents[2])
+    results.prepare([])
+    results.write_summary([])
+    results.summary.unlink()
 
 
 READERS = (
@@ -83,13 +142,17 @@ READERS = (
     Reader("noload", "session/noload/noload.csv", lambda path: _of(path, read_noload)),
     Reader("loads", "session/loads/loads.csv", lambda path: _of(path, read_loads)),
     Reader("sweep", "swept/sweep/sweep.csv", lambda path: _of(path, read_sweep)),
-    Reader("centrelines", "lined/recording/centrelines.csv", lambda path: _of(path, _every_centreline)),
+    Reader(
+        "centrelines",
+        "lined/recording/centrelines.csv",
+        lambda path: _of(path, lambda its: _every_centreline(read_centrelines(its))),
+    ),
     Reader("deflections", "stiffness.csv", lambda path: read_deflections(path, 1.0, 0.2)),
     Reader("poses", "poses.csv", read_robot_poses),
     Reader("corners", "corners.csv", lambda path: read_corners(path, (480, 360), 88)),
     Reader("readings", "readings.csv", read_table),
     Reader("answers", "answers.yaml", read_yaml),
-    Reader("truth", "truth.json", read_json),
+    Reader("truth", "truth.json", _truth),
     Reader("picture", "free.png", read_gray),
     Reader("ros", "ros.txt", FORMATS["ros"].read),
     Reader("kalibr", "kalibr.txt", lambda path: FORMATS["kalibr"].read(path, "cam0")),
@@ -99,6 +162,21 @@ READERS = (
     Reader("ply", "object.ply", read_object),
     Reader("glb", "object.glb", read_object),
     Reader("vtp", "object.vtp", read_object, seldom=50),
+    Reader("lens", "camera.json", read_lens),
+    Reader("tracked", "lined/recording/centrelines.csv", lambda path: _every_centreline(centrelines_of(path))),
+    Reader("mcap", "stream.mcap", _bag),
+    Reader("bag", "stream.bag", _bag),
+    Reader("bag_metadata", "stream/metadata.yaml", _bag),
+    Reader("bag_database", "stream/stream.db3", _bag),
+    Reader("stream_readings", "stream.csv", lambda path: _all_of(csv_readings(path)[1])),
+    Reader("stream_table", "stream_pictures.csv", lambda path: _every_message(open_table(path))),
+    Reader("lines", "stream.jsonl", _lines),
+    Reader("datagrams", "datagrams.txt", lambda path: _all_of(datagrams(_Datagrams(path), []))),  # type: ignore[arg-type]
+    Reader("video", "stream.avi", lambda path: _every_message(open_video(path)), seldom=10),
+    Reader("batch_list", "list.csv", lambda path: recordings_of([str(path)], path.with_name("rig.json"))),
+    Reader("fleet", "fleet.csv", lambda path: _dated([path])),
+    Reader("batch", "results/batch.json", _results),
+    Reader("results", "results/contacts/recording=a/contacts.parquet", _results),
 )
 
 _TOKENS = (
@@ -122,6 +200,41 @@ _ODD: tuple[Any, ...] = (
     *([0.0] * 3, [[0.0] * 3] * 3, [1e300] * 3, "9" * 400, {"schema": "x"}, ["x"] * 50),
 )
 _NUMBER = re.compile(rb"-?\d+\.?\d*(?:[eE][-+]?\d+)?")
+
+
+def add_streams(folder: Path) -> Path:
+    """Recorded streams of the session that is among the good files of this folder, beside them."""
+    pictures = [cv2.imread(str(path)) for path in sorted((folder / "session" / "recording").glob("*.png"))]
+    video = cv2.VideoWriter(str(folder / "stream.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 10.0, pictures[0].shape[1::-1])
+    writers = {name: BagWriter(folder / name) for name in ("stream.mcap", "stream.bag", "stream")}
+    for number, picture in enumerate(pictures, 1):
+        video.write(picture)
+        small = np.ascontiguousarray(picture[::8, ::8, 0])
+        raw = {"height": small.shape[0], "width": small.shape[1], "encoding": "mono8", "step": small.shape[1]}
+        packed = {"format": "png", "data": cv2.imencode(".png", small)[1].ravel()}
+        for name, writer in writers.items():
+            image = ("CompressedImage", packed) if name == "stream.mcap" else ("Image", raw | {"data": small.ravel()})
+            for kind, fields in (
+                (f"sensor_msgs/msg/{image[0]}", image[1]),
+                ("geometry_msgs/msg/WrenchStamped", {"wrench": {"torque": {"y": 0.001}}}),
+                ("sensor_msgs/msg/JointState", {"name": ["pan", "tilt"], "position": [0.1, 0.2]}),
+            ):
+                writer.write(Logged(f"/{kind.rpartition('/')[2]}", kind, fields, 10**9 * number))
+    for writer in writers.values():
+        writer.close()
+    video.release()
+    (folder / "stream.csv").write_text("time_s,moment_Nm,pan_deg\n1,0.001,3\n1.1,,4\n1.2,0.002,\n")
+    (folder / "stream_pictures.csv").write_text("time_s,image\n1,free.png\n2,jig.png\n")
+    lines = '{"time_s": 1.5, "moment_Nm": 0.004, "image": "free.png"}\n{"time_s": 1.6, "pan_rad": 0.1}\n'
+    (folder / "stream.jsonl").write_text(lines + '{"image": "data:image/png;base64,iVBORw0KGgo="}\n')
+    (folder / "datagrams.txt").write_text(lines + "\n" + '{"tilt_rad": 0.1}\n')
+    (folder / "list.csv").write_text("recording,rig,name\nsession,rig.json,mine\nlined,,\n")
+    (folder / "fleet.csv").write_text("session,date\nsession,2026-01-01\nswept,2026-02-01T10:30\n")
+    contacts = Results(folder / "results").contacts("a")
+    contacts.parent.mkdir(parents=True)
+    shutil.copy(folder / "contacts.parquet", contacts)
+    (folder / "results" / "batch.json").write_text(json.dumps({"schema": SCHEMA, "command": []}))
+    return folder
 
 
 def mutated(data: bytes, path: str, rng: np.random.Generator) -> bytes:
@@ -233,7 +346,7 @@ def main() -> None:
     counts: dict[str, Counter[str]] = {reader.name: Counter() for reader in READERS}
     broken: dict[tuple[str, str], str] = {}
     with tempfile.TemporaryDirectory(prefix="fuzz-") as name:
-        make_files(Path(name))
+        add_streams(make_files(Path(name)))
         for number, (reader, data, came) in enumerate(runs(Path(name), args.runs, args.seed)):
             sound = came in ("read", "refused")
             counts[reader.name][came if sound else "broken"] += 1

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -9,6 +11,8 @@ from hypothesis import strategies as st
 
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.streams import Reading, Synchronizer, Taken, Timing
+from vbaa_calib.streams import now_s as steady_s
+from vbaa_calib.streams.recorded import line_messages
 from vbaa_calib.streams.synchronize import Synchronized
 
 PICTURE = np.zeros((4, 6), np.uint8)
@@ -162,3 +166,15 @@ def test_the_error_grows_with_the_gap_and_is_true() -> None:
 
 def test_readings_at_the_pictures_instants_have_no_error() -> None:
     assert error_of(Timing(), 1.05, moment(1.0, 1e-3), moment(1.05, 5e-3), moment(1.1, 1e-3)) == 0.0
+
+
+def test_a_clock_that_is_set_back_holds_nothing_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By an hour, as a day's first synchronization may: lines that name no time are timed on as before."""
+    list(line_messages(b'{"moment_Nm": 0}', None))
+    now_s = time.time()
+    monkeypatch.setattr(time, "time", lambda: now_s - 3600.0)
+    (first,), (second,) = (list(line_messages(b'{"moment_Nm": 0.1}', None)) for _ in range(2))
+    assert now_s - 1.0 <= first.time_s <= second.time_s
+    synchronizer = Synchronizer(Timing(wait_s=0.0), ["moment_Nm"])
+    found = [*synchronizer.push(first), *synchronizer.push(taken(first.time_s)), *synchronizer.ready(steady_s())]
+    assert [each.frame.moment_Nm for each in found] == [0.1]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import shutil
 import threading
 import time
 from pathlib import Path
@@ -16,7 +17,7 @@ import pytest
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.images import read_gray
 from vbaa_calib.wizard.sources import Picture, Source, files, open_source
-from vbaa_calib.wizard.sources.files import FolderSource, Pace
+from vbaa_calib.wizard.sources.files import FolderSource, Pace, SourceLost
 
 QUICK = Pace(scan_s=0.02, settle_s=0.05, patience_s=0.25)
 
@@ -216,3 +217,14 @@ def test_a_video_that_is_cut_off_says_so(video: Path, tmp_path: Path, capfd: pyt
     assert 5 < count < FRAMES
     assert source.notes == (f"cut.avi is cut off or damaged: {count} of its {FRAMES} frames can be read",)
     assert capfd.readouterr() == ("", "")
+
+
+def test_a_folder_that_vanishes_is_lost_in_words(tmp_path: Path) -> None:
+    folder = tmp_path / "pictures"
+    folder.mkdir()
+    source = FolderSource(folder, wait=True, pace=QUICK)
+    put(folder / "a.png", picture(1))
+    assert source.next(2.0) is not None
+    shutil.rmtree(folder)
+    with pytest.raises(SourceLost, match="pictures"):
+        source.next(2.0)

@@ -76,6 +76,8 @@ def _lines(stream: TextIO) -> Iterator[str]:
     while line := stream.readline(_LONGEST):
         if len(line) == _LONGEST and not line.endswith("\n"):
             raise csv.Error(f"a line of over {_LONGEST} characters")
+        if "\0" in line:  # Python takes it, and no name of a file may hold it
+            raise csv.Error("a zero byte")
         yield line
 
 

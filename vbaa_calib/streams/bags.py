@@ -6,7 +6,7 @@ import importlib
 import os
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
@@ -15,7 +15,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.errors import InputError, clipped
 from vbaa_calib.core.images import as_levels, read_picture
 
 from .messages import Messages, Reading, Source, Taken
@@ -85,10 +85,12 @@ def open_bag(path: Path, topics: Topics, camera_matrix: np.ndarray | None, image
     highlevel = require_extra("rosbags.highlevel", "live")
     stack = ExitStack()
     try:
-        reader = stack.enter_context(highlevel.AnyReader([path], default_typestore=_typestore(path)))
+        reader = highlevel.AnyReader([path], default_typestore=_typestore(path))
+        reader.open()
+        stack.callback(_close, reader)
         kinds = {name: info.msgtype for name, info in reader.topics.items()}
     except Exception as error:  # of a damaged file the reader lets anything through
-        what = f"cannot be read as a bag ({type(error).__name__}: {error})"
+        what = f"cannot be read as a bag ({type(error).__name__}: {clipped(str(error).partition(chr(10))[0])})"
         raise InputError(what, where=path, remedy="record or copy it again, or mend it (mcap recover)") from None
     taken = {role: _topic(path, role, getattr(topics, role), kinds) for role in _ROLES}
     if not taken["image"]:
@@ -125,9 +127,14 @@ def open_bag(path: Path, topics: Topics, camera_matrix: np.ndarray | None, image
                 except Exception as error:
                     broken[connection.topic] += 1
                     if broken[connection.topic] == 1:
-                        notes.append(f"{connection.topic} holds messages that cannot be read ({error}); left out")
+                        notes.append(f"{connection.topic} holds messages that cannot be read ({clipped(str(error))})")
 
     return Source(path.name, messages, frozenset(channels), notes=notes)
+
+
+def _close(reader: Any) -> None:
+    with suppress(Exception):  # of a damaged bag it lets anything through here, too
+        reader.close()
 
 
 class _NotThisRig(InputError):

@@ -12,7 +12,7 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.wizard.sources.files import SourceLost
 from vbaa_calib.wizard.sources.live import LiveSource
 
-from .messages import Messages, Reading, Source, Taken
+from .messages import Messages, Reading, Source, Taken, now_s
 from .recorded import TICK_S, line_messages
 
 _LARGEST_DATAGRAM = 65536
@@ -75,7 +75,7 @@ def open_device(camera: LiveSource) -> Source:
     """The newest pictures of a camera that runs, timed by this machine's clock when they were there."""
     notes: list[str] = []
     camera.eager = True
-    start_s = time.time() - time.monotonic() + camera.start_s
+    start_s = now_s() - time.monotonic() + camera.start_s
     begin_s = perf_counter() - time.monotonic() + camera.start_s
 
     def messages() -> Messages:

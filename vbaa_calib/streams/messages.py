@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Generator
 from dataclasses import dataclass, field, replace
 
@@ -41,6 +42,14 @@ class Reading:
     def possible(self) -> bool:
         """Whether it is a number that such a channel may have, at a time that may be."""
         return abs(self.value) <= _MOST[self.channel] and abs(self.time_s) < 1e12
+
+
+_BEGAN_S = time.time() - time.monotonic()
+
+
+def now_s() -> float:
+    """The time of day, s, by a clock that never jumps: it was set when the process began."""
+    return _BEGAN_S + time.monotonic()
 
 
 Messages = Generator[Taken | Reading | None, None, None]

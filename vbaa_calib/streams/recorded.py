@@ -17,11 +17,11 @@ from time import perf_counter
 from typing import Any, BinaryIO
 
 from vbaa_calib.core.csv_rows import csv_rows, number
-from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.errors import InputError, clipped
 from vbaa_calib.core.images import read_picture
 from vbaa_calib.wizard.sources.files import FolderSource, Pace, SourceLost, VideoSource
 
-from .messages import CHANNELS, Messages, Reading, Source, Taken
+from .messages import CHANNELS, Messages, Reading, Source, Taken, now_s
 
 _IN_DEGREES = {"pan_rad": "pan_deg", "tilt_rad": "tilt_deg"}
 _LONGEST_LINE = 64_000_000
@@ -124,7 +124,7 @@ def open_folder(path: Path, idle_s: float) -> Source:
                 until_s = time.monotonic() + idle_s
                 written_s = (path / picture.name).stat().st_mtime
                 assert isinstance(picture.content, bytes)
-                yield Taken(written_s, read_picture(Path(picture.name), picture.content), time.time(), perf_counter())
+                yield Taken(written_s, read_picture(Path(picture.name), picture.content), now_s(), perf_counter())
             notes.append(f"{folder.name} gave nothing new for {idle_s:g} s")
         except (SourceLost, OSError) as error:
             notes.append(str(error))
@@ -195,22 +195,23 @@ def line_messages(line: bytes, root: Path | None) -> Iterator[Taken | Reading]:
     except (ValueError, AssertionError, RecursionError):
         remedy = '{"time_s": 1.5, "moment_Nm": 0.004}'
         raise InputError(f"{line[:40]!r} is no JSON object", remedy=f"write lines like {remedy}") from None
-    now_s, received_s = time.time(), perf_counter()
-    time_s = _number(said, "time_s", now_s)
+    arrived_s, received_s = now_s(), perf_counter()
+    time_s = _number(said, "time_s", arrived_s)
     for channel in CHANNELS:
         if said.get(channel) is not None:
-            yield Reading(time_s, channel, _number(said, channel), now_s)
+            yield Reading(time_s, channel, _number(said, channel), arrived_s)
     if root is not None and said.get("image") is not None:
         image = said["image"]
         if not isinstance(image, str):
             raise InputError("image is no text", remedy="give a path, or a picture's bytes in base64")
-        yield Taken(time_s, _picture(image, root), now_s, received_s)
+        yield Taken(time_s, _picture(image, root), arrived_s, received_s)
 
 
 def _number(said: Mapping[str, Any], name: str, default: float = math.nan) -> float:
     value = said.get(name, default)
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise InputError(f"{name} is {value!r}", remedy="give a finite number in SI units")
+    # a whole number may be larger than any float
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < 1e300:
+        raise InputError(f"{name} is {clipped(repr(value))}", remedy="give a finite number in SI units")
     return float(value)
 
 

@@ -130,7 +130,12 @@ def run(client: Client, recordings: Sequence[Recording], settings: Settings, res
         if outcome is None:
             suspects.append(one.recording)
         elif outcome.state == "long":
-            last, kept = _in_pieces(client, one.recording, settings, results, outcome.pieces)
+            opened = client.submit(work.open_long, one.recording, settings, results, pure=False)
+            last = client.submit(work.parts_of, opened, pure=False)
+            underway[last.key] = _Underway(one.recording, 1, (opened,))
+            coming.add(last)
+        elif outcome.state == "opened":
+            last, kept = _in_pieces(client, one.futures[0], outcome.pieces)
             underway[last.key] = _Underway(one.recording, outcome.pieces, kept)
             coming.add(last)
         else:
@@ -166,26 +171,26 @@ def _workers(client: Client) -> list[str]:
         raise Lost(_LOST) from error
 
 
-def _in_pieces(
-    client: Client, recording: Recording, settings: Settings, results: Results, pieces: int
-) -> tuple[Future, tuple[Future, ...]]:
+def _in_pieces(client: Client, opened: Future, pieces: int) -> tuple[Future, tuple[Future, ...]]:
     """The last task of a long recording, and those before it (`estimator.contact.pieces`)."""
 
     def submit(function: Any, *given: Any, at: str | None = None) -> Future:
         # left alone, dask would do all of it where the recording was opened
         return client.submit(function, *given, pure=False, workers=at and [at], allow_other_workers=at is not None)
 
-    opened = submit(work.open_again, recording, settings, results)
+    if pieces == 1:
+        return submit(work.do_opened, opened), (opened,)
     head = submit(work.head_of, opened)
-    learnt, rows, files = None, None, []
+    learnt, state, files = None, None, []
     places = cycle(_workers(client))
     for index, at in zip(range(pieces), places, strict=False):
-        piece = submit(work.piece_of, opened, index, at=at)
+        piece = submit(work.piece_of, opened, index)  # the whole recording stays where it was opened
         seen = submit(work.look_at, piece, at=at)
         learnt = submit(work.learn_from, head, seen, learnt, at=at)
         found = submit(work.solve_for, head, seen, learnt, at=at)
-        rows = submit(work.rows_of, head, index, rows, seen, found, at=at)
-        files.append(submit(work.file_of, rows, at=at))
+        rows = submit(work.rows_of, head, index, state, seen, found, at=at)
+        state = submit(work.state_of, rows, at=at)
+        files.append(submit(work.file_of, head, index, rows, seen, found, at=at))
     return submit(work.finish, head, files, learnt), (opened, head)
 
 

@@ -18,7 +18,7 @@ from estimator.contact.drift import LearntRig, summary
 from estimator.contact.estimate import ContactEstimator
 from estimator.contact.pieces import RowMaker, Seen, cuts, learn, look, solve
 from estimator.contact.recording import Ground
-from estimator.contact.source import Source, inputs_digest, open_source
+from estimator.contact.source import Source, inputs_digest, open_source, recording_files
 from estimator.contact.surroundings import AUTO, surroundings
 from estimator.table.contacts import ContactRow
 from estimator.table.files import write_contacts
@@ -99,7 +99,7 @@ class Piece:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a recording: `state` is done, unchanged, failed, or long: to be done in so many pieces."""
+    """What became of a recording: `state` is done, unchanged, failed, long, or opened: to be done in so many pieces."""
 
     name: str
     state: str
@@ -115,20 +115,33 @@ def do(recording: Recording, settings: Settings, results: Results) -> Outcome:
         before = None if settings.again else results.done(recording.name)
         if before is not None and before["digest"] == about["digest"]:
             return _with_object(Outcome(recording.name, "unchanged", before), recording, settings, results)
+        if _rows(recording) > settings.piece:
+            return Outcome(recording.name, "long", about)
         opened = _opened(recording, settings, results, about)
         if len(opened.pieces) > 1:
-            return Outcome(recording.name, "long", about, len(opened.pieces))
-        seen = look_at(opened)
-        learnt = learn_from(opened, seen, None)
-        rows = rows_of(opened, 0, None, seen, solve_for(opened, seen, learnt))
-        return finish(opened, [file_of(rows)], learnt)
+            return Outcome(recording.name, "long", about)
+        return do_opened(opened)
     except Exception as error:
         return failed(recording, error)
 
 
-def open_again(recording: Recording, settings: Settings, results: Results) -> Opened:
+def do_opened(opened: Opened) -> Outcome:
+    """A recording in one piece. Raises what is wrong with it."""
+    seen = look_at(opened)
+    learnt = learn_from(opened, seen, None)
+    found = solve_for(opened, seen, learnt)
+    rows = rows_of(opened, 0, None, seen, found)
+    return finish(opened, [file_of(opened, 0, rows, seen, found)], learnt)
+
+
+def open_long(recording: Recording, settings: Settings, results: Results) -> Opened:
     """A long recording, for its pieces. Raises what is wrong with it."""
     return _opened(recording, settings, results, _about(recording, settings))
+
+
+def parts_of(opened: Opened) -> Outcome:
+    """In how many pieces it is to be done."""
+    return Outcome(opened.recording.name, "opened", opened.about, len(opened.pieces))
 
 
 def head_of(opened: Opened) -> Opened:
@@ -168,26 +181,38 @@ def solve_for(
 def rows_of(
     opened: Opened,
     index: int,
-    before: tuple[RowMaker, Piece] | None,
+    before: RowMaker | None,
     seen: tuple[Seen, float],
     found: tuple[list[MovingContacts], float],
-) -> tuple[RowMaker, Piece]:
-    """The state after a piece, and the file of its rows."""
+) -> tuple[RowMaker, list[ContactRow], float]:
+    """The state after a piece, its rows, and the processor's seconds."""
     begun = time.process_time()
     # the state before is another task's result, which may be asked for again
-    maker = RowMaker(opened.rig, opened.source.shutter) if before is None else copy.deepcopy(before[0])
+    maker = RowMaker(opened.rig, opened.source.shutter) if before is None else copy.deepcopy(before)
     rows: list[ContactRow] = maker.push(seen[0], found[0])
     if index == len(opened.pieces) - 1:
         rows += maker.finish()
+    return maker, rows, time.process_time() - begun
+
+
+def state_of(rows: tuple[RowMaker, list[ContactRow], float]) -> RowMaker:
+    """The state alone: the next piece may be done elsewhere."""
+    return rows[0]
+
+
+def file_of(
+    opened: Opened,
+    index: int,
+    rows: tuple[RowMaker, list[ContactRow], float],
+    seen: tuple[Seen, float],
+    found: tuple[list[MovingContacts], float],
+) -> Piece:
+    """The file of a piece's rows."""
+    begun = time.process_time()
     path = opened.results.piece(opened.recording.name, str(opened.about["digest"]), index)
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_contacts(path, rows, force=True)
-    return maker, Piece(path, seen[1] + found[1] + time.process_time() - begun)
-
-
-def file_of(rows: tuple[RowMaker, Piece]) -> Piece:
-    """The file alone."""
-    return rows[1]
+    write_contacts(path, rows[1], force=True)
+    return Piece(path, seen[1] + found[1] + rows[2] + time.process_time() - begun)
 
 
 def finish(opened: Opened, pieces: Sequence[Piece], learnt: Sequence[LearntRig]) -> Outcome:
@@ -252,6 +277,12 @@ def _about(recording: Recording, settings: Settings) -> Row:
         **about,
         "digest": hashlib.sha256(whole).hexdigest(),
     }
+
+
+def _rows(recording: Recording) -> int:
+    """Lines of recording.csv, quickly; 0 where there is none."""
+    tables = [file for file in recording_files(recording.path) if file.name == "recording.csv"]
+    return tables[0].read_bytes().count(b"\n") - 1 if tables else 0
 
 
 def _opened(recording: Recording, settings: Settings, results: Results, about: Row) -> Opened:

@@ -201,6 +201,7 @@ class _Lines:
 
 def _follow(source: Source, live: LiveEstimator, sinks: list[_Sink]) -> None:
     """Every contact to every sink, until the source ends or Ctrl-C."""
+    from vbaa_calib.streams import now_s
 
     def spread(contacts: Iterator[LiveContact]) -> None:
         for contact in contacts:
@@ -211,7 +212,7 @@ def _follow(source: Source, live: LiveEstimator, sinks: list[_Sink]) -> None:
         for message in messages:
             spread(live.push(message))
             if source.live:
-                spread(live.tick(time.time()))
+                spread(live.tick(now_s()))
             if interrupted:
                 break
         if interrupted:
