@@ -122,7 +122,13 @@ def idea() -> Sheet:
     sheet.text(20, 314, "moment at the clamp", GREEN)
     sheet.line((70, 280), (76, 254), colour=GREEN, arrow=True)
     sheet.text(300, 304, "plane C: a plane through the free antenna, on which pixels become millimetres", GREY, size=13)
-    sheet.text(20, 346, "Camera, sensor and antenna are fixed to one plate; two joints (pan, tilt) turn the plate.", INK, size=14)
+    sheet.text(
+        20,
+        346,
+        "Camera, sensor and antenna are fixed to one plate; two joints (pan, tilt) turn the plate.",
+        INK,
+        size=14,
+    )
     return sheet
 
 

@@ -25,7 +25,9 @@ TEAL, AMBER, RED, SLATE = "#0f766e", "#b45309", "#dc2626", "#64748b"
 ESTIMATE, TRUTH = TEAL, AMBER
 RAMP = tuple(to_hex(colour) for colour in colormaps["viridis"](np.linspace(0.28, 0.88, 7)))
 """From early to late, dark to light: distinguishable without colour vision, and on a page of either brightness."""
-_THEMED = re.compile(r"#(ffffff|1f2937|111827|334155|5b6676|64748b|dde3ea|eceff3|0f766e|b45309|dc2626|0072b2|c2410c|7c3aed|12355b)\b")
+_THEMED = re.compile(
+    r"#(ffffff|1f2937|111827|334155|5b6676|64748b|dde3ea|eceff3|0f766e|b45309|dc2626|0072b2|c2410c|7c3aed|12355b)\b"
+)
 """Colours for which a page in the dark has others, by the variables of `viz/pages/templates/style.css`."""
 _ELLIPSE_STD = 2.0
 _TIME = LinearSegmentedColormap.from_list("time", RAMP)
