@@ -39,7 +39,8 @@ class Sheet:
         """A rectangle, turned about its middle by degrees."""
         about = f' transform="rotate({turn:g} {x + width / 2:g} {y + height / 2:g})"' if turn else ""
         self.shapes.append(
-            f'<rect x="{x:g}" y="{y:g}" width="{width:g}" height="{height:g}" rx="3" fill="{fill}" stroke="{INK}"{about}/>'
+            f'<rect x="{x:g}" y="{y:g}" width="{width:g}" height="{height:g}" rx="3" fill="{fill}" '
+            f'stroke="{INK}"{about}/>'
         )
 
     def dot(self, x: float, y: float, colour: str = ORANGE, radius: float = 5) -> None:
@@ -49,7 +50,8 @@ class Sheet:
     def text(self, x: float, y: float, words: str, colour: str = INK, anchor: str = "start", size: int = 15) -> None:
         """One line of words."""
         self.shapes.append(
-            f'<text x="{x:g}" y="{y:g}" fill="{colour}" text-anchor="{anchor}" font-size="{size}">{escape(words)}</text>'
+            f'<text x="{x:g}" y="{y:g}" fill="{colour}" text-anchor="{anchor}" font-size="{size}">'
+            f"{escape(words)}</text>"
         )
 
     def measure(self, start: Point, end: Point, words: str, at: Point) -> None:
@@ -97,7 +99,8 @@ def camera(sheet: Sheet, x: float, y: float, turn: float) -> None:
     """A camera that looks along its lens; unturned, downwards."""
     sheet.box(x - 26, y - 20, 52, 40, "#334155", turn)
     sheet.shapes.append(
-        f'<rect x="{x - 12:g}" y="{y + 18:g}" width="24" height="16" fill="#64748b" transform="rotate({turn:g} {x:g} {y:g})"/>'
+        f'<rect x="{x - 12:g}" y="{y + 18:g}" width="24" height="16" fill="#64748b" '
+        f'transform="rotate({turn:g} {x:g} {y:g})"/>'
     )
 
 
