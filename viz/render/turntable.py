@@ -17,8 +17,8 @@ from viz.scene.scene import Scene
 from .probe import require_opengl
 from .stage import Stage, quiet
 
-_FRAMES, _PER_SECOND = 72, 18
-_SIZE = (720, 540)
+_FRAMES, _PER_SECOND = 48, 12
+_SIZE = (640, 480)
 
 
 @quiet()
@@ -46,12 +46,13 @@ def turntable(scene: Scene, path: Path, *, mode: str = "force", force: bool = Fa
 
 def _turned(stage: Stage) -> Iterator[np.ndarray]:
     """(H, W, 3) uint8 of each angle."""
-    stage.plotter.enable_anti_aliasing("ssaa")
+    stage.plotter.enable_anti_aliasing("fxaa")
     stage.plotter.enable_depth_peeling(8)
     for _ in range(_FRAMES):
         yield np.asarray(stage.plotter.screenshot(return_img=True))[..., :3]
         stage.plotter.camera.Azimuth(360 / _FRAMES)
         stage.plotter.reset_camera_clipping_range()
+        stage.plotter.render_window.Render()
 
 
 def _write_film(temporary: Path, path: Path, stage: Stage) -> None:
