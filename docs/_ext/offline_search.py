@@ -55,6 +55,6 @@ def text_of(page: str) -> str:
     main = _MAIN.search(page)
     if main is None:
         return ""
-    kept = _SECTION.sub(r"\x01\1\x02", _DROPPED.sub("", main[1])).replace("</section>", "\x03")
+    kept = _SECTION.sub("\x01\\1\x02", _DROPPED.sub("", main[1])).replace("</section>", "\x03")
     words = " ".join(html.escape(html.unescape(_TAG.sub(" ", kept)), quote=False).split())
     return re.sub("\x01(.*?)\x02", r'<section id="\1">', words).replace("\x03", "</section>")
