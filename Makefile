@@ -6,7 +6,7 @@ INSTALLED := $(VENV)/.installed
 # One thread per process: the arrays are small, and two workers share two cores.
 export OMP_NUM_THREADS ?= 1
 
-.PHONY: demo test test-slow fuzz kills soak processors docs sbom lint install gl clean
+.PHONY: demo test test-slow fuzz kills soak processors docs docs-pictures sbom lint install gl clean
 .DEFAULT_GOAL := test
 
 install: $(INSTALLED)
@@ -53,6 +53,11 @@ processors: $(INSTALLED)
 # the documentation as a site: docs/_build/index.html
 docs: $(INSTALLED)
 	$(BIN)/python -m sphinx -W --keep-going -n -q -j auto -b html docs docs/_build
+
+# the documentation's pictures, of a demo of this release; needs chromium
+docs-pictures: $(INSTALLED) gl
+	$(BIN)/python docs/drawings.py
+	$(BIN)/python docs/pictures.py
 
 # every package that is needed, with its version and licence: sbom.json (CycloneDX); EXTRAS="dev" for those, too
 sbom: $(INSTALLED)

@@ -17,19 +17,24 @@ language = "en"
 smartquotes = False  # -- is an option's beginning here, and no dash
 
 extensions = [
-    "myst_parser",
+    "myst_nb",
     "sphinx.ext.autodoc",
     "sphinx.ext.napoleon",
     # of this folder
     "beside",
     "docstrings",
+    "offline_search",
     "verb_reference",
 ]
 exclude_patterns = ["_build", "_ext"]
-source_suffix = {".md": "markdown"}
+source_suffix = {".md": "myst-nb"}
 root_doc = "index"
 
 myst_heading_anchors = 4
+# the tutorial runs at each build; an error in it is one of the build
+nb_execution_mode = "force"
+nb_execution_raise_on_error = True
+nb_execution_timeout = 600
 
 default_role = "literal"
 add_module_names = False

@@ -18,7 +18,7 @@ NUMBER = r"\d+(?:\.\d+)?"
 LEVEL = "95 %"
 OF_GOAL, OF_DEVIATION = 0.002, 0.01
 """Parts of a goal, and of a standard deviation, by which the README may differ from a run."""
-README = Path(__file__).parents[1] / "README.md"
+PAGE = Path(__file__).parents[1] / "docs" / "accuracy.md"
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ def digit(number: str) -> float:
 
 def table_in_readme() -> dict[str, dict[str, str]]:
     """Scene → row's name → cell, of the rows that a run decides and a machine's speed does not."""
-    lines = README.read_text(encoding="utf-8").splitlines()
+    lines = PAGE.read_text(encoding="utf-8").splitlines()
     start = next(index for index, line in enumerate(lines) if line.startswith("| root mean square error | demo"))
     rows = {}
     for line in lines[start + 2 :]:

@@ -1,4 +1,4 @@
-"""The house rules that a machine can hold: imports point down, and the README's equation table is true."""
+"""The house rules that a machine can hold: imports point down, and docs/theory_paper.md names each equation's code."""
 
 from __future__ import annotations
 
@@ -162,9 +162,9 @@ def expand(text: str) -> set[int]:
 
 
 def readme_table() -> dict[int, set[str]]:
-    """Equation number → files, as the README's table says."""
+    """Equation number → files, as the table in docs/theory_paper.md says."""
     found: dict[int, set[str]] = {}
-    for line in (ROOT / "README.md").read_text(encoding="utf-8").splitlines():
+    for line in (ROOT / "docs/theory_paper.md").read_text(encoding="utf-8").splitlines():
         cells = [cell.strip() for cell in line.strip("|").split("|")]
         if line.startswith("| (") and len(cells) >= 3:
             for number in expand(cells[0]):
@@ -173,7 +173,7 @@ def readme_table() -> dict[int, set[str]]:
 
 
 def test_equation_table_agrees_with_the_docstrings() -> None:
-    """Who holds an equation of the paper finds its code in the README, and the other way round."""
+    """Who holds an equation of the paper finds its code in docs/theory_paper.md, and the other way round."""
     assert readme_table() == equation_tags()
 
 

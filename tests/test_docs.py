@@ -6,7 +6,9 @@ import argparse
 import contextlib
 import csv
 import io
+import json
 import re
+import runpy
 import shlex
 import subprocess
 import sys
@@ -82,6 +84,19 @@ def test_the_site_describes_every_verb(site: Path) -> None:
     assert "--overlay DIR" in page
 
 
+def test_search_finds_its_excerpts_offline(site: Path) -> None:
+    """The text of every page is a script of the search page, with the anchors that results lead to."""
+    assert "_static/excerpts.js" in (site / "search.html").read_text(encoding="utf-8")
+    script = (site / "_static" / "excerpts.js").read_text(encoding="utf-8")
+    pages, _ = json.JSONDecoder().raw_decode(script.removeprefix("const pages = "))
+    assert set(pages) == {path.stem for path in DOCS}
+    for name, text in pages.items():
+        anchors = re.findall(r'<section id="([^"]+)">', text)
+        assert anchors, name
+        page = (site / f"{name}.html").read_text(encoding="utf-8")
+        assert all(f'id="{anchor}"' in page for anchor in anchors), name
+
+
 def test_every_verb_has_its_row() -> None:
     """In docs/verbs.md, and none that does not exist."""
     rows = re.findall(r"^\| `vbaa (\w+)` \|", (ROOT / "docs" / "verbs.md").read_text(encoding="utf-8"), re.MULTILINE)
@@ -114,9 +129,16 @@ def test_every_picture_is_shown() -> None:
         (path.parent / link).resolve()
         for path in PAGES
         for link in _LINK.findall(path.read_text(encoding="utf-8"))
-        if link.endswith((".png", ".jpg"))
+        if link.endswith((".png", ".jpg", ".svg"))
     }
     assert set((ROOT / "docs" / "images").rglob("*.*")) - shown == set()
+
+
+def test_the_drawings_are_those_of_their_code() -> None:
+    """`python docs/drawings.py` would change none."""
+    drawn = runpy.run_path(str(ROOT / "docs" / "drawings.py"))
+    lying = {path.stem: path.read_text(encoding="utf-8") for path in drawn["FOLDER"].glob("*.svg")}
+    assert lying == {name: draw().svg() for name, draw in drawn["DRAWINGS"].items()}
 
 
 def commands(text: str) -> Iterator[tuple[str, bool]]:

@@ -1,4 +1,4 @@
-"""What the README says of the benchmarks stands in their tables."""
+"""What docs/accuracy.md says of the benchmarks stands in their tables."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from viz.cli.demo import SCENES
 from .readme_table import table_in_readme
 
 ROOT = Path(__file__).parents[1]
-README = " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
+PAGE = " ".join((ROOT / "docs" / "accuracy.md").read_text(encoding="utf-8").split())
 
 
 def rows(name: str) -> list[dict[str, str]]:
@@ -32,9 +32,9 @@ def numbers(table: list[dict[str, str]], column: str, **where: str) -> np.ndarra
 
 
 def said(pattern: str) -> tuple[float, ...]:
-    """The numbers of a sentence of the README, as groups of a pattern."""
-    found = re.search(pattern, README)
-    assert found is not None, f"the README does not say {pattern!r} any more: mend this test, too"
+    """The numbers of a sentence of docs/accuracy.md, as groups of a pattern."""
+    found = re.search(pattern, PAGE)
+    assert found is not None, f"docs/accuracy.md does not contain {pattern!r}: change this test, too"
     return tuple(float(group.replace(",", "")) for group in found.groups())
 
 

@@ -25,8 +25,6 @@ PAGES = {
 """Page of the site → the file beside docs/ that it shows."""
 FOLDERS = {"README.md": "index.md", "benchmarks": "benchmarks.md", "examples": "examples.md", "docs": "index.md"}
 """What else may be linked to → the page that shows it."""
-QUOTED = re.compile(r"<!-- README: (.+?) -->")
-"""In a page: here stands a section of the README, on the site alone."""
 _LINK = re.compile(r"(?<!`)(\]\()([^)\s#]+)((?:#[^)\s]*)?\))")
 
 
@@ -42,19 +40,7 @@ def _read(app: Sphinx, docname: str, source: list[str]) -> None:
         path = ROOT / PAGES[docname]
         source[0], home = path.read_text(encoding="utf-8"), path.parent
         app.env.note_dependency(str(path))
-    if QUOTED.search(source[0]):
-        app.env.note_dependency(str(ROOT / "README.md"))
-    text = relinked(source[0], home)
-    source[0] = QUOTED.sub(lambda match: relinked(section(match[1]), ROOT), text)
-
-
-def section(heading: str) -> str:
-    """The README's text below a heading, up to the next. Raises ValueError where there is none."""
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
-    found = re.search(rf"^#+ {re.escape(heading)}$(.*?)(?=^#|\Z)", text, re.MULTILINE | re.DOTALL)
-    if found is None:
-        raise ValueError(f"README.md has no section {heading!r}")
-    return found[1]
+    source[0] = relinked(source[0], home)
 
 
 def relinked(text: str, home: Path) -> str:

@@ -21,6 +21,9 @@ from viz.render import probe
 from viz.render import screenshot as sheet
 from viz.render.gltf import write_gltf
 from viz.render.stage import Stage, view_direction
+from viz.render.turntable import turntable
+from viz.render.window import Controls, fitting
+from viz.scene.readable import MODES
 from viz.scene.scene import Scene, build_scene
 
 
@@ -120,7 +123,7 @@ def test_gltf_is_sound_and_comes_back_without_opengl(
         assert made["buffers"][0]["byteLength"] <= size
     else:
         made = json.loads(data)
-    assert {node.get("name") for node in made["nodes"]} >= set(LOOK) - {"now", "framewise"}
+    assert {node.get("name") for node in made["nodes"]} >= set(LOOK) - {"now", "framewise", "other"}
     for view in made["bufferViews"]:
         assert view["byteOffset"] + view["byteLength"] <= made["buffers"][0]["byteLength"]
         assert view["byteOffset"] % 4 == 0
@@ -136,3 +139,46 @@ def test_gltf_is_sound_and_comes_back_without_opengl(
     whole = Stage(scene, [part for part in all_parts(scene) if part.name != "now"])
     count = sum(actor.mapper.dataset.n_cells for actor in whole.actors)
     assert read.n_cells == count
+
+
+def test_a_contact_is_picked_stepped_to_and_measured_from(scene: Scene, no_opengl: None) -> None:
+    stage = Stage(scene, all_parts(scene))
+    controls = Controls(stage, "force")
+    points = scene.contacts.points_m
+    controls.pick_near(points[7] + 1e-6)
+    assert controls.contact == 7
+    assert scene.instants.row[controls.instant] == scene.contacts.row[7]
+    assert scene.contacts.words[7] in stage.plotter.actors["numbers"].GetText(6)
+    controls.pick_near(points[7] + [1.0, 0, 0])
+    assert controls.contact == 7, "a click on nothing picks nothing"
+    controls.measure()
+    controls.step(1)
+    away = 1e3 * np.linalg.norm(points[8] - points[7])
+    assert f"{away:.2f} mm from" in stage.plotter.actors["numbers"].GetText(6)
+    controls.measure()
+    controls.pick(-1)
+    assert controls.contact == len(points) - 1
+    assert " mm from frame" not in stage.plotter.actors["numbers"].GetText(6)
+    stage.plotter.close()
+
+
+@pytest.mark.parametrize("screen", [(1400, 900), (800, 600), (3840, 2160), (0, 0)])
+def test_the_window_fits_the_screen(screen: tuple[int, int]) -> None:
+    width, height = fitting(screen)
+    assert (width, height) == (1400, 1000) if screen == (0, 0) else width <= screen[0] and height < screen[1]
+    assert min(width, height) > 400
+
+
+@pytest.mark.usefixtures("opengl")
+@pytest.mark.parametrize("suffix", [".gif", ".mp4"])
+def test_a_turntable_turns_once_around(scene: Scene, tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"scene{suffix}"
+    turntable(scene, path)
+    film = cv2.VideoCapture(str(path))
+    frames = []
+    while (read := film.read())[0]:
+        frames.append(cv2.resize(read[1], (72, 54)).astype(float))
+    assert len(frames) == 48
+    steps = [np.abs(one - other).mean() for one, other in zip(frames, frames[1:] + frames[:1], strict=True)]
+    assert max(steps) < 5 * np.median(steps), "the last frame leads back to the first"
+    assert np.abs(frames[0] - frames[24]).mean() > np.median(steps)

@@ -18,6 +18,8 @@ _MOVED_PX = 2.0
 _TIMES_LENS_RMS, _LEAST_RMS_PX = 4.0, 1.0
 _LEAST_IN_VIEW, _POINTS = 0.25, 41
 _DISTANCE_RATIO = 1.6
+_THICKNESSES_MM = (0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0)
+"""Of boards that are tried when the antenna is not where the answers put it."""
 _JIG_REMEDY = "correct jig_translation_mm, jig_board_x, jig_board_y or board_thickness_mm: type `key = value`"
 
 
@@ -71,21 +73,32 @@ def distance_diagnosis(state: SessionState, T_antenna_camera: Pose) -> list[Diag
 
 
 def thickness_that_shows_it(state: SessionState, still: Still, step: str, image: np.ndarray) -> str:
-    """The thickness of the board with which the antenna would be found, in words, or ""."""
+    """The board's thickness with which the antenna is found where it was not, in words; empty without one.
+
+    A tenth of what was typed is named if it is one of them; else the range, since the antenna's width in the picture
+    does not tell one from the next.
+    """
     session, typed_mm = state.session, float(state.store.journal.answers.get("board_thickness_mm") or 0.0)
     if session.T_antenna_board is None:
         return ""
     normal = session.T_antenna_board.rotation[:, 2]
     pose = fused(state.plane().estimates)
-    for other_mm in (typed_mm / 10, 0.0, typed_mm * 10) if typed_mm else (3.0, 5.0, 10.0):
-        shift = 1e-3 * (typed_mm - other_mm) * normal
-        moved = Pose(pose.rotation, pose.translation_m + shift)
+
+    def found(other_mm: float) -> bool:
+        moved = Pose(pose.rotation, pose.translation_m + 1e-3 * (typed_mm - other_mm) * normal)
         try:
             state.observe(still, step, image, moved)
         except InputError:
-            continue
-        return (
-            f"the antenna is found where a board {other_mm:g} mm thick puts it, {typed_mm:g} mm was typed: measure it, "
-            f"and type `board_thickness_mm = {other_mm:g}`"
-        )
-    return ""
+            return False
+        return True
+
+    if typed_mm and found(typed_mm / 10):
+        thick, value = f"{typed_mm / 10:g} mm", f"{typed_mm / 10:g}"
+    elif seen := [other for other in _THICKNESSES_MM if found(other)]:
+        thick, value = f"{min(seen):g} to {max(seen):g} mm", "…"
+    else:
+        return ""
+    return (
+        f"the antenna is found where a board {thick} thick puts it, {typed_mm:g} mm was typed: measure it, "
+        f"and type `board_thickness_mm = {value}`"
+    )

@@ -22,6 +22,8 @@ _KEEP = Question("keep", "", "Keep these readings as they are?", kind="yesno", d
 _NO = "no: more pictures may be taken"
 GO_ON = Question("go_on", "", "Go on with the next step?", _NO, kind="yesno", default="yes")
 _WAIT_S = 0.2
+_ANSWERS = 5
+"""Lines of readings that are asked for before a picture is left out: a weight on a tilted antenna has none."""
 
 
 class NoMorePictures(InputError):
@@ -219,17 +221,19 @@ class Capture:
             what = f"the readings of the picture are missing ({', '.join(question.key for question in questions)})"
             remedy = f"give --{step}-readings, a CSV with a column image, or write it in --answers FILE"
             raise InputError(what, where=picture, remedy=remedy)
-        while True:
+        for left in reversed(range(_ANSWERS)):
             line = ui.ask(line_of(questions, picture))
             try:
                 readings, doubts = self._judged(split_line(questions, line), where)
             except InputError as error:
-                ui.wrong(f"{error.what}; {error.remedy}")
+                then = "type it again, or `drop` to leave this picture out" if left else "this picture is left out"
+                ui.wrong(f"{error.what}; {error.remedy}; {then}")
                 continue
             for doubt in doubts:
                 ui.say(str(doubt))
             if not doubts or ui.ask(_KEEP):
                 return readings
+        raise Interrupted("drop")
 
     def _judged(self, typed: Mapping[str, Any], where: str) -> tuple[dict[str, float], list[Diagnosis]]:
         """Readings as the session's tables hold them, and what looks wrong with a load."""

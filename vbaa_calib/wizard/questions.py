@@ -351,7 +351,7 @@ def complete(
     along = 0.0 if by_force else abs(pull[0]) / math.hypot(*pull)
     if along > _STEADY_PART:
         what = f"at these joint angles {100 * along:.0f} % of the weight pull along the antenna"
-        raise InputError(what, where=where, remedy="turn the antenna level before hanging a weight on it")
+        raise InputError(what, where=where, remedy="hang weights on a level antenna; or give force_y_N, force_z_N")
     force = [part or 0.0 for part in given] if by_force else [readings["mass_kg"] * part for part in pull[1:]]
     if not any(force):
         raise InputError("the force is zero", where=where, remedy="free frames belong to the step before")

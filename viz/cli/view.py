@@ -17,7 +17,12 @@ from viz.files.outputs import refuse_output
 if TYPE_CHECKING:
     from viz.scene.scene import Scene
 
-_OUTPUTS = {"screenshot": (".png",), "html": (".html", ".htm"), "gltf": (".glb", ".gltf")}
+_OUTPUTS = {
+    "screenshot": (".png",),
+    "turntable": (".gif", ".mp4"),
+    "html": (".html", ".htm"),
+    "gltf": (".glb", ".gltf"),
+}
 """What can be written → the suffixes that it may have."""
 
 
@@ -26,6 +31,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--rig", type=Path, help="rig.json: draws the antenna, plane C and the camera, too")
     parser.add_argument("--framewise", type=Path, help="contacts.csv that vbaa refine made these of: drawn beside them")
     parser.add_argument("--object", type=Path, help="object.vtp, .ply or .glb, instead of estimating it")
+    parser.add_argument("--other", type=Path, help="a second object, .vtp, .ply or .glb, to compare with the first")
     parser.add_argument("--plain", action="store_true", help="only what the files contain: no object, no friction")
     parser.add_argument("--truth", type=Path, help="truth.json of a synthetic session: draws the true object")
     pictures = parser.add_mutually_exclusive_group()
@@ -34,6 +40,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     colour = "what the contacts are coloured by (default: force); page and window can change it"
     parser.add_argument("--color", choices=("force", "time", "uncertainty"), default="force", help=colour)
     parser.add_argument("--screenshot", type=Path, metavar="PNG", help="write a picture instead of opening a window")
+    parser.add_argument("--turntable", type=Path, metavar="FILM", help="write a .gif or .mp4 that turns once around")
     parser.add_argument("--html", type=Path, metavar="PAGE", help="write a page with a time slider that opens offline")
     parser.add_argument("--gltf", type=Path, metavar="FILE", help="write a .glb or .gltf for other 3-D programs")
     parser.add_argument(
@@ -70,7 +77,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if args.rerun is not None:
         return _in_rerun(args)
     outputs: dict[str, Path] = {name: path for name in _OUTPUTS if (path := getattr(args, name)) is not None}
-    inputs = (args.contacts, args.rig, args.framewise, args.object, args.truth, args.picture)
+    inputs = (args.contacts, args.rig, args.framewise, args.object, args.other, args.truth, args.picture)
     for name, path in outputs.items():
         refuse_output(path, _OUTPUTS[name], args.force, inputs)
     unseen = not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
@@ -81,6 +88,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from viz.render.page import write_page
     from viz.render.probe import require_opengl
     from viz.render.screenshot import screenshot
+    from viz.render.turntable import turntable
     from viz.render.window import show
 
     if not outputs:
@@ -94,6 +102,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         write_gltf(scene, args.gltf, **look)
     if args.screenshot is not None:
         screenshot(scene, args.screenshot, **look)
+    if args.turntable is not None:
+        turntable(scene, args.turntable, **look)
     for name, path in outputs.items():
         opens = ", opens offline in any browser" if name == "html" else ""
         say(f"{path}: {path.stat().st_size / 1e6:.1f} MB{opens}")
@@ -109,7 +119,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _no_display() -> Exception:
-    remedy = "give --screenshot PNG, --html PAGE or --gltf FILE"
+    remedy = "give --screenshot PNG, --turntable FILM, --html PAGE or --gltf FILE"
     return InputError("there is no display to open a window on", remedy=remedy)
 
 
@@ -140,6 +150,8 @@ def _scene(args: argparse.Namespace) -> tuple[Scene, int]:
         except InputError as error:
             say(f"no object is drawn: {error}")
     scene = build_scene(table, rig, estimate, truth, mesh)
+    if args.other is not None:
+        scene = replace(scene, other=read_object(args.other))
     if args.framewise is not None:
         before = framewise(args.framewise, table)
         refuse_out_of_reach(before, args.framewise)

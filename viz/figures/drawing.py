@@ -11,9 +11,10 @@ from typing import Any
 import matplotlib
 import numpy as np
 from markupsafe import Markup
+from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
-from matplotlib.colors import LinearSegmentedColormap
+from matplotlib.colors import LinearSegmentedColormap, to_hex
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, PathPatch
@@ -22,8 +23,12 @@ from matplotlib.path import Path
 INK, SOFT = "#1f2937", "#5b6676"
 TEAL, AMBER, RED, SLATE = "#0f766e", "#b45309", "#dc2626", "#64748b"
 ESTIMATE, TRUTH = TEAL, AMBER
-RAMP = ("#352a87", "#2f6fb5", "#2a9d8f", "#8ab17d", "#e9c46a", "#f4a261", "#e76f51")
-"""From early to late, dark to light: distinguishable without colour vision, too."""
+RAMP = tuple(to_hex(colour) for colour in colormaps["viridis"](np.linspace(0.28, 0.88, 7)))
+"""From early to late, dark to light: distinguishable without colour vision, and on a page of either brightness."""
+_THEMED = re.compile(
+    r"#(ffffff|1f2937|111827|334155|5b6676|64748b|dde3ea|eceff3|0f766e|b45309|dc2626|0072b2|c2410c|7c3aed|12355b)\b"
+)
+"""Colours for which a page in the dark has others, by the variables of `viz/pages/templates/style.css`."""
 _ELLIPSE_STD = 2.0
 _TIME = LinearSegmentedColormap.from_list("time", RAMP)
 _METADATA = {"Date": None, "Creator": None, "Format": None, "Type": None}
@@ -101,6 +106,7 @@ def svg(axes: Axes, name: str = "", attributes: str = "") -> Markup:
     body = re.sub(r'<g id="tip:([^"]*)">', r"<g><title>\1</title>", body)
     body = body.replace('<g id="legend_1">', '<g class="legend">')
     body = re.sub(r' id="[A-Za-z0-9.]+_\d+"', "", body)
+    body = re.sub(r' style="[^"]*"', lambda look: _THEMED.sub(r"var(--c\1, #\1)", look.group()), body)
     body = re.sub(r' d="[^"]*"', lambda path: re.sub(r"(\.\d\d)\d+|\s*\n", r"\1", path.group()), body)
     width, height = 72 * figure.get_size_inches()
     return Markup(

@@ -12,7 +12,7 @@ from viz.scene.readable import enlargement, surface_scale, thinned
 from viz.scene.rig_items import RigItems
 from viz.scene.scene import ObjectMesh, Scene
 
-from .part import OBJECT, Part, along, arrow, ball, cone, joined, stamp, triangles, wire, wires
+from .part import LOOK, Part, along, arrow, ball, cone, joined, stamp, triangles, wire, wires
 
 _MOST_BALLS, _MOST_ARROWS, _MOST_SPREADS, _MOST_CONES = 2500, 100, 60, 16
 _THICKER = 1.8  # wires are drawn thicker than life: 0.8 mm would be less than a pixel
@@ -25,6 +25,8 @@ def all_parts(scene: Scene) -> list[Part]:
     parts = _contact_parts(scene)
     if scene.object is not None:
         parts += _object_parts(scene.object, scene.bounding_ball_m[1])
+    if scene.other is not None:
+        parts += _object_parts(scene.other, scene.bounding_ball_m[1], "other")
     if scene.truth is not None:
         shape = object_mesh(scene.truth, rings=64)
         parts.append(Part("truth", triangles(shape.vertices, shape.faces, shape.normals), opacity=0.22))
@@ -97,13 +99,13 @@ def _stamped(scene: Scene, name: str, chosen: np.ndarray, mesh: pv.PolyData, lin
     )
 
 
-def _object_parts(mesh: ObjectMesh, reach_m: float) -> list[Part]:
-    """The reconstructed object, coloured by its standard deviation where that is known.
+def _object_parts(mesh: ObjectMesh, reach_m: float, name: str = "object") -> list[Part]:
+    """The reconstructed object, coloured by how well it is known where that is known; the "other" one in one colour.
 
     Points outside all triangles are drawn as discs across their normal, or as balls without one.
     """
-    disc_m, grey = 0.03 * reach_m, np.array([pv.Color(OBJECT).int_rgb], np.uint8)
-    known = np.isfinite(mesh.std_m).any()
+    disc_m, grey = 0.03 * reach_m, np.array([pv.Color(LOOK[name][0]).int_rgb], np.uint8)
+    known = name == "object" and np.isfinite(mesh.std_m).any()
     rgb = surface_scale(mesh.std_m).rgb if known else np.repeat(grey, len(mesh.points_m), axis=0)
     pieces: list[tuple[pv.PolyData, np.ndarray]] = []
     if len(mesh.triangles):
@@ -125,7 +127,7 @@ def _object_parts(mesh: ObjectMesh, reach_m: float) -> list[Part]:
         return []
     whole, _ = joined([piece for piece, _ in pieces])
     whole.point_data["colour"] = np.concatenate([colours for _, colours in pieces])
-    return [Part("object", whole, painted=True)]
+    return [Part(name, whole, painted=True, opacity=1.0 if name == "object" else 0.6)]
 
 
 def _rig_parts(scene: Scene, rig: RigItems) -> list[Part]:

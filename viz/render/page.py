@@ -81,6 +81,7 @@ def write_page(scene: Scene, path: Path, *, title: str, mode: str = "force", for
         "views": [{"position": list(map(float, at)), "focus": list(map(float, to))} for at, to in views],
         "seen": seen,
         "pictures": pictures,
+        "contacts": _contacts(scene),
     }
     stage.plotter.close()
     cards = render(
@@ -105,6 +106,18 @@ def write_page(scene: Scene, path: Path, *, title: str, mode: str = "force", for
 
 def _base64(data: bytes) -> str:
     return base64.b64encode(data).decode()
+
+
+def _contacts(scene: Scene) -> dict[str, Any]:
+    """Where each contact is, the instant nearest to its frame, its covariance and its numbers in words."""
+    contacts = scene.contacts
+    nearest = np.abs(scene.instants.row[:, None] - contacts.row).argmin(axis=0)
+    return {
+        "points": np.round(contacts.points_m, 7).tolist(),
+        "covariances": [None if not np.isfinite(one).all() else one.ravel().tolist() for one in contacts.covariance_m2],
+        "moments": nearest.tolist(),
+        "words": contacts.words,
+    }
 
 
 def _part(part: Part, identity: str) -> dict[str, Any]:

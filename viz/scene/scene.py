@@ -57,7 +57,7 @@ class Contacts:
     ----------
     points_m : (P, 3) on the antenna's centreline. force_N : (P, 3) the object's force on the antenna.
     covariance_m2 : (P, 3, 3) of the points. time_s : (P,) since the recording's first frame.
-    row : (P,) index into the contact table.
+    row : (P,) index into the contact table. words : P sentences, a contact's frame and numbers.
     """
 
     points_m: np.ndarray
@@ -65,6 +65,7 @@ class Contacts:
     covariance_m2: np.ndarray
     time_s: np.ndarray
     row: np.ndarray
+    words: tuple[str, ...]
 
     @property
     def size_mN(self) -> np.ndarray:
@@ -107,6 +108,7 @@ class Scene:
     normals : (P, 3) the object's outward normal at each contact, NaN where it is undetermined; None for none.
     cone_rad : half angle of the friction cone; None where friction is undetermined.
     framewise_m : (P, 3) where the contacts lay frame by frame, if these are refined ones; None for none.
+    other : an object to compare with the first; None for none.
     facts : sentences on friction, stiffness and shape, or on why they are undetermined.
     pictures : what the camera saw at each instant, (H, W, 3) uint8 RGB all of one size, None where there is none.
     """
@@ -120,6 +122,7 @@ class Scene:
     cone_rad: float | None = None
     facts: tuple[str, ...] = ()
     framewise_m: np.ndarray | None = None
+    other: ObjectMesh | None = None
     pictures: tuple[np.ndarray | None, ...] = ()
 
     @property
@@ -147,7 +150,9 @@ def build_scene(
     items = None if rig is None else rig_items(rig, table, instants.row, instants.main)
     row, time_s = np.flatnonzero(table.located), table.time_s - table.time_s[0]
     points, forces, covariances = table.point_world_m, table.force_world_N, table.covariance_world_m2
-    contacts = Contacts(points[row], forces[row], covariances[row], time_s[row], row)
+    phase = [""] * len(table) if estimate is None else list(map(str, estimate.track.phase))
+    words = tuple(_numbers(table, index, phase[index]) for index in row)
+    contacts = Contacts(points[row], forces[row], covariances[row], time_s[row], row, words)
     if estimate is None:
         return Scene(contacts, instants, items, mesh, truth)
     friction, known = estimate.friction, estimate.normals.std_rad < _VAGUE_RAD
@@ -223,6 +228,24 @@ def _words(table: ContactTable, row: int, phase: str, force: float) -> str:
     if np.isfinite(force):
         parts.append(f"{1e3 * force:.1f} mN")
     return f"{head}: {', '.join(parts)}" if parts else head
+
+
+def _numbers(table: ContactTable, row: int, phase: str) -> str:
+    """All of a located contact, a line each."""
+    force, point = 1e3 * table.force_world_N[row], 1e3 * table.point_world_m[row]
+    std = 1e3 * np.sqrt(np.diagonal(table.covariance_world_m2[row]).clip(min=0))
+    places = zip("XYZ", point, std, strict=True)
+    return "\n".join(
+        [
+            f"frame {table.frame[row]}, {table.time_s[row] - table.time_s[0]:.3f} s",
+            _words(table, row, phase, float(np.linalg.norm(force)) / 1e3),
+            *(
+                f"{axis} {value:.2f}" + (f" ± {sd:.2g}" if np.isfinite(sd) else "") + " mm"
+                for axis, value, sd in places
+            ),
+            *([f"force {', '.join(f'{part:.1f}' for part in force)} mN"] if np.isfinite(force).all() else []),
+        ]
+    )
 
 
 @dataclass(frozen=True)

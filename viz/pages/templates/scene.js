@@ -55,6 +55,106 @@
       renderWindow.render();
     }));
     element("play").addEventListener("click", play);
+    element("save").addEventListener("click", () => Promise.all(renderWindow.captureImages()).then(([url]) => {
+      Object.assign(document.createElement("a"), { href: url, download: "scene.png" }).click();
+    }));
+    connectPicking();
+  }
+
+  // A contact is picked by a click near it, or by keys: its numbers, its moment and its picture are shown.
+  const chosen = { contact: null, from: null };
+  const near = 18;
+
+  function connectPicking() {
+    let pressed = null;
+    document.addEventListener("pointerdown", (event) => { pressed = event.target.closest(".content") && [event.clientX, event.clientY]; }, true);
+    document.addEventListener("pointerup", (event) => {
+      if (pressed && Math.hypot(event.clientX - pressed[0], event.clientY - pressed[1]) < 4) pick(nearest(event.clientX, event.clientY));
+      pressed = null;
+    }, true);
+    document.addEventListener("keydown", (event) => {
+      const keys = { ArrowRight: () => step(1), ArrowLeft: () => step(-1), m: measure, Escape: () => pick(null) };
+      if (event.target.matches("input, select") || event.ctrlKey || event.metaKey || event.altKey || !(event.key in keys)) return;
+      keys[event.key]();
+      event.preventDefault();
+    });
+    element("before").addEventListener("click", () => step(-1));
+    element("after").addEventListener("click", () => step(1));
+    element("measure").addEventListener("click", measure);
+    element("none").addEventListener("click", () => pick(null));
+    const asked = Number(new URLSearchParams(location.hash.slice(1)).get("contact") ?? NaN);
+    if (asked in story.contacts.points) pick(asked);
+    const follow = () => { mark(); requestAnimationFrame(follow); };
+    follow();
+  }
+
+  function onScreen(point) {
+    const { clientWidth: width, clientHeight: height } = document.documentElement;
+    const seen = renderer.worldToView(...point);
+    const [x, y] = renderer.projectionToNormalizedDisplay(...renderer.viewToProjection(...seen, width / height));
+    return [x * width, (1 - y) * height];
+  }
+
+  function nearest(x, y) {
+    const away = story.contacts.points.map((point, index) => {
+      if (!view.everything && story.contacts.moments[index] > view.moment) return Infinity;
+      const [u, v] = onScreen(point);
+      return Math.hypot(u - x, v - y);
+    });
+    const least = Math.min(...away);
+    return least < near ? away.indexOf(least) : null;
+  }
+
+  function step(by) {
+    const count = story.contacts.points.length;
+    pick(chosen.contact === null ? (by > 0 ? 0 : count - 1) : (chosen.contact + by + count) % count);
+  }
+
+  function pick(contact) {
+    chosen.contact = contact;
+    if (contact === null) chosen.from = null;
+    else view.moment = story.contacts.moments[contact];
+    show();
+    tell();
+  }
+
+  function measure() {
+    chosen.from = chosen.from === null ? chosen.contact : null;
+    tell();
+  }
+
+  function tell() {
+    element("picked").hidden = chosen.contact === null;
+    element("measure").textContent = chosen.from === null ? "measure from here" : "end measuring";
+    if (chosen.contact === null) return;
+    const lines = [story.contacts.words[chosen.contact]];
+    if (chosen.from !== null) {
+      const [a, b] = [chosen.from, chosen.contact].map((index) => story.contacts.points[index]);
+      const between = b.map((value, axis) => value - a[axis]);
+      const length = Math.hypot(...between);
+      const spread = [chosen.from, chosen.contact].map((index) => story.contacts.covariances[index]);
+      const along = between.map((value) => value / (length || 1));
+      const variance = spread.every(Boolean) && length > 0 ? spread.reduce((sum, covariance) =>
+        sum + covariance.reduce((part, value, i) => part + value * along[Math.floor(i / 3)] * along[i % 3], 0), 0) : NaN;
+      const std = Number.isFinite(variance) ? ` ± ${(1e3 * Math.sqrt(Math.max(variance, 0))).toPrecision(2)}` : "";
+      lines.push(`${(1e3 * length).toFixed(2)}${std} mm from the contact of ${story.contacts.words[chosen.from].split(",")[0]}`);
+    }
+    element("numbers").textContent = lines.join("\n");
+  }
+
+  function mark() {
+    const [line, here, from] = element("marks").children;
+    const place = (circle, index) => {
+      circle.toggleAttribute("hidden", index === null);
+      if (index === null) return null;
+      const [x, y] = onScreen(story.contacts.points[index]);
+      circle.setAttribute("cx", x);
+      circle.setAttribute("cy", y);
+      return [x, y];
+    };
+    const [to, start] = [place(here, chosen.contact), place(from, chosen.from)];
+    line.toggleAttribute("hidden", !(to && start));
+    if (to && start) ["x1", "y1", "x2", "y2"].forEach((name, index) => line.setAttribute(name, [...start, ...to][index]));
   }
 
   let timer = null;
