@@ -23,7 +23,6 @@ from viz.render.gltf import write_gltf
 from viz.render.stage import Stage, view_direction
 from viz.render.turntable import turntable
 from viz.render.window import Controls, fitting
-from viz.scene.readable import MODES
 from viz.scene.scene import Scene, build_scene
 
 
