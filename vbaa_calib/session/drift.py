@@ -118,3 +118,9 @@ class _OrName:
 
 FileDrift = Annotated[Drift, BeforeValidator(_written), _OrName()]
 """A drift as our files give it: a name, or a mapping, of which `lab` says what it leaves out."""
+
+
+def drift_of(name: str | None, *others: Drift | None, track_zero: bool = False) -> Drift:
+    """The drift of that name, or without one the first of the others; with a zero that is followed, where asked."""
+    found = next(each for each in (None if name is None else DRIFTS[name], *others, Drift()) if each is not None)
+    return found.tracking_zero() if track_zero else found

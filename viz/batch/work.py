@@ -25,7 +25,7 @@ from estimator.table.files import write_contacts
 from vbaa_calib.core.errors import clipped, sentence_of
 from vbaa_calib.core.files import sha256
 from vbaa_calib.rig import Rig
-from vbaa_calib.session import DRIFTS
+from vbaa_calib.session import drift_of
 
 from .recordings import Recording
 from .results import Results, Row
@@ -42,6 +42,7 @@ class Settings:
     model: str = "auto"
     friction: float = 0.2
     drift: str | None = None
+    track_zero: bool = False
     no_moment: bool = False
     background: Path | None = None
     reconstruct: bool = False
@@ -51,12 +52,11 @@ class Settings:
 
     def said(self) -> dict[str, Any]:
         """What of it the contacts depend on."""
-        given = None if self.background is None else str(self.background)
+        names = ("model", "friction", "drift", "track_zero", "no_moment")
+        pixels = None if self.background is None else str(self.background)
         if self.background is not None and self.background != AUTO:
-            given = sha256(self.background)
-        return {"model": self.model, "friction": self.friction, "drift": self.drift, "no_moment": self.no_moment} | {
-            "background": given
-        }
+            pixels = sha256(self.background)
+        return {name: getattr(self, name) for name in names} | {"background": pixels}
 
 
 @dataclass(frozen=True, eq=False)
@@ -288,8 +288,7 @@ def _rows(recording: Recording) -> int:
 def _opened(recording: Recording, settings: Settings, results: Results, about: Row) -> Opened:
     rig = Rig.load(recording.rig)
     source = open_source(recording.path, rig, settings.no_moment)
-    drift = source.drift if settings.drift is None else DRIFTS[settings.drift]
-    rig = rig if drift is None else replace(rig, drift=drift)
+    rig = replace(rig, drift=drift_of(settings.drift, source.drift, rig.drift, track_zero=settings.track_zero))
     with TemporaryDirectory(prefix="vbaa-stills-") as folder:
         ground, _ = surroundings(rig, settings.background, lambda: source.stills(rig, Path(folder)))
     count = len(source.frames)

@@ -64,6 +64,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         model=args.model,
         friction=args.friction,
         drift=args.drift,
+        track_zero=args.track_zero,
         no_moment=args.no_moment,
         background=background,
         reconstruct=args.reconstruct,

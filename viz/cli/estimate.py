@@ -231,11 +231,9 @@ def _is_session(path: Path) -> bool:
 
 def _estimator(args: argparse.Namespace, rig: Rig, drift: Drift | None) -> ContactEstimator:
     from estimator.contact.estimate import ContactEstimator
-    from vbaa_calib.session import DRIFTS
+    from vbaa_calib.session import drift_of
 
-    drift = drift if args.drift is None else DRIFTS[args.drift]
-    drift = rig.drift if drift is None else drift
-    rig = replace(rig, drift=drift.tracking_zero() if args.track_zero else drift)
+    rig = replace(rig, drift=drift_of(args.drift, drift, rig.drift, track_zero=args.track_zero))
     return ContactEstimator(rig, args.model, friction=args.friction, jobs=args.jobs)
 
 

@@ -81,7 +81,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from vbaa_calib.core.console import say
     from vbaa_calib.core.errors import InputError
     from vbaa_calib.rig import Rig
-    from vbaa_calib.session import DRIFTS
+    from vbaa_calib.session import drift_of
     from vbaa_calib.streams import Synchronizer
 
     if not 0.0 < args.idle <= 1e9:
@@ -92,8 +92,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if args.lines and args.json:
         raise InputError("--lines and --json", where="vbaa live", remedy="give one of them: both write to stdout")
     rig = Rig.load(args.rig)
-    drift = rig.drift if args.drift is None else DRIFTS[args.drift]
-    rig = replace(rig, drift=drift.tracking_zero() if args.track_zero else drift)
+    rig = replace(rig, drift=drift_of(args.drift, rig.drift, track_zero=args.track_zero))
     estimator = ContactEstimator(rig, args.model, friction=args.friction, jobs=1)
     timing = streams.timing_of(args, rig)
     ground, words = surroundings(rig, args.background, list)
