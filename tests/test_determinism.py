@@ -69,7 +69,8 @@ def test_another_process_gives_the_same_bits(first: Path, tmp_path: Path) -> Non
     assert len(one) > 15
 
 
-@pytest.mark.parametrize("threads", [2, pytest.param(5, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("threads", [2, 5])
 def test_threads_do_not_matter(first: Path, tmp_path: Path, threads: int) -> None:
     """Calibration and contacts from the same pictures."""
     other = whole_way(tmp_path / "threads", threads, session=first / "session")

@@ -17,6 +17,8 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 EXAMPLES = sorted((ROOT / "examples").glob("[0-9]*.py"))
+LONG = ("06_calibrating_a_session",)
+"""It calibrates for ten seconds."""
 SHOWN = ROOT / "docs" / "images" / "examples"
 PROMISED = {
     "01_pixels_to_millimetres": r"x =  120\.00 mm",
@@ -47,7 +49,10 @@ class Ran:
     figure: Path
 
 
-@pytest.fixture(scope="module", params=EXAMPLES, ids=lambda path: path.stem)
+@pytest.fixture(
+    scope="module",
+    params=[pytest.param(path, id=path.stem, marks=[pytest.mark.slow] * (path.stem in LONG)) for path in EXAMPLES],
+)
 def ran(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Ran:
     """Each example, run once in this process. It may warn of nothing."""
     path, folder = request.param, tmp_path_factory.mktemp("figures")

@@ -89,6 +89,7 @@ def test_what_is_not_solved_leaves_nothing_behind(tmp_path: Path) -> None:
 
 
 @needs_proc
+@pytest.mark.slow
 def test_some_frames(tmp_path: Path) -> None:
     write_recording(tmp_path, 1_000, POINTS, seed=2)
     assert grown_MB(resident(tmp_path, 50), 300) < MOST_MB

@@ -80,7 +80,7 @@ def test_a_view_of_another_zoom_is_named() -> None:
         assert f"{odd:02d}.png" in found.words
 
 
-@pytest.mark.parametrize("unflat_m", [0.0, 5e-5])
+@pytest.mark.parametrize("unflat_m", [pytest.param(0.0, marks=pytest.mark.slow), 5e-5])
 def test_the_size_of_a_step_is_off_by_what_its_deviation_says(unflat_m: float) -> None:
     """With an uneven print too, whose misfit is ten times the corners' noise."""
     off, at = [], steps(16)[6:7]

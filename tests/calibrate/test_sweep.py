@@ -242,6 +242,7 @@ class TestRefused:
         with pytest.raises(InputError, match=r"the angles of sweep\.csv"):
             solve((views, [pictures[index] for index in order]))
 
+    @pytest.mark.slow
     def test_one_wrong_row_of_five(self) -> None:
         with pytest.raises(InputError, match=r"the angles of sweep\.csv explain 4 of 5 pictures"):
             solve(misread(sweep(angles=FEW[:5]), 1, pan_rad=0.05))

@@ -79,7 +79,11 @@ def spec_in(message: str) -> BoardSpec:
 @pytest.mark.parametrize(
     ("change", "causes"),
     [
-        ({"dictionary": "DICT_5X5_100"}, ["dictionary: DICT_4X4_50 (not DICT_5X5_100)"]),
+        pytest.param(
+            {"dictionary": "DICT_5X5_100"},
+            ["dictionary: DICT_4X4_50 (not DICT_5X5_100)"],
+            marks=pytest.mark.slow,
+        ),
         ({"squares_x": 8}, ["squares_x: 9 (not 8)"]),
         ({"squares_y": 5}, ["squares_y is 6 or more (not 5)"]),
         ({"squares_x": 6, "squares_y": 9}, ["squares_x: 9 (not 6)", "are exchanged"]),

@@ -14,13 +14,14 @@ READ_ALONE = {"wizard", "demo", "bench", "batch", "next"}
 CODES = {"vbaa doctor": (0, 1), "vbaa doctor --json": (0, 1)}
 LONG = {
     "vbaa selftest --board board.yaml --repeats 2 --json",
+    "vbaa doctor",
     "vbaa doctor --json",
     "vbaa calibrate session --lens-model opencv4 -o rig4.json",
     "vbaa simulate scene.yaml -o synthetic/session",
     "vbaa check rig.json session",
     "vbaa report contacts.csv -o report.html",
 }
-"""The other example of the verb runs with the quick tests."""
+"""They take seconds; another example of the verb, or its own tests, run with the quick ones."""
 ROWS = [
     pytest.param(line, marks=[pytest.mark.slow] * (line in LONG), id=line)
     for lines in EXAMPLES.values()

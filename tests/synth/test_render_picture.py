@@ -24,7 +24,7 @@ def test_rays_lead_back_to_their_pixels(lens: str) -> None:
     np.testing.assert_allclose(exact, pixels, atol=1e-7)
 
 
-@pytest.mark.parametrize("corner", [(0, 0), (955, 0), (955, 715), (300, 200)])
+@pytest.mark.parametrize("corner", [(0, 0), (955, 715)])
 def test_subpixel_rays_are_those_of_their_places(corner: tuple[int, int]) -> None:
     rays, (left, top) = ray_map(LENSES["brown"]), corner
     block = rays.block(left, top, left + 5, top + 5, 3)

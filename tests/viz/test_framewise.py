@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from estimator.table.files import write_contacts
 from tests.estimator.test_next_touch import given
@@ -13,6 +14,7 @@ from vbaa_calib.cli.main import main
 from viz.parts.part import LOOK
 
 
+@pytest.mark.slow
 def test_both_are_drawn_and_another_recording_is_refused(tmp_path: Path) -> None:
     table, _ = given("sphere", np.inf, 37)
     refined = replace(table, distance_std_m=0.6 * table.distance_std_m, point_world_m=table.point_world_m + 5e-4)

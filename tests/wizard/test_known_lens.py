@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.files import read_json
@@ -17,6 +18,7 @@ from vbaa_calib.simulate.scene.scene_file import load_scene
 from .small_session import answers, answers_file, call, expect_line, rendered
 
 
+@pytest.mark.slow
 def test_a_known_lens_takes_the_place_of_its_pictures(tmp_path: Path) -> None:
     source, session, file = tmp_path / "pictures", tmp_path / "session", tmp_path / "camera.json"
     shutil.copytree(rendered(), source, ignore=shutil.ignore_patterns("intrinsics"))
