@@ -63,7 +63,12 @@ class Results:
         """Make the folder, or go on in one that a batch made. Raises InputError for any other."""
         own = self.root / "batch.json"
         make_folder(self.root)
-        if any(self.root.iterdir()) and not own.exists():
+        try:
+            strange = any(self.root.iterdir()) and not own.exists()
+        except OSError as error:
+            what = f"cannot be read ({error.strerror})"
+            raise InputError(what, where=self.root, remedy="take another name") from None
+        if strange:
             raise InputError("holds other things than a batch's results", where=self.root, remedy="take another name")
         if own.exists() and read_json(own).get("schema") != SCHEMA:
             raise InputError(f"is not of {SCHEMA}", where=own, remedy="take another folder")
