@@ -29,8 +29,8 @@ _T = TypeVar("_T")
 _FAST = {"contract", "reassoc", "nsz", "arcp"}
 """Freedoms in the order of sums and products. NaN and infinity keep their meaning: they mark what is not known."""
 
-
 _OWN = zlib.crc32(Path(__file__).read_bytes())
+"""Of this file, which decides how kernels are compiled: what was kept by another version of it is not used."""
 
 _PIECE = 16
 """Items that a thread takes at once."""
