@@ -42,7 +42,7 @@ fuzz: $(INSTALLED)
 kills: $(INSTALLED)
 	$(BIN)/python -m tests.cli.killer --kills 2000
 
-# long runs, in which memory and open files must not grow: an hour; PART=0.1 for a tenth of each
+# long runs, in which memory and open files must not grow: hours; PART=0.1 for a tenth of each
 soak: $(INSTALLED)
 	$(BIN)/python -m benchmarks.soak $(if $(PART),--part $(PART))
 

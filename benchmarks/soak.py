@@ -79,21 +79,22 @@ def live(count: int) -> Iterator[object]:
 def wizard(count: int) -> Iterator[object]:
     """A wizard that looks at pictures of a folder; none shows the board, so it goes on and on."""
     with tempfile.TemporaryDirectory() as name:
-        root, source = Path(name), Path(name, "pictures")
-        source.mkdir()
+        root, source = Path(name), Path(name, "pictures", "intrinsics")
+        source.mkdir(parents=True)
         rng, board = np.random.default_rng(0), read_yaml(bundled_scene("demo"))["board"]
         (root / "board.yaml").write_text(yaml.safe_dump(board))
         for index in range(count):
-            picture = cv2.GaussianBlur(rng.integers(0, 256, (120, 160), np.uint8), (0, 0), 2)
-            cv2.imwrite(str(source / f"{index:06d}.png"), picture)
+            # little to see: the search for a board is not what is held here
+            cv2.imwrite(str(source / f"{index:06d}.png"), rng.normal(128.0, 1.0, (60, 80)).astype(np.uint8))
             os.utime(source / f"{index:06d}.png", (1e9, 1e9))
-        answers = {"board": str(root / "board.yaml"), "source": str(source)}
+        answers: dict[str, object] = {"board": str(root / "board.yaml"), "source": str(source.parent)}
+        answers |= {"antenna_length_mm": 240, "camera_distance_mm": 370, "camera_inclination_deg": 30}
         answers |= {f"board_along_{x}_mm": 1e3 * board["square_m"] * board[f"squares_{x}"] for x in "xy"}
         (root / "answers.yaml").write_text(yaml.safe_dump(answers))
-        said: list[int] = []
+        said, words = list[int](), io.StringIO()
 
         def work() -> None:
-            with contextlib.redirect_stderr(io.StringIO()):
+            with contextlib.redirect_stderr(words):
                 said.append(vbaa(["wizard", str(root / "rig"), "--answers", str(root / "answers.yaml"), "--batch"]))
 
         worker = threading.Thread(target=work)
@@ -101,8 +102,8 @@ def wizard(count: int) -> Iterator[object]:
         while worker.is_alive():
             worker.join(0.2)
             yield None
-        if said != [2]:
-            raise SystemExit(f"the wizard ended with {said}")
+        if said != [2] or f"{count - 1:06d}.png" not in words.getvalue():
+            raise SystemExit(f"the wizard ended with {said}: {words.getvalue()[-1000:]}")
 
 
 def page(count: int) -> Iterator[object]:
