@@ -127,7 +127,9 @@ def clocked(
             yield message
 
     # the joints' angles hardly change by what the clocks are apart
-    synchronizer = Synchronizer(replace(timing, wait_s=2.0 * FARTHEST_S), source.channels, estimator.rig.camera.image_size)
+    synchronizer = Synchronizer(
+        replace(timing, wait_s=2.0 * FARTHEST_S), source.channels, estimator.rig.camera.image_size
+    )
     taken = islice(taken_frames(heard(), synchronizer), MOST_PICTURES)
     seen = list(detections(estimator, first_looks(estimator, taken, ground)))
     times_s, first = np.unique([time_s for time_s, _ in read], return_index=True)
