@@ -30,7 +30,7 @@ _FREE = 0.05
 _COARSE_S, _FINER, _ROUNDS = 0.005, 8.0, 3
 _REWEIGHTINGS, _HUBER = 4, 2.0
 _LARGEST_GAP = 5.0  # between readings, in their usual intervals
-_LEAST_EXPLAINED = 0.3
+_LEAST_EXPLAINED = 0.15
 """At the right offset the bend leaves less than this part unexplained of what it does at others."""
 _LEAST_SIGNAL = 5.0
 """The moment must leave its mean, and what the bend explains of it its noise, by so many deviations."""

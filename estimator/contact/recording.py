@@ -100,7 +100,7 @@ def _measured(frame: Frame, points_px: np.ndarray, sigma_px: np.ndarray) -> Meas
         frame.tilt_rad,
         moment_z_Nm=frame.moment_z_Nm,
         time_s=frame.time_s,
-        moment_errors_Nm=frame.moment_errors_Nm,
+        moment_errors_Nm=np.array(frame.moment_errors_Nm),
     )
 
 

@@ -286,7 +286,7 @@ class Measured:
     time_s : NaN where not known; a recording's frames are then taken as static.
     start : (4,) initial unknowns, as `ContactEstimator.rough` gives them; NaN where there are none.
     tip_px : (3,) the antenna's visible end, and its deviation along the antenna; NaN where it is not known.
-    moment_errors_Nm : deviations of the moments beside the sensors' noise.
+    moment_errors_Nm : (2,) deviations of the moments beside the sensors' noise.
     """
 
     points_px: np.ndarray
@@ -298,7 +298,7 @@ class Measured:
     time_s: float = np.nan
     start: np.ndarray = field(default_factory=lambda: np.full(4, np.nan))
     tip_px: np.ndarray = field(default_factory=lambda: np.full(3, np.nan))
-    moment_errors_Nm: tuple[float, float] = (0.0, 0.0)
+    moment_errors_Nm: np.ndarray = field(default_factory=lambda: np.zeros(2))
 
 
 _FOREIGN_M = 1e-3  # world and antenna points that disagree by more than this come from another rig

@@ -166,6 +166,15 @@ def test_a_stated_offset_puts_readings_back(tmp_path: Path) -> None:
     np.testing.assert_allclose(found[0].distance_m, found[1].distance_m, rtol=1e-6)
 
 
+def test_an_offset_that_the_data_do_not_show_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Three pictures over and over, five in a second: one sentence, and nothing written."""
+    bag, out = write(tmp_path / "bag.mcap", early_ns=100_000_000), tmp_path / "contacts.csv"
+    words = ("--no-report", "--gap", "0.5", "--clock-offset", "estimate")
+    assert verb("estimate", bag, "--rig", small_rig() / "rig.json", "-o", out, *words) == 2
+    assert "cannot be estimated" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == [bag]
+
+
 def verb(*words: object) -> int:
     return main([str(word) for word in words])
 

@@ -124,3 +124,23 @@ def test_a_zero_is_followed_when_asked() -> None:
             assert zero_Nm == pytest.approx(walk[-1], abs=6.0 * NOISE_NM)
     assert np.sqrt(np.mean(found["followed"] ** 2)) < 1.5
     assert np.sqrt(np.mean(found["left"] ** 2)) > 2.0 or len(found["left"]) < 0.7 * len(found["followed"])
+
+
+def test_a_free_antenna_is_not_touched() -> None:
+    """In many frames with nothing but noise no contact is imagined, and no change."""
+    (base,) = frames(WORLD, [0.12], [[0.0, 0.0]], [0.3], np.random.default_rng(0), points=80, sigma_px=0.0)
+    rng = np.random.default_rng(11)
+    several = [
+        Measured(
+            base.points_px + rng.normal(0.0, SIGMA_PX, (80, 2)),
+            np.full(80, SIGMA_PX),
+            base.moment_Nm + rng.normal(0.0, NOISE_NM),
+            0.0,
+            0.3,
+            time_s=n / RATE_HZ,
+        )
+        for n in range(1500)
+    ]
+    contacts = list(ContactEstimator(rig(), jobs=1).run(several))
+    assert {each.status for each in contacts} == {"no_contact"}
+    assert watched(several) == []

@@ -108,7 +108,7 @@ def clocked(
 
     import numpy as np
 
-    from estimator.contact.clock import MOST_PICTURES, clock_offset
+    from estimator.contact.clock import FARTHEST_S, MOST_PICTURES, clock_offset
     from estimator.contact.recording import detections, first_looks
     from vbaa_calib.core.console import say
     from vbaa_calib.streams import Reading, Synchronizer
@@ -128,7 +128,9 @@ def clocked(
             yield message
 
     # the joints' angles hardly change by what the clocks are apart
-    synchronizer = Synchronizer(replace(timing, wait_s=0.0), source.channels, estimator.rig.camera.image_size)
+    synchronizer = Synchronizer(
+        replace(timing, wait_s=2.0 * FARTHEST_S), source.channels, estimator.rig.camera.image_size
+    )
     taken = islice(taken_frames(heard(), synchronizer), MOST_PICTURES)
     seen = list(detections(estimator, first_looks(estimator, taken, ground)))
     times_s, first = np.unique([time_s for time_s, _ in read], return_index=True)
