@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 import pty
 import re
+import select
 import shutil
 import subprocess
 import sys
@@ -19,6 +20,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import yaml
 
 IMAGES = Path(__file__).parent / "images"
 VISIBLE, HIDDEN = 10, 50
@@ -46,7 +48,8 @@ def page(address: str, name: str, size: tuple[int, int], *flags: str) -> None:
         shot = Path(folder) / "shot.png"
         where = (f"--window-size={size[0]},{size[1]}", f"--screenshot={shot}")
         subprocess.run([str(_BROWSER), *_FLAGS, *flags, *where, address], check=True, stderr=subprocess.DEVNULL)
-        cv2.imwrite(str(IMAGES / name), cv2.imread(str(shot)), [cv2.IMWRITE_JPEG_QUALITY, 88])
+        quality = [cv2.IMWRITE_JPEG_QUALITY, 88] if name.endswith(".jpg") else []
+        cv2.imwrite(str(IMAGES / name), cv2.imread(str(shot)), quality)
 
 
 def of_the_demo(demo: Path) -> None:
@@ -69,10 +72,11 @@ def of_the_wizard(demo: Path, folder: Path) -> None:
     source.mkdir()
     for path in sorted((demo / "session/intrinsics").glob("*.png"))[:_LENS_PICTURES]:
         shutil.copy(path, source)
+    board = yaml.safe_load((demo / "session/session.yaml").read_text(encoding="utf-8"))["board"]
     answers = {
         "board": demo / "session/session.yaml",
-        "board-along-x-mm": 108,
-        "board-along-y-mm": 72,
+        "board-along-x-mm": 1e3 * board["square_m"] * board["squares_x"],
+        "board-along-y-mm": 1e3 * board["square_m"] * board["squares_y"],
         "source": source,
         "lens-source": source,
         "antenna-length-mm": 240,
@@ -80,15 +84,16 @@ def of_the_wizard(demo: Path, folder: Path) -> None:
         "camera-inclination-deg": 30,
     }
     flags = [word for key, value in answers.items() for word in (f"--{key}", str(value))]
-    command = [sys.executable, "-m", "vbaa_calib", "wizard", str(folder / "my_rig"), *flags]
+    command = [sys.executable, "-m", "vbaa_calib", "wizard", "my_rig", *flags]
     ours, theirs = pty.openpty()
-    wizard = subprocess.Popen(command, stdin=theirs, stdout=theirs, stderr=theirs, close_fds=True)
+    wizard = subprocess.Popen(command, stdin=theirs, stdout=theirs, stderr=theirs, close_fds=True, cwd=folder)
     try:
         said, end = "", time.monotonic() + _PATIENCE_S
         while f"{_LENS_PICTURES:04d}.png" not in said:
             if time.monotonic() > end or wizard.poll() is not None:
                 raise SystemExit(f"the wizard took no {_LENS_PICTURES} pictures:\n{said}")
-            said += os.read(ours, 65536).decode(errors="replace")
+            if select.select([ours], [], [], 1.0)[0]:
+                said += os.read(ours, 65536).decode(errors="replace")
         address = re.search(r"http://127\.0\.0\.1:\S+", said)
         assert address is not None
         page(address[0], "wizard.png", (1280, 900), "--timeout=15000")

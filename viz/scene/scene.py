@@ -151,7 +151,7 @@ def build_scene(
     row, time_s = np.flatnonzero(table.located), table.time_s - table.time_s[0]
     points, forces, covariances = table.point_world_m, table.force_world_N, table.covariance_world_m2
     phase = [""] * len(table) if estimate is None else list(map(str, estimate.track.phase))
-    words = tuple(_numbers(table, index, phase[index]) for index in row.tolist())
+    words = tuple(_numbers(table, int(index), phase[index]) for index in row)
     contacts = Contacts(points[row], forces[row], covariances[row], time_s[row], row, words)
     if estimate is None:
         return Scene(contacts, instants, items, mesh, truth)
