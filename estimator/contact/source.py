@@ -26,11 +26,10 @@ from vbaa_calib.session import (
     read_recording,
 )
 from vbaa_calib.streams import Source as Stream
-from vbaa_calib.streams import Synchronizer, Timing
-from vbaa_calib.streams.bags import Topics, is_bag, open_bag
+from vbaa_calib.streams import Synchronizer, Timing, taken_frames
+from vbaa_calib.streams.bags import is_bag
 from vbaa_calib.streams.open import is_recorded, open_recorded
 from vbaa_calib.streams.pictures import stored, thinned
-from vbaa_calib.streams.recorded import with_readings
 
 from .estimate import ContactEstimator
 from .recording import (
@@ -115,15 +114,12 @@ def _session_root(path: Path) -> Path:
 
 def _open_stream(path: Path, rig: Rig, no_moment: bool) -> Source:
     """A bag, or a video with the readings of the .csv beside it that has its name. Raises InputError."""
-    sensors = [sensor.std_Nm if sensor else 0.0 for sensor in (rig.moment_sensor, rig.second_moment_sensor)]
-    timing = Timing(moment_std_Nm=(sensors[0], sensors[1]))
+    beside = path.with_suffix(".csv")
+    table = beside if beside.is_file() and not is_bag(path) else None
+    timing = Timing(moment_std_Nm=rig.moment_noise_Nm)
 
     def opened() -> tuple[Stream, Synchronizer]:
-        if is_bag(path):
-            stream = open_bag(path, Topics(), rig.camera.matrix, rig.camera.image_size)
-        else:
-            table = path.with_suffix(".csv")
-            stream = with_readings(open_recorded(path), table if table.is_file() else None, 0.0)
+        stream = open_recorded(path, rig.camera, table)
         stream = stream.without_moments() if no_moment else stream
         return stream, Synchronizer(timing, stream.channels, rig.camera.image_size)
 
@@ -132,10 +128,7 @@ def _open_stream(path: Path, rig: Rig, no_moment: bool) -> Source:
 
     def taken() -> Iterator[tuple[Frame, np.ndarray]]:
         stream, synchronizer = passes.pop() if passes else opened()
-        for message in stream.messages():
-            if message is not None:
-                yield from ((each.frame, each.taken.image) for each in synchronizer.push(message))
-        yield from ((each.frame, each.taken.image) for each in synchronizer.finish())
+        yield from taken_frames(stream.messages(), synchronizer)
         notes[:] = [*stream.notes, *synchronizer.left_out()]
 
     return Source(None, (), None, taken, notes)

@@ -91,6 +91,12 @@ class Rig:
     drift: Drift = DRIFTS["none"]
     tip: Tip | None = None
 
+    @property
+    def moment_noise_Nm(self) -> tuple[float, float]:
+        """Standard deviations of both moment sensors' readings, 0 for one that the rig does not have."""
+        second = self.second_moment_sensor
+        return self.moment_sensor.std_Nm, 0.0 if second is None else second.std_Nm
+
     def with_covariance(self, covariance: np.ndarray) -> Rig:
         """With another joint covariance, (17 + P, 17 + P), or `covariance_with_tip`, (18 + P, 18 + P)."""
         tip, size = self.tip, len(covariance)

@@ -6,14 +6,15 @@ import os
 import sys
 from pathlib import Path
 
+from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.wizard.sources import open_source
 from vbaa_calib.wizard.sources.live import LiveSource
 
-from .bags import is_bag
+from .bags import Topics, is_bag, open_bag
 from .devices import open_device
 from .messages import Source
-from .recorded import open_folder, open_lines, open_table, open_video
+from .recorded import open_folder, open_lines, open_table, open_video, with_readings
 
 VIDEOS = (".mp4", ".avi", ".mkv", ".mov", ".webm", ".m4v", ".mpg", ".ts")
 
@@ -23,7 +24,21 @@ def is_recorded(path: Path) -> bool:
     return is_bag(path) or path.suffix.lower() in (*VIDEOS, ".csv")
 
 
-def open_recorded(path: Path) -> Source:
+def open_recorded(
+    path: Path, camera: Camera, table: Path | None, offset_s: float = 0.0, topics: Topics | None = None
+) -> Source:
+    """A bag, a video or a table of pictures, with the readings of a table, if one is given.
+
+    offset_s : added to the readings' times. Raises InputError, also for a bag of another camera.
+    """
+    if is_bag(path):
+        source = open_bag(path, topics or Topics(), camera.matrix, camera.image_size)
+    else:
+        source = open_pictures(path)
+    return with_readings(source, table, offset_s)
+
+
+def open_pictures(path: Path) -> Source:
     """A video, or a table of pictures. Raises InputError."""
     if not os.path.isfile(path):
         raise InputError("no such file", where=path, remedy="check the path")

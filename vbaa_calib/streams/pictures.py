@@ -14,7 +14,7 @@ from vbaa_calib.wizard.sources.files import Picture, frame_picture, shown
 
 from .bags import Topics, is_bag, open_bag
 from .messages import Messages, Taken
-from .open import open_recorded
+from .open import open_pictures
 
 _T = TypeVar("_T")
 _THUMBNAIL = (24, 18)
@@ -24,7 +24,7 @@ _SAME = 0.15
 
 def recorded_pictures(path: Path, topics: Topics | None = None) -> Messages:
     """The messages of a bag or video, of whatever camera. Raises InputError."""
-    return (open_bag(path, topics or Topics(), None, (0, 0)) if is_bag(path) else open_recorded(path)).messages()
+    return (open_bag(path, topics or Topics(), None, (0, 0)) if is_bag(path) else open_pictures(path)).messages()
 
 
 def thinned(pictures: Iterable[tuple[_T, np.ndarray]], most: int) -> list[tuple[_T, np.ndarray]]:

@@ -7,6 +7,7 @@ from bisect import bisect_left
 from collections import Counter, deque
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -193,3 +194,11 @@ class Synchronizer:
         values["moment_errors_Nm"] = (errors[0], errors[1])
         frame = Frame(image=None, frame=self._number - 1, time_s=taken.time_s, **values)
         return Synchronized(frame, taken, max(ages, default=np.nan))
+
+
+def taken_frames(
+    messages: Iterable[Taken | Reading | None], synchronizer: Synchronizer
+) -> Iterator[tuple[Frame, np.ndarray]]:
+    """The frames of a recorded source's messages, and their pictures."""
+    pushed = (each for message in messages if message is not None for each in synchronizer.push(message))
+    return ((each.frame, each.taken.image) for each in chain(pushed, synchronizer.finish()))

@@ -258,7 +258,7 @@ def _without_session(args: argparse.Namespace, rig: Rig) -> tuple[ContactEstimat
     from estimator.contact.recording import estimate_centrelines, estimate_taken
     from estimator.contact.source import some_stills, unpacked, without_moments
     from estimator.contact.surroundings import surroundings
-    from vbaa_calib.streams import Synchronizer
+    from vbaa_calib.streams import Synchronizer, taken_frames
 
     estimator = _estimator(args, rig, None)
     if args.centrelines is not None:
@@ -275,7 +275,7 @@ def _without_session(args: argparse.Namespace, rig: Rig) -> tuple[ContactEstimat
     def opened() -> tuple[Source, Synchronizer, Iterator[tuple[Frame, np.ndarray]]]:
         source = streams.recorded(args, args.session, estimator.rig, timing)
         synchronizer = Synchronizer(timing, source.channels, estimator.rig.camera.image_size)
-        return source, synchronizer, streams.taken_frames(source.messages(), synchronizer)
+        return source, synchronizer, taken_frames(source.messages(), synchronizer)
 
     with TemporaryDirectory(prefix="vbaa-stills-") as folder:
         ground, words = surroundings(estimator.rig, args.background, lambda: some_stills(opened()[2], Path(folder)))

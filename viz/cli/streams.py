@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Iterable, Iterator, Mapping
-from itertools import chain
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,7 +18,7 @@ if TYPE_CHECKING:
     from estimator.contact.recording import Ground
     from vbaa_calib.rig import Rig
     from vbaa_calib.session import Frame
-    from vbaa_calib.streams import Reading, Source, Synchronizer, Taken, Timing
+    from vbaa_calib.streams import Reading, Source, Taken, Timing
     from vbaa_calib.streams.bags import Topics
 
 _ROLES = ("image", "moment", "joints", "camera")
@@ -94,9 +93,7 @@ def timing_of(args: argparse.Namespace, rig: Rig) -> Timing:
         value = getattr(args, name)
         if not least <= value <= most:  # NaN is not, either
             raise InputError(f"--{name} is {value}", remedy=f"give a number from {least:g} to {most:g}")
-    sensors = (rig.moment_sensor, rig.second_moment_sensor)
-    noise_Nm = [0.0 if sensor is None else sensor.std_Nm for sensor in sensors]
-    return Timing(offset_s, args.gap, args.wait, pan_tilt_rad(args), moment_std_Nm=(noise_Nm[0], noise_Nm[1]))
+    return Timing(offset_s, args.gap, args.wait, pan_tilt_rad(args), moment_std_Nm=rig.moment_noise_Nm)
 
 
 def clocked(
@@ -111,7 +108,7 @@ def clocked(
     from estimator.contact.clock import FARTHEST_S, MOST_PICTURES, clock_offset
     from estimator.contact.recording import detections, first_looks
     from vbaa_calib.core.console import say
-    from vbaa_calib.streams import Reading, Synchronizer
+    from vbaa_calib.streams import Reading, Synchronizer, taken_frames
 
     if args.clock_offset != ESTIMATE:
         return timing
@@ -158,27 +155,14 @@ def topics_of(args: argparse.Namespace) -> Topics:
 
 def recorded(args: argparse.Namespace, path: Path, rig: Rig, timing: Timing) -> Source:
     """A bag, a video or a table of pictures, with its readings. Raises InputError."""
-    from vbaa_calib.streams.bags import is_bag, open_bag
+    from vbaa_calib.streams.bags import is_bag
     from vbaa_calib.streams.open import open_recorded
-    from vbaa_calib.streams.recorded import with_readings
 
-    topics = topics_of(args)
-    if is_bag(path):
-        source, table = open_bag(path, topics, rig.camera.matrix, rig.camera.image_size), args.readings
-    else:
-        source = open_recorded(path)
-        table = path if path.suffix.lower() == ".csv" and args.readings is None else args.readings
-    source = with_readings(source, table, timing.offset_s)
+    table = args.readings
+    if table is None and not is_bag(path) and path.suffix.lower() == ".csv":
+        table = path
+    source = open_recorded(path, rig.camera, table, timing.offset_s, topics_of(args))
     return source.without_moments() if args.no_moment else source
-
-
-def taken_frames(
-    messages: Iterable[Taken | Reading | None], synchronizer: Synchronizer
-) -> Iterator[tuple[Frame, np.ndarray]]:
-    """The frames of a recorded source's messages, and their pictures."""
-
-    pushed = (each for message in messages if message is not None for each in synchronizer.push(message))
-    return ((each.frame, each.taken.image) for each in chain(pushed, synchronizer.finish()))
 
 
 def tracked(args: argparse.Namespace) -> tuple[list[Frame], Mapping[int, np.ndarray]]:
