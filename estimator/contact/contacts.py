@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass, fields
-from typing import overload
+from typing import TypeVar, overload
 
 import numpy as np
 
@@ -20,8 +20,17 @@ from .status import FAILED, NO_ANTENNA, NO_CONTACT, OK, TIP, reason, statuses
 _LARGEST_SHIFT = 1 / 3  # inertia that would move the distance by more than this part of its deviation is too much
 
 
+_T = TypeVar("_T")
 _NAMES = np.array(RUNGS)
 _COLUMNS = tuple(f.name for f in fields(ContactEstimate))
+
+
+@dataclass(frozen=True, eq=False)
+class RoughFit:
+    """A quick fit: unknowns (4,), `rig_arrays.UNKNOWNS`, and the antenna's nodes (M, 3), antenna frame."""
+
+    unknowns: np.ndarray
+    points_m: np.ndarray
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -195,3 +204,13 @@ class MotionCheck:
                     moment_residual_Nm=contact.moment_residual_Nm,
                 )
             yield contact
+
+
+def last(parts: Generator[None, None, _T]) -> _T:
+    """What a generator returns in the end."""
+    while True:
+        try:
+            next(parts)
+        except StopIteration as done:
+            found: _T = done.value
+            return found

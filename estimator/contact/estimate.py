@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Generator, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import islice
-from typing import TypeVar
 
 import numpy as np
 
@@ -23,13 +22,12 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import DRIFTS
 
-from .contacts import Contacts, MotionCheck, MovingContacts, contacts_of, moving
+from .contacts import Contacts, MotionCheck, MovingContacts, RoughFit, contacts_of, last, moving
 from .drift import LearntRig
 from .inputs import Batch, Values
 from .motion import Beam
 from .status import CONTACT_EVIDENCE, FEWEST_POINTS, ODD_END, unexplained
 
-_T = TypeVar("_T")
 CHUNK = 2048
 """Frames that are solved at once."""
 STREAM = 64
@@ -268,14 +266,6 @@ class ContactEstimator:
             fitted.explained_alone[rows] = ~unexplained(self._solved(silent))
 
 
-@dataclass(frozen=True, eq=False)
-class RoughFit:
-    """A quick fit: unknowns (4,), `rig_arrays.UNKNOWNS`, and the antenna's nodes (M, 3), antenna frame."""
-
-    unknowns: np.ndarray
-    points_m: np.ndarray
-
-
 class Batches:
     """Batches of a recording in, and out in the same order, each with the estimator for the rig as it then is.
 
@@ -401,13 +391,3 @@ class ContactStream:
             contacts = self._motion.push(found)
             while part := list(islice(contacts, most)):
                 yield part
-
-
-def last(parts: Generator[None, None, _T]) -> _T:
-    """What a generator returns in the end."""
-    while True:
-        try:
-            next(parts)
-        except StopIteration as done:
-            found: _T = done.value
-            return found

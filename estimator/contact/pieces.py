@@ -26,9 +26,9 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import Frame, Shutter
 
-from .contacts import MotionCheck, MovingContacts
+from .contacts import MotionCheck, MovingContacts, last
 from .drift import LearntRig
-from .estimate import AFRESH, CHUNK, STREAM, Batches, ContactEstimator, Search, last
+from .estimate import AFRESH, CHUNK, STREAM, Batches, ContactEstimator, Search
 from .motion import Beam
 from .recording import FrameContact, Ground, detected, detected_taken, measured_points
 from .shutter import ShutterCheck

@@ -25,7 +25,8 @@ from vbaa_calib.detect.whisker.stretches import explained
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import Centrelines, Frame, Session, Still, read_centrelines
 
-from .estimate import STREAM, ContactEstimator, RoughFit
+from .contacts import RoughFit
+from .estimate import STREAM, ContactEstimator
 
 GRAVITY_STEP_M_S2 = 0.5
 """A finder is used again for frames whose gravity is so much alike: the free antenna sags by a pixel more or less."""

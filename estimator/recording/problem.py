@@ -25,6 +25,7 @@ from .known_object import known_equations
 
 RUNG = "rod"  # the highest: what a lower rung leaves out is the same in neighbours and adds up
 _CHUNK = 512
+_SINGULAR = 1e-13  # least eigenvalue of scaled normal equations: below, their solution is rounding
 _HELD = 1e12  # prior weight of a distance that is fixed at the tip
 
 
@@ -191,7 +192,7 @@ class Problem:
         whole[:, diagonal, diagonal] += weight
         side[:, own] += pull
         sound = np.isfinite(whole).all(axis=(1, 2)) & np.isfinite(side).all(axis=1)
-        sound &= (np.einsum("bii->bi", whole)[:, own] > 0.0).all(axis=1)
+        sound &= _determined(np.where(sound[:, None, None], whole[:, own, own], 0.0))
         whole[~sound], side[~sound] = np.eye(whole.shape[1]), 0.0
         mine = whole[:, own, own]
         fixed = mine.copy()
@@ -216,3 +217,11 @@ class Problem:
             reading=found.residual[:, 0],
             sound=sound,
         )
+
+
+def _determined(information: np.ndarray) -> np.ndarray:
+    """(B,) whether normal equations (B, K, K) have a solution that rounding leaves alone."""
+    diagonal = np.einsum("bii->bi", information)
+    positive = (diagonal > 0.0).all(axis=1)
+    scale = 1.0 / np.sqrt(np.where(positive[:, None], diagonal, 1.0))
+    return positive & (np.linalg.eigvalsh(information * scale[:, :, None] * scale[:, None, :])[:, 0] > _SINGULAR)

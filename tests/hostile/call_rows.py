@@ -134,7 +134,7 @@ CALLS: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     ("live onto its source", f"{LIVE} -o session/recording/recording.csv --force", ("recording.csv: is an input",)),
     ("live onto the rig", f"{LIVE} --bag rig.json --force", ("rig.json: is an input",)),
     ("live into a text", f"{LIVE} --rerun a.txt", ("a.txt: is no .rrd",)),
-    ("live into a spreadsheet", f"{LIVE} -o a.xlsx", ("is not a .csv",)),
+    ("live into a spreadsheet", f"{LIVE} -o a.xlsx", ("is neither .csv nor .parquet",)),
     ("a gap of NaN", f"{LIVE} --gap nan", ("--gap is nan",)),
     ("a topic of no role", f"{LIVE} --topic eyes=/left", ("--topic is 'eyes=/left'",)),
     ("readings from a port of words", "live rig.json - --udp here", ("--udp",)),

@@ -11,6 +11,7 @@ from scipy.spatial.distance import cdist
 
 from estimator.object.surface import Normals
 from estimator.table.contacts import ContactTable, joint_angles
+from vbaa_calib.core.robust import finite_or_none
 
 from .coefficient import (
     SLIDING,
@@ -29,8 +30,7 @@ if TYPE_CHECKING:
     from estimator.contact.common_errors import CommonErrors
     from estimator.object.surface import Surface
     from estimator.object.track.onset import Track
-    from vbaa_calib.core.robust import finite_or_none
-from vbaa_calib.rig import Rig
+    from vbaa_calib.rig import Rig
 
 _UNKNOWN_MU = 1.0  # of an object whose friction is not known the force is thought to lean as far as this allows
 _LEAST_STD_RAD = 1e-4  # no direction is known better: rigs said to be exact would else be believed without limit
