@@ -52,11 +52,12 @@ def without_code(text: str) -> str:
     return re.sub(r"`[^`\n]+`", "", _FENCE.sub("", text))
 
 
-@pytest.fixture(scope="module")
-def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The built site. Every warning is an error, as in `make docs`."""
+@pytest.fixture(scope="module", params=["off", pytest.param("force", marks=pytest.mark.slow)])
+def site(tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest) -> Path:
+    """The built site, in the slow tests with the tutorial run. Every warning is an error, as in `make docs`."""
     out = tmp_path_factory.mktemp("site")
     command = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-n", "-q", "-b", "html", "-d", str(out / "trees")]
+    command += ["-D", f"nb_execution_mode={request.param}"]
     done = subprocess.run(
         [*command, str(ROOT / "docs"), str(out / "html")], capture_output=True, text=True, check=False
     )

@@ -13,8 +13,7 @@ from .killer import CALLS
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="SIGKILL is POSIX's")
 QUICK = (
-    *("board", "convert", "budget", "track", "calibrate", "estimate parquet", "live", "refine", "look", "reconstruct"),
-    *("report", "simulate", "stiffness"),
+    *("board", "convert", "budget", "track", "estimate parquet", "live", "refine", "look", "reconstruct", "stiffness"),
 )
 """Once each; the slow test takes them all."""
 

@@ -169,7 +169,7 @@ def test_the_window_fits_the_screen(screen: tuple[int, int]) -> None:
 
 
 @pytest.mark.usefixtures("opengl")
-@pytest.mark.parametrize("suffix", [".gif", ".mp4"])
+@pytest.mark.parametrize("suffix", [".gif", pytest.param(".mp4", marks=pytest.mark.slow)])
 def test_a_turntable_turns_once_around(scene: Scene, tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"scene{suffix}"
     turntable(scene, path)
