@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import chdtrc
 
 from estimator.solver.convergence import NEAREST
-from vbaa_calib.core.least_squares import TELLS, disagreement
+from vbaa_calib.core.least_squares import TELLS, disagreement, disagreement_p
 
 from .problem import Equations, Problem, State, spread_evenly
 
@@ -55,7 +54,7 @@ def solved(problem: Problem, start: State, strokes: np.ndarray, widening: float 
         each = np.unique(labels)
         sums = np.array([weight * (labels == label) for label in each])
         square, freedom = disagreement(np.einsum("gb,bst->gst", sums, equations.information), sums @ pull, total)
-        stroke_p = _p(square, freedom)
+        stroke_p = disagreement_p(square, freedom)
         if stroke_p.min(initial=1.0) < _FOREIGN:
             foreign = np.append(foreign, each[np.argmin(stroke_p)])
         renewed[np.isin(labels, foreign)] = 0.0
@@ -74,7 +73,7 @@ def solved(problem: Problem, start: State, strokes: np.ndarray, widening: float 
         equations,
         np.linalg.inv(total),
         weight,
-        float(_p(square, freedom)[0]),
+        float(disagreement_p(square, freedom)[0]),
         _offness(np.linalg.inv(total), prior, rig, float(square[0] - freedom[0])),
         converged,
     )
@@ -101,7 +100,7 @@ def _beginning(problem: Problem, state: State, strokes: np.ndarray) -> np.ndarra
         told = values > TELLS
         along = np.einsum("gsk,gs->gk", vectors, pull)
         square = np.where(told, along**2 / np.where(told, values + values**2, 1.0), 0.0).sum(axis=1)
-        weight[(_p(square, told.sum(axis=1)) < _BEYOND_DOUBT)[of]] = 0.0
+        weight[(disagreement_p(square, told.sum(axis=1)) < _BEYOND_DOUBT)[of]] = 0.0
     weight[~equations.sound] = 0.0
     return weight if np.mean(weight) > 1.0 - _FEW else np.where(equations.sound, 1.0, 0.0)
 
@@ -109,7 +108,7 @@ def _beginning(problem: Problem, state: State, strokes: np.ndarray) -> np.ndarra
 def _weights(equations: Equations, pull: np.ndarray, total: np.ndarray) -> np.ndarray:
     """(B,) of frames in the shared steps, by the chance of disagreeing as much with the rest."""
     square, freedom = disagreement(equations.information, pull, total)
-    p = _p(square, freedom)
+    p = disagreement_p(square, freedom)
     weight = np.where(p < _DOUBTED, freedom / np.maximum(square, 1e-9), 1.0)
     return np.where((p < _FOREIGN) | ~equations.sound, 0.0, weight)
 
@@ -139,11 +138,6 @@ def _length(own: np.ndarray, equations: Equations) -> float:
         return 0.0
     deviations = np.sqrt(np.einsum("bii->bi", equations.own_covariance))
     return float(np.quantile(np.abs(own / deviations)[:, :3], _NEARLY_ALL))
-
-
-def _p(square: np.ndarray, freedom: np.ndarray) -> np.ndarray:
-    """(G,) that χ² is larger; 1 without degrees of freedom."""
-    return np.where(freedom > 0, chdtrc(np.maximum(freedom, 1), square), 1.0)
 
 
 def _ahead(problem: Problem, state: State) -> np.ndarray:

@@ -148,9 +148,8 @@ def disagreement(information: np.ndarray, pull: np.ndarray, total: np.ndarray) -
     return square, np.maximum(told.sum(axis=1) - (~free).sum(axis=1), 0)
 
 
-def disagreement_p(information: np.ndarray, pull: np.ndarray, total: np.ndarray) -> np.ndarray:
-    """(G,) probability that groups that belong disagree as much; 1 without degrees of freedom."""
-    square, freedom = disagreement(information, pull, total)
+def disagreement_p(square: np.ndarray, freedom: np.ndarray) -> np.ndarray:
+    """(G,) probability that χ² is larger than what `disagreement` gives; 1 without degrees of freedom."""
     return np.where(freedom > 0, chdtrc(np.maximum(freedom, 1), square), 1.0)
 
 

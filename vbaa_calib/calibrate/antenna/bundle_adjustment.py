@@ -17,7 +17,7 @@ from scipy.linalg import block_diag
 
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import SolveError
-from vbaa_calib.core.least_squares import Linearised, Rules, disagreement_p, minimise
+from vbaa_calib.core.least_squares import Linearised, Rules, disagreement, disagreement_p, minimise
 from vbaa_calib.core.robust import MAD_SCALE, mad_std
 from vbaa_calib.geometry import Pose
 from vbaa_calib.rig import Tip
@@ -119,7 +119,7 @@ def _agreement(problem: Problem, solution: Linearised, distances: Sequence[np.nd
     information = np.array([slopes.T @ slopes for slopes, _ in own])
     pull = np.array([-slopes.T @ off for slopes, off in own])
     p = np.ones(len(problem.kept))
-    p[kept] = disagreement_p(information, pull, total * np.outer(unit, unit))
+    p[kept] = disagreement_p(*disagreement(information, pull, total * np.outer(unit, unit)))
     return p
 
 
@@ -260,7 +260,7 @@ def _solved(
     found = _in_passes(problem) or _in_passes(problem, judged=False)
     assert found is not None
     problem, solution, evaluated, rms = found
-    parameters, gap_std = solution.parameters, np.nan
+    parameters = solution.parameters
     if not solution.converged:
         raise SolveError(
             "bundle adjustment of camera pose, antenna and sensor did not converge: check unit and sign of forces and "
