@@ -113,17 +113,16 @@ def _folder_of(args: argparse.Namespace) -> Iterator[Path]:
     from vbaa_calib.streams.open import is_recorded
     from vbaa_calib.streams.pictures import unpack_views
 
+    from .streams import named_topics
+
     if not is_recorded(args.images):
         if args.topic:
             raise InputError("--topic is for a bag", where=_VERB, remedy="leave it out")
         yield args.images
         return
-    role, _, topic = args.topic.partition("=")
-    if args.topic and (role != "image" or not topic):
-        remedy = "write it like --topic image=/camera/image_raw"
-        raise InputError(f"--topic is {args.topic!r}", where=_VERB, remedy=remedy)
+    topics = Topics(**named_topics([args.topic] if args.topic else [], ("image",)))
     with TemporaryDirectory(prefix="vbaa-views-") as name:
-        count = unpack_views(args.images, Path(name), Topics(topic), _VIEWS)
+        count = unpack_views(args.images, Path(name), topics, _VIEWS)
         kept = len(list(Path(name).iterdir()))
         if not kept:
             raise InputError("holds no pictures", where=args.images, remedy="record the board in many poses")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -144,13 +144,18 @@ def topics_of(args: argparse.Namespace) -> Topics:
     """Which topics of a bag to take. Raises InputError for what is no role."""
     from vbaa_calib.streams.bags import Topics
 
+    return Topics(**named_topics(args.topic), pan=args.pan_joint, tilt=args.tilt_joint, moment_axis=args.moment_axis)
+
+
+def named_topics(given: Iterable[str], roles: Sequence[str] = _ROLES) -> dict[str, str]:
+    """Topics by their role, of ROLE=NAME. Raises InputError for what is no role."""
     named = {}
-    for text in args.topic:
-        role, equals, name = text.partition("=")
-        if role not in _ROLES or not name or not equals:
+    for text in given:
+        role, _, name = text.partition("=")
+        if role not in roles or not name:
             raise InputError(f"--topic is {text!r}", remedy="write it like --topic image=/camera/image_raw")
         named[role] = name
-    return Topics(**named, pan=args.pan_joint, tilt=args.tilt_joint, moment_axis=args.moment_axis)
+    return named
 
 
 def recorded(args: argparse.Namespace, path: Path, rig: Rig, timing: Timing) -> Source:
