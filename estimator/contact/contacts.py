@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Generator, Iterator, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import TypeVar, overload
 
 import numpy as np
@@ -14,6 +14,7 @@ from estimator.table.contacts import Contact, ContactEstimate, Measured
 from vbaa_calib.antenna.rungs import RUNGS
 from vbaa_calib.rig import POSE_PARAMETERS, Rig
 
+from .inputs import Batch
 from .motion import Beam, Inertia, Motion, Shapes
 from .status import FAILED, NO_ANTENNA, NO_CONTACT, OK, TIP, reason, statuses
 
@@ -131,12 +132,26 @@ def _deviations(covariance: np.ndarray) -> np.ndarray:
 def _by_axes(rig: Rig, numbers: FitNumbers, rotation: np.ndarray, by_axes: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
     """(B, 3, 3) added to the covariance of world points by errors of the joint axes, their own and the pose's."""
     kinematics, pose = rig.kinematics, slice(0, len(POSE_PARAMETERS))
-    turned, shifted = by_axes
-    moved = np.einsum("kbij,bj->bik", turned, numbers.point_m) + np.moveaxis(shifted, 0, -1)
+    moved = _moved(by_axes, numbers.point_m)
     by_pose = moved @ kinematics.axes_by_pose
     shared = rotation @ numbers.with_pose[:, :3] @ np.swapaxes(by_pose, 1, 2)
     own = (moved * kinematics.axes_std**2) @ np.swapaxes(moved, 1, 2)
     return own + by_pose @ rig.covariance[pose, pose] @ np.swapaxes(by_pose, 1, 2) + shared + np.swapaxes(shared, 1, 2)
+
+
+def _moved(by: tuple[np.ndarray, np.ndarray], point_m: np.ndarray) -> np.ndarray:
+    """(B, 3, K) by how much antenna points (B, 3) move in the world with K numbers that turn and shift the antenna."""
+    turned, shifted = by
+    return np.asarray(np.einsum("kbij,bj->bik", turned, point_m) + np.moveaxis(shifted, 0, -1))
+
+
+def with_joint_errors(contacts: Contacts, batch: Batch) -> Contacts:
+    """The same with what uncertain joint angles add to the covariance of the world points."""
+    if batch.joint_errors_rad is None:
+        return contacts
+    by_joints = contacts.rig.kinematics.by_joints(batch.pan_rad, batch.tilt_rad)
+    moved = _moved(by_joints, contacts.point_antenna_m) * batch.joint_errors_rad[:, None]
+    return replace(contacts, covariance_world_m2=contacts.covariance_world_m2 + moved @ np.swapaxes(moved, 1, 2))
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,9 +177,15 @@ def moving(rig: Rig, several: Sequence[Measured], found: Contacts) -> MovingCont
     points = np.einsum("bij,bgj->bgi", rotation, numbers.pieces_m) + translation[:, None]
     points = np.where(fitted[:, None, None], points, np.nan)
     distance = np.where(found.status == NO_CONTACT, np.nan, numbers.unknowns[:, 0])
+    std_m = numbers.pieces_std_m
+    joint_errors = np.array([each.joint_errors_rad for each in several])
+    if joint_errors.any():
+        turned, shifted = rig.kinematics.by_joints(pan, tilt)
+        swung = np.einsum("kbij,bgj->bgik", turned, numbers.pieces_m) + np.moveaxis(shifted, 0, -1)[:, None]
+        std_m = np.hypot(std_m, np.linalg.norm(swung * joint_errors[:, None, None], axis=(-2, -1)))
     # a load's components along y and z of the antenna, from those along the world's axes
     push = numbers.push @ np.swapaxes(rotation[:, :, 1:], 1, 2)
-    return MovingContacts(found, push, Shapes(times, points, numbers.pieces_std_m, distance))
+    return MovingContacts(found, push, Shapes(times, points, std_m, distance))
 
 
 class MotionCheck:

@@ -22,7 +22,7 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import DRIFTS
 
-from .contacts import Contacts, MotionCheck, MovingContacts, RoughFit, contacts_of, last, moving
+from .contacts import Contacts, MotionCheck, MovingContacts, RoughFit, contacts_of, last, moving, with_joint_errors
 from .drift import LearntRig
 from .inputs import Batch, Values
 from .motion import Beam
@@ -221,6 +221,7 @@ class ContactEstimator:
         contacts = contacts_of(
             found, self._rig_arrays.rig, self.friction_rad, batch.pan_rad, batch.tilt_rad, self.model
         )
+        contacts = with_joint_errors(contacts, batch)
         weights = batch.weights(self._rig_arrays)
         if weights is None:
             return contacts

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -42,6 +43,7 @@ class Batch:
     pan_rad, tilt_rad : (B,) joint angles.
     start : (B, 4) initial unknowns, NaN where there are none; None without any.
     errors_Nm : (B, 2) deviations of the readings beside the sensors' noise; None without any.
+    joint_errors_rad : (B, 2) deviations of pan and tilt; None without any.
     """
 
     points_px: np.ndarray
@@ -52,15 +54,14 @@ class Batch:
     tilt_rad: np.ndarray
     start: np.ndarray | None = None
     errors_Nm: np.ndarray | None = None
+    joint_errors_rad: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.points_px)
 
     def __getitem__(self, which: slice | np.ndarray) -> Batch:
-        start, errors = (None if each is None else each[which] for each in (self.start, self.errors_Nm))
-        points_px, sigma_px, tip_px = self.points_px[which], self.sigma_px[which], self.tip_px[which]
-        angles = self.pan_rad[which], self.tilt_rad[which]
-        return Batch(points_px, sigma_px, self.readings_Nm[which], tip_px, *angles, start, errors)
+        picked: dict[str, Any] = {name: None if each is None else each[which] for name, each in vars(self).items()}
+        return Batch(**picked)
 
     def weights(self, rig_arrays: RigArrays) -> np.ndarray | None:
         """(B, 2) the sensors' noise by all of the readings' deviation; None where there is nothing but noise."""
@@ -90,9 +91,10 @@ class Batch:
         known = np.isfinite(starts).all(axis=1).any()
         ordered = _in_order(points, sigma)
         tips = np.stack([_end(each.tip_px) for each in several])
-        errors = np.array([each.moment_errors_Nm for each in several])
+        columns = ([each.moment_errors_Nm for each in several], [each.joint_errors_rad for each in several])
+        errors = (column if column.any() else None for column in map(np.array, columns))
         angles, start = (numbers[:, 2], numbers[:, 3]), starts if known else None
-        return Batch(*ordered, numbers[:, :2], tips, *angles, start, errors if errors.any() else None)
+        return Batch(*ordered, numbers[:, :2], tips, *angles, start, *errors)
 
     @staticmethod
     def checked(

@@ -102,6 +102,7 @@ def _measured(frame: Frame, points_px: np.ndarray, sigma_px: np.ndarray) -> Meas
         moment_z_Nm=frame.moment_z_Nm,
         time_s=frame.time_s,
         moment_errors_Nm=np.array(frame.moment_errors_Nm),
+        joint_errors_rad=np.array(frame.joint_errors_rad),
     )
 
 

@@ -287,6 +287,7 @@ class Measured:
     start : (4,) initial unknowns, as `ContactEstimator.rough` gives them; NaN where there are none.
     tip_px : (3,) the antenna's visible end, and its deviation along the antenna; NaN where it is not known.
     moment_errors_Nm : (2,) deviations of the moments beside the sensors' noise.
+    joint_errors_rad : (2,) deviations of pan and tilt.
     """
 
     points_px: np.ndarray
@@ -299,6 +300,7 @@ class Measured:
     start: np.ndarray = field(default_factory=lambda: np.full(4, np.nan))
     tip_px: np.ndarray = field(default_factory=lambda: np.full(3, np.nan))
     moment_errors_Nm: np.ndarray = field(default_factory=lambda: np.zeros(2))
+    joint_errors_rad: np.ndarray = field(default_factory=lambda: np.zeros(2))
 
 
 _FOREIGN_M = 1e-3  # world and antenna points that disagree by more than this come from another rig

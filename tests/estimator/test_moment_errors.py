@@ -63,3 +63,21 @@ def test_forces_are_off_by_what_they_say(error_Nm: float) -> None:
     sure = ok & (bold.status == "ok")
     if sure.sum() > 10:
         assert np.mean(np.abs((bold.force_N - force)[sure, 2] / bold.force_std_N[sure, 2]) < 2.0) < 0.8
+
+
+def test_uncertain_joint_angles_are_in_the_world_points_deviations() -> None:
+    """With angles off by what is stated, world points are off by what that adds to their covariance."""
+    several, _ = seen(60)
+    rng, std_rad = np.random.default_rng(3), np.array([2e-3, 4e-3])
+    off_rad = std_rad * rng.normal(size=(60, 2))
+    wrong = [
+        replace(each, pan_rad=each.pan_rad + pan, tilt_rad=each.tilt_rad + tilt, joint_errors_rad=std_rad)
+        for each, (pan, tilt) in zip(several, off_rad, strict=True)
+    ]
+    true, found = estimated(several, 0.0), estimated(wrong, 0.0)
+    ok = (true.status == "ok") & (found.status == "ok")
+    assert ok.sum() >= 40
+    moved = (np.sum((found.point_world_m - true.point_world_m) ** 2, axis=-1))[ok]
+    added = np.trace(found.covariance_world_m2 - true.covariance_world_m2, axis1=1, axis2=2)[ok]
+    assert np.mean(moved / added) == pytest.approx(1.0, abs=0.4)
+    np.testing.assert_allclose(found.distance_std_m[ok], true.distance_std_m[ok], rtol=0.02)

@@ -109,10 +109,10 @@ class _Datagrams:
     def __init__(self, path: Path) -> None:
         self._several = path.read_bytes().split(b"\n\n")
 
-    def recv(self, most: int) -> bytes:
+    def recvmsg(self, most: int, _: int) -> tuple[bytes, list[tuple[int, int, bytes]], int, None]:
         if not self._several:
             raise BlockingIOError
-        return self._several.pop(0)[:most]
+        return self._several.pop(0)[:most], [], 0, None
 
 
 def _truth(path: Path) -> None:

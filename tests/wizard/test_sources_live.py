@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import socket
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -111,6 +112,35 @@ def test_the_newest_frame_is_given_and_old_ones_are_dropped(plug) -> None:
     source.close()
     source.close()
     assert fake.released
+
+
+def test_a_queue_holds_the_newest_frames_and_counts_what_it_loses(plug) -> None:
+    fake = plug(["go"])
+    source = open_camera(0, patience=QUICK)
+    source.queued = 3
+    source.next(1.0)
+    time.sleep(0.2)
+    source.forget()
+    begun = fake.count
+    time.sleep(0.3)
+    several = [source.next(1.0).image[0, 0] for _ in range(3)]
+    assert several == list(range(several[0], several[0] + 3))
+    assert several[0] > begun
+    assert source.dropped >= several[0] - begun - 2
+    source.close()
+
+
+@pytest.mark.parametrize(("behind_s", "believed"), [(0.2, True), (1e5, False), (-5.0, False)])
+def test_a_drivers_stamp_is_believed_if_it_can_be(plug, behind_s: float, believed: bool) -> None:
+    fake = plug(["go"])
+    fake.get = lambda key: 1e3 * (time.monotonic() - behind_s) if key == cv2.CAP_PROP_POS_MSEC else 0.0
+    source = open_camera(0, patience=QUICK)
+    source.next(1.0)
+    time.sleep(0.1)
+    asked_s = time.monotonic() - source.start_s
+    late_s = asked_s - source.next(1.0).time_s
+    source.close()
+    assert (late_s > 0.15) == (believed and sys.platform.startswith("linux"))
 
 
 @pytest.mark.parametrize(("play", "words"), [("fail", "no more pictures"), ("hang", "does not answer"),

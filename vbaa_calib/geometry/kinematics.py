@@ -78,6 +78,15 @@ class Kinematics:
         mount = self.T_actuator_antenna
         return turn @ mount.rotation, turn @ mount.translation_m + origin
 
+    def by_joints(self, pan_rad: np.ndarray, tilt_rad: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """How `world_antenna` moves with pan and tilt: rotations (2, B, 3, 3), translations (2, B, 3)."""
+        moved = []
+        for step in ((_STEP, 0.0), (0.0, _STEP)):
+            down, up = (self.world_antenna(pan_rad + sign * step[0], tilt_rad + sign * step[1]) for sign in (-1, 1))
+            moved.append([(above - below) / (2 * _STEP) for below, above in zip(down, up, strict=True)])
+        rotations, translations = zip(*moved, strict=True)
+        return np.stack(rotations), np.stack(translations)
+
     @property
     def axes_known(self) -> bool:
         """Whether skew, offset and tilt zero count as exact."""

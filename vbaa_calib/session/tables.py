@@ -60,13 +60,15 @@ class Load(Still):
 class Frame(Still):
     """One frame of a recording. `moment_Nm`, and `moment_z_Nm` of a second axis, are NaN where nothing was read.
 
-    moment_errors_Nm : deviations of what both have beside the sensor's noise: interpolation, and the clocks' offset.
+    moment_errors_Nm, joint_errors_rad : deviations of the moments (beside the sensor's noise) and of pan and tilt, by
+        interpolation and by the clocks' offset.
     """
 
     frame: int
     time_s: float = field(kw_only=True)
     moment_z_Nm: float = field(default=np.nan, kw_only=True)
     moment_errors_Nm: tuple[float, float] = field(default=(0.0, 0.0), kw_only=True)
+    joint_errors_rad: tuple[float, float] = field(default=(0.0, 0.0), kw_only=True)
 
 
 def wrong(row: Mapping[str, str], path: Path, what: str, remedy: str) -> InputError:

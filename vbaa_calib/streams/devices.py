@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import socket
+import struct
+import sys
 import time
 from collections.abc import Iterator
 from dataclasses import replace
@@ -15,7 +17,13 @@ from vbaa_calib.wizard.sources.live import LiveSource
 from .messages import Messages, Reading, Source, Taken, now_s
 from .recorded import TICK_S, line_messages
 
+QUEUED = 3
+"""Pictures of a camera that may wait: one that takes long to estimate costs no other, if those after it take less."""
 _LARGEST_DATAGRAM = 65536
+_TIMESTAMP = 35 if sys.platform == "linux" else None
+"""SO_TIMESTAMPNS: the system notes when a datagram came, which is before it is asked for. Not named by `socket`."""
+_TIMESPEC = struct.Struct("@qq")
+_LONGEST_WAIT_S = 60.0
 
 
 def udp_address(address: str, flag: str) -> tuple[str, int]:
@@ -32,6 +40,8 @@ def udp_socket(address: str) -> socket.socket:
     taken = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     taken.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20)
     taken.setblocking(False)
+    if _TIMESTAMP is not None:
+        taken.setsockopt(socket.SOL_SOCKET, _TIMESTAMP, 1)
     try:
         taken.bind(place)
     except OSError as error:
@@ -45,15 +55,26 @@ def datagrams(listening: socket.socket, notes: list[str]) -> Iterator[Reading]:
     """The readings that have come since: a JSON line each, or several lines in one datagram."""
     while True:
         try:
-            data = listening.recv(_LARGEST_DATAGRAM)
+            data, notes_of_it, *_ = listening.recvmsg(_LARGEST_DATAGRAM, socket.CMSG_SPACE(_TIMESPEC.size))
         except (BlockingIOError, InterruptedError):
             return
+        arrived_s = now_s() - _waited_s(notes_of_it)
         for line in filter(None, data.splitlines()):
             try:
-                yield from (each for each in line_messages(line, None) if isinstance(each, Reading))
+                yield from (each for each in line_messages(line, None, arrived_s) if isinstance(each, Reading))
             except InputError as error:
                 if not any(note.startswith("a datagram") for note in notes):
                     notes.append(f"a datagram is left out: {error}")
+
+
+def _waited_s(ancillary: list[tuple[int, int, bytes]]) -> float:
+    """How long a datagram has waited, by the time that the system noted; 0 where it noted none."""
+    for level, kind, data in ancillary:
+        if (level, kind) == (socket.SOL_SOCKET, _TIMESTAMP) and len(data) == _TIMESPEC.size:
+            seconds, nanoseconds = _TIMESPEC.unpack(data)
+            waited_s = time.time() - seconds - 1e-9 * nanoseconds
+            return waited_s if 0.0 <= waited_s < _LONGEST_WAIT_S else 0.0
+    return 0.0
 
 
 def with_datagrams(source: Source, listening: socket.socket | None) -> Source:
@@ -74,11 +95,12 @@ def with_datagrams(source: Source, listening: socket.socket | None) -> Source:
 def open_device(camera: LiveSource) -> Source:
     """The newest pictures of a camera that runs, timed by this machine's clock when they were there."""
     notes: list[str] = []
-    camera.eager = True
+    camera.queued = QUEUED
     start_s = now_s() - time.monotonic() + camera.start_s
     begin_s = perf_counter() - time.monotonic() + camera.start_s
 
     def messages() -> Messages:
+        camera.forget()
         try:
             while True:
                 picture = camera.next(TICK_S / 10)

@@ -187,15 +187,18 @@ def _lines(stream: BinaryIO, idle_s: float, notes: list[str]) -> Iterator[bytes 
             return
 
 
-def line_messages(line: bytes, root: Path | None) -> Iterator[Taken | Reading]:
-    """What one JSON line says, readings first; without `root` pictures are not taken. Raises InputError."""
+def line_messages(line: bytes, root: Path | None, arrived_s: float | None = None) -> Iterator[Taken | Reading]:
+    """What one JSON line says, readings first; without `root` pictures are not taken. Raises InputError.
+
+    arrived_s : when it came, by `now_s`; just now where it is not given.
+    """
     try:
         said = json.loads(line)
         assert isinstance(said, dict)
     except (ValueError, AssertionError, RecursionError):
         remedy = '{"time_s": 1.5, "moment_Nm": 0.004}'
         raise InputError(f"{line[:40]!r} is no JSON object", remedy=f"write lines like {remedy}") from None
-    arrived_s, received_s = now_s(), perf_counter()
+    arrived_s, received_s = now_s() if arrived_s is None else arrived_s, perf_counter()
     time_s = _number(said, "time_s", arrived_s)
     for channel in CHANNELS:
         if said.get(channel) is not None:

@@ -187,11 +187,12 @@ class Synchronizer:
         self.counts["pictures without joint angles"] += any(math.isnan(values[name]) for name in _ANGLES)
         self._given_s, self._number = taken.time_s, self._number + 1
         ages = [age for _, age in read.values()]
+        # joint angles count as free of noise
         errors = [
             self._channels[name].error(taken.time_s, self._timing, std) if name in self._channels else 0.0
-            for name, std in zip(CHANNELS, self._timing.moment_std_Nm, strict=False)
+            for name, std in zip(CHANNELS, (*self._timing.moment_std_Nm, 0.0, 0.0), strict=True)
         ]
-        values["moment_errors_Nm"] = (errors[0], errors[1])
+        values["moment_errors_Nm"], values["joint_errors_rad"] = (errors[0], errors[1]), (errors[2], errors[3])
         frame = Frame(image=None, frame=self._number - 1, time_s=taken.time_s, **values)
         return Synchronized(frame, taken, max(ages, default=np.nan))
 

@@ -7,6 +7,7 @@ import re
 import sys
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,6 +25,8 @@ _Fault = Literal["closed", "blank", "broken", "hung"]
 """Cannot be opened; opened but without any frame; its frames stopped; does not respond."""
 _PAUSE_S = 0.05
 _LEAVE_S = 0.5
+_OLDEST_STAMP_S = 1.0
+"""A driver's stamp that is older is of another clock."""
 
 
 @dataclass(frozen=True)
@@ -37,10 +40,11 @@ class Patience:
 
 
 class LiveSource:
-    """The newest frames of a device, read by a thread; frames that are not fetched in time are dropped undecoded.
+    """The newest frames of a device, read by a thread; frames that are not fetched in time are dropped.
 
     Names count from 0 and skip those in `seen`. start_s : time of opening by `time.monotonic`, the zero of frame times.
-    dropped : number of dropped frames. eager : decode every frame, so that the newest is ready when asked for.
+    dropped : number of dropped frames. queued : how many of the newest frames may wait; more than one: all are decoded.
+    stamped : the driver's stamps say when frames were taken (V4L2's are of `time.monotonic`).
     """
 
     live = True
@@ -66,9 +70,9 @@ class LiveSource:
         self._changed, self._stop = threading.Condition(), threading.Event()
         self.start_s = time.monotonic()
         self.dropped = 0
-        self.eager = False
+        self.queued, self.stamped = 1, False
         self._due_s = self.start_s + patience.open_s
-        self._frame: tuple[np.ndarray, float] | None = None
+        self._frames = deque[tuple[np.ndarray, float]]()
         self._wanted, self._had_frames = True, False
         self._fault: _Fault | None = None
         self._thread = threading.Thread(target=self._run, name="frames", daemon=True)
@@ -102,6 +106,12 @@ class LiveSource:
         self._number += 1
         return frame_picture(name, *frame)
 
+    def forget(self) -> None:
+        """Leave out what has come so far, as if the device had only begun."""
+        with self._changed:
+            self._first, self.dropped = None, 0
+            self._frames.clear()
+
     def close(self) -> None:
         self._stop.set()
         self._thread.join(_LEAVE_S)
@@ -120,13 +130,13 @@ class LiveSource:
         until_s = time.monotonic() + timeout_s
         with self._changed:
             self._wanted = True
-            while self._frame is None:
+            while not self._frames:
                 left_s = min(until_s, self._due_s) - time.monotonic()
                 if self._fault or left_s <= 0:
                     return None
                 self._changed.wait(left_s)
-            frame, self._frame, self._wanted = self._frame, None, self.eager
-            return frame
+            self._wanted = self.queued > 1
+            return self._frames.popleft()
 
     def _run(self) -> None:
         retries = iter(self._patience.retries_s)
@@ -154,6 +164,7 @@ class LiveSource:
                 return "closed", 0
             while not self._stop.is_set() and failures < self._patience.failures:
                 pixels = self._grab(capture)
+                taken_s = self._taken_s(capture)
                 if pixels is None:
                     failures += 1
                     self._stop.wait(_PAUSE_S)
@@ -162,11 +173,14 @@ class LiveSource:
                 failures, frames, self._had_frames = 0, frames + 1, True
                 self._expect_frame(self._patience.silence_s)
                 with self._changed:
-                    self.dropped += pixels.size == 0 or self._frame is not None
-                if pixels.size:
-                    with self._changed:
-                        self._frame = pixels, time.monotonic() - self.start_s
-                        self._changed.notify_all()
+                    if not pixels.size:
+                        self.dropped += 1
+                        continue
+                    if len(self._frames) >= self.queued:
+                        self._frames.popleft()
+                        self.dropped += 1
+                    self._frames.append((pixels, taken_s - self.start_s))
+                    self._changed.notify_all()
         finally:
             capture.release()
         return "broken" if frames else "blank", frames
@@ -185,6 +199,15 @@ class LiveSource:
         if not usable or pixels.ndim not in (2, 3) or pixels.shape[2:] not in ((), (1,), (3,)):
             return None
         return pixels[..., 0] if pixels.shape[2:] == (1,) else pixels
+
+    def _taken_s(self, capture: cv2.VideoCapture) -> float:
+        """When the last frame was taken, by `time.monotonic`: as a V4L2 driver stamped it, else now."""
+        now_s = time.monotonic()
+        try:
+            stamp_s = 1e-3 * capture.get(cv2.CAP_PROP_POS_MSEC) if self.stamped else -1.0
+        except cv2.error:
+            stamp_s = -1.0
+        return stamp_s if 0.0 <= now_s - stamp_s < _OLDEST_STAMP_S else now_s
 
     def _expect_frame(self, within_s: float) -> None:
         with self._changed:
@@ -243,7 +266,9 @@ def open_camera(
             notes[:] = [*_set_up(capture, asked or {}), "the camera's automatic exposure is left as it is"]
         return capture
 
-    return LiveSource(name, opened, patience or Patience(), _CAMERA_FAULTS, seen, notes)
+    source = LiveSource(name, opened, patience or Patience(), _CAMERA_FAULTS, seen, notes)
+    source.stamped = sys.platform.startswith("linux")
+    return source
 
 
 def _check_device(device: int | str, name: str) -> None:
