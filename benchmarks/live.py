@@ -1,7 +1,9 @@
 """`python -m benchmarks.live [--size 640x480] [--pictures 4000]`: processor time of a picture to both of its contacts.
 
 The demo's scene at that size, calibrated as a user does it, its recording forth and back at 60 pictures a second; on
-one thread, from memory. The first lap, in which what depends on the joint angles is prepared, counts, too.
+one thread, from memory. The first lap, in which what depends on the joint angles is prepared, counts, too. With
+`--paced` the pictures come when they are due, from a camera that waits for nobody: what is dropped, and how late the
+contacts are. That wants a machine, or at least a core, with nothing else to do.
 """
 
 from __future__ import annotations
@@ -20,10 +22,13 @@ from estimator import ContactEstimator
 from estimator.live import LiveEstimator
 from vbaa_calib.cli.main import run_verb
 from vbaa_calib.core.files import read_yaml
+from vbaa_calib.core.images import read_picture
 from vbaa_calib.rig import Rig
-from vbaa_calib.session import load_session, read_recording
+from vbaa_calib.session import Frame, load_session, read_recording
 from vbaa_calib.simulate.scene.scene import bundled_scene
 from vbaa_calib.streams import Reading, Synchronizer, Taken, Timing
+from vbaa_calib.streams.devices import open_device
+from vbaa_calib.wizard.sources.live import _CAMERA_FAULTS, LiveSource, Patience
 
 _RATE_HZ = 60.0
 _CHANNELS = ("moment_Nm", "pan_rad", "tilt_rad")
@@ -41,19 +46,25 @@ def demo_at(size: tuple[int, int]) -> dict[str, Any]:
     return scene
 
 
+def _recorded(folder: Path) -> tuple[Rig, list[Frame], list[np.ndarray]]:
+    """The rig, and its recording forth and back, with the pictures."""
+    frames = read_recording(load_session(folder / "session"))
+    lap = [*frames, *frames[-2:0:-1]]
+    # each a picture of its own, so that it is known which one comes
+    return Rig.load(folder / "rig.json"), lap, [read_picture(each.image) for each in lap if each.image]
+
+
 def seconds(folder: Path, count: int) -> np.ndarray:
     """(count,) processor time of each picture of a session in a folder beside its rig.json."""
-    rig, frames = Rig.load(folder / "rig.json"), read_recording(load_session(folder / "session"))
-    images = [cv2.imread(str(frame.image), cv2.IMREAD_UNCHANGED) for frame in frames]
-    lap = [*range(len(frames)), *range(len(frames) - 2, 0, -1)]
+    rig, lap, images = _recorded(folder)
     live = LiveEstimator(ContactEstimator(rig, jobs=1), Synchronizer(Timing(), _CHANNELS, rig.camera.image_size))
     live.warm()
     spent = np.empty(count)
     for index in range(count):
-        at, time_s = lap[index % len(lap)], index / _RATE_HZ
+        at, time_s = index % len(lap), index / _RATE_HZ
         begun = time.process_time()
         for channel in _CHANNELS:
-            for _ in live.push(Reading(time_s, channel, getattr(frames[at], channel), time_s)):
+            for _ in live.push(Reading(time_s, channel, getattr(lap[at], channel), time_s)):
                 pass
         for _ in live.push(Taken(time_s, images[at], time_s, time.perf_counter())):
             pass
@@ -61,10 +72,52 @@ def seconds(folder: Path, count: int) -> np.ndarray:
     return spent
 
 
+class _Camera:
+    """Gives pictures when they are due, as `cv2.VideoCapture` does, as often as `count`."""
+
+    def __init__(self, images: list[np.ndarray], count: int) -> None:
+        self._images, self._left = images, count
+        self._begun_s, self._count = time.monotonic(), count
+
+    def isOpened(self) -> bool:
+        return True
+
+    def grab(self) -> bool:
+        self._left -= 1
+        due_s = self._begun_s + (self._count - self._left) / _RATE_HZ
+        time.sleep(max(0.0, due_s - time.monotonic()))
+        return self._left >= 0
+
+    def retrieve(self) -> tuple[bool, np.ndarray]:
+        return True, self._images[(self._count - self._left) % len(self._images)]
+
+    def release(self) -> None:
+        pass
+
+
+def paced(folder: Path, count: int) -> tuple[int, np.ndarray]:
+    """How many of so many pictures were dropped, and the latencies (N,) of the contacts at once, s."""
+    rig, lap, images = _recorded(folder)
+    shown = {id(image): frame for image, frame in zip(images, lap, strict=True)}
+    live = LiveEstimator(ContactEstimator(rig, jobs=1), Synchronizer(Timing(), _CHANNELS, rig.camera.image_size))
+    live.warm()
+    camera = LiveSource("camera", lambda: _Camera(images, count), Patience(failures=1), _CAMERA_FAULTS)  # type: ignore[arg-type,return-value]
+    source, late_s = open_device(camera), []
+    for message in source.messages():
+        if isinstance(message, Taken):
+            for channel in _CHANNELS:
+                value = getattr(shown[id(message.image)], channel)
+                for _ in live.push(Reading(message.time_s, channel, value, message.time_s)):
+                    pass
+        late_s += [contact.latency_s for contact in live.push(message) if not contact.final]
+    return source.dropped(), np.array(late_s)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--size", default="640x480", help="of the pictures, px (default: 640x480)")
     parser.add_argument("--pictures", type=int, default=4000, help="how many (default: 4000)")
+    parser.add_argument("--paced", action="store_true", help="in real time, from a camera that waits for nobody")
     args = parser.parse_args()
     width, height = map(int, args.size.split("x"))
     cv2.setNumThreads(1)
@@ -73,6 +126,14 @@ def main() -> None:
         (folder / "scene.yaml").write_text(yaml.safe_dump(demo_at((width, height))))
         for words in (f"simulate {name}/scene.yaml -o {name}/session", f"calibrate {name}/session -o {name}/rig.json"):
             run_verb(words.split())
+        if args.paced:
+            dropped, late_s = paced(folder, args.pictures)
+            late = 1e3 * np.quantile(late_s, [0.5, 0.99, 1.0])
+            print(
+                f"{args.size}, {args.pictures} pictures at {_RATE_HZ:g}/s: {dropped} dropped; latency "
+                f"{late[0]:.1f} ms (median), {late[1]:.1f} (99 %), {late[2]:.0f} (most)"
+            )
+            return
         spent_ms = 1e3 * seconds(folder, args.pictures)
     median, most, late = np.quantile(spent_ms, [0.5, 0.9, 0.99])
     print(
