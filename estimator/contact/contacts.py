@@ -216,7 +216,9 @@ class MotionCheck:
             contact = contacts[index]
             shift = float(np.sum(push * load)) if significant else 0.0
             if abs(shift) > _LARGEST_SHIFT and contact.status in (OK, TIP):
-                off = f"{1e3 * abs(shift) * contact.distance_std_m:.1f} mm off, {abs(shift):.1f} std"
+                off_m = abs(shift) * contact.distance_std_m
+                off = f"{1e3 * off_m:.1f} mm off, {abs(shift):.1f} std"
+                off = off if off_m < contact.distance_m else "off by more than itself"
                 contact = Contact(
                     status="not_quasistatic",
                     reason=f"the antenna swings: its inertia puts the distance {off}",
