@@ -24,6 +24,8 @@ _TIMESTAMP = 35 if sys.platform == "linux" else None
 """SO_TIMESTAMPNS: the system notes when a datagram came, which is before it is asked for. Not named by `socket`."""
 _TIMESPEC = struct.Struct("@qq")
 _LONGEST_WAIT_S = 60.0
+_SYSTEM_CLOCK_S = max(now_s() - time.time() for _ in range(5))
+"""What brings the system's clock to `now_s`; a pause between the two readings would make it less."""
 
 
 def udp_address(address: str, flag: str) -> tuple[str, int]:
@@ -55,10 +57,10 @@ def datagrams(listening: socket.socket, notes: list[str]) -> Iterator[Reading]:
     """The readings that have come since: a JSON line each, or several lines in one datagram."""
     while True:
         try:
-            data, notes_of_it, *_ = listening.recvmsg(_LARGEST_DATAGRAM, socket.CMSG_SPACE(_TIMESPEC.size))
+            data, ancillary, *_ = listening.recvmsg(_LARGEST_DATAGRAM, socket.CMSG_SPACE(_TIMESPEC.size))
         except (BlockingIOError, InterruptedError):
             return
-        arrived_s = now_s() - _waited_s(notes_of_it)
+        arrived_s = _arrived_s(ancillary)
         for line in filter(None, data.splitlines()):
             try:
                 yield from (each for each in line_messages(line, None, arrived_s) if isinstance(each, Reading))
@@ -67,14 +69,15 @@ def datagrams(listening: socket.socket, notes: list[str]) -> Iterator[Reading]:
                     notes.append(f"a datagram is left out: {error}")
 
 
-def _waited_s(ancillary: list[tuple[int, int, bytes]]) -> float:
-    """How long a datagram has waited, by the time that the system noted; 0 where it noted none."""
+def _arrived_s(ancillary: list[tuple[int, int, bytes]]) -> float:
+    """When a datagram came, by `now_s`: as the system noted it; now, where it did not or its clock was set since."""
+    latest_s = now_s()
     for level, kind, data in ancillary:
         if (level, kind) == (socket.SOL_SOCKET, _TIMESTAMP) and len(data) == _TIMESPEC.size:
             seconds, nanoseconds = _TIMESPEC.unpack(data)
-            waited_s = time.time() - seconds - 1e-9 * nanoseconds
-            return waited_s if 0.0 <= waited_s < _LONGEST_WAIT_S else 0.0
-    return 0.0
+            arrived_s = seconds + 1e-9 * nanoseconds + _SYSTEM_CLOCK_S
+            return arrived_s if latest_s - _LONGEST_WAIT_S < arrived_s <= latest_s else latest_s
+    return latest_s
 
 
 def with_datagrams(source: Source, listening: socket.socket | None) -> Source:
