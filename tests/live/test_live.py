@@ -314,12 +314,12 @@ def test_readings_by_udp() -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    listening = udp_socket(str(port))
+    listening, begun_s = udp_socket(str(port)), now_s()
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
         for data in (b'{"time_s": 1.5, "moment_Nm": 0.25}', b"rubbish", b'{"pan_rad": 1}\n{"tilt_rad": 2}'):
             sender.sendto(data, ("127.0.0.1", port))
     sent_s = now_s()
-    time.sleep(0.3)
+    time.sleep(0.1)
 
     def nothing() -> Iterator[None]:
         yield None
@@ -334,7 +334,7 @@ def test_readings_by_udp() -> None:
     assert values == {"moment_Nm": 0.25, "pan_rad": 1.0, "tilt_rad": 2.0}
     assert several[0].time_s == 1.5
     # timed by when they came, not by when they were asked for
-    assert all(abs(each.time_s - sent_s) < 0.15 for each in several[1:]) or sys.platform != "linux"
+    assert all(begun_s - 1e-3 < each.time_s < sent_s + 1e-3 for each in several[1:]) or sys.platform != "linux"
     assert "rubbish" in source.notes[0]
 
 

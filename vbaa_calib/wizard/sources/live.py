@@ -135,7 +135,7 @@ class LiveSource:
                 if self._fault or left_s <= 0:
                     return None
                 self._changed.wait(left_s)
-            self._wanted = self.queued > 1
+            self._wanted = False
             return self._frames.popleft()
 
     def _run(self) -> None:
@@ -190,7 +190,7 @@ class LiveSource:
         try:
             if not capture.grab():
                 return None
-            if not self._wanted:
+            if not self._wanted and self.queued == 1:
                 return np.zeros(0, np.uint8)
             read, pixels = capture.retrieve()
         except cv2.error:
