@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import csv
 import io
 import json
@@ -24,7 +23,6 @@ from hypothesis import strategies as st
 from vbaa_calib.core.csv_rows import number, read_csv
 from vbaa_calib.core.errors import InputError, sentence_of
 from vbaa_calib.core.files import (
-    read_json,
     read_yaml,
     refuse_overwrite,
     replacing,
@@ -103,17 +101,6 @@ class TestYaml:
         with pytest.raises(InputError) as caught:
             read_yaml(path)
         refused(caught, path, "not valid YAML")
-
-
-@settings(deadline=None)
-@given(st.one_of(st.binary(max_size=80), st.text("a:&*<>[]{}!-?|'\"\n \t,#%@`01.e~=\\", max_size=80).map(str.encode)))
-def test_whatever_is_given_is_read_or_refused(content: bytes) -> None:
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "given"
-        path.write_bytes(content)
-        for read in (read_yaml, read_json, lambda path: {"rows": read_csv(path, ["a"])}):
-            with contextlib.suppress(InputError):
-                assert isinstance(read(path), dict)
 
 
 class TestCsv:

@@ -90,6 +90,7 @@ def test_the_lens_sensitivity_tells_how_a_wrong_lens_moves_the_frame() -> None:
     np.testing.assert_allclose(step[3:], predicted[3:], atol=0.1 * np.abs(predicted[3:]).max())
 
 
+@pytest.mark.slow
 def test_z_points_to_the_side_that_the_guess_says() -> None:
     scene = shown(View(stiffness=1e4, over=replace(PLAIN.over, shadow=0.0)))
     weightless = replace(scene.antenna, gravity_m_s2=np.zeros(3))
@@ -139,7 +140,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize(
-    "words", [pytest.param(words, marks=pytest.mark.slow if n % 3 else ()) for n, words in enumerate(REFUSED)]
+    "words", [pytest.param(words, marks=pytest.mark.slow if n % 5 else ()) for n, words in enumerate(REFUSED)]
 )
 def test_what_cannot_be_the_antenna_over_its_board_is_refused(words: str) -> None:
     scene = shown(PLAIN)

@@ -125,7 +125,12 @@ CHARUCO = BoardSpec(9, 6, 0.02, 0.015)
         pytest.param(
             CHESSBOARD, CIRCLES, "a plain chessboard of 9 x 6 squares is in the pictures", marks=pytest.mark.slow
         ),
-        (CHARUCO, CHESSBOARD, "squares_x: 9, squares_y: 6, square_m: 0.02, marker_m: 0.015"),
+        pytest.param(
+            CHARUCO,
+            CHESSBOARD,
+            "squares_x: 9, squares_y: 6, square_m: 0.02, marker_m: 0.015",
+            marks=pytest.mark.slow,
+        ),
         pytest.param(CHARUCO, CIRCLES, "a ChArUco board is in the pictures", marks=pytest.mark.slow),
         (
             ASYMMETRIC,

@@ -166,7 +166,7 @@ def test_all_of_a_touch_lies_within_the_limits_and_on_what_is_known() -> None:
     shown = np.array([surely_known_m(found, index) for index in range(len(found.patches))])
     assert (surface_std(found, whole.patch, whole.point_m, whole.normal) <= shown[whole.patch]).all()
     with pytest.raises(InputError, match="joint limits"):
-        next_touch(table, rig, limits=JointLimits((0.5, 0.6), (0.5, 0.6)))
+        next_touch(table, rig, SURFACE, limits=JointLimits((0.5, 0.6), (0.5, 0.6)))
 
 
 def test_what_cannot_be_planned_is_refused() -> None:
@@ -179,6 +179,7 @@ def test_what_cannot_be_planned_is_refused() -> None:
         next_touch(table.picked(table.status == "no_contact"), rig)
 
 
+@pytest.mark.slow
 def test_the_verb(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     table, rig = given("sphere", RIGID, 74)
     contacts_csv, rig_json, output = tmp_path / "contacts.csv", tmp_path / "rig.json", tmp_path / "next.json"

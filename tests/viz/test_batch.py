@@ -182,6 +182,7 @@ def test_what_is_wrong_is_named_and_the_rest_goes_on(client: Client, folder: Pat
     assert batch(client, given, results)["good"].row["frames"] == 9
 
 
+@pytest.mark.slow
 def test_a_lost_scheduler_leaves_what_was_done(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Exit 1, nothing half-written; the same command on this machine does the rest."""
     monkeypatch.setenv("DASK_DISTRIBUTED__COMM__TIMEOUTS__CONNECT", "5s")

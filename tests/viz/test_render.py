@@ -168,8 +168,9 @@ def test_the_window_fits_the_screen(screen: tuple[int, int]) -> None:
     assert min(width, height) > 400
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("opengl")
-@pytest.mark.parametrize("suffix", [".gif", pytest.param(".mp4", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("suffix", [".gif", ".mp4"])
 def test_a_turntable_turns_once_around(scene: Scene, tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"scene{suffix}"
     turntable(scene, path)
