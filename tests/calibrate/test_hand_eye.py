@@ -117,6 +117,7 @@ def test_errors_are_those_predicted_of_many_draws(arm: Arm, wrong: float) -> Non
     assert_as_predicted(arm, 60, wrong)
 
 
+@pytest.mark.slow
 def test_the_robots_own_error_is_found() -> None:
     """Its variance within its deviation; beside it corners and lens explain what they add."""
     arm = Arm("hand", 40, robot_std=(1e-3, 5e-4), lens_std=(1e-3, 1.0))

@@ -44,7 +44,7 @@ def draw(seed: int, paint: float) -> float:
     return nees(scene, antenna=replace(scene.antenna, length_m=length_m), height_m=height_m)
 
 
-QUICK = ("oblique", "dark")
+QUICK = ("oblique",)
 
 
 @pytest.mark.parametrize("name", [pytest.param(n, marks=() if n in QUICK else pytest.mark.slow) for n in VIEWS])
@@ -70,6 +70,7 @@ def test_the_covariance_is_that_of_many_draws(paint: float) -> None:
     assert np.sum(np.array(values) > 30.0) <= 1
 
 
+@pytest.mark.slow
 def test_height_and_length_are_carried_into_the_covariance() -> None:
     scene = shown(View(inclination=4.0))
     sharp = scene.solved(height_std_m=1e-6, antenna=replace(scene.antenna, length_std_m=1e-6))

@@ -56,7 +56,7 @@ def holds(name: str, lens: Camera) -> bool:
     return bool(max(np.flatnonzero(lens.distortion), default=-1) < max(HELD[name]))
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(lens=lenses(), name=st.sampled_from(sorted(FORMATS)))
 def test_what_is_written_is_read_to_the_last_bit_or_refused(lens: Camera, name: str) -> None:
     if not holds(name, lens):

@@ -19,6 +19,7 @@ import numpy as np
 import yaml
 
 from estimator import ContactEstimator
+from estimator.budget.budget import error_budget
 from vbaa_calib.camera import Camera
 from vbaa_calib.cli.main import run_verb
 from vbaa_calib.core.console import say
@@ -80,8 +81,9 @@ def compile_detector() -> None:
 
 
 def compile_estimator() -> None:
-    """What estimates a contact from a centreline."""
+    """What estimates a contact from a centreline, and says how far a rig's contacts are off."""
     ContactEstimator(plain_rig()).estimate(BENT_PX, moment=5e-3, pan=0.0, tilt=0.0)
+    error_budget(plain_rig())
 
 
 def main() -> None:
