@@ -81,27 +81,6 @@ class TestYaml:
         refused(caught, path, words)
         assert f"line {line}:" in str(caught.value)
 
-    @pytest.mark.parametrize(
-        "text",
-        [
-            "a: !!bool maybe",
-            "a: !!int ''",
-            "a: !!float x",
-            "a: !!timestamp x",
-            "a: 2024-13-45",
-            "a: !!binary a",
-            "a: !!int " + "9" * 5000,
-            "a: \0",
-            "? {a: 1}\n: 2",
-            "<<: 3",
-        ],
-    )
-    def test_odd_values_are_refused_not_raised(self, path: Path, text: str) -> None:
-        path.write_text(text)
-        with pytest.raises(InputError) as caught:
-            read_yaml(path)
-        refused(caught, path, "not valid YAML")
-
 
 class TestCsv:
     def test_rows_know_their_lines(self, path: Path) -> None:

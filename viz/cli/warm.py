@@ -1,7 +1,7 @@
 """`python -m viz.cli.warm`, which `make install` runs: compile the inner loops, so that nobody waits at a first call.
 
 The verbs themselves are run, on a session so small that compiling takes most of the time. Two processes share the
-work, which is as long in either: one compiles the estimator, the other the simulator, the lens and the detector.
+work, which is about as long in either: one compiles the detector, the other the simulator, the lens and the estimator.
 """
 
 from __future__ import annotations
@@ -87,9 +87,9 @@ def compile_estimator() -> None:
 
 
 def main() -> None:
-    """Run the verbs one after the other, with a line for each and none of their own; beside them, the estimator."""
-    estimator = multiprocessing.get_context("spawn").Process(target=compile_estimator)
-    estimator.start()
+    """Run the verbs one after the other, with a line for each and none of their own; beside them, the detector."""
+    detector = multiprocessing.get_context("spawn").Process(target=compile_detector)
+    detector.start()
     with tempfile.TemporaryDirectory() as folder:
         names = ("scene.yaml", "session", "camera.json", "rig.json", "contacts.csv")
         scene, session, camera, rig, contacts = (Path(folder) / name for name in names)
@@ -98,8 +98,8 @@ def main() -> None:
         steps: tuple[Callable[[], object], ...] = (
             lambda: _quietly("simulate", scene, "-o", session),
             lambda: _quietly("intrinsics", session / "intrinsics", *board, "-o", camera),
-            compile_detector,
-            estimator.join,
+            compile_estimator,
+            detector.join,
             lambda: _quietly("calibrate", session, "-o", rig),
             lambda: _quietly("look", session / "noload" / "noload_001.png", "--rig", rig),
             lambda: _quietly("estimate", session, "--rig", rig, "-o", contacts, "--no-report"),
