@@ -110,6 +110,7 @@ def test_a_tip_load_by_the_closed_form(amount: str) -> None:
     assert found.inverse == pytest.approx(1.0 / stiffness, rel=0.03)
 
 
+@pytest.mark.slow
 def test_an_unloaded_photograph_takes_the_own_shape_out() -> None:
     rng, stiffness = np.random.default_rng(4), 1e-3
 

@@ -87,6 +87,7 @@ def test_a_turned_picture_is_read_as_the_marks_tell_or_else_upright(spec: _Plain
     np.testing.assert_allclose(back if told else back[::-1], upright, atol=0.5)
 
 
+@pytest.mark.slow
 def test_a_picture_of_a_part_is_no_view(tmp_path: Path) -> None:
     image, truth = seen(CHESSBOARD, 0)
     middle = round(float(truth[:, 0].mean()))

@@ -101,7 +101,8 @@ def same_bits(own: pyarrow.Table, other: pyarrow.Table) -> bool:
     return all(a.tolist() == b.tolist() if a.dtype == object else a.tobytes() == b.tobytes() for a, b in columns)
 
 
-@pytest.mark.parametrize(("copies", "kills"), [(1, 1), pytest.param(10, 30, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize(("copies", "kills"), [(1, 1), (10, 30)])
 def test_killed_workers_cost_nothing_but_time(
     client: Client, folder: Path, tmp_path: Path, copies: int, kills: int
 ) -> None:

@@ -106,7 +106,7 @@ def test_a_stage_follows_instant_and_colour_without_opengl(scene: Scene, no_open
     stage.plotter.close()
 
 
-@pytest.mark.parametrize("suffix", [".glb", ".gltf"])
+@pytest.mark.parametrize("suffix", [".glb", pytest.param(".gltf", marks=pytest.mark.slow)])
 def test_gltf_is_sound_and_comes_back_without_opengl(
     scene: Scene, tmp_path: Path, no_opengl: None, suffix: str
 ) -> None:
