@@ -46,7 +46,7 @@ def square(off: np.ndarray, covariance: np.ndarray) -> float:
     return float(off / std @ np.linalg.solve(covariance / np.outer(std, std), off / std))
 
 
-@pytest.mark.parametrize("mount", MOUNTS)
+@pytest.mark.parametrize("mount", ["hand", pytest.param("fixed", marks=pytest.mark.slow)])
 def test_exact_views_give_the_exact_poses(mount: str) -> None:
     """As OpenCV's closed form does from the boards' true poses."""
     solved, _ = solve(Arm(mount, 8, **EXACT))
