@@ -5,6 +5,8 @@ BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 # One thread per process: the arrays are small, and two workers share two cores.
 export OMP_NUM_THREADS ?= 1
+# What Python compiles is kept beside its source: the tests start hundreds of processes that load the same modules.
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: demo test test-slow fuzz kills soak processors docs docs-pictures sbom lint install gl clean
 .DEFAULT_GOAL := test
@@ -14,7 +16,7 @@ install: $(INSTALLED)
 $(INSTALLED): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "Python >= 3.11 is needed: make PYTHON=python3.12"; exit 1; }
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --constraint constraints.txt --editable '.[dev]'
+	$(BIN)/python -m pip install --no-compile --constraint constraints.txt --editable '.[dev]'
 	$(BIN)/python -m viz.cli.warm
 	@touch $@
 
@@ -27,8 +29,9 @@ gl: $(INSTALLED)
 demo: $(INSTALLED) gl
 	$(BIN)/vbaa demo --out demo --force
 
+# files in the order of their names: short ones come last, so that no worker ends long after the other
 test: $(INSTALLED) gl
-	$(BIN)/python -m pytest -n 2 --dist loadfile -m 'not slow'
+	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -m 'not slow'
 
 # the long Monte-Carlo runs too, of which the other tests hold seeded subsets: an hour
 test-slow: $(INSTALLED) gl

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 import re
 from collections import Counter
-from functools import lru_cache
+from functools import cache, lru_cache
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
@@ -42,8 +42,10 @@ def modules() -> dict[str, Path]:
     return found
 
 
-def imported(name: str, path: Path, known: set[str]) -> set[str]:
+@cache
+def imported(name: str) -> set[str]:
     """Our modules that a module imports, anywhere in its text but for types alone, relative imports resolved."""
+    path, known = ALL[name], ALL
     package = name if path.name == "__init__.py" else name.rpartition(".")[0]
     tree = tree_of(path)
     skipped = {
@@ -70,7 +72,7 @@ def imported(name: str, path: Path, known: set[str]) -> set[str]:
 @lru_cache
 def graph() -> dict[str, set[str]]:
     """Module → our modules that it imports."""
-    return {name: imported(name, path, set(ALL)) & set(ALL) - {name} for name, path in ALL.items()}
+    return {name: imported(name) & set(ALL) - {name} for name in ALL}
 
 
 def upward(name: str, targets: set[str]) -> list[str]:
@@ -90,7 +92,7 @@ ALL = modules()
 
 def test_imports_point_down() -> None:
     """No module imports from a package above its own, nor from a stranger."""
-    assert {name: found for name in ALL if (found := upward(name, imported(name, ALL[name], set(ALL))))} == {}
+    assert {name: found for name in ALL if (found := upward(name, imported(name)))} == {}
 
 
 def test_folders_and_modules_are_small() -> None:

@@ -107,6 +107,7 @@ def test_centrelines_as_good_as_the_picture_allows_are_solved_to_the_bound(pages
     assert np.sqrt(np.mean(scaled**2)) == pytest.approx(1.0, abs=3 / np.sqrt(120))
 
 
+@pytest.mark.slow
 def test_nobody_is_beyond_the_walls(measured: Measured) -> None:
     """Unbiased methods are those that know what bends the antenna; the others may be right by luck, not so often."""
     for row in measured.rows:

@@ -67,6 +67,7 @@ def test_deviations_stay_honest_under_a_hardship(name: str) -> None:
     assert row.kept > 0.9
 
 
+@pytest.mark.slow
 def test_a_seeded_few_hard_pictures() -> None:
     """No exception, no NaN, and nothing confident where there is no antenna."""
     hard, empty = hostile(20, 7)

@@ -58,6 +58,7 @@ def test_where_nothing_can_be_kept_it_is_said_once(
     assert capsys.readouterr().err.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_a_kernel_runs_its_own_copy_of_what_it_calls(tmp_path: Path) -> None:
     """What two kernels have kept of a function of one name differs; loaded side by side each runs its own."""
     module = tmp_path / "kernels.py"

@@ -52,19 +52,18 @@ def without_code(text: str) -> str:
     return re.sub(r"`[^`\n]+`", "", _FENCE.sub("", text))
 
 
-@pytest.fixture(scope="module", params=["off", pytest.param("force", marks=pytest.mark.slow)])
-def site(tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest) -> Path:
-    """The built site, in the slow tests with the tutorial run. Every warning is an error, as in `make docs`."""
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The built site, the tutorial run. Every warning is an error, as in `make docs`."""
     out = tmp_path_factory.mktemp("site")
     command = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-n", "-q", "-b", "html", "-d", str(out / "trees")]
-    command += ["-D", f"nb_execution_mode={request.param}"]
-    done = subprocess.run(
-        [*command, str(ROOT / "docs"), str(out / "html")], capture_output=True, text=True, check=False
-    )
+    command += ["-D", "nb_execution_mode=force", str(ROOT / "docs"), str(out / "html")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     return out / "html"
 
 
+@pytest.mark.slow
 def test_the_site_builds_and_loads_nothing_from_elsewhere(site: Path) -> None:
     """No script, style, font or picture of another host, in any page or style sheet."""
     pages = list(site.glob("*.html"))
@@ -77,6 +76,7 @@ def test_the_site_builds_and_loads_nothing_from_elsewhere(site: Path) -> None:
     assert loaded == set()
 
 
+@pytest.mark.slow
 def test_the_site_describes_every_verb(site: Path) -> None:
     """By its own parser, with every option."""
     page = (site / "verbs.html").read_text(encoding="utf-8")
@@ -85,6 +85,7 @@ def test_the_site_describes_every_verb(site: Path) -> None:
     assert "--overlay DIR" in page
 
 
+@pytest.mark.slow
 def test_search_finds_its_excerpts_offline(site: Path) -> None:
     """The text of every page is a script of the search page, with the anchors that results lead to."""
     assert "_static/excerpts.js" in (site / "search.html").read_text(encoding="utf-8")

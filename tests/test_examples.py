@@ -17,8 +17,8 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 EXAMPLES = sorted((ROOT / "examples").glob("[0-9]*.py"))
-LONG = ("06_calibrating_a_session",)
-"""It calibrates for ten seconds."""
+LONG = ("06_calibrating_a_session", "09_the_ladder")
+"""They take ten seconds."""
 SHOWN = ROOT / "docs" / "images" / "examples"
 PROMISED = {
     "01_pixels_to_millimetres": r"x =  120\.00 mm",

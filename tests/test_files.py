@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import csv
 import io
 import json
@@ -24,7 +23,6 @@ from hypothesis import strategies as st
 from vbaa_calib.core.csv_rows import number, read_csv
 from vbaa_calib.core.errors import InputError, sentence_of
 from vbaa_calib.core.files import (
-    read_json,
     read_yaml,
     refuse_overwrite,
     replacing,
@@ -82,38 +80,6 @@ class TestYaml:
             read_yaml(path)
         refused(caught, path, words)
         assert f"line {line}:" in str(caught.value)
-
-    @pytest.mark.parametrize(
-        "text",
-        [
-            "a: !!bool maybe",
-            "a: !!int ''",
-            "a: !!float x",
-            "a: !!timestamp x",
-            "a: 2024-13-45",
-            "a: !!binary a",
-            "a: !!int " + "9" * 5000,
-            "a: \0",
-            "? {a: 1}\n: 2",
-            "<<: 3",
-        ],
-    )
-    def test_odd_values_are_refused_not_raised(self, path: Path, text: str) -> None:
-        path.write_text(text)
-        with pytest.raises(InputError) as caught:
-            read_yaml(path)
-        refused(caught, path, "not valid YAML")
-
-
-@settings(deadline=None)
-@given(st.one_of(st.binary(max_size=80), st.text("a:&*<>[]{}!-?|'\"\n \t,#%@`01.e~=\\", max_size=80).map(str.encode)))
-def test_whatever_is_given_is_read_or_refused(content: bytes) -> None:
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "given"
-        path.write_bytes(content)
-        for read in (read_yaml, read_json, lambda path: {"rows": read_csv(path, ["a"])}):
-            with contextlib.suppress(InputError):
-                assert isinstance(read(path), dict)
 
 
 class TestCsv:

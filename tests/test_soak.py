@@ -78,6 +78,7 @@ def pictures(folder: Path, count: int) -> Path:
     return folder
 
 
+@pytest.mark.slow
 @needs_proc
 def test_what_is_not_solved_leaves_nothing_behind(tmp_path: Path) -> None:
     """Reading, order, motion, table, file: everything but the solver, which frames of two points do not reach."""

@@ -100,12 +100,8 @@ class Done:
 
 
 def short_session(folder: Path) -> Path:
-    """The demo's scene, small, with a sweep and the antenna over the board."""
-    ways = {"sweep": True, "over": {"height_m": 0.012, "center_m": [0.13, 0.0], "turn_deg": 8.0, "pictures": 1}}
-    scene = small_scene(noload=3, loads=(1, 5, 8, 9)) | ways
-    scene["camera"]["image_size"] = [640, 480]
-    scene["camera"]["matrix"] = [[669.3, 0.0, 317.8], [0.0, 667.3, 242.2], [0.0, 0.0, 1.0]]
-    scene["intrinsics"]["pictures"] = 8
+    """The demo's scene, small."""
+    scene = small_scene(noload=3, loads=(1, 5, 8, 9))
     scene["recording"]["sweeps"][0] |= {"frames": 6, "free_frames": 1}
     (folder / "scene.yaml").write_text(yaml.safe_dump(scene))
     assert main(["simulate", str(folder / "scene.yaml"), "-o", str(folder / "session")]) == 0

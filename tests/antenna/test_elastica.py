@@ -68,7 +68,7 @@ def test_dead_tip_load_against_the_reference_file() -> None:
     np.testing.assert_allclose(computed, table[:, 1:], atol=5.1e-7)
 
 
-@pytest.mark.parametrize("load", [1e-6, 0.01, 0.7, 2.49, 2.51, 6.0, 25.0, 60.0])
+@pytest.mark.parametrize("load", [1e-6, 0.7, 2.51, 60.0])
 def test_dead_tip_load_against_elliptic_integrals(load: float) -> None:
     """Bisshopp and Drucker's closed form at 30 digits, a route that shares nothing with the pendulum's."""
     with mpmath.workdps(30):

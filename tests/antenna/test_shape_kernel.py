@@ -27,8 +27,20 @@ def presses(slope_deg: float, seed: int) -> dict[str, np.ndarray]:
     }
 
 
-def bent(rung: int, press: dict[str, np.ndarray], rows: int = shape_kernel.CURVE_NODES) -> list[np.ndarray]:
-    """Points, tangents, force and moment."""
+def bent(rung: int, press: dict[str, np.ndarray]) -> list[np.ndarray]:
+    """Points, tangents, force and moment, by the kernel that works off whole batches: the last axis is the batch."""
+    nodes = shape_kernel.CURVE_NODES
+    made = [np.full(shape, 7.0) for shape in ((LANES, nodes, 3), (LANES, nodes, 3), (LANES, 3), (LANES,))]
+    parameters, force = (np.ascontiguousarray(press[name].T) for name in ("parameters", "force_N"))
+    gravity = np.tile(GRAVITY, (LANES, 1))
+    given = shape_kernel.Presses(parameters, LENGTH, gravity, press["contact_m"], force, press["friction_rad"])
+    sweeps = shape_kernel.ELASTICA_SWEEPS if RUNGS[rung] == "elastica" else shape_kernel.ROD_SWEEPS
+    shape_kernel.bend_batch(rung, False, sweeps, given, shape_kernel.Bent(*made))
+    return [each.T for each in made]
+
+
+def lanes(rung: int, press: dict[str, np.ndarray], rows: int = shape_kernel.CURVE_NODES) -> list[np.ndarray]:
+    """The same by the kernel that the solver calls."""
     nodes = shape_kernel.CURVE_NODES
     made = [np.full(shape, 7.0) for shape in ((3, nodes, LANES), (3, rows, LANES), (3, LANES), (LANES,))]
     given = press["parameters"], LENGTH, GRAVITY, press["contact_m"], press["force_N"], press["friction_rad"]
@@ -90,22 +102,24 @@ def test_series_and_closed_form_meet(rung: int) -> None:
         np.testing.assert_allclose(below, above, rtol=0, atol=2e-12, err_msg=name)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rung", range(len(RUNGS)))
 def test_tangents_of_the_first_shape_alone(rung: int) -> None:
     press = presses(25.0, seed=6)
-    every = bent(rung, press)
+    every = lanes(rung, press)
     for rows in (0, shape_kernel.NODE_ROWS):
-        some = bent(rung, press, rows)
+        some = lanes(rung, press, rows)
         np.testing.assert_array_equal(some[0], every[0])
     first = some[1].reshape(3, -1)[:, : shape_kernel.CURVE_NODES]
     np.testing.assert_allclose(first, every[1][..., 0], rtol=0, atol=1e-15)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rung", range(len(RUNGS)))
 @pytest.mark.parametrize("slope_deg", [1e-6, 25.0, 70.0])
 def test_a_batch_is_made_of_these(rung: int, slope_deg: float) -> None:
     press = presses(slope_deg, seed=7)
-    points, tangents, force, moment = bent(rung, press)
+    points, tangents, force, moment = lanes(rung, press)
     batch = curves(
         RUNGS[rung],
         press["parameters"].T,

@@ -119,6 +119,7 @@ def test_clean_sets_raise_no_alarm(unflat_m: float) -> None:
         assert unflat_m or "print_stretched" not in found
 
 
+@pytest.mark.slow
 def test_the_chance_of_a_change_is_what_it_says() -> None:
     """Views that scatter by any factor more than their corners: one in ten has a chance below a tenth, and so on."""
     rng = np.random.default_rng(0)
@@ -171,7 +172,7 @@ def test_what_is_missing_is_said() -> None:
     assert not {"never_tilted", "tilted_one_way"} & set(names(pictures(2, np.ones(12))))
 
 
-@pytest.mark.parametrize("name", ["realsense", "gopro"])
+@pytest.mark.parametrize("name", ["gopro", pytest.param("realsense", marks=pytest.mark.slow)])
 def test_real_sets_raise_no_alarm_about_the_lens(name: str) -> None:
     """Their corners miss the fit by several times their noise, whole views together."""
     views, spec = detected(name)

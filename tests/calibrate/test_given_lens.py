@@ -77,7 +77,8 @@ def test_a_known_lens_gives_the_rig_of_the_usual_way(
             assert "one standard deviation of" not in said
 
 
-@pytest.mark.parametrize("draws", [4, pytest.param(60, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("draws", [60])
 def test_an_assumed_lens_is_as_uncertain_as_it_says(bare: Path, tmp_path: Path, draws: int) -> None:
     """Lenses that are off as is assumed: the points of plane C that they see, and EI, are off as is predicted."""
     session, true = load_session(bare), true_camera()

@@ -46,7 +46,7 @@ def square(off: np.ndarray, covariance: np.ndarray) -> float:
     return float(off / std @ np.linalg.solve(covariance / np.outer(std, std), off / std))
 
 
-@pytest.mark.parametrize("mount", MOUNTS)
+@pytest.mark.parametrize("mount", ["hand", pytest.param("fixed", marks=pytest.mark.slow)])
 def test_exact_views_give_the_exact_poses(mount: str) -> None:
     """As OpenCV's closed form does from the boards' true poses."""
     solved, _ = solve(Arm(mount, 8, **EXACT))
@@ -117,6 +117,7 @@ def test_errors_are_those_predicted_of_many_draws(arm: Arm, wrong: float) -> Non
     assert_as_predicted(arm, 60, wrong)
 
 
+@pytest.mark.slow
 def test_the_robots_own_error_is_found() -> None:
     """Its variance within its deviation; beside it corners and lens explain what they add."""
     arm = Arm("hand", 40, robot_std=(1e-3, 5e-4), lens_std=(1e-3, 1.0))

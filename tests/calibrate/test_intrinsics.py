@@ -185,7 +185,7 @@ def assert_matches(solution: LensSolution, rms: float, fx: float, fy: float) -> 
 
 @pytest.mark.parametrize(
     ("name", "min_corners", "reference", "fitting"),
-    [pytest.param(*one, marks=pytest.mark.slow if one[0] == "ucl_left" else ()) for one in REFERENCES],
+    [pytest.param(*one, marks=pytest.mark.slow if one[0].startswith("ucl") else ()) for one in REFERENCES],
 )
 def test_the_fitting_lens_model_reproduces_the_reference(
     name: str, min_corners: int, reference: tuple[float, float, float], fitting: tuple[str, bool]
@@ -199,7 +199,7 @@ def test_the_fitting_lens_model_reproduces_the_reference(
 
 @pytest.mark.parametrize(
     ("name", "min_corners", "reference"),
-    [pytest.param(*one[:3], marks=pytest.mark.slow if one[0] == "ucl_left" else ()) for one in REFERENCES],
+    [pytest.param(*one[:3], marks=pytest.mark.slow if one[0].startswith("ucl") else ()) for one in REFERENCES],
 )
 def test_the_chosen_lens_model_reproduces_the_reference_and_does_not_fold(
     name: str, min_corners: int, reference: tuple[float, float, float]

@@ -109,6 +109,7 @@ def test_halves_of_two_cameras_do_not_agree() -> None:
     assert halves_of(views[:5], given.poses[:5]) == (None, None)
 
 
+@pytest.mark.slow
 def test_halves_of_good_views_differ_as_often_as_chance_has_it() -> None:
     """P-values are uniform, and the deviations' mean square is one."""
     drawn = [draw(RIG, seed) for seed in range(500, 540)]
@@ -136,7 +137,7 @@ def test_one_step_tells_what_views_left_out_would_be_missed_by(index: int) -> No
 
 @pytest.mark.parametrize(
     ("index", "count", "allowed"),
-    [(2, 16, 0.12), *(pytest.param(index, 150, 0.05, marks=pytest.mark.slow) for index in range(len(rigs())))],
+    [pytest.param(index, 150, 0.05, marks=pytest.mark.slow) for index in range(len(rigs()))],
 )
 def test_95_per_cent_regions_cover_the_true_projection(index: int, count: int, allowed: float) -> None:
     """Poses, noise, outliers and all drawn anew. Points of one draw hang together, so the share is none too sharp."""

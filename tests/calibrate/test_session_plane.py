@@ -131,6 +131,7 @@ def test_a_session_without_a_way_is_refused(rendered: Rendered, tmp_path: Path) 
         picture_folders(nothing)
 
 
+@pytest.mark.slow
 def test_the_whole_calibration_takes_all_ways(rendered: Rendered) -> None:
     found = calibrate(rendered.session, "opencv4")
     off = off_std(found.rig.T_antenna_camera, found.rig.covariance[:6, :6], rendered.scene.T_antenna_camera)

@@ -152,7 +152,7 @@ class TestUncertainty:
         assert_as_predicted([solve(sweep(rig, seed=seed)) for seed in range(200)])
 
     def test_an_error_of_the_tilts_zero_moves_the_camera_along_its_tangent(self) -> None:
-        taken, off = sweep(sigma_px=0.0), 1e-4
+        taken, off = sweep(angles=FEW, sigma_px=0.0), 1e-4
         true, doubtful, moved = solve(taken), solve(taken, zero_std=0.01), solve(taken, replace(RIG, tilt_zero_rad=off))
         along = doubtful.axes_with_pose[2] / 1e-4
         step = moved.estimate.T_antenna_camera.tangent_from(true.estimate.T_antenna_camera)

@@ -31,7 +31,7 @@ def rays_of(camera):
     return function
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.slow] * (name in NAMES[:3])) for name in NAMES])
 def test_first_derivatives_in_both_modes(name):
     camera, inputs = differentiable(name)
     assert gradcheck(rays_of(camera), inputs, eps=1e-5, atol=1e-6, check_forward_ad=True)

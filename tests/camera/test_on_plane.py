@@ -74,7 +74,7 @@ def test_shapes_kinds_and_precision(shape):
         assert tuple(layer.calibration_jacobian(given).shape) == (*shape, 2, 4 + 5 + 6)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.slow] * (name != "tilted")) for name in NAMES])
 def test_gradients_by_pixels_lens_and_pose(name):
     camera = LENSES[name]
     layer = CameraOnPlane(camera, POSE)

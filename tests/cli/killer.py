@@ -28,7 +28,7 @@ from vbaa_calib.cli.main import VERBS, main
 from viz.report import make as report_make
 
 from ..estimator.test_next_touch import given
-from ..hostile.conftest import make_files
+from ..hostile.conftest import good_files
 
 CALLS = {
     "board": "board --spec ../board.yaml -o out.svg",
@@ -74,7 +74,7 @@ _TIMES = ("seconds", "cpu_s")
 
 def prepare(folder: Path) -> None:
     """What the calls read."""
-    make_files(folder)
+    shutil.copytree(good_files(), folder, dirs_exist_ok=True)
     table, rig = given("sphere", float("inf"), 37)
     write_contacts(folder / "touches.csv", table.rows())
     (folder / "touches.json").write_text(json.dumps(rig.to_dict()))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import json
 from pathlib import Path
 
 import cv2
@@ -31,40 +30,6 @@ def test_vision_alone(vbaa: Call, session: Path, rig: Path, tmp_path: Path) -> N
     rows = list(csv.DictReader(told.read_text().splitlines()))
     assert len(rows) == 4
     assert not any(row["moment_residual_Nm"] for row in rows)
-
-
-def test_pictures_of_any_depth_and_colour_mean_the_same(vbaa: Call, made: Path, session: Path, tmp_path: Path) -> None:
-    """The same grey as colour, as 16 bit, and under another suffix gives the same rig and the same contacts.
-
-    To the bit for the lens; where the antenna is looked for, 16 bits are not cut to 8, and rounding differs.
-    """
-    repaint("intrinsics/*.png", lambda picture: cv2.merge([picture] * 3))(session)
-    repaint("noload/*.png", lambda picture: picture.astype(np.uint16) * 257)(session)
-    repaint("loads/*.png", lambda picture: cv2.merge([picture] * 4))(session)
-    repaint("recording/*.png", lambda picture: cv2.merge([picture.astype(np.uint16) * 257] * 3))(session)
-    for path in (session / "plane").iterdir():
-        cv2.imwrite(str(path.with_suffix(".tif")), cv2.imread(str(path), cv2.IMREAD_UNCHANGED))
-        path.unlink()
-    rig = tmp_path / "rig.json"
-    assert vbaa("calibrate", session, "-o", rig).code == 0
-    mine, theirs = (json.loads(path.read_text()) for path in (rig, made / "rig.json"))
-    for key in ("views", "dropped", "rms_px", "model_comparison"):
-        assert mine["quality"]["lens"][key] == theirs["quality"]["lens"][key], key
-    one, other = Rig.load(rig), Rig.load(made / "rig.json")
-    std = np.sqrt(np.diag(other.covariance))
-    assert (np.abs(one.T_antenna_camera.tangent_from(other.T_antenna_camera)) < 0.1 * std[:6]).all()
-    assert (np.abs(one.antenna.parameters - other.antenna.parameters) < 0.1 * std[6:15]).all()
-    assert one.image.height == pytest.approx(other.image.height, rel=1e-3)
-    tables = []
-    for folder, name in ((session, "mine.csv"), (made / "session", "theirs.csv")):
-        assert vbaa("estimate", folder, "--rig", rig, "--no-report", "-o", tmp_path / name).code == 0
-        tables.append((tmp_path / name).read_text())
-    mine, theirs = (list(csv.DictReader(table.splitlines())) for table in tables)
-    assert [row["status"] for row in mine] == [row["status"] for row in theirs]
-    for one_row, other_row in zip(mine, theirs, strict=True):
-        if other_row["distance_m"]:
-            off = float(one_row["distance_m"]) - float(other_row["distance_m"])
-            assert abs(off) < 0.2 * float(other_row["distance_std_m"])
 
 
 def greened(picture: np.ndarray) -> np.ndarray:

@@ -184,8 +184,8 @@ def test_the_legacy_pattern_is_told_from_the_present_one(tmp_path: Path, columns
     ("mirrored", "negative", "change"),
     [
         pytest.param(True, False, {}, marks=pytest.mark.slow),
-        pytest.param(False, True, {"squares_x": 8}, marks=pytest.mark.slow),
-        (True, True, {"dictionary": "DICT_5X5_100"}),
+        (False, True, {"squares_x": 8}),
+        pytest.param(True, True, {"dictionary": "DICT_5X5_100"}, marks=pytest.mark.slow),
     ],
 )
 def test_turned_pictures_are_named_as_the_cause(tmp_path: Path, change: dict, mirrored: bool, negative: bool) -> None:

@@ -30,7 +30,9 @@ def seen(spec: _Plain, seed: int, tilt: float = 0.5) -> tuple[np.ndarray, np.nda
     return picture(grey, seed=seed), truth
 
 
-@pytest.mark.parametrize("spec", [CHESSBOARD, CIRCLES, ASYMMETRIC], ids=lambda spec: spec.type)
+@pytest.mark.parametrize(
+    "spec", [CHESSBOARD, CIRCLES, pytest.param(ASYMMETRIC, marks=pytest.mark.slow)], ids=lambda spec: spec.type
+)
 def test_marks_are_found_where_they_are_and_no_less_surely_than_stated(spec: _Plain) -> None:
     views = [(detect_corners(seen(spec, seed)[0], spec), seen(spec, seed)[1]) for seed in (0, 2)]
     errors = np.concatenate([view.corners_px - truth[view.ids] for view, truth in views])
@@ -43,7 +45,9 @@ def test_marks_are_found_where_they_are_and_no_less_surely_than_stated(spec: _Pl
         assert 0.6 < squares.mean() / 2.0 < 2.0
 
 
-@pytest.mark.parametrize("spec", [CIRCLES, ASYMMETRIC], ids=lambda spec: spec.type)
+@pytest.mark.parametrize(
+    "spec", [CIRCLES, pytest.param(ASYMMETRIC, marks=pytest.mark.slow)], ids=lambda spec: spec.type
+)
 def test_large_tilted_circles_have_their_centres_where_these_are_projected(spec: CircleGrid) -> None:
     grey, truth = drawn(spec, *pose(0, spec, 0.8), radius=0.4)
     image = picture(grey)
@@ -83,6 +87,7 @@ def test_a_turned_picture_is_read_as_the_marks_tell_or_else_upright(spec: _Plain
     np.testing.assert_allclose(back if told else back[::-1], upright, atol=0.5)
 
 
+@pytest.mark.slow
 def test_a_picture_of_a_part_is_no_view(tmp_path: Path) -> None:
     image, truth = seen(CHESSBOARD, 0)
     middle = round(float(truth[:, 0].mean()))
@@ -125,7 +130,12 @@ CHARUCO = BoardSpec(9, 6, 0.02, 0.015)
         pytest.param(
             CHESSBOARD, CIRCLES, "a plain chessboard of 9 x 6 squares is in the pictures", marks=pytest.mark.slow
         ),
-        (CHARUCO, CHESSBOARD, "squares_x: 9, squares_y: 6, square_m: 0.02, marker_m: 0.015"),
+        pytest.param(
+            CHARUCO,
+            CHESSBOARD,
+            "squares_x: 9, squares_y: 6, square_m: 0.02, marker_m: 0.015",
+            marks=pytest.mark.slow,
+        ),
         pytest.param(CHARUCO, CIRCLES, "a ChArUco board is in the pictures", marks=pytest.mark.slow),
         (
             ASYMMETRIC,

@@ -99,7 +99,7 @@ def test_the_profile_fit_is_unbiased_before_a_pattern(brightness: float) -> None
     [
         (PLAIN, 0.09),
         pytest.param(View(paint=0.05), 0.25, marks=pytest.mark.slow),
-        (View(diameter=0.0022), 0.25),
+        pytest.param(View(diameter=0.0022), 0.25, marks=pytest.mark.slow),
         pytest.param(View(diameter=0.00055, noise=3.0), 0.12, marks=pytest.mark.slow),
         pytest.param(
             View(inclination=50.0, azimuth=100.0, over=replace(PLAIN.over, turn_rad=1.4)), 0.12, marks=pytest.mark.slow

@@ -149,7 +149,7 @@ def test_one_phase_on_the_pixel_grid_does_not_shift_the_line() -> None:
         assert abs(aside(path, line.points_px).mean()) < 0.02
 
 
-@pytest.mark.parametrize("beside_px", [-1.0, 0.0, 1.0, 2.0])
+@pytest.mark.parametrize("beside_px", [-1.0, 2.0])
 def test_an_objects_edge_along_the_antenna_is_doubt(beside_px: float) -> None:
     """It draws all points along it the same way, which the profiles' residuals hardly show."""
     rng = np.random.default_rng(17)

@@ -28,7 +28,9 @@ def quality(one: BoardView) -> ViewQuality:
     return one.quality
 
 
-@pytest.mark.parametrize("blur_px", [0.4, 1.5, 2.5])
+@pytest.mark.parametrize(
+    "blur_px", [0.4, pytest.param(1.5, marks=pytest.mark.slow), pytest.param(2.5, marks=pytest.mark.slow)]
+)
 def test_blur_is_measured(blur_px: float) -> None:
     for seed in range(2):
         one = quality(view(Conditions(70, blur_px), seed))

@@ -148,7 +148,7 @@ def heard(ring: Ring, wire: Wire = WIRE) -> Answer:
     return run_method("Dynamic Active Antenna", Press(wire, ring=ring))
 
 
-@pytest.mark.parametrize("contact", [0.15, 0.5])
+@pytest.mark.parametrize("contact", [0.5, pytest.param(0.15, marks=pytest.mark.slow)])
 def test_the_distance_is_found_and_is_as_uncertain_as_stated(contact: float) -> None:
     rng = np.random.default_rng(int(100 * contact))
     found = [heard(ringing(contact, (4e-4,), 2e-5, rng)) for _ in range(24)]

@@ -124,26 +124,6 @@ def test_rows_with_nan_are_left_out() -> None:
 @pytest.mark.parametrize(
     ("changes", "what"),
     [
-        ({"centreline_px": np.zeros((3, 5))}, "centreline_px has shape"),
-        ({"centreline_px": np.zeros(8)}, "centreline_px has shape"),
-        ({"moment": np.inf}, "moments.* is inf"),
-        ({"moment_z": -np.inf}, "moments_z.* is -inf"),
-        ({"pan": np.nan}, "pans.* is nan"),
-        ({"tilt": np.inf}, "tilts.* is inf"),
-        ({"sigma_px": np.full(7, 0.1)}, "sigma_px has shape"),
-        ({"sigma_px": 0.0}, "not everywhere positive"),
-        ({"sigma_px": np.nan}, "not everywhere positive"),
-    ],
-)
-def test_wrong_input_is_named(changes: dict, what: str) -> None:
-    call = {"centreline_px": frame().points_px, "moment": 1e-3, "pan": 0.0, "tilt": 0.0} | changes
-    with pytest.raises(InputError, match=what):
-        ContactEstimator(RIG).estimate(call.pop("centreline_px"), **call)
-
-
-@pytest.mark.parametrize(
-    ("changes", "what"),
-    [
         ({"moments": [0.0]}, "moments number 1, centrelines 2"),
         ({"tilts": [0.0] * 3}, "tilts number 3, centrelines 2"),
         ({"sigma_px": np.ones((2, 7))}, "sigma_px has shape"),

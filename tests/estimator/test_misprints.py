@@ -210,7 +210,7 @@ class TestOneUnknownOfTheInclinedCamera:
         bound = (self.r - 1) / (self.r * (x2 - x1))
         assert self.sign(self.growth(e1, e2)[0] + bound, where, contact, ratio) == {1}
 
-    @pytest.mark.parametrize("part", ["curved", "mixed"])
+    @pytest.mark.parametrize("part", ["curved", pytest.param("mixed", marks=pytest.mark.slow)])
     def test_at_most_two_roots_in_a_folded_picture(self, part: str) -> None:
         """(v − P)·g turns where v + 1/(ln g)′ = P, and that grows with v."""
         where, contact, ratio, e1, e2 = self.case(part)

@@ -123,6 +123,7 @@ def told_more(before: float, after: np.ndarray, least: float) -> None:
     assert before - after[0] > least * (before - np.median(after[1:]))
 
 
+@pytest.mark.slow
 def test_the_proposed_touch_tells_more_of_the_surface_than_random_ones() -> None:
     before, after, options = on_sphere()
     told_more(before, after, 1.5)
@@ -142,6 +143,7 @@ def test_it_tells_more_of_stiffness_and_friction(
     told_more(before, after, least)
 
 
+@pytest.mark.slow
 def test_a_touch_without_friction_comes_out_as_it_says() -> None:
     table, rig = given("sphere", RIGID, 74)
     one = chosen(on_sphere()[2])[0]
@@ -156,7 +158,7 @@ def test_a_touch_without_friction_comes_out_as_it_says() -> None:
 
 def test_all_of_a_touch_lies_within_the_limits_and_on_what_is_known() -> None:
     table, rig = given("sphere", RIGID, 74)
-    whole = on_sphere()[2].reach
+    whole = touches_within(table, rig, SURFACE, LIMITS).reach
     narrow = replace(LIMITS, tilt_rad=(-0.6, float(np.median(whole.joints_rad[:, 1]))))
     reach = touches_within(table, rig, SURFACE, narrow).reach
     assert 0 < len(reach) < len(whole)
@@ -166,7 +168,7 @@ def test_all_of_a_touch_lies_within_the_limits_and_on_what_is_known() -> None:
     shown = np.array([surely_known_m(found, index) for index in range(len(found.patches))])
     assert (surface_std(found, whole.patch, whole.point_m, whole.normal) <= shown[whole.patch]).all()
     with pytest.raises(InputError, match="joint limits"):
-        next_touch(table, rig, limits=JointLimits((0.5, 0.6), (0.5, 0.6)))
+        next_touch(table, rig, SURFACE, limits=JointLimits((0.5, 0.6), (0.5, 0.6)))
 
 
 def test_what_cannot_be_planned_is_refused() -> None:
@@ -179,6 +181,7 @@ def test_what_cannot_be_planned_is_refused() -> None:
         next_touch(table.picked(table.status == "no_contact"), rig)
 
 
+@pytest.mark.slow
 def test_the_verb(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     table, rig = given("sphere", RIGID, 74)
     contacts_csv, rig_json, output = tmp_path / "contacts.csv", tmp_path / "rig.json", tmp_path / "next.json"

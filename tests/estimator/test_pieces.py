@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from estimator import ContactEstimator
-from estimator.contact import recording
+from estimator.contact import estimate, pieces, recording
 from estimator.contact.estimate import AFRESH, STREAM
 from estimator.contact.pieces import RowMaker, cuts, learn, look, solve
 from estimator.contact.recording import FirstDetection
@@ -26,7 +26,15 @@ from vbaa_calib.session import Frame
 
 from ..recordings import write_recording, write_rig
 
-FRAMES = AFRESH + 3 * STREAM + 1
+OFTEN = AFRESH // 2
+"""Frames after which the search begins afresh here, so that shorter recordings have pieces."""
+FRAMES = OFTEN + 3 * STREAM + 1
+
+
+@pytest.fixture
+def often(monkeypatch: pytest.MonkeyPatch) -> None:
+    for module in (estimate, pieces):
+        monkeypatch.setattr(module, "AFRESH", OFTEN)
 
 
 def in_pieces(path: Path, rig: Rig, most: int) -> list[ContactRow]:
@@ -47,16 +55,17 @@ def as_one(path: Path, rig: Rig) -> list[ContactRow]:
     return [ContactRow.of(item.frame, item.contact) for item in found]
 
 
-@pytest.mark.parametrize("frames", [FRAMES, pytest.param(FRAMES + AFRESH, marks=pytest.mark.slow)])
+@pytest.mark.usefixtures("often")
+@pytest.mark.parametrize("frames", [FRAMES, pytest.param(FRAMES + 3 * OFTEN, marks=pytest.mark.slow)])
 def test_pieces_make_the_same_rows(tmp_path: Path, frames: int) -> None:
     """With drift that is learnt, motion and a rolling shutter across the seams."""
     path, rig = write_recording(tmp_path / "one", frames, rolling=True), Rig.load(write_rig(tmp_path / "rig.json"))
     whole = as_one(path, rig)
-    pieces = in_pieces(path, rig, AFRESH)
+    parts = in_pieces(path, rig, OFTEN)
     write_contacts(tmp_path / "whole.csv", whole)
-    write_contacts(tmp_path / "pieces.csv", pieces)
+    write_contacts(tmp_path / "pieces.csv", parts)
     assert (tmp_path / "pieces.csv").read_bytes() == (tmp_path / "whole.csv").read_bytes()
-    for own, other in zip(pieces, whole, strict=True):
+    for own, other in zip(parts, whole, strict=True):
         assert all(np.array_equal(a, b, equal_nan=True) for a, b in _floats(own, other))
     found = Counter(row.status for row in whole)
     assert len(whole) == frames
@@ -68,12 +77,13 @@ def _floats(own: ContactRow, other: ContactRow) -> list[tuple[np.ndarray, np.nda
     return [(np.asarray(a), np.asarray(b)) for a, b in pairs if np.asarray(a).dtype.kind == "f"]
 
 
+@pytest.mark.usefixtures("often")
 def test_what_the_first_free_frames_say_holds_for_all_pieces(tmp_path: Path) -> None:
     """The later pieces' contacts do depend on what the first one learnt: without it they differ."""
     path, rig = write_recording(tmp_path / "one", FRAMES), Rig.load(write_rig(tmp_path / "rig.json"))
     source = open_source(path, rig)
-    seen = look(ContactEstimator(rig), source, slice(AFRESH, AFRESH + STREAM))
-    first = look(ContactEstimator(rig), source, slice(0, AFRESH))
+    seen = look(ContactEstimator(rig), source, slice(OFTEN, OFTEN + STREAM))
+    first = look(ContactEstimator(rig), source, slice(0, OFTEN))
     learnt = learn(ContactEstimator(rig), first, None)[-1]
     known, unknown = (solve(ContactEstimator(rig), seen, [each]) for each in (learnt, ContactEstimator(rig).drift))
     distances = [[contact.distance_m for contact in found[0].contacts] for found in (known, unknown)]

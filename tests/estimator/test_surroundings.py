@@ -85,7 +85,7 @@ def test_more_is_seen_in_its_place_however_the_camera_shakes_and_the_lamp_change
     assert np.median(np.abs(np.concatenate(off))) < 1.2
 
 
-@pytest.mark.parametrize("change", [{"still": True}, {"drift_px": 9.0}])
+@pytest.mark.parametrize("change", [{"still": True}, pytest.param({"drift_px": 9.0}, marks=pytest.mark.slow)])
 def test_an_antenna_at_rest_and_a_scene_that_moves_are_left_as_they_are(change: dict[str, float]) -> None:
     images, _ = recording(np.random.default_rng(2), **change)
     empty, why = background_of(images, finder(), True)

@@ -40,7 +40,7 @@ def test_the_free_antenna_is_seldom_taken_for_a_contact(frames: int, seed: int, 
     assert alarms <= most
 
 
-@pytest.mark.parametrize(("common", "noise"), [EXACT, OFF])
+@pytest.mark.parametrize(("common", "noise"), [pytest.param(*EXACT, marks=pytest.mark.slow), OFF])
 def test_a_slow_approach_is_seen_before_a_single_frame_tells_it(common: np.ndarray, noise: float) -> None:
     rng, early = np.random.default_rng(4), []
     for _ in range(5):

@@ -56,7 +56,7 @@ def holds(name: str, lens: Camera) -> bool:
     return bool(max(np.flatnonzero(lens.distortion), default=-1) < max(HELD[name]))
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(lens=lenses(), name=st.sampled_from(sorted(FORMATS)))
 def test_what_is_written_is_read_to_the_last_bit_or_refused(lens: Camera, name: str) -> None:
     if not holds(name, lens):
@@ -197,23 +197,3 @@ def test_colmap_counts_pixels_from_their_corner() -> None:
     pinhole = read("colmap", COLMAP, "2").camera
     # a centred principal point is w/2 there, (w − 1)/2 here
     assert pinhole.matrix[:2, 2].tolist() == [1535.5, 1151.5]
-
-
-@settings(max_examples=50, deadline=None)
-@given(
-    name=st.sampled_from(sorted(SAMPLES)),
-    where=st.integers(0, 1500),
-    length=st.integers(0, 40),
-    put=st.text(st.sampled_from("0123456789.-+e[]{}:,'\"\n #!&*%abn\\\0é"), max_size=12),
-)
-def test_a_damaged_file_is_read_or_refused_never_worse(name: str, where: int, length: int, put: str) -> None:
-    text = SAMPLES[name]
-    where %= len(text)
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "file"
-        path.write_text(text[:where] + put + text[where + length :], newline="")
-        try:
-            found = FORMATS[name].read(path, WHICH.get(name))
-        except InputError:
-            return
-    assert found.camera.matrix[0, 0] > 0

@@ -51,7 +51,7 @@ from viz.files.object_file import read_object
 from viz.scene.truth import true_contacts, true_object
 
 from ..hostile.case import TooLong, bounded
-from ..hostile.conftest import make_files
+from ..hostile.conftest import good_files
 
 SEEDS = Path(__file__).with_name("seeds")
 LONGEST_S = 5.0
@@ -129,8 +129,13 @@ def _results(path: Path) -> None:
     results.summary.unlink()
 
 
+def _session(path: Path) -> None:
+    found = load_session(path.parent)
+    assert np.isfinite([found.antenna.stiffness_Nm2, *found.gravity_world_m_s2]).all()
+
+
 READERS = (
-    Reader("session", "session/session.yaml", lambda path: load_session(path.parent)),
+    Reader("session", "session/session.yaml", _session),
     Reader("board", "board.yaml", load_board),
     Reader("scene", "scene.yaml", load_scene),
     Reader("rig", "rig.json", Rig.load),
@@ -346,7 +351,7 @@ def main() -> None:
     counts: dict[str, Counter[str]] = {reader.name: Counter() for reader in READERS}
     broken: dict[tuple[str, str], str] = {}
     with tempfile.TemporaryDirectory(prefix="fuzz-") as name:
-        add_streams(make_files(Path(name)))
+        add_streams(Path(shutil.copytree(good_files(), name, dirs_exist_ok=True)))
         for number, (reader, data, came) in enumerate(runs(Path(name), args.runs, args.seed)):
             sound = came in ("read", "refused")
             counts[reader.name][came if sound else "broken"] += 1

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import atexit
-import functools
 import os
 import shutil
 import tempfile
@@ -23,6 +21,7 @@ from vbaa_calib.geometry import Pose
 from viz.report import make as report_make
 
 from ..formats.files import SAMPLES
+from ..made_once import made_once
 from ..small_scene import small_rig, small_scene
 
 DEFLECTIONS = "x_m,unloaded_y_m,loaded_y_m\n" + "".join(
@@ -37,16 +36,12 @@ def vbaa(line: str) -> None:
     assert main(line.split()) == 0, line
 
 
-@functools.cache
 def good_files() -> Path:
-    """Made once a process, never to be written to."""
-    folder = Path(tempfile.mkdtemp(prefix="hostile-"))
-    atexit.register(shutil.rmtree, folder, ignore_errors=True)
-    return make_files(folder)
+    """One good file of every kind. Never to be written to."""
+    return made_once("good_files", _make_files)
 
 
-def make_files(folder: Path) -> Path:
-    """One good file of every kind, in a folder that is there."""
+def _make_files(folder: Path) -> None:
     shutil.copytree(small_rig(), folder, dirs_exist_ok=True)
     session = folder / "session"
     vbaa(f"intrinsics {session}/intrinsics --board {session}/session.yaml -o {folder}/camera.json")
@@ -55,7 +50,6 @@ def make_files(folder: Path) -> Path:
     for suffix in ("vtp", "ply", "glb"):
         vbaa(f"reconstruct {folder}/contacts.csv --rig {folder}/rig.json -o {folder}/object.{suffix}")
     _add_files(folder)
-    return folder
 
 
 def _add_files(folder: Path) -> None:

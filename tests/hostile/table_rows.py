@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
-
 from . import damage as d
 from .case import Case, Row, cases
 from .every_file import CALIBRATE, CALIBRATE_SWEPT, CHECK, ESTIMATE, HANDEYE, REFINE
@@ -127,11 +124,6 @@ POSES: tuple[Row, ...] = (
         "no row is of one of the views",
     ),
     ("half a quaternion", d.cell(2, "qx", "9"), "line 2", "the quaternion's length is"),
-    ("two rows", d.changed(lambda data: b"\n".join(data.split(b"\n")[:3])), "2 of 2 views can be used", "at least 3"),
-    ("millimetres in m", d.changed(lambda data: scaled(data)), "if they are in millimetres"),
-    ("no turns", d.changed(lambda data: turned(data, 0.0)), "the hand only shifted"),
-    ("turns about one axis", d.changed(lambda data: turned(data, 0.1)), "about one axis"),
-    ("another arm", d.changed(lambda data: mixed(data)), "the robot's poses"),
     ("Euler angles", d.text("qx,qy,qz,qw", "a_deg,b_deg,c_deg,d"), "needs their order", "--euler", "ZYX"),
 )
 CORNERS: tuple[Row, ...] = (
@@ -142,29 +134,6 @@ CORNERS: tuple[Row, ...] = (
     ("a corner of no view", d.cell(3, "view", ""), "line 3", "view is empty"),
     ("one corner", d.changed(lambda data: b"\n".join(data.split(b"\n")[:2])), "0 of 1 views can be used"),
 )
-
-
-def _of_poses(data: bytes, change: Callable[[int, list[str]], list[str]]) -> bytes:
-    head, *rows = data.decode().split()
-    return "\n".join([head, *(",".join(change(k, row.split(","))) for k, row in enumerate(rows))]).encode()
-
-
-def scaled(data: bytes) -> bytes:
-    return _of_poses(data, lambda _, cells: [cells[0], *(str(1e3 * float(x)) for x in cells[1:4]), *cells[4:]])
-
-
-def turned(data: bytes, step: float) -> bytes:
-    """About z, by so much more in every row."""
-
-    def about_z(k: int, cells: list[str]) -> list[str]:
-        return [*cells[:4], "0", "0", str(math.sin(k * step)), str(math.cos(k * step))]
-
-    return _of_poses(data, about_z)
-
-
-def mixed(data: bytes) -> bytes:
-    """Places that have nothing to do with the views."""
-    return _of_poses(data, lambda k, cells: [cells[0], str(k % 3), str(k % 5), str(k * k % 7), *cells[4:]])
 
 
 STIFF = "stiffness stiffness.csv --load 0.01 --distance 0.2 -o out.json"

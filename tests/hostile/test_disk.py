@@ -13,36 +13,18 @@ from .case import expect_refused, run, tree
 LINES = (
     "convert camera.json --to ros -o disk/out.yaml",
     "board --squares 5x4 -o disk/out.pdf",
-    "board --squares 5x4 --px-per-mm 4 -o disk/out.png",
-    "stiffness stiffness.csv --load 0.01 --distance 0.2 -o disk/out.json",
     "estimate session --rig rig.json --no-report -o disk/out.csv",
     "estimate session --rig rig.json --no-report -o kept.csv --overlay disk/out",
-    "track contacts.csv -o disk/out.csv",
-    "handeye corners.csv --board board.yaml --poses poses.csv --camera camera.json -o disk/out.json",
-    "budget rig.json -o disk/out.json",
     "live rig.json session/recording/recording.csv -o disk/out.csv",
     "live rig.json session/recording/recording.csv --bag disk/out.mcap",
-    "compare contacts.csv contacts.csv --html disk/out.html",
-    "refine contacts.csv --rig rig.json --session session -o disk/out.csv",
     "batch lined --rig rig.json --jobs 1 -o disk/out",
-    "simulate scene.yaml -o out --bag disk/out.mcap",
     "look free.png --rig rig.json -o disk/out.png",
-    "reconstruct contacts.csv --rig rig.json -o disk/out.vtp",
-    "reconstruct contacts.csv --rig rig.json -o disk/out.ply",
     "reconstruct contacts.csv --rig rig.json -o disk/out.glb",
     "report contacts.csv -o disk/out.html",
-    "view contacts.csv --plain --gltf disk/out.glb",
     "wizard disk/out --answers answers.yaml --batch",
 )
-LONG = (
-    "calibrate session -o disk/out.json",
-    "intrinsics session/intrinsics --board board.yaml -o disk/out.json",
-    "check rig.json session -o disk/out.json",
-    "check rig.json session --html disk/out.html",
-    "view contacts.csv --plain --html disk/out.html",
-    "simulate scene.yaml -o disk/out",
-    "demo --out disk/out",
-)
+"""One for every way of writing; the other verbs' go the same ways."""
+LONG = ("calibrate session -o disk/out.json", "simulate scene.yaml -o disk/out", "demo --out disk/out")
 """They work for seconds before they write."""
 
 

@@ -30,10 +30,10 @@ def frames() -> list[Frame]:
     return read_recording(load_session(small_rig() / "session"))
 
 
-def shown() -> list[tuple[float, Frame]]:
+def shown(count: int = COUNT) -> list[tuple[float, Frame]]:
     """Times, s, and which of the frames is shown then: every eighth is free."""
     free, *touched = sorted(frames(), key=lambda frame: abs(frame.moment_Nm - rig().moment_sensor.offset_Nm))
-    return [(1.0 + n / RATE_HZ, free if n % 8 == 0 else touched[(n // 8) % len(touched)]) for n in range(COUNT)]
+    return [(1.0 + n / RATE_HZ, free if n % 8 == 0 else touched[(n // 8) % len(touched)]) for n in range(count)]
 
 
 def messages() -> list[Taken | Reading]:
@@ -47,11 +47,11 @@ def messages() -> list[Taken | Reading]:
     return several
 
 
-def write(path: Path, changed: dict[int, np.ndarray] | None = None, early_ns: int = 0) -> Path:
+def write(path: Path, changed: dict[int, np.ndarray] | None = None, early_ns: int = 0, count: int = COUNT) -> Path:
     """The recording as a bag. changed : bytes of pictures in the place of others, by their number. early_ns : by so
     much the readings' stamps are wrong."""
     writer = BagWriter(path)
-    for number, (time_s, frame) in enumerate(shown()):
+    for number, (time_s, frame) in enumerate(shown(count)):
         assert frame.image is not None
         time_ns = round(1e9 * time_s)
         data = (changed or {}).get(number, np.frombuffer(frame.image.read_bytes(), np.uint8))

@@ -39,7 +39,13 @@ def found(seed: int, offset_s: float, picture_Hz: float = 30.0, reading_Hz: floa
 
 @pytest.mark.parametrize(
     ("offset_s", "picture_Hz", "reading_Hz"),
-    [(0.0, 30.0, 97.0), (0.012, 30.0, 30.0), (-0.08, 30.0, 210.0), (0.4, 15.0, 40.0), (-0.7, 60.0, 25.0)],
+    [
+        (0.012, 30.0, 30.0),
+        (0.4, 15.0, 40.0),
+        pytest.param(0.0, 30.0, 97.0, marks=pytest.mark.slow),
+        pytest.param(-0.08, 30.0, 210.0, marks=pytest.mark.slow),
+        pytest.param(-0.7, 60.0, 25.0, marks=pytest.mark.slow),
+    ],
 )
 def test_an_injected_offset_is_found(offset_s: float, picture_Hz: float, reading_Hz: float) -> None:
     """Whatever its size and the rates, also where readings and pictures come in step; and with a useful deviation."""

@@ -19,7 +19,10 @@ from viz.batch.recordings import Recording
 from viz.batch.results import Results
 from viz.batch.work import Settings, do
 
-from .recordings import COUNT, write
+from .recordings import write
+
+COUNT = 20
+"""Pictures in a bag."""
 
 PNG = "sensor_msgs/msg/CompressedImage"
 
@@ -89,7 +92,7 @@ def test_a_lens_from_a_bag_is_that_of_the_folder(tmp_path: Path, capsys: pytest.
 
 def test_a_batch_takes_a_bag(tmp_path: Path) -> None:
     """Its rows are those of `vbaa estimate`; and it is not done again until it changes."""
-    bag, rig, out = write(tmp_path / "demo.mcap"), small_rig() / "rig.json", tmp_path / "one.csv"
+    bag, rig, out = write(tmp_path / "demo.mcap", count=COUNT), small_rig() / "rig.json", tmp_path / "one.csv"
     assert main(["estimate", str(bag), "--rig", str(rig), "-o", str(out), "--no-report"]) == 0
     results = Results(tmp_path / "results")
     results.prepare(["vbaa", "batch"])
@@ -105,7 +108,7 @@ def test_a_batch_takes_a_bag(tmp_path: Path) -> None:
 
 
 def test_an_overlay_of_a_bag(tmp_path: Path) -> None:
-    bag, rig = write(tmp_path / "demo.mcap"), small_rig() / "rig.json"
+    bag, rig = write(tmp_path / "demo.mcap", count=COUNT), small_rig() / "rig.json"
     words = ["estimate", str(bag), "--rig", str(rig), "-o", str(tmp_path / "one.csv"), "--no-report"]
     assert main([*words, "--overlay", str(tmp_path / "seen"), "--background", "auto"]) == 0
     pictures = sorted((tmp_path / "seen").glob("frame_*.jpg"))

@@ -78,7 +78,7 @@ def test_it_is_named_between_touches_too(what: str) -> None:
     assert [change.what for change in changes] == [what]
 
 
-@pytest.mark.parametrize("press", [1.0, 0.3, 0.1, 0.03])
+@pytest.mark.parametrize("press", [1.0, 0.1])
 def test_touches_alone_are_no_change(press: float) -> None:
     assert watched(stream(WORLD, 1, 900, press)) == []
 

@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 import math
-import tempfile
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from vbaa_calib.session import Still, load_session
 
@@ -50,18 +46,3 @@ class TestSessionFile:
         optional = {"jig", "kinematics", "kinematics.T_actuator_antenna", "kinematics.position_world_m"}
         optional |= {f"board.{key}" for key in ("type", "dictionary", "legacy_pattern", "thickness_m")}
         assert {key for key, words in said.items() if not words} == optional
-
-
-ODD = st.sampled_from(
-    [None, True, -1, 0, 1e-300, 1e300, math.nan, math.inf, 10**400, "", "x", "\n", [], [1], {}, {"a": 1}, "2024-01-01"]
-)
-
-
-@settings(deadline=None)
-@given(st.sampled_from(nodes(GOOD)), ODD)
-def test_whatever_stands_in_a_session_it_is_read_or_refused(keys: tuple[str | int, ...], value: Any) -> None:
-    with tempfile.TemporaryDirectory() as folder:
-        path = write(Path(folder), changed(*keys, to=value))
-        session, said = attempt(lambda: load_session(Path(folder)))
-        assert session is None or np.isfinite([session.antenna.stiffness_Nm2, *session.gravity_world_m_s2]).all()
-        assert session is not None or said.startswith(str(path))

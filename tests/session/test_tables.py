@@ -3,28 +3,23 @@
 from __future__ import annotations
 
 import math
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from vbaa_calib.session import (
     Still,
     check_pictures,
     has_over,
     load_session,
-    read_centrelines,
     read_loads,
     read_noload,
     read_recording,
-    read_sweep,
 )
 
-from .files import CENTRELINES, GOOD, LOADS, NOLOAD, RECORDING, SWEEP, attempt, changed, complaint, write
+from .files import changed, complaint, write
 
 
 class TestStills:
@@ -78,25 +73,3 @@ def test_pictures_are_checked_before_the_work(root: Path) -> None:
     assert "is 12x8 px, the rig's camera has 640x480 px" in what
     pictures[1].write_bytes(pictures[0].read_bytes()[:-9])
     assert "truncated" in complaint(lambda: check_pictures(pictures, (12, 8), "x"), pictures[1])
-
-
-@settings(deadline=None)
-@given(st.binary(max_size=60), st.integers(0, len(LOADS)))
-def test_whatever_stands_in_a_table_it_is_read_or_refused(content: bytes, position: int) -> None:
-    with tempfile.TemporaryDirectory() as folder:
-        root = Path(folder)
-        session = load_session(write(root, GOOD).parent)
-        for name, text, read in (
-            ("noload/noload.csv", NOLOAD, read_noload),
-            ("loads/loads.csv", LOADS, read_loads),
-            ("sweep/sweep.csv", SWEEP, read_sweep),
-            ("recording/recording.csv", RECORDING, read_recording),
-            ("recording/centrelines.csv", CENTRELINES, read_centrelines),
-        ):
-            path = root / name
-            path.parent.mkdir(exist_ok=True)
-            for picture in ("a.png", "b.png"):
-                path.with_name(picture).touch()
-            path.write_bytes(text.encode()[:position] + content + text.encode()[position:])
-            rows, said = attempt(lambda read=read: read(session))
-            assert rows or said.startswith(str(path))

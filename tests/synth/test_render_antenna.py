@@ -38,7 +38,9 @@ def _centroid_offsets(scene: Studio, picture: np.ndarray, arclength: np.ndarray,
     return centroid - np.interp(columns, line[:, 0], line[:, 1])
 
 
-@pytest.mark.parametrize("lens", sorted(LENSES))
+@pytest.mark.parametrize(
+    "lens", [pytest.param(name, marks=[pytest.mark.slow] * (name in ("brown", "pinhole"))) for name in sorted(LENSES)]
+)
 @pytest.mark.parametrize(
     ("slope", "bend"),
     [(0.1, 0.6), *(pytest.param(*one, marks=pytest.mark.slow) for one in ((-0.35, -0.4), (0.0, 0.0)))],

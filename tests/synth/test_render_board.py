@@ -38,7 +38,12 @@ def _corner_errors(lens: str, nearness: float, tilt_rad: float) -> np.ndarray:
 @pytest.mark.parametrize(
     ("lens", "nearness", "tilt_rad"),
     # OpenCV's detector itself is a pixel off where small squares are strongly bent
-    [("pinhole", 1, 0.66), ("brown", 1, 0.66), ("rational", 2, 0.4), ("fisheye", 2, 0.4)],
+    [
+        ("pinhole", 1, 0.66),
+        ("brown", 1, 0.66),
+        pytest.param("rational", 2, 0.4, marks=pytest.mark.slow),
+        ("fisheye", 2, 0.4),
+    ],
 )
 def test_detected_corners_lie_on_the_projected_ones(lens: str, nearness: float, tilt_rad: float) -> None:
     errors = _corner_errors(lens, nearness, tilt_rad)

@@ -101,7 +101,8 @@ def same_bits(own: pyarrow.Table, other: pyarrow.Table) -> bool:
     return all(a.tolist() == b.tolist() if a.dtype == object else a.tobytes() == b.tobytes() for a, b in columns)
 
 
-@pytest.mark.parametrize(("copies", "kills"), [(1, 1), pytest.param(10, 30, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize(("copies", "kills"), [(1, 1), (10, 30)])
 def test_killed_workers_cost_nothing_but_time(
     client: Client, folder: Path, tmp_path: Path, copies: int, kills: int
 ) -> None:
@@ -182,6 +183,7 @@ def test_what_is_wrong_is_named_and_the_rest_goes_on(client: Client, folder: Pat
     assert batch(client, given, results)["good"].row["frames"] == 9
 
 
+@pytest.mark.slow
 def test_a_lost_scheduler_leaves_what_was_done(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Exit 1, nothing half-written; the same command on this machine does the rest."""
     monkeypatch.setenv("DASK_DISTRIBUTED__COMM__TIMEOUTS__CONNECT", "5s")

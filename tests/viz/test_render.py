@@ -106,7 +106,7 @@ def test_a_stage_follows_instant_and_colour_without_opengl(scene: Scene, no_open
     stage.plotter.close()
 
 
-@pytest.mark.parametrize("suffix", [".glb", ".gltf"])
+@pytest.mark.parametrize("suffix", [".glb", pytest.param(".gltf", marks=pytest.mark.slow)])
 def test_gltf_is_sound_and_comes_back_without_opengl(
     scene: Scene, tmp_path: Path, no_opengl: None, suffix: str
 ) -> None:
@@ -168,8 +168,9 @@ def test_the_window_fits_the_screen(screen: tuple[int, int]) -> None:
     assert min(width, height) > 400
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("opengl")
-@pytest.mark.parametrize("suffix", [".gif", pytest.param(".mp4", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("suffix", [".gif", ".mp4"])
 def test_a_turntable_turns_once_around(scene: Scene, tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"scene{suffix}"
     turntable(scene, path)

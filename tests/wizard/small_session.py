@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import atexit
-import functools
 import hashlib
 import io
 import os
 import shutil
-import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import redirect_stderr
 from dataclasses import dataclass, replace
@@ -31,16 +28,18 @@ from vbaa_calib.wizard.steps import REPORT, RIG, PictureCheck, Progress, Step
 from vbaa_calib.wizard.store import LOCK
 from viz.cli.warm import small_scene
 
+from ..made_once import made_once
 
-@functools.cache
+
 def rendered() -> Path:
     """The session as a camera's program would leave it, with session.yaml and tables. Never to be written to."""
-    folder = Path(tempfile.mkdtemp(prefix="small-rig-"))
-    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return made_once("rendered", _render) / "session"
+
+
+def _render(folder: Path) -> None:
     (folder / "scene.yaml").write_text(yaml.safe_dump(small_scene(noload=2, loads=(1, 8))))
     assert main(["simulate", str(folder / "scene.yaml"), "-o", str(folder / "session")]) == 0
     shutil.rmtree(folder / "session" / "recording")
-    return folder / "session"
 
 
 def answers(source: Path) -> dict[str, Any]:

@@ -27,7 +27,7 @@ def killed(folder: Path, seeing: bool, **plans: dict[str, Any]) -> dict[str, dic
     return found
 
 
-@pytest.fixture(scope="module", params=[5, pytest.param(100, marks=pytest.mark.slow)])
+@pytest.fixture(scope="module", params=[3, pytest.param(100, marks=pytest.mark.slow)])
 def folder(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Where sessions of tiny pictures, which no step looks at, were killed so often."""
     folder = tmp_path_factory.mktemp("killed")

@@ -189,6 +189,7 @@ def obeyed(tmp_path_factory: pytest.TempPathFactory) -> Seen:
             ui.close()
 
 
+@pytest.mark.slow
 def test_obeying_and_holding_still_is_enough(obeyed: Seen) -> None:
     assert (obeyed.end, obeyed.record.closed) == ("closed", "enough")
     assert len(obeyed.lives) < MOST_FRAMES
@@ -198,6 +199,7 @@ def test_obeying_and_holding_still_is_enough(obeyed: Seen) -> None:
     assert not obeyed.record.left
 
 
+@pytest.mark.slow
 def test_only_frames_that_are_held_still_are_taken(obeyed: Seen) -> None:
     by_name = {f"frame {index}": live for index, live in enumerate(obeyed.lives)}
     for one in obeyed.record.taken:

@@ -128,7 +128,7 @@ def test_a_picture_that_is_replaced_while_it_is_read_is_read_again(
     assert offered.data == whole
 
 
-@pytest.mark.parametrize("data", [b"", b"not a picture", picture(4)[:-30], b"\xff\xd8\xff\xe0"])
+@pytest.mark.parametrize("data", [b"", picture(4)[:-30]])
 def test_a_broken_picture_is_told_once_and_offered_when_mended(tmp_path: Path, data: bytes) -> None:
     put(tmp_path / "bad.png", data)
     put(tmp_path / "good.png", picture(1))

@@ -44,6 +44,7 @@ def put(number: int, folder: Path) -> None:
     shutil.copy(rendered() / "intrinsics" / name, folder / f"{number}.png")
 
 
+@pytest.mark.slow
 def test_the_first_minutes_of_a_newcomer(start: Start, tmp_path: Path) -> None:
     shutil.copy(rendered() / "session.yaml", tmp_path / "board.yaml")
     camera = tmp_path / "camera"

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import pytest
 
 from vbaa_calib.core.images import read_gray
 
@@ -33,6 +34,7 @@ def expect(outcome: tuple[int, str], count: int, reason: str, last: Iterable[str
     assert all(reason in line for line in left), left
 
 
+@pytest.mark.slow
 def test_the_lens(tmp_path: Path) -> None:
     source = repainted(tmp_path, "intrinsics", lambda picture: np.ascontiguousarray(picture[:, ::-1]))
     for number in range(4):
@@ -41,6 +43,7 @@ def test_the_lens(tmp_path: Path) -> None:
     expect(outcome, 1, "mirror", ("Lens", "intrinsics", "add pictures there and run it again"))
 
 
+@pytest.mark.slow
 def test_no_antenna(tmp_path: Path) -> None:
     repainted(tmp_path, "noload", lambda picture: np.full_like(picture, 90))
     outcome = call(tmp_path / "session", "--answers", tmp_path / "answers.yaml")

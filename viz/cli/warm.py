@@ -1,7 +1,7 @@
 """`python -m viz.cli.warm`, which `make install` runs: compile the inner loops, so that nobody waits at a first call.
 
-The verbs themselves are run, on a session so small that compiling takes most of the time; what takes longest is
-compiled beside them, by another process.
+The verbs themselves are run, on a session so small that compiling takes most of the time. Two processes share the
+work, which is about as long in either: one compiles the detector, the other the simulator, the lens and the estimator.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ import numpy as np
 import yaml
 
 from estimator import ContactEstimator
+from estimator.budget.budget import error_budget
 from vbaa_calib.camera import Camera
 from vbaa_calib.cli.main import run_verb
 from vbaa_calib.core.console import say
@@ -65,18 +66,24 @@ AXIS_PX = np.stack([np.linspace(52.5, 427.5, 300), np.full(300, 180.0)], axis=-1
 """Its pixels."""
 
 
+BENT_PX = AXIS_PX + np.linspace(0.0, 1.0, len(AXIS_PX))[:, None] ** 2 * [0.0, 20.0]
+"""The same, bent."""
+
+
 def compile_detector() -> None:
-    """What finds the antenna in a picture: a line and noise."""
+    """What finds the antenna in pictures of any depth: a line and noise; at last one here brighter, there darker."""
     picture = np.random.default_rng(1).normal(70.0, 2.0, (360, 480)).astype(np.uint8)
-    axis = AXIS_PX + np.linspace(0.0, 1.0, len(AXIS_PX))[:, None] ** 2 * [0.0, 20.0]
-    cv2.polylines(picture, [axis.round().astype(int)], False, 150, 2, cv2.LINE_AA)
-    find(picture, Corridor(AXIS_PX, np.linspace(5.0, 80.0, len(AXIS_PX)), 2.0))
+    cv2.polylines(picture, [BENT_PX.round().astype(int)], False, 150, 2, cv2.LINE_AA)
+    corridor = Corridor(AXIS_PX, np.linspace(5.0, 80.0, len(AXIS_PX)), 2.0)
+    for depth in (np.uint8, np.uint16, np.float32):
+        find(picture.astype(depth), corridor)
+    find(picture, corridor, None)
 
 
 def compile_estimator() -> None:
-    """What estimates a contact from a centreline."""
-    bent = AXIS_PX + np.linspace(0.0, 1.0, len(AXIS_PX))[:, None] ** 2 * [0.0, 20.0]
-    ContactEstimator(plain_rig()).estimate(bent, moment=5e-3, pan=0.0, tilt=0.0)
+    """What estimates a contact from a centreline, and says how far a rig's contacts are off."""
+    ContactEstimator(plain_rig()).estimate(BENT_PX, moment=5e-3, pan=0.0, tilt=0.0)
+    error_budget(plain_rig())
 
 
 def main() -> None:

@@ -1,0 +1,25 @@
+"""A folder for the whole run, whatever the number of workers: see `made_once`."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+
+import pytest
+
+from .made_once import FOLDER
+
+OWNED = pytest.StashKey[str]()
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Before the workers start: they inherit the environment."""
+    if FOLDER not in os.environ:
+        os.environ[FOLDER] = config.stash[OWNED] = tempfile.mkdtemp(prefix="vbaa-tests-")
+
+
+def pytest_unconfigure(config: pytest.Config) -> None:
+    if OWNED in config.stash:
+        shutil.rmtree(config.stash[OWNED], ignore_errors=True)
+        del os.environ[FOLDER]
