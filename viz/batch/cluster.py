@@ -7,7 +7,6 @@ from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
-from itertools import cycle
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -135,7 +134,7 @@ def run(client: Client, recordings: Sequence[Recording], settings: Settings, res
             underway[last.key] = _Underway(one.recording, 1, (opened,))
             coming.add(last)
         elif outcome.state == "opened":
-            last, kept = _in_pieces(client, one.futures[0], outcome.pieces)
+            last, kept = _in_pieces(client, one.futures[0], outcome)
             underway[last.key] = _Underway(one.recording, outcome.pieces, kept)
             coming.add(last)
         else:
@@ -171,27 +170,35 @@ def _workers(client: Client) -> list[str]:
         raise Lost(_LOST) from error
 
 
-def _in_pieces(client: Client, opened: Future, pieces: int) -> tuple[Future, tuple[Future, ...]]:
+def _in_pieces(client: Client, opened: Future, outcome: Outcome) -> tuple[Future, tuple[Future, ...]]:
     """The last task of a long recording, and those before it (`estimator.contact.pieces`)."""
 
-    def submit(function: Any, *given: Any, at: str | None = None) -> Future:
-        # left alone, dask would do all of it where the recording was opened
-        return client.submit(function, *given, pure=False, workers=at and [at], allow_other_workers=at is not None)
+    def submit(function: Any, *given: Any) -> Future:
+        return client.submit(function, *given, pure=False)
 
-    if pieces == 1:
+    if outcome.pieces == 1:
         return submit(work.do_opened, opened), (opened,)
     head = submit(work.head_of, opened)
-    learnt, state, files = None, None, []
-    places = cycle(_workers(client))
-    for index, at in zip(range(pieces), places, strict=False):
+    fitted, judged, files = list[Future](), list[Future | None]([None]), list[Future]()
+    learnt = None
+
+    def write(index: int, after: Future | None) -> None:
+        # once the motion in the piece after it is known
+        files.append(submit(work.file_of, head, index, fitted[index], (*judged[index : index + 2], after)))
+
+    for index in range(outcome.pieces):
         piece = submit(work.piece_of, opened, index)  # the whole recording stays where it was opened
-        seen = submit(work.look_at, piece, at=at)
-        learnt = submit(work.learn_from, head, seen, learnt, at=at)
-        found = submit(work.solve_for, head, seen, learnt, at=at)
-        rows = submit(work.rows_of, head, index, state, seen, found, at=at)
-        state = submit(work.state_of, rows, at=at)
-        files.append(submit(work.file_of, head, index, rows, seen, found, at=at))
-    return submit(work.finish, head, files, learnt), (opened, head)
+        if outcome.learns:
+            seen = submit(work.look_at, piece)
+            learnt = submit(work.learn_from, head, seen, learnt)
+            fitted.append(submit(work.solve_for, head, seen, learnt))
+        else:
+            fitted.append(submit(work.fit, piece))
+        judged.append(submit(work.judge_piece, head, fitted[index], judged[index]))
+        if index:
+            write(index - 1, judged[-1])
+    write(outcome.pieces - 1, None)
+    return submit(work.finish, head, files, submit(work.learnt_of, fitted[-1])), (opened, head)
 
 
 class Pace:

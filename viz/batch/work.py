@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import hashlib
 import json
 import time
@@ -16,11 +15,10 @@ import vbaa_calib
 from estimator.contact.contacts import MovingContacts
 from estimator.contact.drift import LearntRig, summary
 from estimator.contact.estimate import ContactEstimator
-from estimator.contact.pieces import RowMaker, Seen, cuts, learn, look, solve
+from estimator.contact.pieces import Judged, Seen, cuts, judge, learn, look, rows, solve
 from estimator.contact.recording import Ground
 from estimator.contact.source import Source, inputs_digest, open_source, recording_files
 from estimator.contact.surroundings import AUTO, surroundings
-from estimator.table.contacts import ContactRow
 from estimator.table.files import write_contacts
 from vbaa_calib.core.errors import clipped, sentence_of
 from vbaa_calib.core.files import sha256
@@ -89,6 +87,24 @@ class Opened:
         return cuts(self.count, self.settings.piece) if self.source.divisible else [slice(0, self.count)]
 
 
+_FRAME_BYTES = 4096
+"""About what is kept of a frame while its recording is worked on."""
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """A piece whose frames were looked at and, once `found` is there, fitted; and the processor's seconds for it."""
+
+    seen: Seen
+    learnt: LearntRig | None = None
+    found: Sequence[MovingContacts] = ()
+    cpu_s: float = 0.0
+
+    def __sizeof__(self) -> int:
+        # dask does the rest of the work where such large things lie; by itself Python counts only the references
+        return _FRAME_BYTES * len(self.seen.frames)
+
+
 @dataclass(frozen=True)
 class Piece:
     """The file of a piece's rows, and what it took: the processor's seconds."""
@@ -99,12 +115,14 @@ class Piece:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a recording: `state` is done, unchanged, failed, long, or opened: to be done in so many pieces."""
+    """What became of a recording: `state` is done, unchanged, failed, long, or opened: to be done in so many pieces, whose
+    rig changes are learnt one after the other where it `learns`."""
 
     name: str
     state: str
     row: Row
     pieces: int = 1
+    learns: bool = False
 
 
 def do(recording: Recording, settings: Settings, results: Results) -> Outcome:
@@ -127,11 +145,9 @@ def do(recording: Recording, settings: Settings, results: Results) -> Outcome:
 
 def do_opened(opened: Opened) -> Outcome:
     """A recording in one piece. Raises what is wrong with it."""
-    seen = look_at(opened)
-    learnt = learn_from(opened, seen, None)
-    found = solve_for(opened, seen, learnt)
-    rows = rows_of(opened, 0, None, seen, found)
-    return finish(opened, [file_of(opened, 0, rows, seen, found)], learnt)
+    fitted = fit(opened)
+    piece = file_of(opened, 0, fitted, (None, judge_piece(opened, fitted, None), None))
+    return finish(opened, [piece], fitted.learnt)
 
 
 def open_long(recording: Recording, settings: Settings, results: Results) -> Opened:
@@ -141,7 +157,7 @@ def open_long(recording: Recording, settings: Settings, results: Results) -> Ope
 
 def parts_of(opened: Opened) -> Outcome:
     """In how many pieces it is to be done."""
-    return Outcome(opened.recording.name, "opened", opened.about, len(opened.pieces))
+    return Outcome(opened.recording.name, "opened", opened.about, len(opened.pieces), opened.rig.drift.of_rig)
 
 
 def head_of(opened: Opened) -> Opened:
@@ -159,66 +175,55 @@ def piece_of(opened: Opened, index: int) -> Opened:
     return replace(opened, source=replace(source, frames=frames, lines=lines), piece=slice(0, len(frames)))
 
 
-def look_at(opened: Opened) -> tuple[Seen, float]:
-    """What a piece shows; and the processor's seconds."""
+def fit(opened: Opened) -> Fitted:
+    """A piece of a recording whose rig is as it was calibrated, or all of any recording."""
+    seen = look_at(opened)
+    return solve_for(opened, seen, learn_from(opened, seen, None))
+
+
+def look_at(opened: Opened) -> Fitted:
+    """What a piece shows."""
     begun = time.process_time()
-    return look(opened.estimator(), opened.source, opened.piece, opened.ground), time.process_time() - begun
+    seen = look(opened.estimator(), opened.source, opened.piece, opened.ground)
+    return Fitted(seen, cpu_s=time.process_time() - begun)
 
 
-def learn_from(opened: Opened, seen: tuple[Seen, float], before: Sequence[LearntRig] | None) -> list[LearntRig]:
+def learn_from(opened: Opened, seen: Fitted, before: Sequence[LearntRig] | None) -> list[LearntRig]:
     """How the rig has changed at each batch of a piece."""
-    return learn(opened.estimator(), seen[0], None if before is None else before[-1])
+    return learn(opened.estimator(), seen.seen, None if before is None else before[-1])
 
 
-def solve_for(
-    opened: Opened, seen: tuple[Seen, float], learnt: Sequence[LearntRig]
-) -> tuple[list[MovingContacts], float]:
-    """A piece's contacts, not yet tested for motion; and the processor's seconds."""
+def solve_for(opened: Opened, seen: Fitted, learnt: Sequence[LearntRig]) -> Fitted:
+    """A piece's contacts, not yet tested for motion."""
     begun = time.process_time()
-    return solve(opened.estimator(), seen[0], learnt), time.process_time() - begun
+    found = solve(opened.estimator(), seen.seen, learnt)
+    return replace(seen, learnt=learnt[-1], found=found, cpu_s=seen.cpu_s + time.process_time() - begun)
 
 
-def rows_of(
-    opened: Opened,
-    index: int,
-    before: RowMaker | None,
-    seen: tuple[Seen, float],
-    found: tuple[list[MovingContacts], float],
-) -> tuple[RowMaker, list[ContactRow], float]:
-    """The state after a piece, its rows, and the processor's seconds."""
-    begun = time.process_time()
-    # the state before is another task's result, which may be asked for again
-    maker = RowMaker(opened.rig, opened.source.shutter) if before is None else copy.deepcopy(before)
-    rows: list[ContactRow] = maker.push(seen[0], found[0])
-    if index == len(opened.pieces) - 1:
-        rows += maker.finish()
-    return maker, rows, time.process_time() - begun
+def judge_piece(opened: Opened, fitted: Fitted, before: Judged | None) -> Judged:
+    """The motion in a piece, from that in the one before it."""
+    return judge(opened.rig, opened.source.shutter, fitted.seen, fitted.found, before)
 
 
-def state_of(rows: tuple[RowMaker, list[ContactRow], float]) -> RowMaker:
-    """The state alone: the next piece may be done elsewhere."""
-    return rows[0]
-
-
-def file_of(
-    opened: Opened,
-    index: int,
-    rows: tuple[RowMaker, list[ContactRow], float],
-    seen: tuple[Seen, float],
-    found: tuple[list[MovingContacts], float],
-) -> Piece:
-    """The file of a piece's rows."""
+def file_of(opened: Opened, index: int, fitted: Fitted, judged: Sequence[Judged | None]) -> Piece:
+    """The file of a piece's rows; `judged` (3,) : the motion in the piece before it, its own, and in the next."""
     begun = time.process_time()
     path = opened.results.piece(opened.recording.name, str(opened.about["digest"]), index)
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_contacts(path, rows[1], force=True)
-    return Piece(path, seen[1] + found[1] + rows[2] + time.process_time() - begun)
+    write_contacts(path, rows(opened.rig, opened.source.shutter, fitted.seen, fitted.found, judged), force=True)
+    return Piece(path, fitted.cpu_s + time.process_time() - begun)
 
 
-def finish(opened: Opened, pieces: Sequence[Piece], learnt: Sequence[LearntRig]) -> Outcome:
+def learnt_of(fitted: Fitted) -> LearntRig | None:
+    """How the rig has changed by the end of a piece."""
+    return fitted.learnt
+
+
+def finish(opened: Opened, pieces: Sequence[Piece], learnt: LearntRig | None) -> Outcome:
     """The recording's contacts, object and summary."""
     recording, results = opened.recording, opened.results
-    changed = summary(learnt[-1])
+    assert learnt is not None
+    changed = summary(learnt)
     row = {
         **opened.about,
         "free_frames": changed["free_frames"],
