@@ -17,9 +17,11 @@ solver's search (`solve`), which takes the time, begins afresh every `AFRESH` fr
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
+
+import numpy as np
 
 from estimator.table.contacts import ContactRow, Measured
 from vbaa_calib.core.errors import InputError
@@ -55,16 +57,27 @@ class Seen:
 def look(estimator: ContactEstimator, source: Source, piece: slice, ground: Ground | None = None) -> Seen:
     """What a piece of a recording shows. Raises InputError for a picture that cannot be read."""
     frames = source.frames[piece]
-    if source.taken is not None:
-        whole = list(detected_taken(estimator, source.taken(), ground))
-        reasons = [None if each.line.found else each.line.reason for _, each in whole]
-        return Seen([frame for frame, _ in whole], [each.measured for _, each in whole], reasons)
     if source.lines is not None:
         measured = [measured_points(estimator.rig, frame, source.lines) for frame in frames]
         return Seen(frames, measured, [None] * len(frames))
-    found = list(detected(estimator, source.frames[: piece.stop], ground, piece.start))
-    reasons = [None if each.line.found else each.line.reason for each in found]
-    return Seen(frames, [each.measured for each in found], reasons)
+    if source.stream is not None and not source.places:
+        found = list(detected_taken(estimator, source.stream.taken(), ground))
+    elif source.stream is not None:
+        found = list(detected_taken(estimator, _pictures(source, piece), ground, _pictures_before(source, piece)))
+    else:
+        found = list(zip(frames, detected(estimator, source.frames[: piece.stop], ground, piece.start), strict=True))
+    reasons = [None if each.line.found else each.line.reason for _, each in found]
+    return Seen([frame for frame, _ in found], [each.measured for _, each in found], reasons)
+
+
+def _pictures(source: Source, piece: slice) -> Iterator[tuple[Frame, np.ndarray]]:
+    assert source.stream is not None
+    return source.stream.pictures(source.frames[piece], source.places[piece])
+
+
+def _pictures_before(source: Source, piece: slice) -> Iterator[tuple[Frame, np.ndarray]]:
+    """Latest first, each found anew: they are seldom needed."""
+    return (next(_pictures(source, slice(at, at + 1))) for at in range(piece.start - 1, -1, -1))
 
 
 def learn(estimator: ContactEstimator, seen: Seen, before: LearntRig | None) -> list[LearntRig]:
@@ -122,7 +135,8 @@ def rows(
     shifts = own.shifts[0 if before is None else len(before.check) :]
     shifts += deepcopy(own.check).finish() if after is None else after.shifts[: len(own.check)]
     contacts = (contact for several in found for contact in several.contacts)
-    check, ready = ShutterCheck(shutter, rig.camera.image_size[1]), []
+    check = ShutterCheck(shutter, rig.camera.image_size[1])
+    ready: list[FrameContact] = []
     if before is not None and before.ends is not None:
         check.push(before.ends[1])
     for frame, measured, reason, one, shift in zip(

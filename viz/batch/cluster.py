@@ -6,10 +6,11 @@ import time
 from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from estimator.contact.source import Indivisible
 from vbaa_calib.core.compiled import cores
 from vbaa_calib.core.errors import InputError, VbaaError
 
@@ -28,6 +29,9 @@ _QUIET = {
     # looks at every thread a hundred times a second
     "distributed.worker.profile.enabled": False,
     "distributed.admin.system-monitor.interval": "5s",
+    # fifty and ten times a second, in each process and its guard: 5 % of a core
+    "distributed.admin.tick.interval": "1s",
+    "distributed.worker.memory.monitor-interval": "500ms",
 }
 _AHEAD, _LEAST_AHEAD = 2, 64
 """Recordings, and pieces of long ones, that are given out at a time: for each thread, and at least, so that a cluster
@@ -133,6 +137,11 @@ def run(client: Client, recordings: Sequence[Recording], settings: Settings, res
             last = client.submit(work.parts_of, opened, pure=False)
             underway[last.key] = _Underway(one.recording, 1, (opened,))
             coming.add(last)
+        elif outcome.state == "whole":
+            whole = replace(settings, piece=2**62)
+            future = client.submit(work.do, one.recording, whole, results, pure=False)
+            underway[future.key] = _Underway(one.recording)
+            coming.add(future)
         elif outcome.state == "opened":
             last, kept = _in_pieces(client, one.futures[0], outcome)
             underway[last.key] = _Underway(one.recording, outcome.pieces, kept)
@@ -155,6 +164,8 @@ def _outcome(future: Future, recording: Recording, client: Client, alone: bool) 
         return work.failed(recording, VbaaError(words))
     except CancelledError as error:
         raise Lost(_LOST) from error
+    except Indivisible:
+        return Outcome(recording.name, "whole", {})
     except Exception as error:
         _workers(client)
         return work.failed(recording, error)
@@ -179,7 +190,9 @@ def _in_pieces(client: Client, opened: Future, outcome: Outcome) -> tuple[Future
     if outcome.pieces == 1:
         return submit(work.do_opened, opened), (opened,)
     head = submit(work.head_of, opened)
-    fitted, judged, files = list[Future](), list[Future | None]([None]), list[Future]()
+    fitted: list[Future] = []
+    judged: list[Future | None] = [None]
+    files: list[Future] = []
     learnt = None
 
     def write(index: int, after: Future | None) -> None:

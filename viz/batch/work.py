@@ -6,7 +6,7 @@ import hashlib
 import json
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -17,7 +17,14 @@ from estimator.contact.drift import LearntRig, summary
 from estimator.contact.estimate import ContactEstimator
 from estimator.contact.pieces import Judged, Seen, cuts, judge, learn, look, rows, solve
 from estimator.contact.recording import Ground
-from estimator.contact.source import Source, inputs_digest, open_source, recording_files
+from estimator.contact.source import (
+    Source,
+    StreamOptions,
+    inputs_digest,
+    is_stream,
+    open_source,
+    recording_files,
+)
 from estimator.contact.surroundings import AUTO, surroundings
 from estimator.table.files import write_contacts
 from vbaa_calib.core.errors import clipped, sentence_of
@@ -43,18 +50,20 @@ class Settings:
     track_zero: bool = False
     no_moment: bool = False
     background: Path | None = None
+    streams: StreamOptions = field(default_factory=StreamOptions)
     reconstruct: bool = False
     piece: int = 16384
     threads: int = 1
     again: bool = False
 
-    def said(self) -> dict[str, Any]:
-        """What of it the contacts depend on."""
+    def said(self, path: Path) -> dict[str, Any]:
+        """What of it the contacts of a recording depend on."""
         names = ("model", "friction", "drift", "track_zero", "no_moment")
         pixels = None if self.background is None else str(self.background)
         if self.background is not None and self.background != AUTO:
             pixels = sha256(self.background)
-        return {name: getattr(self, name) for name in names} | {"background": pixels}
+        said = {name: getattr(self, name) for name in names} | {"background": pixels}
+        return said | {"streams": asdict(self.streams)} if is_stream(path) else said
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,8 +124,8 @@ class Piece:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a recording: `state` is done, unchanged, failed, long, or opened: to be done in so many pieces, whose
-    rig changes are learnt one after the other where it `learns`."""
+    """What became of a recording: `state` is done, unchanged, failed, long, whole: not in pieces after all, or
+    opened: to be done in so many pieces, whose rig changes are learnt one after the other where it `learns`."""
 
     name: str
     state: str
@@ -136,7 +145,7 @@ def do(recording: Recording, settings: Settings, results: Results) -> Outcome:
         if _rows(recording) > settings.piece:
             return Outcome(recording.name, "long", about)
         opened = _opened(recording, settings, results, about)
-        if len(opened.pieces) > 1:
+        if opened.source.divisible and opened.count > settings.piece:
             return Outcome(recording.name, "long", about)
         return do_opened(opened)
     except Exception as error:
@@ -152,7 +161,10 @@ def do_opened(opened: Opened) -> Outcome:
 
 def open_long(recording: Recording, settings: Settings, results: Results) -> Opened:
     """A long recording, for its pieces. Raises what is wrong with it."""
-    return _opened(recording, settings, results, _about(recording, settings))
+    opened = _opened(recording, settings, results, _about(recording, settings))
+    source = opened.source.skimmed()
+    count = len(source.frames)
+    return replace(opened, source=source, piece=slice(0, count), count=count)
 
 
 def parts_of(opened: Opened) -> Outcome:
@@ -162,14 +174,15 @@ def parts_of(opened: Opened) -> Outcome:
 
 def head_of(opened: Opened) -> Opened:
     """All but frames and pictures: what is needed at the end."""
-    return replace(opened, source=replace(opened.source, frames=(), lines=None), ground=None)
+    return replace(opened, source=replace(opened.source, frames=(), places=(), lines=None), ground=None)
 
 
 def piece_of(opened: Opened, index: int) -> Opened:
     """What one piece needs, and no more."""
     piece, source = opened.pieces[index], opened.source
     if source.lines is None:
-        return replace(opened, source=replace(source, frames=source.frames[: piece.stop]), piece=piece)
+        source = replace(source, frames=source.frames[: piece.stop], places=source.places[: piece.stop])
+        return replace(opened, source=source, piece=piece)
     frames = source.frames[piece]
     lines = source.lines.picked([frame.frame for frame in frames])
     return replace(opened, source=replace(source, frames=frames, lines=lines), piece=slice(0, len(frames)))
@@ -273,7 +286,7 @@ def _about(recording: Recording, settings: Settings) -> Row:
     """How a summary begins: what the recording is, and the digests of all that its contacts depend on."""
     rig_sha256, inputs_sha256 = sha256(recording.rig), inputs_digest(recording.path)
     about = {"rig_sha256": rig_sha256, "inputs_sha256": inputs_sha256, "version": vbaa_calib.__version__}
-    whole = json.dumps([about, settings.said()], sort_keys=True).encode()
+    whole = json.dumps([about, settings.said(recording.path)], sort_keys=True).encode()
     return {
         "recording": recording.name,
         "state": "done",
@@ -292,12 +305,14 @@ def _rows(recording: Recording) -> int:
 
 def _opened(recording: Recording, settings: Settings, results: Results, about: Row) -> Opened:
     rig = Rig.load(recording.rig)
-    source = open_source(recording.path, rig, settings.no_moment)
+    source = open_source(recording.path, rig, settings.no_moment, settings.streams)
     rig = replace(rig, drift=drift_of(settings.drift, source.drift, rig.drift, track_zero=settings.track_zero))
     with TemporaryDirectory(prefix="vbaa-stills-") as folder:
         ground, _ = surroundings(rig, settings.background, lambda: source.stills(rig, Path(folder)))
-    count = len(source.frames)
-    return Opened(recording, settings, results, source, slice(0, count), rig, ground, about, count)
+    opened = Opened(recording, settings, results, source, slice(0, source.count), rig, ground, about, source.count)
+    if source.stream is None:
+        return opened
+    return replace(opened, source=replace(source, stream=source.stream.clocked(opened.estimator(), ground)))
 
 
 def _warnings(opened: Opened, changed: dict[str, Any]) -> list[str]:
