@@ -166,7 +166,7 @@ _ALL = (
     Subject(
         "scale",
         "many recordings on dask: one worker and two, whole and in pieces",
-        "recordings of 4096 frames, with --quick 1024",
+        "recordings of 5000 frames, with --quick 512",
         (12, 2),
         "numpy dask distributed pyarrow",
         "scale.csv",

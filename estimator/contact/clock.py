@@ -7,15 +7,18 @@ factor that is nearly the same for a second. At the right offset it does so best
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 
 import numpy as np
 
 from estimator.table.contacts import Measured
 from vbaa_calib.core.errors import InputError
+from vbaa_calib.streams import Reading, Source, Synchronizer, Taken, Timing, taken_frames
 
 from .estimate import ContactEstimator
+from .recording import Ground, detections, first_looks
 
 FARTHEST_S = 1.0
 """The offset is looked for so far to either side."""
@@ -92,6 +95,29 @@ class _Readings:
         before = np.clip(np.searchsorted(self.times_s, times_s) - 1, 0, len(self.times_s) - 1)
         here = np.interp(times_s, self.times_s, self.values)
         return self._areas[before] + 0.5 * (self.values[before] + here) * (times_s - self.times_s[before])
+
+
+def recorded_clock_offset(
+    estimator: ContactEstimator, opened: Callable[[], Source], timing: Timing, ground: Ground | None
+) -> ClockOffset:
+    """`clock_offset` of a recorded source, which `opened` opens. Raises InputError as that does."""
+    source = opened()
+    read: list[tuple[float, float]] = []
+
+    def heard() -> Iterator[Taken | Reading | None]:
+        for message in source.messages():
+            if isinstance(message, Reading) and message.channel == "moment_Nm" and message.possible:
+                read.append((message.time_s, message.value))
+            yield message
+
+    # the joints' angles hardly change by what the clocks are apart
+    patient = replace(timing, wait_s=2.0 * FARTHEST_S)
+    synchronizer = Synchronizer(patient, source.channels, estimator.rig.camera.image_size)
+    taken = islice(taken_frames(heard(), synchronizer), MOST_PICTURES)
+    seen = list(detections(estimator, first_looks(estimator, taken, ground)))
+    times_s, first = np.unique([time_s for time_s, _ in read], return_index=True)
+    moments_Nm = np.array([moment_Nm for _, moment_Nm in read])[first]
+    return clock_offset(estimator, [each.measured for each in seen if each.line.found], times_s, moments_Nm)
 
 
 def clock_offset(

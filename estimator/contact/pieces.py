@@ -1,7 +1,7 @@
 """A recording in pieces, which make bit for bit the rows that it makes as a whole, on whatever machines.
 
 What a frame's row takes from others is handed on from piece to piece: the frames before tell which of two lines is the
-antenna (`look`), free frames how the rig has changed (`learn`), neighbours whether the antenna moves (`RowMaker`). The
+antenna (`look`), free frames how the rig has changed (`learn`), neighbours whether the antenna moves (`judge`). The
 solver's search (`solve`), which takes the time, begins afresh every `AFRESH` frames, where alone a recording is cut.
 
     look      look      look            pieces at once
@@ -10,23 +10,25 @@ solver's search (`solve`), which takes the time, begins afresh every `AFRESH` fr
       │         │         │
     solve     solve     solve           pieces at once
       │         │         │
-    rows   →  rows   →  rows            one after the other, quick
+    judge  →  judge  →  judge           one after the other, quick
+      │    ↗↙   │    ↗↙   │
+    rows      rows      rows            pieces at once
 """
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from copy import deepcopy
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimator.table.contacts import Contact, ContactRow, Measured
+from estimator.table.contacts import ContactRow, Measured
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import Frame, Shutter
 
-from .contacts import MotionCheck, MovingContacts, last
+from .contacts import InertialShifts, MovingContacts, at_rest, last
 from .drift import LearntRig
 from .estimate import AFRESH, CHUNK, STREAM, Batches, ContactEstimator, Search
 from .motion import Beam
@@ -55,16 +57,27 @@ class Seen:
 def look(estimator: ContactEstimator, source: Source, piece: slice, ground: Ground | None = None) -> Seen:
     """What a piece of a recording shows. Raises InputError for a picture that cannot be read."""
     frames = source.frames[piece]
-    if source.taken is not None:
-        whole = list(detected_taken(estimator, source.taken(), ground))
-        reasons = [None if each.line.found else each.line.reason for _, each in whole]
-        return Seen([frame for frame, _ in whole], [each.measured for _, each in whole], reasons)
     if source.lines is not None:
         measured = [measured_points(estimator.rig, frame, source.lines) for frame in frames]
         return Seen(frames, measured, [None] * len(frames))
-    found = list(detected(estimator, source.frames[: piece.stop], ground, piece.start))
-    reasons = [None if each.line.found else each.line.reason for each in found]
-    return Seen(frames, [each.measured for each in found], reasons)
+    if source.stream is not None and not source.places:
+        found = list(detected_taken(estimator, source.stream.taken(), ground))
+    elif source.stream is not None:
+        found = list(detected_taken(estimator, _pictures(source, piece), ground, _pictures_before(source, piece)))
+    else:
+        found = list(zip(frames, detected(estimator, source.frames[: piece.stop], ground, piece.start), strict=True))
+    reasons = [None if each.line.found else each.line.reason for _, each in found]
+    return Seen([frame for frame, _ in found], [each.measured for _, each in found], reasons)
+
+
+def _pictures(source: Source, piece: slice) -> Iterator[tuple[Frame, np.ndarray]]:
+    assert source.stream is not None
+    return source.stream.pictures(source.frames[piece], source.places[piece])
+
+
+def _pictures_before(source: Source, piece: slice) -> Iterator[tuple[Frame, np.ndarray]]:
+    """Latest first, each found anew: they are seldom needed."""
+    return (next(_pictures(source, slice(at, at + 1))) for at in range(piece.start - 1, -1, -1))
 
 
 def learn(estimator: ContactEstimator, seen: Seen, before: LearntRig | None) -> list[LearntRig]:
@@ -88,29 +101,50 @@ def solve(estimator: ContactEstimator, seen: Seen, learnt: Sequence[LearntRig]) 
     return [last(search.solve(made[id(each)], several, CHUNK)) for each, several in batches]
 
 
-_NOTHING = Measured(np.empty((0, 2)), np.empty(0), np.nan, np.nan, np.nan)
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """What is known of the motion in a recording up to the end of a piece.
+
+    shifts : `InertialShifts` of the frames that waited before the piece, and of its own but for those that wait now.
+    check : the state from which the next piece goes on.
+    ends : the piece's first and last frame, where the shutter matters.
+    """
+
+    shifts: list[float]
+    check: InertialShifts
+    ends: tuple[FrameContact, FrameContact] | None
 
 
-class RowMaker:
-    """Pieces in order in, the rows of contacts.csv in order out, some only with the next piece or at the end."""
+def judge(rig: Rig, shutter: Shutter, seen: Seen, found: Sequence[MovingContacts], before: Judged | None) -> Judged:
+    """The motion in a piece, from that in the one before it."""
+    # the state before is another call's result, which may be asked for again
+    check = InertialShifts(Beam.of(rig)) if before is None else deepcopy(before.check)
+    shifts = [shift for several in found for shift in check.push(several)]
+    if not ShutterCheck(shutter, 1).needed:
+        return Judged(shifts, check, None)
+    first, last = (FrameContact(seen.frames[at], found[at].contacts[at], seen.measured[at]) for at in (0, -1))
+    return Judged(shifts, check, (first, last))
 
-    def __init__(self, rig: Rig, shutter: Shutter) -> None:
-        self._motion = MotionCheck(Beam.of(rig))
-        self._shutter = ShutterCheck(shutter, rig.camera.image_size[1])
-        self._waiting: deque[tuple[Frame, str | None, Measured]] = deque()
 
-    def push(self, seen: Seen, found: Sequence[MovingContacts]) -> list[ContactRow]:
-        """The rows that are ready once this piece is known."""
-        measured = seen.measured if self._shutter.needed else [_NOTHING] * len(seen.frames)
-        self._waiting.extend(zip(seen.frames, seen.reasons, measured, strict=True))
-        return [row for several in found for contact in self._motion.push(several) for row in self._rows(contact)]
-
-    def finish(self) -> list[ContactRow]:
-        """The rows that still wait."""
-        last = [row for contact in self._motion.finish() for row in self._rows(contact)]
-        return last + [ContactRow.of(item.frame, item.contact) for item in self._shutter.finish()]
-
-    def _rows(self, contact: Contact) -> list[ContactRow]:
-        frame, reason, measured = self._waiting.popleft()
-        item = FrameContact(frame, contact if reason is None else replace(contact, reason=reason), measured)
-        return [ContactRow.of(ready.frame, ready.contact) for ready in self._shutter.push(item)]
+def rows(
+    rig: Rig, shutter: Shutter, seen: Seen, found: Sequence[MovingContacts], judged: Sequence[Judged | None]
+) -> list[ContactRow]:
+    """The rows of a piece; `judged` (3,) : the motion in the piece before it, its own, and in the next."""
+    before, own, after = judged
+    assert own is not None
+    shifts = own.shifts[0 if before is None else len(before.check) :]
+    shifts += deepcopy(own.check).finish() if after is None else after.shifts[: len(own.check)]
+    contacts = (contact for several in found for contact in several.contacts)
+    check = ShutterCheck(shutter, rig.camera.image_size[1])
+    ready: list[FrameContact] = []
+    if before is not None and before.ends is not None:
+        check.push(before.ends[1])
+    for frame, measured, reason, one, shift in zip(
+        seen.frames, seen.measured, seen.reasons, contacts, shifts, strict=True
+    ):
+        contact = at_rest(one, shift)
+        contact = contact if reason is None else replace(contact, reason=reason)
+        ready += check.push(FrameContact(frame, contact, measured))
+    ready += check.finish() if after is None or after.ends is None else check.push(after.ends[0])
+    # a row of the piece before comes out first, where the shutter matters
+    return [ContactRow.of(item.frame, item.contact) for item in ready[-len(seen.frames) :]]

@@ -318,9 +318,13 @@ def detected(
 
 
 def detected_taken(
-    estimator: ContactEstimator, taken: Iterable[tuple[Frame, np.ndarray]], ground: Ground | None = None
+    estimator: ContactEstimator,
+    taken: Iterable[tuple[Frame, np.ndarray]],
+    ground: Ground | None = None,
+    earlier: Iterable[tuple[Frame, np.ndarray]] = (),
 ) -> Iterator[tuple[Frame, Detection]]:
-    """What is seen in pictures (H, W[, 3]) that come with their frames, in order."""
+    """What is seen in pictures (H, W[, 3]) that come with their frames, in order; `earlier`: those before, latest
+    first."""
     frames: deque[Frame] = deque()
 
     def noted() -> Iterator[tuple[Frame, np.ndarray]]:
@@ -328,7 +332,8 @@ def detected_taken(
             frames.append(frame)
             yield frame, image
 
-    for seen in detections(estimator, _in_order(first_looks(estimator, noted(), ground))):
+    firsts = _in_order(first_looks(estimator, noted(), ground), first_looks(estimator, earlier, ground))
+    for seen in detections(estimator, firsts):
         yield frames.popleft(), seen
 
 

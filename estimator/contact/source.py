@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.errors import InputError, VbaaError
 from vbaa_calib.core.files import sha256
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import (
@@ -25,12 +26,14 @@ from vbaa_calib.session import (
     read_noload,
     read_recording,
 )
-from vbaa_calib.streams import Source as Stream
-from vbaa_calib.streams import Synchronizer, Timing, taken_frames
-from vbaa_calib.streams.bags import is_bag
+from vbaa_calib.streams import Source as Opened
+from vbaa_calib.streams import Synchronizer, Timing
+from vbaa_calib.streams.bags import Topics, is_bag
 from vbaa_calib.streams.open import is_recorded, open_recorded
 from vbaa_calib.streams.pictures import stored, thinned
+from vbaa_calib.streams.synchronize import Synchronized
 
+from .clock import recorded_clock_offset
 from .estimate import ContactEstimator
 from .recording import (
     FrameContact,
@@ -46,6 +49,85 @@ _STILLS = 48
 """So many pictures of a bag or video show what stands still behind the antenna."""
 
 
+@dataclass(frozen=True)
+class StreamOptions:
+    """How bags and videos are read; `estimate_offset`: the readings' clock is put right by the pictures."""
+
+    topics: Topics = field(default_factory=Topics)
+    timing: Timing = field(default_factory=Timing)
+    estimate_offset: bool = False
+
+
+class Indivisible(VbaaError):
+    """A bag or video does not show in pieces what it shows as a whole: it can be read as a whole only."""
+
+
+@dataclass(frozen=True, eq=False)
+class Stream:
+    """A bag, or a video with the readings of the .csv beside it that has its name.
+
+    notes : what the last pass had to tell.
+    """
+
+    path: Path
+    rig: Rig
+    options: StreamOptions
+    no_moment: bool = False
+    notes: list[str] = field(default_factory=list)
+
+    def opened(self) -> Opened:
+        """For one pass. Raises InputError."""
+        beside = self.path.with_suffix(".csv")
+        table = beside if beside.is_file() and not is_bag(self.path) else None
+        timing = self.options.timing
+        found = open_recorded(self.path, self.rig.camera, table, timing.offset_s, self.options.topics)
+        return found.without_moments() if self.no_moment else found
+
+    def taken(self) -> Iterator[tuple[Frame, np.ndarray]]:
+        """Its frames with pictures (H, W[, 3]), in order."""
+        return ((each.frame, each.taken.image) for each in self._synchronized(skim=False))
+
+    def skimmed(self) -> tuple[list[Frame], list[Any]]:
+        """Its frames, and where their pictures are, without reading these."""
+        found = [(each.frame, each.taken.place) for each in self._synchronized(skim=True)]
+        return [frame for frame, _ in found], [place for _, place in found]
+
+    def pictures(self, frames: Sequence[Frame], places: Sequence[Any]) -> Iterator[tuple[Frame, np.ndarray]]:
+        """Some frames, in order, with their pictures. Raises Indivisible where these are others than were skimmed."""
+        again = self.opened().again
+        assert again is not None
+        size, count = tuple(self.rig.camera.image_size), 0
+        try:
+            for frame, found in zip(frames, again(places), strict=False):
+                if found.time_s != frame.time_s or found.image.shape[1::-1] != size:
+                    break
+                yield frame, found.image
+                count += 1
+        except Exception as error:  # of a damaged file the readers let anything through
+            raise Indivisible(str(error)) from error
+        if count < len(frames):
+            raise Indivisible(f"frame {frames[count].frame} is another one")
+
+    def clocked(self, estimator: ContactEstimator, ground: Ground | None) -> Stream:
+        """With the clocks' offset, if it is to be estimated. Raises InputError where the data do not support it."""
+        if not self.options.estimate_offset:
+            return self
+        timing = self.options.timing
+        found = recorded_clock_offset(estimator, self.opened, timing, ground)
+        timing = replace(timing, offset_s=found.offset_s, offset_std_s=found.std_s)
+        return replace(self, options=replace(self.options, timing=timing))
+
+    def _synchronized(self, *, skim: bool) -> Iterator[Synchronized]:
+        source = self.opened()
+        timing = replace(self.options.timing, moment_std_Nm=self.rig.moment_noise_Nm)
+        synchronizer = Synchronizer(timing, source.channels, self.rig.camera.image_size)
+        for message in source.messages(skim):
+            if message is not None:
+                yield from synchronizer.push(message)
+        yield from synchronizer.finish()
+        self.notes[:] = [*source.notes, *synchronizer.left_out()]
+
+
 @dataclass(frozen=True, eq=False)
 class Source:
     """A recording that was opened and checked.
@@ -53,22 +135,28 @@ class Source:
     Attributes
     ----------
     session : settings of its session; None for a bag or video.
-    frames : all of them, in order; of a bag or video they come with their pictures.
+    frames : all of them, in order; of a bag or video they come with their pictures, unless it was skimmed.
     lines : centrelines by frame; None where each frame has its picture.
-    taken : of a bag or video, frames with pictures (H, W[, 3]), in order, anew with every call. notes : what the last
-        pass had to tell.
+    stream : the bag or video. places : of its frames' pictures, once it was skimmed.
+    count : how many frames there are, of a bag or video about.
     """
 
     session: Session | None
     frames: Sequence[Frame]
     lines: Centrelines | None
-    taken: Callable[[], Iterator[tuple[Frame, np.ndarray]]] | None = None
-    notes: Sequence[str] = ()
+    stream: Stream | None = None
+    places: Sequence[Any] = ()
+    count: int = 0
 
     @property
     def divisible(self) -> bool:
         """Whether other processes may open parts of it."""
-        return self.taken is None and (self.lines is None or self.lines.portable)
+        return self.lines is None or self.lines.portable
+
+    @property
+    def notes(self) -> Sequence[str]:
+        """What the last pass through a bag or video had to tell."""
+        return () if self.stream is None else self.stream.notes
 
     @property
     def drift(self) -> Drift | None:
@@ -85,15 +173,22 @@ class Source:
 
         folder : where some of a bag's or video's are put.
         """
-        if self.taken is not None:
-            return some_stills(self.taken(), folder)
+        if self.stream is not None:
+            return some_stills(self.stream.taken(), folder)
         assert self.session is not None
         return [*self.frames, *free_stills(self.session, rig)]
+
+    def skimmed(self) -> Source:
+        """With all frames, and their pictures' places, of a bag or video."""
+        if self.stream is None:
+            return self
+        frames, places = self.stream.skimmed()
+        return replace(self, frames=frames, places=places, count=len(frames))
 
 
 def recording_files(path: Path) -> list[Path]:
     """The files that a recording is made of, beside its pictures. Raises InputError for what holds none."""
-    if is_recorded(path) and not _stands_for_session(path):
+    if is_stream(path):
         table = path.with_suffix(".csv")
         inside = sorted(each for each in path.iterdir() if each.is_file()) if path.is_dir() else [path]
         return [*inside, table] if not is_bag(path) and table.is_file() else inside
@@ -103,6 +198,11 @@ def recording_files(path: Path) -> list[Path]:
     return [*files, lines] if lines.exists() else files
 
 
+def is_stream(path: Path) -> bool:
+    """Whether a recording is a bag or video, not a session or its centrelines."""
+    return is_recorded(path) and not _stands_for_session(path)
+
+
 def _stands_for_session(path: Path) -> bool:
     return path.name == "centrelines.csv" and path.is_file() and path.parent.name == "recording"
 
@@ -110,28 +210,6 @@ def _stands_for_session(path: Path) -> bool:
 def _session_root(path: Path) -> Path:
     """The session of a recording, which its centrelines.csv may stand for."""
     return path.parent.parent if _stands_for_session(path) else path
-
-
-def _open_stream(path: Path, rig: Rig, no_moment: bool) -> Source:
-    """A bag, or a video with the readings of the .csv beside it that has its name. Raises InputError."""
-    beside = path.with_suffix(".csv")
-    table = beside if beside.is_file() and not is_bag(path) else None
-    timing = Timing(moment_std_Nm=rig.moment_noise_Nm)
-
-    def opened() -> tuple[Stream, Synchronizer]:
-        stream = open_recorded(path, rig.camera, table)
-        stream = stream.without_moments() if no_moment else stream
-        return stream, Synchronizer(timing, stream.channels, rig.camera.image_size)
-
-    passes = [opened()]  # what is wrong is told at once
-    notes: list[str] = []
-
-    def taken() -> Iterator[tuple[Frame, np.ndarray]]:
-        stream, synchronizer = passes.pop() if passes else opened()
-        yield from taken_frames(stream.messages(), synchronizer)
-        notes[:] = [*stream.notes, *synchronizer.left_out()]
-
-    return Source(None, (), None, taken, notes)
 
 
 def unpacked(taken: Iterable[tuple[Frame, np.ndarray]], folder: Path) -> Iterator[tuple[Frame, np.ndarray]]:
@@ -145,28 +223,29 @@ def some_stills(taken: Iterable[tuple[Frame, np.ndarray]], folder: Path) -> list
     return [frame for frame, _ in unpacked(thinned(taken, _STILLS), folder)]
 
 
-def open_source(path: Path, rig: Rig, no_moment: bool = False) -> Source:
+def open_source(path: Path, rig: Rig, no_moment: bool = False, options: StreamOptions | None = None) -> Source:
     """Open a session folder, or its recording/centrelines.csv; a bag; a video with readings in the .csv of its name.
 
     no_moment : leave the moment readings aside. Raises InputError for what is wrong in it.
     """
-    if is_recorded(path) and not _stands_for_session(path):
-        return _open_stream(path, rig, no_moment)
+    if is_stream(path):
+        stream = Stream(path, rig, options or StreamOptions(), no_moment)
+        return Source(None, (), None, stream, count=stream.opened().count)  # what is wrong is told at once
     session = load_session(_session_root(path))
     frames = read_recording(session)
     if no_moment:
         frames = without_moments(frames)
     pictures = [frame.image for frame in frames if frame.image is not None]
     check_pictures(pictures, rig.camera.image_size, "the rig was calibrated at")
-    return Source(session, frames, None if pictures else recorded_lines(session, frames))
+    return Source(session, frames, None if pictures else recorded_lines(session, frames), count=len(frames))
 
 
 def estimate_source(
     estimator: ContactEstimator, source: Source, ground: Ground | None = None
 ) -> Iterator[FrameContact]:
     """Every frame of a recording, in order, those in which the shutter matters marked."""
-    if source.taken is not None:
-        found = estimate_taken(estimator, source.taken(), ground)
+    if source.stream is not None:
+        found = estimate_taken(estimator, source.stream.taken(), ground)
     elif source.lines is None:
         found = estimate_pictures(estimator, source.frames, ground)
     else:
@@ -180,7 +259,7 @@ def inputs_digest(path: Path) -> str:
     Raises InputError where a file is missing or cannot be read.
     """
     files = recording_files(path)
-    if is_recorded(path) and not _stands_for_session(path):
+    if is_stream(path):
         # bags and videos are too large to be read twice
         stats = [(file.name, file.stat()) for file in files]
         return hashlib.sha256(json.dumps([(n, s.st_size, s.st_mtime_ns) for n, s in stats]).encode()).hexdigest()

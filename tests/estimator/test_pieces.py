@@ -14,7 +14,7 @@ import pytest
 from estimator import ContactEstimator
 from estimator.contact import estimate, pieces, recording
 from estimator.contact.estimate import AFRESH, STREAM
-from estimator.contact.pieces import RowMaker, cuts, learn, look, solve
+from estimator.contact.pieces import cuts, judge, learn, look, rows, solve
 from estimator.contact.recording import FirstDetection
 from estimator.contact.source import estimate_source, open_source
 from estimator.table.contacts import ContactRow
@@ -40,14 +40,17 @@ def often(monkeypatch: pytest.MonkeyPatch) -> None:
 def in_pieces(path: Path, rig: Rig, most: int) -> list[ContactRow]:
     """Each piece by an estimator of its own, as another process would have it."""
     source = open_source(path, rig)
-    maker, learnt, rows = RowMaker(rig, source.session.shutter), None, []
+    learnt, parts, judged = None, [], [None]
     for piece in cuts(len(source.frames), most):
         seen = look(ContactEstimator(rig), source, piece)
         known = learn(ContactEstimator(rig), seen, None if learnt is None else deepcopy(learnt))
         learnt = known[-1]
         found = solve(ContactEstimator(rig, jobs=2), seen, deepcopy(known))
-        rows += maker.push(seen, found)
-    return rows + maker.finish()
+        parts.append((seen, found))
+        judged.append(judge(rig, source.shutter, seen, found, deepcopy(judged[-1])))
+    judged.append(None)
+    made = [rows(rig, source.shutter, *part, judged[at : at + 3]) for at, part in enumerate(parts)]
+    return [row for several in made for row in several]
 
 
 def as_one(path: Path, rig: Rig) -> list[ContactRow]:

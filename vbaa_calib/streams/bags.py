@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import importlib
 import os
-from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections import Counter, deque
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +18,7 @@ import numpy as np
 from vbaa_calib.core.errors import InputError, clipped
 from vbaa_calib.core.images import as_levels, read_picture
 
-from .messages import Messages, Reading, Source, Taken
+from .messages import Messages, Reading, Source, Taken, blank
 
 SUFFIXES = (".mcap", ".bag", ".db3")
 _IMAGES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
@@ -108,18 +108,21 @@ def open_bag(path: Path, topics: Topics, camera_matrix: np.ndarray | None, image
     connections = [each for each in reader.connections if each.topic in wanted]
     broken: Counter[str] = Counter()
 
-    def messages() -> Messages:
-        checked = False
+    def messages(skim: bool = False) -> Messages:
+        checked, shown, place = False, None, (0, 0)
         with stack:
             for connection, logged_ns, data in _whole(reader.messages(connections), path, notes):
                 role, arrived_s = wanted[connection.topic], 1e-9 * logged_ns
+                if role == "image":  # several may be logged at once
+                    place = (logged_ns, place[1] + 1 if place[0] == logged_ns else 0)
                 try:
                     message = reader.deserialize(data, connection.msgtype)
                     if role == "camera" and not checked:
                         _check_camera(message, camera_matrix, image_size, path)
                         checked = True
                     elif role == "image":
-                        yield Taken(stamp_s(message, arrived_s), picture_of(message), arrived_s, perf_counter())
+                        shown = blank(shown) if skim and shown is not None else picture_of(message)
+                        yield Taken(stamp_s(message, arrived_s), shown, arrived_s, perf_counter(), place)
                     elif role != "camera":
                         yield from readings_of(message, topics, arrived_s)
                 except _NotThisRig:
@@ -129,7 +132,21 @@ def open_bag(path: Path, topics: Topics, camera_matrix: np.ndarray | None, image
                     if broken[connection.topic] == 1:
                         notes.append(f"{connection.topic} holds messages that cannot be read ({clipped(str(error))})")
 
-    return Source(path.name, messages, frozenset(channels), notes=notes)
+    def again(places: Iterable[tuple[int, int]]) -> Iterator[Taken]:
+        image = [each for each in reader.connections if each.topic == taken["image"]]
+        coming, at = deque(places), (0, 0)
+        with stack:
+            for connection, logged_ns, data in reader.messages(image, start=coming[0][0], stop=coming[-1][0] + 1):
+                at = (logged_ns, at[1] + 1 if at[0] == logged_ns else 0)
+                if coming and at == coming[0]:
+                    message = reader.deserialize(data, connection.msgtype)
+                    arrived_s = 1e-9 * logged_ns
+                    yield Taken(
+                        stamp_s(message, arrived_s), picture_of(message), arrived_s, perf_counter(), coming.popleft()
+                    )
+
+    count = sum(each.msgcount for each in reader.connections if each.topic == taken["image"])
+    return Source(path.name, messages, frozenset(channels), notes=notes, count=count, again=again)
 
 
 def _close(reader: Any) -> None:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from dataclasses import dataclass, field, replace
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -20,13 +21,14 @@ class Taken:
     """A picture (H, W) grey or (H, W, 3) blue, green, red, and when it was taken.
 
     time_s : of the exposure, by the stream's clock. arrived_s : when it came, by the source's clock.
-    received_s : when this process had it, `time.perf_counter`.
+    received_s : when this process had it, `time.perf_counter`. place : where a recorded source finds it again.
     """
 
     time_s: float
     image: np.ndarray
     arrived_s: float
     received_s: float = 0.0
+    place: Any = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +59,17 @@ Messages = Generator[Taken | Reading | None, None, None]
 clock."""
 
 
+class Opened(Protocol):
+    """What gives a source's messages. With `skim` only the first picture is read; the others are blank, of its size."""
+
+    def __call__(self, skim: bool = False) -> Messages: ...
+
+
+def blank(picture: np.ndarray) -> np.ndarray:
+    """As large as a picture, and without memory of its own."""
+    return np.broadcast_to(np.uint8(0), picture.shape[:2])
+
+
 @dataclass(frozen=True, eq=False)
 class Source:
     """Where a stream comes from.
@@ -69,20 +82,24 @@ class Source:
     live : the pictures are taken while they are looked at; else they were taken before.
     dropped : how many pictures were not given, since newer ones had come.
     notes : what else there is to tell, so far.
+    count : of a recorded source, about how many pictures it has.
+    again : of a recorded source, the pictures at some of its places, in order, without what lies before them.
     """
 
     name: str
-    messages: Callable[[], Messages]
+    messages: Opened
     channels: frozenset[str] = frozenset()
     live: bool = False
     dropped: Callable[[], int] = lambda: 0
     notes: list[str] = field(default_factory=list)
+    count: int = 0
+    again: Callable[[Iterable[Any]], Iterator[Taken]] | None = None
 
     def without_moments(self) -> Source:
         """The same for vision alone."""
 
-        def messages() -> Messages:
-            for each in self.messages():
+        def messages(skim: bool = False) -> Messages:
+            for each in self.messages(skim):
                 if not (isinstance(each, Reading) and each.channel.startswith("moment")):
                     yield each
 

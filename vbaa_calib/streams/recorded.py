@@ -10,18 +10,21 @@ import math
 import os
 import select
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 from time import perf_counter
 from typing import Any, BinaryIO
+
+import numpy as np
 
 from vbaa_calib.core.csv_rows import csv_rows, number
 from vbaa_calib.core.errors import InputError, clipped
 from vbaa_calib.core.images import read_picture
 from vbaa_calib.wizard.sources.files import FolderSource, Pace, SourceLost, VideoSource
 
-from .messages import CHANNELS, Messages, Reading, Source, Taken, now_s
+from .messages import CHANNELS, Messages, Reading, Source, Taken, blank, now_s
 
 _IN_DEGREES = {"pan_rad": "pan_deg", "tilt_rad": "tilt_deg"}
 _LONGEST_LINE = 64_000_000
@@ -64,28 +67,54 @@ def with_readings(source: Source, path: Path | None, offset_s: float) -> Source:
         assert message is not None
         return message.time_s + (offset_s if isinstance(message, Reading) else 0.0)
 
-    def messages() -> Messages:
+    def messages(skim: bool = False) -> Messages:
         # as it is on the source's clock, so that a picture waits by that
         stamped = (Reading(each.time_s, each.channel, each.value, each.time_s + offset_s) for each in readings)
-        yield from heapq.merge(stamped, source.messages(), key=shifted)
+        yield from heapq.merge(stamped, source.messages(skim), key=shifted)
 
-    return Source(source.name, messages, source.channels | channels, notes=source.notes)
+    return replace(source, messages=messages, channels=source.channels | channels)
 
 
 def open_video(path: Path) -> Source:
     """Every frame of a video, timed from its beginning. Raises InputError when it cannot be read."""
     video, notes = VideoSource(path), list[str]()
 
-    def messages() -> Messages:
+    def shown(of: VideoSource) -> Taken | None:
+        place, picture = of.at, of.next(0.0)
+        if picture is None:
+            return None
+        assert picture.time_s is not None
+        return Taken(picture.time_s, np.asarray(picture.content), picture.time_s, perf_counter(), place)
+
+    def messages(skim: bool = False) -> Messages:
         try:
-            while (picture := video.next(0.0)) is not None:
-                assert picture.time_s is not None
-                yield Taken(picture.time_s, picture.content, picture.time_s, perf_counter())  # type: ignore[arg-type]
+            first = taken = shown(video)
+            while taken is not None:
+                yield taken
+                place, time_s = video.at, video.skip() if skim else None
+                if not skim:
+                    taken = shown(video)
+                elif first is not None and time_s is not None:
+                    taken = Taken(time_s, blank(first.image), time_s, perf_counter(), place)
+                else:
+                    taken = None
             notes.extend(video.notes)
         finally:
             video.close()
 
-    return Source(path.name, messages, notes=notes)
+    def again(places: Iterable[Any]) -> Iterator[Taken]:
+        found = VideoSource(path)
+        try:
+            for place in places:
+                found.go(place)
+                taken = shown(found)
+                if taken is None:
+                    return
+                yield taken
+        finally:
+            found.close()
+
+    return Source(path.name, messages, notes=notes, count=video.count, again=again)
 
 
 def open_table(path: Path) -> Source:
@@ -94,15 +123,20 @@ def open_table(path: Path) -> Source:
     first = next(rows)
     notes: list[str] = []
 
-    def messages() -> Messages:
+    def messages(skim: bool = False) -> Messages:
+        shown: np.ndarray | None = None
         for row in chain([first], rows):
-            time_s = number(row, "time_s", path)
+            place = number(row, "time_s", path), row["image"]
             try:
-                yield Taken(time_s, read_picture(path.parent / row["image"]), time_s, perf_counter())
+                shown = blank(shown) if skim and shown is not None else read_picture(path.parent / place[1])
+                yield Taken(place[0], shown, place[0], perf_counter(), place)
             except InputError as error:
                 notes.append(f"{error}; left out")
 
-    return Source(path.name, messages, notes=notes)
+    def again(places: Iterable[Any]) -> Iterator[Taken]:
+        return (Taken(at, read_picture(path.parent / name), at, perf_counter(), (at, name)) for at, name in places)
+
+    return Source(path.name, messages, notes=notes, count=path.read_bytes().count(b"\n") - 1, again=again)
 
 
 def open_folder(path: Path, idle_s: float) -> Source:
@@ -113,7 +147,7 @@ def open_folder(path: Path, idle_s: float) -> Source:
     folder = FolderSource(path, wait=True, pace=Pace(scan_s=0.05, settle_s=0.1))
     notes: list[str] = []
 
-    def messages() -> Messages:
+    def messages(skim: bool = False) -> Messages:
         until_s = time.monotonic() + idle_s
         try:
             while time.monotonic() < until_s:
@@ -141,7 +175,7 @@ def open_lines(stream: BinaryIO, idle_s: float, root: Path = Path()) -> Source:
     notes: list[str] = []
     wrong = 0
 
-    def messages() -> Messages:
+    def messages(skim: bool = False) -> Messages:
         nonlocal wrong
         for line in _lines(stream, idle_s, notes):
             if line is None:

@@ -6,11 +6,11 @@ import time
 from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
-from itertools import cycle
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from estimator.contact.source import Indivisible
 from vbaa_calib.core.compiled import cores
 from vbaa_calib.core.errors import InputError, VbaaError
 
@@ -29,6 +29,9 @@ _QUIET = {
     # looks at every thread a hundred times a second
     "distributed.worker.profile.enabled": False,
     "distributed.admin.system-monitor.interval": "5s",
+    # fifty and ten times a second, in each process and its guard: 5 % of a core
+    "distributed.admin.tick.interval": "1s",
+    "distributed.worker.memory.monitor-interval": "500ms",
 }
 _AHEAD, _LEAST_AHEAD = 2, 64
 """Recordings, and pieces of long ones, that are given out at a time: for each thread, and at least, so that a cluster
@@ -134,8 +137,13 @@ def run(client: Client, recordings: Sequence[Recording], settings: Settings, res
             last = client.submit(work.parts_of, opened, pure=False)
             underway[last.key] = _Underway(one.recording, 1, (opened,))
             coming.add(last)
+        elif outcome.state == "whole":
+            whole = replace(settings, piece=2**62)
+            future = client.submit(work.do, one.recording, whole, results, pure=False)
+            underway[future.key] = _Underway(one.recording)
+            coming.add(future)
         elif outcome.state == "opened":
-            last, kept = _in_pieces(client, one.futures[0], outcome.pieces)
+            last, kept = _in_pieces(client, one.futures[0], outcome)
             underway[last.key] = _Underway(one.recording, outcome.pieces, kept)
             coming.add(last)
         else:
@@ -156,6 +164,8 @@ def _outcome(future: Future, recording: Recording, client: Client, alone: bool) 
         return work.failed(recording, VbaaError(words))
     except CancelledError as error:
         raise Lost(_LOST) from error
+    except Indivisible:
+        return Outcome(recording.name, "whole", {})
     except Exception as error:
         _workers(client)
         return work.failed(recording, error)
@@ -171,27 +181,37 @@ def _workers(client: Client) -> list[str]:
         raise Lost(_LOST) from error
 
 
-def _in_pieces(client: Client, opened: Future, pieces: int) -> tuple[Future, tuple[Future, ...]]:
+def _in_pieces(client: Client, opened: Future, outcome: Outcome) -> tuple[Future, tuple[Future, ...]]:
     """The last task of a long recording, and those before it (`estimator.contact.pieces`)."""
 
-    def submit(function: Any, *given: Any, at: str | None = None) -> Future:
-        # left alone, dask would do all of it where the recording was opened
-        return client.submit(function, *given, pure=False, workers=at and [at], allow_other_workers=at is not None)
+    def submit(function: Any, *given: Any) -> Future:
+        return client.submit(function, *given, pure=False)
 
-    if pieces == 1:
+    if outcome.pieces == 1:
         return submit(work.do_opened, opened), (opened,)
     head = submit(work.head_of, opened)
-    learnt, state, files = None, None, []
-    places = cycle(_workers(client))
-    for index, at in zip(range(pieces), places, strict=False):
+    fitted: list[Future] = []
+    judged: list[Future | None] = [None]
+    files: list[Future] = []
+    learnt = None
+
+    def write(index: int, after: Future | None) -> None:
+        # once the motion in the piece after it is known
+        files.append(submit(work.file_of, head, index, fitted[index], (*judged[index : index + 2], after)))
+
+    for index in range(outcome.pieces):
         piece = submit(work.piece_of, opened, index)  # the whole recording stays where it was opened
-        seen = submit(work.look_at, piece, at=at)
-        learnt = submit(work.learn_from, head, seen, learnt, at=at)
-        found = submit(work.solve_for, head, seen, learnt, at=at)
-        rows = submit(work.rows_of, head, index, state, seen, found, at=at)
-        state = submit(work.state_of, rows, at=at)
-        files.append(submit(work.file_of, head, index, rows, seen, found, at=at))
-    return submit(work.finish, head, files, learnt), (opened, head)
+        if outcome.learns:
+            seen = submit(work.look_at, piece)
+            learnt = submit(work.learn_from, head, seen, learnt)
+            fitted.append(submit(work.solve_for, head, seen, learnt))
+        else:
+            fitted.append(submit(work.fit, piece))
+        judged.append(submit(work.judge_piece, head, fitted[index], judged[index]))
+        if index:
+            write(index - 1, judged[-1])
+    write(outcome.pieces - 1, None)
+    return submit(work.finish, head, files, submit(work.learnt_of, fitted[-1])), (opened, head)
 
 
 class Pace:

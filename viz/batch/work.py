@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import copy
 import hashlib
 import json
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -16,11 +15,17 @@ import vbaa_calib
 from estimator.contact.contacts import MovingContacts
 from estimator.contact.drift import LearntRig, summary
 from estimator.contact.estimate import ContactEstimator
-from estimator.contact.pieces import RowMaker, Seen, cuts, learn, look, solve
+from estimator.contact.pieces import Judged, Seen, cuts, judge, learn, look, rows, solve
 from estimator.contact.recording import Ground
-from estimator.contact.source import Source, inputs_digest, open_source, recording_files
+from estimator.contact.source import (
+    Source,
+    StreamOptions,
+    inputs_digest,
+    is_stream,
+    open_source,
+    recording_files,
+)
 from estimator.contact.surroundings import AUTO, surroundings
-from estimator.table.contacts import ContactRow
 from estimator.table.files import write_contacts
 from vbaa_calib.core.errors import clipped, sentence_of
 from vbaa_calib.core.files import sha256
@@ -45,18 +50,20 @@ class Settings:
     track_zero: bool = False
     no_moment: bool = False
     background: Path | None = None
+    streams: StreamOptions = field(default_factory=StreamOptions)
     reconstruct: bool = False
     piece: int = 16384
     threads: int = 1
     again: bool = False
 
-    def said(self) -> dict[str, Any]:
-        """What of it the contacts depend on."""
+    def said(self, path: Path) -> dict[str, Any]:
+        """What of it the contacts of a recording depend on."""
         names = ("model", "friction", "drift", "track_zero", "no_moment")
         pixels = None if self.background is None else str(self.background)
         if self.background is not None and self.background != AUTO:
             pixels = sha256(self.background)
-        return {name: getattr(self, name) for name in names} | {"background": pixels}
+        said = {name: getattr(self, name) for name in names} | {"background": pixels}
+        return said | {"streams": asdict(self.streams)} if is_stream(path) else said
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,6 +96,24 @@ class Opened:
         return cuts(self.count, self.settings.piece) if self.source.divisible else [slice(0, self.count)]
 
 
+_FRAME_BYTES = 4096
+"""About what is kept of a frame while its recording is worked on."""
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """A piece whose frames were looked at and, once `found` is there, fitted; and the processor's seconds for it."""
+
+    seen: Seen
+    learnt: LearntRig | None = None
+    found: Sequence[MovingContacts] = ()
+    cpu_s: float = 0.0
+
+    def __sizeof__(self) -> int:
+        # dask does the rest of the work where such large things lie; by itself Python counts only the references
+        return _FRAME_BYTES * len(self.seen.frames)
+
+
 @dataclass(frozen=True)
 class Piece:
     """The file of a piece's rows, and what it took: the processor's seconds."""
@@ -99,12 +124,14 @@ class Piece:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a recording: `state` is done, unchanged, failed, long, or opened: to be done in so many pieces."""
+    """What became of a recording: `state` is done, unchanged, failed, long, whole: not in pieces after all, or
+    opened: to be done in so many pieces, whose rig changes are learnt one after the other where it `learns`."""
 
     name: str
     state: str
     row: Row
     pieces: int = 1
+    learns: bool = False
 
 
 def do(recording: Recording, settings: Settings, results: Results) -> Outcome:
@@ -118,7 +145,7 @@ def do(recording: Recording, settings: Settings, results: Results) -> Outcome:
         if _rows(recording) > settings.piece:
             return Outcome(recording.name, "long", about)
         opened = _opened(recording, settings, results, about)
-        if len(opened.pieces) > 1:
+        if opened.source.divisible and opened.count > settings.piece:
             return Outcome(recording.name, "long", about)
         return do_opened(opened)
     except Exception as error:
@@ -127,98 +154,89 @@ def do(recording: Recording, settings: Settings, results: Results) -> Outcome:
 
 def do_opened(opened: Opened) -> Outcome:
     """A recording in one piece. Raises what is wrong with it."""
-    seen = look_at(opened)
-    learnt = learn_from(opened, seen, None)
-    found = solve_for(opened, seen, learnt)
-    rows = rows_of(opened, 0, None, seen, found)
-    return finish(opened, [file_of(opened, 0, rows, seen, found)], learnt)
+    fitted = fit(opened)
+    piece = file_of(opened, 0, fitted, (None, judge_piece(opened, fitted, None), None))
+    return finish(opened, [piece], fitted.learnt)
 
 
 def open_long(recording: Recording, settings: Settings, results: Results) -> Opened:
     """A long recording, for its pieces. Raises what is wrong with it."""
-    return _opened(recording, settings, results, _about(recording, settings))
+    opened = _opened(recording, settings, results, _about(recording, settings))
+    source = opened.source.skimmed()
+    count = len(source.frames)
+    return replace(opened, source=source, piece=slice(0, count), count=count)
 
 
 def parts_of(opened: Opened) -> Outcome:
     """In how many pieces it is to be done."""
-    return Outcome(opened.recording.name, "opened", opened.about, len(opened.pieces))
+    return Outcome(opened.recording.name, "opened", opened.about, len(opened.pieces), opened.rig.drift.of_rig)
 
 
 def head_of(opened: Opened) -> Opened:
     """All but frames and pictures: what is needed at the end."""
-    return replace(opened, source=replace(opened.source, frames=(), lines=None), ground=None)
+    return replace(opened, source=replace(opened.source, frames=(), places=(), lines=None), ground=None)
 
 
 def piece_of(opened: Opened, index: int) -> Opened:
     """What one piece needs, and no more."""
     piece, source = opened.pieces[index], opened.source
     if source.lines is None:
-        return replace(opened, source=replace(source, frames=source.frames[: piece.stop]), piece=piece)
+        source = replace(source, frames=source.frames[: piece.stop], places=source.places[: piece.stop])
+        return replace(opened, source=source, piece=piece)
     frames = source.frames[piece]
     lines = source.lines.picked([frame.frame for frame in frames])
     return replace(opened, source=replace(source, frames=frames, lines=lines), piece=slice(0, len(frames)))
 
 
-def look_at(opened: Opened) -> tuple[Seen, float]:
-    """What a piece shows; and the processor's seconds."""
+def fit(opened: Opened) -> Fitted:
+    """A piece of a recording whose rig is as it was calibrated, or all of any recording."""
+    seen = look_at(opened)
+    return solve_for(opened, seen, learn_from(opened, seen, None))
+
+
+def look_at(opened: Opened) -> Fitted:
+    """What a piece shows."""
     begun = time.process_time()
-    return look(opened.estimator(), opened.source, opened.piece, opened.ground), time.process_time() - begun
+    seen = look(opened.estimator(), opened.source, opened.piece, opened.ground)
+    return Fitted(seen, cpu_s=time.process_time() - begun)
 
 
-def learn_from(opened: Opened, seen: tuple[Seen, float], before: Sequence[LearntRig] | None) -> list[LearntRig]:
+def learn_from(opened: Opened, seen: Fitted, before: Sequence[LearntRig] | None) -> list[LearntRig]:
     """How the rig has changed at each batch of a piece."""
-    return learn(opened.estimator(), seen[0], None if before is None else before[-1])
+    return learn(opened.estimator(), seen.seen, None if before is None else before[-1])
 
 
-def solve_for(
-    opened: Opened, seen: tuple[Seen, float], learnt: Sequence[LearntRig]
-) -> tuple[list[MovingContacts], float]:
-    """A piece's contacts, not yet tested for motion; and the processor's seconds."""
+def solve_for(opened: Opened, seen: Fitted, learnt: Sequence[LearntRig]) -> Fitted:
+    """A piece's contacts, not yet tested for motion."""
     begun = time.process_time()
-    return solve(opened.estimator(), seen[0], learnt), time.process_time() - begun
+    found = solve(opened.estimator(), seen.seen, learnt)
+    return replace(seen, learnt=learnt[-1], found=found, cpu_s=seen.cpu_s + time.process_time() - begun)
 
 
-def rows_of(
-    opened: Opened,
-    index: int,
-    before: RowMaker | None,
-    seen: tuple[Seen, float],
-    found: tuple[list[MovingContacts], float],
-) -> tuple[RowMaker, list[ContactRow], float]:
-    """The state after a piece, its rows, and the processor's seconds."""
-    begun = time.process_time()
-    # the state before is another task's result, which may be asked for again
-    maker = RowMaker(opened.rig, opened.source.shutter) if before is None else copy.deepcopy(before)
-    rows: list[ContactRow] = maker.push(seen[0], found[0])
-    if index == len(opened.pieces) - 1:
-        rows += maker.finish()
-    return maker, rows, time.process_time() - begun
+def judge_piece(opened: Opened, fitted: Fitted, before: Judged | None) -> Judged:
+    """The motion in a piece, from that in the one before it."""
+    return judge(opened.rig, opened.source.shutter, fitted.seen, fitted.found, before)
 
 
-def state_of(rows: tuple[RowMaker, list[ContactRow], float]) -> RowMaker:
-    """The state alone: the next piece may be done elsewhere."""
-    return rows[0]
-
-
-def file_of(
-    opened: Opened,
-    index: int,
-    rows: tuple[RowMaker, list[ContactRow], float],
-    seen: tuple[Seen, float],
-    found: tuple[list[MovingContacts], float],
-) -> Piece:
-    """The file of a piece's rows."""
+def file_of(opened: Opened, index: int, fitted: Fitted, judged: Sequence[Judged | None]) -> Piece:
+    """The file of a piece's rows; `judged` (3,) : the motion in the piece before it, its own, and in the next."""
     begun = time.process_time()
     path = opened.results.piece(opened.recording.name, str(opened.about["digest"]), index)
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_contacts(path, rows[1], force=True)
-    return Piece(path, seen[1] + found[1] + rows[2] + time.process_time() - begun)
+    write_contacts(path, rows(opened.rig, opened.source.shutter, fitted.seen, fitted.found, judged), force=True)
+    return Piece(path, fitted.cpu_s + time.process_time() - begun)
 
 
-def finish(opened: Opened, pieces: Sequence[Piece], learnt: Sequence[LearntRig]) -> Outcome:
+def learnt_of(fitted: Fitted) -> LearntRig | None:
+    """How the rig has changed by the end of a piece."""
+    return fitted.learnt
+
+
+def finish(opened: Opened, pieces: Sequence[Piece], learnt: LearntRig | None) -> Outcome:
     """The recording's contacts, object and summary."""
     recording, results = opened.recording, opened.results
-    changed = summary(learnt[-1])
+    assert learnt is not None
+    changed = summary(learnt)
     row = {
         **opened.about,
         "free_frames": changed["free_frames"],
@@ -268,7 +286,7 @@ def _about(recording: Recording, settings: Settings) -> Row:
     """How a summary begins: what the recording is, and the digests of all that its contacts depend on."""
     rig_sha256, inputs_sha256 = sha256(recording.rig), inputs_digest(recording.path)
     about = {"rig_sha256": rig_sha256, "inputs_sha256": inputs_sha256, "version": vbaa_calib.__version__}
-    whole = json.dumps([about, settings.said()], sort_keys=True).encode()
+    whole = json.dumps([about, settings.said(recording.path)], sort_keys=True).encode()
     return {
         "recording": recording.name,
         "state": "done",
@@ -287,12 +305,14 @@ def _rows(recording: Recording) -> int:
 
 def _opened(recording: Recording, settings: Settings, results: Results, about: Row) -> Opened:
     rig = Rig.load(recording.rig)
-    source = open_source(recording.path, rig, settings.no_moment)
+    source = open_source(recording.path, rig, settings.no_moment, settings.streams)
     rig = replace(rig, drift=drift_of(settings.drift, source.drift, rig.drift, track_zero=settings.track_zero))
     with TemporaryDirectory(prefix="vbaa-stills-") as folder:
         ground, _ = surroundings(rig, settings.background, lambda: source.stills(rig, Path(folder)))
-    count = len(source.frames)
-    return Opened(recording, settings, results, source, slice(0, count), rig, ground, about, count)
+    opened = Opened(recording, settings, results, source, slice(0, source.count), rig, ground, about, source.count)
+    if source.stream is None:
+        return opened
+    return replace(opened, source=replace(source, stream=source.stream.clocked(opened.estimator(), ground)))
 
 
 def _warnings(opened: Opened, changed: dict[str, Any]) -> list[str]:

@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from . import streams
 from .estimate import add_estimator_options
 
 if TYPE_CHECKING:
@@ -35,13 +36,16 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--reconstruct", action="store_true", help="each recording's object, too: objects/NAME.vtp")
     add_estimator_options(parser)
+    streams.configure(parser, readings=False)
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Estimate every recording that is not done yet; the exit code is 1 where one is missing at the end."""
     from estimator.contact.estimate import ContactEstimator
     from estimator.contact.pieces import cuts
+    from estimator.contact.source import is_stream
     from vbaa_calib.core.console import say
+    from vbaa_calib.core.errors import InputError
     from vbaa_calib.core.files import require_file
     from vbaa_calib.rig import Rig
     from viz.batch.cluster import Lost, Pace, client_of, run
@@ -60,6 +64,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         background = background.resolve()
     results = Results(args.output.resolve())
     results.prepare(args.argv)
+    if not any(is_stream(each.path) for each in recordings) and (wrong := streams.given(args)):
+        remedy = "leave it out: a session's readings are in recording/recording.csv"
+        raise InputError("belongs to bags and videos, of which there are none", where=wrong[0], remedy=remedy)
     settings = Settings(
         model=args.model,
         friction=args.friction,
@@ -67,6 +74,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         track_zero=args.track_zero,
         no_moment=args.no_moment,
         background=background,
+        streams=streams.options_of(args),
         reconstruct=args.reconstruct,
         piece=args.piece,
         threads=where.threads,

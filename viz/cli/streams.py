@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,23 +17,26 @@ if TYPE_CHECKING:
 
     from estimator.contact.estimate import ContactEstimator
     from estimator.contact.recording import Ground
+    from estimator.contact.source import StreamOptions
     from vbaa_calib.rig import Rig
     from vbaa_calib.session import Frame
-    from vbaa_calib.streams import Reading, Source, Taken, Timing
+    from vbaa_calib.streams import Source, Timing
     from vbaa_calib.streams.bags import Topics
 
 _ROLES = ("image", "moment", "joints", "camera")
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Arguments about streams."""
+def configure(parser: argparse.ArgumentParser, *, readings: bool = True) -> None:
+    """Arguments about streams; `readings`: those of a file, too."""
     group = parser.add_argument_group("streams")
-    group.add_argument(
-        "--readings",
-        type=Path,
-        metavar="FILE",
-        help="a table of readings: time_s and any of moment_Nm, moment_z_Nm, pan_rad, tilt_rad (or pan_deg, tilt_deg)",
-    )
+    if readings:
+        group.add_argument(
+            "--readings",
+            type=Path,
+            metavar="FILE",
+            help="a table of readings: time_s and any of moment_Nm, moment_z_Nm, pan_rad, tilt_rad (or pan_deg, "
+            "tilt_deg)",
+        )
     group.add_argument(
         "--topic",
         action="append",
@@ -72,8 +76,26 @@ def configure(parser: argparse.ArgumentParser) -> None:
 ESTIMATE = "estimate"
 
 
-def timing_of(args: argparse.Namespace, rig: Rig) -> Timing:
-    """How readings and pictures belong together; the clocks' offset is 0 where it is to be estimated.
+def given(args: argparse.Namespace) -> list[str]:
+    """The options about streams that are not as by default."""
+    usual = {"clock_offset": "0", "gap": 0.1, "wait": 0.25, "moment_axis": "y", "pan_joint": "", "tilt_joint": ""}
+    usual |= {"topic": [], "pan": None, "tilt": None, "degrees": False}
+    return ["--" + name.replace("_", "-") for name, value in usual.items() if getattr(args, name) != value]
+
+
+def options_of(args: argparse.Namespace) -> StreamOptions:
+    """How bags and videos are read. Raises InputError as `timing_of` and `topics_of` do."""
+    from estimator.contact.source import StreamOptions
+
+    if args.clock_offset == ESTIMATE and args.no_moment:
+        remedy = "leave out --no-moment, or state the offset"
+        raise InputError("--clock-offset estimate needs the moment", where="--no-moment", remedy=remedy)
+    return StreamOptions(topics_of(args), timing_of(args), args.clock_offset == ESTIMATE)
+
+
+def timing_of(args: argparse.Namespace, rig: Rig | None = None) -> Timing:
+    """How readings and pictures belong together, of this rig's sensor; the clocks' offset is 0 where it is to be
+    estimated.
 
     Raises InputError for times and angles that cannot be.
     """
@@ -93,46 +115,23 @@ def timing_of(args: argparse.Namespace, rig: Rig) -> Timing:
         value = getattr(args, name)
         if not least <= value <= most:  # NaN is not, either
             raise InputError(f"--{name} is {value}", remedy=f"give a number from {least:g} to {most:g}")
-    return Timing(offset_s, args.gap, args.wait, pan_tilt_rad(args), moment_std_Nm=rig.moment_noise_Nm)
+    timing = Timing(offset_s, args.gap, args.wait, pan_tilt_rad(args))
+    return timing if rig is None else replace(timing, moment_std_Nm=rig.moment_noise_Nm)
 
 
 def clocked(
     args: argparse.Namespace, path: Path, estimator: ContactEstimator, timing: Timing, ground: Ground | None
 ) -> Timing:
     """The timing with the clocks' offset, estimated from a recorded source if that is asked for. Raises InputError."""
-    from dataclasses import replace
-    from itertools import islice
-
-    import numpy as np
-
-    from estimator.contact.clock import FARTHEST_S, MOST_PICTURES, clock_offset
-    from estimator.contact.recording import detections, first_looks
+    from estimator.contact.clock import recorded_clock_offset
     from vbaa_calib.core.console import say
-    from vbaa_calib.streams import Reading, Synchronizer, taken_frames
 
     if args.clock_offset != ESTIMATE:
         return timing
     if args.no_moment:
         remedy = "leave out --no-moment, or state the offset"
         raise InputError("--clock-offset estimate needs the moment", where="--no-moment", remedy=remedy)
-    source = recorded(args, path, estimator.rig, timing)
-    read: list[tuple[float, float]] = []
-
-    def heard() -> Iterator[Taken | Reading | None]:
-        for message in source.messages():
-            if isinstance(message, Reading) and message.channel == "moment_Nm" and message.possible:
-                read.append((message.time_s, message.value))
-            yield message
-
-    # the joints' angles hardly change by what the clocks are apart
-    synchronizer = Synchronizer(
-        replace(timing, wait_s=2.0 * FARTHEST_S), source.channels, estimator.rig.camera.image_size
-    )
-    taken = islice(taken_frames(heard(), synchronizer), MOST_PICTURES)
-    seen = list(detections(estimator, first_looks(estimator, taken, ground)))
-    times_s, first = np.unique([time_s for time_s, _ in read], return_index=True)
-    moments_Nm = np.array([moment_Nm for _, moment_Nm in read])[first]
-    found = clock_offset(estimator, [each.measured for each in seen if each.line.found], times_s, moments_Nm)
+    found = recorded_clock_offset(estimator, lambda: recorded(args, path, estimator.rig, timing), timing, ground)
     say(
         f"the readings' clock: {1e3 * found.offset_s:+.1f} ± {1e3 * found.std_s:.1f} ms are added to their times, by "
         f"{found.frames} pictures"
