@@ -71,17 +71,17 @@ class _Common(Generic[Number, Flag, Text]):
     """What the estimator's results and the table share."""
 
     status: Text = _column("–", ", ".join(STATUSES), MISSING)
-    in_contact: Flag = _column("–", "true or false; false also where it is not known", False)
+    in_contact: Flag = _column("–", "true or false; false also if unknown", False)
     model: Text = _column(
         "–",
-        "rung of the ladder that was asked for; by default the lowest that is good enough for the frame, which `rod` "
-        "was fitted to: paper, linear, elastica or rod",
+        "mechanical model: the one requested, or else the lowest that would have been good enough (then `rod` was used): "
+        "paper, linear, elastica or rod",
         "",
     )
     distance_m: Number = _column("m", "arc length from the clamp to the contact")
     distance_std_m: Number = _column("m", "its standard deviation")
     distance_shared_std_m: Number = _column(
-        "m", "the part of it that all frames of the recording have in common: calibration and drift"
+        "m", "the part of it that is common to all frames of the recording: calibration and drift"
     )
     point_antenna_m: np.ndarray = _vector("m", "contact point on the centreline, antenna frame", "x_m y_m z_m")
     point_world_m: np.ndarray = _vector("m", "contact point on the centreline, world frame", "X_m Y_m Z_m")
@@ -90,13 +90,13 @@ class _Common(Generic[Number, Flag, Text]):
     )
     point_shared_std_m: np.ndarray = _vector(
         "m",
-        "the part of the world point's deviations that all frames have in common",
+        "the part of the world point's deviations that is common to all frames",
         "X_shared_std_m Y_shared_std_m Z_shared_std_m",
     )
     force_covariance_yz_N2: Number = _column("N²", "covariance of the force's components along y and z")
     force_shared_std_N: np.ndarray = _vector(
         "N",
-        "the part of the force's deviations that all frames have in common, antenna frame",
+        "the part of the force's deviations that is common to all frames, antenna frame",
         "force_x_shared_std_N force_y_shared_std_N force_z_shared_std_N",
     )
     force_world_N: np.ndarray = _vector("N", "the object's force on the antenna, world frame", "FX_N FY_N FZ_N")
@@ -104,21 +104,21 @@ class _Common(Generic[Number, Flag, Text]):
         "–", "unit tangent of the antenna at the contact, towards the tip, world frame", "TX TY TZ"
     )
     moment_residual_Nm: Number = _column(
-        "N·m", "the sensor's reading less what the fitted contact predicts; empty without a reading"
+        "N·m", "measured moment minus the fitted contact's; empty without a reading"
     )
     friction_angle_rad: Number = _column(
         "rad",
-        "the force's angle from the antenna's normal at the contact, positive towards the clamp; where the frame does "
-        "not determine it, about 0",
+        "the force's angle from the antenna's normal at the contact, positive towards the clamp; about 0 if the frame "
+        "does not determine it",
     )
     friction_angle_std_rad: Number = _column(
-        "rad", "its standard deviation; where the frame does not determine it, what `--friction` said"
+        "rad", "its standard deviation; that of `--friction` if the frame does not determine it"
     )
-    friction_prior_rad: Number = _column("rad", "standard deviation of the friction angle beforehand: `--friction`")
+    friction_prior_rad: Number = _column("rad", "standard deviation of the friction angle before the frame is seen: `--friction`")
     evidence: Number = _column(
         "–",
-        "half the difference of the sums of squares by which a contact explains the frame better than the free antenna "
-        "does; 1.5 to 2 on average without contact",
+        "half the difference of the sums of squares of free and touched antenna; above 14 there is contact, without one "
+        "it is 1.5 to 2 on average",
     )
     condition: Number = _column(
         "–", "condition number of the information on distance, force and friction, each scaled to unit deviation"
@@ -131,7 +131,7 @@ class ContactEstimate(_Common[Number, Flag, Text]):
 
     force_N: np.ndarray = _vector("N", "the object's force on the antenna, antenna frame")
     force_std_N: np.ndarray = _vector("N", "its standard deviation")
-    deflection_m: np.ndarray = _vector("m", "contact point less the same point of the free antenna, antenna frame")
+    deflection_m: np.ndarray = _vector("m", "contact point minus the same point of the free antenna, antenna frame")
 
 
 def declared(cls: type) -> dict[str, Column]:

@@ -19,13 +19,25 @@
     const actors = new Map(renderer.getActors().map((actor) => [actor.get("managedInstanceId").managedInstanceId, actor]));
     parts = story.parts.map((part) => {
       const mesh = actors.get(part.id).getMapper().getInputData();
-      return { ...part, actor: actors.get(part.id), mesh, cells: mesh.getPolys().getData() };
+      return { ...part, actor: actors.get(part.id), ink: actors.get(part.id).getProperty().getColor(), mesh, cells: mesh.getPolys().getData() };
     });
     story.modes.forEach((mode) => { mode.rgb = bytes(mode.rgb); });
     readAddress();
     connect();
+    const dark = matchMedia("(prefers-color-scheme: dark)");
+    dark.addEventListener("change", () => { shade(dark.matches); renderWindow.render(); });
+    shade(dark.matches);
+    element("legend").open = innerWidth > 800;
     paint();
     show();
+  }
+
+  // the background as the page has it, and what is nearly black light on a dark one
+  function shade(dark) {
+    renderer.setBackground(dark ? [0.06, 0.09, 0.16] : [1, 1, 1]);
+    for (const { name, actor, ink } of parts.filter((part) => ["antenna", "now"].includes(part.name))) {
+      actor.getProperty().setColor(dark ? [0.9, 0.93, 0.97] : ink);
+    }
   }
 
   // #moment=30&colour=time&all=0&view=1 opens the page there
