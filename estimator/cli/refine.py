@@ -126,7 +126,7 @@ def _words(found: Refined) -> list[str]:
     common = 1e3 * (numbers["distance_shared_std_m"]["refined"] or 0.0)
     lines = [
         f"{numbers['refined']} of {numbers['located']} contacts refined: distance known to {after:.2f} mm, "
-        f"{common:.2f} mm of it common to all, by themselves to {before:.2f} mm",
+        f"{common:.2f} mm of it common to all; frame by frame to {before:.2f} mm",
         f"the rig is off by {found.offness:.1f} of the deviations that its calibration says",
     ]
     mu = found.friction

@@ -197,7 +197,8 @@ class Problem:
             taken = pictures.touching[rows]
             one = linearised(taken.frames(arrays), RUNG, unknowns)
             points = np.maximum(np.isfinite(taken.points_px).all(axis=-1).sum(axis=1), 1)
-            trust = np.where(one.excess > 1.0 + EXCESS_SCATTER / np.sqrt(points), 1.0 / one.excess, 1.0)
+            scatter = np.where(points > 1, one.excess, 1.0)  # a camera that saw nothing has none
+            trust = np.where(scatter > 1.0 + EXCESS_SCATTER / np.sqrt(points), 1.0 / np.maximum(scatter, 1.0), 1.0)
             whole, side = self._data(one, unknowns)
             seen.append((one, trust[:, None, None] * (split.T @ whole @ split), trust[:, None] * (side @ split)))
         found, whole, side = seen[0][0], sum(each[1] for each in seen), sum(each[2] for each in seen)

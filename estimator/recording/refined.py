@@ -56,8 +56,6 @@ class Refined:
     offness: float  # how far the rig is off, in its calibration's deviations
     rig_p: float  # probability that it is so by accident
     trend_p: float = 1.0  # probability that a rig which stays as it is seems to change as much with time
-    trend: np.ndarray = None
-    trend_std: np.ndarray = None
 
     @property
     def friction(self) -> Friction | None:
@@ -136,6 +134,13 @@ def refine(
         if prior is not None:
             problem, found, note = _with_coulomb(problem, found, prior, strokes)
             notes += note
+    if not reason and found.trend_p < _ANOTHER_RIG:
+        found = found.changing()
+        size = 2.0 * float(np.linalg.norm(found.trend))
+        notes.append(
+            f"the rig changes while the recording lasts, by {size:.1f} deviations of its calibration: allowed for; "
+            "it is better refined in parts"
+        )
     foreign, refined = np.zeros((2, len(contacts)), bool)
     foreign[rows[found.weight == 0.0]] = True
     if reason:
@@ -145,7 +150,7 @@ def refine(
         notes.append(f"{foreign.sum()} frames do not belong to the rest and stay as they were")
     refined[rows[found.weight > 0.0]] = True
     table, better = _table(contacts, problem, found, rows), _rig_of(problem, found)
-    off = found.offness, found.prior_p, found.trend_p, found.trend, found.trend_std
+    off = found.offness, found.prior_p, found.trend_p
     return Refined(table, contacts, refined, foreign, better, rig, touched, "", tuple(notes), *off)
 
 
@@ -304,6 +309,11 @@ def _rig_of(problem: Problem, found: Solution) -> Rig:
     return problem.rig_at(found.state.shared).with_covariance(0.5 * (covariance + covariance.T))
 
 
+def _refined_reason(reason: str) -> str:
+    """Without what no longer holds: the friction is known now."""
+    return "; ".join([*(each for each in reason.split("; ") if "(--friction)" not in each), "refined"])
+
+
 def _table(contacts: ContactTable, problem: Problem, found: Solution, rows: np.ndarray) -> ContactTable:
     """The table with the refined frames' numbers. A frame's covariance is its own noise and what it shares: what is
     left of the rig's errors, and of the friction angle, since neighbours rub alike."""
@@ -370,7 +380,7 @@ def _table(contacts: ContactTable, problem: Problem, found: Solution, rows: np.n
         "deflection_z_m": (equations.touch[:, :3] - free)[:, 2],
         "bias_std": np.zeros(len(rows)),
         "model": np.full(len(rows), RUNG),
-        "reason": np.array([f"{each}; refined" for each in contacts.reason[rows]], dtype=object),
+        "reason": np.array([_refined_reason(each) for each in contacts.reason[rows]], dtype=object),
     }
     columns = {}
     for name in COLUMNS:
