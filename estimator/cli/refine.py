@@ -53,8 +53,12 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     outputs = [args.output] if args.update_rig is None else [args.output, args.update_rig]
     refuse_outputs(outputs, args.force, (args.contacts, args.rig, *(rig for rig, _ in args.view)))
-    for path, session in product(outputs, (args.session, *(session for _, session in args.view))):
-        refuse_measured(path, session)
+    folders = [args.session, *(session for _, session in args.view)]
+    for path, folder in product(outputs, folders):
+        refuse_measured(path, folder)
+    if len({folder.resolve() for folder in folders}) < len(folders):
+        where, remedy = args.view[-1][1], "--view takes the session of another camera"
+        raise InputError("the same pictures are given twice", where=where, remedy=remedy)
     check_format(args.output)
     if args.update_rig is not None and args.update_rig.suffix != ".json":
         raise InputError("is not a .json", where=args.update_rig, remedy="name it something.json")
