@@ -64,7 +64,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         raise InputError("is not a .json", where=args.update_rig, remedy="name it something.json")
     table = read_contacts(args.contacts)
     rig, session, recording = _recording(table, args.rig, args.session)
-    others = [_recording(table, *paths, within_s=_SAME_MOMENT_S) for paths in args.view]
+    others = [_recording(table, path, folder, _SAME_MOMENT_S) for path, folder in args.view]
     with about(args.contacts):
         views = [View(other, seen) for other, _, seen in others]
         found = refine(table, rig, recording, session.known_object, views)

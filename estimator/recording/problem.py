@@ -104,9 +104,7 @@ class Problem:
         views = []
         for view in self.views:
             quiet = spread_evenly(len(view.free), most_free)
-            views.append(
-                replace(view, touching=view.touching[rows], free=view.free[quiet], free_s=view.free_s[quiet])
-            )
+            views.append(replace(view, touching=view.touching[rows], free=view.free[quiet], free_s=view.free_s[quiet]))
         prior, held = self.friction.picked(rows), self.held[rows]
         return replace(self, views=tuple(views), held=held, friction=prior, time_s=self.time_s[rows])
 

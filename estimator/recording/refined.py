@@ -9,11 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from estimator.contact.common_errors import empty_frames, unknowns_of
-from estimator.contact.drift import FEWEST_FREE_POINTS, FREE_GAIN, parameter_changes
-from estimator.contact.inputs import Batch
+from estimator.contact.drift import parameter_changes
 from estimator.contact.status import FEWEST_POINTS
 from estimator.object.estimate import estimate_object
-from estimator.solver.linearised import bend, free_antennas
+from estimator.solver.linearised import bend
 from estimator.solver.rig_arrays import UNKNOWNS, RigArrays
 from estimator.table.contacts import COLUMNS, FRICTION_RAD, ContactTable, Measured, joint_angles
 from vbaa_calib.antenna.nodes import CONTACT
@@ -25,7 +24,8 @@ from vbaa_calib.session import KnownObject
 from .coulomb import as_estimated, by_coulomb, contradicted
 from .problem import RUNG, FrictionPrior, Problem, State
 from .solve import Solution, solved
-from .views import Pictures, View, beside, completed
+from .views import View, beside, completed, pictures_of
+from .zero import walk_of_zero
 
 if TYPE_CHECKING:
     from estimator.object.estimate import ObjectEstimate
@@ -120,7 +120,7 @@ def refine(
     problem, start = begun(contacts, rig, recording, rows, known, views)
     strokes = _strokes(contacts, rows)
     found = solved(problem, start, strokes)
-    reason = _refusal(found, known is not None)
+    reason = _refusal(found, known is not None) or walk_of_zero(problem.views[0], FRICTION_RAD, RUNG)
     touched: ObjectEstimate | None = None
     notes: list[str] = []
     if not reason and known is not None and found.offness > _ALLOWED_OFFNESS:
@@ -234,7 +234,7 @@ def begun(
         placed = [(each, np.pad(before, more)) for each, before in placed] + [(other, axes)]
         several.append([replace(each, moment_Nm=np.nan, moment_z_Nm=np.nan) for each in view.recording])
     pictures = tuple(
-        _pictures(contacts, rows, seen, replace(RigArrays.from_rig(each, FRICTION_RAD), axes=axes), each)
+        pictures_of(contacts, rows, seen, replace(RigArrays.from_rig(each, FRICTION_RAD), axes=axes), each)
         for seen, (each, axes) in zip(several, placed, strict=True)
     )
     at = contacts.picked(rows)
@@ -250,21 +250,6 @@ def begun(
     gravity = np.einsum("bji,j->bi", rotation, rig.gravity_world_m_s2)
     unknowns = unknowns_of(empty_frames(arrays, gravity), contacts, rows)
     return problem, State(unknowns, np.zeros(problem.size))
-
-
-def _pictures(
-    contacts: ContactTable, rows: np.ndarray, recording: Sequence[Measured], arrays: RigArrays, rig: Rig
-) -> Pictures:
-    """One camera's contacts, and its frames in which the antenna is free beyond doubt, all of its errors allowed for."""
-    touching = Batch.of([recording[row] for row in rows.tolist()])
-    quiet, free = np.flatnonzero(contacts.status == "no_contact"), touching[:0]
-    if len(quiet):
-        free = Batch.of([recording[row] for row in quiet.tolist()])
-        frames = free.frames(arrays)
-        still = np.asarray(frames.usable.sum(-1) >= FEWEST_FREE_POINTS)
-        still[still] = free_antennas(frames.select(still)).gain < FREE_GAIN
-        quiet, free = quiet[still], free[still]
-    return Pictures(rig, arrays.axes, touching, free, contacts.time_s[quiet])
 
 
 def _strokes(contacts: ContactTable, rows: np.ndarray) -> np.ndarray:

@@ -7,9 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from estimator.contact.drift import FEWEST_FREE_POINTS, FREE_GAIN
 from estimator.contact.estimate import ContactEstimator
 from estimator.contact.inputs import Batch
 from estimator.contact.status import FEWEST_POINTS
+from estimator.solver.linearised import free_antennas
+from estimator.solver.rig_arrays import RigArrays
 from estimator.table.contacts import LOCATED, ContactRow, ContactTable, Measured
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.least_squares import disagreement_p
@@ -40,7 +43,8 @@ class Pictures:
 
     rig : its camera's; antenna, sensor and joints are the first one's. axes : (17 + P, R) about it, of the R
         independent steps of all rigs together. touching, free : B contacts and F frames of the free antenna, at times
-        free_s (F,).
+        free_s (F,). straight, straight_s : Z frames without a located contact whose picture shows the free antenna,
+        whatever is read.
     """
 
     rig: Rig
@@ -48,6 +52,8 @@ class Pictures:
     touching: Batch
     free: Batch
     free_s: np.ndarray
+    straight: Batch
+    straight_s: np.ndarray
 
     def moved(self, shared: np.ndarray) -> Rig:
         """After the shared steps (S,), of which the first R are the rigs'."""
@@ -129,3 +135,34 @@ def completed(contacts: ContactTable, recording: Sequence[Measured], views: Sequ
                 frame = Frame(None, row.pan_rad, row.tilt_rad, reading, frame=row.frame, time_s=row.time_s)
                 rows[index] = ContactRow.of(frame, contact)
     return ContactTable.from_rows(rows) if views else contacts
+
+
+def pictures_of(
+    contacts: ContactTable, rows: np.ndarray, recording: Sequence[Measured], arrays: RigArrays, rig: Rig
+) -> Pictures:
+    """One camera's contacts in these rows, and its frames of the free antenna."""
+    touching = Batch.of([recording[row] for row in rows.tolist()])
+    others = np.flatnonzero(~contacts.located)
+    apart = Batch.of([recording[row] for row in others.tolist()]) if len(others) else touching[:0]
+    quiet = contacts.status[others] == "no_contact"
+    quiet[quiet] = _still(apart[quiet], arrays)
+    straight = _still(replace(apart, readings_Nm=np.full_like(apart.readings_Nm, np.nan)), arrays)
+    return Pictures(
+        rig,
+        arrays.axes,
+        touching,
+        apart[quiet],
+        contacts.time_s[others[quiet]],
+        apart[straight],
+        contacts.time_s[others[straight]],
+    )
+
+
+def _still(batch: Batch, arrays: RigArrays) -> np.ndarray:
+    """(B,) bool, frames in which the antenna is free beyond doubt, all of its errors allowed for."""
+    if not len(batch):
+        return np.zeros(0, bool)
+    frames = batch.frames(arrays)
+    still = np.asarray(frames.usable.sum(-1) >= FEWEST_FREE_POINTS)
+    still[still] = free_antennas(frames.select(still)).gain < FREE_GAIN
+    return still

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +15,9 @@ from benchmarks.object.scenes import AXIS, CASES, CENTRE, RIGID, Recorded, conta
 from benchmarks.recording.recording import bound_m, measured
 from estimator.recording import Refined, View, refine
 from estimator.table.contacts import ContactTable, Measured
+from estimator.table.files import read_contacts, write_contacts
+from tests.recordings import SESSION
+from vbaa_calib.cli.main import main
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.simulate.scene.objects import TouchObject
 
@@ -85,6 +90,35 @@ def test_a_camera_that_saw_nothing_changes_nothing() -> None:
     std = alone.contacts.distance_std_m[rows]
     assert np.abs(found.contacts.distance_m - alone.contacts.distance_m)[rows] / std == pytest.approx(0.0, abs=1e-3)
     assert found.contacts.distance_std_m[rows] == pytest.approx(std, rel=1e-3)
+
+
+def written(recorded: Recorded, lines: list[Measured], folder: Path) -> tuple[Path, Path]:
+    """rig.json and session of a camera."""
+    session = folder / "session"
+    (session / "recording").mkdir(parents=True)
+    (session / "session.yaml").write_text(SESSION.replace("drift: lab\n", ""))
+    (folder / "rig.json").write_text(json.dumps(recorded.given.to_dict()))
+    rows, points = ["frame,time_s,pan_rad,tilt_rad,moment_Nm"], ["frame,u_px,v_px,sigma_px"]
+    for frame, each in enumerate(lines):
+        rows.append(f"{frame},{each.time_s!r},{each.pan_rad!r},{each.tilt_rad!r},{each.moment_Nm!r}")
+        pixels = each.points_px[np.isfinite(each.points_px).all(axis=1)].tolist()
+        points += [f"{frame},{u!r},{v!r},{recorded.sigma_px}" for u, v in pixels]
+    (session / "recording" / "recording.csv").write_text("\n".join(rows) + "\n")
+    (session / "recording" / "centrelines.csv").write_text("\n".join(points) + "\n")
+    return folder / "rig.json", session
+
+
+def test_the_command_takes_two_cameras(tmp_path: Path) -> None:
+    both, table, lines = seen(0)
+    places = [written(one, seen_by, tmp_path / name) for one, seen_by, name in zip(both, lines, "ab", strict=True)]
+    (rig, session), (other_rig, other_session) = places
+    write_contacts(tmp_path / "contacts.csv", table.rows())
+    call = f"refine {tmp_path}/contacts.csv --rig {rig} --session {session} -o {tmp_path}/refined.csv --view"
+    assert main([*call.split(), str(other_rig), str(other_session)]) == 0
+    found, expected = read_contacts(tmp_path / "refined.csv"), together(0).contacts
+    rows = together(0).refined
+    off = np.abs(found.distance_m - expected.distance_m)[rows] / expected.distance_std_m[rows]
+    assert off.max() < 0.05
 
 
 def test_views_that_cannot_be_are_refused() -> None:
