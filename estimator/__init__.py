@@ -9,9 +9,10 @@ if TYPE_CHECKING:
     from estimator.contact.estimate import ContactEstimator
     from estimator.object.next_touch import NextTouch, next_touch
     from estimator.recording.refined import Refined, refine
+    from estimator.recording.views import View
     from estimator.table.contacts import Contact, Measured
 
-__all__ = ["Contact", "ContactEstimator", "Measured", "NextTouch", "Refined", "next_touch", "refine"]
+__all__ = ["Contact", "ContactEstimator", "Measured", "NextTouch", "Refined", "View", "next_touch", "refine"]
 
 _HOMES = {
     "Contact": ".table.contacts",
@@ -21,6 +22,7 @@ _HOMES = {
     "next_touch": ".object.next_touch",
     "Refined": ".recording.refined",
     "refine": ".recording.refined",
+    "View": ".recording.views",
 }
 
 

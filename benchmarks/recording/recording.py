@@ -19,7 +19,7 @@ from benchmarks.figures import GREEN, GREY, INK, label, panels
 from benchmarks.harness import Draws, Findings, Options, column, rms, row_of, table
 from benchmarks.object.scenes import AXIS, CASES, CENTRE, RIGID, SETUP, SOFT, Case, Recorded, contacts, play
 from estimator.object.estimate import estimate_object
-from estimator.recording import Refined, refine
+from estimator.recording import Refined, View, refine
 from estimator.recording.problem import FrictionPrior
 from estimator.recording.refined import begun
 from estimator.table.contacts import ContactTable, Measured
@@ -186,13 +186,15 @@ def _true_table(given: ContactTable, recorded: Recorded) -> ContactTable:
     )
 
 
-def bound_m(table: ContactTable, recorded: Recorded, lines: Sequence[Measured], rows: np.ndarray) -> np.ndarray:
+def bound_m(
+    table: ContactTable, recorded: Recorded, lines: Sequence[Measured], rows: np.ndarray, views: Sequence[View] = ()
+) -> np.ndarray:
     """(P,) the joint Cramér–Rao bound of the contact points in these rows, their three coordinates together: about the
-    true contacts and the true rig, with the friction angle known."""
+    true contacts and the true rig, with the friction angle known. views : of further cameras, with their true rigs."""
     known = FrictionPrior(np.zeros(len(rows)), np.full(len(rows), _KNOWN_ANGLE_RAD))
     at = _true_table(table, recorded)
     prior = replace(recorded.true, covariance=recorded.given.covariance)
-    problem, state = begun(at, prior, lines, rows, None)
+    problem, state = begun(at, prior, lines, rows, None, views)
     known = FrictionPrior(problem.friction_rad * state.unknowns[:, 3], known.std_rad)
     problem = replace(problem, friction=known)
     equations = problem.equations(state)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
     from vbaa_calib.rig import Rig
     from vbaa_calib.session import Session
 
+_SAME_MOMENT_S = 1e-3  # pictures of two cameras that are farther apart in time are not of one frame
+
 
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("contacts", type=Path, help="contacts.csv or .parquet, as vbaa estimate writes it")
@@ -31,27 +34,40 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="RIG",
         help="write the rig as the recording tells it; best with known_object in session.yaml",
     )
+    parser.add_argument(
+        "--view",
+        type=Path,
+        nargs=2,
+        action="append",
+        default=[],
+        metavar=("RIG", "SESSION"),
+        help="a further camera: its rig.json, of the same antenna, and its session with the same frames",
+    )
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Solve the recording as one, write refined.csv and, where asked for, the rig."""
-    from estimator.recording import refine
+    from estimator.recording import View, refine
     from estimator.table.files import check_format, read_contacts, write_contacts
-    from vbaa_calib.rig import Rig
-    from vbaa_calib.session import load_session, refuse_measured
+    from vbaa_calib.session import refuse_measured
 
     outputs = [args.output] if args.update_rig is None else [args.output, args.update_rig]
-    refuse_outputs(outputs, args.force, (args.contacts, args.rig))
-    for path in outputs:
-        refuse_measured(path, args.session)
+    refuse_outputs(outputs, args.force, (args.contacts, args.rig, *(rig for rig, _ in args.view)))
+    folders = [args.session, *(session for _, session in args.view)]
+    for path, folder in product(outputs, folders):
+        refuse_measured(path, folder)
+    if len({folder.resolve() for folder in folders}) < len(folders):
+        where, remedy = args.view[-1][1], "--view takes the session of another camera"
+        raise InputError("the same pictures are given twice", where=where, remedy=remedy)
     check_format(args.output)
     if args.update_rig is not None and args.update_rig.suffix != ".json":
         raise InputError("is not a .json", where=args.update_rig, remedy="name it something.json")
-    table, rig, session = read_contacts(args.contacts), Rig.load(args.rig), load_session(args.session)
-    if session.drift is not None:
-        rig = replace(rig, drift=session.drift)
+    table = read_contacts(args.contacts)
+    rig, session, recording = _recording(table, args.rig, args.session)
+    others = [_recording(table, path, folder, _SAME_MOMENT_S) for path, folder in args.view]
     with about(args.contacts):
-        found = refine(table, rig, _recording(table, rig, session), session.known_object)
+        views = [View(other, seen) for other, _, seen in others]
+        found = refine(table, rig, recording, session.known_object, views)
     write_contacts(args.output, found.contacts.rows(), args.force)
     if args.update_rig is not None and not found.reason:
         write_json(args.update_rig, _document(args, found), force=args.force)
@@ -70,14 +86,20 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     }
 
 
-def _recording(table: ContactTable, rig: Rig, session: Session) -> Sequence[Measured]:
-    """What the frames of the table were measured to be. Raises InputError where the session has others."""
+def _recording(
+    table: ContactTable, rig_json: Path, folder: Path, within_s: float = 1e-6
+) -> tuple[Rig, Session, Sequence[Measured]]:
+    """A rig, and what the frames of the table were measured to be. Raises InputError where the session has others."""
     import numpy as np
 
     from estimator.contact.estimate import ContactEstimator
     from estimator.contact.recording import measured_recording
-    from vbaa_calib.session import check_pictures, read_recording
+    from vbaa_calib.rig import Rig
+    from vbaa_calib.session import check_pictures, load_session, read_recording
 
+    rig, session = Rig.load(rig_json), load_session(folder)
+    if session.drift is not None:
+        rig = replace(rig, drift=session.drift)
     frames = {frame.frame: frame for frame in read_recording(session)}
     where = session.root / "recording" / "recording.csv"
     unknown = [int(each) for each in table.frame if int(each) not in frames]
@@ -86,7 +108,7 @@ def _recording(table: ContactTable, rig: Rig, session: Session) -> Sequence[Meas
         raise InputError(f"has no frame {unknown[0]}, which is among the contacts", where=where, remedy=remedy)
     chosen = [frames[int(each)] for each in table.frame]
     times = np.abs(np.array([frame.time_s for frame in chosen]) - table.time_s)
-    if (times > 1e-6).any():
+    if (times > within_s).any():
         what = f"frame {int(table.frame[np.argmax(times)])} has another time than among the contacts"
         raise InputError(what, where=where, remedy=remedy)
     pictures = [frame.image for frame in chosen if frame.image is not None]
@@ -97,7 +119,7 @@ def _recording(table: ContactTable, rig: Rig, session: Session) -> Sequence[Meas
     silent = np.isnan(table.moment_residual_Nm) & table.located
     chosen = [replace(frame, moment_Nm=np.nan) if quiet else frame for frame, quiet in zip(chosen, silent, strict=True)]
     measured = measured_recording(ContactEstimator(rig), session, chosen)
-    return list(progress(measured, "frames", len(chosen)) if pictures else measured)
+    return rig, session, list(progress(measured, "frames", len(chosen)) if pictures else measured)
 
 
 def _words(found: Refined) -> list[str]:
@@ -108,7 +130,7 @@ def _words(found: Refined) -> list[str]:
     common = 1e3 * (numbers["distance_shared_std_m"]["refined"] or 0.0)
     lines = [
         f"{numbers['refined']} of {numbers['located']} contacts refined: distance known to {after:.2f} mm, "
-        f"{common:.2f} mm of it common to all, by themselves to {before:.2f} mm",
+        f"{common:.2f} mm of it common to all; frame by frame to {before:.2f} mm",
         f"the rig is off by {found.offness:.1f} of the deviations that its calibration says",
     ]
     mu = found.friction

@@ -22,6 +22,7 @@ from vbaa_calib.rig import Rig
 from vbaa_calib.session import KnownObject
 
 from .known_object import known_equations
+from .views import Pictures
 
 RUNG = "rod"  # the highest: what a lower rung leaves out is the same in neighbours and adds up
 _CHUNK = 512
@@ -76,25 +77,45 @@ class Equations:
 class Problem:
     """A recording of B contacts and F frames of the free antenna, to be fitted as one."""
 
-    rig: Rig  # as calibrated, with the drift that may have come since
-    axes: np.ndarray  # (17 + P, R) of `RigArrays`, about that rig
     friction_rad: float  # unit of the friction angle among the unknowns
-    touching: Batch  # what was measured in contact
-    free: Batch  # and without
+    views: tuple[Pictures, ...]  # of each camera; the first one's rig is that of the contacts, and has the readings
     held: np.ndarray  # (B,) bool, distances that are fixed at the tip
     friction: FrictionPrior  # what is known of the friction angles
+    time_s: np.ndarray  # (B,) NaN where not known
     known: KnownObject | None = None  # the object that is touched, where it is known
 
+    @property
+    def rig(self) -> Rig:
+        """As calibrated."""
+        return self.views[0].rig
+
+    @property
+    def axes(self) -> np.ndarray:
+        """(17 + P, R) of `RigArrays`, about that rig, with the drift that may have come since."""
+        return self.views[0].axes
+
+    @property
+    def touching(self) -> Batch:
+        """What the first camera and the sensor measured in contact."""
+        return self.views[0].touching
+
     def picked(self, rows: np.ndarray, most_free: int) -> Problem:
-        """With these contacts alone, and so many free frames at most."""
-        free = self.free[spread_evenly(len(self.free), most_free)]
+        """With these contacts alone, and so many free frames of each camera at most."""
+        views = []
+        for view in self.views:
+            quiet = spread_evenly(len(view.free), most_free)
+            views.append(replace(view, touching=view.touching[rows], free=view.free[quiet], free_s=view.free_s[quiet]))
         prior, held = self.friction.picked(rows), self.held[rows]
-        return replace(self, touching=self.touching[rows], free=free, held=held, friction=prior)
+        return replace(self, views=tuple(views), held=held, friction=prior, time_s=self.time_s[rows])
+
+    def lines_of(self, view: Pictures) -> int:
+        """How many errors a line in its pictures has."""
+        return len(RigArrays.from_rig(view.rig, self.friction_rad).line)
 
     @property
     def lines(self) -> int:
-        """L, how many errors a line has."""
-        return len(RigArrays.from_rig(self.rig, self.friction_rad).line)
+        """L, how many errors the lines of a frame have."""
+        return sum(map(self.lines_of, self.views))
 
     @property
     def size(self) -> int:
@@ -103,54 +124,53 @@ class Problem:
 
     def rig_at(self, shared: np.ndarray) -> Rig:
         """The rig after the shared steps (S,)."""
-        return self.rig.moved(self.axes @ shared[: self.axes.shape[1]])
+        return self.views[0].moved(shared)
 
-    def arrays_at(self, shared: np.ndarray) -> RigArrays:
-        """The same for the solver; its axes stay."""
-        return replace(RigArrays.from_rig(self.rig_at(shared), self.friction_rad), axes=self.axes)
+    def arrays_at(self, shared: np.ndarray, view: int = 0) -> RigArrays:
+        """The same for the solver, or another camera's; its axes stay."""
+        of = self.views[view]
+        return replace(RigArrays.from_rig(of.moved(shared), self.friction_rad), axes=of.axes)
 
     def equations(self, state: State) -> Equations:
         """Of the contacts, linearised at a state."""
-        arrays, split = self.arrays_at(state.shared), self._split()
-        parts = [
-            self._of_chunk(arrays, split, state, slice(begin, begin + _CHUNK))
-            for begin in range(0, len(self.touching), _CHUNK)
-        ]
-        if not parts:
-            parts = [self._of_chunk(arrays, split, state, slice(0, 0))]
+        views = [(self.arrays_at(state.shared, index), self._split(index)) for index in range(len(self.views))]
+        begins = range(0, max(len(self.touching), 1), _CHUNK)
+        parts = [self._of_chunk(views, state, slice(begin, begin + _CHUNK)) for begin in begins]
         return Equations(
             *(np.concatenate(column) for column in zip(*(vars(part).values() for part in parts), strict=True))
         )
 
     def free_equations(self, state: State) -> tuple[np.ndarray, np.ndarray]:
         """Information (F, S, S) and side (F, S) that the frames of the free antenna give of the shared steps."""
-        arrays, split = self.arrays_at(state.shared), self._split()[UNKNOWNS:]
         own, size = self.lines, self.size
         information, side = [np.zeros((0, size, size))], [np.zeros((0, size))]
-        for begin in range(0, len(self.free), _CHUNK):
-            found = free_antennas(self.free[begin : begin + _CHUNK].frames(arrays))
-            steps = found.information.shape[1]
-            whole = split.T @ (found.information - np.eye(steps)) @ split
-            right = found.side @ split
-            whole[:, UNKNOWNS : UNKNOWNS + own, UNKNOWNS : UNKNOWNS + own] += np.eye(own)
-            mine, others = slice(UNKNOWNS, UNKNOWNS + own), slice(UNKNOWNS + own, None)
-            through = np.linalg.solve(whole[:, mine, mine], whole[:, mine, others])
-            information.append(whole[:, others, others] - whole[:, others, mine] @ through)
-            side.append(right[:, others] - np.einsum("bks,bk->bs", through, right[:, mine]))
+        for index, view in enumerate(self.views):
+            arrays, split = self.arrays_at(state.shared, index), self._split(index)[UNKNOWNS:]
+            for begin in range(0, len(view.free), _CHUNK):
+                found = free_antennas(view.free[begin : begin + _CHUNK].frames(arrays))
+                steps = found.information.shape[1]
+                whole = split.T @ (found.information - np.eye(steps)) @ split
+                right = found.side @ split
+                whole[:, UNKNOWNS : UNKNOWNS + own, UNKNOWNS : UNKNOWNS + own] += np.eye(own)
+                mine, others = slice(UNKNOWNS, UNKNOWNS + own), slice(UNKNOWNS + own, None)
+                through = np.linalg.solve(whole[:, mine, mine], whole[:, mine, others])
+                information.append(whole[:, others, others] - whole[:, others, mine] @ through)
+                side.append(right[:, others] - np.einsum("bks,bk->bs", through, right[:, mine]))
         return np.concatenate(information), np.concatenate(side)
 
-    def _split(self) -> np.ndarray:
-        """(4 + R + L, 4 + L + S) a frame's unknowns and steps, from its own ones and the shared ones. A line's errors
-        are partly common to all frames: by a lamp that moved."""
-        rig, lines = self.axes.shape[1], self.lines
-        split = np.zeros((UNKNOWNS + rig + lines, UNKNOWNS + lines + self.size))
+    def _split(self, index: int) -> np.ndarray:
+        """(4 + R + K, 4 + L + S) a frame's unknowns and steps in one camera's pictures, whose lines have K errors, from
+        its own ones and the shared ones. A line's errors are partly common to all frames: by a lamp that moved."""
+        view, rig, lines = self.views[index], self.axes.shape[1], self.lines
+        before, count = sum(map(self.lines_of, self.views[:index])), self.lines_of(view)
+        split = np.zeros((UNKNOWNS + rig + count, UNKNOWNS + lines + self.size))
         split[:UNKNOWNS, :UNKNOWNS] = np.eye(UNKNOWNS)
         split[UNKNOWNS : UNKNOWNS + rig, UNKNOWNS + lines : UNKNOWNS + lines + rig] = np.eye(rig)
-        if lines:
-            drift, first = self.rig.drift, UNKNOWNS + lines + rig
+        if count:
+            drift, own, common = view.rig.drift, UNKNOWNS + before, UNKNOWNS + lines + rig + before
             whole = np.hypot(drift.line_px, drift.light_px)
-            split[UNKNOWNS + rig :, UNKNOWNS : UNKNOWNS + lines] = drift.line_px / whole * np.eye(lines)
-            split[UNKNOWNS + rig :, first : first + lines] = drift.light_px / whole * np.eye(lines)
+            split[UNKNOWNS + rig :, own : own + count] = drift.line_px / whole * np.eye(count)
+            split[UNKNOWNS + rig :, common : common + count] = drift.light_px / whole * np.eye(count)
         return split
 
     @staticmethod
@@ -167,15 +187,20 @@ class Problem:
         side -= (weight * off)[:, None] * end
         return whole, side
 
-    def _of_chunk(self, arrays: RigArrays, split: np.ndarray, state: State, rows: slice) -> Equations:
+    def _of_chunk(self, views: list[tuple[RigArrays, np.ndarray]], state: State, rows: slice) -> Equations:
         unknowns, batch, prior = state.unknowns[rows], self.touching[rows], self.friction.picked(rows)
-        found = linearised(batch.frames(arrays), RUNG, unknowns)
         own, shared = slice(0, UNKNOWNS + self.lines), slice(UNKNOWNS + self.lines, None)
-        whole, side = self._data(found, unknowns)
-        points = np.isfinite(batch.points_px).all(axis=-1).sum(axis=1)
-        trust = np.where(found.excess > 1.0 + EXCESS_SCATTER / np.sqrt(points), 1.0 / found.excess, 1.0)
-        whole, side = trust[:, None, None] * (split.T @ whole @ split), trust[:, None] * (side @ split)
-        touch_columns = found.columns @ split
+        seen = []
+        for pictures, (arrays, split) in zip(self.views, views, strict=True):
+            taken = pictures.touching[rows]
+            one = linearised(taken.frames(arrays), RUNG, unknowns)
+            points = np.maximum(np.isfinite(taken.points_px).all(axis=-1).sum(axis=1), 1)
+            scatter = np.where(points > 1, one.excess, 1.0)  # a camera that saw nothing has none
+            trust = np.where(scatter > 1.0 + EXCESS_SCATTER / np.sqrt(points), 1.0 / np.maximum(scatter, 1.0), 1.0)
+            whole, side = self._data(one, unknowns)
+            seen.append((one, trust[:, None, None] * (split.T @ whole @ split), trust[:, None] * (side @ split)))
+        found, whole, side = seen[0][0], sum(each[1] for each in seen), sum(each[2] for each in seen)
+        touch_columns = found.columns @ views[0][1]
         if self.known is not None:
             place = self.rig.kinematics.world_antenna(batch.pan_rad, batch.tilt_rad)
             radius_m = 0.5 * self.rig.antenna.diameter_m

@@ -9,11 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from estimator.contact.common_errors import empty_frames, unknowns_of
-from estimator.contact.drift import FEWEST_FREE_POINTS, FREE_GAIN, parameter_changes
-from estimator.contact.inputs import Batch
+from estimator.contact.drift import parameter_changes
 from estimator.contact.status import FEWEST_POINTS
 from estimator.object.estimate import estimate_object
-from estimator.solver.linearised import bend, free_antennas
+from estimator.solver.linearised import bend
 from estimator.solver.rig_arrays import UNKNOWNS, RigArrays
 from estimator.table.contacts import COLUMNS, FRICTION_RAD, ContactTable, Measured, joint_angles
 from vbaa_calib.antenna.nodes import CONTACT
@@ -25,6 +24,8 @@ from vbaa_calib.session import KnownObject
 from .coulomb import as_estimated, by_coulomb, contradicted
 from .problem import RUNG, FrictionPrior, Problem, State
 from .solve import Solution, solved
+from .views import View, beside, completed, pictures_of
+from .zero import walk_of_zero
 
 if TYPE_CHECKING:
     from estimator.object.estimate import ObjectEstimate
@@ -54,6 +55,7 @@ class Refined:
     notes: tuple[str, ...]
     offness: float  # how far the rig is off, in its calibration's deviations
     rig_p: float  # probability that it is so by accident
+    trend_p: float = 1.0  # probability that a rig which stays as it is seems to change as much with time
 
     @property
     def friction(self) -> Friction | None:
@@ -93,23 +95,32 @@ def _pair(before: np.ndarray, after: np.ndarray) -> dict[str, float | None]:
 
 
 def refine(
-    contacts: ContactTable, rig: Rig, recording: Sequence[Measured], known: KnownObject | None = None
+    contacts: ContactTable,
+    rig: Rig,
+    recording: Sequence[Measured],
+    known: KnownObject | None = None,
+    views: Sequence[View] = (),
 ) -> Refined:
     """One maximum a posteriori problem over all frames of a recording.
 
     contacts : of `vbaa estimate` with this rig. recording : what was measured in each of its B frames, in order.
     rig : as calibrated, with the drift that may have come since. known : the object, where its place is known.
+    views : what further cameras saw of the same frames.
 
     Raises
     ------
-    InputError : contacts and recording are not of one another, or not of this rig; no frame is located.
+    InputError : contacts and recording are not of one another, or not of this rig; no frame is located; a further
+        camera's rig has another antenna.
     """
-    _check(contacts, rig, recording)
-    rows = _usable(contacts, recording)
-    problem, start = begun(contacts, rig, recording, rows, known)
+    for each in (recording, *(view.recording for view in views)):
+        _check_frames(contacts, each)
+    came, contacts = contacts, completed(contacts, recording, views)
+    _check(contacts, rig)
+    rows = _usable(contacts, recording, views)
+    problem, start = begun(contacts, rig, recording, rows, known, views)
     strokes = _strokes(contacts, rows)
     found = solved(problem, start, strokes)
-    reason = _refusal(found, known is not None)
+    reason = _refusal(found, known is not None) or walk_of_zero(problem.views[0], FRICTION_RAD, RUNG)
     touched: ObjectEstimate | None = None
     notes: list[str] = []
     if not reason and known is not None and found.offness > _ALLOWED_OFFNESS:
@@ -123,16 +134,23 @@ def refine(
         if prior is not None:
             problem, found, note = _with_coulomb(problem, found, prior, strokes)
             notes += note
+    if not reason and found.trend_p < _ANOTHER_RIG:
+        found = found.changing()
+        size = 2.0 * float(np.linalg.norm(found.trend))
+        notes.append(
+            f"the rig changes while the recording lasts, by {size:.1f} deviations of its calibration: allowed for; "
+            "it is better refined in parts"
+        )
     foreign, refined = np.zeros((2, len(contacts)), bool)
     foreign[rows[found.weight == 0.0]] = True
     if reason:
         nothing = np.zeros(len(contacts), bool)
-        return Refined(contacts, contacts, nothing, foreign, rig, rig, None, reason, (), found.offness, found.prior_p)
+        return Refined(came, came, nothing, foreign, rig, rig, None, reason, (), found.offness, found.prior_p)
     if foreign.any():
         notes.append(f"{foreign.sum()} frames do not belong to the rest and stay as they were")
     refined[rows[found.weight > 0.0]] = True
     table, better = _table(contacts, problem, found, rows), _rig_of(problem, found)
-    off = found.offness, found.prior_p
+    off = found.offness, found.prior_p, found.trend_p
     return Refined(table, contacts, refined, foreign, better, rig, touched, "", tuple(notes), *off)
 
 
@@ -157,14 +175,11 @@ def _with_coulomb(
     return again, second, []
 
 
-def _check(contacts: ContactTable, rig: Rig, recording: Sequence[Measured]) -> None:
+def _check_frames(contacts: ContactTable, recording: Sequence[Measured]) -> None:
     if len(recording) != len(contacts):
         raise InputError(
             f"{len(contacts)} contacts, but {len(recording)} frames", remedy="give the recording that they were made of"
         )
-    joint_angles(rig.kinematics, contacts)
-    if not contacts.located.any():
-        raise InputError("no frame has a contact point", remedy="estimate a recording in which the antenna touches")
     apart = np.array([[each.pan_rad, each.tilt_rad] for each in recording]) - np.stack(
         [contacts.pan_rad, contacts.tilt_rad], axis=1
     )
@@ -175,6 +190,12 @@ def _check(contacts: ContactTable, rig: Rig, recording: Sequence[Measured]) -> N
             f"frame {which} has other joint angles in the recording than among the contacts",
             remedy="give the session that the contacts were made of",
         )
+
+
+def _check(contacts: ContactTable, rig: Rig) -> None:
+    joint_angles(rig.kinematics, contacts)
+    if not contacts.located.any():
+        raise InputError("no frame has a contact point", remedy="estimate a recording in which the antenna touches")
     longest = float(np.nanmax(np.where(contacts.located, contacts.distance_m, np.nan)))
     if longest > 1.001 * rig.antenna.length_m:
         raise InputError(
@@ -183,46 +204,52 @@ def _check(contacts: ContactTable, rig: Rig, recording: Sequence[Measured]) -> N
         )
 
 
-def _usable(contacts: ContactTable, recording: Sequence[Measured]) -> np.ndarray:
-    """(P,) rows of located frames with enough points."""
-    points = np.array([np.isfinite(each.points_px).all(axis=1).sum() for each in recording])
-    rows = np.flatnonzero(contacts.located & np.isfinite(contacts.distance_std_m) & (points >= FEWEST_POINTS))
+def _usable(contacts: ContactTable, recording: Sequence[Measured], views: Sequence[View]) -> np.ndarray:
+    """(P,) rows of located frames with enough points in one camera's picture."""
+    points = [
+        [np.isfinite(each.points_px).all(axis=1).sum() for each in seen]
+        for seen in (recording, *(view.recording for view in views))
+    ]
+    enough = np.max(points, axis=0) >= FEWEST_POINTS
+    rows = np.flatnonzero(contacts.located & np.isfinite(contacts.distance_std_m) & enough)
     if not len(rows):
         raise InputError("no located frame has points in the recording", remedy="give the session of these contacts")
     return rows
 
 
 def begun(
-    contacts: ContactTable, rig: Rig, recording: Sequence[Measured], rows: np.ndarray, known: KnownObject | None
+    contacts: ContactTable,
+    rig: Rig,
+    recording: Sequence[Measured],
+    rows: np.ndarray,
+    known: KnownObject | None,
+    views: Sequence[View] = (),
 ) -> tuple[Problem, State]:
-    """The problem, and where it begins: at the contacts as they are, the rig as calibrated."""
+    """The problem, and where it begins: at the contacts as they are, the rigs as calibrated."""
     arrays = RigArrays.from_rig(rig, FRICTION_RAD)
-    touching = Batch.of([recording[row] for row in rows.tolist()])
-    quiet = np.flatnonzero(contacts.status == "no_contact")
-    free = _free(Batch.of([recording[row] for row in quiet.tolist()]), arrays) if len(quiet) else touching[:0]
+    placed, several = [(rig, arrays.axes)], [recording]
+    for view in views:
+        other, axes = beside(rig, placed[0][1], view.rig)
+        more = ((0, 0), (0, axes.shape[1] - placed[0][1].shape[1]))
+        placed = [(each, np.pad(before, more)) for each, before in placed] + [(other, axes)]
+        several.append([replace(each, moment_Nm=np.nan, moment_z_Nm=np.nan) for each in view.recording])
+    pictures = tuple(
+        pictures_of(contacts, rows, seen, replace(RigArrays.from_rig(each, FRICTION_RAD), axes=axes), each)
+        for seen, (each, axes) in zip(several, placed, strict=True)
+    )
     at = contacts.picked(rows)
     problem = Problem(
-        rig=rig,
-        axes=arrays.axes,
         friction_rad=FRICTION_RAD,
-        touching=touching,
-        free=free,
+        views=pictures,
         held=at.status == "tip_contact",
         friction=as_estimated(at, FRICTION_RAD),
+        time_s=at.time_s,
         known=known,
     )
-    rotation, _ = rig.kinematics.world_antenna(touching.pan_rad, touching.tilt_rad)
+    rotation, _ = rig.kinematics.world_antenna(at.pan_rad, at.tilt_rad)
     gravity = np.einsum("bji,j->bi", rotation, rig.gravity_world_m_s2)
     unknowns = unknowns_of(empty_frames(arrays, gravity), contacts, rows)
     return problem, State(unknowns, np.zeros(problem.size))
-
-
-def _free(batch: Batch, arrays: RigArrays) -> Batch:
-    """The frames in which the antenna is free beyond doubt, all of its errors allowed for."""
-    frames = batch.frames(arrays)
-    free = frames.usable.sum(-1) >= FEWEST_FREE_POINTS
-    free[free] = free_antennas(frames.select(free)).gain < FREE_GAIN
-    return batch[free]
 
 
 def _strokes(contacts: ContactTable, rows: np.ndarray) -> np.ndarray:
@@ -265,6 +292,11 @@ def _rig_of(problem: Problem, found: Solution) -> Rig:
     axes, count = problem.axes, problem.axes.shape[1]
     covariance = axes @ found.covariance[:count, :count] @ axes.T
     return problem.rig_at(found.state.shared).with_covariance(0.5 * (covariance + covariance.T))
+
+
+def _refined_reason(reason: str) -> str:
+    """Without what no longer holds: the friction is known now."""
+    return "; ".join([*(each for each in reason.split("; ") if "(--friction)" not in each), "refined"])
 
 
 def _table(contacts: ContactTable, problem: Problem, found: Solution, rows: np.ndarray) -> ContactTable:
@@ -333,7 +365,7 @@ def _table(contacts: ContactTable, problem: Problem, found: Solution, rows: np.n
         "deflection_z_m": (equations.touch[:, :3] - free)[:, 2],
         "bias_std": np.zeros(len(rows)),
         "model": np.full(len(rows), RUNG),
-        "reason": np.array([f"{each}; refined" for each in contacts.reason[rows]], dtype=object),
+        "reason": np.array([_refined_reason(each) for each in contacts.reason[rows]], dtype=object),
     }
     columns = {}
     for name in COLUMNS:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,6 +20,8 @@ _DOUBTED, _FOREIGN, _BEYOND_DOUBT = 1e-2, 1e-6, 1e-9
 """Probabilities below which a frame counts less; below which it, or its stroke, does not belong; and below which it is
 not even begun with, unless more than a part `_FEW` of all are such."""
 _FEW = 0.4
+_WIDE = 1e-2  # prior information of a change while the recording lasts: ten times what a calibration leaves
+_ALONE = 1e12  # information of all the rest, where a disagreement's covariance is its information already
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +35,14 @@ class Solution:
     prior_p: float  # that a rig as it was calibrated is off by as much
     offness: float  # how far that is, in its deviations
     converged: bool  # whether the steps came to an end
+    trend: np.ndarray  # (R,) change of the rig's steps, from the middle of the recording to its end
+    trend_p: float  # that a rig which stays as it is shows as much
+
+    def changing(self) -> Solution:
+        """With how far the rig of a frame is from that of all, at most, in the covariance."""
+        covariance, count = self.covariance.copy(), len(self.trend)
+        covariance[:count, :count] += np.outer(self.trend, self.trend)
+        return replace(self, covariance=covariance)
 
 
 def solved(problem: Problem, start: State, strokes: np.ndarray, widening: float = 1.0) -> Solution:
@@ -64,6 +74,7 @@ def solved(problem: Problem, start: State, strokes: np.ndarray, widening: float 
     offset = np.zeros((1, problem.size))
     offset[0, :rig] = -prior[:rig] * state.shared[:rig]
     square, freedom = disagreement(np.diag(prior * (np.arange(problem.size) < rig))[None], offset, total)
+    trend = _trend(few, state, equations, weight, total)
     if len(chosen) < len(problem.touching):
         state, equations = _others(problem, State(start.unknowns, state.shared), state.unknowns, chosen)
         weight = _weights(equations, _pull(problem, state, equations), total)
@@ -76,7 +87,30 @@ def solved(problem: Problem, start: State, strokes: np.ndarray, widening: float 
         float(disagreement_p(square, freedom)[0]),
         _offness(np.linalg.inv(total), prior, rig, float(square[0] - freedom[0])),
         converged,
+        *trend,
     )
+
+
+def _trend(
+    problem: Problem, state: State, equations: Equations, weight: np.ndarray, total: np.ndarray
+) -> tuple[np.ndarray, float]:
+    """How a rig that changes evenly with time does so, by the frames' pulls: its steps (R,), and the probability of as
+    much by accident (score test)."""
+    free_information, free_side = problem.free_equations(state)
+    ahead, rig = _ahead(problem, state), problem.axes.shape[1]
+    information = np.concatenate([weight[:, None, None] * equations.information, free_information])
+    pull = np.concatenate([weight[:, None] * equations.side, free_side]) - information @ ahead
+    time_s = np.concatenate([problem.time_s, *(view.free_s for view in problem.views)])
+    first, last = np.min(time_s, initial=np.inf), np.max(time_s, initial=-np.inf)
+    if not last > first:  # nor where times are not known
+        return np.zeros(rig), 1.0
+    when = (2.0 * time_s - first - last) / (last - first)
+    across = np.einsum("b,brs->rs", when, information[:, :rig])
+    of_trend = np.einsum("b,brs->rs", when**2, information[:, :rig, :rig])
+    of_trend -= across @ np.linalg.solve(total, across.T)
+    side = when @ pull[:, :rig]
+    square, freedom = disagreement(of_trend[None], side[None], _ALONE * np.eye(rig))
+    return np.linalg.solve(of_trend + _WIDE * np.eye(rig), side), float(disagreement_p(square, freedom)[0])
 
 
 def _offness(covariance: np.ndarray, prior: np.ndarray, rig: int, excess: float) -> float:

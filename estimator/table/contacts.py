@@ -174,6 +174,7 @@ class _Columns(_Common[Number, Flag, Text], Generic[Whole, Number, Flag, Text]):
     )
     pan_rad: Number = _column("rad", "joint angle, from the recording")
     tilt_rad: Number = _column("rad", "joint angle, from the recording")
+    contact: Whole = _column("–", "which of the frame's contacts: 0; 1 and more where others give several", 0)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -246,7 +247,7 @@ REQUIRED = (
 OPTIONAL = (
     *("force_world_N", "friction_angle_rad", "friction_angle_std_rad", "bias_std", "condition"),
     *("pan_rad", "tilt_rad", "evidence", "friction_prior_rad", "tangent_world"),
-    *("distance_shared_std_m", "point_shared_std_m", "force_covariance_yz_N2", "force_shared_std_N"),
+    *("distance_shared_std_m", "point_shared_std_m", "force_covariance_yz_N2", "force_shared_std_N", "contact"),
 )
 """What ours has after that; optional when read."""
 COLUMNS: dict[str, Column] = {name: declared(_Columns)[name] for name in (*REQUIRED, *OPTIONAL)}

@@ -1,4 +1,5 @@
-"""contacts.csv and contacts.parquet: one row per frame, whatever its status."""
+"""contacts.csv and contacts.parquet: a row for every frame, whatever its status; several where a frame has several
+contacts."""
 
 from __future__ import annotations
 
@@ -36,7 +37,7 @@ _UPPER = np.triu_indices(3)
 _NAMES = {field: column_names([field]) for field in COLUMNS}
 _DIGITS = {name: column.digits for field, column in COLUMNS.items() for name in _NAMES[field]}
 _BOOLEANS = {"true": True, "1": True, "false": False, "0": False}
-_TEXTS = ("frame", "time_s", "status", "in_contact", "model", "reason")  # are read in a way of their own
+_TEXTS = ("frame", "time_s", "status", "in_contact", "model", "reason", "contact")  # are read in a way of their own
 
 
 def check_format(path: Path) -> None:
@@ -82,29 +83,37 @@ def write_row(stream: TextIO, cells: Mapping[str, Any]) -> None:
     csv.writer(stream, lineterminator="\n").writerow([_text(value, _DIGITS[name]) for name, value in cells.items()])
 
 
-def read_contacts(path: Path) -> ContactTable:
+def read_contacts(path: Path, several: bool = False) -> ContactTable:
     """Read contacts from a CSV, or from a Parquet file by its suffix.
+
+    several : whether a frame may have several contacts, one row each, with numbers of their own in the column contact.
 
     Raises
     ------
-    InputError : a missing file, column or number, an unknown status, a duplicate frame, times that run backwards, a
-        matrix that is no covariance; with file, line and remedy.
+    InputError : a missing file, column or number, an unknown status, a duplicate frame or a frame's second contact,
+        times that run backwards, a matrix that is no covariance; with file, line and remedy.
     """
     path = Path(path)
     read = _parquet_rows if path.suffix == _PARQUET else csv_rows
     rows: list[ContactRow] = []
     parts: list[ContactTable] = []
-    lines: dict[int, str] = {}
+    lines: dict[tuple[int, int], str] = {}
     time_s = -np.inf
     for record in read(path, column_names(REQUIRED), column_names(OPTIONAL)):
         row, where = _row_of(record, path), f"{path} line {record['line']}"
-        if row.frame in lines:
+        key = row.frame, row.contact
+        if row.contact and not several:
             raise InputError(
-                f"frame {row.frame} stands already in line {lines[row.frame]}", where=where, remedy="keep one of them"
+                f"is contact {row.contact} of frame {row.frame}: only one contact of a frame is supported here",
+                where=where,
+                remedy="keep the rows whose contact is 0",
             )
+        if key in lines:
+            what = f"frame {row.frame} stands already in line {lines[key]}"
+            raise InputError(what, where=where, remedy="keep one of them, or number them in the column contact")
         if row.time_s < time_s:
             raise InputError(f"time_s runs backwards, {time_s:g} to {row.time_s:g}", where=where, remedy="sort by time")
-        lines[row.frame], time_s = record["line"], row.time_s
+        lines[key], time_s = record["line"], row.time_s
         rows.append(row)
         if len(rows) == _ROWS_TOGETHER:
             parts.append(ContactTable.from_rows(rows))
@@ -201,6 +210,7 @@ def _row_of(record: Mapping[str, str], path: Path) -> ContactRow:
         in_contact=in_contact,
         model=record["model"],
         reason=record["reason"],
+        contact=whole_number(record, "contact", path) if record.get("contact") else 0,
         **values,
     )
 

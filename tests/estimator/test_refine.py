@@ -98,6 +98,27 @@ def test_a_stroke_with_another_camera_pose_is_named() -> None:
     assert (found.contacts.distance_m[kept] == table.distance_m[kept]).all()
 
 
+def test_a_zero_that_walks_is_named_and_the_contacts_come_back() -> None:
+    recorded = recording(8, 111)
+    walk = np.linspace(0.0, 20.0, len(recorded)) * recorded.true.moment_sensor.std_Nm
+    walked = replace(recorded, moment_Nm=recorded.moment_Nm + walk)
+    found = refine(contacts(walked), walked.given, measured(walked))
+    assert "zero walks" in found.reason
+    assert not found.refined.any()
+
+
+def test_a_camera_that_turns_while_the_recording_lasts_is_allowed_for() -> None:
+    recorded = recording(9, 111)
+    aside = np.linspace(0.0, 0.03, len(recorded))[:, None, None] * np.array([0.3, 0.95])
+    moved = replace(recorded, centrelines_px=recorded.centrelines_px + aside)
+    still, found = (refine(contacts(each), each.given, measured(each)) for each in (recorded, moved))
+    assert still.trend_p > 1e-3
+    assert found.trend_p < 1e-4 and found.notes or found.reason
+    rows = found.refined & recorded.truth.in_contact
+    off = (found.contacts.distance_m - recorded.truth.distance_m)[rows] / found.contacts.distance_std_m[rows]
+    assert np.sqrt(np.mean(off**2)) < 1.3
+
+
 def test_another_rig_is_refused_and_the_contacts_come_back() -> None:
     recorded = recording(7)
     table, lines = contacts(recorded), measured(recorded)

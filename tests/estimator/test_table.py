@@ -79,7 +79,7 @@ def test_columns_of_the_contract_come_first_and_unknown_numbers_are_empty(writte
     assert tuple(header) == column_names()
     last = dict(zip(header, body[-1], strict=True))
     filled = {name for name, cell in last.items() if cell}
-    assert filled == {"frame", "time_s", "status", "in_contact", "model", "reason"}
+    assert filled == {"frame", "time_s", "status", "in_contact", "model", "reason", "contact"}
     assert "nan" not in written.read_text().lower()
 
 
@@ -112,8 +112,19 @@ def test_a_contact_becomes_a_row() -> None:
     row = ContactRow.of(frame, replace(contact, force_N=np.array([1.0, 2.0, 3.0])))
     assert (row.frame, row.status, row.model, row.reason, row.bias_std) == (7, "ok", "rod", "why", 0.3)
     assert (row.force_y_N, row.force_z_N) == (2.0, 3.0)
-    others = {"frame", "status", "in_contact", "model", "reason", "bias_std", "force_y_N", "force_z_N"}
+    others = {"frame", "status", "in_contact", "model", "reason", "bias_std", "force_y_N", "force_z_N", "contact"}
     assert all(np.all(getattr(row, field.name) == 0.125) for field in fields(row) if field.name not in others)
+
+
+def test_a_frame_may_have_several_contacts_where_they_are_asked_for(rows: list[ContactRow], tmp_path: Path) -> None:
+    path = tmp_path / "contacts.csv"
+    write_contacts(path, [rows[0], replace(rows[0], contact=1)])
+    assert read_contacts(path, several=True).contact.tolist() == [0, 1]
+    with pytest.raises(InputError, match="line 3: is contact 1 of frame"):
+        read_contacts(path)
+    write_contacts(path, [replace(rows[0], contact=1)] * 2, force=True)
+    with pytest.raises(InputError, match="stands already in line 2"):
+        read_contacts(path, several=True)
 
 
 def test_a_clock_since_1970_keeps_its_milliseconds(tmp_path: Path) -> None:

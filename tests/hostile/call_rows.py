@@ -126,6 +126,8 @@ CALLS: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     ("refined into a spreadsheet", f"{REFINE} -o a.xlsx", ("is neither .csv nor .parquet",)),
     ("a rig in a table", f"{REFINE} -o a.csv --update-rig b.csv", ("b.csv: is not a .json",)),
     ("onto the rig that came", f"{REFINE} -o a.csv --force --update-rig rig.json", ("rig.json", "is an input")),
+    ("the same camera twice", f"{REFINE} -o a.csv --view rig.json session", ("session: the same pictures",)),
+    ("a further camera without a rig", f"{REFINE} -o a.csv --view none.json other", ("none.json: no such file",)),
     ("refined without a session", "refine contacts.csv --rig rig.json -o a.csv", ("--session",)),
     ("refined without a rig", "refine contacts.csv --session session -o a.csv", ("--rig",)),
     ("smooth without a rig", "track contacts.csv -o a.csv --smooth b.csv", ("--smooth needs --rig",)),
