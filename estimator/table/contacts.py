@@ -103,9 +103,7 @@ class _Common(Generic[Number, Flag, Text]):
     tangent_world: np.ndarray = _vector(
         "–", "unit tangent of the antenna at the contact, towards the tip, world frame", "TX TY TZ"
     )
-    moment_residual_Nm: Number = _column(
-        "N·m", "measured moment minus the fitted contact's; empty without a reading"
-    )
+    moment_residual_Nm: Number = _column("N·m", "measured moment minus the fitted contact's; empty without a reading")
     friction_angle_rad: Number = _column(
         "rad",
         "the force's angle from the antenna's normal at the contact, positive towards the clamp; about 0 if the frame "
@@ -114,7 +112,9 @@ class _Common(Generic[Number, Flag, Text]):
     friction_angle_std_rad: Number = _column(
         "rad", "its standard deviation; that of `--friction` if the frame does not determine it"
     )
-    friction_prior_rad: Number = _column("rad", "standard deviation of the friction angle before the frame is seen: `--friction`")
+    friction_prior_rad: Number = _column(
+        "rad", "standard deviation of the friction angle before the frame is seen: `--friction`"
+    )
     evidence: Number = _column(
         "–",
         "half the difference of the sums of squares of free and touched antenna; above 14 there is contact, without one "

@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import json
+import os
 import re
 import shutil
 import tempfile
@@ -32,7 +33,7 @@ from vbaa_calib.calibrate.given_lens import read_lens
 from vbaa_calib.calibrate.pose.robot_tables import read_corners, read_robot_poses
 from vbaa_calib.convert import FORMATS
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.core.files import read_json, read_yaml
+from vbaa_calib.core.files import read_json, read_yaml, with_lines
 from vbaa_calib.core.images import read_gray
 from vbaa_calib.detect.board.board_file import load_board
 from vbaa_calib.session import centrelines_of, load_session, read_recording
@@ -137,7 +138,7 @@ def _session(path: Path) -> None:
 READERS = (
     Reader("session", "session/session.yaml", _session),
     Reader("board", "board.yaml", load_board),
-    Reader("scene", "scene.yaml", load_scene),
+    Reader("scene", "scene.yaml", load_scene, seldom=2),
     Reader("rig", "rig.json", Rig.load),
     Reader("camera", "camera.json", Camera.load),
     Reader("wizard", "store/wizard.json", Journal.read),
@@ -151,6 +152,7 @@ READERS = (
         "centrelines",
         "lined/recording/centrelines.csv",
         lambda path: _of(path, lambda its: _every_centreline(read_centrelines(its))),
+        seldom=2,
     ),
     Reader("deflections", "stiffness.csv", lambda path: read_deflections(path, 1.0, 0.2)),
     Reader("poses", "poses.csv", read_robot_poses),
@@ -166,13 +168,15 @@ READERS = (
     Reader("mrcal", "mrcal.txt", FORMATS["mrcal"].read, seldom=50),
     Reader("ply", "object.ply", read_object),
     Reader("glb", "object.glb", read_object),
-    Reader("vtp", "object.vtp", read_object, seldom=50),
+    Reader("vtp", "object.vtp", read_object, seldom=100),
     Reader("lens", "camera.json", read_lens),
-    Reader("tracked", "lined/recording/centrelines.csv", lambda path: _every_centreline(centrelines_of(path))),
+    Reader(
+        "tracked", "lined/recording/centrelines.csv", lambda path: _every_centreline(centrelines_of(path)), seldom=2
+    ),
     Reader("mcap", "stream.mcap", _bag),
     Reader("bag", "stream.bag", _bag),
-    Reader("bag_metadata", "stream/metadata.yaml", _bag),
-    Reader("bag_database", "stream/stream.db3", _bag),
+    Reader("bag_metadata", "stream/metadata.yaml", _bag, seldom=5),
+    Reader("bag_database", "stream/stream.db3", _bag, seldom=5),
     Reader("stream_readings", "stream.csv", lambda path: _all_of(csv_readings(path)[1])),
     Reader("stream_table", "stream_pictures.csv", lambda path: _every_message(open_table(path))),
     Reader("lines", "stream.jsonl", _lines),
@@ -281,8 +285,8 @@ def _in_bytes(data: bytes, _: str, rng: np.random.Generator) -> bytes:
 def _in_structure(data: bytes, path: str, rng: np.random.Generator) -> bytes:
     """One value of a YAML or JSON file replaced, removed or given another name; unchanged where it is none any more."""
     try:
-        whole = json.loads(data) if path.endswith(".json") else yaml.safe_load(data)
-    except (ValueError, yaml.YAMLError, RecursionError):
+        whole = json.loads(data) if path.endswith(".json") else with_lines(data.decode())[0]
+    except (ValueError, ArithmeticError, AttributeError, LookupError, TypeError, yaml.YAMLError, RecursionError):
         return data
     place = whole
     for _ in range(6):
@@ -304,7 +308,7 @@ def _in_structure(data: bytes, path: str, rng: np.random.Generator) -> bytes:
             place[key] = odd
         break
     with contextlib.suppress(ValueError, yaml.YAMLError):
-        return (json.dumps(whole) if path.endswith(".json") else yaml.safe_dump(whole)).encode()
+        return (json.dumps(whole) if path.endswith(".json") else yaml.dump(whole, Dumper=yaml.CSafeDumper)).encode()
     return data
 
 
@@ -350,7 +354,9 @@ def main() -> None:
     args = parser.parse_args()
     counts: dict[str, Counter[str]] = {reader.name: Counter() for reader in READERS}
     broken: dict[tuple[str, str], str] = {}
-    with tempfile.TemporaryDirectory(prefix="fuzz-") as name:
+    # syncing is for power cuts, which nothing here can show; and no disk, where memory serves as one
+    os.fsync = lambda _: None  # type: ignore[assignment]
+    with tempfile.TemporaryDirectory(prefix="fuzz-", dir="/dev/shm" if os.path.isdir("/dev/shm") else None) as name:
         add_streams(Path(shutil.copytree(good_files(), name, dirs_exist_ok=True)))
         for number, (reader, data, came) in enumerate(runs(Path(name), args.runs, args.seed)):
             sound = came in ("read", "refused")

@@ -19,6 +19,10 @@ from pathlib import Path
 from typing import Any
 
 import yaml
+from yaml.composer import Composer, ComposerError
+from yaml.constructor import ConstructorError, SafeConstructor
+from yaml.cyaml import CParser
+from yaml.resolver import Resolver
 
 from .errors import InputError, reason_of
 
@@ -31,8 +35,8 @@ _TEXT = "tag:yaml.org,2002:str"
 _DEEPEST = 64
 """Lists and mappings in each other."""
 _MOST_JSON_BYTES = 256_000_000
-_MOST_VALUES = 1e6
-"""That a YAML file stands for, its aliases written out."""
+_MOST_VALUES = 100_000
+"""Of a YAML file, its aliases written out."""
 
 
 def read_bytes(path: Path, kind: str = "file", most: int = MOST_BYTES) -> bytes:
@@ -99,8 +103,25 @@ def with_lines(text: str) -> tuple[Any, Callable[[Sequence[str | int]], int | No
     return loader.construct_document(root), line_of
 
 
-class _UniqueKeyLoader(yaml.SafeLoader):
-    """YAML without silent surprises: a key given twice is an error, not the last one wins."""
+class _UniqueKeyLoader(Composer, CParser, SafeConstructor, Resolver):
+    """YAML without silent surprises: a key given twice is an error, not the last one wins.
+
+    libyaml reads the text; the tree is built in Python, where nesting raises RecursionError: PyYAML's CSafeLoader
+    ends the process.
+    """
+
+    def __init__(self, text: str) -> None:
+        CParser.__init__(self, text)
+        for base in (Composer, SafeConstructor, Resolver):
+            base.__init__(self)
+        self._count = 0
+
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        """As Composer's, which has no bound."""
+        self._count += 1
+        if self._count > _MOST_VALUES:
+            raise ComposerError(None, None, f"more than {_MOST_VALUES} values", self.peek_event().start_mark)
+        return super().compose_node(parent, index)
 
     def resolve(self, kind: Any, value: Any, implicit: Any) -> str:
         """As SafeLoader's, but a long word is a text: PyYAML's patterns of numbers take a square of its length."""
@@ -111,14 +132,14 @@ class _UniqueKeyLoader(yaml.SafeLoader):
     def construct_scalar(self, node: Any) -> Any:
         """As SafeLoader's, but a long number is refused: its digits take a square of their length, too."""
         if isinstance(node, yaml.ScalarNode) and node.tag != _TEXT and len(node.value) > _LONGEST_NUMBER:
-            raise yaml.constructor.ConstructorError(None, None, "no number is that long", node.start_mark)
+            raise ConstructorError(None, None, "no number is that long", node.start_mark)
         return super().construct_scalar(node)
 
     def get_single_node(self) -> yaml.Node | None:
         """As SafeLoader's, but a small file whose aliases make it endless is refused."""
         node = super().get_single_node()
         if node is not None and _size(node, {}) > _MOST_VALUES:
-            raise yaml.composer.ComposerError(None, None, "its aliases never end", node.start_mark)
+            raise ComposerError(None, None, "its aliases never end", node.start_mark)
         return node
 
 
@@ -141,7 +162,7 @@ def _unique_mapping(loader: _UniqueKeyLoader, node: yaml.MappingNode, deep: bool
         if not isinstance(key, Hashable):
             break  # construct_mapping below refuses it
         if key in seen:
-            raise yaml.constructor.ConstructorError(None, None, f"the key {key!r} stands twice", key_node.start_mark)
+            raise ConstructorError(None, None, f"the key {key!r} stands twice", key_node.start_mark)
         seen.add(key)
     return loader.construct_mapping(node, deep)
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import difflib
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, TypeVar
 
@@ -101,12 +102,22 @@ def checked(model: type[T], data: Any, where: object, remedy: str, key: str = ""
         name = _dotted(key, bad)
         place = _with_line(where, data, bad)
         raise InputError(f"{name} is not a finite number", where=place, remedy="give a number in SI units")
-    adapter: TypeAdapter[T] = TypeAdapter(model)
     try:
-        return adapter.validate_python(data)
+        return _adapter(model).validate_python(data)
     except ValidationError as error:
         place = _with_line(where, data, _first(error)["loc"])
-        raise refusal(error, place, remedy, key, adapter.json_schema) from None
+        raise refusal(error, place, remedy, key, lambda: _bounds(model)) from None
+
+
+@cache
+def _adapter(model: type[T]) -> TypeAdapter[T]:
+    return TypeAdapter(model)
+
+
+@cache
+def _bounds(model: type) -> Mapping[str, Any]:
+    """JSON Schema of a model; it takes longer than to check a file."""
+    return _adapter(model).json_schema()
 
 
 def refusal(
@@ -157,7 +168,7 @@ def _with_line(where: object, data: Any, loc: Sequence[int | str]) -> object:
         return where
     try:
         held, line_of = with_lines(read_text(where))
-    except (InputError, YAMLError, ValueError):
+    except (InputError, YAMLError, ValueError, RecursionError):
         return where
     above = () if held == data else ("board",) if isinstance(held, dict) and held.get("board") == data else None
     line = None if above is None else line_of([*above, *loc])

@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 
 from vbaa_calib.core.errors import InputError, clipped
+from vbaa_calib.core.files import read_yaml
 from vbaa_calib.core.images import as_levels, read_picture
 
 from .messages import Messages, Reading, Source, Taken, blank
@@ -83,6 +84,8 @@ def open_bag(path: Path, topics: Topics, camera_matrix: np.ndarray | None, image
     if not os.path.exists(path):
         raise InputError("no such bag", where=path, remedy="check the path")
     highlevel = require_extra("rosbags.highlevel", "live")
+    if os.path.isdir(path):
+        read_yaml(path / "metadata.yaml")  # bounded, which the reader's own YAML is not
     stack = ExitStack()
     try:
         reader = highlevel.AnyReader([path], default_typestore=_typestore(path))
