@@ -108,6 +108,7 @@ def test_a_clamp_that_leaves_the_picture_tells_which_end_it_is() -> None:
     assert nees(scene, guess=None) < 25.0
 
 
+@pytest.mark.slow
 def test_a_marked_clamp_fixes_the_place_without_a_tip() -> None:
     scene = shown(View(distance=0.3, look_at=(0.0, 0.0, 0.0), over=replace(PLAIN.over, center_m=(0.075, 0.005))))
     line = scene.centreline_px()
