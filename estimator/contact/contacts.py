@@ -99,7 +99,7 @@ def contacts_of(
             numbers=numbers,
             requested=model,
             status=status,
-            in_contact=numbers.finite & ~np.isin(status, (NO_ANTENNA, NO_CONTACT)),
+            in_contact=numbers.finite & (status != NO_ANTENNA) & (status != NO_CONTACT),
             model=_NAMES[numbers.rung],
             distance_m=given(numbers.unknowns[:, 0] * length),
             distance_std_m=given(numbers.std[:, 0] * length),

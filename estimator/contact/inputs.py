@@ -154,11 +154,12 @@ def _column(name: str, values: Values, count: int) -> np.ndarray:
 def _deviations(points_px: np.ndarray, sigma_px: np.ndarray | float) -> np.ndarray:
     """(B, N) deviations of points (B, N, 2) from one, (B, 1) or (B, N). Raises InputError where there is a point."""
     sigma = as_floats(sigma_px, "sigma_px", "give standard deviations in px")
+    positive = sigma.size > 0 and sigma.min() > 0.0 and sigma.max() < np.inf
     try:
-        sigma = np.array(np.broadcast_to(sigma, points_px.shape[:2]))
+        sigma = np.broadcast_to(sigma, points_px.shape[:2])
     except ValueError:
         raise InputError(f"sigma_px has shape {sigma.shape}", remedy="give one number or one for each point") from None
-    if not ((sigma > 0) & np.isfinite(sigma))[np.isfinite(points_px).all(axis=-1)].all():
+    if not positive and not ((sigma > 0) & np.isfinite(sigma))[np.isfinite(points_px).all(axis=-1)].all():
         raise InputError("sigma_px is not everywhere positive and finite", remedy="give standard deviations in px")
     return sigma
 
@@ -170,11 +171,15 @@ def _in_order(points_px: np.ndarray, sigma_px: np.ndarray) -> tuple[np.ndarray, 
     """
     if points_px.shape[1] == 0:
         return points_px, sigma_px
-    with np.errstate(all="ignore"):
-        wide, high = (
-            np.fmax.reduce(side, axis=1) - np.fmin.reduce(side, axis=1) for side in np.moveaxis(points_px, -1, 0)
-        )
-    sideways = (wide >= high)[:, None]
     u, v = points_px[..., 0], points_px[..., 1]
-    order = np.argsort(np.where(sideways, u + SLIGHTLY * v, v + SLIGHTLY * u), axis=1)
-    return np.take_along_axis(points_px, order[..., None], 1), np.take_along_axis(sigma_px, order, 1)
+    with np.errstate(all="ignore"):
+        wide, high = (np.fmax.reduce(side, axis=1) - np.fmin.reduce(side, axis=1) for side in (u, v))
+    sideways = (wide >= high)[:, None]
+    place = np.where(sideways, u + SLIGHTLY * v, v + SLIGHTLY * u)
+    rows = np.flatnonzero(~(place[:, 1:] >= place[:, :-1]).all(axis=1))
+    if len(rows):
+        order = np.argsort(place[rows], axis=1)
+        points_px, sigma_px = points_px.copy(), np.array(sigma_px)
+        points_px[rows] = np.take_along_axis(points_px[rows], order[..., None], 1)
+        sigma_px[rows] = np.take_along_axis(sigma_px[rows], order, 1)
+    return points_px, sigma_px

@@ -42,6 +42,7 @@ DISAGREEMENT, CONTRADICTION = 4.0, 6.0
 
 NO_ANTENNA, NO_CONTACT, UNOBSERVABLE, LOW = "no_antenna", "no_contact", "unobservable", "low_signal"
 FAILED, TIP, OK = "failed", "tip_contact", "ok"
+_STATUS = np.array([NO_ANTENNA, NO_CONTACT, UNOBSERVABLE, LOW, FAILED, TIP, OK]).dtype
 
 
 def statuses(numbers: FitNumbers) -> np.ndarray:
@@ -64,7 +65,10 @@ def statuses(numbers: FitNumbers) -> np.ndarray:
             (_disagreement(numbers) > CONTRADICTION, FAILED),
             (numbers.at_tip, TIP),
         ]
-    return np.select([which for which, _ in order], [status for _, status in order], OK)
+    found = np.full(len(numbers), OK, _STATUS)
+    for which, status in reversed(order):
+        found[which] = status
+    return found
 
 
 def unexplained(numbers: FitNumbers) -> np.ndarray:

@@ -205,12 +205,18 @@ def _moved_far(rig, start, end):
 @compiled
 def _scatter(fit):
     """Median residual of the points over its expectation, 1 unless it is too large for noise."""
-    count = len(fit.distance)
+    count, distance, precision = len(fit.distance), fit.distance, fit.precision
     if count == 0:
         return 1.0
-    size = np.abs(fit.distance) * np.sqrt(fit.precision)
+    largest, above = 1.0 + EXCESS_SCATTER / np.sqrt(count), 0
+    bound = (largest / MAD_SCALE) ** 2
+    for i in range(count):
+        above += not distance[i] * distance[i] * precision[i] <= bound
+    if above < count - count // 2:
+        return 1.0
+    size = np.abs(distance) * np.sqrt(precision)
     median = MAD_SCALE * np.partition(size, count // 2)[count // 2]
-    if median > 1.0 + EXCESS_SCATTER / np.sqrt(count):
+    if median > largest:
         return min(median, _MOST_SCATTER)
     return 1.0
 

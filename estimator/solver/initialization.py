@@ -14,11 +14,11 @@ from .normal_equations import (
     feet_along_chord,
     huber_weight,
     inner_products,
-    interpolated,
     point_residuals,
+    shift_by_steps,
     times_tridiagonal,
 )
-from .prediction import LINEAR, REFERENCE, predict
+from .prediction import LINEAR, REFERENCE, point_jacobian, predict
 from .rig_arrays import TIP_DEFLECTION_STD, UNKNOWNS, tip_deflection
 from .rig_jacobian import rig_jacobian
 
@@ -78,18 +78,6 @@ def free_antenna(rig, frame, fit, work):
 
 
 @compiled
-def point_jacobian(rig, fit, image):
-    """(2, M) displacement along the picture's normals per metre that a node moves along y, and z, antenna frame."""
-    turn = rig.rotation
-    for j in range(NODES):
-        u, v = fit.normal_u[j], fit.normal_v[j]
-        ahead = u * fit.u[j] + v * fit.v[j]
-        for axis in range(2):
-            along = u * turn[0, 1 + axis] + v * turn[1, 1 + axis] - ahead * turn[2, 1 + axis]
-            image[axis, j] = along / fit.depth[j]
-
-
-@compiled
 def deflection(along, contact):
     """Deflection of a beam of unit length and stiffness at a place by a unit force at another: Eq. (1), Eq. (2)."""
     near, far = min(along, contact), max(along, contact)
@@ -126,15 +114,18 @@ def grid_search(rig, frame, free, every, work):
         moment = grid.distance[g] * rig.force_unit_N * rig.length_m
         grid.moment[0, 1, g] = rig.gain[1] / rig.std[1] * moment * frame.available[1]
         grid.moment[1, 0, g] = rig.gain[0] / rig.std[0] * moment * frame.available[0]
+    # what is looked up in a record within a loop is looked up again each time
+    weights, distances, precisions, nodes, shares = grid.weight, free.distance, free.precision, free.node, free.share
+    shift = work.shift
     for i in range(count):
-        grid.weight[i] = free.precision[i * every]
+        weights[i] = precisions[i * every]
     for _ in range(_ROUNDS):
         best = _best_forces(rig, free, every, grid, work)
-        _shift(free, grid, best, work)
+        _shift(free, grid, best, shift)
         for i in range(count):
-            off = free.distance[i * every] - interpolated(free, work.shift, i * every)
-            precision = free.precision[i * every]
-            grid.weight[i] = precision * huber_weight(off * np.sqrt(precision))
+            node, precision = nodes[i * every], precisions[i * every]
+            off = distances[i * every] - shift[node] - shares[i * every] * (shift[node + 1] - shift[node])
+            weights[i] = precision * huber_weight(off * np.sqrt(precision))
     return grid
 
 
@@ -275,14 +266,12 @@ def _rig_steps(grid, best, steps, work):
 
 
 @compiled
-def _shift(free, grid, best, work):
-    """Displacement (M,) by the best force and the rig's steps that go with it, into `work.shift`."""
-    force = grid.force[best]
+def _shift(free, grid, best, shift):
+    """Displacement (M,) by the best force and the rig's steps that go with it."""
+    shift_by_steps(free, UNKNOWNS, grid.best_steps, shift)
+    image, force_y, force_z = grid.image, grid.force[best, 0], grid.force[best, 1]
     for j in range(NODES):
-        total = (force[0] * grid.image[0, j] + force[1] * grid.image[1, j]) * _BENT[j, best]
-        for k in range(len(grid.best_steps)):
-            total += free.columns[j, UNKNOWNS + k] * grid.best_steps[k]
-        work.shift[j] = total
+        shift[j] += (force_y * image[0, j] + force_z * image[1, j]) * _BENT[j, best]
 
 
 @compiled

@@ -6,7 +6,7 @@ import numpy as np
 
 from vbaa_calib.antenna.nodes import NODES_BEYOND
 from vbaa_calib.core.compiled import compiled
-from vbaa_calib.core.lanes import LANES, load_from, spread, store_to
+from vbaa_calib.core.lanes import LANES, load, load_from, spread, sqrt, store, store_to, where_positive
 from vbaa_calib.core.robust import HUBER
 
 from .fit import CONTACT_M, COST, INNER, LAST, NODES, SCATTER, arclength_of_node
@@ -16,6 +16,8 @@ from .rig_arrays import TIP_DEFLECTION_STD, UNKNOWNS, tip_deflection
 
 _EVERY, _FOOT_STEPS = 4, 2
 """A foot is searched from the nearest of every fourth node by Newton steps; later each iteration adds one."""
+_BLOCK = 64
+"""Points that are looked up before they are used: what was just written one by one is slow to read as a vector."""
 _CONVERGED = 1e-4
 """A linear problem is solved once a reweighted step promises to lower the cost by no more than this part."""
 
@@ -87,43 +89,75 @@ def point_residuals(rig, frame, fit):
     by_inner, by_outer = 1.0 / inner, 1.0 / outer
     # what is looked up in a record within the loop is looked up again for each point
     cubics, foot_m, nodes, shares = fit.cubics, fit.foot_m, fit.node, fit.share
-    distances, precisions = fit.distance, fit.precision
+    distances, precisions, count = fit.distance, fit.precision, len(frame.u)
     seen_u, seen_v, xx, xy, yy = frame.u, frame.v, frame.xx, frame.xy, frame.yy
-    for i in range(len(seen_u)):
-        foot = foot_m[i]
-        beyond = max(foot - contact, 0.0)
-        along = (foot - beyond) * by_inner + beyond * by_outer
-        within = min(max(along, 0.0), LAST - 1e-6)
-        node = int(within)
-        share = along - node
-        width = inner if node < INNER else outer
-        rise_u, rise_v = cubics[node, 3] * share, cubics[node, 7] * share
-        u = ((rise_u + cubics[node, 2]) * share + cubics[node, 1]) * share + cubics[node, 0]
-        v = ((rise_v + cubics[node, 6]) * share + cubics[node, 5]) * share + cubics[node, 4]
-        u1 = (3.0 * rise_u + 2.0 * cubics[node, 2]) * share + cubics[node, 1]
-        v1 = (3.0 * rise_v + 2.0 * cubics[node, 6]) * share + cubics[node, 5]
-        u2, v2 = 6.0 * rise_u + 2.0 * cubics[node, 2], 6.0 * rise_v + 2.0 * cubics[node, 6]
-        off_u, off_v = seen_u[i] - u, seen_v[i] - v
-        square = u1 * u1 + v1 * v1
-        by_square = 1.0 / square
-        ahead = (off_u * u1 + off_v * v1) * by_square
-        longest = min(max(ahead, -1.0), 1.0)
-        distance = off_v * u1 - off_u * v1 - 0.5 * (v2 * u1 - u2 * v1) * longest * longest
-        # the normal is (−v′, u′)/√(u′² + v′²)
-        variance = xx[i] * v1 * v1 - 2.0 * xy[i] * u1 * v1 + yy[i] * u1 * u1
-        foot += ahead * width
-        # a prediction that left the domain of the model is rejected by its cost, not here
-        foot = foot if foot == foot else 0.0
-        foot_m[i] = min(max(foot, 0.0), length)
-        nodes[i], shares[i] = node, share
-        distances[i], precisions[i] = distance * np.sqrt(by_square), square / variance
-
-
-@compiled
-def interpolated(fit, values, i):
-    """Values on the nodes (M,) at a point's foot."""
-    first = values[fit.node[i]]
-    return first + fit.share[i] * (values[fit.node[i] + 1] - first)
+    # eight points at a time; what is left repeats the last one. All of a block is looked up before it is used
+    table, found = np.empty((15, _BLOCK)), np.empty((3, LANES))
+    for begin in range(0, count, _BLOCK):
+        some = min(_BLOCK, count - begin)
+        for k in range((some + LANES - 1) // LANES * LANES):
+            i = begin + min(k, some - 1)
+            foot = foot_m[i]
+            beyond = max(foot - contact, 0.0)
+            along = (foot - beyond) * by_inner + beyond * by_outer
+            node = int(min(max(along, 0.0), LAST - 1e-6))
+            nodes[i], shares[i] = node, along - node
+            for q in range(8):
+                table[q, k] = cubics[node, q]
+            table[8, k], table[9, k] = along - node, inner if node < INNER else outer
+            if k >= some // LANES * LANES:
+                table[10, k], table[11, k] = seen_u[i], seen_v[i]
+                table[12, k], table[13, k], table[14, k] = xx[i], xy[i], yy[i]
+        for first in range(0, some, LANES):
+            at, whole = begin + first, first + LANES <= some
+            if whole:
+                off_u, off_v = load_from(seen_u, at), load_from(seen_v, at)
+                uu, uv, vv = load_from(xx, at), load_from(xy, at), load_from(yy, at)
+            else:
+                off_u, off_v, uu = load_from(table, 10, first), load_from(table, 11, first), load_from(table, 12, first)
+                uv, vv = load_from(table, 13, first), load_from(table, 14, first)
+            share = load_from(table, 8, first)
+            rise_u, rise_v, bend_u, bend_v = (
+                load_from(table, 3, first) * share,
+                load_from(table, 7, first) * share,
+                load_from(table, 2, first),
+                load_from(table, 6, first),
+            )
+            off_u = off_u - (
+                ((rise_u + bend_u) * share + load_from(table, 1, first)) * share + load_from(table, 0, first)
+            )
+            off_v = off_v - (
+                ((rise_v + bend_v) * share + load_from(table, 5, first)) * share + load_from(table, 4, first)
+            )
+            u1 = (3.0 * rise_u + 2.0 * bend_u) * share + load_from(table, 1, first)
+            v1 = (3.0 * rise_v + 2.0 * bend_v) * share + load_from(table, 5, first)
+            u2, v2 = 6.0 * rise_u + 2.0 * bend_u, 6.0 * rise_v + 2.0 * bend_v
+            square = u1 * u1 + v1 * v1
+            by_square = 1.0 / square
+            ahead = (off_u * u1 + off_v * v1) * by_square
+            longest = where_positive(ahead - 1.0, 1.0, where_positive(-1.0 - ahead, -1.0, ahead))
+            distance = off_v * u1 - off_u * v1 - 0.5 * (v2 * u1 - u2 * v1) * longest * longest
+            # the normal is (−v′, u′)/√(u′² + v′²)
+            distance = distance * sqrt(by_square)
+            precision = square / (uu * v1 * v1 - 2.0 * uv * u1 * v1 + vv * u1 * u1)
+            ahead = ahead * load_from(table, 9, first)
+            if whole:
+                store_to(distances, distance, at)
+                store_to(precisions, precision, at)
+                foot_there = load_from(foot_m, at) + ahead
+                # a prediction that left the domain of the model is rejected by its cost, not here
+                foot_there = where_positive(foot_there, foot_there, 0.0)
+                store_to(foot_m, where_positive(foot_there - length, length, foot_there), at)
+            else:
+                store(found, distance, 0)
+                store(found, precision, 1)
+                store(found, ahead, 2)
+                for lane in range(some - first):
+                    i = at + lane
+                    distances[i], precisions[i] = found[0, lane], found[1, lane]
+                    foot = foot_m[i] + found[2, lane]
+                    foot = foot if foot == foot else 0.0
+                    foot_m[i] = min(max(foot, 0.0), length)
 
 
 @compiled
@@ -154,36 +188,70 @@ def residuals_with_rig(fit, shift):
         return
     shift_by_steps(fit, UNKNOWNS, fit.steps, shift)
     take_out(fit, shift)
+    steps, readings, residual = fit.steps, fit.reading_columns, fit.residual
     for reading in range(3):
-        for k in range(len(fit.steps)):
-            fit.residual[reading] -= fit.reading_columns[reading, UNKNOWNS + k] * fit.steps[k]
+        total = 0.0
+        for k in range(len(steps)):
+            total += readings[reading, UNKNOWNS + k] * steps[k]
+        residual[reading] -= total
 
 
 @compiled
 def points_cost(fit):
     """Robust cost of the points, whose weighted sums over the nodes are renewed."""
-    diagonal, beside, load = fit.diagonal, fit.beside, fit.load
+    diagonal, beside, pulls = fit.diagonal, fit.beside, fit.load
     distances, precisions, shares, nodes = fit.distance, fit.precision, fit.share, fit.node
     fill(diagonal, 0.0)
     fill(beside, 0.0)
-    fill(load, 0.0)
+    fill(pulls, 0.0)
     by_scatter = 1.0 / fit.numbers[SCATTER]
     square = by_scatter * by_scatter
-    cost = 0.0
-    for i in range(len(distances)):
-        distance, precision, share, node = distances[i], precisions[i], shares[i], nodes[i]
-        size = abs(distance) * np.sqrt(precision) * by_scatter
-        inner = HUBER if size > HUBER else size
-        cost += inner * (size - 0.5 * inner)
-        weight = HUBER / max(size, HUBER) * precision * square
-        first = weight * share
-        second, pull = first * share, weight * distance
-        ahead = pull * share
-        diagonal[node] += weight - 2.0 * first + second
-        diagonal[node + 1] += second
-        beside[node] += first - second
-        load[node] += pull - ahead
-        load[node + 1] += ahead
+    cost, count, before = 0.0, len(distances), 0
+    table = np.empty((2, LANES))
+    # sums over neighbours between the same nodes are written when the next node comes
+    own, next_own, mixed, pulled, next_pulled = 0.0, 0.0, 0.0, 0.0, 0.0
+    for begin in range(0, count, LANES):
+        some = min(LANES, count - begin)
+        if some == LANES:
+            precision = load_from(precisions, begin)
+            size = load_from(distances, begin) * sqrt(precision) * by_scatter
+        else:
+            store(table, spread(0.0), 0)
+            store(table, spread(0.0), 1)
+            for lane in range(some):
+                table[0, lane], table[1, lane] = precisions[begin + lane], distances[begin + lane]
+            precision = load(table, 0)
+            size = load(table, 1) * sqrt(precision) * by_scatter
+        size = where_positive(-size, -size, size)
+        inner = where_positive(size - HUBER, HUBER, size)
+        store(table, inner * (size - 0.5 * inner), 0)
+        # NaN has full weight here: its cost shows it
+        store(table, HUBER / where_positive(size - HUBER, size, HUBER) * precision * square, 1)
+        for lane in range(some):
+            i = begin + lane
+            node = nodes[i]
+            if node != before:
+                diagonal[before] += own
+                diagonal[before + 1] += next_own
+                beside[before] += mixed
+                pulls[before] += pulled
+                pulls[before + 1] += next_pulled
+                own, next_own, mixed, pulled, next_pulled, before = 0.0, 0.0, 0.0, 0.0, 0.0, node
+            weight, share = table[1, lane], shares[i]
+            cost += table[0, lane]
+            first = weight * share
+            second, pull = first * share, weight * distances[i]
+            ahead = pull * share
+            own += weight - 2.0 * first + second
+            next_own += second
+            mixed += first - second
+            pulled += pull - ahead
+            next_pulled += ahead
+    diagonal[before] += own
+    diagonal[before + 1] += next_own
+    beside[before] += mixed
+    pulls[before] += pulled
+    pulls[before + 1] += next_pulled
     return cost
 
 
@@ -208,13 +276,13 @@ def normal_equations(rig, fit, first, product):
     """
     size = fit.size
     cost = points_cost(fit)
-    columns, load, readings, information, side = fit.columns, fit.load, fit.reading_columns, fit.information, fit.side
+    columns, pulls, readings, information, side = fit.columns, fit.load, fit.reading_columns, fit.information, fit.side
     times_tridiagonal(fit, columns, product)
     inner_products(columns, product, information)
     for k in range(0, len(side), LANES):
         total = spread(0.0)
         for j in range(NODES):
-            total = total + load[j] * load_from(columns, j, k)
+            total = total + pulls[j] * load_from(columns, j, k)
         store_to(side, total, k)
     for reading in range(3):
         residual = fit.residual[reading]

@@ -166,27 +166,28 @@ def write_numbers(rig, frame, rung, found, bias, errors, other, scalars, ambiguo
     covariance = np.empty((6, 6))
     touch_covariance(found, covariance)
     response = np.zeros((UNKNOWNS, steps))
+    own, rig_response, found_touch, rig_touch = found.covariance, found.rig_response, found.touch, found.rig_touch
     for a in range(UNKNOWNS):
         for k in range(steps):
             for b in range(UNKNOWNS):
-                response[a, k] += found.covariance[a, b] * found.rig_response[k, b]
+                response[a, k] += own[a, b] * rig_response[k, b]
     # how far a unit error of each of the rig's axes, which all frames share, turns a result
     with_rig, by_distance = np.zeros((6, shared)), 0.0
     for k in range(shared):
         by_distance += response[0, k] * response[0, k]
         for q in range(6):
             for a in range(UNKNOWNS):
-                with_rig[q, k] += found.touch[q, a] * response[a, k]
-            with_rig[q, k] += found.rig_touch[k, q]
+                with_rig[q, k] += found_touch[q, a] * response[a, k]
+            with_rig[q, k] += rig_touch[k, q]
     if fit.numbers[AT_TIP] == 0.0:
         _add_bows(rig, fit.unknowns, found.covariance, covariance)
     _add_model_errors(rig, rung, bias, errors, found, covariance, numbers.std[index])
-    free_point = np.empty(3)
+    free_point, axes, columns, moved = np.empty(3), rig.axes, fit.point_force_columns, fit.steps
     point_at(free, rig.length_m, fit.unknowns[0] * rig.length_m, free_point)
     for q in range(6):
         touch = fit.point_force[q]
         for k in range(steps):
-            touch += fit.point_force_columns[q, UNKNOWNS + k] * fit.steps[k]
+            touch += columns[q, UNKNOWNS + k] * moved[k]
         if q < 3:
             numbers.point_m[index, q], numbers.deflection_m[index, q] = touch, touch - free_point[q]
             numbers.tangent[index, q] = fit.tangents[q, CONTACT]
@@ -196,7 +197,7 @@ def write_numbers(rig, frame, rung, found, bias, errors, other, scalars, ambiguo
             numbers.covariance[index, q, p] = covariance[q, p]
             pose, both = 0.0, 0.0
             for k in range(shared):
-                pose += with_rig[q, k] * rig.axes[p, k]
+                pose += with_rig[q, k] * axes[p, k]
                 both += with_rig[q, k] * with_rig[p, k]
             numbers.with_pose[index, q, p], numbers.shared[index, q, p] = pose, both
     numbers.shared_std[index] = np.sqrt(by_distance)
@@ -310,11 +311,11 @@ def angle_edge_on(rig, unknowns):
 @compiled
 def _drift(rig, fit):
     """By how many px, rms along the antenna, and deviations of the readings the rig's own steps move both."""
-    shared, square, most = rig.axes.shape[1], 0.0, 0.0
+    shared, square, most, columns, steps = rig.axes.shape[1], 0.0, 0.0, fit.columns, fit.steps
     for j in range(NODES):
         moved = 0.0
         for k in range(shared):
-            moved += fit.columns[j, UNKNOWNS + k] * fit.steps[k]
+            moved += columns[j, UNKNOWNS + k] * steps[k]
         square += moved * moved
     for reading in range(2):
         moved = 0.0

@@ -154,6 +154,18 @@ def fitted_tip_axis(rig, frame, fit):
 
 
 @compiled
+def point_jacobian(rig, fit, image):
+    """(2, M) displacement along the picture's normals per metre that a node moves along y, and z, antenna frame."""
+    turn = rig.rotation
+    for j in range(NODES):
+        u, v = fit.normal_u[j], fit.normal_v[j]
+        ahead = u * fit.u[j] + v * fit.v[j]
+        for axis in range(2):
+            along = u * turn[0, 1 + axis] + v * turn[1, 1 + axis] - ahead * turn[2, 1 + axis]
+            image[axis, j] = along / fit.depth[j]
+
+
+@compiled
 def predicted_moment(rig, frame, bent, lane, about):
     """What the sensor about y (0) or z (1) would read of a lane's shape, in its deviations."""
     if about == 0:

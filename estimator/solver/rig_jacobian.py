@@ -2,14 +2,28 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from vbaa_calib.antenna.nodes import CONTACT
 from vbaa_calib.camera.compiled_lens import normalized_by_lens
 from vbaa_calib.core.compiled import compiled
 from vbaa_calib.core.lanes import LANES, lane_of, load, load_from, spread, store_to, where_positive
 
 from .fit import LAST, NODES, arclength_of_node
-from .prediction import LINEAR, NEAREST_DEPTH_M, bend_and_see, fitted_tip_axis, lay, predicted_moment
+from .prediction import (
+    ELASTICA,
+    LINEAR,
+    NEAREST_DEPTH_M,
+    bend_and_see,
+    fitted_tip_axis,
+    lay,
+    point_jacobian,
+    predicted_moment,
+)
 from .rig_arrays import ANTENNA, POSES, UNKNOWNS
+
+_PLACE = 2
+"""Of the antenna's parameters the first ones are the clamp's place, y and z."""
 
 
 @compiled
@@ -25,8 +39,8 @@ def rig_jacobian(rig, frame, rung, bent, fit):
     end = fitted_tip_axis(rig, frame, fit)
     # each writes whole vectors, whose ends the next one overwrites
     _by_pose(rig, bent, fit, end)
-    for first in range(0, ANTENNA, LANES - 1):
-        _by_antenna(rig, frame, rung, bent, fit, first, end)
+    _by_antenna(rig, frame, rung, bent, fit, end)
+    _by_place(rig, frame, rung, bent, fit, end)
     _by_sensor(rig, frame, bent, fit)
     if rig.with_lens:
         _by_lens(rig, bent, fit, end)
@@ -51,18 +65,16 @@ def rig_jacobian(rig, frame, rung, bent, fit):
 
 
 @compiled
-def _by_antenna(rig, frame, rung, bent, fit, begin, end):
-    """Raw derivatives by the antenna's parameters from one on, as many as fit beside the antenna as it is."""
+def _by_antenna(rig, frame, rung, bent, fit, end):
+    """Raw derivatives by all of the antenna's parameters but its place: as many as fit beside the antenna as it is."""
     lay(rig, bent, fit.unknowns)
-    base, by_step = LANES - 1, bent.by_step
-    count = min(base, ANTENNA - begin)
-    for lane in range(LANES):
-        by_step[lane] = 0.0
+    base, by_step, count, first = LANES - 1, bent.by_step, ANTENNA - _PLACE, POSES + _PLACE
+    by_step[base] = 0.0
     for lane in range(count):
-        bent.parameters[begin + lane, lane] += rig.antenna_steps[begin + lane]
-        by_step[lane] = 1.0 / rig.antenna_steps[begin + lane]
+        bent.parameters[_PLACE + lane, lane] += rig.antenna_steps[_PLACE + lane]
+        by_step[lane] = 1.0 / rig.antenna_steps[_PLACE + lane]
     bend_and_see(rig, frame, rung, bent, bent.no_rows)
-    u, v, normal_u, normal_v, raw, first = bent.u, bent.v, fit.normal_u, fit.normal_v, bent.raw, POSES + begin
+    u, v, normal_u, normal_v, raw = bent.u, bent.v, fit.normal_u, fit.normal_v, bent.raw
     steps = load(by_step)
     for j in range(NODES):
         moved_u, moved_v = load(u, j) - u[j, base], load(v, j) - v[j, base]
@@ -78,6 +90,32 @@ def _by_antenna(rig, frame, rung, bent, fit, begin, end):
         store_to(bent.raw_point_force, by_point * steps, part, first)
         by_force = load(bent.force_N, part) - bent.force_N[part, base]
         store_to(bent.raw_point_force, by_force * steps, 3 + part, first)
+
+
+@compiled
+def _by_place(rig, frame, rung, bent, fit, end):
+    """Raw derivatives by where the clamp stands across the antenna frame's x axis: the whole antenna goes with it."""
+    image, raw, base, turn = np.empty((2, NODES)), bent.raw, LANES - 1, rig.rotation
+    point_jacobian(rig, fit, image)
+    pull = bent.force_N[0, base]
+    weight = np.exp(rig.antenna_parameters[7]) * rig.length_m * frame.gravity_m_s2[0]
+    # small deflections: only friction's part of the pull has a moment about the clamp's place
+    lever = pull
+    if rung < ELASTICA:
+        lever = -np.hypot(bent.push_N[0, base], bent.push_N[1, base]) * np.tan(bent.friction_rad[base])
+    for k in range(_PLACE):
+        column = POSES + k
+        for j in range(NODES):
+            raw[j, column] = image[k, j]
+        ahead = (end[0] * fit.u[LAST] + end[1] * fit.v[LAST]) * turn[2, 1 + k]
+        along = end[0] * turn[0, 1 + k] + end[1] * turn[1, 1 + k] - ahead
+        bent.raw_readings[2, column] = along / fit.depth[LAST]
+        for q in range(6):
+            bent.raw_point_force[q, column] = 1.0 if q == 1 + k else 0.0
+    bent.raw_readings[0, POSES], bent.raw_readings[1, POSES + 1] = 0.0, 0.0
+    bent.raw_readings[0, POSES + 1] = -(lever + weight) * rig.gain[0] / rig.std[0]
+    about_z = -(pull + weight) if rig.with_second_sensor else 0.0
+    bent.raw_readings[1, POSES] = about_z * rig.gain[1] / rig.std[1]
 
 
 @compiled

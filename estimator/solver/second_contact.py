@@ -9,10 +9,10 @@ from vbaa_calib.core.compiled import compiled
 from vbaa_calib.core.robust import MAD_SCALE
 
 from .fit import CONTACT_M, LAST, NODES, SCATTER, copy_fit
-from .initialization import deflection, point_jacobian
+from .initialization import deflection
 from .linear_algebra import factorise, solve_factorised
 from .normal_equations import evaluate, huber_weight, times_tridiagonal
-from .prediction import REFERENCE, tip_axis
+from .prediction import REFERENCE, point_jacobian, tip_axis
 
 _GRID = 16
 """Places of the other force, evenly over the antenna."""
@@ -49,14 +49,14 @@ def second_force(rig, frame, rung, fit, problem, distance_std, work):
 @compiled
 def _structure(problem):
     """Sum of squares of the residuals' means over `_BLOCKS` stretches, in their deviations: χ² if all is noise."""
-    width = NODES // _BLOCKS
+    width, pulls, diagonal, beside = NODES // _BLOCKS, problem.load, problem.diagonal, problem.beside
     total = 0.0
     for block in range(_BLOCKS):
         load, weight = 0.0, 0.0
         for j in range(NODES - (_BLOCKS - block) * width, NODES - (_BLOCKS - block - 1) * width):
             # the nodes' hat functions add up to one, so that a row's sum is the weight of its node
-            load += problem.load[j]
-            weight += problem.diagonal[j] + (problem.beside[j] if j < LAST else 0.0) + problem.beside[j - 1]
+            load += pulls[j]
+            weight += diagonal[j] + (beside[j] if j < LAST else 0.0) + beside[j - 1]
         total += load * load / max(weight, 1e-30)
     return total
 

@@ -81,7 +81,7 @@ def uncertainty(fit, found, work):
 
     A distance fixed at the tip gets the deviation that it would have if it were free.
     """
-    whole, steps = fit.information, len(fit.steps)
+    whole, steps, response = fit.information, len(fit.steps), found.rig_response
     fitted = _rig_part(fit, found, work)
     own = np.empty((UNKNOWNS, UNKNOWNS))
     regular = True
@@ -89,7 +89,7 @@ def uncertainty(fit, found, work):
         for b in range(UNKNOWNS):
             own[a, b] = whole[a, b]
             for k in range(steps):
-                own[a, b] += whole[a, UNKNOWNS + k] * found.rig_response[k, b]
+                own[a, b] += whole[a, UNKNOWNS + k] * response[k, b]
             regular = regular and np.isfinite(own[a, b])
     for a in range(UNKNOWNS):
         regular = regular and own[a, a] > 0.0
@@ -134,22 +134,23 @@ def _rig_part(fit, found, work):
             sides[k, UNKNOWNS + 6 + reading] = readings[reading, UNKNOWNS + k]
     factorise(whole, UNKNOWNS, steps, 0.0, work.factor, work.scale)
     solve_many(work.factor, work.scale, steps, sides, True)
+    own_touch, response, rig_touch, by_rig = found.touch, found.rig_response, found.rig_touch, found.touch_by_rig
     for p in range(6):
         for a in range(UNKNOWNS):
-            found.touch[p, a] = touch[p, a]
+            own_touch[p, a] = touch[p, a]
         for q in range(6):
-            found.touch_by_rig[p, q] = 0.0
+            by_rig[p, q] = 0.0
     for k in range(steps):
         for a in range(UNKNOWNS):
-            found.rig_response[k, a] = sides[k, a]
+            response[k, a] = sides[k, a]
         for reading in range(3):
             fitted[reading] += readings[reading, UNKNOWNS + k] * sides[k, UNKNOWNS + 6 + reading]
         for p in range(6):
-            found.rig_touch[k, p] = sides[k, UNKNOWNS + p]
+            rig_touch[k, p] = sides[k, UNKNOWNS + p]
             for a in range(UNKNOWNS):
-                found.touch[p, a] += touch[p, UNKNOWNS + k] * sides[k, a]
+                own_touch[p, a] += touch[p, UNKNOWNS + k] * sides[k, a]
             for q in range(6):
-                found.touch_by_rig[p, q] += touch[p, UNKNOWNS + k] * sides[k, UNKNOWNS + q]
+                by_rig[p, q] += touch[p, UNKNOWNS + k] * sides[k, UNKNOWNS + q]
     return fitted
 
 
@@ -301,14 +302,15 @@ def _linear_shifts(fit, shift, reading, work):
     """How far unknowns and rig steps (K, C) would move, to first order, if the data changed by displacements (M, C)
     along the prediction's normals and readings (3, C) in deviations."""
     product, sides = np.empty_like(shift), np.zeros((len(fit.side), shift.shape[1]))
+    columns, readings, residual = fit.columns, fit.reading_columns, fit.residual
     times_tridiagonal(fit, shift, product)
     for a in range(fit.size):
         for first in range(0, shift.shape[1], LANES):
             total = load_from(sides, a, first)
             for j in range(NODES):
-                total = total + fit.columns[j, a] * load_from(product, j, first)
+                total = total + columns[j, a] * load_from(product, j, first)
             for k in range(3):
-                pull = huber_weight(fit.residual[k]) * fit.reading_columns[k, a]
+                pull = huber_weight(residual[k]) * readings[k, a]
                 total = total + pull * load_from(reading, k, first)
             store_to(sides, total, a, first)
     factorise(fit.information, 0, fit.size, 0.0, work.factor, work.scale)

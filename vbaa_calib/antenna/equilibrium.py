@@ -303,22 +303,18 @@ def _turned_x(g: Vector) -> Vector:
 def integrated(weights: np.ndarray, field: np.ndarray, start: int, base: Vector, out: np.ndarray, first: int) -> None:
     """Write base + Σ over nodes from `start` on of the field, for each row of weights, from `first` on.
 
-    Four rows at a time: each vector of the field is fetched once for all of them.
+    Two rows at a time: each vector of the field is fetched once for both, and sixteen registers hold all sums.
     """
     rows, count = weights.shape
-    for row in range(0, rows - 3, 4):
-        a, b, c, d = base, base, base, base
+    for row in range(0, rows - 1, 2):
+        a, b = base, base
         for node in range(count):
             v = vector(field, start + node)
             a = added(a, times(weights[row, node], v))
             b = added(b, times(weights[row + 1, node], v))
-            c = added(c, times(weights[row + 2, node], v))
-            d = added(d, times(weights[row + 3, node], v))
         put(out, a, first + row)
         put(out, b, first + row + 1)
-        put(out, c, first + row + 2)
-        put(out, d, first + row + 3)
-    for row in range(rows - rows % 4, rows):
+    for row in range(rows - rows % 2, rows):
         a = base
         for node in range(count):
             a = added(a, times(weights[row, node], vector(field, start + node)))

@@ -137,34 +137,43 @@ def sees(lens, x, y):
 
 
 @compiled
-def undistort(lens, x, y):
-    """The ideal point of a distorted one, the derivatives there (xx, xy, yx, yy), and whether it was found."""
-    if lens.path == _NONE:
-        return x, y, 1.0, 0.0, 0.0, 1.0, x * x + y * y < lens.limits[0] * lens.limits[0]
+def _first_guess(lens, x, y):
+    """What a distorted point times is about the ideal one, and whether there is one."""
     distorted = np.sqrt(x * x + y * y)
-    allowed = 5e-14 * distorted + 1e-300
+    if lens.path == _NONE:
+        return 1.0, distorted < lens.limits[0]
     within_reach = distorted < lens.limits[1] if lens.path == _RADIAL else _encloses(lens.reach, lens.inner[1], x, y)
     if not within_reach:
-        return x, y, 1.0, 0.0, 0.0, 1.0, False
+        return 1.0, False
     within = min(distorted, lens.limits[1])
     place = lens.nodes_per_unit * (within / (1.0 + within))
     index = int(place)
-    ratio = (lens.nodes[index] + (place - index) * lens.steps[index]) / (within + 1e-15)
-    ideal_x, ideal_y = x * ratio, y * ratio
-    for _ in range(_STEPS):
+    return (lens.nodes[index] + (place - index) * lens.steps[index]) / (within + 1e-15), True
+
+
+@compiled
+def _undistort(lens, table):
+    """LANES ideal points from guesses, by Newton steps for each until it is found. See `normalized_of_pixels`."""
+    x, y, allowed = load(table, 0), load(table, 1), load(table, 4)
+    for step in range(_STEPS):
+        ideal_x, ideal_y = load(table, 2), load(table, 3)
         xd, yd, xx, xy, yx, yy = linearise_lens(lens.fisheye, lens.coefficients, ideal_x, ideal_y)
         off_x, off_y = x - xd, y - yd
-        if max(abs(off_x), abs(off_y)) <= allowed:
+        size_x, size_y = where_positive(off_x, off_x, -off_x), where_positive(off_y, off_y, -off_y)
+        beyond = where_positive(size_x - size_y, size_x, size_y) - allowed
+        store(table, beyond, 4)
+        store(table, xx, 5)
+        store(table, xy, 6)
+        store(table, yx, 7)
+        store(table, yy, 8)
+        most = 0.0
+        for lane in range(LANES):
+            most = max(most, table[4, lane])
+        if not most > 0.0 or step == _STEPS - 1:
             break
         inverse = 1.0 / (xx * yy - xy * yx)
-        ideal_x += (yy * off_x - xy * off_y) * inverse
-        ideal_y += (xx * off_y - yx * off_x) * inverse
-    found = max(abs(off_x), abs(off_y)) <= allowed and _definite(xx, xy, yx, yy)
-    if lens.path == _RADIAL:
-        found = found and ideal_x * ideal_x + ideal_y * ideal_y <= lens.limits[0] * lens.limits[0]
-    else:
-        found = found and _encloses(lens.ideal, lens.inner[0], ideal_x, ideal_y)
-    return ideal_x, ideal_y, xx, xy, yx, yy, found
+        store(table, where_positive(beyond, ideal_x + (yy * off_x - xy * off_y) * inverse, ideal_x), 2)
+        store(table, where_positive(beyond, ideal_y + (xx * off_y - yx * off_x) * inverse, ideal_y), 3)
 
 
 @compiled
@@ -201,17 +210,37 @@ def chart_of_normalized(x, y):
 def normalized_of_pixels(lens, pixels, points, slopes, valid):
     """X/Z, Y/Z (N, 2) of pixels (N, 2), d(X/Z, Y/Z)/d(u, v) (N, 4) row by row, and validity (N,)."""
     fx, fy, cx, cy = lens.matrix
-    for i in range(len(pixels)):
-        x, y, xx, xy, yx, yy, found = undistort(lens, (pixels[i, 0] - cx) / fx, (pixels[i, 1] - cy) / fy)
-        inverse = 1.0 / (xx * yy - xy * yx)
-        a, b, c, d = yy * inverse, -xy * inverse, -yx * inverse, xx * inverse
-        if lens.fisheye:
-            x, y, e, f, g, ahead = normalized_of_chart(x, y)
-            a, b, c, d = e * a + f * c, e * b + f * d, f * a + g * c, f * b + g * d
-            found = found and ahead
-        points[i, 0], points[i, 1] = x, y
-        slopes[i, 0], slopes[i, 1], slopes[i, 2], slopes[i, 3] = a / fx, b / fy, c / fx, d / fy
-        valid[i] = found
+    # of eight points: distorted, ideal, largest error allowed, then found; slopes
+    table = np.empty((9, LANES))
+    for begin in range(0, len(pixels), LANES):
+        some = min(LANES, len(pixels) - begin)
+        for lane in range(LANES):
+            i = begin + min(lane, some - 1)
+            x, y = (pixels[i, 0] - cx) / fx, (pixels[i, 1] - cy) / fy
+            ratio, valid[i] = _first_guess(lens, x, y)
+            if not valid[i]:
+                x, y = 0.0, 0.0
+            table[0, lane], table[1, lane], table[2, lane], table[3, lane] = x, y, x * ratio, y * ratio
+            table[4, lane] = 5e-14 * np.sqrt(x * x + y * y) + 1e-300
+        _undistort(lens, table)
+        for lane in range(some):
+            i = begin + lane
+            x, y, beyond = table[2, lane], table[3, lane], table[4, lane]
+            xx, xy, yx, yy = table[5, lane], table[6, lane], table[7, lane], table[8, lane]
+            found = valid[i] and beyond <= 0.0 and _definite(xx, xy, yx, yy)
+            if lens.path == _RADIAL:
+                found = found and x * x + y * y <= lens.limits[0] * lens.limits[0]
+            elif lens.path == _FULL:
+                found = found and _encloses(lens.ideal, lens.inner[0], x, y)
+            inverse = 1.0 / (xx * yy - xy * yx)
+            a, b, c, d = yy * inverse, -xy * inverse, -yx * inverse, xx * inverse
+            if lens.fisheye:
+                x, y, e, f, g, ahead = normalized_of_chart(x, y)
+                a, b, c, d = e * a + f * c, e * b + f * d, f * a + g * c, f * b + g * d
+                found = found and ahead
+            points[i, 0], points[i, 1] = x, y
+            slopes[i, 0], slopes[i, 1], slopes[i, 2], slopes[i, 3] = a / fx, b / fy, c / fx, d / fy
+            valid[i] = found
 
 
 @compiled

@@ -179,6 +179,8 @@ def check_each(values: np.ndarray, most: float, name: str, remedy: str, missing:
 
     missing : what stands for a value that there is not: "nan", "infinite" for both, or "" for nothing.
     """
+    if values.size and values.min() >= -most and values.max() <= most:
+        return values
     size = np.abs(values)
     bad = ~(size <= most) if not missing else size > most
     if missing == "infinite":
