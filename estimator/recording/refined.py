@@ -134,7 +134,8 @@ def refine(
         if prior is not None:
             problem, found, note = _with_coulomb(problem, found, prior, strokes)
             notes += note
-    if not reason and found.trend_p < _ANOTHER_RIG:
+    # with two cameras the rig is known so well that the frames' errors of second order look like a trend
+    if not reason and not views and found.trend_p < _ANOTHER_RIG:
         found = found.changing()
         size = 2.0 * float(np.linalg.norm(found.trend))
         notes.append(

@@ -21,7 +21,6 @@ _DOUBTED, _FOREIGN, _BEYOND_DOUBT = 1e-2, 1e-6, 1e-9
 not even begun with, unless more than a part `_FEW` of all are such."""
 _FEW = 0.4
 _WIDE = 1e-2  # prior information of a change while the recording lasts: ten times what a calibration leaves
-_ALONE = 1e12  # information of all the rest, where a disagreement's covariance is its information already
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +73,7 @@ def solved(problem: Problem, start: State, strokes: np.ndarray, widening: float 
     offset = np.zeros((1, problem.size))
     offset[0, :rig] = -prior[:rig] * state.shared[:rig]
     square, freedom = disagreement(np.diag(prior * (np.arange(problem.size) < rig))[None], offset, total)
-    trend = _trend(few, state, equations, weight, total)
+    trend = _trend(few, (state, equations, weight, total), labels)
     if len(chosen) < len(problem.touching):
         state, equations = _others(problem, State(start.unknowns, state.shared), state.unknowns, chosen)
         weight = _weights(equations, _pull(problem, state, equations), total)
@@ -92,10 +91,11 @@ def solved(problem: Problem, start: State, strokes: np.ndarray, widening: float 
 
 
 def _trend(
-    problem: Problem, state: State, equations: Equations, weight: np.ndarray, total: np.ndarray
+    problem: Problem, at: tuple[State, Equations, np.ndarray, np.ndarray], strokes: np.ndarray
 ) -> tuple[np.ndarray, float]:
-    """How a rig that changes evenly with time does so, by the frames' pulls: its steps (R,), and the probability of as
-    much by accident (score test)."""
+    """How a rig that changes evenly with time does so, by the frames' pulls at a solution: its steps (R,), and the
+    probability of as much by accident (score test). Friction angles of a stroke may be off alike, as neighbours rub."""
+    state, equations, weight, total = at
     free_information, free_side = problem.free_equations(state)
     ahead, rig = _ahead(problem, state), problem.axes.shape[1]
     information = np.concatenate([weight[:, None, None] * equations.information, free_information])
@@ -109,8 +109,17 @@ def _trend(
     of_trend = np.einsum("b,brs->rs", when**2, information[:, :rig, :rig])
     of_trend -= across @ np.linalg.solve(total, across.T)
     side = when @ pull[:, :rig]
-    square, freedom = disagreement(of_trend[None], side[None], _ALONE * np.eye(rig))
-    return np.linalg.solve(of_trend + _WIDE * np.eye(rig), side), float(disagreement_p(square, freedom)[0])
+    ratio = weight * problem.friction_rad / problem.friction.std_rad
+    rubbed = ratio[:, None] * equations.through[:, 3]
+    in_stroke = (strokes == np.unique(strokes)[:, None]).astype(float)
+    alike = in_stroke @ (when[: len(weight), None] * rubbed[:, :rig])
+    alike -= in_stroke @ rubbed @ np.linalg.solve(total, across.T)
+    values, vectors = np.linalg.eigh(of_trend)
+    vectors = vectors[:, values > TELLS]
+    along = vectors.T @ side
+    square = along @ np.linalg.solve(vectors.T @ (of_trend + alike.T @ alike) @ vectors, along)
+    p = disagreement_p(np.array([square]), np.array([len(along)]))[0]
+    return np.linalg.solve(of_trend + _WIDE * np.eye(rig), side), float(p)
 
 
 def _offness(covariance: np.ndarray, prior: np.ndarray, rig: int, excess: float) -> float:

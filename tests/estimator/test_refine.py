@@ -113,7 +113,7 @@ def test_a_camera_that_turns_while_the_recording_lasts_is_allowed_for() -> None:
     moved = replace(recorded, centrelines_px=recorded.centrelines_px + aside)
     still, found = (refine(contacts(each), each.given, measured(each)) for each in (recorded, moved))
     assert still.trend_p > 1e-3
-    assert found.trend_p < 1e-4 and found.notes or found.reason
+    assert (found.trend_p < 1e-4 and found.notes) or found.reason
     rows = found.refined & recorded.truth.in_contact
     off = (found.contacts.distance_m - recorded.truth.distance_m)[rows] / found.contacts.distance_std_m[rows]
     assert np.sqrt(np.mean(off**2)) < 1.3
