@@ -168,8 +168,8 @@ def _counting() -> None:
         _SENT[0] += sent
         return sent
 
-    if TCP.write.__name__ != counted.__name__:
-        TCP.write = counted
+    if write.__name__ != counted.__name__:
+        TCP.write = counted  # type: ignore[method-assign]
 
 
 def _sent() -> int:
