@@ -123,7 +123,9 @@ def _turned(image: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     return np.asarray(cv2.flip(turned, 1) if rng.uniform() < 0.5 else turned)
 
 
-def false_lines(estimator: ContactEstimator, frame: Frame, pictures: Sequence[Path], rng: np.random.Generator) -> tuple[int, int]:
+def false_lines(
+    estimator: ContactEstimator, frame: Frame, pictures: Sequence[Path], rng: np.random.Generator
+) -> tuple[int, int]:
     """How many pictures without an antenna, each turned many ways, and how many show a line that is ok."""
     total = wrong = 0
     for path in pictures:

@@ -33,14 +33,15 @@ GRAVITY_STEP_M_S2 = 0.5
 SECOND_LOOK = 0.8
 """The second look along the fitted shape is taken unless it sees less than this fraction of what the first saw."""
 
-CLAMP_PX, CLAMP_RAD = 2.5, 0.02
-"""How far beside its free shape, and how much turned, an antenna of a calibrated rig may leave its clamp."""
+CLAMP_PX, CLAMP_RAD, DRIFTED = 1.5, 0.015, 3.0
+"""How far beside its free shape, and how much turned, an antenna of a calibrated rig may leave its clamp; and so many
+deviations of the camera's drift since then."""
 SHAPE_PX, SHAPE_WIDTHS = 0.5, 0.11
 """How far from a shape that it can take it may lie in the mean: the larger of so many px and widths."""
 
 LEAST_NOISE = 0.5
-"""Points are not taken to be better than this part of what the rig's own pictures showed: one picture's scatter does not
-show what all of its points have in common, as by a highlight at the antenna's side."""
+"""Points are not taken to be better than this part of what the rig's own pictures showed: one picture's scatter does
+not show what all of its points have in common, as by a highlight at the antenna's side."""
 
 Ground = Callable[[Still], Background | None]
 """What lies behind the antenna in a picture, as far as it is known."""
@@ -135,7 +136,11 @@ def _finder(rig: Rig, pull_m_s2: tuple[float, float, float]) -> AntennaFinder | 
     free = free_curve(rig.antenna.parameters, rig.antenna.length_m, np.array(pull_m_s2))
     where = corridor(rig.camera, rig.T_antenna_camera.inverse(), free, rig.antenna.diameter_m)
     shape_px = max(SHAPE_PX, SHAPE_WIDTHS * where.width_px)
-    found = finder(replace(where, clamp_px=CLAMP_PX, clamp_rad=CLAMP_RAD, shape_px=shape_px), rig.camera)
+    drift, focal = rig.drift, 0.5 * (rig.camera.matrix[0, 0] + rig.camera.matrix[1, 1])
+    depth_m = max(float(rig.T_antenna_camera.inverse().translation_m[2]), 1e-3)
+    drifted = (focal * drift.camera_turn_rad, focal * drift.camera_shift_m / depth_m, drift.picture_shift_px)
+    clamp_px = float(np.hypot(CLAMP_PX, DRIFTED * np.linalg.norm(drifted)))
+    found = finder(replace(where, clamp_px=clamp_px, clamp_rad=CLAMP_RAD, shape_px=shape_px), rig.camera)
     return found if found is None or rig.image.height is None else found.with_usual_height(rig.image.height)
 
 
