@@ -12,8 +12,32 @@ from vbaa_calib.core.smooth import solve
 
 CLAMP_REACH_PX, CLAMP_TURN_RAD = 8.0, 0.12
 """How far off the clamp itself may be, and three deviations of its direction on a rig that is not calibrated."""
-BENT_AT = (0.62, 0.5, 0.75, 0.38, 0.88, 0.28, 1.0, 0.2, 3.0, 0.14, 0.1)
+BENT_AT = (
+    0.6,
+    0.75,
+    0.5,
+    0.67,
+    0.55,
+    0.85,
+    0.45,
+    0.95,
+    0.4,
+    0.36,
+    0.32,
+    1.1,
+    0.28,
+    0.24,
+    1.5,
+    0.2,
+    0.17,
+    3.0,
+    0.14,
+    0.1,
+)
 """Where a force bends the antenna, in its lengths, the likeliest first; far beyond the tip it bends to an arc."""
+STEEP = 0.007
+"""By this part of its length, times the square of the angle that it is bent by, perspective may change a shape: bent
+towards the camera or away, it is seen larger or smaller beyond."""
 SHAPE_POINTS, SHAPE_STEPS = 40, 4
 """Means of so many runs of points are compared with a shape, which is fitted in so many Gauss–Newton steps."""
 
@@ -96,7 +120,7 @@ def _misfit(
             matrix[0, 0], matrix[1, 1], matrix[2, 2] = allowed[1] ** -2.0, allowed[2] ** -2.0, 1e-9
             side[0, 0], side[1, 0] = -aside * matrix[0, 0], -turned * matrix[1, 1]
             total = (aside / allowed[1]) ** 2 + (turned / allowed[2]) ** 2
-            k, along = 0, 0.0
+            k, along, steep = 0, 0.0, (STEEP * length * bend**2) ** 2
             for i in range(count):
                 while True:
                     u, v = (curve[k + 1, 0] - curve[k, 0]) / width[k], (curve[k + 1, 1] - curve[k, 1]) / width[k]
@@ -105,7 +129,7 @@ def _misfit(
                     if part <= 1.0 or k == several - 1:
                         break
                     along, k = along + width[k], k + 1
-                off, weight = y * u - x * v, 1.0 / (variance[i] * count)
+                off, weight = y * u - x * v, 1.0 / ((variance[i] + steep) * count)
                 row[1], row[2] = along + part * width[k], lever[k] + part * (lever[k + 1] - lever[k])
                 total += weight * off**2
                 for a in range(3):

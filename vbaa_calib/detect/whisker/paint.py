@@ -30,7 +30,7 @@ by `CLEARLY_MORE`, since it fits other things as well."""
 PLACES, RUN, LEAST_POINTS = 8, 15, 20
 """Places along the antenna at which its colour is learnt, points averaged for a colour, and the fewest points that tell
 how brightly it is lit."""
-FOREIGN, MOSTLY_FOREIGN, PARTLY_FOREIGN, LEAST_SPREAD = 4.0, 3.0, 1.0, (0.08, 3.0)
+FOREIGN, MOSTLY_FOREIGN, PARTLY_FOREIGN, LEAST_SPREAD = 4.0, 2.5, 1.0, (0.08, 3.0)
 """Deviations from the usual colour beyond which a point is no antenna; beyond which, in the median, the whole line is
 none; and beyond which a point may show something else in part. The least deviation, relative to the brightness and in
 grey levels, since the light changes as the antenna bends."""
