@@ -35,8 +35,8 @@ BENT_AT = (
     0.1,
 )
 """Where a force bends the antenna, in its lengths, the likeliest first; far beyond the tip it bends to an arc."""
-STEEP = 0.007
-"""By this part of its length, times the square of the angle that it is bent by, perspective may change a shape: bent
+STEEP = 0.012
+"""By this part of its length, times the cube of the angle that it is bent by, perspective may change a shape: bent
 towards the camera or away, it is seen larger or smaller beyond."""
 SHAPE_POINTS, SHAPE_STEPS = 40, 4
 """Means of so many runs of points are compared with a shape, which is fitted in so many Gauss–Newton steps."""
@@ -120,7 +120,7 @@ def _misfit(
             matrix[0, 0], matrix[1, 1], matrix[2, 2] = allowed[1] ** -2.0, allowed[2] ** -2.0, 1e-9
             side[0, 0], side[1, 0] = -aside * matrix[0, 0], -turned * matrix[1, 1]
             total = (aside / allowed[1]) ** 2 + (turned / allowed[2]) ** 2
-            k, along, steep = 0, 0.0, (STEEP * length * bend**2) ** 2
+            k, along, steep = 0, 0.0, (STEEP * length * abs(bend) ** 3) ** 2
             for i in range(count):
                 while True:
                     u, v = (curve[k + 1, 0] - curve[k, 0]) / width[k], (curve[k + 1, 1] - curve[k, 1]) / width[k]
