@@ -18,7 +18,7 @@ import numpy as np
 from benchmarks.harness import Draws, column, rms, table, write_csv
 from estimator.contact.estimate import ContactEstimator
 from estimator.contact.overlay import corridor_of
-from estimator.contact.recording import FrameContact, detect, estimate_pictures, paint
+from estimator.contact.recording import FrameContact, detect_again, estimate_pictures, first_look
 from estimator.table.contacts import LOCATED, Measured
 from vbaa_calib.calibrate.pipeline import calibrate
 from vbaa_calib.core.console import progress, say
@@ -26,8 +26,6 @@ from vbaa_calib.core.errors import InputError, SolveError
 from vbaa_calib.core.files import read_json
 from vbaa_calib.core.images import list_images, read_gray, read_picture
 from vbaa_calib.detect.whisker.centreline import Centreline
-from vbaa_calib.detect.whisker.paint import without_other_things
-from vbaa_calib.rig import Rig
 from vbaa_calib.session import Frame, load_session, read_recording
 
 from .judge import Score, score, steger, thinned, within
@@ -125,15 +123,17 @@ def _turned(image: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     return np.asarray(cv2.flip(turned, 1) if rng.uniform() < 0.5 else turned)
 
 
-def false_lines(rig: Rig, frame: Frame, pictures: Sequence[Path], rng: np.random.Generator) -> tuple[int, int]:
+def false_lines(
+    estimator: ContactEstimator, frame: Frame, pictures: Sequence[Path], rng: np.random.Generator
+) -> tuple[int, int]:
     """How many pictures without an antenna, each turned many ways, and how many show a line that is ok."""
     total = wrong = 0
     for path in pictures:
         image = read_picture(path)
         for _ in range(_EMPTY_PER_PICTURE):
             total, turned = total + 1, _turned(image, rng)
-            line = detect(rig, frame, paint(rig).plane(turned))
-            wrong += without_other_things(turned, line, rig.image.looks).found
+            first = first_look(estimator, frame, turned)
+            wrong += first.line.found and detect_again(estimator, [first])[0].line.found
     return total, wrong
 
 
@@ -177,7 +177,7 @@ def measure_session(folder: Path, seed: int = 0) -> TracedRow:
         thin.append(_peer(thinned(image, mask), label))
         ridge.append(_peer(steger(image, mask > 0, where.width_px, bright=None), label))
     bare = folder / "empty"
-    empty = false_lines(rig, frames[0], list_images(bare), rng) if bare.is_dir() else (0, 0)
+    empty = false_lines(estimator, frames[0], list_images(bare), rng) if bare.is_dir() else (0, 0)
     return TracedRow(
         folder.name,
         len(frames),

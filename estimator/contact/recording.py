@@ -15,7 +15,7 @@ import numpy as np
 from estimator.table.contacts import Contact, Measured
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.images import read_picture
-from vbaa_calib.detect.whisker.acceptance import decided
+from vbaa_calib.detect.whisker.acceptance import decided, reject_other_shape
 from vbaa_calib.detect.whisker.antenna import corridor, find_along, finder, free_curve, pixels, width_px
 from vbaa_calib.detect.whisker.background import Background, evened
 from vbaa_calib.detect.whisker.centreline import NOTHING, Centreline
@@ -33,8 +33,15 @@ GRAVITY_STEP_M_S2 = 0.5
 SECOND_LOOK = 0.8
 """The second look along the fitted shape is taken unless it sees less than this fraction of what the first saw."""
 
-CLAMP_PX, CLAMP_RAD = 4.0, 0.06
-"""How far beside its free shape, and how much turned, an antenna of a calibrated rig may leave its clamp."""
+CLAMP_PX, CLAMP_RAD, DRIFTED = 1.5, 0.015, 3.0
+"""How far beside its free shape, and how much turned, an antenna of a calibrated rig may leave its clamp; and so many
+deviations of the camera's drift since then."""
+SHAPE_PX, SHAPE_WIDTHS = 0.5, 0.11
+"""How far from a shape that it can take it may lie in the mean: the larger of so many px and widths."""
+
+LEAST_NOISE = 0.5
+"""Points are not taken to be better than this part of what the rig's own pictures showed: one picture's scatter does
+not show what all of its points have in common, as by a highlight at the antenna's side."""
 
 Ground = Callable[[Still], Background | None]
 """What lies behind the antenna in a picture, as far as it is known."""
@@ -87,7 +94,8 @@ def gravity(rig: Rig, frame: Still) -> np.ndarray:
 
 def measured(rig: Rig, frame: Frame, line: Centreline) -> Measured:
     """A centreline with the deviations that this rig's pictures really have, and its end where it is the tip."""
-    own = _measured(frame, line.points_px, line.effective_px * rig.image.noise_scale)
+    sigma = np.maximum(line.effective_px * rig.image.noise_scale, LEAST_NOISE * rig.image.noise_px)
+    own = _measured(frame, line.points_px, sigma)
     return replace(own, tip_px=np.append(line.end_px, line.end_std_px)) if line.end == "tip" else own
 
 
@@ -128,7 +136,12 @@ def _finder(rig: Rig, pull_m_s2: tuple[float, float, float]) -> AntennaFinder | 
     """What looks for the antenna under this gravity (antenna frame); None where the lens cannot show the antenna."""
     free = free_curve(rig.antenna.parameters, rig.antenna.length_m, np.array(pull_m_s2))
     where = corridor(rig.camera, rig.T_antenna_camera.inverse(), free, rig.antenna.diameter_m)
-    found = finder(replace(where, clamp_px=CLAMP_PX, clamp_rad=CLAMP_RAD), rig.camera)
+    shape_px = max(SHAPE_PX, SHAPE_WIDTHS * where.width_px)
+    drift, focal = rig.drift, 0.5 * (rig.camera.matrix[0, 0] + rig.camera.matrix[1, 1])
+    depth_m = max(float(rig.T_antenna_camera.inverse().translation_m[2]), 1e-3)
+    drifted = (focal * drift.camera_turn_rad, focal * drift.camera_shift_m / depth_m, drift.picture_shift_px)
+    clamp_px = float(np.hypot(CLAMP_PX, DRIFTED * np.linalg.norm(drifted)))
+    found = finder(replace(where, clamp_px=clamp_px, clamp_rad=CLAMP_RAD, shape_px=shape_px), rig.camera)
     return found if found is None or rig.image.height is None else found.with_usual_height(rig.image.height)
 
 
@@ -152,7 +165,9 @@ def _along(rig: Rig, glance: FirstDetection, rough: RoughFit) -> Detection:
     width = width_px(rig.camera, T_camera_antenna, rough.points_m, rig.antenna.diameter_m)
     again = find_along(glance.image, guide, width, glance.bright)
     if glance.picture is not None:
-        again = without_other_things(glance.picture, again, rig.image.looks)
+        again = without_other_things(glance.picture, again, rig.image.looks, width)
+    looking = prepared(rig, glance.frame)
+    again = again if looking is None else reject_other_shape(again, looking.corridor)
     line = again if len(again.points_px) >= SECOND_LOOK * len(glance.line.points_px) else glance.line
     # a line that is doubted on a closer look, though not on the first, makes no contact
     return Detection(line, replace(measured(rig, glance.frame, line if line.found else NOTHING), start=rough.unknowns))
@@ -209,7 +224,8 @@ def first_look(
         image, line, bright = *less, None
     else:
         line = explained(looking.find(image, bright), image, looking.corridor, bright)
-    return FirstDetection(frame, image, without_other_things(picture, line, rig.image.looks), bright, picture)
+    line = without_other_things(picture, line, rig.image.looks, looking.corridor.width_px)
+    return FirstDetection(frame, image, line, bright, picture)
 
 
 def subtracted(

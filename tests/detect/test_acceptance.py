@@ -63,3 +63,26 @@ def test_of_two_lines_the_one_that_was_expected_is_taken() -> None:
     assert decided(line, one + np.array([0.0, 2.0])).found
     assert decided(line, other).verdict == "ambiguous"
     assert decided(line, np.empty((0, 2))).verdict == "ambiguous"
+
+
+def test_a_calibrated_rigs_antenna_is_its_free_shape_bent_by_a_force() -> None:
+    """Of every force and any noise that is stated; a kink, or a line beside the clamp, is none."""
+    rng = np.random.default_rng(4)
+    along = np.linspace(0.0, LENGTH, 221)
+    free = np.array(CLAMP) + np.stack([along, 4.0 * (along / LENGTH) ** 2], axis=1)
+    where = Corridor(free, 8.0 + 0.9 * along, WIDTH_PX, clamp_px=1.5, clamp_rad=0.015, shape_px=0.5)
+
+    def misfit(contact: float, turn_rad: float, noise_px: float, off: np.ndarray | float = 0.0) -> float:
+        heading = np.arctan2(np.gradient(free[:, 1]), np.gradient(free[:, 0]))
+        reach = np.minimum(along / (contact * LENGTH), 1.0)
+        heading = heading + turn_rad * reach * (2.0 - reach)
+        path = np.array(CLAMP) + np.cumsum(np.stack([np.cos(heading), np.sin(heading)], axis=1), axis=0)
+        path[:, 1] += off + noise_px * rng.standard_normal(len(path))
+        return where.misfit(path, np.full(len(path), max(noise_px, 0.05)))
+
+    for contact in (0.33, 0.57, 0.8, 0.95):
+        for turn_rad in (-0.8, -0.3, 0.05, 0.5):
+            for noise_px in (0.05, 1.0):
+                assert misfit(contact, turn_rad, noise_px) < 1.0
+    assert misfit(0.6, 0.2, 0.1, 5.0) > 1.0
+    assert misfit(0.6, 0.2, 0.1, np.where(along > 0.6 * LENGTH, 3.0, 0.0)) > 1.0

@@ -160,7 +160,7 @@ def test_a_line_that_goes_on_along_another_thing_ends_where_that_begins(finder: 
     calibrated = [np.clip(drawn + rng.normal(0.0, 2.0, drawn.shape), 0, 255).astype(np.uint8) for _ in range(3)]
     paint = Paint(True)
     looks = usual_looks([look_of(one, paint.find(finder, one)) for one in calibrated])
-    whole, cut = (without_other_things(one, paint.find(finder, one), looks) for one in shown)
+    whole, cut = (without_other_things(one, paint.find(finder, one), looks, finder.corridor.width_px) for one in shown)
     assert whole.found
     assert whole.points_px[-1, 0] > path[-1, 0] - 5.0
     assert cut.points_px[-1, 0] < middle + 2.0

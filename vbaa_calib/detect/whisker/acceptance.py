@@ -207,6 +207,20 @@ def reject_beside_clamp(line: Centreline, where: Corridor) -> Centreline:
     return line
 
 
+def reject_other_shape(line: Centreline, where: Corridor) -> Centreline:
+    """The centreline, with another verdict where a calibrated rig's antenna cannot take its shape.
+
+    A cable bends elsewhere than at the clamp, and a line that went over to an object's edge has a kink.
+    """
+    if not line.found or where.shape_px is None or where.misfit(line.points_px, line.sigma_px) <= 1.0:
+        return line
+    return line.with_verdict(
+        "no_antenna",
+        "what could be the antenna is not its free shape bent by a force (an object's edge, a cable; or the rig has "
+        "moved since its calibration)",
+    )
+
+
 def _differ(one: Centreline, other: Centreline, width_px: float) -> bool:
     """Whether two centrelines run apart over a good part of their length."""
     few = other.points_px[:: max(1, len(other.points_px) // 50)]

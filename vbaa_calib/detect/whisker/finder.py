@@ -10,7 +10,7 @@ import numpy as np
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.polyline import arc_lengths, normals, resample
 
-from .acceptance import OTHER_LINE_SEEN, best_of, reject_beside_clamp, reject_faint
+from .acceptance import OTHER_LINE_SEEN, best_of, reject_beside_clamp, reject_faint, reject_other_shape
 from .centreline import Centreline
 from .corridor import Corridor
 from .path_refinement import RefinedPath, refine_path
@@ -155,7 +155,8 @@ class AntennaFinder:
             path = self.path(image, rough, bright, blurred_px).path_px
             line = measure_on(image, path, width, bright, blurred_px)
             # a line that may be of either polarity has geometry alone to tell it from others
-            lines.append(reject_beside_clamp(line, self.corridor) if bright is None else line)
+            line = reject_beside_clamp(line, self.corridor) if bright is None else line
+            lines.append(reject_other_shape(line, self.corridor))
         alike = OTHER_LINE_SEEN if bright is not None else CHANGING_OTHER
         return reject_faint(best_of(lines, width, alike), self.usual_height)
 

@@ -30,9 +30,10 @@ by `CLEARLY_MORE`, since it fits other things as well."""
 PLACES, RUN, LEAST_POINTS = 8, 15, 20
 """Places along the antenna at which its colour is learnt, points averaged for a colour, and the fewest points that tell
 how brightly it is lit."""
-FOREIGN, LEAST_SPREAD = 4.0, (0.08, 3.0)
-"""Deviations from the usual colour beyond which a point is no antenna; the least deviation, relative to the brightness
-and in grey levels, since the light changes as the antenna bends."""
+FOREIGN, MOSTLY_FOREIGN, PARTLY_FOREIGN, LEAST_SPREAD = 4.0, 2.5, 1.0, (0.08, 3.0)
+"""Deviations from the usual colour beyond which a point is no antenna; beyond which, in the median, the whole line is
+none; and beyond which a point may show something else in part. The least deviation, relative to the brightness and in
+grey levels, since the light changes as the antenna bends."""
 ROOT, LIGHT = 0.4, (0.6, 1.7)
 """Share of the line, from the clamp, that tells how brightly it is lit; limits of that factor."""
 
@@ -205,33 +206,35 @@ def usual_looks(several: Sequence[np.ndarray]) -> Looks | None:
     return learnt
 
 
-def without_other_things(image: np.ndarray, line: Centreline, looks: Looks | None) -> Centreline:
-    """The centreline in a picture (H, W[, 3]) without stretches that do not look like the antenna.
+def without_other_things(image: np.ndarray, line: Centreline, looks: Looks | None, width_px: float) -> Centreline:
+    """The centreline in a picture (H, W[, 3]) without stretches that do not look like an antenna of this width.
 
-    Where the antenna is hidden a line that goes on along an object's edge has not its colour. The light may be stronger
-    or weaker in all than it was.
+    Where the antenna is hidden a line that goes on along an object's edge has not its colour. Where it is hidden in
+    part, the line is the middle of what is left: what the colour leaves open, as a part of half the width, is added to
+    the deviations, alike for all points concerned. The light may be stronger or weaker in all than it was.
     """
     if looks is None or not line.found:
         return line
     table = np.array(looks)
     if image.ndim == 2 and np.ptp(table[:, :3], axis=1).max() > LEAST_SPREAD[1]:
         return line  # a grey picture does not show the colour
-    other = _foreign(np.ascontiguousarray(_colours(image, line.points_px)), _shares(line), table)
-    if not other.any():
-        return line
-    own, last = ~other, len(other) - 1 - int(np.argmax(other[::-1]))
-    guide = beside(line.points_px, line.guide_px)[0]
-    visibility = np.asarray(line.visibility).copy()
-    visibility[(visibility == Visibility.SEEN) & other[guide]] = Visibility.HIDDEN
+    other, off = _foreign(np.ascontiguousarray(_colours(image, line.points_px)), _shares(line), table)
+    doubt = 0.5 * width_px * np.clip((off - PARTLY_FOREIGN) / (FOREIGN - PARTLY_FOREIGN), 0.0, 1.0)
+    own = ~other
+    doubt = doubt[own]
     shorter = replace(
         line,
         points_px=line.points_px[own],
-        sigma_px=line.sigma_px[own],
-        effective_px=line.effective_px[own],
-        seen=line.seen * float(own.mean()),
-        visibility=visibility,
+        sigma_px=np.hypot(line.sigma_px[own], doubt),
+        effective_px=np.hypot(line.effective_px[own], doubt * np.sqrt(np.count_nonzero(doubt))),
     )
-    if last == len(other) - 1:
+    if not other.any():
+        return shorter
+    guide = beside(line.points_px, line.guide_px)[0]
+    visibility = np.asarray(line.visibility).copy()
+    visibility[(visibility == Visibility.SEEN) & other[guide]] = Visibility.HIDDEN
+    shorter = replace(shorter, seen=line.seen * float(own.mean()), visibility=visibility)
+    if other[-1]:
         shorter = replace(shorter, end="hidden", end_std_px=np.nan)
     if shorter.seen < LEAST_SEEN:
         share_seen = f"{100 * shorter.seen:.0f} % of its length"
@@ -240,8 +243,9 @@ def without_other_things(image: np.ndarray, line: Centreline, looks: Looks | Non
 
 
 @kernel
-def _foreign(colours: np.ndarray, shares: np.ndarray, looks: np.ndarray) -> np.ndarray:
-    """(N,) bool, points of a line, colours (N, 3) at shares (N,) of its length, that have not the looks (PLACES, 4)."""
+def _foreign(colours: np.ndarray, shares: np.ndarray, looks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Which points of a line, colours (N, 3) at shares (N,) of its length, have not the looks (PLACES, 4): (N,) bool;
+    and how far off these their colours are, (N,) deviations."""
     count, places = len(shares), (np.arange(PLACES) + 0.5) / PLACES
     usual = np.empty((4, count))
     for c in range(4):
@@ -257,12 +261,13 @@ def _foreign(colours: np.ndarray, shares: np.ndarray, looks: np.ndarray) -> np.n
     off = np.zeros(count)
     for c in range(3):
         off += smooth.running_mean(colours[:, c] - light * usual[c], RUN, smooth.END_VALUE) ** 2
-    other = np.zeros(count, np.bool_)
+    off = np.sqrt(off) / (light * usual[3])
+    other = np.full(count, np.median(off) > MOSTLY_FOREIGN)
     for n in range(count):
-        if off[n] > (FOREIGN * light * usual[3, n]) ** 2:
+        if off[n] > FOREIGN:
             # a run's mean blends what lies before and after its middle
             other[max(n - RUN // 2, 0) : n + RUN // 2 + 1] = True
-    return other
+    return other, off
 
 
 def _shares(line: Centreline) -> np.ndarray:
