@@ -78,7 +78,8 @@ def prepare(folder: Path) -> None:
     table, rig = given("sphere", float("inf"), 37)
     write_contacts(folder / "touches.csv", table.rows())
     (folder / "touches.json").write_text(json.dumps(rig.to_dict()))
-    (folder / "fleet.csv").write_text("session,date\nsession,2026-01-01\nswept,2026-02-01\n")
+    (folder / "fleet.csv").write_text("session,date\nsession,2026-01-01\nagain,2026-02-01\n")
+    shutil.copytree(folder / "session", folder / "again")
 
 
 def life(call: str, place: Path, move: int = 0, after_s: float = 0.0) -> tuple[int, int, str]:
