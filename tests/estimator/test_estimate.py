@@ -145,7 +145,7 @@ def test_wrong_input_is_named(changes: dict, what: str) -> None:
     ("changes", "what"),
     [
         ({"moments": [0.0]}, "moments has shape .1,., the centrelines number 2"),
-        ({"tilts": [0.0] * 3}, "tilts number 3, centrelines 2"),
+        ({"tilts": [0.0] * 3}, "tilts has shape .3,., the centrelines number 2"),
         ({"sigma_px": np.ones((2, 7))}, "sigma_px has shape"),
         ({"centrelines_px": [np.zeros((9, 2)), np.zeros(4)]}, "a centreline has shape"),
     ],
