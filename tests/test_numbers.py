@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
 
-from estimator import ContactEstimator
+from estimator import ContactEstimator, Measured
 from vbaa_calib.core.arrays import as_floats
 from vbaa_calib.core.errors import InputError
+from vbaa_calib.streams import Reading, Taken
 
 from .estimator.contact_scenes import RIG
 
@@ -74,6 +76,57 @@ def test_the_estimator_takes_nothing_in_silence(changed: dict[str, Any], words: 
     call: dict[str, Any] = {"centreline_px": POINTS, "moment": 0.001, "pan": 0.1, "tilt": 0.0} | changed
     with pytest.raises(InputError, match=words):
         ContactEstimator(RIG).estimate(call.pop("centreline_px"), **call)
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        ({"pan_rad": 12.0}, "pan_rad is 12.*radians"),
+        ({"tilt_rad": 1e300}, "tilt_rad"),
+        ({"pan_rad": "0"}, "pan_rad"),
+        ({"moment_Nm": 1020.0}, "moment_Nm is 1020.*N·m"),
+        ({"moment_Nm": True}, "moment_Nm"),
+        ({"moment_z_Nm": np.inf}, "moment_z_Nm"),
+        ({"time_s": "1"}, "time_s"),
+        ({"points_px": 1e300 * POINTS}, "points_px"),
+        ({"points_px": POINTS.T}, "shapes"),
+        ({"sigma_px": np.full(3, 0.1)}, "shapes"),
+        ({"sigma_px": np.full(60, -0.1)}, "positive"),
+    ],
+    ids=lambda value: next(iter(value)) if isinstance(value, dict) else None,
+)
+def test_frames_of_a_recording_take_nothing_in_silence(changed: dict[str, Any], words: str) -> None:
+    given: dict[str, Any] = {"points_px": POINTS, "sigma_px": np.full(60, 0.1), "moment_Nm": 0.0}
+    with pytest.raises(InputError, match=words):
+        Measured(**(given | {"pan_rad": 0.1, "tilt_rad": 0.0} | changed))
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        *(lambda: Reading(1.0, "pan_deg", 12.0, 1.0), lambda: Reading(1.0, "pan_rad", "0.1", 1.0)),  # type: ignore[arg-type]
+        *(lambda: Reading(1.0, "pan_rad", True, 1.0), lambda: Reading("1", "pan_rad", 0.1, 1.0)),  # type: ignore[arg-type]
+        *(lambda: Taken(1.0, None, 1.0), lambda: Taken(1.0, [[0]], 1.0)),  # type: ignore[arg-type]
+        *(lambda: Taken(1.0, np.zeros((9, 9, 2), np.uint8), 1.0), lambda: Taken(1.0, np.zeros((9, 9), object), 1.0)),
+        *(lambda: Taken("1", np.zeros((9, 9), np.uint8), 1.0), lambda: ContactEstimator("rig.json")),  # type: ignore[arg-type]
+        *(lambda: ContactEstimator(RIG, jobs=True), lambda: ContactEstimator(RIG, friction=11.5)),
+        lambda: ContactEstimator(RIG).estimate_batch(None, None, [0.0], [0.0]),  # type: ignore[arg-type]
+        lambda: ContactEstimator(RIG).estimate_batch([POINTS], None, 0.0, [0.0]),  # type: ignore[arg-type]
+        lambda: next(ContactEstimator(RIG).run([POINTS])),  # type: ignore[list-item]
+    ],
+)
+def test_other_calls_take_nothing_in_silence(call: Callable[[], Any]) -> None:
+    with pytest.raises(InputError) as caught:
+        call()
+    assert "\n" not in str(caught.value)
+
+
+def test_tensors_are_numbers() -> None:
+    torch = pytest.importorskip("torch")
+    given = torch.ones(3, requires_grad=True)
+    np.testing.assert_array_equal(as_floats(given, "it", "give numbers"), np.ones(3))
+    with pytest.raises(InputError):
+        as_floats([torch.tensor(True)], "it", "give numbers")
 
 
 def test_masked_points_and_readings_are_missing_ones() -> None:

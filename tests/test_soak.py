@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 
 from benchmarks.growth.work import SESSION, write_recording
+from benchmarks.soak import MOST_MB as MOST_RISE_MB
+from benchmarks.soak import rise
 from estimator.table.files import read_contacts
 from tests.estimator.drawn_frames import picture, rig_of, shape
 
@@ -76,6 +78,14 @@ def pictures(folder: Path, count: int) -> Path:
         rows.append(f"{index},{index / 30:.4f},{index:06d}.png,0,{0.3 * np.sin(0.01 * index):.6f},")
     (folder / "recording" / "recording.csv").write_text("\n".join(rows) + "\n")
     return folder
+
+
+@pytest.mark.parametrize(("each_MB", "grows"), [(0.0, False), (0.2, True)])
+def test_what_is_loaded_is_no_growth(each_MB: float, grows: bool) -> None:
+    """200 samples that scatter, and rise by 60 MB until a third has passed."""
+    index = np.arange(200.0)
+    samples = 150.0 + np.minimum(index, 66.0) * (60.0 / 66.0) + each_MB * index + np.tile([0.0, 5.0, 0.0, 40.0], 50)
+    assert (rise(samples.tolist()) > MOST_RISE_MB) == grows
 
 
 @pytest.mark.slow

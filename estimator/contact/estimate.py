@@ -16,9 +16,9 @@ from estimator.solver.numbers import FitNumbers
 from estimator.solver.rig_arrays import RigArrays
 from estimator.table.contacts import FRICTION_RAD, Contact, Measured
 from vbaa_calib.antenna.rungs import RUNGS
-from vbaa_calib.core.arrays import as_floats
+from vbaa_calib.core.arrays import as_float, as_floats
 from vbaa_calib.core.compiled import cores
-from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.errors import InputError, shown
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import DRIFTS
 
@@ -59,9 +59,12 @@ class ContactEstimator:
     ) -> None:
         if model != "auto" and model not in RUNGS:
             raise InputError(f"model is {model!r}", remedy=f"one of auto, {', '.join(RUNGS)} is needed")
-        if not isinstance(friction, int | float) or not 0.0 <= friction <= 1.0:
-            raise InputError(f"friction is {friction}", remedy="give the angle's deviation in rad, 0 to 1")
-        if jobs is not None and not (isinstance(jobs, int) and jobs >= 1):
+        if not isinstance(rig, Rig):
+            raise InputError(f"rig is {shown(rig)}", remedy="give what Rig.load returns")
+        in_rad = "give the angle's deviation in rad, 0 to 1"
+        if not 0.0 <= as_float(friction, "friction", in_rad) <= 1.0:
+            raise InputError(f"friction is {friction}", remedy=in_rad)
+        if jobs is not None and not (type(jobs) is int and jobs >= 1):
             raise InputError(f"jobs is {jobs!r}", remedy="give a number of threads, 1 or more")
         self.rig = rig
         self.model = model
@@ -140,6 +143,8 @@ class ContactEstimator:
         """
         stream = ContactStream(self, live=live)
         for measured in recording:
+            if not isinstance(measured, Measured):
+                raise InputError(f"the recording holds {shown(measured)}", remedy="give a Measured for each frame")
             yield from stream.push(measured)
         yield from stream.finish()
 

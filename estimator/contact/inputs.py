@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,7 +20,7 @@ from vbaa_calib.core.arrays import (
     as_floats,
     check_each,
 )
-from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.errors import InputError, shown
 from vbaa_calib.rig import Rig
 
 _LEAST_END_PX = 0.02
@@ -130,6 +130,8 @@ def _padded(centrelines_px: np.ndarray | Sequence[np.ndarray]) -> np.ndarray:
     name, remedy = "centrelines_px", "give (N, 2) pixels for every frame"
     if isinstance(centrelines_px, np.ndarray) and centrelines_px.ndim == 3 and centrelines_px.shape[2] == 2:
         return check_each(as_floats(centrelines_px, name, remedy), FARTHEST_PX, name, remedy, "infinite")
+    if not isinstance(centrelines_px, Iterable):
+        raise InputError(f"{name} is {shown(centrelines_px)}", remedy=remedy)
     lines = [as_floats(line, name, remedy) for line in centrelines_px]
     for line in lines:
         if line.ndim != 2 or line.shape[1] != 2:
@@ -147,7 +149,8 @@ def _column(name: str, values: Values, count: int) -> np.ndarray:
         return np.full(count, np.nan)
     numbers = as_floats(values, name, "give a number for every frame")
     if numbers.shape != (count,):
-        raise InputError(f"{name} number {len(numbers)}, centrelines {count}", remedy="give one for every frame")
+        what = f"{name} has shape {numbers.shape}, the centrelines number {count}"
+        raise InputError(what, remedy="give a number for every frame")
     return numbers
 
 

@@ -13,6 +13,16 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
 
+from vbaa_calib.core.arrays import (
+    ANGLE_REMEDY,
+    FARTHEST_PX,
+    LARGEST_NM,
+    LARGEST_RAD,
+    MOMENT_REMEDY,
+    as_float,
+    as_floats,
+    check_each,
+)
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.geometry import Kinematics
 
@@ -302,6 +312,34 @@ class Measured:
     tip_px: np.ndarray = field(default_factory=lambda: np.full(3, np.nan))
     moment_errors_Nm: np.ndarray = field(default_factory=lambda: np.zeros(2))
     joint_errors_rad: np.ndarray = field(default_factory=lambda: np.zeros(2))
+
+    def __post_init__(self) -> None:
+        """Raises InputError for what is no number, or in another unit."""
+        given = self.points_px, self.sigma_px
+        points, sigma = (as_floats(each, "points_px or sigma_px", "give px") for each in given)
+        if points.ndim != 2 or points.shape[1] != 2 or sigma.shape != points.shape[:1]:
+            what = f"points_px and sigma_px have shapes {points.shape}, {sigma.shape}"
+            raise InputError(what, remedy="give (N, 2) and (N,)")
+        # each of these is quick for frames that are sound
+        if not (len(points) and np.abs(points).max() <= FARTHEST_PX):
+            check_each(points, FARTHEST_PX, "points_px", "give pixels", "infinite")
+        if not ((len(sigma) and sigma.min() > 0.0) or (sigma[np.isfinite(points).all(axis=1)] > 0.0).all()):
+            raise InputError("sigma_px is not everywhere positive", remedy="give standard deviations in px")
+        values: dict[str, np.ndarray | float] = {"points_px": points, "sigma_px": sigma}
+        for name, (most, remedy) in _GIVEN.items():
+            number = values[name] = as_float(getattr(self, name), name, remedy)
+            if abs(number) > most:
+                raise InputError(f"{name} is {number:g}", remedy=remedy)
+        for name, each in values.items():
+            object.__setattr__(self, name, each)
+
+
+_GIVEN = {
+    **dict.fromkeys(("moment_Nm", "moment_z_Nm"), (LARGEST_NM, MOMENT_REMEDY)),
+    **dict.fromkeys(("pan_rad", "tilt_rad"), (LARGEST_RAD, ANGLE_REMEDY)),
+    "time_s": (np.inf, "give seconds"),
+}
+"""Of `Measured`: the largest that there is, and what to give."""
 
 
 _FOREIGN_M = 1e-3  # world and antenna points that disagree by more than this come from another rig

@@ -124,8 +124,8 @@ def test_rows_with_nan_are_left_out() -> None:
 @pytest.mark.parametrize(
     ("changes", "what"),
     [
-        ({"moments": [0.0]}, "moments number 1, centrelines 2"),
-        ({"tilts": [0.0] * 3}, "tilts number 3, centrelines 2"),
+        ({"moments": [0.0]}, "moments has shape .1,., the centrelines number 2"),
+        ({"tilts": [0.0] * 3}, "tilts has shape .3,., the centrelines number 2"),
         ({"sigma_px": np.ones((2, 7))}, "sigma_px has shape"),
         ({"centrelines_px": [np.zeros((9, 2)), np.zeros(4)]}, "a centreline has shape"),
     ],

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 from pathlib import Path
+from shutil import copy
 from types import SimpleNamespace
 from typing import Any
 
@@ -187,3 +188,9 @@ def test_a_damaged_picture_is_left_out_and_told(tmp_path: Path) -> None:
     found, notes = read(write(tmp_path / "bag.mcap", {3: np.arange(100, dtype=np.uint8)}))
     assert sum(isinstance(each, Taken) for each in found) == COUNT - 1
     assert "/camera/compressed" in notes[0]
+
+
+def test_what_unpacks_to_far_more_than_it_is_is_refused(tmp_path: Path) -> None:
+    seed = Path(__file__).parents[1] / "fuzz" / "seeds" / "mcap" / "unpacks_to_400_MB"
+    with pytest.raises(InputError, match="unpacks to 400 MB"):
+        read(Path(copy(seed, tmp_path / "packed.mcap")))

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 import numpy as np
 
-from .errors import InputError
+from .errors import InputError, shown
 
 if TYPE_CHECKING:
     import torch
@@ -147,20 +147,35 @@ def as_floats(values: Any, name: str, remedy: str) -> np.ndarray:
         return values
     masked = isinstance(values, np.ma.MaskedArray)
     try:
+        if is_tensor(values):
+            values = values.detach().cpu().numpy()
         if masked and values.dtype.kind in "iuf":
             values = values.astype(float).filled(np.nan)
         # NumPy takes a list of numbers and booleans for numbers
         array = np.array(values, object) if isinstance(values, list | tuple) else np.asarray(values)
         if array.dtype.kind == "O":
-            array = np.array([np.nan if one is None else _number(one) for one in array.ravel()]).reshape(array.shape)
+            array = np.array([_number(one) for one in array.ravel()]).reshape(array.shape)
         if array.dtype.kind not in "iuf":
             raise TypeError
         return array.astype(float)
     except (TypeError, ValueError, OverflowError):
-        raise InputError(f"{name} is {values!r:.60}, not a number", remedy=remedy) from None
+        raise InputError(f"{name} is {shown(values)}, not a number", remedy=remedy) from None
+
+
+def as_float(value: Any, name: str, remedy: str) -> float:
+    """One number. Raises InputError as `as_floats` does, and for several."""
+    if type(value) is float:
+        return value
+    number = as_floats(value, name, remedy)
+    if number.ndim:
+        raise InputError(f"{name} has shape {number.shape}", remedy=f"give one number: {remedy}")
+    return float(number)
 
 
 def _number(one: Any) -> float:
+    if one is None or one is np.ma.masked:
+        return np.nan
+    one = one.item() if is_tensor(one) else one
     if isinstance(one, bool | np.bool_ | str | bytes | complex):
         raise TypeError
     return float(one)

@@ -48,9 +48,9 @@ def clipped(text: str) -> str:
 
 
 def shown(value: object) -> str:
-    """A value out of a file or an answer, as Python writes it, for a message: at most 60 characters."""
+    """A value from outside, as Python writes it, for a message: in one line of at most 60 characters."""
     try:
-        text = repr(value)
+        text = " ".join(repr(value).split())
     except (RecursionError, ValueError):  # nested without end; a number of thousands of digits
         text = f"a {type(value).__name__}"
     return text if len(text) <= 60 else text[:57] + "..."

@@ -19,9 +19,9 @@ from pathlib import Path
 from typing import Any
 
 import yaml
+from yaml._yaml import CParser
 from yaml.composer import Composer, ComposerError
 from yaml.constructor import ConstructorError, SafeConstructor
-from yaml.cyaml import CParser
 from yaml.resolver import Resolver
 
 from .errors import InputError, reason_of
@@ -120,7 +120,8 @@ class _UniqueKeyLoader(Composer, CParser, SafeConstructor, Resolver):
         """As Composer's, which has no bound."""
         self._count += 1
         if self._count > _MOST_VALUES:
-            raise ComposerError(None, None, f"more than {_MOST_VALUES} values", self.peek_event().start_mark)
+            here: Any = self.peek_event()
+            raise ComposerError(None, None, f"more than {_MOST_VALUES} values", here.start_mark)
         return super().compose_node(parent, index)
 
     def resolve(self, kind: Any, value: Any, implicit: Any) -> str:
@@ -167,7 +168,7 @@ def _unique_mapping(loader: _UniqueKeyLoader, node: yaml.MappingNode, deep: bool
     return loader.construct_mapping(node, deep)
 
 
-_UniqueKeyLoader.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _unique_mapping)
+_UniqueKeyLoader.add_constructor(Resolver.DEFAULT_MAPPING_TAG, _unique_mapping)  # type: ignore[type-var]
 
 
 class UniqueKeyDumper(yaml.SafeDumper):
@@ -186,7 +187,7 @@ for _each in (_UniqueKeyLoader, UniqueKeyDumper):
 def read_yaml(path: Path) -> dict[str, Any]:
     """A YAML mapping. Raises InputError naming the line of what is wrong."""
     try:
-        data = yaml.load(read_text(path, _MOST_YAML_BYTES), Loader=_UniqueKeyLoader)
+        data = _UniqueKeyLoader(read_text(path, _MOST_YAML_BYTES)).get_single_data()
         _refuse_deep(data)
     except RecursionError:
         raise InputError("is not valid YAML (nested too deeply)", where=path, remedy="write it again") from None

@@ -102,20 +102,22 @@ def checked(model: type[T], data: Any, where: object, remedy: str, key: str = ""
         name = _dotted(key, bad)
         place = _with_line(where, data, bad)
         raise InputError(f"{name} is not a finite number", where=place, remedy="give a number in SI units")
+    kind: Any = model
     try:
-        return _adapter(model).validate_python(data)
+        found: T = _adapter(kind).validate_python(data)
+        return found
     except ValidationError as error:
         place = _with_line(where, data, _first(error)["loc"])
-        raise refusal(error, place, remedy, key, lambda: _bounds(model)) from None
+        raise refusal(error, place, remedy, key, lambda: _bounds(kind)) from None
 
 
 @cache
-def _adapter(model: type[T]) -> TypeAdapter[T]:
+def _adapter(model: Any) -> TypeAdapter[Any]:
     return TypeAdapter(model)
 
 
 @cache
-def _bounds(model: type) -> Mapping[str, Any]:
+def _bounds(model: Any) -> Mapping[str, Any]:
     """JSON Schema of a model; it takes longer than to check a file."""
     return _adapter(model).json_schema()
 

@@ -154,7 +154,8 @@ def _unit(rotation_xyzw: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class _PoseInFile:
-    translation_m: Annotated[np.ndarray, ArrayOf(3, ge=-100, le=100)]
+    # of rigs, not of rooms: twelve millimetres written as 12 are refused
+    translation_m: Annotated[np.ndarray, ArrayOf(3, ge=-10, le=10)]
     rotation_xyzw: Annotated[np.ndarray, ArrayOf(4), AfterValidator(_unit)]
 
 

@@ -41,6 +41,8 @@ _LAYOUTS: dict[str, tuple[str, int]] = {
     **dict.fromkeys(("mono16", "16UC1"), ("u2", 1)),
 }
 """ROS' name of an image's encoding: type and number of its channels."""
+_LARGEST_CHUNK_BYTES, _LARGEST_CHUNK_FACTOR = 50_000_000, 10
+"""Of a chunk unpacked: some bytes, and a multiple of the file's size. A picture is copied four times on its way."""
 _FOCAL_SHARE = 0.01
 """A camera whose focal length is so much off the rig's is another one."""
 
@@ -92,6 +94,9 @@ def open_bag(path: Path, topics: Topics, camera_matrix: np.ndarray | None, image
         reader.open()
         stack.callback(_close, reader)
         kinds = {name: info.msgtype for name, info in reader.topics.items()}
+        _refuse_large_chunks(reader, path)
+    except InputError:
+        raise
     except Exception as error:  # of a damaged file the reader lets anything through
         what = f"cannot be read as a bag ({type(error).__name__}: {clipped(str(error).partition(chr(10))[0])})"
         raise InputError(what, where=path, remedy="record or copy it again, or mend it (mcap recover)") from None
@@ -150,6 +155,16 @@ def open_bag(path: Path, topics: Topics, camera_matrix: np.ndarray | None, image
 
     count = sum(each.msgcount for each in reader.connections if each.topic == taken["image"])
     return Source(path.name, messages, frozenset(channels), notes=notes, count=count, again=again)
+
+
+def _refuse_large_chunks(reader: Any, path: Path) -> None:
+    """Raises InputError for an MCAP file that unpacks to far more than it holds: chunks are unpacked as a whole."""
+    whole = [one.storage for one in reader.readers if hasattr(one, "storage")]  # a file, or a folder of several
+    for storage in (each for one in whole for each in getattr(one, "storages", [one])):
+        largest = max((chunk.uncompressed_size for chunk in getattr(storage, "chunks", ())), default=0)
+        if largest > _LARGEST_CHUNK_BYTES + _LARGEST_CHUNK_FACTOR * storage.path.stat().st_size:
+            what = f"one of its chunks unpacks to {largest / 1e6:.0f} MB"
+            raise InputError(what, where=path, remedy="record it with chunks of some megabytes, as rosbag2 does")
 
 
 def _close(reader: Any) -> None:

@@ -9,7 +9,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from vbaa_calib.core.arrays import LARGEST_NM, LARGEST_RAD
+from vbaa_calib.core.arrays import LARGEST_NM, LARGEST_RAD, as_float
+from vbaa_calib.core.errors import InputError, shown
 
 CHANNELS = ("moment_Nm", "moment_z_Nm", "pan_rad", "tilt_rad")
 """What is read beside the pictures, named as the columns of recording.csv are."""
@@ -30,6 +31,14 @@ class Taken:
     received_s: float = 0.0
     place: Any = None
 
+    def __post_init__(self) -> None:
+        image = self.image
+        shape = image.shape if isinstance(image, np.ndarray) and image.dtype.kind in "buif" else ()
+        if len(shape) != 2 and shape[2:] not in ((3,), (4,)):
+            what = f"a picture is {shown(image)}" if not shape else f"a picture has shape {shape}"
+            raise InputError(what, remedy="give an array of numbers, (H, W) grey or (H, W, 3) blue, green, red")
+        as_float(self.time_s, "the time of a picture", "give seconds")
+
 
 @dataclass(frozen=True, slots=True)
 class Reading:
@@ -39,6 +48,14 @@ class Reading:
     channel: str
     value: float
     arrived_s: float
+
+    def __post_init__(self) -> None:
+        if self.channel not in CHANNELS:
+            raise InputError(
+                f"a reading is of {shown(self.channel)}", remedy=f"one of {', '.join(CHANNELS)}, in SI units"
+            )
+        for number in (self.value, self.time_s):
+            as_float(number, f"a reading of {self.channel}, or its time,", "give numbers")
 
     @property
     def possible(self) -> bool:

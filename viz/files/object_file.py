@@ -39,6 +39,7 @@ _UNREADABLE = (
     IndexError,
     TypeError,
     StopIteration,
+    RecursionError,
     AttributeError,
 )
 _FARTHEST_M = 1e6

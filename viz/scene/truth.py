@@ -48,7 +48,7 @@ def true_contacts(table: ContactTable, contents: Mapping[str, Any], where: objec
         touched = contents.get("object", {})
         friction, stiffness = float(touched.get("friction", np.nan)), touched.get("stiffness_N_m", np.nan)
         stiffness = np.inf if stiffness is None else float(stiffness)
-    except (AttributeError, KeyError, TypeError, ValueError) as error:
+    except (ArithmeticError, AttributeError, KeyError, TypeError, ValueError) as error:
         raise InputError(f"frames are not as expected ({error!r})", where=where, remedy=_REMEDY) from None
     return TrueContacts(distance, force[:, 1], force[:, 2], point, friction, stiffness)
 

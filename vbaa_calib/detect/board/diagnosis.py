@@ -155,6 +155,8 @@ def _best_layout(pictures: Sequence[Markers], prefer: tuple[int, bool]) -> _Layo
 
     None with too few pairs, or if one in ten contradicts the best layout.
     """
+    if sum(len(picture.ids) * (len(picture.ids) - 1) for picture in pictures) < _PAIRS_NEEDED:
+        return None
     count = 1 + max((int(picture.ids.max(initial=-1)) for picture in pictures), default=-1)
     every = [(squares_x, even) for squares_x in range(2, _LARGEST_WIDTH + 1) for even in (False, True)]
     best: _Layout | None = None
