@@ -74,8 +74,8 @@ class _Common(Generic[Number, Flag, Text]):
     in_contact: Flag = _column("–", "true or false; false also if unknown", False)
     model: Text = _column(
         "–",
-        "mechanical model: the one requested, or else the lowest that would have been good enough (then `rod` was used): "
-        "paper, linear, elastica or rod",
+        "mechanical model: the one requested, or else the lowest that would have been good enough (then `rod` was "
+        "used): paper, linear, elastica or rod",
         "",
     )
     distance_m: Number = _column("m", "arc length from the clamp to the contact")
@@ -103,9 +103,7 @@ class _Common(Generic[Number, Flag, Text]):
     tangent_world: np.ndarray = _vector(
         "–", "unit tangent of the antenna at the contact, towards the tip, world frame", "TX TY TZ"
     )
-    moment_residual_Nm: Number = _column(
-        "N·m", "measured moment minus the fitted contact's; empty without a reading"
-    )
+    moment_residual_Nm: Number = _column("N·m", "measured moment minus the fitted contact's; empty without a reading")
     friction_angle_rad: Number = _column(
         "rad",
         "the force's angle from the antenna's normal at the contact, positive towards the clamp; about 0 if the frame "
@@ -114,11 +112,13 @@ class _Common(Generic[Number, Flag, Text]):
     friction_angle_std_rad: Number = _column(
         "rad", "its standard deviation; that of `--friction` if the frame does not determine it"
     )
-    friction_prior_rad: Number = _column("rad", "standard deviation of the friction angle before the frame is seen: `--friction`")
+    friction_prior_rad: Number = _column(
+        "rad", "standard deviation of the friction angle before the frame is seen: `--friction`"
+    )
     evidence: Number = _column(
         "–",
-        "half the difference of the sums of squares of free and touched antenna; above 14 there is contact, without one "
-        "it is 1.5 to 2 on average",
+        "half the difference of the sums of squares of free and touched antenna; above 14 there is contact, without "
+        "one it is 1.5 to 2 on average",
     )
     condition: Number = _column(
         "–", "condition number of the information on distance, force and friction, each scaled to unit deviation"
