@@ -65,5 +65,5 @@ html_theme_options = {"navigation_with_keys": True}
 html_copy_source = False
 html_show_sphinx = False
 templates_path: list[str] = []
-pygments_style = "friendly"
+pygments_style = "default"
 pygments_dark_style = "native"

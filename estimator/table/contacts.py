@@ -84,8 +84,8 @@ class _Common(Generic[Number, Flag, Text]):
     in_contact: Flag = _column("–", "true or false; false also if unknown", False)
     model: Text = _column(
         "–",
-        "mechanical model: the one requested, or else the lowest that would have been good enough (then `rod` was used): "
-        "paper, linear, elastica or rod",
+        "mechanical model: the one requested, or else the lowest that would have been good enough (then `rod` was "
+        "used): paper, linear, elastica or rod",
         "",
     )
     distance_m: Number = _column("m", "arc length from the clamp to the contact")
@@ -127,8 +127,8 @@ class _Common(Generic[Number, Flag, Text]):
     )
     evidence: Number = _column(
         "–",
-        "half the difference of the sums of squares of free and touched antenna; above 14 there is contact, without one "
-        "it is 1.5 to 2 on average",
+        "half the difference of the sums of squares of free and touched antenna; above 14 there is contact, without "
+        "one it is 1.5 to 2 on average",
     )
     condition: Number = _column(
         "–", "condition number of the information on distance, force and friction, each scaled to unit deviation"

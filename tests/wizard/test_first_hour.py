@@ -155,7 +155,7 @@ def test_from_the_first_question_to_the_rig(session: Path, walked: tuple[Path, P
 
 def test_the_same_advice_says_why(walked: tuple[Path, Person]) -> None:
     advice = [one for one in walked[1].advice if one and not one.startswith("enough")]
-    boards = [one for one in advice if one.startswith(("board", "the same pose"))]
+    boards = [one for one in advice if one.startswith(("board", "still the pose"))]
     assert all(one != after for one, after in pairwise(boards))
 
 

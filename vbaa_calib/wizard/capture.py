@@ -121,7 +121,7 @@ class Capture:
         """The progress; advice that repeats itself says why."""
         before, self.wanted = self.wanted, progress.next
         if progress.next and progress.next == before and self.match and progress.target is not None:
-            return replace(progress, next=f"the same pose once more: {self.match}")
+            return replace(progress, next=f"still the pose suggested before: {self.match}")
         return progress
 
     def _obey(self, command: str) -> str | None:
@@ -198,7 +198,7 @@ class Capture:
         self.state.write_files()
         self.ui.say(f"took      {picture.name} as {taken.file}{f', {check.words}' if check.words else ''}")
         share = 100 * (check.closeness or 0.0)
-        self.match = check.closer and f"the last picture was a match of {share:.0f} %; {check.closer}"
+        self.match = check.closer and f"the last picture was {share:.0f} % like it; next time {check.closer}"
         self.progress = None
 
     def _readings_of(self, picture: str) -> dict[str, float]:
