@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
+import dask
 import numpy as np
 import pyarrow
 import pytest
@@ -251,3 +252,16 @@ def test_another_folder_is_not_written_into_nor_one_that_another_works_in(folder
         assert main([*call[:-1], str(results.root)]) == 2
     assert main([*call, "--jobs", "0"]) == 2
     assert main([*call[:-1], str(tmp_path / "new"), "--scheduler", "tcp://127.0.0.1:9", "--jobs", "2"]) == 2
+
+
+@pytest.mark.slow
+def test_a_process_that_is_given_up_comes_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    """When a worker's guard cannot start it anew, dask goes on without; with none left nothing would ever be done."""
+    monkeypatch.setattr(cluster, "_HEAL_S", 2.0)
+    with (
+        dask.config.set({"distributed.deploy.lost-worker-timeout": "3s"}),
+        cluster.client_of(cluster.Where(jobs=1)) as client,
+    ):
+        (guard,) = client.cluster.workers.values()
+        client.cluster.sync(guard.close, reason="cannot start")
+        assert client.submit(abs, -1, pure=False).result(timeout=60) == 1

@@ -33,6 +33,8 @@ _QUIET = {
     "distributed.admin.tick.interval": "1s",
     "distributed.worker.memory.monitor-interval": "500ms",
 }
+_HEAL_S = 20.0
+"""So often it is looked whether all processes are there."""
 _AHEAD, _LEAST_AHEAD = 2, 64
 """Recordings, and pieces of long ones, that are given out at a time: for each thread, and at least, so that a cluster
 that grows with its work sees some."""
@@ -69,6 +71,7 @@ def client_of(where: Where) -> Iterator[Client]:
     try:
         import dask
         from distributed import Client, LocalCluster
+        from tornado.ioloop import PeriodicCallback
     except ImportError:
         raise InputError("dask is not installed", remedy='run: pip install "vbaa-calib[batch]"') from None
     with ExitStack() as open_ones:
@@ -95,6 +98,10 @@ def client_of(where: Where) -> Iterator[Client]:
                 silence_logs=50,
             )
         )
+        # a process that could not be started anew is given up by dask, and nobody would do its work
+        healing = PeriodicCallback(lambda: cluster.scale(where.jobs), 1e3 * _HEAL_S)
+        cluster.loop.add_callback(healing.start)
+        open_ones.callback(cluster.loop.add_callback, healing.stop)
         yield open_ones.enter_context(Client(cluster, set_as_default=False))
 
 
