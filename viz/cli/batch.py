@@ -84,7 +84,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     with results.locked():
         try:
             with client_of(where) as client:
-                say(f"{len(recordings)} recordings on {_described(client, where)}")
+                say(f"{len(recordings)} recording{'s' * (len(recordings) != 1)} on {_described(client, where)}")
                 pace = Pace(len(recordings))
                 for outcome in run(client, recordings, settings, results):
                     say(pace.line(outcome))
