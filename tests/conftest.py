@@ -8,8 +8,12 @@ import tempfile
 
 import pytest
 
+from vbaa_calib.wizard.sources.files import silence_opencv
+
 from .made_once import FOLDER
 
+# FFmpeg's level is read once a process: before the first video, and tests write some
+silence_opencv()
 OWNED = pytest.StashKey[str]()
 
 

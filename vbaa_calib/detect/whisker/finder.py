@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
+from vbaa_calib.core.compiled import kernel
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.polyline import arc_lengths, normals, resample
 
@@ -33,24 +34,9 @@ LARGEST_TURN_RAD = 1.75
 """Most that the antenna's direction changes from clamp to tip."""
 STEPS = np.array([[0, 1], [1, 1], [1, 0], [1, -1]])
 """(4, 2) steps (u, v) along the normals that ridges are looked for in."""
+_UNIT_STEPS = STEPS / np.linalg.norm(STEPS, axis=1, keepdims=True)
 TEXTURE_QUANTILE = 0.8
 """Quantile of the response that is taken as the background's texture."""
-
-
-@dataclass(frozen=True, eq=False)
-class Templates:
-    """Paths that an antenna may take.
-
-    Attributes
-    ----------
-    paths_px : (P, S, 2) pixels, from clamp to tip.
-    direction : (P, S) which of `STEPS` is nearest to the path's normal.
-    spacing_px : how far neighbouring paths' tips are apart.
-    """
-
-    paths_px: np.ndarray
-    direction: np.ndarray
-    spacing_px: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +46,7 @@ class AntennaFinder:
     Attributes
     ----------
     corridor : where the antenna may be. image_size : (width, height).
-    shapes : the paths it may take.
+    paths_px : (P, S, 2) those that it may take, from clamp to tip. spacing_px : how far neighbours' tips are apart.
     factor, pool, reach : how far the picture is reduced, its response pooled, and where the flanks are looked at.
     index : (P, S) place of every sample in the flat response.
     weight : (P,) what a path's sum is divided by: how many of its samples are in the picture, but not too few.
@@ -69,7 +55,8 @@ class AntennaFinder:
 
     corridor: Corridor
     image_size: tuple[int, int]
-    shapes: Templates
+    paths_px: np.ndarray
+    spacing_px: float
     factor: int
     pool: int
     reach: int
@@ -80,19 +67,15 @@ class AntennaFinder:
     @staticmethod
     def prepare(corridor: Corridor, image_size: tuple[int, int]) -> AntennaFinder:
         """Table the paths of a corridor."""
-        shapes = templates(corridor)
+        paths, spacing = templates(corridor)
         factor = int(np.clip(corridor.width_px / 2.5, 2, 12))
-        pool = int(np.clip(np.ceil(0.5 * shapes.spacing_px / factor), 1, 4))
+        pool = int(np.clip(np.ceil(0.5 * spacing / factor), 1, 4))
         reach = max(2, int(np.ceil((0.5 * corridor.width_px + 1.5) / factor)))
         size = np.maximum(np.array(image_size) // factor, 1)
-        rows, columns = -(-size[1] // pool), -(-size[0] // pool)
-        at = np.rint(((shapes.paths_px + 0.5) / factor - 0.5) / pool)
-        there: np.ndarray = np.all((at >= 0) & (at < [columns, rows]), axis=-1)
-        at = np.where(there[..., None], at, 0.0).astype(np.int64)
-        flat = (shapes.direction.astype(np.int64) * rows + at[..., 1]) * columns + at[..., 0]
-        index = np.where(there, flat, 4 * rows * columns).astype(np.intp)
-        weight = np.maximum(there.sum(axis=1), 0.3 * index.shape[1])
-        return AntennaFinder(corridor, image_size, shapes, factor, pool, reach, index, weight)
+        shape = (int(-(-size[1] // pool)), int(-(-size[0] // pool)))
+        index = _places(paths, factor, pool, shape)
+        weight = np.maximum((index < 4 * shape[0] * shape[1]).sum(axis=1), 0.3 * index.shape[1])
+        return AntennaFinder(corridor, image_size, paths, spacing, factor, pool, reach, index, weight)
 
     def with_usual_height(self, usual_height: float) -> AntennaFinder:
         """The same finder for a line of known height: the `amplitude` of the free antenna's pictures.
@@ -113,7 +96,7 @@ class AntennaFinder:
         total = cv2.reduce(flat.take(self.index, mode="wrap"), 1, cv2.REDUCE_SUM, dtype=cv2.CV_32S).ravel()
         score = total / self.weight
         best = int(score.argmax())
-        paths = [self.shapes.paths_px[best]]
+        paths = [self.paths_px[best]]
         count, share = (2, OTHER_PATH_SHARE) if bright is not None else (CHANGING_PATHS, CHANGING_SHARE)
         others = np.flatnonzero(score >= share * score[best])
         for _ in range(1, count):
@@ -121,7 +104,7 @@ class AntennaFinder:
             if not len(others):
                 break
             best = int(others[score[others].argmax()])
-            paths.append(self.shapes.paths_px[best])
+            paths.append(self.paths_px[best])
         return paths
 
     def find(self, image: np.ndarray, bright: bool | None = True) -> Centreline:
@@ -145,7 +128,7 @@ class AntennaFinder:
         self, image: np.ndarray, rough: np.ndarray, bright: bool | None = True, blurred_px: float = 0.0
     ) -> RefinedPath:
         """A rough path (K, 2) moved onto the antenna."""
-        reach = 1.2 * self.shapes.spacing_px + 0.5 * self.corridor.width_px + 4.0
+        reach = 1.2 * self.spacing_px + 0.5 * self.corridor.width_px + 4.0
         return refine_path(image, rough, self.corridor.width_px + blurred_px, reach, bright)
 
     def _look(self, image: np.ndarray, bright: bool | None, blurred_px: float) -> Centreline:
@@ -162,14 +145,14 @@ class AntennaFinder:
 
     def _alike(self, best: int, others: np.ndarray) -> np.ndarray:
         """(Q,) whether those paths are much the same as that one."""
-        few = self.shapes.paths_px[others, ::8]
-        gap = np.abs(few - self.shapes.paths_px[best, ::8]).max(axis=-1)
-        apart = gap > 2.0 * self.shapes.spacing_px + self.corridor.width_px
+        few = self.paths_px[others, ::8]
+        gap = np.abs(few - self.paths_px[best, ::8]).max(axis=-1)
+        apart = gap > 2.0 * self.spacing_px + self.corridor.width_px
         return apart.mean(axis=1) < APART
 
 
-def templates(corridor: Corridor) -> Templates:
-    """Paths that fill a corridor, so dense that the antenna is within `spacing_px` of one."""
+def templates(corridor: Corridor) -> tuple[np.ndarray, float]:
+    """Paths (P, S, 2) that fill a corridor, so dense that the antenna is within the spacing, px, of one."""
     axis, _ = resample(corridor.axis_px, max(arc_lengths(corridor.axis_px)[-1] / SAMPLES, 1e-3))
     length = arc_lengths(axis)[-1]
     step = length / (len(axis) - 1)
@@ -189,8 +172,7 @@ def templates(corridor: Corridor) -> Templates:
         steps = 0.5 * (steps[:, :-1] + steps[:, 1:])
         bent.append(axis[0] + np.concatenate([np.zeros((len(turns), 1, 2)), np.cumsum(steps, axis=1)], axis=1))
     paths = np.concatenate(bent)
-    paths = paths[_within(paths, corridor)]
-    return Templates(paths, _directions(paths), spacing)
+    return paths[_within(paths, corridor)], float(spacing)
 
 
 def _within(paths: np.ndarray, corridor: Corridor) -> np.ndarray:
@@ -202,11 +184,25 @@ def _within(paths: np.ndarray, corridor: Corridor) -> np.ndarray:
     return np.abs(offset @ across) <= corridor.reach_px[-1] + np.maximum(0.0, offset @ along)
 
 
-def _directions(paths: np.ndarray) -> np.ndarray:
-    along = np.gradient(paths, axis=1)
-    unit = STEPS / np.linalg.norm(STEPS, axis=1, keepdims=True)
-    across = np.stack([-along[..., 1], along[..., 0]], axis=-1)
-    return np.abs(across @ unit.T).argmax(axis=-1).astype(np.uint8)
+@kernel
+def _places(paths_px: np.ndarray, factor: int, pool: int, shape: tuple[int, int]) -> np.ndarray:
+    """(P, S) where the ridge response of each sample stands in `ridge_responses` of `shape` (rows, columns): that for
+    the normal of `STEPS` nearest to the path's; beyond the picture, the last."""
+    (rows, columns), count, samples = shape, paths_px.shape[0], paths_px.shape[1]
+    index = np.empty((count, samples), np.intp)
+    for p in range(count):
+        for s in range(samples):
+            ahead = paths_px[p, min(s + 1, samples - 1)] - paths_px[p, max(s - 1, 0)]
+            nearest, most = 0, -1.0
+            for step in range(len(_UNIT_STEPS)):
+                along = abs(ahead[0] * _UNIT_STEPS[step, 1] - ahead[1] * _UNIT_STEPS[step, 0])
+                if along > most:
+                    nearest, most = step, along
+            column = np.rint(((paths_px[p, s, 0] + 0.5) / factor - 0.5) / pool)
+            row = np.rint(((paths_px[p, s, 1] + 0.5) / factor - 0.5) / pool)
+            inside = 0.0 <= column < columns and 0.0 <= row < rows
+            index[p, s] = (nearest * rows + int(row)) * columns + int(column) if inside else 4 * rows * columns
+    return index
 
 
 def downsampled(image: np.ndarray, factor: int) -> np.ndarray:
