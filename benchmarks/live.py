@@ -9,6 +9,7 @@ contacts are. That wants a machine, or at least a core, with nothing else to do.
 from __future__ import annotations
 
 import argparse
+import gc
 import tempfile
 import time
 from pathlib import Path
@@ -101,6 +102,8 @@ def paced(folder: Path, count: int) -> tuple[int, np.ndarray]:
     shown = {id(image): frame for image, frame in zip(images, lap, strict=True)}
     live = LiveEstimator(ContactEstimator(rig, jobs=1), Synchronizer(Timing(), _CHANNELS, rig.camera.image_size))
     live.warm()
+    gc.collect()
+    gc.freeze()
     camera = LiveSource("camera", lambda: _Camera(images, count), Patience(failures=1), _CAMERA_FAULTS)  # type: ignore[arg-type,return-value]
     source, late_s = open_device(camera), []
     for message in source.messages():

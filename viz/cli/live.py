@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import gc
 import math
 import signal
 import sys
@@ -105,6 +106,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         synchronizer = Synchronizer(timing, source.channels, rig.camera.image_size)
         live = LiveEstimator(estimator, synchronizer, ground, final=not args.no_final)
         live.warm()
+        # what is there by now stays: looking through it for garbage takes as long as five pictures
+        gc.collect()
+        gc.freeze()
         say(f"estimating from {source.name}; Ctrl-C ends it")
         monitor = _Monitor(source, live, rig.drift.of_rig)
         _follow(source, live, [*sinks, monitor])
