@@ -24,8 +24,6 @@ _TIMESTAMP = 35 if sys.platform == "linux" else None
 """SO_TIMESTAMPNS: the system notes when a datagram came, which is before it is asked for. Not named by `socket`."""
 _TIMESPEC = struct.Struct("@qq")
 _LONGEST_WAIT_S = 60.0
-_SYSTEM_CLOCK_S = max(now_s() - time.time() for _ in range(5))
-"""What brings the system's clock to `now_s`; a pause between the two readings would make it less."""
 
 
 def udp_address(address: str, flag: str) -> tuple[str, int]:
@@ -75,7 +73,8 @@ def _arrived_s(ancillary: list[tuple[int, int, bytes]]) -> float:
     for level, kind, data in ancillary:
         if (level, kind) == (socket.SOL_SOCKET, _TIMESTAMP) and len(data) == _TIMESPEC.size:
             seconds, nanoseconds = _TIMESPEC.unpack(data)
-            arrived_s = seconds + 1e-9 * nanoseconds + _SYSTEM_CLOCK_S
+            # from the system's clock, which is slewed; a pause between the two readings would make the difference less
+            arrived_s = seconds + 1e-9 * nanoseconds + max(now_s() - time.time() for _ in range(5))
             return arrived_s if latest_s - _LONGEST_WAIT_S < arrived_s <= latest_s else latest_s
     return latest_s
 
