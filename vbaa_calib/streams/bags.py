@@ -96,6 +96,7 @@ def open_bag(path: Path, topics: Topics, camera_matrix: np.ndarray | None, image
         kinds = {name: info.msgtype for name, info in reader.topics.items()}
         _refuse_large_chunks(reader, path)
     except InputError:
+        stack.close()
         raise
     except Exception as error:  # of a damaged file the reader lets anything through
         what = f"cannot be read as a bag ({type(error).__name__}: {clipped(str(error).partition(chr(10))[0])})"
