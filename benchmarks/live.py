@@ -13,7 +13,7 @@ import gc
 import tempfile
 import time
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import cv2
 import numpy as np
@@ -104,7 +104,8 @@ def paced(folder: Path, count: int) -> tuple[int, np.ndarray]:
     live.warm()
     gc.collect()
     gc.freeze()
-    camera = LiveSource("camera", lambda: _Camera(images, count), Patience(failures=1), _CAMERA_FAULTS)  # type: ignore[arg-type,return-value]
+    opened = cast(cv2.VideoCapture, _Camera(images, count))
+    camera = LiveSource("camera", lambda: opened, Patience(failures=1), _CAMERA_FAULTS)
     source, late_s = open_device(camera), []
     for message in source.messages():
         if isinstance(message, Taken):

@@ -132,17 +132,17 @@ def _deviations(covariance: np.ndarray) -> np.ndarray:
 def _by_axes(rig: Rig, numbers: FitNumbers, rotation: np.ndarray, by_axes: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
     """(B, 3, 3) added to the covariance of world points by errors of the joint axes, their own and the pose's."""
     kinematics, pose = rig.kinematics, slice(0, len(POSE_PARAMETERS))
-    moved = _moved(by_axes, numbers.point_m)
+    moved = _moved(by_axes, numbers.point_m[:, None])[:, 0]
     by_pose = moved @ kinematics.axes_by_pose
     shared = rotation @ numbers.with_pose[:, :3] @ np.swapaxes(by_pose, 1, 2)
     own = (moved * kinematics.axes_std**2) @ np.swapaxes(moved, 1, 2)
     return own + by_pose @ rig.covariance[pose, pose] @ np.swapaxes(by_pose, 1, 2) + shared + np.swapaxes(shared, 1, 2)
 
 
-def _moved(by: tuple[np.ndarray, np.ndarray], point_m: np.ndarray) -> np.ndarray:
-    """(B, 3, K) by how much antenna points (B, 3) move in the world with K numbers that turn and shift the antenna."""
+def _moved(by: tuple[np.ndarray, np.ndarray], points_m: np.ndarray) -> np.ndarray:
+    """(B, G, 3, K) by how much antenna points (B, G, 3) move in the world with K numbers that turn and shift it."""
     turned, shifted = by
-    return np.asarray(np.einsum("kbij,bj->bik", turned, point_m) + np.moveaxis(shifted, 0, -1))
+    return np.asarray(np.einsum("kbij,bgj->bgik", turned, points_m) + np.moveaxis(shifted, 0, -1)[:, None])
 
 
 def with_joint_errors(contacts: Contacts, batch: Batch) -> Contacts:
@@ -150,7 +150,7 @@ def with_joint_errors(contacts: Contacts, batch: Batch) -> Contacts:
     if batch.joint_errors_rad is None:
         return contacts
     by_joints = contacts.rig.kinematics.by_joints(batch.pan_rad, batch.tilt_rad)
-    moved = _moved(by_joints, contacts.point_antenna_m) * batch.joint_errors_rad[:, None]
+    moved = _moved(by_joints, contacts.point_antenna_m[:, None])[:, 0] * batch.joint_errors_rad[:, None]
     return replace(contacts, covariance_world_m2=contacts.covariance_world_m2 + moved @ np.swapaxes(moved, 1, 2))
 
 
@@ -180,8 +180,7 @@ def moving(rig: Rig, several: Sequence[Measured], found: Contacts) -> MovingCont
     std_m = numbers.pieces_std_m
     joint_errors = np.array([each.joint_errors_rad for each in several])
     if joint_errors.any():
-        turned, shifted = rig.kinematics.by_joints(pan, tilt)
-        swung = np.einsum("kbij,bgj->bgik", turned, numbers.pieces_m) + np.moveaxis(shifted, 0, -1)[:, None]
+        swung = _moved(rig.kinematics.by_joints(pan, tilt), numbers.pieces_m)
         std_m = np.hypot(std_m, np.linalg.norm(swung * joint_errors[:, None, None], axis=(-2, -1)))
     # a load's components along y and z of the antenna, from those along the world's axes
     push = numbers.push @ np.swapaxes(rotation[:, :, 1:], 1, 2)

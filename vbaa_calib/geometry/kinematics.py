@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -33,6 +34,15 @@ def rotation_world_antenna(pan_rad: ArrayLike, tilt_rad: ArrayLike, axis_skew_ra
 
 def _panned_x(pan_rad: np.ndarray) -> np.ndarray:
     return np.stack([np.cos(pan_rad), np.sin(pan_rad), np.zeros_like(pan_rad)], axis=-1)
+
+
+def _central_differences(
+    ends: Iterable[Iterable[tuple[np.ndarray, np.ndarray]]],
+) -> tuple[np.ndarray, np.ndarray]:
+    """Derivatives of rotations (K, B, 3, 3) and translations (K, B, 3) from what they are a `_STEP` below and above."""
+    moved = [[(up - down) / (2 * _STEP) for down, up in zip(*each, strict=True)] for each in ends]
+    rotations, translations = zip(*moved, strict=True)
+    return np.stack(rotations), np.stack(translations)
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,12 +90,9 @@ class Kinematics:
 
     def by_joints(self, pan_rad: np.ndarray, tilt_rad: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """How `world_antenna` moves with pan and tilt: rotations (2, B, 3, 3), translations (2, B, 3)."""
-        moved = []
-        for step in ((_STEP, 0.0), (0.0, _STEP)):
-            down, up = (self.world_antenna(pan_rad + sign * step[0], tilt_rad + sign * step[1]) for sign in (-1, 1))
-            moved.append([(above - below) / (2 * _STEP) for below, above in zip(down, up, strict=True)])
-        rotations, translations = zip(*moved, strict=True)
-        return np.stack(rotations), np.stack(translations)
+        panned = (self.world_antenna(pan_rad + step, tilt_rad) for step in (-_STEP, _STEP))
+        tilted = (self.world_antenna(pan_rad, tilt_rad + step) for step in (-_STEP, _STEP))
+        return _central_differences([panned, tilted])
 
     @property
     def axes_known(self) -> bool:
@@ -94,12 +101,10 @@ class Kinematics:
 
     def by_axes(self, pan_rad: np.ndarray, tilt_rad: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """How `world_antenna` moves with skew, offset and tilt zero: rotations (3, B, 3, 3), translations (3, B, 3)."""
-        moved = []
-        for name in ("axis_skew_rad", "axis_offset_m", "tilt_zero_rad"):
-            ends = [
+        return _central_differences(
+            [
                 replace(self, **{name: getattr(self, name) + step}).world_antenna(pan_rad, tilt_rad)
                 for step in (-_STEP, _STEP)
             ]
-            moved.append([(up - down) / (2 * _STEP) for down, up in zip(*ends, strict=True)])
-        rotations, translations = zip(*moved, strict=True)
-        return np.stack(rotations), np.stack(translations)
+            for name in ("axis_skew_rad", "axis_offset_m", "tilt_zero_rad")
+        )
