@@ -19,6 +19,7 @@ from estimator.solver.frames import Frames
 from estimator.solver.linearised import linearised
 from estimator.solver.rig_arrays import UNKNOWNS, RigArrays
 from vbaa_calib.antenna.nodes import CONTACT
+from vbaa_calib.core.arrays import Rows
 from vbaa_calib.rig import POSE_PARAMETERS, RIG_PARAMETERS, Rig
 
 _RUNG = "rod"  # what a fit on a lower rung would say is as good as the same where that rung would be taken
@@ -51,20 +52,13 @@ _EXACT_NOISE = 0.01  # noise counts as gone at this part of itself: without any,
 
 
 @dataclass(frozen=True, eq=False)
-class Touches:
+class Touches(Rows):
     """B contacts, antenna frame, at one pair of joint angles."""
 
     distance_m: np.ndarray  # (B,)
     push_N: np.ndarray  # (B, 2) force across the clamp's x axis before friction
     pan_rad: float = 0.0
     tilt_rad: float = 0.0
-
-    def __len__(self) -> int:
-        return len(self.distance_m)
-
-    def picked(self, which: np.ndarray) -> Touches:
-        """Those of a mask or of indices."""
-        return replace(self, distance_m=self.distance_m[which], push_N=self.push_N[which])
 
 
 def ordinary_touches(rig: Rig, pan_rad: float = 0.0, tilt_rad: float = 0.0) -> Touches:
@@ -177,7 +171,7 @@ def split(determined: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
-class Linearization:
+class Linearization(Rows):
     """B contacts, linearised: K = 4 + S unknowns, of which the last are the errors of rig and joint axes."""
 
     points: np.ndarray  # (B, K, K) information in the picture
@@ -186,13 +180,6 @@ class Linearization:
     results: np.ndarray  # (B, 6, K) is T
     beyond: np.ndarray  # (B, 6, S) is D
     usable: np.ndarray  # (B,) how many points the picture shows
-
-    def __len__(self) -> int:
-        return len(self.points)
-
-    def picked(self, which: np.ndarray) -> Linearization:
-        """Some of the contacts."""
-        return Linearization(*(values[which] for values in vars(self).values()))
 
 
 def linearize(rig_arrays: RigArrays, space: ErrorSpace, touches: Touches, with_moment: bool = True) -> Linearization:

@@ -15,6 +15,7 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.special import ndtri
 
+from vbaa_calib.core.arrays import Rows
 from vbaa_calib.rig import Rig
 
 _MOST = 64  # at most so many frames on either side count: what a judge of a recording must remember is bounded
@@ -142,7 +143,7 @@ class Beam:
 
 
 @dataclass(frozen=True, eq=False)
-class Shapes:
+class Shapes(Rows):
     """The antenna's fitted shapes in B successive frames; what is not known of a frame is NaN.
 
     Attributes
@@ -158,18 +159,6 @@ class Shapes:
     points_m: np.ndarray
     std_m: np.ndarray
     contact: np.ndarray
-
-    def __len__(self) -> int:
-        return len(self.time_s)
-
-    def picked(self, which: slice | np.ndarray) -> Shapes:
-        """The frames of a slice, a mask or indices."""
-        return Shapes(*(each[which] for each in vars(self).values()))
-
-    def followed_by(self, later: Shapes) -> Shapes:
-        """Both, one after the other."""
-        both = zip(vars(self).values(), vars(later).values(), strict=True)
-        return Shapes(*(np.concatenate(each) for each in both))
 
     @property
     def known(self) -> np.ndarray:
@@ -237,7 +226,7 @@ class Motion:
 
     def push(self, shapes: Shapes) -> Inertia:
         """The verdicts (K,) that these frames make possible: in order, the first on the first that still waited."""
-        held = shapes if self._held is None else self._held.followed_by(shapes)
+        held = shapes if self._held is None else Shapes.joined([self._held, shapes])
         waiting = held.picked(slice(self._judged, None))
         complete = len(waiting)
         if complete and not self._live:  # the first frames that have all later ones of their neighbourhoods

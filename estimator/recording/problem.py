@@ -17,6 +17,7 @@ from estimator.solver.convergence import EXCESS_SCATTER
 from estimator.solver.linearised import Linearised, free_antennas, linearised
 from estimator.solver.rig_arrays import UNKNOWNS, RigArrays
 from vbaa_calib.antenna.nodes import CONTACT
+from vbaa_calib.core.arrays import Rows
 from vbaa_calib.core.robust import huber_weights
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import KnownObject
@@ -31,15 +32,11 @@ _HELD = 1e12  # prior weight of a distance that is fixed at the tip
 
 
 @dataclass(frozen=True, eq=False)
-class FrictionPrior:
+class FrictionPrior(Rows):
     """What Coulomb's law says of the friction angles beforehand."""
 
     mean_rad: np.ndarray  # (B,)
     std_rad: np.ndarray  # (B,)
-
-    def picked(self, which: np.ndarray | slice) -> FrictionPrior:
-        """Of some of the frames."""
-        return FrictionPrior(self.mean_rad[which], self.std_rad[which])
 
 
 def spread_evenly(count: int, most: int) -> np.ndarray:

@@ -19,6 +19,7 @@ from vbaa_calib.core.arrays import (
     LARGEST_NM,
     LARGEST_RAD,
     MOMENT_REMEDY,
+    Rows,
     as_float,
     as_floats,
     check_each,
@@ -212,7 +213,7 @@ class ContactRow(_Columns[int, float, bool, str]):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class ContactTable(_Columns[np.ndarray, np.ndarray, np.ndarray, np.ndarray]):
+class ContactTable(_Columns[np.ndarray, np.ndarray, np.ndarray, np.ndarray], Rows):
     """contacts.csv by columns, B frames: (B,), (B, 3) or (B, 3, 3); NaN where a number does not exist."""
 
     @staticmethod
@@ -220,21 +221,9 @@ class ContactTable(_Columns[np.ndarray, np.ndarray, np.ndarray, np.ndarray]):
         """The same rows, at least one, as columns."""
         return ContactTable(**{name: np.array([getattr(row, name) for row in rows]) for name in COLUMNS})
 
-    @staticmethod
-    def joined(parts: Sequence[ContactTable]) -> ContactTable:
-        """The rows of several tables, at least one, one after the other."""
-        return ContactTable(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in COLUMNS})
-
-    def picked(self, which: Any) -> ContactTable:
-        """The frames of a slice, a mask or indices."""
-        return ContactTable(**{name: getattr(self, name)[which] for name in COLUMNS})
-
     def rows(self) -> Iterator[ContactRow]:
         """Frame by frame."""
         return (ContactRow(**{name: getattr(self, name)[i] for name in COLUMNS}) for i in range(len(self)))
-
-    def __len__(self) -> int:
-        return len(self.frame)
 
     @property
     def assumed_friction_rad(self) -> float:

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vbaa_calib.core.arrays import Rows
+
 from .nodes import CONTACT, NEAREST_TO_TIP, aligned_arclength
 from .shape_kernel import CURVE_NODES, RUNGS, Bent, Presses, bend_batch
 
@@ -27,7 +29,7 @@ inside it."""
 
 
 @dataclass(frozen=True, eq=False)
-class Curves:
+class Curves(Rows):
     """A batch of B antenna shapes, each on its own N nodes.
 
     Attributes
@@ -48,10 +50,6 @@ class Curves:
     def contact_m(self) -> np.ndarray:
         """(B, 3) point of the centreline at the contact, antenna frame."""
         return self.points_m[:, CONTACT]
-
-    def picked(self, which: np.ndarray) -> Curves:
-        """The curves with these indices (K,), which may repeat."""
-        return Curves(*(values[which] for values in vars(self).values()))
 
 
 def bend(

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from types import ModuleType
-from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, Self, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -39,6 +39,27 @@ class _Working:
 
     values: Array
     restore: Callable[[Array], Array]
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Arrays with one first axis, whose length it has; fields of other kinds belong to all rows."""
+
+    def __len__(self) -> int:
+        return len(next(iter(self._arrays().values())))
+
+    def picked(self, which: slice | np.ndarray) -> Self:
+        """The rows of a slice, a mask or indices, which may repeat."""
+        return replace(self, **{name: each[which] for name, each in self._arrays().items()})
+
+    @classmethod
+    def joined(cls, parts: Sequence[Self]) -> Self:
+        """The rows of several, at least one, one after the other."""
+        each = [part._arrays() for part in parts]
+        return replace(parts[0], **{name: np.concatenate([one[name] for one in each]) for name in each[0]})
+
+    def _arrays(self) -> dict[str, Any]:
+        return {name: each for name, each in vars(self).items() if isinstance(each, np.ndarray)}
 
 
 def is_tensor(values: Any) -> TypeIs[torch.Tensor]:

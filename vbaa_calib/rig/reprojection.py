@@ -13,6 +13,7 @@ import numpy as np
 
 from vbaa_calib.antenna.shape import Curves
 from vbaa_calib.camera import Camera
+from vbaa_calib.core.arrays import Rows
 from vbaa_calib.core.compiled import kernel
 from vbaa_calib.geometry import Pose
 
@@ -21,7 +22,7 @@ _FOOT_STEPS = 2
 
 
 @dataclass(frozen=True, eq=False)
-class SeenPoints:
+class SeenPoints(Rows):
     """The antenna's points (N, 2) of one picture, normalized (on the plane one unit before the camera).
 
     covariance : (N, 2, 2) of each point, from its standard deviation across the antenna in pixels.
@@ -32,30 +33,18 @@ class SeenPoints:
     covariance: np.ndarray
     by_lens: np.ndarray | None = None
 
-    def __len__(self) -> int:
-        return len(self.points)
-
-    def picked(self, which: np.ndarray) -> SeenPoints:
-        """Some of the points, by index or mask."""
-        by_lens = None if self.by_lens is None else self.by_lens[which]
-        return SeenPoints(self.points[which], self.covariance[which], by_lens)
-
     def with_lens_moved(self, step: np.ndarray) -> SeenPoints:
         """The same pixels through a lens whose parameters are a small step (P,) away."""
         return self if self.by_lens is None else replace(self, points=self.points + self.by_lens @ step)
 
 
 @dataclass(frozen=True, eq=False)
-class ImageCurves:
+class ImageCurves(Rows):
     """K predicted curves of one frame: nodes (K, M, 2) in normalized coordinates, slopes by arc length, s (K, M)."""
 
     arclength_m: np.ndarray
     nodes: np.ndarray
     slopes: np.ndarray
-
-    def picked(self, which: slice) -> ImageCurves:
-        """Some of the curves."""
-        return ImageCurves(self.arclength_m[which], self.nodes[which], self.slopes[which])
 
     def at(self, which: int, arclength_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Points and derivatives (N, 2) of one curve at arc lengths (N,), by cubic Hermite between the nodes."""

@@ -11,11 +11,11 @@ and in all other touches neither of them exceeds atan μ. Sticking and sliding f
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from vbaa_calib.core.arrays import Rows
 from vbaa_calib.core.robust import NORMAL_QUARTILE, chi_square_p
 
 SLIDING, STICKING, UNUSED = "sliding", "sticking", "unused"
@@ -55,7 +55,7 @@ class Angles:
 
 
 @dataclass(frozen=True, eq=False)
-class FrictionTouches:
+class FrictionTouches(Rows):
     """P touches. The lateral axis is n × t, across the antenna on the object's surface; the longitudinal one is t."""
 
     used_as: np.ndarray  # (P,) as `Friction`'s
@@ -67,9 +67,6 @@ class FrictionTouches:
     longitudinal: Angles  # the friction angle without its prior, positive for a force towards the clamp
     slip: np.ndarray  # (P, 2) unit direction of the slip, lateral and longitudinal; NaN where it does not slide
     slip_std_rad: np.ndarray  # (P,)
-
-    def __len__(self) -> int:
-        return len(self.used_as)
 
     @property
     def across(self) -> np.ndarray:
@@ -135,7 +132,7 @@ class Evidence:
 
 
 @dataclass(frozen=True, eq=False)
-class _Profile:
+class _Profile(Rows):
     """The common errors that explain the angles best, for each of G values of μ."""
 
     mu: np.ndarray  # (G,)
@@ -144,15 +141,6 @@ class _Profile:
     modes: np.ndarray  # (G, K) the common errors
     covariance: np.ndarray  # (G, K, K)
     off: np.ndarray  # (G, R) residuals in own deviations: 0 within the bound of touches that need not slide
-
-    def select(self, which: np.ndarray | slice) -> _Profile:
-        """Those of some values."""
-        return _Profile(**{each.name: getattr(self, each.name)[which] for each in fields(_Profile)})
-
-    @staticmethod
-    def concatenate(parts: Sequence[_Profile]) -> _Profile:
-        """One after the other."""
-        return _Profile(**{f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(_Profile)})
 
 
 def _student_t_losses(off: np.ndarray) -> np.ndarray:
@@ -263,7 +251,7 @@ def _profile_on_grids(evidence: Evidence) -> _Profile:
     first, last = max(likely[0] - 1, 0), min(likely[-1] + 1, _COARSE - 1)
     between = np.linspace(grid[first], grid[last], _FINE)[1:-1]
     fine = _profile(evidence, between, coarse.modes[best])
-    return _Profile.concatenate([coarse.select(slice(0, first + 1)), fine, coarse.select(slice(last, None))])
+    return _Profile.joined([coarse.picked(slice(0, first + 1)), fine, coarse.picked(slice(last, None))])
 
 
 def _cost_without_worst(evidence: Evidence, found: _Profile) -> np.ndarray:

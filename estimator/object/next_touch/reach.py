@@ -7,7 +7,7 @@ angles the frictionless rod lies tangent on the surface's posterior mean: three 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import KDTree
@@ -20,6 +20,7 @@ from estimator.solver.linearised import bend
 from estimator.solver.rig_arrays import UNKNOWNS, RigArrays
 from estimator.table.contacts import ContactTable, joint_angles
 from vbaa_calib.antenna.nodes import CONTACT
+from vbaa_calib.core.arrays import Rows
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.rig import Rig
 
@@ -59,7 +60,7 @@ class JointLimits:
 
 
 @dataclass(frozen=True, eq=False)
-class Reach:
+class Reach(Rows):
     """B touches that can be made."""
 
     joints_rad: np.ndarray  # (B, 2) pan and tilt of the pressed antenna
@@ -74,13 +75,6 @@ class Reach:
     normal: np.ndarray  # (B, 3) out of the object
     tangent: np.ndarray  # (B, 3)
     force_N: np.ndarray  # (B, 3)
-
-    def __len__(self) -> int:
-        return len(self.patch)
-
-    def picked(self, which: np.ndarray) -> Reach:
-        """Some of them."""
-        return Reach(*(getattr(self, each.name)[which] for each in fields(self)))
 
     def frames(self, arrays: RigArrays) -> Frames:
         """Frames at their joint angles, without points and readings."""
@@ -226,7 +220,7 @@ def reachable(found: Fit, arrays: RigArrays, rows: np.ndarray, joints_rad: np.nd
             *(bent.point_m, seen.normal, bent.tangent, bent.force_N),
         )
         parts.append(part.picked(np.flatnonzero(allowed)))
-    return Reach(*(np.concatenate([getattr(part, each.name) for part in parts]) for each in fields(Reach)))
+    return Reach.joined(parts)
 
 
 def _pressed(

@@ -15,6 +15,8 @@ from scipy.linalg import LinAlgError, block_diag, cho_factor, cho_solve, solve_t
 from scipy.optimize import minimize
 from scipy.spatial.distance import cdist
 
+from vbaa_calib.core.arrays import Rows
+
 _MOST_EQUATIONS = 480  # more are thinned for this search: three numbers need no more
 _INCLINE = 2.0  # prior standard deviation of the trend's slope over the tangent plane: any that a patch may have
 # before the data: logarithms of length and amplitude over the patch's extent, and of the tangents' slack in rad; the
@@ -28,19 +30,12 @@ _POLISHING, _STEP, _NEAR = 2, 1e-3, 0.5
 
 
 @dataclass(frozen=True, eq=False)
-class Functionals:
+class Functionals(Rows):
     """N views Σ value_c · h_c(x) + slope_c · ∇h_c(x) of C functions."""
 
     x: np.ndarray  # (N, D) m
     value: np.ndarray  # (N, C)
     slope: np.ndarray  # (N, C, D)
-
-    def __len__(self) -> int:
-        return len(self.x)
-
-    def select(self, which: np.ndarray) -> Functionals:
-        """Some of the views."""
-        return Functionals(self.x[which], self.value[which], self.slope[which])
 
     @property
     def of_lines(self) -> np.ndarray:
@@ -249,7 +244,7 @@ def learn_prior(
     count = min(len(equations), _MOST_EQUATIONS)
     # at random: evenly spaced ones of strokes that repeat would all lie at the same places
     thin = np.sort(np.random.default_rng(0).choice(len(equations), count, replace=False))
-    rows, y, slack = equations.rows.select(thin), equations.y[thin], equations.slack[thin]
+    rows, y, slack = equations.rows.picked(thin), equations.y[thin], equations.slack[thin]
     between = pairs(rows, rows)
     modes = np.column_stack([equations.modes[thin], yield_per_N * equations.force_N[thin]])
     fixed = equations.noise[np.ix_(thin, thin)] + modes @ modes.T

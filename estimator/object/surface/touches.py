@@ -8,6 +8,7 @@ import numpy as np
 
 from estimator.contact.common_errors import CommonErrors
 from estimator.table.contacts import ContactTable
+from vbaa_calib.core.arrays import Rows
 from vbaa_calib.core.errors import InputError
 
 _MAX_TOUCHES = 500  # more contacts are thinned evenly: the solve costs their number cubed
@@ -15,7 +16,7 @@ BIASED_STD = 1.0  # contacts whose model's predicted bias exceeds so many of the
 
 
 @dataclass(frozen=True, eq=False)
-class Touches:
+class Touches(Rows):
     """P located contacts, world frame."""
 
     point_m: np.ndarray  # (P, 3) on the antenna's centreline
@@ -29,9 +30,6 @@ class Touches:
     frame: np.ndarray  # (P,)
     row: np.ndarray  # (P,) of the table
     notes: tuple[str, ...] = ()  # what was left out, in words
-
-    def __len__(self) -> int:
-        return len(self.point_m)
 
 
 def touches_of(table: ContactTable, shared: CommonErrors | None = None) -> Touches:

@@ -8,6 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from vbaa_calib.core.arrays import Rows
 from vbaa_calib.core.least_squares import Rules
 from vbaa_calib.core.robust import radial_std
 
@@ -23,18 +24,13 @@ _USUAL_NOISE_PX, _LEAST_NOISE_PX = 0.2, 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class Observation:
+class Observation(Rows):
     """Corners of one view."""
 
     points_m: np.ndarray  # (N, 3) board frame
     pixels: np.ndarray  # (N, 2)
     deformation: np.ndarray | None = None  # (N, 3, 5) how each point moves with the board's shape (`deformations`)
     weight: float = 1.0  # of its residuals; less than 1 for a noisy view
-
-    def picked(self, which: np.ndarray) -> Observation:
-        """The corners of a mask or of indices."""
-        deformation = None if self.deformation is None else self.deformation[which]
-        return Observation(self.points_m[which], self.pixels[which], deformation, self.weight)
 
 
 def _corners_of(observations: Sequence[Observation]) -> Corners:

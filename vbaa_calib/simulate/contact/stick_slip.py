@@ -21,12 +21,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 import numpy as np
 
 from vbaa_calib.antenna.rod import Rod, empty_nodes
 from vbaa_calib.antenna.shooting import RodNumbers, shoot
+from vbaa_calib.core.arrays import Rows
 from vbaa_calib.core.compiled import kernel
 from vbaa_calib.core.newton import slopes_of, solve
 from vbaa_calib.geometry import Pose
@@ -45,13 +46,7 @@ _ITERATIONS = 20
 _ROOM = 0.3
 """Of the contact's place in one step, in L."""
 
-_Rows = TypeVar("_Rows", "Bases", "Held")
 _Law = tuple[np.ndarray, np.ndarray, np.ndarray, float, np.ndarray, float]
-
-
-def picked(of: _Rows, rows: np.ndarray) -> _Rows:
-    """Some of the rows of all fields."""
-    return type(of)(*(getattr(of, each.name)[rows] for each in fields(of)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +60,7 @@ class Setting:
 
 
 @dataclass(frozen=True, eq=False)
-class Bases:
+class Bases(Rows):
     """Where B bases are: R_world_antenna (B, 3, 3), and the antenna frame's origin (B, 3) in the world."""
 
     rotation: np.ndarray
@@ -84,7 +79,7 @@ class Bases:
 
 
 @dataclass(frozen=True, eq=False)
-class Held:
+class Held(Rows):
     """B contacts.
 
     Attributes

@@ -16,7 +16,7 @@ from vbaa_calib.antenna.rod import RodShape, sample_shape, solve_rod
 from vbaa_calib.core.errors import SolveError
 from vbaa_calib.simulate.scene.objects import WEDGES
 
-from .stick_slip import Bases, Contacts, Held, Setting, advance, picked
+from .stick_slip import Bases, Contacts, Held, Setting, advance
 
 STICKS_M = 1e-6
 """Along itself the antenna hardly yields, so that even a sticking contact creeps by nanometres."""
@@ -186,7 +186,7 @@ def _step(walk: _Walk, ends: tuple[_Place, _Place], friction: float, frame: int)
     before, guess, after = (Held.nowhere(count) for _ in range(3))
     lasting, landing = np.flatnonzero(walk.touches), np.flatnonzero(~walk.touches & (gap < 0.0))
     for state in (before, guess):
-        state.put(lasting, picked(walk.contacts, lasting))
+        state.put(lasting, walk.contacts.picked(lasting))
     if landing.size:
         met, start = _landing(walk, ends, near, landing)
         before.put(landing, met)
@@ -194,8 +194,8 @@ def _step(walk: _Walk, ends: tuple[_Place, _Place], friction: float, frame: int)
     rows = np.concatenate([lasting, landing])
     touches, way = np.zeros(count, bool), np.zeros((count, 3))
     if rows.size:
-        bases = picked(ends[0][0], rows), picked(ends[1][0], rows)
-        found, good = _carry(walk.setting, bases, picked(before, rows), picked(guess, rows), friction, _HALVINGS)
+        bases = ends[0][0].picked(rows), ends[1][0].picked(rows)
+        found, good = _carry(walk.setting, bases, before.picked(rows), guess.picked(rows), friction, _HALVINGS)
         if not good.all():
             raise _refused(count, int(rows[np.argmin(good)]), frame, "no equilibrium; the antenna may have slipped off")
         after.put(rows, found)
@@ -221,7 +221,7 @@ def _landing(
     setting, rod = walk.setting, walk.setting.rod
     gap, at, point, normal = (values[rows] for values in near)
     at = np.clip(at, 0.05 * rod.length_m, 0.999 * rod.length_m)
-    (bases, nodes), (start, start_nodes) = ((picked(end[0], rows), end[1][rows]) for end in reversed(ends))
+    (bases, nodes), (start, start_nodes) = ((end[0].picked(rows), end[1][rows]) for end in reversed(ends))
     was = start.world(_interpolated(start_nodes, walk.path.arclength_m, at[:, None]))[:, 0]
     share = (walk.gap_m[rows] / np.maximum(walk.gap_m[rows] - gap, 1e-12))[:, None]
     pair = at[:, None] + np.array([-1e-4, 1e-4]) * rod.length_m
@@ -245,9 +245,9 @@ def _carry(
     rows = np.flatnonzero(~good)
     if rows.size == 0 or halvings == 0:
         return found, good
-    start, end = (picked(bases, rows) for bases in ends)
+    start, end = (bases.picked(rows) for bases in ends)
     middle = _between(start, end, 0.5)
-    first, fine = _carry(setting, (start, middle), picked(before, rows), picked(guess, rows), friction, halvings - 1)
+    first, fine = _carry(setting, (start, middle), before.picked(rows), guess.picked(rows), friction, halvings - 1)
     if not fine.all():
         return found, good
     second, fine = _carry(setting, (middle, end), first, first, friction, halvings - 1)
