@@ -173,10 +173,10 @@ READERS = (
     Reader(
         "tracked", "lined/recording/centrelines.csv", lambda path: _every_centreline(centrelines_of(path)), seldom=2
     ),
-    Reader("mcap", "stream.mcap", _bag),
-    Reader("bag", "stream.bag", _bag),
-    Reader("bag_metadata", "stream/metadata.yaml", _bag, seldom=5),
-    Reader("bag_database", "stream/stream.db3", _bag, seldom=5),
+    Reader("mcap", "stream.mcap", _bag, seldom=50),
+    Reader("bag", "stream.bag", _bag, seldom=50),
+    Reader("bag_metadata", "stream/metadata.yaml", _bag, seldom=50),
+    Reader("bag_database", "stream/stream.db3", _bag, seldom=50),
     Reader("stream_readings", "stream.csv", lambda path: _all_of(csv_readings(path)[1])),
     Reader("stream_table", "stream_pictures.csv", lambda path: _every_message(open_table(path))),
     Reader("lines", "stream.jsonl", _lines),

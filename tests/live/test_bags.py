@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import sqlite3
+import struct
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from shutil import copy
@@ -11,13 +14,19 @@ from typing import Any
 import numpy as np
 import pytest
 from mcap.reader import make_reader
+from mcap.writer import IndexType
+from mcap.writer import Writer as McapWriter
 from mcap_ros2.decoder import DecoderFactory
+from rosbags import rosbag1, rosbag2
 from rosbags.highlevel import AnyReader
+from rosbags.rosbag2.storage_mcap import zstd
+from rosbags.typesys import Stores, get_typestore
 
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.streams import Reading, Taken
 from vbaa_calib.streams.bags import BagWriter, Logged, Topics, open_bag, picture_of
 
+from ..hostile.case import bounded
 from .recordings import COUNT, messages, rig, shown, write
 
 SIZE = (480, 360)
@@ -190,7 +199,92 @@ def test_a_damaged_picture_is_left_out_and_told(tmp_path: Path) -> None:
     assert "/camera/compressed" in notes[0]
 
 
-def test_what_unpacks_to_far_more_than_it_is_is_refused(tmp_path: Path) -> None:
-    seed = Path(__file__).parents[1] / "fuzz" / "seeds" / "mcap" / "unpacks_to_400_MB"
-    with pytest.raises(InputError, match="unpacks to 400 MB"):
-        read(Path(copy(seed, tmp_path / "packed.mcap")))
+SEED = Path(__file__).parents[1] / "fuzz" / "seeds" / "mcap" / "unpacks_to_400_MB"
+TOPIC, KIND = "/image", "sensor_msgs/msg/Image"
+ROS1, ROS2 = get_typestore(Stores.ROS1_NOETIC), get_typestore(Stores.ROS2_HUMBLE)
+HIDDEN = {
+    **{"chunk_size": 10**9, "index_types": IndexType.NONE, "use_statistics": False, "use_summary_offsets": False},
+    **{"repeat_channels": False, "repeat_schemas": False},
+}
+COMPUTED = """
+ALTER TABLE messages RENAME TO sound;
+CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER,
+                      data BLOB AS (zeroblob(500000000)) VIRTUAL);
+INSERT INTO messages SELECT id, topic_id, timestamp FROM sound"""
+
+
+def packed_bag(path: Path) -> None:
+    writer = rosbag1.Writer(path)
+    writer.set_compression(rosbag1.Writer.CompressionFormat.LZ4)
+    with writer:
+        writer.write(writer.add_connection(TOPIC, KIND, typestore=ROS1), 1, bytes(100_000_000))
+
+
+def packed_messages(path: Path) -> None:
+    writer = rosbag2.Writer(path, version=9)
+    writer.set_compression(rosbag2.CompressionMode.MESSAGE, rosbag2.CompressionFormat.ZSTD)
+    with writer:
+        writer.write(writer.add_connection(TOPIC, KIND, typestore=ROS2), 1, bytes(100_000_000))
+
+
+def packed_files(path: Path) -> None:
+    packed_messages(path)
+    about = (path / "metadata.yaml").read_text()
+    (path / "metadata.yaml").write_text(about.replace("compression_mode: message", "compression_mode: file"))
+    path.joinpath("a.db3").write_bytes(zstd.compress(bytes(300_000_000)))
+
+
+def computed_rows(path: Path) -> None:
+    write(path, count=3)
+    with sqlite3.connect(path / "a.db3") as base:
+        base.executescript(COMPUTED)
+
+
+def mcap_file(path: Path, size: int, times: tuple[int, ...] = (1,), **options: Any) -> None:
+    with path.open("wb") as stream:
+        writer = McapWriter(stream, **options)
+        writer.start(profile="ros2")
+        text = ROS2.generate_msgdef(KIND, ros_version=2)[0].encode()
+        channel = writer.register_channel(TOPIC, "cdr", writer.register_schema(KIND, "ros2msg", text))
+        for time in times:
+            writer.add_message(channel, time, bytes(size), time)
+        writer.finish()
+
+
+def lying(path: Path) -> None:
+    mcap_file(path, 100_000_000)
+    with path.open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None
+    true = struct.pack("<Q", summary.chunk_indexes[0].uncompressed_size)
+    path.write_bytes(path.read_bytes().replace(true, struct.pack("<Q", 1000)))
+
+
+BOMBS: tuple[tuple[str, str, Callable[[Path], Any], str], ...] = (
+    ("a chunk that says so", "a.mcap", lambda path: copy(SEED, path), "unpacks to 400 MB at once"),
+    ("a chunk that lies", "a.mcap", lying, "unpack to more than"),
+    (
+        "chunks open at once",
+        "a.mcap",
+        lambda path: mcap_file(path, 10**7, (1, 9) * 6, chunk_size=15_000_000),
+        "at once",
+    ),
+    ("no index", "a.mcap", lambda path: mcap_file(path, 400_000_000, **HIDDEN), "memory"),
+    ("no index, smaller", "a.mcap", lambda path: mcap_file(path, 80_000_000, **HIDDEN), "unpack to more than"),
+    ("a packed chunk", "a.bag", packed_bag, "unpack to more than"),
+    ("packed messages", "a", packed_messages, "unpack to more than"),
+    ("packed files", "a", packed_files, "unpacks to more than"),
+    ("rows that are computed", "a", computed_rows, "its messages have"),
+)
+
+
+@pytest.mark.parametrize(("name", "make", "words"), [pytest.param(*row[1:], id=row[0]) for row in BOMBS])
+def test_what_unpacks_to_far_more_than_it_is_is_refused(
+    tmp_path: Path, name: str, make: Callable[[Path], Any], words: str
+) -> None:
+    """Within 50 times the file and 200 MB."""
+    path = tmp_path / name
+    make(path)
+    size = sum(each.stat().st_size for each in (path.iterdir() if path.is_dir() else [path]))
+    with bounded(30.0, 50 * size + 200_000_000), pytest.raises(InputError, match=words):
+        read(path)

@@ -25,7 +25,7 @@ _SECONDS, _SECONDS_PER_MB = 4.0, 0.2
 """Limit of processor time: for any file, and per megabyte."""
 _WAITING = 20.0
 """Limit of the wall clock, in multiples of that."""
-_MEMORY_FACTOR, _MEMORY_BYTES = 50, 200_000_000
+MEMORY_FACTOR, MEMORY_BYTES = 50, 200_000_000
 """Limit of memory beyond the libraries: a multiple of the file's size, plus a constant."""
 _ERROR = "error"
 
@@ -42,9 +42,10 @@ def read_in_child(reader: Callable[[Path], Arrays], path: Path) -> dict[str, np.
     ------
     ValueError : the reader failed, crashed, or took too much time or memory.
     """
-    size = path.stat().st_size
+    files = path.iterdir() if path.is_dir() else [path]
+    size = sum(each.stat().st_size for each in files if each.is_file())
     seconds = _SECONDS + _SECONDS_PER_MB * size / 1e6
-    limits = f"{seconds:.0f}", str(_MEMORY_FACTOR * size + _MEMORY_BYTES)
+    limits = f"{seconds:.0f}", str(MEMORY_FACTOR * size + MEMORY_BYTES)
     # as a script: with -m the whole package would be imported, which takes longer than any reading
     module = "" if reader.__module__ == __name__ else reader.__module__
     call = [sys.executable, "-P", __file__, module, reader.__name__, str(path.absolute()), *limits]
@@ -108,6 +109,20 @@ def read_literal(path: Path) -> dict[str, np.ndarray]:
     except (SyntaxError, TypeError, RecursionError, MemoryError) as error:
         line = getattr(error, "lineno", None)
         raise ValueError(f"line {line} is no Python" if line else "is no Python literal") from None
+
+
+def read_bag_head(path: Path) -> dict[str, np.ndarray]:
+    """Nothing of a bag that can be opened.
+
+    Raises
+    ------
+    Exception : rosbags cannot open it; of a damaged file it lets anything through.
+    """
+    from rosbags.highlevel import AnyReader
+    from rosbags.typesys import Stores, get_typestore
+
+    with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)):
+        return {}
 
 
 def _limit(seconds: int, memory: int) -> None:

@@ -20,6 +20,7 @@ from vbaa_calib.core.files import read_yaml
 from vbaa_calib.core.images import as_levels, read_picture
 
 from .messages import Messages, Reading, Source, Taken, blank
+from .unpacking import bound_unpacking, check_bag, refuse_bombs
 
 SUFFIXES = (".mcap", ".bag", ".db3")
 _IMAGES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
@@ -41,8 +42,6 @@ _LAYOUTS: dict[str, tuple[str, int]] = {
     **dict.fromkeys(("mono16", "16UC1"), ("u2", 1)),
 }
 """ROS' name of an image's encoding: type and number of its channels."""
-_LARGEST_CHUNK_BYTES, _LARGEST_CHUNK_FACTOR = 50_000_000, 10
-"""Of a chunk unpacked: some bytes, and a multiple of the file's size. A picture is copied four times on its way."""
 _FOCAL_SHARE = 0.01
 """A camera whose focal length is so much off the rig's is another one."""
 
@@ -86,15 +85,17 @@ def open_bag(path: Path, topics: Topics, camera_matrix: np.ndarray | None, image
     if not os.path.exists(path):
         raise InputError("no such bag", where=path, remedy="check the path")
     highlevel = require_extra("rosbags.highlevel", "live")
-    if os.path.isdir(path):
-        read_yaml(path / "metadata.yaml")  # bounded, which the reader's own YAML is not
+    # bounded, which the reader's own YAML is not
+    check_bag(path, read_yaml(path / "metadata.yaml") if os.path.isdir(path) else {})
+    bound_unpacking()
+    standard = _typestore(path)
     stack = ExitStack()
     try:
-        reader = highlevel.AnyReader([path], default_typestore=_typestore(path))
+        reader = highlevel.AnyReader([path], default_typestore=standard)
         reader.open()
         stack.callback(_close, reader)
         kinds = {name: info.msgtype for name, info in reader.topics.items()}
-        _refuse_large_chunks(reader, path)
+        refuse_bombs(reader, path)
     except InputError:
         stack.close()
         raise
@@ -116,6 +117,8 @@ def open_bag(path: Path, topics: Topics, camera_matrix: np.ndarray | None, image
         wanted |= dict.fromkeys(own, "camera")
     connections = [each for each in reader.connections if each.topic in wanted]
     broken: Counter[str] = Counter()
+    # by ROS' own definitions: those in the bag may say that a picture holds a billion of something
+    deserialize = standard.deserialize_ros1 if path.suffix == ".bag" else standard.deserialize_cdr
 
     def messages(skim: bool = False) -> Messages:
         checked, shown, place = False, None, (0, 0)
@@ -125,7 +128,7 @@ def open_bag(path: Path, topics: Topics, camera_matrix: np.ndarray | None, image
                 if role == "image":  # several may be logged at once
                     place = (logged_ns, place[1] + 1 if place[0] == logged_ns else 0)
                 try:
-                    message = reader.deserialize(data, connection.msgtype)
+                    message = deserialize(data, connection.msgtype)
                     if role == "camera" and not checked:
                         _check_camera(message, camera_matrix, image_size, path)
                         checked = True
@@ -148,7 +151,7 @@ def open_bag(path: Path, topics: Topics, camera_matrix: np.ndarray | None, image
             for connection, logged_ns, data in reader.messages(image, start=coming[0][0], stop=coming[-1][0] + 1):
                 at = (logged_ns, at[1] + 1 if at[0] == logged_ns else 0)
                 if coming and at == coming[0]:
-                    message = reader.deserialize(data, connection.msgtype)
+                    message = deserialize(data, connection.msgtype)
                     arrived_s = 1e-9 * logged_ns
                     yield Taken(
                         stamp_s(message, arrived_s), picture_of(message), arrived_s, perf_counter(), coming.popleft()
@@ -156,16 +159,6 @@ def open_bag(path: Path, topics: Topics, camera_matrix: np.ndarray | None, image
 
     count = sum(each.msgcount for each in reader.connections if each.topic == taken["image"])
     return Source(path.name, messages, frozenset(channels), notes=notes, count=count, again=again)
-
-
-def _refuse_large_chunks(reader: Any, path: Path) -> None:
-    """Raises InputError for an MCAP file that unpacks to far more than it holds: chunks are unpacked as a whole."""
-    whole = [one.storage for one in reader.readers if hasattr(one, "storage")]  # a file, or a folder of several
-    for storage in (each for one in whole for each in getattr(one, "storages", [one])):
-        largest = max((chunk.uncompressed_size for chunk in getattr(storage, "chunks", ())), default=0)
-        if largest > _LARGEST_CHUNK_BYTES + _LARGEST_CHUNK_FACTOR * storage.path.stat().st_size:
-            what = f"one of its chunks unpacks to {largest / 1e6:.0f} MB"
-            raise InputError(what, where=path, remedy="record it with chunks of some megabytes, as rosbag2 does")
 
 
 def _close(reader: Any) -> None:
@@ -191,6 +184,8 @@ def _whole(messages: Iterator[Any], path: Path, notes: list[str]) -> Iterator[An
             yield next(messages)
         except StopIteration:
             return
+        except InputError as error:
+            raise InputError(f"{path.name}: {error}") from None
         except Exception as error:
             notes.append(f"{path.name} is torn ({type(error).__name__}): what comes after that is lost")
             return
