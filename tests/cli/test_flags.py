@@ -73,6 +73,7 @@ def test_the_table_has_what_several_verbs_share() -> None:
     [
         (("estimat",), "do you mean estimate?"),
         (("estimate", "session", "--rig", "rig.json", "-o", "c.csv", "--no-momnet"), "do you mean --no-moment?"),
+        (("estimate", "--centerlines", "pixels.csv"), "do you mean --centrelines?"),
     ],
 )
 def test_a_slip_is_named(vbaa: Call, call: tuple[str, ...], words: str) -> None:
