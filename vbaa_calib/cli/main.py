@@ -34,7 +34,7 @@ VERBS = {
     ),
     "selftest": (
         "vbaa_calib.cli.selftest",
-        "how accurate is this OpenCV's corner detector on your board? tried on drawn pictures",
+        "how accurate is OpenCV's corner detector on your board? measured on drawn pictures",
     ),
     "wizard": ("viz.cli.wizard", "guided, resumable calibration: from a printed board to a trusted rig"),
     "intrinsics": ("viz.cli.intrinsics", "lens from photos of a ChArUco board"),
@@ -72,7 +72,7 @@ VERBS = {
     "schema": ("vbaa_calib.cli.schema", "print the JSON Schema of session.yaml or rig.json"),
     "bench": ("vbaa_calib.cli.bench", "speed against error, with the alternatives in the same run"),
 }
-"""Name → (module with `configure` and `run`, one line of help), in the order of use. Modules are imported when needed."""
+"""Name → (module with `configure` and `run`, one line of help), in the order of use; imported when needed."""
 _PACKAGES = ("estimator", "targets", "vbaa", "vbaa_calib", "viz")
 _SELDOM = 100_000
 """New objects between two garbage collections."""
