@@ -20,6 +20,7 @@ import yaml
 from vbaa_calib.calibrate.check.assessment import assess
 from vbaa_calib.calibrate.check.finding import Checked
 from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.files import sha256
 from vbaa_calib.geometry import Pose
 from vbaa_calib.simulate.scene.scene import Scene
 
@@ -66,6 +67,18 @@ def test_a_rig_that_is_right_holds(made: SimpleNamespace) -> None:
     assert len(distances) == 6
     # not only below the limit: of the size that chance gives
     assert np.mean(np.square(distances)) < 8
+
+
+def test_pictures_of_the_calibration_are_named_as_such(made: SimpleNamespace, tmp_path: Path) -> None:
+    """They fit whatever has happened since; one picture that is new makes it a check."""
+    session = only(made.session, tmp_path / "own", MONTH)
+    used = {path.name: sha256(path) for part in MONTH for path in (session / part).iterdir()}
+    rig = tmp_path / "rig.json"
+    for recorded, own in ((used, True), (dict(list(used.items())[1:]), False)):
+        rig.write_text(json.dumps(json.loads(made.rig.read_text()) | {"inputs_sha256": recorded}))
+        found = assess(rig, session)
+        assert found.to_dict()["own_pictures"] is own
+        assert ("own" in found.words) is own
 
 
 def number_in(found: Checked, question: str) -> float:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import ast
 import os
+import re
 import subprocess
 import sys
 from collections import defaultdict
@@ -68,11 +70,25 @@ def test_the_table_has_what_several_verbs_share() -> None:
     assert rows >= shared - {"--help"}
 
 
+def test_messages_of_calibration_name_options_that_its_verbs_have() -> None:
+    verbs = ("board", "intrinsics", "calibrate", "handeye", "stiffness", "check", "convert", "wizard")
+    known = {name for verb in verbs for name in _verb_parser(verb)._option_string_actions}
+    named = {}
+    for folder in ("calibrate", "camera", "convert", "session", "wizard"):
+        for path in (Path(vbaa_calib.__file__).parent / folder).rglob("*.py"):
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+                if isinstance(node, ast.Constant) and isinstance(node.value, str):
+                    named |= dict.fromkeys(re.findall(r"(?<![\w-])--[a-z][\w-]+", node.value), f"{path}:{node.lineno}")
+    assert {name: place for name, place in named.items() if name not in known} == {}
+    assert "--lens-model" in named
+
+
 @pytest.mark.parametrize(
     ("call", "words"),
     [
         (("estimat",), "do you mean estimate?"),
         (("estimate", "session", "--rig", "rig.json", "-o", "c.csv", "--no-momnet"), "do you mean --no-moment?"),
+        (("estimate", "--centerlines", "pixels.csv"), "do you mean --centrelines?"),
     ],
 )
 def test_a_slip_is_named(vbaa: Call, call: tuple[str, ...], words: str) -> None:

@@ -76,7 +76,7 @@ def read_lens(path: Path, which: str | None = None) -> GivenLens:
     camera = form.read(path, which).camera
     if not is_monotonic(_model_of(camera), camera.parameters, camera.image_size):
         what = f"its {_model_of(camera).name} lens folds inside the picture"
-        raise InputError(what, where=path, remedy="calibrate the lens again, with a simpler --model")
+        raise InputError(what, where=path, remedy="calibrate the lens again, with a simpler --lens-model")
     if camera.model == "opencv" and not camera.distortion[12:].any():  # no tilt: the same lens without its two zeros
         kept = None if camera.covariance is None else camera.covariance[:16, :16]
         camera = replace(camera, distortion=camera.distortion[:12], covariance=kept, parameter_names=())

@@ -11,7 +11,6 @@ import hashlib
 import importlib
 import json
 import os
-import re
 import signal
 import sys
 import threading
@@ -27,9 +26,15 @@ from vbaa_calib.core.errors import InputError, VbaaError, sentence_of
 from .completion import EXAMPLES
 
 VERBS = {
+    "doctor": ("vbaa_calib.cli.doctor", "is this installation healthy? each problem with its remedy"),
+    "demo": ("viz.cli.demo", "the whole way on a bundled scene, with a table of error against truth"),
     "board": (
         "vbaa_calib.cli.board",
-        "a print-exact ChArUco sheet: vector PDF with rulers, SVG, or PNG for a screen",
+        "a ChArUco board to print to scale: PDF or SVG with rulers, or PNG for a screen",
+    ),
+    "selftest": (
+        "vbaa_calib.cli.selftest",
+        "how accurate is OpenCV's corner detector on your board? measured on drawn pictures",
     ),
     "wizard": ("viz.cli.wizard", "guided, resumable calibration: from a printed board to a trusted rig"),
     "intrinsics": ("viz.cli.intrinsics", "lens from photos of a ChArUco board"),
@@ -39,14 +44,8 @@ VERBS = {
         "vbaa_calib.cli.stiffness",
         "EI from a table of measured deflections, or from one photograph of a bent rod",
     ),
-    "simulate": ("vbaa_calib.cli.simulate", "a synthetic session from a scene file, with truth.json"),
-    "selftest": ("vbaa_calib.cli.selftest", "draw your board with known corners: how far off is this OpenCV?"),
-    "bench": ("vbaa_calib.cli.bench", "speed against error, with the alternatives in the same run"),
-    "convert": ("vbaa_calib.cli.convert", "the camera to and from ROS, OpenCV, Kalibr, mrcal and COLMAP files"),
-    "schema": ("vbaa_calib.cli.schema", "print the JSON Schema of session.yaml or rig.json"),
-    "budget": ("estimator.cli.budget", "what limits this rig's contacts, and what to improve first"),
-    "track": ("estimator.cli.track", "contacts in time: first contact, loss, slip and stick, ringing"),
     "check": ("viz.cli.check", "is this rig still right? a report and a plain verdict"),
+    "budget": ("estimator.cli.budget", "what limits this rig's contacts, and what to improve first"),
     "estimate": (
         "viz.cli.estimate",
         "a recording to contacts.csv and report.html: where and how hard, with standard deviations",
@@ -57,17 +56,23 @@ VERBS = {
     ),
     "batch": ("viz.cli.batch", "many recordings at once, on dask: a data set of contacts, resumable"),
     "compare": ("viz.cli.compare", "two results or rigs side by side: what differs, in deviations"),
-    "refine": ("estimator.cli.refine", "a recording as one: rig errors and friction that all of its contacts share"),
+    "refine": (
+        "estimator.cli.refine",
+        "all frames of a recording in one solve, with the rig errors and friction that they share",
+    ),
     "next": ("estimator.cli.next", "where to touch next, to know surface, friction or stiffness better"),
-    "look": ("viz.cli.look", "what is seen of the antenna in one picture, in words and as a debug picture"),
+    "look": ("viz.cli.look", "what is detected of the antenna in one picture, in words and as a picture"),
+    "track": ("estimator.cli.track", "contacts in time: first contact, loss, slip and stick, ringing"),
     "reconstruct": ("viz.cli.reconstruct", "contacts to the object's surface and stiffness: .vtp, .ply or .glb"),
     "report": ("viz.cli.report", "contacts as a page to read: plots, map, friction cone, table"),
     "view": ("viz.cli.view", "the 3-D scene as a window, a PNG or a self-contained HTML page"),
-    "doctor": ("vbaa_calib.cli.doctor", "is this installation healthy? each problem with its remedy"),
+    "simulate": ("vbaa_calib.cli.simulate", "a synthetic session from a scene file, with truth.json"),
+    "convert": ("vbaa_calib.cli.convert", "the camera to and from ROS, OpenCV, Kalibr, mrcal and COLMAP files"),
     "completion": ("vbaa_calib.cli.completion", "a script that completes verbs and options in bash, zsh or fish"),
-    "demo": ("viz.cli.demo", "the whole way on a bundled scene, with a table of error against truth"),
+    "schema": ("vbaa_calib.cli.schema", "print the JSON Schema of session.yaml or rig.json"),
+    "bench": ("vbaa_calib.cli.bench", "speed against error, with the alternatives in the same run"),
 }
-"""Name → (module with `configure` and `run`, one line of help). Modules are imported when their verb is run."""
+"""Name → (module with `configure` and `run`, one line of help), in the order of use; imported when needed."""
 _PACKAGES = ("estimator", "targets", "vbaa", "vbaa_calib", "viz")
 _SELDOM = 100_000
 """New objects between two garbage collections."""
@@ -90,12 +95,16 @@ def _module(verb: str) -> ModuleType:
 class _Parser(argparse.ArgumentParser):
     """Raises our error instead of exiting."""
 
+    words: Sequence[str] = ()
+    """What it was called with: a slip in an option is named before what is missing for it."""
+
     def error(self, message: str) -> NoReturn:
         verb = self.prog.removeprefix("vbaa").strip()
-        unknown = re.match(r"unrecognized arguments: (--[\w-]+)", message)
-        close = difflib.get_close_matches(unknown[1], self._option_string_actions, n=1) if unknown else []
+        options = [word.partition("=")[0] for word in self.words if word.startswith("--")]
+        unknown = next((word for word in options if word not in {*self._option_string_actions, "--"}), "")
+        close = difflib.get_close_matches(unknown, self._option_string_actions, n=1) if unknown else []
         remedy = f"do you mean {close[0]}?" if close else f"see {self.prog} --help"
-        raise InputError(message, where=verb or None, remedy=remedy)
+        raise InputError(f"there is no option {unknown}" if unknown else message, where=verb or None, remedy=remedy)
 
 
 class _Version(argparse.Action):
@@ -151,7 +160,9 @@ def run_verb(argv: Sequence[str]) -> int:
         close = difflib.get_close_matches(name, VERBS, n=1)
         remedy = f"do you mean {close[0]}?" if close else f"the verbs are {', '.join(VERBS)}"
         raise InputError(f"there is no verb {name!r}", remedy=remedy)
-    args = _verb_parser(name).parse_args(argv[1:])
+    parser = _verb_parser(name)
+    parser.words = argv[1:]
+    args = parser.parse_args(argv[1:])
     args.argv = ["vbaa", *argv]
     result = _module(name).run(args)
     if args.json:

@@ -79,7 +79,7 @@ def stated(camera: Camera, models: Mapping[tuple[str, int], str], whose: str) ->
     counts = sorted(count for model, count in models if model == camera.model)
     if not counts:
         what = f"{whose} has no equidistant fisheye lens (k1 to k4 over the angle)"
-        raise InputError(what, remedy="choose another format, or calibrate with another lens model (`--model`)")
+        raise InputError(what, remedy="choose another format, or calibrate with another lens model (`--lens-model`)")
     fitting = [count for count in counts if count >= needed]
     if fitting:
         count = len(values) if len(values) in fitting else fitting[0]
@@ -91,7 +91,7 @@ def stated(camera: Camera, models: Mapping[tuple[str, int], str], whose: str) ->
     words = f"it would be off by up to {cost:.2g} px without them" if np.isfinite(cost) else "they matter"
     raise InputError(
         f"{whose} holds {longest} coefficients at most, this lens has {', '.join(beyond)} too: {words}",
-        remedy="choose another format, or calibrate with a simpler lens (`--model`)",
+        remedy="choose another format, or calibrate with a simpler lens (`--lens-model`)",
     )
 
 

@@ -366,7 +366,7 @@ def conclude(root: Path, report: Report, given: GivenLens | None = None) -> dict
     """
     calibration = calibrate(load_session(root), given=given)
     write_json(root / RIG, rig_document(calibration, doubts(calibration), ["vbaa", "wizard"]))
-    document = assess(root / RIG, root).to_dict() | {"own_pictures": True}
+    document = assess(root / RIG, root).to_dict()
     write_text(root / REPORT, report(document))
     return document
 

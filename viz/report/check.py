@@ -56,7 +56,7 @@ def page(document: Mapping[str, Any]) -> str:
     return render(
         "check.html.j2",
         title=document["rig"],
-        own_pictures=document.get("own_pictures", False),
+        own_pictures=document["own_pictures"],
         colour=LEVEL_COLOURS[document["verdict"]],
         colours=LEVEL_COLOURS,
         headline=document["headline"],

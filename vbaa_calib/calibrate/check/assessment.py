@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -80,6 +80,7 @@ class Assessment:
     quality: Mapping[str, Any]  # of rig.json, as it is there
     session: Checked | None
     nominal_Nm2: float | None = None  # E·πd⁴/64, from rig.json or the session
+    own_pictures: bool = False  # the session's pictures are those of the calibration
 
     @property
     def answers(self) -> list[Finding]:
@@ -100,6 +101,8 @@ class Assessment:
             sentences += [f"{start}: {'; '.join(found)}."] if found else []
         if self.session is None:
             sentences.append("Judged by rig.json alone; give new pictures to see whether it is still so.")
+        if self.own_pictures:
+            sentences.append("The pictures are the calibration's own; give new ones to see whether it is still so.")
         return " ".join(sentences)
 
     def to_dict(self) -> dict[str, Any]:
@@ -117,6 +120,7 @@ class Assessment:
             "quality": dict(self.quality),
             "session_findings": [finding.to_dict() for finding in session.findings],
             "session": dict(session.document) if self.session else None,
+            "own_pictures": self.own_pictures,
         }
 
 
@@ -135,6 +139,8 @@ def assess(path: Path, session_root: Path | None = None, new: NewPictures | None
     if nominal is None and session is not None:
         nominal = session.antenna.stiffness_Nm2
     own = rig_findings(rig, quality, nominal)
+    recorded = at(data, "inputs_sha256")
+    used = set(recorded.values()) if isinstance(recorded, Mapping) else set()
     if session is not None:
         for name in ("length_m", "diameter_m"):
             own_m, other_m = getattr(rig.antenna, name), getattr(session.antenna, name)
@@ -143,11 +149,13 @@ def assess(path: Path, session_root: Path | None = None, new: NewPictures | None
                 raise InputError(what, where=where, remedy="check a rig with its own antenna")
     inputs = None if session is None or new is not None else _from_session(session)
     if new is not None:
-        _refuse_calibration_pictures(data, new, path)
+        _refuse_calibration_pictures(used, new, path)
         no_jig = _NO_JIG if session else "rig.json does not record the jig: name its session"
         inputs = _from_pictures(session or _recorded_session(data, rig, path), new, no_jig)
     checked = None if inputs is None else _check_pictures(rig, quality, inputs)
-    return Assessment(rig, path, tuple(own), quality, checked, nominal)
+    pictures = [] if inputs is None else inputs.pictures
+    its_own = bool(pictures) and all(sha256(picture) in used for picture in pictures)
+    return Assessment(rig, path, tuple(own), quality, checked, nominal, its_own)
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,6 +167,11 @@ class _Inputs:
     boards: Mapping[str, Sequence[Path]]  # part → its pictures
     stills: Sequence[Still]  # of the free and the loaded antenna; `moment_Nm` NaN where not read
     no_jig: str = _NO_JIG  # why the jig's place is not known, where it is not
+
+    @property
+    def pictures(self) -> list[Path]:
+        boards = [path for paths in self.boards.values() for path in paths]
+        return boards + [still.image for still in self.stills if still.image is not None]
 
 
 def _from_session(session: Session) -> _Inputs:
@@ -196,12 +209,10 @@ def _recorded_session(document: Mapping[str, Any], rig: Rig, path: Path) -> Sess
     )
 
 
-def _refuse_calibration_pictures(document: Mapping[str, Any], new: NewPictures, path: Path) -> None:
-    """A picture that the rig was calibrated from fits whatever has happened since."""
-    recorded = at(document, "inputs_sha256")
-    used = list(recorded.values()) if isinstance(recorded, Mapping) else []
+def _refuse_calibration_pictures(used: Collection[str], new: NewPictures, path: Path) -> None:
+    """A picture that the rig was calibrated from fits whatever has happened since. used : SHA-256 of those."""
     for picture in (new.board, new.free):
-        if picture is not None and used and picture.is_file() and sha256(picture) in used:
+        if picture is not None and picture.is_file() and sha256(picture) in used:
             what = f"is one of the pictures that {path} was calibrated from"
             raise InputError(what, where=picture, remedy="take a new one: an old one cannot show what has changed")
 
@@ -209,9 +220,7 @@ def _refuse_calibration_pictures(document: Mapping[str, Any], new: NewPictures, 
 def _check_pictures(rig: Rig, quality: Mapping[str, Any], inputs: _Inputs) -> Checked:
     """The lens, then the camera's pose, then the antenna and the sensor, each after those before."""
     session, parts = inputs.session, inputs.parts
-    pictures = [path for paths in inputs.boards.values() for path in paths]
-    pictures += [still.image for still in inputs.stills if still.image is not None]
-    check_pictures(progress(pictures, "reading the pictures"), rig.camera.image_size, "the rig's lens is")
+    check_pictures(progress(inputs.pictures, "reading the pictures"), rig.camera.image_size, "the rig's lens is")
     # the board's shape as the calibration found it
     recorded_shape = [number_at(quality, "lens", "board_shape", "parameters", name) or 0.0 for name in SHAPE_NAMES]
     shape = replace(BoardShape.flat(corner_points(session.board)), parameters=np.array(recorded_shape))

@@ -23,7 +23,7 @@ _QUESTIONS = {
     "sensor_known": "Is the moment sensor known?",
     "planar_ambiguity": "Could the board in the jig have been read the other way round?",
     "doubts": "Did the calibration have doubts of its own?",
-    "lens_fit": "Do new pictures of the board fit the lens?",
+    "lens_fit": "Do the pictures of the board fit the lens?",
     "lens_focus": "Is the lens focused as it was?",
     "camera_pose": "Is the camera where it was?",
     "free_antenna": "Does the free antenna lie where the rig predicts it?",

@@ -128,7 +128,7 @@ def solve_intrinsics(
     if fit.information is None:
         raise InputError(
             f"the pictures leave the {lens.name} lens open",
-            remedy="add views of the board tilted in different directions, or choose a simpler --model",
+            remedy="add views of the board tilted in different directions, or choose a simpler --lens-model",
         )
     covariance = fit.information.covariance
     camera = camera_of(lens, bundle.intrinsics, options.image_size)

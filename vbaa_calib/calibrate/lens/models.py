@@ -19,7 +19,7 @@ from .projection import corner_radius, radial_slopes
 class LensModel:
     """A lens model: its distortion, and what of it is solved for."""
 
-    name: str  # as `--model` takes it
+    name: str  # as `--lens-model` takes it
     camera_model: str  # "opencv" or "fisheye"
     distortion_count: int  # coefficients stored, in OpenCV's order
     free: tuple[int, ...]  # those that are solved for; the others stay zero

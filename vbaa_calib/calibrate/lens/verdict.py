@@ -116,15 +116,15 @@ def _diagnoses(known: Evidence) -> Iterator[Diagnosis]:
         )
         remedy = (
             "hold board and camera still and the focus fixed, with more light (a rolling shutter bends a moving "
-            "board); or choose another --model"
+            "board); or choose another --lens-model"
         )
         yield Diagnosis("views_scatter", words, remedy)
     if not known.monotonic:
         words = f"the {known.model} lens folds inside the picture: directions near its border are not to be trusted"
-        yield Diagnosis("lens_folds", words, "show the board near the border, too, or choose another --model")
+        yield Diagnosis("lens_folds", words, "show the board near the border, too, or choose another --lens-model")
     if chosen is not None and chosen.halves is not None and not chosen.split_half_agrees:
         words = f"two halves of the views give lenses that differ by {chosen.halves:.1f} times what is predicted"
-        remedy = "the uncertainty is larger than stated by about as much: add views, or choose another --model"
+        remedy = "the uncertainty is larger than stated by about as much: add views, or choose another --lens-model"
         yield Diagnosis("split_half_differs", words, remedy)
     assert known.camera.covariance is not None
     focal_std = float((np.sqrt(np.diag(known.camera.covariance)[:2]) / known.camera.parameters[:2]).max())
