@@ -101,7 +101,6 @@ def test_the_antennas_end_tells_where_the_camera_is_along_it() -> None:
         tip_m = float(5e-5 * rng.normal())
         alone, both = with_tips(tip_m, seed)
         assert alone.tip is None
-        assert both.tip is not None
         z.append(errors(both)[:6] / np.sqrt(np.diag(both.covariance))[:6])
         offsets.append((both.tip.offset_m - tip_m) / both.tip.std_m)
         # of the end in plane C, by the camera's turn and place
@@ -267,8 +266,6 @@ def test_unequal_compliance_is_seen() -> None:
     """Loads to z that bend 4 % more than those to y: the check says so, and by how much."""
     rng = np.random.default_rng(9)
     even, uneven = (check(solved(observed(TRUE, rng, softer_to_z=factor), rng)).anisotropy for factor in (1.0, 1.04))
-    assert even is not None
-    assert uneven is not None
     assert abs(even.in_std) < 4.0
     assert uneven.value == pytest.approx(np.log(1.04), abs=4 * uneven.std)
     assert uneven.in_std > 5.0
@@ -281,7 +278,6 @@ def test_a_drifting_sensor_is_seen() -> None:
         for row, one in enumerate(observed(TRUE, rng))
     ]
     drift = check(solved(drifting, rng)).drift_Nm
-    assert drift is not None
     assert drift.in_std > 4.0
     assert drift.value == pytest.approx(2e-5 / 60.0, abs=4 * drift.std)
 
@@ -289,7 +285,6 @@ def test_a_drifting_sensor_is_seen() -> None:
 def test_the_sag_tells_the_mass_where_nothing_else_does(good) -> None:
     joint, _ = good
     mass = check(joint).mass_per_length_kg_m
-    assert mass is not None
     assert mass.value == pytest.approx(np.exp(TRUE.parameters[7]), abs=4 * mass.std)
     assert mass.std < 0.02 * mass.value
 

@@ -47,7 +47,6 @@ def test_the_first_load_is_suggested_and_brings_what_was_predicted(free) -> None
     assert progress.now.noise == pytest.approx(np.sqrt(joint.covariance[LOG_STIFFNESS, LOG_STIFFNESS]))
     assert any("0 of 3 loads" in words for words in progress.missing)
     first = progress.suggestion
-    assert first is not None
     assert first.load.force_y_N == pytest.approx(0.0, abs=1e-12)
     assert min(abs(first.load.force_z_N + 9.80665 * mass) for mass in MASSES_KG) < 1e-9
     assert f"{1e3 * first.load.distance_m:.0f} mm" in first.words
@@ -69,7 +68,6 @@ def test_the_forecast_with_weighed_readings_is_that_of_the_solve(free, loaded) -
     std = np.sqrt(joint.covariance[LOG_STIFFNESS, LOG_STIFFNESS])
     assert progress.now.total == pytest.approx(std, rel=0.03)
     assert progress.now.noise < 0.8 * std
-    assert progress.suggestion is not None
     more = observed(world, [progress.suggestion.load], np.random.default_rng(7), TRUE_READINGS)
     after = solved([*seen, *more], known)
     std = np.sqrt(after.covariance[LOG_STIFFNESS, LOG_STIFFNESS])
@@ -88,7 +86,6 @@ def test_following_the_suggestions_is_no_worse_than_loads_at_random() -> None:
             for _ in range(3):
                 joint = solved(seen, known)
                 suggestion = load_progress(joint, session(), MASSES_KG, Kinematics(), 1e-4).suggestion
-                assert suggestion is not None
                 load = suggestion.load if guided else at_random(rng)
                 seen += observed(world, [load], rng)
             errors.append(solved(seen, known).parameters[LOG_STIFFNESS] - world.parameters[6])

@@ -77,7 +77,6 @@ def test_the_shape_scatters_as_predicted() -> None:
         ]
         bundle = refine(start.freed(square_pixels=False, prior=WIDE_PRIOR), noisy)
         known = information(bundle, noisy)
-        assert known is not None
         found.append(bundle.shape)
         predicted.append(np.diag(known.covariance)[-5:])
     assert np.std(found, axis=0) / np.sqrt(np.mean(predicted, axis=0)) == pytest.approx(np.ones(5), abs=0.3)
