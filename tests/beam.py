@@ -1,4 +1,4 @@
-"""Small deflections of a cantilever, beside `vbaa_calib.antenna.linear`: uniform loads, several forces, derivatives."""
+"""Small deflections of a cantilever, beside `vbaa_calib.antenna.linear`: several forces, derivatives, weight."""
 
 from __future__ import annotations
 
@@ -18,16 +18,6 @@ def deflection_by_contact(x_m: Any, contact_m: Any, force_N: Any, stiffness_Nm2:
 def superposed_deflection(x_m: np.ndarray, contacts_m: np.ndarray, forces_N: np.ndarray, stiffness_Nm2: float) -> Any:
     """Deflection (..., N) in m at x (..., N) under several point forces (..., M) at contacts (..., M) together."""
     return deflection(x_m[..., None], contacts_m[..., None, :], forces_N[..., None, :], stiffness_Nm2).sum(-1)
-
-
-def weight_deflection(x_m: Any, length_m: Any, load_N_per_m: Any, stiffness_Nm2: Any) -> Any:
-    """Deflection (...) in m under a uniform transverse load."""
-    return load_N_per_m * x_m**2 * (6.0 * length_m**2 - 4.0 * length_m * x_m + x_m**2) / (24.0 * stiffness_Nm2)
-
-
-def weight_slope(x_m: Any, length_m: Any, load_N_per_m: Any, stiffness_Nm2: Any) -> Any:
-    """Slope (...) under a uniform transverse load."""
-    return load_N_per_m * x_m * (3.0 * length_m**2 - 3.0 * length_m * x_m + x_m**2) / (6.0 * stiffness_Nm2)
 
 
 def weight_clamp_moment(length_m: float, load_N_per_m: float) -> float:

@@ -223,7 +223,6 @@ def test_a_folder_has_one_writer_at_a_time(tmp_path: Path) -> None:
     child = "import sys, time; from pathlib import Path; from vbaa_calib.core.folders import writing_alone\n"
     child += "with writing_alone(Path(sys.argv[1])): print('here', flush=True); time.sleep(60)"
     with subprocess.Popen([sys.executable, "-c", child, str(target)], stdout=subprocess.PIPE, text=True) as other:
-        assert other.stdout is not None
         assert other.stdout.readline() == "here\n"
         with pytest.raises(InputError, match="is being written by another command"), replacing_folder(target):
             pass

@@ -163,17 +163,14 @@ def test_a_tip_is_written_and_read_and_goes_with_the_rig() -> None:
     across = 3e-4 * rig.covariance @ (0.02 / np.sqrt(np.diag(rig.covariance)))
     rig = replace(rig, tip=Tip(1e-4, 3e-4, across))
     read = Rig.from_dict(rig.to_dict())
-    assert read.tip is not None
     assert (read.tip.offset_m, read.tip.std_m) == (1e-4, 3e-4)
     np.testing.assert_array_equal(read.covariance_with_tip, rig.covariance_with_tip)
     for known in (rig, rig.with_covariance(rig.covariance_with_tip)):
         drifted = known.drifted()
-        assert drifted.tip is not None
         assert drifted.tip.std_m == pytest.approx(3e-4)
         assert is_covariance(drifted.covariance_with_tip)
         assert len(drifted.covariance_with_tip) == len(drifted.covariance) + 1
     moved = rig.moved(np.append(np.zeros(SIZE), 2e-4))
-    assert moved.tip is not None
     assert moved.tip.offset_m == pytest.approx(3e-4)
     assert moved.camera.parameters.tolist() == rig.camera.parameters.tolist()
 

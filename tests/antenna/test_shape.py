@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from vbaa_calib.antenna import linear
-from vbaa_calib.antenna.nodes import CONTACT, aligned_arclength
+from vbaa_calib.antenna.nodes import CONTACT
 from vbaa_calib.antenna.rod import Rod, RodShape, sample_shape, solve_rod
 from vbaa_calib.antenna.shape import Curves, bend
 from vbaa_calib.geometry import Pose
@@ -150,18 +150,6 @@ def test_moment_is_plus_lever_times_force_z() -> None:
     assert lifted.moment_Nm[0] == pytest.approx(touched.moment_Nm[0], rel=1e-3)
 
 
-def test_a_batch_is_a_loop() -> None:
-    case = cases(5, 15.0, seed=4)
-    together = bend(**case, length_m=LENGTH)
-    for index in range(5):
-        alone = bend(**{name: values[index : index + 1] for name, values in case.items()}, length_m=LENGTH)
-        for name, values in vars(alone).items():
-            np.testing.assert_allclose(getattr(together, name)[index], values[0], rtol=1e-12, atol=1e-15, err_msg=name)
-    picked = together.picked(np.array([3, 3, 0]))
-    np.testing.assert_array_equal(picked.points_m, together.points_m[[3, 3, 0]])
-    np.testing.assert_array_equal(picked.contact_m, together.points_m[[3, 3, 0], CONTACT])
-
-
 def test_contact_at_the_very_tip() -> None:
     case = cases(4, 15.0, seed=5, nearest_m=LENGTH) | {"contact_m": np.full(4, LENGTH)}
     curves = bend(**case, length_m=LENGTH, sweeps=4)
@@ -179,14 +167,6 @@ def test_no_force_is_the_limit_of_small_ones_from_any_side() -> None:
         tiny = 1e-9 * np.array([[np.cos(angle), np.sin(angle)]])
         near = bend(**(case | {"force_N": tiny}), length_m=LENGTH, sweeps=3)
         np.testing.assert_allclose(near.points_m, none.points_m, atol=1e-9)
-
-
-def test_the_opposite_force_mirrors_a_straight_antenna() -> None:
-    force = np.array([[0.08, -0.03]])
-    there = bend(STRAIGHT[None], LENGTH, WEIGHTLESS, np.array([0.16]), force)
-    back = bend(STRAIGHT[None], LENGTH, WEIGHTLESS, np.array([0.16]), -force)
-    np.testing.assert_allclose(back.points_m, there.points_m * [1, -1, -1], atol=1e-14)
-    np.testing.assert_allclose(back.moment_Nm, -there.moment_Nm, atol=1e-15)
 
 
 @pytest.mark.parametrize("dead", [True, False])
@@ -207,13 +187,6 @@ def test_turning_everything_about_x_turns_the_shape(dead: bool) -> None:
     here, there = (bend(**which, length_m=LENGTH, dead=dead, sweeps=3) for which in (case, turned))
     np.testing.assert_allclose(there.points_m, here.points_m @ turn.T, atol=1e-10)
     np.testing.assert_allclose(there.force_N, here.force_N @ turn.T, atol=1e-10)
-
-
-def test_nodes_meet_at_the_contact() -> None:
-    s = aligned_arclength(np.array([0.05, 0.2]), LENGTH)
-    np.testing.assert_allclose(s[:, CONTACT], [0.05, 0.2])
-    np.testing.assert_allclose(s[:, [0, -1]], [[0.0, LENGTH]] * 2)
-    assert (np.diff(s, axis=1) > 0).all()
 
 
 def test_a_clamp_that_gives_is_one_turned_by_the_moment_it_holds() -> None:

@@ -78,16 +78,6 @@ def test_shapes_do_not_see_each_other(rung: int) -> None:
 
 
 @pytest.mark.parametrize("rung", LARGE)
-@pytest.mark.parametrize("name", ["parameters", "contact_m", "force_N"])
-def test_what_is_not_a_number_gives_none(rung: int, name: str) -> None:
-    press = presses(25.0, seed=4)
-    press[name][-1 if name == "force_N" else ..., 3] = np.nan
-    points = bent(rung, press)[0]
-    assert np.isnan(points[..., 3]).all()
-    assert np.isfinite(np.delete(points, 3, axis=-1)).all()
-
-
-@pytest.mark.parametrize("rung", LARGE)
 def test_series_and_closed_form_meet(rung: int) -> None:
     """Just below and just above the load at which one takes over from the other."""
     press = presses(60.0, seed=5)

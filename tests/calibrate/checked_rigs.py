@@ -48,7 +48,6 @@ QUALITY: dict[str, Any] = {
 
 def answers(found: Assessment) -> dict[str, str]:
     """Levels of the answers from new pictures, by question."""
-    assert found.session is not None
     return {one.name: one.level for one in found.session.findings}
 
 

@@ -87,7 +87,6 @@ def test_the_size_of_a_step_is_off_by_what_its_deviation_says(unflat_m: float) -
     for seed in range(16):
         scores = scores_of(pictures(seed, np.repeat([1.0, 1.003], 8), unflat_m=unflat_m))
         change = find_change(*scores.own_scores(SetScores.FOCAL), at, scores.variance_px2)
-        assert change is not None
         off.append((change.size - 0.003) / change.std)
     assert np.mean(off) == pytest.approx(0.0, abs=0.6)
     assert 0.5 < np.sqrt(np.mean(np.square(off))) < 1.4
@@ -106,7 +105,6 @@ def test_a_shifted_picture_is_found_with_its_direction() -> None:
     for seed, shift in ((0, 8.0), (1, -8.0)):
         views = pictures(seed, np.ones(14), shift_px=np.where(np.arange(14) < 7, 0.0, shift))
         found = centre_moved(scores_of(views))
-        assert found is not None
         assert ("to the right" if shift > 0 else "to the left") in found.words
         assert 6.0 < float(found.words.split(" by ")[1].split()[0]) < 10.0
 
@@ -130,7 +128,6 @@ def test_the_chance_of_a_change_is_what_it_says() -> None:
             information = np.diag(strength**2)
             score = factor * strength * rng.normal(size=12)
             change = find_change(score, information, steps(12), 1e-12)
-            assert change is not None
             chances.append(change.chance)
         assert np.mean(np.array(chances) < 0.1) == pytest.approx(0.1, abs=0.06)
         assert np.mean(np.array(chances) < 0.02) < 0.05

@@ -88,7 +88,6 @@ def test_predicted_standard_deviations_are_those_of_repeated_noise() -> None:
         noisy = [Observation(v.points_m, v.pixels + 0.2 * rng.normal(size=v.pixels.shape)) for v in clean]
         bundle = refine(Bundle.start(model, truth, poses), noisy)
         known = information(bundle, noisy)
-        assert known is not None
         draws.append(bundle.intrinsics)
         predicted.append(np.diag(known.covariance)[:-SHAPE])
     ratio = np.std(draws, axis=0) / np.sqrt(np.mean(predicted, axis=0))
@@ -99,7 +98,6 @@ def test_square_pixels_hold_the_aspect() -> None:
     solution = solve_intrinsics(views_through("radial", seed=6, sigma_px=0.1), SPEC, "radial", square_pixels=True)
     covariance = solution.camera.covariance
     assert solution.camera.matrix[0, 0] == solution.camera.matrix[1, 1]
-    assert covariance is not None
     assert covariance[0, 0] == pytest.approx(covariance[0, 1])
     assert np.all(covariance[[6, 7]] == 0.0), "p1 and p2 are held at zero"
 
@@ -114,7 +112,6 @@ def test_long_and_short_lenses_start_right(size: tuple[int, int], focal: float) 
     solution = solve_intrinsics(views, SPEC, "opencv5")
     assert solution.rms_px < 0.25
     covariance = solution.camera.covariance
-    assert covariance is not None
     assert abs(solution.camera.matrix[0, 0] - focal) < 4 * np.sqrt(covariance[0, 0])
 
 

@@ -128,7 +128,6 @@ def test_one_step_tells_what_views_left_out_would_be_missed_by(index: int) -> No
     views = observations_of(given.views, POINTS)
     bundle = refine(Bundle.start(rig.model, rig.intrinsics, given.poses), views)
     known = information(bundle, views)
-    assert known is not None
     anew = solved_squares(bundle, views)
     assert anew.sum() > known.squares.sum()
     chosen = held_out_squares(bundle, views, known)

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment
-from vbaa_calib.calibrate.antenna.inputs import EXACT, Observation, Prior, reading_keys
-from vbaa_calib.calibrate.guide.next_load import StiffnessForecast, load_progress
+from vbaa_calib.calibrate.antenna.inputs import EXACT, Observation, Prior
+from vbaa_calib.calibrate.guide.next_load import load_progress
 from vbaa_calib.geometry import Kinematics
-from vbaa_calib.session import Load, LoadReadings
+from vbaa_calib.session import Load
 
 from ..rod_scenes import World
 from .still_faults import WEIGHED, Faults, before, drawn_world, free_stills, hung_loads, observed, session, solved
@@ -47,7 +47,6 @@ def test_the_first_load_is_suggested_and_brings_what_was_predicted(free) -> None
     assert progress.now.noise == pytest.approx(np.sqrt(joint.covariance[LOG_STIFFNESS, LOG_STIFFNESS]))
     assert any("0 of 3 loads" in words for words in progress.missing)
     first = progress.suggestion
-    assert first is not None
     assert first.load.force_y_N == pytest.approx(0.0, abs=1e-12)
     assert min(abs(first.load.force_z_N + 9.80665 * mass) for mass in MASSES_KG) < 1e-9
     assert f"{1e3 * first.load.distance_m:.0f} mm" in first.words
@@ -56,29 +55,6 @@ def test_the_first_load_is_suggested_and_brings_what_was_predicted(free) -> None
     std = np.sqrt(after.covariance[LOG_STIFFNESS, LOG_STIFFNESS])
     assert std == pytest.approx(first.after.noise, rel=0.25)
     assert std < 0.5 * progress.now.noise
-
-
-def test_a_reading_that_is_off_carries_the_solve_off_as_far_as_is_predicted(free, loaded) -> None:
-    _, known, _, _ = free
-    seen, joint = loaded
-    forecast = StiffnessForecast.of(joint, [], LoadReadings(1e-5, 1e-4))
-    count = len(forecast.scale)
-    solved_for = np.linalg.inv(forecast.information[:count, :count])[LOG_STIFFNESS] / forecast.scale[LOG_STIFFNESS]
-    predicted = solved_for @ forecast.information[:count, count:]
-    for load in range(2):
-        index = 3 + load
-        still = seen[index].still
-        assert isinstance(still, Load)
-        farther = replace(still, distance_m=still.distance_m + 1e-5)
-        factor = 1 + 1e-4
-        heavier = replace(still, force_y_N=factor * still.force_y_N, force_z_N=factor * still.force_z_N)
-        for reading, noted in enumerate((farther, heavier)):
-            changed = [*seen]
-            changed[index] = replace(seen[index], still=noted)
-            moved = solved(changed, known).parameters[LOG_STIFFNESS] - joint.parameters[LOG_STIFFNESS]
-            # noted too far is as if the true place were nearer; the robust weights and the scatter move a little, too
-            expected = abs(predicted[forecast.readings.index(reading_keys(still)[reading])])
-            assert abs(moved) == pytest.approx(expected, rel=0.35, abs=3e-5)
 
 
 def test_the_forecast_with_weighed_readings_is_that_of_the_solve(free, loaded) -> None:
@@ -92,7 +68,6 @@ def test_the_forecast_with_weighed_readings_is_that_of_the_solve(free, loaded) -
     std = np.sqrt(joint.covariance[LOG_STIFFNESS, LOG_STIFFNESS])
     assert progress.now.total == pytest.approx(std, rel=0.03)
     assert progress.now.noise < 0.8 * std
-    assert progress.suggestion is not None
     more = observed(world, [progress.suggestion.load], np.random.default_rng(7), TRUE_READINGS)
     after = solved([*seen, *more], known)
     std = np.sqrt(after.covariance[LOG_STIFFNESS, LOG_STIFFNESS])
@@ -111,7 +86,6 @@ def test_following_the_suggestions_is_no_worse_than_loads_at_random() -> None:
             for _ in range(3):
                 joint = solved(seen, known)
                 suggestion = load_progress(joint, session(), MASSES_KG, Kinematics(), 1e-4).suggestion
-                assert suggestion is not None
                 load = suggestion.load if guided else at_random(rng)
                 seen += observed(world, [load], rng)
             errors.append(solved(seen, known).parameters[LOG_STIFFNESS] - world.parameters[6])

@@ -80,7 +80,6 @@ def outcome(change: Callable[[Scene], Scene], name: str, seed: int, folder: Path
         found = assess(folder / "rig.json", None, pictures)
     except InputError as error:
         return {"verdict": "refused", "refused": "refused: " + error.what}
-    assert found.session is not None
     return {one.name: one.level for one in found.session.findings} | {"verdict": found.verdict}
 
 

@@ -72,12 +72,13 @@ _PASSING = re.compile(rb"<th>written</th>.*?</tr>|\d{4}-\d\d-\d\d \d\d:\d\d UTC"
 _TIMES = ("seconds", "cpu_s")
 
 
-def prepare(folder: Path) -> None:
-    """What the calls read."""
+def prepare(folder: Path, names: list[str]) -> None:
+    """What these calls read."""
     shutil.copytree(good_files(), folder, dirs_exist_ok=True)
-    table, rig = given("sphere", float("inf"), 37)
-    write_contacts(folder / "touches.csv", table.rows())
-    (folder / "touches.json").write_text(json.dumps(rig.to_dict()))
+    if any("touches" in CALLS[name] for name in names):
+        table, rig = given("sphere", float("inf"), 37)
+        write_contacts(folder / "touches.csv", table.rows())
+        (folder / "touches.json").write_text(json.dumps(rig.to_dict()))
     (folder / "fleet.csv").write_text("session,date\nsession,2026-01-01\nagain,2026-02-01\n")
     shutil.copytree(folder / "session", folder / "again")
 
@@ -203,7 +204,7 @@ def killed(names: list[str], kills: int) -> Iterator[tuple[str, int, list[str]]]
         folder = Path(made)
         # a process that forks must have no threads, and those of OpenGL's driver stay
         report_make.scene_picture = lambda *_, **__: report_make.Picture(b"", "not drawn here")
-        prepare(folder)
+        prepare(folder, names)
         # syncing is for power cuts, which nothing here can show
         os.fsync = lambda _: None  # type: ignore[assignment]
         for name in names:

@@ -12,7 +12,7 @@ import pytest
 from .killer import CALLS
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="SIGKILL is POSIX's")
-QUICK = ("convert", "estimate parquet", "live", "look", "reconstruct")
+QUICK = ("convert", "estimate parquet", "live", "look")
 """Once each; the slow test takes them all."""
 
 

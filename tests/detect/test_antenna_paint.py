@@ -116,7 +116,6 @@ def test_polarity_that_changes_along_the_antenna_is_learnt_and_found(finder: Ant
     cable = tube(straight(8.0, 260.0, (150.0, 165.0)), 3.0 * WIDTH_PX, 90.0)
     image = exposed(60.0 + ground + cable + 70.0 * reflectance * tube(path, WIDTH_PX, 1.0), rng)
     paint = learn([finder], [image])
-    assert paint is not None
     assert paint.bright is None
     line = paint.find(finder, image)
     assert line.found

@@ -69,7 +69,6 @@ def test_pixels_and_plane_lead_to_one_another() -> None:
 def test_the_bare_board_is_predicted_to_its_noise() -> None:
     scene = shown(PLAIN, wires=0)
     picture = board_picture(scene.picture, scene.camera, scene.T_camera_board, scene.scene.board)
-    assert picture is not None
     assert picture.blur_px == pytest.approx(0.7, abs=0.1)
     inside = np.isfinite(picture.pattern)
     ratio = ((picture.seen - picture.pattern) / picture.noise)[inside]
@@ -108,7 +107,6 @@ def test_the_profile_fit_is_unbiased_before_a_pattern(brightness: float) -> None
 )
 def test_points_lie_on_the_centreline(view: View, most_rms_px: float) -> None:
     line, truth = found(view), shown(view).centreline_px()
-    assert line is not None
     assert line.bright == (view.paint > 0.5)
     off = aside(line, truth)
     assert len(off) > 150
@@ -121,8 +119,6 @@ def test_points_lie_on_the_centreline(view: View, most_rms_px: float) -> None:
 def test_over_white_there_are_no_points() -> None:
     scene, line = shown(PLAIN), found()
     picture = board_picture(scene.picture, scene.camera, scene.T_camera_board, scene.scene.board)
-    assert line is not None
-    assert picture is not None
     column, row = np.round(line.points_px).astype(int).T
     behind = picture.pattern[row, column]
     assert np.nanmax(behind) < 0.9
@@ -145,6 +141,5 @@ def test_without_an_antenna_there_is_no_line() -> None:
 
 def test_distances_reach_to_the_ends() -> None:
     line, truth = found(), shown(PLAIN).centreline_px()
-    assert line is not None
     assert line.distance_px(truth[100:-100]).max() < 1.0
     assert line.reversed().distance_px(truth[:1] + np.array([[0.0, 30.0]]))[0] > 25.0

@@ -57,7 +57,6 @@ def test_motion_is_told_from_focus_with_direction_and_length(angle_deg: float, s
     image = picture(smeared(drawn(1, GOOD, spec), length * np.array([np.cos(angle), np.sin(angle)])))
     view = detect_corners(image, spec)
     ellipse = blur_ellipse(image, view, spec)
-    assert ellipse is not None
     off = (ellipse.direction_rad - angle + np.pi / 2) % np.pi - np.pi / 2
     assert abs(off) < np.radians(12.0)
     assert ellipse.long_px > 1.8 * ellipse.short_px
@@ -85,8 +84,6 @@ def test_motion_that_hides_the_board_is_told_by_all_edges(angle_deg: int) -> Non
     angle = np.radians(angle_deg)
     image = picture(smeared(flat, 24.0 * np.array([np.cos(angle), np.sin(angle)])))
     edges, still = edge_blur(image), edge_blur(picture(flat))
-    assert edges is not None
-    assert still is not None
     assert edges.long_px > 4.0 * edges.short_px
     assert edges.direction_rad == pytest.approx(angle)
     assert still.long_px < 1.5
@@ -154,11 +151,9 @@ def test_mirrored_pictures_and_other_boards() -> None:
     image = picture(drawn(4))
     mirror = np.ascontiguousarray(image[:, ::-1])
     found = wrong_board(mirror, detect_corners(mirror, SPEC), SPEC)
-    assert found is not None
     assert (found.name, found.grave) == ("mirrored_picture", True)
     other = dataclasses.replace(SPEC, dictionary="DICT_5X5_100")
     found = wrong_board(image, detect_corners(image, other), other)
-    assert found is not None
     assert found.name == "wrong_board"
     assert "DICT_4X4" in found.words
     assert wrong_board(image, detect_corners(image, SPEC), SPEC) is None

@@ -157,7 +157,7 @@ def test_a_touch_without_friction_comes_out_as_it_says() -> None:
 
 
 def test_all_of_a_touch_lies_within_the_limits_and_on_what_is_known() -> None:
-    table, rig = given("sphere", RIGID, 74)
+    table, rig = given("sphere", RIGID, 37)
     whole = touches_within(table, rig, SURFACE, LIMITS).reach
     narrow = replace(LIMITS, tilt_rad=(-0.6, float(np.median(whole.joints_rad[:, 1]))))
     reach = touches_within(table, rig, SURFACE, narrow).reach
@@ -172,7 +172,7 @@ def test_all_of_a_touch_lies_within_the_limits_and_on_what_is_known() -> None:
 
 
 def test_what_cannot_be_planned_is_refused() -> None:
-    table, rig = given("sphere", RIGID, 74)
+    table, rig = given("sphere", RIGID, 37)
     with pytest.raises(InputError, match="goal"):
         next_touch(table, rig, "colour")
     with pytest.raises(InputError, match="covariance"):

@@ -132,7 +132,6 @@ def test_another_rig_is_refused_and_the_contacts_come_back() -> None:
 def test_the_stiffness_is_known_better_than_frame_by_frame() -> None:
     """A rigid object's compliance is none, within its deviation."""
     recorded, table, _, found = given()
-    assert found.object is not None
     framewise, refined = estimate_object(table, recorded.given, events=False).compliance, found.object.compliance
     assert refined.std_m_N < framewise.std_m_N
     assert abs(refined.compliance_m_N) < 3.0 * refined.std_m_N

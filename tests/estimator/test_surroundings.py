@@ -60,7 +60,6 @@ def lines_with(empty: Background, images: list[np.ndarray]) -> list[Centreline]:
     lines = []
     for image in images:
         less = subtracted(finder(), image, empty)
-        assert less is not None
         lines.append(find_along(less[0], less[1].guide_px, WIDTH_PX, None) if less[1].found else less[1])
     return lines
 
@@ -118,5 +117,4 @@ def test_a_background_is_moved_and_scaled_onto_a_picture(shift: tuple[float, flo
     moved = gain * cv2.warpAffine(light, move, SIZE[::-1], flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
     share = tube(bent(CLAMP, 0.0, 20.0), WIDTH_PX, 1.0)
     behind = Background(light.astype(np.float32)).behind(exposed(moved * (1.0 - share) + ANTENNA * share, rng, 2.0))
-    assert behind is not None
     assert (behind - moved)[8:-8, 8:-8].std() < 0.1 * moved.std()

@@ -24,7 +24,6 @@ class TestSessionFile:
         np.testing.assert_array_equal(session.kinematics.position_world_m, [0, 0, 0.15])
         assert session.moment_std_Nm == 2e-5
         # the jig holds the back; the printed face is one thickness nearer, along the board's −z
-        assert session.T_antenna_board is not None
         normal = session.T_antenna_board.rotation[:, 2]
         np.testing.assert_allclose(normal, [2 * 0.6 * 0.8, 0, 0.8**2 - 0.6**2], atol=1e-15)
         np.testing.assert_allclose(session.T_antenna_board.translation_m, [0.1, 0.2, 0.3] - 0.002 * normal)

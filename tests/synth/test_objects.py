@@ -189,7 +189,6 @@ def test_a_pressed_object_gives_way(shape: str) -> None:
 @pytest.mark.parametrize("shape", EVERY)
 def test_the_camera_sees_it_unless_it_is_outside_the_picture(shape: str) -> None:
     patch = object_patch(place(), EVERY[shape], CAMERA)
-    assert patch is not None
     assert (patch.alpha > 0.99).sum() > 500
     assert np.isfinite(patch.brightness).all()
     away = Pose(CAMERA.rotation, CAMERA.translation_m + np.array([3.0, 0.0, 0.0]))

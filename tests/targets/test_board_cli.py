@@ -65,7 +65,6 @@ def test_a_screen_has_its_own_description(tmp_path: Path) -> None:
     assert shown.square_m == pytest.approx(1e-3 * result["square_px"] / result["px_per_mm"], abs=1e-11)
     assert shown.square_m != 0.02
     picture = cv2.imread(str(tmp_path / "screen.png"), cv2.IMREAD_UNCHANGED)
-    assert picture is not None
     assert list(picture.shape[::-1]) == result["image_size"]
     assert len(detect_corners(picture, shown).ids) == shown.corner_count
     with pytest.raises(InputError, match="is an input of this command"):

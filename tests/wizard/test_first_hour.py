@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -43,7 +43,7 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """What the camera sees, and truth.json."""
     folder = tmp_path_factory.mktemp("first-hour")
     scene = small_scene(noload=3, loads=())
-    scene["intrinsics"]["pictures"] = 8
+    scene["intrinsics"]["pictures"] = 6
     level = {"pan_deg": 0.0, "tilt_deg": 0.0, "force_y_N": 0.0}
     places = ((0.1, 0.02), (0.16, 0.01), (0.2, 0.005), (0.13, 0.02))
     scene["loads"] = [level | {"distance_m": place, "force_z_N": -9.80665 * mass} for place, mass in places]
@@ -129,38 +129,45 @@ class Person(Ui):
 
 
 @pytest.fixture(scope="module")
-def walked(session: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Person]:
-    """A wizard's session, and who answered."""
+def walked(session: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[SessionState, Person]]:
+    """A wizard's session, which stays open, and who answered."""
     folder = tmp_path_factory.mktemp("walked")
     (folder / "camera").mkdir()
     person = Person(session, folder / "camera")
     with Store(folder / "rig") as store:
-        person.document = flow.walk(SessionState(store), person, report.page)
-    return folder / "rig", person
+        state = SessionState(store)
+        person.document = flow.walk(state, person, report.page)
+        yield state, person
 
 
-def test_from_the_first_question_to_the_rig(session: Path, walked: tuple[Path, Person]) -> None:
-    root, person = walked
+@pytest.fixture
+def state(walked: tuple[SessionState, Person]) -> Iterator[SessionState]:
+    """The session, whose answers are put back after the test."""
+    before = dict(walked[0].store.journal.answers)
+    yield walked[0]
+    walked[0].store.answer(before)
+
+
+def test_from_the_first_question_to_the_rig(session: Path, walked: tuple[SessionState, Person]) -> None:
+    (state, person), journal = walked, walked[0].store.journal
     assert person.count <= MOST_ANSWERS
     assert person.document["verdict"] != "does not hold", person.document["words"]
-    with Store(root) as store:
-        journal = store.journal
     for step in ("lens", "plane", "noload", "loads"):
         assert {one.source.split("_")[0] for one in journal.of(step).taken} == {step}
     assert "moved" in next(one.why for one in journal.of("plane").left if one.source == "plane_0x.jpg")
     truth = json.loads((session / "truth.json").read_text())
-    rig = json.loads((root / "rig.json").read_text())
+    rig = json.loads((state.store.root / "rig.json").read_text())
     assert rig["antenna"]["stiffness_Nm2"] == pytest.approx(truth["stiffness_Nm2"], rel=0.03)
 
 
-def test_the_same_advice_says_why(walked: tuple[Path, Person]) -> None:
+def test_the_same_advice_says_why(walked: tuple[SessionState, Person]) -> None:
     advice = [one for one in walked[1].advice if one and not one.startswith("enough")]
     boards = [one for one in advice if one.startswith(("board", "still the pose"))]
     assert all(one != after for one, after in pairwise(boards))
 
 
-def test_redo_takes_new_pictures_alone(walked: tuple[Path, Person], tmp_path: Path) -> None:
-    root = Path(shutil.copytree(walked[0], tmp_path / "rig"))
+def test_redo_takes_new_pictures_alone(walked: tuple[SessionState, Person], tmp_path: Path) -> None:
+    root = Path(shutil.copytree(walked[0].store.root, tmp_path / "rig"))
     with Store(root) as store:
         flow.redo(store, walked[1], "plane")
         past = store.journal.of("plane").past
@@ -168,27 +175,20 @@ def test_redo_takes_new_pictures_alone(walked: tuple[Path, Person], tmp_path: Pa
     assert {Path(one).name for one in past} == {path.name for path in walked[1].camera.iterdir()}
 
 
-def test_a_wrong_thickness_is_named_by_the_first_free_picture(walked: tuple[Path, Person], tmp_path: Path) -> None:
+def test_a_wrong_thickness_is_named_by_the_first_free_picture(state: SessionState) -> None:
     """Not blamed on light: where the jig's answers put the antenna, it is not."""
-    root = Path(shutil.copytree(walked[0], tmp_path / "rig"))
-    with Store(root) as store:
-        first = store.journal.of("noload").taken[0]
-        store.answer({"board_thickness_mm": WRONG_MM})
-        state = SessionState(store)
-        still = still_of("noload", store.path(first), first.readings)
-        image = read_picture(store.path(first))
-        with pytest.raises(InputError):
-            state.observe(still, "noload", image)
-        assert f"type `board_thickness_mm = {WRONG_MM / 10:g}`" in thickness_that_shows_it(
-            state, still, "noload", image
-        )
+    first = state.store.journal.of("noload").taken[0]
+    path = state.store.path(first)
+    state.store.answer({"board_thickness_mm": WRONG_MM})
+    still, image = still_of("noload", path, first.readings), read_picture(path)
+    with pytest.raises(InputError):
+        state.observe(still, "noload", image)
+    named = thickness_that_shows_it(state, still, "noload", image)
+    assert f"type `board_thickness_mm = {WRONG_MM / 10:g}`" in named
 
 
-def test_a_jig_that_puts_the_antenna_out_of_the_picture_is_refused(walked: tuple[Path, Person], tmp_path: Path) -> None:
-    root = Path(shutil.copytree(walked[0], tmp_path / "rig"))
-    with Store(root) as store:
-        state = SessionState(store)
-        view = state.views("plane")[0]
-        assert not jig_refusal(state, view, fast=False)
-        store.answer({"jig_translation_mm": [280.0, 610.0, -90.0]})
-        assert "jig_translation_mm" in jig_refusal(state, view, fast=False)
+def test_a_jig_that_puts_the_antenna_out_of_the_picture_is_refused(state: SessionState) -> None:
+    view = state.views("plane")[0]
+    assert not jig_refusal(state, view, fast=False)
+    state.store.answer({"jig_translation_mm": [280.0, 610.0, -90.0]})
+    assert "jig_translation_mm" in jig_refusal(state, view, fast=False)

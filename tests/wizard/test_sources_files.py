@@ -42,7 +42,6 @@ def test_pictures_come_by_name_as_their_own_bytes(tmp_path: Path) -> None:
     assert (source.live, source.ended) == (False, False)
     for name in ("a10.jpg", "a9.tif", "b.PNG", "c.bmp"):
         offered = source.next(1.0)
-        assert offered is not None
         data = (tmp_path / name).read_bytes()
         assert (offered.name, offered.data, offered.time_s) == (name, data, None)
         assert offered.suffix == Path(name).suffix.lower()
@@ -59,7 +58,6 @@ def test_new_pictures_come_as_they_are_written(tmp_path: Path) -> None:
     for name in ("z.png", "b.png"):
         put(tmp_path / name, picture(ord(name[0])), age_s=0)
         offered = source.next(2.0)
-        assert offered is not None
         assert offered.name == name
     assert not source.ended
     assert source.next(0.1) is None
@@ -80,7 +78,6 @@ def test_a_picture_is_offered_only_when_it_is_written_whole(tmp_path: Path, suff
     writer.start()
     offered = source.next(3.0)
     writer.join()
-    assert offered is not None
     assert offered.data == data
     assert source.notes == ()
 
@@ -124,7 +121,6 @@ def test_a_picture_that_is_replaced_while_it_is_read_is_read_again(
 
     monkeypatch.setattr(Path, "read_bytes", replaced)
     offered = FolderSource(tmp_path, pace=QUICK).next(2.0)
-    assert offered is not None
     assert offered.data == whole
 
 
@@ -142,7 +138,6 @@ def test_a_broken_picture_is_told_once_and_offered_when_mended(tmp_path: Path, d
     assert note.startswith("bad.png: ")
     put(tmp_path / "bad.png", picture(2), age_s=0)
     offered = source.next(2.0)
-    assert offered is not None
     assert offered.name == "bad.png"
 
 
