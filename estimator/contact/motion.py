@@ -8,14 +8,15 @@ that the load per length q = −ρA·a, and from that the deflection that the st
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from functools import cache
+from dataclasses import dataclass
+from functools import cache, cached_property
 
 import numpy as np
 from scipy.optimize import brentq
 from scipy.special import ndtri
 
 from vbaa_calib.core.arrays import Rows
+from vbaa_calib.core.compiled import kernel
 from vbaa_calib.rig import Rig
 
 _MOST = 64  # at most so many frames on either side count: what a judge of a recording must remember is bounded
@@ -30,85 +31,90 @@ _CLAMPED_FREE, _FASTEST = 1.8751040687119611, 4.6945
 _TABLE = 65
 
 
-@dataclass(frozen=True, eq=False)
-class _Neighbours:
-    """For each of R judged frames, of index `centre` (R,), W others near to it in time, itself among them: their index
-    `at` (R, W), time from it, and which count; whether those are `enough` (R,) for a parabola about it."""
-
-    centre: np.ndarray
-    at: np.ndarray
-    after_s: np.ndarray
-    inside: np.ndarray
-    enough: np.ndarray
-
-
-def _neighbours(
-    time_s: np.ndarray, judged: np.ndarray, reach_s: np.ndarray, longest_s: float, *, live: bool = False
-) -> _Neighbours:
-    """Of frames at times (n,) those around each judged one (R,), at most `reach_s` (R,) from it, the next in any case.
-
-    A gap longer than `longest_s`, or none at all, ends a neighbourhood. `live`: only earlier frames, two in any case.
-    """
-    gap = time_s[1:] - time_s[:-1]
-    broken = ~((gap > 0.0) & (gap <= longest_s))
-    # frames that share a number have no wrong gap between them
-    run = np.cumsum(np.concatenate([np.zeros(1), broken]))
-    least = 2 if live else 1
-    offsets = np.arange(-_MOST, 1 if live else _MOST + 1)
-    place = judged[:, None] + offsets
-    at = np.clip(place, 0, len(time_s) - 1)
-    after = time_s[at] - time_s[judged][:, None]
-    near = (abs(after) <= reach_s[:, None]) | (abs(offsets) <= least)
-    inside = near & (run[at] == run[judged][:, None]) & (place == at)
-    enough = inside[:, _MOST - least : _MOST + 1 if live else _MOST + 2].all(-1)
-    used = inside.any(0) | (offsets == 0)
-    return _Neighbours(judged, at[:, used], after[:, used], inside[:, used], enough)
-
-
-def _second_derivative(
-    near: _Neighbours, points: np.ndarray, std: np.ndarray
+@kernel
+def _accelerations(
+    time_s: np.ndarray,
+    points: np.ndarray,
+    std: np.ndarray,
+    judged: np.ndarray,
+    mode_rad_s: np.ndarray,
+    longest_s: float,
+    live: bool,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Second derivatives (R, G, 3) of points (n, G, 3), their standard deviations (R, G, 3) and weights (R, W).
+    """Second derivatives of points (n, G, 3) at times (n,) in the judged frames (R,), their standard deviations, and
+    the response of `Inertia`: (R, G, 3), (R, G, 3), (R,). NaN where there are not frames enough for a parabola.
 
-    `std` (n, 1) or (n, G) is that of one component of a point. Where there are `_TESTED` frames or more, and the points
-    scatter about a smooth path by more, the result's grows by as much; it never shrinks. NaN where there is not enough.
+    Counted are the frames within a quarter of the mode's (R,) period, the next in any case; `live`: only earlier ones,
+    two in any case. A gap longer than `longest_s`, or none at all, ends them. `std` (n, 1) or (n, G) is that of one
+    component of a point. Where there are `_TESTED` frames or more, and the points scatter about a smooth path by more,
+    the result's grows by as much; it never shrinks.
     """
-    unit, by_last, tested = _orthonormal(near)
-    start = points[near.centre]
-    parts = [0.0 * start] * (_PATH + 1)
-    squares, variance = 0.0 * start, 0.0 * std[near.centre]
-    expected = variance
-    for column in range(unit.shape[-1]):
-        counts = near.inside[:, column].astype(float)[:, None]
-        moved = (points[near.at[:, column]] - start) * counts[..., None]
-        parts = [part + unit[:, power, column, None, None] * moved for power, part in enumerate(parts)]
-        squares = squares + moved**2
-        own = std[near.at[:, column]] ** 2
-        variance = variance + unit[:, 2, column, None] ** 2 * own
-        expected = expected + counts * own
-    count = near.inside.sum(-1)[:, None]
-    spare = np.where(tested[:, None], expected * (count - _PATH - 1.0) / count, np.inf)
-    scatter = (squares - sum(part**2 for part in parts)) / spare[..., None]
-    std = np.sqrt(variance[..., None] * np.clip(scatter, 1.0, None))
-    scale = np.where(near.enough, by_last, np.nan)
-    return scale[:, None, None] * parts[2], scale[:, None, None] * std, scale[:, None] * unit[:, 2]
-
-
-def _orthonormal(near: _Neighbours) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Polynomials (R, PATH + 1, W) of rising degree, orthonormal over each neighbourhood.
-
-    Also the quadratic one's second derivative (R,), and which neighbourhoods have frames enough for those beyond it.
-    """
-    counts = (near.inside & near.enough[:, None]).astype(float)
-    tested = counts.sum(-1) >= _TESTED
-    reach = np.where(near.enough, np.amax(abs(near.after_s) * counts, -1), 1.0)
-    tau = near.after_s / reach[:, None]
-    usable = np.stack([near.enough] * 3 + [tested] * (_PATH - 2), -1)
-    powers = np.stack([counts * tau**power for power in range(_PATH + 1)], -2) * usable[..., None]
-    # a unit in place of each one that there is not enough for
-    gram = np.einsum("riw,rjw->rij", powers, powers) + ~usable[..., None] * np.eye(_PATH + 1)
-    lower = np.linalg.cholesky(gram)
-    return np.linalg.solve(lower, powers), 2.0 / (reach**2 * lower[:, 2, 2]), tested
+    pieces, several = points.shape[1], std.shape[1] > 1
+    second, deviation = np.full((len(judged), pieces, 3), np.nan), np.full((len(judged), pieces, 3), np.nan)
+    response, least = np.full(len(judged), np.nan), 2 if live else 1
+    powers, lower = np.zeros((_PATH + 1, 2 * _MOST + 1)), np.zeros((_PATH + 1, _PATH + 1))
+    for r in range(len(judged)):
+        centre, reach_s = judged[r], 0.5 * np.pi / mode_rad_s[r]
+        first, end = centre, centre + 1
+        while first > max(centre - _MOST, 0) and 0.0 < time_s[first] - time_s[first - 1] <= longest_s:
+            if time_s[centre] - time_s[first - 1] > reach_s and centre - first >= least:
+                break
+            first -= 1
+        while not live and end <= min(centre + _MOST, len(time_s) - 1):
+            if not 0.0 < time_s[end] - time_s[end - 1] <= longest_s:
+                break
+            if time_s[end] - time_s[centre] > reach_s and end - centre > least:
+                break
+            end += 1
+        count = end - first
+        if centre - first < least or (not live and end - centre <= least):
+            continue
+        # polynomials of rising degree, orthonormal over these frames; those beyond the parabola test the scatter
+        degree = _PATH if count >= _TESTED else 2
+        farthest_s = max(time_s[centre] - time_s[first], time_s[end - 1] - time_s[centre])
+        for w in range(count):
+            powers[0, w] = 1.0
+            for k in range(1, degree + 1):
+                powers[k, w] = powers[k - 1, w] * (time_s[first + w] - time_s[centre]) / farthest_s
+        for k in range(degree + 1):
+            for j in range(k + 1):
+                product = 0.0
+                for w in range(count):
+                    product += powers[k, w] * powers[j, w]
+                lower[k, j] = product
+        # Cholesky's factor of their products, and the powers by it
+        for k in range(degree + 1):
+            for j in range(k + 1):
+                for i in range(j):
+                    lower[k, j] -= lower[k, i] * lower[j, i]
+                lower[k, j] = np.sqrt(lower[k, k]) if j == k else lower[k, j] / lower[j, j]
+            for w in range(count):
+                for i in range(k):
+                    powers[k, w] -= lower[k, i] * powers[i, w]
+                powers[k, w] /= lower[k, k]
+        scale, seen = 2.0 / (farthest_s**2 * lower[2, 2]), 0.0
+        for w in range(count):
+            seen += powers[2, w] * np.cos(mode_rad_s[r] * (time_s[first + w] - time_s[centre]))
+        response[r] = -scale * seen / mode_rad_s[r] ** 2
+        for g in range(pieces):
+            expected, variance = 0.0, 0.0
+            for w in range(count):
+                own = std[first + w, g if several else 0] ** 2
+                expected, variance = expected + own, variance + powers[2, w] ** 2 * own
+            for axis in range(3):
+                squares = 0.0
+                for w in range(count):
+                    squares += (points[first + w, g, axis] - points[centre, g, axis]) ** 2
+                for k in range(degree + 1):
+                    part = 0.0
+                    for w in range(count):
+                        part += powers[k, w] * (points[first + w, g, axis] - points[centre, g, axis])
+                    squares -= part**2
+                    if k == 2:
+                        second[r, g, axis] = scale * part
+                scatter = squares * count / (expected * (count - _PATH - 1.0)) if count >= _TESTED else 1.0
+                deviation[r, g, axis] = scale * np.sqrt(variance * max(scatter, 1.0))
+    return second, deviation, response
 
 
 @dataclass(frozen=True)
@@ -129,6 +135,11 @@ class Beam:
     def pieces_m(self) -> np.ndarray:
         """(G,) arc lengths at which the antenna is judged."""
         return (np.arange(PIECES) + 0.5) * (self.length_m / PIECES)
+
+    @cached_property
+    def slowest_rad_s(self) -> float:
+        """Angular frequency of the free antenna's first bending mode."""
+        return float(self.first_mode_rad_s(np.zeros(())))
 
     def first_mode_rad_s(self, contact: np.ndarray) -> np.ndarray:
         """(...) angular frequency of the first bending mode, clamped and touched at fractions (...) of the length.
@@ -201,13 +212,14 @@ def inertia(shapes: Shapes, beam: Beam, judged: slice = slice(None), *, live: bo
     """
     mode = beam.first_mode_rad_s(shapes.contact[judged])
     known = shapes.known
-    kept = shapes.picked(known) if known.any() else shapes
-    place = np.clip(np.cumsum(known)[judged] - 1, 0, None)
-    half_period_s = math.pi / float(beam.first_mode_rad_s(np.zeros(())))
-    near = _neighbours(kept.time_s, place, 0.5 * math.pi / mode, half_period_s, live=live)
-    near = replace(near, enough=near.enough & known[judged])
-    acceleration, std, weights = _second_derivative(near, kept.points_m, kept.std_m)
-    response = -(weights * np.cos(mode[:, None] * near.after_s)).sum(-1) / mode**2
+    kept = shapes.picked(known)
+    place = (np.cumsum(known) - 1)[judged]
+    frames = kept.time_s, kept.points_m, kept.std_m, place[known[judged]], mode[known[judged]]
+    found = _accelerations(*map(np.ascontiguousarray, frames), math.pi / beam.slowest_rad_s, live)
+    every = tuple(np.full((len(place), *each.shape[1:]), np.nan) for each in found)
+    for each, own in zip(every, found, strict=True):
+        each[known[judged]] = own
+    acceleration, std, response = every
     density = beam.mass_per_length_kg_m
     return Inertia(-density * acceleration, density * std, response)
 
