@@ -115,7 +115,7 @@ _ALL = (
         "pictures of each size and rig",
         (30, 4),
         f"{_PICTURES} torch",
-        "chain.csv chain_stages.csv chain_losses.csv chain.png",
+        "chain.csv chain.png",
     ),
     Subject(
         "growth",

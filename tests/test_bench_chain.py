@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.chain.chain import Measured, run
+from benchmarks.chain.chain import ChainRow, run
 from benchmarks.chain.methods import OURS
 from benchmarks.chain.scenes import (
     FRICTION_STD_RAD,
@@ -34,7 +34,7 @@ def pages() -> Cell:
 
 
 @pytest.fixture(scope="module")
-def measured() -> Measured:
+def measured() -> list[ChainRow]:
     return run(3, 0, quick=True, sizes=(SIZE,))
 
 
@@ -108,9 +108,9 @@ def test_centrelines_as_good_as_the_picture_allows_are_solved_to_the_bound(pages
 
 
 @pytest.mark.slow
-def test_nobody_is_beyond_the_walls(measured: Measured) -> None:
+def test_nobody_is_beyond_the_walls(measured: list[ChainRow]) -> None:
     """Unbiased methods are those that know what bends the antenna; the others may be right by luck, not so often."""
-    for row in measured.rows:
+    for row in measured:
         assert row.read_ms < min(row.ms, row.ms_recording)
         if row.family == OURS and row.of_bound is not None:
             assert row.of_bound > 1.0 - 3.0 / np.sqrt(2 * row.pictures * row.answered)

@@ -14,7 +14,7 @@ from benchmarks.chain.scenes import CAMERA_TILT_RAD, FRICTION_STD_RAD, JOINTS_RA
 from benchmarks.estimator.baselines import FIRST_GUESS, one_contact
 from benchmarks.vision.judge import peers
 from estimator import ContactEstimator
-from estimator.contact.recording import FirstDetection, detect, detect_again, detections, measured
+from estimator.contact.recording import FirstDetection, detect, detections, measured
 from estimator.paper.inclined import inclined_two_point_contact
 from estimator.paper.two_point import force_z, straight_line_contact, two_point_contact
 from estimator.table.contacts import Measured
@@ -22,12 +22,11 @@ from vbaa_calib.antenna.rungs import RUNGS
 from vbaa_calib.antenna.shape import Curves
 from vbaa_calib.camera import Camera, CameraOnPlane
 from vbaa_calib.detect.whisker.antenna import corridor, free_curve, pixels
-from vbaa_calib.detect.whisker.centreline import NOTHING, Centreline
+from vbaa_calib.detect.whisker.centreline import NOTHING
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import Frame
 
 MODELS = (*RUNGS, "auto")
-PAPER_RUNG = RUNGS[0]
 OURS, ONE_LOOK = "this library", "this library, one look"
 PAPER, LINE = "the paper's two points", "straight line"
 LOOP, CLASSIC = "SciPy on our centreline", "undistorted picture"
@@ -75,22 +74,14 @@ def frame_of(photograph: Photograph) -> Frame:
 
 def seen(estimator: ContactEstimator, photographs: Sequence[Photograph], twice: bool = True) -> Iterator[Measured]:
     """What the fit is given of pictures, by the steps that a recording's pictures go through."""
-    glances = (_glance(estimator, one) for one in photographs)
+    glances = (
+        FirstDetection(frame, one.image, detect(estimator.rig, frame, one.image), estimator.rig.image.bright)
+        for one in photographs
+        for frame in [frame_of(one)]
+    )
     if twice:
         return (each.measured for each in detections(estimator, glances))
     return (measured(estimator.rig, each.frame, each.line if each.line.found else NOTHING) for each in glances)
-
-
-def centreline(estimator: ContactEstimator, photograph: Photograph) -> Centreline:
-    """As it is seen at the second look."""
-    (seen_again,) = detect_again(estimator, [_glance(estimator, photograph)])
-    return seen_again.line if seen_again.line.found else NOTHING
-
-
-def _glance(estimator: ContactEstimator, photograph: Photograph) -> FirstDetection:
-    frame = frame_of(photograph)
-    line = detect(estimator.rig, frame, photograph.image)
-    return FirstDetection(frame, photograph.image, line, estimator.rig.image.bright)
 
 
 def _contacts(estimator: ContactEstimator, twice: bool, photographs: Sequence[Photograph]) -> Answers:
