@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 Arrays = TypeVar("Arrays")
 Row = TypeVar("Row")
+Result = TypeVar("Result")
 AGAINST = "22e797b"
 """The commit beside which this tree's speed is measured: one before functions were compiled."""
 
@@ -254,6 +255,12 @@ def processor_seconds(function: Callable[[], object], repeats: int, long_s: floa
     for _ in range(repeats if least <= long_s else 0):
         least = min(least, _seconds(function, clock=time.process_time))
     return least
+
+
+def timed(function: Callable[[], Result]) -> tuple[Result, float]:
+    """What a function gives, and the processor time that it took."""
+    begun = time.process_time()
+    return function(), time.process_time() - begun
 
 
 def _seconds(function: Callable[[], object], calls: int = 1, clock: Callable[[], float] | None = None) -> float:

@@ -140,7 +140,7 @@ _ALL = (
         "calibrations of each rig",
         (500, 10),
         f"{_PICTURES} torch",
-        "coverage.csv coverage_rigs.csv coverage.png",
+        "coverage.csv coverage.png",
         least=2,
         suite=False,
         jobs=True,

@@ -37,8 +37,6 @@ def test_the_judge_sees_a_moved_camera_at_its_size() -> None:
         parameters=given.truth,
         covariance=np.eye(16),
         plane_covariance=np.diag([0.0] * (count + 3) + [1.0] * 3),
-        noise_scale=1.0,
-        seconds=(0.0,) * 3,
     )
     for name, errors in errors_of(given, exact).items():
         assert np.abs(errors.errors).max() < 1e-9, name
@@ -61,10 +59,10 @@ def test_calibrations_err_as_much_as_they_say() -> None:
     by itself (deviations too small by 1.67 are found out) and all six together (by 1.27).
     """
     found = [outcome((20, number, 0)) for number in range(len(RIGS))]
-    squares = np.array([one.errors["pose, antenna, sensor"].squares[0] for one in found])
+    squares = np.array([one["pose, antenna, sensor"].squares[0] for one in found])
     for told, numbers in ((squares, 17), (squares.sum(), 17 * len(RIGS))):
         assert np.all((chi2.ppf(1e-4, numbers) < told) & (told < chi2.isf(1e-4, numbers))), squares
-    points = np.array([one.errors["points on C"].squares.mean() for one in found]) / 2
+    points = np.array([one["points on C"].squares.mean() for one in found]) / 2
     assert 0.1 < points.mean() < 3.0
 
 
