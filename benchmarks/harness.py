@@ -162,7 +162,7 @@ def table(
     `once` : of so many first columns a value is not repeated below itself. `more` : heading → text, columns at the end.
     """
     shown = [one for one in fields(rows[0]) if one.metadata.get("heading")] if rows else []
-    lines = [[_cell(getattr(row, one.name), **one.metadata) for one in shown] for row in rows]
+    lines = [[cell(getattr(row, one.name), **one.metadata) for one in shown] for row in rows]
     for row, line in zip(rows, lines, strict=True):
         line += [tell(row) for tell in (more or {}).values()]
     for line, above in reversed(list(zip(lines[1:], lines, strict=False))):
@@ -187,7 +187,7 @@ def aligned(lines: Sequence[Sequence[str]], left: Sequence[bool], title: str = "
     return "\n".join([*([title] if title else []), *rows])
 
 
-def _cell(value: Any, spec: str, scale: float, **_: Any) -> str:
+def cell(value: Any, spec: str = "", scale: float = 1.0, **_: Any) -> str:
     """For people; a dash where there is no number."""
     if value is None or (isinstance(value, float) and np.isnan(value)):
         return "–"
