@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,7 +15,7 @@ import numpy as np
 from benchmarks.estimator.setup import drawn_truth
 from benchmarks.figures import GREEN, GREY, INK, label, panels
 from benchmarks.harness import Draws, Findings, Options, column, or_none, picked, rms, row_of, table, timed
-from benchmarks.object.scenes import AXIS, CASES, CENTRE, RIGID, SETUP, SOFT, Case, Recorded, contacts, play
+from benchmarks.object.scenes import AXIS, CENTRE, PIN_M, RIGID, SETUP, SOFT, Recorded, contacts, played
 from estimator.object.estimate import estimate_object
 from estimator.recording import View, refine
 from estimator.recording.problem import FrictionPrior
@@ -24,7 +23,6 @@ from estimator.recording.refined import begun
 from estimator.table.contacts import ContactTable, Measured
 from vbaa_calib.core.console import progress
 from vbaa_calib.session import KnownObject
-from vbaa_calib.simulate.scene.objects import TouchObject
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -37,7 +35,7 @@ _KNOWN_ANGLE_RAD = 1e-3
 PLAYED = 296
 """Frames of a recording as it is played; longer ones repeat it with other noise, shorter ones are its first frames."""
 LONG = 10_000
-PIN_M, PIN_STD_M = 2e-3, 5e-5
+PIN_STD_M = 5e-5
 _OFF, _GOAL = 3.0, 1.2
 """How many deviations a rig is off before it is recalibrated, and how near it is to come to a fresh calibration."""
 
@@ -125,19 +123,6 @@ class RecordingRow:
     refined_mm_N: float = column("refined", ".2f", of=lambda d: 1e3 * rms(d.compliance_m_N[:, 1]))
     compliance_held: float = column("held", ".2f", of=lambda d: float(d.compliance_held.mean()))
     frame_ms: float = column("ms a frame", ".2f", of=lambda d: 1e3 * float(d.seconds.sum()) / float(d.frames.sum()))
-
-
-@lru_cache(maxsize=32)
-def played(name: str, stiffness: float, friction: float) -> Recorded:
-    case = next(each for each in (*CASES, PIN) if each.name == name)
-    return play(SETUP.rig(), case.make(stiffness, friction), case.strokes)
-
-
-PIN = Case(
-    "pin",
-    lambda stiffness, mu: TouchObject("cylinder", CENTRE, AXIS, PIN_M, 0.12, stiffness, mu),
-    next(each for each in CASES if each.name == "cylinder").strokes,
-)
 
 
 def lengthened(recorded: Recorded, frames: int) -> Recorded:
