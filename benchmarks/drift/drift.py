@@ -19,7 +19,6 @@ from benchmarks.vision.scenes import normals
 from estimator import ContactEstimator
 from estimator.contact.contacts import Contact
 from estimator.table.contacts import Measured
-from vbaa_calib.antenna.rod import solve_rod
 from vbaa_calib.calibrate.antenna.bundle_adjustment import adjust_bundle
 from vbaa_calib.core.console import progress
 from vbaa_calib.geometry import Kinematics
@@ -151,9 +150,8 @@ def recorded(given: rigs.Draw, change: Change, seed: tuple[int, ...]) -> Recordi
     hung = np.stack([distance, np.zeros(count), size_N * np.cos(roll), size_N * np.sin(roll)], axis=1)
     stills = [Still(image=None, pan_rad=p, tilt_rad=t, moment_Nm=0.0) for p, t in zip(pan, tilt, strict=True)]
     gravity = gravity_antenna(Kinematics(), rigs.GRAVITY_WORLD_M_S2, stills)
-    held = rigs.clamp_turns(truth, gravity, hung)
-    shape = solve_rod(rigs.true_rod(truth), held.inv().apply(gravity), hung[:, 0], held.inv().apply(hung[:, 1:]))
-    readings = truth[10] - truth[9] * held.apply(shape.clamp_moment_Nm)[:, 1] + rigs.MOMENT_NM * rng.normal(size=count)
+    bent = rigs.Bent.of(truth, gravity, hung)
+    readings = bent.readings_Nm + rigs.MOMENT_NM * rng.normal(size=count)
     step = np.concatenate([change.turn_rad * parts[3:6], change.shift_m * parts[6:9]])
     rig = replace(given.rig, T_antenna_camera=given.rig.T_antenna_camera.retract(step))
     frames, ends, centre = [], np.random.default_rng((*seed, rigs.ENDS)), rig.lens.matrix[:2, 2]
@@ -162,12 +160,12 @@ def recorded(given: rigs.Draw, change: Change, seed: tuple[int, ...]) -> Recordi
         return (pixels - centre) * (1.0 + change.scale * parts[14]) + centre + change.picture_px * parts[9:11]
 
     for index in range(count):
-        exact = rigs.centreline(rig, shape, index, held[index], truth[:2])
+        exact = bent.line_px(rig, index)
         off = change.light_px * parts[11:14] + change.line_px * rng.normal(size=3)
         aside = np.polynomial.legendre.legval(np.linspace(-1.0, 1.0, len(exact)), off)  # offset, slope, curvature
         line = exact + normals(exact) * aside[:, None]
         line = in_picture(line) + rigs.CENTRELINE_PX * rng.normal(size=line.shape)
-        end = rigs.seen_tip(rig, shape, index, held[index], truth[:2], given.tip_m) + rigs.TIP_PX * ends.normal(size=2)
+        end = bent.tip_px(rig, index, given.tip_m) + rigs.TIP_PX * ends.normal(size=2)
         tip_px = np.append(in_picture(end), rigs.TIP_PX)
         sigma = np.full(len(line), rigs.CENTRELINE_PX)
         angles = float(pan[index]), float(tilt[index])
