@@ -87,6 +87,11 @@ def rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(values**2))) if values.size else float("nan")
 
 
+def mean(values: np.ndarray) -> float:
+    """Of all; NaN of nothing."""
+    return float(values.mean()) if len(values) else float("nan")
+
+
 def rms_known(values: np.ndarray) -> float:
     """Root mean square of what is finite; NaN of nothing."""
     return rms(values[np.isfinite(values)])
@@ -149,7 +154,7 @@ class Draws:
 
     def __getattr__(self, name: str) -> np.ndarray:
         values = [getattr(one, name) for one in self._results]
-        return np.concatenate(values) if np.ndim(values[0]) else np.array(values, float)
+        return np.concatenate(values) if values and np.ndim(values[0]) else np.array(values, float)
 
 
 def table(
