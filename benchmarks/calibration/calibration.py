@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from benchmarks.boards import draw
 from benchmarks.figures import AMBER, GREEN, INK, RED, VIOLET, label, label_x, legend, panels
 from benchmarks.harness import Findings, Options, column, mean_of, of_any, or_none, rms, table
 from vbaa_calib.core.console import progress
@@ -67,13 +68,13 @@ def run(draws: int, seed: int, chosen: Sequence[str] | None = None) -> list[Row]
     """Every method, the oracle first, in every cell (or those chosen) over the same draws."""
     rows, names = list[Row](), list(cells()) if chosen is None else chosen
     for name in progress(names, "cells", len(names)):
-        given = [cells()[name].draw(each) for each in range(seed, seed + draws)]
+        given = [draw(cells()[name](each), each) for each in range(seed, seed + draws)]
         oracle: list[Judged] = []
         for one, method in methods().items():
             if isinstance(method, str):
                 rows.append(Row(name, one, note=method))
                 continue
-            own = [judged(outcome, draw) for draw, outcome in zip(given, method(given), strict=True)]
+            own = [judged(outcome, one_set) for one_set, outcome in zip(given, method(given), strict=True)]
             oracle = oracle or own
             rows.append(_row(name, one, own, oracle))
     return rows
