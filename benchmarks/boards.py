@@ -201,27 +201,26 @@ _NOWHERE_M = 0.1
 """What a pixel counts that has no ray, and the most that any does."""
 
 
-def error_mm(camera: Camera, truth: Camera, from_jig: bool = False, distance_m: float = 0.4) -> float:
+def error_mm(camera: Camera, truth: Camera, from_jig: bool = False) -> float:
     """Rms distance on C between points and where the camera puts their pixels, mm.
 
     The pose of C is the true one; with `from_jig` it is solved with this camera from the same points without noise, as
     a board in the jig gives it, which takes up much of a lens' error. Points outside the true picture do not count; a
-    pixel that has no ray counts as 100 mm. distance_m : of C.
+    pixel that has no ray counts as 100 mm.
     """
-    T_camera_plane, points, pixels = seen_on_plane(truth, distance_m)
+    T_camera_plane, points, pixels = seen_on_plane(truth)
     if from_jig:
         T_camera_plane = jig_pose(camera, T_camera_plane, points, pixels)
     return rms_on_plane_mm(camera, T_camera_plane, points, pixels)
 
 
-def seen_on_plane(truth: Camera, distance_m: float = 0.4) -> tuple[Pose, np.ndarray, np.ndarray]:
+def seen_on_plane(truth: Camera) -> tuple[Pose, np.ndarray, np.ndarray]:
     """T_camera_plane of C, the points (M, 2) m on it that the picture shows, and their pixels (M, 2)."""
     x, y = (np.linspace(-0.5, 0.5, count) * side for count, side in zip(_GRID, _SIDES_M, strict=True))
     points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-    T_camera_plane = Pose(_T_CAMERA_PLANE.rotation, np.array([0.0, 0.0, distance_m]))
-    pixels, valid = truth.project(T_camera_plane @ on_plane(points))
+    pixels, valid = truth.project(_T_CAMERA_PLANE @ on_plane(points))
     inside = valid & truth.in_picture(pixels)
-    return T_camera_plane, points[inside], pixels[inside]
+    return _T_CAMERA_PLANE, points[inside], pixels[inside]
 
 
 def on_plane(points_m: np.ndarray) -> np.ndarray:

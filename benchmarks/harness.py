@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, fields, is_dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from timeit import Timer
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import numpy as np
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
 
 Arrays = TypeVar("Arrays")
 Row = TypeVar("Row")
+Result = TypeVar("Result")
 AGAINST = "22e797b"
 """The commit beside which this tree's speed is measured: one before functions were compiled."""
 
@@ -83,6 +85,11 @@ def picked(rows: Arrays, which: np.ndarray) -> Arrays:
 def rms(values: np.ndarray) -> float:
     """Root mean square of all; NaN of nothing, and where one of them is NaN."""
     return float(np.sqrt(np.mean(values**2))) if values.size else float("nan")
+
+
+def mean(values: np.ndarray) -> float:
+    """Of all; NaN of nothing."""
+    return float(values.mean()) if len(values) else float("nan")
 
 
 def rms_known(values: np.ndarray) -> float:
@@ -147,7 +154,7 @@ class Draws:
 
     def __getattr__(self, name: str) -> np.ndarray:
         values = [getattr(one, name) for one in self._results]
-        return np.concatenate(values) if np.ndim(values[0]) else np.array(values, float)
+        return np.concatenate(values) if values and np.ndim(values[0]) else np.array(values, float)
 
 
 def table(
@@ -161,7 +168,7 @@ def table(
     `once` : of so many first columns a value is not repeated below itself. `more` : heading → text, columns at the end.
     """
     shown = [one for one in fields(rows[0]) if one.metadata.get("heading")] if rows else []
-    lines = [[_cell(getattr(row, one.name), **one.metadata) for one in shown] for row in rows]
+    lines = [[cell(getattr(row, one.name), **one.metadata) for one in shown] for row in rows]
     for row, line in zip(rows, lines, strict=True):
         line += [tell(row) for tell in (more or {}).values()]
     for line, above in reversed(list(zip(lines[1:], lines, strict=False))):
@@ -186,7 +193,7 @@ def aligned(lines: Sequence[Sequence[str]], left: Sequence[bool], title: str = "
     return "\n".join([*([title] if title else []), *rows])
 
 
-def _cell(value: Any, spec: str, scale: float, **_: Any) -> str:
+def cell(value: Any, spec: str = "", scale: float = 1.0, **_: Any) -> str:
     """For people; a dash where there is no number."""
     if value is None or (isinstance(value, float) and np.isnan(value)):
         return "–"
@@ -232,37 +239,38 @@ _LEAST_S = 0.02
 """Of a timing."""
 
 
+def _timer(function: Callable[[], object], clock: Callable[[], float] = time.perf_counter) -> Timer:
+    """As `timeit` does it, but with garbage collected as usual."""
+    return Timer(function, "import gc; gc.enable()", clock)
+
+
 def median_seconds(function: Callable[[], object], repeats: int) -> float:
     """Median of `repeats` timings after one warm-up call.
 
     Quick functions are repeated within each timing; one that takes over a second is timed once.
     """
-    warm = _seconds(function)
-    calls, repeats = max(1, int(_LEAST_S / max(warm, 1e-7))), 1 if warm > 1.0 else repeats
-    return sorted(_seconds(function, calls) for _ in range(repeats))[repeats // 2]
+    warm = _timer(function).timeit(1)
+    calls = max(1, int(_LEAST_S / max(warm, 1e-7)))
+    return float(np.median(_timer(function).repeat(1 if warm > 1.0 else repeats, calls))) / calls
 
 
 def least_seconds(function: Callable[[], object], repeats: int) -> float:
     """Least of `repeats` timings after one warm-up call: what the machine can do when nothing else disturbs."""
     function()
-    return min(_seconds(function) for _ in range(repeats))
+    return min(_timer(function).repeat(repeats, 1))
 
 
 def processor_seconds(function: Callable[[], object], repeats: int, long_s: float = 0.25) -> float:
     """Least processor time, of all threads together, of a first call and `repeats` more; one that is long counts."""
-    least = _seconds(function, clock=time.process_time)
-    for _ in range(repeats if least <= long_s else 0):
-        least = min(least, _seconds(function, clock=time.process_time))
-    return least
+    timer = _timer(function, time.process_time)
+    least = timer.timeit(1)
+    return min([least, *timer.repeat(repeats, 1)]) if least <= long_s and repeats else least
 
 
-def _seconds(function: Callable[[], object], calls: int = 1, clock: Callable[[], float] | None = None) -> float:
-    """A call, as the mean of so many."""
-    clock = clock or time.perf_counter
-    begun = clock()
-    for _ in range(calls):
-        function()
-    return (clock() - begun) / calls
+def timed(function: Callable[[], Result]) -> tuple[Result, float]:
+    """What a function gives, and the processor time that it took."""
+    begun = time.process_time()
+    return function(), time.process_time() - begun
 
 
 @contextmanager

@@ -13,7 +13,7 @@ import os
 import platform
 import sys
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
 from datetime import date
@@ -68,7 +68,7 @@ class Apart:
     """How far two reports are apart.
 
     deviations : by name, the largest difference in deviations; infinite where one has a number and the other has not.
-    statuses : names of what they say differently.
+    statuses : names of what they say differently. most, where : the largest difference of all, and its name.
     """
 
     deviations: dict[str, float]
@@ -76,12 +76,10 @@ class Apart:
 
     @property
     def most(self) -> float:
-        """The largest difference of all."""
         return max(self.deviations.values(), default=0.0)
 
     @property
     def where(self) -> str:
-        """Its name."""
         return max(self.deviations, key=lambda name: self.deviations[name], default="")
 
 
@@ -229,34 +227,26 @@ _KERNELS = {"Nehalem": "SSE42", "Sandybridge": "AVX", "Haswell": "AVX2", "Zen": 
 """OpenBLAS' kernels, each with what a processor must have to run it, as NumPy calls it."""
 
 
-@dataclass(frozen=True)
-class Machine:
-    """Another processor: its name in the table, what its processes' environment says, and their threads."""
-
-    name: str
-    environment: Mapping[str, str]
-    threads: int = 1
+Machine = tuple[str, Mapping[str, str], int]
+"""Another processor: its name in the table, what its processes' environment says, and their threads."""
 
 
 def _machines() -> list[Machine]:
     """Those that this processor can stand in for."""
     able = {name for name, has in __cpu_features__.items() if has}
+    wide = [word.strip("*?") for word in cv2.getCPUFeaturesLine().split() if word.startswith("*")]
     narrow = {
         "NPY_DISABLE_CPU_FEATURES": " ".join(name for name in __cpu_dispatch__ if name in able),
-        "OPENCV_CPU_DISABLE": ",".join(
-            word.strip("*?") for word in cv2.getCPUFeaturesLine().split() if word.startswith("*")
-        ),
+        "OPENCV_CPU_DISABLE": ",".join(wide),
     }
     narrow = {name: words for name, words in narrow.items() if words}
-    kernels = [Machine(name, {"OPENBLAS_CORETYPE": name}) for name, needed in _KERNELS.items() if needed in able]
-    others = [
-        *kernels,
-        *(Machine(f"{name.split('_')[0]} narrow", {name: words}) for name, words in narrow.items()),
-        Machine("two threads", {}, 2),
-    ]
+    kernels = [name for name, needed in _KERNELS.items() if needed in able]
+    found: list[Machine] = [(name, {"OPENBLAS_CORETYPE": name}, 1) for name in kernels]
+    found += [(f"{name.split('_')[0]} narrow", {name: words}, 1) for name, words in narrow.items()]
+    found.append(("two threads", {}, 2))
     if kernels:
-        others.append(Machine(f"{kernels[0].name}, all narrow, two threads", dict(kernels[0].environment) | narrow, 2))
-    return others
+        found.append((f"{kernels[0]}, all narrow, two threads", {"OPENBLAS_CORETYPE": kernels[0]} | narrow, 2))
+    return found
 
 
 def simulated(folder: Path, scenes: Sequence[str]) -> dict[str, Path]:
@@ -283,30 +273,30 @@ def simulated(folder: Path, scenes: Sequence[str]) -> dict[str, Path]:
     return found
 
 
-@dataclass(frozen=True)
-class _Ran:
-    """What a child process reports, by scene and stage; the kernels of OpenBLAS and the wider instructions it used."""
-
-    reports: dict[str, dict[str, Report]]
-    kernels: list[str]
-    numpy: list[str]
-    opencv: list[str]
+_Reports = dict[str, dict[str, Report]]
+"""By scene and stage."""
 
 
-def _child(threads: int, sessions: Mapping[str, Path], boards: Path | None) -> _Ran:
-    """What a child process does: calibrates and estimates all sessions."""
+def _child(
+    threads: int, sessions: Mapping[str, Path], boards: Path | None
+) -> tuple[_Reports, list[str], dict[str, list[str]]]:
+    """What a child process does: calibrates and estimates all sessions.
+
+    Beside the reports the kernels of OpenBLAS, and by variable the wider instructions that it used all the same.
+    """
     cv2.setNumThreads(threads)
     torch.set_num_threads(threads)
     reports = {title: _whole_way(session) for title, session in sessions.items()}
     if boards is not None:
-        reports["photographs"] = {"calibration": joined(dict(_photographs(boards)))}
+        lenses = {one.title: solve_intrinsics(detect_folder(boards / one.folder, one.spec), one.spec) for one in SETS}
+        reports["photographs"] = {"calibration": joined({title: of_lens(lens) for title, lens in lenses.items()})}
     words = cv2.getCPUFeaturesLine().split()
-    return _Ran(
-        reports,
-        sorted({str(each["architecture"]) for each in threadpool_info() if each["internal_api"] == "openblas"}),
-        [name for name in __cpu_dispatch__ if __cpu_features__[name]],
-        [word for word in words if word.startswith("*") and not word.endswith("?")],
-    )
+    used = {
+        "NPY_DISABLE_CPU_FEATURES": [name for name in __cpu_dispatch__ if __cpu_features__[name]],
+        "OPENCV_CPU_DISABLE": [word for word in words if word.startswith("*") and not word.endswith("?")],
+    }
+    kernels = {str(each["architecture"]) for each in threadpool_info() if each["internal_api"] == "openblas"}
+    return reports, sorted(kernels), used
 
 
 def _whole_way(session: Path) -> dict[str, Report]:
@@ -328,28 +318,22 @@ def _whole_way(session: Path) -> dict[str, Report]:
     }
 
 
-def _photographs(boards: Path) -> Iterator[tuple[str, Report]]:
-    for one in SETS:
-        yield one.title, of_lens(solve_intrinsics(detect_folder(boards / one.folder, one.spec), one.spec))
-
-
-def _on(
-    machine: Machine, sessions: Mapping[str, Path], boards: Path | None
-) -> tuple[dict[str, dict[str, Report]], str]:
+def _on(machine: Machine, sessions: Mapping[str, Path], boards: Path | None) -> tuple[_Reports, str]:
     """What a child process reports, and the kernels it ran on."""
-    threads = {name: str(machine.threads) for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")}
+    name, environment, count = machine
+    threads = {variable: str(count) for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")}
     with (
-        patch.dict(os.environ, {**threads, **machine.environment}),
+        patch.dict(os.environ, {**threads, **environment}),
         ProcessPoolExecutor(1, get_context("spawn")) as pool,
     ):
-        ran = pool.submit(_child, machine.threads, sessions, boards).result()
-    asked = machine.environment.get("OPENBLAS_CORETYPE")
-    if asked is not None and asked not in ran.kernels:
-        raise SystemExit(f"{machine.name}: OpenBLAS ran on {ran.kernels}")
-    for used, variable in ((ran.numpy, "NPY_DISABLE_CPU_FEATURES"), (ran.opencv, "OPENCV_CPU_DISABLE")):
-        if variable in machine.environment and used:
-            raise SystemExit(f"{machine.name}: {used} in spite of {variable}")
-    return ran.reports, " ".join(ran.kernels)
+        reports, kernels, used = pool.submit(_child, count, sessions, boards).result()
+    asked = environment.get("OPENBLAS_CORETYPE")
+    if asked is not None and asked not in kernels:
+        raise SystemExit(f"{name}: OpenBLAS ran on {kernels}")
+    for variable, wide in used.items():
+        if variable in environment and wide:
+            raise SystemExit(f"{name}: {wide} in spite of {variable}")
+    return reports, " ".join(kernels)
 
 
 def main() -> int:
@@ -362,7 +346,7 @@ def main() -> int:
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         sessions = simulated(args.folder or Path(folder), args.scenes)
-        here, kernel = _on(Machine("this machine", {}), sessions, args.photographs)
+        here, kernel = _on(("this machine", {}, 1), sessions, args.photographs)
         rows = [["this machine", kernel, *_key_numbers(here), *["" for _ in STAGES]]]
         good = True
         for machine in _machines():
@@ -375,8 +359,8 @@ def main() -> int:
                 cells.append(f"{words}, {len(off.statuses)} statuses" if off.statuses else words)
                 if off.statuses or off.most > ALIKE:
                     good = False
-                    print(f"{machine.name}, {stage}: {off.most:.1e} at {off.where}; {off.statuses}", file=sys.stderr)
-            rows.append([machine.name, kernel, *_key_numbers(there), *cells])
+                    print(f"{machine[0]}, {stage}: {off.most:.1e} at {off.where}; {off.statuses}", file=sys.stderr)
+            rows.append([machine[0], kernel, *_key_numbers(there), *cells])
             print(" | ".join(rows[-1]), file=sys.stderr)
     head = ["processor", "OpenBLAS", "EI of the first scene, N·m²", "focal length, px", *STAGES]
     table = markdown(head, rows)

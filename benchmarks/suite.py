@@ -14,12 +14,10 @@ from typing import Any
 
 from vbaa_calib.core.console import say
 from vbaa_calib.core.errors import InputError, SolveError
-from vbaa_calib.core.files import refuse_overwrite, replacing, write_json
+from vbaa_calib.core.files import read_yaml, refuse_overwrite, replacing, write_json
 
 from .harness import AGAINST, Findings, Options, aligned, as_json, machine, write_csv
 
-_NUMERIC = "numpy scipy torch"
-_PICTURES = "numpy scipy opencv-contrib-python-headless"
 ALL = "all"
 _MOST_DRAWS, _MOST_JOBS = 10_000_000, 256
 """More do not fit into memory: a draw of `metric` takes some 100 bytes, a process some 300 MB."""
@@ -28,28 +26,28 @@ _DPI = 110
 
 @dataclass(frozen=True)
 class Subject:
-    """One subject, measured by `measure(options)` of the module `benchmarks.NAME.NAME`.
+    """One subject of subjects.yaml, measured by `measure(options)` of the module `benchmarks.NAME.NAME`.
 
     about : one line of help. draw : what a draw is, in words. draws : how many, usually and with --quick.
-    packages : those whose versions are named beside ours. left : tables (.csv) and figures (.png) that it leaves.
-    least : fewest draws that say anything. suite : whether `vbaa bench` without a subject runs it.
-    jobs : whether it can use more than one process.
+    left : tables (.csv) and figures (.png) that it leaves (default: NAME.csv NAME.png). least : fewest draws that say
+    anything. suite : whether `vbaa bench` without a subject runs it. jobs : whether it can use more than one process.
+    packages : those whose versions are named beside ours.
     """
 
     name: str
     about: str
     draw: str
-    draws: tuple[int, int]
-    packages: str
-    left: str
+    draws: Sequence[int]
+    left: str = ""
     least: int = 1
-    suite: bool = True
+    suite: bool = False
     jobs: bool = False
+    packages: str = "numpy scipy opencv-contrib-python-headless torch"
 
     @property
     def files(self) -> tuple[str, ...]:
         """Tables and figures, all of them."""
-        return tuple(self.left.split())
+        return tuple((self.left or f"{self.name}.csv {self.name}.png").split())
 
     @property
     def record(self) -> str:
@@ -57,134 +55,7 @@ class Subject:
         return f"{self.name}.json"
 
 
-_ALL = (
-    Subject(
-        "metric",
-        "pixels to rays by OpenCV, kornia and the metric layer",
-        "random pixels of each lens",
-        (1_000_000, 20_000),
-        "numpy opencv-contrib-python-headless torch kornia",
-        "metric.csv metric.png",
-        least=200,
-    ),
-    Subject(
-        "calibration",
-        "lenses from corners, in mm on C: OpenCV, lensboy, mrcal (if VBAA_PEER_PYTHON has them), ours",
-        "sets of views of each rig",
-        (10, 3),
-        _PICTURES,
-        "calibration.csv calibration.png",
-    ),
-    Subject(
-        "vision",
-        "the antenna in good, hard and empty pictures, beside other methods",
-        "pictures of each hardship",
-        (40, 4),
-        _PICTURES,
-        "vision.csv vision_methods.csv vision_random.csv vision.png",
-    ),
-    Subject(
-        "estimator",
-        "contacts against the Cramér-Rao bound, hard cases, random scenes",
-        "noise draws of each kind of scene",
-        (400, 12),
-        _NUMERIC,
-        "estimator.csv estimator_rods.csv estimator_hard.csv estimator_random.csv estimator_grid.png",
-        least=4,
-    ),
-    Subject(
-        "speed",
-        "this tree beside an older commit (--against), SciPy, the paper's formulas, and what no program goes below",
-        "frames of each kind",
-        (500, 20),
-        _PICTURES,
-        "speed.csv speed.png",
-        least=8,
-    ),
-    Subject(
-        "object",
-        "objects stroked by the antenna: surface, normals, friction, stiffness, first contact",
-        "recordings of each kind",
-        (10, 1),
-        _NUMERIC,
-        "object.csv object_alarms.csv object_onsets.csv object.png",
-    ),
-    Subject(
-        "chain",
-        "from picture to contact: speed against error, every method and rung",
-        "pictures of each size and rig",
-        (30, 4),
-        f"{_PICTURES} torch",
-        "chain.csv chain_stages.csv chain_losses.csv chain.png",
-    ),
-    Subject(
-        "growth",
-        "cost as work grows: frames, points, picture size, views, contacts",
-        "timings of each size",
-        (3, 1),
-        f"{_PICTURES} torch",
-        "growth.csv growth.png",
-    ),
-    Subject(
-        "guided",
-        "pictures for the lens at suggested and at random poses, until plane C is known",
-        "sequences of pictures of each kind",
-        (20, 1),
-        f"{_PICTURES} torch",
-        "guided.csv guided.png",
-        suite=False,
-    ),
-    Subject(
-        "coverage",
-        "whether the deviations that whole calibrations predict are those that sampling shows",
-        "calibrations of each rig",
-        (500, 10),
-        f"{_PICTURES} torch",
-        "coverage.csv coverage_rigs.csv coverage.png",
-        least=2,
-        suite=False,
-        jobs=True,
-    ),
-    Subject(
-        "drift",
-        "rigs that changed since their calibration: contacts lost, silent errors, with and without free frames",
-        "rigs, each with its calibration, change and recording",
-        (30, 2),
-        f"{_PICTURES} torch",
-        "drift.csv drift.png",
-        suite=False,
-    ),
-    Subject(
-        "recording",
-        "recordings refined as one against frame by frame and the joint bound; a rig recalibrated by a known object",
-        "rigs and recordings of each kind",
-        (6, 1),
-        _NUMERIC,
-        "recording.csv recording_known.csv recording.png",
-        suite=False,
-    ),
-    Subject(
-        "scale",
-        "many recordings on dask: one worker and two, whole and in pieces",
-        "recordings of 5000 frames, with --quick 512",
-        (12, 2),
-        "numpy dask distributed pyarrow",
-        "scale.csv",
-        least=2,
-        suite=False,
-    ),
-    Subject(
-        "paper",
-        "the paper's experiments redone (docs/experiments.md)",
-        "noise draws of each setting",
-        (16, 2),
-        _NUMERIC,
-        "paper_sensing.csv paper_friction.csv paper_path.csv paper_yielding.csv "
-        "paper_fig7.png paper_fig5.png paper_yielding.png",
-        suite=False,
-    ),
-)
-SUBJECTS = {subject.name: subject for subject in _ALL}
+SUBJECTS = {name: Subject(name, **said) for name, said in read_yaml(Path(__file__).with_name("subjects.yaml")).items()}
 """Name → subject, in the order in which they are run."""
 
 
@@ -194,9 +65,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.epilog = "subjects:\n" + "\n".join(
         f"  {subject.name:<13}{subject.about}\n{'':<15}--draws: {subject.draw}, {subject.draws[0]}, "
         f"with --quick {subject.draws[1]}"
-        for subject in _ALL
+        for subject in SUBJECTS.values()
     )
-    suite, jobs = (", ".join(one.name for one in _ALL if getattr(one, name)) for name in ("suite", "jobs"))
+    suite, jobs = (", ".join(one.name for one in SUBJECTS.values() if getattr(one, name)) for name in ("suite", "jobs"))
     parser.add_argument(
         "subject",
         nargs="?",
@@ -220,7 +91,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Measure one subject, or several one after the other; print the tables, write the files."""
     one = args.subject in SUBJECTS
-    chosen = [SUBJECTS[args.subject]] if one else [each for each in _ALL if each.suite or args.subject == ALL]
+    chosen = (
+        [SUBJECTS[args.subject]] if one else [each for each in SUBJECTS.values() if each.suite or args.subject == ALL]
+    )
     _refuse(args, chosen)
     return _measured(args, chosen[0])[0] if one else _several(args, chosen)
 
@@ -228,7 +101,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 def _refuse(args: argparse.Namespace, chosen: Sequence[Subject]) -> None:
     """What makes no sense, or would overwrite something, before any work."""
     what, draws = args.subject or "the suite", args.draws
-    able = [subject.name for subject in _ALL if subject.jobs]
+    able = [subject.name for subject in SUBJECTS.values() if subject.jobs]
     no_jobs = args.jobs > 1 and not any(subject.jobs for subject in chosen)
     for wrong, said, remedy in (
         (draws is not None and len(chosen) > 1, "draws", "name one subject: a draw means another thing in each"),

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from benchmarks.boards import draw
 from benchmarks.figures import AMBER, GREEN, INK, RED, VIOLET, label, label_x, legend, panels
-from benchmarks.harness import Findings, Options, column, mean_of, of_any, or_none, table
+from benchmarks.harness import Findings, Options, column, mean_of, of_any, or_none, rms, table
 from vbaa_calib.core.console import progress
 
 from .judge import Judged, judged
@@ -27,8 +28,7 @@ class Row:
 
     error_mm, worst_mm : median and largest over draws of the rms error of points on C, whose true pose is given.
     ratio, worst_ratio : the same over the oracle's.
-    jig_... : likewise with the pose of C solved with the method's own lens; near_ratio : the median so with C at
-        150 mm.
+    jig_... : likewise with the pose of C solved with the method's own lens.
     stated, jig_stated : error over the deviation stated, both rms over C, rms over draws. covered, jig_covered : share
         of the 95 % regions of points on C that hold the truth.
     seconds : median processor time of one solve. folds : share of draws whose lens folds inside the picture.
@@ -48,7 +48,6 @@ class Row:
     jig_worst_mm: float | None = column("worst", ".3f", default=None)
     jig_ratio: float | None = column("× oracle", ".2f", default=None)
     jig_worst_ratio: float | None = column("worst", ".2f", default=None)
-    near_ratio: float | None = column("near", ".2f", default=None)
     stated: float | None = column("stated", ".2f", default=None)
     covered: float | None = column("in %", ".0f", 100, default=None)
     jig_stated: float | None = column("stated, jig", ".2f", default=None)
@@ -69,33 +68,32 @@ def run(draws: int, seed: int, chosen: Sequence[str] | None = None) -> list[Row]
     """Every method, the oracle first, in every cell (or those chosen) over the same draws."""
     rows, names = list[Row](), list(cells()) if chosen is None else chosen
     for name in progress(names, "cells", len(names)):
-        seeds = range(seed, seed + draws)
-        given = [cells()[name].draw(each) for each in seeds]
+        given = [draw(cells()[name](each), each) for each in range(seed, seed + draws)]
         oracle: list[Judged] = []
         for one, method in methods().items():
             if isinstance(method, str):
                 rows.append(Row(name, one, note=method))
                 continue
-            solved = zip(seeds, given, method(given), strict=True)
-            own = [judged(name, each, one, outcome, draw) for each, draw, outcome in solved]
+            own = [judged(outcome, one_set) for one_set, outcome in zip(given, method(given), strict=True)]
             oracle = oracle or own
-            rows.append(_row(own, oracle))
+            rows.append(_row(name, one, own, oracle))
     return rows
 
 
-def _row(own: Sequence[Judged], oracle: Sequence[Judged]) -> Row:
+def _row(cell: str, method: str, own: Sequence[Judged], oracle: Sequence[Judged]) -> Row:
     """One method in one cell."""
     numbers: dict[str, float | None] = {}
-    for prefix in ("", "jig_", "near_"):
+    for prefix in ("", "jig_"):
         errors, least = (_errors(one, f"{prefix}error_mm") for one in (own, oracle))
-        numbers[f"{prefix}error_mm"], numbers[f"{prefix}worst_mm"] = or_none(np.median(errors)), or_none(errors.max())
-        numbers[f"{prefix}ratio"] = or_none(np.median(errors) / np.median(least))
-        numbers[f"{prefix}worst_ratio"] = or_none(errors.max() / least.max())
+        for name, statistic in (("", np.median), ("worst_", np.max)):
+            found = statistic(errors)
+            numbers[f"{prefix}{name or 'error_'}mm"] = or_none(found)
+            numbers[f"{prefix}{name}ratio"] = or_none(found / statistic(least))
     lenses = [one for one in own if one.error_mm is not None]
     outcomes = [one.outcome for one in lenses]
     for name in ("stated", "jig_stated"):
         said = [value for one in lenses if (value := getattr(one, name)) is not None]
-        numbers[name] = or_none(np.sqrt(np.mean(np.square(said)))) if said else None
+        numbers[name] = or_none(rms(np.array(said)))
     numbers |= {name: or_none(mean_of(lenses, name)) for name in ("covered", "jig_covered", "folds")}
     of_outcome = ("good_dropped", "outliers_found", "views_dropped", "trusted")
     numbers |= {name: or_none(mean_of(outcomes, name)) for name in of_outcome}
@@ -104,9 +102,9 @@ def _row(own: Sequence[Judged], oracle: Sequence[Judged]) -> Row:
     failures = [one.outcome.failure for one in own if one.error_mm is None]
     chosen = Counter(one.model for one in outcomes if one.model)
     return Row(
-        own[0].cell,
-        own[0].method,
-        **{name: value for name, value in numbers.items() if name in Row.__dataclass_fields__},
+        cell,
+        method,
+        **numbers,
         seconds=of_any(np.median, np.array([one.seconds for one in outcomes])),
         failed=len(failures) / len(own),
         models=", ".join(f"{model} {count}" for model, count in chosen.most_common()),
@@ -115,15 +113,14 @@ def _row(own: Sequence[Judged], oracle: Sequence[Judged]) -> Row:
 
 
 def _errors(own: Sequence[Judged], name: str) -> np.ndarray:
-    values = [getattr(one, name) for one in own]
-    return np.array([np.inf if value is None else value for value in values])
+    return np.array([np.inf if (value := getattr(one, name)) is None else value for one in own])
 
 
 _TITLE = (
     "mm: rms error on C with its true pose, median of {} draws, then the worst; × oracle: of medians, then of worst;\n"
-    "jig: C's pose solved with the same lens; near: so with C at 150 mm, × oracle; stated: error over the deviation\n"
-    "stated, in: 95 % regions that hold the truth; lost: good corners withheld; caught: outliers withheld; views:\n"
-    "withheld; trust: verdicts; wrong: of all draws, trusted and over twice the 95 % bound; s: of one processor"
+    "jig: C's pose solved with the same lens; stated: error over the deviation stated, in: 95 % regions that hold the\n"
+    "truth; lost: good corners withheld; caught: outliers withheld; views: withheld; trust: verdicts; wrong: of all\n"
+    "draws, trusted and over twice the 95 % bound; s: of one processor"
 )
 STYLES = {
     ORACLE: (INK, "*"),

@@ -15,26 +15,21 @@ from vbaa_calib.geometry import Pose
 from .methods import Outcome
 
 _REGION, _FAR = 0.95, 2.0
-_NEAR_M = 0.15
 
 
 @dataclass(frozen=True)
 class Judged:
     """One method's outcome on one draw; None where it gave no lens or does not say.
 
-    error_mm, jig_error_mm : rms on C, with its true pose, and with the pose that this lens gives it. near_error_mm :
-        as the latter with C at 150 mm. stated, jig_stated : error over the deviation stated, both rms over C.
-    covered, jig_covered : share of the 95 % regions of points on C that hold the truth.
+    error_mm, jig_error_mm : rms on C, with its true pose, and with the pose that this lens gives it.
+    stated, jig_stated : error over the deviation stated, both rms over C. covered, jig_covered : share of the 95 %
+        regions of points on C that hold the truth.
     wrong : either error is over twice its 95 % bound. folds : the lens folds inside the picture.
     """
 
-    cell: str
-    seed: int
-    method: str
     outcome: Outcome
     error_mm: float | None = None
     jig_error_mm: float | None = None
-    near_error_mm: float | None = None
     stated: float | None = None
     covered: float | None = None
     jig_stated: float | None = None
@@ -43,31 +38,22 @@ class Judged:
     wrong: bool | None = None
 
 
-def judged(cell: str, seed: int, method: str, outcome: Outcome, given: Draw) -> Judged:
+def judged(outcome: Outcome, given: Draw) -> Judged:
     """Errors and stated deviations of a method's lens on one draw."""
     camera, truth = outcome.camera, given.rig.camera
     if camera is None:
-        return Judged(cell, seed, method, outcome)
-    free, jig = (_said(camera, truth, from_jig) for from_jig in (False, True))
-    known = [said.wrong for said in (free, jig) if said.wrong is not None]
-    errors = error_mm(camera, truth), error_mm(camera, truth, True), error_mm(camera, truth, True, _NEAR_M)
-    said = free.ratio, free.covered, jig.ratio, jig.covered
+        return Judged(outcome)
+    errors = error_mm(camera, truth), error_mm(camera, truth, True)
+    (free, held, far), (jig, jig_held, jig_far) = (_said(camera, truth, from_jig) for from_jig in (False, True))
+    known = [each for each in (far, jig_far) if each is not None]
     folds = camera.valid_region().image_fraction < 1.0
-    return Judged(cell, seed, method, outcome, *errors, *said, folds, any(known) if known else None)
+    return Judged(outcome, *errors, free, held, jig, jig_held, folds, any(known) if known else None)
 
 
-@dataclass(frozen=True)
-class _Said:
-    """Error over the deviation stated, share of regions that hold the truth, error over twice the bound of 95 %."""
-
-    ratio: float | None = None
-    covered: float | None = None
-    wrong: bool | None = None
-
-
-def _said(camera: Camera, truth: Camera, from_jig: bool) -> _Said:
+def _said(camera: Camera, truth: Camera, from_jig: bool) -> tuple[float | None, float | None, bool | None]:
+    """Error over the deviation stated, share of regions that hold the truth, whether it is over twice its bound."""
     if camera.covariance is None:
-        return _Said()
+        return None, None, None
     T_camera_plane, points, pixels = seen_on_plane(truth)
     if from_jig:
         T_camera_plane = jig_pose(camera, T_camera_plane, points, pixels)
@@ -76,7 +62,7 @@ def _said(camera: Camera, truth: Camera, from_jig: bool) -> _Said:
     each = by_lens @ camera.covariance @ np.swapaxes(by_lens, -1, -2)
     square, stated = float(np.mean(np.sum(off**2, axis=1))), float(np.mean(np.trace(each, axis1=1, axis2=2)))
     if not np.isfinite(stated) or stated <= 0.0:
-        return _Said(np.inf, 0.0, True)
+        return np.inf, 0.0, True
     each = each + 1e-12 * stated * np.eye(2)
     squares = np.einsum("mi,mi->m", off, np.linalg.solve(each, off[..., None])[..., 0])
     # a sum of squares of unequal share, by the chi-squared law with its mean and variance
@@ -84,7 +70,7 @@ def _said(camera: Camera, truth: Camera, from_jig: bool) -> _Said:
     freedom = stated**2 / float(np.sum(spread * spread.T))
     bound = stated * chi2.ppf(_REGION, freedom) / freedom
     inside = float(np.mean(squares <= chi2.ppf(_REGION, 2)))
-    return _Said(float(np.sqrt(square / stated)), inside, bool(square > _FAR**2 * bound))
+    return float(np.sqrt(square / stated)), inside, bool(square > _FAR**2 * bound)
 
 
 def plane_jacobian(camera: Camera, T_camera_plane: Pose, points_m: np.ndarray, from_jig: bool) -> np.ndarray:

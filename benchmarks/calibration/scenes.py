@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache, partial
 from typing import Any
 
 import numpy as np
 
 from benchmarks.board_faults import FAULTS
-from benchmarks.boards import BOARD, FISHEYE, HD, SQUARE, TALL, VGA, WIDE, Draw, Rig, draw, rigs
+from benchmarks.boards import BOARD, FISHEYE, HD, SQUARE, TALL, VGA, WIDE, Rig, rigs
 from targets.board import BoardSpec
 from vbaa_calib.calibrate.lens.models import is_monotonic
 
@@ -21,21 +21,12 @@ _SPOILT_EVERY = 3
 """Of the rigs drawn, every third has outliers."""
 
 
-@dataclass(frozen=True, eq=False)
-class Cell:
-    """A row of the table: a rig for each seed, mostly the same."""
-
-    name: str
-    rig: Callable[[int], Rig]
-
-    def draw(self, seed: int) -> Draw:
-        """Views with noise and faults, all from the seed."""
-        return draw(self.rig(seed), seed)
-
-
 @cache
-def cells() -> dict[str, Cell]:
-    """By name: the published rigs, then what is wrong with corners, board, print and noise, then rigs drawn."""
+def cells() -> dict[str, Callable[[int], Rig]]:
+    """Rows of the table: name → a rig for each seed, mostly the same.
+
+    The published rigs, then what is wrong with corners, board, print and noise, then rigs drawn.
+    """
     plain, _, wide, *_ = published = rigs()
     fisheye = Rig("fisheye f 420, 20 views", "fisheye", TALL, FISHEYE, 20)
     gross = replace(plain, outlier_px=_GROSS_PX)
@@ -64,91 +55,73 @@ def cells() -> dict[str, Cell]:
         replace(plain, name="f 900, views blurred", blur=0.8),
         replace(plain, name="f 900, board moving by 1 px", motion_px=1.0),
     ]
-    every = [Cell(rig.name, partial(_same, rig)) for rig in held]
-    every += [Cell(f"drawn: {name}", partial(_drawn, lens)) for name, lens in FAMILIES.items()]
-    return {cell.name: cell for cell in every}
+    every: dict[str, Callable[[int], Rig]] = {rig.name: partial(lambda rig, _: rig, rig) for rig in held}
+    return every | {f"drawn: {name}": partial(_drawn, family) for name, family in FAMILIES.items()}
 
 
 _SKEWED: dict[str, Any] = {"stretch": (0.0, 0.02), "shear": 3e-3, "outliers": 0.02}
 _SHARES = (0.01, 0.02, 0.05, 0.1, 0.2)
 
 
-@dataclass(frozen=True)
-class _Lens:
-    """A lens drawn: its model, the picture's size, intrinsics (4 + k,)."""
-
-    model: str
-    image_size: tuple[int, int]
-    intrinsics: np.ndarray
+Rng = np.random.Generator
+Size = tuple[int, int]
 
 
-def _core(size: tuple[int, int], focal_px: float, rng: np.random.Generator) -> np.ndarray:
+def _core(size: Size, focal_px: float, rng: Rng) -> list[float]:
     """fx, fy, cx, cy: pixels nearly square, the axis within 2 % of the picture's middle."""
     middle = np.array(size) / 2.0 - 0.5 + rng.uniform(-0.02, 0.02, 2) * max(size)
-    return np.array([focal_px, focal_px * (1.0 + rng.normal(0.0, 2e-3)), *middle])
+    return [focal_px, focal_px * (1.0 + rng.normal(0.0, 2e-3)), *middle]
 
 
-def _size(rng: np.random.Generator) -> tuple[int, int]:
-    return _SIZES[rng.integers(len(_SIZES))]
-
-
-def _mild(rng: np.random.Generator) -> _Lens:
-    size, k1 = _size(rng), rng.uniform(-0.25, -0.05)
+def _mild(size: Size, rng: Rng) -> tuple[str, list[float]]:
+    k1 = rng.uniform(-0.25, -0.05)
     k2 = rng.uniform(0.2, 1.2) * k1**2 + rng.normal(0.0, 5e-3)
     lens = [k1, k2, *rng.normal(0.0, 4e-4, 2), rng.normal(0.0, 0.01)]
-    return _Lens("opencv5", size, np.array([*_core(size, rng.uniform(0.65, 0.9) * size[0], rng), *lens]))
+    return "opencv5", [*_core(size, rng.uniform(0.65, 0.9) * size[0], rng), *lens]
 
 
-def _long(rng: np.random.Generator) -> _Lens:
-    size = _size(rng)
+def _long(size: Size, rng: Rng) -> tuple[str, list[float]]:
     lens = [rng.uniform(-0.2, 0.05), rng.normal(0.0, 0.2), *rng.normal(0.0, 4e-4, 2), 0.0]
-    return _Lens("opencv5", size, np.array([*_core(size, rng.uniform(1.2, 3.0) * size[0], rng), *lens]))
+    return "opencv5", [*_core(size, rng.uniform(1.2, 3.0) * size[0], rng), *lens]
 
 
-def _wide(rng: np.random.Generator) -> _Lens:
-    size = _size(rng)
+def _wide(size: Size, rng: Rng) -> tuple[str, list[float]]:
     # in both polynomials much the same, as fits of real wide lenses have it
     lens = WIDE[4:] * rng.uniform(0.85, 1.15, 8)
     lens[2:4] = rng.normal(0.0, 4e-4, 2)
-    return _Lens("rational", size, np.array([*_core(size, rng.uniform(0.42, 0.55) * size[0], rng), *lens]))
+    return "rational", [*_core(size, rng.uniform(0.42, 0.55) * size[0], rng), *lens]
 
 
-def _fisheye(rng: np.random.Generator) -> _Lens:
-    size = _size(rng)
-    half_diagonal = 0.5 * np.hypot(*size)
-    focal = half_diagonal / np.radians(rng.uniform(60.0, 75.0))
-    return _Lens("fisheye", size, np.array([*_core(size, focal, rng), *rng.normal(0.0, [0.04, 0.015, 5e-3, 1e-3])]))
+def _fisheye(size: Size, rng: Rng) -> tuple[str, list[float]]:
+    focal = 0.5 * np.hypot(*size) / np.radians(rng.uniform(60.0, 75.0))
+    return "fisheye", [*_core(size, focal, rng), *rng.normal(0.0, [0.04, 0.015, 5e-3, 1e-3])]
 
 
-def _radial(rng: np.random.Generator) -> _Lens:
-    size = _size(rng)
-    lens = [0.0, 0.0, 0.0, 0.0] if rng.random() < 0.3 else [rng.uniform(-0.2, 0.1), rng.normal(0.0, 0.02), 0.0, 0.0]
-    return _Lens("radial", size, np.array([*_core(size, rng.uniform(0.6, 1.5) * size[0], rng), *lens]))
+def _radial(size: Size, rng: Rng) -> tuple[str, list[float]]:
+    lens = [0.0, 0.0] if rng.random() < 0.3 else [rng.uniform(-0.2, 0.1), rng.normal(0.0, 0.02)]
+    return "radial", [*_core(size, rng.uniform(0.6, 1.5) * size[0], rng), *lens, 0.0, 0.0]
 
 
-FAMILIES: dict[str, Callable[[np.random.Generator], _Lens]] = {
+Family = Callable[[Size, Rng], tuple[str, list[float]]]
+"""A picture's size → a lens drawn: its model and intrinsics (4 + k)."""
+FAMILIES: dict[str, Family] = {
     "mild barrel": _mild,
     "long": _long,
     "wide rational": _wide,
     "fisheye": _fisheye,
     "radial or plain": _radial,
 }
-"""By name."""
 
 
-def _same(rig: Rig, seed: int) -> Rig:
-    return rig
-
-
-def _drawn(family: Callable[[np.random.Generator], _Lens], seed: int) -> Rig:
+def _drawn(family: Family, seed: int) -> Rig:
     """A rig of the family: lens, board, print, noise, number of views; every third has outliers of any kind."""
     rng = np.random.default_rng([seed, 20])
-    lens = family(rng)
     for _ in range(100):
-        rig = Rig("", lens.model, lens.image_size, lens.intrinsics, int(rng.integers(8, 41)))
-        if is_monotonic(rig.model, lens.intrinsics, lens.image_size):
+        size = _SIZES[rng.integers(len(_SIZES))]
+        model, intrinsics = family(size, rng)
+        rig = Rig("", model, size, np.array(intrinsics), int(rng.integers(8, 41)))
+        if is_monotonic(rig.model, rig.intrinsics, size):
             break
-        lens = family(rng)
     spoilt = seed % _SPOILT_EVERY == _SPOILT_EVERY - 1
     return replace(
         rig,

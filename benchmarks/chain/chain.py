@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import groupby
-from math import log10
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,28 +17,9 @@ from benchmarks.figures import AMBER, BLUE, GREEN, GREY, INK, SHADE, VIOLET, lab
 from benchmarks.harness import Findings, Options, column, one_thread, processor_seconds, table
 from vbaa_calib.core.console import progress
 
-from .judge import (
-    ASTRAY_BOUND,
-    ASTRAY_STATED,
-    LossRow,
-    StageRow,
-    losses,
-    reading_seconds,
-    stages,
-    typical_seconds,
-    verdict,
-)
+from .judge import ASTRAY_BOUND, ASTRAY_STATED, reading_seconds, verdict
 from .methods import CLASSIC, LINE, LOOP, ONE_LOOK, OURS, PAPER, Answers, Method, others, ours
-from .scenes import (
-    RIGS,
-    SIZES,
-    Cell,
-    Information,
-    cell,
-    contact_bound,
-    frames_at_information,
-    information_of,
-)
+from .scenes import RIGS, SIZES, Cell, cell, contact_bound, frames_at_information, information_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -85,49 +65,31 @@ class ChainRow:
     read_ms: float = column()
 
 
-@dataclass(frozen=True, eq=False)
-class Measured:
-    """What was measured of everything."""
-
-    rows: list[ChainRow]
-    stages: list[StageRow]
-    losses: list[LossRow]
-
-
-def run(pictures: int, seed: int, quick: bool = False, sizes: Sequence[tuple[int, int]] = SIZES) -> Measured:
+def run(pictures: int, seed: int, quick: bool = False, sizes: Sequence[tuple[int, int]] = SIZES) -> list[ChainRow]:
     """So many pictures of each size and rig. `quick` : times from fewer of them."""
     timed, repeats = (1, 1) if quick else (4, 3)
-    found = Measured([], [], [])
+    rows: list[ChainRow] = []
     with one_thread():
         for size in sizes:
             read_s = reading_seconds(size, repeats)
             for known in RIGS:
                 pages = cell(size, known, pictures, seed)
-                informations = [information_of(one) for one in pages.photographs]
-                bound_m = bounds(pages, informations)
-                methods = [*ours(pages.rig), *others(pages.rig)]
-                rows = [
-                    _row(pages, method, bound_m, read_s, timed, repeats)
-                    for method in progress(methods, f"{pages.name}, {known} rig", len(methods))
-                ]
-                found.rows.extend(rows)
-                of_bound = {row.method: row.of_bound for row in rows}
-                found.losses.extend(losses(pages, informations, bound_m, of_bound, seed))
-                if RIGS[known]:
-                    found.stages.extend(stages(pages, read_s, timed, repeats))
-    return found
+                bound_m, methods = bounds(pages), [*ours(pages.rig), *others(pages.rig)]
+                for method in progress(methods, f"{pages.name}, {known} rig", len(methods)):
+                    rows.append(_row(pages, method, bound_m, read_s, timed, repeats))
+    return rows
 
 
-def bounds(pages: Cell, told: Sequence[Information]) -> np.ndarray:
+def bounds(pages: Cell) -> np.ndarray:
     """(K,) least standard deviations of the pictures' contact distances, m, with the rig as well known as it is."""
     truths = [replace(one.truth, rig=pages.rig) for one in pages.photographs]
-    return contact_bound(frames_at_information(truths, told)).std[:, 0]
+    return contact_bound(frames_at_information(truths, [information_of(one) for one in pages.photographs])).std[:, 0]
 
 
 def _row(pages: Cell, method: Method, bound_m: np.ndarray, read_s: float, timed: int, repeats: int) -> ChainRow:
     photographs = pages.photographs
     singles = [partial(method.solve, photographs[index : index + 1]) for index in range(min(timed, len(pages)))]
-    alone = typical_seconds(singles, repeats)
+    alone = float(np.median([processor_seconds(work, repeats) for work in singles]))
     found: list[Answers] = []
     together = processor_seconds(lambda: found.append(method.solve(photographs)), repeats - 1, _LONG_S) / len(pages)
     return ChainRow(
@@ -154,14 +116,9 @@ wrong: off by more than {ASTRAY_BOUND:.0f} of the bound's deviations, and by mor
   own where a method states them; two points on the straight part: the truth tells where it is straight
 ms: one thread's processor time from the decoded picture to distance and force; what needs no picture is
   prepared before"""
-_LOSSES = """\
-where accuracy goes: rms error of the distance in the bound's deviations, from points without noise, from points as
-good as the picture allows, and from the picture; noise of the found points over the least; share of the columns with
-a point; the points' stated deviations over their noise"""
-_STAGES = "where the time goes, auto, two looks; ms of a picture that comes alone and of each in a recording"
 
 
-def _as_text(found: Measured, row: Any) -> str:
+def _as_text(rows: Sequence[ChainRow], row: Any) -> str:
     """The tables for people, below the result in one sentence."""
     lines = [
         f"auto, {row.size}, a calibrated rig: {row.ms:.1f} ms a picture, {row.ms_recording:.1f} ms in a recording; "
@@ -169,11 +126,11 @@ def _as_text(found: Measured, row: Any) -> str:
         f"picture once takes {row.read_ms:.3f} ms",
         _NOTES,
     ]
-    for (size, rig), group in groupby(found.rows, key=lambda row: (row.size, row.rig)):
+    for (size, rig), group in groupby(rows, key=lambda row: (row.size, row.rig)):
         own = list(group)
         limits = f"{own[0].bound_mm:.3f} mm rms, {own[0].read_ms:.4f} ms"
         lines += ["", table(own, f"{size}, rig {rig}, {own[0].pictures} pictures; the limits: {limits}")]
-    return "\n".join([*lines, "", table(found.losses, _LOSSES), "", table(found.stages, _STAGES)])
+    return "\n".join(lines)
 
 
 def _chosen(rows: Sequence[ChainRow]) -> Any:
@@ -190,8 +147,6 @@ _STYLES = {
     CLASSIC: (BLUE, "v"),
 }
 """Of each family of methods: its colour and mark."""
-_ALIKE = 1.25, 2.0
-"""Rungs whose errors and times differ by no more than these factors share a label."""
 
 
 def _figure(rows: Sequence[ChainRow]) -> Figure:
@@ -227,39 +182,26 @@ def _limits(panel: Axes, row: ChainRow) -> None:
 
 
 def _marks(panel: Axes, rows: Sequence[ChainRow]) -> None:
-    groups: list[list[ChainRow]] = []
     for row in rows:
         colour, mark = _STYLES[row.family]
         error = row.l_rms_mm or 0.0
-        scatter = (row.l_rms_error_mm or 0.0) / error
+        scatter = row.l_rms_error_mm or 0.0
         panel.loglog([error, error], [row.ms, row.ms_recording], color=colour, lw=0.7)
-        panel.loglog([error * (1 - scatter), error * (1 + scatter)], [row.ms, row.ms], color=colour, lw=1.0, alpha=0.5)
+        panel.loglog([error - scatter, error + scatter], [row.ms, row.ms], color=colour, lw=1.0, alpha=0.5)
         panel.loglog(error, row.ms_recording, mark, color=colour, markerfacecolor="white", markersize=6)
         panel.loglog(error, row.ms, mark, color=colour, markersize=6)
-        alike = next((group for group in groups if _together(group[0], row)), None)
-        if alike is None:
-            groups.append([row])
-        else:
-            alike.append(row)
-    names = [", ".join(row.method for row in group) for group in groups]
-    at = [(max(row.l_rms_mm or 0.0 for row in group), group[0].ms, _STYLES[group[0].family][0]) for group in groups]
-    name_points(panel, [(name, *place) for name, place in zip(names, at, strict=True)], gap=1.35)
-
-
-def _together(one: ChainRow, other: ChainRow) -> bool:
-    near = abs(log10((one.l_rms_mm or 0.0) / (other.l_rms_mm or 0.0))) < log10(_ALIKE[0])
-    return one.family == other.family == OURS and near and abs(log10(one.ms / other.ms)) < log10(_ALIKE[1])
+    name_points(panel, [(row.method, row.l_rms_mm or 0.0, row.ms, _STYLES[row.family][0]) for row in rows], gap=1.35)
 
 
 def measure(options: Options) -> Findings:
     """The subject `chain` of `vbaa bench`; a draw is a picture, of each size and rig."""
-    found = run(options.draws, options.seed, options.quick)
-    row = _chosen(found.rows)
+    rows = run(options.draws, options.seed, options.quick)
+    row = _chosen(rows)
     return Findings(
-        _as_text(found, row),
-        {"chain.csv": found.rows, "chain_stages.csv": found.stages, "chain_losses.csv": found.losses},
-        {"chain.png": lambda: _figure(found.rows)},
-        vars(found),
+        _as_text(rows, row),
+        {"chain.csv": rows},
+        {"chain.png": lambda: _figure(rows)},
+        {"rows": rows},
         f"picture to contact, auto, {row.size}: {row.ms:.0f} ms, {row.of_bound:.2f} × the bound; reading it "
         f"{row.read_ms:.3f} ms",
     )

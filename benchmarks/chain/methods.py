@@ -14,7 +14,7 @@ from benchmarks.chain.scenes import CAMERA_TILT_RAD, FRICTION_STD_RAD, JOINTS_RA
 from benchmarks.estimator.baselines import FIRST_GUESS, one_contact
 from benchmarks.vision.judge import peers
 from estimator import ContactEstimator
-from estimator.contact.recording import FirstDetection, detect, detect_again, detections, measured
+from estimator.contact.recording import FirstDetection, detect, detections, measured
 from estimator.paper.inclined import inclined_two_point_contact
 from estimator.paper.two_point import force_z, straight_line_contact, two_point_contact
 from estimator.table.contacts import Measured
@@ -22,12 +22,11 @@ from vbaa_calib.antenna.rungs import RUNGS
 from vbaa_calib.antenna.shape import Curves
 from vbaa_calib.camera import Camera, CameraOnPlane
 from vbaa_calib.detect.whisker.antenna import corridor, free_curve, pixels
-from vbaa_calib.detect.whisker.centreline import NOTHING, Centreline
+from vbaa_calib.detect.whisker.centreline import NOTHING
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import Frame
 
 MODELS = (*RUNGS, "auto")
-PAPER_RUNG = RUNGS[0]
 OURS, ONE_LOOK = "this library", "this library, one look"
 PAPER, LINE = "the paper's two points", "straight line"
 LOOP, CLASSIC = "SciPy on our centreline", "undistorted picture"
@@ -75,22 +74,14 @@ def frame_of(photograph: Photograph) -> Frame:
 
 def seen(estimator: ContactEstimator, photographs: Sequence[Photograph], twice: bool = True) -> Iterator[Measured]:
     """What the fit is given of pictures, by the steps that a recording's pictures go through."""
-    glances = (_glance(estimator, one) for one in photographs)
+    glances = (
+        FirstDetection(frame, one.image, detect(estimator.rig, frame, one.image), estimator.rig.image.bright)
+        for one in photographs
+        for frame in [frame_of(one)]
+    )
     if twice:
         return (each.measured for each in detections(estimator, glances))
     return (measured(estimator.rig, each.frame, each.line if each.line.found else NOTHING) for each in glances)
-
-
-def centreline(estimator: ContactEstimator, photograph: Photograph) -> Centreline:
-    """As it is seen at the second look."""
-    (seen_again,) = detect_again(estimator, [_glance(estimator, photograph)])
-    return seen_again.line if seen_again.line.found else NOTHING
-
-
-def _glance(estimator: ContactEstimator, photograph: Photograph) -> FirstDetection:
-    frame = frame_of(photograph)
-    line = detect(estimator.rig, frame, photograph.image)
-    return FirstDetection(frame, photograph.image, line, estimator.rig.image.bright)
 
 
 def _contacts(estimator: ContactEstimator, twice: bool, photographs: Sequence[Photograph]) -> Answers:
@@ -210,22 +201,15 @@ def _toolbox(rig: Rig, free: _Free) -> list[Method]:
 
 
 def _formula(free: _Free, look: Look, formula: Formula, told: bool, photographs: Sequence[Photograph]) -> Answers:
-    """Two points of every picture, then all pictures at once."""
-    length = free.rig.antenna.length_m
-    picked = []
-    for one in photographs:
-        begin = one.distance_m if told else 0.0
+    """Two points of every picture, nearest to the wanted x or NaN, then all pictures at once."""
+    length, picked = free.rig.antenna.length_m, np.full((len(photographs), 2, 2), np.nan)
+    for own, one in zip(picked, photographs, strict=True):
+        begin, points = one.distance_m if told else 0.0, free.deflection(look(one))
         wanted = begin + np.array(_STRAIGHT if told else _SHARES) * (length - begin)
-        picked.append(_nearest(free.deflection(look(one)), wanted))
-    x, y = np.moveaxis(np.array(picked), -1, 0)
+        if len(points) >= 2:
+            own[:] = points[np.abs(points[:, :1] - wanted).argmin(axis=0)]
+    x, y = np.moveaxis(picked, -1, 0)
     return formula(free.rig, x, y, free.moment_of_touch(photographs))
-
-
-def _nearest(points_m: np.ndarray, wanted_m: np.ndarray) -> np.ndarray:
-    """(2, 2) the points of (N, 2), in order of x, that lie nearest to two x; NaN where there are none."""
-    if len(points_m) < 2:
-        return np.full((2, 2), np.nan)
-    return points_m[np.abs(points_m[:, :1] - wanted_m).argmin(axis=0)]
 
 
 def _upright(rig: Rig, x: np.ndarray, y: np.ndarray, moment_Nm: np.ndarray) -> Answers:
@@ -244,27 +228,23 @@ def _inclined(rig: Rig, x: np.ndarray, y: np.ndarray, moment_Nm: np.ndarray) -> 
 def _straight_line(free: _Free, look: Look, photographs: Sequence[Photograph]) -> Answers:
     """A line through the straight part of each."""
     antenna, moments = free.rig.antenna, free.moment_of_touch(photographs)
-    guess = FIRST_GUESS * antenna.length_m
-    rows = []
-    for one, moment in zip(photographs, moments, strict=True):
-        x, y = free.deflection(look(one)).T
-        contact, force_y = map(float, straight_line_contact(x, y, guess, antenna.stiffness_Nm2))
-        rows.append((contact, force_y, float(force_z(moment, contact))))
-    contact, along_y, along_z = np.array(rows).T
+    x_y = (free.deflection(look(one)).T for one in photographs)
+    guess_m = FIRST_GUESS * antenna.length_m
+    rows = [straight_line_contact(x, y, guess_m, antenna.stiffness_Nm2) for x, y in x_y]
+    contact, along_y = np.array(rows, float).T
     # a line that crosses the antenna beyond its tip tells of no contact
     there = contact <= antenna.length_m
-    return _answers(*(np.where(there, values, np.nan) for values in (contact, along_y, along_z)))
+    force = along_y, np.asarray(force_z(moments, contact), float)
+    return _answers(*(np.where(there, values, np.nan) for values in (contact, *force)))
 
 
 def _scipy(rig: Rig, look: Look, sigma_px: float, photographs: Sequence[Photograph]) -> Answers:
     """One `least_squares` after the other."""
     found = np.full((len(photographs), 3), np.nan)
     for index, one in enumerate(photographs):
-        points = look(one)
-        frame = replace(
-            one.truth, rig=rig, points_px=points[None], sigma_px=sigma_px, moment_Nm=np.array([one.moment_Nm])
-        )
+        points, moment = look(one), np.array([one.moment_Nm])
         if len(points) >= _FEWEST:
+            frame = replace(one.truth, rig=rig, points_px=points[None], sigma_px=sigma_px, moment_Nm=moment)
             found[index] = one_contact(frame, 0)
     inside = (found[:, 0] > 0.0) & (found[:, 0] <= rig.antenna.length_m)
     return _answers(*np.where(inside[:, None], found, np.nan).T)

@@ -15,6 +15,7 @@ from benchmarks.estimator.bound import Bound, bound
 from benchmarks.estimator.scenes import Scenes, Touches, push_for_deflection, rod_shapes, rolled, scenes, seen
 from benchmarks.estimator.setup import TOWARDS_CLAMP, Setup, drawn_truth
 from benchmarks.harness import concatenated
+from benchmarks.vision.judge import information
 from benchmarks.vision.scenes import PLAIN, bare_studio, variance
 from vbaa_calib.rig import Rig
 from vbaa_calib.simulate.render.antenna import Tube, tube, tube_patch
@@ -182,19 +183,10 @@ def information_of(photograph: Photograph) -> Information:
     column, row = (values[(row >= 0) & (row <= height - 1)] for values in (column, row))
     # so far that a longer profile would tell the background's slope, and with it the place, no better
     reach = 3 * int(np.ceil(drawing.tube.half_width_px.max() + 4.0 * drawing.studio.spec.blur_px + 2.0))
-    rows = np.rint(row).astype(int)[:, None] + np.arange(-reach, reach + 1)
-    there = (rows >= 0) & (rows < height)
-    at = np.clip(rows, 0, height - 1), column[:, None]
-    weight = there / np.sqrt(drawing.variance(whole)[at])
-    line = whole[at] - drawing.light(antenna=False)[at]
-    aside = np.broadcast_to(np.arange(-reach, reach + 1) / reach, line.shape)
-    unknown = np.stack([np.ones_like(line), aside, line], axis=-1) * weight[..., None]
-    signal = slope[at] * weight
-    normal = np.einsum("ctk,ctl->ckl", unknown, unknown)
-    taken_up = np.linalg.solve(normal, np.einsum("ctk,ct->ck", unknown, signal)[..., None])[..., 0]
-    left = signal - np.einsum("ctk,ck->ct", unknown, taken_up)
+    line = whole - drawing.light(antenna=False)
+    per_px2 = information((slope, line, drawing.variance(whole)), column, row, reach)
     share = np.interp(column, pixels[:, 0], arclength) / arclength[-1]
-    return Information(column, share, (left**2).sum(axis=1))
+    return Information(column, share, per_px2)
 
 
 def equal_information(known: Sequence[Information], points: int = POINTS) -> tuple[np.ndarray, float]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import multiprocessing
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING
 
@@ -18,7 +18,7 @@ from vbaa_calib.core.console import progress
 from vbaa_calib.core.errors import VbaaError
 
 from .rigs import CoverageRig, Draw, coverage_rigs, draw
-from .solve import STAGES, Errors, Solved, solve, statistics
+from .solve import Errors, Solved, solve, statistics
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -54,25 +54,19 @@ UNITS = {
 """Quantity → unit, and its factor on SI; others mix units."""
 
 
-@dataclass(frozen=True, eq=False)
-class Outcome:
-    """One draw's errors by quantity, or why there are none; its times and noise."""
-
-    errors: Mapping[str, Errors]
-    seconds: tuple[float, ...] = ()
-    noise_scale: float = np.nan
-    failure: str = ""
-
-
 @dataclass(frozen=True)
 class Row:
-    """One quantity on one rig; the numbers are those of `solve.Statistics`.
+    """One quantity on one rig, over the draws.
 
-    Attributes
-    ----------
     judged : whether the goal is about it. met : within 15 % (`ratio` and `worst_ratio`) and 93 to 97 %.
     draws, failed : how many draws count, and how many could not be solved.
-    unit : of `predicted_std`; empty, and no number, where units are mixed.
+    ratio : sampled over predicted standard deviation, in the mean square over the quantity's numbers. ratio_error : its
+        standard error. worst_ratio : that of the number whose ratio is furthest from 1.
+    covered : share of the 95 % regions that hold the truth. covered_error : its standard error.
+    bias : mean error in predicted standard deviations, of the number where it is largest; its standard error is
+        1/√draws where only noise is at work.
+    predicted_std : typical predicted standard deviation (rms over draws and numbers); None, and no unit, where units
+        are mixed.
     """
 
     rig: str = column("rig")
@@ -89,20 +83,6 @@ class Row:
     bias: float = column("bias", ".2f")
     predicted_std: float | None = column("predicted", ".3g")
     unit: str = column("unit")
-
-
-@dataclass(frozen=True)
-class RigRow:
-    """A rig as a whole: medians over its draws of each stage's seconds and of the noise found over the true one."""
-
-    rig: str = column("medians")
-    draws: int = column("draws", "d")
-    failed: int = column("failed", "d")
-    seconds_lens: float = column("lens s", ".2f")
-    seconds_plane: float = column("plane C s", ".2f")
-    seconds_joint: float = column("joint s", ".2f")
-    noise_scale: float = column("noise found over its size", ".2f")
-    failures: tuple[str, ...] = ()
 
 
 def errors_of(given: Draw, solved: Solved) -> dict[str, Errors]:
@@ -127,20 +107,21 @@ def _rigs() -> list[CoverageRig]:
     return coverage_rigs()
 
 
-def outcome(task: tuple[int, int, int]) -> Outcome:
-    """One draw solved: (seed, number of the rig, number of the draw). Depends on nothing else."""
+def outcome(task: tuple[int, int, int]) -> Mapping[str, Errors] | str:
+    """One draw solved: (seed, number of the rig, number of the draw). Depends on nothing else.
+
+    Its errors by quantity, or why there are none.
+    """
     given = draw(_rigs()[task[1]], task)
     try:
-        solved = solve(given)
+        found = errors_of(given, solve(given))
     except VbaaError as error:
-        return Outcome({}, failure=str(error).splitlines()[0])
-    found = errors_of(given, solved)
-    if not all(np.isfinite(errors.errors).all() for errors in found.values()):
-        return Outcome({}, failure="a pixel of C has no ray through the solved lens")
-    return Outcome(found, solved.seconds, solved.noise_scale)
+        return str(error).splitlines()[0]
+    known = all(np.isfinite(errors.errors).all() for errors in found.values())
+    return found if known else "a pixel of C has no ray through the solved lens"
 
 
-def outcomes(tasks: Sequence[tuple[int, int, int]], jobs: int) -> Iterator[Outcome]:
+def outcomes(tasks: Sequence[tuple[int, int, int]], jobs: int) -> Iterator[Mapping[str, Errors] | str]:
     """Of every task in order, by so many processes."""
     if jobs == 1:
         yield from map(outcome, tasks)
@@ -150,60 +131,44 @@ def outcomes(tasks: Sequence[tuple[int, int, int]], jobs: int) -> Iterator[Outco
         yield from pool.map(outcome, tasks, chunksize=4)
 
 
-def run(draws: int, seed: int, jobs: int = 1, chosen: Sequence[int] | None = None) -> tuple[list[Row], list[RigRow]]:
-    """Every quantity on every rig (or those of the numbers chosen), and the rigs themselves."""
+def run(draws: int, seed: int, jobs: int = 1, chosen: Sequence[int] | None = None) -> tuple[list[Row], list[str]]:
+    """Every quantity on every rig (or those of the numbers chosen), and a line for each rig of which draws failed."""
     rigs = list(range(len(_rigs()))) if chosen is None else list(chosen)
     tasks = [(seed, rig, number) for rig in rigs for number in range(draws)]
     found = list(progress(outcomes(tasks, jobs), "draws", len(tasks)))
-    rows, rig_rows = [], []
+    rows, failed = list[Row](), []
     for place, rig in enumerate(rigs):
-        own = found[place * draws : (place + 1) * draws]
-        rows += _rows(_rigs()[rig].name, own)
-        rig_rows.append(_rig_row(_rigs()[rig].name, own))
-    return rows, rig_rows
+        name, own = _rigs()[rig].name, found[place * draws : (place + 1) * draws]
+        failures = [one for one in own if isinstance(one, str)]
+        rows += _rows(name, [one for one in own if not isinstance(one, str)], len(failures))
+        if failures:
+            failed.append(f"{name}, {len(failures)} of {draws} failed: {'; '.join(sorted(set(failures)))}")
+    return rows, failed
 
 
-def _rows(rig: str, found: Sequence[Outcome]) -> list[Row]:
-    good = [one.errors for one in found if not one.failure]
-    if len(good) < 2:
-        return []
-    rows = []
-    for quantity in good[0]:
+def _rows(rig: str, good: Sequence[Mapping[str, Errors]], failed: int) -> Iterator[Row]:
+    for quantity in good[0] if len(good) > 1 else ():
         numbers = statistics([errors[quantity] for errors in good])
         unit, factor = UNITS.get(quantity, ("", 0.0))
-        low, high = COVERED_GOAL
-        near = all(abs(ratio - 1.0) <= _RATIO_GOAL for ratio in (numbers.ratio, numbers.worst_ratio))
-        own = asdict(numbers) | {"predicted_std": factor * numbers.predicted_std if unit else None}
-        met = near and low <= numbers.covered <= high
-        judged = quantity in JUDGED
-        rows.append(Row(rig, quantity, judged, met, len(good), len(found) - len(good), **own, unit=unit))
-    return rows
-
-
-def _rig_row(rig: str, found: Sequence[Outcome]) -> RigRow:
-    good = [one for one in found if not one.failure]
-    seconds = np.median([one.seconds for one in good], axis=0) if good else np.full(len(STAGES), np.nan)
-    lens, plane, joint = (float(value) for value in seconds)
-    noise = float(np.median([one.noise_scale for one in good])) if good else np.nan
-    failures = tuple(sorted({one.failure for one in found if one.failure}))
-    return RigRow(rig, len(good), len(found) - len(good), lens, plane, joint, noise, failures)
+        near = all(abs(numbers[name] - 1.0) <= _RATIO_GOAL for name in ("ratio", "worst_ratio"))
+        numbers["predicted_std"] = factor * numbers["predicted_std"] if unit else None
+        met = near and COVERED_GOAL[0] <= numbers["covered"] <= COVERED_GOAL[1]
+        yield Row(rig, quantity, quantity in JUDGED, met, len(good), failed, **numbers, unit=unit)
 
 
 _SHOWN = {"points on C": GREEN, "camera pose": AMBER, "EI": VIOLET, "pose, antenna, sensor": GREY}
 """Quantities of the figure → colour."""
 
 
-def as_text(rows: Sequence[Row], rigs: Sequence[RigRow], draws: int) -> str:
-    """The tables for people."""
+def as_text(rows: Sequence[Row], failed: Sequence[str], draws: int) -> str:
+    """The table for people."""
     title = (
         f"{draws} draws a rig; ratio: sampled over predicted standard deviation, then that of the worst number of the "
         "quantity;\ncovered: 95 % regions that hold the truth; bias: largest mean error, in predicted deviations; "
         f"goal: ratios within {_RATIO_GOAL:.0%} and {COVERED_GOAL[0]:.0%} to {COVERED_GOAL[1]:.0%}"
     )
     goal = {"goal": lambda row: ("met" if row.met else "missed") if row.judged else ""}
-    failed = [f"{rig.rig}, {rig.failed} of {rig.draws + rig.failed} failed: {'; '.join(rig.failures)}" for rig in rigs]
-    failed = [line for line, rig in zip(failed, rigs, strict=True) if rig.failed]
-    return "\n".join([table(rows, title, 1, goal) if rows else title, "", table(rigs), *failed])
+    return "\n".join([table(rows, title, 1, goal) if rows else title, *failed])
 
 
 def figure(rows: Sequence[Row], draws: int) -> Figure:
@@ -231,23 +196,16 @@ def figure(rows: Sequence[Row], draws: int) -> Figure:
 
 def measure(options: Options) -> Findings:
     """Every quantity on every rig; a draw is one calibration."""
-    rows, rigs = run(options.draws, options.seed, options.jobs)
-    return Findings(
-        as_text(rows, rigs, options.draws),
-        {"coverage.csv": rows, "coverage_rigs.csv": rigs},
-        {"coverage.png": lambda: figure(rows, options.draws)},
-        {"rows": rows, "rigs": rigs},
-        headline(rows),
-    )
-
-
-def headline(rows: Sequence[Row]) -> str:
-    """Of the quantities with a goal: how many meet it, and the span of sampled over predicted deviations."""
+    rows, failed = run(options.draws, options.seed, options.jobs)
     judged = [row for row in rows if row.judged]
-    if not judged:
-        return "no rig could be calibrated twice"
     ratios = [row.ratio for row in judged]
-    met = sum(row.met for row in judged)
-    return (
-        f"goal met by {met} of {len(judged)}; sampled over predicted deviation {min(ratios):.2f} to {max(ratios):.2f}"
+    return Findings(
+        as_text(rows, failed, options.draws),
+        {"coverage.csv": rows},
+        {"coverage.png": lambda: figure(rows, options.draws)},
+        {"rows": rows},
+        f"goal met by {sum(row.met for row in judged)} of {len(judged)}; sampled over predicted deviation "
+        f"{min(ratios):.2f} to {max(ratios):.2f}"
+        if judged
+        else "no rig could be calibrated twice",
     )

@@ -8,7 +8,6 @@ model that is fitted.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -132,10 +131,10 @@ def _rig(
     return replace(rig, T_camera_board=tuple(kept[:views]))
 
 
-CENTRELINE_PX, MOMENT_NM = 0.1, 2e-5
-TIP_PX = 0.1
+CENTRELINE_PX, TIP_PX, MOMENT_NM = 0.1, 0.1, 2e-5
+"""Standard deviations of a centreline point and of the tip, per axis, and of a moment reading."""
 ENDS = 7
-"""Standard deviations of a centreline point, per axis, and of a moment reading."""
+"""Seed of the tips, beside a draw's own."""
 _LOG_STIFFNESS_SPREAD, _GAIN_SPREAD, _OFFSET_SPREAD_NM = 0.05, 0.05, 5e-4
 """Of the true values, where they are narrower than the priors."""
 _TILTS_RAD = (0.0, 0.5, -0.4, 0.9, -0.8)
@@ -221,58 +220,63 @@ def _planned_stills() -> list[Still]:
     return [*free, *hung]
 
 
+@dataclass(frozen=True, eq=False)
+class Bent:
+    """F antennas under weight and load, whose clamp gives way; what is seen turns with it.
+
+    shape : by the rod, in the clamp's own frame. held : how far the clamp gives way to the moment that it holds.
+    clamp_yz_m : (2,) where it is. readings_Nm : (F,) of the moment sensor, without noise.
+    """
+
+    shape: RodShape
+    held: Rotation
+    clamp_yz_m: np.ndarray
+    readings_Nm: np.ndarray
+
+    @staticmethod
+    def of(truth: np.ndarray, gravity: np.ndarray, hung: np.ndarray) -> Bent:
+        """By parameters (11,) as of `Draw.truth`, gravity (F, 3), and loads (F, 4): distance and force."""
+        rod = true_rod(truth)
+        moment = solve_rod(rod, gravity, hung[:, 0], hung[:, 1:]).clamp_moment_Nm
+        held = Rotation.from_rotvec(truth[8] / np.exp(truth[6]) * moment * [0.0, 1.0, 1.0])
+        # the clamp turns: as if weight and load turned the other way, and then all that is seen with the clamp
+        shape = solve_rod(rod, held.inv().apply(gravity), hung[:, 0], held.inv().apply(hung[:, 1:]))
+        gain, offset = truth[9:]
+        return Bent(shape, held, truth[:2], offset - gain * held.apply(shape.clamp_moment_Nm)[:, 1])
+
+    def pixels(self, rig: CoverageRig, index: int, arclength_m: np.ndarray) -> np.ndarray:
+        """(N, 2) true pixels of one antenna at arc lengths (N,), m."""
+        one = RodShape(*(values[index : index + 1] for values in vars(self.shape).values()))
+        points, clamp = sample_shape(one, arclength_m[None])[0][0], np.append(0.0, self.clamp_yz_m)
+        return rig.antenna_pixels(clamp + self.held[index].apply(points - clamp))
+
+    def tip_px(self, rig: CoverageRig, index: int, tip_m: float) -> np.ndarray:
+        """(2,) true pixel of one antenna's visible end, so far beyond its length; NaN outside the picture."""
+        near = 1e-3
+        before, end = self.pixels(rig, index, np.array([NOMINAL.length_m - near, NOMINAL.length_m]))
+        tip_px = end + tip_m / near * (end - before)
+        return tip_px if rig.inside(tip_px[None])[0] else np.full(2, np.nan)
+
+    def line_px(self, rig: CoverageRig, index: int) -> np.ndarray:
+        """(N, 2) true pixels of one antenna's centreline, about one pixel apart, as far as the picture shows it."""
+        way = np.diff(self.pixels(rig, index, np.linspace(_BEGIN, 1.0, 60) * NOMINAL.length_m), axis=0)
+        count = int(np.nansum(np.linalg.norm(way, axis=1))) + 1
+        pixels = self.pixels(rig, index, np.linspace(_BEGIN, 1.0, count) * NOMINAL.length_m)
+        return pixels[rig.inside(pixels)]
+
+
 def _stills(
     rig: CoverageRig, truth: np.ndarray, rng: np.random.Generator, tip_m: float, ends: np.random.Generator
 ) -> list[Seen]:
     stills = _planned_stills()
     gravity = gravity_antenna(Kinematics(), GRAVITY_WORLD_M_S2, stills)
     loads = [(s.distance_m, 0.0, s.force_y_N, s.force_z_N) if isinstance(s, Load) else (0.1, 0, 0, 0) for s in stills]
-    hung = np.array(loads, float)
-    held, rod = clamp_turns(truth, gravity, hung), true_rod(truth)
-    # the clamp turns: the same as if weight and load turned the other way, and then all that is seen with the clamp
-    shape = solve_rod(rod, held.inv().apply(gravity), hung[:, 0], held.inv().apply(hung[:, 1:]))
-    gain, offset = truth[9:]
-    readings = offset - gain * held.apply(shape.clamp_moment_Nm)[:, 1] + MOMENT_NM * rng.normal(size=len(stills))
+    bent = Bent.of(truth, gravity, np.array(loads, float))
+    readings = bent.readings_Nm + MOMENT_NM * rng.normal(size=len(stills))
     seen = []
     for index, still in enumerate(stills):
-        pixels = centreline(rig, shape, index, held[index], truth[:2])
+        pixels = bent.line_px(rig, index)
         pixels = pixels + CENTRELINE_PX * rng.normal(size=pixels.shape)
-        tip_px = seen_tip(rig, shape, index, held[index], truth[:2], tip_m) + TIP_PX * ends.normal(size=2)
+        tip_px = bent.tip_px(rig, index, tip_m) + TIP_PX * ends.normal(size=2)
         seen.append(Seen(replace(still, moment_Nm=float(readings[index])), pixels, gravity[index], tip_px))
     return seen
-
-
-def clamp_turns(truth: np.ndarray, gravity: np.ndarray, hung: np.ndarray) -> Rotation:
-    """(F,) how far the clamp gives way to the moment that it holds in each still."""
-    moment = solve_rod(true_rod(truth), gravity, hung[:, 0], hung[:, 1:]).clamp_moment_Nm
-    return Rotation.from_rotvec(truth[8] / np.exp(truth[6]) * moment * [0.0, 1.0, 1.0])
-
-
-def _drawn(
-    rig: CoverageRig, shape: RodShape, index: int, held: Rotation, clamp_yz_m: np.ndarray
-) -> Callable[[np.ndarray], np.ndarray]:
-    """The true pixels (N, 2) of one antenna at arc lengths (1, N), m."""
-    one = RodShape(*(values[index : index + 1] for values in vars(shape).values()))
-    clamp = np.append(0.0, clamp_yz_m)
-    return lambda arclength_m: rig.antenna_pixels(clamp + held.apply(sample_shape(one, arclength_m)[0][0] - clamp))
-
-
-def seen_tip(
-    rig: CoverageRig, shape: RodShape, index: int, held: Rotation, clamp_yz_m: np.ndarray, tip_m: float
-) -> np.ndarray:
-    """(2,) true pixel of one antenna's visible end, which lies so far beyond its length; NaN outside the picture."""
-    near, pixels_at = 1e-3, _drawn(rig, shape, index, held, clamp_yz_m)
-    before, end = pixels_at(np.array([[NOMINAL.length_m - near, NOMINAL.length_m]]))
-    tip_px = end + tip_m / near * (end - before)
-    return tip_px if rig.inside(tip_px[None])[0] else np.full(2, np.nan)
-
-
-def centreline(rig: CoverageRig, shape: RodShape, index: int, held: Rotation, clamp_yz_m: np.ndarray) -> np.ndarray:
-    """(N, 2) true pixels of one antenna's centreline, about one pixel apart, as far as the picture shows it."""
-    pixels_at = _drawn(rig, shape, index, held, clamp_yz_m)
-    coarse = np.linspace(_BEGIN, 1.0, 60)[None] * NOMINAL.length_m
-    way = np.linalg.norm(np.diff(pixels_at(coarse), axis=0), axis=1)
-    count = int(np.nansum(way)) + 1
-    even = np.linspace(_BEGIN, 1.0, count)[None] * NOMINAL.length_m
-    pixels = pixels_at(even)
-    return pixels[rig.inside(pixels)]

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.stats import chi2
@@ -20,8 +20,6 @@ from vbaa_calib.rig import RIG_PARAMETERS
 
 from .rigs import BOARD, CENTRELINE_PX, MOMENT_NM, NOMINAL, T_ANTENNA_JIG, TIP_PX, Draw
 
-STAGES = ("lens", "plane", "joint")
-
 
 @dataclass(frozen=True, eq=False)
 class Solved:
@@ -33,8 +31,6 @@ class Solved:
     parameters : (11,) antenna, gain and offset: `RIG_PARAMETERS` after the pose.
     covariance : (17, 17) of `RIG_PARAMETERS`, the pose's six about the solved pose.
     plane_covariance : (P + 6, P + 6) of the lens, then of the pose: `CameraOnPlane.parameter_names`.
-    noise_scale : scatter of the centreline over what it claims.
-    seconds : of each of `STAGES`.
     """
 
     camera: Camera
@@ -42,18 +38,13 @@ class Solved:
     parameters: np.ndarray
     covariance: np.ndarray
     plane_covariance: np.ndarray
-    noise_scale: float
-    seconds: tuple[float, ...]
 
 
-def prior_of(given: Draw, clock: list[float]) -> Prior:
-    """Lens from the views, then pose of C from the jig; the times after both are added to the clock."""
+def prior_of(given: Draw) -> Prior:
+    """Lens from the views, then pose of C from the jig."""
     lens = solve_intrinsics(given.views, BOARD, model=given.rig.lens_model)
-    clock.append(time.perf_counter())
     board_pose = solve_board_pose(given.jig_views, lens.board_shape, lens.camera)
-    estimate = jig_estimate(board_pose, T_ANTENNA_JIG)
-    clock.append(time.perf_counter())
-    return prior(NOMINAL, lens.camera, [estimate])
+    return prior(NOMINAL, lens.camera, [jig_estimate(board_pose, T_ANTENNA_JIG)])
 
 
 def solve(given: Draw) -> Solved:
@@ -61,35 +52,24 @@ def solve(given: Draw) -> Solved:
 
     Raises VbaaError as these do.
     """
-    clock = [time.perf_counter()]
-    before = prior_of(given, clock)
-    joint = adjust_bundle(observations(given), before, NOMINAL.length_m, MOMENT_NM)
-    clock.append(time.perf_counter())
+    joint = adjust_bundle(observations(given), prior_of(given), NOMINAL.length_m, MOMENT_NM)
     first = len(RIG_PARAMETERS)
     order = np.r_[first : len(joint.covariance), :6]
     return Solved(
-        camera=joint.camera,
-        T_antenna_camera=joint.T_antenna_camera,
+        joint.camera,
+        joint.T_antenna_camera,
         parameters=joint.parameters[6:],
         covariance=joint.covariance[:first, :first],
         plane_covariance=joint.covariance[np.ix_(order, order)],
-        noise_scale=joint.noise_scale,
-        seconds=tuple(np.diff(clock).tolist()),
     )
 
 
 def observations(given: Draw) -> list[Observation]:
     """The stills as the joint solve takes them, with the deviations that are true."""
+    sigma = (np.full(len(seen.points_px), CENTRELINE_PX) for seen in given.stills)
     return [
-        Observation(
-            seen.still,
-            seen.points_px,
-            np.full(len(seen.points_px), CENTRELINE_PX),
-            seen.gravity_m_s2,
-            tip_px=seen.tip_px,
-            tip_std_px=TIP_PX,
-        )
-        for seen in given.stills
+        Observation(seen.still, seen.points_px, own, seen.gravity_m_s2, tip_px=seen.tip_px, tip_std_px=TIP_PX)
+        for seen, own in zip(given.stills, sigma, strict=True)
     ]
 
 
@@ -117,50 +97,26 @@ class Errors:
         return (self.whitened * solved).sum(axis=-1)
 
 
-@dataclass(frozen=True)
-class Statistics:
-    """Of one quantity over the draws.
-
-    Attributes
-    ----------
-    ratio : sampled over predicted standard deviation, in the mean square over the quantity's numbers.
-    ratio_error : its standard error. worst_ratio : that of the number whose ratio is furthest from 1.
-    covered : share of the 95 % regions that hold the truth. covered_error : its standard error.
-    bias : mean error in predicted standard deviations, of the number where it is largest; its standard error is
-        1/√draws where only noise is at work.
-    predicted_std : typical predicted standard deviation (rms over draws and numbers), unit of the errors.
-    """
-
-    ratio: float
-    ratio_error: float
-    worst_ratio: float
-    covered: float
-    covered_error: float
-    bias: float
-    predicted_std: float
-
-
-def statistics(draws: Sequence[Errors]) -> Statistics:
-    """Of at least two draws."""
+def statistics(draws: Sequence[Errors]) -> dict[str, Any]:
+    """Of one quantity over at least two draws, the columns of `coverage.Row` from `ratio` on."""
     whitened = np.array([draw.whitened for draw in draws])
     scatter = whitened - whitened.mean(axis=0)
     squares = (scatter**2).mean(axis=(1, 2))
-    count = len(draws)
-    ratio = float(np.sqrt(squares.sum() / (count - 1)))
-    each = whitened.std(axis=0, ddof=1)
-    mean = whitened.mean(axis=0)
+    root = np.sqrt(len(draws))
+    ratio = float(np.sqrt(squares.sum() / (len(draws) - 1)))
+    each, mean = whitened.std(axis=0, ddof=1), whitened.mean(axis=0)
     things, numbers = whitened.shape[1:]
     inside = np.array([draw.squares for draw in draws]) <= chi2.ppf(_REGION, numbers)
     # things that share a draw share its errors: what scatters is the draw's share
     spread = np.sqrt(_REGION * (1 - _REGION)) if things == 1 else float(inside.mean(axis=1).std(ddof=1))
     variances = np.array([np.diagonal(draw.covariances, axis1=-2, axis2=-1) for draw in draws])
-    return Statistics(
-        ratio=ratio,
+    return {
+        "ratio": ratio,
         # of a mean of squares, and the root halves it
-        ratio_error=float(squares.std(ddof=1) / np.sqrt(count) / (2.0 * ratio)),
-        worst_ratio=float(each.ravel()[np.abs(np.log(each)).argmax()]),
-        covered=float(inside.mean()),
-        covered_error=spread / float(np.sqrt(count)),
-        bias=float(mean.ravel()[np.abs(mean).argmax()]),
-        predicted_std=float(np.sqrt(variances.mean())),
-    )
+        "ratio_error": float(squares.std(ddof=1) / root / (2.0 * ratio)),
+        "worst_ratio": float(each.ravel()[np.abs(np.log(each)).argmax()]),
+        "covered": float(inside.mean()),
+        "covered_error": spread / float(root),
+        "bias": float(mean.ravel()[np.abs(mean).argmax()]),
+        "predicted_std": float(np.sqrt(variances.mean())),
+    }

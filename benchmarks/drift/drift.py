@@ -6,8 +6,7 @@ OpenCV's, so that neither shares code with what is measured.
 
 from __future__ import annotations
 
-import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -15,11 +14,11 @@ import numpy as np
 
 from benchmarks.coverage import rigs, solve
 from benchmarks.figures import AMBER, GREEN, GREY, VIOLET, label, panels
-from benchmarks.harness import Findings, Options, column, rms, table
+from benchmarks.harness import Draws, Findings, Options, column, rms, table, timed
+from benchmarks.vision.scenes import normals
 from estimator import ContactEstimator
 from estimator.contact.contacts import Contact
 from estimator.table.contacts import Measured
-from vbaa_calib.antenna.rod import solve_rod
 from vbaa_calib.calibrate.antenna.bundle_adjustment import adjust_bundle
 from vbaa_calib.core.console import progress
 from vbaa_calib.geometry import Kinematics
@@ -119,7 +118,7 @@ class Recording:
 
 def calibrated(given: rigs.Draw) -> Rig:
     """The rig that a draw's pictures and readings lead to."""
-    before = replace(solve.prior_of(given, []), line_px=DRIFTS["lab"].line_px)
+    before = replace(solve.prior_of(given), line_px=DRIFTS["lab"].line_px)
     joint = adjust_bundle(solve.observations(given), before, rigs.NOMINAL.length_m, rigs.MOMENT_NM)
     gain, offset = joint.sensor_gain_offset
     antenna = joint.parameters[len(POSE_PARAMETERS) : -2]
@@ -151,9 +150,8 @@ def recorded(given: rigs.Draw, change: Change, seed: tuple[int, ...]) -> Recordi
     hung = np.stack([distance, np.zeros(count), size_N * np.cos(roll), size_N * np.sin(roll)], axis=1)
     stills = [Still(image=None, pan_rad=p, tilt_rad=t, moment_Nm=0.0) for p, t in zip(pan, tilt, strict=True)]
     gravity = gravity_antenna(Kinematics(), rigs.GRAVITY_WORLD_M_S2, stills)
-    held = rigs.clamp_turns(truth, gravity, hung)
-    shape = solve_rod(rigs.true_rod(truth), held.inv().apply(gravity), hung[:, 0], held.inv().apply(hung[:, 1:]))
-    readings = truth[10] - truth[9] * held.apply(shape.clamp_moment_Nm)[:, 1] + rigs.MOMENT_NM * rng.normal(size=count)
+    bent = rigs.Bent.of(truth, gravity, hung)
+    readings = bent.readings_Nm + rigs.MOMENT_NM * rng.normal(size=count)
     step = np.concatenate([change.turn_rad * parts[3:6], change.shift_m * parts[6:9]])
     rig = replace(given.rig, T_antenna_camera=given.rig.T_antenna_camera.retract(step))
     frames, ends, centre = [], np.random.default_rng((*seed, rigs.ENDS)), rig.lens.matrix[:2, 2]
@@ -162,27 +160,17 @@ def recorded(given: rigs.Draw, change: Change, seed: tuple[int, ...]) -> Recordi
         return (pixels - centre) * (1.0 + change.scale * parts[14]) + centre + change.picture_px * parts[9:11]
 
     for index in range(count):
-        exact = rigs.centreline(rig, shape, index, held[index], truth[:2])
+        exact = bent.line_px(rig, index)
         off = change.light_px * parts[11:14] + change.line_px * rng.normal(size=3)
-        line = exact + _across(exact) * _modes(len(exact), off)[:, None]
+        aside = np.polynomial.legendre.legval(np.linspace(-1.0, 1.0, len(exact)), off)  # offset, slope, curvature
+        line = exact + normals(exact) * aside[:, None]
         line = in_picture(line) + rigs.CENTRELINE_PX * rng.normal(size=line.shape)
-        end = rigs.seen_tip(rig, shape, index, held[index], truth[:2], given.tip_m) + rigs.TIP_PX * ends.normal(size=2)
+        end = bent.tip_px(rig, index, given.tip_m) + rigs.TIP_PX * ends.normal(size=2)
         tip_px = np.append(in_picture(end), rigs.TIP_PX)
         sigma = np.full(len(line), rigs.CENTRELINE_PX)
         angles = float(pan[index]), float(tilt[index])
         frames.append(Measured(line, sigma, float(readings[index]), *angles, tip_px=tip_px))
     return Recording(frames, np.where(size_N > 0.0, distance, np.nan))
-
-
-def _across(line: np.ndarray) -> np.ndarray:
-    """(N, 2) unit normals of a line."""
-    along = np.gradient(line, axis=0)
-    return np.stack([-along[:, 1], along[:, 0]], axis=1) / np.linalg.norm(along, axis=1, keepdims=True)
-
-
-def _modes(count: int, off: np.ndarray) -> np.ndarray:
-    """(N,) offset, slope and curvature of a line."""
-    return np.polynomial.legendre.legval(np.linspace(-1.0, 1.0, count), off)
 
 
 def estimated(rig: Rig, way: str, recording: Recording) -> list[Contact]:
@@ -205,9 +193,7 @@ class _Judged:
 
 
 def _judge(rig: Rig, way: str, recording: Recording) -> _Judged:
-    begun = time.process_time()
-    found = estimated(rig, way, recording)
-    seconds = time.process_time() - begun
+    found, seconds = timed(lambda: estimated(rig, way, recording))
     located = np.array([one.status in _OK for one in found])
     distance = np.where(located, [one.distance_m for one in found], np.nan)
     std = np.where(located, [one.distance_std_m for one in found], np.nan)
@@ -218,7 +204,9 @@ def _judge(rig: Rig, way: str, recording: Recording) -> _Judged:
 def run(options: Options) -> list[Row]:
     """Every change and way over all rigs and draws."""
     judged: dict[tuple[str, str], list[_Judged]] = {}
-    for given, number in progress(list(_draws(options)), "rigs"):
+    kinds = rigs.coverage_rigs()[: 1 if options.quick else 3]
+    for number in progress(range(options.draws), "rigs"):
+        given = rigs.draw(kinds[number % len(kinds)], (options.seed, number))
         rig = calibrated(given)
         for change in CHANGES:
             recording = recorded(given, change, (options.seed, number, 5))
@@ -228,24 +216,9 @@ def run(options: Options) -> list[Row]:
     return [_row(change, way, several, base) for (change, way), several in judged.items()]
 
 
-def _draws(options: Options) -> Iterator[tuple[rigs.Draw, int]]:
-    kinds = rigs.coverage_rigs()[:1] if options.quick else rigs.coverage_rigs()[:3]
-    for number in range(options.draws):
-        yield rigs.draw(kinds[number % len(kinds)], (options.seed, number)), number
-
-
 def _row(change: str, way: str, several: Sequence[_Judged], base: Sequence[_Judged]) -> Row:
-    error, std, free, touched, before, std_before = (
-        np.concatenate(parts)
-        for parts in (
-            [one.error_m for one in several],
-            [one.std_m for one in several],
-            [one.free for one in several],
-            [one.touched for one in several],
-            [one.error_m for one in base],
-            [one.std_m for one in base],
-        )
-    )
+    now, was_so = Draws(several), Draws(base)
+    error, std, free, touched, before = now.error_m, now.std_m, now.free, now.touched, was_so.error_m
     located, was = touched & np.isfinite(error), touched & np.isfinite(before)
     off = np.abs(error[located] / std[located])
     both = located & was
@@ -260,23 +233,20 @@ def _row(change: str, way: str, several: Sequence[_Judged], base: Sequence[_Judg
         l_rms_mm=1e3 * rms(error[located]),
         l_median_mm=1e3 * float(np.median(np.abs(error[located]))) if located.any() else float("nan"),
         ratio=rms(error[both]) / rms(before[both]),
-        bound=rms(std[both]) / rms(std_before[both]),
+        bound=rms(std[both]) / rms(was_so.std_m[both]),
         held=float((off < 1.96).mean()) if len(off) else float("nan"),
         free=float(free[~touched].mean()),
-        frame_ms=1e3 * sum(one.seconds for one in several) / len(touched),
+        frame_ms=1e3 * float(now.seconds.sum()) / len(touched),
     )
 
 
 def figure(rows: Sequence[Row]) -> Figure:
     """Lost and silently wrong contacts, and the distance's error, of every change."""
     drawn, every = panels(3, 3, (3.4, 3.6), sharey=True)
-    names = [change.name for change in CHANGES]
-    panels_of = (
-        ("lost", "contacts lost, %", 100.0),
-        ("worst", "worst l, deviations", 1.0),
-        ("l_rms_mm", "l rms, mm", 1.0),
-    )
-    for panel, (name, what, scale) in zip(every, panels_of, strict=True):
+    names, shown = [change.name for change in CHANGES], {"lost": "contacts lost, %", "worst": "worst l, deviations"}
+    shown["l_rms_mm"] = "l rms, mm"
+    for panel, (name, what) in zip(every, shown.items(), strict=True):
+        scale = 100.0 if name == "lost" else 1.0
         for way, colour in zip(WAYS, (GREY, AMBER, GREEN), strict=True):
             own = {row.change: scale * getattr(row, name) for row in rows if row.way == way}
             panel.plot([own[one] for one in names], range(len(names)), "o", color=colour, label=way)

@@ -110,22 +110,15 @@ def _touch_steps(rig: Rig, touches: Touches) -> tuple[list[Touches], list[Touche
     """Touches a little below and above, and how far apart (B,), for distance, both pushes and friction."""
     distance, push, friction = touches.distance_m, touches.push_N, touches.friction_rad
     further = np.minimum(distance * (1 + STEP), rig.antenna.length_m)
-    nearer = further - 2 * STEP * distance
     size = STEP * rig.antenna.stiffness_Nm2 / distance**2
-    along_y, along_z = (size[:, None] * way for way in np.eye(2))
-    below = [
-        replace(touches, distance_m=nearer),
-        replace(touches, push_N=push - along_y),
-        replace(touches, push_N=push - along_z),
-        replace(touches, friction_rad=friction - STEP),
+    ends: list[tuple[str, np.ndarray, np.ndarray]] = [
+        ("distance_m", further - 2 * STEP * distance, further),
+        *(("push_N", push - size[:, None] * way, push + size[:, None] * way) for way in np.eye(2)),
+        ("friction_rad", friction - STEP, friction + STEP),
     ]
-    above = [
-        replace(touches, distance_m=further),
-        replace(touches, push_N=push + along_y),
-        replace(touches, push_N=push + along_z),
-        replace(touches, friction_rad=friction + STEP),
-    ]
-    return below, above, [further - nearer, 2 * size, 2 * size, np.full(len(touches), 2 * STEP)]
+    below = [replace(touches, **{name: low}) for name, low, _ in ends]
+    above = [replace(touches, **{name: high}) for name, _, high in ends]
+    return below, above, [further - ends[0][1], 2 * size, 2 * size, np.full(len(touches), 2 * STEP)]
 
 
 def _data(scenes: Scenes, rig: Rig, touches: Touches, normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -215,14 +208,9 @@ def estimate(scenes: Scenes, model: str, friction_std_rad: float) -> Estimates:
     if not len(scenes):
         nothing, words = np.zeros((0, 3)), np.zeros(0, str)
         return Estimates(nothing, nothing, nothing, words, words)
-    contacts = scenes.estimated(model, friction_std_rad)
-    return Estimates(
-        values=np.column_stack([contacts.distance_m, contacts.force_N[:, 1:]]),
-        std=np.column_stack([contacts.distance_std_m, contacts.force_std_N[:, 1:]]),
-        force_N=contacts.force_N,
-        status=contacts.status,
-        model=np.array(RUNGS)[contacts.numbers.rung],
-    )
+    found = scenes.estimated(model, friction_std_rad)
+    values, std = np.c_[found.distance_m, found.force_N[:, 1:]], np.c_[found.distance_std_m, found.force_std_N[:, 1:]]
+    return Estimates(values, std, found.force_N, found.status, np.array(RUNGS)[found.numbers.rung])
 
 
 def truth(scenes: Scenes) -> np.ndarray:

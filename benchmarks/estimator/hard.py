@@ -9,23 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.estimator.scenes import Scenes, push_for_deflection, push_for_slope, rod_shapes, rolled, scenes
-from benchmarks.estimator.setup import (
-    ACROSS,
-    LENGTH_M,
-    LENSES,
-    SIGMA_PX,
-    TOWARDS_CLAMP,
-    Setup,
-    drawn_truth,
-    looking_pose,
-)
 from benchmarks.harness import column, of_any, or_none, rms, shares, table
 from estimator.contact.contacts import Contacts
 from vbaa_calib.core.console import progress
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.geometry import Pose
 from vbaa_calib.rig import Rig
+
+from .scenes import POINTS as FRAME_POINTS
+from .scenes import Scenes, push_for_deflection, push_for_slope, rod_shapes, rolled, scenes
+from .setup import ACROSS, LENGTH_M, LENSES, SIGMA_PX, TOWARDS_CLAMP, Setup, drawn_truth, looking_pose
 
 Rng = np.random.Generator
 Maker = Callable[[int, Rng], "Hard"]
@@ -102,11 +95,8 @@ def _without(hidden: Callable[[Scenes, Rng], np.ndarray]) -> Maker:
 
 
 def _few_points(points: int) -> Maker:
-    def hidden(frames: Scenes, _: Rng) -> np.ndarray:
-        count = frames.points_px.shape[1]
-        return ~np.isin(np.arange(count), np.linspace(20, count - 1, points).astype(int))
-
-    return _without(hidden)
+    last = FRAME_POINTS - 1
+    return _without(lambda *_: ~np.isin(np.arange(last + 1), np.linspace(20, last, points).astype(int)))
 
 
 CASES: dict[str, Maker] = {
@@ -195,10 +185,9 @@ def _judged(name: str, hard: Hard) -> HardRow:
         found = estimated(hard)
     except Exception as error:  # whatever it is: that it was raised at all is the result
         return HardRow(name, len(frames), 0.0, "", exception=f"{type(error).__name__}: {error}")
-    numbered = np.isfinite(found.distance_m)
+    numbered, condition = np.isfinite(found.distance_m), found.numbers.condition
     off_l, off_f = (off[numbered] for off in deviations(found, frames))
     miss_mm = 1e3 * LENGTH_M / frames.rig.antenna.length_m * (found.distance_m - frames.distance_m)[numbered]
-    condition = found.numbers.condition[np.isfinite(found.numbers.condition)]
     return HardRow(
         name,
         len(frames),
@@ -206,7 +195,7 @@ def _judged(name: str, hard: Hard) -> HardRow:
         shares(found.status),
         *(or_none(rms(off_l)), of_any(np.max, np.abs(off_l)), or_none(rms(miss_mm))),
         *(or_none(rms(off_f)), of_any(np.max, np.abs(off_f))),
-        of_any(np.median, condition),
+        of_any(np.median, condition[np.isfinite(condition)]),
     )
 
 
@@ -271,8 +260,8 @@ class Replayed:
 
 def hostile(count: int, seed: int) -> list[HostileRow]:
     """So many frames, a chunk of them at a time."""
-    sizes = [min(_CHUNK, count - start) for start in range(0, count, _CHUNK)]
-    return [judged_at_random(seed, number, size) for number, size in enumerate(progress(sizes, "chunks", len(sizes)))]
+    starts = progress(range(0, count, _CHUNK), "chunks", -(-count // _CHUNK))
+    return [judged_at_random(seed, start // _CHUNK, min(_CHUNK, count - start)) for start in starts]
 
 
 def judged_at_random(seed: int, chunk: int, frames: int) -> HostileRow:
@@ -281,26 +270,21 @@ def judged_at_random(seed: int, chunk: int, frames: int) -> HostileRow:
     try:
         found = estimated_at_random(drawn)
     except Exception as error:  # whatever it is: that it was raised at all is the result
-        what = f"{type(error).__name__}: {error}"
-        return HostileRow(seed, chunk, drawn.rig, frames, exceptions=1, failure=what)
+        return HostileRow(seed, chunk, drawn.rig, frames, exceptions=1, failure=f"{type(error).__name__}: {error}")
     claimed = np.isin(found.status, ("ok", "tip_contact"))
-    off = np.column_stack(deviations(found, drawn.scenes))
-    off = np.where((claimed & drawn.touched)[:, None], np.abs(off), 0.0)
+    judged = claimed & drawn.touched
+    off = np.where(judged[:, None], np.abs(np.column_stack(deviations(found, drawn.scenes))), 0.0)
     ranked = np.where(np.isnan(off), np.inf, off)
     index, quantity = np.unravel_index(np.argmax(ranked), off.shape)
-    any_claimed = bool((claimed & drawn.touched).any())
     return HostileRow(
-        seed=seed,
-        chunk=chunk,
-        rig=drawn.rig,
-        frames=frames,
+        *(seed, chunk, drawn.rig, frames),
         nan=int((claimed & ~complete(found)).sum()),
         claimed=int(claimed.sum()),
         beyond=int((off > _FAR_STD).any(axis=1).sum()),
         imagined=int((claimed & ~drawn.touched).sum()),
         statuses=shares(found.status),
-        worst=f"{('l', 'f_y', 'f_z')[quantity]} of frame {index}" if any_claimed else "",
-        worst_std=float(ranked[index, quantity]) if any_claimed else None,
+        worst=f"{('l', 'f_y', 'f_z')[quantity]} of frame {index}" if judged.any() else "",
+        worst_std=float(ranked[index, quantity]) if judged.any() else None,
     )
 
 

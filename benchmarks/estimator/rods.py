@@ -16,7 +16,7 @@ from benchmarks.harness import Draws, column, concatenated, rms, shares, table
 from vbaa_calib.core.console import progress
 
 from .bound import bound, estimate, quality, truth
-from .scenes import Scenes, deflection_of_push, random_scenes
+from .scenes import deflection_of_push, random_scenes
 from .setup import ACROSS, TOWARDS_CLAMP, Setup, drawn_truth
 
 _SMALL_BIAS, _SMALL_BIAS_SHARE = 1 / 3, 0.99
@@ -31,28 +31,27 @@ _SWING_M = 0.1
 
 @dataclass(frozen=True)
 class _Population:
-    """Random scenes of one rig.
-
-    friction_std_rad : of the friction angle, with which it is drawn and which the estimator is given.
-    """
+    """Random scenes of one rig. friction_std_rad : of the angle, with which it is drawn and the estimator given."""
 
     name: str
     setup: Setup
     friction_std_rad: float = 0.0
 
 
-def _setup(lens: str, tilt_rad: float, azimuth_rad: float, **more: Any) -> Setup:
-    return Setup(lens, tilt_rad, azimuth_rad, swing_m=_SWING_M, real=True, **more)
+def _population(
+    name: str, lens: str, tilt_rad: float, azimuth_rad: float, friction: float = 0.0, **more: Any
+) -> _Population:
+    return _Population(name, Setup(lens, tilt_rad, azimuth_rad, swing_m=_SWING_M, real=True, **more), friction)
 
 
 POPULATIONS = (
-    _Population("upright, Brown", _setup("brown", 0.0, TOWARDS_CLAMP)),
-    _Population("40° towards the clamp, no distortion", _setup("none", 0.7, TOWARDS_CLAMP)),
-    _Population("40° across, fisheye", _setup("fisheye", 0.7, ACROSS)),
-    _Population("60° across, 512x512", _setup("brown", 1.05, ACROSS, image_size=(512, 512))),
-    _Population("40° across, friction", _setup("brown", 0.7, ACROSS), 0.2),
-    _Population("40° across, rig off", _setup("brown", 0.7, ACROSS, exact=False)),
-    _Population("40° across, rig off, friction", _setup("brown", 0.7, ACROSS, exact=False), 0.2),
+    _population("upright, Brown", "brown", 0.0, TOWARDS_CLAMP),
+    _population("40° towards the clamp, no distortion", "none", 0.7, TOWARDS_CLAMP),
+    _population("40° across, fisheye", "fisheye", 0.7, ACROSS),
+    _population("60° across, 512x512", "brown", 1.05, ACROSS, image_size=(512, 512)),
+    _population("40° across, friction", "brown", 0.7, ACROSS, 0.2),
+    _population("40° across, rig off", "brown", 0.7, ACROSS, exact=False),
+    _population("40° across, rig off, friction", "brown", 0.7, ACROSS, 0.2, exact=False),
 )
 FIRST_LOOK = (POPULATIONS[2], POPULATIONS[5])
 
@@ -89,16 +88,16 @@ class RodRow:
 
 def run(frames: int, seed: int, model: str = "auto", chosen: Sequence[_Population] = POPULATIONS) -> list[RodRow]:
     """Every population with so many random frames."""
-    numbered = list(enumerate(chosen))
-    return [
-        _row(one, frames, model, np.random.default_rng((seed, number)))
-        for number, one in progress(numbered, "populations", len(numbered))
-    ]
+    each = enumerate(progress(chosen, "populations", len(chosen)))
+    return [_row(one, frames, model, np.random.default_rng((seed, number))) for number, one in each]
 
 
 def _row(population: _Population, frames: int, model: str, rng: np.random.Generator) -> RodRow:
-    friction = population.friction_std_rad
-    clean = _parts(population, frames, rng)
+    friction, exact, rig = population.friction_std_rad, population.setup.exact, population.setup.rig()
+    # scenes without noise; of a rig that is off, from several true ones
+    truths = [rig] if exact else [drawn_truth(rig, rng) for _ in range(_DRAWN_RIGS)]
+    count = -(-frames // len(truths))
+    clean = [random_scenes(each, count, rng, friction_std_rad=friction, given=rig) for each in truths]
     measured = concatenated([estimate(part.noisy(rng), model, friction) for part in clean])
     true = np.concatenate([truth(part) for part in clean])
     least = Draws([bound(part, friction) for part in clean])
@@ -106,17 +105,16 @@ def _row(population: _Population, frames: int, model: str, rng: np.random.Genera
     good = measured.numbered
     errors = measured.values - true
     distance = quality(errors[good, 0], measured.std[good, 0], bounds[good, 0])
-    stiffness, length = clean[0].rig.antenna.stiffness_Nm2, clean[0].rig.antenna.length_m
     force = np.concatenate([part.force_N for part in clean])
     size = np.linalg.norm(force, axis=1)
     # whether the goals for location and force are about a frame
-    in_range = deflection_of_push(size, true[:, 0], stiffness) >= _LEAST_DEFLECTION_M
-    in_range &= true[:, 0] <= _FURTHEST * length
+    in_range = deflection_of_push(size, true[:, 0], rig.antenna.stiffness_Nm2) >= _LEAST_DEFLECTION_M
+    in_range &= true[:, 0] <= _FURTHEST * rig.antenna.length_m
     possible = bounds[:, 0] <= _LOCATION_GOAL * true[:, 0]
     judged = in_range & possible & (measured.status == "ok")
     missed = np.linalg.norm(measured.force_N - force, axis=1)
     biases = None
-    if population.setup.exact and not friction:
+    if exact and not friction:
         found = concatenated([estimate(part, model, friction) for part in clean])
         ok = found.status == "ok"
         biases = (np.abs(found.values[ok] - true[ok]) / found.std[ok]).max(axis=1)
@@ -136,17 +134,6 @@ def _row(population: _Population, frames: int, model: str, rng: np.random.Genera
         force=rms(missed[judged] / size[judged]),
         force_bound=rms(force_bounds[judged] / size[judged]),
     )
-
-
-def _parts(population: _Population, frames: int, rng: np.random.Generator) -> list[Scenes]:
-    """Scenes without noise; of a rig that is off, from several true ones."""
-    rig = population.setup.rig()
-    truths = [rig] if population.setup.exact else [drawn_truth(rig, rng) for _ in range(_DRAWN_RIGS)]
-    each = -(-frames // len(truths))
-    return [
-        random_scenes(true_rig, each, rng, friction_std_rad=population.friction_std_rad, given=rig)
-        for true_rig in truths
-    ]
 
 
 def rod_text(rows: Sequence[RodRow]) -> str:

@@ -7,11 +7,11 @@ import gc
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.stats import linregress
 
 from benchmarks.figures import AMBER, GREEN, label, panels
 from benchmarks.harness import Findings, Options, aligned, processor_seconds
@@ -29,26 +29,16 @@ _STATUS, _RESET = Path("/proc/self/status"), Path("/proc/self/clear_refs")
 _CAN_TELL = _STATUS.exists() and _RESET.exists()
 
 
-@dataclass(frozen=True)
-class Cost:
-    """Of one size of work.
+def cost_of(function: Callable[[], object], repeats: int) -> tuple[float, float, float]:
+    """Of work that is run `repeats` times, or once where it is slow.
 
-    seconds : of the processor, all threads together, least of several timings: what else the machine does hardly
-        counts, nor does waiting for the disk.
-    risen_MB : how far the resident set rose above what it was before, at most; NaN where the system does not tell.
-    peak_MB : the highest resident set.
+    Seconds of the processor, all threads together, the least: what else the machine does hardly counts, nor does
+    waiting for the disk. Then MB by which the resident set rose above what it was before, and to which, at most; NaN
+    where the system does not tell.
     """
-
-    seconds: float
-    risen_MB: float
-    peak_MB: float
-
-
-def cost_of(function: Callable[[], object], repeats: int) -> Cost:
-    """Run the work `repeats` times, or once where it is slow."""
-    seconds, risen, peaks = [], [], []
+    costs: list[tuple[float, float, float]] = []
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None) if os.name == "posix" else None
-    for _ in range(max(repeats, 1)):
+    while len(costs) < max(repeats, 1) and not (costs and costs[-1][0] > _SLOW_S):
         # free what earlier work left behind, which an allocator would use again unseen, and reset the peak
         gc.collect()
         if trim is not None:
@@ -56,12 +46,11 @@ def cost_of(function: Callable[[], object], repeats: int) -> Cost:
         if _CAN_TELL:
             _RESET.write_text("5")
         before = resident_MB("VmRSS")
-        seconds.append(processor_seconds(function, 0))
-        peaks.append(resident_MB("VmHWM"))
-        risen.append(peaks[-1] - before)
-        if seconds[-1] > _SLOW_S:
-            break
-    return Cost(min(seconds), max(risen), max(peaks))
+        seconds = processor_seconds(function, 0)
+        peak = resident_MB("VmHWM")
+        costs.append((seconds, peak - before, peak))
+    every = np.array(costs)
+    return float(every[:, 0].min()), *every[:, 1:].max(axis=0).tolist()
 
 
 def resident_MB(which: str) -> float:
@@ -82,14 +71,10 @@ _MARGIN = 0.15
 class Power:
     """cost = at_one · size^exponent over the sizes from `smallest` on; `std` is the exponent's, by the scatter."""
 
-    exponent: float
-    std: float
-    at_one: float
-    smallest: float
-
-    def at(self, size: np.ndarray) -> np.ndarray:
-        """(...) the fitted cost."""
-        return self.at_one * size**self.exponent
+    exponent: float = np.nan
+    std: float = np.nan
+    at_one: float = np.nan
+    smallest: float = np.nan
 
     def worse_than(self, expected: float) -> bool:
         """Whether the cost grows faster than it should."""
@@ -99,26 +84,19 @@ class Power:
         return f"{self.exponent:.2f} ± {self.std:.2f}" if np.isfinite(self.exponent) else "–"
 
 
-def fitted(sizes: Sequence[float], costs: Sequence[float]) -> Power:
+def fitted(sizes: np.ndarray, costs: np.ndarray) -> Power:
     """The straight line through logarithms, over the upper half of the sizes, three at least.
 
     What every call costs, however small, hides the growth at the lower end. Costs that are not positive say nothing;
     with fewer than three left all is NaN.
     """
-    size, cost = np.asarray(sizes, float), np.asarray(costs, float)
-    known = np.isfinite(cost) & (cost > 0.0)
-    size, cost = size[known], cost[known]
-    count = max(_LEAST, (len(size) + 1) // 2)
-    if len(size) < _LEAST:
-        return Power(np.nan, np.nan, np.nan, np.nan)
-    order = np.argsort(size)[-count:]
-    x, y = np.log(size[order]), np.log(cost[order])
-    away = x - x.mean()
-    spread = float(away @ away)
-    exponent = float(away @ y) / spread
-    left = y - y.mean() - exponent * away
-    std = float(np.sqrt(left @ left / (count - 2) / spread))
-    return Power(exponent, std, float(np.exp(y.mean() - exponent * x.mean())), float(np.exp(x.min())))
+    known = np.isfinite(costs) & (costs > 0.0)
+    if known.sum() < _LEAST:
+        return Power()
+    upper = np.argsort(sizes[known])[-max(_LEAST, (int(known.sum()) + 1) // 2) :]
+    x, y = np.log(sizes[known][upper]), np.log(costs[known][upper])
+    line = linregress(x, y)
+    return Power(float(line.slope), float(line.stderr), float(np.exp(line.intercept)), float(np.exp(x.min())))
 
 
 @dataclass(frozen=True)
@@ -204,54 +182,8 @@ _GRAIN_MB = 8.0
 """Rises below this say more of the allocator than of the work."""
 
 
-@dataclass(frozen=True, eq=False)
-class Grown:
-    """A series as it was measured: at `sizes` (K,) the `costs`."""
-
-    series: Series
-    sizes: Sequence[int]
-    costs: Sequence[Cost]
-
-    @cached_property
-    def seconds(self) -> np.ndarray:
-        """(K,) of each size."""
-        return np.array([cost.seconds for cost in self.costs])
-
-    @cached_property
-    def risen_MB(self) -> np.ndarray:
-        """(K,) what the resident set rose by."""
-        return np.array([cost.risen_MB for cost in self.costs])
-
-    @cached_property
-    def shown_MB(self) -> np.ndarray:
-        """(K,) the same where it is more than the allocator's grain, else NaN."""
-        return np.where(self.risen_MB >= _GRAIN_MB, self.risen_MB, np.nan)
-
-    @cached_property
-    def time(self) -> Power:
-        """Fitted to the seconds."""
-        return fitted(self.sizes, self.seconds.tolist())
-
-    @cached_property
-    def memory(self) -> Power:
-        """Fitted to the memory."""
-        return fitted(self.sizes, self.shown_MB.tolist())
-
-    @property
-    def worse(self) -> bool:
-        """Whether either grows faster than it should."""
-        series = self.series
-        return self.time.worse_than(series.time_exponent) or self.memory.worse_than(series.memory_exponent)
-
-
-def follow(series: Series, sizes: Sequence[int], seed: int, repeats: int) -> Grown:
-    """The smallest size runs once before the first: what is loaded and kept for ever does not count."""
-    series.prepare(sizes[0], seed)()
-    return Grown(series, sizes, [cost_of(series.prepare(size, seed), repeats) for size in sizes])
-
-
 @dataclass(frozen=True)
-class _Row:
+class Row:
     """One size of one series: its cost, and the series' exponents with the largest that are all right."""
 
     series: str
@@ -268,13 +200,45 @@ class _Row:
     memory_allowed: float
 
 
-def _rows(each: Grown) -> list[_Row]:
-    series, time, memory = each.series, each.time, each.memory
-    fits = time.exponent, time.std, series.time_exponent, memory.exponent, memory.std, series.memory_exponent
-    return [
-        _Row(series.name, series.unit, size, cost.seconds, cost.risen_MB, cost.peak_MB, *fits)
-        for size, cost in zip(each.sizes, each.costs, strict=True)
-    ]
+@dataclass(frozen=True, eq=False)
+class Grown:
+    """A series as it was measured: at `sizes` (K,) the costs (K, 3) of `cost_of`, and what is fitted to them."""
+
+    series: Series
+    sizes: np.ndarray
+    costs: np.ndarray
+    time: Power
+    memory: Power
+
+    @property
+    def shown_MB(self) -> np.ndarray:
+        """(K,) the rise where it is more than the allocator's grain, else NaN."""
+        return _beyond_grain(self.costs)
+
+    @property
+    def worse(self) -> bool:
+        """Whether either grows faster than it should."""
+        series = self.series
+        return self.time.worse_than(series.time_exponent) or self.memory.worse_than(series.memory_exponent)
+
+    def rows(self) -> list[Row]:
+        """Of growth.csv."""
+        series, fits = self.series, list[float]()
+        for power, most in ((self.time, series.time_exponent), (self.memory, series.memory_exponent)):
+            fits += power.exponent, power.std, most
+        pairs = zip(self.sizes.tolist(), self.costs.tolist(), strict=True)
+        return [Row(series.name, series.unit, size, *cost, *fits) for size, cost in pairs]
+
+
+def _beyond_grain(costs: np.ndarray) -> np.ndarray:
+    return np.where(costs[:, 1] >= _GRAIN_MB, costs[:, 1], np.nan)
+
+
+def follow(series: Series, sizes: Sequence[int], seed: int, repeats: int) -> Grown:
+    """The smallest size runs once before the first: what is loaded and kept for ever does not count."""
+    series.prepare(sizes[0], seed)()
+    costs, at = np.array([cost_of(series.prepare(size, seed), repeats) for size in sizes]), np.array(sizes)
+    return Grown(series, at, costs, fitted(at, costs[:, 0]), fitted(at, _beyond_grain(costs)))
 
 
 def as_text(grown: Sequence[Grown]) -> str:
@@ -282,11 +246,11 @@ def as_text(grown: Sequence[Grown]) -> str:
     lines = [["", "sizes", "seconds", "e, time", "≤", "MB", "e, memory", "≤", ""]]
     for each in grown:
         series = each.series
-        ends = (f"{values[0]:.3g} to {values[-1]:.3g}" for values in (each.seconds, each.risen_MB))
-        fits = ((str(each.time), series.time_exponent), (str(each.memory), series.memory_exponent))
-        cells = [cell for end, (fit, most) in zip(ends, fits, strict=True) for cell in (end, fit, f"{most:.1f}")]
-        sizes = f"{each.sizes[0]} to {each.sizes[-1]} {series.unit}"
-        lines.append([series.name, sizes, *cells, "WORSE" if each.worse else ""])
+        cells = [f"{each.sizes[0]} to {each.sizes[-1]} {series.unit}"]
+        fits = (each.time, series.time_exponent), (each.memory, series.memory_exponent)
+        for values, (fit, most) in zip(each.costs.T, fits, strict=False):
+            cells += [f"{values[0]:.3g} to {values[-1]:.3g}", str(fit), f"{most:.1f}"]
+        lines.append([series.name, *cells, "WORSE" if each.worse else ""])
     title = "cost ∝ sizeᵉ, e ± std over the upper half; seconds of the processor; MB: rise of the resident set"
     text = aligned(lines, [True] + [False] * 7 + [True], title)
     return "\n".join([text, "", *(f"{each.series.name}: {each.series.why}" for each in grown)])
@@ -303,7 +267,7 @@ def _panel(panel: Axes, each: Grown) -> None:
     """Seconds on the left, MB on the right, where they are more than the allocator's grain."""
     series, beside = each.series, panel.twinx()
     for axes, values, power, most, colour, mark, name in (
-        (panel, each.seconds, each.time, series.time_exponent, GREEN, "o", "time"),
+        (panel, each.costs[:, 0], each.time, series.time_exponent, GREEN, "o", "time"),
         (beside, each.shown_MB, each.memory, series.memory_exponent, AMBER, "s", "memory"),
     ):
         axes.loglog(each.sizes, values, mark, color=colour, ms=4.5)
@@ -311,8 +275,8 @@ def _panel(panel: Axes, each: Grown) -> None:
         words = f"{name}: up to {np.nanmax(values, initial=0.0):.3g}"
         if np.isfinite(power.exponent):
             words = f"{name}: e = {power}, allowed {most:g}"
-            ends = np.array([power.smallest, float(max(each.sizes))])
-            axes.plot(ends, power.at(ends), "-", color=colour, lw=1.3)
+            ends = np.array([power.smallest, each.sizes.max()])
+            axes.plot(ends, power.at_one * ends**power.exponent, "-", color=colour, lw=1.3)
         panel.plot([], [], f"-{mark}", color=colour, ms=4.5, label=words)
         known = values[np.isfinite(values) & (values > 0.0)]
         if len(known):  # room for the legend
@@ -334,24 +298,12 @@ def measure(options: Options) -> Findings:
     grown = [follow(*each, options.seed, options.draws) for each in progress(asked, "growth", len(asked))]
     skipped = "".join(f"\n{series.name}: not with --quick" for series, sizes in chosen if not sizes)
     worse = ", ".join(each.series.name for each in grown if each.worse)
-    numbers = {
-        each.series.name: {
-            "sizes": list(each.sizes),
-            "seconds": each.seconds,
-            "risen_MB": each.risen_MB,
-            "time_exponent": each.time.exponent,
-            "time_exponent_std": each.time.std,
-            "memory_exponent": each.memory.exponent,
-            "memory_exponent_std": each.memory.std,
-            "worse": each.worse,
-        }
-        for each in grown
-    }
+    rows = [row for each in grown for row in each.rows()]
     return Findings(
         as_text(grown) + skipped,
-        {"growth.csv": [row for each in grown for row in _rows(each)]},
+        {"growth.csv": rows},
         {"growth.png": lambda: _figure(grown)},
-        numbers,
+        {"rows": rows},
         f"grows faster than it should: {worse}"
         if worse
         else f"{len(grown)} kinds of work, none grows faster than it should",

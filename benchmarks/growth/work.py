@@ -150,7 +150,7 @@ def lens_solve(size: int, seed: int) -> Work:
 def joint_solve(size: int, seed: int) -> Work:
     """Everything together from so many stills: those of one calibration, over and over."""
     given = draw(coverage_rigs()[0], (seed,))
-    before, once = prior_of(given, []), observations(given)
+    before, once = prior_of(given), observations(given)
     stills = [once[index % len(once)] for index in range(size)]
     return lambda: adjust_bundle(stills, before, NOMINAL.length_m, MOMENT_NM)
 

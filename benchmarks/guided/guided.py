@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from benchmarks.figures import COLOURS, INK, label, panels
-from benchmarks.harness import Draws, Findings, Options, aligned, of_any, or_none, rms
+from benchmarks.harness import Draws, Findings, Options, aligned, cell, of_any, or_none, rms
 from vbaa_calib.calibrate.guide.next_view import lens_progress
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution, solve_intrinsics
 from vbaa_calib.core.console import progress
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.detect.board.corners import BoardView
 
-from .rigs import GOAL_MM, NEED_A_LENS, PEOPLE, STRATEGIES, SUGGESTED, Photographer, Rig, rigs, true_error_mm
+from .rigs import GOAL_MM, PEOPLE, STRATEGIES, SUGGESTED, Photographer, Rig, rigs, true_error_mm
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -68,7 +68,7 @@ class _Judged:
 
 def run(draws: int, seed: int) -> list[Row]:
     """Every strategy on every rig, over the same seeds."""
-    cells = [(rig, way) for rig in rigs() for way in STRATEGIES if rig.every or way in (SUGGESTED, PEOPLE)]
+    cells = [(rig, way) for rig in rigs() for way in STRATEGIES]
     rows: list[Row] = []
     for rig, way in progress(cells, "rigs and strategies", len(cells)):
         sequences = [sequence(rig, way, seed + number) for number in range(draws)]
@@ -85,12 +85,12 @@ def sequence(rig: Rig, way: str, seed: int) -> dict[int, _Judged]:
     photographer, views = Photographer(rig, seed), list[BoardView]()
     solution: LensSolution | None = None
     judged: dict[int, _Judged] = {}
-    while len(views) < (ENOUGH_SUGGESTED if way in NEED_A_LENS else _COUNTS[-1]):
+    while len(views) < (ENOUGH_SUGGESTED if way == SUGGESTED else _COUNTS[-1]):
         view = STRATEGIES[way](photographer, views, solution)
         if view is None:
             break
         views.append(view)
-        if way in NEED_A_LENS or len(views) in _COUNTS:
+        if way == SUGGESTED or len(views) in _COUNTS:
             try:
                 solution = solve_intrinsics(views, rig.board)
             except InputError:
@@ -161,17 +161,13 @@ def as_text(rows: Sequence[Row], draws: int) -> str:
     )
     lines = [["rig", "poses", "needed", "predicted", "errors: pictures true/predicted (off, median)"]]
     for rig, way in dict.fromkeys((row.rig, row.way) for row in rows):
-        own = _of(rows, rig, way)
-        errors = "  ".join(_errors(row) for row in own if row.pictures in (3, 4, 6, 10, 15))
-        lines.append([rig, way, _needed(own), _needed(own, "predicted_mm"), errors])
+        own, errors = _of(rows, rig, way), []
+        for row in (row for row in own if row.pictures in (3, 4, 6, 10, 15)):
+            predicted, off, median = cell(row.predicted_mm, ".3f"), cell(row.off, ".2f"), cell(row.off_median, ".2f")
+            errors.append(f"{row.pictures}: {row.true_rms_mm:.3f}/{predicted} ({off}, {median})")
+        lines.append([rig, way, _needed(own), _needed(own, "predicted_mm"), "  ".join(errors)])
     verdicts = [f"{rig}: {_verdict(rows, rig)}" for rig in dict.fromkeys(row.rig for row in rows)]
     return "\n".join([aligned(lines, (True, True, False, False, True), title), *verdicts])
-
-
-def _errors(row: Row) -> str:
-    predicted = "–" if row.predicted_mm is None else f"{row.predicted_mm:.3f}"
-    off = "–" if row.off is None else f"{row.off:.2f}, {row.off_median:.2f}"
-    return f"{row.pictures}: {row.true_rms_mm:.3f}/{predicted} ({off})"
 
 
 def _verdict(rows: Sequence[Row], rig: str) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,15 +12,11 @@ from benchmarks.boards import BARREL, BOARD, HD, MILD, VGA, WIDE, Optics, pose_b
 from targets.board import BoardSpec, corner_points
 from vbaa_calib.calibrate.guide.next_view import lens_progress
 from vbaa_calib.calibrate.guide.suggestion import (
-    FURTHEST,
     NEAREST,
     Suggestion,
-    coarse_poses,
-    observation,
-    view_candidates,
     visible_corners,
 )
-from vbaa_calib.calibrate.guide.view_uncertainty import LensInformation, WorkPlane, view_blocks
+from vbaa_calib.calibrate.guide.view_uncertainty import WorkPlane
 from vbaa_calib.calibrate.lens.board_shape import BoardShape
 from vbaa_calib.calibrate.lens.bundle import Observation
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution
@@ -46,13 +42,11 @@ class Rig(Optics):
 
     sigma_px : deviation of a corner per axis, where corners are projected. picture : how pictures come about where
         they are rendered and the board is found in them; None where corners are projected.
-    every : whether all strategies are compared, or the suggested and random poses alone.
     """
 
     board: BoardSpec
     sigma_px: float
     picture: PictureSpec | None = None
-    every: bool = False
 
     @property
     def plane(self) -> WorkPlane:
@@ -68,7 +62,7 @@ class Rig(Optics):
 def rigs() -> list[Rig]:
     """Two that are hard on the lens, one of them rendered too, and an easy one."""
     return [
-        Rig("VGA, barrel, 15 cm board, 0.3 px", "opencv5", VGA, BARREL, _CARD, 0.3, every=True),
+        Rig("VGA, barrel, 15 cm board, 0.3 px", "opencv5", VGA, BARREL, _CARD, 0.3),
         Rig("VGA, barrel, 15 cm board, rendered", "opencv5", VGA, BARREL, _CARD, 0.0, _DIM),
         Rig("wide rational, 15 cm board, 0.3 px", "rational", HD, WIDE, _CARD, 0.3),
         Rig("f 900, A4 board, 0.15 px", "opencv5", HD, MILD, BOARD, 0.15),
@@ -168,10 +162,9 @@ def wanted_pose(suggestion: Suggestion, rig: Rig, camera: Camera | None) -> Pose
     return start_poses(corners, flat)[0]
 
 
-_TILT_RAD, _PEOPLES_TILT_RAD, _PEOPLES_PLACE = np.radians(45.0), np.radians(40.0), 0.33
+_PEOPLES_TILT_RAD, _PEOPLES_PLACE = np.radians(40.0), 0.33
 _SHARE = 0.35
 """Of the board's corners that a picture must show."""
-_CELLS = (8, 6)
 _GIVEN_UP = 100
 """Pictures with too little of the board in them that are taken before a strategy gives up."""
 
@@ -190,90 +183,25 @@ def _suggested(
     return photographer.by_hand(wanted_pose(progress.suggestion, rig, camera))
 
 
-def _as_people_do(photographer: Photographer, *_: object) -> BoardView | None:
-    """Tilted by up to 40°, rolled a little, its middle in the middle two thirds, at any distance that is in focus."""
-    rng = photographer.rng
+def _as_people_do(photographer: Photographer, *_views: object) -> BoardView | None:
+    """Tilted by up to 40°, rolled a little, its middle in the middle two thirds, at any distance that is in focus.
 
-    def tries() -> Iterator[BoardView | None]:
-        for _ in range(_GIVEN_UP):
-            rotation = _tilt(rng, _PEOPLES_TILT_RAD) * Rotation.from_rotvec([0.0, 0.0, rng.uniform(-0.5, 0.5)])
-            place = 0.5 + rng.uniform(-_PEOPLES_PLACE, _PEOPLES_PLACE, 2)
-            yield _picture(photographer, place, rotation, facing=False)
-
-    return _first(tries())
-
-
-def _anywhere(photographer: Photographer, *_: object) -> BoardView | None:
-    """Uniform over all that the suggestions are chosen from: every place, distance, direction, tilts up to 45°."""
-    rng = photographer.rng
-
-    def tries() -> Iterator[BoardView | None]:
-        for _ in range(_GIVEN_UP):
-            rotation = _tilt(rng, _TILT_RAD) * Rotation.from_rotvec([0.0, 0.0, rng.choice([0.0, np.pi / 2])])
-            yield _picture(photographer, rng.uniform(0.05, 0.95, 2), rotation, facing=True)
-
-    return _first(tries())
-
-
-def _covering(photographer: Photographer, views: Sequence[BoardView], _: LensSolution | None) -> BoardView | None:
-    """The rule of thumb: the board in the middle of the emptiest part of the picture, tilted at random."""
-    rng, counts = photographer.rng, np.zeros(_CELLS)
-    for view in views:
-        cells = np.clip(view.corners_px / np.array(photographer.rig.image_size) * _CELLS, 0, np.array(_CELLS) - 1)
-        np.add.at(counts, tuple(cells.astype(int).T), 1.0)
-    order = np.argsort(counts.ravel() + 0.01 * rng.uniform(size=counts.size)).tolist()
-    places = ((np.array(np.unravel_index(index, _CELLS)) + 0.5) / _CELLS for index in order * _GIVEN_UP)
-    return _first(_picture(photographer, place, _tilt(rng, _TILT_RAD), facing=True) for place in places)
-
-
-def _most_determinant(
-    photographer: Photographer, views: Sequence[BoardView], solution: LensSolution | None
-) -> BoardView | None:
-    """The pose, of those that suggestions are chosen from, that adds most to the determinant of the information."""
-    rig = photographer.rig
-    if solution is None:
-        return _suggested(photographer, views, None)
-    taken = LensInformation.of(solution, views, rig.board)
-    limits = NEAREST * rig.plane.distance_m, FURTHEST * rig.plane.distance_m
-    found = view_candidates(taken.design, rig.board, coarse_poses(taken.design, rig.board, *limits))
-    poses = np.array([candidate.T_camera_board.vector for candidate in found])
-    blocks, _ = view_blocks(taken.design, poses, [observation(candidate, rig.board) for candidate in found])
-    grown = np.linalg.slogdet(np.eye(len(taken.information)) + taken.information + blocks)[1]
-    return photographer.by_hand(found[int(np.argmax(grown))].T_camera_board)
-
-
-def _first(tries: Iterable[BoardView | None]) -> BoardView | None:
-    return next((view for view in tries if view is not None), None)
-
-
-def _tilt(rng: np.random.Generator, most_rad: float) -> Rotation:
-    """About a random axis in the picture."""
-    around = rng.uniform(0, 2 * np.pi)
-    return Rotation.from_rotvec(rng.uniform(0.0, most_rad) * np.array([np.cos(around), np.sin(around), 0.0]))
-
-
-def _picture(photographer: Photographer, place: np.ndarray, rotation: Rotation, facing: bool) -> BoardView | None:
-    """At a place (2,) of the picture, 0 to 1, and a random distance; None where too little of the board is seen.
-
-    facing : the rotation counts from a board that faces the camera, else from one parallel to the picture.
+    None where picture after picture shows too little of the board.
     """
-    rig = photographer.rig
-    ray = photographer.camera.unproject((place * (np.array(rig.image_size) - 1))[None])[0][0]
-    turn = Rotation.align_vectors(ray[None], np.array([[0.0, 0.0, 1.0]]))[0].as_matrix() if facing else np.eye(3)
-    distance = rig.plane.distance_m * photographer.rng.uniform(NEAREST, 1.4)
-    whole = turn @ rotation.as_matrix()
-    view = photographer.picture(Pose(whole, distance * ray - whole @ rig.half_board_m))
-    return view if view is not None and len(view.ids) >= _SHARE * rig.board.corner_count else None
+    rng, rig = photographer.rng, photographer.rig
+    for _ in range(_GIVEN_UP):
+        around, tilt_rad = rng.uniform(0, 2 * np.pi), rng.uniform(0.0, _PEOPLES_TILT_RAD)
+        tilt = Rotation.from_rotvec(tilt_rad * np.array([np.cos(around), np.sin(around), 0.0]))
+        rotation = (tilt * Rotation.from_rotvec([0.0, 0.0, rng.uniform(-0.5, 0.5)])).as_matrix()
+        place = 0.5 + rng.uniform(-_PEOPLES_PLACE, _PEOPLES_PLACE, 2)
+        ray = photographer.camera.unproject((place * (np.array(rig.image_size) - 1))[None])[0][0]
+        distance = rig.plane.distance_m * rng.uniform(NEAREST, 1.4)
+        view = photographer.picture(Pose(rotation, distance * ray - rotation @ rig.half_board_m))
+        if view is not None and len(view.ids) >= _SHARE * rig.board.corner_count:
+            return view
+    return None
 
 
 SUGGESTED, PEOPLE = "as suggested", "random, as people do"
-STRATEGIES: dict[str, Strategy] = {
-    SUGGESTED: _suggested,
-    PEOPLE: _as_people_do,
-    "random, anywhere": _anywhere,
-    "emptiest part": _covering,
-    "largest determinant": _most_determinant,
-}
-"""Name → strategy; the first is ours."""
-NEED_A_LENS = (SUGGESTED, "largest determinant")
-"""Those that work out the next pose from the lens so far."""
+STRATEGIES: dict[str, Strategy] = {SUGGESTED: _suggested, PEOPLE: _as_people_do}
+"""Name → strategy; the first is ours, and works out the next pose from the lens so far."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -14,7 +13,7 @@ from benchmarks.estimator.setup import drawn_truth
 from benchmarks.figures import AMBER, GREEN, INK, RED, VIOLET, label, legend, panels
 from benchmarks.harness import Draws, Findings, Options, column, mean_of, or_none, rms_known, row_of, table
 from benchmarks.object import onset
-from benchmarks.object.scenes import CASES, RIGID, SETUP, SOFT, SOFTER, Case, Recorded, contacts, play
+from benchmarks.object.scenes import CASES, RIGID, SETUP, SOFT, SOFTER, Case, Recorded, contacts, played
 from estimator.object.estimate import ObjectEstimate, estimate_object
 from estimator.table.contacts import FRICTION_RAD
 from vbaa_calib.core.console import progress
@@ -34,9 +33,9 @@ _LEAST_FORCE_N = 0.01
 class Judged:
     """One draw against the truth; errors are estimated less true.
 
-    contacts, imagined : number of touches on the surface, and of located contacts of a free antenna.
+    contacts : number of touches on the surface.
     surface_m, surface_std_m : (V,) distance of the drawn vertices from the object, and their deviations; NaN for these
-        where they are not known. touched_m : (P,) distance of the touches on the surface.
+        where they are not known.
     point_m, point_std_m : (P,) errors of the contact points along the object's normal, and their deviations.
     normal_rad, normal_inside : (P,) angle to the true normal, and whether that lies in the 95 % region.
     force_rad : (K,) angle of the forces above `_LEAST_FORCE_N` to the true normal.
@@ -44,10 +43,8 @@ class Judged:
     """
 
     contacts: int
-    imagined: int
     surface_m: np.ndarray
     surface_std_m: np.ndarray
-    touched_m: np.ndarray
     point_m: np.ndarray
     point_std_m: np.ndarray
     normal_rad: np.ndarray
@@ -57,14 +54,10 @@ class Judged:
     mu: float
     mu_told: bool
     mu_inside: bool
-    compliance_m_N: float
-    compliance_std_m_N: float
     true_stiffness_N_m: float
     stiffness_N_m: float
     stiffness_told: bool
     stiffness_inside: bool
-    estimate_s: float
-    feel_s: float
 
 
 def judge(recorded: Recorded, friction_rad: float = FRICTION_RAD) -> Judged:
@@ -72,11 +65,8 @@ def judge(recorded: Recorded, friction_rad: float = FRICTION_RAD) -> Judged:
 
     `friction_rad` is the deviation of the friction angle that the estimator is given.
     """
-    begin = time.perf_counter()
     table = contacts(recorded, friction=friction_rad)
-    estimated = time.perf_counter()
     felt = estimate_object(table, recorded.given, friction_rad)
-    done = time.perf_counter()
     truth, obj, surface = recorded.truth, recorded.object, felt.surface
     rows = surface.touched_row
     right = truth.in_contact[rows]
@@ -87,10 +77,8 @@ def judge(recorded: Recorded, friction_rad: float = FRICTION_RAD) -> Judged:
     rub, soft = felt.friction, felt.compliance
     return Judged(
         contacts=len(rows),
-        imagined=int((table.located & ~truth.in_contact).sum()),
         surface_m=obj.signed_distance(surface.points_m)[0],
         surface_std_m=surface.std_m,
-        touched_m=obj.signed_distance(surface.touched_m)[0],
         point_m=(away * normal).sum(axis=1)[right],
         point_std_m=np.sqrt(np.einsum("pi,pij,pj->p", normal, table.covariance_world_m2[rows], normal))[right],
         normal_rad=turned[right],
@@ -100,14 +88,10 @@ def judge(recorded: Recorded, friction_rad: float = FRICTION_RAD) -> Judged:
         mu=rub.mu,
         mu_told=rub.determined,
         mu_inside=bool(rub.interval[0] <= obj.friction <= rub.interval[1]),
-        compliance_m_N=soft.compliance_m_N,
-        compliance_std_m_N=soft.std_m_N,
         true_stiffness_N_m=obj.stiffness_N_m,
         stiffness_N_m=soft.stiffness_N_m,
         stiffness_told=soft.determined,
         stiffness_inside=bool(soft.interval_N_m[0] <= obj.stiffness_N_m <= soft.interval_N_m[1]),
-        estimate_s=estimated - begin,
-        feel_s=done - estimated,
     )
 
 
@@ -142,9 +126,8 @@ _SURFACE_OF_POINTS_GOAL, _SURFACE_GOAL_M = 2.0, 1e-3
 _NORMAL_GOAL_RAD, _FORCE_GOAL_RAD = np.radians(3.0), np.radians(2.0)
 _MU_GOAL, _STIFFNESS_GOAL = 0.03, 0.10
 _USUAL_FRICTION = 0.2
-_RUBBED = ("cylinder", "sphere")
-"""Objects on which the other coefficients of friction are tried."""
 FIRST_LOOK = ("cylinder", "sphere")
+"""Objects on which the other coefficients of friction are tried, and those of a first look."""
 FRICTIONS = (0.0, 0.1, 0.4, 0.6)
 
 
@@ -173,13 +156,11 @@ def _stiffness_error(draws: Draws) -> float | None:
 class ObjectRow:
     """One cell, over its draws; None where a number does not exist. Errors are root mean squares.
 
-    stiffness_N_m : None for a rigid object. imagined : located contacts of a free antenna; both per draw.
-    surface_mm : of the drawn surface's vertices, touched_mm : of the touches on it; worst_mm : the largest of any draw.
+    stiffness_N_m : None for a rigid object. contacts : touches of a draw. surface_mm : of the drawn surface's vertices.
     point_mm : of the contact points along the normal, whose own deviations are point_std_mm.
     normal_deg, force_deg : angle of the estimated normals and of the forces to the true normal.
-    mu_error, stiffness_error (relative) : over the draws in which they are told; compliance_error_std : in its own
-        deviations, told or not. *_told : share of these draws. *_covered : shares of 95 % regions that hold the truth.
-    estimate_s, feel_s : least time of a draw.
+    mu_error, stiffness_error (relative) : over the draws in which they are told. *_told : share of these draws.
+        *_covered : shares of 95 % regions that hold the truth.
     """
 
     object: str = column("object")
@@ -188,29 +169,20 @@ class ObjectRow:
     rig: str = column("rig")
     draws: int = column(of=len)
     contacts: float = column("touches", ".0f", of=lambda d: float(d.contacts.mean()))
-    imagined: float = column(of=lambda d: float(d.imagined.mean()))
     surface_mm: float = column("surface mm", ".3f", of=lambda d: 1e3 * rms_known(d.surface_m))
-    worst_mm: float = column(of=lambda d: 1e3 * float(np.abs(d.surface_m).max()))
     surface_covered: float = column("cov", ".2f", of=lambda d: _covered(d.surface_m, d.surface_std_m))
-    touched_mm: float = column(of=lambda d: 1e3 * rms_known(d.touched_m))
     point_mm: float = column("points mm", ".3f", of=lambda d: 1e3 * rms_known(d.point_m))
     point_std_mm: float = column("std", ".3f", of=lambda d: 1e3 * rms_known(d.point_std_m))
     point_covered: float = column("cov", ".2f", of=lambda d: _covered(d.point_m, d.point_std_m))
     normal_deg: float = column("normal °", ".2f", of=lambda d: float(np.degrees(rms_known(d.normal_rad))))
     normal_covered: float = column("cov", ".2f", of=lambda d: float(d.normal_inside.mean()))
     force_deg: float = column("force °", ".2f", of=lambda d: float(np.degrees(rms_known(d.force_rad))))
-    force_median_deg: float = column(of=lambda d: float(np.degrees(np.median(d.force_rad))))
     mu_error: float | None = column("μ error", ".4f", of=lambda d: or_none(rms_known(d.mu - d.true_mu)))
     mu_told: float = column("told", ".2f", of=lambda d: float(d.mu_told.mean()))
     mu_covered: float = column("cov", ".2f", of=lambda d: float(d.mu_inside.mean()))
     stiffness_error: float | None = column("k error %", ".1f", 100, of=_stiffness_error)
     stiffness_told: float = column("told", ".2f", of=lambda d: float(d.stiffness_told.mean()))
     stiffness_covered: float = column("cov", ".2f", of=lambda d: float(d.stiffness_inside.mean()))
-    compliance_error_std: float = column(
-        of=lambda d: rms_known((d.compliance_m_N - 1.0 / d.true_stiffness_N_m) / d.compliance_std_m_N)
-    )
-    estimate_s: float = column("s", ".1f", of=lambda d: float(d.estimate_s.min()))
-    feel_s: float = column("s object", ".1f", of=lambda d: float(d.feel_s.min()))
 
     @property
     def misses(self) -> tuple[str, ...]:
@@ -231,14 +203,14 @@ class ObjectRow:
 
 def cells() -> list[Cell]:
     """Every object rigid and soft, some with other frictions; each with an exact rig and with one that is off."""
-    shapes = [
-        Cell(case, soft, _USUAL_FRICTION, exact) for case in CASES for soft in (RIGID, SOFT) for exact in (True, False)
+    rubbed = [case for case in CASES if case.name in FIRST_LOOK]
+    kinds = [
+        *((case, stiffness, _USUAL_FRICTION, False) for case in CASES for stiffness in (RIGID, SOFT)),
+        *((case, RIGID, mu, False) for case in rubbed for mu in FRICTIONS),
+        *((case, RIGID, 0.0, True) for case in CASES),
+        *((case, SOFTER, _USUAL_FRICTION, False) for case in CASES),
     ]
-    rubbed = [case for case in CASES if case.name in _RUBBED]
-    rubs = [Cell(case, RIGID, mu, exact) for case in rubbed for mu in FRICTIONS for exact in (True, False)]
-    slippery = [Cell(case, RIGID, 0.0, exact, True) for case in CASES for exact in (True, False)]
-    softer = [Cell(case, SOFTER, _USUAL_FRICTION, exact) for case in CASES for exact in (True, False)]
-    return shapes + rubs + slippery + softer
+    return [Cell(case, k, mu, exact, slippery) for case, k, mu, slippery in kinds for exact in (True, False)]
 
 
 def _few_cells() -> list[Cell]:
@@ -251,22 +223,17 @@ def _few_cells() -> list[Cell]:
 def run(draws: int, seed: int, chosen: Sequence[Cell] | None = None) -> list[ObjectRow]:
     """All cells, or those chosen, with so many draws each."""
     wanted = cells() if chosen is None else list(chosen)
-    played: dict[tuple[str, float, float], Recorded] = {}
     rows = []
     for number, cell in enumerate(progress(wanted, "objects", len(wanted))):
-        name, stiffness, friction = cell.case.name, cell.stiffness_N_m, cell.friction
-        if (name, stiffness, friction) not in played:
-            played[name, stiffness, friction] = play(
-                SETUP.rig(), cell.case.make(stiffness, friction), cell.case.strokes
-            )
-        recorded = played[name, stiffness, friction]
+        recorded = played(cell.case.name, cell.stiffness_N_m, cell.friction)
         judged = []
         for index in range(draws):
             rng = np.random.default_rng((seed, number, index))
             given = recorded.true if cell.exact else drawn_truth(replace(SETUP, exact=False).rig(), rng)
             judged.append(judge(recorded.noisy(rng, given), 0.0 if cell.slippery else FRICTION_RAD))
         rig = ("exact" if cell.exact else "off") + (", slippery" if cell.slippery else "")
-        rows.append(row_of(ObjectRow, Draws(judged), name, or_none(stiffness), friction, rig))
+        what = cell.case.name, or_none(cell.stiffness_N_m), cell.friction, rig
+        rows.append(row_of(ObjectRow, Draws(judged), *what))
     return rows
 
 

@@ -6,16 +6,15 @@ of an ordinary calibration's covariance. The instant of first touch is where the
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from benchmarks.estimator.setup import Setup, drawn_truth, rod_of
-from benchmarks.harness import column, table
+from benchmarks.harness import Draws, column, mean, of_any, rms, row_of, table
 from estimator.contact.status import CONTACT_EVIDENCE
-from estimator.object.track import Event, follow
+from estimator.object.track import follow
 from estimator.table.contacts import ContactTable
 from vbaa_calib.core.console import progress
 from vbaa_calib.rig import Rig
@@ -47,6 +46,30 @@ class AlarmRow:
     alone: int = column("frames beyond the threshold by themselves", "d")
 
 
+@dataclass(frozen=True, eq=False)
+class Approach:
+    """A recording's contacts, the rig as it is known, and the time of the first touch."""
+
+    table: ContactTable
+    given: Rig
+    touch_s: float
+
+
+@dataclass(frozen=True)
+class _Told:
+    """Of one approach whose contact was reported: error and deviation of P₀, delays from touch to decision, s."""
+
+    error_s: float
+    std_s: float
+    delay_s: float
+    alone_s: float
+
+
+def _normalised(told: Draws) -> np.ndarray:
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return told.error_s / told.std_s
+
+
 @dataclass(frozen=True)
 class OnsetRow:
     """Approaches at one speed.
@@ -61,23 +84,14 @@ class OnsetRow:
     rig: str = column("rig")
     speed_mm_s: float = column("mm/s", ".0f")
     draws: int = column("draws", "d")
-    found: int = column("found", "d")
-    error_ms: float = column("error", ".1f")
-    rms_ms: float = column("rms", ".1f")
-    std_ms: float = column("std", ".1f")
-    normalised: float = column("rms/std", ".2f")
-    covered: float = column("within 95 %", ".2f")
-    delay_ms: float = column("delay", ".0f")
-    alone_ms: float = column("by single frames", ".0f")
-
-
-@dataclass(frozen=True, eq=False)
-class Approach:
-    """A recording and the time of its first touch."""
-
-    table: ContactTable
-    given: Rig
-    touch_s: float
+    found: int = column("found", "d", of=len)
+    error_ms: float = column("error", ".1f", of=lambda told: 1e3 * mean(told.error_s))
+    rms_ms: float = column("rms", ".1f", of=lambda told: 1e3 * rms(told.error_s))
+    std_ms: float = column("std", ".1f", of=lambda told: 1e3 * (of_any(np.median, told.std_s) or np.nan))
+    normalised: float = column("rms/std", ".2f", of=lambda told: rms(_normalised(told)))
+    covered: float = column("within 95 %", ".2f", of=lambda told: mean(np.abs(_normalised(told)) < 1.96))
+    delay_ms: float = column("delay", ".0f", of=lambda told: 1e3 * mean(told.delay_s))
+    alone_ms: float = column("by single frames", ".0f", of=lambda told: 1e3 * mean(told.alone_s))
 
 
 def alarms(frames: int, seed: int) -> list[AlarmRow]:
@@ -149,53 +163,24 @@ def _touch_s(truth: Truth, time_s: np.ndarray) -> float:
 def onsets(draws: int, seed: int, speeds_m_s: Sequence[float] = SPEEDS_M_S) -> list[OnsetRow]:
     """So many approaches at each speed, with each kind of rig."""
     rows = []
-    for rig in RIGS:
+    for place, rig in enumerate(RIGS):
         for speed in speeds_m_s:
-            runs = range(draws)
-            made = [
-                approach(rig, speed, (seed, RIGS.index(rig), round(1e6 * speed), draw))
-                for draw in progress(runs, f"approach, {rig}, {1e3 * speed:g} mm/s", draws)
-            ]
-            rows.append(onset_row(rig, speed, made))
+            runs = progress(range(draws), f"approach, {rig}, {1e3 * speed:g} mm/s", draws)
+            found = [_told(approach(rig, speed, (seed, place, round(1e6 * speed), draw))) for draw in runs]
+            told = Draws([one for one in found if one is not None])
+            rows.append(row_of(OnsetRow, told, rig, 1e3 * speed, draws))
     return rows
 
 
-def onset_row(rig: str, speed_m_s: float, made: Sequence[Approach]) -> OnsetRow:
-    """What came of approaches at one speed."""
-    good, alone = [], []
-    for one in made:
-        event = first_contact(one)
-        if event is not None:
-            good.append((event.time_s - one.touch_s, event.time_std_s, event.time_s + event.delay_s - one.touch_s))
-            single = one.table.time_s[one.table.in_contact]
-            alone.append(single[0] - one.touch_s if len(single) else np.nan)
-    error, std, delay = np.array(good).reshape(-1, 3).T
-    with np.errstate(invalid="ignore", divide="ignore"):
-        z = error / std
-    return OnsetRow(
-        rig=rig,
-        speed_mm_s=1e3 * speed_m_s,
-        draws=len(made),
-        found=len(good),
-        error_ms=1e3 * _mean(error),
-        rms_ms=1e3 * _mean(error**2) ** 0.5,
-        std_ms=1e3 * _mean(std, np.median),
-        normalised=_mean(z**2) ** 0.5,
-        covered=_mean(np.abs(z) < 1.96),
-        delay_ms=1e3 * _mean(delay),
-        alone_ms=1e3 * _mean(np.array(alone)),
-    )
-
-
-def _mean(values: np.ndarray, statistic: Callable[[np.ndarray], Any] = np.mean) -> float:
-    return float(statistic(values)) if len(values) else float("nan")
-
-
-def first_contact(one: Approach) -> Event | None:
-    """The one first contact of an approach; None where it was not told, more than once, or before it was."""
+def _told(one: Approach) -> _Told | None:
+    """What was said of an approach's one first contact; None where that was not told, twice, or before it was."""
     events = [event for event in follow(one.table, one.given).events if event.kind == "first_contact"]
-    early = any(event.time_s + event.delay_s < one.touch_s for event in events)
-    return events[0] if len(events) == 1 and not early and np.isfinite(events[0].time_s) else None
+    late = all(event.time_s + event.delay_s >= one.touch_s for event in events)
+    if len(events) != 1 or not late or not np.isfinite(events[0].time_s):
+        return None
+    error, alone = events[0].time_s - one.touch_s, one.table.time_s[one.table.in_contact]
+    single = alone[0] - one.touch_s if len(alone) else np.nan
+    return _Told(error, events[0].time_std_s, error + events[0].delay_s, single)
 
 
 def as_text(free: Sequence[AlarmRow], rows: Sequence[OnsetRow]) -> str:

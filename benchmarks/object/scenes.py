@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -304,3 +305,13 @@ CASES = (
     ),
     Case("free form", lambda k, mu: TouchObject("freeform", CENTRE, AXIS, 0.028, 1.0, k, mu, bumps=BUMPS), _ROUND),
 )
+PIN_M = 2e-3
+"""Radius of a pin at a known place."""
+PIN = Case("pin", lambda k, mu: TouchObject("cylinder", CENTRE, AXIS, PIN_M, 0.12, k, mu), _LINE)
+
+
+@lru_cache(maxsize=32)
+def played(name: str, stiffness_N_m: float, friction: float) -> Recorded:
+    """One of `CASES`, or the pin, stroked by the antenna of `SETUP`; without noise yet."""
+    case = next(each for each in (*CASES, PIN) if each.name == name)
+    return play(SETUP.rig(), case.make(stiffness_N_m, friction), case.strokes)

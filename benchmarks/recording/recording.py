@@ -6,27 +6,23 @@ one draw of its calibration's covariance, and noise of its own.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from benchmarks.estimator.setup import drawn_truth
 from benchmarks.figures import GREEN, GREY, INK, label, panels
-from benchmarks.harness import Draws, Findings, Options, column, rms, row_of, table
-from benchmarks.object.scenes import AXIS, CASES, CENTRE, RIGID, SETUP, SOFT, Case, Recorded, contacts, play
+from benchmarks.harness import Draws, Findings, Options, column, or_none, picked, rms, row_of, table, timed
+from benchmarks.object.scenes import AXIS, CENTRE, PIN_M, RIGID, SETUP, SOFT, Recorded, contacts, played
 from estimator.object.estimate import estimate_object
-from estimator.recording import Refined, View, refine
+from estimator.recording import View, refine
 from estimator.recording.problem import FrictionPrior
 from estimator.recording.refined import begun
 from estimator.table.contacts import ContactTable, Measured
 from vbaa_calib.core.console import progress
-from vbaa_calib.rig import Rig
 from vbaa_calib.session import KnownObject
-from vbaa_calib.simulate.scene.objects import TouchObject
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -39,7 +35,7 @@ _KNOWN_ANGLE_RAD = 1e-3
 PLAYED = 296
 """Frames of a recording as it is played; longer ones repeat it with other noise, shorter ones are its first frames."""
 LONG = 10_000
-PIN_M, PIN_STD_M = 2e-3, 5e-5
+PIN_STD_M = 5e-5
 _OFF, _GOAL = 3.0, 1.2
 """How many deviations a rig is off before it is recalibrated, and how near it is to come to a fresh calibration."""
 
@@ -98,10 +94,6 @@ def _square(errors: np.ndarray) -> float:
     return float(np.sqrt(np.mean(np.sum(errors**2, axis=-1)))) if len(errors) else float("nan")
 
 
-def _ratio(draws: Draws) -> float:
-    return _square(draws.refined_m) / _square(draws.point_m)
-
-
 @dataclass(frozen=True)
 class RecordingRow:
     """One cell over its draws; of the contact points in the world, rms. `bound` : of the recording, with the friction
@@ -117,7 +109,7 @@ class RecordingRow:
     draws: int = column("draws", "d", of=len)
     framewise_mm: float = column("frame-wise mm", ".2f", of=lambda d: 1e3 * _square(d.point_m))
     refined_mm: float = column("refined mm", ".2f", of=lambda d: 1e3 * _square(d.refined_m))
-    ratio: float = column("ratio", ".2f", of=_ratio)
+    ratio: float = column("ratio", ".2f", of=lambda d: _square(d.refined_m) / _square(d.point_m))
     of_bound: float = column("× bound", ".2f", of=lambda d: _square(d.refined_m) / rms(d.bound_m))
     point_held: float = column("point held %", ".1f", 100.0, of=lambda d: float(d.held_point.mean()))
     distance_held: float = column("l held %", ".1f", 100.0, of=lambda d: float(d.held_distance.mean()))
@@ -133,32 +125,18 @@ class RecordingRow:
     frame_ms: float = column("ms a frame", ".2f", of=lambda d: 1e3 * float(d.seconds.sum()) / float(d.frames.sum()))
 
 
-@lru_cache(maxsize=32)
-def played(name: str, stiffness: float, friction: float) -> Recorded:
-    case = next(each for each in (*CASES, PIN) if each.name == name)
-    return play(SETUP.rig(), case.make(stiffness, friction), case.strokes)
-
-
-PIN = Case(
-    "pin",
-    lambda stiffness, mu: TouchObject("cylinder", CENTRE, AXIS, PIN_M, 0.12, stiffness, mu),
-    next(each for each in CASES if each.name == "cylinder").strokes,
-)
-
-
 def lengthened(recorded: Recorded, frames: int) -> Recorded:
     """The first frames of a recording, or the recording over and over, without noise yet."""
     rows, turns = np.arange(frames) % len(recorded), np.arange(frames) // len(recorded)
     pause = recorded.time_s[-1] + 1.0
-    picked = {name: getattr(recorded, name)[rows] for name in ("pan_rad", "tilt_rad", "centrelines_px", "moment_Nm")}
-    truth = type(recorded.truth)(*(getattr(recorded.truth, each)[rows] for each in vars(recorded.truth)))
+    taken = {name: getattr(recorded, name)[rows] for name in ("pan_rad", "tilt_rad", "centrelines_px", "moment_Nm")}
     return replace(
         recorded,
-        **picked,
+        **taken,
         time_s=recorded.time_s[rows] + pause * turns,
         stroke=recorded.stroke[rows] + (recorded.stroke.max() + 1) * turns,
         T_world_antenna=[recorded.T_world_antenna[row] for row in rows.tolist()],
-        truth=truth,
+        truth=picked(recorded.truth, rows),
     )
 
 
@@ -211,9 +189,7 @@ def judge(recorded: Recorded) -> Judged:
     """Estimate a recording frame by frame, refine it, and compare both with the truth."""
     found = contacts(recorded)
     lines = measured(recorded)
-    start = time.process_time()
-    as_one = refine(found, recorded.given, lines)
-    seconds = time.process_time() - start
+    as_one, seconds = timed(lambda: refine(found, recorded.given, lines))
     truth = recorded.truth
     rows = np.flatnonzero((as_one.refined | bool(as_one.reason)) & found.located & truth.in_contact)
     before, after = found.picked(rows), as_one.contacts.picked(rows)
@@ -255,8 +231,8 @@ def run(draws: int, seed: int, cells: Sequence[Cell] = CELLS) -> list[RecordingR
         for index in range(draws):
             rng = np.random.default_rng((seed, number, index))
             judged.append(judge(recorded.noisy(rng, drawn_truth(replace(SETUP, exact=False).rig(), rng))))
-        stiffness = cell.stiffness_N_m if np.isfinite(cell.stiffness_N_m) else None
-        rows.append(row_of(RecordingRow, Draws(judged), cell.case, stiffness, cell.friction, cell.frames))
+        what = cell.case, or_none(cell.stiffness_N_m), cell.friction, cell.frames
+        rows.append(row_of(RecordingRow, Draws(judged), *what))
     return rows
 
 
@@ -293,7 +269,7 @@ def recalibrated(draws: int, seed: int) -> KnownRow:
         found = refine(contacts(touched), off, measured(touched), line)
         updated += not found.reason
         std = np.sqrt(np.diag(found.rig.covariance))
-        worst.append(np.abs(_apart(found.rig, SETUP.rig())[std > 0.0] / std[std > 0.0]).max())
+        worst.append(np.abs(found.rig.step_from(SETUP.rig())[:17][std > 0.0] / std[std > 0.0]).max())
         other = sphere.noisy(rng)
         for name, rig in (("off", off), ("recalibrated", found.rig), ("fresh", drawn_truth(calibrated, rng))):
             given = contacts(replace(other, given=rig))
@@ -306,21 +282,13 @@ def recalibrated(draws: int, seed: int) -> KnownRow:
     )
 
 
-def _apart(rig: Rig, other: Rig) -> np.ndarray:
-    """(17,) difference of the rigs' parameters."""
-
-    return rig.step_from(other)[:17]
-
-
-def long_seconds(frames: int, seed: int) -> tuple[float, Refined]:
+def long_seconds(frames: int, seed: int) -> float:
     """Processor time to refine so many frames."""
     rng = np.random.default_rng((seed, 99))
     recorded = lengthened(played("cylinder", RIGID, 0.3), frames)
     recorded = recorded.noisy(rng, drawn_truth(replace(SETUP, exact=False).rig(), rng))
     found, lines = contacts(recorded), measured(recorded)
-    start = time.process_time()
-    as_one = refine(found, recorded.given, lines)
-    return time.process_time() - start, as_one
+    return timed(lambda: refine(found, recorded.given, lines))[1]
 
 
 def _figure(rows: Sequence[RecordingRow]) -> Figure:
@@ -347,7 +315,7 @@ def measure(options: Options) -> Findings:
     rows = run(options.draws, options.seed, QUICK if options.quick else CELLS)
     known = recalibrated(max(options.draws // 2, 1), options.seed)
     frames = PLAYED if options.quick else LONG
-    seconds, _ = long_seconds(frames, options.seed)
+    seconds = long_seconds(frames, options.seed)
     text = "\n\n".join(
         [
             table(rows, "contact points refined and frame by frame, rms over rigs"),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -11,7 +11,7 @@ import numpy as np
 from vbaa_calib.detect.whisker.centreline import Centreline
 from vbaa_calib.detect.whisker.corridor import Corridor
 
-from .scenes import Shot, Truth, aside_px, light, normals, variance
+from .scenes import Shot, Truth, aside_px, light, normals, truth, variance
 
 FALSE_PX, _FALSE_SIGMA = 0.5, 5.0
 """A point is false when it is off by more than both of these: pixels, and its own standard deviations."""
@@ -50,16 +50,16 @@ class Score:
     kept: float
 
 
-def score(line: Centreline, truth: Truth) -> Score:
+def score(line: Centreline, true: Truth) -> Score:
     """Judge points by the nearest place of the true path; where the antenna is hidden any point is false."""
-    errors, nearest = aside_px(truth.path_px, line.points_px)
+    errors, nearest = aside_px(true.path_px, line.points_px)
     false = (np.abs(errors) > FALSE_PX) & (np.abs(errors) > _FALSE_SIGMA * line.sigma_px)
-    place = np.arange(len(truth.path_px))
-    if len(nearest) and truth.visible.any():
+    place = np.arange(len(true.path_px))
+    if len(nearest) and true.visible.any():
         # points a hair inside what hides the antenna still show it: the picture is blurred
-        shown = np.convolve(truth.visible, np.ones(9), mode="same") > 0
+        shown = np.convolve(true.visible, np.ones(9), mode="same") > 0
         false |= ~shown[nearest]
-        gap = np.abs(place[truth.visible][:, None] - np.sort(nearest)[None]).min(axis=1)
+        gap = np.abs(place[true.visible][:, None] - np.sort(nearest)[None]).min(axis=1)
         kept = float((gap <= 5).mean())
     else:
         kept = 0.0
@@ -71,29 +71,40 @@ def bound_px(shot: Shot, points_px: np.ndarray, step_px: float = 0.05) -> np.nda
 
     Unknown besides the place: level and slope of the background, the line's height. Noise of known variance.
     """
-    assert shot.bend is not None
-    from .scenes import truth
-
     path = truth(shot).path_px
-    _, nearest = aside_px(path, points_px)
-    normal = normals(path)[nearest]
+    normal = normals(path)[aside_px(path, points_px)[1]]
     whole = light(shot)
-    by_place = (light(shot, step_px) - light(shot, -step_px)) / (2.0 * step_px)
-    by_height = whole - light(shot, antenna=False)
-    weight = 1.0 / np.sqrt(variance(shot.spec, whole))
-    reach = int(np.ceil(0.8 * shot.width_px + 5.0))
-    bounds = np.empty(len(points_px))
-    for index, (point, across) in enumerate(zip(points_px, normal, strict=True)):
-        sideways = abs(across[1]) >= abs(across[0])
-        line, middle = (round(point[0]), round(point[1])) if sideways else (round(point[1]), round(point[0]))
-        cut = slice(max(middle - reach, 0), middle + reach + 1)
-        here = (cut, line) if sideways else (line, cut)
-        t = np.arange(len(whole[here])) / reach
-        nuisance = np.stack([np.ones_like(t), t, by_height[here]], axis=1) * weight[here][:, None]
-        signal = by_place[here] * weight[here]
-        rest = signal - nuisance @ np.linalg.lstsq(nuisance, signal, rcond=None)[0]
-        bounds[index] = 1.0 / np.sqrt(max(float(rest @ rest), 1e-12))
+    images = (
+        (light(shot, step_px) - light(shot, -step_px)) / (2.0 * step_px),
+        whole - light(shot, antenna=False),
+        variance(shot.spec, whole),
+    )
+    reach, bounds = int(np.ceil(0.8 * shot.width_px + 5.0)), np.empty(len(points_px))
+    upright = np.abs(normal[:, 1]) >= np.abs(normal[:, 0])
+    for own, axes, along in ((upright, images, points_px), (~upright, [i.T for i in images], points_px[:, ::-1])):
+        told = information(axes, np.rint(along[own, 0]).astype(int), along[own, 1], reach)
+        bounds[own] = 1.0 / np.sqrt(np.maximum(told, 1e-12))
     return bounds
+
+
+def information(images: Sequence[np.ndarray], column: np.ndarray, row: np.ndarray, reach: int) -> np.ndarray:
+    """(C,) inverse variance, px⁻², of a line's place across it, by the pixels up to `reach` from (column, row), (C,).
+
+    images : (H, W) change of the light with the place, the line alone, and the noise's variance. Free in every column
+    are level and slope of the background and the line's height.
+    """
+    by_place, line, noise = images
+    beside = np.arange(-reach, reach + 1)
+    rows = np.rint(row).astype(int)[:, None] + beside
+    there = (rows >= 0) & (rows < len(line))
+    at = np.clip(rows, 0, len(line) - 1), column[:, None]
+    weight = there / np.sqrt(noise[at])
+    aside = np.broadcast_to(beside / reach, weight.shape)
+    unknown = np.stack([np.ones_like(weight), aside, line[at]], axis=-1) * weight[..., None]
+    signal = by_place[at] * weight
+    normal = np.linalg.pinv(np.einsum("ctk,ctl->ckl", unknown, unknown), hermitian=True)
+    taken_up = np.einsum("ckl,ctl,ct->ck", normal, unknown, signal)
+    return ((signal - np.einsum("ctk,ck->ct", unknown, taken_up)) ** 2).sum(axis=1)
 
 
 Peer = Callable[[np.ndarray], np.ndarray]

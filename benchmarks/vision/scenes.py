@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from itertools import product
 
 import cv2
 import numpy as np
+from scipy.spatial import cKDTree
 
 from vbaa_calib.simulate.render.antenna import Tube, tube_patch
 from vbaa_calib.simulate.render.picture import Patch, Studio, digitise, expose
@@ -76,8 +78,6 @@ def normals(path: np.ndarray) -> np.ndarray:
 
 def aside_px(path: np.ndarray, points_px: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(N,) signed distance of points from a dense path, and the index (N,) of the nearest point of the path."""
-    from scipy.spatial import cKDTree
-
     nearest = cKDTree(path).query(points_px)[1] if len(points_px) else np.empty(0, int)
     offset = points_px - path[nearest]
     across = normals(path)[nearest]
@@ -165,13 +165,9 @@ class Truth:
 
 def truth(shot: Shot) -> Truth:
     """Where the antenna of a shot is."""
-    if shot.bend is None:
-        return Truth(np.empty((0, 2)), np.empty(0, bool))
-    path = path_px(shot.bend)
-    visible: np.ndarray = np.all((path >= 0) & (path <= np.array(shot.size) - 1), axis=1)
-    for block in shot.blocks:
-        visible &= ~block.holds(path)
-    return Truth(path, visible)
+    path = np.empty((0, 2)) if shot.bend is None else path_px(shot.bend)
+    outside = np.any((path < 0) | (path > np.array(shot.size) - 1), axis=1)
+    return Truth(path, ~np.any([outside, *(block.holds(path) for block in shot.blocks)], axis=0))
 
 
 def light(shot: Shot, aside_px: float = 0.0, antenna: bool = True) -> np.ndarray:
@@ -184,11 +180,8 @@ def light(shot: Shot, aside_px: float = 0.0, antenna: bool = True) -> np.ndarray
             canvas = _with_twin(canvas, shot, path, twin)
     for block in shot.blocks:
         canvas = _with_block(canvas, block)
-    patches: list[Patch] = []
-    if antenna and path is not None:
-        moved = path + aside_px * normals(path)
-        patches = _antenna_patches(place, shot, moved)
-    grey = expose(place, canvas, patches)
+    seen = _antenna_patches(place, shot, path + aside_px * normals(path)) if antenna and path is not None else []
+    grey = expose(place, canvas, seen)
     grey = _smeared(grey, shot.smear_px) if any(shot.smear_px) else grey
     grey = _defocused(grey, shot.defocus_px) if shot.defocus_px > 0 else grey
     return 255.0 - grey if shot.dark else grey
@@ -212,39 +205,28 @@ def bare_studio(lens: Lens, spec: PictureSpec) -> Studio:
     return Studio(spec, RayMap(lens, np.empty((0, 0, 2))), level.astype(np.float32), np.empty((0, 0), np.float32))
 
 
-def _tube(path: np.ndarray, half_width_px: float) -> Tube:
-    across = normals(path)
-    along = np.stack([across[:, 1], -across[:, 0]], axis=1)
-    ones = np.ones(len(path))
-    return Tube(path, along, across, half_width_px * ones, ones, ones)
-
-
 def _antenna_patches(place: Studio, shot: Shot, path: np.ndarray) -> list[Patch]:
     def obstacle(points: np.ndarray) -> np.ndarray:
-        hidden = np.zeros(len(points), bool)
-        for block in shot.blocks:
-            hidden |= block.holds(points)
-        return np.where(hidden, 0.0, np.inf)
+        return np.where(np.any([block.holds(points) for block in shot.blocks], axis=0), 0.0, np.inf)
 
-    hide: Callable[[np.ndarray], np.ndarray] | None = obstacle if shot.blocks else None
-    half = 0.5 * shot.width_px
-    body = tube_patch(place, _tube(path, half), shot.spec.antenna, shot.spec.shading_asymmetry, hide)
-    patches = [body]
-    if shot.glint[0] > 0:
-        core = _tube(path + shot.glint[1] * half * normals(path), 0.3 * half)
-        spark = tube_patch(place, core, shot.glint[0], 0.0, hide)
-        # light that is added, whatever is behind it
-        patches.append(None if spark is None else replace(spark, alpha=np.zeros_like(spark.alpha)))
-    return [patch for patch in patches if patch is not None]
+    def drawn(line: np.ndarray, half_px: float, brightness: float, asymmetry: float = 0.0) -> Patch | None:
+        across, ones = normals(line), np.ones(len(line))
+        tube = Tube(line, across[:, ::-1] * [1.0, -1.0], across, half_px * ones, ones, ones)
+        return tube_patch(place, tube, brightness, asymmetry, obstacle if shot.blocks else None)
+
+    half, (glint, aside) = 0.5 * shot.width_px, shot.glint
+    body = drawn(path, half, shot.spec.antenna, shot.spec.shading_asymmetry)
+    spark = drawn(path + aside * half * normals(path), 0.3 * half, glint) if glint > 0 else None
+    # the glint is light that is added, whatever is behind it
+    bare = None if spark is None else replace(spark, alpha=np.zeros_like(spark.alpha))
+    return [patch for patch in (body, bare) if patch is not None]
 
 
 def _with_block(canvas: np.ndarray, block: Block) -> np.ndarray:
-    height, width = canvas.shape
-    fine = (np.arange(3) - 1.0) / 3.0
-    u, v = np.meshgrid(np.arange(width), np.arange(height))
+    pixels = np.stack(np.meshgrid(np.arange(canvas.shape[1]), np.arange(canvas.shape[0])), axis=-1)
     share = np.zeros(canvas.shape, np.float32)
-    for shift in np.stack(np.meshgrid(fine, fine), axis=-1).reshape(-1, 2):
-        share += block.holds(np.stack([u, v], axis=-1) + shift) / np.float32(9.0)
+    for shift in product((-1.0 / 3.0, 0.0, 1.0 / 3.0), repeat=2):
+        share += block.holds(pixels + shift) / np.float32(9.0)
     return canvas * (1.0 - share) + np.float32(block.brightness) * share
 
 
@@ -265,8 +247,7 @@ def _with_twin(canvas: np.ndarray, shot: Shot, path: np.ndarray, twin: Twin) -> 
 
 def _smeared(grey: np.ndarray, smear_px: tuple[float, float]) -> np.ndarray:
     """Motion at an even speed: the mean of shifted copies, as many to one side as to the other."""
-    count = 2 * int(np.ceil(np.hypot(*smear_px))) + 1
-    total = np.zeros_like(grey)
+    count, total = 2 * int(np.ceil(np.hypot(*smear_px))) + 1, np.zeros_like(grey)
     for share in np.linspace(-0.5, 0.5, count):
         shift = np.array([[1.0, 0.0, share * smear_px[0]], [0.0, 1.0, share * smear_px[1]]])
         total += cv2.warpAffine(grey, shift, grey.shape[::-1], flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
@@ -287,56 +268,54 @@ Size = tuple[int, int]
 
 def good(rng: Rng, size: Size) -> Shot:
     """In focus, even light, plain background; any width from 2 to 8 px, any moderate bend."""
-    width, height = size
-    length = float(rng.uniform(0.7, 0.85) * width)
+    length = rng.uniform(0.7, 0.85) * size[0]
     bend = Bend(
-        clamp_px=(0.07 * width + rng.uniform(0, 1), height * rng.uniform(0.4, 0.6)),
-        heading_rad=float(rng.uniform(-0.1, 0.1)),
+        clamp_px=(0.07 * size[0] + rng.uniform(0, 1), size[1] * rng.uniform(0.4, 0.6)),
+        heading_rad=rng.uniform(-0.1, 0.1),
         length_px=length,
         turn_rad=float(np.clip(rng.normal(0.0, 0.35), -0.6, 0.6)),
-        contact=float(rng.uniform(0.3, 1.0)),
-        force_angle_rad=float(rng.uniform(-0.3, 0.3)),
-        sag=float(rng.uniform(0.0, 0.015)),
-        shorter=float(rng.uniform(0.97, 1.0)),
+        contact=rng.uniform(0.3, 1.0),
+        force_angle_rad=rng.uniform(-0.3, 0.3),
+        sag=rng.uniform(0.0, 0.015),
+        shorter=rng.uniform(0.97, 1.0),
     )
-    spec = replace(PLAIN, blur_px=float(rng.uniform(0.6, 1.0)), antenna=float(rng.uniform(0.5, 0.9)))
-    return Shot(size, bend, float(rng.uniform(2.0, 8.0)), spec)
+    spec = replace(PLAIN, blur_px=rng.uniform(0.6, 1.0), antenna=rng.uniform(0.5, 0.9))
+    return Shot(size, bend, rng.uniform(2.0, 8.0), spec)
 
 
 def _motion(rng: Rng, shot: Shot) -> Shot:
     angle, length = rng.uniform(0, np.pi), rng.uniform(3.0, 8.0)
-    return replace(shot, smear_px=(float(length * np.cos(angle)), float(length * np.sin(angle))))
+    return replace(shot, smear_px=(length * np.cos(angle), length * np.sin(angle)))
 
 
 def _highlights(rng: Rng, shot: Shot) -> Shot:
     """A glint along the antenna, off its middle, and one flank brighter."""
-    spec = replace(shot.spec, antenna=0.5, shading_asymmetry=float(rng.uniform(-0.1, 0.1)))
-    return replace(shot, spec=spec, glint=(float(rng.uniform(0.2, 0.6)), float(rng.uniform(-0.3, 0.3))))
+    spec = replace(shot.spec, antenna=0.5, shading_asymmetry=rng.uniform(-0.1, 0.1))
+    return replace(shot, spec=spec, glint=(rng.uniform(0.2, 0.6), rng.uniform(-0.3, 0.3)))
 
 
 def _clutter(rng: Rng, shot: Shot) -> Shot:
     """Texture, soft shapes, straight edges and bars of any width behind it."""
-    return replace(shot, clutter=_background(rng, shot.size, float(rng.uniform(0.15, 0.4))))
+    return replace(shot, clutter=_background(rng, shot.size, rng.uniform(0.15, 0.4)))
 
 
 def _twin(rng: Rng, shot: Shot) -> Shot:
     """A shadow or a fainter reflection beside it."""
-    strength = float(rng.uniform(-0.6, -0.3) if rng.uniform() < 0.5 else rng.uniform(0.2, 0.5))
+    strength = rng.uniform(-0.6, -0.3) if rng.uniform() < 0.5 else rng.uniform(0.2, 0.5)
     aside = float(rng.choice([-1, 1]) * (shot.width_px + rng.uniform(2.0, 20.0)))
-    return replace(shot, twins=(Twin(aside, float(rng.uniform(-0.05, 0.05)), strength, float(rng.uniform(0.5, 2.5))),))
+    return replace(shot, twins=(Twin(aside, rng.uniform(-0.05, 0.05), strength, rng.uniform(0.5, 2.5)),))
 
 
 def _hidden(rng: Rng, shot: Shot) -> Shot:
     """An object in front, darker or brighter than the background, that hides up to 40 % of the antenna."""
     bend = _bend(shot)
-    path = path_px(bend)
-    share = rng.uniform(0.1, 0.4)
+    path, share = path_px(bend), rng.uniform(0.1, 0.4)
     middle = rng.uniform(0.25 + 0.5 * share, 1.0 - 0.5 * share)
     at = path[int(middle * (len(path) - 1))]
     ends = path[[int((middle - 0.1) * (len(path) - 1)), min(int((middle + 0.1) * len(path)), len(path) - 1)]]
     turn = float(np.arctan2(*(ends[1] - ends[0])[::-1]) + rng.uniform(-0.3, 0.3))
     half = (0.5 * share * bend.length_px * 0.95, float(rng.uniform(0.1, 0.25) * shot.size[1]))
-    block = Block((float(at[0]), float(at[1])), half, turn, float(rng.uniform(0.03, 0.6)))
+    block = Block((float(at[0]), float(at[1])), half, turn, rng.uniform(0.03, 0.6))
     return replace(shot, blocks=(*shot.blocks, block))
 
 
@@ -359,7 +338,7 @@ HARDSHIPS: dict[str, Callable[[Rng, Shot], Shot]] = {
     # dark corners and one side in the dark
     "uneven light": lambda rng, shot: _light(shot, vignette=rng.uniform(0.3, 0.7), gradient=rng.uniform(0.3, 0.7)),
     # a disc of confusion of 2 to 5 px radius
-    "defocus": lambda rng, shot: replace(shot, defocus_px=float(rng.uniform(2.0, 5.0))),
+    "defocus": lambda rng, shot: replace(shot, defocus_px=rng.uniform(2.0, 5.0)),
     # by up to 8 px in any direction during the exposure
     "motion blur": _motion,
     # a sensor at its highest gain: 8 to 20 grey levels of noise
@@ -368,12 +347,12 @@ HARDSHIPS: dict[str, Callable[[Rng, Shot], Shot]] = {
     "clutter": _clutter,
     "shadow or reflection": _twin,
     "hidden up to 40 %": _hidden,
-    "1.5 to 2 px wide": lambda rng, shot: replace(shot, width_px=float(rng.uniform(1.5, 2.0))),
-    "8 to 20 px wide": lambda rng, shot: replace(shot, width_px=float(rng.uniform(8.0, 20.0))),
+    "1.5 to 2 px wide": lambda rng, shot: replace(shot, width_px=rng.uniform(1.5, 2.0)),
+    "8 to 20 px wide": lambda rng, shot: replace(shot, width_px=rng.uniform(8.0, 20.0)),
     "steep bends": _steep,
     # longer than the picture: its tip is outside
     "leaving the picture": lambda rng, shot: replace(
-        shot, bend=replace(_bend(shot), length_px=float(rng.uniform(1.05, 1.4) * shot.size[0]))
+        shot, bend=replace(_bend(shot), length_px=rng.uniform(1.05, 1.4) * shot.size[0])
     ),
     "dark on light": lambda rng, shot: replace(shot, dark=True),
 }
@@ -393,15 +372,13 @@ def mixed(rng: Rng, size: Size, empty: bool = False) -> Shot:
 
 def _background(rng: Rng, size: Size, contrast: float) -> np.ndarray:
     """(H, W) float32 brightness: clouds, texture, soft shapes, straight edges, bars."""
-    width, height = size
-    canvas = np.zeros((height, width), np.float32)
+    canvas = np.zeros(size[::-1], np.float32)
     for cells, weight in ((5, 0.4), (14, 0.2), (60, 0.1)):
         coarse = rng.standard_normal((cells, cells)).astype(np.float32)
         canvas += weight * cv2.resize(coarse, size, interpolation=cv2.INTER_CUBIC)
-    for _ in range(int(rng.integers(3, 10))):
-        canvas += np.float32(rng.uniform(-0.8, 0.8)) * _shape(rng, size)
-    for _ in range(int(rng.integers(0, 5))):
-        canvas += np.float32(rng.uniform(-0.8, 0.8)) * _bar(rng, size)
+    for drawn, fewest, most in ((_shape, 3, 10), (_bar, 0, 5)):
+        for _ in range(rng.integers(fewest, most)):
+            canvas += np.float32(rng.uniform(-0.8, 0.8)) * drawn(rng, size)
     return np.clip(0.2 * (1.0 + 2.0 * contrast * canvas), 0.01, 0.9).astype(np.float32)
 
 
@@ -411,13 +388,13 @@ def _shape(rng: Rng, size: Size) -> np.ndarray:
     if rng.uniform() < 0.3:
         cv2.circle(one, centre.astype(int).tolist(), int(span[0] / 2), 1.0, -1)
     else:
-        corners = cv2.boxPoints((centre.tolist(), span.tolist(), float(rng.uniform(0, 180))))
+        corners = cv2.boxPoints((centre.tolist(), span.tolist(), rng.uniform(0, 180)))
         cv2.fillConvexPoly(one, np.round(corners).astype(np.int32), 1.0)
     return cv2.GaussianBlur(one, (0, 0), float(rng.choice([0.5, 1.0, 3.0])))
 
 
 def _bar(rng: Rng, size: Size) -> np.ndarray:
     mask = np.zeros(size[::-1], np.uint8)
-    ends = np.round(16 * rng.uniform((-20, -20), np.array(size) + 20, (2, 2))).astype(int)
-    cv2.line(mask, ends[0].tolist(), ends[1].tolist(), 255, int(rng.integers(1, 16)), cv2.LINE_AA, 4)
+    begin, end = np.round(16 * rng.uniform((-20, -20), np.array(size) + 20, (2, 2))).astype(int).tolist()
+    cv2.line(mask, begin, end, 255, int(rng.integers(1, 16)), cv2.LINE_AA, 4)
     return cv2.GaussianBlur(mask.astype(np.float32) / 255.0, (0, 0), 0.6)
