@@ -16,6 +16,7 @@ from estimator.table.contacts import LOCATED, ContactRow
 from estimator.table.files import cells_of, check_format, write_contacts, write_header, write_row
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import disk_errors_named, refuse_overwrite
+from vbaa_calib.core.folders import make_folder
 from vbaa_calib.streams.bags import BagWriter, Logged
 from vbaa_calib.streams.devices import udp_address
 
@@ -35,6 +36,7 @@ class GrowingTable:
         self._path, self._grown, self._final = path, path.with_suffix(".csv"), final
         for each in {self._path, self._grown}:
             refuse_overwrite(each, force)
+        make_folder(path.parent)
         self._stream = _opened(self._grown)
         self._kept = tempfile.TemporaryFile(dir=path.parent)  # noqa: SIM115 -- it lives as long as this
         self._rows = [0, 0]
@@ -118,6 +120,7 @@ class ContactBag:
         """Raises InputError for a file in the way."""
         refuse_overwrite(path, force)
         self._path = path
+        make_folder(path.parent)
         with disk_errors_named(path):
             self._writer = BagWriter(path)
 

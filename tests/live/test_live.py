@@ -182,7 +182,7 @@ def verb(*words: object) -> int:
 def test_a_bag_live_is_the_bag_estimated(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The files of `vbaa live` and `vbaa estimate`, byte for byte; and the contacts as a bag that others read."""
     bag = write(tmp_path / "demo.mcap")
-    one, other, out = tmp_path / "one.csv", tmp_path / "other.csv", tmp_path / "out.mcap"
+    one, other, out = tmp_path / "one.csv", tmp_path / "new/other.csv", tmp_path / "newer/out.mcap"
     assert verb("estimate", bag, "--rig", small_rig() / "rig.json", "-o", one, "--no-report") == 0
     assert verb("live", small_rig() / "rig.json", bag, "-o", other, "--bag", out, "--json") == 0
     assert one.read_bytes() == other.read_bytes()

@@ -17,7 +17,7 @@ from .test_live import found
 
 
 def test_a_log_holds_picture_scene_and_numbers(tmp_path: Path) -> None:
-    path = tmp_path / "live.rrd"
+    path = tmp_path / "new" / "live.rrd"
     log = RerunLog(str(path))
     several = found()[:30]
     for each in several:

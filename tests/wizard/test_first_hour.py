@@ -85,6 +85,10 @@ class Person(Ui):
         if question.key == "board_thickness_mm":
             self.count += 1
             assert self.change("jig_turn_deg", "0 0 1")
+        if question.key == "plane_way":
+            # somebody is still at the lens
+            path = next((self.session / "intrinsics").glob("*.png"))
+            assert cv2.imwrite(str(self.camera / "lens_late.jpg"), cv2.imread(str(path)))
         if question.key == "readings":
             assert not self.problem
             given = self._readings(question.words)

@@ -44,7 +44,7 @@ EXAMPLES = {
         "vbaa estimate session --rig rig.json --no-report -o plain.parquet",
     ),
     "live": (
-        "vbaa live rig.json session/recording/recording.csv -o live.csv",
+        "vbaa live rig.json session/recording/recording.csv -o live/contacts.csv",
         "vbaa live rig.json session/recording/recording.csv --no-final --lines",
     ),
     "batch": (

@@ -151,7 +151,9 @@ class Synchronizer:
     def left_out(self) -> list[str]:
         """What was left out, in words."""
         usual = ("pictures", "readings")
-        return [f"{count} {what}" for what, count in sorted(self.counts.items()) if what not in usual and count]
+        said = [f"{count} {what}" for what, count in sorted(self.counts.items()) if what not in usual and count]
+        gap = f": their readings are further apart than --gap ({self._timing.gap_s:g} s), or on one side only"
+        return [f"{words}{gap}" if "pictures without" in words else words for words in said]
 
     def _refuse(self, size: Sequence[int]) -> None:
         assert self._image_size is not None

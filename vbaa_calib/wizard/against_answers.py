@@ -32,7 +32,10 @@ def jig_refusal(state: SessionState, view: BoardView, fast: bool) -> str:
         off_px = np.linalg.norm(view.corners_px[here] - first.corners_px[there], axis=-1)
         if not len(off_px) or np.median(off_px) > _MOVED_PX:
             how = f"by {np.median(off_px):.0f} px" if len(off_px) else "wholly"
-            return f"the board has moved {how} since {first.name}, and the jig stands still: is it of the jig?"
+            return (
+                f"the board has moved {how} since {first.name}, and the jig stands still: is it of the jig? "
+                f"If {first.name} is not, type redo"
+            )
     if fast:
         return ""
     lens = state.lens()

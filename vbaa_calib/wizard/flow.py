@@ -46,8 +46,6 @@ def walk(state: SessionState, ui: Ui, report: Report) -> dict[str, Any]:
             at += 1
             continue
         ui.begin(step)
-        if step.check is not None:
-            _begin(store, ui, step.name)
         try:
             if is_last:
                 return _conclude(state, ui, report)
@@ -131,7 +129,8 @@ def _take_step(state: SessionState, ui: Ui, step: Step) -> str:
     while True:
         source = _open(state.store, ui, step)
         try:
-            ui.say(f"pictures from {source.name}")
+            past = len(state.store.journal.of(step.name).past or ()) if ui.interactive else 0
+            ui.say(f"pictures from {source.name}" + (f", but for the {past} that are there already" if past else ""))
             table = _readings_table(state.store, step.name)
             if (ended := Capture(state, ui, step, source, table, wants_more).run()) != "again":
                 return ended
@@ -209,7 +208,10 @@ def _pictures_in(text: str) -> list[Path]:
 
 
 def _begin(store: Store, ui: Ui, step: str) -> None:
-    """Note the pictures of a shared folder that belong to earlier steps; a folder of the step's own counts whole."""
+    """Note the pictures of a shared folder that belong to earlier steps; a folder of the step's own counts whole.
+
+    Not before the step's questions are answered: until then somebody may still be at the step before.
+    """
     text = _source_text(store, step)
     if store.journal.of(step).past is not None or not text:
         return

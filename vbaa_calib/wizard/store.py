@@ -97,7 +97,7 @@ class RefusedPicture(_Model):
 class StepRecord(_Model):
     """One step. closed : how it ended ("enough", "by hand", "all pictures seen"), "" while it is open.
 
-    past : pictures that were at the source before the step began and do not count; None if it has not begun.
+    past : pictures that were at the source before the step waited for its own, which do not count; None until then.
     """
 
     taken: tuple[AcceptedPicture, ...] = ()

@@ -158,7 +158,7 @@ def _dated(given: list[Path]) -> list[tuple[datetime, Path]]:
                     raise InputError(f"date is {row['date']!r}", where=place, remedy=remedy) from None
                 found.append((date, path.parent / row["session"]))
             continue
-        date_of = _DATE.search(path.resolve().name)
+        date_of = _DATE.search(path.absolute().name)  # a link has a name of its own
         try:
             if date_of is None:
                 raise ValueError

@@ -10,6 +10,7 @@ import numpy as np
 
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import refuse_overwrite
+from vbaa_calib.core.folders import make_folder
 from vbaa_calib.streams.bags import require_extra
 
 if TYPE_CHECKING:
@@ -49,6 +50,7 @@ class RerunLog:
             elif "://" in target:
                 self._stream.connect_grpc(target)
             else:
+                make_folder(Path(target).parent)
                 self._stream.save(target)
         except Exception as error:
             raise InputError(f"cannot be shown there ({error})", where=target, remedy="write a file.rrd") from None

@@ -46,7 +46,7 @@ def turntable(scene: Scene, path: Path, *, mode: str = "force", force: bool = Fa
 
 def _turned(stage: Stage) -> Iterator[np.ndarray]:
     """(H, W, 3) uint8 of each angle."""
-    stage.plotter.enable_anti_aliasing("fxaa")
+    stage.plotter.enable_anti_aliasing("ssaa")
     stage.plotter.enable_depth_peeling(8)
     for _ in range(_FRAMES):
         yield np.asarray(stage.plotter.screenshot(return_img=True))[..., :3]
