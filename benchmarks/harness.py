@@ -289,45 +289,23 @@ def one_thread() -> Iterator[None]:
         torch.set_num_threads(threads[1])
 
 
-@dataclass(frozen=True)
-class Machine:
+def machine(packages: Sequence[str], others: Mapping[str, str]) -> dict[str, Any]:
     """What a benchmark ran on.
 
-    threads : environment variables that limit them, those that are set.
-    versions : package → version, or "absent".
+    threads : environment variables that limit them, those that are set. versions : of ours, of the packages that are
+    measured, or "absent", and of others that are given.
     """
-
-    processor: str
-    cores: int
-    threads: Mapping[str, str]
-    system: str
-    python: str
-    versions: Mapping[str, str]
-
-    def __str__(self) -> str:
-        """All on one line but the system."""
-        limits = [f"{name}={value}" for name, value in self.threads.items()]
-        named = [f"{name} {number}" for name, number in self.versions.items()]
-        return ", ".join([self.processor, f"{self.cores} cores", *limits, f"Python {self.python}", *named])
-
-
-def machine(packages: Sequence[str], others: Mapping[str, str] | None = None) -> Machine:
-    """The machine, and the versions of the packages that are measured, ours first, and of others that are given."""
-    return Machine(
-        processor=_processor(),
-        cores=os.cpu_count() or 1,
-        threads={name: os.environ[name] for name in _THREADS if os.environ.get(name)},
-        system=platform.platform(),
-        python=platform.python_version(),
-        versions={name: _version(name) for name in ("vbaa-calib", *packages)} | dict(others or {}),
-    )
-
-
-def _processor() -> str:
     cpuinfo = Path("/proc/cpuinfo")
     lines = cpuinfo.read_text().splitlines() if cpuinfo.exists() else []
     names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return names[0] if names else platform.processor() or platform.machine()
+    return {
+        "processor": names[0] if names else platform.processor() or platform.machine(),
+        "cores": os.cpu_count() or 1,
+        "threads": {name: os.environ[name] for name in _THREADS if os.environ.get(name)},
+        "system": platform.platform(),
+        "python": platform.python_version(),
+        "versions": {name: _version(name) for name in ("vbaa-calib", *packages)} | dict(others),
+    }
 
 
 def _version(package: str) -> str:
@@ -335,6 +313,14 @@ def _version(package: str) -> str:
         return version(package)
     except PackageNotFoundError:
         return "absent"
+
+
+def in_a_line(ran_on: Mapping[str, Any]) -> str:
+    """All of `machine` but the system."""
+    limits = [f"{name}={value}" for name, value in ran_on["threads"].items()]
+    named = [f"{name} {number}" for name, number in ran_on["versions"].items()]
+    words = [ran_on["processor"], f"{ran_on['cores']} cores", *limits, f"Python {ran_on['python']}", *named]
+    return ", ".join(words)
 
 
 # --- tables in pages of docs/

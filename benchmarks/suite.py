@@ -16,7 +16,7 @@ from vbaa_calib.core.console import say
 from vbaa_calib.core.errors import InputError, SolveError
 from vbaa_calib.core.files import read_yaml, refuse_overwrite, replacing, write_json
 
-from .harness import AGAINST, Findings, Options, aligned, as_json, machine, write_csv
+from .harness import AGAINST, Findings, Options, aligned, as_json, in_a_line, machine, write_csv
 
 ALL = "all"
 _MOST_DRAWS, _MOST_JOBS = 10_000_000, 256
@@ -130,7 +130,7 @@ def _measured(args: argparse.Namespace, subject: Subject) -> tuple[dict[str, Any
     found = measure(options)
     ran_on = machine(subject.packages.split(), found.versions)
     quick = ", quick" if args.quick else ""
-    _show(args, f"{ran_on}, {draws} {subject.draw}, seed {args.seed}{quick}\n{found.text}")
+    _show(args, f"{in_a_line(ran_on)}, {draws} {subject.draw}, seed {args.seed}{quick}\n{found.text}")
     flags = [f"--draws {draws}", f"--seed {args.seed}", *(["--quick"] if args.quick else [])]
     flags += [f"--jobs {options.jobs}"] if options.jobs > 1 else []
     record = {
@@ -142,7 +142,7 @@ def _measured(args: argparse.Namespace, subject: Subject) -> tuple[dict[str, Any
         "seed": args.seed,
         "quick": args.quick,
         "jobs": options.jobs,
-        "machine": as_json(ran_on),
+        "machine": ran_on,
         "files": list(subject.files),
         "seconds": round(time.perf_counter() - begun, 1),
     }

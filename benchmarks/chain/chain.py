@@ -190,7 +190,13 @@ def _marks(panel: Axes, rows: Sequence[ChainRow]) -> None:
         panel.loglog([error - scatter, error + scatter], [row.ms, row.ms], color=colour, lw=1.0, alpha=0.5)
         panel.loglog(error, row.ms_recording, mark, color=colour, markerfacecolor="white", markersize=6)
         panel.loglog(error, row.ms, mark, color=colour, markersize=6)
-    name_points(panel, [(row.method, row.l_rms_mm or 0.0, row.ms, _STYLES[row.family][0]) for row in rows], gap=1.35)
+    alike: dict[object, list[ChainRow]] = {}
+    for row in rows:  # rungs whose errors are much the same share a label
+        about = round(8 * np.log10(row.l_rms_mm or 1.0)) if row.family == OURS else row.method
+        alike.setdefault(about, []).append(row)
+    names = [", ".join(row.method for row in group) for group in alike.values()]
+    at = [(max(row.l_rms_mm or 0.0 for row in g), g[0].ms, _STYLES[g[0].family][0]) for g in alike.values()]
+    name_points(panel, [(name, *place) for name, place in zip(names, at, strict=True)], gap=1.35)
 
 
 def measure(options: Options) -> Findings:

@@ -89,17 +89,14 @@ def errors_of(given: Draw, solved: Solved) -> dict[str, Errors]:
     """Solved less true by quantity, with the predicted covariances."""
     pose = solved.T_antenna_camera.tangent_from(given.rig.T_antenna_camera)
     step = np.concatenate([pose, solved.parameters - given.truth])
-    found = {"points on C": _points(given.rig, solved)}
+    points, pixels = given.rig.points_on_c()
+    layer = CameraOnPlane(solved.camera, solved.T_antenna_camera)
+    jacobian = layer.calibration_jacobian(pixels)
+    of_points = jacobian @ solved.plane_covariance @ np.swapaxes(jacobian, 1, 2)
+    found = {"points on C": Errors(layer.project(pixels)[0] - points, of_points)}
     for name, which in _PARAMETERS.items():
         found[name] = Errors(step[None, which], solved.covariance[None, which, which])
     return found
-
-
-def _points(rig: CoverageRig, solved: Solved) -> Errors:
-    points, pixels = rig.points_on_c()
-    layer = CameraOnPlane(solved.camera, solved.T_antenna_camera)
-    jacobian = layer.calibration_jacobian(pixels)
-    return Errors(layer.project(pixels)[0] - points, jacobian @ solved.plane_covariance @ np.swapaxes(jacobian, 1, 2))
 
 
 @cache

@@ -209,17 +209,6 @@ def drawn_truth(rng: np.random.Generator) -> np.ndarray:
     return np.concatenate([nominal_parameters(NOMINAL), [1.0, 0.0]]) + spread * rng.normal(size=11)
 
 
-def _planned_stills() -> list[Still]:
-    """The free antenna at every tilt, then every load along y and along z; nothing read yet."""
-    free = [Still(image=None, pan_rad=0.0, tilt_rad=tilt, moment_Nm=0.0) for tilt in _TILTS_RAD]
-    hung = [
-        Load(None, 0.0, tilt, 0.0, distance_m=distance, force_y_N=force * along_y, force_z_N=force * (1.0 - along_y))
-        for distance, tilt, force in _HANGING
-        for along_y in (1.0, 0.0)
-    ]
-    return [*free, *hung]
-
-
 @dataclass(frozen=True, eq=False)
 class Bent:
     """F antennas under weight and load, whose clamp gives way; what is seen turns with it.
@@ -268,7 +257,12 @@ class Bent:
 def _stills(
     rig: CoverageRig, truth: np.ndarray, rng: np.random.Generator, tip_m: float, ends: np.random.Generator
 ) -> list[Seen]:
-    stills = _planned_stills()
+    stills: list[Still] = [Still(image=None, pan_rad=0.0, tilt_rad=tilt, moment_Nm=0.0) for tilt in _TILTS_RAD]
+    stills += [
+        Load(None, 0.0, tilt, 0.0, distance_m=distance, force_y_N=force * along_y, force_z_N=force * (1.0 - along_y))
+        for distance, tilt, force in _HANGING
+        for along_y in (1.0, 0.0)
+    ]
     gravity = gravity_antenna(Kinematics(), GRAVITY_WORLD_M_S2, stills)
     loads = [(s.distance_m, 0.0, s.force_y_N, s.force_z_N) if isinstance(s, Load) else (0.1, 0, 0, 0) for s in stills]
     bent = Bent.of(truth, gravity, np.array(loads, float))

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from benchmarks.figures import COLOURS, INK, label, panels
-from benchmarks.harness import Draws, Findings, Options, aligned, cell, of_any, or_none, rms
+from benchmarks.harness import Draws, Findings, Options, aligned, cell, column, of_any, or_none, rms, rms_known, row_of
 from vbaa_calib.calibrate.guide.next_view import lens_progress
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution, solve_intrinsics
 from vbaa_calib.core.console import progress
@@ -29,6 +29,11 @@ ENOUGH_SUGGESTED = 8
 _NO_LENS_MM = 100.0
 
 
+def _off(judged: Draws) -> np.ndarray:
+    """True errors in predicted deviations, of the seeds with a lens."""
+    return (judged.true / judged.predicted)[np.isfinite(judged.predicted)]
+
+
 @dataclass(frozen=True)
 class Row:
     """One strategy on one rig, after so many pictures, over the seeds.
@@ -45,15 +50,15 @@ class Row:
     rig: str
     way: str
     pictures: int
-    seeds: int
-    true_rms_mm: float
-    true_median_mm: float
-    jig_rms_mm: float | None
-    predicted_mm: float | None
-    off: float | None
-    off_median: float | None
-    reached: float
-    models: str
+    seeds: int = column(of=len)
+    true_rms_mm: float = column(of=lambda judged: rms(judged.true))
+    true_median_mm: float = column(of=lambda judged: float(np.median(judged.true)))
+    jig_rms_mm: float | None = column(of=lambda judged: or_none(rms(judged.jig)))
+    predicted_mm: float | None = column(of=lambda judged: or_none(rms_known(judged.predicted)))
+    off: float | None = column(of=lambda judged: or_none(rms(_off(judged))))
+    off_median: float | None = column(of=lambda judged: of_any(np.median, _off(judged)))
+    reached: float = column(of=lambda judged: float((judged.predicted <= GOAL_MM).mean()))
+    models: str = column(default="")
 
 
 @dataclass(frozen=True)
@@ -73,11 +78,17 @@ def run(draws: int, seed: int) -> list[Row]:
     for rig, way in progress(cells, "rigs and strategies", len(cells)):
         sequences = [sequence(rig, way, seed + number) for number in range(draws)]
         counts = sorted({count for judged in sequences for count in judged})
-        rows += [_row(rig, way, count, [judged.get(count, _NOTHING) for judged in sequences]) for count in counts]
+        for count in counts:
+            judged = [each.get(count, _nothing(rig)) for each in sequences]
+            models = Counter(one.model for one in judged if one.model).most_common()
+            words = ", ".join(f"{model} {number}" for model, number in models)
+            rows.append(row_of(Row, Draws(judged), rig.name, way, count, models=words))
     return rows
 
 
-_NOTHING = _Judged(_NO_LENS_MM, _NO_LENS_MM, np.nan, "")
+def _nothing(rig: Rig) -> _Judged:
+    """Of a seed without a lens."""
+    return _Judged(_NO_LENS_MM, np.nan if rig.picture is None else _NO_LENS_MM, np.nan, "")
 
 
 def sequence(rig: Rig, way: str, seed: int) -> dict[int, _Judged]:
@@ -103,31 +114,12 @@ def sequence(rig: Rig, way: str, seed: int) -> dict[int, _Judged]:
 def _judge(photographer: Photographer, views: list[BoardView], solution: LensSolution | None) -> _Judged:
     rig = photographer.rig
     if solution is None:
-        return _NOTHING
+        return _nothing(rig)
     camera = solution.camera
     found = photographer.in_the_jig(camera) if rig.picture is not None else None
     jig = np.nan if found is None else true_error_mm(camera, rig, found)
     predicted = lens_progress(views, rig.board, rig.plane, solution=solution).std_m
     return _Judged(true_error_mm(camera, rig), jig, 1e3 * predicted, solution.model)
-
-
-def _row(rig: Rig, way: str, pictures: int, judged: list[_Judged]) -> Row:
-    draws = Draws(judged)
-    true, jig, predicted = draws.true, draws.jig, draws.predicted
-    known = np.isfinite(predicted)
-    off = true[known] / predicted[known]
-    models = Counter(one.model for one in judged if one.model)
-    return Row(
-        rig.name,
-        way,
-        pictures,
-        len(judged),
-        *(rms(true), float(np.median(true))),
-        rms(jig) if np.isfinite(jig).all() and rig.picture is not None else None,
-        *(or_none(rms(predicted[known])), or_none(rms(off)), of_any(np.median, off)),
-        float(np.mean(np.where(known, predicted, np.inf) <= GOAL_MM)),
-        ", ".join(f"{model} {count}" for model, count in models.most_common()),
-    )
 
 
 _SHARE_GOAL = 2.0 / 3.0

@@ -15,7 +15,7 @@ from benchmarks.harness import concatenated
 from estimator import ContactEstimator
 from estimator.contact.contacts import Contacts
 from estimator.table.contacts import FRICTION_RAD, ContactRow, ContactTable
-from vbaa_calib.antenna.rod import Rod, sample_shape
+from vbaa_calib.antenna.rod import sample_shape
 from vbaa_calib.geometry import Pose
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import Frame
@@ -155,6 +155,8 @@ def play(
     poses = [[rig.kinematics.T_world_antenna(at.pan_rad, at.tilt_rad) for at in path] for path in paths]
     touches = touch_strokes(rod, radius, obj, poses, rig.gravity_world_m_s2)
     parts = [_truth(one, path, radius) for one, path in zip(touches, poses, strict=True)]
+    at = rod.length_m * (np.arange(points) + 0.5) / points
+    lines = [sample_shape(one.shape, np.broadcast_to(at, (len(one.contact_m), points)))[0] for one in touches]
     stroke = np.repeat(np.arange(len(paths)), [len(path) for path in paths])
     true_Nm = np.concatenate([-one.shape.clamp_moment_Nm[:, 1] for one in touches])
     return Recorded(
@@ -165,7 +167,7 @@ def play(
         time_s=np.arange(len(stroke)) / rate_hz + _PAUSE_S * stroke,
         pan_rad=np.array([at.pan_rad for path in paths for at in path]),
         tilt_rad=np.array([at.tilt_rad for path in paths for at in path]),
-        centrelines_px=np.concatenate([_pixels(rig, rod, one, points) for one in touches]),
+        centrelines_px=seen(rig.camera, rig.T_antenna_camera, np.concatenate(lines)),
         sigma_px=sigma_px,
         moment_Nm=rig.moment_sensor.gain * true_Nm + rig.moment_sensor.offset_Nm,
         T_world_antenna=[pose for path in poses for pose in path],
@@ -190,12 +192,6 @@ def contact_table(
         Frame(None, pan, tilt, moment, frame=i, time_s=time) for i, (pan, tilt, moment, time) in enumerate(columns)
     ]
     return ContactTable.from_rows([ContactRow.of(*pair) for pair in zip(frames, found, strict=True)])
-
-
-def _pixels(rig: Rig, rod: Rod, touched: Touch, points: int) -> np.ndarray:
-    """(B, N, 2) of the whole centreline, without noise."""
-    arclength = np.broadcast_to(rod.length_m * (np.arange(points) + 0.5) / points, (len(touched.contact_m), points))
-    return seen(rig.camera, rig.T_antenna_camera, sample_shape(touched.shape, arclength)[0])
 
 
 def _truth(touched: Touch, poses: Sequence[Pose], radius_m: float) -> Truth:

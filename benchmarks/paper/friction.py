@@ -112,12 +112,8 @@ class PathRow:
     normal_deg: float
 
 
-@dataclass(frozen=True, eq=False)
-class Trace:
-    """What a way makes of the frames: contacts (B, 3) m and forces (B, 3) N, world, NaN where it says nothing."""
-
-    point_m: np.ndarray
-    force_N: np.ndarray
+Trace = tuple[np.ndarray, np.ndarray]
+"""What a way makes of the frames: contacts (B, 3) m and forces (B, 3) N, world, NaN where it says nothing."""
 
 
 @dataclass(frozen=True)
@@ -140,14 +136,14 @@ def _by_two_points(rig: Rig, frames: _Dragged, drawn: Pictures, free: Pictures, 
     force = found.force_N
     point = contact_position(found.distance_m, force[:, 1], force[:, 2], rig.antenna.stiffness_Nm2)
     force = np.where(np.arange(3) == 0, 0.0, force)
-    return Trace(*(np.einsum("bij,bj->bi", frames.rotation, vector) for vector in (point, force)))
+    return np.einsum("bij,bj->bi", frames.rotation, point), np.einsum("bij,bj->bi", frames.rotation, force)
 
 
 def cone(trace: Trace) -> Cone:
     """ν across the line through all contacts, ψ over the later half of each leg."""
-    part, known = joints()[2], np.isfinite(trace.point_m).all(axis=1)
-    line = trace.point_m[known & (part > 0), 1:]
-    psi = direction_deg(trace.force_N)
+    (point, force), part = trace, joints()[2]
+    known, psi = np.isfinite(point).all(axis=1), direction_deg(force)
+    line = point[known & (part > 0), 1:]
     place = [np.cumsum(part == leg) for leg in (1, 2)]
     legs = [known & (part == leg) & (at > 0.5 * at[-1]) for leg, at in zip((1, 2), place, strict=True)]
     if len(line) < 3 or not all(leg.any() for leg in legs):
@@ -180,7 +176,7 @@ def run(draws: int, seed: int, frictions: Sequence[float] = FRICTIONS) -> tuple[
                 estimates.append(object_of(rig, found, used.pan_rad, used.tilt_rad, FRICTION_RAD))
                 traces = {
                     TWO_POINTS: _by_two_points(rig, used, drawn, free, sigma_px),
-                    ALL_POINTS: Trace(found.point_world_m, found.force_world_N),
+                    ALL_POINTS: (found.point_world_m, found.force_world_N),
                 }
                 for method, trace in traces.items():
                     cones[method].append(cone(trace))
@@ -212,18 +208,13 @@ def _object_row(sigma_px: float, friction: float, found: Sequence[ObjectEstimate
 
 
 def _path(method: str, friction: float, frames: _Dragged, trace: Trace) -> list[PathRow]:
-    part, normal = joints()[2], cone(trace).normal_deg
-    first = np.nanmean(trace.point_m[:, 1:] - frames.point_m[:, 1:], axis=0) + frames.point_m[APPROACH, 1:]
-    psi = direction_deg(trace.force_N)
-    seen = 1e3 * (trace.point_m[:, 1:] - first)
+    (point, force), part, normal = trace, joints()[2], cone(trace).normal_deg
+    first = np.nanmean(point[:, 1:] - frames.point_m[:, 1:], axis=0) + frames.point_m[APPROACH, 1:]
+    seen = 1e3 * (point[:, 1:] - first)
     true = 1e3 * (frames.point_m[:, 1:] - frames.point_m[APPROACH, 1:])
+    numbers = np.column_stack([seen, true, direction_deg(force), np.full(len(part), normal)])
     return [
-        PathRow(
-            method,
-            friction,
-            ("press", "there", "back")[part[i]],
-            *(float(value) for value in (*seen[i], *true[i], psi[i], normal)),
-        )
-        for i in range(len(part))
-        if np.isfinite(seen[i]).all()
+        PathRow(method, friction, ("press", "there", "back")[leg], *row.tolist())
+        for leg, row in zip(part, numbers, strict=True)
+        if np.isfinite(row[:2]).all()
     ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -132,7 +133,7 @@ def by_camera_a(rig: Rig, pictures: Pictures, free: Pictures, sigma_px: float) -
 
 def run(draws: int, seed: int) -> list[SensingRow]:
     """All objects, noises and both ways."""
-    rig, rows = paper_rig(), []
+    rig, rows = paper_rig(), list[SensingRow]()
     rng = np.random.default_rng(seed)
     trues = [drawn_truth(rig, rng) for _ in range(min(TRUE_RIGS, draws))]
     for normal_deg in NORMALS_DEG:
@@ -170,7 +171,7 @@ def _by_all_points(rig: Rig, drawn: list[Pictures], sigma_px: float) -> list[Ans
 
 def _rows(
     method: str, sigma_px: float, normal_deg: float, used: list[_Edges], several: list[Answers]
-) -> list[SensingRow]:
+) -> Iterator[SensingRow]:
     distance, std, force = (np.array([getattr(each, name) for each in several]) for name in Answers.__annotations__)
     true, pushed = np.array([each.distance_m for each in used]), np.array([each.force_N for each in used])
     normal = np.array([each.normal for each in used])
@@ -179,24 +180,18 @@ def _rows(
     with np.errstate(invalid="ignore"):
         along = np.einsum("rdi,rdi->rd", force, normal) / np.linalg.norm(force, axis=-1)
         lean = np.degrees(np.arccos(np.clip(along, -1.0, 1.0)))
-    rows = []
     for place in range(len(DISTANCES_M)):
         said = np.isfinite(off[:, place])
         missed, stated = off[said, place], 1e3 * std[said, place]
-        rows.append(
-            SensingRow(
-                method,
-                sigma_px,
-                normal_deg,
-                float(1e3 * true[:, place].mean()),
-                float(direction_deg(pushed[:, place]).mean()),
-                len(said),
-                float(said.mean()),
-                *spread(1e3 * distance[said, place], missed),
-                or_none(rms_known(stated)),
-                of_any(np.mean, np.abs(missed) <= 1.96 * stated),
-                *spread(direction_deg(force[said, place]), turned[said, place]),
-                or_none(rms_known(lean[said, place])),
-            )
+        yield SensingRow(
+            *(method, sigma_px, normal_deg),
+            float(1e3 * true[:, place].mean()),
+            float(direction_deg(pushed[:, place]).mean()),
+            len(said),
+            float(said.mean()),
+            *spread(1e3 * distance[said, place], missed),
+            or_none(rms_known(stated)),
+            of_any(np.mean, np.abs(missed) <= 1.96 * stated),
+            *spread(direction_deg(force[said, place]), turned[said, place]),
+            or_none(rms_known(lean[said, place])),
         )
-    return rows

@@ -125,22 +125,20 @@ def within(corridor: Corridor, size: tuple[int, int]) -> np.ndarray:
 def peers(corridor: Corridor, size: tuple[int, int]) -> dict[str, Peer]:
     """Name → method, prepared for one corridor."""
     mask = within(corridor, size)
+    return {
+        "cv2.ximgproc.thinning": lambda image: thinned(image, mask),
+        "Steger, scikit-image": lambda image: steger(image, mask > 0, corridor.width_px, bright=True),
+        "centroid per column": lambda image: _centroids(image, mask),
+    }
 
-    def thinning(image: np.ndarray) -> np.ndarray:
-        return thinned(image, mask)
 
-    def ridges(image: np.ndarray) -> np.ndarray:
-        return steger(image, mask > 0, corridor.width_px, bright=True)
-
-    def centroid(image: np.ndarray) -> np.ndarray:
-        ground = cv2.mean(image, mask)[0]
-        lit = np.where(_otsu(image, mask) > 0, image.astype(np.float32) - np.float32(ground), np.float32(0.0))
-        total = lit.sum(axis=0)
-        columns = np.flatnonzero(total > 0)
-        rows = (np.arange(len(lit), dtype=np.float32) @ lit)[columns] / total[columns]
-        return np.stack([columns, rows], axis=1).astype(float)
-
-    return {"cv2.ximgproc.thinning": thinning, "Steger, scikit-image": ridges, "centroid per column": centroid}
+def _centroids(image: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    ground = cv2.mean(image, mask)[0]
+    lit = np.where(_otsu(image, mask) > 0, image.astype(np.float32) - np.float32(ground), np.float32(0.0))
+    total = lit.sum(axis=0)
+    columns = np.flatnonzero(total > 0)
+    rows = (np.arange(len(lit), dtype=np.float32) @ lit)[columns] / total[columns]
+    return np.stack([columns, rows], axis=1).astype(float)
 
 
 def _otsu(image: np.ndarray, mask: np.ndarray) -> np.ndarray:

@@ -16,6 +16,7 @@ from vbaa_calib.rig import RIG_PARAMETERS, Rig
 from vbaa_calib.rig.over_time import parameter_std
 from viz.figures.drawing import AMBER, RED, SLATE, TEAL, dots, limits, new_axes, paths, svg
 from viz.pages.page import Table, number, render
+from viz.scene.readable import thinned
 
 _QUANTITIES = {
     "distance": ("distance_m", "distance_std_m", "m"),
@@ -211,7 +212,7 @@ def _cells(deviations: Mapping[str, Any]) -> list[str]:
 
 
 def _over_frames(name: str, one: ComparedContacts, values: np.ndarray, tolerance: float) -> Axes:
-    pick = np.unique(np.linspace(0, max(len(values) - 1, 0), min(len(values), _MOST_DOTS)).astype(int))
+    pick = thinned(np.arange(len(values)), _MOST_DOTS)
     top = max(_SHOWN, 1.2 * tolerance)
     x, y = one.located[pick], np.clip(np.nan_to_num(values[pick], nan=top), -top, top)
     labels = ("frame", "deviations")

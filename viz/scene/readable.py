@@ -101,9 +101,7 @@ def scale(values: np.ndarray, title: str, unit: str, name: str, part: tuple[floa
     known = np.isfinite(values)
     if known.any():
         low, high = float(np.nanmin(values)), float(np.nanmax(values))
-        wanted = max(high - low, 0.05 * abs(high), 1e-9) / 4
-        power = 10.0 ** np.floor(np.log10(wanted))
-        size = power * max(factor for factor in (1, 2, 5) if factor * power <= 1.0001 * wanted)
+        size = round_down(1.0001 * max(high - low, 0.05 * abs(high), 1e-9) / 4)
         first, last = int(np.floor(low / size + 1e-9)), int(np.ceil(high / size - 1e-9))
         count = max(last - first, 1)
         every = next((step for step in range(1, 6) if count <= 6 * step and count % step == 0), 1)
