@@ -14,7 +14,7 @@ from benchmarks.chain.scenes import CAMERA_TILT_RAD, FRICTION_STD_RAD, JOINTS_RA
 from benchmarks.estimator.baselines import FIRST_GUESS, one_contact
 from benchmarks.vision.judge import peers
 from estimator import ContactEstimator
-from estimator.contact.recording import FirstDetection, detect, detect_again, detections, measured
+from estimator.contact.recording import FirstDetection, detect, detect_again, detections, measured, prepared
 from estimator.paper.inclined import inclined_two_point_contact
 from estimator.paper.two_point import force_z, straight_line_contact, two_point_contact
 from estimator.table.contacts import Measured
@@ -90,7 +90,8 @@ def centreline(estimator: ContactEstimator, photograph: Photograph) -> Centrelin
 def _glance(estimator: ContactEstimator, photograph: Photograph) -> FirstDetection:
     frame = frame_of(photograph)
     line = detect(estimator.rig, frame, photograph.image)
-    return FirstDetection(frame, photograph.image, line, estimator.rig.image.bright)
+    looking = prepared(estimator.rig, frame)
+    return FirstDetection(frame, photograph.image, line, estimator.rig.image.bright, looking=looking)
 
 
 def _contacts(estimator: ContactEstimator, twice: bool, photographs: Sequence[Photograph]) -> Answers:
