@@ -214,9 +214,10 @@ class ContactEstimator:
         count, known = len(batch), known or {}
         left = np.array([row for row in range(count) if row not in known], np.intp)
         found = None if 0 < len(left) == count <= most else FitNumbers.empty(count)
-        for row, numbers in known.items():
+        if known:
             assert found is not None
-            found.put(np.array([row]), numbers)
+            columns = zip(*(numbers.tables for numbers in known.values()), strict=True)
+            found.put(np.array(list(known)), FitNumbers(*map(np.concatenate, columns)))
         for begin in range(0, len(left), most):
             if begin:
                 yield
