@@ -1,9 +1,10 @@
 """`python -m benchmarks.live [--size 640x480] [--pictures 4000]`: processor time of a picture to both of its contacts.
 
 The demo's scene at that size, calibrated as a user does it, its recording forth and back at 60 pictures a second; on
-one thread, from memory. The first lap, in which what depends on the joint angles is prepared, counts, too. With
-`--paced` the pictures come when they are due, from a camera that waits for nobody: what is dropped, and how late the
-contacts are. That wants a machine, or at least a core, with nothing else to do.
+one thread, from memory. The first lap, in which what depends on the joint angles is prepared, counts, too. From these
+times, one after the other, follows what a core with nothing else to do would drop, and how late its contacts would be.
+With `--paced` the pictures come when they are due, from a camera that waits for nobody: what is dropped, and how late
+the contacts are. That wants such a core.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import argparse
 import gc
 import tempfile
 import time
+from collections import deque
 from pathlib import Path
 from typing import Any, cast
 
@@ -28,7 +30,7 @@ from vbaa_calib.rig import Rig
 from vbaa_calib.session import Frame, load_session, read_recording
 from vbaa_calib.simulate.scene.scene import bundled_scene
 from vbaa_calib.streams import Reading, Synchronizer, Taken, Timing
-from vbaa_calib.streams.devices import open_device
+from vbaa_calib.streams.devices import QUEUED, open_device
 from vbaa_calib.wizard.sources.live import _CAMERA_FAULTS, LiveSource, Patience
 
 _RATE_HZ = 60.0
@@ -56,21 +58,47 @@ def _recorded(folder: Path) -> tuple[Rig, list[Frame], list[np.ndarray]]:
 
 
 def seconds(folder: Path, count: int) -> np.ndarray:
-    """(count,) processor time of each picture of a session in a folder beside its rig.json."""
+    """(count, 2) processor time of each picture of a session in a folder beside its rig.json: to its contact at once,
+    and to all that comes with it."""
     rig, lap, images = _recorded(folder)
     live = LiveEstimator(ContactEstimator(rig, jobs=1), Synchronizer(Timing(), _CHANNELS, rig.camera.image_size))
     live.warm()
-    spent = np.empty(count)
+    gc.collect()
+    gc.freeze()
+    spent = np.empty((count, 2))
     for index in range(count):
         at, time_s = index % len(lap), index / _RATE_HZ
         begun = time.process_time()
         for channel in _CHANNELS:
             for _ in live.push(Reading(time_s, channel, getattr(lap[at], channel), time_s)):
                 pass
-        for _ in live.push(Taken(time_s, images[at], time_s, time.perf_counter())):
-            pass
-        spent[index] = time.process_time() - begun
+        for contact in live.push(Taken(time_s, images[at], time_s, time.perf_counter())):
+            if not contact.final:
+                spent[index, 0] = time.process_time() - begun
+        spent[index, 1] = time.process_time() - begun
     return spent
+
+
+def alone(spent_s: np.ndarray) -> tuple[int, np.ndarray]:
+    """Of pictures that take so long (N, 2), see `seconds`, how many a core of their own would drop, and the latencies
+    (M,) of the others' contacts at once, s."""
+    waiting, late_s, free_s = deque[int](), list[float](), 0.0
+
+    def taken_before(now_s: float) -> None:
+        nonlocal free_s
+        while waiting and max(free_s, waiting[0] / _RATE_HZ) < now_s:
+            index = waiting.popleft()
+            begun_s = max(free_s, index / _RATE_HZ)
+            late_s.append(begun_s + spent_s[index, 0] - index / _RATE_HZ)
+            free_s = begun_s + spent_s[index, 1]
+
+    for index in range(len(spent_s)):
+        taken_before(index / _RATE_HZ)
+        if len(waiting) >= QUEUED:
+            waiting.popleft()
+        waiting.append(index)
+    taken_before(np.inf)
+    return len(spent_s) - len(late_s), np.array(late_s)
 
 
 class _Camera:
@@ -117,6 +145,14 @@ def paced(folder: Path, count: int) -> tuple[int, np.ndarray]:
     return source.dropped(), np.array(late_s)
 
 
+def _told(size: str, dropped: int, late_s: np.ndarray) -> str:
+    median, late, most = 1e3 * np.quantile(late_s, [0.5, 0.99, 1.0])
+    return (
+        f"{size}, {dropped + len(late_s)} pictures at {_RATE_HZ:g}/s: {dropped} dropped; latency "
+        f"{median:.1f} ms (median), {late:.1f} (99 %), {most:.0f} (most)"
+    )
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--size", default="640x480", help="of the pictures, px (default: 640x480)")
@@ -131,19 +167,16 @@ def main() -> None:
         for words in (f"simulate {name}/scene.yaml -o {name}/session", f"calibrate {name}/session -o {name}/rig.json"):
             run_verb(words.split())
         if args.paced:
-            dropped, late_s = paced(folder, args.pictures)
-            late = 1e3 * np.quantile(late_s, [0.5, 0.99, 1.0])
-            print(
-                f"{args.size}, {args.pictures} pictures at {_RATE_HZ:g}/s: {dropped} dropped; latency "
-                f"{late[0]:.1f} ms (median), {late[1]:.1f} (99 %), {late[2]:.0f} (most)"
-            )
+            print(_told(args.size, *paced(folder, args.pictures)))
             return
-        spent_ms = 1e3 * seconds(folder, args.pictures)
+        spent_s = seconds(folder, args.pictures)
+    spent_ms = 1e3 * spent_s[:, 1]
     median, most, late = np.quantile(spent_ms, [0.5, 0.9, 0.99])
     print(
         f"{args.size}, {args.pictures} pictures: {spent_ms.mean():.1f} ms, median {median:.1f}, 90 % {most:.1f}, "
         f"99 % {late:.1f}, most {spent_ms.max():.0f}; longer than two frame times: {(spent_ms > 2e3 / _RATE_HZ).sum()}"
     )
+    print("a core alone:", _told(args.size, *alone(spent_s)))
 
 
 if __name__ == "__main__":

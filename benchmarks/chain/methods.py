@@ -14,7 +14,7 @@ from benchmarks.chain.scenes import CAMERA_TILT_RAD, FRICTION_STD_RAD, JOINTS_RA
 from benchmarks.estimator.baselines import FIRST_GUESS, one_contact
 from benchmarks.vision.judge import peers
 from estimator import ContactEstimator
-from estimator.contact.recording import FirstDetection, detect, detections, measured
+from estimator.contact.recording import detections, first_look, measured
 from estimator.paper.inclined import inclined_two_point_contact
 from estimator.paper.two_point import force_z, straight_line_contact, two_point_contact
 from estimator.table.contacts import Measured
@@ -74,11 +74,7 @@ def frame_of(photograph: Photograph) -> Frame:
 
 def seen(estimator: ContactEstimator, photographs: Sequence[Photograph], twice: bool = True) -> Iterator[Measured]:
     """What the fit is given of pictures, by the steps that a recording's pictures go through."""
-    glances = (
-        FirstDetection(frame, one.image, detect(estimator.rig, frame, one.image), estimator.rig.image.bright)
-        for one in photographs
-        for frame in [frame_of(one)]
-    )
+    glances = (first_look(estimator, frame_of(one), one.image) for one in photographs)
     if twice:
         return (each.measured for each in detections(estimator, glances))
     return (measured(estimator.rig, each.frame, each.line if each.line.found else NOTHING) for each in glances)

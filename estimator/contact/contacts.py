@@ -60,12 +60,12 @@ class Contacts(ContactEstimate[np.ndarray, np.ndarray, np.ndarray], Sequence[Con
             raise IndexError(f"frame {index} of {len(self)}")
         index %= len(self)
         values = {name: getattr(self, name)[index] for name in _COLUMNS}
-        numbers = self.numbers.row(index)
+        numbers = self.numbers if len(self) == 1 else self.numbers.row(index)
         bias = zip(RUNGS, numbers.bias[0].tolist(), strict=True)
         return Contact(
             reason=reason(numbers, str(self.status[index]), self.rig.antenna.length_m, self.requested),
             bias={rung: value for rung, value in bias if np.isfinite(value)},
-            **{name: value if np.ndim(value) else value.item() for name, value in values.items()},
+            **{name: value if value.ndim else value.item() for name, value in values.items()},
         )
 
 
@@ -173,7 +173,7 @@ def moving(rig: Rig, several: Sequence[Measured], found: Contacts) -> MovingCont
     pan, tilt = (np.array([getattr(each, name) for each in several]) for name in ("pan_rad", "tilt_rad"))
     rotation, translation = rig.kinematics.world_antenna(pan, tilt)
     numbers = found.numbers
-    fitted = ~np.isin(found.status, (NO_ANTENNA, FAILED)) & numbers.finite
+    fitted = (found.status != NO_ANTENNA) & (found.status != FAILED) & numbers.finite
     points = np.einsum("bij,bgj->bgi", rotation, numbers.pieces_m) + translation[:, None]
     points = np.where(fitted[:, None, None], points, np.nan)
     distance = np.where(found.status == NO_CONTACT, np.nan, numbers.unknowns[:, 0])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Generator, Iterable, Iterator, Sequence
+from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import islice
 
@@ -204,24 +204,35 @@ class ContactEstimator:
         """The frames' contacts; with a beam, also what testing for motion needs."""
         return last(self.contacts_in_parts(batch, beam, CHUNK))
 
-    def contacts_in_parts(self, batch: Batch, beam: Beam | None, most: int) -> Generator[None, None, Contacts]:
-        """The same, so many frames from one step to the next: for who has other things to do in between."""
-        count = len(batch)
-        found = None if 0 < count <= most else FitNumbers.empty(count)
-        for begin in range(0, count, most):
+    def contacts_in_parts(
+        self, batch: Batch, beam: Beam | None, most: int, known: Mapping[int, FitNumbers] | None = None
+    ) -> Generator[None, None, Contacts]:
+        """The same, so many frames from one step to the next: for who has other things to do in between.
+
+        known : what this estimator has found for some of the frames, by index.
+        """
+        count, known = len(batch), known or {}
+        left = np.array([row for row in range(count) if row not in known], np.intp)
+        found = None if 0 < len(left) == count <= most else FitNumbers.empty(count)
+        if known:
+            assert found is not None
+            columns = zip(*(numbers.tables for numbers in known.values()), strict=True)
+            found.put(np.array(list(known)), FitNumbers(*map(np.concatenate, columns)))
+        for begin in range(0, len(left), most):
             if begin:
                 yield
-            part = batch if count <= most else batch[begin : begin + most]
+            rows = left[begin : begin + most]
+            part = batch if len(rows) == count else batch[rows]
             frames = part.frames(self._rig_arrays)
             usable = frames.usable.sum(-1)
-            rows = np.flatnonzero(usable >= FEWEST_POINTS)
-            if found is None and len(rows) == count:
+            enough = np.flatnonzero(usable >= FEWEST_POINTS)
+            if found is None and len(enough) == count:
                 found = self._fitted(part, frames, beam)
                 continue
             found = FitNumbers.empty(count) if found is None else found
-            found.points[begin : begin + most] = usable
-            if len(rows):
-                found.put(begin + rows, self._fitted(part[rows], frames.select(rows), beam))
+            found.points[rows] = usable
+            if len(enough):
+                found.put(rows[enough], self._fitted(part[enough], frames.select(enough), beam))
         assert found is not None
         contacts = contacts_of(
             found, self._rig_arrays.rig, self.friction_rad, batch.pan_rad, batch.tilt_rad, self.model
@@ -300,10 +311,15 @@ class Batches:
 
 
 class Search:
-    """Contacts of successive batches: the solver begins at the last one before, and afresh every `AFRESH` frames."""
+    """Contacts of successive batches: the solver begins at the last one before, and afresh every `AFRESH` frames.
 
-    def __init__(self, rig: Rig) -> None:
+    later : another search, of the same frames in other batches: what was found for a frame that has a start of its own
+        is found again by the same estimator, so it is not looked for there.
+    """
+
+    def __init__(self, rig: Rig, later: Search | None = None) -> None:
         self._rig, self._beam = rig, Beam.of(rig)
+        self._later, self._earlier = later, deque[tuple[ContactEstimator, Measured, FitNumbers]]()
         self._warm: np.ndarray | None = None
         self._count = 0
 
@@ -311,7 +327,16 @@ class Search:
         """So many frames from one step to the next."""
         self._warm = None if self._count % AFRESH == 0 else self._warm
         then = now.at(max(each.time_s for each in several))
-        found = yield from then.contacts_in_parts(Batch.of(several, self._warm), self._beam, most)
+        earlier = [self._earlier.popleft() for _ in range(min(len(several), len(self._earlier)))]
+        known = {
+            row: numbers
+            for row, (estimator, measured, numbers) in enumerate(earlier)
+            if estimator is then and measured is several[row] and np.isfinite(measured.start).all()
+        }
+        found = yield from then.contacts_in_parts(Batch.of(several, self._warm), self._beam, most, known)
+        if self._later is not None:
+            rows = (found.numbers,) if len(several) == 1 else map(found.numbers.row, range(len(several)))
+            self._later._earlier.extend((then, *each) for each in zip(several, rows, strict=True))
         located = np.flatnonzero(np.isfinite(found.distance_m))
         self._warm = found.numbers.unknowns[located[-1]] if len(located) else None
         self._count += len(several)
@@ -325,7 +350,8 @@ class ContactStream:
     live : each frame is answered as it comes, from those before it; else `STREAM` at a time, as a recording's.
     at_once : frames that one `push` solves, or gives the contacts of, at most, so that none takes long; by default all
         that are due. The contacts are the same.
-    beside : another stream of the same frames, which learns how the rig has changed for this one, too.
+    beside : another stream of the same frames, which learns how the rig has changed for this one, too, and is given
+        each frame after it.
     """
 
     def __init__(
@@ -339,7 +365,8 @@ class ContactStream:
         self._estimator, self._beside = estimator, beside
         self._size, self._at_once = 1 if live else STREAM, at_once
         self._batches = Batches(estimator, not live)
-        self._search, self._motion = Search(estimator.rig), MotionCheck(Beam.of(estimator.rig), live)
+        self._search = Search(estimator.rig, None if beside is None else beside._search)
+        self._motion = MotionCheck(Beam.of(estimator.rig), live)
         self._coming: list[Measured] = []
         self._work: deque[Generator[list[Contact] | None, None, None]] = deque()
 

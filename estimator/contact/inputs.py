@@ -20,6 +20,7 @@ from vbaa_calib.core.arrays import (
     as_floats,
     check_each,
 )
+from vbaa_calib.core.compiled import kernel
 from vbaa_calib.core.errors import InputError, shown
 from vbaa_calib.rig import Rig
 
@@ -80,10 +81,8 @@ class Batch:
     @staticmethod
     def of(several: Sequence[Measured], warm: np.ndarray | None = None) -> Batch:
         """Frames that were checked already. `warm` (4,): where those without a start of their own begin."""
-        points = _padded([each.points_px for each in several])
-        sigma = np.ones(points.shape[:2])
-        for row, each in zip(sigma, several, strict=True):
-            row[: len(each.sigma_px)] = each.sigma_px
+        points = _padded([each.points_px for each in several], np.nan)
+        sigma = _padded([each.sigma_px for each in several], 1.0)
         numbers = np.array([[each.moment_Nm, each.moment_z_Nm, each.pan_rad, each.tilt_rad] for each in several])
         starts = np.stack([each.start for each in several])
         if warm is not None:
@@ -105,7 +104,7 @@ class Batch:
         sigma_px: np.ndarray | float | None,
     ) -> Batch:
         """Frames as users give them, with readings about y and z, and pan and tilt, by name. Raises InputError."""
-        points = _padded(centrelines_px)
+        points = _points(centrelines_px)
         moments = {name: _column(name, values, len(points)) for name, values in readings.items()}
         angles = [_column(name, values, len(points)) for name, values in joints.items()]
         for name, values in zip(joints, angles, strict=True):
@@ -125,7 +124,7 @@ def _end(tip_px: np.ndarray) -> np.ndarray:
     return np.append(end[:2], max(end[2], _LEAST_END_PX))
 
 
-def _padded(centrelines_px: np.ndarray | Sequence[np.ndarray]) -> np.ndarray:
+def _points(centrelines_px: np.ndarray | Sequence[np.ndarray]) -> np.ndarray:
     """(B, N, 2) of centrelines of one length or of many; NaN where there is no point. Raises InputError."""
     name, remedy = "centrelines_px", "give (N, 2) pixels for every frame"
     if isinstance(centrelines_px, np.ndarray) and centrelines_px.ndim == 3 and centrelines_px.shape[2] == 2:
@@ -137,10 +136,17 @@ def _padded(centrelines_px: np.ndarray | Sequence[np.ndarray]) -> np.ndarray:
         if line.ndim != 2 or line.shape[1] != 2:
             raise InputError(f"a centreline has shape {line.shape}", remedy=remedy)
         check_each(line, FARTHEST_PX, name, remedy, "infinite")
-    points = np.full((len(lines), max((len(line) for line in lines), default=0), 2), np.nan)
-    for row, line in zip(points, lines, strict=True):
-        row[: len(line)] = line
-    return points
+    return _padded(lines, np.nan) if lines else np.empty((0, 0, 2))
+
+
+def _padded(several: Sequence[np.ndarray], missing: float) -> np.ndarray:
+    """(B, N, ...) of B arrays (N_b, ...), filled up with what stands for nothing."""
+    if len(several) == 1:
+        return several[0][None]
+    whole = np.full((len(several), max(map(len, several)), *several[0].shape[1:]), missing)
+    for row, each in zip(whole, several, strict=True):
+        row[: len(each)] = each
+    return whole
 
 
 def _column(name: str, values: Values, count: int) -> np.ndarray:
@@ -172,17 +178,31 @@ def _in_order(points_px: np.ndarray, sigma_px: np.ndarray) -> tuple[np.ndarray, 
 
     The initialization takes every n-th point: it must not depend on the order in which the points were listed.
     """
-    if points_px.shape[1] == 0:
-        return points_px, sigma_px
-    u, v = points_px[..., 0], points_px[..., 1]
-    with np.errstate(all="ignore"):
-        wide, high = (np.fmax.reduce(side, axis=1) - np.fmin.reduce(side, axis=1) for side in (u, v))
-    sideways = (wide >= high)[:, None]
-    place = np.where(sideways, u + SLIGHTLY * v, v + SLIGHTLY * u)
-    rows = np.flatnonzero(~(place[:, 1:] >= place[:, :-1]).all(axis=1))
+    place, disordered = _places(np.ascontiguousarray(points_px))
+    rows = np.flatnonzero(disordered)
     if len(rows):
         order = np.argsort(place[rows], axis=1)
         points_px, sigma_px = points_px.copy(), np.array(sigma_px)
         points_px[rows] = np.take_along_axis(points_px[rows], order[..., None], 1)
         sigma_px[rows] = np.take_along_axis(sigma_px[rows], order, 1)
     return points_px, sigma_px
+
+
+@kernel
+def _places(points_px: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(B, N) where points (B, N, 2) lie along the longer side of their frame's, and which (B,) are not in order."""
+    place, disordered = np.empty(points_px.shape[:2]), np.zeros(len(points_px), np.bool_)
+    for b in range(len(points_px)):
+        least, most = np.full(2, np.inf), np.full(2, -np.inf)
+        for n in range(points_px.shape[1]):
+            for axis in range(2):
+                value = points_px[b, n, axis]
+                if value < least[axis]:
+                    least[axis] = value
+                if value > most[axis]:
+                    most[axis] = value
+        longer = 0 if most[0] - least[0] >= most[1] - least[1] else 1
+        for n in range(points_px.shape[1]):
+            place[b, n] = points_px[b, n, longer] + SLIGHTLY * points_px[b, n, 1 - longer]
+            disordered[b] = disordered[b] or (n > 0 and not place[b, n] >= place[b, n - 1])
+    return place, disordered

@@ -70,13 +70,15 @@ class FrameContact:
 @dataclass(frozen=True, eq=False)
 class FirstDetection:
     """A frame, its picture (H, W) on the plane of paint, what a first look saw in it, whether the antenna is brighter
-    there than what lies behind it, and the picture (H, W[, 3]) as it was taken, where that is at hand."""
+    there than what lies behind it; and, where the antenna can be seen at all, the picture (H, W[, 3]) as it was taken,
+    and what looked for it."""
 
     frame: Frame
     image: np.ndarray
     line: Centreline
     bright: bool | None
     picture: np.ndarray | None = None
+    looking: AntennaFinder | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,17 +91,18 @@ class Detection:
 
 def gravity(rig: Rig, frame: Still) -> np.ndarray:
     """(3,) gravity in the antenna frame."""
-    return rig.kinematics.T_world_antenna(frame.pan_rad, frame.tilt_rad).rotation.T @ rig.gravity_world_m_s2
+    return rig.kinematics.world_antenna(frame.pan_rad, frame.tilt_rad)[0].T @ rig.gravity_world_m_s2
 
 
-def measured(rig: Rig, frame: Frame, line: Centreline) -> Measured:
-    """A centreline with the deviations that this rig's pictures really have, and its end where it is the tip."""
+def measured(rig: Rig, frame: Frame, line: Centreline, **more: np.ndarray) -> Measured:
+    """A centreline with the deviations that this rig's pictures really have, its end where it is the tip, and more."""
     sigma = np.maximum(line.effective_px * rig.image.noise_scale, LEAST_NOISE * rig.image.noise_px)
-    own = _measured(frame, line.points_px, sigma)
-    return replace(own, tip_px=np.append(line.end_px, line.end_std_px)) if line.end == "tip" else own
+    if line.end == "tip":
+        more["tip_px"] = np.array([*line.end_px, line.end_std_px])
+    return _measured(frame, line.points_px, sigma, **more)
 
 
-def _measured(frame: Frame, points_px: np.ndarray, sigma_px: np.ndarray) -> Measured:
+def _measured(frame: Frame, points_px: np.ndarray, sigma_px: np.ndarray, **more: np.ndarray) -> Measured:
     """Points (N, 2) with deviations (N,) and the frame's readings."""
     return Measured(
         points_px,
@@ -111,6 +114,7 @@ def _measured(frame: Frame, points_px: np.ndarray, sigma_px: np.ndarray) -> Meas
         time_s=frame.time_s,
         moment_errors_Nm=np.array(frame.moment_errors_Nm),
         joint_errors_rad=np.array(frame.joint_errors_rad),
+        **more,
     )
 
 
@@ -166,11 +170,10 @@ def _along(rig: Rig, glance: FirstDetection, rough: RoughFit) -> Detection:
     again = find_along(glance.image, guide, width, glance.bright)
     if glance.picture is not None:
         again = without_other_things(glance.picture, again, rig.image.looks, width)
-    looking = prepared(rig, glance.frame)
-    again = again if looking is None else reject_other_shape(again, looking.corridor)
+    again = again if glance.looking is None else reject_other_shape(again, glance.looking.corridor)
     line = again if len(again.points_px) >= SECOND_LOOK * len(glance.line.points_px) else glance.line
     # a line that is doubted on a closer look, though not on the first, makes no contact
-    return Detection(line, replace(measured(rig, glance.frame, line if line.found else NOTHING), start=rough.unknowns))
+    return Detection(line, measured(rig, glance.frame, line if line.found else NOTHING, start=rough.unknowns))
 
 
 def detections(estimator: ContactEstimator, glances: Iterable[FirstDetection]) -> Iterator[Detection]:
@@ -225,7 +228,7 @@ def first_look(
     else:
         line = explained(looking.find(image, bright), image, looking.corridor, bright)
     line = without_other_things(picture, line, rig.image.looks, looking.corridor.width_px)
-    return FirstDetection(frame, image, line, bright, picture)
+    return FirstDetection(frame, image, line, bright, picture, looking)
 
 
 def subtracted(

@@ -150,6 +150,9 @@ def declared(cls: type) -> dict[str, Column]:
     return {f.name: f.metadata["column"] for f in fields(cls) if "column" in f.metadata}
 
 
+_SHARED = tuple(declared(_Common))
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Contact(ContactEstimate[float, bool, str]):
     """One frame's result: a contact, or why there is none. Numbers that the data do not support are NaN.
@@ -208,7 +211,7 @@ class ContactRow(_Columns[int, float, bool, str]):
             deflection_z_m=contact.deflection_m[2],
             reason=contact.reason,
             bias_std=contact.predicted_bias_std,
-            **{name: getattr(contact, name) for name in declared(_Common)},
+            **{name: getattr(contact, name) for name in _SHARED},
         )
 
 

@@ -51,6 +51,15 @@ def test_a_line_is_interpolated_exactly(
     assert found.age_s <= max(steps) + 1e-12
 
 
+def test_readings_as_far_apart_as_the_gap_count_however_times_are_rounded() -> None:
+    """Ten readings a second and the usual gap of a tenth; pictures at the same instants, in a video's whole
+    milliseconds: 0.3 lies before 3 · 0.1."""
+    synchronizer = Synchronizer(Timing(), ["moment_Nm"])
+    readings = [moment(number * 0.1, 1e-3 * number) for number in range(40)]
+    found = through(synchronizer, *readings, *(taken(round(number * 0.1, 3)) for number in range(40)))
+    assert [each.frame.moment_Nm for each in found] == pytest.approx([1e-3 * number for number in range(40)], abs=1e-9)
+
+
 def test_a_reading_at_the_very_instant_is_taken_as_it_is() -> None:
     synchronizer = Synchronizer(Timing(), ["moment_Nm"])
     list(synchronizer.push(moment(1.0, 0.1 + 0.2)))

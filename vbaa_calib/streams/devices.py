@@ -105,13 +105,12 @@ def open_device(camera: LiveSource) -> Source:
         camera.forget()
         try:
             while True:
-                picture = camera.next(TICK_S / 10)
-                if picture is None:
+                frame = camera.frame(TICK_S / 10)
+                if frame is None:
                     yield None
                     continue
-                assert picture.time_s is not None
-                time_s = start_s + picture.time_s
-                yield Taken(time_s, picture.content, time_s, begin_s + picture.time_s)  # type: ignore[arg-type]
+                pixels, taken_s = frame
+                yield Taken(start_s + taken_s, pixels, start_s + taken_s, begin_s + taken_s)
         except SourceLost as error:
             notes.append(str(error))
         finally:

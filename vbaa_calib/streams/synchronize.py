@@ -20,7 +20,8 @@ from .messages import CHANNELS, Reading, Taken
 _KEPT = 4096
 """Readings of one channel that are kept: four seconds at a thousand a second."""
 _INSTANT_S = 1e-3
-"""Before the first reading and after the last, one so near counts: videos round their times to that."""
+"""Before the first reading and after the last, one so near counts, and readings apart by so much more than the gap are
+still near enough: videos round their times to that."""
 _ANGLES = ("pan_rad", "tilt_rad")
 
 
@@ -69,7 +70,7 @@ class _Channel:
             age_s = abs(self.times[near] - time_s) if self.times else np.inf
             return (self.values[near], age_s) if age_s <= _INSTANT_S else (np.nan, np.nan)
         (t0, t1), (v0, v1) = self.times[after - 1 : after + 1], self.values[after - 1 : after + 1]
-        if t1 - t0 > gap_s:
+        if t1 - t0 > gap_s + _INSTANT_S:
             return np.nan, np.nan
         return v0 + (v1 - v0) * ((time_s - t0) / (t1 - t0)), max(time_s - t0, t1 - time_s)
 

@@ -335,8 +335,10 @@ class _Monitor:
             say(note)
         frames, dropped = self.statuses.total(), self.source.dropped()
         median, late = np.quantile(self.latency_s or [0.0], [0.5, 0.99]).tolist()
-        say(f"{frames} frames: " + ", ".join(f"{count} {status}" for status, count in self.statuses.most_common()))
-        if frames:
+        if not frames:
+            say("no frames")
+        else:
+            say(f"{frames} frames: " + ", ".join(f"{count} {one}" for one, count in self.statuses.most_common()))
             say(
                 f"latency {1e3 * median:.1f} ms (median), {1e3 * late:.1f} ms (99 %); {dropped} pictures "
                 f"dropped; {self.amended} contacts amended by later frames"

@@ -167,12 +167,14 @@ def templates(corridor: Corridor) -> tuple[np.ndarray, float]:
         shape /= shape[-1]
         turn = np.arange(0.0, LARGEST_TURN_RAD, spacing / (length * shape.mean()))
         turns = np.concatenate([-turn[:0:-1], turn])
-        angle = heading[None] + turns[:, None] * shape[None]
-        steps = step * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-        steps = 0.5 * (steps[:, :-1] + steps[:, 1:])
-        bent.append(axis[0] + np.concatenate([np.zeros((len(turns), 1, 2)), np.cumsum(steps, axis=1)], axis=1))
-    paths = np.concatenate(bent)
-    return paths[_within(paths, corridor)], float(spacing)
+        angle = heading + turns[:, None] * shape
+        paths = np.zeros((len(turns), len(axis), 2))
+        for side, along in enumerate((np.cos(angle), np.sin(angle))):
+            steps = step * along
+            np.cumsum(0.5 * (steps[:, :-1] + steps[:, 1:]), axis=1, out=paths[:, 1:, side])
+        paths += axis[0]
+        bent.append(paths[_within(paths, corridor)])
+    return np.concatenate(bent), float(spacing)
 
 
 def _within(paths: np.ndarray, corridor: Corridor) -> np.ndarray:
@@ -192,10 +194,12 @@ def _places(paths_px: np.ndarray, factor: int, pool: int, shape: tuple[int, int]
     index = np.empty((count, samples), np.intp)
     for p in range(count):
         for s in range(samples):
-            ahead = paths_px[p, min(s + 1, samples - 1)] - paths_px[p, max(s - 1, 0)]
+            before, after = max(s - 1, 0), min(s + 1, samples - 1)
+            u = paths_px[p, after, 0] - paths_px[p, before, 0]
+            v = paths_px[p, after, 1] - paths_px[p, before, 1]
             nearest, most = 0, -1.0
             for step in range(len(_UNIT_STEPS)):
-                along = abs(ahead[0] * _UNIT_STEPS[step, 1] - ahead[1] * _UNIT_STEPS[step, 0])
+                along = abs(u * _UNIT_STEPS[step, 1] - v * _UNIT_STEPS[step, 0])
                 if along > most:
                     nearest, most = step, along
             column = np.rint(((paths_px[p, s, 0] + 0.5) / factor - 0.5) / pool)

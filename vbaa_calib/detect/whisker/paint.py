@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 import cv2
@@ -215,11 +216,13 @@ def without_other_things(image: np.ndarray, line: Centreline, looks: Looks | Non
     """
     if looks is None or not line.found:
         return line
-    table = np.array(looks)
-    if image.ndim == 2 and np.ptp(table[:, :3], axis=1).max() > LEAST_SPREAD[1]:
+    table, coloured = _table(looks)
+    if image.ndim == 2 and coloured:
         return line  # a grey picture does not show the colour
     other, off = _foreign(np.ascontiguousarray(_colours(image, line.points_px)), _shares(line), table)
     doubt = 0.5 * width_px * np.clip((off - PARTLY_FOREIGN) / (FOREIGN - PARTLY_FOREIGN), 0.0, 1.0)
+    if not other.any() and not doubt.any():
+        return line
     own = ~other
     doubt = doubt[own]
     shorter = replace(
@@ -240,6 +243,13 @@ def without_other_things(image: np.ndarray, line: Centreline, looks: Looks | Non
         share_seen = f"{100 * shorter.seen:.0f} % of its length"
         return shorter.with_verdict("too_little", f"most of the line has not the antenna's look ({share_seen} has)")
     return shorter
+
+
+@lru_cache(maxsize=64)
+def _table(looks: Looks) -> tuple[np.ndarray, bool]:
+    """Looks as an array (PLACES, 4), and whether they are of a colour."""
+    table = np.array(looks)
+    return table, bool(np.ptp(table[:, :3], axis=1).max() > LEAST_SPREAD[1])
 
 
 @kernel

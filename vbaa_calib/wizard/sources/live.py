@@ -93,13 +93,21 @@ class LiveSource:
         times = range(1, self._reopened + 1)
         return (*self._notes, *(f"{self.name} broke off and was reached again, time {time}" for time in times))
 
-    def next(self, timeout_s: float) -> Picture | None:
-        """The newest frame, waited for if necessary. Raises SourceLost if the device is gone."""
+    def frame(self, timeout_s: float) -> tuple[np.ndarray, float] | None:
+        """The newest frame, waited for if necessary, as it came: pixels, and when since `start_s`; None if none comes.
+
+        Raises SourceLost if the device is gone.
+        """
         frame, self._first = self._first or self._newest(timeout_s), None
+        if frame is None and (fault := self._fault_now()) is not None:
+            self.close()
+            raise self._error(SourceLost, fault)
+        return frame
+
+    def next(self, timeout_s: float) -> Picture | None:
+        """The same as a picture."""
+        frame = self.frame(timeout_s)
         if frame is None:
-            if (fault := self._fault_now()) is not None:
-                self.close()
-                raise self._error(SourceLost, fault)
             return None
         while (name := f"frame {self._number}") in self._seen:
             self._number += 1
