@@ -13,6 +13,7 @@ from pydantic import AfterValidator, Field
 from scipy.spatial.transform import Rotation
 
 from targets.board import BoardSpec
+from vbaa_calib.core.arrays import gate
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_yaml
 from vbaa_calib.core.models import ArrayOf, FileModel, Number, ReadAs, checked
@@ -327,6 +328,7 @@ def gravity_antenna(kinematics: Kinematics, gravity_world_m_s2: np.ndarray, fram
     return np.array([turn.T @ gravity_world_m_s2 for turn in turns]).reshape(-1, 3)
 
 
+@gate
 def load_session(root: Path) -> Session:
     """Read and check session.yaml. Raises InputError naming the key that is wrong."""
     root = Path(root)
