@@ -261,6 +261,9 @@ _UNITS = (
     ("kgf·cm", 100 / 9.80665, "divide the readings by 10.197"),
     ("gf·cm", 1e5 / 9.80665, "divide the readings by 10197"),
     ("kN·m", 1e-3, "multiply the readings by 1000"),
+    ("µN·m", 1e6, "divide the readings by 1000000"),
+    ("lbf·in", 8.8507, "divide the readings by 8.8507"),
+    ("ozf·in", 141.61, "divide the readings by 141.61"),
     ("decimetres for metres", 1e1, "divide the readings by 10"),
 )
 _UNIT_REACH = 0.15  # logarithm within which a gain is a unit's: an honest sensor is that good before it is calibrated
@@ -295,10 +298,11 @@ def sensor_diagnoses(joint: BundleAdjustment, std_Nm: float, checks: Checks, mom
     std = max(mad_std(left), std_Nm) / max(float(np.sqrt(((true - true.mean()) ** 2).sum())), 1e-12)
     about = np.median(np.abs(read - np.median(read)))
     follows = float(1.0 - np.median(np.abs(left)) / max(about, 1e-15)) > _EXPLAINED
-    units = [one for one in _UNITS if gain > 0 and abs(np.log(gain / one[1])) < _UNIT_REACH]
+    units = [one for one in _UNITS if abs(np.log(max(abs(gain), 1e-15) / one[1])) < _UNIT_REACH]
+    units.sort(key=lambda one: abs(np.log(abs(gain) / one[1])))
     known, words = f"gain {gain:.3g} ± {std:.2g}", f"the moment sensor's gain is {gain:.4g} ± {std:.2g}"
-    weak = abs(gain) < max(_DEAD_GAIN, _SIGNIFICANT_STD * std) and not (follows and units)
-    if weak or np.ptp(read) < _SIGNIFICANT_STD * 2 * std_Nm:
+    weak = abs(gain) < max(_DEAD_GAIN, _SIGNIFICANT_STD * std) or np.ptp(read) < _SIGNIFICANT_STD * 2 * std_Nm
+    if weak and not (follows and units):
         words = f"the moment readings do not follow the loads: {known}, {spread}"
         remedy = (
             "check that the sensor is connected, sits between clamp and base, and that each row has its own reading"
@@ -306,13 +310,15 @@ def sensor_diagnoses(joint: BundleAdjustment, std_Nm: float, checks: Checks, mom
         return [Diagnosis("sensor_not_connected", words, remedy, grave=True)]
     if not follows:
         return []
-    if gain <= -_SIGNIFICANT_STD * std:
+    read_in = f", as if it were read in {' or '.join(unit for unit, *_ in units)}" if units else ""
+    if gain < 0 and (gain <= -_SIGNIFICANT_STD * std or units):
         remedy = "exchange its two leads, or change the sign of moment_Nm in all tables, the recording's too"
-        return [Diagnosis("sensor_sign", f"the moment sensor reads with the wrong sign: {known}", remedy)]
+        remedy = f"{remedy}; {units[0][2]}: moment_Nm is in N·m" if units else remedy
+        words = f"the moment sensor reads with the wrong sign: {known}{read_in}"
+        return [Diagnosis("sensor_sign", words, remedy, grave=bool(units))]
     if gain > 0 and not _USUAL_GAIN[0] < gain < _USUAL_GAIN[1]:
         if units:
-            words = f"{words}, as if it were read in {' or '.join(unit for unit, *_ in units)}"
-            return [Diagnosis("sensor_unit", words, f"{units[0][2]}: moment_Nm is in N·m", grave=True)]
+            return [Diagnosis("sensor_unit", f"{words}{read_in}", f"{units[0][2]}: moment_Nm is in N·m", grave=True)]
         return [Diagnosis("sensor_gain", f"{words}, far from 1", "check its calibration and the unit of moment_Nm")]
     drift = checks.drift_Nm
     if drift is None or abs(drift.in_std) <= _SIGNIFICANT_STD:

@@ -56,7 +56,8 @@ def _diagnoses(session: Session, kinematics: Kinematics, joint: BundleAdjustment
     named = [row for row in rows if row.entry is not None]
     if named:
         count = sum(isinstance(one.still, Load) for one in joint.noted)
-        for tried in (rows, all_by_commonest(named, joint.noted, problem.length_m)):
+        # one slip in all rows is likelier than several
+        for tried in (all_by_commonest(named, joint.noted, problem.length_m), rows):
             if tried and _fit_corrected(joint, tried, own):
                 right, odd = [[row for row in tried if (row.entry is None) == none] for none in (False, True)]
                 return [*row_diagnoses(right, count), *unexplained(odd), *_sensor(session, joint, False)]
