@@ -9,10 +9,10 @@ from typing import NamedTuple
 import numpy as np
 
 from vbaa_calib.antenna.shape import PARAMETERS
-from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment, noise_scale
+from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment, adjust_bundle, noise_scale
 from vbaa_calib.calibrate.antenna.problem import ANTENNA
-from vbaa_calib.calibrate.antenna.residual_checks import Checks
-from vbaa_calib.core.errors import Diagnosis
+from vbaa_calib.calibrate.antenna.residual_checks import Checks, check
+from vbaa_calib.core.errors import Diagnosis, SolveError
 from vbaa_calib.core.robust import huber_losses, mad_std
 from vbaa_calib.geometry import Kinematics
 from vbaa_calib.session import Load, Still, gravity_antenna
@@ -152,6 +152,8 @@ def soft_clamp(rows: StillRows) -> Diagnosis | None:
 _STANDARD_GRAVITY_M_S2 = 9.80665
 _STEPS, _CONVERGED = 8, 0.02  # gauss-Newton steps under another gravity: it is compared roughly, not to the last digit
 _LEAST_GAIN, _LEAST_PART = 60.0, 0.1  # decrease of χ² that another gravity must bring, over the scatter, and as a part
+_CONTRADICTED, _EXPLAINED_CHANCE = 1e-3, 0.05  # of the moments' scatter, as it is noted and under another gravity
+_SAME_SCATTER = 1.1  # of the points, which the other gravity must not make larger
 _ALIKE_PART = 0.1  # others within this part of the gain fit as well
 _SAME_M_S2 = 0.5  # gravities that differ by less in every frame are the same
 _AXES = {
@@ -194,6 +196,32 @@ def gravity_diagnosis(
     alike = [other.words for left, _, other in tried[1:] if left < least + _ALIKE_PART * gain]
     words = " or ".join([best.words, *alike[:2]])
     return replace(best, words=f"the free antenna sags as if {words}, and not as noted")
+
+
+def gravity_by_moments(
+    joint: BundleAdjustment, kinematics: Kinematics, gravity_world_m_s2: np.ndarray
+) -> Diagnosis | None:
+    """The same by the moment readings, where they contradict one another although the pictures fit: a bow looks like
+    another sag, but it does not weigh. joint : of all stills."""
+    problem, std = joint.problem, joint.problem.moment_std_Nm
+    if joint.kept.all() and check(joint).noise_chance(std) > _CONTRADICTED:
+        return None
+    noted = np.array([one.gravity_m_s2 for one in joint.noted])
+    fitting = []
+    for other, pull in _hypotheses([one.still for one in joint.noted], kinematics, gravity_world_m_s2, noted):
+        observations = [replace(one, gravity_m_s2=each) for one, each in zip(joint.noted, pull, strict=True)]
+        try:
+            tried = adjust_bundle(observations, problem.prior, problem.length_m, std)
+        except SolveError:
+            continue
+        chance = check(tried).noise_chance(std)
+        if tried.kept.all() and chance > _EXPLAINED_CHANCE and tried.noise_scale < _SAME_SCATTER * joint.noise_scale:
+            fitting.append((-chance, other))
+    if not fitting:
+        return None
+    best, *alike = [other for _, other in sorted(fitting, key=lambda one: one[0])]
+    words = " or ".join([best.words, *(other.words for other in alike[:2])])
+    return replace(best, words=f"the moments are as if {words}, and not as noted")
 
 
 def _refitted(free: BundleAdjustment, gravity_m_s2: np.ndarray, start: np.ndarray) -> tuple[float, float]:
