@@ -65,12 +65,9 @@ def _scenes(folder: Path) -> None:
             "convert rig.json --to kalibr -o kalibr.yaml",
         )
         for step in steps:
-            done = _vbaa(step, place)
-            verb = step.split()[0]
-            if done.returncode:
-                (place / f"{verb}.failed").write_text(f"{done.returncode}\n")
-            elif "--json" in step:
-                (place / f"{verb}.json").write_text(done.stdout)
+            said = _vbaa(step, place)
+            if "--json" in step:
+                (place / f"{step.split()[0]}.json").write_text(said)
         files = sorted(path for path in (place / "session").rglob("*") if path.is_file())
         digests = {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
         (place / "simulated.json").write_text(json.dumps(digests, indent=0))
@@ -79,16 +76,15 @@ def _scenes(folder: Path) -> None:
 
 def _bench(folder: Path) -> None:
     for subject in SUBJECTS:
-        done = _vbaa(f"bench {subject} --quick --out {folder} --force", Path.cwd())
-        if done.returncode:
-            (folder / f"{subject}.failed").write_text(f"{done.returncode}\n")
+        _vbaa(f"bench {subject} --quick --out {folder} --force", Path.cwd())
     for path in folder.glob("*.png"):
         path.unlink()
     for subject in SUBJECTS:
         (folder / f"{subject}.json").unlink(missing_ok=True)
 
 
-def _vbaa(line: str, place: Path) -> subprocess.CompletedProcess[str]:
+def _vbaa(line: str, place: Path) -> str:
+    """What the command prints. A part in which one fails is none."""
     environment = os.environ | {"PYTHONPATH": str(Path.cwd()), "OMP_NUM_THREADS": "1"}
     command = [
         sys.executable,
@@ -98,13 +94,15 @@ def _vbaa(line: str, place: Path) -> subprocess.CompletedProcess[str]:
     ]
     done = subprocess.run(command, cwd=place, env=environment, capture_output=True, text=True, check=False)
     if done.returncode:
-        print(f"{place}: vbaa {line}: exit {done.returncode}: {done.stderr.strip()[-300:]}", file=sys.stderr)
-    return done
+        raise SystemExit(f"{place}: vbaa {line}: exit {done.returncode}: {done.stderr.strip()[-300:]}")
+    return done.stdout
 
 
 def _hostile(folder: Path) -> None:
     plugin = _Refusals()
-    pytest.main(["tests/hostile/test_refused.py", "-q", "--no-header", "-p", "no:cacheprovider"], [plugin])
+    code = pytest.main(["tests/hostile/test_refused.py", "-q", "--no-header", "-p", "no:cacheprovider"], [plugin])
+    if code or not plugin.found:
+        raise SystemExit(f"{Path.cwd()}: the hostile rows fail (pytest: {code}, {len(plugin.found)} rows)")
     (folder / "refusals.json").write_text(json.dumps(plugin.found, indent=0, sort_keys=True))
 
 
@@ -148,8 +146,11 @@ def against(revision: str, parts: list[str], within: float, keep: Path) -> list[
 
 
 def _run_part(part: str, tree: Path, folder: Path) -> None:
-    command = [sys.executable, str(Path(__file__).resolve()), "--record", part, "--keep", str(folder.resolve())]
-    subprocess.run(command, cwd=tree, env=os.environ | {"PYTHONPATH": str(tree)}, check=True)
+    # -P: this script's folder has a `coverage`, which is not the package of that name
+    command = [sys.executable, "-P", str(Path(__file__).resolve()), "--record", part, "--keep", str(folder.resolve())]
+    done = subprocess.run(command, cwd=tree, env=os.environ | {"PYTHONPATH": str(tree)}, check=False)
+    if done.returncode or not any(path.stat().st_size for path in folder.rglob("*")):
+        raise SystemExit(f"{part} of {tree} failed: there is nothing to compare")
     (folder / "done").touch()
 
 

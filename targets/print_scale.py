@@ -96,6 +96,8 @@ def print_scale(
 
 
 def _refuse_senseless(rulers: tuple[float, float], readings: tuple[float, float], std_mm: float) -> None:
+    if not all(type(each) is not bool and isinstance(each, int | float) for each in (*rulers, *readings, std_mm)):
+        raise ValueError(f"rulers and readings are {(*rulers, *readings, std_mm)!r:.200}: lengths in mm are needed")
     if not 0 < std_mm <= 5:
         raise ValueError(f"reading_std_mm is {std_mm!r}: more than 0, at most 5 mm is needed")
     least = std_mm / _LEAST_PRECISION
@@ -132,6 +134,8 @@ def _percent(scale: float, std: float) -> str:
 
 def rescaled(spec: BoardSpec, scale: PrintScale) -> BoardSpec:
     """The board as printed: squares and markers at the measured scale, the thickness unchanged."""
+    if not (isinstance(spec, BoardSpec) and isinstance(scale, PrintScale)):
+        raise ValueError(f"{spec!r:.60} and {scale!r:.60}: a BoardSpec and what print_scale returns are needed")
     square_m, marker_m = (round(length * scale.scale, 9) for length in (spec.square_m, spec.marker_m))
     printed = replace(spec, square_m=square_m, marker_m=marker_m)
     if not scale.differs:

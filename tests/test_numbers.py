@@ -3,15 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from estimator import ContactEstimator, Measured
+from estimator import ContactEstimator, Measured, View, next_touch, refine
+from estimator.live import LiveEstimator
+from estimator.object.estimate import estimate_object
+from estimator.paper.baselines import Noise, Press, Wire, run_method
+from estimator.paper.inclined import eq29_baseline, inclined_two_point_contact
+from estimator.paper.two_point import force_z, two_point_contact
+from estimator.table.files import read_contacts, write_contacts
+from vbaa_calib import Camera, Rig, calibrate_lens
+from vbaa_calib.antenna.rungs import curves
+from vbaa_calib.calibrate.given_lens import read_lens
+from vbaa_calib.calibrate.pipeline import calibrate
+from vbaa_calib.calibrate.pose.hand_eye import solve_hand_eye
+from vbaa_calib.camera import in_plane_axes, intersect_hinge_plane, intersect_plane
 from vbaa_calib.core.arrays import as_floats
-from vbaa_calib.core.errors import InputError
-from vbaa_calib.streams import Reading, Taken
+from vbaa_calib.core.errors import InputError, VbaaError
+from vbaa_calib.geometry import Kinematics, Plane, Pose, hinge_plane, rotation_world_antenna
+from vbaa_calib.session import load_session
+from vbaa_calib.streams import Reading, Synchronizer, Taken, Timing
 
 from .estimator.contact_scenes import RIG
 
@@ -113,12 +128,87 @@ def test_frames_of_a_recording_take_nothing_in_silence(changed: dict[str, Any], 
         lambda: ContactEstimator(RIG).estimate_batch(None, None, [0.0], [0.0]),  # type: ignore[arg-type]
         lambda: ContactEstimator(RIG).estimate_batch([POINTS], None, 0.0, [0.0]),  # type: ignore[arg-type]
         lambda: next(ContactEstimator(RIG).run([POINTS])),  # type: ignore[list-item]
+        lambda: ContactEstimator(RIG).run(None),  # type: ignore[arg-type]
+        *(lambda: Timing(joints_rad=None), lambda: Timing(joints_rad=(12.0, 0.0)), lambda: Timing(gap_s=-1.0)),  # type: ignore[arg-type]
+        *(lambda: RIG.kinematics.T_world_antenna(12.0, 0.0), lambda: Synchronizer(Timing(), "moment_Nm")),
     ],
 )
 def test_other_calls_take_nothing_in_silence(call: Callable[[], Any]) -> None:
     with pytest.raises(InputError) as caught:
         call()
     assert "\n" not in str(caught.value)
+
+
+LINE: dict[str, Any] = {"xp_m": [0.05, 0.1], "y_m": [0.001, 0.003]}
+TIMING, POSE, PLANE = Timing(), Pose.identity(), Plane(np.array([0.0, 0.0, 1.0]), 1.0)
+SHAPES = {"gravity_m_s2": np.zeros((1, 3)), "contact_m": np.full(1, 0.1), "force_N": np.zeros((1, 2))}
+PUBLIC: dict[Callable[..., Any], dict[str, Any]] = {
+    Camera: {"model": "opencv", "image_size": (640, 480), "matrix": RIG.camera.matrix, "distortion": np.zeros(4)},
+    **{key: {"pixels": POINTS} for key in (RIG.camera.unproject, RIG.camera.in_picture)},
+    **{RIG.camera.project: {"points": np.ones((1, 3))}, RIG.camera.moved: {"step": 0.0 * RIG.camera.parameters}},
+    **{key: {"path": "none"} for key in (Camera.load, Rig.load, read_lens, read_contacts)},
+    **{key: {"data": POSE.to_dict()} for key in (Camera.from_dict, Rig.from_dict, Pose.from_dict)},
+    **{load_session: {"root": "none"}, calibrate: {"session": None}, write_contacts: {"path": "a.csv", "rows": None}},
+    **{RIG.std: {"parameter": "moment_gain"}, RIG.drifted: {"part": 1.0}, RIG.moved: {"step": np.zeros(17)}},
+    **{RIG.with_covariance: {"covariance": RIG.covariance}, RIG.camera_on_plane: {"plane": PLANE}},
+    Pose: {"rotation": np.eye(3), "translation_m": np.zeros(3)},
+    Pose.from_rotvec: {"rotvec_rad": np.zeros(3), "translation_m": np.zeros(3)},
+    **{POSE.retract: {"tangent": np.zeros(6)}, POSE.tangent_from: {"other": POSE}, POSE.__matmul__: {"other": POSE}},
+    **{Plane: {"normal": np.array([0.0, 0.0, 1.0]), "offset_m": 0.0}, hinge_plane: {"roll_rad": 0.0}},
+    Kinematics: {"T_actuator_antenna": POSE, "position_world_m": np.zeros(3), "axis_skew_rad": 0.0},
+    **{key: {"pan_rad": 0.0, "tilt_rad": 0.0} for key in (RIG.kinematics.T_world_antenna, rotation_world_antenna)},
+    intersect_plane: {"origins": np.zeros((1, 3)), "directions": np.ones((1, 3)), "plane": PLANE},
+    intersect_hinge_plane: {"origins": np.zeros((1, 3)), "directions": np.ones((1, 3)), "roll_rad": np.zeros(1)},
+    in_plane_axes: {"plane": PLANE},
+    calibrate_lens: {"views": [], "image_size": (640, 480), "board_points": np.zeros((5, 3))},
+    solve_hand_eye: {"views": [], "robot_poses": [], "board_points": np.zeros((9, 3)), "camera": RIG.camera},
+    ContactEstimator: {"rig": RIG, "model": "auto", "friction": 0.1, "jobs": 1},
+    ContactEstimator(RIG).run: {"recording": []},
+    **{refine: {"contacts": None, "rig": RIG, "recording": []}, next_touch: {"contacts": None, "rig": RIG}},
+    **{estimate_object: {"table": None, "rig": RIG}, View: {"rig": RIG, "recording": []}},
+    two_point_contact: {"x_m": LINE["xp_m"], "y_m": LINE["y_m"], "stiffness_Nm2": 0.004},
+    **dict.fromkeys(
+        (inclined_two_point_contact, eq29_baseline),
+        LINE | {"moment_Nm": 0.01, "stiffness_Nm2": 0.004, "camera_tilt_rad": 0.5},
+    ),
+    force_z: {"moment_Nm": 0.01, "contact_m": 0.1},
+    curves: {"rung": "rod", "parameters": RIG.antenna.parameters[None], "length_m": 0.2} | SHAPES,
+    **{run_method: {"name": "2D-VBAA", "press": None}, Noise: {"point_m": 0.0}, Press: {"wire": Wire(0.2, 0.004)}},
+    Wire: {"length_m": 0.2, "stiffness_Nm2": 0.004},
+    Timing: {"offset_s": 0.0, "gap_s": 0.1, "wait_s": 0.1, "joints_rad": (0.0, 0.0), "moment_std_Nm": (0.0, 0.0)},
+    Synchronizer: {"timing": TIMING, "channels": ["moment_Nm"]},
+    Reading: {"time_s": 0.0, "channel": "moment_Nm", "value": 0.0, "arrived_s": 0.0},
+    Taken: {"time_s": 0.0, "image": np.zeros((9, 9), np.uint8), "arrived_s": 0.0, "received_s": 0.0},
+    LiveEstimator: {"estimator": ContactEstimator(RIG), "synchronizer": Synchronizer(TIMING)},
+}
+"""Public calls, and for each argument something that it takes, or None where this file has nothing such."""
+NEVER: tuple[Any, ...] = ("abc", object(), 1j, [1j], lambda: 1.0, np.zeros(2, [("a", float)]), np.array(["a", "b"]))
+"""No call takes these, but for `LISTS`, which look at what is in them when they come to it, and names and paths."""
+PERHAPS: tuple[Any, ...] = (
+    *(None, True, np.nan, np.inf, 1e300, 12, "1", [], {}, np.zeros(7), np.zeros((1,) * 5), np.zeros((0, 3))),
+    *(np.ma.array([1.0, 2.0], mask=[True, False]), np.matrix([[1.0, 2.0]]), np.array([True]), [[1.0], [1.0, 2.0]]),
+)
+LISTS = ("recording", "rows", "views", "robot_poses", "channels", "image_size", "joints_rad", "moment_std_Nm")
+NAMES = ("path", "root", "name", "channel", "model", "parameter", "rung")
+
+
+@pytest.mark.parametrize("call", PUBLIC, ids=lambda call: call.__qualname__)
+def test_public_calls_say_what_they_need(
+    call: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One line that names the argument or its value, whatever it is."""
+    monkeypatch.chdir(tmp_path)
+    for name, good in PUBLIC[call].items():
+        for value in (*NEVER, *PERHAPS):
+            refused = ""
+            try:
+                with np.errstate(all="ignore"):
+                    call(**(PUBLIC[call] | {name: value}))
+            except VbaaError as error:
+                refused = str(error)
+            never = any(value is each for each in NEVER) and name not in LISTS
+            assert refused or not never, f"{name} = {value!r} of {good!r:.60}"
+            assert "\n" not in refused
 
 
 def test_tensors_are_numbers() -> None:

@@ -191,5 +191,5 @@ def test_standard_deviations(good: dict[str, Any]) -> None:
     assert antenna["stiffness_std_Nm2"] == rig.antenna.stiffness_Nm2 * rig.std("log_stiffness_Nm2")
     assert antenna["mass_per_length_std_kg_m"] == pytest.approx(3.97e-3 * rig.std("log_mass_per_length_kg_m"))
     assert (sensor["gain_std"], sensor["offset_std_Nm"]) == (rig.std("moment_gain"), rig.std("moment_offset_Nm"))
-    with pytest.raises(ValueError, match="not in tuple"):
+    with pytest.raises(InputError, match="no parameter"):
         rig.std("colour")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from itertools import islice
+from itertools import chain, islice
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from estimator.solver.numbers import FitNumbers
 from estimator.solver.rig_arrays import RigArrays
 from estimator.table.contacts import FRICTION_RAD, Contact, Measured
 from vbaa_calib.antenna.rungs import RUNGS
-from vbaa_calib.core.arrays import as_float, as_floats
+from vbaa_calib.core.arrays import as_float, as_floats, gate
 from vbaa_calib.core.compiled import cores
 from vbaa_calib.core.errors import InputError, shown
 from vbaa_calib.rig import Rig
@@ -57,15 +57,15 @@ class ContactEstimator:
     def __init__(
         self, rig: Rig, model: str = "auto", *, friction: float = FRICTION_RAD, jobs: int | None = None
     ) -> None:
-        if model != "auto" and model not in RUNGS:
-            raise InputError(f"model is {model!r}", remedy=f"one of auto, {', '.join(RUNGS)} is needed")
+        if not isinstance(model, str) or model not in ("auto", *RUNGS):
+            raise InputError(f"model is {shown(model)}", remedy=f"one of auto, {', '.join(RUNGS)} is needed")
         if not isinstance(rig, Rig):
             raise InputError(f"rig is {shown(rig)}", remedy="give what Rig.load returns")
         in_rad = "give the angle's deviation in rad, 0 to 1"
         if not 0.0 <= as_float(friction, "friction", in_rad) <= 1.0:
             raise InputError(f"friction is {friction}", remedy=in_rad)
         if jobs is not None and not (type(jobs) is int and jobs >= 1):
-            raise InputError(f"jobs is {jobs!r}", remedy="give a number of threads, 1 or more")
+            raise InputError(f"jobs is {shown(jobs)}", remedy="give a number of threads, 1 or more")
         self.rig = rig
         self.model = model
         self.friction_rad = float(friction)
@@ -133,6 +133,7 @@ class ContactEstimator:
         joints: dict[str, Values] = {"pans": pans, "tilts": tilts}
         return self._contacts(Batch.checked(self.rig, centrelines_px, readings, joints, sigma_px))
 
+    @gate
     def run(self, recording: Iterable[Measured], *, live: bool = False) -> Iterator[Contact]:
         """A recording frame by frame, in order and in constant memory.
 
@@ -142,11 +143,7 @@ class ContactEstimator:
         changed. With `live` each frame is answered as it comes, tested with those before it.
         """
         stream = ContactStream(self, live=live)
-        for measured in recording:
-            if not isinstance(measured, Measured):
-                raise InputError(f"the recording holds {shown(measured)}", remedy="give a Measured for each frame")
-            yield from stream.push(measured)
-        yield from stream.finish()
+        return chain((each for measured in recording for each in stream.push(measured)), stream.finish())
 
     def continued(self, learnt: LearntRig) -> ContactEstimator:
         """The estimator for the rest of a recording of this rig, of which so much was learnt; self is a new one."""
@@ -377,6 +374,8 @@ class ContactStream:
 
     def push(self, measured: Measured) -> Iterator[Contact]:
         """The contacts that are ready with this frame, its own among them or not."""
+        if not isinstance(measured, Measured):
+            raise InputError(f"the recording holds {shown(measured)}", remedy="give a Measured for each frame")
         self._coming.append(measured)
         if len(self._coming) == self._size:
             self._take()

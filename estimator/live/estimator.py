@@ -25,6 +25,7 @@ from estimator.contact.recording import (
     measured_points,
 )
 from estimator.table.contacts import ContactRow
+from vbaa_calib.core.arrays import gate
 from vbaa_calib.detect.whisker.antenna import free_curve, pixels, width_px
 from vbaa_calib.session import Frame
 from vbaa_calib.streams import Reading, Synchronizer, Taken
@@ -69,6 +70,7 @@ class LiveEstimator:
     final : False: only what is known at once.
     """
 
+    @gate
     def __init__(
         self,
         estimator: ContactEstimator,
@@ -109,6 +111,7 @@ class LiveEstimator:
             for each in self.synchronizer.push(message):
                 yield from self._estimate(each)
 
+    @gate
     def tick(self, now_s: float) -> Iterator[LiveContact]:
         """The contacts of pictures that have waited for readings long enough, by the source's clock."""
         for each in self.synchronizer.ready(now_s):

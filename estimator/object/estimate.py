@@ -9,6 +9,7 @@ import numpy as np
 
 from estimator.contact.common_errors import CommonErrors, shared_errors
 from estimator.table.contacts import ContactTable
+from vbaa_calib.core.arrays import gate
 from vbaa_calib.core.robust import finite_median, finite_or_none
 
 from .friction import NORMAL_KNOWN_RAD, Friction, friction
@@ -76,6 +77,7 @@ class ObjectEstimate:
         }
 
 
+@gate
 def estimate_object(
     table: ContactTable, rig: Rig | None = None, friction_rad: float | None = None, *, events: bool = True
 ) -> ObjectEstimate:

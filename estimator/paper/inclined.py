@@ -19,7 +19,8 @@ from typing import Any
 
 import numpy as np
 
-from vbaa_calib.core.arrays import Array, namespace
+from vbaa_calib.core.arrays import Array, as_floats, namespace
+from vbaa_calib.core.errors import InputError
 
 from .two_point import Part, bending, elasticity, floats, in_pieces, relative_contact
 
@@ -165,7 +166,13 @@ def eq29_baseline(
     With γ = τ_y·tanφ/6EI (2EI is printed). It gives the *curved* points the depth of the straight part. Smallest root
     in 0 < l ≤ L, NaN where there is none. NumPy alone.
     """
-    given = (xp_m, y_m, moment_Nm, stiffness_Nm2, camera_tilt_rad, length_m)
+    given = [
+        as_floats(each, "an argument", "give numbers")
+        for each in (xp_m, y_m, moment_Nm, stiffness_Nm2, camera_tilt_rad, length_m)
+    ]
+    if {given[0].shape[-1:], given[1].shape[-1:]} != {(2,)}:
+        what = f"the points have the shapes {given[0].shape} and {given[1].shape}"
+        raise InputError(what, remedy="give (..., 2) of x and of y")
     with np.errstate(all="ignore"):
         return np.vectorize(_eq29, signature="(2),(2),(),(),(),()->()", otypes=[float])(*given)
 

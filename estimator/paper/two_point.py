@@ -19,7 +19,8 @@ from typing import Any
 
 import numpy as np
 
-from vbaa_calib.core.arrays import Array, is_tensor, like, namespace, widest_float
+from vbaa_calib.core.arrays import Array, as_floats, is_tensor, like, namespace, widest_float
+from vbaa_calib.core.errors import InputError
 
 _PIECE, _PIECE_OF_TENSORS = 16384, 65536  # frames at a time: few enough for the cache, enough for torch's threads
 _ROUNDING, _ROUNDS = 1e-9, 3
@@ -29,7 +30,9 @@ def floats(*values: Any) -> list[Array]:
     """Values in float64: tensors on one device as soon as one of them is a tensor, otherwise arrays."""
     tensors = [value for value in values if is_tensor(value)]
     if not tensors:
-        return [np.asarray(value, float) for value in values]
+        return [as_floats(value, "an argument", "give numbers") for value in values]
+    if not all(each.is_floating_point() for each in tensors):
+        raise InputError("a tensor is of no real numbers", remedy="convert it to float32 or float64")
     reference = tensors[0].new_empty(0, dtype=widest_float(tensors[0].device))
     return [like(reference, value) for value in values]
 
@@ -38,7 +41,13 @@ def in_pieces(work: Callable[..., tuple[Array, ...]], x_m: Array, y_m: Array, *v
     """Results (...) of a function of points (n, 2), the nearer to the clamp first, and numbers (n,), in pieces. Points
     x, y (..., 2) and values (...) broadcast. Warnings about NaN are off."""
     xp = namespace(y_m)
-    batch = np.broadcast_shapes(x_m.shape[:-1], y_m.shape[:-1], *(value.shape for value in values))
+    try:
+        batch = np.broadcast_shapes(x_m.shape[:-1], y_m.shape[:-1], *(value.shape for value in values))
+    except ValueError:
+        batch = None
+    if batch is None or (*x_m.shape[-1:], *y_m.shape[-1:]) != (2, 2):
+        what = f"the points have the shapes {tuple(x_m.shape)} and {tuple(y_m.shape)}"
+        raise InputError(what, remedy="give (..., 2) of x and of y, and numbers (...) that broadcast with them")
     points = [xp.broadcast_to(points, (*batch, 2)).reshape(-1, 2) for points in (x_m, y_m)]
     swap = abs(points[1][:, :1]) > abs(points[1][:, 1:])
     points = [xp.where(swap, xp.flip(pair, (1,)), pair) for pair in points]

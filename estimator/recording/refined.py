@@ -16,6 +16,7 @@ from estimator.solver.linearised import bend
 from estimator.solver.rig_arrays import UNKNOWNS, RigArrays
 from estimator.table.contacts import COLUMNS, FRICTION_RAD, ContactTable, Measured, joint_angles
 from vbaa_calib.antenna.nodes import CONTACT
+from vbaa_calib.core.arrays import gate
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.robust import finite_or_none
 from vbaa_calib.rig import POSE_PARAMETERS, Rig
@@ -94,6 +95,7 @@ def _pair(before: np.ndarray, after: np.ndarray) -> dict[str, float | None]:
     return dict(zip(("framewise", "refined"), map(finite_or_none, values), strict=True))
 
 
+@gate
 def refine(
     contacts: ContactTable,
     rig: Rig,

@@ -14,6 +14,7 @@ from estimator.contact.status import FEWEST_POINTS
 from estimator.solver.linearised import free_antennas
 from estimator.solver.rig_arrays import RigArrays
 from estimator.table.contacts import LOCATED, ContactRow, ContactTable, Measured
+from vbaa_calib.core.arrays import gate
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.least_squares import disagreement_p
 from vbaa_calib.geometry.independent_axes import independent_axes
@@ -25,6 +26,7 @@ _OF_ANTENNA = slice(_POSE, len(RIG_PARAMETERS))  # with its sensor
 _ANOTHER_ANTENNA, _LENGTHS = 1e-6, 1e-2
 
 
+@gate
 @dataclass(frozen=True, eq=False)
 class View:
     """A further camera's part of a recording.

@@ -322,6 +322,10 @@ class Measured:
             number = values[name] = as_float(getattr(self, name), name, remedy)
             if abs(number) > most:
                 raise InputError(f"{name} is {number:g}", remedy=remedy)
+        for name, count in _BESIDE.items():
+            several = values[name] = as_floats(getattr(self, name), name, f"give ({count},) numbers")
+            if several.shape != (count,):
+                raise InputError(f"{name} has shape {several.shape}", remedy=f"give ({count},) numbers")
         for name, each in values.items():
             object.__setattr__(self, name, each)
 
@@ -332,6 +336,8 @@ _GIVEN = {
     "time_s": (np.inf, "give seconds"),
 }
 """Of `Measured`: the largest that there is, and what to give."""
+_BESIDE = {"start": 4, "tip_px": 3, "moment_errors_Nm": 2, "joint_errors_rad": 2}
+"""Of `Measured`: arrays, and how many numbers they have."""
 
 
 _FOREIGN_M = 1e-3  # world and antenna points that disagree by more than this come from another rig

@@ -13,9 +13,9 @@ from typing import Any, TextIO
 
 import numpy as np
 
-from vbaa_calib.core.arrays import FARTHEST_M
+from vbaa_calib.core.arrays import FARTHEST_M, gate
 from vbaa_calib.core.csv_rows import csv_rows, number, whole_number
-from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.errors import InputError, shown
 from vbaa_calib.core.files import replacing, require_file
 
 from .contacts import (
@@ -46,6 +46,7 @@ def check_format(path: Path) -> None:
         raise InputError("is neither .csv nor .parquet", where=path, remedy="the suffix chooses the format")
 
 
+@gate
 def write_contacts(path: Path, rows: Iterable[ContactRow], force: bool = False) -> None:
     """Write the rows, at least one, whole or not at all, as Parquet or CSV (nine digits) by suffix.
 
@@ -83,6 +84,7 @@ def write_row(stream: TextIO, cells: Mapping[str, Any]) -> None:
     csv.writer(stream, lineterminator="\n").writerow([_text(value, _DIGITS[name]) for name, value in cells.items()])
 
 
+@gate
 def read_contacts(path: Path, several: bool = False) -> ContactTable:
     """Read contacts from a CSV, or from a Parquet file by its suffix.
 
@@ -126,7 +128,9 @@ def read_contacts(path: Path, several: bool = False) -> ContactTable:
 
 
 def cells_of(row: ContactRow) -> dict[str, int | float | bool | str]:
-    """Column → value in the order of the columns; NaN where a number does not exist."""
+    """Column → value in the order of the columns; NaN where a number does not exist. Raises InputError."""
+    if not isinstance(row, ContactRow):
+        raise InputError(f"a row is {shown(row)}", remedy="give a ContactRow for each frame")
     cells: dict[str, int | float | bool | str] = {}
     for field, names in _NAMES.items():
         value = getattr(row, field)

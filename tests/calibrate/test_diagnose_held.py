@@ -51,6 +51,10 @@ SENSORS: dict[str, tuple[Callable[[int, float], float], str, str]] = {
     "sign": (lambda index, read: -read, "sensor_sign", "wrong sign"),
     "not connected": (lambda index, read: 0.0, "sensor_not_connected", "all 8 moment readings"),
     "noise": (lambda index, read: 2e-5 * np.sin(7.0 * index), "sensor_not_connected", "do not follow"),
+    "kilonewton metres": (lambda index, read: 1e-3 * read, "sensor_unit", "kN·m"),
+    "micronewton metres": (lambda index, read: 1e6 * read, "sensor_unit", "µN·m"),
+    "pounds times inches": (lambda index, read: 8.8507 * read, "sensor_unit", "lbf·in"),
+    "sign and millinewtons": (lambda index, read: -1e3 * read, "sensor_sign", "mN·m"),
     "millinewton metres": (lambda index, read: 1e3 * read, "sensor_unit", "mN·m"),
 }
 
@@ -83,6 +87,15 @@ def test_gravity_that_points_elsewhere_is_named(good, noted: tuple[float, float,
     assert found[0].name == "gravity_direction"
     assert "−z of the world" in found[0].words
     assert "-9.80665" in found[0].remedy
+
+
+def test_gravity_whose_sag_a_bow_hides_is_named_by_the_moments() -> None:
+    rng = np.random.default_rng(11)
+    world = drawn_world(rng)
+    observations = observed(world, [*free_stills(), *hung_loads(rng)], rng)
+    found = diagnosed(before(world, rng), regravitated(observations, -GRAVITY_WORLD), -GRAVITY_WORLD)
+    assert [one.name for one in found] == ["gravity_direction"]
+    assert "the moments are as if gravity pointed to −z" in found[0].words
 
 
 @pytest.mark.slow

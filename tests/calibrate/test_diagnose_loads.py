@@ -38,6 +38,8 @@ SLIPS: dict[str, tuple[Callable[[Load], Load], str]] = {
     "grams": (scaled(1e3 / G), "in grams"),
     "kilograms": (scaled(1 / G), "in kilograms"),
     "millinewtons": (scaled(1e3), "in millinewtons"),
+    "pounds": (scaled(1 / 4.4482), "in pounds"),
+    "inches": (lambda load: replace(load, distance_m=load.distance_m / 0.0254), "in inches"),
     "sign": (scaled(-1.0), "with its sign turned round"),
     "exchanged": (exchanged, "with y and z exchanged"),
     "from the tip": (from_tip, "from the tip"),

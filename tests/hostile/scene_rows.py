@@ -39,7 +39,7 @@ TRUTH: tuple[Row, ...] = (
     ("a rig", d.copy("rig.json"), "has no object"),
     ("a list", d.content("[]"), "must be a JSON object"),
     ("cut short", d.cut(0.6), "is not valid JSON"),
-    ("a shape that is none", d.at("object.shape", "cow"), "object.shape is 'cow'"),
+    ("a shape that is none", d.at("object.shape", "cow"), "object.shape: 'cow' is not"),
     ("a radius below zero", d.at("object.radius_m", -1.0), "object.radius_m"),
     ("a centre of NaN", d.at("object.center_world_m.0", NAN), "object.center_world_m"),
     ("an axis of nothing", d.at("object.axis_world", [0, 0, 0]), "object.axis_world"),

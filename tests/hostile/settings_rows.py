@@ -51,6 +51,7 @@ SESSION: tuple[Row, ...] = (
     ("a quaternion of zeros", d.at("jig.T_antenna_board.rotation_xyzw", [0, 0, 0, 0]), "rotation_xyzw"),
     ("a jig in mm", d.at("jig.T_antenna_board.translation_m", [28.0, 61.0, -9.0]), "jig"),
     ("a jig without a pose", d.at("jig", {}), "jig"),
+    ("a position in millimetres", d.at("kinematics.position_world_m", [0, 0, 120]), "kinematics.position_world_m"),
     ("a mount without a turn", d.at("kinematics.T_actuator_antenna", {"translation_m": [0, 0, 0]}), "kinematics"),
     ("print scale of 200 %", d.at("print_scale_std", 2.0), "print_scale_std"),
     ("a known object of no shape", d.at("known_object", {"shape": "cup"}), "known_object"),

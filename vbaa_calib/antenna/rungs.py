@@ -10,12 +10,16 @@ from __future__ import annotations
 
 import numpy as np
 
+from vbaa_calib.core.arrays import gate
+from vbaa_calib.core.errors import InputError
+
 from .shape import Curves, curves_of, pressed
 from .shape_kernel import ELASTICA_SWEEPS, ROD_SWEEPS, RUNGS
 
 __all__ = ["RUNGS", "curves"]
 
 
+@gate
 def curves(
     rung: str,
     parameters: np.ndarray,
@@ -38,6 +42,15 @@ def curves(
     friction_rad : (B,) angle of the contact force from that normal, positive towards the clamp, see `shape.bend`. What
         it does to the shape is of second order: `linear` has it in its force alone, `paper` not at all.
     """
+    if rung not in RUNGS:
+        raise InputError(f"rung is {rung!r}", remedy=f"one of {', '.join(RUNGS)} is needed")
+    if parameters.ndim != 2 or parameters.shape[1] != 9:
+        raise InputError(f"parameters have shape {parameters.shape}", remedy="give (B, 9)")
+    count = len(parameters)
+    shapes = {"gravity_m_s2": (count, 3), "contact_m": (count,), "force_N": (count, 2), "friction_rad": (count,)}
+    for (name, shape), values in zip(shapes.items(), (gravity_m_s2, contact_m, force_N, friction_rad), strict=True):
+        if values is not None and values.shape != shape:
+            raise InputError(f"{name} has shape {values.shape}", remedy=f"give {shape}")
     presses = pressed(parameters, length_m, gravity_m_s2, contact_m, force_N, friction_rad)
     sweeps = ELASTICA_SWEEPS if rung == "elastica" else ROD_SWEEPS
     return curves_of(RUNGS.index(rung), presses, dead=False, sweeps=sweeps)

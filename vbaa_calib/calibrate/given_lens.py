@@ -12,6 +12,7 @@ import numpy as np
 from targets.board import BoardSpec
 from vbaa_calib.camera import Camera
 from vbaa_calib.convert import guessed
+from vbaa_calib.core.arrays import gate
 from vbaa_calib.core.errors import Diagnosis, InputError, VbaaError
 from vbaa_calib.core.files import read_json, sha256
 from vbaa_calib.detect.board.corners import BoardView
@@ -67,6 +68,7 @@ class GivenLens:
         return {"file": self.path.name, "format": self.what, "sha256": sha256(self.path), "uncertainty": uncertainty}
 
 
+@gate
 def read_lens(path: Path, which: str | None = None) -> GivenLens:
     """The lens in a file; `which` of several.
 

@@ -16,6 +16,7 @@ from vbaa_calib.calibrate.antenna.session_rig import make_rig, observe_stills, p
 from vbaa_calib.calibrate.faults.stills import still_diagnoses, with_cause
 from vbaa_calib.calibrate.faults.views import judge_views
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution, solve_intrinsics
+from vbaa_calib.core.arrays import gate
 from vbaa_calib.core.errors import Diagnosis, InputError, SolveError
 from vbaa_calib.core.images import SUFFIXES, list_images, picture_size
 from vbaa_calib.detect.board.corners import detect_folder
@@ -67,6 +68,7 @@ def _lens_folder(session: Session, given: GivenLens | None) -> list[str]:
     return [folder.name]
 
 
+@gate
 def calibrate(session: Session, lens_model: str = "auto", given: GivenLens | None = None) -> Calibration:
     """A session to a rig. Everything that can be wrong with the inputs is checked before the long work.
 

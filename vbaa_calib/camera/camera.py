@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from vbaa_calib.core.arrays import ArrayT, masked, working
-from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.arrays import ArrayT, gate, masked, of_shape, working
+from vbaa_calib.core.errors import InputError, shown
 from vbaa_calib.core.files import read_json
 from vbaa_calib.geometry.independent_axes import is_covariance
 
@@ -31,7 +31,9 @@ def _checked_image_size(image_size: Any) -> tuple[int, int]:
     """(width, height), positive integers."""
     size = list(image_size) if isinstance(image_size, Sequence | np.ndarray) else []
     if len(size) != 2 or not all(isinstance(side, int | np.integer) and side > 0 for side in size):
-        raise InputError(f"image_size is {image_size!r}", remedy="give it as two positive integers, (width, height)")
+        raise InputError(
+            f"image_size is {shown(image_size)}", remedy="give it as two positive integers, (width, height)"
+        )
     return int(size[0]), int(size[1])
 
 
@@ -135,7 +137,9 @@ class Camera:
 
     def __post_init__(self) -> None:
         if not isinstance(self.model, str) or self.model not in MODELS:
-            raise InputError(f"the camera model is {self.model!r}", remedy=f"choose one of {', '.join(sorted(MODELS))}")
+            raise InputError(
+                f"the camera model is {shown(self.model)}", remedy=f"choose one of {', '.join(sorted(MODELS))}"
+            )
         model = MODELS[self.model]
         matrix, distortion = _checked_matrix(self.matrix), _checked_distortion(self.distortion, model)
         names = _MATRIX_NAMES + model.coefficient_names[: distortion.size]
@@ -158,17 +162,23 @@ class Camera:
         """(4 + k,) the numbers of `parameter_names`."""
         return np.concatenate([self.matrix[[0, 1, 0, 1], [0, 1, 2, 2]], self.distortion])
 
+    @gate
     def moved(self, step: np.ndarray) -> Camera:
         """With its parameters a step (4 + k,) away; the covariance stays."""
+        step = of_shape(step, self.parameters.shape, "step", finite=False)
         matrix = self.matrix.copy()
         matrix[[0, 1, 0, 1], [0, 1, 2, 2]] += step[:4]
         return replace(self, matrix=matrix, distortion=self.distortion + step[4:])
 
+    @gate
     def in_picture(self, pixels: np.ndarray) -> np.ndarray:
         """(...) whether pixels (..., 2) lie in the picture, to the outer edges of its outermost ones; NaN does not."""
+        if pixels.shape[-1:] != (2,):
+            raise InputError(f"pixels have the shape {pixels.shape}", remedy="give them as (..., 2)")
         return np.all((pixels > -0.5) & (pixels < np.array(self.image_size) - 0.5), axis=-1)
 
     @staticmethod
+    @gate
     def load(path: Path | str) -> Camera:
         """From a camera.json. Raises InputError naming the file and what is wrong with it."""
         try:
@@ -177,6 +187,7 @@ class Camera:
             raise error if error.where else InputError(error.what, where=path, remedy=error.remedy) from None
 
     @staticmethod
+    @gate
     def from_dict(data: Mapping[str, Any]) -> Camera:
         """From the keys of camera.json; other keys are ignored. Raises InputError for a missing or wrong one."""
         if data.get("schema") != SCHEMA:

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vbaa_calib.core.arrays import Array, ArrayT, like, masked, namespace
+from vbaa_calib.core.arrays import Array, ArrayT, gate, like, masked, namespace
+from vbaa_calib.core.errors import InputError
 from vbaa_calib.geometry import Plane
 
 _GRAZING_RAD = 1e-3  # rays at a smaller angle to the plane are not intersected
@@ -37,6 +38,7 @@ def cross(origins: Array, directions: Array, normals: Array, offsets_m: Array) -
     return Crossing(origins + range_m[..., None] * directions, range_m, slant, valid)
 
 
+@gate
 def intersect_plane(origins: ArrayT, directions: ArrayT, plane: Plane) -> tuple[ArrayT, ArrayT]:
     """Points (..., 3) where rays meet a plane, and validity (...). All in the plane's frame.
 
@@ -45,6 +47,7 @@ def intersect_plane(origins: ArrayT, directions: ArrayT, plane: Plane) -> tuple[
     return _finished(origins, directions, like(directions, plane.normal), plane.offset_m)
 
 
+@gate
 def intersect_hinge_plane(origins: ArrayT, directions: ArrayT, roll_rad: ArrayT) -> tuple[ArrayT, ArrayT]:
     """Points (..., 3) where rays meet the deformation plane 𝒟 at each roll (...), and validity (...). Antenna frame.
 
@@ -58,6 +61,7 @@ def intersect_hinge_plane(origins: ArrayT, directions: ArrayT, roll_rad: ArrayT)
     return _finished(origins, directions, normals, 0.0)
 
 
+@gate
 def in_plane_axes(plane: Plane) -> np.ndarray:
     """(2, 3) orthonormal axes of the coordinates on a plane.
 
@@ -72,6 +76,9 @@ def in_plane_axes(plane: Plane) -> np.ndarray:
 
 
 def _finished(origins: Array, directions: Array, normals: Array, offset_m: float) -> tuple[Array, Array]:
+    if origins.shape[-1:] != (3,) or directions.shape[-1:] != (3,):
+        what = f"origins and directions have the shapes {tuple(origins.shape)} and {tuple(directions.shape)}"
+        raise InputError(what, remedy="give both as (..., 3)")
     xp = namespace(directions)
     finite = xp.isfinite(directions).all(-1) & xp.isfinite(origins).all(-1)
     safe = xp.where(finite[..., None], directions, 0.0)

@@ -7,9 +7,12 @@ torch takes a second to load. Nothing here loads it: where there is a tensor, so
 from __future__ import annotations
 
 import math
+import os
+import re
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import wraps
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, Self, TypeAlias, TypeVar
 
@@ -78,7 +81,8 @@ def working(values: Array, last: int, name: str) -> _Working:
     xp = namespace(values)
     if xp is np:
         try:
-            values = np.asarray(values)
+            missing = isinstance(values, np.ma.MaskedArray) and values.dtype.kind == "f"
+            values = values.filled(np.nan) if missing else np.asarray(values)
         except ValueError:
             raise InputError(f"{name} are lists of different lengths", remedy=f"give them as (..., {last})") from None
     kind = str(values.dtype).removeprefix("torch.")
@@ -200,6 +204,71 @@ def _number(one: Any) -> float:
     if isinstance(one, bool | np.bool_ | str | bytes | complex):
         raise TypeError
     return float(one)
+
+
+def of_shape(values: Any, shape: tuple[int, ...], name: str, finite: bool = True) -> np.ndarray:
+    """`values` as float64 of this shape. Raises InputError, also for NaN and infinity unless they may be."""
+    if not (type(values) is np.ndarray and values.dtype == np.float64):
+        values = as_floats(values, name, f"give finite numbers, {shape}")
+    if values.shape != shape:
+        raise InputError(f"{name} has shape {values.shape}", remedy=f"give {shape}")
+    if finite and not np.isfinite(values).all():
+        raise InputError(f"{name} is {shown(values.tolist())}", remedy=f"give finite numbers, {shape}")
+    return np.asarray(values)
+
+
+_Call = TypeVar("_Call", bound=Callable[..., Any])
+_ARRAYS = {"np.ndarray", "ArrayT", "ArrayLike", "Array"}
+
+
+def gate(call: _Call) -> _Call:
+    """A public function or record that looks, by its annotations, at what it is given before it works with it.
+
+    Numbers must be numbers, arrays consist of them (what is masked is missing), lists be no text, records be of their
+    class; an annotation that says `Any` is not looked at. It raises InputError for anything else.
+    """
+    function: Any = vars(call)["__init__"] if isinstance(call, type) else call
+    names = function.__code__.co_varnames[: function.__code__.co_argcount]
+    # " | " between alternatives, not within their brackets; resolved by name, so that nothing need be loaded for it
+    wanted = {name: re.split(r" \| (?![^\[]*\])", str(kinds)) for name, kinds in function.__annotations__.items()}
+
+    @wraps(function)
+    def looked_at(*args: Any, **named: Any) -> Any:
+        given = dict(zip(names, args, strict=False)) | named
+        seen = given | {name: _taken(value, name, wanted[name]) for name, value in given.items() if name in wanted}
+        known = [seen.pop(name) for name in names[: len(args)]]
+        return function(*known, *args[len(known) :], **seen)
+
+    if isinstance(call, type):
+        call.__init__ = looked_at  # type: ignore[misc]
+        return call
+    return looked_at  # type: ignore[return-value]
+
+
+def _taken(value: Any, name: str, kinds: list[str]) -> Any:
+    """A value of one of these kinds; arrays in our own form. Raises InputError for another."""
+    if (value is None and "None" in kinds) or "Any" in kinds or any(_is(value, kind) for kind in kinds):
+        return value
+    if value is not None and not _ARRAYS.isdisjoint(kinds):
+        real = is_tensor(value) and value.is_floating_point()
+        plain = type(value) is np.ndarray and value.dtype.kind == "f"
+        return value if real or plain else as_floats(value, name, "give an array of numbers")
+    if value is not None and "float" in kinds:
+        return as_float(value, name, "give a number")
+    raise InputError(f"{name} is {shown(value)}", remedy=f"give {' or '.join(kinds)}")
+
+
+def _is(value: Any, kind: str) -> bool:
+    kind = kind.partition("[")[0]
+    if kind in ("Iterable", "Sequence", "list", "tuple"):
+        several = isinstance(value, Iterable) and not isinstance(value, str | bytes | Mapping)
+        return several and getattr(value, "ndim", 1) != 0
+    plain: dict[str, Any] = {"float": float, "int": (int, np.integer), "str": str, "bool": bool, "Mapping": Mapping}
+    if kind in plain:
+        return isinstance(value, plain[kind]) and (kind == "bool" or not isinstance(value, bool))
+    if kind == "Path":
+        return isinstance(value, str | os.PathLike)
+    return any(each.__name__ == kind for each in type(value).__mro__) and kind not in _ARRAYS
 
 
 def check_angle(value: float, name: str, refuse: Callable[[str, str], InputError] | None = None) -> float:

@@ -9,18 +9,28 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
+from vbaa_calib.core.arrays import LARGEST_RAD, check_angle, gate, of_shape
+from vbaa_calib.core.errors import InputError
+
 from .pose import Pose
 
 _STEP = 1e-5  # finite-difference step of skew, offset and zero, rad or m
 
 
+@gate
 def rotation_world_antenna(pan_rad: ArrayLike, tilt_rad: ArrayLike, axis_skew_rad: float = 0.0) -> np.ndarray:
     """R_world_antenna = Rz(pan)·Rx(skew)·Ry(−tilt), (..., 3, 3) for angles (...). Without skew Eq. (22) with its third
     column mended.
 
     As printed that column is (−sinθ, 0, cosθ), which is a rotation only for pan = 0.
     """
-    pan, tilt = np.broadcast_arrays(np.asarray(pan_rad, float), np.asarray(tilt_rad, float))
+    pan, tilt = np.asarray(pan_rad, float), np.asarray(tilt_rad, float)
+    if pan.shape != tilt.shape:
+        try:
+            pan, tilt = np.broadcast_arrays(pan, tilt)
+        except ValueError:
+            what = f"pan_rad has shape {pan.shape}, tilt_rad {tilt.shape}"
+            raise InputError(what, remedy="give one of each for every frame") from None
     sin_p, cos_p, sin_t, cos_t = np.sin(pan), np.cos(pan), np.sin(tilt), np.cos(tilt)
     turn = np.empty((*pan.shape, 3, 3))
     turn[..., 0, 0], turn[..., 0, 1], turn[..., 0, 2] = cos_t * cos_p, -sin_p, -sin_t * cos_p
@@ -45,6 +55,7 @@ def _central_differences(
     return np.stack(rotations), np.stack(translations)
 
 
+@gate
 @dataclass(frozen=True, eq=False)
 class Kinematics:
     """Where the joints carry the antenna frame. Eqs. (19) and (21), and what a real pair of axes adds to them.
@@ -74,10 +85,22 @@ class Kinematics:
     axes_std: np.ndarray = field(default_factory=lambda: np.zeros(3))
     axes_by_pose: np.ndarray = field(default_factory=lambda: np.zeros((3, 6)))
 
+    def __post_init__(self) -> None:
+        for name, shape in (("position_world_m", (3,)), ("axes_std", (3,)), ("axes_by_pose", (3, 6))):
+            object.__setattr__(self, name, of_shape(getattr(self, name), shape, name, finite=False))
+
+    @gate
     def T_world_antenna(self, pan_rad: float, tilt_rad: float) -> Pose:
-        """Pose of the antenna frame in the world at the readings; `T_world_antenna @ p_antenna` is Eq. (19)."""
+        """Pose of the antenna frame in the world at the readings; `T_world_antenna @ p_antenna` is Eq. (19).
+
+        Raises InputError for angles beyond a turn: they are degrees.
+        """
+        for name, angle in (("pan_rad", pan_rad), ("tilt_rad", tilt_rad)):
+            if abs(angle) > LARGEST_RAD:
+                check_angle(angle, name)
         return Pose(*self.world_antenna(pan_rad, tilt_rad))
 
+    @gate
     def world_antenna(self, pan_rad: ArrayLike, tilt_rad: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
         """Rotations (B, 3, 3) and translations (B, 3) of `T_world_antenna` at many readings (B,)."""
         pan_rad, tilt_rad = np.asarray(pan_rad, float), np.asarray(tilt_rad, float)

@@ -9,13 +9,25 @@ from typing import Any, overload
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from vbaa_calib.core.arrays import as_floats, gate, of_shape
+from vbaa_calib.core.errors import InputError, shown
+
 
 @dataclass(frozen=True, eq=False)
 class Pose:
-    """A rotation (3, 3), determinant +1, and a translation (3,): `(T_a_b @ T_b_c) @ p_c == T_a_b @ (T_b_c @ p_c)`."""
+    """A rotation (3, 3), determinant +1, and a translation (3,): `(T_a_b @ T_b_c) @ p_c == T_a_b @ (T_b_c @ p_c)`.
+
+    Raises InputError for other shapes, and for what is no number.
+    """
 
     rotation: np.ndarray
     translation_m: np.ndarray
+
+    def __post_init__(self) -> None:
+        for name, shape in (("rotation", (3, 3)), ("translation_m", (3,))):
+            values = getattr(self, name)
+            if type(values) is not np.ndarray or values.shape != shape or values.dtype.kind != "f":
+                object.__setattr__(self, name, of_shape(values, shape, name, finite=False))
 
     @staticmethod
     def identity() -> Pose:
@@ -25,15 +37,20 @@ class Pose:
     @staticmethod
     def from_rotvec(rotvec_rad: np.ndarray, translation_m: np.ndarray) -> Pose:
         """From a rotation vector (3,) rad and a translation (3,) m."""
-        return Pose(Rotation.from_rotvec(rotvec_rad).as_matrix(), np.asarray(translation_m, float).reshape(3))
+        turn, shift = (np.ravel(as_floats(each, "a pose", "give (3,) of both")) for each in (rotvec_rad, translation_m))
+        return Pose(Rotation.from_rotvec(of_shape(turn, (3,), "rotvec_rad")).as_matrix(), shift)
 
     @staticmethod
+    @gate
     def from_dict(data: Mapping[str, Any]) -> Pose:
         """From {"translation_m": [x, y, z], "rotation_xyzw": [x, y, z, w]}, the layout of all our files."""
-        return Pose(
-            Rotation.from_quat(np.asarray(data["rotation_xyzw"], float)).as_matrix(),
-            np.asarray(data["translation_m"], float),
-        )
+        for key in ("rotation_xyzw", "translation_m"):
+            if key not in data:
+                raise InputError(f"the pose has no {key}", remedy="give what to_dict makes")
+        turn = of_shape(data["rotation_xyzw"], (4,), "rotation_xyzw")
+        if not turn.any():
+            raise InputError("rotation_xyzw is zero", remedy="give a unit quaternion, x, y, z, w")
+        return Pose(Rotation.from_quat(turn).as_matrix(), of_shape(data["translation_m"], (3,), "translation_m"))
 
     def to_dict(self) -> dict[str, list[float]]:
         """{"translation_m": [x, y, z], "rotation_xyzw": [x, y, z, w]}, w >= 0."""
@@ -64,9 +81,11 @@ class Pose:
 
         The rotation turns about the origin of frame b, so the two halves do not mix.
         """
+        tangent = of_shape(tangent, (6,), "tangent", finite=False)
         turn = Rotation.from_rotvec(tangent[:3]).as_matrix()
         return Pose(turn @ self.rotation, self.translation_m + tangent[3:])
 
+    @gate
     def tangent_from(self, other: Pose) -> np.ndarray:
         """(6,) the step of `retract` that leads here from another pose between the same frames."""
         turn = Rotation.from_matrix(self.rotation @ other.rotation.T).as_rotvec()
@@ -79,21 +98,29 @@ class Pose:
     def __matmul__(self, other: Pose | np.ndarray) -> Pose | np.ndarray:
         if isinstance(other, Pose):
             return Pose(self.rotation @ other.rotation, self.rotation @ other.translation_m + self.translation_m)
-        return np.asarray(other) @ self.rotation.T + self.translation_m
+        points = other if type(other) is np.ndarray else as_floats(other, "points", "give (..., 3) m")
+        if points.shape[-1:] != (3,) or points.dtype.kind not in "fiu":
+            raise InputError(f"points are {shown(other)}", remedy="give (..., 3) m, or a Pose")
+        return points @ self.rotation.T + self.translation_m
 
 
 @dataclass(frozen=True, eq=False)
 class Plane:
-    """The points x with normal·x = offset_m, in one frame; the normal (3,) is a unit vector."""
+    """The points x with normal·x = offset_m, in one frame; the normal (3,) is a unit vector. Raises InputError."""
 
     normal: np.ndarray
     offset_m: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "normal", of_shape(self.normal, (3,), "normal"))
+        object.__setattr__(self, "offset_m", float(of_shape(self.offset_m, (), "offset_m")))
 
 
 PLANE_C = Plane(np.array([0.0, 0.0, 1.0]), 0.0)
 """The calibration plane C in the antenna frame: z = 0."""
 
 
+@gate
 def hinge_plane(roll_rad: float) -> Plane:
     """The deformation plane 𝒟 in the antenna frame: through the x axis, turned by the roll ξ from plane C."""
     return Plane(np.array([0.0, -np.sin(roll_rad), np.cos(roll_rad)]), 0.0)

@@ -11,6 +11,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from vbaa_calib.camera import Camera
+from vbaa_calib.core.arrays import gate
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_json
 from vbaa_calib.core.models import checked
@@ -97,9 +98,12 @@ class Rig:
         second = self.second_moment_sensor
         return self.moment_sensor.std_Nm, 0.0 if second is None else second.std_Nm
 
+    @gate
     def with_covariance(self, covariance: np.ndarray) -> Rig:
         """With another joint covariance, (17 + P, 17 + P), or `covariance_with_tip`, (18 + P, 18 + P)."""
-        tip, size = self.tip, len(covariance)
+        tip, size = self.tip, len(covariance) if covariance.ndim == 2 else 0
+        if size < len(RIG_PARAMETERS) or covariance.shape != (size, size):
+            raise InputError(f"covariance has shape {covariance.shape}", remedy="give (17 + P, 17 + P)")
         if tip is not None and self._holds_tip(size):
             tip = replace(tip, std_m=float(np.sqrt(covariance[-1, -1])), covariance=covariance[-1, :-1])
             covariance = covariance[:-1, :-1]
@@ -122,8 +126,11 @@ class Rig:
         """(18 + P, 18 + P) the joint covariance with the tip's offset as its last parameter; without it where None."""
         return self.covariance if self.tip is None else self.tip.beside(self.covariance)
 
+    @gate
     def drifted(self, part: float = 1.0) -> Rig:
         """With this part of what may have changed in the covariance, and the lens in it, too."""
+        if not 0.0 <= part < np.inf:
+            raise InputError(f"part is {part}", remedy="give a share, 0 or more")
         if part == 0.0 or not self.drift.of_rig:
             return self
         covariance = self._drift_covariance(self.drift.times(part))
@@ -144,9 +151,17 @@ class Rig:
         scale[[first + lens.index(name) for name in ("fx", "fy")]] = drift.picture_scale * focal_px
         return np.diag(std**2) + np.outer(scale, scale)
 
+    @gate
     def moved(self, step: np.ndarray) -> Rig:
         """With its parameters a step (17 + P,), or (17,), away, or (18 + P,) with the tip; the covariance stays."""
-        tip = self.tip
+        tip, every = self.tip, len(RIG_PARAMETERS) + len(self.camera.parameter_names)
+        allowed = (
+            {len(RIG_PARAMETERS), every}
+            if tip is None
+            else {len(RIG_PARAMETERS), every, every + 1, len(RIG_PARAMETERS) + 1}
+        )
+        if step.ndim != 1 or len(step) not in allowed:
+            raise InputError(f"step has shape {step.shape}", remedy=f"give one of {sorted(allowed)} numbers")
         if tip is not None and self._holds_tip(len(step)):
             tip, step = replace(tip, offset_m=tip.offset_m + float(step[-1])), step[:-1]
         first, pose, antenna = len(RIG_PARAMETERS), len(POSE_PARAMETERS), self.antenna.parameters
@@ -162,6 +177,7 @@ class Rig:
             tip=tip,
         )
 
+    @gate
     def step_from(self, other: Rig) -> np.ndarray:
         """(17 + P,) the step of `moved` that leads here from another rig; (17,) where their lens models differ."""
         now, then = self.moment_sensor, other.moment_sensor
@@ -175,6 +191,7 @@ class Rig:
             ]
         )
 
+    @gate
     def camera_on_plane(self, plane: Plane = PLANE_C) -> CameraOnPlane:
         """The metric layer: pixels to metric coordinates on a plane of the antenna frame, plane C by default."""
         from vbaa_calib.camera import CameraOnPlane  # loads torch
@@ -206,18 +223,23 @@ class Rig:
         order = np.r_[len(RIG_PARAMETERS) : len(joint), : len(POSE_PARAMETERS)]
         return joint[np.ix_(order, order)]
 
+    @gate
     def std(self, parameter: str) -> float:
         """Standard deviation of one of `parameter_names`."""
+        if parameter not in self.parameter_names:
+            raise InputError(f"there is no parameter {parameter!r}", remedy=f"one of {', '.join(self.parameter_names)}")
         index = self.parameter_names.index(parameter)
         return float(np.sqrt(self.covariance[index, index]))
 
     @staticmethod
+    @gate
     def load(path: str | Path) -> Rig:
         """Read rig.json. Raises InputError naming what is wrong in it."""
         path = Path(path)
         return Rig.from_dict(read_json(path), path)
 
     @staticmethod
+    @gate
     def from_dict(data: Mapping[str, Any], where: object = "rig") -> Rig:
         """From the mapping that `to_dict` makes. Raises InputError naming the key that is wrong."""
         read = checked(RigFile, data, where, "`vbaa schema rig` prints what is expected")

@@ -13,6 +13,7 @@ from pydantic import AfterValidator, Field
 from scipy.spatial.transform import Rotation
 
 from targets.board import BoardSpec
+from vbaa_calib.core.arrays import gate
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_yaml
 from vbaa_calib.core.models import ArrayOf, FileModel, Number, ReadAs, checked
@@ -191,6 +192,8 @@ class FileKinematics:
 
 @dataclass(frozen=True, eq=False)
 class _SessionKinematics(FileKinematics):
+    # as large as a hall: nothing in the pictures contradicts a position in millimetres
+    position_world_m: Annotated[np.ndarray, ArrayOf(3, ge=-100, le=100)] = field(default_factory=lambda: np.zeros(3))
     tilt_zero_std_rad: Annotated[
         Number, Field(ge=0, le=3.2, description="how well the encoder's zero is known before calibration")
     ] = _TILT_ZERO_STD_RAD
@@ -323,10 +326,11 @@ class Session:
 
 def gravity_antenna(kinematics: Kinematics, gravity_world_m_s2: np.ndarray, frames: Sequence[Still]) -> np.ndarray:
     """(B, 3) gravity in the antenna frame at each frame's joint angles."""
-    turns = [kinematics.T_world_antenna(frame.pan_rad, frame.tilt_rad).rotation for frame in frames]
+    turns = [kinematics.world_antenna(frame.pan_rad, frame.tilt_rad)[0] for frame in frames]
     return np.array([turn.T @ gravity_world_m_s2 for turn in turns]).reshape(-1, 3)
 
 
+@gate
 def load_session(root: Path) -> Session:
     """Read and check session.yaml. Raises InputError naming the key that is wrong."""
     root = Path(root)

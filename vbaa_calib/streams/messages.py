@@ -37,7 +37,8 @@ class Taken:
         if len(shape) != 2 and shape[2:] not in ((3,), (4,)):
             what = f"a picture is {shown(image)}" if not shape else f"a picture has shape {shape}"
             raise InputError(what, remedy="give an array of numbers, (H, W) grey or (H, W, 3) blue, green, red")
-        as_float(self.time_s, "the time of a picture", "give seconds")
+        for time_s in (self.time_s, self.arrived_s, self.received_s):
+            as_float(time_s, "the time of a picture", "give seconds")
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,11 +51,11 @@ class Reading:
     arrived_s: float
 
     def __post_init__(self) -> None:
-        if self.channel not in CHANNELS:
+        if not isinstance(self.channel, str) or self.channel not in CHANNELS:
             raise InputError(
                 f"a reading is of {shown(self.channel)}", remedy=f"one of {', '.join(CHANNELS)}, in SI units"
             )
-        for number in (self.value, self.time_s):
+        for number in (self.value, self.time_s, self.arrived_s):
             as_float(number, f"a reading of {self.channel}, or its time,", "give numbers")
 
     @property

@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.arrays import ANGLE_REMEDY, LARGEST_RAD, as_floats, check_each, gate
+from vbaa_calib.core.errors import InputError, shown
 from vbaa_calib.session import Frame
 
 from .messages import CHANNELS, Reading, Taken
@@ -25,6 +26,7 @@ still near enough: videos round their times to that."""
 _ANGLES = ("pan_rad", "tilt_rad")
 
 
+@gate
 @dataclass(frozen=True)
 class Timing:
     """How readings and pictures belong together.
@@ -42,6 +44,22 @@ class Timing:
     joints_rad: tuple[float, float] = (0.0, 0.0)
     offset_std_s: float = 0.0
     moment_std_Nm: tuple[float, float] = (0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        """Raises InputError for what is no time, no deviation, or an angle in degrees."""
+        if not math.isfinite(self.offset_s):
+            raise InputError(f"offset_s is {self.offset_s}", remedy="give seconds")
+        pan_tilt = as_floats(self.joints_rad, "joints_rad", ANGLE_REMEDY)
+        std_Nm = as_floats(self.moment_std_Nm, "moment_std_Nm", "give N·m")
+        for name, pair in (("joints_rad", pan_tilt), ("moment_std_Nm", std_Nm)):
+            if pair.shape != (2,):
+                raise InputError(f"{name} is {shown(getattr(self, name))}", remedy="give two numbers")
+        check_each(pan_tilt, LARGEST_RAD, "joints_rad", ANGLE_REMEDY)
+        for name in ("gap_s", "wait_s", "offset_std_s"):
+            if not getattr(self, name) >= 0.0:
+                raise InputError(f"{name} is {getattr(self, name)}", remedy="give seconds, 0 or more")
+        if not (std_Nm >= 0.0).all():
+            raise InputError(f"moment_std_Nm is {self.moment_std_Nm}", remedy="give deviations in N·m")
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,12 +129,16 @@ class Synchronizer:
     counts : of what came and of what was left out, by name.
     """
 
+    @gate
     def __init__(self, timing: Timing, channels: Iterable[str] = (), image_size: tuple[int, int] | None = None) -> None:
-        """image_size : (width, height) of the rig's camera: pictures of another size are left out."""
+        """channels : of `CHANNELS`, those that are waited for.
+
+        image_size : (width, height) of the rig's camera: pictures of another size are left out.
+        """
         self._image_size = image_size
         self.counts: Counter[str] = Counter()
         self._timing = timing
-        self._channels = {name: _Channel() for name in channels}
+        self._channels = {_known(name): _Channel() for name in channels}
         self._waiting: deque[Taken] = deque()
         self._last_s = self._given_s = -np.inf
         self._number = 0
@@ -125,6 +147,8 @@ class Synchronizer:
         """The frames that are complete with it. Raises InputError when the first picture has not the rig's size."""
         if isinstance(message, Reading):
             self._read(message)
+        elif not isinstance(message, Taken):
+            raise InputError(f"a message is {shown(message)}", remedy="give a Taken or a Reading")
         elif self._image_size not in (None, message.image.shape[1::-1]):
             self._refuse(message.image.shape[1::-1])
         elif not np.isfinite(message.time_s) or message.time_s <= self._last_s:
@@ -135,6 +159,7 @@ class Synchronizer:
             self._waiting.append(message)
         return self.ready(message.arrived_s)
 
+    @gate
     def ready(self, now_s: float) -> Iterator[Synchronized]:
         """The frames that are complete, or have waited long enough by the source's clock."""
         while self._waiting:
@@ -198,6 +223,12 @@ class Synchronizer:
         values["moment_errors_Nm"], values["joint_errors_rad"] = (errors[0], errors[1]), (errors[2], errors[3])
         frame = Frame(image=None, frame=self._number - 1, time_s=taken.time_s, **values)
         return Synchronized(frame, taken, max(ages, default=np.nan))
+
+
+def _known(channel: Any) -> str:
+    if not isinstance(channel, str) or channel not in CHANNELS:
+        raise InputError(f"a channel is {shown(channel)}", remedy=f"one of {', '.join(CHANNELS)} is needed")
+    return channel
 
 
 def taken_frames(

@@ -21,6 +21,7 @@ from estimator.object.surface.touches import touches_of
 from estimator.solver.linearised import linearised
 from estimator.solver.rig_arrays import UNKNOWNS, RigArrays
 from estimator.table.contacts import ContactTable, joint_angles
+from vbaa_calib.core.arrays import gate
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.rig import Rig
 
@@ -56,6 +57,7 @@ class NextTouch:
         return asdict(self)
 
 
+@gate
 def next_touch(contacts: ContactTable, rig: Rig, goal: str = SURFACE, limits: JointLimits | None = None) -> NextTouch:
     """The touch after which surface, friction or stiffness should be known best.
 

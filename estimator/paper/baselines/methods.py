@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from vbaa_calib.core.arrays import gate
 from vbaa_calib.core.errors import InputError
 
 from .moment import active_antenna, active_antenna_3d, dynamic_active_antenna
@@ -29,6 +30,7 @@ METHODS: dict[str, tuple[Callable[[Press], Answer], str]] = {
 """How each answers, and which of `_NEEDS` it needs; of those joined by | any one is enough."""
 
 
+@gate
 def run_method(name: str, press: Press) -> Answer:
     """What the method makes of the press; what it lacks is its reason for saying nothing.
 

@@ -11,12 +11,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from vbaa_calib.core.arrays import gate
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.rig import Rig
 
 _QUARTIC = 4  # degree of the no-load shape: that of a beam under its own weight
 
 
+@gate
 @dataclass(frozen=True)
 class Wire:
     """A straight, uniform antenna, with its calibration's deviations. ρA, which only ringing needs, may be NaN."""
@@ -34,6 +36,7 @@ class Wire:
             )
 
 
+@gate
 @dataclass(frozen=True)
 class Noise:
     """Standard deviations of a press's numbers, independent of one another; NaN where not known."""
@@ -43,6 +46,7 @@ class Noise:
     turn_rad: float = np.nan
 
 
+@gate
 @dataclass(frozen=True, eq=False)
 class Ring:
     """The moment signal of an antenna left ringing against the object: times (R,) s, moments (R,) N·m."""
@@ -55,6 +59,7 @@ class Ring:
             raise InputError("a ring-down's times and moments differ in number", remedy="give (R,) of both")
 
 
+@gate
 @dataclass(frozen=True, eq=False)
 class Press:
     """F frames of one touch in order of time; the last one is now. None where there is no such sensor.

@@ -9,10 +9,10 @@ from typing import NamedTuple
 import numpy as np
 
 from vbaa_calib.antenna.shape import PARAMETERS
-from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment, noise_scale
+from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment, adjust_bundle, noise_scale
 from vbaa_calib.calibrate.antenna.problem import ANTENNA
-from vbaa_calib.calibrate.antenna.residual_checks import Checks
-from vbaa_calib.core.errors import Diagnosis
+from vbaa_calib.calibrate.antenna.residual_checks import Checks, check
+from vbaa_calib.core.errors import Diagnosis, SolveError
 from vbaa_calib.core.robust import huber_losses, mad_std
 from vbaa_calib.geometry import Kinematics
 from vbaa_calib.session import Load, Still, gravity_antenna
@@ -152,6 +152,8 @@ def soft_clamp(rows: StillRows) -> Diagnosis | None:
 _STANDARD_GRAVITY_M_S2 = 9.80665
 _STEPS, _CONVERGED = 8, 0.02  # gauss-Newton steps under another gravity: it is compared roughly, not to the last digit
 _LEAST_GAIN, _LEAST_PART = 60.0, 0.1  # decrease of χ² that another gravity must bring, over the scatter, and as a part
+_CONTRADICTED, _EXPLAINED_CHANCE = 1e-3, 0.05  # of the moments' scatter, as it is noted and under another gravity
+_SAME_SCATTER = 1.1  # of the points, which the other gravity must not make larger
 _ALIKE_PART = 0.1  # others within this part of the gain fit as well
 _SAME_M_S2 = 0.5  # gravities that differ by less in every frame are the same
 _AXES = {
@@ -194,6 +196,32 @@ def gravity_diagnosis(
     alike = [other.words for left, _, other in tried[1:] if left < least + _ALIKE_PART * gain]
     words = " or ".join([best.words, *alike[:2]])
     return replace(best, words=f"the free antenna sags as if {words}, and not as noted")
+
+
+def gravity_by_moments(
+    joint: BundleAdjustment, kinematics: Kinematics, gravity_world_m_s2: np.ndarray
+) -> Diagnosis | None:
+    """The same by the moment readings, where they contradict one another although the pictures fit: a bow looks like
+    another sag, but it does not weigh. joint : of all stills."""
+    problem, std = joint.problem, joint.problem.moment_std_Nm
+    if joint.kept.all() and check(joint).noise_chance(std) > _CONTRADICTED:
+        return None
+    noted = np.array([one.gravity_m_s2 for one in joint.noted])
+    fitting = []
+    for other, pull in _hypotheses([one.still for one in joint.noted], kinematics, gravity_world_m_s2, noted):
+        observations = [replace(one, gravity_m_s2=each) for one, each in zip(joint.noted, pull, strict=True)]
+        try:
+            tried = adjust_bundle(observations, problem.prior, problem.length_m, std)
+        except SolveError:
+            continue
+        chance = check(tried).noise_chance(std)
+        if tried.kept.all() and chance > _EXPLAINED_CHANCE and tried.noise_scale < _SAME_SCATTER * joint.noise_scale:
+            fitting.append((-chance, other))
+    if not fitting:
+        return None
+    best, *alike = [other for _, other in sorted(fitting, key=lambda one: one[0])]
+    words = " or ".join([best.words, *(other.words for other in alike[:2])])
+    return replace(best, words=f"the moments are as if {words}, and not as noted")
 
 
 def _refitted(free: BundleAdjustment, gravity_m_s2: np.ndarray, start: np.ndarray) -> tuple[float, float]:
@@ -261,6 +289,9 @@ _UNITS = (
     ("kgf·cm", 100 / 9.80665, "divide the readings by 10.197"),
     ("gf·cm", 1e5 / 9.80665, "divide the readings by 10197"),
     ("kN·m", 1e-3, "multiply the readings by 1000"),
+    ("µN·m", 1e6, "divide the readings by 1000000"),
+    ("lbf·in", 8.8507, "divide the readings by 8.8507"),
+    ("ozf·in", 141.61, "divide the readings by 141.61"),
     ("decimetres for metres", 1e1, "divide the readings by 10"),
 )
 _UNIT_REACH = 0.15  # logarithm within which a gain is a unit's: an honest sensor is that good before it is calibrated
@@ -295,10 +326,11 @@ def sensor_diagnoses(joint: BundleAdjustment, std_Nm: float, checks: Checks, mom
     std = max(mad_std(left), std_Nm) / max(float(np.sqrt(((true - true.mean()) ** 2).sum())), 1e-12)
     about = np.median(np.abs(read - np.median(read)))
     follows = float(1.0 - np.median(np.abs(left)) / max(about, 1e-15)) > _EXPLAINED
-    units = [one for one in _UNITS if gain > 0 and abs(np.log(gain / one[1])) < _UNIT_REACH]
+    units = [one for one in _UNITS if abs(np.log(max(abs(gain), 1e-15) / one[1])) < _UNIT_REACH]
+    units.sort(key=lambda one: abs(np.log(abs(gain) / one[1])))
     known, words = f"gain {gain:.3g} ± {std:.2g}", f"the moment sensor's gain is {gain:.4g} ± {std:.2g}"
-    weak = abs(gain) < max(_DEAD_GAIN, _SIGNIFICANT_STD * std) and not (follows and units)
-    if weak or np.ptp(read) < _SIGNIFICANT_STD * 2 * std_Nm:
+    weak = abs(gain) < max(_DEAD_GAIN, _SIGNIFICANT_STD * std) or np.ptp(read) < _SIGNIFICANT_STD * 2 * std_Nm
+    if weak and not (follows and units):
         words = f"the moment readings do not follow the loads: {known}, {spread}"
         remedy = (
             "check that the sensor is connected, sits between clamp and base, and that each row has its own reading"
@@ -306,13 +338,15 @@ def sensor_diagnoses(joint: BundleAdjustment, std_Nm: float, checks: Checks, mom
         return [Diagnosis("sensor_not_connected", words, remedy, grave=True)]
     if not follows:
         return []
-    if gain <= -_SIGNIFICANT_STD * std:
+    read_in = f", as if it were read in {' or '.join(unit for unit, *_ in units)}" if units else ""
+    if gain < 0 and (gain <= -_SIGNIFICANT_STD * std or units):
         remedy = "exchange its two leads, or change the sign of moment_Nm in all tables, the recording's too"
-        return [Diagnosis("sensor_sign", f"the moment sensor reads with the wrong sign: {known}", remedy)]
+        remedy = f"{remedy}; {units[0][2]}: moment_Nm is in N·m" if units else remedy
+        words = f"the moment sensor reads with the wrong sign: {known}{read_in}"
+        return [Diagnosis("sensor_sign", words, remedy, grave=bool(units))]
     if gain > 0 and not _USUAL_GAIN[0] < gain < _USUAL_GAIN[1]:
         if units:
-            words = f"{words}, as if it were read in {' or '.join(unit for unit, *_ in units)}"
-            return [Diagnosis("sensor_unit", words, f"{units[0][2]}: moment_Nm is in N·m", grave=True)]
+            return [Diagnosis("sensor_unit", f"{words}{read_in}", f"{units[0][2]}: moment_Nm is in N·m", grave=True)]
         return [Diagnosis("sensor_gain", f"{words}, far from 1", "check its calibration and the unit of moment_Nm")]
     drift = checks.drift_Nm
     if drift is None or abs(drift.in_std) <= _SIGNIFICANT_STD:

@@ -29,6 +29,8 @@ _UNITS = (
     ("in grams", 1e-3 * _G),
     ("in kilograms", _G),
     ("in millinewtons", 1e-3),
+    ("in pounds", 4.4482),
+    ("in ounces", 0.27801),
     ("multiplied by 9.81 twice", 1 / _G),
     ("a decimal place too small", 10.0),
     ("a decimal place too large", 0.1),
@@ -37,6 +39,7 @@ _UNITS = (
 _LENGTHS = (
     ("in centimetres", 1e-2),
     ("in millimetres", 1e-3),
+    ("in inches", 0.0254),
     ("a decimal place too small", 10.0),
     ("a decimal place too large", 0.1),
 )

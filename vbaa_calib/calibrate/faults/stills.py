@@ -15,7 +15,7 @@ from vbaa_calib.geometry import Kinematics
 from vbaa_calib.session import Load, Session
 
 from .explanations import SENSOR_OFF, StillRows, fits, picture_scatter, solve_free, worst_still
-from .hardware import bow_diagnosis, gravity_diagnosis, sensor_diagnoses, soft_clamp, step_diagnosis
+from .hardware import bow_diagnosis, gravity_by_moments, gravity_diagnosis, sensor_diagnoses, soft_clamp, step_diagnosis
 from .loads import (
     Row,
     all_by_commonest,
@@ -56,7 +56,8 @@ def _diagnoses(session: Session, kinematics: Kinematics, joint: BundleAdjustment
     named = [row for row in rows if row.entry is not None]
     if named:
         count = sum(isinstance(one.still, Load) for one in joint.noted)
-        for tried in (rows, all_by_commonest(named, joint.noted, problem.length_m)):
+        # one slip in all rows is likelier than several
+        for tried in (all_by_commonest(named, joint.noted, problem.length_m), rows):
             if tried and _fit_corrected(joint, tried, own):
                 right, odd = [[row for row in tried if (row.entry is None) == none] for none in (False, True)]
                 return [*row_diagnoses(right, count), *unexplained(odd), *_sensor(session, joint, False)]
@@ -66,7 +67,11 @@ def _diagnoses(session: Session, kinematics: Kinematics, joint: BundleAdjustment
         found = unexplained(rows)
     elif not found and (joint.noise_scale > _CONTRADICTS * own or worst_still(joint) > _ONE_CONTRADICTS * own):
         found = [_contradiction(joint, own, rows)]
-    return [*found, *_sensor(session, joint, not found)]
+    sensor = _sensor(session, joint, not found)
+    if not found and not sensor:
+        gravity = gravity_by_moments(joint, kinematics, session.gravity_world_m_s2)
+        return [] if gravity is None else [gravity]
+    return [*found, *sensor]
 
 
 def _tips(joint: BundleAdjustment) -> list[Diagnosis]:

@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 from scipy.special import chdtri, fdtri
 
 from vbaa_calib.camera import Camera
+from vbaa_calib.core.arrays import gate
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.geometry import Pose
@@ -161,6 +162,7 @@ def _two(what: str, turn_and_shift: np.ndarray) -> dict[str, Any]:
     return {f"translation_{what}_m": shift, f"rotation_{what}_rad": turn}
 
 
+@gate
 def solve_hand_eye(
     views: Sequence[BoardView],
     robot_poses: Sequence[Pose],
