@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import shutil
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -23,6 +24,8 @@ from vbaa_calib.simulate.scene.scene import Joints, Scene, bundled_scene, true_r
 from vbaa_calib.simulate.scene.scene_file import load_scene
 from vbaa_calib.simulate.shots import render_shot
 from vbaa_calib.simulate.write import session_yaml
+
+from ..made_once import made_once
 
 PARTS = ("intrinsics", "plane", "noload", "loads")
 LENS_STD = np.array([0.12, 0.12, 0.15, 0.13, 2e-4, 6e-4, 2e-5, 2e-5, 1e-3])
@@ -210,6 +213,20 @@ def one_picture_each(scene: Scene, folder: Path) -> NewPictures:
     noise_Nm = sensor.std_Nm * stream(scene, "moments").standard_normal()
     reading_Nm = sensor.offset_Nm - sensor.gain * float(shape.clamp_moment_Nm[0, 1]) + noise_Nm
     return NewPictures(folder / "board.png", folder / "free.png", joints.pan_rad, joints.tilt_rad, reading_Nm)
+
+
+def unchanged() -> Path:
+    """A session of the unchanged scene, made once. Never to be written to."""
+    return made_once("unchanged", lambda folder: month_later(scene(), folder / "session")) / "session"
+
+
+def only(session: Path, target: Path, parts: tuple[str, ...]) -> Path:
+    """A copy of a session with some of its parts."""
+    target.mkdir()
+    shutil.copy(session / "session.yaml", target)
+    for part in parts:
+        shutil.copytree(session / part, target / part)
+    return target
 
 
 def month_later(scene: Scene, folder: Path, parts: tuple[str, ...] = PARTS) -> Path:

@@ -17,6 +17,7 @@ from vbaa_calib.calibrate.pose.robot_tables import read_corners, read_robot_pose
 from vbaa_calib.camera import Camera
 from vbaa_calib.cli.main import main
 from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.robust import chi_square
 from vbaa_calib.geometry import Pose
 
 from .hand_eye_views import POINTS, Arm, X, Z, lens, views_and_poses
@@ -39,11 +40,6 @@ def solve(arm: Arm, seed: int = 0, wrong: float = 0.0) -> tuple[HandEye, set[str
 def error(solved: HandEye) -> np.ndarray:
     """(12,) steps from the true poses to those found."""
     return np.concatenate([solved.camera_pose.tangent_from(X), solved.board_pose.tangent_from(Z)])
-
-
-def square(off: np.ndarray, covariance: np.ndarray) -> float:
-    std = np.sqrt(np.diag(covariance))
-    return float(off / std @ np.linalg.solve(covariance / np.outer(std, std), off / std))
 
 
 @pytest.mark.parametrize("mount", ["hand", pytest.param("fixed", marks=pytest.mark.slow)])
@@ -78,7 +74,7 @@ def assert_as_predicted(arm: Arm, draws: int, wrong: float = 0.0) -> None:
     assert least - off < ratio < 1.05 + off
     for part in (slice(0, 6), slice(6, 12)):
         squares = [
-            square(each[part], one.covariance[part, part]) for each, (one, _) in zip(errors, solved, strict=True)
+            chi_square(each[part], one.covariance[part, part]) for each, (one, _) in zip(errors, solved, strict=True)
         ]
         held = np.mean(np.array(squares) < 12.59)
         assert held > 0.95 - 3.0 * np.sqrt(0.95 * 0.05 / draws)
@@ -279,4 +275,4 @@ class TestRealArm:
             for half in (views[::2], views[1::2])
         ]
         off = halves[0].camera_pose.tangent_from(halves[1].camera_pose)
-        assert square(off, sum(half.covariance[:6, :6] for half in halves)) < 22.5  # one in a thousand
+        assert chi_square(off, sum(half.covariance[:6, :6] for half in halves)) < 22.5  # one in a thousand

@@ -16,6 +16,7 @@ from vbaa_calib.calibrate.antenna.session_rig import make_rig, prior, solve_ante
 from vbaa_calib.calibrate.pose.fusion import PoseEstimate
 from vbaa_calib.calibrate.report import antenna_doubts, prior_doubts, sensor_doubts, still_doubts
 from vbaa_calib.camera import Camera
+from vbaa_calib.core.robust import chi_square
 from vbaa_calib.geometry import Kinematics, Pose
 from vbaa_calib.rig import RIG_PARAMETERS
 from vbaa_calib.session import Load, LoadReadings, Still
@@ -70,9 +71,8 @@ def solved(observations: list[Observation], rng: np.random.Generator) -> BundleA
 
 
 def statistic(off: np.ndarray, covariance: np.ndarray) -> float:
-    """χ² of errors `off` (n,) over n; unit deviations keep the covariance well conditioned."""
-    std = np.sqrt(np.diag(covariance))
-    return float((off / std) @ np.linalg.solve(covariance / np.outer(std, std), off / std)) / len(off)
+    """χ² of errors `off` (n,) over n."""
+    return chi_square(off, covariance) / len(off)
 
 
 def with_tips(tip_m: float, seed: int) -> tuple[BundleAdjustment, BundleAdjustment]:

@@ -8,33 +8,35 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment, adjust_bundle
+from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment
 from vbaa_calib.calibrate.antenna.inputs import EXACT, Observation, ReadingGroups, reading_keys
-from vbaa_calib.calibrate.antenna.session_rig import prior
-from vbaa_calib.calibrate.pose.fusion import PoseEstimate
 from vbaa_calib.session import Load, LoadReadings, Still
 
-from ..rod_scenes import LENGTH_M
-from .still_faults import NOMINAL, POSE_COVARIANCE
-from .test_joint import CAMERA, TRUE, errors, observed
+from .test_joint import TRUE, adjusted, errors, jig_prior, observed
 
 RULER = LoadReadings(5e-4, 5e-3)
 LOG_STIFFNESS = 12
 
 
-def misread(observations: Sequence[Observation], known: LoadReadings, rng: np.random.Generator) -> list[Observation]:
-    """The observations with their places and weights noted wrong, the same one always by the same."""
-    off: dict[tuple[str, str], float] = {}
+def misread(
+    observations: Sequence[Observation], rng: np.random.Generator, alike: bool = True, far_m: float = 0.0
+) -> list[Observation]:
+    """The observations with places and weights noted wrong, the same one always by the same if they are `alike`.
+
+    far_m : by how much more the place of the third load is.
+    """
+    off: dict[object, float] = {}
     noted = []
-    for one in observations:
+    for number, one in enumerate(observations):
         still = one.still
         if isinstance(still, Load):
-            place, weight = reading_keys(still)
-            further = off.setdefault(place, rng.normal(0.0, known.distance_std_m))
-            heavier = np.exp(off.setdefault(weight, rng.normal(0.0, known.force_std_relative)))
+            place, weight = reading_keys(still) if alike else ((number, "place"), (number, "weight"))
+            heavier = np.exp(off.setdefault(weight, rng.normal(0.0, RULER.force_std_relative)))
             still = replace(
                 still,
-                distance_m=still.distance_m + further,
+                distance_m=still.distance_m
+                + off.setdefault(place, rng.normal(0.0, RULER.distance_std_m))
+                + far_m * (number == 6),
                 force_y_N=heavier * still.force_y_N,
                 force_z_N=heavier * still.force_z_N,
             )
@@ -44,15 +46,13 @@ def misread(observations: Sequence[Observation], known: LoadReadings, rng: np.ra
 
 def solved(observations: Sequence[Observation], known: LoadReadings) -> BundleAdjustment:
     """From the true pose as its prior."""
-    poses = [PoseEstimate("jig", TRUE.T_antenna_camera, POSE_COVARIANCE, np.zeros((6, 8)))]
-    before = prior(NOMINAL, CAMERA, poses, readings=known)
-    return adjust_bundle(list(observations), before, LENGTH_M, TRUE.sensor.std_Nm)
+    return adjusted(list(observations), jig_prior(TRUE.T_antenna_camera, readings=known))
 
 
 def draw(seed: int) -> tuple[tuple[float, float], tuple[float, float]]:
     """Error and deviation of log EI, by a solve that weighs the readings and by one that takes them as exact."""
     rng = np.random.default_rng(seed)
-    seen = misread(observed(TRUE, rng), RULER, rng)
+    seen = misread(observed(TRUE, rng), rng)
     found = []
     for known in (RULER, EXACT):
         joint = solved(seen, known)
@@ -92,19 +92,7 @@ def test_equal_numbers_are_one_reading_and_free_stills_have_none() -> None:
 def test_loads_of_their_own_place_and_weight_are_kept_unless_far_off(seed: int) -> None:
     """Ordinary readings, each with its own error: none is thrown out. A place 8 mm off is."""
     rng = np.random.default_rng(seed)
-    noted = []
-    for number, one in enumerate(observed(TRUE, rng)):
-        still = one.still
-        if isinstance(still, Load):
-            heavier = np.exp(rng.normal(0.0, RULER.force_std_relative))
-            far = 8e-3 if seed == 102 and number == 6 else 0.0
-            still = replace(
-                still,
-                distance_m=still.distance_m + rng.normal(0.0, RULER.distance_std_m) + far,
-                force_y_N=heavier * still.force_y_N,
-                force_z_N=heavier * still.force_z_N,
-            )
-        noted.append(replace(one, still=still))
+    noted = misread(observed(TRUE, rng), rng, alike=False, far_m=8e-3 if seed == 102 else 0.0)
     joint = solved(noted, RULER)
     assert np.flatnonzero(~joint.kept).tolist() == ([6] if seed == 102 else [])
     assert [one.still for one in joint.noted] == [one.still for one in noted]

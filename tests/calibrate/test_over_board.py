@@ -10,6 +10,7 @@ import pytest
 from vbaa_calib.calibrate.plane_c import corner_bias
 from vbaa_calib.calibrate.pose.fusion import inflated
 from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.robust import chi_square
 from vbaa_calib.detect.over_board.line import LineEnd
 from vbaa_calib.geometry import Pose
 
@@ -33,8 +34,7 @@ def nees(scene: Shown, **changes: object) -> float:
     estimate = scene.solved(**changes)
     estimate = inflated(estimate, *corner_bias(estimate, scene.camera))
     step = estimate.T_antenna_camera.tangent_from(scene.truth)
-    std = np.sqrt(np.diag(estimate.covariance))
-    return float((step / std) @ np.linalg.solve(estimate.covariance / np.outer(std, std), step / std))
+    return chi_square(step, estimate.covariance)
 
 
 def draw(seed: int, paint: float) -> float:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import json
 import re
-import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -29,8 +28,10 @@ from .checked_rigs import (
     answers,
     changed_answers,
     month_later,
+    only,
     rig_of,
     scene,
+    unchanged,
     with_camera_moved,
     with_clamp_turned,
     with_lens,
@@ -47,16 +48,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> SimpleNamespace:
     """A rig that is right, its file, and the session of an unchanged rig."""
     folder = tmp_path_factory.mktemp("checked")
     (folder / "rig.json").write_text(json.dumps(rig_of(scene()).to_dict() | {"quality": QUALITY}))
-    return SimpleNamespace(rig=folder / "rig.json", session=month_later(scene(), folder / "same"))
-
-
-def only(session: Path, target: Path, parts: tuple[str, ...]) -> Path:
-    """A copy of a session with some of its parts."""
-    target.mkdir()
-    shutil.copy(session / "session.yaml", target)
-    for part in parts:
-        shutil.copytree(session / part, target / part)
-    return target
+    return SimpleNamespace(rig=folder / "rig.json", session=unchanged())
 
 
 def test_a_rig_that_is_right_holds(made: SimpleNamespace) -> None:

@@ -20,7 +20,7 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.rig import Rig
 from vbaa_calib.simulate.write import session_yaml
 
-from .checked_rigs import QUALITY, answers, month_later, one_picture_each, rig_document, rig_of, scene
+from .checked_rigs import QUALITY, answers, one_picture_each, only, rig_document, rig_of, scene, unchanged
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +49,7 @@ def test_rig_json_alone_says_which_board_and_which_jig(made: SimpleNamespace) ->
 
 
 def test_the_answers_are_those_of_a_session_folder(made: SimpleNamespace, tmp_path: Path) -> None:
-    session = month_later(scene(), tmp_path / "month", ("plane", "noload"))
+    session = only(unchanged(), tmp_path / "month", ("plane", "noload"))
     whole = assess(made.old, session)
     new = NewPictures(
         next((session / "plane").glob("*.png")), next((session / "noload").glob("*.png")), 0.0, 0.0, made.new.moment_Nm

@@ -48,16 +48,6 @@ def three_touches(rig: Rig) -> Touches:
     return Touches(distance, size[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1), 0.2, 0.3)
 
 
-def moved_rig(rig: Rig, step: np.ndarray) -> Rig:
-    """The rig off by (17,) or (17 + P,) in the order of its joint covariance."""
-    other, lens, camera = rig.moved(step[:17]), step[17:], rig.camera
-    if not len(lens):
-        return other
-    matrix = camera.matrix.copy()
-    matrix[[0, 1, 0, 1], [0, 1, 2, 2]] += lens[:4]
-    return replace(other, camera=replace(camera, matrix=matrix, distortion=camera.distortion + lens[4:]))
-
-
 def rung_shapes(rig: Rig, touches: SeenTouches, arclength_m: np.ndarray) -> Shapes:
     """By the library's highest rung: much faster than the rod by shooting, from which it differs by less than 1 µm."""
     made = curves(
@@ -100,7 +90,7 @@ def errors(
     truths: list[np.ndarray] = []
     seen: list[Scenes] = []
     for step, angle in zip(steps, friction_rad, strict=True):
-        true = moved_rig(believed, step)
+        true = believed.moved(step)
         made = seen_of(true, touches, made_by, float(angle), given=believed)
         seen.append(made if rng is None else made.noisy(rng))
         world = true.kinematics.T_world_antenna(touches.pan_rad, touches.tilt_rad) @ made.shapes.contact_m

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from estimator.object.friction import Friction, friction
 from estimator.object.friction.coefficient import Angles, Evidence, FrictionTouches, coefficient
-from estimator.object.friction.friction import Axes, friction_touches
+from estimator.object.friction.friction import friction_touches
 from estimator.object.surface import Surface, reconstruct, touches_of
 
 from .rubbed import PRIOR_RAD, WIRE_M, Errors, Rubbed, rubbed
@@ -210,18 +210,6 @@ def test_unknown_normals_lie_in_the_cone_about_the_force() -> None:
     error = error_rad(given, found.normals.normal)[vague]
     assert error.max() < np.arctan(0.2) + 0.05
     assert (error / found.normals.std_rad[vague]).max() < 2.5
-
-
-def test_axes_are_orthonormal_on_the_side_and_at_the_tip() -> None:
-    rng = np.random.default_rng(7)
-    normal, tangent = (v / np.linalg.norm(v, axis=1, keepdims=True) for v in rng.normal(size=(2, 20, 3)))
-    at_tip = np.arange(20) < 10
-    axes = Axes.of(normal, tangent, at_tip)
-    frame = np.stack([axes.normal, axes.along, axes.lateral], axis=1)
-    np.testing.assert_allclose(frame @ np.swapaxes(frame, 1, 2), np.tile(np.eye(3), (20, 1, 1)), atol=1e-12)
-    np.testing.assert_array_equal(axes.normal[at_tip], normal[at_tip])
-    np.testing.assert_array_equal(axes.along[~at_tip], tangent[~at_tip])
-    np.testing.assert_allclose(axes.lateral, np.cross(axes.normal, axes.along), atol=1e-12)
 
 
 def drawn(mu: float, rng: np.random.Generator, count: int = 40, one_way: bool = False) -> FrictionTouches:

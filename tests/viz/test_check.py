@@ -16,7 +16,7 @@ from vbaa_calib.cli.main import main
 from viz.pages.page import prose
 from viz.report.check import page
 
-from ..calibrate.checked_rigs import QUALITY, month_later, rig_of, scene
+from ..calibrate.checked_rigs import QUALITY, rig_of, scene, unchanged
 from ..wizard.browser import BROWSER, Browser
 
 
@@ -26,8 +26,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> SimpleNamespace:
     folder = tmp_path_factory.mktemp("check")
     rig, html, out = (folder / name for name in ("rig.json", "report.html", "check.json"))
     rig.write_text(json.dumps(rig_of(scene()).to_dict() | {"quality": QUALITY}))
-    session = month_later(scene(), folder / "session")
-    argv = ["check", str(rig), str(session), "--html", str(html), "-o", str(out)]
+    argv = ["check", str(rig), str(unchanged()), "--html", str(html), "-o", str(out)]
     assert main(argv) == 0
     return SimpleNamespace(argv=argv, rig=rig, html=html.read_text(), document=json.loads(out.read_text()))
 

@@ -30,8 +30,6 @@ QUICK = Patience(open_s=0.6, silence_s=0.4, failures=3)
 class FakeCamera:
     """30 frames per second of rising grey; `plays` says what each frame does, the last one for ever."""
 
-    made: list[FakeCamera]
-
     def __init__(self, plays: list[str], opens: bool = True, autofocus: bool = True) -> None:
         self.plays, self.opens, self.autofocus = plays, opens, autofocus
         self.count, self.released = 0, False
