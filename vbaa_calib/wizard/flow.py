@@ -130,7 +130,7 @@ def _take_step(state: SessionState, ui: Ui, step: Step) -> str:
         source = _open(state.store, ui, step)
         try:
             past = len(state.store.journal.of(step.name).past or ()) if ui.interactive else 0
-            ui.say(f"pictures from {source.name}" + (f", but for the {past} that are there already" if past else ""))
+            ui.say(f"pictures from {source.name}" + (f", without the {past} that are there already" if past else ""))
             table = _readings_table(state.store, step.name)
             if (ended := Capture(state, ui, step, source, table, wants_more).run()) != "again":
                 return ended

@@ -330,7 +330,7 @@ def _loads_progress(state: SessionState) -> Progress:
     std = Number("stiffness EI, one standard deviation", value, goal, now.reached)
     return Progress(
         seen=seen,
-        missing=(*(() if enough else (now.words,)), *now.missing),
+        missing=(*(() if enough or now.reached else (now.words,)), *now.missing),
         next=_ENOUGH if enough else now.suggestion.words if now.suggestion else "",
         enough=enough,
         usable=len(taken) >= _LOADS_LEAST,

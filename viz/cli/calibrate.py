@@ -91,10 +91,10 @@ def _over_time(args: argparse.Namespace, sessions: list[tuple[datetime, Path]]) 
     root = args.output
     if root.suffix == ".json" or (root.exists() and not root.is_dir()):
         raise InputError("is not a folder", where=root, remedy="many sessions make a folder: give -o rigs/")
-    names = [path.resolve().name for _, path in sessions]
+    names = [path.absolute().name for _, path in sessions]
     if len(set(names)) < len(names):
         twice = next(name for name in names if names.count(name) > 1)
-        raise InputError(f"two sessions are named {twice}", where="vbaa calibrate", remedy="give each its own name")
+        raise InputError(f"two sessions are named {twice}", remedy="give each its own name")
     make_folder(root)
     rigs, days, failed, codes = [], [], dict[str, str](), []
     for (date, path), name in zip(sessions, names, strict=True):

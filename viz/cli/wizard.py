@@ -181,7 +181,7 @@ def _greeting(store: Store, session: Path, url: str) -> list[str]:
         lines = [" ".join(parts)]
     if url:
         lines.append(f"The same with the live picture, in a browser on this machine: {url}")
-    return [*lines, "Type an answer, or Enter for the one in brackets; help lists the commands, quit stops."]
+    return [*lines, "Type an answer, or press Enter for the one that is named; help lists the commands, quit stops."]
 
 
 def _result(store: Store, document: Mapping[str, Any] | None) -> dict[str, Any]:

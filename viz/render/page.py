@@ -81,6 +81,7 @@ def write_page(scene: Scene, path: Path, *, title: str, mode: str = "force", for
         "views": [{"position": list(map(float, at)), "focus": list(map(float, to))} for at, to in views],
         "seen": seen,
         "pictures": pictures,
+        "lines": _lines(scene) if len(seen) > 1 else [],
         "contacts": _contacts(scene),
     }
     stage.plotter.close()
@@ -143,6 +144,17 @@ def _pictures(scene: Scene) -> tuple[list[str], list[int | None]]:
         _, jpeg = cv2.imencode(".jpg", picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
         seen.append("data:image/jpeg;base64," + _base64(jpeg.tobytes()))
     return seen, [order.get(id(picture)) for picture in scene.pictures] or [None] * len(scene.instants)
+
+
+def _lines(scene: Scene) -> list[list[list[float]]]:
+    """At each instant where its picture shows the antenna as it was fitted, and last the contact, if it does."""
+    if scene.rig is None:
+        return []
+    known = np.isfinite(scene.rig.seen).all(axis=-1)
+    return [
+        np.round(one[inside], 4).tolist() if inside[-1] else []
+        for one, inside in zip(scene.rig.seen, known, strict=True)
+    ]
 
 
 def _packed(plotter: pv.Plotter) -> bytes:

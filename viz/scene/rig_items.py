@@ -30,6 +30,7 @@ class RigItems:
     ----------
     poses : (M, 4, 4) T_world_antenna.
     bent_m : (M, N, 3) the antenna; free_m (M, N, 3): where it would be without the object.
+    seen : (M, N + 1, 2) where the picture shows `bent_m`, and last the contact, as shares of its width and height.
     ghosts : (G,) the instants whose antennas are drawn faintly.
     antenna_radius_m : of the wire.
     plane_m : (4, 3) antenna frame: corners of the drawn patch of plane C.
@@ -40,6 +41,7 @@ class RigItems:
     poses: np.ndarray
     bent_m: np.ndarray
     free_m: np.ndarray
+    seen: np.ndarray
     ghosts: np.ndarray
     antenna_radius_m: float
     plane_m: np.ndarray
@@ -64,6 +66,7 @@ def rig_items(rig: Rig, table: ContactTable, rows: np.ndarray, main: int) -> Rig
         poses=poses,
         bent_m=bent,
         free_m=free,
+        seen=_seen(rig, np.concatenate([bent, table.point_world_m[rows, None]], axis=1), poses),
         ghosts=spread[spread != main],
         antenna_radius_m=rig.antenna.diameter_m / 2,
         plane_m=length * np.array([[0, -0.3, 0], [1.05, -0.3, 0], [1.05, 0.3, 0], [0, 0.3, 0]]),
@@ -91,6 +94,16 @@ def _shapes(rig: Rig, table: ContactTable, rows: np.ndarray, poses: np.ndarray, 
         friction_rad=angle,
     )
     return np.einsum("mij,mnj->mni", poses[:, :3, :3], curves.points_m) + poses[:, None, :3, 3]
+
+
+def _seen(rig: Rig, points_m: np.ndarray, poses: np.ndarray) -> np.ndarray:
+    """(M, N, 2) shares of the picture's width and height, of points (M, N, 3) in the world; NaN outside it."""
+    in_antenna = np.einsum("mji,mnj->mni", poses[:, :3, :3], points_m - poses[:, None, :3, 3])
+    in_camera = rig.T_antenna_camera.inverse() @ np.nan_to_num(in_antenna).reshape(-1, 3)
+    pixels, valid = rig.camera.project(in_camera)
+    shown = valid & rig.camera.in_picture(pixels) & np.isfinite(in_antenna).all(axis=-1).ravel()
+    shares = np.where(shown[:, None], (pixels + 0.5) / rig.camera.image_size, np.nan)
+    return shares.reshape(*points_m.shape[:2], 2)
 
 
 def _picture_grid(camera: Camera, depth_m: float) -> np.ndarray:

@@ -261,7 +261,7 @@ def load_progress(
     enough = len(hung) >= _LEAST_LOADS and not gain_open and (reached or not helps)
     suggestion = None
     if best is not None and (not enough or helps):
-        suggestion = _suggestion(candidates[best], forecast.after(best).now())
+        suggestion = _suggestion(candidates[best], forecast.after(best).now(), gain_open)
     words = (
         f"EI is known to ± {_percent(now.total)} (pictures {_percent(now.noise)}, places {_percent(now.distance)}, "
         f"weights {_percent(now.mass)}); the goal is {_percent(goal_relative)}"
@@ -280,7 +280,7 @@ def load_progress(
     return _LoadProgress(now, suggestion, enough, reached, missing, words)
 
 
-def _suggestion(one: _LoadCandidate, after: _StiffnessStd) -> _LoadSuggestion:
+def _suggestion(one: _LoadCandidate, after: _StiffnessStd, gain_open: bool) -> _LoadSuggestion:
     load, direction = one.load, one.pull.direction
     axis = int(np.argmax(np.abs(direction)))
     pulling = f"over a pulley, pulling to {_AXES[axis, int(np.sign(direction[axis]))]}"
@@ -288,6 +288,7 @@ def _suggestion(one: _LoadCandidate, after: _StiffnessStd) -> _LoadSuggestion:
         f"hang {1e3 * one.mass_kg:.4g} g at {1e3 * load.distance_m:.0f} mm from the clamp, "
         f"{pulling if one.pull.over_pulley else 'straight down'} (pan {np.rad2deg(load.pan_rad):.0f}°, tilt "
         f"{np.rad2deg(load.tilt_rad):.0f}°): EI to ± {_percent(after.total)}"
+        + (", and the sensor's gain" if gain_open else "")
     )
     return _LoadSuggestion(load, after, words)
 

@@ -78,7 +78,9 @@ function show(told) {
   renew("verdict", { finished: state.finished, verdict: state.verdict, report: state.report, step }, showVerdict);
   $("task").hidden = Boolean(state.finished) && !state.question;
   for (const id of ["title", "what", "why"]) text($(id), step[id]);
-  renew("next", step.next, words => { $("next").hidden = !words; text($("next").lastElementChild, words); });
+  renew("next", step.next, words => text($("next").lastElementChild, words));
+  // not twice: below the picture it stands larger
+  $("next").hidden = !step.next || (state.live?.suggestion ?? "").startsWith(step.next);
   $("enough").hidden = !step.enough || Boolean(state.finished);
   renew("question", state.question, question => showQuestion(question, answer));
   renew("usual", state.usual ?? [], lines => list("usual", lines));

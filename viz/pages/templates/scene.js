@@ -243,6 +243,9 @@
     if (story.seen.length) {
       element("seen").hidden = story.pictures[moment] === null;
       if (story.pictures[moment] !== null) element("seen").querySelector("img").src = story.seen[story.pictures[moment]];
+      const line = story.lines[moment] ?? [];
+      element("seen").querySelector("polyline").setAttribute("points", line.slice(0, -1).map((place) => place.join(",")).join(" "));
+      element("seen").querySelector("path").setAttribute("d", line.length ? `M${line.at(-1).join(" ")}h0` : "");
     }
     renderer.resetCameraClippingRange();
     renderWindow.render();
