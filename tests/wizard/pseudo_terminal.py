@@ -72,7 +72,6 @@ class PseudoTerminal:
         """A key: b"\\x03" is Ctrl-C, b"\\x04" Ctrl-D."""
         os.write(self._ours, key)
 
-
     def ended(self, timeout_s: float = 60.0) -> int:
         """The exit code, once it has ended."""
         end = time.monotonic() + timeout_s
