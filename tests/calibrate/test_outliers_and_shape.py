@@ -13,6 +13,7 @@ from benchmarks.calibration.methods import kept_corners, screening, solve_oracle
 from targets.board import corner_points
 from vbaa_calib.calibrate.lens.board_shape import ShapePrior, deformations
 from vbaa_calib.calibrate.lens.bundle import Bundle, Observation, refine, rows
+from vbaa_calib.calibrate.lens.homography import homography
 from vbaa_calib.calibrate.lens.information import information, observations_of
 from vbaa_calib.calibrate.lens.initialization import rough_lens, unfolded
 from vbaa_calib.calibrate.lens.models import (
@@ -120,6 +121,18 @@ def test_corners_and_slopes_are_opencvs(model: LensModel) -> None:
     for number, step in enumerate(1e-6 * np.eye(5)):
         moved = rows(replace(bundle, shape=shape + step), seen)[0]
         np.testing.assert_allclose((residuals - moved) / 1e-6, by_shared[..., len(intrinsics) + number], atol=1e-2)
+
+
+def test_a_homography_is_found_under_outliers() -> None:
+    rng = np.random.default_rng(4)
+    points = POINTS[:, :2]
+    truth = np.array([[0.9, 0.1, 0.02], [-0.2, 1.1, 0.05], [0.3, -0.4, 1.0]])
+    image = np.column_stack([points, np.ones(len(points))]) @ truth.T
+    image = image[:, :2] / image[:, 2:]
+    image[rng.permutation(len(points))[: int(0.4 * len(points))]] += rng.uniform(0.05, 0.2, 2)
+    found = homography(points, image)
+    np.testing.assert_allclose(found[0] / found[0][2, 2], truth, atol=1e-9)
+    assert homography(points[:3], image[:3]) is None
 
 
 def test_a_rational_lens_follows_a_fisheye_over_the_picture() -> None:

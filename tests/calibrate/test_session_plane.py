@@ -46,7 +46,7 @@ def rendered(tmp_path_factory: pytest.TempPathFactory) -> Rendered:
     # two thirds of the picture, and fewer of the board
     data["camera"]["image_size"] = [640, 480]
     data["camera"]["matrix"] = [[645.3, 0.0, 321.9], [0.0, 646.7, 236.8], [0.0, 0.0, 1.0]]
-    data["intrinsics"]["pictures"] = 14
+    data["intrinsics"]["pictures"] = 10
     (folder / "scene.yaml").write_text(yaml.safe_dump(data), encoding="utf-8")
     scene = load_scene(folder / "scene.yaml")
     stroke = replace(scene.recording.sweeps[0], frames=1, free_frames=0)
