@@ -27,31 +27,22 @@ _RATIO_GOAL = 0.15
 COVERED_GOAL = (0.93, 0.97)
 JUDGED = ("points on C", "camera pose", "EI")
 """The quantities that the goal is about."""
-_PARAMETERS = {
-    "camera turn": slice(0, 3),
-    "camera place": slice(3, 6),
-    "camera pose": slice(0, 6),
-    "EI": slice(12, 13),
-    "mass": slice(13, 14),
-    "clamp": slice(6, 10),
-    "bow": slice(10, 12),
-    "clamp give": slice(14, 15),
-    "gain": slice(15, 16),
-    "offset": slice(16, 17),
-    "pose, antenna, sensor": slice(0, 17),
+_POINTS = "points on C"
+_QUANTITIES = {
+    _POINTS: (slice(0), "mm", 1e3),
+    "camera turn": (slice(0, 3), "mrad", 1e3),
+    "camera place": (slice(3, 6), "mm", 1e3),
+    "camera pose": (slice(0, 6), "", 0.0),
+    "EI": (slice(12, 13), "%", 1e2),
+    "mass": (slice(13, 14), "%", 1e2),
+    "clamp": (slice(6, 10), "", 0.0),
+    "bow": (slice(10, 12), "1/m", 1.0),
+    "clamp give": (slice(14, 15), "", 0.0),
+    "gain": (slice(15, 16), "%", 1e2),
+    "offset": (slice(16, 17), "mN·m", 1e3),
+    "pose, antenna, sensor": (slice(0, 17), "", 0.0),
 }
-"""Quantity → its rows among `RIG_PARAMETERS`."""
-UNITS = {
-    "points on C": ("mm", 1e3),
-    "camera turn": ("mrad", 1e3),
-    "camera place": ("mm", 1e3),
-    "EI": ("%", 1e2),
-    "mass": ("%", 1e2),
-    "bow": ("1/m", 1.0),
-    "gain": ("%", 1e2),
-    "offset": ("mN·m", 1e3),
-}
-"""Quantity → unit, and its factor on SI; others mix units."""
+"""Name → rows among `RIG_PARAMETERS`, unit, and its factor on SI; none where units are mixed."""
 
 
 @dataclass(frozen=True)
@@ -93,10 +84,10 @@ def errors_of(given: Draw, solved: Solved) -> dict[str, Errors]:
     layer = CameraOnPlane(solved.camera, solved.T_antenna_camera)
     jacobian = layer.calibration_jacobian(pixels)
     of_points = jacobian @ solved.plane_covariance @ np.swapaxes(jacobian, 1, 2)
-    found = {"points on C": Errors(layer.project(pixels)[0] - points, of_points)}
-    for name, which in _PARAMETERS.items():
-        found[name] = Errors(step[None, which], solved.covariance[None, which, which])
-    return found
+    found = {
+        name: Errors(step[None, own], solved.covariance[None, own, own]) for name, (own, *_) in _QUANTITIES.items()
+    }
+    return found | {_POINTS: Errors(layer.project(pixels)[0] - points, of_points)}
 
 
 @cache
@@ -146,7 +137,7 @@ def run(draws: int, seed: int, jobs: int = 1, chosen: Sequence[int] | None = Non
 def _rows(rig: str, good: Sequence[Mapping[str, Errors]], failed: int) -> Iterator[Row]:
     for quantity in good[0] if len(good) > 1 else ():
         numbers = statistics([errors[quantity] for errors in good])
-        unit, factor = UNITS.get(quantity, ("", 0.0))
+        _, unit, factor = _QUANTITIES[quantity]
         near = all(abs(numbers[name] - 1.0) <= _RATIO_GOAL for name in ("ratio", "worst_ratio"))
         numbers["predicted_std"] = factor * numbers["predicted_std"] if unit else None
         met = near and COVERED_GOAL[0] <= numbers["covered"] <= COVERED_GOAL[1]

@@ -9,6 +9,7 @@ model that is fitted.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -97,36 +98,33 @@ class CoverageRig:
 def coverage_rigs() -> list[CoverageRig]:
     """The rigs, always the same."""
     near, far, above = (0.14, 0.24), (0.24, 0.42), (0.6, 1.0, 0.36)
+    spoilt: dict[str, Any] = {"sagittas_m": (5e-4, 0.0), "outliers": 0.05}
     return [
-        _rig("f 900, 25 views", "opencv5", HD, MILD, 25, near, above),
-        _rig("long lens, f 2800, 22 views", "opencv5", SQUARE, LONG, 22, far, (0.5, 0.8, 0.48)),
-        _rig("wide, rational, f 590, 20 views", "rational", HD, WIDE, 20, near, (0.6, 1.0, 0.28)),
-        _rig("fisheye, f 420, 20 views", "fisheye", TALL, FISHEYE, 20, (0.11, 0.2), (0.5, -0.9, 0.22)),
-        _rig("f 900, 8 views", "opencv5", HD, MILD, 8, near, above),
-        replace(
-            _rig("f 900, 5 % outliers, bowed 0.5 mm", "opencv5", HD, MILD, 25, near, above, (5e-4, 0.0)), outliers=0.05
-        ),
+        _rig("f 900, 25 views", "opencv5", (HD, MILD), 25, near, above),
+        _rig("long lens, f 2800, 22 views", "opencv5", (SQUARE, LONG), 22, far, (0.5, 0.8, 0.48)),
+        _rig("wide, rational, f 590, 20 views", "rational", (HD, WIDE), 20, near, (0.6, 1.0, 0.28)),
+        _rig("fisheye, f 420, 20 views", "fisheye", (TALL, FISHEYE), 20, (0.11, 0.2), (0.5, -0.9, 0.22)),
+        _rig("f 900, 8 views", "opencv5", (HD, MILD), 8, near, above),
+        _rig("f 900, 5 % outliers, bowed 0.5 mm", "opencv5", (HD, MILD), 25, near, above, **spoilt),
     ]
 
 
 def _rig(
     name: str,
-    lens_model: str,
-    image_size: tuple[int, int],
-    intrinsics: np.ndarray,
+    model: str,
+    optics: tuple[tuple[int, int], np.ndarray],
     views: int,
     distance_m: tuple[float, float],
     looking: tuple[float, float, float],
-    sagittas_m: tuple[float, float] = (0.0, 0.0),
+    **spoilt: Any,
 ) -> CoverageRig:
-    """`looking` : the camera's incline and azimuth, rad, and its distance from the antenna's middle, m."""
-    fx, fy, cx, cy = intrinsics[:4]
+    """`optics` : the picture's size and intrinsics (4 + k,). `looking` : the camera's incline and azimuth, rad, and its
+    distance from the antenna's middle, m."""
+    size, (fx, fy, cx, cy, *distortion) = optics
     matrix = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
-    lens = Lens("fisheye" if lens_model == "fisheye" else "opencv", image_size, matrix, intrinsics[4:])
+    lens = Lens("fisheye" if model == "fisheye" else "opencv", size, matrix, np.array(distortion))
     poses = board_poses(lens, BOARD, IntrinsicsSpec(2 * views, distance_m, (0.2, 0.7)), np.random.default_rng(_SEED))
-    incline_rad, azimuth_rad, away_m = looking
-    T_antenna_camera = camera_pose(incline_rad, azimuth_rad, 0.0, away_m, _LOOKED_AT_M)
-    rig = CoverageRig(name, lens_model, lens, (), T_antenna_camera, sagittas_m)
+    rig = CoverageRig(name, model, lens, (), camera_pose(*looking[:2], 0.0, looking[2], _LOOKED_AT_M), **spoilt)
     kept = [pose for pose in poses if len(rig.seen_corners(pose)[0]) >= _LEAST_CORNERS]
     return replace(rig, T_camera_board=tuple(kept[:views]))
 

@@ -105,7 +105,7 @@ class Series:
 
     name, unit : what grows. sizes, quick : how far it is followed; none: not with --quick.
     prepare : size and seed → what is timed; what comes before is not.
-    time_exponent, memory_exponent : the largest that is all right. why : why so.
+    allowed : the largest exponents of time and memory that are all right; why, benchmarks/README.md says.
     """
 
     name: str
@@ -113,9 +113,7 @@ class Series:
     sizes: tuple[int, ...]
     quick: tuple[int, ...]
     prepare: Callable[[int, int], work.Work]
-    why: str
-    time_exponent: float = 1.0
-    memory_exponent: float = 1.0
+    allowed: tuple[float, float] = (1.0, 1.0)
 
 
 SERIES = (
@@ -125,7 +123,6 @@ SERIES = (
         (100, 300, 1_000, 3_000, 10_000, 100_000),
         (40, 80, 160, 320, 640),
         work.recording_of_frames,
-        "files in, table out; kept are each frame's row of recording.csv and its place in centrelines.csv, 0.5 kB",
     ),
     Series(
         "points per frame",
@@ -133,49 +130,20 @@ SERIES = (
         (10, 30, 100, 300, 1_000, 3_000, 10_000),
         (10, 30, 100, 300, 1_000),
         work.batch_of_points,
-        "64 frames in a batch; each point is a row of the fit, the unknowns stay as many",
     ),
-    Series(
-        "picture size",
-        "kpx",
-        (100, 300, 1_000, 3_000, 8_000, 20_000),
-        (100, 200, 400, 800),
-        work.one_picture,
-        "one picture from the file to the contact; every pixel is decoded and the antenna grows with the picture",
-    ),
-    Series(
-        "views, lens",
-        "views",
-        (5, 10, 20, 50, 100, 200),
-        (5, 10, 20),
-        work.lens_solve,
-        "a view's pose meets the others' only through the lens, which has nine numbers",
-    ),
-    Series(
-        "stills, joint solve",
-        "stills",
-        (15, 30, 60, 120),
-        (8, 12, 18),
-        work.joint_solve,
-        "stills share some twenty unknowns",
-    ),
+    Series("picture size", "kpx", (100, 300, 1_000, 3_000, 8_000, 20_000), (100, 200, 400, 800), work.one_picture),
+    Series("views, lens", "views", (5, 10, 20, 50, 100, 200), (5, 10, 20), work.lens_solve),
+    Series("stills, joint solve", "stills", (15, 30, 60, 120), (8, 12, 18), work.joint_solve),
     Series(
         "contacts, surface",
         "contacts",
         (60, 90, 130, 190, 270, 380, 500),
         (40, 60, 90, 130),
         work.surface_of_contacts,
-        "one Gaussian process over all touches, factored whole; that is why more than 500 are thinned",
-        3.0,
-        2.0,
+        (3.0, 2.0),
     ),
     Series(
-        "contacts, everything felt",
-        "contacts",
-        (100, 300, 1_000, 3_000, 10_000, 30_000),
-        (),
-        work.object_of_contacts,
-        "each contact once: common errors, track, events; the surface takes 500 of them",
+        "contacts, everything felt", "contacts", (100, 300, 1_000, 3_000, 10_000, 30_000), (), work.object_of_contacts
     ),
 )
 _GRAIN_MB = 8.0
@@ -216,16 +184,18 @@ class Grown:
         return _beyond_grain(self.costs)
 
     @property
+    def fits(self) -> tuple[tuple[Power, float], tuple[Power, float]]:
+        """Of time and memory, each with the largest exponent that is all right."""
+        return (self.time, self.series.allowed[0]), (self.memory, self.series.allowed[1])
+
+    @property
     def worse(self) -> bool:
         """Whether either grows faster than it should."""
-        series = self.series
-        return self.time.worse_than(series.time_exponent) or self.memory.worse_than(series.memory_exponent)
+        return any(fit.worse_than(most) for fit, most in self.fits)
 
     def rows(self) -> list[Row]:
         """Of growth.csv."""
-        series, fits = self.series, list[float]()
-        for power, most in ((self.time, series.time_exponent), (self.memory, series.memory_exponent)):
-            fits += power.exponent, power.std, most
+        series, fits = self.series, [each for fit, most in self.fits for each in (fit.exponent, fit.std, most)]
         pairs = zip(self.sizes.tolist(), self.costs.tolist(), strict=True)
         return [Row(series.name, series.unit, size, *cost, *fits) for size, cost in pairs]
 
@@ -242,18 +212,16 @@ def follow(series: Series, sizes: Sequence[int], seed: int, repeats: int) -> Gro
 
 
 def as_text(grown: Sequence[Grown]) -> str:
-    """A line for each series, then why its exponents are as they are."""
+    """A line for each series."""
     lines = [["", "sizes", "seconds", "e, time", "≤", "MB", "e, memory", "≤", ""]]
     for each in grown:
         series = each.series
         cells = [f"{each.sizes[0]} to {each.sizes[-1]} {series.unit}"]
-        fits = (each.time, series.time_exponent), (each.memory, series.memory_exponent)
-        for values, (fit, most) in zip(each.costs.T, fits, strict=False):
+        for values, (fit, most) in zip(each.costs.T, each.fits, strict=False):
             cells += [f"{values[0]:.3g} to {values[-1]:.3g}", str(fit), f"{most:.1f}"]
         lines.append([series.name, *cells, "WORSE" if each.worse else ""])
     title = "cost ∝ sizeᵉ, e ± std over the upper half; seconds of the processor; MB: rise of the resident set"
-    text = aligned(lines, [True] + [False] * 7 + [True], title)
-    return "\n".join([text, "", *(f"{each.series.name}: {each.series.why}" for each in grown)])
+    return aligned(lines, [True] + [False] * 7 + [True], title)
 
 
 def _figure(grown: Sequence[Grown]) -> Figure:
@@ -266,10 +234,8 @@ def _figure(grown: Sequence[Grown]) -> Figure:
 def _panel(panel: Axes, each: Grown) -> None:
     """Seconds on the left, MB on the right, where they are more than the allocator's grain."""
     series, beside = each.series, panel.twinx()
-    for axes, values, power, most, colour, mark, name in (
-        (panel, each.costs[:, 0], each.time, series.time_exponent, GREEN, "o", "time"),
-        (beside, each.shown_MB, each.memory, series.memory_exponent, AMBER, "s", "memory"),
-    ):
+    drawn = (panel, each.costs[:, 0], GREEN, "o", "time"), (beside, each.shown_MB, AMBER, "s", "memory")
+    for (axes, values, colour, mark, name), (power, most) in zip(drawn, each.fits, strict=True):
         axes.loglog(each.sizes, values, mark, color=colour, ms=4.5)
         axes.tick_params(axis="y", colors=colour, which="both")
         words = f"{name}: up to {np.nanmax(values, initial=0.0):.3g}"

@@ -39,14 +39,6 @@ Undistort = Callable[[np.ndarray], np.ndarray]
 """(N, 2) pixels → (N, 2) ideal normalized points; NaN where the method marks a point."""
 
 
-def lenses() -> dict[str, Camera]:
-    """Name → camera."""
-    return {
-        name: Camera(model, size, np.array([[f, 0.0, cx], [0.0, f, cy], [0.0, 0.0, 1.0]]), np.array(distortion))
-        for name, (model, size, f, (cx, cy), distortion) in _LENSES.items()
-    }
-
-
 @dataclass(frozen=True)
 class Row:
     """One method on one lens.
@@ -82,14 +74,14 @@ def errors_px(camera: Camera, pixels: np.ndarray, ideal: np.ndarray) -> np.ndarr
 
 def _opencv(camera: Camera, steps: int) -> Undistort:
     given, eye = (camera.matrix, camera.distortion), np.eye(3)
-    if camera.model == "fisheye":
+
+    def fisheye(pixels: np.ndarray) -> np.ndarray:
         # its default: 10 steps, and points that have not settled to 1e-8 rad are marked by (−1e6, −1e6)
         criteria = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, steps, 1e-8)
+        out = cv2.fisheye.undistortPoints(pixels[:, None], *given, criteria=criteria)
+        return np.where(out == -1e6, np.nan, out).reshape(-1, 2)
 
-        def fisheye(pixels: np.ndarray) -> np.ndarray:
-            out = cv2.fisheye.undistortPoints(pixels[:, None], *given, criteria=criteria)
-            return np.where(out == -1e6, np.nan, out).reshape(-1, 2)
-
+    if camera.model == "fisheye":
         return fisheye
     if steps == 5:
         return lambda pixels: cv2.undistortPoints(pixels[:, None], *given).reshape(-1, 2)
@@ -129,8 +121,9 @@ def _contestants(camera: Camera, pixels: np.ndarray) -> Iterator[tuple[str, Undi
 def run(points: int, seed: int, repeats: int) -> list[Row]:
     """Every method on every lens, over random pixels of the whole picture."""
     rows: list[Row] = []
-    for name, camera in progress(lenses().items(), "lenses", len(lenses())):
-        width, height = camera.image_size
+    for name, (model, size, f, (cx, cy), lens) in progress(_LENSES.items(), "lenses", len(_LENSES)):
+        camera = Camera(model, size, np.array([[f, 0.0, cx], [0.0, f, cy], [0.0, 0.0, 1.0]]), np.array(lens))
+        width, height = size
         pixels = np.random.default_rng(seed).uniform((0, 0), (width - 1, height - 1), (points, 2))
         valid, batches = camera.unproject_normalized(pixels)[1], (pixels, pixels[:_LIVE_POINTS].copy())
         ours_ms = np.nan

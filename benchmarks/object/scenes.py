@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -44,9 +44,9 @@ def _stroke_joints(rig: Rig, obj: TouchObject, sweep: Sweep) -> list[Joints]:
 
 def _between(start: Joints, end: Joints, count: int) -> list[Joints]:
     """Angles inside a straight way from one pair to another."""
-    pan, tilt = end.pan_rad - start.pan_rad, end.tilt_rad - start.tilt_rad
-    shares = np.linspace(0.0, 1.0, count + 2)[1:-1].tolist()
-    return [Joints(start.pan_rad + share * pan, start.tilt_rad + share * tilt) for share in shares]
+    way = np.array([end.pan_rad - start.pan_rad, end.tilt_rad - start.tilt_rad])
+    pairs = np.array([start.pan_rad, start.tilt_rad]) + np.linspace(0.0, 1.0, count + 2)[1:-1, None] * way
+    return [Joints(*pair) for pair in pairs.tolist()]
 
 
 SIGMA_PX, POINTS, RATE_HZ = 0.1, 150, 30.0
@@ -251,45 +251,29 @@ BUMPS = (
 )
 
 
-def _sweep(
-    press: str,
-    toward: int,
-    push_deg: tuple[float, float],
-    sweep_deg: tuple[float, float],
-    frames: int,
-    swells: float = 3.0,
-) -> Sweep:
-    low, high = np.radians(push_deg)
-    first, last = np.radians(sweep_deg)
-    return Sweep(
-        press, toward, frames, 3, np.radians(1.5), (float(low), float(high)), swells, (float(first), float(last))
-    )
-
-
-def _there_and_back(
-    press: str, toward: int, push_deg: tuple[float, float], reach_deg: tuple[float, float]
-) -> list[Sweep]:
-    """Two strokes, the second the other way and with its pushes between those of the first."""
-    back = (reach_deg[1], reach_deg[0])
-    return [_sweep(press, toward, push_deg, reach_deg, 21), _sweep(press, toward, push_deg, back, 21, 2.5)]
+def _strokes(press: str, toward: int, push_deg: tuple[float, float], reach_deg: tuple[float, float]) -> Iterator[Sweep]:
+    """Two, the second the other way and with its pushes between those of the first."""
+    push, (begin, end) = tuple(np.radians(push_deg).tolist()), np.radians(reach_deg).tolist()
+    for swells, reach in ((3.0, (begin, end)), (2.5, (end, begin))):
+        yield Sweep(press, toward, 21, 3, np.radians(1.5), push, swells, reach)
 
 
 _LINE = [
     stroke
     for toward in (1, -1)
     for push in ((1.5, 6.0), (3.0, 9.0))
-    for stroke in _there_and_back("pan", toward, push, (-12.0, 12.0))
+    for stroke in _strokes("pan", toward, push, (-12.0, 12.0))
 ]
 _EDGE = [
     stroke
     for push in ((1.5, 5.0), (2.5, 7.0), (4.0, 9.0), (3.0, 6.0))
-    for stroke in _there_and_back("pan", 1, push, (-12.0, 12.0))
+    for stroke in _strokes("pan", 1, push, (-12.0, 12.0))
 ]
 _ROUND = [
     stroke
     for press in ("pan", "tilt")
     for toward in (1, -1)
-    for stroke in _there_and_back(press, toward, (1.5, 5.0), (-4.0, 4.0))
+    for stroke in _strokes(press, toward, (1.5, 5.0), (-4.0, 4.0))
 ]
 CASES = (
     Case("cylinder", lambda stiffness, mu: TouchObject("cylinder", CENTRE, AXIS, 0.02, 0.08, stiffness, mu), _LINE),
