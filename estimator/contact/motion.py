@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from functools import cache, cached_property
 
 import numpy as np
-from scipy.optimize import brentq
 from scipy.special import ndtri
 
 from vbaa_calib.core.arrays import Rows
@@ -276,6 +275,8 @@ def _wave_number(contact: float) -> float:
 
     The moments that the two parts need for a turn at the knife edge cancel.
     """
+
+    from scipy.optimize import brentq  # a single frame is not tested for motion
 
     def hinged(x: float) -> float:
         return math.cosh(x) * math.sin(x) - math.sinh(x) * math.cos(x)

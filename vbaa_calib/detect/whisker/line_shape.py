@@ -129,16 +129,25 @@ def shapes(width_px: float, blur_px: float, reach_px: int) -> Shapes:
 @lru_cache(maxsize=32)
 def _splines(reach_px: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Even cubic splines over ±`reach_px`: values in the bins (B, M), values and slopes at the table's rows (R, M)."""
-    from scipy.interpolate import BSpline
-
     inner = max(4, int(np.ceil(reach_px / KNOT_PX)))
-    knots = reach_px / inner * np.arange(-inner - 3, inner + 4)
-    count = len(knots) - 4
-    full = BSpline(knots, np.eye(count), 3, extrapolate=True)
-    basis = np.minimum(np.eye(count) + np.eye(count)[::-1], 1.0)[:, : (count + 1) // 2]
+    knot_px, knots = reach_px / inner, np.arange(-inner - 1, inner + 2)
     bins = (np.arange(2 * reach_px * BINS_PER_PX) + 0.5) / BINS_PER_PX - reach_px
     table = np.arange(2 * reach_px * PER_PX + 1) / PER_PX - reach_px
-    return full(bins) @ basis, full(table) @ basis, full.derivative()(table) @ basis
+    basis = np.minimum(np.eye(len(knots)) + np.eye(len(knots))[::-1], 1.0)[:, : inner + 2]
+    off_bins, off = (places[:, None] / knot_px - knots for places in (bins, table))
+    return _spline(off_bins) @ basis, _spline(off) @ basis, _spline_slope(off) / knot_px @ basis
+
+
+def _spline(off: np.ndarray) -> np.ndarray:
+    """The cubic spline of one knot among equal ones, by the distance from it in knots: without SciPy's interpolation,
+    whose import takes longer than a frame."""
+    away = np.minimum(np.abs(off), 2.0)
+    return np.where(away < 1.0, (4.0 - 3.0 * away**2 * (2.0 - away)) / 6.0, (2.0 - away) ** 3 / 6.0)
+
+
+def _spline_slope(off: np.ndarray) -> np.ndarray:
+    away = np.minimum(np.abs(off), 2.0)
+    return np.sign(off) * np.where(away < 1.0, 1.5 * away**2 - 2.0 * away, -0.5 * (2.0 - away) ** 2)
 
 
 class Binned(NamedTuple):
