@@ -27,7 +27,7 @@ from .tables import wrong
 
 _COLUMNS, _DEVIATION = ("frame", "u_px", "v_px"), "sigma_px"
 BLOCK = 1 << 20
-_LOT = 64
+LOT = 64
 """Frames that are read at once."""
 _MOST_FRAME = 2**53
 _NEWLINE, _RETURN, _COMMA = b"\n\r,"
@@ -117,9 +117,9 @@ class Centrelines(Mapping[int, np.ndarray]):
         place = self._place(frame)
         if place is None:
             raise KeyError(frame)
-        lot, at = divmod(place, _LOT)
+        lot, at = divmod(place, LOT)
         if lot != self._lot:
-            self._points, self._lot = self._read(self._frames[lot * _LOT : (lot + 1) * _LOT]), lot
+            self._points, self._lot = self._read(self._frames[lot * LOT : (lot + 1) * LOT]), lot
         points = self._points[at]
         # a repeated point was measured once
         _, first = np.unique(points[:, 0] + 1j * points[:, 1], return_index=True)
