@@ -7,6 +7,7 @@ from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
+from operator import getitem
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -156,6 +157,8 @@ def run(client: Client, recordings: Sequence[Recording], settings: Settings, res
             underway[last.key] = _Underway(one.recording, outcome.pieces, kept)
             coming.add(last)
         else:
+            if outcome.state == "failed":
+                results.forget(outcome.name)
             yield outcome
 
 
@@ -197,8 +200,8 @@ def _in_pieces(client: Client, opened: Future, outcome: Outcome) -> tuple[Future
         return client.submit(function, *given, priority=priority, pure=False)
 
     # what others wait for comes first
-    head = submit(work.head_of, opened, priority=1)
-    pieces = [submit(work.piece_of, opened, index, priority=1) for index in range(outcome.pieces)]
+    pieces = [submit(getitem, opened, index, priority=1) for index in range(outcome.pieces)]
+    head = submit(work.bare, pieces[0], priority=1)
     if not outcome.learns:
         return submit(work.finish, head, [submit(work.look_and_fit, piece) for piece in pieces]), (opened, head)
     fitted, learnt = [], None

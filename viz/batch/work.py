@@ -148,6 +148,7 @@ def do(recording: Recording, settings: Settings, results: Results) -> Outcome:
             return Outcome(recording.name, "long", about)
         return finish(bare(opened), [look_and_fit(opened)])
     except Exception as error:
+        results.forget(recording.name)  # where the disk is full others need the room
         return failed(recording, error)
 
 
@@ -174,19 +175,9 @@ def parts_of(pieces: Sequence[Opened]) -> Outcome:
     return Outcome(one.recording.name, "opened", one.about, len(pieces), one.rig.drift.of_rig)
 
 
-def head_of(pieces: Sequence[Opened]) -> Opened:
-    """What is needed at the end."""
-    return bare(pieces[0])
-
-
 def bare(piece: Opened) -> Opened:
-    """All but frames and pictures."""
+    """All but frames and pictures: what is needed at the end."""
     return replace(piece, source=replace(piece.source, frames=(), places=(), lines=None), ground=None)
-
-
-def piece_of(pieces: Sequence[Opened], index: int) -> Opened:
-    """One of them, and no more."""
-    return pieces[index]
 
 
 def look_at(piece: Opened) -> Looked:
@@ -245,7 +236,7 @@ def finish(head: Opened, pieces: Sequence[Piece]) -> Outcome:
     }
     results.object(recording.name).unlink(missing_ok=True)  # it is no longer these contacts'
     row = dict(results.join(recording.name, [file for file in files if file.exists()], row))
-    results.forget(recording.name, str(row["digest"]))
+    results.forget(recording.name)
     return _with_object(Outcome(recording.name, "done", row), recording, head.settings, results)
 
 
