@@ -1,32 +1,32 @@
 """A recording in pieces, which make bit for bit the rows that it makes as a whole, on whatever machines.
 
-What a frame's row takes from others is handed on from piece to piece: the frames before tell which of two lines is the
-antenna (`look`), free frames how the rig has changed (`learn`), neighbours whether the antenna moves (`judge`). The
-solver's search (`solve`), which takes the time, begins afresh every `AFRESH` frames, where alone a recording is cut.
+What a frame's row takes from others: the frames before tell which of two lines is the antenna (`look`), free frames how
+the rig has changed (`learn`), neighbours whether the antenna moves. The solver's search (`solve`), which takes the
+time, begins afresh every `AFRESH` frames, where alone a recording is cut. A piece makes the rows of its frames but for
+those at its edges (`made`), which wait until both pieces are there (`seam`).
 
-    look      look      look            pieces at once
+    look      look      look         pieces at once
       │         │         │
-    learn  →  learn  →  learn           one after the other, quick
+    learn  →  learn  →  learn        one after the other, quick; only where the rig may have changed
       │         │         │
-    solve     solve     solve           pieces at once
-      │         │         │
-    judge  →  judge  →  judge           one after the other, quick
-      │    ↗↙   │    ↗↙   │
-    rows      rows      rows            pieces at once
+    solve     solve     solve        pieces at once
+    made      made      made
+        ↘    ↙    ↘    ↙
+         seam      seam              about a hundred frames each
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
-
-import numpy as np
+from itertools import chain
+from typing import Any
 
 from estimator.table.contacts import ContactRow, Measured
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.rig import Rig
-from vbaa_calib.session import Frame, Shutter
+from vbaa_calib.session import Centrelines, Frame, Shutter
 
 from .contacts import InertialShifts, MovingContacts, at_rest, last
 from .drift import LearntRig
@@ -35,6 +35,10 @@ from .motion import Beam
 from .recording import FrameContact, Ground, detected, detected_taken, measured_points
 from .shutter import ShutterCheck
 from .source import Source
+
+_HEAD = 2
+"""Batches: what judges the motion in later ones of a piece remembers nothing of the piece before. It remembers `STREAM`
+frames beside those that wait, which are no more after the first batch of a piece than this has."""
 
 
 def cuts(count: int, most: int) -> list[slice]:
@@ -46,6 +50,23 @@ def cuts(count: int, most: int) -> list[slice]:
 
 
 @dataclass(frozen=True, eq=False)
+class Lines(Sequence[Measured]):
+    """What successive frames offer whose centrelines are there: read when it is asked for."""
+
+    rig: Rig
+    frames: Sequence[Frame]
+    lines: Centrelines
+
+    def __len__(self) -> int:
+        return len(self.frames)
+
+    def __getitem__(self, index: Any) -> Any:
+        if isinstance(index, slice):
+            return [measured_points(self.rig, frame, self.lines) for frame in self.frames[index]]
+        return measured_points(self.rig, self.frames[index], self.lines)
+
+
+@dataclass(frozen=True, eq=False)
 class Seen:
     """What successive frames offer to a fit; `reasons` says of each why nothing was seen, None where something was."""
 
@@ -54,41 +75,36 @@ class Seen:
     reasons: Sequence[str | None]
 
 
-def look(estimator: ContactEstimator, source: Source, piece: slice, ground: Ground | None = None) -> Seen:
-    """What a piece of a recording shows. Raises InputError for a picture that cannot be read."""
-    frames = source.frames[piece]
+def look(estimator: ContactEstimator, source: Source, ground: Ground | None = None) -> Seen:
+    """What a recording, or a piece of it (`Source.cut`), shows. Raises InputError for a picture that cannot be read."""
+    frames, places = source.own()
     if source.lines is not None:
-        measured = [measured_points(estimator.rig, frame, source.lines) for frame in frames]
-        return Seen(frames, measured, [None] * len(frames))
-    if source.stream is not None and not source.places:
+        return Seen(frames, Lines(estimator.rig, frames, source.lines), [None] * len(frames))
+    if source.stream is None:
+        earlier = (frame for frame, _ in source.earlier())
+        found = list(zip(frames, detected(estimator, frames, ground, earlier), strict=True))
+    elif not places:
         found = list(detected_taken(estimator, source.stream.taken(), ground))
-    elif source.stream is not None:
-        found = list(detected_taken(estimator, _pictures(source, piece), ground, _pictures_before(source, piece)))
     else:
-        found = list(zip(frames, detected(estimator, source.frames[: piece.stop], ground, piece.start), strict=True))
+        # each found anew: they are seldom needed
+        before = (next(source.stream.pictures([frame], [place])) for frame, place in source.earlier())
+        found = list(detected_taken(estimator, source.stream.pictures(frames, places), ground, before))
     reasons = [None if each.line.found else each.line.reason for _, each in found]
     return Seen([frame for frame, _ in found], [each.measured for _, each in found], reasons)
-
-
-def _pictures(source: Source, piece: slice) -> Iterator[tuple[Frame, np.ndarray]]:
-    assert source.stream is not None
-    return source.stream.pictures(source.frames[piece], source.places[piece])
-
-
-def _pictures_before(source: Source, piece: slice) -> Iterator[tuple[Frame, np.ndarray]]:
-    """Latest first, each found anew: they are seldom needed."""
-    return (next(_pictures(source, slice(at, at + 1))) for at in range(piece.start - 1, -1, -1))
 
 
 def learn(estimator: ContactEstimator, seen: Seen, before: LearntRig | None) -> list[LearntRig]:
     """The rig as it is for each batch of a piece; before : as it was for the last one of the piece before."""
     batches = Batches(estimator if before is None else estimator.continued(before), patient=before is None)
-    ready = [each for several in _batches(seen.measured) for each in batches.push(several)] + batches.finish()
-    return [now.drift for now, _ in ready]
+    ready = []
+    for each in _batches(len(seen.frames)):
+        due = batches.now.drift.due(max(frame.time_s for frame in seen.frames[each]))
+        ready += batches.push(list(seen.measured[each])) if due else batches.push([], batches.now)
+    return [now.drift for now, _ in ready + batches.finish()]
 
 
-def _batches(measured: Sequence[Measured]) -> list[list[Measured]]:
-    return [list(measured[begin : begin + STREAM]) for begin in range(0, len(measured), STREAM)]
+def _batches(count: int) -> list[slice]:
+    return [slice(begin, begin + STREAM) for begin in range(0, count, STREAM)]
 
 
 def solve(estimator: ContactEstimator, seen: Seen, learnt: Sequence[LearntRig]) -> list[MovingContacts]:
@@ -97,54 +113,81 @@ def solve(estimator: ContactEstimator, seen: Seen, learnt: Sequence[LearntRig]) 
     for each in learnt:
         if id(each) not in made:
             made[id(each)] = estimator.continued(each)
-    search, batches = Search(estimator.rig), zip(learnt, _batches(seen.measured), strict=True)
-    return [last(search.solve(made[id(each)], several, CHUNK)) for each, several in batches]
+    search, batches = Search(estimator.rig), zip(learnt, _batches(len(seen.frames)), strict=True)
+    return [last(search.solve(made[id(each)], list(seen.measured[batch]), CHUNK)) for each, batch in batches]
 
 
 @dataclass(frozen=True, eq=False)
-class Judged:
-    """What is known of the motion in a recording up to the end of a piece.
+class Edge:
+    """Frames at one end of a piece whose rows need the piece beside it, and the next one, whose row does not."""
 
-    shifts : `InertialShifts` of the frames that waited before the piece, and of its own but for those that wait now.
-    check : the state from which the next piece goes on.
-    ends : the piece's first and last frame, where the shutter matters.
+    items: list[FrameContact]
+    inner: list[FrameContact]
+
+
+@dataclass(frozen=True, eq=False)
+class Made:
+    """The rows of a piece without those at its edges, and what is needed to make these.
+
+    head : its first batches, without their contacts. closing : whether they are all of the recording that is left.
+    check : the judge of motion as it is after the piece.
     """
 
-    shifts: list[float]
+    rows: list[ContactRow]
+    begin: Edge
+    end: Edge
+    head: list[MovingContacts]
+    closing: bool
     check: InertialShifts
-    ends: tuple[FrameContact, FrameContact] | None
 
 
-def judge(rig: Rig, shutter: Shutter, seen: Seen, found: Sequence[MovingContacts], before: Judged | None) -> Judged:
-    """The motion in a piece, from that in the one before it."""
-    # the state before is another call's result, which may be asked for again
-    check = InertialShifts(Beam.of(rig)) if before is None else deepcopy(before.check)
-    shifts = [shift for several in found for shift in check.push(several)]
-    if not ShutterCheck(shutter, 1).needed:
-        return Judged(shifts, check, None)
-    first, last = (FrameContact(seen.frames[at], found[at].contacts[at], seen.measured[at]) for at in (0, -1))
-    return Judged(shifts, check, (first, last))
+def made(
+    rig: Rig, shutter: Shutter, seen: Seen, found: Sequence[MovingContacts], *, first: bool = True, final: bool = True
+) -> Made:
+    """The rows of a piece, which may be the first or the final one."""
+    contacts = chain.from_iterable(several.contacts for several in found)
+    items = [
+        FrameContact(frame, contact if reason is None else replace(contact, reason=reason), measured)
+        for frame, measured, reason, contact in zip(seen.frames, seen.measured, seen.reasons, contacts, strict=True)
+    ]
+    check = InertialShifts(Beam.of(rig))
+    known = [check.push(several) for several in found]
+    shifts = list(chain.from_iterable(known))
+    closing = final and not first and len(found) <= _HEAD
+    begin = 0 if first else len(items) if closing else sum(map(len, known[:_HEAD]))
+    if final:
+        shifts += deepcopy(check).finish()
+    end = len(shifts)
+    return Made(
+        rows=_rows(rig, shutter, items[begin:end], shifts[begin:], (items[:begin][-1:], items[end:][:1])),
+        begin=Edge(items[:begin], items[begin:][:1]),
+        end=Edge(items[end:], items[:end][-1:]),
+        head=[] if first else [replace(several, contacts=()) for several in found[:_HEAD]],
+        closing=closing,
+        check=check,
+    )
 
 
-def rows(
-    rig: Rig, shutter: Shutter, seen: Seen, found: Sequence[MovingContacts], judged: Sequence[Judged | None]
+def seam(rig: Rig, shutter: Shutter, one: Made, other: Made) -> list[ContactRow]:
+    """The rows between those of a piece and of the next one."""
+    check = deepcopy(one.check)  # another call's result, which may be asked for again
+    shifts = [shift for several in other.head for shift in check.push(several)]
+    shifts += check.finish() if other.closing else []
+    items = [*one.end.items, *other.begin.items]
+    return _rows(rig, shutter, items, shifts, (one.end.inner, other.begin.inner))
+
+
+def _rows(
+    rig: Rig,
+    shutter: Shutter,
+    items: Sequence[FrameContact],
+    shifts: Sequence[float],
+    beside: tuple[Sequence[FrameContact], Sequence[FrameContact]],
 ) -> list[ContactRow]:
-    """The rows of a piece; `judged` (3,) : the motion in the piece before it, its own, and in the next."""
-    before, own, after = judged
-    assert own is not None
-    shifts = own.shifts[0 if before is None else len(before.check) :]
-    shifts += deepcopy(own.check).finish() if after is None else after.shifts[: len(own.check)]
-    contacts = (contact for several in found for contact in several.contacts)
+    """The rows of successive frames; beside : the frame before them and the one after, where there is one."""
     check = ShutterCheck(shutter, rig.camera.image_size[1])
-    ready: list[FrameContact] = []
-    if before is not None and before.ends is not None:
-        check.push(before.ends[1])
-    for frame, measured, reason, one, shift in zip(
-        seen.frames, seen.measured, seen.reasons, contacts, shifts, strict=True
-    ):
-        contact = at_rest(one, shift)
-        contact = contact if reason is None else replace(contact, reason=reason)
-        ready += check.push(FrameContact(frame, contact, measured))
-    ready += check.finish() if after is None or after.ends is None else check.push(after.ends[0])
-    # a row of the piece before comes out first, where the shutter matters
-    return [ContactRow.of(item.frame, item.contact) for item in ready[-len(seen.frames) :]]
+    judged = [replace(item, contact=at_rest(item.contact, shift)) for item, shift in zip(items, shifts, strict=True)]
+    before, after = beside if check.needed else ((), ())
+    ready = [each for item in (*before, *judged, *after) for each in check.push(item)]
+    ready += () if after else check.finish()
+    return [ContactRow.of(item.frame, item.contact) for item in ready[len(ready) - len(items) :]]

@@ -23,7 +23,7 @@ from vbaa_calib.detect.whisker.finder import AntennaFinder
 from vbaa_calib.detect.whisker.paint import Paint, without_other_things
 from vbaa_calib.detect.whisker.stretches import explained
 from vbaa_calib.rig import Rig
-from vbaa_calib.session import Centrelines, Frame, Session, Still, read_centrelines
+from vbaa_calib.session import Centrelines, Frame, Index, Session, Still, read_centrelines
 
 from .contacts import RoughFit
 from .estimate import STREAM, ContactEstimator
@@ -327,13 +327,12 @@ def measured_recording(
 
 
 def detected(
-    estimator: ContactEstimator, frames: Sequence[Frame], ground: Ground | None = None, begin: int = 0
+    estimator: ContactEstimator, frames: Iterable[Frame], ground: Ground | None = None, earlier: Iterable[Frame] = ()
 ) -> Iterator[Detection]:
-    """What is seen in the pictures of frames[begin:], in order, as after all those before. Raises as `first_detection`
-    does."""
-    firsts = (first_detection(estimator, frame, ground) for frame in frames[begin:])
-    earlier = (first_detection(estimator, frame, ground) for frame in reversed(frames[:begin]))
-    return detections(estimator, _in_order(firsts, earlier))
+    """What is seen in the pictures of frames, in order; `earlier`: those before, latest first. Raises as
+    `first_detection` does."""
+    firsts, before = ((first_detection(estimator, frame, ground) for frame in several) for several in (frames, earlier))
+    return detections(estimator, _in_order(firsts, before))
 
 
 def detected_taken(
@@ -377,9 +376,9 @@ def estimate_centrelines(
         yield FrameContact(frame, contact, seen)
 
 
-def recorded_lines(session: Session, frames: Sequence[Frame]) -> Centrelines:
-    """Ready centrelines by frame. Raises InputError for one of no frame."""
-    lines = read_centrelines(session)
+def recorded_lines(session: Session, frames: Sequence[Frame], index: Sequence[Index | None] = ()) -> Centrelines:
+    """Ready centrelines by frame, of a file whose index may be there. Raises InputError for one of no frame."""
+    lines = read_centrelines(session, index)
     unknown = set(lines) - {frame.frame for frame in frames}
     if unknown:
         raise InputError(

@@ -18,10 +18,12 @@ from vbaa_calib.session import (
     Centrelines,
     Drift,
     Frame,
+    Index,
     Session,
     Shutter,
     Still,
     check_pictures,
+    index_of,
     load_session,
     read_noload,
     read_recording,
@@ -34,7 +36,7 @@ from vbaa_calib.streams.pictures import stored, thinned
 from vbaa_calib.streams.synchronize import Synchronized
 
 from .clock import recorded_clock_offset
-from .estimate import ContactEstimator
+from .estimate import STREAM, ContactEstimator
 from .recording import (
     FrameContact,
     Ground,
@@ -139,6 +141,7 @@ class Source:
     lines : centrelines by frame; None where each frame has its picture.
     stream : the bag or video. places : of its frames' pictures, once it was skimmed.
     count : how many frames there are, of a bag or video about.
+    before : of a part, how many of the frames come before it, and how many more are not here.
     """
 
     session: Session | None
@@ -147,6 +150,7 @@ class Source:
     stream: Stream | None = None
     places: Sequence[Any] = ()
     count: int = 0
+    before: tuple[int, int] = (0, 0)
 
     @property
     def divisible(self) -> bool:
@@ -184,6 +188,33 @@ class Source:
             return self
         frames, places = self.stream.skimmed()
         return replace(self, frames=frames, places=places, count=len(frames))
+
+    def cut(self, part: slice) -> Source:
+        """Some successive frames of the whole, and the few before them which their pictures may need."""
+        first = part.start if self.lines is not None else max(part.start - STREAM, 0)
+        frames, places = (each[first : part.stop] for each in (self.frames, self.places))
+        lines = None if self.lines is None else self.lines.picked([frame.frame for frame in frames])
+        before = (part.start - first, first)
+        return replace(self, frames=frames, places=places, lines=lines, count=part.stop - part.start, before=before)
+
+    def own(self) -> tuple[Sequence[Frame], Sequence[Any]]:
+        """The frames of a part, without those before it, and their pictures' places."""
+        return self.frames[self.before[0] :], self.places[self.before[0] :]
+
+    def earlier(self) -> Iterator[tuple[Frame, Any]]:
+        """The frames before a part, latest first, and their pictures' places; what is not here is read once more."""
+        here, more = self.before
+        yield from _backwards(self.frames[:here], self.places[:here])
+        if more and self.stream is not None:
+            frames, places = self.stream.skimmed()
+            yield from _backwards(frames[:more], places[:more])
+        elif more:
+            assert self.session is not None
+            yield from _backwards(read_recording(self.session)[:more], ())
+
+
+def _backwards(frames: Sequence[Frame], places: Sequence[Any]) -> Iterator[tuple[Frame, Any]]:
+    return zip(reversed(frames), reversed(places or [None] * len(frames)), strict=True)
 
 
 def recording_files(path: Path) -> list[Path]:
@@ -223,10 +254,22 @@ def some_stills(taken: Iterable[tuple[Frame, np.ndarray]], folder: Path) -> list
     return [frame for frame, _ in unpacked(thinned(taken, _STILLS), folder)]
 
 
-def open_source(path: Path, rig: Rig, no_moment: bool = False, options: StreamOptions | None = None) -> Source:
+def part_index(path: Path, part: int, of: int) -> Index | None:
+    """Where the frames are in a part of a session's centrelines, for `open_source`; None where they are not plain."""
+    return index_of(_session_root(path) / "recording" / "centrelines.csv", part, of)
+
+
+def open_source(
+    path: Path,
+    rig: Rig,
+    no_moment: bool = False,
+    options: StreamOptions | None = None,
+    index: Sequence[Index | None] = (),
+) -> Source:
     """Open a session folder, or its recording/centrelines.csv; a bag; a video with readings in the .csv of its name.
 
-    no_moment : leave the moment readings aside. Raises InputError for what is wrong in it.
+    no_moment : leave the moment readings aside. index : what `part_index` has found in every part of its centrelines.
+    Raises InputError for what is wrong in it.
     """
     if is_stream(path):
         stream = Stream(path, rig, options or StreamOptions(), no_moment)
@@ -237,7 +280,7 @@ def open_source(path: Path, rig: Rig, no_moment: bool = False, options: StreamOp
         frames = without_moments(frames)
     pictures = [frame.image for frame in frames if frame.image is not None]
     check_pictures(pictures, rig.camera.image_size, "the rig was calibrated at")
-    return Source(session, frames, None if pictures else recorded_lines(session, frames), count=len(frames))
+    return Source(session, frames, None if pictures else recorded_lines(session, frames, index), count=len(frames))
 
 
 def estimate_source(

@@ -12,17 +12,17 @@ import numpy as np
 import pytest
 
 from estimator import ContactEstimator
-from estimator.contact import estimate, pieces, recording
+from estimator.contact import estimate, pieces, recording, source
 from estimator.contact.estimate import AFRESH, STREAM
-from estimator.contact.pieces import cuts, judge, learn, look, rows, solve
+from estimator.contact.pieces import cuts, learn, look, made, seam, solve
 from estimator.contact.recording import FirstDetection
-from estimator.contact.source import estimate_source, open_source
+from estimator.contact.source import Source, estimate_source, open_source
 from estimator.table.contacts import ContactRow
 from estimator.table.files import write_contacts
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.detect.whisker.centreline import NOTHING
 from vbaa_calib.rig import Rig
-from vbaa_calib.session import Frame
+from vbaa_calib.session import Frame, load_session
 
 from ..recordings import write_recording, write_rig
 
@@ -39,18 +39,18 @@ def often(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def in_pieces(path: Path, rig: Rig, most: int) -> list[ContactRow]:
     """Each piece by an estimator of its own, as another process would have it."""
-    source = open_source(path, rig)
-    learnt, parts, judged = None, [], [None]
-    for piece in cuts(len(source.frames), most):
-        seen = look(ContactEstimator(rig), source, piece)
+    opened = open_source(path, rig)
+    learnt, before, made_rows = None, None, []
+    for piece in cuts(len(opened.frames), most):
+        seen = look(ContactEstimator(rig), opened.cut(piece))
         known = learn(ContactEstimator(rig), seen, None if learnt is None else deepcopy(learnt))
         learnt = known[-1]
         found = solve(ContactEstimator(rig, jobs=2), seen, deepcopy(known))
-        parts.append((seen, found))
-        judged.append(judge(rig, source.shutter, seen, found, deepcopy(judged[-1])))
-    judged.append(None)
-    made = [rows(rig, source.shutter, *part, judged[at : at + 3]) for at, part in enumerate(parts)]
-    return [row for several in made for row in several]
+        first, final = piece.start == 0, piece.stop == len(opened.frames)
+        one = made(rig, opened.shutter, seen, found, first=first, final=final)
+        made_rows += [*(seam(rig, opened.shutter, before, one) if before else ()), *one.rows]
+        before = deepcopy(one)
+    return made_rows
 
 
 def as_one(path: Path, rig: Rig) -> list[ContactRow]:
@@ -59,7 +59,9 @@ def as_one(path: Path, rig: Rig) -> list[ContactRow]:
 
 
 @pytest.mark.usefixtures("often")
-@pytest.mark.parametrize("frames", [FRAMES, pytest.param(FRAMES + 3 * OFTEN, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "frames", [FRAMES, OFTEN + 7, OFTEN + STREAM + 7, pytest.param(FRAMES + 3 * OFTEN, marks=pytest.mark.slow)]
+)
 def test_pieces_make_the_same_rows(tmp_path: Path, frames: int) -> None:
     """With drift that is learnt, motion and a rolling shutter across the seams."""
     path, rig = write_recording(tmp_path / "one", frames, rolling=True), Rig.load(write_rig(tmp_path / "rig.json"))
@@ -84,9 +86,9 @@ def _floats(own: ContactRow, other: ContactRow) -> list[tuple[np.ndarray, np.nda
 def test_what_the_first_free_frames_say_holds_for_all_pieces(tmp_path: Path) -> None:
     """The later pieces' contacts do depend on what the first one learnt: without it they differ."""
     path, rig = write_recording(tmp_path / "one", FRAMES), Rig.load(write_rig(tmp_path / "rig.json"))
-    source = open_source(path, rig)
-    seen = look(ContactEstimator(rig), source, slice(OFTEN, OFTEN + STREAM))
-    first = look(ContactEstimator(rig), source, slice(0, OFTEN))
+    opened = open_source(path, rig)
+    seen = look(ContactEstimator(rig), opened.cut(slice(OFTEN, OFTEN + STREAM)))
+    first = look(ContactEstimator(rig), opened.cut(slice(0, OFTEN)))
     learnt = learn(ContactEstimator(rig), first, None)[-1]
     known, unknown = (solve(ContactEstimator(rig), seen, [each]) for each in (learnt, ContactEstimator(rig).drift))
     distances = [[contact.distance_m for contact in found[0].contacts] for found in (known, unknown)]
@@ -113,9 +115,23 @@ def test_the_frames_before_a_piece_tell_which_line_is_the_antenna(monkeypatch: p
     assert "ambiguous" not in whole
     for begin, needed in ((3, 3), (5, 5), (7, 0), (9, 0)):
         before = next(looked)
-        part = [each.line.verdict for each in recording.detected(None, frames, begin=begin)]  # type: ignore[arg-type]
+        part = [each.line.verdict for each in recording.detected(None, frames[begin:], earlier=frames[:begin][::-1])]  # type: ignore[arg-type]
         assert part == whole[begin:]
         assert next(looked) - before - 1 == len(lines) - begin + needed
+
+
+def test_a_piece_of_pictures_has_few_of_the_frames_before_it_and_finds_the_others(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    frames = [Frame(None, 0.0, 0.0, 0.0, frame=index, time_s=float(index)) for index in range(10 * STREAM)]
+    session = load_session(write_recording(tmp_path / "one", 1))
+    for begin in (0, 3, STREAM, 5 * STREAM):
+        part = Source(session, frames, None).cut(slice(begin, begin + 9))
+        assert part.own()[0] == frames[begin : begin + 9]
+        assert len(part.frames) <= STREAM + 9
+        with monkeypatch.context() as patched:
+            patched.setattr(source, "read_recording", lambda _: frames)
+            assert [frame for frame, _ in part.earlier()] == frames[:begin][::-1]
 
 
 def test_pieces_are_cut_where_the_search_begins_afresh() -> None:

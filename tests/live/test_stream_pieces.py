@@ -63,8 +63,10 @@ def test_skimming_finds_every_frame_and_its_picture_again(tmp_path: Path, name: 
 def test_pieces_of_a_bag_show_what_the_whole_shows(tmp_path: Path) -> None:
     source = open_source(write(tmp_path / "a.mcap"), rig())
     estimator = ContactEstimator(rig())
-    whole, skimmed = look(estimator, source, slice(0, 0)), source.skimmed()
-    parts = [look(estimator, skimmed, slice(begin, min(begin + STREAM, COUNT))) for begin in (0, STREAM)]
+    whole, skimmed = look(estimator, source), source.skimmed()
+    parts = [look(estimator, skimmed.cut(slice(begin, min(begin + STREAM, COUNT)))) for begin in (0, STREAM)]
+    before = [frame for frame, _ in skimmed.cut(slice(STREAM + 1, COUNT)).earlier()]
+    assert before == list(skimmed.frames[: STREAM + 1][::-1])
     reasons = [reason for part in parts for reason in part.reasons]
     assert reasons == whole.reasons
     for own, other in zip([each for part in parts for each in part.measured], whole.measured, strict=True):

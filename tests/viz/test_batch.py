@@ -184,6 +184,20 @@ def test_what_is_wrong_is_named_and_the_rest_goes_on(client: Client, folder: Pat
     assert batch(client, given, results)["good"].row["frames"] == 9
 
 
+def test_what_fails_leaves_no_room_taken(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """On a full disk the next recording may find room."""
+    results = Results(tmp_path)
+
+    def full(*_: object) -> None:
+        assert list(results.root.glob("pieces/**/*.parquet"))
+        raise InputError("no space left")
+
+    monkeypatch.setattr(Results, "join", full)
+    outcome = work.do(Recording("s0", folder / "s0", folder / "rig.json"), Settings(), results)
+    assert (outcome.state, outcome.row["sentence"]) == ("failed", "no space left")
+    assert not list(results.root.glob("pieces/*"))
+
+
 @pytest.mark.slow
 def test_a_lost_scheduler_leaves_what_was_done(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Exit 1, nothing half-written; the same command on this machine does the rest."""

@@ -27,22 +27,25 @@ from .tables import wrong
 
 _COLUMNS, _DEVIATION = ("frame", "u_px", "v_px"), "sigma_px"
 BLOCK = 1 << 20
+LOT = 64
+"""Frames that are read at once."""
 _MOST_FRAME = 2**53
 _NEWLINE, _RETURN, _COMMA = b"\n\r,"
 
 
-def read_centrelines(session: Session) -> Centrelines:
-    """recording/centrelines.csv, checked from the first line to the last. Raises InputError naming file and line."""
-    return centrelines_of(session.root / "recording" / "centrelines.csv")
+def read_centrelines(session: Session, index: Sequence[Index | None] = ()) -> Centrelines:
+    """recording/centrelines.csv, checked from the first line to the last. Raises InputError naming file and line.
+
+    index : of all its parts, where others have made it (`index_of`).
+    """
+    return centrelines_of(session.root / "recording" / "centrelines.csv", index)
 
 
-def centrelines_of(path: Path) -> Centrelines:
+def centrelines_of(path: Path, index: Sequence[Index | None] = ()) -> Centrelines:
     """As `read_centrelines`, of any file."""
     require_file(path)
-    found = None
-    with suppress(OSError), path.open("rb") as stream:
-        found = _indexed(stream)
-    if found is not None:
+    found = _joined(index or [index_of(path)])
+    if found is not None and len(found[2]):
         return Centrelines(path, None, *found)
     copy = tempfile.TemporaryFile()  # noqa: SIM115 - it is read for as long as the mapping lives
     _copy_plainly(path, copy)
@@ -51,12 +54,23 @@ def centrelines_of(path: Path) -> Centrelines:
     return Centrelines(path, copy, *found)
 
 
+def index_of(path: Path, part: int = 0, of: int = 1) -> Index | None:
+    """Where the frames are in one of several parts of a plain file; None for any other."""
+    with suppress(OSError), path.open("rb") as stream:
+        return _indexed(stream, part, of)
+    return None
+
+
 @dataclass(frozen=True)
 class _Layout:
     """Number of cells in a row, and the columns of frame, u, v and, if given, sigma."""
 
     count: int
     places: tuple[int, ...]
+
+
+Index = tuple[tuple[int, ...], _Layout, np.ndarray]
+"""State and layout of a file, and (R, 3) runs of rows in it."""
 
 
 class Centrelines(Mapping[int, np.ndarray]):
@@ -78,6 +92,7 @@ class Centrelines(Mapping[int, np.ndarray]):
         self._path, self._copy, self._state, self._layout = path, copy, state, layout
         self._runs = runs[np.argsort(runs[:, 0], kind="stable")]
         self._frames = np.unique(self._runs[:, 0])
+        self._lot, self._points = -1, [np.empty((0, 3))]
 
     @property
     def portable(self) -> bool:
@@ -96,16 +111,31 @@ class Centrelines(Mapping[int, np.ndarray]):
         return iter(self._frames.tolist())
 
     def __contains__(self, frame: object) -> bool:
-        return isinstance(frame, int | np.integer) and len(self._of(int(frame))) > 0
+        return isinstance(frame, int | np.integer) and self._place(int(frame)) is not None
 
     def __getitem__(self, frame: int) -> np.ndarray:
-        runs = self._of(frame)
-        if len(runs) == 0:
+        place = self._place(frame)
+        if place is None:
             raise KeyError(frame)
+        lot, at = divmod(place, LOT)
+        if lot != self._lot:
+            self._points, self._lot = self._read(self._frames[lot * LOT : (lot + 1) * LOT]), lot
+        points = self._points[at]
+        # a repeated point was measured once
+        _, first = np.unique(points[:, 0] + 1j * points[:, 1], return_index=True)
+        return points if len(first) == len(points) else points[np.sort(first)]
+
+    def _place(self, frame: int) -> int | None:
+        at = int(np.searchsorted(self._frames, frame))
+        return at if at < len(self._frames) and self._frames[at] == frame else None
+
+    def _read(self, frames: np.ndarray) -> list[np.ndarray]:
+        """The points (N, 3) of frames that follow each other."""
+        first, last = np.searchsorted(self._runs[:, 0], [frames[0], frames[-1] + 1])
         table = np.empty((0, 0))
         with suppress(OSError), nullcontext(self._copy) if self._copy else self._path.open("rb") as stream:
             rows = []
-            for _, begin, end in runs.tolist():
+            for _, begin, end in self._runs[first:last].tolist():
                 stream.seek(begin)
                 rows.append(stream.read(end - begin).rstrip(b"\n") + b"\n")
             if _state(stream) == self._state:
@@ -115,13 +145,7 @@ class Centrelines(Mapping[int, np.ndarray]):
             raise InputError("has changed since it was checked", where=self._path, remedy=remedy)
         points = np.full((len(table), 3), np.nan)
         points[:, : table.shape[1] - 1] = table[:, 1:]
-        # a repeated point was measured once
-        _, first = np.unique(points[:, 0] + 1j * points[:, 1], return_index=True)
-        return points if len(first) == len(points) else points[np.sort(first)]
-
-    def _of(self, frame: int) -> np.ndarray:
-        first, last = np.searchsorted(self._runs[:, 0], [frame, frame + 1])
-        return self._runs[first:last]
+        return np.split(points, np.searchsorted(table[:, 0], frames[1:]))
 
 
 def _state(stream: BinaryIO) -> tuple[int, ...]:
@@ -129,29 +153,43 @@ def _state(stream: BinaryIO) -> tuple[int, ...]:
     return status.st_ino, status.st_size, status.st_mtime_ns
 
 
-def _indexed(stream: BinaryIO) -> tuple[tuple[int, ...], _Layout, np.ndarray] | None:
-    """State, layout and runs (R, 3) of a plain file; None for any other."""
+def _indexed(stream: BinaryIO, part: int = 0, of: int = 1) -> Index | None:
+    """The index of the rows that begin in a part of a plain file; None for any other."""
     state, line = _state(stream), stream.readline(BLOCK)
     try:
         header = [name.strip() for name in line.decode("utf-8-sig").split(",")]
         layout = _Layout(len(header), tuple(places_of(header, _COLUMNS, (_DEVIATION,), Path()).values()))
     except (UnicodeDecodeError, InputError):
         return None
-    runs, at = [], len(line)
-    while block := stream.read(BLOCK) + stream.readline(BLOCK):
-        found = _plain(block, layout)
+    runs, at = [np.empty((0, 3), np.int64)], len(line)
+    size = state[1] - at
+    end = at + size * (part + 1) // of
+    if part:
+        stream.seek(at + size * part // of - 1)
+        stream.readline(BLOCK)
+        at = stream.tell()
+    while at < end:
+        block, last = stream.read(min(BLOCK, end - at - 1)), stream.readline(BLOCK)
+        endless = len(last) == BLOCK and not last.endswith(b"\n")
+        found = None if endless else _plain(block + last, layout)
         if found is None:
             return None
         runs.append(found + np.array([0, at, at]))
-        at += len(block)
-    every = np.concatenate(runs) if runs else np.empty(0)
-    return (state, layout, every) if len(every) else None
+        at += len(block + last)
+    return state, layout, np.concatenate(runs)
+
+
+def _joined(parts: Sequence[Index | None]) -> Index | None:
+    """Of all parts together; None unless all are plain, and of the same file."""
+    known = [part for part in parts if part is not None]
+    if len(known) < len(parts) or len({part[:2] for part in known}) > 1:
+        return None
+    return *known[0][:2], np.concatenate([runs for _, _, runs in known])
 
 
 def _plain(block: bytes, layout: _Layout) -> np.ndarray | None:
     """(R, 3) runs of whole lines, in bytes of the block; None unless they are plain and correct."""
-    endless = len(block) == 2 * BLOCK and not block.endswith(b"\n")
-    if endless or b'"' in block or block.count(b"\r") != block.count(b"\r\n"):
+    if not block or b'"' in block or block.count(b"\r") != block.count(b"\r\n"):
         return None
     data = np.frombuffer(block if block.endswith(b"\n") else block + b"\n", np.uint8)
     ends = np.flatnonzero(data == _NEWLINE) + 1

@@ -7,6 +7,7 @@ from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
+from operator import getitem
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -140,7 +141,9 @@ def run(client: Client, recordings: Sequence[Recording], settings: Settings, res
         if outcome is None:
             suspects.append(one.recording)
         elif outcome.state == "long":
-            opened = client.submit(work.open_long, one.recording, settings, results, pure=False)
+            given, parts = (one.recording, settings, results, outcome.row), outcome.pieces
+            index = [client.submit(work.index_of, one.recording, at, parts, pure=False) for at in range(parts)]
+            opened = client.submit(work.open_long, *given, index, pure=False)
             last = client.submit(work.parts_of, opened, pure=False)
             underway[last.key] = _Underway(one.recording, 1, (opened,))
             coming.add(last)
@@ -154,6 +157,8 @@ def run(client: Client, recordings: Sequence[Recording], settings: Settings, res
             underway[last.key] = _Underway(one.recording, outcome.pieces, kept)
             coming.add(last)
         else:
+            if outcome.state == "failed":
+                results.forget(outcome.name)
             yield outcome
 
 
@@ -191,34 +196,20 @@ def _workers(client: Client) -> list[str]:
 def _in_pieces(client: Client, opened: Future, outcome: Outcome) -> tuple[Future, tuple[Future, ...]]:
     """The last task of a long recording, and those before it (`estimator.contact.pieces`)."""
 
-    def submit(function: Any, *given: Any) -> Future:
-        return client.submit(function, *given, pure=False)
+    def submit(function: Any, *given: Any, priority: int = 0) -> Future:
+        return client.submit(function, *given, priority=priority, pure=False)
 
-    if outcome.pieces == 1:
-        return submit(work.do_opened, opened), (opened,)
-    head = submit(work.head_of, opened)
-    fitted: list[Future] = []
-    judged: list[Future | None] = [None]
-    files: list[Future] = []
-    learnt = None
-
-    def write(index: int, after: Future | None) -> None:
-        # once the motion in the piece after it is known
-        files.append(submit(work.file_of, head, index, fitted[index], (*judged[index : index + 2], after)))
-
-    for index in range(outcome.pieces):
-        piece = submit(work.piece_of, opened, index)  # the whole recording stays where it was opened
-        if outcome.learns:
-            seen = submit(work.look_at, piece)
-            learnt = submit(work.learn_from, head, seen, learnt)
-            fitted.append(submit(work.solve_for, head, seen, learnt))
-        else:
-            fitted.append(submit(work.fit, piece))
-        judged.append(submit(work.judge_piece, head, fitted[index], judged[index]))
-        if index:
-            write(index - 1, judged[-1])
-    write(outcome.pieces - 1, None)
-    return submit(work.finish, head, files, submit(work.learnt_of, fitted[-1])), (opened, head)
+    # what others wait for comes first
+    pieces = [submit(getitem, opened, index, priority=1) for index in range(outcome.pieces)]
+    head = submit(work.bare, pieces[0], priority=1)
+    if not outcome.learns:
+        return submit(work.finish, head, [submit(work.look_and_fit, piece) for piece in pieces]), (opened, head)
+    fitted, learnt = [], None
+    for piece in pieces:
+        looked = submit(work.look_at, piece)
+        learnt = submit(work.learn_from, looked, learnt, priority=1)
+        fitted.append(submit(work.fit, looked, learnt))
+    return submit(work.finish, head, fitted), (opened, head)
 
 
 class Pace:

@@ -53,7 +53,7 @@ class Results:
         return self.root / "objects" / f"{name}.vtp"
 
     def piece(self, name: str, digest: str, index: int) -> Path:
-        return self.root / "pieces" / f"{name}-{digest[:16]}" / f"{index:06d}.parquet"
+        return self.root / "pieces" / name / digest[:16] / f"{index:06d}.parquet"
 
     @property
     def summary(self) -> Path:
@@ -127,9 +127,9 @@ class Results:
                             writer.write_table(file.read_row_group(group).replace_schema_metadata(schema.metadata))
         return row
 
-    def forget(self, name: str, digest: str) -> None:
+    def forget(self, name: str) -> None:
         """Remove a recording's pieces."""
-        shutil.rmtree(self.piece(name, digest, 0).parent, ignore_errors=True)
+        shutil.rmtree(self.root / "pieces" / name, ignore_errors=True)
 
     def remove_work(self) -> None:
         """Remove what is there only while results are made."""

@@ -12,10 +12,9 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import vbaa_calib
-from estimator.contact.contacts import MovingContacts
 from estimator.contact.drift import LearntRig, summary
 from estimator.contact.estimate import ContactEstimator
-from estimator.contact.pieces import Judged, Seen, cuts, judge, learn, look, rows, solve
+from estimator.contact.pieces import Lines, Made, Seen, cuts, learn, look, made, seam, solve
 from estimator.contact.recording import Ground
 from estimator.contact.source import (
     Source,
@@ -23,6 +22,7 @@ from estimator.contact.source import (
     inputs_digest,
     is_stream,
     open_source,
+    part_index,
     recording_files,
 )
 from estimator.contact.surroundings import AUTO, surroundings
@@ -30,7 +30,7 @@ from estimator.table.files import write_contacts
 from vbaa_calib.core.errors import clipped, sentence_of
 from vbaa_calib.core.files import sha256
 from vbaa_calib.rig import Rig
-from vbaa_calib.session import drift_of
+from vbaa_calib.session import Index, drift_of
 
 from .recordings import Recording
 from .results import Results, Row
@@ -68,64 +68,62 @@ class Settings:
 
 @dataclass(frozen=True, eq=False)
 class Opened:
-    """A recording that was opened, or one piece of it.
-
-    source, piece : the frames that are here, with those before the piece where its pictures may need them; which of
-        them are the piece.
-    count : frames of the recording. about : how its summary begins.
-    """
+    """A recording that was opened, or a piece of it: the one at `index` of `count`. about : how its summary begins."""
 
     recording: Recording
     settings: Settings
     results: Results
     source: Source
-    piece: slice
     rig: Rig
     ground: Ground | None
     about: Row
-    count: int
+    index: int = 0
+    count: int = 1
 
     def estimator(self) -> ContactEstimator:
         return ContactEstimator(
             self.rig, self.settings.model, friction=self.settings.friction, jobs=self.settings.threads
         )
 
-    @property
-    def pieces(self) -> list[slice]:
-        """Where the recording is cut."""
-        return cuts(self.count, self.settings.piece) if self.source.divisible else [slice(0, self.count)]
+    def file(self, index: int) -> Path:
+        """Of a piece's rows; between those of pieces lie those of their seams."""
+        path = self.results.piece(self.recording.name, str(self.about["digest"]), index)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        return path
 
 
 _FRAME_BYTES = 4096
-"""About what is kept of a frame while its recording is worked on."""
+"""About what is kept of a frame's picture while its recording is worked on."""
 
 
 @dataclass(frozen=True, eq=False)
-class Fitted:
-    """A piece whose frames were looked at and, once `found` is there, fitted; and the processor's seconds for it."""
+class Looked:
+    """A piece without its pictures, what they show, and the processor's seconds for it."""
 
+    piece: Opened
     seen: Seen
-    learnt: LearntRig | None = None
-    found: Sequence[MovingContacts] = ()
-    cpu_s: float = 0.0
+    cpu_s: float
 
     def __sizeof__(self) -> int:
         # dask does the rest of the work where such large things lie; by itself Python counts only the references
-        return _FRAME_BYTES * len(self.seen.frames)
+        return (0 if isinstance(self.seen.measured, Lines) else _FRAME_BYTES) * len(self.seen.frames)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Piece:
-    """The file of a piece's rows, and what it took: the processor's seconds."""
+    """A piece whose rows are in their file, but for those at its edges; of the last one also how the rig has changed by
+    then. cpu_s : the processor's seconds."""
 
-    path: Path
+    made: Made
     cpu_s: float
+    learnt: LearntRig | None = None
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a recording: `state` is done, unchanged, failed, long, whole: not in pieces after all, or
-    opened: to be done in so many pieces, whose rig changes are learnt one after the other where it `learns`."""
+    """What became of a recording: `state` is done, unchanged, failed, long: to be opened for about so many `pieces`,
+    whole: not in pieces after all, or opened: in so many pieces, whose rig changes are learnt one after the other where
+    it `learns`."""
 
     name: str
     state: str
@@ -142,115 +140,104 @@ def do(recording: Recording, settings: Settings, results: Results) -> Outcome:
         before = None if settings.again else results.done(recording.name)
         if before is not None and before["digest"] == about["digest"]:
             return _with_object(Outcome(recording.name, "unchanged", before), recording, settings, results)
-        if _rows(recording) > settings.piece:
-            return Outcome(recording.name, "long", about)
+        rows = _rows(recording)
+        if rows > settings.piece:
+            return Outcome(recording.name, "long", about, -(-rows // settings.piece))
         opened = _opened(recording, settings, results, about)
-        if opened.source.divisible and opened.count > settings.piece:
+        if opened.source.divisible and opened.source.count > settings.piece:
             return Outcome(recording.name, "long", about)
-        return do_opened(opened)
+        return finish(bare(opened), [look_and_fit(opened)])
     except Exception as error:
+        results.forget(recording.name)  # where the disk is full others need the room
         return failed(recording, error)
 
 
-def do_opened(opened: Opened) -> Outcome:
-    """A recording in one piece. Raises what is wrong with it."""
-    fitted = fit(opened)
-    piece = file_of(opened, 0, fitted, (None, judge_piece(opened, fitted, None), None))
-    return finish(opened, [piece], fitted.learnt)
+def index_of(recording: Recording, part: int, of: int) -> Index | None:
+    """Where the frames are in a part of a session's centrelines."""
+    return None if is_stream(recording.path) else part_index(recording.path, part, of)
 
 
-def open_long(recording: Recording, settings: Settings, results: Results) -> Opened:
-    """A long recording, for its pieces. Raises what is wrong with it."""
-    opened = _opened(recording, settings, results, _about(recording, settings))
+def open_long(
+    recording: Recording, settings: Settings, results: Results, about: Row, index: Sequence[Index | None]
+) -> list[Opened]:
+    """The pieces of a long recording. Raises what is wrong with it."""
+    opened = _opened(recording, settings, results, about, index)
     source = opened.source.skimmed()
-    count = len(source.frames)
-    return replace(opened, source=source, piece=slice(0, count), count=count)
+    if not source.divisible:
+        return [opened]
+    parts = cuts(len(source.frames), settings.piece)
+    return [replace(opened, source=source.cut(part), index=index, count=len(parts)) for index, part in enumerate(parts)]
 
 
-def parts_of(opened: Opened) -> Outcome:
-    """In how many pieces it is to be done."""
-    return Outcome(opened.recording.name, "opened", opened.about, len(opened.pieces), opened.rig.drift.of_rig)
+def parts_of(pieces: Sequence[Opened]) -> Outcome:
+    """In how many pieces a recording is to be done."""
+    one = pieces[0]
+    return Outcome(one.recording.name, "opened", one.about, len(pieces), one.rig.drift.of_rig)
 
 
-def head_of(opened: Opened) -> Opened:
+def bare(piece: Opened) -> Opened:
     """All but frames and pictures: what is needed at the end."""
-    return replace(opened, source=replace(opened.source, frames=(), places=(), lines=None), ground=None)
+    return replace(piece, source=replace(piece.source, frames=(), places=(), lines=None), ground=None)
 
 
-def piece_of(opened: Opened, index: int) -> Opened:
-    """What one piece needs, and no more."""
-    piece, source = opened.pieces[index], opened.source
-    if source.lines is None:
-        source = replace(source, frames=source.frames[: piece.stop], places=source.places[: piece.stop])
-        return replace(opened, source=source, piece=piece)
-    frames = source.frames[piece]
-    lines = source.lines.picked([frame.frame for frame in frames])
-    return replace(opened, source=replace(source, frames=frames, lines=lines), piece=slice(0, len(frames)))
-
-
-def fit(opened: Opened) -> Fitted:
-    """A piece of a recording whose rig is as it was calibrated, or all of any recording."""
-    seen = look_at(opened)
-    return solve_for(opened, seen, learn_from(opened, seen, None))
-
-
-def look_at(opened: Opened) -> Fitted:
-    """What a piece shows."""
+def look_at(piece: Opened) -> Looked:
+    """What a piece shows. Raises InputError for a picture that cannot be read."""
+    _one_thread_each(piece.settings.threads)
     begun = time.process_time()
-    seen = look(opened.estimator(), opened.source, opened.piece, opened.ground)
-    return Fitted(seen, cpu_s=time.process_time() - begun)
+    seen = look(piece.estimator(), piece.source, piece.ground)
+    return Looked(bare(piece), seen, time.process_time() - begun)
 
 
-def learn_from(opened: Opened, seen: Fitted, before: Sequence[LearntRig] | None) -> list[LearntRig]:
-    """How the rig has changed at each batch of a piece."""
-    return learn(opened.estimator(), seen.seen, None if before is None else before[-1])
+def learn_from(looked: Looked, before: Sequence[LearntRig] | None) -> list[LearntRig]:
+    """The rig for each batch of a piece, and at its end; before : of the piece before."""
+    found = learn(looked.piece.estimator(), looked.seen, None if before is None else before[-1])
+    brief = {id(each): replace(each, history=()) for each in found}
+    return [*(brief[id(each)] for each in found), found[-1]]
 
 
-def solve_for(opened: Opened, seen: Fitted, learnt: Sequence[LearntRig]) -> Fitted:
-    """A piece's contacts, not yet tested for motion."""
-    begun = time.process_time()
-    found = solve(opened.estimator(), seen.seen, learnt)
-    return replace(seen, learnt=learnt[-1], found=found, cpu_s=seen.cpu_s + time.process_time() - begun)
+def look_and_fit(piece: Opened) -> Piece:
+    """Both, of a piece whose rig does not depend on what was learnt before it."""
+    looked = look_at(piece)
+    return fit(looked, learn_from(looked, None))
 
 
-def judge_piece(opened: Opened, fitted: Fitted, before: Judged | None) -> Judged:
-    """The motion in a piece, from that in the one before it."""
-    return judge(opened.rig, opened.source.shutter, fitted.seen, fitted.found, before)
+def fit(looked: Looked, learnt: Sequence[LearntRig]) -> Piece:
+    """The rows of a piece that was looked at, written to their file but for those at its edges."""
+    begun, piece = time.process_time(), looked.piece
+    _one_thread_each(piece.settings.threads)
+    final = piece.index == piece.count - 1
+    seen = replace(looked.seen, measured=list(looked.seen.measured))
+    found = solve(piece.estimator(), seen, learnt[:-1])
+    one = made(piece.rig, piece.source.shutter, seen, found, first=piece.index == 0, final=final)
+    if one.rows:
+        write_contacts(piece.file(2 * piece.index), one.rows, force=True)
+    cpu_s = looked.cpu_s + time.process_time() - begun
+    return Piece(replace(one, rows=[]), cpu_s, learnt[-1] if final else None)
 
 
-def file_of(opened: Opened, index: int, fitted: Fitted, judged: Sequence[Judged | None]) -> Piece:
-    """The file of a piece's rows; `judged` (3,) : the motion in the piece before it, its own, and in the next."""
-    begun = time.process_time()
-    path = opened.results.piece(opened.recording.name, str(opened.about["digest"]), index)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_contacts(path, rows(opened.rig, opened.source.shutter, fitted.seen, fitted.found, judged), force=True)
-    return Piece(path, fitted.cpu_s + time.process_time() - begun)
-
-
-def learnt_of(fitted: Fitted) -> LearntRig | None:
-    """How the rig has changed by the end of a piece."""
-    return fitted.learnt
-
-
-def finish(opened: Opened, pieces: Sequence[Piece], learnt: LearntRig | None) -> Outcome:
+def finish(head: Opened, pieces: Sequence[Piece]) -> Outcome:
     """The recording's contacts, object and summary."""
-    recording, results = opened.recording, opened.results
+    recording, results, learnt = head.recording, head.results, pieces[-1].learnt
     assert learnt is not None
+    for index in range(1, len(pieces)):
+        between = seam(head.rig, head.source.shutter, pieces[index - 1].made, pieces[index].made)
+        write_contacts(head.file(2 * index - 1), between, force=True)
+    files = [head.file(index) for index in range(2 * len(pieces) - 1)]
     changed = summary(learnt)
     row = {
-        **opened.about,
+        **head.about,
         "free_frames": changed["free_frames"],
         "drift_picture_px": changed["picture_px"],
         "drift_moment_zero_std": changed["moment_zero_std"],
         "drift_beyond": changed["beyond"],
-        "warnings": _warnings(opened, changed),
+        "warnings": _warnings(head, changed),
         "pieces": len(pieces),
         "cpu_s": sum(piece.cpu_s for piece in pieces),
     }
     results.object(recording.name).unlink(missing_ok=True)  # it is no longer these contacts'
-    row = dict(results.join(recording.name, [piece.path for piece in pieces], row))
-    results.forget(recording.name, str(row["digest"]))
-    return _with_object(Outcome(recording.name, "done", row), recording, opened.settings, results)
+    row = dict(results.join(recording.name, [file for file in files if file.exists()], row))
+    results.forget(recording.name)
+    return _with_object(Outcome(recording.name, "done", row), recording, head.settings, results)
 
 
 def _with_object(outcome: Outcome, recording: Recording, settings: Settings, results: Results) -> Outcome:
@@ -303,13 +290,15 @@ def _rows(recording: Recording) -> int:
     return tables[0].read_bytes().count(b"\n") - 1 if tables else 0
 
 
-def _opened(recording: Recording, settings: Settings, results: Results, about: Row) -> Opened:
+def _opened(
+    recording: Recording, settings: Settings, results: Results, about: Row, index: Sequence[Index | None] = ()
+) -> Opened:
     rig = Rig.load(recording.rig)
-    source = open_source(recording.path, rig, settings.no_moment, settings.streams)
+    source = open_source(recording.path, rig, settings.no_moment, settings.streams, index)
     rig = replace(rig, drift=drift_of(settings.drift, source.drift, rig.drift, track_zero=settings.track_zero))
     with TemporaryDirectory(prefix="vbaa-stills-") as folder:
         ground, _ = surroundings(rig, settings.background, lambda: source.stills(rig, Path(folder)))
-    opened = Opened(recording, settings, results, source, slice(0, source.count), rig, ground, about, source.count)
+    opened = Opened(recording, settings, results, source, rig, ground, about)
     if source.stream is None:
         return opened
     return replace(opened, source=replace(source, stream=source.stream.clocked(opened.estimator(), ground)))
