@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
 
 from tests.detect.drawn_lines import SIZE, background, bent, exposed, tube
+from tests.rod_scenes import BROWN, LENGTH_M, MATRIX, World, camera_pose
+from vbaa_calib.antenna.shape import bend
+from vbaa_calib.camera import Camera
+from vbaa_calib.core.polyline import normals, resample
 from vbaa_calib.detect.whisker.acceptance import decided
+from vbaa_calib.detect.whisker.antenna import corridor, free_curve, pixels
 from vbaa_calib.detect.whisker.centreline import Centreline
 from vbaa_calib.detect.whisker.corridor import Corridor
 from vbaa_calib.detect.whisker.finder import AntennaFinder
@@ -65,24 +72,36 @@ def test_of_two_lines_the_one_that_was_expected_is_taken() -> None:
     assert decided(line, np.empty((0, 2))).verdict == "ambiguous"
 
 
-def test_a_calibrated_rigs_antenna_is_its_free_shape_bent_by_a_force() -> None:
-    """Of every force and any noise that is stated; a kink, or a line beside the clamp, is none."""
-    rng = np.random.default_rng(4)
-    along = np.linspace(0.0, LENGTH, 221)
-    free = np.array(CLAMP) + np.stack([along, 4.0 * (along / LENGTH) ** 2], axis=1)
-    where = Corridor(free, 8.0 + 0.9 * along, WIDTH_PX, clamp_px=1.5, clamp_rad=0.015, shape_px=0.5)
+@pytest.mark.parametrize("inclined_deg", [0.0, 45.0])
+def test_a_calibrated_rigs_antenna_is_its_free_shape_bent_by_a_force(inclined_deg: float) -> None:
+    """Of forces from all sides and any noise that is stated, bent by up to 0.8 rad; a kink, or a line beside the clamp,
+    is none."""
+    rng, gravity = np.random.default_rng(4), np.array([0.0, 0.0, -9.81])
+    camera = Camera("opencv", (960, 720), MATRIX, BROWN)
+    world = World(camera_pose(np.radians(inclined_deg), 0.5 * np.pi))
+    T_camera_antenna, parameters = world.T_antenna_camera.inverse(), world.parameters
+    free = free_curve(parameters, LENGTH_M, gravity)
+    where = corridor(camera, T_camera_antenna, free, 0.8e-3)
+    where = replace(where, clamp_px=1.5, clamp_rad=0.015, shape_px=0.5)
+    stiffness = np.exp(parameters[6])
 
-    def misfit(contact: float, turn_rad: float, noise_px: float, off: np.ndarray | float = 0.0) -> float:
-        heading = np.arctan2(np.gradient(free[:, 1]), np.gradient(free[:, 0]))
-        reach = np.minimum(along / (contact * LENGTH), 1.0)
-        heading = heading + turn_rad * reach * (2.0 - reach)
-        path = np.array(CLAMP) + np.cumsum(np.stack([np.cos(heading), np.sin(heading)], axis=1), axis=0)
-        path[:, 1] += off + noise_px * rng.standard_normal(len(path))
-        return where.misfit(path, np.full(len(path), max(noise_px, 0.05)))
+    def pressed(contact: float, bend_rad: float, side_rad: float) -> np.ndarray:
+        size = 2.0 * bend_rad * stiffness / (contact * LENGTH_M) ** 2
+        force = size * np.array([[np.cos(side_rad), np.sin(side_rad)]])
+        shape = bend(parameters[None], LENGTH_M, gravity[None], np.array([contact * LENGTH_M]), force)
+        return resample(pixels(camera, T_camera_antenna, shape.points_m[0]), 1.0)[0]
+
+    def misfit(path: np.ndarray, noise_px: float) -> float:
+        noisy = path + noise_px * rng.standard_normal(len(path))[:, None] * normals(path)
+        return where.misfit(noisy, np.full(len(path), max(noise_px, 0.05)))
 
     for contact in (0.33, 0.57, 0.8, 0.95):
-        for turn_rad in (-0.8, -0.3, 0.05, 0.5):
-            for noise_px in (0.05, 1.0):
-                assert misfit(contact, turn_rad, noise_px) < 1.0
-    assert misfit(0.6, 0.2, 0.1, 5.0) > 1.0
-    assert misfit(0.6, 0.2, 0.1, np.where(along > 0.6 * LENGTH, 3.0, 0.0)) > 1.0
+        for bend_rad in (-0.8, -0.3, 0.05, 0.5):
+            for side_rad in (0.0, 1.2):
+                for noise_px in (0.05, 1.0):
+                    assert misfit(pressed(contact, bend_rad, side_rad), noise_px) < 1.0
+    path = pressed(0.6, 0.4, 0.3)
+    later = np.maximum(np.arange(len(path)) - 0.75 * len(path), 0.0)[:, None]
+    assert misfit(path + np.array([0.0, 5.0]), 0.1) > 1.0
+    assert misfit(path + later * np.array([0.0, 0.2]), 0.1) > 1.0
+    assert misfit(path + np.where(later > 0.0, [0.0, 3.0], 0.0), 0.1) > 1.0

@@ -10,7 +10,7 @@ from vbaa_calib.core.polyline import arc_lengths
 from vbaa_calib.geometry import Pose
 
 from .centreline import NOTHING, Centreline
-from .corridor import CLAMP_REACH_PX, Corridor
+from .corridor import CLAMP_REACH_PX, Corridor, FreeShape
 from .finder import AntennaFinder
 from .profile import measure
 
@@ -41,10 +41,10 @@ def corridor(
     camera: Camera, T_camera_antenna: Pose, free: Curves, diameter_m: float, reach: float = REACH_PER_LENGTH
 ) -> Corridor:
     """Where in the picture an antenna may be whose free shape is known: by `reach` of the way from the clamp aside."""
-    axis = pixels(camera, T_camera_antenna, free.points_m[0])
-    along = arc_lengths(axis)
-    width = width_px(camera, T_camera_antenna, free.points_m[0], diameter_m)
-    return Corridor(axis, CLAMP_REACH_PX + reach * along, width)
+    points = free.points_m[0]
+    axis, shape = pixels(camera, T_camera_antenna, points), FreeShape.of(camera, T_camera_antenna @ points)
+    width = width_px(camera, T_camera_antenna, points, diameter_m)
+    return Corridor(axis, CLAMP_REACH_PX + reach * arc_lengths(axis), width, free=shape)
 
 
 def finder(where: Corridor, camera: Camera) -> AntennaFinder | None:

@@ -3,43 +3,78 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
+from vbaa_calib.camera import Camera
+from vbaa_calib.camera.compiled_lens import CompiledLens, Lens, compiled_lens, normalized_of_pixels
 from vbaa_calib.core.compiled import kernel
-from vbaa_calib.core.polyline import arc_lengths, beside, resample
+from vbaa_calib.core.polyline import beside, resample
 from vbaa_calib.core.smooth import solve
 
 CLAMP_REACH_PX, CLAMP_TURN_RAD = 8.0, 0.12
 """How far off the clamp itself may be, and three deviations of its direction on a rig that is not calibrated."""
-BENT_AT = (
-    0.6,
-    0.75,
-    0.5,
-    0.67,
-    0.55,
-    0.85,
-    0.45,
-    0.95,
-    0.4,
-    0.36,
-    0.32,
-    1.1,
-    0.28,
-    0.24,
-    1.5,
-    0.2,
-    0.17,
-    3.0,
-    0.14,
-    0.1,
-)
-"""Where a force bends the antenna, in its lengths, the likeliest first; far beyond the tip it bends to an arc."""
-STEEP = 0.012
-"""By this part of its length, times the cube of the angle that it is bent by, perspective may change a shape: bent
-towards the camera or away, it is seen larger or smaller beyond."""
-SHAPE_POINTS, SHAPE_STEPS = 40, 4
-"""Means of so many runs of points are compared with a shape, which is fitted in so many Gauss–Newton steps."""
+STARTS = ((0.6, 0.0), (0.3, 0.0), (0.6, 0.7), (0.6, -0.7), (0.3, 0.7), (0.3, -0.7))
+"""Where a force bends the antenna, in its lengths, and by how much towards the camera (rad), to begin with."""
+SHAPE_POINTS, LEAST_SHAPE_POINTS, SHAPE_STEPS, SHAPE_SEGMENTS = 40, 12, 14, 48
+"""Means of so many runs of points, and at least so many, are compared with a shape that is fitted in so many steps; and
+the segments of that shape."""
+CONVERGED = 0.95
+"""A step that leaves more than this part of the misfit is the last."""
+DEPTH_RAD, LEAST_DAMPING = 3.0, 1e-3
+"""Deviation of the bend towards the camera, which perspective alone shows; and a damping of the steps, since where no
+bend is at home nothing shows."""
+_UNKNOWNS = 5
+
+
+@dataclass(frozen=True, eq=False)
+class FreeShape:
+    """The free antenna in space, and the camera that sees it.
+
+    Attributes
+    ----------
+    clamp_m : (3,) camera frame.
+    axes : (3, 3) rows in the camera frame: along the antenna at its clamp, aside in the picture, and the third.
+    segments_m : (SHAPE_SEGMENTS, 3) equal ones from clamp to tip, along these axes.
+    """
+
+    camera: Camera
+    clamp_m: np.ndarray
+    axes: np.ndarray
+    segments_m: np.ndarray
+
+    @staticmethod
+    def of(camera: Camera, points_m: np.ndarray) -> FreeShape:
+        """Of points (K, 3) from clamp to tip in the camera frame."""
+        along = np.append(0.0, np.linalg.norm(np.diff(points_m, axis=0), axis=1).cumsum())
+        at = np.linspace(0.0, along[-1], SHAPE_SEGMENTS + 1)
+        points = np.stack([np.interp(at, along, values) for values in points_m.T], axis=1)
+        segments = np.diff(points, axis=0)
+        aside = np.cross(points[0], segments[0])
+        axes = np.stack([segments[0], aside, np.cross(segments[0], aside)])
+        axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+        return FreeShape(camera, points[0], axes, segments @ axes.T)
+
+    @cached_property
+    def lens(self) -> CompiledLens:
+        """For compiled functions."""
+        return compiled_lens(self.camera.intrinsics)
+
+    def misfit(self, points_px: np.ndarray, sigma_px: np.ndarray, allowed: tuple[float, float, float]) -> float:
+        """`Corridor.misfit`, where so much is allowed of shape (px), clamp (px) and its turn (rad).
+
+        0 where the lens does not show enough of the points.
+        """
+        means, variance, seen, valid = _seen(self.lens, points_px, sigma_px)
+        if self.lens.tilted:
+            seen, valid = self.camera.unproject_normalized(means)
+        if np.count_nonzero(valid) < LEAST_SHAPE_POINTS:
+            return 0.0
+        focal_px = 0.5 * float(self.camera.matrix[0, 0] + self.camera.matrix[1, 1])
+        clamp = np.array([allowed[1] * self.clamp_m[2] / focal_px, allowed[2]])
+        variance = (variance[valid] + allowed[0] ** 2) / focal_px**2
+        return float(_misfit(self.clamp_m, self.axes, self.segments_m, seen[valid], variance, clamp))
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +89,7 @@ class Corridor:
     clamp_px, clamp_rad : how far beside the axis, and how much turned from it, the antenna may leave its clamp.
     shape_px : root mean square distance by which it may differ from its free shape, bent by a force; None on a rig that
         is not calibrated, whose free shape is not known.
+    free : its free shape in space.
     """
 
     axis_px: np.ndarray
@@ -62,6 +98,7 @@ class Corridor:
     clamp_px: float = CLAMP_REACH_PX
     clamp_rad: float = CLAMP_TURN_RAD
     shape_px: float | None = None
+    free: FreeShape | None = None
 
     def aside(self, points_px: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Where points (N, 2) lie: along the axis and aside of it, along its normals, (N,) px."""
@@ -73,74 +110,157 @@ class Corridor:
         """How far points (N, 2) of deviations (N,), from the clamp on, are from a shape that the antenna can take.
 
         The sum of the squares of offset and turn at the clamp and of the distance from the shape, over what is allowed
-        each: more than 1 is no antenna. The curvature is that of a cantilever, largest at the clamp and none beyond
-        the force, added to the free antenna's.
+        each: more than 1 is no antenna. The shape is the free antenna's, bent to any side by a force at any place.
         """
         assert self.shape_px is not None
-        allowed = (self.shape_px, self.clamp_px, self.clamp_rad)
-        return float(_misfit(np.ascontiguousarray(self.axis_px, float), points_px, sigma_px, allowed))
+        assert self.free is not None
+        return self.free.misfit(points_px, sigma_px, (self.shape_px, self.clamp_px, self.clamp_rad))
 
 
 @kernel
 def _misfit(
-    axis_px: np.ndarray, points_px: np.ndarray, sigma_px: np.ndarray, allowed: tuple[float, float, float]
+    clamp_m: np.ndarray,
+    axes: np.ndarray,
+    segments: np.ndarray,
+    seen: np.ndarray,
+    variance: np.ndarray,
+    clamp: np.ndarray,
 ) -> float:
-    """The least `Corridor.misfit` of all shapes; 1 or less once one explains the points."""
-    axis, _ = resample(axis_px, arc_lengths(axis_px)[-1] / 64.0)
-    several, count = len(axis) - 1, min(SHAPE_POINTS, len(points_px))
-    width, heading = np.empty(several), np.empty(several)
-    for k in range(several):
-        u, v = axis[k + 1, 0] - axis[k, 0], axis[k + 1, 1] - axis[k, 1]
-        width[k], heading[k] = np.hypot(u, v), np.arctan2(v, u)
-    length = width.sum()
-    seen, variance = np.zeros((count, 2)), np.empty(count)
+    """The least `Corridor.misfit` of all shapes; 1 or less once one explains the points.
+
+    seen : (N, 2) ideal normalized points, variance : (N,) of each. clamp : by how much (m, rad) the antenna may leave
+    it aside and turned.
+    """
+    curve, moved = np.empty((SHAPE_SEGMENTS + 1, 2)), np.zeros((SHAPE_SEGMENTS + 1, _UNKNOWNS, 2))
+    normal, matrix = np.empty((_UNKNOWNS, _UNKNOWNS)), np.empty((_UNKNOWNS, _UNKNOWNS))
+    gradient, move, trial = np.empty(_UNKNOWNS), np.empty((_UNKNOWNS, 1)), np.empty(_UNKNOWNS)
+    prior, least = np.array([clamp[0] ** -2.0, clamp[1] ** -2.0, 0.0, DEPTH_RAD**-2.0, 0.0]), np.inf
+    for place, towards in STARTS:
+        # offset and turn at the clamp, bend in the picture and towards the camera, logarithm of the force's place
+        trial[:] = 0.0
+        trial[3], trial[4] = towards, np.log(place)
+        unknowns, best, damping = trial.copy(), np.inf, 1e-3
+        for _ in range(SHAPE_STEPS + 1):
+            _bent(clamp_m, axes, segments, trial, curve, moved)
+            off = _off(seen, variance, curve, moved, matrix, move[:, 0])
+            least = min(least, off + prior[0] * trial[0] ** 2 + prior[1] * trial[1] ** 2)
+            if least <= 1.0:
+                return least
+            total = off + (prior * trial**2).sum()
+            if CONVERGED * best < total < best:
+                break
+            if total < best:
+                unknowns[:], normal[:], best, damping = trial, matrix, total, 0.2 * damping
+                gradient[:] = move[:, 0] - prior * unknowns
+            else:
+                damping *= 10.0
+            for a in range(_UNKNOWNS):
+                matrix[a], move[a, 0] = normal[a], gradient[a]
+                matrix[a, a] = (1.0 + damping) * (normal[a, a] + prior[a]) + LEAST_DAMPING
+            solve(matrix, move)
+            for a in range(_UNKNOWNS):
+                trial[a] = unknowns[a] + min(max(move[a, 0], -0.5), 0.5)
+    return least
+
+
+@kernel
+def _seen(
+    tables: CompiledLens, points_px: np.ndarray, sigma_px: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Means (M, 2) of runs of points (N, 2) and their variances (M,), px; ideal normalized, and their validity (M,)."""
+    count = min(SHAPE_POINTS, len(points_px))
+    means, variance, valid = np.zeros((count, 2)), np.zeros(count), np.empty(count, np.bool_)
     for i in range(count):
         first, last = i * len(points_px) // count, (i + 1) * len(points_px) // count
         run = last - first
         for n in range(first, last):
-            seen[i] += points_px[n] / run
-        variance[i] = allowed[0] ** 2 + (sigma_px[first:last] ** 2).mean() / run
-    bent, curve, least = np.empty(several), np.empty((several + 1, 2)), np.inf
-    lever, matrix, side, row = np.empty(several + 1), np.empty((3, 3)), np.empty((3, 1)), np.ones(3)
-    for at in BENT_AT:
-        along, lever[0] = 0.0, 0.0
-        for k in range(several):
-            reach = min((along + 0.5 * width[k]) / (at * length), 1.0)
-            bent[k], along = reach * (2.0 - reach), along + width[k]
-            lever[k + 1] = lever[k] + bent[k] * width[k]
-        aside, turned, bend = 0.0, 0.0, 0.0
-        for step in range(SHAPE_STEPS + 1):
-            curve[0, 0] = axis[0, 0] - aside * np.sin(heading[0])
-            curve[0, 1] = axis[0, 1] + aside * np.cos(heading[0])
-            for k in range(several):
-                angle = heading[k] + turned + bend * bent[k]
-                curve[k + 1, 0] = curve[k, 0] + width[k] * np.cos(angle)
-                curve[k + 1, 1] = curve[k, 1] + width[k] * np.sin(angle)
-            matrix[:], side[:] = 0.0, 0.0
-            matrix[0, 0], matrix[1, 1], matrix[2, 2] = allowed[1] ** -2.0, allowed[2] ** -2.0, 1e-9
-            side[0, 0], side[1, 0] = -aside * matrix[0, 0], -turned * matrix[1, 1]
-            total = (aside / allowed[1]) ** 2 + (turned / allowed[2]) ** 2
-            k, along, steep = 0, 0.0, (STEEP * length * abs(bend) ** 3) ** 2
-            for i in range(count):
-                while True:
-                    u, v = (curve[k + 1, 0] - curve[k, 0]) / width[k], (curve[k + 1, 1] - curve[k, 1]) / width[k]
-                    x, y = seen[i, 0] - curve[k, 0], seen[i, 1] - curve[k, 1]
-                    part = (x * u + y * v) / width[k]
-                    if part <= 1.0 or k == several - 1:
-                        break
-                    along, k = along + width[k], k + 1
-                off, weight = y * u - x * v, 1.0 / ((variance[i] + steep) * count)
-                row[1], row[2] = along + part * width[k], lever[k] + part * (lever[k + 1] - lever[k])
-                total += weight * off**2
-                for a in range(3):
-                    side[a, 0] += weight * row[a] * off
-                    for b in range(3):
-                        matrix[a, b] += weight * row[a] * row[b]
-            least = min(least, total)
-            if least <= 1.0 or step == SHAPE_STEPS:
-                break
-            solve(matrix, side)
-            aside, turned, bend = aside + side[0, 0], turned + side[1, 0], bend + side[2, 0]
-        if least <= 1.0:
+            means[i, 0] += points_px[n, 0] / run
+            means[i, 1] += points_px[n, 1] / run
+            variance[i] += (sigma_px[n] / run) ** 2
+    seen = np.empty((count, 2))
+    normalized_of_pixels(Lens(*tables), means, seen, np.empty((count, 4)), valid)
+    return means, variance, seen, valid
+
+
+@kernel
+def _bent(
+    clamp_m: np.ndarray,
+    axes: np.ndarray,
+    segments: np.ndarray,
+    unknowns: np.ndarray,
+    curve: np.ndarray,
+    moved: np.ndarray,
+) -> None:
+    """The antenna as it is seen, (S + 1, 2) normalized, and how its points move with the unknowns, (S + 1, 5, 2).
+
+    Its directions turn by B (1 − q² − B² (q² − q⁶) / 30) up to the force, q the share of the way that is left to it:
+    the elastica under a force along its normal there, to the third order of the slope B that it has there.
+    """
+    aside, depth, place = unknowns[2], unknowns[3], np.exp(unknowns[4])
+    square = aside**2 + depth**2
+    bend = np.sqrt(square)
+    point, by = np.zeros(3), np.zeros((_UNKNOWNS, 3))
+    point[1], by[0, 1] = unknowns[0], 1.0
+    ideal = np.empty(3)
+    for k in range(SHAPE_SEGMENTS + 1):
+        for i in range(3):
+            ideal[i] = clamp_m[i] + point[0] * axes[0, i] + point[1] * axes[1, i] + point[2] * axes[2, i]
+        curve[k, 0], curve[k, 1] = ideal[0] / ideal[2], ideal[1] / ideal[2]
+        for a in range(_UNKNOWNS):
+            deeper = by[a, 0] * axes[0, 2] + by[a, 1] * axes[1, 2] + by[a, 2] * axes[2, 2]
+            for i in range(2):
+                across = by[a, 0] * axes[0, i] + by[a, 1] * axes[1, i] + by[a, 2] * axes[2, i]
+                moved[k, a, i] = (across - curve[k, i] * deeper) / ideal[2]
+        if k == SHAPE_SEGMENTS:
             break
-    return least
+        left = max(1.0 - (k + 0.5) / (SHAPE_SEGMENTS * place), 0.0)
+        bent, later = 1.0 - left**2 - square / 30.0 * (left**2 - left**6), -2.0 * left * (1.0 - left)
+        sine, versine = bent, 0.5 * bent**2
+        if bend > 1e-4:
+            sine, versine = np.sin(bent * bend) / bend, (1.0 - np.cos(bent * bend)) / square
+        x, y, z = segments[k]
+        # about the axis (0, −depth, aside)
+        over_x, over_y, over_z = -depth * z - aside * y, aside * x, depth * x
+        twice_x, twice_y, twice_z = -depth * over_z - aside * over_y, aside * over_x, depth * over_x
+        x, y, z = (
+            x + sine * over_x + versine * twice_x,
+            y + sine * over_y + versine * twice_y,
+            z + sine * over_z + versine * twice_z,
+        )
+        x, y = x - unknowns[1] * y, y + unknowns[1] * x
+        point[0], point[1], point[2] = point[0] + x, point[1] + y, point[2] + z
+        by[1, 0], by[1, 1] = by[1, 0] - y, by[1, 1] + x
+        by[2, 0], by[2, 1] = by[2, 0] - bent * y, by[2, 1] + bent * x
+        by[3, 0], by[3, 2] = by[3, 0] - bent * z, by[3, 2] + bent * x
+        by[4, 0] += later * (-aside * y - depth * z)
+        by[4, 1], by[4, 2] = by[4, 1] + later * aside * x, by[4, 2] + later * depth * x
+
+
+@kernel
+def _off(
+    seen: np.ndarray, variance: np.ndarray, curve: np.ndarray, moved: np.ndarray, matrix: np.ndarray, side: np.ndarray
+) -> float:
+    """Mean square of the distances of points (N, 2) from a curve over their variances (N,); writes the normal equations
+    of what moves the curve (5, 5), of which the lower half, and (5,)."""
+    matrix[:], side[:] = 0.0, 0.0
+    total, k, row = 0.0, 0, np.empty(_UNKNOWNS)
+    for i in range(len(seen)):
+        while True:
+            u, v = curve[k + 1, 0] - curve[k, 0], curve[k + 1, 1] - curve[k, 1]
+            x, y = seen[i, 0] - curve[k, 0], seen[i, 1] - curve[k, 1]
+            square = u * u + v * v
+            part = (x * u + y * v) / square
+            if part <= 1.0 or k == SHAPE_SEGMENTS - 1:
+                break
+            k += 1
+        size, weight = np.sqrt(square), 1.0 / (variance[i] * len(seen))
+        off = (y * u - x * v) / size
+        total += weight * off**2
+        for a in range(_UNKNOWNS):
+            across, aside = moved[k, a, 0], moved[k, a, 1]
+            across, aside = across + part * (moved[k + 1, a, 0] - across), aside + part * (moved[k + 1, a, 1] - aside)
+            row[a] = (aside * u - across * v) / size
+            side[a] += weight * row[a] * off
+            for b in range(a + 1):
+                matrix[a, b] += weight * row[a] * row[b]
+    return total
