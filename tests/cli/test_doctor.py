@@ -96,6 +96,7 @@ threads = partial(machine.computing, lambda: 2**40)
         (partial(machine.drawing, ends(0)), OK, [], ""),
         (partial(machine.drawing, ends(1)), LOOK, ["no_drawing"], "found no OpenGL that works"),
         (partial(machine.drawing, ends(1, err="Traceback\nImportError: no vtk")), LOOK, ["no_drawing"], "no vtk"),
+        (partial(machine.drawing, ends(1, err="No module named 'vtkmodules'")), LOOK, ["no_drawing"], "calib[view]"),
         (partial(machine.drawing, ends(-11)), LOOK, ["no_drawing"], "was ended by signal 11"),
         (partial(machine.drawing, ends(None)), LOOK, ["no_drawing"], "took longer than 90 s"),
         (partial(camera, [], True, ends(1)), OK, [], ""),
