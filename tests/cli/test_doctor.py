@@ -96,6 +96,7 @@ threads = partial(machine.computing, lambda: 2**40)
         (partial(machine.drawing, ends(0)), OK, [], ""),
         (partial(machine.drawing, ends(1)), LOOK, ["no_drawing"], "found no OpenGL that works"),
         (partial(machine.drawing, ends(1, err="Traceback\nImportError: no vtk")), LOOK, ["no_drawing"], "no vtk"),
+        (partial(machine.drawing, ends(1, err="No module named 'vtkmodules'")), LOOK, ["no_drawing"], "calib[view]"),
         (partial(machine.drawing, ends(-11)), LOOK, ["no_drawing"], "was ended by signal 11"),
         (partial(machine.drawing, ends(None)), LOOK, ["no_drawing"], "took longer than 90 s"),
         (partial(camera, [], True, ends(1)), OK, [], ""),
@@ -148,6 +149,14 @@ def test_a_folder_that_takes_a_packages_place(tmp_path: Path, monkeypatch: pytes
     taken = packages.shadows(tmp_path)
     assert (taken.status, names(taken)) == (FAILS, ["package_shadowed", "package_shadowed"])
     assert f"targets is taken from {tmp_path / 'targets'}" in taken.problems[0].words
+
+
+def test_a_package_that_overwrote_ours(tmp_path: Path) -> None:
+    found = packages.shadows(tmp_path, lambda: {"estimator": ["vbaa-calib", "other-estimator"]})
+    (problem,) = (one for one in found.problems if one.name == "package_overwritten")
+    assert problem.grave
+    assert "other-estimator has installed a package estimator, too" in problem.words
+    assert "uninstall --yes other-estimator" in problem.remedy
 
 
 def test_a_process_may_crash_or_hang() -> None:

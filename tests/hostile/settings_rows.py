@@ -41,6 +41,7 @@ SESSION: tuple[Row, ...] = (
     ("length is NaN", d.at("antenna.length_m", NAN), "antenna.length_m is not a finite number"),
     ("length of 5000 digits", d.text("0.24", "9" * 5000), "antenna.length_m"),
     ("length of 4000 hexadecimal digits", d.text("0.24", "0x" + "f" * 4000), "antenna.length_m"),
+    ("a length in sixtieths", d.text("0.24", "1" + 100_000 * ":30"), "antenna.length_m"),
     ("gravity of two numbers", d.at("gravity_world", [0.0, -9.8]), "gravity_world"),
     ("gravity in g", d.at("gravity_world", [0.0, 0.0, -1.0]), "gravity_world has the size 1", "m/s²"),
     ("900000 digits", d.text("0.24", "9" * 900_000), "antenna.length_m"),

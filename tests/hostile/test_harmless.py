@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import io
 import json
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -16,7 +17,7 @@ from vbaa_calib.core.files import read_json
 from vbaa_calib.geometry import Pose
 
 from . import damage as d
-from .case import Damage, run
+from .case import Damage, expect_refused, run
 
 BOM = d.changed(lambda data: b"\xef\xbb\xbf" + data)
 CRLF = d.changed(lambda data: data.replace(b"\n", b"\r\n"))
@@ -182,3 +183,18 @@ def test_one_bit_is_a_picture(folder: Path, capsys: pytest.CaptureFixture[str]) 
     by_pillow("PNG", of_mode("1"))(folder / "free.png")
     assert run("look free.png --rig rig.json --json") == 0
     assert json.loads(capsys.readouterr().out)["verdict"] in ("ok", "no_antenna", "too_little", "ambiguous")
+
+
+@pytest.mark.parametrize(
+    "line", ["view contacts.csv --html a.html", "reconstruct contacts.csv -o a.ply", "demo --out a"]
+)
+def test_what_draws_says_which_extra_brings_that(
+    line: str, folder: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in [name for name in sys.modules if name.startswith(("viz.render", "viz.parts", "viz.files"))]:
+        monkeypatch.delitem(sys.modules, name)
+    for name in ("pyvista", "vtkmodules", "trame_vtk"):
+        monkeypatch.setitem(sys.modules, name, None)
+    capfd.readouterr()
+    code = run(line)
+    expect_refused(code, *capfd.readouterr(), ("is not installed", "pip install 'vbaa-calib[view]'"))

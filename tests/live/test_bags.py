@@ -234,6 +234,11 @@ def packed_files(path: Path) -> None:
     path.joinpath("a.db3").write_bytes(zstd.compress(bytes(300_000_000)))
 
 
+def torn_files(path: Path) -> None:
+    packed_files(path)
+    path.joinpath("a.db3").write_bytes(b"no frame of zstd's")
+
+
 def computed_rows(path: Path) -> None:
     write(path, count=3)
     with sqlite3.connect(path / "a.db3") as base:
@@ -274,6 +279,7 @@ BOMBS: tuple[tuple[str, str, Callable[[Path], Any], str], ...] = (
     ("a packed chunk", "a.bag", packed_bag, "unpack to more than"),
     ("packed messages", "a", packed_messages, "unpack to more than"),
     ("packed files", "a", packed_files, "unpacks to more than"),
+    ("files that are not packed", "a", torn_files, "cannot be read as a bag"),
     ("rows that are computed", "a", computed_rows, "its messages have"),
 )
 

@@ -74,6 +74,7 @@ def read_lens(path: Path, which: str | None = None) -> GivenLens:
 
     Raises InputError for a file that is none of those known, is broken, or whose lens folds inside the picture.
     """
+    path = Path(path)
     form = guessed(path)
     camera = form.read(path, which).camera
     if not is_monotonic(_model_of(camera), camera.parameters, camera.image_size):

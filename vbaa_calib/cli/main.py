@@ -21,7 +21,7 @@ from types import ModuleType
 from typing import NoReturn
 
 import vbaa_calib
-from vbaa_calib.core.errors import InputError, VbaaError, sentence_of
+from vbaa_calib.core.errors import InputError, VbaaError, of_extra, sentence_of
 
 from .completion import EXAMPLES
 
@@ -236,6 +236,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except Exception as error:
         if "--debug" in argv:
             traceback.print_exc()
+        error = of_extra(error) or error
         words = sentence_of(error) or (
             f"something went wrong that should not ({type(error).__name__}: {error}); "
             "run again with --debug and report what it shows"

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import Any
 
 _LONGEST = 600
 """Characters of each part of an error."""
@@ -30,6 +32,27 @@ class InputError(VbaaError):
         self.what, self.where, self.remedy = what, where, remedy
         line = clipped(what) if where is None else f"{clipped(str(where))}: {clipped(what)}"
         super().__init__(f"{line}; {clipped(remedy)}" if remedy else line)
+
+
+_EXTRAS = dict.fromkeys(("pyvista", "vtkmodules", "trame_vtk"), "view")
+"""Packages without which only a part of the verbs works, and the extra that brings them."""
+
+
+def of_extra(error: Exception, extra: str = "") -> InputError | None:
+    """What to say of a package that is not installed because it belongs to an extra; None for any other error."""
+    name = (getattr(error, "name", None) or "").partition(".")[0]
+    extra = extra or _EXTRAS.get(name, "")
+    if not (isinstance(error, ModuleNotFoundError) and extra):
+        return None
+    return InputError(f"{name} is not installed", remedy=f"pip install 'vbaa-calib[{extra}]'")
+
+
+def require_extra(module: str, extra: str) -> Any:
+    """A module of an extra. Raises InputError where it is not installed."""
+    try:
+        return importlib.import_module(module)
+    except ModuleNotFoundError as error:
+        raise of_extra(error, extra) or error from None
 
 
 @contextmanager

@@ -86,6 +86,9 @@ def drawing(attempt: _Try = try_python) -> Finding:
         "log in at the screen: macOS draws for a logged-in user only",
         "update the graphics driver, or put Mesa's opengl32.dll beside python.exe",
     )
+    if "No module named" in tried.err:
+        how, remedy = "needs pyvista, which is not installed", pip("install", "'vbaa-calib[view]'")
+        return Finding("drawing", "no 3-D pictures", (Diagnosis("no_drawing", f"drawing {how}", remedy),))
     problem = Diagnosis("no_drawing", f"drawing a 3-D picture {how}", f"{remedy}; pages and glTF work without")
     return Finding("drawing", "3-D pictures cannot be drawn", (problem,), {"exit_code": tried.code})
 

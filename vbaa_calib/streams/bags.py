@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import os
 from collections import Counter, deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -15,7 +14,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from vbaa_calib.core.errors import InputError, clipped
+from vbaa_calib.core.errors import InputError, clipped, require_extra
 from vbaa_calib.core.files import read_yaml
 from vbaa_calib.core.images import as_levels, read_picture
 
@@ -60,15 +59,6 @@ class Topics:
     pan: str = ""
     tilt: str = ""
     moment_axis: str = "y"
-
-
-def require_extra(module: str, extra: str) -> Any:
-    """A module of an extra. Raises InputError where it is not installed."""
-    try:
-        return importlib.import_module(module)
-    except ModuleNotFoundError as error:
-        remedy = f"pip install 'vbaa-calib[{extra}]'"
-        raise InputError(f"{error.name} is not installed", where=module.partition(".")[0], remedy=remedy) from None
 
 
 def is_bag(path: Path) -> bool:

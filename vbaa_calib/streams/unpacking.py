@@ -25,11 +25,13 @@ def check_bag(path: Path, metadata: dict[str, Any]) -> None:
     Raises InputError for one that cannot be opened within them.
     """
     about = metadata.get("rosbag2_bagfile_information")
-    if isinstance(about, dict) and str(about.get("compression_mode")).lower() == "file":
-        _check_files(path, about.get("relative_file_paths"))
     try:
+        if isinstance(about, dict) and str(about.get("compression_mode")).lower() == "file":
+            _check_files(path, about["relative_file_paths"])
         read_in_child(read_bag_head, path)
-    except ValueError as error:
+    except InputError:
+        raise
+    except Exception as error:  # of a damaged file the readers let anything through
         remedy = "record or copy it again, or mend it (mcap recover)"
         what = f"cannot be read as a bag ({clipped(str(error).partition(chr(10))[0])})"
         raise InputError(what, where=path, remedy=remedy) from None
@@ -38,8 +40,7 @@ def check_bag(path: Path, metadata: dict[str, Any]) -> None:
 def _check_files(path: Path, names: Any) -> None:
     """Raises InputError for a bag of packed files that unpack to more than a child may have: they go to the disk."""
     zstd, unpacked, packed = _rosbags().mcap.zstd, 0, 0
-    for name in names if isinstance(names, list) else ():
-        file = path / Path(str(name)).name
+    for file in {path / Path(str(name)).name for name in names}:
         if file.is_file():
             packed += file.stat().st_size
             with file.open("rb") as stream, zstd.open(stream, "rb") as opened:

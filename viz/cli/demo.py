@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vbaa_calib.core.console import say
-from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.errors import InputError, require_extra
 from vbaa_calib.core.files import read_json, write_json
 from vbaa_calib.core.folders import make_folder, writing_alone
 
@@ -63,6 +63,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 def _whole_way(args: argparse.Namespace, out: Path, started: float) -> dict[str, Any]:
     """Verb after verb into the folder."""
+    require_extra("pyvista", "view")
     from vbaa_calib.cli.main import run_verb
     from viz.render.probe import can_render
 

@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, Any
 import cv2
 import numpy as np
 
-from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.errors import InputError, require_extra
 from vbaa_calib.core.files import refuse_overwrite
 from vbaa_calib.core.folders import make_folder
-from vbaa_calib.streams.bags import require_extra
 
 if TYPE_CHECKING:
     from estimator.live import LiveContact

@@ -14,7 +14,7 @@ import numpy as np
 
 from estimator.table.contacts import ContactTable, joint_angles
 from estimator.table.files import read_contacts
-from vbaa_calib.core.errors import InputError, VbaaError
+from vbaa_calib.core.errors import InputError, VbaaError, require_extra
 from vbaa_calib.core.files import read_json, write_text
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import load_session, read_recording
@@ -123,13 +123,16 @@ def scene_picture(
 ) -> Picture:
     """The scene as `vbaa view --screenshot` draws it, or why there is none. `truth` is truth.json's contents."""
     from viz.render.probe import can_render
-    from viz.render.screenshot import screenshot
 
     if not table.located.any():
         return Picture(b"", "No picture of the scene: no frame has a located contact.")
-    if not can_render():
-        return Picture(b"", "No picture of the scene: OpenGL does not work here (libegl1 and libgl1-mesa-dri give it).")
     try:
+        require_extra("pyvista", "view")
+        if not can_render():
+            what = "OpenGL does not work here (libegl1 and libgl1-mesa-dri give it)"
+            return Picture(b"", f"No picture of the scene: {what}.")
+        from viz.render.screenshot import screenshot
+
         scene = build_scene(table, rig, estimate, None if truth is None else true_object(truth))
         if rig is not None and session is not None:
             main, frames = scene.instants.main, scene.instants.frame
