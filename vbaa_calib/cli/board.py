@@ -39,7 +39,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--square-mm", type=float, metavar="MM", help="side of a square (default: the largest that fits)"
     )
     board.add_argument("--marker-mm", type=float, metavar="MM", help="side of a marker (default: 3/4 of the square)")
-    board.add_argument("--dictionary", metavar="NAME", help="of OpenCV's markers (default: DICT_4X4_100)")
+    dictionary = "of OpenCV's markers (default: DICT_4X4_100)"
+    board.add_argument("--dict", "--dictionary", dest="dictionary", metavar="NAME", help=dictionary)
     board.add_argument("--legacy", action="store_true", default=None, help="the pattern of OpenCV before 4.6")
     board.add_argument("--thickness-mm", type=float, metavar="MM", help="of the plate it is mounted on (default: 0)")
     board.add_argument(

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 
 from vbaa_calib.rig.over_time import FEWEST_FOR_TREND, OverTime
 from viz.figures.drawing import AMBER, RED, SLATE, TEAL, band, bars, dots, limits, new_axes, paths, svg
-from viz.pages.page import Table, number, render
+from viz.pages.page import Table, labelled, number, render
 
 
 def words(found: OverTime) -> list[str]:
@@ -49,34 +49,36 @@ def table_csv(found: OverTime, dates: Sequence[str]) -> str:
 def page(title: str, found: OverTime, dates: Sequence[str], lines: Sequence[str]) -> str:
     """The page: a row and a plot for each parameter over dates."""
     moves = found.scatters | found.drifts
-    head = ("parameter", "last less first", "±", "between calibrations", "a day", "± a day", "")
+    head = ("parameter", "unit", "last less first", "±", "between calibrations", "a day", "± a day", "")
     rows = []
     for index, name in enumerate(found.names):
         verdict = "drifts" if found.drifts[index] else "scatters" if found.scatters[index] else ""
         values = (found.values[-1], found.std[-1], found.between_std, found.slope_per_day, found.slope_std_per_day)
-        rows.append([name, *(number(float(each[index]), 3) for each in values), verdict])
+        label, unit, scale = labelled(name)
+        rows.append([label, unit, *(number(scale * float(each[index]), 3) for each in values), verdict])
     order = np.argsort(~moves, kind="stable")
     return render(
         "over_time.html.j2",
         title=title,
         colour=RED if found.drifts.any() else AMBER if moves.any() else TEAL,
-        headline=f"{len(dates)} calibrations, {dates[0]} to {dates[-1]}",
+        headline=f"{len(dates)} calibrations, {' to '.join(dates[end].removesuffix(' 00:00') for end in (0, -1))}",
         words=lines,
-        numbers=Table(head, rows, ("parameter", "")),
+        numbers=Table(head, rows, ("parameter", "unit", "")),
         figures=[svg(_figure(found, int(index))) for index in order],
     )
 
 
 def _figure(found: OverTime, index: int) -> Axes:
     """One parameter over days, with two deviations, its mean, and its trend where there is one."""
-    at, value, std = found.days, found.values[:, index], found.std[:, index]
+    label, unit, scale = labelled(found.names[index])
+    at, value, std = found.days, scale * found.values[:, index], scale * found.std[:, index]
     low, high = value - 2.0 * std, value + 2.0 * std
-    title = found.names[index]
+    title = f"{label}, {unit}" if unit else label
     axes = new_axes(title, x=limits(at), y=limits(low, high), labels=("days", "change since the first"))
-    ends, mean, between = np.array(axes.get_xlim()), found.mean[index], found.between_std[index]
+    ends, mean, between = np.array(axes.get_xlim()), scale * found.mean[index], scale * found.between_std[index]
     band(axes, ends, np.full(2, mean - between), np.full(2, mean + between), SLATE)
     if found.drifts[index]:
-        line = value.mean() + found.slope_per_day[index] * (ends - at.mean())
+        line = value.mean() + scale * found.slope_per_day[index] * (ends - at.mean())
         paths(axes, np.column_stack([ends, line])[None], ec=RED, lw=1.5)
     colour = RED if found.drifts[index] else AMBER if found.scatters[index] else TEAL
     bars(axes, at, low, high, colour)

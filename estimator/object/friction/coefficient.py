@@ -317,7 +317,7 @@ def judge(rubs: FrictionTouches, mu: Coefficient | None) -> tuple[bool, str, np.
             words += "; stroke the same place the other way, too" if one_way else ""
         return False, f"{words}{_bound_words(mu.bounds)}", mu.bounds
     widened = f", scattering {mu.scatter:.1f} times as much as they should" if mu.scatter > 1.5 else ""
-    beside = f" and {used - sliding} that must not exceed it" if used > sliding else ""
+    beside = f" and {used - sliding} others, which only bound it" if used > sliding else ""
     return True, f"from {sliding} sliding contacts{widened}{beside}", mu.interval
 
 

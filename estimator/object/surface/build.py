@@ -191,7 +191,7 @@ def _surface(found: Fit, compliance: Compliance, known: bool, notes: list[str]) 
     sizes = [len(piece["points_m"]) for piece in pieces]
     vague, outlier = np.sum(found.state.vague), np.sum(found.state.outlier)
     if vague:
-        notes.append(f"{vague} contact{'s' * int(vague != 1)} not used: where along the antenna is hardly known")
+        notes.append(f"{vague} contact{'s' * int(vague != 1)} not used: the place along the antenna is hardly known")
     if outlier:
         notes.append(f"{outlier} contacts were left out: they lie too far off what the others say")
     curves = [len(patch.members) for patch in found.patches if not patch.wide]
