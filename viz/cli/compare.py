@@ -51,7 +51,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         what = f"{args.a} is {_NAMES[kinds[0]]}, {args.b} {_NAMES[kinds[1]]}"
         raise InputError(what, where="vbaa compare", remedy="give two of a kind")
     result, page = (_rigs if kinds[0] == "rigs" else _contacts)(args, kinds[0])
-    for line in result["words"]:
+    for line in (*result["words"], *result.get("missing", ())[:_SHOWN]):
         say(line)
     say("they agree" if result["agree"] else "they differ")
     if args.html is not None:
