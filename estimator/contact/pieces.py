@@ -29,8 +29,8 @@ from vbaa_calib.rig import Rig
 from vbaa_calib.session import Frame, Shutter
 
 from .contacts import InertialShifts, MovingContacts, at_rest, last
-from .drift import LearntRig
-from .estimate import AFRESH, CHUNK, STREAM, Batches, ContactEstimator, Search
+from .drift import Batches, LearntRig
+from .estimate import AFRESH, CHUNK, STREAM, ContactEstimator, Search
 from .motion import Beam
 from .recording import FrameContact, Ground, detected, detected_taken, measured_points
 from .shutter import ShutterCheck
@@ -82,7 +82,7 @@ def _pictures_before(source: Source, piece: slice) -> Iterator[tuple[Frame, np.n
 
 def learn(estimator: ContactEstimator, seen: Seen, before: LearntRig | None) -> list[LearntRig]:
     """The rig as it is for each batch of a piece; before : as it was for the last one of the piece before."""
-    batches = Batches(estimator if before is None else estimator.continued(before), patient=before is None)
+    batches = Batches(estimator if before is None else estimator.continued(before), AFRESH if before is None else 0)
     ready = [each for several in _batches(seen.measured) for each in batches.push(several)] + batches.finish()
     return [now.drift for now, _ in ready]
 
