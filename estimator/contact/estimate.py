@@ -338,7 +338,7 @@ class ContactStream:
         self._estimator, self._beside = estimator, beside
         self._size, self._at_once = 1 if live else STREAM, at_once
         self._batches = Batches(estimator, 0 if live else AFRESH)
-        self._search = Search(estimator.rig, None if beside is None else beside._search)
+        self._search: Search = Search(estimator.rig, None if beside is None else beside._search)
         self._motion = MotionCheck(Beam.of(estimator.rig), live)
         self._coming: list[Measured] = []
         self._work: deque[Generator[list[Contact] | None, None, None]] = deque()
