@@ -23,7 +23,7 @@ from vbaa_calib.rig import Rig
 from vbaa_calib.session import DRIFTS
 
 from .contacts import Contacts, MotionCheck, MovingContacts, RoughFit, contacts_of, last, moving, with_joint_errors
-from .drift import LearntRig
+from .drift import Batches, LearntRig
 from .inputs import Batch, Values
 from .motion import Beam
 from .status import CONTACT_EVIDENCE, FEWEST_POINTS, ODD_END, unexplained
@@ -211,10 +211,10 @@ class ContactEstimator:
         count, known = len(batch), known or {}
         left = np.array([row for row in range(count) if row not in known], np.intp)
         found = None if 0 < len(left) == count <= most else FitNumbers.empty(count)
-        if known:
-            assert found is not None
+        if known and found is not None:
             columns = zip(*(numbers.tables for numbers in known.values()), strict=True)
             found.put(np.array(list(known)), FitNumbers(*map(np.concatenate, columns)))
+            yield
         for begin in range(0, len(left), most):
             if begin:
                 yield
@@ -280,33 +280,6 @@ class ContactEstimator:
             fitted.explained_alone[rows] = ~unexplained(self._solved(silent))
 
 
-class Batches:
-    """Batches of a recording in, and out in the same order, each with the estimator for the rig as it then is.
-
-    patient : the first ones wait for free frames, `AFRESH` frames at most. A part of a recording that begins
-        `AFRESH` · k frames after its start goes on from what was learnt before it, and does not wait.
-    """
-
-    def __init__(self, estimator: ContactEstimator, patient: bool) -> None:
-        self.now = estimator
-        self._patient = patient and estimator.rig.drift.of_rig
-        self._waiting: list[list[Measured]] = []
-
-    def push(
-        self, several: list[Measured], now: ContactEstimator | None = None
-    ) -> list[tuple[ContactEstimator, list[Measured]]]:
-        """Those that are ready; `now` : what others have learnt of the rig from the same frames."""
-        self.now = last(self.now.after_free_frames(several)) if now is None else now
-        self._waiting.append(several)
-        self._patient = self._patient and self.now.drift.frames == 0 and len(self._waiting) * STREAM < AFRESH
-        return [] if self._patient else self.finish()
-
-    def finish(self) -> list[tuple[ContactEstimator, list[Measured]]]:
-        """Those that still wait."""
-        ready, self._waiting = [(self.now, each) for each in self._waiting], []
-        return ready
-
-
 class Search:
     """Contacts of successive batches: the solver begins at the last one before, and afresh every `AFRESH` frames.
 
@@ -361,8 +334,8 @@ class ContactStream:
     ) -> None:
         self._estimator, self._beside = estimator, beside
         self._size, self._at_once = 1 if live else STREAM, at_once
-        self._batches = Batches(estimator, not live)
-        self._search = Search(estimator.rig, None if beside is None else beside._search)
+        self._batches = Batches(estimator, 0 if live else AFRESH // STREAM)
+        self._search: Search = Search(estimator.rig, None if beside is None else beside._search)
         self._motion = MotionCheck(Beam.of(estimator.rig), live)
         self._coming: list[Measured] = []
         self._work: deque[Generator[list[Contact] | None, None, None]] = deque()
@@ -420,6 +393,7 @@ class ContactStream:
         most = CHUNK if self._at_once is None else self._at_once
         for now, several in ready:
             found = yield from self._search.solve(now, several, most)
+            yield None
             contacts = self._motion.push(found)
             while part := list(islice(contacts, most)):
                 yield part

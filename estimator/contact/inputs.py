@@ -204,5 +204,7 @@ def _places(points_px: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         longer = 0 if most[0] - least[0] >= most[1] - least[1] else 1
         for n in range(points_px.shape[1]):
             place[b, n] = points_px[b, n, longer] + SLIGHTLY * points_px[b, n, 1 - longer]
-            disordered[b] = disordered[b] or (n > 0 and not place[b, n] >= place[b, n - 1])
+            # NaN before a number is out of order, those that fill up a row are not
+            after = n > 0 and (np.isnan(place[b, n - 1]) or place[b, n] < place[b, n - 1])
+            disordered[b] = disordered[b] or (after and not np.isnan(place[b, n]))
     return place, disordered

@@ -213,11 +213,12 @@ def inertia(shapes: Shapes, beam: Beam, judged: slice = slice(None), *, live: bo
     known = shapes.known
     kept = shapes.picked(known)
     place = (np.cumsum(known) - 1)[judged]
-    frames = kept.time_s, kept.points_m, kept.std_m, place[known[judged]], mode[known[judged]]
-    found = _accelerations(*map(np.ascontiguousarray, frames), math.pi / beam.slowest_rad_s, live)
+    rows, points, std = known[judged], np.ascontiguousarray(kept.points_m), np.ascontiguousarray(kept.std_m)
+    longest_s = math.pi / beam.slowest_rad_s
+    found = _accelerations(kept.time_s, points, std, place[rows], mode[rows], longest_s, live)
     every = tuple(np.full((len(place), *each.shape[1:]), np.nan) for each in found)
     for each, own in zip(every, found, strict=True):
-        each[known[judged]] = own
+        each[rows] = own
     acceleration, std, response = every
     density = beam.mass_per_length_kg_m
     return Inertia(-density * acceleration, density * std, response)

@@ -29,8 +29,8 @@ from vbaa_calib.rig import Rig
 from vbaa_calib.session import Centrelines, Frame, Shutter
 
 from .contacts import InertialShifts, MovingContacts, at_rest, last
-from .drift import LearntRig
-from .estimate import AFRESH, CHUNK, STREAM, Batches, ContactEstimator, Search
+from .drift import Batches, LearntRig
+from .estimate import AFRESH, CHUNK, STREAM, ContactEstimator, Search
 from .motion import Beam
 from .recording import FrameContact, Ground, detected, detected_taken, measured_points
 from .shutter import ShutterCheck
@@ -95,7 +95,8 @@ def look(estimator: ContactEstimator, source: Source, ground: Ground | None = No
 
 def learn(estimator: ContactEstimator, seen: Seen, before: LearntRig | None) -> list[LearntRig]:
     """The rig as it is for each batch of a piece; before : as it was for the last one of the piece before."""
-    batches = Batches(estimator if before is None else estimator.continued(before), patient=before is None)
+    now = estimator if before is None else estimator.continued(before)
+    batches = Batches(now, AFRESH // STREAM if before is None else 0)
     ready = []
     for each in _batches(len(seen.frames)):
         due = batches.now.drift.due(max(frame.time_s for frame in seen.frames[each]))
