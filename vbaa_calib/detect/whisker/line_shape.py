@@ -252,29 +252,6 @@ class Fits(NamedTuple):
 
 
 @kernel
-def remove_background(rows: np.ndarray) -> None:
-    """Take level and slope off each of the rows (M, T)."""
-    several, length = rows.shape
-    middle, per_spread = 0.5 * (length - 1), 12.0 / (length * (length**2 - 1.0))
-    for m in range(several):
-        level, slope = 0.0, 0.0
-        for t in range(length):
-            level += rows[m, t]
-            slope += (t - middle) * rows[m, t]
-        for t in range(length):
-            rows[m, t] -= level / length + slope * per_spread * (t - middle)
-
-
-@kernel
-def dot(one: np.ndarray, other: np.ndarray) -> float:
-    """Σ of the products of two rows (T,)."""
-    total = 0.0
-    for t in range(len(one)):
-        total += one[t] * other[t]
-    return total
-
-
-@kernel
 def fit(section: CrossSection, found: Crossings, centre: np.ndarray) -> Fits:
     """One Gauss–Newton step from the centres (N,), given along the profile from the path."""
     count, length = found.profiles.shape

@@ -19,8 +19,8 @@ from vbaa_calib.core.compiled import kernel
 from vbaa_calib.core.polyline import arc_lengths
 from vbaa_calib.core.smooth import quantile, solve
 
-from .crossings import Crossings, every, shares, tapered
-from .line_shape import LIKELY_TAPER, MOST_TAPER, CrossSection, alike, dot, remove_background
+from .crossings import Crossings, dot, every, remove_background, shares, tapered
+from .line_shape import LIKELY_TAPER, MOST_TAPER, CrossSection, alike
 from .silhouette import ALL, MEAN_SQUARE, G, K, Y, blurred, coefficients_alone, normal_equations, tables
 
 LIKELY = np.array([3.0, 0.8, 0.8, 0.5])

@@ -9,8 +9,8 @@ from numpy.polynomial.legendre import leg2poly
 
 from vbaa_calib.core.compiled import kernel
 
-from .crossings import Crossings, distances, shares
-from .line_shape import PER_PX, remove_background
+from .crossings import Crossings, distances, remove_background, shares
+from .line_shape import PER_PX
 
 K = 4
 """Legendre polynomials that an antenna's reflectance across it is made of: level, brighter on one side, a highlight,
