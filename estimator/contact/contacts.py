@@ -65,7 +65,7 @@ class Contacts(ContactEstimate[np.ndarray, np.ndarray, np.ndarray], Sequence[Con
         return Contact(
             reason=reason(numbers, str(self.status[index]), self.rig.antenna.length_m, self.requested),
             bias={rung: value for rung, value in bias if np.isfinite(value)},
-            **{name: value if np.ndim(value) else value.item() for name, value in values.items()},
+            **{name: value if isinstance(value, np.ndarray) else value.item() for name, value in values.items()},
         )
 
 
