@@ -49,26 +49,24 @@ def statuses(numbers: FitNumbers) -> np.ndarray:
     """(B,) the first that applies, from what makes all else meaningless to what can be trusted."""
     with np.errstate(invalid="ignore"):
         uncertain = ~(numbers.std[:, 0] < np.minimum(LOW_SIGNAL, LOW_SIGNAL_RELATIVE * numbers.unknowns[:, 0]))
-        edge_on = numbers.edge_on_rad < EDGE_ON_RAD
+        edge_on, mirrored = numbers.edge_on_rad < EDGE_ON_RAD, _mirrored(numbers)
         determined = np.isfinite(numbers.std[:, 0])
         # a fit that stopped somewhere says nothing about whether there is a contact
-        given_up = ~numbers.converged & (numbers.scatter > WRONG_SHAPE)
+        stopped = ~numbers.converged & (numbers.scatter > WRONG_SHAPE)
         order = [
             (numbers.points < FEWEST_POINTS, NO_ANTENNA),
             (~numbers.finite, FAILED),
-            (~(numbers.evidence >= CONTACT_EVIDENCE) & ~given_up, NO_CONTACT),
+            (~(numbers.evidence >= CONTACT_EVIDENCE) & ~stopped, NO_CONTACT),
             (edge_on & (uncertain | ~numbers.converged), UNOBSERVABLE),
-            (_mirrored(numbers) & (numbers.edge_on_rad < EDGE_ON_BLIND_RAD), UNOBSERVABLE),
+            (mirrored & (numbers.edge_on_rad < EDGE_ON_BLIND_RAD), UNOBSERVABLE),
             (unexplained(numbers) | _model_too_low(numbers), FAILED),
             (uncertain & determined, LOW),
             (uncertain | _force_undetermined(numbers) | _ambiguous(numbers), UNOBSERVABLE),
             (_disagreement(numbers) > CONTRADICTION, FAILED),
             (numbers.at_tip, TIP),
         ]
-    found = np.full(len(numbers), OK, _STATUS)
-    for which, status in reversed(order):
-        found[which] = status
-    return found
+    order.append((np.ones(len(numbers), bool), OK))
+    return np.array([status for _, status in order], _STATUS)[np.argmax([which for which, _ in order], axis=0)]
 
 
 def unexplained(numbers: FitNumbers) -> np.ndarray:
@@ -82,8 +80,11 @@ def unexplained(numbers: FitNumbers) -> np.ndarray:
 
 def _ambiguous(numbers: FitNumbers) -> np.ndarray:
     """(B,) whether another contact, apart by more than the uncertainty, explains the frame about equally well."""
+    as_good = numbers.alternative_cost < ALTERNATIVE_COST * numbers.scatter**2
+    if not as_good.any():
+        return as_good
     apart = np.abs(numbers.alternative_unknowns - numbers.unknowns)[:, :3] > 3.0 * numbers.std[:, :3]
-    return apart.any(axis=1) & (numbers.alternative_cost < ALTERNATIVE_COST * numbers.scatter**2)
+    return apart.any(axis=1) & as_good
 
 
 def _mirrored(numbers: FitNumbers) -> np.ndarray:

@@ -9,11 +9,10 @@ from vbaa_calib.core.compiled import compiled, record
 from vbaa_calib.core.lanes import LANES, lane_of, load_from, spread, store_to
 
 from .fit import LAST, NODES, SCATTER
-from .linear_algebra import factorise, fill, put, solve_many
+from .linear_algebra import factorise, fill, inner_products, put, solve_many
 from .normal_equations import (
     feet_along_chord,
     huber_weight,
-    inner_products,
     point_residuals,
     shift_by_steps,
     times_tridiagonal,
@@ -22,7 +21,7 @@ from .prediction import LINEAR, REFERENCE, point_jacobian, predict
 from .rig_arrays import TIP_DEFLECTION_STD, UNKNOWNS, tip_deflection
 from .rig_jacobian import rig_jacobian
 
-GRID = 24
+GRID = 3 * LANES
 """Distances, evenly from `_NEAREST` to the tip."""
 _NEAREST = 0.05
 _ROUNDS = 2
@@ -193,15 +192,20 @@ def _cross(free, grid, product, a):
         rest += columns[j, a] * load[j]
         y[j], z[j] = product[j, a] * image[0, j], product[j, a] * image[1, j]
     crossed, row = grid.crossed, a - UNKNOWNS
-    for first in range(0, GRID, LANES):
-        along_y = readings[1, a] * load_from(moment, 0, 1, first)
-        along_z = readings[0, a] * load_from(moment, 1, 0, first)
-        for j in range(NODES):
-            shape = load_from(_BENT, j, first)
-            along_y = along_y + y[j] * shape
-            along_z = along_z + z[j] * shape
-        store_to(crossed, along_y, row, first)
-        store_to(crossed, along_z, row, GRID + first)
+    by_y, by_z = readings[1, a], readings[0, a]
+    # six sums side by side: one alone would wait for itself
+    first_y, second_y, third_y = spread(0.0), spread(0.0), spread(0.0)
+    first_z, second_z, third_z = spread(0.0), spread(0.0), spread(0.0)
+    for j in range(NODES):
+        first, second, third = load_from(_BENT, j, 0), load_from(_BENT, j, LANES), load_from(_BENT, j, 2 * LANES)
+        first_y, second_y, third_y = first_y + y[j] * first, second_y + y[j] * second, third_y + y[j] * third
+        first_z, second_z, third_z = first_z + z[j] * first, second_z + z[j] * second, third_z + z[j] * third
+    store_to(crossed, first_y + by_y * load_from(moment, 0, 1, 0), row, 0)
+    store_to(crossed, second_y + by_y * load_from(moment, 0, 1, LANES), row, LANES)
+    store_to(crossed, third_y + by_y * load_from(moment, 0, 1, 2 * LANES), row, 2 * LANES)
+    store_to(crossed, first_z + by_z * load_from(moment, 1, 0, 0), row, GRID)
+    store_to(crossed, second_z + by_z * load_from(moment, 1, 0, LANES), row, GRID + LANES)
+    store_to(crossed, third_z + by_z * load_from(moment, 1, 0, 2 * LANES), row, GRID + 2 * LANES)
     for k in range(2 * GRID, crossed.shape[1]):
         crossed[row, k] = 0.0
     crossed[row, 2 * GRID] = rest

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from vbaa_calib.core.compiled import compiled
-from vbaa_calib.core.lanes import LANES, load_from, store_to
+from vbaa_calib.core.lanes import LANES, load_from, spread, store_to
 
 _LEAST_DAMPING = 1e-12
 """Added to the diagonal of scaled normal equations: a direction without information stays where it is."""
@@ -91,6 +91,34 @@ def solve_many(factor, scale, size, sides, whole):
                 store_to(sides, (1.0 / factor[k, k]) * row, k, first)
             for k in range(size):
                 store_to(sides, scale[k] * load_from(sides, k, first), k, first)
+
+
+@compiled
+def inner_products(columns, product, total):
+    """The lower triangle of columnsᵀ · product, (M, K) both, K a multiple of LANES."""
+    for a in range(0, len(total), LANES):
+        for b in range(0, a + LANES, LANES):
+            # eight sums side by side: one alone would wait for itself
+            first, second, third, fourth = spread(0.0), spread(0.0), spread(0.0), spread(0.0)
+            fifth, sixth, seventh, eighth = spread(0.0), spread(0.0), spread(0.0), spread(0.0)
+            for j in range(len(product)):
+                row = load_from(product, j, b)
+                first = first + columns[j, a] * row
+                second = second + columns[j, a + 1] * row
+                third = third + columns[j, a + 2] * row
+                fourth = fourth + columns[j, a + 3] * row
+                fifth = fifth + columns[j, a + 4] * row
+                sixth = sixth + columns[j, a + 5] * row
+                seventh = seventh + columns[j, a + 6] * row
+                eighth = eighth + columns[j, a + 7] * row
+            store_to(total, first, a, b)
+            store_to(total, second, a + 1, b)
+            store_to(total, third, a + 2, b)
+            store_to(total, fourth, a + 3, b)
+            store_to(total, fifth, a + 4, b)
+            store_to(total, sixth, a + 5, b)
+            store_to(total, seventh, a + 6, b)
+            store_to(total, eighth, a + 7, b)
 
 
 @compiled

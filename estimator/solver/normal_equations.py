@@ -6,11 +6,11 @@ import numpy as np
 
 from vbaa_calib.antenna.nodes import NODES_BEYOND
 from vbaa_calib.core.compiled import compiled
-from vbaa_calib.core.lanes import LANES, load, load_from, spread, sqrt, store, store_to, where_positive
+from vbaa_calib.core.lanes import LANES, lane_of, load, load_from, spread, sqrt, store, store_to, where_positive
 from vbaa_calib.core.robust import HUBER
 
 from .fit import CONTACT_M, COST, INNER, LAST, NODES, SCATTER, arclength_of_node
-from .linear_algebra import factorise, fill, put, solve_factorised
+from .linear_algebra import factorise, fill, inner_products, put, solve_factorised
 from .prediction import predict
 from .rig_arrays import TIP_DEFLECTION_STD, UNKNOWNS, tip_deflection
 
@@ -207,29 +207,39 @@ def points_cost(fit):
     by_scatter = 1.0 / fit.numbers[SCATTER]
     square = by_scatter * by_scatter
     cost, count, before = 0.0, len(distances), 0
-    table = np.empty((2, LANES))
+    table, costs = np.empty((5, LANES)), spread(0.0)
     # sums over neighbours between the same nodes are written when the next node comes
     own, next_own, mixed, pulled, next_pulled = 0.0, 0.0, 0.0, 0.0, 0.0
     for begin in range(0, count, LANES):
         some = min(LANES, count - begin)
         if some == LANES:
-            precision = load_from(precisions, begin)
-            size = load_from(distances, begin) * sqrt(precision) * by_scatter
+            precision, distance, share = (
+                load_from(precisions, begin),
+                load_from(distances, begin),
+                load_from(shares, begin),
+            )
         else:
-            store(table, spread(0.0), 0)
-            store(table, spread(0.0), 1)
+            for row in range(3):
+                store(table, spread(0.0), row)
             for lane in range(some):
-                table[0, lane], table[1, lane] = precisions[begin + lane], distances[begin + lane]
-            precision = load(table, 0)
-            size = load(table, 1) * sqrt(precision) * by_scatter
+                i = begin + lane
+                table[0, lane], table[1, lane], table[2, lane] = precisions[i], distances[i], shares[i]
+            precision, distance, share = load(table, 0), load(table, 1), load(table, 2)
+        size = distance * sqrt(precision) * by_scatter
         size = where_positive(-size, -size, size)
         inner = where_positive(size - HUBER, HUBER, size)
-        store(table, inner * (size - 0.5 * inner), 0)
+        costs = costs + inner * (size - 0.5 * inner)
         # NaN has full weight here: its cost shows it
-        store(table, HUBER / where_positive(size - HUBER, size, HUBER) * precision * square, 1)
+        weight = HUBER / where_positive(size - HUBER, size, HUBER) * precision * square
+        ahead, pull = weight * share, weight * distance
+        second, pull_ahead = ahead * share, pull * share
+        store(table, weight - 2.0 * ahead + second, 0)
+        store(table, second, 1)
+        store(table, ahead - second, 2)
+        store(table, pull - pull_ahead, 3)
+        store(table, pull_ahead, 4)
         for lane in range(some):
-            i = begin + lane
-            node = nodes[i]
+            node = nodes[begin + lane]
             if node != before:
                 diagonal[before] += own
                 diagonal[before + 1] += next_own
@@ -237,16 +247,13 @@ def points_cost(fit):
                 pulls[before] += pulled
                 pulls[before + 1] += next_pulled
                 own, next_own, mixed, pulled, next_pulled, before = 0.0, 0.0, 0.0, 0.0, 0.0, node
-            weight, share = table[1, lane], shares[i]
-            cost += table[0, lane]
-            first = weight * share
-            second, pull = first * share, weight * distances[i]
-            ahead = pull * share
-            own += weight - 2.0 * first + second
-            next_own += second
-            mixed += first - second
-            pulled += pull - ahead
-            next_pulled += ahead
+            own += table[0, lane]
+            next_own += table[1, lane]
+            mixed += table[2, lane]
+            pulled += table[3, lane]
+            next_pulled += table[4, lane]
+    for lane in range(LANES):
+        cost += lane_of(costs, lane)
     diagonal[before] += own
     diagonal[before + 1] += next_own
     beside[before] += mixed
@@ -284,15 +291,17 @@ def normal_equations(rig, fit, first, product):
         for j in range(NODES):
             total = total + pulls[j] * load_from(columns, j, k)
         store_to(side, total, k)
+    residual, weight = fit.residual, np.empty(3)
     for reading in range(3):
-        residual = fit.residual[reading]
-        weight = huber_weight(residual)
-        cost += huber_loss(residual)
-        for a in range(first, size):
-            pull = weight * readings[reading, a]
-            side[a] += pull * residual
-            for b in range(a + 1):
-                information[a, b] += pull * readings[reading, b]
+        weight[reading] = huber_weight(residual[reading])
+        cost += huber_loss(residual[reading])
+    for a in range(first, size):
+        by_y, by_z, by_end = weight[0] * readings[0, a], weight[1] * readings[1, a], weight[2] * readings[2, a]
+        side[a] += by_y * residual[0] + by_z * residual[1] + by_end * residual[2]
+        # what comes after the diagonal is overwritten below
+        for b in range(0, a + 1, LANES):
+            row = load_from(information, a, b) + by_y * load_from(readings, 0, b) + by_z * load_from(readings, 1, b)
+            store_to(information, row + by_end * load_from(readings, 2, b), a, b)
     for a in range(first, size):
         prior = prior_of(rig, fit, a)
         at = fit.unknowns[a] if a < UNKNOWNS else fit.steps[a - UNKNOWNS]
@@ -302,24 +311,6 @@ def normal_equations(rig, fit, first, product):
         for b in range(first, a):
             information[b, a] = information[a, b]
     fit.numbers[COST] = cost
-
-
-@compiled
-def inner_products(columns, product, total):
-    """The lower triangle of columnsᵀ · product, (M, K) both, K a multiple of LANES."""
-    for a in range(0, len(total), 4):
-        for b in range(0, a + 4, LANES):
-            first, second, third, fourth = spread(0.0), spread(0.0), spread(0.0), spread(0.0)
-            for j in range(NODES):
-                row = load_from(product, j, b)
-                first = first + columns[j, a] * row
-                second = second + columns[j, a + 1] * row
-                third = third + columns[j, a + 2] * row
-                fourth = fourth + columns[j, a + 3] * row
-            store_to(total, first, a, b)
-            store_to(total, second, a + 1, b)
-            store_to(total, third, a + 2, b)
-            store_to(total, fourth, a + 3, b)
 
 
 @compiled

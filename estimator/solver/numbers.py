@@ -133,7 +133,7 @@ class FitNumbers:
 
     def row(self, index: int) -> FitNumbers:
         """One frame's."""
-        return FitNumbers(*(values[index : index + 1] for values in self.tables))
+        return self if len(self) == 1 else FitNumbers(*(values[index : index + 1] for values in self.tables))
 
     @property
     def tables(self) -> tuple[np.ndarray, ...]:

@@ -130,7 +130,12 @@ def _elastica_hinge(loads: Loads, hinge: np.ndarray) -> None:
     store(leans, force * loads.contact_m * loads.contact_m, 0)
     for lane in range(LANES):
         amount, lean = leans[0, lane], leans[1, lane]
-        if amount > SERIES_LOAD:
+        if amount > SERIES_LOAD and lane > 0 and amount == leans[0, 0] and lean == leans[1, 0]:
+            # the same shape again: most lanes, where what does not bend it is moved
+            for node in range(INNER_NODES - 1):
+                for row in range(3):
+                    hinge[row, node, lane] = hinge[row, node, 0]
+        elif amount > SERIES_LOAD:
             chain = landen(0.5 * (1.0 - math.sin(lean)))
             root = math.sqrt(amount)
             for node in range(INNER_NODES - 1):

@@ -170,6 +170,8 @@ def as_floats(values: Any, name: str, remedy: str) -> np.ndarray:
     """
     if isinstance(values, np.ndarray) and values.dtype == np.float64 and type(values) is np.ndarray:
         return values
+    if isinstance(values, list) and all(one is None or type(one) is float for one in values):
+        return np.array(values, float)
     masked = isinstance(values, np.ma.MaskedArray)
     try:
         if is_tensor(values):
