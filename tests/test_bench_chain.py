@@ -7,6 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.chain.chain import run
+from benchmarks.chain.methods import OURS
 from benchmarks.chain.scenes import (
     FRICTION_STD_RAD,
     Cell,
@@ -98,3 +100,12 @@ def test_centrelines_as_good_as_the_picture_allows_are_solved_to_the_bound(pages
     scaled = (found.distance_m - distance) / contact_bound(clean).std[:, 0]
     assert np.isfinite(scaled).all()
     assert np.sqrt(np.mean(scaled**2)) == pytest.approx(1.0, abs=3 / np.sqrt(120))
+
+
+@pytest.mark.slow
+def test_nobody_is_beyond_the_walls() -> None:
+    """Unbiased methods are those that know what bends the antenna; the others may be right by luck, not so often."""
+    for row in run(3, 0, quick=True, sizes=(SIZE,)):
+        assert row.read_ms < min(row.ms, row.ms_recording)
+        if row.family == OURS and row.of_bound is not None:
+            assert row.of_bound > 1.0 - 3.0 / np.sqrt(2 * row.pictures * row.answered)

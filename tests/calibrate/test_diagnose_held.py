@@ -119,3 +119,9 @@ def test_a_kink_is_taken_for_nothing_else() -> None:
     """The model knows no kink: what is said is that the stills do not fit, not a wrong cause."""
     found = injected(0, Faults(kink=(0.4 * LENGTH_M, 0.03, 0.03)))
     assert [one.name for one in found] == ["stills_contradict"]
+
+
+@pytest.mark.slow
+def test_clean_sessions_raise_nothing() -> None:
+    said = [injected(seed, Faults()) for seed in range(100, 150)]
+    assert sum(map(bool, said)) <= 1, said
