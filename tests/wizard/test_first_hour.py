@@ -43,7 +43,7 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """What the camera sees, and truth.json."""
     folder = tmp_path_factory.mktemp("first-hour")
     scene = small_scene(noload=2, loads=())
-    scene["intrinsics"]["pictures"] = 6
+    scene["intrinsics"]["pictures"] = 8
     level = {"pan_deg": 0.0, "tilt_deg": 0.0, "force_y_N": 0.0}
     places = ((0.1, 0.02), (0.16, 0.01), (0.2, 0.005))
     scene["loads"] = [level | {"distance_m": place, "force_z_N": -9.80665 * mass} for place, mass in places]
