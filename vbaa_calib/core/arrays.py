@@ -49,7 +49,7 @@ class Rows:
     """Arrays with one first axis, whose length it has; fields of other kinds belong to all rows."""
 
     def __len__(self) -> int:
-        return len(next(iter(self._arrays().values())))
+        return len(next(each for each in vars(self).values() if isinstance(each, np.ndarray)))
 
     def picked(self, which: slice | np.ndarray) -> Self:
         """The rows of a slice, a mask or indices, which may repeat."""
@@ -221,6 +221,9 @@ def of_shape(values: Any, shape: tuple[int, ...], name: str, finite: bool = True
 
 _Call = TypeVar("_Call", bound=Callable[..., Any])
 _ARRAYS = {"np.ndarray", "ArrayT", "ArrayLike", "Array"}
+_PLAIN: dict[str, Any] = {"float": float, "int": (int, np.integer), "str": str, "bool": bool, "Mapping": Mapping}
+_AT_ONCE = {float: "float", int: "int", str: "str", bool: "bool"}
+"""What most calls are given, and the annotation that it fits."""
 
 
 def gate(call: _Call) -> _Call:
@@ -236,10 +239,12 @@ def gate(call: _Call) -> _Call:
 
     @wraps(function)
     def looked_at(*args: Any, **named: Any) -> Any:
-        given = dict(zip(names, args, strict=False)) | named
-        seen = given | {name: _taken(value, name, wanted[name]) for name, value in given.items() if name in wanted}
-        known = [seen.pop(name) for name in names[: len(args)]]
-        return function(*known, *args[len(known) :], **seen)
+        pairs = zip(names, args, strict=False)
+        known = [_taken(value, name, wanted[name]) if name in wanted else value for name, value in pairs]
+        for name in named:
+            if name in wanted:
+                named[name] = _taken(named[name], name, wanted[name])
+        return function(*known, *args[len(known) :], **named)
 
     if isinstance(call, type):
         call.__init__ = looked_at  # type: ignore[misc]
@@ -249,12 +254,16 @@ def gate(call: _Call) -> _Call:
 
 def _taken(value: Any, name: str, kinds: list[str]) -> Any:
     """A value of one of these kinds; arrays in our own form. Raises InputError for another."""
+    own = type(value)
+    if own in _AT_ONCE and _AT_ONCE[own] in kinds:
+        return value
+    if own is np.ndarray and value.dtype.kind == "f" and not _ARRAYS.isdisjoint(kinds):
+        return value
     if (value is None and "None" in kinds) or "Any" in kinds or any(_is(value, kind) for kind in kinds):
         return value
     if value is not None and not _ARRAYS.isdisjoint(kinds):
         real = is_tensor(value) and value.is_floating_point()
-        plain = type(value) is np.ndarray and value.dtype.kind == "f"
-        return value if real or plain else as_floats(value, name, "give an array of numbers")
+        return value if real else as_floats(value, name, "give an array of numbers")
     if value is not None and "float" in kinds:
         return as_float(value, name, "give a number")
     raise InputError(f"{name} is {shown(value)}", remedy=f"give {' or '.join(kinds)}")
@@ -265,9 +274,8 @@ def _is(value: Any, kind: str) -> bool:
     if kind in ("Iterable", "Sequence", "list", "tuple"):
         several = isinstance(value, Iterable) and not isinstance(value, str | bytes | Mapping)
         return several and getattr(value, "ndim", 1) != 0
-    plain: dict[str, Any] = {"float": float, "int": (int, np.integer), "str": str, "bool": bool, "Mapping": Mapping}
-    if kind in plain:
-        return isinstance(value, plain[kind]) and (kind == "bool" or not isinstance(value, bool))
+    if kind in _PLAIN:
+        return isinstance(value, _PLAIN[kind]) and (kind == "bool" or not isinstance(value, bool))
     if kind == "Path":
         return isinstance(value, str | os.PathLike)
     return any(each.__name__ == kind for each in type(value).__mro__) and kind not in _ARRAYS

@@ -55,7 +55,7 @@ class Angles:
 
 
 @dataclass(frozen=True, eq=False)
-class FrictionTouches(Rows):
+class FrictionTouches:
     """P touches. The lateral axis is n × t, across the antenna on the object's surface; the longitudinal one is t."""
 
     used_as: np.ndarray  # (P,) as `Friction`'s
@@ -67,6 +67,9 @@ class FrictionTouches(Rows):
     longitudinal: Angles  # the friction angle without its prior, positive for a force towards the clamp
     slip: np.ndarray  # (P, 2) unit direction of the slip, lateral and longitudinal; NaN where it does not slide
     slip_std_rad: np.ndarray  # (P,)
+
+    def __len__(self) -> int:
+        return len(self.used_as)
 
     @property
     def across(self) -> np.ndarray:
