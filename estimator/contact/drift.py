@@ -96,7 +96,7 @@ class LearntRig:
             return self
         yield
         rows = rows[np.unique(np.linspace(0, len(rows) - 1, _AT_ONCE).astype(int))]
-        free, now, own, count = batch[rows], self.now, self.line_sum_px2, self.line_frames
+        free, now, own, count = batch.picked(rows), self.now, self.line_sum_px2, self.line_frames
         if now.drift.line_px > 0.0:
             # with a prior that is wide, or it would say how large they are
             wide = replace(now, drift=replace(now.drift, line_px=_WIDE * now.drift.line_px))

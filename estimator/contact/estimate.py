@@ -180,7 +180,7 @@ class ContactEstimator:
         found: list[RoughFit | None] = [None] * len(several)
         enough = np.flatnonzero(frames.usable.sum(-1) >= FEWEST_POINTS)
         if len(enough):
-            frames = frames.select(enough)
+            frames = frames.picked(enough)
             unknowns = rough_unknowns(frames)
             shapes = bend(frames, COARSE_RUNG, unknowns[:, None]).points_m
             for index, own, points_m in zip(enough, unknowns, shapes, strict=True):
@@ -219,7 +219,7 @@ class ContactEstimator:
             if begin:
                 yield
             rows = left[begin : begin + most]
-            part = batch if len(rows) == count else batch[rows]
+            part = batch if len(rows) == count else batch.picked(rows)
             frames = part.frames(self._rig_arrays)
             usable = frames.usable.sum(-1)
             enough = np.flatnonzero(usable >= FEWEST_POINTS)
@@ -229,7 +229,7 @@ class ContactEstimator:
             found = FitNumbers.empty(count) if found is None else found
             found.points[rows] = usable
             if len(enough):
-                found.put(rows[enough], self._fitted(part[enough], frames.select(enough), beam))
+                found.put(rows[enough], self._fitted(part.picked(enough), frames.picked(enough), beam))
         assert found is not None
         contacts = contacts_of(
             found, self._rig_arrays.rig, self.friction_rad, batch.pan_rad, batch.tilt_rad, self.model
@@ -261,21 +261,21 @@ class ContactEstimator:
             return frames
         rows, tip_std = np.flatnonzero(odd), fitted.tip_std[odd]
         frames = replace(frames, available=frames.available * np.column_stack([np.ones((len(fitted), 2)), ~odd]))
-        fitted.put(rows, self._solved(frames.select(rows), None, beam))
+        fitted.put(rows, self._solved(frames.picked(rows), None, beam))
         fitted.tip_std[rows] = tip_std
         return frames
 
     def _with_drift(self, batch: Batch, fitted: FitNumbers, rows: np.ndarray) -> None:
         """Fit frames that no contact explains once more, the rig free to change: would that explain them?"""
         loose = RigArrays.from_rig(replace(self.rig, drift=DRIFTS["rough"]), self.friction_rad)
-        again = self._solved(batch[rows].frames(loose))
+        again = self._solved(batch.picked(rows).frames(loose))
         fitted.explained_drifted[rows] = ~unexplained(again)
         fitted.drift_px[rows], fitted.drift_readings[rows] = again.drift_px, again.drift_readings
 
     def _without_reading(self, frames: Frames, fitted: FitNumbers, rows: np.ndarray) -> None:
         """Fit frames that no contact explains once more by the picture alone: does it contradict the readings?"""
         if len(rows):
-            alone = frames.select(rows)
+            alone = frames.picked(rows)
             silent = replace(alone, available=alone.available * [0.0, 0.0, 1.0])
             fitted.explained_alone[rows] = ~unexplained(self._solved(silent))
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -17,6 +16,7 @@ from vbaa_calib.core.arrays import (
     LARGEST_NM,
     LARGEST_RAD,
     MOMENT_REMEDY,
+    Rows,
     as_floats,
     check_each,
 )
@@ -33,7 +33,7 @@ Values = Sequence[float | None] | np.ndarray | None
 
 
 @dataclass(frozen=True, eq=False)
-class Batch:
+class Batch(Rows):
     """The measurements of B frames, checked.
 
     Attributes
@@ -56,13 +56,6 @@ class Batch:
     start: np.ndarray | None = None
     errors_Nm: np.ndarray | None = None
     joint_errors_rad: np.ndarray | None = None
-
-    def __len__(self) -> int:
-        return len(self.points_px)
-
-    def __getitem__(self, which: slice | np.ndarray) -> Batch:
-        picked: dict[str, Any] = {name: None if each is None else each[which] for name, each in vars(self).items()}
-        return Batch(**picked)
 
     def weights(self, rig_arrays: RigArrays) -> np.ndarray | None:
         """(B, 2) the sensors' noise by all of the readings' deviation; None where there is nothing but noise."""

@@ -101,7 +101,11 @@ class Problem:
         views = []
         for view in self.views:
             quiet = spread_evenly(len(view.free), most_free)
-            views.append(replace(view, touching=view.touching[rows], free=view.free[quiet], free_s=view.free_s[quiet]))
+            views.append(
+                replace(
+                    view, touching=view.touching.picked(rows), free=view.free.picked(quiet), free_s=view.free_s[quiet]
+                )
+            )
         prior, held = self.friction.picked(rows), self.held[rows]
         return replace(self, views=tuple(views), held=held, friction=prior, time_s=self.time_s[rows])
 
@@ -144,7 +148,7 @@ class Problem:
         for index, view in enumerate(self.views):
             arrays, split = self.arrays_at(state.shared, index), self._split(index)[UNKNOWNS:]
             for begin in range(0, len(view.free), _CHUNK):
-                found = free_antennas(view.free[begin : begin + _CHUNK].frames(arrays))
+                found = free_antennas(view.free.picked(slice(begin, begin + _CHUNK)).frames(arrays))
                 steps = found.information.shape[1]
                 whole = split.T @ (found.information - np.eye(steps)) @ split
                 right = found.side @ split
@@ -185,11 +189,11 @@ class Problem:
         return whole, side
 
     def _of_chunk(self, views: list[tuple[RigArrays, np.ndarray]], state: State, rows: slice) -> Equations:
-        unknowns, batch, prior = state.unknowns[rows], self.touching[rows], self.friction.picked(rows)
+        unknowns, batch, prior = state.unknowns[rows], self.touching.picked(rows), self.friction.picked(rows)
         own, shared = slice(0, UNKNOWNS + self.lines), slice(UNKNOWNS + self.lines, None)
         seen = []
         for pictures, (arrays, split) in zip(self.views, views, strict=True):
-            taken = pictures.touching[rows]
+            taken = pictures.touching.picked(rows)
             one = linearised(taken.frames(arrays), RUNG, unknowns)
             points = np.maximum(np.isfinite(taken.points_px).all(axis=-1).sum(axis=1), 1)
             scatter = np.where(points > 1, one.excess, 1.0)  # a camera that saw nothing has none

@@ -145,17 +145,17 @@ def pictures_of(
     """One camera's contacts in these rows, and its frames of the free antenna."""
     touching = Batch.of([recording[row] for row in rows.tolist()])
     others = np.flatnonzero(~contacts.located)
-    apart = Batch.of([recording[row] for row in others.tolist()]) if len(others) else touching[:0]
+    apart = Batch.of([recording[row] for row in others.tolist()]) if len(others) else touching.picked(slice(0))
     quiet = contacts.status[others] == "no_contact"
-    quiet[quiet] = _still(apart[quiet], arrays)
+    quiet[quiet] = _still(apart.picked(quiet), arrays)
     straight = _still(replace(apart, readings_Nm=np.full_like(apart.readings_Nm, np.nan)), arrays)
     return Pictures(
         rig,
         arrays.axes,
         touching,
-        apart[quiet],
+        apart.picked(quiet),
         contacts.time_s[others[quiet]],
-        apart[straight],
+        apart.picked(straight),
         contacts.time_s[others[straight]],
     )
 
@@ -166,5 +166,5 @@ def _still(batch: Batch, arrays: RigArrays) -> np.ndarray:
         return np.zeros(0, bool)
     frames = batch.frames(arrays)
     still = np.asarray(frames.usable.sum(-1) >= FEWEST_FREE_POINTS)
-    still[still] = free_antennas(frames.select(still)).gain < FREE_GAIN
+    still[still] = free_antennas(frames.picked(still)).gain < FREE_GAIN
     return still

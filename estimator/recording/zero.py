@@ -26,7 +26,7 @@ def walk_of_zero(pictures: Pictures, friction_rad: float, rung: str) -> str:
     time_s = pictures.straight_s[read]
     if len(time_s) < _FEWEST or not np.ptp(time_s) > 0.0:
         return ""
-    frames = pictures.straight[read].frames(arrays)
+    frames = pictures.straight.picked(read).frames(arrays)
     found = linearised(frames, rung, np.tile(_ANYWHERE, (len(time_s), 1)))
     off, by_rig = found.residual[:, 0], found.readings[:, 0, UNKNOWNS:]
     when = (time_s - time_s.mean()) / np.ptp(time_s)

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from typing import NamedTuple
 
 import numpy as np
 
 from vbaa_calib.camera.compiled_lens import Lens, normalized_of_pixels
+from vbaa_calib.core.arrays import Rows
 from vbaa_calib.core.compiled import compiled, kernel, record
 
 from .rig_arrays import RigArrays
 
 
 @dataclass(frozen=True, eq=False)
-class Frames:
+class Frames(Rows):
     """B frames of N points at most.
 
     Attributes
@@ -38,13 +39,6 @@ class Frames:
     tip_covariance: np.ndarray
     available: np.ndarray
     gravity_m_s2: np.ndarray
-
-    def __len__(self) -> int:
-        return len(self.points)
-
-    def select(self, which: np.ndarray) -> Frames:
-        """Some of the frames, by index or mask."""
-        return replace(self, **{f.name: getattr(self, f.name)[which] for f in fields(self)[1:]})
 
     @property
     def tables(self) -> FrameTables:
