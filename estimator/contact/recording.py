@@ -23,7 +23,7 @@ from vbaa_calib.detect.whisker.finder import AntennaFinder
 from vbaa_calib.detect.whisker.paint import Paint, without_other_things
 from vbaa_calib.detect.whisker.stretches import explained
 from vbaa_calib.rig import Rig
-from vbaa_calib.session import Centrelines, Frame, Index, Session, Still, read_centrelines
+from vbaa_calib.session import Centrelines, Frame, Index, Session, Still, numbers_of, read_centrelines
 
 from .contacts import RoughFit
 from .estimate import STREAM, ContactEstimator
@@ -379,10 +379,10 @@ def estimate_centrelines(
 def recorded_lines(session: Session, frames: Sequence[Frame], index: Sequence[Index | None] = ()) -> Centrelines:
     """Ready centrelines by frame, of a file whose index may be there. Raises InputError for one of no frame."""
     lines = read_centrelines(session, index)
-    unknown = set(lines) - {frame.frame for frame in frames}
-    if unknown:
+    unknown = np.setdiff1d(lines.frames, numbers_of(frames))
+    if len(unknown):
         raise InputError(
-            f"frame {min(unknown)} is not in recording.csv",
+            f"frame {unknown[0]} is not in recording.csv",
             where=session.root / "recording" / "centrelines.csv",
             remedy="give every frame its row in recording.csv",
         )

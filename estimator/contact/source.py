@@ -25,8 +25,11 @@ from vbaa_calib.session import (
     check_pictures,
     index_of,
     load_session,
+    numbers_of,
+    pictures_of,
     read_noload,
     read_recording,
+    without_moments,
 )
 from vbaa_calib.streams import Source as Opened
 from vbaa_calib.streams import Synchronizer, Timing
@@ -193,7 +196,7 @@ class Source:
         """Some successive frames of the whole, and the few before them which their pictures may need."""
         first = part.start if self.lines is not None else max(part.start - STREAM, 0)
         frames, places = (each[first : part.stop] for each in (self.frames, self.places))
-        lines = None if self.lines is None else self.lines.picked([frame.frame for frame in frames])
+        lines = None if self.lines is None else self.lines.picked(numbers_of(frames))
         before = (part.start - first, first)
         return replace(self, frames=frames, places=places, lines=lines, count=part.stop - part.start, before=before)
 
@@ -278,7 +281,7 @@ def open_source(
     frames = read_recording(session)
     if no_moment:
         frames = without_moments(frames)
-    pictures = [frame.image for frame in frames if frame.image is not None]
+    pictures = pictures_of(frames)
     check_pictures(pictures, rig.camera.image_size, "the rig was calibrated at")
     return Source(session, frames, None if pictures else recorded_lines(session, frames, index), count=len(frames))
 
@@ -313,11 +316,6 @@ def inputs_digest(path: Path) -> str:
             status = frame.image.stat()
             said.append([str(frame.image.relative_to(session.root)), status.st_size, status.st_mtime_ns])
     return hashlib.sha256(json.dumps(said).encode()).hexdigest()
-
-
-def without_moments(frames: Sequence[Frame]) -> list[Frame]:
-    """Frames for vision alone."""
-    return [replace(frame, moment_Nm=np.nan, moment_z_Nm=np.nan) for frame in frames]
 
 
 def free_stills(session: Session, rig: Rig) -> list[Still]:

@@ -7,17 +7,24 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
+from vbaa_calib.core.errors import InputError
 from vbaa_calib.session import (
     Still,
     check_pictures,
     has_over,
     load_session,
+    numbers_of,
     read_loads,
     read_noload,
     read_recording,
+    recording_of,
+    tables,
+    without_moments,
 )
+from vbaa_calib.session.tables import FrameColumns
 
 from .files import changed, complaint, write
 
@@ -64,6 +71,45 @@ class TestRecording:
         assert first.moment_z_Nm == 2e-3
         assert math.isnan(first.moment_Nm)
         assert math.isnan(second.moment_z_Nm)
+
+    @pytest.mark.parametrize("seed", range(60))
+    def test_read_by_columns_as_by_rows(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, seed: int) -> None:
+        rng = np.random.default_rng(seed)
+        header = ["frame", "time_s", "pan_rad", "tilt_rad", "moment_Nm", *["moment_z_Nm"] * int(rng.integers(2))]
+        table = np.round(rng.normal(0.0, 1.0, (9, len(header))), 6)
+        table[:, 0], table[:, 1] = rng.permutation(9), np.arange(9)
+        cells = [list(map(repr, row)) for row in table.tolist()]
+        for _ in range(seed % 3):
+            cells[rng.integers(9)][rng.integers(len(header))] = str(rng.choice(ODD))
+        path = tmp_path / "recording.csv"
+        path.write_text(
+            "\n".join(",".join(row) for row in [header, *cells]) + str(rng.choice(["", "\n", "\r\n", "\n\n"]))
+        )
+        first = _frames_or_complaint(path)
+        monkeypatch.setattr(tables, "plain_columns", lambda *_: None)
+        assert first == _frames_or_complaint(path)
+
+    def test_columns_are_frames(self, tmp_path: Path) -> None:
+        path = tmp_path / "recording.csv"
+        path.write_text("frame,time_s,pan_rad,tilt_rad,moment_Nm\n7,0,0.1,0.2,1e-3\n4,0.5,0,0,-2e-3\n9,1,0,0,0\n")
+        frames = recording_of(path, with_images=False)
+        assert isinstance(frames, FrameColumns)
+        assert [str(frame) for frame in frames] == [str(frames[at]) for at in range(3)]
+        assert (frames[-1].frame, len(frames[1:]), frames[1:][0].moment_Nm) == (9, 2, -2e-3)
+        assert list(numbers_of(frames)) == list(numbers_of(list(frames))) == [7, 4, 9]
+        assert all(math.isnan(frame.moment_Nm) for frame in without_moments(frames))
+
+
+ODD = ["", " 3", "1 2", "1,2", "'1'", '"2"', "nan", "inf", "1_0", "0x10", "-1", "1e400", "1e-3", "7", "2.5", "+4"]
+ODD += [".5", "5.", "1e5", "x", "1d3", "٣", "9e15", "-0"]
+
+
+def _frames_or_complaint(path: Path) -> str:
+    """As text: moments may be NaN."""
+    try:
+        return str(list(recording_of(path, with_images=False)))
+    except InputError as error:
+        return str(error)
 
 
 def test_pictures_are_checked_before_the_work(root: Path) -> None:

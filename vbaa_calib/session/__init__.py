@@ -25,10 +25,13 @@ from .tables import (
     Still,
     SweepPicture,
     check_pictures,
+    numbers_of,
+    pictures_of,
     read_loads,
     read_noload,
     read_recording,
     read_sweep,
     recording_of,
     refuse_measured,
+    without_moments,
 )

@@ -6,7 +6,6 @@ copied row by row by the CSV reader, which names the faulty line.
 
 from __future__ import annotations
 
-import io
 import os
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
@@ -18,7 +17,7 @@ from typing import BinaryIO
 import numpy as np
 
 from vbaa_calib.core.arrays import FARTHEST_PX
-from vbaa_calib.core.csv_rows import csv_rows, number, places_of, whole_number
+from vbaa_calib.core.csv_rows import MOST_WHOLE, csv_rows, loaded, number, places_of, plain_rows, whole_number
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import require_file
 
@@ -29,8 +28,6 @@ _COLUMNS, _DEVIATION = ("frame", "u_px", "v_px"), "sigma_px"
 BLOCK = 1 << 20
 LOT = 64
 """Frames that are read at once."""
-_MOST_FRAME = 2**53
-_NEWLINE, _RETURN, _COMMA = b"\n\r,"
 
 
 def read_centrelines(session: Session, index: Sequence[Index | None] = ()) -> Centrelines:
@@ -77,7 +74,7 @@ class Centrelines(Mapping[int, np.ndarray]):
     """Frame → (N, 3) of u_px, v_px, sigma_px (NaN where the column is missing), read from the file when asked for.
 
     Takes 24 bytes for each run of consecutive rows of one frame. Looking up a frame raises InputError if the file has
-    changed since it was checked.
+    changed since it was checked. frames (F,) : their numbers, in order.
     """
 
     def __init__(
@@ -91,7 +88,7 @@ class Centrelines(Mapping[int, np.ndarray]):
         """`runs` (R, 3) int64: frame, first and last byte of its rows in the file or its plain copy."""
         self._path, self._copy, self._state, self._layout = path, copy, state, layout
         self._runs = runs[np.argsort(runs[:, 0], kind="stable")]
-        self._frames = np.unique(self._runs[:, 0])
+        self.frames = np.unique(self._runs[:, 0])
         self._lot, self._points = -1, [np.empty((0, 3))]
 
     @property
@@ -99,16 +96,16 @@ class Centrelines(Mapping[int, np.ndarray]):
         """Whether another process can read it: not from a temporary copy."""
         return self._copy is None
 
-    def picked(self, frames: Sequence[int]) -> Centrelines:
+    def picked(self, frames: np.ndarray) -> Centrelines:
         """Only these frames."""
-        runs = self._runs[np.isin(self._runs[:, 0], np.asarray(frames))]
+        runs = self._runs[np.isin(self._runs[:, 0], frames)]
         return Centrelines(self._path, self._copy, self._state, self._layout, runs)
 
     def __len__(self) -> int:
-        return len(self._frames)
+        return len(self.frames)
 
     def __iter__(self) -> Iterator[int]:
-        return iter(self._frames.tolist())
+        return iter(self.frames.tolist())
 
     def __contains__(self, frame: object) -> bool:
         return isinstance(frame, int | np.integer) and self._place(int(frame)) is not None
@@ -119,15 +116,15 @@ class Centrelines(Mapping[int, np.ndarray]):
             raise KeyError(frame)
         lot, at = divmod(place, LOT)
         if lot != self._lot:
-            self._points, self._lot = self._read(self._frames[lot * LOT : (lot + 1) * LOT]), lot
+            self._points, self._lot = self._read(self.frames[lot * LOT : (lot + 1) * LOT]), lot
         points = self._points[at]
         # a repeated point was measured once
         _, first = np.unique(points[:, 0] + 1j * points[:, 1], return_index=True)
         return points if len(first) == len(points) else points[np.sort(first)]
 
     def _place(self, frame: int) -> int | None:
-        at = int(np.searchsorted(self._frames, frame))
-        return at if at < len(self._frames) and self._frames[at] == frame else None
+        at = int(np.searchsorted(self.frames, frame))
+        return at if at < len(self.frames) and self.frames[at] == frame else None
 
     def _read(self, frames: np.ndarray) -> list[np.ndarray]:
         """The points (N, 3) of frames that follow each other."""
@@ -139,7 +136,7 @@ class Centrelines(Mapping[int, np.ndarray]):
                 stream.seek(begin)
                 rows.append(stream.read(end - begin).rstrip(b"\n") + b"\n")
             if _state(stream) == self._state:
-                table = _loaded(b"".join(rows).decode(), self._layout)
+                table = loaded(b"".join(rows).decode(), self._layout.places)
         if len(table) == 0:
             remedy = "start again once nothing writes to it"
             raise InputError("has changed since it was checked", where=self._path, remedy=remedy)
@@ -189,36 +186,18 @@ def _joined(parts: Sequence[Index | None]) -> Index | None:
 
 def _plain(block: bytes, layout: _Layout) -> np.ndarray | None:
     """(R, 3) runs of whole lines, in bytes of the block; None unless they are plain and correct."""
-    if not block or b'"' in block or block.count(b"\r") != block.count(b"\r\n"):
+    rows = plain_rows(block, layout.count, layout.places) if block else None
+    if rows is None:
         return None
-    data = np.frombuffer(block if block.endswith(b"\n") else block + b"\n", np.uint8)
-    ends = np.flatnonzero(data == _NEWLINE) + 1
-    begins = np.concatenate([[0], ends[:-1]])
-    filled = ends - begins > 1 + (data[begins] == _RETURN)
-    commas = np.add.reduceat(data == _COMMA, begins, dtype=np.int64)
-    if (commas[filled] != layout.count - 1).any():
-        return None
-    if not filled.any():
+    if not len(rows.cells):
         return np.empty((0, 3), np.int64)
-    try:
-        table = _loaded(block.decode("ascii"), layout)
-    except ValueError:  # UnicodeDecodeError is one, too
-        return None
-    frame = table[:, 0]
-    sound = (np.abs(table[:, 1:]) <= FARTHEST_PX).all() and (
-        (frame >= 0) & (frame < _MOST_FRAME) & (frame == np.floor(frame))
-    ).all()
-    if not sound or len(table) != filled.sum() or not (table[:, 3:] > 0.0).all():
+    frame, others = rows.cells[:, 0], rows.cells[:, 1:]
+    sound = ((frame >= 0) & (frame < MOST_WHOLE) & (frame == np.floor(frame))).all()
+    if not sound or (np.abs(others) > FARTHEST_PX).any() or not (others[:, 2:] > 0.0).all():
         return None
     first = np.concatenate([[0], np.flatnonzero(np.diff(frame)) + 1])
     last = np.concatenate([first[1:], [len(frame)]]) - 1
-    runs = [frame[first].astype(np.int64), begins[filled][first], np.minimum(ends[filled][last], len(block))]
-    return np.stack(runs, axis=1)
-
-
-def _loaded(text: str, layout: _Layout) -> np.ndarray:
-    """(N, 3 or 4) the needed columns. Raises ValueError for cells that are no numbers."""
-    return np.loadtxt(io.StringIO(text), delimiter=",", comments=None, usecols=layout.places, ndmin=2)
+    return np.stack([frame[first].astype(np.int64), rows.begins[first], rows.ends[last]], axis=1)
 
 
 def _copy_plainly(path: Path, copy: BinaryIO) -> None:

@@ -8,15 +8,15 @@ import io
 import math
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import chain
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
 
-from vbaa_calib.core.arrays import check_angle
-from vbaa_calib.core.csv_rows import csv_rows, number, read_csv, whole_number
+from vbaa_calib.core.arrays import LARGEST_RAD, Rows, check_angle
+from vbaa_calib.core.csv_rows import MOST_WHOLE, csv_rows, number, plain_columns, read_csv, whole_number
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_text
 from vbaa_calib.core.images import SUFFIXES, picture_size
@@ -69,6 +69,46 @@ class Frame(Still):
     moment_z_Nm: float = field(default=np.nan, kw_only=True)
     moment_errors_Nm: tuple[float, float] = field(default=(0.0, 0.0), kw_only=True)
     joint_errors_rad: tuple[float, float] = field(default=(0.0, 0.0), kw_only=True)
+
+
+@dataclass(frozen=True, eq=False)
+class FrameColumns(Rows, Sequence[Frame]):
+    """Frames of a recording without pictures, by columns (F,), which are small to keep and quick to send."""
+
+    frame: np.ndarray
+    time_s: np.ndarray
+    pan_rad: np.ndarray
+    tilt_rad: np.ndarray
+    moment_Nm: np.ndarray
+    moment_z_Nm: np.ndarray
+
+    def __getitem__(self, index: Any) -> Any:
+        if isinstance(index, slice):
+            return self.picked(index)
+        return Frame(None, **{name: each[index].item() for name, each in vars(self).items()})
+
+    def __iter__(self) -> Iterator[Frame]:
+        names = list(vars(self))
+        for values in zip(*(each.tolist() for each in vars(self).values()), strict=True):
+            yield Frame(None, **dict(zip(names, values, strict=True)))
+
+
+def numbers_of(frames: Sequence[Frame]) -> np.ndarray:
+    """The frames' numbers (F,)."""
+    return frames.frame if isinstance(frames, FrameColumns) else np.array([each.frame for each in frames], np.int64)
+
+
+def pictures_of(frames: Sequence[Frame]) -> list[Path]:
+    """The pictures of those frames that have one."""
+    return [] if isinstance(frames, FrameColumns) else [each.image for each in frames if each.image is not None]
+
+
+def without_moments(frames: Sequence[Frame]) -> Sequence[Frame]:
+    """Frames for vision alone."""
+    if isinstance(frames, FrameColumns):
+        nothing = np.full(len(frames), np.nan)
+        return replace(frames, moment_Nm=nothing, moment_z_Nm=nothing)
+    return [replace(frame, moment_Nm=np.nan, moment_z_Nm=np.nan) for frame in frames]
 
 
 def wrong(row: Mapping[str, str], path: Path, what: str, remedy: str) -> InputError:
@@ -157,7 +197,7 @@ def _pictures(
         yield row, kind(**entries)
 
 
-def read_recording(session: Session) -> list[Frame]:
+def read_recording(session: Session) -> Sequence[Frame]:
     """recording/recording.csv. With recording/centrelines.csv instead of pictures it needs no image column.
 
     Moments may be missing, cell by cell or as a column.
@@ -167,9 +207,13 @@ def read_recording(session: Session) -> list[Frame]:
     return recording_of(path, with_images=not (path.parent / "centrelines.csv").exists())
 
 
-def recording_of(path: Path, *, with_images: bool) -> list[Frame]:
+def recording_of(path: Path, *, with_images: bool) -> Sequence[Frame]:
     """As `read_recording`, of any file. Raises InputError with file, line and remedy."""
     columns = ("frame", "time_s", *(("image",) if with_images else ()), *_ANGLES)
+    plain = None if with_images else plain_columns(path, columns, _MOMENTS)
+    if plain is not None and _MOMENTS[0] in plain and _is_sound(plain):
+        plain[_MOMENTS[1]] = plain.get(_MOMENTS[1], np.full(len(plain["frame"]), np.nan))
+        return FrameColumns(**plain | {"frame": plain["frame"].astype(np.int64)})
     rows = csv_rows(path, columns, _MOMENTS, _IN_DEGREES)
     first = next(rows)
     _refuse_misspelt(path, _MOMENTS[0], (*columns, *_MOMENTS))
@@ -185,6 +229,15 @@ def recording_of(path: Path, *, with_images: bool) -> list[Frame]:
         seen.add(frame.frame)
         frames.append(frame)
     return frames
+
+
+def _is_sound(columns: Mapping[str, np.ndarray]) -> bool:
+    """Whether frames by columns are as `recording_of` wants them."""
+    frame, time_s = columns["frame"], columns["time_s"]
+    whole = (frame >= 0) & (frame < MOST_WHOLE) & (frame == np.floor(frame))
+    angles = np.abs([columns[name] for name in _ANGLES]) <= LARGEST_RAD
+    once, forward = np.diff(np.sort(frame)) > 0, np.diff(time_s) >= 0
+    return bool(whole.all() and angles.all() and forward.all() and once.all())
 
 
 def _view(row: Mapping[str, str], path: Path, with_image: bool = True) -> dict[str, Any]:

@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 
 from estimator.table.contacts import LOCATED, STATUSES
+from estimator.table.files import parquet_writer
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_json, replacing, write_json, write_text
 from vbaa_calib.core.folders import make_folder, writing_alone
@@ -37,6 +38,11 @@ SUMMARY = (
     *("warnings", "pieces", "cpu_s", "object"),
 )
 """Columns of summary.csv; state is done or failed."""
+_COUNTED = (
+    *("status", "distance_m", "distance_std_m"),
+    *("force_y_N", "force_z_N", "force_y_std_N", "force_z_std_N", "moment_residual_Nm"),
+)
+"""Columns of contacts of which the summary has numbers."""
 Row = Mapping[str, Any]
 
 
@@ -85,10 +91,10 @@ class Results:
     def done(self, name: str) -> Row | None:
         """The summary of a recording whose contacts are there; None where they are not, or cannot be read."""
         import pyarrow
-        from pyarrow.parquet import read_schema
+        from pyarrow.parquet import read_metadata
 
         try:
-            return dict(json.loads((read_schema(self.contacts(name)).metadata or {})[_KEY]))
+            return dict(json.loads((read_metadata(self.contacts(name)).metadata or {})[_KEY]))
         except (OSError, KeyError, ValueError, pyarrow.ArrowException):
             return None
 
@@ -115,16 +121,17 @@ class Results:
         """Make the recording's contacts of its pieces, a row group at a time; its summary: `about`, and counts."""
         import pyarrow.parquet as parquet
 
-        target = self.contacts(name)
+        target, kept = self.contacts(name), []
         target.parent.mkdir(parents=True, exist_ok=True)
-        row = {**about, **_numbers(pieces)}
-        with replacing(target) as temporary:
-            schema = parquet.read_schema(pieces[0]).with_metadata({_KEY: json.dumps(row, allow_nan=False).encode()})
-            with parquet.ParquetWriter(temporary, schema) as writer:
-                for piece in pieces:
-                    with parquet.ParquetFile(piece) as file:
-                        for group in range(file.num_row_groups):
-                            writer.write_table(file.read_row_group(group).replace_schema_metadata(schema.metadata))
+        with replacing(target) as temporary, parquet_writer(temporary, parquet.read_schema(pieces[0])) as writer:
+            for piece in pieces:
+                with parquet.ParquetFile(piece) as file:
+                    for group in range(file.num_row_groups):
+                        rows = file.read_row_group(group)
+                        writer.write_table(rows)
+                        kept.append({column: rows[column].to_numpy() for column in _COUNTED})
+            row = {**about, **_numbers(kept)}
+            writer.add_key_value_metadata({_KEY: json.dumps(row, allow_nan=False).encode()})
         return row
 
     def forget(self, name: str) -> None:
@@ -136,15 +143,11 @@ class Results:
         shutil.rmtree(self.root / "pieces", ignore_errors=True)
 
 
-def _numbers(pieces: Sequence[Path]) -> dict[str, Any]:
-    """Of the contacts in all pieces: how many of each status, and what is usual of them."""
-    from pyarrow.parquet import read_table
-
-    names = ("distance_m", "distance_std_m", "force_y_N", "force_z_N", "force_y_std_N", "force_z_std_N")
-    parts = [read_table(piece, columns=["status", *names, "moment_residual_Nm"]) for piece in pieces]
-    column = {name: np.concatenate([part[name].to_numpy() for part in parts]) for name in parts[0].column_names}
+def _numbers(parts: Sequence[Mapping[str, np.ndarray]]) -> dict[str, Any]:
+    """Of all contacts: how many of each status, and what is usual of them."""
+    column = {name: np.concatenate([part[name] for part in parts]) for name in _COUNTED}
     located = np.isin(column["status"].astype(str), LOCATED)
-    distance, distance_std, y, z, y_std, z_std = (column[name][located] for name in names)
+    distance, distance_std, y, z, y_std, z_std = (column[name][located] for name in _COUNTED[1:-1])
     residual = column["moment_residual_Nm"]
     residual = residual[np.isfinite(residual)]
     return {

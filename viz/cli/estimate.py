@@ -256,8 +256,9 @@ def _from_session(args: argparse.Namespace, rig: Rig) -> tuple[ContactEstimator,
 def _without_session(args: argparse.Namespace, rig: Rig) -> tuple[ContactEstimator, _Recording]:
     """A bag, a video, a table of pictures, or centrelines. Raises InputError."""
     from estimator.contact.recording import estimate_centrelines, estimate_taken
-    from estimator.contact.source import some_stills, unpacked, without_moments
+    from estimator.contact.source import some_stills, unpacked
     from estimator.contact.surroundings import surroundings
+    from vbaa_calib.session import without_moments
     from vbaa_calib.streams import Synchronizer, taken_frames
 
     estimator = _estimator(args, rig, None)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,13 +13,11 @@ from vbaa_calib.cli.joints import add_joints, pan_tilt_rad
 from vbaa_calib.core.errors import InputError
 
 if TYPE_CHECKING:
-    import numpy as np
-
     from estimator.contact.estimate import ContactEstimator
     from estimator.contact.recording import Ground
     from estimator.contact.source import StreamOptions
     from vbaa_calib.rig import Rig
-    from vbaa_calib.session import Frame
+    from vbaa_calib.session import Centrelines, Frame
     from vbaa_calib.streams import Source, Timing
     from vbaa_calib.streams.bags import Topics
 
@@ -169,22 +167,23 @@ def recorded(args: argparse.Namespace, path: Path, rig: Rig, timing: Timing) -> 
     return source.without_moments() if args.no_moment else source
 
 
-def tracked(args: argparse.Namespace) -> tuple[list[Frame], Mapping[int, np.ndarray]]:
+def tracked(args: argparse.Namespace) -> tuple[Sequence[Frame], Centrelines]:
     """Frames and their centrelines (N, 3) from one's own tracker. Raises InputError with file, line and remedy.
 
     Without readings: vision alone, the joints as --pan and --tilt say, a second from frame to frame, so that none is
     tested for motion.
     """
+    import numpy as np
 
-    from vbaa_calib.session import Frame, centrelines_of, recording_of
+    from vbaa_calib.session import Frame, centrelines_of, numbers_of, recording_of
 
     path, readings, joints = args.centrelines, args.readings, pan_tilt_rad(args)
     lines = centrelines_of(path)
     if readings is None:
-        return [Frame(None, *joints, math.nan, frame=frame, time_s=float(frame)) for frame in sorted(lines)], lines
+        return [Frame(None, *joints, math.nan, frame=frame, time_s=float(frame)) for frame in lines], lines
     frames = recording_of(readings, with_images=False)
-    unknown = set(lines) - {frame.frame for frame in frames}
-    if unknown:
+    unknown = np.setdiff1d(lines.frames, numbers_of(frames))
+    if len(unknown):
         remedy = "give every frame its row there"
-        raise InputError(f"frame {min(unknown)} is not in {readings}", where=path, remedy=remedy)
+        raise InputError(f"frame {unknown[0]} is not in {readings}", where=path, remedy=remedy)
     return frames, lines
