@@ -16,14 +16,23 @@ from estimator.table.contacts import Contact, Measured
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.images import read_picture
 from vbaa_calib.detect.whisker.acceptance import decided, reject_other_shape
-from vbaa_calib.detect.whisker.antenna import corridor, find_along, finder, free_curve, pixels, width_px
+from vbaa_calib.detect.whisker.antenna import (
+    corridor,
+    find_along,
+    finder,
+    free_curve,
+    pixels,
+    same_paths_m_s2,
+    width_px,
+)
 from vbaa_calib.detect.whisker.background import Background, evened
 from vbaa_calib.detect.whisker.centreline import NOTHING, Centreline
+from vbaa_calib.detect.whisker.corridor import Corridor
 from vbaa_calib.detect.whisker.finder import AntennaFinder
 from vbaa_calib.detect.whisker.paint import Paint, without_other_things
 from vbaa_calib.detect.whisker.stretches import explained
 from vbaa_calib.rig import Rig
-from vbaa_calib.session import Centrelines, Frame, Index, Session, Still, numbers_of, read_centrelines
+from vbaa_calib.session import Frame, Session, Still, read_centrelines
 
 from .contacts import RoughFit
 from .estimate import STREAM, ContactEstimator
@@ -131,22 +140,42 @@ def detect(rig: Rig, frame: Still, image: np.ndarray) -> Centreline:
 
 def prepared(rig: Rig, frame: Still) -> AntennaFinder | None:
     """What looks for the antenna in pictures at these joint angles; None where the lens cannot show it."""
-    pull = np.round(gravity(rig, frame) / GRAVITY_STEP_M_S2) * GRAVITY_STEP_M_S2
-    return _finder(rig, (float(pull[0]), float(pull[1]), float(pull[2])))
+    steps = np.array([[GRAVITY_STEP_M_S2], [_same_paths_m_s2(rig)]])
+    pull, alike = (np.round(gravity(rig, frame) / steps) * steps).tolist()
+    return _finder(rig, tuple(pull), tuple(alike))
 
 
-@lru_cache(maxsize=64)
-def _finder(rig: Rig, pull_m_s2: tuple[float, float, float]) -> AntennaFinder | None:
-    """What looks for the antenna under this gravity (antenna frame); None where the lens cannot show the antenna."""
-    free = free_curve(rig.antenna.parameters, rig.antenna.length_m, np.array(pull_m_s2))
-    where = corridor(rig.camera, rig.T_antenna_camera.inverse(), free, rig.antenna.diameter_m)
+@lru_cache(maxsize=256)
+def _finder(rig: Rig, pull_m_s2: tuple[float, ...], paths_m_s2: tuple[float, ...]) -> AntennaFinder | None:
+    """What looks for the antenna under this gravity (antenna frame), along the paths tabled for one much like it; None
+    where the lens cannot show the antenna."""
+    where = _corridor(rig, pull_m_s2)
     shape_px = max(SHAPE_PX, SHAPE_WIDTHS * where.width_px)
     drift, focal = rig.drift, 0.5 * (rig.camera.matrix[0, 0] + rig.camera.matrix[1, 1])
     depth_m = max(float(rig.T_antenna_camera.inverse().translation_m[2]), 1e-3)
     drifted = (focal * drift.camera_turn_rad, focal * drift.camera_shift_m / depth_m, drift.picture_shift_px)
     clamp_px = float(np.hypot(CLAMP_PX, DRIFTED * np.linalg.norm(drifted)))
-    found = finder(replace(where, clamp_px=clamp_px, clamp_rad=CLAMP_RAD, shape_px=shape_px), rig.camera)
+    where = replace(where, clamp_px=clamp_px, clamp_rad=CLAMP_RAD, shape_px=shape_px)
+    found = finder(where, rig.camera, _tabled(rig, paths_m_s2))
     return found if found is None or rig.image.height is None else found.with_usual_height(rig.image.height)
+
+
+def _corridor(rig: Rig, pull_m_s2: tuple[float, ...]) -> Corridor:
+    free = free_curve(rig.antenna.parameters, rig.antenna.length_m, np.array(pull_m_s2))
+    return corridor(rig.camera, rig.T_antenna_camera.inverse(), free, rig.antenna.diameter_m)
+
+
+@lru_cache(maxsize=64)
+def _tabled(rig: Rig, pull_m_s2: tuple[float, ...]) -> AntennaFinder | None:
+    return finder(_corridor(rig, pull_m_s2), rig.camera)
+
+
+@lru_cache(maxsize=8)
+def _same_paths_m_s2(rig: Rig) -> float:
+    """The step of gravity within which the same paths will do."""
+    table = _tabled(rig, (0.0, 0.0, 0.0))
+    enough = 0.0 if table is None else same_paths_m_s2(table, rig.antenna.parameters, rig.antenna.length_m)
+    return max(enough, GRAVITY_STEP_M_S2)
 
 
 def detect_again(estimator: ContactEstimator, glances: Sequence[FirstDetection]) -> list[Detection]:
@@ -183,11 +212,6 @@ def detections(estimator: ContactEstimator, glances: Iterable[FirstDetection]) -
     for first in coming:
         most = min(AT_ONCE_PX // first.image.size, STREAM)
         yield from detect_again(estimator, [first, *islice(coming, (1 << max(most, 1).bit_length() - 1) - 1)])
-
-
-def read_plane(rig: Rig, path: Path) -> np.ndarray:
-    """A picture (H, W) on the rig's plane of paint. Raises as `read_own` does."""
-    return paint(rig).plane(read_own(rig, path))
 
 
 def read_own(rig: Rig, path: Path) -> np.ndarray:
@@ -321,7 +345,7 @@ def measured_recording(
 ) -> Iterator[Measured]:
     """What every frame of a session's recording offers to a fit, in order, as `estimate_source` takes it."""
     if frames[0].image is None:
-        lines = recorded_lines(session, frames)
+        lines = read_centrelines(session).checked(frames, "recording.csv")
         return (measured_points(estimator.rig, frame, lines) for frame in frames)
     return (each.measured for each in detected(estimator, frames, ground))
 
@@ -374,16 +398,3 @@ def estimate_centrelines(
     given, kept = tee(measured_points(estimator.rig, frame, lines) for frame in frames)
     for frame, seen, contact in zip(frames, kept, estimator.run(given), strict=True):
         yield FrameContact(frame, contact, seen)
-
-
-def recorded_lines(session: Session, frames: Sequence[Frame], index: Sequence[Index | None] = ()) -> Centrelines:
-    """Ready centrelines by frame, of a file whose index may be there. Raises InputError for one of no frame."""
-    lines = read_centrelines(session, index)
-    unknown = np.setdiff1d(lines.frames, numbers_of(frames))
-    if len(unknown):
-        raise InputError(
-            f"frame {unknown[0]} is not in recording.csv",
-            where=session.root / "recording" / "centrelines.csv",
-            remedy="give every frame its row in recording.csv",
-        )
-    return lines

@@ -27,6 +27,7 @@ from vbaa_calib.session import (
     load_session,
     numbers_of,
     pictures_of,
+    read_centrelines,
     read_noload,
     read_recording,
     without_moments,
@@ -46,7 +47,6 @@ from .recording import (
     estimate_centrelines,
     estimate_pictures,
     estimate_taken,
-    recorded_lines,
 )
 from .shutter import checked
 
@@ -283,7 +283,8 @@ def open_source(
         frames = without_moments(frames)
     pictures = pictures_of(frames)
     check_pictures(pictures, rig.camera.image_size, "the rig was calibrated at")
-    return Source(session, frames, None if pictures else recorded_lines(session, frames, index), count=len(frames))
+    lines = None if pictures else read_centrelines(session, index).checked(frames, "recording.csv")
+    return Source(session, frames, lines, count=len(frames))
 
 
 def estimate_source(

@@ -23,7 +23,7 @@ from vbaa_calib.detect.whisker.finder import AntennaFinder
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import Still, check_pictures
 
-from .recording import Ground, prepared, read_plane
+from .recording import Ground, paint, prepared, read_own
 
 AUTO = Path("auto")
 """In place of a picture: learn the background."""
@@ -58,7 +58,7 @@ def surroundings(rig: Rig, given: Path | None, stills: Callable[[], Sequence[Sti
     if given == AUTO:
         learnt, words = learn_surroundings(rig, stills())
         return None if learnt is None else learnt.of, words
-    empty = Background(read_plane(rig, given).astype(np.float32))
+    empty = Background(_plane(rig, given).astype(np.float32))
     return lambda _: empty, f"{given.name} is taken off where it lies behind the antenna"
 
 
@@ -108,7 +108,7 @@ def _learnt(rig: Rig, stills: Sequence[Still]) -> tuple[Background | None, str]:
     width, height = rig.camera.image_size
     count = int(np.clip(MOST_PX // (width * height), LEAST_PICTURES, MOST_PICTURES))
     sample = [stills[i] for i in np.unique(np.linspace(0, len(stills) - 1, count).round().astype(int))]
-    return background_of([read_plane(rig, still.image) for still in sample if still.image], looking, rig.image.bright)
+    return background_of([_plane(rig, still.image) for still in sample if still.image], looking, rig.image.bright)
 
 
 def background_of(
@@ -145,3 +145,8 @@ def _without(
     if at_rest is not None:
         masks = [np.maximum(mask, covered(at_rest, mask.shape, width_px)) for mask in masks]
     return learn(images, masks)
+
+
+def _plane(rig: Rig, path: Path) -> np.ndarray:
+    """A picture (H, W) on the rig's plane of paint. Raises as `read_own` does."""
+    return paint(rig).plane(read_own(rig, path))

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, Self
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import require_file
 
 from .settings import Session
-from .tables import wrong
+from .tables import Frame, numbers_of, wrong
 
 _COLUMNS, _DEVIATION = ("frame", "u_px", "v_px"), "sigma_px"
 BLOCK = 1 << 20
@@ -95,6 +95,14 @@ class Centrelines(Mapping[int, np.ndarray]):
     def portable(self) -> bool:
         """Whether another process can read it: not from a temporary copy."""
         return self._copy is None
+
+    def checked(self, frames: Sequence[Frame], table: str) -> Self:
+        """These, unless one is of no frame of a table: raises InputError."""
+        unknown = np.setdiff1d(self.frames, numbers_of(frames))
+        if len(unknown):
+            remedy = "give every frame its row there"
+            raise InputError(f"frame {unknown[0]} is not in {table}", where=self._path, remedy=remedy)
+        return self
 
     def picked(self, frames: np.ndarray) -> Centrelines:
         """Only these frames."""

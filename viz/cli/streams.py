@@ -173,17 +173,11 @@ def tracked(args: argparse.Namespace) -> tuple[Sequence[Frame], Centrelines]:
     Without readings: vision alone, the joints as --pan and --tilt say, a second from frame to frame, so that none is
     tested for motion.
     """
-    import numpy as np
-
-    from vbaa_calib.session import Frame, centrelines_of, numbers_of, recording_of
+    from vbaa_calib.session import Frame, centrelines_of, recording_of
 
     path, readings, joints = args.centrelines, args.readings, pan_tilt_rad(args)
     lines = centrelines_of(path)
     if readings is None:
         return [Frame(None, *joints, math.nan, frame=frame, time_s=float(frame)) for frame in lines], lines
     frames = recording_of(readings, with_images=False)
-    unknown = np.setdiff1d(lines.frames, numbers_of(frames))
-    if len(unknown):
-        remedy = "give every frame its row there"
-        raise InputError(f"frame {unknown[0]} is not in {readings}", where=path, remedy=remedy)
-    return frames, lines
+    return frames, lines.checked(frames, str(readings))

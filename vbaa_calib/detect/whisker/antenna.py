@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from vbaa_calib.antenna.shape import Curves, bend
@@ -47,13 +49,27 @@ def corridor(
     return Corridor(axis, CLAMP_REACH_PX + reach * arc_lengths(axis), width, free=shape)
 
 
-def finder(where: Corridor, camera: Camera) -> AntennaFinder | None:
-    """What looks for the antenna in a corridor of this camera's pictures; None where too little of it can be shown."""
-    return AntennaFinder.prepare(where, camera.image_size) if _shows(where) else None
+def finder(where: Corridor, camera: Camera, alike: AntennaFinder | None = None) -> AntennaFinder | None:
+    """What looks for the antenna in a corridor of this camera's pictures; None where too little of it can be shown.
+
+    alike : one for a corridor much like it, whose paths it takes.
+    """
+    if not _shows(where):
+        return None
+    return AntennaFinder.prepare(where, camera.image_size) if alike is None else replace(alike, corridor=where)
 
 
 def _shows(where: Corridor) -> bool:
     return len(where.axis_px) >= LEAST_AXIS and bool(arc_lengths(where.axis_px)[-1] >= LEAST_LENGTH_PX)
+
+
+def same_paths_m_s2(table: AntennaFinder, parameters: np.ndarray, length_m: float) -> float:
+    """The step of gravity within which the same paths will do: it moves the free antenna's tip by half of what lies
+    between two paths. To table them takes ten times as long as all else."""
+    tips = [free_curve(parameters, length_m, np.array([0.0, pull, 0.0])).points_m[0, -1] for pull in (0.0, 10.0)]
+    axis = table.corridor.axis_px
+    sag_px = float(np.linalg.norm(tips[1] - tips[0])) / length_m * arc_lengths(axis)[-1]
+    return 10.0 * float(min(0.5 * table.spacing_px / max(sag_px, 1e-9), 1.0))
 
 
 def find(image: np.ndarray, where: Corridor, bright: bool | None = True) -> Centreline:
