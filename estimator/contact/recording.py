@@ -28,9 +28,9 @@ from vbaa_calib.session import Centrelines, Frame, Index, Session, Still, read_c
 from .contacts import RoughFit
 from .estimate import STREAM, ContactEstimator
 
-GRAVITY_STEP_M_S2 = 0.5
+_GRAVITY_STEP_M_S2 = 0.5
 """A finder is used again for frames whose gravity is so much alike: the free antenna sags by a pixel more or less."""
-SECOND_LOOK = 0.8
+_SECOND_LOOK = 0.8
 """The second look along the fitted shape is taken unless it sees less than this fraction of what the first saw."""
 
 CLAMP_PX, CLAMP_RAD, DRIFTED = 1.5, 0.015, 3.0
@@ -39,15 +39,15 @@ deviations of the camera's drift since then."""
 SHAPE_PX, SHAPE_WIDTHS = 0.5, 0.11
 """How far from a shape that it can take it may lie in the mean: the larger of so many px and widths."""
 
-LEAST_NOISE = 0.5
+_LEAST_NOISE = 0.5
 """Points are not taken to be better than this part of what the rig's own pictures showed: one picture's scatter does
 not show what all of its points have in common, as by a highlight at the antenna's side."""
 
 Ground = Callable[[Still], Background | None]
 """What lies behind the antenna in a picture, as far as it is known."""
 
-NO_JOINTS = "no joint angles were read near enough to the picture's instant"
-AT_ONCE_PX = 16_000_000
+_NO_JOINTS = "no joint angles were read near enough to the picture's instant"
+_AT_ONCE_PX = 16_000_000
 """Pictures of so many pixels in all, at most, are kept for a second look, so that their rough fits are one batch."""
 
 
@@ -96,7 +96,7 @@ def gravity(rig: Rig, frame: Still) -> np.ndarray:
 
 def measured(rig: Rig, frame: Frame, line: Centreline, **more: np.ndarray) -> Measured:
     """A centreline with the deviations that this rig's pictures really have, its end where it is the tip, and more."""
-    sigma = np.maximum(line.effective_px * rig.image.noise_scale, LEAST_NOISE * rig.image.noise_px)
+    sigma = np.maximum(line.effective_px * rig.image.noise_scale, _LEAST_NOISE * rig.image.noise_px)
     if line.end == "tip":
         more["tip_px"] = np.array([*line.end_px, line.end_std_px])
     return _measured(frame, line.points_px, sigma, **more)
@@ -131,7 +131,7 @@ def detect(rig: Rig, frame: Still, image: np.ndarray) -> Centreline:
 
 def prepared(rig: Rig, frame: Still) -> AntennaFinder | None:
     """What looks for the antenna in pictures at these joint angles; None where the lens cannot show it."""
-    pull = np.round(gravity(rig, frame) / GRAVITY_STEP_M_S2) * GRAVITY_STEP_M_S2
+    pull = np.round(gravity(rig, frame) / _GRAVITY_STEP_M_S2) * _GRAVITY_STEP_M_S2
     return _finder(rig, (float(pull[0]), float(pull[1]), float(pull[2])))
 
 
@@ -171,7 +171,7 @@ def _along(rig: Rig, glance: FirstDetection, rough: RoughFit) -> Detection:
     if glance.picture is not None:
         again = without_other_things(glance.picture, again, rig.image.looks, width)
     again = again if glance.looking is None else reject_other_shape(again, glance.looking.corridor)
-    line = again if len(again.points_px) >= SECOND_LOOK * len(glance.line.points_px) else glance.line
+    line = again if len(again.points_px) >= _SECOND_LOOK * len(glance.line.points_px) else glance.line
     # a line that is doubted on a closer look, though not on the first, makes no contact
     return Detection(line, measured(rig, glance.frame, line if line.found else NOTHING, start=rough.unknowns))
 
@@ -181,16 +181,16 @@ def detections(estimator: ContactEstimator, glances: Iterable[FirstDetection]) -
     recording that is cut between batches of the estimator are taken in the same lots."""
     coming = iter(glances)
     for first in coming:
-        most = min(AT_ONCE_PX // first.image.size, STREAM)
+        most = min(_AT_ONCE_PX // first.image.size, STREAM)
         yield from detect_again(estimator, [first, *islice(coming, (1 << max(most, 1).bit_length() - 1) - 1)])
 
 
 def read_plane(rig: Rig, path: Path) -> np.ndarray:
-    """A picture (H, W) on the rig's plane of paint. Raises as `read_own` does."""
-    return paint(rig).plane(read_own(rig, path))
+    """A picture (H, W) on the rig's plane of paint. Raises as `_read_own` does."""
+    return paint(rig).plane(_read_own(rig, path))
 
 
-def read_own(rig: Rig, path: Path) -> np.ndarray:
+def _read_own(rig: Rig, path: Path) -> np.ndarray:
     """A picture of this rig's camera. Raises InputError when it cannot be read or has another size."""
     image = read_picture(path)
     if image.shape[1::-1] != tuple(rig.camera.image_size):
@@ -208,7 +208,7 @@ def first_detection(estimator: ContactEstimator, frame: Frame, ground: Ground | 
     Raises InputError when the picture cannot be read or has another size.
     """
     assert frame.image is not None
-    return first_look(estimator, frame, read_own(estimator.rig, frame.image), ground)
+    return first_look(estimator, frame, _read_own(estimator.rig, frame.image), ground)
 
 
 def first_look(
@@ -218,7 +218,7 @@ def first_look(
     rig = estimator.rig
     bright, image = rig.image.bright, paint(rig).plane(picture)
     if not math.isfinite(frame.pan_rad + frame.tilt_rad):
-        return FirstDetection(frame, image, replace(NOTHING, reason=NO_JOINTS), bright)
+        return FirstDetection(frame, image, replace(NOTHING, reason=_NO_JOINTS), bright)
     looking = prepared(rig, frame)
     if looking is None:
         return FirstDetection(frame, image, NOTHING, bright)

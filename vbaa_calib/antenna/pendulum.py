@@ -39,7 +39,7 @@ def universal_curve(upsilon: np.ndarray, lean_rad: np.ndarray, curve: np.ndarray
                 curve[0, row, n], curve[1, row, n], curve[2, row, n] = closed_form(upsilon[row, n], lean, chain)
         else:
             terms = series_terms(largest)
-            taylor(spread(math.sin(lean)), spread(math.cos(lean)), terms, coefficients)
+            _taylor(spread(math.sin(lean)), spread(math.cos(lean)), terms, coefficients)
             for n in range(upsilon.shape[1]):
                 place = upsilon[row, n]
                 psi, along, across = 0.0, 0.0, 0.0
@@ -56,7 +56,7 @@ def hinge_by_series(
 ) -> None:
     """Write −sin ψ, cos ψ and θ′·EI/(F·l) (3, N, LANES) at N − 1 of N fractions of the way from clamp to contact."""
     coefficients = np.empty((3, _TERMS + 1, LANES))
-    taylor(sin_lean, cos_lean, terms, coefficients)
+    _taylor(sin_lean, cos_lean, terms, coefficients)
     for node in range(len(inner) - 1):
         back = 1.0 - inner[node]
         square = loads * (back * back)
@@ -90,7 +90,7 @@ def series_terms(largest_load: float) -> int:
 
 
 @compiled
-def taylor(sin_lean: Lanes, cos_lean: Lanes, terms: int, coefficients: np.ndarray) -> None:
+def _taylor(sin_lean: Lanes, cos_lean: Lanes, terms: int, coefficients: np.ndarray) -> None:
     """Write Taylor coefficients (3, ..., LANES) of ψ/υ², cos ψ and sin ψ in υ², from ψ″ = cos(ψ + α) term by term."""
     rates = np.empty((_TERMS, LANES))
     store(coefficients, spread(1.0), 1, 0)
@@ -114,7 +114,7 @@ def closed_form(upsilon: float, lean_rad: float, chain: np.ndarray) -> tuple[flo
 
     tan(ψ/2) = k k′ (1 − cn)/(k′² + k² cn); in the force's frame (x along it) ∫cos χ = χ′ and ∫sin χ by the energy.
     """
-    sn, cn, dn, second = jacobi_at(upsilon, chain)
+    sn, cn, dn, second = _jacobi_at(upsilon, chain)
     sin_lean, cos_lean, m = math.sin(lean_rad), math.cos(lean_rad), chain[_STEPS, 2]
     # cos α = 2 k k′
     half_sin = 0.5 * cos_lean * (sn**2 / (1.0 + cn) if cn > 0.0 else 1.0 - cn)
@@ -140,7 +140,7 @@ def landen(m: float) -> np.ndarray:
 
 
 @compiled
-def jacobi_at(u: float, chain: np.ndarray) -> tuple[float, float, float, float]:
+def _jacobi_at(u: float, chain: np.ndarray) -> tuple[float, float, float, float]:
     """sn, cn and dn of (u | m), and E(am(u | m) | m)."""
     amplitude, second, m = chain[_STEPS, 0] * u, chain[_STEPS, 1] * u, chain[_STEPS, 2]
     for step in range(_STEPS - 1, -1, -1):
@@ -155,6 +155,6 @@ def jacobi_at(u: float, chain: np.ndarray) -> tuple[float, float, float, float]:
 
 @kernel
 def jacobi_each(u: np.ndarray, m: np.ndarray, found: np.ndarray) -> None:
-    """Write `jacobi_at` (4, N) for u (N,) and m (N,)."""
+    """Write `_jacobi_at` (4, N) for u (N,) and m (N,)."""
     for n in range(len(u)):
-        found[0, n], found[1, n], found[2, n], found[3, n] = jacobi_at(u[n], landen(m[n]))
+        found[0, n], found[1, n], found[2, n], found[3, n] = _jacobi_at(u[n], landen(m[n]))
