@@ -114,7 +114,7 @@ def closed_form(upsilon: float, lean_rad: float, chain: np.ndarray) -> tuple[flo
 
     tan(ψ/2) = k k′ (1 − cn)/(k′² + k² cn); in the force's frame (x along it) ∫cos χ = χ′ and ∫sin χ by the energy.
     """
-    sn, cn, dn, second = _jacobi_at(upsilon, chain)
+    sn, cn, dn, second = jacobi_at(upsilon, chain)
     sin_lean, cos_lean, m = math.sin(lean_rad), math.cos(lean_rad), chain[_STEPS, 2]
     # cos α = 2 k k′
     half_sin = 0.5 * cos_lean * (sn**2 / (1.0 + cn) if cn > 0.0 else 1.0 - cn)
@@ -140,7 +140,7 @@ def landen(m: float) -> np.ndarray:
 
 
 @compiled
-def _jacobi_at(u: float, chain: np.ndarray) -> tuple[float, float, float, float]:
+def jacobi_at(u: float, chain: np.ndarray) -> tuple[float, float, float, float]:
     """sn, cn and dn of (u | m), and E(am(u | m) | m)."""
     amplitude, second, m = chain[_STEPS, 0] * u, chain[_STEPS, 1] * u, chain[_STEPS, 2]
     for step in range(_STEPS - 1, -1, -1):
@@ -151,10 +151,3 @@ def _jacobi_at(u: float, chain: np.ndarray) -> tuple[float, float, float, float]
         amplitude = 0.5 * (amplitude + math.atan2(sine * s, math.sqrt(c**2 + (cosine * s) ** 2)))
     s, c = math.sin(amplitude), math.cos(amplitude)
     return s, c, math.sqrt((1.0 - m) + m * c**2), second
-
-
-@kernel
-def jacobi_each(u: np.ndarray, m: np.ndarray, found: np.ndarray) -> None:
-    """Write `_jacobi_at` (4, N) for u (N,) and m (N,)."""
-    for n in range(len(u)):
-        found[0, n], found[1, n], found[2, n], found[3, n] = _jacobi_at(u[n], landen(m[n]))
