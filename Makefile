@@ -2,6 +2,7 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip install --no-compile --constraint constraints.txt
 INSTALLED := $(VENV)/.installed
 # One thread per process: the arrays are small, and two workers share two cores.
 export OMP_NUM_THREADS ?= 1
@@ -16,8 +17,9 @@ install: $(INSTALLED)
 $(INSTALLED): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "Python >= 3.11 is needed: make PYTHON=python3.12"; exit 1; }
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --no-compile --constraint constraints.txt --editable '.[dev]'
-	$(BIN)/python -m viz.cli.warm
+	$(PIP) --editable .
+	@# the inner loops are compiled beside what else is installed: it adds packages and changes none
+	trap 'kill $$warm 2>/dev/null' EXIT INT; $(BIN)/python -m viz.cli.warm & warm=$$!; $(PIP) 'vbaa-calib[dev]' && wait $$warm
 	@touch $@
 
 # VTK renders without a screen through EGL; where we may, we install it, elsewhere `vbaa` says what is missing.
