@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip install --no-compile --constraint constraints.txt
-INSTALLED := $(VENV)/.installed
+INSTALLED := $(VENV)/.tools $(VENV)/.kernels
 # One thread per process: the arrays are small, and two workers share two cores.
 export OMP_NUM_THREADS ?= 1
 # What Python compiles is kept beside its source: the tests start hundreds of processes that load the same modules.
@@ -12,14 +12,23 @@ unexport PYTHONDONTWRITEBYTECODE
 .PHONY: demo test test-slow fuzz kills soak processors docs docs-pictures sbom lint install gl clean
 .DEFAULT_GOAL := test
 
-install: $(INSTALLED)
+# the inner loops are compiled while the tools are installed
+install:
+	@$(MAKE) --no-print-directory -j2 $(INSTALLED)
 
-$(INSTALLED): pyproject.toml constraints.txt
+$(VENV)/.runtime: pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "Python >= 3.11 is needed: make PYTHON=python3.12"; exit 1; }
 	$(PYTHON) -m venv $(VENV)
 	$(PIP) --editable .
-	@# the inner loops are compiled beside what else is installed: it adds packages and changes none
-	trap 'kill $$warm 2>/dev/null' EXIT INT; $(BIN)/python -m viz.cli.warm & warm=$$!; $(PIP) 'vbaa-calib[dev]' && wait $$warm
+	@touch $@
+
+# of the package that is installed: adds others and changes none
+$(VENV)/.tools: $(VENV)/.runtime
+	$(PIP) 'vbaa-calib[dev]'
+	@touch $@
+
+$(VENV)/.kernels: $(VENV)/.runtime
+	$(BIN)/python -m viz.cli.warm
 	@touch $@
 
 # VTK renders without a screen through EGL; where we may, we install it, elsewhere `vbaa` says what is missing.
@@ -68,7 +77,7 @@ docs-pictures: $(INSTALLED) gl
 sbom: $(INSTALLED)
 	$(BIN)/python docs/sbom.py sbom.json $(EXTRAS)
 
-lint: $(INSTALLED)
+lint: $(VENV)/.tools
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
