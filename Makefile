@@ -2,7 +2,8 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-INSTALLED := $(VENV)/.installed
+PIP := $(BIN)/python -m pip install --no-compile --constraint constraints.txt
+INSTALLED := $(VENV)/.tools $(VENV)/.kernels
 # One thread per process: the arrays are small, and two workers share two cores.
 export OMP_NUM_THREADS ?= 1
 # What Python compiles is kept beside its source: the tests start hundreds of processes that load the same modules.
@@ -11,12 +12,22 @@ unexport PYTHONDONTWRITEBYTECODE
 .PHONY: demo test test-slow fuzz kills soak processors docs docs-pictures sbom lint install gl clean
 .DEFAULT_GOAL := test
 
-install: $(INSTALLED)
+# the inner loops are compiled while the tools are installed
+install:
+	@$(MAKE) --no-print-directory -j2 $(INSTALLED)
 
-$(INSTALLED): pyproject.toml constraints.txt
+$(VENV)/.runtime: pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "Python >= 3.11 is needed: make PYTHON=python3.12"; exit 1; }
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --no-compile --constraint constraints.txt --editable '.[dev]'
+	$(PIP) --editable .
+	@touch $@
+
+# of the package that is installed: adds others and changes none
+$(VENV)/.tools: $(VENV)/.runtime
+	$(PIP) 'vbaa-calib[dev]'
+	@touch $@
+
+$(VENV)/.kernels: $(VENV)/.runtime
 	$(BIN)/python -m viz.cli.warm
 	@touch $@
 
@@ -66,7 +77,7 @@ docs-pictures: $(INSTALLED) gl
 sbom: $(INSTALLED)
 	$(BIN)/python docs/sbom.py sbom.json $(EXTRAS)
 
-lint: $(INSTALLED)
+lint: $(VENV)/.tools
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy

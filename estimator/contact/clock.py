@@ -24,7 +24,7 @@ FARTHEST_S = 1.0
 """The offset is looked for so far to either side."""
 MOST_PICTURES = 3000
 """Of a recording, so many pictures are used, its first ones."""
-MOST_STD_S = 0.02
+_MOST_STD_S = 0.02
 """An offset that is not better known is not told."""
 _WINDOW_S, _WINDOW_FRAMES = 1.0, 12
 """For so long, and for so many pictures at least, the moment follows the bend by one factor that changes evenly."""
@@ -263,7 +263,7 @@ def _judged(windows: _Windows, readings: _Readings, offset_s: float, noise_Nm: f
     )
     free = windows.features.shape[1] * len(windows.begins)
     std_s = float(np.sqrt(variance * count / max(count - free, 1)) / information) if information > 0.0 else np.inf
-    if not std_s <= MOST_STD_S:
+    if not std_s <= _MOST_STD_S:
         known = f"it is known to {1e3 * std_s:.0f} ms only" if np.isfinite(std_s) else "nothing moves"
         raise _refused(f"{known}: the moment changes too little, or too slowly, while the antenna is seen to bend")
     return ClockOffset(offset_s, std_s, count)

@@ -25,7 +25,7 @@ from vbaa_calib.core.errors import InputError, shown
 from vbaa_calib.rig import Rig
 
 _LEAST_END_PX = 0.02
-SLIGHTLY = 1e-6
+_SLIGHTLY = 1e-6
 """Weight of the other coordinate when points are put in order: it separates points of one column."""
 
 Values = Sequence[float | None] | np.ndarray | None
@@ -196,7 +196,7 @@ def _places(points_px: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
                     most[axis] = value
         longer = 0 if most[0] - least[0] >= most[1] - least[1] else 1
         for n in range(points_px.shape[1]):
-            place[b, n] = points_px[b, n, longer] + SLIGHTLY * points_px[b, n, 1 - longer]
+            place[b, n] = points_px[b, n, longer] + _SLIGHTLY * points_px[b, n, 1 - longer]
             # NaN before a number is out of order, those that fill up a row are not
             after = n > 0 and (np.isnan(place[b, n - 1]) or place[b, n] < place[b, n - 1])
             disordered[b] = disordered[b] or (after and not np.isnan(place[b, n]))

@@ -67,7 +67,7 @@ _JPEG = [
 ]
 
 
-def status_colour(status: str) -> tuple[int, int, int]:
+def _status_colour(status: str) -> tuple[int, int, int]:
     """Blue, green, red."""
     red, green, blue = bytes.fromhex(STATUS_COLOURS[status][1:])
     return blue, green, red
@@ -140,7 +140,7 @@ def frame_picture(estimator: ContactEstimator, item: FrameContact) -> np.ndarray
     legend = strip(
         canvas.image.shape[1],
         canvas.unit,
-        (contact.status, status_colour(contact.status)),
+        (contact.status, _status_colour(contact.status)),
         (STATUSES[contact.status], f"frame {frame.frame}, {frame.time_s:.2f} s"),
         ["; ".join(numbers), contact.reason, seen, lost],
         [*keys(item.line, where, found.parts), *drawn],

@@ -119,7 +119,7 @@ def solve(estimator: ContactEstimator, seen: Seen, learnt: Sequence[LearntRig]) 
 
 
 @dataclass(frozen=True, eq=False)
-class Edge:
+class _Edge:
     """Frames at one end of a piece whose rows need the piece beside it, and the next one, whose row does not."""
 
     items: list[FrameContact]
@@ -135,8 +135,8 @@ class Made:
     """
 
     rows: list[ContactRow]
-    begin: Edge
-    end: Edge
+    begin: _Edge
+    end: _Edge
     head: list[MovingContacts]
     closing: bool
     check: InertialShifts
@@ -161,8 +161,8 @@ def made(
     end = len(shifts)
     return Made(
         rows=_rows(rig, shutter, items[begin:end], shifts[begin:], (items[:begin][-1:], items[end:][:1])),
-        begin=Edge(items[:begin], items[begin:][:1]),
-        end=Edge(items[end:], items[:end][-1:]),
+        begin=_Edge(items[:begin], items[begin:][:1]),
+        end=_Edge(items[end:], items[:end][-1:]),
         head=[] if first else [replace(several, contacts=()) for several in found[:_HEAD]],
         closing=closing,
         check=check,

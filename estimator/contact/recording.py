@@ -37,9 +37,9 @@ from vbaa_calib.session import Frame, Session, Still, read_centrelines
 from .contacts import RoughFit
 from .estimate import STREAM, ContactEstimator
 
-GRAVITY_STEP_M_S2 = 0.5
+_GRAVITY_STEP_M_S2 = 0.5
 """A finder is used again for frames whose gravity is so much alike: the free antenna sags by a pixel more or less."""
-SECOND_LOOK = 0.8
+_SECOND_LOOK = 0.8
 """The second look along the fitted shape is taken unless it sees less than this fraction of what the first saw."""
 
 CLAMP_PX, CLAMP_RAD, DRIFTED = 1.5, 0.015, 3.0
@@ -48,15 +48,15 @@ deviations of the camera's drift since then."""
 SHAPE_PX, SHAPE_WIDTHS = 0.5, 0.11
 """How far from a shape that it can take it may lie in the mean: the larger of so many px and widths."""
 
-LEAST_NOISE = 0.5
+_LEAST_NOISE = 0.5
 """Points are not taken to be better than this part of what the rig's own pictures showed: one picture's scatter does
 not show what all of its points have in common, as by a highlight at the antenna's side."""
 
 Ground = Callable[[Still], Background | None]
 """What lies behind the antenna in a picture, as far as it is known."""
 
-NO_JOINTS = "no joint angles were read near enough to the picture's instant"
-AT_ONCE_PX = 16_000_000
+_NO_JOINTS = "no joint angles were read near enough to the picture's instant"
+_AT_ONCE_PX = 16_000_000
 """Pictures of so many pixels in all, at most, are kept for a second look, so that their rough fits are one batch."""
 
 
@@ -105,7 +105,7 @@ def gravity(rig: Rig, frame: Still) -> np.ndarray:
 
 def measured(rig: Rig, frame: Frame, line: Centreline, **more: np.ndarray) -> Measured:
     """A centreline with the deviations that this rig's pictures really have, its end where it is the tip, and more."""
-    sigma = np.maximum(line.effective_px * rig.image.noise_scale, LEAST_NOISE * rig.image.noise_px)
+    sigma = np.maximum(line.effective_px * rig.image.noise_scale, _LEAST_NOISE * rig.image.noise_px)
     if line.end == "tip":
         more["tip_px"] = np.array([*line.end_px, line.end_std_px])
     return _measured(frame, line.points_px, sigma, **more)
@@ -140,7 +140,7 @@ def detect(rig: Rig, frame: Still, image: np.ndarray) -> Centreline:
 
 def prepared(rig: Rig, frame: Still) -> AntennaFinder | None:
     """What looks for the antenna in pictures at these joint angles; None where the lens cannot show it."""
-    steps = np.array([[GRAVITY_STEP_M_S2], [_same_paths_m_s2(rig)]])
+    steps = np.array([[_GRAVITY_STEP_M_S2], [_same_paths_m_s2(rig)]])
     pull, alike = (np.round(gravity(rig, frame) / steps) * steps).tolist()
     return _finder(rig, tuple(pull), tuple(alike))
 
@@ -175,7 +175,7 @@ def _same_paths_m_s2(rig: Rig) -> float:
     """The step of gravity within which the same paths will do."""
     table = _tabled(rig, (0.0, 0.0, 0.0))
     enough = 0.0 if table is None else same_paths_m_s2(table, rig.antenna.parameters, rig.antenna.length_m)
-    return max(enough, GRAVITY_STEP_M_S2)
+    return max(enough, _GRAVITY_STEP_M_S2)
 
 
 def detect_again(estimator: ContactEstimator, glances: Sequence[FirstDetection]) -> list[Detection]:
@@ -200,7 +200,7 @@ def _along(rig: Rig, glance: FirstDetection, rough: RoughFit) -> Detection:
     if glance.picture is not None:
         again = without_other_things(glance.picture, again, rig.image.looks, width)
     again = again if glance.looking is None else reject_other_shape(again, glance.looking.corridor)
-    line = again if len(again.points_px) >= SECOND_LOOK * len(glance.line.points_px) else glance.line
+    line = again if len(again.points_px) >= _SECOND_LOOK * len(glance.line.points_px) else glance.line
     # a line that is doubted on a closer look, though not on the first, makes no contact
     return Detection(line, measured(rig, glance.frame, line if line.found else NOTHING, start=rough.unknowns))
 
@@ -210,7 +210,7 @@ def detections(estimator: ContactEstimator, glances: Iterable[FirstDetection]) -
     recording that is cut between batches of the estimator are taken in the same lots."""
     coming = iter(glances)
     for first in coming:
-        most = min(AT_ONCE_PX // first.image.size, STREAM)
+        most = min(_AT_ONCE_PX // first.image.size, STREAM)
         yield from detect_again(estimator, [first, *islice(coming, (1 << max(most, 1).bit_length() - 1) - 1)])
 
 
@@ -242,7 +242,7 @@ def first_look(
     rig = estimator.rig
     bright, image = rig.image.bright, paint(rig).plane(picture)
     if not math.isfinite(frame.pan_rad + frame.tilt_rad):
-        return FirstDetection(frame, image, replace(NOTHING, reason=NO_JOINTS), bright)
+        return FirstDetection(frame, image, replace(NOTHING, reason=_NO_JOINTS), bright)
     looking = prepared(rig, frame)
     if looking is None:
         return FirstDetection(frame, image, NOTHING, bright)

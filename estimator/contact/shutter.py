@@ -18,7 +18,7 @@ from vbaa_calib.session import Shutter
 
 from .recording import FrameContact
 
-MOST_STD = 3.0
+_MOST_STD = 3.0
 """Points this many of their deviations off are no longer carried by these."""
 BLURRED_PX = 4.0
 """A movement during the exposure that is mentioned: beyond about twice that, the end of a line is lost in it."""
@@ -92,7 +92,7 @@ def _movement(item: FrameContact, other: FrameContact, shutter: Shutter, rows: i
 
 def _marked(item: FrameContact, moved: _Movement) -> FrameContact:
     contact = item.contact
-    if contact.status in LOCATED and moved.off_std > MOST_STD:
+    if contact.status in LOCATED and moved.off_std > _MOST_STD:
         reason = (
             f"the antenna moves by {moved.readout_px:.1f} px while the sensor is read out, which puts points "
             f"{moved.off_px:.2f} px off, {moved.off_std:.0f} std: move slower, or use a global shutter"

@@ -20,7 +20,7 @@ EDGE_ON_RAD, EDGE_ON_BLIND_RAD = 0.05, 0.15
 distance is uncertain as well, without one always."""
 WRONG_SHAPE = 3.0
 """Median residual, in standard deviations, beyond which the shape is not that of one contact."""
-ALTERNATIVE_COST = 4.5
+_ALTERNATIVE_COST = 4.5
 """Two contacts whose costs differ by less explain a frame about equally well: three standard deviations."""
 SECOND_CONTACT, SECOND_SHIFT = 25.0, 1.0
 """A second force counts when it lowers the cost by so much and moves the distance by so many deviations. Over the grid
@@ -33,9 +33,9 @@ STEEPEST, STEEPEST_BLIND = 3.5, 2.5
 ODD_END = 2.5
 """An end of the antenna so many deviations off where the rest puts it is not used: it may be another thing's, and
 without one that is not little is lost."""
-FRICTION_SHARE = 0.75
+_FRICTION_SHARE = 0.75
 """A part of the distance's variance by unknown friction that is mentioned: without it the deviation would be half."""
-RIG_P_VALUE = 2e-5
+_RIG_P_VALUE = 2e-5
 """The rig's steps, in deviations, follow χ²: at a lower probability the frame asks for another rig."""
 DISAGREEMENT, CONTRADICTION = 4.0, 6.0
 """Residual of a reading, in standard deviations, that is mentioned, and that which fails the frame."""
@@ -80,7 +80,7 @@ def unexplained(numbers: FitNumbers) -> np.ndarray:
 
 def _ambiguous(numbers: FitNumbers) -> np.ndarray:
     """(B,) whether another contact, apart by more than the uncertainty, explains the frame about equally well."""
-    as_good = numbers.alternative_cost < ALTERNATIVE_COST * numbers.scatter**2
+    as_good = numbers.alternative_cost < _ALTERNATIVE_COST * numbers.scatter**2
     if not as_good.any():
         return as_good
     apart = np.abs(numbers.alternative_unknowns - numbers.unknowns)[:, :3] > 3.0 * numbers.std[:, :3]
@@ -215,11 +215,11 @@ def _remarks(numbers: FitNumbers) -> list[str]:
     if numbers.scatter[0] > 1.0:
         remarks.append(f"the points scatter {numbers.scatter[0]:.1f} times more than they should")
     rig = float(numbers.rig_chi_square[0])
-    if chi_square_p(rig, max(int(numbers.rig_axes[0]), 1)) < RIG_P_VALUE:
+    if chi_square_p(rig, max(int(numbers.rig_axes[0]), 1)) < _RIG_P_VALUE:
         remarks.append(f"the rig's parameters had to move by {np.sqrt(rig):.0f} std to fit: check the rig")
     if abs(numbers.tip_std[0]) > DISAGREEMENT:
         remarks.append(f"the antenna's visible end lies {abs(numbers.tip_std[0]):.0f} std off, and is not used")
-    if numbers.friction_share[0] > FRICTION_SHARE:
+    if numbers.friction_share[0] > _FRICTION_SHARE:
         worse = 1.0 / np.sqrt(max(1.0 - float(numbers.friction_share[0]), 1e-2))
         remarks.append(f"unknown friction makes the distance {worse:.0f} times less certain (--friction)")
     if _disagreement(numbers)[0] > DISAGREEMENT:

@@ -31,12 +31,12 @@ MOST_PICTURES, MOST_PX = 24, 40_000_000
 """Pictures that are looked at for one background, and their pixels in all."""
 ALIKE_PX, MOST_POSITIONS = 2.0, 6
 """Joint angles count as one position where the picture moves by no more; so many positions have a background."""
-HARDLY_MOVES = 0.5
+_HARDLY_MOVES = 0.5
 """An antenna that always covers this part of what lies behind it hardly moves: nothing is learnt."""
 
 
 @dataclass(frozen=True, eq=False)
-class Surroundings:
+class _Surroundings:
     """Backgrounds by the joints' position: `grounds` by cell of `step_rad`, which is infinite for one background."""
 
     grounds: Mapping[tuple[int, int], Background]
@@ -56,13 +56,13 @@ def surroundings(rig: Rig, given: Path | None, stills: Callable[[], Sequence[Sti
     if given is None:
         return None, ""
     if given == AUTO:
-        learnt, words = learn_surroundings(rig, stills())
+        learnt, words = _learn_surroundings(rig, stills())
         return None if learnt is None else learnt.of, words
     empty = Background(_plane(rig, given).astype(np.float32))
     return lambda _: empty, f"{given.name} is taken off where it lies behind the antenna"
 
 
-def learn_surroundings(rig: Rig, stills: Sequence[Still]) -> tuple[Surroundings | None, str]:
+def _learn_surroundings(rig: Rig, stills: Sequence[Still]) -> tuple[_Surroundings | None, str]:
     """Backgrounds from pictures with the antenna in them, and what came of it in words; None where none is of use."""
     shown = [still for still in stills if still.image is not None]
     why = f"fewer than {LEAST_PICTURES} pictures"
@@ -78,7 +78,7 @@ def learn_surroundings(rig: Rig, stills: Sequence[Still]) -> tuple[Surroundings 
                 grounds |= {} if ground is None else {cell: ground}
         if grounds:
             where = "" if len(cells) == 1 else f" at {len(grounds)} of {len(cells)} positions of the joints"
-            return Surroundings(grounds, step), f"what stands still behind the antenna is taken off{where}"
+            return _Surroundings(grounds, step), f"what stands still behind the antenna is taken off{where}"
         if len(cells) > 1 and np.isfinite(step):
             why = f"{why}, at none of {len(cells)} positions of the joints"
     return None, f"nothing is taken off: {why}"
@@ -131,7 +131,7 @@ def background_of(
         return None, "what lies behind the antenna does not stand still"
     unknown = np.isnan(ground.scatter)
     always = [unknown[covered(line, unknown.shape, 1.0) > 0].mean() for line in lines if line.found]
-    if always and np.mean(always) > HARDLY_MOVES:
+    if always and np.mean(always) > _HARDLY_MOVES:
         return None, "the antenna hardly moves in the picture, and hides what lies behind it"
     if ground.detail_over_scatter(corridor_mask(looking.corridor, looking.image_size) > 0) < STILL:
         return None, "what lies behind the antenna is plain, or does not stand still"

@@ -31,7 +31,7 @@ from vbaa_calib.session import Frame
 from vbaa_calib.streams import Reading, Synchronizer, Taken
 from vbaa_calib.streams.synchronize import Synchronized
 
-FINAL_AT_ONCE = 4
+_FINAL_AT_ONCE = 4
 """Frames whose final contacts are worked out with one picture: few enough that it is hardly late."""
 
 
@@ -81,7 +81,7 @@ class LiveEstimator:
     ) -> None:
         self.estimator, self.synchronizer = estimator, synchronizer
         self.final, self._ground = final, ground
-        self._later = ContactStream(estimator, at_once=FINAL_AT_ONCE) if final else None
+        self._later = ContactStream(estimator, at_once=_FINAL_AT_ONCE) if final else None
         self._now = ContactStream(estimator, live=True, beside=self._later)
         self._before = np.empty((0, 2))
         self._frames: deque[tuple[Synchronized, Detection]] = deque()

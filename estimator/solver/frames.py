@@ -41,12 +41,12 @@ class Frames(Rows):
     gravity_m_s2: np.ndarray
 
     @property
-    def tables(self) -> FrameTables:
+    def tables(self) -> _FrameTables:
         """For compiled functions."""
-        return FrameTables(*(np.ascontiguousarray(getattr(self, f.name), float) for f in fields(self)[1:]))
+        return _FrameTables(*(np.ascontiguousarray(getattr(self, f.name), float) for f in fields(self)[1:]))
 
 
-class FrameTables(NamedTuple):
+class _FrameTables(NamedTuple):
     """The arrays of `Frames`."""
 
     points: np.ndarray

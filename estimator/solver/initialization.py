@@ -40,7 +40,7 @@ _BENT = (3.0 * _FAR - _NEAR) * _NEAR * _NEAR / 6.0
 
 
 @record
-class Grid:
+class _Grid:
     """Distances of the grid, what unit forces there do, and what the best forces explain.
 
     Attributes
@@ -92,7 +92,7 @@ def grid_search(rig, frame, free, every, work):
     that sums over nodes are matrix products with shapes.
     """
     steps, count = len(free.steps), (len(free.distance) + every - 1) // every
-    grid = Grid(
+    grid = _Grid(
         _DISTANCES.copy(),
         np.empty((2, NODES)),
         np.zeros((2, 2, GRID)),

@@ -29,7 +29,7 @@ def huber_weight(residual):
 
 
 @compiled
-def huber_loss(residual):
+def _huber_loss(residual):
     """Half the square of a whitened residual, linear beyond `HUBER`."""
     size = abs(residual)
     # NaN must not pass for `HUBER`
@@ -172,7 +172,7 @@ def shift_by_steps(fit, first, steps, shift):
 
 
 @compiled
-def take_out(fit, shift):
+def _take_out(fit, shift):
     """Take a displacement (M,) of the curve out of the points' distances."""
     distance, node, share = fit.distance, fit.node, fit.share
     for i in range(len(distance)):
@@ -187,7 +187,7 @@ def residuals_with_rig(fit, shift):
     if len(fit.steps) == 0:
         return
     shift_by_steps(fit, UNKNOWNS, fit.steps, shift)
-    take_out(fit, shift)
+    _take_out(fit, shift)
     steps, readings, residual = fit.steps, fit.reading_columns, fit.residual
     for reading in range(3):
         total = 0.0
@@ -294,7 +294,7 @@ def normal_equations(rig, fit, first, product):
     residual, weight = fit.residual, np.empty(3)
     for reading in range(3):
         weight[reading] = huber_weight(residual[reading])
-        cost += huber_loss(residual[reading])
+        cost += _huber_loss(residual[reading])
     for a in range(first, size):
         by_y, by_z, by_end = weight[0] * readings[0, a], weight[1] * readings[1, a], weight[2] * readings[2, a]
         side[a] += by_y * residual[0] + by_z * residual[1] + by_end * residual[2]
@@ -334,9 +334,9 @@ def total_cost(rig, fit):
     """Robust cost with the priors, at the residuals as they are; nothing of the fit changes."""
     cost, by_scatter, distance, precision = 0.0, 1.0 / fit.numbers[SCATTER], fit.distance, fit.precision
     for i in range(len(distance)):
-        cost += huber_loss(distance[i] * np.sqrt(precision[i]) * by_scatter)
+        cost += _huber_loss(distance[i] * np.sqrt(precision[i]) * by_scatter)
     for reading in range(3):
-        cost += huber_loss(fit.residual[reading])
+        cost += _huber_loss(fit.residual[reading])
     for a in range(1, fit.size):
         at = fit.unknowns[a] if a < UNKNOWNS else fit.steps[a - UNKNOWNS]
         cost += 0.5 * prior_of(rig, fit, a) * at * at
@@ -359,7 +359,7 @@ def least_cost(rig, fit, first, rounds, work):
         for k in range(size):
             promise += fit.side[first + k] * step[k]
         shift_by_steps(fit, first, step, work.shift)
-        take_out(fit, work.shift)
+        _take_out(fit, work.shift)
         for reading in range(3):
             for k in range(size):
                 fit.residual[reading] -= fit.reading_columns[reading, first + k] * step[k]

@@ -138,7 +138,7 @@ class FitNumbers:
     @property
     def tables(self) -> tuple[np.ndarray, ...]:
         """For compiled functions."""
-        return NumberTables(*vars(self).values())
+        return _NumberTables(*vars(self).values())
 
     def put(self, rows: np.ndarray, part: FitNumbers) -> None:
         """Write the numbers of some frames into their rows."""
@@ -147,11 +147,11 @@ class FitNumbers:
 
 
 _KINDS = [(f.metadata["shape"], f.metadata["dtype"]) for f in fields(FitNumbers)]
-NumberTables: Any = namedtuple(  # type: ignore[misc]
-    "NumberTables", [f.name for f in fields(FitNumbers)]
+_NumberTables: Any = namedtuple(  # type: ignore[misc]
+    "_NumberTables", [f.name for f in fields(FitNumbers)]
 )
-NumberTables.__annotations__ = dict.fromkeys(NumberTables._fields, np.ndarray)
-NumberRecord = record(NumberTables)
+_NumberTables.__annotations__ = dict.fromkeys(_NumberTables._fields, np.ndarray)
+NumberRecord = record(_NumberTables)
 
 
 @compiled
@@ -183,7 +183,7 @@ def write_numbers(rig, frame, rung, found, bias, errors, other, scalars, ambiguo
         _add_bows(rig, fit.unknowns, found.covariance, covariance)
     _add_model_errors(rig, rung, bias, errors, found, covariance, numbers.std[index])
     free_point, axes, columns, moved = np.empty(3), rig.axes, fit.point_force_columns, fit.steps
-    point_at(free, rig.length_m, fit.unknowns[0] * rig.length_m, free_point)
+    _point_at(free, rig.length_m, fit.unknowns[0] * rig.length_m, free_point)
     for q in range(6):
         touch = fit.point_force[q]
         for k in range(steps):
@@ -228,7 +228,7 @@ def write_numbers(rig, frame, rung, found, bias, errors, other, scalars, ambiguo
 
 
 @compiled
-def point_at(fit, length_m, arclength_m, point_m):
+def _point_at(fit, length_m, arclength_m, point_m):
     """The point (3,) of the predicted antenna at an arc length, antenna frame."""
     node, share, width = locate(fit, length_m, arclength_m)
     for axis in range(3):
@@ -337,7 +337,7 @@ def _pieces(rig, fit, pieces_m, points_m, std_m, work):
     contact = fit.unknowns[0] * rig.length_m
     for g in range(len(pieces_m)):
         at = pieces_m[g]
-        point_at(fit, rig.length_m, at, points_m[g])
+        _point_at(fit, rig.length_m, at, points_m[g])
         by_force = rig.force_unit_N * deflection(at, contact) / rig.stiffness_Nm2
         near = min(at, contact)
         by_distance = rig.force_unit_N * near * (2.0 * at - near) / (2.0 * rig.stiffness_Nm2) * rig.length_m

@@ -27,7 +27,7 @@ _NEGLIGIBLE = 1e-9
 """Axes of the joint covariance below this fraction of the largest are dropped."""
 
 
-class RigTables(NamedTuple):
+class _RigTables(NamedTuple):
     """What compiled functions know of the rig, see `RigArrays`.
 
     Attributes
@@ -68,7 +68,7 @@ class RigTables(NamedTuple):
     focal: float
 
 
-RigRecord = record(RigTables)
+RigRecord = record(_RigTables)
 
 
 @compiled
@@ -115,7 +115,7 @@ class RigArrays:
         return RigArrays(rig, friction_rad, *map(np.ascontiguousarray, (axes, gain, offset, std, own)))
 
     @cached_property
-    def tables(self) -> RigTables:
+    def tables(self) -> _RigTables:
         """For compiled functions."""
         rig = self.rig
         poses = [rig.T_antenna_camera] + [rig.T_antenna_camera.retract(step) for step in np.diag(RIG_STEPS[:POSES])]
@@ -125,7 +125,7 @@ class RigArrays:
         y_m, z_m, about_y, about_z = rig.antenna.parameters[:4]
         T_antenna_clamp = Pose.from_rotvec(np.array([0.0, about_y, about_z]), np.array([0.0, y_m, z_m]))
         side = rig.T_antenna_camera.translation_m[1:]
-        return RigTables(
+        return _RigTables(
             length_m=float(self.length_m),
             friction_rad=float(self.friction_rad),
             force_unit_N=float(self.force_unit_N),

@@ -261,14 +261,6 @@ def column_names(which: Sequence[str] = tuple(COLUMNS)) -> tuple[str, ...]:
     return tuple(column for name in which for column in COLUMNS[name].names or (name,))
 
 
-def columns_as_markdown() -> str:
-    """The columns as the table in docs/formats.md."""
-    lines = ["| column | unit | what |", "|---|---|---|"]
-    for name, column in COLUMNS.items():
-        lines.append(f"| {', '.join(column_names([name]))} | {column.unit} | {column.meaning} |")
-    return "\n".join(lines)
-
-
 for _class in (Contact, ContactRow, ContactTable):
     _attributes = "\n".join(
         f"{name} : {f'{column.shape} ' if column.shape else ''}{column.meaning}; {column.unit}."

@@ -7,13 +7,21 @@ import numpy as np
 import pytest
 from scipy.special import ellipeinc, ellipj, ellipk
 
-from vbaa_calib.antenna.pendulum import jacobi_each
+from vbaa_calib.antenna.pendulum import jacobi_at, landen
+from vbaa_calib.core.compiled import kernel
+
+
+@kernel
+def jacobi_each(u: np.ndarray, m: float, found: np.ndarray) -> None:
+    """Write `jacobi_at` (4, N) for u (N,)."""
+    for n in range(len(u)):
+        found[0, n], found[1, n], found[2, n], found[3, n] = jacobi_at(u[n], landen(m))
 
 
 def jacobi(u: np.ndarray, m: float) -> np.ndarray:
     """(4, N) sn, cn, dn, and E(am)."""
     found = np.empty((4, u.size))
-    jacobi_each(u, np.full(u.size, m), found)
+    jacobi_each(u, m, found)
     return found
 
 

@@ -72,7 +72,7 @@ class Loads(NamedTuple):
     give_m: Lanes
 
 
-class Equilibrium(NamedTuple):
+class _Equilibrium(NamedTuple):
     """The contact's axes along the clamp's; along the contact's the contact force, the loads' moment at the clamp."""
 
     axes: Frame
@@ -88,7 +88,7 @@ class _State(NamedTuple):
 
 
 @compiled
-def equilibrium(loads: Loads, sweeps: int, tangents: np.ndarray) -> Equilibrium:
+def equilibrium(loads: Loads, sweeps: int, tangents: np.ndarray) -> _Equilibrium:
     """Sweep so many times, from the rotations that weight and bow cause by themselves. `tangents` is written."""
     work = np.empty((5, 3, NODES, LANES))
     hinge, field, local, moments, integrand = work[0], work[1], work[2], work[3], work[4]
@@ -103,7 +103,7 @@ def equilibrium(loads: Loads, sweeps: int, tangents: np.ndarray) -> Equilibrium:
     sine, cosine = load(hinge, 0, 0), load(hinge, 1, 0)
     x_axis = _turned(back, (cosine, -sine, zero))
     y_axis = _turned(back, (sine, cosine, zero))
-    return Equilibrium((x_axis, y_axis, cross(x_axis, y_axis)), state.force, vector(moments, 0))
+    return _Equilibrium((x_axis, y_axis, cross(x_axis, y_axis)), state.force, vector(moments, 0))
 
 
 @compiled

@@ -39,7 +39,7 @@ def universal_curve(upsilon: np.ndarray, lean_rad: np.ndarray, curve: np.ndarray
                 curve[0, row, n], curve[1, row, n], curve[2, row, n] = closed_form(upsilon[row, n], lean, chain)
         else:
             terms = series_terms(largest)
-            taylor(spread(math.sin(lean)), spread(math.cos(lean)), terms, coefficients)
+            _taylor(spread(math.sin(lean)), spread(math.cos(lean)), terms, coefficients)
             for n in range(upsilon.shape[1]):
                 place = upsilon[row, n]
                 psi, along, across = 0.0, 0.0, 0.0
@@ -56,7 +56,7 @@ def hinge_by_series(
 ) -> None:
     """Write −sin ψ, cos ψ and θ′·EI/(F·l) (3, N, LANES) at N − 1 of N fractions of the way from clamp to contact."""
     coefficients = np.empty((3, _TERMS + 1, LANES))
-    taylor(sin_lean, cos_lean, terms, coefficients)
+    _taylor(sin_lean, cos_lean, terms, coefficients)
     for node in range(len(inner) - 1):
         back = 1.0 - inner[node]
         square = loads * (back * back)
@@ -90,7 +90,7 @@ def series_terms(largest_load: float) -> int:
 
 
 @compiled
-def taylor(sin_lean: Lanes, cos_lean: Lanes, terms: int, coefficients: np.ndarray) -> None:
+def _taylor(sin_lean: Lanes, cos_lean: Lanes, terms: int, coefficients: np.ndarray) -> None:
     """Write Taylor coefficients (3, ..., LANES) of ψ/υ², cos ψ and sin ψ in υ², from ψ″ = cos(ψ + α) term by term."""
     rates = np.empty((_TERMS, LANES))
     store(coefficients, spread(1.0), 1, 0)
@@ -151,10 +151,3 @@ def jacobi_at(u: float, chain: np.ndarray) -> tuple[float, float, float, float]:
         amplitude = 0.5 * (amplitude + math.atan2(sine * s, math.sqrt(c**2 + (cosine * s) ** 2)))
     s, c = math.sin(amplitude), math.cos(amplitude)
     return s, c, math.sqrt((1.0 - m) + m * c**2), second
-
-
-@kernel
-def jacobi_each(u: np.ndarray, m: np.ndarray, found: np.ndarray) -> None:
-    """Write `jacobi_at` (4, N) for u (N,) and m (N,)."""
-    for n in range(len(u)):
-        found[0, n], found[1, n], found[2, n], found[3, n] = jacobi_at(u[n], landen(m[n]))

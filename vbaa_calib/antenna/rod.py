@@ -144,10 +144,10 @@ def empty_nodes(count: int) -> np.ndarray:
 def shape_of(rod: Rod, contact_m: np.ndarray, nodes: np.ndarray, clamp_moment_Nm: np.ndarray) -> RodShape:
     """B solved rods by their nodes (B, N, 4, 3)."""
     tangents = nodes[:, :, 1] / np.linalg.norm(nodes[:, :, 1], axis=-1, keepdims=True)
-    return RodShape(node_arclength(rod, contact_m).T, nodes[:, :, 0], tangents, clamp_moment_Nm)
+    return RodShape(_node_arclength(rod, contact_m).T, nodes[:, :, 0], tangents, clamp_moment_Nm)
 
 
-def node_arclength(rod: Rod, contact_m: np.ndarray) -> np.ndarray:
+def _node_arclength(rod: Rod, contact_m: np.ndarray) -> np.ndarray:
     """(N, B) arc length of the nodes: two equally divided segments that meet at the contact (B,), or in the middle
     where that is at the tip."""
     split = np.where(contact_m < rod.length_m, contact_m, rod.length_m / 2)

@@ -89,7 +89,7 @@ def radial(fisheye, c, s):
 
 
 @compiled
-def linearise_lens(fisheye, c, x, y):
+def _linearise_lens(fisheye, c, x, y):
     """The distorted point, its derivatives by x and y (xx, xy, yx, yy)."""
     s = x * x + y * y
     gain, by_s = radial(fisheye, c, s)
@@ -132,7 +132,7 @@ def sees(lens, x, y):
         return True
     if lens.path != _FULL or not np.isfinite(square):
         return False
-    _, _, xx, xy, yx, yy = linearise_lens(lens.fisheye, lens.coefficients, x, y)
+    _, _, xx, xy, yx, yy = _linearise_lens(lens.fisheye, lens.coefficients, x, y)
     return _definite(xx, xy, yx, yy) and _encloses(lens.ideal, lens.inner[0], x, y)
 
 
@@ -157,7 +157,7 @@ def _undistort(lens, table):
     x, y, allowed = load(table, 0), load(table, 1), load(table, 4)
     for step in range(_STEPS):
         ideal_x, ideal_y = load(table, 2), load(table, 3)
-        xd, yd, xx, xy, yx, yy = linearise_lens(lens.fisheye, lens.coefficients, ideal_x, ideal_y)
+        xd, yd, xx, xy, yx, yy = _linearise_lens(lens.fisheye, lens.coefficients, ideal_x, ideal_y)
         off_x, off_y = x - xd, y - yd
         size_x, size_y = where_positive(off_x, off_x, -off_x), where_positive(off_y, off_y, -off_y)
         beyond = where_positive(size_x - size_y, size_x, size_y) - allowed
@@ -177,7 +177,7 @@ def _undistort(lens, table):
 
 
 @compiled
-def normalized_of_chart(x, y):
+def _normalized_of_chart(x, y):
     """X/Z, Y/Z of a point of the equidistant chart, the derivatives (xx, xy, yy), and whether Z > 0."""
     square = x * x + y * y
     if square < _SMALL_ANGLE_SQUARED:
@@ -195,7 +195,7 @@ def normalized_of_chart(x, y):
 
 
 @compiled
-def chart_of_normalized(x, y):
+def _chart_of_normalized(x, y):
     """The point of the equidistant chart of X/Z, Y/Z."""
     square = x * x + y * y
     if square < _SMALL_ANGLE_SQUARED:
@@ -235,7 +235,7 @@ def normalized_of_pixels(lens, pixels, points, slopes, valid):
             inverse = 1.0 / (xx * yy - xy * yx)
             a, b, c, d = yy * inverse, -xy * inverse, -yx * inverse, xx * inverse
             if lens.fisheye:
-                x, y, e, f, g, ahead = normalized_of_chart(x, y)
+                x, y, e, f, g, ahead = _normalized_of_chart(x, y)
                 a, b, c, d = e * a + f * c, e * b + f * d, f * a + g * c, f * b + g * d
                 found = found and ahead
             points[i, 0], points[i, 1] = x, y
@@ -250,13 +250,13 @@ def normalized_by_lens(lens, seen, columns):
     for lane in range(LANES):
         x, y, e, f, g = seen[0, lane], seen[1, lane], 1.0, 0.0, 1.0
         if lens.fisheye:
-            x, y = chart_of_normalized(x, y)
-            _, _, e, f, g, _ = normalized_of_chart(x, y)
+            x, y = _chart_of_normalized(x, y)
+            _, _, e, f, g, _ = _normalized_of_chart(x, y)
         seen[2, lane] = 1.0 if sees(lens, x, y) else 0.0
         seen[0, lane], seen[1, lane], seen[3, lane], seen[4, lane], seen[5, lane] = x, y, e, f, g
     x, y, there, e, f, g = load(seen, 0), load(seen, 1), load(seen, 2), load(seen, 3), load(seen, 4), load(seen, 5)
     fx, fy, c, zero = lens.matrix[0], lens.matrix[1], lens.coefficients, spread(0.0)
-    xd, yd, xx, xy, yx, yy = linearise_lens(lens.fisheye, c, x, y)
+    xd, yd, xx, xy, yx, yy = _linearise_lens(lens.fisheye, c, x, y)
     inverse = -1.0 / (xx * yy - xy * yx)
     a, b, p, q = yy * inverse, -xy * inverse, -yx * inverse, xx * inverse
     a, b, p, q = e * a + f * p, e * b + f * q, f * a + g * p, f * b + g * q

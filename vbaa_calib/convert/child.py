@@ -30,8 +30,8 @@ MEMORY_FACTOR, MEMORY_BYTES = 50, 200_000_000
 _ERROR = "error"
 
 Arrays = Mapping[str, np.ndarray]
-LITERAL_KEYS = ("lens_model", "lensmodel", "intrinsics", "extrinsics", "imagersize", "valid_intrinsics_region")
-NUMBERS = ("image_width", "image_height", "fisheye_model")
+_LITERAL_KEYS = ("lens_model", "lensmodel", "intrinsics", "extrinsics", "imagersize", "valid_intrinsics_region")
+_NUMBERS = ("image_width", "image_height", "fisheye_model")
 MATRICES = ("camera_matrix", "distortion_coefficients")
 
 
@@ -73,7 +73,7 @@ def read_in_child(reader: Callable[[Path], Arrays], path: Path) -> dict[str, np.
 
 
 def read_storage(path: Path) -> dict[str, np.ndarray]:
-    """The `NUMBERS`, as (), and `MATRICES`, two-dimensional, that a YAML, XML or JSON file has.
+    """The `_NUMBERS`, as (), and `MATRICES`, two-dimensional, that a YAML, XML or JSON file has.
 
     Raises
     ------
@@ -82,7 +82,7 @@ def read_storage(path: Path) -> dict[str, np.ndarray]:
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     try:
         storage = cv2.FileStorage(path.read_text(encoding="utf-8-sig"), cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
-        numbers, matrices = ({key: storage.getNode(key) for key in keys} for keys in (NUMBERS, MATRICES))
+        numbers, matrices = ({key: storage.getNode(key) for key in keys} for keys in (_NUMBERS, MATRICES))
         found = {key: np.array(node.real()) for key, node in numbers.items() if node.isInt() or node.isReal()}
         for key, node in matrices.items():
             matrix = node.mat() if node.isMap() else None
@@ -94,7 +94,7 @@ def read_storage(path: Path) -> dict[str, np.ndarray]:
 
 
 def read_literal(path: Path) -> dict[str, np.ndarray]:
-    """The `LITERAL_KEYS` of the Python mapping that a file is, each as JSON.
+    """The `_LITERAL_KEYS` of the Python mapping that a file is, each as JSON.
 
     Raises
     ------
@@ -105,7 +105,7 @@ def read_literal(path: Path) -> dict[str, np.ndarray]:
             data = ast.literal_eval(path.read_text(encoding="utf-8-sig"))
         if not isinstance(data, dict):
             raise ValueError("is no mapping")
-        return {key: np.array(json.dumps(data[key])) for key in LITERAL_KEYS if key in data}
+        return {key: np.array(json.dumps(data[key])) for key in _LITERAL_KEYS if key in data}
     except (SyntaxError, TypeError, RecursionError, MemoryError) as error:
         line = getattr(error, "lineno", None)
         raise ValueError(f"line {line} is no Python" if line else "is no Python literal") from None

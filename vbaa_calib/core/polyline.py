@@ -6,7 +6,7 @@ import numpy as np
 
 from .compiled import kernel
 
-WHOLE = 1e-6
+_WHOLE = 1e-6
 """A number of spacings this near to a whole one is that one."""
 
 
@@ -25,7 +25,7 @@ def resample(polyline: np.ndarray, spacing: float) -> tuple[np.ndarray, np.ndarr
     """Points (K, 2) at equal spacing along a polyline, short of its end, and the arc length (K,) of each."""
     along = arc_lengths(polyline)
     # a spacing that divides the length: rounding must not decide whether the end is one of the points
-    spacings = np.ceil(along[-1] / spacing - WHOLE)
+    spacings = np.ceil(along[-1] / spacing - _WHOLE)
     if not np.isfinite(spacings):
         raise ValueError("a polyline's points must be numbers")
     at = spacing * np.arange(max(int(spacings), 0))

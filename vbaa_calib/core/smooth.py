@@ -17,7 +17,7 @@ ZEROS, END_VALUE, MIRRORED = 0, 1, 2
 """What a running mean takes to be beyond the ends."""
 
 
-class Smooth(NamedTuple):
+class _Smooth(NamedTuple):
     """A fitted curve: its values (N,) at the places that were given, and its values (TABLE,) all along."""
 
     values: np.ndarray
@@ -32,7 +32,7 @@ def fit(
     scales: tuple[float, ...],
     pieces: int,
     stiffness: float,
-) -> Smooth:
+) -> _Smooth:
     """Weighted fit with Cauchy weights whose scale shrinks from one round to the next.
 
     Parameters
@@ -73,11 +73,11 @@ def fit(
         for n in range(len(share)):
             curve[n] = table[row[n]] + (table[row[n] + 1] - table[row[n]]) * part[n]
             trusted[n] = weights[n] / (1.0 + ((values[n] - curve[n]) / scale) ** 2)
-    return Smooth(curve, table)
+    return _Smooth(curve, table)
 
 
 @kernel
-def at(curve: Smooth, share: np.ndarray) -> np.ndarray:
+def at(curve: _Smooth, share: np.ndarray) -> np.ndarray:
     """Values at other places, given as fractions (M,) of the way."""
     values = np.empty(len(share))
     for n in range(len(share)):

@@ -44,7 +44,7 @@ _SWEEP = 1_000_000
 """The sweep's pictures take their noise after all those of the plan."""
 
 
-def refuse_target(path: Path, force: bool) -> None:
+def _refuse_target(path: Path, force: bool) -> None:
     """Raises InputError unless a session may be written to `path`; only sessions and empty folders are replaced."""
     refuse_folder_of(path)
     if not os.path.lexists(path):
@@ -78,7 +78,7 @@ def write_session(
     InputError : the folder is in the way, the scene cannot be carried out, or mitsuba is not installed.
     """
     folder = Path(folder)
-    refuse_target(folder, force)
+    _refuse_target(folder, force)
     place, sheet = studio(scene.lens, scene.picture, stream(scene, "bench")), print_sheet(scene.board)
     photographer = TracedPictures(scene, place, sheet, stream(scene, "bench")) if traced else None
     take = photographer.shot if photographer else drawn_pictures(scene, place, sheet)

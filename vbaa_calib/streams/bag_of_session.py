@@ -17,7 +17,7 @@ from vbaa_calib.session import Frame, load_session, read_recording
 
 from .bags import BagWriter, Logged
 
-START_NS = 1_000_000_000
+_START_NS = 1_000_000_000
 """A bag begins a second after the clock's zero, so that no stamp is zero, which means none."""
 _MODELS = {0: "plumb_bob", 4: "plumb_bob", 5: "plumb_bob", 8: "rational_polynomial"}
 
@@ -75,7 +75,7 @@ def _write(path: Path, frames: Iterable[Frame], lens: Lens) -> None:
 def _logged(frame: Frame, lens: Lens) -> Iterator[Logged]:
     """What is logged of a frame: the readings first, as they come while the picture is still read out."""
     assert frame.image is not None
-    time_ns = START_NS + round(1e9 * frame.time_s)
+    time_ns = _START_NS + round(1e9 * frame.time_s)
     torque = {axis: value for axis, value in (("y", frame.moment_Nm), ("z", frame.moment_z_Nm)) if np.isfinite(value)}
     if torque:
         yield Logged("/antenna/moment", "geometry_msgs/msg/WrenchStamped", {"wrench": {"torque": torque}}, time_ns)

@@ -22,7 +22,7 @@ _SAME = 0.15
 """Pictures whose thumbnails differ by less of their own contrast show the same."""
 
 
-def recorded_pictures(path: Path, topics: Topics | None = None) -> Messages:
+def _recorded_pictures(path: Path, topics: Topics | None = None) -> Messages:
     """The messages of a bag or video, of whatever camera. Raises InputError."""
     return (open_bag(path, topics or Topics(), None, (0, 0)) if is_bag(path) else open_pictures(path)).messages()
 
@@ -89,7 +89,7 @@ def unpack_views(path: Path, folder: Path, topics: Topics, most: int) -> int:
 
     def greys() -> Iterator[tuple[int, np.ndarray]]:
         nonlocal count
-        for message in recorded_pictures(path, topics):
+        for message in _recorded_pictures(path, topics):
             if isinstance(message, Taken):
                 yield count, _grey(message.image)
                 count += 1
@@ -111,7 +111,7 @@ class BagPictures:
         self.name, self.ended = shown(Path(path).name), False
         self.notes: tuple[str, ...] = ()
         try:
-            self._messages = recorded_pictures(Path(path), Topics(topic, moment="none", joints="none", camera="none"))
+            self._messages = _recorded_pictures(Path(path), Topics(topic, moment="none", joints="none", camera="none"))
         except InputError as error:
             if "several topics" not in str(error):
                 raise

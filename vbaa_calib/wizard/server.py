@@ -38,7 +38,7 @@ NEWS_S = 20.0
 CONNECTION_S = 30.0
 """A connection is cut after this time, whatever it does."""
 CONNECTIONS = 64
-SILENT = 32
+_SILENT = 32
 """Connections without a request yet; beyond it the oldest is cut, so that slow clients block nobody."""
 _PICTURES_KEPT = 8
 """A browser that lags still gets the picture that belongs to the corners it draws."""
@@ -48,7 +48,7 @@ FILES = {"/": "page.html"} | {
     f"/{name}": name for name in ("icon.svg", "page.css", "page.js", "dom.js", "picture.js", "question.js")
 }
 _TYPES = {".html": "text/html", ".svg": "image/svg+xml", ".css": "text/css", ".js": "text/javascript"}
-STATIC = Path(__file__).with_name("static")
+_STATIC = Path(__file__).with_name("static")
 _HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; "
     "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
@@ -104,7 +104,7 @@ class _Connection(H11Protocol):
         super().connection_made(transport)
         self._end = self.loop.call_later(CONNECTION_S, transport.abort)
         silent = [one for one in self.connections if isinstance(one, _Connection) and one.silent]
-        if len(silent) > SILENT:
+        if len(silent) > _SILENT:
             oldest = min(silent, key=lambda one: one._end.when())
             oldest.silent = False
             oldest.transport.abort()
@@ -253,7 +253,7 @@ class PageServer:
         return hmac.compare_digest(text.encode("utf-8", "replace"), self._token.encode())
 
     async def _file(self, request: Request) -> Response:
-        path = STATIC / FILES[request.scope["path"]]
+        path = _STATIC / FILES[request.scope["path"]]
         return Response(path.read_bytes(), media_type=_TYPES[path.suffix])
 
     async def _state(self, request: Request) -> Response:

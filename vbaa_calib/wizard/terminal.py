@@ -37,7 +37,7 @@ def _clipped(text: str, width: int) -> str:
     return text if len(text) <= width else text[: max(width - 1, 0)] + "…"
 
 
-class Screen:
+class _Screen:
     """A terminal (default: stderr) with a prompt in its last line, below what is written.
 
     With TERM=dumb nothing is overwritten; NO_COLOR disables styles.
@@ -120,7 +120,7 @@ class Terminal(View):
     """Questions and progress as lines of text; single words are commands."""
 
     def __init__(self) -> None:
-        self._screen = Screen()
+        self._screen = _Screen()
         self._write = self._screen.write
         self._typed: queue.SimpleQueue[str | None] = queue.SimpleQueue()
         self._shown: list[str] = []

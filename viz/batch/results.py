@@ -31,7 +31,7 @@ from vbaa_calib.core.robust import finite_median, finite_or_none
 
 SCHEMA = "vbaa.batch/1"
 _KEY = b"vbaa.batch"
-SUMMARY = (
+_SUMMARY = (
     *("recording", "state", "sentence", "path", "rig", "rig_sha256", "inputs_sha256", "digest", "version"),
     *("frames", *STATUSES, "distance_median_m", "distance_std_median_m", "force_median_N", "force_std_median_N"),
     *("moment_residual_rms_Nm", "free_frames", "drift_picture_px", "drift_moment_zero_std", "drift_beyond"),
@@ -110,10 +110,10 @@ class Results:
             if self.object(name).exists():
                 row["object"] = self.object(name).relative_to(self.root)
         text = io.StringIO()
-        writer = csv.DictWriter(text, SUMMARY, restval="", extrasaction="ignore", lineterminator="\n")
+        writer = csv.DictWriter(text, _SUMMARY, restval="", extrasaction="ignore", lineterminator="\n")
         writer.writeheader()
         for _, row in sorted(rows.items()):
-            writer.writerow({name: _cell(row.get(name)) for name in SUMMARY})
+            writer.writerow({name: _cell(row.get(name)) for name in _SUMMARY})
         write_text(self.summary, text.getvalue())
         return list(rows.values())
 

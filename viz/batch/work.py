@@ -97,7 +97,7 @@ _FRAME_BYTES = 4096
 
 
 @dataclass(frozen=True, eq=False)
-class Looked:
+class _Looked:
     """A piece without its pictures, what they show, and the processor's seconds for it."""
 
     piece: Opened
@@ -110,7 +110,7 @@ class Looked:
 
 
 @dataclass(frozen=True, eq=False)
-class Piece:
+class _Piece:
     """A piece whose rows are in their file, but for those at its edges; of the last one also how the rig has changed by
     then. cpu_s : the processor's seconds."""
 
@@ -180,28 +180,28 @@ def bare(piece: Opened) -> Opened:
     return replace(piece, source=replace(piece.source, frames=(), places=(), lines=None), ground=None)
 
 
-def look_at(piece: Opened) -> Looked:
+def look_at(piece: Opened) -> _Looked:
     """What a piece shows. Raises InputError for a picture that cannot be read."""
     _one_thread_each(piece.settings.threads)
     begun = time.process_time()
     seen = look(piece.estimator(), piece.source, piece.ground)
-    return Looked(bare(piece), seen, time.process_time() - begun)
+    return _Looked(bare(piece), seen, time.process_time() - begun)
 
 
-def learn_from(looked: Looked, before: Sequence[LearntRig] | None) -> list[LearntRig]:
+def learn_from(looked: _Looked, before: Sequence[LearntRig] | None) -> list[LearntRig]:
     """The rig for each batch of a piece, and at its end; before : of the piece before."""
     found = learn(looked.piece.estimator(), looked.seen, None if before is None else before[-1])
     brief = {id(each): replace(each, history=()) for each in found}
     return [*(brief[id(each)] for each in found), found[-1]]
 
 
-def look_and_fit(piece: Opened) -> Piece:
+def look_and_fit(piece: Opened) -> _Piece:
     """Both, of a piece whose rig does not depend on what was learnt before it."""
     looked = look_at(piece)
     return fit(looked, learn_from(looked, None))
 
 
-def fit(looked: Looked, learnt: Sequence[LearntRig]) -> Piece:
+def fit(looked: _Looked, learnt: Sequence[LearntRig]) -> _Piece:
     """The rows of a piece that was looked at, written to their file but for those at its edges."""
     begun, piece = time.process_time(), looked.piece
     _one_thread_each(piece.settings.threads)
@@ -212,10 +212,10 @@ def fit(looked: Looked, learnt: Sequence[LearntRig]) -> Piece:
     if one.rows:
         write_contacts(piece.file(2 * piece.index), one.rows, force=True)
     cpu_s = looked.cpu_s + time.process_time() - begun
-    return Piece(replace(one, rows=[]), cpu_s, learnt[-1] if final else None)
+    return _Piece(replace(one, rows=[]), cpu_s, learnt[-1] if final else None)
 
 
-def finish(head: Opened, pieces: Sequence[Piece]) -> Outcome:
+def finish(head: Opened, pieces: Sequence[_Piece]) -> Outcome:
     """The recording's contacts, object and summary."""
     recording, results, learnt = head.recording, head.results, pieces[-1].learnt
     assert learnt is not None

@@ -82,13 +82,13 @@ def given(args: argparse.Namespace) -> list[str]:
 
 
 def options_of(args: argparse.Namespace) -> StreamOptions:
-    """How bags and videos are read. Raises InputError as `timing_of` and `topics_of` do."""
+    """How bags and videos are read. Raises InputError as `timing_of` and `_topics_of` do."""
     from estimator.contact.source import StreamOptions
 
     if args.clock_offset == ESTIMATE and args.no_moment:
         remedy = "leave out --no-moment, or state the offset"
         raise InputError("--clock-offset estimate needs the moment", where="--no-moment", remedy=remedy)
-    return StreamOptions(topics_of(args), timing_of(args), args.clock_offset == ESTIMATE)
+    return StreamOptions(_topics_of(args), timing_of(args), args.clock_offset == ESTIMATE)
 
 
 def timing_of(args: argparse.Namespace, rig: Rig | None = None) -> Timing:
@@ -137,7 +137,7 @@ def clocked(
     return replace(timing, offset_s=found.offset_s, offset_std_s=found.std_s)
 
 
-def topics_of(args: argparse.Namespace) -> Topics:
+def _topics_of(args: argparse.Namespace) -> Topics:
     """Which topics of a bag to take. Raises InputError for what is no role."""
     from vbaa_calib.streams.bags import Topics
 
@@ -163,7 +163,7 @@ def recorded(args: argparse.Namespace, path: Path, rig: Rig, timing: Timing) -> 
     table = args.readings
     if table is None and not is_bag(path) and path.suffix.lower() == ".csv":
         table = path
-    source = open_recorded(path, rig.camera, table, timing.offset_s, topics_of(args))
+    source = open_recorded(path, rig.camera, table, timing.offset_s, _topics_of(args))
     return source.without_moments() if args.no_moment else source
 
 

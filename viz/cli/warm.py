@@ -67,31 +67,31 @@ AXIS_PX = np.stack([np.linspace(52.5, 427.5, 300), np.full(300, 180.0)], axis=-1
 """Its pixels."""
 
 
-BENT_PX = AXIS_PX + np.linspace(0.0, 1.0, len(AXIS_PX))[:, None] ** 2 * [0.0, 20.0]
+_BENT_PX = AXIS_PX + np.linspace(0.0, 1.0, len(AXIS_PX))[:, None] ** 2 * [0.0, 20.0]
 """The same, bent."""
 
 
-def compile_detector() -> None:
+def _compile_detector() -> None:
     """What finds the antenna in pictures of any depth: a line and noise; at last one here brighter, there darker."""
     gc.disable()  # the compiler keeps what it makes: looking for garbage took an eighth of its time
     picture = np.random.default_rng(1).normal(70.0, 2.0, (360, 480)).astype(np.uint8)
-    cv2.polylines(picture, [BENT_PX.round().astype(int)], False, 150, 2, cv2.LINE_AA)
+    cv2.polylines(picture, [_BENT_PX.round().astype(int)], False, 150, 2, cv2.LINE_AA)
     corridor = Corridor(AXIS_PX, np.linspace(5.0, 80.0, len(AXIS_PX)), 2.0)
     for depth in (np.uint8, np.uint16, np.float32):
         find(picture.astype(depth), corridor)
     find(picture, corridor, None)
 
 
-def compile_estimator() -> None:
+def _compile_estimator() -> None:
     """What estimates a contact from a centreline, and says how far a rig's contacts are off."""
-    ContactEstimator(plain_rig()).estimate(BENT_PX, moment=5e-3, pan=0.0, tilt=0.0)
+    ContactEstimator(plain_rig()).estimate(_BENT_PX, moment=5e-3, pan=0.0, tilt=0.0)
     error_budget(plain_rig())
 
 
 def main() -> None:
     """Run the verbs one after the other, with a line for each and none of their own; beside them, the detector."""
-    gc.disable()  # as in `compile_detector`: costs 0.4 GB
-    detector = multiprocessing.get_context("spawn").Process(target=compile_detector)
+    gc.disable()  # as in `_compile_detector`: costs 0.4 GB
+    detector = multiprocessing.get_context("spawn").Process(target=_compile_detector)
     detector.start()
     with tempfile.TemporaryDirectory() as folder:
         names = ("scene.yaml", "session", "camera.json", "rig.json", "contacts.csv")
@@ -101,7 +101,7 @@ def main() -> None:
         steps: tuple[Callable[[], object], ...] = (
             lambda: _quietly("simulate", scene, "-o", session),
             lambda: _quietly("intrinsics", session / "intrinsics", *board, "-o", camera),
-            compile_estimator,
+            _compile_estimator,
             detector.join,
             lambda: _quietly("calibrate", session, "-o", rig),
             lambda: _quietly("look", session / "noload" / "noload_001.png", "--rig", rig),

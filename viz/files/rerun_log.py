@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from estimator.live import LiveContact
     from estimator.table.contacts import ContactRow
 
-SPAWN = "spawn"
+_SPAWN = "spawn"
 _BAND = 2.0  # deviations
 _RADIUS_95 = 2.796  # in deviations: the ellipsoid of this size holds 95 % of a normal distribution in space
 _ARROW_M_N = 0.2
@@ -25,7 +25,7 @@ _JPEG = [cv2.IMWRITE_JPEG_QUALITY, 85]
 
 def refuse_log(target: str, force: bool) -> None:
     """Raises InputError for what is neither a viewer nor an .rrd file that may be written."""
-    if target == SPAWN or "://" in target:
+    if target == _SPAWN or "://" in target:
         return
     if Path(target).suffix != ".rrd":
         raise InputError("is no .rrd", where=target, remedy="name a file.rrd, a viewer's URL, or give --rerun alone")
@@ -44,7 +44,7 @@ class RerunLog:
         self._rerun = require_extra("rerun", "live")
         self._stream = self._rerun.RecordingStream("vbaa")
         try:
-            if target == SPAWN:
+            if target == _SPAWN:
                 self._stream.spawn()
             elif "://" in target:
                 self._stream.connect_grpc(target)

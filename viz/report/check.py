@@ -9,7 +9,7 @@ from viz.figures import check as figures
 from viz.figures.drawing import AMBER, RED, SLATE, TEAL, svg
 from viz.pages.page import Table, at, fixed, listing, number, records, render, with_std
 
-LEVEL_COLOURS = {"holds": TEAL, "look at": AMBER, "does not hold": RED, "not given": SLATE}
+_LEVEL_COLOURS = {"holds": TEAL, "look at": AMBER, "does not hold": RED, "not given": SLATE}
 _LOADS = (
     ("image", "picture", None),
     ("number", "load", 0),
@@ -57,8 +57,8 @@ def page(document: Mapping[str, Any]) -> str:
         "check.html.j2",
         title=document["rig"],
         own_pictures=document["own_pictures"],
-        colour=LEVEL_COLOURS[document["verdict"]],
-        colours=LEVEL_COLOURS,
+        colour=_LEVEL_COLOURS[document["verdict"]],
+        colours=_LEVEL_COLOURS,
         headline=document["headline"],
         problems=[one for level in ("does not hold", "look at") for one in findings if one["level"] == level],
         answered=sum(one["level"] != "not given" for one in findings),

@@ -131,7 +131,7 @@ def _mahalanobis(apart: np.ndarray, covariance: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
-class ComparedRigs:
+class _ComparedRigs:
     """Two rigs, parameter by parameter: names, A's and B's deviations, B less A, that in deviations (P,) each; and the
     settings, which count as exact, that differ. The lens' are compared where both have the same model."""
 
@@ -165,7 +165,7 @@ class ComparedRigs:
         }
 
 
-def compare_rigs(a: Rig, b: Rig) -> ComparedRigs:
+def compare_rigs(a: Rig, b: Rig) -> _ComparedRigs:
     """Two rigs, of any lens models."""
     step = b.step_from(a)
     std = [parameter_std(rig)[: len(step)] for rig in (a, b)]
@@ -176,7 +176,7 @@ def compare_rigs(a: Rig, b: Rig) -> ComparedRigs:
         f"antenna.{name}" for name in ("length_m", "diameter_m") if one["antenna"][name] != other["antenna"][name]
     ]
     settings += ["camera.model"] if a.camera.parameter_names != b.camera.parameter_names else []
-    return ComparedRigs(names, std[0], std[1], step, _over(step, _pooled(std[0], std[1])), tuple(settings))
+    return _ComparedRigs(names, std[0], std[1], step, _over(step, _pooled(std[0], std[1])), tuple(settings))
 
 
 def contacts_page(
@@ -225,7 +225,7 @@ def _over_frames(name: str, one: ComparedContacts, values: np.ndarray, tolerance
     return axes
 
 
-def rigs_page(title: str, compared: ComparedRigs, result: Mapping[str, Any]) -> str:
+def rigs_page(title: str, compared: _ComparedRigs, result: Mapping[str, Any]) -> str:
     """The page about two rigs."""
     columns = zip(compared.names, compared.difference, compared.std_a, compared.std_b, compared.deviations, strict=True)
     rows = [[name, *(number(float(value), 3) for value in values)] for name, *values in columns]

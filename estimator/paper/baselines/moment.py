@@ -105,7 +105,7 @@ def dynamic_active_antenna(press: Press) -> Answer:
     beam = Beam(wire.length_m, wire.stiffness_Nm2, wire.mass_per_length_kg_m)
     curve = CubicSpline(places, beam.first_mode_rad_s(places))
     free, tip = float(curve(0.0)), float(curve(1.0))
-    found = fit_ringing(press.ring, (0.8 * free, 1.2 * float(curve(np.linspace(0.0, 1.0, 4 * _NODES)).max())))
+    found = _fit_ringing(press.ring, (0.8 * free, 1.2 * float(curve(np.linspace(0.0, 1.0, 4 * _NODES)).max())))
     if isinstance(found, str):
         return Answer(reason=found)
     natural, std = found
@@ -128,7 +128,7 @@ def dynamic_active_antenna(press: Press) -> Answer:
     return Answer(float(distances[0]), std * wire.length_m / float(curve(held[0], 1)), candidates_m=distances)
 
 
-def fit_ringing(ring: Ring, band_rad_s: tuple[float, float]) -> tuple[float, float] | str:
+def _fit_ringing(ring: Ring, band_rad_s: tuple[float, float]) -> tuple[float, float] | str:
     """Natural frequency √(ω² + decay²) of the strongest damped sinusoid over a constant, and the deviation of ω from
     the misfit that is left, rad/s; in words why there is none.
 

@@ -144,7 +144,7 @@ class _StiffnessStd:
 
 
 @dataclass(frozen=True, eq=False)
-class StiffnessForecast:
+class _StiffnessForecast:
     """Uncertainty of EI now, and after further loads.
 
     A weight that hangs twice is off by the same both times, and so is a place that is used twice: their errors do not
@@ -158,7 +158,7 @@ class StiffnessForecast:
     added: np.ndarray  # (C, 17 + P + G, 17 + P + G) what each candidate adds to it
 
     @staticmethod
-    def of(joint: BundleAdjustment, candidates: Sequence[_LoadCandidate], readings: LoadReadings) -> StiffnessForecast:
+    def of(joint: BundleAdjustment, candidates: Sequence[_LoadCandidate], readings: LoadReadings) -> _StiffnessForecast:
         """From a joint solution and the loads that could be hung next."""
         rows = StillRows.of(joint)
         solution, slopes = rows.solution, rows.by_load()
@@ -183,7 +183,7 @@ class StiffnessForecast:
         # the parameters' own part has the free antenna and the priors in it as well
         information[:size, :size] = matrix
         added = [gram(one.load, one.jacobian, one.by_readings) for one in candidates]
-        return StiffnessForecast(names, scale, information, np.array(added).reshape(-1, *information.shape))
+        return _StiffnessForecast(names, scale, information, np.array(added).reshape(-1, *information.shape))
 
     def now(self) -> _StiffnessStd:
         """With the present loads."""
@@ -193,7 +193,7 @@ class StiffnessForecast:
         """With each of the candidates besides."""
         return self._std(self.information + self.added)
 
-    def after(self, index: int) -> StiffnessForecast:
+    def after(self, index: int) -> _StiffnessForecast:
         """With this candidate hung."""
         return replace(self, information=self.information + self.added[index])
 
@@ -243,7 +243,7 @@ def load_progress(
     sweep; goal_relative : of EI, places and weights included.
     """
     candidates = _load_candidates(joint, session, kinematics, masses_kg)
-    forecast = StiffnessForecast.of(joint, candidates, joint.problem.prior.readings)
+    forecast = _StiffnessForecast.of(joint, candidates, joint.problem.prior.readings)
     now, after = forecast.now(), [std.total for std in forecast.after_each()]
     kept = zip(joint.noted, joint.kept, strict=True)
     hung = [one.still for one, inside in kept if inside and isinstance(one.still, Load)]

@@ -192,7 +192,7 @@ def factored(matrix: np.ndarray, size: int) -> bool:
 
 
 @kernel
-def solve_factored(factor: np.ndarray, right: np.ndarray) -> None:
+def _solve_factored(factor: np.ndarray, right: np.ndarray) -> None:
     """Solve in place for right (n, m), with what `factored` left."""
     n, m = right.shape
     for i in range(n):
@@ -222,7 +222,7 @@ def _step(system: _System, damping: float) -> tuple[bool, np.ndarray, np.ndarray
         for i in range(6):
             own[i, i] *= 1.0 + damping
         possible &= factored(own, 6)
-        solve_factored(own, through[view])
+        _solve_factored(own, through[view])
         for k in range(6):
             for i in range(free + 1):
                 for j in range(i + 1):
@@ -234,7 +234,7 @@ def _step(system: _System, damping: float) -> tuple[bool, np.ndarray, np.ndarray
         for j in range(i + 1):
             reduced[i, j] *= scale[i] * scale[j]
     factored(reduced, free)
-    solve_factored(reduced, shared)
+    _solve_factored(reduced, shared)
     move, poses, promise = np.empty(free), np.empty((views, 6)), 0.0
     for i in range(free):
         move[i] = scale[i] * shared[i, 0]

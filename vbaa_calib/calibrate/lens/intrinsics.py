@@ -37,7 +37,7 @@ _ROUGHLY = replace(CONVERGED, iterations=5, tolerance=1e-4)  # just enough to se
 
 
 @dataclass(frozen=True, eq=False)
-class UsedView:
+class _UsedView:
     """A view that the lens was solved from."""
 
     name: str
@@ -72,7 +72,7 @@ class LensSolution:
     verdict: Verdict
     rms_px: float = np.nan
     rms_inliers_px: float = np.nan
-    views: tuple[UsedView, ...] = ()
+    views: tuple[_UsedView, ...] = ()
     outliers: tuple[np.ndarray, ...] = ()
     dropped: tuple[DroppedView, ...] = ()
     comparison: tuple[Candidate, ...] = ()
@@ -322,11 +322,11 @@ def _unless_too_dear(
     return preferred if cheap else every
 
 
-def _used(fit: _Fit, usable: Sequence[BoardView]) -> tuple[UsedView, ...]:
+def _used(fit: _Fit, usable: Sequence[BoardView]) -> tuple[_UsedView, ...]:
     rms = fit.bundle.view_rms_px
     limit = np.median(rms) + _OUTLYING * mad_std(rms - np.median(rms))
     return tuple(
-        UsedView(
+        _UsedView(
             name=usable[index].name,
             corners=int(mask.sum()),
             left_out=int((~mask).sum()),

@@ -87,7 +87,7 @@ def camera_of(model: LensModel, intrinsics: np.ndarray, image_size: tuple[int, i
 _UNSEEN_PX = 1e4
 
 
-class ProjectedPoints(NamedTuple):
+class _ProjectedPoints(NamedTuple):
     """Pixels (N, 2), and their derivatives by the points (N, 2, 3), per m, and by the lens (N, 2, 4 + k).
 
     Points that the lens does not see are far outside the picture, with derivatives of zero.
@@ -102,13 +102,13 @@ class ProjectedPoints(NamedTuple):
         return np.concatenate([np.cross(lever[:, None], self.by_point), self.by_point], axis=-1)
 
 
-def projected(camera: Camera, points: np.ndarray) -> ProjectedPoints:
+def projected(camera: Camera, points: np.ndarray) -> _ProjectedPoints:
     """Points (N, 3) m in the camera frame through the lens, with derivatives."""
     seen = camera.project(points)[1][:, None]
     ahead = np.where(seen, points, [0.0, 0.0, 1.0])
     pixels, by_lens, by_pose = PROJECTIONS[camera.model](ahead, np.zeros(6), camera.parameters)
     slopes = (each.reshape(len(points), 2, -1) for each in (by_pose[:, 3:], by_lens))
-    return ProjectedPoints(
+    return _ProjectedPoints(
         np.where(seen, pixels, _UNSEEN_PX), *(np.where(seen[..., None], each, 0.0) for each in slopes)
     )
 
@@ -130,7 +130,7 @@ class Unfolding:
     image_size: tuple[int, int]  # (width, height) px
 
 
-def radial_curve(
+def _radial_curve(
     model: LensModel, distortion: np.ndarray, radii: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Distorted radius (m,) at ideal radii (m,), its slope (m,), and the slope's derivatives (m, k)."""
@@ -152,7 +152,7 @@ def is_monotonic(model: LensModel, intrinsics: np.ndarray, image_size: tuple[int
     near = squares[(squares.real > 0.0) & (np.abs(squares.imag) < _NEARLY * np.abs(squares))].real
     if len(near):
         before = np.linspace(0.0, _BEFORE_POLE * np.sqrt(near.min()), _SAMPLES)
-        if radial_curve(model, intrinsics[4:], before)[0].max() < corner_radius(intrinsics, image_size):
+        if _radial_curve(model, intrinsics[4:], before)[0].max() < corner_radius(intrinsics, image_size):
             return False
     return camera_of(model, intrinsics, image_size).valid_region().image_fraction == 1.0
 
@@ -164,7 +164,7 @@ def rational_like(fisheye: LensModel, intrinsics: np.ndarray, image_size: tuple[
     """
     reach = corner_radius(intrinsics, image_size)
     angles = np.linspace(0.0, _WIDEST_RAD, _SAMPLES)
-    curve, slope, _ = radial_curve(fisheye, intrinsics[4:], angles)
+    curve, slope, _ = _radial_curve(fisheye, intrinsics[4:], angles)
     seen = angles < angles[np.argmax(curve >= reach)]
     if not seen.any() or np.any(slope[seen] <= 0.0):
         return None

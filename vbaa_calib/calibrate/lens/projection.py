@@ -131,7 +131,7 @@ def _tilt(work: np.ndarray, lens: np.ndarray, slopes: np.ndarray, count: int) ->
 
 
 @kernel
-def rotation_matrix(turn: np.ndarray) -> np.ndarray:
+def _rotation_matrix(turn: np.ndarray) -> np.ndarray:
     """(3, 3) of a rotation vector."""
     w, x, y, z = _quaternion(turn)
     return np.array(
@@ -184,7 +184,7 @@ def view_rows(
     """
     lens, shape, poses = bundle
     first, count, size = corners.bounds[view], corners.bounds[view + 1] - corners.bounds[view], len(lens)
-    r, pose = rotation_matrix(poses[view]), poses[view]
+    r, pose = _rotation_matrix(poses[view]), poses[view]
     for n in range(count):
         at = first + n
         px, py, pz = corners.points_m[at, 0], corners.points_m[at, 1], corners.points_m[at, 2]

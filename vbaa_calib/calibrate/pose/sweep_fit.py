@@ -38,7 +38,7 @@ _STATE = 14
 _AXES_FIXED = np.arange(_STATE) < AXES.start
 _SOFT_PER_SIGMA = 1.5
 _REWEIGHTINGS, _CONVERGED_WEIGHTS = 15, 1e-2
-_RULES = Rules(100, tolerance=1e-14, damping=1e-4)
+_RULES = Rules(100, tolerance=1e-14, standstill=1e-18, damping=1e-4)
 _FEW_STEPS = replace(_RULES, iterations=3)
 _ROUNDING_PX = 1e-7
 _RATIO_POWERS = (-2.0, 12.0)

@@ -18,7 +18,7 @@ _CORRIDOR: Colour = (150, 128, 112)
 _FREE: Colour = (255, 150, 90)
 HIDDEN: Colour = (40, 140, 255)
 OUTSIDE: Colour = (150, 150, 150)
-OTHER_LINE: Colour = (70, 70, 255)
+_OTHER_LINE: Colour = (70, 70, 255)
 _CAUSES: dict[Cause, Colour] = {
     Cause.FAINT: (235, 120, 170),
     Cause.REVERSED: (110, 215, 110),
@@ -118,7 +118,7 @@ def draw_centreline(canvas: Canvas, line: Centreline, parts: Sequence[Stretch] =
     """Points coloured by deviation, unseen stretches dashed (coloured by cause if `parts` give it), a second line, and
     the visible end."""
     if len(line.other_line_px):
-        canvas.line(line.other_line_px, OTHER_LINE, 2.0)
+        canvas.line(line.other_line_px, _OTHER_LINE, 2.0)
     for part in parts:
         if part.cause in _CAUSES:
             canvas.dashes(part.path_px, _CAUSES[part.cause], 2.0, 5.0)
@@ -154,7 +154,7 @@ def keys(line: Centreline | None, where: Corridor | None, parts: Sequence[Stretc
         *((cause in causes, Key(cause.words, colour, "dashes")) for cause, colour in _CAUSES.items()),
         (bool(shown & {Visibility.HIDDEN, Visibility.BEYOND}), Key("hidden, or not measured", HIDDEN, "dashes")),
         (Visibility.OUTSIDE in shown, Key("outside the picture", OUTSIDE, "dashes")),
-        (line is not None and len(line.other_line_px) > 0, Key("the other line", OTHER_LINE)),
+        (line is not None and len(line.other_line_px) > 0, Key("the other line", _OTHER_LINE)),
         (where is not None, Key("free antenna, predicted", _FREE, "dashes")),
         (where is not None, Key("where it may be", _CORRIDOR)),
     )

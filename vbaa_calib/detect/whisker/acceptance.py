@@ -27,9 +27,9 @@ NARROW, BROAD, LEAST_SEEN_BROAD = 0.3, 1.8, 0.85
 seen of it."""
 WANDER_PX, WANDER_SIGMA = 0.25, 1.35
 """Root mean square distance of the points from a curve as smooth as an antenna's: pixels, and deviations, together."""
-WANDER_ORDER = 6
+_WANDER_ORDER = 6
 """Order of that curve."""
-SNAKING_RAD = 0.25
+_SNAKING_RAD = 0.25
 """Most that its direction turns to and fro beyond the turn from end to end: a cantilever bends one way."""
 LEAST_CONTRAST, CLEAR_CONTRAST = 2.0, 8.0
 """Least height over the noise of a pixel; and of an antenna that is clear."""
@@ -40,12 +40,12 @@ OTHER_LINE_SEEN = 0.7
 LEAST_SEEN_CHANGING, BROAD_CHANGING, EDGE = 0.5, 1.1, 0.3
 """Of a line that may be here bright, there dark, more must be seen, still more of a broader one; its background may
 differ from side to side by this part of its height: more is the edge of a cable broader than the antenna."""
-LEAST_WHOLE = 0.65
+_LEAST_WHOLE = 0.65
 """Least part of such a line that must be seen beside its longest gap."""
 TRANSPARENT, NEARBY, VARIES = 0.5, 41, (0.25, 0.15)
 """Such a line that follows its background's brightness by so much, over what so many profiles have in common, is only
 that background; where both vary, by so much of the line's height."""
-ALIKE_PROFILES = 15
+_ALIKE_PROFILES = 15
 """So many neighbouring profiles lie before the same thing."""
 MOVED = 0.1
 """Part of its length by which the antenna lies at most off where it is expected, in the mean of its points."""
@@ -53,7 +53,7 @@ LEAST_POINTS = 12
 FROM_CLAMP, BENDS_MORE = 0.35, 0.15
 """Part of the length over which a line's direction at the clamp is measured, by a parabola; what a contact within that
 part may falsify it by, over the turn there."""
-_SLOPES = np.diff(chebvander(np.linspace(-1.0, 1.0, 41), WANDER_ORDER), axis=0)
+_SLOPES = np.diff(chebvander(np.linspace(-1.0, 1.0, 41), _WANDER_ORDER), axis=0)
 
 
 _SEEN, _HIDDEN, _OUTSIDE, _BEYOND = map(int, Visibility)
@@ -248,9 +248,9 @@ def _doubt(line: FittedLine, look: _Look) -> tuple[Verdict, str] | None:
         return "no_antenna", f"what could be the antenna is the edge of something broader ({share})"
     if changing and look.transparency > TRANSPARENT:
         return "no_antenna", f"what could be the antenna is as bright as what lies behind it all along ({share})"
-    if look.wander_px > np.hypot(WANDER_PX, WANDER_SIGMA * look.spread_px) or look.snaking_rad > SNAKING_RAD:
+    if look.wander_px > np.hypot(WANDER_PX, WANDER_SIGMA * look.spread_px) or look.snaking_rad > _SNAKING_RAD:
         return "no_antenna", f"what could be the antenna is no smooth line ({share})"
-    if changing and seen < LEAST_WHOLE * (inside - look.gap):
+    if changing and seen < _LEAST_WHOLE * (inside - look.gap):
         return "too_little", f"pieces of a line, too few to be sure of it ({share})"
     if seen < (LEAST_SEEN_CHANGING if changing else LEAST_SEEN) or (
         contrast <= CLEAR_CONTRAST and seen / inside < LEAST_SEEN_INSIDE
@@ -313,7 +313,7 @@ def _step(found: Crossings, kept: np.ndarray) -> float:
         height[k] = abs(profile[middle - 1 : middle + 2].mean() - 0.5 * (one + other))
     # before a patchwork the steps are of either sign: an edge's are alike
     spread = MAD_SCALE * np.median(np.abs(steps))
-    common = abs(median(steps)) - 3.0 * spread / np.sqrt(len(steps) / ALIKE_PROFILES)
+    common = abs(median(steps)) - 3.0 * spread / np.sqrt(len(steps) / _ALIKE_PROFILES)
     return max(common, 0.0) / max(median(height), 1e-9)
 
 
@@ -342,7 +342,7 @@ def _transparency(found: Crossings, line: FittedLine) -> float:
 def _wander(along: np.ndarray, points: np.ndarray) -> tuple[float, float]:
     """Root mean square distance (px) of points (N, 2) from a curve of low order, and by how much it snakes (rad)."""
     middle, half = 0.5 * (along[0] + along[-1]), max(0.5 * (along[-1] - along[0]), 1e-6)
-    orders = WANDER_ORDER + 1
+    orders = _WANDER_ORDER + 1
     powers, matrix, curve = np.empty((len(along), orders)), 1e-9 * len(along) * np.eye(orders), np.zeros((orders, 2))
     for n in range(len(along)):
         place = (along[n] - middle) / half

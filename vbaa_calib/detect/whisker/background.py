@@ -31,7 +31,7 @@ LEAST_PICTURES, LEAST_UNCOVERED = 5, 3
 """Least number of pictures to learn from, and of those that show a pixel."""
 ORDINARY_BLUR_PX = 0.85
 """Blur of a lens in focus and of the pixels, standard deviation."""
-FADE_PX = 6
+_FADE_PX = 6
 """Width of the transition from known to filled-in pixels."""
 STILL = 1.0
 """A background is used if its detail is so many times its scatter."""
@@ -180,10 +180,10 @@ def evened(image: np.ndarray, behind: np.ndarray, line: Centreline, width_px: fl
 
 def _filled(grey: np.ndarray, known: np.ndarray) -> np.ndarray:
     """The picture (H, W) with what is not known filled in from around it, without a step at its border."""
-    reach = 2 * int(cv2.distanceTransform((~known).astype(np.uint8), cv2.DIST_L2, 5).max()) + 2 * FADE_PX + 1
+    reach = 2 * int(cv2.distanceTransform((~known).astype(np.uint8), cv2.DIST_L2, 5).max()) + 2 * _FADE_PX + 1
     around = cv2.blur(grey.astype(np.float32), (reach, reach))
     share = cv2.blur(known.astype(np.float32), (reach, reach))
-    fade = np.clip(cv2.distanceTransform(known.astype(np.uint8), cv2.DIST_L2, 5) / FADE_PX, 0.0, 1.0)
+    fade = np.clip(cv2.distanceTransform(known.astype(np.uint8), cv2.DIST_L2, 5) / _FADE_PX, 0.0, 1.0)
     return np.asarray(fade * grey + (1.0 - fade) * around / np.maximum(share, 1e-3), np.float32)
 
 

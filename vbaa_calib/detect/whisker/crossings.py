@@ -10,9 +10,9 @@ from vbaa_calib.core.compiled import kernel
 from vbaa_calib.core.polyline import normals, resample
 from vbaa_calib.core.smooth import END_VALUE, running_mean
 
-SPACING_PX = 0.95
+_SPACING_PX = 0.95
 """Spacing of the path's points: below a pixel, so that no step passes two columns."""
-BOW_RUN = 23
+_BOW_RUN = 23
 """So many points of the path tell how it bends."""
 
 
@@ -53,7 +53,7 @@ def crossings(image: np.ndarray, path_px: np.ndarray, half: int, bright: bool | 
 @kernel
 def _places(path_px: np.ndarray, half: int) -> tuple[Crossings, np.ndarray]:
     """The crossings, without their profiles, and every profile's first pixel (N, 2), u and v."""
-    path, along = resample(path_px, SPACING_PX)
+    path, along = resample(path_px, _SPACING_PX)
     normal = normals(path)
     upward = np.abs(normal[:, 0]) > np.abs(normal[:, 1])
     line = np.empty(len(path) - 1)
@@ -66,7 +66,7 @@ def _places(path_px: np.ndarray, half: int) -> tuple[Crossings, np.ndarray]:
             count += 1
         else:
             line[k] = np.nan
-    bend = running_mean(_turning(normal), BOW_RUN, END_VALUE)
+    bend = running_mean(_turning(normal), _BOW_RUN, END_VALUE)
     length = 2 * half + 1
     found = Crossings(
         np.empty((count, 2)),
@@ -89,7 +89,7 @@ def _places(path_px: np.ndarray, half: int) -> tuple[Crossings, np.ndarray]:
         part = (line[k] - path[k, crossed]) / (path[k + 1, crossed] - path[k, crossed])
         for i in range(2):
             found.points[n, i] = path[k, i] + part * (path[k + 1, i] - path[k, i])
-        found.axis[n], found.along[n] = axis, along[k] + SPACING_PX * part
+        found.axis[n], found.along[n] = axis, along[k] + _SPACING_PX * part
         side = -1.0 if normal[k, axis] < 0.0 else 1.0
         leaning = normal[k, 1] if axis == 0 else -normal[k, 0]
         found.stretch[n], found.side[n] = 1.0 / max(abs(normal[k, axis]), 0.5), side
@@ -110,7 +110,7 @@ def _turning(normal: np.ndarray) -> np.ndarray:
     for k in range(last + 1):
         before, after = max(k - 1, 0), min(k + 1, last)
         u, v = normal[after, 1] - normal[before, 1], normal[before, 0] - normal[after, 0]
-        turning[k] = (u * normal[k, 0] + v * normal[k, 1]) / ((after - before) * SPACING_PX)
+        turning[k] = (u * normal[k, 0] + v * normal[k, 1]) / ((after - before) * _SPACING_PX)
     return turning
 
 

@@ -17,25 +17,25 @@ from .corridor import Corridor
 from .path_refinement import RefinedPath, refine_path
 from .profile import measure_on
 
-OTHER_PATH_SHARE = 0.75
+_OTHER_PATH_SHARE = 0.75
 """A second path is measured if its score is at least this share of the best."""
 BLURRED_PX = 8.0
 """Blur at which the antenna is looked for once more where it is not found in focus."""
 CHANGING_PATHS, CHANGING_SHARE, CHANGING_OTHER = 4, 0.5, 0.85
 """The same where the polarity changes along the antenna: number of paths, share of the best score; and the share of the
 first line's visible length from which a second line makes the picture ambiguous."""
-APART = 0.4
+_APART = 0.4
 """Fraction of their length over which two paths must differ to be two."""
 SAMPLES = 72
 """Samples along a template."""
 CONTACTS = (0.12, 0.3, 0.5, 0.7, 0.85, 1.0, 1.8)
 """Where the bending force acts, as fractions of the length; beyond one the bend is nearly an arc."""
-LARGEST_TURN_RAD = 1.75
+_LARGEST_TURN_RAD = 1.75
 """Most that the antenna's direction changes from clamp to tip."""
 STEPS = np.array([[0, 1], [1, 1], [1, 0], [1, -1]])
 """(4, 2) steps (u, v) along the normals that ridges are looked for in."""
 _UNIT_STEPS = STEPS / np.linalg.norm(STEPS, axis=1, keepdims=True)
-TEXTURE_QUANTILE = 0.8
+_TEXTURE_QUANTILE = 0.8
 """Quantile of the response that is taken as the background's texture."""
 
 
@@ -89,15 +89,15 @@ class AntennaFinder:
 
         Up to two that differ and score alike; with `bright` None, which fits more things, up to `CHANGING_PATHS`.
         """
-        small = downsampled(image, self.factor)
+        small = _downsampled(image, self.factor)
         reach = self.reach + int(np.ceil(0.6 * blurred_px / self.factor))
-        flat = ridge_responses(small, reach, self.pool, bright)
+        flat = _ridge_responses(small, reach, self.pool, bright)
         # "wrap" only spares take the check of an index that is known to be good
         total = cv2.reduce(flat.take(self.index, mode="wrap"), 1, cv2.REDUCE_SUM, dtype=cv2.CV_32S).ravel()
         score = total / self.weight
         best = int(score.argmax())
         paths = [self.paths_px[best]]
-        count, share = (2, OTHER_PATH_SHARE) if bright is not None else (CHANGING_PATHS, CHANGING_SHARE)
+        count, share = (2, _OTHER_PATH_SHARE) if bright is not None else (CHANGING_PATHS, CHANGING_SHARE)
         others = np.flatnonzero(score >= share * score[best])
         for _ in range(1, count):
             others = others[~self._alike(best, others)]
@@ -148,7 +148,7 @@ class AntennaFinder:
         few = self.paths_px[others, ::8]
         gap = np.abs(few - self.paths_px[best, ::8]).max(axis=-1)
         apart = gap > 2.0 * self.spacing_px + self.corridor.width_px
-        return apart.mean(axis=1) < APART
+        return apart.mean(axis=1) < _APART
 
 
 def templates(corridor: Corridor) -> tuple[np.ndarray, float]:
@@ -165,7 +165,7 @@ def templates(corridor: Corridor) -> tuple[np.ndarray, float]:
         reach = share / contact
         shape = np.where(reach < 1.0, reach * (2.0 - reach), 1.0)
         shape /= shape[-1]
-        turn = np.arange(0.0, LARGEST_TURN_RAD, spacing / (length * shape.mean()))
+        turn = np.arange(0.0, _LARGEST_TURN_RAD, spacing / (length * shape.mean()))
         turns = np.concatenate([-turn[:0:-1], turn])
         angle = heading + turns[:, None] * shape
         paths = np.zeros((len(turns), len(axis), 2))
@@ -188,7 +188,7 @@ def _within(paths: np.ndarray, corridor: Corridor) -> np.ndarray:
 
 @kernel
 def _places(paths_px: np.ndarray, factor: int, pool: int, shape: tuple[int, int]) -> np.ndarray:
-    """(P, S) where the ridge response of each sample stands in `ridge_responses` of `shape` (rows, columns): that for
+    """(P, S) where the ridge response of each sample stands in `_ridge_responses` of `shape` (rows, columns): that for
     the normal of `STEPS` nearest to the path's; beyond the picture, the last."""
     (rows, columns), count, samples = shape, paths_px.shape[0], paths_px.shape[1]
     index = np.empty((count, samples), np.intp)
@@ -209,7 +209,7 @@ def _places(paths_px: np.ndarray, factor: int, pool: int, shape: tuple[int, int]
     return index
 
 
-def downsampled(image: np.ndarray, factor: int) -> np.ndarray:
+def _downsampled(image: np.ndarray, factor: int) -> np.ndarray:
     """(h, w) uint8: blocks of `factor` pixels averaged; other depths than 8 bits are stretched to the full range."""
     height, width = image.shape
     size = (max(width // factor, 1), max(height // factor, 1))
@@ -222,7 +222,7 @@ def downsampled(image: np.ndarray, factor: int) -> np.ndarray:
     return cv2.convertScaleAbs(values - low, alpha=255.0 / max(high - low, 1e-6))
 
 
-def ridge_responses(small: np.ndarray, reach: int, pool: int, bright: bool | None = True) -> np.ndarray:
+def _ridge_responses(small: np.ndarray, reach: int, pool: int, bright: bool | None = True) -> np.ndarray:
     """(4 · h · w + 1,) uint8 ridge response for the four normals, pooled over `pool` pixels, flat; the last is zero.
 
     small : (H, W) uint8. The line is `bright`er than both flanks `reach` pixels away, or darker, or, for None, either.
@@ -253,6 +253,6 @@ def _saturation(flat: np.ndarray) -> np.ndarray:
     """(256,) lookup table of responses: zero up to the texture's level, saturating at a few times that."""
     few = np.ascontiguousarray(flat[:: 1 + len(flat) // 20_000])
     counts = cv2.calcHist([few], [0], None, [256], [0, 256]).cumsum(dtype=float)
-    ordinary = float(np.searchsorted(counts, TEXTURE_QUANTILE * counts[-1])) + 1.0
+    ordinary = float(np.searchsorted(counts, _TEXTURE_QUANTILE * counts[-1])) + 1.0
     over = np.maximum(np.arange(256.0) - ordinary, 0.0)
     return np.rint(250.0 * over / (over + 3.0 * ordinary)).astype(np.uint8)

@@ -19,14 +19,14 @@ from .crossings import Crossings, distances, shares
 
 PER_PX = 32
 """Rows of a tabled shape per pixel."""
-BINS_PER_PX = 4
+_BINS_PER_PX = 4
 WIDTHS, BLURS_PX = (0.85, 1.0, 1.2), (0.45, 0.6, 0.8, 1.0, 1.3, 1.7, 2.2, 3.0, 4.0)
 """Widths, as parts of the antenna's, and blurs that are tried."""
 MOST_TAPER = 0.6
 """By which part the line may be broader at one end than at the other."""
 LIKELY_TAPER = 0.3
 """Deviation of that beforehand: where little of the line is seen, its noise is no taper."""
-KNOT_PX = 0.85
+_KNOT_PX = 0.85
 """Spacing of the splines' knots: finer than the point spread of an ordinary lens."""
 
 
@@ -51,7 +51,7 @@ def alike(values: np.ndarray, slopes: np.ndarray) -> CrossSection:
 
 
 @kernel
-def look_up(section: CrossSection, n: int, across: np.ndarray, value: np.ndarray, slope: np.ndarray) -> None:
+def _look_up(section: CrossSection, n: int, across: np.ndarray, value: np.ndarray, slope: np.ndarray) -> None:
     """Profile n's cross-section and its derivative at distances (T,) from the centre, px: into (T,) each."""
     last, several = len(section.values) - 1, section.values.shape[1]
     own = n if len(section.weights) > 1 else 0
@@ -121,7 +121,7 @@ def shapes(width_px: float, blur_px: float, reach_px: int) -> Shapes:
     """What shapes are learned with, for an antenna of this width and, in focus, this blur, to `reach_px` aside."""
     several = [expected(width_px * part, blur, reach_px) for part in WIDTHS for blur in BLURS_PX]
     values, slopes = np.stack([each.values for each in several]), np.stack([each.slopes for each in several])
-    rows = np.rint((np.arange(2 * reach_px * BINS_PER_PX) + 0.5) * (PER_PX / BINS_PER_PX)).astype(np.intp)
+    rows = np.rint((np.arange(2 * reach_px * _BINS_PER_PX) + 0.5) * (PER_PX / _BINS_PER_PX)).astype(np.intp)
     bins = np.ascontiguousarray(values[:, rows, 0])
     return Shapes(*_splines(reach_px), expected(width_px, blur_px, reach_px), bins, values, slopes)
 
@@ -129,9 +129,9 @@ def shapes(width_px: float, blur_px: float, reach_px: int) -> Shapes:
 @lru_cache(maxsize=32)
 def _splines(reach_px: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Even cubic splines over ±`reach_px`: values in the bins (B, M), values and slopes at the table's rows (R, M)."""
-    inner = max(4, int(np.ceil(reach_px / KNOT_PX)))
+    inner = max(4, int(np.ceil(reach_px / _KNOT_PX)))
     knot_px, knots = reach_px / inner, np.arange(-inner - 1, inner + 2)
-    bins = (np.arange(2 * reach_px * BINS_PER_PX) + 0.5) / BINS_PER_PX - reach_px
+    bins = (np.arange(2 * reach_px * _BINS_PER_PX) + 0.5) / _BINS_PER_PX - reach_px
     table = np.arange(2 * reach_px * PER_PX + 1) / PER_PX - reach_px
     basis = np.minimum(np.eye(len(knots)) + np.eye(len(knots))[::-1], 1.0)[:, : inner + 2]
     off_bins, off = (places[:, None] / knot_px - knots for places in (bins, table))
@@ -150,15 +150,15 @@ def _spline_slope(off: np.ndarray) -> np.ndarray:
     return np.sign(off) * np.where(away < 1.0, 1.5 * away**2 - 2.0 * away, -0.5 * (2.0 - away) ** 2)
 
 
-class Binned(NamedTuple):
-    """Heights by distance from the centre: how many (B,) and their means (B,), `BINS_PER_PX` a pixel."""
+class _Binned(NamedTuple):
+    """Heights by distance from the centre: how many (B,) and their means (B,), `_BINS_PER_PX` a pixel."""
 
     number: np.ndarray
     mean: np.ndarray
 
 
 @kernel
-def lopsided(seen: Binned, noise: float) -> float:
+def lopsided(seen: _Binned, noise: float) -> float:
     """Root mean square difference of the two sides where the line is, beyond what `noise` of one height makes."""
     total, power, used = 0.0, 0.0, 0
     for b in range(len(seen.number)):
@@ -171,7 +171,7 @@ def lopsided(seen: Binned, noise: float) -> float:
 
 
 @kernel
-def nearest(seen: Binned, known: Shapes) -> CrossSection:
+def nearest(seen: _Binned, known: Shapes) -> CrossSection:
     """The shape that an antenna of about this width has at the blur that the heights show."""
     whole = seen.number.sum()
     offset = (seen.mean * seen.number).sum() / whole
@@ -188,7 +188,7 @@ def nearest(seen: Binned, known: Shapes) -> CrossSection:
 
 
 @kernel
-def learn(seen: Binned, known: Shapes) -> CrossSection:
+def learn(seen: _Binned, known: Shapes) -> CrossSection:
     """The smooth symmetric shape that the heights show, whatever it is."""
     bins, several = known.bins, known.bins.shape[1]
     matrix, side = np.zeros((several, several)), np.zeros((several, 1))
@@ -271,7 +271,7 @@ def fit(section: CrossSection, found: Crossings, centre: np.ndarray) -> Fits:
     # one loop for all profiles: a call for each would hand on every array of the tuples
     for n in range(count):
         distances(found, n, centre[n], across)
-        look_up(section, n, across, value, slope)
+        _look_up(section, n, across, value, slope)
         by_centre = -found.side[n] / found.stretch[n]
         # levels and slopes of the background in the shape, in its derivative, in the grey levels and in a step
         v0, v1, s0, s1, y0, y1, b0, b1 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -321,20 +321,20 @@ def fit(section: CrossSection, found: Crossings, centre: np.ndarray) -> Fits:
 
 
 @kernel
-def binned(found: Crossings, centre: np.ndarray, seen: np.ndarray, chosen: np.ndarray, reach_px: int) -> Binned:
+def binned(found: Crossings, centre: np.ndarray, seen: np.ndarray, chosen: np.ndarray, reach_px: int) -> _Binned:
     """Heights (N, T) of the chosen profiles (N,) by their distances from centres (N,)."""
-    bins = 2 * reach_px * BINS_PER_PX
+    bins = 2 * reach_px * _BINS_PER_PX
     count, total = np.zeros(bins), np.zeros(bins)
     across = np.empty(seen.shape[1])
     for n in range(len(seen)):
         if chosen[n]:
             distances(found, n, centre[n], across)
             for t in range(len(across)):
-                at = int(min(max((across[t] + reach_px) * BINS_PER_PX, 0.0), float(bins)))
+                at = int(min(max((across[t] + reach_px) * _BINS_PER_PX, 0.0), float(bins)))
                 if at < bins:
                     count[at] += 1.0
                     total[at] += seen[n, t]
-    return Binned(count, total / np.maximum(count, 1.0))
+    return _Binned(count, total / np.maximum(count, 1.0))
 
 
 @kernel
@@ -358,7 +358,7 @@ def shown(
         if not chosen[n]:
             continue
         distances(found, n, centre[n], across)
-        look_up(section, n, across, value, slope)
+        _look_up(section, n, across, value, slope)
         v0, v1, w0, w1, per_height = 0.0, 0.0, 0.0, 0.0, 1.0 / fits.height[n]
         for t in range(length):
             wider = -across[t] * slope[t]

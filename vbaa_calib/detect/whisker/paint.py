@@ -20,7 +20,7 @@ from .acceptance import LEAST_SEEN
 from .centreline import Centreline, Visibility
 from .finder import AntennaFinder
 
-OPPONENTS = ((0.5, 0.5, -1.0), (0.5, -1.0, 0.5), (-1.0, 0.5, 0.5))
+_OPPONENTS = ((0.5, 0.5, -1.0), (0.5, -1.0, 0.5), (-1.0, 0.5, 0.5))
 """Weights (b, g, r) of pictures that show one colour against the two others."""
 WELL_SEEN, ENOUGH, CLEARLY_MORE = 0.9, 0.7, 0.1
 """Shares of the antenna that a paint sees. From `WELL_SEEN` on, one polarity by brightness is taken; below, nearness to
@@ -80,7 +80,7 @@ def learn(finders: Sequence[AntennaFinder], images: Sequence[np.ndarray]) -> Pai
 
     finders : one for each picture.
     """
-    planes = [None, *OPPONENTS] if images[0].ndim == 3 else [None]
+    planes = [None, *_OPPONENTS] if images[0].ndim == 3 else [None]
 
     def best_of(*brights: bool | None) -> _Tried:
         tried = [_Tried.of(Paint(bright, plane), finders, images) for plane in planes for bright in brights]

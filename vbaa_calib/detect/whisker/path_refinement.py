@@ -14,13 +14,13 @@ from vbaa_calib.core.smooth import END_VALUE, median, quantile, running_mean
 
 COLUMN_PX, COLUMNS = 2.0, 120
 """Spacing of the columns across the path, or wider where it takes more columns than these."""
-LEAST_REST = 1e-3
+_LEAST_REST = 1e-3
 """Least texture of the strip, as a part of its highest ridge."""
 
 CURVE_POINTS, CURVE_STEP_PX, CLAMP_PX, BENT_COST = 60, 2.0, 8.0, 0.3
 """Points and spacing of the curves that are tried, how far off they may begin, and what a bent one must show more."""
 
-GIVEN_UP = 12
+_GIVEN_UP = 12
 """After so many points each, a curve is given up that the rest cannot make the clearest."""
 FAINT_COLUMNS, EDGE_COST, PEAK_ROWS = 7, 0.3, 7
 """Columns that are looked at together, what part of the square of an edge's height is no line's, and the rows of which
@@ -199,7 +199,7 @@ def _clarity(ridge: np.ndarray) -> np.ndarray:
     """(K, R) ridge height against texture: levels off at a few times what the strip shows everywhere."""
     over = np.maximum(ridge, 0.0)
     # where a drawn picture shows nothing at all, rounding must not look like a ridge
-    rest = max(2.0 * median(np.abs(ridge)), LEAST_REST * over.max()) + 1e-12
+    rest = max(2.0 * median(np.abs(ridge)), _LEAST_REST * over.max()) + 1e-12
     return over / (over + 3.0 * rest)
 
 
@@ -241,10 +241,10 @@ def _clearest_curve(clarity: np.ndarray, tried: _Curves) -> np.ndarray:
     best, most = 0, -np.inf
     for c in range(len(tried.rows)):
         total = -cost * tried.bent[c]
-        for start in range(0, CURVE_POINTS, GIVEN_UP):
+        for start in range(0, CURVE_POINTS, _GIVEN_UP):
             if total + rest[start] * (1.0 + 1e-9) < most:
                 break
-            for i in range(start, start + GIVEN_UP):
+            for i in range(start, start + _GIVEN_UP):
                 total += thick[i, tried.rows[c, i]]
         if total > most:
             best, most = c, total

@@ -45,25 +45,25 @@ QUIET = 0.4
 """Quantile of the profiles' residuals taken for the picture's noise: more than half may lie beside an object."""
 DISTURBED = 1.8
 """Profiles that leave this many times the noise show something beside the antenna, which draws the line aside."""
-LEAST_CLEAN = 0.3
+_LEAST_CLEAN = 0.3
 """With less than this fraction undisturbed, disturbed profiles are kept too, with the deviations that they deserve."""
-MARGIN_PX = 2
+_MARGIN_PX = 2
 """Columns dropped on either side of a gap: part of their profile shows what hides the antenna."""
 STRAY, STRAY_PX = 5.0, 0.12
 """A point this many deviations, and at least so far, off a smooth curve through its neighbours is another thing's."""
-TRAINING_PROFILES = 160
+_TRAINING_PROFILES = 160
 """The cross-section is learned from about so many profiles."""
 ALIKE = 0.8
 """Length of the mean phase on the pixel grid above which the profiles lie alike."""
 LOPSIDED, FLANKED_PX, PULLED = 0.012, 5.0, 0.05
 """With its sides so different, as a part of its height, a line this broad is measured by its own reflectance; a
 highlight, or a shadow beside it, still pulls it by about this part of its width, alike for all its points."""
-END_PROFILES = 40
+_END_PROFILES = 40
 """The antenna's look at its visible end is that of so many profiles before it."""
 EDGE_RUN, EDGE_NOTICED = 21, 3.0
 """An object's edge beside the antenna draws about so many neighbouring points aside alike: what a step of the
 background behind the line would move them by, on average, is doubt where it exceeds so many of its own deviations."""
-CURVE_PIECES = 12
+_CURVE_PIECES = 12
 """Of the curve that the points scatter about: enough for a cantilever, too few to follow errors that neighbours
 share."""
 NEAR_POINTS, RUN = 41, 16
@@ -74,7 +74,7 @@ ORDINARY_BLUR_PX = 0.8
 """Blur of a lens in focus, standard deviation."""
 LEAST_PROFILES = 8
 """Across the antenna, for there to be a line, and for its noise to be measured."""
-BROADER = 1.5
+_BROADER = 1.5
 """A line so much broader than expected is measured again with longer profiles."""
 
 
@@ -109,7 +109,7 @@ def measure_on(
     half = int(np.ceil(0.8 * (width_px + blurred_px) + 5.0))
     path_px = stiffened(path_px) if bright is None else path_px
     line = _measured(image, path_px, width_px, half, bright)
-    if line.breadth > BROADER:
+    if line.breadth > _BROADER:
         wider = _measured(image, path_px, width_px, int(np.ceil(half + 0.7 * line.breadth * width_px + 2.0)), bright)
         return wider if len(wider.points_px) >= len(line.points_px) else line
     return line
@@ -180,7 +180,7 @@ def _lines(
     measured by its own reflectance, its course (N,) and by how much it may be pulled aside, px; else zero.
     """
     half = found.profiles.shape[1] // 2
-    some = every(found, max(1, len(found.along) // TRAINING_PROFILES))
+    some = every(found, max(1, len(found.along) // _TRAINING_PROFILES))
     section, curve, base = known.ordinary, np.zeros(len(found.along)), np.zeros(len(some.along))
     pulled, reflecting = 0.0, 0.0
     for step in range(2):
@@ -221,7 +221,7 @@ def _changing_lines(found: Crossings, width_px: float, quiet: float, about: tupl
     fits = fit(reflectance.section, found, learned.course)
     noise = _noise(fits.rms[found.inside], quiet)
     seen = np.flatnonzero(found.inside & (fits.height > SEEN_RATIO * noise * fits.unit_height))
-    section = mean_shape(reflectance, seen[-END_PROFILES:] if len(seen) else np.arange(len(fits.height)))
+    section = mean_shape(reflectance, seen[-_END_PROFILES:] if len(seen) else np.arange(len(fits.height)))
     broad = half_width_px(expected(reflectance.width_px, reflectance.blur_px, found.profiles.shape[1] // 2 + 2))
     centre, usual = learned.course + fits.shift, reflectance.height
     return _Lines(centre, fits, section, broad, noise, usual, learned.shared_px)
@@ -250,7 +250,7 @@ def _fitted_line(found: Crossings, lines: _Lines, known: Shapes, changing: bool)
         sigma = _deviations(found, lines, clean if clean.sum() >= LEAST_PROFILES else kept)
         doubt = np.hypot(_edge_doubt(found, lines, there), lines.shared)
         kept, course = _without_strays(found, lines, np.hypot(sigma, doubt), kept)
-        kept = without_margins(kept, 1 if changing else MARGIN_PX)
+        kept = without_margins(kept, 1 if changing else _MARGIN_PX)
     if kept.any():
         sigma, effective = _calibrated(found, lines, sigma, doubt, kept)
     return FittedLine(lines.centre, course, sigma, effective, kept, lines.fits.height, lines.noise, breadth, changing)
@@ -271,7 +271,7 @@ def _kept(found: Crossings, lines: _Lines, changing: bool) -> tuple[np.ndarray, 
         return seen, seen, seen
     seen &= (fits.height > 0.3 * lines.usual) & (fits.height < 3.0 * lines.usual)
     clean = seen & (rms < DISTURBED * noise)
-    if clean.mean() >= LEAST_CLEAN and not changing:
+    if clean.mean() >= _LEAST_CLEAN and not changing:
         return clean, clean, seen
     kept = seen & (rms < 4.0 * noise + (0.3 if changing else 0.1) * lines.usual)
     return kept, clean, seen
@@ -352,12 +352,12 @@ def _calibrated(
     spread = max(median(sigma[kept]), 0.02)
     total = np.maximum(np.hypot(sigma, doubt), 1e-9)
     weights = kept / np.maximum(total, 0.02) ** 2
-    curve = smooth.fit(shares(found), lines.centre, weights, (6.0 * spread, 6.0 * spread), CURVE_PIECES, 1e-6).values
+    curve = smooth.fit(shares(found), lines.centre, weights, (6.0 * spread, 6.0 * spread), _CURVE_PIECES, 1e-6).values
     off = ((lines.centre - curve) / (found.stretch * total))[kept]
     count = len(off)
     # where an edge may draw points aside, their scatter says little of the noise
     trusted = (sigma / total)[kept] ** 2
-    square = off**2 * (count / max(count - CURVE_PIECES - 2.0, 0.5 * count))
+    square = off**2 * (count / max(count - _CURVE_PIECES - 2.0, 0.5 * count))
     overall = (LIKELY_POINTS + (trusted * square).sum()) / (LIKELY_POINTS + trusted.sum())
     near = overall + running_mean(trusted * (square - overall), NEAR_POINTS, END_VALUE)
     scale = np.sqrt(0.5 * (overall + np.maximum(near, 0.0)))

@@ -23,7 +23,7 @@ from .crossings import Crossings, dot, every, remove_background, shares, tapered
 from .line_shape import LIKELY_TAPER, MOST_TAPER, CrossSection, alike
 from .silhouette import ALL, MEAN_SQUARE, G, K, Y, blurred, coefficients_alone, normal_equations, tables
 
-LIKELY = np.array([3.0, 0.8, 0.8, 0.5])
+_LIKELY = np.array([3.0, 0.8, 0.8, 0.5])
 """Deviations beforehand, over the antenna's contrast, of the polynomial's coefficients: level, brighter on one side, a
 highlight, and that aside."""
 LEAST_LIKELY, LIKELY_PROFILES = 0.22, 10.0
@@ -32,7 +32,7 @@ LIKELY_LOG_WIDTH, LIKELY_LOG_BLUR = 0.03, 0.3
 """Deviations beforehand of the silhouette's width and blur, logarithmic."""
 WINDOW_PX, LEARNING = 21.0, 48
 """Over so much of its length the antenna looks alike; at least so many of its profiles are learned from at first."""
-PASSES = 4
+_PASSES = 4
 INDEPENDENT, WELL_BEGUN, ALIKE = 8.0, 60.0, 30.0
 """What the shape cannot follow is alike in many neighbours. A whole line tells as much as so many profiles where it is;
 once that is about right, as so many; and of its width and blur each profile as much as one part in so many."""
@@ -47,7 +47,7 @@ STIFF_PIECES, PIECES = 4, 10
 """Of the smooth path that is begun with, and of the line's course about it."""
 
 
-class Reflectance(NamedTuple):
+class _Reflectance(NamedTuple):
     """Cross-sections of N profiles.
 
     Attributes
@@ -65,11 +65,11 @@ class Reflectance(NamedTuple):
     section: CrossSection
 
 
-class Learned(NamedTuple):
+class _Learned(NamedTuple):
     """What N profiles show: the reflectance, the line's course (N,) along them, the deviation (N,) of that, px, which
     neighbours share, and by which part the line is broader at the path's end."""
 
-    reflectance: Reflectance
+    reflectance: _Reflectance
     course: np.ndarray
     shared_px: np.ndarray
     taper: float
@@ -87,7 +87,7 @@ def stiffened(path_px: np.ndarray) -> np.ndarray:
 
 
 @kernel
-def mean_shape(reflectance: Reflectance, which: np.ndarray) -> CrossSection:
+def mean_shape(reflectance: _Reflectance, which: np.ndarray) -> CrossSection:
     """The mean cross-section, over its height, of profiles (M,)."""
     mean, known = np.zeros((K, 1)), reflectance.section
     for n in which:
@@ -102,7 +102,7 @@ def mean_shape(reflectance: Reflectance, which: np.ndarray) -> CrossSection:
 @kernel
 def learn_reflectance(
     found: Crossings, width_px: float, blur_px: float, course: np.ndarray, course_std_px: float
-) -> Learned:
+) -> _Learned:
     """The reflectance that profiles about a path show, and where the line is.
 
     course, course_std_px : (N,) along the profiles and its deviation, where the line is known to lie; else empty.
@@ -124,10 +124,10 @@ def learn_reflectance(
     base, moved, taper = begin, np.zeros(3), 0.0
     precision = np.array([LIKELY_LOG_WIDTH, LIKELY_LOG_BLUR, LIKELY_TAPER]) ** -2.0
     contrast = _first_contrast(some, width_px)
-    noise, likely, weight = 0.1 * contrast, LIKELY.copy(), some.inside.astype(np.float64)
+    noise, likely, weight = 0.1 * contrast, _LIKELY.copy(), some.inside.astype(np.float64)
     width, blur, coefficients = width_px, blur_px, np.zeros((len(base), K))
     known = np.ones(len(base))
-    for turn in range(PASSES):
+    for turn in range(_PASSES):
         each = normal_equations(tapered(some, taper), base, (width, blur), coefficients, reach_px)
         local = _with_neighbours(each, weight / noise**2, count, likely * contrast)
         change, moves = np.zeros(3), np.zeros(len(base))
@@ -171,7 +171,7 @@ def learn_reflectance(
     begin_std = np.interp(found.along, some.along, begin_std)
     shared_px = np.sqrt(shared + begin_std**2 + (PULLED * width_px) ** 2) / found.stretch
     section = CrossSection(values, slopes, whole / height.reshape(-1, 1))
-    return Learned(Reflectance(width, blur, whole, height, section), course, shared_px, taper)
+    return _Learned(_Reflectance(width, blur, whole, height, section), course, shared_px, taper)
 
 
 @kernel
@@ -299,11 +299,11 @@ def _left(each: np.ndarray, coefficients: np.ndarray, step: np.ndarray, moves: n
 @kernel
 def _likely(over_contrast: np.ndarray, variance: np.ndarray, likely: np.ndarray, weight: np.ndarray) -> np.ndarray:
     """(K,) deviations of the coefficients (N, K) as this line shows them; `variance` (N, K) of these."""
-    fresh = LIKELY.copy()
+    fresh = _LIKELY.copy()
     for k in range(1, K):
         told = (weight * np.maximum(1.0 - variance[:, k] / likely[k] ** 2, 0.0)).sum() + LIKELY_PROFILES
-        square = (weight * over_contrast[:, k] ** 2).sum() + LIKELY_PROFILES * (LEAST_LIKELY * LIKELY[k]) ** 2
-        fresh[k] = min(np.sqrt(square / told), 2.0 * LIKELY[k])
+        square = (weight * over_contrast[:, k] ** 2).sum() + LIKELY_PROFILES * (LEAST_LIKELY * _LIKELY[k]) ** 2
+        fresh[k] = min(np.sqrt(square / told), 2.0 * _LIKELY[k])
     return fresh
 
 
@@ -324,7 +324,7 @@ def _begin(found: Crossings, width_px: float, blur_px: float, count: int) -> tup
             power, explained = local[n, K, K], 0.0
             matrix, side = local[n, :K, :K].copy(), local[n, :K, K:].copy()
             for k in range(K):
-                matrix[k, k] += 0.01 / LIKELY[k] ** 2
+                matrix[k, k] += 0.01 / _LIKELY[k] ** 2
             solve(matrix, side)
             for k in range(K):
                 explained += side[k, 0] * local[n, k, K]

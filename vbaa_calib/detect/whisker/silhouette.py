@@ -21,7 +21,7 @@ MEAN_SQUARE = 1.0 / (2.0 * np.arange(K) + 1.0)
 """(K,) of the polynomials over the silhouette."""
 PIXEL_BLUR_PX = 0.29
 """A pixel's own square, as a standard deviation."""
-FAR = 8.0
+_FAR = 8.0
 """Deviations beyond an edge at which nothing is left of it."""
 _POWERS = np.stack([np.pad(leg2poly(row[: k + 1]), (0, K - 1 - k)) for k, row in enumerate(np.eye(K))])
 
@@ -51,7 +51,7 @@ def blurred(width_px: float, blur_px: float, reach_px: int) -> np.ndarray:
     for r in range(middle + 1):
         across = r / PER_PX
         left, right = (across + half) / std, (across - half) / std
-        if right > FAR:
+        if right > _FAR:
             break
         rising, falling = height * np.exp(-0.5 * left**2), height * np.exp(-0.5 * right**2)
         powers[0] = 0.5 * (erfc(-left / np.sqrt(2.0)) - erfc(-right / np.sqrt(2.0)))

@@ -22,9 +22,9 @@ from .line_shape import CrossSection, fit
 
 BEFORE_PX, BEYOND_PX = 60.0, 24.0
 """How much of the line before its end, and of the picture beyond it, is looked at."""
-STRAIGHT_PX = 30.0
+_STRAIGHT_PX = 30.0
 """The line is drawn on beyond its last points as straight as so much of it before is: an end carries no moment."""
-CLEAN_PX = 5.0
+_CLEAN_PX = 5.0
 """Beyond a tip nothing must show for so many pixels, and its blur."""
 LEAST_CONTRAST = 8.0
 """Height over its own deviation, of the mean profile before the end, for the step to be measured."""
@@ -38,14 +38,14 @@ DISTURBED, BROAD = 1.8, 1.25
 towards the end is a ball, a sheath or a kink."""
 EDGE = 0.2
 """By so much of the line's height its background may change where it ends."""
-LONGER = 0.15
+_MOST_LONGER = 0.15
 """By so much a line may go on beyond its path; further, something else begins where it ends."""
-AT_LEAST_ON = 12
+_AT_LEAST_ON = 12
 """So many profiles beyond the path's end still show the line where it is longer than its path."""
 MOST_STD_PX, MOST_RMS = 1.5, 0.2
 """A step known less well, px, or that leaves more of the heights, is none to trust."""
 ROUNDS = 12
-LEAST_STD_PX = 0.1
+_LEAST_STD_PX = 0.1
 """What the pixel grid and the shape of a cut end leave open, at a blur of a pixel; more of it leaves more."""
 
 
@@ -108,7 +108,7 @@ def visible_end(image: np.ndarray, path_px: np.ndarray, seen: np.ndarray, look: 
     path_px : (K, 2) the line, from the clamp to where a whole antenna ends; bridged where it is hidden.
     seen : (K,) where it was measured.
     """
-    farthest_px = (1.0 + LONGER) * float(arc_lengths(path_px)[-1])
+    farthest_px = (1.0 + _MOST_LONGER) * float(arc_lengths(path_px)[-1])
     while True:
         ahead = _continued(path_px, seen)
         if not len(ahead.path_px):
@@ -148,12 +148,12 @@ def _end_or_longer(
             edge, stop = edge or here[n] < last_at + BEYOND_PX, min(stop, n)
     used = np.flatnonzero(found.inside[: stop if edge else len(here)])
     on = used[(here[used] > last_at) & (fits.height[used] > 0.5 * usual)]
-    if not edge and len(on) >= AT_LEAST_ON and on[-1] >= used[-3]:
+    if not edge and len(on) >= _AT_LEAST_ON and on[-1] >= used[-3]:
         # bent towards the camera, it is longer in the picture than a whole antenna of the corridor
         return _LONGER, end, np.nan, moved(found, fits.shift)[on]
     at, heights = here[used], fits.height[used] / usual
     step = _fitted(at, heights, noise * fits.unit_height[used] / usual)
-    if not step.there or (edge and at[-1] < step.place + CLEAN_PX + 2.0 * step.blur):
+    if not step.there or (edge and at[-1] < step.place + _CLEAN_PX + 2.0 * step.blur):
         return _BORDER if edge else _HIDDEN, end, np.nan, no_points
     kind = _kind(_Seen(at, heights, _beside(found, used) / usual, fits.rms[used] / noise), step)
     if kind == _HIDDEN:
@@ -190,8 +190,8 @@ class _Seen(NamedTuple):
 def _kind(seen: _Seen, step: _Step) -> int:
     """What the end is."""
     gone = step.place + 2.0 * step.blur
-    after = (seen.at > gone) & (seen.at < gone + CLEAN_PX)
-    near = (seen.at > step.place - 2.0 * CLEAN_PX) & (seen.at < step.place - 2.0 * step.blur)
+    after = (seen.at > gone) & (seen.at < gone + _CLEAN_PX)
+    near = (seen.at > step.place - 2.0 * _CLEAN_PX) & (seen.at < step.place - 2.0 * step.blur)
     if after.sum() < 3 or near.sum() < 3 or (seen.residuals[after] > DISTURBED).mean() > 0.4:
         return _HIDDEN
     if abs(np.median(seen.background[after]) - np.median(seen.background[near])) > EDGE:
@@ -208,7 +208,7 @@ def _continued(path_px: np.ndarray, seen: np.ndarray) -> _Continued:
     first = 0
     while along[first] < along[last] - BEFORE_PX:
         first += 1
-    near = seen & (along > along[last] - STRAIGHT_PX) & (along <= along[last])
+    near = seen & (along > along[last] - _STRAIGHT_PX) & (along <= along[last])
     if near.sum() < 8 or last - first < 12:
         return _Continued(np.empty((0, 2)), 0, along[-1], along[-1] - along[last])
     t = along[near] - along[last]
@@ -264,7 +264,7 @@ def _fitted(at: np.ndarray, heights: np.ndarray, sigma: np.ndarray) -> _Step:
     std = np.sqrt(variance) * max(1.0, np.sqrt(weighted / len(s)))
     if height < LEAST_CONTRAST * np.median(1.0 / weight) / np.sqrt(8.0) or not s[0] < place < s[-1]:
         return none
-    return _Step(place, blur, height, np.hypot(std, LEAST_STD_PX * max(blur, 1.0)), np.sqrt(plain / len(s)), True)
+    return _Step(place, blur, height, np.hypot(std, _LEAST_STD_PX * max(blur, 1.0)), np.sqrt(plain / len(s)), True)
 
 
 @kernel

@@ -10,14 +10,14 @@ from scipy.spatial.transform import Rotation
 
 from vbaa_calib.simulate.render.meshes import Triangles, tube_mesh
 
-Thing = dict[str, Any]
-Solid = Thing | tuple[Triangles, Thing]
+_Thing = dict[str, Any]
+_Solid = _Thing | tuple[Triangles, _Thing]
 """One of mitsuba's own shapes, or triangles and their surface."""
 
 _TEXELS, _TEXTURED_MM, _BENCH_MM = 2048, 800.0, 4000.0
 
 
-def rgb(*value: float) -> Thing:
+def rgb(*value: float) -> _Thing:
     """A colour; grey where one number is given."""
     return {"type": "rgb", "value": list(value) if len(value) == 3 else 3 * [float(value[0])]}
 
@@ -39,12 +39,12 @@ def facing(middle: Any, target: Any) -> np.ndarray:
     return np.stack([x, np.cross(z, x), z], axis=1)
 
 
-def matt(colour: Thing) -> Thing:
+def matt(colour: _Thing) -> _Thing:
     """A surface without gloss: a colour or a texture."""
     return {"type": "diffuse", "reflectance": colour}
 
 
-def picture_of(texture: np.ndarray) -> Thing:
+def picture_of(texture: np.ndarray) -> _Thing:
     """A texture (rows, columns, 3) of linear brightness."""
     return {"type": "bitmap", "data": texture.astype(np.float32), "raw": True, "wrap_mode": "mirror"}
 
@@ -52,7 +52,7 @@ def picture_of(texture: np.ndarray) -> Thing:
 # --- antenna
 
 
-def antenna_surface(material: str, albedo: float) -> Thing | None:
+def antenna_surface(material: str, albedo: float) -> _Thing | None:
     """What the antenna is made of; None: it is not there."""
     if material == "none":
         return None
@@ -74,14 +74,14 @@ def antenna_surface(material: str, albedo: float) -> Thing | None:
 # --- light
 
 
-def lights(kind: str) -> dict[str, Thing]:
+def lights(kind: str) -> dict[str, _Thing]:
     """Soft boxes, one small lamp, or a room with a window."""
 
-    def panel(middle: tuple[float, float, float], half: tuple[float, float], radiance: float) -> Thing:
+    def panel(middle: tuple[float, float, float], half: tuple[float, float], radiance: float) -> _Thing:
         matrix = placed(middle, facing(middle, (60.0, 0.0, 150.0)), (*half, 1.0))
         return {"type": "rectangle", "to_world": matrix, "emitter": {"type": "area", "radiance": rgb(radiance)}}
 
-    def room(radiance: float) -> Thing:
+    def room(radiance: float) -> _Thing:
         return {"type": "constant", "radiance": rgb(radiance)}
 
     if kind == "lamp":
@@ -95,7 +95,7 @@ def lights(kind: str) -> dict[str, Thing]:
 # --- bench
 
 
-def bench(kind: str, middle: np.ndarray, along: float, rng: np.random.Generator) -> dict[str, Solid]:
+def bench(kind: str, middle: np.ndarray, along: float, rng: np.random.Generator) -> dict[str, _Solid]:
     """The bench and what lies on it: matt, which is quick to trace, but for metal.
 
     middle : (2,) under the middle of the antenna. along : direction of the antenna at rest, rad from x.
@@ -103,7 +103,7 @@ def bench(kind: str, middle: np.ndarray, along: float, rng: np.random.Generator)
     turn = Rotation.from_euler("z", along + rng.uniform(-0.6, 0.6)).as_matrix()
     top = placed([*middle, 0.0], turn, (_TEXTURED_MM / 2, _TEXTURED_MM / 2, 1.0))
     texture = _TEXTURES.get(kind, _plain)(rng)
-    things: dict[str, Solid] = {
+    things: dict[str, _Solid] = {
         "top": {"type": "rectangle", "to_world": top, "bsdf": matt(picture_of(texture))},
         "around": {
             "type": "rectangle",
@@ -117,19 +117,19 @@ def bench(kind: str, middle: np.ndarray, along: float, rng: np.random.Generator)
     return things
 
 
-def _colour(rng: np.random.Generator) -> Thing:
+def _colour(rng: np.random.Generator) -> _Thing:
     return rgb(*np.clip(rng.uniform(0.05, 0.85) * rng.uniform(0.4, 1.2, 3), 0.02, 0.9))
 
 
-def _box(middle: Any, size: Any, angle: float, surface: Thing) -> Thing:
+def _box(middle: Any, size: Any, angle: float, surface: _Thing) -> _Thing:
     turn = Rotation.from_euler("z", angle).as_matrix()
     return {"type": "cube", "to_world": placed(middle, turn, np.asarray(size) / 2), "bsdf": surface}
 
 
-def _clutter(middle: np.ndarray, along: float, rng: np.random.Generator) -> list[Solid]:
+def _clutter(middle: np.ndarray, along: float, rng: np.random.Generator) -> list[_Solid]:
     """Boxes, circuit boards, tools, cables: some of the long thin ones run with the antenna."""
     metal = {"type": "roughconductor", "material": "Cr", "alpha": 0.2}
-    things: list[Solid] = []
+    things: list[_Solid] = []
 
     def spot(reach: float = 190.0) -> np.ndarray:
         return middle + rng.uniform(-reach, reach, 2)
