@@ -17,7 +17,7 @@ from .session_state import SessionState
 _MOVED_PX = 2.0
 _TIMES_LENS_RMS, _LEAST_RMS_PX = 4.0, 1.0
 _LEAST_IN_VIEW, _POINTS = 0.25, 41
-_DISTANCE_RATIO = 1.6
+_DISTANCE_RATIO = 1.3
 _THICKNESSES_MM = (0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0)
 """Of boards that are tried when the antenna is not where the answers put it."""
 _JIG_REMEDY = "correct jig_translation_mm, jig_board_x, jig_board_y or board_thickness_mm: type `key = value`"
@@ -63,16 +63,19 @@ def _antenna_out_of_view(state: SessionState, board: BoardPose, camera: Camera) 
     return f"by what was typed about the jig {100 * share:.0f} % of the antenna would be in the picture; {_JIG_REMEDY}"
 
 
-def distance_diagnosis(state: SessionState, T_antenna_camera: Pose) -> list[Diagnosis]:
-    """Whether the camera's distance from the antenna's middle is about as answered."""
+def camera_distance(state: SessionState, T_antenna_camera: Pose) -> tuple[str, list[Diagnosis]]:
+    """The camera's distance from the antenna's middle beside what was typed, and a doubt if they differ by much."""
     typed_mm = state.store.journal.answers.get("camera_distance_mm")
     middle = np.array([0.5 * state.session.antenna.length_m, 0.0, 0.0])
     seen_mm = 1e3 * float(np.linalg.norm(T_antenna_camera.translation_m - middle))
-    if typed_mm is None or 1 / _DISTANCE_RATIO < seen_mm / typed_mm < _DISTANCE_RATIO:
-        return []
-    words = f"the camera is {seen_mm:.0f} mm from the antenna's middle by the jig, {typed_mm:g} mm as typed"
+    words = f"the camera is {seen_mm:.0f} mm from the antenna's middle"
+    if typed_mm is None:
+        return words, []
+    words += f", {typed_mm:g} mm was typed"
+    if 1 / _DISTANCE_RATIO < seen_mm / typed_mm < _DISTANCE_RATIO:
+        return words, []
     remedy = f"check jig, square size and antenna_length_mm; or type `camera_distance_mm = {seen_mm:.0f}` if that is so"
-    return [Diagnosis("camera_distance", words, remedy)]
+    return words, [Diagnosis("camera_distance", words, remedy)]
 
 
 def thickness_that_shows_it(state: SessionState, still: Still, step: str, image: np.ndarray) -> str:

@@ -53,6 +53,7 @@ class Capture:
         self.refused_for: frozenset[str] | None = None
         self.answers, self.wanted = self.store.journal.answers, ""
         self.match: str = ""
+        self.unused: dict[str, Any] = {}  # typed for a picture that was then left out
         record = self.store.journal.of(self.step.name)
         self.taken_before = {one.source for one in record.taken}
         self.refused_before = {one.source for one in record.left}
@@ -184,7 +185,7 @@ class Capture:
         if twin is not None:
             self._refuse(picture, f"is the same picture as {twin.file}")
             return
-        readings = self._readings_of(picture.name)
+        readings = self._readings_of(picture)
         check = self._check(picture, readings)
         if not self.source.live:
             words = f"{picture.name}: {check.refusal or check.words}"
@@ -193,7 +194,7 @@ class Capture:
             self._refuse(picture, check.refusal)
             return
         taken = self.store.take(name, picture, readings)
-        self.pending = None
+        self.pending, self.unused = None, {}
         self.taken_before.add(picture.name)
         self.state.write_files()
         self.ui.say(f"took      {picture.name} as {taken.file}{f', {check.words}' if check.words else ''}")
@@ -201,8 +202,10 @@ class Capture:
         self.match = check.closer and f"the last picture was {share:.0f} % like it; next time {check.closer}"
         self.progress = None
 
-    def _readings_of(self, picture: str) -> dict[str, float]:
+    def _readings_of(self, picture: Picture) -> dict[str, float]:
         """A picture's readings in SI, from the table or by asking; none if the step has none.
+
+        Nothing is asked about a picture that cannot be taken; a line typed for one that was left out is offered again.
 
         Raises InputError for a wrong row, and for missing readings where nobody answers; Interrupted for a command.
         """
@@ -210,8 +213,8 @@ class Capture:
         questions = asked(self.store.folder(step), taken[-1].readings if taken else None)
         if not questions:
             return {}
-        where = f"{self.table.where or step} {picture}"
-        row = self.table.of(picture, len(taken))
+        where = f"{self.table.where or step} {picture.name}"
+        row = self.table.of(picture.name, len(taken))
         if row is not None:
             readings, doubts = self._judged(row, where)
             if doubts and doubts[0].grave:
@@ -220,11 +223,17 @@ class Capture:
         if not ui.interactive:
             what = f"the readings of the picture are missing ({', '.join(question.key for question in questions)})"
             remedy = f"give --{step}-readings, a CSV with a column image, or write it in --answers FILE"
-            raise InputError(what, where=picture, remedy=remedy)
+            raise InputError(what, where=picture.name, remedy=remedy)
+        if self._check(picture, None).refusal:
+            return {}
+        question = line_of(questions, picture.name)
+        if self.unused:
+            question = replace(question, default=[self.unused[one.key] for one in questions])
         for left in reversed(range(_ANSWERS)):
-            line = ui.ask(line_of(questions, picture))
+            line = ui.ask(question)
             try:
-                readings, doubts = self._judged(split_line(questions, line), where)
+                typed = split_line(questions, line)
+                readings, doubts = self._judged(typed, where)
             except InputError as error:
                 then = "type it again, or `drop` to leave this picture out" if left else "this picture is left out"
                 ui.wrong(f"{error.what}; {error.remedy}; {then}")
@@ -232,6 +241,7 @@ class Capture:
             for doubt in doubts:
                 ui.say(str(doubt))
             if not doubts or ui.ask(_KEEP):
+                self.unused = typed
                 return readings
         raise Interrupted("drop")
 

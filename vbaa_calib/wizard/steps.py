@@ -29,7 +29,7 @@ from vbaa_calib.detect.quality.hints import picture_hints, wrong_board
 from vbaa_calib.detect.quality.screen import LEAST_CORNERS
 from vbaa_calib.session import load_session
 
-from .against_answers import distance_diagnosis, jig_refusal, thickness_that_shows_it
+from .against_answers import camera_distance, jig_refusal, thickness_that_shows_it
 from .questions import PICTURES
 from .session_state import SessionState, still_of
 from .sources import Picture
@@ -275,14 +275,15 @@ def _plane_progress(state: SessionState) -> Progress:
     else:
         enough, missing = count >= most, f"{most - count} more would average out noise and show a board that moves"
     x, y, z = 1e3 * estimate.T_antenna_camera.translation_m
+    distance, doubts = camera_distance(state, estimate.T_antenna_camera)
     return Progress(
-        seen=(seen, f"camera at ({x:.1f}, {y:.1f}, {z:.1f}) mm in the antenna frame"),
+        seen=(seen, f"camera at ({x:.1f}, {y:.1f}, {z:.1f}) mm in the antenna frame", distance),
         missing=() if enough else (missing,),
         next=_ENOUGH if enough else shoot,
         enough=enough,
         usable=True,
         numbers=tuple(numbers),
-        diagnoses=tuple(distance_diagnosis(state, estimate.T_antenna_camera)),
+        diagnoses=tuple(doubts),
     )
 
 
