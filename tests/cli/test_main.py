@@ -90,7 +90,7 @@ def test_every_error_is_one_line(
 
 
 HALF_WRITTEN = """
-import os, signal, sys
+import ctypes, os, signal, sys
 from pathlib import Path
 from vbaa_calib.cli import main
 from vbaa_calib.core.files import replacing
@@ -99,6 +99,10 @@ from vbaa_calib.cli import schema as schema_cli
 def stopped(args):
     with replacing(Path("out.csv"), True) as temporary:
         temporary.write_text("half")
+        if sys.argv[2] == "lost":  # as C does with what is raised in a function that it calls
+            sys.unraisablehook = lambda _: None
+            ctypes.CFUNCTYPE(None)(lambda: os.kill(os.getpid(), getattr(signal, sys.argv[1])))()
+            raise RuntimeError
         os.kill(os.getpid(), getattr(signal, sys.argv[1]))
         temporary.write_text("whole")
 
@@ -107,12 +111,12 @@ sys.exit(main(["schema", "rig"]))
 """
 
 
-@pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP"])
-def test_a_signal_that_ends_it_leaves_nothing_half_written(tmp_path: Path, name: str) -> None:
-    command = [sys.executable, "-c", HALF_WRITTEN, name]
+@pytest.mark.parametrize(("name", "where"), [("SIGTERM", ""), ("SIGHUP", ""), ("SIGTERM", "lost"), ("SIGINT", "lost")])
+def test_a_signal_that_ends_it_leaves_nothing_half_written(tmp_path: Path, name: str, where: str) -> None:
+    command = [sys.executable, "-c", HALF_WRITTEN, name, where]
     done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=tmp_path)
     assert done.returncode == 128 + getattr(signal, name)
-    assert done.stderr == "vbaa: ended by a signal\n"
+    assert done.stderr == ("vbaa: interrupted\n" if name == "SIGINT" else "vbaa: ended by a signal\n")
     assert not list(tmp_path.iterdir())
 
 

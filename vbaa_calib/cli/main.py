@@ -17,7 +17,7 @@ import threading
 import traceback
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from types import ModuleType
+from types import FrameType, ModuleType
 from typing import NoReturn
 
 import vbaa_calib
@@ -174,24 +174,41 @@ class _Ended(BaseException):
     """A terminating signal: raised so that half-written files are removed."""
 
 
-def _end(number: int, _frame: object) -> NoReturn:
+_signals: list[int] = []
+"""That came: what a signal raises inside a function that C calls, as a compiler does, is lost, and what follows from it
+is not the error."""
+
+
+def _end(number: int, frame: FrameType | None) -> NoReturn:
+    _signals.append(number)
+    if number == signal.SIGINT:
+        signal.default_int_handler(number, frame)
     raise _Ended(number)
+
+
+def _ended() -> int:
+    number = _signals[0] if _signals else signal.SIGINT
+    with contextlib.suppress(OSError):  # the terminal may be what went away
+        print("vbaa: interrupted" if number == signal.SIGINT else "vbaa: ended by a signal", file=sys.stderr)
+    return 128 + number
 
 
 @contextlib.contextmanager
 def _unwinding_when_ended() -> Iterator[None]:
     """Let SIGTERM and SIGHUP clean up as Ctrl-C does; ignored signals (nohup) stay ignored."""
-    named = (getattr(signal, name, None) for name in ("SIGTERM", "SIGHUP"))
-    ours = [number for number in named if number is not None and signal.getsignal(number) is signal.SIG_DFL]
+    named = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    before = {number: signal.getsignal(number) for number in named}
+    before = {number: each for number, each in before.items() if each in (signal.SIG_DFL, signal.default_int_handler)}
     if threading.current_thread() is not threading.main_thread():
-        ours = []
-    for number in ours:
+        before = {}
+    _signals.clear()
+    for number in before:
         signal.signal(number, _end)
     try:
         yield
     finally:
-        for number in ours:
-            signal.signal(number, signal.SIG_DFL)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 @contextlib.contextmanager
@@ -221,13 +238,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             return code
     except SystemExit as leave:  # argparse's --help and --version
         return int(leave.code or 0)
-    except KeyboardInterrupt:
-        print("vbaa: interrupted", file=sys.stderr)
-        return 130
-    except _Ended as ended:
-        with contextlib.suppress(OSError):  # the terminal may be what went away
-            print("vbaa: ended by a signal", file=sys.stderr)
-        return 128 + int(ended.args[0])
+    except (KeyboardInterrupt, _Ended):
+        return _ended()
     except BrokenPipeError:
         # the reader went away (`vbaa ... | head`); the interpreter must not complain about it again at exit
         with contextlib.suppress(OSError):
@@ -236,6 +248,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     except Exception as error:
         if "--debug" in argv:
             traceback.print_exc()
+        if _signals:
+            return _ended()
         error = of_extra(error) or error
         words = sentence_of(error) or (
             f"something went wrong that should not ({type(error).__name__}: {error}); "
