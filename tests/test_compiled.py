@@ -6,9 +6,11 @@ import os
 import subprocess
 import sys
 import tempfile
+from collections import namedtuple
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
+import numba
 import pytest
 
 from vbaa_calib.core import compiled
@@ -40,8 +42,25 @@ def _twice(value: float) -> float:
     return 2.0 * value
 
 
+def _value(kept: Any) -> float:
+    return kept.value
+
+
 def _half(value: float) -> float:
     return 0.5 * value
+
+
+def test_what_another_version_kept_is_compiled_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where a type of its arguments is no more."""
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
+    Gone = namedtuple("Gone", "value")
+    monkeypatch.setattr(sys.modules[__name__], "Gone", Gone, raising=False)
+    assert compiled.kernel(_value)(Gone(3.0)) == 3.0
+    assert len(list(tmp_path.rglob("*.nbi"))) == 1
+    monkeypatch.delattr(sys.modules[__name__], "Gone")
+    Other = namedtuple("Other", "value")
+    monkeypatch.setattr(sys.modules[__name__], "Other", Other, raising=False)
+    assert compiled.kernel(_value)(Other(4.0)) == 4.0
 
 
 def test_where_nothing_can_be_kept_it_is_said_once(

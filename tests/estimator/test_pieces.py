@@ -26,7 +26,7 @@ from vbaa_calib.session import Frame, load_session
 
 from ..recordings import write_recording, write_rig
 
-OFTEN = AFRESH // 2
+OFTEN = AFRESH // 4
 """Frames after which the search begins afresh here, so that shorter recordings have pieces."""
 FRAMES = OFTEN + 3 * STREAM + 1
 
@@ -60,7 +60,12 @@ def as_one(path: Path, rig: Rig) -> list[ContactRow]:
 
 @pytest.mark.usefixtures("often")
 @pytest.mark.parametrize(
-    "frames", [FRAMES, OFTEN + 7, OFTEN + STREAM + 7, pytest.param(FRAMES + 3 * OFTEN, marks=pytest.mark.slow)]
+    "frames",
+    [
+        OFTEN + 7,
+        OFTEN + STREAM + 7,
+        *(pytest.param(each, marks=pytest.mark.slow) for each in (FRAMES, FRAMES + 3 * OFTEN)),
+    ],
 )
 def test_pieces_make_the_same_rows(tmp_path: Path, frames: int) -> None:
     """With drift that is learnt, motion and a rolling shutter across the seams."""

@@ -17,6 +17,7 @@ import numba
 import numpy as np
 from llvmlite.binding import Linkage, parse_assembly
 from numba.core import types
+from numba.core.caching import IndexDataCacheFile
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
 from numba.experimental import structref
@@ -100,6 +101,17 @@ class _PartCompiler(_WholeCompiler):
     library = _Part
 
 
+class _Kept(IndexDataCacheFile):
+    """Which machine code of a kernel is kept for which arguments."""
+
+    def _load_index(self) -> dict[Any, str]:
+        """None where another version kept it, whose types may be no more: numba would end with an error."""
+        try:
+            return super()._load_index()
+        except (AttributeError, ImportError):
+            return {}
+
+
 def kernel(function: _F) -> _F:
     """A function that Python calls: compiled at the first call, its machine code kept beside the module.
 
@@ -116,7 +128,8 @@ def kernel(function: _F) -> _F:
     # what is made for one kernel is kept with that kernel's code
     if "<locals>" not in function.__qualname__ and _kept(made):
         # numba compares the function's own file alone: after a change in a function that it calls, old code would run
-        made._cache._cache_file._source_stamp = made.stamp
+        files = made._cache
+        files._cache_file = _Kept(files.cache_path, files._impl.filename_base, made.stamp)
     return cast(_F, made)
 
 

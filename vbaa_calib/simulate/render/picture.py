@@ -98,16 +98,19 @@ def _bench(spec: PictureSpec, rng: np.random.Generator) -> np.ndarray:
 
 def _soft_shapes(rng: np.random.Generator, softness: float) -> np.ndarray:
     """Boards, discs and edges lying about, out of focus."""
-    canvas = np.zeros((_BENCH_TEXELS, _BENCH_TEXELS), np.float32)
+    canvas, one = np.zeros((2, _BENCH_TEXELS, _BENCH_TEXELS), np.float32)
     for _ in range(_SHAPES):
         centre, size = rng.uniform(0, _BENCH_TEXELS, 2), rng.uniform(25, 260, 2)
-        one = np.zeros_like(canvas)
         if rng.uniform() < 0.3:
             cv2.circle(one, centre.astype(int).tolist(), int(size[0] / 2), 1.0, -1)
         else:
             corners = cv2.boxPoints((centre.tolist(), size.tolist(), float(rng.uniform(0, 180))))
             cv2.fillConvexPoly(one, np.round(corners).astype(np.int32), 1.0)
-        canvas += np.float32(rng.uniform(-0.7, 0.7)) * one
+        first = np.maximum(centre - 0.5 * np.hypot(*size) - 2.0, 0.0).astype(int)
+        last = (centre + 0.5 * np.hypot(*size) + 3.0).astype(int)
+        around = slice(first[1], last[1]), slice(first[0], last[0])
+        canvas[around] += np.float32(rng.uniform(-0.7, 0.7)) * one[around]
+        one[around] = 0.0
     return cv2.GaussianBlur(canvas, (0, 0), softness)
 
 
