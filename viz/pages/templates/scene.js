@@ -186,10 +186,12 @@
     element("play").textContent = timer === null ? "play" : "pause";
   }
 
+  // from further away where the page is narrow, so that nothing is cut off at its sides
   function look({ position, focus }) {
     const camera = renderer.getActiveCamera();
+    const away = Math.max(1, 1.2 * innerHeight / innerWidth);
     camera.setFocalPoint(...focus);
-    camera.setPosition(...position);
+    camera.setPosition(...position.map((value, axis) => focus[axis] + away * (value - focus[axis])));
     camera.setViewUp(0, 0, 1);
     renderer.resetCameraClippingRange();
   }
