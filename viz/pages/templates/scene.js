@@ -66,6 +66,7 @@
       look(story.views[index]);
       renderWindow.render();
     }));
+    addEventListener("beforeprint", () => { element("legend").open = true; });
     element("play").addEventListener("click", play);
     element("save").addEventListener("click", () => Promise.all(renderWindow.captureImages()).then(([url]) => {
       Object.assign(document.createElement("a"), { href: url, download: "scene.png" }).click();
