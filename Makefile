@@ -83,4 +83,4 @@ lint: $(VENV)/.tools
 	$(BIN)/mypy
 
 clean:
-	rm -rf $(VENV) demo docs/_build .pytest_cache .mypy_cache .ruff_cache
+	rm -rf $(VENV) demo docs/_build docs/jupyter_execute .pytest_cache .mypy_cache .ruff_cache

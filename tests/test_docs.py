@@ -1,19 +1,16 @@
-"""The documentation is true where a machine can tell: it builds, links lead on, code runs, commands are accepted."""
+"""The documentation is true where a machine can tell: it builds, links lead on, code runs."""
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import csv
 import io
 import json
 import re
 import runpy
-import shlex
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +19,7 @@ import pytest
 import yaml
 
 from targets.board import BoardSpec
-from vbaa_calib.cli.main import VERBS, _verb_parser, main
+from vbaa_calib.cli.main import VERBS, main
 from vbaa_calib.core.files import read_yaml
 
 from .small_scene import small_rig
@@ -37,7 +34,7 @@ BESIDE = [
     *sorted(ROOT.glob("benchmarks/*.md")),
 ]
 PAGES = [*DOCS, *BESIDE]
-_FENCE = re.compile(
+FENCE = re.compile(
     r"^(?P<marker><!-- runs -->\n)?^```(?P<language>[^\n]*)\n(?P<code>.*?)^```", re.MULTILINE | re.DOTALL
 )
 _LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")
@@ -51,7 +48,7 @@ def name_of(path: Path) -> str:
 
 
 def without_code(text: str) -> str:
-    return re.sub(r"`[^`\n]+`", "", _FENCE.sub("", text))
+    return re.sub(r"`[^`\n]+`", "", FENCE.sub("", text))
 
 
 @pytest.fixture(scope="module")
@@ -123,7 +120,7 @@ def test_links_lead_somewhere(path: Path) -> None:
 
 def anchors(path: Path) -> set[str]:
     """Of a page's headings, as GitHub and the site make them."""
-    headings = re.findall(r"^#+ (.+)$", _FENCE.sub("", path.read_text(encoding="utf-8")), re.MULTILINE)
+    headings = re.findall(r"^#+ (.+)$", FENCE.sub("", path.read_text(encoding="utf-8")), re.MULTILINE)
     return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
 
 
@@ -145,42 +142,6 @@ def test_the_drawings_are_those_of_their_code() -> None:
     assert lying == {name: draw().svg() for name, draw in drawn["DRAWINGS"].items()}
 
 
-def commands(text: str) -> Iterator[tuple[str, bool]]:
-    """What a page tells its reader to type, and whether it is a whole command line or named in passing."""
-    for block in _FENCE.finditer(text):
-        if block["language"] in ("", "sh", "bash", "shell"):
-            yield from ((line, True) for line in block["code"].splitlines())
-    prose = _FENCE.sub("", text)
-    yield from ((line.strip(), True) for line in prose.splitlines() if line.startswith("    "))
-    for line in prose.splitlines():
-        if not line.startswith("    "):
-            yield from ((found, False) for found in re.findall(r"`((?:\w+=\S+ )*vbaa [^`]+)`", line))
-
-
-@pytest.mark.parametrize("path", PAGES, ids=name_of)
-def test_commands_are_accepted(path: Path) -> None:
-    """The verb exists and its parser takes the flags and their values; nothing is run."""
-    for line, whole in commands(path.read_text(encoding="utf-8")):
-        words = re.match(r"(?:\$ )?(?:\w+=\S+ )*vbaa (?P<rest>[a-z].*)", line)
-        if words is None or "…" in line:
-            continue
-        verb, *rest = shlex.split(words["rest"], comments=True)
-        assert verb in VERBS, f"there is no verb {verb}"
-        parser = _verb_parser(verb)
-        if not whole:
-            _ask_for_nothing(parser)
-        if "--help" not in rest:
-            parser.parse_args(rest)
-
-
-def _ask_for_nothing(parser: argparse.ArgumentParser) -> None:
-    """What is named in passing need not be complete."""
-    for action in parser._actions:
-        action.required = False
-        if not action.option_strings or action.nargs is None:
-            action.nargs = "?"
-
-
 @pytest.fixture(scope="module")
 def at_work(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder as the pages suppose it: session/, rig.json, contacts.csv, and the same as a demo's."""
@@ -200,7 +161,7 @@ def blocks() -> list[Any]:
     """Pages and the Python in them that is marked to be run; all of the README's is."""
     found = []
     for path in PAGES:
-        matches = _FENCE.finditer(path.read_text(encoding="utf-8"))
+        matches = FENCE.finditer(path.read_text(encoding="utf-8"))
         python = [block for block in matches if block["language"] == "python"]
         marked = [block["code"] for block in python if block["marker"] or path.name == "README.md"]
         if marked:

@@ -258,6 +258,7 @@ def test_what_cannot_be_is_refused_in_one_line(tmp_path: Path, capsys: pytest.Ca
         ("rod.png --length 200", "length"),
         ("rod.png --length 0.2 --marks 0,0 100,0 --apart 0.1", "twice"),
         ("rod.png --marks 5,5 6,6 --apart 0.1", "marks"),
+        ("rod.png --marks 5,5 5,485 --apart 0.1", "outside"),
         ("rod.png --length 0.2 --load nan", "load"),
         ("rod.png --length 0.2 --load 0.1 --distance 0.3", "beyond"),
         ("rod.png --length 0.2 --clamp 900,9", "outside"),

@@ -73,6 +73,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     refuse_outputs(outputs, args.force, photos)
     setting = _setting(args)
     pictures = [read_gray(path) for path in photos]
+    height, width = pictures[0].shape
+    if args.marks is not None and not all(0 <= u < width and 0 <= v < height for u, v in args.marks):
+        what, remedy = f"a mark lies outside this picture of {width}x{height} px", "give both as U,V in its pixels"
+        raise InputError(what, where=args.table, remedy=remedy)
     lines: list[RodLine] = []
     for path, picture in zip(photos, pictures, strict=True):
         with about(path):

@@ -181,8 +181,10 @@ def _check_lens(state: SessionState, picture: Picture, readings: Readings | None
     view, check = _check_board(state, picture, readings is None)
     if check.refusal:
         return check
-    again = same_pose(view, state.views("lens"), state.board)
-    if again is not None:
+    views = state.views("lens")
+    if readings is None and same_pose(view, views[-1:], state.board) is not None:
+        check = replace(check, refusal=f"taken as {views[-1].name}: now another pose")
+    elif (again := same_pose(view, views, state.board)) is not None:
         check = replace(check, refusal=str(again), hints=(*check.hints, again))
     if (now := guidance(state)).suggestion is None:
         return check

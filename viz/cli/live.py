@@ -340,8 +340,8 @@ class _Monitor:
         else:
             say(f"{frames} frames: " + ", ".join(f"{count} {one}" for one, count in self.statuses.most_common()))
             say(
-                f"latency {1e3 * median:.1f} ms (median), {1e3 * late:.1f} ms (99 %); {dropped} pictures "
-                f"dropped; {self.amended} contacts amended by later frames"
+                f"latency {1e3 * median:.1f} ms (median), {1e3 * late:.1f} ms (99 %); pictures dropped: {dropped}; "
+                f"contacts amended by later frames: {self.amended}"
             )
         if not self.watched:
             say("the rig's drift is not watched: --drift none")

@@ -142,11 +142,11 @@ def _focus_finding(camera: Camera, change: Change, views: int) -> Finding:
     relative_std = 100 * float(np.sqrt(mean @ change.covariance[:2, :2] @ mean)) / focal
     words = (
         f"focal length {plus_minus(relative, relative_std)} %, centre ({plus_minus(change.step[2], change.std[2])}, "
-        f"{plus_minus(change.step[3], change.std[3])}) px against the rig; beyond doubt {change_px:.2f} px in "
-        "the picture"
+        f"{plus_minus(change.step[3], change.std[3])}) px against the rig; what is certain of this moves points by "
+        f"{change_px:.2f} px"
     )
     if change.freedom < _FOCUS:
-        words = f"{_pictures(views)} show{'s' * (views == 1)} {change.freedom} of its {_FOCUS} numbers: {words}"
+        words = f"{_pictures(views)} determine{'s' * (views == 1)} {change.freedom} of these {_FOCUS} numbers: {words}"
     remedy = "lock focus, zoom and autofocus, then calibrate again: `vbaa calibrate`"
     return judged(
         "lens_focus", words, remedy, Evidence(change.distance_std, change.freedom, change_px, _FLOOR_PX, "px")

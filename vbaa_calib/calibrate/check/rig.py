@@ -155,7 +155,7 @@ def rig_findings(rig: Rig, quality: Mapping[str, Any], nominal_Nm2: float | None
     elif number_at(quality, "plane_rms_px") is None:
         second = Finding(name, NOT_GIVEN, "not recorded")
     else:
-        second = Finding(name, HOLDS, "a plane's second pose does not exist here")
+        second = Finding(name, HOLDS, "no: only one pose of the board fits the picture")
     return [_plane_c(rig), _lens_region(rig), _stiffness(rig, nominal_Nm2), _sensor(rig), second, doubts]
 
 

@@ -66,6 +66,7 @@
       look(story.views[index]);
       renderWindow.render();
     }));
+    addEventListener("beforeprint", () => { element("legend").open = true; });
     element("play").addEventListener("click", play);
     element("save").addEventListener("click", () => Promise.all(renderWindow.captureImages()).then(([url]) => {
       Object.assign(document.createElement("a"), { href: url, download: "scene.png" }).click();
@@ -186,10 +187,12 @@
     element("play").textContent = timer === null ? "play" : "pause";
   }
 
+  // from further away where the page is narrow, so that nothing is cut off at its sides
   function look({ position, focus }) {
     const camera = renderer.getActiveCamera();
+    const away = Math.max(1, 1.2 * innerHeight / innerWidth);
     camera.setFocalPoint(...focus);
-    camera.setPosition(...position);
+    camera.setPosition(...position.map((value, axis) => focus[axis] + away * (value - focus[axis])));
     camera.setViewUp(0, 0, 1);
     renderer.resetCameraClippingRange();
   }
