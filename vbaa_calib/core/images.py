@@ -88,15 +88,15 @@ def picture_size(path: Path) -> tuple[int, int]:
     """
     data = read_bytes(path, "picture")
     width, height = _announced(data, path)
-    if min(width, height) > 0 and data.startswith((_PNG, _JPEG)):
+    if data.startswith((_PNG, _JPEG)):
         return width, height
     height, width = _pixels(data, path, cv2.IMREAD_GRAYSCALE).shape
     return width, height
 
 
 def _announced(data: bytes, path: Path) -> tuple[int, int]:
-    """(width, height) as the file has it, −1 unknown. Raises InputError where it is empty, torn, of another format, or
-    would take more memory than any reader may."""
+    """(width, height) as the file has it. Raises InputError where it is empty, torn, of another format, or would take
+    more memory than any reader may."""
     if not data:
         raise InputError("is an empty file", where=path, remedy=_AGAIN)
     # decoders fill what is missing with gray and only print a warning
@@ -105,21 +105,27 @@ def _announced(data: bytes, path: Path) -> tuple[int, int]:
     torn_jpeg = data.startswith(_JPEG) and not _jpeg_is_whole(data)
     if torn_png or torn_jpeg or len(data) < size_of_bmp:
         raise InputError("is truncated or damaged", where=path, remedy=_AGAIN)
-    if not data.startswith((_PNG, _JPEG, _BMP, *_TIFF)):
-        # of others, which OpenCV reads as well, nobody has asked how large they are
-        raise InputError("is not a picture that can be read", where=path, remedy="a PNG, JPEG, TIFF or BMP is needed")
-    info = imagesize.get_info(io.BytesIO(data))
-    width, height, at_once = info.width, abs(info.height), info.width * abs(info.height)  # of a BMP −height: top first
+    width = height = at_once = -1
+    webp = data[:4] + data[8:12] == b"RIFFWEBP"
+    # of others, which OpenCV reads as well, it is not known what they hold before they are decoded
+    if webp or data.startswith((_PNG, _JPEG, _BMP, *_TIFF)):
+        with contextlib.suppress(Exception):  # of a damaged file it lets anything through
+            info = imagesize.get_info(io.BytesIO(data), exif_rotation=False)
+            width, height = info.width, abs(info.height)  # of a BMP −height: top row first
+            at_once = width * height
     # what is decoded is copied once; of 16 bits there are floats beside it
-    if data.startswith(_PNG):
-        coloured = data[25] != 0 or b"tRNS" in data[: data.find(b"IDAT")]
-        bytes_per_pixel = (4 if coloured else 1) * (6 if data[24] == 16 else 2)
-    elif data.startswith(_JPEG):
+    if data.startswith(_PNG) and width > 0:
+        before = data[: data.find(b"IDAT")]
+        samples = (4 if data[25] != 0 or b"tRNS" in before else 1) + 4 * (b"acTL" in before)  # one that moves has two
+        bytes_per_pixel = samples * (6 if data[24] == 16 else 2)
+    elif data.startswith(_JPEG) and width > 0:
         bytes_per_pixel = 3 * abs(info.channels)  # a progressive one has its coefficients beside it
-    elif data.startswith(_BMP):
-        bytes_per_pixel = 8
-    else:
+    elif data.startswith(_TIFF):
         width, height, at_once, bytes_per_pixel = _of_tiff(data)
+    else:
+        bytes_per_pixel = 12
+    if min(width, height) <= 0 or bytes_per_pixel <= 0:
+        raise InputError("is not a picture that can be read", where=path, remedy=_AGAIN)
     if at_once > _MOST_PIXELS or at_once * bytes_per_pixel > most_memory(len(data)):
         # a small file may announce pixels that fill the memory
         most = min(_MOST_PIXELS, most_memory(len(data)) // bytes_per_pixel)
