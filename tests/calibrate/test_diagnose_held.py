@@ -12,7 +12,7 @@ from vbaa_calib.calibrate.antenna.inputs import Observation, Prior
 from vbaa_calib.calibrate.faults.stills import _failure_causes, still_diagnoses
 from vbaa_calib.core.errors import Diagnosis, SolveError
 from vbaa_calib.geometry import Kinematics
-from vbaa_calib.session import gravity_antenna
+from vbaa_calib.session import Still, gravity_antenna
 
 from ..rod_scenes import GRAVITY_WORLD, LENGTH_M
 from .still_faults import Faults, before, drawn_world, free_stills, hung_loads, observed, session, solved, turned
@@ -54,6 +54,7 @@ SENSORS: dict[str, tuple[Callable[[int, float], float], str, str]] = {
     "pounds times inches": (lambda index, read: 8.8507 * read, "sensor_unit", "lbf·in"),
     "kilonewton metres": (lambda index, read: 1e-3 * read, "sensor_unit", "kN·m"),
     "micronewton metres": (lambda index, read: 1e6 * read, "sensor_unit", "µN·m"),
+    "pounds times feet": (lambda index, read: 0.73756 * read, "sensor_unit", "lbf·ft"),
     "sign and millinewtons": (lambda index, read: -1e3 * read, "sensor_sign", "mN·m"),
     "millinewton metres": (lambda index, read: 1e3 * read, "sensor_unit", "mN·m"),
 }
@@ -95,16 +96,35 @@ def test_gravity_whose_sag_a_bow_hides_is_named_by_the_moments() -> None:
     observations = observed(world, [*free_stills(), *hung_loads(rng)], rng)
     found = diagnosed(before(world, rng), regravitated(observations, -GRAVITY_WORLD), -GRAVITY_WORLD)
     assert [one.name for one in found] == ["gravity_direction"]
-    assert "the moments are as if gravity pointed to −z" in found[0].words
+    assert "the stills are as if gravity pointed to −z" in found[0].words
 
 
-@pytest.mark.slow
-def test_joints_in_degrees_are_named(good) -> None:
-    known, observations = good
-    degrees = [replace(one, still=replace(one.still, tilt_rad=np.rad2deg(one.still.tilt_rad))) for one in observations]
-    found = diagnosed(known, regravitated(degrees, GRAVITY_WORLD))
+JOINTS: dict[str, tuple[Callable[[Still], Still], str]] = {
+    "degrees": (lambda still: replace(still, tilt_rad=np.rad2deg(still.tilt_rad)), "in degrees"),
+    "radians twice": (lambda still: replace(still, tilt_rad=np.deg2rad(still.tilt_rad)), "into rad twice"),
+    "exchanged": (lambda still: replace(still, pan_rad=still.tilt_rad, tilt_rad=still.pan_rad), "exchanged"),
+    "tilt's sign": (lambda still: replace(still, tilt_rad=-still.tilt_rad), "the tilt turned the other way"),
+}
+
+
+@pytest.mark.parametrize("name", [pytest.param("degrees", marks=pytest.mark.slow), *list(JOINTS)[1:]])
+def test_joints_that_are_noted_wrong_are_named(name: str) -> None:
+    """The tilt's sign shows in how the weight pulls along the antenna: least of all."""
+    rng = np.random.default_rng(5)
+    world, (change, words) = drawn_world(rng), JOINTS[name]
+    stills = [replace(still, pan_rad=0.1 * index) for index, still in enumerate(free_stills((0.0, 0.5, -0.5, 0.6)))]
+    observations = observed(world, [*stills, *hung_loads(rng)], rng)
+    wrong = [replace(one, still=change(one.still)) for one in observations]
+    found = diagnosed(before(world, rng), regravitated(wrong, GRAVITY_WORLD))
     assert found[0].name == "joint_readings_wrong"
-    assert "degrees" in found[0].words
+    assert words in found[0].words
+
+
+def test_a_weightless_session_is_told_what_would_fit(good) -> None:
+    known, observations = good
+    found = diagnosed(known, regravitated(observations, np.zeros(3)), np.zeros(3))
+    assert [one.name for one in found] == ["gravity_direction"]
+    assert "-9.80665" in found[0].remedy
 
 
 def test_a_clamp_that_slips_is_named() -> None:

@@ -36,6 +36,7 @@ are about twenty, and a session without a fault is to pass them all."""
 _SCATTERED = 5.0  # scatter of the shapes, over their pictures' own, beyond which the model does not fit
 _EXPLAINS_SCATTER = ("load_", "gravity_", "joint_readings_", "clamp_slipped", "antenna_bent_between", "stills_")
 """How the names of the diagnoses begin that say why the shapes scatter."""
+_GRAVITY_M_S2, _SAG_MATTERS_M = 9.80665, 1e-4
 _ANISOTROPY_MATTERS = 0.01  # part by which the compliances must differ at least: a wire drawn 0.25 % out of round
 
 
@@ -106,6 +107,12 @@ def antenna_doubts(nominal: NominalAntenna, rig: Rig, checks: Checks) -> list[st
             f"the sag requires a density of {mass.value / area:.0f} ± {mass.std / area:.0f} kg/m³, the session says "
             f"{nominal.density_kg_m3:.0f}: check diameter, density and the direction of gravity"
         )
+    sag_m = known * _GRAVITY_M_S2 * nominal.length_m**4 / (8.0 * nominal.stiffness_Nm2)
+    if not rig.gravity_world_m_s2.any() and sag_m > _SAG_MATTERS_M:
+        found.append(
+            f"the session is weightless, where its weight would bend the antenna by {1e3 * sag_m:.1f} mm: what the "
+            "pictures show of that counts as its bow. On Earth give gravity_world in session.yaml"
+        )
     return found
 
 
@@ -155,8 +162,8 @@ def doubts(calibration: Calibration) -> list[str]:
     found += still_doubts(calibration.joint, calibration.stills, "\n".join(one.words for one in diagnoses))
     if not any(one.grave for one in diagnoses):
         found += antenna_doubts(session.antenna, rig, calibration.checks)
-    if not any(name.startswith("sensor_") for name in said):
-        found += sensor_doubts(session, rig, calibration.checks)
+        if not any(name.startswith("sensor_") for name in said):
+            found += sensor_doubts(session, rig, calibration.checks)
     return found
 
 

@@ -25,8 +25,6 @@ _SECONDS, _SECONDS_PER_MB = 4.0, 0.2
 """Limit of processor time: for any file, and per megabyte."""
 _WAITING = 20.0
 """Limit of the wall clock, in multiples of that."""
-MEMORY_FACTOR, MEMORY_BYTES = 50, 200_000_000
-"""Limit of memory beyond the libraries: a multiple of the file's size, plus a constant."""
 _ERROR = "error"
 
 Arrays = Mapping[str, np.ndarray]
@@ -42,10 +40,12 @@ def read_in_child(reader: Callable[[Path], Arrays], path: Path) -> dict[str, np.
     ------
     ValueError : the reader failed, crashed, or took too much time or memory.
     """
+    from vbaa_calib.core.files import most_memory  # which the child, that runs this file, has no need of
+
     files = path.iterdir() if path.is_dir() else [path]
     size = sum(each.stat().st_size for each in files if each.is_file())
     seconds = _SECONDS + _SECONDS_PER_MB * size / 1e6
-    limits = f"{seconds:.0f}", str(MEMORY_FACTOR * size + MEMORY_BYTES)
+    limits = f"{seconds:.0f}", str(most_memory(size))
     # as a script: with -m the whole package would be imported, which takes longer than any reading
     module = "" if reader.__module__ == __name__ else reader.__module__
     call = [sys.executable, "-P", __file__, module, reader.__name__, str(path.absolute()), *limits]

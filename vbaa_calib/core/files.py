@@ -27,6 +27,8 @@ from yaml.resolver import Resolver
 from .errors import InputError, reason_of
 
 MOST_BYTES = 2_000_000_000
+MEMORY_FACTOR, MEMORY_BYTES = 50, 200_000_000
+"""A reader takes this multiple of a file's size at most, plus a constant."""
 _MOST_YAML_BYTES = 1_000_000
 """What people write by hand; PyYAML takes seconds for it."""
 _LONGEST_NUMBER, _MOST_DIGITS = 400, 300
@@ -37,6 +39,11 @@ _DEEPEST = 64
 _MOST_JSON_BYTES = 256_000_000
 _MOST_VALUES = 100_000
 """Of a YAML file, its aliases written out."""
+
+
+def most_memory(size: int) -> int:
+    """Bytes of memory that a reader may take for a file of this size."""
+    return MEMORY_FACTOR * size + MEMORY_BYTES
 
 
 def read_bytes(path: Path, kind: str = "file", most: int = MOST_BYTES) -> bytes:

@@ -7,6 +7,7 @@ import io
 import struct
 import threading
 import zlib
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -14,11 +15,14 @@ import imagesize
 import numpy as np
 
 from .errors import InputError
-from .files import read_bytes
+from .files import most_memory, read_bytes
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
 _SENSOR_BITS = (10, 12, 14, 16)
 _MOST_PIXELS = 200_000_000
+_PNG, _JPEG, _BMP, _TIFF = b"\x89PNG\r\n\x1a\n", b"\xff\xd8", b"BM", (b"II*\0", b"MM\0*")
+_WIDTH, _HEIGHT, _BITS, _SAMPLES, _TILE_WIDTH, _TILE_HEIGHT = 256, 257, 258, 277, 322, 323
+"""TIFF's tags."""
 _AGAIN = "copy or export the picture again, or remove it"
 _log_level = threading.Lock()
 
@@ -52,7 +56,7 @@ def read_gray(path: Path, data: bytes | None = None) -> np.ndarray:
     Raises InputError naming the file when it is missing, empty, truncated or damaged.
     """
     pixels = _pixels(data, Path(path), cv2.IMREAD_GRAYSCALE)
-    return pixels if pixels.dtype == np.uint8 else np.rint(pixels * _to_255(pixels)).astype(np.uint8)
+    return pixels if pixels.dtype == np.uint8 else _scaled(pixels, np.rint, np.uint8)
 
 
 def read_picture(path: Path, data: bytes | None = None) -> np.ndarray:
@@ -66,7 +70,15 @@ def read_picture(path: Path, data: bytes | None = None) -> np.ndarray:
 
 def as_levels(pixels: np.ndarray) -> np.ndarray:
     """Pixels of 8 bits as they are; of 16 as float32 from 0 to 255, scaled as `read_gray` does."""
-    return pixels if pixels.dtype == np.uint8 else (pixels * _to_255(pixels)).astype(np.float32)
+    return pixels if pixels.dtype == np.uint8 else _scaled(pixels, np.asarray, np.float32)
+
+
+def _scaled(pixels: np.ndarray, rounded: Callable[[np.ndarray], np.ndarray], kind: type[np.generic]) -> np.ndarray:
+    """From 0 to 255. Row by row: in one piece it would take four times the memory."""
+    factor, levels = _to_255(pixels), np.empty(pixels.shape, kind)
+    for row, level in zip(pixels, levels, strict=True):
+        level[...] = rounded(row * factor)
+    return levels
 
 
 def picture_size(path: Path) -> tuple[int, int]:
@@ -76,28 +88,70 @@ def picture_size(path: Path) -> tuple[int, int]:
     """
     data = read_bytes(path, "picture")
     width, height = _announced(data, path)
-    if min(width, height) > 0 and data.startswith((b"\x89PNG\r\n\x1a\n", b"\xff\xd8")):
+    if data.startswith((_PNG, _JPEG)):
         return width, height
     height, width = _pixels(data, path, cv2.IMREAD_GRAYSCALE).shape
     return width, height
 
 
 def _announced(data: bytes, path: Path) -> tuple[int, int]:
-    """(width, height) as the file has it, −1 unknown. Raises InputError where it is empty, torn, or far too large."""
+    """(width, height) as the file has it. Raises InputError where it is empty, torn, of another format, or would take
+    more memory than any reader may."""
     if not data:
         raise InputError("is an empty file", where=path, remedy=_AGAIN)
     # decoders fill what is missing with gray and only print a warning
-    size_of_bmp = struct.unpack_from("<I", data, 2)[0] if data.startswith(b"BM") and len(data) >= 6 else 0
-    torn_png = data.startswith(b"\x89PNG\r\n\x1a\n") and not _png_is_whole(data)
-    torn_jpeg = data.startswith(b"\xff\xd8") and not _jpeg_is_whole(data)
+    size_of_bmp = struct.unpack_from("<I", data, 2)[0] if data.startswith(_BMP) and len(data) >= 6 else 0
+    torn_png = data.startswith(_PNG) and not _png_is_whole(data)
+    torn_jpeg = data.startswith(_JPEG) and not _jpeg_is_whole(data)
     if torn_png or torn_jpeg or len(data) < size_of_bmp:
         raise InputError("is truncated or damaged", where=path, remedy=_AGAIN)
-    width, height = imagesize.get(io.BytesIO(data), exif_rotation=False)  # of a BMP −height: top row first
-    if abs(width * height) > _MOST_PIXELS:
+    width = height = at_once = -1
+    webp = data[:4] + data[8:12] == b"RIFFWEBP"
+    # of others, which OpenCV reads as well, it is not known what they hold before they are decoded
+    if webp or data.startswith((_PNG, _JPEG, _BMP, *_TIFF)):
+        with contextlib.suppress(Exception):  # of a damaged file it lets anything through
+            info = imagesize.get_info(io.BytesIO(data), exif_rotation=False)
+            width, height = info.width, abs(info.height)  # of a BMP −height: top row first
+            at_once = width * height
+    # what is decoded is copied once; of 16 bits there are floats beside it
+    if data.startswith(_PNG) and width > 0:
+        before = data[: data.find(b"IDAT")]
+        samples = (4 if data[25] != 0 or b"tRNS" in before else 1) + 4 * (b"acTL" in before)  # one that moves has two
+        bytes_per_pixel = samples * (6 if data[24] == 16 else 2)
+    elif data.startswith(_JPEG) and width > 0:
+        bytes_per_pixel = 3 * abs(info.channels)  # a progressive one has its coefficients beside it
+    elif data.startswith(_TIFF):
+        width, height, at_once, bytes_per_pixel = _of_tiff(data)
+    else:
+        bytes_per_pixel = 12
+    if min(width, height) <= 0 or bytes_per_pixel <= 0:
+        raise InputError("is not a picture that can be read", where=path, remedy=_AGAIN)
+    if at_once > _MOST_PIXELS or at_once * bytes_per_pixel > most_memory(len(data)):
         # a small file may announce pixels that fill the memory
-        what = f"is {width}x{abs(height)} px, more than {_MOST_PIXELS / 1e6:.0f} million"
+        most = min(_MOST_PIXELS, most_memory(len(data)) // bytes_per_pixel)
+        what = f"is {width}x{height} px, more than the {most / 1e6:.0f} million that a file of its size may have"
         raise InputError(what, where=path, remedy="export a smaller picture, or remove it")
     return width, height
+
+
+def _of_tiff(data: bytes) -> tuple[int, int, int, int]:
+    """(width, height) of a TIFF file's first picture, −1 unknown; pixels that are decoded at once, and their bytes."""
+    order, tags = "<" if data.startswith(b"I") else ">", dict[int, int]()
+    try:
+        (at,) = struct.unpack_from(f"{order}I", data, 4)
+        (count,) = struct.unpack_from(f"{order}H", data, at)
+        for entry in range(at + 2, at + 2 + 12 * count, 12):
+            tag, kind, number, place = struct.unpack_from(f"{order}HHII", data, entry)
+            short = kind == 3
+            value = struct.unpack_from(f"{order}{'H' if short else 'I'}", data, entry + 8 if number < 3 else place)[0]
+            tags.setdefault(tag, value)
+    except struct.error:
+        pass  # what is not there is not read
+    width, height, bits = tags.get(_WIDTH, -1), tags.get(_HEIGHT, -1), tags.get(_BITS, 1)
+    tile = tags.get(_TILE_WIDTH, 0) * tags.get(_TILE_HEIGHT, 0)
+    # of 8 bits a whole strip, which may be all of it, is decoded in four colours first
+    bytes_per_pixel = 12 if bits <= 8 else tags.get(_SAMPLES, 1) * (6 if bits <= 16 else 3 * bits // 8)
+    return width, height, max(width * height, tile), bytes_per_pixel
 
 
 def _pixels(data: bytes | None, path: Path, colours: int) -> np.ndarray:

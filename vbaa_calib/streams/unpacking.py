@@ -10,8 +10,9 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-from vbaa_calib.convert.child import MEMORY_BYTES, MEMORY_FACTOR, read_bag_head, read_in_child
+from vbaa_calib.convert.child import read_bag_head, read_in_child
 from vbaa_calib.core.errors import InputError, clipped
+from vbaa_calib.core.files import most_memory
 
 _PIECE_BYTES, _PIECE_FACTOR = 50_000_000, 10
 """Of what is unpacked at once: some bytes, and a multiple of the packed size. A picture is copied four times on its
@@ -46,7 +47,7 @@ def _check_files(path: Path, names: Any) -> None:
             with file.open("rb") as stream, zstd.open(stream, "rb") as opened:
                 while piece := opened.read(1 << 20):
                     unpacked += len(piece)
-                    if unpacked > MEMORY_BYTES + MEMORY_FACTOR * packed:
+                    if unpacked > most_memory(packed):
                         what = f"unpacks to more than {unpacked / 1e6:.0f} MB"
                         raise InputError(what, where=file, remedy="record it without --compression-mode file")
 

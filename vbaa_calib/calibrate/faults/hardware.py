@@ -13,9 +13,10 @@ from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment, adj
 from vbaa_calib.calibrate.antenna.problem import ANTENNA
 from vbaa_calib.calibrate.antenna.residual_checks import Checks, check
 from vbaa_calib.core.errors import Diagnosis, SolveError
+from vbaa_calib.core.least_squares import HUBER, SQUARES, Loss
 from vbaa_calib.core.robust import huber_losses, mad_std
 from vbaa_calib.geometry import Kinematics
-from vbaa_calib.session import Load, Still, gravity_antenna
+from vbaa_calib.session import Load, Session, Still, gravity_antenna
 
 from .explanations import Further, StillRows, fits, scatter_with_change
 
@@ -149,11 +150,11 @@ def soft_clamp(rows: StillRows) -> Diagnosis | None:
     )
 
 
-_STANDARD_GRAVITY_M_S2 = 9.80665
+_GRAVITY_M_S2 = 9.80665
 _STEPS, _CONVERGED = 8, 0.02  # gauss-Newton steps under another gravity: it is compared roughly, not to the last digit
 _LEAST_GAIN, _LEAST_PART = 60.0, 0.1  # decrease of χ² that another gravity must bring, over the scatter, and as a part
-_CONTRADICTED, _EXPLAINED_CHANCE = 1e-3, 0.05  # of the moments' scatter, as it is noted and under another gravity
-_SAME_SCATTER = 1.1  # of the points, which the other gravity must not make larger
+_CONTRADICTED = 1e-3  # chance of the moments' scatter under another gravity, below which that is not right either
+_LEAST_LIKELIER, _MOST_TRIED = 10.0, 3  # logarithm of the likelihoods' ratio; gravities that are solved with in full
 _ALIKE_PART = 0.1  # others within this part of the gain fit as well
 _SAME_M_S2 = 0.5  # gravities that differ by less in every frame are the same
 _AXES = {
@@ -198,30 +199,46 @@ def gravity_diagnosis(
     return replace(best, words=f"the free antenna sags as if {words}, and not as noted")
 
 
-def gravity_by_moments(
-    joint: BundleAdjustment, kinematics: Kinematics, gravity_world_m_s2: np.ndarray
+def gravity_by_stills(
+    joint: BundleAdjustment, kinematics: Kinematics, session: Session, own_scatter: float
 ) -> Diagnosis | None:
-    """The same by the moment readings, where they contradict one another although the pictures fit: a bow looks like
-    another sag, but it does not weigh. joint : of all stills."""
-    problem, std = joint.problem, joint.problem.moment_std_Nm
-    if joint.kept.all() and check(joint).noise_chance(std) > _CONTRADICTED:
-        return None
-    noted = np.array([one.gravity_m_s2 for one in joint.noted])
+    """The same by pictures and moments together, which tell apart what either alone fits: a bow looks like another sag,
+    but it does not weigh, nor turn with the tilt. joint : of all stills."""
+    std, prior, length_m = session.moment_std_Nm, joint.problem.prior, joint.problem.length_m
+    problem = replace(joint.problem, moment_std_Nm=std, kept=np.ones_like(joint.kept))
+    noted, stills = np.array([one.gravity_m_s2 for one in joint.noted]), [one.still for one in joint.noted]
+
+    def least(pull: np.ndarray, noise_scale: float, loss: Loss) -> float:
+        """Least cost under a gravity (F, 3), to first order."""
+        each = zip(problem.observations, pull, strict=True)
+        pulled = replace(problem, observations=[replace(one, gravity_m_s2=g) for one, g in each])
+        now = replace(pulled, noise_scale=noise_scale).linearised(joint.solution.parameters)
+        now = replace(now, loss=loss)
+        return now.cost - now.step(0.0)[1]
+
+    now = least(noted, own_scatter, SQUARES)
+    others = _hypotheses(stills, kinematics, session.gravity_world_m_s2, noted)
+    likely = sorted(
+        ((least(pull, own_scatter, SQUARES), other, pull) for other, pull in others), key=lambda one: one[0]
+    )
     fitting = []
-    for other, pull in _hypotheses([one.still for one in joint.noted], kinematics, gravity_world_m_s2, noted):
+    for cost, other, pull in likely[:_MOST_TRIED]:
+        if not cost < now - _LEAST_LIKELIER:
+            continue
         observations = [replace(one, gravity_m_s2=each) for one, each in zip(joint.noted, pull, strict=True)]
         try:
-            tried = adjust_bundle(observations, problem.prior, problem.length_m, std)
+            tried = adjust_bundle(observations, prior, length_m, std)
         except SolveError:
             continue
-        chance = check(tried).noise_chance(std)
-        if tried.kept.all() and chance > _EXPLAINED_CHANCE and tried.noise_scale < _SAME_SCATTER * joint.noise_scale:
-            fitting.append((-chance, other))
+        fit = fits(tried.noise_scale, own_scatter) and check(tried).noise_chance(std) > _CONTRADICTED
+        likelier = least(noted, tried.noise_scale, HUBER) - tried.solution.cost
+        if tried.kept.all() and fit and likelier > _LEAST_LIKELIER:
+            fitting.append((likelier, other))
     if not fitting:
         return None
-    best, *alike = [other for _, other in sorted(fitting, key=lambda one: one[0])]
-    words = " or ".join([best.words, *(other.words for other in alike[:2])])
-    return replace(best, words=f"the moments are as if {words}, and not as noted")
+    most, best = max(fitting, key=lambda one: one[0])
+    alike = [other.words for likelier, other in fitting if other is not best and likelier > most - _LEAST_LIKELIER]
+    return replace(best, words=f"the stills are as if {' or '.join([best.words, *alike])}, and not as noted")
 
 
 def _refitted(free: BundleAdjustment, gravity_m_s2: np.ndarray, start: np.ndarray) -> tuple[float, float]:
@@ -258,8 +275,7 @@ def _hypotheses(
     stills: Sequence[Still], kinematics: Kinematics, gravity_world_m_s2: np.ndarray, noted_m_s2: np.ndarray
 ) -> list[tuple[Diagnosis, np.ndarray]]:
     """What could be wrong with gravity or joint readings, and gravity (F, 3) in the frames if it were."""
-    size = float(np.linalg.norm(gravity_world_m_s2)) or _STANDARD_GRAVITY_M_S2
-    worlds = {f"gravity pointed to {name} of the world": size * axis for name, axis in _AXES.items()}
+    worlds = {f"gravity pointed to {name} of the world": _GRAVITY_M_S2 * axis for name, axis in _AXES.items()}
     if gravity_world_m_s2.any():
         worlds["there were no gravity"] = np.zeros(3)
     found = []
@@ -292,9 +308,11 @@ _UNITS = (
     ("µN·m", 1e6, "divide the readings by 1000000"),
     ("lbf·in", 8.8507, "divide the readings by 8.8507"),
     ("ozf·in", 141.61, "divide the readings by 141.61"),
+    ("lbf·ft", 0.73756, "divide the readings by 0.73756"),
     ("decimetres for metres", 1e1, "divide the readings by 10"),
 )
-_UNIT_REACH = 0.15  # logarithm within which a gain is a unit's: an honest sensor is that good before it is calibrated
+_UNIT_REACH = 0.15  # logarithm within which a gain is a unit's: an honest sensor is that good before it is calibrated;
+_UNIT_SHARE = 0.3  # and this part of the unit's own, at most
 _USUAL_GAIN = (0.5, 2.0)
 _DEAD_GAIN = 0.1
 _EXPLAINED = 0.5  # part of the readings' spread that a working sensor's gain and offset explain at least
@@ -326,8 +344,9 @@ def sensor_diagnoses(joint: BundleAdjustment, std_Nm: float, checks: Checks, mom
     std = max(mad_std(left), std_Nm) / max(float(np.sqrt(((true - true.mean()) ** 2).sum())), 1e-12)
     about = np.median(np.abs(read - np.median(read)))
     follows = float(1.0 - np.median(np.abs(left)) / max(about, 1e-15)) > _EXPLAINED
-    units = [one for one in _UNITS if abs(np.log(max(abs(gain), 1e-15) / one[1])) < _UNIT_REACH]
-    units.sort(key=lambda one: abs(np.log(abs(gain) / one[1])))
+    off = {one: abs(np.log(max(abs(gain), 1e-15) / one[1])) for one in _UNITS}
+    units = [one for one in _UNITS if off[one] < min(_UNIT_REACH, _UNIT_SHARE * abs(np.log(one[1])))]
+    units.sort(key=off.__getitem__)
     known, words = f"gain {gain:.3g} ± {std:.2g}", f"the moment sensor's gain is {gain:.4g} ± {std:.2g}"
     weak = abs(gain) < max(_DEAD_GAIN, _SIGNIFICANT_STD * std) or np.ptp(read) < _SIGNIFICANT_STD * 2 * std_Nm
     if weak and not (follows and units):
@@ -344,9 +363,11 @@ def sensor_diagnoses(joint: BundleAdjustment, std_Nm: float, checks: Checks, mom
         remedy = f"{remedy}; {units[0][2]}: moment_Nm is in N·m" if units else remedy
         words = f"the moment sensor reads with the wrong sign: {known}{read_in}"
         return [Diagnosis("sensor_sign", words, remedy, grave=bool(units))]
-    if gain > 0 and not _USUAL_GAIN[0] < gain < _USUAL_GAIN[1]:
+    usual = _USUAL_GAIN[0] < gain < _USUAL_GAIN[1]
+    if gain > 0 and (units or not usual):
         if units:
-            return [Diagnosis("sensor_unit", f"{words}{read_in}", f"{units[0][2]}: moment_Nm is in N·m", grave=True)]
+            remedy = f"{units[0][2]}: moment_Nm is in N·m"
+            return [Diagnosis("sensor_unit", f"{words}{read_in}", remedy, grave=not usual)]
         return [Diagnosis("sensor_gain", f"{words}, far from 1", "check its calibration and the unit of moment_Nm")]
     drift = checks.drift_Nm
     if drift is None or abs(drift.in_std) <= _SIGNIFICANT_STD:

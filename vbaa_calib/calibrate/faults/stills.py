@@ -15,7 +15,7 @@ from vbaa_calib.geometry import Kinematics
 from vbaa_calib.session import Load, Session
 
 from .explanations import SENSOR_OFF, StillRows, fits, picture_scatter, solve_free, worst_still
-from .hardware import bow_diagnosis, gravity_by_moments, gravity_diagnosis, sensor_diagnoses, soft_clamp, step_diagnosis
+from .hardware import bow_diagnosis, gravity_by_stills, gravity_diagnosis, sensor_diagnoses, soft_clamp, step_diagnosis
 from .loads import (
     Row,
     all_by_commonest,
@@ -44,6 +44,9 @@ def still_diagnoses(session: Session, kinematics: Kinematics, joint: BundleAdjus
 
 def _diagnoses(session: Session, kinematics: Kinematics, joint: BundleAdjustment) -> list[Diagnosis]:
     problem, own = joint.problem, picture_scatter(joint.noted)
+    gravity = gravity_by_stills(joint, kinematics, session, own)
+    if gravity is not None:
+        return [gravity, *_sensor(session, joint, False)]
     try:
         free: BundleAdjustment | None = solve_free(joint.noted, problem.prior, problem.length_m, problem.moment_std_Nm)
     except SolveError:
@@ -68,9 +71,6 @@ def _diagnoses(session: Session, kinematics: Kinematics, joint: BundleAdjustment
     elif not found and (joint.noise_scale > _CONTRADICTS * own or worst_still(joint) > _ONE_CONTRADICTS * own):
         found = [_contradiction(joint, own, rows)]
     sensor = _sensor(session, joint, not found)
-    if not found and not sensor:
-        gravity = gravity_by_moments(joint, kinematics, session.gravity_world_m_s2)
-        return [] if gravity is None else [gravity]
     return [*found, *sensor]
 
 
