@@ -18,10 +18,13 @@ import numpy as np
 import pytest
 import yaml
 
+from estimator import ContactEstimator
 from targets.board import BoardSpec
 from vbaa_calib.cli.main import VERBS, main
 from vbaa_calib.core.files import read_yaml
+from vbaa_calib.rig import Rig
 
+from .calibrate.hand_eye_views import POINTS, Arm, lens, views_and_poses
 from .small_scene import small_rig
 
 ROOT = Path(__file__).parents[1]
@@ -34,9 +37,7 @@ BESIDE = [
     *sorted(ROOT.glob("benchmarks/*.md")),
 ]
 PAGES = [*DOCS, *BESIDE]
-FENCE = re.compile(
-    r"^(?P<marker><!-- runs -->\n)?^```(?P<language>[^\n]*)\n(?P<code>.*?)^```", re.MULTILINE | re.DOTALL
-)
+FENCE = re.compile(r"^```(?P<language>[^\n]*)\n(?P<code>.*?)^```", re.MULTILINE | re.DOTALL)
 _LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")
 _LOADED = re.compile(
     r"<(?:script|link|img|iframe|source|video)\b[^>]*?(?:src|href)=\"((?:https?:)?//[^\"]+)", re.DOTALL
@@ -158,36 +159,45 @@ def at_work(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def blocks() -> list[Any]:
-    """Pages and the Python in them that is marked to be run; all of the README's is."""
+    """Pages and the Python in them."""
     found = []
     for path in PAGES:
         matches = FENCE.finditer(path.read_text(encoding="utf-8"))
-        python = [block for block in matches if block["language"] == "python"]
-        marked = [block["code"] for block in python if block["marker"] or path.name == "README.md"]
-        if marked:
-            found.append(pytest.param(marked, id=name_of(path)))
+        if python := [block["code"] for block in matches if block["language"] == "python"]:
+            found.append(pytest.param(python, id=name_of(path)))
     return found
 
 
-@pytest.mark.parametrize("marked", blocks())
-def test_code_runs(marked: list[str], at_work: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("python", blocks())
+def test_code_runs(python: list[str], at_work: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """One page's blocks, one after the other, in a folder that holds what the page speaks of."""
     monkeypatch.chdir(at_work)
     names = given(at_work)
     with contextlib.redirect_stdout(io.StringIO()) as said:
-        for code in marked:
+        for code in python:
             exec(compile(code, "docs", "exec"), names)
     assert said.getvalue()
 
 
 def given(folder: Path) -> dict[str, Any]:
-    """What the pages take for granted: extracted points and readings, and a board."""
+    """What the pages take for granted: a rig, extracted points and readings, a picture, a board, views of a robot."""
     frames = rows(folder / "session" / "recording" / "recording.csv")
     points = rows(folder / "session" / "recording" / "centrelines.csv")
     centrelines = [
         np.array([(row["u_px"], row["v_px"]) for row in points if row["frame"] == frame["frame"]]) for frame in frames
     ]
+    arm, rig = Arm(), Rig.load(folder / "rig.json")
+    views, robot_poses = views_and_poses(arm)
     return {
+        "rig": rig,
+        "estimator": ContactEstimator(rig),
+        "image": np.zeros(rig.camera.image_size[::-1], np.uint8),
+        "time_s": 0.5,
+        "views": [(view.ids, view.corners_px) for view in views],
+        "board_views": views,
+        "robot_poses": robot_poses,
+        "board_points": POINTS,
+        "camera": lens(arm),
         "centreline_px": centrelines[8],
         "centrelines_px": centrelines,
         "moments": [frame["moment_Nm"] for frame in frames],

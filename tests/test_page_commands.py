@@ -20,7 +20,7 @@ from viz.report import make as report_make
 from .page_folder import page_folder, photos
 from .test_docs import FENCE, PAGES, name_of
 
-QUICK = {"build", "convert", "howto_camera", "howto_tracker", "live", "object"}
+QUICK = {"build", "convert", "howto_camera", "howto_recordings", "howto_tracker", "live", "object"}
 """Pages that are run with the other tests; of the rest, which take a minute, the options are checked there."""
 NOT_RUN = {
     "vbaa wizard": "asks; walked in tests/wizard",
@@ -110,6 +110,8 @@ def test_the_commands_of_a_page_run(
         (folder / "board.yaml").unlink()  # that command writes it
     for line in lines:
         verb, *rest = words_of(line) or []
+        if verb == "simulate" and rest[0] == "demo":
+            rest[0] = "scene.yaml"  # the same scene in few and small pictures, of which is all that lies here
         if "photos/" in rest:
             (folder / "photos").unlink(missing_ok=True)
             (folder / "photos").symlink_to(photos(next(kind for flag, kind in OTHER_PHOTOS if flag in line)))

@@ -21,7 +21,7 @@ from vbaa_calib.core.files import read_yaml
 from vbaa_calib.core.images import read_picture
 from vbaa_calib.session import load_session, read_loads, read_noload
 from vbaa_calib.wizard import flow
-from vbaa_calib.wizard.against_answers import jig_refusal, thickness_that_shows_it
+from vbaa_calib.wizard.against_answers import camera_distance, jig_refusal, thickness_that_shows_it
 from vbaa_calib.wizard.questions import Question
 from vbaa_calib.wizard.session_state import SessionState, still_of
 from vbaa_calib.wizard.steps import Progress, Step
@@ -189,6 +189,15 @@ def test_a_wrong_thickness_is_named_by_the_first_free_picture(state: SessionStat
         state.observe(still, "noload", image)
     named = thickness_that_shows_it(state, still, "noload", image)
     assert f"type `board_thickness_mm = {WRONG_MM / 10:g}`" in named
+
+
+def test_a_camera_elsewhere_than_typed_is_doubted(state: SessionState) -> None:
+    pose = state.plane().estimates[0].T_antenna_camera
+    words, doubts = camera_distance(state, pose)
+    assert "370 mm was typed" in words
+    assert doubts == []
+    state.store.answer({"camera_distance_mm": 250.0})
+    assert [one.name for one in camera_distance(state, pose)[1]] == ["camera_distance"]
 
 
 def test_a_jig_that_puts_the_antenna_out_of_the_picture_is_refused(state: SessionState) -> None:

@@ -145,6 +145,7 @@ class BundleAdjustment:
     moment_residuals_Nm : (F,) reading less prediction.
     tip : where the antenna's visible end lies, from the pictures; None where it was not seen, or not used.
     tip_gap_std : by how many deviations the ends lie off the length, as everything else has it; NaN without any.
+    tip_gap_m : the same in metres, positive beyond the length.
     """
 
     problem: Problem
@@ -158,6 +159,7 @@ class BundleAdjustment:
     moment_residuals_Nm: np.ndarray
     tip: Tip | None = None
     tip_gap_std: float = np.nan
+    tip_gap_m: float = np.nan
 
     @property
     def noise_scale(self) -> float:
@@ -266,7 +268,7 @@ def _solved(
             "bundle adjustment of camera pose, antenna and sensor did not converge: check unit and sign of forces and "
             "distances, gravity, and the jig in session.yaml"
         )
-    tried, gap_std = _with_tips(problem, solution)
+    tried, gap_std, gap_m = _with_tips(problem, solution)
     if len(tried.tips):
         with_tips = _at_tips(tried, parameters)
         if with_tips is not None:
@@ -291,15 +293,16 @@ def _solved(
         moment_residuals_Nm=problem.moment_residuals_Nm(parameters, evaluated.moments),
         tip=_tip(problem, evaluated, whole, axes),
         tip_gap_std=gap_std,
+        tip_gap_m=gap_m,
     )
 
 
 _ODD_TIP_STD, _TIPS_CONTRADICT_STD = 4.0, 4.0  # of an end from the others; of all from the length
 
 
-def _with_tips(problem: Problem, solution: Linearised) -> tuple[Problem, float]:
+def _with_tips(problem: Problem, solution: Linearised) -> tuple[Problem, float, float]:
     """The same with the antenna's ends that agree, unless they contradict everything else; and by how many deviations
-    all of them together lie off the length.
+    and metres all of them together lie off the length.
     """
     std_m = problem.prior.tip_std_m
     seen = np.array([bool(np.isfinite([*one.tip_px, one.tip_std_px]).all()) for one in problem.observations])
@@ -309,7 +312,7 @@ def _with_tips(problem: Problem, solution: Linearised) -> tuple[Problem, float]:
     # where the lens has an inverse
     which = which[[len(see(camera, one.tip_px[None], np.array([one.tip_std_px]))) > 0 for one in ends]]
     if std_m is None or not len(which):
-        return problem, np.nan
+        return problem, np.nan, np.nan
     tried = replace(problem, tips=which).relinearised(solution.parameters)
     found = tried.evaluate(solution.parameters)
     slopes = tried.by_all(found.tips)
@@ -318,13 +321,14 @@ def _with_tips(problem: Problem, solution: Linearised) -> tuple[Problem, float]:
     # what all of them share is judged together
     agree = np.abs(off - np.median(off)) <= _ODD_TIP_STD * np.sqrt(1.0 + np.diag(known))
     if agree.mean() <= 0.5:
-        return problem, np.inf
+        return problem, np.inf, np.nan
     mean = agree / agree.sum()
     common = std_m * found.by_length
     gap_std = float(mean @ off / np.sqrt(mean @ (np.eye(len(off)) + np.outer(common, common) + known) @ mean))
+    gap_m = float(abs(mean @ off / (mean @ found.by_length)) * np.sign(gap_std))
     if not abs(gap_std) <= _TIPS_CONTRADICT_STD:
-        return problem, gap_std
-    return replace(problem, tips=which[agree]).relinearised(solution.parameters), gap_std
+        return problem, gap_std, gap_m
+    return replace(problem, tips=which[agree]).relinearised(solution.parameters), gap_std, gap_m
 
 
 def _at_tips(problem: Problem, parameters: np.ndarray) -> tuple[Problem, Linearised, Evaluation] | None:

@@ -82,7 +82,8 @@ def _tips(joint: BundleAdjustment) -> list[Diagnosis]:
     words = "the antenna's ends do not agree on its length"
     if np.isfinite(gap):
         where = "beyond" if gap > 0 else "short of"
-        words = f"the antenna's ends lie {abs(gap):.0f} deviations {where} antenna.length_m"
+        size = f"about {1e3 * abs(joint.tip_gap_m):.0f} mm ({abs(gap):.0f} deviations)"
+        words = f"the antenna's ends lie {size} {where} antenna.length_m"
     remedy = (
         "measure length_m from the clamp to the tip again, check the jig's distance, or set antenna.tip: null where "
         "the visible end is not the tip"
