@@ -76,6 +76,12 @@ class LearntRig:
         """After so long there is something to learn again."""
         return RENEWED_S if self.calibrated.drift.zero_hourly == 0.0 else _ZERO_RENEWED_S
 
+    def reckoned_s(self, time_s: float) -> float:
+        """Until when the drift is taken to go on for a frame at some time: beyond the first `renewed_s` in steps of
+        that, so that frames near one another have the same rig."""
+        steps = abs(time_s - self.time_s) / self.renewed_s
+        return self.time_s + self.renewed_s * np.ceil(steps) if steps > 1.0 else self.time_s
+
     def later(self, time_s: float) -> LearntRig:
         """With what may have changed until a time, or since: a random walk."""
         hours = abs(time_s - self.time_s) / _HOUR_S

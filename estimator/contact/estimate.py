@@ -66,13 +66,12 @@ class ContactEstimator:
             raise InputError(f"friction is {friction}", remedy=in_rad)
         if jobs is not None and not (type(jobs) is int and jobs >= 1):
             raise InputError(f"jobs is {shown(jobs)}", remedy="give a number of threads, 1 or more")
-        self.rig = rig
-        self.model = model
-        self.friction_rad = float(friction)
+        self.rig, self.model, self.friction_rad = rig, model, float(friction)
         self.jobs = cores() if jobs is None else jobs
         self.drift = LearntRig.of(rig)
         """The rig's drift as learnt from the last recording's free frames."""
         self._rig_arrays = RigArrays.from_rig(rig, self.friction_rad)
+        self._then: tuple[LearntRig, float, ContactEstimator] | None = None
 
     def estimate(
         self,
@@ -159,7 +158,11 @@ class ContactEstimator:
 
     def at(self, time_s: float) -> ContactEstimator:
         """The estimator for the rig as it may be some time after its last free frames, or was before them."""
-        return self._with(self.drift.later(time_s)) if abs(time_s - self.drift.time_s) > self.drift.renewed_s else self
+        if not (then_s := self.drift.reckoned_s(time_s)) > self.drift.time_s:
+            return self
+        if self._then is None or self._then[:2] != (self.drift, then_s):
+            self._then = self.drift, then_s, self._with(self.drift.later(then_s))
+        return self._then[2]
 
     def _with(self, learnt: LearntRig) -> ContactEstimator:
         later = ContactEstimator(learnt.now, self.model, friction=self.friction_rad, jobs=self.jobs)
@@ -189,8 +192,7 @@ class ContactEstimator:
 
     def shape(self, measured: Measured) -> np.ndarray | None:
         """(M, 3) nodes of the fitted antenna, antenna frame. None with too few points."""
-        batch = Batch.of([measured])
-        frames = batch.frames(self._rig_arrays)
+        frames = (batch := Batch.of([measured])).frames(self._rig_arrays)
         if int(frames.usable.sum()) < FEWEST_POINTS:
             return None
         found = solve(frames, self.model, batch.start)
@@ -236,9 +238,8 @@ class ContactEstimator:
         )
         contacts = with_joint_errors(contacts, batch)
         weights = batch.weights(self._rig_arrays)
-        if weights is None:
-            return contacts
-        return replace(contacts, moment_residual_Nm=contacts.moment_residual_Nm / weights[:, 0])
+        weighed = contacts.moment_residual_Nm if weights is None else contacts.moment_residual_Nm / weights[:, 0]
+        return replace(contacts, moment_residual_Nm=weighed)
 
     def _fitted(self, batch: Batch, frames: Frames, beam: Beam | None) -> FitNumbers:
         """The fits of frames with enough points; what does not fit is looked at again."""

@@ -152,6 +152,18 @@ def test_drift_widens_the_covariance_and_wanders_on(rig: Rig) -> None:
     assert wandered[0] == pytest.approx((LAB.hourly * LAB.camera_turn_rad) ** 2, rel=1e-6)
 
 
+def test_the_rig_at_some_time_is_made_once_for_times_that_are_near(rig: Rig) -> None:
+    estimator = ContactEstimator(replace(rig, drift=LAB))
+    estimator.drift = replace(estimator.drift, time_s=100.0)
+    assert estimator.at(160.0) is estimator.at(41.0) is estimator
+    for time_s in (161.0, 219.0, 3690.0):
+        later = estimator.at(time_s)
+        assert estimator.at(time_s + 0.5) is later
+        least, before = (np.diag(each.now.covariance) for each in (estimator.drift.later(time_s), estimator.drift))
+        assert (np.diag(later.rig.covariance) >= least).all()
+        assert later.rig.covariance[0, 0] > before[0]
+
+
 def test_a_frame_that_drift_explains_is_said_so(given: Draw, rig: Rig) -> None:
     recording = recorded(given, Change("picture", picture_px=0.5), (1,))
     numbers = [recording.frames[FREE + index] for index in range(3)]
