@@ -181,7 +181,7 @@ READERS = (
     Reader("stream_table", "stream_pictures.csv", lambda path: _every_message(open_table(path))),
     Reader("lines", "stream.jsonl", _lines),
     Reader("datagrams", "datagrams.txt", lambda path: _all_of(datagrams(_Datagrams(path), []))),  # type: ignore[arg-type]
-    Reader("video", "stream.avi", lambda path: _every_message(open_video(path)), seldom=10),
+    Reader("video", "stream.avi", lambda path: _every_message(open_video(path)), seldom=50),
     Reader("batch_list", "list.csv", lambda path: recordings_of([str(path)], path.with_name("rig.json"))),
     Reader("fleet", "fleet.csv", lambda path: _dated([path])),
     Reader("batch", "results/batch.json", _results),

@@ -263,7 +263,19 @@ CALLS: tuple[tuple[str, str, tuple[str, ...]], ...] = (
 )
 """Name, command, words. What is named twice in one verb is told apart by its command."""
 
+STREAMS: tuple[tuple[str, Damage, str], ...] = (
+    ("missing", d.nothing, "no such"),
+    ("a pipe", d.pipe, "is a pipe or a device"),
+    ("a text", d.content("a text"), "can"),
+)
+"""Name, what lies at the place of a recorded stream, a word."""
+
 CASES: list[Case] = [
+    *(
+        Case(name, "stream", f"none{suffix}", damage, f"live rig.json none{suffix} -o out.csv", (f"none{suffix}", word))
+        for suffix in (".mcap", ".bag", ".avi", ".mp4")
+        for name, damage, word in STREAMS
+    ),
     *(
         Case(f"{line.split(' ', 1)[1]} {name}", "output", output, damage, line.format(where.format(output)), words)
         for line, output in OUTPUTS

@@ -125,6 +125,20 @@ def read_bag_head(path: Path) -> dict[str, np.ndarray]:
         return {}
 
 
+def read_video_head(path: Path) -> dict[str, np.ndarray]:
+    """`size`, (width, height) px, of a video whose first frame can be read.
+
+    Raises
+    ------
+    ValueError : FFmpeg cannot read it.
+    """
+    # each thread would count as memory
+    video = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, 1])
+    if not video.isOpened() or not video.grab():
+        raise ValueError("cannot be read")
+    return {"size": np.array([video.get(cv2.CAP_PROP_FRAME_WIDTH), video.get(cv2.CAP_PROP_FRAME_HEIGHT)])}
+
+
 def _limit(seconds: int, memory: int) -> None:
     """Limit this process beyond what its libraries use; systems without limits have the parent's timeout."""
     try:

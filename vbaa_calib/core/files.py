@@ -27,8 +27,6 @@ from yaml.resolver import Resolver
 from .errors import InputError, reason_of
 
 MOST_BYTES = 2_000_000_000
-MEMORY_FACTOR, MEMORY_BYTES = 50, 200_000_000
-"""A reader takes this multiple of a file's size at most, plus a constant."""
 _MOST_YAML_BYTES = 1_000_000
 """What people write by hand; PyYAML takes seconds for it."""
 _LONGEST_NUMBER, _MOST_DIGITS = 400, 300
@@ -43,7 +41,7 @@ _MOST_VALUES = 100_000
 
 def most_memory(size: int) -> int:
     """Bytes of memory that a reader may take for a file of this size."""
-    return MEMORY_FACTOR * size + MEMORY_BYTES
+    return 50 * size + 200_000_000
 
 
 def read_bytes(path: Path, kind: str = "file", most: int = MOST_BYTES) -> bytes:
@@ -234,16 +232,12 @@ def _whole_number(text: str) -> float:
 
 def _refuse_deep(data: Any) -> None:
     """Raises RecursionError for what is nested deeper than any file of ours; whoever walks it later would."""
-    level = [data]
-    for _ in range(_DEEPEST):
-        level = [item for each in level for item in _items(each) if isinstance(item, dict | list)]
-        if not level:
-            return
-    raise RecursionError
-
-
-def _items(data: Any) -> Iterable[Any]:
-    return data.values() if isinstance(data, dict) else data if isinstance(data, list) else ()
+    level = [{"": data}]
+    for _ in range(_DEEPEST + 1):
+        items = (item for each in level for item in (each.values() if isinstance(each, dict) else each))
+        level = [item for item in items if isinstance(item, dict | list)]
+    if level:
+        raise RecursionError
 
 
 def _unique_object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

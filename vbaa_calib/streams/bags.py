@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 from vbaa_calib.core.errors import InputError, clipped, require_extra
-from vbaa_calib.core.files import read_yaml
+from vbaa_calib.core.files import read_yaml, require_file
 from vbaa_calib.core.images import as_levels, read_picture
 
 from .messages import Messages, Reading, Source, Taken, blank
@@ -72,8 +72,8 @@ def open_bag(path: Path, topics: Topics, camera_matrix: np.ndarray | None, image
     camera_matrix : (3, 3) of the rig's camera: one that CameraInfo shows to be another is refused.
     Raises InputError for a bag that cannot be read, has no pictures, or several topics to choose from.
     """
-    if not os.path.exists(path):
-        raise InputError("no such bag", where=path, remedy="check the path")
+    if not os.path.isdir(path):
+        require_file(path, "bag")
     highlevel = require_extra("rosbags.highlevel", "live")
     # bounded, which the reader's own YAML is not
     check_bag(path, read_yaml(path / "metadata.yaml") if os.path.isdir(path) else {})

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.files import require_file
 from vbaa_calib.wizard.sources import open_source
 from vbaa_calib.wizard.sources.live import LiveSource
 
@@ -40,8 +41,7 @@ def open_recorded(
 
 def open_pictures(path: Path) -> Source:
     """A video, or a table of pictures. Raises InputError."""
-    if not os.path.isfile(path):
-        raise InputError("no such file", where=path, remedy="check the path")
+    require_file(path)
     return open_table(path) if path.suffix.lower() == ".csv" else open_video(path)
 
 

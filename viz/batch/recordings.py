@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import glob
 import re
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 
-from vbaa_calib.core.csv_rows import read_csv
+from vbaa_calib.core.csv_rows import csv_rows
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import require_file
 
-_LONGEST_NAME = 100
+_LONGEST_NAME, _MOST = 100, 50_000
 
 
 @dataclass(frozen=True)
@@ -45,7 +47,9 @@ def recordings_of(given: Sequence[str], rig: Path | None) -> list[Recording]:
 
 
 def _listed(table: Path, rig: Path | None) -> list[tuple[str, Path, Path | None]]:
-    rows = read_csv(table, ("recording",), ("rig", "name"))
+    rows = list(islice(csv_rows(table, ("recording",), ("rig", "name")), _MOST + 1))
+    if len(rows) > _MOST:
+        raise InputError(f"lists more than {_MOST} recordings", where=table, remedy="make several batches of them")
     return [
         (
             row.get("name", ""),
@@ -59,8 +63,7 @@ def _listed(table: Path, rig: Path | None) -> list[tuple[str, Path, Path | None]
 def _named(found: Sequence[tuple[str, Path, Path | None]]) -> list[Recording]:
     """With names: given ones, else the folder's, with as many of the folders above it as tell it from the others."""
     places = [path.resolve() for _, path, _ in found]
-    if len(set(places)) < len(places):
-        twice = next(path for path in places if places.count(path) > 1)
+    for twice in (path for path, count in Counter(places).items() if count > 1):
         raise InputError("is given twice", where=twice, remedy="name every recording once")
     depth = 1
     while len({path.parts[-depth:] for path in places}) < len(places):
@@ -75,9 +78,9 @@ def _named(found: Sequence[tuple[str, Path, Path | None]]) -> list[Recording]:
             remedy = "give a name of letters, digits, ., - and _, in a column name of a CSV"
             raise InputError(f"the name {name!r} is none for a folder", where=path, remedy=remedy)
         recordings.append(Recording(name, place, rig.resolve()))
-    names = [each.name.lower() for each in recordings]  # some disks tell no case
+    names = Counter(each.name.lower() for each in recordings)  # some disks tell no case
     for each in recordings:
-        if names.count(each.name.lower()) > 1:
+        if names[each.name.lower()] > 1:
             remedy = "give each its own in a column name of a CSV"
             raise InputError(f"the name {each.name} stands twice", where=each.path, remedy=remedy)
     return recordings

@@ -10,16 +10,19 @@ import stat
 import time
 from collections.abc import Container
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 
 import cv2
 import numpy as np
 
+from vbaa_calib.convert.child import read_in_child, read_video_head
 from vbaa_calib.core.errors import InputError, reason_of
+from vbaa_calib.core.files import most_memory, require_file
 from vbaa_calib.core.images import SUFFIXES, read_gray
 
 _LONGEST = 100
+_BYTES_PER_PIXEL = 14  # that a frame takes on its way to a picture
 _USER = re.compile(r"://.*@", re.DOTALL)
 _SECRET = re.compile(r"([?&;][^=&;]*(?:pass|pwd|user|usr|token|key|auth|secret|sig)[^=&;]*=)[^&;#]*", re.IGNORECASE)
 
@@ -265,6 +268,27 @@ _FAR = 64
 """Frames that are sooner gone through one by one than left out by the file's index."""
 
 
+@lru_cache
+def _frame_size(path: Path, *_: int) -> tuple[float, float]:
+    """(width, height) px of a video that has not changed since. Raises ValueError for one that cannot be read."""
+    width, height = read_in_child(read_video_head, path)["size"].tolist()
+    return width, height
+
+
+def _refuse_large(path: Path) -> None:
+    """Raises InputError for a video that takes more memory than any reader may, opened in a process of its own first:
+    a small file may announce frames that fill the memory."""
+    require_file(path, "video")
+    status = path.stat()
+    try:
+        width, height = _frame_size(path.absolute(), status.st_size, status.st_mtime_ns)
+    except ValueError:
+        raise InputError("is not a video that can be read", where=shown(str(path)), remedy=_AGAIN) from None
+    if width * height * _BYTES_PER_PIXEL > most_memory(status.st_size):
+        what = f"has frames of {width:.0f}x{height:.0f} px, more than a video of its size may have"
+        raise InputError(what, where=shown(str(path)), remedy=_AGAIN)
+
+
 class VideoSource:
     """Every frame of a video, named by its index; none is dropped. Taken when held still, like a live stream."""
 
@@ -276,6 +300,7 @@ class VideoSource:
         self.name = shown(path.name)
         self.notes: tuple[str, ...] = ()
         self._path, self._seen = path, seen
+        _refuse_large(path)
         self._open()
         self._frame_count = self._capture.get(cv2.CAP_PROP_FRAME_COUNT)
         fps = self._capture.get(cv2.CAP_PROP_FPS)
