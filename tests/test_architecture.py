@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import re
 from collections import Counter
+from collections.abc import Iterator
 from functools import cache, lru_cache
 from pathlib import Path
 
@@ -47,17 +48,8 @@ def imported(name: str) -> set[str]:
     """Our modules that a module imports, anywhere in its text but for types alone, relative imports resolved."""
     path, known = ALL[name], ALL
     package = name if path.name == "__init__.py" else name.rpartition(".")[0]
-    tree = tree_of(path)
-    skipped = {
-        id(child)
-        for node in ast.walk(tree)
-        if isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING"
-        for child in ast.walk(node)
-    }
     names: set[str] = set()
-    for node in ast.walk(tree):
-        if id(node) in skipped:
-            continue
+    for node in _statements(tree_of(path)):
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
@@ -67,6 +59,15 @@ def imported(name: str) -> set[str]:
                 base = ".".join([*above, base] if base else above)
             names |= {f"{base}.{alias.name}" if f"{base}.{alias.name}" in known else base for alias in node.names}
     return {name for name in names if name.partition(".")[0] in PACKAGES}
+
+
+def _statements(node: ast.AST) -> Iterator[ast.AST]:
+    """Those within, but for what types alone need."""
+    for child in ast.iter_child_nodes(node):
+        of_types = isinstance(child, ast.If) and isinstance(child.test, ast.Name) and child.test.id == "TYPE_CHECKING"
+        if not (of_types or isinstance(child, ast.expr)):
+            yield child
+            yield from _statements(child)
 
 
 @lru_cache

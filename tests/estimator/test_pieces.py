@@ -26,7 +26,7 @@ from vbaa_calib.session import Frame, load_session
 
 from ..recordings import write_recording, write_rig
 
-OFTEN = AFRESH // 4
+OFTEN = AFRESH // 2
 """Frames after which the search begins afresh here, so that shorter recordings have pieces."""
 FRAMES = OFTEN + 3 * STREAM + 1
 

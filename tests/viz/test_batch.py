@@ -152,8 +152,13 @@ def test_killed_workers_cost_nothing_but_time(
     assert len(read_contacts(results.contacts("0-s1"))) == FRAMES
 
 
-def test_what_is_wrong_is_named_and_the_rest_goes_on(client: Client, folder: Path, tmp_path: Path) -> None:
+def test_what_is_wrong_is_named_and_the_rest_goes_on(
+    client: Client, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A corrupt recording and one that kills its worker every time; mended, only these are done again."""
+    # each time costs a new worker's imports
+    monkeypatch.setattr(cluster, "TIMES_AGAIN", 1)
+    monkeypatch.setattr(client.cluster.scheduler, "allowed_failures", 1)
     own = tmp_path / "own"
     paths = {name: write_recording(own / name, 8, seed) for seed, name in enumerate(("good", "corrupt", DEADLY))}
     lines = paths["corrupt"] / "recording" / "centrelines.csv"

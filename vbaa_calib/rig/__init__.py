@@ -2,7 +2,7 @@
 
 from vbaa_calib.session import MomentSensor
 
-from .parts import POSE_PARAMETERS, RIG_PARAMETERS, RIG_STEPS, SENSOR_PARAMETERS, Antenna, AntennaImage, Tip
+from .parts import POSE_PARAMETERS, RIG_PARAMETERS, RIG_STEPS, Antenna, AntennaImage, Tip
 from .rig import Rig
 from .rig_file import SCHEMA
 
@@ -11,7 +11,6 @@ __all__ = [
     "RIG_PARAMETERS",
     "RIG_STEPS",
     "SCHEMA",
-    "SENSOR_PARAMETERS",
     "Antenna",
     "AntennaImage",
     "MomentSensor",

@@ -15,8 +15,7 @@ from vbaa_calib.core.models import Number
 from vbaa_calib.geometry import Kinematics, Pose
 
 POSE_PARAMETERS = (*(f"camera_about_{axis}_rad" for axis in "xyz"), *(f"camera_{axis}_m" for axis in "xyz"))
-SENSOR_PARAMETERS = ("moment_gain", "moment_offset_Nm")
-RIG_PARAMETERS = POSE_PARAMETERS + ANTENNA_PARAMETERS + SENSOR_PARAMETERS
+RIG_PARAMETERS = (*POSE_PARAMETERS, *ANTENNA_PARAMETERS, "moment_gain", "moment_offset_Nm")
 """Order of the joint covariance, before the lens. The pose's six are the tangent of `T_antenna_camera.retract`."""
 RIG_STEPS = np.array([1e-5] * 6 + [1e-5] * 2 + [1e-4] * 2 + [1e-3] * 4 + [1e-4])
 """Finite-difference steps of pose and antenna: small against the curvature of the model, large against its rounding."""
