@@ -12,7 +12,7 @@ from benchmarks.chain.scenes import cell
 from benchmarks.estimator.bound import bound
 from benchmarks.estimator.hard import with_outliers
 from benchmarks.estimator.scenes import Scenes, joined, push_for_deflection, rod_shapes, rolled, scenes
-from benchmarks.estimator.setup import drawn_truth
+from benchmarks.estimator.setup import ACROSS, Setup, drawn_truth
 from vbaa_calib.rig import Rig
 from vbaa_calib.rig.parts import ANTENNA_PARAMETERS
 from vbaa_calib.session import DRIFTS
@@ -26,6 +26,8 @@ JOINTS_RAD = 0.4
 RUBBED = 0.5
 """Share of the frames with friction, where there is any."""
 TRUE_RIGS = 20
+ALIKE = "another rig's antenna"
+"""Of the frames that fit nothing those that nearly do: only noise and rig can tell."""
 SIZE = 1280, 720
 """Of pictures, px."""
 
@@ -95,14 +97,24 @@ def hard(rig: Rig, frames: int, seed: int, friction_rad: float) -> Judged:
     return replace(judged, scenes=with_outliers(judged.scenes, 0.1, np.random.default_rng(seed)))
 
 
-def swapped(given: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """u taken for v."""
-    return given | {"points_px": np.ascontiguousarray(given["points_px"][..., ::-1])}
-
-
-def scattered(given: dict[str, np.ndarray], rng: np.random.Generator) -> dict[str, np.ndarray]:
-    """Points anywhere in the picture."""
-    return given | {"points_px": rng.uniform(0.0, 700.0, given["points_px"].shape)}
+def fitting_nothing(rig: Rig, given: dict[str, np.ndarray], seed: int) -> dict[str, dict[str, np.ndarray]]:
+    """Frames of the rig (B, N, 2) made into some that no contact explains, by what is wrong with them."""
+    rng, points = np.random.default_rng(seed), given["points_px"]
+    size, clamp = np.array(rig.camera.image_size, float), points[:, :1]
+    middle, around = rng.uniform(0.3, 0.7, (len(points), 1, 2)) * size, np.linspace(0.0, 2.0 * np.pi, points.shape[1])
+    round_px = rng.uniform(0.1, 0.3, (len(points), 1, 2)) * size[1] * np.stack([np.cos(around), np.sin(around)], -1)
+    another = Setup(tilt_rad=np.radians(60.0), azimuth_rad=ACROSS, image_size=rig.camera.image_size, real=True).rig()
+    kinds = {
+        "u and v swapped": points[..., ::-1],
+        "u in another order": np.stack([rng.permuted(points[..., 0], axis=1), points[..., 1]], -1),
+        "random points": rng.uniform(0.0, size, points.shape),
+        "noise of 50 px": points + rng.normal(0.0, 50.0, points.shape),
+        "a random walk": middle + np.cumsum(rng.normal(0.0, 3.0, points.shape), axis=1),
+        "a round outline": middle + round_px + rng.normal(0.0, rig.image.noise_px, points.shape),
+        "twice as long": 2.0 * points - clamp,
+        ALIKE: population(another, len(points), seed, points=points.shape[1]).given["points_px"],
+    }
+    return {kind: given | {"points_px": np.ascontiguousarray(those)} for kind, those in kinds.items()}
 
 
 def photographed(count: int, seed: int) -> tuple[Rig, dict[str, np.ndarray]]:

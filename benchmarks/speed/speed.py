@@ -30,7 +30,7 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import write_json
 from vbaa_calib.rig import Rig
 
-from .frames import SIZE, Judged, as_measured, hard, photographed, population, scattered, swapped
+from .frames import SIZE, Judged, as_measured, fitting_nothing, hard, photographed, population
 from .trees import HERE, Tree, Worker, older
 
 if TYPE_CHECKING:
@@ -44,6 +44,7 @@ _SINGLE, _PICTURES, _LOOP, _ODD = 20, 30, 30, 4
 """Frames one by one, pictures, frames of the SciPy loop, and of those that fit nothing; of few frames fewer."""
 _LONG_S = 10.0
 """No further pair is timed after so long."""
+_NOTHING = "fits nothing"
 _ONE = "the command estimate, one frame"
 _IMPORTS = "python -c 'import numpy, scipy.optimize, cv2'"
 
@@ -143,9 +144,8 @@ def jobs(calibrated: Rig, frames: int, seed: int) -> Iterator[Job]:
             yield Job(name, "hard frames", "batch", rig, odd.given)
             few = max(1, min(_ODD, frames // 10))
             fits = {name: rows[:few] for name, rows in population(rig, frames, seed, friction, 500).given.items()}
-            yield Job(name, "u and v swapped", "batch", rig, swapped(fits))
-            random = scattered(fits, np.random.default_rng(seed))
-            yield Job(name, "random points", "batch", rig, random)
+            for work, those in fitting_nothing(rig, fits, seed).items():
+                yield Job(name, f"{_NOTHING}: {work}", "batch", rig, those)
             photographs, given = photographed(min(_PICTURES, max(frames // 10, 2)), seed)
             read_s = reading_seconds(SIZE, 3)
             for work, way in (("picture alone", "alone"), ("recording of pictures", "recording")):
@@ -317,8 +317,9 @@ def _said(rows: Sequence[SpeedRow]) -> Iterator[str]:
 
     batch = of("batch")
     yield f"two threads: {(batch.wall_us or 0.0) / (of('batch', threads=2).wall_us or 1.0):.2f} times one, on the wall"
-    for work in ("u and v swapped", "random points"):
-        yield f"{work}: {of(work).us / batch.us:.1f} times a sound frame"
+    for row in rows:
+        if row.work.startswith(_NOTHING):
+            yield f"{row.work}: {row.us / batch.us:.1f} times a sound frame"
     linear, elastica, rod = (of("batch", model).us for model in RUNGS[1:])
     yield f"a batch by auto: {batch.us / elastica:.2f} of elastica's time; by linear: {linear / rod:.2f} of rod's"
     ours = {row.work: row.us for row in rows if row.method == "command"}

@@ -55,7 +55,7 @@ def statuses(numbers: FitNumbers) -> np.ndarray:
         stopped = ~numbers.converged & (numbers.scatter > WRONG_SHAPE)
         order = [
             (numbers.points < FEWEST_POINTS, NO_ANTENNA),
-            (~numbers.finite, FAILED),
+            (~numbers.finite | np.isfinite(numbers.left_px), FAILED),
             (~(numbers.evidence >= CONTACT_EVIDENCE) & ~stopped, NO_CONTACT),
             (edge_on & (uncertain | ~numbers.converged), UNOBSERVABLE),
             (mirrored & (numbers.edge_on_rad < EDGE_ON_BLIND_RAD), UNOBSERVABLE),
@@ -160,6 +160,9 @@ def _misfit(numbers: FitNumbers, length_m: float) -> str:
     scatter, lean = numbers.scatter[0], abs(numbers.unknowns[0, 3])
     if not numbers.finite[0]:
         return "the fit left the domain of the model"
+    if np.isfinite(numbers.left_px[0]):
+        far = f"wherever it is touched, many of them lie {numbers.left_px[0]:.0f} px off or more"
+        return f"the points are not on this antenna, or it is bent too far: {far}"
     if _model_too_low(numbers)[0] and not unexplained(numbers)[0]:
         rung = int(numbers.rung[0])
         return f"{RUNGS[rung]} is too low for this frame, some {numbers.bias[0, rung]:.0f} std off: take a higher rung"

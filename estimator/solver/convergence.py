@@ -53,7 +53,7 @@ _NEAR_TIP, _TIP_COST = 0.03, 2.0
 """A distance this near to the tip is fixed there if that costs no more than this: two standard deviations."""
 _FAR = 0.02
 """Change of the distance or the tip's deflection, in antenna lengths, after which the rig's derivatives are renewed."""
-_MOST_SCATTER = 5.0
+MOST_SCATTER = 5.0
 """Largest scatter: with more, a fit would end at its priors."""
 _ROUNDS, _SCATTER_CHANGE = 3, 0.1
 """The scatter is estimated again until it changes by less than this part."""
@@ -121,7 +121,7 @@ def converge(rig, frame, rung, fit, work, with_feet):
     What neither noise nor rig explains — a second contact, a kink — must not be fitted as if it were exact, nor must
     most points count as outliers for it: such a frame is fitted again with the scatter of its points.
     """
-    _begin(rig, frame, rung, fit, work, with_feet)
+    _begin(rig, frame, rung, fit, work, with_feet, 1.0)
     if len(fit.steps):
         _with_rig(rig, frame, rung, fit, work)
     else:
@@ -133,7 +133,7 @@ def converge(rig, frame, rung, fit, work, with_feet):
         fit.numbers[SCATTER] = scatter
         _again(rig, frame, fit, work)
         _descend(rig, frame, rung, fit, work, _TOLERANCE, _ITERATIONS)
-    if fit.numbers[SCATTER] < _MOST_SCATTER:
+    if fit.numbers[SCATTER] < MOST_SCATTER:
         work.most[0] = MOST_EVALUATIONS
     if fit.unknowns[0] > TIP - _NEAR_TIP:
         _fixed_at_tip(rig, frame, rung, fit, work)
@@ -154,17 +154,17 @@ def polish(rig, frame, rung, fit, work):
 
 
 @compiled
-def coarse_minimum(rig, frame, rung, fit, work, with_feet, iterations):
-    """A rough minimum reached from the fit's unknowns."""
-    _begin(rig, frame, rung, fit, work, with_feet)
+def coarse_minimum(rig, frame, rung, fit, work, with_feet, scatter, iterations):
+    """A rough minimum reached from the fit's unknowns, the points scattering so many times more than their noise."""
+    _begin(rig, frame, rung, fit, work, with_feet, scatter)
     _descend(rig, frame, rung, fit, work, _COARSE_TOLERANCE, iterations)
 
 
 @compiled
-def _begin(rig, frame, rung, fit, work, with_feet):
+def _begin(rig, frame, rung, fit, work, with_feet, scatter):
     """The fit at its unknowns, with the rig as calibrated and its derivatives for small deflections."""
     fill(fit.steps, 0.0)
-    fit.numbers[SCATTER] = 1.0
+    fit.numbers[SCATTER] = scatter
     fit.numbers[CONVERGED] = 0.0
     fit.numbers[AT_TIP] = 0.0
     predict(rig, frame, rung, work.bent, fit, True)
@@ -217,7 +217,7 @@ def _scatter(fit):
     size = np.abs(distance) * np.sqrt(precision)
     median = MAD_SCALE * np.partition(size, count // 2)[count // 2]
     if median > largest:
-        return min(median, _MOST_SCATTER)
+        return min(median, MOST_SCATTER)
     return 1.0
 
 

@@ -8,8 +8,17 @@ from vbaa_calib.antenna.rungs import RUNGS
 from vbaa_calib.camera.compiled_lens import Lens
 from vbaa_calib.core.compiled import compiled, in_threads, kernel
 
-from .alternative_minima import different, mirror_ambiguous, try_mirrors, try_start
-from .convergence import COARSE_ITERATIONS, begin_search, coarse_minimum, converge, empty_work, polish
+from .alternative_minima import (
+    beyond_reach,
+    different,
+    largest_error,
+    mirror_ambiguous,
+    most_distance,
+    nearest_shape,
+    try_mirrors,
+    try_start,
+)
+from .convergence import COARSE_ITERATIONS, MOST_SCATTER, begin_search, coarse_minimum, converge, empty_work, polish
 from .fit import CONVERGED, COST, SCATTER, copy_fit
 from .frames import Frames, frame_of, thinned
 from .initialization import (
@@ -65,12 +74,13 @@ def solve(
     """
     found = FitNumbers.unwritten(len(frames))
     rig, lens, tables, numbers = frames.rig_arrays.tables, frames.rig_arrays.lens, frames.tables, found.tables
+    exact = frames.rig_arrays.exact.tables
     starts = np.full((len(frames), UNKNOWNS), np.nan) if warm is None else np.ascontiguousarray(warm, float)
     pieces = np.empty(0) if pieces_m is None else np.ascontiguousarray(pieces_m, float)
     rung = AUTO if model == "auto" else RUNGS.index(model)
 
     def work(begin: int, end: int) -> None:
-        _solve_frames(rig, lens, tables, begin, end, rung, starts, pieces, numbers)
+        _solve_frames(rig, exact, lens, tables, begin, end, rung, starts, pieces, numbers)
 
     in_threads(work, len(frames), jobs)
     return found
@@ -96,8 +106,9 @@ def _rough_frames(rig_tables, lens_tables, tables, found):
 
 
 @kernel
-def _solve_frames(rig_tables, lens_tables, tables, begin, end, rung, warm, pieces_m, found):
+def _solve_frames(rig_tables, exact_tables, lens_tables, tables, begin, end, rung, warm, pieces_m, found):
     rig, lens, numbers = RigRecord(*rig_tables), Lens(*lens_tables), NumberRecord(*found)
+    exact = RigRecord(*exact_tables)
     work = empty_work(rig, lens, 0)
     for index in range(begin, end):
         frame = frame_of(tables, index)
@@ -105,18 +116,26 @@ def _solve_frames(rig_tables, lens_tables, tables, begin, end, rung, warm, piece
             work = empty_work(rig, lens, len(frame.u))
         work.evaluations[0] = work.most[0] = 0
         begin_search(work)
-        _solve_frame(rig, frame, rung, warm[index], pieces_m, numbers, index, work)
+        _solve_frame(rig, exact, frame, rung, warm[index], pieces_m, numbers, index, work)
 
 
 @compiled
-def _solve_frame(rig, frame, model, warm, pieces_m, numbers, index, work):
+def _solve_frame(rig, exact, frame, model, warm, pieces_m, numbers, index, work):
     """One frame on a rung, by default on the highest: then also which one would have been good enough."""
     best, found = work.best, empty_uncertainty(len(work.best.steps))
     starts, costs = np.empty((STARTS, UNKNOWNS)), np.empty(STARTS)
     grid = _find_starts(rig, frame, warm, False, starts, costs, work)
     other, other_cost = np.empty(UNKNOWNS), np.empty(1)
     rung = REFERENCE if model == AUTO else model
-    ambiguous = _fit_on_rung(rig, frame, rung, grid, starts, costs, found, other, other_cost, work)
+    left = _left(rig, exact, frame, grid, starts[0].copy(), other, work)
+    given_up, ambiguous = np.isfinite(left), False
+    if given_up:
+        put(other, best.unknowns)
+        other_cost[0] = np.inf
+        coarse_minimum(rig, frame, rung, best, work, False, MOST_SCATTER, 0)
+        uncertainty(best, found, work)
+    else:
+        ambiguous = _fit_on_rung(rig, frame, rung, grid, starts, costs, found, other, other_cost, work)
     problem = best
     if rung != REFERENCE:
         # residuals of the highest rung, whose shapes are right
@@ -139,12 +158,31 @@ def _solve_frame(rig, frame, model, warm, pieces_m, numbers, index, work):
         else:
             bias[rung] = every_bias[rung]
     std = np.sqrt(found.covariance[0, 0])
-    gain, place, shift = second_force(rig, frame, rung, best, problem, std, work)
-    evidence = contact_evidence(rig, rung, best, problem, work)
+    gain, place, shift, evidence = 0.0, 0.0, 0.0, np.nan
+    if not given_up:
+        gain, place, shift = second_force(rig, frame, rung, best, problem, std, work)
+        evidence = contact_evidence(rig, rung, best, problem, work)
     extra = other_cost[0] - unscaled_cost(rig, best)
     scalars = np.array([evidence, extra, gain, place, shift])
     write_numbers(rig, frame, rung, found, bias, errors, other, scalars, ambiguous, pieces_m, numbers, index, work)
-    numbers.rung[index] = needed
+    numbers.rung[index], numbers.left_px[index] = needed, rig.focal * left
+    if given_up:
+        numbers.tip_std[index] = np.nan
+
+
+@compiled
+def _left(rig, exact, frame, grid, start, nearest, work):
+    """Of a frame that no contact comes near to, how far many points stay from the nearest antenna, whose unknowns (4,)
+    are left in `nearest`; else NaN."""
+    put(start, nearest)
+    few, every = thinned(frame, _COARSE_POINTS)
+    far, scatter = largest_error(rig, work.free, every)
+    left = beyond_reach(rig, few)
+    if not left > far:
+        left = most_distance(rig, frame, work.free, every, work.shift)
+        if left > far:
+            left = nearest_shape(exact, work.bent.lens, few, grid, start, far, scatter, nearest)
+    return left if left > far else np.nan
 
 
 @compiled
@@ -183,7 +221,7 @@ def _coarse_minima(rig, lens, frame, rung, feet_m, iterations, starts, costs):
         put(starts[k], fit.unknowns)
         if len(feet_m):
             put(feet_m, fit.foot_m)
-        coarse_minimum(rig, frame, rung, fit, work, len(feet_m) > 0, iterations)
+        coarse_minimum(rig, frame, rung, fit, work, len(feet_m) > 0, 1.0, iterations)
         starts[k] = fit.unknowns
         costs[k] = fit.numbers[COST] if fit.numbers[COST] == fit.numbers[COST] else np.inf
     for a in range(count - 1):

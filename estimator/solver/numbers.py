@@ -65,6 +65,7 @@ class FitNumbers:
     explained_drifted : (B,) bool, one contact explains the frame if the rig has changed, by which the picture moves by
         drift_px (B,) and the readings by drift_readings (B,), in deviations; looked at only where nothing fits.
     explained_alone : (B,) bool, one contact explains the picture alone; looked at only where the readings do not fit.
+    left_px : (B,) how far most points stay from the nearest antenna; NaN unless that is why the frame was given up.
     bias : (B, len(RUNGS)), NaN where it was not compared.
     pieces_m, pieces_std_m : points of the fitted antenna at `Beam.pieces_m`, antenna frame, and their deviations by
         the noise of one frame. push : how far a load of 1 N/m on each piece, along y and z, would move the distance,
@@ -108,6 +109,7 @@ class FitNumbers:
     explained_drifted: np.ndarray = _each(dtype=bool)
     drift_px: np.ndarray = _each()
     drift_readings: np.ndarray = _each()
+    left_px: np.ndarray = _each()
     bias: np.ndarray = _each(len(RUNGS))
     pieces_m: np.ndarray = _each(PIECES, 3)
     pieces_std_m: np.ndarray = _each(PIECES)

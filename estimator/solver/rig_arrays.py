@@ -157,6 +157,11 @@ class RigArrays:
         """The camera's, for compiled functions."""
         return compiled_lens(self.rig.camera.intrinsics)
 
+    @cached_property
+    def exact(self) -> RigArrays:
+        """The same rig as if it were known exactly."""
+        return replace(self, axes=self.axes[:, :0], line=self.line[:0])
+
     @property
     def steps(self) -> int:
         """R + L."""

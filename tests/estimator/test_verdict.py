@@ -7,6 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.speed.frames import ALIKE, fitting_nothing
+from estimator import ContactEstimator
+
 from ..rod_scenes import LENGTH_M, RIG_STD, Frame, World, blunt, camera_pose, frames
 from . import contact_scenes
 from .contact_scenes import STRAIGHT as PLAIN
@@ -152,3 +155,22 @@ def test_a_wrong_stiffness_scales_the_force_and_shows_without_contact() -> None:
     free = frame(0.6, 0.4, 1e-9)
     assert judged(free, INCLINED.rig(STD)).status == "no_contact"
     assert judged(free, stiff).status != "no_contact"
+
+
+def test_what_fits_nothing_is_given_up_soon() -> None:
+    """Nearly always in no more evaluations of the whole model than a sound frame takes; and that is said."""
+    several = [frame(0.4 + 0.1 * seed, 0.4 + seed, 0.03, seed=seed) for seed in range(4)]
+    rig, moments, still = INCLINED.rig(STD), np.array([seen.moment_Nm for seen in several]), np.zeros(4)
+    given = {"points_px": np.stack([seen.points_px for seen in several])}
+    joints = still, np.array([seen.tilt_rad for seen in several])
+    estimator = ContactEstimator(rig)
+    sound = estimator.estimate_batch(given["points_px"], moments, *joints)
+    assert set(sound.status) == {"ok"}
+    for kind, those in fitting_nothing(rig, given, 0).items():
+        found = estimator.estimate_batch(those["points_px"], moments, *joints)
+        assert set(found.status) <= {"failed", "unobservable"}, kind
+        soon = found.numbers.evaluations <= sound.numbers.evaluations.min()
+        # a line may lie along an antenna that is bent far
+        assert soon.sum() >= 3 or kind == ALIKE, kind
+        for contact, early in zip(found, soon, strict=True):
+            assert ("not on this antenna" in contact.reason) == early, kind
