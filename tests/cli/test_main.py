@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import errno
 import json
+import os
 import shlex
 import signal
 import subprocess
@@ -143,3 +144,13 @@ def test_stdout_that_is_closed_or_full(redirected: str, code: int, said: str) ->
     shell = ["bash", "-c", f"({call}) {redirected}"]
     done = subprocess.run(shell, stderr=subprocess.PIPE, text=True, check=False, cwd=Path(__file__).parents[2])
     assert done.stderr == f"{said}{code}\n"
+
+
+def test_a_folder_that_is_gone_is_said(tmp_path: Path) -> None:
+    """Libraries that look for it end the process, or say that no such file is there."""
+    (tmp_path / "gone").mkdir()
+    call = f"cd {tmp_path}/gone && rmdir ../gone && {shlex.quote(sys.executable)} -m vbaa_calib check a"
+    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])}
+    done = subprocess.run(["bash", "-c", call], capture_output=True, text=True, check=False, env=environment)
+    assert done.returncode == 2, done.stderr
+    assert done.stderr == "vbaa: the folder that this runs in is gone; change to one that is there\n"

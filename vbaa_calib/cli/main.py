@@ -160,6 +160,10 @@ def run_verb(argv: Sequence[str]) -> int:
         close = difflib.get_close_matches(name, VERBS, n=1)
         remedy = f"do you mean {close[0]}?" if close else f"the verbs are {', '.join(VERBS)}"
         raise InputError(f"there is no verb {name!r}", remedy=remedy)
+    try:
+        os.getcwd()
+    except OSError:
+        raise InputError("the folder that this runs in is gone", remedy="change to one that is there") from None
     parser = _verb_parser(name)
     parser.words = argv[1:]
     args = parser.parse_args(argv[1:])

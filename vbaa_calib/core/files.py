@@ -232,7 +232,7 @@ def _whole_number(text: str) -> float:
 
 def _refuse_deep(data: Any) -> None:
     """Raises RecursionError for what is nested deeper than any file of ours; whoever walks it later would."""
-    level = [{"": data}]
+    level: list[Any] = [[data]]
     for _ in range(_DEEPEST + 1):
         items = (item for each in level for item in (each.values() if isinstance(each, dict) else each))
         level = [item for item in items if isinstance(item, dict | list)]
