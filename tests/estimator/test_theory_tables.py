@@ -71,7 +71,7 @@ def test_what_is_left_of_friction(reach: float) -> None:
     ways = [friction_left(exact, blind, reach) for exact in (True, False) for blind in (False, True)]
     cells = [f"{a} / {b}, {c} / {d}" for a, b, c, d in zip(*ways, strict=True)]
     (mine,) = printed(["l/L", *(f"{slope:.0f}°" for slope in SLOPES_DEG)], [[f"{reach:g}", *cells]])
-    stated = table_below("theory_estimator.md", "Its deviation afterwards")
+    stated = table_below("theory_estimator.md", "The table has its deviation after the fit")
     theirs = next(row for row in stated if row[0] == mine[0])
     for a, b in zip(*(" ".join(row).replace(",", "").split() for row in (mine, theirs)), strict=True):
         assert a == b or float(a) == pytest.approx(float(b), rel=0.1), f"{mine} is not {theirs}"
