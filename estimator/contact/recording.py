@@ -173,9 +173,8 @@ def _tabled(rig: Rig, pull_m_s2: tuple[float, ...]) -> AntennaFinder | None:
 @lru_cache(maxsize=8)
 def _same_paths_m_s2(rig: Rig) -> float:
     """The step of gravity within which the same paths will do."""
-    table = _tabled(rig, (0.0, 0.0, 0.0))
-    enough = 0.0 if table is None else same_paths_m_s2(table, rig.antenna.parameters, rig.antenna.length_m)
-    return max(enough, _GRAVITY_STEP_M_S2)
+    where = _corridor(rig, (0.0, 0.0, 0.0))
+    return max(same_paths_m_s2(where, rig.antenna.parameters, rig.antenna.length_m), _GRAVITY_STEP_M_S2)
 
 
 def detect_again(estimator: ContactEstimator, glances: Sequence[FirstDetection]) -> list[Detection]:

@@ -23,7 +23,7 @@ from vbaa_calib.core.console import say
 from vbaa_calib.core.files import sha256
 from vbaa_calib.core.robust import chi_square_p, finite_or_none
 from vbaa_calib.rig import Rig
-from vbaa_calib.session import Load, NominalAntenna, Session, Still
+from vbaa_calib.session import STANDARD_GRAVITY_M_S2, Load, NominalAntenna, Session, Still
 
 from .pipeline import Calibration
 from .plane_c import PlaneC, picture_folders
@@ -36,7 +36,7 @@ are about twenty, and a session without a fault is to pass them all."""
 _SCATTERED = 5.0  # scatter of the shapes, over their pictures' own, beyond which the model does not fit
 _EXPLAINS_SCATTER = ("load_", "gravity_", "joint_readings_", "clamp_slipped", "antenna_bent_between", "stills_")
 """How the names of the diagnoses begin that say why the shapes scatter."""
-_GRAVITY_M_S2, _SAG_MATTERS_M = 9.80665, 1e-4
+_SAG_MATTERS_M = 1e-4
 _ANISOTROPY_MATTERS = 0.01  # part by which the compliances must differ at least: a wire drawn 0.25 % out of round
 
 
@@ -107,7 +107,7 @@ def antenna_doubts(nominal: NominalAntenna, rig: Rig, checks: Checks) -> list[st
             f"the sag requires a density of {mass.value / area:.0f} ± {mass.std / area:.0f} kg/m³, the session says "
             f"{nominal.density_kg_m3:.0f}: check diameter, density and the direction of gravity"
         )
-    sag_m = known * _GRAVITY_M_S2 * nominal.length_m**4 / (8.0 * nominal.stiffness_Nm2)
+    sag_m = known * STANDARD_GRAVITY_M_S2 * nominal.length_m**4 / (8.0 * nominal.stiffness_Nm2)
     if not rig.gravity_world_m_s2.any() and sag_m > _SAG_MATTERS_M:
         found.append(
             f"the session is weightless, where its weight would bend the antenna by {1e3 * sag_m:.1f} mm: what the "

@@ -4,6 +4,7 @@ from .centrelines import Centrelines, Index, centrelines_of, index_of, read_cent
 from .drift import DRIFTS, LAB, Drift, FileDrift, drift_of
 from .settings import (
     SCHEMA,
+    STANDARD_GRAVITY_M_S2,
     KnownObject,
     LoadReadings,
     MomentSensor,

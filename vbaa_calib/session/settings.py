@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from .tables import Still
 
 SCHEMA = "vbaa.session/1"
+STANDARD_GRAVITY_M_S2 = 9.80665
 _TILT_ZERO_STD_RAD = 0.01
 _OVER_HEIGHT_STD_M = 1e-4
 RULER_STD_M, WEIGHT_STD_RELATIVE = 5e-4, 5e-3

@@ -33,7 +33,17 @@ from vbaa_calib.core.images import read_gray, read_picture
 from vbaa_calib.detect.board.board_file import load_board
 from vbaa_calib.detect.board.corners import BoardView, detect_corners
 from vbaa_calib.geometry import Pose
-from vbaa_calib.session import SCHEMA, Load, Session, Still, gravity_antenna, has_sweep, load_session, session_from
+from vbaa_calib.session import (
+    SCHEMA,
+    STANDARD_GRAVITY_M_S2,
+    Load,
+    Session,
+    Still,
+    gravity_antenna,
+    has_sweep,
+    load_session,
+    session_from,
+)
 
 from .questions import BY_KEY, READINGS
 from .store import AcceptedPicture, Store
@@ -44,7 +54,6 @@ _STILLS = ("noload", "loads")
 _ALL = ("lens", "plane", *_STILLS)
 _MEASURED = ("measure_x_mm", "board_along_x_mm", "measure_y_mm", "board_along_y_mm")
 """What the rulers of the sheet say, and what was read on them."""
-_GRAVITY_M_S2 = 9.80665
 _DIRECTIONS = {"x": (1, 0, 0), "-x": (-1, 0, 0), "y": (0, 1, 0), "-y": (0, -1, 0), "z": (0, 0, 1), "-z": (0, 0, -1)}
 _UNITS = {
     "antenna": {
@@ -214,7 +223,7 @@ class SessionState:
             data.pop("print_scale_std", None)
         if "gravity" in answers or "gravity_world" not in before:
             down = _DIRECTIONS.get(value["gravity"])
-            data["gravity_world"] = None if down is None else [_GRAVITY_M_S2 * float(part) for part in down]
+            data["gravity_world"] = None if down is None else [STANDARD_GRAVITY_M_S2 * float(part) for part in down]
         way = value["plane_way"]
         # the calibration takes every way that session.yaml names: one that was chosen before must not stay
         for other in {"jig", "over"} - {way}:

@@ -16,7 +16,7 @@ from vbaa_calib.core.errors import Diagnosis, SolveError
 from vbaa_calib.core.least_squares import HUBER, SQUARES, Loss
 from vbaa_calib.core.robust import huber_losses, mad_std
 from vbaa_calib.geometry import Kinematics
-from vbaa_calib.session import Load, Session, Still, gravity_antenna
+from vbaa_calib.session import STANDARD_GRAVITY_M_S2, Load, Session, Still, gravity_antenna
 
 from .explanations import Further, StillRows, fits, scatter_with_change
 
@@ -150,7 +150,6 @@ def soft_clamp(rows: StillRows) -> Diagnosis | None:
     )
 
 
-_GRAVITY_M_S2 = 9.80665
 _STEPS, _CONVERGED = 8, 0.02  # gauss-Newton steps under another gravity: it is compared roughly, not to the last digit
 _LEAST_GAIN, _LEAST_PART = 60.0, 0.1  # decrease of χ² that another gravity must bring, over the scatter, and as a part
 _CONTRADICTED = 1e-3  # chance of the moments' scatter under another gravity, below which that is not right either
@@ -275,7 +274,7 @@ def _hypotheses(
     stills: Sequence[Still], kinematics: Kinematics, gravity_world_m_s2: np.ndarray, noted_m_s2: np.ndarray
 ) -> list[tuple[Diagnosis, np.ndarray]]:
     """What could be wrong with gravity or joint readings, and gravity (F, 3) in the frames if it were."""
-    worlds = {f"gravity pointed to {name} of the world": _GRAVITY_M_S2 * axis for name, axis in _AXES.items()}
+    worlds = {f"gravity pointed to {name} of the world": STANDARD_GRAVITY_M_S2 * axis for name, axis in _AXES.items()}
     if gravity_world_m_s2.any():
         worlds["there were no gravity"] = np.zeros(3)
     found = []
@@ -301,9 +300,9 @@ _UNITS = (
     ("N·mm", 1e3, "divide the readings by 1000"),
     ("mN·m", 1e3, "divide the readings by 1000"),
     ("N·cm", 1e2, "divide the readings by 100"),
-    ("kgf·m", 1 / 9.80665, "multiply the readings by 9.80665"),
-    ("kgf·cm", 100 / 9.80665, "divide the readings by 10.197"),
-    ("gf·cm", 1e5 / 9.80665, "divide the readings by 10197"),
+    ("kgf·m", 1 / STANDARD_GRAVITY_M_S2, "multiply the readings by 9.80665"),
+    ("kgf·cm", 100 / STANDARD_GRAVITY_M_S2, "divide the readings by 10.197"),
+    ("gf·cm", 1e5 / STANDARD_GRAVITY_M_S2, "divide the readings by 10197"),
     ("kN·m", 1e-3, "multiply the readings by 1000"),
     ("µN·m", 1e6, "divide the readings by 1000000"),
     ("lbf·in", 8.8507, "divide the readings by 8.8507"),

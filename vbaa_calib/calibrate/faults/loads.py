@@ -20,11 +20,11 @@ from vbaa_calib.calibrate.antenna.problem import ANTENNA, LensLost
 from vbaa_calib.core.errors import Diagnosis
 from vbaa_calib.core.robust import chi_square_p
 from vbaa_calib.rig.reprojection import image_curves, see, whitened_residuals
+from vbaa_calib.session import STANDARD_GRAVITY_M_S2 as _G
 from vbaa_calib.session import Load, NominalAntenna
 
 from .explanations import picture_scatter, reading_std
 
-_G = 9.80665
 _UNITS = (
     ("in grams", 1e-3 * _G),
     ("in kilograms", _G),

@@ -17,9 +17,8 @@ from vbaa_calib.calibrate.antenna.inputs import Observation, reading_keys
 from vbaa_calib.calibrate.antenna.problem import ANTENNA, GAIN
 from vbaa_calib.calibrate.faults.explanations import StillRows
 from vbaa_calib.geometry import Kinematics
-from vbaa_calib.session import Load, LoadReadings, Session, Still, gravity_antenna
+from vbaa_calib.session import STANDARD_GRAVITY_M_S2, Load, LoadReadings, Session, Still, gravity_antenna
 
-_STANDARD_GRAVITY_M_S2 = 9.80665
 _STEEPEST_RAD = np.deg2rad(35.0)  # slope at the load up to which the model of the antenna is exact enough
 _NEAREST, _FARTHEST_M = 0.35, 5e-3  # part of the length, and m from the tip, between which loads hang
 _RULER_M, _PLACES = 5e-3, 9  # distances that are easily found on a ruler, and how many of them are tried
@@ -91,7 +90,7 @@ def _load_candidates(
     stiffness = float(np.exp(joint.parameters[ANTENNA][6]))
     wanted = []
     for pull in _pulls(session, kinematics, joint.problem.observations):
-        weight = float(np.linalg.norm(pull.gravity_m_s2)) or _STANDARD_GRAVITY_M_S2
+        weight = float(np.linalg.norm(pull.gravity_m_s2)) or STANDARD_GRAVITY_M_S2
         for mass in sorted(set(masses_kg)):
             force = mass * weight * pull.direction
             wanted += [

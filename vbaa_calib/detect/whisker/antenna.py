@@ -13,7 +13,7 @@ from vbaa_calib.geometry import Pose
 
 from .centreline import NOTHING, Centreline
 from .corridor import CLAMP_REACH_PX, Corridor, FreeShape
-from .finder import AntennaFinder
+from .finder import AntennaFinder, sampled_axis
 from .profile import measure
 
 REACH_PER_LENGTH = 0.9
@@ -63,13 +63,15 @@ def _shows(where: Corridor) -> bool:
     return len(where.axis_px) >= LEAST_AXIS and bool(arc_lengths(where.axis_px)[-1] >= LEAST_LENGTH_PX)
 
 
-def same_paths_m_s2(table: AntennaFinder, parameters: np.ndarray, length_m: float) -> float:
+def same_paths_m_s2(where: Corridor, parameters: np.ndarray, length_m: float) -> float:
     """The step of gravity within which the same paths will do: it moves the free antenna's tip by half of what lies
     between two paths. To table them takes ten times as long as all else."""
+    if not _shows(where):
+        return 0.0
+    _, spacing_px = sampled_axis(where)
     tips = [free_curve(parameters, length_m, np.array([0.0, pull, 0.0])).points_m[0, -1] for pull in (0.0, 10.0)]
-    axis = table.corridor.axis_px
-    sag_px = float(np.linalg.norm(tips[1] - tips[0])) / length_m * arc_lengths(axis)[-1]
-    return 10.0 * float(min(0.5 * table.spacing_px / max(sag_px, 1e-9), 1.0))
+    sag_px = float(np.linalg.norm(tips[1] - tips[0])) / length_m * arc_lengths(where.axis_px)[-1]
+    return 10.0 * float(min(0.5 * spacing_px / max(sag_px, 1e-9), 1.0))
 
 
 def find(image: np.ndarray, where: Corridor, bright: bool | None = True) -> Centreline:

@@ -151,15 +151,20 @@ class AntennaFinder:
         return apart.mean(axis=1) < _APART
 
 
+def sampled_axis(corridor: Corridor) -> tuple[np.ndarray, float]:
+    """A corridor's axis (S, 2) in equal steps, and how far apart the tips of neighbouring paths are, px."""
+    axis, _ = resample(corridor.axis_px, max(arc_lengths(corridor.axis_px)[-1] / SAMPLES, 1e-3))
+    return axis, max(0.9 * float(arc_lengths(axis)[-1]) / (len(axis) - 1), 3.0)
+
+
 def templates(corridor: Corridor) -> tuple[np.ndarray, float]:
     """Paths (P, S, 2) that fill a corridor, so dense that the antenna is within the spacing, px, of one."""
-    axis, _ = resample(corridor.axis_px, max(arc_lengths(corridor.axis_px)[-1] / SAMPLES, 1e-3))
+    axis, spacing = sampled_axis(corridor)
     length = arc_lengths(axis)[-1]
     step = length / (len(axis) - 1)
     tangent = np.gradient(axis, axis=0)
     heading = np.unwrap(np.arctan2(tangent[:, 1], tangent[:, 0]))
     share = np.linspace(0.0, 1.0, len(axis))
-    spacing = max(0.9 * step, 3.0)
     bent = []
     for contact in CONTACTS:
         reach = share / contact
@@ -174,7 +179,7 @@ def templates(corridor: Corridor) -> tuple[np.ndarray, float]:
             np.cumsum(0.5 * (steps[:, :-1] + steps[:, 1:]), axis=1, out=paths[:, 1:, side])
         paths += axis[0]
         bent.append(paths[_within(paths, corridor)])
-    return np.concatenate(bent), float(spacing)
+    return np.concatenate(bent), spacing
 
 
 def _within(paths: np.ndarray, corridor: Corridor) -> np.ndarray:
