@@ -34,10 +34,10 @@ class Scale:
     """One way to do the same frames.
 
     workers : processes; 0: in this process, without dask. wall_s : by the clock, on a machine that others may use.
-    parts : recordings, or pieces. work_s : the processor's seconds of what is done with frames, all_s : of all
-        processes together. overhead : what they take beside the work, beyond what the serial run does for as many
-        frames, of all that it takes, on a machine without other work: what dask takes while it waits for the processor
-        is taken off; each_ms : the same for a part. (The work itself scatters with what else the machine does.)
+    parts : recordings, or pieces. work_s : the processor's seconds of what is done with frames, tasks_s : of tasks,
+        which also open, index and join; all_s : of all processes together. overhead : of all_s, what is not in tasks,
+        and what tasks take beside the work more than those of the serial run do; for a machine without other work: what
+        dask takes while it waits for the processor is taken off. each_ms : the same for a part.
     moved_per_frame, written_per_frame : bytes between processes, and of the data set.
     """
 
@@ -47,6 +47,7 @@ class Scale:
     frames: int
     wall_s: float
     work_s: float
+    tasks_s: float
     all_s: float
     overhead: float
     each_ms: float
@@ -78,7 +79,7 @@ def measure(options: Options) -> Findings:
                     warm = _results(root / f"warm{workers}")  # reads compiled code
                     client.submit(do, recordings[0], Settings(again=True), warm, workers=[address], pure=False).result()
                 task_s, idle[workers] = _empty_task_s(client), _idle(client)
-                _count_bytes(client)
+                _count(client)
                 rows.append(_on(client, workers, "recordings", recordings, root / f"short{workers}"))
                 rows.append(_on(client, workers, "pieces", one, root / f"long{workers}"))
     rows = [_beside(row, rows[0], idle[row.workers]) for row in rows]
@@ -105,22 +106,29 @@ def _serially(recordings: Sequence[Recording], root: Path) -> Scale:
     results = _results(root)
     wall, begun = time.perf_counter(), time.process_time()
     rows = [do(recording, Settings(), results).row for recording in recordings]
-    spent = time.process_time() - begun, time.perf_counter() - wall
-    return _scale("serial", 0, rows, spent[1], spent[0], results, 0)
+    spent = time.process_time() - begun
+    return _scale("serial", 0, rows, time.perf_counter() - wall, (spent, spent), results, 0)
 
 
 def _on(client: Client, workers: int, kind: str, recordings: Sequence[Recording], root: Path) -> Scale:
     results = _results(root)
     settings = Settings(piece=_PIECE) if kind == "pieces" else Settings()
-    before, moved = _spent_s(client), _moved(client)
+    before, moved, tasks = _spent_s(client), _moved(client), _in_tasks(client)
     wall = time.perf_counter()
     rows = [outcome.row for outcome in cluster.run(client, recordings, settings, results)]
     wall_s = time.perf_counter() - wall
-    return _scale(kind, workers, rows, wall_s, _spent_s(client) - before, results, _moved(client) - moved)
+    spent = _in_tasks(client) - tasks, _spent_s(client) - before
+    return _scale(kind, workers, rows, wall_s, spent, results, _moved(client) - moved)
 
 
 def _scale(
-    kind: str, workers: int, rows: Sequence[object], wall_s: float, all_s: float, results: Results, moved: int
+    kind: str,
+    workers: int,
+    rows: Sequence[object],
+    wall_s: float,
+    spent_s: tuple[float, float],
+    results: Results,
+    moved: int,
 ) -> Scale:
     done = [dict(row) for row in rows]  # type: ignore[call-overload]
     frames, work_s = sum(row["frames"] for row in done), sum(row["cpu_s"] for row in done)
@@ -132,7 +140,7 @@ def _scale(
         frames,
         wall_s,
         work_s,
-        all_s,
+        *spent_s,
         0.0,
         0.0,
         frames / wall_s,
@@ -143,10 +151,11 @@ def _scale(
 
 
 def _beside(row: Scale, serial: Scale, idle: float) -> Scale:
-    alike = row.frames / serial.frames
     waited_s = row.wall_s - row.all_s / max(row.workers, 1)
-    more_s = (row.all_s - row.work_s) - alike * (serial.all_s - serial.work_s) - idle * max(waited_s, 0.0)
-    return replace(row, overhead=more_s / (alike * serial.all_s), each_ms=1e3 * more_s / row.parts)
+    # beside the work, as a share of it: how quick the machine is just then does not matter
+    more = row.tasks_s / row.work_s - serial.tasks_s / serial.work_s
+    more_s = row.all_s - row.tasks_s - idle * max(waited_s, 0.0) + more * row.work_s
+    return replace(row, overhead=more_s / row.all_s, each_ms=1e3 * more_s / row.parts)
 
 
 def _spent_s(client: Client) -> float:
@@ -154,35 +163,48 @@ def _spent_s(client: Client) -> float:
     return sum(client.run(time.process_time).values()) + time.process_time()
 
 
-_SENT = [0]
+_COUNTS = {"sent": 0.0, "tasks_s": 0.0}
+"""Of this process: the bytes that it sent, and the processor's seconds that it spent in tasks."""
 
 
 def _counting() -> None:
-    """Count what this process sends: dask's own counter goes by what it takes objects to be worth."""
+    """Count from now on: dask's own counters go by what it takes objects to be worth, and by the clock."""
+    from dask._task_spec import Task
     from distributed.comm.tcp import TCP
 
-    write = TCP.write
+    write, call = TCP.write, Task.__call__
 
     async def counted(self: TCP, *given: object, **named: object) -> int:
         sent: int = await write(self, *given, **named)
-        _SENT[0] += sent
+        _COUNTS["sent"] += sent
         return sent
 
+    def timed(self: Task, *given: object, **named: object) -> object:
+        begun = time.thread_time()
+        try:
+            return call(self, *given, **named)
+        finally:
+            _COUNTS["tasks_s"] += time.thread_time() - begun
+
     if write.__name__ != counted.__name__:
-        TCP.write = counted  # type: ignore[method-assign]
+        TCP.write, Task.__call__ = counted, timed  # type: ignore[method-assign]
 
 
-def _sent() -> int:
-    return _SENT[0]
-
-
-def _count_bytes(client: Client) -> None:
+def _count(client: Client) -> None:
     _counting()
     client.run(_counting)
 
 
+def _counted(name: str) -> float:
+    return _COUNTS[name]
+
+
 def _moved(client: Client) -> int:
-    return sum(client.run(_sent).values()) + _sent()
+    return int(sum(client.run(_counted, "sent").values()) + _counted("sent"))
+
+
+def _in_tasks(client: Client) -> float:
+    return float(sum(client.run(_counted, "tasks_s").values()))
 
 
 def _idle(client: Client) -> float:
@@ -205,6 +227,7 @@ def _table(rows: Sequence[Scale]) -> str:
         "frames",
         "wall s",
         "work s",
+        "tasks s",
         "all s",
         "overhead",
         "ms each",
@@ -221,6 +244,7 @@ def _table(rows: Sequence[Scale]) -> str:
             str(row.frames),
             f"{row.wall_s:.1f}",
             f"{row.work_s:.1f}",
+            f"{row.tasks_s:.1f}",
             f"{row.all_s:.1f}",
             f"{100 * row.overhead:.1f} %",
             f"{row.each_ms:.0f}",
