@@ -21,7 +21,7 @@ from types import FrameType, ModuleType
 from typing import NoReturn
 
 import vbaa_calib
-from vbaa_calib.core.errors import InputError, VbaaError, of_extra, sentence_of
+from vbaa_calib.core.errors import InputError, VbaaError, of_extra, one_line, sentence_of
 
 from .completion import EXAMPLES
 
@@ -259,7 +259,5 @@ def main(argv: Sequence[str] | None = None) -> int:
             f"something went wrong that should not ({type(error).__name__}: {error}); "
             "run again with --debug and report what it shows"
         )
-        # a name from outside moves no cursor and paints nothing
-        line = "".join(each if each.isprintable() else "\N{REPLACEMENT CHARACTER}" for each in " ".join(words.split()))
-        print(f"vbaa: {line}", file=sys.stderr)
+        print(f"vbaa: {one_line(words)}", file=sys.stderr)
         return error.exit_code if isinstance(error, VbaaError) else 1

@@ -64,10 +64,16 @@ def about(where: object) -> Iterator[None]:
         raise error if error.where else InputError(error.what, where=where, remedy=error.remedy) from None
 
 
+def one_line(text: str) -> str:
+    """The text in one line, in which a name from outside moves no cursor and paints nothing."""
+    return "".join(each if each.isprintable() else "\N{REPLACEMENT CHARACTER}" for each in " ".join(text.splitlines()))
+
+
 def clipped(text: str) -> str:
-    """The text without its middle where nobody would read all of it: a value out of a file may have any length."""
+    """The text in one line, without its middle where nobody would read all of it: a value out of a file may have any
+    length."""
     half = _LONGEST // 2
-    return text if len(text) <= _LONGEST else f"{text[:half]} ... {text[-half:]}"
+    return one_line(text if len(text) <= _LONGEST else f"{text[:half]} ... {text[-half:]}")
 
 
 def shown(value: object) -> str:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     import numpy as np
 
 Answers = Mapping[str, Any]
-_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
+_NUMBER = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?")
 _YES_NO = dict.fromkeys(("y", "yes", "true"), True) | dict.fromkeys(("n", "no", "false"), False)
 
 

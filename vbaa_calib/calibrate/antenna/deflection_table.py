@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from decimal import Decimal
+from decimal import MAX_EMAX, Context, Decimal
 from pathlib import Path
 
 import numpy as np
@@ -46,7 +46,9 @@ def read_deflections(path: Path, force_N: float, distance_m: float) -> Deflectio
     _check_positions(x, distance_m, places)
     _check_deflections(loaded - unloaded, x, force_N, distance_m, places, path)
     # the power of ten of the last digit that is written down: -3 for 0.120 and for 5e-3
-    finest = min(int(Decimal(row[name]).as_tuple().exponent) for row in rows for name in _COLUMNS[1:])
+    silent = Context(traps=[])  # of an exponent beyond decimals nothing is known
+    digits = [Decimal(row[name], silent).as_tuple().exponent for row in rows for name in _COLUMNS[1:]]
+    finest = min(exponent if isinstance(exponent, int) else -MAX_EMAX for exponent in digits)
     return DeflectionTable(x, unloaded, loaded, 10.0**finest)
 
 
