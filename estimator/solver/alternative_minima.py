@@ -27,8 +27,6 @@ _NEAR, _BEYOND = 0.4, 0.15
 _APART, _FIRST, _GO_ON, _MORE = 6, 5, 2, 12
 """A search for whatever is near begins at every sixth distance of the grid; iterations of each; how many of them go on,
 and for how many more."""
-_LARGE_LOAD = 3.0
-"""F·l²/EI: the small deflections from which the search begins ask for far too much where the antenna is bent far."""
 _DISTINGUISHABLE = 5.0
 """Moments that differ by fewer deviations do not distinguish a contact from its mirror image."""
 
@@ -125,15 +123,11 @@ def nearest_shape(exact, lens, frame, grid, start, far, scatter, nearest):
     starts[1, 0] = start[0]
     for k in range(2, count):
         g = (k - 1) * _APART - 1
-        start_at(grid, g, g, 0.0, starts[k])
+        start_at(exact, grid, g, g, 0.0, starts[k])
     least = np.inf
     for turn in range(count + _GO_ON):
         k = turn if turn < count else int(np.argmin(lefts))
         put(starts[k], unknowns)
-        if turn < count:
-            load = exact.unit_load * np.hypot(unknowns[1], unknowns[2]) * unknowns[0] * unknowns[0]
-            for axis in range(1, 3):
-                unknowns[axis] *= min(_LARGE_LOAD / max(load, 1e-12), 1.0)
         if turn == 1:
             frame.available = np.zeros(3)
         iterations = _FIRST if turn < count else _MORE

@@ -32,6 +32,8 @@ _FREE = 0.5
 """The free antenna is a contact here without a force: it only places the nodes."""
 STARTS = 2
 """Minima that are searched for each frame."""
+_LARGEST_LOAD = 3.0
+"""F·l²/EI of a start: where the antenna is bent far, small deflections ask for a force many times too large."""
 _ALONG = aligned_arclength(np.array([_FREE]), 1.0)[0]
 _DISTANCES = _NEAREST + (1.0 - _NEAREST) * np.arange(GRID) / (GRID - 1)
 _NEAR, _FAR = np.minimum(_ALONG[:, None], _DISTANCES), np.maximum(_ALONG[:, None], _DISTANCES)
@@ -289,8 +291,16 @@ def largest_gain(grid):
 
 
 @compiled
-def start_at(grid, g, beside, part, start):
-    """Unknowns (4,) at a part of the way from one distance of the grid to another."""
+def limit_load(rig, start):
+    """Reduce the force of a start (4,) that is too large to be one for large deflections."""
+    load = rig.unit_load * np.hypot(start[1], start[2]) * start[0] * start[0]
+    for axis in range(1, 3):
+        start[axis] *= min(_LARGEST_LOAD / max(load, 1e-12), 1.0)
+
+
+@compiled
+def start_at(rig, grid, g, beside, part, start):
+    """Unknowns (4,) at a part of the way from one distance of the grid to another, the force within `limit_load`."""
     here, there = grid.distance[g], grid.distance[beside]
     distance = here + part * (there - here)
     start[0], start[3] = distance, 0.0
@@ -301,10 +311,11 @@ def start_at(grid, g, beside, part, start):
         force = (sway + part * (sway_there - sway)) / (distance * distance * (3.0 - distance))
         # where no force could be fitted the free antenna is as good a start as any
         start[1 + axis] = force if np.isfinite(force) else 0.0
+    limit_load(rig, start)
 
 
 @compiled
-def lowest_of_grid(grid, starts, costs):
+def lowest_of_grid(rig, grid, starts, costs):
     """Unknowns (S, 4) at the lowest local minima over the grid, lowest first, and their costs (S,), else infinite."""
     fill(costs, np.inf)
     gain, places = grid.gain, np.zeros(len(costs), np.int64)
@@ -324,7 +335,7 @@ def lowest_of_grid(grid, starts, costs):
             if bend > 0.0:
                 part = min(max(0.5 * (gain[g + 1] - gain[g - 1]) / bend, -0.5), 0.5)
             beside = g - 1 if part < 0.0 else g + 1
-        start_at(grid, g, beside, abs(part), starts[k])
+        start_at(rig, grid, g, beside, abs(part), starts[k])
 
 
 @compiled

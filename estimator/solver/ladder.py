@@ -27,6 +27,7 @@ from .initialization import (
     free_antenna,
     grid_search,
     largest_gain,
+    limit_load,
     lowest_of_grid,
     start_at,
     warm_start,
@@ -135,7 +136,7 @@ def _solve_frame(rig, exact, frame, model, warm, pieces_m, numbers, index, work)
         coarse_minimum(rig, frame, rung, best, work, False, MOST_SCATTER, 0)
         uncertainty(best, found, work)
     else:
-        ambiguous = _fit_on_rung(rig, frame, rung, grid, starts, costs, found, other, other_cost, work)
+        ambiguous = _fit_on_rung(rig, exact, frame, rung, grid, starts, costs, found, other, other_cost, work)
     problem = best
     if rung != REFERENCE:
         # residuals of the highest rung, whose shapes are right
@@ -196,11 +197,13 @@ def _find_starts(rig, frame, warm, always, starts, costs, work):
     free_antenna(rig, frame, free, work)
     few, every = thinned(frame, _COARSE_POINTS)
     grid = grid_search(rig, frame, free, every, work)
-    lowest_of_grid(grid, starts, costs)
+    lowest_of_grid(rig, grid, starts, costs)
     warm_start(grid, warm, starts, costs)
     if always or np.isfinite(costs[-1]):
         feet = free.foot_m[::every].copy()
         _coarse_minima(rig, work.bent.lens, few, LINEAR, feet, COARSE_ITERATIONS, starts, costs)
+        for k in range(0 if always else STARTS):
+            limit_load(rig, starts[k])
     return grid
 
 
@@ -237,7 +240,7 @@ def _coarse_minima(rig, lens, frame, rung, feet_m, iterations, starts, costs):
 
 
 @compiled
-def _fit_on_rung(rig, frame, rung, grid, starts, costs, found, other, other_cost, work):
+def _fit_on_rung(rig, exact, frame, rung, grid, starts, costs, found, other, other_cost, work):
     """The best of a frame's minima on a rung and its uncertainty. Returns whether its mirror image looks like it."""
     best, distinct = work.best, largest_gain(grid) > _FAINT
     put(starts[0], best.unknowns)
@@ -249,7 +252,7 @@ def _fit_on_rung(rig, frame, rung, grid, starts, costs, found, other, other_cost
         if np.isfinite(costs[k]) and distinct:
             try_start(rig, frame, rung, starts[k].copy(), best, other, other_cost, work)
     if distinct:
-        _search_lost(rig, frame, rung, grid, best, other, other_cost, work)
+        _search_lost(rig, exact, frame, rung, grid, best, other, other_cost, work)
     polish(rig, frame, rung, best, work)
     uncertainty(best, found, work)
     ambiguous = _significant(best.unknowns, found.covariance) and mirror_ambiguous(rig, frame, best)
@@ -274,8 +277,8 @@ def _significant(unknowns, covariance):
 
 
 @compiled
-def _search_lost(rig, frame, rung, grid, best, other, other_cost, work):
-    """Search a lost frame again: with new feet, then from all over the antenna."""
+def _search_lost(rig, exact, frame, rung, grid, best, other, other_cost, work):
+    """Search a lost frame again: with new feet, from all over the antenna, from the picture alone on the exact rig."""
     if not _lost(best):
         return
     try_start(rig, frame, rung, best.unknowns.copy(), best, other, other_cost, work)
@@ -285,8 +288,14 @@ def _search_lost(rig, frame, rung, grid, best, other, other_cost, work):
     count = (GRID + _WIDE_STEP - 1) // _WIDE_STEP
     starts, costs = np.empty((count, UNKNOWNS)), np.zeros(count)
     for k in range(count):
-        start_at(grid, k * _WIDE_STEP, k * _WIDE_STEP, 0.0, starts[k])
+        start_at(rig, grid, k * _WIDE_STEP, k * _WIDE_STEP, 0.0, starts[k])
     _coarse_minima(rig, work.bent.lens, frame, max(rung, ELASTICA), np.empty(0), _WIDE_ITERATIONS, starts, costs)
+    try_start(rig, frame, rung, starts[0].copy(), best, other, other_cost, work)
+    if not _lost(best):
+        return
+    few, every = thinned(frame, _COARSE_POINTS)
+    _, scatter = largest_error(rig, work.free, every)
+    nearest_shape(exact, work.bent.lens, few, grid, best.unknowns.copy(), 0.0, scatter, starts[0])
     try_start(rig, frame, rung, starts[0].copy(), best, other, other_cost, work)
 
 

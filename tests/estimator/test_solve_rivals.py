@@ -14,7 +14,7 @@ from vbaa_calib.rig import Rig
 from vbaa_calib.session import MomentSensor
 
 from ..rod_scenes import World, camera_pose
-from .contact_scenes import answered, rubbed, scene_deviations, withheld
+from .contact_scenes import RIG, RIG_STD, answered, rubbed, scene_deviations, withheld
 
 UPRIGHT = World(camera_pose(0.0)).rig(np.zeros(17))
 TOWARDS_CLAMP = World(camera_pose(0.785, np.pi)).rig(np.zeros(17))
@@ -86,6 +86,19 @@ def test_vision_alone_is_never_confident_and_wrong(rig: Rig, slope: float) -> No
     assert off.max() < 6.0
     assert (found.status == "failed").mean() <= 0.05
     assert np.isnan(found.moment_residual_Nm).all()
+
+
+@pytest.mark.parametrize(
+    ("rig", "least"), [(RIG, 0.93), (World(camera_pose(1.1, 1.0)).rig(0.25 * RIG_STD), 0.8)], ids=["usual", "inclined"]
+)
+def test_an_antenna_that_is_bent_far_is_found_from_small_deflections(rig: Rig, least: float) -> None:
+    rng, count = np.random.default_rng(4), 60
+    contact, slope = rng.uniform(0.3, 0.95, count), rng.uniform(60.0, 80.0, count)
+    given = rubbed(rig, contact, slope, 0.0, rng.uniform(-np.pi, np.pi, count)).noisy(rng)
+    found = answered(given)
+    good = found.status == "ok"
+    assert good.mean() > least
+    assert np.abs(scene_deviations(found, given)[good]).max() < 4.5
 
 
 def about_z(given: Scenes, rig: Rig) -> np.ndarray:
