@@ -144,21 +144,60 @@ def test_a_contact_is_picked_stepped_to_and_measured_from(scene: Scene, no_openg
     stage = Stage(scene, all_parts(scene))
     controls = Controls(stage, "force")
     points = scene.contacts.points_m
-    controls.pick_near(points[7] + 1e-6)
-    assert controls.contact == 7
+    controls.pick(7)
     assert scene.instants.row[controls.instant] == scene.contacts.row[7]
     assert scene.contacts.words[7] in stage.plotter.actors["numbers"].GetText(6)
-    controls.pick_near(points[7] + [1.0, 0, 0])
-    assert controls.contact == 7, "a click on nothing picks nothing"
     controls.measure()
     controls.step(1)
     away = 1e3 * np.linalg.norm(points[8] - points[7])
-    assert f"{away:.2f} mm from" in stage.plotter.actors["numbers"].GetText(6)
+    assert f"{away:.2f} ± " in stage.plotter.actors["numbers"].GetText(6)
+    assert "mm from frame" in stage.plotter.actors["numbers"].GetText(6)
     controls.measure()
     controls.pick(-1)
     assert controls.contact == len(points) - 1
     assert " mm from frame" not in stage.plotter.actors["numbers"].GetText(6)
     stage.plotter.close()
+
+
+@pytest.mark.parametrize("close", [False, True])
+def test_a_click_takes_the_contact_that_is_drawn_there(scene: Scene, no_opengl: None, close: bool) -> None:
+    """By rays of a pinhole camera, worked out here without VTK's matrices."""
+    stage = Stage(scene, all_parts(scene), size=(700, 500))
+    controls, points = Controls(stage, "force"), scene.contacts.points_m
+    controls.close = not close
+    controls.look_closer()
+    camera = stage.plotter.camera
+    centre = np.array(camera.position)
+    ahead = np.subtract(camera.focal_point, centre) / camera.distance
+    right = np.cross(ahead, camera.up) / np.linalg.norm(np.cross(ahead, camera.up))
+    up = np.cross(right, ahead)
+    scale = 250 / np.tan(np.radians(camera.view_angle / 2))
+    offset = points - centre
+    pixels = [350, 250] + scale * np.column_stack([offset @ right, offset @ up]) / (offset @ ahead)[:, None]
+    for index, (x, y) in enumerate(pixels):
+        ray = ahead + (x - 350) / scale * right + (y - 250) / scale * up
+        along = offset @ ray / np.linalg.norm(ray)
+        inside = scene.ball_m**2 - (offset**2).sum(axis=1) + along**2
+        front = np.where(inside >= 0, along - np.sqrt(np.maximum(inside, 0)), np.inf).argmin()
+        assert controls.contact_at(x, y) == front
+        assert close or controls.contact_at(x + 40, y + 400) is None, index
+    stage.plotter.close()
+
+
+def test_the_window_shows_what_the_camera_saw(scene: Scene, no_opengl: None) -> None:
+    scene = replace(scene, pictures=(np.zeros((240, 320, 3), np.uint8),) * len(scene.instants))
+    controls = Controls(Stage(scene, all_parts(scene)), "force")
+    for contact in (0, 40):
+        controls.pick(contact)
+        picture, over = scene.pictures[controls.instant], controls.seen()
+        assert picture is not None
+        assert over is not None
+        changed = np.argwhere((picture != over).any(axis=-1))
+        assert 0 < len(changed) < 0.1 * picture.shape[0] * picture.shape[1]
+        assert scene.rig is not None
+        place = scene.rig.seen[controls.instant, -1] * picture.shape[1::-1]
+        assert np.linalg.norm(changed[:, ::-1] - place, axis=1).min() < 2
+    controls.plotter.close()
 
 
 @pytest.mark.parametrize("screen", [(1400, 900), (800, 600), (3840, 2160), (0, 0)])

@@ -8,6 +8,7 @@ import select
 import shutil
 import subprocess
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,7 @@ OPTIONS = (
 class Browser:
     """One page. Chromium reads commands from descriptor 3 and tells what happens on 4, each ended by a zero byte."""
 
-    def __init__(self, profile: Path) -> None:
+    def __init__(self, profile: Path, *options: str) -> None:
         there, self._out = os.pipe()
         self._in, back = os.pipe()
 
@@ -36,7 +37,7 @@ class Browser:
             os.dup2(writing, 4)
 
         self.process = subprocess.Popen(
-            [str(BROWSER), *OPTIONS, f"--user-data-dir={profile}", "about:blank"],
+            [str(BROWSER), *OPTIONS, *options, f"--user-data-dir={profile}", "about:blank"],
             preexec_fn=descriptors,
             close_fds=False,
             stdout=subprocess.DEVNULL,
@@ -106,8 +107,13 @@ class Browser:
             " e.scrollIntoView({block: 'center'}); const b = e.getBoundingClientRect();"
             " return [b.x + b.width / 2, b.y + b.height / 2]; })()"
         )
-        for kind in ("mousePressed", "mouseReleased"):
-            self.send("Input.dispatchMouseEvent", type=kind, x=box[0], y=box[1], button="left", clickCount=1)
+        self.drag(box)
+
+    def drag(self, *places: Sequence[float]) -> None:
+        """Press the mouse at the first place (x, y), move over the others, release it at the last: a click at one."""
+        kinds = ["mousePressed", *["mouseMoved"] * (len(places) - 1), "mouseReleased"]
+        for kind, (x, y) in zip(kinds, [*places, places[-1]], strict=True):
+            self.send("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", buttons=1, clickCount=1)
 
     def type(self, words: str) -> None:
         """Where the focus is."""
@@ -120,9 +126,10 @@ class Browser:
         self.send("Input.dispatchKeyEvent", type="keyDown", text=text, **common)
         self.send("Input.dispatchKeyEvent", type="keyUp", **common)
 
-    def size(self, width: int, height: int) -> None:
-        """Of the window."""
-        self.send("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
+    def size(self, width: int, height: int, dense: int = 1) -> None:
+        """Of the window, on a screen of this many pixels per CSS pixel along a side."""
+        look = {"width": width, "height": height, "deviceScaleFactor": dense, "mobile": False}
+        self.send("Emulation.setDeviceMetricsOverride", **look)
 
     def complaints(self) -> list[str]:
         """Errors that the page's scripts or its security policy raised."""

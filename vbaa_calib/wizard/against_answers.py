@@ -8,7 +8,8 @@ from vbaa_calib.calibrate.pose.board_pose import BoardPose, solve_board_pose
 from vbaa_calib.calibrate.pose.fusion import fused
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import Diagnosis, InputError, VbaaError
-from vbaa_calib.detect.board.corners import BoardView
+from vbaa_calib.detect.board.corners import BoardView, detect_corners
+from vbaa_calib.detect.quality.screen import LEAST_CORNERS
 from vbaa_calib.geometry import Pose
 from vbaa_calib.session import Still
 
@@ -23,19 +24,31 @@ _THICKNESSES_MM = (0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0)
 _JIG_REMEDY = "correct jig_translation_mm, jig_board_x, jig_board_y or board_thickness_mm: type `key = value`"
 
 
+def jig_moved(state: SessionState, corners_px: np.ndarray, ids: np.ndarray) -> str:
+    """How far corners (N, 2) px with ids (N,) are from the jig's first picture: "by 59 px"; "" if they stand still."""
+    taken = state.views("plane")
+    if not taken:
+        return ""
+    _, here, there = np.intersect1d(ids, taken[0].ids, return_indices=True)
+    off_px = np.linalg.norm(corners_px[here] - taken[0].corners_px[there], axis=-1)
+    if len(off_px) and np.median(off_px) <= _MOVED_PX:
+        return ""
+    return f"by {np.median(off_px):.0f} px" if len(off_px) else "wholly"
+
+
+def board_in_the_way(state: SessionState, image: np.ndarray) -> str:
+    """Why a picture (H, W) uint8 is not of the antenna: the jig's board is in it; or ""."""
+    if state.store.folder("plane") != "plane" or len(detect_corners(image, state.board, "").ids) < LEAST_CORNERS:
+        return ""
+    return "the board is still in the picture; take it and its jig away"
+
+
 def jig_refusal(state: SessionState, view: BoardView, fast: bool) -> str:
     """Why a picture cannot be of the board in its jig, or "". fast : without solving for the board's pose."""
-    taken = state.views("plane")
-    if taken:
-        first = taken[0]
-        _, here, there = np.intersect1d(view.ids, first.ids, return_indices=True)
-        off_px = np.linalg.norm(view.corners_px[here] - first.corners_px[there], axis=-1)
-        if not len(off_px) or np.median(off_px) > _MOVED_PX:
-            how = f"by {np.median(off_px):.0f} px" if len(off_px) else "wholly"
-            return (
-                f"the board has moved {how} since {first.name}, and the jig stands still: is it of the jig? "
-                f"If {first.name} is not, type redo"
-            )
+    if how := jig_moved(state, view.corners_px, view.ids):
+        first = state.views("plane")[0].name
+        moved = f"the board has moved {how} since {first}, and the jig stands still"
+        return f"{moved}: is it of the jig? If {first} is not, type redo"
     if fast:
         return ""
     lens = state.lens()

@@ -9,8 +9,10 @@ from typing import Any
 from vbaa_calib.calibrate.faults.loads import typed_load_diagnoses
 from vbaa_calib.core.errors import Diagnosis, InputError
 from vbaa_calib.core.images import read_gray
+from vbaa_calib.detect.quality.screen import LEAST_CORNERS
 from vbaa_calib.session import Load, Still
 
+from .against_answers import jig_moved
 from .questions import PICTURES, Question, ReadingsTable, asked, complete, in_si, line_of, split_line
 from .session_state import SessionState, still_of
 from .sources import Picture, Source
@@ -154,6 +156,8 @@ class Capture:
         assert picture.time_s is not None
         stillness = self.detector.feed(picture.image, picture.time_s, check.corners_px, check.ids)
         self.ui.live(LivePicture(picture.image, check, stillness.share, stillness.words))
+        if stillness.take and self._jig_begins(check):
+            check = self._check(picture, None)
         by_hand, self.by_hand = self.by_hand, False
         if not stillness.take and not by_hand:
             return
@@ -172,6 +176,17 @@ class Capture:
                 self._decide(picture)
         if self.as_it_stands:
             self.detector.rearm()
+
+    def _jig_begins(self, check: PictureCheck) -> bool:
+        """Whether the board came into its jig only now: it has moved since, and what was taken is set aside."""
+        if not self.as_it_stands or (self.progress is not None and self.progress.enough):
+            return False
+        how = jig_moved(self.state, check.corners_px, check.ids) if len(check.ids) >= LEAST_CORNERS else ""
+        for taken in self.state.taken(self.step.name) if how else ():
+            self.ui.say(f"set aside {taken.file}: the board has moved {how} since, so it was not in its jig yet")
+            self.store.drop(self.step.name, taken)
+            self.progress = None
+        return bool(how)
 
     def _check(self, picture: Picture, readings: Readings | None) -> PictureCheck:
         assert self.step.check is not None

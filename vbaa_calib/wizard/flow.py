@@ -16,7 +16,7 @@ from .asking import answer_all, change, set_unlisted_aside, take_back
 from .capture import GO_ON, Capture, NoMorePictures
 from .questions import BOARD_ANSWERS, BY_KEY, PICTURES, SOURCES, STEPS, Question, ReadingsTable, read_table, table_of
 from .session_state import SessionState
-from .sources import Source, SourceLost, open_source
+from .sources import Source, SourceLost, VideoSource, open_source
 from .steps import REPORT, RIG, STEP_BY_NAME, Report, Step, conclude
 from .store import Store
 from .ui import Interrupted, Ui
@@ -192,12 +192,24 @@ def _open(store: Store, ui: Ui, step: Step) -> Source:
             judged = () if os.path.isfile(text) else record.judged | before
             if "://" not in text and is_bag(Path(text.partition("#")[0])):
                 return BagPictures(text)
-            return open_source(text, judged, ui.interactive)
+            source = open_source(text, judged, ui.interactive)
+            if isinstance(source, VideoSource) and (start := _start_in(store, step.name, text)):
+                ui.say(f"of {source.name} the frames from {start} on: the steps before took theirs")
+                while source.at[0] < start and not source.ended:
+                    source.skip()
+            return source
         except InputError as error:
             if not ui.interactive:
                 raise
             ui.wrong(str(error))
         _ask_for_source(store, ui, step.name)
+
+
+def _start_in(store: Store, step: str, text: str) -> int:
+    """The frame of a video at which a step begins: behind those that the steps before judged in the same video."""
+    before = list(PICTURES)[: list(PICTURES).index(step)]
+    names = {name for other in before if _source_text(store, other) == text for name in store.journal.of(other).judged}
+    return max((1 + int(name.split()[1]) for name in names if name.startswith("frame ")), default=0)
 
 
 def _pictures_in(text: str) -> list[Path]:

@@ -29,7 +29,7 @@ from vbaa_calib.detect.quality.hints import picture_hints, wrong_board
 from vbaa_calib.detect.quality.screen import LEAST_CORNERS
 from vbaa_calib.session import load_session
 
-from .against_answers import camera_distance, jig_refusal, thickness_that_shows_it
+from .against_answers import board_in_the_way, camera_distance, jig_refusal, thickness_that_shows_it
 from .questions import PICTURES
 from .session_state import SessionState, still_of
 from .sources import Picture
@@ -142,13 +142,13 @@ def _check_plane(state: SessionState, picture: Picture, readings: Readings | Non
 
 
 def _check_antenna(step: str, state: SessionState, picture: Picture, readings: Readings | None) -> PictureCheck:
-    """Whether the antenna is found in a picture; previews are not searched."""
+    """Whether the antenna is found in a picture; without readings, whether it is worth asking for them."""
     height, width = picture.image.shape
     changed = _other_size(state, (width, height))
     if changed is not None:
         return PictureCheck(str(changed), hints=(changed,))
-    if readings is None:
-        return PictureCheck()
+    if not readings:
+        return PictureCheck(board_in_the_way(state, picture.image))
     path = Path(picture.name)
     still, image = still_of(step, path, readings), read_picture(path, picture.data)
     try:

@@ -138,6 +138,7 @@ class _Settings:
     step_px, speed_px_s : motion between frames that counts as none, whichever is more: 30 px/s blur 1/60 s by 0.5 px.
     drift_px, clear_px : the same against the hold's first frame; motion that must follow a taken frame.
     All px for pictures up to 1280 px wide, in proportion above. sharp_share : of the hold's sharpest frame.
+    same : whether what looks like the taken frame is taken again, once it has moved.
     """
 
     hold_s: float = 0.7
@@ -148,10 +149,11 @@ class _Settings:
     clear_px: float = 12.0
     gap_s: float = 1.0
     sharp_share: float = 0.9
+    same: bool = False
 
 
-ON_A_STAND = _Settings(speed_px_s=0.0, drift_px=1.5, clear_px=6.0)
-"""For an antenna with a load, which may still vibrate while all else is at rest."""
+ON_A_STAND = _Settings(speed_px_s=0.0, drift_px=1.5, clear_px=6.0, same=True)
+"""For an antenna, which may still vibrate while all else is at rest, and looks the same at all angles of the joints."""
 
 
 @dataclass(frozen=True)
@@ -231,7 +233,8 @@ class StillnessDetector:
         share = min((held_s + 1e-3) / settings.hold_s, hold.frames / settings.hold_frames)
         if share < 1:
             return Stillness(share, False, "hold still")
-        if self._taken is not None and _motion_px(frame, self._taken) <= 2 * settings.step_px * scale:
+        before = None if settings.same else self._taken
+        if before is not None and _motion_px(frame, before) <= 2 * settings.step_px * scale:
             return Stillness(0.0, False, "nothing has changed since the last picture: move on")
         if frame.sharpness < settings.sharp_share * hold.best:
             if held_s > 2 * settings.hold_s:

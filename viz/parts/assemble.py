@@ -41,7 +41,7 @@ def _contact_parts(scene: Scene) -> list[Part]:
     count = len(contacts.points_m)
     chosen = thinned(np.arange(count), _MOST_BALLS)
     note = f"{len(chosen)} of {count}" if len(chosen) < count else ""
-    size = 0.02 * reach * np.eye(3)
+    size = scene.ball_m * np.eye(3)
     sphere = ball(2 if len(chosen) <= 400 else 1)
     parts = [_stamped(scene, "contacts", chosen, sphere, size, note=note)]
     if scene.framewise_m is not None:

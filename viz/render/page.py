@@ -110,11 +110,12 @@ def _base64(data: bytes) -> str:
 
 
 def _contacts(scene: Scene) -> dict[str, Any]:
-    """Where each contact is, the instant nearest to its frame, its covariance and its numbers in words."""
+    """Where each contact is and how large its ball, the instant nearest to its frame, covariance, numbers in words."""
     contacts = scene.contacts
     nearest = np.abs(scene.instants.row[:, None] - contacts.row).argmin(axis=0)
     return {
         "points": np.round(contacts.points_m, 7).tolist(),
+        "radius": scene.ball_m,
         "covariances": [None if not np.isfinite(one).all() else one.ravel().tolist() for one in contacts.covariance_m2],
         "moments": nearest.tolist(),
         "words": contacts.words,

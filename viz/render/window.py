@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from itertools import count
 from pathlib import Path
+from typing import Any
 
+import cv2
 import numpy as np
 import pyvista as pv
 
@@ -19,8 +20,12 @@ from .stage import Stage, quiet
 
 _HELP = (
     "c: colour by force, time, uncertainty    a: contacts of all instants, or up to this one    q: close\n"
-    "left click or n, b: a contact's numbers    m: measure from it    g: save the picture"
+    "left click or n, b: a contact's numbers    m: measure from it    z: close up, or all    g: save the picture"
 )
+_LINE, _CONTACT = (34, 211, 238), (250, 204, 21)
+"""RGB of the fitted antenna and the contact in the camera's picture."""
+_NEAR = 18
+"""Pixels beside a contact's ball at which a click still takes it."""
 _SIZE, _SHARE = (1400, 1000), 0.85
 """Of the window; at most this share of the screen."""
 
@@ -53,7 +58,10 @@ class Controls:
     def __init__(self, stage: Stage, mode: str) -> None:
         self.stage, self.plotter = stage, stage.plotter
         self.mode, self.instant, self.everything = mode, stage.scene.instants.main, True
+        self.close, self._pressed = False, (0, 0)
         self._bar: str | None = None
+        self._slider: Any = None
+        self._inset: Any = None
         self.contact: int | None = None
         self.measured_from: int | None = None
 
@@ -64,12 +72,34 @@ class Controls:
         self.instant = int(np.abs(scene.instants.row - scene.contacts.row[self.contact]).argmin())
         self.refresh()
 
-    def pick_near(self, point: Sequence[float]) -> None:
-        """The contact nearest to a point (3,) m that was clicked, if it is as near as its mark is large."""
-        scene = self.stage.scene
-        away = np.linalg.norm(scene.contacts.points_m - np.asarray(point), axis=1)
-        if away.min() < 0.06 * scene.bounding_ball_m[1]:
-            self.pick(int(away.argmin()))
+    def contact_at(self, x: float, y: float) -> int | None:
+        """The contact whose ball is drawn at a pixel, from the lower left; beside all balls, the nearest one."""
+        scene, camera, size = self.stage.scene, self.plotter.camera, np.array(self.plotter.render_window.GetSize())
+        view = pv.array_from_vtkmatrix(camera.GetModelViewTransformMatrix())
+        projection = pv.array_from_vtkmatrix(camera.GetProjectionTransformMatrix(size[0] / size[1], -1, 1))
+
+        def pixels(seen: np.ndarray) -> np.ndarray:
+            drawn = seen @ projection[:, :3].T + projection[:, 3]
+            return (1 + drawn[:, :2] / drawn[:, 3:]) * size / 2
+
+        seen = scene.contacts.points_m @ view[:3, :3].T + view[:3, 3]
+        places = pixels(seen)
+        away = np.linalg.norm(places - [x, y], axis=1)
+        if not self.everything:
+            away[scene.contacts.row > scene.instants.row[self.instant]] = np.inf
+        part = away / (pixels(seen + np.array([scene.ball_m, 0, 0])) - places)[:, 0]
+        if (part < 1).any():
+            depth = -seen[:, 2] - scene.ball_m * np.sqrt(np.maximum(1 - part**2, 0))
+            return int(np.where(part < 1, depth, np.inf).argmin())
+        return int(away.argmin()) if away.min() < _NEAR else None
+
+    def _click(self, _: object, event: str) -> None:
+        """Pick what was clicked, unless the mouse turned the scene between press and release."""
+        place = self.plotter.iren.get_event_position()
+        if event == "LeftButtonPressEvent":
+            self._pressed = place
+        elif np.hypot(*np.subtract(self._pressed, place)) < 4 and (contact := self.contact_at(*place)) is not None:
+            self.pick(contact)
 
     def step(self, by: int) -> None:
         """The next contact, or the one before."""
@@ -92,18 +122,48 @@ class Controls:
         words = contacts.words[self.contact]
         if self.measured_from is None:
             return words
-        length_mm = 1e3 * np.linalg.norm(contacts.points_m[self.contact] - contacts.points_m[self.measured_from])
-        return f"{words}\n{length_mm:.2f} mm from {contacts.words[self.measured_from].partition(',')[0]}"
+        between = contacts.points_m[self.contact] - contacts.points_m[self.measured_from]
+        length = float(np.linalg.norm(between))
+        along = between / (length or 1.0)
+        both = contacts.covariance_m2[self.contact] + contacts.covariance_m2[self.measured_from]
+        std = np.sqrt(max(float(along @ both @ along), 0.0))
+        spread = f" ± {1e3 * std:.2g}" if std > 0 else ""
+        return f"{words}\n{1e3 * length:.2f}{spread} mm from {contacts.words[self.measured_from].partition(',')[0]}"
 
     def _mark(self) -> None:
         scene = self.stage.scene
         chosen = [index for index in (self.measured_from, self.contact) if index is not None]
         points = scene.contacts.points_m[chosen]
-        self.plotter.remove_actor("marks", render=False)
+        self.plotter.remove_actor(["marks", "measured"], render=False)
+        look = {"color": INK, "reset_camera": False, "render": False, "pickable": False}
         if chosen:
-            mesh = pv.MultipleLines(points) if len(chosen) == 2 else pv.PolyData(points)
-            look = {"color": INK, "point_size": 16, "line_width": 3, "render_points_as_spheres": True}
-            self.plotter.add_mesh(mesh, name="marks", reset_camera=False, render=False, pickable=False, **look)
+            balls = {"point_size": 16, "render_points_as_spheres": True}
+            self.plotter.add_mesh(pv.PolyData(points), name="marks", **balls, **look)
+        if len(chosen) == 2:
+            self.plotter.add_mesh(pv.MultipleLines(points), name="measured", line_width=3, **look)
+
+    def look_closer(self) -> None:
+        """The contacts close up; if they are, all."""
+        self.close = not self.close
+        if self.close:
+            self.stage.look_at_contacts(parallel=False)
+        else:
+            self.stage.look_at_all()
+        self.plotter.render()
+
+    def seen(self) -> np.ndarray | None:
+        """(H, W, 3) uint8: what the camera saw at this instant, the fitted antenna and the contact drawn over it."""
+        scene = self.stage.scene
+        picture = scene.pictures[self.instant] if scene.pictures else None
+        if picture is None or scene.rig is None:
+            return None
+        over, size = picture.copy(), picture.shape[1::-1]
+        places = scene.rig.seen[self.instant] * size
+        line, contact = places[:-1][np.isfinite(places[:-1]).all(axis=1)], places[-1]
+        cv2.polylines(over, [np.round(16 * line).astype(np.int32)], False, _LINE, 2, cv2.LINE_AA, shift=4)
+        if np.isfinite(contact).all():
+            cv2.circle(over, np.round(16 * contact).astype(int).tolist(), 16 * 5, _CONTACT, -1, cv2.LINE_AA, shift=4)
+        return over
 
     def go(self, instant: float) -> None:
         """Show the instant nearest to the slider's value."""
@@ -129,9 +189,14 @@ class Controls:
             f"{instants.time_s[now]:.2f} s, frame {instants.frame[now]}: {instants.words[now]}\n"
             f"contacts and forces coloured by {self.mode}\n{_HELP}"
         )
-        self.plotter.add_text(words, position="upper_left", font_size=10, color=INK, name="words")
-        self.plotter.add_text(self._numbers(), position="left_edge", font_size=9, color=INK, name="numbers")
+        for name, text, place, size in (
+            ("words", words, "upper_left", 10),
+            ("numbers", self._numbers(), "left_edge", 9),
+        ):
+            shown = self.plotter.add_text(text, position=place, font_size=size, color=INK, name=name, render=False)
+            shown.prop.background_color, shown.prop.background_opacity = "white", 0.8
         self._mark()
+        self._follow()
         scale = contact_scale(self.stage.scene, self.mode)
         if self._bar is not None:
             self.plotter.remove_scalar_bar(self._bar)
@@ -143,22 +208,48 @@ class Controls:
         text = {"n_labels": 3, "fmt": "%.4g", "title_font_size": 16, "label_font_size": 14}
         self.plotter.add_scalar_bar(self._bar, mapper=mapper, color=INK, **place, **text)
 
+    def _follow(self) -> None:
+        """Slider and camera's picture of this instant."""
+        if self._slider is not None:
+            self._slider.GetRepresentation().SetValue(self.instant)
+        if self._inset is None:
+            return
+        seen, representation = self.seen(), self._inset.GetRepresentation()
+        representation.SetVisibility(seen is not None)
+        if seen is not None:
+            image = pv.ImageData(dimensions=(*seen.shape[1::-1], 1))
+            image.point_data["rgb"] = seen[::-1].reshape(-1, 3)
+            representation.SetImage(image)
+
     def add_to_window(self) -> None:
-        """Slider, keys and legend."""
+        """Slider, keys, legend and the camera's picture."""
         instants = self.stage.scene.instants
         if len(instants) > 1:
             ends, place = (0, len(instants) - 1), {"pointa": (0.30, 0.07), "pointb": (0.95, 0.07)}
             look = {"style": "modern", "slider_width": 0.02, "tube_width": 0.006, "title_height": 0.018}
             words = {"title": "instant", "fmt": "%.0f", "color": INK}
-            self.plotter.add_slider_widget(self.go, ends, value=instants.main, **words, **place, **look)
+            self._slider = self.plotter.add_slider_widget(self.go, ends, value=instants.main, **words, **place, **look)
         self.plotter.add_key_event("c", self.next_mode)
         self.plotter.add_key_event("a", self.toggle_everything)
         self.plotter.add_key_event("n", lambda: self.step(1))
         self.plotter.add_key_event("b", lambda: self.step(-1))
         self.plotter.add_key_event("m", self.measure)
         self.plotter.add_key_event("g", self.save)
-        self.plotter.track_click_position(self.pick_near, side="left")
+        self.plotter.add_key_event("z", self.look_closer)
+        for event in ("LeftButtonPressEvent", "LeftButtonReleaseEvent"):
+            self.plotter.iren.style.AddObserver(event, self._click)
+        if self.stage.scene.pictures:
+            self._inset = self.plotter.add_logo_widget(
+                pv.ImageData(dimensions=(2, 2, 1)), position=(0.76, 0.6), size=(0.22, 0.27)
+            )
+            self._inset.ProcessEventsOff()
         rows = list({p.name: [f" {p.label}", p.colour] for p in self.stage.parts if p.contact is None}.values())
-        look = {"face": "rectangle", "bcolor": None, "loc": "lower left", "font_family": "arial"}
+        look = {
+            "face": "rectangle",
+            "bcolor": "white",
+            "background_opacity": 0.8,
+            "loc": "lower left",
+            "font_family": "arial",
+        }
         self.plotter.add_legend(rows, size=(0.27, 0.025 * len(rows)), **look)
         self.refresh()

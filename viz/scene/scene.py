@@ -134,6 +134,11 @@ class Scene:
         centre = (points.min(axis=0) + points.max(axis=0)) / 2
         return centre, max(float(np.linalg.norm(points - centre, axis=1).max()), 5e-3)
 
+    @property
+    def ball_m(self) -> float:
+        """Radius of the ball that is drawn at each contact."""
+        return 0.02 * self.bounding_ball_m[1]
+
 
 def build_scene(
     table: ContactTable,

@@ -101,21 +101,28 @@
     follow();
   }
 
-  function onScreen(point) {
-    const { clientWidth: width, clientHeight: height } = document.documentElement;
-    const seen = renderer.worldToView(...point);
-    const [x, y] = renderer.projectionToNormalizedDisplay(...renderer.viewToProjection(...seen, width / height));
-    return [x * width, (1 - y) * height];
+  // Where the drawing shows a place in the camera's frame: after a resize it is stretched until it is drawn anew.
+  function onScreen(seen) {
+    const canvas = document.querySelector(".content canvas");
+    const { left, top, width, height } = canvas.getBoundingClientRect();
+    const [x, y] = renderer.projectionToNormalizedDisplay(...renderer.viewToProjection(...seen, canvas.width / canvas.height));
+    return [left + x * width, top + (1 - y) * height];
   }
 
+  // The contact whose ball is drawn under the click; beside all balls, the one nearest to the click.
   function nearest(x, y) {
-    const away = story.contacts.points.map((point, index) => {
-      if (!view.everything && story.contacts.moments[index] > view.moment) return Infinity;
-      const [u, v] = onScreen(point);
-      return Math.hypot(u - x, v - y);
+    const { points, moments, radius } = story.contacts;
+    let [found, least] = [null, [1, near]];
+    points.forEach((point, index) => {
+      if (!view.everything && moments[index] > view.moment) return;
+      const seen = renderer.worldToView(...point);
+      const [u, v] = onScreen(seen);
+      const away = Math.hypot(u - x, v - y);
+      const part = away / (onScreen([seen[0] + radius, seen[1], seen[2]])[0] - u);
+      const rank = part < 1 ? [0, -seen[2] - radius * Math.sqrt(1 - part * part)] : [1, away];
+      if (rank[0] < least[0] || (rank[0] === least[0] && rank[1] < least[1])) [found, least] = [index, rank];
     });
-    const least = Math.min(...away);
-    return least < near ? away.indexOf(least) : null;
+    return found;
   }
 
   function step(by) {
@@ -160,7 +167,7 @@
     const place = (circle, index) => {
       circle.toggleAttribute("hidden", index === null);
       if (index === null) return null;
-      const [x, y] = onScreen(story.contacts.points[index]);
+      const [x, y] = onScreen(renderer.worldToView(...story.contacts.points[index]));
       circle.setAttribute("cx", x);
       circle.setAttribute("cy", y);
       return [x, y];
