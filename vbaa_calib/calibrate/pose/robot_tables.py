@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import math
 from itertools import permutations
 from pathlib import Path
 
@@ -53,8 +54,7 @@ def read_robot_poses(path: Path, euler: str | None = None) -> tuple[dict[str, Po
             raise InputError(what, where=where, remedy="give each view one row")
         places[name] = _PLACES[place] * np.array([number(row, column, path) for column in place])
         turns[name] = np.array([number(row, column, path) for column in turn])
-        if turn == _QUATERNION and abs(np.linalg.norm(turns[name]) - 1.0) > _UNIT:
-            length = np.linalg.norm(turns[name])
+        if turn == _QUATERNION and abs((length := math.hypot(*turns[name])) - 1.0) > _UNIT:
             raise InputError(f"the quaternion's length is {length:.3g}, not 1", where=where, remedy="mend the row")
     rotations = np.array(list(turns.values()))
 
