@@ -27,6 +27,8 @@ _EULER_WORDS = (
     "XYZ, ZYX (a KUKA's A B C), ZYZ (a Doosan's), …; in small letters about fixed axes (xyz: a FANUC's W P R)"
 )
 _UNIT = 0.02
+_LARGEST = 1e4
+"""In whatever unit."""
 
 
 def read_robot_poses(path: Path, euler: str | None = None) -> tuple[dict[str, Pose], dict[str, dict[str, Pose]]]:
@@ -54,6 +56,9 @@ def read_robot_poses(path: Path, euler: str | None = None) -> tuple[dict[str, Po
             raise InputError(what, where=where, remedy="give each view one row")
         places[name] = _PLACES[place] * np.array([number(row, column, path) for column in place])
         turns[name] = np.array([number(row, column, path) for column in turn])
+        for column in (*place, *turn):
+            if abs(float(row[column])) > _LARGEST:
+                raise InputError(f"{column} is {row[column]}", where=where, remedy="mend the row: no arm is posed so")
         if turn == _QUATERNION and abs((length := math.hypot(*turns[name])) - 1.0) > _UNIT:
             raise InputError(f"the quaternion's length is {length:.3g}, not 1", where=where, remedy="mend the row")
     rotations = np.array(list(turns.values()))
