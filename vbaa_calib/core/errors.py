@@ -66,7 +66,8 @@ def about(where: object) -> Iterator[None]:
 
 def one_line(text: str) -> str:
     """The text in one line, in which a name from outside moves no cursor and paints nothing."""
-    return "".join(each if each.isprintable() else "\N{REPLACEMENT CHARACTER}" for each in " ".join(text.splitlines()))
+    blank = (" " if each.isspace() else each for each in text)
+    return "".join(each if each.isprintable() else "\N{REPLACEMENT CHARACTER}" for each in blank)
 
 
 def clipped(text: str) -> str:
