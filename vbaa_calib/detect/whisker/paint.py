@@ -19,6 +19,7 @@ from vbaa_calib.core.robust import MAD_SCALE
 from .acceptance import LEAST_SEEN
 from .centreline import Centreline, Visibility
 from .finder import AntennaFinder
+from .profile import measure
 
 _OPPONENTS = ((0.5, 0.5, -1.0), (0.5, -1.0, 0.5), (-1.0, 0.5, 0.5))
 """Weights (b, g, r) of pictures that show one colour against the two others."""
@@ -70,6 +71,18 @@ class Paint:
     def find(self, finder: AntennaFinder, image: np.ndarray) -> Centreline:
         """The centreline in a grey or colour picture."""
         return finder.find(self.plane(image), self.bright)
+
+    def by_edges(self, image: np.ndarray, line: Centreline, guide_px: np.ndarray, width_px: float) -> Centreline:
+        """The centreline in a picture, measured near a guide (K, 2) by both of the antenna's edges where its own colour
+        shows less of it.
+
+        The colour tells the antenna from other things, not where it is: one side of bare metal may be as bright as
+        what lies behind it.
+        """
+        if self.colour is None:
+            return line
+        by_edges = measure(Paint(None).plane(image), guide_px, width_px, None)
+        return by_edges if by_edges.found and by_edges.seen > line.seen else line
 
 
 def learn(finders: Sequence[AntennaFinder], images: Sequence[np.ndarray]) -> Paint | None:
