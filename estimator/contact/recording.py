@@ -249,7 +249,7 @@ def first_look(
     if less is not None and less[1].found:
         image, line, bright = *less, None
     else:
-        line = explained(looking.find(image, bright), image, looking.corridor, bright)
+        line = explained(paint(rig).find(looking, picture, image), image, looking.corridor, bright)
     line = without_other_things(picture, line, rig.image.looks, looking.corridor.width_px)
     return FirstDetection(frame, image, line, bright, picture, looking)
 

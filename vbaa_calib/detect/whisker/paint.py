@@ -68,9 +68,14 @@ class Paint:
             return cv2.cvtColor(colour, cv2.COLOR_BGR2GRAY)
         return cv2.transform(colour.astype(np.float32), np.array([self.weights], np.float32))
 
-    def find(self, finder: AntennaFinder, image: np.ndarray) -> Centreline:
-        """The centreline in a grey or colour picture."""
-        return finder.find(self.plane(image), self.bright)
+    def find(self, finder: AntennaFinder, image: np.ndarray, plane: np.ndarray | None = None) -> Centreline:
+        """The centreline in a grey or colour picture, whose `plane` may be known; by both of its edges, here brighter,
+        there darker, where an antenna is not found by its own colour."""
+        line = finder.find(self.plane(image) if plane is None else plane, self.bright)
+        if line.found or self.colour is None:
+            return line
+        by_edges = finder.with_usual_height(0.0).find(Paint(None).plane(image), None)
+        return by_edges if by_edges.found else line
 
     def by_edges(self, image: np.ndarray, line: Centreline, guide_px: np.ndarray, width_px: float) -> Centreline:
         """The centreline in a picture, measured near a guide (K, 2) by both of the antenna's edges where its own colour
