@@ -36,6 +36,7 @@ FOREIGN, MOSTLY_FOREIGN, PARTLY_FOREIGN, LEAST_SPREAD = 4.0, 2.5, 1.0, (0.08, 3.
 """Deviations from the usual colour beyond which a point is no antenna; beyond which, in the median, the whole line is
 none; and beyond which a point may show something else in part. The least deviation, relative to the brightness and in
 grey levels, since the light changes as the antenna bends."""
+_SHOWN = ("ok", "ambiguous")
 ROOT, LIGHT = 0.4, (0.6, 1.7)
 """Share of the line, from the clamp, that tells how brightly it is lit; limits of that factor."""
 
@@ -75,7 +76,7 @@ class Paint:
         if line.found or self.colour is None:
             return line
         by_edges = finder.with_usual_height(0.0).find(Paint(None).plane(image), None)
-        return by_edges if by_edges.found else line
+        return by_edges if by_edges.verdict in _SHOWN else line
 
     def by_edges(self, image: np.ndarray, line: Centreline, guide_px: np.ndarray, width_px: float) -> Centreline:
         """The centreline in a picture, measured near a guide (K, 2) by both of the antenna's edges where its own colour
@@ -114,9 +115,6 @@ def learn(finders: Sequence[AntennaFinder], images: Sequence[np.ndarray]) -> Pai
     return best.paint if best.seen else None
 
 
-_SHOWN = ("ok", "ambiguous")
-
-
 @dataclass(frozen=True)
 class _Tried:
     """A paint, the lines that it finds in pictures, and how much of the antenna is seen in the mean."""
@@ -127,7 +125,9 @@ class _Tried:
 
     @staticmethod
     def of(paint: Paint, finders: Sequence[AntennaFinder], images: Sequence[np.ndarray]) -> _Tried:
-        lines = tuple(paint.find(finder, image) for finder, image in zip(finders, images, strict=True))
+        lines = tuple(
+            finder.find(paint.plane(image), paint.bright) for finder, image in zip(finders, images, strict=True)
+        )
         # a second line does not make the first one less seen
         return _Tried(paint, lines, float(np.mean([line.seen * (line.verdict in _SHOWN) for line in lines])))
 
