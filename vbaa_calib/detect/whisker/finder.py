@@ -136,7 +136,8 @@ class AntennaFinder:
     ) -> RefinedPath:
         """A rough path (K, 2) moved onto the antenna."""
         reach = 1.2 * self.spacing_px + 0.5 * self.corridor.width_px + 4.0
-        return refine_path(image, rough, self.corridor.width_px + blurred_px, reach, bright)
+        width = self.corridor.width_px + blurred_px
+        return refine_path(image, rough, width, reach, bright, self.corridor.clamp_px)
 
     def _look(self, image: np.ndarray, bright: bool | None, blurred_px: float) -> Centreline:
         width = self.corridor.width_px

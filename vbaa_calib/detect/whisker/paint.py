@@ -37,6 +37,8 @@ FOREIGN, MOSTLY_FOREIGN, PARTLY_FOREIGN, LEAST_SPREAD = 4.0, 2.5, 1.0, (0.08, 3.
 none; and beyond which a point may show something else in part. The least deviation, relative to the brightness and in
 grey levels, since the light changes as the antenna bends."""
 _SHOWN = ("ok", "ambiguous")
+AWAY = 0.15
+"""A line that lies on another thing for such a part of its length does not come back to the antenna."""
 ROOT, LIGHT = 0.4, (0.6, 1.7)
 """Share of the line, from the clamp, that tells how brightly it is lit; limits of that factor."""
 
@@ -237,7 +239,12 @@ def without_other_things(image: np.ndarray, line: Centreline, looks: Looks | Non
     table, coloured = _table(looks)
     if image.ndim == 2 and coloured:
         return line  # a grey picture does not show the colour
-    other, off = _foreign(np.ascontiguousarray(_colours(image, line.points_px)), _shares(line), table)
+    shares = _shares(line)
+    other, off = _foreign(np.ascontiguousarray(_colours(image, line.points_px)), shares, table)
+    starts, stops = np.flatnonzero(np.diff(other, prepend=False, append=False)).reshape(-1, 2).T
+    away = starts[shares[stops - 1] - shares[starts] > AWAY]
+    if len(away):
+        other[away[0] :] = True
     doubt = 0.5 * width_px * np.clip((off - PARTLY_FOREIGN) / (FOREIGN - PARTLY_FOREIGN), 0.0, 1.0)
     if not other.any() and not doubt.any():
         return line

@@ -18,7 +18,8 @@ _LEAST_REST = 1e-3
 """Least texture of the strip, as a part of its highest ridge."""
 
 CURVE_POINTS, CURVE_STEP_PX, CLAMP_PX, BENT_COST = 60, 2.0, 8.0, 0.3
-"""Points and spacing of the curves that are tried, how far off they may begin, and what a bent one must show more."""
+"""Points and spacing of the curves that are tried, how far off they may begin at most, and what a bent one must show
+more."""
 
 _GIVEN_UP = 12
 """After so many points each, a curve is given up that the rest cannot make the clearest."""
@@ -69,9 +70,14 @@ class _Curves(NamedTuple):
 
 
 def refine_path(
-    image: np.ndarray, path_px: np.ndarray, width_px: float, reach_px: float, bright: bool | None
+    image: np.ndarray,
+    path_px: np.ndarray,
+    width_px: float,
+    reach_px: float,
+    bright: bool | None,
+    clamp_px: float = CLAMP_PX,
 ) -> RefinedPath:
-    """Move a path (K, 2) by up to `reach_px` across itself onto the antenna.
+    """Move a path (K, 2) by up to `reach_px` across itself onto the antenna, which may begin `clamp_px` off it.
 
     Two rounds: over the whole reach with a stiff curve, then near that curve with a supple one.
     """
@@ -79,7 +85,7 @@ def refine_path(
     across = _columns(np.ascontiguousarray(path_px, np.float64), width_px, reach_px)
     strip = _sampled(np.ascontiguousarray(image), across)
     if bright is None:
-        return _refined_changing(strip, across, width_px, _tried(across.reach))
+        return _refined_changing(strip, across, width_px, _tried(across.reach, min(clamp_px, CLAMP_PX)))
     return _refined(strip if bright else -strip, across, width_px, reach_px)
 
 
@@ -214,19 +220,20 @@ def _clarity(ridge: np.ndarray) -> np.ndarray:
     return over / (over + 3.0 * rest)
 
 
-@lru_cache(maxsize=4)
-def _tried(reach: int) -> _Curves:
-    """The curves that are tried within ±`reach` px."""
-    curves, bent = _curves(float(reach))
-    return _Curves(curves, np.rint(curves + reach).astype(np.int16), bent, 0.5 * _curves(2.0 * CURVE_STEP_PX)[0])
+@lru_cache(maxsize=8)
+def _tried(reach: int, clamp_px: float) -> _Curves:
+    """The curves that are tried within ±`reach` px, and ±`clamp_px` at the clamp."""
+    curves, bent = _curves(float(reach), clamp_px)
+    finer = 0.5 * _curves(2.0 * CURVE_STEP_PX, 2.0 * CURVE_STEP_PX)[0]
+    return _Curves(curves, np.rint(curves + reach).astype(np.int16), bent, finer)
 
 
-def _curves(reach_px: float) -> tuple[np.ndarray, np.ndarray]:
-    """(C, CURVE_POINTS) smooth curves within ±`reach_px`, and how bent each (C,) is."""
+def _curves(reach_px: float, clamp_px: float) -> tuple[np.ndarray, np.ndarray]:
+    """(C, CURVE_POINTS) smooth curves within ±`reach_px`, and ±`clamp_px` at the clamp; how bent each (C,) is."""
     share = np.linspace(0.0, 1.0, CURVE_POINTS)
     bow = 4.0 * share * (1.0 - share)
     parts = np.stack([1.0 - share, share, bow, 2.6 * bow * (1.0 - 2.0 * share)])
-    reaches = np.array([min(CLAMP_PX, reach_px), reach_px, 0.5 * reach_px, 0.25 * reach_px])
+    reaches = np.array([min(clamp_px, reach_px), reach_px, 0.5 * reach_px, 0.25 * reach_px])
     steps = [CURVE_STEP_PX * np.arange(-(far // CURVE_STEP_PX), far // CURVE_STEP_PX + 1) for far in reaches]
     places = np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1).reshape(-1, len(parts))
     curves = places @ parts
