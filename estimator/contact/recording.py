@@ -192,11 +192,11 @@ def detect_again(estimator: ContactEstimator, glances: Sequence[FirstDetection])
 
 
 def _along(rig: Rig, glance: FirstDetection, rough: RoughFit) -> Detection:
-    T_camera_antenna = rig.T_antenna_camera.inverse()
-    guide = pixels(rig.camera, T_camera_antenna, rough.points_m)
-    width = width_px(rig.camera, T_camera_antenna, rough.points_m, rig.antenna.diameter_m)
+    seen_from = (rig.camera, rig.T_antenna_camera.inverse(), rough.points_m)
+    guide, width = pixels(*seen_from), width_px(*seen_from, rig.antenna.diameter_m)
     again = find_along(glance.image, guide, width, glance.bright)
     if glance.picture is not None:
+        again = paint(rig).by_edges(glance.picture, again, guide, width)
         again = without_other_things(glance.picture, again, rig.image.looks, width)
     again = again if glance.looking is None else reject_other_shape(again, glance.looking.corridor)
     line = again if len(again.points_px) >= _SECOND_LOOK * len(glance.line.points_px) else glance.line
@@ -249,7 +249,7 @@ def first_look(
     if less is not None and less[1].found:
         image, line, bright = *less, None
     else:
-        line = explained(looking.find(image, bright), image, looking.corridor, bright)
+        line = explained(paint(rig).find(looking, picture, image), image, looking.corridor, bright)
     line = without_other_things(picture, line, rig.image.looks, looking.corridor.width_px)
     return FirstDetection(frame, image, line, bright, picture, looking)
 

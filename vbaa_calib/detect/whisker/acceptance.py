@@ -47,6 +47,8 @@ TRANSPARENT, NEARBY, VARIES = 0.5, 41, (0.25, 0.15)
 that background; where both vary, by so much of the line's height."""
 _ALIKE_PROFILES = 15
 """So many neighbouring profiles lie before the same thing."""
+SHAPE_RANK, WELL_SHAPED = 0.3, 0.05
+"""So much less a line may be seen that has a shape of one unit of misfit less; a misfit that is not made better."""
 MOVED = 0.1
 """Part of its length by which the antenna lies at most off where it is expected, in the mean of its points."""
 LEAST_POINTS = 12
@@ -198,11 +200,11 @@ def reject_beside_clamp(line: Centreline, where: Corridor) -> Centreline:
     bend, slope, offset = np.polyfit(along[first], aside[first], 2)
     spread = 2.0 * median(line.sigma_px[first])
     turn = abs(slope) - BENDS_MORE * abs(2.0 * bend * FROM_CLAMP * length) - spread / (0.1 * length)
-    if abs(offset) > where.clamp_px + spread:
-        return line.with_verdict("no_antenna", f"what could be the antenna passes the clamp by {abs(offset):.0f} px")
-    if turn > where.clamp_rad:
+    if np.hypot(offset / (where.clamp_px + spread), max(turn, 0.0) / where.clamp_rad) > 1.0:
         return line.with_verdict(
-            "no_antenna", f"what could be the antenna leaves the clamp at {np.degrees(abs(slope)):.0f}° from its axis"
+            "no_antenna",
+            f"what could be the antenna passes the clamp by {abs(offset):.0f} px and leaves it at "
+            f"{np.degrees(abs(slope)):.0f}° from its axis",
         )
     return line
 
@@ -219,6 +221,17 @@ def reject_other_shape(line: Centreline, where: Corridor) -> Centreline:
         "what could be the antenna is not its free shape bent by a force (an object's edge, a cable; or the rig has "
         "moved since its calibration)",
     )
+
+
+def better_shaped(line: Centreline, other: Centreline, where: Corridor) -> Centreline:
+    """Of two lines that part on their way, the one that is seen more and has more the shape of an antenna.
+
+    Where the antenna is faint, the other goes on along a cable or an edge near it, and has a kink there.
+    """
+    if not other.found or not line.found:
+        return line if line.found else other
+    rank = [one.seen - SHAPE_RANK * where.misfit(one.points_px, one.sigma_px, WELL_SHAPED) for one in (line, other)]
+    return line if rank[0] >= rank[1] else other
 
 
 def _differ(one: Centreline, other: Centreline, width_px: float) -> bool:

@@ -61,7 +61,9 @@ class FreeShape:
         """For compiled functions."""
         return compiled_lens(self.camera.intrinsics)
 
-    def misfit(self, points_px: np.ndarray, sigma_px: np.ndarray, allowed: tuple[float, float, float]) -> float:
+    def misfit(
+        self, points_px: np.ndarray, sigma_px: np.ndarray, allowed: tuple[float, float, float], enough: float
+    ) -> float:
         """`Corridor.misfit`, where so much is allowed of shape (px), clamp (px) and its turn (rad).
 
         0 where the lens does not show enough of the points.
@@ -74,7 +76,7 @@ class FreeShape:
         focal_px = 0.5 * float(self.camera.matrix[0, 0] + self.camera.matrix[1, 1])
         clamp = np.array([allowed[1] * self.clamp_m[2] / focal_px, allowed[2]])
         variance = (variance[valid] + allowed[0] ** 2) / focal_px**2
-        return float(_misfit(self.clamp_m, self.axes, self.segments_m, seen[valid], variance, clamp))
+        return float(_misfit(self.clamp_m, self.axes, self.segments_m, seen[valid], variance, clamp, enough))
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,15 +108,16 @@ class Corridor:
         nearest, distance = beside(fine, points_px)
         return along[nearest], distance
 
-    def misfit(self, points_px: np.ndarray, sigma_px: np.ndarray) -> float:
+    def misfit(self, points_px: np.ndarray, sigma_px: np.ndarray, enough: float = 1.0) -> float:
         """How far points (N, 2) of deviations (N,), from the clamp on, are from a shape that the antenna can take.
 
         The sum of the squares of offset and turn at the clamp and of the distance from the shape, over what is allowed
-        each: more than 1 is no antenna. The shape is the free antenna's, bent to any side by a force at any place.
+        each: more than 1 is no antenna. The shape is the free antenna's, bent to any side by a force at any place; the
+        first one found that is `enough`, or less, is not made better.
         """
         assert self.shape_px is not None
         assert self.free is not None
-        return self.free.misfit(points_px, sigma_px, (self.shape_px, self.clamp_px, self.clamp_rad))
+        return self.free.misfit(points_px, sigma_px, (self.shape_px, self.clamp_px, self.clamp_rad), enough)
 
 
 @kernel
@@ -125,8 +128,9 @@ def _misfit(
     seen: np.ndarray,
     variance: np.ndarray,
     clamp: np.ndarray,
+    enough: float,
 ) -> float:
-    """The least `Corridor.misfit` of all shapes; 1 or less once one explains the points.
+    """The least `Corridor.misfit` of all shapes; the first that is `enough` or less.
 
     seen : (N, 2) ideal normalized points, variance : (N,) of each. clamp : by how much (m, rad) the antenna may leave
     it aside and turned.
@@ -144,7 +148,7 @@ def _misfit(
             _bent(clamp_m, axes, segments, trial, curve, moved)
             off = _off(seen, variance, curve, moved, matrix, move[:, 0])
             least = min(least, off + prior[0] * trial[0] ** 2 + prior[1] * trial[1] ** 2)
-            if least <= 1.0:
+            if least <= enough:
                 return least
             total = off + (prior * trial**2).sum()
             if CONVERGED * best < total < best:

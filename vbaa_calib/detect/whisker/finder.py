@@ -11,7 +11,14 @@ from vbaa_calib.core.compiled import kernel
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.polyline import arc_lengths, normals, resample
 
-from .acceptance import OTHER_LINE_SEEN, best_of, reject_beside_clamp, reject_faint, reject_other_shape
+from .acceptance import (
+    OTHER_LINE_SEEN,
+    best_of,
+    better_shaped,
+    reject_beside_clamp,
+    reject_faint,
+    reject_other_shape,
+)
 from .centreline import Centreline
 from .corridor import Corridor
 from .path_refinement import RefinedPath, refine_path
@@ -129,17 +136,25 @@ class AntennaFinder:
     ) -> RefinedPath:
         """A rough path (K, 2) moved onto the antenna."""
         reach = 1.2 * self.spacing_px + 0.5 * self.corridor.width_px + 4.0
-        return refine_path(image, rough, self.corridor.width_px + blurred_px, reach, bright)
+        width = self.corridor.width_px + blurred_px
+        return refine_path(image, rough, width, reach, bright, self.corridor.clamp_px)
 
     def _look(self, image: np.ndarray, bright: bool | None, blurred_px: float) -> Centreline:
         width = self.corridor.width_px
-        lines = []
-        for rough in self.candidates(image, bright, blurred_px):
-            path = self.path(image, rough, bright, blurred_px).path_px
-            line = measure_on(image, path, width, bright, blurred_px)
+
+        def measured(path_px: np.ndarray) -> Centreline:
+            line = measure_on(image, path_px, width, bright, blurred_px)
             # a line that may be of either polarity has geometry alone to tell it from others
             line = reject_beside_clamp(line, self.corridor) if bright is None else line
-            lines.append(reject_other_shape(line, self.corridor))
+            return reject_other_shape(line, self.corridor)
+
+        lines = []
+        for rough in self.candidates(image, bright, blurred_px):
+            path = self.path(image, rough, bright, blurred_px)
+            line = measured(path.path_px)
+            if len(path.other_px) and self.corridor.shape_px is not None:
+                line = better_shaped(line, measured(path.other_px), self.corridor)
+            lines.append(line)
         alike = OTHER_LINE_SEEN if bright is not None else CHANGING_OTHER
         return reject_faint(best_of(lines, width, alike), self.usual_height)
 

@@ -19,6 +19,7 @@ from vbaa_calib.core.robust import MAD_SCALE
 from .acceptance import LEAST_SEEN
 from .centreline import Centreline, Visibility
 from .finder import AntennaFinder
+from .profile import measure
 
 _OPPONENTS = ((0.5, 0.5, -1.0), (0.5, -1.0, 0.5), (-1.0, 0.5, 0.5))
 """Weights (b, g, r) of pictures that show one colour against the two others."""
@@ -35,6 +36,9 @@ FOREIGN, MOSTLY_FOREIGN, PARTLY_FOREIGN, LEAST_SPREAD = 4.0, 2.5, 1.0, (0.08, 3.
 """Deviations from the usual colour beyond which a point is no antenna; beyond which, in the median, the whole line is
 none; and beyond which a point may show something else in part. The least deviation, relative to the brightness and in
 grey levels, since the light changes as the antenna bends."""
+_SHOWN = ("ok", "ambiguous")
+AWAY = 0.15
+"""A line that lies on another thing for such a part of its length does not come back to the antenna."""
 ROOT, LIGHT = 0.4, (0.6, 1.7)
 """Share of the line, from the clamp, that tells how brightly it is lit; limits of that factor."""
 
@@ -67,9 +71,26 @@ class Paint:
             return cv2.cvtColor(colour, cv2.COLOR_BGR2GRAY)
         return cv2.transform(colour.astype(np.float32), np.array([self.weights], np.float32))
 
-    def find(self, finder: AntennaFinder, image: np.ndarray) -> Centreline:
-        """The centreline in a grey or colour picture."""
-        return finder.find(self.plane(image), self.bright)
+    def find(self, finder: AntennaFinder, image: np.ndarray, plane: np.ndarray | None = None) -> Centreline:
+        """The centreline in a grey or colour picture, whose `plane` may be known; by both of its edges, here brighter,
+        there darker, where an antenna is not found by its own colour."""
+        line = finder.find(self.plane(image) if plane is None else plane, self.bright)
+        if line.found or self.colour is None:
+            return line
+        by_edges = finder.with_usual_height(0.0).find(Paint(None).plane(image), None)
+        return by_edges if by_edges.verdict in _SHOWN else line
+
+    def by_edges(self, image: np.ndarray, line: Centreline, guide_px: np.ndarray, width_px: float) -> Centreline:
+        """The centreline in a picture, measured near a guide (K, 2) by both of the antenna's edges where its own colour
+        shows less of it.
+
+        The colour tells the antenna from other things, not where it is: one side of bare metal may be as bright as
+        what lies behind it.
+        """
+        if self.colour is None:
+            return line
+        by_edges = measure(Paint(None).plane(image), guide_px, width_px, None)
+        return by_edges if by_edges.found and by_edges.seen > line.seen else line
 
 
 def learn(finders: Sequence[AntennaFinder], images: Sequence[np.ndarray]) -> Paint | None:
@@ -96,9 +117,6 @@ def learn(finders: Sequence[AntennaFinder], images: Sequence[np.ndarray]) -> Pai
     return best.paint if best.seen else None
 
 
-_SHOWN = ("ok", "ambiguous")
-
-
 @dataclass(frozen=True)
 class _Tried:
     """A paint, the lines that it finds in pictures, and how much of the antenna is seen in the mean."""
@@ -109,7 +127,9 @@ class _Tried:
 
     @staticmethod
     def of(paint: Paint, finders: Sequence[AntennaFinder], images: Sequence[np.ndarray]) -> _Tried:
-        lines = tuple(paint.find(finder, image) for finder, image in zip(finders, images, strict=True))
+        lines = tuple(
+            finder.find(paint.plane(image), paint.bright) for finder, image in zip(finders, images, strict=True)
+        )
         # a second line does not make the first one less seen
         return _Tried(paint, lines, float(np.mean([line.seen * (line.verdict in _SHOWN) for line in lines])))
 
@@ -219,7 +239,12 @@ def without_other_things(image: np.ndarray, line: Centreline, looks: Looks | Non
     table, coloured = _table(looks)
     if image.ndim == 2 and coloured:
         return line  # a grey picture does not show the colour
-    other, off = _foreign(np.ascontiguousarray(_colours(image, line.points_px)), _shares(line), table)
+    shares = _shares(line)
+    other, off = _foreign(np.ascontiguousarray(_colours(image, line.points_px)), shares, table)
+    starts, stops = np.flatnonzero(np.diff(other, prepend=False, append=False)).reshape(-1, 2).T
+    away = starts[shares[stops - 1] - shares[starts] > AWAY]
+    if len(away):
+        other[away[0] :] = True
     doubt = 0.5 * width_px * np.clip((off - PARTLY_FOREIGN) / (FOREIGN - PARTLY_FOREIGN), 0.0, 1.0)
     if not other.any() and not doubt.any():
         return line

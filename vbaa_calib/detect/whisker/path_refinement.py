@@ -18,10 +18,14 @@ _LEAST_REST = 1e-3
 """Least texture of the strip, as a part of its highest ridge."""
 
 CURVE_POINTS, CURVE_STEP_PX, CLAMP_PX, BENT_COST = 60, 2.0, 8.0, 0.3
-"""Points and spacing of the curves that are tried, how far off they may begin, and what a bent one must show more."""
+"""Points and spacing of the curves that are tried, how far off they may begin at most, and what a bent one must show
+more."""
 
 _GIVEN_UP = 12
 """After so many points each, a curve is given up that the rest cannot make the clearest."""
+BRANCH_SHARE, BRANCH_PX, BRANCH_AFTER, BRANCH_POINTS = 0.7, 2.0, 20, 8
+"""Another curve is followed, too, if it is this part as clear and lies more than a width and so many px off the
+clearest in so many of the points after the first ones."""
 FAINT_COLUMNS, EDGE_COST, PEAK_ROWS = 7, 0.3, 7
 """Columns that are looked at together, what part of the square of an edge's height is no line's, and the rows of which
 only the highest counts, where the polarity changes."""
@@ -35,11 +39,13 @@ class RefinedPath(NamedTuple):
     path_px : (K, 2).
     share : fraction of the path along which there is a ridge.
     strength : median height of the ridge where there is one, grey levels.
+    other_px : (K, 2) another path, nearly as clear, that leaves this one; (0, 2) where there is none.
     """
 
     path_px: np.ndarray
     share: float
     strength: float
+    other_px: np.ndarray
 
 
 class _Columns(NamedTuple):
@@ -64,9 +70,14 @@ class _Curves(NamedTuple):
 
 
 def refine_path(
-    image: np.ndarray, path_px: np.ndarray, width_px: float, reach_px: float, bright: bool | None
+    image: np.ndarray,
+    path_px: np.ndarray,
+    width_px: float,
+    reach_px: float,
+    bright: bool | None,
+    clamp_px: float = CLAMP_PX,
 ) -> RefinedPath:
-    """Move a path (K, 2) by up to `reach_px` across itself onto the antenna.
+    """Move a path (K, 2) by up to `reach_px` across itself onto the antenna, which may begin `clamp_px` off it.
 
     Two rounds: over the whole reach with a stiff curve, then near that curve with a supple one.
     """
@@ -74,7 +85,7 @@ def refine_path(
     across = _columns(np.ascontiguousarray(path_px, np.float64), width_px, reach_px)
     strip = _sampled(np.ascontiguousarray(image), across)
     if bright is None:
-        return _refined_changing(strip, across, width_px, _tried(across.reach))
+        return _refined_changing(strip, across, width_px, _tried(across.reach, min(clamp_px, CLAMP_PX)))
     return _refined(strip if bright else -strip, across, width_px, reach_px)
 
 
@@ -123,7 +134,8 @@ def _refined(strip: np.ndarray, across: _Columns, width_px: float, reach_px: flo
         ridge[k] = level[flank:-flank] - np.maximum(level[: -2 * flank], level[2 * flank :])
     clarity = _clarity(ridge)
     stiff, scale = _smoothed(clarity, across, (0.7 * reach_px, 3.0, 2.0), 6)
-    return _near(ridge, clarity, across, stiff, scale, width_px)
+    path, share, strength = _near(ridge, clarity, across, stiff, scale, width_px)
+    return RefinedPath(path, share, strength, np.empty((0, 2)))
 
 
 @kernel
@@ -146,17 +158,22 @@ def _refined_changing(strip: np.ndarray, across: _Columns, width_px: float, trie
         ridge[k] = np.sqrt(np.maximum(power, 0.0))
     # power within a width is as high beside the middle: only the peak counts
     clarity = _clarity(ridge) * (ridge / np.maximum(_highest(ridge, PEAK_ROWS), 1e-9)) ** 4
-    stiff, clearest = _clearest_curve(clarity, tried), np.empty(len(clarity))
+    stiff, other = _clearest_curves(clarity, tried, width_px + BRANCH_PX)
+    clearest = np.empty(len(clarity))
     for k in range(len(clarity)):
         clearest[k] = clarity[k].max()
-    return _near(ridge, clarity, across, stiff, quantile(clearest, 0.75), width_px)
+    scale = quantile(clearest, 0.75)
+    path, share, strength = _near(ridge, clarity, across, stiff, scale, width_px)
+    branch = _near(ridge, clarity, across, other, scale, width_px)[0] if len(other) else np.empty((0, 2))
+    return RefinedPath(path, share, strength, branch)
 
 
 @kernel
 def _near(
     ridge: np.ndarray, clarity: np.ndarray, across: _Columns, stiff: np.ndarray, scale: float, width_px: float
-) -> RefinedPath:
-    """The path near a stiff curve (K,) through ridges (K, R) of so much clarity (K, R), `scale` where it is clear."""
+) -> tuple[np.ndarray, float, float]:
+    """The path near a stiff curve (K,) through ridges (K, R) of so much clarity (K, R), `scale` where it is clear; with
+    its share and strength."""
     reach, reach_near = across.reach, max(0.6 * width_px, 3.0)
     nearby = np.zeros(clarity.shape)
     for k in range(len(stiff)):
@@ -171,7 +188,7 @@ def _near(
         height[k], there[k] = ridge[k, at], clarity[k, at] > 0.5 * scale
         for axis in range(2):
             path[k, axis] += shift * across.normals[k, axis]
-    return RefinedPath(path, there.mean(), median(height[there]) if there.any() else 0.0)
+    return path, there.mean(), median(height[there]) if there.any() else 0.0
 
 
 @kernel
@@ -203,19 +220,20 @@ def _clarity(ridge: np.ndarray) -> np.ndarray:
     return over / (over + 3.0 * rest)
 
 
-@lru_cache(maxsize=4)
-def _tried(reach: int) -> _Curves:
-    """The curves that are tried within ±`reach` px."""
-    curves, bent = _curves(float(reach))
-    return _Curves(curves, np.rint(curves + reach).astype(np.int16), bent, 0.5 * _curves(2.0 * CURVE_STEP_PX)[0])
+@lru_cache(maxsize=8)
+def _tried(reach: int, clamp_px: float) -> _Curves:
+    """The curves that are tried within ±`reach` px, and ±`clamp_px` at the clamp."""
+    curves, bent = _curves(float(reach), clamp_px)
+    finer = 0.5 * _curves(2.0 * CURVE_STEP_PX, 2.0 * CURVE_STEP_PX)[0]
+    return _Curves(curves, np.rint(curves + reach).astype(np.int16), bent, finer)
 
 
-def _curves(reach_px: float) -> tuple[np.ndarray, np.ndarray]:
-    """(C, CURVE_POINTS) smooth curves within ±`reach_px`, and how bent each (C,) is."""
+def _curves(reach_px: float, clamp_px: float) -> tuple[np.ndarray, np.ndarray]:
+    """(C, CURVE_POINTS) smooth curves within ±`reach_px`, and ±`clamp_px` at the clamp; how bent each (C,) is."""
     share = np.linspace(0.0, 1.0, CURVE_POINTS)
     bow = 4.0 * share * (1.0 - share)
     parts = np.stack([1.0 - share, share, bow, 2.6 * bow * (1.0 - 2.0 * share)])
-    reaches = np.array([min(CLAMP_PX, reach_px), reach_px, 0.5 * reach_px, 0.25 * reach_px])
+    reaches = np.array([min(clamp_px, reach_px), reach_px, 0.5 * reach_px, 0.25 * reach_px])
     steps = [CURVE_STEP_PX * np.arange(-(far // CURVE_STEP_PX), far // CURVE_STEP_PX + 1) for far in reaches]
     places = np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1).reshape(-1, len(parts))
     curves = places @ parts
@@ -224,12 +242,13 @@ def _curves(reach_px: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 @kernel
-def _clearest_curve(clarity: np.ndarray, tried: _Curves) -> np.ndarray:
-    """(K,) of the smooth curves through the strip (K, R) the one along which it is clearest in all.
+def _clearest_curves(clarity: np.ndarray, tried: _Curves, apart_px: float) -> tuple[np.ndarray, np.ndarray]:
+    """(K,) of the smooth curves through the strip (K, R) the one along which it is clearest in all; and the clearest
+    that goes elsewhere, (0,) where none does that is nearly as clear.
 
     Where the antenna is faint no column's best place is to be trusted: only their sum along the antenna tells.
     """
-    last, reach = clarity.shape[1] - 1, clarity.shape[1] // 2
+    last = clarity.shape[1] - 1
     columns = np.linspace(0.0, len(clarity) - 1.0, CURVE_POINTS)
     few = np.empty((CURVE_POINTS, last + 1))
     for i in range(CURVE_POINTS):
@@ -238,8 +257,30 @@ def _clearest_curve(clarity: np.ndarray, tried: _Curves) -> np.ndarray:
     cost, rest = BENT_COST * thick.max() * CURVE_POINTS, np.zeros(CURVE_POINTS + 1)
     for i in range(CURVE_POINTS - 1, -1, -1):
         rest[i] = rest[i + 1] + thick[i].max()
-    best, most = 0, -np.inf
+    best, most = _clearest(thick, tried, cost, rest, (-1, 0.0, -np.inf))
+    other, _ = _clearest(thick, tried, cost, rest, (best, apart_px, BRANCH_SHARE * most))
+    at = np.arange(float(len(clarity)))
+    stiff = np.interp(at, columns, _finer(few, tried, best))
+    return stiff, np.interp(at, columns, _finer(few, tried, other)) if other >= 0 else np.empty(0)
+
+
+@kernel
+def _clearest(
+    thick: np.ndarray, tried: _Curves, cost: float, rest: np.ndarray, beside: tuple[int, float, float]
+) -> tuple[int, float]:
+    """Which curve is the clearest, and how clear it is; -1 where none is clear enough.
+
+    beside : which curve it must leave (-1: none), by how much, px; and how clear it must be.
+    """
+    known, apart_px, most = beside
+    best = -1
     for c in range(len(tried.rows)):
+        if known >= 0:
+            far = 0
+            for i in range(BRANCH_AFTER, CURVE_POINTS):
+                far += abs(tried.rows[c, i] - tried.rows[known, i]) > apart_px
+            if far < BRANCH_POINTS:
+                continue
         total = -cost * tried.bent[c]
         for start in range(0, CURVE_POINTS, _GIVEN_UP):
             if total + rest[start] * (1.0 + 1e-9) < most:
@@ -248,6 +289,14 @@ def _clearest_curve(clarity: np.ndarray, tried: _Curves) -> np.ndarray:
                 total += thick[i, tried.rows[c, i]]
         if total > most:
             best, most = c, total
+    return best, most
+
+
+@kernel
+def _finer(few: np.ndarray, tried: _Curves, best: int) -> np.ndarray:
+    """(CURVE_POINTS,) the clearest curve near one of those that were tried."""
+    last = few.shape[1] - 1
+    reach = last // 2
     finest, most = 0, -np.inf
     for f in range(len(tried.finer)):
         total = 0.0
@@ -256,7 +305,7 @@ def _clearest_curve(clarity: np.ndarray, tried: _Curves) -> np.ndarray:
             total += few[i, min(max(row, 0), last)]
         if total > most:
             finest, most = f, total
-    return np.interp(np.arange(float(len(clarity))), columns, tried.curves[best] + tried.finer[finest])
+    return tried.curves[best] + tried.finer[finest]
 
 
 @kernel

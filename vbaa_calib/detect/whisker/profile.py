@@ -74,6 +74,8 @@ ORDINARY_BLUR_PX = 0.8
 """Blur of a lens in focus, standard deviation."""
 LEAST_PROFILES = 8
 """Across the antenna, for there to be a line, and for its noise to be measured."""
+_BESIDE_PX = 3.0
+"""How much is looked at on either side of an antenna whose polarity changes: what lies farther is another thing's."""
 _BROADER = 1.5
 """A line so much broader than expected is measured again with longer profiles."""
 
@@ -107,7 +109,8 @@ def measure_on(
     `blurred_px` : by how much broader than the antenna the line may be.
     """
     half = int(np.ceil(0.8 * (width_px + blurred_px) + 5.0))
-    path_px = stiffened(path_px) if bright is None else path_px
+    if bright is None:
+        path_px, half = stiffened(path_px), int(np.ceil(0.5 * width_px + _BESIDE_PX))
     line = _measured(image, path_px, width_px, half, bright)
     if line.breadth > _BROADER:
         wider = _measured(image, path_px, width_px, int(np.ceil(half + 0.7 * line.breadth * width_px + 2.0)), bright)
