@@ -32,7 +32,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--update-rig",
         type=Path,
         metavar="RIG",
-        help="write the rig as the recording tells it; best with known_object in session.yaml",
+        help="write the rig as the recording determines it; best with known_object in session.yaml",
     )
     parser.add_argument(
         "--view",

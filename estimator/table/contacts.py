@@ -36,7 +36,7 @@ STATUSES = {
     "ok": "contact located",
     "no_contact": "nothing touches the antenna",
     "tip_contact": "contact at the tip",
-    "unobservable": "touched, but where cannot be told from here",
+    "unobservable": "touched, but this view does not determine where",
     "low_signal": "touched, but too lightly to tell where",
     "not_quasistatic": "the antenna was moving",
     "no_antenna": "the antenna was not seen well enough",

@@ -22,11 +22,11 @@ from vbaa_calib.core.images import read_picture
 from vbaa_calib.session import load_session, read_loads, read_noload
 from vbaa_calib.wizard import flow
 from vbaa_calib.wizard.against_answers import camera_distance, jig_refusal, thickness_that_shows_it
-from vbaa_calib.wizard.questions import Question
+from vbaa_calib.wizard.questions import PICTURES, Question
 from vbaa_calib.wizard.session_state import SessionState, still_of
 from vbaa_calib.wizard.steps import Progress, Step
 from vbaa_calib.wizard.store import Store
-from vbaa_calib.wizard.ui import Ui, View
+from vbaa_calib.wizard.ui import Interrupted, Ui, View
 from viz.cli.warm import small_scene
 from viz.report import check as report
 
@@ -96,7 +96,9 @@ class Person(Ui):
 
     def _readings(self, words: str) -> str:
         step, number, _ = words.split("_", 2)
-        still = self.stills[step][int(number)]
+        return self._line(step, self.stills[step][int(number)])
+
+    def _line(self, step: str, still: Any) -> str:
         numbers = [np.degrees(still.pan_rad), np.degrees(still.tilt_rad), 1e3 * still.moment_Nm]
         if step == "loads":
             mass_g = 1e3 * np.hypot(still.force_y_N, still.force_z_N) / 9.80665
@@ -205,3 +207,55 @@ def test_a_jig_that_puts_the_antenna_out_of_the_picture_is_refused(state: Sessio
     assert not jig_refusal(state, view, fast=False)
     state.store.answer({"jig_translation_mm": [280.0, 610.0, -90.0]})
     assert "jig_translation_mm" in jig_refusal(state, view, fast=False)
+
+
+class Filmed(Person):
+    """Filmed all steps in one go, the board also held where the lens needed no more of it, and types what it read."""
+
+    def commands(self) -> list[str]:
+        assert self.count <= MOST_ANSWERS, f"stuck: {self.said[-5:]}"
+        return []
+
+    def _readings(self, words: str) -> str:
+        step = self.step.name if self.step else ""
+        if not self.stills[step]:
+            raise Interrupted("enough")
+        still, *self.stills[step] = self.stills[step]
+        return self._line(step, still)
+
+
+def filmed(session: Path, path: Path) -> None:
+    """A video of all pictures of a session in the order of the steps, each held, what is between them moving."""
+    size = cv2.imread(str(next((session / "plane").glob("*.png")))).shape[1::-1]
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 10, size)
+    for folder, frames in (("intrinsics", 10), ("plane", 32), ("noload", 10), ("loads", 10)):
+        for number, file in enumerate(sorted((session / folder).glob("*.png"))):
+            picture = cv2.imread(str(file))
+            for shift in (60, 30, 15):
+                writer.write(np.roll(picture, shift, axis=(0, 1)))
+            for _ in range(frames if folder != "plane" or number == 0 else 0):
+                writer.write(picture)
+        if folder == "intrinsics":
+            # still held when the lens has enough
+            for _ in range(10):
+                writer.write(np.flip(cv2.imread(str(file)), (0, 1)))
+    writer.release()
+
+
+@pytest.mark.slow
+def test_one_video_of_all_steps_leads_to_the_rig(session: Path, tmp_path: Path) -> None:
+    filmed(session, tmp_path / "all.avi")
+    person = Filmed(session, tmp_path)
+    person.given["source"] = str(tmp_path / "all.avi")
+    with Store(tmp_path / "rig") as store:
+        document = flow.walk(SessionState(store), person, report.page)
+        taken = [int(one.source.split()[1]) for step in PICTURES for one in store.journal.of(step).taken]
+    assert document["verdict"] != "does not hold", document["words"]
+    assert person.count <= MOST_ANSWERS
+    assert taken == sorted(taken), "no step goes back to a frame of the steps before"
+    assert any("not in its jig yet" in line for line in person.said)
+    truth = json.loads((session / "truth.json").read_text())
+    rig = json.loads((tmp_path / "rig" / "rig.json").read_text())
+    assert rig["antenna"]["stiffness_Nm2"] == pytest.approx(truth["stiffness_Nm2"], rel=0.03)
+    off_m = np.subtract(rig["T_antenna_camera"]["translation_m"], truth["T_antenna_camera"]["translation_m"])
+    assert np.linalg.norm(off_m) < 5e-3

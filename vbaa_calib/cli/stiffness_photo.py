@@ -183,7 +183,7 @@ def _notes(found: PhotoStiffness, setting: Setting, single: bool) -> list[str]:
     decide = "" if two else "; a photograph of the unloaded rod (--unloaded) would decide"
     apart = f"no single EI with one bow fits: curvature departs from it by {spread:.2g} 1/m: {cause}{decide}"
     curved = f"curvature is not proportional to the moment (p = {found.curved_p:.1g}): take moment_curvature, not EI"
-    bound = "the rod hangs or lies so that it tells no upper bound of EI: clamp a shorter piece more nearly level"
+    bound = "as the rod hangs or lies, its line gives no upper bound of EI: clamp a shorter piece more nearly level"
     weight = "the rod's own weight is taken as nothing beside the load; --weight allows for it"
     rules = (
         (not found.determined, bound),
@@ -200,7 +200,7 @@ def _report(document: dict[str, Any]) -> None:
     suffix = "Nm2" if unit == "N·m²" else "m3"
     value, (low, high) = document[f"{name}_{suffix}"], document[f"{name}_interval_95_{suffix}"]
     if value is None:
-        say(f"EI         more than {low:.3g} {unit} (97.5 %); the line tells no more")
+        say(f"EI         more than {low:.3g} {unit} (97.5 %); the line determines no more")
     else:
         std = document[f"{name}_std_{suffix}"]
         say(f"EI         {value:.4g} ± {std:.2g} {unit}, 95 % {low:.3g} … {high:.3g}")

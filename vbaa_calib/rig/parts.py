@@ -114,7 +114,7 @@ class AntennaImage:
     ] = None
     colour_bgr: Annotated[
         tuple[_Level, _Level, _Level] | None,
-        Field(description="of the antenna, grey levels, where nearness to it tells it from its background"),
+        Field(description="of the antenna, grey levels, where nearness to it distinguishes antenna from background"),
     ] = None
     height: Annotated[
         Annotated[Number, Field(ge=1e-6, le=1e6)] | None,

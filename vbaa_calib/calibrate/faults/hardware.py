@@ -154,6 +154,7 @@ _STEPS, _CONVERGED = 8, 0.02  # gauss-Newton steps under another gravity: it is 
 _LEAST_GAIN, _LEAST_PART = 60.0, 0.1  # decrease of χ² that another gravity must bring, over the scatter, and as a part
 _CONTRADICTED = 1e-3  # chance of the moments' scatter under another gravity, below which that is not right either
 _LEAST_LIKELIER, _MOST_TRIED = 10.0, 3  # logarithm of the likelihoods' ratio; gravities that are solved with in full
+_FEWEST_LOADS = 2  # with fewer, EI and the sensor's gain follow a compressed picture's errors to another gravity
 _ALIKE_PART = 0.1  # others within this part of the gain fit as well
 _SAME_M_S2 = 0.5  # gravities that differ by less in every frame are the same
 _AXES = {
@@ -203,6 +204,8 @@ def gravity_by_stills(
 ) -> Diagnosis | None:
     """The same by pictures and moments together, which tell apart what either alone fits: a bow looks like another sag,
     but it does not weigh, nor turn with the tilt. joint : of all stills."""
+    if sum(isinstance(one.still, Load) for one in joint.noted) < _FEWEST_LOADS:
+        return None
     std, prior, length_m = session.moment_std_Nm, joint.problem.prior, joint.problem.length_m
     problem = replace(joint.problem, moment_std_Nm=std, kept=np.ones_like(joint.kept))
     noted, stills = np.array([one.gravity_m_s2 for one in joint.noted]), [one.still for one in joint.noted]
