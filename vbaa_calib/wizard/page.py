@@ -133,7 +133,7 @@ class Page(View):
             "coverage": {"columns": _COLUMNS, "rows": _ROWS, "counts": counts.astype(int).tolist()}
             if is_lens
             else None,
-            "found": check.words if view.live else view.words,
+            "found": (check.words or check.refusal or view.words) if view.live else view.words,
             "suggested_px": None if target is None else target.outline_px.tolist(),
             "suggestion": (target.words if target else "") + (f" · {check.closer}" if check.closer else ""),
             "closeness": check.closeness,

@@ -189,12 +189,12 @@ class Controls:
             f"{instants.time_s[now]:.2f} s, frame {instants.frame[now]}: {instants.words[now]}\n"
             f"contacts and forces coloured by {self.mode}\n{_HELP}"
         )
-        for name, text, place, size in (
-            ("words", words, "upper_left", 10),
-            ("numbers", self._numbers(), "left_edge", 9),
+        for shown, at, font, name in (
+            (words, "upper_left", 10, "words"),
+            (self._numbers(), "left_edge", 9, "numbers"),
         ):
-            shown = self.plotter.add_text(text, position=place, font_size=size, color=INK, name=name, render=False)
-            shown.prop.background_color, shown.prop.background_opacity = "white", 0.8
+            actor = self.plotter.add_text(shown, position=at, font_size=font, color=INK, name=name, render=False)
+            actor.prop.background_color, actor.prop.background_opacity = "white", 0.8
         self._mark()
         self._follow()
         scale = contact_scale(self.stage.scene, self.mode)

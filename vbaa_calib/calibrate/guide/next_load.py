@@ -321,4 +321,4 @@ def _limit(now: _StiffnessStd) -> str:
 
 
 def _percent(part: float) -> str:
-    return f"{100 * part:.2g} %"
+    return f"{100 * part:.2g} %" if not part < 1e-5 else "0 %"
