@@ -30,6 +30,7 @@ from vbaa_calib.wizard.ui import Interrupted, Ui, View
 from viz.cli.warm import small_scene
 from viz.report import check as report
 
+from ..live.test_pictures import as_bag
 from .small_session import answers
 
 MOST_ANSWERS = 25
@@ -242,11 +243,19 @@ def filmed(session: Path, path: Path) -> None:
     writer.release()
 
 
+def frames_of(video: Path) -> list[np.ndarray]:
+    capture = cv2.VideoCapture(str(video))
+    return [picture for _, picture in iter(capture.read, (False, None))]
+
+
 @pytest.mark.slow
-def test_one_video_of_all_steps_leads_to_the_rig(session: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("kind", ["all.avi", "all.mcap"])
+def test_one_video_or_bag_of_all_steps_leads_to_the_rig(kind: str, session: Path, tmp_path: Path) -> None:
     filmed(session, tmp_path / "all.avi")
+    if kind != "all.avi":
+        as_bag(tmp_path / kind, frames_of(tmp_path / "all.avi"))
     person = Filmed(session, tmp_path)
-    person.given["source"] = str(tmp_path / "all.avi")
+    person.given["source"] = str(tmp_path / kind)
     with Store(tmp_path / "rig") as store:
         document = flow.walk(SessionState(store), person, report.page)
         taken = [int(one.source.split()[1]) for step in PICTURES for one in store.journal.of(step).taken]

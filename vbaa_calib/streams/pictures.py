@@ -118,6 +118,10 @@ class BagPictures:
             raise InputError("has several topics for image", where=path, remedy=f"write {path}#TOPIC") from None
         self._count, self._start_s = 0, 0.0
 
+    def skip(self) -> None:
+        """Leave the next picture out."""
+        self.next(0.0)
+
     def next(self, timeout_s: float) -> Picture | None:
         """The next picture; None at the end."""
         for message in self._messages:

@@ -190,12 +190,11 @@ def _open(store: Store, ui: Ui, step: Step) -> Source:
             record = store.journal.of(step.name)
             before = {path.name for path in map(Path, record.past or ()) if path.parent == Path(text)}
             judged = () if os.path.isfile(text) else record.judged | before
-            if "://" not in text and is_bag(Path(text.partition("#")[0])):
-                return BagPictures(text)
-            source = open_source(text, judged, ui.interactive)
-            if isinstance(source, VideoSource) and (start := _start_in(store, step.name, text)):
+            from_bag = "://" not in text and is_bag(Path(text.partition("#")[0]))
+            source = BagPictures(text) if from_bag else open_source(text, judged, ui.interactive)
+            if isinstance(source, BagPictures | VideoSource) and (start := _start_in(store, step.name, text)):
                 ui.say(f"of {source.name} the frames from {start} on: the steps before took theirs")
-                while source.at[0] < start and not source.ended:
+                for _ in range(start):
                     source.skip()
             return source
         except InputError as error:
@@ -206,7 +205,7 @@ def _open(store: Store, ui: Ui, step: Step) -> Source:
 
 
 def _start_in(store: Store, step: str, text: str) -> int:
-    """The frame of a video at which a step begins: behind those that the steps before judged in the same video."""
+    """The frame of a video or bag at which a step begins: behind those that the steps before judged in it."""
     before = list(PICTURES)[: list(PICTURES).index(step)]
     names = {name for other in before if _source_text(store, other) == text for name in store.journal.of(other).judged}
     return max((1 + int(name.split()[1]) for name in names if name.startswith("frame ")), default=0)
