@@ -197,7 +197,7 @@ def _along(rig: Rig, glance: FirstDetection, rough: RoughFit) -> Detection:
     again = find_along(glance.image, guide, width, glance.bright)
     if glance.picture is not None:
         again = paint(rig).by_edges(glance.picture, again, guide, width)
-        again = without_other_things(glance.picture, again, rig.image.looks, width)
+        again = without_other_things(glance.picture, again, rig.image.looks, width, rig.image.bright is None)
     again = again if glance.looking is None else reject_other_shape(again, glance.looking.corridor)
     line = again if len(again.points_px) >= _SECOND_LOOK * len(glance.line.points_px) else glance.line
     # a line that is doubted on a closer look, though not on the first, makes no contact
@@ -250,7 +250,8 @@ def first_look(
         image, line, bright = *less, None
     else:
         line = explained(paint(rig).find(looking, picture, image), image, looking.corridor, bright)
-    line = without_other_things(picture, line, rig.image.looks, looking.corridor.width_px)
+    changing, width = rig.image.bright is None, looking.corridor.width_px
+    line = without_other_things(picture, line, rig.image.looks, width, changing)
     return FirstDetection(frame, image, line, bright, picture, looking)
 
 

@@ -7,8 +7,9 @@ import pytest
 from scipy.spatial import cKDTree
 
 from tests.traced_pictures import TracedPicture, traced_pictures
-from vbaa_calib.detect.whisker.antenna import CLAMP_REACH_PX, REACH_PER_LENGTH, find
+from vbaa_calib.detect.whisker.antenna import CLAMP_REACH_PX, REACH_PER_LENGTH, find, find_along
 from vbaa_calib.detect.whisker.corridor import Corridor
+from vbaa_calib.detect.whisker.paint import Paint
 
 PICTURES = traced_pictures()
 
@@ -22,10 +23,27 @@ def test_no_other_line_is_taken_for_the_antenna(picture: TracedPicture) -> None:
     if found.verdict != "ok":
         return
     assert len(picture.line_px), "there is no antenna"
+    assert (_off(picture, found.points_px) < picture.width_px).mean() > 0.95
+
+
+def _off(picture: TracedPicture, points_px: np.ndarray) -> np.ndarray:
+    """(N,) distances of points from the true line."""
     share, fine = np.linspace(0.0, 1.0, len(picture.line_px)), np.linspace(0.0, 1.0, 4000)
     line = np.stack([np.interp(fine, share, axis) for axis in picture.line_px.T], axis=1)
-    off = cKDTree(line).query(found.points_px)[0]
-    assert (off < picture.width_px).mean() > 0.95
+    return cKDTree(line).query(points_px)[0]
+
+
+def test_edges_show_what_the_colour_of_bare_metal_does_not() -> None:
+    picture = next(one for one in PICTURES if one.name == "nitinol_patchwork_frame_0005")
+    paint = Paint(True, colour=(45.0, 46.0, 53.0))
+    by_colour = find_along(paint.plane(picture.color()), picture.line_px, picture.width_px, True)
+    line = paint.by_edges(picture.color(), by_colour, picture.line_px, picture.width_px)
+    assert line.found
+    assert line.seen > max(by_colour.seen, 0.9)
+    rms = [np.sqrt(np.mean(_off(picture, one.points_px) ** 2)) for one in (by_colour, line)]
+    assert rms[1] < 0.8 * rms[0]
+    plain = Paint(True)
+    assert plain.by_edges(picture.color(), by_colour, picture.line_px, picture.width_px) is by_colour
 
 
 def test_the_set_has_every_kind() -> None:

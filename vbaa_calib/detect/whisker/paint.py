@@ -19,7 +19,7 @@ from vbaa_calib.core.robust import MAD_SCALE
 from .acceptance import LEAST_SEEN
 from .centreline import Centreline, Visibility
 from .finder import AntennaFinder
-from .profile import measure
+from .profile import EDGE_RUN, measure
 
 _OPPONENTS = ((0.5, 0.5, -1.0), (0.5, -1.0, 0.5), (-1.0, 0.5, 0.5))
 """Weights (b, g, r) of pictures that show one colour against the two others."""
@@ -37,8 +37,10 @@ FOREIGN, MOSTLY_FOREIGN, PARTLY_FOREIGN, LEAST_SPREAD = 4.0, 2.5, 1.0, (0.08, 3.
 none; and beyond which a point may show something else in part. The least deviation, relative to the brightness and in
 grey levels, since the light changes as the antenna bends."""
 _SHOWN = ("ok", "ambiguous")
-AWAY = 0.15
-"""A line that lies on another thing for such a part of its length does not come back to the antenna."""
+COLOUR_PULLED = 0.1
+"""By which part of its width the light on one side of an antenna may pull the line that is seen by its colour."""
+AWAY = 0.25
+"""A line of changing polarity that lies on another thing for such a part of its length does not come back."""
 ROOT, LIGHT = 0.4, (0.6, 1.7)
 """Share of the line, from the clamp, that tells how brightly it is lit; limits of that factor."""
 
@@ -82,15 +84,30 @@ class Paint:
 
     def by_edges(self, image: np.ndarray, line: Centreline, guide_px: np.ndarray, width_px: float) -> Centreline:
         """The centreline in a picture, measured near a guide (K, 2) by both of the antenna's edges where its own colour
-        shows less of it.
+        shows less of it, or shows less well where it is.
 
-        The colour tells the antenna from other things, not where it is: one side of bare metal may be as bright as
-        what lies behind it.
+        The colour tells the antenna from other things better than where it is: one side of bare metal may be as bright
+        as what lies behind it, which pulls the line to the other.
         """
         if self.colour is None:
             return line
-        by_edges = measure(Paint(None).plane(image), guide_px, width_px, None)
-        return by_edges if by_edges.found and by_edges.seen > line.seen else line
+        edges = measure(Paint(None).plane(image), guide_px, width_px, None)
+        if not edges.found or edges.seen <= line.seen:
+            return line
+        if not len(line.points_px):
+            return edges
+        near, aside = beside(line.points_px, edges.points_px)
+        apart = np.linalg.norm(line.points_px[near] - edges.points_px, axis=1)
+        both = (apart < width_px) & (apart**2 - aside**2 < 1.0)
+        pulled = COLOUR_PULLED * width_px
+        effective = np.hypot(line.effective_px, pulled * np.sqrt(EDGE_RUN))[near]
+        better = both & (effective < edges.effective_px)
+        return replace(
+            edges,
+            points_px=np.where(better[:, None], line.points_px[near], edges.points_px),
+            sigma_px=np.where(better, np.hypot(line.sigma_px, pulled)[near], edges.sigma_px),
+            effective_px=np.where(better, effective, edges.effective_px),
+        )
 
 
 def learn(finders: Sequence[AntennaFinder], images: Sequence[np.ndarray]) -> Paint | None:
@@ -227,12 +244,16 @@ def usual_looks(several: Sequence[np.ndarray]) -> Looks | None:
     return learnt
 
 
-def without_other_things(image: np.ndarray, line: Centreline, looks: Looks | None, width_px: float) -> Centreline:
+def without_other_things(
+    image: np.ndarray, line: Centreline, looks: Looks | None, width_px: float, changing: bool = False
+) -> Centreline:
     """The centreline in a picture (H, W[, 3]) without stretches that do not look like an antenna of this width.
 
     Where the antenna is hidden a line that goes on along an object's edge has not its colour. Where it is hidden in
     part, the line is the middle of what is left: what the colour leaves open, as a part of half the width, is added to
     the deviations, alike for all points concerned. The light may be stronger or weaker in all than it was.
+
+    changing : whether the antenna is here brighter, there darker than what lies behind it.
     """
     if looks is None or not line.found:
         return line
@@ -243,7 +264,7 @@ def without_other_things(image: np.ndarray, line: Centreline, looks: Looks | Non
     other, off = _foreign(np.ascontiguousarray(_colours(image, line.points_px)), shares, table)
     starts, stops = np.flatnonzero(np.diff(other, prepend=False, append=False)).reshape(-1, 2).T
     away = starts[shares[stops - 1] - shares[starts] > AWAY]
-    if len(away):
+    if changing and len(away):
         other[away[0] :] = True
     doubt = 0.5 * width_px * np.clip((off - PARTLY_FOREIGN) / (FOREIGN - PARTLY_FOREIGN), 0.0, 1.0)
     if not other.any() and not doubt.any():
