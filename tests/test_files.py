@@ -21,7 +21,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vbaa_calib.core.csv_rows import number, read_csv
-from vbaa_calib.core.errors import InputError, sentence_of
+from vbaa_calib.core.errors import InputError, one_line, sentence_of
 from vbaa_calib.core.files import (
     read_yaml,
     refuse_overwrite,
