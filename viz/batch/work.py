@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import json
+import pickle
 import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
+from itertools import pairwise
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -14,7 +16,7 @@ from typing import Any
 import vbaa_calib
 from estimator.contact.drift import LearntRig, summary
 from estimator.contact.estimate import ContactEstimator
-from estimator.contact.pieces import Lines, Made, Seen, cuts, learn, look, made, seam, solve
+from estimator.contact.pieces import Lines, Seen, cuts, learn, look, made, seam, solve
 from estimator.contact.recording import Ground
 from estimator.contact.source import (
     Source,
@@ -112,9 +114,9 @@ class _Looked:
 @dataclass(frozen=True, eq=False)
 class _Piece:
     """A piece whose rows are in their file, but for those at its edges; of the last one also how the rig has changed by
-    then. cpu_s : the processor's seconds."""
+    then. cpu_s : the processor's seconds. made : a pickled `Made`, whose thousand arrays dask would send one by one."""
 
-    made: Made
+    made: bytes
     cpu_s: float
     learnt: LearntRig | None = None
 
@@ -212,16 +214,16 @@ def fit(looked: _Looked, learnt: Sequence[LearntRig]) -> _Piece:
     if one.rows:
         write_contacts(piece.file(2 * piece.index), one.rows, force=True)
     cpu_s = looked.cpu_s + time.process_time() - begun
-    return _Piece(replace(one, rows=[]), cpu_s, learnt[-1] if final else None)
+    return _Piece(pickle.dumps(replace(one, rows=[])), cpu_s, learnt[-1] if final else None)
 
 
 def finish(head: Opened, pieces: Sequence[_Piece]) -> Outcome:
     """The recording's contacts, object and summary."""
     recording, results, learnt = head.recording, head.results, pieces[-1].learnt
     assert learnt is not None
-    for index in range(1, len(pieces)):
-        between = seam(head.rig, head.source.shutter, pieces[index - 1].made, pieces[index].made)
-        write_contacts(head.file(2 * index - 1), between, force=True)
+    ends = [pickle.loads(piece.made) for piece in pieces]
+    for index, (one, other) in enumerate(pairwise(ends)):
+        write_contacts(head.file(2 * index + 1), seam(head.rig, head.source.shutter, one, other), force=True)
     files = [head.file(index) for index in range(2 * len(pieces) - 1)]
     changed = summary(learnt)
     row = {
