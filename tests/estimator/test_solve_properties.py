@@ -75,7 +75,7 @@ def any_points(rig: Rig, model: str, seed: int, friction: float, felt: bool) -> 
     points = rng.uniform(-200.0, 1200.0, 2) + spread * rng.normal(size=(count, 2))
     if rng.uniform() < 0.5 and count:
         points = rng.uniform(0.0, 900.0, 2) + np.linspace(-1.0, 1.0, count)[:, None] * spread * rng.normal(size=2)
-    moment = float(10.0 ** rng.uniform(-8.0, 3.0) * rng.choice([-1.0, 1.0])) if felt else None
+    moment = float(10.0 ** rng.uniform(-8.0, 2.0) * rng.choice([-1.0, 1.0])) if felt else None
     sigma = float(10.0 ** rng.uniform(-4.0, 2.0))
     contact = ContactEstimator(rig, model, friction=friction).estimate(
         points, moment=moment, pan=float(rng.normal()), tilt=float(rng.normal()), sigma_px=sigma
