@@ -146,7 +146,7 @@ def test_calibration(done: Done, moving_corners: Callable[[Rng], list[BoardView]
     found = calibrate(done.session)
     given = moving_corners(np.random.default_rng(1))
     other = calibrate(done.session)
-    assert len(given) > 8
+    assert len(given) > 5
     assert not np.array_equal(found.lens.camera.parameters, other.lens.camera.parameters), "nothing was moved"
     held(of_lens(found.lens), of_lens(other.lens))
     held(of_rig(found.rig), of_rig(other.rig))
