@@ -195,16 +195,16 @@ def _count(client: Client) -> None:
     client.run(_counting)
 
 
-def _counted(name: str) -> float:
+def _count_of(name: str) -> float:
     return _COUNTS[name]
 
 
 def _moved(client: Client) -> int:
-    return int(sum(client.run(_counted, "sent").values()) + _counted("sent"))
+    return int(sum(client.run(_count_of, "sent").values()) + _count_of("sent"))
 
 
 def _in_tasks(client: Client) -> float:
-    return float(sum(client.run(_counted, "tasks_s").values()))
+    return float(sum(client.run(_count_of, "tasks_s").values()))
 
 
 def _idle(client: Client) -> float:

@@ -54,11 +54,12 @@ def read_robot_poses(path: Path, euler: str | None = None) -> tuple[dict[str, Po
         if not name or name in places:
             what = f"view {name} stands twice" if name else "view is empty"
             raise InputError(what, where=where, remedy="give each view one row")
-        places[name] = _PLACES[place] * np.array([number(row, column, path) for column in place])
-        turns[name] = np.array([number(row, column, path) for column in turn])
-        for column in (*place, *turn):
-            if abs(float(row[column])) > _LARGEST:
-                raise InputError(f"{column} is {row[column]}", where=where, remedy="mend the row: no arm is posed so")
+        values = {column: number(row, column, path) for column in (*place, *turn)}
+        for column, value in values.items():
+            if abs(value) > _LARGEST:
+                raise InputError(f"{column} is {value:g}", where=where, remedy="mend the row: no arm is posed so")
+        places[name] = _PLACES[place] * np.array([values[column] for column in place])
+        turns[name] = np.array([values[column] for column in turn])
         if turn == _QUATERNION and abs((length := math.hypot(*turns[name])) - 1.0) > _UNIT:
             raise InputError(f"the quaternion's length is {length:.3g}, not 1", where=where, remedy="mend the row")
     rotations = np.array(list(turns.values()))
