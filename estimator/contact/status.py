@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimator.solver.convergence import MOST_EVALUATIONS, NEAREST
+from estimator.solver.convergence import MOST_EVALUATIONS, NEAREST, WRONG_SHAPE
 from estimator.solver.numbers import SMALL_BIAS, FitNumbers
 from vbaa_calib.antenna.rungs import RUNGS
 from vbaa_calib.core.robust import chi_square_p
@@ -18,8 +18,6 @@ certain than that fraction of the length: beyond it first order no longer descri
 EDGE_ON_RAD, EDGE_ON_BLIND_RAD = 0.05, 0.15
 """Within this angle of the camera's centre the deformation plane counts as seen edge-on: with a reading only where the
 distance is uncertain as well, without one always."""
-WRONG_SHAPE = 3.0
-"""Median residual, in standard deviations, beyond which the shape is not that of one contact."""
 _ALTERNATIVE_COST = 4.5
 """Two contacts whose costs differ by less explain a frame about equally well: three standard deviations."""
 SECOND_CONTACT, SECOND_SHIFT = 25.0, 1.0

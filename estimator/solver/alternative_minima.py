@@ -24,7 +24,7 @@ _LARGEST_ERROR = 0.005, 30.0, 6.0
 """Of a point: parts of the antenna's length, deviations of its own, and of the rig's errors there."""
 _NEAR, _BEYOND = 0.4, 0.15
 """So many points are near the antenna by chance at most, or where it cannot reach by mistake."""
-_APART, _FIRST, _GO_ON, _MORE = 6, 5, 2, 12
+_APART, _FIRST, _GO_ON, _MORE = 6, 5, 3, 15
 """A search for whatever is near begins at every sixth distance of the grid; iterations of each; how many of them go on,
 and for how many more."""
 _DISTINGUISHABLE = 5.0

@@ -53,6 +53,8 @@ _NEAR_TIP, _TIP_COST = 0.03, 2.0
 """A distance this near to the tip is fixed there if that costs no more than this: two standard deviations."""
 _FAR = 0.02
 """Change of the distance or the tip's deflection, in antenna lengths, after which the rig's derivatives are renewed."""
+WRONG_SHAPE = 3.0
+"""Median residual, in standard deviations, beyond which the shape is not that of one contact."""
 MOST_SCATTER = 5.0
 """Largest scatter: with more, a fit would end at its priors."""
 _ROUNDS, _SCATTER_CHANGE = 3, 0.1

@@ -18,24 +18,31 @@ from .alternative_minima import (
     try_mirrors,
     try_start,
 )
-from .convergence import COARSE_ITERATIONS, MOST_SCATTER, begin_search, coarse_minimum, converge, empty_work, polish
+from .convergence import (
+    COARSE_ITERATIONS,
+    MOST_SCATTER,
+    WRONG_SHAPE,
+    begin_search,
+    coarse_minimum,
+    converge,
+    empty_work,
+    polish,
+)
 from .fit import CONVERGED, COST, SCATTER, copy_fit
 from .frames import Frames, frame_of, thinned
 from .initialization import (
-    GRID,
     STARTS,
     free_antenna,
     grid_search,
     largest_gain,
     limit_load,
     lowest_of_grid,
-    start_at,
     warm_start,
 )
 from .linear_algebra import put
 from .normal_equations import linearise, points_cost, unscaled_cost
 from .numbers import SMALL_BIAS, FitNumbers, NumberRecord, write_numbers
-from .prediction import ELASTICA, LINEAR, REFERENCE, predict
+from .prediction import LINEAR, REFERENCE, predict
 from .rig_arrays import UNKNOWNS, RigRecord
 from .second_contact import second_force
 from .uncertainty import (
@@ -51,8 +58,6 @@ COARSE_RUNG = RUNGS[LINEAR]
 """The rung on which minima are compared before a rung is chosen."""
 _COARSE_POINTS = 64
 """Minima are searched with about so many of a frame's points."""
-_WIDE_STEP, _WIDE_ITERATIONS = 4, 15
-"""Lost frames are searched from every fourth distance of the grid, with so many iterations each."""
 _LOST_SCATTER, _LOST_FRICTION = 2.0, 2.5
 """A larger scatter, or a friction angle of more deviations, is a reason to search elsewhere."""
 _FAINT = 5.0
@@ -201,17 +206,17 @@ def _find_starts(rig, frame, warm, always, starts, costs, work):
     warm_start(grid, warm, starts, costs)
     if always or np.isfinite(costs[-1]):
         feet = free.foot_m[::every].copy()
-        _coarse_minima(rig, work.bent.lens, few, LINEAR, feet, COARSE_ITERATIONS, starts, costs)
+        _coarse_minima(rig, work.bent.lens, few, feet, starts, costs)
         for k in range(0 if always else STARTS):
             limit_load(rig, starts[k])
     return grid
 
 
 @compiled
-def _coarse_minima(rig, lens, frame, rung, feet_m, iterations, starts, costs):
-    """Replace starts (S, 4) by the rough minima that they lead to, lowest first, and their costs.
+def _coarse_minima(rig, lens, frame, feet_m, starts, costs):
+    """Replace starts (S, 4) by the rough minima that they lead to on a low rung, lowest first, and their costs.
 
-    feet_m : (N,) near the right ones, or none. Starts of infinite cost, minima that another start reached too, and
+    feet_m : (N,) near the right ones. Starts of infinite cost, minima that another start reached too, and
     hopeless ones come out with infinite cost.
     """
     count = len(costs)
@@ -222,9 +227,8 @@ def _coarse_minima(rig, lens, frame, rung, feet_m, iterations, starts, costs):
             costs[k] = np.inf
             continue
         put(starts[k], fit.unknowns)
-        if len(feet_m):
-            put(feet_m, fit.foot_m)
-        coarse_minimum(rig, frame, rung, fit, work, len(feet_m) > 0, 1.0, iterations)
+        put(feet_m, fit.foot_m)
+        coarse_minimum(rig, frame, LINEAR, fit, work, True, 1.0, COARSE_ITERATIONS)
         starts[k] = fit.unknowns
         costs[k] = fit.numbers[COST] if fit.numbers[COST] == fit.numbers[COST] else np.inf
     for a in range(count - 1):
@@ -256,7 +260,8 @@ def _fit_on_rung(rig, exact, frame, rung, grid, starts, costs, found, other, oth
     polish(rig, frame, rung, best, work)
     uncertainty(best, found, work)
     ambiguous = _significant(best.unknowns, found.covariance) and mirror_ambiguous(rig, frame, best)
-    if ambiguous:
+    explained = best.numbers[CONVERGED] > 0.0 and best.numbers[SCATTER] <= WRONG_SHAPE
+    if ambiguous and explained:
         before = best.unknowns.copy()
         try_mirrors(rig, frame, rung, before, best, other, other_cost, work)
         if different(before, best.unknowns):
@@ -278,25 +283,18 @@ def _significant(unknowns, covariance):
 
 @compiled
 def _search_lost(rig, exact, frame, rung, grid, best, other, other_cost, work):
-    """Search a lost frame again: with new feet, from all over the antenna, from the picture alone on the exact rig."""
+    """Search a lost frame again: with new feet, and from the picture alone on the exact rig."""
     if not _lost(best):
         return
     try_start(rig, frame, rung, best.unknowns.copy(), best, other, other_cost, work)
     if not _lost(best):
         return
     begin_search(work)
-    count = (GRID + _WIDE_STEP - 1) // _WIDE_STEP
-    starts, costs = np.empty((count, UNKNOWNS)), np.zeros(count)
-    for k in range(count):
-        start_at(rig, grid, k * _WIDE_STEP, k * _WIDE_STEP, 0.0, starts[k])
-    _coarse_minima(rig, work.bent.lens, frame, max(rung, ELASTICA), np.empty(0), _WIDE_ITERATIONS, starts, costs)
-    try_start(rig, frame, rung, starts[0].copy(), best, other, other_cost, work)
-    if not _lost(best):
-        return
+    start = np.empty(UNKNOWNS)
     few, every = thinned(frame, _COARSE_POINTS)
     _, scatter = largest_error(rig, work.free, every)
-    nearest_shape(exact, work.bent.lens, few, grid, best.unknowns.copy(), 0.0, scatter, starts[0])
-    try_start(rig, frame, rung, starts[0].copy(), best, other, other_cost, work)
+    nearest_shape(exact, work.bent.lens, few, grid, best.unknowns.copy(), 0.0, scatter, start)
+    try_start(rig, frame, rung, start, best, other, other_cost, work)
 
 
 @compiled
