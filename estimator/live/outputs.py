@@ -23,7 +23,7 @@ from vbaa_calib.streams.devices import udp_address
 
 from .estimator import LiveContact
 
-_KEEP_S = 0.9
+_KEEP_S = 0.5
 """After so long what a bag holds is written out: a kill loses no more than a second."""
 _KINDS = (
     "std_msgs/msg/String",

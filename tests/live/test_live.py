@@ -152,9 +152,10 @@ def test_a_bag_is_read_up_to_the_last_second_before_a_kill(tmp_path: Path, monke
     sink = ContactBag(path)
     for each in some:
         sink.write(each)
-    times_ns = set()
+    times_ns = set[int]()
     with path.open("rb") as stream, suppress(EndOfFile):
-        times_ns |= {message.log_time for *_, message in NonSeekingReader(stream).iter_messages(log_time_order=False)}
+        for *_, message in NonSeekingReader(stream).iter_messages(log_time_order=False):
+            times_ns.add(message.log_time)
     assert times_ns >= {round(1e9 * each.row.time_s) for each in some[:-2]}
     sink.close()
 
