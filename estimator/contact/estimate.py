@@ -105,7 +105,7 @@ class ContactEstimator:
         sigma = None if sigma_px is None else as_floats(sigma_px, "sigma_px", "give standard deviations in px")
         if sigma is not None and sigma.shape not in ((), points.shape[:1]):
             raise InputError(f"sigma_px has shape {sigma.shape}", remedy="give one number or (N,) of them")
-        sigma = sigma if sigma is None or sigma.ndim == 0 else sigma[None]
+        sigma = sigma[None] if sigma is not None and sigma.ndim else sigma
         return self.estimate_batch(points[None], [moment], [pan], [tilt], sigma_px=sigma, moments_z=[moment_z])[0]
 
     def estimate_batch(
@@ -239,9 +239,9 @@ class ContactEstimator:
         joints = batch.pan_rad, batch.tilt_rad
         contacts = contacts_of(found, self._rig_arrays.rig, self.friction_rad, *joints, self.model)
         contacts = with_joint_errors(contacts, batch)
-        weights = batch.weights(self._rig_arrays)
-        weighed = contacts.moment_residual_Nm if weights is None else contacts.moment_residual_Nm / weights[:, 0]
-        return replace(contacts, moment_residual_Nm=weighed)
+        if (weights := batch.weights(self._rig_arrays)) is None:
+            return contacts
+        return replace(contacts, moment_residual_Nm=contacts.moment_residual_Nm / weights[:, 0])
 
     def _fitted(self, batch: Batch, frames: Frames, beam: Beam | None) -> FitNumbers:
         """The fits of frames with enough points; what does not fit is looked at again."""
@@ -374,8 +374,7 @@ class ContactStream:
         while self._work and steps != 0:
             for contacts in self._work[0]:
                 yield from contacts or ()
-                steps = None if steps is None else steps - 1
-                if steps == 0:
+                if steps is not None and (steps := steps - 1) == 0:
                     return
             self._work.popleft()
 
