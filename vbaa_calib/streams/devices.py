@@ -128,5 +128,11 @@ def open_device(camera: LiveSource) -> Source:
                 notes.append(f"{camera.name} broke off and was reached again, {camera.reopened} times in all")
             camera.close()
 
-    counts = {"dropped": lambda: camera.dropped, "reopened": lambda: camera.reopened}
-    return Source(camera.name, messages, live=True, notes=notes, **counts)
+    return Source(
+        camera.name,
+        messages,
+        live=True,
+        dropped=lambda: camera.dropped,
+        reopened=lambda: camera.reopened,
+        notes=notes,
+    )

@@ -208,8 +208,9 @@ def _follow(source: Source, live: LiveEstimator, sinks: list[_Sink], monitor: _M
 
     def spread(contacts: Iterator[LiveContact]) -> None:
         for contact in contacts:
-            for sink in (*sinks, monitor):
+            for sink in sinks:
                 sink.write(contact)
+            monitor.write(contact)
 
     with _interruptible() as interrupted, closing(source.messages()) as messages:
         for message in messages:
