@@ -97,10 +97,11 @@ class LearntRig:
 
     def learn(self, batch: Batch, time_s: float) -> Generator[None, None, LearntRig]:
         """From frames of which only the free ones are used, if there are any; in steps, as it takes a while."""
-        rows = np.flatnonzero(_is_free(batch.frames(RigArrays.from_rig(self.now, 0.0))))
+        frames = batch.frames(RigArrays.from_rig(self.now, 0.0))
+        yield
+        rows = np.flatnonzero((yield from _is_free(frames)))
         if len(rows) == 0:
             return self
-        yield
         rows = rows[np.unique(np.linspace(0, len(rows) - 1, _AT_ONCE).astype(int))]
         free, now, own, count = batch.picked(rows), self.now, self.line_sum_px2, self.line_frames
         if now.drift.line_px > 0.0:
@@ -150,11 +151,14 @@ def _in_covariance(widened: Rig, before: Rig) -> Rig:
     return replace(widened, drift=replace(type(before.drift)(), line_px=before.drift.line_px))
 
 
-def _is_free(frames: Frames) -> np.ndarray:
+def _is_free(frames: Frames) -> Generator[None, None, np.ndarray]:
     """(B,) bool, frames of the free antenna: no force on it explains them much better."""
-    if len(frames) == 0:
-        return np.zeros(0, bool)
-    return (frames.usable.sum(-1) >= FEWEST_FREE_POINTS) & (free_antennas(frames).gain < FREE_GAIN)
+    gain = np.empty(len(frames))
+    for begin in range(0, len(frames), _AT_ONCE):
+        rows = slice(begin, begin + _AT_ONCE)
+        gain[rows] = free_antennas(frames.picked(rows)).gain
+        yield
+    return (frames.usable.sum(-1) >= FEWEST_FREE_POINTS) & (gain < FREE_GAIN)
 
 
 def _posterior(batch: Batch, rig: Rig) -> Generator[None, None, tuple[Rig, np.ndarray, np.ndarray]]:
@@ -167,6 +171,7 @@ def _posterior(batch: Batch, rig: Rig) -> Generator[None, None, tuple[Rig, np.nd
         if turn:
             rig_arrays = replace(RigArrays.from_rig(moving, 0.0), axes=axes)
         frames = batch.frames(rig_arrays)
+        yield
         steps = np.zeros((len(batch), size + len(line)))
         for _ in range(_REWEIGHTINGS):
             equations = free_antennas(frames, steps, _BEYOND)
@@ -176,9 +181,11 @@ def _posterior(batch: Batch, rig: Rig) -> Generator[None, None, tuple[Rig, np.nd
             change = np.linalg.solve(total, side - at - steps[0, :size])
             own = by_shared[..., size] - (by_shared[..., :size] @ change) if len(line) else steps[:, size:]
             steps = steps + np.concatenate([np.broadcast_to(change, (len(batch), size)), own], axis=1)
+            yield
         at = at + steps[0, :size]
         moving = rig.moved(axes @ at)
-        yield
+    batch.frames(RigArrays.from_rig(moving, 0.0))  # so that the new lens is tabled
+    yield
     covariance = axes @ np.linalg.solve(total, axes.T)
     own_information = equations.information[:, size:, size:]
     variance = np.diagonal(np.linalg.inv(own_information), axis1=1, axis2=2) if len(line) else steps[:, size:]

@@ -32,6 +32,8 @@ CHUNK = 2048
 """Frames that are solved at once."""
 STREAM = 64
 """Frames of a recording that are solved at once, each batch from where the one before ended."""
+_AT_ONCE, _MOST_STEPS = 8, 4
+"""Of work done little by little: frames taken over or contacts given in a step, and steps with a frame, at most."""
 AFRESH = 1024
 """After so many frames of a recording the search begins afresh, so that it can be cut there without changing a bit; and
 as many at most wait for its first free frames."""
@@ -103,7 +105,7 @@ class ContactEstimator:
         sigma = None if sigma_px is None else as_floats(sigma_px, "sigma_px", "give standard deviations in px")
         if sigma is not None and sigma.shape not in ((), points.shape[:1]):
             raise InputError(f"sigma_px has shape {sigma.shape}", remedy="give one number or (N,) of them")
-        sigma = sigma if sigma is None or sigma.ndim == 0 else sigma[None]
+        sigma = sigma[None] if sigma is not None and sigma.ndim else sigma
         return self.estimate_batch(points[None], [moment], [pan], [tilt], sigma_px=sigma, moments_z=[moment_z])[0]
 
     def estimate_batch(
@@ -214,16 +216,17 @@ class ContactEstimator:
         left = np.array([row for row in range(count) if row not in known], np.intp)
         found = None if 0 < len(left) == count <= most else FitNumbers.empty(count)
         if known and found is not None:
-            columns = zip(*(numbers.tables for numbers in known.values()), strict=True)
-            found.put(np.array(list(known)), FitNumbers(*map(np.concatenate, columns)))
-            yield
+            for begin in range(0, len(known), _AT_ONCE):
+                some = dict(islice(known.items(), begin, begin + _AT_ONCE))
+                columns = zip(*(numbers.tables for numbers in some.values()), strict=True)
+                found.put(np.array(list(some)), FitNumbers(*map(np.concatenate, columns)))
+                yield
         for begin in range(0, len(left), most):
             if begin:
                 yield
             rows = left[begin : begin + most]
             part = batch if len(rows) == count else batch.picked(rows)
-            frames = part.frames(self._rig_arrays)
-            usable = frames.usable.sum(-1)
+            usable = (frames := part.frames(self._rig_arrays)).usable.sum(-1)
             enough = np.flatnonzero(usable >= FEWEST_POINTS)
             if found is None and len(enough) == count:
                 found = self._fitted(part, frames, beam)
@@ -233,20 +236,18 @@ class ContactEstimator:
             if len(enough):
                 found.put(rows[enough], self._fitted(part.picked(enough), frames.picked(enough), beam))
         assert found is not None
-        contacts = contacts_of(
-            found, self._rig_arrays.rig, self.friction_rad, batch.pan_rad, batch.tilt_rad, self.model
-        )
+        joints = batch.pan_rad, batch.tilt_rad
+        contacts = contacts_of(found, self._rig_arrays.rig, self.friction_rad, *joints, self.model)
         contacts = with_joint_errors(contacts, batch)
-        weights = batch.weights(self._rig_arrays)
-        weighed = contacts.moment_residual_Nm if weights is None else contacts.moment_residual_Nm / weights[:, 0]
-        return replace(contacts, moment_residual_Nm=weighed)
+        if (weights := batch.weights(self._rig_arrays)) is None:
+            return contacts
+        return replace(contacts, moment_residual_Nm=contacts.moment_residual_Nm / weights[:, 0])
 
     def _fitted(self, batch: Batch, frames: Frames, beam: Beam | None) -> FitNumbers:
         """The fits of frames with enough points; what does not fit is looked at again."""
         fitted = self._solved(frames, batch.start, beam)
         frames = self._without_odd_tips(frames, fitted, beam)
-        rows = np.flatnonzero((fitted.evidence >= CONTACT_EVIDENCE) & unexplained(fitted))
-        if len(rows):
+        if len(rows := np.flatnonzero((fitted.evidence >= CONTACT_EVIDENCE) & unexplained(fitted))):
             self._without_reading(frames, fitted, rows[fitted.sensor_available[rows].any(axis=1)])
             self._with_drift(batch, fitted, rows)
         return fitted
@@ -319,8 +320,7 @@ class ContactStream:
     when they come.
 
     live : each frame is answered as it comes, from those before it; else `STREAM` at a time, as a recording's.
-    at_once : frames that one `push` solves, or gives the contacts of, at most, so that none takes long; by default all
-        that are due. The contacts are the same.
+    little_by_little : a `push` does only a short step or few, such as to solve one frame. The contacts are the same.
     beside : another stream of the same frames, which learns how the rig has changed for this one, too, and is given
         each frame after it.
     """
@@ -330,11 +330,11 @@ class ContactStream:
         estimator: ContactEstimator,
         *,
         live: bool = False,
-        at_once: int | None = None,
+        little_by_little: bool = False,
         beside: ContactStream | None = None,
     ) -> None:
         self._estimator, self._beside = estimator, beside
-        self._size, self._at_once = 1 if live else STREAM, at_once
+        self._size, self._little = 1 if live else STREAM, little_by_little
         self._batches = Batches(estimator, 0 if live else AFRESH // STREAM)
         self._search: Search = Search(estimator.rig, None if beside is None else beside._search)
         self._motion = MotionCheck(Beam.of(estimator.rig), live)
@@ -352,29 +352,29 @@ class ContactStream:
             raise InputError(f"the recording holds {shown(measured)}", remedy="give a Measured for each frame")
         self._coming.append(measured)
         if len(self._coming) == self._size:
-            self._take()
-        return self._worked(self._at_once)
+            self._work.append(self._taken(self._coming))
+            self._coming = []
+        return self._worked(min(len(self._work), _MOST_STEPS) if self._little else None)
+
+    def idle(self) -> Iterator[Contact]:
+        """The contacts that a step of the work gives, if there is any: for who has time before the next frame."""
+        return self._worked(1)
 
     def finish(self) -> Iterator[Contact]:
         """The contacts of all frames that still wait; nothing comes after them."""
         if self._coming:
-            self._take()
+            self._work.append(self._taken(self._coming))
         yield from self._worked(None)
         self._work.append(self._solved(self._batches.finish()))
         yield from self._worked(None)
         yield from self._motion.finish()
 
-    def _take(self) -> None:
-        """What came is one batch."""
-        self._work.append(self._taken(self._coming))
-        self._coming = []
-
-    def _worked(self, at_once: int | None) -> Iterator[Contact]:
-        """The contacts that a step of the work gives or, without `at_once`, all of it."""
-        while self._work:
+    def _worked(self, steps: int | None) -> Iterator[Contact]:
+        """The contacts that so many steps of the work give, at most; None: all of it."""
+        while self._work and steps != 0:
             for contacts in self._work[0]:
                 yield from contacts or ()
-                if at_once is not None:
+                if steps is not None and (steps := steps - 1) == 0:
                     return
             self._work.popleft()
 
@@ -391,10 +391,10 @@ class ContactStream:
     def _solved(
         self, ready: list[tuple[ContactEstimator, list[Measured]]]
     ) -> Generator[list[Contact] | None, None, None]:
-        most = CHUNK if self._at_once is None else self._at_once
+        solved, given = (1, _AT_ONCE) if self._little else (CHUNK, CHUNK)
         for now, several in ready:
-            found = yield from self._search.solve(now, several, most)
+            found = yield from self._search.solve(now, several, solved)
             yield None
             contacts = self._motion.push(found)
-            while part := list(islice(contacts, most)):
+            while part := list(islice(contacts, given)):
                 yield part

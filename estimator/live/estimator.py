@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import Any
 
@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from estimator.contact.drift import summary
-from estimator.contact.estimate import ContactEstimator, ContactStream
+from estimator.contact.estimate import STREAM, ContactEstimator, ContactStream
 from estimator.contact.recording import (
     Detection,
     FrameContact,
@@ -22,17 +22,19 @@ from estimator.contact.recording import (
     first_look,
     frame_contact,
     gravity,
-    measured_points,
+    prepared,
 )
 from estimator.table.contacts import ContactRow
+from vbaa_calib.antenna.shape import bend
 from vbaa_calib.core.arrays import gate
-from vbaa_calib.detect.whisker.antenna import free_curve, pixels, width_px
+from vbaa_calib.detect.whisker.antenna import pixels, width_px
+from vbaa_calib.rig import Rig
 from vbaa_calib.session import Frame
-from vbaa_calib.streams import Reading, Synchronizer, Taken
+from vbaa_calib.streams import Reading, Synchronizer, Taken, Timing
 from vbaa_calib.streams.synchronize import Synchronized
 
-_FINAL_AT_ONCE = 4
-"""Frames whose final contacts are worked out with one picture: few enough that it is hardly late."""
+_TILTS_RAD = np.linspace(-1.2, 1.2, 97)
+"""Joint angles within which a search is prepared before the first picture."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,35 +83,43 @@ class LiveEstimator:
     ) -> None:
         self.estimator, self.synchronizer = estimator, synchronizer
         self.final, self._ground = final, ground
-        self._later = ContactStream(estimator, at_once=_FINAL_AT_ONCE) if final else None
+        self._later = ContactStream(estimator, little_by_little=True) if final else None
         self._now = ContactStream(estimator, live=True, beside=self._later)
         self._before = np.empty((0, 2))
         self._frames: deque[tuple[Synchronized, Detection]] = deque()
         self._watched = 0
 
     def warm(self) -> None:
-        """Load and prepare what the first picture would wait for."""
-        rig = self.estimator.rig
-        frame = Frame(None, 0.0, 0.0, rig.moment_sensor.offset_Nm, frame=0, time_s=0.0)
-        free = free_curve(rig.antenna.parameters, rig.antenna.length_m, gravity(rig, frame)).points_m[0]
-        T_camera_antenna = rig.T_antenna_camera.inverse()
-        line = pixels(rig.camera, T_camera_antenna, free)
-        thick = max(1, round(width_px(rig.camera, T_camera_antenna, free, rig.antenna.diameter_m)))
-        picture = np.random.default_rng(0).normal(110.0, 2.0, rig.camera.image_size[::-1]).astype(np.uint8)
-        cv2.polylines(picture, [np.rint(line).astype(np.int32)], False, 180, thick, cv2.LINE_AA)
-        picture = 255 - picture if rig.image.bright is False else picture
-        (seen,) = detect_again(self.estimator, [first_look(self.estimator, frame, picture)])
-        ready = measured_points(rig, frame, {0: np.column_stack([line, np.full(len(line), np.nan)])})
-        trial = ContactEstimator(rig, self.estimator.model, friction=self.estimator.friction_rad, jobs=1)
-        trial.rough([ready])
-        for contact in trial.run([ready] * 3, live=True):
-            ContactRow.of(frame, frame_contact(frame, seen, contact).contact)
+        """Load and prepare what the first pictures would wait for: drawn ones go the way that theirs will go, and what
+        depends on the direction of gravity is made for many."""
+        rig, own = self.estimator.rig, self.estimator
+        for tilt_rad in _TILTS_RAD:
+            prepared(rig, Frame(None, 0.0, float(tilt_rad), 0.0, frame=0, time_s=0.0))
+        trial = LiveEstimator(
+            ContactEstimator(rig, own.model, friction=own.friction_rad, jobs=1),
+            Synchronizer(Timing(), image_size=rig.camera.image_size),
+            final=self.final,
+        )
+        each = [Synchronized(frame, Taken(0.0, image, 0.0), 0.0) for frame, image in _drawn(rig)]
+        seen = [trial._looked(one) for one in each]
+        for number in range(STREAM + len(each)):
+            drawn, found = each[number % len(each)], seen[number % len(each)]
+            time_s = number / 60.0
+            drawn = replace(drawn, frame=replace(drawn.frame, frame=number, time_s=time_s))
+            found = replace(found, measured=replace(found.measured, time_s=time_s))
+            for _ in trial._answered(drawn, found):
+                pass
+        for _ in trial.finish():
+            pass
 
     def push(self, message: Taken | Reading | None) -> Iterator[LiveContact]:
-        """The contacts that are there with a picture or a reading; None: some time has passed, see `tick`."""
+        """The contacts that are there with a picture or a reading; None: nothing has come, which leaves time for final
+        ones."""
         if message is not None:
             for each in self.synchronizer.push(message):
                 yield from self._estimate(each)
+        elif self._later is not None:
+            yield from map(self._finally, self._later.idle())
 
     @gate
     def tick(self, now_s: float) -> Iterator[LiveContact]:
@@ -133,9 +143,16 @@ class LiveEstimator:
         return summary(drift)
 
     def _estimate(self, each: Synchronized) -> Iterator[LiveContact]:
+        return self._answered(each, self._looked(each))
+
+    def _looked(self, each: Synchronized) -> Detection:
+        """What is seen in a picture."""
         first = first_look(self.estimator, each.frame, each.taken.image, self._ground)
         first, self._before = after(first, self._before)
-        (seen,) = detect_again(self.estimator, [first])
+        return detect_again(self.estimator, [first])[0]
+
+    def _answered(self, each: Synchronized, seen: Detection) -> Iterator[LiveContact]:
+        """A picture's contact at once, and the final ones that are ready with it."""
         (contact,) = self._now.push(seen.measured)
         item = frame_contact(each.frame, seen, contact)
         latency_s = perf_counter() - each.taken.received_s
@@ -143,9 +160,7 @@ class LiveEstimator:
         yield LiveContact(row, item, False, latency_s, each.age_s, each.taken.image)
         if self._later is not None:
             # without its picture, which would fill the memory
-            kept = Synchronized(
-                each.frame, Taken(each.taken.time_s, _NO_PICTURE, 0.0, each.taken.received_s), each.age_s
-            )
+            kept = replace(each, taken=replace(each.taken, image=_NO_PICTURE, arrived_s=0.0, place=None))
             self._frames.append((kept, seen))
             yield from map(self._finally, self._later.push(seen.measured))
 
@@ -157,3 +172,25 @@ class LiveEstimator:
 
 
 _NO_PICTURE = np.empty((0, 0), np.uint8)
+
+
+def _drawn(rig: Rig) -> Iterator[tuple[Frame, np.ndarray]]:
+    """Frames of a rig, free and bent to either side, each with its picture in grey and in colour."""
+    antenna, T_camera_antenna = rig.antenna, rig.T_antenna_camera.inverse()
+    still = Frame(None, 0.0, 0.0, rig.moment_sensor.offset_Nm, frame=0, time_s=0.0)
+    line_level = 150.0 if rig.image.looks is None else float(np.mean(rig.image.looks, axis=0)[:3].mean())
+    height = -(rig.image.height or 70.0) if rig.image.bright is False else rig.image.height or 70.0
+    noise = np.random.default_rng(0).normal(line_level - height, 2.0, rig.camera.image_size[::-1])
+    force_N = antenna.stiffness_Nm2 / antenna.length_m**2
+    for load_N in (0.0, 0.3 * force_N, -0.3 * force_N):
+        contact_m, force = np.array([0.6 * antenna.length_m]), np.array([[0.0, load_N]])
+        curve = bend(antenna.parameters[None], antenna.length_m, gravity(rig, still)[None], contact_m, force)
+        line = pixels(rig.camera, T_camera_antenna, curve.points_m[0])
+        thick = max(1, round(width_px(rig.camera, T_camera_antenna, curve.points_m[0], antenna.diameter_m)))
+        ink = np.zeros(noise.shape, np.uint8)
+        cv2.polylines(ink, [np.rint(16.0 * line).astype(np.int32)], False, 255, thick, cv2.LINE_AA, 4)
+        drawn = noise + height / 255.0 * cv2.GaussianBlur(ink, (0, 0), 0.7)
+        picture = np.clip(drawn, 0.0, 255.0).astype(np.uint8)
+        moment_Nm = float(rig.moment_sensor.gain * curve.moment_Nm[0] + rig.moment_sensor.offset_Nm)
+        for image in (picture, cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR)):
+            yield replace(still, moment_Nm=moment_Nm), image

@@ -7,6 +7,7 @@ import math
 import pickle
 import socket
 import tempfile
+import time
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -21,6 +22,13 @@ from vbaa_calib.streams.bags import BagWriter, Logged
 from vbaa_calib.streams.devices import udp_address
 
 from .estimator import LiveContact
+
+_KEEP_S = 0.5
+"""After so long what a bag holds is written out: a kill loses no more than a second."""
+_KINDS = (
+    "std_msgs/msg/String",
+    *(f"geometry_msgs/msg/{name}" for name in ("PointStamped", "WrenchStamped", "PoseWithCovarianceStamped")),
+)
 
 
 class GrowingTable:
@@ -114,7 +122,8 @@ class Datagrams:
 
 class ContactBag:
     """Contacts as ROS messages: PointStamped and WrenchStamped of what is located, the pose with its covariance, and
-    every frame as JSON text (std_msgs/String), in an MCAP file or a ROS bag by the suffix."""
+    every frame as JSON text (std_msgs/String), in an MCAP file, of which a kill loses the last second, or a ROS bag by
+    the suffix."""
 
     def __init__(self, path: Path, force: bool = False) -> None:
         """Raises InputError for a file in the way."""
@@ -123,11 +132,16 @@ class ContactBag:
         make_folder(path.parent)
         with disk_errors_named(path):
             self._writer = BagWriter(path)
+            self._writer.ready(_KINDS)
+        self._kept_s = time.monotonic()
 
     def write(self, contact: LiveContact) -> None:
         with disk_errors_named(self._path):
             for logged in contact_messages(contact):
                 self._writer.write(logged)
+            if time.monotonic() > self._kept_s + _KEEP_S:
+                self._writer.flush()
+                self._kept_s = time.monotonic()
 
     def close(self) -> None:
         with disk_errors_named(self._path):
@@ -138,7 +152,8 @@ def contact_messages(contact: LiveContact) -> list[Logged]:
     """A contact as ROS messages, at the picture's time; world frame."""
     row = contact.row
     prefix, time_ns = "/contact/final" if contact.final else "/contact", max(round(1e9 * row.time_s), 0)
-    said = [Logged(f"{prefix}/row", "std_msgs/msg/String", {"data": json_line(contact)}, time_ns)]
+    text, placed, pressed, known = _KINDS
+    said = [Logged(f"{prefix}/row", text, {"data": json_line(contact)}, time_ns)]
     if row.status not in LOCATED:
         return said
     point = dict(zip("xyz", row.point_world_m.tolist(), strict=True))
@@ -150,7 +165,7 @@ def contact_messages(contact: LiveContact) -> list[Logged]:
     force = {"force": dict(zip("xyz", row.force_world_N.tolist(), strict=True))}
     return [
         *said,
-        Logged(f"{prefix}/point", "geometry_msgs/msg/PointStamped", {"point": point}, time_ns),
-        Logged(f"{prefix}/force", "geometry_msgs/msg/WrenchStamped", {"wrench": force}, time_ns),
-        Logged(f"{prefix}/pose", "geometry_msgs/msg/PoseWithCovarianceStamped", {"pose": pose}, time_ns),
+        Logged(f"{prefix}/point", placed, {"point": point}, time_ns),
+        Logged(f"{prefix}/force", pressed, {"wrench": force}, time_ns),
+        Logged(f"{prefix}/pose", known, {"pose": pose}, time_ns),
     ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import itertools
 import json
 import os
 import signal
@@ -13,20 +14,24 @@ import tempfile
 import threading
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import cv2
 import numpy as np
 import pytest
+from mcap.exceptions import EndOfFile
+from mcap.reader import NonSeekingReader
 
 from estimator import ContactEstimator
 from estimator.contact.estimate import STREAM
 from estimator.contact.recording import estimate_taken
-from estimator.live import LiveContact, LiveEstimator
-from estimator.live.outputs import Datagrams, GrowingTable, json_line
+from estimator.live import LiveContact, LiveEstimator, outputs
+from estimator.live.outputs import ContactBag, Datagrams, GrowingTable, json_line
 from estimator.table.contacts import ContactRow
 from estimator.table.files import cells_of, read_contacts
 from tests.small_scene import small_rig
@@ -137,6 +142,22 @@ def test_parquet_grows_as_a_csv_until_it_is_closed(tmp_path: Path) -> None:
             np.testing.assert_array_equal(read_contacts(path).distance_m, expected)
         else:
             assert len(read_contacts(path.with_suffix(".csv"))) == 20
+
+
+def test_a_bag_is_read_up_to_the_last_second_before_a_kill(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is never closed; the clock goes on by half a second with each contact."""
+    clock_s = itertools.count(0.0, 0.5)
+    monkeypatch.setattr(outputs, "time", SimpleNamespace(monotonic=lambda: next(clock_s)))
+    path, some = tmp_path / "contacts.mcap", [each for each in found() if not each.final][:20]
+    sink = ContactBag(path)
+    for each in some:
+        sink.write(each)
+    times_ns = set[int]()
+    with path.open("rb") as stream, suppress(EndOfFile):
+        for *_, message in NonSeekingReader(stream).iter_messages(log_time_order=False):
+            times_ns.add(message.log_time)
+    assert times_ns >= {round(1e9 * each.row.time_s) for each in some[:-2]}
+    sink.close()
 
 
 def test_contacts_by_udp() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -104,6 +105,19 @@ class Kinematics:
     def world_antenna(self, pan_rad: ArrayLike, tilt_rad: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
         """Rotations (B, 3, 3) and translations (B, 3) of `T_world_antenna` at many readings (B,)."""
         pan_rad, tilt_rad = np.asarray(pan_rad, float), np.asarray(tilt_rad, float)
+        if pan_rad.size == tilt_rad.size == 1 and pan_rad.shape == tilt_rad.shape:
+            return self._once(pan_rad.tobytes(), tilt_rad.tobytes(), pan_rad.shape)
+        return self._carried(pan_rad, tilt_rad)
+
+    @lru_cache(maxsize=64)  # noqa: B019 -- a stream asks several times for the same picture's
+    def _once(self, pan: bytes, tilt: bytes, shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
+        """The same of one reading, in arrays of that shape; by its bytes, as −0 equals 0."""
+        found = self._carried(*(np.frombuffer(each).reshape(shape) for each in (pan, tilt)))
+        for each in found:
+            each.flags.writeable = False
+        return found
+
+    def _carried(self, pan_rad: np.ndarray, tilt_rad: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         turn = rotation_world_antenna(pan_rad, tilt_rad + self.tilt_zero_rad, self.axis_skew_rad)
         origin = self.position_world_m
         if self.axis_offset_m != 0.0:
@@ -124,10 +138,10 @@ class Kinematics:
 
     def by_axes(self, pan_rad: np.ndarray, tilt_rad: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """How `world_antenna` moves with skew, offset and tilt zero: rotations (3, B, 3, 3), translations (3, B, 3)."""
-        return _central_differences(
-            [
-                replace(self, **{name: getattr(self, name) + step}).world_antenna(pan_rad, tilt_rad)
-                for step in (-_STEP, _STEP)
-            ]
-            for name in ("axis_skew_rad", "axis_offset_m", "tilt_zero_rad")
-        )
+        return _central_differences([one.world_antenna(pan_rad, tilt_rad) for one in pair] for pair in self._stepped)
+
+    @cached_property
+    def _stepped(self) -> list[list[Kinematics]]:
+        """A step of skew, offset and tilt zero below and above."""
+        names = ("axis_skew_rad", "axis_offset_m", "tilt_zero_rad")
+        return [[replace(self, **{name: getattr(self, name) + step}) for step in (-_STEP, _STEP)] for name in names]

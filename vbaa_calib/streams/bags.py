@@ -291,6 +291,17 @@ class BagWriter:
             serialize = self._types.serialize_ros1 if self._ros1 else self._types.serialize_cdr
             self._writer.write(channel, logged.time_ns, serialize(message, logged.kind))
 
+    def ready(self, kinds: Iterable[str]) -> None:
+        """Make what writes messages of these kinds, which takes some 10 ms each, before the first one comes."""
+        serialize = self._types.serialize_ros1 if self._ros1 else self._types.serialize_cdr
+        for kind in kinds:
+            serialize(self._built(kind, self._header(Logged("", kind, {}, 0))), kind)
+
+    def flush(self) -> None:
+        """So that a kill loses nothing of an .mcap so far; other bags can be read only when they are closed."""
+        if self._mcap:
+            self._writer.flush()
+
     def close(self) -> None:
         if self._mcap:
             self._writer.finish()

@@ -99,6 +99,7 @@ class Source:
     channels : those known to come; more may.
     live : the pictures are taken while they are looked at; else they were taken before.
     dropped : how many pictures were not given, since newer ones had come.
+    reopened : how often it broke off and was reached again.
     notes : what else there is to tell, so far.
     count : of a recorded source, about how many pictures it has.
     again : of a recorded source, the pictures at some of its places, in order, without what lies before them.
@@ -109,6 +110,7 @@ class Source:
     channels: frozenset[str] = frozenset()
     live: bool = False
     dropped: Callable[[], int] = lambda: 0
+    reopened: Callable[[], int] = lambda: 0
     notes: list[str] = field(default_factory=list)
     count: int = 0
     again: Callable[[Iterable[Any]], Iterator[Taken]] | None = None

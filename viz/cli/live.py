@@ -111,7 +111,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         gc.freeze()
         say(f"estimating from {source.name}; Ctrl-C ends it")
         monitor = _Monitor(source, live, rig.drift.of_rig)
-        _follow(source, live, [*sinks, monitor])
+        _follow(source, live, sinks, monitor)
     return monitor.summary(args)
 
 
@@ -202,7 +202,7 @@ class _Lines:
         """Standard output stays open."""
 
 
-def _follow(source: Source, live: LiveEstimator, sinks: list[_Sink]) -> None:
+def _follow(source: Source, live: LiveEstimator, sinks: list[_Sink], monitor: _Monitor) -> None:
     """Every contact to every sink, until the source ends or Ctrl-C."""
     from vbaa_calib.streams import now_s
 
@@ -210,12 +210,14 @@ def _follow(source: Source, live: LiveEstimator, sinks: list[_Sink]) -> None:
         for contact in contacts:
             for sink in sinks:
                 sink.write(contact)
+            monitor.write(contact)
 
     with _interruptible() as interrupted, closing(source.messages()) as messages:
         for message in messages:
             spread(live.push(message))
             if source.live:
                 spread(live.tick(now_s()))
+            monitor.news()
             if interrupted:
                 break
         if interrupted:
@@ -258,6 +260,7 @@ class _Monitor:
     warned: set[str] = field(default_factory=set)
     at_once: dict[int, str] = field(default_factory=dict)
     drift: dict[str, Any] = field(default_factory=dict)
+    told: int = 0
 
     def __post_init__(self) -> None:
         from estimator.contact.watch import DriftWatch
@@ -286,8 +289,17 @@ class _Monitor:
             self.next_s = now_s + _SHOWN_S
             self._show(contact, now_s)
 
-    def close(self) -> None:
-        """Nothing is open."""
+    def news(self) -> None:
+        """Says what the source has to tell, as it comes, and once that the pictures have changed their size."""
+        from vbaa_calib.core.console import say
+
+        for note in self.source.notes[self.told :]:
+            say(note)
+        self.told = len(self.source.notes)
+        other = "pictures of another size"
+        if other not in self.warned and self.live.synchronizer.counts[other]:
+            self.warned.add(other)
+            say(f"warning: {other} than the rig's come, and are left out")
 
     def _watch(self, frame: int) -> None:
         """Says once of each parameter when the free antenna shows that it has changed by more than drift does."""
@@ -331,7 +343,7 @@ class _Monitor:
         if self.next_s:
             print(file=sys.stderr)
         synchronizer = self.live.synchronizer
-        for note in (*self.source.notes, *synchronizer.left_out()):
+        for note in (*self.source.notes[self.told :], *synchronizer.left_out()):
             say(note)
         frames, dropped = self.statuses.total(), self.source.dropped()
         median, late = np.quantile(self.latency_s or [0.0], [0.5, 0.99]).tolist()
@@ -355,6 +367,7 @@ class _Monitor:
             "status": dict(self.statuses),
             "amended": self.amended,
             "dropped": dropped,
+            "reconnected": self.source.reopened(),
             "latency_p50_s": median if frames else None,
             "latency_p99_s": late if frames else None,
             "stream": dict(synchronizer.counts),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -273,6 +274,10 @@ def _saturation(flat: np.ndarray) -> np.ndarray:
     """(256,) lookup table of responses: zero up to the texture's level, saturating at a few times that."""
     few = np.ascontiguousarray(flat[:: 1 + len(flat) // 20_000])
     counts = cv2.calcHist([few], [0], None, [256], [0, 256]).cumsum(dtype=float)
-    ordinary = float(np.searchsorted(counts, _TEXTURE_QUANTILE * counts[-1])) + 1.0
+    return _saturating(float(np.searchsorted(counts, _TEXTURE_QUANTILE * counts[-1])) + 1.0)
+
+
+@lru_cache(maxsize=256)
+def _saturating(ordinary: float) -> np.ndarray:
     over = np.maximum(np.arange(256.0) - ordinary, 0.0)
     return np.rint(250.0 * over / (over + 3.0 * ordinary)).astype(np.uint8)

@@ -211,9 +211,20 @@ def _sampled(image: np.ndarray, points: np.ndarray, aside: float) -> np.ndarray:
 
 def _colours(image: np.ndarray, points: np.ndarray) -> np.ndarray:
     """(N, 3) colours at points, grey levels of 8 bits whatever the picture's depth; grey is three times one."""
-    at = np.clip(np.rint(points).astype(int), 0, [image.shape[1] - 1, image.shape[0] - 1])
-    colours = image[at[:, 1], at[:, 0]] / (257.0 if image.dtype == np.uint16 else 1.0)
-    return colours[:, :3] if image.ndim == 3 else np.broadcast_to(colours[:, None], (len(colours), 3))
+    colours = _read(image if image.ndim == 3 else image[..., None], points)
+    return colours / 257.0 if image.dtype == np.uint16 else colours
+
+
+@kernel
+def _read(image: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """(N, 3) values of a picture (H, W, 1 or more) at the pixels nearest to points (N, 2)."""
+    found, last = np.empty((len(points), 3)), image.shape[2] - 1
+    for n in range(len(points)):
+        column = min(max(int(np.rint(points[n, 0])), 0), image.shape[1] - 1)
+        row = min(max(int(np.rint(points[n, 1])), 0), image.shape[0] - 1)
+        for c in range(3):
+            found[n, c] = image[row, column, min(c, last)]
+    return found
 
 
 Looks = tuple[tuple[float, float, float, float], ...]
@@ -261,7 +272,9 @@ def without_other_things(
     if image.ndim == 2 and coloured:
         return line  # a grey picture does not show the colour
     shares = _shares(line)
-    other, off = _foreign(np.ascontiguousarray(_colours(image, line.points_px)), shares, table)
+    other, off = _foreign(_colours(image, line.points_px), shares, table)
+    if not other.any() and off.max(initial=0.0) <= PARTLY_FOREIGN:
+        return line
     starts, stops = np.flatnonzero(np.diff(other, prepend=False, append=False)).reshape(-1, 2).T
     away = starts[shares[stops - 1] - shares[starts] > AWAY]
     if changing and len(away):

@@ -44,6 +44,8 @@ class LiveSource:
 
     Names count from 0 and skip those in `seen`. start_s : time of opening by `time.monotonic`, the zero of frame times.
     dropped : number of dropped frames. queued : how many of the newest frames may wait; more than one: all are decoded.
+    reopened : how often it broke off and was reached again. away : it broke off, and has not been reached again yet.
+    retries_s : waits before it is opened again, from the first anew whenever it was reached.
     stamped : the driver's stamps say when frames were taken (V4L2's are of `time.monotonic`).
     """
 
@@ -57,16 +59,17 @@ class LiveSource:
         patience: Patience,
         faults: Mapping[_Fault, tuple[str, str]],
         seen: Container[str] = (),
-        notes: Sequence[str] = (),
+        settings: Sequence[str] = (),
     ) -> None:
         """Open the device and wait for its first frame. Raises InputError if none comes.
 
-        faults : clause and remedy of each. notes : messages, which `opener` may extend.
+        faults : clause and remedy of each. settings : how it is set up, in words, which `opener` may renew.
         """
         self.name = name
         self._opener, self._patience, self._faults = opener, patience, faults
-        self._seen, self._notes = seen, notes
-        self._number = self._reopened = 0
+        self._seen, self.settings = seen, settings
+        self._number = self.reopened = 0
+        self.away, self.retries_s = False, patience.retries_s
         self._changed, self._stop = threading.Condition(), threading.Event()
         self.start_s = time.monotonic()
         self.dropped = 0
@@ -90,8 +93,8 @@ class LiveSource:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        times = range(1, self._reopened + 1)
-        return (*self._notes, *(f"{self.name} broke off and was reached again, time {time}" for time in times))
+        times = range(1, self.reopened + 1)
+        return (*self.settings, *(f"{self.name} broke off and was reached again, time {time}" for time in times))
 
     def frame(self, timeout_s: float) -> tuple[np.ndarray, float] | None:
         """The newest frame, waited for if necessary, as it came: pixels, and when since `start_s`; None if none comes.
@@ -147,11 +150,12 @@ class LiveSource:
             return self._frames.popleft()
 
     def _run(self) -> None:
-        retries = iter(self._patience.retries_s)
+        retries = iter(self.retries_s)
         while not self._stop.is_set():
             fault, frames = self._read_until_it_breaks()
+            self.away = self._had_frames
             if frames:
-                retries = iter(self._patience.retries_s)
+                retries = iter(self.retries_s)
             wait_s = next(retries, None) if self._had_frames else None
             if wait_s is None:
                 with self._changed:
@@ -177,7 +181,8 @@ class LiveSource:
                     failures += 1
                     self._stop.wait(_PAUSE_S)
                     continue
-                self._reopened += frames == 0 and self._had_frames
+                self.reopened += self.away
+                self.away = False
                 failures, frames, self._had_frames = 0, frames + 1, True
                 self._expect_frame(self._patience.silence_s)
                 with self._changed:

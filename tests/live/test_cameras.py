@@ -1,0 +1,221 @@
+"""Live from a camera that breaks off, comes back with another size, sends rubbish, or is gone: it goes on, or ends in a
+sentence with whole files. Nothing here depends on how fast it goes: the cameras wait for what they are to see."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import threading
+from collections.abc import Callable
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from estimator.table.files import read_contacts
+from tests.small_scene import small_rig
+from vbaa_calib.cli.main import main
+from vbaa_calib.core import console
+from vbaa_calib.streams import devices
+from vbaa_calib.wizard.sources import live
+from vbaa_calib.wizard.sources.live import LiveSource
+
+from .recordings import frames
+
+BROKE_OFF = "broke off; it is opened again"
+
+
+def picture() -> np.ndarray:
+    return cv2.imread(str(frames()[0].image))
+
+
+class Stage:
+    """What camera and program wait for in each other. began : pictures count. said : what was told so far."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.began, self.broke_off, self.said = threading.Event(), threading.Event(), list[str]()
+        forget, say = LiveSource.forget, console.say
+
+        def begin(source: LiveSource) -> None:
+            forget(source)
+            self.began.set()
+
+        def note(text: str) -> None:
+            self.said.append(text)
+            if BROKE_OFF in text:
+                self.broke_off.set()
+            say(text)
+
+        monkeypatch.setattr(LiveSource, "forget", begin)
+        monkeypatch.setattr(console, "say", note)
+        monkeypatch.setattr(devices, "_AWAY_S", 0.0)
+        monkeypatch.setattr(devices, "RETRIES_S", (0.02,) * 5)
+        monkeypatch.setattr(live, "_check_device", lambda *_: None)
+
+
+class Scripted:
+    """In the place of `cv2.VideoCapture`: each opening has its pictures, after which it breaks off; None cannot be
+    opened, and what can be called is called at the opening. After the last opening there is none."""
+
+    def __init__(self, stage: Stage, openings: list[list[Any] | Callable[[], None] | None]) -> None:
+        self.stage, self.openings, self.opened, self.given = stage, openings, 0, 0
+        self.left: list[Any] | None = None
+
+    def __call__(self, *_: object) -> Scripted:
+        number, self.opened = self.opened, self.opened + 1
+        now = self.openings[number] if number < len(self.openings) else None
+        self.left = None if now is None or callable(now) else list(now)
+        if callable(now):
+            now()
+        return self
+
+    def isOpened(self) -> bool:
+        return self.left is not None
+
+    def grab(self) -> bool:
+        if self.opened > 1 or self.given:
+            assert self.stage.began.wait(60.0)
+        return bool(self.left)
+
+    def retrieve(self) -> tuple[bool, Any]:
+        assert self.left is not None
+        self.given += 1
+        return True, self.left.pop(0)
+
+    def get(self, key: int) -> float:
+        return 0.0
+
+    def set(self, key: int, value: float) -> bool:
+        return False
+
+    def release(self) -> None:
+        pass
+
+
+def run(source: str, out: Path, capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
+    """The summary; every answered picture is in the table."""
+    words = ("live", small_rig() / "rig.json", source, "-o", out, "--json", "--no-moment", "--pan", "0", "--tilt", "0")
+    assert main([str(word) for word in words]) == 0
+    summary: dict[str, Any] = json.loads(capsys.readouterr().out)
+    assert len(read_contacts(out)) == summary["frames"] > 0
+    assert [path.name for path in out.parent.iterdir()] == [out.name]
+    return summary
+
+
+@pytest.mark.parametrize("back", ["whole", "larger", "rubbish"])
+def test_a_camera_that_breaks_off_and_comes_back(
+    back: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It goes on with what can be used, says that it broke off, and counts that it came back."""
+    stage = Stage(monkeypatch)
+    good, larger = picture(), np.zeros((480, 640, 3), np.uint8)
+    rubbish: list[Any] = [None, np.zeros(7, np.uint8), np.zeros((4, 4, 2), np.uint8), np.zeros((9, 9), np.float64)]
+    second = {"whole": [good] * 4, "larger": [larger] * 3 + [good] * 2, "rubbish": [*rubbish, *[good] * 2]}[back]
+    fake = Scripted(stage, [[good] * 5, lambda: stage.broke_off.wait(60.0), second])
+    monkeypatch.setattr(cv2, "VideoCapture", fake)
+    summary = run("camera:0", tmp_path / "contacts.csv", capsys)
+    assert summary["reconnected"] == 1
+    # a second time only when it breaks off for good
+    assert sum(BROKE_OFF in text for text in stage.said) in (1, 2)
+    assert any("no more pictures" in note for note in summary["notes"])  # gone for good, in the end
+    assert fake.opened == 3 + len(devices.RETRIES_S)
+    other = summary["stream"].get("pictures of another size", 0)
+    # the first was given when it was opened, and not counted
+    usable = 4 + len(second) - (len(rubbish) if back == "rubbish" else 0)
+    assert summary["frames"] + summary["dropped"] + other == usable
+    assert (other > 0) == any("of another size" in text for text in stage.said)
+
+
+def test_an_interrupt_while_a_camera_is_away(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    stage = Stage(monkeypatch)
+    monkeypatch.setattr(devices, "RETRIES_S", (0.02, 3600.0))
+
+    def interrupted() -> None:
+        assert stage.broke_off.wait(60.0)
+        os.kill(os.getpid(), signal.SIGINT)
+
+    monkeypatch.setattr(cv2, "VideoCapture", Scripted(stage, [[picture()] * 4, interrupted]))
+    assert "interrupted" in run("camera:0", tmp_path / "contacts.csv", capsys)["notes"]
+
+
+class _Handler(BaseHTTPRequestHandler):
+    """An MJPEG camera that sends so many pictures, and breaks off; or, where it has an end, goes on until that."""
+
+    stage: Stage
+    ends: Callable[[], bool]
+    count = 4
+
+    def log_message(self, *_: object) -> None:
+        """Silent."""
+
+    def do_GET(self) -> None:
+        self.send_response(200)
+        self.send_header("Content-Type", "multipart/x-mixed-replace; boundary=frame")
+        self.end_headers()
+        data = cv2.imencode(".jpg", picture())[1].tobytes()
+        head = b"--frame\r\nContent-Type: image/jpeg\r\nContent-Length: %d\r\n\r\n" % len(data)
+        sent = 0
+        try:
+            while sent < self.count or not self.ends():
+                self.wfile.write(head + data + b"\r\n")
+                sent += 1
+                self.stage.began.wait(0.05 if sent < self.count else 0.2)
+        except OSError:
+            """The reader hung up."""
+
+
+def test_a_server_that_is_stopped_and_started_again(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The program goes on by itself, and an interrupt ends it."""
+    stage = Stage(monkeypatch)
+    monkeypatch.setattr(devices, "RETRIES_S", (0.1,) * 600)
+    out, port, servers = tmp_path / "contacts.csv", 0, list[ThreadingHTTPServer]()
+
+    def rows() -> int:
+        return out.read_bytes().count(b"\n") - 1 if out.exists() else 0
+
+    def serve(ends: Callable[[], bool]) -> int:
+        handler = type("Handler", (_Handler,), {"stage": stage, "ends": staticmethod(ends)})
+        server = ThreadingHTTPServer(("127.0.0.1", port), handler)
+        servers.append(server)
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        return int(server.server_port)
+
+    def again() -> None:
+        # so many rows there are before it breaks off; those after it are of the server that was started anew
+        assert stage.broke_off.wait(120.0)
+        before = rows()
+
+        def more() -> bool:
+            if rows() > before + 2:
+                os.kill(os.getpid(), signal.SIGINT)
+                return True
+            return False
+
+        servers[0].server_close()
+        serve(more)
+
+    def first_is_over() -> bool:
+        if rows() < 3:
+            return False
+        servers[0].shutdown()
+        servers[0].server_close()
+        return True
+
+    port = serve(first_is_over)
+    starter = threading.Thread(target=again)
+    starter.start()
+    summary = run(f"http://127.0.0.1:{port}/video", out, capsys)
+    starter.join()
+    for server in servers:
+        server.shutdown()
+        server.server_close()
+    assert "interrupted" in summary["notes"]
+    assert summary["reconnected"] >= 1
