@@ -129,7 +129,7 @@ def _run(args: argparse.Namespace, store: Store, given: dict[str, Any]) -> dict[
         # first: a picture that was changed is unlisted from then on
         if lost := store.forget_lost():
             names = ", ".join(one.file for one in lost[:5]) + (" ..." if len(lost) > 5 else "")
-            ui.say(f"{len(lost)} pictures are gone or have changed, the wizard goes on without them: {names}")
+            ui.say(f"{len(lost)} pictures are gone or have changed, and are not used: {names}")
         set_unlisted_aside(store, ui)
         before = store.journal.answers
         keys = ("board", "paper") if given.get("board", before.get("board")) == "new" else ("board",)
@@ -164,18 +164,18 @@ def _greeting(store: Store, session: Path, url: str) -> list[str]:
 
     titles = {name: step.title for name, step in STEP_BY_NAME.items()}
     lines = [
-        "From a camera and a steel whisker to a calibrated rig. You need: the camera, fixed and focused, its autofocus "
-        "off; the antenna with its moment sensor; a printer, a ruler or caliper, and something flat to glue the board "
-        "on; three small weights that you know; about half an hour.",
-        f"Seven steps, and the wizard says at each what to do next. Whatever it reports as taken is safe in {session}: "
-        "stop whenever you like, the same command goes on there.",
+        "This calibrates a rig. You need: the camera, fixed and focused, its autofocus off; the antenna with its "
+        "moment sensor; a printer, a caliper or ruler, and something flat to glue the board on; three small known weights; "
+        "about half an hour.",
+        f"There are seven steps; each says what to do next. Everything that is taken is saved in {session}: you can "
+        "stop at any time, and the same command continues.",
     ]
     if not store.is_new:
         record = {name: store.journal.of(name) for name in STEPS}
         done = [titles[name] for name in STEPS if record[name].closed]
         left = next((titles[name] for name in STEPS if not record[name].closed), titles[STEPS[-1]])
         counts = [f"{len(record[name].taken)} {words}" for name, words in PICTURES.items() if record[name].taken]
-        parts = [f"{session} goes on with: {left}."]
+        parts = [f"{session} continues with: {left}."]
         parts += [f"Done: {', '.join(done)}."] if done else []
         parts += [f"Pictures: {', '.join(counts)}."] if counts else []
         lines = [" ".join(parts)]

@@ -78,10 +78,15 @@ class Finding:
         """Whether something is to be done."""
         return self.level in (LOOK, FAILS)
 
+    @property
+    def question(self) -> str:
+        """In words."""
+        return _QUESTIONS[self.name]
+
     def to_dict(self) -> dict[str, Any]:
         """For check.json."""
         evidence = None if self.evidence is None else self.evidence.to_dict()
-        return {**vars(self), "question": _QUESTIONS[self.name], "evidence": evidence}
+        return {**vars(self), "question": self.question, "evidence": evidence}
 
 
 @dataclass(frozen=True, eq=False)
