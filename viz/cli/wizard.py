@@ -25,12 +25,12 @@ _READ = Question("read", "", "Press Enter when you have read the report", kind="
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("session", type=Path, help="the session folder: made if it is new, gone on with if it is not")
+    parser.add_argument("session", type=Path, help="the session folder: made if it is new, else continued")
     parser.add_argument("--answers", type=Path, metavar="FILE", help="YAML or JSON with answers by their keys")
     parser.add_argument(
         "--redo", choices=STEPS[:-1], metavar="STEP", help=f"start a step again: {', '.join(STEPS[:-1])}"
     )
-    parser.add_argument("--reopen", choices=STEPS[:-1], metavar="STEP", help="go on with a step that was closed")
+    parser.add_argument("--reopen", choices=STEPS[:-1], metavar="STEP", help="continue a closed step")
     parser.add_argument("--batch", action="store_true", help="ask nothing and never wait, as without a terminal")
     parser.add_argument("--no-page", action="store_true", help="no live page beside the terminal")
     parser.add_argument("--port", type=int, default=0, help="of the live page on 127.0.0.1 (default: any that is free)")
@@ -45,7 +45,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         words = question.words
         for axis in "xy":
             words = words.replace(f"{{measured_{axis}}}", f"the ruler along {axis}")
-            words = words.replace(f"{{measure_{axis}_mm:.6g}} mm", "so much")
+            words = words.replace(f" It says {{measure_{axis}_mm:.6g}} mm", "")
         text = (words + choices + unit).replace("%", "%%")
         group.add_argument(question.flag, dest=f"answer_{question.key}", metavar="...", help=text)
 
