@@ -71,8 +71,8 @@ def tables(data: Path) -> str:
             [_lens_row(one, solved[one.title]) for one in SETS],
         ),
         "### How well each lens is known",
-        "Standard deviation of a projected point in its worst direction, once with the camera held, once with what a "
-        "turn of the camera explains left out; and of a ray at the board's distance.",
+        "Standard deviation of a projected point in its worst direction, once with the camera's pose fixed, once "
+        "without the part that a rotation of the camera explains (*turning*); and of a ray at the board's distance.",
         markdown(
             ("set", "middle px", "worst px", "middle px, turning", "worst px, turning", "board at m", "middle mm"),
             [_uncertainty_row(one, solved[one.title]) for one in SETS],

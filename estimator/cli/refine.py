@@ -124,20 +124,20 @@ def _recording(
 
 def _words(found: Refined) -> list[str]:
     if found.reason:
-        return [f"not refined: {found.reason}", "the contacts are as they came"]
+        return [f"not refined: {found.reason}", "the contacts are unchanged"]
     numbers = found.summary()
     before, after = (1e3 * (numbers["distance_std_m"][name] or 0.0) for name in ("framewise", "refined"))
     common = 1e3 * (numbers["distance_shared_std_m"]["refined"] or 0.0)
     lines = [
         f"{numbers['refined']} of {numbers['located']} contacts refined: distance known to {after:.2f} mm, "
-        f"{common:.2f} mm of it common to all; frame by frame to {before:.2f} mm",
-        f"the rig is off by {found.offness:.1f} of the deviations that its calibration says",
+        f"{common:.2f} mm of it common to all; before, frame by frame, to {before:.2f} mm",
+        f"the rig is off by {found.offness:.1f} standard deviations of its calibration",
     ]
     mu = found.friction
     if mu is not None:
         lines.append(f"friction {mu.mu:.3f} ± {mu.std:.3f}, {mu.reason}" if mu.determined else f"friction: {mu.reason}")
     if found.object is not None:
-        lines.append(f"stiffness: {found.object.compliance.reason}")
+        lines.append(found.object.compliance.reason)
     return [*lines, *found.notes]
 
 

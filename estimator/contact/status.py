@@ -178,7 +178,8 @@ def _misfit(numbers: FitNumbers, length_m: float) -> str:
     if _friction_exceeded(numbers)[0]:
         return f"the force would have to lean {lean:.1f} times as far from the normal as friction is thought to tilt it"
     if scatter > WRONG_SHAPE or (scatter > 1.0 and _mirrored(numbers)[0]):
-        return f"the shape is not that of one contact: points lie {scatter:.1f} std off or more"
+        far = f"points lie {scatter:.1f} std off or more"
+        return f"the shape is not that of one contact: {far}, or their std is stated too small"
     if not numbers.converged[0]:
         given_up = numbers.evaluations[0] >= MOST_EVALUATIONS
         return f"the fit did not converge{f' in {MOST_EVALUATIONS} evaluations of the model' if given_up else ''}"

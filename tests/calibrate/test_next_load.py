@@ -45,7 +45,7 @@ def test_the_first_load_is_suggested_and_brings_what_was_predicted(free) -> None
     assert not progress.enough
     assert progress.now.total == pytest.approx(progress.now.noise, rel=1e-6)
     assert progress.now.noise == pytest.approx(np.sqrt(joint.covariance[LOG_STIFFNESS, LOG_STIFFNESS]))
-    assert any("0 of 3 loads" in words for words in progress.missing)
+    assert any("3 more loads" in words for words in progress.missing)
     first = progress.suggestion
     assert first.load.force_y_N == pytest.approx(0.0, abs=1e-12)
     assert min(abs(first.load.force_z_N + 9.80665 * mass) for mass in MASSES_KG) < 1e-9

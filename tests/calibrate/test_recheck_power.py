@@ -107,7 +107,7 @@ def test_what_a_picture_along_the_line_of_sight_cannot_show_is_not_claimed(tmp_p
     found = outcome(CHANGES["wire bent, 1 mm at the tip, out of plane C"], "upright", 0, tmp_path)
     assert found["verdict"] == "holds"
     said = assess(tmp_path / "rig.json", None, NewPictures(None, tmp_path / "free.png"))
-    assert "along the line of sight does not show" in said.to_dict()["session_findings"][3]["words"]
+    assert "along the line of sight is not visible" in said.to_dict()["session_findings"][3]["words"]
     assert found["stiffness"] == found["sensor_gain"] == "not given"
 
 

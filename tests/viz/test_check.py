@@ -55,7 +55,7 @@ def test_the_page_of_a_rig_alone_whatever_its_quality_section(made: SimpleNamesp
     text = page(assess(made.rig).to_dict() | {"quality": quality})
     assert "Judged by rig.json alone" in text
     assert len(figures(text)) == 2
-    assert "Is it still right?" not in text
+    assert "Is it still valid?" not in text
     assert "not recorded" in text
     assert "<i>" not in text
 

@@ -98,7 +98,7 @@ def antenna_doubts(nominal: NominalAntenna, rig: Rig, checks: Checks) -> list[st
     if uneven is not None and abs(uneven.value) > max(_ANISOTROPY_MATTERS, _SIGNIFICANT * uneven.std):
         found.append(
             f"the antenna is {100 * abs(uneven.value):.1f} ± {100 * uneven.std:.1f} % stiffer against bending to "
-            f"{'y' if uneven.value > 0 else 'z'}: it is not equally compliant (assumption 4), is it round?"
+            f"{'y' if uneven.value > 0 else 'z'} than to the other side: is the wire round?"
         )
     mass, known = checks.mass_per_length_kg_m, nominal.mass_per_length_kg_m
     if mass is not None and abs(np.log(mass.value / known)) > _SIGNIFICANT * np.hypot(1 / mass.in_std, LOG_MASS_STD):

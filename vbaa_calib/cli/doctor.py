@@ -43,9 +43,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         _print(_as_lines(finding))
     counts = {status: sum(finding.status == status for finding in findings) for status in (OK, LOOK, FAILS)}
     total = len(findings)
-    verdict = f"healthy; {counts[LOOK]} of {total} deserve a look" if counts[LOOK] else "healthy"
+    verdict = f"healthy; to look at: {counts[LOOK]} of {total}" if counts[LOOK] else "healthy"
     if counts[FAILS]:
-        verdict = f"not healthy: {counts[FAILS]} of {total} fail; follow their remedies, then run it again"
+        verdict = f"not healthy; failed: {counts[FAILS]} of {total}; follow their remedies, then run it again"
     _print(["", verdict])
     return {
         "healthy": counts[FAILS] == 0,

@@ -27,7 +27,7 @@ from .completion import EXAMPLES
 
 VERBS = {
     "doctor": ("vbaa_calib.cli.doctor", "is this installation healthy? each problem with its remedy"),
-    "demo": ("viz.cli.demo", "the whole way on a bundled scene, with a table of error against truth"),
+    "demo": ("viz.cli.demo", "the whole chain on a bundled scene, with its errors against the truth"),
     "board": (
         "vbaa_calib.cli.board",
         "a ChArUco board to print to scale: PDF or SVG with rulers, or PNG for a screen",
@@ -44,7 +44,7 @@ VERBS = {
         "vbaa_calib.cli.stiffness",
         "EI from a table of measured deflections, or from one photograph of a bent rod",
     ),
-    "check": ("viz.cli.check", "is this rig still right? a report and a plain verdict"),
+    "check": ("viz.cli.check", "is the calibration still valid? a verdict and a report"),
     "budget": ("estimator.cli.budget", "what limits this rig's contacts, and what to improve first"),
     "estimate": (
         "viz.cli.estimate",
@@ -62,9 +62,9 @@ VERBS = {
     ),
     "next": ("estimator.cli.next", "where to touch next, to know surface, friction or stiffness better"),
     "look": ("viz.cli.look", "what is detected of the antenna in one picture, in words and as a picture"),
-    "track": ("estimator.cli.track", "contacts in time: first contact, loss, slip and stick, ringing"),
+    "track": ("estimator.cli.track", "contacts over time: first contact, loss, slip and stick, ringing"),
     "reconstruct": ("viz.cli.reconstruct", "contacts to the object's surface and stiffness: .vtp, .ply or .glb"),
-    "report": ("viz.cli.report", "contacts as a page to read: plots, map, friction cone, table"),
+    "report": ("viz.cli.report", "report.html from contacts: plots, map, friction cone, table"),
     "view": ("viz.cli.view", "the 3-D scene as a window, a PNG or a self-contained HTML page"),
     "simulate": ("vbaa_calib.cli.simulate", "a synthetic session from a scene file, with truth.json"),
     "convert": ("vbaa_calib.cli.convert", "the camera to and from ROS, OpenCV, Kalibr, mrcal and COLMAP files"),

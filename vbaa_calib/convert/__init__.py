@@ -49,7 +49,7 @@ def _write(given: Exchanged) -> str:
 
 _OURS = Format(
     "vbaa",
-    "rig.json, camera.json",
+    "file of vbaa-calib",
     _read,
     _write,
     lambda text: text.lstrip().startswith("{") and (f'"{CAMERA_SCHEMA}"' in text or f'"{RIG_SCHEMA}"' in text),

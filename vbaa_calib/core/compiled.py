@@ -46,6 +46,7 @@ class _Whole(JITCodeLibrary):
     """
 
     def _optimize_final_module(self) -> None:
+        _say_compiling()
         for function in self._final_module.functions:
             if not function.is_declaration and function.linkage != Linkage.external:
                 function.linkage = Linkage.internal
@@ -193,6 +194,13 @@ def _kept(compiled: Any) -> bool:
         _say_once()
         return False
     return True
+
+
+@cache
+def _say_compiling() -> None:
+    """Once in a process, to whoever waits at a terminal."""
+    if sys.stderr is not None and sys.stderr.isatty():
+        say("compiling the inner loops, once after an installation or an update: up to some minutes")
 
 
 @cache

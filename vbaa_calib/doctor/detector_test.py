@@ -236,8 +236,8 @@ def verdict(rows: Sequence[Row]) -> list[str]:
     pull = max((row.error_per_std for row in good if row.error_per_std is not None), default=0.0)
     if pull > 1.5:
         said.append(
-            f"Errors are up to {pull:.1f} times what noise alone makes: in sharp pictures with little noise the "
-            "detector's own bias from corner to corner rules."
+            f"Errors are up to {pull:.1f} times what noise alone makes: in sharp pictures with little noise, the "
+            "detector's own bias, which differs from corner to corner, is larger than the noise."
         )
     return said
 

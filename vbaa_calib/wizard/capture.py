@@ -225,7 +225,7 @@ class Capture:
         Raises InputError for a wrong row, and for missing readings where nobody answers; Interrupted for a command.
         """
         step, ui, taken = self.step.name, self.ui, self.state.taken(self.step.name)
-        questions = asked(self.store.folder(step), taken[-1].readings if taken else None)
+        questions = asked(self.store.folder(step), [one.readings for one in taken])
         if not questions:
             return {}
         where = f"{self.table.where or step} {picture.name}"

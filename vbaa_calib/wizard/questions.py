@@ -219,15 +219,26 @@ _LOAD = (
     Question("mass_g", "", "Mass on the antenna", unit="g", low=1e-6, high=1e6),
     Question("distance_mm", "", "Where it hangs, from the clamp along the antenna", unit="mm", low=0.01, high=10_000.0),
 )
+_FREE_POSES_DEG = ((0.0, 0.0), (0.0, 20.0), (0.0, -20.0), (20.0, 0.0), (-20.0, 0.0))
 _ASKED = {"sweep": _JOINTS, "noload": (*_JOINTS, _MOMENT), "loads": (*_LOAD, *_JOINTS, _MOMENT)}
 
 
-def asked(folder: str, last: Mapping[str, float] | None = None) -> list[Question]:
-    """The readings of each picture of a folder. last : readings whose joint angles become the defaults."""
+def free_pose_deg(taken: int) -> tuple[float, float]:
+    """Pan and tilt at which the free antenna is asked for after so many pictures of it."""
+    return _FREE_POSES_DEG[min(taken, len(_FREE_POSES_DEG) - 1)]
+
+
+def asked(folder: str, taken: Sequence[Mapping[str, float]] = ()) -> list[Question]:
+    """The readings of each picture of a folder. taken : those of the pictures before.
+
+    Angles that are not typed are those that the step asks for, where it asks for some; else those of the last picture.
+    """
     questions = _ASKED.get(folder, ())
-    if last is None:
-        return list(questions)
-    angles = {f"{name}_deg": round(last[f"{name}_rad"] / _DEGREES, 9) for name in ("pan", "tilt") if questions}
+    angles = {}
+    if folder == "noload":
+        angles = dict(zip(("pan_deg", "tilt_deg"), free_pose_deg(len(taken)), strict=True))
+    elif taken and questions:
+        angles = {f"{name}_deg": round(taken[-1][f"{name}_rad"] / _DEGREES, 9) for name in ("pan", "tilt")}
     return [replace(one, default=angles.get(one.key, one.default)) for one in questions]
 
 

@@ -30,7 +30,7 @@ from vbaa_calib.detect.quality.screen import LEAST_CORNERS
 from vbaa_calib.session import load_session
 
 from .against_answers import board_in_the_way, camera_distance, jig_refusal, thickness_that_shows_it
-from .questions import PICTURES
+from .questions import PICTURES, free_pose_deg
 from .session_state import SessionState, still_of
 from .sources import Picture
 
@@ -292,7 +292,6 @@ def _plane_progress(state: SessionState) -> Progress:
 _FREE_LEAST, _FREE_ENOUGH, _LOADS_LEAST = 2, 5, 2
 _STIFFNESS_GOAL = 0.01
 """Relative standard deviation of EI."""
-_POSES_DEG = ((0.0, 0.0), (0.0, 20.0), (0.0, -20.0), (20.0, 0.0), (-20.0, 0.0))
 
 
 def _free_progress(state: SessionState) -> Progress:
@@ -308,7 +307,7 @@ def _free_progress(state: SessionState) -> Progress:
             solved = True
         except VbaaError as error:
             missing.append(str(error))
-    pan, tilt = _POSES_DEG[min(len(taken), len(_POSES_DEG) - 1)]
+    pan, tilt = free_pose_deg(len(taken))
     return Progress(
         seen=(f"{counted(len(taken), 'picture')} of the free antenna",),
         missing=tuple(missing),

@@ -113,7 +113,7 @@ class _Screen:
 _STATUS_EVERY_S = 0.25
 _LABEL = 12 * " "
 _MESSAGE_STYLES = {"next": "next", "WRONG": "wrong", "look": "doubt"}
-_AFTER = "vbaa estimate finds contacts in a recording; vbaa check says in a month whether the rig still holds"
+_AFTER = "vbaa estimate finds contacts in a recording; vbaa check shows in a month whether the rig is still valid"
 
 
 class Terminal(View):

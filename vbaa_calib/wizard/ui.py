@@ -153,7 +153,7 @@ class Ui:
 
     def take_usual(self, lines: Sequence[str]) -> None:
         """Show answers that were taken without asking, as `key = value`."""
-        self.say(f"taken as usual, type one of these with another value to change it: {'; '.join(lines)}")
+        self.say(f"assumed; to change one, type it with another value: {'; '.join(lines)}")
         self._changed("usual", usual=[*self.usual, *lines])
 
     def greet(self, paragraphs: Sequence[str]) -> None:

@@ -159,5 +159,5 @@ def _described(client: Any, where: Where) -> str:
     limits = [worker["memory_limit"] for worker in workers if worker["memory_limit"]]
     each = f", each of {max(limits) / 1e9:.1f} GB at most" if limits else ""
     kernels = f" of {where.threads} threads" if where.threads > 1 else ""
-    shown = f"; dashboard: {client.dashboard_link}" if find_spec("bokeh") else "; its dashboard needs bokeh"
+    shown = f"; dashboard: {client.dashboard_link}" if find_spec("bokeh") else ""
     return f"{len(workers)} workers{kernels}{each}{shown}"

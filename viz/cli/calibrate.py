@@ -35,7 +35,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         dest="model",
         default="auto",
         choices=MODELS,
-        help="lens model (default: the one expected to be least off)",
+        help="lens model (default: the one with the smallest expected error)",
     )
     parser.add_argument(
         "--camera",

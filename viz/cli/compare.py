@@ -76,7 +76,9 @@ def _rigs(args: argparse.Namespace, _kind: str) -> tuple[dict[str, Any], str]:
     compared = compare_rigs(Rig.load(args.a), Rig.load(args.b))
     numbers = compared.to_dict(args.tolerance)
     beyond = numbers["beyond"]
-    words = [f"{len(compared.names)} parameters, {len(beyond)} off: {', '.join(beyond) or 'none'}"]
+    far = [name for name in beyond if name not in compared.settings]
+    words = [f"{len(compared.names)} parameters compared, {len(far)} of them off{': ' * bool(far)}{', '.join(far)}"]
+    words += [f"{name} is not the same" for name in compared.settings]
     result = {"tolerance": args.tolerance, **numbers, "agree": not beyond, "words": words}
     return result, rigs_page(_title(args), compared, result)
 

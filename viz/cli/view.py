@@ -35,8 +35,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--plain", action="store_true", help="only what the files contain: no object, no friction")
     parser.add_argument("--truth", type=Path, help="truth.json of a synthetic session: draws the true object")
     pictures = parser.add_mutually_exclusive_group()
-    pictures.add_argument("--session", type=Path, help="the recording's session: its pictures hang before the camera")
-    pictures.add_argument("--picture", type=Path, help="one picture of the camera, for all moments")
+    pictures.add_argument("--session", type=Path, help="the recording's session: its pictures are drawn at the camera")
+    pictures.add_argument("--picture", type=Path, help="one picture of the camera, for all times")
     colour = "what the contacts are coloured by (default: force); page and window can change it"
     parser.add_argument("--color", choices=("force", "time", "uncertainty"), default="force", help=colour)
     parser.add_argument("--screenshot", type=Path, metavar="PNG", help="write a picture instead of opening a window")
@@ -93,7 +93,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     if not outputs:
         require_opengl()
-    scene, frames = _scene(args)
+    scene, frames = scene_of(args)
     look = {"mode": args.color, "force": args.force}
     # page and glTF need no OpenGL: they are written before the picture may fail
     if args.html is not None:
@@ -123,7 +123,7 @@ def _no_display() -> Exception:
     return InputError("there is no display to open a window on", remedy=remedy)
 
 
-def _scene(args: argparse.Namespace) -> tuple[Scene, int]:
+def scene_of(args: argparse.Namespace) -> tuple[Scene, int]:
     """All that is read and found, as a scene, and how many frames that was."""
     from estimator.object.estimate import estimate_object
     from estimator.table.files import read_contacts
@@ -140,7 +140,7 @@ def _scene(args: argparse.Namespace) -> tuple[Scene, int]:
     truth = None if args.truth is None else true_object(read_json(args.truth), args.truth)
     for name in ("session", "picture"):
         if args.rig is None and getattr(args, name) is not None:
-            raise InputError("its pictures hang before the camera", where=f"--{name}", remedy="give --rig, too")
+            raise InputError("its pictures are drawn at the camera", where=f"--{name}", remedy="give --rig, too")
     rig = None if args.rig is None else Rig.load(args.rig)
     mesh = None if args.object is None else read_object(args.object)
     estimate = None

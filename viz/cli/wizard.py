@@ -25,12 +25,12 @@ _READ = Question("read", "", "Press Enter when you have read the report", kind="
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("session", type=Path, help="the session folder: made if it is new, gone on with if it is not")
+    parser.add_argument("session", type=Path, help="the session folder: made if it is new, else continued")
     parser.add_argument("--answers", type=Path, metavar="FILE", help="YAML or JSON with answers by their keys")
     parser.add_argument(
         "--redo", choices=STEPS[:-1], metavar="STEP", help=f"start a step again: {', '.join(STEPS[:-1])}"
     )
-    parser.add_argument("--reopen", choices=STEPS[:-1], metavar="STEP", help="go on with a step that was closed")
+    parser.add_argument("--reopen", choices=STEPS[:-1], metavar="STEP", help="continue a closed step")
     parser.add_argument("--batch", action="store_true", help="ask nothing and never wait, as without a terminal")
     parser.add_argument("--no-page", action="store_true", help="no live page beside the terminal")
     parser.add_argument("--port", type=int, default=0, help="of the live page on 127.0.0.1 (default: any that is free)")
@@ -45,7 +45,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         words = question.words
         for axis in "xy":
             words = words.replace(f"{{measured_{axis}}}", f"the ruler along {axis}")
-            words = words.replace(f"{{measure_{axis}_mm:.6g}} mm", "so much")
+            words = words.replace(f" It says {{measure_{axis}_mm:.6g}} mm", "")
         text = (words + choices + unit).replace("%", "%%")
         group.add_argument(question.flag, dest=f"answer_{question.key}", metavar="...", help=text)
 
@@ -129,7 +129,7 @@ def _run(args: argparse.Namespace, store: Store, given: dict[str, Any]) -> dict[
         # first: a picture that was changed is unlisted from then on
         if lost := store.forget_lost():
             names = ", ".join(one.file for one in lost[:5]) + (" ..." if len(lost) > 5 else "")
-            ui.say(f"{len(lost)} pictures are gone or have changed, the wizard goes on without them: {names}")
+            ui.say(f"{len(lost)} pictures are gone or have changed, and are not used: {names}")
         set_unlisted_aside(store, ui)
         before = store.journal.answers
         keys = ("board", "paper") if given.get("board", before.get("board")) == "new" else ("board",)
@@ -164,18 +164,18 @@ def _greeting(store: Store, session: Path, url: str) -> list[str]:
 
     titles = {name: step.title for name, step in STEP_BY_NAME.items()}
     lines = [
-        "From a camera and a steel whisker to a calibrated rig. You need: the camera, fixed and focused, its autofocus "
-        "off; the antenna with its moment sensor; a printer, a ruler or caliper, and something flat to glue the board "
-        "on; three small weights that you know; about half an hour.",
-        f"Seven steps, and the wizard says at each what to do next. Whatever it reports as taken is safe in {session}: "
-        "stop whenever you like, the same command goes on there.",
+        "This calibrates a rig. You need: the camera, fixed and focused, its autofocus off; the antenna with its "
+        "moment sensor; a printer, a caliper or ruler, and something flat to glue the board on; three small known "
+        "weights; about half an hour.",
+        f"There are seven steps; each says what to do next. Everything that is taken is saved in {session}: you can "
+        "stop at any time, and the same command continues.",
     ]
     if not store.is_new:
         record = {name: store.journal.of(name) for name in STEPS}
         done = [titles[name] for name in STEPS if record[name].closed]
         left = next((titles[name] for name in STEPS if not record[name].closed), titles[STEPS[-1]])
         counts = [f"{len(record[name].taken)} {words}" for name, words in PICTURES.items() if record[name].taken]
-        parts = [f"{session} goes on with: {left}."]
+        parts = [f"{session} continues with: {left}."]
         parts += [f"Done: {', '.join(done)}."] if done else []
         parts += [f"Pictures: {', '.join(counts)}."] if counts else []
         lines = [" ".join(parts)]

@@ -188,7 +188,7 @@ def free_residuals(rows: Sequence[Mapping[str, Any]], length_mm: float) -> Axes:
     every = np.concatenate([np.array(row["residual_mm"], float) for row in rows])
     reach = max(1.15 * float(np.abs(every).max(initial=0.0)), 0.02)
     labels = ("distance from the clamp, mm", "residual across it, mm")
-    axes = new_axes("free antenna: seen less predicted", x=(0.0, length_mm), y=(-reach, reach), labels=labels)
+    axes = new_axes("free antenna: measured minus predicted", x=(0.0, length_mm), y=(-reach, reach), labels=labels)
     for index, row in enumerate(rows):
         axes.plot(row["arclength_mm"], row["residual_mm"], color=_STILLS[index % len(_STILLS)], lw=1.6)
     named = [(_STILLS[index], str(row["image"])[-16:], "line") for index, row in enumerate(rows[:3])]
@@ -219,7 +219,7 @@ def moment_residuals(rows: Sequence[Mapping[str, Any]], std_Nm: float) -> Axes:
     loaded = np.array(["distance_mm" in row for row in rows], bool)
     number, std = np.arange(1, len(rows) + 1), 1e6 * std_Nm
     ends = limits(residual, [3 * std, -3 * std])
-    axes = _counted_axes("moment: read less predicted", len(rows), ends, ("picture", "residual, µN·m"))
+    axes = _counted_axes("moment: measured minus predicted", len(rows), ends, ("picture", "residual, µN·m"))
     band(axes, np.array(axes.get_xlim()), np.full(2, -2 * std), np.full(2, 2 * std), "#7fccc0", 0.35)
     for chosen, colour in ((~loaded, TEAL), (loaded, AMBER)):
         dots(axes, number[chosen], residual[chosen], colour, 8.0)

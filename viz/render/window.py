@@ -19,7 +19,7 @@ from .probe import require_opengl
 from .stage import Stage, quiet
 
 _HELP = (
-    "c: colour by force, time, uncertainty    a: contacts of all instants, or up to this one    q: close\n"
+    "c: colour by force, time, uncertainty    a: contacts of all times, or up to this one    q: close\n"
     "left click or n, b: a contact's numbers    m: measure from it    z: close up, or all    g: save the picture"
 )
 _LINE, _CONTACT = (34, 211, 238), (250, 204, 21)
@@ -227,7 +227,7 @@ class Controls:
         if len(instants) > 1:
             ends, place = (0, len(instants) - 1), {"pointa": (0.30, 0.07), "pointb": (0.95, 0.07)}
             look = {"style": "modern", "slider_width": 0.02, "tube_width": 0.006, "title_height": 0.018}
-            words = {"title": "instant", "fmt": "%.0f", "color": INK}
+            words = {"title": "time step", "fmt": "%.0f", "color": INK}
             self._slider = self.plotter.add_slider_widget(self.go, ends, value=instants.main, **words, **place, **look)
         self.plotter.add_key_event("c", self.next_mode)
         self.plotter.add_key_event("a", self.toggle_everything)

@@ -29,7 +29,7 @@ LENSES = (
     ("model", "lens", None),
     ("free_parameters", "free numbers", 0),
     ("rms_px", "rms, px", 4),
-    ("held_out_rms_px", "unseen views, px", 4),
+    ("held_out_rms_px", "held out, px", 4),
     ("halves", "halves differ, std", 2),
     ("monotonic", "one to one", None),
 )

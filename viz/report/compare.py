@@ -31,7 +31,7 @@ _MOST_DOTS, _SHOWN = 4000, 8.0
 class ComparedContacts:
     """Two tables of the same frames.
 
-    A difference is B less A. A deviation is the root of the mean of both variances, so that what two results make of
+    A difference is B minus A. A deviation is the root of the mean of both variances, so that what two results make of
     the same measurements differs by a small part of it, and what they make of independent ones by 1.4 on average.
 
     Attributes
@@ -132,7 +132,7 @@ def _mahalanobis(apart: np.ndarray, covariance: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class _ComparedRigs:
-    """Two rigs, parameter by parameter: names, A's and B's deviations, B less A, that in deviations (P,) each; and the
+    """Two rigs, parameter by parameter: names, A's and B's deviations, B minus A, that in deviations (P,) each; and the
     settings, which count as exact, that differ. The lens' are compared where both have the same model."""
 
     names: tuple[str, ...]
@@ -216,7 +216,7 @@ def _over_frames(name: str, one: ComparedContacts, values: np.ndarray, tolerance
     top = max(_SHOWN, 1.2 * tolerance)
     x, y = one.located[pick], np.clip(np.nan_to_num(values[pick], nan=top), -top, top)
     labels = ("frame", "deviations")
-    axes = new_axes(f"{name}: B less A", x=limits(x), y=limits([-top, top]), labels=labels)
+    axes = new_axes(f"{name}: B minus A", x=limits(x), y=limits([-top, top]), labels=labels)
     ends = np.array(axes.get_xlim())
     paths(axes, np.stack([np.column_stack([ends, [side, side]]) for side in (-tolerance, tolerance)]), ec=AMBER, lw=1)
     far = np.abs(y) > tolerance
@@ -234,9 +234,9 @@ def rigs_page(title: str, compared: _ComparedRigs, result: Mapping[str, Any]) ->
         result,
         figures=[],
         heading="Parameters",
-        numbers=Table(("parameter", "B less A", "± A", "± B", "in deviations"), rows, ("parameter",)),
+        numbers=Table(("parameter", "B minus A", "± A", "± B", "in deviations"), rows, ("parameter",)),
         changed=Table((), ()),
-        missing=[f"{name} is not the same" for name in compared.settings],
+        missing=(),
     )
 
 

@@ -152,5 +152,5 @@ def _views(solution: LensSolution, views: Sequence[BoardView], spec: Board) -> T
         rows.append(
             [used.name, *numbers, away, Markup('<span class="long">{}</span>').format("; ".join(faults) or "–")]
         )
-    head = ("picture", "corners used", "rms, px", "tilt, °", "away, m", "look at")
+    head = ("picture", "corners used", "rms, px", "tilt, °", "distance, m", "look at")
     return Table(head, rows, ("picture", "look at"))

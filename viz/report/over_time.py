@@ -49,7 +49,7 @@ def table_csv(found: OverTime, dates: Sequence[str]) -> str:
 def page(title: str, found: OverTime, dates: Sequence[str], lines: Sequence[str]) -> str:
     """The page: a row and a plot for each parameter over dates."""
     moves = found.scatters | found.drifts
-    head = ("parameter", "unit", "last less first", "±", "between calibrations", "a day", "± a day", "")
+    head = ("parameter", "unit", "last minus first", "±", "between calibrations", "a day", "± a day", "")
     rows = []
     for index, name in enumerate(found.names):
         verdict = "drifts" if found.drifts[index] else "scatters" if found.scatters[index] else ""

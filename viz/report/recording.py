@@ -185,7 +185,7 @@ def _over_time(report: Report) -> list[Markup]:
         slip = [("along the antenna", _ALONG, along), ("across it", _ACROSS, across)]
         title = "slip of the antenna on the object, mm/s"
         drawn.append(signals(clock, title, slip, 1e3 * track.slip_std_m_s, "the noise, at most"))
-    title, residual = "moment: read less predicted by the fit", table.moment_residual_Nm
+    title, residual = "moment: measured minus predicted by the fit", table.moment_residual_Nm
     if rig is None:
         unit, scale = _shown_unit("moment_residual_Nm")
         nothing = np.full(len(table), np.nan)

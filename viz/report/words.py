@@ -87,7 +87,7 @@ def _event_fact(track: Track) -> Fact:
     names = {"first_contact": "contact", "loss": "contact lost"}
     notes = [sentence(note) for note in track.notes]
     if not track.events:
-        return Fact("In time", " ".join(["No first contact, loss or slip was found.", *notes]), "undetermined")
+        return Fact("Over time", " ".join(["No first contact, loss or slip was found.", *notes]), "undetermined")
     contacts = [event for event in track.events if event.kind in names]
     words = []
     for event in contacts[:_MOST_TIMES]:
@@ -101,7 +101,7 @@ def _event_fact(track: Track) -> Fact:
     for kind, verb in (("slip_start", "began"), ("slip_end", "ended")):
         count = sum(event.kind == kind for event in track.events)
         words += [f"{count} slip{'s' * (count != 1)} {verb}"] if count else []
-    return Fact("In time", " ".join([sentence("; ".join(words)), *notes]))
+    return Fact("Over time", " ".join([sentence("; ".join(words)), *notes]))
 
 
 def headline(table: ContactTable) -> tuple[str, str]:
@@ -130,7 +130,7 @@ def frame_facts(table: ContactTable, rig: Rig | None) -> list[Fact]:
         if np.isfinite(point).any():
             middle, worst = (float(np.nanquantile(point, share)) for share in (0.5, 0.95))
             words += f"; contact points known to {middle:.2g} mm in space (median; 95 % of them to {worst:.2g} mm)"
-        facts.append(Fact("How well", words + "."))
+        facts.append(Fact("Accuracy", words + "."))
     biased = int(np.sum(here & (table.bias_std > BIASED_STD)))
     if biased:
         words = f"{_contacts(biased)} found with a model that is off by more than one standard deviation of the contact"

@@ -260,15 +260,16 @@ def _change(table: ContactTable, contacting: ContactStates, change: Change, told
         if growth is None:
             low = float(table.time_s[change.known_before[-1]])
             time, std = 0.5 * (low + decided), (decided - low) / np.sqrt(12.0)
-            how = "between two frames, no evidence narrows it further"
+            how = "anywhere between that frame and the one before"
         else:
             time, std = _instant(growth)
             time = time if change.begins else -time
-            how = "seen in several frames together" if change.pooled else "seen in one frame"
+            how = "by several frames together" if change.pooled else ""
     if not std > 0.0:
         return Event(kind, frame, np.nan, np.nan, np.nan, words)
     delay = max(decided - time, 0.0)  # noise may end a fading contact a frame too early
-    words = f"{what} at {time:.3f} s ± {1e3 * std:.1f} ms, known with frame {frame}, {1e3 * delay:.0f} ms later, {how}"
+    words = f"{what} at {time:.3f} s ± {1e3 * std:.1f} ms, detected {1e3 * delay:.0f} ms later in frame {frame}"
+    words += f", {how}" * bool(how)
     return Event(kind, frame, float(time), float(std), float(delay), words)
 
 

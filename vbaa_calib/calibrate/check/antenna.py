@@ -182,7 +182,7 @@ def _shape_finding(rig: Rig, free: Sequence[CheckedStill], changes: Sequence[Cha
     largest_mm = max(float(np.abs(one.residual_mm).max()) for one in free)
     words += f"; single points lie within {largest_mm:.2f} mm"
     if _tip_std_mm(rig, shape.covariance) > _UNSEEN_MM:
-        words += "; how far the tip lies along the line of sight does not show"
+        words += "; the tip's position along the line of sight is not visible"
     if evidence.level == HOLDS:
         return judged("free_antenna", words, "", evidence)
     if clamp.distance_std > bow.distance_std:

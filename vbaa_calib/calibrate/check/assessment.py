@@ -97,12 +97,14 @@ class Assessment:
         """The verdict, and the questions that were not answered with "holds"."""
         sentences = [_VERDICTS[self.verdict]]
         for level, start in ((FAILS, "Does not hold"), (LOOK, "Look at")):
-            found = [f"{one.name.replace('_', ' ')} ({one.words})" for one in self.answers if one.level == level]
-            sentences += [f"{start}: {'; '.join(found)}."] if found else []
+            found = [
+                f"{one.question} {one.words[:1].upper()}{one.words[1:]}." for one in self.answers if one.level == level
+            ]
+            sentences += [f"{start}: {' '.join(found)}"] if found else []
         if self.session is None:
-            sentences.append("Judged by rig.json alone; give new pictures to see whether it is still so.")
+            sentences.append("Judged by rig.json alone; new pictures show whether the rig is still valid.")
         if self.own_pictures:
-            sentences.append("The pictures are the calibration's own; give new ones to see whether it is still so.")
+            sentences.append("These are the calibration's own pictures; new ones show whether the rig is still valid.")
         return " ".join(sentences)
 
     def to_dict(self) -> dict[str, Any]:

@@ -142,7 +142,7 @@ def _focus_finding(camera: Camera, change: Change, views: int) -> Finding:
     relative_std = 100 * float(np.sqrt(mean @ change.covariance[:2, :2] @ mean)) / focal
     words = (
         f"focal length {plus_minus(relative, relative_std)} %, centre ({plus_minus(change.step[2], change.std[2])}, "
-        f"{plus_minus(change.step[3], change.std[3])}) px against the rig; what is certain of this moves points by "
+        f"{plus_minus(change.step[3], change.std[3])}) px against the rig; beyond its uncertainty this moves points by "
         f"{change_px:.2f} px"
     )
     if change.freedom < _FOCUS:

@@ -22,14 +22,14 @@ _QUESTIONS = {
     "stiffness_known": "Is EI known, and plausible?",
     "sensor_known": "Is the moment sensor known?",
     "planar_ambiguity": "Could the board in the jig have been read the other way round?",
-    "doubts": "Did the calibration have doubts of its own?",
+    "doubts": "Did the calibration give warnings?",
     "lens_fit": "Do the pictures of the board fit the lens?",
-    "lens_focus": "Is the lens focused as it was?",
+    "lens_focus": "Is the focus unchanged?",
     "camera_pose": "Is the camera where it was?",
-    "free_antenna": "Does the free antenna lie where the rig predicts it?",
+    "free_antenna": "Is the free antenna where the rig predicts it?",
     "stiffness": "Does the antenna bend as EI predicts?",
-    "sensor_offset": "Does the moment sensor read nothing where nothing is?",
-    "sensor_gain": "Does the moment sensor read the loads as it did?",
+    "sensor_offset": "Does the moment sensor read zero without a load?",
+    "sensor_gain": "Does the moment sensor read the loads as before?",
 }
 
 
@@ -78,10 +78,15 @@ class Finding:
         """Whether something is to be done."""
         return self.level in (LOOK, FAILS)
 
+    @property
+    def question(self) -> str:
+        """In words."""
+        return _QUESTIONS[self.name]
+
     def to_dict(self) -> dict[str, Any]:
         """For check.json."""
         evidence = None if self.evidence is None else self.evidence.to_dict()
-        return {**vars(self), "question": _QUESTIONS[self.name], "evidence": evidence}
+        return {**vars(self), "question": self.question, "evidence": evidence}
 
 
 @dataclass(frozen=True, eq=False)

@@ -296,16 +296,17 @@ def _missing(hung: Sequence[Load], gain_std: float, possible: Sequence[_Pull]) -
     """What the loads so far do not show."""
     found = []
     if len(hung) < _LEAST_LOADS:
-        found.append(f"{len(hung)} of {_LEAST_LOADS} loads: a wrong row shows only against two others")
+        more = _LEAST_LOADS - len(hung)
+        found.append(f"{more} more load{'s' * (more > 1)}: a wrong one is found only by comparison with two others")
     forces = np.array([[load.force_y_N, load.force_z_N] for load in hung]).reshape(-1, 2)
     size = np.linalg.norm(forces, axis=1)
     for axis, name in enumerate("yz"):
         if not hung or (np.abs(forces[:, axis]) > _ALONG * size).any():
             continue
-        how = f"it takes a thread over a pulley along {name}, or an antenna rolled by a quarter turn"
+        how = f"that needs a thread over a pulley along {name}, or an antenna rolled by a quarter turn"
         if any(abs(pull.direction[axis]) > _ALONG for pull in possible):
-            how = "hang one so"
-        found.append(f"no load along {name}: equal compliance (assumption 4) is not tested; {how}")
+            how = "hang one that way"
+        found.append(f"no load along {name}: whether the antenna bends alike in y and z is not tested; {how}")
     if hung and gain_std > _GAIN_STD:
         found.append(f"the moment sensor's gain is known to ± {_percent(gain_std)} only: it needs a load along z")
     return tuple(found)

@@ -144,15 +144,15 @@ def _why(known: Evidence) -> list[str]:
     chosen = known.chosen
     if chosen is None:
         return []
-    name, misses = chosen.model, f"misses views that it has not seen by {chosen.held_out_rms_px:.3f} px rms"
+    name, misses = chosen.model, f"misses held-out views by {chosen.held_out_rms_px:.3f} px rms"
     if len(known.comparison) < 2:
         return [f"The lens model {name} was given; it {misses}."]
     if chosen.expected_error_px is None:
         return [f"{name} {misses}."]
     best = min(known.comparison, key=lambda candidate: candidate.held_out_rms_px)
-    words = f"Of the lens models, {name} is expected to be least off ({chosen.expected_error_px:.2f} px)"
+    words = f"Of the lens models, {name} has the smallest expected error ({chosen.expected_error_px:.2f} px)"
     if best.model == name:
-        return [f"{words}, and predicts views that it has not seen best ({chosen.held_out_rms_px:.3f} px rms)."]
+        return [f"{words}, and predicts held-out views best ({chosen.held_out_rms_px:.3f} px rms)."]
     why = "" if best.split_half_agrees else f"; {best.model} differs between halves of the views"
     why = why if best.monotonic else f"; {best.model} folds inside the picture"
     return [f"{words}; it {misses}, {best.model} by {best.held_out_rms_px:.3f} px{why}."]
