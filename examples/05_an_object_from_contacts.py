@@ -35,11 +35,11 @@ friction, surface = estimate.friction, estimate.surface
 print(f"friction {friction.mu:.3f} ± {friction.std:.3f} (true 0.3), {friction.reason}")
 off = np.linalg.norm(surface.touched_m - ball.center_world_m, axis=1) - ball.radius_m
 print(
-    f"surface off by {1e3 * np.sqrt(np.mean(off**2)):.2f} mm rms; stated: {1e3 * np.median(surface.touched_std_m):.2f} mm"
+    f"surface off by {1e3 * np.sqrt(np.mean(off**2)):.2f} mm rms; std {1e3 * np.median(surface.touched_std_m):.2f} mm"
 )
 true = recording.truth.normal_world[surface.touched_row]  # where it was touched, not where it seems to have been
 lean = np.degrees(np.arccos(np.clip((true * estimate.normals.normal).sum(axis=1), -1.0, 1.0)))
-print(f"normals off by {np.median(lean):.1f}°; stated: {np.degrees(np.median(estimate.normals.std_rad)):.1f}°")
+print(f"normals off by {np.median(lean):.1f}°; std {np.degrees(np.median(estimate.normals.std_rad)):.1f}°")
 print(f"stiffness: {estimate.compliance.reason}")
 for event in estimate.track.events[:4]:
     print(" ", event.words)
