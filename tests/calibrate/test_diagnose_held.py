@@ -96,7 +96,7 @@ def test_gravity_whose_sag_a_bow_hides_is_named_by_the_moments() -> None:
     observations = observed(world, [*free_stills(), *hung_loads(rng)], rng)
     found = diagnosed(before(world, rng), regravitated(observations, -GRAVITY_WORLD), -GRAVITY_WORLD)
     assert [one.name for one in found] == ["gravity_direction"]
-    assert "the stills are as if gravity pointed to −z" in found[0].words
+    assert "look as if gravity pointed to −z" in found[0].words
 
 
 JOINTS: dict[str, tuple[Callable[[Still], Still], str]] = {

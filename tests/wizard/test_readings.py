@@ -8,7 +8,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vbaa_calib.wizard.questions import UNITS, ReadingsTable, complete, in_si, read_table, table_of
+from vbaa_calib.wizard.questions import (
+    UNITS,
+    ReadingsTable,
+    asked,
+    complete,
+    free_pose_deg,
+    in_si,
+    read_table,
+    split_line,
+    table_of,
+)
 
 from .small_session import Tiny, call, expect_refused, finished, tiny
 
@@ -25,6 +35,17 @@ def test_units_agree(names: dict[str, float]) -> None:
         [(key, value)] = in_si({name: 0.25 * per_si[name.rpartition("_")[2]]}, None).items()
         assert key == first
         assert value == pytest.approx(0.25, rel=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("folder", "typed", "pose"), [("noload", [0.4], free_pose_deg(2)), ("loads", [5.0, 120.0, 0.4], (3.0, -7.0))]
+)
+def test_angles_that_are_not_typed(folder: str, typed: list[float], pose: tuple[float, float]) -> None:
+    """Of the free antenna those that the step asks for, else those of the last picture."""
+    last = {"pan_rad": math.radians(3.0), "tilt_rad": math.radians(-7.0), "moment_Nm": 0.0}
+    read = split_line(asked(folder, [last, last]), typed)
+    assert (read["pan_deg"], read["tilt_deg"]) == pytest.approx(pose)
+    assert pose != (0.0, 0.0)
 
 
 def test_a_mass_is_its_weight() -> None:

@@ -196,7 +196,7 @@ def adjust_bundle(
             continue
         if found.camera.valid_region().image_fraction >= sees - _SEES_LESS:
             return found
-    raise SolveError("the lens folds inside the picture wherever the stills move it: calibrate it from more views")
+    raise SolveError("the lens that the pictures require folds inside the picture: calibrate it from more views")
 
 
 def _too_few(fits: np.ndarray, loaded: np.ndarray) -> bool:

@@ -154,7 +154,7 @@ class Problem:
         seen = see_each(camera, [(one.points_px, one.sigma_px) for one in self.observations])
         seen = with_slopes_on_curves(seen, camera, images)
         if self.seen_at_lens and sum(map(len, seen)) < sum(map(len, self.seen_at_lens)):
-            raise LensLost("the lens that the stills require folds inside the picture")
+            raise LensLost("the lens that the pictures require folds inside the picture")
         return replace(here, seen_at_lens=seen, lens_at=parameters[self.lens], tips_at_lens=here._tips_seen(camera))
 
     def _tips_seen(self, camera: Camera) -> SeenPoints | None:

@@ -240,7 +240,7 @@ def gravity_by_stills(
         return None
     most, best = max(fitting, key=lambda one: one[0])
     alike = [other.words for likelier, other in fitting if other is not best and likelier > most - _LEAST_LIKELIER]
-    return replace(best, words=f"the stills are as if {' or '.join([best.words, *alike])}, and not as noted")
+    return replace(best, words=f"the antenna's pictures look as if {' or '.join([best.words, *alike])}, not as noted")
 
 
 def _refitted(free: BundleAdjustment, gravity_m_s2: np.ndarray, start: np.ndarray) -> tuple[float, float]:

@@ -1,4 +1,4 @@
-"""An object felt: the antenna strokes a ball there and back; out come its shape, its normals and its friction."""
+"""An object from contacts: the antenna strokes a ball there and back; the result is its shape, normals and friction."""
 
 import numpy as np
 from drawing import BLUE, DARK, GREY, ORANGE, canvas, figures_folder, save
@@ -29,19 +29,19 @@ there, back = (
 recording = record(rig, ball, [there, back], np.random.default_rng(1))
 
 # With real pictures the table is read_contacts("contacts.csv") of `vbaa estimate`, and the rig is Rig.load("rig.json").
-felt = estimate_object(contacts(recording), rig)
+estimate = estimate_object(contacts(recording), rig)
 
-friction, surface = felt.friction, felt.surface
+friction, surface = estimate.friction, estimate.surface
 print(f"friction {friction.mu:.3f} ± {friction.std:.3f} (true 0.3), {friction.reason}")
 off = np.linalg.norm(surface.touched_m - ball.center_world_m, axis=1) - ball.radius_m
 print(
-    f"surface off by {1e3 * np.sqrt(np.mean(off**2)):.2f} mm rms; said: {1e3 * np.median(surface.touched_std_m):.2f} mm"
+    f"surface off by {1e3 * np.sqrt(np.mean(off**2)):.2f} mm rms; std {1e3 * np.median(surface.touched_std_m):.2f} mm"
 )
 true = recording.truth.normal_world[surface.touched_row]  # where it was touched, not where it seems to have been
-lean = np.degrees(np.arccos(np.clip((true * felt.normals.normal).sum(axis=1), -1.0, 1.0)))
-print(f"normals off by {np.median(lean):.1f}°; said: {np.degrees(np.median(felt.normals.std_rad)):.1f}°")
-print(f"stiffness: {felt.compliance.reason}")
-for event in felt.track.events[:4]:
+lean = np.degrees(np.arccos(np.clip((true * estimate.normals.normal).sum(axis=1), -1.0, 1.0)))
+print(f"normals off by {np.median(lean):.1f}°; std {np.degrees(np.median(estimate.normals.std_rad)):.1f}°")
+print(f"stiffness: {estimate.compliance.reason}")
+for event in estimate.track.events[:4]:
     print(" ", event.words)
 
 if folder := figures_folder():
@@ -51,7 +51,7 @@ if folder := figures_folder():
     left.plot(center[1] + 40 * np.cos(turn), center[2] + 40 * np.sin(turn), color=GREY, label="the ball")
     left.plot(touched[:, 1], touched[:, 2], ".", color=BLUE, label="touched")
     left.quiver(
-        *touched[::4, 1:].T, *felt.normals.normal[::4, 1:].T, color=ORANGE, width=0.006, scale=12, label="normals"
+        *touched[::4, 1:].T, *estimate.normals.normal[::4, 1:].T, color=ORANGE, width=0.006, scale=12, label="normals"
     )
     left.set(
         xlabel="Y, mm", ylabel="Z, mm", xlim=(-30, 30), ylim=(-22, 4), title="seen along the antenna", aspect="equal"
