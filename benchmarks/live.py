@@ -1,8 +1,8 @@
 """`python -m benchmarks.live [--size 640x480] [--pictures 4000]`: processor time of a picture to both of its contacts.
 
 The demo's scene at that size, calibrated as a user does it, its recording forth and back at 60 pictures a second; on
-one thread, from memory. The first lap, in which what depends on the joint angles is prepared, counts, too. From these
-times, one after the other, follows what a core with nothing else to do would drop, and how late its contacts would be.
+one thread, from memory. The first lap, in which what depends on the joint angles is prepared, counts, too. By a clock
+that goes on by these times follows what a core with nothing else to do drops, and how late its contacts are.
 With `--paced` the pictures come when they are due, from a camera that waits for nobody: what is dropped, and how late
 the contacts are. That wants such a core.
 """
@@ -31,6 +31,7 @@ from vbaa_calib.session import Frame, load_session, read_recording
 from vbaa_calib.simulate.scene.scene import bundled_scene
 from vbaa_calib.streams import Reading, Synchronizer, Taken, Timing
 from vbaa_calib.streams.devices import QUEUED, open_device
+from vbaa_calib.streams.recorded import TICK_S
 from vbaa_calib.wizard.sources.live import _CAMERA_FAULTS, LiveSource, Patience
 
 _RATE_HZ = 60.0
@@ -57,48 +58,44 @@ def _recorded(folder: Path) -> tuple[Rig, list[Frame], list[np.ndarray]]:
     return Rig.load(folder / "rig.json"), lap, [read_picture(each.image) for each in lap if each.image]
 
 
-def seconds(folder: Path, count: int) -> np.ndarray:
-    """(count, 2) processor time of each picture of a session in a folder beside its rig.json: to its contact at once,
-    and to all that comes with it."""
+def alone(folder: Path, count: int) -> tuple[np.ndarray, np.ndarray, int]:
+    """Of so many pictures of a session in a folder beside its rig.json, as a core with nothing else to do would take
+    them: (N, 2) processor time, s, to the contact at once, and to all that comes with it; (N,) latency of the contact
+    at once, s; and how many more were dropped."""
     rig, lap, images = _recorded(folder)
     live = LiveEstimator(ContactEstimator(rig, jobs=1), Synchronizer(Timing(), _CHANNELS, rig.camera.image_size))
     live.warm()
     gc.collect()
     gc.freeze()
-    spent = np.empty((count, 2))
-    for index in range(count):
-        at, time_s = index % len(lap), index / _RATE_HZ
+    waiting, coming, now_s = deque[int](), 0, 0.0
+    spent, late_s = list[tuple[float, float]](), list[float]()
+    while waiting or coming < count:
+        while coming < count and coming / _RATE_HZ <= now_s:
+            if len(waiting) >= QUEUED:
+                waiting.popleft()
+            waiting.append(coming)
+            coming += 1
         begun = time.process_time()
+        if not waiting:
+            if coming / _RATE_HZ < now_s + TICK_S / 10:
+                now_s = coming / _RATE_HZ
+                continue
+            for _ in live.push(None):
+                pass
+            now_s += TICK_S / 10 + time.process_time() - begun
+            continue
+        index, at_once_s = waiting.popleft(), 0.0
+        at, time_s = index % len(lap), index / _RATE_HZ
         for channel in _CHANNELS:
             for _ in live.push(Reading(time_s, channel, getattr(lap[at], channel), time_s)):
                 pass
-        for contact in live.push(Taken(time_s, images[at], time_s, time.perf_counter())):
+        for contact in live.push(Taken(time_s, images[at], time_s, time.perf_counter(), waiting=len(waiting))):
             if not contact.final:
-                spent[index, 0] = time.process_time() - begun
-        spent[index, 1] = time.process_time() - begun
-    return spent
-
-
-def alone(spent_s: np.ndarray) -> tuple[int, np.ndarray]:
-    """Of pictures that take so long (N, 2), see `seconds`, how many a core of their own would drop, and the latencies
-    (M,) of the others' contacts at once, s."""
-    waiting, late_s, free_s = deque[int](), list[float](), 0.0
-
-    def taken_before(now_s: float) -> None:
-        nonlocal free_s
-        while waiting and max(free_s, waiting[0] / _RATE_HZ) < now_s:
-            index = waiting.popleft()
-            begun_s = max(free_s, index / _RATE_HZ)
-            late_s.append(begun_s + spent_s[index, 0] - index / _RATE_HZ)
-            free_s = begun_s + spent_s[index, 1]
-
-    for index in range(len(spent_s)):
-        taken_before(index / _RATE_HZ)
-        if len(waiting) >= QUEUED:
-            waiting.popleft()
-        waiting.append(index)
-    taken_before(np.inf)
-    return len(spent_s) - len(late_s), np.array(late_s)
+                at_once_s = time.process_time() - begun
+        spent.append((at_once_s, time.process_time() - begun))
+        late_s.append(now_s + at_once_s - time_s)
+        now_s += spent[-1][1]
+    return np.array(spent), np.array(late_s), count - len(spent)
 
 
 class _Camera:
@@ -169,14 +166,14 @@ def main() -> None:
         if args.paced:
             print(_told(args.size, *paced(folder, args.pictures)))
             return
-        spent_s = seconds(folder, args.pictures)
+        spent_s, late_s, dropped = alone(folder, args.pictures)
     spent_ms = 1e3 * spent_s[:, 1]
     median, most, late = np.quantile(spent_ms, [0.5, 0.9, 0.99])
     print(
-        f"{args.size}, {args.pictures} pictures: {spent_ms.mean():.1f} ms, median {median:.1f}, 90 % {most:.1f}, "
+        f"{args.size}, {len(spent_ms)} pictures: {spent_ms.mean():.1f} ms, median {median:.1f}, 90 % {most:.1f}, "
         f"99 % {late:.1f}, most {spent_ms.max():.0f}; longer than two frame times: {(spent_ms > 2e3 / _RATE_HZ).sum()}"
     )
-    print("a core alone:", _told(args.size, *alone(spent_s)))
+    print("a core alone:", _told(args.size, dropped, late_s))
 
 
 if __name__ == "__main__":

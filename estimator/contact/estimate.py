@@ -346,15 +346,15 @@ class ContactStream:
         """The rig's drift as learnt so far."""
         return self._batches.now.drift
 
-    def push(self, measured: Measured) -> Iterator[Contact]:
-        """The contacts that are ready with this frame, its own among them or not."""
+    def push(self, measured: Measured, hurried: bool = False) -> Iterator[Contact]:
+        """The contacts that are ready with this frame, its own among them or not. `hurried` : others wait already."""
         if not isinstance(measured, Measured):
             raise InputError(f"the recording holds {shown(measured)}", remedy="give a Measured for each frame")
         self._coming.append(measured)
         if len(self._coming) == self._size:
             self._work.append(self._taken(self._coming))
             self._coming = []
-        return self._worked(min(len(self._work), _MOST_STEPS) if self._little else None)
+        return self._worked(min(max(len(self._work) - 1, not hurried), _MOST_STEPS) if self._little else None)
 
     def idle(self) -> Iterator[Contact]:
         """The contacts that a step of the work gives, if there is any: for who has time before the next frame."""

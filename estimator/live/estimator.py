@@ -162,7 +162,7 @@ class LiveEstimator:
             # without its picture, which would fill the memory
             kept = replace(each, taken=replace(each.taken, image=_NO_PICTURE, arrived_s=0.0, place=None))
             self._frames.append((kept, seen))
-            yield from map(self._finally, self._later.push(seen.measured))
+            yield from map(self._finally, self._later.push(seen.measured, each.taken.waiting > 0))
 
     def _finally(self, contact: Any) -> LiveContact:
         each, seen = self._frames.popleft()

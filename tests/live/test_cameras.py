@@ -22,7 +22,7 @@ from vbaa_calib.cli.main import main
 from vbaa_calib.core import console
 from vbaa_calib.streams import devices
 from vbaa_calib.wizard.sources import live
-from vbaa_calib.wizard.sources.live import LiveSource
+from vbaa_calib.wizard.sources.live import LiveSource, Patience
 
 from .recordings import frames
 
@@ -55,6 +55,8 @@ class Stage:
         monkeypatch.setattr(devices, "_AWAY_S", 0.0)
         monkeypatch.setattr(devices, "RETRIES_S", (0.02,) * 5)
         monkeypatch.setattr(live, "_check_device", lambda *_: None)
+        # a camera that waits for the program is not one that hangs
+        monkeypatch.setattr(live, "Patience", lambda: Patience(open_s=300.0, silence_s=300.0, failures=6))
 
 
 class Scripted:

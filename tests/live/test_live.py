@@ -83,6 +83,18 @@ def test_the_final_contacts_are_those_of_a_recording() -> None:
     assert same(final, offline("lab"))
 
 
+def test_final_contacts_wait_while_pictures_do() -> None:
+    """And are worked out while none comes, the same ones."""
+    estimator = ContactEstimator(replace(rig(), drift=DRIFTS["lab"]), jobs=1)
+    live = LiveEstimator(estimator, Synchronizer(Timing(), image_size=SIZE))
+    for message in messages():
+        hurried = replace(message, waiting=1) if isinstance(message, Taken) else message
+        assert not any(each.final for each in live.push(hurried))
+    idle = [each for _ in range(3 * STREAM) for each in live.push(None)]
+    assert len(idle) >= STREAM // 2
+    assert same(rows([*idle, *live.finish()], True), offline("lab"))
+
+
 def test_every_picture_is_answered_at_once() -> None:
     """Before the next message; and without drift, which later frames show, with what is final, too."""
     assert [each.row.frame for each in found() if not each.final] == list(range(COUNT))

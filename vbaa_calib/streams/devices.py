@@ -119,7 +119,8 @@ def open_device(camera: LiveSource) -> Source:
                     continue
                 came_s, told = time.monotonic(), max(told, camera.reopened)
                 pixels, taken_s = frame
-                yield Taken(start_s + taken_s, pixels, start_s + taken_s, begin_s + taken_s)
+                at_s = start_s + taken_s
+                yield Taken(at_s, pixels, at_s, begin_s + taken_s, waiting=camera.waiting)
         except SourceLost as error:
             notes.append(str(error))
         finally:

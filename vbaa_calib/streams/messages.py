@@ -23,6 +23,7 @@ class Taken:
 
     time_s : of the exposure, by the stream's clock. arrived_s : when it came, by the source's clock.
     received_s : when this process had it, `time.perf_counter`. place : where a recorded source finds it again.
+    waiting : how many have come since: what can be put off should be.
     """
 
     time_s: float
@@ -30,6 +31,7 @@ class Taken:
     arrived_s: float
     received_s: float = 0.0
     place: Any = None
+    waiting: int = 0
 
     def __post_init__(self) -> None:
         image = self.image

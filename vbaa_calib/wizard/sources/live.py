@@ -117,6 +117,11 @@ class LiveSource:
         self._number += 1
         return frame_picture(name, *frame)
 
+    @property
+    def waiting(self) -> int:
+        """How many frames could be fetched now."""
+        return len(self._frames)
+
     def forget(self) -> None:
         """Leave out what has come so far, as if the device had only begun."""
         with self._changed:
