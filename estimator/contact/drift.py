@@ -11,6 +11,7 @@ import numpy as np
 from estimator.solver.frames import Frames
 from estimator.solver.linearised import FreeAntennas, free_antennas
 from estimator.solver.rig_arrays import LINE_ERRORS, RigArrays
+from vbaa_calib.camera.compiled_lens import compiled_lens
 from vbaa_calib.detect.whisker.antenna import free_curve, pixels
 from vbaa_calib.rig import RIG_PARAMETERS, Rig
 
@@ -184,7 +185,7 @@ def _posterior(batch: Batch, rig: Rig) -> Generator[None, None, tuple[Rig, np.nd
             yield
         at = at + steps[0, :size]
         moving = rig.moved(axes @ at)
-    batch.frames(RigArrays.from_rig(moving, 0.0))  # so that the new lens is tabled
+    compiled_lens(moving.camera.intrinsics)  # remembered: tabled here, it delays no frame
     yield
     covariance = axes @ np.linalg.solve(total, axes.T)
     own_information = equations.information[:, size:, size:]
