@@ -132,6 +132,7 @@ def paced(folder: Path, count: int) -> tuple[int, np.ndarray]:
     opened = cast(cv2.VideoCapture, _Camera(images, count))
     camera = LiveSource("camera", lambda: opened, Patience(failures=1), _CAMERA_FAULTS)
     source, late_s = open_device(camera), []
+    camera.retries_s = ()
     for message in source.messages():
         if isinstance(message, Taken):
             for channel in _CHANNELS:

@@ -117,6 +117,36 @@ def test_casting_the_network_around_it_costs_no_accuracy(dtype):
     assert {value.device.type for value in network.to("meta").buffers()} == {"meta"}
 
 
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
+@pytest.mark.parametrize("name", sorted(LENSES))
+def test_a_gpu_gives_the_answers_of_the_processor(name):
+    camera = LENSES[name]
+    layer = CameraOnPlane(camera, POSE)
+    pixels = np.concatenate([border_and_grid(camera), [[np.nan, 1.0], [np.inf, 1.0], [1e7, -1e7]]])
+    rays = POSE.inverse() @ np.nan_to_num(layer.points(pixels)[0], nan=-1.0)
+
+    def answers(device):
+        there, given, directions = layer.to(device), torch.tensor(pixels).to(device), torch.tensor(rays).to(device)
+        results = [there.project(given), there.points(given), camera.project(directions)]
+        results += [camera.unproject_normalized(given), (there.pixel_jacobian(given), there.project(given)[1])]
+        points, slopes, seen = camera.normalized_with_slopes(given)
+        results += [(slopes, seen), (there.calibration_jacobian(given), there.project(given)[1])]
+        results += [(there.covariance(given, 0.1), there.project(given)[1]), (camera.lens_slopes_at(points), seen)]
+        buffers = {each: value.detach().clone().requires_grad_() for each, value in there.named_buffers()}
+        inner = torch.tensor(middle(camera)).to(device).requires_grad_()
+        torch.func.functional_call(there, buffers, (inner,))[0].square().sum().backward()
+        gradients = [inner.grad, *(each.grad for each in buffers.values() if each.grad is not None)]
+        results += [(each, torch.ones_like(each, dtype=torch.bool)) for each in gradients]
+        assert {each.device.type for result in results for each in result} == {device}
+        return [(values.detach().cpu().numpy(), valid.cpu().numpy()) for values, valid in results]
+
+    for (ours, known), (expected, valid) in zip(answers("cuda"), answers("cpu"), strict=True):
+        assert (known != valid).mean() < 1e-3  # where the lens ends, the last digit decides
+        both = known & valid
+        scale = np.abs(np.nan_to_num(expected[both])).max(initial=1.0)
+        np.testing.assert_allclose(ours[both], expected[both], rtol=1e-7, atol=1e-9 * scale)
+
+
 def test_invalid_pixels_do_not_poison_the_gradient():
     layer = CameraOnPlane(LENSES["barrel folding"], POSE)
     layer.translation_m.requires_grad_()
