@@ -11,6 +11,7 @@ import pytest
 
 from estimator.table.contacts import ContactRow, ContactTable
 from estimator.table.files import read_contacts, write_contacts
+from vbaa_calib.camera import Camera
 from vbaa_calib.cli.main import main
 from vbaa_calib.rig import Rig
 from viz.report.compare import compare_contacts, compare_rigs
@@ -115,3 +116,30 @@ def test_rigs_are_compared_in_deviations(rig: Rig) -> None:
     assert found.beyond(3.0) == [found.names[7]]
     longer = replace(rig, antenna=replace(rig.antenna, length_m=0.25))
     assert compare_rigs(rig, longer).settings == ("antenna.length_m",)
+
+
+def test_lenses_of_two_models_are_compared_where_they_show_a_ray(rig: Rig) -> None:
+    """The same lens with one coefficient more, which is zero, is the same; one that moved by so many deviations is
+    off by as many, along the direction in which its own covariance says so."""
+    four = rig.camera
+    own = np.diag((1e-3 * np.array([*four.parameters[:4], 1.0, 1.0, 0.1, 0.1])) ** 2)
+    four = Camera("opencv", four.image_size, four.matrix, np.resize(four.distortion, 4), own)
+    wide = np.zeros((9, 9))
+    wide[:8, :8] = own
+    one = replace(rig, camera=four, covariance=rig.covariance[:17, :17])
+
+    def other(step: np.ndarray) -> Rig:
+        moved = four.moved(step)
+        five = Camera("opencv", four.image_size, moved.matrix, np.append(moved.distortion, 0.0), wide)
+        return replace(one, camera=five)
+
+    same = compare_rigs(one, other(np.zeros(8)))
+    assert same.names[-1] == "projection_px"
+    assert same.difference[-1] == pytest.approx(0.0, abs=1e-9)
+    assert not same.beyond(1e-3)
+    middle = np.zeros(8)
+    middle[2] = 6.0 * np.sqrt(own[2, 2])
+    off = compare_rigs(one, other(middle))
+    assert off.beyond(3.0) == ["projection_px"]
+    assert off.difference[-1] == pytest.approx(middle[2], rel=1e-6)
+    assert 3.0 < abs(off.deviations[-1]) <= 6.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -11,6 +12,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from estimator.table.contacts import ContactTable
+from vbaa_calib.camera import Camera
 from vbaa_calib.core.robust import finite_or_none
 from vbaa_calib.rig import RIG_PARAMETERS, Rig
 from vbaa_calib.rig.over_time import parameter_std
@@ -25,6 +27,8 @@ _QUANTITIES = {
 }
 _MOST_DOTS, _SHOWN = 4000, 8.0
 """In a figure; deviations beyond which a dot stands at the figure's edge."""
+_GRID = 9
+"""By so many pixels a side lenses of two models are compared."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +137,7 @@ def _mahalanobis(apart: np.ndarray, covariance: np.ndarray) -> np.ndarray:
 @dataclass(frozen=True, eq=False)
 class _ComparedRigs:
     """Two rigs, parameter by parameter: names, A's and B's deviations, B minus A, that in deviations (P,) each; and the
-    settings, which count as exact, that differ. The lens' are compared where both have the same model."""
+    settings, which count as exact, that differ. Lenses of two models are compared by `_apart_px`."""
 
     names: tuple[str, ...]
     std_a: np.ndarray
@@ -175,8 +179,40 @@ def compare_rigs(a: Rig, b: Rig) -> _ComparedRigs:
     settings += [
         f"antenna.{name}" for name in ("length_m", "diameter_m") if one["antenna"][name] != other["antenna"][name]
     ]
-    settings += ["camera.model"] if a.camera.parameter_names != b.camera.parameter_names else []
+    if a.camera.image_size != b.camera.image_size:
+        settings.append("camera.image_size")
+    elif len(step) == len(RIG_PARAMETERS):
+        difference, *stds = _apart_px(a.camera, b.camera)
+        names, step = (*names, "projection_px"), np.append(step, difference)
+        std = [np.append(own, each) for own, each in zip(std, stds, strict=True)]
     return _ComparedRigs(names, std[0], std[1], step, _over(step, _pooled(std[0], std[1])), tuple(settings))
+
+
+def _apart_px(a: Camera, b: Camera) -> tuple[float, float, float]:
+    """How far apart two lenses show the same rays, in px, and A's and B's deviations of that: where over the picture,
+    along its columns or rows, it is most in deviations. NaN where no ray of A is seen by B."""
+    width, height = a.image_size
+    u, v = np.meshgrid(np.linspace(0.0, width - 1.0, _GRID), np.linspace(0.0, height - 1.0, _GRID))
+    pixels = np.column_stack([u.ravel(), v.ravel()])
+    rays, known = a.unproject(pixels)
+    there, seen = b.project(rays)
+    both = known & seen
+    std = [_projection_std(camera, at[both]) for camera, at in ((a, pixels), (b, there))]
+    apart = (there - pixels)[both]
+    size = np.nan_to_num(np.abs(_over(apart, _pooled(*std))), nan=-1.0)
+    if size.max(initial=-1.0) < 0.0:
+        return math.nan, math.nan, math.nan
+    most = np.unravel_index(np.argmax(size), size.shape)
+    return float(apart[most]), float(std[0][most]), float(std[1][most])
+
+
+def _projection_std(camera: Camera, pixels: np.ndarray) -> np.ndarray:
+    """(N, 2) standard deviations, px, of where the camera shows the rays of pixels (N, 2); NaN beyond 90° off axis."""
+    if camera.covariance is None:
+        return np.zeros(pixels.shape)
+    points, by_pixel, _ = camera.normalized_with_slopes(pixels)
+    moved = np.linalg.solve(np.where(np.isnan(by_pixel), np.eye(2), by_pixel), camera.lens_slopes_at(points))
+    return np.sqrt(np.einsum("nip,pq,niq->ni", moved, camera.covariance, moved))
 
 
 def contacts_page(
