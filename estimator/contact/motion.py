@@ -211,7 +211,7 @@ def inertia(shapes: Shapes, beam: Beam, judged: slice = slice(None), *, live: bo
     """
     mode = beam.first_mode_rad_s(shapes.contact[judged])
     known = shapes.known
-    kept = shapes.picked(known)
+    kept = shapes if known.all() else shapes.picked(known)
     place = (np.cumsum(known) - 1)[judged]
     rows, points, std = known[judged], np.ascontiguousarray(kept.points_m), np.ascontiguousarray(kept.std_m)
     longest_s = math.pi / beam.slowest_rad_s

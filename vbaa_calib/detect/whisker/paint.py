@@ -292,9 +292,8 @@ def without_other_things(
     )
     if not other.any():
         return shorter
-    guide = beside(line.points_px, line.guide_px)[0]
-    visibility = np.asarray(line.visibility).copy()
-    visibility[(visibility == Visibility.SEEN) & other[guide]] = Visibility.HIDDEN
+    visibility = line.visibility.copy()
+    visibility[np.flatnonzero(visibility == Visibility.SEEN)[other]] = Visibility.HIDDEN
     shorter = replace(shorter, seen=line.seen * float(own.mean()), visibility=visibility)
     if other[-1]:
         shorter = replace(shorter, end="hidden", end_std_px=np.nan)
@@ -342,4 +341,4 @@ def _foreign(colours: np.ndarray, shares: np.ndarray, looks: np.ndarray) -> tupl
 def _shares(line: Centreline) -> np.ndarray:
     """(N,) how far along its guide a line's points lie, from 0 at the clamp to 1."""
     along = arc_lengths(line.guide_px)
-    return along[beside(line.guide_px, line.points_px)[0]] / max(along[-1], 1e-9)
+    return along[line.visibility == Visibility.SEEN] / max(along[-1], 1e-9)
