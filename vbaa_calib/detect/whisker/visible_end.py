@@ -55,7 +55,7 @@ _TIP, _HIDDEN, _BORDER, _UNSURE, _LONGER = range(5)
 _KINDS: tuple[EndKind, ...] = ("tip", "hidden", "border", "unsure")
 
 
-class _VisibleEnd(NamedTuple):
+class VisibleEnd(NamedTuple):
     """Where the antenna ends in a picture: place (2,), deviation along the antenna, and what it is."""
 
     end_px: np.ndarray
@@ -100,7 +100,7 @@ class Look(NamedTuple):
     bright: bool | None
 
 
-def visible_end(image: np.ndarray, path_px: np.ndarray, seen: np.ndarray, look: Look) -> _VisibleEnd:
+def visible_end(image: np.ndarray, path_px: np.ndarray, seen: np.ndarray, look: Look) -> VisibleEnd:
     """The end of a line in an (H, W) picture.
 
     Parameters
@@ -110,7 +110,7 @@ def visible_end(image: np.ndarray, path_px: np.ndarray, seen: np.ndarray, look: 
     """
     sign = -1.0 if look.bright is False else 1.0
     kind, place, std = _found(np.ascontiguousarray(image), path_px, seen, look.section, (look.half, look.noise, sign))
-    return _VisibleEnd(place, std, _KINDS[kind])
+    return VisibleEnd(place, std, _KINDS[kind])
 
 
 @kernel
