@@ -352,7 +352,7 @@ class ContactStream:
         if len(self._coming) == self._size:
             self._work.append(self._taken(self._coming))
             self._coming = []
-        return self._worked(min(max(len(self._work) - 1 - hurried, not hurried), _MOST_STEPS) if self._little else None)
+        return self._worked(min(max(len(self._work) - 2 - hurried, not hurried), _MOST_STEPS) if self._little else None)
 
     def idle(self) -> Iterator[Contact]:
         """The contacts that a step of the work gives, if there is any: for who has time before the next frame."""
