@@ -10,7 +10,7 @@ from itertools import chain, islice
 import numpy as np
 
 from estimator.solver.frames import Frames
-from estimator.solver.ladder import COARSE_RUNG, rough_unknowns, solve
+from estimator.solver.ladder import rough_fits, solve
 from estimator.solver.linearised import bend
 from estimator.solver.numbers import FitNumbers
 from estimator.solver.rig_arrays import RigArrays
@@ -185,10 +185,8 @@ class ContactEstimator:
         found: list[RoughFit | None] = [None] * len(several)
         enough = np.flatnonzero(frames.usable.sum(-1) >= FEWEST_POINTS)
         if len(enough):
-            frames = frames.picked(enough)
-            unknowns = rough_unknowns(frames)
-            shapes = bend(frames, COARSE_RUNG, unknowns[:, None]).points_m
-            for index, own, points_m in zip(enough, unknowns, shapes, strict=True):
+            frames = frames if len(enough) == len(several) else frames.picked(enough)
+            for index, own, points_m in zip(enough, *rough_fits(frames), strict=True):
                 found[index] = RoughFit(own, points_m)
         return found
 
@@ -354,7 +352,7 @@ class ContactStream:
         if len(self._coming) == self._size:
             self._work.append(self._taken(self._coming))
             self._coming = []
-        return self._worked(min(max(len(self._work) - 1, not hurried), _MOST_STEPS) if self._little else None)
+        return self._worked(min(max(len(self._work) - 2 - hurried, not hurried), _MOST_STEPS) if self._little else None)
 
     def idle(self) -> Iterator[Contact]:
         """The contacts that a step of the work gives, if there is any: for who has time before the next frame."""

@@ -77,12 +77,12 @@ class Batch(Rows):
         points = _padded([each.points_px for each in several], np.nan)
         sigma = _padded([each.sigma_px for each in several], 1.0)
         numbers = np.array([[each.moment_Nm, each.moment_z_Nm, each.pan_rad, each.tilt_rad] for each in several])
-        starts = np.stack([each.start for each in several])
+        starts = np.array([each.start for each in several])
         if warm is not None:
             starts = np.where(np.isfinite(starts).all(axis=1, keepdims=True), starts, warm)
         known = np.isfinite(starts).all(axis=1).any()
         ordered = _in_order(points, sigma)
-        tips = np.stack([_end(each.tip_px) for each in several])
+        tips = np.array([_end(each.tip_px) for each in several])
         columns = ([each.moment_errors_Nm for each in several], [each.joint_errors_rad for each in several])
         errors = (column if column.any() else None for column in map(np.array, columns))
         angles, start = (numbers[:, 2], numbers[:, 3]), starts if known else None
@@ -114,7 +114,7 @@ def _end(tip_px: np.ndarray) -> np.ndarray:
     end = np.asarray(tip_px, float)
     if end.shape != (3,) or end[2] <= 0.0:
         raise InputError(f"tip_px is {tip_px!r:.60}", remedy="give u, v and their deviation along the antenna, px")
-    return np.append(end[:2], max(end[2], _LEAST_END_PX))
+    return end if not end[2] < _LEAST_END_PX else np.array([*end[:2], _LEAST_END_PX])
 
 
 def _points(centrelines_px: np.ndarray | Sequence[np.ndarray]) -> np.ndarray:

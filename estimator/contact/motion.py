@@ -211,15 +211,17 @@ def inertia(shapes: Shapes, beam: Beam, judged: slice = slice(None), *, live: bo
     """
     mode = beam.first_mode_rad_s(shapes.contact[judged])
     known = shapes.known
-    kept = shapes.picked(known)
+    kept = shapes if known.all() else shapes.picked(known)
     place = (np.cumsum(known) - 1)[judged]
     rows, points, std = known[judged], np.ascontiguousarray(kept.points_m), np.ascontiguousarray(kept.std_m)
     longest_s = math.pi / beam.slowest_rad_s
     found = _accelerations(kept.time_s, points, std, place[rows], mode[rows], longest_s, live)
-    every = tuple(np.full((len(place), *each.shape[1:]), np.nan) for each in found)
-    for each, own in zip(every, found, strict=True):
-        each[rows] = own
-    acceleration, std, response = every
+    if not rows.all():
+        every = tuple(np.full((len(place), *each.shape[1:]), np.nan) for each in found)
+        for each, own in zip(every, found, strict=True):
+            each[rows] = own
+        found = every
+    acceleration, std, response = found
     density = beam.mass_per_length_kg_m
     return Inertia(-density * acceleration, density * std, response)
 
@@ -239,13 +241,13 @@ class Motion:
     def push(self, shapes: Shapes) -> Inertia:
         """The verdicts (K,) that these frames make possible: in order, the first on the first that still waited."""
         held = shapes if self._held is None else Shapes.joined([self._held, shapes])
-        waiting = held.picked(slice(self._judged, None))
-        complete = len(waiting)
+        waiting = complete = len(held) - self._judged
         if complete and not self._live:  # the first frames that have all later ones of their neighbourhoods
-            time = np.where(np.isfinite(waiting.time_s), waiting.time_s, -np.inf)
-            ends = time + 0.5 * math.pi / self._beam.first_mode_rad_s(waiting.contact)
+            late = held.picked(slice(self._judged, None))
+            time = np.where(np.isfinite(late.time_s), late.time_s, -np.inf)
+            ends = time + 0.5 * math.pi / self._beam.first_mode_rad_s(late.contact)
             complete = int(np.cumprod(ends < time.max()).sum())
-        return self._judge(held, max(complete, len(waiting) - _MOST))
+        return self._judge(held, max(complete, waiting - _MOST))
 
     def finish(self) -> Inertia | None:
         """The verdicts on the frames that still wait; None if none was ever pushed, or none waits."""

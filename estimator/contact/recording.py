@@ -140,9 +140,9 @@ def detect(rig: Rig, frame: Still, image: np.ndarray) -> Centreline:
 
 def prepared(rig: Rig, frame: Still) -> AntennaFinder | None:
     """What looks for the antenna in pictures at these joint angles; None where the lens cannot show it."""
-    steps = np.array([[_GRAVITY_STEP_M_S2], [_same_paths_m_s2(rig)]])
-    pull, alike = (np.round(gravity(rig, frame) / steps) * steps).tolist()
-    return _finder(rig, tuple(pull), tuple(alike))
+    pull = gravity(rig, frame).tolist()
+    near, alike = (tuple(step * round(g / step) for g in pull) for step in (_GRAVITY_STEP_M_S2, _same_paths_m_s2(rig)))
+    return _finder(rig, near, alike)
 
 
 @lru_cache(maxsize=256)

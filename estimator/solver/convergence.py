@@ -142,6 +142,21 @@ def converge(rig, frame, rung, fit, work, with_feet):
 
 
 @compiled
+def converge_there(rig, frame, rung, fit, work):
+    """The minimum at the fit's distance, with feet near the right ones. Returns whether that explains the frame.
+
+    A force that hardly anything asks for leaves its distance open: a descent would wander along the antenna.
+    """
+    _begin(rig, frame, rung, fit, work, True, 1.0)
+    rig_jacobian(rig, frame, rung, work.bent, fit)
+    _again(rig, frame, fit, work)
+    fit.numbers[AT_TIP] = 1.0
+    _descend(rig, frame, rung, fit, work, _TOLERANCE, _ITERATIONS)
+    fit.numbers[AT_TIP] = 0.0
+    return fit.numbers[CONVERGED] > 0.0 and _scatter(fit) == 1.0
+
+
+@compiled
 def begin_search(work):
     """Grant evaluations of the model for a search; a fit that explains most points grants all."""
     work.most[0] = max(work.most[0], min(work.evaluations[0] + _MOST_HOPELESS, MOST_EVALUATIONS))

@@ -129,21 +129,23 @@ def frames_from_pixels(
     `moment_Nm` (B, 2): NaN where there is no reading. `tip_px` (B, 3): the antenna's end and its deviation along it.
     `gravity_m_s2` (B, 3) in the antenna frame.
     """
-    points, covariance, usable = _ideal(rig_arrays, points_px, sigma_px)
     if rig_arrays.rig.tip is None:
-        tip, tip_covariance, with_tip = (
-            np.zeros((len(tip_px), 2)),
-            np.tile([1.0, 0.0, 1.0], (len(tip_px), 1)),
-            np.zeros(len(tip_px)),
-        )
-    else:
-        tip, tip_covariance, with_tip = _ideal(rig_arrays, tip_px[:, :2], tip_px[:, 2])
+        tip_px = np.full_like(tip_px, np.nan)
+    seen_px = np.concatenate([points_px, tip_px[:, None, :2]], axis=1)
+    points, covariance, usable = _ideal(rig_arrays, seen_px, np.concatenate([sigma_px, tip_px[:, 2:]], axis=1))
     read = np.isfinite(moment_Nm) & (rig_arrays.gain != 0.0)
     available = np.empty((len(tip_px), 3))
-    available[:, :2], available[:, 2] = read, with_tip
-    readings = np.where(read, moment_Nm, 0.0)
+    available[:, :2], available[:, 2] = read, usable[:, -1]
     return Frames(
-        rig_arrays, points, covariance, usable, readings, tip, tip_covariance, available, np.array(gravity_m_s2, float)
+        rig_arrays,
+        points[:, :-1],
+        covariance[:, :-1],
+        usable[:, :-1],
+        np.where(read, moment_Nm, 0.0),
+        points[:, -1],
+        covariance[:, -1],
+        available,
+        np.array(gravity_m_s2, float),
     )
 
 

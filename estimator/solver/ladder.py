@@ -25,10 +25,11 @@ from .convergence import (
     begin_search,
     coarse_minimum,
     converge,
+    converge_there,
     empty_work,
     polish,
 )
-from .fit import CONVERGED, COST, SCATTER, copy_fit
+from .fit import CONVERGED, COST, NODES, SCATTER, copy_fit
 from .frames import Frames, frame_of, thinned
 from .initialization import (
     STARTS,
@@ -54,14 +55,13 @@ from .uncertainty import (
     widen_by_profile,
 )
 
-COARSE_RUNG = RUNGS[LINEAR]
-"""The rung on which minima are compared before a rung is chosen."""
 _COARSE_POINTS = 64
 """Minima are searched with about so many of a frame's points."""
 _LOST_SCATTER, _LOST_FRICTION = 2.0, 2.5
 """A larger scatter, or a friction angle of more deviations, is a reason to search elsewhere."""
 _FAINT = 5.0
-"""Below this gain over the free antenna a frame's other minima are not searched: contact takes three times as much."""
+"""Below this gain over the free antenna neither distance nor other minima are searched: contact takes three times as
+much."""
 _SIGNIFICANT_FORCE = 3.0
 """Without a force of so many deviations in any direction there is no contact whose mirror image would matter."""
 _SAME_MINIMUM = 1e-2
@@ -92,15 +92,15 @@ def solve(
     return found
 
 
-def rough_unknowns(frames: Frames) -> np.ndarray:
-    """(B, 4) rough minima on a low rung."""
-    found = np.empty((len(frames), UNKNOWNS))
-    _rough_frames(frames.rig_arrays.tables, frames.rig_arrays.lens, frames.tables, found)
-    return found
+def rough_fits(frames: Frames) -> tuple[np.ndarray, np.ndarray]:
+    """(B, 4) unknowns of rough minima on a low rung, and the antennas' nodes there (B, M, 3), antenna frame."""
+    found, points_m = np.empty((len(frames), UNKNOWNS)), np.empty((len(frames), NODES, 3))
+    _rough_frames(frames.rig_arrays.tables, frames.rig_arrays.lens, frames.tables, found, points_m)
+    return found, points_m
 
 
 @kernel
-def _rough_frames(rig_tables, lens_tables, tables, found):
+def _rough_frames(rig_tables, lens_tables, tables, found, points_m):
     rig, lens = RigRecord(*rig_tables), Lens(*lens_tables)
     warm = np.full(UNKNOWNS, np.nan)
     for index in range(len(found)):
@@ -109,6 +109,9 @@ def _rough_frames(rig_tables, lens_tables, tables, found):
         starts, costs = np.empty((STARTS, UNKNOWNS)), np.empty(STARTS)
         _find_starts(rig, frame, warm, True, starts, costs, work)
         found[index] = starts[0]
+        put(starts[0], work.best.unknowns)
+        predict(rig, frame, LINEAR, work.bent, work.best, False)
+        points_m[index] = work.best.points_m.T
 
 
 @kernel
@@ -203,8 +206,10 @@ def _find_starts(rig, frame, warm, always, starts, costs, work):
     few, every = thinned(frame, _COARSE_POINTS)
     grid = grid_search(rig, frame, free, every, work)
     lowest_of_grid(rig, grid, starts, costs)
-    warm_start(grid, warm, starts, costs)
-    if always or np.isfinite(costs[-1]):
+    distinct = always or largest_gain(grid) > _FAINT
+    if distinct:
+        warm_start(grid, warm, starts, costs)
+    if distinct and (always or np.isfinite(costs[-1])):
         feet = free.foot_m[::every].copy()
         _coarse_minima(rig, work.bent.lens, few, feet, starts, costs)
         for k in range(0 if always else STARTS):
@@ -249,15 +254,16 @@ def _fit_on_rung(rig, exact, frame, rung, grid, starts, costs, found, other, oth
     best, distinct = work.best, largest_gain(grid) > _FAINT
     put(starts[0], best.unknowns)
     put(work.free.foot_m, best.foot_m)
-    converge(rig, frame, rung, best, work, True)
+    if distinct or not converge_there(rig, frame, rung, best, work):
+        converge(rig, frame, rung, best, work, True)
     put(best.unknowns, other)
     other_cost[0] = np.inf
-    for k in range(1, STARTS):
-        if np.isfinite(costs[k]) and distinct:
-            try_start(rig, frame, rung, starts[k].copy(), best, other, other_cost, work)
     if distinct:
+        for k in range(1, STARTS):
+            if np.isfinite(costs[k]):
+                try_start(rig, frame, rung, starts[k].copy(), best, other, other_cost, work)
         _search_lost(rig, exact, frame, rung, grid, best, other, other_cost, work)
-    polish(rig, frame, rung, best, work)
+        polish(rig, frame, rung, best, work)
     uncertainty(best, found, work)
     ambiguous = _significant(best.unknowns, found.covariance) and mirror_ambiguous(rig, frame, best)
     explained = best.numbers[CONVERGED] > 0.0 and best.numbers[SCATTER] <= WRONG_SHAPE

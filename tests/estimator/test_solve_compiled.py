@@ -29,6 +29,8 @@ RIGS = {
 }
 ROUNDING = 5e-4
 """In standard deviations: the rig's derivatives are taken where a rough descent ended, which need not be the same."""
+NOT_SEARCHED = 0.05
+"""The same without contact: the distance is then where the best force of a grid is."""
 EVIDENCE = 1e-3
 """Part of it: the free antenna's derivatives by the camera's pose are now those of the rod."""
 UNCOMPILED = """
@@ -55,13 +57,14 @@ def test_the_answers_of_the_plain_code(row: int) -> None:
     if said["status"] == "failed":
         return  # its numbers are those of wherever it was given up
     std, covariance = said["std"], said["covariance"]
+    rounding = NOT_SEARCHED if said["status"] == "no_contact" else ROUNDING
     free = std == 0.0
     np.testing.assert_array_equal(found.numbers.unknowns[0][free], said["unknowns"][free])
     off = (found.numbers.unknowns[0] - said["unknowns"])[~free] / std[~free]
-    assert np.abs(off).max() < ROUNDING
-    np.testing.assert_allclose(found.numbers.std[0], std, rtol=ROUNDING)
+    assert np.abs(off).max() < rounding
+    np.testing.assert_allclose(found.numbers.std[0], std, rtol=rounding)
     size = np.sqrt(np.outer(np.diag(covariance), np.diag(covariance)))
-    assert (np.abs(found.numbers.covariance[0] - covariance) <= ROUNDING * size).all()
+    assert (np.abs(found.numbers.covariance[0] - covariance) <= rounding * size).all()
     assert found.numbers.evidence[0] == pytest.approx(said["evidence"], rel=EVIDENCE)
 
 

@@ -5,11 +5,12 @@ Only what a few Newton steps solve is solved here: what is not valid may be so f
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
-from vbaa_calib.core.compiled import compiled, record
+from vbaa_calib.core.compiled import compiled, kernel, record
 from vbaa_calib.core.lanes import LANES, load, spread, store, where_positive
 
 from .lens import lens_of
@@ -51,6 +52,7 @@ class CompiledLens(NamedTuple):
 Lens = record(CompiledLens)
 
 
+@lru_cache(maxsize=32)
 def compiled_lens(intrinsics: Intrinsics) -> CompiledLens:
     """Made ready for compiled functions."""
     lens = lens_of(intrinsics.model, intrinsics.coefficients)
@@ -134,6 +136,31 @@ def sees(lens, x, y):
         return False
     _, _, xx, xy, yx, yy = _linearise_lens(lens.fisheye, lens.coefficients, x, y)
     return _definite(xx, xy, yx, yy) and _encloses(lens.ideal, lens.inner[0], x, y)
+
+
+@kernel
+def pixels_of_points(
+    tables: CompiledLens, rotation: np.ndarray, translation_m: np.ndarray, points_m: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Pixels (N, 2) of points (N, 3) that a pose carries into the frame of a camera whose sensor is not tilted, and
+    whether each is valid (N,)."""
+    lens, at = Lens(*tables), np.empty(3)
+    fx, fy, cx, cy = lens.matrix
+    pixels, valid = np.zeros((len(points_m), 2)), np.zeros(len(points_m), np.bool_)
+    for i in range(len(points_m)):
+        for row in range(3):
+            at[row] = translation_m[row]
+            for axis in range(3):
+                at[row] += rotation[row, axis] * points_m[i, axis]
+        across = np.hypot(at[0], at[1])
+        if not at[2] > 0.0 and not (lens.fisheye and across > 0.0):
+            continue
+        ratio = np.arctan2(across, at[2]) / across if lens.fisheye and across > 0.0 else 1.0 / at[2]
+        x, y = ratio * at[0], ratio * at[1]
+        valid[i] = np.isfinite(at[2]) and sees(lens, x, y)
+        xd, yd, _, _, _, _ = _linearise_lens(lens.fisheye, lens.coefficients, x, y)
+        pixels[i, 0], pixels[i, 1] = xd * fx + cx, yd * fy + cy
+    return pixels, valid
 
 
 @compiled

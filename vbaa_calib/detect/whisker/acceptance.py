@@ -17,6 +17,7 @@ from vbaa_calib.core.smooth import END_VALUE, median, running_mean
 from .centreline import Centreline, Verdict, Visibility
 from .corridor import Corridor
 from .crossings import Crossings, moved
+from .visible_end import VisibleEnd
 
 LEAST_SEEN, LEAST_SEEN_INSIDE = 0.3, 0.5
 """Least fraction of the guide that must be seen, and, of a line that is not clear, of what of it is in the picture."""
@@ -130,9 +131,9 @@ def without_margins(kept: np.ndarray, margin: int) -> np.ndarray:
     return inner
 
 
-def accepted(found: Crossings, line: FittedLine) -> Centreline:
-    """The centreline of N profiles, with its verdict; it is kept somewhere."""
-    look, kept = _look(found, line), line.kept
+def accepted(line: FittedLine, look: _Look, end: VisibleEnd) -> Centreline:
+    """The centreline of N profiles that look like this and end there, with its verdict; it is kept somewhere."""
+    kept = line.kept
     verdict, reason = _doubt(line, look) or ("ok", "")
     return Centreline(
         points_px=look.everywhere[kept],
@@ -146,6 +147,9 @@ def accepted(found: Crossings, line: FittedLine) -> Centreline:
         visibility=look.visibility,
         noise=line.noise,
         effective_px=line.effective_px[kept],
+        end_px=end.end_px,
+        end_std_px=end.std_px,
+        end=end.end,
     )
 
 
@@ -277,7 +281,7 @@ def _doubt(line: FittedLine, look: _Look) -> tuple[Verdict, str] | None:
 
 
 @kernel
-def _look(found: Crossings, line: FittedLine) -> _Look:
+def look_of(found: Crossings, line: FittedLine) -> _Look:
     """What a line that is kept somewhere looks like."""
     kept, everywhere = line.kept, moved(found, line.centre)
     visibility = np.where(kept, _SEEN, np.where(found.inside, _HIDDEN, _OUTSIDE)).astype(np.uint8)

@@ -45,8 +45,15 @@ class Crossings(NamedTuple):
 
 def crossings(image: np.ndarray, path_px: np.ndarray, half: int, bright: bool | None) -> Crossings:
     """Profiles of 2·half + 1 pixels of an (H, W) picture across a path (K, 2); negative ones for a dark line."""
-    found, first = _places(np.ascontiguousarray(path_px, np.float64), half)
-    _read(np.ascontiguousarray(image), first, -1.0 if bright is False else 1.0, found)
+    sign = -1.0 if bright is False else 1.0
+    return crossed(np.ascontiguousarray(image), np.ascontiguousarray(path_px, np.float64), half, sign)
+
+
+@kernel
+def crossed(image: np.ndarray, path_px: np.ndarray, half: int, sign: float) -> Crossings:
+    """The same, times `sign`."""
+    found, first = _places(path_px, half)
+    _read(image, first, sign, found)
     return found
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -97,23 +96,13 @@ class AntennaFinder:
 
         Up to two that differ and score alike; with `bright` None, which fits more things, up to `CHANGING_PATHS`.
         """
-        small = _downsampled(image, self.factor)
         reach = self.reach + int(np.ceil(0.6 * blurred_px / self.factor))
-        flat = _ridge_responses(small, reach, self.pool, bright)
-        # "wrap" only spares take the check of an index that is known to be good
-        total = cv2.reduce(flat.take(self.index, mode="wrap"), 1, cv2.REDUCE_SUM, dtype=cv2.CV_32S).ravel()
-        score = total / self.weight
-        best = int(score.argmax())
-        paths = [self.paths_px[best]]
+        sign = 0 if bright is None else 1 if bright else -1
+        flat = _ridge_responses(_downsampled(image, self.factor), reach, self.pool, sign)
+        score = _scores(flat, self.index, self.weight)
         count, share = (2, _OTHER_PATH_SHARE) if bright is not None else (CHANGING_PATHS, CHANGING_SHARE)
-        others = np.flatnonzero(score >= share * score[best])
-        for _ in range(1, count):
-            others = others[~self._alike(best, others)]
-            if not len(others):
-                break
-            best = int(others[score[others].argmax()])
-            paths.append(self.paths_px[best])
-        return paths
+        apart_px = 2.0 * self.spacing_px + self.corridor.width_px
+        return [self.paths_px[one] for one in _clearest(score, self.paths_px, apart_px, count, share)]
 
     def find(self, image: np.ndarray, bright: bool | None = True) -> Centreline:
         """The centreline in a picture, with its verdict; where there is none in focus, one out of focus.
@@ -158,13 +147,6 @@ class AntennaFinder:
             lines.append(line)
         alike = OTHER_LINE_SEEN if bright is not None else CHANGING_OTHER
         return reject_faint(best_of(lines, width, alike), self.usual_height)
-
-    def _alike(self, best: int, others: np.ndarray) -> np.ndarray:
-        """(Q,) whether those paths are much the same as that one."""
-        few = self.paths_px[others, ::8]
-        gap = np.abs(few - self.paths_px[best, ::8]).max(axis=-1)
-        apart = gap > 2.0 * self.spacing_px + self.corridor.width_px
-        return apart.mean(axis=1) < _APART
 
 
 def sampled_axis(corridor: Corridor) -> tuple[np.ndarray, float]:
@@ -212,7 +194,7 @@ def _places(paths_px: np.ndarray, factor: int, pool: int, shape: tuple[int, int]
     """(P, S) where the ridge response of each sample stands in `_ridge_responses` of `shape` (rows, columns): that for
     the normal of `STEPS` nearest to the path's; beyond the picture, the last."""
     (rows, columns), count, samples = shape, paths_px.shape[0], paths_px.shape[1]
-    index = np.empty((count, samples), np.intp)
+    index = np.empty((count, samples), np.int32)
     for p in range(count):
         for s in range(samples):
             before, after = max(s - 1, 0), min(s + 1, samples - 1)
@@ -243,41 +225,114 @@ def _downsampled(image: np.ndarray, factor: int) -> np.ndarray:
     return cv2.convertScaleAbs(values - low, alpha=255.0 / max(high - low, 1e-6))
 
 
-def _ridge_responses(small: np.ndarray, reach: int, pool: int, bright: bool | None = True) -> np.ndarray:
+@kernel
+def _ridge_responses(small: np.ndarray, reach: int, pool: int, sign: int) -> np.ndarray:
     """(4 · h · w + 1,) uint8 ridge response for the four normals, pooled over `pool` pixels, flat; the last is zero.
 
-    small : (H, W) uint8. The line is `bright`er than both flanks `reach` pixels away, or darker, or, for None, either.
-    The response saturates where a ridge is clear: a brighter ridge must not make up for a detour.
+    small : (H, W) uint8. The line is brighter than both flanks `reach` pixels away, with a `sign` of −1 darker, or, for
+    0, either.
     """
-    small = 255 - small if bright is False else small
     height, width = small.shape
-    framed = cv2.copyMakeBorder(small, reach, reach, reach, reach, cv2.BORDER_REPLICATE)
-    diagonal = int(np.ceil(reach / np.sqrt(2.0)))
-    square = np.ones((2 * pool - 1, 2 * pool - 1), np.uint8)
-    shape = (-(-height // pool), -(-width // pool))
-    flat = np.zeros(len(STEPS) * shape[0] * shape[1] + 1, np.uint8)
-    layers = flat[:-1].reshape(len(STEPS), *shape)
-    for step, layer in zip(STEPS.tolist(), layers, strict=True):
-        far = diagonal if step[0] and step[1] else reach
-        u, v = far * step[0], far * step[1]
-        flanks = [
-            framed[reach + s * v : reach + s * v + height, reach + s * u : reach + s * u + width] for s in (-1, 1)
-        ]
-        ridge = cv2.subtract(small, cv2.max(*flanks))
-        if bright is None:
-            ridge = cv2.max(ridge, cv2.subtract(cv2.min(*flanks), small))
-        layer[:] = (cv2.dilate(ridge, square) if pool > 1 else ridge)[::pool, ::pool]
-    return cv2.LUT(flat, _saturation(flat)).ravel()
+    # all rows in one, so that loops are long; around them, room for flanks and neighbours
+    room = max(reach, pool)
+    stride, rows, columns = width + 2 * room, -(-height // pool), -(-width // pool)
+    framed = np.empty((height + 2 * room, stride), np.uint8)
+    for r in range(len(framed)):
+        own, to = small[min(max(r - room, 0), height - 1)], framed[r]
+        to[:room], to[room : room + width], to[room + width :] = own[0], own, own[-1]
+    if sign < 0:
+        framed = ~framed
+    level, ridge = framed.ravel(), np.zeros(framed.size, np.uint8)
+    tall, high = np.empty(rows * stride, np.uint8), np.empty(rows * stride, np.uint8)
+    flat = np.zeros(len(STEPS) * rows * columns + 1, np.uint8)
+    diagonal, first, last = int(np.ceil(reach / np.sqrt(2.0))), room * (stride + 1), framed.size - room * (stride + 1)
+    for step in range(len(STEPS)):
+        far = diagonal if STEPS[step, 0] != 0 and STEPS[step, 1] != 0 else reach
+        off = far * (STEPS[step, 1] * stride + STEPS[step, 0])
+        own, one, other = level[first:last], level[first - off : last - off], level[first + off : last + off]
+        to = ridge[first:last]
+        for i in range(last - first):
+            flank = max(one[i], other[i])
+            to[i] = max(own[i], flank) - flank
+        if sign == 0:
+            for i in range(last - first):
+                flank = min(one[i], other[i])
+                to[i] = max(to[i], np.uint8(max(own[i], flank) - own[i]))
+        for r in range(room, room + height):
+            ridge[r * stride : r * stride + room] = 0
+            ridge[(r + 1) * stride - room : (r + 1) * stride] = 0
+        for row in range(rows):
+            at = (room + row * pool) * stride
+            _highest(ridge, at, stride, pool, tall[row * stride : (row + 1) * stride])
+        _highest(tall, pool, 1, pool, high[pool:-pool])
+        for row in range(rows):
+            at, to = row * stride + room, flat[(step * rows + row) * columns :]
+            for column in range(columns):
+                to[column] = high[at + column * pool]
+    return flat
 
 
-def _saturation(flat: np.ndarray) -> np.ndarray:
-    """(256,) lookup table of responses: zero up to the texture's level, saturating at a few times that."""
-    few = np.ascontiguousarray(flat[:: 1 + len(flat) // 20_000])
-    counts = cv2.calcHist([few], [0], None, [256], [0, 256]).cumsum(dtype=float)
-    return _saturating(float(np.searchsorted(counts, _TEXTURE_QUANTILE * counts[-1])) + 1.0)
+@kernel
+def _highest(values: np.ndarray, first: int, stride: int, pool: int, highest: np.ndarray) -> None:
+    """Of some of flat values, from the first on, each the highest of it and its neighbours `stride` apart, nearer than
+    `pool` of them: into (N,)."""
+    count = len(highest)
+    own = values[first : first + count]
+    for i in range(count):
+        highest[i] = own[i]
+    for k in range(1, pool):
+        before = values[first - k * stride : first - k * stride + count]
+        after = values[first + k * stride : first + k * stride + count]
+        for i in range(count):
+            highest[i] = max(highest[i], max(before[i], after[i]))
 
 
-@lru_cache(maxsize=256)
-def _saturating(ordinary: float) -> np.ndarray:
-    over = np.maximum(np.arange(256.0) - ordinary, 0.0)
-    return np.rint(250.0 * over / (over + 3.0 * ordinary)).astype(np.uint8)
+@kernel
+def _scores(flat: np.ndarray, index: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """(P,) of paths whose samples stand at `index` (P, S) in flat responses: their sum over `weight` (P,).
+
+    A response is zero up to the texture's level and saturates at a few times that, where a ridge is clear: a brighter
+    ridge must not make up for a detour.
+    """
+    few, counts, score = flat[:: 1 + len(flat) // 20_000], np.zeros(256, np.int64), np.empty(len(index))
+    for one in few:
+        counts[one] += 1
+    ordinary, below = 1.0, counts[0]
+    while below < _TEXTURE_QUANTILE * len(few):
+        below += counts[int(ordinary)]
+        ordinary += 1.0
+    saturating = np.empty(256, np.int32)
+    for level in range(256):
+        over = max(level - ordinary, 0.0)
+        saturating[level] = int(np.rint(250.0 * over / (over + 3.0 * ordinary)))
+    for p in range(len(index)):
+        total = 0
+        for s in range(index.shape[1]):
+            total += saturating[flat[index[p, s]]]
+        score[p] = total / weight[p]
+    return score
+
+
+@kernel
+def _clearest(score: np.ndarray, paths_px: np.ndarray, apart_px: float, count: int, share: float) -> list[int]:
+    """Up to so many of the paths (P, S, 2), best first, that differ from the ones before them; their scores (P,) at
+    least this share of the best. Two are alike where most of their points lie within `apart_px`."""
+    best = int(score.argmax())
+    found, left = [best], score >= share * score[best]
+    for _ in range(1, count):
+        other = -1
+        for p in range(len(score)):
+            if not left[p]:
+                continue
+            apart, several = 0, 0
+            for s in range(0, paths_px.shape[1], 8):
+                gap = max(abs(paths_px[p, s, 0] - paths_px[best, s, 0]), abs(paths_px[p, s, 1] - paths_px[best, s, 1]))
+                apart, several = apart + (gap > apart_px), several + 1
+            left[p] = apart >= _APART * several
+            if left[p] and (other < 0 or score[p] > score[other]):
+                other = p
+        if other < 0:
+            break
+        best = other
+        found.append(best)
+    return found

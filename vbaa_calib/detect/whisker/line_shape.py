@@ -82,14 +82,16 @@ def expected(width_px: float, blur_px: float, reach_px: int) -> CrossSection:
     middle, half, blur = reach_px * PER_PX, 0.5 * width_px, np.hypot(blur_px, 0.29)
     spread = np.exp(-0.5 * ((np.arange(2 * middle + 1) - middle) / (PER_PX * blur)) ** 2)
     spread /= spread.sum()
-    values, slopes, last = np.zeros((2 * middle + 1, 1)), np.empty((2 * middle + 1, 1)), 2 * middle
+    line, last = np.zeros(2 * middle + 1), 2 * middle
     for b in range(last + 1):
         across = abs(b - middle) / PER_PX
         if across < half:
             body = 0.4 + 0.6 * np.sqrt(max(1.0 - (across / half) ** 2, 0.0))
-            for r in range(max(b - middle, 0), min(b + middle, last) + 1):
-                values[r, 0] += body * spread[r - b + middle]
-    values /= values.max()
+            first = max(b - middle, 0)
+            part, own = spread[first + middle - b : min(last, b + middle) + 1 + middle - b], line[first:]
+            for r in range(len(part)):
+                own[r] += body * part[r]
+    values, slopes = line.reshape((last + 1, 1)) / line.max(), np.empty((last + 1, 1))
     for r in range(last + 1):
         before, after = max(r - 1, 0), min(r + 1, last)
         slopes[r, 0] = (values[after, 0] - values[before, 0]) * (PER_PX / (after - before))

@@ -209,21 +209,21 @@ def _sampled(image: np.ndarray, points: np.ndarray, aside: float) -> np.ndarray:
     return colours[:, None] if image.ndim == 2 else colours[:, :3]
 
 
-def _colours(image: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """(N, 3) colours at points, grey levels of 8 bits whatever the picture's depth; grey is three times one."""
-    colours = _read(image if image.ndim == 3 else image[..., None], points)
-    return colours / 257.0 if image.dtype == np.uint16 else colours
+def _levels(image: np.ndarray) -> tuple[np.ndarray, float]:
+    """A picture (H, W[, 3]) as (H, W, 1 or more), and how many of its levels are one of 8 bits."""
+    return image if image.ndim == 3 else image[..., None], 257.0 if image.dtype == np.uint16 else 1.0
 
 
 @kernel
-def _read(image: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """(N, 3) values of a picture (H, W, 1 or more) at the pixels nearest to points (N, 2)."""
+def _colours(image: np.ndarray, level: float, points: np.ndarray) -> np.ndarray:
+    """(N, 3) colours of a picture (H, W, 1 or more) at the pixels nearest to points (N, 2), grey levels of 8 bits, of
+    which one is so many of its own; grey is three times one."""
     found, last = np.empty((len(points), 3)), image.shape[2] - 1
     for n in range(len(points)):
         column = min(max(int(np.rint(points[n, 0])), 0), image.shape[1] - 1)
         row = min(max(int(np.rint(points[n, 1])), 0), image.shape[0] - 1)
         for c in range(3):
-            found[n, c] = image[row, column, min(c, last)]
+            found[n, c] = image[row, column, min(c, last)] / level
     return found
 
 
@@ -233,8 +233,8 @@ Looks = tuple[tuple[float, float, float, float], ...]
 
 def look_of(image: np.ndarray, line: Centreline) -> np.ndarray:
     """(PLACES, 3) mean colour of a found antenna along its guide, in a picture (H, W[, 3]); NaN where unseen."""
-    place = np.minimum((_shares(line) * PLACES).astype(int), PLACES - 1)
-    colours = _colours(image, line.points_px)
+    place = np.minimum((_shares(line.guide_px, _seen(line)) * PLACES).astype(int), PLACES - 1)
+    colours = _colours(*_levels(image), line.points_px)
     means = np.full((PLACES, 3), np.nan)
     for own in np.unique(place):
         means[own] = colours[place == own].mean(axis=0)
@@ -271,8 +271,7 @@ def without_other_things(
     table, coloured = _table(looks)
     if image.ndim == 2 and coloured:
         return line  # a grey picture does not show the colour
-    shares = _shares(line)
-    other, off = _foreign(_colours(image, line.points_px), shares, table)
+    shares, other, off = _foreign(*_levels(image), line.points_px, line.guide_px, _seen(line), table)
     if not other.any() and off.max(initial=0.0) <= PARTLY_FOREIGN:
         return line
     starts, stops = np.flatnonzero(np.diff(other, prepend=False, append=False)).reshape(-1, 2).T
@@ -292,9 +291,8 @@ def without_other_things(
     )
     if not other.any():
         return shorter
-    guide = beside(line.points_px, line.guide_px)[0]
-    visibility = np.asarray(line.visibility).copy()
-    visibility[(visibility == Visibility.SEEN) & other[guide]] = Visibility.HIDDEN
+    visibility = line.visibility.copy()
+    visibility[np.flatnonzero(_seen(line))[other]] = Visibility.HIDDEN
     shorter = replace(shorter, seen=line.seen * float(own.mean()), visibility=visibility)
     if other[-1]:
         shorter = replace(shorter, end="hidden", end_std_px=np.nan)
@@ -312,9 +310,13 @@ def _table(looks: Looks) -> tuple[np.ndarray, bool]:
 
 
 @kernel
-def _foreign(colours: np.ndarray, shares: np.ndarray, looks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Which points of a line, colours (N, 3) at shares (N,) of its length, have not the looks (PLACES, 4): (N,) bool;
-    and how far off these their colours are, (N,) deviations."""
+def _foreign(
+    image: np.ndarray, level: float, points: np.ndarray, guide: np.ndarray, seen: np.ndarray, looks: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Shares (N,) of its length at which the points (N, 2) of a line lie, see `_shares`; which of them have not the
+    looks (PLACES, 4) in a picture, see `_colours`: (N,) bool; and how far off these their colours are, (N,) deviations.
+    """
+    colours, shares = _colours(image, level, points), _shares(guide, seen)
     count, places = len(shares), (np.arange(PLACES) + 0.5) / PLACES
     usual = np.empty((4, count))
     for c in range(4):
@@ -336,10 +338,16 @@ def _foreign(colours: np.ndarray, shares: np.ndarray, looks: np.ndarray) -> tupl
         if off[n] > FOREIGN:
             # a run's mean blends what lies before and after its middle
             other[max(n - RUN // 2, 0) : n + RUN // 2 + 1] = True
-    return other, off
+    return shares, other, off
 
 
-def _shares(line: Centreline) -> np.ndarray:
-    """(N,) how far along its guide a line's points lie, from 0 at the clamp to 1."""
-    along = arc_lengths(line.guide_px)
-    return along[beside(line.guide_px, line.points_px)[0]] / max(along[-1], 1e-9)
+@kernel
+def _shares(guide: np.ndarray, seen: np.ndarray) -> np.ndarray:
+    """(N,) how far along their guide (K, 2) the points lie that were seen (K,) of it, from 0 at the clamp to 1."""
+    along = arc_lengths(guide)
+    return along[seen] / max(along[-1], 1e-9)
+
+
+def _seen(line: Centreline) -> np.ndarray:
+    """(K,) where along its guide a line has its points."""
+    return line.visibility == Visibility.SEEN

@@ -197,8 +197,9 @@ def _mean_of_columns(strip: np.ndarray, several: int) -> np.ndarray:
     mean, last = np.zeros(strip.shape), len(strip) - 1
     for k in range(last + 1):
         for other in range(k - several // 2, k + several // 2 + 1):
-            mean[k] += strip[min(max(other, 0), last)]
-    return mean / several
+            for r in range(strip.shape[1]):
+                mean[k, r] += strip[min(max(other, 0), last), r] / several
+    return mean
 
 
 @kernel

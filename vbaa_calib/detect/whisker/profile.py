@@ -6,7 +6,6 @@ ones share their noise, and shift a thin line with its phase on the pixel grid.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -17,7 +16,7 @@ from vbaa_calib.core import smooth
 from vbaa_calib.core.compiled import kernel
 from vbaa_calib.core.smooth import END_VALUE, ZEROS, median, quantile, running_mean
 
-from .acceptance import FittedLine, accepted, without_margins
+from .acceptance import FittedLine, accepted, look_of, without_margins
 from .centreline import NOTHING, Centreline
 from .crossings import Crossings, crossings, every, shares, tapered
 from .line_shape import (
@@ -129,9 +128,8 @@ def _measured(image: np.ndarray, path_px: np.ndarray, width_px: float, half: int
     line, section = _line(found, known, width_px, quiet, bright is None)
     if not line.kept.any():
         return NOTHING
-    measured = accepted(found, line)
-    end = visible_end(image, measured.guide_px, line.kept, Look(section, half, line.noise, bright))
-    return replace(measured, end_px=end.end_px, end_std_px=end.std_px, end=end.end)
+    seen = look_of(found, line)
+    return accepted(line, seen, visible_end(image, seen.guide, line.kept, Look(section, half, line.noise, bright)))
 
 
 @kernel

@@ -17,7 +17,7 @@ from vbaa_calib.core.polyline import arc_lengths
 from vbaa_calib.core.smooth import median, solve
 
 from .centreline import EndKind
-from .crossings import Crossings, crossings, moved
+from .crossings import Crossings, crossed, moved
 from .line_shape import CrossSection, fit
 
 BEFORE_PX, BEYOND_PX = 60.0, 24.0
@@ -55,7 +55,7 @@ _TIP, _HIDDEN, _BORDER, _UNSURE, _LONGER = range(5)
 _KINDS: tuple[EndKind, ...] = ("tip", "hidden", "border", "unsure")
 
 
-class _VisibleEnd(NamedTuple):
+class VisibleEnd(NamedTuple):
     """Where the antenna ends in a picture: place (2,), deviation along the antenna, and what it is."""
 
     end_px: np.ndarray
@@ -100,7 +100,7 @@ class Look(NamedTuple):
     bright: bool | None
 
 
-def visible_end(image: np.ndarray, path_px: np.ndarray, seen: np.ndarray, look: Look) -> _VisibleEnd:
+def visible_end(image: np.ndarray, path_px: np.ndarray, seen: np.ndarray, look: Look) -> VisibleEnd:
     """The end of a line in an (H, W) picture.
 
     Parameters
@@ -108,20 +108,28 @@ def visible_end(image: np.ndarray, path_px: np.ndarray, seen: np.ndarray, look: 
     path_px : (K, 2) the line, from the clamp to where a whole antenna ends; bridged where it is hidden.
     seen : (K,) where it was measured.
     """
-    farthest_px = (1.0 + _MOST_LONGER) * float(arc_lengths(path_px)[-1])
+    sign = -1.0 if look.bright is False else 1.0
+    kind, place, std = _found(np.ascontiguousarray(image), path_px, seen, look.section, (look.half, look.noise, sign))
+    return VisibleEnd(place, std, _KINDS[kind])
+
+
+@kernel
+def _found(
+    image: np.ndarray, path_px: np.ndarray, seen: np.ndarray, section: CrossSection, look: tuple[int, float, float]
+) -> tuple[int, np.ndarray, float]:
+    """What the end is, its place (2,) and its deviation. look : `half` and `noise` of it; the line's sign."""
+    (half, noise, sign), farthest_px = look, (1.0 + _MOST_LONGER) * arc_lengths(path_px)[-1]
     while True:
-        ahead = _continued(path_px, seen)
+        last, ahead = np.flatnonzero(seen)[-1], _continued(path_px, seen)
         if not len(ahead.path_px):
-            return _VisibleEnd(path_px[seen][-1], np.nan, "hidden")
-        found = crossings(image, ahead.path_px, look.half, look.bright)
-        kind, place, std, longer = _end_or_longer(found, look.section, look.noise, ahead)
+            return _HIDDEN, path_px[last].copy(), np.nan
+        kind, place, std, longer = _end_or_longer(crossed(image, ahead.path_px, half, sign), section, noise, ahead)
         if kind != _LONGER:
-            return _VisibleEnd(place, std, _KINDS[kind])
-        last = int(np.flatnonzero(seen)[-1])
-        path_px = np.vstack([path_px[: last + 1], longer])
-        seen = np.concatenate([seen[: last + 1], np.ones(len(longer), bool)])
+            return kind, place, std
+        path_px = np.concatenate((path_px[: last + 1], longer))
+        seen = np.concatenate((seen[: last + 1], np.ones(len(longer), np.bool_)))
         if arc_lengths(path_px)[-1] > farthest_px:
-            return _VisibleEnd(path_px[-1], np.nan, "unsure")
+            return _UNSURE, path_px[-1].copy(), np.nan
 
 
 @kernel
