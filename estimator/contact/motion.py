@@ -215,13 +215,12 @@ def inertia(shapes: Shapes, beam: Beam, judged: slice = slice(None), *, live: bo
     place = (np.cumsum(known) - 1)[judged]
     rows, points, std = known[judged], np.ascontiguousarray(kept.points_m), np.ascontiguousarray(kept.std_m)
     longest_s = math.pi / beam.slowest_rad_s
-    found = _accelerations(kept.time_s, points, std, place[rows], mode[rows], longest_s, live)
-    if not rows.all():
-        every = tuple(np.full((len(place), *each.shape[1:]), np.nan) for each in found)
-        for each, own in zip(every, found, strict=True):
-            each[rows] = own
-        found = every
-    acceleration, std, response = found
+    each = _accelerations(kept.time_s, points, std, place[rows], mode[rows], longest_s, live)
+    if rows.all():
+        acceleration, std, response = each
+    else:
+        among = np.where(rows, np.cumsum(rows) - 1, -1)
+        acceleration, std, response = (np.append(one, np.full((1, *one.shape[1:]), np.nan), 0)[among] for one in each)
     density = beam.mass_per_length_kg_m
     return Inertia(-density * acceleration, density * std, response)
 

@@ -129,7 +129,7 @@ def _measured(frame: Frame, points_px: np.ndarray, sigma_px: np.ndarray, **more:
 
 def paint(rig: Rig) -> Paint:
     """What tells the antenna from its background in this rig's pictures."""
-    return Paint(rig.image.bright, rig.image.weights_bgr, rig.image.colour_bgr)
+    return Paint(rig.image.bright, rig.image.weights_bgr, rig.image.colour_bgr, rig.image.both_edges)
 
 
 def detect(rig: Rig, frame: Still, image: np.ndarray) -> Centreline:
@@ -196,8 +196,9 @@ def _along(rig: Rig, glance: FirstDetection, rough: RoughFit) -> Detection:
     guide, width = pixels(*seen_from), width_px(*seen_from, rig.antenna.diameter_m)
     again = find_along(glance.image, guide, width, glance.bright)
     if glance.picture is not None:
+        again = paint(rig).between_edges(glance.image, again, width, guide)
         again = paint(rig).by_edges(glance.picture, again, guide, width)
-        again = without_other_things(glance.picture, again, rig.image.looks, width, rig.image.bright is None)
+        again = without_other_things(glance.picture, again, rig.image.looks, width, paint(rig))
     again = again if glance.looking is None else reject_other_shape(again, glance.looking.corridor)
     line = again if len(again.points_px) >= _SECOND_LOOK * len(glance.line.points_px) else glance.line
     # a line that is doubted on a closer look, though not on the first, makes no contact
@@ -250,8 +251,7 @@ def first_look(
         image, line, bright = *less, None
     else:
         line = explained(paint(rig).find(looking, picture, image), image, looking.corridor, bright)
-    changing, width = rig.image.bright is None, looking.corridor.width_px
-    line = without_other_things(picture, line, rig.image.looks, width, changing)
+    line = without_other_things(picture, line, rig.image.looks, looking.corridor.width_px, paint(rig))
     return FirstDetection(frame, image, line, bright, picture, looking)
 
 

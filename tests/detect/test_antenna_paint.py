@@ -159,9 +159,36 @@ def test_a_line_that_goes_on_along_another_thing_ends_where_that_begins(finder: 
     calibrated = [np.clip(drawn + rng.normal(0.0, 2.0, drawn.shape), 0, 255).astype(np.uint8) for _ in range(3)]
     paint = Paint(True)
     looks = usual_looks([look_of(one, paint.find(finder, one)) for one in calibrated])
-    whole, cut = (without_other_things(one, paint.find(finder, one), looks, finder.corridor.width_px) for one in shown)
+    whole, cut = (
+        without_other_things(one, paint.find(finder, one), looks, finder.corridor.width_px, paint) for one in shown
+    )
     assert whole.found
     assert whole.points_px[-1, 0] > path[-1, 0] - 5.0
     assert cut.points_px[-1, 0] < middle + 2.0
     assert len(cut.points_px) > 0.4 * len(whole.points_px)
     assert cut.end != "tip"
+
+
+@pytest.mark.parametrize(("both_edges", "left_out"), [(False, True), (True, False)])
+def test_in_a_shadow_both_edges_show_the_antenna_as_well(
+    finder: AntennaFinder, both_edges: bool, left_out: bool
+) -> None:
+    """A third of it has two fifths of its light, and its hue; what lies behind it is lit as elsewhere."""
+    rng = np.random.default_rng(6)
+    path = bent((40.0, 120.4), 0.0, 3.0)
+    begin, end = int(path[len(path) // 2, 0]), int(path[5 * len(path) // 6, 0])
+    lit = 40.0 + tube(path, WIDTH_PX, 1.0)[..., None] * np.array([120.0, 150.0, 160.0])
+    shaded = lit.copy()
+    shaded[:, begin:end] = 40.0 + 0.2 * (lit - 40.0)[:, begin:end]
+    calibrated = [np.clip(lit + rng.normal(0.0, 2.0, lit.shape), 0, 255).astype(np.uint8) for _ in range(3)]
+    paint = Paint(True, both_edges=both_edges)
+    looks = usual_looks([look_of(one, paint.find(finder, one)) for one in calibrated])
+    image = np.clip(shaded + rng.normal(0.0, 2.0, lit.shape), 0, 255).astype(np.uint8)
+    line = without_other_things(image, paint.find(finder, image), looks, finder.corridor.width_px, paint)
+    assert line.found
+    inside = (line.points_px[:, 0] > begin + 15.0) & (line.points_px[:, 0] < end - 15.0)
+    assert (inside.sum() == 0) == left_out
+    assert line.points_px[-1, 0] > path[-1, 0] - 5.0
+    if inside.any():  # what else may lie there draws the line aside by up to half its width
+        assert line.sigma_px[inside].min() > 2.0 * np.median(line.sigma_px[~inside])
+        assert np.abs(aside(path, line.points_px[inside])).max() < 1.0

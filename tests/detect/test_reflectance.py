@@ -104,3 +104,21 @@ def test_white_noise_is_not_taken_for_shared() -> None:
         line = measure(exposed(60.0 + tube(path, WIDTH_PX, 110.0), rng, 2.0), dense(path) + 0.5, WIDTH_PX)
         shares.append(np.mean(line.effective_px / line.sigma_px))
     assert np.mean(shares) < 1.15
+
+
+def test_the_edge_of_what_hides_its_end_is_not_the_antenna() -> None:
+    """An object whose edge lies along the antenna's further half, there in its stead."""
+    rng, path = np.random.default_rng(7), straight(10.0, 220.0)
+    middle, along = path.mean(axis=0), (path[1] - path[0]) / np.linalg.norm(path[1] - path[0])
+    lit = metal(path, 5.0, lambda share, across: 130.0 - 70.0 * share + 30.0 * across)
+    v, u = np.mgrid[: SIZE[0], : SIZE[1]]
+    ahead = (u - middle[0]) * along[0] + (v - middle[1]) * along[1]
+    beside = (v - middle[1]) * along[0] - (u - middle[0]) * along[1]
+    object_ = 80.0 + 50.0 / (1.0 + np.exp(-2.0 * beside))
+    hidden = 1.0 / (1.0 + np.exp(-2.0 * ahead))
+    for _ in range(4):
+        line = measure(exposed(lit + hidden * (object_ - lit), rng), dense(path) + 0.5, 5.0, None)
+        reached = (line.points_px - middle) @ along
+        assert np.quantile(np.diff(np.sort(reached[reached < -10.0])), 0.99) < 3.0
+        assert reached.min() < -100.0
+        assert reached.max() < 12.0

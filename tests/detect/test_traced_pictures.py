@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
@@ -9,7 +11,8 @@ from scipy.spatial import cKDTree
 from tests.traced_pictures import TracedPicture, traced_pictures
 from vbaa_calib.detect.whisker.antenna import CLAMP_REACH_PX, REACH_PER_LENGTH, find, find_along
 from vbaa_calib.detect.whisker.corridor import Corridor
-from vbaa_calib.detect.whisker.paint import Paint
+from vbaa_calib.detect.whisker.finder import AntennaFinder
+from vbaa_calib.detect.whisker.paint import Paint, learn
 
 PICTURES = traced_pictures()
 
@@ -44,6 +47,25 @@ def test_edges_show_what_the_colour_of_bare_metal_does_not() -> None:
     assert rms[1] < 0.8 * rms[0]
     plain = Paint(True)
     assert plain.by_edges(picture.color(), by_colour, picture.line_px, picture.width_px) is by_colour
+
+
+@pytest.mark.parametrize("name", ["paint_patchwork_noload_001", "nitinol_patchwork_noload_001"])
+def test_light_from_one_side_pulls_no_line_that_is_measured_by_both_edges(name: str) -> None:
+    picture = next(one for one in PICTURES if one.name == name)
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(picture.free_px, axis=0), axis=1))])
+    where = Corridor(picture.free_px, CLAMP_REACH_PX + REACH_PER_LENGTH * along, picture.width_px)
+    color = picture.color()
+    paint = learn([AntennaFinder.prepare(where, (color.shape[1], color.shape[0]))], [color])
+    assert paint is not None
+    assert paint.both_edges
+    plane = paint.plane(color)
+    pulled = find_along(plane, picture.line_px, picture.width_px, True)
+    line = paint.between_edges(plane, pulled, picture.width_px)
+    assert line.found
+    assert line.seen > pulled.seen - 0.05
+    off = [np.sqrt(np.mean(_off(picture, one.points_px) ** 2)) for one in (pulled, line)]
+    assert off[1] < 0.9 * off[0]
+    assert replace(paint, both_edges=False).between_edges(plane, pulled, picture.width_px) is pulled
 
 
 def test_the_set_has_every_kind() -> None:

@@ -182,6 +182,27 @@ def running_mean(values: np.ndarray, size: int, beyond: int) -> np.ndarray:
 
 
 @kernel
+def triangle_sums(values: np.ndarray, count: int) -> np.ndarray:
+    """Sums (N, M) over a triangle of neighbours whose weight in the middle is one."""
+    rows, columns = values.shape
+    for _ in range(2):
+        total, sums = np.zeros(columns), np.empty((rows, columns))
+        for n in range(min(count - count // 2, rows)):
+            for m in range(columns):
+                total[m] += values[n, m]
+        for n in range(rows):
+            entering, leaving = n + count - count // 2, n - count // 2
+            for m in range(columns):
+                sums[n, m] = total[m]
+                if entering < rows:
+                    total[m] += values[entering, m]
+                if leaving >= 0:
+                    total[m] -= values[leaving, m]
+        values = sums
+    return values / count
+
+
+@kernel
 def _beyond(values: np.ndarray, place: int, beyond: int) -> float:
     count = len(values)
     if 0 <= place < count:

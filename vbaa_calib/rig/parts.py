@@ -101,6 +101,7 @@ class AntennaImage:
     colour_bgr : of the antenna, where its nearness makes that plane.
     height : of the free antenna's line above its background, grey levels on that plane; None where not measured.
     looks : (8, 4) its mean colour from clamp to tip, and the deviation of that; None: not measured.
+    both_edges : light from one side pulls its line, which is measured by both of its edges.
     """
 
     noise_px: Annotated[Number, Field(ge=1e-6, le=1e3)]
@@ -124,6 +125,10 @@ class AntennaImage:
         _Looks | None,
         Field(description="mean colour at places from clamp to tip and its deviation, grey levels"),
     ] = None
+    both_edges: Annotated[
+        Annotated[bool, Strict()],
+        Field(description="light from one side pulls its line, which is measured by both of its edges"),
+    ] = False
 
 
 def kinematics_to_dict(kinematics: Kinematics) -> dict[str, Any]:

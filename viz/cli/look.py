@@ -64,7 +64,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         ground_words = "left aside, since it does not lie behind the antenna in this picture"
     picture, line = (plain, detect(rig, frame, plain)) if less is None else less
     if looking is not None:
-        line = without_other_things(own, line, rig.image.looks, looking.corridor.width_px)
+        line = without_other_things(own, line, rig.image.looks, looking.corridor.width_px, paint(rig))
     # an antenna that is dark instead of bright, the other way round, or here this and there that
     words_of = {True: "brighter", False: "darker", None: "here brighter, there darker"}
     others = [] if line.found or rig.image.bright is None else [not rig.image.bright, None]

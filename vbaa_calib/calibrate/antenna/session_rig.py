@@ -302,6 +302,7 @@ def make_rig(
             colour_bgr=paint.colour,
             height=height,
             looks=usual_looks([one.look for one in observations]),
+            both_edges=paint.both_edges,
         ),
         covariance=joint.covariance,
         second_moment_sensor=session.second_moment_sensor,

@@ -236,7 +236,9 @@ def _check_pictures(rig: Rig, quality: Mapping[str, Any], inputs: _Inputs) -> Ch
     if inputs.stills:
         where = rig.camera, current.T_antenna_camera, rig.antenna.parameters
         expected = ExpectedAntenna(
-            session.antenna, *where, Paint(rig.image.bright, rig.image.weights_bgr, rig.image.colour_bgr)
+            session.antenna,
+            *where,
+            Paint(rig.image.bright, rig.image.weights_bgr, rig.image.colour_bgr, rig.image.both_edges),
         )
         seen, _ = observe(session, rig.kinematics, inputs.stills, expected, "antenna")
         stills = check_stills(current, seen, session.load_readings)

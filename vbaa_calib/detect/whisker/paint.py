@@ -19,7 +19,7 @@ from vbaa_calib.core.robust import MAD_SCALE
 from .acceptance import LEAST_SEEN
 from .centreline import Centreline, Visibility
 from .finder import AntennaFinder
-from .profile import EDGE_RUN, measure
+from .profile import EDGE_RUN, measure, measure_on
 
 _OPPONENTS = ((0.5, 0.5, -1.0), (0.5, -1.0, 0.5), (-1.0, 0.5, 0.5))
 """Weights (b, g, r) of pictures that show one colour against the two others."""
@@ -39,6 +39,12 @@ grey levels, since the light changes as the antenna bends."""
 _SHOWN = ("ok", "ambiguous")
 COLOUR_PULLED = 0.1
 """By which part of its width the light on one side of an antenna may pull the line that is seen by its colour."""
+PULLED_ASIDE, LESS_SEEN = 0.03, 0.05
+"""By which part of its width a line must lie off the middle between its edges, in free pictures, to be measured by
+these; and what less of it may be seen then."""
+SHADE, SHADED_UNSURE = 0.25, 0.25
+"""Part of its brightness that an antenna keeps in the shadow of what it touches; and part of its width to which it must
+be known where it lies there, or else it may be the edge of that."""
 AWAY = 0.25
 """A line of changing polarity that lies on another thing for such a part of its length does not come back."""
 ROOT, LIGHT = 0.4, (0.6, 1.7)
@@ -55,11 +61,13 @@ class Paint:
     weights : (b, g, r) of a colour picture's channels; None for its grey level.
     colour : (b, g, r) of the antenna: the plane is then the negative distance of a pixel from it. It is linear in how
         much of the pixel the antenna covers, so that edges stay where they are.
+    both_edges : light from one side pulls the line that is seen there, which is measured by both of its edges.
     """
 
     bright: bool | None = True
     weights: tuple[float, float, float] | None = None
     colour: tuple[float, float, float] | None = None
+    both_edges: bool = False
 
     def plane(self, image: np.ndarray) -> np.ndarray:
         """(H, W) of a grey (H, W) or colour (H, W, 3 or 4) picture: blue, green, red, any depth."""
@@ -76,11 +84,25 @@ class Paint:
     def find(self, finder: AntennaFinder, image: np.ndarray, plane: np.ndarray | None = None) -> Centreline:
         """The centreline in a grey or colour picture, whose `plane` may be known; by both of its edges, here brighter,
         there darker, where an antenna is not found by its own colour."""
-        line = finder.find(self.plane(image) if plane is None else plane, self.bright)
+        plane = self.plane(image) if plane is None else plane
+        line = finder.find(plane, self.bright)
         if line.found or self.colour is None:
-            return line
+            return self.between_edges(plane, line, finder.corridor.width_px)
         by_edges = finder.with_usual_height(0.0).find(Paint(None).plane(image), None)
         return by_edges if by_edges.verdict in _SHOWN else line
+
+    def between_edges(
+        self, plane: np.ndarray, line: Centreline, width_px: float, guide_px: np.ndarray | None = None
+    ) -> Centreline:
+        """A centreline found on a plane, along it or near a guide (K, 2) measured again between its edges, where this
+        paint says so and as much is seen then."""
+        if not self.both_edges or not line.found:
+            return line
+        if guide_px is None:
+            between = measure_on(plane, line.guide_px, width_px, None)
+        else:
+            between = measure(plane, guide_px, width_px, None)
+        return between if between.found and between.seen > line.seen - LESS_SEEN else line
 
     def by_edges(self, image: np.ndarray, line: Centreline, guide_px: np.ndarray, width_px: float) -> Centreline:
         """The centreline in a picture, measured near a guide (K, 2) by both of the antenna's edges where its own colour
@@ -131,7 +153,7 @@ def learn(finders: Sequence[AntennaFinder], images: Sequence[np.ndarray]) -> Pai
         best = max((best, *(one.in_its_colour(finders, images) for one in (best, changing))), key=_Tried.rank)
         if best.seen < ENOUGH and changing.seen > best.seen + CLEARLY_MORE:
             best = changing
-    return best.paint if best.seen else None
+    return best.pulled(finders, images).paint if best.seen else None
 
 
 @dataclass(frozen=True)
@@ -166,6 +188,18 @@ class _Tried:
             return self
         b, g, r = np.median(np.concatenate([_sampled(image, points, 0.0) for image, points in found]), axis=0).tolist()
         return _Tried.of(Paint(True, colour=(b, g, r)), finders, images)
+
+    def pulled(self, finders: Sequence[AntennaFinder], images: Sequence[np.ndarray]) -> _Tried:
+        """Measured by both edges where its lines lie aside of their middle."""
+        if self.paint.bright is None:
+            return self
+        width, aside = finders[0].corridor.width_px, []
+        for image, line in zip(images, self.lines, strict=True):
+            between = measure_on(self.paint.plane(image), line.guide_px, width, None) if line.found else line
+            if between.found:
+                aside.append(np.sqrt(np.mean(beside(between.guide_px, line.points_px)[1] ** 2)))
+        both = bool(aside) and float(np.median(aside)) > PULLED_ASIDE * width
+        return replace(self, paint=replace(self.paint, both_edges=both))
 
     def parted(self, finders: Sequence[AntennaFinder], images: Sequence[np.ndarray]) -> _Tried:
         """With weights that separate the antenna better from its flanks, if there are any."""
@@ -256,7 +290,7 @@ def usual_looks(several: Sequence[np.ndarray]) -> Looks | None:
 
 
 def without_other_things(
-    image: np.ndarray, line: Centreline, looks: Looks | None, width_px: float, changing: bool = False
+    image: np.ndarray, line: Centreline, looks: Looks | None, width_px: float, paint: Paint
 ) -> Centreline:
     """The centreline in a picture (H, W[, 3]) without stretches that do not look like an antenna of this width.
 
@@ -264,19 +298,26 @@ def without_other_things(
     part, the line is the middle of what is left: what the colour leaves open, as a part of half the width, is added to
     the deviations, alike for all points concerned. The light may be stronger or weaker in all than it was.
 
-    changing : whether the antenna is here brighter, there darker than what lies behind it.
+    Both edges show in a shadow as well; but there the antenna may be hidden in part by what throws the shadow: it must
+    come out of it again.
     """
     if looks is None or not line.found:
         return line
     table, coloured = _table(looks)
     if image.ndim == 2 and coloured:
         return line  # a grey picture does not show the colour
-    shares, other, off = _foreign(*_levels(image), line.points_px, line.guide_px, _seen(line), table)
+    shares, other, off, hue = _foreign(*_levels(image), line.points_px, line.guide_px, _seen(line), table)
     if not other.any() and off.max(initial=0.0) <= PARTLY_FOREIGN:
         return line
+    if paint.both_edges and not other.all():
+        unsure = line.sigma_px > SHADED_UNSURE * width_px
+        sure = np.flatnonzero((off < MOSTLY_FOREIGN) & ~unsure)
+        last = len(other) if line.end == "tip" or not len(sure) else sure[-1] + 1
+        other &= (hue > MOSTLY_FOREIGN) | unsure
+        other[last:] = True
     starts, stops = np.flatnonzero(np.diff(other, prepend=False, append=False)).reshape(-1, 2).T
     away = starts[shares[stops - 1] - shares[starts] > AWAY]
-    if changing and len(away):
+    if paint.bright is None and len(away):
         other[away[0] :] = True
     doubt = 0.5 * width_px * np.clip((off - PARTLY_FOREIGN) / (FOREIGN - PARTLY_FOREIGN), 0.0, 1.0)
     if not other.any() and not doubt.any():
@@ -312,10 +353,10 @@ def _table(looks: Looks) -> tuple[np.ndarray, bool]:
 @kernel
 def _foreign(
     image: np.ndarray, level: float, points: np.ndarray, guide: np.ndarray, seen: np.ndarray, looks: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Shares (N,) of its length at which the points (N, 2) of a line lie, see `_shares`; which of them have not the
-    looks (PLACES, 4) in a picture, see `_colours`: (N,) bool; and how far off these their colours are, (N,) deviations.
-    """
+    looks (PLACES, 4) in a picture, see `_colours`: (N,) bool; how far off these their colours are, (N,) deviations; and
+    how far those that may lie in a shadow, (N,)."""
     colours, shares = _colours(image, level, points), _shares(guide, seen)
     count, places = len(shares), (np.arange(PLACES) + 0.5) / PLACES
     usual = np.empty((4, count))
@@ -329,16 +370,22 @@ def _foreign(
                 across, own = across + colours[n, c] * usual[c, n], own + usual[c, n] ** 2
             root[near], near = across / own, near + 1
     light = 1.0 if near < LEAST_POINTS else min(max(np.median(root[:near]), LIGHT[0]), LIGHT[1])
-    off = np.zeros(count)
+    off, hue, lit, means = np.zeros(count), np.zeros(count), np.zeros(count), np.empty((3, count))
     for c in range(3):
         off += smooth.running_mean(colours[:, c] - light * usual[c], RUN, smooth.END_VALUE) ** 2
+        means[c] = smooth.running_mean(colours[:, c].copy(), RUN, smooth.END_VALUE)
+        lit += means[c] * usual[c]
     off = np.sqrt(off) / (light * usual[3])
+    local = np.minimum(np.maximum(lit / np.maximum((usual[:3] ** 2).sum(axis=0), 1e-9), SHADE * light), light)
+    for c in range(3):
+        hue += (means[c] - local * usual[c]) ** 2
+    hue = np.sqrt(hue) / (local * usual[3])
     other = np.full(count, np.median(off) > MOSTLY_FOREIGN)
     for n in range(count):
         if off[n] > FOREIGN:
             # a run's mean blends what lies before and after its middle
             other[max(n - RUN // 2, 0) : n + RUN // 2 + 1] = True
-    return shares, other, off
+    return shares, other, off, hue
 
 
 @kernel

@@ -230,6 +230,7 @@ def _changing_lines(found: Crossings, width_px: float, quiet: float, about: tupl
     section = mean_shape(reflectance, seen[-_END_PROFILES:] if len(seen) else np.arange(len(fits.height)))
     broad = half_width_px(expected(reflectance.width_px, reflectance.blur_px, found.profiles.shape[1] // 2 + 2))
     centre, usual = learned.course + fits.shift, reflectance.height
+    fits.height[learned.none] = 0.0
     return _Lines(centre, fits, section, broad, noise, usual, learned.shared_px)
 
 

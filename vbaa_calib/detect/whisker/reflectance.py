@@ -17,11 +17,22 @@ import numpy as np
 from vbaa_calib.core import smooth
 from vbaa_calib.core.compiled import kernel
 from vbaa_calib.core.polyline import arc_lengths
-from vbaa_calib.core.smooth import quantile, solve
+from vbaa_calib.core.smooth import quantile, solve, triangle_sums
 
 from .crossings import Crossings, dot, every, remove_background, shares, tapered
 from .line_shape import LIKELY_TAPER, MOST_TAPER, CrossSection, alike
-from .silhouette import ALL, MEAN_SQUARE, G, K, Y, blurred, coefficients_alone, normal_equations, tables
+from .silhouette import (
+    ALL,
+    MEAN_SQUARE,
+    G,
+    K,
+    Y,
+    blurred,
+    coefficients_alone,
+    explained_by_edges,
+    normal_equations,
+    tables,
+)
 
 _LIKELY = np.array([3.0, 0.8, 0.8, 0.5])
 """Deviations beforehand, over the antenna's contrast, of the polynomial's coefficients: level, brighter on one side, a
@@ -43,6 +54,10 @@ START_STEP_PX, START_BENDS, START_PROFILES = 0.5, 9, 24
 profiles."""
 MISFIT, PULLED = 0.01, 0.03
 """Part of the profiles' power that no shape follows; and of the width by which what it does not follow may pull."""
+OVER_EDGE, UNSURE = 20.0, 0.3
+"""Where a line does not explain the profiles near by better than one edge, an object's or a shadow's, by so much,
+squares over the noise's, it may lie off by up to this part of its width; before and beyond all that is clear there is
+none where the edge explains more."""
 STIFF_PIECES, PIECES = 4, 10
 """Of the smooth path that is begun with, and of the line's course about it."""
 
@@ -67,12 +82,13 @@ class _Reflectance(NamedTuple):
 
 class _Learned(NamedTuple):
     """What N profiles show: the reflectance, the line's course (N,) along them, the deviation (N,) of that, px, which
-    neighbours share, and by which part the line is broader at the path's end."""
+    neighbours share, by which part the line is broader at the path's end, and where there is none, (N,)."""
 
     reflectance: _Reflectance
     course: np.ndarray
     shared_px: np.ndarray
     taper: float
+    none: np.ndarray
 
 
 @kernel
@@ -155,8 +171,9 @@ def learn_reflectance(
         whole[:, k] = np.interp(found.along, some.along, coefficients[:, k])
     weight = np.interp(found.along, some.along, weight) * found.inside / noise**2
     course = np.interp(found.along, some.along, base)
-    each = coefficients_alone(tapered(found, taper), course, values)
-    local = _with_neighbours(each, weight, int(np.rint(0.5 * WINDOW_PX)), likely * contrast)
+    found, near = tapered(found, taper), int(np.rint(0.5 * WINDOW_PX))
+    local = _with_neighbours(coefficients_alone(found, course, values), weight, near, likely * contrast)
+    over_edge = -explained_by_edges(found, course, (width, blur), weight, near)
     matrix, side = np.empty((K, K)), np.empty((K, 1))
     for n in range(len(whole)):
         for i in range(K):
@@ -166,12 +183,18 @@ def learn_reflectance(
         solve(matrix, side)
         for k in range(K):
             whole[n, k] = side[k, 0]
+            over_edge[n] += side[k, 0] * local[n, k, K]
     height = np.sqrt(np.maximum(_square(whole), 1e-12))
     shared = (PIECES + 3.0) / max(WELL_BEGUN * known.mean() / count, 1e-9)
     begin_std = np.interp(found.along, some.along, begin_std)
     shared_px = np.sqrt(shared + begin_std**2 + (PULLED * width_px) ** 2) / found.stretch
+    unsure = 1.0 - np.minimum(np.maximum(over_edge / OVER_EDGE, 0.0), 1.0)
+    shared_px = np.hypot(shared_px, UNSURE * width_px * unsure / found.stretch)
+    none, clear = over_edge < 0.0, np.flatnonzero(over_edge > OVER_EDGE)
+    if len(clear):
+        none[clear[0] : clear[-1]] = False
     section = CrossSection(values, slopes, whole / height.reshape(-1, 1))
-    return _Learned(_Reflectance(width, blur, whole, height, section), course, shared_px, taper)
+    return _Learned(_Reflectance(width, blur, whole, height, section), course, shared_px, taper, none)
 
 
 @kernel
@@ -194,32 +217,11 @@ def _first_contrast(found: Crossings, width_px: float) -> float:
 
 
 @kernel
-def _sums(values: np.ndarray, count: int) -> np.ndarray:
-    """Sums (N, M) over a triangle of neighbours whose weight in the middle is one."""
-    rows, columns = values.shape
-    for _ in range(2):
-        total, sums = np.zeros(columns), np.empty((rows, columns))
-        for n in range(min(count - count // 2, rows)):
-            for m in range(columns):
-                total[m] += values[n, m]
-        for n in range(rows):
-            entering, leaving = n + count - count // 2, n - count // 2
-            for m in range(columns):
-                sums[n, m] = total[m]
-                if entering < rows:
-                    total[m] += values[entering, m]
-                if leaving >= 0:
-                    total[m] -= values[leaving, m]
-        values = sums
-    return values / count
-
-
-@kernel
 def _with_neighbours(each: np.ndarray, weight: np.ndarray, count: int, likely: np.ndarray) -> np.ndarray:
     """Normal equations (N, M, M) summed over neighbours, with the prior of the coefficients."""
     number, size, _ = each.shape
     weighted = each.reshape(number, size * size) * weight.reshape(-1, 1)
-    local = _sums(weighted, count).reshape(number, size, size)
+    local = triangle_sums(weighted, count).reshape(number, size, size)
     for n in range(number):
         for k in range(K):
             local[n, k, k] += likely[k] ** -2.0
@@ -319,7 +321,7 @@ def _begin(found: Crossings, width_px: float, blur_px: float, count: int) -> tup
     values = blurred(width_px, blur_px, found.profiles.shape[1] // 2 + 2)
     for column in range(len(offsets)):
         each = coefficients_alone(found, np.full(len(left), offsets[column]), values)
-        local = _sums(each.reshape(len(left), -1), count).reshape(each.shape)
+        local = triangle_sums(each.reshape(len(left), -1), count).reshape(each.shape)
         for n in range(len(left)):
             power, explained = local[n, K, K], 0.0
             matrix, side = local[n, :K, :K].copy(), local[n, :K, K:].copy()

@@ -8,8 +8,9 @@ import numpy as np
 from numpy.polynomial.legendre import leg2poly
 
 from vbaa_calib.core.compiled import kernel
+from vbaa_calib.core.smooth import triangle_sums
 
-from .crossings import Crossings, distances, remove_background, shares
+from .crossings import Crossings, distances, dot, remove_background, shares
 from .line_shape import PER_PX
 
 K = 4
@@ -21,6 +22,10 @@ MEAN_SQUARE = 1.0 / (2.0 * np.arange(K) + 1.0)
 """(K,) of the polynomials over the silhouette."""
 PIXEL_BLUR_PX = 0.29
 """A pixel's own square, as a standard deviation."""
+EDGES = 16
+"""Places across a line at which an edge is tried in its stead."""
+_EDGE_PX = 12
+"""So far from an edge nothing of its blur is left."""
 _FAR = 8.0
 """Deviations beyond an edge at which nothing is left of it."""
 _POWERS = np.stack([np.pad(leg2poly(row[: k + 1]), (0, K - 1 - k)) for k, row in enumerate(np.eye(K))])
@@ -129,3 +134,35 @@ def coefficients_alone(found: Crossings, base: np.ndarray, values: np.ndarray) -
             columns[K, t] = found.profiles[n, t]
         _products(columns, each[n])
     return each
+
+
+@kernel
+def explained_by_edges(
+    found: Crossings, base: np.ndarray, silhouette: tuple[float, float], weight: np.ndarray, near: int
+) -> np.ndarray:
+    """(N,) weighted squares of so many profiles near by that one blurred edge explains, in the stead of a line at (N,)
+    of some width and blur, px, and wherever across it. weight : (N,) of the profiles."""
+    width_px, blur_px = silhouette
+    count, length = found.profiles.shape
+    spread, last = np.sqrt(2.0 * (blur_px**2 + PIXEL_BLUR_PX**2)), _EDGE_PX * PER_PX
+    table = np.empty(2 * last + 1)
+    for r in range(2 * last + 1):
+        table[r] = 0.5 * erfc((last - r) / (PER_PX * spread))
+    # its square, and its product with the grey levels
+    told, rows, across = np.empty((count, 2 * EDGES)), np.empty((EDGES + 1, length)), np.empty(length)
+    for n in range(count):
+        distances(found, n, base[n], across)
+        rows[EDGES] = found.profiles[n]
+        for e in range(EDGES):
+            place = (width_px + 2.0) * (e / (EDGES - 1.0) - 0.5)
+            for t in range(length):
+                rows[e, t] = table[min(max(int(np.rint((across[t] - place) * PER_PX)) + last, 0), 2 * last)]
+        remove_background(rows)
+        for e in range(EDGES):
+            told[n, 2 * e] = weight[n] * dot(rows[e], rows[e])
+            told[n, 2 * e + 1] = weight[n] * dot(rows[e], rows[EDGES])
+    told, most = triangle_sums(told, near), np.zeros(count)
+    for n in range(count):
+        for e in range(EDGES):
+            most[n] = max(most[n], told[n, 2 * e + 1] ** 2 / max(told[n, 2 * e], 1e-9))
+    return most
