@@ -368,13 +368,14 @@ def _foreign(colours: np.ndarray, shares: np.ndarray, looks: np.ndarray) -> tupl
                 across, own = across + colours[n, c] * usual[c, n], own + usual[c, n] ** 2
             root[near], near = across / own, near + 1
     light = 1.0 if near < LEAST_POINTS else min(max(np.median(root[:near]), LIGHT[0]), LIGHT[1])
-    off, hue, own, lit, means = np.zeros(count), np.zeros(count), np.zeros(count), np.zeros(count), np.empty((3, count))
+    off, hue, lit = np.zeros(count), np.zeros(count), np.zeros(count)
+    squares, means = np.zeros(count), np.empty((3, count))
     for c in range(3):
         off += smooth.running_mean(colours[:, c] - light * usual[c], RUN, smooth.END_VALUE) ** 2
         means[c] = smooth.running_mean(colours[:, c].copy(), RUN, smooth.END_VALUE)
-        own, lit = own + usual[c] ** 2, lit + means[c] * usual[c]
+        squares, lit = squares + usual[c] ** 2, lit + means[c] * usual[c]
     off = np.sqrt(off) / (light * usual[3])
-    local = np.minimum(np.maximum(lit / np.maximum(own, 1e-9), SHADE * light), light)
+    local = np.minimum(np.maximum(lit / np.maximum(squares, 1e-9), SHADE * light), light)
     for c in range(3):
         hue += (means[c] - local * usual[c]) ** 2
     hue = np.sqrt(hue) / (local * usual[3])
