@@ -130,7 +130,8 @@ def learn_reflectance(
     reach_px = length // 2 + 2
     step = max(1, len(found.along) // LEARNING)
     some, count = every(found, step), max(3, int(np.rint(0.5 * WINDOW_PX / step)))
-    if len(course):
+    known_course = len(course) > 0
+    if known_course:
         begin, begin_std = course[::step].copy(), np.full(len(some.along), course_std_px)
         loose = begin_std**-2.0
     else:
@@ -188,6 +189,8 @@ def learn_reflectance(
     shared = (PIECES + 3.0) / max(WELL_BEGUN * known.mean() / count, 1e-9)
     begin_std = np.interp(found.along, some.along, begin_std)
     shared_px = np.sqrt(shared + begin_std**2 + (PULLED * width_px) ** 2) / found.stretch
+    if known_course:  # an antenna of known polarity was found there
+        over_edge[:] = OVER_EDGE
     unsure = 1.0 - np.minimum(np.maximum(over_edge / OVER_EDGE, 0.0), 1.0)
     shared_px = np.hypot(shared_px, UNSURE * width_px * unsure / found.stretch)
     none, clear = over_edge < 0.0, np.flatnonzero(over_edge > OVER_EDGE)
