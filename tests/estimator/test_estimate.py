@@ -96,6 +96,15 @@ def test_outliers_do_not_pull() -> None:
     assert np.mean([deviations(*pair) ** 2 for pair in zip(found, several, strict=True)]) < 2.5
 
 
+def test_where_a_free_antenna_would_be_touched_is_not_searched() -> None:
+    """Nothing holds that distance; the evidence for a contact stays that of three numbers fitted to noise."""
+    found = estimated_together([frame(tip_m=0.0, seed=seed) for seed in range(100)])
+    assert set(found.status) == {"no_contact"}
+    assert found.numbers.converged.all()
+    assert np.median(found.numbers.evaluations) <= 5
+    assert 0.5 < found.evidence.mean() < 2.5
+
+
 @pytest.mark.parametrize("count", [0, 1, 2, FEWEST_POINTS - 1])
 def test_too_few_points_are_no_antenna(count: int) -> None:
     contact = estimated(replace(frame(), points_px=frame().points_px[:count]))
