@@ -73,7 +73,7 @@ class DriftWatch:
             return []
         several = np.array(self._window)
         if self._first is None:
-            self._first = np.nanmedian(several, axis=0)
+            self._first = np.ma.median(np.ma.masked_invalid(several), axis=0).filled(np.nan)  # no moment, no warning
             self._window.clear()
             return []
         changes = several - self._first
