@@ -174,7 +174,10 @@ def learn_reflectance(
     course = np.interp(found.along, some.along, base)
     found, near = tapered(found, taper), int(np.rint(0.5 * WINDOW_PX))
     local = _with_neighbours(coefficients_alone(found, course, values), weight, near, likely * contrast)
-    over_edge = -explained_by_edges(found, course, (width, blur), weight, near)
+    if known_course:  # an antenna of known polarity was found there
+        over_edge = np.full(len(whole), np.inf)
+    else:
+        over_edge = -explained_by_edges(found, course, (width, blur), weight, near)
     matrix, side = np.empty((K, K)), np.empty((K, 1))
     for n in range(len(whole)):
         for i in range(K):
@@ -189,8 +192,6 @@ def learn_reflectance(
     shared = (PIECES + 3.0) / max(WELL_BEGUN * known.mean() / count, 1e-9)
     begin_std = np.interp(found.along, some.along, begin_std)
     shared_px = np.sqrt(shared + begin_std**2 + (PULLED * width_px) ** 2) / found.stretch
-    if known_course:  # an antenna of known polarity was found there
-        over_edge[:] = OVER_EDGE
     unsure = 1.0 - np.minimum(np.maximum(over_edge / OVER_EDGE, 0.0), 1.0)
     shared_px = np.hypot(shared_px, UNSURE * width_px * unsure / found.stretch)
     none, clear = over_edge < 0.0, np.flatnonzero(over_edge > OVER_EDGE)
