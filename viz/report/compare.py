@@ -198,7 +198,7 @@ def _apart_px(a: Camera, b: Camera) -> tuple[float, float, float]:
     there, seen = b.project(rays)
     both = known & seen
     std = [_projection_std(camera, at[both]) for camera, at in ((a, pixels), (b, there))]
-    apart = (there - pixels)[both]
+    apart = np.round((there - pixels)[both], 9)  # less is rounding, also where both lenses count as exact
     size = np.nan_to_num(np.abs(_over(apart, _pooled(*std))), nan=-1.0)
     if size.max(initial=-1.0) < 0.0:
         return math.nan, math.nan, math.nan
