@@ -19,7 +19,7 @@ from vbaa_calib.core.robust import MAD_SCALE
 from .acceptance import LEAST_SEEN
 from .centreline import Centreline, Visibility
 from .finder import AntennaFinder
-from .profile import EDGE_RUN, measure, measure_on
+from .profile import SHARED_RUN, measure, measure_on
 
 _OPPONENTS = ((0.5, 0.5, -1.0), (0.5, -1.0, 0.5), (-1.0, 0.5, 0.5))
 """Weights (b, g, r) of pictures that show one colour against the two others."""
@@ -37,14 +37,15 @@ FOREIGN, MOSTLY_FOREIGN, PARTLY_FOREIGN, LEAST_SPREAD = 4.0, 2.5, 1.0, (0.08, 3.
 none; and beyond which a point may show something else in part. The least deviation, relative to the brightness and in
 grey levels, since the light changes as the antenna bends."""
 _SHOWN = ("ok", "ambiguous")
-COLOUR_PULLED = 0.1
+COLOUR_PULLED = 0.05
 """By which part of its width the light on one side of an antenna may pull the line that is seen by its colour."""
 PULLED_ASIDE, LESS_SEEN = 0.03, 0.05
 """By which part of its width a line must lie off the middle between its edges, in free pictures, to be measured by
 these; and what less of it may be seen then."""
-SHADE, SHADED_UNSURE = 0.25, 0.25
-"""Part of its brightness that an antenna keeps in the shadow of what it touches; and part of its width to which it must
-be known where it lies there, or else it may be the edge of that."""
+SHADE, SHADED_UNSURE, TINT = 0.33, 0.15, (0.9, 2.0)
+"""Part of its brightness that an antenna keeps in the shadow of what it touches; part of its width to which it must be
+known where it lies there, or else it may be the edge of that; and a quantile of how far its hue is off in the light,
+and how many times that it may be off in the shadow."""
 AWAY = 0.25
 """A line of changing polarity that lies on another thing for such a part of its length does not come back."""
 ROOT, LIGHT = 0.4, (0.6, 1.7)
@@ -122,7 +123,7 @@ class Paint:
         apart = np.linalg.norm(line.points_px[near] - edges.points_px, axis=1)
         both = (apart < width_px) & (apart**2 - aside**2 < 1.0)
         pulled = COLOUR_PULLED * width_px
-        effective = np.hypot(line.effective_px, pulled * np.sqrt(EDGE_RUN))[near]
+        effective = np.hypot(line.effective_px, pulled * np.sqrt(SHARED_RUN))[near]
         better = both & (effective < edges.effective_px)
         return replace(
             edges,
@@ -306,20 +307,23 @@ def without_other_things(
     table, coloured = _table(looks)
     if image.ndim == 2 and coloured:
         return line  # a grey picture does not show the colour
-    shares, other, off, hue = _foreign(*_levels(image), line.points_px, line.guide_px, _seen(line), table)
+    shares, other, off, hue, tinted = _foreign(*_levels(image), line.points_px, line.guide_px, _seen(line), table)
     if not other.any() and off.max(initial=0.0) <= PARTLY_FOREIGN:
         return line
-    if paint.both_edges and not other.all():
+    if (paint.both_edges or paint.bright is None) and not other.all():
         unsure = line.sigma_px > SHADED_UNSURE * width_px
-        sure = np.flatnonzero((off < MOSTLY_FOREIGN) & ~unsure)
-        last = len(other) if line.end == "tip" or not len(sure) else sure[-1] + 1
-        other &= (hue > MOSTLY_FOREIGN) | unsure
-        other[last:] = True
+        shaded = other & ~unsure & ~tinted & (image.ndim == 3)
+        last = np.flatnonzero((shaded | (off < MOSTLY_FOREIGN)) & ~unsure)[-1:] + 1
+        if paint.both_edges:
+            other &= (hue > MOSTLY_FOREIGN) | unsure
+        other &= ~shaded
+        if line.end != "tip" and len(last) and (paint.both_edges or shaded[last[0] - 1]):
+            other[last[0] - RUN * shaded[last[0] - 1] :] = True
     starts, stops = np.flatnonzero(np.diff(other, prepend=False, append=False)).reshape(-1, 2).T
     away = starts[shares[stops - 1] - shares[starts] > AWAY]
     if paint.bright is None and len(away):
         other[away[0] :] = True
-    doubt = 0.5 * width_px * np.clip((off - PARTLY_FOREIGN) / (FOREIGN - PARTLY_FOREIGN), 0.0, 1.0)
+    doubt = 0.25 * width_px * np.clip((off - PARTLY_FOREIGN) / (FOREIGN - PARTLY_FOREIGN), 0.0, 1.0)
     if not other.any() and not doubt.any():
         return line
     own = ~other
@@ -353,10 +357,11 @@ def _table(looks: Looks) -> tuple[np.ndarray, bool]:
 @kernel
 def _foreign(
     image: np.ndarray, level: float, points: np.ndarray, guide: np.ndarray, seen: np.ndarray, looks: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Shares (N,) of its length at which the points (N, 2) of a line lie, see `_shares`; which of them have not the
-    looks (PLACES, 4) in a picture, see `_colours`: (N,) bool; how far off these their colours are, (N,) deviations; and
-    how far those that may lie in a shadow, (N,)."""
+    looks (PLACES, 4) in a picture, see `_colours`: (N,) bool; how far off these their colours are, (N,) deviations;
+    how far those that may lie in a shadow, (N,); and which of them have another hue than that of the line in the light,
+    (N,) bool."""
     colours, shares = _colours(image, level, points), _shares(guide, seen)
     count, places = len(shares), (np.arange(PLACES) + 0.5) / PLACES
     usual = np.empty((4, count))
@@ -376,16 +381,22 @@ def _foreign(
         means[c] = smooth.running_mean(colours[:, c].copy(), RUN, smooth.END_VALUE)
         lit += means[c] * usual[c]
     off = np.sqrt(off) / (light * usual[3])
-    local = np.minimum(np.maximum(lit / np.maximum((usual[:3] ** 2).sum(axis=0), 1e-9), SHADE * light), light)
+    squares = np.maximum((usual[:3] ** 2).sum(axis=0), 1e-9)
+    local = np.minimum(np.maximum(lit / squares, SHADE * light), 1.15 * light)
     for c in range(3):
         hue += (means[c] - local * usual[c]) ** 2
+    tint = np.sqrt(hue / squares) / local
     hue = np.sqrt(hue) / (local * usual[3])
+    alike = tint[off < MOSTLY_FOREIGN]
+    tinted = np.full(count, True)
+    if len(alike) > LEAST_POINTS:
+        tinted = tint > TINT[1] * smooth.quantile(alike, TINT[0])
     other = np.full(count, np.median(off) > MOSTLY_FOREIGN)
     for n in range(count):
         if off[n] > FOREIGN:
             # a run's mean blends what lies before and after its middle
             other[max(n - RUN // 2, 0) : n + RUN // 2 + 1] = True
-    return shares, other, off, hue
+    return shares, other, off, hue, tinted
 
 
 @kernel

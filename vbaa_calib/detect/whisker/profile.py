@@ -54,16 +54,17 @@ _TRAINING_PROFILES = 160
 """The cross-section is learned from about so many profiles."""
 ALIKE = 0.8
 """Length of the mean phase on the pixel grid above which the profiles lie alike."""
-LOPSIDED, FLANKED_PX, PULLED = 0.012, 5.0, 0.05
+LOPSIDED, FLANKED_PX, PULLED = 0.012, 5.0, 0.025
 """With its sides so different, as a part of its height, a line this broad is measured by its own reflectance; a
 highlight, or a shadow beside it, still pulls it by about this part of its width, alike for all its points."""
 FAINTER = 0.7
 """Where less than this part of the usual height is left, the same highlight, if it is clear, pulls the line more."""
 _END_PROFILES = 40
 """The antenna's look at its visible end is that of so many profiles before it."""
-EDGE_RUN, EDGE_NOTICED = 21, 3.0
+EDGE_RUN, EDGE_NOTICED, SHARED_RUN = 21, 3.0, 100
 """An object's edge beside the antenna draws about so many neighbouring points aside alike: what a step of the
-background behind the line would move them by, on average, is doubt where it exceeds so many of its own deviations."""
+background behind the line would move them by, on average, is doubt where it exceeds so many of its own deviations.
+A wrong look of the antenna draws about so many aside alike."""
 _CURVE_PIECES = 12
 """Of the curve that the points scatter about: enough for a cantilever, too few to follow errors that neighbours
 share."""
@@ -255,11 +256,12 @@ def _fitted_line(found: Crossings, lines: _Lines, known: Shapes, changing: bool)
     sigma, effective, course = np.zeros(len(kept)), np.zeros(len(kept)), lines.centre
     if kept.any():
         sigma = _deviations(found, lines, clean if clean.sum() >= LEAST_PROFILES else kept)
-        doubt = np.hypot(_edge_doubt(found, lines, there), lines.shared)
+        edge = _edge_doubt(found, lines, there)
+        doubt = np.hypot(edge, lines.shared)
         kept, course = _without_strays(found, lines, np.hypot(sigma, doubt), kept)
         kept = without_margins(kept, 1 if changing else _MARGIN_PX)
     if kept.any():
-        sigma, effective = _calibrated(found, lines, sigma, doubt, kept)
+        sigma, effective = _calibrated(found, lines, sigma, edge, kept)
     return FittedLine(lines.centre, course, sigma, effective, kept, lines.fits.height, lines.noise, breadth, changing)
 
 
@@ -348,7 +350,7 @@ def _without_strays(
 
 @kernel
 def _calibrated(
-    found: Crossings, lines: _Lines, sigma: np.ndarray, doubt: np.ndarray, kept: np.ndarray
+    found: Crossings, lines: _Lines, sigma: np.ndarray, edge: np.ndarray, kept: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """(N,) deviations as the kept points scatter about a smooth curve, and those (N,) of points that count as one each.
 
@@ -357,6 +359,7 @@ def _calibrated(
     those of independent points.
     """
     spread = max(median(sigma[kept]), 0.02)
+    doubt = np.hypot(edge, lines.shared)
     total = np.maximum(np.hypot(sigma, doubt), 1e-9)
     weights = kept / np.maximum(total, 0.02) ** 2
     curve = smooth.fit(shares(found), lines.centre, weights, (6.0 * spread, 6.0 * spread), _CURVE_PIECES, 1e-6).values
@@ -380,7 +383,7 @@ def _calibrated(
         informed += weight
     calibrated = sigma.copy()
     calibrated[kept] *= scale
-    effective = np.sqrt(calibrated**2 * max(told / informed, 1.0) + EDGE_RUN * doubt**2)
+    effective = np.sqrt(calibrated**2 * max(told / informed, 1.0) + EDGE_RUN * edge**2 + SHARED_RUN * lines.shared**2)
     return np.hypot(calibrated, doubt), effective
 
 

@@ -52,9 +52,10 @@ QUIET = 0.4
 START_STEP_PX, START_BENDS, START_PROFILES = 0.5, 9, 24
 """At first the line is looked for at such steps, in so many places of either end and the middle, in so many
 profiles."""
-MISFIT, PULLED = 0.01, 0.03
-"""Part of the profiles' power that no shape follows; and of the width by which what it does not follow may pull."""
-OVER_EDGE, UNSURE = 20.0, 0.3
+MISFIT, PULLED, LEFT = 0.01, 0.015, 0.45
+"""Part of the profiles' power that no shape follows; of the width by which what it does not follow may pull; and of the
+deviation of where the line was begun with that is left when it was followed."""
+OVER_EDGE, UNSURE = 20.0, 0.17
 """Where a line does not explain the profiles near by better than one edge, an object's or a shadow's, by so much,
 squares over the noise's, it may lie off by up to this part of its width; before and beyond all that is clear there is
 none where the edge explains more."""
@@ -189,9 +190,8 @@ def learn_reflectance(
             whole[n, k] = side[k, 0]
             over_edge[n] += side[k, 0] * local[n, k, K]
     height = np.sqrt(np.maximum(_square(whole), 1e-12))
-    shared = (PIECES + 3.0) / max(WELL_BEGUN * known.mean() / count, 1e-9)
-    begin_std = np.interp(found.along, some.along, begin_std)
-    shared_px = np.sqrt(shared + begin_std**2 + (PULLED * width_px) ** 2) / found.stretch
+    shared = np.sqrt((PIECES + 3.0) / np.maximum(WELL_BEGUN / count * known, 1e-9) + (LEFT * begin_std) ** 2)
+    shared_px = np.hypot(np.interp(found.along, some.along, shared), PULLED * width_px) / found.stretch
     unsure = 1.0 - np.minimum(np.maximum(over_edge / OVER_EDGE, 0.0), 1.0)
     shared_px = np.hypot(shared_px, UNSURE * width_px * unsure / found.stretch)
     none, clear = over_edge < 0.0, np.flatnonzero(over_edge > OVER_EDGE)
