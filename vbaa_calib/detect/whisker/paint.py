@@ -310,19 +310,21 @@ def without_other_things(
     shares, other, off, hue, tinted = _foreign(*_levels(image), line.points_px, line.guide_px, _seen(line), table)
     if not other.any() and off.max(initial=0.0) <= PARTLY_FOREIGN:
         return line
-    if (paint.both_edges or paint.bright is None) and not other.all():
-        unsure = line.sigma_px > SHADED_UNSURE * width_px
-        shaded = other & ~unsure & ~tinted & (image.ndim == 3)
-        last = np.flatnonzero((shaded | (off < MOSTLY_FOREIGN)) & ~unsure)[-1:] + 1
-        if paint.both_edges:
-            other &= (hue > MOSTLY_FOREIGN) | unsure
-        other &= ~shaded
-        if line.end != "tip" and len(last) and (paint.both_edges or shaded[last[0] - 1]):
-            other[last[0] - RUN * shaded[last[0] - 1] :] = True
+    changing = paint.bright is None
+    unsure = line.sigma_px > SHADED_UNSURE * width_px
+    shaded = other & ~unsure & ~tinted & (image.ndim == 3 and (paint.both_edges or changing))
     starts, stops = np.flatnonzero(np.diff(other, prepend=False, append=False)).reshape(-1, 2).T
-    away = starts[shares[stops - 1] - shares[starts] > AWAY]
-    if paint.bright is None and len(away):
-        other[away[0] :] = True
+    for start, stop in zip(starts, stops, strict=True):
+        if changing and shares[stop - 1] - shares[start] > AWAY and shaded[start:stop].mean() < 0.5:
+            other[start:], shaded[start:] = True, False
+            break
+    shaded &= not other.all()
+    last = np.flatnonzero((shaded | (off < MOSTLY_FOREIGN)) & ~unsure)[-1:] + 1
+    if paint.both_edges and not other.all():
+        other &= (hue > MOSTLY_FOREIGN) | unsure
+    other &= ~shaded
+    if line.end != "tip" and len(last) and (paint.both_edges or shaded[last[0] - 1]):
+        other[last[0] - RUN * shaded[last[0] - 1] :] = True
     doubt = 0.25 * width_px * np.clip((off - PARTLY_FOREIGN) / (FOREIGN - PARTLY_FOREIGN), 0.0, 1.0)
     if not other.any() and not doubt.any():
         return line
