@@ -15,7 +15,7 @@ import numpy as np
 from estimator.table.contacts import Contact, Measured
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.images import read_picture
-from vbaa_calib.detect.whisker.acceptance import decided, reject_other_shape
+from vbaa_calib.detect.whisker.acceptance import decided, most_of_antennas_shape
 from vbaa_calib.detect.whisker.antenna import (
     corridor,
     find_along,
@@ -199,7 +199,7 @@ def _along(rig: Rig, glance: FirstDetection, rough: RoughFit) -> Detection:
         again = paint(rig).between_edges(glance.image, again, width, guide)
         again = paint(rig).by_edges(glance.picture, again, guide, width)
         again = without_other_things(glance.picture, again, rig.image.looks, width, paint(rig))
-    again = again if glance.looking is None else reject_other_shape(again, glance.looking.corridor)
+    again = again if glance.looking is None else most_of_antennas_shape(again, glance.looking.corridor, False)
     line = again if len(again.points_px) >= _SECOND_LOOK * len(glance.line.points_px) else glance.line
     # a line that is doubted on a closer look, though not on the first, makes no contact
     return Detection(line, measured(rig, glance.frame, line if line.found else NOTHING, start=rough.unknowns))

@@ -50,6 +50,8 @@ _ALIKE_PROFILES = 15
 """So many neighbouring profiles lie before the same thing."""
 SHAPE_RANK, WELL_SHAPED = 0.3, 0.05
 """So much less a line may be seen that has a shape of one unit of misfit less; a misfit that is not made better."""
+CUT = ((0.12, 1.0), (0.25, 1.0), (0.0, 0.85), (0.0, 0.7))
+"""Parts of a line, from share to share of its points, that may have the antenna's shape where the whole has not."""
 MOVED = 0.1
 """Part of its length by which the antenna lies at most off where it is expected, in the mean of its points."""
 LEAST_POINTS = 12
@@ -213,11 +215,28 @@ def reject_beside_clamp(line: Centreline, where: Corridor) -> Centreline:
     return line
 
 
-def reject_other_shape(line: Centreline, where: Corridor) -> Centreline:
-    """The centreline, with another verdict where a calibrated rig's antenna cannot take its shape.
+def most_of_antennas_shape(line: Centreline, where: Corridor, changing: bool) -> Centreline:
+    """The centreline, or most of it, with another verdict where it is none that the antenna can take.
 
-    A cable bends elsewhere than at the clamp, and a line that went over to an object's edge has a kink.
+    On a calibrated rig a line must be the free antenna bent by a force: a cable bends elsewhere than at the clamp, and
+    a line that goes over to an object's edge has a kink. Where another thing draws its beginning or end away, the rest
+    may have the shape. A line that may be of either polarity (`changing`) has geometry alone to tell it from others.
     """
+    whole = _antennas_shape(line, where, changing)
+    if whole.found or not line.found or where.shape_px is None:
+        return whole
+    share = np.linspace(0.0, 1.0, len(line.points_px))
+    for first, last in CUT:
+        part = line.only((share >= first) & (share <= last))
+        if part.seen >= LEAST_SEEN_CHANGING:
+            part = _antennas_shape(part, where, changing)
+            if part.found:
+                return part
+    return whole
+
+
+def _antennas_shape(line: Centreline, where: Corridor, changing: bool) -> Centreline:
+    line = reject_beside_clamp(line, where) if changing else line
     if not line.found or where.shape_px is None or where.misfit(line.points_px, line.sigma_px) <= 1.0:
         return line
     return line.with_verdict(

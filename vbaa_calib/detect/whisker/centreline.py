@@ -86,6 +86,23 @@ class Centreline:
         pieces = np.split(here, np.flatnonzero(np.diff(here) > 1) + 1)
         return [self.guide_px[piece] for piece in pieces if len(piece) >= 2]
 
+    def only(self, own: np.ndarray) -> Centreline:
+        """The same centreline without those of its points (N,) that are not its own: something hides it there."""
+        if own.all():
+            return self
+        visibility = self.visibility.copy()
+        visibility[np.flatnonzero(visibility == Visibility.SEEN)[~own]] = Visibility.HIDDEN
+        return replace(
+            self,
+            points_px=self.points_px[own],
+            sigma_px=self.sigma_px[own],
+            effective_px=self.effective_px[own],
+            seen=self.seen * float(own.mean()),
+            visibility=visibility,
+            end=self.end if own[-1] else "hidden",
+            end_std_px=self.end_std_px if own[-1] else np.nan,
+        )
+
     def with_verdict(self, verdict: Verdict, reason: str, other_line_px: np.ndarray | None = None) -> Centreline:
         """The same centreline with another verdict."""
         return replace(

@@ -15,9 +15,8 @@ from .acceptance import (
     OTHER_LINE_SEEN,
     best_of,
     better_shaped,
-    reject_beside_clamp,
+    most_of_antennas_shape,
     reject_faint,
-    reject_other_shape,
 )
 from .centreline import Centreline
 from .corridor import Corridor
@@ -134,9 +133,7 @@ class AntennaFinder:
 
         def measured(path_px: np.ndarray) -> Centreline:
             line = measure_on(image, path_px, width, bright, blurred_px)
-            # a line that may be of either polarity has geometry alone to tell it from others
-            line = reject_beside_clamp(line, self.corridor) if bright is None else line
-            return reject_other_shape(line, self.corridor)
+            return most_of_antennas_shape(line, self.corridor, bright is None)
 
         lines = []
         for rough in self.candidates(image, bright, blurred_px):

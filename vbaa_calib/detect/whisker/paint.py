@@ -328,21 +328,14 @@ def without_other_things(
     doubt = 0.25 * width_px * np.clip((off - PARTLY_FOREIGN) / (FOREIGN - PARTLY_FOREIGN), 0.0, 1.0)
     if not other.any() and not doubt.any():
         return line
-    own = ~other
-    doubt = doubt[own]
-    shorter = replace(
+    doubtful = replace(
         line,
-        points_px=line.points_px[own],
-        sigma_px=np.hypot(line.sigma_px[own], doubt),
-        effective_px=np.hypot(line.effective_px[own], doubt * np.sqrt(np.count_nonzero(doubt))),
+        sigma_px=np.hypot(line.sigma_px, doubt),
+        effective_px=np.hypot(line.effective_px, doubt * np.sqrt(np.count_nonzero(doubt[~other]))),
     )
     if not other.any():
-        return shorter
-    visibility = line.visibility.copy()
-    visibility[np.flatnonzero(_seen(line))[other]] = Visibility.HIDDEN
-    shorter = replace(shorter, seen=line.seen * float(own.mean()), visibility=visibility)
-    if other[-1]:
-        shorter = replace(shorter, end="hidden", end_std_px=np.nan)
+        return doubtful
+    shorter = doubtful.only(~other)
     if shorter.seen < LEAST_SEEN:
         share_seen = f"{100 * shorter.seen:.0f} % of its length"
         return shorter.with_verdict("too_little", f"most of the line has not the antenna's look ({share_seen} has)")
