@@ -39,7 +39,7 @@ grey levels, since the light changes as the antenna bends."""
 _SHOWN = ("ok", "ambiguous")
 COLOUR_PULLED = 0.05
 """By which part of its width the light on one side of an antenna may pull the line that is seen by its colour."""
-PULLED_ASIDE, LESS_SEEN = 0.03, 0.05
+PULLED_ASIDE, LESS_SEEN = 0.018, 0.05
 """By which part of its width a line must lie off the middle between its edges, in free pictures, to be measured by
 these; and what less of it may be seen then."""
 SHADE, SHADED_UNSURE, TINT = 0.33, 0.15, (0.9, 2.0)
