@@ -50,23 +50,24 @@ def demo_at(size: tuple[int, int]) -> dict[str, Any]:
     return scene
 
 
-def _recorded(folder: Path) -> tuple[Rig, list[Frame], list[np.ndarray]]:
-    """The rig, and its recording forth and back, with the pictures."""
+def _recorded(folder: Path) -> tuple[LiveEstimator, list[Frame], list[np.ndarray]]:
+    """What is ready for the pictures of a rig, and its recording forth and back, with the pictures."""
     frames = read_recording(load_session(folder / "session"))
     lap = [*frames, *frames[-2:0:-1]]
     # each a picture of its own, so that it is known which one comes
-    return Rig.load(folder / "rig.json"), lap, [read_picture(each.image) for each in lap if each.image]
+    images, rig = [read_picture(each.image) for each in lap if each.image], Rig.load(folder / "rig.json")
+    live = LiveEstimator(ContactEstimator(rig, jobs=1), Synchronizer(Timing(), _CHANNELS, rig.camera.image_size))
+    live.warm()
+    gc.collect()
+    gc.freeze()
+    return live, lap, images
 
 
 def alone(folder: Path, count: int) -> tuple[np.ndarray, np.ndarray, int]:
     """Of so many pictures of a session in a folder beside its rig.json, as a core with nothing else to do would take
     them: (N, 2) processor time, s, to the contact at once, and to all that comes with it; (N,) latency of the contact
     at once, s; and how many more were dropped."""
-    rig, lap, images = _recorded(folder)
-    live = LiveEstimator(ContactEstimator(rig, jobs=1), Synchronizer(Timing(), _CHANNELS, rig.camera.image_size))
-    live.warm()
-    gc.collect()
-    gc.freeze()
+    live, lap, images = _recorded(folder)
     waiting, coming, now_s = deque[int](), 0, 0.0
     spent, late_s = list[tuple[float, float]](), list[float]()
     while waiting or coming < count:
@@ -123,12 +124,8 @@ class _Camera:
 
 def paced(folder: Path, count: int) -> tuple[int, np.ndarray]:
     """How many of so many pictures were dropped, and the latencies (N,) of the contacts at once, s."""
-    rig, lap, images = _recorded(folder)
+    live, lap, images = _recorded(folder)
     shown = {id(image): frame for image, frame in zip(images, lap, strict=True)}
-    live = LiveEstimator(ContactEstimator(rig, jobs=1), Synchronizer(Timing(), _CHANNELS, rig.camera.image_size))
-    live.warm()
-    gc.collect()
-    gc.freeze()
     opened = cast(cv2.VideoCapture, _Camera(images, count))
     camera = LiveSource("camera", lambda: opened, Patience(failures=1), _CAMERA_FAULTS)
     source, late_s = open_device(camera), []

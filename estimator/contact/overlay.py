@@ -36,7 +36,7 @@ from vbaa_calib.rig import Rig
 from vbaa_calib.session import Frame
 
 from .estimate import ContactEstimator
-from .recording import FrameContact, gravity, paint
+from .recording import FrameContact, gravity
 
 STATUS_COLOURS = {
     "ok": "#009e73",
@@ -111,7 +111,7 @@ def frame_picture(estimator: ContactEstimator, item: FrameContact) -> np.ndarray
     where = corridor_of(rig, frame)
     found = marks(estimator, item)
     if item.line is not None and item.line.seen < _WHOLE and frame.image is not None and where is not None:
-        plane = paint(rig).plane(read_picture(frame.image))
+        plane = rig.image.paint.plane(read_picture(frame.image))
         found = replace(found, parts=stretches(plane, item.line, where, rig.image.bright))
     grey = background(image, where)
     canvas = Canvas.over(grey)

@@ -29,7 +29,7 @@ from vbaa_calib.detect.whisker.background import Background, evened
 from vbaa_calib.detect.whisker.centreline import NOTHING, Centreline
 from vbaa_calib.detect.whisker.corridor import Corridor
 from vbaa_calib.detect.whisker.finder import AntennaFinder
-from vbaa_calib.detect.whisker.paint import Paint, without_other_things
+from vbaa_calib.detect.whisker.paint import without_other_things
 from vbaa_calib.detect.whisker.stretches import explained
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import Frame, Session, Still, read_centrelines
@@ -127,11 +127,6 @@ def _measured(frame: Frame, points_px: np.ndarray, sigma_px: np.ndarray, **more:
     )
 
 
-def paint(rig: Rig) -> Paint:
-    """What tells the antenna from its background in this rig's pictures."""
-    return Paint(rig.image.bright, rig.image.weights_bgr, rig.image.colour_bgr, rig.image.both_edges)
-
-
 def detect(rig: Rig, frame: Still, image: np.ndarray) -> Centreline:
     """The antenna on one picture's plane of paint, (H, W), wherever the corridor lets it be."""
     looking = prepared(rig, frame)
@@ -196,9 +191,9 @@ def _along(rig: Rig, glance: FirstDetection, rough: RoughFit) -> Detection:
     guide, width = pixels(*seen_from), width_px(*seen_from, rig.antenna.diameter_m)
     again = find_along(glance.image, guide, width, glance.bright)
     if glance.picture is not None:
-        again = paint(rig).between_edges(glance.image, again, width, guide)
-        again = paint(rig).by_edges(glance.picture, again, guide, width)
-        again = without_other_things(glance.picture, again, rig.image.looks, width, paint(rig))
+        again = rig.image.paint.between_edges(glance.image, again, width, guide)
+        again = rig.image.paint.by_edges(glance.picture, again, guide, width)
+        again = without_other_things(glance.picture, again, rig.image.looks, width, rig.image.paint)
     again = again if glance.looking is None else most_of_antennas_shape(again, glance.looking.corridor, False)
     line = again if len(again.points_px) >= _SECOND_LOOK * len(glance.line.points_px) else glance.line
     # a line that is doubted on a closer look, though not on the first, makes no contact
@@ -240,7 +235,7 @@ def first_look(
 ) -> FirstDetection:
     """The same at a picture (H, W[, 3]) of the rig's size that was read already."""
     rig = estimator.rig
-    bright, image = rig.image.bright, paint(rig).plane(picture)
+    bright, image = rig.image.bright, rig.image.paint.plane(picture)
     if not math.isfinite(frame.pan_rad + frame.tilt_rad):
         return FirstDetection(frame, image, replace(NOTHING, reason=_NO_JOINTS), bright)
     looking = prepared(rig, frame)
@@ -250,8 +245,8 @@ def first_look(
     if less is not None and less[1].found:
         image, line, bright = *less, None
     else:
-        line = explained(paint(rig).find(looking, picture, image), image, looking.corridor, bright)
-    line = without_other_things(picture, line, rig.image.looks, looking.corridor.width_px, paint(rig))
+        line = explained(rig.image.paint.find(looking, picture, image), image, looking.corridor, bright)
+    line = without_other_things(picture, line, rig.image.looks, looking.corridor.width_px, rig.image.paint)
     return FirstDetection(frame, image, line, bright, picture, looking)
 
 

@@ -23,7 +23,7 @@ from vbaa_calib.detect.whisker.finder import AntennaFinder
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import Still, check_pictures
 
-from .recording import Ground, paint, prepared, read_own
+from .recording import Ground, prepared, read_own
 
 AUTO = Path("auto")
 """In place of a picture: learn the background."""
@@ -149,4 +149,4 @@ def _without(
 
 def _plane(rig: Rig, path: Path) -> np.ndarray:
     """A picture (H, W) on the rig's plane of paint. Raises as `read_own` does."""
-    return paint(rig).plane(read_own(rig, path))
+    return rig.image.paint.plane(read_own(rig, path))

@@ -52,7 +52,6 @@ class Stage:
 
         monkeypatch.setattr(LiveSource, "forget", begin)
         monkeypatch.setattr(console, "say", note)
-        monkeypatch.setattr(devices, "_AWAY_S", 0.0)
         monkeypatch.setattr(devices, "RETRIES_S", (0.02,) * 5)
         monkeypatch.setattr(live, "_check_device", lambda *_: None)
         # a camera that waits for the program is not one that hangs

@@ -12,6 +12,7 @@ from pydantic import Field, Strict
 from vbaa_calib.antenna.shape import PARAMETERS as ANTENNA_PARAMETERS
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.models import Number
+from vbaa_calib.detect.whisker.paint import Paint
 from vbaa_calib.geometry import Kinematics, Pose
 
 POSE_PARAMETERS = (*(f"camera_about_{axis}_rad" for axis in "xyz"), *(f"camera_{axis}_m" for axis in "xyz"))
@@ -129,6 +130,11 @@ class AntennaImage:
         Annotated[bool, Strict()],
         Field(description="light from one side pulls its line, which is measured by both of its edges"),
     ] = False
+
+    @property
+    def paint(self) -> Paint:
+        """What tells the antenna from its background."""
+        return Paint(self.bright, self.weights_bgr, self.colour_bgr, self.both_edges)
 
 
 def kinematics_to_dict(kinematics: Kinematics) -> dict[str, Any]:

@@ -21,8 +21,6 @@ QUEUED = 3
 """Pictures of a camera that may wait: one that takes long to estimate costs no other, if those after it take less."""
 RETRIES_S = (0.5, 1.0, 2.0, 4.0, *[8.0] * 7)
 """A camera that broke off is opened again after these waits: for a minute, as long as a plug takes or a restart."""
-_AWAY_S, _BREAKS_TOLD = 1.0, 10
-"""A break that lasts longer is told, and so many of them at most; all are counted."""
 _LARGEST_DATAGRAM = 65536
 _TIMESTAMP = 35 if sys.platform == "linux" else None
 """SO_TIMESTAMPNS: the system notes when a datagram came, which is before it is asked for. Not named by `socket`."""
@@ -107,24 +105,22 @@ def open_device(camera: LiveSource) -> Source:
 
     def messages(skim: bool = False) -> Messages:
         camera.forget()
-        came_s, told = time.monotonic(), 0
+        told = 0
         try:
             while True:
                 frame = camera.frame(TICK_S / 10)
+                news = camera.notes[told:]
+                notes.extend(news)
+                told += len(news)
                 if frame is None:
-                    if told == camera.reopened < _BREAKS_TOLD and camera.away and time.monotonic() > came_s + _AWAY_S:
-                        notes.append(f"{camera.name} broke off; it is opened again as soon as it can be")
-                        told += 1
                     yield None
                     continue
-                came_s, told = time.monotonic(), max(told, camera.reopened)
                 pixels, taken_s = frame
                 at_s = start_s + taken_s
                 yield Taken(at_s, pixels, at_s, begin_s + taken_s, waiting=camera.waiting)
         except SourceLost as error:
             notes.append(str(error))
         finally:
-            notes.extend(camera.settings)
             if camera.reopened:
                 notes.append(f"{camera.name} broke off and was reached again, {camera.reopened} times in all")
             camera.close()

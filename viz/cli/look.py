@@ -41,7 +41,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     import numpy as np
 
     from estimator.contact.overlay import corridor_of
-    from estimator.contact.recording import detect, paint, prepared, subtracted
+    from estimator.contact.recording import detect, prepared, subtracted
     from estimator.contact.surroundings import AUTO, beside, surroundings
     from vbaa_calib.core.images import read_gray, read_picture
     from vbaa_calib.detect.drawing.overlay import centreline_picture, described
@@ -55,7 +55,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     given = [path for path in (args.image, args.background) if path not in (None, AUTO)]
     check_pictures(given, rig.camera.image_size, "the rig was calibrated at")
     frame = Frame(image=args.image, pan_rad=pan, tilt_rad=tilt, moment_Nm=0.0, frame=0, time_s=0.0)
-    plane, own = paint(rig).plane, read_picture(args.image)
+    plane, own = rig.image.paint.plane, read_picture(args.image)
     plain = plane(own)
     ground, ground_words = surroundings(rig, args.background, lambda: beside(rig, frame))
     looking = prepared(rig, frame)
@@ -64,7 +64,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         ground_words = "left aside, since it does not lie behind the antenna in this picture"
     picture, line = (plain, detect(rig, frame, plain)) if less is None else less
     if looking is not None:
-        line = without_other_things(own, line, rig.image.looks, looking.corridor.width_px, paint(rig))
+        line = without_other_things(own, line, rig.image.looks, looking.corridor.width_px, rig.image.paint)
     # an antenna that is dark instead of bright, the other way round, or here this and there that
     words_of = {True: "brighter", False: "darker", None: "here brighter, there darker"}
     others = [] if line.found or rig.image.bright is None else [not rig.image.bright, None]

@@ -20,7 +20,6 @@ from vbaa_calib.core.files import read_json, sha256
 from vbaa_calib.core.images import list_images
 from vbaa_calib.core.models import checked
 from vbaa_calib.detect.board.corners import detect_files
-from vbaa_calib.detect.whisker.paint import Paint
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import (
     NominalAntenna,
@@ -235,11 +234,7 @@ def _check_pictures(rig: Rig, quality: Mapping[str, Any], inputs: _Inputs) -> Ch
     stills: list[CheckedStill] = []
     if inputs.stills:
         where = rig.camera, current.T_antenna_camera, rig.antenna.parameters
-        expected = ExpectedAntenna(
-            session.antenna,
-            *where,
-            Paint(rig.image.bright, rig.image.weights_bgr, rig.image.colour_bgr, rig.image.both_edges),
-        )
+        expected = ExpectedAntenna(session.antenna, *where, rig.image.paint)
         seen, _ = observe(session, rig.kinematics, inputs.stills, expected, "antenna")
         stills = check_stills(current, seen, session.load_readings)
     antenna = check_antenna(current, stills, camera_known=pose.document["camera_pose"] is not None)

@@ -117,7 +117,7 @@ def design_about(
     wide = np.zeros(4 + model.distortion_count)
     wide[: len(intrinsics)] = intrinsics[: len(wide)]
     if chosen.camera_model != model.camera_model:
-        wide = widened(intrinsics, model, image_size)
+        wide = widened(chosen, intrinsics, model, image_size)
         if not np.any(wide[4:]):
             model, wide = chosen, np.array(intrinsics, float)
     return LensDesign(

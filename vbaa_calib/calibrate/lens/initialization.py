@@ -69,7 +69,7 @@ def rough_lens(
 
 
 def _begun(model: LensModel, simpler: Bundle, image_size: tuple[int, int]) -> Bundle:
-    return Bundle.start(model, widened(simpler.intrinsics, model, image_size), simpler.poses)
+    return Bundle.start(model, widened(simpler.model, simpler.intrinsics, model, image_size), simpler.poses)
 
 
 def _from_homographies(
@@ -211,7 +211,7 @@ def unfolded(
     if simplest.camera_model != model.camera_model:
         # small steps do not leave a pole inside the picture
         smooth = (known or {}).get(simplest.name) or rough_lens(simplest, observations, image_size)
-        wide = widened(smooth.intrinsics, model, image_size)
+        wide = widened(smooth.model, smooth.intrinsics, model, image_size)
         starts.insert(0, replace(bundle, intrinsics=wide, poses=smooth.poses))
     for slope in _LEAST_SLOPES:
         unfolding = Unfolding(slope, _STIFF * bundle.sigma_px**2, image_size)
@@ -222,12 +222,11 @@ def unfolded(
     return bundle
 
 
-def widened(intrinsics: np.ndarray, model: LensModel, image_size: tuple[int, int]) -> np.ndarray:
-    """(4 + k,) intrinsics of a lens model from the solution of the next simpler one."""
+def widened(simpler: LensModel, intrinsics: np.ndarray, model: LensModel, image_size: tuple[int, int]) -> np.ndarray:
+    """(4 + k,) intrinsics of a lens model from the solution of a simpler one, the next or another on its ladder."""
     wide = np.zeros(4 + model.distortion_count)
-    before = LENS_MODELS.get(model.simpler or "")
-    if before is not None and before.camera_model != model.camera_model:
-        alike = rational_like(before, intrinsics, image_size)
+    if simpler.camera_model != model.camera_model:
+        alike = rational_like(simpler, intrinsics, image_size)
         intrinsics = intrinsics[:4] if alike is None else alike
     wide[: len(intrinsics)] = intrinsics
     return wide

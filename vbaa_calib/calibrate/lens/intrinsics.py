@@ -110,11 +110,11 @@ def solve_intrinsics(
 
     def rank(view: BoardView) -> tuple[object, ...]:
         """By name; views without one by their corners."""
-        order = np.argsort(view.ids)
-        return view.name, view.ids[order].tolist(), view.corners_px[order].ravel().tolist()
+        return view.name, view.ids.tolist(), view.corners_px.ravel().tolist()
 
-    # held-out views and halves are dealt out in turn: the lens must not depend on the order of the views given
-    nominal_m = corner_points(board)
+    # held-out views, halves and the corners that starts are compared by are dealt out in turn: the lens must not
+    # depend on the order of views and corners given
+    views, nominal_m = [view.picked(np.argsort(view.ids)) for view in views], corner_points(board)
     usable, dropped = usable_views(sorted(views, key=rank), nominal_m, min_corners)
     observations = observations_of(usable, nominal_m)
     _require_enough(observations, dropped, model)

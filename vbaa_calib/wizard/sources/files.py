@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 
 from vbaa_calib.convert.child import read_in_child, read_video_head
-from vbaa_calib.core.errors import InputError, reason_of
+from vbaa_calib.core.errors import InputError, one_line, reason_of
 from vbaa_calib.core.files import most_memory, require_file
 from vbaa_calib.core.images import SUFFIXES, read_gray
 
@@ -34,7 +34,7 @@ def without_secrets(text: str) -> str:
 
 def shown(text: str) -> str:
     """A text for a message: one line of at most 100 characters, without secrets."""
-    line = "".join(sign if sign.isprintable() else "?" for sign in without_secrets(text))
+    line = one_line(without_secrets(text))
     return line if len(line) <= _LONGEST else f"{line[:_LONGEST]}…"
 
 

@@ -27,6 +27,8 @@ _PAUSE_S = 0.05
 _LEAVE_S = 0.5
 _OLDEST_STAMP_S = 1.0
 """A driver's stamp that is older is of another clock."""
+_BREAKS_TOLD = 10
+"""So many breaks are told at most; all are counted."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +46,7 @@ class LiveSource:
 
     Names count from 0 and skip those in `seen`. start_s : time of opening by `time.monotonic`, the zero of frame times.
     dropped : number of dropped frames. queued : how many of the newest frames may wait; more than one: all are decoded.
-    reopened : how often it broke off and was reached again. away : it broke off, and has not been reached again yet.
+    reopened : how often it broke off and was reached again.
     retries_s : waits before it is opened again, from the first anew whenever it was reached.
     stamped : the driver's stamps say when frames were taken (V4L2's are of `time.monotonic`).
     """
@@ -68,8 +70,8 @@ class LiveSource:
         self.name = name
         self._opener, self._patience, self._faults = opener, patience, faults
         self._seen, self.settings = seen, settings
-        self._number = self.reopened = 0
-        self.away, self.retries_s = False, patience.retries_s
+        self._number = self._breaks = self.reopened = 0
+        self._away, self.retries_s = False, patience.retries_s
         self._changed, self._stop = threading.Condition(), threading.Event()
         self.start_s = time.monotonic()
         self.dropped = 0
@@ -93,8 +95,9 @@ class LiveSource:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        times = range(1, self.reopened + 1)
-        return (*self.settings, *(f"{self.name} broke off and was reached again, time {time}" for time in times))
+        """How it is set up; then, as they come, its breaks."""
+        broke_off = f"{self.name} broke off; it is opened again as soon as it can be"
+        return (*self.settings, *[broke_off] * min(self._breaks, _BREAKS_TOLD))
 
     def frame(self, timeout_s: float) -> tuple[np.ndarray, float] | None:
         """The newest frame, waited for if necessary, as it came: pixels, and when since `start_s`; None if none comes.
@@ -158,7 +161,6 @@ class LiveSource:
         retries = iter(self.retries_s)
         while not self._stop.is_set():
             fault, frames = self._read_until_it_breaks()
-            self.away = self._had_frames
             if frames:
                 retries = iter(self.retries_s)
             wait_s = next(retries, None) if self._had_frames else None
@@ -167,6 +169,8 @@ class LiveSource:
                     self._fault = "broken" if self._had_frames else fault
                     self._changed.notify_all()
                 return
+            self._breaks += not (self._away or self._stop.is_set())
+            self._away = True
             self._expect_frame(wait_s + self._patience.open_s)
             self._stop.wait(wait_s)
 
@@ -186,8 +190,8 @@ class LiveSource:
                     failures += 1
                     self._stop.wait(_PAUSE_S)
                     continue
-                self.reopened += self.away
-                self.away = False
+                self.reopened += self._away
+                self._away = False
                 failures, frames, self._had_frames = 0, frames + 1, True
                 self._expect_frame(self._patience.silence_s)
                 with self._changed:
