@@ -15,7 +15,7 @@ import numpy as np
 from estimator.table.contacts import Contact, Measured
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.images import read_picture
-from vbaa_calib.detect.whisker.acceptance import decided, most_of_antennas_shape
+from vbaa_calib.detect.whisker.acceptance import decided
 from vbaa_calib.detect.whisker.antenna import (
     corridor,
     find_along,
@@ -27,7 +27,7 @@ from vbaa_calib.detect.whisker.antenna import (
 )
 from vbaa_calib.detect.whisker.background import Background, evened
 from vbaa_calib.detect.whisker.centreline import NOTHING, Centreline
-from vbaa_calib.detect.whisker.corridor import Corridor
+from vbaa_calib.detect.whisker.corridor import Corridor, most_of_antennas_shape
 from vbaa_calib.detect.whisker.finder import AntennaFinder
 from vbaa_calib.detect.whisker.paint import without_other_things
 from vbaa_calib.detect.whisker.stretches import explained

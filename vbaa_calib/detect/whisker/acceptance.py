@@ -15,7 +15,6 @@ from vbaa_calib.core.robust import MAD_SCALE
 from vbaa_calib.core.smooth import END_VALUE, median, running_mean
 
 from .centreline import Centreline, Verdict, Visibility
-from .corridor import Corridor
 from .crossings import Crossings, moved
 from .visible_end import VisibleEnd
 
@@ -48,16 +47,9 @@ TRANSPARENT, NEARBY, VARIES = 0.5, 41, (0.25, 0.15)
 that background; where both vary, by so much of the line's height."""
 _ALIKE_PROFILES = 15
 """So many neighbouring profiles lie before the same thing."""
-SHAPE_RANK, WELL_SHAPED = 0.3, 0.05
-"""So much less a line may be seen that has a shape of one unit of misfit less; a misfit that is not made better."""
-CUT = ((0.12, 1.0), (0.25, 1.0), (0.0, 0.85), (0.0, 0.7))
-"""Parts of a line, from share to share of its points, that may have the antenna's shape where the whole has not."""
 MOVED = 0.1
 """Part of its length by which the antenna lies at most off where it is expected, in the mean of its points."""
 LEAST_POINTS = 12
-FROM_CLAMP, BENDS_MORE = 0.35, 0.15
-"""Part of the length over which a line's direction at the clamp is measured, by a parabola; what a contact within that
-part may falsify it by, over the turn there."""
 _SLOPES = np.diff(chebvander(np.linspace(-1.0, 1.0, 41), _WANDER_ORDER), axis=0)
 
 
@@ -191,70 +183,6 @@ def reject_faint(line: Centreline, usual_height: float) -> Centreline:
             "no_antenna", f"what could be the antenna is too faint ({share:.0f} % of its usual height)"
         )
     return line
-
-
-def reject_beside_clamp(line: Centreline, where: Corridor) -> Centreline:
-    """The centreline, with another verdict where it does not leave the clamp along the free antenna.
-
-    A cantilever bends away from its free shape slowly; a cable or an edge that passes its clamp is straight there.
-    """
-    along, aside = where.aside(line.points_px) if line.found else (np.empty(0), np.empty(0))
-    length = float(arc_lengths(where.axis_px)[-1])
-    first = along < FROM_CLAMP * length
-    if first.sum() < LEAST_POINTS:
-        return line
-    bend, slope, offset = np.polyfit(along[first], aside[first], 2)
-    spread = 2.0 * median(line.sigma_px[first])
-    turn = abs(slope) - BENDS_MORE * abs(2.0 * bend * FROM_CLAMP * length) - spread / (0.1 * length)
-    if np.hypot(offset / (where.clamp_px + spread), max(turn, 0.0) / where.clamp_rad) > 1.0:
-        return line.with_verdict(
-            "no_antenna",
-            f"what could be the antenna passes the clamp by {abs(offset):.0f} px and leaves it at "
-            f"{np.degrees(abs(slope)):.0f}° from its axis",
-        )
-    return line
-
-
-def most_of_antennas_shape(line: Centreline, where: Corridor, changing: bool) -> Centreline:
-    """The centreline, or most of it, with another verdict where it is none that the antenna can take.
-
-    On a calibrated rig a line must be the free antenna bent by a force: a cable bends elsewhere than at the clamp, and
-    a line that goes over to an object's edge has a kink. Where another thing draws its beginning or end away, the rest
-    may have the shape. A line that may be of either polarity (`changing`) has geometry alone to tell it from others.
-    """
-    whole = _antennas_shape(line, where, changing)
-    if whole.found or not line.found or where.shape_px is None:
-        return whole
-    share = np.linspace(0.0, 1.0, len(line.points_px))
-    for first, last in CUT:
-        part = line.only((share >= first) & (share <= last))
-        if part.seen >= LEAST_SEEN_CHANGING:
-            part = _antennas_shape(part, where, changing)
-            if part.found:
-                return part
-    return whole
-
-
-def _antennas_shape(line: Centreline, where: Corridor, changing: bool) -> Centreline:
-    line = reject_beside_clamp(line, where) if changing else line
-    if not line.found or where.shape_px is None or where.misfit(line.points_px, line.sigma_px) <= 1.0:
-        return line
-    return line.with_verdict(
-        "no_antenna",
-        "what could be the antenna is not its free shape bent by a force (an object's edge, a cable; or the rig has "
-        "moved since its calibration)",
-    )
-
-
-def better_shaped(line: Centreline, other: Centreline, where: Corridor) -> Centreline:
-    """Of two lines that part on their way, the one that is seen more and has more the shape of an antenna.
-
-    Where the antenna is faint, the other goes on along a cable or an edge near it, and has a kink there.
-    """
-    if not other.found or not line.found:
-        return line if line.found else other
-    rank = [one.seen - SHAPE_RANK * where.misfit(one.points_px, one.sigma_px, WELL_SHAPED) for one in (line, other)]
-    return line if rank[0] >= rank[1] else other
 
 
 def _differ(one: Centreline, other: Centreline, width_px: float) -> bool:

@@ -11,15 +11,9 @@ from vbaa_calib.core.compiled import kernel
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.polyline import arc_lengths, normals, resample
 
-from .acceptance import (
-    OTHER_LINE_SEEN,
-    best_of,
-    better_shaped,
-    most_of_antennas_shape,
-    reject_faint,
-)
+from .acceptance import OTHER_LINE_SEEN, best_of, reject_faint
 from .centreline import Centreline
-from .corridor import Corridor
+from .corridor import Corridor, better_shaped, most_of_antennas_shape
 from .path_refinement import RefinedPath, refine_path
 from .profile import measure_on
 

@@ -27,8 +27,6 @@ WELL_SEEN, ENOUGH, CLEARLY_MORE = 0.9, 0.7, 0.1
 """Shares of the antenna that a paint sees. From `WELL_SEEN` on, one polarity by brightness is taken; below, nearness to
 the antenna's colour is tried, too. Below `ENOUGH`, a polarity that changes along the antenna is taken if it sees more
 by `CLEARLY_MORE`, since it fits other things as well."""
-
-
 PLACES, RUN, LEAST_POINTS = 8, 15, 20
 """Places along the antenna at which its colour is learnt, points averaged for a colour, and the fewest points that tell
 how brightly it is lit."""
@@ -42,12 +40,13 @@ COLOUR_PULLED = 0.05
 PULLED_ASIDE, LESS_SEEN = 0.018, 0.05
 """By which part of its width a line must lie off the middle between its edges, in free pictures, to be measured by
 these; and what less of it may be seen then."""
-SHADE, SHADED_UNSURE, TINT = 0.33, 0.15, (0.9, 2.0)
-"""Part of its brightness that an antenna keeps in the shadow of what it touches; part of its width to which it must be
-known where it lies there, or else it may be the edge of that; and a quantile of how far its hue is off in the light,
-and how many times that it may be off in the shadow."""
-AWAY = 0.25
-"""A line of changing polarity that lies on another thing for such a part of its length does not come back."""
+SHADE, SHADED_UNSURE, TINT = (0.33, 1.15), 0.15, (0.9, 2.0)
+"""Limits of the part of its brightness that an antenna keeps in the shadow of what it touches; part of its width to
+which it must be known where it lies there, or else it may be the edge of that; and a quantile of how far its hue is off
+in the light, and how many times that it may be off in a shadow."""
+HIDDEN_PART, AWAY = 0.25, 0.25
+"""Part of its width by which a line may lie off where it shows something else in part; and part of its length for which
+one of changing polarity lies on another thing and does not come back."""
 ROOT, LIGHT = 0.4, (0.6, 1.7)
 """Share of the line, from the clamp, that tells how brightly it is lit; limits of that factor."""
 
@@ -296,11 +295,11 @@ def without_other_things(
     """The centreline in a picture (H, W[, 3]) without stretches that do not look like an antenna of this width.
 
     Where the antenna is hidden a line that goes on along an object's edge has not its colour. Where it is hidden in
-    part, the line is the middle of what is left: what the colour leaves open, as a part of half the width, is added to
-    the deviations, alike for all points concerned. The light may be stronger or weaker in all than it was.
+    part, the line is the middle of what is left: what the colour leaves open is added to the deviations, alike for all
+    points concerned. The light may be stronger or weaker in all than it was.
 
-    Both edges show in a shadow as well; but there the antenna may be hidden in part by what throws the shadow: it must
-    come out of it again.
+    Both edges show in a shadow as well. What throws it may hide the antenna in part: it must be of the line's own hue
+    there, or come out of the shadow again; the last of it is left out.
     """
     if looks is None or not line.found:
         return line
@@ -310,31 +309,25 @@ def without_other_things(
     shares, other, off, hue, tinted = _foreign(*_levels(image), line.points_px, line.guide_px, _seen(line), table)
     if not other.any() and off.max(initial=0.0) <= PARTLY_FOREIGN:
         return line
-    changing = paint.bright is None
-    unsure = line.sigma_px > SHADED_UNSURE * width_px
-    shaded = other & ~unsure & ~tinted & (image.ndim == 3 and (paint.both_edges or changing))
-    starts, stops = np.flatnonzero(np.diff(other, prepend=False, append=False)).reshape(-1, 2).T
-    for start, stop in zip(starts, stops, strict=True):
+    changing, sure = paint.bright is None, line.sigma_px <= SHADED_UNSURE * width_px
+    shaded = other & sure & ~tinted & (image.ndim == 3 and (paint.both_edges or changing))
+    for start, stop in np.flatnonzero(np.diff(other, prepend=False, append=False)).reshape(-1, 2):
         if changing and shares[stop - 1] - shares[start] > AWAY and shaded[start:stop].mean() < 0.5:
             other[start:], shaded[start:] = True, False
             break
-    shaded &= not other.all()
-    last = np.flatnonzero((shaded | (off < MOSTLY_FOREIGN)) & ~unsure)[-1:] + 1
-    if paint.both_edges and not other.all():
-        other &= (hue > MOSTLY_FOREIGN) | unsure
-    other &= ~shaded
-    if line.end != "tip" and len(last) and (paint.both_edges or shaded[last[0] - 1]):
-        other[last[0] - RUN * shaded[last[0] - 1] :] = True
-    doubt = 0.25 * width_px * np.clip((off - PARTLY_FOREIGN) / (FOREIGN - PARTLY_FOREIGN), 0.0, 1.0)
-    if not other.any() and not doubt.any():
-        return line
+    if not other.all():
+        last = int(np.flatnonzero(sure & (shaded | (off < MOSTLY_FOREIGN)))[-1:].sum())
+        if paint.both_edges:
+            other &= (hue > MOSTLY_FOREIGN) | ~sure
+        other &= ~shaded
+        if line.end != "tip" and last and (paint.both_edges or shaded[last]):
+            other[last + 1 - RUN * shaded[last] :] = True
+    doubt = HIDDEN_PART * width_px * np.clip((off - PARTLY_FOREIGN) / (FOREIGN - PARTLY_FOREIGN), 0.0, 1.0)
     doubtful = replace(
         line,
         sigma_px=np.hypot(line.sigma_px, doubt),
         effective_px=np.hypot(line.effective_px, doubt * np.sqrt(np.count_nonzero(doubt[~other]))),
     )
-    if not other.any():
-        return doubtful
     shorter = doubtful.only(~other)
     if shorter.seen < LEAST_SEEN:
         share_seen = f"{100 * shorter.seen:.0f} % of its length"
@@ -377,7 +370,7 @@ def _foreign(
         lit += means[c] * usual[c]
     off = np.sqrt(off) / (light * usual[3])
     squares = np.maximum((usual[:3] ** 2).sum(axis=0), 1e-9)
-    local = np.minimum(np.maximum(lit / squares, SHADE * light), 1.15 * light)
+    local = np.minimum(np.maximum(lit / squares, SHADE[0] * light), SHADE[1] * light)
     for c in range(3):
         hue += (means[c] - local * usual[c]) ** 2
     tint = np.sqrt(hue / squares) / local
