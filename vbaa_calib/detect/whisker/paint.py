@@ -40,11 +40,11 @@ COLOUR_PULLED = 0.05
 PULLED_ASIDE, LESS_SEEN = 0.018, 0.05
 """By which part of its width a line must lie off the middle between its edges, in free pictures, to be measured by
 these; and what less of it may be seen then."""
-SHADE, SHADED_UNSURE, TINT = (0.33, 1.15), 0.15, (0.9, 2.0)
+SHADE, SHADED_UNSURE, TINT = (0.33, 1.15), 0.18, (0.9, 2.0)
 """Limits of the part of its brightness that an antenna keeps in the shadow of what it touches; part of its width to
 which it must be known where it lies there, or else it may be the edge of that; and a quantile of how far its hue is off
 in the light, and how many times that it may be off in a shadow."""
-HIDDEN_PART, AWAY = 0.25, 0.25
+HIDDEN_PART, AWAY = 0.2, 0.25
 """Part of its width by which a line may lie off where it shows something else in part; and part of its length for which
 one of changing polarity lies on another thing and does not come back."""
 ROOT, LIGHT = 0.4, (0.6, 1.7)

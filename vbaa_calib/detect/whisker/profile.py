@@ -54,9 +54,10 @@ _TRAINING_PROFILES = 160
 """The cross-section is learned from about so many profiles."""
 ALIKE = 0.8
 """Length of the mean phase on the pixel grid above which the profiles lie alike."""
-LOPSIDED, FLANKED_PX, PULLED = 0.012, 5.0, 0.025
+LOPSIDED, FLANKED_PX, PULLED = 0.012, 5.0, 0.05
 """With its sides so different, as a part of its height, a line this broad is measured by its own reflectance; a
-highlight, or a shadow beside it, still pulls it by about this part of its width, alike for all its points."""
+highlight, or a shadow beside it, still pulls it by up to this part of its width, half of it as a deviation, alike for
+all its points."""
 FAINTER = 0.7
 """Where less than this part of the usual height is left, the same highlight, if it is clear, pulls the line more."""
 _END_PROFILES = 40
@@ -212,7 +213,7 @@ def _lines(
     noise = _noise(fits.rms[found.inside], quiet)
     seen_at = found.inside & (fits.height > SEEN_RATIO * np.maximum(fits.rms, noise) * fits.unit_height)
     usual = np.full(len(curve), median(fits.height[seen_at]) if seen_at.any() else 0.0)
-    shared = np.full(len(curve), pulled)
+    shared = np.full(len(curve), 0.5 * pulled)
     if pulled > 0.5 * PULLED * width_px:
         near = running_mean(np.maximum(fits.height, 0.0), NEAR_POINTS, END_VALUE)
         shared *= np.maximum(FAINTER * usual / np.maximum(near, 0.1 * usual + 1e-9), 1.0)

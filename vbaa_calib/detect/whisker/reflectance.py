@@ -52,9 +52,10 @@ QUIET = 0.4
 START_STEP_PX, START_BENDS, START_PROFILES = 0.5, 9, 24
 """At first the line is looked for at such steps, in so many places of either end and the middle, in so many
 profiles."""
-MISFIT, PULLED, LEFT = 0.01, 0.015, 0.45
-"""Part of the profiles' power that no shape follows; of the width by which what it does not follow may pull; and of the
-deviation of where the line was begun with that is left when it was followed."""
+MISFIT, PULLED, LEFT = 0.01, (0.015, 0.1), 0.36
+"""Part of the profiles' power that no shape follows; parts of the width by which what it does not follow may pull, and
+a lopsided reflectance, as a part of the line's height; and what is left, when the line was followed, of the deviation
+of where it was begun."""
 OVER_EDGE, UNSURE = 20.0, 0.17
 """Where a line does not explain the profiles near by better than one edge, an object's or a shadow's, by so much,
 squares over the noise's, it may lie off by up to this part of its width; before and beyond all that is clear there is
@@ -191,7 +192,9 @@ def learn_reflectance(
             over_edge[n] += side[k, 0] * local[n, k, K]
     height = np.sqrt(np.maximum(_square(whole), 1e-12))
     shared = np.sqrt((PIECES + 3.0) / np.maximum(WELL_BEGUN / count * known, 1e-9) + (LEFT * begin_std) ** 2)
-    shared_px = np.hypot(np.interp(found.along, some.along, shared), PULLED * width_px) / found.stretch
+    lopsided = PULLED[1] * np.sqrt(whole[:, 1] ** 2 * MEAN_SQUARE[1] + whole[:, 3] ** 2 * MEAN_SQUARE[3]) / height
+    pulled = width_px * np.hypot(PULLED[0], lopsided)
+    shared_px = np.hypot(np.interp(found.along, some.along, shared), pulled) / found.stretch
     unsure = 1.0 - np.minimum(np.maximum(over_edge / OVER_EDGE, 0.0), 1.0)
     shared_px = np.hypot(shared_px, UNSURE * width_px * unsure / found.stretch)
     none, clear = over_edge < 0.0, np.flatnonzero(over_edge > OVER_EDGE)
