@@ -222,9 +222,7 @@ def unfolded(
     return bundle
 
 
-def widened(
-    simpler: LensModel, intrinsics: np.ndarray, model: LensModel, image_size: tuple[int, int]
-) -> np.ndarray:
+def widened(simpler: LensModel, intrinsics: np.ndarray, model: LensModel, image_size: tuple[int, int]) -> np.ndarray:
     """(4 + k,) intrinsics of a lens model from the solution of a simpler one, the next or another on its ladder."""
     wide = np.zeros(4 + model.distortion_count)
     if simpler.camera_model != model.camera_model:

@@ -25,8 +25,9 @@ LEAST_ROOT, ROOT = 0.35, 0.33
 NARROW, BROAD, LEAST_SEEN_BROAD = 0.3, 1.8, 0.85
 """Narrower than the first it is none. Broader than the second it may be out of focus, or a soft edge: more must be
 seen of it."""
-WANDER_PX, WANDER_SIGMA = 0.25, 1.35
-"""Root mean square distance of the points from a curve as smooth as an antenna's: pixels, and deviations, together."""
+WANDER_PX, WANDER_SIGMA = 0.25, (1.35, 2.7)
+"""Root mean square distance of the points from a curve as smooth as an antenna's: pixels, and deviations, together;
+more of these where the polarity may change: neighbours share their errors there."""
 _WANDER_ORDER = 6
 """Order of that curve."""
 _SNAKING_RAD = 0.25
@@ -212,7 +213,7 @@ def _doubt(line: FittedLine, look: _Look) -> tuple[Verdict, str] | None:
         return "no_antenna", f"what could be the antenna is the edge of something broader ({share})"
     if changing and look.transparency > TRANSPARENT:
         return "no_antenna", f"what could be the antenna is as bright as what lies behind it all along ({share})"
-    if look.wander_px > np.hypot(WANDER_PX, WANDER_SIGMA * look.spread_px) or look.snaking_rad > _SNAKING_RAD:
+    if look.wander_px > np.hypot(WANDER_PX, WANDER_SIGMA[changing] * look.spread_px) or look.snaking_rad > _SNAKING_RAD:
         return "no_antenna", f"what could be the antenna is no smooth line ({share})"
     if changing and seen < _LEAST_WHOLE * (inside - look.gap):
         return "too_little", f"pieces of a line, too few to be sure of it ({share})"
