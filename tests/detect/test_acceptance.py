@@ -8,19 +8,20 @@ import cv2
 import numpy as np
 import pytest
 
-from tests.detect.drawn_lines import SIZE, background, bent, exposed, tube
+from tests.detect.drawn_lines import SIZE, aside, background, bent, exposed, tube
 from tests.rod_scenes import BROWN, LENGTH_M, MATRIX, World, camera_pose
 from vbaa_calib.antenna.shape import bend
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.polyline import normals, resample
 from vbaa_calib.detect.whisker.acceptance import decided
 from vbaa_calib.detect.whisker.antenna import corridor, free_curve, pixels
-from vbaa_calib.detect.whisker.centreline import Centreline
-from vbaa_calib.detect.whisker.corridor import Corridor
+from vbaa_calib.detect.whisker.centreline import Centreline, Visibility
+from vbaa_calib.detect.whisker.corridor import Corridor, most_of_antennas_shape
 from vbaa_calib.detect.whisker.finder import AntennaFinder
 
 WIDTH_PX = 4.0
 CLAMP, LENGTH = (40.0, 120.4), 220.0
+GRAVITY = np.array([0.0, 0.0, -9.81])
 
 
 @pytest.fixture(scope="module")
@@ -72,36 +73,68 @@ def test_of_two_lines_the_one_that_was_expected_is_taken() -> None:
     assert decided(line, np.empty((0, 2))).verdict == "ambiguous"
 
 
+class _Rig:
+    """A calibrated rig's corridor, and its antenna bent by a force."""
+
+    def __init__(self, inclined_deg: float) -> None:
+        camera = Camera("opencv", (960, 720), MATRIX, BROWN)
+        self.world = World(camera_pose(np.radians(inclined_deg), 0.5 * np.pi))
+        self.seen_from = (camera, self.world.T_antenna_camera.inverse())
+        free = free_curve(self.world.parameters, LENGTH_M, GRAVITY)
+        self.where = replace(corridor(*self.seen_from, free, 0.8e-3), clamp_px=1.5, clamp_rad=0.015, shape_px=0.5)
+
+    def pressed(self, contact: float, bend_rad: float, side_rad: float) -> np.ndarray:
+        """(N, 2) by a force there, in lengths, that turns it by so much."""
+        parameters = self.world.parameters
+        size = 2.0 * bend_rad * np.exp(parameters[6]) / (contact * LENGTH_M) ** 2
+        force = size * np.array([[np.cos(side_rad), np.sin(side_rad)]])
+        shape = bend(parameters[None], LENGTH_M, GRAVITY[None], np.array([contact * LENGTH_M]), force)
+        return resample(pixels(*self.seen_from, shape.points_m[0]), 1.0)[0]
+
+
 @pytest.mark.parametrize("inclined_deg", [0.0, 45.0])
 def test_a_calibrated_rigs_antenna_is_its_free_shape_bent_by_a_force(inclined_deg: float) -> None:
     """Of forces from all sides and any noise that is stated, bent by up to 0.8 rad; a kink, or a line beside the clamp,
     is none."""
-    rng, gravity = np.random.default_rng(4), np.array([0.0, 0.0, -9.81])
-    camera = Camera("opencv", (960, 720), MATRIX, BROWN)
-    world = World(camera_pose(np.radians(inclined_deg), 0.5 * np.pi))
-    T_camera_antenna, parameters = world.T_antenna_camera.inverse(), world.parameters
-    free = free_curve(parameters, LENGTH_M, gravity)
-    where = corridor(camera, T_camera_antenna, free, 0.8e-3)
-    where = replace(where, clamp_px=1.5, clamp_rad=0.015, shape_px=0.5)
-    stiffness = np.exp(parameters[6])
-
-    def pressed(contact: float, bend_rad: float, side_rad: float) -> np.ndarray:
-        size = 2.0 * bend_rad * stiffness / (contact * LENGTH_M) ** 2
-        force = size * np.array([[np.cos(side_rad), np.sin(side_rad)]])
-        shape = bend(parameters[None], LENGTH_M, gravity[None], np.array([contact * LENGTH_M]), force)
-        return resample(pixels(camera, T_camera_antenna, shape.points_m[0]), 1.0)[0]
+    rng, rig = np.random.default_rng(4), _Rig(inclined_deg)
 
     def misfit(path: np.ndarray, noise_px: float) -> float:
         noisy = path + noise_px * rng.standard_normal(len(path))[:, None] * normals(path)
-        return where.misfit(noisy, np.full(len(path), max(noise_px, 0.05)))
+        return rig.where.misfit(noisy, np.full(len(path), max(noise_px, 0.05)))
 
     for contact in (0.33, 0.57, 0.8, 0.95):
         for bend_rad in (-0.8, -0.3, 0.05, 0.5):
             for side_rad in (0.0, 1.2):
                 for noise_px in (0.05, 1.0):
-                    assert misfit(pressed(contact, bend_rad, side_rad), noise_px) < 1.0
-    path = pressed(0.6, 0.4, 0.3)
+                    assert misfit(rig.pressed(contact, bend_rad, side_rad), noise_px) < 1.0
+    path = rig.pressed(0.6, 0.4, 0.3)
     later = np.maximum(np.arange(len(path)) - 0.75 * len(path), 0.0)[:, None]
     assert misfit(path + np.array([0.0, 5.0]), 0.1) > 1.0
     assert misfit(path + later * np.array([0.0, 0.2]), 0.1) > 1.0
     assert misfit(path + np.where(later > 0.0, [0.0, 3.0], 0.0), 0.1) > 1.0
+
+
+@pytest.mark.parametrize("changing", [False, True])
+def test_what_another_thing_draws_aside_at_its_end_is_left_out(changing: bool) -> None:
+    """A cable across the clamp, an object's edge at the end: most of the line has the antenna's shape. Not so a kink in
+    its middle."""
+    rig = _Rig(30.0)
+    path = rig.pressed(0.7, 0.4, 0.3)
+    share, normal = np.linspace(0.0, 1.0, len(path)), normals(path)
+
+    def judged(off_px: np.ndarray) -> Centreline:
+        points, numbers = path + off_px[:, None] * normal, np.full(len(path), 0.1)
+        line = Centreline(
+            points, numbers, 1.0, 30.0, 1.0, "ok", "", points, np.zeros(len(path), np.uint8), effective_px=numbers
+        )
+        return most_of_antennas_shape(line, rig.where, changing)
+
+    whole = judged(np.zeros(len(path)))
+    assert whole.seen == 1.0
+    for off_px in (8.0 * (share < 0.1), 80.0 * np.maximum(share - 0.9, 0.0)):
+        line = judged(off_px)
+        assert line.found
+        assert np.abs(aside(path, line.points_px)).max() < 1.0
+        assert line.seen == pytest.approx(len(line.points_px) / len(path))
+        assert sum(map(len, line.stretches(Visibility.SEEN))) == len(line.points_px)
+    assert not judged(40.0 * np.abs(share - 0.5)).found

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
 
@@ -192,3 +193,33 @@ def test_in_a_shadow_both_edges_show_the_antenna_as_well(
     if inside.any():  # what else may lie there draws the line aside by up to half its width
         assert line.sigma_px[inside].min() > 2.0 * np.median(line.sigma_px[~inside])
         assert np.abs(aside(path, line.points_px[inside])).max() < 1.0
+
+
+@pytest.mark.parametrize("bright", [True, None])
+def test_a_line_is_followed_into_a_shadow_that_does_not_end_by_its_hue(
+    finder: AntennaFinder, bright: bool | None
+) -> None:
+    """From seven twelfths on it has two fifths of its light; beyond five sixths another thing goes on in its stead and
+    farther, as bright and as wide, of a somewhat other hue."""
+    rng = np.random.default_rng(7)
+    path = bent((40.0, 120.4), 0.0, 3.0)
+    begin, end = int(path[7 * len(path) // 12, 0]), int(path[5 * len(path) // 6, 0])
+    cover = tube(path, WIDTH_PX, 1.0)[..., None]
+    lit = 40.0 + cover * np.array([150.0, 150.0, 150.0])
+    shaded = lit.copy()
+    shaded[:, begin:] = (20.0 + cover * np.array([56.0, 56.0, 56.0]))[:, begin:]
+    farther = tube(np.vstack([path, path[-1] + 30.0 * (path[-1] - path[-3])]), WIDTH_PX, 1.0)[..., None]
+    shaded[:, end:] = (20.0 + farther * np.array([48.0, 56.0, 62.0]))[:, end:]
+    calibrated = [np.clip(lit + rng.normal(0.0, 2.0, lit.shape), 0, 255).astype(np.uint8) for _ in range(3)]
+    paint = Paint(bright, both_edges=True)
+    looks = usual_looks([look_of(one, paint.find(finder, one)) for one in calibrated])
+    image = np.clip(shaded + rng.normal(0.0, 2.0, lit.shape), 0, 255).astype(np.uint8)
+    line = without_other_things(image, paint.find(finder, image), looks, finder.corridor.width_px, paint)
+    assert line.found
+    assert end - 35.0 < line.points_px[-1, 0] < end
+    assert line.end == "hidden"
+    # a grey picture does not show the hue
+    grey = [cv2.cvtColor(one, cv2.COLOR_BGR2GRAY) for one in (*calibrated, image)]
+    looks = usual_looks([look_of(one, paint.find(finder, one)) for one in grey[:-1]])
+    line = without_other_things(grey[-1], paint.find(finder, grey[-1]), looks, finder.corridor.width_px, paint)
+    assert line.points_px[-1, 0] < begin + 15.0

@@ -373,7 +373,8 @@ def _foreign(
     local = np.minimum(np.maximum(lit / squares, SHADE[0] * light), SHADE[1] * light)
     for c in range(3):
         hue += (means[c] - local * usual[c]) ** 2
-    tint = np.sqrt(hue / squares) / local
+    # what noise there is counts more where it is darker
+    tint = np.sqrt(hue / (squares * local * light))
     hue = np.sqrt(hue) / (local * usual[3])
     alike = tint[off < MOSTLY_FOREIGN]
     tinted = np.full(count, True)
