@@ -130,7 +130,7 @@ class Corridor:
         return self.free.misfit(points_px, sigma_px, (self.shape_px, self.clamp_px, self.clamp_rad), enough)
 
 
-def reject_beside_clamp(line: Centreline, where: Corridor) -> Centreline:
+def _reject_beside_clamp(line: Centreline, where: Corridor) -> Centreline:
     """The centreline, with another verdict where it does not leave the clamp along the free antenna.
 
     A cantilever bends away from its free shape slowly; a cable or an edge that passes its clamp is straight there.
@@ -173,7 +173,7 @@ def most_of_antennas_shape(line: Centreline, where: Corridor, changing: bool) ->
 
 
 def _antennas_shape(line: Centreline, where: Corridor, changing: bool) -> Centreline:
-    line = reject_beside_clamp(line, where) if changing else line
+    line = _reject_beside_clamp(line, where) if changing else line
     if not line.found or where.shape_px is None or where.misfit(line.points_px, line.sigma_px) <= 1.0:
         return line
     return line.with_verdict(
