@@ -281,10 +281,10 @@ def _descended(
         if promise <= stop.tolerance * at.cost and damping < 1.0:
             break
         trial = _normal_equations(_moved(at.state, shared, poses, column), fisheye, corners, weights, column, held)
-        rounding, last = stop.may_rise_share * at.cost, False
-        if trial.cost <= at.cost + rounding:
-            decrease, at = at.cost - trial.cost, trial
-            damping = max(0.1 * damping, _LEAST_DAMPING)
+        rounding, decrease, last = stop.may_rise_share * at.cost, at.cost - trial.cost, False
+        # where the cost changes by no more than its rounding, what is still promised there tells
+        if decrease > rounding or (decrease >= -rounding and _step(trial, damping)[3] < promise):
+            at, damping = trial, max(0.1 * damping, _LEAST_DAMPING)
             last = rounding < decrease <= stop.tolerance * at.cost and damping < 1.0
         else:
             damping *= stop.growth
