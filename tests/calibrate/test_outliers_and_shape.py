@@ -15,7 +15,7 @@ from vbaa_calib.calibrate.lens.board_shape import ShapePrior, deformations
 from vbaa_calib.calibrate.lens.bundle import Bundle, Observation, refine, rows
 from vbaa_calib.calibrate.lens.homography import homography
 from vbaa_calib.calibrate.lens.information import information, observations_of
-from vbaa_calib.calibrate.lens.initialization import rough_lens, unfolded
+from vbaa_calib.calibrate.lens.initialization import rough_lens, unfolded, widened
 from vbaa_calib.calibrate.lens.models import (
     LENS_MODELS,
     PROJECTIONS,
@@ -140,6 +140,9 @@ def test_a_rational_lens_follows_a_fisheye_over_the_picture() -> None:
     alike = rational_like(LENS_MODELS["fisheye"], FISHEYE, size)
     assert alike is not None
     assert is_monotonic(LENS_MODELS["rational"], alike, size)
+    # richer ones begin as that, although their next simpler lens is a rational one
+    wide = widened(LENS_MODELS["fisheye"], FISHEYE, LENS_MODELS["tilted"], size)
+    np.testing.assert_array_equal(wide, [*alike, *np.zeros(6)])
     given, like = camera_of(LENS_MODELS["fisheye"], FISHEYE, size), camera_of(LENS_MODELS["rational"], alike, size)
     corners = np.array([[0.0, 0.0], [1279.0, 719.0], [640.0, 0.0], [900.0, 500.0]])
     rays, valid = given.unproject(corners)
