@@ -226,28 +226,37 @@ def _decided(
     observations: Sequence[Observation],
     options: _Options,
 ) -> _Fit:
-    """Lens model and outliers by turns, until neither changes."""
-    comparison: tuple[Candidate, ...] = ()
-    decided: tuple[str, int] | None = None
-    for _ in range(_ROUNDS):
+    """Lens model and outliers by turns, until neither changes.
+
+    A lens that "auto" chose, and that folds once it has converged, is compared again as one that folds.
+    """
+    folding: tuple[str, ...] = ()
+    while True:
+        comparison: tuple[Candidate, ...] = ()
+        decided: tuple[str, int] | None = None
+        for _ in range(_ROUNDS):
+            good = inliers.of(observations)
+            now = (bundle.model.name, sum(len(view.pixels) for view in good))
+            if decided == now:
+                break
+            if options.model == "auto":
+                bundle, comparison = _choose_lens(good, options, warm, folding)
+            else:
+                bundle = _fit_lens(bundle.model, good, options, {bundle.model.name: bundle})
+            decided = (bundle.model.name, now[1])
+            whole = [observations[index] for index in inliers.views]
+            within, bundle = fit_without_outliers(bundle, whole, options.min_corners, inliers.masks)
+            inliers = Inliers(inliers.views[within.views], within.masks, within.weights)
+            warm = _posed(warm, within.views)
         good = inliers.of(observations)
-        now = (bundle.model.name, sum(len(view.pixels) for view in good))
-        if decided == now:
+        bundle = unfolded(bundle, good, options.image_size)
+        for _ in range(_ROUNDS):
+            # the prior is weighed by the noise that is left
+            bundle = polished(bundle.freed(options.square_pixels, options.prior), good)
+        sound = is_monotonic(bundle.model, bundle.intrinsics, options.image_size)
+        if sound or options.model != "auto" or bundle.model.name in folding:
             break
-        if options.model == "auto":
-            bundle, comparison = _choose_lens(good, options, warm)
-        else:
-            bundle = _fit_lens(bundle.model, good, options, {bundle.model.name: bundle})
-        decided = (bundle.model.name, now[1])
-        whole = [observations[index] for index in inliers.views]
-        within, bundle = fit_without_outliers(bundle, whole, options.min_corners, inliers.masks)
-        inliers = Inliers(inliers.views[within.views], within.masks, within.weights)
-        warm = _posed(warm, within.views)
-    good = inliers.of(observations)
-    bundle = unfolded(bundle, good, options.image_size)
-    for _ in range(_ROUNDS):
-        # the prior is weighed by the noise that is left
-        bundle = polished(bundle.freed(options.square_pixels, options.prior), good)
+        folding = (*folding, bundle.model.name)
     known = information(bundle, good)
     if options.model != "auto" and known is not None:
         comparison = (assess(bundle, good, options.image_size, known)[0],)
@@ -266,9 +275,11 @@ def _fit_lens(
 
 
 def _choose_lens(
-    observations: Sequence[Observation], options: _Options, warm: Mapping[str, Bundle]
+    observations: Sequence[Observation], options: _Options, warm: Mapping[str, Bundle], folding: Sequence[str]
 ) -> tuple[Bundle, tuple[Candidate, ...]]:
     """The solution of the lens model with the least expected error, and the comparison; warm : solutions by model name.
+
+    folding : names of models that fold in the end.
 
     Models whose held-out error is larger by 0.5 % and significantly so (over views), or by 10 %, are wrong. Of the
     others the one of least expected error over the picture is taken, bias and noise together (`expected_errors_px`). A
@@ -287,7 +298,7 @@ def _choose_lens(
         known = information(bundle, observations)
         if known is not None:
             candidate, errors[name] = assess(bundle, observations, options.image_size, known)
-            candidates.append(candidate)
+            candidates.append(replace(candidate, monotonic=candidate.monotonic and name not in folding))
             camera = camera_of(bundle.model, bundle.intrinsics, options.image_size)
             cameras[name] = replace(camera, covariance=known.covariance[:-SHAPE, :-SHAPE])
     if not candidates:
