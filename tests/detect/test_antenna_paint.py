@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import cv2
 import numpy as np
 import pytest
 
 from vbaa_calib.detect.whisker.antenna import find, find_along
-from vbaa_calib.detect.whisker.centreline import Visibility
+from vbaa_calib.detect.whisker.centreline import Centreline, Visibility
 from vbaa_calib.detect.whisker.corridor import Corridor
 from vbaa_calib.detect.whisker.finder import AntennaFinder
 from vbaa_calib.detect.whisker.paint import Paint, learn, look_of, usual_looks, without_other_things
@@ -145,6 +147,17 @@ def test_the_plane_of_a_colour_is_linear_in_what_a_pixel_shows_of_it() -> None:
     np.testing.assert_allclose(plane[0], plane[0, 0] * (1.0 - share[0, :, 0]), atol=1e-3)
 
 
+def taken(drawn: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """(H, W, 3) uint8 of drawn colours, with noise."""
+    return np.clip(drawn + rng.normal(0.0, 2.0, drawn.shape), 0, 255).astype(np.uint8)
+
+
+def own(finder: AntennaFinder, paint: Paint, image: np.ndarray, calibrated: Sequence[np.ndarray]) -> Centreline:
+    """What is the antenna's own in a picture, by its looks in others."""
+    looks = usual_looks([look_of(one, paint.find(finder, one)) for one in calibrated])
+    return without_other_things(image, paint.find(finder, image), looks, finder.corridor.width_px, paint)
+
+
 @pytest.mark.parametrize("light", [0.75, 1.0, 1.3])
 def test_a_line_that_goes_on_along_another_thing_ends_where_that_begins(finder: AntennaFinder, light: float) -> None:
     """Beyond its middle the antenna is hidden behind an edge of another colour, as wide and as straight."""
@@ -156,13 +169,9 @@ def test_a_line_that_goes_on_along_another_thing_ends_where_that_begins(finder: 
     middle = int(path[len(path) // 2, 0])
     hidden[:] = drawn
     hidden[:, middle:] = (40.0 + line * np.array([20.0, 160.0, 90.0]))[:, middle:]
-    shown = [np.clip(light * one + rng.normal(0.0, 2.0, one.shape), 0, 255).astype(np.uint8) for one in (drawn, hidden)]
-    calibrated = [np.clip(drawn + rng.normal(0.0, 2.0, drawn.shape), 0, 255).astype(np.uint8) for _ in range(3)]
-    paint = Paint(True)
-    looks = usual_looks([look_of(one, paint.find(finder, one)) for one in calibrated])
-    whole, cut = (
-        without_other_things(one, paint.find(finder, one), looks, finder.corridor.width_px, paint) for one in shown
-    )
+    shown = [taken(light * one, rng) for one in (drawn, hidden)]
+    calibrated = [taken(drawn, rng) for _ in range(3)]
+    whole, cut = (own(finder, Paint(True), one, calibrated) for one in shown)
     assert whole.found
     assert whole.points_px[-1, 0] > path[-1, 0] - 5.0
     assert cut.points_px[-1, 0] < middle + 2.0
@@ -181,11 +190,8 @@ def test_in_a_shadow_both_edges_show_the_antenna_as_well(
     lit = 40.0 + tube(path, WIDTH_PX, 1.0)[..., None] * np.array([120.0, 150.0, 160.0])
     shaded = lit.copy()
     shaded[:, begin:end] = 40.0 + 0.2 * (lit - 40.0)[:, begin:end]
-    calibrated = [np.clip(lit + rng.normal(0.0, 2.0, lit.shape), 0, 255).astype(np.uint8) for _ in range(3)]
-    paint = Paint(True, both_edges=both_edges)
-    looks = usual_looks([look_of(one, paint.find(finder, one)) for one in calibrated])
-    image = np.clip(shaded + rng.normal(0.0, 2.0, lit.shape), 0, 255).astype(np.uint8)
-    line = without_other_things(image, paint.find(finder, image), looks, finder.corridor.width_px, paint)
+    calibrated = [taken(lit, rng) for _ in range(3)]
+    line = own(finder, Paint(True, both_edges=both_edges), taken(shaded, rng), calibrated)
     assert line.found
     inside = (line.points_px[:, 0] > begin + 15.0) & (line.points_px[:, 0] < end - 15.0)
     assert (inside.sum() == 0) == left_out
@@ -210,16 +216,13 @@ def test_a_line_is_followed_into_a_shadow_that_does_not_end_by_its_hue(
     shaded[:, begin:] = (20.0 + cover * np.array([56.0, 56.0, 56.0]))[:, begin:]
     farther = tube(np.vstack([path, path[-1] + 30.0 * (path[-1] - path[-3])]), WIDTH_PX, 1.0)[..., None]
     shaded[:, end:] = (20.0 + farther * np.array([48.0, 56.0, 62.0]))[:, end:]
-    calibrated = [np.clip(lit + rng.normal(0.0, 2.0, lit.shape), 0, 255).astype(np.uint8) for _ in range(3)]
+    calibrated, image = [taken(lit, rng) for _ in range(3)], taken(shaded, rng)
     paint = Paint(bright, both_edges=True)
-    looks = usual_looks([look_of(one, paint.find(finder, one)) for one in calibrated])
-    image = np.clip(shaded + rng.normal(0.0, 2.0, lit.shape), 0, 255).astype(np.uint8)
-    line = without_other_things(image, paint.find(finder, image), looks, finder.corridor.width_px, paint)
+    line = own(finder, paint, image, calibrated)
     assert line.found
     assert end - 35.0 < line.points_px[-1, 0] < end
     assert line.end == "hidden"
     # a grey picture does not show the hue
     grey = [cv2.cvtColor(one, cv2.COLOR_BGR2GRAY) for one in (*calibrated, image)]
-    looks = usual_looks([look_of(one, paint.find(finder, one)) for one in grey[:-1]])
-    line = without_other_things(grey[-1], paint.find(finder, grey[-1]), looks, finder.corridor.width_px, paint)
+    line = own(finder, paint, grey[-1], grey[:-1])
     assert line.points_px[-1, 0] < begin + 15.0
