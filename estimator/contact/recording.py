@@ -194,8 +194,9 @@ def _along(rig: Rig, glance: FirstDetection, rough: RoughFit) -> Detection:
         again = rig.image.paint.between_edges(glance.image, again, width, guide)
         again = rig.image.paint.by_edges(glance.picture, again, guide, width)
         again = without_other_things(glance.picture, again, rig.image.looks, width, rig.image.paint)
-    again = again if glance.looking is None else most_of_antennas_shape(again, glance.looking.corridor, False)
     line = again if len(again.points_px) >= _SECOND_LOOK * len(glance.line.points_px) else glance.line
+    if line is again and glance.looking is not None:
+        line = most_of_antennas_shape(again, glance.looking.corridor, False)
     # a line that is doubted on a closer look, though not on the first, makes no contact
     return Detection(line, measured(rig, glance.frame, line if line.found else NOTHING, start=rough.unknowns))
 

@@ -121,6 +121,7 @@ def open_device(camera: LiveSource) -> Source:
         except SourceLost as error:
             notes.append(str(error))
         finally:
+            notes.extend(camera.notes[told:])
             if camera.reopened:
                 notes.append(f"{camera.name} broke off and was reached again, {camera.reopened} times in all")
             camera.close()

@@ -46,7 +46,7 @@ _COURSE_ASIDE, _COURSE_ORDER, _ODD, _LEAVES = 0.02, 2, 0.04, 0.008
 """The same deviation where other pictures of the rig determine the free antenna's course, a polynomial of this order
 beside what is expected; a line that lies so far off the others' course is looked for again, and where it still lies so
 far off it, it has gone over to another thing."""
-_SHARED = 2.0  # effective over own deviation above which neighbouring points share most of their errors
+_SHARED = 4.0  # effective over own deviation above which neighbouring points share most of their errors
 _LEARNT_FROM = 3  # pictures from which the antenna's contrast is learnt
 _PLACES = np.linspace(0.0, 1.0, 21)
 

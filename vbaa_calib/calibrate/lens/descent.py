@@ -269,7 +269,8 @@ def _moved(state: State, shared: np.ndarray, poses: np.ndarray, column: np.ndarr
 def _descended(
     state: State, fisheye: bool, corners: Corners, weights: np.ndarray, column: np.ndarray, held: Held, stop: Stop
 ) -> _System:
-    """The least cost, as `core.least_squares.levenberg_marquardt` finds it."""
+    """The least cost, as `core.least_squares.levenberg_marquardt` finds it; but a step that changes it by no more than
+    its rounding is taken only where less is promised after it."""
     at = _normal_equations(state, fisheye, corners, weights, column, held)
     damping = stop.damping
     for _ in range(stop.iterations):
@@ -282,8 +283,11 @@ def _descended(
             break
         trial = _normal_equations(_moved(at.state, shared, poses, column), fisheye, corners, weights, column, held)
         rounding, decrease, last = stop.may_rise_share * at.cost, at.cost - trial.cost, False
-        # where the cost changes by no more than its rounding, what is still promised there tells
-        if decrease > rounding or (decrease >= -rounding and _step(trial, damping)[3] < promise):
+        sooner = decrease > rounding
+        if not sooner and decrease >= -rounding:  # what is still promised there tells
+            possible, _, _, left = _step(trial, damping)
+            sooner = possible and left < promise
+        if sooner:
             at, damping = trial, max(0.1 * damping, _LEAST_DAMPING)
             last = rounding < decrease <= stop.tolerance * at.cost and damping < 1.0
         else:

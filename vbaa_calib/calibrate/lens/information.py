@@ -196,7 +196,7 @@ class Candidate:
     free_parameters: int  # of the lens, focal lengths and principal point included
     rms_px: float  # over the corners it was fitted to
     held_out_rms_px: float  # over views that only had their poses fitted
-    monotonic: bool  # whether it maps the whole picture without folding
+    monotonic: bool  # whether it maps the whole picture without folding, once it has converged
     halves: float | None = None  # as `compare_split_half` gives them
     halves_p_value: float | None = None
     expected_error_px: float | None = None  # as `expected_errors_px` gives it; None for a single model

@@ -87,7 +87,7 @@ class Centreline:
         return [self.guide_px[piece] for piece in pieces if len(piece) >= 2]
 
     def only(self, own: np.ndarray) -> Centreline:
-        """The same centreline without those of its points (N,) that are not its own: something hides it there."""
+        """The same centreline with those of its points (N,) alone that are its own; it counts as hidden elsewhere."""
         if own.all():
             return self
         visibility = self.visibility.copy()
@@ -100,6 +100,7 @@ class Centreline:
             seen=self.seen * float(own.mean()),
             visibility=visibility,
             end=self.end if own[-1] else "hidden",
+            end_px=self.end_px if own[-1] or not own.any() else self.points_px[own][-1],
             end_std_px=self.end_std_px if own[-1] else np.nan,
         )
 

@@ -13,7 +13,7 @@ from vbaa_calib.core.compiled import kernel
 from vbaa_calib.core.polyline import arc_lengths, beside, resample
 from vbaa_calib.core.smooth import median, solve
 
-from .centreline import Centreline
+from .centreline import Centreline, Visibility
 
 CLAMP_REACH_PX, CLAMP_TURN_RAD = 8.0, 0.12
 """How far off the clamp itself may be, and three deviations of its direction on a rig that is not calibrated."""
@@ -30,8 +30,8 @@ bend is at home nothing shows."""
 SHAPE_RANK, WELL_SHAPED = 0.3, 0.05
 """So much less a line may be seen that has a shape of one unit of misfit less; a misfit that is not made better."""
 CUT, CUT_SEEN = ((0.12, 1.0), (0.25, 1.0), (0.0, 0.85), (0.0, 0.7)), 0.5
-"""Parts of a line, from share to share of its points, that may have the antenna's shape where the whole has not; and
-how much of the antenna they must show."""
+"""Parts of a line, from share to share of its guide, that may have the antenna's shape where the whole has not; and how
+much of the antenna they must show."""
 FROM_CLAMP, BENDS_MORE = 0.35, 0.15
 """Part of the length over which a line's direction at the clamp is measured, by a parabola; what a contact within that
 part may falsify it by, over the turn there."""
@@ -162,11 +162,13 @@ def most_of_antennas_shape(line: Centreline, where: Corridor, changing: bool) ->
     whole = _antennas_shape(line, where, changing)
     if whole.found or not line.found or where.shape_px is None:
         return whole
-    share = np.linspace(0.0, 1.0, len(line.points_px))
+    along = arc_lengths(line.guide_px)
+    share = along[line.visibility == Visibility.SEEN] / max(along[-1], 1e-9)
     for first, last in CUT:
-        part = line.only((share >= first) & (share <= last))
-        if part.seen >= CUT_SEEN:
-            part = _antennas_shape(part, where, changing)
+        own = (share >= first) & (share <= last)
+        # what is left must still come from the clamp
+        if own.mean() * line.seen >= CUT_SEEN and np.count_nonzero(share[own] < FROM_CLAMP) >= LEAST_SHAPE_POINTS:
+            part = _antennas_shape(line.only(own), where, changing)
             if part.found:
                 return part
     return whole

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any
+from typing import cast
 
 import cv2
 import numpy as np
@@ -41,7 +41,7 @@ PULLED_ASIDE, LESS_SEEN = 0.018, 0.05
 """By which part of its width a line must lie off the middle between its edges, in free pictures, to be measured by
 these; and what less of it may be seen then."""
 SHADE, SHADED_UNSURE, TINT = (0.33, 1.15), 0.18, (0.9, 2.0)
-"""Limits of the part of its brightness that an antenna keeps in the shadow of what it touches; part of its width to
+"""Limits of its brightness, over that in the light, where an antenna may lie in a shadow; part of its width to
 which it must be known where it lies there, or else it may be the edge of that; and a quantile of how far its hue is off
 in the light, and how many times that it may be off in a shadow."""
 HIDDEN_PART, AWAY = 0.2, 0.25
@@ -284,9 +284,7 @@ def usual_looks(several: Sequence[np.ndarray]) -> Looks | None:
     apart = np.linalg.norm(looks - usual, axis=2)
     least = np.hypot(LEAST_SPREAD[0] * np.linalg.norm(usual, axis=1), LEAST_SPREAD[1])
     spread = np.hypot(MAD_SCALE * np.nanmedian(apart, axis=0), least)
-    rows: Any = tuple(map(tuple, np.column_stack([usual, spread]).tolist()))
-    learnt: Looks = rows
-    return learnt
+    return cast(Looks, tuple(map(tuple, np.column_stack([usual, spread]).tolist())))
 
 
 def without_other_things(
@@ -310,18 +308,19 @@ def without_other_things(
     if not other.any() and off.max(initial=0.0) <= PARTLY_FOREIGN:
         return line
     changing, sure = paint.bright is None, line.sigma_px <= SHADED_UNSURE * width_px
-    shaded = other & sure & ~tinted & (image.ndim == 3 and (paint.both_edges or changing))
+    # a grey camera's pictures may have three channels, too
+    hued = (paint.both_edges or changing) and image.ndim == 3 and bool(np.ptp(image[::8, ::8, :3], axis=2).any())
+    shaded, away = other & sure & ~tinted & hued, len(other)
     for start, stop in np.flatnonzero(np.diff(other, prepend=False, append=False)).reshape(-1, 2):
         if changing and shares[stop - 1] - shares[start] > AWAY and shaded[start:stop].mean() < 0.5:
-            other[start:], shaded[start:] = True, False
+            away = start
             break
-    if not other.all():
-        last = int(np.flatnonzero(sure & (shaded | (off < MOSTLY_FOREIGN)))[-1:].sum())
-        if paint.both_edges:
-            other &= (hue > MOSTLY_FOREIGN) | ~sure
-        other &= ~shaded
-        if line.end != "tip" and last and (paint.both_edges or shaded[last]):
-            other[last + 1 - RUN * shaded[last] :] = True
+    if not other[:away].all():
+        last = np.flatnonzero(sure & (shaded | (off < MOSTLY_FOREIGN)))[-1:]
+        other &= ((hue > MOSTLY_FOREIGN) | ~sure | (not paint.both_edges)) & ~shaded
+        if line.end != "tip" and len(last) and (paint.both_edges or shaded[last[0]]):
+            other[max(last[0] + 1 - RUN * shaded[last[0]], 0) :] = True
+    other[away:] = True
     doubt = HIDDEN_PART * width_px * np.clip((off - PARTLY_FOREIGN) / (FOREIGN - PARTLY_FOREIGN), 0.0, 1.0)
     doubtful = replace(
         line,
