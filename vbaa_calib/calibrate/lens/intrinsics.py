@@ -225,38 +225,36 @@ def _decided(
     warm: Mapping[str, Bundle],
     observations: Sequence[Observation],
     options: _Options,
+    folding: tuple[str, ...] = (),
 ) -> _Fit:
     """Lens model and outliers by turns, until neither changes.
 
-    A lens that "auto" chose, and that folds once it has converged, is compared again as one that folds.
+    A lens that "auto" chose, and that folds once it has converged, is compared again as one of those that fold.
     """
-    folding: tuple[str, ...] = ()
-    while True:
-        comparison: tuple[Candidate, ...] = ()
-        decided: tuple[str, int] | None = None
-        for _ in range(_ROUNDS):
-            good = inliers.of(observations)
-            now = (bundle.model.name, sum(len(view.pixels) for view in good))
-            if decided == now:
-                break
-            if options.model == "auto":
-                bundle, comparison = _choose_lens(good, options, warm, folding)
-            else:
-                bundle = _fit_lens(bundle.model, good, options, {bundle.model.name: bundle})
-            decided = (bundle.model.name, now[1])
-            whole = [observations[index] for index in inliers.views]
-            within, bundle = fit_without_outliers(bundle, whole, options.min_corners, inliers.masks)
-            inliers = Inliers(inliers.views[within.views], within.masks, within.weights)
-            warm = _posed(warm, within.views)
+    comparison: tuple[Candidate, ...] = ()
+    decided: tuple[str, int] | None = None
+    for _ in range(_ROUNDS):
         good = inliers.of(observations)
-        bundle = unfolded(bundle, good, options.image_size)
-        for _ in range(_ROUNDS):
-            # the prior is weighed by the noise that is left
-            bundle = polished(bundle.freed(options.square_pixels, options.prior), good)
-        sound = is_monotonic(bundle.model, bundle.intrinsics, options.image_size)
-        if sound or options.model != "auto" or bundle.model.name in folding:
+        now = (bundle.model.name, sum(len(view.pixels) for view in good))
+        if decided == now:
             break
-        folding = (*folding, bundle.model.name)
+        if options.model == "auto":
+            bundle, comparison = _choose_lens(good, options, warm, folding)
+        else:
+            bundle = _fit_lens(bundle.model, good, options, {bundle.model.name: bundle})
+        decided = (bundle.model.name, now[1])
+        whole = [observations[index] for index in inliers.views]
+        within, bundle = fit_without_outliers(bundle, whole, options.min_corners, inliers.masks)
+        inliers = Inliers(inliers.views[within.views], within.masks, within.weights)
+        warm = _posed(warm, within.views)
+    good = inliers.of(observations)
+    bundle = unfolded(bundle, good, options.image_size)
+    for _ in range(_ROUNDS):
+        # the prior is weighed by the noise that is left
+        bundle = polished(bundle.freed(options.square_pixels, options.prior), good)
+    name, sound = bundle.model.name, is_monotonic(bundle.model, bundle.intrinsics, options.image_size)
+    if not sound and options.model == "auto" and name not in folding:
+        return _decided(inliers, bundle, warm, observations, options, (*folding, name))
     known = information(bundle, good)
     if options.model != "auto" and known is not None:
         comparison = (assess(bundle, good, options.image_size, known)[0],)
