@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from pydantic import Field, Strict
@@ -12,8 +12,10 @@ from pydantic import Field, Strict
 from vbaa_calib.antenna.shape import PARAMETERS as ANTENNA_PARAMETERS
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.models import Number
-from vbaa_calib.detect.whisker.paint import Paint
 from vbaa_calib.geometry import Kinematics, Pose
+
+if TYPE_CHECKING:
+    from vbaa_calib.detect.whisker.paint import Paint
 
 POSE_PARAMETERS = (*(f"camera_about_{axis}_rad" for axis in "xyz"), *(f"camera_{axis}_m" for axis in "xyz"))
 RIG_PARAMETERS = (*POSE_PARAMETERS, *ANTENNA_PARAMETERS, "moment_gain", "moment_offset_Nm")
@@ -134,6 +136,8 @@ class AntennaImage:
     @property
     def paint(self) -> Paint:
         """What tells the antenna from its background."""
+        from vbaa_calib.detect.whisker.paint import Paint  # loads the finder
+
         return Paint(self.bright, self.weights_bgr, self.colour_bgr, self.both_edges)
 
 
