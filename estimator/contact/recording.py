@@ -27,9 +27,9 @@ from vbaa_calib.detect.whisker.antenna import (
 )
 from vbaa_calib.detect.whisker.background import Background, evened
 from vbaa_calib.detect.whisker.centreline import NOTHING, Centreline
-from vbaa_calib.detect.whisker.corridor import Corridor, most_of_antennas_shape
+from vbaa_calib.detect.whisker.corridor import Corridor, of_antennas_shape
 from vbaa_calib.detect.whisker.finder import AntennaFinder
-from vbaa_calib.detect.whisker.paint import without_other_things
+from vbaa_calib.detect.whisker.paint import usual_levels, without_other_things
 from vbaa_calib.detect.whisker.stretches import explained
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import Frame, Session, Still, read_centrelines
@@ -152,7 +152,9 @@ def _finder(rig: Rig, pull_m_s2: tuple[float, ...], paths_m_s2: tuple[float, ...
     clamp_px = float(np.hypot(CLAMP_PX, DRIFTED * np.linalg.norm(drifted)))
     where = replace(where, clamp_px=clamp_px, clamp_rad=CLAMP_RAD, shape_px=shape_px)
     found = finder(where, rig.camera, _tabled(rig, paths_m_s2))
-    return found if found is None or rig.image.height is None else found.with_usual_height(rig.image.height)
+    if found is None:
+        return None
+    return found.with_usual_height(rig.image.height or 0.0)
 
 
 def _corridor(rig: Rig, pull_m_s2: tuple[float, ...]) -> Corridor:
@@ -189,14 +191,16 @@ def detect_again(estimator: ContactEstimator, glances: Sequence[FirstDetection])
 def _along(rig: Rig, glance: FirstDetection, rough: RoughFit) -> Detection:
     seen_from = (rig.camera, rig.T_antenna_camera.inverse(), rough.points_m)
     guide, width = pixels(*seen_from), width_px(*seen_from, rig.antenna.diameter_m)
-    again = find_along(glance.image, guide, width, glance.bright)
+    if glance.bright is None and glance.looking is not None:
+        again = glance.looking.measured(glance.image, glance.looking.near(glance.image, guide), None)
+    else:
+        again = find_along(glance.image, guide, width, glance.bright)
     if glance.picture is not None:
-        again = rig.image.paint.between_edges(glance.image, again, width, guide)
         again = rig.image.paint.by_edges(glance.picture, again, guide, width)
         again = without_other_things(glance.picture, again, rig.image.looks, width, rig.image.paint)
     line = again if len(again.points_px) >= _SECOND_LOOK * len(glance.line.points_px) else glance.line
     if line is again and glance.looking is not None:
-        line = most_of_antennas_shape(again, glance.looking.corridor, False)
+        line = of_antennas_shape(again, glance.looking.corridor, glance.bright is None)
     # a line that is doubted on a closer look, though not on the first, makes no contact
     return Detection(line, measured(rig, glance.frame, line if line.found else NOTHING, start=rough.unknowns))
 
@@ -236,19 +240,27 @@ def first_look(
 ) -> FirstDetection:
     """The same at a picture (H, W[, 3]) of the rig's size that was read already."""
     rig = estimator.rig
-    bright, image = rig.image.bright, rig.image.paint.plane(picture)
+    paint = rig.image.paint
+    bright, image = paint.polarity, paint.plane(picture)
     if not math.isfinite(frame.pan_rad + frame.tilt_rad):
         return FirstDetection(frame, image, replace(NOTHING, reason=_NO_JOINTS), bright)
     looking = prepared(rig, frame)
     if looking is None:
         return FirstDetection(frame, image, NOTHING, bright)
+    if bright is None:
+        looking = replace(looking, levels=usual_levels(picture, looking.corridor.axis_px, rig.image.looks, paint))
     less = subtracted(looking, image, None if ground is None else ground(frame))
     if less is not None and less[1].found:
-        image, line, bright = *less, None
+        image, line, bright, looking = *less, None, unlit(looking)
     else:
-        line = explained(rig.image.paint.find(looking, picture, image), image, looking.corridor, bright)
-    line = without_other_things(picture, line, rig.image.looks, looking.corridor.width_px, rig.image.paint)
+        line = explained(paint.find(looking, picture, image), image, looking.corridor, bright)
+    line = without_other_things(picture, line, rig.image.looks, looking.corridor.width_px, paint)
     return FirstDetection(frame, image, line, bright, picture, looking)
+
+
+def unlit(looking: AntennaFinder) -> AntennaFinder:
+    """What looks for the antenna where its brightness is not what it usually is."""
+    return replace(looking, levels=looking.levels[:0])
 
 
 def subtracted(
@@ -259,7 +271,7 @@ def subtracted(
     behind = None if empty is None else empty.behind(image)
     if behind is None:
         return None
-    line = looking.find(image - behind, None)
+    line = unlit(looking).find(image - behind, None)
     return evened(image, behind, line, looking.corridor.width_px), line
 
 

@@ -16,6 +16,7 @@ from vbaa_calib.core.smooth import END_VALUE, median, running_mean
 
 from .centreline import Centreline, Verdict, Visibility
 from .crossings import Crossings, moved
+from .path_refinement import usual_level
 from .visible_end import VisibleEnd
 
 LEAST_SEEN, LEAST_SEEN_INSIDE = 0.3, 0.5
@@ -46,6 +47,10 @@ _LEAST_WHOLE = 0.65
 TRANSPARENT, NEARBY, VARIES = 0.5, 41, (0.25, 0.15)
 """Such a line that follows its background's brightness by so much, over what so many profiles have in common, is only
 that background; where both vary, by so much of the line's height."""
+USUAL, STRANGE, FAMILIAR, MORE_FAMILIAR = 2.0, 0.35, 0.7, 0.2
+"""Deviations within which a point is as bright as the antenna usually is; a line of which a smaller share of points is,
+is another thing; from which share on, and by how much more than on its flanks, it is the antenna, however bright its
+background."""
 _ALIKE_PROFILES = 15
 """So many neighbouring profiles lie before the same thing."""
 MOVED = 0.1
@@ -93,6 +98,7 @@ class _Look(NamedTuple):
     wander_px, snaking_rad : rms distance of its points from a curve of low order, and by how much that snakes.
     step, transparency : of one that changes along its length, how its background differs from side to side, over its
         height; and how far its brightness follows that of the background.
+    familiar : share of its points that are as bright as this antenna usually is, 1 where not known.
     """
 
     everywhere: np.ndarray
@@ -108,6 +114,7 @@ class _Look(NamedTuple):
     snaking_rad: float
     step: float
     transparency: float
+    familiar: float
 
 
 @kernel
@@ -145,6 +152,7 @@ def accepted(line: FittedLine, look: _Look, end: VisibleEnd) -> Centreline:
         end_px=end.end_px,
         end_std_px=end.std_px,
         end=end.end,
+        familiar=look.familiar,
     )
 
 
@@ -153,10 +161,11 @@ def best_of(lines: Sequence[Centreline], width_px: float, alike: float = OTHER_L
 
     It is ambiguous where of another so much is seen, over what is seen of the first.
     """
-    ranked = sorted(lines, key=lambda line: -line.seen)
+    ranked = sorted(lines, key=lambda line: -line.seen * line.familiar)
     best = ranked[0]
     for other in ranked[1:]:
-        if best.found and other.found and other.seen > alike * best.seen and _differ(best, other, width_px):
+        likely = other.seen * other.familiar > alike * best.seen * best.familiar
+        if best.found and other.found and likely and _differ(best, other, width_px):
             why = (
                 f"two lines could be the antenna: {100 * best.seen:.0f} and {100 * other.seen:.0f} % of its length seen"
             )
@@ -211,6 +220,8 @@ def _doubt(line: FittedLine, look: _Look) -> tuple[Verdict, str] | None:
         return "no_antenna", f"what could be the antenna hardly stands out from the noise ({share})"
     if changing and look.step > EDGE:
         return "no_antenna", f"what could be the antenna is the edge of something broader ({share})"
+    if look.familiar < STRANGE:
+        return "no_antenna", f"what could be the antenna is not as bright as it is in the no-load pictures ({share})"
     if changing and look.transparency > TRANSPARENT:
         return "no_antenna", f"what could be the antenna is as bright as what lies behind it all along ({share})"
     if look.wander_px > np.hypot(WANDER_PX, WANDER_SIGMA[changing] * look.spread_px) or look.snaking_rad > _SNAKING_RAD:
@@ -229,8 +240,8 @@ def _doubt(line: FittedLine, look: _Look) -> tuple[Verdict, str] | None:
 
 
 @kernel
-def look_of(found: Crossings, line: FittedLine) -> _Look:
-    """What a line that is kept somewhere looks like."""
+def look_of(found: Crossings, line: FittedLine, levels: np.ndarray) -> _Look:
+    """What a line that is kept somewhere looks like; levels : (L, 2) of the antenna, see `Known`."""
     kept, everywhere = line.kept, moved(found, line.centre)
     visibility = np.where(kept, _SEEN, np.where(found.inside, _HIDDEN, _OUTSIDE)).astype(np.uint8)
     n = len(kept) - 1
@@ -243,6 +254,8 @@ def look_of(found: Crossings, line: FittedLine) -> _Look:
         gap = 0 if kept[n] else gap + 1
         longest = max(longest, gap)
     wander, snaking = _wander(found.along[kept], everywhere[kept])
+    familiar, beside = _familiar(found, line, levels) if len(levels) else (1.0, 1.0)
+    known = familiar > FAMILIAR and familiar - beside > MORE_FAMILIAR
     return _Look(
         everywhere,
         moved(found, line.course),
@@ -256,8 +269,22 @@ def look_of(found: Crossings, line: FittedLine) -> _Look:
         wander,
         snaking,
         _step(found, kept) if line.changing else 0.0,
-        _transparency(found, line) if line.changing else 0.0,
+        _transparency(found, line) if line.changing and not known else 0.0,
+        familiar,
     )
+
+
+@kernel
+def _familiar(found: Crossings, line: FittedLine, levels: np.ndarray) -> tuple[float, float]:
+    """Shares of a line's points, and of their flanks, that are as bright as the antenna's levels (L, 2) say."""
+    own, beside, count = 0, 0, 0
+    for n in np.flatnonzero(line.kept):
+        usual, spread = usual_level(levels, found.along[n] / found.along[-1])
+        own += abs(found.profiles[n, np.abs(found.across[n] - line.centre[n]).argmin()] - usual) < USUAL * spread
+        for level in _flanks(found.profiles[n]):
+            beside += abs(level - usual) < USUAL * spread
+        count += 1
+    return own / count, 0.5 * beside / count
 
 
 @kernel

@@ -57,6 +57,7 @@ class Centreline:
         be the tip, but lies nearer than expected, or shows something else, such as a ball or a sheath; or "none".
     other_line_px : (R, 2) the other line where the verdict is "ambiguous", else empty.
     noise : standard deviation of a pixel beside the line, grey levels.
+    familiar : share of its points that are as bright as the antenna usually is there; 1 where that is not known.
     """
 
     points_px: np.ndarray
@@ -73,6 +74,7 @@ class Centreline:
     end: EndKind = "none"
     other_line_px: np.ndarray = field(default_factory=_no_points)
     noise: float = 0.0
+    familiar: float = 1.0
     effective_px: np.ndarray = field(default_factory=_no_numbers)
 
     @property
@@ -102,6 +104,13 @@ class Centreline:
             end=self.end if own[-1] else "hidden",
             end_px=self.end_px if own[-1] or not own.any() else self.points_px[own][-1],
             end_std_px=self.end_std_px if own[-1] else np.nan,
+        )
+
+    def doubted(self, doubt_px: np.ndarray | float) -> Centreline:
+        """The same centreline with deviations that are larger by so much, (N,) or alike, which all its points share."""
+        shared = doubt_px * np.sqrt(np.count_nonzero(doubt_px * np.ones(len(self.points_px))))
+        return replace(
+            self, sigma_px=np.hypot(self.sigma_px, doubt_px), effective_px=np.hypot(self.effective_px, shared)
         )
 
     def with_verdict(self, verdict: Verdict, reason: str, other_line_px: np.ndarray | None = None) -> Centreline:

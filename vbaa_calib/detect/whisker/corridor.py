@@ -13,7 +13,7 @@ from vbaa_calib.core.compiled import kernel
 from vbaa_calib.core.polyline import arc_lengths, beside, resample
 from vbaa_calib.core.smooth import median, solve
 
-from .centreline import Centreline, Visibility
+from .centreline import Centreline
 
 CLAMP_REACH_PX, CLAMP_TURN_RAD = 8.0, 0.12
 """How far off the clamp itself may be, and three deviations of its direction on a rig that is not calibrated."""
@@ -29,9 +29,14 @@ DEPTH_RAD, LEAST_DAMPING = 3.0, 1e-3
 bend is at home nothing shows."""
 SHAPE_RANK, WELL_SHAPED = 0.3, 0.05
 """So much less a line may be seen that has a shape of one unit of misfit less; a misfit that is not made better."""
-CUT, CUT_SEEN = ((0.12, 1.0), (0.25, 1.0), (0.0, 0.85), (0.0, 0.7)), 0.5
-"""Parts of a line, from share to share of its guide, that may have the antenna's shape where the whole has not; and how
-much of the antenna they must show."""
+WELL_FITTING, MUCH_SEEN = 0.15, 0.7
+"""Most misfit of a line that may be of either polarity, of which less than that is seen."""
+USUAL_MISFIT, SHAPE_DOUBT = 0.08, 4.0
+"""Most that lines have which lie on the antenna all along; and by how much, over what is allowed of shape, others are
+less sure for every unit, a square root, more."""
+ASIDE_RAD, STRAY_PX = 0.05, (4.0, 2.0, 1.0)
+"""Deviation of the bend towards the camera of the shape that is nearest to some points, which shows how long it is; and
+distances at which one counts half as much, one round each."""
 FROM_CLAMP, BENDS_MORE = 0.35, 0.15
 """Part of the length over which a line's direction at the clamp is measured, by a parabola; what a contact within that
 part may falsify it by, over the turn there."""
@@ -86,7 +91,29 @@ class FreeShape:
         focal_px = 0.5 * float(self.camera.matrix[0, 0] + self.camera.matrix[1, 1])
         clamp = np.array([allowed[1] * self.clamp_m[2] / focal_px, allowed[2]])
         variance = (variance[valid] + allowed[0] ** 2) / focal_px**2
-        return float(_misfit(self.clamp_m, self.axes, self.segments_m, seen[valid], variance, clamp, enough))
+        known = np.array([*clamp, DEPTH_RAD])
+        return _misfit(self.clamp_m, self.axes, self.segments_m, seen[valid], variance, known, enough)[0]
+
+    def nearest(
+        self, points_px: np.ndarray, sigma_px: np.ndarray, allowed: tuple[float, float, float]
+    ) -> np.ndarray:
+        """`Corridor.nearest`, where so much is allowed of shape (px), clamp (px) and its turn (rad)."""
+        means, variance, seen, valid = _seen(self.lens, points_px, sigma_px)
+        if self.lens.tilted:
+            seen, valid = self.camera.unproject_normalized(means)
+        if np.count_nonzero(valid) < LEAST_SHAPE_POINTS:
+            return np.empty((0, 2))
+        focal_px = 0.5 * float(self.camera.matrix[0, 0] + self.camera.matrix[1, 1])
+        known = np.array([0.5 * allowed[1] * self.clamp_m[2] / focal_px, 0.5 * allowed[2], ASIDE_RAD])
+        seen, variance = seen[valid], (variance[valid] + allowed[0] ** 2) / focal_px**2
+        curve, moved, weight = np.empty((SHAPE_SEGMENTS + 1, 2)), np.zeros((SHAPE_SEGMENTS + 1, _UNKNOWNS, 2)), 1.0
+        for scale in STRAY_PX:
+            _, shape = _misfit(self.clamp_m, self.axes, self.segments_m, seen, variance * weight, known, 0.0)
+            _bent(self.clamp_m, self.axes, self.segments_m, shape, curve, moved)
+            aside = beside(resample(focal_px * curve, 1.0)[0], focal_px * seen)[1]
+            weight = 1.0 + (aside / scale) ** 2
+        pixels, shown = self.camera.project(np.column_stack([curve, np.ones(len(curve))]))
+        return pixels[shown]
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,6 +156,13 @@ class Corridor:
         assert self.free is not None
         return self.free.misfit(points_px, sigma_px, (self.shape_px, self.clamp_px, self.clamp_rad), enough)
 
+    def nearest(self, points_px: np.ndarray, sigma_px: np.ndarray) -> np.ndarray:
+        """(K, 2) the shape that the antenna can take, bent aside in the picture, that is nearest to points (N, 2) of
+        deviations (N,), of which some may be another thing's; (0, 2) where these are too few."""
+        assert self.shape_px is not None
+        assert self.free is not None
+        return self.free.nearest(points_px, sigma_px, (self.shape_px, self.clamp_px, self.clamp_rad))
+
 
 def _reject_beside_clamp(line: Centreline, where: Corridor) -> Centreline:
     """The centreline, with another verdict where it does not leave the clamp along the free antenna.
@@ -152,32 +186,20 @@ def _reject_beside_clamp(line: Centreline, where: Corridor) -> Centreline:
     return line
 
 
-def most_of_antennas_shape(line: Centreline, where: Corridor, changing: bool) -> Centreline:
-    """The centreline, or most of it, with another verdict where it is none that the antenna can take.
+def of_antennas_shape(line: Centreline, where: Corridor, changing: bool) -> Centreline:
+    """The centreline, with another verdict where it is none that the antenna can take.
 
     On a calibrated rig a line must be the free antenna bent by a force: a cable bends elsewhere than at the clamp, and
-    a line that goes over to an object's edge has a kink. Where another thing draws its beginning or end away, the rest
-    may have the shape. A line that may be of either polarity (`changing`) has geometry alone to tell it from others.
+    a line that goes over to an object's edge has a kink. A line that may be of either polarity (`changing`) has geometry
+    alone to tell it from others: it must leave the clamp as the antenna does, too, and fit well if little of it is seen.
     """
-    whole = _antennas_shape(line, where, changing)
-    if whole.found or not line.found or where.shape_px is None:
-        return whole
-    along = arc_lengths(line.guide_px)
-    share = along[line.visibility == Visibility.SEEN] / max(along[-1], 1e-9)
-    for first, last in CUT:
-        own = (share >= first) & (share <= last)
-        # what is left must still come from the clamp
-        if own.mean() * line.seen >= CUT_SEEN and np.count_nonzero(share[own] < FROM_CLAMP) >= LEAST_SHAPE_POINTS:
-            part = _antennas_shape(line.only(own), where, changing)
-            if part.found:
-                return part
-    return whole
-
-
-def _antennas_shape(line: Centreline, where: Corridor, changing: bool) -> Centreline:
     line = _reject_beside_clamp(line, where) if changing else line
-    if not line.found or where.shape_px is None or where.misfit(line.points_px, line.sigma_px) <= 1.0:
+    if where.shape_px is None or not line.found:
         return line
+    misfit = where.misfit(line.points_px, line.sigma_px, USUAL_MISFIT)
+    if misfit <= (WELL_FITTING if changing and line.seen < MUCH_SEEN else 1.0):
+        doubt = SHAPE_DOUBT * where.shape_px * np.sqrt(max(misfit - USUAL_MISFIT, 0.0))
+        return line.doubted(doubt) if doubt else line
     return line.with_verdict(
         "no_antenna",
         "what could be the antenna is not its free shape bent by a force (an object's edge, a cable; or the rig has "
@@ -192,7 +214,10 @@ def better_shaped(line: Centreline, other: Centreline, where: Corridor) -> Centr
     """
     if not other.found or not line.found:
         return line if line.found else other
-    rank = [one.seen - SHAPE_RANK * where.misfit(one.points_px, one.sigma_px, WELL_SHAPED) for one in (line, other)]
+    rank = [
+        one.seen * one.familiar - SHAPE_RANK * where.misfit(one.points_px, one.sigma_px, WELL_SHAPED)
+        for one in (line, other)
+    ]
     return line if rank[0] >= rank[1] else other
 
 
@@ -203,18 +228,19 @@ def _misfit(
     segments: np.ndarray,
     seen: np.ndarray,
     variance: np.ndarray,
-    clamp: np.ndarray,
+    known: np.ndarray,
     enough: float,
-) -> float:
-    """The least `Corridor.misfit` of all shapes; the first that is `enough` or less.
+) -> tuple[float, np.ndarray]:
+    """The least `Corridor.misfit` of all shapes, and its unknowns (5,); the first that is `enough` or less.
 
-    seen : (N, 2) ideal normalized points, variance : (N,) of each. clamp : by how much (m, rad) the antenna may leave
-    it aside and turned.
+    seen : (N, 2) ideal normalized points, variance : (N,) of each. known : (3,) by how much (m, rad) the antenna may
+    leave its clamp aside and turned; deviation of its bend towards the camera.
     """
     curve, moved = np.empty((SHAPE_SEGMENTS + 1, 2)), np.zeros((SHAPE_SEGMENTS + 1, _UNKNOWNS, 2))
     normal, matrix = np.empty((_UNKNOWNS, _UNKNOWNS)), np.empty((_UNKNOWNS, _UNKNOWNS))
     gradient, move, trial = np.empty(_UNKNOWNS), np.empty((_UNKNOWNS, 1)), np.empty(_UNKNOWNS)
-    prior, least = np.array([clamp[0] ** -2.0, clamp[1] ** -2.0, 0.0, DEPTH_RAD**-2.0, 0.0]), np.inf
+    prior, least = np.array([known[0] ** -2.0, known[1] ** -2.0, 0.0, known[2] ** -2.0, 0.0]), np.inf
+    nearest = np.zeros(_UNKNOWNS)
     for place, towards in STARTS:
         # offset and turn at the clamp, bend in the picture and towards the camera, logarithm of the force's place
         trial[:] = 0.0
@@ -223,9 +249,11 @@ def _misfit(
         for _ in range(SHAPE_STEPS + 1):
             _bent(clamp_m, axes, segments, trial, curve, moved)
             off = _off(seen, variance, curve, moved, matrix, move[:, 0])
-            least = min(least, off + prior[0] * trial[0] ** 2 + prior[1] * trial[1] ** 2)
+            misfit = off + prior[0] * trial[0] ** 2 + prior[1] * trial[1] ** 2
+            if misfit < least:
+                least, nearest[:] = misfit, trial
             if least <= enough:
-                return least
+                return least, nearest
             total = off + (prior * trial**2).sum()
             if CONVERGED * best < total < best:
                 break
@@ -240,7 +268,7 @@ def _misfit(
             solve(matrix, move)
             for a in range(_UNKNOWNS):
                 trial[a] = unknowns[a] + min(max(move[a, 0], -0.5), 0.5)
-    return least
+    return least, nearest
 
 
 @kernel
@@ -320,8 +348,8 @@ def _bent(
 def _off(
     seen: np.ndarray, variance: np.ndarray, curve: np.ndarray, moved: np.ndarray, matrix: np.ndarray, side: np.ndarray
 ) -> float:
-    """Mean square of the distances of points (N, 2) from a curve over their variances (N,); writes the normal equations
-    of what moves the curve (5, 5), of which the lower half, and (5,)."""
+    """Mean square of the distances of points (N, 2) from a curve over their variances (N,), beyond its end from that;
+    writes the normal equations of what moves the curve (5, 5), of which the lower half, and (5,)."""
     matrix[:], side[:] = 0.0, 0.0
     total, k, row = 0.0, 0, np.empty(_UNKNOWNS)
     for i in range(len(seen)):
@@ -334,13 +362,14 @@ def _off(
                 break
             k += 1
         size, weight = np.sqrt(square), 1.0 / (variance[i] * len(seen))
-        off = (y * u - x * v) / size
-        total += weight * off**2
-        for a in range(_UNKNOWNS):
-            across, aside = moved[k, a, 0], moved[k, a, 1]
-            across, aside = across + part * (moved[k + 1, a, 0] - across), aside + part * (moved[k + 1, a, 1] - aside)
-            row[a] = (aside * u - across * v) / size
-            side[a] += weight * row[a] * off
-            for b in range(a + 1):
-                matrix[a, b] += weight * row[a] * row[b]
+        for along in range(1 + (part > 1.0)):
+            off = (part - 1.0) * size if along else (y * u - x * v) / size
+            total += weight * off**2
+            for a in range(_UNKNOWNS):
+                over, aside = moved[k, a, 0], moved[k, a, 1]
+                over, aside = over + part * (moved[k + 1, a, 0] - over), aside + part * (moved[k + 1, a, 1] - aside)
+                row[a] = (over * u + aside * v) / size if along else (aside * u - over * v) / size
+                side[a] += weight * row[a] * off
+                for b in range(a + 1):
+                    matrix[a, b] += weight * row[a] * row[b]
     return total

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
@@ -12,9 +12,9 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.polyline import arc_lengths, normals, resample
 
 from .acceptance import OTHER_LINE_SEEN, best_of, reject_faint
-from .centreline import Centreline
-from .corridor import Corridor, better_shaped, most_of_antennas_shape
-from .path_refinement import RefinedPath, refine_path
+from .centreline import NOTHING, Centreline
+from .corridor import Corridor, better_shaped, of_antennas_shape
+from .path_refinement import Known, RefinedPath, refine_path
 from .profile import measure_on
 
 _OTHER_PATH_SHARE = 0.75
@@ -24,6 +24,8 @@ BLURRED_PX = 8.0
 CHANGING_PATHS, CHANGING_SHARE, CHANGING_OTHER = 4, 0.5, 0.85
 """The same where the polarity changes along the antenna: number of paths, share of the best score; and the share of the
 first line's visible length from which a second line makes the picture ambiguous."""
+CLEAREST = 3
+"""So many of these are measured where it is known how bright the antenna is."""
 _APART = 0.4
 """Fraction of their length over which two paths must differ to be two."""
 SAMPLES = 72
@@ -51,6 +53,7 @@ class AntennaFinder:
     index : (P, S) place of every sample in the flat response.
     weight : (P,) what a path's sum is divided by: how many of its samples are in the picture, but not too few.
     usual_height : of the antenna's line over its background in this rig's pictures, grey levels; 0 where not known.
+    levels : (L, 2) how bright it usually is, see `Known`; (0, 2) where not known.
     """
 
     corridor: Corridor
@@ -63,6 +66,7 @@ class AntennaFinder:
     index: np.ndarray
     weight: np.ndarray
     usual_height: float = 0.0
+    levels: np.ndarray = field(default_factory=lambda: Known().levels)
 
     @staticmethod
     def prepare(corridor: Corridor, image_size: tuple[int, int]) -> AntennaFinder:
@@ -120,24 +124,52 @@ class AntennaFinder:
         """A rough path (K, 2) moved onto the antenna."""
         reach = 1.2 * self.spacing_px + 0.5 * self.corridor.width_px + 4.0
         width = self.corridor.width_px + blurred_px
-        return refine_path(image, rough, width, reach, bright, self.corridor.clamp_px)
+        return refine_path(image, rough, width, reach, bright, self._known())
+
+    def _known(self) -> Known:
+        return Known(self.corridor.clamp_px, self.levels, self.corridor.shape_px is not None)
+
+    def near(self, image: np.ndarray, guide_px: np.ndarray) -> np.ndarray:
+        width = self.corridor.width_px
+        return refine_path(image, guide_px, width, width + 2.0, None, self._known()).path_px
+
+    def measured(
+        self, image: np.ndarray, path_px: np.ndarray, bright: bool | None, blurred_px: float = 0.0
+    ) -> Centreline:
+        """The line along a path (K, 2) near the antenna.
+
+        Where the polarity changes, on a rig that is calibrated, the shape that the antenna can take near the path is
+        gone along: a path is drawn aside by what lies near the antenna.
+        """
+        where, width = self.corridor, self.corridor.width_px
+        if bright is not None or where.shape_px is None:
+            return measure_on(image, path_px, width, bright, blurred_px, self._known())
+        line, points, sigma = NOTHING, path_px, np.ones(len(path_px))
+        for _ in range(2):
+            along = where.nearest(points, sigma)
+            if not len(along):
+                break
+            line = better_shaped(line, measure_on(image, along, width, None, blurred_px, self._known()), where)
+            points, sigma = line.points_px, line.sigma_px
+        return line
 
     def _look(self, image: np.ndarray, bright: bool | None, blurred_px: float) -> Centreline:
-        width = self.corridor.width_px
-
-        def measured(path_px: np.ndarray) -> Centreline:
-            line = measure_on(image, path_px, width, bright, blurred_px)
-            return most_of_antennas_shape(line, self.corridor, bright is None)
-
+        paths = [self.path(image, rough, bright, blurred_px) for rough in self.candidates(image, bright, blurred_px)]
+        if len(self.levels) and bright is None:
+            paths = sorted(paths, key=lambda path: -path.clear)[:CLEAREST]
         lines = []
-        for rough in self.candidates(image, bright, blurred_px):
-            path = self.path(image, rough, bright, blurred_px)
-            line = measured(path.path_px)
-            if len(path.other_px) and self.corridor.shape_px is not None:
-                line = better_shaped(line, measured(path.other_px), self.corridor)
+        for path in paths:
+            line, *other = (
+                of_antennas_shape(self.measured(image, each, bright, blurred_px), self.corridor, bright is None)
+                for each in (path.path_px, path.other_px)
+                if len(each)
+            )
+            if other and self.corridor.shape_px is not None:
+                line = better_shaped(line, other[0], self.corridor)
             lines.append(line)
         alike = OTHER_LINE_SEEN if bright is not None else CHANGING_OTHER
-        return reject_faint(best_of(lines, width, alike), self.usual_height)
+        line = best_of(lines, self.corridor.width_px, alike)
+        return reject_faint(line, self.usual_height)
 
 
 def sampled_axis(corridor: Corridor) -> tuple[np.ndarray, float]:

@@ -13,7 +13,7 @@ from scipy.linalg import eigh
 
 from vbaa_calib.core import smooth
 from vbaa_calib.core.compiled import kernel
-from vbaa_calib.core.polyline import arc_lengths, beside
+from vbaa_calib.core.polyline import arc_lengths, beside, resample
 from vbaa_calib.core.robust import MAD_SCALE
 
 from .acceptance import LEAST_SEEN
@@ -40,15 +40,20 @@ COLOUR_PULLED = 0.05
 PULLED_ASIDE, LESS_SEEN = 0.018, 0.05
 """By which part of its width a line must lie off the middle between its edges, in free pictures, to be measured by
 these; and what less of it may be seen then."""
-SHADE, SHADED_UNSURE, TINT = (0.33, 1.15), 0.18, (0.9, 2.0)
+SHADE, SHADED_UNSURE, TINT = (0.33, 1.15), 0.3, (0.9, 2.0)
 """Limits of its brightness, over that in the light, where an antenna may lie in a shadow; part of its width to
 which it must be known where it lies there, or else it may be the edge of that; and a quantile of how far its hue is off
 in the light, and how many times that it may be off in a shadow."""
-HIDDEN_PART, AWAY = 0.2, 0.25
+HIDDEN_PART, AWAY = 0.12, 0.25
 """Part of its width by which a line may lie off where it shows something else in part; and part of its length for which
 one of changing polarity lies on another thing and does not come back."""
 ROOT, LIGHT = 0.4, (0.6, 1.7)
 """Share of the line, from the clamp, that tells how brightly it is lit; limits of that factor."""
+BEGINNING, KNOWN_LIGHT = (0.015, 0.1), (0.4, 2.5)
+"""Shares of its length between which a free and a bent antenna lie in one place, and tell how brightly it is lit before
+it is found; limits of that factor."""
+LAMP = 0.15
+_GREY_BGR = (0.114, 0.587, 0.299)
 
 
 @dataclass(frozen=True)
@@ -69,6 +74,11 @@ class Paint:
     colour: tuple[float, float, float] | None = None
     both_edges: bool = False
 
+    @property
+    def polarity(self) -> bool | None:
+        """`bright`, but None where the line is measured by both of its edges, which may be of either polarity."""
+        return None if self.both_edges else self.bright
+
     def plane(self, image: np.ndarray) -> np.ndarray:
         """(H, W) of a grey (H, W) or colour (H, W, 3 or 4) picture: blue, green, red, any depth."""
         if image.ndim == 2:
@@ -85,23 +95,15 @@ class Paint:
         """The centreline in a grey or colour picture, whose `plane` may be known; by both of its edges, here brighter,
         there darker, where an antenna is not found by its own colour."""
         plane = self.plane(image) if plane is None else plane
-        line = finder.find(plane, self.bright)
-        if line.found or self.colour is None:
-            return self.between_edges(plane, line, finder.corridor.width_px)
-        by_edges = finder.with_usual_height(0.0).find(Paint(None).plane(image), None)
-        return by_edges if by_edges.verdict in _SHOWN else line
-
-    def between_edges(
-        self, plane: np.ndarray, line: Centreline, width_px: float, guide_px: np.ndarray | None = None
-    ) -> Centreline:
-        """A centreline found on a plane, along it or near a guide (K, 2) measured again between its edges, where this
-        paint says so and as much is seen then."""
-        if not self.both_edges or not line.found:
+        calibrated = finder.corridor.shape_px is not None
+        line = finder.find(plane, self.polarity if calibrated else self.bright)
+        if not line.found and self.colour is not None:
+            unlit = replace(finder, usual_height=0.0, levels=finder.levels[:0])
+            by_edges = unlit.find(Paint(None).plane(image), None)
+            return by_edges if by_edges.verdict in _SHOWN else line
+        if not line.found or not self.both_edges or calibrated:
             return line
-        if guide_px is None:
-            between = measure_on(plane, line.guide_px, width_px, None)
-        else:
-            between = measure(plane, guide_px, width_px, None)
+        between = measure_on(plane, line.guide_px, finder.corridor.width_px, None)
         return between if between.found and between.seen > line.seen - LESS_SEEN else line
 
     def by_edges(self, image: np.ndarray, line: Centreline, guide_px: np.ndarray, width_px: float) -> Centreline:
@@ -285,6 +287,30 @@ def usual_looks(several: Sequence[np.ndarray]) -> Looks | None:
     least = np.hypot(LEAST_SPREAD[0] * np.linalg.norm(usual, axis=1), LEAST_SPREAD[1])
     spread = np.hypot(MAD_SCALE * np.nanmedian(apart, axis=0), least)
     return cast(Looks, tuple(map(tuple, np.column_stack([usual, spread]).tolist())))
+
+
+def usual_levels(image: np.ndarray, axis_px: np.ndarray, looks: Looks | None, paint: Paint) -> np.ndarray:
+    """(PLACES, 2) how bright the antenna usually is on the plane of its paint, and the deviation of that, in the light
+    of a picture (H, W[, 3]) in which it would lie at `axis_px` (K, 2) if it were free; (0, 2) where that is not known.
+    """
+    table, coloured = (np.empty((0, 4)), False) if looks is None else _table(looks)
+    if not len(table) or (image.ndim == 2 and coloured):
+        return np.empty((0, 2))
+    axis, along = resample(axis_px, 1.0)
+    share = along / along[-1]
+    first = (share > BEGINNING[0]) & (share < BEGINNING[1])
+    pixels, level = _levels(image)
+    places = (np.arange(PLACES) + 0.5) / PLACES
+    usual = np.stack([np.interp(share[first], places, table[:, c]) for c in range(3)], axis=1)
+    colours = _colours(pixels, level, axis[first])
+    light = float(np.median((colours * usual).sum(axis=1) / np.maximum((usual**2).sum(axis=1), 1e-9)))
+    unsure = float(np.median(np.interp(share[first], places, table[:, 3]) / np.linalg.norm(usual, axis=1)))
+    light = light ** (LAMP**2 / (LAMP**2 + unsure**2))
+    if not KNOWN_LIGHT[0] < light < KNOWN_LIGHT[1]:
+        return np.empty((0, 2))
+    weight = 1.0 if paint.colour is not None else float(np.linalg.norm(paint.weights or _GREY_BGR))
+    looks_now = (level * light * table).astype(np.float32)
+    return np.column_stack([paint.plane(looks_now[:, None, :3]).ravel(), weight * looks_now[:, 3]]).astype(np.float64)
 
 
 def without_other_things(

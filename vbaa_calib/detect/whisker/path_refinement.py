@@ -23,12 +23,32 @@ more."""
 
 _GIVEN_UP = 12
 """After so many points each, a curve is given up that the rest cannot make the clearest."""
+LEAST_ALIKE, ALIKE, RIDGE_PART = 0.1, 2.0, 0.5
+"""Where it is known how bright the antenna is: what a ridge of another brightness counts, deviations at which the
+brightness counts a quarter, and what a ridge counts over what is as bright as the antenna and lies between other
+things."""
 BRANCH_SHARE, BRANCH_PX, BRANCH_AFTER, BRANCH_POINTS = 0.7, 2.0, 20, 8
 """Another curve is followed, too, if it is this part as clear and lies more than a width and so many px off the
 clearest in so many of the points after the first ones."""
 FAINT_COLUMNS, EDGE_COST, PEAK_ROWS = 7, 0.3, 7
 """Columns that are looked at together, what part of the square of an edge's height is no line's, and the rows of which
 only the highest counts, where the polarity changes."""
+
+
+class Known(NamedTuple):
+    """What is known of an antenna that is looked for along a path.
+
+    Attributes
+    ----------
+    clamp_px : how far off the path it may begin.
+    levels : (L, 2) its usual brightness at places from clamp to tip and the deviation of that, grey levels; (0, 2)
+        where not known.
+    leaves_along : whether it leaves its clamp along the path: on a rig that is calibrated.
+    """
+
+    clamp_px: float = CLAMP_PX
+    levels: np.ndarray = np.empty((0, 2))
+    leaves_along: bool = False
 
 
 class RefinedPath(NamedTuple):
@@ -40,12 +60,14 @@ class RefinedPath(NamedTuple):
     share : fraction of the path along which there is a ridge.
     strength : median height of the ridge where there is one, grey levels.
     other_px : (K, 2) another path, nearly as clear, that leaves this one; (0, 2) where there is none.
+    clear : how clearly the antenna shows along it, where the polarity changes.
     """
 
     path_px: np.ndarray
     share: float
     strength: float
     other_px: np.ndarray
+    clear: float
 
 
 class _Columns(NamedTuple):
@@ -75,9 +97,9 @@ def refine_path(
     width_px: float,
     reach_px: float,
     bright: bool | None,
-    clamp_px: float = CLAMP_PX,
+    known: Known = Known(),
 ) -> RefinedPath:
-    """Move a path (K, 2) by up to `reach_px` across itself onto the antenna, which may begin `clamp_px` off it.
+    """Move a path (K, 2) by up to `reach_px` across itself onto the antenna.
 
     Two rounds: over the whole reach with a stiff curve, then near that curve with a supple one.
     """
@@ -85,7 +107,8 @@ def refine_path(
     across = _columns(np.ascontiguousarray(path_px, np.float64), width_px, reach_px)
     strip = _sampled(np.ascontiguousarray(image), across)
     if bright is None:
-        return _refined_changing(strip, across, width_px, _tried(across.reach, min(clamp_px, CLAMP_PX)))
+        tried = _tried(across.reach, min(known.clamp_px, CLAMP_PX), known.leaves_along)
+        return _refined_changing(strip, across, width_px, tried, known.levels)
     return _refined(strip if bright else -strip, across, width_px, reach_px)
 
 
@@ -135,12 +158,15 @@ def _refined(strip: np.ndarray, across: _Columns, width_px: float, reach_px: flo
     clarity = _clarity(ridge)
     stiff, scale = _smoothed(clarity, across, (0.7 * reach_px, 3.0, 2.0), 6)
     path, share, strength = _near(ridge, clarity, across, stiff, scale, width_px)
-    return RefinedPath(path, share, strength, np.empty((0, 2)))
+    return RefinedPath(path, share, strength, np.empty((0, 2)), 0.0)
 
 
 @kernel
-def _refined_changing(strip: np.ndarray, across: _Columns, width_px: float, tried: _Curves) -> RefinedPath:
-    """The same along what differs from its flanks, be it here brighter, there darker, or with a highlight at its side.
+def _refined_changing(
+    strip: np.ndarray, across: _Columns, width_px: float, tried: _Curves, levels: np.ndarray
+) -> RefinedPath:
+    """The same along what differs from its flanks, be it here brighter, there darker, or with a highlight at its side;
+    or along what is as bright as the antenna, levels (L, 2), between other things.
 
     A ridge counts less by how much the flanks differ from each other, as they do at an edge.
     """
@@ -158,6 +184,8 @@ def _refined_changing(strip: np.ndarray, across: _Columns, width_px: float, trie
         ridge[k] = np.sqrt(np.maximum(power, 0.0))
     # power within a width is as high beside the middle: only the peak counts
     clarity = _clarity(ridge) * (ridge / np.maximum(_highest(ridge, PEAK_ROWS), 1e-9)) ** 4
+    if len(levels):
+        clarity = _as_bright(strip, across, width_px, levels, clarity)
     stiff, other = _clearest_curves(clarity, tried, width_px + BRANCH_PX)
     clearest = np.empty(len(clarity))
     for k in range(len(clarity)):
@@ -165,7 +193,37 @@ def _refined_changing(strip: np.ndarray, across: _Columns, width_px: float, trie
     scale = quantile(clearest, 0.75)
     path, share, strength = _near(ridge, clarity, across, stiff, scale, width_px)
     branch = _near(ridge, clarity, across, other, scale, width_px)[0] if len(other) else np.empty((0, 2))
-    return RefinedPath(path, share, strength, branch)
+    clear = 0.0
+    for k in range(len(clarity)):
+        row = min(max(int(np.rint(stiff[k])) + across.reach, 1), 2 * across.reach - 1)
+        clear += clarity[k, row - 1 : row + 2].max() / len(clarity)
+    return RefinedPath(path, share, strength, branch, clear)
+
+
+@kernel
+def _as_bright(
+    strip: np.ndarray, across: _Columns, width_px: float, levels: np.ndarray, clarity: np.ndarray
+) -> np.ndarray:
+    """(K, R) how clearly the antenna shows in a strip (K, R + 2F) whose ridges are as clear as this (K, R): as bright as
+    its levels (L, 2) say, between flanks that are not; or else a ridge."""
+    clearer, flank = np.empty(clarity.shape), across.flank
+    for k in range(len(strip)):
+        usual, spread = usual_level(levels, across.along[k] / max(across.along[-1], 1e-6))
+        off = running_mean((strip[k] - usual) ** 2, _core(width_px), END_VALUE) / (ALIKE * spread) ** 2
+        alike = 1.0 / (1.0 + off) ** 2
+        own, flanks = alike[flank:-flank], 0.5 * (alike[: -2 * flank] + alike[2 * flank :])
+        clearer[k] = np.maximum(own - flanks, 0.0) + RIDGE_PART * (LEAST_ALIKE + own) * clarity[k]
+    return clearer
+
+
+@kernel
+def usual_level(levels: np.ndarray, share: float) -> tuple[float, float]:
+    """The usual brightness of an antenna and its deviation, levels (L, 2), so far from clamp to tip."""
+    at = min(max(share * len(levels) - 0.5, 0.0), len(levels) - 1.0)
+    near = min(int(at), len(levels) - 2)
+    part = at - near
+    usual = levels[near, 0] * (1.0 - part) + levels[near + 1, 0] * part
+    return usual, levels[near, 1] * (1.0 - part) + levels[near + 1, 1] * part
 
 
 @kernel
@@ -222,18 +280,21 @@ def _clarity(ridge: np.ndarray) -> np.ndarray:
 
 
 @lru_cache(maxsize=8)
-def _tried(reach: int, clamp_px: float) -> _Curves:
-    """The curves that are tried within ±`reach` px, and ±`clamp_px` at the clamp."""
-    curves, bent = _curves(float(reach), clamp_px)
-    finer = 0.5 * _curves(2.0 * CURVE_STEP_PX, 2.0 * CURVE_STEP_PX)[0]
+def _tried(reach: int, clamp_px: float, leaves_along: bool) -> _Curves:
+    """The curves that are tried within ±`reach` px, and ±`clamp_px` at the clamp, which they may leave along zero."""
+    curves, bent = _curves(float(reach), clamp_px, leaves_along)
+    finer = 0.5 * _curves(2.0 * CURVE_STEP_PX, 2.0 * CURVE_STEP_PX, leaves_along)[0]
     return _Curves(curves, np.rint(curves + reach).astype(np.int16), bent, finer)
 
 
-def _curves(reach_px: float, clamp_px: float) -> tuple[np.ndarray, np.ndarray]:
+def _curves(reach_px: float, clamp_px: float, leaves_along: bool) -> tuple[np.ndarray, np.ndarray]:
     """(C, CURVE_POINTS) smooth curves within ±`reach_px`, and ±`clamp_px` at the clamp; how bent each (C,) is."""
     share = np.linspace(0.0, 1.0, CURVE_POINTS)
     bow = 4.0 * share * (1.0 - share)
     parts = np.stack([1.0 - share, share, bow, 2.6 * bow * (1.0 - 2.0 * share)])
+    if leaves_along:
+        bow = 1.7 * bow * share
+        parts[1:] = share**2, bow, 1.5 * bow * (1.0 - 1.6 * share)
     reaches = np.array([min(clamp_px, reach_px), reach_px, 0.5 * reach_px, 0.25 * reach_px])
     steps = [CURVE_STEP_PX * np.arange(-(far // CURVE_STEP_PX), far // CURVE_STEP_PX + 1) for far in reaches]
     places = np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1).reshape(-1, len(parts))

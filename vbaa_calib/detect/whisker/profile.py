@@ -33,7 +33,7 @@ from .line_shape import (
     shapes,
     shown,
 )
-from .path_refinement import refine_path
+from .path_refinement import Known, refine_path
 from .reflectance import learn_reflectance, mean_shape, stiffened
 from .visible_end import Look, visible_end
 
@@ -62,6 +62,7 @@ FAINTER = 0.7
 """Where less than this part of the usual height is left, the same highlight, if it is clear, pulls the line more."""
 _END_PROFILES = 40
 """The antenna's look at its visible end is that of so many profiles before it."""
+OTHERS = (0.4, 0.12)
 EDGE_RUN, EDGE_NOTICED, SHARED_RUN = 21, 3.0, 100
 """An object's edge beside the antenna draws about so many neighbouring points aside alike: what a step of the
 background behind the line would move them by, on average, is doubt where it exceeds so many of its own deviations.
@@ -105,7 +106,12 @@ def measure(image: np.ndarray, guide_px: np.ndarray, width_px: float, bright: bo
 
 
 def measure_on(
-    image: np.ndarray, path_px: np.ndarray, width_px: float, bright: bool | None, blurred_px: float = 0.0
+    image: np.ndarray,
+    path_px: np.ndarray,
+    width_px: float,
+    bright: bool | None,
+    blurred_px: float = 0.0,
+    known: Known = Known(),
 ) -> Centreline:
     """As `measure`, along a path (K, 2) that lies on the antenna to a fraction of its width.
 
@@ -114,14 +120,17 @@ def measure_on(
     half = int(np.ceil(0.8 * (width_px + blurred_px) + 5.0))
     if bright is None:
         path_px, half = stiffened(path_px), int(np.ceil(0.5 * width_px + _BESIDE_PX))
-    line = _measured(image, path_px, width_px, half, bright)
+    line = _measured(image, path_px, width_px, half, bright, known)
     if line.breadth > _BROADER:
-        wider = _measured(image, path_px, width_px, int(np.ceil(half + 0.7 * line.breadth * width_px + 2.0)), bright)
+        half = int(np.ceil(half + 0.7 * line.breadth * width_px + 2.0))
+        wider = _measured(image, path_px, width_px, half, bright, known)
         return wider if len(wider.points_px) >= len(line.points_px) else line
     return line
 
 
-def _measured(image: np.ndarray, path_px: np.ndarray, width_px: float, half: int, bright: bool | None) -> Centreline:
+def _measured(
+    image: np.ndarray, path_px: np.ndarray, width_px: float, half: int, bright: bool | None, antenna: Known
+) -> Centreline:
     found = crossings(image, path_px, half, bright)
     if found.inside.sum() < LEAST_PROFILES:
         return NOTHING
@@ -130,7 +139,7 @@ def _measured(image: np.ndarray, path_px: np.ndarray, width_px: float, half: int
     line, section = _line(found, known, width_px, quiet, bright is None)
     if not line.kept.any():
         return NOTHING
-    seen = look_of(found, line)
+    seen = look_of(found, line, antenna.levels)
     return accepted(line, seen, visible_end(image, seen.guide, line.kept, Look(section, half, line.noise, bright)))
 
 
@@ -232,8 +241,11 @@ def _changing_lines(found: Crossings, width_px: float, quiet: float, about: tupl
     section = mean_shape(reflectance, seen[-_END_PROFILES:] if len(seen) else np.arange(len(fits.height)))
     broad = half_width_px(expected(reflectance.width_px, reflectance.blur_px, found.profiles.shape[1] // 2 + 2))
     centre, usual = learned.course + fits.shift, reflectance.height
+    # what neither noise nor the antenna's shape explains is another thing's, which pulls the line
+    other = running_mean(np.maximum(fits.rms**2 - noise**2, 0.0), EDGE_RUN, END_VALUE) / np.maximum(reflectance.height, 1e-9) ** 2
+    pulled = np.minimum(OTHERS[0] * np.sqrt(np.maximum(other, 0.0)), OTHERS[1]) * width_px / found.stretch
     fits.height[learned.none] = 0.0
-    return _Lines(centre, fits, section, broad, noise, usual, learned.shared_px)
+    return _Lines(centre, fits, section, broad, noise, usual, np.hypot(learned.shared_px, pulled))
 
 
 @kernel

@@ -52,7 +52,7 @@ QUIET = 0.4
 START_STEP_PX, START_BENDS, START_PROFILES = 0.5, 9, 24
 """At first the line is looked for at such steps, in so many places of either end and the middle, in so many
 profiles."""
-MISFIT, PULLED, LEFT = 0.01, (0.015, 0.1), 0.36
+MISFIT, PULLED, LEFT = 0.01, (0.01, 0.08), 0.42
 """Part of the profiles' power that no shape follows; parts of the width by which that may pull the line, and by which a
 reflectance may that is lopsided by the line's whole height; and what is left, when the line was followed, of the
 deviation of where it was begun."""
@@ -191,7 +191,7 @@ def learn_reflectance(
             whole[n, k] = side[k, 0]
             over_edge[n] += side[k, 0] * local[n, k, K]
     height = np.sqrt(np.maximum(_square(whole), 1e-12))
-    shared = np.sqrt((PIECES + 3.0) / np.maximum(WELL_BEGUN / count * known, 1e-9) + (LEFT * begin_std) ** 2)
+    shared = np.sqrt(0.1 * (PIECES + 3.0) / np.maximum(WELL_BEGUN / count * known, 1e-9) + (LEFT * begin_std) ** 2)
     lopsided = PULLED[1] * np.sqrt(whole[:, 1] ** 2 * MEAN_SQUARE[1] + whole[:, 3] ** 2 * MEAN_SQUARE[3]) / height
     pulled = width_px * np.hypot(PULLED[0], lopsided)
     shared_px = np.hypot(np.interp(found.along, some.along, shared), pulled) / found.stretch
