@@ -8,11 +8,12 @@ import cv2
 import numpy as np
 import pytest
 
+from vbaa_calib.calibrate.antenna.learnt_paint import learn
 from vbaa_calib.detect.whisker.antenna import find, find_along
 from vbaa_calib.detect.whisker.centreline import Centreline, Visibility
 from vbaa_calib.detect.whisker.corridor import Corridor
 from vbaa_calib.detect.whisker.finder import AntennaFinder
-from vbaa_calib.detect.whisker.paint import Paint, learn, look_of, usual_looks, without_other_things
+from vbaa_calib.detect.whisker.paint import Paint, look_of, usual_looks, without_other_things
 from vbaa_calib.detect.whisker.path_refinement import refine_path
 
 from .drawn_lines import SIZE, aside, background, bent, exposed, straight, tube

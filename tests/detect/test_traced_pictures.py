@@ -9,10 +9,11 @@ import pytest
 from scipy.spatial import cKDTree
 
 from tests.traced_pictures import TracedPicture, traced_pictures
+from vbaa_calib.calibrate.antenna.learnt_paint import learn
 from vbaa_calib.detect.whisker.antenna import CLAMP_REACH_PX, REACH_PER_LENGTH, find, find_along
 from vbaa_calib.detect.whisker.corridor import Corridor
 from vbaa_calib.detect.whisker.finder import AntennaFinder
-from vbaa_calib.detect.whisker.paint import Paint, learn
+from vbaa_calib.detect.whisker.paint import Paint
 
 PICTURES = traced_pictures()
 

@@ -18,7 +18,7 @@ from vbaa_calib.core.polyline import arc_lengths, normals
 from vbaa_calib.detect.whisker.acceptance import decided
 from vbaa_calib.detect.whisker.antenna import REACH_PER_LENGTH, corridor, finder, free_curve
 from vbaa_calib.detect.whisker.finder import AntennaFinder
-from vbaa_calib.detect.whisker.paint import Paint, learn, look_of, usual_looks
+from vbaa_calib.detect.whisker.paint import Paint, look_of, usual_looks
 from vbaa_calib.detect.whisker.stretches import stretches, why_lost
 from vbaa_calib.geometry import Kinematics, Pose
 from vbaa_calib.rig import Antenna, AntennaImage, MomentSensor, Rig
@@ -35,6 +35,7 @@ from vbaa_calib.session import (
 
 from .bundle_adjustment import BundleAdjustment, adjust_bundle
 from .inputs import EXACT, Observation, Prior
+from .learnt_paint import learn
 from .problem import ANTENNA
 from .residual_checks import check
 

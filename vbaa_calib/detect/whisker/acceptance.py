@@ -47,10 +47,9 @@ _LEAST_WHOLE = 0.65
 TRANSPARENT, NEARBY, VARIES = 0.5, 41, (0.25, 0.15)
 """Such a line that follows its background's brightness by so much, over what so many profiles have in common, is only
 that background; where both vary, by so much of the line's height."""
-USUAL, STRANGE, FAMILIAR, MORE_FAMILIAR = 2.0, 0.35, 0.7, 0.2
-"""Deviations within which a point is as bright as the antenna usually is; a line of which a smaller share of points is,
-is another thing; from which share on, and by how much more than on its flanks, it is the antenna, however bright its
-background."""
+USUAL, FAMILIAR, MORE_FAMILIAR = 2.0, 0.7, 0.2
+"""Deviations within which a point is as bright as the antenna usually is; from which share of its points on, and by how
+much more than on its flanks, a line is the antenna, however bright its background."""
 _ALIKE_PROFILES = 15
 """So many neighbouring profiles lie before the same thing."""
 MOVED = 0.1
@@ -220,8 +219,6 @@ def _doubt(line: FittedLine, look: _Look) -> tuple[Verdict, str] | None:
         return "no_antenna", f"what could be the antenna hardly stands out from the noise ({share})"
     if changing and look.step > EDGE:
         return "no_antenna", f"what could be the antenna is the edge of something broader ({share})"
-    if look.familiar < STRANGE:
-        return "no_antenna", f"what could be the antenna is not as bright as it is in the no-load pictures ({share})"
     if changing and look.transparency > TRANSPARENT:
         return "no_antenna", f"what could be the antenna is as bright as what lies behind it all along ({share})"
     if look.wander_px > np.hypot(WANDER_PX, WANDER_SIGMA[changing] * look.spread_px) or look.snaking_rad > _SNAKING_RAD:

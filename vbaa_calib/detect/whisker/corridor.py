@@ -94,9 +94,7 @@ class FreeShape:
         known = np.array([*clamp, DEPTH_RAD])
         return _misfit(self.clamp_m, self.axes, self.segments_m, seen[valid], variance, known, enough)[0]
 
-    def nearest(
-        self, points_px: np.ndarray, sigma_px: np.ndarray, allowed: tuple[float, float, float]
-    ) -> np.ndarray:
+    def nearest(self, points_px: np.ndarray, sigma_px: np.ndarray, allowed: tuple[float, float, float]) -> np.ndarray:
         """`Corridor.nearest`, where so much is allowed of shape (px), clamp (px) and its turn (rad)."""
         means, variance, seen, valid = _seen(self.lens, points_px, sigma_px)
         if self.lens.tilted:
@@ -106,7 +104,8 @@ class FreeShape:
         focal_px = 0.5 * float(self.camera.matrix[0, 0] + self.camera.matrix[1, 1])
         known = np.array([0.5 * allowed[1] * self.clamp_m[2] / focal_px, 0.5 * allowed[2], ASIDE_RAD])
         seen, variance = seen[valid], (variance[valid] + allowed[0] ** 2) / focal_px**2
-        curve, moved, weight = np.empty((SHAPE_SEGMENTS + 1, 2)), np.zeros((SHAPE_SEGMENTS + 1, _UNKNOWNS, 2)), 1.0
+        curve, moved = np.empty((SHAPE_SEGMENTS + 1, 2)), np.zeros((SHAPE_SEGMENTS + 1, _UNKNOWNS, 2))
+        weight = np.ones(len(seen))
         for scale in STRAY_PX:
             _, shape = _misfit(self.clamp_m, self.axes, self.segments_m, seen, variance * weight, known, 0.0)
             _bent(self.clamp_m, self.axes, self.segments_m, shape, curve, moved)
@@ -190,8 +189,8 @@ def of_antennas_shape(line: Centreline, where: Corridor, changing: bool) -> Cent
     """The centreline, with another verdict where it is none that the antenna can take.
 
     On a calibrated rig a line must be the free antenna bent by a force: a cable bends elsewhere than at the clamp, and
-    a line that goes over to an object's edge has a kink. A line that may be of either polarity (`changing`) has geometry
-    alone to tell it from others: it must leave the clamp as the antenna does, too, and fit well if little of it is seen.
+    a line that goes over to an object's edge has a kink. One that may be of either polarity (`changing`), which fits
+    more things, must leave the clamp as the antenna does, too, and fit well where little of it is seen.
     """
     line = _reject_beside_clamp(line, where) if changing else line
     if where.shape_px is None or not line.found:

@@ -14,7 +14,7 @@ from vbaa_calib.core.polyline import arc_lengths, normals, resample
 from .acceptance import OTHER_LINE_SEEN, best_of, reject_faint
 from .centreline import NOTHING, Centreline
 from .corridor import Corridor, better_shaped, of_antennas_shape
-from .path_refinement import Known, RefinedPath, refine_path
+from .path_refinement import NOTHING_KNOWN, Known, RefinedPath, refine_path
 from .profile import measure_on
 
 _OTHER_PATH_SHARE = 0.75
@@ -66,7 +66,7 @@ class AntennaFinder:
     index: np.ndarray
     weight: np.ndarray
     usual_height: float = 0.0
-    levels: np.ndarray = field(default_factory=lambda: Known().levels)
+    levels: np.ndarray = field(default_factory=lambda: NOTHING_KNOWN.levels)
 
     @staticmethod
     def prepare(corridor: Corridor, image_size: tuple[int, int]) -> AntennaFinder:

@@ -9,7 +9,6 @@ from typing import cast
 
 import cv2
 import numpy as np
-from scipy.linalg import eigh
 
 from vbaa_calib.core import smooth
 from vbaa_calib.core.compiled import kernel
@@ -21,12 +20,6 @@ from .centreline import Centreline, Visibility
 from .finder import AntennaFinder
 from .profile import SHARED_RUN, measure, measure_on
 
-_OPPONENTS = ((0.5, 0.5, -1.0), (0.5, -1.0, 0.5), (-1.0, 0.5, 0.5))
-"""Weights (b, g, r) of pictures that show one colour against the two others."""
-WELL_SEEN, ENOUGH, CLEARLY_MORE = 0.9, 0.7, 0.1
-"""Shares of the antenna that a paint sees. From `WELL_SEEN` on, one polarity by brightness is taken; below, nearness to
-the antenna's colour is tried, too. Below `ENOUGH`, a polarity that changes along the antenna is taken if it sees more
-by `CLEARLY_MORE`, since it fits other things as well."""
 PLACES, RUN, LEAST_POINTS = 8, 15, 20
 """Places along the antenna at which its colour is learnt, points averaged for a colour, and the fewest points that tell
 how brightly it is lit."""
@@ -34,12 +27,12 @@ FOREIGN, MOSTLY_FOREIGN, PARTLY_FOREIGN, LEAST_SPREAD = 4.0, 2.5, 1.0, (0.08, 3.
 """Deviations from the usual colour beyond which a point is no antenna; beyond which, in the median, the whole line is
 none; and beyond which a point may show something else in part. The least deviation, relative to the brightness and in
 grey levels, since the light changes as the antenna bends."""
-_SHOWN = ("ok", "ambiguous")
+SHOWN = ("ok", "ambiguous")
+"""Verdicts of lines that are seen."""
 COLOUR_PULLED = 0.05
 """By which part of its width the light on one side of an antenna may pull the line that is seen by its colour."""
-PULLED_ASIDE, LESS_SEEN = 0.018, 0.05
-"""By which part of its width a line must lie off the middle between its edges, in free pictures, to be measured by
-these; and what less of it may be seen then."""
+LESS_SEEN = 0.05
+"""What less of a line may be seen where it is measured by both of its edges."""
 SHADE, SHADED_UNSURE, TINT = (0.33, 1.15), 0.3, (0.9, 2.0)
 """Limits of its brightness, over that in the light, where an antenna may lie in a shadow; part of its width to
 which it must be known where it lies there, or else it may be the edge of that; and a quantile of how far its hue is off
@@ -49,11 +42,11 @@ HIDDEN_PART, AWAY = 0.12, 0.25
 one of changing polarity lies on another thing and does not come back."""
 ROOT, LIGHT = 0.4, (0.6, 1.7)
 """Share of the line, from the clamp, that tells how brightly it is lit; limits of that factor."""
-BEGINNING, KNOWN_LIGHT = (0.015, 0.1), (0.4, 2.5)
+BEGINNING, KNOWN_LIGHT, LAMP = (0.015, 0.1), (0.4, 2.5), 0.3
 """Shares of its length between which a free and a bent antenna lie in one place, and tell how brightly it is lit before
-it is found; limits of that factor."""
-LAMP = 0.15
+it is found; limits of that factor, and the relative deviation that it has beforehand: a highlight there is no lamp."""
 _GREY_BGR = (0.114, 0.587, 0.299)
+"""Weights of the channels in a grey level."""
 
 
 @dataclass(frozen=True)
@@ -100,7 +93,7 @@ class Paint:
         if not line.found and self.colour is not None:
             unlit = replace(finder, usual_height=0.0, levels=finder.levels[:0])
             by_edges = unlit.find(Paint(None).plane(image), None)
-            return by_edges if by_edges.verdict in _SHOWN else line
+            return by_edges if by_edges.verdict in SHOWN else line
         if not line.found or not self.both_edges or calibrated:
             return line
         between = measure_on(plane, line.guide_px, finder.corridor.width_px, None)
@@ -132,117 +125,6 @@ class Paint:
             sigma_px=np.where(better, np.hypot(line.sigma_px, pulled)[near], edges.sigma_px),
             effective_px=np.where(better, effective, edges.effective_px),
         )
-
-
-def learn(finders: Sequence[AntennaFinder], images: Sequence[np.ndarray]) -> Paint | None:
-    """The paint that shows the antenna best in pictures (H, W[, 3]) of the free antenna; None where none finds it.
-
-    Brighter or darker than its surroundings, in grey, by weighted colours, or by its own colour; a polarity that
-    changes along the antenna only where that sees clearly more.
-
-    finders : one for each picture.
-    """
-    planes = [None, *_OPPONENTS] if images[0].ndim == 3 else [None]
-
-    def best_of(*brights: bool | None) -> _Tried:
-        tried = [_Tried.of(Paint(bright, plane), finders, images) for plane in planes for bright in brights]
-        return max(tried, key=_Tried.clearness).parted(finders, images)
-
-    best = best_of(True, False)
-    if best.seen < WELL_SEEN:
-        changing = best_of(None)
-        # of one colour, though here brighter, there darker than what lies behind it
-        best = max((best, *(one.in_its_colour(finders, images) for one in (best, changing))), key=_Tried.rank)
-        if best.seen < ENOUGH and changing.seen > best.seen + CLEARLY_MORE:
-            best = changing
-    return best.pulled(finders, images).paint if best.seen else None
-
-
-@dataclass(frozen=True)
-class _Tried:
-    """A paint, the lines that it finds in pictures, and how much of the antenna is seen in the mean."""
-
-    paint: Paint
-    lines: tuple[Centreline, ...]
-    seen: float
-
-    @staticmethod
-    def of(paint: Paint, finders: Sequence[AntennaFinder], images: Sequence[np.ndarray]) -> _Tried:
-        lines = tuple(
-            finder.find(paint.plane(image), paint.bright) for finder, image in zip(finders, images, strict=True)
-        )
-        # a second line does not make the first one less seen
-        return _Tried(paint, lines, float(np.mean([line.seen * (line.verdict in _SHOWN) for line in lines])))
-
-    def clearness(self) -> float:
-        """Mean height over noise of the lines found, weighted by what was seen of them."""
-        heights = [line.found * line.seen * line.amplitude / max(line.noise, 1e-6) for line in self.lines]
-        return float(np.mean(heights))
-
-    def rank(self) -> tuple[float, float]:
-        """More is better."""
-        return self.seen, self.clearness()
-
-    def in_its_colour(self, finders: Sequence[AntennaFinder], images: Sequence[np.ndarray]) -> _Tried:
-        """The antenna by its median colour where it was found; itself where it was not found, or in grey pictures."""
-        found = [(image, line.points_px) for image, line in zip(images, self.lines, strict=True) if line.found]
-        if not found or images[0].ndim == 2:
-            return self
-        b, g, r = np.median(np.concatenate([_sampled(image, points, 0.0) for image, points in found]), axis=0).tolist()
-        return _Tried.of(Paint(True, colour=(b, g, r)), finders, images)
-
-    def pulled(self, finders: Sequence[AntennaFinder], images: Sequence[np.ndarray]) -> _Tried:
-        """Measured by both edges where its lines lie aside of their middle."""
-        if self.paint.bright is None:
-            return self
-        width, aside = finders[0].corridor.width_px, []
-        for image, line in zip(images, self.lines, strict=True):
-            between = measure_on(self.paint.plane(image), line.guide_px, width, None) if line.found else line
-            if between.found:
-                aside.append(np.sqrt(np.mean(beside(between.guide_px, line.points_px)[1] ** 2)))
-        both = bool(aside) and float(np.median(aside)) > PULLED_ASIDE * width
-        return replace(self, paint=replace(self.paint, both_edges=both))
-
-    def parted(self, finders: Sequence[AntennaFinder], images: Sequence[np.ndarray]) -> _Tried:
-        """With weights that separate the antenna better from its flanks, if there are any."""
-        if not self.seen or images[0].ndim == 2:
-            return self
-        other = _Tried.of(_parting(self, finders[0].corridor.width_px, images), finders, images)
-        return other if other.clearness() > self.clearness() else self
-
-
-def _parting(tried: _Tried, width_px: float, images: Sequence[np.ndarray]) -> Paint:
-    """Colour weights that separate the antenna from its flanks by the most standard deviations (Fisher)."""
-    found = [(image, line.points_px) for image, line in zip(images, tried.lines, strict=True) if line.found]
-    antenna = np.concatenate([_sampled(image, points, 0.0) for image, points in found])
-    flanks = [
-        np.concatenate([_sampled(image, points, side * 1.5 * width_px) for image, points in found]) for side in (-1, 1)
-    ]
-    scatter = np.cov(np.concatenate(flanks).T) + np.cov(antenna.T)
-    # a drawn or clipped picture may have no noise at all
-    ridge = max(1e-3 * float(np.trace(scatter)), 1e-6)
-    differences = antenna - 0.5 * (flanks[0] + flanks[1])
-    bright = None if tried.paint.bright is None else True
-    if bright:
-        weights = np.linalg.solve(scatter + ridge * np.eye(3), differences.mean(axis=0))
-    else:
-        # the differences change their sign along the antenna: by their squares, over those from flank to flank
-        across = flanks[1] - flanks[0]
-        weights = eigh(differences.T @ differences, across.T @ across + len(across) * ridge * np.eye(3))[1][:, -1]
-    if not weights.any():
-        return tried.paint
-    weights = weights / np.abs(weights).sum()
-    return Paint(bright, (float(weights[0]), float(weights[1]), float(weights[2])))
-
-
-def _sampled(image: np.ndarray, points: np.ndarray, aside: float) -> np.ndarray:
-    """(N, C) colours of a picture (H, W[, 3]) at points moved across their line."""
-    along = np.gradient(points, axis=0)
-    along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-9)
-    at = np.rint(points + aside * along[:, ::-1] * [-1.0, 1.0]).astype(int)
-    at = np.clip(at, 0, [image.shape[1] - 1, image.shape[0] - 1])
-    colours = image[at[:, 1], at[:, 0]].astype(float)
-    return colours[:, None] if image.ndim == 2 else colours[:, :3]
 
 
 def _levels(image: np.ndarray) -> tuple[np.ndarray, float]:
@@ -295,22 +177,35 @@ def usual_levels(image: np.ndarray, axis_px: np.ndarray, looks: Looks | None, pa
     """
     table, coloured = (np.empty((0, 4)), False) if looks is None else _table(looks)
     if not len(table) or (image.ndim == 2 and coloured):
-        return np.empty((0, 2))
-    axis, along = resample(axis_px, 1.0)
-    share = along / along[-1]
-    first = (share > BEGINNING[0]) & (share < BEGINNING[1])
+        return table[:0, :2]
     pixels, level = _levels(image)
-    places = (np.arange(PLACES) + 0.5) / PLACES
-    usual = np.stack([np.interp(share[first], places, table[:, c]) for c in range(3)], axis=1)
-    colours = _colours(pixels, level, axis[first])
-    light = float(np.median((colours * usual).sum(axis=1) / np.maximum((usual**2).sum(axis=1), 1e-9)))
-    unsure = float(np.median(np.interp(share[first], places, table[:, 3]) / np.linalg.norm(usual, axis=1)))
-    light = light ** (LAMP**2 / (LAMP**2 + unsure**2))
+    light, unsure = _light(pixels, level, *resample(axis_px, 1.0), table)
     if not KNOWN_LIGHT[0] < light < KNOWN_LIGHT[1]:
-        return np.empty((0, 2))
-    weight = 1.0 if paint.colour is not None else float(np.linalg.norm(paint.weights or _GREY_BGR))
-    looks_now = (level * light * table).astype(np.float32)
-    return np.column_stack([paint.plane(looks_now[:, None, :3]).ravel(), weight * looks_now[:, 3]]).astype(np.float64)
+        return table[:0, :2]
+    now = (level * light * table).astype(np.float32)
+    weight = 1.0 if paint.colour is not None else np.linalg.norm(paint.weights or _GREY_BGR)
+    spread = np.hypot(now[:, 3], unsure / light * np.linalg.norm(now[:, :3], axis=1))
+    return np.column_stack([paint.plane(now[:, None, :3]).ravel(), weight * spread]).astype(np.float64)
+
+
+@kernel
+def _light(
+    image: np.ndarray, level: float, axis: np.ndarray, along: np.ndarray, looks: np.ndarray
+) -> tuple[float, float]:
+    """How brightly an antenna of looks (PLACES, 4) is lit, over usual, in a picture, see `_colours`, as its axis (K, 2)
+    shows near the clamp, (K,) px from there; and the deviation of that."""
+    share, places = along / along[-1], (np.arange(PLACES) + 0.5) / PLACES
+    first = np.flatnonzero((share > BEGINNING[0]) & (share < BEGINNING[1]))
+    colours, usual = _colours(image, level, axis[first]), np.empty((4, len(first)))
+    for c in range(4):
+        usual[c] = np.interp(share[first], places, looks[:, c].copy())
+    lit, size = np.zeros(len(first)), np.full(len(first), 1e-9)
+    for c in range(3):
+        lit, size = lit + colours[:, c] * usual[c], size + usual[c] ** 2
+    unsure = np.median(usual[3] / np.sqrt(size))
+    trust = LAMP**2 / (LAMP**2 + unsure**2)
+    light = np.median(lit / size) ** trust
+    return light, light * unsure * np.sqrt(trust)
 
 
 def without_other_things(
@@ -348,12 +243,7 @@ def without_other_things(
             other[max(last[0] + 1 - RUN * shaded[last[0]], 0) :] = True
     other[away:] = True
     doubt = HIDDEN_PART * width_px * np.clip((off - PARTLY_FOREIGN) / (FOREIGN - PARTLY_FOREIGN), 0.0, 1.0)
-    doubtful = replace(
-        line,
-        sigma_px=np.hypot(line.sigma_px, doubt),
-        effective_px=np.hypot(line.effective_px, doubt * np.sqrt(np.count_nonzero(doubt[~other]))),
-    )
-    shorter = doubtful.only(~other)
+    shorter = line.only(~other).doubted(doubt[~other])
     if shorter.seen < LEAST_SEEN:
         share_seen = f"{100 * shorter.seen:.0f} % of its length"
         return shorter.with_verdict("too_little", f"most of the line has not the antenna's look ({share_seen} has)")

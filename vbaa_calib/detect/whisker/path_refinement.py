@@ -51,6 +51,10 @@ class Known(NamedTuple):
     leaves_along: bool = False
 
 
+NOTHING_KNOWN = Known()
+"""Of a rig that is not calibrated yet."""
+
+
 class RefinedPath(NamedTuple):
     """A path that follows a ridge.
 
@@ -97,7 +101,7 @@ def refine_path(
     width_px: float,
     reach_px: float,
     bright: bool | None,
-    known: Known = Known(),
+    known: Known = NOTHING_KNOWN,
 ) -> RefinedPath:
     """Move a path (K, 2) by up to `reach_px` across itself onto the antenna.
 
@@ -204,8 +208,8 @@ def _refined_changing(
 def _as_bright(
     strip: np.ndarray, across: _Columns, width_px: float, levels: np.ndarray, clarity: np.ndarray
 ) -> np.ndarray:
-    """(K, R) how clearly the antenna shows in a strip (K, R + 2F) whose ridges are as clear as this (K, R): as bright as
-    its levels (L, 2) say, between flanks that are not; or else a ridge."""
+    """(K, R) how clearly the antenna shows in a strip (K, R + 2F) whose ridges have a clarity (K, R): as bright as its
+    levels (L, 2) say, between flanks that are not; or else a ridge."""
     clearer, flank = np.empty(clarity.shape), across.flank
     for k in range(len(strip)):
         usual, spread = usual_level(levels, across.along[k] / max(across.along[-1], 1e-6))

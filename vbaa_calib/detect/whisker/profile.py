@@ -33,8 +33,8 @@ from .line_shape import (
     shapes,
     shown,
 )
-from .path_refinement import Known, refine_path
-from .reflectance import learn_reflectance, mean_shape, stiffened
+from .path_refinement import NOTHING_KNOWN, Known, refine_path
+from .reflectance import learn_reflectance, mean_shape, pulled_by_others, stiffened
 from .visible_end import Look, visible_end
 
 SEEN_RATIO, SEEN_CHANGING = 4.5, 3.5
@@ -62,7 +62,6 @@ FAINTER = 0.7
 """Where less than this part of the usual height is left, the same highlight, if it is clear, pulls the line more."""
 _END_PROFILES = 40
 """The antenna's look at its visible end is that of so many profiles before it."""
-OTHERS = (0.4, 0.12)
 EDGE_RUN, EDGE_NOTICED, SHARED_RUN = 21, 3.0, 100
 """An object's edge beside the antenna draws about so many neighbouring points aside alike: what a step of the
 background behind the line would move them by, on average, is doubt where it exceeds so many of its own deviations.
@@ -94,11 +93,8 @@ def measure(image: np.ndarray, guide_px: np.ndarray, width_px: float, bright: bo
     width_px : the antenna's width.
     bright : brighter than its background; None: here brighter, there darker.
 
-    Notes
-    -----
     A point is kept where the line's height stands out from its noise and agrees with its neighbours', the profile
-    leaves no more residual than noise does, and it lies on a smooth curve with the others: an object's edge beside the
-    antenna draws the line aside, and alike for many neighbours.
+    leaves no more residual than noise does, and it lies on a smooth curve with the others.
     """
     if len(guide_px) < 2 or np.hypot(*np.diff(guide_px, axis=0).T).sum() < 8.0:
         return NOTHING
@@ -111,7 +107,7 @@ def measure_on(
     width_px: float,
     bright: bool | None,
     blurred_px: float = 0.0,
-    known: Known = Known(),
+    known: Known = NOTHING_KNOWN,
 ) -> Centreline:
     """As `measure`, along a path (K, 2) that lies on the antenna to a fraction of its width.
 
@@ -241,11 +237,9 @@ def _changing_lines(found: Crossings, width_px: float, quiet: float, about: tupl
     section = mean_shape(reflectance, seen[-_END_PROFILES:] if len(seen) else np.arange(len(fits.height)))
     broad = half_width_px(expected(reflectance.width_px, reflectance.blur_px, found.profiles.shape[1] // 2 + 2))
     centre, usual = learned.course + fits.shift, reflectance.height
-    # what neither noise nor the antenna's shape explains is another thing's, which pulls the line
-    other = running_mean(np.maximum(fits.rms**2 - noise**2, 0.0), EDGE_RUN, END_VALUE) / np.maximum(reflectance.height, 1e-9) ** 2
-    pulled = np.minimum(OTHERS[0] * np.sqrt(np.maximum(other, 0.0)), OTHERS[1]) * width_px / found.stretch
     fits.height[learned.none] = 0.0
-    return _Lines(centre, fits, section, broad, noise, usual, np.hypot(learned.shared_px, pulled))
+    shared = np.hypot(learned.shared_px, pulled_by_others(fits.rms, noise, usual, width_px) / found.stretch)
+    return _Lines(centre, fits, section, broad, noise, usual, shared)
 
 
 @kernel
