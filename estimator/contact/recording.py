@@ -18,7 +18,6 @@ from vbaa_calib.core.images import read_picture
 from vbaa_calib.detect.whisker.acceptance import decided
 from vbaa_calib.detect.whisker.antenna import (
     corridor,
-    find_along,
     finder,
     free_curve,
     pixels,
@@ -191,15 +190,13 @@ def detect_again(estimator: ContactEstimator, glances: Sequence[FirstDetection])
 def _along(rig: Rig, glance: FirstDetection, rough: RoughFit) -> Detection:
     seen_from = (rig.camera, rig.T_antenna_camera.inverse(), rough.points_m)
     guide, width = pixels(*seen_from), width_px(*seen_from, rig.antenna.diameter_m)
-    if glance.bright is None and glance.looking is not None:
-        again = glance.looking.measured(glance.image, glance.looking.near(glance.image, guide), None)
-    else:
-        again = find_along(glance.image, guide, width, glance.bright)
+    assert glance.looking is not None
+    again = glance.looking.along(glance.image, guide, width, glance.bright)
     if glance.picture is not None:
         again = rig.image.paint.by_edges(glance.picture, again, guide, width)
         again = without_other_things(glance.picture, again, rig.image.looks, width, rig.image.paint)
-    line = again if len(again.points_px) >= _SECOND_LOOK * len(glance.line.points_px) else glance.line
-    if line is again and glance.looking is not None:
+    line = glance.line
+    if len(again.points_px) >= _SECOND_LOOK * len(line.points_px):
         line = of_antennas_shape(again, glance.looking.corridor, glance.bright is None)
     # a line that is doubted on a closer look, though not on the first, makes no contact
     return Detection(line, measured(rig, glance.frame, line if line.found else NOTHING, start=rough.unknowns))
@@ -251,16 +248,11 @@ def first_look(
         looking = replace(looking, levels=usual_levels(picture, looking.corridor.axis_px, rig.image.looks, paint))
     less = subtracted(looking, image, None if ground is None else ground(frame))
     if less is not None and less[1].found:
-        image, line, bright, looking = *less, None, unlit(looking)
+        image, line, bright, looking = *less, None, looking.unlit()
     else:
         line = explained(paint.find(looking, picture, image), image, looking.corridor, bright)
     line = without_other_things(picture, line, rig.image.looks, looking.corridor.width_px, paint)
     return FirstDetection(frame, image, line, bright, picture, looking)
-
-
-def unlit(looking: AntennaFinder) -> AntennaFinder:
-    """What looks for the antenna where its brightness is not what it usually is."""
-    return replace(looking, levels=looking.levels[:0])
 
 
 def subtracted(
@@ -271,7 +263,7 @@ def subtracted(
     behind = None if empty is None else empty.behind(image)
     if behind is None:
         return None
-    line = unlit(looking).find(image - behind, None)
+    line = looking.unlit().find(image - behind, None)
     return evened(image, behind, line, looking.corridor.width_px), line
 
 

@@ -15,9 +15,11 @@ from vbaa_calib.camera import Camera
 from vbaa_calib.core.polyline import normals, resample
 from vbaa_calib.detect.whisker.acceptance import decided
 from vbaa_calib.detect.whisker.antenna import corridor, free_curve, pixels
-from vbaa_calib.detect.whisker.centreline import Centreline, Visibility
-from vbaa_calib.detect.whisker.corridor import Corridor, most_of_antennas_shape
+from vbaa_calib.detect.whisker.centreline import Centreline
+from vbaa_calib.detect.whisker.corridor import Corridor, of_antennas_shape
 from vbaa_calib.detect.whisker.finder import AntennaFinder
+from vbaa_calib.detect.whisker.paint import Paint, usual_levels
+from vbaa_calib.detect.whisker.path_refinement import Known, refine_path
 
 WIDTH_PX = 4.0
 CLAMP, LENGTH = (40.0, 120.4), 220.0
@@ -114,27 +116,70 @@ def test_a_calibrated_rigs_antenna_is_its_free_shape_bent_by_a_force(inclined_de
     assert misfit(path + np.where(later > 0.0, [0.0, 3.0], 0.0), 0.1) > 1.0
 
 
+@pytest.mark.parametrize("off_px", [8.0, 30.0])
+def test_the_nearest_shape_is_found_where_another_thing_draws_points_aside(off_px: float) -> None:
+    """A cable across the clamp, an object's edge at the end."""
+    rng, rig = np.random.default_rng(6), _Rig(30.0)
+    for contact, bend_rad in ((0.7, 0.4), (0.4, -0.3), (0.95, 0.15)):
+        path = rig.pressed(contact, bend_rad, 0.1)
+        share, normal = np.linspace(0.0, 1.0, len(path)), normals(path)
+        for first, last in ((0.0, 0.1), (0.4, 0.5), (0.9, 1.0)):
+            off = off_px * ((share >= first) & (share <= last)) + 0.3 * rng.standard_normal(len(path))
+            nearest = resample(rig.where.nearest(path + off[:, None] * normal, np.full(len(path), 0.3)), 1.0)[0]
+            # an end a little aside may be the antenna's own, bent more
+            assert np.abs(aside(path, nearest)).max() < (0.5 if last < 1.0 or off_px > 20.0 else off_px)
+            assert abs(len(nearest) - len(path)) < 0.08 * len(path)
+    assert len(rig.where.nearest(path[:4], np.ones(4))) == 0
+
+
 @pytest.mark.parametrize("changing", [False, True])
-def test_what_another_thing_draws_aside_at_its_end_is_left_out(changing: bool) -> None:
-    """A cable across the clamp, an object's edge at the end: most of the line has the antenna's shape. Not so a kink in
-    its middle."""
+def test_a_line_that_has_less_of_the_antennas_shape_is_less_sure(changing: bool) -> None:
+    """And none with a kink; of either polarity none either that is short and fits badly."""
     rig = _Rig(30.0)
     path = rig.pressed(0.7, 0.4, 0.3)
     share, normal = np.linspace(0.0, 1.0, len(path)), normals(path)
 
-    def judged(off_px: np.ndarray) -> Centreline:
+    def judged(off_px: np.ndarray, seen: float = 1.0) -> Centreline:
         points, numbers = path + off_px[:, None] * normal, np.full(len(path), 0.1)
-        line = Centreline(
-            points, numbers, 1.0, 30.0, 1.0, "ok", "", points, np.zeros(len(path), np.uint8), effective_px=numbers
-        )
-        return most_of_antennas_shape(line, rig.where, changing)
+        line = Centreline(points, numbers, seen, 30.0, 1.0, "ok", "", points, effective_px=numbers)
+        return of_antennas_shape(line, rig.where, changing)
 
-    whole = judged(np.zeros(len(path)))
-    assert whole.seen == 1.0
-    for off_px in (8.0 * (share < 0.1), 80.0 * np.maximum(share - 0.9, 0.0)):
-        line = judged(off_px)
-        assert line.found
-        assert np.abs(aside(path, line.points_px)).max() < 1.0
-        assert line.seen == pytest.approx(len(line.points_px) / len(path))
-        assert sum(map(len, line.stretches(Visibility.SEEN))) == len(line.points_px)
+    wavy = 0.8 * np.sin(4.0 * np.pi * share) * share
+    assert (judged(np.zeros(len(path))).sigma_px == 0.1).all()
+    assert (judged(wavy).sigma_px > 0.4).all()
+    assert (judged(wavy).effective_px > judged(wavy).sigma_px).all()
+    assert judged(wavy, 0.6).found is not changing
     assert not judged(40.0 * np.abs(share - 0.5)).found
+
+
+def test_an_antenna_of_known_brightness_is_told_from_a_brighter_cable_beside_it() -> None:
+    """On a dark ground, the cable crosses it at a narrow angle: by contrast alone it is followed."""
+    rng, width = np.random.default_rng(8), 5.0
+    antenna, cable = bent(CLAMP, 0.0, 6.0), bent((CLAMP[0], CLAMP[1] - 7.0), 4.0, 0.0)
+    picture = exposed(np.maximum(40.0 + 60.0 * tube(antenna, width, 1.0), 40.0 + 190.0 * tube(cable, 3.0, 1.0)), rng)
+    levels = np.column_stack([np.full(8, 100.0), np.full(8, 12.0)])
+    along = np.array(CLAMP) + np.linspace(0.0, LENGTH, 60)[:, None] * [1.0, 0.0]
+    off = [
+        np.abs(aside(antenna, refine_path(picture, along, width, 16.0, None, known).path_px))
+        for known in (Known(2.0, leaves_along=True), Known(2.0, levels, True))
+    ]
+    assert off[0].max() > 4.0
+    assert off[1].max() < 2.0
+
+
+@pytest.mark.parametrize("depth", [np.uint8, np.uint16])
+def test_the_light_that_an_antenna_is_known_by_is_that_of_the_picture(depth: type) -> None:
+    """A lamp half and one and a half times as strong; whatever lies around."""
+    rng = np.random.default_rng(9)
+    looks = tuple((90.0, 100.0, 110.0, 8.0) for _ in range(8))
+    axis = np.array(CLAMP) + np.linspace(0.0, LENGTH, 60)[:, None] * [1.0, 0.0]
+    deep = 257.0 if depth is np.uint16 else 1.0
+    for light in (0.5, 1.0, 1.5):
+        cover = np.clip(tube(bent(CLAMP, 0.0, 8.0), WIDTH_PX, 1.0), 0.0, 1.0)[..., None]
+        picture = light * (_patchwork(rng)[..., None] * (1.0 - cover) + cover * [90.0, 100.0, 110.0])
+        levels = usual_levels(np.rint(deep * picture).astype(depth), axis, looks, Paint(None))
+        assert levels.shape == (8, 2)
+        np.testing.assert_allclose(levels[:, 0], deep * light * 101.8, rtol=0.15)
+        assert (levels[:, 1] > 0.05 * levels[:, 0]).all()
+    assert len(usual_levels(np.zeros((*SIZE, 3), depth), axis, looks, Paint(None))) == 0
+    assert len(usual_levels(np.zeros(SIZE, depth), axis, None, Paint(None))) == 0

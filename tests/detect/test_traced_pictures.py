@@ -59,14 +59,12 @@ def test_light_from_one_side_pulls_no_line_that_is_measured_by_both_edges(name: 
     paint = learn([AntennaFinder.prepare(where, (color.shape[1], color.shape[0]))], [color])
     assert paint is not None
     assert paint.both_edges
-    plane = paint.plane(color)
-    pulled = find_along(plane, picture.line_px, picture.width_px, True)
-    line = paint.between_edges(plane, pulled, picture.width_px)
+    finder = AntennaFinder.prepare(where, (color.shape[1], color.shape[0]))
+    pulled, line = (replace(paint, both_edges=both).find(finder, color) for both in (False, True))
     assert line.found
     assert line.seen > pulled.seen - 0.05
     off = [np.sqrt(np.mean(_off(picture, one.points_px) ** 2)) for one in (pulled, line)]
     assert off[1] < 0.9 * off[0]
-    assert replace(paint, both_edges=False).between_edges(plane, pulled, picture.width_px) is pulled
 
 
 def test_the_set_has_every_kind() -> None:

@@ -17,8 +17,10 @@ from .centreline import Centreline
 
 CLAMP_REACH_PX, CLAMP_TURN_RAD = 8.0, 0.12
 """How far off the clamp itself may be, and three deviations of its direction on a rig that is not calibrated."""
-STARTS = ((0.6, 0.0), (0.3, 0.0), (0.6, 0.7), (0.6, -0.7), (0.3, 0.7), (0.3, -0.7))
-"""Where a force bends the antenna, in its lengths, and by how much towards the camera (rad), to begin with."""
+STARTS = np.zeros((6, 5))
+STARTS[:, 3], STARTS[:, 4] = [0.0, 0.0, 0.7, -0.7, 0.7, -0.7], np.log([0.6, 0.3, 0.6, 0.6, 0.3, 0.3])
+"""By how much a force bends the antenna towards the camera (rad), and where, in logarithms of its lengths, to begin
+with; the first two in the picture alone."""
 SHAPE_POINTS, LEAST_SHAPE_POINTS, SHAPE_STEPS, SHAPE_SEGMENTS = 40, 12, 14, 48
 """Means of so many runs of points, and at least so many, are compared with a shape that is fitted in so many steps; and
 the segments of that shape."""
@@ -34,7 +36,7 @@ WELL_FITTING, MUCH_SEEN = 0.15, 0.7
 USUAL_MISFIT, SHAPE_DOUBT = 0.08, 4.0
 """Most that lines have which lie on the antenna all along; and by how much, over what is allowed of shape, others are
 less sure for every unit, a square root, more."""
-ASIDE_RAD, STRAY_PX = 0.05, (4.0, 2.0, 1.0)
+ASIDE_RAD, STRAY_PX = 0.05, (4.0, 2.0, 2.0, 1.0, 1.0, 0.7, 0.7)
 """Deviation of the bend towards the camera of the shape that is nearest to some points, which shows how long it is; and
 distances at which one counts half as much, one round each."""
 FROM_CLAMP, BENDS_MORE = 0.35, 0.15
@@ -92,7 +94,7 @@ class FreeShape:
         clamp = np.array([allowed[1] * self.clamp_m[2] / focal_px, allowed[2]])
         variance = (variance[valid] + allowed[0] ** 2) / focal_px**2
         known = np.array([*clamp, DEPTH_RAD])
-        return _misfit(self.clamp_m, self.axes, self.segments_m, seen[valid], variance, known, enough)[0]
+        return _misfit(self.clamp_m, self.axes, self.segments_m, seen[valid], variance, known, enough, STARTS)[0]
 
     def nearest(self, points_px: np.ndarray, sigma_px: np.ndarray, allowed: tuple[float, float, float]) -> np.ndarray:
         """`Corridor.nearest`, where so much is allowed of shape (px), clamp (px) and its turn (rad)."""
@@ -105,12 +107,13 @@ class FreeShape:
         known = np.array([0.5 * allowed[1] * self.clamp_m[2] / focal_px, 0.5 * allowed[2], ASIDE_RAD])
         seen, variance = seen[valid], (variance[valid] + allowed[0] ** 2) / focal_px**2
         curve, moved = np.empty((SHAPE_SEGMENTS + 1, 2)), np.zeros((SHAPE_SEGMENTS + 1, _UNKNOWNS, 2))
-        weight = np.ones(len(seen))
+        weight, starts = np.ones(len(seen)), STARTS[:2]
         for scale in STRAY_PX:
-            _, shape = _misfit(self.clamp_m, self.axes, self.segments_m, seen, variance * weight, known, 0.0)
+            own = variance * weight
+            _, shape = _misfit(self.clamp_m, self.axes, self.segments_m, seen, own, known, 0.0, starts)
             _bent(self.clamp_m, self.axes, self.segments_m, shape, curve, moved)
             aside = beside(resample(focal_px * curve, 1.0)[0], focal_px * seen)[1]
-            weight = 1.0 + (aside / scale) ** 2
+            weight, starts = 1.0 + (aside / scale) ** 2, shape[None]
         pixels, shown = self.camera.project(np.column_stack([curve, np.ones(len(curve))]))
         return pixels[shown]
 
@@ -229,21 +232,21 @@ def _misfit(
     variance: np.ndarray,
     known: np.ndarray,
     enough: float,
+    starts: np.ndarray,
 ) -> tuple[float, np.ndarray]:
     """The least `Corridor.misfit` of all shapes, and its unknowns (5,); the first that is `enough` or less.
 
     seen : (N, 2) ideal normalized points, variance : (N,) of each. known : (3,) by how much (m, rad) the antenna may
-    leave its clamp aside and turned; deviation of its bend towards the camera.
+    leave its clamp aside and turned; deviation of its bend towards the camera. starts : (S, 5) unknowns to begin with.
     """
     curve, moved = np.empty((SHAPE_SEGMENTS + 1, 2)), np.zeros((SHAPE_SEGMENTS + 1, _UNKNOWNS, 2))
     normal, matrix = np.empty((_UNKNOWNS, _UNKNOWNS)), np.empty((_UNKNOWNS, _UNKNOWNS))
     gradient, move, trial = np.empty(_UNKNOWNS), np.empty((_UNKNOWNS, 1)), np.empty(_UNKNOWNS)
     prior, least = np.array([known[0] ** -2.0, known[1] ** -2.0, 0.0, known[2] ** -2.0, 0.0]), np.inf
     nearest = np.zeros(_UNKNOWNS)
-    for place, towards in STARTS:
+    for start in starts:
         # offset and turn at the clamp, bend in the picture and towards the camera, logarithm of the force's place
-        trial[:] = 0.0
-        trial[3], trial[4] = towards, np.log(place)
+        trial[:] = start
         unknowns, best, damping = trial.copy(), np.inf, 1e-3
         for _ in range(SHAPE_STEPS + 1):
             _bent(clamp_m, axes, segments, trial, curve, moved)

@@ -15,7 +15,7 @@ from .acceptance import OTHER_LINE_SEEN, best_of, reject_faint
 from .centreline import NOTHING, Centreline
 from .corridor import Corridor, better_shaped, of_antennas_shape
 from .path_refinement import NOTHING_KNOWN, Known, RefinedPath, refine_path
-from .profile import measure_on
+from .profile import measure, measure_on
 
 _OTHER_PATH_SHARE = 0.75
 """A second path is measured if its score is at least this share of the best."""
@@ -88,6 +88,10 @@ class AntennaFinder:
         """
         return replace(self, usual_height=usual_height)
 
+    def unlit(self) -> AntennaFinder:
+        """The same finder where the antenna is not as bright as usual."""
+        return replace(self, levels=NOTHING_KNOWN.levels)
+
     def candidates(self, image: np.ndarray, bright: bool | None = True, blurred_px: float = 0.0) -> list[np.ndarray]:
         """Paths (K, 2) that look like the antenna in an (H, W) picture, blurred by about so many pixels; best first.
 
@@ -129,9 +133,12 @@ class AntennaFinder:
     def _known(self) -> Known:
         return Known(self.corridor.clamp_px, self.levels, self.corridor.shape_px is not None)
 
-    def near(self, image: np.ndarray, guide_px: np.ndarray) -> np.ndarray:
-        width = self.corridor.width_px
-        return refine_path(image, guide_px, width, width + 2.0, None, self._known()).path_px
+    def along(self, image: np.ndarray, guide_px: np.ndarray, width_px: float, bright: bool | None) -> Centreline:
+        """The line, so wide, measured near a guide (K, 2) that lies about on the antenna."""
+        if bright is not None:
+            return measure(image, guide_px, width_px, bright)
+        path = refine_path(image, guide_px, width_px, width_px + 2.0, None, self._known())
+        return self.measured(image, path.path_px, None)
 
     def measured(
         self, image: np.ndarray, path_px: np.ndarray, bright: bool | None, blurred_px: float = 0.0

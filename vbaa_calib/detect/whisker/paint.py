@@ -91,8 +91,7 @@ class Paint:
         calibrated = finder.corridor.shape_px is not None
         line = finder.find(plane, self.polarity if calibrated else self.bright)
         if not line.found and self.colour is not None:
-            unlit = replace(finder, usual_height=0.0, levels=finder.levels[:0])
-            by_edges = unlit.find(Paint(None).plane(image), None)
+            by_edges = finder.unlit().with_usual_height(0.0).find(Paint(None).plane(image), None)
             return by_edges if by_edges.verdict in SHOWN else line
         if not line.found or not self.both_edges or calibrated:
             return line

@@ -93,8 +93,8 @@ def measure(image: np.ndarray, guide_px: np.ndarray, width_px: float, bright: bo
     width_px : the antenna's width.
     bright : brighter than its background; None: here brighter, there darker.
 
-    A point is kept where the line's height stands out from its noise and agrees with its neighbours', the profile
-    leaves no more residual than noise does, and it lies on a smooth curve with the others.
+    A point is kept where its height stands out from the noise and agrees with its neighbours', its profile leaves no
+    more residual than noise does, and it lies on a smooth curve with the others.
     """
     if len(guide_px) < 2 or np.hypot(*np.diff(guide_px, axis=0).T).sum() < 8.0:
         return NOTHING
@@ -109,10 +109,7 @@ def measure_on(
     blurred_px: float = 0.0,
     known: Known = NOTHING_KNOWN,
 ) -> Centreline:
-    """As `measure`, along a path (K, 2) that lies on the antenna to a fraction of its width.
-
-    `blurred_px` : by how much broader than the antenna the line may be.
-    """
+    """As `measure`, along a path (K, 2) on the antenna; `blurred_px` : by how much broader the line may be."""
     half = int(np.ceil(0.8 * (width_px + blurred_px) + 5.0))
     if bright is None:
         path_px, half = stiffened(path_px), int(np.ceil(0.5 * width_px + _BESIDE_PX))
@@ -304,7 +301,7 @@ def _deviations(found: Crossings, lines: _Lines, clean: np.ndarray) -> np.ndarra
     for n in range(count):
         if clean[n]:
             for t in range(length):
-                at = _pixels_off(found.across[n, t] - lines.centre[n], length)
+                at = int(min(abs(found.across[n, t] - lines.centre[n]), 2.0 * length - 1.0))
                 number[at] += 1.0
                 squares[at] += fits.residuals[n, t] ** 2 / fits.freed[n, t]
     variance = np.where(number > 0.0, squares / np.maximum(number, 1.0), lines.noise**2)
@@ -318,25 +315,18 @@ def _deviations(found: Crossings, lines: _Lines, clean: np.ndarray) -> np.ndarra
             own = max(own, fits.rms[n] ** 2 / max(overall, 1e-12))
         square = 0.0
         for t in range(length):
-            at = _pixels_off(found.across[n, t] - lines.centre[n], length)
+            at = int(min(abs(found.across[n, t] - lines.centre[n]), 2.0 * length - 1.0))
             square += fits.gain[n, t] ** 2 * variance[at]
         sigma[n] = np.sqrt(square * own) / found.stretch[n]
     return sigma
 
 
 @kernel
-def _pixels_off(distance: float, length: int) -> int:
-    """A distance in whole pixels, below twice the length of a profile."""
-    return int(min(abs(distance), 2.0 * length - 1.0))
-
-
-@kernel
 def _edge_doubt(found: Crossings, lines: _Lines, there: np.ndarray) -> np.ndarray:
     """(N,) by how much an edge of the background along the antenna may draw the points aside, px."""
-    fits = lines.fits
     share = running_mean(there.astype(np.float64), EDGE_RUN, ZEROS)
-    moved = running_mean(np.where(there, fits.stepped, 0.0), EDGE_RUN, ZEROS) / np.maximum(share, 1e-9)
-    unit = np.where(there, (lines.noise * fits.stepped_unit) ** 2, 0.0)
+    moved = running_mean(np.where(there, lines.fits.stepped, 0.0), EDGE_RUN, ZEROS) / np.maximum(share, 1e-9)
+    unit = np.where(there, (lines.noise * lines.fits.stepped_unit) ** 2, 0.0)
     noise = running_mean(unit, EDGE_RUN, ZEROS) / np.maximum(share, 1e-9)
     # running sums leave rounding below zero
     deviation = np.sqrt(np.maximum(noise, 0.0) / np.maximum(EDGE_RUN * share, 1.0))
@@ -372,7 +362,6 @@ def _calibrated(
     curve = smooth.fit(shares(found), lines.centre, weights, (6.0 * spread, 6.0 * spread), _CURVE_PIECES, 1e-6).values
     off = ((lines.centre - curve) / (found.stretch * total))[kept]
     count = len(off)
-    # where an edge may draw points aside, their scatter says little of the noise
     trusted = (sigma / total)[kept] ** 2
     square = off**2 * (count / max(count - _CURVE_PIECES - 2.0, 0.5 * count))
     overall = (LIKELY_POINTS + (trusted * square).sum()) / (LIKELY_POINTS + trusted.sum())
