@@ -112,7 +112,7 @@ def frame_picture(estimator: ContactEstimator, item: FrameContact) -> np.ndarray
     found = marks(estimator, item)
     if item.line is not None and item.line.seen < _WHOLE and frame.image is not None and where is not None:
         plane = rig.image.paint.plane(read_picture(frame.image))
-        found = replace(found, parts=stretches(plane, item.line, where, rig.image.bright))
+        found = replace(found, parts=stretches(plane, item.line, where, rig.image.paint.polarity))
     grey = background(image, where)
     canvas = Canvas.over(grey)
     if where is not None:

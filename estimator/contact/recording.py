@@ -15,6 +15,7 @@ import numpy as np
 from estimator.table.contacts import Contact, Measured
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.images import read_picture
+from vbaa_calib.core.polyline import arc_lengths
 from vbaa_calib.detect.whisker.acceptance import decided
 from vbaa_calib.detect.whisker.antenna import (
     corridor,
@@ -26,7 +27,7 @@ from vbaa_calib.detect.whisker.antenna import (
 )
 from vbaa_calib.detect.whisker.background import Background, evened
 from vbaa_calib.detect.whisker.centreline import NOTHING, Centreline
-from vbaa_calib.detect.whisker.corridor import Corridor, of_antennas_shape
+from vbaa_calib.detect.whisker.corridor import Corridor, less_sure, of_antennas_shape
 from vbaa_calib.detect.whisker.finder import AntennaFinder
 from vbaa_calib.detect.whisker.paint import usual_levels, without_other_things
 from vbaa_calib.detect.whisker.stretches import explained
@@ -38,9 +39,9 @@ from .estimate import STREAM, ContactEstimator
 
 _GRAVITY_STEP_M_S2 = 0.5
 """A finder is used again for frames whose gravity is so much alike: the free antenna sags by a pixel more or less."""
-_SECOND_LOOK = 0.8
-"""The second look along the fitted shape is taken unless it sees less than this fraction of what the first saw."""
-
+_SECOND_LOOK, _FARTHER_WIDTHS = 0.8, 6.0
+"""The second look is taken unless it sees less than this fraction of what the first saw; where the polarity changes,
+unless it sees less at all and reaches as far, but for so many widths: an edge may go on."""
 CLAMP_PX, CLAMP_RAD, DRIFTED = 1.5, 0.015, 3.0
 """How far beside its free shape, and how much turned, an antenna of a calibrated rig may leave its clamp; and so many
 deviations of the camera's drift since then."""
@@ -126,10 +127,12 @@ def _measured(frame: Frame, points_px: np.ndarray, sigma_px: np.ndarray, **more:
     )
 
 
-def detect(rig: Rig, frame: Still, image: np.ndarray) -> Centreline:
-    """The antenna on one picture's plane of paint, (H, W), wherever the corridor lets it be."""
-    looking = prepared(rig, frame)
-    return NOTHING if looking is None else looking.find(image, rig.image.bright)
+def looking_for(rig: Rig, frame: Still, picture: np.ndarray) -> AntennaFinder | None:
+    """`prepared`, with how bright the antenna is in a picture's (H, W[, 3]) light where that helps to find it."""
+    looking, paint = prepared(rig, frame), rig.image.paint
+    if looking is None or paint.polarity is not None:
+        return looking
+    return replace(looking, levels=usual_levels(picture, looking.corridor, rig.image.looks, paint))
 
 
 def prepared(rig: Rig, frame: Still) -> AntennaFinder | None:
@@ -141,8 +144,7 @@ def prepared(rig: Rig, frame: Still) -> AntennaFinder | None:
 
 @lru_cache(maxsize=256)
 def _finder(rig: Rig, pull_m_s2: tuple[float, ...], paths_m_s2: tuple[float, ...]) -> AntennaFinder | None:
-    """What looks for the antenna under this gravity (antenna frame), along the paths tabled for one much like it; None
-    where the lens cannot show the antenna."""
+    """The same under this gravity (antenna frame), along the paths tabled for one much like it."""
     where = _corridor(rig, pull_m_s2)
     shape_px = max(SHAPE_PX, SHAPE_WIDTHS * where.width_px)
     drift, focal = rig.drift, 0.5 * (rig.camera.matrix[0, 0] + rig.camera.matrix[1, 1])
@@ -151,9 +153,7 @@ def _finder(rig: Rig, pull_m_s2: tuple[float, ...], paths_m_s2: tuple[float, ...
     clamp_px = float(np.hypot(CLAMP_PX, DRIFTED * np.linalg.norm(drifted)))
     where = replace(where, clamp_px=clamp_px, clamp_rad=CLAMP_RAD, shape_px=shape_px)
     found = finder(where, rig.camera, _tabled(rig, paths_m_s2))
-    if found is None:
-        return None
-    return found.with_usual_height(rig.image.height or 0.0)
+    return found if found is None or rig.image.height is None else found.with_usual_height(rig.image.height)
 
 
 def _corridor(rig: Rig, pull_m_s2: tuple[float, ...]) -> Corridor:
@@ -195,10 +195,14 @@ def _along(rig: Rig, glance: FirstDetection, rough: RoughFit) -> Detection:
     if glance.picture is not None:
         again = rig.image.paint.by_edges(glance.picture, again, guide, width)
         again = without_other_things(glance.picture, again, rig.image.looks, width, rig.image.paint)
-    line = glance.line
+    where, line = glance.looking.corridor, glance.line
     if len(again.points_px) >= _SECOND_LOOK * len(line.points_px):
-        line = of_antennas_shape(again, glance.looking.corridor, glance.bright is None)
-    # a line that is doubted on a closer look, though not on the first, makes no contact
+        line = of_antennas_shape(again, where, glance.bright is None)
+        if line.found and glance.bright is None:
+            farther_px = arc_lengths(glance.line.points_px)[-1] - arc_lengths(again.points_px)[-1]
+            more = line.seen < glance.line.seen and farther_px < _FARTHER_WIDTHS * width
+            line = glance.line if more else less_sure(line, where)
+    # what is doubted on a closer look, though not on the first, makes no contact
     return Detection(line, measured(rig, glance.frame, line if line.found else NOTHING, start=rough.unknowns))
 
 
@@ -236,16 +240,12 @@ def first_look(
     estimator: ContactEstimator, frame: Frame, picture: np.ndarray, ground: Ground | None = None
 ) -> FirstDetection:
     """The same at a picture (H, W[, 3]) of the rig's size that was read already."""
-    rig = estimator.rig
-    paint = rig.image.paint
+    rig, paint = estimator.rig, estimator.rig.image.paint
     bright, image = paint.polarity, paint.plane(picture)
-    if not math.isfinite(frame.pan_rad + frame.tilt_rad):
-        return FirstDetection(frame, image, replace(NOTHING, reason=_NO_JOINTS), bright)
-    looking = prepared(rig, frame)
+    known = math.isfinite(frame.pan_rad + frame.tilt_rad)
+    looking = looking_for(rig, frame, picture) if known else None
     if looking is None:
-        return FirstDetection(frame, image, NOTHING, bright)
-    if bright is None:
-        looking = replace(looking, levels=usual_levels(picture, looking.corridor.axis_px, rig.image.looks, paint))
+        return FirstDetection(frame, image, NOTHING if known else replace(NOTHING, reason=_NO_JOINTS), bright)
     less = subtracted(looking, image, None if ground is None else ground(frame))
     if less is not None and less[1].found:
         image, line, bright, looking = *less, None, looking.unlit()

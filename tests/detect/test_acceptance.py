@@ -16,7 +16,7 @@ from vbaa_calib.core.polyline import normals, resample
 from vbaa_calib.detect.whisker.acceptance import decided
 from vbaa_calib.detect.whisker.antenna import corridor, free_curve, pixels
 from vbaa_calib.detect.whisker.centreline import Centreline
-from vbaa_calib.detect.whisker.corridor import Corridor, of_antennas_shape
+from vbaa_calib.detect.whisker.corridor import Corridor, less_sure, of_antennas_shape
 from vbaa_calib.detect.whisker.finder import AntennaFinder
 from vbaa_calib.detect.whisker.paint import Paint, usual_levels
 from vbaa_calib.detect.whisker.path_refinement import Known, refine_path
@@ -142,7 +142,7 @@ def test_a_line_that_has_less_of_the_antennas_shape_is_less_sure(changing: bool)
     def judged(off_px: np.ndarray, seen: float = 1.0) -> Centreline:
         points, numbers = path + off_px[:, None] * normal, np.full(len(path), 0.1)
         line = Centreline(points, numbers, seen, 30.0, 1.0, "ok", "", points, effective_px=numbers)
-        return of_antennas_shape(line, rig.where, changing)
+        return less_sure(of_antennas_shape(line, rig.where, changing), rig.where)
 
     wavy = 0.8 * np.sin(4.0 * np.pi * share) * share
     assert (judged(np.zeros(len(path))).sigma_px == 0.1).all()
@@ -172,14 +172,57 @@ def test_the_light_that_an_antenna_is_known_by_is_that_of_the_picture(depth: typ
     """A lamp half and one and a half times as strong; whatever lies around."""
     rng = np.random.default_rng(9)
     looks = tuple((90.0, 100.0, 110.0, 8.0) for _ in range(8))
-    axis = np.array(CLAMP) + np.linspace(0.0, LENGTH, 60)[:, None] * [1.0, 0.0]
+    along = np.linspace(0.0, LENGTH, 60)[:, None] * [1.0, 0.0]
+    where = Corridor(np.array(CLAMP) + along, np.full(60, 100.0), WIDTH_PX, clamp_px=2.0)
+    cover = np.clip(tube(bent(CLAMP, 0.0, 8.0), WIDTH_PX, 1.0), 0.0, 1.0)[..., None]
+    picture = _patchwork(rng)[..., None] * (1.0 - cover) + cover * [90.0, 100.0, 110.0]
     deep = 257.0 if depth is np.uint16 else 1.0
     for light in (0.5, 1.0, 1.5):
-        cover = np.clip(tube(bent(CLAMP, 0.0, 8.0), WIDTH_PX, 1.0), 0.0, 1.0)[..., None]
-        picture = light * (_patchwork(rng)[..., None] * (1.0 - cover) + cover * [90.0, 100.0, 110.0])
-        levels = usual_levels(np.rint(deep * picture).astype(depth), axis, looks, Paint(None))
+        taken = np.rint(deep * light * picture).astype(depth)
+        levels = usual_levels(taken, where, looks, Paint(None))
         assert levels.shape == (8, 2)
         np.testing.assert_allclose(levels[:, 0], deep * light * 101.8, rtol=0.15)
         assert (levels[:, 1] > 0.05 * levels[:, 0]).all()
-    assert len(usual_levels(np.zeros((*SIZE, 3), depth), axis, looks, Paint(None))) == 0
-    assert len(usual_levels(np.zeros(SIZE, depth), axis, None, Paint(None))) == 0
+        # a rig that knows its antenna by weights of colours, a picture without any
+        grey = usual_levels(taken[..., 1], where, ((100.0, 100.0, 100.0, 8.0),) * 8, Paint(None, (1.0, -1.0, 0.0)))
+        np.testing.assert_allclose(grey[:, 0], deep * light * 100.0, rtol=0.15)
+    beyond = replace(where, axis_px=where.axis_px - [CLAMP[0] + 40.0, 0.0])
+    for unknown in (beyond, replace(where, clamp_px=1.5 * WIDTH_PX)):
+        assert len(usual_levels(taken, unknown, looks, Paint(None))) == 0
+    assert len(usual_levels(np.zeros_like(taken), where, looks, Paint(None))) == 0
+    assert len(usual_levels(taken, where, None, Paint(None))) == 0
+
+
+def test_on_a_calibrated_rig_a_line_is_measured_along_the_antennas_shapes() -> None:
+    """A bright cable crosses it at a narrow angle near the clamp: by contrast alone the line begins on that. The
+    antenna's brightness alone does not make what follows it less the antenna; and what is no guide shows nothing."""
+    rig, rng = _Rig(0.0), np.random.default_rng(10)
+    width, height = 960, 720
+    path = rig.pressed(0.7, 0.3, 0.0)
+    span = path[60] - path[0]
+    across = span[::-1] * [-1.0, 1.0] / np.hypot(*span)
+    cable = path[0] + np.linspace(-0.2, 3.0, 200)[:, None] * span + across * np.linspace(9.0, -9.0, 200)[:, None]
+
+    def drawn(line: np.ndarray, width_px: int, level: float, picture: np.ndarray) -> None:
+        points = np.rint(16.0 * line).astype(np.int32)
+        cv2.polylines(picture, [points], False, level, width_px, cv2.LINE_AA, 4)
+
+    picture = np.full((height, width), 60, np.uint8)
+    drawn(cable, 2, 230.0, picture)
+    drawn(path, 4, 130.0, picture)
+    picture = exposed(cv2.GaussianBlur(picture, (0, 0), 0.7).astype(float), rng)
+    where = replace(rig.where, width_px=4.0)
+    finder = AntennaFinder.prepare(where, (width, height))
+    known = replace(finder, levels=np.column_stack([np.full(8, 130.0), np.full(8, 12.0)]))
+    line = known.find(picture, None)
+    assert line.found
+    assert line.familiar > 0.9
+    assert np.sqrt(np.mean(aside(path, line.points_px) ** 2)) < 0.5
+    again = known.along(picture, path + np.array([0.0, 1.0]), 4.0, None)
+    assert np.sqrt(np.mean(aside(path, again.points_px) ** 2)) < 0.5
+    for guide in (path[:0], path[:1], path[:2]):
+        assert not known.along(picture, guide, 4.0, None).found
+    strange = replace(known, levels=np.column_stack([np.full(8, 30.0), np.full(8, 5.0)])).find(picture, None)
+    assert strange.familiar < 0.1
+    assert strange.likely < 0.2
+    assert known.unlit().find(picture, None).familiar == 1.0

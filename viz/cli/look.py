@@ -41,11 +41,11 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     import numpy as np
 
     from estimator.contact.overlay import corridor_of
-    from estimator.contact.recording import detect, prepared, subtracted
+    from estimator.contact.recording import looking_for, subtracted
     from estimator.contact.surroundings import AUTO, beside, surroundings
     from vbaa_calib.core.images import read_gray, read_picture
     from vbaa_calib.detect.drawing.overlay import centreline_picture, described
-    from vbaa_calib.detect.whisker.centreline import Visibility
+    from vbaa_calib.detect.whisker.centreline import NOTHING, Visibility
     from vbaa_calib.detect.whisker.paint import without_other_things
     from vbaa_calib.detect.whisker.stretches import Cause, stretches, why_lost
     from vbaa_calib.rig import Rig
@@ -58,24 +58,27 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     plane, own = rig.image.paint.plane, read_picture(args.image)
     plain = plane(own)
     ground, ground_words = surroundings(rig, args.background, lambda: beside(rig, frame))
-    looking = prepared(rig, frame)
+    looking = looking_for(rig, frame, own)
     less = None if ground is None or looking is None else subtracted(looking, plain, ground(frame))
     if ground is not None and less is None:
         ground_words = "left aside, since it does not lie behind the antenna in this picture"
-    picture, line = (plain, detect(rig, frame, plain)) if less is None else less
+    line = NOTHING if less is None else less[1]
     if looking is not None:
+        line = rig.image.paint.find(looking, own, plain) if less is None else line
         line = without_other_things(own, line, rig.image.looks, looking.corridor.width_px, rig.image.paint)
     # an antenna that is dark instead of bright, the other way round, or here this and there that
     words_of = {True: "brighter", False: "darker", None: "here brighter, there darker"}
     others = [] if line.found or rig.image.bright is None else [not rig.image.bright, None]
-    rigs = {words_of[bright]: replace(rig, image=replace(rig.image, bright=bright)) for bright in others}
-    opposite = next((words for words, other in rigs.items() if detect(other, frame, picture).found), None)
+    paints = {words_of[bright]: replace(rig.image.paint, bright=bright, both_edges=False) for bright in others}
+    opposite = None
+    if looking is not None:
+        opposite = next((words for words, paint in paints.items() if paint.find(looking, own, plain).found), None)
     other_way, taken = opposite is not None, words_of[rig.image.bright]
     taken += "" if rig.image.weights_bgr is None and rig.image.colour_bgr is None else " in its colour"
     hint = f"; taken for {opposite} it is found: is this the rig's picture?" if other_way else ""
     words = f"looked for as {taken} than its surroundings, as the rig says{hint}"
     where = corridor_of(rig, frame)
-    parts = [] if where is None else stretches(plain, line, where, rig.image.bright)
+    parts = [] if where is None else stretches(plain, line, where, rig.image.paint.polarity)
     lost, change = why_lost(parts)
     say(f"verdict  {line.verdict}" + (f": {line.reason}" if line.reason else ""))
     say(f"antenna  {described(line)}")

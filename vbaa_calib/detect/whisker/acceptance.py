@@ -160,11 +160,10 @@ def best_of(lines: Sequence[Centreline], width_px: float, alike: float = OTHER_L
 
     It is ambiguous where of another so much is seen, over what is seen of the first.
     """
-    ranked = sorted(lines, key=lambda line: -line.seen * line.familiar)
+    ranked = sorted(lines, key=lambda line: -line.likely)
     best = ranked[0]
     for other in ranked[1:]:
-        likely = other.seen * other.familiar > alike * best.seen * best.familiar
-        if best.found and other.found and likely and _differ(best, other, width_px):
+        if best.found and other.found and other.likely > alike * best.likely and _differ(best, other, width_px):
             why = (
                 f"two lines could be the antenna: {100 * best.seen:.0f} and {100 * other.seen:.0f} % of its length seen"
             )

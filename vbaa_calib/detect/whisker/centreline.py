@@ -82,6 +82,11 @@ class Centreline:
         """Whether the verdict is "ok"."""
         return self.verdict == "ok"
 
+    @property
+    def likely(self) -> float:
+        """How much of it is seen, counted up to a sixth where it is not as bright as the antenna usually is."""
+        return self.seen * (1.0 + 5.0 * self.familiar) / 6.0
+
     def stretches(self, visibility: Visibility) -> list[np.ndarray]:
         """Pieces (M, 2) of the guide, M ≥ 2, that have this visibility."""
         here = np.flatnonzero(np.asarray(self.visibility) == visibility)
@@ -109,6 +114,8 @@ class Centreline:
     def doubted(self, doubt_px: np.ndarray | float) -> Centreline:
         """The same centreline with deviations that are larger by so much, (N,) or alike, which all its points share."""
         shared = doubt_px * np.sqrt(np.count_nonzero(doubt_px * np.ones(len(self.points_px))))
+        if not np.any(doubt_px):
+            return self
         return replace(
             self, sigma_px=np.hypot(self.sigma_px, doubt_px), effective_px=np.hypot(self.effective_px, shared)
         )

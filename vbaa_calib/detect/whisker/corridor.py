@@ -115,7 +115,7 @@ class FreeShape:
             aside = beside(resample(focal_px * curve, 1.0)[0], focal_px * seen)[1]
             weight, starts = 1.0 + (aside / scale) ** 2, shape[None]
         pixels, shown = self.camera.project(np.column_stack([curve, np.ones(len(curve))]))
-        return pixels[shown]
+        return pixels[: len(shown) if shown.all() else int(shown.argmin())]
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,8 +151,9 @@ class Corridor:
         """How far points (N, 2) of deviations (N,), from the clamp on, are from a shape that the antenna can take.
 
         The sum of the squares of offset and turn at the clamp and of the distance from the shape, over what is allowed
-        each: more than 1 is no antenna. The shape is the free antenna's, bent to any side by a force at any place; the
-        first one found that is `enough`, or less, is not made better.
+        each: more than 1 is no antenna. Points beyond the tip are as far off as they are from it. The shape is the free
+        antenna's, bent to any side by a force at any place; the first one found that is `enough`, or less, is not made
+        better.
         """
         assert self.shape_px is not None
         assert self.free is not None
@@ -198,15 +199,22 @@ def of_antennas_shape(line: Centreline, where: Corridor, changing: bool) -> Cent
     line = _reject_beside_clamp(line, where) if changing else line
     if where.shape_px is None or not line.found:
         return line
-    misfit = where.misfit(line.points_px, line.sigma_px, USUAL_MISFIT)
-    if misfit <= (WELL_FITTING if changing and line.seen < MUCH_SEEN else 1.0):
-        doubt = SHAPE_DOUBT * where.shape_px * np.sqrt(max(misfit - USUAL_MISFIT, 0.0))
-        return line.doubted(doubt) if doubt else line
+    most = WELL_FITTING if changing and line.seen < MUCH_SEEN else 1.0
+    if where.misfit(line.points_px, line.sigma_px, most) <= most:
+        return line
     return line.with_verdict(
         "no_antenna",
         "what could be the antenna is not its free shape bent by a force (an object's edge, a cable; or the rig has "
         "moved since its calibration)",
     )
+
+
+def less_sure(line: Centreline, where: Corridor) -> Centreline:
+    """The centreline, on a calibrated rig less sure by how much more than others its shape is not the antenna's."""
+    if where.shape_px is None or not line.found:
+        return line
+    misfit = where.misfit(line.points_px, line.sigma_px, USUAL_MISFIT)
+    return line.doubted(SHAPE_DOUBT * where.shape_px * float(np.sqrt(max(misfit - USUAL_MISFIT, 0.0))))
 
 
 def better_shaped(line: Centreline, other: Centreline, where: Corridor) -> Centreline:
@@ -216,10 +224,7 @@ def better_shaped(line: Centreline, other: Centreline, where: Corridor) -> Centr
     """
     if not other.found or not line.found:
         return line if line.found else other
-    rank = [
-        one.seen * one.familiar - SHAPE_RANK * where.misfit(one.points_px, one.sigma_px, WELL_SHAPED)
-        for one in (line, other)
-    ]
+    rank = [one.likely - SHAPE_RANK * where.misfit(one.points_px, one.sigma_px, WELL_SHAPED) for one in (line, other)]
     return line if rank[0] >= rank[1] else other
 
 
@@ -350,8 +355,8 @@ def _bent(
 def _off(
     seen: np.ndarray, variance: np.ndarray, curve: np.ndarray, moved: np.ndarray, matrix: np.ndarray, side: np.ndarray
 ) -> float:
-    """Mean square of the distances of points (N, 2) from a curve over their variances (N,), beyond its end from that;
-    writes the normal equations of what moves the curve (5, 5), of which the lower half, and (5,)."""
+    """Mean square of the distances of points (N, 2) from a curve over their variances (N,), of those beyond its end
+    from the end; writes the normal equations of what moves the curve (5, 5), of which the lower half, and (5,)."""
     matrix[:], side[:] = 0.0, 0.0
     total, k, row = 0.0, 0, np.empty(_UNKNOWNS)
     for i in range(len(seen)):

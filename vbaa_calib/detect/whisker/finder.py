@@ -12,10 +12,10 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.polyline import arc_lengths, normals, resample
 
 from .acceptance import OTHER_LINE_SEEN, best_of, reject_faint
-from .centreline import NOTHING, Centreline
-from .corridor import Corridor, better_shaped, of_antennas_shape
+from .centreline import Centreline
+from .corridor import Corridor, better_shaped, less_sure, of_antennas_shape
 from .path_refinement import NOTHING_KNOWN, Known, RefinedPath, refine_path
-from .profile import measure, measure_on
+from .profile import measure, measure_on, too_short
 
 _OTHER_PATH_SHARE = 0.75
 """A second path is measured if its score is at least this share of the best."""
@@ -128,17 +128,19 @@ class AntennaFinder:
         """A rough path (K, 2) moved onto the antenna."""
         reach = 1.2 * self.spacing_px + 0.5 * self.corridor.width_px + 4.0
         width = self.corridor.width_px + blurred_px
-        return refine_path(image, rough, width, reach, bright, self._known())
+        return refine_path(image, rough, width, reach, bright, self._known(bright))
 
-    def _known(self) -> Known:
-        return Known(self.corridor.clamp_px, self.levels, self.corridor.shape_px is not None)
+    def _known(self, bright: bool | None) -> Known:
+        """What helps to find a line of this polarity: how bright it is only where that changes."""
+        levels = self.levels if bright is None else NOTHING_KNOWN.levels
+        return Known(self.corridor.clamp_px, levels, self.corridor.shape_px is not None)
 
     def along(self, image: np.ndarray, guide_px: np.ndarray, width_px: float, bright: bool | None) -> Centreline:
-        """The line, so wide, measured near a guide (K, 2) that lies about on the antenna."""
-        if bright is not None:
+        """The line measured near a guide (K, 2), where the antenna, so wide, is about a width off at most."""
+        if bright is not None or too_short(guide_px):
             return measure(image, guide_px, width_px, bright)
-        path = refine_path(image, guide_px, width_px, width_px + 2.0, None, self._known())
-        return self.measured(image, path.path_px, None)
+        path = refine_path(image, guide_px, width_px, width_px + 2.0, None, self._known(None))
+        return replace(self, corridor=replace(self.corridor, width_px=width_px)).measured(image, path.path_px, None)
 
     def measured(
         self, image: np.ndarray, path_px: np.ndarray, bright: bool | None, blurred_px: float = 0.0
@@ -150,15 +152,17 @@ class AntennaFinder:
         """
         where, width = self.corridor, self.corridor.width_px
         if bright is not None or where.shape_px is None:
-            return measure_on(image, path_px, width, bright, blurred_px, self._known())
-        line, points, sigma = NOTHING, path_px, np.ones(len(path_px))
+            return measure_on(image, path_px, width, bright, blurred_px, self._known(bright))
+        lines, points, sigma = [], path_px, np.ones(len(path_px))
         for _ in range(2):
             along = where.nearest(points, sigma)
-            if not len(along):
+            if too_short(along):
+                along = path_px
+            lines.append(measure_on(image, along, width, None, blurred_px, self._known(None)))
+            points, sigma = lines[-1].points_px, lines[-1].sigma_px
+            if too_short(points):
                 break
-            line = better_shaped(line, measure_on(image, along, width, None, blurred_px, self._known()), where)
-            points, sigma = line.points_px, line.sigma_px
-        return line
+        return better_shaped(lines[0], lines[-1], where)
 
     def _look(self, image: np.ndarray, bright: bool | None, blurred_px: float) -> Centreline:
         paths = [self.path(image, rough, bright, blurred_px) for rough in self.candidates(image, bright, blurred_px)]
@@ -175,8 +179,8 @@ class AntennaFinder:
                 line = better_shaped(line, other[0], self.corridor)
             lines.append(line)
         alike = OTHER_LINE_SEEN if bright is not None else CHANGING_OTHER
-        line = best_of(lines, self.corridor.width_px, alike)
-        return reject_faint(line, self.usual_height)
+        line = reject_faint(best_of(lines, self.corridor.width_px, alike), self.usual_height)
+        return less_sure(line, self.corridor) if bright is None else line
 
 
 def sampled_axis(corridor: Corridor) -> tuple[np.ndarray, float]:

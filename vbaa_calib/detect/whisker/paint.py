@@ -17,6 +17,7 @@ from vbaa_calib.core.robust import MAD_SCALE
 
 from .acceptance import LEAST_SEEN
 from .centreline import Centreline, Visibility
+from .corridor import Corridor
 from .finder import AntennaFinder
 from .profile import SHARED_RUN, measure, measure_on
 
@@ -42,9 +43,10 @@ HIDDEN_PART, AWAY = 0.12, 0.25
 one of changing polarity lies on another thing and does not come back."""
 ROOT, LIGHT = 0.4, (0.6, 1.7)
 """Share of the line, from the clamp, that tells how brightly it is lit; limits of that factor."""
-BEGINNING, KNOWN_LIGHT, LAMP = (0.015, 0.1), (0.4, 2.5), 0.3
+BEGINNING, LEAST_BEGINNING, KNOWN_LIGHT, LAMP = (0.015, 0.1), 5, (0.4, 2.5), 0.3
 """Shares of its length between which a free and a bent antenna lie in one place, and tell how brightly it is lit before
-it is found; limits of that factor, and the relative deviation that it has beforehand: a highlight there is no lamp."""
+it is found, by so many pixels at least; limits of that factor, and the relative deviation that it has beforehand: a
+highlight there is no lamp."""
 _GREY_BGR = (0.114, 0.587, 0.299)
 """Weights of the channels in a grey level."""
 
@@ -86,7 +88,8 @@ class Paint:
 
     def find(self, finder: AntennaFinder, image: np.ndarray, plane: np.ndarray | None = None) -> Centreline:
         """The centreline in a grey or colour picture, whose `plane` may be known; by both of its edges, here brighter,
-        there darker, where an antenna is not found by its own colour."""
+        there darker, where an antenna is not found by its own colour. On a calibrated rig one measured by both of its
+        edges is looked for by these; before, it is looked for by its polarity."""
         plane = self.plane(image) if plane is None else plane
         calibrated = finder.corridor.shape_px is not None
         line = finder.find(plane, self.polarity if calibrated else self.bright)
@@ -170,20 +173,23 @@ def usual_looks(several: Sequence[np.ndarray]) -> Looks | None:
     return cast(Looks, tuple(map(tuple, np.column_stack([usual, spread]).tolist())))
 
 
-def usual_levels(image: np.ndarray, axis_px: np.ndarray, looks: Looks | None, paint: Paint) -> np.ndarray:
-    """(PLACES, 2) how bright the antenna usually is on the plane of its paint, and the deviation of that, in the light
-    of a picture (H, W[, 3]) in which it would lie at `axis_px` (K, 2) if it were free; (0, 2) where that is not known.
+def usual_levels(image: np.ndarray, where: Corridor, looks: Looks | None, paint: Paint) -> np.ndarray:
+    """(PLACES, 2) how bright the antenna is on the plane of its paint, and the deviation of that, in the light of a
+    picture (H, W[, 3]); (0, 2) where that is not known: where its clamp may lie more than a width off, or outside the
+    picture, or the light there is very strong or weak.
     """
     table, coloured = (np.empty((0, 4)), False) if looks is None else _table(looks)
-    if not len(table) or (image.ndim == 2 and coloured):
+    if not len(table) or (image.ndim == 2 and coloured) or where.clamp_px > where.width_px:
         return table[:0, :2]
     pixels, level = _levels(image)
-    light, unsure = _light(pixels, level, *resample(axis_px, 1.0), table)
+    light, unsure = _light(pixels, level, *resample(where.axis_px, 1.0), table)
     if not KNOWN_LIGHT[0] < light < KNOWN_LIGHT[1]:
         return table[:0, :2]
     now = (level * light * table).astype(np.float32)
-    weight = 1.0 if paint.colour is not None else np.linalg.norm(paint.weights or _GREY_BGR)
     spread = np.hypot(now[:, 3], unsure / light * np.linalg.norm(now[:, :3], axis=1))
+    if image.ndim == 2:
+        return np.column_stack([now[:, :3].mean(axis=1), spread]).astype(np.float64)
+    weight = 1.0 if paint.colour is not None else np.linalg.norm(paint.weights or _GREY_BGR)
     return np.column_stack([paint.plane(now[:, None, :3]).ravel(), weight * spread]).astype(np.float64)
 
 
@@ -192,9 +198,12 @@ def _light(
     image: np.ndarray, level: float, axis: np.ndarray, along: np.ndarray, looks: np.ndarray
 ) -> tuple[float, float]:
     """How brightly an antenna of looks (PLACES, 4) is lit, over usual, in a picture, see `_colours`, as its axis (K, 2)
-    shows near the clamp, (K,) px from there; and the deviation of that."""
+    shows near the clamp, (K,) px from there; and the deviation of that. NaN where little of that is in the picture."""
     share, places = along / along[-1], (np.arange(PLACES) + 0.5) / PLACES
-    first = np.flatnonzero((share > BEGINNING[0]) & (share < BEGINNING[1]))
+    inside = (axis[:, 0] > 0.0) & (axis[:, 1] > 0.0) & (axis[:, 0] < image.shape[1]) & (axis[:, 1] < image.shape[0])
+    first = np.flatnonzero(inside & (share > BEGINNING[0]) & (share < BEGINNING[1]))
+    if len(first) < LEAST_BEGINNING:
+        return np.nan, np.nan
     colours, usual = _colours(image, level, axis[first]), np.empty((4, len(first)))
     for c in range(4):
         usual[c] = np.interp(share[first], places, looks[:, c].copy())

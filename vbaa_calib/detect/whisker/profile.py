@@ -83,6 +83,11 @@ _BROADER = 1.5
 """A line so much broader than expected is measured again with longer profiles."""
 
 
+def too_short(path_px: np.ndarray) -> bool:
+    """Whether a path (K, 2) is too short for a line to be measured along it."""
+    return len(path_px) < 2 or bool(np.hypot(*np.diff(path_px, axis=0).T).sum() < 8.0)
+
+
 def measure(image: np.ndarray, guide_px: np.ndarray, width_px: float, bright: bool | None = True) -> Centreline:
     """The centreline near a guide, one point for every column (or row) of pixels that it crosses.
 
@@ -96,7 +101,7 @@ def measure(image: np.ndarray, guide_px: np.ndarray, width_px: float, bright: bo
     A point is kept where its height stands out from the noise and agrees with its neighbours', its profile leaves no
     more residual than noise does, and it lies on a smooth curve with the others.
     """
-    if len(guide_px) < 2 or np.hypot(*np.diff(guide_px, axis=0).T).sum() < 8.0:
+    if too_short(guide_px):
         return NOTHING
     return measure_on(image, refine_path(image, guide_px, width_px, width_px + 2.0, bright).path_px, width_px, bright)
 
