@@ -10,10 +10,11 @@ from scipy.spatial import cKDTree
 
 from tests.traced_pictures import TracedPicture, traced_pictures
 from vbaa_calib.calibrate.antenna.learnt_paint import learn
-from vbaa_calib.detect.whisker.antenna import CLAMP_REACH_PX, REACH_PER_LENGTH, find, find_along
+from vbaa_calib.detect.whisker.antenna import CLAMP_REACH_PX, REACH_PER_LENGTH, find
 from vbaa_calib.detect.whisker.corridor import Corridor
 from vbaa_calib.detect.whisker.finder import AntennaFinder
 from vbaa_calib.detect.whisker.paint import Paint
+from vbaa_calib.detect.whisker.profile import measure
 
 PICTURES = traced_pictures()
 
@@ -40,7 +41,7 @@ def _off(picture: TracedPicture, points_px: np.ndarray) -> np.ndarray:
 def test_edges_show_what_the_colour_of_bare_metal_does_not() -> None:
     picture = next(one for one in PICTURES if one.name == "nitinol_patchwork_frame_0005")
     paint = Paint(True, colour=(45.0, 46.0, 53.0))
-    by_colour = find_along(paint.plane(picture.color()), picture.line_px, picture.width_px, True)
+    by_colour = measure(paint.plane(picture.color()), picture.line_px, picture.width_px, True)
     line = paint.by_edges(picture.color(), by_colour, picture.line_px, picture.width_px)
     assert line.found
     assert line.seen > max(by_colour.seen, 0.9)

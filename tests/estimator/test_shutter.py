@@ -12,7 +12,7 @@ from estimator.contact.shutter import checked
 from estimator.table.contacts import Measured
 from tests.detect.drawn_lines import SIZE, aside, background, bent, exposed, tube
 from vbaa_calib.antenna.shape import Curves
-from vbaa_calib.detect.whisker.antenna import find_along
+from vbaa_calib.detect.whisker.profile import measure
 from vbaa_calib.session import Frame, Shutter
 
 from .drawn_frames import contact_of, rig_of, shape
@@ -77,7 +77,7 @@ def test_a_drawn_rolling_shutter_puts_points_off_by_as_much_as_is_said() -> None
     first, part = place.astype(int), (place % 1.0)[:, None]
     rows = np.arange(SIZE[0])
     light = shots[first, rows] * (1.0 - part) + shots[first + 1, rows] * part
-    line = find_along(exposed(light, rng), path(0.0), 4.0)
+    line = measure(exposed(light, rng), path(0.0), 4.0)
     off = aside(path(0.0), line.points_px)
     moved = aside(path(0.0), path(moved_deg))
     along = np.interp(line.points_px[:, 0], path(0.0)[:, 0], moved)

@@ -11,11 +11,11 @@ import pytest
 from estimator.contact.recording import subtracted
 from estimator.contact.surroundings import background_of
 from tests.detect.drawn_lines import SIZE, aside, background, bent, exposed, tube
-from vbaa_calib.detect.whisker.antenna import find_along
 from vbaa_calib.detect.whisker.background import Background
 from vbaa_calib.detect.whisker.centreline import Centreline
 from vbaa_calib.detect.whisker.corridor import Corridor
 from vbaa_calib.detect.whisker.finder import AntennaFinder
+from vbaa_calib.detect.whisker.profile import measure
 
 WIDTH_PX, ANTENNA = 4.0, 130.0
 CLAMP = (40.0, 120.4)
@@ -60,7 +60,7 @@ def lines_with(empty: Background, images: list[np.ndarray]) -> list[Centreline]:
     lines = []
     for image in images:
         less = subtracted(finder(), image, empty)
-        lines.append(find_along(less[0], less[1].guide_px, WIDTH_PX, None) if less[1].found else less[1])
+        lines.append(measure(less[0], less[1].guide_px, WIDTH_PX, None) if less[1].found else less[1])
     return lines
 
 

@@ -15,7 +15,6 @@ from vbaa_calib.geometry import Pose
 from .centreline import NOTHING, Centreline
 from .corridor import CLAMP_REACH_PX, Corridor, FreeShape
 from .finder import AntennaFinder, sampled_axis
-from .profile import measure
 
 REACH_PER_LENGTH = 0.9
 """How far to the side the antenna may be, as a fraction of the distance from the clamp: 42°."""
@@ -85,8 +84,3 @@ def find(image: np.ndarray, where: Corridor, bright: bool | None = True) -> Cent
     if not _shows(where):
         return NOTHING
     return AntennaFinder.prepare(where, (image.shape[1], image.shape[0])).find(image, bright)
-
-
-def find_along(image: np.ndarray, guide_px: np.ndarray, width: float, bright: bool | None = True) -> Centreline:
-    """The centreline measured across a predicted path (K, 2), which must be within about a width of the truth."""
-    return measure(image, guide_px, width, bright)
