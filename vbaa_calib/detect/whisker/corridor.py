@@ -24,6 +24,8 @@ with; the first two in the picture alone."""
 SHAPE_POINTS, LEAST_SHAPE_POINTS, SHAPE_STEPS, SHAPE_SEGMENTS = 40, 12, 14, 48
 """Means of so many runs of points, and at least so many, are compared with a shape that is fitted in so many steps; and
 the segments of that shape."""
+BEYOND = 1.5
+"""So far along the last segment, over its length, a point lies beyond the tip: a blurred end is a little longer."""
 CONVERGED = 0.95
 """A step that leaves more than this part of the misfit is the last."""
 DEPTH_RAD, LEAST_DAMPING = 3.0, 1e-3
@@ -369,8 +371,8 @@ def _off(
                 break
             k += 1
         size, weight = np.sqrt(square), 1.0 / (variance[i] * len(seen))
-        for along in range(1 + (part > 1.0)):
-            off = (part - 1.0) * size if along else (y * u - x * v) / size
+        for along in range(1 + (part > BEYOND)):
+            off = (part - BEYOND) * size if along else (y * u - x * v) / size
             total += weight * off**2
             for a in range(_UNKNOWNS):
                 over, aside = moved[k, a, 0], moved[k, a, 1]
