@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 
 from vbaa_calib.calibrate.antenna.learnt_paint import learn
-from vbaa_calib.detect.whisker.antenna import find, find_along
+from vbaa_calib.detect.whisker.antenna import find
 from vbaa_calib.detect.whisker.centreline import Centreline, Visibility
 from vbaa_calib.detect.whisker.corridor import Corridor
 from vbaa_calib.detect.whisker.finder import AntennaFinder
 from vbaa_calib.detect.whisker.paint import Paint, look_of, usual_looks, without_other_things
 from vbaa_calib.detect.whisker.path_refinement import refine_path
+from vbaa_calib.detect.whisker.profile import measure
 
 from .drawn_lines import SIZE, aside, background, bent, exposed, straight, tube
 
@@ -104,7 +105,7 @@ def test_any_corridor_in_any_picture(seed: int) -> None:
     along = np.linspace(0.0, float(np.linalg.norm(ends[1] - ends[0])), count)
     where = Corridor(axis, 8.0 + 0.9 * along, float(rng.uniform(0.3, 40.0)))
     for bright in (True, False):
-        for line in (find(image, where, bright), find_along(image, axis, where.width_px, bright)):
+        for line in (find(image, where, bright), measure(image, axis, where.width_px, bright)):
             assert np.isfinite(line.points_px).all()
             assert np.isfinite(line.sigma_px).all()
             assert not line.found
