@@ -52,10 +52,10 @@ QUIET = 0.4
 START_STEP_PX, START_BENDS, START_PROFILES = 0.5, 9, 24
 """At first the line is looked for at such steps, in so many places of either end and the middle, in so many
 profiles."""
-MISFIT, PULLED, LEFT, ALONG = 0.01, (0.01, 0.08), 0.42, 0.1
+MISFIT, PULLED, LEFT = 0.01, (0.015, 0.1), 0.42
 """Part of the profiles' power that no shape follows; parts of the width by which that may pull the line, and by which a
 reflectance may that is lopsided by the line's whole height; and what is left, when the line was followed, of the
-deviation of where it was begun, and of the variance of its course."""
+deviation of where it was begun."""
 OVER_EDGE, UNSURE = 20.0, 0.17
 """Where a line does not explain the profiles near by better than one edge, an object's or a shadow's, by so much,
 squares over the noise's, it may lie off by up to this part of its width; before and beyond all that is clear there is
@@ -195,7 +195,7 @@ def learn_reflectance(
             over_edge[n] += side[k, 0] * local[n, k, K]
     height = np.sqrt(np.maximum(_square(whole), 1e-12))
     told = np.maximum(WELL_BEGUN / count * known, 1e-9)
-    shared = np.sqrt(ALONG * (PIECES + 3.0) / told + (LEFT * begin_std) ** 2)
+    shared = np.sqrt((PIECES + 3.0) / told + (LEFT * begin_std) ** 2)
     lopsided = PULLED[1] * np.sqrt(whole[:, 1] ** 2 * MEAN_SQUARE[1] + whole[:, 3] ** 2 * MEAN_SQUARE[3]) / height
     pulled = width_px * np.hypot(PULLED[0], lopsided)
     shared_px = np.hypot(np.interp(found.along, some.along, shared), pulled) / found.stretch
