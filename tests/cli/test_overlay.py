@@ -72,7 +72,7 @@ def test_look_with_the_empty_scene_taken_off(vbaa: Call, session: Path, rig: Pat
     image, clutter = session / PICTURES["noload"], tmp_path / "clutter.png"
     picture = cv2.imread(str(image), cv2.IMREAD_GRAYSCALE)
     stripes = np.zeros(picture.shape, np.int32)
-    for row in range(4, len(stripes), 14):  # bars all along the antenna
+    for row in range(4, len(stripes), 11):  # bars all along the antenna
         cv2.line(stripes, (0, row), (picture.shape[1], row + 6), 70, 2)
     cv2.imwrite(str(clutter), np.clip(stripes + 60, 0, 255).astype(np.uint8))
     cv2.imwrite(str(image), np.clip(stripes + picture, 0, 255).astype(np.uint8))
