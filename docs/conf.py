@@ -53,6 +53,8 @@ nitpick_ignore_regex = [
         r"py:.*",
         r"FieldInfo|NoneType|Ge|Le|Gt|Lt|MinLen|MaxLen|Len|Field|FitNumbers|.*TouchObject|.*LearntRig|_Side|_Squares|BeforeValidator|AfterValidator|[-+.\de]+",
     ),
+    # what is imported for its type alone
+    (r"py:class", r"Paint"),
     # a column's kind, as the table declares it
     (r"py:.*", r"(estimator\.table\.contacts\.)?(Number|Flag|Text|Whole)"),
 ]
