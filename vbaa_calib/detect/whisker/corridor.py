@@ -80,6 +80,11 @@ class FreeShape:
         """For compiled functions."""
         return compiled_lens(self.camera.intrinsics)
 
+    @cached_property
+    def focal_px(self) -> float:
+        """Mean of both."""
+        return 0.5 * float(self.camera.matrix[0, 0] + self.camera.matrix[1, 1])
+
     def misfit(
         self, points_px: np.ndarray, sigma_px: np.ndarray, allowed: tuple[float, float, float], enough: float
     ) -> float:
@@ -87,37 +92,35 @@ class FreeShape:
 
         0 where the lens does not show enough of the points.
         """
-        means, variance, seen, valid = _seen(self.lens, points_px, sigma_px)
-        if self.lens.tilted:
-            seen, valid = self.camera.unproject_normalized(means)
-        if np.count_nonzero(valid) < LEAST_SHAPE_POINTS:
+        seen, variance = self._shown(points_px, sigma_px, allowed[0])
+        if len(seen) < LEAST_SHAPE_POINTS:
             return 0.0
-        focal_px = 0.5 * float(self.camera.matrix[0, 0] + self.camera.matrix[1, 1])
-        clamp = np.array([allowed[1] * self.clamp_m[2] / focal_px, allowed[2]])
-        variance = (variance[valid] + allowed[0] ** 2) / focal_px**2
-        known = np.array([*clamp, DEPTH_RAD])
-        return _misfit(self.clamp_m, self.axes, self.segments_m, seen[valid], variance, known, enough, STARTS)[0]
+        known = np.array([allowed[1] * self.clamp_m[2] / self.focal_px, allowed[2], DEPTH_RAD])
+        return _misfit(self.clamp_m, self.axes, self.segments_m, seen, variance, known, enough, STARTS)[0]
 
     def nearest(self, points_px: np.ndarray, sigma_px: np.ndarray, allowed: tuple[float, float, float]) -> np.ndarray:
         """`Corridor.nearest`, where so much is allowed of shape (px), clamp (px) and its turn (rad)."""
-        means, variance, seen, valid = _seen(self.lens, points_px, sigma_px)
-        if self.lens.tilted:
-            seen, valid = self.camera.unproject_normalized(means)
-        if np.count_nonzero(valid) < LEAST_SHAPE_POINTS:
+        seen, variance = self._shown(points_px, sigma_px, allowed[0])
+        if len(seen) < LEAST_SHAPE_POINTS:
             return np.empty((0, 2))
-        focal_px = 0.5 * float(self.camera.matrix[0, 0] + self.camera.matrix[1, 1])
-        known = np.array([0.5 * allowed[1] * self.clamp_m[2] / focal_px, 0.5 * allowed[2], ASIDE_RAD])
-        seen, variance = seen[valid], (variance[valid] + allowed[0] ** 2) / focal_px**2
+        known = np.array([0.5 * allowed[1] * self.clamp_m[2] / self.focal_px, 0.5 * allowed[2], ASIDE_RAD])
         curve, moved = np.empty((SHAPE_SEGMENTS + 1, 2)), np.zeros((SHAPE_SEGMENTS + 1, _UNKNOWNS, 2))
         weight, starts = np.ones(len(seen)), STARTS[:2]
         for scale in STRAY_PX:
             own = variance * weight
             _, shape = _misfit(self.clamp_m, self.axes, self.segments_m, seen, own, known, 0.0, starts)
             _bent(self.clamp_m, self.axes, self.segments_m, shape, curve, moved)
-            aside = beside(resample(focal_px * curve, 1.0)[0], focal_px * seen)[1]
+            aside = beside(resample(self.focal_px * curve, 1.0)[0], self.focal_px * seen)[1]
             weight, starts = 1.0 + (aside / scale) ** 2, shape[None]
         pixels, shown = self.camera.project(np.column_stack([curve, np.ones(len(curve))]))
         return pixels[: len(shown) if shown.all() else int(shown.argmin())]
+
+    def _shown(self, points_px: np.ndarray, sigma_px: np.ndarray, shape_px: float) -> tuple[np.ndarray, np.ndarray]:
+        """Means of runs of points that the lens shows, (M, 2) ideal normalized, and variances (M,) with the shape's."""
+        means, variance, seen, valid = _seen(self.lens, points_px, sigma_px)
+        if self.lens.tilted:
+            seen, valid = self.camera.unproject_normalized(means)
+        return seen[valid], (variance[valid] + shape_px**2) / self.focal_px**2
 
 
 @dataclass(frozen=True, eq=False)

@@ -213,3 +213,14 @@ def dot(one: np.ndarray, other: np.ndarray) -> float:
     for t in range(len(one)):
         total += one[t] * other[t]
     return total
+
+
+@kernel
+def pixels_off(distance: float, length: int) -> int:
+    """A distance in whole pixels, below twice the length of a profile."""
+    return int(min(abs(distance), 2.0 * length - 1.0))
+
+
+def too_short(path_px: np.ndarray) -> bool:
+    """Whether a path (K, 2) is too short for a line to be measured along it."""
+    return len(path_px) < 2 or bool(np.hypot(*np.diff(path_px, axis=0).T).sum() < 8.0)

@@ -14,8 +14,9 @@ from vbaa_calib.core.polyline import arc_lengths, normals, resample
 from .acceptance import OTHER_LINE_SEEN, best_of, reject_faint
 from .centreline import Centreline
 from .corridor import Corridor, better_shaped, less_sure, of_antennas_shape
+from .crossings import too_short
 from .path_refinement import NOTHING_KNOWN, Known, RefinedPath, refine_path
-from .profile import measure, measure_on, too_short
+from .profile import measure, measure_on
 
 _OTHER_PATH_SHARE = 0.75
 """A second path is measured if its score is at least this share of the best."""

@@ -18,7 +18,7 @@ from vbaa_calib.core.smooth import END_VALUE, ZEROS, median, quantile, running_m
 
 from .acceptance import FittedLine, accepted, look_of, without_margins
 from .centreline import NOTHING, Centreline
-from .crossings import Crossings, crossings, every, shares, tapered
+from .crossings import Crossings, crossings, every, pixels_off, shares, tapered, too_short
 from .line_shape import (
     CrossSection,
     Fits,
@@ -81,11 +81,6 @@ _BESIDE_PX = 3.0
 """How much is looked at on either side of an antenna whose polarity changes: what lies farther is another thing's."""
 _BROADER = 1.5
 """A line so much broader than expected is measured again with longer profiles."""
-
-
-def too_short(path_px: np.ndarray) -> bool:
-    """Whether a path (K, 2) is too short for a line to be measured along it."""
-    return len(path_px) < 2 or bool(np.hypot(*np.diff(path_px, axis=0).T).sum() < 8.0)
 
 
 def measure(image: np.ndarray, guide_px: np.ndarray, width_px: float, bright: bool | None = True) -> Centreline:
@@ -306,7 +301,7 @@ def _deviations(found: Crossings, lines: _Lines, clean: np.ndarray) -> np.ndarra
     for n in range(count):
         if clean[n]:
             for t in range(length):
-                at = int(min(abs(found.across[n, t] - lines.centre[n]), 2.0 * length - 1.0))
+                at = pixels_off(found.across[n, t] - lines.centre[n], length)
                 number[at] += 1.0
                 squares[at] += fits.residuals[n, t] ** 2 / fits.freed[n, t]
     variance = np.where(number > 0.0, squares / np.maximum(number, 1.0), lines.noise**2)
@@ -320,7 +315,7 @@ def _deviations(found: Crossings, lines: _Lines, clean: np.ndarray) -> np.ndarra
             own = max(own, fits.rms[n] ** 2 / max(overall, 1e-12))
         square = 0.0
         for t in range(length):
-            at = int(min(abs(found.across[n, t] - lines.centre[n]), 2.0 * length - 1.0))
+            at = pixels_off(found.across[n, t] - lines.centre[n], length)
             square += fits.gain[n, t] ** 2 * variance[at]
         sigma[n] = np.sqrt(square * own) / found.stretch[n]
     return sigma
@@ -367,6 +362,7 @@ def _calibrated(
     curve = smooth.fit(shares(found), lines.centre, weights, (6.0 * spread, 6.0 * spread), _CURVE_PIECES, 1e-6).values
     off = ((lines.centre - curve) / (found.stretch * total))[kept]
     count = len(off)
+    # where an edge may draw points aside, their scatter says little of the noise
     trusted = (sigma / total)[kept] ** 2
     square = off**2 * (count / max(count - _CURVE_PIECES - 2.0, 0.5 * count))
     overall = (LIKELY_POINTS + (trusted * square).sum()) / (LIKELY_POINTS + trusted.sum())
