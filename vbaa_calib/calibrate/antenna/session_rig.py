@@ -222,7 +222,15 @@ def observe_stills(session: Session, kinematics: Kinematics, before: Prior) -> l
     noload, loads = read_noload(session), read_loads(session)
     expected = ExpectedAntenna(session.antenna, before.camera, before.start, nominal_parameters(session.antenna))
     free, expected = observe(session, kinematics, noload, expected, "free antenna")
-    return [*free, *observe(session, kinematics, loads, expected, "known loads")[0]]
+    loaded, _ = observe(session, kinematics, loads, expected, "known loads")
+    return [*_as_one(free), *_as_one(loaded)]
+
+
+def _as_one(alike: Sequence[Observation]) -> list[Observation]:
+    """Stills that tell no more than one of them where points share their errors: the light stands still, and the
+    antenna lies much the same in all."""
+    factor = np.sqrt(max(sum(one.shared for one in alike), 1))
+    return [replace(one, sigma_px=factor * one.sigma_px) if one.shared else one for one in alike]
 
 
 CLAMP_OFFSET_STD_M = 1.5e-3

@@ -38,7 +38,7 @@ SHADE, SHADED_UNSURE, TINT = (0.33, 1.15), 0.3, (0.9, 2.0)
 """Limits of its brightness, over that in the light, where an antenna may lie in a shadow; part of its width to
 which it must be known where it lies there, or else it may be the edge of that; and a quantile of how far its hue is off
 in the light, and how many times that it may be off in a shadow."""
-HIDDEN_PART, AWAY = 0.15, 0.25
+HIDDEN_PART, AWAY = 0.0, 0.25
 """Part of its width by which a line may lie off where it shows something else in part; and part of its length for which
 one of changing polarity lies on another thing and does not come back."""
 ROOT, LIGHT = 0.4, (0.6, 1.7)

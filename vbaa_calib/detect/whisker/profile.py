@@ -34,7 +34,7 @@ from .line_shape import (
     shown,
 )
 from .path_refinement import NOTHING_KNOWN, Known, refine_path
-from .reflectance import learn_reflectance, mean_shape, pulled_by_others, stiffened
+from .reflectance import learn_reflectance, mean_shape, stiffened
 from .visible_end import Look, visible_end
 
 SEEN_RATIO, SEEN_CHANGING = 4.5, 3.5
@@ -235,8 +235,7 @@ def _changing_lines(found: Crossings, width_px: float, quiet: float, about: tupl
     broad = half_width_px(expected(reflectance.width_px, reflectance.blur_px, found.profiles.shape[1] // 2 + 2))
     centre, usual = learned.course + fits.shift, reflectance.height
     fits.height[learned.none] = 0.0
-    shared = np.hypot(learned.shared_px, pulled_by_others(fits.rms, noise, usual, width_px) / found.stretch)
-    return _Lines(centre, fits, section, broad, noise, usual, shared)
+    return _Lines(centre, fits, section, broad, noise, usual, learned.shared_px)
 
 
 @kernel

@@ -52,7 +52,7 @@ QUIET = 0.4
 START_STEP_PX, START_BENDS, START_PROFILES = 0.5, 9, 24
 """At first the line is looked for at such steps, in so many places of either end and the middle, in so many
 profiles."""
-MISFIT, PULLED, LEFT = 0.01, (0.015, 0.1), 0.42
+MISFIT, PULLED, LEFT = 0.01, 0.1, 0.42
 """Part of the profiles' power that no shape follows; parts of the width by which that may pull the line, and by which a
 reflectance may that is lopsided by the line's whole height; and what is left, when the line was followed, of the
 deviation of where it was begun."""
@@ -60,9 +60,6 @@ OVER_EDGE, UNSURE = 20.0, 0.17
 """Where a line does not explain the profiles near by better than one edge, an object's or a shadow's, by so much,
 squares over the noise's, it may lie off by up to this part of its width; before and beyond all that is clear there is
 none where the edge explains more."""
-OTHERS, OTHERS_RUN = (0.4, 0.12), 21
-"""Another thing beside the line, which its shape leaves unexplained, pulls it by this part of its width for what is as
-high as the line, and by so much of it at most; as the mean of so many neighbours shows."""
 STIFF_PIECES, PIECES = 4, 10
 """Of the smooth path that is begun with, and of the line's course about it."""
 
@@ -194,11 +191,9 @@ def learn_reflectance(
             whole[n, k] = side[k, 0]
             over_edge[n] += side[k, 0] * local[n, k, K]
     height = np.sqrt(np.maximum(_square(whole), 1e-12))
-    told = np.maximum(WELL_BEGUN / count * known, 1e-9)
-    shared = np.sqrt((PIECES + 3.0) / told + (LEFT * begin_std) ** 2)
-    lopsided = PULLED[1] * np.sqrt(whole[:, 1] ** 2 * MEAN_SQUARE[1] + whole[:, 3] ** 2 * MEAN_SQUARE[3]) / height
-    pulled = width_px * np.hypot(PULLED[0], lopsided)
-    shared_px = np.hypot(np.interp(found.along, some.along, shared), pulled) / found.stretch
+    lopsided = np.sqrt(whole[:, 1] ** 2 * MEAN_SQUARE[1] + whole[:, 3] ** 2 * MEAN_SQUARE[3]) / height
+    shared = LEFT * np.interp(found.along, some.along, begin_std)
+    shared_px = np.hypot(shared, PULLED * width_px * lopsided) / found.stretch
     unsure = 1.0 - np.minimum(np.maximum(over_edge / OVER_EDGE, 0.0), 1.0)
     shared_px = np.hypot(shared_px, UNSURE * width_px * unsure / found.stretch)
     none, clear = over_edge < 0.0, np.flatnonzero(over_edge > OVER_EDGE)
@@ -206,15 +201,6 @@ def learn_reflectance(
         none[clear[0] : clear[-1]] = False
     section = CrossSection(values, slopes, whole / height.reshape(-1, 1))
     return _Learned(_Reflectance(width, blur, whole, height, section), course, shared_px, taper, none)
-
-
-@kernel
-def pulled_by_others(rms: np.ndarray, noise: float, height: np.ndarray, width_px: float) -> np.ndarray:
-    """(N,) by how much other things may pull lines of heights (N,), px, whose fits leave (N,) and noise so much."""
-    other = smooth.running_mean(np.maximum(rms**2 - noise**2, 0.0), OTHERS_RUN, smooth.END_VALUE)
-    # running sums leave rounding below zero
-    over_height = np.sqrt(np.maximum(other, 0.0)) / np.maximum(height, 1e-9)
-    return width_px * np.minimum(OTHERS[0] * over_height, OTHERS[1])
 
 
 @kernel
