@@ -201,7 +201,7 @@ def _along(rig: Rig, glance: FirstDetection, rough: RoughFit) -> Detection:
         if line.found and glance.bright is None:
             farther_px = arc_lengths(glance.line.points_px)[-1] - arc_lengths(again.points_px)[-1]
             more = line.seen < glance.line.seen and farther_px < _FARTHER_WIDTHS * width
-            line = glance.line if more else less_sure(line, where)
+            line = of_antennas_shape(glance.line, where, changing=True) if more else less_sure(line, where)
     # what is doubted on a closer look, though not on the first, makes no contact
     return Detection(line, measured(rig, glance.frame, line if line.found else NOTHING, start=rough.unknowns))
 

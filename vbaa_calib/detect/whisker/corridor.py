@@ -33,11 +33,10 @@ DEPTH_RAD, LEAST_DAMPING = 3.0, 1e-3
 bend is at home nothing shows."""
 SHAPE_RANK, WELL_SHAPED = 0.3, 0.05
 """So much less a line may be seen that has a shape of one unit of misfit less; a misfit that is not made better."""
-WELL_FITTING, MUCH_SEEN = 0.15, 0.7
-"""Most misfit of a line that may be of either polarity, of which less than that is seen."""
-USUAL_MISFIT, SHAPE_DOUBT = 0.08, 4.0
-"""Most that lines have which lie on the antenna all along; and by how much, over what is allowed of shape, others are
-less sure for every unit, a square root, more."""
+USUAL_MISFIT, MUCH_SEEN, SHAPE_DOUBT = 0.08, 0.72, 4.0
+"""Most that lines have which lie on the antenna all along; part of a line that must be seen for it to have more, where
+it may be of either polarity; and by how much, over what is allowed of shape, such a line is less sure for every unit, a
+square root, more."""
 ASIDE_RAD, STRAY_PX = 0.05, (4.0, 2.0, 2.0, 1.0, 1.0, 0.7, 0.7)
 """Deviation of the bend towards the camera of the shape that is nearest to some points, which shows how long it is; and
 distances at which one counts half as much, one round each."""
@@ -204,7 +203,7 @@ def of_antennas_shape(line: Centreline, where: Corridor, changing: bool) -> Cent
     line = _reject_beside_clamp(line, where) if changing else line
     if where.shape_px is None or not line.found:
         return line
-    most = WELL_FITTING if changing and line.seen < MUCH_SEEN else 1.0
+    most = USUAL_MISFIT if changing and line.seen < MUCH_SEEN else 1.0
     if where.misfit(line.points_px, line.sigma_px, most) <= most:
         return line
     return line.with_verdict(
