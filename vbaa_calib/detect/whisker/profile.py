@@ -209,7 +209,7 @@ def _lines(
         else:
             section = learn(by_distance, known)
             sides = lopsided(by_distance, median(fits.rms[chosen] / fits.height[chosen]))
-            pulled = PULLED * width_px * min(max((sides - 0.5 * LOPSIDED) / LOPSIDED, 0.0), 1.0)
+            pulled = PULLED * width_px * min((sides / LOPSIDED) ** 1.5, 1.0)
             reflecting = pulled if width_px > FLANKED_PX and sides > LOPSIDED else 0.0
     fits = fit(section, found, curve)
     noise = _noise(fits.rms[found.inside], quiet)
