@@ -57,7 +57,7 @@ ALIKE = 0.8
 LOPSIDED, FLANKED_PX, PULLED = 0.012, 5.0, 0.05
 """With its sides so different, as a part of its height, a line this broad is measured by its own reflectance; a
 highlight, or a shadow beside it, still pulls it by up to this part of its width, half of it as a deviation, alike for
-all its points."""
+all its points: sides that differ less pull it by more than in proportion less, since noise makes some difference."""
 FAINTER = 0.7
 """Where less than this part of the usual height is left, the same highlight, if it is clear, pulls the line more."""
 _END_PROFILES = 40
