@@ -17,14 +17,7 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.images import read_picture
 from vbaa_calib.core.polyline import arc_lengths
 from vbaa_calib.detect.whisker.acceptance import decided
-from vbaa_calib.detect.whisker.antenna import (
-    corridor,
-    finder,
-    free_curve,
-    pixels,
-    same_paths_m_s2,
-    width_px,
-)
+from vbaa_calib.detect.whisker.antenna import corridor, finder, free_curve, pixels, same_paths_m_s2, width_px
 from vbaa_calib.detect.whisker.background import Background, evened
 from vbaa_calib.detect.whisker.centreline import NOTHING, Centreline
 from vbaa_calib.detect.whisker.corridor import Corridor, less_sure, of_antennas_shape
@@ -47,10 +40,9 @@ CLAMP_PX, CLAMP_RAD, DRIFTED = 1.5, 0.015, 3.0
 deviations of the camera's drift since then."""
 SHAPE_PX, SHAPE_WIDTHS = 0.5, 0.11
 """How far from a shape that it can take it may lie in the mean: the larger of so many px and widths."""
-
-_LEAST_NOISE = 0.5
-"""Points are not taken to be better than this part of what the rig's own pictures showed: one picture's scatter does
-not show what all of its points have in common, as by a highlight at the antenna's side."""
+_LEAST_NOISE = (0.5, 1.2)
+"""Points are not taken to be better than so many times what the rig's own pictures showed; more where the polarity may
+change, for objects shade the antenna: one picture's scatter does not show what its points have in common."""
 
 Ground = Callable[[Still], Background | None]
 """What lies behind the antenna in a picture, as far as it is known."""
@@ -105,7 +97,8 @@ def gravity(rig: Rig, frame: Still) -> np.ndarray:
 
 def measured(rig: Rig, frame: Frame, line: Centreline, **more: np.ndarray) -> Measured:
     """A centreline with the deviations that this rig's pictures really have, its end where it is the tip, and more."""
-    sigma = np.maximum(line.effective_px * rig.image.noise_scale, _LEAST_NOISE * rig.image.noise_px)
+    least = _LEAST_NOISE[rig.image.paint.polarity is None] * rig.image.noise_px
+    sigma = np.maximum(line.effective_px * rig.image.noise_scale, least)
     if line.end == "tip":
         more["tip_px"] = np.array([*line.end_px, line.end_std_px])
     return _measured(frame, line.points_px, sigma, **more)

@@ -222,15 +222,7 @@ def observe_stills(session: Session, kinematics: Kinematics, before: Prior) -> l
     noload, loads = read_noload(session), read_loads(session)
     expected = ExpectedAntenna(session.antenna, before.camera, before.start, nominal_parameters(session.antenna))
     free, expected = observe(session, kinematics, noload, expected, "free antenna")
-    loaded, _ = observe(session, kinematics, loads, expected, "known loads")
-    return [*_as_one(free), *_as_one(loaded)]
-
-
-def _as_one(alike: Sequence[Observation]) -> list[Observation]:
-    """Stills that tell no more than one of them where points share their errors: the light stands still, and the
-    antenna lies much the same in all."""
-    factor = np.sqrt(max(sum(one.shared for one in alike), 1))
-    return [replace(one, sigma_px=factor * one.sigma_px) if one.shared else one for one in alike]
+    return [*free, *observe(session, kinematics, loads, expected, "known loads")[0]]
 
 
 CLAMP_OFFSET_STD_M = 1.5e-3
@@ -278,7 +270,16 @@ def prior(
 
 def solve_antenna(session: Session, observations: Sequence[Observation], before: Prior) -> BundleAdjustment:
     """Bundle adjustment of a session's stills. A moment sensor that scatters clearly more than the session says is
-    weighted by its own scatter."""
+    weighted by its own scatter.
+
+    Where points share their errors, stills of one kind tell no more than one of them: the light stands still, and the
+    antenna lies much the same in all.
+    """
+    alike = [sum(one.shared for one in observations if isinstance(one.still, Load) == load) for load in (False, True)]
+    observations = [
+        replace(one, sigma_px=np.sqrt(alike[isinstance(one.still, Load)]) * one.sigma_px) if one.shared else one
+        for one in observations
+    ]
     joint = adjust_bundle(observations, before, session.antenna.length_m, session.moment_std_Nm)
     sensor = check(joint)
     if sensor.noise_interval_95_Nm[0] > session.moment_std_Nm:

@@ -197,13 +197,14 @@ def of_antennas_shape(line: Centreline, where: Corridor, changing: bool) -> Cent
     """The centreline, with another verdict where it is none that the antenna can take.
 
     On a calibrated rig a line must be the free antenna bent by a force: a cable bends elsewhere than at the clamp, and
-    a line that goes over to an object's edge has a kink. One that may be of either polarity (`changing`), which fits
-    more things, must leave the clamp as the antenna does, too, and fit well where little of it is seen.
+    a line that goes over to an object's edge has a kink. Where little is seen of one that may be of either polarity
+    (`changing`), which fits more things, it must leave the clamp as the antenna does, too, and fit well.
     """
-    line = _reject_beside_clamp(line, where) if changing else line
+    little = changing and line.seen < MUCH_SEEN
+    line = _reject_beside_clamp(line, where) if little else line
     if where.shape_px is None or not line.found:
         return line
-    most = USUAL_MISFIT if changing and line.seen < MUCH_SEEN else 1.0
+    most = USUAL_MISFIT if little else 1.0
     if where.misfit(line.points_px, line.sigma_px, most) <= most:
         return line
     return line.with_verdict(
