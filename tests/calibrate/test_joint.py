@@ -323,3 +323,16 @@ def test_a_load_that_contradicts_the_others_is_left_out_though_its_points_fit(se
     assert np.flatnonzero(~found.kept).tolist() == [wrong]
     off = found.parameters[RIG_PARAMETERS.index("log_stiffness_Nm2")] - drawn.world.parameters[6]
     assert abs(off) < 3.0 * np.hypot(np.sqrt(found.covariance[12, 12]), 0.005)  # and the weights' own error
+
+
+def test_stills_whose_points_share_errors_tell_no_more_than_one() -> None:
+    """Taken three times over they are still what one light shows; points with errors of their own tell more."""
+    drawn, which = clean_session(1), RIG_PARAMETERS.index("bow_about_z_per_m")
+
+    def deviation(shared: bool, times: int) -> float:
+        seen = [replace(one, shared=shared, sigma_px=np.full_like(one.sigma_px, 0.3)) for one in drawn.observations]
+        return float(np.sqrt(solve_antenna(drawn.session, seen * times, drawn.before).covariance[which, which]))
+
+    assert deviation(shared=True, times=3) > 0.85 * deviation(shared=True, times=1)
+    assert deviation(shared=False, times=3) < 0.75 * deviation(shared=False, times=1)
+    assert deviation(shared=True, times=1) > 1.5 * deviation(shared=False, times=1)
