@@ -188,13 +188,15 @@ def _along(rig: Rig, glance: FirstDetection, rough: RoughFit) -> Detection:
     if glance.picture is not None:
         again = rig.image.paint.by_edges(glance.picture, again, guide, width)
         again = without_other_things(glance.picture, again, rig.image.looks, width, rig.image.paint)
-    where, line = glance.looking.corridor, glance.line
+    where, changing = glance.looking.corridor, glance.bright is None
+    # whatever was left out of the first look, since it was judged
+    line = of_antennas_shape(glance.line, where, changing) if changing else glance.line
     if len(again.points_px) >= _SECOND_LOOK * len(line.points_px):
-        line = of_antennas_shape(again, where, glance.bright is None)
-        if line.found and glance.bright is None:
-            farther_px = arc_lengths(glance.line.points_px)[-1] - arc_lengths(again.points_px)[-1]
-            more = line.seen < glance.line.seen and farther_px < _FARTHER_WIDTHS * width
-            line = of_antennas_shape(glance.line, where, changing=True) if more else less_sure(line, where)
+        first, line = line, of_antennas_shape(again, where, changing)
+        if line.found and changing:
+            farther_px = arc_lengths(first.points_px)[-1] - arc_lengths(again.points_px)[-1]
+            more = first.found and line.seen < first.seen and farther_px < _FARTHER_WIDTHS * width
+            line = first if more else less_sure(line, where)
     # what is doubted on a closer look, though not on the first, makes no contact
     return Detection(line, measured(rig, glance.frame, line if line.found else NOTHING, start=rough.unknowns))
 

@@ -183,7 +183,8 @@ def adjust_bundle(
     """Solve camera pose, antenna, moment sensor and lens from stills. Raises SolveError when it does not converge.
 
     In passes: each weighs the points by their scatter in the one before, and leaves out stills that lie much further
-    off than the others. Where the lens folds within its covariance, its prior is narrowed.
+    off than the others. Where the lens folds within its covariance, its prior is narrowed. Where points share their
+    errors, the stills with a load, or without, tell no more than one of them: the light stands still.
     """
     sees, covariance = prior.camera.valid_region().image_fraction, prior.camera.covariance
     for share in _HOLDS:
@@ -274,7 +275,9 @@ def _solved(
         if with_tips is not None:
             problem, solution, evaluated = with_tips
             parameters = solution.parameters
-    whole, lens = solution.covariance(), problem.lens
+    alike = sum(one.shared for one in observations) / len({bool(one.load_N.any()) for one in observations})
+    wide = replace(problem, noise_scale=problem.noise_scale * float(np.sqrt(max(alike, 1.0))))
+    whole, lens = wide.linearised(parameters).covariance(), problem.lens
     # the lens may be off by all its deviation, whatever share it was held to: the solution follows it as its prior
     whole = whole + (share**-2 - 1.0) * whole[:, lens] @ whole[lens, :]
     # the lens in its own units

@@ -97,7 +97,7 @@ class Observation:
     height: float = 0.0  # of its line above the background, grey levels
     tip_px: np.ndarray = field(default_factory=lambda: np.full(2, np.nan))  # (2,) the antenna's end; NaN where not seen
     tip_std_px: float = np.nan  # its deviation along the antenna
-    # whether neighbouring points share most of their errors, which no shape that follows them shows
+    # whether neighbouring points share most of their errors, as other stills do: no shape that follows them shows these
     shared: bool = False
     look: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))  # (PLACES, C) mean colour from clamp to tip
 

@@ -47,7 +47,7 @@ _COURSE_ASIDE, _COURSE_ORDER, _ODD, _LEAVES = 0.02, 2, 0.04, 0.008
 """The same deviation where other pictures of the rig determine the free antenna's course, a polynomial of this order
 beside what is expected; a line that lies so far off the others' course is looked for again, and where it still lies so
 far off it, it has gone over to another thing."""
-_SHARED = 4.0  # effective over own deviation above which neighbouring points share most of their errors
+_SHARED = 4.0  # effective over own deviation above which points of one polarity share most of their errors
 _LEARNT_FROM = 3  # pictures from which the antenna's contrast is learnt
 _PLACES = np.linspace(0.0, 1.0, 21)
 
@@ -84,7 +84,7 @@ class ExpectedAntenna:
                 remedy=f"{change or 'light the antenna'}; shoot it again, or take its row out of the CSV",
             )
         tip_std_px = line.end_std_px if line.end == "tip" else np.nan
-        shared = bool(np.median(line.effective_px / line.sigma_px) > _SHARED)
+        shared = paint.polarity is None or bool(np.median(line.effective_px / line.sigma_px) > _SHARED)
         return Observation(
             still,
             line.points_px,
@@ -270,16 +270,7 @@ def prior(
 
 def solve_antenna(session: Session, observations: Sequence[Observation], before: Prior) -> BundleAdjustment:
     """Bundle adjustment of a session's stills. A moment sensor that scatters clearly more than the session says is
-    weighted by its own scatter.
-
-    Where points share their errors, stills of one kind tell no more than one of them: the light stands still, and the
-    antenna lies much the same in all.
-    """
-    alike = [sum(one.shared for one in observations if isinstance(one.still, Load) == load) for load in (False, True)]
-    observations = [
-        replace(one, sigma_px=np.sqrt(alike[isinstance(one.still, Load)]) * one.sigma_px) if one.shared else one
-        for one in observations
-    ]
+    weighted by its own scatter."""
     joint = adjust_bundle(observations, before, session.antenna.length_m, session.moment_std_Nm)
     sensor = check(joint)
     if sensor.noise_interval_95_Nm[0] > session.moment_std_Nm:

@@ -200,7 +200,7 @@ def of_antennas_shape(line: Centreline, where: Corridor, changing: bool) -> Cent
     a line that goes over to an object's edge has a kink. Where little is seen of one that may be of either polarity
     (`changing`), which fits more things, it must leave the clamp as the antenna does, too, and fit well.
     """
-    little = changing and line.seen < MUCH_SEEN
+    little = changing and (where.shape_px is None or line.seen < MUCH_SEEN)
     line = _reject_beside_clamp(line, where) if little else line
     if where.shape_px is None or not line.found:
         return line

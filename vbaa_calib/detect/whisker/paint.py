@@ -232,7 +232,7 @@ def without_other_things(
     if image.ndim == 2 and coloured:
         return line  # a grey picture does not show the colour
     shares, other, off, hue, tinted = _foreign(*_levels(image), line.points_px, line.guide_px, _seen(line), table)
-    if not other.any():
+    if not other.any() and off.max(initial=0.0) <= MOSTLY_FOREIGN:
         return line
     changing, sure = paint.bright is None, line.sigma_px <= SHADED_UNSURE * width_px
     # a grey camera's pictures may have three channels, too

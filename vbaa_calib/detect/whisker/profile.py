@@ -189,7 +189,7 @@ def _lines(
     half = found.profiles.shape[1] // 2
     some = every(found, max(1, len(found.along) // _TRAINING_PROFILES))
     section, curve, base = known.ordinary, np.zeros(len(found.along)), np.zeros(len(some.along))
-    pulled, reflecting = 0.0, 0.0
+    sides, reflecting = 0.0, 0.0
     for step in range(2):
         fits = fit(section, some, base)
         chosen = _training_profiles(fits, some.inside, quiet)
@@ -209,14 +209,13 @@ def _lines(
         else:
             section = learn(by_distance, known)
             sides = lopsided(by_distance, median(fits.rms[chosen] / fits.height[chosen]))
-            pulled = PULLED * width_px * min((sides / LOPSIDED) ** 1.5, 1.0)
-            reflecting = pulled if width_px > FLANKED_PX and sides > LOPSIDED else 0.0
+            reflecting = PULLED * width_px if width_px > FLANKED_PX and sides > LOPSIDED else 0.0
     fits = fit(section, found, curve)
     noise = _noise(fits.rms[found.inside], quiet)
     seen_at = found.inside & (fits.height > SEEN_RATIO * np.maximum(fits.rms, noise) * fits.unit_height)
     usual = np.full(len(curve), median(fits.height[seen_at]) if seen_at.any() else 0.0)
-    shared = np.full(len(curve), 0.5 * pulled)
-    if pulled > 0.5 * PULLED * width_px:
+    shared = np.full(len(curve), 0.5 * PULLED * width_px * min((sides / LOPSIDED) ** 1.5, 1.0))
+    if sides > LOPSIDED:
         near = running_mean(np.maximum(fits.height, 0.0), NEAR_POINTS, END_VALUE)
         shared *= np.maximum(FAINTER * usual / np.maximum(near, 0.1 * usual + 1e-9), 1.0)
     lines = _Lines(curve + fits.shift, fits, section, half_width_px(section), noise, usual, shared)

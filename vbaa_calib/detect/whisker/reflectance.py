@@ -52,7 +52,7 @@ QUIET = 0.4
 START_STEP_PX, START_BENDS, START_PROFILES = 0.5, 9, 24
 """At first the line is looked for at such steps, in so many places of either end and the middle, in so many
 profiles."""
-MISFIT, PULLED, LEFT = 0.01, 0.1, 0.42
+MISFIT, PULLED, LEFT = 0.01, (0.01, 0.1), 0.42
 """Part of the profiles' power that no shape follows; parts of the width by which that may pull the line, and by which a
 reflectance may that is lopsided by the line's whole height; and what is left, when the line was followed, of the
 deviation of where it was begun."""
@@ -193,7 +193,7 @@ def learn_reflectance(
     height = np.sqrt(np.maximum(_square(whole), 1e-12))
     lopsided = np.sqrt(whole[:, 1] ** 2 * MEAN_SQUARE[1] + whole[:, 3] ** 2 * MEAN_SQUARE[3]) / height
     shared = LEFT * np.interp(found.along, some.along, begin_std)
-    shared_px = np.hypot(shared, PULLED * width_px * lopsided) / found.stretch
+    shared_px = np.hypot(shared, width_px * np.hypot(PULLED[0], PULLED[1] * lopsided)) / found.stretch
     unsure = 1.0 - np.minimum(np.maximum(over_edge / OVER_EDGE, 0.0), 1.0)
     shared_px = np.hypot(shared_px, UNSURE * width_px * unsure / found.stretch)
     none, clear = over_edge < 0.0, np.flatnonzero(over_edge > OVER_EDGE)
