@@ -40,9 +40,9 @@ CLAMP_PX, CLAMP_RAD, DRIFTED = 1.5, 0.015, 3.0
 deviations of the camera's drift since then."""
 SHAPE_PX, SHAPE_WIDTHS = 0.5, 0.11
 """How far from a shape that it can take it may lie in the mean: the larger of so many px and widths."""
-_LEAST_NOISE = (0.5, 1.2)
-"""Points are not taken to be better than so many times what the rig's own pictures showed; more where the polarity may
-change, for objects shade the antenna: one picture's scatter does not show what its points have in common."""
+_LEAST_NOISE = (0.5, 1.0)
+"""Points are not taken to be better than this part of what the rig's own pictures showed; no better at all where the
+polarity may change: one picture's scatter does not show what all of its points have in common."""
 
 Ground = Callable[[Still], Background | None]
 """What lies behind the antenna in a picture, as far as it is known."""
