@@ -53,9 +53,9 @@ START_STEP_PX, START_BENDS, START_PROFILES = 0.5, 9, 24
 """At first the line is looked for at such steps, in so many places of either end and the middle, in so many
 profiles."""
 MISFIT, PULLED, LEFT = 0.01, (0.01, 0.1), 0.42
-"""Part of the profiles' power that no shape follows; parts of the width by which the line may be pulled at least, and by
-which a reflectance may pull it that is lopsided by the line's whole height; and what is left, when the line was
-followed, of the deviation of where it was begun."""
+"""Part of the profiles' power that no shape follows; parts of the width by which the line may be pulled in any case,
+and by a reflectance that is lopsided by the line's whole height; and what is left, when the line was followed, of the
+deviation of where it was begun."""
 OVER_EDGE, UNSURE = 20.0, 0.17
 """Where a line does not explain the profiles near by better than one edge, an object's or a shadow's, by so much,
 squares over the noise's, it may lie off by up to this part of its width; before and beyond all that is clear there is
