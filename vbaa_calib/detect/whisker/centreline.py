@@ -111,9 +111,11 @@ class Centreline:
             end_std_px=self.end_std_px if own[-1] else np.nan,
         )
 
-    def doubted(self, doubt_px: float) -> Centreline:
-        """The same centreline with deviations that are larger by so much, which all its points share."""
-        shared = doubt_px * np.sqrt(len(self.points_px))
+    def doubted(self, doubt_px: np.ndarray | float) -> Centreline:
+        """The same centreline with deviations that are larger by so much, (N,) or alike, which all its points share."""
+        shared = doubt_px * np.sqrt(np.count_nonzero(doubt_px * np.ones(len(self.points_px))))
+        if not np.any(doubt_px):
+            return self
         return replace(
             self, sigma_px=np.hypot(self.sigma_px, doubt_px), effective_px=np.hypot(self.effective_px, shared)
         )

@@ -24,10 +24,10 @@ from .profile import SHARED_RUN, measure, measure_on
 PLACES, RUN, LEAST_POINTS = 8, 15, 20
 """Places along the antenna at which its colour is learnt, points averaged for a colour, and the fewest points that tell
 how brightly it is lit."""
-FOREIGN, MOSTLY_FOREIGN, LEAST_SPREAD = 4.0, 2.5, (0.08, 3.0)
-"""Deviations from the usual colour beyond which a point is no antenna; and beyond which, in the median, the whole line
-is none. The least deviation, relative to the brightness and in grey levels, since the light changes as the antenna
-bends."""
+FOREIGN, MOSTLY_FOREIGN, PARTLY_FOREIGN, LEAST_SPREAD = 4.0, 2.5, 1.0, (0.08, 3.0)
+"""Deviations from the usual colour beyond which a point is no antenna; beyond which, in the median, the whole line is
+none; and beyond which a point may show something else in part. The least deviation, relative to the brightness and in
+grey levels, since the light changes as the antenna bends."""
 SHOWN = ("ok", "ambiguous")
 """Verdicts of lines that are seen."""
 COLOUR_PULLED = 0.05
@@ -38,8 +38,9 @@ SHADE, SHADED_UNSURE, TINT = (0.33, 1.15), 0.3, (0.9, 2.0)
 """Limits of its brightness, over that in the light, where an antenna may lie in a shadow; part of its width to
 which it must be known where it lies there, or else it may be the edge of that; and a quantile of how far its hue is off
 in the light, and how many times that it may be off in a shadow."""
-AWAY = 0.25
-"""Part of its length for which a line of changing polarity lies on another thing and does not come back."""
+HIDDEN_PART, AWAY = 0.15, 0.25
+"""Part of its width by which a line may lie off where it shows something else in part; and part of its length for which
+one of changing polarity lies on another thing and does not come back."""
 ROOT, LIGHT = 0.4, (0.6, 1.7)
 """Share of the line, from the clamp, that tells how brightly it is lit; limits of that factor."""
 BEGINNING, LEAST_BEGINNING, KNOWN_LIGHT, LAMP = (0.015, 0.1), 5, (0.4, 2.5), 0.3
@@ -220,8 +221,9 @@ def without_other_things(
 ) -> Centreline:
     """The centreline in a picture (H, W[, 3]) without stretches that do not look like an antenna of this width.
 
-    Where the antenna is hidden a line that goes on along an object's edge has not its colour. The light may be stronger
-    or weaker in all than it was.
+    Where the antenna is hidden a line that goes on along an object's edge has not its colour. Where it is hidden in
+    part, a line of one polarity is the middle of what is left: what the colour leaves open is added to the deviations,
+    alike for all points concerned. The light may be stronger or weaker in all than it was.
 
     Both edges show in a shadow as well. What throws it may hide the antenna in part: it must be of the line's own hue
     there, or come out of the shadow again; the last of it is left out.
@@ -232,7 +234,7 @@ def without_other_things(
     if image.ndim == 2 and coloured:
         return line  # a grey picture does not show the colour
     shares, other, off, hue, tinted = _foreign(*_levels(image), line.points_px, line.guide_px, _seen(line), table)
-    if not other.any() and off.max(initial=0.0) <= MOSTLY_FOREIGN:
+    if not other.any() and off.max(initial=0.0) <= PARTLY_FOREIGN:
         return line
     changing, sure = paint.bright is None, line.sigma_px <= SHADED_UNSURE * width_px
     # a grey camera's pictures may have three channels, too
@@ -248,7 +250,9 @@ def without_other_things(
         if line.end != "tip" and len(last) and (paint.both_edges or shaded[last[0]]):
             other[max(last[0] + 1 - RUN * shaded[last[0]], 0) :] = True
     other[away:] = True
-    shorter = line.only(~other)
+    hidden = 0.0 if paint.polarity is None else HIDDEN_PART * width_px
+    doubt = hidden * np.clip((off - PARTLY_FOREIGN) / (FOREIGN - PARTLY_FOREIGN), 0.0, 1.0)
+    shorter = line.only(~other).doubted(doubt[~other])
     if shorter.seen < LEAST_SEEN:
         share_seen = f"{100 * shorter.seen:.0f} % of its length"
         return shorter.with_verdict("too_little", f"most of the line has not the antenna's look ({share_seen} has)")

@@ -57,7 +57,7 @@ ALIKE = 0.8
 LOPSIDED, FLANKED_PX, PULLED = 0.012, 5.0, 0.05
 """With its sides so different, as a part of its height, a line this broad is measured by its own reflectance; a
 highlight, or a shadow beside it, still pulls it by up to this part of its width, half of it as a deviation, alike for
-all its points: sides that differ less pull it by more than in proportion less, since noise makes some difference."""
+all its points."""
 FAINTER = 0.7
 """Where less than this part of the usual height is left, the same highlight, if it is clear, pulls the line more."""
 _END_PROFILES = 40
@@ -189,7 +189,7 @@ def _lines(
     half = found.profiles.shape[1] // 2
     some = every(found, max(1, len(found.along) // _TRAINING_PROFILES))
     section, curve, base = known.ordinary, np.zeros(len(found.along)), np.zeros(len(some.along))
-    sides, reflecting = 0.0, 0.0
+    pulled, reflecting = 0.0, 0.0
     for step in range(2):
         fits = fit(section, some, base)
         chosen = _training_profiles(fits, some.inside, quiet)
@@ -209,13 +209,14 @@ def _lines(
         else:
             section = learn(by_distance, known)
             sides = lopsided(by_distance, median(fits.rms[chosen] / fits.height[chosen]))
-            reflecting = PULLED * width_px if width_px > FLANKED_PX and sides > LOPSIDED else 0.0
+            pulled = PULLED * width_px * min(max((sides - 0.5 * LOPSIDED) / LOPSIDED, 0.0), 1.0)
+            reflecting = pulled if width_px > FLANKED_PX and sides > LOPSIDED else 0.0
     fits = fit(section, found, curve)
     noise = _noise(fits.rms[found.inside], quiet)
     seen_at = found.inside & (fits.height > SEEN_RATIO * np.maximum(fits.rms, noise) * fits.unit_height)
     usual = np.full(len(curve), median(fits.height[seen_at]) if seen_at.any() else 0.0)
-    shared = np.full(len(curve), 0.5 * PULLED * width_px * min((sides / LOPSIDED) ** 1.5, 1.0))
-    if sides > LOPSIDED:
+    shared = np.full(len(curve), 0.5 * pulled)
+    if pulled > 0.5 * PULLED * width_px:
         near = running_mean(np.maximum(fits.height, 0.0), NEAR_POINTS, END_VALUE)
         shared *= np.maximum(FAINTER * usual / np.maximum(near, 0.1 * usual + 1e-9), 1.0)
     lines = _Lines(curve + fits.shift, fits, section, half_width_px(section), noise, usual, shared)
