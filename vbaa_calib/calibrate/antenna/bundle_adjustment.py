@@ -276,8 +276,10 @@ def _solved(
             problem, solution, evaluated = with_tips
             parameters = solution.parameters
     alike = sum(one.shared for one in observations) / len({bool(one.load_N.any()) for one in observations})
-    wide = replace(problem, noise_scale=problem.noise_scale * float(np.sqrt(max(alike, 1.0))))
-    whole, lens = wide.linearised(parameters).covariance(), problem.lens
+    settled = solution
+    if alike > 1.0:
+        settled = replace(problem, noise_scale=problem.noise_scale * float(np.sqrt(alike))).linearised(parameters)
+    whole, lens = settled.covariance(), problem.lens
     # the lens may be off by all its deviation, whatever share it was held to: the solution follows it as its prior
     whole = whole + (share**-2 - 1.0) * whole[:, lens] @ whole[lens, :]
     # the lens in its own units
