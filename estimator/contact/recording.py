@@ -186,7 +186,7 @@ def _along(rig: Rig, glance: FirstDetection, rough: RoughFit) -> Detection:
     assert glance.looking is not None
     again = glance.looking.along(glance.image, guide, width, glance.bright)
     if glance.picture is not None:
-        again = rig.image.paint.by_edges(glance.picture, again, guide, width)
+        again = rig.image.paint.in_colour(glance.picture, again, glance.looking.corridor, width)
         again = without_other_things(glance.picture, again, rig.image.looks, width, rig.image.paint)
     where, changing = glance.looking.corridor, glance.bright is None
     # whatever was left out of the first look, since it was judged

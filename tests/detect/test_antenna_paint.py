@@ -13,7 +13,7 @@ from vbaa_calib.detect.whisker.antenna import find
 from vbaa_calib.detect.whisker.centreline import Centreline, Visibility
 from vbaa_calib.detect.whisker.corridor import Corridor
 from vbaa_calib.detect.whisker.finder import AntennaFinder
-from vbaa_calib.detect.whisker.paint import Paint, look_of, usual_looks, without_other_things
+from vbaa_calib.detect.whisker.paint import Paint, contrast_plane, look_of, usual_looks, without_other_things
 from vbaa_calib.detect.whisker.path_refinement import refine_path
 from vbaa_calib.detect.whisker.profile import measure
 
@@ -229,3 +229,21 @@ def test_a_line_is_followed_into_a_shadow_that_does_not_end_by_its_hue(
     grey = [cv2.cvtColor(one, cv2.COLOR_BGR2GRAY) for one in (*calibrated, image)]
     line = own(finder, paint, grey[-1], grey[:-1])
     assert line.points_px[-1, 0] < begin + 15.0
+
+
+@pytest.mark.parametrize("depth", [np.uint8, np.uint16])
+@pytest.mark.parametrize("seed", range(10))
+def test_the_plane_of_contrast_tells_the_antenna_from_either_side_as_well_as_any(seed: int, depth: type) -> None:
+    rng, (width, height) = np.random.default_rng(seed), SIZE
+    unit = 1 if depth is np.uint8 else 257
+    own, above, below = np.rint(rng.uniform(30.0, 220.0, (3, 3)))
+    picture = np.where(np.arange(height)[:, None, None] < 100, above, below) * np.ones((height, width, 1))
+    picture[98:103] = own
+    path = np.column_stack([np.linspace(20.0, 200.0, 50), np.full(50, 100.0)])
+    plane = contrast_plane((unit * picture).astype(depth), path, 5.0) / unit
+    told = min(plane[100, 110] - plane[95, 110], plane[100, 110] - plane[105, 110])
+    others = rng.standard_normal((5000, 3))
+    others /= np.linalg.norm(others, axis=1)[:, None]
+    best = np.minimum(others @ (own - above), others @ (own - below)).max()
+    assert told > 0.95 * best - 4.0
+    assert abs(plane[100, 110] - plane[100, 150]) < 1e-3  # along the antenna nothing changes

@@ -13,8 +13,9 @@ from vbaa_calib.calibrate.antenna.learnt_paint import learn
 from vbaa_calib.detect.whisker.antenna import CLAMP_REACH_PX, REACH_PER_LENGTH, find
 from vbaa_calib.detect.whisker.corridor import Corridor
 from vbaa_calib.detect.whisker.finder import AntennaFinder
-from vbaa_calib.detect.whisker.paint import Paint
-from vbaa_calib.detect.whisker.profile import measure
+from vbaa_calib.detect.whisker.paint import Paint, contrast_plane
+from vbaa_calib.detect.whisker.path_refinement import Known
+from vbaa_calib.detect.whisker.profile import measure_on
 
 PICTURES = traced_pictures()
 
@@ -38,17 +39,17 @@ def _off(picture: TracedPicture, points_px: np.ndarray) -> np.ndarray:
     return cKDTree(line).query(points_px)[0]
 
 
-def test_edges_show_what_the_colour_of_bare_metal_does_not() -> None:
-    picture = next(one for one in PICTURES if one.name == "nitinol_patchwork_frame_0005")
-    paint = Paint(True, colour=(45.0, 46.0, 53.0))
-    by_colour = measure(paint.plane(picture.color()), picture.line_px, picture.width_px, True)
-    line = paint.by_edges(picture.color(), by_colour, picture.line_px, picture.width_px)
-    assert line.found
-    assert line.seen > max(by_colour.seen, 0.9)
-    rms = [np.sqrt(np.mean(_off(picture, one.points_px) ** 2)) for one in (by_colour, line)]
-    assert rms[1] < 0.8 * rms[0]
-    plain = Paint(True)
-    assert plain.by_edges(picture.color(), by_colour, picture.line_px, picture.width_px) is by_colour
+def test_before_other_colours_the_line_is_measured_better_in_colour() -> None:
+    patchworks = [one for one in PICTURES if "_patchwork_" in one.name and len(one.line_px)]
+    squares = np.zeros(2)
+    for one in patchworks:
+        planes = Paint(None).plane(one.color()), contrast_plane(one.color(), one.line_px, one.width_px)
+        for k, plane in enumerate(planes):
+            line = measure_on(plane, one.line_px, one.width_px, None, known=Known(stands_out=True))
+            assert line.found
+            squares[k] += np.mean(_off(one, line.points_px) ** 2)
+    assert len(patchworks) >= 8
+    assert squares[1] < 0.9**2 * squares[0]
 
 
 @pytest.mark.parametrize("name", ["paint_patchwork_noload_001", "nitinol_patchwork_noload_001"])

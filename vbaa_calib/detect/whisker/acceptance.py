@@ -16,7 +16,7 @@ from vbaa_calib.core.smooth import END_VALUE, median, running_mean
 
 from .centreline import Centreline, Verdict, Visibility
 from .crossings import Crossings, moved
-from .path_refinement import usual_level
+from .path_refinement import Known, usual_level
 from .visible_end import VisibleEnd
 
 LEAST_SEEN, LEAST_SEEN_INSIDE = 0.3, 0.5
@@ -71,6 +71,7 @@ class FittedLine(NamedTuple):
     kept : (N,) where it was measured.
     height : (N,) grey levels. noise : of a pixel, grey levels.
     breadth : over what an antenna in focus has. changing : whether it may be here brighter, there darker.
+    sure : share of what is kept that one edge, in the line's stead, does not explain.
     """
 
     centre: np.ndarray
@@ -82,6 +83,7 @@ class FittedLine(NamedTuple):
     noise: float
     breadth: float
     changing: bool
+    sure: float
 
 
 class _Look(NamedTuple):
@@ -152,6 +154,7 @@ def accepted(line: FittedLine, look: _Look, end: VisibleEnd) -> Centreline:
         end_std_px=end.std_px,
         end=end.end,
         familiar=look.familiar,
+        sure=line.sure,
     )
 
 
@@ -236,8 +239,9 @@ def _doubt(line: FittedLine, look: _Look) -> tuple[Verdict, str] | None:
 
 
 @kernel
-def look_of(found: Crossings, line: FittedLine, levels: np.ndarray) -> _Look:
-    """What a line that is kept somewhere looks like; levels : (L, 2) of the antenna, see `Known`."""
+def look_of(found: Crossings, line: FittedLine, antenna: Known) -> _Look:
+    """What a line that is kept somewhere looks like."""
+    levels = antenna.levels
     kept, everywhere = line.kept, moved(found, line.centre)
     visibility = np.where(kept, _SEEN, np.where(found.inside, _HIDDEN, _OUTSIDE)).astype(np.uint8)
     n = len(kept) - 1
@@ -251,7 +255,7 @@ def look_of(found: Crossings, line: FittedLine, levels: np.ndarray) -> _Look:
         longest = max(longest, gap)
     wander, snaking = _wander(found.along[kept], everywhere[kept])
     familiar, beside = _familiar(found, line, levels) if len(levels) else (1.0, 1.0)
-    known = familiar > FAMILIAR and familiar - beside > MORE_FAMILIAR
+    known = antenna.stands_out or (familiar > FAMILIAR and familiar - beside > MORE_FAMILIAR)
     return _Look(
         everywhere,
         moved(found, line.course),

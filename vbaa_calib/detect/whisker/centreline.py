@@ -58,6 +58,7 @@ class Centreline:
     other_line_px : (R, 2) the other line where the verdict is "ambiguous", else empty.
     noise : standard deviation of a pixel beside the line, grey levels.
     familiar : share of its points that are as bright as the antenna usually is there; 1 where that is not known.
+    sure : share of its points that one edge of another thing, in the line's stead, does not explain.
     """
 
     points_px: np.ndarray
@@ -75,6 +76,7 @@ class Centreline:
     other_line_px: np.ndarray = field(default_factory=_no_points)
     noise: float = 0.0
     familiar: float = 1.0
+    sure: float = 1.0
     effective_px: np.ndarray = field(default_factory=_no_numbers)
 
     @property
@@ -84,8 +86,8 @@ class Centreline:
 
     @property
     def likely(self) -> float:
-        """How much of it is seen, counted up to a sixth where it is not as bright as the antenna usually is."""
-        return self.seen * (1.0 + 5.0 * self.familiar) / 6.0
+        """How much of it is surely seen, counted up to a sixth where it is not as bright as the antenna usually is."""
+        return self.seen * self.sure * (1.0 + 5.0 * self.familiar) / 6.0
 
     def stretches(self, visibility: Visibility) -> list[np.ndarray]:
         """Pieces (M, 2) of the guide, M ≥ 2, that have this visibility."""

@@ -12,14 +12,16 @@ import numpy as np
 
 from vbaa_calib.core import smooth
 from vbaa_calib.core.compiled import kernel
-from vbaa_calib.core.polyline import arc_lengths, beside, resample
+from vbaa_calib.core.polyline import arc_lengths, normals, resample
 from vbaa_calib.core.robust import MAD_SCALE
 
 from .acceptance import LEAST_SEEN
 from .centreline import Centreline, Visibility
-from .corridor import Corridor
+from .corridor import Corridor, better_shaped
+from .crossings import too_short
 from .finder import AntennaFinder
-from .profile import SHARED_RUN, measure, measure_on
+from .path_refinement import Known
+from .profile import measure_on
 
 PLACES, RUN, LEAST_POINTS = 8, 15, 20
 """Places along the antenna at which its colour is learnt, points averaged for a colour, and the fewest points that tell
@@ -30,8 +32,11 @@ none; and beyond which a point may show something else in part. The least deviat
 grey levels, since the light changes as the antenna bends."""
 SHOWN = ("ok", "ambiguous")
 """Verdicts of lines that are seen."""
-COLOUR_PULLED = 0.05
-"""By which part of its width the light on one side of an antenna may pull the line that is seen by its colour."""
+OWN, FLANK_PX, CONTRAST_RUN = np.array([-0.2, 0.0, 0.2]), np.array([1.5, 2.5]), 15
+"""Where an antenna's own colour is looked at, parts of its width, and those of either side, px beyond its edges; means
+of so many places along it, twice."""
+LEAST_CONTRAST, REACH_PX = 2.5, 8.0
+"""Of less contrast, grey levels in each channel, the plane shows less; how far beside two widths it reaches."""
 LESS_SEEN = 0.05
 """What less of a line may be seen where it is measured by both of its edges."""
 SHADE, SHADED_UNSURE, TINT = (0.33, 1.15), 0.3, (0.9, 2.0)
@@ -101,32 +106,65 @@ class Paint:
         between = measure_on(plane, line.guide_px, finder.corridor.width_px, None)
         return between if between.found and between.seen > line.seen - LESS_SEEN else line
 
-    def by_edges(self, image: np.ndarray, line: Centreline, guide_px: np.ndarray, width_px: float) -> Centreline:
-        """The centreline in a picture, measured near a guide (K, 2) by both of the antenna's edges where its own colour
-        shows less of it, or shows less well where it is.
+    def in_colour(self, image: np.ndarray, line: Centreline, where: Corridor, width_px: float) -> Centreline:
+        """The centreline in a picture (H, W[, 3]) of a calibrated rig, measured once more by both of its edges, on the
+        plane that tells it from what lies beside it at each place; that before, where it was seen more or better.
 
-        The colour tells the antenna from other things better than where it is: one side of bare metal may be as bright
-        as what lies behind it, which pulls the line to the other.
+        The colour of the whole antenna tells it from other things better than where it is: one side of bare metal may
+        be as bright as what lies behind it, which pulls the line to the other.
         """
-        if self.colour is None:
+        known = line.found and where.shape_px is not None and self.polarity is None and _coloured(image)
+        guide = where.nearest(line.points_px, line.sigma_px) if known else np.empty((0, 2))
+        if too_short(guide):
             return line
-        edges = measure(Paint(None).plane(image), guide_px, width_px, None)
-        if not edges.found or edges.seen <= line.seen:
-            return line
-        if not len(line.points_px):
-            return edges
-        near, aside = beside(line.points_px, edges.points_px)
-        apart = np.linalg.norm(line.points_px[near] - edges.points_px, axis=1)
-        both = (apart < width_px) & (apart**2 - aside**2 < 1.0)
-        pulled = COLOUR_PULLED * width_px
-        effective = np.hypot(line.effective_px, pulled * np.sqrt(SHARED_RUN))[near]
-        better = both & (effective < edges.effective_px)
-        return replace(
-            edges,
-            points_px=np.where(better[:, None], line.points_px[near], edges.points_px),
-            sigma_px=np.where(better, np.hypot(line.sigma_px, pulled)[near], edges.sigma_px),
-            effective_px=np.where(better, effective, edges.effective_px),
-        )
+        plane = contrast_plane(image, guide, width_px)
+        other = measure_on(plane, guide, width_px, None, known=Known(stands_out=True))
+        return better_shaped(line, replace(other, familiar=line.familiar), where)
+
+
+def _coloured(image: np.ndarray) -> bool:
+    """Whether a picture (H, W[, 3]) has colours: a grey camera's may have three channels, too."""
+    return image.ndim == 3 and bool(np.ptp(image[::8, ::8, :3], axis=2).any())
+
+
+def contrast_plane(image: np.ndarray, path_px: np.ndarray, width_px: float) -> np.ndarray:
+    """(H, W) grey levels of a colour picture (H, W, 3): near a path (K, 2) its channels are weighted so that an antenna
+    along it is brighter than what lies on either side, by as much as can be at each place; elsewhere equally."""
+    points, _ = resample(path_px, 1.0)
+    across, colour = normals(points), image[..., :3].astype(np.float32)
+    own, left, right = (
+        _colours_along(colour, [points + offset * across for offset in offsets])
+        for offsets in (OWN * width_px, -0.5 * width_px - FLANK_PX, 0.5 * width_px + FLANK_PX)
+    )
+    # the smaller one of two contrasts is largest along the point nearest to none on the line between them
+    nearer, apart = own - left, left - right
+    part = np.clip(-(nearer * apart).sum(axis=1) / np.maximum((apart**2).sum(axis=1), 1e-9), 0.0, 1.0)
+    contrast = nearer + part[:, None] * apart
+    grey = np.where(contrast.sum(axis=1) < 0.0, -1.0, 1.0) * LEAST_CONTRAST * _levels(image)[1]
+    weights = contrast + grey[:, None]
+    weights /= np.linalg.norm(weights, axis=1)[:, None]
+    plane, cells = colour.mean(axis=2), np.rint(points).astype(int)
+    room, size = int(np.ceil(2.0 * width_px + REACH_PX)), np.array(plane.shape[::-1])
+    (first, last) = np.clip(cells.min(axis=0) - room, 0, size), np.clip(cells.max(axis=0) + room, 0, size)
+    inside = ((cells >= first) & (cells < last)).all(axis=1)
+    if inside.any():
+        (left_, top), (right_, bottom) = first, last
+        columns, rows = (cells[inside] - first).T
+        free = np.ones((bottom - top, right_ - left_), np.uint8)
+        free[rows, columns] = 0
+        _, nearest = cv2.distanceTransformWithLabels(free, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)
+        of_nearest = np.empty((nearest.max() + 1, 3), np.float32)
+        of_nearest[nearest[rows, columns]] = weights[inside]
+        plane[top:bottom, left_:right_] = (of_nearest[nearest] * colour[top:bottom, left_:right_]).sum(axis=2)
+    return plane
+
+
+def _colours_along(colour: np.ndarray, paths_px: Sequence[np.ndarray]) -> np.ndarray:
+    """(K, 3) mean of a picture's colours along paths (K, 2), smoothed along them."""
+    maps = [path[:, None].astype(np.float32) for path in paths_px]
+    seen = [cv2.remap(colour, map_, np.empty(0), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE) for map_ in maps]
+    smoothed = cv2.blur(cv2.blur(np.mean(seen, axis=0), (1, CONTRAST_RUN)), (1, CONTRAST_RUN))
+    return smoothed[:, 0].astype(float)
 
 
 def _levels(image: np.ndarray) -> tuple[np.ndarray, float]:
@@ -237,8 +275,7 @@ def without_other_things(
     if not other.any() and off.max(initial=0.0) <= PARTLY_FOREIGN:
         return line
     changing, sure = paint.bright is None, line.sigma_px <= SHADED_UNSURE * width_px
-    # a grey camera's pictures may have three channels, too
-    hued = (paint.both_edges or changing) and image.ndim == 3 and bool(np.ptp(image[::8, ::8, :3], axis=2).any())
+    hued = (paint.both_edges or changing) and _coloured(image)
     shaded, away = other & sure & ~tinted & hued, len(other)
     for start, stop in np.flatnonzero(np.diff(other, prepend=False, append=False)).reshape(-1, 2):
         if changing and shares[stop - 1] - shares[start] > AWAY and shaded[start:stop].mean() < 0.5:

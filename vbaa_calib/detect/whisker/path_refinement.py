@@ -44,11 +44,13 @@ class Known(NamedTuple):
     levels : (L, 2) its usual brightness at places from clamp to tip and the deviation of that, grey levels; (0, 2)
         where not known.
     leaves_along : whether it leaves its clamp along the path: on a rig that is calibrated.
+    stands_out : on a plane that was made for it: that it is bright where what lies behind it is says nothing there.
     """
 
     clamp_px: float = CLAMP_PX
     levels: np.ndarray = np.empty((0, 2))
     leaves_along: bool = False
+    stands_out: bool = False
 
 
 NOTHING_KNOWN = Known()

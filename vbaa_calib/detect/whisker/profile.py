@@ -132,7 +132,7 @@ def _measured(
     line, section = _line(found, known, width_px, quiet, bright is None)
     if not line.kept.any():
         return NOTHING
-    seen = look_of(found, line, antenna.levels)
+    seen = look_of(found, line, antenna)
     return accepted(line, seen, visible_end(image, seen.guide, line.kept, Look(section, half, line.noise, bright)))
 
 
@@ -160,6 +160,7 @@ class _Lines(NamedTuple):
     section : the cross-section; at the line's end, where it changes. half_width_px : half its width.
     noise : of a pixel, grey levels.
     usual : (N,) height that the line should have. shared : (N,) error of the place that neighbours share, px.
+    sure : (N,) by how much more than one edge the line explains, 1 where that is clear.
     """
 
     centre: np.ndarray
@@ -169,6 +170,7 @@ class _Lines(NamedTuple):
     noise: float
     usual: np.ndarray
     shared: np.ndarray
+    sure: np.ndarray
 
 
 @kernel
@@ -219,7 +221,7 @@ def _lines(
     if pulled > 0.5 * PULLED * width_px:
         near = running_mean(np.maximum(fits.height, 0.0), NEAR_POINTS, END_VALUE)
         shared *= np.maximum(FAINTER * usual / np.maximum(near, 0.1 * usual + 1e-9), 1.0)
-    lines = _Lines(curve + fits.shift, fits, section, half_width_px(section), noise, usual, shared)
+    lines = _Lines(curve + fits.shift, fits, section, half_width_px(section), noise, usual, shared, np.ones(len(curve)))
     return lines, found, (curve, reflecting)
 
 
@@ -235,7 +237,7 @@ def _changing_lines(found: Crossings, width_px: float, quiet: float, about: tupl
     broad = half_width_px(expected(reflectance.width_px, reflectance.blur_px, found.profiles.shape[1] // 2 + 2))
     centre, usual = learned.course + fits.shift, reflectance.height
     fits.height[learned.none] = 0.0
-    return _Lines(centre, fits, section, broad, noise, usual, learned.shared_px)
+    return _Lines(centre, fits, section, broad, noise, usual, learned.shared_px, learned.sure)
 
 
 @kernel
@@ -265,7 +267,10 @@ def _fitted_line(found: Crossings, lines: _Lines, known: Shapes, changing: bool)
         kept = without_margins(kept, 1 if changing else _MARGIN_PX)
     if kept.any():
         sigma, effective = _calibrated(found, lines, sigma, edge, kept)
-    return FittedLine(lines.centre, course, sigma, effective, kept, lines.fits.height, lines.noise, breadth, changing)
+    sure = (lines.sure * kept).sum() / max(kept.sum(), 1)
+    return FittedLine(
+        lines.centre, course, sigma, effective, kept, lines.fits.height, lines.noise, breadth, changing, sure
+    )
 
 
 @kernel

@@ -91,6 +91,7 @@ class _Learned(NamedTuple):
     shared_px: np.ndarray
     taper: float
     none: np.ndarray
+    sure: np.ndarray
 
 
 @kernel
@@ -200,7 +201,7 @@ def learn_reflectance(
     if len(clear):
         none[clear[0] : clear[-1]] = False
     section = CrossSection(values, slopes, whole / height.reshape(-1, 1))
-    return _Learned(_Reflectance(width, blur, whole, height, section), course, shared_px, taper, none)
+    return _Learned(_Reflectance(width, blur, whole, height, section), course, shared_px, taper, none, 1.0 - unsure)
 
 
 @kernel
