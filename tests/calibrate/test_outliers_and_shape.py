@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from benchmarks.boards import BOARD, draw, error_mm, rigs
+from benchmarks.boards import BOARD, Rig, draw, error_mm, rigs
 from benchmarks.calibration.methods import kept_corners, screening, solve_oracle, solve_ours
 from targets.board import corner_points
 from vbaa_calib.calibrate.lens.board_shape import ShapePrior, deformations
@@ -32,11 +32,18 @@ WIDE_PRIOR = ShapePrior(np.zeros(5), np.array([0.1, 0.1, 0.1, 1.0, 1.0]))
 
 
 @pytest.mark.parametrize(
-    "rig", [pytest.param(rig, id=rig.name, marks=pytest.mark.slow if rig in RIGS[1:4] else ()) for rig in RIGS]
+    ("rig", "draws"),
+    [
+        # the ratio of one draw scatters by a third
+        pytest.param(rig, 20, id=rig.name, marks=pytest.mark.slow)
+        if rig in RIGS[1:4]
+        else pytest.param(rig, 3, id=rig.name)
+        for rig in RIGS
+    ],
 )
-def test_within_five_per_cent_of_the_oracle(rig) -> None:
+def test_within_five_per_cent_of_the_oracle(rig: Rig, draws: int) -> None:
     errors, oracle = [], []
-    for seed in (21, 22, 23):
+    for seed in range(21, 21 + draws):
         given = draw(rig, seed)
         solution = solve_ours(given)
         errors.append(error_mm(solution.camera, rig.camera))
@@ -154,7 +161,7 @@ def test_a_rational_lens_follows_a_fisheye_over_the_picture() -> None:
 
 
 @pytest.mark.parametrize(
-    "seed", [1, 102, pytest.param(105, marks=pytest.mark.slow), pytest.param(116, marks=pytest.mark.slow)]
+    "seed", [1, 102, pytest.param(104, marks=pytest.mark.slow), pytest.param(115, marks=pytest.mark.slow)]
 )
 def test_draws_whose_plain_fit_folds_are_solved_without(seed: int) -> None:
     given = draw(WIDE, seed)
