@@ -32,11 +32,14 @@ none; and beyond which a point may show something else in part. The least deviat
 grey levels, since the light changes as the antenna bends."""
 SHOWN = ("ok", "ambiguous")
 """Verdicts of lines that are seen."""
-OWN, FLANK_PX, CONTRAST_RUN = np.array([-0.2, 0.0, 0.2]), np.array([1.5, 2.5]), 15
-"""Where an antenna's own colour is looked at, parts of its width, and those of either side, px beyond its edges; means
-of so many places along it, twice."""
-LEAST_CONTRAST, REACH_PX = 2.5, 8.0
-"""Of less contrast, grey levels in each channel, the plane shows less; how far beside two widths it reaches."""
+_MEASURED = ("ok", "too_little")
+"""Verdicts of lines that are measured in colour."""
+OWN, FLANK_PX, ALIKE = np.array([-0.2, 0.0, 0.2]), np.array([1.5, 2.5]), 15
+"""Where an antenna's own colour is looked at, parts of its width, and those beside it, px beyond its edges; so many
+places along it, twice, are averaged."""
+FAINT_CONTRAST, REACH_PX = 2.5, 10.0
+"""With less contrast, grey levels in each channel, the plane is nearly grey; how far beside the antenna it is weighted.
+"""
 LESS_SEEN = 0.05
 """What less of a line may be seen where it is measured by both of its edges."""
 SHADE, SHADED_UNSURE, TINT = (0.33, 1.15), 0.3, (0.9, 2.0)
@@ -107,14 +110,16 @@ class Paint:
         return between if between.found and between.seen > line.seen - LESS_SEEN else line
 
     def in_colour(self, image: np.ndarray, line: Centreline, where: Corridor, width_px: float) -> Centreline:
-        """The centreline in a picture (H, W[, 3]) of a calibrated rig, measured once more by both of its edges, on the
-        plane that tells it from what lies beside it at each place; that before, where it was seen more or better.
+        """The better shaped of two: a centreline in a picture (H, W[, 3]), and the same measured in its colours.
 
-        The colour of the whole antenna tells it from other things better than where it is: one side of bare metal may
-        be as bright as what lies behind it, which pulls the line to the other.
+        One plane for the whole picture tells the antenna from other things better than where it is: here or there one
+        of its sides is as bright on it as what lies behind, which pulls the line to the other. Only a calibrated rig
+        knows the shape that is measured along.
         """
-        known = line.found and where.shape_px is not None and self.polarity is None and _coloured(image)
-        guide = where.nearest(line.points_px, line.sigma_px) if known else np.empty((0, 2))
+        told = self.polarity is None or self.colour is not None
+        if not told or where.shape_px is None or line.verdict not in _MEASURED or not _coloured(image):
+            return line
+        guide = where.nearest(line.points_px, line.sigma_px)
         if too_short(guide):
             return line
         plane = contrast_plane(image, guide, width_px)
@@ -128,43 +133,47 @@ def _coloured(image: np.ndarray) -> bool:
 
 
 def contrast_plane(image: np.ndarray, path_px: np.ndarray, width_px: float) -> np.ndarray:
-    """(H, W) grey levels of a colour picture (H, W, 3): near a path (K, 2) its channels are weighted so that an antenna
-    along it is brighter than what lies on either side, by as much as can be at each place; elsewhere equally."""
+    """(H, W) grey levels of a colour picture (H, W, 3) in which an antenna along a path (K, 2), K ≥ 2, stands out.
+
+    Near it the channels are weighted so that it is brighter than what lies on either side, by as much as can be at that
+    place, where it has a contrast at all; farther off it is the grey picture.
+    """
     points, _ = resample(path_px, 1.0)
-    across, colour = normals(points), image[..., :3].astype(np.float32)
+    across, (colours, level) = normals(points), _levels(image)
     own, left, right = (
-        _colours_along(colour, [points + offset * across for offset in offsets])
+        np.mean([_colours(colours, level, points + offset * across) for offset in offsets], axis=0)
         for offsets in (OWN * width_px, -0.5 * width_px - FLANK_PX, 0.5 * width_px + FLANK_PX)
     )
     # the smaller one of two contrasts is largest along the point nearest to none on the line between them
-    nearer, apart = own - left, left - right
-    part = np.clip(-(nearer * apart).sum(axis=1) / np.maximum((apart**2).sum(axis=1), 1e-9), 0.0, 1.0)
-    contrast = nearer + part[:, None] * apart
-    grey = np.where(contrast.sum(axis=1) < 0.0, -1.0, 1.0) * LEAST_CONTRAST * _levels(image)[1]
-    weights = contrast + grey[:, None]
-    weights /= np.linalg.norm(weights, axis=1)[:, None]
-    plane, cells = colour.mean(axis=2), np.rint(points).astype(int)
-    room, size = int(np.ceil(2.0 * width_px + REACH_PX)), np.array(plane.shape[::-1])
-    (first, last) = np.clip(cells.min(axis=0) - room, 0, size), np.clip(cells.max(axis=0) + room, 0, size)
-    inside = ((cells >= first) & (cells < last)).all(axis=1)
-    if inside.any():
-        (left_, top), (right_, bottom) = first, last
-        columns, rows = (cells[inside] - first).T
-        free = np.ones((bottom - top, right_ - left_), np.uint8)
-        free[rows, columns] = 0
-        _, nearest = cv2.distanceTransformWithLabels(free, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)
-        of_nearest = np.empty((nearest.max() + 1, 3), np.float32)
-        of_nearest[nearest[rows, columns]] = weights[inside]
-        plane[top:bottom, left_:right_] = (of_nearest[nearest] * colour[top:bottom, left_:right_]).sum(axis=2)
+    contrast, apart = _along_it(own - left), _along_it(left - right)
+    share = -(contrast * apart).sum(axis=1) / np.maximum((apart**2).sum(axis=1), 1e-9)
+    contrast += np.clip(share, 0.0, 1.0)[:, None] * apart
+    contrast += FAINT_CONTRAST * np.where(contrast.sum(axis=1) < 0.0, -1.0, 1.0)[:, None]
+    # of as much noise as the mean of the channels
+    weights = contrast / (np.sqrt(3.0) * np.linalg.norm(contrast, axis=1)[:, None])
+    plane = Paint(None).plane(image).astype(np.float32)
+    _weigh(colours, plane, points, weights, int(np.ceil(width_px + REACH_PX)))
     return plane
 
 
-def _colours_along(colour: np.ndarray, paths_px: Sequence[np.ndarray]) -> np.ndarray:
-    """(K, 3) mean of a picture's colours along paths (K, 2), smoothed along them."""
-    maps = [path[:, None].astype(np.float32) for path in paths_px]
-    seen = [cv2.remap(colour, map_, np.empty(0), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE) for map_ in maps]
-    smoothed = cv2.blur(cv2.blur(np.mean(seen, axis=0), (1, CONTRAST_RUN)), (1, CONTRAST_RUN))
-    return smoothed[:, 0].astype(float)
+def _along_it(colours: np.ndarray) -> np.ndarray:
+    """(K, 3) means of neighbouring colours."""
+    return cv2.blur(cv2.blur(colours, (1, ALIKE)), (1, ALIKE))
+
+
+@kernel
+def _weigh(image: np.ndarray, plane: np.ndarray, points: np.ndarray, weights: np.ndarray, reach: int) -> None:
+    """Into a plane (H, W), near points (K, 2): a picture's (H, W, 3) channels by the weights (K, 3) of the nearest."""
+    nearest = np.full(plane.shape, np.float32((reach + 1) ** 2))
+    for k in range(len(points)):
+        column, row = int(np.rint(points[k, 0])), int(np.rint(points[k, 1]))
+        for v in range(max(row - reach, 0), min(row + reach + 1, len(plane))):
+            for u in range(max(column - reach, 0), min(column + reach + 1, plane.shape[1])):
+                square = (u - points[k, 0]) ** 2 + (v - points[k, 1]) ** 2
+                if square < nearest[v, u]:
+                    nearest[v, u], plane[v, u] = square, 0.0
+                    for c in range(3):
+                        plane[v, u] += weights[k, c] * image[v, u, c]
 
 
 def _levels(image: np.ndarray) -> tuple[np.ndarray, float]:
