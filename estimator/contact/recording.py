@@ -72,7 +72,7 @@ class FrameContact:
 class FirstDetection:
     """A frame, its picture (H, W) on the plane of paint, what a first look saw in it, whether the antenna is brighter
     there than what lies behind it; and, where the antenna can be seen at all, the picture (H, W[, 3]) as it was taken,
-    and what looked for it."""
+    what looked for it, and whether what lies behind it was taken off."""
 
     frame: Frame
     image: np.ndarray
@@ -80,6 +80,7 @@ class FirstDetection:
     bright: bool | None
     picture: np.ndarray | None = None
     looking: AntennaFinder | None = None
+    bare: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,7 +187,8 @@ def _along(rig: Rig, glance: FirstDetection, rough: RoughFit) -> Detection:
     assert glance.looking is not None
     again = glance.looking.along(glance.image, guide, width, glance.bright)
     if glance.picture is not None:
-        again = rig.image.paint.in_colour(glance.picture, again, glance.looking.corridor, width)
+        if not glance.bare:
+            again = rig.image.paint.in_colour(glance.picture, again, glance.looking.corridor, width)
         again = without_other_things(glance.picture, again, rig.image.looks, width, rig.image.paint)
     where, changing = glance.looking.corridor, glance.bright is None
     # whatever was left out of the first look, since it was judged
@@ -242,12 +244,13 @@ def first_look(
     if looking is None:
         return FirstDetection(frame, image, NOTHING if known else replace(NOTHING, reason=_NO_JOINTS), bright)
     less = subtracted(looking, image, None if ground is None else ground(frame))
-    if less is not None and less[1].found:
+    bare = less is not None and less[1].found
+    if less is not None and bare:
         image, line, bright, looking = *less, None, looking.unlit()
     else:
         line = explained(paint.find(looking, picture, image), image, looking.corridor, bright)
     line = without_other_things(picture, line, rig.image.looks, looking.corridor.width_px, paint)
-    return FirstDetection(frame, image, line, bright, picture, looking)
+    return FirstDetection(frame, image, line, bright, picture, looking, bare)
 
 
 def subtracted(

@@ -13,9 +13,9 @@ from tests.rod_scenes import BROWN, LENGTH_M, MATRIX, World, camera_pose
 from vbaa_calib.antenna.shape import bend
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.polyline import normals, resample
-from vbaa_calib.detect.whisker.acceptance import decided
+from vbaa_calib.detect.whisker.acceptance import best_of, decided
 from vbaa_calib.detect.whisker.antenna import corridor, free_curve, pixels
-from vbaa_calib.detect.whisker.centreline import Centreline
+from vbaa_calib.detect.whisker.centreline import NOTHING, Centreline
 from vbaa_calib.detect.whisker.corridor import Corridor, less_sure, of_antennas_shape
 from vbaa_calib.detect.whisker.finder import AntennaFinder
 from vbaa_calib.detect.whisker.paint import Paint, usual_levels
@@ -226,3 +226,36 @@ def test_on_a_calibrated_rig_a_line_is_measured_along_the_antennas_shapes() -> N
     assert strange.familiar < 0.1
     assert strange.likely < 0.2
     assert known.unlit().find(picture, None).familiar == 1.0
+
+
+def test_where_it_is_as_bright_as_what_lies_behind_it_an_antenna_is_seen_by_its_colour() -> None:
+    rig, rng, (width, height) = _Rig(0.0), np.random.default_rng(11), (960, 720)
+    path = rig.pressed(0.7, 0.3, 0.0)
+    cover = np.zeros((height, width), np.uint8)
+    cv2.polylines(cover, [np.rint(16.0 * path).astype(np.int32)], False, 255, 4, cv2.LINE_AA, 4)
+    cover = cv2.GaussianBlur(cover, (0, 0), 0.7)[..., None] / 255.0
+    ground = np.full((height, width, 3), 60.0)
+    first, last = path[len(path) // 3, 0], path[3 * len(path) // 4, 0]
+    ground[:, int(first) : int(last)] = 240.0, 110.0, 128.0  # grey level 130
+    taken = exposed(ground * (1.0 - cover) + 130.0 * cover, rng).astype(np.uint8)
+    where, paint = replace(rig.where, width_px=4.0), Paint(None)
+    line = AntennaFinder.prepare(where, (width, height)).measured(paint.plane(taken), path, None)
+    seen = paint.in_colour(taken, line, where, 4.0)
+    assert line.seen < 0.8
+    assert seen.found
+    assert seen.seen > 0.95
+    off = aside(path, seen.points_px)
+    assert np.sqrt(np.mean(off**2)) < 0.2
+    assert np.sqrt(np.mean((off / seen.sigma_px) ** 2)) < 2.0
+    # seen by both edges, on a calibrated rig, in a colour picture, or not at all
+    assert Paint(True).in_colour(taken, line, where, 4.0) is line
+    assert Paint(True, both_edges=True).in_colour(taken, line, where, 4.0) is not line
+    assert paint.in_colour(taken, line, replace(where, shape_px=None), 4.0) is line
+    for colourless in (taken[..., 1], np.repeat(taken[..., 1:2], 3, axis=2)):
+        assert paint.in_colour(colourless, line, where, 4.0) is line
+    assert paint.in_colour(taken, NOTHING, where, 4.0) is NOTHING
+
+
+def test_of_two_lines_the_one_that_an_edge_explains_is_less_likely() -> None:
+    line = Centreline(np.zeros((2, 2)), np.ones(2), 0.9, 30.0, 1.0, verdict="ok")
+    assert best_of([replace(line, sure=0.5), replace(line, seen=0.7)], 4.0).seen == 0.7

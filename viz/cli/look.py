@@ -64,7 +64,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         ground_words = "left aside, since it does not lie behind the antenna in this picture"
     line = NOTHING if less is None else less[1]
     if looking is not None:
-        line = rig.image.paint.find(looking, own, plain) if less is None else line
+        if less is None:
+            line = rig.image.paint.find(looking, own, plain)
+            line = rig.image.paint.in_colour(own, line, looking.corridor, looking.corridor.width_px)
         line = without_other_things(own, line, rig.image.looks, looking.corridor.width_px, rig.image.paint)
     # an antenna that is dark instead of bright, the other way round, or here this and there that
     words_of = {True: "brighter", False: "darker", None: "here brighter, there darker"}

@@ -71,7 +71,7 @@ class FittedLine(NamedTuple):
     kept : (N,) where it was measured.
     height : (N,) grey levels. noise : of a pixel, grey levels.
     breadth : over what an antenna in focus has. changing : whether it may be here brighter, there darker.
-    sure : share of what is kept that one edge, in the line's stead, does not explain.
+    sure : mean over what is kept of how surely it is a line, not one edge.
     """
 
     centre: np.ndarray

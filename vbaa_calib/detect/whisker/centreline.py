@@ -58,7 +58,7 @@ class Centreline:
     other_line_px : (R, 2) the other line where the verdict is "ambiguous", else empty.
     noise : standard deviation of a pixel beside the line, grey levels.
     familiar : share of its points that are as bright as the antenna usually is there; 1 where that is not known.
-    sure : share of its points that one edge of another thing, in the line's stead, does not explain.
+    sure : mean over its points of how surely they are a line's, not the edge of another thing: 1 where that is clear.
     """
 
     points_px: np.ndarray

@@ -160,7 +160,7 @@ class _Lines(NamedTuple):
     section : the cross-section; at the line's end, where it changes. half_width_px : half its width.
     noise : of a pixel, grey levels.
     usual : (N,) height that the line should have. shared : (N,) error of the place that neighbours share, px.
-    sure : (N,) by how much more than one edge the line explains, 1 where that is clear.
+    sure : (N,) how surely it is a line, not one edge.
     """
 
     centre: np.ndarray

@@ -84,7 +84,8 @@ class _Reflectance(NamedTuple):
 
 class _Learned(NamedTuple):
     """What N profiles show: the reflectance, the line's course (N,) along them, the deviation (N,) of that, px, which
-    neighbours share, by which part the line is broader at the path's end, and where there is none, (N,)."""
+    neighbours share, by which part the line is broader at the path's end, where there is none, (N,), and how surely
+    there is one, (N,): 1 where an edge does not explain the profiles."""
 
     reflectance: _Reflectance
     course: np.ndarray
