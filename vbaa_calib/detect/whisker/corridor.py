@@ -223,9 +223,9 @@ def less_sure(line: Centreline, where: Corridor) -> Centreline:
 
 
 def better_shaped(line: Centreline, other: Centreline, where: Corridor) -> Centreline:
-    """Of two lines that part on their way, the one that is seen more and has more the shape of an antenna.
+    """Of two lines, the one that is seen more and more surely, and has more the shape of an antenna.
 
-    Where the antenna is faint, the other goes on along a cable or an edge near it, and has a kink there.
+    Where the antenna is faint, one that goes on along a cable or an edge near it has a kink there.
     """
     if not other.found or not line.found:
         return line if line.found else other
