@@ -225,7 +225,7 @@ def _in_passes(problem: Problem, judged: bool = True) -> _Solved | None:
     """
     parameters = problem.begin
     least = 1.0 if np.mean([one.shared for one in problem.observations]) > 0.5 else 0.0
-    loaded = np.array([bool(one.load_N.any()) for one in problem.observations])
+    loaded = np.array([one.loaded for one in problem.observations])
     strange = np.zeros(len(loaded), bool)
     evaluated = problem.evaluate(parameters)
     for turn in range(_PASSES + 1):
@@ -275,7 +275,8 @@ def _solved(
         if with_tips is not None:
             problem, solution, evaluated = with_tips
             parameters = solution.parameters
-    alike = sum(one.shared for one in observations) / len({bool(one.load_N.any()) for one in observations})
+    kept = [one for one, fits in zip(observations, problem.kept, strict=True) if fits]
+    alike = sum(one.shared for one in kept) / len({one.loaded for one in kept})
     settled = solution
     if alike > 1.0:
         settled = replace(problem, noise_scale=problem.noise_scale * float(np.sqrt(alike))).linearised(parameters)

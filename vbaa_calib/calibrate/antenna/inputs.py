@@ -106,6 +106,11 @@ class Observation:
         """(2,) force components y, z."""
         return np.array([self.still.force_y_N, self.still.force_z_N]) if isinstance(self.still, Load) else np.zeros(2)
 
+    @property
+    def loaded(self) -> bool:
+        """Whether it bears a load."""
+        return bool(self.load_N.any())
+
     def with_readings_altered(self) -> tuple[Observation, Observation]:
         """With its load a step nearer to the clamp, and with a little more force; itself where it has none."""
         if not isinstance(self.still, Load):

@@ -99,7 +99,7 @@ def _column(joint: BundleAdjustment, points: np.ndarray, moments: np.ndarray) ->
 
 def _anisotropy(joint: BundleAdjustment) -> Estimate | None:
     problem = joint.problem
-    if not any(observation.load_N.any() for observation in problem.observations):
+    if not any(observation.loaded for observation in problem.observations):
         return None
     factors = np.array([[1.0, 1.0], np.exp([-0.5 * _ANISOTROPY_STEP, 0.5 * _ANISOTROPY_STEP])])
     antenna = joint.solution.parameters[ANTENNA]
