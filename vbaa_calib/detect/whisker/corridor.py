@@ -33,10 +33,10 @@ DEPTH_RAD, LEAST_DAMPING = 3.0, 1e-3
 bend is at home nothing shows."""
 SHAPE_RANK, WELL_SHAPED = 0.3, 0.05
 """So much less a line may be seen that has a shape of one unit of misfit less; a misfit that is not made better."""
-USUAL_MISFIT, MUCH_SEEN, SHAPE_DOUBT = 0.08, 0.72, 4.0
-"""Most that lines have which lie on the antenna all along; part of a line that must be seen for it to have more, where
-it may be of either polarity; and by how much, over what is allowed of shape, such a line is less sure for every unit, a
-square root, more."""
+USUAL_MISFIT, UNSURE_MISFIT, MUCH_SEEN, SHAPE_DOUBT = 0.08, 0.25, 0.72, 4.0
+"""Most that lines have which lie on the antenna all along; most that one may have of which much is seen, but not
+surely; part of a line that must be seen for it to have more, where it may be of either polarity; and by how much, over
+what is allowed of shape, such a line is less sure for every unit, a square root, more."""
 ASIDE_RAD, STRAY_PX = 0.05, (4.0, 2.0, 2.0, 1.0, 1.0, 0.7, 0.7)
 """Deviation of the bend towards the camera of the shape that is nearest to some points, which shows how long it is; and
 distances at which one counts half as much, one round each."""
@@ -197,14 +197,16 @@ def of_antennas_shape(line: Centreline, where: Corridor, changing: bool) -> Cent
     """The centreline, with another verdict where it is none that the antenna can take.
 
     On a calibrated rig a line must be the free antenna bent by a force: a cable bends elsewhere than at the clamp, and
-    a line that goes over to an object's edge has a kink. Where little is seen of one that may be of either polarity
-    (`changing`), which fits more things, it must leave the clamp as the antenna does, too, and fit well.
+    a line that goes over to an object's edge has a kink. One that may be of either polarity (`changing`) fits more
+    things: where little of it is seen it must leave the clamp as the antenna does, too, and fit well; where little is
+    surely a line, not another thing's edge, it must fit better than others.
     """
     little = changing and (where.shape_px is None or line.seen < MUCH_SEEN)
     line = _reject_beside_clamp(line, where) if little else line
     if where.shape_px is None or not line.found:
         return line
-    most = USUAL_MISFIT if little else 1.0
+    unsure = changing and line.seen * line.sure < MUCH_SEEN
+    most = USUAL_MISFIT if little else UNSURE_MISFIT if unsure else 1.0
     if where.misfit(line.points_px, line.sigma_px, most) <= most:
         return line
     return line.with_verdict(
