@@ -38,7 +38,7 @@ from .scenes import Truth, aside_px, normals
 _MOST_SEEN = 0.9
 """Share of the visible antenna that has a point, for a picture to count as seen."""
 _EMPTY_PER_PICTURE = 24
-_TRUE_DRAWS = 4
+_TRUE_DRAWS = 16
 
 
 @dataclass(frozen=True)
