@@ -206,6 +206,7 @@ def measure_session(folder: Path, seed: int = 0) -> TracedRow:
 
 def moved_scenes(scenes: Sequence[Path], out: Path) -> None:
     """Write scene files once more, with the camera and the object elsewhere, and other noise and clutter."""
+    out.mkdir(parents=True, exist_ok=True)
     rng = random.Random(5)
     for path in scenes:
         scene = yaml.safe_load(path.read_text(encoding="utf-8"))

@@ -244,11 +244,10 @@ def first_look(
     if looking is None:
         return FirstDetection(frame, image, NOTHING if known else replace(NOTHING, reason=_NO_JOINTS), bright)
     less = subtracted(looking, image, None if ground is None else ground(frame))
-    bare = less is not None and less[1].found
-    if less is not None and bare:
-        image, line, bright, looking = *less, None, looking.unlit()
+    if less is not None and less[1].found:
+        image, line, bright, looking, bare = *less, None, looking.unlit(), True
     else:
-        line = explained(paint.find(looking, picture, image), image, looking.corridor, bright)
+        line, bare = explained(paint.find(looking, picture, image), image, looking.corridor, bright), False
     line = without_other_things(picture, line, rig.image.looks, looking.corridor.width_px, paint)
     return FirstDetection(frame, image, line, bright, picture, looking, bare)
 
