@@ -210,7 +210,12 @@ def observe(
     for index, (still, pull) in enumerate(zip(stills, gravity, strict=True)):
         odd = index in courses and np.abs(np.polyval(courses[index] - usual, _PLACES)).max() > _ODD
         if seen[index] is None or odd:
-            seen[index] = learnt.observe(still, read(still), pull)
+            image = read(still)
+            try:
+                seen[index] = learnt.observe(still, image, pull)
+            except InputError:
+                # a bent antenna lies before other things than a free one
+                seen[index] = replace(learnt, paint=None).observe(still, image, pull)
         one = seen[index]
         if index in courses and len(courses) >= _LEARNT_FROM and one is not None:
             seen[index] = learnt.on_course(one)

@@ -10,7 +10,7 @@ import numpy as np
 from vbaa_calib.camera import Camera
 from vbaa_calib.camera.compiled_lens import CompiledLens, Lens, compiled_lens, normalized_of_pixels
 from vbaa_calib.core.compiled import kernel
-from vbaa_calib.core.polyline import arc_lengths, beside, resample
+from vbaa_calib.core.polyline import arc_lengths, beside, normals, resample
 from vbaa_calib.core.smooth import median, solve
 
 from .centreline import Centreline
@@ -40,9 +40,9 @@ what is allowed of shape, such a line is less sure for every unit, a square root
 ASIDE_RAD, STRAY_PX = 0.05, (4.0, 2.0, 2.0, 1.0, 1.0, 0.7, 0.7)
 """Deviation of the bend towards the camera of the shape that is nearest to some points, which shows how long it is; and
 distances at which one counts half as much, one round each."""
-FROM_CLAMP, BENDS_MORE = 0.35, 0.15
-"""Part of the length over which a line's direction at the clamp is measured, by a parabola; what a contact within that
-part may falsify it by, over the turn there."""
+FROM_CLAMP, OFF_CUBIC_PX = 0.35, 1.0
+"""Part of the length over which a line's direction at the clamp is measured, by a cubic; and how far off that it may be
+there, root mean square."""
 _UNKNOWNS = 5
 
 
@@ -176,20 +176,22 @@ def _reject_beside_clamp(line: Centreline, where: Corridor) -> Centreline:
 
     A cantilever bends away from its free shape slowly; a cable or an edge that passes its clamp is straight there.
     """
-    along, aside = where.aside(line.points_px) if line.found else (np.empty(0), np.empty(0))
-    length = float(arc_lengths(where.axis_px)[-1])
-    first = along < FROM_CLAMP * length
+    if not line.found:
+        return line
+    away = line.points_px - where.axis_px[0]
+    # along the line itself: a strongly bent one soon leaves the axis
+    along = (np.hypot(*away[0]) + arc_lengths(line.points_px)) / (FROM_CLAMP * arc_lengths(where.axis_px)[-1])
+    first = along < 1.0
     if first.sum() < LEAST_SHAPE_POINTS:
         return line
-    bend, slope, offset = np.polyfit(along[first], aside[first], 2)
-    spread = 2.0 * median(line.sigma_px[first])
-    turn = abs(slope) - BENDS_MORE * abs(2.0 * bend * FROM_CLAMP * length) - spread / (0.1 * length)
-    if np.hypot(offset / (where.clamp_px + spread), max(turn, 0.0) / where.clamp_rad) > 1.0:
-        return line.with_verdict(
-            "no_antenna",
-            f"what could be the antenna passes the clamp by {abs(offset):.0f} px and leaves it at "
-            f"{np.degrees(abs(slope)):.0f}° from its axis",
-        )
+    across = away[first] @ normals(where.axis_px)[0]
+    allowed = np.hypot(OFF_CUBIC_PX, median(line.sigma_px[first])) * np.sqrt(len(across))
+    turn = where.clamp_rad * FROM_CLAMP * arc_lengths(where.axis_px)[-1]
+    clamp = np.eye(2, 4) / np.array([[where.clamp_px], [turn]])
+    rows = np.vstack([np.vander(along[first], 4, increasing=True) / allowed, clamp])
+    misfit = np.linalg.lstsq(rows, np.append(across / allowed, [0.0, 0.0]))[1]
+    if misfit.sum() > 1.0:
+        return line.with_verdict("no_antenna", "what could be the antenna does not leave the clamp as the antenna does")
     return line
 
 
@@ -201,9 +203,10 @@ def of_antennas_shape(line: Centreline, where: Corridor, changing: bool) -> Cent
     things: where little of it is seen it must leave the clamp as the antenna does, too, and fit well; where little is
     surely a line, not another thing's edge, it must fit better than others.
     """
-    little = changing and (where.shape_px is None or line.seen < MUCH_SEEN)
-    line = _reject_beside_clamp(line, where) if little else line
-    if where.shape_px is None or not line.found:
+    known = where.shape_px is not None
+    little = changing and line.seen < MUCH_SEEN
+    line = _reject_beside_clamp(line, where) if little or not known else line
+    if not known or not line.found:
         return line
     unsure = changing and line.seen * line.sure < MUCH_SEEN
     most = USUAL_MISFIT if little else UNSURE_MISFIT if unsure else 1.0
