@@ -1,8 +1,8 @@
 """The middle line of a rod in one photograph: a path between its two ends, then both edges across that path.
 
 The only assumption is that the rod is brighter, or darker, than its surroundings all along. Pixel (0, 0) is the middle
-of the upper left one. The path is the shortest one by Dijkstra where contrast is cheap; the edges are at half of the
-rod's contrast, searched from the inside, so that hairs that stick out do not count. Hairs that lie along the rod do:
+of the upper left one. The path is the shortest one by Dijkstra where contrast is cheap; the edges are where the rod's
+contrast is lost, searched from the inside, so that hairs that stick out do not count. Hairs that lie along the rod do:
 points at which it is wider or narrower than near by are left out.
 """
 
@@ -29,6 +29,7 @@ _ROUNDS = 3
 _FINE = 0.25  # spacing, in pixels, at which profiles across the rod are read
 _SMOOTHING_WIDTHS = 0.5  # along the rod, in widths: a twisted yarn's plies are lumps of about one width
 _LEAST_SMOOTHING_PX = 6.0
+_EDGE = 0.6  # of the contrast that is left at an edge: a tangle of hairs beside a yarn has about half of it
 _LEAST_POINTS = 12
 _LONGEST_GAP = 0.15  # of the rod's length, without any point
 _WIDTH_TOLERANCE = 4.0  # deviations of the width from its neighbours' beyond which a point is left out
@@ -237,8 +238,8 @@ def _robust(points: np.ndarray, scale: float, width: float) -> tuple[np.ndarray,
 
 
 def _edges(picture: np.ndarray, curve: np.ndarray, width: float, first: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Middles (N, 2) between both edges and the widths (N,) there, where both are within the picture. In the `first`
-    round, `width` is only how far to look."""
+    """Middles (N, 2) between both edges and the widths (N,) there; where only one is within the picture, half a width
+    from that. In the `first` round, `width` is only how far to look."""
     reach = width if first else 2.0 * width
     stations = curve[:: max(1, round(0.2 * min(width, 20.0) / max(arc_lengths(curve[:2])[-1], 1e-9)))]
     normal = normals(stations)
@@ -248,31 +249,30 @@ def _edges(picture: np.ndarray, curve: np.ndarray, width: float, first: bool) ->
     within = np.abs(across) <= (1.0 if first else 0.3 * width)
     inner = np.median(profiles[:, within], axis=1)
     middles, widths = [], []
-    for side, (mark, rows) in enumerate(zip(inner, profiles, strict=True)):
-        ends = []
-        for sign in (-1.0, 1.0):
-            outer = rows[(sign * across > (0.0 if first else 0.6 * width))]
-            ground = np.median(outer)
-            share = (
-                (rows - ground) / (mark - ground)
-                if abs(mark - ground) > _LEAST_CONTRAST
-                else np.full_like(rows, np.nan)
-            )
-            one = share[::-1] if sign < 0 else share
-            out = one[len(one) // 2 :]
-            below = np.flatnonzero(out < 0.5)
-            if not len(below) or below[0] == 0 or np.isnan(out).any():
-                break
-            k = int(below[0])
-            ends.append(sign * _FINE * (k - (0.5 - out[k]) / (out[k - 1] - out[k])))
-        if len(ends) == 2 and (first or abs(sum(ends)) < 0.4 * width):
-            middles.append(stations[side] + 0.5 * sum(ends) * normal[side])
+    for place, aside, mark, rows in zip(stations, normal, inner, profiles, strict=True):
+        ends = np.full(2, np.nan)
+        for side, sign in enumerate((-1.0, 1.0)):
+            ground = np.median(rows[(sign * across > (0.0 if first else 0.6 * width))])
+            if abs(mark - ground) < _LEAST_CONTRAST:
+                continue
+            out = ((rows - ground) / (mark - ground))[:: int(sign)][len(across) // 2 :]
+            k = int(np.argmax(out < _EDGE))
+            if k > 0:
+                ends[side] = sign * _FINE * (k - (_EDGE - out[k]) / (out[k - 1] - out[k]))
+        ends[~_within(picture, place + ends[:, None] * aside)] = np.nan
+        cut = ~_within(picture, place + np.array([[-0.5], [0.5]]) * width * aside)
+        if not first and cut.sum() == 1 and (np.isnan(ends) == cut).all():
+            # the border cuts one edge off: the rod is as wide there as elsewhere
+            ends = np.where(cut, ends[::-1] + np.array([-width, width]), ends)
+        if np.isfinite(ends).all() and (first or abs(ends.sum()) < 0.4 * width):
+            middles.append(place + 0.5 * ends.sum() * aside)
             widths.append(ends[1] - ends[0])
-    places, found = np.reshape(middles, (-1, 2)), np.array(widths)
-    size = np.array(picture.shape[::-1]) - 1.0
-    room = np.minimum(places, size - places).min(axis=1) if len(places) else np.empty(0)
-    seen = room > 0.5 * found
-    return places[seen], found[seen]
+    return np.reshape(middles, (-1, 2)), np.array(widths)
+
+
+def _within(picture: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """(N,) which places (N, 2) are within a picture (H, W)."""
+    return np.all((places >= 0.0) & (places <= np.array(picture.shape[::-1]) - 1.0), axis=1)
 
 
 def _to_the_ends(
