@@ -43,6 +43,7 @@ _LEAST_SEEN_FREE = 0.6  # nothing hides the free antenna: less than this fractio
 _ASIDE, _NEAR_FIRST = 0.067, (1.3, 3.0, None)
 """How far aside an antenna lies, as a fraction of the distance from the clamp, by one deviation of the priors below; it
 is looked for within so many of them first, then all around: clutter farther away is not even tried."""
+_CLAMP_STRAYS = 3.0  # deviations by which a clamp may be off
 _COURSE_ASIDE, _COURSE_ORDER, _ODD, _LEAVES = 0.02, 2, 0.04, 0.008
 """The same deviation where other pictures of the rig determine the free antenna's course, a polynomial of this order
 beside what is expected; a line that lies so far off the others' course is looked for again, and where it still lies so
@@ -146,10 +147,13 @@ class ExpectedAntenna:
                 aside += float(np.linalg.norm(shape.points_m[0, -1] - free)) / length / _NEAR_FIRST[1]
             reach = min(deviations * aside, REACH_PER_LENGTH)
         path = corridor(self.camera, self.T_antenna_camera.inverse(), shape, self.antenna.diameter_m, reach)
-        if self.course is not None and len(path.axis_px) > 1:
+        if len(path.axis_px) > 1:
             along = arc_lengths(path.axis_px)
-            moved = np.polyval(self.course, along / along[-1]) * along[-1]
-            path = replace(path, axis_px=path.axis_px + moved[:, None] * normals(path.axis_px))
+            strays_px = _CLAMP_STRAYS * CLAMP_OFFSET_STD_M * along[-1] / length
+            path = replace(path, clamp_px=max(path.clamp_px, strays_px))
+            if self.course is not None:
+                moved = np.polyval(self.course, along / along[-1]) * along[-1]
+                path = replace(path, axis_px=path.axis_px + moved[:, None] * normals(path.axis_px))
         looking = finder(path, self.camera)
         if looking is None:
             raise InputError(
