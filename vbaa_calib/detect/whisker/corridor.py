@@ -40,9 +40,9 @@ what is allowed of shape, such a line is less sure for every unit, a square root
 ASIDE_RAD, STRAY_PX = 0.05, (4.0, 2.0, 2.0, 1.0, 1.0, 0.7, 0.7)
 """Deviation of the bend towards the camera of the shape that is nearest to some points, which shows how long it is; and
 distances at which one counts half as much, one round each."""
-FROM_CLAMP, OFF_CUBIC_PX = 0.35, 1.0
+FROM_CLAMP, OFF_CUBIC = 0.35, 0.004
 """Part of the length over which a line's direction at the clamp is measured, by a cubic; and how far off that it may be
-there, root mean square."""
+there, root mean square, in lengths: a contact within that part bends it more than a cubic does."""
 _UNKNOWNS = 5
 
 
@@ -178,16 +178,15 @@ def _reject_beside_clamp(line: Centreline, where: Corridor) -> Centreline:
     """
     if not line.found:
         return line
-    away = line.points_px - where.axis_px[0]
+    away, length = line.points_px - where.axis_px[0], arc_lengths(where.axis_px)[-1]
     # along the line itself: a strongly bent one soon leaves the axis
-    along = (np.hypot(*away[0]) + arc_lengths(line.points_px)) / (FROM_CLAMP * arc_lengths(where.axis_px)[-1])
+    along = (np.hypot(*away[0]) + arc_lengths(line.points_px)) / (FROM_CLAMP * length)
     first = along < 1.0
     if first.sum() < LEAST_SHAPE_POINTS:
         return line
     across = away[first] @ normals(where.axis_px)[0]
-    allowed = np.hypot(OFF_CUBIC_PX, median(line.sigma_px[first])) * np.sqrt(len(across))
-    turn = where.clamp_rad * FROM_CLAMP * arc_lengths(where.axis_px)[-1]
-    clamp = np.eye(2, 4) / np.array([[where.clamp_px], [turn]])
+    allowed = np.hypot(OFF_CUBIC * length, median(line.sigma_px[first])) * np.sqrt(len(across))
+    clamp = np.eye(2, 4) / np.array([[where.clamp_px], [where.clamp_rad * FROM_CLAMP * length]])
     rows = np.vstack([np.vander(along[first], 4, increasing=True) / allowed, clamp])
     misfit = np.linalg.lstsq(rows, np.append(across / allowed, [0.0, 0.0]))[1]
     if misfit.sum() > 1.0:
