@@ -43,7 +43,6 @@ _LEAST_SEEN_FREE = 0.6  # nothing hides the free antenna: less than this fractio
 _ASIDE, _NEAR_FIRST = 0.067, (1.3, 3.0, None)
 """How far aside an antenna lies, as a fraction of the distance from the clamp, by one deviation of the priors below; it
 is looked for within so many of them first, then all around: clutter farther away is not even tried."""
-_CLAMP_STRAYS = 3.0  # deviations by which a clamp may be off
 _COURSE_ASIDE, _COURSE_ORDER, _ODD, _LEAVES = 0.02, 2, 0.04, 0.008
 """The same deviation where other pictures of the rig determine the free antenna's course, a polynomial of this order
 beside what is expected; a line that lies so far off the others' course is looked for again, and where it still lies so
@@ -65,6 +64,7 @@ class ExpectedAntenna:
     # (3,) how far the free antenna lies beside these parameters' in this rig's pictures: a polynomial in the way from
     # the clamp, both in lengths of the antenna's picture; None where not known
     course: np.ndarray | None = None
+    clamp_strays: float = 3.0  # deviations of the priors by which the antenna may lie beside where its clamp should be
 
     def observe(self, still: Still, image: np.ndarray, gravity_m_s2: np.ndarray) -> Observation:
         """The antenna's seen points in one picture, as `read_picture` gives it; gravity (3,) in the antenna frame.
@@ -79,10 +79,11 @@ class ExpectedAntenna:
         else:
             lost, change = why_lost(stretches(paint.plane(image), line, looking.corridor, paint.bright))
             why = "; ".join(said for said in (line.reason, lost) if said)
+            light = "light the antenna" if line.seen < _LEAST_SEEN_FREE else "take away what looks like the antenna"
             raise InputError(
                 f"no antenna found in it ({100 * line.seen:.0f} % of its length seen: {why})",
                 where=still.image,
-                remedy=f"{change or 'light the antenna'}; shoot it again, or take its row out of the CSV",
+                remedy=f"{change or light}; shoot it again, or take its row out of the CSV",
             )
         tip_std_px = line.end_std_px if line.end == "tip" else np.nan
         shared = paint.polarity is None or bool(np.median(line.effective_px / line.sigma_px) > _SHARED)
@@ -149,8 +150,11 @@ class ExpectedAntenna:
         path = corridor(self.camera, self.T_antenna_camera.inverse(), shape, self.antenna.diameter_m, reach)
         if len(path.axis_px) > 1:
             along = arc_lengths(path.axis_px)
-            strays_px = _CLAMP_STRAYS * CLAMP_OFFSET_STD_M * along[-1] / length
-            path = replace(path, clamp_px=max(path.clamp_px, strays_px))
+            assert path.free is not None
+            aside = path.free.focal_px / path.free.clamp_m[2]  # px/m, which seen aslant is more than along the antenna
+            clamp_px = self.clamp_strays * CLAMP_OFFSET_STD_M * aside
+            clamp_rad = self.clamp_strays * CLAMP_ANGLE_STD_RAD * aside * length / along[-1]
+            path = replace(path, clamp_px=max(path.clamp_px, clamp_px), clamp_rad=max(path.clamp_rad, clamp_rad))
             if self.course is not None:
                 moved = np.polyval(self.course, along / along[-1]) * along[-1]
                 path = replace(path, axis_px=path.axis_px + moved[:, None] * normals(path.axis_px))
@@ -169,7 +173,7 @@ def observe(
 ) -> tuple[list[Observation], ExpectedAntenna]:
     """The antenna's seen points in every still, and what is known better after them: its paint, learnt from some of
     them, and the course that the free antenna has in all. A picture that shows none, or another course than most, is
-    searched again along theirs.
+    searched again along theirs, and one of a load that the paint does not show, with a paint learnt from itself.
 
     Raises InputError naming a picture of another size than the lens was calibrated for, or without an antenna.
     """
@@ -217,9 +221,14 @@ def observe(
             image = read(still)
             try:
                 seen[index] = learnt.observe(still, image, pull)
-            except InputError:
+            except InputError as error:
+                if not isinstance(still, Load):
+                    raise
                 # a bent antenna lies before other things than a free one
-                seen[index] = replace(learnt, paint=None).observe(still, image, pull)
+                try:
+                    seen[index] = replace(learnt, paint=None).observe(still, image, pull)
+                except InputError:
+                    raise error from None
         one = seen[index]
         if index in courses and len(courses) >= _LEARNT_FROM and one is not None:
             seen[index] = learnt.on_course(one)

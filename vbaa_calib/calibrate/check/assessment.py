@@ -39,6 +39,9 @@ from .rig import at, number_at, rig_findings, rig_maps, rig_numbers
 
 _SCHEMA = "vbaa.check/1"
 _PARTS = ("intrinsics", "plane", "noload", "loads")
+_MOVED_STRAYS = (
+    10.0  # deviations of its clamp's priors within which the antenna is looked for: the camera may have moved
+)
 _NO_JIG = "session.yaml does not say where the jig is"
 
 
@@ -234,7 +237,7 @@ def _check_pictures(rig: Rig, quality: Mapping[str, Any], inputs: _Inputs) -> Ch
     stills: list[CheckedStill] = []
     if inputs.stills:
         where = rig.camera, current.T_antenna_camera, rig.antenna.parameters
-        expected = ExpectedAntenna(session.antenna, *where, rig.image.paint)
+        expected = ExpectedAntenna(session.antenna, *where, rig.image.paint, clamp_strays=_MOVED_STRAYS)
         seen, _ = observe(session, rig.kinematics, inputs.stills, expected, "antenna")
         stills = check_stills(current, seen, session.load_readings)
     antenna = check_antenna(current, stills, camera_known=pose.document["camera_pose"] is not None)

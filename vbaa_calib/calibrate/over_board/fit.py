@@ -32,7 +32,7 @@ _IN_PLANE, _BOARD, _HEIGHT, _SHAPE = slice(0, 3), slice(3, 9), 9, slice(10, 10 +
 _UNKNOWNS = 10 + len(PARAMETERS)
 _STEPS = np.array([1e-5, 1e-5, 1e-5, *[0.02] * (_UNKNOWNS - 3)])
 _RULES = Rules(iterations=40, standstill=1e-12)
-_ENOUGH = 1e-4  # of the cost: a hundredth of a deviation
+_ENOUGH = 1e-4  # decrease of the cost that a next step promises: a hundredth of a deviation
 _PASSES, _CONVERGED = 10, 1e-5
 _END_MARGIN = 0.004  # part of the length at clamp and tip whose points are left out
 _LEAST_POINTS = 20

@@ -185,7 +185,9 @@ def _measured(grey: np.ndarray, path: np.ndarray, clamp: np.ndarray | None, tip:
         points, widths = _edges(picture, curve, width, first)
         if len(points) < _LEAST_POINTS:
             raise InputError("the rod's edges cannot be made out", remedy="light it evenly, before a plain background")
-        width = float(np.median(widths))
+        if np.isfinite(widths).any():
+            width = float(np.nanmedian(widths))
+        widths = np.where(np.isfinite(widths), widths, width)
         if first:  # the path begins and ends in corners of the rod
             away = [np.hypot(*(points - end).T) > width for end in (path[0], path[-1])]
             points, widths = points[away[0] & away[1]], widths[away[0] & away[1]]
@@ -201,6 +203,8 @@ def _measured(grey: np.ndarray, path: np.ndarray, clamp: np.ndarray | None, tip:
         if np.hypot(*(end - sought)) > max(2.0 * width, 0.03 * length):
             what = f"the rod cannot be followed to its {name} near {sought[0]:.0f},{sought[1]:.0f}"
             raise InputError(what, remedy="clear what touches or crosses it, and check --clamp and --tip")
+    by_half = _edges(picture, curve, width, False, 0.5)[1]
+    width = float(np.nanmedian(by_half if np.isfinite(by_half).any() else width))
     return RodLine(points, curve, width, mad_std(misses), inside, 0.5 * (np.array(grey.shape[::-1]) - 1.0))
 
 
@@ -237,9 +241,12 @@ def _robust(points: np.ndarray, scale: float, width: float) -> tuple[np.ndarray,
     return curve, misses
 
 
-def _edges(picture: np.ndarray, curve: np.ndarray, width: float, first: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Middles (N, 2) between both edges and the widths (N,) there; where only one is within the picture, half a width
-    from that. In the `first` round, `width` is only how far to look."""
+def _edges(
+    picture: np.ndarray, curve: np.ndarray, width: float, first: bool, share: float = _EDGE
+) -> tuple[np.ndarray, np.ndarray]:
+    """Middles (N, 2) between both edges, at which this share of the contrast is left, and the widths (N,) there; where
+    only one is within the picture, half a width from that, and NaN. In the `first` round, `width` is only how far to
+    look."""
     reach = width if first else 2.0 * width
     stations = curve[:: max(1, round(0.2 * min(width, 20.0) / max(arc_lengths(curve[:2])[-1], 1e-9)))]
     normal = normals(stations)
@@ -256,17 +263,20 @@ def _edges(picture: np.ndarray, curve: np.ndarray, width: float, first: bool) ->
             if abs(mark - ground) < _LEAST_CONTRAST:
                 continue
             out = ((rows - ground) / (mark - ground))[:: int(sign)][len(across) // 2 :]
-            k = int(np.argmax(out < _EDGE))
+            k = int(np.argmax(out < share))
             if k > 0:
-                ends[side] = sign * _FINE * (k - (_EDGE - out[k]) / (out[k - 1] - out[k]))
-        ends[~_within(picture, place + ends[:, None] * aside)] = np.nan
+                ends[side] = sign * _FINE * (k - (share - out[k]) / (out[k - 1] - out[k]))
+        inside = _within(picture, place + ends[:, None] * aside)
         cut = ~_within(picture, place + np.array([[-0.5], [0.5]]) * width * aside)
-        if not first and cut.sum() == 1 and (np.isnan(ends) == cut).all():
+        middle, broad = ends.mean(), ends[1] - ends[0]
+        if not first and cut.sum() == 1 and (inside == ~cut).all():
             # the border cuts one edge off: the rod is as wide there as elsewhere
-            ends = np.where(cut, ends[::-1] + np.array([-width, width]), ends)
-        if np.isfinite(ends).all() and (first or abs(ends.sum()) < 0.4 * width):
-            middles.append(place + 0.5 * ends.sum() * aside)
-            widths.append(ends[1] - ends[0])
+            middle, broad = ends[inside][0] + (-0.5 if cut[0] else 0.5) * width, np.nan
+        elif not inside.all():
+            continue
+        if first or abs(middle) < 0.2 * width:
+            middles.append(place + middle * aside)
+            widths.append(broad)
     return np.reshape(middles, (-1, 2)), np.array(widths)
 
 

@@ -13,7 +13,7 @@ from vbaa_calib.core.compiled import kernel
 from vbaa_calib.core.polyline import arc_lengths, beside, normals, resample
 from vbaa_calib.core.smooth import median, solve
 
-from .centreline import Centreline
+from .centreline import Centreline, Visibility
 
 CLAMP_REACH_PX, CLAMP_TURN_RAD = 8.0, 0.12
 """How far off the clamp itself may be, and three deviations of its direction on a rig that is not calibrated."""
@@ -40,9 +40,9 @@ what is allowed of shape, such a line is less sure for every unit, a square root
 ASIDE_RAD, STRAY_PX = 0.05, (4.0, 2.0, 2.0, 1.0, 1.0, 0.7, 0.7)
 """Deviation of the bend towards the camera of the shape that is nearest to some points, which shows how long it is; and
 distances at which one counts half as much, one round each."""
-FROM_CLAMP, OFF_CUBIC = 0.35, 0.004
-"""Part of the length over which a line's direction at the clamp is measured, by a cubic; and how far off that it may be
-there, root mean square, in lengths: a contact within that part bends it more than a cubic does."""
+FROM_CLAMP, BENDS_MORE = 0.35, (3.0, 0.15)
+"""Part of the length over which a line's direction at the clamp is measured, by a parabola; and by how much a contact
+within that part may falsify it, over the turn there: of a line that may be of either polarity less is believed."""
 _UNKNOWNS = 5
 
 
@@ -171,26 +171,30 @@ class Corridor:
         return self.free.nearest(points_px, sigma_px, (self.shape_px, self.clamp_px, self.clamp_rad))
 
 
-def _reject_beside_clamp(line: Centreline, where: Corridor) -> Centreline:
+def _reject_beside_clamp(line: Centreline, where: Corridor, changing: bool) -> Centreline:
     """The centreline, with another verdict where it does not leave the clamp along the free antenna.
 
     A cantilever bends away from its free shape slowly; a cable or an edge that passes its clamp is straight there.
     """
-    if not line.found:
+    seen = line.visibility == Visibility.SEEN
+    if not line.found or len(where.axis_px) < 2:
         return line
-    away, length = line.points_px - where.axis_px[0], arc_lengths(where.axis_px)[-1]
-    # along the line itself: a strongly bent one soon leaves the axis
-    along = (np.hypot(*away[0]) + arc_lengths(line.points_px)) / (FROM_CLAMP * length)
+    # along the line itself, since a strongly bent one soon leaves the axis; its guide, which noise makes no longer
+    start, length = where.axis_px[0], float(arc_lengths(where.axis_px)[-1])
+    along = (np.hypot(*(line.guide_px[0] - start)) + arc_lengths(line.guide_px)[seen]) / (FROM_CLAMP * length)
     first = along < 1.0
     if first.sum() < LEAST_SHAPE_POINTS:
         return line
-    across = away[first] @ normals(where.axis_px)[0]
-    allowed = np.hypot(OFF_CUBIC * length, median(line.sigma_px[first])) * np.sqrt(len(across))
-    clamp = np.eye(2, 4) / np.array([[where.clamp_px], [where.clamp_rad * FROM_CLAMP * length]])
-    rows = np.vstack([np.vander(along[first], 4, increasing=True) / allowed, clamp])
-    misfit = np.linalg.lstsq(rows, np.append(across / allowed, [0.0, 0.0]))[1]
-    if misfit.sum() > 1.0:
-        return line.with_verdict("no_antenna", "what could be the antenna does not leave the clamp as the antenna does")
+    across = (line.points_px[first] - start) @ normals(where.axis_px)[0]
+    bend, slope, offset = np.polyfit(along[first], across, 2)
+    spread = 2.0 * median(line.sigma_px[first])
+    turn = (abs(slope) - BENDS_MORE[changing] * abs(2.0 * bend)) / (FROM_CLAMP * length) - spread / (0.1 * length)
+    if np.hypot(offset / (where.clamp_px + spread), max(turn, 0.0) / where.clamp_rad) > 1.0:
+        aside = np.degrees(np.arctan(abs(slope) / (FROM_CLAMP * length)))
+        return line.with_verdict(
+            "no_antenna",
+            f"what could be the antenna passes the clamp by {abs(offset):.0f} px, {aside:.0f}° from its axis",
+        )
     return line
 
 
@@ -200,11 +204,12 @@ def of_antennas_shape(line: Centreline, where: Corridor, changing: bool) -> Cent
     On a calibrated rig a line must be the free antenna bent by a force: a cable bends elsewhere than at the clamp, and
     a line that goes over to an object's edge has a kink. One that may be of either polarity (`changing`) fits more
     things: where little of it is seen it must leave the clamp as the antenna does, too, and fit well; where little is
-    surely a line, not another thing's edge, it must fit better than others.
+    surely a line, not another thing's edge, it must fit better than others. On a rig that is not calibrated any line
+    must leave the clamp so.
     """
     known = where.shape_px is not None
     little = changing and line.seen < MUCH_SEEN
-    line = _reject_beside_clamp(line, where) if little or not known else line
+    line = _reject_beside_clamp(line, where, changing) if little or not known else line
     if not known or not line.found:
         return line
     unsure = changing and line.seen * line.sure < MUCH_SEEN
