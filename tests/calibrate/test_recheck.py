@@ -84,12 +84,15 @@ def step_of(pose: dict[str, Any]) -> np.ndarray:
 
 
 MOVED = np.array([0.0, np.radians(0.3), 0.0, 5e-4, 0.0, 0.0])
+_FAR = np.array([np.radians(1.0), 0.0, 0.0, 0.0, 0.0, 0.0])
 SENSED = ("plane", "noload", "loads")
 CHANGES: dict[str, tuple[Callable[[Scene], Scene], tuple[str, ...], set[str]]] = {
     "camera": (lambda old: with_camera_moved(old, MOVED), MONTH, {"camera_pose"}),
     "bent wire": (lambda old: with_wire_bent(old, 0.05), MONTH, {"free_antenna"}),
     "slipped clamp": (lambda old: with_clamp_turned(old, 0.004), MONTH, {"free_antenna"}),
     "no board": (lambda old: with_camera_moved(old, np.array([0, 0, 0.005, 0, 0, 0])), ("noload",), {"free_antenna"}),
+    # by a degree: the antenna leaves its clamp well beside where it should
+    "far, no board": (lambda old: with_camera_moved(old, _FAR), ("noload",), {"free_antenna"}),
     "refocus": (lambda old: with_lens(old, 1.005), ("intrinsics", "plane"), {"lens_focus", "camera_pose"}),
     "refocus, one board": (lambda old: with_lens(old, 1.005), ("plane",), {"camera_pose"}),
     "offset": (lambda old: with_sensor(old, offset_Nm=2e-4), SENSED, {"sensor_offset"}),
@@ -101,6 +104,7 @@ CAUSES = {
     "bent wire": ("free_antenna", "bent wire"),
     "slipped clamp": ("free_antenna", "clamp that turned"),
     "no board": ("free_antenna", "the camera may have moved instead"),
+    "far, no board": ("free_antenna", "the camera may have moved instead"),
     "refocus": ("camera_pose", "mend the lens first"),
     "refocus, one board": ("camera_pose", "refocus"),
 }

@@ -39,15 +39,18 @@ def _patchwork(rng: np.random.Generator, cell_px: int = 14) -> np.ndarray:
     return cv2.resize(cells, None, fx=cell_px, fy=cell_px, interpolation=cv2.INTER_NEAREST)[: SIZE[0], : SIZE[1]]
 
 
-def test_a_cable_that_passes_the_clamp_is_not_the_antenna(finder: AntennaFinder) -> None:
+@pytest.mark.parametrize("bright", [None, True])
+def test_a_cable_that_passes_the_clamp_is_not_the_antenna(finder: AntennaFinder, bright: bool | None) -> None:
     """Straight at an angle from the clamp on; a cantilever as far aside at its tip leaves its clamp along its axis."""
     rng = np.random.default_rng(3)
     for angle in (-14.0, 9.0, 20.0):
         cable = exposed(70.0 + background(rng, 2.0) + 60.0 * tube(bent(CLAMP, angle, 0.0), WIDTH_PX, 1.0), rng)
-        line = finder.find(cable, None)
-        assert not line.found
+        assert not finder.find(cable, bright).found
         antenna = 70.0 + background(rng, 2.0) + 60.0 * tube(bent(CLAMP, 0.0, 2.0 * angle), WIDTH_PX, 1.0)
-        assert finder.find(exposed(antenna, rng), None).found
+        assert finder.find(exposed(antenna, rng), bright).found
+        if bright:
+            beside = 70.0 + background(rng, 2.0) + 60.0 * tube(bent((40.0, 130.4), 0.0, 0.0), WIDTH_PX, 1.0)
+            assert not finder.find(exposed(beside, rng), bright).found
 
 
 def test_a_patchwork_alone_shows_no_antenna_and_one_before_it_is_seen(finder: AntennaFinder) -> None:

@@ -39,9 +39,7 @@ from .rig import at, number_at, rig_findings, rig_maps, rig_numbers
 
 _SCHEMA = "vbaa.check/1"
 _PARTS = ("intrinsics", "plane", "noload", "loads")
-_MOVED_STRAYS = (
-    10.0  # deviations of its clamp's priors within which the antenna is looked for: the camera may have moved
-)
+_MOVED_STRAYS = 10.0  # deviations by which the antenna may lie beside its clamp: the camera may have moved
 _NO_JIG = "session.yaml does not say where the jig is"
 
 
