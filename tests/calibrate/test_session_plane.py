@@ -5,19 +5,22 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 import yaml
 
 from targets.board import corner_points
+from vbaa_calib.calibrate.antenna.session_rig import ExpectedAntenna, nominal_parameters, observe
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution, solve_intrinsics
-from vbaa_calib.calibrate.pipeline import calibrate
+from vbaa_calib.calibrate.pipeline import calibrate, stills_prior
 from vbaa_calib.calibrate.plane_c import PlaneViews, find_plane, picture_folders, read_views
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_yaml
+from vbaa_calib.core.polyline import beside
 from vbaa_calib.detect.board.corners import detect_folder
 from vbaa_calib.geometry import Pose
-from vbaa_calib.session import Session, load_session
+from vbaa_calib.session import Session, Still, load_session, read_loads, read_noload
 from vbaa_calib.simulate.scene.scene import Scene, bundled_scene
 from vbaa_calib.simulate.scene.scene_file import load_scene
 from vbaa_calib.simulate.write import write_session
@@ -153,3 +156,25 @@ def test_a_print_known_roughly_leaves_the_distance_to_the_board_open(rendered: R
     added = rough.covariance - exact.covariance
     np.testing.assert_allclose(added[3:, 3:], np.outer(step[3:], step[3:]), rtol=0.03, atol=1e-9)
     np.testing.assert_allclose(added[:3], 0.0, atol=1e-15)
+
+
+def test_a_load_before_other_things_is_looked_at_with_its_own_paint(rendered: Rendered, tmp_path: Path) -> None:
+    """Its picture inverted. Free antennas are looked at with one paint, which the rig keeps."""
+    session, lens = rendered.session, rendered.lens
+    plane = find_plane(session, lens.camera, lens.board_shape, rendered.views)
+    before = stills_prior(session, lens, plane)
+    expected = ExpectedAntenna(session.antenna, before.camera, before.start, nominal_parameters(session.antenna))
+    noload, loads = read_noload(session), read_loads(session)
+    _, learnt = observe(session, plane.kinematics, noload, expected, "free antenna")
+
+    def inverted(still: Still) -> Still:
+        path = tmp_path / still.image.name
+        cv2.imwrite(str(path), 255 - cv2.imread(str(still.image)))
+        return replace(still, image=path)
+
+    both = (loads[0], inverted(loads[0]))
+    (usual,), (own,) = (observe(session, plane.kinematics, [one], learnt, "")[0] for one in both)
+    assert own.paint != usual.paint == learnt.paint
+    assert np.abs(beside(usual.points_px, own.points_px)[1]).max() < 0.3
+    with pytest.raises(InputError, match="no antenna found"):
+        observe(session, plane.kinematics, [inverted(noload[0])], learnt, "")
