@@ -1,4 +1,4 @@
-"""Which paint sets the antenna off from its surroundings, as the no-load pictures show."""
+"""Which paint sets the antenna off from its surroundings, as pictures show."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ these."""
 
 
 def learn(finders: Sequence[AntennaFinder], images: Sequence[np.ndarray]) -> Paint | None:
-    """The paint that shows the antenna best in pictures (H, W[, 3]) of the free antenna; None where none finds it.
+    """The paint that shows the antenna best in pictures (H, W[, 3]); None where none finds it.
 
     Brighter or darker than its surroundings, in grey, by weighted colours, or by its own colour; a polarity that
     changes along the antenna only where that sees clearly more.

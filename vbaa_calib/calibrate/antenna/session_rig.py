@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -67,8 +68,11 @@ class ExpectedAntenna:
     clamp_strays: float = 3.0  # deviations of the priors by which the antenna may lie beside where its clamp should be
 
     def observe(self, still: Still, image: np.ndarray, gravity_m_s2: np.ndarray) -> Observation:
-        """The antenna's seen points in one picture, as `read_picture` gives it; gravity (3,) in the antenna frame.
-        Raises InputError as `observe` does."""
+        """The antenna's seen points in one picture, as `read_picture` gives it; gravity (3,) in the antenna frame. One
+        of a load that the paint does not show is looked at with what it shows itself.
+
+        Raises InputError as `observe` does.
+        """
         paint = self.learned([still], [image], [gravity_m_s2]) if self.paint is None else self.paint
         for deviations in _NEAR_FIRST:
             looking = self._finder(still, gravity_m_s2, deviations)
@@ -77,6 +81,10 @@ class ExpectedAntenna:
             if accepted:
                 break
         else:
+            # a bent antenna lies before other things than a free one
+            if isinstance(still, Load) and self.paint is not None:
+                with suppress(InputError):
+                    return replace(self, paint=None).observe(still, image, gravity_m_s2)
             lost, change = why_lost(stretches(paint.plane(image), line, looking.corridor, paint.bright))
             why = "; ".join(said for said in (line.reason, lost) if said)
             light = "light the antenna" if line.seen < _LEAST_SEEN_FREE else "take away what looks like the antenna"
@@ -173,7 +181,7 @@ def observe(
 ) -> tuple[list[Observation], ExpectedAntenna]:
     """The antenna's seen points in every still, and what is known better after them: its paint, learnt from some of
     them, and the course that the free antenna has in all. A picture that shows none, or another course than most, is
-    searched again along theirs, and one of a load that the paint does not show, with a paint learnt from itself.
+    searched again along theirs.
 
     Raises InputError naming a picture of another size than the lens was calibrated for, or without an antenna.
     """
@@ -218,17 +226,7 @@ def observe(
     for index, (still, pull) in enumerate(zip(stills, gravity, strict=True)):
         odd = index in courses and np.abs(np.polyval(courses[index] - usual, _PLACES)).max() > _ODD
         if seen[index] is None or odd:
-            image = read(still)
-            try:
-                seen[index] = learnt.observe(still, image, pull)
-            except InputError as error:
-                if not isinstance(still, Load):
-                    raise
-                # a bent antenna lies before other things than a free one
-                try:
-                    seen[index] = replace(learnt, paint=None).observe(still, image, pull)
-                except InputError:
-                    raise error from None
+            seen[index] = learnt.observe(still, read(still), pull)
         one = seen[index]
         if index in courses and len(courses) >= _LEARNT_FROM and one is not None:
             seen[index] = learnt.on_course(one)
