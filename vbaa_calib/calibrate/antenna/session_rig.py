@@ -87,11 +87,15 @@ class ExpectedAntenna:
                     return replace(self, paint=None).observe(still, image, gravity_m_s2)
             lost, change = why_lost(stretches(paint.plane(image), line, looking.corridor, paint.bright))
             why = "; ".join(said for said in (line.reason, lost) if said)
-            light = "light the antenna" if line.seen < _LEAST_SEEN_FREE else "take away what looks like the antenna"
+            light = (
+                "light the antenna"
+                if line.seen < _LEAST_SEEN_FREE
+                else "check the jig; take away what looks like the antenna"
+            )
             raise InputError(
                 f"no antenna found in it ({100 * line.seen:.0f} % of its length seen: {why})",
                 where=still.image,
-                remedy=f"{change or light}; shoot it again, or take its row out of the CSV",
+                remedy=f"{change}; shoot it again, or take its row out of the CSV",
             )
         tip_std_px = line.end_std_px if line.end == "tip" else np.nan
         shared = paint.polarity is None or bool(np.median(line.effective_px / line.sigma_px) > _SHARED)

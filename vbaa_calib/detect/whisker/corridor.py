@@ -193,7 +193,8 @@ def _reject_beside_clamp(line: Centreline, where: Corridor, changing: bool) -> C
         aside = np.degrees(np.arctan(abs(slope) / (FROM_CLAMP * length)))
         return line.with_verdict(
             "no_antenna",
-            f"what could be the antenna passes the clamp by {abs(offset):.0f} px, {aside:.0f}° from its axis",
+            f"what could be the antenna passes the clamp by {abs(offset):.0f} px, {aside:.0f}° from its axis (a cable, "
+            "an edge; or the clamp is not where it is said to be)",
         )
     return line
 
