@@ -87,11 +87,9 @@ class ExpectedAntenna:
                     return replace(self, paint=None).observe(still, image, gravity_m_s2)
             lost, change = why_lost(stretches(paint.plane(image), line, looking.corridor, paint.bright))
             why = "; ".join(said for said in (line.reason, lost) if said)
-            light = (
-                "light the antenna"
-                if line.seen < _LEAST_SEEN_FREE
-                else "check the jig; take away what looks like the antenna"
-            )
+            if not change:
+                little = line.seen < _LEAST_SEEN_FREE
+                change = "light the antenna" if little else "check the jig; take away what looks like the antenna"
             raise InputError(
                 f"no antenna found in it ({100 * line.seen:.0f} % of its length seen: {why})",
                 where=still.image,
