@@ -92,11 +92,15 @@ def test_where_a_line_parts_in_two_both_are_followed() -> None:
     np.testing.assert_allclose(ends, [120.0, 131.0], atol=2.0)
 
 
+@pytest.mark.parametrize("changing", [True, False])
 @pytest.mark.parametrize(
     ("passes_px", "turned_rad", "verdict"), [(1.0, 0.0, "ok"), (30.0, 0.0, "no_antenna"), (0.0, 0.3, "no_antenna")]
 )
-def test_before_the_rig_is_known_a_line_must_leave_the_clamp(passes_px: float, turned_rad: float, verdict: str) -> None:
+def test_before_the_rig_is_known_a_line_must_leave_the_clamp(
+    passes_px: float, turned_rad: float, verdict: str, changing: bool
+) -> None:
     """A cable that passes it, or leaves it at an angle, is none, however much of it is seen."""
     points = free() + np.outer(np.linspace(0.0, 225.0, 60) * np.tan(turned_rad) + passes_px, [0.0, 1.0])
-    line = Centreline(points, np.full(60, 0.1), seen=1.0, amplitude=50.0, breadth=1.0, verdict="ok", reason="")
-    assert of_antennas_shape(line, corridor(free()), changing=True).verdict == verdict
+    seen = np.zeros(60, np.uint8)
+    line = Centreline(points, np.full(60, 0.1), 1.0, 50.0, 1.0, "ok", "", guide_px=points, visibility=seen)
+    assert of_antennas_shape(line, corridor(free()), changing).verdict == verdict
