@@ -44,6 +44,9 @@ _LEAST_SEEN_FREE = 0.6  # nothing hides the free antenna: less than this fractio
 _ASIDE, _NEAR_FIRST = 0.067, (1.3, 3.0, None)
 """How far aside an antenna lies, as a fraction of the distance from the clamp, by one deviation of the priors below; it
 is looked for within so many of them first, then all around: clutter farther away is not even tried."""
+_CLAMP_STRAYS = (3.0, 10.0)
+"""Deviations of the priors by which it may lie beside where its clamp should be; where it is looked for all around, as
+the jig may not be where it is said to be, or the camera have moved."""
 _COURSE_ASIDE, _COURSE_ORDER, _ODD, _LEAVES = 0.02, 2, 0.04, 0.008
 """The same deviation where other pictures of the rig determine the free antenna's course, a polynomial of this order
 beside what is expected; a line that lies so far off the others' course is looked for again, and where it still lies so
@@ -65,7 +68,6 @@ class ExpectedAntenna:
     # (3,) how far the free antenna lies beside these parameters' in this rig's pictures: a polynomial in the way from
     # the clamp, both in lengths of the antenna's picture; None where not known
     course: np.ndarray | None = None
-    clamp_strays: float = 3.0  # deviations of the priors by which the antenna may lie beside where its clamp should be
 
     def observe(self, still: Still, image: np.ndarray, gravity_m_s2: np.ndarray) -> Observation:
         """The antenna's seen points in one picture, as `read_picture` gives it; gravity (3,) in the antenna frame. One
@@ -162,8 +164,8 @@ class ExpectedAntenna:
             along = arc_lengths(path.axis_px)
             assert path.free is not None
             aside = path.free.focal_px / path.free.clamp_m[2]  # px/m, which seen aslant is more than along the antenna
-            clamp_px = self.clamp_strays * CLAMP_OFFSET_STD_M * aside
-            clamp_rad = self.clamp_strays * CLAMP_ANGLE_STD_RAD * aside * length / along[-1]
+            strays = _CLAMP_STRAYS[deviations is None] * aside
+            clamp_px, clamp_rad = strays * CLAMP_OFFSET_STD_M, strays * CLAMP_ANGLE_STD_RAD * length / along[-1]
             path = replace(path, clamp_px=max(path.clamp_px, clamp_px), clamp_rad=max(path.clamp_rad, clamp_rad))
             if self.course is not None:
                 moved = np.polyval(self.course, along / along[-1]) * along[-1]

@@ -39,7 +39,6 @@ from .rig import at, number_at, rig_findings, rig_maps, rig_numbers
 
 _SCHEMA = "vbaa.check/1"
 _PARTS = ("intrinsics", "plane", "noload", "loads")
-_MOVED_STRAYS = 10.0  # deviations by which the antenna may lie beside its clamp: the camera may have moved
 _NO_JIG = "session.yaml does not say where the jig is"
 
 
@@ -235,7 +234,7 @@ def _check_pictures(rig: Rig, quality: Mapping[str, Any], inputs: _Inputs) -> Ch
     stills: list[CheckedStill] = []
     if inputs.stills:
         where = rig.camera, current.T_antenna_camera, rig.antenna.parameters
-        expected = ExpectedAntenna(session.antenna, *where, rig.image.paint, clamp_strays=_MOVED_STRAYS)
+        expected = ExpectedAntenna(session.antenna, *where, rig.image.paint)
         seen, _ = observe(session, rig.kinematics, inputs.stills, expected, "antenna")
         stills = check_stills(current, seen, session.load_readings)
     antenna = check_antenna(current, stills, camera_known=pose.document["camera_pose"] is not None)
