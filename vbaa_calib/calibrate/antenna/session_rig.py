@@ -163,9 +163,10 @@ class ExpectedAntenna:
         if len(path.axis_px) > 1:
             along = arc_lengths(path.axis_px)
             assert path.free is not None
-            aside = path.free.focal_px / path.free.clamp_m[2]  # px/m, which seen aslant is more than along the antenna
-            strays = _CLAMP_STRAYS[deviations is None] * aside
-            clamp_px, clamp_rad = strays * CLAMP_OFFSET_STD_M, strays * CLAMP_ANGLE_STD_RAD * length / along[-1]
+            strays = _CLAMP_STRAYS[deviations is None] * path.free.clamp_px_per_m
+            # seen aslant the antenna is shorter, and turned by more; end on it is no line
+            along_px_per_m = max(along[-1], 1.0) / length
+            clamp_px, clamp_rad = strays * CLAMP_OFFSET_STD_M, strays * CLAMP_ANGLE_STD_RAD / along_px_per_m
             path = replace(path, clamp_px=max(path.clamp_px, clamp_px), clamp_rad=max(path.clamp_rad, clamp_rad))
             if self.course is not None:
                 moved = np.polyval(self.course, along / along[-1]) * along[-1]

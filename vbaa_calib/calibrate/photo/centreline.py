@@ -185,8 +185,7 @@ def _measured(grey: np.ndarray, path: np.ndarray, clamp: np.ndarray | None, tip:
         points, widths = _edges(picture, curve, width, first)
         if len(points) < _LEAST_POINTS:
             raise InputError("the rod's edges cannot be made out", remedy="light it evenly, before a plain background")
-        if np.isfinite(widths).any():
-            width = float(np.nanmedian(widths))
+        width = _median_width(widths, width)
         widths = np.where(np.isfinite(widths), widths, width)
         if first:  # the path begins and ends in corners of the rod
             away = [np.hypot(*(points - end).T) > width for end in (path[0], path[-1])]
@@ -203,8 +202,7 @@ def _measured(grey: np.ndarray, path: np.ndarray, clamp: np.ndarray | None, tip:
         if np.hypot(*(end - sought)) > max(2.0 * width, 0.03 * length):
             what = f"the rod cannot be followed to its {name} near {sought[0]:.0f},{sought[1]:.0f}"
             raise InputError(what, remedy="clear what touches or crosses it, and check --clamp and --tip")
-    by_half = _edges(picture, curve, width, False, 0.5)[1]
-    width = float(np.nanmedian(by_half if np.isfinite(by_half).any() else width))
+    width = _median_width(_edges(picture, curve, width, False, 0.5)[1], width)
     return RodLine(points, curve, width, mad_std(misses), inside, 0.5 * (np.array(grey.shape[::-1]) - 1.0))
 
 
@@ -280,9 +278,15 @@ def _edges(
     return np.reshape(middles, (-1, 2)), np.array(widths)
 
 
-def _within(picture: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """(N,) which places (N, 2) are within a picture (H, W)."""
-    return np.all((places >= 0.0) & (places <= np.array(picture.shape[::-1]) - 1.0), axis=1)
+def _median_width(widths: np.ndarray, before: float) -> float:
+    """Of those that were measured, not NaN; the one before where none was."""
+    return float(np.nanmedian(widths)) if np.isfinite(widths).any() else before
+
+
+def _within(picture: np.ndarray, places: np.ndarray, margin: float = 0.0) -> np.ndarray:
+    """(N,) which places (N, 2) are within a picture (H, W), or so many pixels beyond."""
+    last = np.array(picture.shape[::-1]) - 1.0
+    return np.all((places >= -margin) & (places <= last + margin), axis=1)
 
 
 def _to_the_ends(
@@ -296,8 +300,7 @@ def _to_the_ends(
     grey = map_coordinates(picture, [places[..., 1], places[..., 0]], order=1, mode="nearest").mean(axis=1)
     apart = curve[:, None] + np.array([-1.5, 1.5])[:, None] * width * normal[:, None]
     ground = map_coordinates(picture, [apart[..., 1], apart[..., 0]], order=1, mode="nearest").mean(axis=1)
-    size = np.array(picture.shape[::-1]) - 1.0
-    inside: np.ndarray = np.all((curve >= -0.5) & (curve <= size + 0.5), axis=1)
+    inside = _within(picture, curve, 0.5)
     rod, around = np.median(grey[5 * fit : -5 * fit]), np.median(ground[5 * fit : -5 * fit])
     # not the ground beside each place: near a border that is outside the picture
     on_rod = (grey - around) / (rod - around) > 0.5

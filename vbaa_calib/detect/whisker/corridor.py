@@ -84,6 +84,11 @@ class FreeShape:
         """Mean of both."""
         return 0.5 * float(self.camera.matrix[0, 0] + self.camera.matrix[1, 1])
 
+    @property
+    def clamp_px_per_m(self) -> float:
+        """How large what is at the clamp appears, unless it is seen aslant."""
+        return self.focal_px / float(self.clamp_m[2])
+
     def misfit(
         self, points_px: np.ndarray, sigma_px: np.ndarray, allowed: tuple[float, float, float], enough: float
     ) -> float:
@@ -94,7 +99,7 @@ class FreeShape:
         seen, variance = self._shown(points_px, sigma_px, allowed[0])
         if len(seen) < LEAST_SHAPE_POINTS:
             return 0.0
-        known = np.array([allowed[1] * self.clamp_m[2] / self.focal_px, allowed[2], DEPTH_RAD])
+        known = np.array([allowed[1] / self.clamp_px_per_m, allowed[2], DEPTH_RAD])
         return _misfit(self.clamp_m, self.axes, self.segments_m, seen, variance, known, enough, STARTS)[0]
 
     def nearest(self, points_px: np.ndarray, sigma_px: np.ndarray, allowed: tuple[float, float, float]) -> np.ndarray:
@@ -102,7 +107,7 @@ class FreeShape:
         seen, variance = self._shown(points_px, sigma_px, allowed[0])
         if len(seen) < LEAST_SHAPE_POINTS:
             return np.empty((0, 2))
-        known = np.array([0.5 * allowed[1] * self.clamp_m[2] / self.focal_px, 0.5 * allowed[2], ASIDE_RAD])
+        known = np.array([0.5 * allowed[1] / self.clamp_px_per_m, 0.5 * allowed[2], ASIDE_RAD])
         curve, moved = np.empty((SHAPE_SEGMENTS + 1, 2)), np.zeros((SHAPE_SEGMENTS + 1, _UNKNOWNS, 2))
         weight, starts = np.ones(len(seen)), STARTS[:2]
         for scale in STRAY_PX:
@@ -176,21 +181,21 @@ def _reject_beside_clamp(line: Centreline, where: Corridor, changing: bool) -> C
 
     A cantilever bends away from its free shape slowly; a cable or an edge that passes its clamp is straight there.
     """
-    seen = line.visibility == Visibility.SEEN
     if not line.found or len(where.axis_px) < 2:
         return line
+    start, part_px = where.axis_px[0], FROM_CLAMP * float(arc_lengths(where.axis_px)[-1])
     # along the line itself, since a strongly bent one soon leaves the axis; its guide, which noise makes no longer
-    start, length = where.axis_px[0], float(arc_lengths(where.axis_px)[-1])
-    along = (np.hypot(*(line.guide_px[0] - start)) + arc_lengths(line.guide_px)[seen]) / (FROM_CLAMP * length)
+    guide = np.hypot(*(line.guide_px[0] - start)) + arc_lengths(line.guide_px)
+    along = guide[line.visibility == Visibility.SEEN] / part_px
     first = along < 1.0
     if first.sum() < LEAST_SHAPE_POINTS:
         return line
     across = (line.points_px[first] - start) @ normals(where.axis_px)[0]
     bend, slope, offset = np.polyfit(along[first], across, 2)
     spread = 2.0 * median(line.sigma_px[first])
-    turn = (abs(slope) - BENDS_MORE[changing] * abs(2.0 * bend)) / (FROM_CLAMP * length) - spread / (0.1 * length)
+    turn = (abs(slope) - BENDS_MORE[changing] * abs(2.0 * bend)) / part_px - spread * FROM_CLAMP / (0.1 * part_px)
     if np.hypot(offset / (where.clamp_px + spread), max(turn, 0.0) / where.clamp_rad) > 1.0:
-        aside = np.degrees(np.arctan(abs(slope) / (FROM_CLAMP * length)))
+        aside = np.degrees(np.arctan(abs(slope) / part_px))
         return line.with_verdict(
             "no_antenna",
             f"what could be the antenna passes the clamp by {abs(offset):.0f} px, {aside:.0f}° from its axis (a cable, "
@@ -205,13 +210,11 @@ def of_antennas_shape(line: Centreline, where: Corridor, changing: bool) -> Cent
     On a calibrated rig a line must be the free antenna bent by a force: a cable bends elsewhere than at the clamp, and
     a line that goes over to an object's edge has a kink. One that may be of either polarity (`changing`) fits more
     things: where little of it is seen it must leave the clamp as the antenna does, too, and fit well; where little is
-    surely a line, not another thing's edge, it must fit better than others. On a rig that is not calibrated any line
-    must leave the clamp so.
+    surely a line, not an edge, it must fit better than others. On a rig that is not calibrated all must leave it so.
     """
-    known = where.shape_px is not None
     little = changing and line.seen < MUCH_SEEN
-    line = _reject_beside_clamp(line, where, changing) if little or not known else line
-    if not known or not line.found:
+    line = _reject_beside_clamp(line, where, changing) if little or where.shape_px is None else line
+    if where.shape_px is None or not line.found:
         return line
     unsure = changing and line.seen * line.sure < MUCH_SEEN
     most = USUAL_MISFIT if little else UNSURE_MISFIT if unsure else 1.0
