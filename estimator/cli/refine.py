@@ -8,6 +8,8 @@ from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from vbaa_calib.cli.usable_rig import configure as add_accept_rig
+from vbaa_calib.cli.usable_rig import usable_rig
 from vbaa_calib.core.console import progress, say
 from vbaa_calib.core.errors import InputError, about
 from vbaa_calib.core.files import refuse_outputs, sha256, write_json
@@ -43,6 +45,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar=("RIG", "SESSION"),
         help="a further camera: its rig.json, of the same antenna, and its session with the same frames",
     )
+    add_accept_rig(parser)
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
@@ -63,14 +66,14 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if args.update_rig is not None and args.update_rig.suffix != ".json":
         raise InputError("is not a .json", where=args.update_rig, remedy="name it something.json")
     table = read_contacts(args.contacts)
-    rig, session, recording = _recording(table, args.rig, args.session)
-    others = [_recording(table, path, folder, _SAME_MOMENT_S) for path, folder in args.view]
+    rig, session, recording = _recording(table, args.rig, args.session, args.accept_rig)
+    others = [_recording(table, path, folder, args.accept_rig, _SAME_MOMENT_S) for path, folder in args.view]
     with about(args.contacts):
         views = [View(other, seen) for other, _, seen in others]
         found = refine(table, rig, recording, session.known_object, views)
     write_contacts(args.output, found.contacts.rows(), args.force)
     if args.update_rig is not None and not found.reason:
-        write_json(args.update_rig, _document(args, found), force=args.force)
+        write_json(args.update_rig, _document(args, found), args.force, Rig.from_dict)
     for line in _words(found):
         say(line)
     if args.update_rig is not None and found.reason:
@@ -87,17 +90,16 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _recording(
-    table: ContactTable, rig_json: Path, folder: Path, within_s: float = 1e-6
+    table: ContactTable, rig_json: Path, folder: Path, accept_rig: bool, within_s: float = 1e-6
 ) -> tuple[Rig, Session, Sequence[Measured]]:
     """A rig, and what the frames of the table were measured to be. Raises InputError where the session has others."""
     import numpy as np
 
     from estimator.contact.estimate import ContactEstimator
     from estimator.contact.recording import measured_recording
-    from vbaa_calib.rig import Rig
     from vbaa_calib.session import check_pictures, load_session, read_recording
 
-    rig, session = Rig.load(rig_json), load_session(folder)
+    rig, session = usable_rig(rig_json, accept_rig), load_session(folder)
     if session.drift is not None:
         rig = replace(rig, drift=session.drift)
     frames = {frame.frame: frame for frame in read_recording(session)}

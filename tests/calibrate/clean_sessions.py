@@ -18,9 +18,9 @@ from vbaa_calib.calibrate.antenna.inputs import Observation, Prior, reading_keys
 from vbaa_calib.calibrate.antenna.residual_checks import check
 from vbaa_calib.calibrate.antenna.session_rig import make_rig, prior, solve_antenna
 from vbaa_calib.calibrate.check.antenna import check_antenna, check_stills
+from vbaa_calib.calibrate.doubts import antenna_doubts, prior_doubts, row_doubts, sensor_doubts
 from vbaa_calib.calibrate.faults.stills import still_diagnoses
 from vbaa_calib.calibrate.pose.fusion import PoseEstimate
-from vbaa_calib.calibrate.report import antenna_doubts, prior_doubts, sensor_doubts, still_doubts
 from vbaa_calib.camera import Camera
 from vbaa_calib.geometry import Kinematics
 from vbaa_calib.rig import MomentSensor, Rig
@@ -176,11 +176,9 @@ def said(drawn: CleanSession) -> tuple[list[str], Rig]:
     joint = solve_antenna(drawn.session, drawn.observations, drawn.before)
     rig, checks = make_rig(drawn.session, Kinematics(), joint, drawn.observations), check(joint)
     diagnoses = still_diagnoses(drawn.session, Kinematics(), joint)
-    names = {one.name for one in diagnoses}
-    found = [f"{one.name}: {one}" for one in diagnoses]
-    found += prior_doubts(joint, names) + still_doubts(joint, [one.still for one in joint.noted])
+    found = diagnoses + prior_doubts(joint, diagnoses) + row_doubts(joint, [one.still for one in joint.noted])
     found += antenna_doubts(NOMINAL, rig, checks) + sensor_doubts(drawn.session, rig, checks)
-    return found, rig
+    return [f"{one.name}: {one}" for one in found], rig
 
 
 def checked(rig: Rig, observations: Sequence[Observation], readings: LoadReadings = _RULER) -> list[str]:

@@ -13,7 +13,7 @@ from targets.board import BoardSpec
 from vbaa_calib.camera import Camera
 from vbaa_calib.convert import guessed
 from vbaa_calib.core.arrays import gate
-from vbaa_calib.core.errors import Diagnosis, InputError, VbaaError
+from vbaa_calib.core.errors import Diagnosis, InputError, Severity, VbaaError
 from vbaa_calib.core.files import read_json, sha256
 from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.geometry.independent_axes import independent_axes
@@ -107,10 +107,9 @@ def _own_doubts(path: Path) -> tuple[Diagnosis, ...]:
     if grade not in ("look at", "do not use"):
         return ()
     words = f"{path.name} says of its lens: {said:.300}" if isinstance(said, str) else f"{path.name} says: {grade}"
-    grave = grade == "do not use"
-    return (
-        Diagnosis("given_lens_doubted", words.rstrip("."), "calibrate the lens again, or mend what it names", grave),
-    )
+    severity: Severity = "wrong" if grade == "do not use" else "doubt"
+    remedy = "calibrate the lens again, or mend what it names"
+    return (Diagnosis("given_lens_doubted", words.rstrip("."), remedy, severity),)
 
 
 def _with_assumed_covariance(camera: Camera) -> tuple[Camera, str]:
@@ -169,7 +168,7 @@ def given_solution(
             size = "" if off is None else f": {off.size:.2g} px over the picture, {off.distance_std:.0f} deviations"
             words = f"{given.path.name} is contradicted by the board in {folders}{size}"
             remedy = "take the file of this lens as it is focused now, or calibrate it again"
-            found.append(Diagnosis(_CONTRADICTED, words, remedy, focus.level == FAILS))
+            found.append(Diagnosis(_CONTRADICTED, words, remedy, "wrong" if focus.level == FAILS else "doubt"))
     verdict = Verdict((), tuple(reasons)).with_diagnoses(found)
     return LensSolution(given.camera, _model_of(given.camera).name, shape, verdict)
 
@@ -207,6 +206,6 @@ def _contradiction(given: GivenLens, own: LensSolution, views: Sequence[BoardVie
     if evidence.level == HOLDS:
         return None, f"It holds: {words}."
     remedy = "leave --camera out to calibrate from these pictures; or take the right file, or pictures of this camera"
-    return Diagnosis(_CONTRADICTED, f"{given.path.name} is contradicted: {words}", remedy, evidence.level == FAILS), (
-        "The pictures of the board contradict it."
-    )
+    severity: Severity = "wrong" if evidence.level == FAILS else "doubt"
+    found = Diagnosis(_CONTRADICTED, f"{given.path.name} is contradicted: {words}", remedy, severity)
+    return found, "The pictures of the board contradict it."

@@ -7,7 +7,7 @@ Each stage is a function of what came before, and can be called by itself: `solv
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment
 from vbaa_calib.calibrate.antenna.inputs import Prior
@@ -20,9 +20,10 @@ from vbaa_calib.core.arrays import gate
 from vbaa_calib.core.errors import Diagnosis, InputError, SolveError
 from vbaa_calib.core.images import SUFFIXES, list_images, picture_size
 from vbaa_calib.detect.board.corners import detect_folder
-from vbaa_calib.rig import Rig
+from vbaa_calib.rig import Rig, RigVerdict
 from vbaa_calib.session import Session, Still, check_pictures, read_loads, read_noload
 
+from .doubts import doubts
 from .given_lens import GivenLens, given_solution
 from .plane_c import PlaneC, find_plane, picture_folders, read_views
 
@@ -104,4 +105,5 @@ def calibrate(session: Session, lens_model: str = "auto", given: GivenLens | Non
         raise with_cause(session, plane.kinematics, observations, before, error) from error
     held = still_diagnoses(session, plane.kinematics, joint)
     rig = make_rig(session, plane.kinematics, joint, observations)
-    return Calibration(session, rig, lens, plane, joint, check(joint), stills, tuple(held), given)
+    made = Calibration(session, rig, lens, plane, joint, check(joint), stills, tuple(held), given)
+    return replace(made, rig=replace(rig, verdict=RigVerdict.of(doubts(made))))

@@ -63,7 +63,7 @@ def _examine(checks: Mapping[str, Callable[[], Finding]]) -> Iterator[Finding]:
         except Exception as error:  # whatever an unhealthy installation raises
             words = f"could not be looked at ({type(error).__name__}: {' '.join(str(error).split())})"
             remedy = "fix the problems above, then run `vbaa doctor` again"
-            yield Finding(name, words, (Diagnosis("check_broke", f"{name} {words}", remedy, grave=True),))
+            yield Finding(name, words, (Diagnosis("check_broke", f"{name} {words}", remedy, "wrong"),))
 
 
 def _as_lines(finding: Finding) -> list[str]:

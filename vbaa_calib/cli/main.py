@@ -126,8 +126,8 @@ def _front_parser() -> _Parser:
         prog="vbaa",
         description="From photos of a bent antenna to contacts in millimetres and newtons.",
         usage="vbaa VERB ... [--json] [--force]",
-        epilog=f"verbs:\n{listing}\n\n`vbaa VERB --help` says more. Exit codes: 0 done, 2 the input or the call is "
-        "wrong, 1 anything else, 130 interrupted.",
+        epilog=f"verbs:\n{listing}\n\n`vbaa VERB --help` says more. Exit codes: 0 done, 1 done but a verdict is wrong "
+        "(or a failure), 2 the input or the call is wrong, 130 interrupted.",
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
@@ -227,7 +227,7 @@ def _seldom_collecting() -> Iterator[None]:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """The `vbaa` command. Returns the exit code: 0 done, 2 wrong input or call, 1 anything else, 130 interrupted."""
+    """The `vbaa` command. Returns the exit code: 0 done, 1 wrong verdict or failure, 2 wrong input, 130 interrupted."""
     argv = sys.argv[1:] if argv is None else list(argv)
     if "OMP_NUM_THREADS" not in os.environ:
         # matrices of a few hundred rows: threads of linear algebra would only wait for each other

@@ -6,7 +6,7 @@ import importlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 _LONGEST = 600
 """Characters of each part of an error."""
@@ -104,6 +104,10 @@ class SolveError(VbaaError):
     """A solver did not reach an answer that may be trusted."""
 
 
+Severity = Literal["wrong", "doubt", "note"]
+"""Of a finding, the worst first."""
+
+
 @dataclass(frozen=True)
 class Diagnosis:
     """One thing that is wrong, or looks wrong, with what was measured.
@@ -113,16 +117,26 @@ class Diagnosis:
     name : stable, in snake_case: for scripts.
     words : what was seen, one clause, with its numbers.
     remedy : what to do.
-    grave : the measurement must not be used as it is; else it deserves a look.
+    severity : "wrong": the measurement must not be used as it is; "doubt": it deserves a look; "note": good to know.
     """
 
     name: str
     words: str
     remedy: str
-    grave: bool = False
+    severity: Severity = "doubt"
+
+    @property
+    def grave(self) -> bool:
+        """Whether the measurement must not be used as it is."""
+        return self.severity == "wrong"
+
+    @property
+    def label(self) -> str:
+        """What stands before it in a list."""
+        return "look at" if self.severity == "doubt" else self.severity
 
     def __str__(self) -> str:
         return f"{self.words}; {self.remedy}"
 
     def to_dict(self) -> dict[str, str | bool]:
-        return {"name": self.name, "words": self.words, "remedy": self.remedy, "grave": self.grave}
+        return {**vars(self), "grave": self.grave}

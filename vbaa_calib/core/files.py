@@ -24,7 +24,7 @@ from yaml.composer import Composer, ComposerError
 from yaml.constructor import ConstructorError, SafeConstructor
 from yaml.resolver import Resolver
 
-from .errors import InputError, reason_of
+from .errors import InputError, SolveError, reason_of
 
 MOST_BYTES = 2_000_000_000
 _MOST_YAML_BYTES = 1_000_000
@@ -395,6 +395,20 @@ def write_text(path: Path, text: str, force: bool = True) -> None:
         temporary.write_text(text, encoding="utf-8")
 
 
-def write_json(path: Path, data: Mapping[str, Any], force: bool = True) -> None:
-    """Write a JSON object, whole or not at all. NaN is refused: it is not JSON."""
-    write_text(path, json.dumps(data, indent=2, allow_nan=False) + "\n", force)
+def write_json(
+    path: Path, data: Mapping[str, Any], force: bool = True, readable_as: Callable[[dict], object] | None = None
+) -> None:
+    """Write a JSON object, whole or not at all. NaN is refused: it is not JSON.
+
+    readable_as : its reader, if it has one. Raises SolveError, and writes nothing, where that refuses it.
+    """
+    text = json.dumps(data, indent=2, allow_nan=False)
+    if readable_as is not None:
+        try:
+            readable_as(json.loads(text))
+        except InputError as error:
+            raise SolveError(
+                f"{path} is not written, since it could not be read again ({error.what}): the pictures do not "
+                "determine that; add some, or choose another --lens-model"
+            ) from error
+    write_text(path, text + "\n", force)

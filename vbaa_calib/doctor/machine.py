@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from vbaa_calib.core.errors import Diagnosis
+from vbaa_calib.core.errors import Diagnosis, Severity
 
 from . import Finding, by_system, pip
 
@@ -143,7 +143,7 @@ def torch(attempt: _Try = try_python) -> Finding:
         how = tried.how(f"takes longer than {_TORCH_SECONDS:.0f} s to load", "cannot be loaded")
         again = pip("install", "--force-reinstall", '"torch>=2.4,<3"')
         remedy = by_system(again, again, f"winget install Microsoft.VCRedist.2015+.x64, then {again}")
-        return Finding("torch", "does not load", (Diagnosis("torch_broken", f"torch {how}", remedy, grave=True),))
+        return Finding("torch", "does not load", (Diagnosis("torch_broken", f"torch {how}", remedy, "wrong"),))
     seconds = float(fields[0])
     words = f"{fields[1]} loads in {seconds:.1f} s, {fields[2]} threads, {'with' if fields[3] == 'True' else 'no'} CUDA"
     problems: tuple[Diagnosis, ...] = ()
@@ -184,7 +184,9 @@ def writable(folders: Mapping[str, Path | None] | None = None) -> Finding:
                 stream.flush()
         except OSError as error:
             words = f"the {name} folder {folder or ''} cannot be written to ({error.strerror or error})"
-            problems.append(Diagnosis("folder_not_writable", words, _REMEDIES[name], grave=name != "cache"))
+            problems.append(
+                Diagnosis("folder_not_writable", words, _REMEDIES[name], "doubt" if name == "cache" else "wrong")
+            )
     words = ", ".join(f"{name} {folder}" for name, folder in folders.items())
     return Finding("folders", words, tuple(problems))
 
@@ -193,7 +195,8 @@ def disk(free_bytes: int | None = None) -> Finding:
     if free_bytes is None:
         free_bytes = shutil.disk_usage(Path.cwd()).free
     said = f"only {free_bytes / _MB:.0f} MB are free on this disk, and a session with its pictures may need some GB"
-    low = Diagnosis("disk_low", said, "make room, or work on another disk", grave=free_bytes < _DISK_FULL)
+    severity: Severity = "wrong" if free_bytes < _DISK_FULL else "doubt"
+    low = Diagnosis("disk_low", said, "make room, or work on another disk", severity)
     problems = (low,) if free_bytes < _DISK_LOW else ()
     return Finding("disk", f"{free_bytes / _GB:.1f} GB free", problems, {"free_bytes": free_bytes})
 

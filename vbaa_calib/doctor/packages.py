@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from vbaa_calib.core.errors import Diagnosis
+from vbaa_calib.core.errors import Diagnosis, Severity
 
 from . import Finding, by_system, pip
 
@@ -28,7 +28,7 @@ def python_version(version: tuple[int, ...] = tuple(sys.version_info[:3])) -> Fi
     words, wanted = f"{'.'.join(map(str, version))}, {sys.executable}", ".".join(map(str, _LEAST_PYTHON))
     packages = f"apt-get install python{wanted} python{wanted}-venv", f"brew install python@{wanted}"
     remedy = by_system(*packages, f"winget install Python.Python.{wanted}") + ", then make a new environment with it"
-    problem = Diagnosis("python_too_old", f"this is Python {words}, and {wanted} is needed", remedy, grave=True)
+    problem = Diagnosis("python_too_old", f"this is Python {words}, and {wanted} is needed", remedy, "wrong")
     found = () if version[:2] >= _LEAST_PYTHON else (problem,)
     return Finding("python", words, found, {"version": list(version)})
 
@@ -49,7 +49,10 @@ def packages(requirements: Iterable[str] | None = None, version_of: Callable[[st
         except metadata.PackageNotFoundError:
             if not asked:
                 problem = Diagnosis(
-                    "not_installed", f"{_DISTRIBUTION} is not installed", pip("install", _DISTRIBUTION), grave=True
+                    "not_installed",
+                    f"{_DISTRIBUTION} is not installed",
+                    pip("install", _DISTRIBUTION),
+                    "wrong",
                 )
                 return Finding("packages", "unknown", (problem,))
         requirements = asked or known
@@ -59,11 +62,11 @@ def packages(requirements: Iterable[str] | None = None, version_of: Callable[[st
         try:
             versions[one.name] = version = version_of(one.name)
         except metadata.PackageNotFoundError:
-            problems.append(Diagnosis("package_missing", f"{one.name} is not installed", remedy, grave=True))
+            problems.append(Diagnosis("package_missing", f"{one.name} is not installed", remedy, "wrong"))
             continue
         if not one.specifier.contains(version, prereleases=True):
             words = f"{one.name} is {version}, and {one.specifier} is needed"
-            problems.append(Diagnosis("package_version", words, remedy, grave=True))
+            problems.append(Diagnosis("package_version", words, remedy, "wrong"))
     if known is not None and {str(one) for one in wanted} != {str(Requirement(line)) for line in known}:
         words = "the source tree asks for other packages than the installation knows of"
         problems.append(Diagnosis("installation_stale", words, pip("install", "--editable", str(_ROOT))))
@@ -93,9 +96,9 @@ def shadows(
             homes[name] = Path(str(metadata.distribution(distribution).locate_file("")))
     folder, problems, places = (folder or Path.cwd()).resolve(), [], dict[str, str]()
 
-    def stands_in(name: str, words: str, place: Path, grave: bool) -> Diagnosis:
+    def stands_in(name: str, words: str, place: Path, severity: Severity) -> Diagnosis:
         remedy = f"rename {place}, or work in another folder and leave it out of PYTHONPATH"
-        return Diagnosis(name, words, remedy, grave=grave)
+        return Diagnosis(name, words, remedy, severity)
 
     for name, expected in homes.items():
         # the folder or file that an import would take; none for an empty namespace
@@ -109,24 +112,24 @@ def shadows(
             places[name] = str(place)
             if expected is not None and place.resolve().parent != expected.resolve():
                 words = f"{name} is taken from {place}, not from {expected}"
-                problems.append(stands_in("package_shadowed", words, place, True))
+                problems.append(stands_in("package_shadowed", words, place, "wrong"))
         elif name in _OURS:  # a missing library is reported with the packages
             words = f"the package {name} is not found beside vbaa_calib, in {_ROOT}"
-            problems.append(Diagnosis("package_hidden", words, "install vbaa-calib again", grave=True))
+            problems.append(Diagnosis("package_hidden", words, "install vbaa-calib again", "wrong"))
     for name, expected in homes.items():
         if expected is None or folder != expected.resolve():
             for place in (folder / name, folder / f"{name}.py"):
                 module = place / "__init__.py" if place.suffix != ".py" else place
                 if module.is_file() and places.get(name) != str(place):
                     words = f"{place} takes the place of the package {name} for every script that is run from there"
-                    problems.append(stands_in("name_taken", words, place, False))
+                    problems.append(stands_in("name_taken", words, place, "doubt"))
     brought = owners()
     for name in _OURS:
         for other in sorted(set(brought.get(name, ())) - {_DISTRIBUTION}):
             again = pip("uninstall", "--yes", other) + ", then "
             again += pip("install", "--force-reinstall", "--no-deps", _DISTRIBUTION)
             words = f"{other} has installed a package {name}, too: one has overwritten the other's files"
-            problems.append(Diagnosis("package_overwritten", words, again, grave=True))
+            problems.append(Diagnosis("package_overwritten", words, again, "wrong"))
     words = f"{len(places)} packages come from where they were installed"
     if problems:
         words = "some packages do not come, or may not come, from where they were installed"
@@ -153,7 +156,7 @@ def opencv(
     if len(installed) > 1:
         remedy = f"{pip('uninstall', '--yes', *sorted(installed))}, then {again}"
         words = f"{named} are installed at once and overwrite each other's cv2"
-        problems.append(Diagnosis("several_opencv", words, remedy, grave=True))
+        problems.append(Diagnosis("several_opencv", words, remedy, "wrong"))
     try:
         cv2 = load()
         version, objects = cv2.__version__, hasattr(cv2, "aruco") and hasattr(cv2.aruco, "CharucoDetector")
@@ -163,7 +166,7 @@ def opencv(
             remedy = by_system(f"apt-get install libgl1 libglib2.0-0, or without windows: {again}", again, again)
         elif "DLL" in text:
             remedy = f"winget install Microsoft.VCRedist.2015+.x64, then {again}"
-        problems.append(Diagnosis("opencv_broken", f"cv2 cannot be loaded ({text})", remedy, grave=True))
+        problems.append(Diagnosis("opencv_broken", f"cv2 cannot be loaded ({text})", remedy, "wrong"))
         return Finding("opencv", named, tuple(problems), {"wheels": dict(installed)})
     other = len(installed) == 1 and not next(iter(installed.values())).startswith(version)
     rules = (
@@ -171,7 +174,7 @@ def opencv(
         (not objects, "opencv_without_charuco", "has no ChArUco detector: not a contrib wheel, or one overwritten"),
         (other, "opencv_other", f"is loaded, but {named} is installed"),
     )
-    wrong = [Diagnosis(name, f"OpenCV {version} {words}", again, grave=True) for holds, name, words in rules if holds]
+    wrong = [Diagnosis(name, f"OpenCV {version} {words}", again, "wrong") for holds, name, words in rules if holds]
     problems += wrong[:1]
     gui = re.search(r"^\s*GUI:\s*(\S+)", cv2.getBuildInformation(), re.MULTILINE)
     window = gui[1] if gui and gui[1] != "NONE" else None
@@ -194,4 +197,4 @@ def detector() -> Finding:
     bias = mean_bias_px(rows, OPENCV)
     wrong = f"OpenCV's corners are off by ({bias[0]:+.2f}, {bias[1]:+.2f}) px in the mean, or not found"
     remedy = f'{pip("install")} "{_RIGHT}{_RIGHT_RANGE}", then vbaa selftest with your board'
-    return Finding("detector", words, (Diagnosis("detector_biased", wrong, remedy, grave=True),), numbers)
+    return Finding("detector", words, (Diagnosis("detector_biased", wrong, remedy, "wrong"),), numbers)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,6 +25,7 @@ from .parts import (
     RIG_PARAMETERS,
     Antenna,
     AntennaImage,
+    RigVerdict,
     Tip,
     check_view,
     kinematics_to_dict,
@@ -78,6 +79,7 @@ class Rig:
         gain and offset count as exact.
     drift : what may have changed since; it is not in the covariance.
     tip : where the antenna's visible end lies; None where that is not known.
+    verdict : what its calibration found, and whether it may be used.
     """
 
     camera: Camera
@@ -91,6 +93,7 @@ class Rig:
     second_moment_sensor: MomentSensor | None = None
     drift: Drift = DRIFTS["none"]
     tip: Tip | None = None
+    verdict: RigVerdict = field(default_factory=RigVerdict)
 
     @property
     def moment_noise_Nm(self) -> tuple[float, float]:
@@ -265,6 +268,7 @@ class Rig:
             second_moment_sensor=read.second_moment_sensor,
             drift=read.drift,
             tip=_tip(read.antenna.tip, covariance, where),
+            verdict=read.verdict,
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -285,5 +289,6 @@ class Rig:
             "gravity_world": self.gravity_world_m_s2.tolist(),
             "image": asdict(self.image),
             "drift": asdict(self.drift),
+            "verdict": self.verdict.to_dict(),
             "joint": {"parameters": list(self.parameter_names), "covariance": self.covariance.tolist()},
         }

@@ -12,7 +12,7 @@ from vbaa_calib.core.models import ArrayOf, FileModel, Number, WholeNumber
 from vbaa_calib.session import DRIFTS, LAB, FileDrift
 from vbaa_calib.session.settings import AnyLength, Deviation, Diameter, FileKinematics, FilePose, Gravity, MomentSensor
 
-from .parts import Antenna, AntennaImage
+from .parts import Antenna, AntennaImage, RigVerdict
 
 SCHEMA = "vbaa.rig/1"
 _Side = Annotated[WholeNumber, Field(ge=1, le=100_000)]
@@ -136,6 +136,9 @@ class RigFile(FileModel):
     image: AntennaImage
     joint: Joint
     drift: Annotated[FileDrift, Field(description="what may change between calibration and recording")] = DRIFTS[LAB]
+    verdict: RigVerdict = Field(
+        default_factory=RigVerdict, description="of the calibration: as bad as its worst finding"
+    )
     inputs_sha256: dict[str, str] | None = None
     versions: dict[str, Any] | None = None
     command: list[str] | None = None

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Callable, Hashable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, TypeVar
@@ -18,6 +19,7 @@ from targets.print_scale import READING_STD_MM, PrintScale, print_scale, rescale
 from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment, adjust_bundle
 from vbaa_calib.calibrate.antenna.inputs import Observation
 from vbaa_calib.calibrate.antenna.session_rig import ExpectedAntenna, nominal_parameters
+from vbaa_calib.calibrate.doubts import prior_doubts
 from vbaa_calib.calibrate.faults.stills import still_diagnoses
 from vbaa_calib.calibrate.faults.views import judge_views
 from vbaa_calib.calibrate.given_lens import GivenLens, given_solution, read_lens
@@ -26,7 +28,6 @@ from vbaa_calib.calibrate.lens.intrinsics import LensSolution, solve_intrinsics
 from vbaa_calib.calibrate.pipeline import stills_prior
 from vbaa_calib.calibrate.plane_c import PlaneC, PlaneViews, find_plane
 from vbaa_calib.calibrate.pose.fusion import fused
-from vbaa_calib.calibrate.report import prior_doubts
 from vbaa_calib.core.errors import Diagnosis, InputError, VbaaError
 from vbaa_calib.core.files import UniqueKeyDumper, read_yaml, write_text
 from vbaa_calib.core.images import read_gray, read_picture
@@ -352,7 +353,8 @@ class SessionState:
 
         def made() -> list[Diagnosis]:
             against_plane = [
-                Diagnosis("antenna_contradicts_plane", words, remedy, grave=True) for words in prior_doubts(joint)
+                replace(one, name="antenna_contradicts_plane", remedy=remedy, severity="wrong")
+                for one in prior_doubts(joint)
             ]
             return [*against_plane, *still_diagnoses(self.session, self.plane().kinematics, joint)]
 

@@ -20,13 +20,14 @@ from vbaa_calib.calibrate.guide.next_load import load_progress
 from vbaa_calib.calibrate.guide.next_view import GOAL_M, ViewProgress, lens_progress, plane_progress
 from vbaa_calib.calibrate.guide.suggestion import pose_match
 from vbaa_calib.calibrate.pipeline import calibrate
-from vbaa_calib.calibrate.report import doubts, rig_document
+from vbaa_calib.calibrate.report import rig_document
 from vbaa_calib.core.errors import Diagnosis, InputError, VbaaError
 from vbaa_calib.core.files import write_json, write_text
 from vbaa_calib.core.images import read_picture
 from vbaa_calib.detect.board.corners import BoardView, detect_corners
 from vbaa_calib.detect.quality.hints import picture_hints, wrong_board
 from vbaa_calib.detect.quality.screen import LEAST_CORNERS
+from vbaa_calib.rig import Rig
 from vbaa_calib.session import load_session
 
 from .against_answers import board_in_the_way, camera_distance, jig_refusal, thickness_that_shows_it
@@ -113,7 +114,7 @@ def _other_size(state: SessionState, size: tuple[int, int]) -> Diagnosis | None:
         return None if wanted is None else resolution_changed(size, wanted)
     words = f"the picture is {size[0]}x{size[1]} px, {known.whose} {wanted[0]}x{wanted[1]} px" if wanted else ""
     return Diagnosis(
-        "picture_not_of_given_lens", words, "set the camera to that mode, or name its own lens", grave=True
+        "picture_not_of_given_lens", words, "set the camera to that mode, or name its own lens", severity="wrong"
     )
 
 
@@ -367,7 +368,7 @@ def conclude(root: Path, report: Report, given: GivenLens | None = None) -> dict
     rig.json does not depend on how the wizard was called. Raises InputError and SolveError as `calibrate` does.
     """
     calibration = calibrate(load_session(root), given=given)
-    write_json(root / RIG, rig_document(calibration, doubts(calibration), ["vbaa", "wizard"]))
+    write_json(root / RIG, rig_document(calibration, ["vbaa", "wizard"]), readable_as=Rig.from_dict)
     document = assess(root / RIG, root).to_dict()
     write_text(root / REPORT, report(document))
     return document

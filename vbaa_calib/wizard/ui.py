@@ -197,6 +197,6 @@ def progress_lines(progress: Progress) -> list[str]:
         lines.append(f"          {number.label}: {number.value}{goal}")
     lines += [f"missing   {line}" for line in progress.missing]
     for diagnosis in sorted(progress.diagnoses, key=lambda one: not one.grave):
-        lines.append(f"{'WRONG' if diagnosis.grave else 'look at':9s} {diagnosis.words}")
+        lines.append(f"{'WRONG' if diagnosis.grave else diagnosis.label:9s} {diagnosis.words}")
         lines.append(f"          → {diagnosis.remedy}")
     return [*lines, f"next      {progress.next}"] if progress.next else lines

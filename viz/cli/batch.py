@@ -44,10 +44,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from estimator.contact.estimate import ContactEstimator
     from estimator.contact.pieces import cuts
     from estimator.contact.source import is_stream
+    from vbaa_calib.cli.usable_rig import usable_rig
     from vbaa_calib.core.console import say
     from vbaa_calib.core.errors import InputError
     from vbaa_calib.core.files import require_file
-    from vbaa_calib.rig import Rig
     from viz.batch.cluster import Lost, Pace, client_of, run
     from viz.batch.recordings import recordings_of
     from viz.batch.results import Results
@@ -57,7 +57,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     recordings = recordings_of(args.recordings, args.rig)
     cuts(0, args.piece)
     for rig in {each.rig for each in recordings}:
-        ContactEstimator(Rig.load(rig), args.model, friction=args.friction)  # refuses what is wrong before any work
+        # refuses what is wrong before any work
+        ContactEstimator(usable_rig(rig, args.accept_rig), args.model, friction=args.friction)
     background = args.background
     if background is not None and str(background) != "auto":
         require_file(background, "picture")

@@ -48,7 +48,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
-    """Calibrate; the exit code is 1 where a lens must not be used."""
+    """Calibrate; the exit code is 1 where the verdict is wrong."""
     sessions = args.session
     if len(sessions) == 1 and sessions[0].suffix != ".csv":
         args.session = sessions[0]
@@ -60,7 +60,8 @@ def _one(args: argparse.Namespace) -> dict[str, Any]:
     """Calibrate one session and write rig.json."""
     from vbaa_calib.calibrate.given_lens import read_lens
     from vbaa_calib.calibrate.pipeline import calibrate
-    from vbaa_calib.calibrate.report import doubts, report, rig_document, summary
+    from vbaa_calib.calibrate.report import report, rig_document, summary
+    from vbaa_calib.rig import Rig
     from vbaa_calib.session import load_session, refuse_measured
 
     inputs = [] if args.camera is None else [args.camera]
@@ -73,14 +74,13 @@ def _one(args: argparse.Namespace) -> dict[str, Any]:
     session = load_session(args.session)
     given = None if args.camera is None else read_lens(args.camera, args.camera_name)
     calibration = calibrate(session, args.model, given)
-    warnings = doubts(calibration)
-    report(calibration, warnings)
-    write_json(args.output, rig_document(calibration, warnings, args.argv), force=args.force)
+    report(calibration)
+    write_json(args.output, rig_document(calibration, args.argv), args.force, Rig.from_dict)
     say(f"wrote {args.output}")
     described = calibration.rig.to_dict()
-    numbers = {key: described[key] for key in ("T_antenna_camera", "antenna", "moment_sensor")}
-    code = calibration.lens.verdict.exit_code
-    return {"rig": str(args.output), **summary(calibration, warnings), **numbers, "exit_code": code}
+    numbers = {key: described[key] for key in ("verdict", "T_antenna_camera", "antenna", "moment_sensor")}
+    code = int(calibration.rig.verdict.severity == "wrong")
+    return {"rig": str(args.output), **summary(calibration), **numbers, "exit_code": code}
 
 
 def _over_time(args: argparse.Namespace, sessions: list[tuple[datetime, Path]]) -> dict[str, Any]:

@@ -28,7 +28,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
-    """Judge the rig. Returns all numbers; the exit code is 0 whatever the verdict.
+    """Judge the rig. Returns all numbers; the exit code is 1 where it does not hold.
 
     Raises InputError for a broken rig or session, or a file in the way.
     """
@@ -41,6 +41,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         raise InputError(f"{flags} without --free", remedy="they belong to the picture of the free antenna")
 
     from vbaa_calib.calibrate.check.assessment import NewPictures, assess
+    from vbaa_calib.calibrate.check.finding import FAILS
     from viz.report.check import page
 
     new = None
@@ -58,4 +59,4 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if args.html is not None:
         write_text(args.html, page(document), args.force)
         say(f"wrote {args.html}")
-    return document
+    return document | {"exit_code": int(document["verdict"] == FAILS)}

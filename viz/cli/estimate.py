@@ -13,6 +13,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
+from vbaa_calib.cli.usable_rig import configure as add_accept_rig
+from vbaa_calib.cli.usable_rig import usable_rig
 from vbaa_calib.core.console import progress, say
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import refuse_overwrite
@@ -58,6 +60,7 @@ def add_estimator_options(parser: argparse.ArgumentParser, *, learns_background:
     parser.add_argument(
         "--track-zero", action="store_true", help="follow the moment sensor's zero by the free frames as they pass"
     )
+    add_accept_rig(parser)
     parser.add_argument("--no-moment", action="store_true", help="vision alone: leave the moment readings aside")
     learnt = "; auto: learnt from the recording and the free antenna's pictures, where the background does not move"
     parser.add_argument(
@@ -144,9 +147,8 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None]:
     from estimator.contact.watch import DriftWatch
     from estimator.table.contacts import ContactRow
     from estimator.table.files import write_contacts
-    from vbaa_calib.rig import Rig
 
-    rig = Rig.load(args.rig)
+    rig = usable_rig(args.rig, args.accept_rig)
     recording = _from_session if args.session is not None and _is_session(args.session) else _without_session
     unpacking = TemporaryDirectory(prefix="vbaa-overlay-")  # gone with this call
     args.unpacked = Path(unpacking.name)

@@ -146,6 +146,7 @@ def _solved(args: argparse.Namespace, images: Path, spec: Board) -> dict[str, An
     from vbaa_calib.calibrate.faults.views import judge_views
     from vbaa_calib.calibrate.lens.intrinsics import solve_intrinsics
     from vbaa_calib.calibrate.report import camera_document
+    from vbaa_calib.camera import Camera
     from vbaa_calib.core.images import list_images
     from vbaa_calib.detect.board.corners import detect_folder
 
@@ -154,7 +155,7 @@ def _solved(args: argparse.Namespace, images: Path, spec: Board) -> dict[str, An
     solution = solve_intrinsics(views, spec, args.model, args.min_corners, args.fix_aspect)
     solution = judge_views(views, solution, spec)
     document = camera_document(solution, spec)
-    write_json(args.output, document, args.force)
+    write_json(args.output, document, args.force, Camera.from_dict)
     _report(solution)
     say(f"wrote {args.output}")
     result = {"output": str(args.output), **document, "exit_code": solution.verdict.exit_code}
@@ -197,5 +198,5 @@ def _report(solution: LensSolution) -> None:
         say(f"dropped    {dropped.name}: {dropped.reason}")
     say(f"board      {', '.join(solution.board_shape.findings) or 'flat and square'}")
     for one in solution.verdict.diagnoses:
-        say(f"{'wrong' if one.grave else 'look at':10s} {one}")
+        say(f"{one.label:10s} {one}")
     say(f"verdict    {solution.verdict.words}")

@@ -79,9 +79,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from estimator.contact.estimate import ContactEstimator
     from estimator.contact.surroundings import AUTO, surroundings
     from estimator.live import LiveEstimator
+    from vbaa_calib.cli.usable_rig import usable_rig
     from vbaa_calib.core.console import say
     from vbaa_calib.core.errors import InputError
-    from vbaa_calib.rig import Rig
     from vbaa_calib.session import drift_of
     from vbaa_calib.streams import Synchronizer
 
@@ -92,7 +92,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         raise InputError("--background auto", where="vbaa live", remedy=remedy)
     if args.lines and args.json:
         raise InputError("--lines and --json", where="vbaa live", remedy="give one of them: both write to stdout")
-    rig = Rig.load(args.rig)
+    rig = usable_rig(args.rig, args.accept_rig)
     rig = replace(rig, drift=drift_of(args.drift, rig.drift, track_zero=args.track_zero))
     estimator = ContactEstimator(rig, args.model, friction=args.friction, jobs=1)
     timing = streams.timing_of(args, rig)

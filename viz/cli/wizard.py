@@ -185,7 +185,7 @@ def _greeting(store: Store, session: Path, url: str) -> list[str]:
 
 
 def _result(store: Store, document: Mapping[str, Any] | None) -> dict[str, Any]:
-    from vbaa_calib.calibrate.check.rig import at
+    from vbaa_calib.calibrate.check.finding import FAILS
     from vbaa_calib.wizard.steps import REPORT, RIG
 
     steps = {
@@ -202,5 +202,5 @@ def _result(store: Store, document: Mapping[str, Any] | None) -> dict[str, Any]:
         "words": document["words"],
         "findings": [*document["session_findings"], *document["findings"]],
         "numbers": document["numbers"],
-        "exit_code": int(at(document, "quality", "lens", "grade") == "do not use"),
+        "exit_code": int(document["verdict"] == FAILS),
     }

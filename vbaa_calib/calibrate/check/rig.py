@@ -144,7 +144,8 @@ def rig_findings(rig: Rig, quality: Mapping[str, Any], nominal_Nm2: float | None
     # the calibration repeats what its lens' verdict says
     lines = dict.fromkeys(line for at_ in ((), ("lens",)) for line in _listed(at(quality, *at_, "warnings")))
     remedy = "do what they say, then calibrate again"
-    limits = (0, 0 if at(quality, "lens", "grade") == "do not use" else np.inf)
+    wrong = rig.verdict.severity == "wrong" or at(quality, "lens", "grade") == "do not use"
+    limits = (0, 0 if wrong else np.inf)
     doubts = _graded("doubts", len(lines), limits, "; ".join(lines) or "none", remedy)
     doubts = doubts if quality else Finding("doubts", NOT_GIVEN, "not recorded")
     name, ratio = "planar_ambiguity", number_at(quality, "plane_second_solution_ratio")

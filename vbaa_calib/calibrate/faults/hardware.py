@@ -122,7 +122,7 @@ def step_diagnosis(joint: BundleAdjustment, rows: StillRows, own_scatter: float)
             f"the antenna is bent by {_BOW.words(best.found)} more {since} than before",
             "a load has bent it for good: straighten or replace the wire, then take no-load frames and loads anew, "
             "with lighter loads",
-            grave=True,
+            severity="wrong",
         )
     slip = next((step for step in found if step.kind is not _BOW), best)
     other = ", or the antenna was bent" if any(step.kind is _BOW for step in (*rivals, best)) else ""
@@ -131,7 +131,7 @@ def step_diagnosis(joint: BundleAdjustment, rows: StillRows, own_scatter: float)
         "clamp_slipped_or_antenna_bent" if other else "clamp_slipped",
         f"the clamp has {moved} by {slip.kind.words(slip.found)} {since}, which the loads do not explain{other}",
         "tighten the clamp, then take no-load frames and loads anew",
-        grave=True,
+        severity="wrong",
     )
 
 
@@ -285,12 +285,12 @@ def _hypotheses(
         numbers = ", ".join(f"{value + 0.0:g}" for value in gravity)
         remedy = f"gravity_world: [{numbers}] in session.yaml would fit; check where the world's axes point"
         pull = gravity_antenna(kinematics, gravity, stills)
-        found.append((Diagnosis("gravity_direction", words, remedy, grave=True), pull))
+        found.append((Diagnosis("gravity_direction", words, remedy, "wrong"), pull))
     for words, what, turn in _JOINT_SLIPS:
         angles = [turn @ (one.pan_rad, one.tilt_rad) for one in stills]
         moved = [replace(one, pan_rad=float(a[0]), tilt_rad=float(a[1])) for one, a in zip(stills, angles, strict=True)]
         pull = gravity_antenna(kinematics, gravity_world_m_s2, moved)
-        found.append((Diagnosis("joint_readings_wrong", words, f"correct {what}, in all tables", grave=True), pull))
+        found.append((Diagnosis("joint_readings_wrong", words, f"correct {what}, in all tables", "wrong"), pull))
     different: list[tuple[Diagnosis, np.ndarray]] = []
     for one in found:
         if all(np.abs(one[1] - known).max() > _SAME_M_S2 for known in (noted_m_s2, *(pull for _, pull in different))):
@@ -335,7 +335,7 @@ def sensor_diagnoses(joint: BundleAdjustment, std_Nm: float, checks: Checks, mom
     if np.ptp(read) <= 1e-3 * std_Nm:
         words = f"all {len(read)} moment readings are {read[0]:.4g} N·m, {spread}"
         remedy = "connect the sensor, or leave moment_Nm to what it reads, not to a zero typed in"
-        return [Diagnosis("sensor_not_connected", words, remedy, grave=True)]
+        return [Diagnosis("sensor_not_connected", words, remedy, "wrong")]
     if not moments_known:
         return []
     # the line through readings and true moments by Theil and Sen's medians
@@ -356,7 +356,7 @@ def sensor_diagnoses(joint: BundleAdjustment, std_Nm: float, checks: Checks, mom
         remedy = (
             "check that the sensor is connected, sits between clamp and base, and that each row has its own reading"
         )
-        return [Diagnosis("sensor_not_connected", words, remedy, grave=True)]
+        return [Diagnosis("sensor_not_connected", words, remedy, "wrong")]
     if not follows:
         return []
     read_in = f", as if it were read in {' or '.join(unit for unit, *_ in units)}" if units else ""
@@ -364,12 +364,12 @@ def sensor_diagnoses(joint: BundleAdjustment, std_Nm: float, checks: Checks, mom
         remedy = "exchange its two leads, or change the sign of moment_Nm in all tables, the recording's too"
         remedy = f"{remedy}; {units[0][2]}: moment_Nm is in N·m" if units else remedy
         words = f"the moment sensor reads with the wrong sign: {known}{read_in}"
-        return [Diagnosis("sensor_sign", words, remedy, grave=bool(units))]
+        return [Diagnosis("sensor_sign", words, remedy, "wrong" if units else "doubt")]
     usual = _USUAL_GAIN[0] < gain < _USUAL_GAIN[1]
     if gain > 0 and (units or not usual):
         if units:
             remedy = f"{units[0][2]}: moment_Nm is in N·m"
-            return [Diagnosis("sensor_unit", f"{words}{read_in}", remedy, grave=not usual)]
+            return [Diagnosis("sensor_unit", f"{words}{read_in}", remedy, "doubt" if usual else "wrong")]
         return [Diagnosis("sensor_gain", f"{words}, far from 1", "check its calibration and the unit of moment_Nm")]
     drift = checks.drift_Nm
     if drift is None or abs(drift.in_std) <= _SIGNIFICANT_STD:

@@ -148,7 +148,7 @@ def typed_load_diagnoses(loads: Sequence[Load], antenna: NominalAntenna) -> list
         guess = f"was it given {' or '.join(units)}? " if units else ""
         words = f"{_rows_name(beyond, len(rows))}: distance_m is {at:.4g}, the antenna is {length_m:g} m long"
         remedy = f"{guess}Give metres from the clamp along the antenna"
-        found.append(Diagnosis("load_distance_unit", words, remedy, grave=True))
+        found.append(Diagnosis("load_distance_unit", words, remedy, "wrong"))
 
     def slope_rad(row: tuple[int, Load]) -> float:
         """At the load, by the linear beam: f·l²/2EI."""
@@ -172,7 +172,7 @@ def typed_load_diagnoses(loads: Sequence[Load], antenna: NominalAntenna) -> list
             f"{1e3 * length_m:.0f} mm long"
         )
         remedy = (f"given {guess}. " if guess else "") + "Give newtons (grams · 0.00981), or check the diameter"
-        found.append(Diagnosis("load_force_unit", words, remedy, grave=True))
+        found.append(Diagnosis("load_force_unit", words, remedy, "wrong"))
     flat = [row for row in inside if slope_rad(row) < _TOO_FLAT_RAD]
     if flat:
         words, tip_mm = described(min(flat, key=slope_rad), flat, ".3g")
@@ -254,7 +254,7 @@ def row_diagnoses(rows: Sequence[Row], count: int) -> list[Diagnosis]:
             words += f" (or {' or '.join(also[:2])}: the picture cannot decide)"
         words += f". Is it {entry.question(first.load)}?"
         cells = "; ".join(f"{_row_name(row.index, row.load)}: {own.remedy(row.load)}" for row, own in same[:3])
-        found.append(Diagnosis(f"load_{entry.what}_mistyped", words, f"if so, correct {cells}", grave=True))
+        found.append(Diagnosis(f"load_{entry.what}_mistyped", words, f"if so, correct {cells}", "wrong"))
     return found
 
 
@@ -265,7 +265,7 @@ def unexplained(rows: Sequence[Row]) -> list[Diagnosis]:
         "deflection or more, and no usual slip explains it"
     )
     remedy = "check distance_m, force and sign of the row, that the picture belongs to it, and that the clamp held"
-    return [Diagnosis("load_row_unexplained", words, remedy, grave=True)] if rows else []
+    return [Diagnosis("load_row_unexplained", words, remedy, "wrong")] if rows else []
 
 
 def corrected(observations: Sequence[Observation], rows: Sequence[Row]) -> list[Observation]:

@@ -132,7 +132,7 @@ def _contradiction(joint: BundleAdjustment, own: float, rows: Sequence[Row]) -> 
         f"the pictures do not fit one antenna: the points lie up to {off:.0f} times further off it than their own "
         f"scatter{which}; no single cause explains it",
         "check unit, sign and place of every load, the joints' angles (rad), gravity_world, and that nothing moved",
-        grave=True,
+        severity="wrong",
     )
 
 

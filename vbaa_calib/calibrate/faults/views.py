@@ -53,7 +53,7 @@ def resolution_changed(size: tuple[int, int], first: tuple[int, int]) -> Diagnos
         name = "picture_cropped"
         cause = "the camera is in another mode, which may cut off a border or use other pixels"
     seen = f"the picture is {size[0]}x{size[1]} px, the first one {first[0]}x{first[1]} px"
-    return Diagnosis(name, f"{seen}: {cause}", remedy, grave=True)
+    return Diagnosis(name, f"{seen}: {cause}", remedy, "wrong")
 
 
 def same_pose(view: BoardView, earlier: Sequence[BoardView], spec: Board | BoardPoints) -> Diagnosis | None:
@@ -291,7 +291,7 @@ def _focus_changed(scores: SetScores) -> Diagnosis | None:
         odd = names[clearest.index]
         name, words = "odd_view", f"the focal length of {odd} differs from the other pictures' {by}"
         remedy = f"remove {odd}: it is of another camera or zoom, or was cropped or scaled"
-    return Diagnosis(name, words, remedy, abs(clearest.size) > _GRAVE)
+    return Diagnosis(name, words, remedy, "wrong" if abs(clearest.size) > _GRAVE else "doubt")
 
 
 def centre_moved(scores: SetScores) -> Diagnosis | None:
@@ -309,7 +309,7 @@ def centre_moved(scores: SetScores) -> Diagnosis | None:
     remedy = (
         "switch off image stabilisation and cropping, and check that the lens sits tight; then take the pictures again"
     )
-    return Diagnosis("centre_moved", f"the lens' centre moves {where}", remedy, grave=True)
+    return Diagnosis("centre_moved", f"the lens' centre moves {where}", remedy, "wrong")
 
 
 def _sides(step: _Change, names: tuple[str, ...]) -> str:

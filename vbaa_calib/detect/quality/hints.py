@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from targets.board import BoardSpec
-from vbaa_calib.core.errors import Diagnosis
+from vbaa_calib.core.errors import Diagnosis, Severity
 from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.detect.board.diagnosis import MIRRORED, Markers, explain_mismatch, px_per_square
 
@@ -54,7 +54,7 @@ def wrong_board(image: np.ndarray, view: BoardView, spec: BoardSpec) -> Diagnosi
     if mismatch.causes == (MIRRORED,):
         name, words = "mirrored_picture", "the board is found only in the mirror image"
         remedy = "switch off mirroring at the camera, or mirror the pictures back"
-    return Diagnosis(name, words, remedy, grave=True)
+    return Diagnosis(name, words, remedy, "wrong")
 
 
 def _missing(image: np.ndarray, view: BoardView) -> list[Diagnosis]:
@@ -63,16 +63,16 @@ def _missing(image: np.ndarray, view: BoardView) -> list[Diagnosis]:
     if view.marker_count:
         seen = f"{view.marker_count} marker{'s are' if view.marker_count > 1 else ' is'} seen"
         words = f"{seen} and {len(view.ids)} corners, at least {LEAST_CORNERS} are needed"
-        missing = Diagnosis("few_corners", words, "show more of the board, nearer, sharp and evenly lit", grave=True)
+        missing = Diagnosis("few_corners", words, "show more of the board, nearer, sharp and evenly lit", "wrong")
     elif high < 0.5 * _DARK:
         words = f"the picture is dark (its brightest parts: {high:.0f} of 255)"
-        return [Diagnosis("too_dark", words, "add light, or expose longer", grave=True)]
+        return [Diagnosis("too_dark", words, "add light, or expose longer", "wrong")]
     elif low > 250.0:
         words = "nearly all of the picture is clipped white"
-        return [Diagnosis("overexposed", words, "less light, or expose for a shorter time", grave=True)]
+        return [Diagnosis("overexposed", words, "less light, or expose for a shorter time", "wrong")]
     else:
         remedy = "show the whole board, near enough and sharp"
-        missing = Diagnosis("no_board", "no marker of the board is seen", remedy, grave=True)
+        missing = Diagnosis("no_board", "no marker of the board is seen", remedy, "wrong")
     edges = edge_blur(image)
     if edges is None or edges.long_px < _UNSHARP_PX:
         return [missing]
@@ -83,7 +83,7 @@ def _missing(image: np.ndarray, view: BoardView) -> list[Diagnosis]:
     if edges.short_px < _UNSHARP_PX:
         return [missing]
     words = f"nothing in the picture is sharp: its edges are blurred by {edges.short_px:.1f} px or more"
-    return [missing, Diagnosis("out_of_focus", words, "focus on the board, and hold it still", grave=True)]
+    return [missing, Diagnosis("out_of_focus", words, "focus on the board, and hold it still", "wrong")]
 
 
 def _blur(image: np.ndarray, view: BoardView, spec: BoardSpec) -> list[Diagnosis]:
@@ -92,15 +92,15 @@ def _blur(image: np.ndarray, view: BoardView, spec: BoardSpec) -> list[Diagnosis
         return []
     limit = MOST_BLUR_PER_GAP * quality.gap_px
     ellipse = blur_ellipse(image, view, spec)
-    grave = quality.mean_blur_px > limit
+    severity: Severity = "wrong" if quality.mean_blur_px > limit else "doubt"
     if ellipse is not None and ellipse.long_px > max(_MOVED * ellipse.short_px, _MOVED_LEAST_PX):
         smear = _SMEAR_PER_STD * np.sqrt(max(ellipse.long_px**2 - ellipse.short_px**2, 0.0))
         words = f"moved by about {smear:.0f} px {_direction(ellipse.direction_rad)} while it was taken"
-        return [Diagnosis("motion_blur", words, "hold board and camera still, or add light", grave)]
-    if grave or quality.mean_blur_px > _NEAR_LIMIT * limit:
+        return [Diagnosis("motion_blur", words, "hold board and camera still, or add light", severity)]
+    if quality.mean_blur_px > _NEAR_LIMIT * limit:
         words = f"blurred by {quality.mean_blur_px:.1f} px, {limit:.1f} px is the most that the corners bear"
         remedy = "focus on the board (then leave the focus alone), or show it larger"
-        return [Diagnosis("out_of_focus", words, remedy, grave)]
+        return [Diagnosis("out_of_focus", words, remedy, severity)]
     return []
 
 
@@ -116,7 +116,7 @@ def _light(view: BoardView, seen: Levels | None) -> list[Diagnosis]:
         return []
     if quality.saturated > CLIPPED and quality.edge_level > GROWN:
         words = f"overexposed: {100 * quality.saturated:.0f} % of the white is clipped and has grown over the edges"
-        return [Diagnosis("overexposed", words, "less light, or expose for a shorter time", grave=True)]
+        return [Diagnosis("overexposed", words, "less light, or expose for a shorter time", "wrong")]
     noisy = corner_std_px(view) > NOISY_PX
     uncertain = f", its corners are uncertain by {corner_std_px(view):.2f} px" if noisy else ""
     differ = f"black and white differ by {quality.contrast:.0f} grey levels{uncertain}"
@@ -138,12 +138,12 @@ def _blemish(where: BoardMap, seen: Levels) -> list[Diagnosis]:
         return []
     place = _place(where, np.array(patch.centre))
     many = f"{patch.squares} square{'s' if patch.squares > 1 else ''}"
-    grave = patch.squares > 0.25 * seen.dark.size
+    severity: Severity = "wrong" if patch.squares > 0.25 * seen.dark.size else "doubt"
     if patch.shining:
         words = f"light is reflected {place} of the board: {many} washed out"
-        return [Diagnosis("reflection", words, "turn the board or move the lamp until the patch is gone", grave)]
+        return [Diagnosis("reflection", words, "turn the board or move the lamp until the patch is gone", severity)]
     words = f"something covers the board {place}: {many} not black where it should be"
-    return [Diagnosis("covered", words, "keep fingers and things off the squares", grave)]
+    return [Diagnosis("covered", words, "keep fingers and things off the squares", severity)]
 
 
 def _place(where: BoardMap, centre: np.ndarray) -> str:
