@@ -63,7 +63,7 @@ SLOW = ("batch", "demo", "calibrate fleet")
 """They take seconds: a tenth as many kills, and none in the short test."""
 DRAWING = ("view", "demo", "batch")
 """They leave threads behind: never run by the process that forks."""
-ELSEWHERE = {"wizard", "bench", "selftest", "doctor", "schema", "completion"}
+ELSEWHERE = {"wizard", "bench", "doctor", "schema", "completion"}
 """The wizard has tests of its own; the others write nothing, or figures."""
 GROWING = {"live": "out.csv"}
 """What may be cut short: it is there to be read while it grows."""

@@ -119,22 +119,6 @@ def test_what_is_well_and_what_is_not(
     assert words in " ".join(problem.words + problem.remedy for problem in found.problems)
 
 
-def test_a_biased_detector(monkeypatch: pytest.MonkeyPatch) -> None:
-    """OpenCV's half pixel of before 4.14, put back in."""
-    from vbaa_calib.doctor import detector_test
-
-    honest = detector_test.opencv_corners
-
-    def half_a_pixel_off(image: Any, spec: Any) -> Any:
-        view = honest(image, spec)
-        return type(view)(view.name, view.ids, view.corners_px + 0.5, view.image_size)
-
-    monkeypatch.setitem(detector_test.DETECTORS, detector_test.OPENCV, half_a_pixel_off)
-    found = packages.detector()
-    assert (found.status, names(found)) == (FAILS, ["detector_biased"])
-    assert "(+0.4" in found.problems[0].words or "(+0.5" in found.problems[0].words
-
-
 def test_a_folder_that_takes_a_packages_place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """`targets` of the user's own on the path is fatal, in the current folder a warning; an empty folder is neither."""
     (tmp_path / "targets").mkdir()

@@ -10,8 +10,9 @@ from scipy.special import erf
 from targets.board import BoardSpec
 from vbaa_calib.detect.board.corners import detect_corners
 from vbaa_calib.detect.board.covariance import QUANTISATION, corner_covariances, measure_noise
-from vbaa_calib.doctor.detector_test import Conditions, draw_board
 from vbaa_calib.simulate.render.board import print_sheet
+
+from .drawn_boards import Conditions, draw_board
 
 SPEC = BoardSpec(6, 5, 0.02, 0.012)
 SHEET = print_sheet(SPEC)

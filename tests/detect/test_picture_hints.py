@@ -12,9 +12,8 @@ from targets.board import BoardSpec, opencv_board
 from vbaa_calib.core.errors import Diagnosis
 from vbaa_calib.detect.board.corners import detect_corners
 from vbaa_calib.detect.quality.hints import blur_ellipse, edge_blur, picture_hints, wrong_board
-from vbaa_calib.doctor.detector_test import Conditions, DrawnBoard
 
-from .drawn_boards import GOOD, SPEC, drawn, picture, smeared
+from .drawn_boards import GOOD, SPEC, Conditions, DrawnBoard, drawn, picture, smeared
 
 LEGACY = BoardSpec(6, 4, 0.02, 0.014, legacy_pattern=True)
 COARSE = BoardSpec(7, 5, 0.02, 0.016)

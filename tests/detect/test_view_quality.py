@@ -10,9 +10,8 @@ import pytest
 from vbaa_calib.detect.board.corners import BoardView, detect_corners
 from vbaa_calib.detect.board.view_quality import ViewQuality, fixes_homography, measure_quality
 from vbaa_calib.detect.quality.screen import corner_std_px, screen_views
-from vbaa_calib.doctor.detector_test import Conditions
 
-from .drawn_boards import SPEC, drawn, picture, smeared
+from .drawn_boards import SPEC, Conditions, drawn, picture, smeared
 
 PIXEL_PX = np.sqrt(1.0 / 12.0)
 

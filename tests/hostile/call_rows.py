@@ -233,8 +233,6 @@ CALLS: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     ("a path for a scene", "simulate ../../etc/passwd -o out", ("passwd",)),
     ("onto a folder of other things", "simulate scene.yaml --force -o lined/recording", ("is not a session",)),
     ("onto its scene", "simulate scene.yaml --force -o scene.yaml", ("scene.yaml",)),
-    ("no pictures", "selftest --board board.yaml --repeats 0", ("repeats",)),
-    ("a seed below zero", "selftest --board board.yaml --repeats 1 --seed -1", ("seed",)),
     ("a subject that is none", "bench haste", ("'haste'",)),
     ("no draws", "bench metric --quick --draws 0", ("draws",)),
     ("draws below zero", "bench estimator --quick --draws -2", ("draws",)),

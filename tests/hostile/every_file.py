@@ -21,7 +21,6 @@ TEXTS: tuple[tuple[str, str, str], ...] = (
     ("session.yaml", "session/session.yaml", REFINE),
     ("board.yaml", "board.yaml", "intrinsics session/intrinsics --board board.yaml -o out.json"),
     ("board.yaml", "board.yaml", "board --spec board.yaml -o out.pdf"),
-    ("board.yaml", "board.yaml", "selftest --board board.yaml --repeats 1"),
     ("rig.json", "rig.json", ESTIMATE),
     ("rig.json", "rig.json", CHECK),
     ("rig.json", "rig.json", "look session/recording/frame_0003.png --rig rig.json -o out.png"),

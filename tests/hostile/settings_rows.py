@@ -103,7 +103,6 @@ WITHOUT_IDS: tuple[Row, ...] = (
         "the board spec does not fit the pictures: a ChArUco board is in the pictures",
     ),
 )
-CHESSBOARD: tuple[Row, ...] = (("a chessboard", d.at("type", "chessboard"), "type is 'chessboard'"),)
 WRONG_BOARD: tuple[Row, ...] = (
     ("another dictionary", d.at("dictionary", "DICT_6X6_250"), "the board spec does not fit", "DICT_4X4"),
     ("another height", d.at("squares_y", 6), "the board spec does not fit", "squares_y is 8 or more"),
@@ -113,9 +112,7 @@ CASES: list[Case] = [
     *cases("session.yaml", "session/session.yaml", CALIBRATE, SESSION),
     *cases("board.yaml", "board.yaml", _LENS, BOARD),
     *(Case(name, "board.yaml", "board.yaml", damage, _LENS, tuple(words)) for name, damage, *words in WITHOUT_IDS),
-    *cases("board.yaml", "board.yaml", "selftest --board board.yaml --repeats 1", CHESSBOARD),
     *cases("board.yaml", "board.yaml", "board --spec board.yaml -o out.pdf", BOARD),
-    *cases("board.yaml", "board.yaml", "selftest --board board.yaml --repeats 1", BOARD),
     *(
         Case(
             name,

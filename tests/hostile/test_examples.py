@@ -12,7 +12,7 @@ from vbaa_calib.cli.main import VERBS, _verb_parser, main
 READ_ALONE = {"wizard", "demo", "bench", "batch", "next"}
 """Walked, run and measured whole in tests of their own, on more than lies here; here their options are checked."""
 CODES = {"vbaa doctor": (0, 1), "vbaa doctor --json": (0, 1)}
-LONG = {"calibrate", "check", "doctor", "handeye", "intrinsics", "report", "selftest", "simulate", "view"}
+LONG = {"calibrate", "check", "doctor", "handeye", "intrinsics", "report", "simulate", "view"}
 """Verbs that take seconds: their examples run with the slow tests, and here their options are checked."""
 ROWS = [
     pytest.param(line, marks=[pytest.mark.slow] * (verb in LONG), id=line)

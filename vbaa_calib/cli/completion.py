@@ -26,7 +26,6 @@ EXAMPLES = {
         "vbaa simulate scene.yaml -o synthetic/session",
         "vbaa simulate scene.yaml --pictures none -o without_pictures",
     ),
-    "selftest": ("vbaa selftest --board board.yaml --repeats 1", "vbaa selftest --board board.yaml --repeats 2 --json"),
     "bench": ("vbaa bench metric --quick", "vbaa bench metric --quick --out new/"),
     "convert": (
         "vbaa convert rig.json --to ros -o camera_info.yaml",

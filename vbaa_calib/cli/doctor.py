@@ -23,7 +23,6 @@ CHECKS: dict[str, Callable[[], Finding]] = {
     "disk": machine.disk,
     "computing": machine.computing,
     "terminal": machine.terminal,
-    "detector": packages.detector,
 }
 """In the order of the table; what may end the process comes last."""
 _WIDTH = 118

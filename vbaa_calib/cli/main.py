@@ -32,10 +32,6 @@ VERBS = {
         "vbaa_calib.cli.board",
         "a ChArUco board to print to scale: PDF or SVG with rulers, or PNG for a screen",
     ),
-    "selftest": (
-        "vbaa_calib.cli.selftest",
-        "how accurate is OpenCV's corner detector on your board? measured on drawn pictures",
-    ),
     "wizard": ("viz.cli.wizard", "guided, resumable calibration: from a printed board to a trusted rig"),
     "intrinsics": ("viz.cli.intrinsics", "lens from photos of a ChArUco board"),
     "calibrate": ("viz.cli.calibrate", "a session to rig.json: lens, plane C, antenna, sensors; or a rig over time"),

@@ -180,21 +180,3 @@ def opencv(
     window = gui[1] if gui and gui[1] != "NONE" else None
     words = f"{version} of {named}, {f'windows by {window}' if window else 'headless'}"
     return Finding("opencv", words, tuple(problems), {"version": version, "wheels": dict(installed), "window": window})
-
-
-def detector() -> Finding:
-    """A board drawn with known corners, and how far off they are found: `vbaa selftest` in short."""
-    from targets.board import BoardSpec
-
-    from .detector_test import OPENCV, OURS, is_sound, mean_bias_px, try_detectors
-
-    rows = try_detectors(BoardSpec(9, 6, 0.02, 0.015), pictures=1, seed=0, square_px=(40.0,), blur_px=(1.0,))
-    rms = {row.detector: row.rms_px for row in rows}
-    numbers: dict[str, Any] = {row.detector: row.to_dict() for row in rows}
-    words = f"corners are found within {rms[OPENCV]:.3f} px rms by OpenCV, {rms[OURS]:.3f} px by us"
-    if is_sound(rows):
-        return Finding("detector", words, numbers=numbers)
-    bias = mean_bias_px(rows, OPENCV)
-    wrong = f"OpenCV's corners are off by ({bias[0]:+.2f}, {bias[1]:+.2f}) px in the mean, or not found"
-    remedy = f'{pip("install")} "{_RIGHT}{_RIGHT_RANGE}", then vbaa selftest with your board'
-    return Finding("detector", words, (Diagnosis("detector_biased", wrong, remedy, "wrong"),), numbers)
