@@ -70,8 +70,8 @@ async def tried(where: dict[str, Any]) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    given = json.load(sys.stdin)
+    where = json.load(sys.stdin)
     if sys.argv[1]:
         os.setgroups([])
         os.setuid(int(sys.argv[1]))
-    print(json.dumps(asyncio.run(tried(given))))
+    print(json.dumps(asyncio.run(tried(where))))
