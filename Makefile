@@ -1,9 +1,11 @@
-# Everything on a fresh machine with Python >= 3.11 and make. `make demo` and `make test` install first, once.
+# Everything on a fresh machine with Python >= 3.11 and make. `make demo` installs first what it needs, once, and
+# `make test` the tools besides.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip install --no-compile --constraint constraints.txt
-INSTALLED := $(VENV)/.tools $(VENV)/.kernels
+RUNS := $(VENV)/.runtime $(VENV)/.kernels
+INSTALLED := $(RUNS) $(VENV)/.tools
 # One thread per process: the arrays are small, and two workers share two cores.
 export OMP_NUM_THREADS ?= 1
 # What Python compiles is kept beside its source: the tests start hundreds of processes that load the same modules.
@@ -19,7 +21,7 @@ install:
 $(VENV)/.runtime: pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "Python >= 3.11 is needed: make PYTHON=python3.12"; exit 1; }
 	$(PYTHON) -m venv $(VENV)
-	$(PIP) --editable .
+	$(PIP) --editable '.[view]'
 	@touch $@
 
 # of the package that is installed: adds others and changes none
@@ -32,12 +34,12 @@ $(VENV)/.kernels: $(VENV)/.runtime
 	@touch $@
 
 # VTK renders without a screen through EGL; where we may, we install it, elsewhere `vbaa` says what is missing.
-gl: $(INSTALLED)
+gl: $(VENV)/.runtime
 	@$(BIN)/python -m viz.render.probe || { [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null \
 	  && apt-get update -qq && apt-get install -y -qq --no-install-recommends libegl1 libgl1-mesa-dri; } \
 	  || echo "no 3-D pictures here: install libegl1 and libgl1-mesa-dri"
 
-demo: $(INSTALLED) gl
+demo: $(RUNS) gl
 	$(BIN)/vbaa demo --out demo --force
 
 # files in the order of their names: short ones come last, so that no worker ends long after the other

@@ -28,7 +28,7 @@ NOT_RUN = {
     "vbaa bench": "hours; run in tests/test_bench*.py",
     "vbaa intrinsics DATA": "of real photographs that do not lie here",
     "vbaa live rig.json camera:0": "there is no camera",
-    "tcp://": "there is no cluster",
+    "tls://": "there is no cluster",
 }
 """A part of a command line, and why it is not run here."""
 OTHER_PHOTOS = (("--circles", "circles"), ("--marker", "charuco"), ("--squares 9x6", "chessboard"), ("--board", "A3"))

@@ -95,6 +95,15 @@ def test_a_slip_is_named(vbaa: Call, call: tuple[str, ...], words: str) -> None:
     refused(vbaa(*call), words)
 
 
+def test_what_begins_with_a_minus_may_be_a_value(vbaa: Call) -> None:
+    """A number of any notation and an axis, after a space as after =; a slip in an option is one as before."""
+    for words in (["--force-z", "-4e-2"], ["--force-z=-4e-2"], ["--force-z", "-.04"]):
+        refused(vbaa("budget", "none.json", *words), "add --distance, --force-y")
+    for words in (["--moment-axis", "-y"], ["--moment-axis=-y"]):
+        refused(vbaa("live", "none.json", "none.mcap", *words), "none.json: no such file")
+    refused(vbaa("live", "none.json", "none.mcap", "--moment-axis", "--lines"), "expected one argument")
+
+
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
 def test_completion_names_verbs_and_options(vbaa: Call, shell: str) -> None:
     said = vbaa("completion", shell)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 
@@ -47,17 +48,23 @@ def messages() -> list[Taken | Reading]:
     return several
 
 
-def write(path: Path, changed: dict[int, np.ndarray] | None = None, early_ns: int = 0, count: int = COUNT) -> Path:
+def write(
+    path: Path,
+    changed: dict[int, np.ndarray] | None = None,
+    early_ns: int = 0,
+    count: int = COUNT,
+    torque: Callable[[Frame], dict[str, float]] = lambda frame: {"y": frame.moment_Nm},
+) -> Path:
     """The recording as a bag. changed : bytes of pictures in the place of others, by their number. early_ns : by so
-    much the readings' stamps are wrong."""
+    much the readings' stamps are wrong. torque : of a frame's wrench."""
     writer = BagWriter(path)
     for number, (time_s, frame) in enumerate(shown(count)):
         assert frame.image is not None
         time_ns = round(1e9 * time_s)
         data = (changed or {}).get(number, np.frombuffer(frame.image.read_bytes(), np.uint8))
-        torque = {"wrench": {"torque": {"y": frame.moment_Nm}}}
+        wrench = {"wrench": {"torque": torque(frame)}}
         joints = {"name": ["pan", "tilt"], "position": [frame.pan_rad, frame.tilt_rad]}
-        writer.write(Logged("/moment", "geometry_msgs/msg/WrenchStamped", torque, time_ns - early_ns))
+        writer.write(Logged("/moment", "geometry_msgs/msg/WrenchStamped", wrench, time_ns - early_ns))
         writer.write(Logged("/joint_states", "sensor_msgs/msg/JointState", joints, time_ns - early_ns))
         picture = {"format": "png", "data": data}
         writer.write(Logged("/camera/compressed", "sensor_msgs/msg/CompressedImage", picture, time_ns))

@@ -24,7 +24,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.streams import Reading, Taken
-from vbaa_calib.streams.bags import BagWriter, Logged, Topics, open_bag, picture_of
+from vbaa_calib.streams.bags import BagWriter, Logged, Topics, open_bag, picture_of, readings_of
 
 from ..hostile.case import bounded
 from .recordings import COUNT, messages, rig, shown, write
@@ -177,6 +177,25 @@ def test_joints_by_name(tmp_path: Path) -> None:
     found, notes = read(path)
     assert len(found) == 1
     assert "--pan-joint" in notes[0]
+
+
+def test_the_moment_of_a_right_handed_torque(tmp_path: Path) -> None:
+    """A sensor whose axes are the antenna's states r × f: its -y, or -z where that points along y, is x·f_z − z·f_x."""
+    point_m, force_N = np.array([0.14, 0.004, -0.003]), np.array([-0.01, 0.03, 0.04])
+    torque = dict(zip("xyz", np.cross(point_m, force_N).tolist(), strict=True))
+    image = ("/image", "sensor_msgs/msg/Image", IMAGE)
+    path = small_bag(
+        tmp_path / "one.mcap", image, ("/ft", "geometry_msgs/msg/WrenchStamped", {"wrench": {"torque": torque}})
+    )
+    wrench = SimpleNamespace(wrench=SimpleNamespace(torque=SimpleNamespace(**torque)))
+    for axis in "xyz":
+        for sign, value in (("", torque[axis]), ("-", -torque[axis])):
+            assert [each.value for each in readings_of(wrench, Topics(moment_axis=sign + axis), 1.0)] == [value]
+    (_, reading), _ = read(path, Topics(moment_axis="-y"))
+    assert reading.value == pytest.approx(point_m[0] * force_N[2] - point_m[2] * force_N[0], rel=1e-12)
+    number = small_bag(tmp_path / "number.mcap", image, ("/moment", "std_msgs/msg/Float64", {"data": 0.25}))
+    with pytest.raises(InputError, match="/moment is a Float64"):
+        read(number, Topics(moment_axis="-y"))
 
 
 def test_a_torn_bag_is_told(tmp_path: Path) -> None:

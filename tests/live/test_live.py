@@ -227,6 +227,25 @@ def test_a_bag_live_is_the_bag_estimated(tmp_path: Path, capsys: pytest.CaptureF
     )
 
 
+def test_a_wrench_of_the_other_sign(tmp_path: Path) -> None:
+    """Read with -y, in either form of the option, it gives the same contacts, live and afterwards; without, others."""
+    rig_json, count = small_rig() / "rig.json", 6
+    bag = write(tmp_path / "bag.mcap", count=count)
+    turned = write(tmp_path / "turned.mcap", count=count, torque=lambda frame: {"y": -frame.moment_Nm})
+    calls = {
+        "as it is": ("estimate", bag, "--rig", rig_json),
+        "estimated": ("estimate", turned, "--rig", rig_json, "--moment-axis", "-y"),
+        "live": ("live", rig_json, turned, "--moment-axis=-y"),
+        "wrong": ("estimate", turned, "--rig", rig_json),
+    }
+    found = {}
+    for name, words in calls.items():
+        out = tmp_path / f"{name}.csv"
+        assert verb(*words, "-o", out, *["--no-report"] * (words[0] == "estimate")) == 0
+        found[name] = out.read_bytes()
+    assert found["as it is"] == found["estimated"] == found["live"] != found["wrong"]
+
+
 def test_a_video_with_a_table_of_readings(tmp_path: Path) -> None:
     """Lossless, so that its pixels are those of the pictures: the rows are, too."""
     path, table = tmp_path / "video.mkv", tmp_path / "readings.csv"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import socket
+import sys
 from pathlib import Path
 
 import pytest
@@ -10,7 +12,7 @@ from rerun.chunk import RrdReader
 from estimator.table.files import write_contacts
 from vbaa_calib.cli.main import main
 from vbaa_calib.core.errors import InputError
-from viz.files.rerun_log import RerunLog
+from viz.files.rerun_log import RerunLog, open_viewer
 
 from .recordings import COUNT
 from .test_live import found
@@ -33,6 +35,32 @@ def test_a_table_is_shown_frame_by_frame(tmp_path: Path) -> None:
     assert main(["view", str(contacts), "--rerun", str(path)]) == 0
     frames = [chunk.num_rows for chunk in RrdReader(str(path)).stream() if chunk.entity_path == "/contact/status"]
     assert sum(frames) == COUNT
+
+
+VIEWER = f"""#!{sys.executable}
+import socket, sys, time
+place = {{name: sys.argv[sys.argv.index(name) + 1] for name in ("--bind", "--port")}}
+listening = socket.create_server((place["--bind"], int(place["--port"])))
+print("opened at", place["--bind"], flush=True)
+time.sleep(20)
+"""
+
+
+def test_a_viewer_that_is_opened_is_for_this_machine(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Opened once, on loopback: Rerun's own default are all addresses. One that ends at once is an error."""
+    stub = tmp_path / "rerun"
+    stub.write_text(VIEWER)
+    stub.chmod(0o755)
+    monkeypatch.setenv("RERUN_CLI_PATH", str(stub))
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    assert {open_viewer(port), open_viewer(port)} == {f"rerun+http://127.0.0.1:{port}/proxy"}
+    assert capfd.readouterr().out == "opened at 127.0.0.1\n"
+    stub.write_text("#!/bin/false\n")
+    with pytest.raises(OSError, match="does not open"):
+        open_viewer(port + 1 if port < 65535 else port - 1)
 
 
 def test_what_is_no_log_is_refused(tmp_path: Path) -> None:

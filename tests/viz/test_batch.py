@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 import os
 import shutil
 import signal
@@ -15,6 +16,7 @@ from pathlib import Path
 
 import dask
 import numpy as np
+import psutil
 import pyarrow
 import pytest
 from distributed import Client, WorkerPlugin
@@ -30,9 +32,11 @@ from viz.batch.results import Results
 from viz.batch.work import Settings
 
 from ..recordings import write_recording, write_rig
+from . import stranger
 
 FRAMES, LONG, PIECE = 60, 1100, 1024
 ALIKE = 4
+NEEDS_ROOT = pytest.mark.skipif(os.getuid() != 0, reason="only root can become another user")
 DEADLY, ENDLESS = "deadly", "endless"
 PRELOAD = f"""import time
 from viz.batch import work
@@ -100,6 +104,66 @@ def same_bits(own: pyarrow.Table, other: pyarrow.Table) -> bool:
     """Row by row, NaN where NaN is."""
     columns = [(own[name].to_numpy(), other[name].to_numpy()) for name in other.column_names]
     return all(a.tolist() == b.tolist() if a.dtype == object else a.tobytes() == b.tobytes() for a, b in columns)
+
+
+@pytest.mark.parametrize("uid", ["", pytest.param("65534", marks=NEEDS_ROOT)])
+def test_nobody_without_its_keys_reaches_the_cluster(client: Client, uid: str) -> None:
+    """Neither another user of this machine nor another program: no task, no answer, no page. With keys, a task."""
+    own, security = psutil.Process(), client.security
+    opened = [
+        each.laddr
+        for process in (own, *own.children(recursive=True))
+        for each in process.net_connections("tcp")
+        if each.status == psutil.CONN_LISTEN
+    ]
+    assert {address.ip for address in opened} == {"127.0.0.1"}
+    where = {"scheduler": client.scheduler.address, "ports": [address.port for address in opened]}
+    where |= {name: getattr(security, name) for name in stranger.KEYS}
+    command = [sys.executable, "-m", "tests.viz.stranger", uid]
+    said = subprocess.run(command, input=json.dumps(where), capture_output=True, text=True, check=True).stdout
+    assert json.loads(said) == {"tasks": [None, None], "answers": 0, "pages": [], "with keys": os.getuid()}
+
+
+def test_nobody_else_can_write_where_the_cluster_imports_from(client: Client) -> None:
+    """dask puts its folders into `sys.path`; the usual ones, in /tmp, any user may have made before."""
+
+    def places() -> list[str]:
+        return [each for each in sys.path if "dask" in each]
+
+    found = [*places(), *(each for several in client.run(places).values() for each in several)]
+    assert len(found) >= 3
+    for place in map(Path, found):
+        assert any(each.stat().st_mode & 0o077 == 0 for each in (place, *place.parents)), place
+
+
+def test_a_scheduler_that_is_there(client: Client, folder: Path, tmp_path: Path) -> None:
+    """With its certificates, by address or file; none without TLS unless that is asked for, before anything is made."""
+    address, out = client.scheduler.address, tmp_path / "results"
+    call = ["batch", str(folder / "s0"), "--rig", str(folder / "rig.json"), "-o", str(out)]
+    plain, file = tmp_path / "plain.json", tmp_path / "scheduler.json"
+    plain.write_text(json.dumps({"address": address.replace("tls://", "tcp://")}))
+    file.write_text(json.dumps({"address": address}))
+    tls = []
+    for flag, name in zip(("--tls-ca-file", "--tls-cert", "--tls-key"), stranger.KEYS, strict=True):
+        (tmp_path / f"{name}.pem").write_text(getattr(client.security, name))
+        tls += [flag, str(tmp_path / f"{name}.pem")]
+    for words in (
+        ["--scheduler", address.replace("tls://", "tcp://")],
+        ["--scheduler", address.partition("://")[2]],
+        ["--scheduler", address.replace("tls://", "ws://")],
+        ["--scheduler-file", str(plain)],
+        ["--scheduler", address],  # certificates are missing
+        ["--scheduler", address, *tls[:-1], str(tmp_path / "tls_ca_file.pem")],
+        ["--scheduler", address, *tls[:-1], str(tmp_path / "none.pem")],
+        ["--scheduler-file", str(folder / "rig.json"), *tls],
+        ["--insecure-scheduler"],
+        tls,
+    ):
+        assert main([*call, *words]) == 2, words
+        assert not out.exists(), words
+    assert main([*call, "--scheduler", address, *tls]) == 0
+    assert list(summary(Results(out))) == ["s0"]
+    assert main([*call, "--scheduler-file", str(file), *tls]) == 0
 
 
 @pytest.mark.slow
@@ -219,7 +283,7 @@ def test_a_lost_scheduler_leaves_what_was_done(folder: Path, tmp_path: Path, mon
         _until(place.exists)
         preload = ["--preload", str(tmp_path / "preload.py"), "--no-nanny", "--nthreads", "1"]
         others.append(subprocess.Popen([*dask, "worker", *options, *preload]))
-        batching = [sys.executable, "-m", "vbaa_calib", *call, "--scheduler-file", str(place)]
+        batching = [sys.executable, "-m", "vbaa_calib", *call, "--scheduler-file", str(place), "--insecure-scheduler"]
         others.append(subprocess.Popen(batching, stderr=subprocess.PIPE, text=True))
         _until(lambda: results.contacts("s0").exists() or others[-1].poll() is not None)
         scheduler.kill()

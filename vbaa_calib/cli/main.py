@@ -11,6 +11,7 @@ import hashlib
 import importlib
 import json
 import os
+import re
 import signal
 import sys
 import threading
@@ -18,7 +19,7 @@ import traceback
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import FrameType, ModuleType
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import vbaa_calib
 from vbaa_calib.core.errors import InputError, VbaaError, of_extra, one_line, sentence_of
@@ -93,6 +94,11 @@ class _Parser(argparse.ArgumentParser):
 
     words: Sequence[str] = ()
     """What it was called with: a slip in an option is named before what is missing for it."""
+
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(**settings)
+        # a number or axis with a minus is an option's value, -1e-3 too, which Python before 3.14 takes for an option
+        self._negative_number_matcher = re.compile(r"-(\.?\d|[xyz]$)")
 
     def error(self, message: str) -> NoReturn:
         verb = self.prog.removeprefix("vbaa").strip()

@@ -49,7 +49,8 @@ _FOCAL_SHARE = 0.01
 class Topics:
     """Which topics to take, and what in them. "": the only one of its kind.
 
-    pan, tilt : names of the joints. moment_axis : of a wrench, the axis that is the antenna's y.
+    pan, tilt : names of the joints. moment_axis : the component of a wrench's torque that is the moment, such as y or
+    -y: of the right-handed torque about the antenna's y, the moment x·f_z − z·f_x is the negative.
     """
 
     image: str = ""
@@ -96,6 +97,9 @@ def open_bag(path: Path, topics: Topics, camera_matrix: np.ndarray | None, image
     if not taken["image"]:
         what = f"holds no pictures; its topics are {', '.join(sorted(kinds)) or 'none'}"
         raise InputError(what, where=path, remedy="sensor_msgs/Image or CompressedImage is needed")
+    if topics.moment_axis != Topics.moment_axis and kinds.get(taken["moment"]) == _MOMENTS[1]:
+        what = f"--moment-axis is of a WrenchStamped; {taken['moment']} is a Float64, which has no axes"
+        raise InputError(what, where=path, remedy="leave it out, or choose a wrench: --topic moment=NAME")
     of_camera = [name for name, kind in kinds.items() if kind == _CAMERA]
     notes: list[str] = []
     channels = {"moment_Nm"} if taken["moment"] else set()
@@ -228,7 +232,9 @@ def readings_of(message: Any, topics: Topics, arrived_s: float) -> Iterator[Read
     """What a WrenchStamped, Float64 or JointState says. Raises InputError where the joints must be named."""
     time_s = stamp_s(message, arrived_s)
     if hasattr(message, "wrench"):
-        yield Reading(time_s, "moment_Nm", float(getattr(message.wrench.torque, topics.moment_axis)), arrived_s)
+        axis = topics.moment_axis
+        moment_Nm = float(getattr(message.wrench.torque, axis.removeprefix("-")))
+        yield Reading(time_s, "moment_Nm", -moment_Nm if axis.startswith("-") else moment_Nm, arrived_s)
     elif hasattr(message, "data"):
         yield Reading(time_s, "moment_Nm", float(message.data), arrived_s)
     else:

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from operator import getitem
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from estimator.contact.source import Indivisible
 from vbaa_calib.core.compiled import cores
-from vbaa_calib.core.errors import InputError, VbaaError
+from vbaa_calib.core.errors import InputError, VbaaError, clipped, require_extra
+from vbaa_calib.core.files import require_file
 
 from . import work
 from .recordings import Recording
@@ -21,7 +23,7 @@ from .results import Results
 from .work import Outcome, Settings
 
 if TYPE_CHECKING:
-    from distributed import Client, Future
+    from distributed import Client, Future, Security
 
 TIMES_AGAIN = 3
 """A task whose worker is lost is done again so many times at most."""
@@ -33,6 +35,9 @@ _QUIET = {
     # fifty and ten times a second, in each process and its guard: 5 % of a core
     "distributed.admin.tick.interval": "1s",
     "distributed.worker.memory.monitor-interval": "500ms",
+    # an HTTP server is there in each process in any case, for every user of the machine: it has nothing to tell
+    "distributed.scheduler.http.routes": [],
+    "distributed.worker.http.routes": [],
 }
 _HEAL_S = 20.0
 """So often it is looked whether all processes are there."""
@@ -50,52 +55,89 @@ class Lost(VbaaError):
 
 @dataclass(frozen=True)
 class Where:
-    """Where the work is done: on `jobs` processes of this machine, or by the scheduler at an address or of a file."""
+    """Where the work is done: on `jobs` processes of this machine, or by the scheduler at an address.
+
+    security : keys and certificates for that scheduler; None: as dask's configuration says.
+    """
 
     jobs: int = 1
     memory: str = "auto"
     address: str | None = None
-    file: Path | None = None
+    security: Security | None = None
 
     @property
     def threads(self) -> int:
         """Threads of each process' kernels: with the processes they use the cores once."""
-        return max(cores() // self.jobs, 1) if self.address is None and self.file is None else 1
+        return max(cores() // self.jobs, 1) if self.address is None else 1
+
+
+def at_scheduler(address: str, tls: Mapping[str, Path | None], insecure: bool = False) -> Where:
+    """At a scheduler with TLS, or at any if `insecure`.
+
+    tls : files by dask's names, ca_file, client_cert and client_key; where one is None, dask's configuration has it.
+    Raises InputError without dask, for a scheduler without TLS, and for certificates that are missing or not valid.
+    """
+    distributed = require_extra("distributed", "batch")
+    secure = address.startswith("tls://")
+    if not (secure or insecure):
+        what = "without TLS, all who reach it can run code as its workers and as you"
+        remedy = "give tls://HOST:PORT and certificates, or --insecure-scheduler where nobody else reaches it"
+        raise InputError(what, where=address, remedy=remedy)
+    for path in tls.values():
+        if path is not None:
+            require_file(path, "certificate")
+    named = {f"tls_{name}": str(path) for name, path in tls.items() if path is not None}
+    security = distributed.Security(require_encryption=not insecure, **named)
+    if secure and not (security.tls_ca_file and security.tls_client_cert):
+        remedy = "give --tls-ca-file, --tls-cert and --tls-key, or set distributed.comm.tls in dask's configuration"
+        raise InputError("no certificates for its TLS", where=address, remedy=remedy)
+    try:
+        security.get_connection_args("client")
+    except (OSError, ValueError) as error:
+        what = f"its certificates are not valid ({clipped(str(error))})"
+        raise InputError(what, where=address, remedy="give PEM files that belong together") from None
+    return Where(address=address, security=security)
 
 
 @contextmanager
 def client_of(where: Where) -> Iterator[Client]:
     """A client of the cluster, which ends with it where it is one of this machine.
 
+    Other users of this machine can neither give work to its cluster nor read from it: its connections, on loopback,
+    need keys that are made for it, and what its processes keep on the disk lies in a folder that is nobody else's.
+
     Raises InputError without dask, and where no scheduler answers.
     """
-    try:
-        import dask
-        from distributed import Client, LocalCluster
-        from tornado.ioloop import PeriodicCallback
-    except ImportError:
-        raise InputError("dask is not installed", remedy='run: pip install "vbaa-calib[batch]"') from None
+    distributed = require_extra("distributed", "batch")
+    import dask
+    from tornado.ioloop import PeriodicCallback
+
     with ExitStack() as open_ones:
-        if where.address is not None or where.file is not None:
-            given = where.address or str(where.file)
-            if where.file is not None and not where.file.is_file():
-                raise InputError("no such file", where=where.file, remedy="name the scheduler's --scheduler-file")
+        if where.address is not None:
             try:
-                at = {"address": where.address} if where.address else {"scheduler_file": str(where.file)}
-                yield open_ones.enter_context(Client(**at, set_as_default=False))
+                client = distributed.Client(where.address, security=where.security, set_as_default=False)
             except (OSError, ValueError) as error:
                 why = str(error).partition("\n")[0]
-                remedy = "check the address, and that the scheduler runs"
-                raise InputError(f"no scheduler answers ({why})", where=given, remedy=remedy) from None
+                remedy = "check address and certificates, and that the scheduler runs"
+                raise InputError(f"no scheduler answers ({why})", where=where.address, remedy=remedy) from None
+            yield open_ones.enter_context(client)
             return
-        open_ones.enter_context(dask.config.set(_QUIET))
+        require_extra("cryptography", "batch")
+        # dask's own folder is one of all users, who could exchange what lies in it: pickles, and modules to import
+        place = dask.config.get("temporary-directory")
+        own = TemporaryDirectory(prefix="vbaa-batch-", dir=place, ignore_cleanup_errors=True)
+        folder = open_ones.enter_context(own)
+        open_ones.enter_context(dask.config.set({**_QUIET, "temporary-directory": folder}))
         cluster = open_ones.enter_context(
-            LocalCluster(
+            distributed.LocalCluster(
                 n_workers=where.jobs,
                 threads_per_worker=1,
                 processes=True,
                 memory_limit=where.memory,
+                host="127.0.0.1",
+                security=distributed.Security.temporary(),
                 dashboard_address="127.0.0.1:0",
+                scheduler_kwargs={"dashboard": False},
                 silence_logs=50,
             )
         )
@@ -103,7 +145,7 @@ def client_of(where: Where) -> Iterator[Client]:
         healing = PeriodicCallback(lambda: cluster.scale(where.jobs), 1e3 * _HEAL_S)
         cluster.loop.add_callback(healing.start)
         open_ones.callback(cluster.loop.add_callback, healing.stop)
-        yield open_ones.enter_context(Client(cluster, set_as_default=False))
+        yield open_ones.enter_context(distributed.Client(cluster, set_as_default=False))
 
 
 @dataclass

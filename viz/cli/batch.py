@@ -25,8 +25,17 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="RESULTS", help="folder of the data set")
     parser.add_argument("--jobs", type=int, metavar="N", help="processes on this machine (default: its cores)")
     parser.add_argument("--memory", default="auto", metavar="SIZE", help="of each of them at most, such as 2GB")
-    parser.add_argument("--scheduler", metavar="ADDRESS", help="use the dask cluster at tcp://HOST:PORT")
+    parser.add_argument("--scheduler", metavar="ADDRESS", help="use the dask cluster at tls://HOST:PORT")
     parser.add_argument("--scheduler-file", type=Path, metavar="FILE", help="the same, by its scheduler file")
+    tls = "of its TLS, as of `dask scheduler` (default: as dask's configuration says)"
+    parser.add_argument("--tls-ca-file", type=Path, metavar="PEM", help=f"certificate authority {tls}")
+    parser.add_argument("--tls-cert", type=Path, metavar="PEM", help="this command's certificate, the same way")
+    parser.add_argument("--tls-key", type=Path, metavar="PEM", help="its key, the same way")
+    parser.add_argument(
+        "--insecure-scheduler",
+        action="store_true",
+        help="also without TLS: whoever reaches that scheduler can run code as you and as its workers",
+    )
     parser.add_argument(
         "--piece",
         type=int,
@@ -122,20 +131,37 @@ _NAMED = 20
 def _where(args: argparse.Namespace) -> Where:
     from vbaa_calib.core.compiled import cores
     from vbaa_calib.core.errors import InputError
-    from viz.batch.cluster import Where
+    from viz.batch.cluster import Where, at_scheduler
 
     elsewhere = args.scheduler is not None or args.scheduler_file is not None
+    tls = {"ca_file": args.tls_ca_file, "client_cert": args.tls_cert, "client_key": args.tls_key}
     if args.scheduler is not None and args.scheduler_file is not None:
         raise InputError("--scheduler and --scheduler-file", where="vbaa batch", remedy="give one of them")
     if elsewhere and (args.jobs is not None or args.memory != "auto"):
         remedy = "leave out --jobs and --memory: the cluster says how many workers it has, and how large they are"
         raise InputError("they are of a cluster on this machine", where="vbaa batch", remedy=remedy)
+    if not elsewhere and (args.insecure_scheduler or any(tls.values())):
+        remedy = "leave them out: keys of a cluster on this machine are made for it"
+        raise InputError("--tls-… and --insecure-scheduler belong to --scheduler", where="vbaa batch", remedy=remedy)
     if args.jobs is not None and not 1 <= args.jobs <= 1024:
         raise InputError(f"--jobs is {args.jobs}", remedy="give a number of processes, 1 or more")
     if args.memory != "auto":
         _check_memory(args.memory)
-    jobs = cores() if args.jobs is None else args.jobs
-    return Where(jobs, args.memory, args.scheduler, args.scheduler_file)
+    if elsewhere:
+        address = args.scheduler if args.scheduler_file is None else _address_in(args.scheduler_file)
+        return at_scheduler(address, tls, args.insecure_scheduler)
+    return Where(cores() if args.jobs is None else args.jobs, args.memory)
+
+
+def _address_in(file: Path) -> str:
+    """A scheduler's, of the file that it wrote. Raises InputError."""
+    from vbaa_calib.core.errors import InputError
+    from vbaa_calib.core.files import read_json
+
+    address = read_json(file).get("address")
+    if not isinstance(address, str):
+        raise InputError("has no address", where=file, remedy="name what `dask scheduler --scheduler-file` wrote")
+    return address
 
 
 def _check_memory(said: str) -> None:
@@ -160,5 +186,5 @@ def _described(client: Any, where: Where) -> str:
     limits = [worker["memory_limit"] for worker in workers if worker["memory_limit"]]
     each = f", each of {max(limits) / 1e9:.1f} GB at most" if limits else ""
     kernels = f" of {where.threads} threads" if where.threads > 1 else ""
-    shown = f"; dashboard: {client.dashboard_link}" if find_spec("bokeh") else ""
+    shown = f"; dashboard: {client.dashboard_link}" if where.address and find_spec("bokeh") else ""
     return f"{len(workers)} workers{kernels}{each}{shown}"

@@ -45,7 +45,12 @@ def configure(parser: argparse.ArgumentParser, *, readings: bool = True) -> None
     group.add_argument("--pan-joint", default="", metavar="NAME", help="the joint of a JointState that is pan")
     group.add_argument("--tilt-joint", default="", metavar="NAME", help="the joint that is tilt")
     group.add_argument(
-        "--moment-axis", default="y", choices=("x", "y", "z"), help="of a WrenchStamped, the antenna's y (default: y)"
+        "--moment-axis",
+        default="y",
+        choices=("x", "y", "z", "-x", "-y", "-z"),
+        metavar="AXIS",
+        help="the part of a WrenchStamped's torque that is the moment + l·f_z: x, y, z, or with a minus; -y of a "
+        "right-handed sensor in the antenna's frame (default: y)",
     )
     group.add_argument(
         "--clock-offset",

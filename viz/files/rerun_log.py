@@ -2,6 +2,12 @@
 
 from __future__ import annotations
 
+import os
+import socket
+import subprocess
+import sys
+import time
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -32,6 +38,25 @@ def refuse_log(target: str, force: bool) -> None:
     refuse_overwrite(Path(target), force)
 
 
+def open_viewer(port: int = 9876) -> str:
+    """The URL of a viewer on this machine: of one that listens at the port, else of one that is opened.
+
+    Raises OSError if none can be opened.
+    """
+    host, url = "127.0.0.1", f"rerun+http://127.0.0.1:{port}/proxy"
+    with suppress(OSError), socket.create_connection((host, port), 1.0):
+        return url
+    # what the library itself opens listens at all addresses of the machine, and shows the pictures to all who ask
+    command = [sys.executable, "-m", "rerun_cli", "--bind", host, "--port", str(port), "--expect-data-soon"]
+    viewer = subprocess.Popen(command, start_new_session=True, env={**os.environ, "RERUN_APP_ONLY": "true"})
+    most_s = time.monotonic() + 30.0
+    while viewer.poll() is None and time.monotonic() < most_s:
+        with suppress(OSError), socket.create_connection((host, port), 1.0):
+            return url
+        time.sleep(0.05)
+    raise OSError("the viewer does not open")
+
+
 class RerunLog:
     """A log of contacts.
 
@@ -45,7 +70,7 @@ class RerunLog:
         self._stream = self._rerun.RecordingStream("vbaa")
         try:
             if target == _SPAWN:
-                self._stream.spawn()
+                self._stream.connect_grpc(open_viewer())
             elif "://" in target:
                 self._stream.connect_grpc(target)
             else:

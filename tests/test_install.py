@@ -1,0 +1,75 @@
+"""What `make` installs: each target what it needs, one pip at a time; and the product needs no tool of development."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+import shutil
+import subprocess
+from importlib.metadata import packages_distributions
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PRODUCT = ("vbaa", "vbaa_calib", "targets", "estimator", "viz")
+STUB = """#!/bin/sh
+case "$*" in
+  "-m venv "*) mkdir -p "$3/bin"; for each in python vbaa ruff mypy; do cp "$0" "$3/bin/$each"; done ;;
+  *) echo "begin $(basename "$0") $*" >> log; sleep 0.05; echo "end $(basename "$0") $*" >> log ;;
+esac
+"""
+"""Stands for Python and all commands of the environment: writes down when it is called for what."""
+
+
+def made(folder: Path, *words: str) -> list[str]:
+    """What `make` calls in a fresh folder, when each begins and ends."""
+    for name in ("Makefile", "pyproject.toml", "constraints.txt"):
+        shutil.copy(ROOT / name, folder)
+    stub = folder / "stub"
+    stub.write_text(STUB)
+    stub.chmod(0o755)
+    subprocess.run(["make", "--silent", f"PYTHON={stub}", *words], cwd=folder, check=True, timeout=60)
+    return (folder / "log").read_text().splitlines()
+
+
+@pytest.mark.skipif(shutil.which("make") is None, reason="make is not installed")
+@pytest.mark.parametrize(
+    ("words", "tools"),
+    [("gl", False), ("demo", False), ("-j2 demo", False), ("install", True), ("test", True), ("-j2 lint test", True)],
+)
+def test_a_target_installs_what_it_needs(tmp_path: Path, words: str, tools: bool) -> None:
+    log = made(tmp_path, *words.split())
+    pips = [line for line in log if " -m pip install " in line]
+    # each has ended before the next one begins, and the first before anything else
+    assert [line.partition(" ")[0] for line in pips] == ["begin", "end"] * (len(pips) // 2)
+    installed = log.index(next(line for line in pips if line.startswith("end")))
+    assert not [line for line in log[:installed] if line not in pips and " -c " not in line]
+    extras = {extra for line in pips for found in re.findall(r"\[([\w,]+)\]", line) for extra in found.split(",")}
+    assert extras == ({"view", "dev"} if tools else {"view"})
+    if words != "gl":
+        compiled = log.index("end python -m viz.cli.warm")
+        users = [at for at, line in enumerate(log) if line.startswith(("begin vbaa demo", "begin python -m pytest"))]
+        assert len(users) == (words != "install")
+        assert all(at > compiled for at in users)
+
+
+def test_the_product_imports_no_tool_of_development() -> None:
+    """Whatever it imports, anywhere, comes with it or with one of the extras for its users."""
+    spec = importlib.util.spec_from_file_location("sbom", ROOT / "docs" / "sbom.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    users = set(module.closure(frozenset({"view", "batch", "live"})))
+    tools = set(module.closure(frozenset({"dev"}))) - users
+    brought_by = {
+        name: {module.canonicalize_name(each) for each in several} for name, several in packages_distributions().items()
+    }
+    found = {}
+    for path in (path for package in PRODUCT for path in (ROOT / package).rglob("*.py")):
+        for name in re.findall(r"^\s*(?:from|import) (\w+)", path.read_text(encoding="utf-8"), re.MULTILINE):
+            if brought_by.get(name, set()) & tools:
+                found[str(path.relative_to(ROOT))] = name
+    assert found == {}
+    assert "pytest" in tools
