@@ -64,9 +64,9 @@ class Contacts(ContactEstimate[np.ndarray, np.ndarray, np.ndarray], Sequence[Con
         numbers = self.numbers if len(self) == 1 else self.numbers.row(index)
         bias, outside = zip(RUNGS, numbers.bias[0].tolist(), strict=True), int(self.outside_points[index])
         words = reason(numbers, str(self.status[index]), self.rig.antenna.length_m, self.requested)
-        words += f"; {outside} points outside the picture are left out" if outside else ""
         far = int(numbers.outliers[0])
-        words += f"; {far} point{'s' * (far > 1)} far off their neighbours are left out" if far else ""
+        for count, which in ((outside, "outside the picture"), (far, "far from where the neighbours lie")):
+            words += f"; {count} point{'s' * (count > 1)} {which}: left out" if count else ""
         return Contact(
             reason=words,
             outside_points=outside,

@@ -110,15 +110,16 @@ class Batch(Rows):
         """Frames as users give them, with readings about y and z, and pan and tilt, by name. Raises InputError."""
         points = _points(centrelines_px)
         moments = {name: _column(name, values, len(points)) for name, values in readings.items()}
-        angles = [_column(name, values, len(points)) for name, values in joints.items()]
-        for name, values in zip(joints, angles, strict=True):
+        angles = {name: _column(name, values, len(points)) for name, values in joints.items()}
+        for name, values in angles.items():
             check_each(values, LARGEST_RAD, name, ANGLE_REMEDY, missing="")
         for name, values in moments.items():
             check_each(values, LARGEST_NM, name, f"{MOMENT_REMEDY}, or None where there is no reading")
         sigma = _deviations(points, rig.image.noise_px if sigma_px is None else sigma_px)
         no_tips = np.full((len(points), 3), np.nan)
         points, sigma, outside = _in_order(rig, points, sigma)
-        return Batch(points, sigma, np.stack(list(moments.values()), axis=-1), no_tips, *angles, outside)
+        pan, tilt = angles.values()
+        return Batch(points, sigma, np.stack(list(moments.values()), axis=-1), no_tips, pan, tilt, outside)
 
 
 def outside(points_px: np.ndarray, image_size: tuple[int, int]) -> np.ndarray:
@@ -194,8 +195,9 @@ def left_out_words(counts: Mapping[str, int], image_size: tuple[int, int]) -> li
         return []
     many = counts["points"] > 0.1 * (counts["points"] + counts["used"])
     cause = "are u_px and v_px exchanged, or are they of pictures of another size?" if many else "a tracker's misses"
-    lie = f"{counts['points']} points of {counts['frames']} frames lie outside the picture"
-    return [f"{lie} of {image_size[0]}x{image_size[1]} px and were left out: {cause}"]
+    points, frames = (f"{counts[name]} {name.removesuffix('s' * (counts[name] == 1))}" for name in ("points", "frames"))
+    size = "x".join(map(str, image_size))
+    return [f"{points} of {frames} outside the picture of {size} px left out: {cause}"]
 
 
 def _end(tip_px: np.ndarray) -> np.ndarray:

@@ -28,15 +28,16 @@ linux = pytest.mark.skipif(sys.platform != "linux", reason="Linux alone reports 
 
 
 @linux
-def test_no_reading_and_no_joint_angle_costs_memory(tmp_path: Path) -> None:
+@pytest.mark.parametrize("bright", [True, None])
+def test_no_reading_and_no_joint_angle_costs_memory(tmp_path: Path, bright: bool | None) -> None:
     """Moments of any size and sign, and any joint angles, within what is accepted at all."""
     rig, rng = rig_of(SIZE_PX), np.random.default_rng(5)
+    rig = replace(rig, image=replace(rig.image, bright=bright))
     estimator = ContactEstimator(rig)
     bent = shape(rig)
     first = frame_of(tmp_path, picture(rig, bent), float(bent.moment_Nm[0]))
-    moments = first.moment_Nm * np.array(
-        [100.0, -100.0, 1e3, 1e4, *rng.choice([-1, 1], 6) * 10 ** rng.uniform(0.5, 4, 6)]
-    )
+    factors = [100.0, -100.0, 1e3, 1e4, *rng.choice([-1, 1], 6) * 10 ** rng.uniform(0.5, 4, 6)]
+    moments = first.moment_Nm * np.array(factors)
     moments = np.clip(moments, -LARGEST_NM, LARGEST_NM)
     sound = list(estimate_pictures(estimator, [first]))
     assert sound[0].contact.status == "ok"

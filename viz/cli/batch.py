@@ -103,8 +103,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     outside = {row["recording"]: int(row["outside_points"]) for row in own if row.get("outside_points")}
     if outside:
         say(
-            f"{sum(outside.values())} centreline points of {len(outside)} recordings lie outside the picture and were "
-            "left out: see warnings in summary.csv"
+            f"centreline points outside the picture left out: {sum(outside.values())}, of recordings: {len(outside)} "
+            "(warnings in summary.csv)"
         )
     for name in missing[:_NAMED]:
         say(f"  missing: {name}")
