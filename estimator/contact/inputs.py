@@ -175,10 +175,10 @@ def _outliers(rig: Rig, nodes_m: np.ndarray, points_px: np.ndarray, sigma_px: np
     there = np.flatnonzero(np.isfinite(points_px).all(axis=1))
     if too_short(path) or len(there) < several:
         return found
-    nearest, aside = beside(resample(path, 1.0)[0], points_px[there])
+    nearest, across = beside(resample(path, 1.0)[0], points_px[there])
     order = np.argsort(nearest, kind="stable")
-    around = sliding_window_view(np.pad(aside[order], several // 2, mode="reflect"), several)
-    off = np.abs(aside[order] - np.median(around, axis=1))
+    around = sliding_window_view(np.pad(across[order], several // 2, mode="reflect"), several)
+    off = np.abs(across[order] - np.median(around, axis=1))
     found[there[order]] = off > np.maximum(OutlierSettings.std * sigma_px[there[order]], OutlierSettings.px)
     return found
 
