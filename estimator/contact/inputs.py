@@ -84,8 +84,10 @@ class Batch(Rows):
     @staticmethod
     def of(rig: Rig, several: Sequence[Measured], warm: np.ndarray | None = None) -> Batch:
         """Frames that were checked already. `warm` (4,): where those without a start of their own begin."""
-        points = _padded([each.points_px for each in several], np.nan)
-        sigma = _padded([each.sigma_px for each in several], 1.0)
+        # one frame of far more points than its picture has place for would make room for as many in all of a batch
+        steps = [1 + len(each.points_px) // (4 * sum(rig.camera.image_size)) for each in several]
+        points = _padded([each.points_px[::n] for each, n in zip(several, steps, strict=True)], np.nan)
+        sigma = _padded([each.sigma_px[::n] for each, n in zip(several, steps, strict=True)], 1.0)
         numbers = np.array([[each.moment_Nm, each.moment_z_Nm, each.pan_rad, each.tilt_rad] for each in several])
         starts = np.array([each.start for each in several])
         if warm is not None:

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimator import ContactEstimator
+from estimator import Contact, ContactEstimator
 from estimator.contact.recording import estimate_pictures
 from estimator.contact.shutter import checked
-from estimator.table.contacts import STATUSES
+from estimator.table.contacts import STATUSES, Measured
 from vbaa_calib.core.arrays import LARGEST_NM
 from vbaa_calib.core.polyline import arc_lengths, followed
 from vbaa_calib.detect.whisker.antenna import pixels, width_px
@@ -20,6 +20,8 @@ from vbaa_calib.detect.whisker.path_refinement import refine_path
 from vbaa_calib.session import Frame, Shutter
 
 from ..fuzz.test_memory import taken
+from ..rod_scenes import SIGMA_PX
+from .contact_scenes import RIG, frame
 from .drawn_frames import DIAMETER_M, FORCE_N, frame_of, picture, rig_of, shape
 from .test_shutter import SIZE, frames
 
@@ -103,3 +105,17 @@ def test_points_in_no_order_cost_the_shutters_check_no_memory() -> None:
         object.__setattr__(item.measured, "sigma_px", np.full(len(shuffled), 0.03))
     most = taken(lambda: list(checked(items, Shutter(readout_s=0.02), SIZE[0])))
     assert most < 1e8
+
+
+@linux
+def test_one_frame_of_many_points_makes_no_room_for_as_many_in_all() -> None:
+    """A batch is as long as its longest frame; the frames beside it come out as without it."""
+    seen = frame()
+    one = Measured(seen.points_px, np.full(len(seen.points_px), SIGMA_PX), seen.moment_Nm, 0.0, seen.tilt_rad)
+    many = np.tile(seen.points_px, (1000, 1))
+    large = replace(one, points_px=many, sigma_px=np.full(len(many), SIGMA_PX))
+    estimator = ContactEstimator(RIG, jobs=1)
+    alone = estimator.measure(one)
+    found: list[Contact] = []
+    assert taken(lambda: found.extend(estimator.measure_batch([large, *[one] * 40]))) < 3e8
+    assert {contact.distance_m for contact in found[1:]} == {alone.distance_m}
