@@ -39,12 +39,13 @@ class Contacts(ContactEstimate[np.ndarray, np.ndarray, np.ndarray], Sequence[Con
     """The results of B frames: a sequence of `Contact`, and its numbers as arrays with a leading axis B.
 
     Numbers that the data do not support are NaN. `numbers` are the fits themselves; `requested` is the model that was
-    asked for.
+    asked for; `outside_points` (B,) are left out because they lie outside the picture.
     """
 
     rig: Rig
     numbers: FitNumbers
     requested: str
+    outside_points: np.ndarray
 
     def __len__(self) -> int:
         return len(self.status)
@@ -61,18 +62,22 @@ class Contacts(ContactEstimate[np.ndarray, np.ndarray, np.ndarray], Sequence[Con
         index %= len(self)
         values = {name: getattr(self, name)[index] for name in _COLUMNS}
         numbers = self.numbers if len(self) == 1 else self.numbers.row(index)
-        bias = zip(RUNGS, numbers.bias[0].tolist(), strict=True)
+        bias, outside = zip(RUNGS, numbers.bias[0].tolist(), strict=True), int(self.outside_points[index])
+        words = reason(numbers, str(self.status[index]), self.rig.antenna.length_m, self.requested)
+        far = int(numbers.outliers[0])
+        for count, which in ((outside, "outside the picture"), (far, "far from where the neighbours lie")):
+            words += f"; {count} point{'s' * (count > 1)} {which}: left out" if count else ""
         return Contact(
-            reason=reason(numbers, str(self.status[index]), self.rig.antenna.length_m, self.requested),
+            reason=words,
+            outside_points=outside,
             bias={rung: value for rung, value in bias if np.isfinite(value)},
             **{name: value if value.ndim else value.item() for name, value in values.items()},
         )
 
 
-def contacts_of(
-    numbers: FitNumbers, rig: Rig, friction_rad: float, pan_rad: np.ndarray, tilt_rad: np.ndarray, model: str
-) -> Contacts:
-    """The frames' results: their statuses decide which numbers are given. `model` is what was asked for."""
+def contacts_of(numbers: FitNumbers, rig: Rig, friction_rad: float, batch: Batch, model: str) -> Contacts:
+    """The results of a batch: their statuses decide which numbers are given. `model` is what was asked for."""
+    pan_rad, tilt_rad = batch.pan_rad, batch.tilt_rad
     status = statuses(numbers)
     located = (status == OK) | (status == TIP)
     rotation, translation = rig.kinematics.world_antenna(pan_rad, tilt_rad)
@@ -98,6 +103,7 @@ def contacts_of(
             rig=rig,
             numbers=numbers,
             requested=model,
+            outside_points=batch.outside_points,
             status=status,
             in_contact=numbers.finite & (status != NO_ANTENNA) & (status != NO_CONTACT),
             model=_NAMES[numbers.rung],
@@ -235,6 +241,7 @@ def at_rest(contact: Contact, shift: float) -> Contact:
         model=contact.model,
         in_contact=True,
         moment_residual_Nm=contact.moment_residual_Nm,
+        outside_points=contact.outside_points,
     )
 
 

@@ -24,7 +24,7 @@ from vbaa_calib.session import DRIFTS
 
 from .contacts import Contacts, MotionCheck, MovingContacts, RoughFit, contacts_of, last, moving, with_joint_errors
 from .drift import Batches, LearntRig
-from .inputs import Batch, Values
+from .inputs import Batch, Values, without_outliers
 from .motion import Beam
 from .status import CONTACT_EVIDENCE, FEWEST_POINTS, ODD_END, unexplained
 
@@ -73,6 +73,7 @@ class ContactEstimator:
         self.drift = LearntRig.of(rig)
         """The rig's drift as learnt from the last recording's free frames."""
         self._rig_arrays = RigArrays.from_rig(rig, self.friction_rad)
+        self._rung = RUNGS[-1] if model == "auto" else model
         self._then: tuple[LearntRig, float, ContactEstimator] | None = None
 
     def estimate(
@@ -155,7 +156,7 @@ class ContactEstimator:
         time_s = max(each.time_s for each in several)
         if not self.drift.due(time_s):
             return self
-        learnt = yield from self.drift.later(time_s).learn(Batch.of(several), time_s)
+        learnt = yield from self.drift.later(time_s).learn(Batch.of(self.rig, several), time_s)
         return self if learnt.frames == self.drift.frames else self._with(learnt)
 
     def at(self, time_s: float) -> ContactEstimator:
@@ -177,11 +178,11 @@ class ContactEstimator:
 
     def measure_batch(self, several: Sequence[Measured]) -> Contacts:
         """Frames that were checked already, each by itself: unlike the other calls also with the antenna's end."""
-        return self._contacts(Batch.of(several))
+        return self._contacts(Batch.of(self.rig, several))
 
     def rough(self, several: Sequence[Measured]) -> list[RoughFit | None]:
         """A quick fit of each frame on a low rung. None with too few points."""
-        frames = Batch.of(several).frames(self._rig_arrays)
+        frames = Batch.of(self.rig, several).frames(self._rig_arrays)
         found: list[RoughFit | None] = [None] * len(several)
         enough = np.flatnonzero(frames.usable.sum(-1) >= FEWEST_POINTS)
         if len(enough):
@@ -192,12 +193,11 @@ class ContactEstimator:
 
     def shape(self, measured: Measured) -> np.ndarray | None:
         """(M, 3) nodes of the fitted antenna, antenna frame. None with too few points."""
-        frames = (batch := Batch.of([measured])).frames(self._rig_arrays)
+        frames = (batch := Batch.of(self.rig, [measured])).frames(self._rig_arrays)
         if int(frames.usable.sum()) < FEWEST_POINTS:
             return None
         found = solve(frames, self.model, batch.start)
-        rung = RUNGS[-1] if self.model == "auto" else self.model
-        return np.asarray(bend(frames, rung, found.unknowns[:, None]).points_m[0])
+        return np.asarray(bend(frames, self._rung, found.unknowns[:, None]).points_m[0])
 
     def _contacts(self, batch: Batch, beam: Beam | None = None) -> Contacts:
         """The frames' contacts; with a beam, also what testing for motion needs."""
@@ -234,8 +234,7 @@ class ContactEstimator:
             if len(enough):
                 found.put(rows[enough], self._fitted(part.picked(enough), frames.picked(enough), beam))
         assert found is not None
-        joints = batch.pan_rad, batch.tilt_rad
-        contacts = contacts_of(found, self._rig_arrays.rig, self.friction_rad, *joints, self.model)
+        contacts = contacts_of(found, self._rig_arrays.rig, self.friction_rad, batch, self.model)
         contacts = with_joint_errors(contacts, batch)
         if (weights := batch.weights(self._rig_arrays)) is None:
             return contacts
@@ -244,6 +243,7 @@ class ContactEstimator:
     def _fitted(self, batch: Batch, frames: Frames, beam: Beam | None) -> FitNumbers:
         """The fits of frames with enough points; what does not fit is looked at again."""
         fitted = self._solved(frames, batch.start, beam)
+        frames = without_outliers(batch, frames, fitted, self._rung, lambda some: self._solved(some, None, beam))
         frames = self._without_odd_tips(frames, fitted, beam)
         if len(rows := np.flatnonzero((fitted.evidence >= CONTACT_EVIDENCE) & unexplained(fitted))):
             self._without_reading(frames, fitted, rows[fitted.sensor_available[rows].any(axis=1)])
@@ -303,7 +303,7 @@ class Search:
             for row, (estimator, measured, numbers) in enumerate(earlier)
             if estimator is then and measured is several[row] and np.isfinite(measured.start).all()
         }
-        found = yield from then.contacts_in_parts(Batch.of(several, self._warm), self._beam, most, known)
+        found = yield from then.contacts_in_parts(Batch.of(self._rig, several, self._warm), self._beam, most, known)
         if self._later is not None:
             rows = (found.numbers,) if len(several) == 1 else map(found.numbers.row, range(len(several)))
             self._later._earlier.extend((then, *each) for each in zip(several, rows, strict=True))

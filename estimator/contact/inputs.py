@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from estimator.solver.frames import Frames, frames_from_pixels
+from estimator.solver.linearised import bend
+from estimator.solver.numbers import FitNumbers
 from estimator.solver.rig_arrays import RigArrays
 from estimator.table.contacts import Measured
 from vbaa_calib.core.arrays import (
@@ -22,7 +25,12 @@ from vbaa_calib.core.arrays import (
 )
 from vbaa_calib.core.compiled import kernel
 from vbaa_calib.core.errors import InputError, shown
+from vbaa_calib.core.polyline import beside, resample
+from vbaa_calib.detect.whisker.antenna import pixels
+from vbaa_calib.detect.whisker.crossings import too_short
 from vbaa_calib.rig import Rig
+
+from .status import CONTACT_EVIDENCE, unexplained
 
 _LEAST_END_PX = 0.02
 _SLIGHTLY = 1e-6
@@ -42,6 +50,7 @@ class Batch(Rows):
     readings_Nm : (B, 2) about y and z; NaN where there is none.
     tip_px : (B, 3) the antenna's end and its deviation along the antenna; NaN where it is not known.
     pan_rad, tilt_rad : (B,) joint angles.
+    outside_points : (B,) number of points that are left out because they lie outside the picture.
     start : (B, 4) initial unknowns, NaN where there are none; None without any.
     errors_Nm : (B, 2) deviations of the readings beside the sensors' noise; None without any.
     joint_errors_rad : (B, 2) deviations of pan and tilt; None without any.
@@ -53,6 +62,7 @@ class Batch(Rows):
     tip_px: np.ndarray
     pan_rad: np.ndarray
     tilt_rad: np.ndarray
+    outside_points: np.ndarray
     start: np.ndarray | None = None
     errors_Nm: np.ndarray | None = None
     joint_errors_rad: np.ndarray | None = None
@@ -72,21 +82,24 @@ class Batch(Rows):
         return frames
 
     @staticmethod
-    def of(several: Sequence[Measured], warm: np.ndarray | None = None) -> Batch:
+    def of(rig: Rig, several: Sequence[Measured], warm: np.ndarray | None = None) -> Batch:
         """Frames that were checked already. `warm` (4,): where those without a start of their own begin."""
-        points = _padded([each.points_px for each in several], np.nan)
-        sigma = _padded([each.sigma_px for each in several], 1.0)
+        # one frame of far more points than its picture has place for would make room for as many in all of a batch
+        steps = [1 + len(each.points_px) // (4 * sum(rig.camera.image_size)) for each in several]
+        points = _padded([each.points_px[::n] for each, n in zip(several, steps, strict=True)], np.nan)
+        sigma = _padded([each.sigma_px[::n] for each, n in zip(several, steps, strict=True)], 1.0)
         numbers = np.array([[each.moment_Nm, each.moment_z_Nm, each.pan_rad, each.tilt_rad] for each in several])
         starts = np.array([each.start for each in several])
         if warm is not None:
             starts = np.where(np.isfinite(starts).all(axis=1, keepdims=True), starts, warm)
         known = np.isfinite(starts).all(axis=1).any()
-        ordered = _in_order(points, sigma)
+        points, sigma, outside = _in_order(rig, points, sigma)
+        outside += [each.outside_points for each in several]
         tips = np.array([_end(each.tip_px) for each in several])
         columns = ([each.moment_errors_Nm for each in several], [each.joint_errors_rad for each in several])
         errors = (column if column.any() else None for column in map(np.array, columns))
         angles, start = (numbers[:, 2], numbers[:, 3]), starts if known else None
-        return Batch(*ordered, numbers[:, :2], tips, *angles, start, *errors)
+        return Batch(points, sigma, numbers[:, :2], tips, *angles, outside, start, *errors)
 
     @staticmethod
     def checked(
@@ -99,14 +112,94 @@ class Batch(Rows):
         """Frames as users give them, with readings about y and z, and pan and tilt, by name. Raises InputError."""
         points = _points(centrelines_px)
         moments = {name: _column(name, values, len(points)) for name, values in readings.items()}
-        angles = [_column(name, values, len(points)) for name, values in joints.items()]
-        for name, values in zip(joints, angles, strict=True):
+        angles = {name: _column(name, values, len(points)) for name, values in joints.items()}
+        for name, values in angles.items():
             check_each(values, LARGEST_RAD, name, ANGLE_REMEDY, missing="")
         for name, values in moments.items():
             check_each(values, LARGEST_NM, name, f"{MOMENT_REMEDY}, or None where there is no reading")
         sigma = _deviations(points, rig.image.noise_px if sigma_px is None else sigma_px)
         no_tips = np.full((len(points), 3), np.nan)
-        return Batch(*_in_order(points, sigma), np.stack(list(moments.values()), axis=-1), no_tips, *angles)
+        points, sigma, outside = _in_order(rig, points, sigma)
+        pan, tilt = angles.values()
+        return Batch(points, sigma, np.stack(list(moments.values()), axis=-1), no_tips, pan, tilt, outside)
+
+
+def outside(points_px: np.ndarray, image_size: tuple[int, int]) -> np.ndarray:
+    """(...) bool: which points (..., 2) no picture (width, height) shows: a tracker's misses, u and v exchanged.
+
+    Those at most a twentieth of its longer side off count as inside: curves through a tracker's points go on a little.
+    """
+    half = 0.5 * np.asarray(image_size, float)
+    far = np.abs(points_px - half) > half + 0.05 * max(image_size)
+    return far.any(axis=-1) & np.isfinite(points_px).all(axis=-1) if far.any() else far[..., 0]
+
+
+@dataclass(frozen=True)
+class OutlierSettings:
+    """Which points of a frame are gross errors."""
+
+    std: float = 30.0  # distance from where a point's neighbours lie, in its standard deviations: no noise gets there
+    px: float = 3.0  # the same in pixels, at least: where points are precise, a wrong shape is no gross error
+    most: float = 0.2  # with this part of the points, or more, the frame shows something else
+    neighbours: int = 11  # points along the antenna, itself in the middle, whose median tells where they lie
+    precise: float = 0.1  # a point's standard deviation counts as this part of the frame's median, at least
+
+
+def without_outliers(
+    batch: Batch, frames: Frames, fitted: FitNumbers, rung: str, solved: Callable[[Frames], FitNumbers]
+) -> Frames:
+    """Fit frames with gross errors among their points again without these, if one contact explains the rest. As used.
+
+    Where little is seen of the antenna, one point far from there turns it, for all that its weight is small.
+    """
+    usable = frames.usable
+    for row in np.flatnonzero(fitted.farthest > OutlierSettings.std):
+        one = frames.picked(np.array([row]))
+        nodes_m = bend(one, rung, fitted.unknowns[row][None, None]).points_m[0]
+        left = one.usable * ~_outliers(frames.rig_arrays.rig, nodes_m, batch.points_px[row], batch.sigma_px[row])
+        count = int(one.usable.sum() - left.sum())
+        if not 0 < count < OutlierSettings.most * one.usable.sum():
+            continue
+        again = solved(replace(one, usable=left))
+        again.outliers[:] = count
+        if again.evidence[0] < CONTACT_EVIDENCE or not unexplained(again)[0]:
+            fitted.put(np.array([row]), again)
+            usable = usable.copy() if usable is frames.usable else usable
+            usable[row] = left
+    return frames if usable is frames.usable else replace(frames, usable=usable)
+
+
+def _outliers(rig: Rig, nodes_m: np.ndarray, points_px: np.ndarray, sigma_px: np.ndarray) -> np.ndarray:
+    """(N,) bool: points (N, 2) of standard deviations (N,) that lie far from where their neighbours do, relative to an
+    antenna's nodes (M, 3), antenna frame. Several that lie off together are no outliers, but a shape."""
+    found, several = np.zeros(len(points_px), bool), OutlierSettings.neighbours
+    path = pixels(rig.camera, rig.T_antenna_camera.inverse(), nodes_m)
+    there = np.flatnonzero(np.isfinite(points_px).all(axis=1))
+    if too_short(path) or len(there) < several:
+        return found
+    nearest, across = beside(resample(path, 1.0)[0], points_px[there])
+    order = np.argsort(nearest, kind="stable")
+    around = sliding_window_view(np.pad(across[order], several // 2, mode="reflect"), several)
+    off = np.abs(across[order] - np.median(around, axis=1))
+    found[there[order]] = off > np.maximum(OutlierSettings.std * sigma_px[there[order]], OutlierSettings.px)
+    return found
+
+
+def left_out(measured: Measured) -> dict[str, int]:
+    """Of a frame with points outside the picture: 1 frame, the number of these points, and of those that are used."""
+    counts = {"frames": 1, "points": measured.outside_points, "used": len(measured.points_px)}
+    return counts if measured.outside_points else {}
+
+
+def left_out_words(counts: Mapping[str, int], image_size: tuple[int, int]) -> list[str]:
+    """A sentence, with the likely cause, on the sums of what `left_out` gives; none where all points lie inside."""
+    if not counts:
+        return []
+    many = counts["points"] > 0.1 * (counts["points"] + counts["used"])
+    cause = "are u_px and v_px exchanged, or are they of pictures of another size?" if many else "a tracker's misses"
+    points, frames = (f"{counts[name]} {name.removesuffix('s' * (counts[name] == 1))}" for name in ("points", "frames"))
+    size = "x".join(map(str, image_size))
+    return [f"{points} of {frames} outside the picture of {size} px left out: {cause}"]
 
 
 def _end(tip_px: np.ndarray) -> np.ndarray:
@@ -166,11 +259,15 @@ def _deviations(points_px: np.ndarray, sigma_px: np.ndarray | float) -> np.ndarr
     return sigma
 
 
-def _in_order(points_px: np.ndarray, sigma_px: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Points (B, N, 2) and deviations (B, N) along the longer side of each frame's points, missing ones last.
+def _in_order(rig: Rig, points_px: np.ndarray, sigma_px: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Points (B, N, 2) and standard deviations (B, N) along the longer side of each frame's points, missing ones last;
+    and how many (B,) are missing because they lie outside the picture.
 
     The initialization takes every n-th point: it must not depend on the order in which the points were listed.
     """
+    lost = outside(points_px, rig.camera.image_size)
+    if lost.any():
+        points_px = np.where(lost[..., None], np.nan, points_px)
     place, disordered = _places(np.ascontiguousarray(points_px))
     rows = np.flatnonzero(disordered)
     if len(rows):
@@ -178,7 +275,19 @@ def _in_order(points_px: np.ndarray, sigma_px: np.ndarray) -> tuple[np.ndarray, 
         points_px, sigma_px = points_px.copy(), np.array(sigma_px)
         points_px[rows] = np.take_along_axis(points_px[rows], order[..., None], 1)
         sigma_px[rows] = np.take_along_axis(sigma_px[rows], order, 1)
-    return points_px, sigma_px
+    return points_px, _no_less(points_px, sigma_px), lost.sum(axis=1)
+
+
+def _no_less(points_px: np.ndarray, sigma_px: np.ndarray) -> np.ndarray:
+    """(B, N) standard deviations of points (B, N, 2), none far below the others of its frame: no one point may decide,
+    for it may be a gross error."""
+    if not sigma_px.size or sigma_px.min() >= OutlierSettings.precise * sigma_px.max():
+        return sigma_px
+    sigma_px = np.array(sigma_px)
+    for sigma, there in zip(sigma_px, np.isfinite(points_px).all(axis=2), strict=True):
+        least = OutlierSettings.precise * float(np.median(sigma[there])) if there.any() else 0.0
+        np.maximum(sigma, least, out=sigma)
+    return sigma_px
 
 
 @kernel

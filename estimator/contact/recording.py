@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import islice, tee
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -29,6 +30,7 @@ from vbaa_calib.session import Frame, Session, Still, read_centrelines
 
 from .contacts import RoughFit
 from .estimate import STREAM, ContactEstimator
+from .inputs import outside
 
 _GRAVITY_STEP_M_S2 = 0.5
 """A finder is used again for frames whose gravity is so much alike: the free antenna sags by a pixel more or less."""
@@ -36,20 +38,20 @@ _SECOND_LOOK, _FARTHER_WIDTHS = 0.8, 6.0
 """The second look is taken unless it sees less than this fraction of what the first saw; where the polarity changes,
 unless it sees less at all and reaches as far, but for so many widths: an edge may go on."""
 CLAMP_PX, CLAMP_RAD, DRIFTED = 1.5, 0.015, 3.0
-"""How far beside its free shape, and how much turned, an antenna of a calibrated rig may leave its clamp; and so many
-deviations of the camera's drift since then."""
+"""How far off its free shape, and turned by how much, a calibrated antenna may leave its clamp; and how many standard
+deviations of the camera's drift are added."""
 SHAPE_PX, SHAPE_WIDTHS = 0.5, 0.11
 """How far from a shape that it can take it may lie in the mean: the larger of so many px and widths."""
 _LEAST_NOISE = (0.5, 1.0)
-"""Points are not taken to be better than this part of what the rig's own pictures showed; no better at all where the
-polarity may change: one picture's scatter does not show what all of its points have in common."""
+"""Points are not better than this part of what the rig's own pictures showed; no better at all where the polarity may
+change: one picture's scatter does not show what all of its points share."""
 
 Ground = Callable[[Still], Background | None]
 """What lies behind the antenna in a picture, as far as it is known."""
 
 _NO_JOINTS = "no joint angles were read near enough to the picture's instant"
 _AT_ONCE_PX = 16_000_000
-"""Pictures of so many pixels in all, at most, are kept for a second look, so that their rough fits are one batch."""
+"""Most pixels of the pictures that are kept for a second look, so that their rough fits are one batch."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +98,7 @@ def gravity(rig: Rig, frame: Still) -> np.ndarray:
     return rig.kinematics.world_antenna(frame.pan_rad, frame.tilt_rad)[0].T @ rig.gravity_world_m_s2
 
 
-def measured(rig: Rig, frame: Frame, line: Centreline, **more: np.ndarray) -> Measured:
+def measured(rig: Rig, frame: Frame, line: Centreline, **more: Any) -> Measured:
     """A centreline with the deviations that this rig's pictures really have, its end where it is the tip, and more."""
     least = _LEAST_NOISE[rig.image.paint.polarity is None] * rig.image.noise_px
     sigma = np.maximum(line.effective_px * rig.image.noise_scale, least)
@@ -105,7 +107,7 @@ def measured(rig: Rig, frame: Frame, line: Centreline, **more: np.ndarray) -> Me
     return _measured(frame, line.points_px, sigma, **more)
 
 
-def _measured(frame: Frame, points_px: np.ndarray, sigma_px: np.ndarray, **more: np.ndarray) -> Measured:
+def _measured(frame: Frame, points_px: np.ndarray, sigma_px: np.ndarray, **more: Any) -> Measured:
     """Points (N, 2) with deviations (N,) and the frame's readings."""
     return Measured(
         points_px,
@@ -216,8 +218,7 @@ def read_own(rig: Rig, path: Path) -> np.ndarray:
     """A picture of this rig's camera. Raises InputError when it cannot be read or has another size."""
     image = read_picture(path)
     if image.shape[1::-1] != tuple(rig.camera.image_size):
-        size = "x".join(map(str, image.shape[1::-1]))
-        calibrated = "x".join(map(str, rig.camera.image_size))
+        size, calibrated = ("x".join(map(str, each)) for each in (image.shape[1::-1], rig.camera.image_size))
         raise InputError(
             f"is {size}, the rig's camera {calibrated}", where=path, remedy="use the resolution of the calibration"
         )
@@ -383,8 +384,10 @@ def estimate_picture(estimator: ContactEstimator, frame: Frame, ground: Ground |
 
 def measured_points(rig: Rig, frame: Frame, lines: Mapping[int, np.ndarray]) -> Measured:
     """What a frame offers whose pixels are extracted already, by frame (N, 3): u_px, v_px, sigma_px or NaN."""
-    points = lines.get(frame.frame, np.empty((0, 3)))
-    return _measured(frame, points[:, :2], np.where(np.isfinite(points[:, 2]), points[:, 2], rig.image.noise_px))
+    every = lines.get(frame.frame, np.empty((0, 3)))
+    points = every[~outside(every[:, :2], rig.camera.image_size)]
+    sigma = np.where(np.isfinite(points[:, 2]), points[:, 2], rig.image.noise_px)
+    return _measured(frame, points[:, :2], sigma, outside_points=len(every) - len(points))
 
 
 def estimate_centrelines(

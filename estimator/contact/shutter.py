@@ -13,7 +13,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from estimator.table.contacts import LOCATED, Contact
-from vbaa_calib.core.polyline import resample
+from vbaa_calib.core.polyline import arc_lengths, resample
 from vbaa_calib.session import Shutter
 
 from .recording import FrameContact
@@ -80,7 +80,9 @@ def _movement(item: FrameContact, other: FrameContact, shutter: Shutter, rows: i
     here, there = item.measured.points_px, other.measured.points_px
     if len(here) < 2 or len(there) < 2 or not after_s > 0.0:
         return _Movement()
-    gap, at = cKDTree(resample(there, 0.1)[0]).query(here)
+    # points that are listed in no order make a path of any length
+    spacing_px = max(0.1, float(arc_lengths(there)[-1]) / (100 * rows))
+    gap, at = cKDTree(resample(there, spacing_px)[0]).query(here)
     gap[(at == 0) | (at == at.max())] = 0.0  # beyond its ends, the distance is along the line
     speed = gap / after_s
     off = speed * shutter.readout_s * np.abs(here[:, 1] - here[0, 1]) / rows
@@ -99,7 +101,12 @@ def _marked(item: FrameContact, moved: _Movement) -> FrameContact:
         )
         moment = contact.moment_residual_Nm
         contact = Contact(
-            status="not_quasistatic", reason=reason, model=contact.model, in_contact=True, moment_residual_Nm=moment
+            status="not_quasistatic",
+            reason=reason,
+            model=contact.model,
+            in_contact=True,
+            moment_residual_Nm=moment,
+            outside_points=contact.outside_points,
         )
     elif moved.exposure_px > BLURRED_PX:
         blur = f"moves by {moved.exposure_px:.0f} px during the exposure: expose shorter, or move slower"

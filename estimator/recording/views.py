@@ -143,9 +143,9 @@ def pictures_of(
     contacts: ContactTable, rows: np.ndarray, recording: Sequence[Measured], arrays: RigArrays, rig: Rig
 ) -> Pictures:
     """One camera's contacts in these rows, and its frames of the free antenna."""
-    touching = Batch.of([recording[row] for row in rows.tolist()])
+    touching = Batch.of(rig, [recording[row] for row in rows.tolist()])
     others = np.flatnonzero(~contacts.located)
-    apart = Batch.of([recording[row] for row in others.tolist()]) if len(others) else touching.picked(slice(0))
+    apart = Batch.of(rig, [recording[row] for row in others.tolist()]) if len(others) else touching.picked(slice(0))
     quiet = contacts.status[others] == "no_contact"
     quiet[quiet] = _still(apart.picked(quiet), arrays)
     straight = _still(replace(apart, readings_Nm=np.full_like(apart.readings_Nm, np.nan)), arrays)

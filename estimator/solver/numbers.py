@@ -67,6 +67,8 @@ class FitNumbers:
     explained_alone : (B,) bool, one contact explains the picture alone; looked at only where the readings do not fit.
     left_px : (B,) how far most points stay from the nearest antenna; NaN unless that is why the frame was given up.
     bias : (B, len(RUNGS)), NaN where it was not compared.
+    farthest : (B,) largest residual of a point, in standard deviations. outliers : (B,) points that lie far off their
+        neighbours and were left out.
     pieces_m, pieces_std_m : points of the fitted antenna at `Beam.pieces_m`, antenna frame, and their deviations by
         the noise of one frame. push : how far a load of 1 N/m on each piece, along y and z, would move the distance,
         in deviations. NaN where motion is not tested.
@@ -111,6 +113,8 @@ class FitNumbers:
     drift_readings: np.ndarray = _each()
     left_px: np.ndarray = _each()
     bias: np.ndarray = _each(len(RUNGS))
+    farthest: np.ndarray = _each()
+    outliers: np.ndarray = _each(dtype=int)
     pieces_m: np.ndarray = _each(PIECES, 3)
     pieces_std_m: np.ndarray = _each(PIECES)
     push: np.ndarray = _each(PIECES, 2)
@@ -220,7 +224,10 @@ def write_numbers(rig, frame, rung, found, bias, errors, other, scalars, ambiguo
     numbers.evidence[index], numbers.alternative_cost[index] = scalars[0], scalars[1]
     numbers.second_gain[index], numbers.second_place[index], numbers.second_shift[index] = scalars[2:]
     numbers.alternative_unknowns[index], numbers.ambiguous[index] = other, ambiguous
-    numbers.bias[index] = bias
+    numbers.bias[index], largest, distance, precision = bias, 0.0, fit.distance, fit.precision
+    for i in range(len(distance)):
+        largest = max(largest, distance[i] * distance[i] * precision[i])
+    numbers.farthest[index], numbers.outliers[index] = np.sqrt(largest), 0
     numbers.edge_on_rad[index] = angle_edge_on(rig, fit.unknowns)
     numbers.drift_px[index], numbers.drift_readings[index] = _drift(rig, fit)
     numbers.pieces_m[index], numbers.pieces_std_m[index], numbers.push[index] = np.nan, np.nan, np.nan

@@ -158,10 +158,12 @@ class Contact(ContactEstimate[float, bool, str]):
     """One frame's result: a contact, or why there is none. Numbers that the data do not support are NaN.
 
     `reason` gives the status and the choice of the model in words; `bias` the predicted bias of the models that were
-    compared, by name, in standard deviations of distance or force.
+    compared, by name, in standard deviations of distance or force; `outside_points` is the number of centreline points
+    that lie outside the picture and are left out.
     """
 
     reason: str = ""
+    outside_points: int = 0
     bias: Mapping[str, float] = field(default_factory=dict)
 
     @property
@@ -283,6 +285,7 @@ class Measured:
     tip_px : (3,) the antenna's visible end, and its deviation along the antenna; NaN where it is not known.
     moment_errors_Nm : (2,) deviations of the moments beside the sensors' noise.
     joint_errors_rad : (2,) deviations of pan and tilt.
+    outside_points : number of points that were left out because they lie outside the picture.
     """
 
     points_px: np.ndarray
@@ -296,6 +299,7 @@ class Measured:
     tip_px: np.ndarray = field(default_factory=lambda: np.full(3, np.nan))
     moment_errors_Nm: np.ndarray = field(default_factory=lambda: np.zeros(2))
     joint_errors_rad: np.ndarray = field(default_factory=lambda: np.zeros(2))
+    outside_points: int = 0
 
     def __post_init__(self) -> None:
         """Raises InputError for what is no number, or in another unit."""

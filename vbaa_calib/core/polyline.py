@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from .compiled import kernel
@@ -18,6 +20,23 @@ def arc_lengths(polyline: np.ndarray) -> np.ndarray:
         u, v = polyline[k, 0] - polyline[k - 1, 0], polyline[k, 1] - polyline[k - 1, 1]
         along[k] = along[k - 1] + np.sqrt(u * u + v * v)
     return along
+
+
+def followed(path_px: np.ndarray, image_size: Sequence[int]) -> np.ndarray:
+    """The part (M, 2) of a path (K, 2), from its start, that an antenna can take in or near a picture (width, height).
+
+    Whatever proposes a path — a fit, a contact, a rig — may be wrong, and arrays are as long as the path: it ends where
+    it is not finite, where it is farther from the picture than width and height together, and where it has become
+    longer than once around all that, for no antenna winds up.
+    """
+    half = 0.5 * np.asarray(image_size, float)
+    room = 2.0 * half.sum()
+    near = (np.abs(path_px - half) <= half + room).all(axis=1)
+    path_px = path_px if near.all() else path_px[: int(near.argmin())]
+    if len(path_px) < 2:
+        return path_px
+    short = np.hypot(*np.diff(path_px, axis=0).T).cumsum() <= 10.0 * room
+    return path_px if short[-1] else path_px[: 1 + int(short.argmin())]
 
 
 @kernel

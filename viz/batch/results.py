@@ -35,7 +35,7 @@ _SUMMARY = (
     *("recording", "state", "sentence", "path", "rig", "rig_sha256", "inputs_sha256", "digest", "version"),
     *("frames", *STATUSES, "distance_median_m", "distance_std_median_m", "force_median_N", "force_std_median_N"),
     *("moment_residual_rms_Nm", "free_frames", "drift_picture_px", "drift_moment_zero_std", "drift_beyond"),
-    *("warnings", "pieces", "cpu_s", "object"),
+    *("outside_points", "warnings", "pieces", "cpu_s", "object"),
 )
 """Columns of summary.csv; state is done or failed."""
 _COUNTED = (

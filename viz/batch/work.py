@@ -6,6 +6,7 @@ import hashlib
 import json
 import pickle
 import time
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
 from itertools import pairwise
@@ -16,6 +17,7 @@ from typing import Any
 import vbaa_calib
 from estimator.contact.drift import LearntRig, summary
 from estimator.contact.estimate import ContactEstimator
+from estimator.contact.inputs import left_out, left_out_words
 from estimator.contact.pieces import Lines, Seen, cuts, learn, look, made, seam, solve
 from estimator.contact.recording import Ground
 from estimator.contact.source import (
@@ -114,10 +116,12 @@ class _Looked:
 @dataclass(frozen=True, eq=False)
 class _Piece:
     """A piece whose rows are in their file, but for those at its edges; of the last one also how the rig has changed by
-    then. cpu_s : the processor's seconds. made : a pickled `Made`, whose thousand arrays dask would send one by one."""
+    then. cpu_s : the processor's seconds. made : a pickled `Made`, whose thousand arrays dask would send one by one.
+    outside : sums of `left_out`."""
 
     made: bytes
     cpu_s: float
+    outside: Counter[str]
     learnt: LearntRig | None = None
 
 
@@ -214,7 +218,10 @@ def fit(looked: _Looked, learnt: Sequence[LearntRig]) -> _Piece:
     if one.rows:
         write_contacts(piece.file(2 * piece.index), one.rows, force=True)
     cpu_s = looked.cpu_s + time.process_time() - begun
-    return _Piece(pickle.dumps(replace(one, rows=[])), cpu_s, learnt[-1] if final else None)
+    outside = Counter[str]()
+    for each in seen.measured:
+        outside.update(left_out(each))
+    return _Piece(pickle.dumps(replace(one, rows=[])), cpu_s, outside, learnt[-1] if final else None)
 
 
 def finish(head: Opened, pieces: Sequence[_Piece]) -> Outcome:
@@ -225,14 +232,15 @@ def finish(head: Opened, pieces: Sequence[_Piece]) -> Outcome:
     for index, (one, other) in enumerate(pairwise(ends)):
         write_contacts(head.file(2 * index + 1), seam(head.rig, head.source.shutter, one, other), force=True)
     files = [head.file(index) for index in range(2 * len(pieces) - 1)]
-    changed = summary(learnt)
+    changed, outside = summary(learnt), sum((piece.outside for piece in pieces), Counter[str]())
     row = {
         **head.about,
         "free_frames": changed["free_frames"],
         "drift_picture_px": changed["picture_px"],
         "drift_moment_zero_std": changed["moment_zero_std"],
         "drift_beyond": changed["beyond"],
-        "warnings": _warnings(head, changed),
+        "outside_points": outside["points"],
+        "warnings": [*_warnings(head, changed), *left_out_words(outside, head.rig.camera.image_size)],
         "pieces": len(pieces),
         "cpu_s": sum(piece.cpu_s for piece in pieces),
     }

@@ -110,6 +110,12 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     say(
         f"wrote {args.output}: {len(states['done'])} done, {len(states['unchanged'])} unchanged, {len(missing)} missing"
     )
+    outside = {row["recording"]: int(row["outside_points"]) for row in own if row.get("outside_points")}
+    if outside:
+        say(
+            f"centreline points outside the picture left out: {sum(outside.values())}, of recordings: {len(outside)} "
+            "(warnings in summary.csv)"
+        )
     for name in missing[:_NAMED]:
         say(f"  missing: {name}")
     return {
@@ -120,6 +126,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         "scheduler_lost": lost is not None,
         "frames": sum(int(row["frames"]) for row in own),
         "ok": sum(int(row["ok"]) for row in own),
+        "outside_points": sum(outside.values()),
         "exit_code": 1 if missing else 0,
     }
 

@@ -144,6 +144,7 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None]:
     import numpy as np
 
     from estimator.contact.drift import summary
+    from estimator.contact.inputs import left_out, left_out_words
     from estimator.contact.watch import DriftWatch
     from estimator.table.contacts import ContactRow
     from estimator.table.files import write_contacts
@@ -156,7 +157,8 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None]:
     if given.words:
         say(f"background: {given.words}")
     watch = DriftWatch(estimator.rig)
-    statuses, models, std_m = Counter[str](), Counter[str](), array("d")  # all that is kept of the rows
+    # all that is kept of the rows
+    statuses, models, outside, std_m = Counter[str](), Counter[str](), Counter[str](), array("d")
 
     def rows() -> Iterator[ContactRow]:
         """Of every frame, each drawn into the overlay folder on its way where one is asked for."""
@@ -171,6 +173,7 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None]:
                     say(f"warning, frame {change.frame}: {change.words}")
                 if item.frame.image is not None and item.frame.image.parent == args.unpacked:
                     item.frame.image.unlink()
+                outside.update(left_out(item.measured))
                 row = ContactRow.of(item.frame, item.contact)
                 statuses[row.status] += 1
                 models[row.model] += 1
@@ -179,7 +182,7 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None]:
                 yield row
 
     write_contacts(args.output, rows(), args.force)
-    for note in given.notes():
+    for note in (*given.notes(), *left_out_words(outside, rig.camera.image_size)):
         say(note)
     say(f"{statuses.total()} frames: " + ", ".join(f"{count} {status}" for status, count in statuses.most_common()))
     located = float(np.median(std_m)) if std_m else None
@@ -209,6 +212,8 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None]:
         "changes": [asdict(change) for change in watch.changes],
         "background": given.words or None,
         "stream": dict(given.counts) or None,
+        "outside_points": outside["points"],
+        "outside_frames": outside["frames"],
     }
     return result, given.ground
 

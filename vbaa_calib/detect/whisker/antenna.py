@@ -9,7 +9,7 @@ import numpy as np
 from vbaa_calib.antenna.shape import Curves, bend
 from vbaa_calib.camera import Camera
 from vbaa_calib.camera.compiled_lens import compiled_lens, pixels_of_points
-from vbaa_calib.core.polyline import arc_lengths
+from vbaa_calib.core.polyline import arc_lengths, followed
 from vbaa_calib.geometry import Pose
 
 from .centreline import NOTHING, Centreline
@@ -28,20 +28,24 @@ def free_curve(parameters: np.ndarray, length_m: float, gravity_m_s2: np.ndarray
 
 
 def pixels(camera: Camera, T_camera_antenna: Pose, points_m: np.ndarray) -> np.ndarray:
-    """(M, 2) pixels of antenna-frame points (M, 3); points that the lens cannot show are left out."""
+    """(M, 2) pixels of a shape's points (M, 3), antenna frame, as far as they may be `followed`; points that the lens
+    cannot show are left out."""
     lens = compiled_lens(camera.intrinsics)
     if lens.tilted:
         projected, valid = camera.project(T_camera_antenna @ points_m)
     else:
         pose = map(np.ascontiguousarray, (T_camera_antenna.rotation, T_camera_antenna.translation_m, points_m))
         projected, valid = pixels_of_points(lens, *pose)
-    return projected[valid]
+    return followed(projected[valid], camera.image_size)
 
 
 def width_px(camera: Camera, T_camera_antenna: Pose, points_m: np.ndarray, diameter_m: float) -> float:
-    """The antenna's width in the picture, halfway along its points (N, 3), antenna frame."""
+    """The antenna's width in the picture, halfway along its points (N, 3), antenna frame; 0 where the camera does not
+    see it there, and no more than the picture's shorter side."""
     depth = (T_camera_antenna @ points_m[len(points_m) // 2])[2]
-    return float(diameter_m * 0.5 * (camera.matrix[0, 0] + camera.matrix[1, 1]) / depth)
+    if not depth > 0.0:
+        return 0.0
+    return min(float(diameter_m * 0.5 * (camera.matrix[0, 0] + camera.matrix[1, 1]) / depth), *camera.image_size)
 
 
 def corridor(

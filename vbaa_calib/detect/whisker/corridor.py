@@ -10,7 +10,7 @@ import numpy as np
 from vbaa_calib.camera import Camera
 from vbaa_calib.camera.compiled_lens import CompiledLens, Lens, compiled_lens, normalized_of_pixels
 from vbaa_calib.core.compiled import kernel
-from vbaa_calib.core.polyline import arc_lengths, beside, normals, resample
+from vbaa_calib.core.polyline import arc_lengths, beside, followed, normals, resample
 from vbaa_calib.core.smooth import median, solve
 
 from .centreline import Centreline, Visibility
@@ -22,27 +22,24 @@ STARTS[:, 3], STARTS[:, 4] = [0.0, 0.0, 0.7, -0.7, 0.7, -0.7], np.log([0.6, 0.3,
 """By how much a force bends the antenna towards the camera (rad), and where, in logarithms of its lengths, to begin
 with; the first two in the picture alone."""
 SHAPE_POINTS, LEAST_SHAPE_POINTS, SHAPE_STEPS, SHAPE_SEGMENTS = 40, 12, 14, 48
-"""Means of so many runs of points, and at least so many, are compared with a shape that is fitted in so many steps; and
-the segments of that shape."""
+"""Most and fewest runs of points whose means are compared with a shape; the steps of its fit, and its segments."""
 BEYOND = 1.5
 """So far along the last segment, over its length, a point lies beyond the tip: a blurred end is a little longer."""
 CONVERGED = 0.95
 """A step that leaves more than this part of the misfit is the last."""
 DEPTH_RAD, LEAST_DAMPING = 3.0, 1e-3
-"""Deviation of the bend towards the camera, which perspective alone shows; and a damping of the steps, since where no
-bend is at home nothing shows."""
+"""Prior standard deviation of the bend towards the camera, which perspective alone shows; floor of the damping."""
 SHAPE_RANK, WELL_SHAPED = 0.3, 0.05
 """So much less a line may be seen that has a shape of one unit of misfit less; a misfit that is not made better."""
 USUAL_MISFIT, UNSURE_MISFIT, MUCH_SEEN, SHAPE_DOUBT = 0.08, 0.25, 0.72, 4.0
-"""Most that lines have which lie on the antenna all along; most that one may have of which much is seen, but not
-surely; part of a line that must be seen for it to have more, where it may be of either polarity; and by how much, over
-what is allowed of shape, such a line is less sure for every unit, a square root, more."""
+"""Most that lines have which lie on the antenna all along; most for one of which much is seen, but not surely; part of
+a line of either polarity that must be seen for more; and its doubt for the square root of more, over `shape_px`."""
 ASIDE_RAD, STRAY_PX = 0.05, (4.0, 2.0, 2.0, 1.0, 1.0, 0.7, 0.7)
 """Deviation of the bend towards the camera of the shape that is nearest to some points, which shows how long it is; and
 distances at which one counts half as much, one round each."""
 FROM_CLAMP, BENDS_MORE = 0.35, (3.0, 0.15)
 """Part of the length over which a line's direction at the clamp is measured, by a parabola; and by how much a contact
-within that part may falsify it, over the turn there: of a line that may be of either polarity less is believed."""
+there may falsify it, over its turn: less for a line of either polarity."""
 _UNKNOWNS = 5
 
 
@@ -109,15 +106,18 @@ class FreeShape:
             return np.empty((0, 2))
         known = np.array([0.5 * allowed[1] / self.clamp_px_per_m, 0.5 * allowed[2], ASIDE_RAD])
         curve, moved = np.empty((SHAPE_SEGMENTS + 1, 2)), np.zeros((SHAPE_SEGMENTS + 1, _UNKNOWNS, 2))
-        weight, starts = np.ones(len(seen)), STARTS[:2]
+        weight, starts, middle = np.ones(len(seen)), STARTS[:2], 0.5 * np.asarray(self.camera.image_size, float)
         for scale in STRAY_PX:
             own = variance * weight
             _, shape = _misfit(self.clamp_m, self.axes, self.segments_m, seen, own, known, 0.0, starts)
             _bent(self.clamp_m, self.axes, self.segments_m, shape, curve, moved)
-            aside = beside(resample(self.focal_px * curve, 1.0)[0], self.focal_px * seen)[1]
+            along = self.focal_px * curve[: len(followed(self.focal_px * curve + middle, self.camera.image_size))]
+            if len(along) < 2:
+                return along
+            aside = beside(resample(along, 1.0)[0], self.focal_px * seen)[1]
             weight, starts = 1.0 + (aside / scale) ** 2, shape[None]
         pixels, shown = self.camera.project(np.column_stack([curve, np.ones(len(curve))]))
-        return pixels[: len(shown) if shown.all() else int(shown.argmin())]
+        return followed(pixels[: len(shown) if shown.all() else int(shown.argmin())], self.camera.image_size)
 
     def _shown(self, points_px: np.ndarray, sigma_px: np.ndarray, shape_px: float) -> tuple[np.ndarray, np.ndarray]:
         """Means of runs of points that the lens shows, (M, 2) ideal normalized, and variances (M,) with the shape's."""

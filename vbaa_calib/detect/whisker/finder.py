@@ -9,7 +9,7 @@ import numpy as np
 
 from vbaa_calib.core.compiled import kernel
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.core.polyline import arc_lengths, normals, resample
+from vbaa_calib.core.polyline import arc_lengths, followed, normals, resample
 
 from .acceptance import OTHER_LINE_SEEN, best_of, reject_faint
 from .centreline import Centreline
@@ -138,6 +138,7 @@ class AntennaFinder:
 
     def along(self, image: np.ndarray, guide_px: np.ndarray, width_px: float, bright: bool | None) -> Centreline:
         """The line measured near a guide (K, 2), where the antenna, so wide, is about a width off at most."""
+        guide_px = followed(guide_px, self.image_size)
         if bright is not None or too_short(guide_px):
             return measure(image, guide_px, width_px, bright)
         path = refine_path(image, guide_px, width_px, width_px + 2.0, None, self._known(None))

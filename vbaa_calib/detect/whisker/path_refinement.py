@@ -293,8 +293,9 @@ def _tried(reach: int, clamp_px: float, leaves_along: bool) -> _Curves:
     return _Curves(curves, np.rint(curves + reach).astype(np.int16), bent, finer)
 
 
-def _curves(reach_px: float, clamp_px: float, leaves_along: bool) -> tuple[np.ndarray, np.ndarray]:
-    """(C, CURVE_POINTS) smooth curves within ±`reach_px`, and ±`clamp_px` at the clamp; how bent each (C,) is."""
+def _curves(reach_px: float, clamp_px: float, leaves_along: bool, most: int = 32) -> tuple[np.ndarray, np.ndarray]:
+    """(C, CURVE_POINTS) smooth curves within ±`reach_px`, and ±`clamp_px` at the clamp, in at most so many steps to
+    either side; how bent each (C,) is."""
     share = np.linspace(0.0, 1.0, CURVE_POINTS)
     bow = 4.0 * share * (1.0 - share)
     parts = np.stack([1.0 - share, share, bow, 2.6 * bow * (1.0 - 2.0 * share)])
@@ -302,7 +303,8 @@ def _curves(reach_px: float, clamp_px: float, leaves_along: bool) -> tuple[np.nd
         bow = 1.7 * bow * share
         parts[1:] = share**2, bow, 1.5 * bow * (1.0 - 1.6 * share)
     reaches = np.array([min(clamp_px, reach_px), reach_px, 0.5 * reach_px, 0.25 * reach_px])
-    steps = [CURVE_STEP_PX * np.arange(-(far // CURVE_STEP_PX), far // CURVE_STEP_PX + 1) for far in reaches]
+    step = max(CURVE_STEP_PX, reach_px / most)
+    steps = [step * np.arange(-(far // step), far // step + 1) for far in reaches]
     places = np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1).reshape(-1, len(parts))
     curves = places @ parts
     inside = np.abs(curves).max(axis=1) <= reach_px

@@ -48,7 +48,9 @@ def tube(
     """The tube around a curve: arc lengths (n,), its points (n, 3) in the camera frame, all in front of the camera."""
     curve = CubicSpline(arclength_m, points_camera_m)
     rough = project(lens, curve(np.linspace(arclength_m[0], arclength_m[-1], 200)))
-    count = int(np.ceil(2 * np.linalg.norm(np.diff(rough, axis=0), axis=1).sum())) + 2
+    # two for every pixel; near the camera's plane it would be longer than anything in the picture
+    along_px = np.linalg.norm(np.diff(rough, axis=0), axis=1).sum()
+    count = int(np.ceil(2 * min(along_px, 10.0 * sum(lens.image_size)))) + 2
     s = np.linspace(arclength_m[0], arclength_m[-1], count)
     points, along = curve(s), curve(s, 1)
     along /= np.linalg.norm(along, axis=1, keepdims=True)

@@ -1,0 +1,170 @@
+"""Points that are not the antenna's: outside the picture they are missing ones, inside one of them moves no contact."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from estimator import Contact, ContactEstimator
+from estimator.contact.status import FEWEST_POINTS
+from estimator.table.contacts import Measured
+from vbaa_calib.cli.main import main
+
+from ..recordings import write_recording, write_rig
+from ..rod_scenes import SIGMA_PX, Frame
+from .contact_scenes import RIG, frame
+
+SIZE = np.array(RIG.camera.image_size)
+FAR = [(65535.0, 65535.0), (1e4, 300.0), (-500.0, 300.0), (400.0, 1e6), (-1e7, -1e7)]
+
+
+def measured(seen: Frame, points_px: np.ndarray, sigma_px: np.ndarray | float = SIGMA_PX) -> Measured:
+    return Measured(points_px, np.full(len(points_px), sigma_px) * 1.0, seen.moment_Nm, 0.0, seen.tilt_rad)
+
+
+def numbers(contact: Contact) -> tuple[object, ...]:
+    return contact.status, contact.distance_m, contact.distance_std_m, *contact.force_N, *contact.force_std_N
+
+
+def test_points_outside_the_picture_are_missing_ones() -> None:
+    """Bit for bit, in every call; counted, and said in the reason."""
+    estimator, seen = ContactEstimator(RIG), frame()
+    line, rng = seen.points_px, np.random.default_rng(0)
+    for far in FAR:
+        several = rng.choice(len(line), rng.integers(1, 20), replace=False)
+        wrong, missing = line.copy(), line.copy()
+        wrong[several], missing[several] = far, np.nan
+        joints = {"moment": seen.moment_Nm, "pan": 0.0, "tilt": seen.tilt_rad}
+        one, other = (estimator.estimate(each, **joints) for each in (wrong, missing))
+        assert numbers(one) == numbers(other)
+        assert one.outside_points == len(several)
+        assert f"{len(several)} point" in one.reason
+        assert other.outside_points == 0
+        again = estimator.measure(measured(seen, wrong)), *estimator.run([measured(seen, wrong)])
+        assert {numbers(each) for each in again} == {numbers(estimator.measure(measured(seen, missing)))}
+        assert {each.outside_points for each in again} == {len(several)}
+    batch = estimator.estimate_batch([line, wrong], [seen.moment_Nm] * 2, [0.0] * 2, [seen.tilt_rad] * 2)
+    assert batch.outside_points.tolist() == [0, len(several)]
+
+
+def test_too_few_points_within_the_picture_are_no_antenna() -> None:
+    seen = frame()
+    wrong = np.full_like(seen.points_px, 1e5)
+    wrong[: FEWEST_POINTS - 1] = seen.points_px[: FEWEST_POINTS - 1]
+    contact = ContactEstimator(RIG).measure(measured(seen, wrong))
+    assert contact.status == "no_antenna"
+    assert f"only {FEWEST_POINTS - 1} usable" in contact.reason
+    assert "outside the picture" in contact.reason
+
+
+def test_points_near_the_border_are_still_used() -> None:
+    """A curve through a tracker's points goes on a little."""
+    seen = frame()
+    wrong = np.concatenate([seen.points_px, [[SIZE[0] + 5.0, 300.0]]])
+    assert ContactEstimator(RIG).measure(measured(seen, wrong)).outside_points == 0
+
+
+@pytest.mark.parametrize("shown", [1.0, 0.65])
+def test_no_gross_point_moves_a_contact(shown: float) -> None:
+    """One anywhere in the picture, also one that claims to be precise, where the antenna is seen in whole or in part:
+    less than a third of a standard deviation."""
+    estimator, rng = ContactEstimator(RIG), np.random.default_rng(7)
+    for roll in (-2.0, 0.4, 1.5):
+        seen = frame(contact=0.6, roll=roll)
+        line = seen.points_px[: int(shown * len(seen.points_px))]
+        sound = estimator.measure(measured(seen, line))
+        assert sound.status == "ok"
+        for sigma_px in (SIGMA_PX, 1e-3, 1e-6):
+            for _ in range(4):
+                wrong, own, at = line.copy(), np.full(len(line), SIGMA_PX), rng.integers(len(line))
+                wrong[at], own[at] = rng.uniform(0.0, 1.0, 2) * SIZE, sigma_px
+                contact = estimator.measure(measured(seen, wrong, own))
+                assert contact.status == "ok", contact.reason
+                assert abs(contact.distance_m - sound.distance_m) < sound.distance_std_m / 3
+                assert (np.abs(contact.force_N - sound.force_N) < sound.force_std_N / 3).all()
+
+
+def test_one_point_in_twenty_may_be_gross() -> None:
+    """Half a standard deviation; the count is in the reason. Sound frames lose no point."""
+    estimator, seen, rng = ContactEstimator(RIG), frame(), np.random.default_rng(3)
+    sound = estimator.measure(measured(seen, seen.points_px))
+    assert "left out" not in sound.reason
+    count = len(seen.points_px) // 20
+    for _ in range(4):
+        wrong = seen.points_px.copy()
+        wrong[rng.choice(len(wrong), count, replace=False)] = rng.uniform(0.0, 1.0, (count, 2)) * SIZE
+        contact = estimator.measure(measured(seen, wrong))
+        assert contact.status == "ok"
+        assert abs(contact.distance_m - sound.distance_m) < sound.distance_std_m / 2
+        assert "far from where the neighbours lie: left out" in contact.reason
+
+
+def test_a_free_antenna_with_a_gross_point_stays_free() -> None:
+    seen, rng = frame(tip_m=0.0), np.random.default_rng(4)
+    for _ in range(8):
+        wrong = seen.points_px.copy()
+        wrong[rng.integers(len(wrong))] = rng.uniform(0.0, 1.0, 2) * SIZE
+        assert ContactEstimator(RIG).measure(measured(seen, wrong)).status == "no_contact"
+
+
+def spoilt(root: Path, change: Callable[[int, float, float], tuple[float, float]]) -> Path:
+    """A session whose points were changed: `change` of each row's index, u and v gives u and v."""
+    path = root / "recording" / "centrelines.csv"
+    with path.open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    with path.open("w", newline="") as file:
+        writer = csv.DictWriter(file, rows[0])
+        writer.writeheader()
+        for index, row in enumerate(rows):
+            u, v = change(index, float(row["u_px"]), float(row["v_px"]))
+            writer.writerow(row | {"u_px": u, "v_px": v})
+    return root
+
+
+@pytest.fixture
+def rig(tmp_path: Path) -> Path:
+    return write_rig(tmp_path / "rig.json")
+
+
+def test_the_commands_count_them(tmp_path: Path, rig: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """`estimate` of a session and of --centrelines, and `batch`: a line at the end, and a count in --json."""
+    sound = write_recording(tmp_path / "one", 40)
+    session = spoilt(sound, lambda n, u, v: (6e4 + n, 6e4) if n in (0, 1, 200) else (u, v))
+    lines = session / "recording" / "centrelines.csv"
+    table = ["--readings", str(session / "recording" / "recording.csv")]
+    calls = (["estimate", str(session)], ["estimate", "--centrelines", str(lines), *table])
+    for index, call in enumerate(calls):
+        out = str(tmp_path / f"contacts_{index}.csv")
+        assert main([*call, "--rig", str(rig), "-o", out, "--no-report", "--json"]) == 0
+        told = capsys.readouterr()
+        assert json.loads(told.out)["outside_points"] == 3
+        assert json.loads(told.out)["outside_frames"] == 2
+        assert "3 points of 2 frames outside the picture of 1280x720 px" in told.err
+    out = str(tmp_path / "results")
+    assert main(["batch", str(session), "--rig", str(rig), "-o", out, "--jobs", "1", "--json"]) == 0
+    told = capsys.readouterr()
+    assert json.loads(told.out)["outside_points"] == 3
+    with (tmp_path / "results" / "summary.csv").open(newline="") as file:
+        (row,) = csv.DictReader(file)
+    assert row["outside_points"] == "3"
+    assert "3 points of 2 frames" in row["warnings"]
+
+
+def test_exchanged_columns_are_named(tmp_path: Path, rig: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A picture that is broader than high: then part of the points lies below it."""
+    session = spoilt(write_recording(tmp_path / "one", 6), lambda n, u, v: (v, u))
+    assert main(["estimate", str(session), "--rig", str(rig), "-o", str(tmp_path / "c.csv"), "--no-report"]) == 0
+    assert "are u_px and v_px exchanged" in capsys.readouterr().err
+
+
+def test_a_measured_frame_says_how_many_points_it_lost() -> None:
+    """What was left out before counts as well."""
+    seen = frame()
+    given = replace(measured(seen, seen.points_px), outside_points=4)
+    assert ContactEstimator(RIG).measure(given).outside_points == 4

@@ -1,0 +1,121 @@
+"""A reading in a wrong unit, or a joint that is somewhere else, costs no more memory than a sound one."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from estimator import Contact, ContactEstimator
+from estimator.contact.recording import estimate_pictures
+from estimator.contact.shutter import checked
+from estimator.table.contacts import STATUSES, Measured
+from vbaa_calib.core.arrays import LARGEST_NM
+from vbaa_calib.core.polyline import arc_lengths, followed
+from vbaa_calib.detect.whisker.antenna import pixels, width_px
+from vbaa_calib.detect.whisker.path_refinement import refine_path
+from vbaa_calib.session import Frame, Shutter
+
+from ..fuzz.test_memory import taken
+from ..rod_scenes import SIGMA_PX
+from .contact_scenes import RIG, frame
+from .drawn_frames import DIAMETER_M, FORCE_N, frame_of, picture, rig_of, shape
+from .test_shutter import SIZE, frames
+
+SIZE_PX = (320, 240)
+linux = pytest.mark.skipif(sys.platform != "linux", reason="Linux alone reports the peak of memory")
+
+
+@linux
+@pytest.mark.parametrize("bright", [True, None])
+def test_no_reading_and_no_joint_angle_costs_memory(tmp_path: Path, bright: bool | None) -> None:
+    """Moments of any size and sign, and any joint angles, within what is accepted at all."""
+    rig, rng = rig_of(SIZE_PX), np.random.default_rng(5)
+    rig = replace(rig, image=replace(rig.image, bright=bright))
+    estimator = ContactEstimator(rig)
+    bent = shape(rig)
+    first = frame_of(tmp_path, picture(rig, bent), float(bent.moment_Nm[0]))
+    factors = [100.0, -100.0, 1e3, 1e4, *rng.choice([-1, 1], 6) * 10 ** rng.uniform(0.5, 4, 6)]
+    moments = first.moment_Nm * np.array(factors)
+    moments = np.clip(moments, -LARGEST_NM, LARGEST_NM)
+    sound = list(estimate_pictures(estimator, [first]))
+    assert sound[0].contact.status == "ok"
+    several = [replaced(first, n + 1, moment, rng.uniform(-3, 3, 2) * (n % 2)) for n, moment in enumerate(moments)]
+    found: list[str] = []
+    most = taken(lambda: found.extend(each.contact.status for each in estimate_pictures(estimator, several)))
+    assert most < 3e7
+    assert set(found) <= set(STATUSES)
+    assert "ok" not in found[:4], "nothing is located by a moment that cannot be"
+
+
+def replaced(frame: Frame, number: int, moment_Nm: float, joints: np.ndarray) -> Frame:
+    """The same picture with other readings."""
+    return replace(
+        frame, frame=number, time_s=float(number), moment_Nm=moment_Nm, pan_rad=joints[0], tilt_rad=joints[1]
+    )
+
+
+def test_a_path_is_followed_as_long_as_it_may_be_an_antenna() -> None:
+    """Sound paths are the same; of any other what is left is its beginning, and bounded by the picture's size."""
+    rng = np.random.default_rng(0)
+    half, room = 0.5 * np.array(SIZE_PX), sum(SIZE_PX)
+    for _ in range(300):
+        path = half + np.cumsum(rng.normal(size=(rng.integers(1, 60), 2)) * 10 ** rng.uniform(-1, 9), axis=0)
+        if rng.random() < 0.3:
+            path[rng.integers(len(path))] = rng.choice([np.nan, np.inf, -np.inf, 1e300])
+        left = followed(path, SIZE_PX)
+        np.testing.assert_array_equal(left, path[: len(left)])
+        assert np.isfinite(left).all()
+        assert (np.abs(left - half) <= half + room).all()
+        assert len(left) < 2 or arc_lengths(np.ascontiguousarray(left))[-1] <= 10.0 * room
+    beyond = np.column_stack([np.linspace(10.0, 600.0, 40), np.linspace(100.0, -200.0, 40)])
+    assert followed(beyond, SIZE_PX) is beyond
+
+
+def test_a_shape_near_the_cameras_plane_is_no_longer_than_the_picture_allows() -> None:
+    """Whatever force bends it, and wherever it lies: its picture and its width there are bounded."""
+    rig, rng = rig_of(SIZE_PX), np.random.default_rng(1)
+    seen_from = (rig.camera, rig.T_antenna_camera.inverse())
+    for _ in range(200):
+        nodes_m = shape(rig, FORCE_N * 10 ** rng.uniform(0, 5)).points_m[0] * 10 ** rng.uniform(-1, 2)
+        nodes_m = nodes_m + rng.normal(size=3) * [0.2, 0.2, 0.4]
+        path, width = pixels(*seen_from, nodes_m), width_px(*seen_from, nodes_m, DIAMETER_M)
+        assert 0.0 <= width <= min(SIZE_PX)
+        assert len(path) < 2 or arc_lengths(np.ascontiguousarray(path))[-1] <= 10.0 * sum(SIZE_PX)
+
+
+@linux
+def test_a_broad_antenna_is_searched_in_bounded_memory() -> None:
+    """Of either polarity: the number of curves that are tried does not grow with the cube of its width."""
+    image = np.random.default_rng(2).integers(0, 255, (240, 320)).astype(np.uint8)
+    path = np.column_stack([np.linspace(20.0, 300.0, 30), np.full(30, 120.0)])
+    refine_path(image, path, 4.0, 6.0, None)
+    assert taken(lambda: refine_path(image, path, 200.0, 202.0, None)) < 3e8
+
+
+@linux
+def test_points_in_no_order_cost_the_shutters_check_no_memory() -> None:
+    items = frames(shape(rig_of(SIZE_PX)), [0.0, 1.0, 2.0])
+    for item in items:
+        shuffled = np.random.default_rng(3).permuted(np.tile(item.measured.points_px, (40, 1)), axis=0)
+        object.__setattr__(item.measured, "points_px", shuffled)
+        object.__setattr__(item.measured, "sigma_px", np.full(len(shuffled), 0.03))
+    most = taken(lambda: list(checked(items, Shutter(readout_s=0.02), SIZE[0])))
+    assert most < 1e8
+
+
+@linux
+def test_one_frame_of_many_points_makes_no_room_for_as_many_in_all() -> None:
+    """A batch is as long as its longest frame; the frames beside it come out as without it."""
+    seen = frame()
+    one = Measured(seen.points_px, np.full(len(seen.points_px), SIGMA_PX), seen.moment_Nm, 0.0, seen.tilt_rad)
+    many = np.tile(seen.points_px, (1000, 1))
+    large = replace(one, points_px=many, sigma_px=np.full(len(many), SIGMA_PX))
+    estimator = ContactEstimator(RIG, jobs=1)
+    alone = estimator.measure(one)
+    found: list[Contact] = []
+    assert taken(lambda: found.extend(estimator.measure_batch([large, *[one] * 40]))) < 3e8
+    assert {contact.distance_m for contact in found[1:]} == {alone.distance_m}
