@@ -140,7 +140,7 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None]:
     """contacts.csv; what became of the frames, and what was taken off them."""
     import numpy as np
 
-    from estimator.contact.drift import summary
+    from estimator.contact.drift import drift_in_words, summary
     from estimator.contact.watch import DriftWatch
     from estimator.table.contacts import ContactRow
     from estimator.table.files import write_contacts
@@ -184,15 +184,8 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None]:
     if located is not None:
         say(f"contact distance known to {1e3 * located:.2f} mm (median standard deviation)")
     changed = summary(estimator.drift)
-    if changed["free_frames"]:
-        say(
-            f"the free antenna, seen in {changed['free_frames']} frames, has moved {changed['picture_px']:.2g} px "
-            f"since the calibration, and the sensor's zero by {changed['moment_zero_std']:.2g} std"
-        )
-    elif estimator.rig.drift.of_rig:
-        say("no frame shows the free antenna: begin with some, and the rig's drift costs less")
-    if changed["beyond"]:
-        say(f"warning: {', '.join(changed['beyond'])} changed more than drift does: run vbaa check, or calibrate again")
+    for words in drift_in_words(changed, watched=estimator.rig.drift.of_rig):
+        say(words)
     say(f"wrote {args.output}")
     if args.overlay is not None:
         say(f"wrote {args.overlay}: open {args.overlay / 'index.html'} to see what was seen in each frame")

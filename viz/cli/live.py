@@ -303,6 +303,7 @@ class _Monitor:
 
     def _watch(self, frame: int) -> None:
         """Says once of each parameter when the free antenna shows that it has changed by more than drift does."""
+        from estimator.contact.drift import moved_in_words
         from vbaa_calib.core.console import say
 
         changed = self.live.changed()
@@ -314,8 +315,7 @@ class _Monitor:
             self.warned |= new
             say(
                 f"warning, frame {frame}: {', '.join(sorted(new))} changed more than drift does since the calibration "
-                f"(the antenna by {changed['picture_px']:.2g} px, the sensor's zero by "
-                f"{changed['moment_zero_std']:.1f} std): run vbaa check"
+                f"(the free antenna {moved_in_words(changed)}): run vbaa check"
             )
 
     def _show(self, contact: LiveContact, now_s: float) -> None:
