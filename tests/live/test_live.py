@@ -227,6 +227,34 @@ def test_a_bag_live_is_the_bag_estimated(tmp_path: Path, capsys: pytest.CaptureF
     )
 
 
+@pytest.mark.parametrize("wrong", ["picture", "moment", "clock"])
+def test_a_wrong_stamp_costs_one_frame_and_a_clock_that_is_set_none(
+    wrong: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Stamps are those of a clock 1000 s ahead; one is by an hour more, or all are set back by one: live and
+    afterwards the same rows, which others can read, and it is reported as it happens and in the summary."""
+
+    def off_s(topic: str, number: int) -> float:
+        one = {"picture": topic.startswith("/camera"), "moment": topic == "/moment", "clock": False}[wrong]
+        return 5000.0 + 3600.0 * (one and number == 9) - 3600.0 * (wrong == "clock" and number >= 9)
+
+    bag = write(tmp_path / "bag.mcap", count=18, off_s=off_s)
+    one, other = tmp_path / "one.csv", tmp_path / "other.csv"
+    assert verb("live", small_rig() / "rig.json", bag, "-o", one, "--json") == 0
+    printed = capsys.readouterr()
+    assert verb("estimate", bag, "--rig", small_rig() / "rig.json", "-o", other, "--no-report") == 0
+    assert one.read_bytes() == other.read_bytes()
+    table, told = read_contacts(one), json.loads(printed.out)
+    assert len(table) == 17 + (wrong != "picture")
+    assert np.isfinite(table.moment_residual_Nm).sum() == 17 + (wrong == "clock")
+    assert np.diff(table.time_s) == pytest.approx(np.where(np.arange(len(table) - 1) == 8, 2.0, 1.0) / RATE_HZ, abs=0.3)
+    assert (np.diff(table.time_s) > 0.0).all()
+    what = {"picture": "pictures stamped ahead", "moment": "readings stamped ahead", "clock": "jumps of a clock"}[wrong]
+    assert told["stream"][what] == (4 if wrong == "clock" else 1)
+    assert what in printed.err
+    assert any("3600" in note or "3599" in note for note in told["notes"])
+
+
 def test_a_video_with_a_table_of_readings(tmp_path: Path) -> None:
     """Lossless, so that its pixels are those of the pictures: the rows are, too."""
     path, table = tmp_path / "video.mkv", tmp_path / "readings.csv"

@@ -103,7 +103,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         timing = _clocked(args, estimator, timing, ground)
         source = _source(args, rig, timing)
         sinks = _sinks(args, stack)
-        synchronizer = Synchronizer(timing, source.channels, rig.camera.image_size)
+        synchronizer = Synchronizer(timing, source.channels, rig.camera.image_size, source.notes)
         live = LiveEstimator(estimator, synchronizer, ground, final=not args.no_final)
         live.warm()
         # what is there by now stays: looking through it for garbage takes as long as five pictures
@@ -343,7 +343,8 @@ class _Monitor:
         if self.next_s:
             print(file=sys.stderr)
         synchronizer = self.live.synchronizer
-        for note in (*self.source.notes[self.told :], *synchronizer.left_out()):
+        self.news()
+        for note in synchronizer.left_out():
             say(note)
         frames, dropped = self.statuses.total(), self.source.dropped()
         median, late = np.quantile(self.latency_s or [0.0], [0.5, 0.99]).tolist()
