@@ -152,8 +152,8 @@ def marks(estimator: ContactEstimator, item: FrameContact) -> _Marks:
     """A frame's fitted shape, contact and force as they lie in its picture."""
     rig, contact = estimator.rig, item.contact
     T_camera_antenna = rig.T_antenna_camera.inverse()
-    # the fit is done again, as it was: a picture is not worth keeping every fit of a recording for
-    fitted = None if contact.status in _UNFITTED else estimator.shape(item.measured)
+    # without a contact the fit is done again: a picture is not worth keeping every fit of a recording for
+    fitted = None if contact.status in _UNFITTED else estimator.shape(item.measured, contact)
     points = np.empty((0, 3)) if fitted is None else fitted[np.isfinite(fitted).all(axis=1)]
     shape = pixels(rig.camera, T_camera_antenna, points) if len(points) else np.empty((0, 2))
     width = width_px(rig.camera, T_camera_antenna, points, rig.antenna.diameter_m) if len(points) else 0.0

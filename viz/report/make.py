@@ -147,10 +147,11 @@ def scene_picture(
 
 
 def _seen_picture(table: ContactTable, rig: Rig, session: Path, ground: Ground | None = None) -> Picture:
-    """The recording's picture of the greatest force with what was seen and estimated, or why there is none."""
+    """The recording's picture of the greatest force with what is seen in it and the contact in the table, or why there
+    is none."""
     from estimator.contact.estimate import ContactEstimator
     from estimator.contact.overlay import frame_picture
-    from estimator.contact.recording import estimate_picture
+    from estimator.contact.recording import FrameContact, detected
 
     whole = np.linalg.norm(table.force_world_N, axis=1)
     force = np.where(np.isfinite(whole), whole, np.hypot(table.force_y_N, table.force_z_N))
@@ -160,11 +161,11 @@ def _seen_picture(table: ContactTable, rig: Rig, session: Path, ground: Ground |
         frame = frames.get(int(table.frame[row])) if table.located[row] else None
         if frame is None or frame.image is None:
             return Picture(b"", "No picture of the recording: it has none, or none with a located contact.")
-        # estimated anew, as the table's row was
+        # what is seen is found anew, the numbers are the table's
         estimator = ContactEstimator(rig, str(table.model[row]), friction=table.assumed_friction_rad)
-        if not np.isfinite(table.moment_residual_Nm[row]):
-            frame = replace(frame, moment_Nm=np.nan, moment_z_Nm=np.nan)
-        image = frame_picture(estimator, estimate_picture(estimator, frame, ground))
+        seen, own = next(detected(estimator, [frame], ground)), next(table.picked(np.array([row])).rows())
+        contact = replace(own, pan_rad=frame.pan_rad, tilt_rad=frame.tilt_rad).estimate(rig.kinematics)
+        image = frame_picture(estimator, FrameContact(frame, contact, seen.measured, seen.line))
     except VbaaError as error:
         return Picture(b"", f"No picture of the recording: {error}")
     return Picture(
