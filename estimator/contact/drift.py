@@ -245,7 +245,7 @@ def summary(learnt: LearntRig) -> dict[str, Any]:
 
 def drift_in_words(changed: Mapping[str, Any], *, watched: bool = True) -> list[str]:
     """A recording's `summary`, a sentence each. `watched` : whether free frames would have been used."""
-    if not changed["free_frames"]:
+    if not changed.get("free_frames"):
         return ["no frame shows the free antenna: begin with some, and the rig's drift costs less"] if watched else []
     seen = f"the free antenna, seen in {changed['free_frames']} frames"
     words = [f"since the calibration {seen}, {moved_in_words(changed)}"]

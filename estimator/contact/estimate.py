@@ -14,7 +14,7 @@ from estimator.solver.ladder import rough_fits, solve
 from estimator.solver.linearised import bend
 from estimator.solver.numbers import FitNumbers
 from estimator.solver.rig_arrays import RigArrays
-from estimator.table.contacts import FRICTION_RAD, LOCATED, Contact, Measured
+from estimator.table.contacts import FRICTION_RAD, Contact, Measured
 from vbaa_calib.antenna.rungs import RUNGS
 from vbaa_calib.core.arrays import as_float, as_floats, gate
 from vbaa_calib.core.compiled import cores
@@ -190,25 +190,14 @@ class ContactEstimator:
                 found[index] = RoughFit(own, points_m)
         return found
 
-    def shape(self, measured: Measured, contact: Contact) -> np.ndarray | None:
-        """(M, 3) nodes of the antenna as a located contact bends it, antenna frame; else as it is fitted. None with too
-        few points."""
-        frames, rung = (batch := Batch.of([measured])).frames(self._rig_arrays), self.model
-        if contact.status in LOCATED:
-            unknowns = self._unknowns(contact)
-        elif int(frames.usable.sum()) < FEWEST_POINTS:
+    def shape(self, measured: Measured) -> np.ndarray | None:
+        """(M, 3) nodes of the fitted antenna, antenna frame. None with too few points."""
+        frames = (batch := Batch.of([measured])).frames(self._rig_arrays)
+        if int(frames.usable.sum()) < FEWEST_POINTS:
             return None
-        else:
-            unknowns = solve(frames, self.model, batch.start).unknowns
-        return np.asarray(bend(frames, RUNGS[-1] if rung == "auto" else rung, unknowns[:, None]).points_m[0])
-
-    def _unknowns(self, contact: Contact) -> np.ndarray:
-        """(1, 4) of a located contact: the shape takes the force's part along the antenna's normal, which turns with
-        the antenna."""
-        rig, angle, across = self._rig_arrays, np.nan_to_num(contact.friction_angle_rad), contact.force_N[1:]
-        normal = np.linalg.norm(contact.force_N) * np.cos(angle) / max(float(np.linalg.norm(across)), 1e-300) * across
-        lean = angle / rig.friction_rad if rig.friction_rad > 0.0 else 0.0
-        return np.array([[contact.distance_m / rig.length_m, *normal / rig.force_unit_N, lean]])
+        found = solve(frames, self.model, batch.start)
+        rung = RUNGS[-1] if self.model == "auto" else self.model
+        return np.asarray(bend(frames, rung, found.unknowns[:, None]).points_m[0])
 
     def _contacts(self, batch: Batch, beam: Beam | None = None) -> Contacts:
         """The frames' contacts; with a beam, also what testing for motion needs."""

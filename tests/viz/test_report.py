@@ -154,7 +154,11 @@ def test_the_recordings_picture_shows_the_tables_contact(tmp_path: Path, monkeyp
         ]
         write_contacts(tmp_path / f"{times}.csv", changed)
         files = (tmp_path / f"{times}.csv", root / "rig.json", root / "session")
-        make_report(tmp_path / f"{times}.html", Sources(*files, picture=tmp_path / "scene.png"), title="")
+        joints = ("pan_rad", "tilt_rad")
+        readings = {"frames": 4, "moment_Nm": 0, **dict.fromkeys(joints, 0), "assumed_rad": dict.fromkeys(joints, 0.0)}
+        sources = Sources(*files, picture=tmp_path / "scene.png", readings=readings)
+        make_report(tmp_path / f"{times}.html", sources, title="")
+        assert "oment: none; joints: none, taken as 0" in text_of((tmp_path / f"{times}.html").read_text())
     (same_by, same), (by, other) = drawn
     assert same.frame.frame == other.frame.frame == item.frame.frame
     for one, times in ((same, 1.0), (other, 1.5)):

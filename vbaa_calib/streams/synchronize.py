@@ -338,6 +338,7 @@ class Synchronizer:
             for name, std in zip(CHANNELS, (*self._timing.moment_std_Nm, 0.0, 0.0), strict=True)
         ]
         values["moment_errors_Nm"], values["joint_errors_rad"] = (errors[0], errors[1]), (errors[2], errors[3])
+        values["joints_read"] = tuple(name in read for name in _ANGLES)
         time_s = taken.time_s + self._set_back_s
         frame = Frame(image=None, frame=self._number - 1, time_s=time_s, **values)
         return Synchronized(frame, taken, max(ages, default=np.nan))

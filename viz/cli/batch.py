@@ -44,6 +44,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from estimator.contact.estimate import ContactEstimator
     from estimator.contact.pieces import cuts
     from estimator.contact.source import is_stream
+    from estimator.table.contacts import STATUSES
+    from estimator.table.overview import Overview, overview_in_words
     from vbaa_calib.core.console import say
     from vbaa_calib.core.errors import InputError
     from vbaa_calib.core.files import require_file
@@ -100,6 +102,13 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     say(
         f"wrote {args.output}: {len(states['done'])} done, {len(states['unchanged'])} unchanged, {len(missing)} missing"
     )
+    overview = Overview()
+    for row in own:
+        if "readings" in row:
+            statuses = {status: row[status] for status in STATUSES if row[status]}
+            overview.join({"status": statuses, **row}, recording=row["recording"])
+    for words in overview_in_words(overview.numbers()) if own else ():
+        say(words)
     for name in missing[:_NAMED]:
         say(f"  missing: {name}")
     return {
@@ -110,6 +119,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         "scheduler_lost": lost is not None,
         "frames": sum(int(row["frames"]) for row in own),
         "ok": sum(int(row["ok"]) for row in own),
+        **overview.numbers(),
         "exit_code": 1 if missing else 0,
     }
 

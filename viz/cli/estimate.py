@@ -129,7 +129,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from viz.report.make import Sources, make_report
 
     session = args.session if args.session is not None and _is_session(args.session) else None
-    sources = Sources(args.output, args.rig, session, ground=ground, drift=result["drift"])
+    sources = Sources(args.output, args.rig, session, ground=ground, drift=result["drift"], readings=result["readings"])
     title = f"Contacts of the antenna: {(args.session or args.centrelines).resolve().name}"
     make_report(output, sources, title=title, argv=args.argv, force=args.force)
     say(f"wrote {output}: open it in a browser")
@@ -144,6 +144,7 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None]:
     from estimator.contact.watch import DriftWatch
     from estimator.table.contacts import ContactRow
     from estimator.table.files import write_contacts
+    from estimator.table.overview import Overview, overview_in_words
     from vbaa_calib.rig import Rig
 
     rig = Rig.load(args.rig)
@@ -154,7 +155,8 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None]:
     if given.words:
         say(f"background: {given.words}")
     watch = DriftWatch(estimator.rig)
-    statuses, models, std_m = Counter[str](), Counter[str](), array("d")  # all that is kept of the rows
+    overview = Overview(estimator.rig.second_moment_sensor is not None)
+    models, std_m = Counter[str](), array("d")  # all that is kept of the rows
 
     def rows() -> Iterator[ContactRow]:
         """Of every frame, each drawn into the overlay folder on its way where one is asked for."""
@@ -170,7 +172,8 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None]:
                 if item.frame.image is not None and item.frame.image.parent == args.unpacked:
                     item.frame.image.unlink()
                 row = ContactRow.of(item.frame, item.contact)
-                statuses[row.status] += 1
+                overview.add_readings(item.frame)
+                overview.add_result(row.frame, row.status, row.reason)
                 models[row.model] += 1
                 if math.isfinite(row.distance_std_m):
                     std_m.append(row.distance_std_m)
@@ -179,7 +182,9 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None]:
     write_contacts(args.output, rows(), args.force)
     for note in given.notes():
         say(note)
-    say(f"{statuses.total()} frames: " + ", ".join(f"{count} {status}" for status, count in statuses.most_common()))
+    numbers = overview.numbers()
+    for words in overview_in_words(numbers):
+        say(words)
     located = float(np.median(std_m)) if std_m else None
     if located is not None:
         say(f"contact distance known to {1e3 * located:.2f} mm (median standard deviation)")
@@ -192,8 +197,8 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None]:
     result = {
         "contacts": str(args.output),
         "overlay": None if args.overlay is None else str(args.overlay),
-        "frames": statuses.total(),
-        "status": dict(statuses),
+        "frames": overview.frames,
+        **numbers,
         "models": dict(models),
         "distance_std_median_m": located,
         "drift": changed,

@@ -14,13 +14,14 @@ import numpy as np
 
 from estimator.table.contacts import ContactTable, joint_angles
 from estimator.table.files import read_contacts
+from estimator.table.overview import readings_in_words
 from vbaa_calib.core.errors import InputError, VbaaError, require_extra
 from vbaa_calib.core.files import read_json, write_text
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import load_session, read_recording
 from viz.files.outputs import PAGES, refuse_output
 from viz.scene.rig_items import session_pictures
-from viz.scene.scene import build_scene, framewise
+from viz.scene.scene import Fact, build_scene, framewise, sentence
 from viz.scene.truth import true_contacts, true_object
 
 from .recording import Picture, Report, SummaryRow, page
@@ -50,6 +51,7 @@ class Sources:
     picture : of the scene, drawn already; without it one is drawn.
     drift : what has changed since the calibration (`estimator.contact.drift.summary`).
     framewise : contacts.csv that the contacts were refined from, drawn beside them.
+    readings : what was read with the frames (`estimator.table.overview.Overview.numbers`).
     """
 
     contacts: Path
@@ -60,6 +62,7 @@ class Sources:
     ground: Ground | None = None
     drift: Mapping[str, Any] | None = None
     framewise: Path | None = None
+    readings: Mapping[str, Any] | None = None
 
 
 def make_report(
@@ -84,6 +87,8 @@ def make_report(
     contents = None if sources.truth is None else read_json(sources.truth)
     truth = None if contents is None else true_contacts(table, contents, sources.truth)
     estimate, track, facts = object_found(table, rig)
+    if sources.readings is not None:
+        facts = (Fact("Readings", sentence(readings_in_words(sources.readings))), *facts)
     if sources.picture is None:
         pictures = [scene_picture(table, rig, estimate, contents, sources.session)]
     else:
