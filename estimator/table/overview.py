@@ -84,6 +84,8 @@ def remedy(status: str, reason: str) -> str:
             return own[1]
         case "no_antenna" if "joint angles" in reason:
             return "give joint angles nearer to the pictures, a larger --gap, or the clocks' --clock-offset"
+        case "no_antenna" if "centreline points" in reason:
+            return "look at these frames in one's own tracker: 5 points are needed, the more the better"
         case "no_antenna" | "failed" if "moment" not in reason and "rig has changed" not in reason:
             return "see what was taken for the antenna (--overlay DIR); --background auto where nothing else moves"
         case "failed" if "moment" in reason:
@@ -111,7 +113,7 @@ def overview_in_words(numbers: Mapping[str, Any], most: int = 3) -> list[str]:
     if not reasons:
         return lines
     lines.append(
-        f"without a contact point: {lost} of {total} frames" + ", the commonest reasons:" * (len(reasons) > most)
+        f"neither located nor free: {lost} of {total} frames" + ", the commonest reasons:" * (len(reasons) > most)
     )
     for one in reasons[:most]:
         own = one["reason"].partition(" (remedy: ")[0]
