@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Generator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +12,8 @@ from estimator.solver.frames import Frames
 from estimator.solver.linearised import FreeAntennas, free_antennas
 from estimator.solver.rig_arrays import LINE_ERRORS, RigArrays
 from vbaa_calib.camera.compiled_lens import compiled_lens
-from vbaa_calib.detect.whisker.antenna import free_curve, pixels
+from vbaa_calib.core.robust import finite_or_none
+from vbaa_calib.detect.whisker.antenna import free_curve
 from vbaa_calib.rig import RIG_PARAMETERS, Rig
 
 from .contacts import last
@@ -51,6 +52,7 @@ class LearntRig:
         squares, the line's own errors are known.
     time_s : of the last of them; NaN where times are not known.
     history : time, what had changed (17 + P,), and its deviations (17 + P,), after each lot of free frames.
+    moments : of how many of the free frames the moment was read.
     """
 
     calibrated: Rig
@@ -61,6 +63,7 @@ class LearntRig:
     time_s: float = np.nan
     step: np.ndarray = field(default_factory=lambda: np.zeros(0))
     history: tuple[tuple[float, np.ndarray, np.ndarray], ...] = ()
+    moments: int = 0
 
     @staticmethod
     def of(rig: Rig) -> LearntRig:
@@ -116,7 +119,8 @@ class LearntRig:
         step = rig.step_from(self.calibrated)
         now = rig.with_covariance(covariance)
         past = (*self.history[-_HISTORY:], (time_s, step, np.sqrt(np.diag(now.covariance))))
-        return LearntRig(self.calibrated, now, self.frames + len(rows), count, own, time_s, step, past)
+        moments = self.moments + int(np.isfinite(free.readings_Nm[:, 0]).sum())
+        return LearntRig(self.calibrated, now, self.frames + len(rows), count, own, time_s, step, past, moments)
 
 
 class Batches:
@@ -217,21 +221,19 @@ def parameter_changes(calibrated: Rig, change: np.ndarray, std: np.ndarray) -> d
 def summary(learnt: LearntRig) -> dict[str, Any]:
     """What has changed, in numbers: each parameter's change, deviation, and deviation beforehand; SI units and px.
 
-    `picture_px` is how far the free antenna has moved in the picture, rms along it; `moment_zero_std` the sensor's
-    zero, in deviations of its noise; `beyond` names the parameters that changed by more than four deviations.
+    `picture_px` is how far the free antenna has moved in the picture, rms along the part that is visible before and
+    after, None where there is none; `moment_zero_std` the sensor's zero, in standard deviations of its noise, None
+    where no moment was read; `beyond` names the parameters that changed by more than four standard deviations.
     """
     rig, now = learnt.calibrated, learnt.now
     if not learnt.history:
         return {"free_frames": 0, "picture_px": None, "moment_zero_std": None, "beyond": [], "parameters": {}}
     parameters = parameter_changes(rig, learnt.step, np.sqrt(np.diag(now.covariance)))
-    before, after = (_free_pixels(each) for each in (rig, now))
-    tangent = np.gradient(before, axis=0)
-    across = np.stack([-tangent[:, 1], tangent[:, 0]], axis=1) / np.linalg.norm(tangent, axis=1, keepdims=True)
     offset = parameters["moment_offset_Nm"]["change"] / rig.moment_sensor.std_Nm
     return {
         "free_frames": learnt.frames,
-        "picture_px": float(np.sqrt(np.nanmean(((after - before) * across).sum(axis=1) ** 2))),
-        "moment_zero_std": float(offset),
+        "picture_px": _moved_px(rig, now),
+        "moment_zero_std": float(offset) if learnt.moments else None,
         "beyond": [name for name, one in parameters.items() if abs(one["change"]) > _BEYOND * one["prior_std"]],
         "parameters": parameters,
         "over_time": [
@@ -241,7 +243,38 @@ def summary(learnt: LearntRig) -> dict[str, Any]:
     }
 
 
+def drift_in_words(changed: Mapping[str, Any], *, watched: bool = True) -> list[str]:
+    """A recording's `summary`, a sentence each. `watched` : whether free frames would have been used."""
+    if not changed.get("free_frames"):
+        return ["no frame shows the free antenna: begin with some, and the rig's drift costs less"] if watched else []
+    seen = f"the free antenna, seen in {changed['free_frames']} frames"
+    words = [f"since the calibration {seen}, {moved_in_words(changed)}"]
+    if changed["beyond"]:
+        names = ", ".join(changed["beyond"])
+        words.append(f"warning: {names} changed more than drift does: run vbaa check, or calibrate again")
+    return words
+
+
+def moved_in_words(changed: Mapping[str, Any]) -> str:
+    """How far the free antenna has moved and, where the moment was read, the sensor's zero."""
+    picture, zero = changed["picture_px"], changed["moment_zero_std"]
+    words = "shows no part that was in the picture before" if picture is None else f"has moved by {picture:.2g} px"
+    return words if zero is None else f"{words}, and the sensor's zero by {zero:.2g} std"
+
+
+def _moved_px(rig: Rig, now: Rig) -> float | None:
+    """How far the free antenna, weightless, has moved across itself in the picture, px rms along what both rigs show of
+    it there; None where that is nothing."""
+    before, after = (_free_pixels(each) for each in (rig, now))
+    with np.errstate(invalid="ignore"):
+        tangent = np.gradient(before, axis=0)
+        across = np.stack([-tangent[:, 1], tangent[:, 0]], axis=1) / np.linalg.norm(tangent, axis=1, keepdims=True)
+    aside = ((after - before) * across).sum(axis=1)[rig.camera.in_picture(before)]
+    both = aside[np.isfinite(aside)]
+    return finite_or_none(np.sqrt(np.mean(both**2))) if len(both) else None
+
+
 def _free_pixels(rig: Rig) -> np.ndarray:
-    """(M, 2) the free antenna in the picture, weightless."""
+    """(M, 2) the free antenna in the picture, weightless; NaN where the lens cannot show it."""
     nodes = free_curve(rig.antenna.parameters, rig.antenna.length_m, np.zeros(3))
-    return pixels(rig.camera, rig.T_antenna_camera.inverse(), nodes.points_m[0])
+    return rig.camera.project(rig.T_antenna_camera.inverse() @ nodes.points_m[0])[0]

@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 
 from estimator.table.contacts import LOCATED, STATUSES, Contact
+from vbaa_calib.antenna.rungs import RUNGS, curves
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import refuse_folder_of
 from vbaa_calib.core.folders import replacing_folder
@@ -152,8 +153,8 @@ def marks(estimator: ContactEstimator, item: FrameContact) -> _Marks:
     """A frame's fitted shape, contact and force as they lie in its picture."""
     rig, contact = estimator.rig, item.contact
     T_camera_antenna = rig.T_antenna_camera.inverse()
-    # the fit is done again, as it was: a picture is not worth keeping every fit of a recording for
-    fitted = None if contact.status in _UNFITTED else estimator.shape(item.measured)
+    # without a contact the fit is done again: a picture is not worth keeping every fit of a recording for
+    fitted = None if contact.status in _UNFITTED else _bent(estimator, item)
     points = np.empty((0, 3)) if fitted is None else fitted[np.isfinite(fitted).all(axis=1)]
     shape = pixels(rig.camera, T_camera_antenna, points) if len(points) else np.empty((0, 2))
     width = width_px(rig.camera, T_camera_antenna, points, rig.antenna.diameter_m) if len(points) else 0.0
@@ -165,6 +166,20 @@ def marks(estimator: ContactEstimator, item: FrameContact) -> _Marks:
     ends, _ = rig.camera.project(T_camera_antenna @ np.stack([contact.point_antenna_m, head]))
     rotation = rig.kinematics.T_world_antenna(item.frame.pan_rad, item.frame.tilt_rad).rotation
     return _Marks(shape, width, ends[0], ellipse(rig, contact, rotation), ends[1])
+
+
+def _bent(estimator: ContactEstimator, item: FrameContact) -> np.ndarray | None:
+    """(M, 3) nodes of the antenna as a located contact bends it, antenna frame; else as it is fitted, if it is."""
+    contact, antenna = item.contact, estimator.rig.antenna
+    if contact.status not in LOCATED:
+        return estimator.shape(item.measured)
+    angle, across = float(np.nan_to_num(contact.friction_angle_rad)), contact.force_N[1:]
+    # the part along the antenna's normal, which turns with the antenna
+    normal_N = np.linalg.norm(contact.force_N) * np.cos(angle) / max(float(np.linalg.norm(across)), 1e-300) * across
+    rung = RUNGS[-1] if estimator.model == "auto" else estimator.model
+    pull, contact_m = gravity(estimator.rig, item.frame)[None], np.array([contact.distance_m])
+    parameters, length_m = antenna.parameters[None], antenna.length_m
+    return curves(rung, parameters, length_m, pull, contact_m, normal_N[None], np.array([angle])).points_m[0]
 
 
 def ellipse(rig: Rig, contact: Contact, rotation_world_antenna: np.ndarray) -> np.ndarray:

@@ -125,7 +125,7 @@ class Stream:
     def _synchronized(self, *, skim: bool) -> Iterator[Synchronized]:
         source = self.opened()
         timing = replace(self.options.timing, moment_std_Nm=self.rig.moment_noise_Nm)
-        synchronizer = Synchronizer(timing, source.channels, self.rig.camera.image_size)
+        synchronizer = Synchronizer(timing, source.channels, self.rig.camera.image_size, source.notes)
         for message in source.messages(skim):
             if message is not None:
                 yield from synchronizer.push(message)

@@ -136,7 +136,7 @@ class LiveEstimator:
 
     def changed(self) -> dict[str, Any] | None:
         """How the rig has changed (`drift.summary`), if free frames have shown more of it since last asked."""
-        drift = self._now.drift
+        drift = (self._later or self._now).drift
         if drift.frames == self._watched:
             return None
         self._watched = drift.frames

@@ -216,6 +216,18 @@ class ContactRow(_Columns[int, float, bool, str]):
             **{name: getattr(contact, name) for name in _SHARED},
         )
 
+    def estimate(self, kinematics: Kinematics) -> Contact:
+        """The contact whose numbers these are; of the force along x a table has no deviation, and none in old ones."""
+        along = kinematics.T_world_antenna(self.pan_rad, self.tilt_rad).rotation[:, 0] @ self.force_world_N
+        return Contact(
+            reason=self.reason,
+            force_N=np.array([np.nan_to_num(along), self.force_y_N, self.force_z_N]),
+            force_std_N=np.array([np.nan, self.force_y_std_N, self.force_z_std_N]),
+            deflection_m=np.array([np.nan, self.deflection_y_m, self.deflection_z_m]),
+            bias={self.model: self.bias_std} if np.isfinite(self.bias_std) else {},
+            **{name: getattr(self, name) for name in _SHARED},
+        )
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ContactTable(_Columns[np.ndarray, np.ndarray, np.ndarray, np.ndarray], Rows):

@@ -11,13 +11,17 @@ import pytest
 from benchmarks.coverage.rigs import Draw, coverage_rigs, draw
 from benchmarks.drift.drift import ALL, FREE, NONE, SEEN, UNSEEN, Change, calibrated, estimated, recorded
 from estimator import Contact, ContactEstimator
-from estimator.contact.drift import summary
+from estimator.contact.drift import drift_in_words, summary
 from estimator.contact.estimate import STREAM
 from estimator.solver.rig_arrays import RigArrays
+from estimator.table.contacts import Measured
+from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError
+from vbaa_calib.geometry import Pose
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import DRIFTS, Drift, load_session
 
+from ..rod_scenes import LENGTH_M, RIG_STD, SIGMA_PX, World, along, camera_pose, gravity_antenna, press
 from .contact_scenes import RIG, frame
 from .contact_scenes import estimated as estimated_frame
 
@@ -70,6 +74,50 @@ def test_free_frames_tell_what_has_changed(given: Draw, rig: Rig) -> None:
     assert abs(zero["change"] - true_zero) < 4 * zero["std"]
     assert zero["std"] < 0.5 * zero["prior_std"]
     assert told["beyond"] == []
+
+
+def test_nothing_is_said_of_a_zero_that_was_not_read(given: Draw, rig: Rig) -> None:
+    """The parameters of a calibration are correlated: the zero's estimate moves with the others all the same."""
+    recording = recorded(given, Change("zero and picture", picture_px=0.4, zero=10.0), (1,)).frames[:FREE]
+    told = []
+    for frames in (recording, [replace(one, moment_Nm=np.nan) for one in recording]):
+        estimator = ContactEstimator(replace(rig, drift=LAB))
+        list(estimator.run(frames))
+        told.append(summary(estimator.drift))
+    assert [each["free_frames"] for each in told] == [FREE, FREE]
+    assert [each["moment_zero_std"] is None for each in told] == [False, True]
+    assert [["zero" in words for words in drift_in_words(each)] for each in told] == [[True], [False]]
+
+
+def test_what_has_changed_is_said_where_the_lens_shows_a_part() -> None:
+    """A wide lens close to the antenna shows its first part; how much, depends on the lens, which free frames correct.
+    How far the antenna has moved is measured where both show it; where neither does, there is no number, and no end."""
+    world = World(Pose(camera_pose().rotation, np.array([0.05, 0.0, 0.1])))
+    lens_std = np.array([1.0, 1.0, 0.5, 0.5, 0.02, 1e-9, 1e-4, 1e-4])
+    matrix = np.array([[480.0, 0.0, 480.0], [0.0, 480.0, 360.0], [0.0, 0.0, 1.0]])
+    camera = Camera("opencv", (960, 720), matrix, np.array([-0.25, 0.0, 0.0, 0.0]), np.diag(lens_std**2))
+    rig = replace(world.rig(), camera=camera, drift=LAB).with_covariance(np.diag(np.append(RIG_STD, lens_std) ** 2))
+    free, _ = press(world.rod, gravity_antenna(0.3)[None], np.array([0.1]), np.zeros((1, 2)))
+    at_m = world.T_antenna_camera.inverse() @ along(free, np.linspace(0.01, 1.0, 300) * LENGTH_M)
+    true = replace(camera, distortion=np.array([-0.235, 0.0, 0.0, 0.0]))
+    before, now_px = camera.project(at_m)[0], true.project(at_m)[0] + [0.0, 0.6]
+    line = now_px[true.in_picture(now_px)]
+    assert 100 < len(line) < 280
+    moment_Nm = -world.sensor.gain * free.clamp_moment_Nm[0, 1] + world.sensor.offset_Nm
+    rng, sigma_px = np.random.default_rng(1), np.full(len(line), SIGMA_PX)
+    recording = [
+        Measured(line + rng.normal(0.0, SIGMA_PX, line.shape), sigma_px, moment_Nm, 0.0, 0.3, time_s=float(number))
+        for number in range(6)
+    ]
+    estimator = ContactEstimator(rig)
+    assert len(list(estimator.run(recording))) == len(recording)
+    assert estimator.drift.now.camera.valid_region().ideal_radius != pytest.approx(camera.valid_region().ideal_radius)
+    told = summary(estimator.drift)
+    moved_px = (now_px - before)[true.in_picture(now_px) & camera.in_picture(before), 1]  # the antenna lies along u
+    assert told["free_frames"] > 0
+    assert told["picture_px"] == pytest.approx(np.sqrt(np.mean(moved_px**2)), rel=0.1)
+    away = replace(rig, camera=replace(camera, image_size=(1, 1)))
+    assert summary(replace(estimator.drift, calibrated=away))["picture_px"] is None
 
 
 def test_an_end_that_is_another_things_is_not_used(given: Draw, rig: Rig) -> None:

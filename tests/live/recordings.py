@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -53,20 +54,28 @@ def write(
     changed: dict[int, np.ndarray] | None = None,
     early_ns: int = 0,
     count: int = COUNT,
+    off_s: Callable[[str, int], float] = lambda topic, number: 0.0,
     torque: Callable[[Frame], dict[str, float]] = lambda frame: {"y": frame.moment_Nm},
 ) -> Path:
     """The recording as a bag. changed : bytes of pictures in the place of others, by their number. early_ns : by so
-    much the readings' stamps are wrong. torque : of a frame's wrench."""
+    much the readings' stamps are wrong. off_s : by how much the stamp of a topic's message with some number is, but not
+    when it came. torque : of a frame's wrench."""
     writer = BagWriter(path)
+
+    def log(topic: str, kind: str, fields: dict[str, Any], time_ns: int, number: int) -> None:
+        stamp_ns = time_ns + round(1e9 * off_s(topic, number))
+        stamp = {"sec": stamp_ns // 10**9, "nanosec": stamp_ns % 10**9}
+        writer.write(Logged(topic, kind, {**fields, "header": {"stamp": stamp, "frame_id": ""}}, time_ns))
+
     for number, (time_s, frame) in enumerate(shown(count)):
         assert frame.image is not None
         time_ns = round(1e9 * time_s)
         data = (changed or {}).get(number, np.frombuffer(frame.image.read_bytes(), np.uint8))
         wrench = {"wrench": {"torque": torque(frame)}}
         joints = {"name": ["pan", "tilt"], "position": [frame.pan_rad, frame.tilt_rad]}
-        writer.write(Logged("/moment", "geometry_msgs/msg/WrenchStamped", wrench, time_ns - early_ns))
-        writer.write(Logged("/joint_states", "sensor_msgs/msg/JointState", joints, time_ns - early_ns))
+        log("/moment", "geometry_msgs/msg/WrenchStamped", wrench, time_ns - early_ns, number)
+        log("/joint_states", "sensor_msgs/msg/JointState", joints, time_ns - early_ns, number)
         picture = {"format": "png", "data": data}
-        writer.write(Logged("/camera/compressed", "sensor_msgs/msg/CompressedImage", picture, time_ns))
+        log("/camera/compressed", "sensor_msgs/msg/CompressedImage", picture, time_ns, number)
     writer.close()
     return path

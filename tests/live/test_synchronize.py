@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
+from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -12,7 +15,7 @@ from hypothesis import strategies as st
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.streams import Reading, Synchronizer, Taken, Timing
 from vbaa_calib.streams import now_s as steady_s
-from vbaa_calib.streams.recorded import line_messages
+from vbaa_calib.streams.recorded import line_messages, open_table, with_readings
 from vbaa_calib.streams.synchronize import Synchronized
 
 PICTURE = np.zeros((4, 6), np.uint8)
@@ -187,3 +190,112 @@ def test_a_clock_that_is_set_back_holds_nothing_up(monkeypatch: pytest.MonkeyPat
     synchronizer = Synchronizer(Timing(wait_s=0.0), ["moment_Nm"])
     found = [*synchronizer.push(first), *synchronizer.push(taken(first.time_s)), *synchronizer.ready(steady_s())]
     assert [each.frame.moment_Nm for each in found] == [0.1]
+
+
+HOUR_S = 3600.0
+STREAMS = ("moment_Nm", "pan_rad", "pictures")
+
+
+def recording(count: int = 300, arrival: str = "arrival") -> list[Taken | Reading]:
+    """At 20 pictures/s moment and pan at each picture's instant, a moment of 1 µN·m more each time. They arrive some
+    milliseconds later by a clock 1000 s off, by that of the stamps, or as fast as a file is read."""
+    several: list[Taken | Reading] = []
+    for number in range(count):
+        time_s = 50.0 + 0.05 * number
+        arrived_s = {"arrival": 1000.0 + time_s + 1e-3 * (number % 7), "stamp": time_s, "file": 1e-5 * number}[arrival]
+        several += [moment(time_s, 1e-6 * number, arrived_s), Reading(time_s, "pan_rad", 0.1, arrived_s)]
+        several.append(taken(time_s, arrived_s))
+    return several
+
+
+def stream_of(message: Taken | Reading) -> str:
+    return message.channel if isinstance(message, Reading) else "pictures"
+
+
+def restamped(several: list[Taken | Reading], stream: str, numbers: range, by_s: float) -> list[Taken | Reading]:
+    """With other stamps of some messages of one stream, or of every one."""
+    found, seen = [], dict.fromkeys(STREAMS, 0)
+    for each in several:
+        if stream in (stream_of(each), "all") and seen[stream_of(each)] in numbers:
+            same = isinstance(each, Taken) and each.arrived_s == each.time_s
+            each = replace(each, time_s=each.time_s + by_s, arrived_s=each.arrived_s + by_s * same)
+        seen[stream_of(each)] += 1
+        found.append(each)
+    return found
+
+
+def complete(found: list[Synchronized]) -> list[float]:
+    """Of the frames that have all readings: the moments, 1 µN·m each."""
+    return [1e6 * each.frame.moment_Nm for each in found if each.frame.moment_Nm >= 0.0 and each.frame.pan_rad == 0.1]
+
+
+@pytest.mark.parametrize("arrival", ["arrival", "stamp", "file"])
+@pytest.mark.parametrize("by_s", [HOUR_S, -HOUR_S, 5.0])
+@pytest.mark.parametrize("stream", STREAMS)
+@pytest.mark.parametrize("number", [0, 120, 299])
+def test_one_wrong_stamp_costs_one_frame(stream: str, by_s: float, arrival: str, number: int) -> None:
+    """One among hundreds, or the last; the first one, which nothing is known before, the two after it as well."""
+    notes: list[str] = []
+    synchronizer = Synchronizer(Timing(), ["moment_Nm", "pan_rad"], notes=notes)
+    wrong = restamped(recording(arrival=arrival), stream, range(number, number + 1), by_s)
+    found = complete(through(synchronizer, *wrong))
+    lost = set(range(300)) - set(np.round(found).astype(int))
+    assert len(lost) <= (1 if number else 3)
+    assert lost <= set(range(number - 1, number + (2 if number else 3)))
+    if number == 120:
+        side = "ahead" if by_s > 0.0 else "behind"
+        assert synchronizer.counts[f"{'pictures' if stream == 'pictures' else 'readings'} stamped {side}"] == 1
+        assert len(notes) == 1
+        assert stream in notes[0]
+
+
+@pytest.mark.parametrize("arrival", ["arrival", "stamp", "file"])
+@pytest.mark.parametrize("by_s", [HOUR_S, -HOUR_S])
+@pytest.mark.parametrize("stream", [*STREAMS, "all"])
+def test_a_clock_that_is_set_is_followed(stream: str, by_s: float, arrival: str) -> None:
+    """Every picture comes out. Those of a clock of their own have no readings any more, unless all were set."""
+    notes: list[str] = []
+    synchronizer = Synchronizer(Timing(), ["moment_Nm", "pan_rad"], notes=notes)
+    found = through(synchronizer, *restamped(recording(arrival=arrival), stream, range(120, 300), by_s))
+    assert len(found) == 300
+    steps_s = np.diff([each.frame.time_s for each in found])
+    assert (steps_s > 0.0).all()
+    assert (np.abs(steps_s - 0.05) > 0.02).sum() == (by_s > 0.0 and stream in ("pictures", "all"))
+    assert len(complete(found)) >= (297 if stream == "all" else 119)
+    assert synchronizer.counts["pictures"] == 300
+    if by_s < 0.0 or arrival != "stamp":  # an hour's pause is no jump
+        assert len(notes) == (3 if stream == "all" else 1)
+
+
+@given(st.lists(st.floats(1e-3, 1e5), min_size=1, max_size=40), st.lists(st.floats(0.0, 1e4), min_size=40, max_size=40))
+@settings(max_examples=80, deadline=None)
+def test_stamps_that_grow_are_never_left_out(steps: list[float], pauses: list[float]) -> None:
+    """Whatever the clocks' units, offsets and rates: ms, files that are read at once, hours between pictures."""
+    times, arrivals = 50.0 + np.cumsum(steps), np.cumsum(pauses)
+    synchronizer = Synchronizer(Timing(wait_s=0.0))
+    pairs = [(float(t), float(a)) for t, a in zip(times, arrivals, strict=False)]
+    found = through(synchronizer, *(each for t, a in pairs for each in (moment(t, 1e-3, a), taken(t, a))))
+    assert [each.frame.time_s for each in found] == [t for t, _ in pairs]
+    assert synchronizer.counts["readings"] == len(pairs)
+    assert not [name for name in synchronizer.counts if "stamped" in name]
+
+
+@pytest.mark.parametrize("wrong", ["pictures", "readings"])
+def test_one_wrong_row_of_a_table_costs_one_frame(wrong: str, tmp_path: Path) -> None:
+    """However many readings there are: they come to their pictures all the same."""
+    cv2.imwrite(str(tmp_path / "a.png"), PICTURE)
+    lines = {"pictures": ["time_s,image"], "readings": ["time_s,moment_Nm"]}
+    for number in range(60):
+        off_s = HOUR_S * (number == 20)
+        lines["pictures"].append(f"{1.0 + number + off_s * (wrong == 'pictures')},a.png")
+        for part in range(200):
+            off_s = HOUR_S * (number == 20 and part == 0 and wrong == "readings")
+            lines["readings"].append(f"{1.0 + number + part / 200 + off_s},{1e-6 * number}")
+    for name, rows in lines.items():
+        (tmp_path / f"{name}.csv").write_text("\n".join(rows))
+    source = with_readings(open_table(tmp_path / "pictures.csv"), tmp_path / "readings.csv", 0.0)
+    synchronizer = Synchronizer(Timing(), source.channels, notes=source.notes)
+    found = through(synchronizer, *(each for each in source.messages() if each is not None))
+    assert len(found) >= 59
+    assert sum(np.isfinite(each.frame.moment_Nm) for each in found) >= 59
+    assert len(source.notes) == 1

@@ -15,10 +15,17 @@ import numpy as np
 import pytest
 from markupsafe import escape
 
-from estimator.table.contacts import COLUMNS, STATUSES, ContactTable
+from estimator.contact import overlay
+from estimator.contact.estimate import ContactEstimator
+from estimator.contact.overlay import marks
+from estimator.contact.recording import FrameContact, estimate_pictures
+from estimator.table.contacts import COLUMNS, STATUSES, ContactRow, ContactTable
+from estimator.table.files import write_contacts
+from tests.small_scene import small_rig
 from vbaa_calib.rig import Rig
+from vbaa_calib.session import load_session, read_recording
 from viz.render.probe import can_render
-from viz.report.make import scene_picture
+from viz.report.make import Sources, make_report, scene_picture
 from viz.report.recording import MOST_ROWS, SYMBOLS, Picture, Report, page
 from viz.report.words import facts_of, headline, origin
 from viz.scene.scene import Fact, build_scene
@@ -121,6 +128,45 @@ def test_the_scene_is_drawn_or_said_why_not(table: ContactTable, rig: Rig, truth
     damaged = scene_picture(table, rig, None, {"object": {"shape": "cube"}}, None)
     assert damaged.jpeg == b""
     assert "cube" in damaged.words
+
+
+def test_the_recordings_picture_shows_the_tables_contact(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its numbers, and the antenna as it bends by them: also those of a table that was refined, or of another zero."""
+    root = small_rig()
+    estimator = ContactEstimator(Rig.load(root / "rig.json"))
+    items = list(estimate_pictures(estimator, read_recording(load_session(root / "session"))))
+    rows = [ContactRow.of(item.frame, item.contact) for item in items]
+    item = max(items, key=lambda item: np.nan_to_num(np.linalg.norm(item.contact.force_N)))
+    fitted = marks(estimator, item).shape
+    drawn: list[tuple[ContactEstimator, FrameContact]] = []
+    cv2.imwrite(str(tmp_path / "scene.png"), np.zeros((8, 8), np.uint8))
+    monkeypatch.setattr(overlay, "frame_picture", lambda *given: drawn.append(given) or np.zeros((8, 8, 3), np.uint8))
+    for times in (1.0, 1.5):
+        changed = [
+            replace(
+                row,
+                distance_m=row.distance_m - 0.02 * (times - 1.0),
+                force_y_N=times * row.force_y_N,
+                force_z_N=times * row.force_z_N,
+                force_world_N=times * row.force_world_N,
+            )
+            for row in rows
+        ]
+        write_contacts(tmp_path / f"{times}.csv", changed)
+        files = (tmp_path / f"{times}.csv", root / "rig.json", root / "session")
+        joints = ("pan_rad", "tilt_rad")
+        readings = {"frames": 4, "moment_Nm": 0, **dict.fromkeys(joints, 0), "assumed_rad": dict.fromkeys(joints, 0.0)}
+        sources = Sources(*files, picture=tmp_path / "scene.png", readings=readings)
+        make_report(tmp_path / f"{times}.html", sources, title="")
+        assert "oment: none; joints: none, taken as 0" in text_of((tmp_path / f"{times}.html").read_text())
+    (same_by, same), (by, other) = drawn
+    assert same.frame.frame == other.frame.frame == item.frame.frame
+    for one, times in ((same, 1.0), (other, 1.5)):
+        np.testing.assert_allclose(one.contact.force_N, times * item.contact.force_N, rtol=1e-6, atol=1e-9)
+        assert one.contact.distance_m == pytest.approx(item.contact.distance_m - 0.02 * (times - 1.0))
+        assert one.contact.reason == item.contact.reason
+    np.testing.assert_allclose(marks(same_by, same).shape, fitted, atol=0.3)
+    assert np.abs(marks(by, other).shape[-1] - fitted[-1]).max() > 3.0
 
 
 def test_truth_is_put_beside_its_frame(table: ContactTable, truth: dict[str, Any]) -> None:

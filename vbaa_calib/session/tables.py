@@ -62,6 +62,7 @@ class Frame(Still):
 
     moment_errors_Nm, joint_errors_rad : deviations of the moments (beside the sensor's noise) and of pan and tilt, by
         interpolation and by the clocks' offset.
+    joints_read : whether pan and tilt were read; else they are what a rig without them is taken to have.
     """
 
     frame: int
@@ -69,6 +70,7 @@ class Frame(Still):
     moment_z_Nm: float = field(default=np.nan, kw_only=True)
     moment_errors_Nm: tuple[float, float] = field(default=(0.0, 0.0), kw_only=True)
     joint_errors_rad: tuple[float, float] = field(default=(0.0, 0.0), kw_only=True)
+    joints_read: tuple[bool, bool] = field(default=(True, True), kw_only=True)
 
 
 @dataclass(frozen=True, eq=False)

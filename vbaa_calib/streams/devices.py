@@ -117,7 +117,7 @@ def open_device(camera: LiveSource) -> Source:
                     continue
                 pixels, taken_s = frame
                 at_s = start_s + taken_s
-                yield Taken(at_s, pixels, at_s, begin_s + taken_s, waiting=camera.waiting)
+                yield Taken(at_s, pixels, now_s(), begin_s + taken_s, waiting=camera.waiting)
         except SourceLost as error:
             notes.append(str(error))
         finally:

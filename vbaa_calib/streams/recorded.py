@@ -32,6 +32,17 @@ TICK_S = 0.02
 """How often a source that has nothing new says so."""
 
 
+def _in_turn(rows: Iterable[Mapping[str, str]], path: Path) -> Iterator[tuple[Mapping[str, str], float, float]]:
+    """Rows, their times, and when they came: in the order of the file, whatever one of their times is."""
+    came_s, before = -math.inf, None
+    for row in chain(rows, [None]):
+        time_s = math.inf if row is None else number(row, "time_s", path)
+        if before is not None:
+            came_s = max(came_s, min(before[1], time_s))
+            yield *before, came_s
+        before = None if row is None else (row, time_s)
+
+
 def csv_readings(path: Path) -> tuple[frozenset[str], Iterator[Reading]]:
     """The channels of a table and its readings: time_s and any of moment_Nm, moment_z_Nm, pan_rad, tilt_rad.
 
@@ -45,14 +56,11 @@ def csv_readings(path: Path) -> tuple[frozenset[str], Iterator[Reading]]:
         raise InputError("has no column of readings", where=path, remedy=f"time_s and any of {','.join(CHANNELS)}")
 
     def read() -> Iterator[Reading]:
-        row: Mapping[str, str] | None = first
-        while row is not None:
-            time_s = number(row, "time_s", path)
+        for row, time_s, came_s in _in_turn(chain([first], rows), path):
             for channel, name in names.items():
                 if row[name]:
                     value = number(row, name, path)
-                    yield Reading(time_s, channel, math.radians(value) if name != channel else value, time_s)
-            row = next(rows, None)
+                    yield Reading(time_s, channel, math.radians(value) if name != channel else value, came_s)
 
     return frozenset(names), read()
 
@@ -63,14 +71,20 @@ def with_readings(source: Source, path: Path | None, offset_s: float) -> Source:
         return source
     channels, readings = csv_readings(path)
 
-    def shifted(message: Taken | Reading | None) -> float:
-        assert message is not None
-        return message.time_s + (offset_s if isinstance(message, Reading) else 0.0)
-
     def messages(skim: bool = False) -> Messages:
         # as it is on the source's clock, so that a picture waits by that
-        stamped = (Reading(each.time_s, each.channel, each.value, each.time_s + offset_s) for each in readings)
-        yield from heapq.merge(stamped, source.messages(skim), key=shifted)
+        stamped = (replace(each, arrived_s=each.arrived_s + offset_s) for each in readings)
+        later_s: list[float] = []
+
+        def arrived_s(message: Taken | Reading | None) -> float:
+            """By the stamps' clock, which may be another than that of arrival, but not by one stamp that is wrong."""
+            assert message is not None
+            if isinstance(message, Reading):
+                return message.arrived_s
+            later_s[:] = later_s or [message.time_s - message.arrived_s]
+            return message.arrived_s + later_s[0]
+
+        yield from heapq.merge(stamped, source.messages(skim), key=arrived_s)
 
     return replace(source, messages=messages, channels=source.channels | channels)
 
@@ -125,11 +139,11 @@ def open_table(path: Path) -> Source:
 
     def messages(skim: bool = False) -> Messages:
         shown: np.ndarray | None = None
-        for row in chain([first], rows):
-            place = number(row, "time_s", path), row["image"]
+        for row, time_s, came_s in _in_turn(chain([first], rows), path):
+            place = time_s, row["image"]
             try:
                 shown = blank(shown) if skim and shown is not None else read_picture(path.parent / place[1])
-                yield Taken(place[0], shown, place[0], perf_counter(), place)
+                yield Taken(time_s, shown, came_s, perf_counter(), place)
             except InputError as error:
                 notes.append(f"{error}; left out")
 

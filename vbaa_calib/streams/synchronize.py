@@ -24,6 +24,7 @@ _INSTANT_S = 1e-3
 """Before the first reading and after the last, one so near counts, and readings apart by so much more than the gap are
 still near enough: videos round their times to that."""
 _ANGLES = ("pan_rad", "tilt_rad")
+_Message = Taken | Reading
 
 
 @gate
@@ -36,6 +37,9 @@ class Timing:
     wait_s : how long a picture waits for the readings after it, by the source's clock.
     joints_rad : pan and tilt of a rig whose joints are not read, or NaN: they must be.
     offset_std_s : deviation of the offset. moment_std_Nm : noise of the moment sensors about y and z.
+    jump_s : a stamp that steps further ahead of arrival, or back, waits for the next ones to bear it out: queues and
+        networks delay by less, clocks are set by more.
+    agreeing : so many such stamps in a row are a clock that was set, not errors.
     """
 
     offset_s: float = 0.0
@@ -44,6 +48,8 @@ class Timing:
     joints_rad: tuple[float, float] = (0.0, 0.0)
     offset_std_s: float = 0.0
     moment_std_Nm: tuple[float, float] = (0.0, 0.0)
+    jump_s: float = 1.0
+    agreeing: int = 3
 
     def __post_init__(self) -> None:
         """Raises InputError for what is no time, no deviation, or an angle in degrees."""
@@ -55,9 +61,11 @@ class Timing:
             if pair.shape != (2,):
                 raise InputError(f"{name} is {shown(getattr(self, name))}", remedy="give two numbers")
         check_each(pan_tilt, LARGEST_RAD, "joints_rad", ANGLE_REMEDY)
-        for name in ("gap_s", "wait_s", "offset_std_s"):
+        for name in ("gap_s", "wait_s", "offset_std_s", "jump_s"):
             if not getattr(self, name) >= 0.0:
                 raise InputError(f"{name} is {getattr(self, name)}", remedy="give seconds, 0 or more")
+        if not (isinstance(self.agreeing, int) and self.agreeing >= 2):
+            raise InputError(f"agreeing is {shown(self.agreeing)}", remedy="give a whole number, 2 or more")
         if not (std_Nm >= 0.0).all():
             raise InputError(f"moment_std_Nm is {self.moment_std_Nm}", remedy="give deviations in N·m")
 
@@ -92,6 +100,15 @@ class _Channel:
             return np.nan, np.nan
         return v0 + (v1 - v0) * ((time_s - t0) / (t1 - t0)), max(time_s - t0, t1 - time_s)
 
+    def add(self, time_s: float, value: float) -> None:
+        """A reading; those that are not before it were stamped by a clock that was wrong."""
+        after = bisect_left(self.times, time_s) if self.times and time_s <= self.times[-1] else len(self.times)
+        del self.times[after:], self.values[after:]
+        self.times.append(time_s)
+        self.values.append(value)
+        if len(self.times) > 2 * _KEPT:
+            del self.times[:_KEPT], self.values[:_KEPT]
+
     def error(self, time_s: float, timing: Timing, std: float) -> float:
         """Deviation of the value at a time beside the readings' noise `std`: of interpolation, and of the clocks.
 
@@ -119,45 +136,111 @@ class _Channel:
         return math.sqrt(variance)
 
 
+@dataclass(eq=False)
+class _Stamps:
+    """The stamps of one stream, bounded against arrival; its clock may be any constant off.
+
+    last : the latest message that counts. step_s : by how much it is later than the one before.
+    doubted : messages whose stamps jump, all to one side, each later than the one before.
+    """
+
+    timing: Timing
+    last: _Message | None = None
+    step_s: float = 0.0
+    doubted: list[_Message] = field(default_factory=list)
+
+    def judged(self, message: _Message, now_s: float) -> tuple[list[_Message], list[_Message]]:
+        """The messages that count and those that do not, now that this one has come. now_s : arrival of the latest
+        one in any stream."""
+        if self.last is None:
+            return self._counted([message]), []
+        step_s, since_s = message.time_s - self.last.time_s, message.arrived_s - self.last.arrived_s
+        if -self.timing.jump_s <= step_s <= 0.0:
+            return [], [message]
+        # arrival that is the stamp once more, to what floats of a time of day can tell, bounds nothing
+        passed_s = max(since_s if abs(since_s - step_s) > 1e-5 else 0.0, now_s - self.last.arrived_s, 0.0)
+        # even steps are no jumps: stamps in ms, pictures of every minute that are read at once
+        if 0.0 < step_s <= passed_s + max(self.timing.jump_s, 2.0 * self.step_s):
+            between = [each for each in self.doubted if self.last.time_s < each.time_s < message.time_s]
+            wrong = [each for each in self._dropped() if each not in between]
+            return self._counted([*between, message]), wrong
+        before = self.doubted[-1] if self.doubted else self.last
+        alike = not self.doubted or (before.time_s > self.last.time_s) == (step_s > 0.0)
+        wrong = [] if not self.doubted or (alike and message.time_s > before.time_s) else self._dropped()
+        self.doubted.append(message)
+        return (self._counted(self._dropped()) if len(self.doubted) >= self.timing.agreeing else []), wrong
+
+    def finish(self) -> tuple[list[_Message], list[_Message]]:
+        """The same of those that are doubted to the end: nothing speaks against later ones."""
+        ahead = self.last is not None and bool(self.doubted) and self.doubted[0].time_s > self.last.time_s
+        return (self._counted(self._dropped()), []) if ahead else ([], self._dropped())
+
+    def _counted(self, several: list[_Message]) -> list[_Message]:
+        before = several[-2] if len(several) > 1 else self.last
+        self.step_s = 0.0 if before is None else several[-1].time_s - before.time_s
+        self.last = several[-1]
+        return several
+
+    def _dropped(self) -> list[_Message]:
+        dropped, self.doubted = self.doubted, []
+        return dropped
+
+
 class Synchronizer:
     """Pictures and readings in, in the order in which they came; frames out, in the order of the pictures.
 
     A picture waits until every channel has a reading after it, or for `Timing.wait_s`. Between the readings on either
     side its own are interpolated; where they are missing, or too far apart, the frame has none. Pictures and readings
-    that come twice or out of order are left out.
+    that come twice or out of order are left out, and so are those whose stamps jump, unless `Timing.agreeing` do so in
+    a row: then the clock was set, and it goes on by the new one. Where that is earlier, the frames' times run on.
 
     counts : of what came and of what was left out, by name.
     """
 
     @gate
-    def __init__(self, timing: Timing, channels: Iterable[str] = (), image_size: tuple[int, int] | None = None) -> None:
+    def __init__(
+        self,
+        timing: Timing,
+        channels: Iterable[str] = (),
+        image_size: tuple[int, int] | None = None,
+        notes: list[str] | None = None,
+    ) -> None:
         """channels : of `CHANNELS`, those that are waited for.
 
         image_size : (width, height) of the rig's camera: pictures of another size are left out.
+        notes : where stamps that jump are reported as it happens.
         """
         self._image_size = image_size
         self.counts: Counter[str] = Counter()
+        self._notes = [] if notes is None else notes
+        self._noted: set[tuple[str, str]] = set()
         self._timing = timing
         self._channels = {_known(name): _Channel() for name in channels}
+        self._stamps: dict[str, _Stamps] = {}
         self._waiting: deque[Taken] = deque()
-        self._last_s = self._given_s = -np.inf
+        self._now_s = self._given_s = -np.inf
+        self._set_back_s = 0.0
         self._number = 0
 
     def push(self, message: Taken | Reading) -> Iterator[Synchronized]:
         """The frames that are complete with it. Raises InputError when the first picture has not the rig's size."""
-        if isinstance(message, Reading):
-            self._read(message)
-        elif not isinstance(message, Taken):
+        if not isinstance(message, Taken | Reading):
             raise InputError(f"a message is {shown(message)}", remedy="give a Taken or a Reading")
-        elif self._image_size not in (None, message.image.shape[1::-1]):
+        early: list[Synchronized] = []
+        if isinstance(message, Taken) and self._image_size not in (None, message.image.shape[1::-1]):
             self._refuse(message.image.shape[1::-1])
-        elif not np.isfinite(message.time_s) or message.time_s <= self._last_s:
-            self.counts["pictures doubled" if message.time_s == self._last_s else "pictures out of order"] += 1
+        elif isinstance(message, Reading) and not message.possible:
+            self.counts["readings that cannot be"] += 1
+        elif not np.isfinite(message.time_s):
+            self.counts["pictures out of order"] += 1
         else:
-            self.counts["pictures"] += 1
-            self._last_s = message.time_s
-            self._waiting.append(message)
-        return self.ready(message.arrived_s)
+            stream = message.channel if isinstance(message, Reading) else "pictures"
+            stamps = self._stamps.setdefault(stream, _Stamps(self._timing))
+            early = self._judged(stream, stamps.last, *stamps.judged(message, self._now_s))
+            if stamps.doubted:
+                return iter(early)
+        self._now_s = message.arrived_s
+        return chain(early, self.ready(message.arrived_s))
 
     @gate
     def ready(self, now_s: float) -> Iterator[Synchronized]:
@@ -171,8 +254,9 @@ class Synchronizer:
 
     def finish(self) -> Iterator[Synchronized]:
         """Those that still wait; nothing comes after them."""
-        while self._waiting:
-            yield self._frame(self._waiting.popleft())
+        for stream, stamps in self._stamps.items():
+            yield from self._judged(stream, stamps.last, *stamps.finish())
+        yield from self._flushed()
 
     def left_out(self) -> list[str]:
         """What was left out, in words."""
@@ -189,21 +273,54 @@ class Synchronizer:
             raise InputError(f"the pictures are {given} px, the rig's camera {rig}", remedy=remedy)
         self.counts["pictures of another size"] += 1
 
-    def _read(self, reading: Reading) -> None:
-        if not reading.possible:
-            self.counts["readings that cannot be"] += 1
-            return
-        channel, time_s = self._channels.setdefault(reading.channel, _Channel()), reading.time_s + self._timing.offset_s
-        if channel.times and time_s <= channel.times[-1]:
-            self.counts["readings doubled" if time_s == channel.times[-1] else "readings out of order"] += 1
-            return
-        self.counts["readings"] += 1
-        # a picture that it would have served is gone
-        self.counts["readings late"] += time_s <= self._given_s
-        channel.times.append(time_s)
-        channel.values.append(reading.value)
-        if len(channel.times) > 2 * _KEPT:
-            del channel.times[:_KEPT], channel.values[:_KEPT]
+    def _judged(
+        self, stream: str, last: _Message | None, counted: Sequence[_Message], wrong: Sequence[_Message]
+    ) -> list[Synchronized]:
+        """Take messages of a stream, and count those that are left out; the frames that cannot wait any longer.
+
+        last : of the stream, before them.
+        """
+        kind, frames = ("pictures" if stream == "pictures" else "readings"), list[Synchronized]()
+        for message in wrong:
+            assert last is not None
+            off_s = message.time_s - last.time_s
+            if -self._timing.jump_s <= off_s <= 0.0:
+                self.counts[f"{kind} doubled" if off_s == 0.0 else f"{kind} out of order"] += 1
+                continue
+            side = "ahead" if off_s > 0.0 else "behind"
+            self._note(f"{kind} stamped {side}", stream, f"one is stamped {abs(off_s):.6g} s {side}, and left out")
+        if len(counted) > 1 and last is not None:
+            first, second, *_ = counted
+            by_s, arrival_s = first.time_s - last.time_s, first.arrived_s - last.arrived_s
+            if not 0.0 < by_s < arrival_s + self._timing.jump_s:
+                self._note("jumps of a clock", stream, f"the clock was set by {by_s:+.6g} s, and is followed")
+            if by_s < 0.0:
+                # what waits for readings by the clock as it was would wait in vain
+                frames, self._given_s = list(self._flushed()), -np.inf
+                # the frames' times run on, and only these
+                onward_s = max(arrival_s, second.time_s - first.time_s)
+                self._set_back_s += (onward_s - by_s) * (kind == "pictures")
+        for message in counted:
+            self.counts[kind] += 1
+            if isinstance(message, Taken):
+                self._waiting.append(message)
+                continue
+            time_s = message.time_s + self._timing.offset_s
+            # a picture that it would have served is gone
+            self.counts["readings late"] += time_s <= self._given_s
+            self._channels.setdefault(stream, _Channel()).add(time_s, message.value)
+        return frames
+
+    def _flushed(self) -> Iterator[Synchronized]:
+        while self._waiting:
+            yield self._frame(self._waiting.popleft())
+
+    def _note(self, what: str, stream: str, words: str) -> None:
+        """Count it, and report the first of each stream."""
+        self.counts[what] += 1
+        if (what, stream) not in self._noted:
+            self._noted.add((what, stream))
+            self._notes.append(f"warning: {stream}: {words}")
 
     def _frame(self, taken: Taken) -> Synchronized:
         read = {name: channel.at(taken.time_s, self._timing.gap_s) for name, channel in self._channels.items()}
@@ -221,7 +338,9 @@ class Synchronizer:
             for name, std in zip(CHANNELS, (*self._timing.moment_std_Nm, 0.0, 0.0), strict=True)
         ]
         values["moment_errors_Nm"], values["joint_errors_rad"] = (errors[0], errors[1]), (errors[2], errors[3])
-        frame = Frame(image=None, frame=self._number - 1, time_s=taken.time_s, **values)
+        values["joints_read"] = tuple(name in read for name in _ANGLES)
+        time_s = taken.time_s + self._set_back_s
+        frame = Frame(image=None, frame=self._number - 1, time_s=time_s, **values)
         return Synchronized(frame, taken, max(ages, default=np.nan))
 
 

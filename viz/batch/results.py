@@ -24,6 +24,7 @@ import numpy as np
 
 from estimator.table.contacts import LOCATED, STATUSES
 from estimator.table.files import parquet_writer
+from estimator.table.overview import Overview, readings_in_words
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_json, replacing, write_json, write_text
 from vbaa_calib.core.folders import make_folder, writing_alone
@@ -35,11 +36,11 @@ _SUMMARY = (
     *("recording", "state", "sentence", "path", "rig", "rig_sha256", "inputs_sha256", "digest", "version"),
     *("frames", *STATUSES, "distance_median_m", "distance_std_median_m", "force_median_N", "force_std_median_N"),
     *("moment_residual_rms_Nm", "free_frames", "drift_picture_px", "drift_moment_zero_std", "drift_beyond"),
-    *("outside_points", "warnings", "pieces", "cpu_s", "object"),
+    *("outside_points", "warnings", "pieces", "cpu_s", "object", "readings", "reasons"),
 )
 """Columns of summary.csv; state is done or failed."""
 _COUNTED = (
-    *("status", "distance_m", "distance_std_m"),
+    *("frame", "status", "reason", "distance_m", "distance_std_m"),
     *("force_y_N", "force_z_N", "force_y_std_N", "force_z_std_N", "moment_residual_Nm"),
 )
 """Columns of contacts of which the summary has numbers."""
@@ -113,7 +114,9 @@ class Results:
         writer = csv.DictWriter(text, _SUMMARY, restval="", extrasaction="ignore", lineterminator="\n")
         writer.writeheader()
         for _, row in sorted(rows.items()):
-            writer.writerow({name: _cell(row.get(name)) for name in _SUMMARY})
+            words: Row = {} if "readings" not in row else {"readings": readings_in_words(row["readings"])}
+            reasons = [f"{one['frames']} {one['reason']}" for one in row.get("reasons", ())[:3]]
+            writer.writerow({name: _cell({**row, **words, "reasons": reasons}.get(name)) for name in _SUMMARY})
         write_text(self.summary, text.getvalue())
         return list(rows.values())
 
@@ -147,10 +150,14 @@ def _numbers(parts: Sequence[Mapping[str, np.ndarray]]) -> dict[str, Any]:
     """Of all contacts: how many of each status, and what is usual of them."""
     column = {name: np.concatenate([part[name] for part in parts]) for name in _COUNTED}
     located = np.isin(column["status"].astype(str), LOCATED)
-    distance, distance_std, y, z, y_std, z_std = (column[name][located] for name in _COUNTED[1:-1])
+    distance, distance_std, y, z, y_std, z_std = (column[name][located] for name in _COUNTED[3:-1])
     residual = column["moment_residual_Nm"]
     residual = residual[np.isfinite(residual)]
+    overview = Overview()
+    for frame, status, reason in zip(*(column[name].tolist() for name in _COUNTED[:3]), strict=True):
+        overview.add_result(frame, str(status), str(reason))
     return {
+        "reasons": overview.numbers()["reasons"],
         "frames": len(located),
         **{status: int((column["status"] == status).sum()) for status in STATUSES},
         "distance_median_m": finite_or_none(finite_median(distance)),

@@ -7,7 +7,7 @@ import json
 import pickle
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
@@ -31,6 +31,7 @@ from estimator.contact.source import (
 )
 from estimator.contact.surroundings import AUTO, surroundings
 from estimator.table.files import write_contacts
+from estimator.table.overview import Overview
 from vbaa_calib.core.errors import clipped, sentence_of
 from vbaa_calib.core.files import sha256
 from vbaa_calib.rig import Rig
@@ -117,11 +118,12 @@ class _Looked:
 class _Piece:
     """A piece whose rows are in their file, but for those at its edges; of the last one also how the rig has changed by
     then. cpu_s : the processor's seconds. made : a pickled `Made`, whose thousand arrays dask would send one by one.
-    outside : sums of `left_out`."""
+    outside : sums of `left_out`. overview : `Overview.numbers` of its readings."""
 
     made: bytes
     cpu_s: float
     outside: Counter[str]
+    overview: Mapping[str, Any]
     learnt: LearntRig | None = None
 
 
@@ -217,11 +219,15 @@ def fit(looked: _Looked, learnt: Sequence[LearntRig]) -> _Piece:
     one = made(piece.rig, piece.source.shutter, seen, found, first=piece.index == 0, final=final)
     if one.rows:
         write_contacts(piece.file(2 * piece.index), one.rows, force=True)
+    overview = Overview(piece.rig.second_moment_sensor is not None)
+    for frame in seen.frames:
+        overview.add_readings(frame)
     cpu_s = looked.cpu_s + time.process_time() - begun
     outside = Counter[str]()
     for each in seen.measured:
         outside.update(left_out(each))
-    return _Piece(pickle.dumps(replace(one, rows=[])), cpu_s, outside, learnt[-1] if final else None)
+    end = learnt[-1] if final else None
+    return _Piece(pickle.dumps(replace(one, rows=[])), cpu_s, outside, overview.numbers(), end)
 
 
 def finish(head: Opened, pieces: Sequence[_Piece]) -> Outcome:
@@ -232,13 +238,17 @@ def finish(head: Opened, pieces: Sequence[_Piece]) -> Outcome:
     for index, (one, other) in enumerate(pairwise(ends)):
         write_contacts(head.file(2 * index + 1), seam(head.rig, head.source.shutter, one, other), force=True)
     files = [head.file(index) for index in range(2 * len(pieces) - 1)]
-    changed, outside = summary(learnt), sum((piece.outside for piece in pieces), Counter[str]())
+    changed, overview, outside = summary(learnt), Overview(), Counter[str]()
+    for piece in pieces:
+        overview.join(piece.overview)
+        outside.update(piece.outside)
     row = {
         **head.about,
         "free_frames": changed["free_frames"],
         "drift_picture_px": changed["picture_px"],
         "drift_moment_zero_std": changed["moment_zero_std"],
         "drift_beyond": changed["beyond"],
+        "readings": overview.numbers()["readings"],
         "outside_points": outside["points"],
         "warnings": [*_warnings(head, changed), *left_out_words(outside, head.rig.camera.image_size)],
         "pieces": len(pieces),

@@ -53,6 +53,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from estimator.contact.estimate import ContactEstimator
     from estimator.contact.pieces import cuts
     from estimator.contact.source import is_stream
+    from estimator.table.contacts import STATUSES
+    from estimator.table.overview import Overview, overview_in_words
     from vbaa_calib.cli.usable_rig import usable_rig
     from vbaa_calib.core.console import say
     from vbaa_calib.core.errors import InputError
@@ -116,6 +118,13 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             f"centreline points outside the picture left out: {sum(outside.values())}, of recordings: {len(outside)} "
             "(warnings in summary.csv)"
         )
+    overview = Overview()
+    for row in own:
+        if "readings" in row:
+            statuses = {status: row[status] for status in STATUSES if row[status]}
+            overview.join({"status": statuses, **row}, recording=row["recording"])
+    for words in overview_in_words(overview.numbers()) if own else ():
+        say(words)
     for name in missing[:_NAMED]:
         say(f"  missing: {name}")
     return {
@@ -127,6 +136,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         "frames": sum(int(row["frames"]) for row in own),
         "ok": sum(int(row["ok"]) for row in own),
         "outside_points": sum(outside.values()),
+        **overview.numbers(),
         "exit_code": 1 if missing else 0,
     }
 

@@ -132,7 +132,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from viz.report.make import Sources, make_report
 
     session = args.session if args.session is not None and _is_session(args.session) else None
-    sources = Sources(args.output, args.rig, session, ground=ground, drift=result["drift"])
+    sources = Sources(args.output, args.rig, session, ground=ground, drift=result["drift"], readings=result["readings"])
     title = f"Contacts of the antenna: {(args.session or args.centrelines).resolve().name}"
     make_report(output, sources, title=title, argv=args.argv, force=args.force)
     say(f"wrote {output}: open it in a browser")
@@ -143,11 +143,12 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None]:
     """contacts.csv; what became of the frames, and what was taken off them."""
     import numpy as np
 
-    from estimator.contact.drift import summary
+    from estimator.contact.drift import drift_in_words, summary
     from estimator.contact.inputs import left_out, left_out_words
     from estimator.contact.watch import DriftWatch
     from estimator.table.contacts import ContactRow
     from estimator.table.files import write_contacts
+    from estimator.table.overview import Overview, overview_in_words
 
     rig = usable_rig(args.rig, args.accept_rig)
     recording = _from_session if args.session is not None and _is_session(args.session) else _without_session
@@ -157,8 +158,8 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None]:
     if given.words:
         say(f"background: {given.words}")
     watch = DriftWatch(estimator.rig)
-    # all that is kept of the rows
-    statuses, models, outside, std_m = Counter[str](), Counter[str](), Counter[str](), array("d")
+    overview = Overview(estimator.rig.second_moment_sensor is not None)
+    models, outside, std_m = Counter[str](), Counter[str](), array("d")  # all that is kept of the rows
 
     def rows() -> Iterator[ContactRow]:
         """Of every frame, each drawn into the overlay folder on its way where one is asked for."""
@@ -175,7 +176,8 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None]:
                     item.frame.image.unlink()
                 outside.update(left_out(item.measured))
                 row = ContactRow.of(item.frame, item.contact)
-                statuses[row.status] += 1
+                overview.add_readings(item.frame)
+                overview.add_result(row.frame, row.status, row.reason)
                 models[row.model] += 1
                 if math.isfinite(row.distance_std_m):
                     std_m.append(row.distance_std_m)
@@ -184,28 +186,23 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None]:
     write_contacts(args.output, rows(), args.force)
     for note in (*given.notes(), *left_out_words(outside, rig.camera.image_size)):
         say(note)
-    say(f"{statuses.total()} frames: " + ", ".join(f"{count} {status}" for status, count in statuses.most_common()))
+    numbers = overview.numbers()
+    for words in overview_in_words(numbers):
+        say(words)
     located = float(np.median(std_m)) if std_m else None
     if located is not None:
         say(f"contact distance known to {1e3 * located:.2f} mm (median standard deviation)")
     changed = summary(estimator.drift)
-    if changed["free_frames"]:
-        say(
-            f"the free antenna, seen in {changed['free_frames']} frames, has moved {changed['picture_px']:.2g} px "
-            f"since the calibration, and the sensor's zero by {changed['moment_zero_std']:.2g} std"
-        )
-    elif estimator.rig.drift.of_rig:
-        say("no frame shows the free antenna: begin with some, and the rig's drift costs less")
-    if changed["beyond"]:
-        say(f"warning: {', '.join(changed['beyond'])} changed more than drift does: run vbaa check, or calibrate again")
+    for words in drift_in_words(changed, watched=estimator.rig.drift.of_rig):
+        say(words)
     say(f"wrote {args.output}")
     if args.overlay is not None:
         say(f"wrote {args.overlay}: open {args.overlay / 'index.html'} to see what was seen in each frame")
     result = {
         "contacts": str(args.output),
         "overlay": None if args.overlay is None else str(args.overlay),
-        "frames": statuses.total(),
-        "status": dict(statuses),
+        "frames": overview.frames,
+        **numbers,
         "models": dict(models),
         "distance_std_median_m": located,
         "drift": changed,
@@ -282,7 +279,7 @@ def _without_session(args: argparse.Namespace, rig: Rig) -> tuple[ContactEstimat
 
     def opened() -> tuple[Source, Synchronizer, Iterator[tuple[Frame, np.ndarray]]]:
         source = streams.recorded(args, args.session, estimator.rig, timing)
-        synchronizer = Synchronizer(timing, source.channels, estimator.rig.camera.image_size)
+        synchronizer = Synchronizer(timing, source.channels, estimator.rig.camera.image_size, source.notes)
         return source, synchronizer, taken_frames(source.messages(), synchronizer)
 
     with TemporaryDirectory(prefix="vbaa-stills-") as folder:

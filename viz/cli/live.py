@@ -9,7 +9,7 @@ import signal
 import sys
 import threading
 import time
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Iterator
 from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import asdict, dataclass, field
@@ -103,7 +103,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         timing = _clocked(args, estimator, timing, ground)
         source = _source(args, rig, timing)
         sinks = _sinks(args, stack)
-        synchronizer = Synchronizer(timing, source.channels, rig.camera.image_size)
+        synchronizer = Synchronizer(timing, source.channels, rig.camera.image_size, source.notes)
         live = LiveEstimator(estimator, synchronizer, ground, final=not args.no_final)
         live.warm()
         # what is there by now stays: looking through it for garbage takes as long as five pictures
@@ -253,7 +253,6 @@ class _Monitor:
     live: LiveEstimator
     watched: bool
     latency_s: deque[float] = field(default_factory=lambda: deque(maxlen=_LATENCIES))
-    statuses: Counter[str] = field(default_factory=Counter)
     amended: int = 0
     next_s: float = 0.0
     begin_s: float = field(default_factory=time.monotonic)
@@ -264,8 +263,10 @@ class _Monitor:
 
     def __post_init__(self) -> None:
         from estimator.contact.watch import DriftWatch
+        from estimator.table.overview import Overview
 
-        self.watch = DriftWatch(self.live.estimator.rig)
+        rig = self.live.estimator.rig
+        self.watch, self.overview = DriftWatch(rig), Overview(rig.second_moment_sensor is not None)
 
     def _say(self, changes: list[Change]) -> None:
         from vbaa_calib.core.console import say
@@ -278,7 +279,8 @@ class _Monitor:
         if contact.final:
             self.amended += self.at_once.pop(row.frame, row.status) != row.status
             return
-        self.statuses[row.status] += 1
+        self.overview.add_readings(contact.item.frame)
+        self.overview.add_result(row.frame, row.status, row.reason)
         self.latency_s.append(contact.latency_s)
         if self.live.final:
             self.at_once[row.frame] = row.status
@@ -303,6 +305,7 @@ class _Monitor:
 
     def _watch(self, frame: int) -> None:
         """Says once of each parameter when the free antenna shows that it has changed by more than drift does."""
+        from estimator.contact.drift import moved_in_words
         from vbaa_calib.core.console import say
 
         changed = self.live.changed()
@@ -314,8 +317,7 @@ class _Monitor:
             self.warned |= new
             say(
                 f"warning, frame {frame}: {', '.join(sorted(new))} changed more than drift does since the calibration "
-                f"(the antenna by {changed['picture_px']:.2g} px, the sensor's zero by "
-                f"{changed['moment_zero_std']:.1f} std): run vbaa check"
+                f"(the free antenna {moved_in_words(changed)}): run vbaa check"
             )
 
     def _show(self, contact: LiveContact, now_s: float) -> None:
@@ -324,7 +326,7 @@ class _Monitor:
         if math.isfinite(row.distance_m):
             force = 1e3 * math.hypot(row.force_y_N, row.force_z_N)
             where = f" at {1e3 * row.distance_m:.1f} ± {1e3 * row.distance_std_m:.1f} mm, {force:.1f} mN"
-        rate = self.statuses.total() / max(now_s - self.begin_s, 1e-3)
+        rate = self.overview.frames / max(now_s - self.begin_s, 1e-3)
         dropped = self.source.dropped()
         late = f"{1e3 * contact.latency_s:.0f} ms"
         print(
@@ -338,23 +340,30 @@ class _Monitor:
         """Says what came of it, and returns that in numbers."""
         import numpy as np
 
+        from estimator.contact.drift import drift_in_words
+        from estimator.table.overview import overview_in_words
         from vbaa_calib.core.console import say
 
         if self.next_s:
             print(file=sys.stderr)
         synchronizer = self.live.synchronizer
-        for note in (*self.source.notes[self.told :], *synchronizer.left_out()):
+        self.news()
+        for note in synchronizer.left_out():
             say(note)
-        frames, dropped = self.statuses.total(), self.source.dropped()
+        frames, dropped, numbers = self.overview.frames, self.source.dropped(), self.overview.numbers()
         median, late = np.quantile(self.latency_s or [0.0], [0.5, 0.99]).tolist()
         if not frames:
             say("no frames")
         else:
-            say(f"{frames} frames: " + ", ".join(f"{count} {one}" for one, count in self.statuses.most_common()))
+            for words in overview_in_words(numbers):
+                say(words)
             say(
                 f"latency {1e3 * median:.1f} ms (median), {1e3 * late:.1f} ms (99 %); pictures dropped: {dropped}; "
                 f"contacts amended by later frames: {self.amended}"
             )
+        self.drift = self.live.changed() or self.drift
+        for words in drift_in_words(self.drift, watched=self.watched):
+            say(words)
         if not self.watched:
             say("the rig's drift is not watched: --drift none")
         for output in (args.output, args.bag):
@@ -364,7 +373,7 @@ class _Monitor:
             "source": self.source.name,
             "contacts": None if args.output is None else str(args.output),
             "frames": frames,
-            "status": dict(self.statuses),
+            **numbers,
             "amended": self.amended,
             "dropped": dropped,
             "reconnected": self.source.reopened(),

@@ -183,6 +183,7 @@ def tracked(args: argparse.Namespace) -> tuple[Sequence[Frame], Centrelines]:
     path, readings, joints = args.centrelines, args.readings, pan_tilt_rad(args)
     lines = centrelines_of(path)
     if readings is None:
-        return [Frame(None, *joints, math.nan, frame=frame, time_s=float(frame)) for frame in lines], lines
+        first = Frame(None, *joints, math.nan, frame=0, time_s=0.0, joints_read=(False, False))
+        return [replace(first, frame=frame, time_s=float(frame)) for frame in lines], lines
     frames = recording_of(readings, with_images=False)
     return frames, lines.checked(frames, str(readings))

@@ -14,13 +14,14 @@ import numpy as np
 
 from estimator.table.contacts import ContactTable, joint_angles
 from estimator.table.files import read_contacts
+from estimator.table.overview import readings_in_words
 from vbaa_calib.core.errors import InputError, VbaaError, require_extra
 from vbaa_calib.core.files import read_json, write_text
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import load_session, read_recording
 from viz.files.outputs import PAGES, refuse_output
 from viz.scene.rig_items import session_pictures
-from viz.scene.scene import build_scene, framewise
+from viz.scene.scene import Fact, build_scene, framewise, sentence
 from viz.scene.truth import true_contacts, true_object
 
 from .recording import Picture, Report, SummaryRow, page
@@ -50,6 +51,7 @@ class Sources:
     picture : of the scene, drawn already; without it one is drawn.
     drift : what has changed since the calibration (`estimator.contact.drift.summary`).
     framewise : contacts.csv that the contacts were refined from, drawn beside them.
+    readings : what was read with the frames (`estimator.table.overview.Overview.numbers`).
     """
 
     contacts: Path
@@ -60,6 +62,7 @@ class Sources:
     ground: Ground | None = None
     drift: Mapping[str, Any] | None = None
     framewise: Path | None = None
+    readings: Mapping[str, Any] | None = None
 
 
 def make_report(
@@ -84,6 +87,8 @@ def make_report(
     contents = None if sources.truth is None else read_json(sources.truth)
     truth = None if contents is None else true_contacts(table, contents, sources.truth)
     estimate, track, facts = object_found(table, rig)
+    if sources.readings is not None:
+        facts = (Fact("Readings", sentence(readings_in_words(sources.readings))), *facts)
     if sources.picture is None:
         pictures = [scene_picture(table, rig, estimate, contents, sources.session)]
     else:
@@ -147,10 +152,11 @@ def scene_picture(
 
 
 def _seen_picture(table: ContactTable, rig: Rig, session: Path, ground: Ground | None = None) -> Picture:
-    """The recording's picture of the greatest force with what was seen and estimated, or why there is none."""
+    """The recording's picture of the greatest force with what is seen in it and the contact in the table, or why there
+    is none."""
     from estimator.contact.estimate import ContactEstimator
     from estimator.contact.overlay import frame_picture
-    from estimator.contact.recording import estimate_picture
+    from estimator.contact.recording import FrameContact, detected
 
     whole = np.linalg.norm(table.force_world_N, axis=1)
     force = np.where(np.isfinite(whole), whole, np.hypot(table.force_y_N, table.force_z_N))
@@ -160,11 +166,11 @@ def _seen_picture(table: ContactTable, rig: Rig, session: Path, ground: Ground |
         frame = frames.get(int(table.frame[row])) if table.located[row] else None
         if frame is None or frame.image is None:
             return Picture(b"", "No picture of the recording: it has none, or none with a located contact.")
-        # estimated anew, as the table's row was
+        # what is seen is found anew, the numbers are the table's
         estimator = ContactEstimator(rig, str(table.model[row]), friction=table.assumed_friction_rad)
-        if not np.isfinite(table.moment_residual_Nm[row]):
-            frame = replace(frame, moment_Nm=np.nan, moment_z_Nm=np.nan)
-        image = frame_picture(estimator, estimate_picture(estimator, frame, ground))
+        seen, own = next(detected(estimator, [frame], ground)), next(table.picked(np.array([row])).rows())
+        contact = replace(own, pan_rad=frame.pan_rad, tilt_rad=frame.tilt_rad).estimate(rig.kinematics)
+        image = frame_picture(estimator, FrameContact(frame, contact, seen.measured, seen.line))
     except VbaaError as error:
         return Picture(b"", f"No picture of the recording: {error}")
     return Picture(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import platform
 import shlex
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
@@ -17,6 +16,7 @@ import vbaa_calib
 from estimator.contact.overlay import STATUS_COLOURS
 from estimator.object.surface.touches import BIASED_STD
 from estimator.table.contacts import STATUSES, ContactTable
+from estimator.table.overview import Overview
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import sha256
 from vbaa_calib.core.robust import finite_median
@@ -137,8 +137,11 @@ def frame_facts(table: ContactTable, rig: Rig | None) -> list[Fact]:
         facts.append(Fact("Model", f"{words}: estimate again with --model auto.", "look"))
     lost = np.isin(table.status, _LOST)
     if lost.any():
-        reasons = Counter(map(str, table.reason[lost]))
-        shown = [f"{name} ({count} ×)" for name, count in reasons.most_common(3)]
+        overview = Overview()
+        for frame, status, reason in zip(table.frame[lost], table.status[lost], table.reason[lost], strict=True):
+            overview.add_result(int(frame), str(status), str(reason))
+        reasons = overview.numbers()["reasons"]
+        shown = [f"{one['reason']} ({one['frames']} ×)" for one in reasons[:3]]
         shown += [f"and {len(reasons) - 3} other reason{'s' * (len(reasons) != 4)}"] if len(reasons) > 3 else []
         count = int(lost.sum())
         words = f"{count} frame{'s' * (count != 1)} gave no contact point: {'; '.join(shown)}."

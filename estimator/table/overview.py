@@ -1,0 +1,139 @@
+"""What came of a recording's frames: what was read with them, and why some have no contact point."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from vbaa_calib.session import Frame
+from vbaa_calib.streams.messages import CHANNELS
+
+from .contacts import LOCATED
+
+
+@dataclass(eq=False)
+class Overview:
+    """Frames of a recording, or of several, counted as they come.
+
+    second : whether the rig has a moment sensor about z; without one its readings are not used.
+    frames, read : how many there are, and with how many each channel was read. assumed_rad : joint angles that were not
+        read, as they are taken to be.
+    status : how many frames have each. reasons : of those without a contact point, kinds of reasons that differ in
+        numbers only: status, first frame and its reason, and how many.
+    """
+
+    second: bool = False
+    frames: int = 0
+    read: Counter[str] = field(default_factory=Counter)
+    assumed_rad: dict[str, float] = field(default_factory=dict)
+    status: Counter[str] = field(default_factory=Counter)
+    reasons: dict[tuple[str, str], dict[str, Any]] = field(default_factory=dict)
+
+    def add_readings(self, frame: Frame) -> None:
+        """What was read with a frame."""
+        self.frames += 1
+        for name, joint in zip(CHANNELS, (True, True, *frame.joints_read), strict=True):
+            value = getattr(frame, name)
+            if not joint:
+                self.assumed_rad[name] = value
+            elif value == value and (self.second or name != "moment_z_Nm"):
+                self.read[name] += 1
+
+    def add_result(self, frame: int, status: str, reason: str) -> None:
+        """What became of a frame."""
+        self.status[status] += 1
+        if status not in (*LOCATED, "no_contact"):
+            self._add_reason({"status": status, "frames": 1, "frame": frame, "reason": reason})
+
+    def _add_reason(self, one: dict[str, Any]) -> None:
+        status, reason = one["status"], one["reason"]
+        kind = re.sub(r"\([^)]*\)", "", reason.partition("; ")[0])
+        kind = re.sub(r"[-+]?\d+(?:[.,]\d+)*(?:e[-+]?\d+)?", "#", kind)
+        first = one | {"frames": 0, "remedy": remedy(status, reason)}
+        self.reasons.setdefault((status, kind), first)["frames"] += one["frames"]
+
+    def join(self, numbers: Mapping[str, Any], **where: str) -> None:
+        """Add another's `numbers`: of a further part, or recording. where : what tells its first frames apart."""
+        readings = numbers["readings"]
+        self.frames += readings["frames"]
+        self.read.update({name: readings[name] for name in CHANNELS if readings.get(name)})
+        self.second |= "moment_z_Nm" in readings
+        self.assumed_rad |= readings["assumed_rad"]
+        self.status.update(numbers["status"])
+        for one in numbers["reasons"]:
+            self._add_reason(one | where)
+
+    def numbers(self) -> dict[str, Any]:
+        """For `--json`: `status`, `readings`, and `reasons` with the commonest kind first."""
+        read = {name: self.read[name] for name in CHANNELS if self.second or name != "moment_z_Nm"}
+        return {
+            "status": dict(self.status.most_common()),
+            "readings": {"frames": self.frames, **read, "assumed_rad": dict(self.assumed_rad)},
+            "reasons": sorted(self.reasons.values(), key=lambda one: (-one["frames"], one["frame"])),
+        }
+
+
+def remedy(status: str, reason: str) -> str:
+    """What helps against a frame's reason, as in contacts.csv; empty where that says so itself, or nothing is known."""
+    own = re.search(r"\(remedy: (.*)\)$", reason)
+    match status:
+        case _ if own is not None:
+            return own[1]
+        case "no_antenna" if "joint angles" in reason:
+            return "give joint angles nearer to the pictures, a larger --gap, or the clocks' --clock-offset"
+        case "no_antenna" if "centreline points" in reason:
+            return "look at these frames in one's own tracker: 5 points are needed, the more the better"
+        case "no_antenna" | "failed" if "moment" not in reason and "rig has changed" not in reason:
+            return "see what was taken for the antenna (--overlay DIR); --background auto where nothing else moves"
+        case "failed" if "moment" in reason:
+            return "read the sensor without contact: vbaa check rig.json --free PICTURE --moment READING"
+        case "unobservable" if "edge-on" in reason:
+            return "incline the camera by 30° across the antenna, or read the moment"
+        case "unobservable":
+            return "read the moment, or press harder"
+        case "low_signal":
+            return "press harder; vbaa budget rig.json names what limits it"
+        case "not_quasistatic" if "swings" in reason:
+            return "move slower, or wait until the antenna is at rest"
+    return ""
+
+
+def overview_in_words(numbers: Mapping[str, Any], most: int = 3) -> list[str]:
+    """`Overview.numbers`, a line each: statuses, readings, and the commonest reasons for frames without a contact
+    point."""
+    statuses, reasons = numbers["status"], numbers["reasons"]
+    total, lost = sum(statuses.values()), sum(one["frames"] for one in reasons)
+    lines = [
+        f"{total} frames: " + ", ".join(f"{count} {name}" for name, count in statuses.items()),
+        f"readings: {readings_in_words(numbers['readings'])}",
+    ]
+    if not reasons:
+        return lines
+    lines.append(
+        f"neither located nor free: {lost} of {total} frames" + ", the commonest reasons:" * (len(reasons) > most)
+    )
+    for one in reasons[:most]:
+        own = one["reason"].partition(" (remedy: ")[0]
+        what = f" (remedy: {one['remedy']})" if one["remedy"] else ""
+        first = f"{one['recording']}, frame {one['frame']}" if "recording" in one else f"frame {one['frame']}"
+        lines.append(f"  {one['frames']} {one['status']}, first {first}: {own}{what}")
+    others = lost - sum(one["frames"] for one in reasons[:most])
+    return [*lines, f"  {others} for {len(reasons) - most} other reasons"] if others else lines
+
+
+def readings_in_words(readings: Mapping[str, Any]) -> str:
+    """The readings of `Overview.numbers` in a line."""
+    whole, words = readings["frames"], dict[str, str]()
+    for name in CHANNELS:
+        if name in readings:
+            count = readings[name]
+            words[name] = "none" if not count else "all frames" if count == whole else f"{count} of {whole} frames"
+        if name in readings["assumed_rad"]:
+            words[name] += f", {'else ' if readings[name] else ''}taken as {readings['assumed_rad'][name]:.4g}"
+    pan, tilt = (words.pop(name) for name in CHANNELS[2:])
+    about = {"moment_Nm": "moment", "moment_z_Nm": "moment about z"}
+    joints = f"joints: {pan}" if pan == tilt else f"pan: {pan}; tilt: {tilt}"
+    return "; ".join([*(f"{about[name]}: {each}" for name, each in words.items()), joints])
