@@ -95,7 +95,7 @@ def test_poles_are_near_where_they_are_near() -> None:
     corner = np.hypot(*size) / 2
 
     def distance(squares: list[complex], focal: float) -> float:
-        """Of a lens all but free of distortion, its poles where the squares of its ideal radii over the corner's are."""
+        """Of a lens all but free of distortion, from squares of its poles' radii over the corner's."""
         bottom = np.poly(1.0 / np.array(squares)).real[1:] * (focal / corner) ** np.array([2, 4, 6])
         top = bottom * (1.0, 1.0, 1.0) + 1e-9
         intrinsics = np.array([focal, focal, 639.5, 479.5, *top[:2], 0.0, 0.0, top[2], *bottom])

@@ -143,16 +143,14 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _solved(args: argparse.Namespace, images: Path, spec: Board) -> dict[str, Any]:
-    from vbaa_calib.calibrate.faults.views import judge_views
-    from vbaa_calib.calibrate.lens.intrinsics import solve_intrinsics
+    from vbaa_calib.calibrate.lens_from_views import solve_lens
     from vbaa_calib.calibrate.report import camera_document
     from vbaa_calib.core.images import list_images
     from vbaa_calib.detect.board.corners import detect_folder
 
     refuse_overwrite(args.output, args.force, list_images(images))
     views = detect_folder(images, spec)
-    solution = solve_intrinsics(views, spec, args.model, args.min_corners, args.fix_aspect)
-    solution = judge_views(views, solution, spec)
+    solution = solve_lens(views, spec, args.model, args.min_corners, args.fix_aspect)
     document = camera_document(solution, spec)
     write_json(args.output, document, args.force)
     _report(solution)

@@ -60,7 +60,7 @@ class LensSolution:
     comparison : the lens models that `auto` compared, or the one that was given.
     board_shape : how the board differs from a flat print with square squares; always solved for, with a prior.
     monotonic : whether the lens maps the whole picture without folding. views, dropped : in the order of their names.
-    verdict : by the solve alone; `faults.views.judge_views` adds what the set of views shows.
+    verdict : by the solve alone; `lens_from_views.solve_lens` adds what the set of views shows.
     """
 
     camera: Camera
