@@ -48,7 +48,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         dest="model",
         choices=MODELS,
         default="auto",
-        help="lens: auto takes the one with the smallest expected error; none, radial (k1 k2), opencv4 and opencv5 "
+        help="lens: auto takes the one with the smallest expected error, the simpler one of two that tie; none, "
+        "radial (k1 k2), opencv4 and opencv5 "
         "(coefficients), rational (8), thin (12), tilted (14), fisheye (default: auto)",
     )
     parser.add_argument(
