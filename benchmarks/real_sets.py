@@ -1,4 +1,4 @@
-"""Writes the tables of docs/real_sets.md: `python benchmarks/real_sets.py DATA docs/real_sets.md`.
+"""Writes the tables of docs/real_sets.md: `python -m benchmarks.real_sets DATA docs/real_sets.md`.
 
 DATA is the folder that holds the sets. What is between the page's marks is replaced; the rest is kept.
 """
@@ -17,6 +17,7 @@ from benchmarks.harness import markdown, replace_marked
 from targets.board import BoardSpec
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution, solve_intrinsics
 from vbaa_calib.calibrate.lens.uncertainty import projection_uncertainty
+from vbaa_calib.calibrate.lens_from_views import solve_lens
 from vbaa_calib.camera.projection import ray_derivatives
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.images import list_images, read_gray
@@ -62,7 +63,7 @@ def main() -> None:
 def tables(data: Path) -> str:
     """All tables of the page, in Markdown."""
     views = {one.title: detect_folder(data / one.folder, one.spec) for one in SETS}
-    solved = {one.title: solve_intrinsics(views[one.title], one.spec) for one in SETS}
+    solved = {one.title: solve_lens(views[one.title], one.spec) for one in SETS}
     flags = [_flag_rows(one, data, views[one.title]) for one in SETS if one.spec is _ENDOSCOPE]
     parts = [
         "### The lenses",

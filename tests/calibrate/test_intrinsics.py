@@ -16,11 +16,12 @@ from vbaa_calib.calibrate.lens.bundle import Bundle, Observation, refine
 from vbaa_calib.calibrate.lens.information import information, observations_of
 from vbaa_calib.calibrate.lens.initialization import rough_lens
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution, solve_intrinsics
-from vbaa_calib.calibrate.lens.models import LENS_MODELS
+from vbaa_calib.calibrate.lens.models import LENS_MODELS, pole_distance
 from vbaa_calib.camera import Camera
 from vbaa_calib.cli.main import main
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.detect.board.corners import BoardView
+from vbaa_calib.rig.rig_file import can_hold
 
 from .photo_sets import detected, photo_set
 from .synthetic_views import SPEC, pose_towards, views_of
@@ -54,7 +55,7 @@ def test_exact_corners_give_the_exact_lens(name: str) -> None:
         np.testing.assert_allclose(solution.camera.distortion, LENSES[name][4:], atol=1e-5)
 
 
-@pytest.mark.parametrize("name", ["none", "radial", "fisheye"])
+@pytest.mark.parametrize("name", ["none", "radial", "fisheye", "rational"])
 def test_auto_takes_a_model_that_predicts_as_well_as_the_true_one(name: str) -> None:
     solution = solve_intrinsics(views_through(name, seed=2, sigma_px=0.15), SPEC)
     held_out = {candidate.model: candidate.held_out_rms_px for candidate in solution.comparison}
@@ -62,7 +63,61 @@ def test_auto_takes_a_model_that_predicts_as_well_as_the_true_one(name: str) -> 
     assert solution.monotonic
     # a lens is not taken for centred unless the views say so
     assert LENS_MODELS[solution.model].free <= max(LENS_MODELS[name].free, LENS_MODELS["opencv4"].free)
+    assert name != "rational" or solution.model == name
     assert abs(solution.camera.matrix[0, 0] / LENSES[name][0] - 1) < 0.003
+
+
+def views_of_a_tie(seed: int) -> list[BoardView]:
+    """Through a long lens of four coefficients, of which the richer models have several that nothing determines."""
+    rng, size = np.random.default_rng(seed), (1440, 720)
+    lens = np.array([4690.0, 4691.0, 726.0, 351.0, 0.06, -0.34, -3e-4, 5e-4])
+    distance = 0.1 * lens[0] / (0.5 * size[0])
+    poses = [pose_towards(rng, distance, 0.8, offset=0.3 * size[0] / lens[0]) for _ in range(16)]
+    return views_of(LENS_MODELS["opencv4"], lens, size, poses, rng, 0.02)
+
+
+@pytest.mark.parametrize("seed", [0, 3, 8, 16, 59, 76])
+def test_a_tie_between_lenses_does_not_go_to_the_absurd_one(seed: int) -> None:
+    solution = solve_intrinsics(views_of_a_tie(seed), SPEC)
+    assert LENS_MODELS[solution.model].free <= LENS_MODELS["opencv4"].free
+    assert np.abs(solution.camera.distortion).max() < 1.0
+    assert can_hold(solution.camera)
+    chosen = next(one for one in solution.comparison if one.model == solution.model)
+    assert not chosen.passed_over
+    smaller = [one for one in solution.comparison if one.expected_error_px < chosen.expected_error_px]
+    assert ("smallest expected error" in solution.verdict.words) == (not smaller)
+    assert all(one.passed_over and f"{one.model} {one.passed_over}" in solution.verdict.words for one in smaller)
+
+
+def test_poles_are_near_where_they_are_near() -> None:
+    """Or where numerator and denominator are large and nearly cancel: which lens it is is then decided by noise."""
+    size, model = (1280, 960), LENS_MODELS["rational"]
+    corner = np.hypot(*size) / 2
+
+    def distance(squares: list[complex], focal: float) -> float:
+        """Of a lens all but free of distortion, from squares of its poles' radii over the corner's."""
+        bottom = np.poly(1.0 / np.array(squares)).real[1:] * (focal / corner) ** np.array([2, 4, 6])
+        top = bottom * (1.0, 1.0, 1.0) + 1e-9
+        intrinsics = np.array([focal, focal, 639.5, 479.5, *top[:2], 0.0, 0.0, top[2], *bottom])
+        return pole_distance(model, intrinsics, size)
+
+    for focal in (600.0, 6000.0):
+        assert distance([-0.9, -2.0, -4.0], focal) == pytest.approx(np.sqrt(0.9), rel=2e-3)
+        assert distance([1.21, -2.0, -4.0], focal) == pytest.approx(0.1, abs=2e-3)
+        assert distance([1e-2 * np.exp(0.1j), 1e-2 * np.exp(-0.1j), -2.0], focal) == pytest.approx(0.005, abs=1e-4)
+        assert distance([-1e-4, -2.0, -4.0], focal) == pytest.approx(0.01, abs=1e-4)
+    assert pole_distance(LENS_MODELS["opencv4"], LENSES["opencv4"], size) == np.inf
+
+
+@pytest.mark.slow
+def test_the_true_lens_model_is_chosen() -> None:
+    """Or a simpler one that is as good; lenses that need a rich model get it."""
+    for name, share in (("opencv4", 0.9), ("opencv5", 0.8), ("rational", 0.8), ("fisheye", 0.8)):
+        right = 0
+        for seed in range(10):
+            sigma_px, count = (0.05, 0.1, 0.2)[seed % 3], (12, 24)[seed % 2]
+            right += solve_intrinsics(views_through(name, 50 + seed, count, sigma_px), SPEC).model == name
+        assert right >= 10 * share, name
 
 
 def test_the_rms_belongs_to_the_parameters_returned() -> None:

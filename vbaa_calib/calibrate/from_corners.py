@@ -11,8 +11,8 @@ from targets.board import BoardPoints
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.detect.board.corners import BoardView, require_corners
 
-from .faults.views import judge_views
-from .lens.intrinsics import LensSolution, solve_intrinsics
+from .lens.intrinsics import LensSolution
+from .lens_from_views import solve_lens
 
 _MOST_RISE, _FURTHEST_PX, _MOST_PX = 0.02, 1e6, 100_000
 
@@ -49,7 +49,7 @@ def calibrate_lens(
     if isinstance(views, str) or not isinstance(views, Sequence):
         raise InputError("views are no list", remedy="give [(ids, pixels), …], a pair for each picture")
     seen, board = [_view(index, one, size, points) for index, one in enumerate(views)], BoardPoints(points)
-    return judge_views(seen, solve_intrinsics(seen, board, model), board)
+    return solve_lens(seen, board, model)
 
 
 def _view(index: int, one: Any, size: tuple[int, int], points: np.ndarray) -> BoardView:

@@ -21,12 +21,12 @@ from vbaa_calib.geometry.independent_axes import independent_axes
 from .check.boards import check_lens
 from .check.finding import FAILS, HOLDS, Evidence
 from .check.rig import at
-from .faults.views import judge_views
 from .lens.board_shape import BoardShape
-from .lens.intrinsics import LensSolution, solve_intrinsics
+from .lens.intrinsics import LensSolution
 from .lens.models import LENS_MODELS, LensModel, is_monotonic
 from .lens.uncertainty import compensate, is_covered, pixel_grid, projection_jacobian
 from .lens.verdict import Verdict
+from .lens_from_views import solve_lens
 
 _FOCAL_STD, _ASPECT_STD, _CENTRE_PER_WIDTH, _CORNER_PER_WIDTH = 0.003, 0.001, 0.0025, 0.0008
 """What is assumed of a lens whose file states no covariance: deviations of focal length and fx/fy, relative; of the
@@ -153,7 +153,7 @@ def given_solution(
     shape = BoardShape.unseen(spec)
     if views:
         try:
-            own = judge_views(views, solve_intrinsics(views, spec), spec)
+            own = solve_lens(views, spec)
             contradiction, words = _contradiction(given, own, views)
             found += [] if contradiction is None else [contradiction]
             shape = replace(own.board_shape, by_lens=None)

@@ -1,6 +1,6 @@
 """A session to a rig: lens, plane C by every method at hand, then bundle adjustment of everything.
 
-Each stage is a function of what came before, and can be called by itself: `solve_intrinsics`, `find_plane`,
+Each stage is a function of what came before, and can be called by itself: `solve_lens`, `find_plane`,
 `stills_prior`, `observe_stills`, `solve_antenna`, `make_rig`.
 """
 
@@ -14,8 +14,8 @@ from vbaa_calib.calibrate.antenna.inputs import Prior
 from vbaa_calib.calibrate.antenna.residual_checks import Checks, check
 from vbaa_calib.calibrate.antenna.session_rig import make_rig, observe_stills, prior, solve_antenna
 from vbaa_calib.calibrate.faults.stills import still_diagnoses, with_cause
-from vbaa_calib.calibrate.faults.views import judge_views
-from vbaa_calib.calibrate.lens.intrinsics import LensSolution, solve_intrinsics
+from vbaa_calib.calibrate.lens.intrinsics import LensSolution
+from vbaa_calib.calibrate.lens_from_views import solve_lens
 from vbaa_calib.core.arrays import gate
 from vbaa_calib.core.errors import Diagnosis, InputError, SolveError
 from vbaa_calib.core.images import SUFFIXES, list_images, picture_size
@@ -92,7 +92,7 @@ def calibrate(session: Session, lens_model: str = "auto", given: GivenLens | Non
     views = read_views(session)
     lens_views = detect_folder(session.root / "intrinsics", session.board) if folders[0] == "intrinsics" else []
     if given is None:
-        lens = judge_views(lens_views, solve_intrinsics(lens_views, session.board, lens_model), session.board)
+        lens = solve_lens(lens_views, session.board, lens_model)
     else:
         placed = [("plane", view) for view in views.jig or ()] + [("sweep", view) for view in views.sweep or ()]
         lens = given_solution(given, lens_views, session.board, placed)

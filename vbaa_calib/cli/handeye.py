@@ -130,16 +130,15 @@ def _paired(views: Sequence[BoardView], poses: Mapping[str, Pose], where: Path) 
 
 def _lens(given: GivenLens | None, views: list[BoardView], spec: BoardSpec) -> LensSolution:
     """The lens as given, or from the views; the board's shape from the views."""
-    from vbaa_calib.calibrate.faults.views import judge_views
     from vbaa_calib.calibrate.given_lens import given_solution
-    from vbaa_calib.calibrate.lens.intrinsics import solve_intrinsics
+    from vbaa_calib.calibrate.lens_from_views import solve_lens
     from vbaa_calib.calibrate.pose.board_pose import require_size
 
     if given:
         for view in views:
             require_size(view.image_size, given.camera, view.name)
         return given_solution(given, views, spec)
-    solution = judge_views(views, solve_intrinsics(views, spec), spec)
+    solution = solve_lens(views, spec)
     say(f"lens       {solution.model}: rms {solution.rms_px:.4f} px; {solution.verdict.words}")
     return solution
 

@@ -8,7 +8,9 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import ConfigDict, Field
 
-from vbaa_calib.core.models import ArrayOf, FileModel, Number, WholeNumber
+from vbaa_calib.camera import Camera
+from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.models import ArrayOf, FileModel, Number, WholeNumber, checked
 from vbaa_calib.session import DRIFTS, LAB, FileDrift
 from vbaa_calib.session.settings import AnyLength, Deviation, Diameter, FileKinematics, FilePose, Gravity, MomentSensor
 
@@ -33,6 +35,15 @@ class _Camera:
     distortion: Annotated[list[Annotated[Number, Field(ge=-1e9, le=1e9)]], Field(max_length=14)]
     covariance: Annotated[_Covariance | None, Field(description="of the parameters, in their order")] = None
     parameters: list[str] | None = None
+
+
+def can_hold(camera: Camera) -> bool:
+    """Whether the numbers of a camera are within the bounds of rig.json."""
+    try:
+        checked(_Camera, camera.to_dict(), where=SCHEMA, remedy="")
+    except InputError:
+        return False
+    return True
 
 
 @dataclass(frozen=True, eq=False)

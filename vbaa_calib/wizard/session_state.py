@@ -21,10 +21,10 @@ from vbaa_calib.calibrate.antenna.inputs import Observation
 from vbaa_calib.calibrate.antenna.session_rig import ExpectedAntenna, nominal_parameters
 from vbaa_calib.calibrate.doubts import prior_doubts
 from vbaa_calib.calibrate.faults.stills import still_diagnoses
-from vbaa_calib.calibrate.faults.views import judge_views
 from vbaa_calib.calibrate.given_lens import GivenLens, given_solution, read_lens
 from vbaa_calib.calibrate.guide.view_uncertainty import WorkPlane
-from vbaa_calib.calibrate.lens.intrinsics import LensSolution, solve_intrinsics
+from vbaa_calib.calibrate.lens.intrinsics import LensSolution
+from vbaa_calib.calibrate.lens_from_views import solve_lens
 from vbaa_calib.calibrate.pipeline import stills_prior
 from vbaa_calib.calibrate.plane_c import PlaneC, PlaneViews, find_plane
 from vbaa_calib.calibrate.pose.fusion import fused
@@ -282,7 +282,7 @@ class SessionState:
             views, board = self.views("lens"), self.board
             if self.given_lens is not None:
                 return given_solution(self.given_lens, views, board)
-            return judge_views(views, solve_intrinsics(views, board), board)
+            return solve_lens(views, board)
 
         return self.cached("lens", self.inputs("lens"), made)
 

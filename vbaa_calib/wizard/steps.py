@@ -223,6 +223,7 @@ def _lens_progress(state: SessionState) -> Progress:
         target = Target(now.suggestion.outline_px, now.suggestion.words)
     if now.solution is not None:
         seen.append(f"lens {now.solution.model}, rms {now.solution.rms_px:.2f} px")
+        seen += [f"{one.name} is left out: {one.reason}" for one in now.solution.dropped]
     verdict = now.solution.verdict.diagnoses if now.solution is not None else ()
     if len(views) < _FEWEST_VIEWS:
         missing = f"{counted(_FEWEST_VIEWS - len(views), 'more picture')}, then there is a first lens"

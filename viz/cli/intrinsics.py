@@ -48,7 +48,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         dest="model",
         choices=MODELS,
         default="auto",
-        help="lens: auto takes the one with the smallest expected error; none, radial (k1 k2), opencv4 and opencv5 "
+        help="lens: auto takes the one with the smallest expected error, the simpler one of two that tie; none, "
+        "radial (k1 k2), opencv4 and opencv5 "
         "(coefficients), rational (8), thin (12), tilted (14), fisheye (default: auto)",
     )
     parser.add_argument(
@@ -143,8 +144,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _solved(args: argparse.Namespace, images: Path, spec: Board) -> dict[str, Any]:
-    from vbaa_calib.calibrate.faults.views import judge_views
-    from vbaa_calib.calibrate.lens.intrinsics import solve_intrinsics
+    from vbaa_calib.calibrate.lens_from_views import solve_lens
     from vbaa_calib.calibrate.report import camera_document
     from vbaa_calib.camera import Camera
     from vbaa_calib.core.images import list_images
@@ -152,8 +152,7 @@ def _solved(args: argparse.Namespace, images: Path, spec: Board) -> dict[str, An
 
     refuse_overwrite(args.output, args.force, list_images(images))
     views = detect_folder(images, spec)
-    solution = solve_intrinsics(views, spec, args.model, args.min_corners, args.fix_aspect)
-    solution = judge_views(views, solution, spec)
+    solution = solve_lens(views, spec, args.model, args.min_corners, args.fix_aspect)
     document = camera_document(solution, spec)
     write_json(args.output, document, args.force, Camera.from_dict)
     _report(solution)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import Literal
 
 import cv2
 import numpy as np
@@ -252,11 +253,13 @@ def find_change(
     left = float(score @ score) * (1.0 - share[best]) / freedom
     size = float(shapes[best] @ score / strength[seen][best])
     std = float(np.sqrt(max(left, variance_px2)) / strength[seen][best])
-    count = min(_DRAWS, _MOST_NUMBERS // shapes.shape[1])
-    draws = np.random.default_rng(_SEED).standard_normal((count, shapes.shape[1]))
-    exceeded = (_shares(shapes, draws).max(axis=1) >= share[best]).sum()
-    # the second is the bound by the residuals' variance alone
-    chance = max((1 + exceeded) / (1 + count), min(1.0, 2.0 * len(shapes) * float(ndtr(-abs(size / std)))))
+    # the bound by the residuals' variance alone; where that is no small chance, the scatter need not be drawn
+    chance = min(1.0, 2.0 * len(shapes) * float(ndtr(-abs(size / std))))
+    if chance < 0.1:
+        count = min(_DRAWS, _MOST_NUMBERS // shapes.shape[1])
+        draws = np.random.default_rng(_SEED).standard_normal((count, shapes.shape[1]))
+        exceeded = (_shares(shapes, draws).max(axis=1) >= share[best]).sum()
+        chance = max((1 + exceeded) / (1 + count), chance)
     return _Change(int(np.flatnonzero(seen)[best]), size, std, float(chance))
 
 
@@ -271,27 +274,42 @@ def _clear_changes(scores: SetScores, parameter: int, patterns: np.ndarray, leas
     return [change] if change is not None and change.chance < _CHANCE and abs(change.size) > least else []
 
 
+def clearest_change(scores: SetScores, parameter: int) -> tuple[Literal["step", "single", "creep"], _Change] | None:
+    """The change over the views that explains most of a parameter of a view, if one is clear and large enough: from a
+    view on, of a single view, or, of the focal length, steady."""
+    count, focal = len(scores.names), parameter == SetScores.FOCAL
+    patterns: dict[Literal["step", "single", "creep"], np.ndarray] = {"step": steps(count), "single": np.eye(count)}
+    if focal:
+        patterns["creep"] = np.linspace(0.0, 1.0, count)[None]
+    least = _NOTICEABLE * (1.0 if focal else scores.focal_px[parameter - SetScores.CENTRE_X])
+    clear = [
+        (name, change)
+        for name, pattern in patterns.items()
+        for change in _clear_changes(scores, parameter, pattern, least)
+    ]
+    return max(clear, key=lambda one: abs(one[1].size / one[1].std), default=None)
+
+
 def _focus_changed(scores: SetScores) -> Diagnosis | None:
     """By perspective, that is from tilted views alone: a face-on board that looks larger may be nearer."""
-    names, creeping = scores.names, np.linspace(0.0, 1.0, len(scores.names))[None]
-    stepped = _clear_changes(scores, SetScores.FOCAL, steps(len(names)), _NOTICEABLE)
-    single = _clear_changes(scores, SetScores.FOCAL, np.eye(len(names)), _NOTICEABLE)
-    clear = [*stepped, *single, *_clear_changes(scores, SetScores.FOCAL, creeping, _NOTICEABLE)]
-    if not clear:
+    found, names = clearest_change(scores, SetScores.FOCAL), scores.names
+    if found is None:
         return None
-    clearest = max(clear, key=lambda one: abs(one.size / one.std))
-    by = f"by {100 * clearest.size:+.2f} ± {100 * clearest.std:.2f} %"
-    name, words = "focus_crept", f"the focal length creeps {by} from {names[0]} to {names[-1]}"
-    if clearest in stepped:
-        name, words = "focus_changed", f"the focal length changes between {_sides(clearest, names)} {by}"
+    pattern, change = found
+    by = f"by {100 * change.size:+.2f} ± {100 * change.std:.2f} %"
     remedy = (
         "switch autofocus and zoom off, fix them with tape, and take the pictures again; or keep those on one side only"
     )
-    if clearest in single:
-        odd = names[clearest.index]
-        name, words = "odd_view", f"the focal length of {odd} differs from the other pictures' {by}"
-        remedy = f"remove {odd}: it is of another camera or zoom, or was cropped or scaled"
-    return Diagnosis(name, words, remedy, "wrong" if abs(clearest.size) > _GRAVE else "doubt")
+    match pattern:
+        case "step":
+            name, words = "focus_changed", f"the focal length changes between {_sides(change, names)} {by}"
+        case "creep":
+            name, words = "focus_crept", f"the focal length creeps {by} from {names[0]} to {names[-1]}"
+        case "single":
+            name, odd = "odd_view", names[change.index]
+            words = f"the focal length of {odd} differs from the other pictures' {by}"
+            remedy = f"remove {odd}: it is of another camera or zoom, or was cropped or scaled"
+    return Diagnosis(name, words, remedy, "wrong" if abs(change.size) > _GRAVE else "doubt")
 
 
 def centre_moved(scores: SetScores) -> Diagnosis | None:
@@ -332,8 +350,3 @@ def view_set_diagnoses(
         judged.append(_print_stretched(solution.board_shape))
     found = [one for one in (*judged, _poorly_covered(used, spec)) if one is not None]
     return sorted([*found, *_little_variety(used, solution, spec)], key=lambda one: not one.grave)
-
-
-def judge_views(views: Sequence[BoardView], solution: LensSolution, spec: Board | BoardPoints) -> LensSolution:
-    """The solution with `view_set_diagnoses` in its verdict."""
-    return replace(solution, verdict=solution.verdict.with_diagnoses(view_set_diagnoses(views, solution, spec)))

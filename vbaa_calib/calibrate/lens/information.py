@@ -54,6 +54,14 @@ class Information:
         return self._variance * self.view_scatter**2 * self.half @ self.half.T
 
     @property
+    def left_out(self) -> np.ndarray:
+        """(V, 4 + k + 5) change of intrinsics and shape without each view, to first order."""
+        whole = self.blocks.sum(axis=0) + self.prior
+        pairs = zip(self.blocks, self.gradients, strict=True)
+        steps = [np.linalg.lstsq(whole - block, -gradient, rcond=1e-12)[0] for block, gradient in pairs]
+        return np.array(steps) @ self.half.T
+
+    @property
     def _variance(self) -> float:
         """Of the residuals, px²."""
         freedom = self.counts.sum() - self.half.shape[1] - 6 * len(self.counts)
@@ -200,6 +208,7 @@ class Candidate:
     halves: float | None = None  # as `compare_split_half` gives them
     halves_p_value: float | None = None
     expected_error_px: float | None = None  # as `expected_errors_px` gives it; None for a single model
+    passed_over: str = ""  # why it was not chosen, where that is not its expected error
 
     @property
     def split_half_agrees(self) -> bool:

@@ -16,11 +16,11 @@ from vbaa_calib.geometry import Pose
 
 from .board_shape import SHAPE, BoardShape, ShapePrior
 from .bundle import CONVERGED, Bundle, Observation, polished, refine, residuals_px
-from .information import Candidate, Information, assess, excess_in_errors, information, observations_of
+from .choice import Assessed, choose
+from .information import Candidate, Information, assess, information, observations_of
 from .initialization import Guess, reposed, rough_lens, unfolded
 from .models import LENS_MODELS, LensModel, camera_of, is_monotonic
 from .outliers import DroppedView, Inliers, fit_without_outliers, usable_views
-from .uncertainty import expected_errors_px
 from .verdict import Evidence, Verdict, judge
 
 MIN_CORNERS = 6
@@ -29,9 +29,6 @@ _OUTLYING = 3.5
 _CANDIDATES = ("none", "radial", "opencv4", "opencv5", "fisheye", "rational")  # compared by `auto`, from simple to rich
 _SCREENING = ("opencv5", "fisheye", "rational")
 """Lenses rich enough that their residuals are noise and outliers, used until a lens is chosen."""
-_CENTRED, _DECENTRED, _CLEARLY = ("none", "radial", "fisheye"), "opencv4", 1.15
-_EXCESS, _NEGLIGIBLE, _MOST = 3.0, 1.005, 1.1
-_AGREEMENT_MAY_COST, _MONOTONIC_MAY_COST = 1.005, 1.1
 _ROUNDS = 3
 _ROUGHLY = replace(CONVERGED, iterations=5, tolerance=1e-4)  # just enough to separate good corners from bad
 
@@ -63,7 +60,7 @@ class LensSolution:
     comparison : the lens models that `auto` compared, or the one that was given.
     board_shape : how the board differs from a flat print with square squares; always solved for, with a prior.
     monotonic : whether the lens maps the whole picture without folding. views, dropped : in the order of their names.
-    verdict : by the solve alone; `faults.views.judge_views` adds what the set of views shows.
+    verdict : by the solve alone; `lens_from_views.solve_lens` adds what the set of views shows.
     """
 
     camera: Camera
@@ -275,60 +272,26 @@ def _fit_lens(
 def _choose_lens(
     observations: Sequence[Observation], options: _Options, warm: Mapping[str, Bundle], folding: Sequence[str]
 ) -> tuple[Bundle, tuple[Candidate, ...]]:
-    """The solution of the lens model with the least expected error, and the comparison; warm : solutions by model name.
+    """The solution of the lens model that `choose` takes, and the comparison; warm : solutions by model name.
 
-    folding : names of models that fold in the end.
-
-    Models whose held-out error is larger by 0.5 % and significantly so (over views), or by 10 %, are wrong. Of the
-    others the one of least expected error over the picture is taken, bias and noise together (`expected_errors_px`). A
-    lens without decentring must be 15 % better than opencv4, which has it.
-
-    Models that fold inside the picture are passed over unless every other is 10 % worse on held-out views, those whose
-    halves disagree unless every other is 0.5 % worse; those with an open parameter are left out.
+    folding : names of models that fold in the end. Models with an open parameter are left out.
     """
     fits: dict[str, Bundle] = {}
-    errors: dict[str, np.ndarray] = {}
-    cameras: dict[str, Camera] = {}
-    candidates = []
+    assessed = []
     for name in _CANDIDATES:
         bundle = _fit_lens(LENS_MODELS[name], observations, options, {**fits, **warm})
         fits[name] = bundle = unfolded(bundle, observations, options.image_size, fits)
         known = information(bundle, observations)
         if known is not None:
-            candidate, errors[name] = assess(bundle, observations, options.image_size, known)
-            candidates.append(replace(candidate, monotonic=candidate.monotonic and name not in folding))
+            candidate, squares = assess(bundle, observations, options.image_size, known)
+            candidate = replace(candidate, monotonic=candidate.monotonic and name not in folding)
             camera = camera_of(bundle.model, bundle.intrinsics, options.image_size)
-            cameras[name] = replace(camera, covariance=known.covariance[:-SHAPE, :-SHAPE])
-    if not candidates:
+            camera = replace(camera, covariance=known.covariance[:-SHAPE, :-SHAPE])
+            assessed.append(Assessed(candidate, camera, squares, known.left_out[:, :-SHAPE]))
+    if not assessed:
         return fits[_CANDIDATES[0]], ()
-    allowed = _unless_too_dear(candidates, [c for c in candidates if c.monotonic], _MONOTONIC_MAY_COST)
-    allowed = _unless_too_dear(allowed, [c for c in allowed if c.split_half_agrees], _AGREEMENT_MAY_COST)
-    best = min(allowed, key=lambda candidate: candidate.held_out_rms_px)
-    good = [
-        candidate
-        for candidate in allowed
-        if candidate.held_out_rms_px <= _NEGLIGIBLE * best.held_out_rms_px
-        or (
-            candidate.held_out_rms_px <= _MOST * best.held_out_rms_px
-            and excess_in_errors(errors[candidate.model], errors[best.model]) <= _EXCESS
-        )
-    ]
-    off_px = expected_errors_px(cameras, best.model, np.concatenate([view.pixels for view in observations]))
-    candidates = [replace(candidate, expected_error_px=off_px[candidate.model]) for candidate in candidates]
-    names = [candidate.model for candidate in good]
-    chosen = min(names, key=off_px.__getitem__)
-    # every lens is a little decentred: a model without it must be clearly better
-    if chosen in _CENTRED and _DECENTRED in names and off_px[_DECENTRED] < _CLEARLY * off_px[chosen]:
-        chosen = _DECENTRED
-    return fits[chosen], tuple(candidates)
-
-
-def _unless_too_dear(
-    every: Sequence[Candidate], preferred: Sequence[Candidate], may_cost: float
-) -> Sequence[Candidate]:
-    least = min(candidate.held_out_rms_px for candidate in every)
-    cheap = [candidate for candidate in preferred if candidate.held_out_rms_px <= may_cost * least]
-    return preferred if cheap else every
+    chosen, comparison = choose(assessed, np.concatenate([view.pixels for view in observations]))
+    return fits[chosen], comparison
 
 
 def _used(fit: _Fit, usable: Sequence[BoardView]) -> tuple[_UsedView, ...]:

@@ -137,24 +137,44 @@ def _radial_curve(
     return radial_slopes(np.ascontiguousarray(distortion), model.is_fisheye, radii)
 
 
+def _poles(model: LensModel, intrinsics: np.ndarray) -> np.ndarray:
+    """Complex squares (m,) of the ideal radii at which the distorted one is infinite."""
+    bottom = [index for index in _DENOMINATOR[model.camera_model] if index < len(intrinsics) - 4]
+    # in one over the squared radius, so that small coefficients do no harm
+    inverses = np.roots([1.0, *intrinsics[4:][bottom]])
+    return np.asarray(1.0 / inverses[np.abs(inverses) > _FAR])
+
+
 def is_monotonic(model: LensModel, intrinsics: np.ndarray, image_size: tuple[int, int]) -> bool:
     """Whether every pixel of the picture has one ray (`Camera.valid_region`), and none lies beside a pole. A lens that
     folds can fit its corners well, but beyond them maps two directions to one pixel."""
     # A pole with a zero beside it is narrower than any sampling of the curve, and which comes first often depends on
     # the last digits of the corners: one counts that lies before the curve has, all but, left the picture.
-    bottom = [index for index in _DENOMINATOR[model.camera_model] if index < len(intrinsics) - 4]
-    coefficients = intrinsics[4:][bottom]
-    if not np.isfinite(coefficients).all():
+    if not np.isfinite(intrinsics).all():
         return False
-    # in one over the squared radius, so that small coefficients do no harm
-    inverses = np.roots([1.0, *coefficients])
-    squares = 1.0 / inverses[np.abs(inverses) > _FAR]
+    squares = _poles(model, intrinsics)
     near = squares[(squares.real > 0.0) & (np.abs(squares.imag) < _NEARLY * np.abs(squares))].real
     if len(near):
         before = np.linspace(0.0, _BEFORE_POLE * np.sqrt(near.min()), _SAMPLES)
         if _radial_curve(model, intrinsics[4:], before)[0].max() < corner_radius(intrinsics, image_size):
             return False
     return camera_of(model, intrinsics, image_size).valid_region().image_fraction == 1.0
+
+
+def pole_distance(model: LensModel, intrinsics: np.ndarray, image_size: tuple[int, int]) -> float:
+    """Distance of the nearest pole, in the complex plane of the ideal radius, from the radii of a monotonic lens's
+    picture, over the largest of them.
+
+    Small where numerator and denominator are large and nearly cancel, too: coefficients are the sums and products of
+    what the poles are the inverses of.
+    """
+    poles = np.sqrt(_poles(model, intrinsics).astype(complex))
+    corners = np.array([[x, y] for x in (-0.5, image_size[0] - 0.5) for y in (-0.5, image_size[1] - 0.5)])
+    ideal, valid = camera_of(model, intrinsics, image_size).unproject_normalized(corners)
+    if not len(poles) or not valid.any():
+        return np.inf
+    reach = float(np.linalg.norm(ideal[valid], axis=1).max())
+    return float(np.abs(poles - np.clip(poles.real, 0.0, reach)).min()) / reach
 
 
 def rational_like(fisheye: LensModel, intrinsics: np.ndarray, image_size: tuple[int, int]) -> np.ndarray | None:

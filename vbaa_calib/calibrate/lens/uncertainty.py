@@ -63,35 +63,41 @@ def is_covered(pixels: np.ndarray, corners_px: np.ndarray) -> np.ndarray:
     return np.array([cv2.pointPolygonTest(hull, one.tolist(), False) >= 0 for one in pixels], bool)
 
 
-def expected_errors_px(cameras: Mapping[str, Camera], reference: str, corners_px: np.ndarray) -> dict[str, float]:
-    """Expected error of each lens by the focused information criterion (Claeskens & Hjort 2003): its variance, and the
-    square of its bias, the difference from the reference less twice the mean of what noise makes of it.
+def expected_errors_px(
+    cameras: Mapping[str, Camera], reference: str, corners_px: np.ndarray, left_out: Mapping[str, np.ndarray]
+) -> dict[str, np.ndarray]:
+    """Expected error (1 + V,) of each lens, from all views and without each in turn, by the focused information
+    criterion (Claeskens & Hjort 2003): its variance, and the square of its bias, the difference from the reference less
+    twice the mean of what noise makes of it.
 
-    cameras : by name, from the same corners (N, 2), with covariances. reference : one without bias. What a turn of the
-    camera explains among the corners is left out; the geometric mean over the picture is taken, so that a lens must not
-    run wild beside the corners, nor count for nothing else.
+    cameras : by name, from the same corners (N, 2), with covariances. reference : one without bias. left_out : by how
+    much the parameters (V, 4 + k) change without each view. What a turn of the camera explains among the corners is
+    left out; the geometric mean over the picture is taken, so that a lens must not run wild beyond the corners, nor
+    count for nothing else.
     """
     pixels = pixel_grid(cameras[reference].image_size).reshape(-1, 2)
     among = is_covered(pixels, corners_px)
     rays, valid = cameras[reference].unproject(pixels)
-    variances, squares = {}, {}
-    for name, camera in cameras.items():
-        seen, inside = camera.project(rays)
+    variances, squares, moved = {}, {}, {}
+    for name in sorted(cameras, key=lambda one: one != reference):
+        seen, inside = cameras[name].project(rays)
         # a pixel that a lens does not see is one that it gets wrong
         wrong = ~(valid & inside)
-        slopes = np.concatenate([projection_jacobian(camera, seen), (seen - pixels)[..., None]], axis=-1)
-        left = compensate(camera, seen, slopes, among & ~wrong)
-        jacobian, apart = left[..., :-1], left[..., -1]
-        carried = jacobian @ camera.covariance @ np.swapaxes(jacobian, -1, -2)
-        variances[name] = np.where(wrong, np.inf, np.trace(carried, axis1=-2, axis2=-1))
-        squares[name] = np.where(wrong, _UNSEEN_PX**2, np.sum(apart**2, axis=1))
+        slopes = np.concatenate([projection_jacobian(cameras[name], seen), (seen - pixels)[..., None]], axis=-1)
+        left = compensate(cameras[name], seen, slopes, among & ~wrong)
+        jacobian, apart = left[..., :-1], left[..., -1:]
+        moved[name] = jacobian @ left_out[name].T
+        apart = np.concatenate([apart, apart + moved[name] - moved[reference]], axis=-1)
+        carried = jacobian @ cameras[name].covariance @ np.swapaxes(jacobian, -1, -2)
+        variances[name] = np.where(wrong, np.inf, np.trace(carried, axis1=-2, axis2=-1))[:, None]
+        squares[name] = np.where(wrong[:, None], _UNSEEN_PX**2, np.sum(apart**2, axis=1))
     expected = {}
     for name, variance in variances.items():
         with np.errstate(invalid="ignore"):
             noise = np.clip(np.nan_to_num(variances[reference] - variance), 0.0, None)
         square = np.nan_to_num(np.minimum(variance, _UNSEEN_PX**2), nan=_UNSEEN_PX**2)
         square = square + np.clip(np.nan_to_num(squares[name], nan=_UNSEEN_PX**2) - _CHANCE * noise, 0.0, None)
-        expected[name] = float(np.exp(0.5 * np.mean(np.log(np.maximum(square, _LEAST_PX**2)))))
+        expected[name] = np.exp(0.5 * np.mean(np.log(np.maximum(square, _LEAST_PX**2)), axis=0))
     return expected
 
 

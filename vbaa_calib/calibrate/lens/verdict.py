@@ -149,13 +149,19 @@ def _why(known: Evidence) -> list[str]:
         return [f"The lens model {name} was given; it {misses}."]
     if chosen.expected_error_px is None:
         return [f"{name} {misses}."]
+    expected = f"expected error ({chosen.expected_error_px:.2f} px)"
     best = min(known.comparison, key=lambda candidate: candidate.held_out_rms_px)
-    words = f"Of the lens models, {name} has the smallest expected error ({chosen.expected_error_px:.2f} px)"
+    others = [candidate for candidate in known.comparison if candidate.model != name]
+    less = [one for one in others if (one.expected_error_px or np.inf) < chosen.expected_error_px]
+    words = f"The lens model {name} was taken for its {expected}"
+    if not less:
+        words = f"Of the lens models, {name} has the smallest {expected}"
     if best.model == name:
-        return [f"{words}, and predicts held-out views best ({chosen.held_out_rms_px:.3f} px rms)."]
-    why = "" if best.split_half_agrees else f"; {best.model} differs between halves of the views"
-    why = why if best.monotonic else f"; {best.model} folds inside the picture"
-    return [f"{words}; it {misses}, {best.model} by {best.held_out_rms_px:.3f} px{why}."]
+        words += f", and predicts held-out views best ({chosen.held_out_rms_px:.3f} px rms)"
+    else:
+        words += f"; it {misses}, {best.model} by {best.held_out_rms_px:.3f} px"
+    why = [f"; {one.model} {one.passed_over}" for one in others if one.passed_over and (one is best or one in less)]
+    return [f"{words}{''.join(why)}."]
 
 
 def _split_half(known: Evidence) -> list[str]:
