@@ -14,7 +14,13 @@ from .problem import Equations, Problem, State, spread_evenly
 
 _ENOUGH = 0.02  # steps are taken until none is longer than this part of a standard deviation
 _RULES = Rules(
-    iterations=40, standstill=_ENOUGH**2, takes_last=True, may_rise=_ENOUGH**2, growth=3.0, after_failure=1.0
+    iterations=40,
+    standstill=_ENOUGH**2,
+    takes_last=True,
+    may_rise=_ENOUGH**2,
+    growth=2.0,
+    relief=0.5,
+    after_failure=1.0,
 )
 _LONGEST = 0.2  # longest step of a distance, in its own size
 _NEARLY_ALL = 0.98
@@ -180,9 +186,9 @@ def _others(problem: Problem, state: State, found: np.ndarray, chosen: np.ndarra
         state = State(unknowns, state.shared)
         equations = problem.equations(state, trust)
         own = equations.step - np.einsum("bks,s->bk", equations.through, _ahead(problem, state))
-        if turn and _length(own, equations) < _ENOUGH:
+        if turn and _length(own, equations.own_covariance) < _ENOUGH:
             break
-        length = _lengths(own, equations).max(axis=1)
+        length = _lengths(own, equations.own_covariance).max(axis=1)
         rises, before = rises + (length > before + _ENOUGH), length
         part = 0.5 ** np.maximum(rises - 1.0, 0.0)
         kept = np.where(np.isnan(trust), equations.trust, trust)
@@ -191,16 +197,14 @@ def _others(problem: Problem, state: State, found: np.ndarray, chosen: np.ndarra
     return state, equations
 
 
-def _lengths(own: np.ndarray, equations: Equations) -> np.ndarray:
+def _lengths(own: np.ndarray, covariance: np.ndarray) -> np.ndarray:
     """(B, 3) of frames' steps (B, 4) of distance and force, in their standard deviations."""
-    return np.asarray(np.abs(own / np.sqrt(np.einsum("bii->bi", equations.own_covariance)))[:, :3])
+    return np.asarray(np.abs(own / np.sqrt(np.einsum("bii->bi", covariance)))[:, :3])
 
 
-def _length(own: np.ndarray, equations: Equations) -> float:
-    """Of nearly all frames' steps (B, 4), in their deviations."""
-    if not len(own):
-        return 0.0
-    return float(np.quantile(_lengths(own, equations), _NEARLY_ALL))
+def _length(own: np.ndarray, covariance: np.ndarray) -> float:
+    """Of nearly all frames' steps (B, 4), in their standard deviations."""
+    return float(np.quantile(_lengths(own, covariance), _NEARLY_ALL)) if len(own) else 0.0
 
 
 def _ahead(problem: Problem, state: State) -> np.ndarray:
@@ -217,23 +221,33 @@ class _Linearised:
 
     state: State
     equations: Equations
+    weight: np.ndarray  # (B,) of frames
     total: np.ndarray  # (S, S) information of the shared steps
     own: np.ndarray  # (B, 4) step of the frames' unknowns
     shared: np.ndarray  # (S,) step of what they share
     trust: np.ndarray  # (B, V, 2) as in `Equations`, by which these were made
+    counted: np.ndarray  # (B,) bool, the frames in `length`
+    cost: float = 0.0  # of the objective, less where the descent began
 
     @cached_property
-    def cost(self) -> float:
-        """Squared length of the step, in standard deviations: of the shared part, or of nearly all frames' if longer.
-        It is zero at the solution alone; robust weights, and lines' errors about zero, leave no other objective."""
+    def length(self) -> float:
+        """Of the step, in standard deviations: of the shared part, or of nearly all frames' if longer."""
         along = float(self.shared @ self.total @ self.shared) / max(len(self.shared), 1)
-        return max(along, _length(self.own, self.equations) ** 2)
+        own, covariance = self.own[self.counted], self.equations.own_covariance[self.counted]
+        return max(float(np.sqrt(along)), _length(own, covariance))
+
+    def decrease(self, own: np.ndarray, shared: np.ndarray) -> float:
+        """What the objective falls by along small moves (B, 4), (S,) from here, to first order."""
+        through = self.equations.through
+        pull = np.linalg.solve(self.equations.own_covariance, (self.own + through @ self.shared)[..., None])[..., 0]
+        return float(self.weight @ (pull * (own + through @ shared)).sum(axis=1) + self.shared @ self.total @ shared)
 
 
 def _linearised(
     problem: Problem, state: State, weight: np.ndarray, prior: np.ndarray, trust: np.ndarray | None = None
 ) -> _Linearised | None:
-    """About a state; None where there is no step."""
+    """About a state; None where there is no step. Where a trust is kept, frames that do not belong need not come to
+    an end."""
     equations = problem.equations(state, trust)
     free_information, free_side = problem.free_equations(state)
     total = np.einsum("b,bst->st", weight, equations.information) + free_information.sum(axis=0)
@@ -244,33 +258,40 @@ def _linearised(
     if not np.isfinite(step).all():
         return None
     own = equations.step - np.einsum("bks,s->bk", equations.through, step)
-    return _Linearised(
-        state, equations, total, own, here + step - state.shared, equations.trust if trust is None else trust
-    )
+    counted = (weight > 0.0) | (trust is None)
+    trust = equations.trust if trust is None else trust
+    return _Linearised(state, equations, weight, total, own, here + step - state.shared, trust, counted)
 
 
 def _descended(
     problem: Problem, state: State, weight: np.ndarray, prior: np.ndarray, trust: np.ndarray | None = None
 ) -> tuple[_Linearised, bool]:
-    """Descends to where no step is longer than a small part of a standard deviation; and whether it came there. A step
-    that leads to a longer one is taken in part, and the trust in frames and ends kept from there on, or throughout."""
+    """Descends to where no step is longer than a small part of a standard deviation; and whether it came there.
+
+    A step along which the objective rises, by its slopes at both ends, is taken in part. Once one was, or led to a
+    longer one, the trust in frames and ends is kept: where it jumps to and fro, steps become no shorter.
+    """
     first = _linearised(problem, state, weight, prior, trust)
     if first is None:
-        equations = problem.equations(state)
-        nowhere = np.zeros_like(state.unknowns), np.zeros_like(state.shared)
-        return _Linearised(state, equations, np.diag(prior), *nowhere, equations.trust), False
-    in_part = False
+        equations, nowhere = problem.equations(state), (np.zeros_like(state.unknowns), np.zeros_like(state.shared))
+        return _Linearised(state, equations, weight, np.diag(prior), *nowhere, equations.trust, weight > 0.0), False
+    keeps = trust is not None
 
     def step(now: _Linearised, damping: float) -> tuple[np.ndarray, float]:
-        nonlocal in_part
-        in_part = damping > 0.0
-        return np.append(now.own.ravel(), now.shared) / (1.0 + damping), now.cost
+        nonlocal keeps
+        keeps = keeps or damping >= _RULES.after_failure
+        return np.append(now.own.ravel(), now.shared) / (1.0 + damping), now.length**2
 
     def moved(now: _Linearised, move: np.ndarray) -> _Linearised | None:
-        own = move[: now.own.size].reshape(now.own.shape)
-        further = State(_moved(problem, now.state.unknowns, own), now.state.shared + move[now.own.size :])
-        # a trust that jumps to and fro would never let the steps become shorter
-        return _linearised(problem, further, weight, prior, now.trust if in_part else trust)
+        nonlocal keeps
+        own, shared = move[: now.own.size].reshape(now.own.shape), move[now.own.size :]
+        further = State(_moved(problem, now.state.unknowns, own), now.state.shared + shared)
+        trial = _linearised(problem, further, weight, prior, now.trust if keeps else None)
+        if trial is None:
+            return None
+        keeps = keeps or trial.length > now.length + _ENOUGH
+        way = further.unknowns - now.state.unknowns, shared
+        return replace(trial, cost=now.cost - 0.5 * (now.decrease(*way) + trial.decrease(*way)))
 
     descent = levenberg_marquardt(first, step, moved, _RULES)
     return descent.at, descent.promise <= _RULES.standstill

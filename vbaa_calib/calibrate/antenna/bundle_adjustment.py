@@ -279,12 +279,14 @@ def _solved(
     settled = solution
     if alike > 1.0:
         settled = replace(problem, noise_scale=problem.noise_scale * float(np.sqrt(alike))).linearised(parameters)
-    whole, lens = settled.covariance(), problem.lens
+    root, lens = settled.covariance_root(), problem.lens
     # the lens may be off by all its standard deviation, whatever share the solve had: the solution follows its prior
-    whole = whole + whole[:, lens] * (prior.lens_shares**-2 - 1.0) @ whole[lens, :]
+    rest = root @ root[lens].T * np.sqrt(prior.lens_shares**-2 - 1.0)
+    root = np.hstack([root, rest])
     # the lens in its own units
     axes = block_diag(np.eye(RIG), prior.lens_axes)
-    covariance = axes @ whole[: problem.lens.stop, : problem.lens.stop] @ axes.T
+    scaled = axes @ root[: lens.stop]
+    covariance, whole = scaled @ scaled.T, root @ root.T
     camera = problem.camera(parameters)
     return BundleAdjustment(
         problem=problem,
