@@ -68,6 +68,8 @@ class Equations:
     tangent: np.ndarray  # (B, 3) of the antenna at the contact
     reading: np.ndarray  # (B,) residual of the moment about y, in deviations
     sound: np.ndarray  # (B,) bool; the others left the model's domain, and say nothing
+    # (B, V, 2) weights of each camera's picture by this state, and 0 where the antenna's end in it is another thing's
+    trust: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,11 +134,12 @@ class Problem:
         of = self.views[view]
         return replace(RigArrays.from_rig(of.moved(shared), self.friction_rad), axes=of.axes)
 
-    def equations(self, state: State) -> Equations:
-        """Of the contacts, linearised at a state."""
+    def equations(self, state: State, trust: np.ndarray | None = None) -> Equations:
+        """Of the contacts, linearised at a state; trust : as in `Equations`, by default, and where NaN, by the state
+        itself. It jumps where a frame's scatter, or its end, passes a threshold."""
         views = [(self.arrays_at(state.shared, index), self._split(index)) for index in range(len(self.views))]
         begins = range(0, max(len(self.touching), 1), _CHUNK)
-        parts = [self._of_chunk(views, state, slice(begin, begin + _CHUNK)) for begin in begins]
+        parts = [self._of_chunk(views, state, slice(begin, begin + _CHUNK), trust) for begin in begins]
         return Equations(
             *(np.concatenate(column) for column in zip(*(vars(part).values() for part in parts), strict=True))
         )
@@ -175,31 +178,33 @@ class Problem:
         return split
 
     @staticmethod
-    def _data(found: Linearised, unknowns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Information and side of what was measured alone, the solver's priors taken out."""
+    def _data(found: Linearised, unknowns: np.ndarray, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Information and side of what was measured alone, the solver's priors taken out; ends : (B,) 0 where the
+        antenna's end is another thing's."""
         whole, side = found.information.copy(), found.side.copy()
         diagonal = np.arange(whole.shape[1])
         whole[:, diagonal, diagonal] -= found.prior
         side[:, :UNKNOWNS] += found.prior[:, :UNKNOWNS] * unknowns
-        # an end that lies where the antenna's cannot be is another thing's
         end, off = found.readings[:, 2], found.residual[:, 2]
-        weight = np.where(np.abs(off) > ODD_END, huber_weights(off), 0.0)
+        weight = np.where(ends > 0.0, 0.0, huber_weights(off))
         whole -= (weight[:, None] * end)[:, :, None] * end[:, None]
         side -= (weight * off)[:, None] * end
         return whole, side
 
-    def _of_chunk(self, views: list[tuple[RigArrays, np.ndarray]], state: State, rows: slice) -> Equations:
+    def _of_chunk(
+        self, views: list[tuple[RigArrays, np.ndarray]], state: State, rows: slice, trust: np.ndarray | None
+    ) -> Equations:
         unknowns, batch, prior = state.unknowns[rows], self.touching.picked(rows), self.friction.picked(rows)
         own, shared = slice(0, UNKNOWNS + self.lines), slice(UNKNOWNS + self.lines, None)
-        seen = []
-        for pictures, (arrays, split) in zip(self.views, views, strict=True):
+        seen, trusted = [], np.empty((len(unknowns), len(views), 2))
+        for index, (pictures, (arrays, split)) in enumerate(zip(self.views, views, strict=True)):
             taken = pictures.touching.picked(rows)
             one = linearised(taken.frames(arrays), RUNG, unknowns)
-            points = np.maximum(np.isfinite(taken.points_px).all(axis=-1).sum(axis=1), 1)
-            scatter = np.where(points > 1, one.excess, 1.0)  # a camera that saw nothing has none
-            trust = np.where(scatter > 1.0 + EXCESS_SCATTER / np.sqrt(points), 1.0 / np.maximum(scatter, 1.0), 1.0)
-            whole, side = self._data(one, unknowns)
-            seen.append((one, trust[:, None, None] * (split.T @ whole @ split), trust[:, None] * (side @ split)))
+            trusted[:, index] = _trust(taken, one)
+            by_state, kept = trusted[:, index], None if trust is None else trust[rows, index]
+            scale, ends = (by_state if kept is None else np.where(np.isnan(kept), by_state, kept)).T
+            whole, side = self._data(one, unknowns, ends)
+            seen.append((one, scale[:, None, None] * (split.T @ whole @ split), scale[:, None] * (side @ split)))
         found, whole, side = seen[0][0], sum(each[1] for each in seen), sum(each[2] for each in seen)
         touch_columns = found.columns @ views[0][1]
         if self.known is not None:
@@ -242,7 +247,19 @@ class Problem:
             tangent=found.tangents[:, :, CONTACT],
             reading=found.residual[:, 0],
             sound=sound,
+            trust=trusted,
         )
+
+
+def _trust(taken: Batch, found: Linearised) -> np.ndarray:
+    """(B, 2) as `Equations.trust`, of one camera: by how much its points scatter more than noise does, and whether the
+    end lies where the antenna's may be."""
+    points = np.maximum(np.isfinite(taken.points_px).all(axis=-1).sum(axis=1), 1)
+    scatter = np.where(points > 1, found.excess, 1.0)  # a camera that saw nothing has none
+    more = scatter > 1.0 + EXCESS_SCATTER / np.sqrt(points)
+    return np.stack(
+        [np.where(more, 1.0 / np.maximum(scatter, 1.0), 1.0), np.abs(found.residual[:, 2]) <= ODD_END], axis=1
+    )
 
 
 def _determined(information: np.ndarray) -> np.ndarray:

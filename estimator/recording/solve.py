@@ -3,15 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from estimator.solver.convergence import NEAREST
-from vbaa_calib.core.least_squares import TELLS, disagreement, disagreement_p
+from vbaa_calib.core.least_squares import TELLS, Rules, disagreement, disagreement_p, levenberg_marquardt
 
 from .problem import Equations, Problem, State, spread_evenly
 
-_ITERATIONS, _ENOUGH = 12, 0.02  # steps are taken until none is longer than this part of a deviation
+_ENOUGH = 0.02  # steps are taken until none is longer than this part of a standard deviation
+_RULES = Rules(
+    iterations=40,
+    standstill=_ENOUGH**2,
+    takes_last=True,
+    may_rise=_ENOUGH**2,
+    growth=2.0,
+    relief=0.5,
+    after_failure=1.0,
+)
 _LONGEST = 0.2  # longest step of a distance, in its own size
 _NEARLY_ALL = 0.98
 _MOST = 1000  # contacts, and free frames, from which the shared errors are solved for
@@ -56,8 +66,10 @@ def solved(problem: Problem, start: State, strokes: np.ndarray, widening: float 
     few, labels = problem.picked(chosen, _MOST), strokes[chosen]
     state = State(start.unknowns[chosen], start.shared)
     weight, foreign = _beginning(few, state, labels), np.zeros(0, strokes.dtype)
+    kept = None
     for _ in range(_ROUNDS):
-        state, equations, total, converged = _descended(few, state, weight, prior)
+        end, converged = _descended(few, state, weight, prior, kept)
+        state, equations, total = end.state, end.equations, end.total
         pull = _pull(few, state, equations)
         renewed = _weights(equations, pull, total)
         each = np.unique(labels)
@@ -67,7 +79,10 @@ def solved(problem: Problem, start: State, strokes: np.ndarray, widening: float 
         if stroke_p.min(initial=1.0) < _FOREIGN:
             foreign = np.append(foreign, each[np.argmin(stroke_p)])
         renewed[np.isin(labels, foreign)] = 0.0
-        change, weight = np.abs(renewed - weight).max(initial=0.0), renewed
+        trust = equations.trust if kept is None else np.minimum(kept, equations.trust)
+        distrust = np.abs(trust - end.trust).max(initial=0.0)
+        kept = None if kept is None and distrust == 0.0 else trust
+        change, weight = np.abs(renewed - weight).max(initial=distrust), renewed
         if change < _SMALL_CHANGE:
             break
     offset = np.zeros((1, problem.size))
@@ -162,25 +177,34 @@ def _pull(problem: Problem, state: State, equations: Equations) -> np.ndarray:
 
 
 def _others(problem: Problem, state: State, found: np.ndarray, chosen: np.ndarray) -> tuple[State, Equations]:
-    """All frames fitted with the shared steps as they are; those chosen begin where they were found."""
-    unknowns = state.unknowns.copy()
+    """All frames fitted with the shared steps as they are; those chosen begin where they were found. Of frames whose
+    steps became longer twice half a step is taken, then a quarter, and so on."""
+    unknowns, trust = state.unknowns.copy(), np.full((len(state.unknowns), len(problem.views), 2), np.nan)
     unknowns[chosen] = found
-    for turn in range(_ITERATIONS):
+    rises, before = np.zeros(len(unknowns)), np.full(len(unknowns), np.inf)
+    for turn in range(_RULES.iterations):
         state = State(unknowns, state.shared)
-        equations = problem.equations(state)
+        equations = problem.equations(state, trust)
         own = equations.step - np.einsum("bks,s->bk", equations.through, _ahead(problem, state))
-        if turn and _length(own, equations) < _ENOUGH:
+        if turn and _length(own, equations.own_covariance) < _ENOUGH:
             break
-        unknowns = _moved(problem, unknowns, own)
+        length = _lengths(own, equations.own_covariance).max(axis=1)
+        rises, before = rises + (length > before + _ENOUGH), length
+        part = 0.5 ** np.maximum(rises - 1.0, 0.0)
+        kept = np.where(np.isnan(trust), equations.trust, trust)
+        trust = np.where((part < 1.0)[:, None, None], kept, np.nan)
+        unknowns = _moved(problem, unknowns, part[:, None] * own)
     return state, equations
 
 
-def _length(own: np.ndarray, equations: Equations) -> float:
-    """Of nearly all frames' steps (B, 4), in their deviations."""
-    if not len(own):
-        return 0.0
-    deviations = np.sqrt(np.einsum("bii->bi", equations.own_covariance))
-    return float(np.quantile(np.abs(own / deviations)[:, :3], _NEARLY_ALL))
+def _lengths(own: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """(B, 3) of frames' steps (B, 4) of distance and force, in their standard deviations."""
+    return np.asarray(np.abs(own / np.sqrt(np.einsum("bii->bi", covariance)))[:, :3])
+
+
+def _length(own: np.ndarray, covariance: np.ndarray) -> float:
+    """Of nearly all frames' steps (B, 4), in their standard deviations."""
+    return float(np.quantile(_lengths(own, covariance), _NEARLY_ALL)) if len(own) else 0.0
 
 
 def _ahead(problem: Problem, state: State) -> np.ndarray:
@@ -191,29 +215,86 @@ def _ahead(problem: Problem, state: State) -> np.ndarray:
     return ahead
 
 
+@dataclass(frozen=True, eq=False)
+class _Linearised:
+    """A recording about a state, and its Gauss–Newton step."""
+
+    state: State
+    equations: Equations
+    weight: np.ndarray  # (B,) of frames
+    total: np.ndarray  # (S, S) information of the shared steps
+    own: np.ndarray  # (B, 4) step of the frames' unknowns
+    shared: np.ndarray  # (S,) step of what they share
+    trust: np.ndarray  # (B, V, 2) as in `Equations`, by which these were made
+    counted: np.ndarray  # (B,) bool, the frames in `length`
+    cost: float = 0.0  # of the objective, less where the descent began
+
+    @cached_property
+    def length(self) -> float:
+        """Of the step, in standard deviations: of the shared part, or of nearly all frames' if longer."""
+        along = float(self.shared @ self.total @ self.shared) / max(len(self.shared), 1)
+        own, covariance = self.own[self.counted], self.equations.own_covariance[self.counted]
+        return max(float(np.sqrt(along)), _length(own, covariance))
+
+    def decrease(self, own: np.ndarray, shared: np.ndarray) -> float:
+        """What the objective falls by along small moves (B, 4), (S,) from here, to first order."""
+        through = self.equations.through
+        pull = np.linalg.solve(self.equations.own_covariance, (self.own + through @ self.shared)[..., None])[..., 0]
+        return float(self.weight @ (pull * (own + through @ shared)).sum(axis=1) + self.shared @ self.total @ shared)
+
+
+def _linearised(
+    problem: Problem, state: State, weight: np.ndarray, prior: np.ndarray, trust: np.ndarray | None = None
+) -> _Linearised | None:
+    """About a state; None where there is no step. Where a trust is kept, frames that do not belong need not come to
+    an end."""
+    equations = problem.equations(state, trust)
+    free_information, free_side = problem.free_equations(state)
+    total = np.einsum("b,bst->st", weight, equations.information) + free_information.sum(axis=0)
+    side = weight @ equations.side + free_side.sum(axis=0)
+    here = state.shared - _ahead(problem, state)
+    total = 0.5 * (total + total.T) + np.diag(prior)
+    step = np.linalg.solve(total, side - prior * here) if np.isfinite(total).all() else np.full(len(side), np.nan)
+    if not np.isfinite(step).all():
+        return None
+    own = equations.step - np.einsum("bks,s->bk", equations.through, step)
+    counted = (weight > 0.0) | (trust is None)
+    trust = equations.trust if trust is None else trust
+    return _Linearised(state, equations, weight, total, own, here + step - state.shared, trust, counted)
+
+
 def _descended(
-    problem: Problem, state: State, weight: np.ndarray, prior: np.ndarray
-) -> tuple[State, Equations, np.ndarray, bool]:
-    """Gauss–Newton to where no step is longer than a small part of a deviation: state, equations and information."""
-    converged = False
-    for _ in range(_ITERATIONS):
-        equations = problem.equations(state)
-        free_information, free_side = problem.free_equations(state)
-        total = np.einsum("b,bst->st", weight, equations.information) + free_information.sum(axis=0)
-        side = weight @ equations.side + free_side.sum(axis=0)
-        here = state.shared - _ahead(problem, state)
-        total = 0.5 * (total + total.T) + np.diag(prior)
-        step = np.linalg.solve(total, side - prior * here) if np.isfinite(total).all() else np.full(len(side), np.nan)
-        if not np.isfinite(step).all():
-            return state, equations, np.diag(prior), False
-        own = equations.step - np.einsum("bks,s->bk", equations.through, step)
-        moved = here + step - state.shared
-        far = max(float(np.sqrt(moved @ total @ moved / max(len(moved), 1))), _length(own, equations))
-        if converged:
-            break
-        state = State(_moved(problem, state.unknowns, own), here + step)
-        converged = far < _ENOUGH
-    return state, equations, total, converged
+    problem: Problem, state: State, weight: np.ndarray, prior: np.ndarray, trust: np.ndarray | None = None
+) -> tuple[_Linearised, bool]:
+    """Descends to where no step is longer than a small part of a standard deviation; and whether it came there.
+
+    A step along which the objective rises, by its slopes at both ends, is taken in part. Once one was, or led to a
+    longer one, the trust in frames and ends is kept: where it jumps to and fro, steps become no shorter.
+    """
+    first = _linearised(problem, state, weight, prior, trust)
+    if first is None:
+        equations, nowhere = problem.equations(state), (np.zeros_like(state.unknowns), np.zeros_like(state.shared))
+        return _Linearised(state, equations, weight, np.diag(prior), *nowhere, equations.trust, weight > 0.0), False
+    keeps = trust is not None
+
+    def step(now: _Linearised, damping: float) -> tuple[np.ndarray, float]:
+        nonlocal keeps
+        keeps = keeps or damping >= _RULES.after_failure
+        return np.append(now.own.ravel(), now.shared) / (1.0 + damping), now.length**2
+
+    def moved(now: _Linearised, move: np.ndarray) -> _Linearised | None:
+        nonlocal keeps
+        own, shared = move[: now.own.size].reshape(now.own.shape), move[now.own.size :]
+        further = State(_moved(problem, now.state.unknowns, own), now.state.shared + shared)
+        trial = _linearised(problem, further, weight, prior, now.trust if keeps else None)
+        if trial is None:
+            return None
+        keeps = keeps or trial.length > now.length + _ENOUGH
+        way = further.unknowns - now.state.unknowns, shared
+        return replace(trial, cost=now.cost - 0.5 * (now.decrease(*way) + trial.decrease(*way)))
+
+    descent = levenberg_marquardt(first, step, moved, _RULES)
+    return descent.at, descent.promise <= _RULES.standstill
 
 
 def _moved(problem: Problem, unknowns: np.ndarray, step: np.ndarray) -> np.ndarray:

@@ -8,15 +8,18 @@ from functools import cache
 import numpy as np
 import pytest
 
-from benchmarks.estimator.setup import drawn_truth
-from benchmarks.object.scenes import AXIS, CENTRE, RIGID, SETUP, Recorded, contacts
+from benchmarks.estimator.setup import ACROSS, LENGTH_M, drawn_truth
+from benchmarks.object.scenes import AXIS, CASES, CENTRE, RIGID, SETUP, Recorded, contacts, play
 from benchmarks.recording.recording import CELLS, PIN_M, PIN_STD_M, lengthened, measured, played, run
 from estimator.object.estimate import estimate_object
 from estimator.recording import Refined, refine
+from estimator.recording.refined import begun
+from estimator.recording.solve import solved
 from estimator.table.contacts import ContactTable, Measured
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import KnownObject
+from vbaa_calib.simulate.scene.scene import camera_pose
 
 FRAMES = 74
 CALIBRATED = replace(SETUP, exact=False).rig()
@@ -61,6 +64,36 @@ def test_own_and_shared_parts_add_up() -> None:
     assert own == pytest.approx(known, rel=0.1)
     shared = found.contacts.point_shared_std_m[rows]
     assert (shared**2 <= np.einsum("bii->bi", found.contacts.covariance_world_m2[rows]) * (1 + 1e-9)).all()
+
+
+@cache
+def bowed_and_rolled() -> Recorded:
+    """A strongly bowed antenna on a sphere, seen aslant by a rolled camera on a rig that is known three times worse."""
+    rig = replace(SETUP, exact=False).rig()
+    parameters = rig.antenna.parameters.copy()
+    parameters[4:6] = 0.42, -0.31
+    pose = camera_pose(1.05, ACROSS, np.pi / 2, 0.42, np.array([LENGTH_M / 2, 0.0, 0.0]))
+    antenna = replace(rig.antenna, parameters=parameters)
+    rig = replace(rig, T_antenna_camera=pose, antenna=antenna, covariance=9.0 * rig.covariance)
+    sphere = next(case for case in CASES if case.name == "sphere")
+    return replace(lengthened(play(rig, sphere.make(RIGID, 0.0), sphere.strokes[:2], points=500), 20), sigma_px=0.03)
+
+
+@pytest.mark.parametrize("seed", [1, 11])
+def test_steps_come_to_an_end_where_lines_err_more_than_stated(seed: int) -> None:
+    """Neighbouring points err alike, so that frames scatter about as much as makes them trusted less."""
+    played, rng = bowed_and_rolled(), np.random.default_rng(seed)
+    true = drawn_truth(played.given, rng)
+    recorded = played.noisy(rng, true.with_covariance(played.given.covariance))
+    apart = np.subtract.outer(np.arange(500), np.arange(500)) / 15.0
+    root = np.linalg.cholesky(np.exp(-0.5 * apart**2) + 1e-8 * np.eye(500))
+    lines_px = recorded.centrelines_px + 0.016 * root @ rng.normal(size=recorded.centrelines_px.shape)
+    recorded = replace(recorded, centrelines_px=lines_px)
+    table = contacts(recorded)
+    rows = np.flatnonzero(table.located)
+    problem, start = begun(table, recorded.given, measured(recorded), rows, None)
+    found = solved(problem, start, np.zeros(len(rows)))
+    assert found.converged
 
 
 def test_the_order_of_frames_does_not_matter() -> None:

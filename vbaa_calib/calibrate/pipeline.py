@@ -6,22 +6,27 @@ Each stage is a function of what came before, and can be called by itself: `solv
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
+import numpy as np
+
+from targets.board import Board
 from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment
-from vbaa_calib.calibrate.antenna.inputs import Prior
+from vbaa_calib.calibrate.antenna.inputs import Observation, Prior
 from vbaa_calib.calibrate.antenna.residual_checks import Checks, check
 from vbaa_calib.calibrate.antenna.session_rig import make_rig, observe_stills, prior, solve_antenna
+from vbaa_calib.calibrate.faults.loads import typed_load_diagnoses
 from vbaa_calib.calibrate.faults.stills import still_diagnoses, with_cause
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution
 from vbaa_calib.calibrate.lens_from_views import solve_lens
 from vbaa_calib.core.arrays import gate
-from vbaa_calib.core.errors import Diagnosis, InputError, SolveError
+from vbaa_calib.core.errors import Diagnosis, InputError, SolveError, VbaaError
 from vbaa_calib.core.images import SUFFIXES, list_images, picture_size
-from vbaa_calib.detect.board.corners import detect_folder
+from vbaa_calib.detect.board.corners import BoardView, detect_folder
 from vbaa_calib.rig import Rig, RigVerdict
-from vbaa_calib.session import Session, Still, check_pictures, read_loads, read_noload
+from vbaa_calib.session import Load, Session, Still, check_pictures, read_loads, read_noload
 
 from .doubts import doubts
 from .given_lens import GivenLens, given_solution
@@ -54,6 +59,48 @@ def stills_prior(session: Session, lens: LensSolution, plane: PlaneC) -> Prior:
     """What lens and plane C say before the stills are solved."""
     line_px = session.possible_drift.line_px
     return prior(session.antenna, lens.camera, plane.estimates, plane.by_antenna_alone, session.load_readings, line_px)
+
+
+_Solved = TypeVar("_Solved")
+
+
+def next_lenses(
+    lens: LensSolution, views: Sequence[BoardView], board: Board, worst_px: float = 3.0
+) -> Iterator[LensSolution]:
+    """Solutions by the other lens models that were compared, the least expected error first, each solved when it is
+    asked for. Models that fold, and those of a larger expected error than `worst_px`, make no rig."""
+    errors_px = {one.model: one.expected_error_px or np.inf for one in lens.comparison if one.monotonic}
+    for model in sorted(errors_px, key=errors_px.__getitem__):
+        if model == lens.model or errors_px[model] > worst_px:
+            continue
+        again = solve_lens(views, board, model)
+        words = (
+            f"camera, antenna and sensor have no common solution with the {lens.model} lens: {model} was taken, of "
+            f"{errors_px[model]:.2g} px expected error"
+        )
+        remedy = "add views of the board over the whole picture, or choose another --lens-model"
+        passed_over = Diagnosis("lens_passed_over", words, remedy)
+        reasons = (f"The lens model {model} is the next by expected error.", *again.verdict.reasons[1:])
+        verdict = replace(again.verdict, reasons=reasons).with_diagnoses([passed_over])
+        yield replace(again, comparison=lens.comparison, verdict=verdict)
+
+
+def first_solved(lenses: Iterable[LensSolution], solve: Callable[[LensSolution], _Solved]) -> _Solved:
+    """What `solve` makes of the first lens with which it converges.
+
+    Raises SolveError, the first lens' with all models that were tried, where there is none.
+    """
+    tried: list[str] = []
+    failure: VbaaError | None = None
+    for lens in lenses:
+        try:
+            return solve(lens)
+        except VbaaError as error:
+            # what is wrong with the input with the first lens is wrong with any
+            if not (tried or isinstance(error, SolveError)):
+                raise
+            tried, failure = [*tried, lens.model], failure or error
+    raise SolveError(f"{failure} (lens models tried: {', '.join(tried)})") from failure
 
 
 def _lens_folder(session: Session, given: GivenLens | None) -> list[str]:
@@ -96,14 +143,30 @@ def calibrate(session: Session, lens_model: str = "auto", given: GivenLens | Non
     else:
         placed = [("plane", view) for view in views.jig or ()] + [("sweep", view) for view in views.sweep or ()]
         lens = given_solution(given, lens_views, session.board, placed)
-    plane = find_plane(session, lens.camera, lens.board_shape, views)
-    before = stills_prior(session, lens, plane)
-    observations = observe_stills(session, plane.kinematics, before)
+    begun: list[tuple[PlaneC, Sequence[Observation], Prior]] = []
+
+    def solve(lens: LensSolution) -> tuple[LensSolution, PlaneC, Sequence[Observation], BundleAdjustment]:
+        plane = find_plane(session, lens.camera, lens.board_shape, views)
+        before = stills_prior(session, lens, plane)
+        observations = observe_stills(session, plane.kinematics, before)
+        begun.append((plane, observations, before))
+        return lens, plane, observations, solve_antenna(session, observations, before)
+
+    def lenses() -> Iterator[LensSolution]:
+        yield lens
+        # no lens makes up for a load that cannot be
+        loads = [still for still in stills if isinstance(still, Load)]
+        if given is None and lens_model == "auto" and not typed_load_diagnoses(loads, session.antenna):
+            yield from next_lenses(lens, lens_views, session.board)
+
     try:
-        joint = solve_antenna(session, observations, before)
+        used, plane, observations, joint = first_solved(lenses(), solve)
     except SolveError as error:
+        if not begun:
+            raise
+        plane, observations, before = begun[0]
         raise with_cause(session, plane.kinematics, observations, before, error) from error
     held = still_diagnoses(session, plane.kinematics, joint)
     rig = make_rig(session, plane.kinematics, joint, observations)
-    made = Calibration(session, rig, lens, plane, joint, check(joint), stills, tuple(held), given)
+    made = Calibration(session, rig, used, plane, joint, check(joint), stills, tuple(held), given)
     return replace(made, rig=replace(rig, verdict=RigVerdict.of(doubts(made))))

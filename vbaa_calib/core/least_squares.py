@@ -38,6 +38,8 @@ class Rules:
     growth, after_failure : after a step that failed the damping is so many times larger, and at least so large. Far
         from a minimum small increases lead to it in fewer steps; close to it a failure is rounding, and the next step
         is to be a clearly shorter one.
+    relief : factor on the damping after a step that succeeded. Where steps fail for the problem's curvature, not for
+        its distance, the next one needs nearly the same damping.
     """
 
     iterations: int
@@ -49,6 +51,7 @@ class Rules:
     damping: float = 0.0
     growth: float = 10.0
     after_failure: float = 1e-3
+    relief: float = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +89,7 @@ def levenberg_marquardt(
         rounding = rules.may_rise + rules.may_rise_share * at.cost
         if trial is not None and np.isfinite(trial.cost) and trial.cost <= at.cost + rounding:
             decrease, at = at.cost - trial.cost, trial
-            damping = max(0.1 * damping, _LEAST_DAMPING)
+            damping = max(rules.relief * damping, _LEAST_DAMPING)
             last |= rounding < decrease <= rules.tolerance * at.cost and damping < 1.0
         else:
             damping = max(rules.growth * damping, rules.after_failure)

@@ -6,6 +6,7 @@ import csv
 import io
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, TypeVar
@@ -25,7 +26,7 @@ from vbaa_calib.calibrate.given_lens import GivenLens, given_solution, read_lens
 from vbaa_calib.calibrate.guide.view_uncertainty import WorkPlane
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution
 from vbaa_calib.calibrate.lens_from_views import solve_lens
-from vbaa_calib.calibrate.pipeline import stills_prior
+from vbaa_calib.calibrate.pipeline import first_solved, next_lenses, stills_prior
 from vbaa_calib.calibrate.plane_c import PlaneC, PlaneViews, find_plane
 from vbaa_calib.calibrate.pose.fusion import fused
 from vbaa_calib.core.errors import Diagnosis, InputError, VbaaError
@@ -289,20 +290,20 @@ class SessionState:
     def plane(self) -> PlaneC:
         """The camera's pose on the antenna's base, by the chosen way."""
 
-        def made() -> PlaneC:
-            way, lens, taken = self.store.folder("plane"), self.lens(), self.taken("plane")
-            if not taken:
-                raise InputError("no picture yet", where=self.store.root / way, remedy="take one")
-            if way == "over":
-                views = PlaneViews(None, None, {one.file: read_gray(self.store.path(one)) for one in taken})
-            elif way == "sweep":
-                _write_table(self.store.root / "sweep" / "sweep.csv", taken)
-                views = PlaneViews(None, self.views("plane"), None)
-            else:
-                views = PlaneViews(self.views("plane"), None, None)
-            return find_plane(self.session, lens.camera, lens.board_shape, views)
+        return self.cached("plane", self.inputs("lens", "plane"), lambda: self._plane_by(self.lens()))
 
-        return self.cached("plane", self.inputs("lens", "plane"), made)
+    def _plane_by(self, lens: LensSolution) -> PlaneC:
+        way, taken = self.store.folder("plane"), self.taken("plane")
+        if not taken:
+            raise InputError("no picture yet", where=self.store.root / way, remedy="take one")
+        if way == "over":
+            views = PlaneViews(None, None, {one.file: read_gray(self.store.path(one)) for one in taken})
+        elif way == "sweep":
+            _write_table(self.store.root / "sweep" / "sweep.csv", taken)
+            views = PlaneViews(None, self.views("plane"), None)
+        else:
+            views = PlaneViews(self.views("plane"), None, None)
+        return find_plane(self.session, lens.camera, lens.board_shape, views)
 
     def work_plane(self) -> WorkPlane:
         """Where the antenna will move, seen from the camera: by plane C if known, else by the answers."""
@@ -337,12 +338,17 @@ class SessionState:
         """The bundle adjustment of lens, plane C, antenna and sensor with the stills so far, free ones first."""
 
         def made() -> BundleAdjustment:
-            session = self.session
-            before = stills_prior(session, self.lens(), self.plane())
+            session, first = self.session, self.lens()
             seen = [self._observation(step, one) for step in _STILLS for one in self.taken(step)]
             if not seen:
                 raise InputError("no picture of the antenna yet", where=self.store.root, remedy="take one")
-            return adjust_bundle(seen, before, session.antenna.length_m, session.moment_std_Nm)
+
+            def solve(lens: LensSolution) -> BundleAdjustment:
+                before = stills_prior(session, lens, self.plane() if lens is first else self._plane_by(lens))
+                return adjust_bundle(seen, before, session.antenna.length_m, session.moment_std_Nm)
+
+            others = () if self.given_lens is not None else next_lenses(first, self.views("lens"), self.board)
+            return first_solved(chain([first], others), solve)
 
         return self.cached("joint", self.inputs(*_ALL), made)
 

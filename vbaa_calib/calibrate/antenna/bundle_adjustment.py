@@ -186,18 +186,20 @@ def adjust_bundle(
     off than the others. Where the lens folds within its covariance, its prior is narrowed. Where points share their
     errors, the stills with a load, or without, tell no more than one of them: the light stands still.
     """
-    sees, covariance = prior.camera.valid_region().image_fraction, prior.camera.covariance
-    for share in _HOLDS:
-        held = prior
-        if covariance is not None and share != 1.0:
-            held = replace(prior, camera=replace(prior.camera, covariance=share**2 * covariance))
+    sees, shares = prior.camera.valid_region().image_fraction, list(_HOLDS)
+    failure = SolveError("the lens that the pictures require folds inside the picture: calibrate it from more views")
+    while shares:
         try:
-            found = _solved(observations, held, length_m, moment_std_Nm, share)
+            found = _solved(observations, replace(prior, lens_share=shares.pop(0)), length_m, moment_std_Nm)
         except LensLost:
+            continue
+        except SolveError as error:
+            # with a lens that all but stays, before it counts as the stills' fault
+            shares, failure = shares[-1:], error
             continue
         if found.camera.valid_region().image_fraction >= sees - _SEES_LESS:
             return found
-    raise SolveError("the lens that the pictures require folds inside the picture: calibrate it from more views")
+    raise failure
 
 
 def _too_few(fits: np.ndarray, loaded: np.ndarray) -> bool:
@@ -257,7 +259,7 @@ def _in_passes(problem: Problem, judged: bool = True) -> _Solved | None:
 
 
 def _solved(
-    observations: Sequence[Observation], prior: Prior, length_m: float, moment_std_Nm: float, share: float
+    observations: Sequence[Observation], prior: Prior, length_m: float, moment_std_Nm: float
 ) -> BundleAdjustment:
     problem = Problem.of(observations, prior, length_m, moment_std_Nm)
     found = _in_passes(problem) or _in_passes(problem, judged=False)
@@ -265,10 +267,7 @@ def _solved(
     problem, solution, evaluated, rms = found
     parameters = solution.parameters
     if not solution.converged:
-        raise SolveError(
-            "bundle adjustment of camera pose, antenna and sensor did not converge: check unit and sign of forces and "
-            "distances, gravity, and the jig in session.yaml"
-        )
+        raise SolveError("bundle adjustment of camera pose, antenna and sensor did not converge")
     tried, gap_std, gap_m = _with_tips(problem, solution)
     if len(tried.tips):
         with_tips = _at_tips(tried, parameters)
@@ -280,12 +279,14 @@ def _solved(
     settled = solution
     if alike > 1.0:
         settled = replace(problem, noise_scale=problem.noise_scale * float(np.sqrt(alike))).linearised(parameters)
-    whole, lens = settled.covariance(), problem.lens
-    # the lens may be off by all its deviation, whatever share it was held to: the solution follows it as its prior
-    whole = whole + (share**-2 - 1.0) * whole[:, lens] @ whole[lens, :]
+    root, lens = settled.covariance_root(), problem.lens
+    # the lens may be off by all its standard deviation, whatever share the solve had: the solution follows its prior
+    rest = root @ root[lens].T * np.sqrt(prior.lens_shares**-2 - 1.0)
+    root = np.hstack([root, rest])
     # the lens in its own units
     axes = block_diag(np.eye(RIG), prior.lens_axes)
-    covariance = axes @ whole[: problem.lens.stop, : problem.lens.stop] @ axes.T
+    scaled = axes @ root[: lens.stop]
+    covariance, whole = scaled @ scaled.T, root @ root.T
     camera = problem.camera(parameters)
     return BundleAdjustment(
         problem=problem,

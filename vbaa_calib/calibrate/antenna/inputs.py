@@ -8,11 +8,11 @@ from functools import cached_property
 
 import numpy as np
 
+from vbaa_calib.calibrate.lens.uncertainty import linear_axes
 from vbaa_calib.calibrate.pose.fusion import PoseEstimate
 from vbaa_calib.camera import Camera
 from vbaa_calib.detect.whisker.paint import Paint
 from vbaa_calib.geometry import Pose
-from vbaa_calib.geometry.independent_axes import independent_axes
 from vbaa_calib.session import Load, LoadReadings, Still
 
 DISTANCE_STEP_M, LOG_FORCE_STEP = 1e-4, 1e-3  # finite differences of a load's place, towards the clamp, and log force
@@ -131,8 +131,16 @@ class Prior:
     readings: LoadReadings = EXACT  # how well the loads' places and forces are known
     tip_std_m: float | None = None  # how well the visible end is known to lie at the antenna's length; None: not used
     line_px: float = 0.0  # common error of all points of a centreline, see `session.Drift`
+    lens_share: float = 1.0  # part of its standard deviations by which the lens may be off in the solve
+
+    @cached_property
+    def lens_shares(self) -> np.ndarray:
+        """(P,) parts of the lens' standard deviations that `lens_axes` stand for: less than `lens_share` along those by
+        which the picture does not follow linearly."""
+        return np.zeros(0) if self.camera.covariance is None else self.lens_share * linear_axes(self.camera)[1]
 
     @cached_property
     def lens_axes(self) -> np.ndarray:
-        """(P, P): along its columns the lens varies independently, by unit deviations; (0, 0) for an exact one."""
-        return np.zeros((0, 0)) if self.camera.covariance is None else independent_axes(self.camera.covariance)
+        """(P, P): along its columns the lens varies independently, by `lens_shares` of its standard deviations; (0, 0)
+        for an exact one."""
+        return np.zeros((0, 0)) if self.camera.covariance is None else linear_axes(self.camera)[0] * self.lens_shares

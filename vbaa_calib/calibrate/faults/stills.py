@@ -143,12 +143,17 @@ def _sensor(session: Session, joint: BundleAdjustment, moments_known: bool) -> l
 def with_cause(
     session: Session, kinematics: Kinematics, observations: Sequence[Observation], before: Prior, error: SolveError
 ) -> SolveError | InputError:
-    """An error of `solve_antenna` with its likely cause, where one is found."""
+    """An error of `solve_antenna` with its likely cause, or that none is found."""
     causes = _failure_causes(session, kinematics, observations, before)
     typed = [one for one in causes if one.name.startswith("load_")]
     if typed:
         return InputError(f"{error}. {typed[0].words}", remedy=typed[0].remedy)
-    return SolveError(f"{error}. Likely: {causes[0]}") if causes else error
+    if causes:
+        return SolveError(f"{error}. Likely: {causes[0]}")
+    return SolveError(
+        f"{error}. No load, reading or joint angle explains it: look at the antenna's pictures with vbaa look, "
+        "add views of the board over the whole picture, or choose another --lens-model"
+    )
 
 
 def _failure_causes(

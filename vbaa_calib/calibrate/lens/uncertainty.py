@@ -8,6 +8,7 @@ a turn of the camera explains.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -17,7 +18,7 @@ import numpy as np
 from vbaa_calib.camera import Camera
 from vbaa_calib.camera.projection import ray_derivatives
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.geometry.independent_axes import largest_std
+from vbaa_calib.geometry.independent_axes import independent_axes, largest_std
 
 _GRID = (17, 13)
 _UNSEEN_PX, _LEAST_PX, _CHANCE = 1e3, 1e-4, 2.0
@@ -99,6 +100,53 @@ def expected_errors_px(
         square = square + np.clip(np.nan_to_num(squares[name], nan=_UNSEEN_PX**2) - _CHANCE * noise, 0.0, None)
         expected[name] = np.exp(0.5 * np.mean(np.log(np.maximum(square, _LEAST_PX**2)), axis=0))
     return expected
+
+
+@dataclass(frozen=True)
+class LinearRange:
+    """How far a step of the lens counts as linear.
+
+    shares : of a standard deviation, tried in turn; the last one is taken in any case.
+    bend : largest part of a linear displacement of the picture by which the true one may differ from it. An ordinary
+        lens differs by a thousandth at one standard deviation, one beside a fold by more than all of it.
+    negligible_px : root mean square over the picture below which a difference does not count.
+    grid : columns and rows of the pixels that are compared.
+    """
+
+    shares: tuple[float, ...] = (1.0, 0.3, 0.1, 0.03, 0.01, 3e-3, 1e-3)
+    bend: float = 0.3
+    negligible_px: float = 0.02
+    grid: tuple[int, int] = (9, 7)
+
+
+@lru_cache(maxsize=4)
+def linear_axes(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
+    """Independent axes (P, P) of a lens' covariance, by unit standard deviations, and the share (P,) of each within
+    which the picture follows the lens linearly and is seen as far as before.
+
+    Where the board's views leave a rational or wide lens open the covariance is an extrapolation: a small part of a
+    standard deviation along one axis leads to a lens that folds inside the picture.
+    """
+    assert camera.covariance is not None
+    axes, shares, within = independent_axes(camera.covariance), np.ones(len(camera.covariance)), LinearRange()
+    pixels = pixel_grid(camera.image_size, within.grid).reshape(-1, 2)
+    slopes, (rays, valid) = projection_jacobian(camera, pixels), camera.unproject(pixels)
+    valid &= np.isfinite(slopes).all(axis=(-1, -2))
+    pixels, rays, slopes = pixels[valid], rays[valid], slopes[valid]
+    if not len(pixels):
+        return axes, shares
+
+    def linear(step: np.ndarray) -> bool:
+        seen, inside = camera.moved(step).project(rays)
+        moved = slopes @ step
+        allowed = within.bend * np.linalg.norm(moved) + within.negligible_px * np.sqrt(len(pixels))
+        return bool(inside.all() and np.linalg.norm(seen - pixels - moved) <= allowed)
+
+    turned = axes @ np.linalg.svd((slopes @ axes).reshape(2 * len(pixels), -1), full_matrices=False)[2].T
+    for index, axis in enumerate(turned.T):
+        near = (share for share in within.shares if linear(share * axis) and linear(-share * axis))
+        shares[index] = next(near, within.shares[-1])
+    return (axes, shares) if (shares == 1.0).all() else (turned, shares)
 
 
 def projection_jacobian(camera: Camera, pixels: np.ndarray) -> np.ndarray:
