@@ -15,7 +15,7 @@ from vbaa_calib.rig import Rig, RigVerdict
 from .conftest import Call, refused
 
 VERBS = {
-    "estimate": ("estimate", "SESSION", "--rig", "RIG", "-o", "OUT", "--no-report"),
+    "estimate": ("estimate", "SESSION", "--rig", "RIG", "-o", "OUT", "--report", "PAGE"),
     "live": ("live", "RIG", "SESSION/recording/recording.csv", "--output", "OUT"),
     "batch": ("batch", "SESSION", "--rig", "RIG", "-o", "OUT"),
     "refine": ("refine", "CONTACTS", "--rig", "RIG", "--session", "SESSION", "-o", "OUT"),
@@ -61,7 +61,13 @@ def test_a_wrong_rig_is_refused_unless_accepted(
     document = json.loads(rig.read_text()) | {"verdict": RigVerdict.of([finding]).to_dict()}
     rig.write_text(json.dumps(document))
     suffix = {"batch": ""}.get(verb, ".csv")
-    named = {"SESSION": session, "RIG": rig, "CONTACTS": contacts, "OUT": out.with_suffix(suffix)}
+    named = {
+        "SESSION": session,
+        "RIG": rig,
+        "CONTACTS": contacts,
+        "OUT": out.with_suffix(suffix),
+        "PAGE": tmp_path / "page.html",
+    }
     call = [str(named.get(word, word)).replace("SESSION", str(session)) for word in VERBS[verb]]
     refused(vbaa(*call), "rig.json", "pan and tilt were exchanged", "exchange the columns", "--accept-rig")
     assert not named["OUT"].exists()
@@ -69,6 +75,8 @@ def test_a_wrong_rig_is_refused_unless_accepted(
         accepted = vbaa(*call, "--accept-rig")
         assert accepted.code == 0, accepted.err
         assert "pan and tilt were exchanged" in accepted.err
+    if verb == "estimate":
+        assert "pan and tilt were exchanged" in named["PAGE"].read_text()
 
 
 def test_the_verdict_survives_reading_and_writing(rig: Path) -> None:
