@@ -16,8 +16,8 @@ def test_a_free_antennas_moment_in_millinewton_metres(
 ) -> None:
     capsys.readouterr()
     free = "session/recording/frame_0000.png --pan=0.197222 --tilt=-0.244346"
-    assert run(f"check rig.json --free {free} --moment={moment} --json") == 0
+    code = run(f"check rig.json --free {free} --moment={moment} --json")
     findings = json.loads(capsys.readouterr().out)["session_findings"]
     (sensor,) = (finding for finding in findings if finding["name"] == "sensor_offset")
     assert ("give it in N·m" in (sensor["remedy"] or "")) == told
-    assert (sensor["level"] == "holds") == (moment == "-0.00102")
+    assert (sensor["level"] == "holds") == (code == 0) == (moment == "-0.00102")

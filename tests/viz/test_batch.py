@@ -241,11 +241,10 @@ def test_what_is_wrong_is_named_and_the_rest_goes_on(
     paths[DEADLY] = paths[DEADLY].rename(own / "mended")
     given = recordings_of([str(own / "*")], folder / "rig.json")
     again = batch(client, given, results)
-    assert {name: each.state for name, each in again.items()} == {
-        "good": "unchanged",
-        "corrupt": "done",
-        "mended": "done",
-    }
+    assert again["good"].state == "unchanged"
+    # unchanged: a worker was lost after all was written, and the next one found it done
+    assert {again[name].state for name in ("corrupt", "mended")} <= {"done", "unchanged"}
+    assert [len(read_contacts(results.contacts(name))) for name in ("corrupt", "mended")] == [8, 8]
     # another option, another input: what depends on it is done again
     assert batch(client, given[:1], results, Settings(no_moment=True))[given[0].name].state == "done"
     with (paths["good"] / "recording" / "recording.csv").open("a") as table:
