@@ -1,4 +1,4 @@
-"""`vbaa bench scale`: recordings on one and two workers, whole and in pieces: pace, overhead, bytes moved."""
+"""`vbaa bench scale`: recordings on one and two workers: pace, overhead, bytes moved."""
 
 from __future__ import annotations
 
@@ -22,9 +22,8 @@ if TYPE_CHECKING:
     from distributed import Client
 
 _FRAMES, _QUICK_FRAMES, _POINTS = 5000, 512, 40
-_PIECE = 4096
 _FEW = 12
-"""So many recordings at most are done serially, and are as long together as the one that is done in pieces."""
+"""So many recordings at most are done serially."""
 _EMPTY = 200
 _IDLE_S = 3.0
 
@@ -34,42 +33,36 @@ class Scale:
     """One way to do the same frames.
 
     workers : processes; 0: in this process, without dask. wall_s : by the clock, on a machine that others may use.
-    parts : recordings, or pieces. work_s : the processor's seconds of what is done with frames, tasks_s : of tasks,
-        which also open, index and join; all_s : of all processes together. overhead : of all_s, what is not in tasks,
-        and what tasks take beside the work more than those of the serial run do; for a machine without other work: what
-        dask takes while it waits for the processor is taken off. each_ms : the same for a part.
+    tasks_s : the processor's seconds of tasks; all_s : of all processes together. overhead : of all_s, what is not in
+        tasks, for a machine without other work: what dask takes while it waits for the processor is taken off.
+        each_ms : the same for a recording.
     moved_per_frame, written_per_frame : bytes between processes, and of the data set.
     """
 
-    kind: str
     workers: int
-    parts: int
+    recordings: int
     frames: int
     wall_s: float
-    work_s: float
     tasks_s: float
     all_s: float
     overhead: float
     each_ms: float
     frames_per_s: float
-    work_us_per_frame: float
+    us_per_frame: float
     moved_per_frame: float
     written_per_frame: float
 
 
 def measure(options: Options) -> Findings:
-    """Frames as recordings on one worker and two; some of them serially, and as one recording in pieces."""
+    """Recordings on one worker and two; some of them serially."""
     each = _QUICK_FRAMES if options.quick else _FRAMES
     with TemporaryDirectory() as folder:
         root = Path(folder)
-        short, long = root / "short", root / "long"
+        short = root / "short"
         for index in range(options.draws):
             (short / f"{index:04d}").mkdir(parents=True)
             write_recording(short / f"{index:04d}", each, _POINTS, options.seed + index)
-        long.mkdir()
-        write_recording(long, each * min(options.draws, _FEW), _POINTS, options.seed)
         recordings = [Recording(path.name, path, path / "rig.json") for path in sorted(short.iterdir())]
-        one = [Recording("long", long, long / "rig.json")]
         do(recordings[0], Settings(), _results(root / "warm"))  # reads compiled code
         rows = [_serially(recordings[:_FEW], root / "serial")]
         task_s, idle = 0.0, {0: 0.0}
@@ -80,19 +73,16 @@ def measure(options: Options) -> Findings:
                     client.submit(do, recordings[0], Settings(again=True), warm, workers=[address], pure=False).result()
                 task_s, idle[workers] = _empty_task_s(client), _idle(client)
                 _count(client)
-                rows.append(_on(client, workers, "recordings", recordings, root / f"short{workers}"))
-                rows.append(_on(client, workers, "pieces", one, root / f"long{workers}"))
-    rows = [_beside(row, rows[0], idle[row.workers]) for row in rows]
-    by = {(row.kind, row.workers): row for row in rows}
-    faster = {kind: by[kind, 1].wall_s / by[kind, 2].wall_s for kind in ("recordings", "pieces")}
+                rows.append(_on(client, workers, recordings, root / f"short{workers}"))
+    rows = [_with_overhead(row, idle[row.workers]) for row in rows]
+    faster = rows[1].wall_s / rows[2].wall_s
     worst = max(row.overhead for row in rows[1:])
     said = (
         f"an empty task costs {1e3 * task_s:.2f} ms of all processes together, waiting {100 * idle[2]:.1f} % of a core"
     )
     text = "\n".join([_table(rows), said])
     numbers = {"faster": faster, "empty_task_s": task_s, "idle": idle, "rows": [vars(row) for row in rows]}
-    times = " and ".join(f"{each:.2f} ({kind})" for kind, each in faster.items())
-    headline = f"two workers {times} times one, overhead at most {100 * worst:.1f} %"
+    headline = f"two workers {faster:.2f} times one, overhead at most {100 * worst:.1f} %"
     return Findings(text, {"scale.csv": rows}, {}, numbers, headline)
 
 
@@ -107,22 +97,20 @@ def _serially(recordings: Sequence[Recording], root: Path) -> Scale:
     wall, begun = time.perf_counter(), time.process_time()
     rows = [do(recording, Settings(), results).row for recording in recordings]
     spent = time.process_time() - begun
-    return _scale("serial", 0, rows, time.perf_counter() - wall, (spent, spent), results, 0)
+    return _scale(0, rows, time.perf_counter() - wall, (spent, spent), results, 0)
 
 
-def _on(client: Client, workers: int, kind: str, recordings: Sequence[Recording], root: Path) -> Scale:
+def _on(client: Client, workers: int, recordings: Sequence[Recording], root: Path) -> Scale:
     results = _results(root)
-    settings = Settings(piece=_PIECE) if kind == "pieces" else Settings()
     before, moved, tasks = _spent_s(client), _moved(client), _in_tasks(client)
     wall = time.perf_counter()
-    rows = [outcome.row for outcome in cluster.run(client, recordings, settings, results)]
+    rows = [outcome.row for outcome in cluster.run(client, recordings, Settings(), results)]
     wall_s = time.perf_counter() - wall
     spent = _in_tasks(client) - tasks, _spent_s(client) - before
-    return _scale(kind, workers, rows, wall_s, spent, results, _moved(client) - moved)
+    return _scale(workers, rows, wall_s, spent, results, _moved(client) - moved)
 
 
 def _scale(
-    kind: str,
     workers: int,
     rows: Sequence[object],
     wall_s: float,
@@ -131,31 +119,27 @@ def _scale(
     moved: int,
 ) -> Scale:
     done = [dict(row) for row in rows]  # type: ignore[call-overload]
-    frames, work_s = sum(row["frames"] for row in done), sum(row["cpu_s"] for row in done)
+    frames = sum(row["frames"] for row in done)
     written = sum(path.stat().st_size for path in results.root.glob("contacts/*/*.parquet"))
     return Scale(
-        kind,
         workers,
-        sum(row["pieces"] for row in done),
+        len(done),
         frames,
         wall_s,
-        work_s,
         *spent_s,
         0.0,
         0.0,
         frames / wall_s,
-        1e6 * work_s / frames,
+        1e6 * spent_s[0] / frames,
         moved / frames,
         written / frames,
     )
 
 
-def _beside(row: Scale, serial: Scale, idle: float) -> Scale:
+def _with_overhead(row: Scale, idle: float) -> Scale:
     waited_s = row.wall_s - row.all_s / max(row.workers, 1)
-    # beside the work, as a share of it: how quick the machine is just then does not matter
-    more = row.tasks_s / row.work_s - serial.tasks_s / serial.work_s
-    more_s = row.all_s - row.tasks_s - idle * max(waited_s, 0.0) + more * row.work_s
-    return replace(row, overhead=more_s / row.all_s, each_ms=1e3 * more_s / row.parts)
+    more_s = row.all_s - row.tasks_s - idle * max(waited_s, 0.0)
+    return replace(row, overhead=more_s / row.all_s, each_ms=1e3 * more_s / row.recordings)
 
 
 def _spent_s(client: Client) -> float:
@@ -221,12 +205,10 @@ def _empty_task_s(client: Client) -> float:
 
 def _table(rows: Sequence[Scale]) -> str:
     head = [
-        "what",
         "workers",
-        "parts",
+        "recordings",
         "frames",
         "wall s",
-        "work s",
         "tasks s",
         "all s",
         "overhead",
@@ -238,21 +220,19 @@ def _table(rows: Sequence[Scale]) -> str:
     ]
     cells = [
         [
-            row.kind,
             str(row.workers),
-            str(row.parts),
+            str(row.recordings),
             str(row.frames),
             f"{row.wall_s:.1f}",
-            f"{row.work_s:.1f}",
             f"{row.tasks_s:.1f}",
             f"{row.all_s:.1f}",
             f"{100 * row.overhead:.1f} %",
             f"{row.each_ms:.0f}",
             f"{row.frames_per_s:.0f}",
-            f"{row.work_us_per_frame:.0f}",
+            f"{row.us_per_frame:.0f}",
             f"{row.moved_per_frame:.0f}",
             f"{row.written_per_frame:.0f}",
         ]
         for row in rows
     ]
-    return aligned([head, *cells], [True, *[False] * (len(head) - 1)])
+    return aligned([head, *cells], [False] * len(head))

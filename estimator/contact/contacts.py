@@ -193,43 +193,9 @@ def moving(rig: Rig, several: Sequence[Measured], found: Contacts) -> MovingCont
     return MovingContacts(found, push, Shapes(times, points, std_m, distance))
 
 
-class InertialShifts:
-    """By how many of its deviations inertia puts each contact's distance off, in order; 0 where it does nothing.
-
-    Some are known only once later frames are. live : from earlier frames alone, so that nothing waits.
-    """
-
-    def __init__(self, beam: Beam, live: bool = False) -> None:
-        self._motion = Motion(beam, live)
-        self._waiting: deque[np.ndarray] = deque()
-
-    def __len__(self) -> int:
-        """How many frames wait."""
-        return len(self._waiting)
-
-    def push(self, several: MovingContacts) -> list[float]:
-        """Those that are known with these frames."""
-        if not self._waiting and not np.isfinite(several.shapes.time_s).any():
-            return [0.0] * len(several.push)
-        self._waiting.extend(several.push)
-        return self._ready(self._motion.push(several.shapes))
-
-    def finish(self) -> list[float]:
-        """Those of the frames that still wait."""
-        loads = self._motion.finish()
-        return [] if loads is None else self._ready(loads)
-
-    def _ready(self, loads: Inertia) -> list[float]:
-        pairs = zip(np.asarray(loads.load_N_m), np.asarray(loads.significant), strict=True)
-        # each waiting frame is taken off, whether its load counts or not
-        return [
-            float(np.sum(push * load)) if significant else 0.0
-            for push, (load, significant) in ((self._waiting.popleft(), pair) for pair in pairs)
-        ]
-
-
-def at_rest(contact: Contact, shift: float) -> Contact:
-    """The contact, or that there is none to be had while the antenna swings: `shift` of `InertialShifts`."""
+def _at_rest(contact: Contact, shift: float) -> Contact:
+    """The contact, or that there is none to be had while the antenna swings: inertia moves the distance by `shift` of
+    its standard deviations."""
     if not (abs(shift) > _LARGEST_SHIFT and contact.status in (OK, TIP)):
         return contact
     off_m = abs(shift) * contact.distance_std_m
@@ -246,25 +212,33 @@ def at_rest(contact: Contact, shift: float) -> Contact:
 
 
 class MotionCheck:
-    """Contacts in, contacts out in the same order, tested for motion; some of them only once later frames are known."""
+    """Contacts in, contacts out in the same order, tested for motion; some of them only once later frames are known.
+
+    live : by earlier frames alone, so that nothing waits.
+    """
 
     def __init__(self, beam: Beam, live: bool = False) -> None:
-        self._shifts = InertialShifts(beam, live)
-        self._waiting: deque[tuple[Sequence[Contact], int]] = deque()
+        self._motion = Motion(beam, live)
+        self._waiting: deque[tuple[MovingContacts, int]] = deque()
 
     def push(self, several: MovingContacts) -> Iterator[Contact]:
         """The contacts that are ready once these frames are known."""
-        self._waiting.extend((several.contacts, index) for index in range(len(several.push)))
-        return self._ready(self._shifts.push(several))
+        if not self._waiting and not np.isfinite(several.shapes.time_s).any():
+            return iter(several.contacts)
+        self._waiting.extend((several, index) for index in range(len(several.push)))
+        return self._ready(self._motion.push(several.shapes))
 
     def finish(self) -> Iterator[Contact]:
         """The contacts that still wait."""
-        return self._ready(self._shifts.finish())
+        loads = self._motion.finish()
+        return iter(()) if loads is None else self._ready(loads)
 
-    def _ready(self, shifts: list[float]) -> Iterator[Contact]:
-        for shift in shifts:
-            contacts, index = self._waiting.popleft()
-            yield at_rest(contacts[index], shift)
+    def _ready(self, loads: Inertia) -> Iterator[Contact]:
+        # each waiting frame is taken off, whether its load counts or not
+        for load, significant in zip(np.asarray(loads.load_N_m), np.asarray(loads.significant), strict=True):
+            several, index = self._waiting.popleft()
+            shift = float(np.sum(several.push[index] * load)) if significant else 0.0
+            yield _at_rest(several.contacts[index], shift)
 
 
 def last(parts: Generator[None, None, _T]) -> _T:

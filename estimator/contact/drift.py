@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Generator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -16,13 +16,7 @@ from vbaa_calib.core.robust import finite_or_none
 from vbaa_calib.detect.whisker.antenna import free_curve
 from vbaa_calib.rig import RIG_PARAMETERS, Rig
 
-from .contacts import last
 from .inputs import Batch
-
-if TYPE_CHECKING:
-    from estimator.table.contacts import Measured
-
-    from .estimate import ContactEstimator
 
 FREE_GAIN = 5.0
 """A frame is taken for free when the best force explains it better by less: noise exceeds it in two of a hundred."""
@@ -121,34 +115,6 @@ class LearntRig:
         past = (*self.history[-_HISTORY:], (time_s, step, np.sqrt(np.diag(now.covariance))))
         moments = self.moments + int(np.isfinite(free.readings_Nm[:, 0]).sum())
         return LearntRig(self.calibrated, now, self.frames + len(rows), count, own, time_s, step, past, moments)
-
-
-class Batches:
-    """Batches of a recording in, and out in the same order, each with the estimator for the rig as it then is.
-
-    patience : the first ones wait for free frames, so many batches at most. A part of a recording that begins later, at
-        a multiple of that, goes on from what was learnt before it, and does not wait: 0.
-    """
-
-    def __init__(self, estimator: ContactEstimator, patience: int) -> None:
-        self.now = estimator
-        self._patience = patience if estimator.rig.drift.of_rig else 0
-        self._waiting: list[list[Measured]] = []
-
-    def push(
-        self, several: list[Measured], now: ContactEstimator | None = None
-    ) -> list[tuple[ContactEstimator, list[Measured]]]:
-        """Those that are ready; `now` : what others have learnt of the rig from the same frames."""
-        self.now = last(self.now.after_free_frames(several)) if now is None else now
-        self._waiting.append(several)
-        if self.now.drift.frames or len(self._waiting) >= self._patience:
-            self._patience = 0
-        return [] if self._patience else self.finish()
-
-    def finish(self) -> list[tuple[ContactEstimator, list[Measured]]]:
-        """Those that still wait."""
-        ready, self._waiting = [(self.now, each) for each in self._waiting], []
-        return ready
 
 
 def _in_covariance(widened: Rig, before: Rig) -> Rig:

@@ -23,7 +23,7 @@ from vbaa_calib.rig import Rig
 from vbaa_calib.session import DRIFTS
 
 from .contacts import Contacts, MotionCheck, MovingContacts, RoughFit, contacts_of, last, moving, with_joint_errors
-from .drift import Batches, LearntRig
+from .drift import LearntRig
 from .inputs import Batch, Values, without_outliers
 from .motion import Beam
 from .status import CONTACT_EVIDENCE, FEWEST_POINTS, ODD_END, unexplained
@@ -34,9 +34,8 @@ STREAM = 64
 """Frames of a recording that are solved at once, each batch from where the one before ended."""
 _AT_ONCE, _MOST_STEPS = 8, 4
 """Of work done little by little: frames taken over or contacts given in a step, and steps with a frame, at most."""
-AFRESH = 1024
-"""After so many frames of a recording the search begins afresh, so that it can be cut there without changing a bit; and
-as many at most wait for its first free frames."""
+_PATIENCE = 16
+"""Batches of a recording that wait for its first free frames, at most."""
 
 
 class ContactEstimator:
@@ -141,15 +140,11 @@ class ContactEstimator:
 
         Frames are taken `STREAM` at a time, and the solver begins at the last contact before them. Frames with times
         are tested for motion with those around them (`motion`), so that a contact comes out a little later. A recording
-        that begins with contacts waits for its first free frames, `AFRESH` frames at most: they say how the rig has
+        that begins with contacts waits for its first free frames, 1024 frames at most: they say how the rig has
         changed. With `live` each frame is answered as it comes, tested with those before it.
         """
         stream = ContactStream(self, live=live)
         return chain((each for measured in recording for each in stream.push(measured)), stream.finish())
-
-    def continued(self, learnt: LearntRig) -> ContactEstimator:
-        """The estimator for the rest of a recording of this rig, of which so much was learnt; self is a new one."""
-        return self._with(learnt) if learnt.frames else self
 
     def after_free_frames(self, several: Sequence[Measured]) -> Generator[None, None, ContactEstimator]:
         """The estimator for the rig as it is now: its drift is learnt from the free ones of some frames, in steps."""
@@ -280,39 +275,6 @@ class ContactEstimator:
             fitted.explained_alone[rows] = ~unexplained(self._solved(silent))
 
 
-class Search:
-    """Contacts of successive batches: the solver begins at the last one before, and afresh every `AFRESH` frames.
-
-    later : another search, of the same frames in other batches: what was found for a frame that has a start of its own
-        is found again by the same estimator, so it is not looked for there.
-    """
-
-    def __init__(self, rig: Rig, later: Search | None = None) -> None:
-        self._rig, self._beam = rig, Beam.of(rig)
-        self._later, self._earlier = later, deque[tuple[ContactEstimator, Measured, FitNumbers]]()
-        self._warm: np.ndarray | None = None
-        self._count = 0
-
-    def solve(self, now: ContactEstimator, several: list[Measured], most: int) -> Generator[None, None, MovingContacts]:
-        """So many frames from one step to the next."""
-        self._warm = None if self._count % AFRESH == 0 else self._warm
-        then = now.at(max(each.time_s for each in several))
-        earlier = [self._earlier.popleft() for _ in range(min(len(several), len(self._earlier)))]
-        known = {
-            row: numbers
-            for row, (estimator, measured, numbers) in enumerate(earlier)
-            if estimator is then and measured is several[row] and np.isfinite(measured.start).all()
-        }
-        found = yield from then.contacts_in_parts(Batch.of(self._rig, several, self._warm), self._beam, most, known)
-        if self._later is not None:
-            rows = (found.numbers,) if len(several) == 1 else map(found.numbers.row, range(len(several)))
-            self._later._earlier.extend((then, *each) for each in zip(several, rows, strict=True))
-        located = np.flatnonzero(np.isfinite(found.distance_m))
-        self._warm = found.numbers.unknowns[located[-1]] if len(located) else None
-        self._count += len(several)
-        return moving(self._rig, several, found)
-
-
 class ContactStream:
     """Frames in, one at a time, contacts out in the same order: what `ContactEstimator.run` does, for frames that come
     when they come.
@@ -331,18 +293,21 @@ class ContactStream:
         little_by_little: bool = False,
         beside: ContactStream | None = None,
     ) -> None:
-        self._estimator, self._beside = estimator, beside
+        self._estimator, self._now, self._beside = estimator, estimator, beside
         self._size, self._little = 1 if live else STREAM, little_by_little
-        self._batches = Batches(estimator, 0 if live else AFRESH // STREAM)
-        self._search: Search = Search(estimator.rig, None if beside is None else beside._search)
-        self._motion = MotionCheck(Beam.of(estimator.rig), live)
+        self._patience = _PATIENCE if estimator.rig.drift.of_rig and not live else 0
+        self._beam = Beam.of(estimator.rig)
+        self._motion = MotionCheck(self._beam, live)
         self._coming: list[Measured] = []
+        self._waiting: list[list[Measured]] = []  # for the first free frames
+        self._earlier: deque[tuple[ContactEstimator, Measured, FitNumbers]] = deque()  # from who has this one beside it
+        self._warm: np.ndarray | None = None
         self._work: deque[Generator[list[Contact] | None, None, None]] = deque()
 
     @property
     def drift(self) -> LearntRig:
         """The rig's drift as learnt so far."""
-        return self._batches.now.drift
+        return self._now.drift
 
     def push(self, measured: Measured, hurried: bool = False) -> Iterator[Contact]:
         """The contacts that are ready with this frame, its own among them or not. `hurried` : others wait already."""
@@ -363,7 +328,7 @@ class ContactStream:
         if self._coming:
             self._work.append(self._taken(self._coming))
         yield from self._worked(None)
-        self._work.append(self._solved(self._batches.finish()))
+        self._work.append(self._solved())
         yield from self._worked(None)
         yield from self._motion.finish()
 
@@ -379,20 +344,43 @@ class ContactStream:
     def _taken(self, several: list[Measured]) -> Generator[list[Contact] | None, None, None]:
         """The work that a batch makes, in steps, some of which give contacts."""
         if self._beside is None:
-            now = yield from self._batches.now.after_free_frames(several)
+            self._now = yield from self._now.after_free_frames(several)
         else:
-            now = self._beside._batches.now
-        ready = self._batches.push(several, now)
+            self._now = self._beside._now
         self._estimator.drift = self.drift
-        yield from self._solved(ready)
+        self._waiting.append(several)
+        if self.drift.frames or len(self._waiting) >= self._patience:
+            self._patience = 0
+            yield from self._solved()
 
-    def _solved(
-        self, ready: list[tuple[ContactEstimator, list[Measured]]]
-    ) -> Generator[list[Contact] | None, None, None]:
-        solved, given = (1, _AT_ONCE) if self._little else (CHUNK, CHUNK)
-        for now, several in ready:
-            found = yield from self._search.solve(now, several, solved)
+    def _solved(self) -> Generator[list[Contact] | None, None, None]:
+        """The work on the batches that waited, by what is known of the rig now."""
+        now, ready, self._waiting = self._now, self._waiting, []
+        for several in ready:
+            found = yield from self._search(now, several)
             yield None
             contacts = self._motion.push(found)
-            while part := list(islice(contacts, given)):
+            while part := list(islice(contacts, _AT_ONCE if self._little else CHUNK)):
                 yield part
+
+    def _search(self, now: ContactEstimator, several: list[Measured]) -> Generator[None, None, MovingContacts]:
+        """The contacts of a batch: the solver begins at the last one before.
+
+        What the stream of the same frames has found for one that has a start of its own is found again by the same
+        estimator, so it is not looked for.
+        """
+        then = now.at(max(each.time_s for each in several))
+        earlier = [self._earlier.popleft() for _ in range(min(len(several), len(self._earlier)))]
+        known = {
+            row: numbers
+            for row, (estimator, measured, numbers) in enumerate(earlier)
+            if estimator is then and measured is several[row] and np.isfinite(measured.start).all()
+        }
+        batch = Batch.of(self._estimator.rig, several, self._warm)
+        found = yield from then.contacts_in_parts(batch, self._beam, 1 if self._little else CHUNK, known)
+        if self._beside is not None:
+            rows = (found.numbers,) if len(several) == 1 else map(found.numbers.row, range(len(several)))
+            self._beside._earlier.extend((then, *each) for each in zip(several, rows, strict=True))
+        located = np.flatnonzero(np.isfinite(found.distance_m))
+        self._warm = found.numbers.unknowns[located[-1]] if len(located) else None
+        return moving(self._estimator.rig, several, found)

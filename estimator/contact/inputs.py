@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -183,23 +183,6 @@ def _outliers(rig: Rig, nodes_m: np.ndarray, points_px: np.ndarray, sigma_px: np
     off = np.abs(across[order] - np.median(around, axis=1))
     found[there[order]] = off > np.maximum(OutlierSettings.std * sigma_px[there[order]], OutlierSettings.px)
     return found
-
-
-def left_out(measured: Measured) -> dict[str, int]:
-    """Of a frame with points outside the picture: 1 frame, the number of these points, and of those that are used."""
-    counts = {"frames": 1, "points": measured.outside_points, "used": len(measured.points_px)}
-    return counts if measured.outside_points else {}
-
-
-def left_out_words(counts: Mapping[str, int], image_size: tuple[int, int]) -> list[str]:
-    """A sentence, with the likely cause, on the sums of what `left_out` gives; none where all points lie inside."""
-    if not counts:
-        return []
-    many = counts["points"] > 0.1 * (counts["points"] + counts["used"])
-    cause = "are u_px and v_px exchanged, or are they of pictures of another size?" if many else "a tracker's misses"
-    points, frames = (f"{counts[name]} {name.removesuffix('s' * (counts[name] == 1))}" for name in ("points", "frames"))
-    size = "x".join(map(str, image_size))
-    return [f"{points} of {frames} outside the picture of {size} px left out: {cause}"]
 
 
 def _end(tip_px: np.ndarray) -> np.ndarray:

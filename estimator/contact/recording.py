@@ -206,12 +206,11 @@ def _along(rig: Rig, glance: FirstDetection, rough: RoughFit) -> Detection:
 
 
 def detections(estimator: ContactEstimator, glances: Iterable[FirstDetection]) -> Iterator[Detection]:
-    """Second looks at pictures in order, as many at a time as memory allows: a power of two, so that the parts of a
-    recording that is cut between batches of the estimator are taken in the same lots."""
+    """Second looks at pictures in order, as many at a time as memory allows."""
     coming = iter(glances)
     for first in coming:
         most = min(_AT_ONCE_PX // first.image.size, STREAM)
-        yield from detect_again(estimator, [first, *islice(coming, (1 << max(most, 1).bit_length() - 1) - 1)])
+        yield from detect_again(estimator, [first, *islice(coming, max(most - 1, 0))])
 
 
 def read_own(rig: Rig, path: Path) -> np.ndarray:
@@ -265,17 +264,11 @@ def subtracted(
     return evened(image, behind, line, looking.corridor.width_px), line
 
 
-def _in_order(firsts: Iterable[FirstDetection], earlier: Iterable[FirstDetection] = ()) -> Iterator[FirstDetection]:
-    """The same; where two lines could be the antenna, the frame before tells whether the first one is.
-
-    earlier : the frames before the first, latest first; as many are looked at as are needed to tell.
-    """
-    before: np.ndarray | None = None
+def _in_order(firsts: Iterable[FirstDetection]) -> Iterator[FirstDetection]:
+    """The same; where two lines could be the antenna, the frame before tells whether the first one is."""
+    before = np.empty((0, 2))
     for first in firsts:
-        if before is None and first.line.verdict == "ambiguous":
-            before = _last_seen(earlier)
-        decided_one, now = after(first, np.empty((0, 2)) if before is None else before)
-        before = now if decided_one.line.found else before
+        decided_one, before = after(first, before)
         yield decided_one
 
 
@@ -283,19 +276,6 @@ def after(first: FirstDetection, before: np.ndarray) -> tuple[FirstDetection, np
     """A first look, decided by where the antenna was seen `before` (N, 2), and where it is seen now."""
     line = decided(first.line, before)
     return replace(first, line=line), line.guide_px if line.found else before
-
-
-def _last_seen(earlier: Iterable[FirstDetection]) -> np.ndarray:
-    """(K, 2) the antenna in the last of some frames, latest first, in which it was found; (0, 2) where it was not."""
-    undecided: list[FirstDetection] = []
-    for first in earlier:
-        undecided.append(first)
-        if first.line.found:
-            break
-    before = np.empty((0, 2))
-    for first in reversed(undecided):
-        _, before = after(first, before)
-    return before
 
 
 def estimate_pictures(
@@ -348,33 +328,9 @@ def measured_recording(
     return (each.measured for each in detected(estimator, frames, ground))
 
 
-def detected(
-    estimator: ContactEstimator, frames: Iterable[Frame], ground: Ground | None = None, earlier: Iterable[Frame] = ()
-) -> Iterator[Detection]:
-    """What is seen in the pictures of frames, in order; `earlier`: those before, latest first. Raises as
-    `first_detection` does."""
-    firsts, before = ((first_detection(estimator, frame, ground) for frame in several) for several in (frames, earlier))
-    return detections(estimator, _in_order(firsts, before))
-
-
-def detected_taken(
-    estimator: ContactEstimator,
-    taken: Iterable[tuple[Frame, np.ndarray]],
-    ground: Ground | None = None,
-    earlier: Iterable[tuple[Frame, np.ndarray]] = (),
-) -> Iterator[tuple[Frame, Detection]]:
-    """What is seen in pictures (H, W[, 3]) that come with their frames, in order; `earlier`: those before, latest
-    first."""
-    frames: deque[Frame] = deque()
-
-    def noted() -> Iterator[tuple[Frame, np.ndarray]]:
-        for frame, image in taken:
-            frames.append(frame)
-            yield frame, image
-
-    firsts = _in_order(first_looks(estimator, noted(), ground), first_looks(estimator, earlier, ground))
-    for seen in detections(estimator, firsts):
-        yield frames.popleft(), seen
+def detected(estimator: ContactEstimator, frames: Iterable[Frame], ground: Ground | None = None) -> Iterator[Detection]:
+    """What is seen in the pictures of frames, in order. Raises as `first_detection` does."""
+    return detections(estimator, _in_order(first_detection(estimator, frame, ground) for frame in frames))
 
 
 def estimate_picture(estimator: ContactEstimator, frame: Frame, ground: Ground | None = None) -> FrameContact:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -36,38 +37,21 @@ class _Movement:
 
 
 def checked(found: Iterable[FrameContact], shutter: Shutter, rows: int) -> Iterator[FrameContact]:
-    """A recording's frames in order, those in which the movement matters marked; pictures of so many rows."""
-    check = ShutterCheck(shutter, rows)
-    for item in found:
-        yield from check.push(item)
-    yield from check.finish()
+    """A recording's frames in order, those in which the movement matters marked; pictures of so many rows.
 
-
-class ShutterCheck:
-    """Frames in, the same frames out in the same order, each once the next one is known; pictures of so many rows."""
-
-    def __init__(self, shutter: Shutter, rows: int) -> None:
-        self.needed = bool(shutter.exposure_s or shutter.readout_s)
-        self._shutter, self._rows = shutter, rows
-        self._before: FrameContact | None = None
-        self._waiting: FrameContact | None = None
-
-    def push(self, item: FrameContact | None) -> Iterator[FrameContact]:
-        """The frame before this one."""
-        if not self.needed:
-            return iter(() if item is None else (item,))
-        before, waiting = self._before, self._waiting
-        self._before, self._waiting = waiting, item
-        if waiting is None:
-            return iter(())
-        # an antenna that comes to rest, or starts from it, may be at rest in the picture itself
-        others = (other for other in (before, item) if other is not None)
-        moved = [_movement(waiting, other, self._shutter, self._rows) for other in others]
-        return iter((_marked(waiting, min(moved, key=_carried_px, default=_Movement())),))
-
-    def finish(self) -> Iterator[FrameContact]:
-        """The last frame."""
-        return self.push(None)
+    Each comes out once the next one is known, where the shutter is known.
+    """
+    if not (shutter.exposure_s or shutter.readout_s):
+        yield from found
+        return
+    before = waiting = None
+    for item in chain(found, [None]):
+        if waiting is not None:
+            # an antenna that comes to rest, or starts from it, may be at rest in the picture itself
+            others = (other for other in (before, item) if other is not None)
+            moved = [_movement(waiting, other, shutter, rows) for other in others]
+            yield _marked(waiting, min(moved, key=_carried_px, default=_Movement()))
+        before, waiting = waiting, item
 
 
 def _carried_px(moved: _Movement) -> float:

@@ -7,25 +7,21 @@ import json
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from vbaa_calib.core.errors import InputError, VbaaError
+from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import sha256
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import (
     Centrelines,
     Drift,
     Frame,
-    Index,
     Session,
     Shutter,
     Still,
     check_pictures,
-    index_of,
     load_session,
-    numbers_of,
     pictures_of,
     read_centrelines,
     read_noload,
@@ -33,14 +29,13 @@ from vbaa_calib.session import (
     without_moments,
 )
 from vbaa_calib.streams import Source as Opened
-from vbaa_calib.streams import Synchronizer, Timing
+from vbaa_calib.streams import Synchronizer, Timing, taken_frames
 from vbaa_calib.streams.bags import Topics, is_bag
 from vbaa_calib.streams.open import is_recorded, open_recorded
 from vbaa_calib.streams.pictures import stored, thinned
-from vbaa_calib.streams.synchronize import Synchronized
 
 from .clock import recorded_clock_offset
-from .estimate import STREAM, ContactEstimator
+from .estimate import ContactEstimator
 from .recording import (
     FrameContact,
     Ground,
@@ -61,10 +56,6 @@ class StreamOptions:
     topics: Topics = field(default_factory=Topics)
     timing: Timing = field(default_factory=Timing)
     estimate_offset: bool = False
-
-
-class Indivisible(VbaaError):
-    """A bag or video does not show in pieces what it shows as a whole: it can be read as a whole only."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,28 +81,11 @@ class Stream:
 
     def taken(self) -> Iterator[tuple[Frame, np.ndarray]]:
         """Its frames with pictures (H, W[, 3]), in order."""
-        return ((each.frame, each.taken.image) for each in self._synchronized(skim=False))
-
-    def skimmed(self) -> tuple[list[Frame], list[Any]]:
-        """Its frames, and where their pictures are, without reading these."""
-        found = [(each.frame, each.taken.place) for each in self._synchronized(skim=True)]
-        return [frame for frame, _ in found], [place for _, place in found]
-
-    def pictures(self, frames: Sequence[Frame], places: Sequence[Any]) -> Iterator[tuple[Frame, np.ndarray]]:
-        """Some frames, in order, with their pictures. Raises Indivisible where these are others than were skimmed."""
-        again = self.opened().again
-        assert again is not None
-        size, count = tuple(self.rig.camera.image_size), 0
-        try:
-            for frame, found in zip(frames, again(places), strict=False):
-                if found.time_s != frame.time_s or found.image.shape[1::-1] != size:
-                    break
-                yield frame, found.image
-                count += 1
-        except Exception as error:  # of a damaged file the readers let anything through
-            raise Indivisible(str(error)) from error
-        if count < len(frames):
-            raise Indivisible(f"frame {frames[count].frame} is another one")
+        source = self.opened()
+        timing = replace(self.options.timing, moment_std_Nm=self.rig.moment_noise_Nm)
+        synchronizer = Synchronizer(timing, source.channels, self.rig.camera.image_size, source.notes)
+        yield from taken_frames(source.messages(), synchronizer)
+        self.notes[:] = [*source.notes, *synchronizer.left_out()]
 
     def clocked(self, estimator: ContactEstimator, ground: Ground | None) -> Stream:
         """With the clocks' offset, if it is to be estimated. Raises InputError where the data do not support it."""
@@ -122,16 +96,6 @@ class Stream:
         timing = replace(timing, offset_s=found.offset_s, offset_std_s=found.std_s)
         return replace(self, options=replace(self.options, timing=timing))
 
-    def _synchronized(self, *, skim: bool) -> Iterator[Synchronized]:
-        source = self.opened()
-        timing = replace(self.options.timing, moment_std_Nm=self.rig.moment_noise_Nm)
-        synchronizer = Synchronizer(timing, source.channels, self.rig.camera.image_size, source.notes)
-        for message in source.messages(skim):
-            if message is not None:
-                yield from synchronizer.push(message)
-        yield from synchronizer.finish()
-        self.notes[:] = [*source.notes, *synchronizer.left_out()]
-
 
 @dataclass(frozen=True, eq=False)
 class Source:
@@ -140,25 +104,15 @@ class Source:
     Attributes
     ----------
     session : settings of its session; None for a bag or video.
-    frames : all of them, in order; of a bag or video they come with their pictures, unless it was skimmed.
+    frames : all of them, in order; none of a bag or video, where they come with their pictures.
     lines : centrelines by frame; None where each frame has its picture.
-    stream : the bag or video. places : of its frames' pictures, once it was skimmed.
-    count : how many frames there are, of a bag or video about.
-    before : of a part, how many of the frames come before it, and how many more are not here.
+    stream : the bag or video.
     """
 
     session: Session | None
     frames: Sequence[Frame]
     lines: Centrelines | None
     stream: Stream | None = None
-    places: Sequence[Any] = ()
-    count: int = 0
-    before: tuple[int, int] = (0, 0)
-
-    @property
-    def divisible(self) -> bool:
-        """Whether other processes may open parts of it."""
-        return self.lines is None or self.lines.portable
 
     @property
     def notes(self) -> Sequence[str]:
@@ -175,6 +129,10 @@ class Source:
         """The camera's, as far as it is known."""
         return Shutter() if self.session is None else self.session.shutter
 
+    def clocked(self, estimator: ContactEstimator, ground: Ground | None) -> Source:
+        """With the clocks' offset of a bag or video, if it is to be estimated. Raises InputError where it cannot be."""
+        return self if self.stream is None else replace(self, stream=self.stream.clocked(estimator, ground))
+
     def stills(self, rig: Rig, folder: Path) -> list[Still]:
         """Its pictures and, where the session has some of this camera, those of the free antenna.
 
@@ -184,40 +142,6 @@ class Source:
             return some_stills(self.stream.taken(), folder)
         assert self.session is not None
         return [*self.frames, *free_stills(self.session, rig)]
-
-    def skimmed(self) -> Source:
-        """With all frames, and their pictures' places, of a bag or video."""
-        if self.stream is None:
-            return self
-        frames, places = self.stream.skimmed()
-        return replace(self, frames=frames, places=places, count=len(frames))
-
-    def cut(self, part: slice) -> Source:
-        """Some successive frames of the whole, and the few before them which their pictures may need."""
-        first = part.start if self.lines is not None else max(part.start - STREAM, 0)
-        frames, places = (each[first : part.stop] for each in (self.frames, self.places))
-        lines = None if self.lines is None else self.lines.picked(numbers_of(frames))
-        before = (part.start - first, first)
-        return replace(self, frames=frames, places=places, lines=lines, count=part.stop - part.start, before=before)
-
-    def own(self) -> tuple[Sequence[Frame], Sequence[Any]]:
-        """The frames of a part, without those before it, and their pictures' places."""
-        return self.frames[self.before[0] :], self.places[self.before[0] :]
-
-    def earlier(self) -> Iterator[tuple[Frame, Any]]:
-        """The frames before a part, latest first, and their pictures' places; what is not here is read once more."""
-        here, more = self.before
-        yield from _backwards(self.frames[:here], self.places[:here])
-        if more and self.stream is not None:
-            frames, places = self.stream.skimmed()
-            yield from _backwards(frames[:more], places[:more])
-        elif more:
-            assert self.session is not None
-            yield from _backwards(read_recording(self.session)[:more], ())
-
-
-def _backwards(frames: Sequence[Frame], places: Sequence[Any]) -> Iterator[tuple[Frame, Any]]:
-    return zip(reversed(frames), reversed(places or [None] * len(frames)), strict=True)
 
 
 def recording_files(path: Path) -> list[Path]:
@@ -257,34 +181,23 @@ def some_stills(taken: Iterable[tuple[Frame, np.ndarray]], folder: Path) -> list
     return [frame for frame, _ in unpacked(thinned(taken, _STILLS), folder)]
 
 
-def part_index(path: Path, part: int, of: int) -> Index | None:
-    """Where the frames are in a part of a session's centrelines, for `open_source`; None where they are not plain."""
-    return index_of(_session_root(path) / "recording" / "centrelines.csv", part, of)
-
-
-def open_source(
-    path: Path,
-    rig: Rig,
-    no_moment: bool = False,
-    options: StreamOptions | None = None,
-    index: Sequence[Index | None] = (),
-) -> Source:
+def open_source(path: Path, rig: Rig, no_moment: bool = False, options: StreamOptions | None = None) -> Source:
     """Open a session folder, or its recording/centrelines.csv; a bag; a video with readings in the .csv of its name.
 
-    no_moment : leave the moment readings aside. index : what `part_index` has found in every part of its centrelines.
-    Raises InputError for what is wrong in it.
+    no_moment : leave the moment readings aside. Raises InputError for what is wrong in it.
     """
     if is_stream(path):
         stream = Stream(path, rig, options or StreamOptions(), no_moment)
-        return Source(None, (), None, stream, count=stream.opened().count)  # what is wrong is told at once
+        stream.opened()  # what is wrong is told at once
+        return Source(None, (), None, stream)
     session = load_session(_session_root(path))
     frames = read_recording(session)
     if no_moment:
         frames = without_moments(frames)
     pictures = pictures_of(frames)
     check_pictures(pictures, rig.camera.image_size, "the rig was calibrated at")
-    lines = None if pictures else read_centrelines(session, index).checked(frames, "recording.csv")
-    return Source(session, frames, lines, count=len(frames))
+    lines = None if pictures else read_centrelines(session).checked(frames, "recording.csv")
+    return Source(session, frames, lines)
 
 
 def estimate_source(

@@ -160,7 +160,7 @@ class LiveEstimator:
         yield LiveContact(row, item, False, latency_s, each.age_s, each.taken.image)
         if self._later is not None:
             # without its picture, which would fill the memory
-            kept = replace(each, taken=replace(each.taken, image=_NO_PICTURE, arrived_s=0.0, place=None))
+            kept = replace(each, taken=replace(each.taken, image=_NO_PICTURE, arrived_s=0.0))
             self._frames.append((kept, seen))
             yield from map(self._finally, self._later.push(seen.measured, each.taken.waiting > 0))
 

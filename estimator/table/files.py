@@ -52,10 +52,16 @@ def check_format(path: Path) -> None:
 
 
 @gate
-def write_contacts(path: Path, rows: Iterable[ContactRow], force: bool = False) -> None:
+def write_contacts(
+    path: Path,
+    rows: Iterable[ContactRow],
+    force: bool = False,
+    about: dict[bytes, bytes] | None = None,
+) -> None:
     """Write the rows, at least one, whole or not at all, as Parquet or CSV (nine digits) by suffix.
 
-    Each is written as it comes: a generator of rows may be longer than the memory.
+    Each is written as it comes: a generator of rows may be longer than the memory. `about` is the metadata of a
+    Parquet file, complete after the last row.
 
     Raises InputError when the file exists and `force` is off.
     """
@@ -69,8 +75,10 @@ def write_contacts(path: Path, rows: Iterable[ContactRow], force: bool = False) 
             parquet = None
             while several := list(islice(cells, _ROW_GROUP)):
                 table = pyarrow.table({name: [row[name] for row in several] for name in several[0]})
-                parquet = parquet or open_files.enter_context(parquet_writer(temporary, table.schema))
+                parquet = parquet or open_files.enter_context(_parquet_writer(temporary, table.schema))
                 parquet.write_table(table)
+            if parquet is not None and about:
+                parquet.add_key_value_metadata(about)
             return
         stream = open_files.enter_context(temporary.open("w", encoding="utf-8", newline=""))
         write_header(stream)
@@ -78,7 +86,7 @@ def write_contacts(path: Path, rows: Iterable[ContactRow], force: bool = False) 
             write_row(stream, row)
 
 
-def parquet_writer(path: Path, schema: pyarrow.Schema) -> ParquetWriter:
+def _parquet_writer(path: Path, schema: pyarrow.Schema) -> ParquetWriter:
     """Of a table in which only texts repeat: a dictionary of its numbers would take three times as long."""
     import pyarrow
     from pyarrow.parquet import ParquetWriter

@@ -11,7 +11,7 @@ from typing import Any
 from vbaa_calib.session import Frame
 from vbaa_calib.streams.messages import CHANNELS
 
-from .contacts import LOCATED
+from .contacts import LOCATED, Measured
 
 
 @dataclass(eq=False)
@@ -23,6 +23,7 @@ class Overview:
         read, as they are taken to be.
     status : how many frames have each. reasons : of those without a contact point, kinds of reasons that differ in
         numbers only: status, first frame and its reason, and how many.
+    outside : centreline points outside the picture, which are left out; frames with such, and the points used in these.
     """
 
     second: bool = False
@@ -31,10 +32,14 @@ class Overview:
     assumed_rad: dict[str, float] = field(default_factory=dict)
     status: Counter[str] = field(default_factory=Counter)
     reasons: dict[tuple[str, str], dict[str, Any]] = field(default_factory=dict)
+    outside: Counter[str] = field(default_factory=Counter)
 
-    def add_readings(self, frame: Frame) -> None:
-        """What was read with a frame."""
+    def add_readings(self, frame: Frame, measured: Measured | None = None) -> None:
+        """What was read with a frame, and which of its points are used."""
         self.frames += 1
+        if measured is not None and measured.outside_points:
+            used = len(measured.points_px)
+            self.outside.update({"frames": 1, "points": measured.outside_points, "used": used})
         for name, joint in zip(CHANNELS, (True, True, *frame.joints_read), strict=True):
             value = getattr(frame, name)
             if not joint:
@@ -74,6 +79,16 @@ class Overview:
             "readings": {"frames": self.frames, **read, "assumed_rad": dict(self.assumed_rad)},
             "reasons": sorted(self.reasons.values(), key=lambda one: (-one["frames"], one["frame"])),
         }
+
+    def outside_in_words(self, image_size: tuple[int, int]) -> list[str]:
+        """A sentence on the points outside pictures of this size, with the likely cause; none without such points."""
+        if not self.outside:
+            return []
+        points, frames, used = (self.outside[name] for name in ("points", "frames", "used"))
+        exchanged = "are u_px and v_px exchanged, or are they of pictures of another size?"
+        cause = exchanged if points > 0.1 * (points + used) else "a tracker's misses"
+        counts = f"{points} point{'s' * (points != 1)} of {frames} frame{'s' * (frames != 1)}"
+        return [f"{counts} outside the picture of {image_size[0]}x{image_size[1]} px left out: {cause}"]
 
 
 def remedy(status: str, reason: str) -> str:

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from vbaa_calib.core import csv_rows
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.session import Centrelines, centrelines, index_of, read_centrelines
+from vbaa_calib.session import Centrelines, centrelines, read_centrelines
 
 HEADER = "frame,u_px,v_px,sigma_px"
 ORDERED = [(frame, frame + 0.1 * k, 100.0 - k, 0.1 + 0.01 * k) for frame in range(30) for k in range(1 + frame % 4)]
@@ -75,25 +75,12 @@ def test_the_same_numbers_however_they_are_written(tmp_path: Path, change) -> No
 
 
 @pytest.mark.parametrize("change", CHANGES.values(), ids=CHANGES.keys())
-@pytest.mark.usefixtures("block")
-def test_the_same_numbers_from_parts_of_the_file(tmp_path: Path, change, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Indexed by others in parts, and read a few frames at a time, in any order."""
+def test_the_same_numbers_in_any_order(tmp_path: Path, change, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Read a few frames at a time."""
     monkeypatch.setattr(centrelines, "LOT", 7)
-    read(tmp_path, change(text(ORDERED)))
-    path, expected = tmp_path / "recording" / "centrelines.csv", grouped(ORDERED)
-    for count in (1, 2, 5, 300):
-        index = [index_of(path, part, count) for part in range(count)]
-        lines = read_centrelines(SimpleNamespace(root=tmp_path), index)
-        assert_same(lines, expected)
-        assert_same(lines, dict(reversed(expected.items())))
-
-
-def test_parts_of_a_file_that_has_changed_are_not_used(tmp_path: Path) -> None:
-    read(tmp_path, text(ORDERED))
-    path = tmp_path / "recording" / "centrelines.csv"
-    first = index_of(path, 0, 2)
-    path.write_text(text(ORDERED[:20]))
-    assert_same(read_centrelines(SimpleNamespace(root=tmp_path), [first, index_of(path, 1, 2)]), grouped(ORDERED[:20]))
+    lines, expected = read(tmp_path, change(text(ORDERED))), grouped(ORDERED)
+    assert_same(lines, expected)
+    assert_same(lines, dict(reversed(expected.items())))
 
 
 @settings(deadline=None, max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])

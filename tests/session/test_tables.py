@@ -16,7 +16,6 @@ from vbaa_calib.session import (
     check_pictures,
     has_over,
     load_session,
-    numbers_of,
     read_loads,
     read_noload,
     read_recording,
@@ -24,7 +23,7 @@ from vbaa_calib.session import (
     tables,
     without_moments,
 )
-from vbaa_calib.session.tables import FrameColumns
+from vbaa_calib.session.tables import FrameColumns, numbers_of
 
 from .files import changed, complaint, write
 

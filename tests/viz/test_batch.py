@@ -12,7 +12,9 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
+from itertools import islice
 from pathlib import Path
+from typing import Any
 
 import dask
 import numpy as np
@@ -22,6 +24,7 @@ import pytest
 from distributed import Client, WorkerPlugin
 from pyarrow.parquet import read_table
 
+from estimator.table.contacts import STATUSES
 from estimator.table.files import read_contacts
 from vbaa_calib.cli.main import main
 from vbaa_calib.core.errors import InputError
@@ -34,7 +37,7 @@ from viz.batch.work import Settings
 from ..recordings import write_recording, write_rig
 from . import stranger
 
-FRAMES, LONG, PIECE = 60, 1100, 1024
+FRAMES, LONG = 60, 1100
 ALIKE = 4
 NEEDS_ROOT = pytest.mark.skipif(os.getuid() != 0, reason="only root can become another user")
 DEADLY, ENDLESS = "deadly", "endless"
@@ -83,7 +86,7 @@ def batch(
 ) -> dict[str, work.Outcome]:
     results.prepare([])
     with results.locked():
-        found = list(cluster.run(client, given, settings or Settings(piece=PIECE), results))
+        found = list(cluster.run(client, given, settings or Settings(), results))
     assert len({each.name for each in found}) == len(found)
     results.write_summary([each.row for each in found if each.state == "failed"])
     return {each.name: each for each in found}
@@ -171,7 +174,7 @@ def test_a_scheduler_that_is_there(client: Client, folder: Path, tmp_path: Path)
 def test_killed_workers_cost_nothing_but_time(
     client: Client, folder: Path, tmp_path: Path, copies: int, kills: int
 ) -> None:
-    """Workers are killed while recordings, are under way: all rows are there, once, bit for bit."""
+    """Workers are killed while recordings are under way: all rows are there, once, bit for bit."""
     over, killed = threading.Event(), []
 
     def kill() -> None:
@@ -204,9 +207,8 @@ def test_killed_workers_cost_nothing_but_time(
     assert killed
     # unchanged: its worker was killed after all was written, and the next one found it done
     assert {each.state for each in found.values()} <= {"done", "unchanged"}
-    assert found["0-long"].row["pieces"] == 2
     assert sorted(summary(results)) == sorted(names)
-    assert not list(results.root.glob("pieces/*"))
+    assert not list(results.root.glob("contacts/*/.*"))
     for name in ("0-s0", "0-long"):
         made = read_table(results.contacts(name), partitioning=None)
         assert same_bits(made, serial(own / name.replace("-", "/"), folder / "rig.json", tmp_path / f"{name}.parquet"))
@@ -252,18 +254,49 @@ def test_what_is_wrong_is_named_and_the_rest_goes_on(
     assert batch(client, given, results)["good"].row["frames"] == 9
 
 
-def test_what_fails_leaves_no_room_taken(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """On a full disk the next recording may find room."""
-    results = Results(tmp_path)
+def test_rows_are_those_of_estimate(folder: Path, tmp_path: Path) -> None:
+    """Bit for bit, for any number of threads, with drift that is learnt; the summary counts them."""
+    path, rig = write_recording(tmp_path / "one", 200, 7, rolling=True), folder / "rig.json"
+    expected = serial(path, rig, tmp_path / "one.parquet")
+    for threads in (1, 3):
+        results = Results(tmp_path / f"results{threads}")
+        row = work.do(Recording("one", path, rig), Settings(threads=threads), results).row
+        assert same_bits(read_table(results.contacts("one"), partitioning=None), expected)
+        assert row == results.done("one")
+        assert row["free_frames"] > 0
+        table = read_contacts(tmp_path / "one.parquet")
+        counts = {status: int((table.status == status).sum()) for status in STATUSES}
+        assert {status: row[status] for status in STATUSES} == counts
+        assert min(row["ok"], row["no_contact"]) > 4
+        medians = [float(np.median(values[table.located])) for values in (table.distance_m, table.distance_std_m)]
+        assert [row["distance_median_m"], row["distance_std_median_m"]] == medians
+        assert row["readings"]["frames"] == row["frames"] == len(table)
 
-    def full(*_: object) -> None:
-        assert list(results.root.glob("pieces/**/*.parquet"))
+
+def test_what_fails_or_is_killed_leaves_no_room_taken(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """On a full disk the next recording may find room, and readers of the data set find no half of a file."""
+    results, recording = Results(tmp_path), Recording("s0", folder / "s0", folder / "rig.json")
+    estimated = work.estimate_source
+
+    def full(*given: Any) -> Iterator[Any]:
+        yield from islice(estimated(*given), FRAMES - 1)
+        assert list(results.root.glob("contacts/*/.*"))
         raise InputError("no space left")
 
-    monkeypatch.setattr(Results, "join", full)
-    outcome = work.do(Recording("s0", folder / "s0", folder / "rig.json"), Settings(), results)
+    with monkeypatch.context() as patched:
+        patched.setattr(work, "estimate_source", full)
+        outcome = work.do(recording, Settings(), results)
     assert (outcome.state, outcome.row["sentence"]) == ("failed", "no space left")
-    assert not list(results.root.glob("pieces/*"))
+    assert not list(results.root.glob("contacts/*/*"))
+    assert work.do(recording, Settings(), results).state == "done"
+    whole = results.contacts("s0").read_bytes()
+    half = results.contacts("s0").with_name(".contacts-killed01.parquet")
+    half.write_bytes(whole[:100])
+    with results.locked():
+        assert not half.exists()
+    assert results.contacts("s0").read_bytes() == whole
 
 
 @pytest.mark.slow

@@ -1,6 +1,6 @@
 """A session: one folder with everything that was measured on one rig. Read here, checked here, never written."""
 
-from .centrelines import Centrelines, Index, centrelines_of, index_of, read_centrelines
+from .centrelines import Centrelines, centrelines_of, read_centrelines
 from .drift import DRIFTS, LAB, Drift, FileDrift, drift_of
 from .settings import (
     SCHEMA,
@@ -26,7 +26,6 @@ from .tables import (
     Still,
     SweepPicture,
     check_pictures,
-    numbers_of,
     pictures_of,
     read_loads,
     read_noload,

@@ -30,18 +30,17 @@ LOT = 64
 """Frames that are read at once."""
 
 
-def read_centrelines(session: Session, index: Sequence[Index | None] = ()) -> Centrelines:
-    """recording/centrelines.csv, checked from the first line to the last. Raises InputError naming file and line.
-
-    index : of all its parts, where others have made it (`index_of`).
-    """
-    return centrelines_of(session.root / "recording" / "centrelines.csv", index)
+def read_centrelines(session: Session) -> Centrelines:
+    """recording/centrelines.csv, checked from the first line to the last. Raises InputError naming file and line."""
+    return centrelines_of(session.root / "recording" / "centrelines.csv")
 
 
-def centrelines_of(path: Path, index: Sequence[Index | None] = ()) -> Centrelines:
+def centrelines_of(path: Path) -> Centrelines:
     """As `read_centrelines`, of any file."""
     require_file(path)
-    found = _joined(index or [index_of(path)])
+    found = None
+    with suppress(OSError), path.open("rb") as stream:
+        found = _indexed(stream)
     if found is not None and len(found[2]):
         return Centrelines(path, None, *found)
     copy = tempfile.TemporaryFile()  # noqa: SIM115 - it is read for as long as the mapping lives
@@ -51,23 +50,12 @@ def centrelines_of(path: Path, index: Sequence[Index | None] = ()) -> Centreline
     return Centrelines(path, copy, *found)
 
 
-def index_of(path: Path, part: int = 0, of: int = 1) -> Index | None:
-    """Where the frames are in one of several parts of a plain file; None for any other."""
-    with suppress(OSError), path.open("rb") as stream:
-        return _indexed(stream, part, of)
-    return None
-
-
 @dataclass(frozen=True)
 class _Layout:
     """Number of cells in a row, and the columns of frame, u, v and, if given, sigma."""
 
     count: int
     places: tuple[int, ...]
-
-
-Index = tuple[tuple[int, ...], _Layout, np.ndarray]
-"""State and layout of a file, and (R, 3) runs of rows in it."""
 
 
 class Centrelines(Mapping[int, np.ndarray]):
@@ -91,11 +79,6 @@ class Centrelines(Mapping[int, np.ndarray]):
         self.frames = np.unique(self._runs[:, 0])
         self._lot, self._points = -1, [np.empty((0, 3))]
 
-    @property
-    def portable(self) -> bool:
-        """Whether another process can read it: not from a temporary copy."""
-        return self._copy is None
-
     def checked(self, frames: Sequence[Frame], table: str) -> Self:
         """These, unless one is of no frame of a table: raises InputError."""
         unknown = np.setdiff1d(self.frames, numbers_of(frames))
@@ -103,11 +86,6 @@ class Centrelines(Mapping[int, np.ndarray]):
             remedy = "give every frame its row there"
             raise InputError(f"frame {unknown[0]} is not in {table}", where=self._path, remedy=remedy)
         return self
-
-    def picked(self, frames: np.ndarray) -> Centrelines:
-        """Only these frames."""
-        runs = self._runs[np.isin(self._runs[:, 0], frames)]
-        return Centrelines(self._path, self._copy, self._state, self._layout, runs)
 
     def __len__(self) -> int:
         return len(self.frames)
@@ -158,8 +136,8 @@ def _state(stream: BinaryIO) -> tuple[int, ...]:
     return status.st_ino, status.st_size, status.st_mtime_ns
 
 
-def _indexed(stream: BinaryIO, part: int = 0, of: int = 1) -> Index | None:
-    """The index of the rows that begin in a part of a plain file; None for any other."""
+def _indexed(stream: BinaryIO) -> tuple[tuple[int, ...], _Layout, np.ndarray] | None:
+    """State and layout of a plain file, and (R, 3) runs of rows in it; None for any other."""
     state, line = _state(stream), stream.readline(BLOCK)
     try:
         header = [name.strip() for name in line.decode("utf-8-sig").split(",")]
@@ -167,14 +145,8 @@ def _indexed(stream: BinaryIO, part: int = 0, of: int = 1) -> Index | None:
     except (UnicodeDecodeError, InputError):
         return None
     runs, at = [np.empty((0, 3), np.int64)], len(line)
-    size = state[1] - at
-    end = at + size * (part + 1) // of
-    if part:
-        stream.seek(at + size * part // of - 1)
-        stream.readline(BLOCK)
-        at = stream.tell()
-    while at < end:
-        block, last = stream.read(min(BLOCK, end - at - 1)), stream.readline(BLOCK)
+    while at < state[1]:
+        block, last = stream.read(min(BLOCK, state[1] - at - 1)), stream.readline(BLOCK)
         endless = len(last) == BLOCK and not last.endswith(b"\n")
         found = None if endless else _plain(block + last, layout)
         if found is None:
@@ -182,14 +154,6 @@ def _indexed(stream: BinaryIO, part: int = 0, of: int = 1) -> Index | None:
         runs.append(found + np.array([0, at, at]))
         at += len(block + last)
     return state, layout, np.concatenate(runs)
-
-
-def _joined(parts: Sequence[Index | None]) -> Index | None:
-    """Of all parts together; None unless all are plain, and of the same file."""
-    known = [part for part in parts if part is not None]
-    if len(known) < len(parts) or len({part[:2] for part in known}) > 1:
-        return None
-    return *known[0][:2], np.concatenate([runs for _, _, runs in known])
 
 
 def _plain(block: bytes, layout: _Layout) -> np.ndarray | None:

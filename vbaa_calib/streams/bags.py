@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ from vbaa_calib.core.errors import InputError, clipped, require_extra
 from vbaa_calib.core.files import read_yaml, require_file
 from vbaa_calib.core.images import as_levels, read_picture
 
-from .messages import Messages, Reading, Source, Taken, blank
+from .messages import Messages, Reading, Source, Taken
 from .unpacking import bound_unpacking, check_bag, refuse_bombs
 
 SUFFIXES = (".mcap", ".bag", ".db3")
@@ -114,21 +114,18 @@ def open_bag(path: Path, topics: Topics, camera_matrix: np.ndarray | None, image
     # by ROS' own definitions: those in the bag may say that a picture holds a billion of something
     deserialize = standard.deserialize_ros1 if path.suffix == ".bag" else standard.deserialize_cdr
 
-    def messages(skim: bool = False) -> Messages:
-        checked, shown, place = False, None, (0, 0)
+    def messages() -> Messages:
+        checked = False
         with stack:
             for connection, logged_ns, data in _whole(reader.messages(connections), path, notes):
                 role, arrived_s = wanted[connection.topic], 1e-9 * logged_ns
-                if role == "image":  # several may be logged at once
-                    place = (logged_ns, place[1] + 1 if place[0] == logged_ns else 0)
                 try:
                     message = deserialize(data, connection.msgtype)
                     if role == "camera" and not checked:
                         _check_camera(message, camera_matrix, image_size, path)
                         checked = True
                     elif role == "image":
-                        shown = blank(shown) if skim and shown is not None else picture_of(message)
-                        yield Taken(stamp_s(message, arrived_s), shown, arrived_s, perf_counter(), place)
+                        yield Taken(stamp_s(message, arrived_s), picture_of(message), arrived_s, perf_counter())
                     elif role != "camera":
                         yield from readings_of(message, topics, arrived_s)
                 except _NotThisRig:
@@ -138,21 +135,7 @@ def open_bag(path: Path, topics: Topics, camera_matrix: np.ndarray | None, image
                     if broken[connection.topic] == 1:
                         notes.append(f"{connection.topic} holds messages that cannot be read ({clipped(str(error))})")
 
-    def again(places: Iterable[tuple[int, int]]) -> Iterator[Taken]:
-        image = [each for each in reader.connections if each.topic == taken["image"]]
-        coming, at = deque(places), (0, 0)
-        with stack:
-            for connection, logged_ns, data in reader.messages(image, start=coming[0][0], stop=coming[-1][0] + 1):
-                at = (logged_ns, at[1] + 1 if at[0] == logged_ns else 0)
-                if coming and at == coming[0]:
-                    message = deserialize(data, connection.msgtype)
-                    arrived_s = 1e-9 * logged_ns
-                    yield Taken(
-                        stamp_s(message, arrived_s), picture_of(message), arrived_s, perf_counter(), coming.popleft()
-                    )
-
-    count = sum(each.msgcount for each in reader.connections if each.topic == taken["image"])
-    return Source(path.name, messages, frozenset(channels), notes=notes, count=count, again=again)
+    return Source(path.name, messages, frozenset(channels), notes=notes)
 
 
 def _close(reader: Any) -> None:

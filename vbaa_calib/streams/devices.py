@@ -86,7 +86,7 @@ def with_datagrams(source: Source, listening: socket.socket | None) -> Source:
     if listening is None:
         return source
 
-    def messages(skim: bool = False) -> Messages:
+    def messages() -> Messages:
         with listening:
             for message in source.messages():
                 # those of the picture's own instant are here by now
@@ -103,7 +103,7 @@ def open_device(camera: LiveSource) -> Source:
     start_s = now_s() - time.monotonic() + camera.start_s
     begin_s = perf_counter() - time.monotonic() + camera.start_s
 
-    def messages(skim: bool = False) -> Messages:
+    def messages() -> Messages:
         camera.forget()
         told = 0
         try:

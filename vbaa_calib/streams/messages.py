@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Generator, Iterable, Iterator
+from collections.abc import Callable, Generator
 from dataclasses import dataclass, field, replace
-from typing import Any, Protocol
 
 import numpy as np
 
@@ -22,15 +21,14 @@ class Taken:
     """A picture (H, W) grey or (H, W, 3) blue, green, red, and when it was taken.
 
     time_s : of the exposure, by the stream's clock. arrived_s : when it came, by the source's clock.
-    received_s : when this process had it, `time.perf_counter`. place : where a recorded source finds it again.
-    waiting : how many have come since: what can be put off should be.
+    received_s : when this process had it, `time.perf_counter`. waiting : how many have come
+    since: what can be put off should be.
     """
 
     time_s: float
     image: np.ndarray
     arrived_s: float
     received_s: float = 0.0
-    place: Any = None
     waiting: int = 0
 
     def __post_init__(self) -> None:
@@ -79,17 +77,6 @@ Messages = Generator[Taken | Reading | None, None, None]
 clock."""
 
 
-class Opened(Protocol):
-    """What gives a source's messages. With `skim` only the first picture is read; the others are blank, of its size."""
-
-    def __call__(self, skim: bool = False) -> Messages: ...
-
-
-def blank(picture: np.ndarray) -> np.ndarray:
-    """As large as a picture, and without memory of its own."""
-    return np.broadcast_to(np.uint8(0), picture.shape[:2])
-
-
 @dataclass(frozen=True, eq=False)
 class Source:
     """Where a stream comes from.
@@ -103,25 +90,21 @@ class Source:
     dropped : how many pictures were not given, since newer ones had come.
     reopened : how often it broke off and was reached again.
     notes : what else there is to tell, so far.
-    count : of a recorded source, about how many pictures it has.
-    again : of a recorded source, the pictures at some of its places, in order, without what lies before them.
     """
 
     name: str
-    messages: Opened
+    messages: Callable[[], Messages]
     channels: frozenset[str] = frozenset()
     live: bool = False
     dropped: Callable[[], int] = lambda: 0
     reopened: Callable[[], int] = lambda: 0
     notes: list[str] = field(default_factory=list)
-    count: int = 0
-    again: Callable[[Iterable[Any]], Iterator[Taken]] | None = None
 
     def without_moments(self) -> Source:
         """The same for vision alone."""
 
-        def messages(skim: bool = False) -> Messages:
-            for each in self.messages(skim):
+        def messages() -> Messages:
+            for each in self.messages():
                 if not (isinstance(each, Reading) and each.channel.startswith("moment")):
                     yield each
 

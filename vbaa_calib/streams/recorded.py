@@ -24,7 +24,7 @@ from vbaa_calib.core.errors import InputError, clipped
 from vbaa_calib.core.images import read_picture
 from vbaa_calib.wizard.sources.files import FolderSource, Pace, SourceLost, VideoSource
 
-from .messages import CHANNELS, Messages, Reading, Source, Taken, blank, now_s
+from .messages import CHANNELS, Messages, Reading, Source, Taken, now_s
 
 _IN_DEGREES = {"pan_rad": "pan_deg", "tilt_rad": "tilt_deg"}
 _LONGEST_LINE = 64_000_000
@@ -71,7 +71,7 @@ def with_readings(source: Source, path: Path | None, offset_s: float) -> Source:
         return source
     channels, readings = csv_readings(path)
 
-    def messages(skim: bool = False) -> Messages:
+    def messages() -> Messages:
         # as it is on the source's clock, so that a picture waits by that
         stamped = (replace(each, arrived_s=each.arrived_s + offset_s) for each in readings)
         later_s: list[float] = []
@@ -84,7 +84,7 @@ def with_readings(source: Source, path: Path | None, offset_s: float) -> Source:
             later_s[:] = later_s or [message.time_s - message.arrived_s]
             return message.arrived_s + later_s[0]
 
-        yield from heapq.merge(stamped, source.messages(skim), key=arrived_s)
+        yield from heapq.merge(stamped, source.messages(), key=arrived_s)
 
     return replace(source, messages=messages, channels=source.channels | channels)
 
@@ -93,42 +93,16 @@ def open_video(path: Path) -> Source:
     """Every frame of a video, timed from its beginning. Raises InputError when it cannot be read."""
     video, notes = VideoSource(path), list[str]()
 
-    def shown(of: VideoSource) -> Taken | None:
-        place, picture = of.at, of.next(0.0)
-        if picture is None:
-            return None
-        assert picture.time_s is not None
-        return Taken(picture.time_s, np.asarray(picture.content), picture.time_s, perf_counter(), place)
-
-    def messages(skim: bool = False) -> Messages:
+    def messages() -> Messages:
         try:
-            first = taken = shown(video)
-            while taken is not None:
-                yield taken
-                place, time_s = video.at, video.skip() if skim else None
-                if not skim:
-                    taken = shown(video)
-                elif first is not None and time_s is not None:
-                    taken = Taken(time_s, blank(first.image), time_s, perf_counter(), place)
-                else:
-                    taken = None
+            while (picture := video.next(0.0)) is not None:
+                assert picture.time_s is not None
+                yield Taken(picture.time_s, np.asarray(picture.content), picture.time_s, perf_counter())
             notes.extend(video.notes)
         finally:
             video.close()
 
-    def again(places: Iterable[Any]) -> Iterator[Taken]:
-        found = VideoSource(path)
-        try:
-            for place in places:
-                found.go(place)
-                taken = shown(found)
-                if taken is None:
-                    return
-                yield taken
-        finally:
-            found.close()
-
-    return Source(path.name, messages, notes=notes, count=video.count, again=again)
+    return Source(path.name, messages, notes=notes)
 
 
 def open_table(path: Path) -> Source:
@@ -137,20 +111,14 @@ def open_table(path: Path) -> Source:
     first = next(rows)
     notes: list[str] = []
 
-    def messages(skim: bool = False) -> Messages:
-        shown: np.ndarray | None = None
+    def messages() -> Messages:
         for row, time_s, came_s in _in_turn(chain([first], rows), path):
-            place = time_s, row["image"]
             try:
-                shown = blank(shown) if skim and shown is not None else read_picture(path.parent / place[1])
-                yield Taken(time_s, shown, came_s, perf_counter(), place)
+                yield Taken(time_s, read_picture(path.parent / row["image"]), came_s, perf_counter())
             except InputError as error:
                 notes.append(f"{error}; left out")
 
-    def again(places: Iterable[Any]) -> Iterator[Taken]:
-        return (Taken(at, read_picture(path.parent / name), at, perf_counter(), (at, name)) for at, name in places)
-
-    return Source(path.name, messages, notes=notes, count=path.read_bytes().count(b"\n") - 1, again=again)
+    return Source(path.name, messages, notes=notes)
 
 
 def open_folder(path: Path, idle_s: float) -> Source:
@@ -161,7 +129,7 @@ def open_folder(path: Path, idle_s: float) -> Source:
     folder = FolderSource(path, wait=True, pace=Pace(scan_s=0.05, settle_s=0.1))
     notes: list[str] = []
 
-    def messages(skim: bool = False) -> Messages:
+    def messages() -> Messages:
         until_s = time.monotonic() + idle_s
         try:
             while time.monotonic() < until_s:
@@ -189,7 +157,7 @@ def open_lines(stream: BinaryIO, idle_s: float, root: Path = Path()) -> Source:
     notes: list[str] = []
     wrong = 0
 
-    def messages(skim: bool = False) -> Messages:
+    def messages() -> Messages:
         nonlocal wrong
         for line in _lines(stream, idle_s, notes):
             if line is None:

@@ -6,13 +6,11 @@ import time
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, replace
-from operator import getitem
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
-from estimator.contact.source import Indivisible
 from vbaa_calib.core.compiled import cores
 from vbaa_calib.core.errors import InputError, VbaaError, clipped, require_extra
 from vbaa_calib.core.files import require_file
@@ -42,8 +40,8 @@ _QUIET = {
 _HEAL_S = 20.0
 """So often it is looked whether all processes are there."""
 _AHEAD, _LEAST_AHEAD = 2, 64
-"""Recordings, and pieces of long ones, that are given out at a time: for each thread, and at least, so that a cluster
-that grows with its work sees some."""
+"""Recordings that are submitted at a time: for each thread, and at least, so that a cluster that grows with its work
+sees some."""
 
 
 _LOST = "the scheduler is lost; run again to do what is missing"
@@ -148,14 +146,6 @@ def client_of(where: Where) -> Iterator[Client]:
         yield open_ones.enter_context(distributed.Client(cluster, set_as_default=False))
 
 
-@dataclass
-class _Underway:
-    recording: Recording
-    parts: int = 1
-    futures: tuple[Future, ...] = ()
-    """What must not be forgotten while the last task waits for it."""
-
-
 def run(client: Client, recordings: Sequence[Recording], settings: Settings, results: Results) -> Iterator[Outcome]:
     """Every recording's outcome, as they come. Raises Lost with the scheduler.
 
@@ -164,7 +154,7 @@ def run(client: Client, recordings: Sequence[Recording], settings: Settings, res
     """
     from distributed import as_completed
 
-    waiting, underway, suspects = deque(recordings), dict[Any, _Underway](), deque[Recording]()
+    waiting, underway, suspects = deque(recordings), dict[Any, Recording](), deque[Recording]()
     alone = False
     coming: Any = as_completed(loop=client.loop)
     while waiting or underway or suspects:
@@ -172,40 +162,21 @@ def run(client: Client, recordings: Sequence[Recording], settings: Settings, res
             waiting.append(suspects.popleft())
             alone = True
         most = max(_AHEAD * len(_workers(client)), _LEAST_AHEAD)
-        while waiting and sum(each.parts for each in underway.values()) < most:
-            recording = waiting.popleft()
-            future = client.submit(work.do, recording, settings, results, pure=False)
-            underway[future.key] = _Underway(recording)
+        while waiting and len(underway) < most:
+            future = client.submit(work.do, waiting[0], settings, results, pure=False)
+            underway[future.key] = waiting.popleft()
             coming.add(future)
         future = next(coming)
-        one = underway.pop(future.key)
-        outcome = _outcome(future, one.recording, client, alone)
+        recording = underway.pop(future.key)
+        outcome = _outcome(future, recording, client, alone)
         if outcome is None:
-            suspects.append(one.recording)
-        elif outcome.state == "long":
-            given, parts = (one.recording, settings, results, outcome.row), outcome.pieces
-            index = [client.submit(work.index_of, one.recording, at, parts, pure=False) for at in range(parts)]
-            opened = client.submit(work.open_long, *given, index, pure=False)
-            last = client.submit(work.parts_of, opened, pure=False)
-            underway[last.key] = _Underway(one.recording, 1, (opened,))
-            coming.add(last)
-        elif outcome.state == "whole":
-            whole = replace(settings, piece=2**62)
-            future = client.submit(work.do, one.recording, whole, results, pure=False)
-            underway[future.key] = _Underway(one.recording)
-            coming.add(future)
-        elif outcome.state == "opened":
-            last, kept = _in_pieces(client, one.futures[0], outcome)
-            underway[last.key] = _Underway(one.recording, outcome.pieces, kept)
-            coming.add(last)
+            suspects.append(recording)
         else:
-            if outcome.state == "failed":
-                results.forget(outcome.name)
             yield outcome
 
 
 def _outcome(future: Future, recording: Recording, client: Client, alone: bool) -> Outcome | None:
-    """What a recording's last task says; None: its worker was lost, but not `alone`. Raises Lost."""
+    """What a recording's task gave; None: its worker was lost, but not `alone`. Raises Lost."""
     from distributed import CancelledError, KilledWorker
 
     try:
@@ -218,8 +189,6 @@ def _outcome(future: Future, recording: Recording, client: Client, alone: bool) 
         return work.failed(recording, VbaaError(words))
     except CancelledError as error:
         raise Lost(_LOST) from error
-    except Indivisible:
-        return Outcome(recording.name, "whole", {})
     except Exception as error:
         _workers(client)
         return work.failed(recording, error)
@@ -233,25 +202,6 @@ def _workers(client: Client) -> list[str]:
         return list(client.nthreads())
     except Exception as error:
         raise Lost(_LOST) from error
-
-
-def _in_pieces(client: Client, opened: Future, outcome: Outcome) -> tuple[Future, tuple[Future, ...]]:
-    """The last task of a long recording, and those before it (`estimator.contact.pieces`)."""
-
-    def submit(function: Any, *given: Any, priority: int = 0) -> Future:
-        return client.submit(function, *given, priority=priority, pure=False)
-
-    # what others wait for comes first
-    pieces = [submit(getitem, opened, index, priority=1) for index in range(outcome.pieces)]
-    head = submit(work.bare, pieces[0], priority=1)
-    if not outcome.learns:
-        return submit(work.finish, head, [submit(work.look_and_fit, piece) for piece in pieces]), (opened, head)
-    fitted, learnt = [], None
-    for piece in pieces:
-        looked = submit(work.look_at, piece)
-        learnt = submit(work.learn_from, looked, learnt, priority=1)
-        fitted.append(submit(work.fit, looked, learnt))
-    return submit(work.finish, head, fitted), (opened, head)
 
 
 class Pace:

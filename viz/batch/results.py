@@ -5,7 +5,6 @@ results/
   summary.csv                                a row for every recording, failed ones with their sentence
   contacts/recording=NAME/contacts.parquet   rows of contacts.csv; the digests of what made them in its metadata
   objects/NAME.vtp
-  pieces/                                    only while it is made
 """
 
 from __future__ import annotations
@@ -13,8 +12,9 @@ from __future__ import annotations
 import csv
 import io
 import json
-import shutil
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+import math
+from array import array
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,11 +22,11 @@ from typing import Any
 
 import numpy as np
 
-from estimator.table.contacts import LOCATED, STATUSES
-from estimator.table.files import parquet_writer
-from estimator.table.overview import Overview, readings_in_words
+from estimator.table.contacts import LOCATED, STATUSES, ContactRow
+from estimator.table.files import write_contacts
+from estimator.table.overview import readings_in_words
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.core.files import read_json, replacing, write_json, write_text
+from vbaa_calib.core.files import read_json, write_json, write_text
 from vbaa_calib.core.folders import make_folder, writing_alone
 from vbaa_calib.core.robust import finite_median, finite_or_none
 
@@ -36,14 +36,11 @@ _SUMMARY = (
     *("recording", "state", "sentence", "path", "rig", "rig_sha256", "inputs_sha256", "digest", "version"),
     *("frames", *STATUSES, "distance_median_m", "distance_std_median_m", "force_median_N", "force_std_median_N"),
     *("moment_residual_rms_Nm", "free_frames", "drift_picture_px", "drift_moment_zero_std", "drift_beyond"),
-    *("outside_points", "warnings", "pieces", "cpu_s", "object", "readings", "reasons"),
+    *("outside_points", "warnings", "cpu_s", "object", "readings", "reasons"),
 )
 """Columns of summary.csv; state is done or failed."""
-_COUNTED = (
-    *("frame", "status", "reason", "distance_m", "distance_std_m"),
-    *("force_y_N", "force_z_N", "force_y_std_N", "force_z_std_N", "moment_residual_Nm"),
-)
-"""Columns of contacts of which the summary has numbers."""
+_LOCATED = ("distance_m", "distance_std_m", "force_y_N", "force_z_N", "force_y_std_N", "force_z_std_N")
+"""Numbers of located contacts whose medians are in the summary."""
 Row = Mapping[str, Any]
 
 
@@ -58,9 +55,6 @@ class Results:
 
     def object(self, name: str) -> Path:
         return self.root / "objects" / f"{name}.vtp"
-
-    def piece(self, name: str, digest: str, index: int) -> Path:
-        return self.root / "pieces" / name / digest[:16] / f"{index:06d}.parquet"
 
     @property
     def summary(self) -> Path:
@@ -86,8 +80,10 @@ class Results:
         """While one batch works here no other does. Raises InputError where one does already."""
         with writing_alone(self.root):
             self.remove_work()
-            yield
-            self.remove_work()
+            try:
+                yield
+            finally:
+                self.remove_work()
 
     def done(self, name: str) -> Row | None:
         """The summary of a recording whose contacts are there; None where they are not, or cannot be read."""
@@ -120,52 +116,38 @@ class Results:
         write_text(self.summary, text.getvalue())
         return list(rows.values())
 
-    def join(self, name: str, pieces: Sequence[Path], about: Row) -> Row:
-        """Make the recording's contacts of its pieces, a row group at a time; its summary: `about`, and counts."""
-        import pyarrow.parquet as parquet
+    def write(self, name: str, rows: Iterable[ContactRow], about: Callable[[], Row]) -> Row:
+        """Write a recording's contacts as they come; its summary: `about`, asked after the last row, and numbers."""
+        located: dict[str, array[float]] = {column: array("d") for column in _LOCATED}
+        residuals, summary, metadata = array("d"), dict[str, Any](), dict[bytes, bytes]()
 
-        target, kept = self.contacts(name), []
-        target.parent.mkdir(parents=True, exist_ok=True)
-        with replacing(target) as temporary, parquet_writer(temporary, parquet.read_schema(pieces[0])) as writer:
-            for piece in pieces:
-                with parquet.ParquetFile(piece) as file:
-                    for group in range(file.num_row_groups):
-                        rows = file.read_row_group(group)
-                        writer.write_table(rows)
-                        kept.append({column: rows[column].to_numpy() for column in _COUNTED})
-            row = {**about, **_numbers(kept)}
-            writer.add_key_value_metadata({_KEY: json.dumps(row, allow_nan=False).encode()})
-        return row
+        def counted() -> Iterator[ContactRow]:
+            for row in rows:
+                if row.status in LOCATED:
+                    for column, values in located.items():
+                        values.append(getattr(row, column))
+                if math.isfinite(row.moment_residual_Nm):
+                    residuals.append(row.moment_residual_Nm)
+                yield row
+            self.object(name).unlink(missing_ok=True)  # it is no longer these contacts'
+            distance, distance_std, y, z, y_std, z_std = map(np.asarray, located.values())
+            summary.update(
+                about(),
+                distance_median_m=finite_or_none(finite_median(distance)),
+                distance_std_median_m=finite_or_none(finite_median(distance_std)),
+                force_median_N=finite_or_none(finite_median(np.hypot(y, z))),
+                force_std_median_N=finite_or_none(finite_median(np.hypot(y_std, z_std))),
+                moment_residual_rms_Nm=float(np.sqrt(np.mean(np.square(residuals)))) if residuals else None,
+            )
+            metadata[_KEY] = json.dumps(summary, allow_nan=False).encode()
 
-    def forget(self, name: str) -> None:
-        """Remove a recording's pieces."""
-        shutil.rmtree(self.root / "pieces" / name, ignore_errors=True)
+        write_contacts(self.contacts(name), counted(), force=True, about=metadata)
+        return summary
 
     def remove_work(self) -> None:
-        """Remove what is there only while results are made."""
-        shutil.rmtree(self.root / "pieces", ignore_errors=True)
-
-
-def _numbers(parts: Sequence[Mapping[str, np.ndarray]]) -> dict[str, Any]:
-    """Of all contacts: how many of each status, and what is usual of them."""
-    column = {name: np.concatenate([part[name] for part in parts]) for name in _COUNTED}
-    located = np.isin(column["status"].astype(str), LOCATED)
-    distance, distance_std, y, z, y_std, z_std = (column[name][located] for name in _COUNTED[3:-1])
-    residual = column["moment_residual_Nm"]
-    residual = residual[np.isfinite(residual)]
-    overview = Overview()
-    for frame, status, reason in zip(*(column[name].tolist() for name in _COUNTED[:3]), strict=True):
-        overview.add_result(frame, str(status), str(reason))
-    return {
-        "reasons": overview.numbers()["reasons"],
-        "frames": len(located),
-        **{status: int((column["status"] == status).sum()) for status in STATUSES},
-        "distance_median_m": finite_or_none(finite_median(distance)),
-        "distance_std_median_m": finite_or_none(finite_median(distance_std)),
-        "force_median_N": finite_or_none(finite_median(np.hypot(y, z))),
-        "force_std_median_N": finite_or_none(finite_median(np.hypot(y_std, z_std))),
-        "moment_residual_rms_Nm": float(np.sqrt(np.mean(residual**2))) if len(residual) else None,
-    }
+        """Remove what writers that were killed have left."""
+        for left in self.root.glob("contacts/recording=*/.contacts-*.parquet"):
+            left.unlink(missing_ok=True)
 
 
 def _cell(value: Any) -> str:

@@ -23,7 +23,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--rig", type=Path, help="rig.json of all that have none of their own in the CSV")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="RESULTS", help="folder of the data set")
-    parser.add_argument("--jobs", type=int, metavar="N", help="processes on this machine (default: its cores)")
+    parser.add_argument(
+        "--jobs", type=int, metavar="N", help="processes on this machine (default: one a core or recording)"
+    )
     parser.add_argument("--memory", default="auto", metavar="SIZE", help="of each of them at most, such as 2GB")
     parser.add_argument("--scheduler", metavar="ADDRESS", help="use the dask cluster at tls://HOST:PORT")
     parser.add_argument("--scheduler-file", type=Path, metavar="FILE", help="the same, by its scheduler file")
@@ -36,13 +38,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="also without TLS: whoever reaches that scheduler can run code as you and as its workers",
     )
-    parser.add_argument(
-        "--piece",
-        type=int,
-        default=16384,
-        metavar="FRAMES",
-        help="longer recordings are cut into pieces of so many frames (default: 16384), with the same rows",
-    )
     parser.add_argument("--reconstruct", action="store_true", help="each recording's object, too: objects/NAME.vtp")
     add_estimator_options(parser)
     streams.configure(parser, readings=False)
@@ -51,7 +46,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Estimate every recording that is not done yet; the exit code is 1 where one is missing at the end."""
     from estimator.contact.estimate import ContactEstimator
-    from estimator.contact.pieces import cuts
     from estimator.contact.source import is_stream
     from estimator.table.contacts import STATUSES
     from estimator.table.overview import Overview, overview_in_words
@@ -64,9 +58,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from viz.batch.results import Results
     from viz.batch.work import Settings
 
-    where = _where(args)
     recordings = recordings_of(args.recordings, args.rig)
-    cuts(0, args.piece)
+    where = _where(args, len(recordings))
     for rig in {each.rig for each in recordings}:
         # refuses what is wrong before any work
         ContactEstimator(usable_rig(rig, args.accept_rig), args.model, friction=args.friction)
@@ -88,7 +81,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         background=background,
         streams=streams.options_of(args),
         reconstruct=args.reconstruct,
-        piece=args.piece,
         threads=where.threads,
         again=args.force,
     )
@@ -145,7 +137,7 @@ _STATES = ("done", "unchanged", "failed")
 _NAMED = 20
 
 
-def _where(args: argparse.Namespace) -> Where:
+def _where(args: argparse.Namespace, count: int) -> Where:
     from vbaa_calib.core.compiled import cores
     from vbaa_calib.core.errors import InputError
     from viz.batch.cluster import Where, at_scheduler
@@ -167,7 +159,7 @@ def _where(args: argparse.Namespace) -> Where:
     if elsewhere:
         address = args.scheduler if args.scheduler_file is None else _address_in(args.scheduler_file)
         return at_scheduler(address, tls, args.insecure_scheduler)
-    return Where(cores() if args.jobs is None else args.jobs, args.memory)
+    return Where(min(cores(), count) if args.jobs is None else args.jobs, args.memory)
 
 
 def _address_in(file: Path) -> str:

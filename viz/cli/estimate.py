@@ -144,7 +144,6 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None]:
     import numpy as np
 
     from estimator.contact.drift import drift_in_words, summary
-    from estimator.contact.inputs import left_out, left_out_words
     from estimator.contact.watch import DriftWatch
     from estimator.table.contacts import ContactRow
     from estimator.table.files import write_contacts
@@ -159,7 +158,7 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None]:
         say(f"background: {given.words}")
     watch = DriftWatch(estimator.rig)
     overview = Overview(estimator.rig.second_moment_sensor is not None)
-    models, outside, std_m = Counter[str](), Counter[str](), array("d")  # all that is kept of the rows
+    models, std_m = Counter[str](), array("d")  # all that is kept of the rows
 
     def rows() -> Iterator[ContactRow]:
         """Of every frame, each drawn into the overlay folder on its way where one is asked for."""
@@ -174,9 +173,8 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None]:
                     say(f"warning, frame {change.frame}: {change.words}")
                 if item.frame.image is not None and item.frame.image.parent == args.unpacked:
                     item.frame.image.unlink()
-                outside.update(left_out(item.measured))
                 row = ContactRow.of(item.frame, item.contact)
-                overview.add_readings(item.frame)
+                overview.add_readings(item.frame, item.measured)
                 overview.add_result(row.frame, row.status, row.reason)
                 models[row.model] += 1
                 if math.isfinite(row.distance_std_m):
@@ -184,7 +182,7 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None]:
                 yield row
 
     write_contacts(args.output, rows(), args.force)
-    for note in (*given.notes(), *left_out_words(outside, rig.camera.image_size)):
+    for note in (*given.notes(), *overview.outside_in_words(rig.camera.image_size)):
         say(note)
     numbers = overview.numbers()
     for words in overview_in_words(numbers):
@@ -209,8 +207,8 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None]:
         "changes": [asdict(change) for change in watch.changes],
         "background": given.words or None,
         "stream": dict(given.counts) or None,
-        "outside_points": outside["points"],
-        "outside_frames": outside["frames"],
+        "outside_points": overview.outside["points"],
+        "outside_frames": overview.outside["frames"],
     }
     return result, given.ground
 

@@ -264,8 +264,6 @@ class FolderSource:
 _AGAIN = "record or copy it again, or turn it into a folder of pictures"
 _USUAL_FPS = 30.0
 _READABLE_SHARE = 0.95
-_FAR = 64
-"""Frames that are sooner gone through one by one than left out by the file's index."""
 
 
 @lru_cache
@@ -299,55 +297,23 @@ class VideoSource:
         silence_opencv()
         self.name = shown(path.name)
         self.notes: tuple[str, ...] = ()
-        self._path, self._seen = path, seen
+        self.ended, self._seen, self._index, self._time_s = False, seen, 0, -math.inf
         _refuse_large(path)
-        self._open()
-        self._frame_count = self._capture.get(cv2.CAP_PROP_FRAME_COUNT)
-        fps = self._capture.get(cv2.CAP_PROP_FPS)
-        self._fps = fps if 1 <= fps <= 1000 else _USUAL_FPS
-
-    def _open(self) -> None:
-        path, self.ended, self._index, self._time_s = self._path, False, 0, -math.inf
         self._capture = cv2.VideoCapture(str(path.absolute()), cv2.CAP_FFMPEG)
         # in the sensor's own orientation, as pictures are read
         self._capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)
         if not self._capture.isOpened() or not self._capture.grab():
             self._capture.release()
             raise InputError("is not a video that can be read", where=shown(str(path)), remedy=_AGAIN)
+        self._frame_count = self._capture.get(cv2.CAP_PROP_FRAME_COUNT)
+        fps = self._capture.get(cv2.CAP_PROP_FPS)
+        self._fps = fps if 1 <= fps <= 1000 else _USUAL_FPS
 
-    @property
-    def count(self) -> int:
-        """How many frames it says it has; 0 where it does not."""
-        return int(self._frame_count) if math.isfinite(self._frame_count) else 0
-
-    @property
-    def at(self) -> tuple[int, float]:
-        """The next frame's index, and the time of the one before it."""
-        return self._index, self._time_s
-
-    def skip(self) -> float | None:
-        """Leave the next frame out; its time, None at the end."""
-        if self.ended:
-            return None
-        time_s = self._stamp()
-        self._advance()
-        return time_s
-
-    def go(self, place: tuple[int, float]) -> None:
-        """To the frame that was next at a place `at`, by the file's index if it has a good one, else frame by frame."""
-        if place[0] == self._index:
-            return
-        if place[0] < self._index or place[0] > self._index + _FAR:
-            self._capture.set(cv2.CAP_PROP_POS_FRAMES, place[0] - 1)
-            # what lies one frame before tells whether it led to the right place
-            found = self._capture.grab() and self._capture.get(cv2.CAP_PROP_POS_MSEC) / 1000 == place[1]
-            if found and self._capture.grab():
-                self._index, self._time_s, self.ended = *place, False
-                return
-            self.close()
-            self._open()
-        while self._index < place[0] and not self.ended:
-            self.skip()
+    def skip(self) -> None:
+        """Leave the next frame out."""
+        if not self.ended:
+            self._stamp()
+            self._advance()
 
     def _advance(self) -> None:
         self._index += 1
