@@ -147,6 +147,7 @@ CALLS: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     ("joints beyond a turn", f"{LIVE} --pan 90", ("--pan is 90", "--degrees")),
     ("a batch of nothing", "batch none --rig rig.json -o out", ("none: no such recording",)),
     ("a batch without a rig", "batch session -o out", ("has no rig",)),
+    ("a batch of little memory", "batch session --rig rig.json --memory 5kB -o out", ("--memory is '5kB'",)),
     ("a batch without workers", "batch session --rig rig.json --jobs 0 -o out", ("--jobs is 0",)),
     ("compared with nothing", "compare contacts.csv none.csv", ("none.csv",)),
     ("a rig beside contacts", "compare rig.json contacts.csv", ("contacts.csv",)),

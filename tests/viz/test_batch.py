@@ -11,6 +11,7 @@ import subprocess
 import sys
 import threading
 import time
+from argparse import ArgumentParser
 from collections.abc import Callable, Iterator, Sequence
 from itertools import islice
 from pathlib import Path
@@ -27,12 +28,14 @@ from pyarrow.parquet import read_table
 from estimator.table.contacts import STATUSES
 from estimator.table.files import read_contacts
 from vbaa_calib.cli.main import main
+from vbaa_calib.core import compiled
 from vbaa_calib.core.errors import InputError
 from viz.batch import cluster, work
 from viz.batch.cluster import Where, client_of
 from viz.batch.recordings import Recording, recordings_of
 from viz.batch.results import Results
 from viz.batch.work import Settings
+from viz.cli.batch import _where, configure
 
 from ..recordings import write_recording, write_rig
 from . import stranger
@@ -271,6 +274,17 @@ def test_rows_are_those_of_estimate(folder: Path, tmp_path: Path) -> None:
         medians = [float(np.median(values[table.located])) for values in (table.distance_m, table.distance_std_m)]
         assert [row["distance_median_m"], row["distance_std_median_m"]] == medians
         assert row["readings"]["frames"] == row["frames"] == len(table)
+
+
+def test_few_recordings_use_all_cores(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A process for each, and threads for the cores that are left; no more processes than cores."""
+    for module in (compiled, cluster):
+        monkeypatch.setattr(module, "cores", lambda: 8)
+    parser = ArgumentParser()
+    configure(parser)
+    for options, count, expected in (((), 1, (1, 8)), ((), 3, (3, 2)), ((), 100, (8, 1)), (("--jobs", "2"), 1, (2, 4))):
+        where = _where(parser.parse_args(["s0", "-o", "out", *options]), count)
+        assert (where.jobs, where.threads) == expected
 
 
 def test_what_fails_or_is_killed_leaves_no_room_taken(
