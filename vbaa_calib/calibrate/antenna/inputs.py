@@ -132,6 +132,7 @@ class Prior:
     tip_std_m: float | None = None  # how well the visible end is known to lie at the antenna's length; None: not used
     line_px: float = 0.0  # common error of all points of a centreline, see `session.Drift`
     lens_share: float = 1.0  # part of its standard deviations by which the lens may be off in the solve
+    fixed_axes: np.ndarray | None = None  # (P, P) for `lens_axes`, in place of those of the lens' covariance
 
     @cached_property
     def lens_shares(self) -> np.ndarray:
@@ -143,4 +144,6 @@ class Prior:
     def lens_axes(self) -> np.ndarray:
         """(P, P): along its columns the lens varies independently, by `lens_shares` of its standard deviations; (0, 0)
         for an exact one."""
+        if self.fixed_axes is not None:
+            return self.fixed_axes
         return np.zeros((0, 0)) if self.camera.covariance is None else linear_axes(self.camera)[0] * self.lens_shares

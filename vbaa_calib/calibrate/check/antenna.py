@@ -71,10 +71,11 @@ class CheckedStill:
 def check_stills(rig: Rig, observations: Sequence[Observation], readings: LoadReadings = EXACT) -> list[CheckedStill]:
     """Every still against the rig's prediction; readings : how well loads' places and weights are known."""
     sensor, noise, view = rig.moment_sensor, rig.image.noise_scale, rig.T_antenna_camera.inverse()
-    # of unit covariance: steps along its axes are steps of its parameters
-    lens = replace(rig.camera, covariance=np.eye(len(rig.camera.parameter_names)))
     mean = np.concatenate([rig.antenna.parameters, [sensor.gain, sensor.offset_Nm]])
-    prior = Prior((), rig.T_antenna_camera, lens, mean, np.ones(len(mean)), line_px=rig.drift.line_px)
+    # steps along its axes are steps of the lens' parameters, of one that counts as exact, too
+    unit, line_px = np.eye(len(rig.camera.parameter_names)), rig.drift.line_px
+    lens = replace(rig.camera, covariance=unit)
+    prior = Prior((), rig.T_antenna_camera, lens, mean, np.ones(len(mean)), line_px=line_px, fixed_axes=unit)
     problem = Problem.of(observations, prior, rig.antenna.length_m, sensor.std_Nm)
     problem, at = replace(problem, noise_scale=noise), problem.begin
     curves = problem.curves(at[None, ANTENNA])
