@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from vbaa_calib.calibrate.antenna.inputs import Observation, Prior
-from vbaa_calib.calibrate.faults.stills import _failure_causes, still_diagnoses
+from vbaa_calib.calibrate.faults.stills import failure_causes, still_diagnoses
 from vbaa_calib.core.errors import Diagnosis, SolveError
 from vbaa_calib.geometry import Kinematics
 from vbaa_calib.session import Still, gravity_antenna
@@ -70,7 +70,7 @@ def test_a_sensor_that_is_wrong_is_named(good, name: str) -> None:
     try:
         found = diagnosed(known, read)
     except SolveError:
-        found = _failure_causes(session(), Kinematics(), read, known)
+        found = failure_causes(session(), Kinematics(), read, known)
     assert [one.name for one in found] == [called]
     assert words in found[0].words
 

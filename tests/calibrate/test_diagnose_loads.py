@@ -12,7 +12,7 @@ from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment
 from vbaa_calib.calibrate.antenna.inputs import Observation, Prior
 from vbaa_calib.calibrate.faults.explanations import solve_free
 from vbaa_calib.calibrate.faults.loads import row_diagnoses, typed_load_diagnoses, wrong_rows
-from vbaa_calib.calibrate.faults.stills import _failure_causes, still_diagnoses
+from vbaa_calib.calibrate.faults.stills import failure_causes, still_diagnoses
 from vbaa_calib.geometry import Kinematics
 from vbaa_calib.session import Load
 
@@ -103,7 +103,7 @@ def test_a_wrong_row_is_said_once_and_explains_the_rest(good) -> None:
     found = still_diagnoses(session(), Kinematics(), solved(wrong, known))
     assert [one.name for one in found] == ["load_force_mistyped"]
     assert found == [
-        one for one in _failure_causes(session(), Kinematics(), wrong, known) if one.name != "load_force_unit"
+        one for one in failure_causes(session(), Kinematics(), wrong, known) if one.name != "load_force_unit"
     ]
 
 

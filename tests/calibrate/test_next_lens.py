@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
 
 import pytest
@@ -9,7 +10,7 @@ import pytest
 from benchmarks.boards import BOARD, draw, rigs
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution, solve_intrinsics
 from vbaa_calib.calibrate.pipeline import first_solved, next_lenses
-from vbaa_calib.core.errors import InputError, SolveError
+from vbaa_calib.core.errors import Diagnosis, InputError, SolveError, VbaaError
 
 VIEWS = draw(rigs()[0], 1).views
 
@@ -35,6 +36,10 @@ def test_other_models_follow_by_expected_error_and_say_so() -> None:
         assert "was given" not in other.verdict.words
 
 
+def first(solve: Callable[[LensSolution], str], *causes: Diagnosis) -> str:
+    return first_solved(lenses()[0], lambda: lenses()[1:], solve, lambda: causes)
+
+
 def test_the_first_lens_that_converges_is_taken() -> None:
     failing = {one.model for one in lenses()[:2]}
 
@@ -43,7 +48,7 @@ def test_the_first_lens_that_converges_is_taken() -> None:
             raise SolveError("no common solution")
         return lens.model
 
-    assert first_solved(lenses(), solve) == lenses()[2].model
+    assert first(solve) == lenses()[2].model
 
 
 def test_without_any_the_models_that_were_tried_are_named() -> None:
@@ -51,17 +56,19 @@ def test_without_any_the_models_that_were_tried_are_named() -> None:
         raise SolveError(f"not with {lens.model}")
 
     with pytest.raises(SolveError, match=f"not with {lenses()[0].model}") as raised:
-        first_solved(lenses(), solve)
+        first(solve)
     assert ", ".join(one.model for one in lenses()) in str(raised.value)
 
 
-def test_what_is_wrong_with_the_input_is_wrong_with_any_lens() -> None:
+@pytest.mark.parametrize("error", [InputError("a column is missing"), SolveError("no common solution")])
+def test_what_is_wrong_with_the_input_is_wrong_with_any_lens(error: VbaaError) -> None:
+    """No other lens is tried where the input is refused, or a cause is found."""
     tried = []
 
     def solve(lens: LensSolution) -> str:
         tried.append(lens.model)
-        raise InputError("a column is missing")
+        raise error
 
-    with pytest.raises(InputError, match="column"):
-        first_solved(lenses(), solve)
+    with pytest.raises(VbaaError, match=r"column|the forces have the other sign"):
+        first(solve, Diagnosis("load_sign", "the forces have the other sign", "turn them round", "wrong"))
     assert len(tried) == 1

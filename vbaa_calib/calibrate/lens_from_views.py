@@ -54,14 +54,14 @@ def solve_lens(
     whole = solution = solve_intrinsics(views, spec, model, min_corners, square_pixels)
     contradicting = _unused(usable, solution)
     while len(contradicting) <= most and (outlier := _outlier_view(views, solution, spec, rules)) is not None:
-        left_out.append(outlier)
-        names = {one.name for one in left_out}
+        names = {outlier.name, *(one.name for one in left_out)}
         try:
             solution = solve_intrinsics(
                 [view for view in views if view.name not in names], spec, model, min_corners, square_pixels
             )
         except InputError:
             break
+        left_out.append(outlier)
         contradicting = _unused(usable, solution)
     found = _changed_at_an_end(usable, contradicting, solution, spec, rules)
     if found is None and len(contradicting) > most > 0:

@@ -7,6 +7,7 @@ Each stage is a function of what came before, and can be called by itself: `solv
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
@@ -17,8 +18,7 @@ from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment
 from vbaa_calib.calibrate.antenna.inputs import Observation, Prior
 from vbaa_calib.calibrate.antenna.residual_checks import Checks, check
 from vbaa_calib.calibrate.antenna.session_rig import make_rig, observe_stills, prior, solve_antenna
-from vbaa_calib.calibrate.faults.loads import typed_load_diagnoses
-from vbaa_calib.calibrate.faults.stills import still_diagnoses, with_cause
+from vbaa_calib.calibrate.faults.stills import failure_causes, still_diagnoses, with_cause
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution
 from vbaa_calib.calibrate.lens_from_views import solve_lens
 from vbaa_calib.core.arrays import gate
@@ -26,7 +26,7 @@ from vbaa_calib.core.errors import Diagnosis, InputError, SolveError, VbaaError
 from vbaa_calib.core.images import SUFFIXES, list_images, picture_size
 from vbaa_calib.detect.board.corners import BoardView, detect_folder
 from vbaa_calib.rig import Rig, RigVerdict
-from vbaa_calib.session import Load, Session, Still, check_pictures, read_loads, read_noload
+from vbaa_calib.session import Session, Still, check_pictures, read_loads, read_noload
 
 from .doubts import doubts
 from .given_lens import GivenLens, given_solution
@@ -73,7 +73,10 @@ def next_lenses(
     for model in sorted(errors_px, key=errors_px.__getitem__):
         if model == lens.model or errors_px[model] > worst_px:
             continue
-        again = solve_lens(views, board, model)
+        try:
+            again = solve_lens(views, board, model)
+        except VbaaError:
+            continue
         words = (
             f"camera, antenna and sensor have no common solution with the {lens.model} lens: {model} was taken, of "
             f"{errors_px[model]:.2g} px expected error"
@@ -85,22 +88,32 @@ def next_lenses(
         yield replace(again, comparison=lens.comparison, verdict=verdict)
 
 
-def first_solved(lenses: Iterable[LensSolution], solve: Callable[[LensSolution], _Solved]) -> _Solved:
-    """What `solve` makes of the first lens with which it converges.
+def first_solved(
+    lens: LensSolution,
+    others: Callable[[], Iterable[LensSolution]],
+    solve: Callable[[LensSolution], _Solved],
+    causes: Callable[[], Sequence[Diagnosis]],
+) -> _Solved:
+    """What `solve` makes of a lens, or of the first of the others with which it converges if nothing else is the cause.
 
-    Raises SolveError, the first lens' with all models that were tried, where there is none.
+    causes : as `failure_causes` finds them; asked once, after the first failure.
+
+    Raises SolveError, the first lens' with the likely cause, or that none is found and which models were tried; an
+    InputError where a typed row is the cause.
     """
-    tried: list[str] = []
-    failure: VbaaError | None = None
-    for lens in lenses:
-        try:
-            return solve(lens)
-        except VbaaError as error:
-            # what is wrong with the input with the first lens is wrong with any
-            if not (tried or isinstance(error, SolveError)):
-                raise
-            tried, failure = [*tried, lens.model], failure or error
-    raise SolveError(f"{failure} (lens models tried: {', '.join(tried)})") from failure
+    try:
+        return solve(lens)
+    except SolveError as error:
+        failure = error
+    found, tried = causes(), [lens.model]
+    # rows that nothing explains may be the lens' fault, too
+    if all(one.name == "load_row_unexplained" for one in found):
+        for other in others():
+            tried.append(other.model)
+            with suppress(VbaaError):
+                return solve(other)
+    named = f"{failure} (lens models tried: {', '.join(tried)})" if len(tried) > 1 else str(failure)
+    raise with_cause(SolveError(named), found) from failure
 
 
 def _lens_folder(session: Session, given: GivenLens | None) -> list[str]:
@@ -152,20 +165,17 @@ def calibrate(session: Session, lens_model: str = "auto", given: GivenLens | Non
         begun.append((plane, observations, before))
         return lens, plane, observations, solve_antenna(session, observations, before)
 
-    def lenses() -> Iterator[LensSolution]:
-        yield lens
-        # no lens makes up for a load that cannot be
-        loads = [still for still in stills if isinstance(still, Load)]
-        if given is None and lens_model == "auto" and not typed_load_diagnoses(loads, session.antenna):
-            yield from next_lenses(lens, lens_views, session.board)
-
-    try:
-        used, plane, observations, joint = first_solved(lenses(), solve)
-    except SolveError as error:
+    def causes() -> Sequence[Diagnosis]:
         if not begun:
-            raise
+            return ()
         plane, observations, before = begun[0]
-        raise with_cause(session, plane.kinematics, observations, before, error) from error
+        return failure_causes(session, plane.kinematics, observations, before)
+
+    def others() -> Iterable[LensSolution]:
+        free = given is None and lens_model == "auto"
+        return next_lenses(lens, lens_views, session.board) if free else ()
+
+    used, plane, observations, joint = first_solved(lens, others, solve, causes)
     held = still_diagnoses(session, plane.kinematics, joint)
     rig = make_rig(session, plane.kinematics, joint, observations)
     made = Calibration(session, rig, used, plane, joint, check(joint), stills, tuple(held), given)

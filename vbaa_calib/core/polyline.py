@@ -23,16 +23,18 @@ def arc_lengths(polyline: np.ndarray) -> np.ndarray:
 
 
 def followed(path_px: np.ndarray, image_size: Sequence[int]) -> np.ndarray:
-    """The part (M, 2) of a path (K, 2), from its start, that an antenna can take in or near a picture (width, height).
+    """The part (M, 2) of a path (K, 2) that an antenna can take in or near a picture (width, height).
 
-    Whatever proposes a path — a fit, a contact, a rig — may be wrong, and arrays are as long as the path: it ends where
-    it is not finite, where it is farther from the picture than width and height together, and where it has become
-    longer than once around all that, for no antenna winds up.
+    Whatever proposes a path — a fit, a contact, a rig — may be wrong, and arrays are as long as the path: it begins
+    where it is first no farther from the picture than width and height together, and ends where it is again, where it
+    is not finite, and where it has become longer than once around all that, for no antenna winds up.
     """
     half = 0.5 * np.asarray(image_size, float)
     room = 2.0 * half.sum()
     near = (np.abs(path_px - half) <= half + room).all(axis=1)
-    path_px = path_px if near.all() else path_px[: int(near.argmin())]
+    if not near.all():
+        path_px, near = path_px[int(near.argmax()) :], near[int(near.argmax()) :]
+        path_px = path_px if near.all() else path_px[: int(near.argmin())]
     if len(path_px) < 2:
         return path_px
     short = np.hypot(*np.diff(path_px, axis=0).T).cumsum() <= 10.0 * room

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import replace
-from itertools import chain
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, TypeVar
@@ -21,7 +20,7 @@ from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment, adj
 from vbaa_calib.calibrate.antenna.inputs import Observation
 from vbaa_calib.calibrate.antenna.session_rig import ExpectedAntenna, nominal_parameters
 from vbaa_calib.calibrate.doubts import prior_doubts
-from vbaa_calib.calibrate.faults.stills import still_diagnoses
+from vbaa_calib.calibrate.faults.stills import failure_causes, still_diagnoses
 from vbaa_calib.calibrate.given_lens import GivenLens, given_solution, read_lens
 from vbaa_calib.calibrate.guide.view_uncertainty import WorkPlane
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution
@@ -347,8 +346,14 @@ class SessionState:
                 before = stills_prior(session, lens, self.plane() if lens is first else self._plane_by(lens))
                 return adjust_bundle(seen, before, session.antenna.length_m, session.moment_std_Nm)
 
-            others = () if self.given_lens is not None else next_lenses(first, self.views("lens"), self.board)
-            return first_solved(chain([first], others), solve)
+            def causes() -> list[Diagnosis]:
+                plane = self.plane()
+                return failure_causes(session, plane.kinematics, seen, stills_prior(session, first, plane))
+
+            def others() -> Iterable[LensSolution]:
+                return () if self.given_lens is not None else next_lenses(first, self.views("lens"), self.board)
+
+            return first_solved(first, others, solve, causes)
 
         return self.cached("joint", self.inputs(*_ALL), made)
 

@@ -154,7 +154,8 @@ def _about(recording: Recording, settings: Settings) -> Row:
     """How a summary begins: what the recording is, and the digests of all that its contacts depend on."""
     rig_sha256, inputs_sha256 = sha256(recording.rig), inputs_digest(recording.path)
     about = {"rig_sha256": rig_sha256, "inputs_sha256": inputs_sha256, "version": vbaa_calib.__version__}
-    whole = json.dumps([about, settings.said(recording.path)], sort_keys=True).encode()
+    # 2: gross points are left out, and the summary has readings and reasons; what was done before is done again
+    whole = json.dumps([2, about, settings.said(recording.path)], sort_keys=True).encode()
     return {
         "recording": recording.name,
         "state": "done",

@@ -115,7 +115,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         if "readings" in row:
             statuses = {status: row[status] for status in STATUSES if row[status]}
             overview.join({"status": statuses, **row}, recording=row["recording"])
-    for words in overview_in_words(overview.numbers()) if own else ():
+    for words in overview_in_words(overview.numbers()) if overview.frames else ():
         say(words)
     for name in missing[:_NAMED]:
         say(f"  missing: {name}")

@@ -140,11 +140,8 @@ def _sensor(session: Session, joint: BundleAdjustment, moments_known: bool) -> l
     return sensor_diagnoses(joint, session.moment_std_Nm, check(joint), moments_known)
 
 
-def with_cause(
-    session: Session, kinematics: Kinematics, observations: Sequence[Observation], before: Prior, error: SolveError
-) -> SolveError | InputError:
-    """An error of `solve_antenna` with its likely cause, or that none is found."""
-    causes = _failure_causes(session, kinematics, observations, before)
+def with_cause(error: SolveError, causes: Sequence[Diagnosis]) -> SolveError | InputError:
+    """An error of `solve_antenna` with the likeliest of its `failure_causes`, or that none is found."""
     typed = [one for one in causes if one.name.startswith("load_")]
     if typed:
         return InputError(f"{error}. {typed[0].words}", remedy=typed[0].remedy)
@@ -156,7 +153,7 @@ def with_cause(
     )
 
 
-def _failure_causes(
+def failure_causes(
     session: Session, kinematics: Kinematics, observations: Sequence[Observation], before: Prior
 ) -> list[Diagnosis]:
     """Likely causes of a calibration that raised, from the typed loads and the free antenna. Raises nothing."""

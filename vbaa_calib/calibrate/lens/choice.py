@@ -112,8 +112,9 @@ def choose(solutions: Sequence[Assessed], corners_px: np.ndarray) -> tuple[str, 
     chosen = min([*simpler, least], key=lambda name: (free[name], expected_px[name]))
     # every lens is a little decentred: a model without it must be clearly better
     if chosen in _CENTRED and _DECENTRED in names:
-        clearly = expected_px[_DECENTRED] >= rules.centred_may_cost * expected_px[chosen]
-        chosen = chosen if clearly else _DECENTRED
+        ratio = expected_px[_DECENTRED] / expected_px[chosen]
+        as_good = ratio <= 1.0 or _DECENTRED in (*simpler, least)
+        chosen = _DECENTRED if as_good and ratio < rules.centred_may_cost else chosen
     for name in names:
         if name != chosen and expected_px[name] <= expected_px[chosen]:
             richer = "is richer, and better by no more than the difference's own error"

@@ -111,9 +111,11 @@ class FreeShape:
             own = variance * weight
             _, shape = _misfit(self.clamp_m, self.axes, self.segments_m, seen, own, known, 0.0, starts)
             _bent(self.clamp_m, self.axes, self.segments_m, shape, curve, moved)
-            along = self.focal_px * curve[: len(followed(self.focal_px * curve + middle, self.camera.image_size))]
-            if len(along) < 2:
-                return along
+            along = self.focal_px * curve
+            near = followed(along + middle, self.camera.image_size)
+            if len(near) < 2:
+                return near
+            along = along if len(near) == len(along) else near - middle
             aside = beside(resample(along, 1.0)[0], self.focal_px * seen)[1]
             weight, starts = 1.0 + (aside / scale) ** 2, shape[None]
         pixels, shown = self.camera.project(np.column_stack([curve, np.ones(len(curve))]))
