@@ -112,7 +112,7 @@ def recorded_clock_offset(
 
     # the joints' angles hardly change by what the clocks are apart
     patient = replace(timing, wait_s=2.0 * FARTHEST_S)
-    synchronizer = Synchronizer(patient, source.channels, estimator.rig.camera.image_size)
+    synchronizer = Synchronizer(patient, source.channels, estimator.rig.camera.image_size, live=False)
     taken = islice(taken_frames(heard(), synchronizer), MOST_PICTURES)
     seen = list(detections(estimator, first_looks(estimator, taken, ground)))
     times_s, first = np.unique([time_s for time_s, _ in read], return_index=True)

@@ -83,7 +83,7 @@ class Stream:
         """Its frames with pictures (H, W[, 3]), in order."""
         source = self.opened()
         timing = replace(self.options.timing, moment_std_Nm=self.rig.moment_noise_Nm)
-        synchronizer = Synchronizer(timing, source.channels, self.rig.camera.image_size, source.notes)
+        synchronizer = Synchronizer(timing, source.channels, self.rig.camera.image_size, source.notes, live=False)
         yield from taken_frames(source.messages(), synchronizer)
         self.notes[:] = [*source.notes, *synchronizer.left_out()]
 

@@ -13,8 +13,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.streams import Reading, Synchronizer, Taken, Timing
+from vbaa_calib.streams import Reading, Source, Synchronizer, Taken, Timing
 from vbaa_calib.streams import now_s as steady_s
+from vbaa_calib.streams.messages import Messages
 from vbaa_calib.streams.recorded import line_messages, open_table, with_readings
 from vbaa_calib.streams.synchronize import Synchronized
 
@@ -236,7 +237,7 @@ def complete(found: list[Synchronized]) -> list[float]:
 def test_one_wrong_stamp_costs_one_frame(stream: str, by_s: float, arrival: str, number: int) -> None:
     """One among hundreds, or the last; the first one, which nothing is known before, the two after it as well."""
     notes: list[str] = []
-    synchronizer = Synchronizer(Timing(), ["moment_Nm", "pan_rad"], notes=notes)
+    synchronizer = Synchronizer(Timing(), ["moment_Nm", "pan_rad"], notes=notes, live=arrival == "arrival")
     wrong = restamped(recording(arrival=arrival), stream, range(number, number + 1), by_s)
     found = complete(through(synchronizer, *wrong))
     lost = set(range(300)) - set(np.round(found).astype(int))
@@ -255,7 +256,7 @@ def test_one_wrong_stamp_costs_one_frame(stream: str, by_s: float, arrival: str,
 def test_a_clock_that_is_set_is_followed(stream: str, by_s: float, arrival: str) -> None:
     """Every picture comes out. Those of a clock of their own have no readings any more, unless all were set."""
     notes: list[str] = []
-    synchronizer = Synchronizer(Timing(), ["moment_Nm", "pan_rad"], notes=notes)
+    synchronizer = Synchronizer(Timing(), ["moment_Nm", "pan_rad"], notes=notes, live=arrival == "arrival")
     found = through(synchronizer, *restamped(recording(arrival=arrival), stream, range(120, 300), by_s))
     assert len(found) == 300
     steps_s = np.diff([each.frame.time_s for each in found])
@@ -299,3 +300,74 @@ def test_one_wrong_row_of_a_table_costs_one_frame(wrong: str, tmp_path: Path) ->
     assert len(found) >= 59
     assert sum(np.isfinite(each.frame.moment_Nm) for each in found) >= 59
     assert len(source.notes) == 1
+
+
+def answered(synchronizer: Synchronizer, several: list[Taken | Reading], ticks: bool) -> list[tuple[float, float]]:
+    """When each picture arrived, and when its frame came out, with or without a tick every 20 ms."""
+    found = []
+    for each, after in zip(several, [*several[1:], None], strict=True):
+        until_s = each.arrived_s + 5.0 if after is None else after.arrived_s
+        found += [(done.taken.arrived_s, each.arrived_s) for done in synchronizer.push(each)]
+        for now_s in np.arange(each.arrived_s, until_s, 0.02)[1:] if ticks else ():
+            found += [(done.taken.arrived_s, float(now_s)) for done in synchronizer.ready(float(now_s))]
+    return found
+
+
+PAUSES = [10.0, 13.0, 15.0, 23.0, 26.0, 34.0, 60.0, 61.0, 120.0]
+
+
+@pytest.mark.parametrize("ticks", [True, False])
+@pytest.mark.parametrize("channels", [(), ("moment_Nm",), ("moment_Nm", "pan_rad", "tilt_rad")])
+def test_live_messages_stamped_by_their_arrival_are_answered_at_once(channels: tuple[str, ...], ticks: bool) -> None:
+    """One line a touch, whatever the pauses."""
+    several = [each for t in PAUSES for each in (*(Reading(t, name, 1e-3, t) for name in channels), taken(t))]
+    synchronizer = Synchronizer(Timing(), channels)
+    assert answered(synchronizer, several, ticks) == [(t, t) for t in PAUSES]
+    assert not synchronizer.left_out()
+
+
+@given(st.lists(st.tuples(st.floats(0.5, 20.0), st.sampled_from([0.0, 0.0, 0.0, 60.0, -60.0])), max_size=12))
+@settings(max_examples=40, deadline=None)
+def test_live_pictures_never_wait_for_later_ones(steps: list[tuple[float, float]]) -> None:
+    """Whatever jumps of the stamps there are and however far apart the pictures: ticks are enough; and all come out,
+    their times growing, unless two stamps are out of order."""
+    times_s = np.cumsum([5000.0, *(step for step, _ in steps)])
+    offs_s = [0.0, *(off for _, off in steps)]
+    for channels in ((), ("moment_Nm",)):
+        synchronizer = Synchronizer(Timing(), channels)
+        out = answered(synchronizer, [taken(t + o, t) for t, o in zip(times_s, offs_s, strict=True)], ticks=True)
+        assert all(came_s - arrived_s < 2.0 * Timing.wait_s + 0.05 for arrived_s, came_s in out)
+        lost = synchronizer.counts["pictures out of order"] + synchronizer.counts["pictures doubled"]
+        assert len(out) + lost + synchronizer.counts["pictures stamped ahead"] >= len(times_s)
+        assert not list(synchronizer.finish())
+
+
+@pytest.mark.parametrize("channels", [(), ("moment_Nm", "pan_rad")])
+@pytest.mark.parametrize("arrival", ["arrival", "stamp", "file"])
+def test_a_first_picture_stamped_ahead_shifts_no_time(arrival: str, channels: tuple[str, ...]) -> None:
+    """Of a recording: it is left out, and all others have their own times and readings."""
+    wrong = restamped(recording(60, arrival), "pictures", range(1), HOUR_S)
+    several = [each for each in wrong if channels or isinstance(each, Taken)]
+    synchronizer = Synchronizer(Timing(), channels, live=False)
+    found = through(synchronizer, *several)
+    assert [each.frame.time_s for each in found] == [50.0 + 0.05 * number for number in range(1, 60)]
+    assert [each.frame.frame for each in found] == list(range(59))
+    assert len(complete(found)) == (59 if channels else 0)
+    assert synchronizer.counts["pictures stamped ahead"] == 1
+    assert not synchronizer.counts["jumps of a clock"]
+
+
+@pytest.mark.parametrize("by_s", [0.0, HOUR_S, -HOUR_S])
+def test_readings_of_a_table_come_to_pictures_whose_first_stamp_is_wrong(by_s: float, tmp_path: Path) -> None:
+    """Thousands of them, beside pictures that arrived by another clock; a first stamp that is right is kept to."""
+    path = tmp_path / "readings.csv"
+    path.write_text("\n".join(["time_s,moment_Nm", *(f"{number / 1000},0.001" for number in range(20_000))]))
+
+    def messages() -> Messages:
+        for number in range(380):
+            yield taken(0.01 + 0.05 * number + by_s * (number == 0), 5000.0 + 0.05 * number)
+
+    source = with_readings(Source("bag", messages), path, 0.0)
+    synchronizer = Synchronizer(Timing(), source.channels, live=False)
+    found = through(synchronizer, *(each for each in source.messages() if each is not None))
+    assert sum(np.isfinite(each.frame.moment_Nm) for each in found) == 380 - (by_s != 0.0)

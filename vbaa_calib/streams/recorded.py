@@ -25,6 +25,7 @@ from vbaa_calib.core.images import read_picture
 from vbaa_calib.wizard.sources.files import FolderSource, Pace, SourceLost, VideoSource
 
 from .messages import CHANNELS, Messages, Reading, Source, Taken, now_s
+from .synchronize import Timing
 
 _IN_DEGREES = {"pan_rad": "pan_deg", "tilt_rad": "tilt_deg"}
 _LONGEST_LINE = 64_000_000
@@ -74,19 +75,34 @@ def with_readings(source: Source, path: Path | None, offset_s: float) -> Source:
     def messages() -> Messages:
         # as it is on the source's clock, so that a picture waits by that
         stamped = (replace(each, arrived_s=each.arrived_s + offset_s) for each in readings)
-        later_s: list[float] = []
+        ahead, later_s = _first_pictures(several := source.messages())
 
         def arrived_s(message: Taken | Reading | None) -> float:
             """By the stamps' clock, which may be another than that of arrival, but not by one stamp that is wrong."""
             assert message is not None
             if isinstance(message, Reading):
                 return message.arrived_s
-            later_s[:] = later_s or [message.time_s - message.arrived_s]
-            return message.arrived_s + later_s[0]
+            return message.arrived_s + later_s
 
-        yield from heapq.merge(stamped, source.messages(), key=arrived_s)
+        yield from heapq.merge(stamped, chain(ahead, several), key=arrived_s)
 
     return replace(source, messages=messages, channels=source.channels | channels)
+
+
+def _first_pictures(messages: Messages) -> tuple[list[Taken | Reading | None], float]:
+    """The messages up to the fifth picture, and how much later than their arrival pictures are stamped.
+
+    By the first one, unless the others speak against it.
+    """
+    ahead, later_s = list[Taken | Reading | None](), list[float]()
+    for message in messages:
+        ahead.append(message)
+        if isinstance(message, Taken):
+            later_s.append(message.time_s - message.arrived_s)
+            if len(later_s) == 5:
+                break
+    usual_s = float(np.median(later_s or [0.0]))
+    return ahead, later_s[0] if later_s and abs(later_s[0] - usual_s) <= Timing.jump_s else usual_s
 
 
 def open_video(path: Path) -> Source:

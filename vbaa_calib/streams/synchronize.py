@@ -7,7 +7,7 @@ from bisect import bisect_left
 from collections import Counter, deque
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from itertools import chain
+from itertools import chain, pairwise
 from typing import Any
 
 import numpy as np
@@ -140,11 +140,13 @@ class _Channel:
 class _Stamps:
     """The stamps of one stream, bounded against arrival; its clock may be any constant off.
 
-    last : the latest message that counts. step_s : by how much it is later than the one before.
+    live : arrival is by a clock of its own. last : the latest message that counts.
+    step_s : by how much it is later than the one before; 0 for the first.
     doubted : messages whose stamps jump, all to one side, each later than the one before.
     """
 
     timing: Timing
+    live: bool
     last: _Message | None = None
     step_s: float = 0.0
     doubted: list[_Message] = field(default_factory=list)
@@ -157,8 +159,9 @@ class _Stamps:
         step_s, since_s = message.time_s - self.last.time_s, message.arrived_s - self.last.arrived_s
         if -self.timing.jump_s <= step_s <= 0.0:
             return [], [message]
-        # arrival that is the stamp once more, to what floats of a time of day can tell, bounds nothing
-        passed_s = max(since_s if abs(since_s - step_s) > 1e-5 else 0.0, now_s - self.last.arrived_s, 0.0)
+        # in what was recorded, arrival that is the stamp once more, to what floats of a time of day can tell, bounds
+        # nothing
+        passed_s = max(since_s if self.live or abs(since_s - step_s) > 1e-5 else 0.0, now_s - self.last.arrived_s, 0.0)
         # even steps are no jumps: stamps in ms, pictures of every minute that are read at once
         if 0.0 < step_s <= passed_s + max(self.timing.jump_s, 2.0 * self.step_s):
             between = [each for each in self.doubted if self.last.time_s < each.time_s < message.time_s]
@@ -170,6 +173,11 @@ class _Stamps:
         self.doubted.append(message)
         return (self._counted(self._dropped()) if len(self.doubted) >= self.timing.agreeing else []), wrong
 
+    def overdue(self, now_s: float) -> list[_Message]:
+        """Those that are doubted once the first has waited as long as a picture may: they count then."""
+        late = self.live and bool(self.doubted) and now_s - self.doubted[0].arrived_s >= self.timing.wait_s
+        return self._counted(self._dropped()) if late else []
+
     def finish(self) -> tuple[list[_Message], list[_Message]]:
         """The same of those that are doubted to the end: nothing speaks against later ones."""
         ahead = self.last is not None and bool(self.doubted) and self.doubted[0].time_s > self.last.time_s
@@ -177,7 +185,7 @@ class _Stamps:
 
     def _counted(self, several: list[_Message]) -> list[_Message]:
         before = several[-2] if len(several) > 1 else self.last
-        self.step_s = 0.0 if before is None else several[-1].time_s - before.time_s
+        self.step_s = 0.0 if before is None else abs(several[-1].time_s - before.time_s)
         self.last = several[-1]
         return several
 
@@ -192,7 +200,8 @@ class Synchronizer:
     A picture waits until every channel has a reading after it, or for `Timing.wait_s`. Between the readings on either
     side its own are interpolated; where they are missing, or too far apart, the frame has none. Pictures and readings
     that come twice or out of order are left out, and so are those whose stamps jump, unless `Timing.agreeing` do so in
-    a row: then the clock was set, and it goes on by the new one. Where that is earlier, the frames' times run on.
+    a row, or live nothing speaks against them for `Timing.wait_s`: then the clock was set, and it goes on by the new
+    one. Where that is earlier, the frames' times run on.
 
     counts : of what came and of what was left out, by name.
     """
@@ -204,17 +213,20 @@ class Synchronizer:
         channels: Iterable[str] = (),
         image_size: tuple[int, int] | None = None,
         notes: list[str] | None = None,
+        live: bool = True,
     ) -> None:
         """channels : of `CHANNELS`, those that are waited for.
 
         image_size : (width, height) of the rig's camera: pictures of another size are left out.
         notes : where stamps that jump are reported as it happens.
+        live : messages arrive by a clock; of what was recorded, arrival may be the stamp, and the first picture waits
+            for the second, which may show its stamp to be wrong.
         """
         self._image_size = image_size
         self.counts: Counter[str] = Counter()
         self._notes = [] if notes is None else notes
         self._noted: set[tuple[str, str]] = set()
-        self._timing = timing
+        self._timing, self._live = timing, live
         self._channels = {_known(name): _Channel() for name in channels}
         self._stamps: dict[str, _Stamps] = {}
         self._waiting: deque[Taken] = deque()
@@ -235,9 +247,11 @@ class Synchronizer:
             self.counts["pictures out of order"] += 1
         else:
             stream = message.channel if isinstance(message, Reading) else "pictures"
-            stamps = self._stamps.setdefault(stream, _Stamps(self._timing))
-            early = self._judged(stream, stamps.last, *stamps.judged(message, self._now_s))
-            if stamps.doubted:
+            stamps = self._stamps.setdefault(stream, _Stamps(self._timing, self._live))
+            last, first = stamps.last, stamps.step_s == 0.0
+            counted, wrong = stamps.judged(message, self._now_s)
+            early = self._judged(stream, last, counted, wrong, jumped=len(counted) > 1, first=first)
+            if stamps.doubted and not self._live:
                 return iter(early)
         self._now_s = message.arrived_s
         return chain(early, self.ready(message.arrived_s))
@@ -245,8 +259,16 @@ class Synchronizer:
     @gate
     def ready(self, now_s: float) -> Iterator[Synchronized]:
         """The frames that are complete, or have waited long enough by the source's clock."""
+        for stream, stamps in list(self._stamps.items()):
+            last, first = stamps.last, stamps.step_s == 0.0
+            if counted := stamps.overdue(now_s):
+                yield from self._judged(stream, last, counted, jumped=True, first=first)
         while self._waiting:
             taken = self._waiting[0]
+            # where nobody waits for it, and its readings are kept meanwhile
+            several = self._live or self._stamps["pictures"].step_s > 0.0
+            if not (several or any(len(each.times) > _KEPT for each in self._channels.values())):
+                return
             complete = all(each.times and each.times[-1] >= taken.time_s for each in self._channels.values())
             if not complete and now_s - taken.arrived_s < self._timing.wait_s:
                 return
@@ -255,7 +277,9 @@ class Synchronizer:
     def finish(self) -> Iterator[Synchronized]:
         """Those that still wait; nothing comes after them."""
         for stream, stamps in self._stamps.items():
-            yield from self._judged(stream, stamps.last, *stamps.finish())
+            last = stamps.last
+            counted, wrong = stamps.finish()
+            yield from self._judged(stream, last, counted, wrong, jumped=len(counted) > 1)
         yield from self._flushed()
 
     def left_out(self) -> list[str]:
@@ -274,11 +298,18 @@ class Synchronizer:
         self.counts["pictures of another size"] += 1
 
     def _judged(
-        self, stream: str, last: _Message | None, counted: Sequence[_Message], wrong: Sequence[_Message]
+        self,
+        stream: str,
+        last: _Message | None,
+        counted: Sequence[_Message],
+        wrong: Sequence[_Message] = (),
+        *,
+        jumped: bool = False,
+        first: bool = False,
     ) -> list[Synchronized]:
         """Take messages of a stream, and count those that are left out; the frames that cannot wait any longer.
 
-        last : of the stream, before them.
+        last : of the stream, before them. jumped : those that count were doubted. first : `last` was the first.
         """
         kind, frames = ("pictures" if stream == "pictures" else "readings"), list[Synchronized]()
         for message in wrong:
@@ -289,17 +320,23 @@ class Synchronizer:
                 continue
             side = "ahead" if off_s > 0.0 else "behind"
             self._note(f"{kind} stamped {side}", stream, f"one is stamped {abs(off_s):.6g} s {side}, and left out")
-        if len(counted) > 1 and last is not None:
-            first, second, *_ = counted
-            by_s, arrival_s = first.time_s - last.time_s, first.arrived_s - last.arrived_s
-            if not 0.0 < by_s < arrival_s + self._timing.jump_s:
-                self._note("jumps of a clock", stream, f"the clock was set by {by_s:+.6g} s, and is followed")
-            if by_s < 0.0:
-                # what waits for readings by the clock as it was would wait in vain
-                frames, self._given_s = list(self._flushed()), -np.inf
-                # the frames' times run on, and only these
-                onward_s = max(arrival_s, second.time_s - first.time_s)
-                self._set_back_s += (onward_s - by_s) * (kind == "pictures")
+        if jumped and last is not None:
+            by_s, arrival_s = counted[0].time_s - last.time_s, counted[0].arrived_s - last.arrived_s
+            free = isinstance(last, Reading) or any(each is last for each in self._waiting)
+            if by_s < 0.0 and first and len(counted) > 1 and free:
+                # all others speak against the one that came first
+                self._note(f"{kind} stamped ahead", stream, f"the first is stamped {-by_s:.6g} s ahead, and left out")
+                self.counts[kind] -= 1
+                self._waiting = deque(each for each in self._waiting if each is not last)
+            else:
+                if not 0.0 < by_s < arrival_s + self._timing.jump_s:
+                    self._note("jumps of a clock", stream, f"the clock was set by {by_s:+.6g} s, and is followed")
+                if by_s < 0.0:
+                    # what waits for readings by the clock as it was would wait in vain
+                    frames, self._given_s = list(self._flushed()), -np.inf
+                    # the frames' times run on, and only these
+                    onward_s = max(arrival_s, _INSTANT_S, *(b.time_s - a.time_s for a, b in pairwise(counted[:2])))
+                    self._set_back_s += (onward_s - by_s) * (kind == "pictures")
         for message in counted:
             self.counts[kind] += 1
             if isinstance(message, Taken):

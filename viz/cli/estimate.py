@@ -277,7 +277,8 @@ def _without_session(args: argparse.Namespace, rig: Rig) -> tuple[ContactEstimat
 
     def opened() -> tuple[Source, Synchronizer, Iterator[tuple[Frame, np.ndarray]]]:
         source = streams.recorded(args, args.session, estimator.rig, timing)
-        synchronizer = Synchronizer(timing, source.channels, estimator.rig.camera.image_size, source.notes)
+        size = estimator.rig.camera.image_size
+        synchronizer = Synchronizer(timing, source.channels, size, source.notes, live=False)
         return source, synchronizer, taken_frames(source.messages(), synchronizer)
 
     with TemporaryDirectory(prefix="vbaa-stills-") as folder:

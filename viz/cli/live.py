@@ -103,7 +103,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         timing = _clocked(args, estimator, timing, ground)
         source = _source(args, rig, timing)
         sinks = _sinks(args, stack)
-        synchronizer = Synchronizer(timing, source.channels, rig.camera.image_size, source.notes)
+        synchronizer = Synchronizer(timing, source.channels, rig.camera.image_size, source.notes, source.live)
         live = LiveEstimator(estimator, synchronizer, ground, final=not args.no_final)
         live.warm()
         # what is there by now stays: looking through it for garbage takes as long as five pictures
