@@ -43,7 +43,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Make the budget, say it, and write what is asked for."""
     from estimator.budget.budget import error_budget
     from estimator.budget.report import SCHEMA, advice, as_data, contacts_as_data, table, write_figure
-    from vbaa_calib.rig import Rig
+    from vbaa_calib.cli.usable_rig import usable_rig
 
     outputs = {"budget": args.output, "figure": args.figure}
     refuse_outputs(outputs.values(), args.force, (args.rig,))
@@ -60,7 +60,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             raise InputError(f"{name} is {value}", remedy="give a finite number")
     if not 0.0 <= args.friction <= 1.0:
         raise InputError(f"--friction is {args.friction}", remedy="give the angle's deviation in rad, 0 to 1")
-    rig = Rig.load(args.rig)
+    rig = usable_rig(args.rig)
     touches = _touches(args, rig)
     budget = error_budget(rig, touches, friction=args.friction, with_moment=not args.no_moment)
     given = {

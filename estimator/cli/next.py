@@ -39,14 +39,14 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Say where to touch next, and what it should tell."""
     from estimator.object.next_touch import JointLimits, next_touch
     from estimator.table.files import read_contacts
-    from vbaa_calib.rig import Rig
+    from vbaa_calib.cli.usable_rig import usable_rig
 
     if args.output is not None:
         refuse_overwrite(args.output, args.force, (args.contacts, args.rig))
         if args.output.suffix != ".json":
             raise InputError("is not a .json", where=args.output, remedy="name it next.json")
     pan, tilt = (_limits(args, name) for name in ("pan", "tilt"))
-    table, rig = read_contacts(args.contacts), Rig.load(args.rig)
+    table, rig = read_contacts(args.contacts), usable_rig(args.rig)
     with about(args.contacts):
         recorded = JointLimits.of(table, rig)
         one = next_touch(table, rig, args.goal, JointLimits(pan or recorded.pan_rad, tilt or recorded.tilt_rad))

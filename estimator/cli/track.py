@@ -42,7 +42,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from estimator.contact.common_errors import shared_errors
     from estimator.object.track import follow, smooth
     from estimator.table.files import check_format, read_contacts, write_contacts
-    from vbaa_calib.rig import Rig
+    from vbaa_calib.cli.usable_rig import usable_rig
 
     outputs = [args.output] if args.smooth is None else [args.output, args.smooth]
     refuse_outputs(outputs, args.force, (args.contacts, args.rig))
@@ -54,7 +54,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
             remedy = "give the rig.json that the contacts were made with"
             raise InputError("--smooth needs --rig to separate noise from the calibration's errors", remedy=remedy)
     table = read_contacts(args.contacts)
-    rig = None if args.rig is None else Rig.load(args.rig)
+    rig = None if args.rig is None else usable_rig(args.rig)
     shared = None if rig is None else shared_errors(rig, table)
     track = follow(table, rig, shared)
     smoothed = None if args.smooth is None or rig is None else smooth(table, rig, shared, track)

@@ -79,6 +79,14 @@ def test_a_wrong_rig_is_refused_unless_accepted(
         assert "pan and tilt were exchanged" in named["PAGE"].read_text()
 
 
+def test_other_verbs_use_a_wrong_rig_and_say_so(vbaa: Call, session: Path, rig: Path) -> None:
+    finding = Diagnosis("joints", "pan and tilt were exchanged", "exchange the columns", "wrong")
+    rig.write_text(json.dumps(json.loads(rig.read_text()) | {"verdict": RigVerdict.of([finding]).to_dict()}))
+    seen = vbaa("look", session / "noload" / "noload_001.png", "--rig", rig)
+    assert seen.code == 0
+    assert "pan and tilt were exchanged" in seen.err
+
+
 def test_the_verdict_survives_reading_and_writing(rig: Path) -> None:
     """And a rig.json of an older version, without one, has none."""
     findings = [Diagnosis("a", "b", "c"), Diagnosis("d", "e", "f", "note"), Diagnosis("g", "h", "i", "wrong")]

@@ -60,8 +60,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from vbaa_calib.calibrate.given_lens import read_lens
     from vbaa_calib.calibrate.pose.hand_eye import solve_hand_eye
     from vbaa_calib.calibrate.pose.robot_tables import read_robot_poses
+    from vbaa_calib.cli.usable_rig import usable_rig
     from vbaa_calib.detect.board.board_file import load_board
-    from vbaa_calib.rig import Rig
 
     table = args.views.suffix.lower() == ".csv"
     inputs = [args.board, args.poses, args.camera, args.rig, *([args.views] if table else [])]
@@ -69,7 +69,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if args.rig and args.mount != "hand":
         raise InputError("--rig with --mount fixed", remedy="camera and antenna ride together: take --mount hand")
     spec, (poses, others) = load_board(args.board), read_robot_poses(args.poses, args.euler)
-    rig = Rig.load(args.rig) if args.rig else None
+    rig = usable_rig(args.rig) if args.rig else None
     known = read_lens(args.camera or args.rig) if args.camera or args.rig else None
     views = _paired(_views(args, spec, known), poses, args.poses)
     lens = _lens(known, views, spec)

@@ -17,8 +17,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def usable_rig(path: Path, accept_wrong: bool) -> Rig:
-    """The rig of a rig.json. Raises InputError where its calibration is wrong; if that is accepted, it is reported."""
+def usable_rig(path: Path, accept_wrong: bool = True) -> Rig:
+    """The rig of a rig.json. A wrong calibration is reported, or, unless that is accepted, raises InputError."""
     from vbaa_calib.core.console import say
     from vbaa_calib.core.errors import InputError
     from vbaa_calib.rig import Rig
@@ -31,5 +31,5 @@ def usable_rig(path: Path, accept_wrong: bool) -> Rig:
     if not accept_wrong:
         remedy = worst.remedy if worst else "calibrate again"
         raise InputError(words, where=path, remedy=f"{remedy}; or use it as it is with --accept-rig")
-    say(f"warning, {path}: {words}; used all the same (--accept-rig)")
+    say(f"warning, {path}: {words}; it is used all the same")
     return rig

@@ -43,15 +43,15 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from estimator.contact.overlay import corridor_of
     from estimator.contact.recording import looking_for, subtracted
     from estimator.contact.surroundings import AUTO, beside, surroundings
+    from vbaa_calib.cli.usable_rig import usable_rig
     from vbaa_calib.core.images import read_gray, read_picture
     from vbaa_calib.detect.drawing.overlay import centreline_picture, described
     from vbaa_calib.detect.whisker.centreline import NOTHING, Visibility
     from vbaa_calib.detect.whisker.paint import without_other_things
     from vbaa_calib.detect.whisker.stretches import Cause, stretches, why_lost
-    from vbaa_calib.rig import Rig
     from vbaa_calib.session import Frame, check_pictures
 
-    rig = Rig.load(args.rig)
+    rig = usable_rig(args.rig)
     given = [path for path in (args.image, args.background) if path not in (None, AUTO)]
     check_pictures(given, rig.camera.image_size, "the rig was calibrated at")
     frame = Frame(image=args.image, pan_rad=pan, tilt_rad=tilt, moment_Nm=0.0, frame=0, time_s=0.0)

@@ -37,9 +37,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         )
     else:
         from estimator.contact.common_errors import shared_errors
-        from vbaa_calib.rig import Rig
+        from vbaa_calib.cli.usable_rig import usable_rig
 
-        rig = Rig.load(args.rig)
+        rig = usable_rig(args.rig)
         radius, shared = rig.antenna.diameter_m / 2, shared_errors(rig, table)
     surface = reconstruct(touches_of(table, shared), radius)
     write_object(surface, args.output, force=args.force)

@@ -127,7 +127,7 @@ def scene_of(args: argparse.Namespace) -> tuple[Scene, int]:
     """All that is read and found, as a scene, and how many frames that was."""
     from estimator.object.estimate import estimate_object
     from estimator.table.files import read_contacts
-    from vbaa_calib.rig import Rig
+    from vbaa_calib.cli.usable_rig import usable_rig
     from viz.files.object_file import read_object
     from viz.scene.rig_items import session_pictures, small_picture
     from viz.scene.scene import build_scene, framewise, refuse_out_of_reach
@@ -141,7 +141,7 @@ def scene_of(args: argparse.Namespace) -> tuple[Scene, int]:
     for name in ("session", "picture"):
         if args.rig is None and getattr(args, name) is not None:
             raise InputError("its pictures are drawn at the camera", where=f"--{name}", remedy="give --rig, too")
-    rig = None if args.rig is None else Rig.load(args.rig)
+    rig = None if args.rig is None else usable_rig(args.rig)
     mesh = None if args.object is None else read_object(args.object)
     estimate = None
     if args.object is None and not args.plain:
