@@ -64,6 +64,11 @@ class RigVerdict:
         ranked = sorted(findings, key=lambda one: get_args(Severity).index(one.severity))
         return RigVerdict(ranked[0].severity if ranked else "none", tuple(ranked))
 
+    @property
+    def causes(self) -> str:
+        """In words, all for which the rig must not be used; empty where there are none."""
+        return "; ".join(one.words for one in self.findings if one.grave)
+
     def to_dict(self) -> dict[str, Any]:
         """The mapping `verdict` of rig.json."""
         return {"severity": self.severity, "findings": [one.to_dict() for one in self.findings]}

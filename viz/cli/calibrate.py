@@ -105,7 +105,7 @@ def _over_time(args: argparse.Namespace, sessions: list[tuple[datetime, Path]]) 
                 _one(argparse.Namespace(**{**vars(args), "session": path, "output": output, "force": True}))
             rigs.append(Rig.load(output))
             if rigs[-1].verdict.severity == "wrong":
-                wrong.append(f"{name}: wrong: {'; '.join(one.words for one in rigs[-1].verdict.findings if one.grave)}")
+                wrong.append(f"{name}: wrong: {rigs[-1].verdict.causes}")
             days.append((date - sessions[0][0]).total_seconds() / 86400.0)
         except VbaaError as error:
             say(f"{name}: {error}")

@@ -90,8 +90,8 @@ def make_report(
     if sources.readings is not None:
         facts = (Fact("Readings", sentence(readings_in_words(sources.readings))), *facts)
     if rig is not None and rig.verdict.severity == "wrong":
-        causes = "; ".join(one.words for one in rig.verdict.findings if one.grave)
-        facts = (Fact("Calibration", sentence(f"The verdict on the rig is wrong: {causes}"), "look"), *facts)
+        words = sentence(f"The verdict on the rig is wrong: {rig.verdict.causes}")
+        facts = (Fact("Calibration", words, "look"), *facts)
     if sources.picture is None:
         pictures = [scene_picture(table, rig, estimate, contents, sources.session)]
     else:
