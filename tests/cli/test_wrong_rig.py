@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from vbaa_calib.core.errors import Diagnosis, SolveError
+from vbaa_calib.core.errors import Diagnosis, SolveError, Verdict
 from vbaa_calib.core.files import write_json
-from vbaa_calib.rig import Rig, RigVerdict
+from vbaa_calib.rig import Rig
 
 from .conftest import Call, refused
 
@@ -58,7 +58,7 @@ def test_a_wrong_rig_is_refused_unless_accepted(
     contacts, out = tmp_path / "contacts.csv", tmp_path / "out"
     assert vbaa("estimate", session, "--rig", rig, "-o", contacts, "--no-report").code == 0
     finding = Diagnosis("joints", "pan and tilt were exchanged", "exchange the columns", "wrong")
-    document = json.loads(rig.read_text()) | {"verdict": RigVerdict.of([finding]).to_dict()}
+    document = json.loads(rig.read_text()) | {"verdict": Verdict.of([finding]).to_dict()}
     rig.write_text(json.dumps(document))
     suffix = {"batch": ""}.get(verb, ".csv")
     named = {
@@ -81,7 +81,7 @@ def test_a_wrong_rig_is_refused_unless_accepted(
 
 def test_other_verbs_use_a_wrong_rig_and_say_so(vbaa: Call, session: Path, rig: Path) -> None:
     finding = Diagnosis("joints", "pan and tilt were exchanged", "exchange the columns", "wrong")
-    rig.write_text(json.dumps(json.loads(rig.read_text()) | {"verdict": RigVerdict.of([finding]).to_dict()}))
+    rig.write_text(json.dumps(json.loads(rig.read_text()) | {"verdict": Verdict.of([finding]).to_dict()}))
     seen = vbaa("look", session / "noload" / "noload_001.png", "--rig", rig)
     assert seen.code == 0
     assert "pan and tilt were exchanged" in seen.err
@@ -90,12 +90,12 @@ def test_other_verbs_use_a_wrong_rig_and_say_so(vbaa: Call, session: Path, rig: 
 def test_the_verdict_survives_reading_and_writing(rig: Path) -> None:
     """And a rig.json of an older version, without one, has none."""
     findings = [Diagnosis("a", "b", "c"), Diagnosis("d", "e", "f", "note"), Diagnosis("g", "h", "i", "wrong")]
-    verdict = RigVerdict.of(findings)
+    verdict = Verdict.of(findings)
     assert (verdict.severity, verdict.findings[0].name) == ("wrong", "g")
     document = json.loads(rig.read_text())
     assert Rig.from_dict(document | {"verdict": verdict.to_dict()}).verdict == verdict
     del document["verdict"]
-    assert Rig.from_dict(document).verdict == RigVerdict()
+    assert Rig.from_dict(document).verdict == Verdict()
 
 
 def test_nothing_is_written_that_cannot_be_read_again(rig: Path, tmp_path: Path) -> None:

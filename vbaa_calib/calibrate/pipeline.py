@@ -22,10 +22,10 @@ from vbaa_calib.calibrate.faults.stills import failure_causes, still_diagnoses, 
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution
 from vbaa_calib.calibrate.lens_from_views import solve_lens
 from vbaa_calib.core.arrays import gate
-from vbaa_calib.core.errors import Diagnosis, InputError, SolveError, VbaaError
+from vbaa_calib.core.errors import Diagnosis, InputError, SolveError, VbaaError, Verdict
 from vbaa_calib.core.images import SUFFIXES, list_images, picture_size
 from vbaa_calib.detect.board.corners import BoardView, detect_folder
-from vbaa_calib.rig import Rig, RigVerdict
+from vbaa_calib.rig import Rig
 from vbaa_calib.session import Session, Still, check_pictures, read_loads, read_noload
 
 from .doubts import doubts
@@ -179,4 +179,4 @@ def calibrate(session: Session, lens_model: str = "auto", given: GivenLens | Non
     held = still_diagnoses(session, plane.kinematics, joint)
     rig = make_rig(session, plane.kinematics, joint, observations)
     made = Calibration(session, rig, used, plane, joint, check(joint), stills, tuple(held), given)
-    return replace(made, rig=replace(rig, verdict=RigVerdict.of(doubts(made))))
+    return replace(made, rig=replace(rig, verdict=Verdict.of(doubts(made))))

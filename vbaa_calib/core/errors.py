@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 _LONGEST = 600
 """Characters of each part of an error."""
@@ -140,3 +140,26 @@ class Diagnosis:
 
     def to_dict(self) -> dict[str, str | bool]:
         return {**vars(self), "grave": self.grave}
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Whether a calibration or a recording may be used: as good as the worst of its findings."""
+
+    severity: Severity | Literal["none"] = "none"
+    findings: tuple[Diagnosis, ...] = ()
+
+    @staticmethod
+    def of(findings: Iterable[Diagnosis]) -> Verdict:
+        """The verdict by these findings, the worst first."""
+        ranked = sorted(findings, key=lambda one: get_args(Severity).index(one.severity))
+        return Verdict(ranked[0].severity if ranked else "none", tuple(ranked))
+
+    @property
+    def causes(self) -> str:
+        """In words, all for which it must not be used; empty where there are none."""
+        return "; ".join(one.words for one in self.findings if one.grave)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The mapping `verdict` of rig.json and of `--json`."""
+        return {"severity": self.severity, "findings": [one.to_dict() for one in self.findings]}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Generic, NamedTuple, Protocol, TypeVar
 
@@ -11,7 +11,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.special import chdtrc
 
-from .robust import huber_losses, huber_weights, soft_l1_losses, soft_l1_weights
+from .robust import chi_square, huber_losses, huber_weights, soft_l1_losses, soft_l1_weights
 
 _LEAST_DAMPING, _MOST_DAMPING = 1e-15, 1e12
 
@@ -185,6 +185,53 @@ SOFT_L1 = Loss(soft_l1_losses, soft_l1_weights)
 SQUARES = Loss(lambda residuals: 0.5 * residuals**2, np.ones_like)
 
 
+class ScoreTest(NamedTuple):
+    """Extra parameters of a linearised problem, to first order: values (K,), covariance (K, K), and the logarithm of
+    the evidence (Bayes factor) for them against none."""
+
+    values: np.ndarray
+    covariance: np.ndarray
+    log_evidence: float
+
+    @property
+    def std(self) -> np.ndarray:
+        """(K,) standard deviations."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def chi_square(self) -> float:
+        """With K degrees of freedom where all are 0: twice the decrease of the cost."""
+        return chi_square(self.values, self.covariance)
+
+    def clear(self, least_std: float) -> np.ndarray:
+        """(K,) the values along the directions in which they exceed so many standard deviations; all of one unit."""
+        variances, axes = np.linalg.eigh(self.covariance)
+        along = axes.T @ self.values
+        return np.asarray(axes @ np.where(along**2 > least_std**2 * variances, along, 0.0))
+
+
+def score_test(
+    information: np.ndarray, score: np.ndarray, prior_std: float | np.ndarray, least_information: float = 0.0
+) -> ScoreTest | None:
+    """Score-test estimate of K extra parameters about 0 with prior N(0, prior_std²).
+
+    information : (K, K) about them, all other parameters eliminated; score : (K,) slope of the log likelihood by them.
+    None where the data say nothing about one of them: a scaled eigenvalue of at most `least_information`.
+    """
+    prior = np.broadcast_to(np.asarray(prior_std, float), score.shape)
+    size = np.sqrt(np.diag(information))
+    if not (np.isfinite(size).all() and (size > 0.0).all()):
+        return None
+    if least_information and np.linalg.eigvalsh(information / np.outer(size, size)).min() <= least_information:
+        return None
+    # in units of the prior's standard deviations
+    unit, pull = information * np.outer(prior, prior), score * prior
+    covariance = np.linalg.inv(unit + np.eye(len(unit)))
+    step = covariance @ pull
+    gained = 0.5 * float(pull @ step) - 0.5 * float(np.linalg.slogdet(unit + np.eye(len(unit)))[1])
+    return ScoreTest(step * prior, covariance * np.outer(prior, prior), gained)
+
+
 @dataclass(frozen=True, eq=False)
 class Linearised:
     """A dense problem at its parameters: residuals of what was measured, then of priors.
@@ -238,6 +285,42 @@ class Linearised:
         """(P, P) inverse of the information, by the rows' triangular factor: no variance comes out negative."""
         root = self.covariance_root()
         return root @ root.T
+
+    def score_test(
+        self, columns: np.ndarray, prior_std: float | np.ndarray, least_information: float = 1e-9
+    ) -> ScoreTest | None:
+        """Score-test estimate of extra parameters with Jacobian `columns` (R, K) and prior N(0, prior_std²).
+
+        The problem's own parameters adapt. None where they explain the same: where less than `least_information` of
+        the columns' information is left.
+        """
+        weights = self.weights[:, None]
+        own, jacobian = columns * weights, self.jacobian * weights
+        size, scale = np.linalg.norm(own, axis=0), np.linalg.norm(jacobian, axis=0)
+        if not (np.isfinite(size).all() and (size > 0.0).all()):
+            return None
+        basis, _ = np.linalg.qr(jacobian / np.where(scale > 0.0, scale, 1.0))
+        left = own - basis @ (basis.T @ own)
+        # the rest of the residuals alone: at a minimum of a robust cost their slope is zero, before it need not be
+        residuals = self.residuals * self.weights
+        if np.linalg.eigvalsh(left.T @ left / np.outer(size, size)).min() <= least_information:
+            return None
+        return score_test(left.T @ left, -left.T @ residuals, prior_std)
+
+    def without(self, rows: np.ndarray) -> Linearised:
+        """The problem without the rows (R,) that are true, at its least cost to first order."""
+        left = ~rows
+        certain = int(left[len(rows) - self.certain :].sum())
+        rest = replace(self, residuals=self.residuals[left], jacobian=self.jacobian[left], certain=certain)
+        step = rest.step(0.0)[0]
+        return replace(rest, parameters=rest.parameters + step, residuals=rest.residuals + rest.jacobian @ step)
+
+    def forecast(self, jacobian: np.ndarray) -> np.ndarray:
+        """(P, P) covariance with further observations of Jacobian (N, P), in units of their standard deviations."""
+        none = np.zeros(len(jacobian))
+        rows = np.vstack([jacobian, self.jacobian * self.weights[:, None]])
+        residuals = np.concatenate([none, self.residuals * self.weights])
+        return replace(self, jacobian=rows, residuals=residuals, certain=len(rows)).covariance()
 
     def step(self, damping: float, at_end: bool | np.ndarray = False) -> tuple[np.ndarray, float]:
         """(P,) damped step, and the decrease that an undamped one promises.

@@ -2,7 +2,7 @@
 
 from vbaa_calib.session import MomentSensor
 
-from .parts import POSE_PARAMETERS, RIG_PARAMETERS, RIG_STEPS, Antenna, AntennaImage, RigVerdict, Tip
+from .parts import POSE_PARAMETERS, RIG_PARAMETERS, RIG_STEPS, Antenna, AntennaImage, Tip
 from .rig import Rig
 from .rig_file import SCHEMA
 
@@ -15,6 +15,5 @@ __all__ = [
     "AntennaImage",
     "MomentSensor",
     "Rig",
-    "RigVerdict",
     "Tip",
 ]

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from pydantic import Field, Strict
 
 from vbaa_calib.antenna.shape import PARAMETERS as ANTENNA_PARAMETERS
-from vbaa_calib.core.errors import Diagnosis, InputError, Severity
+from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.models import Number
 from vbaa_calib.geometry import Kinematics, Pose
 
@@ -49,29 +49,6 @@ class Tip:
     def to_dict(self) -> dict[str, Any]:
         """The mapping `antenna.tip` of rig.json."""
         return {"offset_m": self.offset_m, "std_m": self.std_m, "covariance": self.covariance.tolist()}
-
-
-@dataclass(frozen=True)
-class RigVerdict:
-    """Whether a calibrated rig may be used: as good as the worst finding of its calibration."""
-
-    severity: Severity | Literal["none"] = "none"
-    findings: tuple[Diagnosis, ...] = ()
-
-    @staticmethod
-    def of(findings: Iterable[Diagnosis]) -> RigVerdict:
-        """The verdict by these findings, the worst first."""
-        ranked = sorted(findings, key=lambda one: get_args(Severity).index(one.severity))
-        return RigVerdict(ranked[0].severity if ranked else "none", tuple(ranked))
-
-    @property
-    def causes(self) -> str:
-        """In words, all for which the rig must not be used; empty where there are none."""
-        return "; ".join(one.words for one in self.findings if one.grave)
-
-    def to_dict(self) -> dict[str, Any]:
-        """The mapping `verdict` of rig.json."""
-        return {"severity": self.severity, "findings": [one.to_dict() for one in self.findings]}
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,7 @@ from scipy.linalg import block_diag
 
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.arrays import gate
-from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.errors import InputError, Verdict
 from vbaa_calib.core.files import read_json
 from vbaa_calib.core.models import checked
 from vbaa_calib.geometry import PLANE_C, Kinematics, Plane, Pose
@@ -25,7 +25,6 @@ from .parts import (
     RIG_PARAMETERS,
     Antenna,
     AntennaImage,
-    RigVerdict,
     Tip,
     check_view,
     kinematics_to_dict,
@@ -93,7 +92,7 @@ class Rig:
     second_moment_sensor: MomentSensor | None = None
     drift: Drift = DRIFTS["none"]
     tip: Tip | None = None
-    verdict: RigVerdict = field(default_factory=RigVerdict)
+    verdict: Verdict = field(default_factory=Verdict)
 
     @property
     def moment_noise_Nm(self) -> tuple[float, float]:

@@ -9,12 +9,12 @@ import numpy as np
 from pydantic import ConfigDict, Field
 
 from vbaa_calib.camera import Camera
-from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.errors import InputError, Verdict
 from vbaa_calib.core.models import ArrayOf, FileModel, Number, WholeNumber, checked
 from vbaa_calib.session import DRIFTS, LAB, FileDrift
 from vbaa_calib.session.settings import AnyLength, Deviation, Diameter, FileKinematics, FilePose, Gravity, MomentSensor
 
-from .parts import Antenna, AntennaImage, RigVerdict
+from .parts import Antenna, AntennaImage
 
 SCHEMA = "vbaa.rig/1"
 _Side = Annotated[WholeNumber, Field(ge=1, le=100_000)]
@@ -147,9 +147,7 @@ class RigFile(FileModel):
     image: AntennaImage
     joint: Joint
     drift: Annotated[FileDrift, Field(description="what may change between calibration and recording")] = DRIFTS[LAB]
-    verdict: RigVerdict = Field(
-        default_factory=RigVerdict, description="of the calibration: as bad as its worst finding"
-    )
+    verdict: Verdict = Field(default_factory=Verdict, description="of the calibration: as bad as its worst finding")
     inputs_sha256: dict[str, str] | None = None
     versions: dict[str, Any] | None = None
     command: list[str] | None = None

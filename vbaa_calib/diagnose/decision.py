@@ -1,0 +1,87 @@
+"""Which hypotheses explain a set of observations best: posterior odds against all being as reported."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+from vbaa_calib.core.errors import Diagnosis
+
+_Data = TypeVar("_Data")
+"""A session, a recording, or a set of board views."""
+
+
+@dataclass(frozen=True)
+class DecisionSettings:
+    """When a hypothesis is reported."""
+
+    least_log_odds: float = 5.0  # posterior log odds over "as reported": 150 to 1
+    lead: float = 2.0  # log odds by which one must lead the next to be named alone
+    rounds: int = 3  # further hypotheses are sought with the best one applied
+    named: int = 3  # hypotheses that are named together, where the data do not decide
+
+
+@dataclass(frozen=True, eq=False)
+class Explanation(Generic[_Data]):
+    """A hypothesis, and how well it explains a set of observations.
+
+    Attributes
+    ----------
+    diagnosis : what would be wrong, with the estimated value and its unit.
+    log_odds : posterior, against "as reported".
+    applied : the observations with the mistake put right; None where nothing can be sought behind it.
+    covers : names of the hypotheses that this one makes superfluous.
+    """
+
+    diagnosis: Diagnosis
+    log_odds: float
+    applied: Callable[[], _Data] | None = None
+    covers: tuple[str, ...] = ()
+
+
+Hypothesis = Callable[[_Data], Iterable[Explanation[_Data]]]
+"""A row of a table of hypotheses: of observations, the explanations that it offers; none where it does not apply."""
+
+
+def decide(
+    explanations: Iterable[Explanation[_Data]], settings: DecisionSettings = DecisionSettings()
+) -> list[Explanation[_Data]]:
+    """The likeliest explanation, with those that the data hardly tell from it; none where all may be as reported."""
+    likely = sorted((one for one in explanations if one.log_odds >= settings.least_log_odds), key=_odds, reverse=True)
+    close = [one for one in likely if one.log_odds > likely[0].log_odds - settings.lead]
+    return [one for one in close if one.diagnosis.name not in close[0].covers][: settings.named]
+
+
+def _odds(one: Explanation[_Data]) -> float:
+    return one.log_odds
+
+
+def diagnose(
+    data: _Data, table: Sequence[Hypothesis[_Data]], settings: DecisionSettings = DecisionSettings()
+) -> list[Diagnosis]:
+    """What is wrong, the likeliest first: the table is gone through again with each round's best explanation applied.
+
+    Where the data do not decide between several, the first one names the others.
+    """
+    found: list[Diagnosis] = []
+    for _ in range(settings.rounds):
+        known = {one.name for one in found}
+        best = decide((one for row in table for one in row(data) if one.diagnosis.name not in known), settings)
+        if not best:
+            break
+        found.append(joined([one.diagnosis for one in best]))
+        if best[0].applied is None:
+            break
+        data = best[0].applied()
+    return found
+
+
+def joined(alike: Sequence[Diagnosis]) -> Diagnosis:
+    """One diagnosis of several between which the data do not decide, under the first one's name."""
+    first, *others = alike
+    if not others:
+        return first
+    words = "; or ".join([first.words, *(one.words for one in others)])
+    remedy = "; or ".join(dict.fromkeys(one.remedy for one in alike))
+    return Diagnosis(first.name, words, remedy, first.severity)
