@@ -1,0 +1,1 @@
+"""What people and hardware get wrong, drawn: what is reported of it, and what is wrong in silence."""

@@ -1,0 +1,104 @@
+"""What is reported of a recording or a session, and how far off the rows are that count as located."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from importlib import import_module
+
+import numpy as np
+
+from estimator import ContactEstimator
+from estimator.table.contacts import LOCATED, Contact
+from vbaa_calib.core.errors import Diagnosis, InputError, Verdict
+
+from .recordings import NAMED, NOTHING, REPORTED, Mistake, Recording
+
+NAMED_RIGHT, ONLY_DOUBTED, SILENT, QUIET, ALARM = "named", "doubted", "silent", "quiet", "false alarm"
+"""What became of a mistake. quiet: nothing had to be reported, and nothing was."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Of one recording or session with one mistake.
+
+    what : as above. findings : names, the worst first. severity : of the verdict. worst_std : largest error of a
+    located row in its stated standard deviations, 0 without one. located : such rows.
+    """
+
+    what: str
+    findings: tuple[str, ...]
+    severity: str
+    worst_std: float = 0.0
+    located: int = 0
+
+    @property
+    def silent_std(self) -> float:
+        """The largest error that no `wrong` warns of."""
+        return 0.0 if self.severity == "wrong" else self.worst_std
+
+
+def judged(mistake: Mistake, clean: Recording, rng: np.random.Generator) -> Outcome:
+    """A recording with a mistake, estimated."""
+    try:
+        recording = mistake.altered(clean, rng)
+        contacts = list(ContactEstimator(recording.rig).run(recording.frames))
+        verdict = verdict_of(recording, contacts)
+    except InputError as error:
+        words = Diagnosis(
+            next(iter(mistake.right), "refused") if mistake.refused else "refused", str(error), "", "wrong"
+        )
+        return Outcome(outcome_of(mistake, Verdict.of([words])), (words.name,), "wrong")
+    errors = errors_std(recording, contacts)
+    names = tuple(one.name for one in verdict.findings)
+    located = sum(one.status in LOCATED for one in contacts)
+    return Outcome(outcome_of(mistake, verdict), names, verdict.severity, errors, located)
+
+
+def verdict_of(recording: Recording, contacts: Sequence[Contact]) -> Verdict:
+    """What the estimator's diagnosis reports of a recording; nothing where there is none."""
+    try:
+        found = import_module("estimator.diagnose").recording_verdict(recording.rig, recording.frames, contacts)
+    except (ModuleNotFoundError, AttributeError):
+        return Verdict()
+    assert isinstance(found, Verdict)
+    return found
+
+
+def outcome_of(mistake: Mistake, verdict: Verdict) -> str:
+    """What a verdict makes of a mistake."""
+    names = [one.name for one in verdict.findings]
+    loud = verdict.severity in ("wrong", "doubt")
+    if mistake.must == NOTHING:
+        # a name that is right is no alarm, but a note
+        alarming = [one for one in verdict.findings if one.severity != "note" and one.name not in mistake.right]
+        return ALARM if alarming else QUIET
+    if mistake.must == REPORTED:
+        return NAMED_RIGHT if mistake.right & set(names) else ONLY_DOUBTED if loud else SILENT
+    if names and names[0] in mistake.right and (loud or mistake.must != NAMED):
+        return NAMED_RIGHT
+    return ONLY_DOUBTED if loud else SILENT
+
+
+def errors_std(recording: Recording, contacts: Sequence[Contact]) -> float:
+    """The largest error of a located row in its standard deviations: distance, force, place in the world.
+
+    Where nothing touches, there is none to be located: that counts as infinite.
+    """
+    worst, truth = 0.0, recording.truth
+    for row, one in enumerate(contacts):
+        if one.status not in LOCATED:
+            continue
+        if not np.isfinite(truth.distance_m[row]):
+            return np.inf
+        off = [
+            np.atleast_1d((one.distance_m - truth.distance_m[row]) / one.distance_std_m),
+            (one.force_N - truth.force_N[row])[1:] / one.force_std_N[1:],
+            (one.point_world_m - truth.point_world_m[row]) / np.sqrt(np.diag(one.covariance_world_m2)),
+        ]
+        worst = max(worst, float(np.nanmax(np.abs(np.concatenate(off)))))
+    return worst
+
+
+CLEAN = Mistake("nothing", NOTHING, frozenset(), lambda was, rng: replace(was))
+"""A recording as it is."""

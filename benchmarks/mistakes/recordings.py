@@ -1,0 +1,495 @@
+"""Recordings as people take them, and what goes wrong with them: a table of mistakes, each drawn anew."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from benchmarks.mistakes.rigs import LINE_PX, Bent, Calibrated, Kind, Line, World, drifted, known_rig, seen
+from estimator.table.contacts import Measured
+from vbaa_calib.geometry import Kinematics
+from vbaa_calib.rig import Rig
+from vbaa_calib.simulate.scene.lens import normalise
+
+NAMED, DOUBTED, REPORTED, NOTHING = "N", "D", "note", "none"
+"""What must be reported: the right cause first; a doubt; the right cause, if only as a note; neither wrong nor doubt."""
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """What a person does with a rig, frame by frame.
+
+    Attributes
+    ----------
+    time_s, pan_rad, tilt_rad : (F,). distance_m : (F,) of the contact, in arc length. force_N : (F, 3) antenna frame,
+    0 where nothing touches; in both, of an antenna of the nominal length and stiffness.
+    """
+
+    time_s: np.ndarray
+    pan_rad: np.ndarray
+    tilt_rad: np.ndarray
+    distance_m: np.ndarray
+    force_N: np.ndarray
+
+    @property
+    def touched(self) -> np.ndarray:
+        """(F,) bool."""
+        return np.asarray(self.force_N.any(axis=1))
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """Of F frames: where and how they are touched; NaN where nothing touches."""
+
+    distance_m: np.ndarray
+    force_N: np.ndarray
+    point_world_m: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """What was recorded on a rig.
+
+    Attributes
+    ----------
+    rig : as it was calibrated. worlds : as it is, in each frame. seed : of the noise: the same for all that is recorded
+    again. moments_z_Nm : (F,) what a sensor about the other axis would read.
+    """
+
+    rig: Rig
+    frames: list[Measured]
+    truth: Truth
+    motion: Motion
+    worlds: Sequence[World]
+    seed: int
+    moments_z_Nm: np.ndarray
+
+    @property
+    def size(self) -> np.ndarray:
+        """(2,) of the pictures."""
+        return np.array(self.rig.camera.image_size)
+
+    @property
+    def free(self) -> np.ndarray:
+        """(F,) bool: frames in which nothing touches the antenna."""
+        return ~self.motion.touched
+
+    def again(self, worlds: Sequence[World]) -> Recording:
+        """The same done and noted on rigs that differ."""
+        return recorded(self.rig, worlds, self.motion, self.seed)
+
+
+def motion(kind: Kind, frames: int, rng: np.random.Generator, free: bool = True) -> Motion:
+    """Free frames first, if so, then strokes at changing places and sides, with changing tilt; free in between."""
+    swing_s = 1.0 / (0.56 * np.sqrt(kind.antenna.stiffness_Nm2 / kind.antenna.mass_per_length_kg_m) / kind.length_m**2)
+    longest = int(np.clip(frames / rng.uniform(2.5, 4.5), 10, 90))
+    # of a camera's pictures every so many-th is kept, where strokes are short in frames: nothing swings
+    step_s = max(1.0 / rng.uniform(30.0, 60.0), max(1.5, rng.uniform(20.0, 40.0) * swing_s) / longest)
+    time_s = np.cumsum(1.0 + 0.02 * rng.uniform(-1, 1, frames)) * step_s
+    turns = 2.0 * np.pi * rng.uniform(0.8, 1.4) * max(time_s[-1] / 20.0, 1.0) * time_s / time_s[-1]
+    pan = rng.uniform(0.1, 0.5) * np.sin(0.7 * turns + rng.uniform(0, 6)) + rng.uniform(-0.4, 0.4)
+    tilt = rng.uniform(0.25, 0.6) * np.sin(turns + rng.uniform(0, 6)) + rng.uniform(-0.2, 0.2)
+    distance, force = np.full(frames, 0.5 * kind.length_m), np.zeros((frames, 3))
+    first, begin = int(rng.integers(10, 20)) if free else 0, 0
+    if free:
+        # the free antenna is swung over 20° or more
+        tilt = tilt + rng.choice([-1.0, 1.0]) * 0.45 * np.exp(-((np.arange(frames) / first) ** 2))
+        begin = first
+    while begin < frames:
+        count = min(int(rng.uniform(0.5, 1.0) * longest), frames - begin)
+        way = np.linspace(0.0, 1.0, count)
+        place = rng.uniform(0.3, 0.92) + rng.uniform(-0.15, 0.15) * way
+        at = place.clip(0.25, 0.95) * kind.length_m
+        side, roll = rng.uniform(-np.pi, np.pi), rng.uniform(-0.5, 0.5) * way
+        # pressed within a third of the stroke, let go at its end; slopes of 2 to 12 degrees
+        slope = rng.uniform(0.05, 0.22) * (0.15 + 0.85 * np.sin(np.pi * np.clip(way, 0.03, 0.97)) ** 0.7)
+        size = 2.0 * kind.antenna.stiffness_Nm2 * slope / at**2
+        friction = rng.uniform(-0.2, 0.2)
+        rows = slice(begin, begin + count)
+        distance[rows] = at
+        along = size * (np.tan(friction) - 0.7 * slope)  # about along the bent antenna's normal
+        force[rows] = np.column_stack([along, size * np.cos(side + roll), size * np.sin(side + roll)])
+        begin += count + (int(rng.integers(2, 7)) if free else 0)
+    return Motion(time_s, pan, tilt, distance, force)
+
+
+def recorded(rig: Rig, worlds: Sequence[World], done: Motion, seed: int) -> Recording:
+    """What a rig records while it is in these worlds, frame by frame; the seed is that of the noise."""
+    rng, groups = np.random.default_rng((52, seed)), dict[int, list[int]]()
+    for index, world in enumerate(worlds):
+        groups.setdefault(id(world), []).append(index)
+    count = len(worlds)
+    lines: list[Line | None] = [None] * count
+    readings, points = np.zeros((count, 2)), np.zeros((count, 3))
+    drawn = int(rng.integers(2**31))
+    for own in groups.values():
+        rows, world = np.array(own), worlds[own[0]]
+        at = np.minimum(done.distance_m[rows], world.length_m)
+        gravity = world.gravity(done.pan_rad[rows], done.tilt_rad[rows])
+        bent = Bent.of(world, gravity, at, done.force_N[rows])
+        readings[rows], points[rows] = bent.readings_Nm, bent.contact_m
+        for row, line in zip(own, seen(bent, LINE_PX, np.random.default_rng((drawn, own[0]))), strict=True):
+            lines[row] = line
+    noise = worlds[0].kind.moment_std_Nm * rng.normal(size=(count, 2))
+    readings = readings + noise
+    rotation, origin = Kinematics().world_antenna(done.pan_rad, done.tilt_rad)
+    touched = np.where(done.touched, 1.0, np.nan)
+    in_world = np.einsum("fij,fj->fi", rotation, points) + origin
+    truth = Truth(done.distance_m * touched, done.force_N * touched[:, None], in_world * touched[:, None])
+    frames = [
+        Measured(
+            line.points_px, line.sigma_px, float(read), float(pan), float(tilt), time_s=float(at), tip_px=line.tip_px
+        )
+        for line, read, pan, tilt, at in zip(
+            lines, readings[:, 0], done.pan_rad, done.tilt_rad, done.time_s, strict=True
+        )
+        if line is not None
+    ]
+    return Recording(rig, frames, truth, done, worlds, seed, readings[:, 1])
+
+
+def clean_recording(kind: Kind, seed: int, frames: int = 60, free: bool = True) -> Recording:
+    """A recording without a mistake, on a calibrated rig of a kind that has drifted as rigs do."""
+    known = known_rig(kind, seed % 4)
+    return recording_on(known, seed, frames, free)
+
+
+def recording_on(known: Calibrated, seed: int, frames: int = 60, free: bool = True) -> Recording:
+    """The same on a rig that is calibrated already."""
+    rng = np.random.default_rng((53, seed))
+    world, done = drifted(known.world, rng), motion(known.world.kind, frames, rng, free)
+    return recorded(known.rig, [world] * frames, done, seed)
+
+
+# --- what goes wrong
+
+Altered = Callable[[Recording, np.random.Generator], Recording]
+
+
+@dataclass(frozen=True)
+class Mistake:
+    """A row of the matrix.
+
+    Attributes
+    ----------
+    what : altered, in words. must : be said. right : names of findings that name its cause.
+    altered : a clean recording (or session) and a generator that draws the value, to what is recorded instead.
+    refused : whether an error of input (exit code 2) is as good as a finding.
+    """
+
+    what: str
+    must: str
+    right: frozenset[str]
+    altered: Altered
+    refused: bool = False
+
+
+def _readings(change: Callable[[np.ndarray, np.random.Generator, Recording], np.ndarray]) -> Altered:
+    """Moments (F,) changed."""
+
+    def altered(was: Recording, rng: np.random.Generator) -> Recording:
+        moments = change(np.array([one.moment_Nm for one in was.frames]), rng, was)
+        frames = [replace(one, moment_Nm=float(m)) for one, m in zip(was.frames, moments, strict=True)]
+        return replace(was, frames=frames)
+
+    return altered
+
+
+def _joints(change: Callable[[np.ndarray, np.random.Generator], np.ndarray]) -> Altered:
+    """Pan and tilt (2, F) changed, as they are noted."""
+
+    def altered(was: Recording, rng: np.random.Generator) -> Recording:
+        joints = change(np.array([[one.pan_rad, one.tilt_rad] for one in was.frames]).T, rng)
+        pairs = zip(was.frames, joints.T.tolist(), strict=True)
+        return replace(was, frames=[replace(one, pan_rad=pan, tilt_rad=tilt) for one, (pan, tilt) in pairs])
+
+    return altered
+
+
+def _lines(change: Callable[[np.ndarray, Recording, np.random.Generator], np.ndarray]) -> Altered:
+    """Points (N, 2) of all pictures changed alike, tips with them."""
+
+    def altered(was: Recording, rng: np.random.Generator) -> Recording:
+        seed = int(rng.integers(2**31))
+        return replace(was, frames=[_with_points(one, was, seed, change) for one in was.frames])
+
+    return altered
+
+
+def _with_points(
+    one: Measured, was: Recording, seed: int, change: Callable[[np.ndarray, Recording, np.random.Generator], np.ndarray]
+) -> Measured:
+    points = change(one.points_px, was, np.random.default_rng(seed))
+    inside = ((points > 0) & (points < was.size - 1)).all(axis=1)
+    tip = change(one.tip_px[None, :2], was, np.random.default_rng(seed))[0]
+    tip_px = np.array([*tip, one.tip_px[2]]) if ((tip > 0) & (tip < was.size - 1)).all() else np.full(3, np.nan)
+    return replace(one, points_px=points[inside], sigma_px=one.sigma_px[inside], tip_px=tip_px)
+
+
+def _pictures_of(rows: Callable[[int, np.random.Generator], np.ndarray]) -> Altered:
+    """Pictures of other rows: (F,) which."""
+
+    def altered(was: Recording, rng: np.random.Generator) -> Recording:
+        pairs = zip(was.frames, rows(len(was.frames), rng).tolist(), strict=True)
+        names = ("points_px", "sigma_px", "tip_px")
+        frames = [replace(one, **{name: getattr(was.frames[row], name) for name in names}) for one, row in pairs]
+        return replace(was, frames=frames)
+
+    return altered
+
+
+def _rigs(change: Callable[[World, np.random.Generator], World], half: bool = False) -> Altered:
+    """Another rig than was calibrated; `half`: from some frame about half way on."""
+
+    def altered(was: Recording, rng: np.random.Generator) -> Recording:
+        world, count = was.worlds[0], len(was.worlds)
+        other = change(world, rng)
+        begin = int(count * rng.uniform(0.35, 0.65)) if half else 0
+        return was.again([world] * begin + [other] * (count - begin))
+
+    return altered
+
+
+def _either(low: float, high: float, rng: np.random.Generator) -> float:
+    """A size between two, of either sign."""
+    return float(rng.choice([-1.0, 1.0]) * rng.uniform(low, high))
+
+
+def _direction(rng: np.random.Generator, dimensions: int = 3) -> np.ndarray:
+    way = rng.normal(size=dimensions)
+    return np.asarray(way / np.linalg.norm(way))
+
+
+def _stuck(m: np.ndarray, rng: np.random.Generator, was: Recording) -> np.ndarray:
+    return np.full(len(m), float(m[rng.integers(len(m))]))
+
+
+def _saturated(m: np.ndarray, rng: np.random.Generator, was: Recording) -> np.ndarray:
+    most = rng.uniform(0.15, 0.5) * np.abs(m).max()
+    return np.clip(m, -most, most)
+
+
+def _drifting(m: np.ndarray, rng: np.random.Generator, was: Recording) -> np.ndarray:
+    walked = _either(15.0, 40.0, rng) * was.rig.moment_sensor.std_Nm
+    return np.asarray(m + walked * np.linspace(0.0, 1.0, len(m)))
+
+
+def _spikes(m: np.ndarray, rng: np.random.Generator, was: Recording) -> np.ndarray:
+    hit = rng.uniform(size=len(m)) < rng.uniform(0.05, 0.15)
+    hit[rng.integers(len(m))] = True
+    return np.where(hit, m + rng.uniform(0.5, 2.0) * np.abs(m).max() * rng.choice([-1.0, 1.0], len(m)), m)
+
+
+def _off(joints: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    return joints + np.array([[0.0], [_either(0.014, 0.03, rng)]])
+
+
+def _later(values: np.ndarray) -> np.ndarray:
+    return np.concatenate([values[..., :1], values[..., :-1]], axis=-1)
+
+
+def _frozen(count: int, rng: np.random.Generator) -> np.ndarray:
+    rows, begin = np.arange(count), int(count * rng.uniform(0.3, 0.7))
+    rows[begin : begin + int(rng.integers(8, 20))] = begin
+    return rows
+
+
+def _swapped(count: int, rng: np.random.Generator) -> np.ndarray:
+    rows = np.arange(count)
+    one, other = rng.choice(np.arange(count // 3, count), 2, replace=False)
+    rows[[one, other]] = other, one
+    return rows
+
+
+def _one_row(count: int, rng: np.random.Generator) -> np.ndarray:
+    return np.clip(np.arange(count) + rng.choice([-1, 1]), 0, count - 1)
+
+
+def _cropped(points: np.ndarray, was: Recording, rng: np.random.Generator) -> np.ndarray:
+    # a part of the picture, enlarged to the size of the whole
+    part = rng.uniform(0.75, 0.92)
+    corner = rng.uniform(0.2, 0.8, 2) * (1.0 - part) * was.size
+    return (points - corner) / part
+
+
+def _rectified(points: np.ndarray, was: Recording, rng: np.random.Generator) -> np.ndarray:
+    camera, lens = was.rig.camera, was.worlds[0].lens
+    rays = normalise(lens, points)
+    return rays * np.diag(camera.matrix)[:2] + camera.matrix[:2, 2]
+
+
+def _scaled(points: np.ndarray, was: Recording, rng: np.random.Generator) -> np.ndarray:
+    return points * rng.choice([0.5, 0.8, 0.9])
+
+
+def _other_wire(stiffness: float = 0.0, diameter: float = 0.0) -> Callable[[World, np.random.Generator], World]:
+    def change(world: World, rng: np.random.Generator) -> World:
+        d = np.log1p(_either(0.6, 1.2, rng) * diameter)
+        return world.with_parameters(p6=np.log1p(_either(0.8, 1.4, rng) * stiffness) + 4 * d, p7=2 * d)
+
+    return change
+
+
+def _bent(low: float, high: float) -> Callable[[World, np.random.Generator], World]:
+    def change(world: World, rng: np.random.Generator) -> World:
+        y, z = rng.uniform(low, high) * _direction(rng, 2)
+        return world.with_parameters(p4=y, p5=z)
+
+    return change
+
+
+def _kinked(world: World, rng: np.random.Generator) -> World:
+    y, z = rng.uniform(0.03, 0.12) * _direction(rng, 2)
+    return replace(world, kink=(float(rng.uniform(0.2, 0.7) * world.length_m), float(y), float(z)))
+
+
+def _slid(world: World, rng: np.random.Generator) -> World:
+    """The antenna pushed into its clamp, or pulled out."""
+    return replace(world, length_m=world.length_m + _either(1e-3, 3e-3, rng) * min(1.0, world.length_m / 0.1))
+
+
+def _longer(world: World, rng: np.random.Generator) -> World:
+    return replace(world, length_m=world.length_m * (1.0 + _either(0.02, 0.06, rng)))
+
+
+def _knocked(world: World, rng: np.random.Generator) -> World:
+    return world.camera_moved(np.radians(rng.uniform(0.25, 0.6)) * _direction(rng), np.zeros(3))
+
+
+def _shifted(world: World, rng: np.random.Generator) -> World:
+    return world.lens_moved(1.0, rng.uniform(5.0, 15.0) * _direction(rng, 2))
+
+
+def _refocused(world: World, rng: np.random.Generator) -> World:
+    return world.lens_moved(1.0 + _either(0.008, 0.03, rng))
+
+
+def _gross(far_px: tuple[float, float]) -> Altered:
+    """One point of one of the frames, or of several, somewhere else."""
+
+    def altered(was: Recording, rng: np.random.Generator) -> Recording:
+        frames = list(was.frames)
+        for row in rng.choice(len(frames), max(len(frames) // 3, 1), replace=False):
+            points = frames[row].points_px.copy()
+            far = rng.uniform(*far_px)
+            points[rng.integers(len(points))] = [far, far] if far > 6e4 else points[0] + far * _direction(rng, 2)
+            frames[row] = replace(frames[row], points_px=points)
+        return replace(was, frames=frames)
+
+    return altered
+
+
+def _sigma(factor: float | None) -> Altered:
+    """Standard deviations stated otherwise; None: absent, where the rig's stand for them."""
+
+    def altered(was: Recording, rng: np.random.Generator) -> Recording:
+        def of(one: Measured) -> np.ndarray:
+            return 0 * one.sigma_px + was.rig.image.noise_px if factor is None else one.sigma_px / factor
+
+        return replace(was, frames=[replace(one, sigma_px=of(one)) for one in was.frames])
+
+    return altered
+
+
+def _clock(off_s: float) -> Altered:
+    """Readings with stamps that are so late: each picture gets those of an earlier moment."""
+
+    def altered(was: Recording, rng: np.random.Generator) -> Recording:
+        times = was.motion.time_s
+        late = times - _either(0.7, 1.3, rng) * off_s
+
+        def of(name: str) -> list[float]:
+            values = np.array([getattr(one, name) for one in was.frames])
+            return np.interp(late, times, values).tolist()
+
+        names = ("moment_Nm", "pan_rad", "tilt_rad")
+        columns = [of(name) for name in names]
+        rows = zip(was.frames, *columns, strict=True)
+        return replace(was, frames=[replace(one, **dict(zip(names, own, strict=True))) for one, *own in rows])
+
+    return altered
+
+
+def _times(factor: float) -> Altered:
+    def altered(was: Recording, rng: np.random.Generator) -> Recording:
+        return replace(was, frames=[replace(one, time_s=factor * one.time_s) for one in was.frames])
+
+    return altered
+
+
+def _no_free(was: Recording, rng: np.random.Generator) -> Recording:
+    kept = np.flatnonzero(was.motion.touched)
+    truth = Truth(*(values[kept] for values in vars(was.truth).values()))
+    done = Motion(*(values[kept] for values in vars(was.motion).values()))
+    frames, worlds = [was.frames[row] for row in kept], [was.worlds[row] for row in kept.tolist()]
+    return replace(was, frames=frames, truth=truth, motion=done, worlds=worlds, moments_z_Nm=was.moments_z_Nm[kept])
+
+
+def _unread(was: Recording, rng: np.random.Generator) -> Recording:
+    return replace(was, frames=[replace(one, moment_Nm=np.nan, pan_rad=0.0, tilt_rad=0.0) for one in was.frames])
+
+
+def _row(what: str, must: str, right: str, altered: Altered, refused: bool = False) -> Mistake:
+    return Mistake(what, must, frozenset(right.split()), altered, refused)
+
+
+LATE = "pictures_late clock_offset"
+MOVED = "picture_moved camera_turned"
+RECORDING = (
+    _row("moment all 0", NAMED, "moment_dead", _readings(lambda m, rng, was: 0.0 * m)),
+    _row("moment stuck at a value", NAMED, "moment_stuck", _readings(_stuck)),
+    _row("moment saturated", NAMED, "moment_saturated", _readings(_saturated)),
+    _row("moment reversed", NAMED, "moment_sign", _readings(lambda m, rng, was: -m)),
+    _row("moment's absolute value", NAMED, "moment_absolute", _readings(lambda m, rng, was: np.abs(m))),
+    _row("moment × 0.1", NAMED, "moment_unit", _readings(lambda m, rng, was: 0.1 * m)),
+    _row("moment in mN·m", NAMED, "moment_unit", _readings(lambda m, rng, was: 1e3 * m), True),
+    _row("moment in N·cm", NAMED, "moment_unit", _readings(lambda m, rng, was: 1e2 * m), True),
+    _row("moment × 10", NAMED, "moment_unit", _readings(lambda m, rng, was: 10.0 * m)),
+    _row("moment about the other axis", NAMED, "moment_axis", _readings(lambda m, rng, was: was.moments_z_Nm)),
+    _row("moment one row late", NAMED, "moment_late", _readings(lambda m, rng, was: _later(m))),
+    _row("moment drifts by 15 to 40 std", NAMED, "moment_drift moment_zero", _readings(_drifting)),
+    _row("moment has spikes", DOUBTED, "moment_spikes", _readings(_spikes)),
+    _row("pan and tilt exchanged", NAMED, "joints_exchanged", _joints(lambda q, rng: q[::-1])),
+    _row("tilt's sign", NAMED, "tilt_sign", _joints(lambda q, rng: q * np.array([[1.0], [-1.0]]))),
+    _row("joints in degrees", NAMED, "joints_degrees", _joints(lambda q, rng: np.degrees(q)), True),
+    _row("joints frozen", NAMED, "joints_frozen", _joints(lambda q, rng: q[:, :1] + 0.0 * q)),
+    _row("joints one row late", NAMED, "joints_late", _joints(lambda q, rng: _later(q))),
+    _row("tilt off by 1°", DOUBTED, "joint_offset", _joints(_off)),
+    _row("pictures of the neighbour rows", NAMED, LATE, _pictures_of(_one_row)),
+    _row("two pictures exchanged", DOUBTED, "pictures_exchanged", _pictures_of(_swapped)),
+    _row("camera frozen for 8 to 20 frames", NAMED, "camera_frozen", _pictures_of(_frozen)),
+    _row(
+        "pictures mirrored",
+        *(NAMED, "picture_mirrored"),
+        _lines(lambda p, was, rng: np.column_stack([was.size[0] - 1 - p[:, 0], p[:, 1]])),
+    ),
+    _row("pictures turned by 180°", NAMED, "picture_turned", _lines(lambda p, was, rng: was.size - 1 - p)),
+    _row("pictures reduced within their size", NAMED, "picture_scaled picture_cropped", _lines(_scaled)),
+    _row("pictures cropped and enlarged", NAMED, "picture_cropped picture_scaled", _lines(_cropped)),
+    _row("pictures rectified", NAMED, "picture_rectified picture_scaled picture_cropped", _lines(_rectified)),
+    _row("pictures shifted by 5 to 15 px", NAMED, MOVED, _rigs(_shifted)),
+    _row("camera turned by 0.25° to 0.6°", NAMED, MOVED, _rigs(_knocked)),
+    _row("camera turned half way", NAMED, MOVED, _rigs(_knocked, half=True)),
+    _row("refocused by 0.8 to 3 %", NAMED, "focus_changed picture_scaled", _rigs(_refocused)),
+    _row("antenna bent by 0.1 to 0.6 per m", NAMED, "antenna_bent", _rigs(_bent(0.1, 0.6))),
+    _row("antenna bent half way", NAMED, "antenna_bent", _rigs(_bent(0.2, 0.6), half=True)),
+    _row("antenna kinked", NAMED, "antenna_bent", _rigs(_kinked)),
+    _row("antenna slid by 1 to 3 mm", NAMED, "antenna_slid other_length", _rigs(_slid)),
+    _row("antenna slid half way", NAMED, "antenna_slid other_length", _rigs(_slid, half=True)),
+    _row("another antenna: EI by 4 to 7 %", NAMED, "other_stiffness", _rigs(_other_wire(stiffness=0.05))),
+    _row("another antenna: diameter by 6 to 12 %", NAMED, "other_stiffness", _rigs(_other_wire(diameter=0.1))),
+    _row("another antenna: length by 2 to 6 %", NAMED, "other_length antenna_slid", _rigs(_longer)),
+    _row("points at (65535, 65535)", NOTHING, "points_outside", _gross((65535.0, 65535.0))),
+    _row("points 3,000 px off", NOTHING, "points_outside", _gross((2500.0, 3500.0))),
+    _row("u and v exchanged", NAMED, "points_exchanged", _lines(lambda p, was, rng: p[:, ::-1])),
+    _row("sigma_px absent", NOTHING, "", _sigma(None)),
+    _row("sigma_px 5 times too small", NAMED, "sigma_too_small", _sigma(5.0)),
+    _row("no free frame", REPORTED, "no_free_frame", _no_free),
+    _row("no readings at all", REPORTED, "no_readings", _unread),
+    _row("clock off by 0.1 s", NAMED, f"{LATE} joints_late moment_late", _clock(0.1)),
+    _row("stamps in ms", NAMED, "time_unit", _times(1e3)),
+    _row("stamps in ns", NAMED, "time_unit", _times(1e9)),
+)
+"""The matrix's column of recordings. Edit the names of the findings here."""
