@@ -52,6 +52,7 @@ class FitNumbers:
     friction_share : (B,) of the distance's variance, the part by friction's angle: gone, were that known.
     tip_std : (B,) how far the antenna's end lies off its place, in the deviations that are expected of that; NaN
         without one.
+    cost : (B,) half the robust sum of squares, the priors in it, the points' standard deviations multiplied by `scatter`.
     residual, residual_std : (B, 2) whitened residuals of the readings, and their expected standard deviations.
     sensor_available : (B, 2) bool, whether there was a reading.
     rig_chi_square : (B,) sum of squares of the rig's steps, which has `rig_axes` (B,) degrees of freedom.
@@ -89,6 +90,7 @@ class FitNumbers:
     shared_std: np.ndarray = _each()
     friction_share: np.ndarray = _each()
     tip_std: np.ndarray = _each()
+    cost: np.ndarray = _each()
     residual: np.ndarray = _each(2)
     residual_std: np.ndarray = _each(2)
     sensor_available: np.ndarray = _each(2, dtype=bool)
@@ -213,6 +215,7 @@ def write_numbers(rig, frame, rung, found, bias, errors, other, scalars, ambiguo
     std = np.sqrt(np.diag(found.covariance))
     numbers.friction_share[index] = (found.covariance[0, 3] / (std[0] * std[3])) ** 2
     numbers.tip_std[index] = fit.residual[2] / found.reading_std[2] if frame.available[2] > 0.0 else np.nan
+    numbers.cost[index] = fit.numbers[COST]
     numbers.residual[index] = fit.residual[:2]
     numbers.residual_std[index] = found.reading_std[:2]
     for reading in range(2):

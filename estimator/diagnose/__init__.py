@@ -1,0 +1,5 @@
+"""What is wrong with a recording: hypotheses about readings, pictures and rig, and the frames' evidence for each."""
+
+from .watch import RecordingVerdict, RecordingWatch, recording_verdict
+
+__all__ = ["RecordingVerdict", "RecordingWatch", "recording_verdict"]

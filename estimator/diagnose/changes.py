@@ -1,0 +1,254 @@
+"""A rig that has changed since its calibration: which of its parameters, and by how much."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from vbaa_calib.core.errors import Severity
+from vbaa_calib.rig import Rig
+
+from .evidence import Case, Recorded, weighed
+
+
+class Change(NamedTuple):
+    """A row: parameters of a rig that may have changed together since its calibration.
+
+    std : standard deviation of each parameter beforehand, in its own unit, or relative to its value for "f" (both focal
+    lengths) and the sensor's gain, and in standard deviations of the sensor's noise for its zero.
+    factor, unit : of the value in words. least : size, in that unit, below which it is no mistake.
+    """
+
+    name: str
+    std: Mapping[str, float]
+    words: str
+    remedy: str
+    factor: float = 1.0
+    unit: str = ""
+    least: float = 0.0
+    severity: Severity = "wrong"
+    log_prior: float = 0.0  # against the other rows
+    starts: tuple[float, ...] = ()
+
+
+_AGAIN = "calibrate again, or record again with the rig as it was calibrated"
+CHANGES = (
+    Change(
+        "picture_moved",
+        {"cx": 20.0, "cy": 20.0},
+        "the picture has moved by {} since the calibration, as by a camera "
+        "that was knocked or a picture that was cropped",
+        _AGAIN,
+        1.0,
+        "px",
+        1.0,
+        log_prior=6.0,
+    ),
+    Change(
+        "camera_turned",
+        dict.fromkeys(("camera_about_x_rad", "camera_about_y_rad", "camera_about_z_rad"), 0.02),
+        "the camera has turned by {} since the calibration",
+        _AGAIN,
+        np.degrees(1.0),
+        "°",
+        0.05,
+        log_prior=6.0,
+    ),
+    Change(
+        "camera_moved",
+        dict.fromkeys(("camera_x_m", "camera_y_m", "camera_z_m"), 5e-3),
+        "the camera has moved by {} since the calibration",
+        _AGAIN,
+        1e3,
+        "mm",
+        0.3,
+    ),
+    Change(
+        "focus_changed",
+        {"f": 0.02},
+        "the focal length has changed by {} since the calibration",
+        "focus as for the calibration and fix the ring, or calibrate again",
+        100.0,
+        "%",
+        0.1,
+    ),
+    Change(
+        "picture_scaled",
+        {"f": 0.2, "cx": 50.0, "cy": 50.0},
+        "the pictures are scaled or cropped: they fit with a lens that differs by {}",
+        "record the pictures in the size and the part of the sensor of the calibration",
+        1.0,
+        "(relative focal length, px)",
+        0.5,
+        starts=(0.5, 0.7, 0.85, 1.15, 1.4, 2.0),
+    ),
+    Change(
+        "antenna_bent",
+        {"bow_about_y_per_m": 0.3, "bow_about_z_per_m": 0.3},
+        "the antenna has been bent by {} since the calibration",
+        "straighten or replace the wire and calibrate again",
+        1.0,
+        "per m",
+        0.03,
+    ),
+    Change(
+        "clamp_turned",
+        {"clamp_about_y_rad": 0.03, "clamp_about_z_rad": 0.03},
+        "the clamp has turned by {} since the calibration",
+        f"tighten the clamp; {_AGAIN}",
+        np.degrees(1.0),
+        "°",
+        0.1,
+    ),
+    Change(
+        "clamp_moved",
+        {"clamp_y_m": 3e-3, "clamp_z_m": 3e-3},
+        "the clamp has moved by {} since the calibration",
+        f"tighten the clamp; {_AGAIN}",
+        1e3,
+        "mm",
+        0.2,
+    ),
+    Change(
+        "antenna_slid",
+        {"tip_offset_m": 3e-3},
+        "the antenna's end lies {} further out than at the calibration: it has "
+        "slid in its clamp, or it is another antenna",
+        f"push it back and tighten the clamp; {_AGAIN}",
+        1e3,
+        "mm",
+        0.3,
+    ),
+    Change(
+        "other_stiffness",
+        {"log_stiffness_Nm2": 0.1},
+        "the antenna's EI differs by {} from the rig's: it is another antenna, or a thinner one",
+        "calibrate with this antenna",
+        100.0,
+        "%",
+        1.0,
+    ),
+    Change(
+        "other_diameter",
+        {"log_stiffness_Nm2": 0.4, "log_mass_per_length_kg_m": 0.2},
+        "the antenna's EI and mass differ by {} from the rig's: it has another diameter",
+        "calibrate with this antenna",
+        100.0,
+        "%",
+        4.0,
+    ),
+    Change(
+        "moment_gain",
+        {"moment_gain": 0.3},
+        "the moment sensor's gain differs by {} from the rig's",
+        "check its amplifier and the unit of moment_Nm",
+        100.0,
+        "%",
+        2.0,
+        "doubt",
+    ),
+    Change(
+        "moment_zero",
+        {"moment_offset_Nm": 100.0},
+        "the moment sensor's zero has moved by {} of its noise",
+        "zero it again before a recording, or give --track-zero",
+        1.0,
+        "standard deviations",
+        5.0,
+        "doubt",
+    ),
+)
+
+
+def axes_of(rig: Rig, rows: Sequence[Change]) -> tuple[np.ndarray, list[np.ndarray]]:
+    """(18 + P, Q) the parameters' steps by one standard deviation of each row's, and which columns (K,) are whose; an
+    empty one where the rig does not have the parameter."""
+    names = list(rig.parameter_names) + (["tip_offset_m"] if rig.tip is not None else [])
+    units = {"moment_gain": abs(rig.moment_sensor.gain), "moment_offset_Nm": rig.moment_sensor.std_Nm}
+    columns: list[np.ndarray] = []
+    which = []
+    for row in rows:
+        own = []
+        for name, std in row.std.items():
+            step = np.zeros(len(names))
+            if name == "f":
+                for axis, each in enumerate(("fx", "fy")):
+                    if each in names:
+                        step[names.index(each)] = std * rig.camera.matrix[axis, axis]
+            elif name in names:
+                step[names.index(name)] = std * units.get(name, 1.0)
+            if step.any():
+                own.append(len(columns))
+                columns.append(step)
+        which.append(np.array(own if len(own) == len(row.std) else [], int))
+    return np.array(columns).reshape(-1, len(names)).T, which
+
+
+@dataclass(frozen=True, eq=False)
+class Changed:
+    """A change that was fitted: by how much, in units of its row's standard deviations, and how well it explains."""
+
+    row: Change
+    axes: np.ndarray  # (18 + P, K)
+    steps: np.ndarray  # (K,)
+    covariance: np.ndarray  # (K, K)
+    log_odds: float
+    recorded: Recorded  # with the rig so changed
+
+    @cached_property
+    def size(self) -> float:
+        """Of the change, in the row's unit."""
+        values = self.row.factor * self.steps * list(self.row.std.values())
+        return float(np.linalg.norm(values)) if len(values) > 1 else float(values[0])
+
+    @property
+    def words(self) -> str:
+        """With the value and its standard deviation."""
+        std = self.row.factor * np.sqrt(np.diag(self.covariance)) * list(self.row.std.values())
+        parts = self.steps * std / max(float(np.linalg.norm(self.steps)), 1e-12)
+        spread = float(np.linalg.norm(parts)) if len(std) > 1 else float(std[0])
+        sign = "+" if len(std) == 1 else ""
+        return self.row.words.format(f"{self.size:{sign}.3g} ± {spread:.2g} {self.row.unit}")
+
+
+def fitted(case: Case, row: Change, axes: np.ndarray) -> Changed | None:
+    """A row's change, by Gauss–Newton steps from none; also from what most frames share if all were free, and from other
+    scales of the picture. None where the frames say nothing about it."""
+    starts = [(np.zeros(axes.shape[1]), as_free) for as_free in (False, True)]
+    if row.starts:
+        lens = np.array([1.0, case.recorded.rig.camera.matrix[0, 2], case.recorded.rig.camera.matrix[1, 2]])
+        starts += [((scale - 1.0) * lens / list(row.std.values()), True) for scale in row.starts]
+    best = None
+    for steps, as_free in starts:
+        found = _descended(case, row, axes, steps, as_free)
+        if found is not None and (best is None or found.log_odds > best.log_odds):
+            best = found
+            if case.cost - best.log_odds < case.settings.settled * len(case.recorded):
+                break
+    return best
+
+
+def _descended(case: Case, row: Change, axes: np.ndarray, steps: np.ndarray, as_free: bool) -> Changed | None:
+    recorded, settings, cost, best = case.recorded, case.settings, np.inf, None
+    for turn in range(settings.iterations):
+        now = recorded.with_rig(recorded.rig.moved(axes @ steps)) if steps.any() else recorded
+        free = np.ones(len(now), bool) if as_free and turn == 0 else None
+        together = weighed(now.fit, case.best, case.scale, axes, free)
+        information, score = together.about_others()
+        unit = information + np.eye(len(steps))
+        if not np.isfinite(unit).all():
+            break
+        if free is None:
+            total = together.cost + 0.5 * float(steps @ steps) + 0.5 * float(np.linalg.slogdet(unit)[1])
+            if total > cost - settings.gain:
+                break
+            cost = total
+            best = Changed(row, axes, steps, np.linalg.inv(unit), case.cost - cost, now)
+        steps = steps + np.linalg.solve(unit, score - steps)
+        if not np.abs(steps).max() < settings.farthest:
+            break
+    return best if best is not None and best.steps.any() else None

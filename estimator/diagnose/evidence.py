@@ -1,0 +1,301 @@
+"""How well a rig and readings, as reported or as a hypothesis has them, explain some frames of a recording together."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from estimator.contact.inputs import Batch
+from estimator.solver.ladder import solve
+from estimator.solver.linearised import free_antennas, linearised
+from estimator.solver.numbers import FitNumbers
+from estimator.solver.rig_arrays import UNKNOWNS, RigArrays
+from vbaa_calib.antenna.rungs import RUNGS
+from vbaa_calib.rig import Rig
+
+
+@dataclass(frozen=True)
+class EvidenceSettings:
+    """How frames are weighed. Costs are halves of squares: a difference is the logarithm of a ratio of odds."""
+
+    contact: float = 8.0  # cost of a contact's place and force, which a free antenna does not have (Occam factor)
+    most: float = 30.0  # cost of one frame: an outlier counts no more
+    friction_rad: float = 0.2  # standard deviation of the friction angle
+    iterations: int = 5  # moves of the rig towards a change
+    reweightings: int = 12  # of frames, in looking for the change that most of them share
+    lost: float = 0.05  # part of the frames that nothing explains from which what most of them share is sought
+    settled: float = 4.0  # cost per frame that a right explanation leaves
+    farthest: float = 30.0  # change of a rig, in the standard deviations of its row, that is still sought
+    gain: float = 0.5  # least decrease of the cost by a further move
+
+
+@dataclass(frozen=True, eq=False)
+class Recorded:
+    """Some frames of a recording, with the readings of the rows before and after.
+
+    Attributes
+    ----------
+    rig : as calibrated, or as a hypothesis has it.
+    batch : the F frames.
+    around : (F, 2, 4) moments about y and z, pan and tilt of the row before, and of the row after; NaN where there is
+        none.
+    order : (F,) number of each frame in the recording.
+    settings : how they are weighed.
+    """
+
+    rig: Rig
+    batch: Batch
+    around: np.ndarray
+    order: np.ndarray
+    friction_rad: float = EvidenceSettings.friction_rad
+
+    def picked(self, rows: np.ndarray) -> Recorded:
+        """Some of the frames."""
+        return replace(self, batch=self.batch.picked(rows), around=self.around[rows], order=self.order[rows])
+
+    def __len__(self) -> int:
+        return len(self.order)
+
+    def with_readings(self, **columns: np.ndarray) -> Recorded:
+        """With other columns of the batch."""
+        return replace(self, batch=replace(self.batch, **columns))
+
+    def with_rig(self, rig: Rig) -> Recorded:
+        """With another rig."""
+        return replace(self, rig=rig)
+
+    @cached_property
+    def fit(self) -> Fitted:
+        """The frames, each fitted by itself, and what all of them say of the rig."""
+        return Fitted(self)
+
+
+class Fitted:
+    """Fits of recorded frames, each as the free antenna or one contact, whichever is likelier."""
+
+    def __init__(self, recorded: Recorded, settings: EvidenceSettings = EvidenceSettings()) -> None:
+        self.recorded, self.settings = recorded, settings
+        self.arrays = RigArrays.from_rig(recorded.rig, recorded.friction_rad)
+        self.frames = recorded.batch.frames(self.arrays)
+        self.points = self.frames.usable.sum(axis=-1)
+        self.numbers: FitNumbers = solve(self.frames, RUNGS[-1])
+        numbers = self.numbers
+        touched = numbers.cost + self.points * np.log(np.maximum(numbers.scatter, 1.0))
+        alone = touched + np.maximum(numbers.evidence, 0.0)
+        lost = ~numbers.finite | np.isfinite(numbers.left_px) | ~np.isfinite(touched)
+        self.touched = np.where(lost, np.inf, touched + settings.contact)
+        self.alone = np.where(np.isfinite(alone) & ~lost, alone, np.inf)
+
+    @property
+    def free(self) -> np.ndarray:
+        """(F,) bool, frames that the free antenna explains as well as a contact."""
+        return np.asarray(self.alone <= self.touched)
+
+    @property
+    def cost(self) -> np.ndarray:
+        """(F,) of each frame by itself; infinite where nothing explains it."""
+        return np.minimum(self.alone, self.touched)
+
+    @cached_property
+    def moments(self) -> tuple[np.ndarray, np.ndarray]:
+        """(F,) moments about y that a sensor would read, and their standard deviations without its noise: of frames
+        that were fitted without one. Infinite where the picture leaves a mirror image."""
+        weak = 1e-6
+        frames = replace(
+            self.frames, available=np.column_stack([np.full((len(self.frames), 2), weak), self.frames.available[:, 2]])
+        )
+        size, std = UNKNOWNS + self.arrays.steps, self.arrays.std[0]
+        unknowns = np.where(self.free[:, None], [0.5, 0.0, 0.0, 0.0], self.numbers.unknowns)
+        found = linearised(frames, RUNGS[-1], unknowns)
+        slopes, information = found.readings[:, 0, :size] / weak, found.information
+        fixed = np.where(self.free[:, None] & (np.arange(size) < UNKNOWNS), 1e12, 0.0)
+        information = information + fixed[:, :, None] * np.eye(size)
+        sound = np.isfinite(information).all(axis=(1, 2)) & np.isfinite(slopes).all(axis=1)
+        inverse = np.linalg.inv(np.where(sound[:, None, None], information, np.eye(size)))
+        variance = np.einsum("bi,bij,bj->b", slopes, inverse, slopes)
+        sound &= np.isfinite(self.cost) & (self.free | ~self.numbers.ambiguous)
+        return -std * found.residual[:, 0] / weak, np.where(sound, std * np.sqrt(np.maximum(variance, 0.0)), np.inf)
+
+    def shared(self, more: np.ndarray, as_free: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """(F, S, S) information and (F, S) score of each frame about the rig's R axes and `more` (17 + P, Q) ones,
+        without prior; the frame's own unknowns eliminated. as_free : (F,) which frames count as free."""
+        free = self.free if as_free is None else as_free
+        size = self.arrays.axes.shape[1]
+        axes = self.arrays.axes
+        arrays = replace(self.arrays, axes=np.ascontiguousarray(np.hstack([axes, more[: len(axes)]])))
+        count = size + more.shape[1]
+        information, score = np.zeros((len(free), count, count)), np.zeros((len(free), count))
+        frames = self.recorded.batch.frames(arrays)
+        for rows, touch in ((np.flatnonzero(free), False), (np.flatnonzero(np.logical_not(free)), True)):
+            if not len(rows):
+                continue
+            some = frames.picked(rows)
+            if touch:
+                found = linearised(some, RUNGS[-1], self.numbers.unknowns[rows])
+                whole, side = found.information.copy(), found.side.copy()
+                diagonal = np.arange(UNKNOWNS, UNKNOWNS + count)
+                whole[:, diagonal, diagonal] -= found.prior[:, diagonal]
+                own = np.r_[0:UNKNOWNS, UNKNOWNS + count : whole.shape[1]]
+                kept = diagonal
+            else:
+                alone = free_antennas(some)
+                whole, side = alone.information - np.eye(alone.information.shape[1]), alone.side
+                own, kept = np.arange(count, whole.shape[1]), np.arange(count)
+                whole[:, own, own] += 1.0
+            scale = np.maximum(self.numbers.scatter[rows], 1.0) ** -2.0
+            left, right = _eliminated(whole, side, kept, own)
+            sound = np.isfinite(left).all(axis=(1, 2)) & np.isfinite(right).all(axis=1)
+            information[rows] = np.where(sound[:, None, None], scale[:, None, None] * left, 0.0)
+            score[rows] = np.where(sound[:, None], scale[:, None] * right, 0.0)
+        return information, score
+
+
+def _eliminated(
+    whole: np.ndarray, side: np.ndarray, kept: np.ndarray, own: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Normal equations (B, K, K), (B, K) of the unknowns `kept`, the others eliminated."""
+    if not len(own):
+        return whole[:, kept[:, None], kept], side[:, kept]
+    diagonal = np.einsum("bii->bi", whole)[:, own]
+    scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+    inner = whole[:, own[:, None], own] * scale[:, :, None] * scale[:, None, :]
+    across = whole[:, own[:, None], kept] * scale[:, :, None]
+    good = np.asarray(np.isfinite(inner).all(axis=(1, 2)))
+    inverse = np.linalg.pinv(np.where(good[:, None, None], inner, np.eye(len(own))), 1e-12, True)
+    through = inverse @ across
+    left = whole[:, kept[:, None], kept] - np.swapaxes(across, 1, 2) @ through
+    right = side[:, kept] - np.einsum("bok,bo->bk", through, side[:, own] * scale)
+    good &= np.isfinite(left).all(axis=(1, 2))
+    return np.where(good[:, None, None], left, np.nan), np.where(good[:, None], right, np.nan)
+
+
+@dataclass(frozen=True, eq=False)
+class Weighed:
+    """What explains frames together, with one rig.
+
+    Attributes
+    ----------
+    costs : (F,) above what explains each frame best, no more than `EvidenceSettings.most`.
+    steps : (R,) of the rig's axes, in their standard deviations.
+    each : (F, S, S), (F, S) information and score of each frame about the rig's axes and those asked for, weighted,
+        without prior.
+    """
+
+    costs: np.ndarray
+    steps: np.ndarray
+    each: tuple[np.ndarray, np.ndarray]
+
+    @property
+    def cost(self) -> float:
+        """Of all frames and the rig's steps."""
+        return float(self.costs.sum() + 0.5 * self.steps @ self.steps)
+
+    def about_others(self, first: int = 0) -> tuple[np.ndarray, np.ndarray]:
+        """Information (Q, Q) and score (Q,) about the axes that were asked for, the rig's own eliminated.
+
+        first : frame from which on the rig has changed along them.
+        """
+        size, (whole, side) = len(self.steps), (values.sum(axis=0) for values in self.each)
+        later, later_side = (values[first:].sum(axis=0) for values in self.each)
+        across = later[size:, :size]
+        through = np.linalg.solve(whole[:size, :size] + np.eye(size), np.column_stack([across.T, side[:size]]))
+        left = later[size:, size:] - across @ through[:, :-1]
+        return 0.5 * (left + left.T), later_side[size:] - across @ through[:, -1]
+
+
+def weighed(
+    fits: Fitted,
+    best: np.ndarray,
+    scale: np.ndarray,
+    more: np.ndarray | None = None,
+    as_free: np.ndarray | None = None,
+    log_density: float = 0.0,
+) -> Weighed:
+    """The frames together, robustly. best, scale : (F,) least cost of each frame, and what its noise multiplies it by.
+
+    more : (18 + P, Q) further axes about which information is wanted. as_free : as `Fitted.shared`. log_density : of a
+    frame's readings in the reported unit over that in their own; a frame that nothing explains has none.
+    """
+    settings, size = fits.settings, fits.arrays.axes.shape[1]
+    none = np.zeros((fits.arrays.axes.shape[0], 0))
+    information, score = fits.shared(none if more is None else more, as_free)
+    own, pull = information[:, :size, :size], score[:, :size]
+    cost = fits.cost if as_free is None else np.where(as_free, fits.alone, fits.touched)
+    # of the frame by itself the rig had its prior: here all frames have it together
+    alone = 0.5 * np.einsum("bs,bs->b", pull, np.linalg.solve(own + np.eye(size), pull[..., None])[..., 0])
+    base = np.where(np.isfinite(cost), (cost + alone - best) / scale, np.inf)
+    steps, weights = np.zeros(size), np.ones(len(cost))
+    for _ in range(settings.reweightings):
+        costs = base + (0.5 * np.einsum("bij,i,j->b", own, steps, steps) - pull @ steps) / scale
+        weights = np.where(np.isfinite(costs), 1.0 / (1.0 + np.maximum(costs, 0.0) / settings.most) ** 2, 0.0) / scale
+        before = steps
+        steps = np.linalg.solve(np.einsum("b,bij->ij", weights, own) + np.eye(size), weights @ pull)
+        if np.abs(steps - before).max(initial=0.0) < 1e-3:
+            break
+    costs = base + (0.5 * np.einsum("bij,i,j->b", own, steps, steps) - pull @ steps) / scale
+    each = weights[:, None, None] * information, weights[:, None] * score
+    return Weighed(np.minimum(np.maximum(costs, 0.0) - log_density, settings.most), steps, each)
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """Recorded frames as reported, and what any explanation of them is compared with.
+
+    best, scale : (F,) least cost of each frame, with a rig that may have changed in everything and without its moment;
+        and by how much its points scatter more than their standard deviations say, squared.
+    axes : (18 + P, Q) along which the rig may have changed.
+    """
+
+    recorded: Recorded
+    best: np.ndarray
+    scale: np.ndarray
+    axes: np.ndarray
+    settings: EvidenceSettings = EvidenceSettings()
+
+    @staticmethod
+    def of(recorded: Recorded, axes: np.ndarray) -> Case:
+        """The case of frames with a rig that may have changed along axes (18 + P, Q)."""
+        rig = recorded.rig
+        wide = rig.with_covariance(rig.covariance_with_tip + axes @ axes.T)
+        silent = recorded.with_readings(readings_Nm=np.full_like(recorded.batch.readings_Nm, np.nan))
+        least = np.minimum(silent.with_rig(wide).fit.cost, recorded.fit.cost)
+        expected = 0.5 * np.maximum(recorded.fit.points, 1.0)
+        best = np.where(np.isfinite(least), least, expected)
+        return Case(recorded, best, np.clip(best / expected, 1.0, None), axes)
+
+    def picked(self, rows: np.ndarray) -> Case:
+        """With some of the frames."""
+        return replace(self, recorded=self.recorded.picked(rows), best=self.best[rows], scale=self.scale[rows])
+
+    @cached_property
+    def reported(self) -> Weighed:
+        """All as reported."""
+        return weighed(self.recorded.fit, self.best, self.scale, self.axes)
+
+    @cached_property
+    def as_free(self) -> Weighed:
+        """All frames as the free antenna: what most of them share, however far from the rig, stands out."""
+        return weighed(self.recorded.fit, self.best, self.scale, self.axes, np.ones(len(self.recorded), bool))
+
+    def gained(self, columns: np.ndarray, first: int = 0) -> Iterator[float]:
+        """Log evidence, to first order, of a change along some of the axes from a frame on; where many frames are not
+        explained, also of what most frames share."""
+        lost = float(np.mean(self.reported.costs > 0.9 * self.settings.most)) > self.settings.lost
+        for together in (self.reported, self.as_free) if lost else (self.reported,):
+            information, score = together.about_others(first)
+            unit = information[np.ix_(columns, columns)] + np.eye(len(columns))
+            if np.isfinite(unit).all():
+                pull = score[columns]
+                yield 0.5 * float(pull @ np.linalg.solve(unit, pull)) - 0.5 * float(np.linalg.slogdet(unit)[1])
+
+    @property
+    def cost(self) -> float:
+        """Of all as reported."""
+        return self.reported.cost
+
+    def cost_of(self, other: Recorded, log_density: float = 0.0) -> float:
+        """Of the same frames with other readings, or another rig."""
+        return weighed(other.fit, self.best, self.scale, log_density=log_density).cost

@@ -1,0 +1,478 @@
+"""The table of hypotheses about a recording: readings, pictures and rig that are not as reported."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+
+from vbaa_calib.core.errors import Diagnosis, Severity
+from vbaa_calib.diagnose.decision import Explanation, Hypothesis
+
+from .changes import CHANGES, axes_of, fitted
+from .evidence import Case, Recorded
+
+
+@dataclass(frozen=True)
+class TableSettings:
+    """Which rows of the table are worked out in full."""
+
+    screened: int = (
+        8  # frames, the least bent ones, by which hypotheses about joints and pictures are compared at first
+    )
+    fewest: int = 5  # moments of which something can be learnt
+    followed: int = 4  # of the best of them, and of the changes of the rig, are compared by all frames
+    promising: float = 3.0  # log odds by first order from which a change of the rig is fitted
+    varies_rad: float = 0.02  # range of a joint below which it says nothing
+    varies_std: float = 6.0  # range of the moment, in standard deviations of its noise, likewise
+    unlikely: float = 4.0  # log odds beforehand against each row
+    tilts_rad: tuple[tuple[float, ...], ...] = (  # where a joint may be that is not read: coarse, then finer steps
+        *((-1.2, -0.9, -0.6, -0.3, 0.0, 0.3, 0.6, 0.9, 1.2), (-0.1, 0.1), (-0.03, 0.03)),
+    )
+    offset_rad: float = 0.02  # of a joint's zero, by which it is moved to see whether that fits better
+    fewest_after: int = 6  # frames after a change during the recording
+    lost: float = 0.05  # part of the frames that nothing explains from which other pictures are thought possible
+    splits: int = 8  # places in a recording at which a rig may change
+
+
+class Reading(NamedTuple):
+    """A row: readings or pictures that are not what they are reported to be.
+
+    correct : of recorded frames, those with the mistake put right; None where it cannot have happened.
+    log_density : by which a correct reading's density in the reported unit exceeds that in its own, per frame.
+    """
+
+    name: str
+    words: str
+    remedy: str
+    correct: Callable[[Recorded], Recorded | None]
+    log_density: float = 0.0
+    severity: Severity = "wrong"
+
+    @property
+    def of_moment(self) -> bool:
+        """Whether it is about the moment."""
+        return self.name.startswith("moment_")
+
+    @property
+    def of_pictures(self) -> bool:
+        """Whether it is about the pictures, not about readings."""
+        return self.name.startswith("picture_") or self.name == "points_exchanged"
+
+
+def _moments(change: Callable[[np.ndarray], np.ndarray], recorded: Recorded) -> Recorded | None:
+    readings = recorded.batch.readings_Nm
+    if not np.isfinite(readings[:, 0]).any():
+        return None
+    return recorded.with_readings(readings_Nm=np.column_stack([change(readings[:, 0]), readings[:, 1]]))
+
+
+def _axis(sign: float, recorded: Recorded) -> Recorded | None:
+    """The moment is about z."""
+    rig, readings = recorded.rig, recorded.batch.readings_Nm
+    if rig.second_moment_sensor is not None or not np.isfinite(readings[:, 0]).any():
+        return None
+    other = np.column_stack([np.full(len(readings), np.nan), sign * readings[:, 0]])
+    return recorded.with_rig(replace(rig, second_moment_sensor=rig.moment_sensor)).with_readings(readings_Nm=other)
+
+
+def _absolute(recorded: Recorded) -> Recorded | None:
+    """The moment's sign is lost: the one that fits each frame better."""
+    readings = recorded.batch.readings_Nm
+    one_sided = readings[:, 0][np.isfinite(readings[:, 0])]
+    if len(one_sided) < 3 or (one_sided.min() < 0.0 < one_sided.max()):
+        return None
+    turned = recorded.with_readings(readings_Nm=readings * [-1.0, 1.0])
+    better = turned.fit.cost < recorded.fit.cost
+    return recorded.with_readings(readings_Nm=np.where(better[:, None], readings * [-1.0, 1.0], readings))
+
+
+def _joints(turn: np.ndarray, recorded: Recorded) -> Recorded | None:
+    angles = np.stack([recorded.batch.pan_rad, recorded.batch.tilt_rad])
+    pan, tilt = turn @ angles
+    if max(np.abs(angles).max(), np.abs(pan).max(), np.abs(tilt).max()) < TableSettings.varies_rad:
+        return None
+    if max(np.abs(pan).max(), np.abs(tilt).max()) > 2.0 * np.pi:
+        return None
+    return recorded.with_readings(pan_rad=pan, tilt_rad=tilt)
+
+
+def _frozen(recorded: Recorded) -> Recorded | None:
+    """The joints' readings stand still: the tilt that fits each frame best."""
+    batch = recorded.batch
+    if max(np.ptp(batch.pan_rad), np.ptp(batch.tilt_rad)) > 0.0:
+        return None
+    best = np.zeros(len(recorded))
+    least = np.full(len(recorded), np.inf)
+    for steps in TableSettings.tilts_rad:
+        middle = best.copy()
+        for step in steps:
+            cost = recorded.with_readings(tilt_rad=middle + step).fit.cost
+            best, least = np.where(cost < least, middle + step, best), np.minimum(cost, least)
+    return recorded.with_readings(tilt_rad=best)
+
+
+def _offset(recorded: Recorded) -> Recorded | None:
+    """The tilt's zero is off: by what the sampled frames together ask for, to second order."""
+    step = TableSettings.offset_rad
+    costs = [
+        float(np.minimum(recorded.with_readings(tilt_rad=recorded.batch.tilt_rad + by).fit.cost, 1e6).sum())
+        for by in (-step, 0.0, step)
+    ]
+    bend = costs[0] - 2.0 * costs[1] + costs[2]
+    if not bend > 0.0:
+        return None
+    off = float(np.clip(0.5 * step * (costs[0] - costs[2]) / bend, -2.0 * step, 2.0 * step))
+    return recorded.with_readings(tilt_rad=recorded.batch.tilt_rad + off)
+
+
+def _neighbour(row: int, which: tuple[str, ...], recorded: Recorded) -> Recorded | None:
+    """Readings of the row before (0) or after (1)."""
+    batch, around = recorded.batch, recorded.around[:, row]
+    columns = {}
+    if "moments" in which:
+        if not np.isfinite(batch.readings_Nm[:, 0]).any():
+            return None
+        columns["readings_Nm"] = around[:, :2]
+    if "joints" in which:
+        if np.ptp(np.stack([batch.pan_rad, batch.tilt_rad]), axis=1).max() < TableSettings.varies_rad:
+            return None
+        columns |= {"pan_rad": around[:, 2], "tilt_rad": around[:, 3]}
+    known = np.isfinite(around[:, 2])
+    columns = {
+        name: np.where(known.reshape(-1, *[1] * (values.ndim - 1)), values, getattr(batch, name))
+        for name, values in columns.items()
+    }
+    return recorded.with_readings(**columns)
+
+
+def _points(change: Callable[[np.ndarray, np.ndarray], np.ndarray], recorded: Recorded) -> Recorded | None:
+    """With pixels (..., 2) changed, in a picture of some size (2,)."""
+    batch, size = recorded.batch, np.array(recorded.rig.camera.image_size, float)
+    tip = batch.tip_px.copy()
+    tip[:, :2] = change(tip[:, :2], size)
+    return recorded.with_readings(points_px=change(batch.points_px, size), tip_px=tip)
+
+
+def _rectified(recorded: Recorded) -> Recorded | None:
+    """The pictures' distortion was taken out before."""
+    camera = recorded.rig.camera
+    focal, centre = np.diag(camera.matrix)[:2], camera.matrix[:2, 2]
+
+    def distorted(pixels: np.ndarray, _: np.ndarray) -> np.ndarray:
+        flat = pixels.reshape(-1, 2)
+        there = np.isfinite(flat).all(axis=1)
+        found = np.full_like(flat, np.nan)
+        rays = np.column_stack([(flat[there] - centre) / focal, np.ones(int(there.sum()))])
+        found[there] = camera.project(rays)[0]
+        return found.reshape(pixels.shape)
+
+    changed = _points(distorted, recorded)
+    if changed is None or not np.nanmax(np.abs(changed.batch.points_px - recorded.batch.points_px), initial=0.0) > 0.5:
+        return None
+    return changed
+
+
+_BEFORE, _AFTER = 0, 1
+_UNITS = {
+    1e-3: "in mN·m or N·mm",
+    1e-2: "in N·cm",
+    1e3: "in kN·m",
+    0.1: "ten times too large",
+    10.0: "ten times too small",
+    100.0: "a hundred times too small",
+    9.80665: "in kgf·m",
+    9.80665e-2: "in kgf·cm",
+    9.80665e-5: "in gf·cm",
+    0.112985: "in lbf·in",
+}
+_ROWS = "shift the column by a row, and check how readings and pictures are matched"
+READINGS = (
+    Reading(
+        "moment_sign",
+        "the moment readings have the wrong sign",
+        "change the sign of moment_Nm, or exchange the sensor's leads",
+        partial(_moments, np.negative),
+    ),
+    Reading(
+        "moment_absolute",
+        "the moment readings have lost their sign",
+        "record moment_Nm with its sign",
+        _absolute,
+        -np.log(2.0),
+    ),
+    *(
+        Reading(
+            "moment_unit",
+            f"the moment readings are {words}",
+            f"multiply moment_Nm by {factor:.6g}: it is in N·m",
+            partial(_moments, partial(np.multiply, factor)),
+            float(np.log(factor)),
+        )
+        for factor, words in _UNITS.items()
+    ),
+    *(
+        Reading(
+            "moment_axis",
+            f"the moment is read about {'+' if sign > 0 else '−'}z, not about y",
+            "turn the sensor by 90° about the antenna, or give --moment-axis",
+            partial(_axis, sign),
+        )
+        for sign in (1.0, -1.0)
+    ),
+    Reading(
+        "moment_late",
+        "each moment belongs to the picture of the row before",
+        _ROWS,
+        partial(_neighbour, _AFTER, ("moments",)),
+    ),
+    Reading(
+        "moment_late",
+        "each moment belongs to the picture of the row after",
+        _ROWS,
+        partial(_neighbour, _BEFORE, ("moments",)),
+    ),
+    Reading(
+        "tilt_sign",
+        "the tilt has the wrong sign",
+        "change the sign of tilt_rad",
+        partial(_joints, np.diag([1.0, -1.0])),
+    ),
+    Reading(
+        "joints_exchanged",
+        "pan and tilt are exchanged",
+        "exchange the columns pan_rad and tilt_rad",
+        partial(_joints, np.array([[0.0, 1.0], [1.0, 0.0]])),
+    ),
+    Reading(
+        "joints_degrees",
+        "the joint angles are in degrees",
+        "give radians in pan_rad and tilt_rad",
+        partial(_joints, np.pi / 180 * np.eye(2)),
+    ),
+    Reading(
+        "joints_degrees",
+        "the joint angles were turned into radians twice",
+        "give radians in pan_rad and tilt_rad",
+        partial(_joints, 180 / np.pi * np.eye(2)),
+    ),
+    Reading(
+        "joints_frozen",
+        "the joint readings stand still while the antenna moves",
+        "connect the encoders, and record again",
+        _frozen,
+        -np.log(len(TableSettings.tilts_rad)),
+    ),
+    Reading(
+        "joints_late",
+        "the joint angles belong to the picture of the row before",
+        _ROWS,
+        partial(_neighbour, _AFTER, ("joints",)),
+    ),
+    Reading(
+        "joints_late",
+        "the joint angles belong to the picture of the row after",
+        _ROWS,
+        partial(_neighbour, _BEFORE, ("joints",)),
+    ),
+    Reading(
+        "pictures_late",
+        "each picture belongs to the readings of the row before",
+        _ROWS,
+        partial(_neighbour, _BEFORE, ("moments", "joints")),
+    ),
+    Reading(
+        "pictures_late",
+        "each picture belongs to the readings of the row after",
+        _ROWS,
+        partial(_neighbour, _AFTER, ("moments", "joints")),
+    ),
+    Reading(
+        "picture_mirrored",
+        "the pictures are mirrored left to right",
+        "record the pictures as the camera takes them",
+        partial(_points, lambda pixels, size: pixels * [-1.0, 1.0] + [size[0] - 1.0, 0.0]),
+    ),
+    Reading(
+        "picture_mirrored",
+        "the pictures are mirrored top to bottom",
+        "record the pictures as the camera takes them",
+        partial(_points, lambda pixels, size: pixels * [1.0, -1.0] + [0.0, size[1] - 1.0]),
+    ),
+    Reading(
+        "picture_turned",
+        "the pictures are turned by 180°",
+        "record the pictures as the camera takes them",
+        partial(_points, lambda pixels, size: size - 1.0 - pixels),
+    ),
+    Reading(
+        "points_exchanged",
+        "u and v are exchanged",
+        "exchange the columns u_px and v_px",
+        partial(_points, lambda pixels, _: pixels[..., ::-1]),
+    ),
+    Reading(
+        "picture_rectified",
+        "the pictures' distortion was taken out already",
+        "record the pictures as the camera takes them, or use a rig.json for rectified ones",
+        _rectified,
+    ),
+)
+"""What is not as reported. The first of two rows that do the same is named."""
+
+
+def explanations(case: Case) -> Iterator[Explanation[Case]]:
+    """What else may explain a recording: other readings or pictures, or a rig that has changed before or during it."""
+    found = [*_moments_explained(case), *_others_explained(case)]
+    yield from found
+    best = max((one.log_odds for one in found), default=0.0)
+    if not (best > 0.0 and case.cost - best < case.settings.settled * len(case.recorded)):
+        yield from _changes(case)
+
+
+def _moments_explained(case: Case) -> Iterator[Explanation[Case]]:
+    """Moments that say nothing of the antenna, or something else than they are reported to: ranked by what the pictures
+    alone say of them."""
+    recorded, std = case.recorded, case.recorded.rig.moment_sensor.std_Nm
+    read = recorded.batch.readings_Nm[:, 0]
+    there = np.isfinite(read)
+    if there.sum() < TableSettings.fewest:
+        return
+    without = recorded.with_readings(readings_Nm=np.full_like(recorded.batch.readings_Nm, np.nan))
+    constant = np.ptp(read[there]) <= 1e-3 * std
+    # a reading that says nothing lies anywhere within its range
+    spread = max(float(np.ptp(read[there])), std * TableSettings.varies_std)
+    density = 0.0 if constant else float(np.log(spread / (2.5 * std)))
+    gained = case.cost - case.cost_of(without, -density) - TableSettings.unlikely * (not constant)
+    kind, words = "moment_dead", "the moment readings do not follow the antenna"
+    if constant:
+        zero = not read[there].any()
+        kind = "moment_dead" if zero else "moment_stuck"
+        words = f"all moment readings are {0 if zero else read[there][0]:.4g} N·m"
+    remedy = "connect the sensor and check its amplifier, or estimate with --no-moment"
+    found = Diagnosis(kind, f"{words}, which the pictures contradict", remedy, "wrong")
+    yield Explanation(found, gained, partial(replace, case, recorded=without))
+    if constant:
+        return
+    expected, own = without.fit.moments
+
+    def cost(moments: np.ndarray, log_density: float) -> float:
+        """By the pictures' moments alone."""
+        variance = std**2 + own**2
+        off = np.where(np.isfinite(variance), (moments - expected) ** 2 / variance, 0.0)
+        return float(np.minimum(0.5 * off[there] - log_density, case.settings.most).sum())
+
+    reported, likely = cost(read, 0.0), []
+    if (drifting := _drifting(recorded, read - expected, np.hypot(std, own))) is not None:
+        likely.append((np.inf, *drifting))
+    for row in READINGS:
+        corrected = row.correct(recorded) if row.of_moment else None
+        if corrected is None or not _differs(corrected, recorded):
+            continue
+        moments = corrected.batch.readings_Nm[:, 0]
+        by_pictures = reported - cost(moments, row.log_density) if np.isfinite(moments).any() else 0.0
+        if by_pictures > 0.0 or not np.isfinite(moments).any():
+            likely.append((by_pictures, row, corrected))
+    yield from _compared(case, likely)
+
+
+def _drifting(recorded: Recorded, off: np.ndarray, std: np.ndarray) -> tuple[Reading, Recorded] | None:
+    """The moments' zero walks, by the line through how far they lie off (F,) what the pictures say."""
+    weights = np.where(np.isfinite(off) & np.isfinite(std), 1.0 / std, 0.0)
+    if (weights > 0.0).sum() < TableSettings.fewest or not np.ptp(recorded.order):
+        return None
+    share = (recorded.order - recorded.order[0]) / np.ptp(recorded.order)
+    design = np.column_stack([np.ones_like(share), share])
+    for _ in range(10):
+        (_, walk), *_ = np.linalg.lstsq(
+            design * weights[:, None], np.where(weights > 0, off, 0.0) * weights, rcond=None
+        )
+        left = np.where(
+            weights > 0.0, off - design @ [np.median(off[weights > 0] - walk * share[weights > 0]), walk], 0.0
+        )
+        weights = np.where(weights > 0.0, 1.0 / (std * (1.0 + (left / (3.0 * std)) ** 2)), 0.0)
+    noise = recorded.rig.moment_sensor.std_Nm
+    if not abs(walk) > TableSettings.varies_std * noise:
+        return None
+    words = (
+        f"the moment sensor's zero walks by {walk / noise:+.0f} standard deviations of its noise during the recording"
+    )
+    row = Reading("moment_drift", words, "let it warm up, or give --track-zero", lambda _: None, severity="doubt")
+    readings = recorded.batch.readings_Nm - np.column_stack([walk * share, 0.0 * share])
+    return row, recorded.with_readings(readings_Nm=readings)
+
+
+def _others_explained(case: Case) -> Iterator[Explanation[Case]]:
+    """Joints and pictures that are not what they are reported to be: compared by few frames first."""
+    settings, lost = TableSettings(), float(np.mean(case.reported.costs > 0.9 * case.settings.most))
+    evidence = case.recorded.fit.numbers.evidence
+    bent = np.argsort(np.where(np.isfinite(evidence), evidence, np.inf))
+    few, likely = case.picked(np.sort(bent[: settings.screened])), []
+    for row in READINGS:
+        corrected = None if row.of_moment or (row.of_pictures and lost < settings.lost) else row.correct(few.recorded)
+        if corrected is None or not _differs(corrected, few.recorded):
+            continue
+        gained = few.cost - few.cost_of(corrected, row.log_density)
+        if gained > 0.0 and (whole := row.correct(case.recorded)) is not None:
+            likely.append((gained, row, whole))
+    yield from _compared(case, likely)
+
+
+def _compared(case: Case, likely: list[tuple[float, Reading, Recorded]]) -> Iterator[Explanation[Case]]:
+    """The likeliest of some rows, by all frames."""
+    for _, row, corrected in sorted(likely, key=lambda each: -each[0])[: TableSettings.followed]:
+        gained = case.cost - case.cost_of(corrected, row.log_density)
+        found = Diagnosis(row.name, row.words, row.remedy, row.severity)
+        yield Explanation(found, gained - TableSettings.unlikely, partial(replace, case, recorded=corrected))
+
+
+def _differs(corrected: Recorded, recorded: Recorded) -> bool:
+    """Whether anything but rounding is different."""
+    a, b, noise = corrected.batch, recorded.batch, recorded.rig.moment_sensor.std_Nm
+    return bool(
+        corrected.rig is not recorded.rig
+        or (np.isfinite(a.readings_Nm) != np.isfinite(b.readings_Nm)).any()
+        or np.nanmax(np.abs(a.readings_Nm - b.readings_Nm), initial=0.0) > noise
+        or max(np.abs(a.pan_rad - b.pan_rad).max(), np.abs(a.tilt_rad - b.tilt_rad).max()) > 1e-3
+        or not np.array_equal(a.points_px, b.points_px, equal_nan=True)
+    )
+
+
+def _changes(case: Case) -> Iterator[Explanation[Case]]:
+    """A rig that has changed since its calibration, or from some frame of the recording on."""
+    settings = TableSettings()
+    axes, which = axes_of(case.recorded.rig, CHANGES)
+    rows = [(row, own) for row, own in zip(CHANGES, which, strict=True) if len(own)]
+    ranked = [(gained, 0, row, own) for row, own in rows for gained in case.gained(own)]
+    count = len(case.recorded)
+    splits = np.unique(np.linspace(0, count, settings.splits + 2)[1:-1].astype(int))
+    ranked += [
+        (gained - float(np.log(len(splits))), int(first), row, own)
+        for first in splits
+        for row, own in rows
+        for gained in case.gained(own, int(first))
+        if min(first, count - first) >= 3
+    ]
+    ranked.sort(key=lambda each: -each[0])
+    followed: list[str] = []
+    for gained, first, row, own in ranked:
+        if gained < settings.promising or len(followed) >= settings.followed or row.name in followed:
+            continue
+        followed.append(row.name)
+        part = case if first == 0 else case.picked(np.arange(count) >= first)
+        found = fitted(part, row, axes[:, own])
+        if found is None or abs(found.size) < row.least:
+            continue
+        since = f", from row {int(case.recorded.order[first])} on" if first else ""
+        diagnosis = Diagnosis(row.name, found.words + since, row.remedy, row.severity)
+        odds = found.log_odds - settings.unlikely + row.log_prior
+        odds -= float(np.log(len(splits))) if first else 0.0
+        rig = found.recorded.rig
+        after = partial(replace, part, recorded=part.recorded.with_rig(rig))
+        yield Explanation(diagnosis, odds, after)
+
+
+TABLE: tuple[Hypothesis[Case], ...] = (explanations,)

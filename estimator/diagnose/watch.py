@@ -1,0 +1,220 @@
+"""A recording's frames in, in order; out comes what is wrong with it, and which rows that concerns."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from estimator.contact.inputs import Batch
+from estimator.table.contacts import Contact, Measured
+from vbaa_calib.core.errors import Diagnosis, Verdict
+from vbaa_calib.diagnose.decision import diagnose
+from vbaa_calib.rig import Rig
+
+from .changes import CHANGES, axes_of
+from .evidence import Case, Recorded
+from .hypotheses import TABLE
+
+
+@dataclass(frozen=True)
+class WatchSettings:
+    """Which frames are kept as witnesses, and what of the series of readings is no chance."""
+
+    first: int = 10  # frames at the beginning, which often show the free antenna
+    spread: int = 22  # further frames, spread over the recording
+    fewest: int = 8  # frames with which anything can be told from noise
+    fewest_points: int = 5  # of a frame that is a witness
+    at_limit: int = 5  # moments that are exactly the largest or smallest of all from which on they are at a limit,
+    at_limit_share: float = 0.04  # and this part of all
+    unexplained: float = 0.25  # part of the frames that nothing explains from which that is reported
+    contradicting: float = 0.5  # the same from which those that are left are not believed, either
+
+
+@dataclass(frozen=True)
+class RecordingVerdict:
+    """What is wrong with a recording.
+
+    Attributes
+    ----------
+    verdict : with the findings, the worst first.
+    first : row from which on it concerns all rows; None where it concerns none but `rows`.
+    rows : single rows that it concerns.
+    """
+
+    verdict: Verdict = field(default_factory=Verdict)
+    first: int | None = None
+    rows: frozenset[int] = frozenset()
+
+    def concerns(self, row: int) -> bool:
+        """Whether a row's numbers must not be used."""
+        return row in self.rows or (self.first is not None and row >= self.first)
+
+
+@dataclass(frozen=True, eq=False)
+class _Witness:
+    """A frame that is kept: its number, and the readings (2, 4) of the rows before and after."""
+
+    order: int
+    measured: Measured
+    around: np.ndarray
+
+
+@dataclass(eq=False)
+class RecordingWatch:
+    """Frames of a recording in, in order, in constant memory but for the numbers of single wrong rows."""
+
+    rig: Rig
+    settings: WatchSettings = field(default_factory=WatchSettings)
+
+    def __post_init__(self) -> None:
+        self.count = 0
+        self._first: list[_Witness] = []
+        self._spread: list[_Witness] = []
+        self._stride = 1
+        self._before: Measured | None = None
+        self._repeated: list[int] = []
+        self._limits = (np.inf, -np.inf)
+        self._at = Counter[float]()
+        self._statuses = Counter[str]()
+
+    def push(self, measured: Measured, contact: Contact | None = None) -> None:
+        """Take the next row."""
+        now, before = _readings(measured), self._before
+        for kept in (self._first, self._spread):
+            if kept and kept[-1].order == self.count - 1:
+                kept[-1].around[1] = now
+        if before is not None and _same_picture(measured, before) and self._moved(measured, before):
+            self._repeated.append(self.count)
+        if np.isfinite(measured.moment_Nm):
+            self._count_limits(measured.moment_Nm)
+        if contact is not None:
+            self._statuses[contact.status] += 1
+        if len(measured.points_px) >= self.settings.fewest_points:
+            around = np.full((2, 4), np.nan)
+            if before is not None:
+                around[0] = _readings(before)
+            self._keep(_Witness(self.count, measured, around))
+        self._before, self.count = measured, self.count + 1
+
+    def _keep(self, witness: _Witness) -> None:
+        if len(self._first) < self.settings.first:
+            self._first.append(witness)
+        elif (witness.order - self.settings.first) % self._stride == 0:
+            self._spread.append(witness)
+            if len(self._spread) > 2 * self.settings.spread:
+                self._spread, self._stride = self._spread[::2], 2 * self._stride
+
+    def _count_limits(self, moment_Nm: float) -> None:
+        low, high = self._limits
+        self._limits = min(low, moment_Nm), max(high, moment_Nm)
+        if self._limits != (low, high):
+            self._at = Counter({value: count for value, count in self._at.items() if value in self._limits})
+        if moment_Nm in self._limits:
+            self._at[moment_Nm] += 1
+
+    def _moved(self, measured: Measured, before: Measured) -> bool:
+        """Whether readings say that the antenna has moved."""
+        off = np.abs(_readings(measured) - _readings(before))
+        noise = 6.0 * self.rig.moment_sensor.std_Nm
+        return bool(np.nanmax(off[:2], initial=0.0) > noise or off[2:].max() > 1e-3)
+
+    def recorded(self) -> Recorded:
+        """The witnesses."""
+        spread = (
+            [
+                self._spread[i]
+                for i in np.unique(np.linspace(0, len(self._spread) - 1, self.settings.spread).astype(int))
+            ]
+            if self._spread
+            else []
+        )
+        kept = [*self._first, *spread]
+        batch = Batch.of(self.rig, [one.measured for one in kept])
+        around, order = np.array([one.around for one in kept]), np.array([one.order for one in kept])
+        return Recorded(self.rig.drifted(), batch, around.reshape(-1, 2, 4), order)
+
+    def verdict(self) -> RecordingVerdict:
+        """What is wrong, by all rows so far."""
+        found, first, rows = self._of_series()
+        if len(self._first) + len(self._spread) >= self.settings.fewest:
+            recorded = self.recorded()
+            frozen = np.isin(recorded.order, self._repeated)
+            if (~frozen).sum() >= self.settings.fewest:
+                recorded = recorded.picked(np.flatnonzero(~frozen))
+            case = Case.of(recorded, axes_of(recorded.rig, CHANGES)[0])
+            causes = diagnose(case, TABLE)
+            found += causes
+            if any(one.grave for one in causes):
+                first = min(_since(one) for one in causes if one.grave)
+            elif (left := self._unexplained(case)) is not None:
+                found.append(left)
+                first = 0 if left.grave else None
+        return RecordingVerdict(Verdict.of(found), first, frozenset(rows))
+
+    def _of_series(self) -> tuple[list[Diagnosis], int | None, list[int]]:
+        """What the series of readings and pictures alone show."""
+        found, rows = [], list(self._repeated)
+        if self._repeated:
+            count, start = len(self._repeated), self._repeated[0]
+            words = f"{count} rows, first row {start}, repeat the picture before them, while the readings go on"
+            remedy = "look why the camera stood still, and leave these rows out"
+            found.append(Diagnosis("camera_frozen", words, remedy, "wrong"))
+        whole = self._limits[1] > self._limits[0]
+        for value, side in zip(self._limits, ("smallest", "largest"), strict=True):
+            if whole and value in self.limits:
+                words = f"{self._at[value]} of {self.count} moments are exactly the {side}, {value:.4g} N·m"
+                remedy = "press less, or use a sensor or amplifier with more range"
+                words = f"{words}: the sensor is at the end of its range"
+                found.append(Diagnosis("moment_saturated", words, remedy, "wrong"))
+        return found, None, rows
+
+    @property
+    def limits(self) -> tuple[float, ...]:
+        """Moments at which the sensor is at the end of its range."""
+        enough = max(self.settings.at_limit, self.settings.at_limit_share * self.count)
+        return tuple(value for value in self._limits if self._at[value] >= enough)
+
+    def _unexplained(self, case: Case) -> Diagnosis | None:
+        """Frames that nothing in the table explains."""
+        lost = case.reported.costs > 0.9 * case.settings.most
+        if not lost.mean() > self.settings.unexplained:
+            return None
+        silent = case.recorded.with_readings(readings_Nm=np.full_like(case.recorded.batch.readings_Nm, np.nan))
+        alone = (silent.fit.cost - case.best)[lost] / case.scale[lost]
+        by_moment = float(np.mean(alone < 0.5 * case.settings.most))
+        block = (
+            "moments and pictures contradict each other"
+            if by_moment > 0.5
+            else "the shapes are not those of this antenna"
+        )
+        words = f"{lost.sum()} of {len(lost)} frames looked at fit no contact, and no single cause explains it: {block}"
+        remedy = "look at the frames with --overlay, and run vbaa check with a free antenna"
+        return Diagnosis(
+            "unexplained", words, remedy, "wrong" if lost.mean() > self.settings.contradicting else "doubt"
+        )
+
+
+def _readings(measured: Measured) -> np.ndarray:
+    return np.array([measured.moment_Nm, measured.moment_z_Nm, measured.pan_rad, measured.tilt_rad])
+
+
+def _same_picture(measured: Measured, before: Measured) -> bool:
+    a, b = measured.points_px, before.points_px
+    return len(a) > 0 and a.shape == b.shape and bool(np.array_equal(a, b, equal_nan=True))
+
+
+def _since(one: Diagnosis) -> int:
+    """The row from which on a diagnosis holds."""
+    _, _, row = one.words.partition(", from row ")
+    return int(row.split()[0]) if row else 0
+
+
+def recording_verdict(rig: Rig, several: Sequence[Measured], contacts: Sequence[Contact]) -> Verdict:
+    """What is wrong with a recording that was estimated."""
+    watch = RecordingWatch(rig)
+    for measured, contact in zip(several, contacts, strict=True):
+        watch.push(measured, contact)
+    return watch.verdict().verdict
