@@ -32,6 +32,7 @@ class Change(NamedTuple):
     least: float = 0.0
     severity: Severity = "wrong"
     log_prior: float = 0.0  # against the other rows
+    measures: int = 9  # how many of the parameters, the first ones, are its size
     starts: tuple[float, ...] = ()
 
 
@@ -53,7 +54,7 @@ CHANGES = (
         dict.fromkeys(("camera_about_x_rad", "camera_about_y_rad", "camera_about_z_rad"), 0.02),
         "the camera has turned by {} since the calibration",
         _AGAIN,
-        np.degrees(1.0),
+        57.29578,
         "°",
         0.05,
         log_prior=6.0,
@@ -79,11 +80,12 @@ CHANGES = (
     Change(
         "picture_scaled",
         {"f": 0.2, "cx": 50.0, "cy": 50.0},
-        "the pictures are scaled or cropped: they fit with a lens that differs by {}",
+        "the pictures are scaled or cropped: their focal length differs by {}",
         "record the pictures in the size and the part of the sensor of the calibration",
+        100.0,
+        "%",
         1.0,
-        "(relative focal length, px)",
-        0.5,
+        measures=1,
         starts=(0.5, 0.7, 0.85, 1.15, 1.4, 2.0),
     ),
     Change(
@@ -96,11 +98,25 @@ CHANGES = (
         0.03,
     ),
     Change(
+        "antenna_bent",
+        {
+            **dict.fromkeys(("bow_about_y_per_m", "bow_about_z_per_m"), 0.3),
+            **dict.fromkeys(("clamp_about_y_rad", "clamp_about_z_rad"), 0.03),
+        },
+        "the antenna has a bend or a kink since the calibration, about {} in the middle",
+        "straighten or replace the wire and calibrate again",
+        1.0,
+        "per m",
+        0.03,
+        log_prior=-3.0,
+        measures=2,
+    ),
+    Change(
         "clamp_turned",
         {"clamp_about_y_rad": 0.03, "clamp_about_z_rad": 0.03},
         "the clamp has turned by {} since the calibration",
         f"tighten the clamp; {_AGAIN}",
-        np.degrees(1.0),
+        57.29578,
         "°",
         0.1,
     ),
@@ -202,43 +218,51 @@ class Changed:
     @cached_property
     def size(self) -> float:
         """Of the change, in the row's unit."""
-        values = self.row.factor * self.steps * list(self.row.std.values())
+        values = (self.row.factor * self.steps * list(self.row.std.values()))[: self.row.measures]
         return float(np.linalg.norm(values)) if len(values) > 1 else float(values[0])
 
     @property
     def words(self) -> str:
         """With the value and its standard deviation."""
-        std = self.row.factor * np.sqrt(np.diag(self.covariance)) * list(self.row.std.values())
-        parts = self.steps * std / max(float(np.linalg.norm(self.steps)), 1e-12)
+        std = (self.row.factor * np.sqrt(np.diag(self.covariance)) * list(self.row.std.values()))[: self.row.measures]
+        steps = self.steps[: self.row.measures]
+        parts = steps * std / max(float(np.linalg.norm(steps)), 1e-12)
         spread = float(np.linalg.norm(parts)) if len(std) > 1 else float(std[0])
         sign = "+" if len(std) == 1 else ""
         return self.row.words.format(f"{self.size:{sign}.3g} ± {spread:.2g} {self.row.unit}")
 
 
-def fitted(case: Case, row: Change, axes: np.ndarray) -> Changed | None:
-    """A row's change, by Gauss–Newton steps from none; also from what most frames share if all were free, and from other
-    scales of the picture. None where the frames say nothing about it."""
+def fitted(case: Case, row: Change, axes: np.ndarray, first: int = 0) -> Changed | None:
+    """A row's change from a frame on, by Gauss–Newton steps from none, from what most frames share as free ones, and
+    from other scales of the picture. None where the frames say nothing about it."""
     starts = [(np.zeros(axes.shape[1]), as_free) for as_free in (False, True)]
     if row.starts:
-        lens = np.array([1.0, case.recorded.rig.camera.matrix[0, 2], case.recorded.rig.camera.matrix[1, 2]])
-        starts += [((scale - 1.0) * lens / list(row.std.values()), True) for scale in row.starts]
-    best = None
+        matrix = case.recorded.rig.camera.matrix
+        lens = np.array([1.0, matrix[0, 2], matrix[1, 2]]) / list(row.std.values())
+        starts += [((scale - 1.0) * lens, True) for scale in row.starts]
+    few, begin, best = case, first, None
+    if case.many_lost:
+        # frames that nothing explains take long: a few of them lead there
+        rows = np.arange(0, len(case.recorded), 2)
+        few, begin = case.picked(rows), int(np.sum(rows < first))
     for steps, as_free in starts:
-        found = _descended(case, row, axes, steps, as_free)
+        found = _descended(few, row, axes, steps, as_free, begin)
         if found is not None and (best is None or found.log_odds > best.log_odds):
             best = found
-            if case.cost - best.log_odds < case.settings.settled * len(case.recorded):
+            if few.cost - best.log_odds < case.settings.settled * len(few.recorded):
                 break
-    return best
+    return best if best is None or few is case else _descended(case, row, axes, best.steps, False, first)
 
 
-def _descended(case: Case, row: Change, axes: np.ndarray, steps: np.ndarray, as_free: bool) -> Changed | None:
+def _descended(
+    case: Case, row: Change, axes: np.ndarray, steps: np.ndarray, as_free: bool, first: int
+) -> Changed | None:
     recorded, settings, cost, best = case.recorded, case.settings, np.inf, None
     for turn in range(settings.iterations):
-        now = recorded.with_rig(recorded.rig.moved(axes @ steps)) if steps.any() else recorded
+        now = recorded.with_rig(recorded.rig.moved(axes @ steps), first) if steps.any() else recorded
         free = np.ones(len(now), bool) if as_free and turn == 0 else None
         together = weighed(now.fit, case.best, case.scale, axes, free)
-        information, score = together.about_others()
+        information, score = together.about_others(first)
         unit = information + np.eye(len(steps))
         if not np.isfinite(unit).all():
             break

@@ -43,18 +43,21 @@ class Recorded:
     around : (F, 2, 4) moments about y and z, pan and tilt of the row before, and of the row after; NaN where there is
         none.
     order : (F,) number of each frame in the recording.
-    settings : how they are weighed.
+    later : from which frame on the rig is another one, and that rig.
     """
 
     rig: Rig
     batch: Batch
     around: np.ndarray
     order: np.ndarray
+    later: tuple[int, Rig] | None = None
     friction_rad: float = EvidenceSettings.friction_rad
 
     def picked(self, rows: np.ndarray) -> Recorded:
-        """Some of the frames."""
-        return replace(self, batch=self.batch.picked(rows), around=self.around[rows], order=self.order[rows])
+        """Some of the frames, by their indices in order."""
+        later = None if self.later is None else (int(np.sum(rows < self.later[0])), self.later[1])
+        some = self.batch.picked(rows)
+        return replace(self, batch=some, around=self.around[rows], order=self.order[rows], later=later)
 
     def __len__(self) -> int:
         return len(self.order)
@@ -63,9 +66,19 @@ class Recorded:
         """With other columns of the batch."""
         return replace(self, batch=replace(self.batch, **columns))
 
-    def with_rig(self, rig: Rig) -> Recorded:
-        """With another rig."""
-        return replace(self, rig=rig)
+    def with_rig(self, rig: Rig, first: int = 0) -> Recorded:
+        """With another rig, from a frame on."""
+        return replace(self, later=(first, rig)) if first else replace(self, rig=rig)
+
+    @property
+    def parts(self) -> list[tuple[np.ndarray, Rig]]:
+        """Indices of the frames that have the same rig, and that rig."""
+        every = np.arange(len(self))
+        if self.later is None:
+            return [(every, self.rig)]
+        first, rig = self.later
+        both = (every[:first], self.rig), (every[first:], rig)
+        return [(rows, own) for rows, own in both if len(rows)]
 
     @cached_property
     def fit(self) -> Fitted:
@@ -78,16 +91,24 @@ class Fitted:
 
     def __init__(self, recorded: Recorded, settings: EvidenceSettings = EvidenceSettings()) -> None:
         self.recorded, self.settings = recorded, settings
-        self.arrays = RigArrays.from_rig(recorded.rig, recorded.friction_rad)
-        self.frames = recorded.batch.frames(self.arrays)
-        self.points = self.frames.usable.sum(axis=-1)
-        self.numbers: FitNumbers = solve(self.frames, RUNGS[-1])
+        self.numbers = FitNumbers.empty(len(recorded))
+        self.points = np.zeros(len(recorded))
+        self.parts = [(rows, RigArrays.from_rig(rig, recorded.friction_rad)) for rows, rig in recorded.parts]
+        for rows, arrays in self.parts:
+            frames = recorded.batch.picked(rows).frames(arrays)
+            self.points[rows] = frames.usable.sum(axis=-1)
+            self.numbers.put(rows, solve(frames, RUNGS[-1]))
         numbers = self.numbers
         touched = numbers.cost + self.points * np.log(np.maximum(numbers.scatter, 1.0))
         alone = touched + np.maximum(numbers.evidence, 0.0)
         lost = ~numbers.finite | np.isfinite(numbers.left_px) | ~np.isfinite(touched)
         self.touched = np.where(lost, np.inf, touched + settings.contact)
         self.alone = np.where(np.isfinite(alone) & ~lost, alone, np.inf)
+
+    @property
+    def steps(self) -> int:
+        """R, the number of the rig's axes."""
+        return self.parts[0][1].axes.shape[1]
 
     @property
     def free(self) -> np.ndarray:
@@ -103,54 +124,57 @@ class Fitted:
     def moments(self) -> tuple[np.ndarray, np.ndarray]:
         """(F,) moments about y that a sensor would read, and their standard deviations without its noise: of frames
         that were fitted without one. Infinite where the picture leaves a mirror image."""
-        weak = 1e-6
-        frames = replace(
-            self.frames, available=np.column_stack([np.full((len(self.frames), 2), weak), self.frames.available[:, 2]])
-        )
-        size, std = UNKNOWNS + self.arrays.steps, self.arrays.std[0]
-        unknowns = np.where(self.free[:, None], [0.5, 0.0, 0.0, 0.0], self.numbers.unknowns)
+        expected, own = np.full((2, len(self.recorded)), np.inf)
+        for rows, arrays in self.parts:
+            expected[rows], own[rows] = self._moments(rows, arrays)
+        return expected, own
+
+    def _moments(self, rows: np.ndarray, arrays: RigArrays) -> tuple[np.ndarray, np.ndarray]:
+        weak, free = 1e-6, self.free[rows, None]
+        frames = self.recorded.batch.picked(rows).frames(arrays)
+        tips = frames.available[:, 2]
+        frames = replace(frames, available=np.column_stack([np.full((len(rows), 2), weak), tips]))
+        size, std = UNKNOWNS + arrays.steps, arrays.std[0]
+        unknowns = np.where(free, [0.5, 0.0, 0.0, 0.0], self.numbers.unknowns[rows])
         found = linearised(frames, RUNGS[-1], unknowns)
         slopes, information = found.readings[:, 0, :size] / weak, found.information
-        fixed = np.where(self.free[:, None] & (np.arange(size) < UNKNOWNS), 1e12, 0.0)
+        fixed = np.where(free & (np.arange(size) < UNKNOWNS), 1e12, 0.0)
         information = information + fixed[:, :, None] * np.eye(size)
         sound = np.isfinite(information).all(axis=(1, 2)) & np.isfinite(slopes).all(axis=1)
         inverse = np.linalg.inv(np.where(sound[:, None, None], information, np.eye(size)))
         variance = np.einsum("bi,bij,bj->b", slopes, inverse, slopes)
-        sound &= np.isfinite(self.cost) & (self.free | ~self.numbers.ambiguous)
+        sound &= np.isfinite(self.cost[rows]) & (self.free[rows] | ~self.numbers.ambiguous[rows])
         return -std * found.residual[:, 0] / weak, np.where(sound, std * np.sqrt(np.maximum(variance, 0.0)), np.inf)
 
     def shared(self, more: np.ndarray, as_free: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """(F, S, S) information and (F, S) score of each frame about the rig's R axes and `more` (17 + P, Q) ones,
         without prior; the frame's own unknowns eliminated. as_free : (F,) which frames count as free."""
-        free = self.free if as_free is None else as_free
-        size = self.arrays.axes.shape[1]
-        axes = self.arrays.axes
-        arrays = replace(self.arrays, axes=np.ascontiguousarray(np.hstack([axes, more[: len(axes)]])))
-        count = size + more.shape[1]
+        free, count = self.free if as_free is None else as_free, self.steps + more.shape[1]
         information, score = np.zeros((len(free), count, count)), np.zeros((len(free), count))
-        frames = self.recorded.batch.frames(arrays)
-        for rows, touch in ((np.flatnonzero(free), False), (np.flatnonzero(np.logical_not(free)), True)):
-            if not len(rows):
-                continue
-            some = frames.picked(rows)
-            if touch:
-                found = linearised(some, RUNGS[-1], self.numbers.unknowns[rows])
-                whole, side = found.information.copy(), found.side.copy()
-                diagonal = np.arange(UNKNOWNS, UNKNOWNS + count)
-                whole[:, diagonal, diagonal] -= found.prior[:, diagonal]
-                own = np.r_[0:UNKNOWNS, UNKNOWNS + count : whole.shape[1]]
-                kept = diagonal
-            else:
-                alone = free_antennas(some)
-                whole, side = alone.information - np.eye(alone.information.shape[1]), alone.side
-                own, kept = np.arange(count, whole.shape[1]), np.arange(count)
-                whole[:, own, own] += 1.0
-            scale = np.maximum(self.numbers.scatter[rows], 1.0) ** -2.0
-            left, right = _eliminated(whole, side, kept, own)
-            sound = np.isfinite(left).all(axis=(1, 2)) & np.isfinite(right).all(axis=1)
-            information[rows] = np.where(sound[:, None, None], scale[:, None, None] * left, 0.0)
-            score[rows] = np.where(sound[:, None], scale[:, None] * right, 0.0)
+        for part, arrays in self.parts:
+            wide = replace(arrays, axes=np.ascontiguousarray(np.hstack([arrays.axes, more])))
+            for rows, touched in ((part[free[part]], False), (part[~free[part]], True)):
+                if len(rows):
+                    information[rows], score[rows] = self._about_rig(rows, wide, touched)
         return information, score
+
+    def _about_rig(self, rows: np.ndarray, arrays: RigArrays, touched: bool) -> tuple[np.ndarray, np.ndarray]:
+        """As `shared`, of some frames that are all free, or all touched."""
+        frames, count = self.recorded.batch.picked(rows).frames(arrays), arrays.axes.shape[1]
+        if touched:
+            found = linearised(frames, RUNGS[-1], self.numbers.unknowns[rows])
+            whole, side, kept = found.information.copy(), found.side, np.arange(UNKNOWNS, UNKNOWNS + count)
+            whole[:, kept, kept] -= found.prior[:, kept]
+        else:
+            alone = free_antennas(frames)
+            whole, side, kept = alone.information.copy(), alone.side, np.arange(count)
+            whole[:, kept, kept] -= 1.0
+        own = np.setdiff1d(np.arange(whole.shape[1]), kept)
+        scale = np.maximum(self.numbers.scatter[rows], 1.0) ** -2.0
+        left, right = _eliminated(whole, side, kept, own)
+        sound = np.isfinite(left).all(axis=(1, 2)) & np.isfinite(right).all(axis=1)
+        left = np.where(sound[:, None, None], scale[:, None, None] * left, 0.0)
+        return left, np.where(sound[:, None], scale[:, None] * right, 0.0)
 
 
 def _eliminated(
@@ -219,8 +243,8 @@ def weighed(
     more : (18 + P, Q) further axes about which information is wanted. as_free : as `Fitted.shared`. log_density : of a
     frame's readings in the reported unit over that in their own; a frame that nothing explains has none.
     """
-    settings, size = fits.settings, fits.arrays.axes.shape[1]
-    none = np.zeros((fits.arrays.axes.shape[0], 0))
+    settings, size = fits.settings, fits.steps
+    none = np.zeros((len(fits.parts[0][1].axes), 0))
     information, score = fits.shared(none if more is None else more, as_free)
     own, pull = information[:, :size, :size], score[:, :size]
     cost = fits.cost if as_free is None else np.where(as_free, fits.alone, fits.touched)
@@ -280,11 +304,20 @@ class Case:
         """All frames as the free antenna: what most of them share, however far from the rig, stands out."""
         return weighed(self.recorded.fit, self.best, self.scale, self.axes, np.ones(len(self.recorded), bool))
 
+    @property
+    def many_lost(self) -> bool:
+        """Whether nothing explains more frames than chance and a second contact do."""
+        return float(np.mean(self.lost)) > self.settings.lost
+
+    @property
+    def lost(self) -> np.ndarray:
+        """(F,) bool, frames that nothing explains."""
+        return np.asarray(self.reported.costs > 0.9 * self.settings.most)
+
     def gained(self, columns: np.ndarray, first: int = 0) -> Iterator[float]:
         """Log evidence, to first order, of a change along some of the axes from a frame on; where many frames are not
         explained, also of what most frames share."""
-        lost = float(np.mean(self.reported.costs > 0.9 * self.settings.most)) > self.settings.lost
-        for together in (self.reported, self.as_free) if lost else (self.reported,):
+        for together in (self.reported, self.as_free) if self.many_lost else (self.reported,):
             information, score = together.about_others(first)
             unit = information[np.ix_(columns, columns)] + np.eye(len(columns))
             if np.isfinite(unit).all():

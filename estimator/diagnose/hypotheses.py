@@ -12,7 +12,7 @@ import numpy as np
 from vbaa_calib.core.errors import Diagnosis, Severity
 from vbaa_calib.diagnose.decision import Explanation, Hypothesis
 
-from .changes import CHANGES, axes_of, fitted
+from .changes import CHANGES, Change, axes_of, fitted
 from .evidence import Case, Recorded
 
 
@@ -33,8 +33,8 @@ class TableSettings:
         *((-1.2, -0.9, -0.6, -0.3, 0.0, 0.3, 0.6, 0.9, 1.2), (-0.1, 0.1), (-0.03, 0.03)),
     )
     offset_rad: float = 0.02  # of a joint's zero, by which it is moved to see whether that fits better
-    fewest_after: int = 6  # frames after a change during the recording
-    lost: float = 0.05  # part of the frames that nothing explains from which other pictures are thought possible
+    fewest_after: int = 5  # frames after a change during the recording
+    hopeless: float = 0.5  # part of the frames that nothing explains from which the pictures may have another scale
     splits: int = 8  # places in a recording at which a rig may change
 
 
@@ -359,13 +359,13 @@ def _moments_explained(case: Case) -> Iterator[Explanation[Case]]:
         return
     expected, own = without.fit.moments
 
-    def cost(moments: np.ndarray, log_density: float) -> float:
+    def cost(moments: np.ndarray) -> float:
         """By the pictures' moments alone."""
         variance = std**2 + own**2
         off = np.where(np.isfinite(variance), (moments - expected) ** 2 / variance, 0.0)
-        return float(np.minimum(0.5 * off[there] - log_density, case.settings.most).sum())
+        return float(np.minimum(0.5 * off[there], case.settings.most).sum())
 
-    reported, likely = cost(read, 0.0), []
+    reported, likely = cost(read), []
     if (drifting := _drifting(recorded, read - expected, np.hypot(std, own))) is not None:
         likely.append((np.inf, *drifting))
     for row in READINGS:
@@ -373,8 +373,8 @@ def _moments_explained(case: Case) -> Iterator[Explanation[Case]]:
         if corrected is None or not _differs(corrected, recorded):
             continue
         moments = corrected.batch.readings_Nm[:, 0]
-        by_pictures = reported - cost(moments, row.log_density) if np.isfinite(moments).any() else 0.0
-        if by_pictures > 0.0 or not np.isfinite(moments).any():
+        by_pictures = reported - cost(moments) if np.isfinite(moments).any() else 0.0
+        if by_pictures >= 0.0 or not np.isfinite(moments).any():
             likely.append((by_pictures, row, corrected))
     yield from _compared(case, likely)
 
@@ -407,12 +407,13 @@ def _drifting(recorded: Recorded, off: np.ndarray, std: np.ndarray) -> tuple[Rea
 
 def _others_explained(case: Case) -> Iterator[Explanation[Case]]:
     """Joints and pictures that are not what they are reported to be: compared by few frames first."""
-    settings, lost = TableSettings(), float(np.mean(case.reported.costs > 0.9 * case.settings.most))
+    settings = TableSettings()
+    sound = case.cost < case.settings.settled * len(case.recorded)
     evidence = case.recorded.fit.numbers.evidence
     bent = np.argsort(np.where(np.isfinite(evidence), evidence, np.inf))
     few, likely = case.picked(np.sort(bent[: settings.screened])), []
     for row in READINGS:
-        corrected = None if row.of_moment or (row.of_pictures and lost < settings.lost) else row.correct(few.recorded)
+        corrected = None if row.of_moment or (row.of_pictures and sound) else row.correct(few.recorded)
         if corrected is None or not _differs(corrected, few.recorded):
             continue
         gained = few.cost - few.cost_of(corrected, row.log_density)
@@ -446,33 +447,40 @@ def _changes(case: Case) -> Iterator[Explanation[Case]]:
     settings = TableSettings()
     axes, which = axes_of(case.recorded.rig, CHANGES)
     rows = [(row, own) for row, own in zip(CHANGES, which, strict=True) if len(own)]
-    ranked = [(gained, 0, row, own) for row, own in rows for gained in case.gained(own)]
-    count = len(case.recorded)
-    splits = np.unique(np.linspace(0, count, settings.splits + 2)[1:-1].astype(int))
-    ranked += [
-        (gained - float(np.log(len(splits))), int(first), row, own)
+    splits = _splits(case)
+    fair = float(np.log(max(len(splits) - 1, 1)))
+    ranked = [
+        (gained - (fair if first else 0.0), first, row, own)
         for first in splits
         for row, own in rows
-        for gained in case.gained(own, int(first))
-        if min(first, count - first) >= 3
+        for gained in case.gained(own, first)
     ]
     ranked.sort(key=lambda each: -each[0])
-    followed: list[str] = []
+    if case.lost.mean() > settings.hopeless:
+        ranked = [*[each for each in ranked if each[2].starts][:1], *ranked]
+        ranked[0] = (np.inf, *ranked[0][1:])
+    followed: list[Change] = []
     for gained, first, row, own in ranked:
-        if gained < settings.promising or len(followed) >= settings.followed or row.name in followed:
+        if gained < settings.promising or len(followed) >= settings.followed or row in followed:
             continue
-        followed.append(row.name)
-        part = case if first == 0 else case.picked(np.arange(count) >= first)
-        found = fitted(part, row, axes[:, own])
+        followed.append(row)
+        found = fitted(case, row, axes[:, own], first)
         if found is None or abs(found.size) < row.least:
             continue
         since = f", from row {int(case.recorded.order[first])} on" if first else ""
         diagnosis = Diagnosis(row.name, found.words + since, row.remedy, row.severity)
-        odds = found.log_odds - settings.unlikely + row.log_prior
-        odds -= float(np.log(len(splits))) if first else 0.0
-        rig = found.recorded.rig
-        after = partial(replace, part, recorded=part.recorded.with_rig(rig))
-        yield Explanation(diagnosis, odds, after)
+        odds = found.log_odds - settings.unlikely + row.log_prior - (fair if first else 0.0)
+        yield Explanation(diagnosis, odds, partial(replace, case, recorded=found.recorded))
+
+
+def _splits(case: Case) -> list[int]:
+    """Frames from which on the rig may have changed: from the first on, or where frames cease to be explained."""
+    count, settings = len(case.recorded), TableSettings()
+    if not case.many_lost:
+        return [0, *np.unique(np.linspace(0, count, settings.splits + 2)[1:-1].astype(int)).tolist()]
+    excess = np.cumsum((case.reported.costs - 2.0 * case.settings.settled)[::-1])[::-1]
+    first = int(np.argmax(excess))
+    return [first] if settings.fewest_after <= first <= count - settings.fewest_after else [0]
 
 
 TABLE: tuple[Hypothesis[Case], ...] = (explanations,)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -29,7 +29,10 @@ class WatchSettings:
     fewest_points: int = 5  # of a frame that is a witness
     at_limit: int = 5  # moments that are exactly the largest or smallest of all from which on they are at a limit,
     at_limit_share: float = 0.04  # and this part of all
-    unexplained: float = 0.25  # part of the frames that nothing explains from which that is reported
+    repeated: int = 2  # rows with the picture of the row before from which on the camera stood still
+    joints_rad: float = 0.05  # range of the joints from which on they are to be tested
+    apart_s: float = 8.0  # time between frames that is more likely in another unit
+    unexplained: float = 0.2  # part of the frames that nothing explains from which that is reported
     contradicting: float = 0.5  # the same from which those that are left are not believed, either
 
 
@@ -78,7 +81,8 @@ class RecordingWatch:
         self._repeated: list[int] = []
         self._limits = (np.inf, -np.inf)
         self._at = Counter[float]()
-        self._statuses = Counter[str]()
+        self._contradicted: list[int] = []
+        self._apart_s: deque[float] = deque(maxlen=64)
 
     def push(self, measured: Measured, contact: Contact | None = None) -> None:
         """Take the next row."""
@@ -90,8 +94,10 @@ class RecordingWatch:
             self._repeated.append(self.count)
         if np.isfinite(measured.moment_Nm):
             self._count_limits(measured.moment_Nm)
-        if contact is not None:
-            self._statuses[contact.status] += 1
+        if contact is not None and contact.status == "failed" and "picture and moment contradict" in contact.reason:
+            self._contradicted.append(self.count)
+        if before is not None and measured.time_s > before.time_s:
+            self._apart_s.append(measured.time_s - before.time_s)
         if len(measured.points_px) >= self.settings.fewest_points:
             around = np.full((2, 4), np.nan)
             if before is not None:
@@ -133,12 +139,14 @@ class RecordingWatch:
         )
         kept = [*self._first, *spread]
         batch = Batch.of(self.rig, [one.measured for one in kept])
+        at_limit = np.isin(batch.readings_Nm, self.limits)
+        batch = replace(batch, readings_Nm=np.where(at_limit, np.nan, batch.readings_Nm))
         around, order = np.array([one.around for one in kept]), np.array([one.order for one in kept])
         return Recorded(self.rig.drifted(), batch, around.reshape(-1, 2, 4), order)
 
     def verdict(self) -> RecordingVerdict:
         """What is wrong, by all rows so far."""
-        found, first, rows = self._of_series()
+        found, rows, first = self._of_series(), list(self._repeated), None
         if len(self._first) + len(self._spread) >= self.settings.fewest:
             recorded = self.recorded()
             frozen = np.isin(recorded.order, self._repeated)
@@ -146,7 +154,8 @@ class RecordingWatch:
                 recorded = recorded.picked(np.flatnonzero(~frozen))
             case = Case.of(recorded, axes_of(recorded.rig, CHANGES)[0])
             causes = diagnose(case, TABLE)
-            found += causes
+            found = [*causes, *found] if not found else [*found, *causes]
+            found += _untested(case)
             if any(one.grave for one in causes):
                 first = min(_since(one) for one in causes if one.grave)
             elif (left := self._unexplained(case)) is not None:
@@ -154,32 +163,42 @@ class RecordingWatch:
                 first = 0 if left.grave else None
         return RecordingVerdict(Verdict.of(found), first, frozenset(rows))
 
-    def _of_series(self) -> tuple[list[Diagnosis], int | None, list[int]]:
-        """What the series of readings and pictures alone show."""
-        found, rows = [], list(self._repeated)
-        if self._repeated:
+    def _of_series(self) -> list[Diagnosis]:
+        """What the series of readings, times and pictures alone show."""
+        found = []
+        if len(self._repeated) >= self.settings.repeated:
             count, start = len(self._repeated), self._repeated[0]
             words = f"{count} rows, first row {start}, repeat the picture before them, while the readings go on"
             remedy = "look why the camera stood still, and leave these rows out"
             found.append(Diagnosis("camera_frozen", words, remedy, "wrong"))
-        whole = self._limits[1] > self._limits[0]
         for value, side in zip(self._limits, ("smallest", "largest"), strict=True):
-            if whole and value in self.limits:
+            if value in self.limits:
                 words = f"{self._at[value]} of {self.count} moments are exactly the {side}, {value:.4g} N·m"
                 remedy = "press less, or use a sensor or amplifier with more range"
                 words = f"{words}: the sensor is at the end of its range"
                 found.append(Diagnosis("moment_saturated", words, remedy, "wrong"))
-        return found, None, rows
+        if self._contradicted:
+            words = (
+                f"{len(self._contradicted)} rows' moments contradict their pictures, first row {self._contradicted[0]}"
+            )
+            remedy = "look for loose contacts and for rows that are exchanged"
+            found.append(Diagnosis("moment_spikes", words, remedy))
+        apart = float(np.median(self._apart_s)) if self._apart_s else 0.0
+        if apart > self.settings.apart_s:
+            words = f"the frames are {apart:.4g} s apart: their times may be in milliseconds or nanoseconds"
+            found.append(Diagnosis("time_unit", words, "give time_s in seconds"))
+        return found
 
     @property
     def limits(self) -> tuple[float, ...]:
         """Moments at which the sensor is at the end of its range."""
         enough = max(self.settings.at_limit, self.settings.at_limit_share * self.count)
-        return tuple(value for value in self._limits if self._at[value] >= enough)
+        varies = self._limits[1] > self._limits[0]
+        return tuple(value for value in self._limits if varies and self._at[value] >= enough)
 
     def _unexplained(self, case: Case) -> Diagnosis | None:
         """Frames that nothing in the table explains."""
-        lost = case.reported.costs > 0.9 * case.settings.most
+        lost = case.lost
         if not lost.mean() > self.settings.unexplained:
             return None
         silent = case.recorded.with_readings(readings_Nm=np.full_like(case.recorded.batch.readings_Nm, np.nan))
@@ -195,6 +214,26 @@ class RecordingWatch:
         return Diagnosis(
             "unexplained", words, remedy, "wrong" if lost.mean() > self.settings.contradicting else "doubt"
         )
+
+
+def _untested(case: Case) -> list[Diagnosis]:
+    """What the recording cannot show to be wrong."""
+    recorded, found = case.recorded, []
+    free = recorded.fit.free
+    tilt = np.ptp(recorded.batch.tilt_rad[free]) if free.any() else 0.0
+    if not free.any():
+        words = "no frame shows the free antenna: a rig that has changed a little goes unnoticed"
+        found.append(Diagnosis("no_free_frame", words, "begin recordings with ten frames without contact", "note"))
+    if not np.isfinite(recorded.batch.readings_Nm[:, 0]).any():
+        words = "no moment was read: forces along the line of sight, and a sensor's faults, go unnoticed"
+        found.append(Diagnosis("no_readings", words, "give moment_Nm where there is a sensor", "note"))
+    joints = np.ptp(np.stack([recorded.batch.pan_rad, recorded.batch.tilt_rad]), axis=1).max()
+    if joints > WatchSettings.joints_rad and tilt < np.radians(20.0):
+        words = f"the joint angles are untested: the free antenna is seen over {np.degrees(tilt):.0f}° of tilt"
+        found.append(
+            Diagnosis("joints_untested", words, "tilt the free antenna by 20° or more at the beginning", "note")
+        )
+    return found
 
 
 def _readings(measured: Measured) -> np.ndarray:
