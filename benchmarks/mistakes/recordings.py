@@ -14,7 +14,7 @@ from vbaa_calib.rig import Rig
 from vbaa_calib.simulate.scene.lens import normalise
 
 NAMED, DOUBTED, REPORTED, NOTHING = "N", "D", "note", "none"
-"""What must be reported: the right cause first; a doubt; the right cause, if only as a note; neither wrong nor doubt."""
+"""What must be reported: the right cause first; a doubt; the right cause, if only as a note; no alarm."""
 
 
 @dataclass(frozen=True, eq=False)
