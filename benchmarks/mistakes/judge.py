@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
+from typing import Any
 
 import numpy as np
 
 from estimator import ContactEstimator
 from estimator.table.contacts import LOCATED, Contact
-from vbaa_calib.core.errors import Diagnosis, InputError, Verdict
+from vbaa_calib.core.errors import Diagnosis, InputError, VbaaError, Verdict
 
-from .recordings import NAMED, NOTHING, REPORTED, Mistake, Recording
+from .recordings import NAMED, NOTHING, REPORTED, Data, Mistake, Recording
+from .sessions import Taken, calibrated
 
 NAMED_RIGHT, ONLY_DOUBTED, SILENT, QUIET, ALARM = "named", "doubted", "silent", "quiet", "false alarm"
 """What became of a mistake. quiet: nothing had to be reported, and nothing was."""
@@ -38,21 +41,35 @@ class Outcome:
         return 0.0 if self.severity == "wrong" else self.worst_std
 
 
-def judged(mistake: Mistake, clean: Recording, rng: np.random.Generator) -> Outcome:
+def judged(mistake: Mistake[Recording], clean: Recording, rng: np.random.Generator) -> Outcome:
     """A recording with a mistake, estimated."""
     try:
         recording = mistake.altered(clean, rng)
         contacts = list(ContactEstimator(recording.rig).run(recording.frames))
         verdict = verdict_of(recording, contacts)
     except InputError as error:
-        words = Diagnosis(
-            next(iter(mistake.right), "refused") if mistake.refused else "refused", str(error), "", "wrong"
-        )
-        return Outcome(outcome_of(mistake, Verdict.of([words])), (words.name,), "wrong")
+        return _refused(mistake, error)
     errors = errors_std(recording, contacts)
     names = tuple(one.name for one in verdict.findings)
     located = sum(one.status in LOCATED for one in contacts)
     return Outcome(outcome_of(mistake, verdict), names, verdict.severity, errors, located)
+
+
+def judged_session(mistake: Mistake[Taken], clean: Taken, rng: np.random.Generator) -> Outcome:
+    """A session with a mistake, calibrated."""
+    try:
+        verdict = calibrated(mistake.altered(clean, rng)).rig.verdict
+    except VbaaError as error:
+        return _refused(mistake, error)
+    return Outcome(outcome_of(mistake, verdict), tuple(one.name for one in verdict.findings), verdict.severity)
+
+
+def _refused(mistake: Mistake[Data], error: VbaaError) -> Outcome:
+    """What was refused in words: as good as a finding of the cause that it names."""
+    right = mistake.says and re.search(mistake.says, str(error))
+    name = min(mistake.right) if right else "refused"
+    words = Diagnosis(name, str(error), "", "wrong")
+    return Outcome(outcome_of(mistake, Verdict.of([words])), (f"refused: {error}",), "wrong")
 
 
 def verdict_of(recording: Recording, contacts: Sequence[Contact]) -> Verdict:
@@ -65,7 +82,7 @@ def verdict_of(recording: Recording, contacts: Sequence[Contact]) -> Verdict:
     return found
 
 
-def outcome_of(mistake: Mistake, verdict: Verdict) -> str:
+def outcome_of(mistake: Mistake[Data], verdict: Verdict) -> str:
     """What a verdict makes of a mistake."""
     names = [one.name for one in verdict.findings]
     loud = verdict.severity in ("wrong", "doubt")
@@ -100,5 +117,5 @@ def errors_std(recording: Recording, contacts: Sequence[Contact]) -> float:
     return worst
 
 
-CLEAN = Mistake("nothing", NOTHING, frozenset(), lambda was, rng: replace(was))
+CLEAN: Mistake[Any] = Mistake("nothing", NOTHING, frozenset(), lambda was, rng: replace(was))
 """A recording as it is."""
