@@ -9,30 +9,24 @@ import numpy as np
 import pytest
 
 from benchmarks.mistakes.judge import ALARM, NAMED_RIGHT, SILENT, Outcome
-from benchmarks.mistakes.mistakes import clean_pair, drawn
-from benchmarks.mistakes.recordings import DOUBTED, NAMED, RECORDING, Mistake
+from benchmarks.mistakes.mistakes import PICTURED, RECORDED, TABLES, TAKEN, clean_pair, drawn
+from benchmarks.mistakes.recordings import DOUBTED, NAMED, Mistake
 from benchmarks.mistakes.rigs import KINDS
-from benchmarks.mistakes.sessions import SESSION
 
 LOUD_STD = 5.0
 MOST_SILENT, FEWEST_NAMED, MOST_DOUBTED = 0.0, 0.95, 0.02
 """Shares: of mistakes without a word, of those whose cause comes first, and of clean material that is doubted."""
 
 
-def some(several: Sequence[Mistake[Any]], share: float) -> list[Mistake[Any]]:
-    """A part of the rows, always the same."""
-    rng = np.random.default_rng(51)
-    return [several[index] for index in np.sort(rng.choice(len(several), round(share * len(several)), replace=False))]
-
-
-def outcomes(several: Sequence[Mistake[Any]], draws: int = 1, rigs: int = 1) -> list[tuple[Mistake[Any], Outcome]]:
-    """Each on so many rigs, with values and noise of its own."""
-    found = []
-    for index, mistake in enumerate(several):
-        for number in range(index, index + rigs):
+def outcomes(
+    name: str, share: float = 1.0, draws: int = 1, rigs: Sequence[int] = ()
+) -> list[tuple[Mistake[Any], Outcome]]:
+    """A part of a table's rows, always the same, each on one rig or on these, with values and noise of its own."""
+    rng, several, found = np.random.default_rng(51), TABLES[name], []
+    for index in np.sort(rng.choice(len(several), round(share * len(several)), replace=False)).tolist():
+        for number in rigs or [index % len(KINDS)]:
             for draw in range(draws):
-                kind = KINDS[number % len(KINDS)]
-                found.append((mistake, drawn(mistake, kind, (7, index, number % len(KINDS), draw))))
+                found.append((several[index], drawn(name, several[index], number, (7, index, draw))))
     return found
 
 
@@ -53,12 +47,16 @@ class TestRecordings:
 
     def test_a_third_of_the_mistakes(self) -> None:
         pytest.importorskip("estimator.diagnose", reason="a recording has no verdict yet")
-        check(outcomes(some(RECORDING, 1 / 3)))
+        check(outcomes(RECORDED, 1 / 3))
+
+    def test_some_mistakes_in_pictures(self) -> None:
+        pytest.importorskip("estimator.diagnose", reason="a recording has no verdict yet")
+        check(outcomes(PICTURED, 1 / 3, rigs=[0]))
 
     @pytest.mark.slow
     def test_all_mistakes_on_all_rigs(self) -> None:
         pytest.importorskip("estimator.diagnose", reason="a recording has no verdict yet")
-        check(outcomes(RECORDING, 4, len(KINDS)))
+        check(outcomes(RECORDED, draws=4, rigs=range(len(KINDS))) + outcomes(PICTURED, rigs=range(len(KINDS))))
 
 
 class TestSessions:
@@ -66,12 +64,12 @@ class TestSessions:
 
     def test_some_mistakes(self) -> None:
         pytest.importorskip("vbaa_calib.diagnose.session", reason="a session has no table of hypotheses yet")
-        check(outcomes(some(SESSION, 1 / 6)))
+        check(outcomes(TAKEN, 1 / 6))
 
     @pytest.mark.slow
     def test_all_mistakes_on_all_rigs(self) -> None:
         pytest.importorskip("vbaa_calib.diagnose.session", reason="a session has no table of hypotheses yet")
-        check(outcomes(SESSION, 2, len(KINDS)))
+        check(outcomes(TAKEN, draws=2, rigs=range(len(KINDS))))
 
 
 class TestCleanMaterial:

@@ -13,15 +13,28 @@ from benchmarks.figures import AMBER, GREEN, RED, label, panels
 from benchmarks.harness import Findings, Options, column, table
 from vbaa_calib.core.console import progress
 
-from .judge import ALARM, CLEAN, NAMED_RIGHT, ONLY_DOUBTED, QUIET, SILENT, Outcome, judged, judged_session
+from .judge import (
+    ALARM,
+    CLEAN,
+    NAMED_RIGHT,
+    ONLY_DOUBTED,
+    QUIET,
+    SILENT,
+    Outcome,
+    judged,
+    judged_pictures,
+    judged_session,
+)
+from .pictures import PICTURES, SCENES, clean_pictures
 from .recordings import DOUBTED, NAMED, NOTHING, RECORDING, Mistake, clean_recording, motion, recorded
-from .rigs import KINDS, Kind, calibrated_rig, drawn_kind, drifted
+from .rigs import KINDS, calibrated_rig, drawn_kind, drifted
 from .sessions import SESSION, clean_session
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-RECORDED, TAKEN = "recording", "session"
+RECORDED, PICTURED, TAKEN = "recording", "pictures", "session"
+TABLES: dict[str, Sequence[Mistake[Any]]] = {RECORDED: RECORDING, PICTURED: PICTURES, TAKEN: SESSION}
 _LOUD = 5.0
 """Standard deviations beyond which a row that counts as located is wrong."""
 
@@ -54,29 +67,32 @@ class Row:
 
 def outcomes(options: Options) -> Iterator[tuple[str, Mistake[Any], str, Outcome]]:
     """Every mistake on every rig; quick: each on one of them."""
-    tables: list[tuple[str, Sequence[Mistake[Any]]]] = [(RECORDED, RECORDING), (TAKEN, SESSION)]
     tasks = [
         (name, index, mistake, number, draw)
-        for name, several in tables
+        for name, several in TABLES.items()
         for index, mistake in enumerate(several)
         for number in range(len(KINDS))
         for draw in range(options.draws)
         if not options.quick or index % len(KINDS) == number
     ]
     for name, index, mistake, number, draw in progress(tasks, "mistakes"):
-        yield name, mistake, KINDS[number].name, drawn(mistake, KINDS[number], (options.seed, index, number, draw))
+        yield name, mistake, KINDS[number].name, drawn(name, mistake, number, (options.seed, index, draw))
 
 
-def drawn(mistake: Mistake[Any], kind: Kind, seed: tuple[int, int, int, int]) -> Outcome:
-    """A mistake with a value of its own, on a recording or session of its own."""
-    rng, own = np.random.default_rng(seed), 100 * seed[0] + 10 * seed[1] + seed[3]
-    if mistake in SESSION:
-        return judged_session(mistake, clean_session(kind, own), rng)
-    return judged(mistake, clean_recording(kind, own, int(rng.choice([60, 100, 150]))), rng)
+def drawn(name: str, mistake: Mistake[Any], number: int, seed: tuple[int, int, int]) -> Outcome:
+    """A mistake of a table with a value of its own, on a recording or session of its own, on the rig of that number."""
+    rng, own = np.random.default_rng((*seed, number)), 100 * seed[0] + 10 * seed[1] + seed[2]
+    if name == TAKEN:
+        return judged_session(mistake, clean_session(KINDS[number], own), rng)
+    if name == PICTURED:
+        return judged_pictures(mistake, clean_pictures(list(SCENES)[number], seed[0]), rng)
+    return judged(mistake, clean_recording(KINDS[number], own, int(rng.choice([60, 100, 150]))), rng)
 
 
 def clean_outcomes(options: Options) -> Iterator[tuple[str, Outcome]]:
     """Sessions and recordings without a mistake, of rigs unlike ours; a quarter of the recordings has no free frame."""
+    for scene in list(SCENES)[:1] if options.quick else SCENES:
+        yield PICTURED, judged_pictures(CLEAN, clean_pictures(scene, options.seed), np.random.default_rng(0))
     for seed in progress(range(8 * options.draws if not options.quick else 4), "clean"):
         yield from clean_pair((options.seed, seed))
 
@@ -117,7 +133,7 @@ def rows_of(found: Sequence[tuple[str, Mistake[Any], str, Outcome]], clean: Sequ
     for name, mistake, rig, outcome in found:
         groups.setdefault((name, mistake.what, rig), []).append(outcome)
     rows = [row_of(name, mistakes[name, what], rig, several) for (name, what, rig), several in groups.items()]
-    for name in (TAKEN, RECORDED):
+    for name in TABLES:
         own = [outcome for each, outcome in clean if each == name]
         if own:
             rows.append(row_of(name, CLEAN, "drawn", own))
@@ -127,7 +143,7 @@ def rows_of(found: Sequence[tuple[str, Mistake[Any], str, Outcome]], clean: Sequ
 def shares(rows: Sequence[Row]) -> dict[str, dict[str, float]]:
     """By what must be reported of sessions and of recordings: how often it is, and the largest error without a word."""
     found = {}
-    for name in (RECORDED, TAKEN):
+    for name in TABLES:
         for must in dict.fromkeys(row.must for row in rows):
             own = [row for row in rows if (row.table, row.must) == (name, must)]
             if own:
@@ -141,8 +157,8 @@ def shares(rows: Sequence[Row]) -> dict[str, dict[str, float]]:
 
 def figure(rows: Sequence[Row]) -> Figure:
     """How often each mistake is named, doubted, and passed over, over all rigs."""
-    drawn, every = panels(2, 2, (5.5, 11.0))
-    for panel, name in zip(every, (RECORDED, TAKEN), strict=True):
+    drawn, every = panels(3, 3, (5.0, 10.0))
+    for panel, name in zip(every, TABLES, strict=True):
         whats = list(dict.fromkeys(row.what for row in rows if row.table == name and row.must != NOTHING))
         left = np.zeros(len(whats))
         for what, colour in (("named", GREEN), ("doubted", AMBER), ("silent", RED)):
