@@ -88,7 +88,7 @@ def _refused(mistake: Mistake[Data], error: VbaaError) -> Outcome:
     right = mistake.says and re.search(mistake.says, str(error))
     name = min(mistake.right) if right else "refused"
     words = Diagnosis(name, str(error), "", "wrong")
-    return Outcome(outcome_of(mistake, Verdict.of([words])), (f"refused: {error}",), "wrong")
+    return Outcome(outcome_of(mistake, Verdict.of([words])), (f"refused: {getattr(error, 'what', error)}",), "wrong")
 
 
 def verdict_of(rig: Rig, several: Sequence[Measured], contacts: Sequence[Contact]) -> Verdict:

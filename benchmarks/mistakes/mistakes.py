@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import argparse
+import csv
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from benchmarks.figures import AMBER, GREEN, RED, label, panels
-from benchmarks.harness import Findings, Options, column, table
+from benchmarks.harness import Findings, Options, column, markdown, replace_marked, table
 from vbaa_calib.core.console import progress
 
 from .judge import (
@@ -26,7 +29,7 @@ from .judge import (
     judged_session,
 )
 from .pictures import PICTURES, SCENES, clean_pictures
-from .recordings import DOUBTED, NAMED, NOTHING, RECORDING, Mistake, clean_recording, motion, recorded
+from .recordings import DOUBTED, NAMED, NOTHING, RECORDING, REPORTED, Mistake, clean_recording, motion, recorded
 from .rigs import KINDS, calibrated_rig, drawn_kind, drifted
 from .sessions import SESSION, clean_session
 
@@ -172,6 +175,37 @@ def figure(rows: Sequence[Row]) -> Figure:
     return drawn
 
 
+def in_markdown(rows: Sequence[Row]) -> str:
+    """The matrix for a page: shares, and the mistakes that are named every time and those that are not."""
+    head = ["", "must be", "mistakes", "named %", "doubted %", "silent %", "worst std"]
+    musts = {NAMED: "named", DOUBTED: "doubted", REPORTED: "noted", NOTHING: "passed over"}
+    lines, words = [], []
+    for name in TABLES:
+        own = [row for row in rows if row.table == name and row.what != CLEAN.what]
+        for must, said in musts.items():
+            some = [row for row in own if row.must == must]
+            if some:
+                part = (float(np.mean([getattr(row, each) for row in some])) for each in ("named", "doubted", "silent"))
+                worst = f"{max(row.worst for row in some):.0f}" if name != TAKEN else "–"
+                count = len({row.what for row in some})
+                lines.append([name, said, str(count), *(f"{100 * share:.0f}" for share in part), worst])
+        whats = {row.what: [each for each in own if each.what == row.what] for row in own if row.must != NOTHING}
+        shares_of = {what: (_mean(several, "named"), _mean(several, "silent")) for what, several in whats.items()}
+        always = [what for what, (named, _) in shares_of.items() if named == 1.0]
+        others = [f"{what} ({100 * n:.0f}, {100 * s:.0f})" for what, (n, s) in shares_of.items() if n < 1.0]
+        words += [f"**{name.capitalize()}**, named every time: {'; '.join(always) or 'nothing'}."] if always else []
+        words += [f"**{name.capitalize()}**, named and silent in %: {'; '.join(others)}."] if others else []
+    clean = [row for row in rows if row.what == CLEAN.what]
+    words += [
+        "Clean: " + ", ".join(f"{row.draws} {row.table}s, {100 * row.alarms:.0f} % doubted" for row in clean) + "."
+    ]
+    return "\n\n".join([markdown(head, lines), *words])
+
+
+def _mean(several: Sequence[Row], name: str) -> float:
+    return float(np.mean([getattr(row, name) for row in several]))
+
+
 def measure(options: Options) -> Findings:
     """Both columns of the matrix; a draw is one value of each mistake on each rig."""
     rows = rows_of(list(outcomes(options)), list(clean_outcomes(options)))
@@ -191,3 +225,23 @@ def measure(options: Options) -> Findings:
         {"rows": rows, "shares": by},
         f"{'; '.join(parts[:2])}; worst silent row {loud:.0f} std"[:100],
     )
+
+
+def rows_in(path: Path) -> list[Row]:
+    """The rows of a mistakes.csv."""
+
+    def value(name: str, text: str) -> Any:
+        if name in ("named", "doubted", "silent", "alarms", "worst"):
+            return float(text or "inf")  # infinity has no place in the file
+        return int(text) if name == "draws" else text
+
+    with path.open(newline="") as file:
+        return [Row(**{name: value(name, text) for name, text in row.items()}) for row in csv.DictReader(file)]
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description="put the matrix of mistakes.csv into a page")
+    parser.add_argument("table", type=Path)
+    parser.add_argument("page", type=Path)
+    args = parser.parse_args()
+    replace_marked(args.page, "benchmarks/mistakes/mistakes.py", in_markdown(rows_in(args.table)))

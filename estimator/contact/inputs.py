@@ -140,7 +140,7 @@ def outside(points_px: np.ndarray, image_size: tuple[int, int]) -> np.ndarray:
 
 @dataclass(frozen=True)
 class OutlierSettings:
-    """Which points of a frame are gross errors."""
+    """Which points of a frame are gross errors, and how the scatter of the others is measured."""
 
     std: float = 30.0  # distance from where a point's neighbours lie, in its standard deviations: no noise gets there
     px: float = 3.0  # the same in pixels, at least: where points are precise, a wrong shape is no gross error
@@ -152,14 +152,8 @@ class OutlierSettings:
     jump_std: float = 3.0  # of the points' standard deviations, at least: the medians are twice as exact as a point
     jump_ratio: float = 5.0  # to the frame's usual difference of such medians: a wrong shape differs everywhere
     returns: float = 0.5  # part of a stretch's distance by which the line may lie elsewhere behind it than before
-
-
-@dataclass(frozen=True)
-class ScatterSettings:
-    """How the points' own scatter is measured, and when the stated standard deviations contradict it."""
-
-    frames: int = 32  # lines, spread over a recording, that are enough: they determine the scatter to a few per cent
-    points: int = 32  # a line with fewer is left out: smoothing takes too much of it
+    scatter_frames: int = 32  # lines, spread over a recording, that determine its scatter to a few per cent
+    scatter_points: int = 32  # a line with fewer is left out: smoothing takes too much of it
     intervals: int = 8  # of the smooth curve, a cubic spline: a touched antenna's third derivative jumps
     per_interval: int = 8  # points of a line, at least, in each of them
     lonely: float = 5.0  # times as far from its neighbours as is usual, a point is not on a line with them
@@ -167,19 +161,19 @@ class ScatterSettings:
     gross_std: float = 5.0  # farther from the curve, in the line's own scatter, a point is a gross error
     lags: int = 8  # neighbours, at most, that share errors; what spans more is part of the curve
     significant: float = 2.5  # standard errors from which a correlation of neighbours counts
-    left: float = 0.25  # part of the slowest errors, at least, that the curve may not have taken
+    slow: float = 0.25  # part of the slowest errors, at least, that the curve may not have taken
     tolerated: float = 1.5  # ratio of scatter to stated standard deviations beyond which these are too small
 
 
 def point_scatter(
-    lines_px: Sequence[np.ndarray], sigma_px: Sequence[np.ndarray], settings: ScatterSettings = ScatterSettings()
+    lines_px: Sequence[np.ndarray], sigma_px: Sequence[np.ndarray], settings: OutlierSettings = OutlierSettings()
 ) -> float:
     """Scatter of centrelines' points about smooth curves, over their standard deviations; NaN where too little is seen.
 
     lines_px : (N, 2) of each frame, in any order. sigma_px : (N,) of each. Where neighbours share errors, the mean of
     many is less exact than that of as many independent ones: the factor counts that in.
     """
-    chosen = np.unique(np.linspace(0, max(len(lines_px) - 1, 0), settings.frames).astype(int))[: len(lines_px)]
+    chosen = np.unique(np.linspace(0, max(len(lines_px) - 1, 0), settings.scatter_frames).astype(int))[: len(lines_px)]
     found = [_about_curve(lines_px[row], sigma_px[row], settings) for row in chosen]
     lines = [each for each in found if each is not None]
     scatter = float(np.median([mad_std(off) for off, _ in lines])) if lines else np.nan
@@ -194,7 +188,7 @@ def point_scatter(
     own = density = total / left
     for lag in range(1, len(taken)):
         correlation = (covariances[lag] + density * taken[lag]) / own
-        if correlation < settings.significant / np.sqrt(count) or left - 2.0 * taken[lag] < settings.left:
+        if correlation < settings.significant / np.sqrt(count) or left - 2.0 * taken[lag] < settings.slow:
             break
         total, left = total + 2.0 * covariances[lag], left - 2.0 * taken[lag]
         density = total / left
@@ -203,13 +197,13 @@ def point_scatter(
 
 
 def _about_curve(
-    points_px: np.ndarray, sigma_px: np.ndarray, settings: ScatterSettings
+    points_px: np.ndarray, sigma_px: np.ndarray, settings: OutlierSettings
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """(M,) distances of a line's points from a smooth curve through them, in their standard deviations, in order; and
     the part of a slow error's covariance at each lag that the curve takes with it. None with too few points."""
     there = np.isfinite(points_px).all(axis=1)
     points, sigma = points_px[there], np.broadcast_to(sigma_px, len(points_px))[there]
-    if len(points) < settings.points:
+    if len(points) < settings.scatter_points:
         return None
     apart = cKDTree(points).query(points, k=5)[0][:, -1]
     near = apart <= settings.lonely * np.median(apart)
@@ -220,7 +214,7 @@ def _about_curve(
     weights = np.ones(len(along))
     for turn in range(settings.rounds):
         intervals = min(settings.intervals, len(along) // settings.per_interval)
-        if len(along) < settings.points or not np.ptp(along) > 0.0:
+        if len(along) < settings.scatter_points or not np.ptp(along) > 0.0:
             return None
         inner = np.quantile(along, np.linspace(0.0, 1.0, intervals + 1)[1:-1])
         knots = np.concatenate([[along[0]] * 4, inner, [along[-1]] * 4])

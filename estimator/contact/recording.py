@@ -30,7 +30,7 @@ from vbaa_calib.session import Frame, Session, Still, read_centrelines
 
 from .contacts import RoughFit
 from .estimate import STREAM, ContactEstimator
-from .inputs import ScatterSettings, outside, point_scatter
+from .inputs import OutlierSettings, outside, point_scatter
 
 _GRAVITY_STEP_M_S2 = 0.5
 """A finder is used again for frames whose gravity is so much alike: the free antenna sags by a pixel more or less."""
@@ -356,8 +356,8 @@ def measured_lines(rig: Rig, frames: Sequence[Frame], lines: Mapping[int, np.nda
 def _scatter(rig: Rig, frames: Sequence[Frame], lines: Mapping[int, np.ndarray]) -> tuple[float, float]:
     """Scatter of points without a standard deviation, px; and the factor that makes scatter of what the others state,
     1 where they are about right."""
-    settings = ScatterSettings()
-    chosen = np.unique(np.linspace(0, max(len(frames) - 1, 0), settings.frames).astype(int))[: len(frames)]
+    settings = OutlierSettings()
+    chosen = np.unique(np.linspace(0, max(len(frames) - 1, 0), settings.scatter_frames).astype(int))[: len(frames)]
     some = [lines.get(frames[row].frame, np.empty((0, 3))) for row in chosen]
     some = [each[~outside(each[:, :2], rig.camera.image_size)] for each in some]
     stated = [each for each in some if np.isfinite(each[:, 2]).all()]
