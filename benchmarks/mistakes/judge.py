@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
+from typing import Any
 
 import numpy as np
 
 from estimator import ContactEstimator
-from estimator.table.contacts import LOCATED, Contact
-from vbaa_calib.core.errors import Diagnosis, InputError, Verdict
+from estimator.contact.recording import estimate_pictures
+from estimator.table.contacts import LOCATED, Contact, Measured
+from vbaa_calib.core.errors import Diagnosis, InputError, VbaaError, Verdict
+from vbaa_calib.rig import Rig
 
-from .recordings import NAMED, NOTHING, REPORTED, Mistake, Recording
+from .pictures import Pictured
+from .recordings import NAMED, NOTHING, REPORTED, Data, Mistake, Recording, Truth
+from .sessions import Taken, calibrated
 
 NAMED_RIGHT, ONLY_DOUBTED, SILENT, QUIET, ALARM = "named", "doubted", "silent", "quiet", "false alarm"
 """What became of a mistake. quiet: nothing had to be reported, and nothing was."""
@@ -38,34 +44,64 @@ class Outcome:
         return 0.0 if self.severity == "wrong" else self.worst_std
 
 
-def judged(mistake: Mistake, clean: Recording, rng: np.random.Generator) -> Outcome:
+def judged(mistake: Mistake[Recording], clean: Recording, rng: np.random.Generator) -> Outcome:
     """A recording with a mistake, estimated."""
     try:
         recording = mistake.altered(clean, rng)
         contacts = list(ContactEstimator(recording.rig).run(recording.frames))
-        verdict = verdict_of(recording, contacts)
+        return _judged(mistake, recording, recording.frames, contacts)
     except InputError as error:
-        words = Diagnosis(
-            next(iter(mistake.right), "refused") if mistake.refused else "refused", str(error), "", "wrong"
-        )
-        return Outcome(outcome_of(mistake, Verdict.of([words])), (words.name,), "wrong")
-    errors = errors_std(recording, contacts)
+        return _refused(mistake, error)
+
+
+def judged_pictures(mistake: Mistake[Pictured], clean: Pictured, rng: np.random.Generator) -> Outcome:
+    """A recording with a mistake in its pictures, estimated."""
+    try:
+        recording = mistake.altered(clean, rng)
+        found = list(estimate_pictures(ContactEstimator(recording.rig), recording.frames))
+        return _judged(mistake, recording, [one.measured for one in found], [one.contact for one in found])
+    except InputError as error:
+        return _refused(mistake, error)
+
+
+def _judged(
+    mistake: Mistake[Data], recording: Recording | Pictured, several: Sequence[Measured], contacts: Sequence[Contact]
+) -> Outcome:
+    verdict = verdict_of(recording.rig, several, contacts)
     names = tuple(one.name for one in verdict.findings)
     located = sum(one.status in LOCATED for one in contacts)
-    return Outcome(outcome_of(mistake, verdict), names, verdict.severity, errors, located)
+    worst = errors_std(recording.truth, contacts)
+    return Outcome(outcome_of(mistake, verdict), names, verdict.severity, worst, located)
 
 
-def verdict_of(recording: Recording, contacts: Sequence[Contact]) -> Verdict:
+def judged_session(mistake: Mistake[Taken], clean: Taken, rng: np.random.Generator) -> Outcome:
+    """A session with a mistake, calibrated."""
+    try:
+        verdict = calibrated(mistake.altered(clean, rng)).rig.verdict
+    except VbaaError as error:
+        return _refused(mistake, error)
+    return Outcome(outcome_of(mistake, verdict), tuple(one.name for one in verdict.findings), verdict.severity)
+
+
+def _refused(mistake: Mistake[Data], error: VbaaError) -> Outcome:
+    """What was refused in words: as good as a finding of the cause that it names."""
+    right = mistake.says and re.search(mistake.says, str(error))
+    name = min(mistake.right) if right else "refused"
+    words = Diagnosis(name, str(error), "", "wrong")
+    return Outcome(outcome_of(mistake, Verdict.of([words])), (f"refused: {getattr(error, 'what', error)}",), "wrong")
+
+
+def verdict_of(rig: Rig, several: Sequence[Measured], contacts: Sequence[Contact]) -> Verdict:
     """What the estimator's diagnosis reports of a recording; nothing where there is none."""
     try:
-        found = import_module("estimator.diagnose").recording_verdict(recording.rig, recording.frames, contacts)
+        found = import_module("estimator.diagnose").recording_verdict(rig, several, contacts)
     except (ModuleNotFoundError, AttributeError):
         return Verdict()
     assert isinstance(found, Verdict)
     return found
 
 
-def outcome_of(mistake: Mistake, verdict: Verdict) -> str:
+def outcome_of(mistake: Mistake[Data], verdict: Verdict) -> str:
     """What a verdict makes of a mistake."""
     names = [one.name for one in verdict.findings]
     loud = verdict.severity in ("wrong", "doubt")
@@ -80,12 +116,12 @@ def outcome_of(mistake: Mistake, verdict: Verdict) -> str:
     return ONLY_DOUBTED if loud else SILENT
 
 
-def errors_std(recording: Recording, contacts: Sequence[Contact]) -> float:
+def errors_std(truth: Truth, contacts: Sequence[Contact]) -> float:
     """The largest error of a located row in its standard deviations: distance, force, place in the world.
 
     Where nothing touches, there is none to be located: that counts as infinite.
     """
-    worst, truth = 0.0, recording.truth
+    worst = 0.0
     for row, one in enumerate(contacts):
         if one.status not in LOCATED:
             continue
@@ -100,5 +136,5 @@ def errors_std(recording: Recording, contacts: Sequence[Contact]) -> float:
     return worst
 
 
-CLEAN = Mistake("nothing", NOTHING, frozenset(), lambda was, rng: replace(was))
+CLEAN: Mistake[Any] = Mistake("nothing", NOTHING, frozenset(), lambda was, rng: replace(was))
 """A recording as it is."""

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Generic, TypeVar
 
 import numpy as np
 
 from benchmarks.mistakes.rigs import LINE_PX, Bent, Calibrated, Kind, Line, World, drifted, known_rig, seen
+from estimator.contact.recording import measured_lines
 from estimator.table.contacts import Measured
 from vbaa_calib.geometry import Kinematics
 from vbaa_calib.rig import Rig
+from vbaa_calib.session import Frame
 from vbaa_calib.simulate.scene.lens import normalise
 
 NAMED, DOUBTED, REPORTED, NOTHING = "N", "D", "note", "none"
-"""What must be reported: the right cause first; a doubt; the right cause, if only as a note; neither wrong nor doubt."""
+"""What must be reported: the right cause first; a doubt; the right cause, if only as a note; no alarm."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,25 +168,26 @@ def recording_on(known: Calibrated, seed: int, frames: int = 60, free: bool = Tr
 
 # --- what goes wrong
 
+Data = TypeVar("Data")
 Altered = Callable[[Recording, np.random.Generator], Recording]
 
 
 @dataclass(frozen=True)
-class Mistake:
+class Mistake(Generic[Data]):
     """A row of the matrix.
 
     Attributes
     ----------
     what : altered, in words. must : be said. right : names of findings that name its cause.
     altered : a clean recording (or session) and a generator that draws the value, to what is recorded instead.
-    refused : whether an error of input (exit code 2) is as good as a finding.
+    says : what the sentence of an error (exit code 2) must match to be as good as such a finding.
     """
 
     what: str
     must: str
     right: frozenset[str]
-    altered: Altered
-    refused: bool = False
+    altered: Callable[[Data, np.random.Generator], Data]
+    says: str = ""
 
 
 def _readings(change: Callable[[np.ndarray, np.random.Generator, Recording], np.ndarray]) -> Altered:
@@ -382,13 +386,15 @@ def _gross(far_px: tuple[float, float]) -> Altered:
 
 
 def _sigma(factor: float | None) -> Altered:
-    """Standard deviations stated otherwise; None: absent, where the rig's stand for them."""
+    """A tracker's table with other standard deviations; None: without them. There are no tips in it."""
 
     def altered(was: Recording, rng: np.random.Generator) -> Recording:
-        def of(one: Measured) -> np.ndarray:
-            return 0 * one.sigma_px + was.rig.image.noise_px if factor is None else one.sigma_px / factor
-
-        return replace(was, frames=[replace(one, sigma_px=of(one)) for one in was.frames])
+        lines, frames = {}, []
+        for row, one in enumerate(was.frames):
+            sigma = np.nan * one.sigma_px if factor is None else one.sigma_px / factor
+            lines[row] = np.column_stack([one.points_px, sigma])
+            frames.append(Frame(None, one.pan_rad, one.tilt_rad, one.moment_Nm, row, time_s=one.time_s))
+        return replace(was, frames=list(measured_lines(was.rig, frames, lines)))
 
     return altered
 
@@ -431,8 +437,8 @@ def _unread(was: Recording, rng: np.random.Generator) -> Recording:
     return replace(was, frames=[replace(one, moment_Nm=np.nan, pan_rad=0.0, tilt_rad=0.0) for one in was.frames])
 
 
-def _row(what: str, must: str, right: str, altered: Altered, refused: bool = False) -> Mistake:
-    return Mistake(what, must, frozenset(right.split()), altered, refused)
+def _row(what: str, must: str, right: str, altered: Altered, says: str = "") -> Mistake[Recording]:
+    return Mistake(what, must, frozenset(right.split()), altered, says)
 
 
 LATE = "pictures_late clock_offset"
@@ -444,8 +450,8 @@ RECORDING = (
     _row("moment reversed", NAMED, "moment_sign", _readings(lambda m, rng, was: -m)),
     _row("moment's absolute value", NAMED, "moment_absolute", _readings(lambda m, rng, was: np.abs(m))),
     _row("moment × 0.1", NAMED, "moment_unit", _readings(lambda m, rng, was: 0.1 * m)),
-    _row("moment in mN·m", NAMED, "moment_unit", _readings(lambda m, rng, was: 1e3 * m), True),
-    _row("moment in N·cm", NAMED, "moment_unit", _readings(lambda m, rng, was: 1e2 * m), True),
+    _row("moment in mN·m", NAMED, "moment_unit", _readings(lambda m, rng, was: 1e3 * m), "N·m"),
+    _row("moment in N·cm", NAMED, "moment_unit", _readings(lambda m, rng, was: 1e2 * m), "N·m"),
     _row("moment × 10", NAMED, "moment_unit", _readings(lambda m, rng, was: 10.0 * m)),
     _row("moment about the other axis", NAMED, "moment_axis", _readings(lambda m, rng, was: was.moments_z_Nm)),
     _row("moment one row late", NAMED, "moment_late", _readings(lambda m, rng, was: _later(m))),
@@ -453,7 +459,7 @@ RECORDING = (
     _row("moment has spikes", DOUBTED, "moment_spikes", _readings(_spikes)),
     _row("pan and tilt exchanged", NAMED, "joints_exchanged", _joints(lambda q, rng: q[::-1])),
     _row("tilt's sign", NAMED, "tilt_sign", _joints(lambda q, rng: q * np.array([[1.0], [-1.0]]))),
-    _row("joints in degrees", NAMED, "joints_degrees", _joints(lambda q, rng: np.degrees(q)), True),
+    _row("joints in degrees", NAMED, "joints_degrees", _joints(lambda q, rng: np.degrees(q)), "radians"),
     _row("joints frozen", NAMED, "joints_frozen", _joints(lambda q, rng: q[:, :1] + 0.0 * q)),
     _row("joints one row late", NAMED, "joints_late", _joints(lambda q, rng: _later(q))),
     _row("tilt off by 1°", DOUBTED, "joint_offset", _joints(_off)),

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
+from scipy.interpolate import BSpline
+from scipy.spatial import cKDTree
 
 from estimator.solver.frames import Frames, frames_from_pixels
 from estimator.solver.linearised import bend
@@ -26,6 +29,7 @@ from vbaa_calib.core.arrays import (
 from vbaa_calib.core.compiled import kernel
 from vbaa_calib.core.errors import InputError, shown
 from vbaa_calib.core.polyline import beside, resample
+from vbaa_calib.core.robust import mad_std
 from vbaa_calib.detect.whisker.antenna import pixels
 from vbaa_calib.detect.whisker.crossings import too_short
 from vbaa_calib.rig import Rig
@@ -136,13 +140,98 @@ def outside(points_px: np.ndarray, image_size: tuple[int, int]) -> np.ndarray:
 
 @dataclass(frozen=True)
 class OutlierSettings:
-    """Which points of a frame are gross errors."""
+    """Which points of a frame are gross errors, and how the scatter of the others is measured."""
 
     std: float = 30.0  # distance from where a point's neighbours lie, in its standard deviations: no noise gets there
     px: float = 3.0  # the same in pixels, at least: where points are precise, a wrong shape is no gross error
     most: float = 0.2  # with this part of the points, or more, the frame shows something else
     neighbours: int = 11  # points along the antenna, itself in the middle, whose median tells where they lie
     precise: float = 0.1  # a point's standard deviation counts as this part of the frame's median, at least
+    stretch_std: float = 4.0  # a residual from which on a frame's points are searched for a stretch that lies off
+    side: int = 8  # points on each side of a jump, at most, whose medians determine it
+    jump_std: float = 3.0  # of the points' standard deviations, at least: the medians are twice as exact as a point
+    jump_ratio: float = 5.0  # to the frame's usual difference of such medians: a wrong shape differs everywhere
+    returns: float = 0.5  # part of a stretch's distance by which the line may lie elsewhere behind it than before
+    scatter_frames: int = 32  # lines, spread over a recording, that determine its scatter to a few per cent
+    scatter_points: int = 32  # a line with fewer is left out: smoothing takes too much of it
+    intervals: int = 8  # of the smooth curve, a cubic spline: a touched antenna's third derivative jumps
+    per_interval: int = 8  # points of a line, at least, in each of them
+    lonely: float = 5.0  # times as far from its neighbours as is usual, a point is not on a line with them
+    rounds: int = 6  # fits of the smooth curve, the last one without gross errors
+    gross_std: float = 5.0  # farther from the curve, in the line's own scatter, a point is a gross error
+    lags: int = 8  # neighbours, at most, that share errors; what spans more is part of the curve
+    significant: float = 2.5  # standard errors from which a correlation of neighbours counts
+    slow: float = 0.25  # part of the slowest errors, at least, that the curve may not have taken
+    tolerated: float = 1.5  # ratio of scatter to stated standard deviations beyond which these are too small
+
+
+def point_scatter(
+    lines_px: Sequence[np.ndarray], sigma_px: Sequence[np.ndarray], settings: OutlierSettings = OutlierSettings()
+) -> float:
+    """Scatter of centrelines' points about smooth curves, over their standard deviations; NaN where too little is seen.
+
+    lines_px : (N, 2) of each frame, in any order. sigma_px : (N,) of each. Where neighbours share errors, the mean of
+    many is less exact than that of as many independent ones: the factor counts that in.
+    """
+    chosen = np.unique(np.linspace(0, max(len(lines_px) - 1, 0), settings.scatter_frames).astype(int))[: len(lines_px)]
+    found = [_about_curve(lines_px[row], sigma_px[row], settings) for row in chosen]
+    lines = [each for each in found if each is not None]
+    scatter = float(np.median([mad_std(off) for off, _ in lines])) if lines else np.nan
+    if not scatter > 0.0:
+        return scatter
+    # each in its own scatter, and none of it large: no gross error counts
+    even = [np.clip(off / max(mad_std(off), 1e-9), -3.0, 3.0) for off, _ in lines]
+    count, taken = sum(map(len, even)), np.mean([own for _, own in lines], axis=0)
+    covariances = [sum(float(off[lag:] @ off[: len(off) - lag]) for off in even) / count for lag in range(len(taken))]
+    # the curve takes the slowest errors with it: of each covariance the part `taken` of their density
+    total, left = covariances[0], 1.0 - taken[0]
+    own = density = total / left
+    for lag in range(1, len(taken)):
+        correlation = (covariances[lag] + density * taken[lag]) / own
+        if correlation < settings.significant / np.sqrt(count) or left - 2.0 * taken[lag] < settings.slow:
+            break
+        total, left = total + 2.0 * covariances[lag], left - 2.0 * taken[lag]
+        density = total / left
+        own = covariances[0] + density * taken[0]
+    return scatter * float(np.sqrt(density / covariances[0]))
+
+
+def _about_curve(
+    points_px: np.ndarray, sigma_px: np.ndarray, settings: OutlierSettings
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """(M,) distances of a line's points from a smooth curve through them, in their standard deviations, in order; and
+    the part of a slow error's covariance at each lag that the curve takes with it. None with too few points."""
+    there = np.isfinite(points_px).all(axis=1)
+    points, sigma = points_px[there], np.broadcast_to(sigma_px, len(points_px))[there]
+    if len(points) < settings.scatter_points:
+        return None
+    apart = cKDTree(points).query(points, k=5)[0][:, -1]
+    near = apart <= settings.lonely * np.median(apart)
+    centred = points - points[near].mean(axis=0)
+    along, across = np.linalg.svd(centred[near], full_matrices=False)[2] @ centred[near].T
+    order = np.argsort(along, kind="stable")
+    along, across, sigma = along[order], across[order], sigma[near][order]
+    weights = np.ones(len(along))
+    for turn in range(settings.rounds):
+        intervals = min(settings.intervals, len(along) // settings.per_interval)
+        if len(along) < settings.scatter_points or not np.ptp(along) > 0.0:
+            return None
+        inner = np.quantile(along, np.linspace(0.0, 1.0, intervals + 1)[1:-1])
+        knots = np.concatenate([[along[0]] * 4, inner, [along[-1]] * 4])
+        design = BSpline.design_matrix(along, knots, 3).toarray()
+        basis, triangle = np.linalg.qr(design * (weights / sigma)[:, None])
+        values = np.linalg.lstsq(triangle, basis.T @ (across * weights / sigma), rcond=None)[0]
+        off = (across - design @ values) / sigma / np.hypot(1.0, BSpline(knots, values, 3)(along, 1))
+        scatter = max(mad_std(off), 1e-9)
+        if turn < settings.rounds - 2:
+            # what lies far off counts less and less
+            weights = 1.0 / np.hypot(1.0, off / scatter)
+        elif turn < settings.rounds - 1:
+            left = np.abs(off) <= settings.gross_std * scatter
+            along, across, sigma, weights = along[left], across[left], sigma[left], np.ones(left.sum())
+    lags = range(settings.lags + 1)
+    taken = np.array([np.einsum("nk,nk->", basis[lag:], basis[: len(basis) - lag]) for lag in lags]) / len(off)
+    return off, taken
 
 
 def without_outliers(
@@ -150,39 +239,91 @@ def without_outliers(
 ) -> Frames:
     """Fit frames with gross errors among their points again without these, if one contact explains the rest. As used.
 
-    Where little is seen of the antenna, one point far from there turns it, for all that its weight is small.
+    Where little is seen of the antenna, one point far from there turns it, for all that its weight is small; and so do
+    many that lie off to the same side.
     """
-    usable = frames.usable
-    for row in np.flatnonzero(fitted.farthest > OutlierSettings.std):
-        one = frames.picked(np.array([row]))
-        nodes_m = bend(one, rung, fitted.unknowns[row][None, None]).points_m[0]
-        left = one.usable * ~_outliers(frames.rig_arrays.rig, nodes_m, batch.points_px[row], batch.sigma_px[row])
-        count = int(one.usable.sum() - left.sum())
-        if not 0 < count < OutlierSettings.most * one.usable.sum():
-            continue
-        again = solved(replace(one, usable=left))
-        again.outliers[:] = count
-        if again.evidence[0] < CONTACT_EVIDENCE or not unexplained(again)[0]:
-            fitted.put(np.array([row]), again)
-            usable = usable.copy() if usable is frames.usable else usable
-            usable[row] = left
+    usable, settings = frames.usable, OutlierSettings()
+    # many together only relative to a fit that no single one has turned, nor the worst of them
+    for least_std, which in ((settings.std, _alone), *[(settings.stretch_std, _stretch)] * 2):
+        for row in np.flatnonzero(fitted.farthest > least_std):
+            one = replace(frames.picked(np.array([row])), usable=usable[[row]])
+            nodes_m = bend(one, rung, fitted.unknowns[row][None, None]).points_m[0]
+            points_px = np.where(one.usable[0][:, None], batch.points_px[row], np.nan)
+            left = one.usable * ~_outliers(frames.rig_arrays.rig, nodes_m, points_px, batch.sigma_px[row], which)
+            count = int(frames.usable[row].sum() - left.sum())
+            if not one.usable.sum() > left.sum() or count >= settings.most * frames.usable[row].sum():
+                continue
+            again = solved(replace(one, usable=left))
+            again.outliers[:] = count
+            if again.evidence[0] < CONTACT_EVIDENCE or not unexplained(again)[0]:
+                fitted.put(np.array([row]), again)
+                usable = usable.copy() if usable is frames.usable else usable
+                usable[row] = left
     return frames if usable is frames.usable else replace(frames, usable=usable)
 
 
-def _outliers(rig: Rig, nodes_m: np.ndarray, points_px: np.ndarray, sigma_px: np.ndarray) -> np.ndarray:
-    """(N,) bool: points (N, 2) of standard deviations (N,) that lie far from where their neighbours do, relative to an
-    antenna's nodes (M, 3), antenna frame. Several that lie off together are no outliers, but a shape."""
-    found, several = np.zeros(len(points_px), bool), OutlierSettings.neighbours
+def _outliers(
+    rig: Rig,
+    nodes_m: np.ndarray,
+    points_px: np.ndarray,
+    sigma_px: np.ndarray,
+    which: Callable[[np.ndarray, np.ndarray], np.ndarray],
+) -> np.ndarray:
+    """(N,) bool: points (N, 2) of standard deviations (N,) that are gross errors by how far they lie across an
+    antenna's nodes (M, 3), antenna frame, in order along it."""
+    found = np.zeros(len(points_px), bool)
     path = pixels(rig.camera, rig.T_antenna_camera.inverse(), nodes_m)
     there = np.flatnonzero(np.isfinite(points_px).all(axis=1))
-    if too_short(path) or len(there) < several:
+    if too_short(path) or len(there) < OutlierSettings.neighbours:
         return found
     nearest, across = beside(resample(path, 1.0)[0], points_px[there])
     order = np.argsort(nearest, kind="stable")
-    around = sliding_window_view(np.pad(across[order], several // 2, mode="reflect"), several)
-    off = np.abs(across[order] - np.median(around, axis=1))
-    found[there[order]] = off > np.maximum(OutlierSettings.std * sigma_px[there[order]], OutlierSettings.px)
+    found[there[order]] = which(across[order], sigma_px[there[order]])
     return found
+
+
+def _alone(across_px: np.ndarray, sigma_px: np.ndarray) -> np.ndarray:
+    """(N,) bool: points that lie far from where their neighbours do. Several that lie off together are a shape."""
+    off = np.abs(across_px - _medians(across_px))
+    return np.asarray(off > np.maximum(OutlierSettings.std * sigma_px, OutlierSettings.px))
+
+
+def _medians(values: np.ndarray) -> np.ndarray:
+    """(N,) median of each of values (N,) and its neighbours in order."""
+    several = OutlierSettings.neighbours
+    around = sliding_window_view(np.pad(values, several // 2, mode="reflect"), several)
+    return np.asarray(np.median(around, axis=1))
+
+
+def _stretch(across_px: np.ndarray, sigma_px: np.ndarray) -> np.ndarray:
+    """(N,) bool: points that lie off to one side together, where the line jumps there and back, or near its end."""
+    settings, count = OutlierSettings(), len(across_px)
+    off, side = np.zeros(count, bool), min(settings.side, max(count // 12, 4))
+    if count < 4 * side:
+        return off
+    medians = np.median(sliding_window_view(across_px, side), axis=1)
+    jumps = medians[side:] - medians[:-side]  # at points side, side + 1, …
+    size = np.abs(jumps)
+    least = max(settings.jump_std * float(np.median(sigma_px)), settings.jump_ratio * float(np.median(size)))
+    ends = {0, count}
+    for one_way in (jumps, -jumps):
+        highest = sliding_window_view(np.pad(one_way, side, constant_values=-np.inf), 2 * side + 1).max(axis=1)
+        ends |= set((np.flatnonzero((one_way >= least) & (one_way == highest)) + side).tolist())
+    # what is off in the middle of a line decides whether it is the middle that is, or an end
+    spans = sorted(combinations(sorted(ends), 2), key=lambda span: (span[0] == 0) + (span[1] == count))
+    for begin, end in spans:
+        near = slice(max(begin - side, 0), end + side)
+        middle = begin > 0 and end < count
+        most = settings.most * count if middle else 0.5 * (settings.most * count + side)
+        if end - begin >= most or off[near].any():
+            continue
+        level = float(np.median(across_px[begin:end]))
+        outside = [float(medians[at]) for at in (begin - side, end) if 0 <= at < len(medians)]
+        around = float(np.mean(outside))
+        if abs(level - around) < least or np.ptp(outside) > settings.returns * abs(level - around):
+            continue
+        off[near] = np.abs(across_px[near] - level) < np.abs(across_px[near] - around)
+    return off
 
 
 def _end(tip_px: np.ndarray) -> np.ndarray:

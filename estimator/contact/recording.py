@@ -30,7 +30,7 @@ from vbaa_calib.session import Frame, Session, Still, read_centrelines
 
 from .contacts import RoughFit
 from .estimate import STREAM, ContactEstimator
-from .inputs import outside
+from .inputs import OutlierSettings, outside, point_scatter
 
 _GRAVITY_STEP_M_S2 = 0.5
 """A finder is used again for frames whose gravity is so much alike: the free antenna sags by a pixel more or less."""
@@ -324,7 +324,7 @@ def measured_recording(
     """What every frame of a session's recording offers to a fit, in order, as `estimate_source` takes it."""
     if frames[0].image is None:
         lines = read_centrelines(session).checked(frames, "recording.csv")
-        return (measured_points(estimator.rig, frame, lines) for frame in frames)
+        return measured_lines(estimator.rig, frames, lines)
     return (each.measured for each in detected(estimator, frames, ground))
 
 
@@ -338,19 +338,40 @@ def estimate_picture(estimator: ContactEstimator, frame: Frame, ground: Ground |
     return next(estimate_pictures(estimator, [frame], ground))
 
 
-def measured_points(rig: Rig, frame: Frame, lines: Mapping[int, np.ndarray]) -> Measured:
-    """What a frame offers whose pixels are extracted already, by frame (N, 3): u_px, v_px, sigma_px or NaN."""
-    every = lines.get(frame.frame, np.empty((0, 3)))
-    points = every[~outside(every[:, :2], rig.camera.image_size)]
-    sigma = np.where(np.isfinite(points[:, 2]), points[:, 2], rig.image.noise_px)
-    return _measured(frame, points[:, :2], sigma, outside_points=len(every) - len(points))
+def measured_lines(rig: Rig, frames: Sequence[Frame], lines: Mapping[int, np.ndarray]) -> Iterator[Measured]:
+    """What every frame offers whose pixels are extracted already, by frame (N, 3): u_px, v_px, sigma_px or NaN.
+
+    Standard deviations that are absent are the points' own scatter, or the rig's pictures' where too little is seen;
+    those that are far smaller than it are widened to it.
+    """
+    absent_px, factor = _scatter(rig, frames, lines)
+    for frame in frames:
+        every = lines.get(frame.frame, np.empty((0, 3)))
+        points = every[~outside(every[:, :2], rig.camera.image_size)]
+        sigma = np.where(np.isfinite(points[:, 2]), factor * points[:, 2], absent_px)
+        left_out = len(every) - len(points)
+        yield _measured(frame, points[:, :2], sigma, outside_points=left_out, sigma_factor=factor)
+
+
+def _scatter(rig: Rig, frames: Sequence[Frame], lines: Mapping[int, np.ndarray]) -> tuple[float, float]:
+    """Scatter of points without a standard deviation, px; and the factor that makes scatter of what the others state,
+    1 where they are about right."""
+    settings = OutlierSettings()
+    chosen = np.unique(np.linspace(0, max(len(frames) - 1, 0), settings.scatter_frames).astype(int))[: len(frames)]
+    some = [lines.get(frames[row].frame, np.empty((0, 3))) for row in chosen]
+    some = [each[~outside(each[:, :2], rig.camera.image_size)] for each in some]
+    stated = [each for each in some if np.isfinite(each[:, 2]).all()]
+    absent = [each for each in some if not np.isfinite(each[:, 2]).any()]
+    own_px = point_scatter([each[:, :2] for each in absent], [np.ones(len(each)) for each in absent])
+    factor = point_scatter([each[:, :2] for each in stated], [each[:, 2] for each in stated])
+    return own_px if own_px > 0.0 else rig.image.noise_px, factor if factor > settings.tolerated else 1.0
 
 
 def estimate_centrelines(
     estimator: ContactEstimator, frames: Sequence[Frame], lines: Mapping[int, np.ndarray]
 ) -> Iterator[FrameContact]:
-    """Every frame from extracted pixels (see `measured_points`), in order, as many at a time as the estimator takes."""
+    """Every frame from extracted pixels (see `measured_lines`), in order, as many at a time as the estimator takes."""
     # a tee holds no more than what the estimator has taken in and not yet given back
-    given, kept = tee(measured_points(estimator.rig, frame, lines) for frame in frames)
+    given, kept = tee(measured_lines(estimator.rig, frames, lines))
     for frame, seen, contact in zip(frames, kept, estimator.run(given), strict=True):
         yield FrameContact(frame, contact, seen)

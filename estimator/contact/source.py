@@ -141,10 +141,10 @@ class Source:
         if self.stream is not None:
             return some_stills(self.stream.taken(), folder)
         assert self.session is not None
-        return [*self.frames, *free_stills(self.session, rig)]
+        return [*self.frames, *_free_stills(self.session, rig)]
 
 
-def recording_files(path: Path) -> list[Path]:
+def _recording_files(path: Path) -> list[Path]:
     """The files that a recording is made of, beside its pictures. Raises InputError for what holds none."""
     if is_stream(path):
         table = path.with_suffix(".csv")
@@ -218,7 +218,7 @@ def inputs_digest(path: Path) -> str:
 
     Raises InputError where a file is missing or cannot be read.
     """
-    files = recording_files(path)
+    files = _recording_files(path)
     if is_stream(path):
         # bags and videos are too large to be read twice
         stats = [(file.name, file.stat()) for file in files]
@@ -232,7 +232,7 @@ def inputs_digest(path: Path) -> str:
     return hashlib.sha256(json.dumps(said).encode()).hexdigest()
 
 
-def free_stills(session: Session, rig: Rig) -> list[Still]:
+def _free_stills(session: Session, rig: Rig) -> list[Still]:
     """The pictures of the free antenna, where this session has some of this camera."""
     try:
         stills = list(read_noload(session))

@@ -298,6 +298,7 @@ class Measured:
     moment_errors_Nm : (2,) deviations of the moments beside the sensors' noise.
     joint_errors_rad : (2,) deviations of pan and tilt.
     outside_points : number of points that were left out because they lie outside the picture.
+    sigma_factor : by which `sigma_px` was widened, as the recording's points scatter more than was stated.
     """
 
     points_px: np.ndarray
@@ -312,6 +313,7 @@ class Measured:
     moment_errors_Nm: np.ndarray = field(default_factory=lambda: np.zeros(2))
     joint_errors_rad: np.ndarray = field(default_factory=lambda: np.zeros(2))
     outside_points: int = 0
+    sigma_factor: float = 1.0
 
     def __post_init__(self) -> None:
         """Raises InputError for what is no number, or in another unit."""

@@ -113,6 +113,28 @@ def test_a_free_antenna_with_a_gross_point_stays_free() -> None:
         assert ContactEstimator(RIG).measure(measured(seen, wrong)).status == "no_contact"
 
 
+@pytest.mark.parametrize("off_px", [0.6, 8.0, 30.0])
+def test_a_stretch_that_lies_off_moves_no_contact(off_px: float) -> None:
+    """A tenth of the points, to one side: less than a standard deviation, wherever they are; the free antenna stays
+    free."""
+    estimator, rng = ContactEstimator(RIG), np.random.default_rng(9)
+    for tip_m, roll in ((0.01, -2.0), (0.01, 0.4), (0.006, 1.5), (0.0, 0.0)):
+        seen = frame(contact=0.6, roll=roll, tip_m=tip_m)
+        line, count = seen.points_px, len(seen.points_px) // 10
+        sound = estimator.measure(measured(seen, line))
+        along = np.gradient(line, axis=0)
+        across = np.column_stack([-along[:, 1], along[:, 0]]) / np.linalg.norm(along, axis=1, keepdims=True)
+        for _ in range(4):
+            wrong, begin = line.copy(), int(rng.integers(0, len(line) - count))
+            stretch = slice(begin, begin + count)
+            wrong[stretch] += rng.choice([-1.0, 1.0]) * off_px * across[stretch]
+            contact = estimator.measure(measured(seen, wrong))
+            assert contact.status == sound.status, contact.reason
+            if sound.status == "ok":
+                assert abs(contact.distance_m - sound.distance_m) < sound.distance_std_m
+                assert (np.abs(contact.force_N - sound.force_N) < sound.force_std_N).all()
+
+
 def spoilt(root: Path, change: Callable[[int, float, float], tuple[float, float]]) -> Path:
     """A session whose points were changed: `change` of each row's index, u and v gives u and v."""
     path = root / "recording" / "centrelines.csv"

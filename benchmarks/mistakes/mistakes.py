@@ -1,0 +1,247 @@
+"""`vbaa bench mistakes`: what people and hardware get wrong in sessions and recordings, and what is reported."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from benchmarks.figures import AMBER, GREEN, RED, label, panels
+from benchmarks.harness import Findings, Options, column, markdown, replace_marked, table
+from vbaa_calib.core.console import progress
+
+from .judge import (
+    ALARM,
+    CLEAN,
+    NAMED_RIGHT,
+    ONLY_DOUBTED,
+    QUIET,
+    SILENT,
+    Outcome,
+    judged,
+    judged_pictures,
+    judged_session,
+)
+from .pictures import PICTURES, SCENES, clean_pictures
+from .recordings import DOUBTED, NAMED, NOTHING, RECORDING, REPORTED, Mistake, clean_recording, motion, recorded
+from .rigs import KINDS, calibrated_rig, drawn_kind, drifted
+from .sessions import SESSION, clean_session
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+RECORDED, PICTURED, TAKEN = "recording", "pictures", "session"
+TABLES: dict[str, Sequence[Mistake[Any]]] = {RECORDED: RECORDING, PICTURED: PICTURES, TAKEN: SESSION}
+_LOUD = 5.0
+"""Standard deviations beyond which a row that counts as located is wrong."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One mistake on one rig.
+
+    Attributes
+    ----------
+    table : recording or session. must : be reported: N the right cause first, D a doubt, note the right cause if only
+        as a note, none nothing.
+    named, doubted, silent, alarms : how often the right cause came first; another finding; nothing; a false one.
+    worst : largest error of a located row in its stated standard deviations, where no `wrong` warns of it; infinite
+        where nothing touches. found : names of the first findings, the commonest first.
+    """
+
+    table: str = column("of")
+    what: str = column("mistake")
+    must: str = column("must")
+    rig: str = column("rig")
+    draws: int = column("draws", "d")
+    named: float = column("named %", ".0f", 100.0)
+    doubted: float = column("doubted %", ".0f", 100.0)
+    silent: float = column("silent %", ".0f", 100.0)
+    alarms: float = column("alarms %", ".0f", 100.0)
+    worst: float = column("worst", ".1f")
+    found: str = column()
+
+
+def outcomes(options: Options) -> Iterator[tuple[str, Mistake[Any], str, Outcome]]:
+    """Every mistake on every rig; quick: each on one of them."""
+    tasks = [
+        (name, index, mistake, number, draw)
+        for name, several in TABLES.items()
+        for index, mistake in enumerate(several)
+        for number in range(len(KINDS))
+        for draw in range(options.draws)
+        if not options.quick or index % len(KINDS) == number
+    ]
+    for name, index, mistake, number, draw in progress(tasks, "mistakes"):
+        yield name, mistake, KINDS[number].name, drawn(name, mistake, number, (options.seed, index, draw))
+
+
+def drawn(name: str, mistake: Mistake[Any], number: int, seed: tuple[int, int, int]) -> Outcome:
+    """A mistake of a table with a value of its own, on a recording or session of its own, on the rig of that number."""
+    rng, own = np.random.default_rng((*seed, number)), 100 * seed[0] + 10 * seed[1] + seed[2]
+    if name == TAKEN:
+        return judged_session(mistake, clean_session(KINDS[number], own), rng)
+    if name == PICTURED:
+        return judged_pictures(mistake, clean_pictures(list(SCENES)[number], seed[0]), rng)
+    return judged(mistake, clean_recording(KINDS[number], own, int(rng.choice([60, 100, 150]))), rng)
+
+
+def clean_outcomes(options: Options) -> Iterator[tuple[str, Outcome]]:
+    """Sessions and recordings without a mistake, of rigs unlike ours; a quarter of the recordings has no free frame."""
+    for scene in list(SCENES)[:1] if options.quick else SCENES:
+        yield PICTURED, judged_pictures(CLEAN, clean_pictures(scene, options.seed), np.random.default_rng(0))
+    for seed in progress(range(8 * options.draws if not options.quick else 4), "clean"):
+        yield from clean_pair((options.seed, seed))
+
+
+def clean_pair(seed: tuple[int, int]) -> tuple[tuple[str, Outcome], tuple[str, Outcome]]:
+    """A session and a recording of a rig that is drawn, without a mistake."""
+    rng = np.random.default_rng((56, *seed))
+    kind, own = drawn_kind(rng), 1000 * seed[0] + seed[1]
+    frames = int(rng.choice([60, 100, 200]))
+    known = calibrated_rig(kind, own)
+    done = motion(kind, frames, rng, free=bool(rng.uniform() < 0.75))
+    recording = recorded(known.rig, [drifted(known.world, rng)] * frames, done, own)
+    return (
+        (TAKEN, judged_session(CLEAN, clean_session(kind, own), rng)),
+        (RECORDED, judged(CLEAN, recording, rng)),
+    )
+
+
+def row_of(name: str, mistake: Mistake[Any], rig: str, several: Sequence[Outcome]) -> Row:
+    """What became of one mistake on one rig."""
+    share = {what: float(np.mean([one.what == what for one in several])) for what in _WHAT}
+    first = Counter(one.findings[0] if one.findings else "–" for one in several)
+    return Row(
+        *(name, mistake.what, mistake.must, rig, len(several)),
+        *(share[NAMED_RIGHT], share[ONLY_DOUBTED], share[SILENT], share[ALARM]),
+        worst=max(one.silent_std for one in several),
+        found="; ".join(f"{each[:60]}" for each, _ in first.most_common(3)),
+    )
+
+
+_WHAT = (NAMED_RIGHT, ONLY_DOUBTED, SILENT, ALARM, QUIET)
+
+
+def rows_of(found: Sequence[tuple[str, Mistake[Any], str, Outcome]], clean: Sequence[tuple[str, Outcome]]) -> list[Row]:
+    """All mistakes, each on each rig, and at the end what is clean."""
+    groups: dict[tuple[str, str, str], list[Outcome]] = {}
+    mistakes = {(name, mistake.what): mistake for name, mistake, _, _ in found}
+    for name, mistake, rig, outcome in found:
+        groups.setdefault((name, mistake.what, rig), []).append(outcome)
+    rows = [row_of(name, mistakes[name, what], rig, several) for (name, what, rig), several in groups.items()]
+    for name in TABLES:
+        own = [outcome for each, outcome in clean if each == name]
+        if own:
+            rows.append(row_of(name, CLEAN, "drawn", own))
+    return rows
+
+
+def shares(rows: Sequence[Row]) -> dict[str, dict[str, float]]:
+    """By what must be reported of sessions and of recordings: how often it is, and the largest error without a word."""
+    found = {}
+    for name in TABLES:
+        for must in dict.fromkeys(row.must for row in rows):
+            own = [row for row in rows if (row.table, row.must) == (name, must)]
+            if own:
+                weights = np.array([row.draws for row in own], float)
+                found[f"{name} {must}"] = {
+                    each: float(np.average([getattr(row, each) for row in own], weights=weights))
+                    for each in ("named", "doubted", "silent", "alarms")
+                } | {"worst": max(row.worst for row in own)}
+    return found
+
+
+def figure(rows: Sequence[Row]) -> Figure:
+    """How often each mistake is named, doubted, and passed over, over all rigs."""
+    drawn, every = panels(3, 3, (5.0, 10.0))
+    for panel, name in zip(every, TABLES, strict=True):
+        whats = list(dict.fromkeys(row.what for row in rows if row.table == name and row.must != NOTHING))
+        left = np.zeros(len(whats))
+        for what, colour in (("named", GREEN), ("doubted", AMBER), ("silent", RED)):
+            part = [np.mean([getattr(row, what) for row in rows if (row.table, row.what) == (name, w)]) for w in whats]
+            panel.barh(range(len(whats)), 100.0 * np.array(part), left=100.0 * left, color=colour, label=what)
+            left = left + np.array(part)
+        panel.set_yticks(range(len(whats)), whats, fontsize=7)
+        panel.invert_yaxis()
+        label(panel, name, "%")
+    drawn.legend(*every[0].get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=8)
+    return drawn
+
+
+def in_markdown(rows: Sequence[Row]) -> str:
+    """The matrix for a page: shares, and the mistakes that are named every time and those that are not."""
+    head = ["", "must be", "mistakes", "named %", "doubted %", "silent %", "worst std"]
+    musts = {NAMED: "named", DOUBTED: "doubted", REPORTED: "noted", NOTHING: "passed over"}
+    lines, words = [], []
+    for name in TABLES:
+        own = [row for row in rows if row.table == name and row.what != CLEAN.what]
+        for must, said in musts.items():
+            some = [row for row in own if row.must == must]
+            if some:
+                part = (float(np.mean([getattr(row, each) for row in some])) for each in ("named", "doubted", "silent"))
+                worst = f"{max(row.worst for row in some):.0f}" if name != TAKEN else "–"
+                count = len({row.what for row in some})
+                lines.append([name, said, str(count), *(f"{100 * share:.0f}" for share in part), worst])
+        whats = {row.what: [each for each in own if each.what == row.what] for row in own if row.must != NOTHING}
+        shares_of = {what: (_mean(several, "named"), _mean(several, "silent")) for what, several in whats.items()}
+        always = [what for what, (named, _) in shares_of.items() if named == 1.0]
+        others = [f"{what} ({100 * n:.0f}, {100 * s:.0f})" for what, (n, s) in shares_of.items() if n < 1.0]
+        words += [f"**{name.capitalize()}**, named every time: {'; '.join(always) or 'nothing'}."] if always else []
+        words += [f"**{name.capitalize()}**, named and silent in %: {'; '.join(others)}."] if others else []
+    clean = [row for row in rows if row.what == CLEAN.what]
+    words += [
+        "Clean: " + ", ".join(f"{row.draws} {row.table}s, {100 * row.alarms:.0f} % doubted" for row in clean) + "."
+    ]
+    return "\n\n".join([markdown(head, lines), *words])
+
+
+def _mean(several: Sequence[Row], name: str) -> float:
+    return float(np.mean([getattr(row, name) for row in several]))
+
+
+def measure(options: Options) -> Findings:
+    """Both columns of the matrix; a draw is one value of each mistake on each rig."""
+    rows = rows_of(list(outcomes(options)), list(clean_outcomes(options)))
+    by = shares(rows)
+    wrong = {name: each for name, each in by.items() if name.endswith((NAMED, DOUBTED))}
+    loud = max((each["worst"] for each in wrong.values()), default=0.0)
+    parts = [
+        f"{name}: named {100 * each['named']:.0f} %, silent {100 * each['silent']:.0f} %" for name, each in by.items()
+    ]
+    title = (
+        "named: the right cause comes first; worst: error of a located row, in standard deviations, without a `wrong`"
+    )
+    return Findings(
+        "\n".join([table(rows, title, once=3), *parts]),
+        {"mistakes.csv": rows},
+        {"mistakes.png": lambda: figure(rows)},
+        {"rows": rows, "shares": by},
+        f"{'; '.join(parts[:2])}; worst silent row {loud:.0f} std"[:100],
+    )
+
+
+def rows_in(path: Path) -> list[Row]:
+    """The rows of a mistakes.csv."""
+
+    def value(name: str, text: str) -> Any:
+        if name in ("named", "doubted", "silent", "alarms", "worst"):
+            return float(text or "inf")  # infinity has no place in the file
+        return int(text) if name == "draws" else text
+
+    with path.open(newline="") as file:
+        return [Row(**{name: value(name, text) for name, text in row.items()}) for row in csv.DictReader(file)]
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description="put the matrix of mistakes.csv into a page")
+    parser.add_argument("table", type=Path)
+    parser.add_argument("page", type=Path)
+    args = parser.parse_args()
+    replace_marked(args.page, "benchmarks/mistakes/mistakes.py", in_markdown(rows_in(args.table)))

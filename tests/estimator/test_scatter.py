@@ -1,0 +1,82 @@
+"""Standard deviations of a tracker's points: measured where they are absent, widened where they are far too small."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks.mistakes.recordings import Recording, motion, recorded
+from benchmarks.mistakes.rigs import KINDS, Kind, known_rig
+from estimator import ContactEstimator
+from estimator.contact.inputs import point_scatter
+from estimator.contact.recording import measured_lines
+from estimator.table.contacts import Measured
+from vbaa_calib.session import Frame
+
+
+def recording(kind: Kind, seed: int, **changes: float) -> Recording:
+    """A recording of a calibrated rig whose tracker has other errors than the calibration's pictures."""
+    known, rng = known_rig(kind, 0), np.random.default_rng(seed)
+    world = replace(known.world, kind=replace(kind, **changes))  # type: ignore[arg-type]
+    return recorded(known.rig, [world] * 40, motion(kind, 40, rng), seed)
+
+
+def scatter(several: list[Measured], stated: float = 1.0) -> float:
+    return point_scatter([one.points_px for one in several], [stated * one.sigma_px for one in several])
+
+
+@pytest.mark.parametrize("along", [0.0, 0.3, 0.6])
+def test_the_scatter_is_what_the_points_really_have(along: float) -> None:
+    """Whatever the rig, the bend, and how far neighbours share errors; in any unit and order."""
+    for seed, kind in enumerate(KINDS):
+        several = recording(kind, seed, along=along).frames
+        factor = scatter(several)
+        assert 0.8 < factor < 1.2
+        assert scatter(several, 0.2) == pytest.approx(5.0 * factor)
+        rng = np.random.default_rng(seed)
+        mixed = [replace(one, points_px=rng.permutation(one.points_px)) for one in several]
+        assert scatter(mixed) == pytest.approx(factor)
+
+
+def test_gross_points_do_not_count() -> None:
+    several, rng = recording(KINDS[0], 1).frames, np.random.default_rng(1)
+    spoilt = []
+    for one in several:
+        points = one.points_px.copy()
+        points[rng.choice(len(points), 5, replace=False)] = rng.uniform(0.0, 700.0, (5, 2))
+        points[rng.integers(len(points))] = rng.choice([np.nan, 65535.0])
+        spoilt.append(replace(one, points_px=points))
+    assert scatter(spoilt) == pytest.approx(scatter(several), rel=0.15)
+    assert np.isnan(point_scatter([], []))
+    assert np.isnan(point_scatter([several[0].points_px[:8]], [several[0].sigma_px[:8]]))
+
+
+def tabled(was: Recording, stated: float | None) -> tuple[list[Frame], Mapping[int, np.ndarray]]:
+    """The same as a tracker's table, with so much of each standard deviation, or none."""
+    frames, lines = [], {}
+    for index, one in enumerate(was.frames):
+        frames.append(Frame(None, one.pan_rad, one.tilt_rad, one.moment_Nm, index, time_s=one.time_s))
+        sigma = np.full(len(one.points_px), np.nan) if stated is None else stated * one.sigma_px
+        lines[index] = np.column_stack([one.points_px, sigma])
+    return frames, lines
+
+
+@pytest.mark.parametrize("stated", [None, 0.2])
+def test_contacts_know_how_well_a_tracker_sees(stated: float | None) -> None:
+    """One four times as coarse as the calibration's pictures, whose table has no sigma_px, or a fifth of it."""
+    errors, located, touched = [], 0, 0
+    for kind in KINDS[1:]:
+        was = recording(kind, 7, sigma_px=4.0 * kind.sigma_px)
+        several = list(measured_lines(was.rig, *tabled(was, stated)))
+        assert [one.sigma_factor for one in several] == pytest.approx([1.0 if stated is None else 5.0] * 40, rel=0.2)
+        for row, contact in enumerate(ContactEstimator(was.rig).run(several)):
+            touched += bool(was.motion.touched[row])
+            if contact.status == "ok":
+                located += 1
+                errors.append((contact.distance_m - was.truth.distance_m[row]) / contact.distance_std_m)
+    assert located > 0.6 * touched
+    assert np.abs(errors).max() < 4.5
+    assert np.sqrt(np.mean(np.square(errors))) < 1.5

@@ -1,0 +1,83 @@
+"""What people and hardware get wrong is named, and where nothing is wrong nothing is reported."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+
+from benchmarks.mistakes.judge import ALARM, NAMED_RIGHT, SILENT, Outcome
+from benchmarks.mistakes.mistakes import PICTURED, RECORDED, TABLES, TAKEN, clean_pair, drawn
+from benchmarks.mistakes.recordings import DOUBTED, NAMED, Mistake
+from benchmarks.mistakes.rigs import KINDS
+
+LOUD_STD = 5.0
+MOST_SILENT, FEWEST_NAMED, MOST_DOUBTED = 0.0, 0.95, 0.02
+"""Shares: of mistakes without a word, of those whose cause comes first, and of clean material that is doubted."""
+
+
+def outcomes(
+    name: str, share: float = 1.0, draws: int = 1, rigs: Sequence[int] = ()
+) -> list[tuple[Mistake[Any], Outcome]]:
+    """A part of a table's rows, always the same, each on one rig or on these, with values and noise of its own."""
+    rng, several, found = np.random.default_rng(51), TABLES[name], []
+    for index in np.sort(rng.choice(len(several), round(share * len(several)), replace=False)).tolist():
+        for number in rigs or [index % len(KINDS)]:
+            for draw in range(draws):
+                found.append((several[index], drawn(name, several[index], number, (7, index, draw))))
+    return found
+
+
+def check(found: Sequence[tuple[Mistake[Any], Outcome]]) -> None:
+    """Named, or doubted at least; no row is far off without a word; no false alarm."""
+    words = {f"{mistake.what}: {one}" for mistake, one in found if one.what in (SILENT, ALARM)}
+    assert len(words) <= MOST_SILENT * len(found), words
+    far = {f"{mistake.what}: {one}" for mistake, one in found if one.silent_std > LOUD_STD}
+    assert far == set()
+    named = {mistake.what: one.what == NAMED_RIGHT for mistake, one in found if mistake.must == NAMED}
+    missed = [what for what, right in named.items() if not right]
+    assert len(missed) <= max((1.0 - FEWEST_NAMED) * len(named), 1.0), missed
+    assert all(mistake.must != DOUBTED or one.severity != "none" for mistake, one in found)
+
+
+class TestRecordings:
+    """As `estimate`, `live` and `batch` see them."""
+
+    def test_a_third_of_the_mistakes(self) -> None:
+        pytest.importorskip("estimator.diagnose", reason="a recording has no verdict yet")
+        check(outcomes(RECORDED, 1 / 3))
+
+    @pytest.mark.slow
+    def test_all_mistakes_on_all_rigs(self) -> None:
+        pytest.importorskip("estimator.diagnose", reason="a recording has no verdict yet")
+        check(outcomes(RECORDED, draws=4, rigs=range(len(KINDS))) + outcomes(PICTURED, rigs=range(len(KINDS))))
+
+
+class TestSessions:
+    """As `calibrate` and the wizard see them."""
+
+    def test_some_mistakes(self) -> None:
+        pytest.importorskip("vbaa_calib.diagnose.session", reason="a session has no table of hypotheses yet")
+        check(outcomes(TAKEN, 1 / 10))
+
+    @pytest.mark.slow
+    def test_all_mistakes_on_all_rigs(self) -> None:
+        pytest.importorskip("vbaa_calib.diagnose.session", reason="a session has no table of hypotheses yet")
+        check(outcomes(TAKEN, draws=2, rigs=range(len(KINDS))))
+
+
+class TestCleanMaterial:
+    """Rigs unlike ours: 60 to 500 mm, 300 to 2,000 px, upright or inclined to 60°, steel or nitinol."""
+
+    @pytest.mark.parametrize(
+        ("first", "count"), [(0, 4), pytest.param(4, 196, marks=pytest.mark.slow)], ids=["some", "many"]
+    )
+    def test_nothing_is_reported(self, first: int, count: int) -> None:
+        found = [pair for seed in range(first, first + count) for pair in clean_pair((0, seed))]
+        assert [one for _, one in found if one.severity == "wrong"] == []
+        doubted = [(what, one) for what, one in found if one.severity == "doubt"]
+        assert len(doubted) <= MOST_DOUBTED * len(found), doubted
+        far = [(what, one) for what, one in found if one.worst_std > LOUD_STD]
+        assert len(far) <= 0.01 * len(found), far
