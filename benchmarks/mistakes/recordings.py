@@ -266,6 +266,12 @@ def _direction(rng: np.random.Generator, dimensions: int = 3) -> np.ndarray:
     return np.asarray(way / np.linalg.norm(way))
 
 
+def _about_z(m: np.ndarray, rng: np.random.Generator, was: Recording) -> np.ndarray:
+    """The same sensor, turned by 90°."""
+    world = was.worlds[0]
+    return np.asarray(world.offset_Nm + world.gain * was.moments_z_Nm)
+
+
 def _stuck(m: np.ndarray, rng: np.random.Generator, was: Recording) -> np.ndarray:
     return np.full(len(m), float(m[rng.integers(len(m))]))
 
@@ -453,7 +459,7 @@ RECORDING = (
     _row("moment in mN·m", NAMED, "moment_unit", _readings(lambda m, rng, was: 1e3 * m), "N·m"),
     _row("moment in N·cm", NAMED, "moment_unit", _readings(lambda m, rng, was: 1e2 * m), "N·m"),
     _row("moment × 10", NAMED, "moment_unit", _readings(lambda m, rng, was: 10.0 * m)),
-    _row("moment about the other axis", NAMED, "moment_axis", _readings(lambda m, rng, was: was.moments_z_Nm)),
+    _row("moment about the other axis", NAMED, "moment_axis", _readings(_about_z)),
     _row("moment one row late", NAMED, "moment_late", _readings(lambda m, rng, was: _later(m))),
     _row("moment drifts by 15 to 40 std", NAMED, "moment_drift moment_zero", _readings(_drifting)),
     _row("moment has spikes", DOUBTED, "moment_spikes", _readings(_spikes)),
@@ -463,7 +469,7 @@ RECORDING = (
     _row("joints frozen", NAMED, "joints_frozen", _joints(lambda q, rng: q[:, :1] + 0.0 * q)),
     _row("joints one row late", NAMED, "joints_late", _joints(lambda q, rng: _later(q))),
     _row("tilt off by 1°", DOUBTED, "joint_offset", _joints(_off)),
-    _row("pictures of the neighbour rows", NAMED, LATE, _pictures_of(_one_row)),
+    _row("pictures of the neighbour rows", NAMED, f"{LATE} moment_late", _pictures_of(_one_row)),
     _row("two pictures exchanged", DOUBTED, "pictures_exchanged", _pictures_of(_swapped)),
     _row("camera frozen for 8 to 20 frames", NAMED, "camera_frozen", _pictures_of(_frozen)),
     _row(
@@ -484,8 +490,15 @@ RECORDING = (
     _row("antenna kinked", NAMED, "antenna_bent", _rigs(_kinked)),
     _row("antenna slid by 1 to 3 mm", NAMED, "antenna_slid other_length", _rigs(_slid)),
     _row("antenna slid half way", NAMED, "antenna_slid other_length", _rigs(_slid, half=True)),
-    _row("another antenna: EI by 4 to 7 %", NAMED, "other_stiffness", _rigs(_other_wire(stiffness=0.05))),
-    _row("another antenna: diameter by 6 to 12 %", NAMED, "other_stiffness", _rigs(_other_wire(diameter=0.1))),
+    _row(
+        "another antenna: EI by 4 to 7 %", NAMED, "other_stiffness other_diameter", _rigs(_other_wire(stiffness=0.05))
+    ),
+    _row(
+        "another antenna: diameter by 6 to 12 %",
+        NAMED,
+        "other_diameter other_stiffness",
+        _rigs(_other_wire(diameter=0.1)),
+    ),
     _row("another antenna: length by 2 to 6 %", NAMED, "other_length antenna_slid", _rigs(_longer)),
     _row("points at (65535, 65535)", NOTHING, "points_outside", _gross((65535.0, 65535.0))),
     _row("points 3,000 px off", NOTHING, "points_outside", _gross((2500.0, 3500.0))),

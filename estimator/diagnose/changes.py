@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -19,7 +19,8 @@ class Change(NamedTuple):
     """A row: parameters of a rig that may have changed together since its calibration.
 
     std : standard deviation of each parameter beforehand, in its own unit, or relative to its value for "f" (both focal
-    lengths) and the sensor's gain, and in standard deviations of the sensor's noise for its zero.
+    lengths) and the sensor's gain, and in standard deviations of the sensor's noise for its zero. "length_m": of the
+    antenna, which only its visible end shows well.
     factor, unit : of the value in words. least : size, in that unit, below which it is no mistake.
     """
 
@@ -33,7 +34,7 @@ class Change(NamedTuple):
     severity: Severity = "wrong"
     log_prior: float = 0.0  # against the other rows
     measures: int = 9  # how many of the parameters, the first ones, are its size
-    starts: tuple[float, ...] = ()
+    starts: tuple[float, ...] = ()  # scales of the picture from which it is sought, too
 
 
 _AGAIN = "calibrate again, or record again with the rig as it was calibrated"
@@ -131,13 +132,21 @@ CHANGES = (
     ),
     Change(
         "antenna_slid",
-        {"tip_offset_m": 3e-3},
-        "the antenna's end lies {} further out than at the calibration: it has "
-        "slid in its clamp, or it is another antenna",
+        {"length_m": 2e-3},
+        "the antenna sticks {} further out of its clamp than at the calibration: it has slid",
         f"push it back and tighten the clamp; {_AGAIN}",
         1e3,
         "mm",
         0.3,
+    ),
+    Change(
+        "other_length",
+        {"length_m": 0.02},
+        "the antenna is {} longer than the rig's: it is another one, or has slid in its clamp",
+        "calibrate with this antenna",
+        1e3,
+        "mm",
+        1.0,
     ),
     Change(
         "other_stiffness",
@@ -195,8 +204,8 @@ def axes_of(rig: Rig, rows: Sequence[Change]) -> tuple[np.ndarray, list[np.ndarr
                 for axis, each in enumerate(("fx", "fy")):
                     if each in names:
                         step[names.index(each)] = std * rig.camera.matrix[axis, axis]
-            elif name in names:
-                step[names.index(name)] = std * units.get(name, 1.0)
+            elif (known := "tip_offset_m" if name == "length_m" else name) in names:
+                step[names.index(known)] = std * units.get(name, 1.0)
             if step.any():
                 own.append(len(columns))
                 columns.append(step)
@@ -254,12 +263,19 @@ def fitted(case: Case, row: Change, axes: np.ndarray, first: int = 0) -> Changed
     return best if best is None or few is case else _descended(case, row, axes, best.steps, False, first)
 
 
+def _moved(rig: Rig, row: Change, step: np.ndarray) -> Rig:
+    """A rig a step (18 + P,) away; the end of a longer antenna lies further out, and it weighs more."""
+    if "length_m" not in row.std:
+        return rig.moved(step)
+    return replace(rig, antenna=replace(rig.antenna, length_m=max(rig.antenna.length_m + float(step[-1]), 1e-3)))
+
+
 def _descended(
     case: Case, row: Change, axes: np.ndarray, steps: np.ndarray, as_free: bool, first: int
 ) -> Changed | None:
     recorded, settings, cost, best = case.recorded, case.settings, np.inf, None
     for turn in range(settings.iterations):
-        now = recorded.with_rig(recorded.rig.moved(axes @ steps), first) if steps.any() else recorded
+        now = recorded.with_rig(_moved(recorded.rig, row, axes @ steps), first) if steps.any() else recorded
         free = np.ones(len(now), bool) if as_free and turn == 0 else None
         together = weighed(now.fit, case.best, case.scale, axes, free)
         information, score = together.about_others(first)

@@ -254,7 +254,9 @@ def weighed(
     steps, weights = np.zeros(size), np.ones(len(cost))
     for _ in range(settings.reweightings):
         costs = base + (0.5 * np.einsum("bij,i,j->b", own, steps, steps) - pull @ steps) / scale
-        weights = np.where(np.isfinite(costs), 1.0 / (1.0 + np.maximum(costs, 0.0) / settings.most) ** 2, 0.0) / scale
+        # where all are far off, those that are less so lead to the others
+        usual = max(settings.most, float(np.median(costs[np.isfinite(costs)]))) if np.isfinite(costs).any() else 1.0
+        weights = np.where(np.isfinite(costs), 1.0 / (1.0 + np.maximum(costs, 0.0) / usual) ** 2, 0.0) / scale
         before = steps
         steps = np.linalg.solve(np.einsum("b,bij->ij", weights, own) + np.eye(size), weights @ pull)
         if np.abs(steps - before).max(initial=0.0) < 1e-3:
@@ -303,6 +305,11 @@ class Case:
     def as_free(self) -> Weighed:
         """All frames as the free antenna: what most of them share, however far from the rig, stands out."""
         return weighed(self.recorded.fit, self.best, self.scale, self.axes, np.ones(len(self.recorded), bool))
+
+    @property
+    def sound(self) -> bool:
+        """Whether the frames cost no more together than they do where all is as reported."""
+        return self.cost < self.settings.settled * len(self.recorded)
 
     @property
     def many_lost(self) -> bool:

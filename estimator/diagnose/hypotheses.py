@@ -373,9 +373,11 @@ def _moments_explained(case: Case) -> Iterator[Explanation[Case]]:
         if corrected is None or not _differs(corrected, recorded):
             continue
         moments = corrected.batch.readings_Nm[:, 0]
-        by_pictures = reported - cost(moments) if np.isfinite(moments).any() else 0.0
-        if by_pictures >= 0.0 or not np.isfinite(moments).any():
-            likely.append((by_pictures, row, corrected))
+        if not np.isfinite(moments).any():
+            # about another axis the pictures' moments say nothing
+            likely += [] if case.sound else [(np.inf, row, corrected)]
+        elif (gained := reported - cost(moments)) > 0.0 or (gained == 0.0 and not case.sound):
+            likely.append((gained, row, corrected))
     yield from _compared(case, likely)
 
 
@@ -408,12 +410,11 @@ def _drifting(recorded: Recorded, off: np.ndarray, std: np.ndarray) -> tuple[Rea
 def _others_explained(case: Case) -> Iterator[Explanation[Case]]:
     """Joints and pictures that are not what they are reported to be: compared by few frames first."""
     settings = TableSettings()
-    sound = case.cost < case.settings.settled * len(case.recorded)
     evidence = case.recorded.fit.numbers.evidence
     bent = np.argsort(np.where(np.isfinite(evidence), evidence, np.inf))
     few, likely = case.picked(np.sort(bent[: settings.screened])), []
     for row in READINGS:
-        corrected = None if row.of_moment or (row.of_pictures and sound) else row.correct(few.recorded)
+        corrected = None if row.of_moment or (row.of_pictures and case.sound) else row.correct(few.recorded)
         if corrected is None or not _differs(corrected, few.recorded):
             continue
         gained = few.cost - few.cost_of(corrected, row.log_density)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from estimator.contact.inputs import Batch
+from estimator.contact.inputs import Batch, OutlierSettings, point_scatter
 from estimator.table.contacts import Contact, Measured
 from vbaa_calib.core.errors import Diagnosis, Verdict
 from vbaa_calib.diagnose.decision import diagnose
@@ -32,6 +32,7 @@ class WatchSettings:
     repeated: int = 2  # rows with the picture of the row before from which on the camera stood still
     joints_rad: float = 0.05  # range of the joints from which on they are to be tested
     apart_s: float = 8.0  # time between frames that is more likely in another unit
+    other_shape: float = 2.0  # ratio of the points' distance from fitted shapes to their scatter, likewise
     unexplained: float = 0.2  # part of the frames that nothing explains from which that is reported
     contradicting: float = 0.5  # the same from which those that are left are not believed, either
 
@@ -155,7 +156,8 @@ class RecordingWatch:
             case = Case.of(recorded, axes_of(recorded.rig, CHANGES)[0])
             causes = diagnose(case, TABLE)
             found = [*causes, *found] if not found else [*found, *causes]
-            found += _untested(case)
+            found += self._scatter(case, causes)
+            found += [] if any(one.grave for one in causes) else _untested(case)
             if any(one.grave for one in causes):
                 first = min(_since(one) for one in causes if one.grave)
             elif (left := self._unexplained(case)) is not None:
@@ -195,6 +197,21 @@ class RecordingWatch:
         enough = max(self.settings.at_limit, self.settings.at_limit_share * self.count)
         varies = self._limits[1] > self._limits[0]
         return tuple(value for value in self._limits if varies and self._at[value] >= enough)
+
+    def _scatter(self, case: Case, causes: Sequence[Diagnosis]) -> list[Diagnosis]:
+        """Standard deviations that are too small, and shapes that are not this antenna's."""
+        kept = [one.measured for one in (*self._first, *self._spread)]
+        own = point_scatter([each.points_px for each in kept], [each.sigma_px for each in kept])
+        found, stated = [], max(own, *(each.sigma_factor for each in kept))
+        if stated > OutlierSettings.tolerated:
+            words = f"the points scatter {stated:.2g} times more than their standard deviations say"
+            found.append(Diagnosis("sigma_too_small", words, "give sigma_px as the tracker's points scatter"))
+        off = float(np.sqrt(np.median(case.scale))) / max(own if own > 0.0 else 1.0, 1.0)
+        if off > self.settings.other_shape and not causes:
+            words = f"the antenna's points lie {off:.1f} times further off the shapes of this antenna than they scatter"
+            remedy = "straighten or replace it where it is bent or kinked, and calibrate again"
+            found.append(Diagnosis("antenna_bent", words, remedy))
+        return found
 
     def _unexplained(self, case: Case) -> Diagnosis | None:
         """Frames that nothing in the table explains."""
