@@ -79,6 +79,7 @@ class RecordingWatch:
         self._spread: list[_Witness] = []
         self._stride = 1
         self._before: Measured | None = None
+        self._pictured: Measured | None = None  # the row in which the present picture was seen first
         self._repeated: list[int] = []
         self._limits = (np.inf, -np.inf)
         self._at = Counter[float]()
@@ -91,7 +92,9 @@ class RecordingWatch:
         for kept in (self._first, self._spread):
             if kept and kept[-1].order == self.count - 1:
                 kept[-1].around[1] = now
-        if before is not None and _same_picture(measured, before) and self._moved(measured, before):
+        if self._pictured is None or not _same_picture(measured, self._pictured):
+            self._pictured = measured
+        elif self._moved(measured, self._pictured):
             self._repeated.append(self.count)
         if np.isfinite(measured.moment_Nm):
             self._count_limits(measured.moment_Nm)
@@ -130,15 +133,8 @@ class RecordingWatch:
 
     def recorded(self) -> Recorded:
         """The witnesses."""
-        spread = (
-            [
-                self._spread[i]
-                for i in np.unique(np.linspace(0, len(self._spread) - 1, self.settings.spread).astype(int))
-            ]
-            if self._spread
-            else []
-        )
-        kept = [*self._first, *spread]
+        chosen = np.unique(np.linspace(0, len(self._spread) - 1, self.settings.spread).astype(int))
+        kept = [*self._first, *(self._spread[index] for index in chosen if self._spread)]
         batch = Batch.of(self.rig, [one.measured for one in kept])
         at_limit = np.isin(batch.readings_Nm, self.limits)
         batch = replace(batch, readings_Nm=np.where(at_limit, np.nan, batch.readings_Nm))

@@ -1,0 +1,102 @@
+"""Frames of a recording as witnesses: what they say together, and how many of them are kept."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from benchmarks.mistakes.recordings import Recording, clean_recording
+from benchmarks.mistakes.rigs import KINDS
+from estimator.diagnose.changes import CHANGES, axes_of, fitted
+from estimator.diagnose.evidence import Case, Recorded, weighed
+from estimator.diagnose.watch import RecordingVerdict, RecordingWatch, WatchSettings
+
+
+@cache
+def clean() -> Recording:
+    return clean_recording(KINDS[0], 0)
+
+
+def watched(recording: Recording) -> RecordingWatch:
+    watch = RecordingWatch(recording.rig)
+    for measured in recording.frames:
+        watch.push(measured)
+    return watch
+
+
+@cache
+def witnesses() -> Recorded:
+    return watched(clean()).recorded()
+
+
+def test_the_pictures_know_the_moments() -> None:
+    """Frames that are fitted without their moments predict these within their standard deviations."""
+    recorded = witnesses()
+    silent = recorded.with_readings(readings_Nm=np.full_like(recorded.batch.readings_Nm, np.nan))
+    expected, std = silent.fit.moments
+    read = recorded.batch.readings_Nm[:, 0]
+    off = (read - expected) / np.hypot(std, recorded.rig.moment_sensor.std_Nm)
+    known = np.isfinite(std)
+    assert known.sum() >= 10
+    assert np.abs(off[known]).max() < 5.0
+    assert (off[known] ** 2).mean() < 4.0
+
+
+def test_two_rigs_are_two_parts() -> None:
+    """Frames whose rig changes on the way cost what both parts cost by themselves."""
+    recorded = witnesses()
+    other = recorded.rig.moved(np.eye(len(axes_of(recorded.rig, CHANGES)[0]))[0] * 1e-3)
+    both, first = recorded.with_rig(other, 12).fit, np.arange(len(recorded)) < 12
+    before = recorded.picked(np.flatnonzero(first)).fit.cost
+    after = recorded.with_rig(other).picked(np.flatnonzero(~first)).fit.cost
+    assert both.cost == pytest.approx(np.concatenate([before, after]), rel=1e-9)
+    rows = np.arange(6, 20)
+    assert recorded.with_rig(other, 12).picked(rows).fit.cost == pytest.approx(both.cost[rows], rel=1e-9)
+
+
+@pytest.mark.parametrize("name", ["picture_moved", "antenna_bent", "other_stiffness", "moment_zero"])
+def test_a_change_is_found_with_its_value(name: str) -> None:
+    """A rig that is noted otherwise than it was is found as far off as it is."""
+    recorded = witnesses()
+    row = next(one for one in CHANGES if one.name == name)
+    axes, which = axes_of(recorded.rig, [row])
+    steps = np.full(len(which[0]), -1.0)
+    case = Case.of(recorded.with_rig(recorded.rig.moved(axes @ steps)), axes_of(recorded.rig, CHANGES)[0])
+    found = fitted(case, row, axes)
+    assert found is not None
+    std = np.sqrt(np.diag(found.covariance))
+    assert found.log_odds > 20.0
+    assert (np.abs(found.steps + steps) < 5.0 * std + 0.05).all()
+
+
+def test_frames_weigh_together_what_each_hides() -> None:
+    """All frames with one rig cost more than each with a rig of its own."""
+    recorded = witnesses()
+    case = Case.of(recorded, axes_of(recorded.rig, CHANGES)[0])
+    assert case.sound
+    alone = np.minimum(recorded.fit.cost - case.best, case.settings.most).sum()
+    assert weighed(recorded.fit, case.best, case.scale).cost >= alone - 1e-6
+
+
+def test_few_frames_of_a_long_recording_are_kept() -> None:
+    """Memory does not grow with the recording, and witnesses are spread over all of it."""
+    recording, settings = clean(), WatchSettings()
+    watch = RecordingWatch(recording.rig)
+    for row in range(3000):
+        watch.push(replace(recording.frames[row % 60], time_s=row / 30.0))
+    kept = watch.recorded().order
+    assert len(kept) <= settings.first + settings.spread
+    assert kept[-1] > 2700
+    assert np.diff(kept[settings.first :]).max() < 300
+
+
+def test_nothing_is_said_of_too_few_frames() -> None:
+    recording = clean()
+    watch = RecordingWatch(recording.rig)
+    assert watch.verdict() == RecordingVerdict()
+    for measured in recording.frames[:3]:
+        watch.push(measured)
+    assert watch.verdict().verdict.severity == "none"
