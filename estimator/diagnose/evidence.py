@@ -27,6 +27,7 @@ class EvidenceSettings:
     iterations: int = 5  # moves of the rig towards a change
     reweightings: int = 12  # of frames, in looking for the change that most of them share
     lost: float = 0.05  # part of the frames that nothing explains from which what most of them share is sought
+    plain: float = 0.9  # part of the frames that are explained by themselves from which no wider rig is needed for it
     settled: float = 4.0  # cost per frame that a right explanation leaves
     farthest: float = 30.0  # change of a rig, in the standard deviations of its row, that is still sought
     gain: float = 0.5  # least decrease of the cost by a further move
@@ -145,6 +146,14 @@ class Fitted:
         variance = np.einsum("bi,bij,bj->b", slopes, inverse, slopes)
         sound &= np.isfinite(self.cost[rows]) & (self.free[rows] | ~self.numbers.ambiguous[rows])
         return -std * found.residual[:, 0] / weak, np.where(sound, std * np.sqrt(np.maximum(variance, 0.0)), np.inf)
+
+    @property
+    def plain(self) -> np.ndarray:
+        """(F,) bool, frames that a contact, or none, explains with a rig and readings as they are thought to be."""
+        numbers = self.numbers
+        off = np.max(np.abs(numbers.residual), axis=1)
+        moved = numbers.rig_chi_square < numbers.rig_axes + 4.0 * np.sqrt(2.0 * np.maximum(numbers.rig_axes, 1))
+        return np.asarray(np.isfinite(self.cost) & (numbers.scatter <= 1.0) & moved & (off < 4.0))
 
     def shared(self, more: np.ndarray, as_free: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """(F, S, S) information and (F, S) score of each frame about the rig's R axes and `more` (17 + P, Q) ones,
@@ -284,11 +293,13 @@ class Case:
     @staticmethod
     def of(recorded: Recorded, axes: np.ndarray) -> Case:
         """The case of frames with a rig that may have changed along axes (18 + P, Q)."""
-        rig = recorded.rig
-        wide = rig.with_covariance(rig.covariance_with_tip + axes @ axes.T)
-        silent = recorded.with_readings(readings_Nm=np.full_like(recorded.batch.readings_Nm, np.nan))
-        least = np.minimum(silent.with_rig(wide).fit.cost, recorded.fit.cost)
         expected = 0.5 * np.maximum(recorded.fit.points, 1.0)
+        least = recorded.fit.cost
+        if not recorded.fit.plain.mean() > EvidenceSettings.plain:
+            rig = recorded.rig
+            wide = rig.with_covariance(rig.covariance_with_tip + axes @ axes.T)
+            silent = recorded.with_readings(readings_Nm=np.full_like(recorded.batch.readings_Nm, np.nan))
+            least = np.minimum(silent.with_rig(wide).fit.cost, least)
         best = np.where(np.isfinite(least), least, expected)
         return Case(recorded, best, np.clip(best / expected, 1.0, None), axes)
 

@@ -32,6 +32,7 @@ class TableSettings:
     tilts_rad: tuple[tuple[float, ...], ...] = (  # where a joint may be that is not read: coarse, then finer steps
         *((-1.2, -0.9, -0.6, -0.3, 0.0, 0.3, 0.6, 0.9, 1.2), (-0.1, 0.1), (-0.03, 0.03)),
     )
+    visible: float = 0.3  # of the points' or the moment's standard deviation, what other joint angles change at least
     offset_rad: float = 0.02  # of a joint's zero, by which it is moved to see whether that fits better
     fewest_after: int = 5  # frames after a change during the recording
     hopeless: float = 0.5  # part of the frames that nothing explains from which the pictures may have another scale
@@ -432,14 +433,34 @@ def _compared(case: Case, likely: list[tuple[float, Reading, Recorded]]) -> Iter
 
 
 def _differs(corrected: Recorded, recorded: Recorded) -> bool:
-    """Whether anything but rounding is different."""
+    """Whether anything is different that could be seen."""
     a, b, noise = corrected.batch, recorded.batch, recorded.rig.moment_sensor.std_Nm
     return bool(
         corrected.rig is not recorded.rig
         or (np.isfinite(a.readings_Nm) != np.isfinite(b.readings_Nm)).any()
         or np.nanmax(np.abs(a.readings_Nm - b.readings_Nm), initial=0.0) > noise
-        or max(np.abs(a.pan_rad - b.pan_rad).max(), np.abs(a.tilt_rad - b.tilt_rad).max()) > 1e-3
         or not np.array_equal(a.points_px, b.points_px, equal_nan=True)
+        or _sag_differs(corrected, recorded)
+    )
+
+
+def _sag_differs(corrected: Recorded, recorded: Recorded) -> bool:
+    """Whether other joint angles make the antenna sag otherwise by more than a part of the points' scatter, or of the
+    moment's noise."""
+    rig, batch = recorded.rig, recorded.batch
+    pull = [
+        np.einsum("bji,j->bi", rig.kinematics.world_antenna(one.pan_rad, one.tilt_rad)[0], rig.gravity_world_m_s2)
+        for one in (corrected.batch, batch)
+    ]
+    change = np.abs(pull[0] - pull[1])
+    # what pulls along the antenna bends it as much as its own slope lets it
+    across = float(np.max(np.hypot(change[:, 1], change[:, 2]) + 0.3 * change[:, 0], initial=0.0))
+    antenna, distance_m = rig.antenna, float(np.linalg.norm(rig.T_antenna_camera.translation_m))
+    load = antenna.mass_per_length_kg_m * across
+    sag_px = load * antenna.length_m**4 / (8.0 * antenna.stiffness_Nm2) * rig.camera.matrix[0, 0] / distance_m
+    seen_px = float(np.nanmedian(batch.sigma_px[np.isfinite(batch.points_px).all(axis=-1)]))
+    return sag_px > TableSettings.visible * seen_px or (
+        0.5 * load * antenna.length_m**2 > TableSettings.visible * rig.moment_sensor.std_Nm
     )
 
 

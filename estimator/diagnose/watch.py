@@ -25,6 +25,7 @@ class WatchSettings:
 
     first: int = 10  # frames at the beginning, which often show the free antenna
     spread: int = 22  # further frames, spread over the recording
+    scatter: int = 10  # of them, by which the points' scatter is measured
     fewest: int = 8  # frames with which anything can be told from noise
     fewest_points: int = 5  # of a frame that is a witness
     at_limit: int = 5  # moments that are exactly the largest or smallest of all from which on they are at a limit,
@@ -197,7 +198,8 @@ class RecordingWatch:
     def _scatter(self, case: Case, causes: Sequence[Diagnosis]) -> list[Diagnosis]:
         """Standard deviations that are too small, and shapes that are not this antenna's."""
         kept = [one.measured for one in (*self._first, *self._spread)]
-        own = point_scatter([each.points_px for each in kept], [each.sigma_px for each in kept])
+        some = kept[:: max(len(kept) // self.settings.scatter, 1)]
+        own = point_scatter([each.points_px for each in some], [each.sigma_px for each in some])
         found, stated = [], max(own, *(each.sigma_factor for each in kept))
         if stated > OutlierSettings.tolerated:
             words = f"the points scatter {stated:.2g} times more than their standard deviations say"
