@@ -153,6 +153,7 @@ class OutlierSettings:
     jump_ratio: float = 5.0  # to the frame's usual difference of such medians: a wrong shape differs everywhere
     returns: float = 0.5  # part of a stretch's distance by which the line may lie elsewhere behind it than before
     scatter_frames: int = 32  # lines, spread over a recording, that determine its scatter to a few per cent
+    fewest_lines: int = 5  # of which it can be told what they share
     scatter_points: int = 32  # a line with fewer is left out: smoothing takes too much of it
     intervals: int = 8  # of the smooth curve, a cubic spline: a touched antenna's third derivative jumps
     per_interval: int = 8  # points of a line, at least, in each of them
@@ -196,6 +197,22 @@ def point_scatter(
     return scatter * float(np.sqrt(density / covariances[0]))
 
 
+def shared_share(
+    lines_px: Sequence[np.ndarray], sigma_px: Sequence[np.ndarray], settings: OutlierSettings = OutlierSettings()
+) -> float:
+    """Part of the points' scatter about smooth curves that is the same in all lines, as by a kink; 0 to 1."""
+    found = [_about_curve(points, sigma, settings) for points, sigma in zip(lines_px, sigma_px, strict=True)]
+    lines = [each[0] for each in found if each is not None]
+    if len(lines) < settings.fewest_lines:
+        return 0.0
+    places = np.linspace(0.0, 1.0, settings.scatter_points)
+    profiles = np.array([np.interp(places, np.linspace(0.0, 1.0, len(off)), off) for off in lines])
+    mean, noise = profiles.mean(axis=0), profiles.std(axis=0, ddof=1)
+    # of independent errors the mean has this much
+    same = float(np.mean(mean**2 - noise**2 / len(lines)))
+    return float(np.clip(same / max(float(np.mean(profiles**2)), 1e-12), 0.0, 1.0))
+
+
 def _about_curve(
     points_px: np.ndarray, sigma_px: np.ndarray, settings: OutlierSettings
 ) -> tuple[np.ndarray, np.ndarray] | None:
@@ -208,7 +225,10 @@ def _about_curve(
     apart = cKDTree(points).query(points, k=5)[0][:, -1]
     near = apart <= settings.lonely * np.median(apart)
     centred = points - points[near].mean(axis=0)
-    along, across = np.linalg.svd(centred[near], full_matrices=False)[2] @ centred[near].T
+    first = np.linalg.svd(centred[near], full_matrices=False)[2][0]
+    first = first * np.sign(first[np.argmax(np.abs(first))])
+    # the same way round in all lines
+    along, across = np.stack([first, [-first[1], first[0]]]) @ centred[near].T
     order = np.argsort(along, kind="stable")
     along, across, sigma = along[order], across[order], sigma[near][order]
     weights = np.ones(len(along))

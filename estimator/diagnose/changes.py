@@ -120,6 +120,7 @@ CHANGES = (
         57.29578,
         "°",
         0.1,
+        log_prior=-3.0,
     ),
     Change(
         "clamp_moved",
@@ -129,6 +130,7 @@ CHANGES = (
         1e3,
         "mm",
         0.2,
+        log_prior=-3.0,
     ),
     Change(
         "antenna_slid",
@@ -138,6 +140,7 @@ CHANGES = (
         1e3,
         "mm",
         0.3,
+        log_prior=2.0,
     ),
     Change(
         "other_length",
@@ -156,6 +159,7 @@ CHANGES = (
         100.0,
         "%",
         1.0,
+        log_prior=2.0,
     ),
     Change(
         "other_diameter",
@@ -175,6 +179,7 @@ CHANGES = (
         "%",
         2.0,
         "doubt",
+        log_prior=-2.0,
     ),
     Change(
         "moment_zero",

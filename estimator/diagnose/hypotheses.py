@@ -24,7 +24,7 @@ class TableSettings:
         8  # frames, the least bent ones, by which hypotheses about joints and pictures are compared at first
     )
     fewest: int = 5  # moments of which something can be learnt
-    followed: int = 4  # of the best of them, and of the changes of the rig, are compared by all frames
+    followed: int = 3  # of the best of them, and of the changes of the rig, are compared by all frames
     promising: float = 3.0  # log odds by first order from which a change of the rig is fitted
     varies_rad: float = 0.02  # range of a joint below which it says nothing
     varies_std: float = 6.0  # range of the moment, in standard deviations of its noise, likewise
@@ -36,6 +36,10 @@ class TableSettings:
     offset_rad: float = 0.02  # of a joint's zero, by which it is moved to see whether that fits better
     fewest_after: int = 5  # frames after a change during the recording
     hopeless: float = 0.5  # part of the frames that nothing explains from which the pictures may have another scale
+    usual: float = 2.5  # cost per frame where all is as reported
+    explained: float = (
+        0.8  # part of the cost beyond that, explained by readings, from which no change of the rig is sought
+    )
     splits: int = 8  # places in a recording at which a rig may change
 
 
@@ -330,7 +334,8 @@ def explanations(case: Case) -> Iterator[Explanation[Case]]:
     found = [*_moments_explained(case), *_others_explained(case)]
     yield from found
     best = max((one.log_odds for one in found), default=0.0)
-    if not (best > 0.0 and case.cost - best < case.settings.settled * len(case.recorded)):
+    excess = case.cost - TableSettings.usual * len(case.recorded)
+    if not best > TableSettings.explained * max(excess, 0.0):
         yield from _changes(case)
 
 
@@ -483,7 +488,8 @@ def _changes(case: Case) -> Iterator[Explanation[Case]]:
         ranked[0] = (np.inf, *ranked[0][1:])
     followed: list[Change] = []
     for gained, first, row, own in ranked:
-        if gained < settings.promising or len(followed) >= settings.followed or row in followed:
+        most = settings.followed * (2 if case.many_lost else 1)
+        if gained < settings.promising or len(followed) >= most or row in followed:
             continue
         followed.append(row)
         found = fitted(case, row, axes[:, own], first)

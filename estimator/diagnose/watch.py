@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from estimator.contact.inputs import Batch, OutlierSettings, point_scatter
+from estimator.contact.inputs import Batch, OutlierSettings, point_scatter, shared_share
 from estimator.table.contacts import Contact, Measured
 from vbaa_calib.core.errors import Diagnosis, Verdict
 from vbaa_calib.diagnose.decision import diagnose
@@ -34,6 +34,7 @@ class WatchSettings:
     joints_rad: float = 0.05  # range of the joints from which on they are to be tested
     apart_s: float = 8.0  # time between frames that is more likely in another unit
     other_shape: float = 2.0  # ratio of the points' distance from fitted shapes to their scatter, likewise
+    shared: float = 0.5  # part of the scatter that all lines share from which it is the antenna's shape
     unexplained: float = 0.2  # part of the frames that nothing explains from which that is reported
     contradicting: float = 0.5  # the same from which those that are left are not believed, either
 
@@ -199,15 +200,21 @@ class RecordingWatch:
         """Standard deviations that are too small, and shapes that are not this antenna's."""
         kept = [one.measured for one in (*self._first, *self._spread)]
         some = kept[:: max(len(kept) // self.settings.scatter, 1)]
-        own = point_scatter([each.points_px for each in some], [each.sigma_px for each in some])
-        found, stated = [], max(own, *(each.sigma_factor for each in kept))
+        lines = [each.points_px for each in some], [each.sigma_px for each in some]
+        own, found = point_scatter(*lines), list[Diagnosis]()
+        remedy = "straighten or replace it where it is bent or kinked, and calibrate again"
+        stated = max(own, *(each.sigma_factor for each in kept))
         if stated > OutlierSettings.tolerated:
+            if shared_share(*lines) > self.settings.shared:
+                words = (
+                    f"in all pictures alike the points lie {stated:.2g} times further off smooth curves than they may"
+                )
+                return [Diagnosis("antenna_bent", f"{words}: the antenna is kinked", remedy)]
             words = f"the points scatter {stated:.2g} times more than their standard deviations say"
             found.append(Diagnosis("sigma_too_small", words, "give sigma_px as the tracker's points scatter"))
         off = float(np.sqrt(np.median(case.scale))) / max(own if own > 0.0 else 1.0, 1.0)
         if off > self.settings.other_shape and not causes:
             words = f"the antenna's points lie {off:.1f} times further off the shapes of this antenna than they scatter"
-            remedy = "straighten or replace it where it is bent or kinked, and calibrate again"
             found.append(Diagnosis("antenna_bent", words, remedy))
         return found
 

@@ -52,7 +52,7 @@ class FitNumbers:
     friction_share : (B,) of the distance's variance, the part by friction's angle: gone, were that known.
     tip_std : (B,) how far the antenna's end lies off its place, in the deviations that are expected of that; NaN
         without one.
-    cost : (B,) half the robust sum of squares, the priors in it, the points' standard deviations multiplied by `scatter`.
+    cost : (B,) half the robust sum of squares with the priors, the points' deviations multiplied by `scatter`.
     residual, residual_std : (B, 2) whitened residuals of the readings, and their expected standard deviations.
     sensor_available : (B, 2) bool, whether there was a reading.
     rig_chi_square : (B,) sum of squares of the rig's steps, which has `rig_axes` (B,) degrees of freedom.
