@@ -58,6 +58,7 @@ def answers(source: Path) -> dict[str, Any]:
         "jig_board_x": "x",
         "jig_board_y": "-y",
         "jig_turn_deg": [0, 0, 1],
+        "material": "stainless steel",
         "antenna_diameter_mm": 0.8,
     }
 

@@ -1,27 +1,57 @@
-"""Pictures checked against the answers: the jig's place, the board's thickness, the camera's distance."""
+"""Pictures against what was typed about the jig, the camera and the material; and the jig's axes drawn in a picture."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
 import numpy as np
 
-from vbaa_calib.calibrate.pose.board_pose import BoardPose, solve_board_pose
-from vbaa_calib.calibrate.pose.fusion import fused
+from vbaa_calib.calibrate.antenna.inputs import Observation
+from vbaa_calib.calibrate.antenna.session_rig import (
+    BOW_STD_PER_M,
+    CLAMP_ANGLE_STD_RAD,
+    CLAMP_OFFSET_STD_M,
+    nominal_parameters,
+)
+from vbaa_calib.calibrate.pose.board_pose import solve_board_pose
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import Diagnosis, InputError, VbaaError
+from vbaa_calib.core.files import replacing
+from vbaa_calib.core.polyline import arc_lengths, normals
 from vbaa_calib.detect.board.corners import BoardView, detect_corners
+from vbaa_calib.detect.drawing.canvas import Canvas
 from vbaa_calib.detect.quality.screen import LEAST_CORNERS
+from vbaa_calib.detect.whisker.antenna import free_curve
 from vbaa_calib.geometry import Pose
 from vbaa_calib.session import Still
+from vbaa_calib.session.jig import jig_alternatives, jig_doubts
+from vbaa_calib.session.materials import material_doubts
 
+from .questions import DIRECTIONS, keeps_jig, typed
 from .session_state import SessionState
 
-_MOVED_PX = 2.0
-_TIMES_LENS_RMS, _LEAST_RMS_PX = 4.0, 1.0
-_LEAST_IN_VIEW, _POINTS = 0.25, 41
-_DISTANCE_RATIO = 1.3
-_THICKNESSES_MM = (0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0)
-"""Of boards that are tried when the antenna is not where the answers put it."""
-_JIG_REMEDY = "correct jig_translation_mm, jig_board_x, jig_board_y or board_thickness_mm: type `key = value`"
+AXES = "jig.jpg"
+"""The session's picture of the board with the axes that were typed."""
+
+
+@dataclass(frozen=True)
+class _Limits:
+    """From when on a picture contradicts what was typed."""
+
+    moved_px: float = 2.0  # median of the corners, of a jig that stands still
+    times_lens_rms: float = 4.0  # scatter of the jig's corners, over that of the lens' own pictures
+    least_rms_px: float = 1.0  # and at least this
+    in_view: float = 0.25  # share of the antenna that has to be in the picture
+    distance_ratio: float = 1.3  # of the camera's distances as seen and as typed, to 20 %
+    contradicts_std: float = 4.0  # of the free antenna's place: what a careful builder never misses
+    fits_std: float = 2.5  # of an entry that would fit
+    alike_std: float = 0.5  # entries between which the picture cannot decide
+
+
+_LIMITS = _Limits()
 
 
 def jig_moved(state: SessionState, corners_px: np.ndarray, ids: np.ndarray) -> str:
@@ -31,7 +61,7 @@ def jig_moved(state: SessionState, corners_px: np.ndarray, ids: np.ndarray) -> s
         return ""
     _, here, there = np.intersect1d(ids, taken[0].ids, return_indices=True)
     off_px = np.linalg.norm(corners_px[here] - taken[0].corners_px[there], axis=-1)
-    if len(off_px) and np.median(off_px) <= _MOVED_PX:
+    if len(off_px) and np.median(off_px) <= _LIMITS.moved_px:
         return ""
     return f"by {np.median(off_px):.0f} px" if len(off_px) else "wholly"
 
@@ -56,68 +86,196 @@ def jig_refusal(state: SessionState, view: BoardView, fast: bool) -> str:
         board = solve_board_pose([view], lens.board_shape, lens.camera)
     except VbaaError as error:
         return f"the lens does not explain this picture of the board: {error}"
-    if board.rms_px > max(_TIMES_LENS_RMS * lens.rms_px, _LEAST_RMS_PX):
+    if board.rms_px > max(_LIMITS.times_lens_rms * lens.rms_px, _LIMITS.least_rms_px):
         return (
             f"its corners are {board.rms_px:.2f} px off this lens (its own pictures {lens.rms_px:.2f} px): "
             "has focus, zoom or the board changed?"
         )
-    return _antenna_out_of_view(state, board, lens.camera)
-
-
-def _antenna_out_of_view(state: SessionState, board: BoardPose, camera: Camera) -> str:
-    session = state.session
-    assert session.T_antenna_board is not None
-    T_camera_antenna = board.T_camera_board @ session.T_antenna_board.inverse()
-    along = np.linspace(0.0, session.antenna.length_m, _POINTS)
-    pixels, valid = camera.project(T_camera_antenna @ np.pad(along[:, None], ((0, 0), (0, 2))))
-    share = float(np.mean(valid & camera.in_picture(pixels)))
-    if share >= _LEAST_IN_VIEW:
+    jig = state.session.T_antenna_board
+    assert jig is not None
+    share = _share_in_view(state, jig @ board.T_camera_board.inverse())
+    if share >= _LIMITS.in_view:
         return ""
-    return f"by what was typed about the jig {100 * share:.0f} % of the antenna would be in the picture; {_JIG_REMEDY}"
+    fitting = [
+        entry
+        for _, entry, pose in _others(state, board.T_camera_board)
+        if _share_in_view(state, pose) > 1 - _LIMITS.in_view and pose.translation_m[2] > 0
+    ]
+    remedy = f"{' or '.join(fitting[:3])} would put it there. C" if fitting else "c"
+    return (
+        f"by what was typed about the jig {100 * share:.0f} % of the antenna would be in the picture; {remedy}orrect "
+        "jig_translation_mm, jig_board_x, jig_board_y or board_thickness_mm: type `key = value`"
+    )
 
 
-def camera_distance(state: SessionState, T_antenna_camera: Pose) -> tuple[str, list[Diagnosis]]:
-    """The camera's distance from the antenna's middle beside what was typed, and a doubt if they differ by much."""
-    typed_mm = state.store.journal.answers.get("camera_distance_mm")
-    middle = np.array([0.5 * state.session.antenna.length_m, 0.0, 0.0])
+def _share_in_view(state: SessionState, T_antenna_camera: Pose) -> float:
+    """The share of the straight antenna that is in the picture."""
+    camera, along = state.lens().camera, np.linspace(0.0, state.session.antenna.length_m, 41)
+    pixels, valid = camera.project(T_antenna_camera.inverse() @ np.pad(along[:, None], ((0, 0), (0, 2))))
+    return float(np.mean(valid & camera.in_picture(pixels)))
+
+
+def _others(state: SessionState, T_camera_board: Pose) -> Iterator[tuple[str, str, Pose]]:
+    """What may have been meant about the jig: which entry would be wrong, what would be right, and T_antenna_camera."""
+    session, answers = state.session, state.store.journal.answers
+    jig, board = session.T_antenna_board, session.board
+    if jig is None:
+        return
+    size_m = (board.square_m * board.squares_x, board.square_m * board.squares_y)
+    turn = Pose.from_rotvec(np.radians(answers.get("jig_turn_deg") or [0.0] * 3), np.zeros(3)).rotation
+    for words, other in jig_alternatives(jig, size_m, board.thickness_m):
+        pose, normal = other @ T_camera_board.inverse(), other.rotation[:, 2]
+        translation_mm = np.round(1e3 * (other.translation_m + board.thickness_m * normal), 3).tolist()
+        axes = [
+            next((name for name, way in DIRECTIONS.items() if np.allclose(turn.T @ column, way, atol=1e-6)), "")
+            for column in other.rotation.T[:2]
+        ]
+        if keeps_jig(answers):
+            yield words, f"{other.to_dict()} as the jig's T_antenna_board in session.yaml ({words})", pose
+        elif "thickness" in words:
+            extra_m = float((jig.translation_m - other.translation_m) @ normal)
+            yield words, f"`board_thickness_mm = {1e3 * (board.thickness_m + extra_m):g}` ({words})", pose
+        elif all(axes):
+            entries = {"jig_translation_mm": typed(translation_mm), "jig_board_x": axes[0], "jig_board_y": axes[1]}
+            changed = [f"`{key} = {now}`" for key, now in entries.items() if now != typed(answers.get(key, ""))]
+            yield words, f"{' and '.join(changed)} ({words})", pose
+
+
+def camera_place(state: SessionState, T_antenna_camera: Pose) -> tuple[str, list[Diagnosis]]:
+    """Where plane C and what was typed put the camera, and what contradicts the answers, or cannot be."""
+    answers, session = state.store.journal.answers, state.session
+    doubts = [] if session.T_antenna_board is None else jig_doubts(session.T_antenna_board, session.antenna.length_m)
+    if T_antenna_camera.translation_m[2] < 0:
+        words = (
+            f"the camera is behind plane C, at z = {1e3 * T_antenna_camera.translation_m[2]:.0f} mm: the antenna's z "
+            "axis points away from it"
+        )
+        remedy = "is jig_board_x or jig_board_y turned round? If z does point away from the camera, all is well"
+        doubts.append(Diagnosis("camera_behind_plane", words, remedy))
+    middle = np.array([0.5 * session.antenna.length_m, 0.0, 0.0])
     seen_mm = 1e3 * float(np.linalg.norm(T_antenna_camera.translation_m - middle))
     words = f"the camera is {seen_mm:.0f} mm from the antenna's middle"
-    if typed_mm is None:
-        return words, []
+    if (typed_mm := answers.get("camera_distance_mm")) is None:
+        return words, doubts
     words += f", {typed_mm:g} mm was typed"
-    if 1 / _DISTANCE_RATIO < seen_mm / typed_mm < _DISTANCE_RATIO:
-        return words, []
-    remedy = f"check jig, square size and antenna_length_mm; or type `camera_distance_mm = {seen_mm:.0f}` if that is so"
-    return words, [Diagnosis("camera_distance", words, remedy)]
+    if not 1 / _LIMITS.distance_ratio < seen_mm / typed_mm < _LIMITS.distance_ratio:
+        remedy = f"check jig, square size and antenna_length_mm; or type `camera_distance_mm = {seen_mm:.0f}`"
+        doubts.append(Diagnosis("camera_distance", words, f"{remedy} if that is so"))
+    return words, doubts
 
 
-def thickness_that_shows_it(state: SessionState, still: Still, step: str, image: np.ndarray) -> str:
-    """The board's thickness with which the antenna is found where it was not, in words; empty without one.
-
-    A tenth of what was typed is named if it is one of them; else the range, since the antenna's width in the picture
-    does not tell one from the next.
-    """
-    session, typed_mm = state.session, float(state.store.journal.answers.get("board_thickness_mm") or 0.0)
-    if session.T_antenna_board is None:
-        return ""
-    normal = session.T_antenna_board.rotation[:, 2]
-    pose = fused(state.plane().estimates)
-
-    def found(other_mm: float) -> bool:
-        moved = Pose(pose.rotation, pose.translation_m + 1e-3 * (typed_mm - other_mm) * normal)
-        try:
-            state.observe(still, step, image, moved)
-        except InputError:
-            return False
-        return True
-
-    if typed_mm and found(typed_mm / 10):
-        thick, value = f"{typed_mm / 10:g} mm", f"{typed_mm / 10:g}"
-    elif seen := [other for other in _THICKNESSES_MM if found(other)]:
-        thick, value = f"{min(seen):g} to {max(seen):g} mm", "…"
-    else:
-        return ""
-    return (
-        f"the antenna is found where a board {thick} thick puts it, {typed_mm:g} mm was typed: measure it, "
-        f"and type `board_thickness_mm = {value}`"
+def _misfit_std(state: SessionState, seen: Observation, T_antenna_camera: Pose) -> float:
+    """How far the free antenna is from where a pose of the camera puts it, in standard deviations of a careful builder:
+    offset and turn at the clamp, bow, and where it ends."""
+    antenna, camera = state.session.antenna, state.lens().camera
+    shape = free_curve(nominal_parameters(antenna), antenna.length_m, seen.gravity_m_s2).points_m[0]
+    at_m = np.linspace(0.0, antenna.length_m, 201)
+    in_camera = T_antenna_camera.inverse() @ np.stack(
+        [np.interp(at_m, arc_lengths(shape), each) for each in shape.T], axis=1
     )
+    pixels, valid = camera.project(in_camera)
+    if not valid.all():
+        return np.inf
+    px_per_m = camera.matrix[0, 0] / in_camera[:, 2]
+    apart = seen.points_px[:, None] - pixels
+    nearest = np.linalg.norm(apart, axis=-1).argmin(axis=1)
+    if np.ptp(nearest) < len(at_m) / 2:
+        return np.inf
+    lateral_m = (apart[np.arange(len(nearest)), nearest] * normals(pixels)[nearest]).sum(axis=1) / px_per_m[nearest]
+    std = (0.5 * BOW_STD_PER_M, CLAMP_ANGLE_STD_RAD, CLAMP_OFFSET_STD_M)
+    off = np.polyfit(at_m[nearest], lateral_m, 2) / std
+    if np.isfinite(seen.tip_std_px):
+        end = pixels[-1] - pixels[-2]
+        short_m = (seen.tip_px - pixels[-1]) @ end / np.linalg.norm(end) / px_per_m[-1]
+        off = np.append(off, short_m / np.hypot(CLAMP_OFFSET_STD_M, antenna.tip_std_m or CLAMP_OFFSET_STD_M))
+    return float(np.sqrt(off @ off / len(off)))
+
+
+def _fitting(state: SessionState, seen: Observation) -> list[str]:
+    """Entries about the jig that put the free antenna where it is seen, the best first; none without a jig's board."""
+    board = state.plane().jig
+    others = [] if board is None else list(_others(state, board.T_camera_board))
+    scored = sorted((_misfit_std(state, seen, pose), index) for index, (*_, pose) in enumerate(others))
+    close = [index for misfit, index in scored if misfit < min(_LIMITS.fits_std, scored[0][0] + _LIMITS.alike_std)]
+    return [others[index][1] for index in sorted(close)]
+
+
+def entry_that_shows_it(state: SessionState, still: Still, step: str, image: np.ndarray) -> str:
+    """Of a picture in which the antenna is not found where the answers put it: the entry with which it is; or ""."""
+    board = state.plane().jig
+    poses = [] if board is None else [pose for *_, pose in _others(state, board.T_camera_board)]
+    for pose in poses:
+        if _share_in_view(state, pose) < 1 - _LIMITS.in_view:
+            continue
+        try:
+            seen = state.observe(still, step, image, pose)
+        except InputError:
+            continue
+        if entries := _fitting(state, seen):
+            return f"the antenna is not where the jig's answers put it, but where {' or '.join(entries[:3])} puts it"
+    return ""
+
+
+def antenna_diagnoses(state: SessionState) -> list[Diagnosis]:
+    """What is wrong, or looks wrong, with jig, material, the antenna's pictures and their readings; materials first."""
+    first, found = first_doubts(state), state.still_diagnoses()
+    if any(one.name == "antenna_contradicts_jig" for one in first):
+        found = [one for one in found if one.name != "antenna_contradicts_plane"]
+    return [*first, *found]
+
+
+def first_doubts(state: SessionState) -> list[Diagnosis]:
+    """Of material and jig, for which no solution of all pictures is needed."""
+    antenna, taken = state.session.antenna, state.taken("noload")
+    found = material_doubts(antenna.material, antenna.youngs_modulus_Pa, antenna.density_kg_m3)
+    if not taken or (board := state.plane().jig) is None or state.session.T_antenna_board is None:
+        return found
+
+    def made() -> list[Diagnosis]:
+        seen = state.observation("noload", taken[0])
+        misfit = _misfit_std(state, seen, state.session.T_antenna_board @ board.T_camera_board.inverse())
+        entries = _fitting(state, seen) if misfit > _LIMITS.contradicts_std else []
+        words = f"the free antenna is {misfit:.0f} standard deviations from where the answers about the jig put it"
+        remedy = f"it is where {' or '.join(entries[:3])} puts it: correct that"
+        return [Diagnosis("antenna_contradicts_jig", words, remedy, "wrong")] if entries else []
+
+    return [*found, *state.cached("jig", state.inputs("lens", "plane", "noload"), made)]
+
+
+def axes_drawn(state: SessionState, view: BoardView, image: np.ndarray, with_antenna: bool = True) -> np.ndarray | None:
+    """A picture (H, W) of the board, in colour, with the board's x and y and the antenna where the answers put it.
+
+    None where the lens does not explain the picture. with_antenna : whether the board is in the jig.
+    """
+    lens, spec, length_m = state.lens(), state.board, state.session.antenna.length_m
+    try:
+        T_camera_board = solve_board_pose([view], lens.board_shape, lens.camera).T_camera_board
+    except VbaaError:
+        return None
+    canvas, size = Canvas.over(image), 0.6 * spec.square_m * spec.squares_y
+    frames = [(T_camera_board, "board", {"x": (size, 0, 0), "y": (0, size, 0)})]
+    if with_antenna and state.session.T_antenna_board is not None:
+        axes = {"x: the antenna": (length_m, 0, 0), "y": (0, size, 0), "z": (0, 0, size)}
+        frames.append((T_camera_board @ state.session.T_antenna_board.inverse(), "antenna", axes))
+    for pose, what, axes in frames:
+        for (name, end), colour in zip(axes.items(), ((90, 90, 255), (120, 230, 120), (255, 190, 90)), strict=False):
+            _draw_axis(canvas, lens.camera, pose @ np.linspace(np.zeros(3), end, 41), f"{what} {name}", colour)
+    return canvas.image
+
+
+def _draw_axis(canvas: Canvas, camera: Camera, points_m: np.ndarray, name: str, colour: tuple[int, int, int]) -> None:
+    pixels, valid = camera.project(points_m)
+    inside = pixels[valid & camera.in_picture(pixels)]
+    if len(inside) > 1:
+        canvas.line(inside, (0, 0, 0), 4.0)
+        canvas.line(inside, colour, 2.0)
+        canvas.arrow(inside[-2], inside[-1], colour)
+        canvas.words(name, inside[-1], colour)
+
+
+def keep_drawing(root: Path, drawn: np.ndarray) -> Path:
+    """Write the picture of the axes into the session. Returns where it is."""
+    path = root / AXES
+    with replacing(path) as temporary:
+        temporary.write_bytes(cv2.imencode(".jpg", drawn, [cv2.IMWRITE_JPEG_QUALITY, 90])[1].tobytes())
+    return path

@@ -10,19 +10,40 @@ from typing import Any
 
 from targets.sheet import fill_in, lay_out, paper_named, spec_document
 from targets.write_sheet import as_pdf, draw
-from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.errors import Diagnosis, InputError, VbaaError
 from vbaa_calib.core.files import read_text, sha256, write_text
-from vbaa_calib.core.images import list_images, read_picture
+from vbaa_calib.core.images import list_images, read_gray, read_picture
 from vbaa_calib.detect.board.board_file import load_board
 from vbaa_calib.session import Session, load_session, read_loads, read_noload, read_sweep
+from vbaa_calib.session.jig import jig_doubts
+from vbaa_calib.session.materials import material_doubts
 
-from .questions import BOARD_ANSWERS, BY_KEY, PICTURES, QUESTIONS, READINGS, keeps_jig, open_questions, typed
+from .against_answers import axes_drawn, keep_drawing
+from .questions import (
+    BOARD_ANSWERS,
+    BY_KEY,
+    KEEP,
+    OF_MATERIAL,
+    PICTURES,
+    QUESTIONS,
+    READINGS,
+    keeps_jig,
+    open_questions,
+    typed,
+)
 from .session_state import BOARD, SessionState, answers_of, check_jig_axes, scale_of
-from .steps import Step
+from .sources import Picture
+from .steps import PictureCheck, Step
 from .store import ASIDE, FOLDERS, WAYS, AcceptedPicture, Store
-from .ui import Interrupted, Ui
+from .ui import Interrupted, LivePicture, Ui
 
 _SHEET = "board.pdf"
+_VOIDS = {
+    "board": BOARD_ANSWERS,
+    "paper": [key for key in BOARD_ANSWERS if key != "board"],
+    "material": OF_MATERIAL,
+}
+"""Answers that another one makes void."""
 _JIG = {key for key in BY_KEY if key.startswith("jig_")} | {"board_thickness_mm"}
 
 
@@ -33,7 +54,7 @@ def take_back(store: Store, step: str) -> bool:
     """
     answers = store.journal.answers
     still = open_questions(step, answers)
-    before = QUESTIONS[: QUESTIONS.index(still[0])] if still else QUESTIONS
+    before = QUESTIONS[: QUESTIONS.index(BY_KEY[still[0].key])] if still else QUESTIONS
     asked = [q for q in before if q.step == step and not q.usual]
     answered = [q.key for q in asked if q.key in answers and q.needed(answers)]
     if not answered or (step == "board" and answers.get("board_given")):
@@ -41,9 +62,7 @@ def take_back(store: Store, step: str) -> bool:
     last = answered[-1]
     if last == "plane_way" and store.journal.of(step).taken:
         return False
-    gone = {last}
-    if last in ("board", "paper"):
-        gone |= {key for key in BOARD_ANSWERS if last == "board" or key != "board"}
+    gone = {last, *(_VOIDS.get(last, ()))}
     store.retracted |= {key: value for key, value in answers.items() if key in gone}
     store.forget_answers(gone)
     return True
@@ -52,8 +71,8 @@ def take_back(store: Store, step: str) -> bool:
 def keep_answer(store: Store, key: str, value: Any) -> None:
     """Store an answer. If it differs from the one taken back, what depended on that one is dropped."""
     other = store.retracted.get(key, value) != value
-    if other and key in ("board", "paper"):
-        store.offer_no_more(BOARD_ANSWERS)
+    if other:
+        store.offer_no_more(_VOIDS.get(key, ()))
     store.answer({key: value}, other)
 
 
@@ -91,6 +110,8 @@ def answer_all(state: SessionState, ui: Ui, step: Step) -> None:
             "measure_x_mm": answers.get("measure_x_mm", float("nan")),
             "measure_y_mm": answers.get("measure_y_mm", float("nan")),
         }
+        if question.key == "jig_translation_mm":
+            show_axes(state, ui)
         try:
             value = ui.ask(question, facts)
         except Interrupted as interrupt:
@@ -104,6 +125,46 @@ def answer_all(state: SessionState, ui: Ui, step: Step) -> None:
             value = absolute(Path(), str(value))
         keep_answer(store, question.key, value)
         _forget_if_inconsistent(store, ui)
+        if (doubts := _typed_doubts(state, question.key)) and not kept(ui, doubts):
+            store.retracted[question.key] = value
+            store.forget_answers({question.key})
+
+
+def _typed_doubts(state: SessionState, key: str) -> list[Diagnosis]:
+    """What is suspicious about an answer, before anything is seen."""
+    session = state.session
+    if key == "jig_translation_mm" and session.T_antenna_board is not None:
+        return jig_doubts(session.T_antenna_board, session.antenna.length_m)
+    antenna = session.antenna
+    of_material = key in ("material", *OF_MATERIAL)
+    return material_doubts(antenna.material, antenna.youngs_modulus_Pa, antenna.density_kg_m3) if of_material else []
+
+
+def kept(ui: Ui, doubts: Sequence[Diagnosis]) -> bool:
+    """Whether what looks wrong is to stay, which is asked where somebody is there."""
+    for doubt in doubts:
+        ui.wrong(str(doubt))
+    return bool(ui.ask(KEEP)) if ui.interactive else True
+
+
+def show_axes(state: SessionState, ui: Ui, shown: Picture | None = None) -> None:
+    """Draw the board's axes into a picture of it, and keep that in the session: into the jig's picture, with the
+    antenna where the answers put it; or into the last one for the lens, since the board is not in the jig yet."""
+    in_jig = state.taken("plane") if state.store.folder("plane") == "plane" else ()
+    if not (taken := in_jig or state.taken("lens")):
+        return
+    view = state.views("plane" if in_jig else "lens")[-1]
+    image = read_gray(state.store.path(taken[-1])) if shown is None else shown.image
+    try:
+        drawn = axes_drawn(state, view, image, with_antenna=bool(in_jig))
+    except VbaaError:
+        return
+    if drawn is None:
+        return
+    where = "the board's axes and the antenna as the answers put it" if in_jig else "the board's axes, x right, y down,"
+    words = f"{where} are drawn in {keep_drawing(state.store.root, drawn)}"
+    ui.live(LivePicture(image, PictureCheck(), 0.0, words, live=False, drawn=drawn))
+    ui.say(f"{words}: is the line along the antenna?" if in_jig else words)
 
 
 def _take_usual(store: Store, ui: Ui, step: Step) -> None:
@@ -136,6 +197,12 @@ def change(state: SessionState, ui: Ui, key: str, value: str) -> bool:
         ui.say(f"not changed: {error}")
         return True
     ui.say(f"{key} is {typed(answer)} {question.unit}".rstrip())
+    if key == "material" and answer == "other":
+        ui.say("type its youngs_modulus_GPa = … and density_kg_m3 = …, too")
+    for doubt in _typed_doubts(state, key):
+        ui.wrong(str(doubt))
+    if key in _JIG:
+        show_axes(state, ui)
     return True
 
 

@@ -13,6 +13,7 @@ from vbaa_calib.detect.quality.screen import LEAST_CORNERS
 from vbaa_calib.session import Load, Still
 
 from .against_answers import jig_moved
+from .asking import kept, show_axes
 from .questions import PICTURES, Question, ReadingsTable, asked, complete, in_si, line_of, split_line
 from .session_state import SessionState, still_of
 from .sources import Picture, Source
@@ -20,7 +21,6 @@ from .steps import PictureCheck, Progress, Readings, Step
 from .stillness import ON_A_STAND, StillnessDetector
 from .ui import Interrupted, LivePicture, Ui
 
-_KEEP = Question("keep", "", "Keep these readings as they are?", kind="yesno", default="no")
 _NO = "no: more pictures may be taken"
 GO_ON = Question("go_on", "", "Go on with the next step?", _NO, kind="yesno", default="yes")
 _WAIT_S = 0.2
@@ -215,6 +215,8 @@ class Capture:
         self.ui.say(f"took      {picture.name} as {taken.file}{f', {check.words}' if check.words else ''}")
         share = 100 * (check.closeness or 0.0)
         self.match = check.closer and f"the last picture was {share:.0f} % like it; next time {check.closer}"
+        if self.as_it_stands:
+            show_axes(self.state, self.ui, picture)
         self.progress = None
 
     def _readings_of(self, picture: Picture) -> dict[str, float]:
@@ -253,9 +255,7 @@ class Capture:
                 then = "type it again, or `drop` to leave this picture out" if left else "this picture is left out"
                 ui.wrong(f"{error.what}; {error.remedy}; {then}")
                 continue
-            for doubt in doubts:
-                ui.say(str(doubt))
-            if not doubts or ui.ask(_KEEP):
+            if not doubts or kept(ui, doubts):
                 self.unused = typed
                 return readings
         raise Interrupted("drop")

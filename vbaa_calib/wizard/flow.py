@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -117,7 +118,11 @@ def _take_step(state: SessionState, ui: Ui, step: Step) -> str:
     """One step, from its questions to "closed", or to a command that leaves it (returned or raised)."""
     answer_all(state, ui, step)
     if step.check is None or (step.name == "lens" and state.given_lens is not None):
-        ui.show(step, step.progress(state))
+        progress = step.progress(state)
+        ui.show(step, progress)
+        stands = ui.interactive and any(one.grave for one in progress.diagnoses)
+        if stands and not ui.ask(replace(GO_ON, default="no", why="no: back to the step before, to correct it")):
+            return "back"
         state.store.close(step.name, "done")
         return "closed"
     wants_more = False

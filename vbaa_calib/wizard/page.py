@@ -140,8 +140,9 @@ class Page(View):
             "hold": view.held,
             "hints": [hint.to_dict() for hint in check.hints],
         }
-        shrunk = min(1.0, _WIDEST_PX / width)
-        small = cv2.resize(view.image, None, fx=shrunk, fy=shrunk, interpolation=cv2.INTER_AREA)
+        picture = view.image if view.drawn is None else view.drawn
+        shrunk = min(1.0, _WIDEST_PX / picture.shape[1])
+        small = cv2.resize(picture, None, fx=shrunk, fy=shrunk, interpolation=cv2.INTER_AREA)
         self._jpeg = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, 80])[1].tobytes()
 
 

@@ -45,8 +45,9 @@ from vbaa_calib.session import (
     load_session,
     session_from,
 )
+from vbaa_calib.session.materials import MATERIALS
 
-from .questions import BY_KEY, READINGS
+from .questions import BY_KEY, DIRECTIONS, READINGS, as_known
 from .store import AcceptedPicture, Store
 
 _Result = TypeVar("_Result")
@@ -55,7 +56,6 @@ _STILLS = ("noload", "loads")
 _ALL = ("lens", "plane", *_STILLS)
 _MEASURED = ("measure_x_mm", "board_along_x_mm", "measure_y_mm", "board_along_y_mm")
 """What the rulers of the sheet say, and what was read on them."""
-_DIRECTIONS = {"x": (1, 0, 0), "-x": (-1, 0, 0), "y": (0, 1, 0), "-y": (0, -1, 0), "z": (0, 0, 1), "-z": (0, 0, -1)}
 _UNITS = {
     "antenna": {
         "length_m": ("antenna_length_mm", 1e-3),
@@ -98,7 +98,7 @@ def check_jig_axes(x: str, y: str) -> None:
 
 def _jig(value: Mapping[str, Any]) -> dict[str, Any]:
     check_jig_axes(value["jig_board_x"], value["jig_board_y"])
-    x, y = (np.array(_DIRECTIONS[value[key]], float) for key in ("jig_board_x", "jig_board_y"))
+    x, y = (np.array(DIRECTIONS[value[key]], float) for key in ("jig_board_x", "jig_board_y"))
     turn = Rotation.from_rotvec(value["jig_turn_deg"], degrees=True)
     rotation = turn * Rotation.from_matrix(np.column_stack([x, y, np.cross(x, y)]))
     return {
@@ -141,6 +141,7 @@ def answers_of(session_yaml: Path) -> dict[str, Any]:
         found |= {f"measure_{axis}_mm": length_mm, f"board_along_{axis}_mm": length_mm}
     ways = {"jig": bool(data.get("jig")), "sweep": has_sweep(session), "over": bool(data.get("over"))}
     found |= {"board": str(session_yaml), "board_reading_std_mm": READING_STD_MM}
+    found |= {"material": session.antenna.material} if session.antenna.material in MATERIALS else {}
     found |= {"board_given": True, "gravity_given": True, "jig_given": ways["jig"], "over_given": ways["over"]}
     way = next((way for way, there in ways.items() if there), None)
     return found if way is None else found | {"plane_way": way}
@@ -208,12 +209,15 @@ class SessionState:
     def _session_data(self, before: Mapping[str, Any]) -> dict[str, Any]:
         """session.yaml from answers and defaults. before : its content, whose other keys stay."""
         answers, board, scale = self._answers, self.board, self.scale
-        value = {key: answers.get(key, question.default) for key, question in BY_KEY.items()}
+        value = {key: answers.get(key, as_known(question, answers).default) for key, question in BY_KEY.items()}
         read = {
             section: {key: size * (value[name] or _PASSING.get(name, 0.0)) for key, (name, size) in keys.items()}
             for section, keys in _UNITS.items()
         }
-        data = dict(before) | {"schema": SCHEMA, "board": board.to_dict(), "antenna": read["antenna"]}
+        antenna = dict(before.get("antenna") or {}) | read["antenna"]
+        if "material" in answers:
+            antenna["material"] = answers["material"] if answers["material"] in MATERIALS else None
+        data = dict(before) | {"schema": SCHEMA, "board": board.to_dict(), "antenna": antenna}
         data["moment_sensor"] = dict(before.get("moment_sensor") or {}) | read["moment_sensor"]
         if {"distance_std_mm", "mass_std_percent"} & set(answers) or "load_readings" not in before:
             data["load_readings"] = read["load_readings"]
@@ -223,7 +227,7 @@ class SessionState:
         elif "board_given" not in answers:
             data.pop("print_scale_std", None)
         if "gravity" in answers or "gravity_world" not in before:
-            down = _DIRECTIONS.get(value["gravity"])
+            down = DIRECTIONS.get(value["gravity"])
             data["gravity_world"] = None if down is None else [STANDARD_GRAVITY_M_S2 * float(part) for part in down]
         way = value["plane_way"]
         # the calibration takes every way that session.yaml names: one that was chosen before must not stay
@@ -323,11 +327,12 @@ class SessionState:
         pull = gravity_antenna(plane.kinematics, session.gravity_world_m_s2, [still])[0]
         # the first free picture shows how the antenna differs from its background
         first = self.taken("noload")[:1]
-        paint = self._observation("noload", first[0]).paint if first and step != "noload" else None
+        paint = self.observation("noload", first[0]).paint if first and step != "noload" else None
         expected = ExpectedAntenna(session.antenna, camera, pose or fused(plane.estimates), nominal, paint)
         return expected.observe(still, image, pull)
 
-    def _observation(self, step: str, taken: AcceptedPicture) -> Observation:
+    def observation(self, step: str, taken: AcceptedPicture) -> Observation:
+        """The antenna in an accepted picture of a step."""
         inputs = taken.sha256, tuple(taken.readings.items()), self.inputs("lens", "plane")
         path = self.store.path(taken)
         still = still_of(step, path, taken.readings)
@@ -338,7 +343,7 @@ class SessionState:
 
         def made() -> BundleAdjustment:
             session, first = self.session, self.lens()
-            seen = [self._observation(step, one) for step in _STILLS for one in self.taken(step)]
+            seen = [self.observation(step, one) for step in _STILLS for one in self.taken(step)]
             if not seen:
                 raise InputError("no picture of the antenna yet", where=self.store.root, remedy="take one")
 

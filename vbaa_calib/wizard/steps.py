@@ -30,7 +30,14 @@ from vbaa_calib.detect.quality.screen import LEAST_CORNERS
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import load_session
 
-from .against_answers import board_in_the_way, camera_distance, jig_refusal, thickness_that_shows_it
+from .against_answers import (
+    antenna_diagnoses,
+    board_in_the_way,
+    camera_place,
+    entry_that_shows_it,
+    first_doubts,
+    jig_refusal,
+)
 from .questions import PICTURES, free_pose_deg
 from .session_state import SessionState, still_of
 from .sources import Picture
@@ -155,7 +162,7 @@ def _check_antenna(step: str, state: SessionState, picture: Picture, readings: R
     try:
         seen = state.observe(still, step, image)
     except InputError as error:
-        if not state.taken(step) and (other := thickness_that_shows_it(state, still, step, image)):
+        if not state.taken(step) and (other := entry_that_shows_it(state, still, step, image)):
             return PictureCheck(other)
         jig = "" if state.taken(step) else "; or the answers about the jig are wrong, so that it is sought elsewhere"
         return PictureCheck(f"{error.what}; shoot it again with the antenna lit and wholly in view{jig}")
@@ -279,7 +286,7 @@ def _plane_progress(state: SessionState) -> Progress:
     else:
         enough, missing = count >= most, f"{most - count} more would average out noise and show a board that moves"
     x, y, z = 1e3 * estimate.T_antenna_camera.translation_m
-    distance, doubts = camera_distance(state, estimate.T_antenna_camera)
+    distance, doubts = camera_place(state, estimate.T_antenna_camera)
     return Progress(
         seen=(seen, f"camera at ({x:.1f}, {y:.1f}, {z:.1f}) mm in the antenna frame", distance),
         missing=() if enough else (missing,),
@@ -298,17 +305,17 @@ _STIFFNESS_GOAL = 0.01
 
 def _free_progress(state: SessionState) -> Progress:
     taken = state.taken("noload")
-    missing, diagnoses, solved = [], [], False
+    missing, diagnoses, solved = list[str](), list[Diagnosis](), False
     if len(taken) < _FREE_ENOUGH:
         missing.append(counted(_FREE_ENOUGH - len(taken), "more picture"))
     if taken and np.ptp([np.degrees(one.readings["tilt_rad"]) for one in taken]) < 20.0:
         missing.append("another tilt: how the antenna sags under its weight shows gravity and the moment sensor's gain")
-    if len(taken) >= _FREE_LEAST:
-        try:
-            diagnoses = state.still_diagnoses()
-            solved = True
-        except VbaaError as error:
-            missing.append(str(error))
+    try:
+        diagnoses = first_doubts(state)
+        if len(taken) >= _FREE_LEAST:
+            diagnoses, solved = antenna_diagnoses(state), True
+    except VbaaError as error:
+        missing.append(str(error))
     pan, tilt = free_pose_deg(len(taken))
     return Progress(
         seen=(f"{counted(len(taken), 'picture')} of the free antenna",),
@@ -339,7 +346,7 @@ def _loads_progress(state: SessionState) -> Progress:
         enough=enough,
         usable=len(taken) >= _LOADS_LEAST,
         numbers=(std,) if taken else (),
-        diagnoses=tuple(state.still_diagnoses()) if taken else (),
+        diagnoses=tuple(antenna_diagnoses(state)) if taken else (),
     )
 
 
@@ -389,6 +396,18 @@ _PROGRESS = {
     "sensor": _sensor_progress,
     "verdict": _verdict_progress,
 }
+
+
+def _open_while_wrong(progress: Callable[[SessionState], Progress], state: SessionState) -> Progress:
+    """A step's progress, in which nothing is enough and no further picture is the next thing while something is wrong
+    that more pictures do not mend."""
+    now = progress(state)
+    wrong = next((one for one in now.diagnoses if one.grave), None)
+    if wrong is None or now.target is not None:
+        return now
+    return replace(now, enough=False, next=f"{wrong.remedy}; or type enough, and it stays as it is")
+
+
 _CHECK: dict[str, Callable[[SessionState, Picture, Readings | None], PictureCheck]] = {
     "lens": _check_lens,
     "plane": _check_plane,
@@ -397,5 +416,6 @@ _CHECK: dict[str, Callable[[SessionState, Picture, Readings | None], PictureChec
 }
 _WORDS = yaml.safe_load(Path(__file__).with_name("steps.yaml").read_text(encoding="utf-8"))
 STEP_BY_NAME = {
-    name: Step(name, **_WORDS[name], progress=progress, check=_CHECK.get(name)) for name, progress in _PROGRESS.items()
+    name: Step(name, **_WORDS[name], progress=partial(_open_while_wrong, progress), check=_CHECK.get(name))
+    for name, progress in _PROGRESS.items()
 }

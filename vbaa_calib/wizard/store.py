@@ -23,7 +23,7 @@ from vbaa_calib.core.files import read_json, replacing, sha256, write_json
 from vbaa_calib.core.folders import make_folder
 from vbaa_calib.core.images import SUFFIXES
 
-from .questions import PICTURES, QUESTIONS, READINGS, SOURCES, STEPS, TABLES, Question
+from .questions import OF_MATERIAL, PICTURES, QUESTIONS, READINGS, SOURCES, STEPS, TABLES, Question
 from .sources import Picture
 
 NAME = "wizard.json"
@@ -226,7 +226,9 @@ class Store:
         changed = [key for key, value in answers.items() if before.get(key) != value]
         if not changed:
             return
-        journal = self.journal.with_answers({**before, **answers})
+        # of another material neither number is known any more
+        void = OF_MATERIAL if "material" in set(changed) & before.keys() and answers["material"] != "other" else ()
+        journal = self.journal.with_answers({**_without(before, void), **answers})
         if any((corrected or key in before) and not key.endswith(("source", "readings")) for key in changed):
             for step in ("plane", "noload", "loads"):
                 if journal.of(step).left:

@@ -42,7 +42,7 @@ class Interrupted(Exception):
 class LivePicture:
     """A picture (H, W) uint8, its check, how long it has been held still (0 to 1), and a comment.
 
-    live : of a stream; else the last one of a folder.
+    live : of a stream; else the last one of a folder. drawn : the same in colour with what is drawn in it, of any size.
     """
 
     image: np.ndarray
@@ -50,6 +50,7 @@ class LivePicture:
     held: float
     words: str = ""
     live: bool = True
+    drawn: np.ndarray | None = None
 
 
 class View:
@@ -106,7 +107,7 @@ class Ui:
 
         Raises Interrupted for a command; InputError without a user and a default.
         """
-        words = question.words.format_map(facts or {})
+        words, before = question.words.format_map(facts or {}), (self.question, self.words)
         if not self.interactive:
             if question.default is None:
                 remedy = f"give {question.flag}, or {question.key}: in --answers FILE, or run it in a terminal"
@@ -121,7 +122,7 @@ class Ui:
                     problem = f"{error.what.removeprefix(f'{question.key} is ')}; {error.remedy}"
                     self._changed("problem", problem=problem)
         finally:
-            self._changed("answered", question=None, problem="")
+            self._changed("answered", question=before[0], words=before[1], problem="")
 
     def _first_answer(self) -> object:
         while True:
