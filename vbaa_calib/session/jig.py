@@ -42,6 +42,7 @@ def jig_alternatives(
         add(f"the unit: {unit} taken for mm", Pose(rotation, factor * t))
     for unit, factor in (("mm", 1e-3), ("cm", 1e-2), ("inches", 0.0254)):
         add(f"the unit: {unit} taken for m", Pose(rotation, factor * t))
+    add("the decimal point: a place too far to the right", Pose(rotation, 0.1 * t))
     for a, b in ((0, 1), (1, 2), (0, 2)):
         order = [b if axis == a else a if axis == b else axis for axis in range(3)]
         add(f"{'xyz'[a]} and {'xyz'[b]} exchanged", Pose(rotation, t[order]))

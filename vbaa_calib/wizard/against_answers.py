@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
+from operator import itemgetter
 from pathlib import Path
 
 import cv2
@@ -20,6 +22,7 @@ from vbaa_calib.calibrate.pose.board_pose import solve_board_pose
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import Diagnosis, InputError, VbaaError
 from vbaa_calib.core.files import replacing
+from vbaa_calib.core.images import read_picture
 from vbaa_calib.core.polyline import arc_lengths, normals
 from vbaa_calib.detect.board.corners import BoardView, detect_corners
 from vbaa_calib.detect.drawing.canvas import Canvas
@@ -46,8 +49,9 @@ class _Limits:
     least_rms_px: float = 1.0  # and at least this
     in_view: float = 0.25  # share of the antenna that has to be in the picture
     distance_ratio: float = 1.3  # of the camera's distances as seen and as typed, to 20 %
-    contradicts_std: float = 4.0  # of the free antenna's place: what a careful builder never misses
-    fits_std: float = 2.5  # of an entry that would fit
+    contradicts_std: float = 2.5  # of the free antenna's place: chance 3e-5, were all as a careful builder makes it
+    fits_std: float = 1.5  # of an entry that would fit
+    hidden_std: float = 0.03  # share of the free antenna that is not seen
     alike_std: float = 0.5  # entries between which the picture cannot decide
 
 
@@ -124,6 +128,8 @@ def _others(state: SessionState, T_camera_board: Pose) -> Iterator[tuple[str, st
     size_m = (board.square_m * board.squares_x, board.square_m * board.squares_y)
     turn = Pose.from_rotvec(np.radians(answers.get("jig_turn_deg") or [0.0] * 3), np.zeros(3)).rotation
     for words, other in jig_alternatives(jig, size_m, board.thickness_m):
+        if words.endswith("taken for m") and not keeps_jig(answers):
+            continue  # answers are in mm
         pose, normal = other @ T_camera_board.inverse(), other.rotation[:, 2]
         translation_mm = np.round(1e3 * (other.translation_m + board.thickness_m * normal), 3).tolist()
         axes = [
@@ -166,7 +172,7 @@ def camera_place(state: SessionState, T_antenna_camera: Pose) -> tuple[str, list
 
 def _misfit_std(state: SessionState, seen: Observation, T_antenna_camera: Pose) -> float:
     """How far the free antenna is from where a pose of the camera puts it, in standard deviations of a careful builder:
-    offset and turn at the clamp, bow, and where it ends."""
+    offset and turn at the clamp, bow, where it ends, and how much of it is not seen."""
     antenna, camera = state.session.antenna, state.lens().camera
     shape = free_curve(nominal_parameters(antenna), antenna.length_m, seen.gravity_m_s2).points_m[0]
     at_m = np.linspace(0.0, antenna.length_m, 201)
@@ -188,32 +194,23 @@ def _misfit_std(state: SessionState, seen: Observation, T_antenna_camera: Pose) 
         end = pixels[-1] - pixels[-2]
         short_m = (seen.tip_px - pixels[-1]) @ end / np.linalg.norm(end) / px_per_m[-1]
         off = np.append(off, short_m / np.hypot(CLAMP_OFFSET_STD_M, antenna.tip_std_m or CLAMP_OFFSET_STD_M))
+    off = np.append(off, (1.0 - np.ptp(nearest) / (len(at_m) - 1)) / _LIMITS.hidden_std)
     return float(np.sqrt(off @ off / len(off)))
 
 
-def _fitting(state: SessionState, seen: Observation) -> list[str]:
-    """Entries about the jig that put the free antenna where it is seen, the best first; none without a jig's board."""
+def entries_that_show_it(state: SessionState, still: Still, step: str, image: np.ndarray) -> str:
+    """Entries about the jig with which the free antenna is found in a picture, where they put it; "" without any."""
     board = state.plane().jig
-    others = [] if board is None else list(_others(state, board.T_camera_board))
-    scored = sorted((_misfit_std(state, seen, pose), index) for index, (*_, pose) in enumerate(others))
-    close = [index for misfit, index in scored if misfit < min(_LIMITS.fits_std, scored[0][0] + _LIMITS.alike_std)]
-    return [others[index][1] for index in sorted(close)]
-
-
-def entry_that_shows_it(state: SessionState, still: Still, step: str, image: np.ndarray) -> str:
-    """Of a picture in which the antenna is not found where the answers put it: the entry with which it is; or ""."""
-    board = state.plane().jig
-    poses = [] if board is None else [pose for *_, pose in _others(state, board.T_camera_board)]
-    for pose in poses:
-        if _share_in_view(state, pose) < 1 - _LIMITS.in_view:
-            continue
-        try:
-            seen = state.observe(still, step, image, pose)
-        except InputError:
-            continue
-        if entries := _fitting(state, seen):
-            return f"the antenna is not where the jig's answers put it, but where {' or '.join(entries[:3])} puts it"
-    return ""
+    found = list[tuple[bool, float, str]]()
+    for _, entry, pose in _others(state, board.T_camera_board) if board is not None else ():
+        if _share_in_view(state, pose) > 1 - _LIMITS.in_view:
+            with suppress(InputError):
+                misfit = _misfit_std(state, state.observe(still, step, image, pose), pose)
+                found.append((pose.translation_m[2] < 0, misfit, entry))
+    most = min(_LIMITS.fits_std, min((misfit for _, misfit, _ in found), default=0.0) + _LIMITS.alike_std)
+    # the camera is seldom behind plane C; else the commoner first
+    close = sorted((one for one in found if one[1] < most), key=itemgetter(0))
+    return " or ".join(entry for *_, entry in close[:3])
 
 
 def antenna_diagnoses(state: SessionState) -> list[Diagnosis]:
@@ -232,11 +229,12 @@ def first_doubts(state: SessionState) -> list[Diagnosis]:
         return found
 
     def made() -> list[Diagnosis]:
-        seen = state.observation("noload", taken[0])
+        seen, image = state.observation("noload", taken[0]), read_picture(state.store.path(taken[0]))
         misfit = _misfit_std(state, seen, state.session.T_antenna_board @ board.T_camera_board.inverse())
-        entries = _fitting(state, seen) if misfit > _LIMITS.contradicts_std else []
-        words = f"the free antenna is {misfit:.0f} standard deviations from where the answers about the jig put it"
-        remedy = f"it is where {' or '.join(entries[:3])} puts it: correct that"
+        wrong = misfit > _LIMITS.contradicts_std
+        entries = entries_that_show_it(state, seen.still, "noload", image) if wrong else ""
+        words = f"the free antenna is {misfit:.1f} standard deviations from where the answers about the jig put it"
+        remedy = f"it is where {entries} puts it: type that"
         return [Diagnosis("antenna_contradicts_jig", words, remedy, "wrong")] if entries else []
 
     return [*found, *state.cached("jig", state.inputs("lens", "plane", "noload"), made)]

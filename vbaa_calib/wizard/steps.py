@@ -34,7 +34,7 @@ from .against_answers import (
     antenna_diagnoses,
     board_in_the_way,
     camera_place,
-    entry_that_shows_it,
+    entries_that_show_it,
     first_doubts,
     jig_refusal,
 )
@@ -162,8 +162,10 @@ def _check_antenna(step: str, state: SessionState, picture: Picture, readings: R
     try:
         seen = state.observe(still, step, image)
     except InputError as error:
-        if not state.taken(step) and (other := entry_that_shows_it(state, still, step, image)):
-            return PictureCheck(other)
+        if not state.taken(step) and (other := entries_that_show_it(state, still, step, image)):
+            return PictureCheck(
+                f"the antenna is not where the jig's answers put it, but where {other} puts it: type that"
+            )
         jig = "" if state.taken(step) else "; or the answers about the jig are wrong, so that it is sought elsewhere"
         return PictureCheck(f"{error.what}; shoot it again with the antenna lit and wholly in view{jig}")
     return PictureCheck("", seen.points_px, words=f"antenna seen at {len(seen.points_px)} points")
