@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from vbaa_calib.sources import Picture
 from vbaa_calib.wizard import flow
 from vbaa_calib.wizard.asking import keep_answer, take_back
 from vbaa_calib.wizard.questions import QUESTIONS, Question
 from vbaa_calib.wizard.session_state import SessionState
-from vbaa_calib.wizard.sources import Picture
 from vbaa_calib.wizard.steps import PictureCheck
 from vbaa_calib.wizard.store import Store
 from vbaa_calib.wizard.ui import Interrupted, Ui, View

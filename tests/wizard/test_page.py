@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from vbaa_calib.sources.files import frame_picture
 from vbaa_calib.wizard.capture import GO_ON
 from vbaa_calib.wizard.flow import STEP_BY_NAME
 from vbaa_calib.wizard.page import Page
 from vbaa_calib.wizard.questions import Question
 from vbaa_calib.wizard.server import PageCommand
 from vbaa_calib.wizard.session_state import SessionState
-from vbaa_calib.wizard.sources.files import frame_picture
 from vbaa_calib.wizard.steps import PictureCheck
 from vbaa_calib.wizard.store import Store
 from vbaa_calib.wizard.ui import LivePicture, Ui, View

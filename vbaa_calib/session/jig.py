@@ -78,15 +78,13 @@ def jig_doubts(jig: Pose, length_m: float) -> list[Diagnosis]:
         return []
     units = {1e3: "m", 10.0: "cm", 25.4: "inches"} if small else {1e-3: "mm", 1e-2: "cm", 0.0254: "inches"}
     likely = [
-        f"{name} it would be {1e3 * factor * size_m:.3g} mm"
+        f"in {name} (then it is {1e3 * factor * size_m:.3g} mm)"
         for factor, name in units.items()
         if 0.05 * length_m < factor * size_m <= most_m
     ]
-    words = (
-        f"the jig would hold the board's corner {_length(size_m)} from the clamp, of an antenna of {_length(length_m)}"
-    )
-    guess = f": in {' or in '.join(likely)}" if likely else ""
-    return [Diagnosis("jig_offset_unit", words, f"is the unit right{guess}", "wrong")]
+    words = f"the jig would hold the board's corner {_length(size_m)} from the clamp of a {_length(length_m)} antenna"
+    remedy = f"was it typed {' or '.join(likely)}?" if likely else "is the unit right?"
+    return [Diagnosis("jig_offset_unit", words, remedy, "wrong")]
 
 
 def _length(size_m: float) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from operator import itemgetter
 from pathlib import Path
 
@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 
 from vbaa_calib.calibrate.antenna.inputs import Observation
+from vbaa_calib.calibrate.antenna.problem import ANTENNA
 from vbaa_calib.calibrate.antenna.session_rig import (
     BOW_STD_PER_M,
     CLAMP_ANGLE_STD_RAD,
@@ -19,6 +20,7 @@ from vbaa_calib.calibrate.antenna.session_rig import (
     nominal_parameters,
 )
 from vbaa_calib.calibrate.pose.board_pose import solve_board_pose
+from vbaa_calib.calibrate.pose.fusion import fused
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import Diagnosis, InputError, VbaaError
 from vbaa_calib.core.files import replacing
@@ -31,7 +33,7 @@ from vbaa_calib.detect.whisker.antenna import free_curve
 from vbaa_calib.geometry import Pose
 from vbaa_calib.session import Still
 from vbaa_calib.session.jig import jig_alternatives, jig_doubts
-from vbaa_calib.session.materials import material_doubts
+from vbaa_calib.session.materials import MATERIALS, material_doubts
 
 from .questions import DIRECTIONS, keeps_jig, typed
 from .session_state import SessionState
@@ -49,8 +51,11 @@ class _Limits:
     least_rms_px: float = 1.0  # and at least this
     in_view: float = 0.25  # share of the antenna that has to be in the picture
     distance_ratio: float = 1.3  # of the camera's distances as seen and as typed, to 20 %
-    contradicts_std: float = 2.5  # of the free antenna's place: chance 3e-5, were all as a careful builder makes it
-    fits_std: float = 1.5  # of an entry that would fit
+    contradicts_std: float = 2.0  # of the free antenna's place: chance 1e-3, were all as a careful builder makes it
+    fits_std: float = 1.3  # of an entry that would fit
+    softer: tuple[float, ...] = (0.5, 1.0, 3.0)  # than typed: by another material or diameter
+    other_material: float = 2.0  # ratio of Young's moduli from which on the sag shows that it is another
+    sag_std: float = 4.0  # of the logarithm of EI over mass by the sag
     hidden_std: float = 0.03  # share of the free antenna that is not seen
     alike_std: float = 0.5  # entries between which the picture cannot decide
 
@@ -171,16 +176,24 @@ def camera_place(state: SessionState, T_antenna_camera: Pose) -> tuple[str, list
 
 
 def _misfit_std(state: SessionState, seen: Observation, T_antenna_camera: Pose) -> float:
+    """As `_misfit_of`, the least of stiffnesses that it may have: of another material it sags otherwise."""
+    nominal = nominal_parameters(state.session.antenna)
+    stiffness = np.eye(len(nominal))[6]  # its logarithm
+    softer = (nominal - np.log(factor) * stiffness for factor in _LIMITS.softer)
+    return min(_misfit_of(state, seen, T_antenna_camera, parameters) for parameters in softer)
+
+
+def _misfit_of(state: SessionState, seen: Observation, T_antenna_camera: Pose, parameters: np.ndarray) -> float:
     """How far the free antenna is from where a pose of the camera puts it, in standard deviations of a careful builder:
     offset and turn at the clamp, bow, where it ends, and how much of it is not seen."""
     antenna, camera = state.session.antenna, state.lens().camera
-    shape = free_curve(nominal_parameters(antenna), antenna.length_m, seen.gravity_m_s2).points_m[0]
+    shape = free_curve(parameters, antenna.length_m, seen.gravity_m_s2).points_m[0]
     at_m = np.linspace(0.0, antenna.length_m, 201)
     in_camera = T_antenna_camera.inverse() @ np.stack(
         [np.interp(at_m, arc_lengths(shape), each) for each in shape.T], axis=1
     )
     pixels, valid = camera.project(in_camera)
-    if not valid.all():
+    if not valid.all() or not np.diff(pixels, axis=0).any(axis=1).all():
         return np.inf
     px_per_m = camera.matrix[0, 0] / in_camera[:, 2]
     apart = seen.points_px[:, None] - pixels
@@ -199,8 +212,20 @@ def _misfit_std(state: SessionState, seen: Observation, T_antenna_camera: Pose) 
 
 
 def entries_that_show_it(state: SessionState, still: Still, step: str, image: np.ndarray) -> str:
-    """Entries about the jig with which the free antenna is found in a picture, where they put it; "" without any."""
-    board = state.plane().jig
+    """Entries, about the material or the jig, with which the free antenna is found in a picture, where they put it; ""
+    without any. Materials come first."""
+    board, antenna = state.plane().jig, state.session.antenna
+    of_materials = list[tuple[float, str]]()
+    for other in MATERIALS.values() if antenna.material else ():
+        if max(ratio := other.youngs_modulus_Pa / antenna.youngs_modulus_Pa, 1 / ratio) > _LIMITS.other_material:
+            made_of = {"youngs_modulus_Pa": other.youngs_modulus_Pa, "density_kg_m3": other.density_kg_m3}
+            another, pose = replace(antenna, **made_of), fused(state.plane().estimates)
+            with suppress(InputError):
+                seen = state.observe(still, step, image, antenna=another)
+                misfit = _misfit_of(state, seen, pose, nominal_parameters(another))
+                of_materials.append((misfit, f"`material = {other.name}`"))
+    if of_materials and min(of_materials)[0] < _LIMITS.fits_std:
+        return min(of_materials)[1]
     found = list[tuple[bool, float, str]]()
     for _, entry, pose in _others(state, board.T_camera_board) if board is not None else ():
         if _share_in_view(state, pose) > 1 - _LIMITS.in_view:
@@ -218,7 +243,39 @@ def antenna_diagnoses(state: SessionState) -> list[Diagnosis]:
     first, found = first_doubts(state), state.still_diagnoses()
     if any(one.name == "antenna_contradicts_jig" for one in first):
         found = [one for one in found if one.name != "antenna_contradicts_plane"]
+    elif not any(one.grave or "material" in one.name for one in found):
+        first += _material_by_sag(state)
     return [*first, *found]
+
+
+def _material_by_sag(state: SessionState) -> list[Diagnosis]:
+    """Whether the free antenna sags as one of its material, by EI over mass; with those that would."""
+    antenna, joint = state.session.antenna, state.joint()
+    ratio = np.array([1.0, -1.0])
+    log_ei_mass = joint.parameters[ANTENNA][6:8] @ ratio
+    std = float(np.sqrt(ratio @ joint.covariance[ANTENNA, ANTENNA][6:8, 6:8] @ ratio))
+    known = MATERIALS.get(antenna.material or "")
+    factor = float(np.exp(log_ei_mass - nominal_parameters(antenna)[6:8] @ ratio))
+    if (
+        known is None
+        or std > 0.2
+        or any(
+            known.has_modulus(antenna.youngs_modulus_Pa * factor * np.exp(way * _LIMITS.sag_std * std))
+            for way in (-1, 0, 1)
+        )
+    ):
+        return []
+    modulus_Pa = factor * antenna.youngs_modulus_Pa
+    names = [
+        one.name
+        for one in MATERIALS.values()
+        if one.has_modulus(modulus_Pa * one.density_kg_m3 / antenna.density_kg_m3)
+    ]
+    words = f"the free antenna sags as if {known.name} had {1e-9 * modulus_Pa:.3g} GPa instead of "
+    words += f"{1e-9 * antenna.youngs_modulus_Pa:.3g}"
+    remedy = f"is it {' or '.join(names[:3])}? Type `material = …`; " if names else ""
+    remedy += f"or is it {1e3 * antenna.diameter_m * np.sqrt(factor):.3g} mm thick, or does gravity point elsewhere?"
+    return [Diagnosis("material_by_sag", words, remedy, "wrong")]
 
 
 def first_doubts(state: SessionState) -> list[Diagnosis]:
@@ -233,7 +290,9 @@ def first_doubts(state: SessionState) -> list[Diagnosis]:
         misfit = _misfit_std(state, seen, state.session.T_antenna_board @ board.T_camera_board.inverse())
         wrong = misfit > _LIMITS.contradicts_std
         entries = entries_that_show_it(state, seen.still, "noload", image) if wrong else ""
-        words = f"the free antenna is {misfit:.1f} standard deviations from where the answers about the jig put it"
+        words = (
+            f"the free antenna is {misfit:.1f} standard deviations from where the answers about jig and material put it"
+        )
         remedy = f"it is where {entries} puts it: type that"
         return [Diagnosis("antenna_contradicts_jig", words, remedy, "wrong")] if entries else []
 

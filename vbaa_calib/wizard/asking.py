@@ -17,6 +17,7 @@ from vbaa_calib.detect.board.board_file import load_board
 from vbaa_calib.session import Session, load_session, read_loads, read_noload, read_sweep
 from vbaa_calib.session.jig import jig_doubts
 from vbaa_calib.session.materials import material_doubts
+from vbaa_calib.sources import Picture
 
 from .against_answers import axes_drawn, keep_drawing
 from .questions import (
@@ -32,7 +33,6 @@ from .questions import (
     typed,
 )
 from .session_state import BOARD, SessionState, answers_of, check_jig_axes, scale_of
-from .sources import Picture
 from .steps import PictureCheck, Step
 from .store import ASIDE, FOLDERS, WAYS, AcceptedPicture, Store
 from .ui import Interrupted, LivePicture, Ui
@@ -132,12 +132,12 @@ def answer_all(state: SessionState, ui: Ui, step: Step) -> None:
 
 def _typed_doubts(state: SessionState, key: str) -> list[Diagnosis]:
     """What is suspicious about an answer, before anything is seen."""
-    session = state.session
-    if key == "jig_translation_mm" and session.T_antenna_board is not None:
-        return jig_doubts(session.T_antenna_board, session.antenna.length_m)
-    antenna = session.antenna
-    of_material = key in ("material", *OF_MATERIAL)
-    return material_doubts(antenna.material, antenna.youngs_modulus_Pa, antenna.density_kg_m3) if of_material else []
+    if key == "jig_translation_mm" and (jig := state.session.T_antenna_board) is not None:
+        return jig_doubts(jig, state.session.antenna.length_m)
+    if key not in ("material", *OF_MATERIAL):
+        return []
+    antenna = state.session.antenna
+    return material_doubts(antenna.material, antenna.youngs_modulus_Pa, antenna.density_kg_m3)
 
 
 def kept(ui: Ui, doubts: Sequence[Diagnosis]) -> bool:
@@ -161,10 +161,15 @@ def show_axes(state: SessionState, ui: Ui, shown: Picture | None = None) -> None
         return
     if drawn is None:
         return
-    where = "the board's axes and the antenna as the answers put it" if in_jig else "the board's axes, x right, y down,"
+    where = (
+        "the board's axes and the antenna as the answers put it"
+        if in_jig
+        else "the board's axes, x along its upper edge, y down,"
+    )
     words = f"{where} are drawn in {keep_drawing(state.store.root, drawn)}"
     ui.live(LivePicture(image, PictureCheck(), 0.0, words, live=False, drawn=drawn))
-    ui.say(f"{words}: is the line along the antenna?" if in_jig else words)
+    if len(in_jig) < 2 or shown is None:
+        ui.say(f"{words}: look whether that is so" if in_jig else words)
 
 
 def _take_usual(store: Store, ui: Ui, step: Step) -> None:

@@ -11,12 +11,12 @@ from vbaa_calib.core.errors import Diagnosis, InputError
 from vbaa_calib.core.images import read_gray
 from vbaa_calib.detect.quality.screen import LEAST_CORNERS
 from vbaa_calib.session import Load, Still
+from vbaa_calib.sources import Picture, Source
 
 from .against_answers import jig_moved
 from .asking import kept, show_axes
 from .questions import PICTURES, Question, ReadingsTable, asked, complete, in_si, line_of, split_line
 from .session_state import SessionState, still_of
-from .sources import Picture, Source
 from .steps import PictureCheck, Progress, Readings, Step
 from .stillness import ON_A_STAND, StillnessDetector
 from .ui import Interrupted, LivePicture, Ui

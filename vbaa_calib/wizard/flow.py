@@ -10,6 +10,7 @@ from typing import Any
 
 from vbaa_calib.core.errors import InputError, VbaaError
 from vbaa_calib.core.images import SUFFIXES
+from vbaa_calib.sources import Source, SourceLost, VideoSource, open_source
 
 from ..streams.bags import is_bag
 from ..streams.pictures import BagPictures
@@ -17,7 +18,6 @@ from .asking import answer_all, change, set_unlisted_aside, take_back
 from .capture import GO_ON, Capture, NoMorePictures
 from .questions import BOARD_ANSWERS, BY_KEY, PICTURES, SOURCES, STEPS, Question, ReadingsTable, read_table, table_of
 from .session_state import SessionState
-from .sources import Source, SourceLost, VideoSource, open_source
 from .steps import REPORT, RIG, STEP_BY_NAME, Report, Step, conclude
 from .store import Store
 from .ui import Interrupted, Ui

@@ -38,6 +38,7 @@ from vbaa_calib.session import (
     SCHEMA,
     STANDARD_GRAVITY_M_S2,
     Load,
+    NominalAntenna,
     Session,
     Still,
     gravity_antenna,
@@ -320,15 +321,24 @@ class SessionState:
         distance_m = 1e-3 * float(answers.get("camera_distance_mm", 400.0))
         return WorkPlane.about(distance_m, float(np.radians(answers.get("camera_inclination_deg", 0.0))), length_m)
 
-    def observe(self, still: Still, step: str, image: np.ndarray, pose: Pose | None = None) -> Observation:
-        """The antenna in a still's picture (as `read_picture` gives it). pose : T_antenna_camera, if not plane C's."""
+    def observe(
+        self,
+        still: Still,
+        step: str,
+        image: np.ndarray,
+        pose: Pose | None = None,
+        antenna: NominalAntenna | None = None,
+    ) -> Observation:
+        """The antenna in a still's picture (as `read_picture` gives it). pose : T_antenna_camera, if not plane C's.
+        antenna : if not the session's."""
         session, plane, camera = self.session, self.plane(), self.lens().camera
-        nominal = nominal_parameters(session.antenna)
+        antenna = antenna or session.antenna
         pull = gravity_antenna(plane.kinematics, session.gravity_world_m_s2, [still])[0]
         # the first free picture shows how the antenna differs from its background
         first = self.taken("noload")[:1]
         paint = self.observation("noload", first[0]).paint if first and step != "noload" else None
-        expected = ExpectedAntenna(session.antenna, camera, pose or fused(plane.estimates), nominal, paint)
+        pose = pose or fused(plane.estimates)
+        expected = ExpectedAntenna(antenna, camera, pose, nominal_parameters(antenna), paint)
         return expected.observe(still, image, pull)
 
     def observation(self, step: str, taken: AcceptedPicture) -> Observation:

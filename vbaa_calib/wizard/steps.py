@@ -29,6 +29,7 @@ from vbaa_calib.detect.quality.hints import picture_hints, wrong_board
 from vbaa_calib.detect.quality.screen import LEAST_CORNERS
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import load_session
+from vbaa_calib.sources import Picture
 
 from .against_answers import (
     antenna_diagnoses,
@@ -40,7 +41,6 @@ from .against_answers import (
 )
 from .questions import PICTURES, free_pose_deg
 from .session_state import SessionState, still_of
-from .sources import Picture
 
 
 @dataclass(frozen=True)

@@ -22,9 +22,9 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_json, replacing, sha256, write_json
 from vbaa_calib.core.folders import make_folder
 from vbaa_calib.core.images import SUFFIXES
+from vbaa_calib.sources import Picture
 
 from .questions import OF_MATERIAL, PICTURES, QUESTIONS, READINGS, SOURCES, STEPS, TABLES, Question
-from .sources import Picture
 
 NAME = "wizard.json"
 ASIDE = "aside"

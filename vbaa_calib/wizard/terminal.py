@@ -112,6 +112,7 @@ class _Screen:
 
 _STATUS_EVERY_S = 0.25
 _LABEL = 12 * " "
+_MOST_IN_PROMPT = 7  # choices; more stand above it
 _MESSAGE_STYLES = {"next": "next", "WRONG": "wrong", "look": "doubt"}
 _AFTER = "vbaa estimate finds contacts in a recording; vbaa check shows in a month whether the rig is still valid"
 
@@ -185,6 +186,8 @@ class Terminal(View):
                 self._write(ui.words, "bold")
                 if ui.question.why:
                     self._write(f"({ui.question.why})", "dim", "  ", "   ")
+                if len(ui.question.choices) > _MOST_IN_PROMPT:
+                    self._write(", ".join(ui.question.choices), "", "  ")
             case "problem":
                 self._write(ui.problem, "doubt", "  ")
             case "doing":
@@ -224,7 +227,7 @@ def _live_words(view: LivePicture) -> str:
 def _prompt(question: Question) -> str:
     parts = [question.unit] if question.unit else []
     choices = ("yes", "no") if question.kind == "yesno" else question.choices
-    if choices:
+    if 0 < len(choices) <= _MOST_IN_PROMPT:
         parts.append(" / ".join(choices))
     if question.default is not None:
         parts.append(f"Enter for {typed(question.default)}")
