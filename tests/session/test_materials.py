@@ -10,7 +10,7 @@ import pytest
 from vbaa_calib.core.files import read_yaml
 from vbaa_calib.core.models import json_schema
 from vbaa_calib.session import load_session
-from vbaa_calib.session.materials import MATERIALS, material_doubts, materials_near
+from vbaa_calib.session.materials import MATERIALS, materials_near
 from vbaa_calib.session.settings import SessionFile
 
 from .files import changed, complaint, write
@@ -48,13 +48,13 @@ def test_a_session_that_names_its_material_needs_no_numbers(root: Path, name: st
     write(root, changed("antenna", to=size | {"material": name.upper()}))
     antenna = load_session(root).antenna
     assert (antenna.youngs_modulus_Pa, antenna.density_kg_m3) == (one.youngs_modulus_Pa, one.density_kg_m3)
-    assert material_doubts(name, antenna.youngs_modulus_Pa, antenna.density_kg_m3) == []
+    assert antenna.material_doubts == []
     low, high = one.modulus_range_Pa
     for modulus_Pa, doubts in ((0.9 * low, 1), (1.02 * low, 0), (0.98 * high, 0), (1.1 * high, 1)):
         write(root, changed("antenna", to=size | {"material": name, "youngs_modulus_Pa": modulus_Pa}))
         antenna = load_session(root).antenna
         assert antenna.youngs_modulus_Pa == modulus_Pa
-        found = material_doubts(antenna.material, modulus_Pa, antenna.density_kg_m3)
+        found = antenna.material_doubts
         assert len(found) == doubts
         assert all(other in found[0].remedy for other in materials_near(modulus_Pa)[:3] if found)
 

@@ -6,9 +6,7 @@ Moduli are those of drawn wire and of rods along their fibres at room temperatur
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 from vbaa_calib.core.errors import Diagnosis
 
@@ -35,6 +33,27 @@ class Material:
         """Whether this material can have this density."""
         low, high = self.density_range_kg_m3
         return low <= density_kg_m3 <= high
+
+    @staticmethod
+    def named(name: object) -> Material | None:
+        """The material of this name, however it is capitalised; None for any other."""
+        return next((one for one in MATERIALS.values() if one.name.lower() == str(name).strip().lower()), None)
+
+    def doubts(self, youngs_modulus_Pa: float, density_kg_m3: float) -> list[Diagnosis]:
+        """Whether it can have this modulus and density; each doubt with the materials that have them."""
+        found = []
+        if not self.has_modulus(youngs_modulus_Pa):
+            low, high = (1e-9 * bound for bound in self.modulus_range_Pa)
+            words = (
+                f"Young's modulus is {1e-9 * youngs_modulus_Pa:.4g} GPa, that of {self.name} {low:g} to {high:g} GPa"
+            )
+            found.append(Diagnosis("modulus_not_of_material", words, _instead(materials_near(youngs_modulus_Pa))))
+        if not self.has_density(density_kg_m3):
+            low, high = self.density_range_kg_m3
+            words = f"the density is {density_kg_m3:.4g} kg/m³, that of {self.name} {low:g} to {high:g} kg/m³"
+            near = tuple(one.name for one in MATERIALS.values() if one.has_density(density_kg_m3))
+            found.append(Diagnosis("density_not_of_material", words, _instead(near)))
+        return found
 
 
 def _row(name: str, modulus_GPa: tuple[float, float, float], density_kg_m3: tuple[float, float, float]) -> Material:
@@ -83,35 +102,6 @@ def materials_near(youngs_modulus_Pa: float, density_kg_m3: float | None = None)
         if one.has_modulus(youngs_modulus_Pa) and (density_kg_m3 is None or one.has_density(density_kg_m3))
     ]
     return tuple(one.name for one in sorted(fitting, key=distance))
-
-
-def material_named(name: object) -> Material | None:
-    """The material of this name, however it is capitalised; None for any other."""
-    return next((one for one in MATERIALS.values() if one.name.lower() == str(name).strip().lower()), None)
-
-
-def with_material(antenna: Any) -> Any:
-    """session.yaml's `antenna` with modulus and density of the material that it names, where it has none of its own."""
-    if not isinstance(antenna, Mapping) or (known := material_named(antenna.get("material"))) is None:
-        return antenna
-    return {"youngs_modulus_Pa": known.youngs_modulus_Pa, "density_kg_m3": known.density_kg_m3, **antenna}
-
-
-def material_doubts(name: object, youngs_modulus_Pa: float, density_kg_m3: float) -> list[Diagnosis]:
-    """Whether a material of this name can have this modulus and density, each with what has them."""
-    known, found = material_named(name), []
-    if known is None:
-        return []
-    if not known.has_modulus(youngs_modulus_Pa):
-        low, high = (1e-9 * bound for bound in known.modulus_range_Pa)
-        words = f"Young's modulus is {1e-9 * youngs_modulus_Pa:.4g} GPa, that of {known.name} {low:g} to {high:g} GPa"
-        found.append(Diagnosis("modulus_not_of_material", words, _instead(materials_near(youngs_modulus_Pa))))
-    if not known.has_density(density_kg_m3):
-        low, high = known.density_range_kg_m3
-        words = f"the density is {density_kg_m3:.4g} kg/m³, that of {known.name} {low:g} to {high:g} kg/m³"
-        near = tuple(one.name for one in MATERIALS.values() if one.has_density(density_kg_m3))
-        found.append(Diagnosis("density_not_of_material", words, _instead(near)))
-    return found
 
 
 def _instead(names: tuple[str, ...]) -> str:

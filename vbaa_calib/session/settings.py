@@ -14,13 +14,13 @@ from scipy.spatial.transform import Rotation
 
 from targets.board import BoardSpec
 from vbaa_calib.core.arrays import gate
-from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.errors import Diagnosis, InputError
 from vbaa_calib.core.files import read_yaml
 from vbaa_calib.core.models import ArrayOf, FileModel, Number, ReadAs, checked
 from vbaa_calib.geometry import Kinematics, Pose
 
 from .drift import DRIFTS, LAB, Drift, FileDrift
-from .materials import MATERIALS, with_material
+from .materials import MATERIALS, Material
 
 if TYPE_CHECKING:
     from .tables import Still
@@ -71,6 +71,13 @@ class NominalTip:
     ] = None
 
 
+def _with_material(antenna: Any) -> Any:
+    """session.yaml's `antenna`, with modulus and density of the material that it names where it has none."""
+    if not isinstance(antenna, Mapping) or (known := Material.named(antenna.get("material"))) is None:
+        return antenna
+    return {"youngs_modulus_Pa": known.youngs_modulus_Pa, "density_kg_m3": known.density_kg_m3, **antenna}
+
+
 def _or_material(schema: dict[str, Any]) -> None:
     """In the JSON Schema: modulus and density may be missing where a material of the table is named."""
     schema["required"] = ["length_m", "diameter_m"]
@@ -97,6 +104,12 @@ class NominalAntenna:
         Annotated[str, Field(min_length=1, max_length=60)] | None,
         Field(description="by it youngs_modulus_Pa and density_kg_m3 are known where they are missing"),
     ] = None
+
+    @property
+    def material_doubts(self) -> list[Diagnosis]:
+        """Whether the material can have this modulus and density; empty where it is not of the table."""
+        known = Material.named(self.material)
+        return [] if known is None else known.doubts(self.youngs_modulus_Pa, self.density_kg_m3)
 
     @property
     def tip_std_m(self) -> float | None:
@@ -275,7 +288,7 @@ class SessionFile(FileModel):
     VERSION = SCHEMA
     version: Literal["vbaa.session/1"] = Field(alias="schema")
     board: BoardSpec
-    antenna: Annotated[NominalAntenna, BeforeValidator(with_material)]
+    antenna: Annotated[NominalAntenna, BeforeValidator(_with_material)]
     jig: _Jig | None = None
     kinematics: _SessionKinematics | None = None
     gravity_world: Annotated[Gravity | None, Field(description="m/s²; null: weightless")]

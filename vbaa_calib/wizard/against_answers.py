@@ -33,7 +33,7 @@ from vbaa_calib.detect.whisker.antenna import free_curve
 from vbaa_calib.geometry import Pose
 from vbaa_calib.session import Still
 from vbaa_calib.session.jig import jig_alternatives, jig_doubts
-from vbaa_calib.session.materials import MATERIALS, material_doubts
+from vbaa_calib.session.materials import MATERIALS
 
 from .questions import DIRECTIONS, keeps_jig, typed
 from .session_state import SessionState
@@ -43,7 +43,7 @@ AXES = "jig.jpg"
 
 
 @dataclass(frozen=True)
-class _Limits:
+class _Contradiction:
     """From when on a picture contradicts what was typed."""
 
     moved_px: float = 2.0  # median of the corners, of a jig that stands still
@@ -54,13 +54,13 @@ class _Limits:
     contradicts_std: float = 2.0  # of the free antenna's place: chance 1e-3, were all as a careful builder makes it
     fits_std: float = 1.3  # of an entry that would fit
     softer: tuple[float, ...] = (0.5, 1.0, 3.0)  # than typed: by another material or diameter
-    other_material: float = 2.0  # ratio of Young's moduli from which on the sag shows that it is another
+    other_material: float = 1.5  # ratio of Young's moduli from which on the sag tells materials apart
     sag_std: float = 4.0  # of the logarithm of EI over mass by the sag
     hidden_std: float = 0.03  # share of the free antenna that is not seen
     alike_std: float = 0.5  # entries between which the picture cannot decide
 
 
-_LIMITS = _Limits()
+_LIMITS = _Contradiction()
 
 
 def jig_moved(state: SessionState, corners_px: np.ndarray, ids: np.ndarray) -> str:
@@ -215,17 +215,18 @@ def entries_that_show_it(state: SessionState, still: Still, step: str, image: np
     """Entries, about the material or the jig, with which the free antenna is found in a picture, where they put it; ""
     without any. Materials come first."""
     board, antenna = state.plane().jig, state.session.antenna
-    of_materials = list[tuple[float, str]]()
+    of_materials, tried = list[tuple[float, str]](), [antenna.youngs_modulus_Pa]
     for other in MATERIALS.values() if antenna.material else ():
-        if max(ratio := other.youngs_modulus_Pa / antenna.youngs_modulus_Pa, 1 / ratio) > _LIMITS.other_material:
-            made_of = {"youngs_modulus_Pa": other.youngs_modulus_Pa, "density_kg_m3": other.density_kg_m3}
-            another, pose = replace(antenna, **made_of), fused(state.plane().estimates)
+        modulus_Pa = other.youngs_modulus_Pa
+        if min(abs(np.log(modulus_Pa / one)) for one in tried) > np.log(_LIMITS.other_material):
+            tried.append(modulus_Pa)
+            another = replace(antenna, youngs_modulus_Pa=modulus_Pa, density_kg_m3=other.density_kg_m3)
             with suppress(InputError):
-                seen = state.observe(still, step, image, antenna=another)
-                misfit = _misfit_of(state, seen, pose, nominal_parameters(another))
-                of_materials.append((misfit, f"`material = {other.name}`"))
-    if of_materials and min(of_materials)[0] < _LIMITS.fits_std:
-        return min(of_materials)[1]
+                seen, pose = state.observe(still, step, image, antenna=another), fused(state.plane().estimates)
+                of_materials.append((_misfit_of(state, seen, pose, nominal_parameters(another)), other.name))
+    if of_materials and (best := min(of_materials)[0]) < _LIMITS.fits_std:
+        alike = [name for misfit, name in of_materials if misfit < best + _LIMITS.alike_std]
+        return " or ".join(f"`material = {name}`" for name in alike[:3])
     found = list[tuple[bool, float, str]]()
     for _, entry, pose in _others(state, board.T_camera_board) if board is not None else ():
         if _share_in_view(state, pose) > 1 - _LIMITS.in_view:
@@ -238,10 +239,16 @@ def entries_that_show_it(state: SessionState, still: Still, step: str, image: np
     return " or ".join(entry for *_, entry in close[:3])
 
 
-def antenna_diagnoses(state: SessionState) -> list[Diagnosis]:
-    """What is wrong, or looks wrong, with jig, material, the antenna's pictures and their readings; materials first."""
-    first, found = first_doubts(state), state.still_diagnoses()
-    if any(one.name == "antenna_contradicts_jig" for one in first):
+def antenna_diagnoses(state: SessionState, together: bool = True) -> list[Diagnosis]:
+    """What is wrong, or looks wrong, with jig, material, the antenna's pictures and their readings; materials first.
+
+    together : by the solution of all pictures, too, which takes more than one.
+    """
+    first = _first_doubts(state)
+    if not together:
+        return first
+    found = state.still_diagnoses()
+    if any(one.name.startswith("antenna_contradicts") for one in first):
         found = [one for one in found if one.name != "antenna_contradicts_plane"]
     elif not any(one.grave or "material" in one.name for one in found):
         first += _material_by_sag(state)
@@ -278,10 +285,10 @@ def _material_by_sag(state: SessionState) -> list[Diagnosis]:
     return [Diagnosis("material_by_sag", words, remedy, "wrong")]
 
 
-def first_doubts(state: SessionState) -> list[Diagnosis]:
+def _first_doubts(state: SessionState) -> list[Diagnosis]:
     """Of material and jig, for which no solution of all pictures is needed."""
     antenna, taken = state.session.antenna, state.taken("noload")
-    found = material_doubts(antenna.material, antenna.youngs_modulus_Pa, antenna.density_kg_m3)
+    found = antenna.material_doubts
     if not taken or (board := state.plane().jig) is None or state.session.T_antenna_board is None:
         return found
 
@@ -294,30 +301,31 @@ def first_doubts(state: SessionState) -> list[Diagnosis]:
             f"the free antenna is {misfit:.1f} standard deviations from where the answers about jig and material put it"
         )
         remedy = f"it is where {entries} puts it: type that"
-        return [Diagnosis("antenna_contradicts_jig", words, remedy, "wrong")] if entries else []
+        name = "antenna_contradicts_material" if "material" in entries else "antenna_contradicts_jig"
+        return [Diagnosis(name, words, remedy, "wrong")] if entries else []
 
     return [*found, *state.cached("jig", state.inputs("lens", "plane", "noload"), made)]
 
 
-def axes_drawn(state: SessionState, view: BoardView, image: np.ndarray, with_antenna: bool = True) -> np.ndarray | None:
-    """A picture (H, W) of the board, in colour, with the board's x and y and the antenna where the answers put it.
-
-    None where the lens does not explain the picture. with_antenna : whether the board is in the jig.
+def draw_axes(state: SessionState, image: np.ndarray, in_jig: bool) -> tuple[Path, np.ndarray]:
+    """The last picture (H, W) of the board, in colour, with the board's x and y, and in the jig with the antenna where
+    the answers put it; and where that is kept in the session. Raises SolveError, InputError as the board's pose does.
     """
     lens, spec, length_m = state.lens(), state.board, state.session.antenna.length_m
-    try:
-        T_camera_board = solve_board_pose([view], lens.board_shape, lens.camera).T_camera_board
-    except VbaaError:
-        return None
+    view = state.views("plane" if in_jig else "lens")[-1]
+    T_camera_board = solve_board_pose([view], lens.board_shape, lens.camera).T_camera_board
     canvas, size = Canvas.over(image), 0.6 * spec.square_m * spec.squares_y
     frames = [(T_camera_board, "board", {"x": (size, 0, 0), "y": (0, size, 0)})]
-    if with_antenna and state.session.T_antenna_board is not None:
+    if in_jig and state.session.T_antenna_board is not None:
         axes = {"x: the antenna": (length_m, 0, 0), "y": (0, size, 0), "z": (0, 0, size)}
         frames.append((T_camera_board @ state.session.T_antenna_board.inverse(), "antenna", axes))
     for pose, what, axes in frames:
         for (name, end), colour in zip(axes.items(), ((90, 90, 255), (120, 230, 120), (255, 190, 90)), strict=False):
             _draw_axis(canvas, lens.camera, pose @ np.linspace(np.zeros(3), end, 41), f"{what} {name}", colour)
-    return canvas.image
+    path = state.store.root / AXES
+    with replacing(path) as temporary:
+        temporary.write_bytes(cv2.imencode(".jpg", canvas.image, [cv2.IMWRITE_JPEG_QUALITY, 90])[1].tobytes())
+    return path, canvas.image
 
 
 def _draw_axis(canvas: Canvas, camera: Camera, points_m: np.ndarray, name: str, colour: tuple[int, int, int]) -> None:
@@ -328,11 +336,3 @@ def _draw_axis(canvas: Canvas, camera: Camera, points_m: np.ndarray, name: str, 
         canvas.line(inside, colour, 2.0)
         canvas.arrow(inside[-2], inside[-1], colour)
         canvas.words(name, inside[-1], colour)
-
-
-def keep_drawing(root: Path, drawn: np.ndarray) -> Path:
-    """Write the picture of the axes into the session. Returns where it is."""
-    path = root / AXES
-    with replacing(path) as temporary:
-        temporary.write_bytes(cv2.imencode(".jpg", drawn, [cv2.IMWRITE_JPEG_QUALITY, 90])[1].tobytes())
-    return path

@@ -16,10 +16,9 @@ from vbaa_calib.core.images import list_images, read_gray, read_picture
 from vbaa_calib.detect.board.board_file import load_board
 from vbaa_calib.session import Session, load_session, read_loads, read_noload, read_sweep
 from vbaa_calib.session.jig import jig_doubts
-from vbaa_calib.session.materials import material_doubts
 from vbaa_calib.sources import Picture
 
-from .against_answers import axes_drawn, keep_drawing
+from .against_answers import draw_axes
 from .questions import (
     BOARD_ANSWERS,
     BY_KEY,
@@ -136,8 +135,7 @@ def _typed_doubts(state: SessionState, key: str) -> list[Diagnosis]:
         return jig_doubts(jig, state.session.antenna.length_m)
     if key not in ("material", *OF_MATERIAL):
         return []
-    antenna = state.session.antenna
-    return material_doubts(antenna.material, antenna.youngs_modulus_Pa, antenna.density_kg_m3)
+    return state.session.antenna.material_doubts
 
 
 def kept(ui: Ui, doubts: Sequence[Diagnosis]) -> bool:
@@ -153,20 +151,13 @@ def show_axes(state: SessionState, ui: Ui, shown: Picture | None = None) -> None
     in_jig = state.taken("plane") if state.store.folder("plane") == "plane" else ()
     if not (taken := in_jig or state.taken("lens")):
         return
-    view = state.views("plane" if in_jig else "lens")[-1]
     image = read_gray(state.store.path(taken[-1])) if shown is None else shown.image
     try:
-        drawn = axes_drawn(state, view, image, with_antenna=bool(in_jig))
-    except VbaaError:
+        path, drawn = draw_axes(state, image, in_jig=bool(in_jig))
+    except VbaaError:  # the lens does not explain the picture, which is reported elsewhere
         return
-    if drawn is None:
-        return
-    where = (
-        "the board's axes and the antenna as the answers put it"
-        if in_jig
-        else "the board's axes, x along its upper edge, y down,"
-    )
-    words = f"{where} are drawn in {keep_drawing(state.store.root, drawn)}"
+    where = "the board's axes and the antenna as the answers put it" if in_jig else "the board's x and y"
+    words = f"{where} are drawn in {path}"
     ui.live(LivePicture(image, PictureCheck(), 0.0, words, live=False, drawn=drawn))
     if len(in_jig) < 2 or shown is None:
         ui.say(f"{words}: look whether that is so" if in_jig else words)

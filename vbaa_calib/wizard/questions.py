@@ -59,6 +59,15 @@ class Question:
         """On the command line."""
         return "--" + self.key.replace("_", "-")
 
+    def as_known(self, answers: Answers) -> Question:
+        """With what follows from the material: its numbers as defaults; of another one they are asked for."""
+        if self.key not in OF_MATERIAL or (material := answers.get("material")) is None:
+            return self
+        if (known := MATERIALS.get(material)) is None:
+            return replace(self, usual=False, default=None)
+        typical = {"youngs_modulus_GPa": 1e-9 * known.youngs_modulus_Pa, "density_kg_m3": known.density_kg_m3}
+        return replace(self, default=typical[self.key])
+
     def read(self, given: object, where: object = None) -> Any:
         """The answer, converted and checked. Raises InputError saying what is expected."""
         readers = {"number": self._number, "numbers": self._numbers, "choice": self._choice}
@@ -215,19 +224,8 @@ BOARD_ANSWERS = (*_FILE["board"], "measure_x_mm", "measure_y_mm", "board_given")
 
 def open_questions(step: str, answers: Answers, *, usual: bool = False) -> list[Question]:
     """What a step still has to ask, given the answers so far; or whose defaults it takes without asking (`usual`)."""
-    mine = (as_known(one, answers) for one in QUESTIONS if one.step == step)
+    mine = (one.as_known(answers) for one in QUESTIONS if one.step == step)
     return [one for one in mine if one.usual == usual and one.key not in answers and one.needed(answers)]
-
-
-def as_known(question: Question, answers: Answers) -> Question:
-    """A question with what follows from the material: its numbers as defaults; of another one they are asked for."""
-    material = answers.get("material")
-    if question.key not in OF_MATERIAL or material is None:
-        return question
-    if known := MATERIALS.get(material):
-        typical = {"youngs_modulus_GPa": 1e-9 * known.youngs_modulus_Pa, "density_kg_m3": known.density_kg_m3}
-        return replace(question, default=typical[question.key])
-    return replace(question, usual=False, default=None)
 
 
 _DEGREES = math.pi / 180.0

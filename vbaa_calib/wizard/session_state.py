@@ -48,7 +48,7 @@ from vbaa_calib.session import (
 )
 from vbaa_calib.session.materials import MATERIALS
 
-from .questions import BY_KEY, DIRECTIONS, READINGS, as_known
+from .questions import BY_KEY, DIRECTIONS, READINGS
 from .store import AcceptedPicture, Store
 
 _Result = TypeVar("_Result")
@@ -210,7 +210,7 @@ class SessionState:
     def _session_data(self, before: Mapping[str, Any]) -> dict[str, Any]:
         """session.yaml from answers and defaults. before : its content, whose other keys stay."""
         answers, board, scale = self._answers, self.board, self.scale
-        value = {key: answers.get(key, as_known(question, answers).default) for key, question in BY_KEY.items()}
+        value = {key: answers.get(key, question.as_known(answers).default) for key, question in BY_KEY.items()}
         read = {
             section: {key: size * (value[name] or _PASSING.get(name, 0.0)) for key, (name, size) in keys.items()}
             for section, keys in _UNITS.items()

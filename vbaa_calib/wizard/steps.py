@@ -36,7 +36,6 @@ from .against_answers import (
     board_in_the_way,
     camera_place,
     entries_that_show_it,
-    first_doubts,
     jig_refusal,
 )
 from .questions import PICTURES, free_pose_deg
@@ -313,7 +312,7 @@ def _free_progress(state: SessionState) -> Progress:
     if taken and np.ptp([np.degrees(one.readings["tilt_rad"]) for one in taken]) < 20.0:
         missing.append("another tilt: how the antenna sags under its weight shows gravity and the moment sensor's gain")
     try:
-        diagnoses = first_doubts(state)
+        diagnoses = antenna_diagnoses(state, together=False)
         if len(taken) >= _FREE_LEAST:
             diagnoses, solved = antenna_diagnoses(state), True
     except VbaaError as error:
