@@ -280,7 +280,7 @@ def _material_by_sag(state: SessionState) -> list[Diagnosis]:
     ]
     words = f"the free antenna sags as if {known.name} had {1e-9 * modulus_Pa:.3g} GPa instead of "
     words += f"{1e-9 * antenna.youngs_modulus_Pa:.3g}"
-    remedy = f"is it {' or '.join(names[:3])}? Type `material = …`; " if names else ""
+    remedy = f"is it {' or '.join(names)}? Type `material = …`; " if names else ""
     remedy += f"or is it {1e3 * antenna.diameter_m * np.sqrt(factor):.3g} mm thick, or does gravity point elsewhere?"
     return [Diagnosis("material_by_sag", words, remedy, "wrong")]
 
@@ -289,12 +289,13 @@ def _first_doubts(state: SessionState) -> list[Diagnosis]:
     """Of material and jig, for which no solution of all pictures is needed."""
     antenna, taken = state.session.antenna, state.taken("noload")
     found = antenna.material_doubts
-    if not taken or (board := state.plane().jig) is None or state.session.T_antenna_board is None:
+    board, jig = state.plane().jig if taken else None, state.session.T_antenna_board
+    if board is None or jig is None:
         return found
 
     def made() -> list[Diagnosis]:
         seen, image = state.observation("noload", taken[0]), read_picture(state.store.path(taken[0]))
-        misfit = _misfit_std(state, seen, state.session.T_antenna_board @ board.T_camera_board.inverse())
+        misfit = _misfit_std(state, seen, jig @ board.T_camera_board.inverse())
         wrong = misfit > _LIMITS.contradicts_std
         entries = entries_that_show_it(state, seen.still, "noload", image) if wrong else ""
         words = (
@@ -315,13 +316,14 @@ def draw_axes(state: SessionState, image: np.ndarray, in_jig: bool) -> tuple[Pat
     view = state.views("plane" if in_jig else "lens")[-1]
     T_camera_board = solve_board_pose([view], lens.board_shape, lens.camera).T_camera_board
     canvas, size = Canvas.over(image), 0.6 * spec.square_m * spec.squares_y
-    frames = [(T_camera_board, "board", {"x": (size, 0, 0), "y": (0, size, 0)})]
+    frames = [(T_camera_board, "board", {"x": [size, 0, 0], "y": [0, size, 0]})]
     if in_jig and state.session.T_antenna_board is not None:
-        axes = {"x: the antenna": (length_m, 0, 0), "y": (0, size, 0), "z": (0, 0, size)}
+        axes = {"x: the antenna": [length_m, 0, 0], "y": [0, size, 0], "z": [0, 0, size]}
         frames.append((T_camera_board @ state.session.T_antenna_board.inverse(), "antenna", axes))
-    for pose, what, axes in frames:
-        for (name, end), colour in zip(axes.items(), ((90, 90, 255), (120, 230, 120), (255, 190, 90)), strict=False):
-            _draw_axis(canvas, lens.camera, pose @ np.linspace(np.zeros(3), end, 41), f"{what} {name}", colour)
+    for pose, what, ends in frames:
+        for (name, end), colour in zip(ends.items(), ((90, 90, 255), (120, 230, 120), (255, 190, 90)), strict=False):
+            points = pose @ np.linspace(np.zeros(3), end, 41)
+            _draw_axis(canvas, lens.camera, points, f"{what} {name}", colour)
     path = state.store.root / AXES
     with replacing(path) as temporary:
         temporary.write_bytes(cv2.imencode(".jpg", canvas.image, [cv2.IMWRITE_JPEG_QUALITY, 90])[1].tobytes())

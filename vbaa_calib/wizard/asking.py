@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -27,8 +28,11 @@ from .questions import (
     PICTURES,
     QUESTIONS,
     READINGS,
+    Question,
+    asked,
     keeps_jig,
     open_questions,
+    split_line,
     typed,
 )
 from .session_state import BOARD, SessionState, answers_of, check_jig_axes, scale_of
@@ -177,6 +181,8 @@ def _take_usual(store: Store, ui: Ui, step: Step) -> None:
 def change(state: SessionState, ui: Ui, key: str, value: str) -> bool:
     """Change an earlier answer; False if there is no such question."""
     store, question = state.store, BY_KEY.get(key)
+    if found := re.fullmatch(r"(plane|noload|loads)_(\d+)", key):
+        return _retype(state, ui, found[1], int(found[2]), value)
     if question is None:
         return False
     began = key == "plane_way" and store.journal.of("plane").taken
@@ -199,6 +205,24 @@ def change(state: SessionState, ui: Ui, key: str, value: str) -> bool:
         ui.wrong(str(doubt))
     if key in _JIG:
         show_axes(state, ui)
+    return True
+
+
+def _retype(state: SessionState, ui: Ui, step: str, number: int, line: str) -> bool:
+    """Replace the readings of a step's picture, counted from 1, by a line like the one that is typed for a new one."""
+    taken, folder = state.taken(step), state.store.folder(step)
+    questions = asked(folder, [one.readings for one in taken[: number - 1]])
+    if not questions or not 0 < number <= len(taken):
+        return False
+    numbers = Question("readings", "", "", kind="numbers")
+    try:
+        readings = state.readings(step, split_line(questions, numbers.read(line)), f"{step}_{number}")
+        state.store.correct(step, number - 1, readings)
+        state.write_files()
+    except InputError as error:
+        ui.say(f"not changed: {error}")
+        return True
+    ui.say(f"{taken[number - 1].file}: {line}")
     return True
 
 

@@ -10,12 +10,12 @@ from vbaa_calib.calibrate.faults.loads import typed_load_diagnoses
 from vbaa_calib.core.errors import Diagnosis, InputError
 from vbaa_calib.core.images import read_gray
 from vbaa_calib.detect.quality.screen import LEAST_CORNERS
-from vbaa_calib.session import Load, Still
+from vbaa_calib.session import Load
 from vbaa_calib.sources import Picture, Source
 
 from .against_answers import jig_moved
 from .asking import kept, show_axes
-from .questions import PICTURES, Question, ReadingsTable, asked, complete, in_si, line_of, split_line
+from .questions import PICTURES, Question, ReadingsTable, asked, in_si, line_of, split_line, typed
 from .session_state import SessionState, still_of
 from .steps import PictureCheck, Progress, Readings, Step
 from .stillness import ON_A_STAND, StillnessDetector
@@ -86,11 +86,15 @@ class Capture:
                 if self.ui.interactive:
                     self.ui.say("enough: on with the next step; back returns to this one")
                 return self._close("enough")
+        before = self.state.inputs(*PICTURES)
         for command in self.ui.commands():
             if (ended := self._obey(command)) is not None:
                 return ended
         if self.store.journal.answers != self.answers:
             return "again"
+        if self.state.inputs(*PICTURES) != before:  # readings were corrected
+            self.progress = None
+            return None
         picture = self.pending or self.source.next(_WAIT_S)
         if picture is not None and self.source.live and picture is not self.pending:
             self._watch(picture)
@@ -262,12 +266,25 @@ class Capture:
 
     def _judged(self, typed: Mapping[str, Any], where: str) -> tuple[dict[str, float], list[Diagnosis]]:
         """Readings as the session's tables hold them, and what looks wrong with a load."""
-        session, step, si = self.state.session, self.step.name, in_si(typed, where)
-        still = Still(None, si.get("pan_rad", 0.0), si.get("tilt_rad", 0.0), 0.0)
-        pull = session.gravity_antenna([still])[0]
-        readings = complete(self.store.folder(step), typed, pull, session.antenna.length_m, where)
-        load = still_of(step, None, readings) if step == "loads" else None
-        return readings, typed_load_diagnoses([load], session.antenna) if isinstance(load, Load) else []
+        readings = self.state.readings(self.step.name, typed, where)
+        load = still_of(self.step.name, None, readings) if self.step.name == "loads" else None
+        if not isinstance(load, Load):
+            return readings, []
+        doubts = typed_load_diagnoses([load], self.state.session.antenna)
+        return readings, [*self._of_weights(typed), *doubts]
+
+    def _of_weights(self, line: Mapping[str, Any]) -> list[Diagnosis]:
+        """Whether a mass is one of the weights that there are, or several of them together."""
+        mass_g = 1e3 * in_si(line, None).get("mass_kg", 0.0)
+        weights = self.store.journal.answers.get("weights_g") or []
+        sums = {0.0}
+        for weight in weights[:10]:
+            sums |= {each + weight for each in sums}
+        if not mass_g or any(abs(each - mass_g) <= 0.05 * mass_g for each in sums):
+            return []
+        words = f"{mass_g:g} g is none of the weights ({typed(weights)} g)"
+        remedy = "type it in grams, or with its unit, like 0.05 kg; or is material or diameter another than typed?"
+        return [Diagnosis("load_not_of_weights", words, remedy)]
 
     def _refuse(self, picture: Picture, why: str) -> None:
         self.store.refuse(self.step.name, picture, why)

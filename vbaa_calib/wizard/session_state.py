@@ -48,7 +48,7 @@ from vbaa_calib.session import (
 )
 from vbaa_calib.session.materials import MATERIALS
 
-from .questions import BY_KEY, DIRECTIONS, READINGS
+from .questions import BY_KEY, DIRECTIONS, READINGS, complete, in_si
 from .store import AcceptedPicture, Store
 
 _Result = TypeVar("_Result")
@@ -173,9 +173,11 @@ class SessionState:
         return found
 
     def inputs(self, *steps: str) -> Hashable:
-        """A key that changes with any answer and any picture of these steps."""
+        """A key that changes with any answer, and any picture of these steps and its readings."""
         answers = tuple(sorted((key, repr(value)) for key, value in self._answers.items()))
-        return answers, tuple((step, tuple(one.sha256 for one in self.taken(step))) for step in steps)
+        return answers, tuple(
+            (step, tuple((one.sha256, *one.readings.items()) for one in self.taken(step))) for step in steps
+        )
 
     @property
     def _answers(self) -> Mapping[str, Any]:
@@ -257,6 +259,13 @@ class SessionState:
 
     def taken(self, step: str) -> tuple[AcceptedPicture, ...]:
         return self.store.journal.of(step).taken
+
+    def readings(self, step: str, typed: Mapping[str, Any], where: str) -> dict[str, float]:
+        """Readings of a picture, under whichever names, as the session's tables hold them. Raises InputError."""
+        session, si = self.session, in_si(typed, where)
+        still = Still(None, si.get("pan_rad", 0.0), si.get("tilt_rad", 0.0), 0.0)
+        pull = session.gravity_antenna([still])[0]
+        return complete(self.store.folder(step), typed, pull, session.antenna.length_m, where)
 
     def _view(self, taken: AcceptedPicture) -> BoardView:
         path, spec = self.store.path(taken), self.board

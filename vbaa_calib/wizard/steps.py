@@ -406,7 +406,8 @@ def _open_while_wrong(progress: Callable[[SessionState], Progress], state: Sessi
     wrong = next((one for one in now.diagnoses if one.grave), None)
     if wrong is None or now.target is not None:
         return now
-    return replace(now, enough=False, next=f"{wrong.remedy}; or type enough, and it stays as it is")
+    row = "; type `loads_1 = 5 120 0.3` to correct the first one's readings" if wrong.name.startswith("load_") else ""
+    return replace(now, enough=False, next=f"{wrong.remedy}{row}; or type enough, and it stays as it is")
 
 
 _CHECK: dict[str, Callable[[SessionState, Picture, Readings | None], PictureCheck]] = {

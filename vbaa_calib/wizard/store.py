@@ -260,6 +260,12 @@ class Store:
         self._record(step, taken=(*before, taken))
         return taken
 
+    def correct(self, step: str, number: int, readings: Mapping[str, float]) -> None:
+        """Replace the readings of a step's accepted picture, counted from 0."""
+        taken = list(self.journal.of(step).taken)
+        taken[number] = taken[number].model_copy(update={"readings": {**taken[number].readings, **readings}})
+        self._record(step, taken=tuple(taken))
+
     def refuse(self, step: str, picture: Picture, why: str) -> None:
         refused = RefusedPicture(source=picture.name, sha256=picture.sha256, why=why)
         self._record(step, left=(*self.journal.of(step).left, refused))
