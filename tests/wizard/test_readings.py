@@ -15,9 +15,7 @@ from vbaa_calib.wizard.questions import (
     complete,
     free_pose_deg,
     in_si,
-    read_table,
     split_line,
-    table_of,
 )
 
 from .small_session import Tiny, call, expect_refused, finished, tiny
@@ -65,7 +63,7 @@ def test_a_mass_is_its_weight() -> None:
 
 def test_rows_by_name_and_in_order(tmp_path: Path) -> None:
     rows = [{"pan_deg": 1}, {"image": "folder/b.png", "pan_deg": 2}, {"pan_deg": 3}]
-    given = table_of(rows, "answers")
+    given = ReadingsTable.written(rows, "answers")
     assert [given.of(name, taken) for name, taken in (("a.png", 0), ("b.png", 1), ("c.png", 1), ("d.png", 2))] == [
         {"pan_deg": 1},
         {"pan_deg": 2},
@@ -73,7 +71,7 @@ def test_rows_by_name_and_in_order(tmp_path: Path) -> None:
         None,
     ]
     (tmp_path / "t.csv").write_text("image,remark,pan_deg\nsub/a.png,good,1\n\nb.png,,2\n")
-    assert read_table(tmp_path / "t.csv").of("a.png", 7) == {"pan_deg": "1"}
+    assert ReadingsTable.read(tmp_path / "t.csv").of("a.png", 7) == {"pan_deg": "1"}
     assert ReadingsTable().of("a.png", 0) is None
 
 

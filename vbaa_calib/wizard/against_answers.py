@@ -26,9 +26,8 @@ from vbaa_calib.core.errors import Diagnosis, InputError, VbaaError
 from vbaa_calib.core.files import replacing
 from vbaa_calib.core.images import read_picture
 from vbaa_calib.core.polyline import arc_lengths, normals
-from vbaa_calib.detect.board.corners import BoardView, detect_corners
+from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.detect.drawing.canvas import Canvas
-from vbaa_calib.detect.quality.screen import LEAST_CORNERS
 from vbaa_calib.detect.whisker.antenna import free_curve
 from vbaa_calib.geometry import Pose
 from vbaa_calib.session import Still
@@ -73,13 +72,6 @@ def jig_moved(state: SessionState, corners_px: np.ndarray, ids: np.ndarray) -> s
     if len(off_px) and np.median(off_px) <= _LIMITS.moved_px:
         return ""
     return f"by {np.median(off_px):.0f} px" if len(off_px) else "wholly"
-
-
-def board_in_the_way(state: SessionState, image: np.ndarray) -> str:
-    """Why a picture (H, W) uint8 is not of the antenna: the jig's board is in it; or ""."""
-    if state.store.folder("plane") != "plane" or len(detect_corners(image, state.board, "").ids) < LEAST_CORNERS:
-        return ""
-    return "the board is still in the picture; take it and its jig away"
 
 
 def jig_refusal(state: SessionState, view: BoardView, fast: bool) -> str:

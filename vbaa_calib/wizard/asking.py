@@ -23,7 +23,6 @@ from .against_answers import draw_axes
 from .questions import (
     BOARD_ANSWERS,
     BY_KEY,
-    KEEP,
     OF_MATERIAL,
     PICTURES,
     QUESTIONS,
@@ -35,7 +34,7 @@ from .questions import (
     split_line,
     typed,
 )
-from .session_state import BOARD, SessionState, answers_of, check_jig_axes, scale_of
+from .session_state import BOARD, SessionState, answers_of, scale_of
 from .steps import PictureCheck, Step
 from .store import ASIDE, FOLDERS, WAYS, AcceptedPicture, Store
 from .ui import Interrupted, LivePicture, Ui
@@ -128,7 +127,7 @@ def answer_all(state: SessionState, ui: Ui, step: Step) -> None:
             value = absolute(Path(), str(value))
         keep_answer(store, question.key, value)
         _forget_if_inconsistent(store, ui)
-        if (doubts := _typed_doubts(state, question.key)) and not kept(ui, doubts):
+        if (doubts := _typed_doubts(state, question.key)) and not ui.keeps(doubts):
             store.retracted[question.key] = value
             store.forget_answers({question.key})
 
@@ -140,13 +139,6 @@ def _typed_doubts(state: SessionState, key: str) -> list[Diagnosis]:
     if key not in ("material", *OF_MATERIAL):
         return []
     return state.session.antenna.material_doubts
-
-
-def kept(ui: Ui, doubts: Sequence[Diagnosis]) -> bool:
-    """Whether what looks wrong is to stay, which is asked where somebody is there."""
-    for doubt in doubts:
-        ui.wrong(str(doubt))
-    return bool(ui.ask(KEEP)) if ui.interactive else True
 
 
 def show_axes(state: SessionState, ui: Ui, shown: Picture | None = None) -> None:
@@ -274,9 +266,10 @@ def check_together(answers: Mapping[str, Any]) -> None:
     if ignored:
         remedy = "give jig_translation_mm and the other answers about the jig too, or correct jig: in session.yaml"
         raise InputError("the jig is the one that session.yaml describes", where=ignored[0], remedy=remedy)
-    x, y = answers.get("jig_board_x"), answers.get("jig_board_y")
-    if x and y:
-        check_jig_axes(x, y)
+    x, y = answers.get("jig_board_x", ""), answers.get("jig_board_y", "")
+    if x and x.lstrip("-") == y.lstrip("-"):
+        what = f"the board's x runs along {x} and its y along {y}"
+        raise InputError(what, where="jig_board_x, jig_board_y", remedy="the two are at right angles: answer anew")
 
 
 _READERS: Mapping[str, Callable[[Session], Sequence[Any]]] = {

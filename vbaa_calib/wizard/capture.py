@@ -14,7 +14,7 @@ from vbaa_calib.session import Load
 from vbaa_calib.sources import Picture, Source
 
 from .against_answers import jig_moved
-from .asking import kept, show_axes
+from .asking import show_axes
 from .questions import PICTURES, Question, ReadingsTable, asked, in_si, line_of, split_line, typed
 from .session_state import SessionState, still_of
 from .steps import PictureCheck, Progress, Readings, Step
@@ -259,7 +259,7 @@ class Capture:
                 then = "type it again, or `drop` to leave this picture out" if left else "this picture is left out"
                 ui.wrong(f"{error.what}; {error.remedy}; {then}")
                 continue
-            if not doubts or kept(ui, doubts):
+            if not doubts or ui.keeps(doubts):
                 self.unused = typed
                 return readings
         raise Interrupted("drop")

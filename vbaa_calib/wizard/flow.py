@@ -16,7 +16,7 @@ from ..streams.bags import is_bag
 from ..streams.pictures import BagPictures
 from .asking import answer_all, change, set_unlisted_aside, take_back
 from .capture import GO_ON, Capture, NoMorePictures
-from .questions import BOARD_ANSWERS, BY_KEY, PICTURES, SOURCES, STEPS, Question, ReadingsTable, read_table, table_of
+from .questions import BOARD_ANSWERS, BY_KEY, PICTURES, SOURCES, STEPS, Question, ReadingsTable
 from .session_state import SessionState
 from .steps import REPORT, RIG, STEP_BY_NAME, Report, Step, conclude
 from .store import Store
@@ -260,8 +260,8 @@ def _readings_table(store: Store, step: str) -> ReadingsTable:
     """Readings written down beforehand: the table that is named, or the one in the pictures' folder."""
     named = store.journal.answers.get(f"{step}_readings")
     if isinstance(named, list):
-        return table_of(named, f"{step}_readings")
+        return ReadingsTable.written(named, f"{step}_readings")
     if named:
-        return read_table(Path(str(named)))
+        return ReadingsTable.read(Path(str(named)))
     beside = Path(_source_text(store, step)) / f"{store.folder(step)}.csv"
-    return read_table(beside) if os.path.isfile(beside) else ReadingsTable()
+    return ReadingsTable.read(beside) if os.path.isfile(beside) else ReadingsTable()

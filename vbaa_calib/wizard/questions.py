@@ -306,47 +306,47 @@ class ReadingsTable:
     in_order: Sequence[Mapping[str, Any]] = ()
     where: object = None
 
+    @staticmethod
+    def read(path: Path) -> ReadingsTable:
+        """A CSV with a column `image` and any of `COLUMNS`. Raises InputError."""
+        rows = read_csv(path, ("image",), COLUMNS)
+        filled = ({key: cell for key, cell in row.items() if cell or key == "image"} for row in rows)
+        return ReadingsTable._of_rows(((f"{path} line {row.pop('line')}", row) for row in filled), path)
+
+    @staticmethod
+    def written(rows: Sequence[Any], where: object) -> ReadingsTable:
+        """Rows of an answers file: mappings of `COLUMNS`, with or without `image`. Raises InputError."""
+        for number, row in enumerate(rows, 1):
+            place = f"{where} row {number}"
+            if not isinstance(row, Mapping):
+                raise InputError("is not a mapping", where=place, remedy="give pan_rad: ..., moment_Nm: ... and so on")
+            if unknown := [key for key in row if key not in ("image", *COLUMNS)]:
+                remedy = f"the keys are image, {', '.join(COLUMNS)}"
+                raise InputError(f"unknown key {unknown[0]!r}", where=place, remedy=remedy)
+        return ReadingsTable._of_rows(((f"{where} row {number}", row) for number, row in enumerate(rows, 1)), where)
+
+    @staticmethod
+    def _of_rows(rows: Iterable[tuple[str, Mapping[str, Any]]], where: object) -> ReadingsTable:
+        by_image, in_order = dict[str, Mapping[str, Any]](), list[Mapping[str, Any]]()
+        for place, row in rows:
+            cells = {key: value for key, value in row.items() if key != "image"}
+            in_si(cells, place)
+            if "image" not in row:
+                in_order.append(cells)
+                continue
+            name = Path(row["image"]).name if isinstance(row["image"], str) else ""
+            if not name:
+                raise InputError("image is no name of a picture", where=place, remedy="name the picture")
+            if name in by_image:
+                raise InputError(f"{name} stands twice", where=place, remedy="a row per picture")
+            by_image[name] = cells
+        return ReadingsTable(by_image, in_order, where)
+
     def of(self, name: str, taken: int) -> Mapping[str, Any] | None:
         """The row of the `taken`-th accepted picture, counted from 0; None if there is none."""
         if name in self.by_image:
             return self.by_image[name]
         return self.in_order[taken] if taken < len(self.in_order) else None
-
-
-def read_table(path: Path) -> ReadingsTable:
-    """A CSV with a column `image` and any of `COLUMNS`. Raises InputError."""
-    rows = read_csv(path, ("image",), COLUMNS)
-    filled = ({key: cell for key, cell in row.items() if cell or key == "image"} for row in rows)
-    return _table(((f"{path} line {row.pop('line')}", row) for row in filled), path)
-
-
-def table_of(rows: Sequence[Any], where: object) -> ReadingsTable:
-    """Rows of an answers file: mappings of `COLUMNS`, with or without `image`. Raises InputError."""
-    for number, row in enumerate(rows, 1):
-        place = f"{where} row {number}"
-        if not isinstance(row, Mapping):
-            raise InputError("is not a mapping", where=place, remedy="give pan_rad: ..., moment_Nm: ... and so on")
-        if unknown := [key for key in row if key not in ("image", *COLUMNS)]:
-            remedy = f"the keys are image, {', '.join(COLUMNS)}"
-            raise InputError(f"unknown key {unknown[0]!r}", where=place, remedy=remedy)
-    return _table(((f"{where} row {number}", row) for number, row in enumerate(rows, 1)), where)
-
-
-def _table(rows: Iterable[tuple[str, Mapping[str, Any]]], where: object) -> ReadingsTable:
-    by_image, in_order = dict[str, Mapping[str, Any]](), list[Mapping[str, Any]]()
-    for place, row in rows:
-        cells = {key: value for key, value in row.items() if key != "image"}
-        in_si(cells, place)
-        if "image" not in row:
-            in_order.append(cells)
-            continue
-        name = Path(row["image"]).name if isinstance(row["image"], str) else ""
-        if not name:
-            raise InputError("image is no name of a picture", where=place, remedy="name the picture")
-        if name in by_image:
-            raise InputError(f"{name} stands twice", where=place, remedy="a row per picture")
-        by_image[name] = cells
-    return ReadingsTable(by_image, in_order, where)
 
 
 def in_si(typed: Mapping[str, Any], where: object) -> dict[str, float]:

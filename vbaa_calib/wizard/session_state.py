@@ -90,15 +90,7 @@ def scale_of(answers: Mapping[str, Any]) -> PrintScale | None:
         raise InputError(what, where=where, remedy="measure it again") from None
 
 
-def check_jig_axes(x: str, y: str) -> None:
-    """Raises InputError for parallel axes."""
-    if x.lstrip("-") == y.lstrip("-"):
-        what = f"the board's x runs along {x} and its y along {y}"
-        raise InputError(what, where="jig_board_x, jig_board_y", remedy="the two are at right angles: answer anew")
-
-
 def _jig(value: Mapping[str, Any]) -> dict[str, Any]:
-    check_jig_axes(value["jig_board_x"], value["jig_board_y"])
     x, y = (np.array(DIRECTIONS[value[key]], float) for key in ("jig_board_x", "jig_board_y"))
     turn = Rotation.from_rotvec(value["jig_turn_deg"], degrees=True)
     rotation = turn * Rotation.from_matrix(np.column_stack([x, y, np.cross(x, y)]))

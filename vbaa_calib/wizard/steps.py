@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -33,7 +34,6 @@ from vbaa_calib.sources import Picture
 
 from .against_answers import (
     antenna_diagnoses,
-    board_in_the_way,
     camera_place,
     entries_that_show_it,
     jig_refusal,
@@ -72,6 +72,19 @@ class Progress:
     numbers: tuple[Number, ...] = ()
     target: Target | None = None
     diagnoses: tuple[Diagnosis, ...] = ()
+
+    @property
+    def lines(self) -> list[str]:
+        """As text: grave problems before doubts, the next thing to do last."""
+        lines = [f"seen      {line}" for line in self.seen]
+        for number in self.numbers:
+            goal = f" (goal {number.goal}{', reached' if number.met else ''})" if number.goal else ""
+            lines.append(f"          {number.label}: {number.value}{goal}")
+        lines += [f"missing   {line}" for line in self.missing]
+        for diagnosis in sorted(self.diagnoses, key=lambda one: not one.grave):
+            lines.append(f"{'WRONG' if diagnosis.grave else diagnosis.label:9s} {diagnosis.words}")
+            lines.append(f"          → {diagnosis.remedy}")
+        return [*lines, f"next      {self.next}"] if self.next else lines
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,6 +161,13 @@ def _check_plane(state: SessionState, picture: Picture, readings: Readings | Non
     return replace(check, refusal=jig_refusal(state, view, fast=readings is None))
 
 
+def _board_in_the_way(state: SessionState, image: np.ndarray) -> str:
+    """Why a picture (H, W) uint8 is not of the antenna: the jig's board is in it; or ""."""
+    if state.store.folder("plane") != "plane" or len(detect_corners(image, state.board, "").ids) < LEAST_CORNERS:
+        return ""
+    return "the board is still in the picture; take it and its jig away"
+
+
 def _check_antenna(step: str, state: SessionState, picture: Picture, readings: Readings | None) -> PictureCheck:
     """Whether the antenna is found in a picture; without readings, whether it is worth asking for them."""
     height, width = picture.image.shape
@@ -155,7 +175,7 @@ def _check_antenna(step: str, state: SessionState, picture: Picture, readings: R
     if changed is not None:
         return PictureCheck(str(changed), hints=(changed,))
     if not readings:
-        return PictureCheck(board_in_the_way(state, picture.image))
+        return PictureCheck(_board_in_the_way(state, picture.image))
     path = Path(picture.name)
     still, image = still_of(step, path, readings), read_picture(path, picture.data)
     try:
@@ -406,7 +426,8 @@ def _open_while_wrong(progress: Callable[[SessionState], Progress], state: Sessi
     wrong = next((one for one in now.diagnoses if one.grave), None)
     if wrong is None or now.target is not None:
         return now
-    row = "; type `loads_1 = 5 120 0.3` to correct the first one's readings" if wrong.name.startswith("load_") else ""
+    rows = re.findall(r"row (\d+)", wrong.words) if wrong.name.startswith("load_") else []
+    row = f"; type `loads_{rows[0]} = …` with the whole line to correct it" if rows else ""
     return replace(now, enough=False, next=f"{wrong.remedy}{row}; or type enough, and it stays as it is")
 
 

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from typing import Any, TextIO
 
 from .questions import STEPS, Question, typed
-from .ui import COMMANDS, LivePicture, Ui, View, progress_lines
+from .ui import COMMANDS, LivePicture, Ui, View
 
 _WIDEST = 100
 _NARROWEST = 40
@@ -175,7 +175,7 @@ class Terminal(View):
                 self._write(ui.step.why, "dim")
                 self._shown, self._status = [], ""
             case "progress":
-                lines = progress_lines(ui.progress)
+                lines = ui.progress.lines
                 for line in lines:
                     label = line.split(maxsplit=1)[0]
                     if line not in self._shown:
