@@ -12,9 +12,11 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+import yaml
 
 from vbaa_calib.calibrate.antenna.session_rig import nominal_parameters
 from vbaa_calib.core.errors import Diagnosis, InputError
+from vbaa_calib.core.files import read_yaml, write_text
 from vbaa_calib.core.images import read_gray, read_picture
 from vbaa_calib.session import NominalAntenna
 from vbaa_calib.session.materials import MATERIALS
@@ -104,6 +106,20 @@ def test_a_slip_in_the_jig_is_named_with_the_entry_that_fits(slip: dict[str, Any
 @pytest.mark.parametrize("slip", SLIPS)
 def test_every_slip_in_the_jig_is_named(slip: dict[str, Any], state: SessionState) -> None:
     expect_named(slip, state)
+
+
+@pytest.mark.slow
+def test_a_session_that_was_adopted_is_corrected_where_it_says_so(state: SessionState) -> None:
+    """The jig's pose is that of session.yaml, which is named with the entry that fits."""
+    store, path = state.store, state.store.root / "session.yaml"
+    data = read_yaml(path)
+    right = data["jig"]["T_antenna_board"]["translation_m"]
+    data["jig"]["T_antenna_board"]["translation_m"] = [right[0], -right[1], right[2]]
+    write_text(path, yaml.safe_dump(data))
+    store.forget_answers({key for key in store.journal.answers if key.startswith("jig_")} | {"board_thickness_mm"})
+    store.answer({"jig_given": True})
+    entries = re.findall(r"`jig.T_antenna_board.translation_m = ([^`]*)`", named(SessionState(store)))
+    assert any(np.allclose([float(one) for one in entry.split(",")], right, atol=1e-4) for entry in entries)
 
 
 def test_another_material_is_named_and_nothing_is_enough_before(state: SessionState) -> None:

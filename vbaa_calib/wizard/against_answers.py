@@ -128,18 +128,27 @@ def _others(state: SessionState, T_camera_board: Pose) -> Iterator[tuple[str, st
         if words.endswith("taken for m") and not keeps_jig(answers):
             continue  # answers are in mm
         pose, normal = other @ T_camera_board.inverse(), other.rotation[:, 2]
-        translation_mm = np.round(1e3 * (other.translation_m + board.thickness_m * normal), 3).tolist()
+        back_m = np.round(other.translation_m + board.thickness_m * normal, 6)
+        thickness_m = board.thickness_m + float((jig.translation_m - other.translation_m) @ normal)
         axes = [
             next((name for name, way in DIRECTIONS.items() if np.allclose(turn.T @ column, way, atol=1e-6)), "")
             for column in other.rotation.T[:2]
         ]
         if keeps_jig(answers):
-            yield words, f"{other.to_dict()} as the jig's T_antenna_board in session.yaml ({words})", pose
+            entries = {"board.thickness_m": f"{thickness_m:g}"}
+            if "thickness" not in words:
+                entries = {f"jig.T_antenna_board.{key}": typed(value) for key, value in other.to_dict().items()}
+                entries["jig.T_antenna_board.translation_m"] = typed(back_m.tolist())
+            words += ", in session.yaml"
         elif "thickness" in words:
-            extra_m = float((jig.translation_m - other.translation_m) @ normal)
-            yield words, f"`board_thickness_mm = {1e3 * (board.thickness_m + extra_m):g}` ({words})", pose
-        elif all(axes):
-            entries = {"jig_translation_mm": typed(translation_mm), "jig_board_x": axes[0], "jig_board_y": axes[1]}
+            entries = {"board_thickness_mm": f"{1e3 * thickness_m:g}"}
+        else:
+            entries = {
+                "jig_translation_mm": typed((1e3 * back_m).tolist()),
+                "jig_board_x": axes[0],
+                "jig_board_y": axes[1],
+            }
+        if all(entries.values()):
             changed = [f"`{key} = {now}`" for key, now in entries.items() if now != typed(answers.get(key, ""))]
             yield words, f"{' and '.join(changed)} ({words})", pose
 
