@@ -289,12 +289,11 @@ def line_of(questions: Sequence[Question], picture: str) -> Question:
 def split_line(questions: Sequence[Question], numbers: Sequence[float]) -> dict[str, Any]:
     """The readings of one line; joint angles may be missing. Raises InputError."""
     needed = [question for question in questions if question.default is None]
-    if len(numbers) == len(questions):
-        return {one.key: one.read(number) for one, number in zip(questions, numbers, strict=True)}
-    if len(numbers) != len(needed):
+    read_in = questions if len(numbers) == len(questions) else needed
+    if len(numbers) != len(read_in):
         remedy = f"give {', '.join(question.key for question in questions)}"
         raise InputError(f"those are {len(numbers)} numbers, {len(questions)} are read", remedy=remedy)
-    read = {one.key: one.read(number) for one, number in zip(needed, numbers, strict=True)}
+    read = {one.key: one.read(number) for one, number in zip(read_in, numbers, strict=True)}
     return {question.key: read.get(question.key, question.default) for question in questions}
 
 
