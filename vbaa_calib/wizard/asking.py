@@ -34,7 +34,7 @@ from .questions import (
     split_line,
     typed,
 )
-from .session_state import BOARD, SessionState, answers_of, scale_of
+from .session_state import BOARD, SessionState, scale_of
 from .steps import PictureCheck, Step
 from .store import ASIDE, FOLDERS, WAYS, AcceptedPicture, Store
 from .ui import Interrupted, LivePicture, Ui
@@ -285,7 +285,7 @@ def adopt(store: Store, ui: Ui) -> None:
     path = store.root / "session.yaml"
     if not store.is_new or not path.exists():
         return
-    session, answers = load_session(store.root), answers_of(path)
+    session, answers = load_session(store.root), SessionState.answers_of(path)
     given = store.root / ASIDE / "given"
     given.mkdir(parents=True, exist_ok=True)
     for file in (path, *(store.root / folder / f"{folder}.csv" for folder in READINGS)):

@@ -11,7 +11,7 @@ from vbaa_calib.core.errors import Diagnosis, InputError
 from vbaa_calib.core.images import read_gray
 from vbaa_calib.detect.quality.screen import LEAST_CORNERS
 from vbaa_calib.session import Load
-from vbaa_calib.sources import Picture, Source
+from vbaa_calib.sources import Picture, Source, SourceLost
 
 from .against_answers import jig_moved
 from .asking import show_axes
@@ -26,10 +26,6 @@ GO_ON = Question("go_on", "", "Go on with the next step?", _NO, kind="yesno", de
 _WAIT_S = 0.2
 _ANSWERS = 5
 """Lines of readings that are asked for before a picture is left out: a weight on a tilted antenna has none."""
-
-
-class NoMorePictures(InputError):
-    """The source has ended before the step had enough pictures."""
 
 
 @dataclass
@@ -63,7 +59,7 @@ class Capture:
     def run(self) -> str:
         """Until "closed", "again" (an answer was changed) or a command that leaves the step.
 
-        Raises SourceLost, NoMorePictures, InputError.
+        Raises SourceLost, also where the source has ended before the step had enough pictures; InputError.
         """
         self._show_last()
         while True:
@@ -107,7 +103,7 @@ class Capture:
             if not progress.usable:
                 what = f"{self.step.title}: {'; '.join(progress.missing) or 'no picture'}"
                 remedy = f"add pictures there and run it again: {progress.next}"
-                raise NoMorePictures(what, where=self.source.name, remedy=remedy)
+                raise SourceLost(what, where=self.source.name, remedy=remedy)
             return self._close("all pictures seen")
         return None
 

@@ -15,7 +15,7 @@ from vbaa_calib.sources import Source, SourceLost, VideoSource, open_source
 from ..streams.bags import is_bag
 from ..streams.pictures import BagPictures
 from .asking import answer_all, change, set_unlisted_aside, take_back
-from .capture import GO_ON, Capture, NoMorePictures
+from .capture import GO_ON, Capture
 from .questions import BOARD_ANSWERS, BY_KEY, PICTURES, SOURCES, STEPS, Question, ReadingsTable
 from .session_state import SessionState
 from .steps import REPORT, RIG, STEP_BY_NAME, Report, Step, conclude
@@ -140,11 +140,11 @@ def _take_step(state: SessionState, ui: Ui, step: Step) -> str:
             if (ended := Capture(state, ui, step, source, table, wants_more).run()) != "again":
                 return ended
             lost = None
-        except (SourceLost, NoMorePictures) as error:
+        except SourceLost as error:
             if not ui.interactive:
                 raise
             ui.wrong(str(error))
-            lost = isinstance(error, SourceLost)
+            lost = not source.ended
         finally:
             source.close()
         if lost is None:

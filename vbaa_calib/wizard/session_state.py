@@ -116,30 +116,6 @@ def _write_table(path: Path, taken: Sequence[AcceptedPicture]) -> None:
         write_text(path, text.getvalue())
 
 
-def answers_of(session_yaml: Path) -> dict[str, Any]:
-    """The answers that a session.yaml contains. Raises InputError where it is wrong."""
-    session, data = load_session(session_yaml.parent), read_yaml(session_yaml)
-    sections = {
-        "antenna": session.antenna,
-        "moment_sensor": SimpleNamespace(std_Nm=session.moment_std_Nm),
-        "load_readings": session.load_readings,
-    }
-    found: dict[str, Any] = {
-        name: (1 / size) * getattr(sections[section], key)
-        for section, keys in _UNITS.items()
-        for key, (name, size) in keys.items()
-    }
-    for axis, squares in (("x", session.board.squares_x), ("y", session.board.squares_y)):
-        length_mm = 1e3 * session.board.square_m * squares
-        found |= {f"measure_{axis}_mm": length_mm, f"board_along_{axis}_mm": length_mm}
-    ways = {"jig": bool(data.get("jig")), "sweep": has_sweep(session), "over": bool(data.get("over"))}
-    found |= {"board": str(session_yaml), "board_reading_std_mm": READING_STD_MM}
-    found |= {"material": session.antenna.material} if session.antenna.material in MATERIALS else {}
-    found |= {"board_given": True, "gravity_given": True, "jig_given": ways["jig"], "over_given": ways["over"]}
-    way = next((way for way, there in ways.items() if there), None)
-    return found if way is None else found | {"plane_way": way}
-
-
 class SessionState:
     """A store and what follows from it, computed on demand and again when its inputs change.
 
@@ -151,6 +127,30 @@ class SessionState:
         self.live_size: tuple[int, int] | None = None
         self._cache: dict[Hashable, tuple[Hashable, Any]] = {}
         self._session_yaml = store.root / "session.yaml"
+
+    @staticmethod
+    def answers_of(session_yaml: Path) -> dict[str, Any]:
+        """The answers that a session.yaml contains. Raises InputError where it is wrong."""
+        session, data = load_session(session_yaml.parent), read_yaml(session_yaml)
+        sections = {
+            "antenna": session.antenna,
+            "moment_sensor": SimpleNamespace(std_Nm=session.moment_std_Nm),
+            "load_readings": session.load_readings,
+        }
+        found: dict[str, Any] = {
+            name: (1 / size) * getattr(sections[section], key)
+            for section, keys in _UNITS.items()
+            for key, (name, size) in keys.items()
+        }
+        for axis, squares in (("x", session.board.squares_x), ("y", session.board.squares_y)):
+            length_mm = 1e3 * session.board.square_m * squares
+            found |= {f"measure_{axis}_mm": length_mm, f"board_along_{axis}_mm": length_mm}
+        ways = {"jig": bool(data.get("jig")), "sweep": has_sweep(session), "over": bool(data.get("over"))}
+        found |= {"board": str(session_yaml), "board_reading_std_mm": READING_STD_MM}
+        found |= {"material": session.antenna.material} if session.antenna.material in MATERIALS else {}
+        found |= {"board_given": True, "gravity_given": True, "jig_given": ways["jig"], "over_given": ways["over"]}
+        way = next((way for way, there in ways.items() if there), None)
+        return found if way is None else found | {"plane_way": way}
 
     def cached(self, name: Hashable, inputs: Hashable, make: Callable[[], _Result]) -> _Result:
         """The result for these inputs, computed once; a failure is remembered, too."""

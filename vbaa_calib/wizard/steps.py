@@ -121,7 +121,7 @@ class Step:
     check: Callable[[SessionState, Picture, Readings | None], PictureCheck] | None = None
 
 
-def counted(number: int, word: str) -> str:
+def _counted(number: int, word: str) -> str:
     """ "1 picture", "2 pictures"."""
     return f"{number} {word}{'' if number == 1 else 's'}"
 
@@ -241,7 +241,7 @@ def _lens_progress(state: SessionState) -> Progress:
     if state.given_lens is not None:
         known = state.lens().verdict
         return Progress((known.words,), next=_ENOUGH, enough=True, usable=True, diagnoses=known.diagnoses)
-    seen = [f"{counted(len(views), 'picture')}, {sum(len(view.ids) for view in views)} corners"]
+    seen = [f"{_counted(len(views), 'picture')}, {sum(len(view.ids) for view in views)} corners"]
     try:
         now = guidance(state)
     except VbaaError as error:
@@ -254,7 +254,7 @@ def _lens_progress(state: SessionState) -> Progress:
         seen += [f"{one.name} is left out: {one.reason}" for one in now.solution.dropped]
     verdict = now.solution.verdict.diagnoses if now.solution is not None else ()
     if len(views) < _FEWEST_VIEWS:
-        missing = f"{counted(_FEWEST_VIEWS - len(views), 'more picture')}, then there is a first lens"
+        missing = f"{_counted(_FEWEST_VIEWS - len(views), 'more picture')}, then there is a first lens"
     # a lens of few pictures agrees with them by its freedom
     means = now.solution is not None and np.isfinite(now.std_m) and len(views) >= _TRUSTED_VIEWS
     reached, goal = bool(now.std_m <= GOAL_M), f"{1e3 * GOAL_M:.2f} mm"
@@ -283,7 +283,7 @@ _WAYS = {
 def _plane_progress(state: SessionState) -> Progress:
     way, count = state.store.folder("plane"), len(state.taken("plane"))
     least, most, shoot = _WAYS[way]
-    seen = counted(count, "picture")
+    seen = _counted(count, "picture")
     if count < least:
         return Progress((seen,), (f"{least - count} more at least",), shoot)
     try:
@@ -328,7 +328,7 @@ def _free_progress(state: SessionState) -> Progress:
     taken = state.taken("noload")
     missing, diagnoses, solved = list[str](), list[Diagnosis](), False
     if len(taken) < _FREE_ENOUGH:
-        missing.append(counted(_FREE_ENOUGH - len(taken), "more picture"))
+        missing.append(_counted(_FREE_ENOUGH - len(taken), "more picture"))
     if taken and np.ptp([np.degrees(one.readings["tilt_rad"]) for one in taken]) < 20.0:
         missing.append("another tilt: how the antenna sags under its weight shows gravity and the moment sensor's gain")
     try:
@@ -339,7 +339,7 @@ def _free_progress(state: SessionState) -> Progress:
         missing.append(str(error))
     pan, tilt = free_pose_deg(len(taken))
     return Progress(
-        seen=(f"{counted(len(taken), 'picture')} of the free antenna",),
+        seen=(f"{_counted(len(taken), 'picture')} of the free antenna",),
         missing=tuple(missing),
         next=f"free antenna at pan {pan:g}°, tilt {tilt:g}°, at rest" if missing else _ENOUGH,
         enough=not missing,
@@ -350,7 +350,7 @@ def _free_progress(state: SessionState) -> Progress:
 
 def _loads_progress(state: SessionState) -> Progress:
     taken = state.taken("loads")
-    seen = (counted(len(taken), "load"),)
+    seen = (_counted(len(taken), "load"),)
     masses = [1e-3 * float(mass) for mass in state.store.journal.answers["weights_g"]]
     try:
         now = load_progress(state.joint(), state.session, masses, state.plane().kinematics, _STIFFNESS_GOAL)
