@@ -266,8 +266,12 @@ class Capture:
         load = still_of(self.step.name, None, readings) if self.step.name == "loads" else None
         if not isinstance(load, Load):
             return readings, []
-        doubts = typed_load_diagnoses([load], self.state.session.antenna)
-        return readings, [*self._of_weights(typed), *doubts]
+        antenna = self.state.session.antenna
+        # material and diameter before units: another antenna bends otherwise under every load
+        first = f"is the antenna of {antenna.material or f'{1e-9 * antenna.youngs_modulus_Pa:g} GPa'}"
+        first += f" and {1e3 * antenna.diameter_m:g} mm thick? If so: "
+        doubts = [replace(one, remedy=first + one.remedy) for one in typed_load_diagnoses([load], antenna)]
+        return readings, [*doubts, *self._of_weights(typed)]
 
     def _of_weights(self, line: Mapping[str, Any]) -> list[Diagnosis]:
         """Whether a mass is one of the weights that there are, or several of them together."""
