@@ -29,10 +29,10 @@ from vbaa_calib.core.images import read_picture
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import Frame, load_session, read_recording
 from vbaa_calib.simulate.scene.scene import bundled_scene
+from vbaa_calib.sources.live import _CAMERA_FAULTS, LiveSource, Patience
 from vbaa_calib.streams import Reading, Synchronizer, Taken, Timing
 from vbaa_calib.streams.devices import QUEUED, open_device
 from vbaa_calib.streams.recorded import TICK_S
-from vbaa_calib.wizard.sources.live import _CAMERA_FAULTS, LiveSource, Patience
 
 _RATE_HZ = 60.0
 _CHANNELS = ("moment_Nm", "pan_rad", "tilt_rad")

@@ -8,7 +8,7 @@ import tempfile
 
 import pytest
 
-from vbaa_calib.wizard.sources.files import silence_opencv
+from vbaa_calib.sources.files import silence_opencv
 
 from .made_once import FOLDER
 

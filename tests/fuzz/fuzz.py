@@ -44,7 +44,7 @@ from vbaa_calib.simulate.scene.scene_file import load_scene
 from vbaa_calib.streams.bags import BagWriter, Logged, Topics, open_bag
 from vbaa_calib.streams.devices import datagrams
 from vbaa_calib.streams.recorded import csv_readings, open_lines, open_table, open_video
-from vbaa_calib.wizard.questions import read_table
+from vbaa_calib.wizard.questions import ReadingsTable
 from vbaa_calib.wizard.store import Journal
 from viz.batch.recordings import recordings_of
 from viz.batch.results import SCHEMA, Results
@@ -159,7 +159,7 @@ READERS = (
     Reader("deflections", "stiffness.csv", lambda path: read_deflections(path, 1.0, 0.2)),
     Reader("poses", "poses.csv", read_robot_poses),
     Reader("corners", "corners.csv", lambda path: read_corners(path, (480, 360), 88)),
-    Reader("readings", "readings.csv", read_table),
+    Reader("readings", "readings.csv", ReadingsTable.read),
     Reader("answers", "answers.yaml", read_yaml),
     Reader("truth", "truth.json", _truth),
     Reader("picture", "free.png", read_gray),

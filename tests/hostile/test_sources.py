@@ -9,7 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from vbaa_calib.wizard.sources.files import FolderSource, Pace
+from vbaa_calib.sources.files import FolderSource, Pace
 
 from . import damage as d
 

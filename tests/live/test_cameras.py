@@ -20,9 +20,9 @@ from estimator.table.files import read_contacts
 from tests.small_scene import small_rig
 from vbaa_calib.cli.main import main
 from vbaa_calib.core import console
+from vbaa_calib.sources import live
+from vbaa_calib.sources.live import LiveSource, Patience
 from vbaa_calib.streams import devices
-from vbaa_calib.wizard.sources import live
-from vbaa_calib.wizard.sources.live import LiveSource, Patience
 
 from .recordings import frames
 

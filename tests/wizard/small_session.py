@@ -20,10 +20,10 @@ import yaml
 from vbaa_calib.cli.main import main
 from vbaa_calib.core.files import read_yaml, write_json, write_text
 from vbaa_calib.simulate.scene.scene import bundled_scene
+from vbaa_calib.sources.files import Picture
 from vbaa_calib.wizard import flow
 from vbaa_calib.wizard.questions import PICTURES
 from vbaa_calib.wizard.session_state import SessionState
-from vbaa_calib.wizard.sources.files import Picture
 from vbaa_calib.wizard.steps import REPORT, RIG, PictureCheck, Progress, Step
 from vbaa_calib.wizard.store import LOCK
 from viz.cli.warm import small_scene
@@ -58,6 +58,7 @@ def answers(source: Path) -> dict[str, Any]:
         "jig_board_x": "x",
         "jig_board_y": "-y",
         "jig_turn_deg": [0, 0, 1],
+        "material": "stainless steel",
         "antenna_diameter_mm": 0.8,
     }
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import datetime
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.wizard.questions import QUESTIONS, SOURCES, TABLES, Question
+from vbaa_calib.wizard.questions import BY_KEY, QUESTIONS, SOURCES, TABLES, Question
 
 RNG_SEED = 11
 
@@ -20,6 +21,27 @@ def test_a_number_typed_is_the_number_written(question: Question) -> None:
     for value in rng.uniform(question.low, question.high, 20).tolist():
         assert question.read(repr(value)) == question.read(value) == value
         assert question.read(f"  {value!r} ") == value
+
+
+@pytest.mark.parametrize(
+    ("key", "unit", "per_unit"),
+    [
+        *(
+            ("jig_translation_mm", unit, per_mm)
+            for unit, per_mm in (("m", 1e-3), ("cm", 0.1), ("mm", 1.0), ("in", 1 / 25.4))
+        ),
+        ("weights_g", "kg", 1e-3),
+        ("jig_turn_deg", "rad", np.pi / 180),
+    ],
+)
+def test_a_unit_may_be_typed(key: str, unit: str, per_unit: float) -> None:
+    """Behind each number, or behind the last for all, however they are separated."""
+    question = BY_KEY[key]
+    for value in np.random.default_rng(RNG_SEED).uniform(1.0, 100.0, (20, 3)):
+        numbers = [repr(float(one)) for one in per_unit * value]
+        for text in (f"{' '.join(numbers)} {unit}", f"{', '.join(numbers)}{unit}", f"{unit}; ".join(numbers) + unit):
+            assert question.read(text) == pytest.approx(value.tolist(), rel=1e-12)
+        assert replace(question, kind="number").read(numbers[0] + unit) == pytest.approx(value[0])
 
 
 def test_answers_can_be_kept() -> None:
@@ -36,8 +58,8 @@ def test_answers_can_be_kept() -> None:
 
 EVERY = (*QUESTIONS, *SOURCES, *TABLES)
 TYPED = {
-    "number": ["240mm", "24 cm", "0,8", "nan", "-inf", "", " ", "ten", "1e400", "٢٤", "1_0", "0x10", "1e7", "-1e7"],
-    "numbers": ["a,b,c", "1,2,x", "", ",", "1e400,1,1", "nan,1,1", "1,2,3mm"],
+    "number": ["240 miles", "24 24", "0,8", "nan", "-inf", "", " ", "ten", "1e400", "٢٤", "1_0", "0x10", "1e7", "-1e7"],
+    "numbers": ["a,b,c", "1,2,x", "", ",", "1e400,1,1", "nan,1,1", "1,2,3 miles", "about 1 2 3"],
     "choice": ["purple", "", "-"],
     "text": ["", "  "],
 }

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from vbaa_calib.sources import Picture
 from vbaa_calib.wizard import flow
 from vbaa_calib.wizard.asking import keep_answer, take_back
 from vbaa_calib.wizard.questions import QUESTIONS, Question
 from vbaa_calib.wizard.session_state import SessionState
-from vbaa_calib.wizard.sources import Picture
 from vbaa_calib.wizard.steps import PictureCheck
 from vbaa_calib.wizard.store import Store
 from vbaa_calib.wizard.ui import Interrupted, Ui, View
@@ -156,7 +156,7 @@ def test_a_line_typed_for_a_picture_that_is_left_serves_the_next(
 
 def test_a_mended_answer_offers_the_antennas_pictures_again(tmp_path: Path) -> None:
     """They may have been left for the wrong one; the same answer again changes nothing."""
-    given = {"antenna_diameter_mm": 0.8}
+    given = {"material": "steel", "antenna_diameter_mm": 0.8}
     with Store(tmp_path / "session") as store:
         store.answer(given)
         store.refuse("noload", Picture("a.png", np.zeros((1, 1), np.uint8), ".png", b"a"), "no antenna is seen")

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from vbaa_calib.sources.files import Picture, SourceLost, frame_picture
 from vbaa_calib.wizard import flow
 from vbaa_calib.wizard import flow as opening
-from vbaa_calib.wizard.sources.files import Picture, SourceLost, frame_picture
 from vbaa_calib.wizard.steps import PictureCheck
 from vbaa_calib.wizard.store import Journal, Store
 

@@ -21,7 +21,8 @@ from vbaa_calib.core.files import read_yaml
 from vbaa_calib.core.images import read_picture
 from vbaa_calib.session import load_session, read_loads, read_noload
 from vbaa_calib.wizard import flow
-from vbaa_calib.wizard.against_answers import camera_distance, jig_refusal, thickness_that_shows_it
+from vbaa_calib.wizard.against_answers import camera_place, entries_that_show_it, jig_refusal
+from vbaa_calib.wizard.asking import change
 from vbaa_calib.wizard.questions import PICTURES, Question
 from vbaa_calib.wizard.session_state import SessionState, still_of
 from vbaa_calib.wizard.steps import Progress, Step
@@ -186,21 +187,39 @@ def test_a_wrong_thickness_is_named_by_the_first_free_picture(state: SessionStat
     """Not blamed on light: where the jig's answers put the antenna, it is not."""
     first = state.store.journal.of("noload").taken[0]
     path = state.store.path(first)
+    right_mm = state.store.journal.answers["board_thickness_mm"]
     state.store.answer({"board_thickness_mm": WRONG_MM})
     still, image = still_of("noload", path, first.readings), read_picture(path)
     with pytest.raises(InputError):
         state.observe(still, "noload", image)
-    named = thickness_that_shows_it(state, still, "noload", image)
-    assert f"type `board_thickness_mm = {WRONG_MM / 10:g}`" in named
+    assert f"`board_thickness_mm = {right_mm:g}`" in entries_that_show_it(state, still, "noload", image)
 
 
 def test_a_camera_elsewhere_than_typed_is_doubted(state: SessionState) -> None:
     pose = state.plane().estimates[0].T_antenna_camera
-    words, doubts = camera_distance(state, pose)
+    words, doubts = camera_place(state, pose)
     assert "370 mm was typed" in words
     assert doubts == []
     state.store.answer({"camera_distance_mm": 250.0})
-    assert [one.name for one in camera_distance(state, pose)[1]] == ["camera_distance"]
+    assert [one.name for one in camera_place(state, pose)[1]] == ["camera_distance"]
+
+
+def test_a_load_that_was_typed_wrong_is_typed_again(state: SessionState, walked: tuple[SessionState, Person]) -> None:
+    """By its number: the table is that of the new line, what was solved is void, and a wrong line changes nothing."""
+    before, person = state.taken("loads")[1], walked[1]
+    line = person._line("loads", still_of("loads", None, before.readings))
+    table = (state.store.root / "loads" / "loads.csv").read_text()
+    inputs = state.inputs("loads")
+    for typed in (f"{line} 1 2", "no numbers"):
+        assert change(state, person, "loads_2", typed)
+        assert state.taken("loads")[1] == before
+    heavier = " ".join([repr(3 * float(line.split()[0])), *line.split()[1:]])
+    assert change(state, person, "loads_2", heavier)
+    assert state.taken("loads")[1].readings["force_z_N"] == pytest.approx(3 * before.readings["force_z_N"])
+    assert state.inputs("loads") != inputs
+    assert change(state, person, "loads_2", line)
+    assert (state.store.root / "loads" / "loads.csv").read_text().splitlines()[0] == table.splitlines()[0]
+    assert not change(state, person, "loads_9", line)
 
 
 def test_a_jig_that_puts_the_antenna_out_of_the_picture_is_refused(state: SessionState) -> None:

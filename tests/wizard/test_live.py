@@ -19,11 +19,11 @@ from vbaa_calib.geometry import Pose
 from vbaa_calib.simulate.render.board import board_patch, print_sheet
 from vbaa_calib.simulate.render.picture import digitise, expose, studio, surroundings
 from vbaa_calib.simulate.scene.lens import Lens
+from vbaa_calib.sources.files import Picture, frame_picture
 from vbaa_calib.wizard.capture import Capture
 from vbaa_calib.wizard.flow import STEP_BY_NAME
 from vbaa_calib.wizard.page import Page
 from vbaa_calib.wizard.session_state import SessionState
-from vbaa_calib.wizard.sources.files import Picture, frame_picture
 from vbaa_calib.wizard.steps import Progress, guidance
 from vbaa_calib.wizard.store import StepRecord, Store
 from vbaa_calib.wizard.ui import LivePicture, Ui, View

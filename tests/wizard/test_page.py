@@ -9,16 +9,17 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
+from vbaa_calib.sources.files import frame_picture
 from vbaa_calib.wizard.capture import GO_ON
 from vbaa_calib.wizard.flow import STEP_BY_NAME
 from vbaa_calib.wizard.page import Page
 from vbaa_calib.wizard.questions import Question
 from vbaa_calib.wizard.server import PageCommand
 from vbaa_calib.wizard.session_state import SessionState
-from vbaa_calib.wizard.sources.files import frame_picture
 from vbaa_calib.wizard.steps import PictureCheck
 from vbaa_calib.wizard.store import Store
 from vbaa_calib.wizard.ui import LivePicture, Ui, View
@@ -117,6 +118,19 @@ def test_an_answer_is_for_the_question_that_was_seen(led: Dialogue) -> None:
     assert led.clicked(PageCommand(kind="answer", value={"mass_g": 5.0}, seen=first)) == []
     assert led.clicked(PageCommand(kind="answer", value={"pan_deg": 5.0}, seen=again)) == []
     assert led.clicked(PageCommand(kind="answer", value={"mass_g": 6.0}, seen=again)) == [("answer", 6.0)]
+
+
+def test_what_is_drawn_in_a_picture_stays_beside_the_question(led: Dialogue) -> None:
+    """In the pixels of the camera's picture, whatever the size of the drawing."""
+    drawn = np.zeros((180, 320, 3), np.uint8)
+    drawn[:, 160:] = (0, 0, 255)
+    led.ui.live(LivePicture(np.full((90, 160), 100, np.uint8), PictureCheck(), 0.0, "axes", live=False, drawn=drawn))
+    led.asked(Question("jig_translation_mm", "plane", "Where?", kind="numbers", unit="mm"))
+    assert led.shown.state["live"]["image_size"] == [160, 90]
+    assert led.shown.jpeg is not None
+    picture = cv2.imdecode(np.frombuffer(led.shown.jpeg, np.uint8), cv2.IMREAD_COLOR)
+    assert np.abs(picture[:, 240].astype(int) - (0, 0, 255)).max() < 20
+    assert picture[:, 60].max() < 20
 
 
 class Clicking(View):

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
+from itertools import combinations
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from vbaa_calib.wizard.capture import Capture
 from vbaa_calib.wizard.questions import (
     UNITS,
     ReadingsTable,
@@ -15,9 +18,7 @@ from vbaa_calib.wizard.questions import (
     complete,
     free_pose_deg,
     in_si,
-    read_table,
     split_line,
-    table_of,
 )
 
 from .small_session import Tiny, call, expect_refused, finished, tiny
@@ -63,9 +64,24 @@ def test_a_mass_is_its_weight() -> None:
         assert by_mass["distance_m"] == pytest.approx(0.2)
 
 
+def test_a_mass_that_none_of_the_weights_make_is_questioned() -> None:
+    """Whatever the unit it was meant in; one of them or several together are not."""
+    weights = [1.0, 2.0, 5.0, 10.0]
+    capture = object.__new__(Capture)
+    capture.store = SimpleNamespace(journal=SimpleNamespace(answers={"weights_g": weights}))
+    hung = [sum(some) for count in range(1, 5) for some in combinations(weights, count)]
+    for mass_g in hung:
+        assert capture._of_weights({"mass_g": mass_g}) == []
+        assert capture._of_weights({"mass_kg": 1e-3 * mass_g}) == []
+        for factor in (1e-3, 9.80665e-3, 1 / 453.59, 453.59, 1e3):
+            (doubt,) = capture._of_weights({"mass_g": factor * mass_g})
+            assert not doubt.grave
+    assert capture._of_weights({"force_z_N": -0.05}) == []
+
+
 def test_rows_by_name_and_in_order(tmp_path: Path) -> None:
     rows = [{"pan_deg": 1}, {"image": "folder/b.png", "pan_deg": 2}, {"pan_deg": 3}]
-    given = table_of(rows, "answers")
+    given = ReadingsTable.written(rows, "answers")
     assert [given.of(name, taken) for name, taken in (("a.png", 0), ("b.png", 1), ("c.png", 1), ("d.png", 2))] == [
         {"pan_deg": 1},
         {"pan_deg": 2},
@@ -73,7 +89,7 @@ def test_rows_by_name_and_in_order(tmp_path: Path) -> None:
         None,
     ]
     (tmp_path / "t.csv").write_text("image,remark,pan_deg\nsub/a.png,good,1\n\nb.png,,2\n")
-    assert read_table(tmp_path / "t.csv").of("a.png", 7) == {"pan_deg": "1"}
+    assert ReadingsTable.read(tmp_path / "t.csv").of("a.png", 7) == {"pan_deg": "1"}
     assert ReadingsTable().of("a.png", 0) is None
 
 

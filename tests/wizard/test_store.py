@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vbaa_calib.wizard.sources.files import Picture
+from vbaa_calib.sources.files import Picture
 from vbaa_calib.wizard.store import Journal, Store
 
 IMAGE = np.zeros((2, 3), np.uint8)

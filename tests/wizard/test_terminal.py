@@ -64,7 +64,7 @@ def test_the_first_minutes_of_a_newcomer(start: Start, tmp_path: Path) -> None:
     wizard.until("How long is the pattern along x")
     for typed, reason in (
         ("165,1", "the decimal sign is a point"),
-        ("165 mm", "leave the unit out"),
+        ("165 kg", "'kg' is no unit of it"),
         ("0", "0 mm cannot be"),
     ):
         wizard.type(typed)
@@ -75,9 +75,9 @@ def test_the_first_minutes_of_a_newcomer(start: Start, tmp_path: Path) -> None:
     wizard.type("back")
     wizard.until("along x")
     wizard.until("Enter for 165.1:")
-    wizard.type("165")
+    wizard.type("16.5 cm")
     wizard.until("mm:")
-    wizard.type("120")
+    wizard.type("120 mm")
     wizard.until("board_reading_std_mm = 0.25")
     wizard.until("2 of 7 · Lens")
     wizard.until("Enter for camera:0:")

@@ -193,7 +193,7 @@ def _at(whole: Mapping[str, Any], part: Mapping[str, Any], loc: tuple[int | str,
     """The part of a JSON Schema at a place of the data; empty where it says nothing."""
     if "$ref" in part:
         return _at(whole, whole["$defs"][part["$ref"].rpartition("/")[2]], loc)
-    if "anyOf" in part:  # of ours always something or null
+    if "anyOf" in part and "properties" not in part:  # of ours always something or null
         return _at(whole, part["anyOf"][0], loc)
     if not loc:
         return part

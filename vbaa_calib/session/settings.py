@@ -9,17 +9,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field
 from scipy.spatial.transform import Rotation
 
 from targets.board import BoardSpec
 from vbaa_calib.core.arrays import gate
-from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.errors import Diagnosis, InputError
 from vbaa_calib.core.files import read_yaml
 from vbaa_calib.core.models import ArrayOf, FileModel, Number, ReadAs, checked
 from vbaa_calib.geometry import Kinematics, Pose
 
 from .drift import DRIFTS, LAB, Drift, FileDrift
+from .materials import MATERIALS, Material
 
 if TYPE_CHECKING:
     from .tables import Still
@@ -70,18 +71,45 @@ class NominalTip:
     ] = None
 
 
+def _with_material(antenna: Any) -> Any:
+    """session.yaml's `antenna`, with modulus and density of the material that it names where it has none."""
+    if not isinstance(antenna, Mapping) or (known := Material.named(antenna.get("material"))) is None:
+        return antenna
+    return {"youngs_modulus_Pa": known.youngs_modulus_Pa, "density_kg_m3": known.density_kg_m3, **antenna}
+
+
+def _or_material(schema: dict[str, Any]) -> None:
+    """In the JSON Schema: modulus and density may be missing where a material of the table is named."""
+    schema["required"] = ["length_m", "diameter_m"]
+    known = {"required": ["material"], "properties": {"material": {"enum": list(MATERIALS)}}}
+    schema["anyOf"] = [{"required": ["youngs_modulus_Pa", "density_kg_m3"]}, known]
+
+
 @dataclass(frozen=True)
 class NominalAntenna:
     """The antenna's nominal properties; stiffness and no-load shape are solved for.
 
     tip : None where the visible end cannot be used: a ball, a sheath, or a tip outside every picture.
+    material : a name of `materials.MATERIALS`, or any other word; None: not known.
     """
+
+    __pydantic_config__ = ConfigDict(extra="forbid", json_schema_extra=_or_material)
 
     length_m: AnyLength
     diameter_m: Diameter
     youngs_modulus_Pa: Annotated[Number, Field(ge=1e5, le=2e12)]
     density_kg_m3: Annotated[Number, Field(ge=10, le=3e4)]
     tip: NominalTip | None = NominalTip()
+    material: Annotated[
+        Annotated[str, Field(min_length=1, max_length=60)] | None,
+        Field(description="by it youngs_modulus_Pa and density_kg_m3 are known where they are missing"),
+    ] = None
+
+    @property
+    def material_doubts(self) -> list[Diagnosis]:
+        """Whether the material can have this modulus and density; empty where it is not of the table."""
+        known = Material.named(self.material)
+        return [] if known is None else known.doubts(self.youngs_modulus_Pa, self.density_kg_m3)
 
     @property
     def tip_std_m(self) -> float | None:
@@ -260,7 +288,7 @@ class SessionFile(FileModel):
     VERSION = SCHEMA
     version: Literal["vbaa.session/1"] = Field(alias="schema")
     board: BoardSpec
-    antenna: NominalAntenna
+    antenna: Annotated[NominalAntenna, BeforeValidator(_with_material)]
     jig: _Jig | None = None
     kinematics: _SessionKinematics | None = None
     gravity_world: Annotated[Gravity | None, Field(description="m/s²; null: weightless")]

@@ -214,7 +214,7 @@ def session_yaml(scene: Scene) -> str:
     data = {
         "schema": SCHEMA,
         "board": scene.board.to_dict(),
-        "antenna": {name: float(value) for name, value in vars(antenna).items() if name != "tip"},
+        "antenna": {key: float(size) for key, size in vars(antenna).items() if isinstance(size, float | int)},
         "jig": {"T_antenna_board": scene.T_antenna_board.to_dict()},
         "kinematics": {
             "T_actuator_antenna": scene.kinematics.T_actuator_antenna.to_dict(),

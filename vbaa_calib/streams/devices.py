@@ -11,8 +11,8 @@ from dataclasses import replace
 from time import perf_counter
 
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.wizard.sources.files import SourceLost
-from vbaa_calib.wizard.sources.live import LiveSource
+from vbaa_calib.sources.files import SourceLost
+from vbaa_calib.sources.live import LiveSource
 
 from .messages import Messages, Reading, Source, Taken, now_s
 from .recorded import TICK_S, line_messages

@@ -9,8 +9,8 @@ from pathlib import Path
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import require_file
-from vbaa_calib.wizard.sources import open_source
-from vbaa_calib.wizard.sources.live import LiveSource
+from vbaa_calib.sources import open_source
+from vbaa_calib.sources.live import LiveSource
 
 from .bags import Topics, is_bag, open_bag
 from .devices import open_device

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from vbaa_calib.core.errors import InputError
-from vbaa_calib.wizard.sources.files import Picture, frame_picture, shown
+from vbaa_calib.sources.files import Picture, frame_picture, shown
 
 from .bags import Topics, is_bag, open_bag
 from .messages import Messages, Taken

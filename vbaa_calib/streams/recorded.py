@@ -22,7 +22,7 @@ import numpy as np
 from vbaa_calib.core.csv_rows import csv_rows, number
 from vbaa_calib.core.errors import InputError, clipped
 from vbaa_calib.core.images import read_picture
-from vbaa_calib.wizard.sources.files import FolderSource, Pace, SourceLost, VideoSource
+from vbaa_calib.sources.files import FolderSource, Pace, SourceLost, VideoSource
 
 from .messages import CHANNELS, Messages, Reading, Source, Taken, now_s
 from .synchronize import Timing

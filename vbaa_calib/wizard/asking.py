@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -10,19 +11,41 @@ from typing import Any
 
 from targets.sheet import fill_in, lay_out, paper_named, spec_document
 from targets.write_sheet import as_pdf, draw
-from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.errors import Diagnosis, InputError, VbaaError
 from vbaa_calib.core.files import read_text, sha256, write_text
-from vbaa_calib.core.images import list_images, read_picture
+from vbaa_calib.core.images import list_images, read_gray, read_picture
 from vbaa_calib.detect.board.board_file import load_board
 from vbaa_calib.session import Session, load_session, read_loads, read_noload, read_sweep
+from vbaa_calib.session.jig import jig_doubts
+from vbaa_calib.sources import Picture
 
-from .questions import BOARD_ANSWERS, BY_KEY, PICTURES, QUESTIONS, READINGS, keeps_jig, open_questions, typed
-from .session_state import BOARD, SessionState, answers_of, check_jig_axes, scale_of
-from .steps import Step
+from .against_answers import draw_axes
+from .questions import (
+    BOARD_ANSWERS,
+    BY_KEY,
+    OF_MATERIAL,
+    PICTURES,
+    QUESTIONS,
+    READINGS,
+    Question,
+    asked,
+    keeps_jig,
+    open_questions,
+    split_line,
+    typed,
+)
+from .session_state import BOARD, SessionState, scale_of
+from .steps import PictureCheck, Step
 from .store import ASIDE, FOLDERS, WAYS, AcceptedPicture, Store
-from .ui import Interrupted, Ui
+from .ui import Interrupted, LivePicture, Ui
 
 _SHEET = "board.pdf"
+_VOIDS = {
+    "board": BOARD_ANSWERS,
+    "paper": [key for key in BOARD_ANSWERS if key != "board"],
+    "material": OF_MATERIAL,
+}
+"""Answers that another one makes void."""
 _JIG = {key for key in BY_KEY if key.startswith("jig_")} | {"board_thickness_mm"}
 
 
@@ -33,7 +56,7 @@ def take_back(store: Store, step: str) -> bool:
     """
     answers = store.journal.answers
     still = open_questions(step, answers)
-    before = QUESTIONS[: QUESTIONS.index(still[0])] if still else QUESTIONS
+    before = QUESTIONS[: QUESTIONS.index(BY_KEY[still[0].key])] if still else QUESTIONS
     asked = [q for q in before if q.step == step and not q.usual]
     answered = [q.key for q in asked if q.key in answers and q.needed(answers)]
     if not answered or (step == "board" and answers.get("board_given")):
@@ -41,9 +64,7 @@ def take_back(store: Store, step: str) -> bool:
     last = answered[-1]
     if last == "plane_way" and store.journal.of(step).taken:
         return False
-    gone = {last}
-    if last in ("board", "paper"):
-        gone |= {key for key in BOARD_ANSWERS if last == "board" or key != "board"}
+    gone = {last, *(_VOIDS.get(last, ()))}
     store.retracted |= {key: value for key, value in answers.items() if key in gone}
     store.forget_answers(gone)
     return True
@@ -52,8 +73,8 @@ def take_back(store: Store, step: str) -> bool:
 def keep_answer(store: Store, key: str, value: Any) -> None:
     """Store an answer. If it differs from the one taken back, what depended on that one is dropped."""
     other = store.retracted.get(key, value) != value
-    if other and key in ("board", "paper"):
-        store.offer_no_more(BOARD_ANSWERS)
+    if other:
+        store.offer_no_more(_VOIDS.get(key, ()))
     store.answer({key: value}, other)
 
 
@@ -91,6 +112,8 @@ def answer_all(state: SessionState, ui: Ui, step: Step) -> None:
             "measure_x_mm": answers.get("measure_x_mm", float("nan")),
             "measure_y_mm": answers.get("measure_y_mm", float("nan")),
         }
+        if question.key == "jig_translation_mm":
+            show_axes(state, ui)
         try:
             value = ui.ask(question, facts)
         except Interrupted as interrupt:
@@ -104,6 +127,36 @@ def answer_all(state: SessionState, ui: Ui, step: Step) -> None:
             value = absolute(Path(), str(value))
         keep_answer(store, question.key, value)
         _forget_if_inconsistent(store, ui)
+        if (doubts := _typed_doubts(state, question.key)) and not ui.keeps(doubts):
+            store.retracted[question.key] = value
+            store.forget_answers({question.key})
+
+
+def _typed_doubts(state: SessionState, key: str) -> list[Diagnosis]:
+    """What is suspicious about an answer, before anything is seen."""
+    if key == "jig_translation_mm" and (jig := state.session.T_antenna_board) is not None:
+        return jig_doubts(jig, state.session.antenna.length_m)
+    if key not in ("material", *OF_MATERIAL):
+        return []
+    return state.session.antenna.material_doubts
+
+
+def show_axes(state: SessionState, ui: Ui, shown: Picture | None = None) -> None:
+    """Draw the board's axes into a picture of it, and keep that in the session: into the jig's picture, with the
+    antenna where the answers put it; or into the last one for the lens, since the board is not in the jig yet."""
+    in_jig = state.taken("plane") if state.store.folder("plane") == "plane" else ()
+    if not (taken := in_jig or state.taken("lens")):
+        return
+    image = read_gray(state.store.path(taken[-1])) if shown is None else shown.image
+    try:
+        path, drawn = draw_axes(state, image, in_jig=bool(in_jig))
+    except VbaaError:  # the lens does not explain the picture, which is reported elsewhere
+        return
+    where = "the board's axes and the antenna as the answers put it" if in_jig else "the board's x and y"
+    words = f"{where} are drawn in {path}"
+    ui.live(LivePicture(image, PictureCheck(), 0.0, words, live=False, drawn=drawn))
+    if len(in_jig) < 2 or shown is None:
+        ui.say(f"{words}: look whether that is so" if in_jig else words)
 
 
 def _take_usual(store: Store, ui: Ui, step: Step) -> None:
@@ -120,6 +173,8 @@ def _take_usual(store: Store, ui: Ui, step: Step) -> None:
 def change(state: SessionState, ui: Ui, key: str, value: str) -> bool:
     """Change an earlier answer; False if there is no such question."""
     store, question = state.store, BY_KEY.get(key)
+    if found := re.fullmatch(r"(plane|noload|loads)_(\d+)", key):
+        return _retype(state, ui, found[1], int(found[2]), value)
     if question is None:
         return False
     began = key == "plane_way" and store.journal.of("plane").taken
@@ -136,6 +191,30 @@ def change(state: SessionState, ui: Ui, key: str, value: str) -> bool:
         ui.say(f"not changed: {error}")
         return True
     ui.say(f"{key} is {typed(answer)} {question.unit}".rstrip())
+    if key == "material" and answer == "other":
+        ui.say("type its youngs_modulus_GPa = … and density_kg_m3 = …, too")
+    for doubt in _typed_doubts(state, key):
+        ui.wrong(str(doubt))
+    if key in _JIG:
+        show_axes(state, ui)
+    return True
+
+
+def _retype(state: SessionState, ui: Ui, step: str, number: int, line: str) -> bool:
+    """Replace the readings of a step's picture, counted from 1, by a line like the one that is typed for a new one."""
+    taken, folder = state.taken(step), state.store.folder(step)
+    questions = asked(folder, [one.readings for one in taken[: number - 1]])
+    if not questions or not 0 < number <= len(taken):
+        return False
+    numbers = Question("readings", "", "", kind="numbers")
+    try:
+        readings = state.readings(step, split_line(questions, numbers.read(line)), f"{step}_{number}")
+        state.store.correct(step, number - 1, readings)
+        state.write_files()
+    except InputError as error:
+        ui.say(f"not changed: {error}")
+        return True
+    ui.say(f"{taken[number - 1].file}: {line}")
     return True
 
 
@@ -187,9 +266,10 @@ def check_together(answers: Mapping[str, Any]) -> None:
     if ignored:
         remedy = "give jig_translation_mm and the other answers about the jig too, or correct jig: in session.yaml"
         raise InputError("the jig is the one that session.yaml describes", where=ignored[0], remedy=remedy)
-    x, y = answers.get("jig_board_x"), answers.get("jig_board_y")
-    if x and y:
-        check_jig_axes(x, y)
+    x, y = answers.get("jig_board_x", ""), answers.get("jig_board_y", "")
+    if x and x.lstrip("-") == y.lstrip("-"):
+        what = f"the board's x runs along {x} and its y along {y}"
+        raise InputError(what, where="jig_board_x, jig_board_y", remedy="the two are at right angles: answer anew")
 
 
 _READERS: Mapping[str, Callable[[Session], Sequence[Any]]] = {
@@ -205,7 +285,7 @@ def adopt(store: Store, ui: Ui) -> None:
     path = store.root / "session.yaml"
     if not store.is_new or not path.exists():
         return
-    session, answers = load_session(store.root), answers_of(path)
+    session, answers = load_session(store.root), SessionState.answers_of(path)
     given = store.root / ASIDE / "given"
     given.mkdir(parents=True, exist_ok=True)
     for file in (path, *(store.root / folder / f"{folder}.csv" for folder in READINGS)):

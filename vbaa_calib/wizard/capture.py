@@ -10,26 +10,22 @@ from vbaa_calib.calibrate.faults.loads import typed_load_diagnoses
 from vbaa_calib.core.errors import Diagnosis, InputError
 from vbaa_calib.core.images import read_gray
 from vbaa_calib.detect.quality.screen import LEAST_CORNERS
-from vbaa_calib.session import Load, Still
+from vbaa_calib.session import Load
+from vbaa_calib.sources import Picture, Source, SourceLost
 
 from .against_answers import jig_moved
-from .questions import PICTURES, Question, ReadingsTable, asked, complete, in_si, line_of, split_line
+from .asking import show_axes
+from .questions import PICTURES, Question, ReadingsTable, asked, in_si, line_of, split_line, typed
 from .session_state import SessionState, still_of
-from .sources import Picture, Source
 from .steps import PictureCheck, Progress, Readings, Step
 from .stillness import ON_A_STAND, StillnessDetector
 from .ui import Interrupted, LivePicture, Ui
 
-_KEEP = Question("keep", "", "Keep these readings as they are?", kind="yesno", default="no")
 _NO = "no: more pictures may be taken"
 GO_ON = Question("go_on", "", "Go on with the next step?", _NO, kind="yesno", default="yes")
 _WAIT_S = 0.2
 _ANSWERS = 5
 """Lines of readings that are asked for before a picture is left out: a weight on a tilted antenna has none."""
-
-
-class NoMorePictures(InputError):
-    """The source has ended before the step had enough pictures."""
 
 
 @dataclass
@@ -63,7 +59,7 @@ class Capture:
     def run(self) -> str:
         """Until "closed", "again" (an answer was changed) or a command that leaves the step.
 
-        Raises SourceLost, NoMorePictures, InputError.
+        Raises SourceLost, also where the source has ended before the step had enough pictures; InputError.
         """
         self._show_last()
         while True:
@@ -86,11 +82,15 @@ class Capture:
                 if self.ui.interactive:
                     self.ui.say("enough: on with the next step; back returns to this one")
                 return self._close("enough")
+        before = self.state.inputs(*PICTURES)
         for command in self.ui.commands():
             if (ended := self._obey(command)) is not None:
                 return ended
         if self.store.journal.answers != self.answers:
             return "again"
+        if self.state.inputs(*PICTURES) != before:  # readings were corrected
+            self.progress = None
+            return None
         picture = self.pending or self.source.next(_WAIT_S)
         if picture is not None and self.source.live and picture is not self.pending:
             self._watch(picture)
@@ -103,7 +103,7 @@ class Capture:
             if not progress.usable:
                 what = f"{self.step.title}: {'; '.join(progress.missing) or 'no picture'}"
                 remedy = f"add pictures there and run it again: {progress.next}"
-                raise NoMorePictures(what, where=self.source.name, remedy=remedy)
+                raise SourceLost(what, where=self.source.name, remedy=remedy)
             return self._close("all pictures seen")
         return None
 
@@ -215,6 +215,8 @@ class Capture:
         self.ui.say(f"took      {picture.name} as {taken.file}{f', {check.words}' if check.words else ''}")
         share = 100 * (check.closeness or 0.0)
         self.match = check.closer and f"the last picture was {share:.0f} % like it; next time {check.closer}"
+        if self.as_it_stands:
+            show_axes(self.state, self.ui, picture)
         self.progress = None
 
     def _readings_of(self, picture: Picture) -> dict[str, float]:
@@ -253,21 +255,36 @@ class Capture:
                 then = "type it again, or `drop` to leave this picture out" if left else "this picture is left out"
                 ui.wrong(f"{error.what}; {error.remedy}; {then}")
                 continue
-            for doubt in doubts:
-                ui.say(str(doubt))
-            if not doubts or ui.ask(_KEEP):
+            if not doubts or ui.keeps(doubts):
                 self.unused = typed
                 return readings
         raise Interrupted("drop")
 
     def _judged(self, typed: Mapping[str, Any], where: str) -> tuple[dict[str, float], list[Diagnosis]]:
         """Readings as the session's tables hold them, and what looks wrong with a load."""
-        session, step, si = self.state.session, self.step.name, in_si(typed, where)
-        still = Still(None, si.get("pan_rad", 0.0), si.get("tilt_rad", 0.0), 0.0)
-        pull = session.gravity_antenna([still])[0]
-        readings = complete(self.store.folder(step), typed, pull, session.antenna.length_m, where)
-        load = still_of(step, None, readings) if step == "loads" else None
-        return readings, typed_load_diagnoses([load], session.antenna) if isinstance(load, Load) else []
+        readings = self.state.readings(self.step.name, typed, where)
+        load = still_of(self.step.name, None, readings) if self.step.name == "loads" else None
+        if not isinstance(load, Load):
+            return readings, []
+        antenna = self.state.session.antenna
+        # material and diameter before units: another antenna bends otherwise under every load
+        first = f"is the antenna of {antenna.material or f'{1e-9 * antenna.youngs_modulus_Pa:g} GPa'}"
+        first += f" and {1e3 * antenna.diameter_m:g} mm thick? If so: "
+        doubts = [replace(one, remedy=first + one.remedy) for one in typed_load_diagnoses([load], antenna)]
+        return readings, [*doubts, *self._of_weights(typed)]
+
+    def _of_weights(self, line: Mapping[str, Any]) -> list[Diagnosis]:
+        """Whether a mass is one of the weights that there are, or several of them together."""
+        mass_g = 1e3 * in_si(line, None).get("mass_kg", 0.0)
+        weights = self.store.journal.answers.get("weights_g") or []
+        sums = {0.0}
+        for weight in weights[:10]:
+            sums |= {each + weight for each in sums}
+        if not mass_g or any(abs(each - mass_g) <= 0.05 * mass_g for each in sums):
+            return []
+        words = f"{mass_g:g} g is none of the weights ({typed(weights)} g)"
+        remedy = "type it in grams, or with its unit, like 0.05 kg; or is material or diameter another than typed?"
+        return [Diagnosis("load_not_of_weights", words, remedy)]
 
     def _refuse(self, picture: Picture, why: str) -> None:
         self.store.refuse(self.step.name, picture, why)

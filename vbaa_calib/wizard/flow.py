@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from vbaa_calib.core.errors import InputError, VbaaError
 from vbaa_calib.core.images import SUFFIXES
+from vbaa_calib.sources import Source, SourceLost, VideoSource, open_source
 
 from ..streams.bags import is_bag
 from ..streams.pictures import BagPictures
 from .asking import answer_all, change, set_unlisted_aside, take_back
-from .capture import GO_ON, Capture, NoMorePictures
-from .questions import BOARD_ANSWERS, BY_KEY, PICTURES, SOURCES, STEPS, Question, ReadingsTable, read_table, table_of
+from .capture import GO_ON, Capture
+from .questions import BOARD_ANSWERS, BY_KEY, PICTURES, SOURCES, STEPS, Question, ReadingsTable
 from .session_state import SessionState
-from .sources import Source, SourceLost, VideoSource, open_source
 from .steps import REPORT, RIG, STEP_BY_NAME, Report, Step, conclude
 from .store import Store
 from .ui import Interrupted, Ui
@@ -117,7 +118,11 @@ def _take_step(state: SessionState, ui: Ui, step: Step) -> str:
     """One step, from its questions to "closed", or to a command that leaves it (returned or raised)."""
     answer_all(state, ui, step)
     if step.check is None or (step.name == "lens" and state.given_lens is not None):
-        ui.show(step, step.progress(state))
+        progress = step.progress(state)
+        ui.show(step, progress)
+        stands = ui.interactive and any(one.grave for one in progress.diagnoses)
+        if stands and not ui.ask(replace(GO_ON, default="no", why="no: back to the step before, to correct it")):
+            return "back"
         state.store.close(step.name, "done")
         return "closed"
     wants_more = False
@@ -135,11 +140,11 @@ def _take_step(state: SessionState, ui: Ui, step: Step) -> str:
             if (ended := Capture(state, ui, step, source, table, wants_more).run()) != "again":
                 return ended
             lost = None
-        except (SourceLost, NoMorePictures) as error:
+        except SourceLost as error:
             if not ui.interactive:
                 raise
             ui.wrong(str(error))
-            lost = isinstance(error, SourceLost)
+            lost = not source.ended
         finally:
             source.close()
         if lost is None:
@@ -255,8 +260,8 @@ def _readings_table(store: Store, step: str) -> ReadingsTable:
     """Readings written down beforehand: the table that is named, or the one in the pictures' folder."""
     named = store.journal.answers.get(f"{step}_readings")
     if isinstance(named, list):
-        return table_of(named, f"{step}_readings")
+        return ReadingsTable.written(named, f"{step}_readings")
     if named:
-        return read_table(Path(str(named)))
+        return ReadingsTable.read(Path(str(named)))
     beside = Path(_source_text(store, step)) / f"{store.folder(step)}.csv"
-    return read_table(beside) if os.path.isfile(beside) else ReadingsTable()
+    return ReadingsTable.read(beside) if os.path.isfile(beside) else ReadingsTable()

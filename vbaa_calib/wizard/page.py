@@ -12,7 +12,7 @@ import numpy as np
 from .questions import STEPS, typed
 from .server import PageServer
 from .session_state import SessionState
-from .steps import STEP_BY_NAME, PictureCheck, counted
+from .steps import STEP_BY_NAME, PictureCheck
 from .ui import LivePicture, Ui, View
 
 _COLUMNS, _ROWS = 12, 8
@@ -86,7 +86,7 @@ class Page(View):
             record = self._state.store.journal.of(name)
             now = step is not None and name == step.name and not ui.document
             status = "now" if now else "done" if record.closed or ui.document else "todo"
-            note = counted(len(record.taken), "picture") if record.taken else ""
+            note = f"{len(record.taken)} picture{'s' * (len(record.taken) > 1)}" if record.taken else ""
             lines.append({"name": name, "title": one.title, "status": status, "note": note})
         state = {
             "session": str(self._state.store.root),
@@ -140,8 +140,9 @@ class Page(View):
             "hold": view.held,
             "hints": [hint.to_dict() for hint in check.hints],
         }
-        shrunk = min(1.0, _WIDEST_PX / width)
-        small = cv2.resize(view.image, None, fx=shrunk, fy=shrunk, interpolation=cv2.INTER_AREA)
+        picture = view.image if view.drawn is None else view.drawn
+        shrunk = min(1.0, _WIDEST_PX / picture.shape[1])
+        small = cv2.resize(picture, None, fx=shrunk, fy=shrunk, interpolation=cv2.INTER_AREA)
         self._jpeg = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, 80])[1].tobytes()
 
 

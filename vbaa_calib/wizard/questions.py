@@ -14,12 +14,21 @@ import yaml
 
 from vbaa_calib.core.csv_rows import read_csv
 from vbaa_calib.core.errors import InputError, shown
+from vbaa_calib.session.materials import MATERIALS
 
 if TYPE_CHECKING:
     import numpy as np
 
 Answers = Mapping[str, Any]
-_NUMBER = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?")
+_NUMBER = re.compile(r"([-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?)\s*([^\s\d.,;+-]*)\s*")
+_SAME_KIND = (
+    {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254, "inch": 0.0254, "inches": 0.0254},
+    {"g": 1e-3, "kg": 1.0, "oz": 0.028349523, "lb": 0.45359237},
+    {"degrees": math.pi / 180, "deg": math.pi / 180, "°": math.pi / 180, "rad": 1.0},
+    {"GPa": 1e9, "MPa": 1e6, "Pa": 1.0},
+    {"mN·m": 1e-3, "mNm": 1e-3, "N·m": 1.0, "Nm": 1.0},
+)
+"""Units that may be typed behind a number, each with its size in SI, by what they measure."""
 _YES_NO = dict.fromkeys(("y", "yes", "true"), True) | dict.fromkeys(("n", "no", "false"), False)
 
 
@@ -50,6 +59,15 @@ class Question:
         """On the command line."""
         return "--" + self.key.replace("_", "-")
 
+    def as_known(self, answers: Answers) -> Question:
+        """With what follows from the material: its numbers as defaults; of another one they are asked for."""
+        if self.key not in OF_MATERIAL or (material := answers.get("material")) is None:
+            return self
+        if (known := MATERIALS.get(material)) is None:
+            return replace(self, usual=False, default=None)
+        typical = {"youngs_modulus_GPa": 1e-9 * known.youngs_modulus_Pa, "density_kg_m3": known.density_kg_m3}
+        return replace(self, default=typical[self.key])
+
     def read(self, given: object, where: object = None) -> Any:
         """The answer, converted and checked. Raises InputError saying what is expected."""
         readers = {"number": self._number, "numbers": self._numbers, "choice": self._choice}
@@ -70,7 +88,7 @@ class Question:
             raise InputError(what, where=where, remedy=f"give {expected}") from None
 
     def _number(self, given: object) -> float:
-        value = _as_number(given)
+        value = _as_number(given, self.unit)
         if not self.low <= value <= self.high:
             raise ValueError(f"{value:g}{' ' + self.unit if self.unit else ''} cannot be")
         return value
@@ -78,8 +96,13 @@ class Question:
     def _numbers(self, given: object) -> list[float]:
         parts = given
         if isinstance(given, str):
-            parts = [part for part in given.replace(";", ",").split(",") if part.strip()]
-            parts = given.split() if len(parts) == 1 else parts
+            parts = [part.strip() for part in given.replace(";", ",").split(",") if part.strip()]
+            if len(parts) == 1 and not _NUMBER.sub("", given):
+                parts = [found[0] for found in _NUMBER.finditer(given)]
+            # a unit behind the last number is that of all
+            units = [(found := _NUMBER.fullmatch(part)) and found[2] for part in parts]
+            if units and units[-1] and not any(units[:-1]):
+                parts = [f"{part} {units[-1]}" for part in parts[:-1]] + parts[-1:]
         elif isinstance(given, int | float) and not isinstance(given, bool):
             parts = [given]
         if not isinstance(parts, list | tuple):
@@ -106,20 +129,26 @@ def typed(value: Any) -> str:
     return f"{value:g}" if isinstance(value, int | float) else str(value)
 
 
-def _as_number(given: object) -> float:
-    """Raises ValueError, also for 1_0, true and a decimal comma."""
+def _as_number(given: object, unit: str) -> float:
+    """A number in this unit, also one with another unit of the same kind behind it.
+
+    Raises ValueError, also for 1_0, true and a decimal comma.
+    """
     if isinstance(given, bool) or not isinstance(given, int | float | str):
         raise ValueError("that is not a number")
+    factor = 1.0
     if isinstance(given, str):
-        given = given.strip()
-        if "_" in given or not given.isascii():
-            raise ValueError("that is not a number")
         if given.count(",") == 1 and "." not in given:
             raise ValueError("the decimal sign is a point")
-        if not _NUMBER.fullmatch(given):
-            with_unit = _NUMBER.match(given) and not re.search(r"\d", _NUMBER.sub("", given, count=1))
-            raise ValueError("that is not a number" + (", leave the unit out" if with_unit else ""))
-    if not math.isfinite(value := float(given)):
+        if not given.replace("°", "").replace("·", "").isascii() or not (found := _NUMBER.fullmatch(given.strip())):
+            raise ValueError("that is not a number")
+        given, other = found.groups()
+        if other and other != unit:
+            sizes = next((kind for kind in _SAME_KIND if unit in kind and other in kind), None)
+            if sizes is None:
+                raise ValueError(f"{other!r} is no unit of it")
+            factor = sizes[other] / sizes[unit]
+    if not math.isfinite(value := factor * float(given)):
         raise ValueError("that is not a finite number")
     return value
 
@@ -155,22 +184,26 @@ def keeps_jig(answers: Answers) -> bool:
     return bool(answers.get("jig_given")) and "jig_translation_mm" not in answers
 
 
-def _needed(only_if: Mapping[str, str], unless: str, answers: Answers) -> bool:
-    known = keeps_jig(answers) if unless == "jig_kept" else answers.get(unless)
-    return not known and all(answers.get(key) == value for key, value in only_if.items())
+def _needed(key: str, only_if: Mapping[str, str], unless: str, answers: Answers) -> bool:
+    known = keeps_jig(answers) if unless == "jig_kept" else key not in answers and answers.get(unless)
+    return not known and all(answers.get(other) == value for other, value in only_if.items())
 
 
 def _question(step: str, key: str, entry: dict[str, Any]) -> Question:
     low, high = map(float, entry.pop("range", ("-inf", "inf")))
-    entry["choices"] = tuple(entry.get("choices", ()))
+    choices = entry.get("choices", ())
+    entry["choices"] = (*MATERIALS, "other") if choices == "materials" else tuple(choices)
     kind = entry.pop("kind", "choice" if entry["choices"] else "number")
-    needed = partial(_needed, entry.pop("if", {}), entry.pop("unless", ""))
+    needed = partial(_needed, key, entry.pop("if", {}), entry.pop("unless", ""))
     return Question(key, step, kind=kind, low=low, high=high, needed=needed, **entry)
 
 
 _FILE = yaml.safe_load(Path(__file__).with_name("questions.yaml").read_text(encoding="utf-8"))
 QUESTIONS = tuple(_question(step, key, entry) for step, entries in _FILE.items() for key, entry in entries.items())
 BY_KEY: Mapping[str, Question] = {question.key: question for question in QUESTIONS}
+DIRECTIONS = {"x": (1, 0, 0), "-x": (-1, 0, 0), "y": (0, 1, 0), "-y": (0, -1, 0), "z": (0, 0, 1), "-z": (0, 0, -1)}
+OF_MATERIAL = ("youngs_modulus_GPa", "density_kg_m3")
+"""What another material makes void."""
 _ELSEWHERE = "Where do the pictures of the step {} come from, if not from source?"
 _KNOWN_LENS = "Which file holds the lens, if it is known? camera.json, or one of ROS, OpenCV, Kalibr, mrcal or COLMAP"
 SOURCES = (
@@ -179,6 +212,7 @@ SOURCES = (
     Question("camera_name", "lens", "Which camera of that file, if it holds several?", kind="text"),
 )
 """Never asked; flags and answers only."""
+KEEP = Question("keep", "", "Keep this as it is?", kind="yesno", default="no")
 TABLES = tuple(
     Question(f"{step}_readings", step, f"CSV with what was read with each picture of the step {step}", kind="text")
     for step in ("plane", "noload", "loads")
@@ -190,8 +224,8 @@ BOARD_ANSWERS = (*_FILE["board"], "measure_x_mm", "measure_y_mm", "board_given")
 
 def open_questions(step: str, answers: Answers, *, usual: bool = False) -> list[Question]:
     """What a step still has to ask, given the answers so far; or whose defaults it takes without asking (`usual`)."""
-    mine = (one for one in QUESTIONS if one.step == step and one.usual == usual)
-    return [one for one in mine if one.key not in answers and one.needed(answers)]
+    mine = (one.as_known(answers) for one in QUESTIONS if one.step == step)
+    return [one for one in mine if one.usual == usual and one.key not in answers and one.needed(answers)]
 
 
 _DEGREES = math.pi / 180.0
@@ -255,12 +289,11 @@ def line_of(questions: Sequence[Question], picture: str) -> Question:
 def split_line(questions: Sequence[Question], numbers: Sequence[float]) -> dict[str, Any]:
     """The readings of one line; joint angles may be missing. Raises InputError."""
     needed = [question for question in questions if question.default is None]
-    if len(numbers) == len(questions):
-        return {one.key: one.read(number) for one, number in zip(questions, numbers, strict=True)}
-    if len(numbers) != len(needed):
+    read_in = questions if len(numbers) == len(questions) else needed
+    if len(numbers) != len(read_in):
         remedy = f"give {', '.join(question.key for question in questions)}"
         raise InputError(f"those are {len(numbers)} numbers, {len(questions)} are read", remedy=remedy)
-    read = {one.key: one.read(number) for one, number in zip(needed, numbers, strict=True)}
+    read = {one.key: one.read(number) for one, number in zip(read_in, numbers, strict=True)}
     return {question.key: read.get(question.key, question.default) for question in questions}
 
 
@@ -272,47 +305,47 @@ class ReadingsTable:
     in_order: Sequence[Mapping[str, Any]] = ()
     where: object = None
 
+    @staticmethod
+    def read(path: Path) -> ReadingsTable:
+        """A CSV with a column `image` and any of `COLUMNS`. Raises InputError."""
+        rows = read_csv(path, ("image",), COLUMNS)
+        filled = ({key: cell for key, cell in row.items() if cell or key == "image"} for row in rows)
+        return ReadingsTable._of_rows(((f"{path} line {row.pop('line')}", row) for row in filled), path)
+
+    @staticmethod
+    def written(rows: Sequence[Any], where: object) -> ReadingsTable:
+        """Rows of an answers file: mappings of `COLUMNS`, with or without `image`. Raises InputError."""
+        for number, row in enumerate(rows, 1):
+            place = f"{where} row {number}"
+            if not isinstance(row, Mapping):
+                raise InputError("is not a mapping", where=place, remedy="give pan_rad: ..., moment_Nm: ... and so on")
+            if unknown := [key for key in row if key not in ("image", *COLUMNS)]:
+                remedy = f"the keys are image, {', '.join(COLUMNS)}"
+                raise InputError(f"unknown key {unknown[0]!r}", where=place, remedy=remedy)
+        return ReadingsTable._of_rows(((f"{where} row {number}", row) for number, row in enumerate(rows, 1)), where)
+
+    @staticmethod
+    def _of_rows(rows: Iterable[tuple[str, Mapping[str, Any]]], where: object) -> ReadingsTable:
+        by_image, in_order = dict[str, Mapping[str, Any]](), list[Mapping[str, Any]]()
+        for place, row in rows:
+            cells = {key: value for key, value in row.items() if key != "image"}
+            in_si(cells, place)
+            if "image" not in row:
+                in_order.append(cells)
+                continue
+            name = Path(row["image"]).name if isinstance(row["image"], str) else ""
+            if not name:
+                raise InputError("image is no name of a picture", where=place, remedy="name the picture")
+            if name in by_image:
+                raise InputError(f"{name} stands twice", where=place, remedy="a row per picture")
+            by_image[name] = cells
+        return ReadingsTable(by_image, in_order, where)
+
     def of(self, name: str, taken: int) -> Mapping[str, Any] | None:
         """The row of the `taken`-th accepted picture, counted from 0; None if there is none."""
         if name in self.by_image:
             return self.by_image[name]
         return self.in_order[taken] if taken < len(self.in_order) else None
-
-
-def read_table(path: Path) -> ReadingsTable:
-    """A CSV with a column `image` and any of `COLUMNS`. Raises InputError."""
-    rows = read_csv(path, ("image",), COLUMNS)
-    filled = ({key: cell for key, cell in row.items() if cell or key == "image"} for row in rows)
-    return _table(((f"{path} line {row.pop('line')}", row) for row in filled), path)
-
-
-def table_of(rows: Sequence[Any], where: object) -> ReadingsTable:
-    """Rows of an answers file: mappings of `COLUMNS`, with or without `image`. Raises InputError."""
-    for number, row in enumerate(rows, 1):
-        place = f"{where} row {number}"
-        if not isinstance(row, Mapping):
-            raise InputError("is not a mapping", where=place, remedy="give pan_rad: ..., moment_Nm: ... and so on")
-        if unknown := [key for key in row if key not in ("image", *COLUMNS)]:
-            remedy = f"the keys are image, {', '.join(COLUMNS)}"
-            raise InputError(f"unknown key {unknown[0]!r}", where=place, remedy=remedy)
-    return _table(((f"{where} row {number}", row) for number, row in enumerate(rows, 1)), where)
-
-
-def _table(rows: Iterable[tuple[str, Mapping[str, Any]]], where: object) -> ReadingsTable:
-    by_image, in_order = dict[str, Mapping[str, Any]](), list[Mapping[str, Any]]()
-    for place, row in rows:
-        cells = {key: value for key, value in row.items() if key != "image"}
-        in_si(cells, place)
-        if "image" not in row:
-            in_order.append(cells)
-            continue
-        name = Path(row["image"]).name if isinstance(row["image"], str) else ""
-        if not name:
-            raise InputError("image is no name of a picture", where=place, remedy="name the picture")
-        if name in by_image:
-            raise InputError(f"{name} stands twice", where=place, remedy="a row per picture")
-        by_image[name] = cells
-    return ReadingsTable(by_image, in_order, where)
 
 
 def in_si(typed: Mapping[str, Any], where: object) -> dict[str, float]:

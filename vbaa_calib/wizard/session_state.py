@@ -38,6 +38,7 @@ from vbaa_calib.session import (
     SCHEMA,
     STANDARD_GRAVITY_M_S2,
     Load,
+    NominalAntenna,
     Session,
     Still,
     gravity_antenna,
@@ -45,8 +46,9 @@ from vbaa_calib.session import (
     load_session,
     session_from,
 )
+from vbaa_calib.session.materials import MATERIALS
 
-from .questions import BY_KEY, READINGS
+from .questions import BY_KEY, DIRECTIONS, READINGS, complete, in_si
 from .store import AcceptedPicture, Store
 
 _Result = TypeVar("_Result")
@@ -55,7 +57,6 @@ _STILLS = ("noload", "loads")
 _ALL = ("lens", "plane", *_STILLS)
 _MEASURED = ("measure_x_mm", "board_along_x_mm", "measure_y_mm", "board_along_y_mm")
 """What the rulers of the sheet say, and what was read on them."""
-_DIRECTIONS = {"x": (1, 0, 0), "-x": (-1, 0, 0), "y": (0, 1, 0), "-y": (0, -1, 0), "z": (0, 0, 1), "-z": (0, 0, -1)}
 _UNITS = {
     "antenna": {
         "length_m": ("antenna_length_mm", 1e-3),
@@ -89,16 +90,8 @@ def scale_of(answers: Mapping[str, Any]) -> PrintScale | None:
         raise InputError(what, where=where, remedy="measure it again") from None
 
 
-def check_jig_axes(x: str, y: str) -> None:
-    """Raises InputError for parallel axes."""
-    if x.lstrip("-") == y.lstrip("-"):
-        what = f"the board's x runs along {x} and its y along {y}"
-        raise InputError(what, where="jig_board_x, jig_board_y", remedy="the two are at right angles: answer anew")
-
-
 def _jig(value: Mapping[str, Any]) -> dict[str, Any]:
-    check_jig_axes(value["jig_board_x"], value["jig_board_y"])
-    x, y = (np.array(_DIRECTIONS[value[key]], float) for key in ("jig_board_x", "jig_board_y"))
+    x, y = (np.array(DIRECTIONS[value[key]], float) for key in ("jig_board_x", "jig_board_y"))
     turn = Rotation.from_rotvec(value["jig_turn_deg"], degrees=True)
     rotation = turn * Rotation.from_matrix(np.column_stack([x, y, np.cross(x, y)]))
     return {
@@ -123,29 +116,6 @@ def _write_table(path: Path, taken: Sequence[AcceptedPicture]) -> None:
         write_text(path, text.getvalue())
 
 
-def answers_of(session_yaml: Path) -> dict[str, Any]:
-    """The answers that a session.yaml contains. Raises InputError where it is wrong."""
-    session, data = load_session(session_yaml.parent), read_yaml(session_yaml)
-    sections = {
-        "antenna": session.antenna,
-        "moment_sensor": SimpleNamespace(std_Nm=session.moment_std_Nm),
-        "load_readings": session.load_readings,
-    }
-    found: dict[str, Any] = {
-        name: (1 / size) * getattr(sections[section], key)
-        for section, keys in _UNITS.items()
-        for key, (name, size) in keys.items()
-    }
-    for axis, squares in (("x", session.board.squares_x), ("y", session.board.squares_y)):
-        length_mm = 1e3 * session.board.square_m * squares
-        found |= {f"measure_{axis}_mm": length_mm, f"board_along_{axis}_mm": length_mm}
-    ways = {"jig": bool(data.get("jig")), "sweep": has_sweep(session), "over": bool(data.get("over"))}
-    found |= {"board": str(session_yaml), "board_reading_std_mm": READING_STD_MM}
-    found |= {"board_given": True, "gravity_given": True, "jig_given": ways["jig"], "over_given": ways["over"]}
-    way = next((way for way, there in ways.items() if there), None)
-    return found if way is None else found | {"plane_way": way}
-
-
 class SessionState:
     """A store and what follows from it, computed on demand and again when its inputs change.
 
@@ -157,6 +127,30 @@ class SessionState:
         self.live_size: tuple[int, int] | None = None
         self._cache: dict[Hashable, tuple[Hashable, Any]] = {}
         self._session_yaml = store.root / "session.yaml"
+
+    @staticmethod
+    def answers_of(session_yaml: Path) -> dict[str, Any]:
+        """The answers that a session.yaml contains. Raises InputError where it is wrong."""
+        session, data = load_session(session_yaml.parent), read_yaml(session_yaml)
+        sections = {
+            "antenna": session.antenna,
+            "moment_sensor": SimpleNamespace(std_Nm=session.moment_std_Nm),
+            "load_readings": session.load_readings,
+        }
+        found: dict[str, Any] = {
+            name: (1 / size) * getattr(sections[section], key)
+            for section, keys in _UNITS.items()
+            for key, (name, size) in keys.items()
+        }
+        for axis, squares in (("x", session.board.squares_x), ("y", session.board.squares_y)):
+            length_mm = 1e3 * session.board.square_m * squares
+            found |= {f"measure_{axis}_mm": length_mm, f"board_along_{axis}_mm": length_mm}
+        ways = {"jig": bool(data.get("jig")), "sweep": has_sweep(session), "over": bool(data.get("over"))}
+        found |= {"board": str(session_yaml), "board_reading_std_mm": READING_STD_MM}
+        found |= {"material": session.antenna.material} if session.antenna.material in MATERIALS else {}
+        found |= {"board_given": True, "gravity_given": True, "jig_given": ways["jig"], "over_given": ways["over"]}
+        way = next((way for way, there in ways.items() if there), None)
+        return found if way is None else found | {"plane_way": way}
 
     def cached(self, name: Hashable, inputs: Hashable, make: Callable[[], _Result]) -> _Result:
         """The result for these inputs, computed once; a failure is remembered, too."""
@@ -171,9 +165,11 @@ class SessionState:
         return found
 
     def inputs(self, *steps: str) -> Hashable:
-        """A key that changes with any answer and any picture of these steps."""
+        """A key that changes with any answer, and any picture of these steps and its readings."""
         answers = tuple(sorted((key, repr(value)) for key, value in self._answers.items()))
-        return answers, tuple((step, tuple(one.sha256 for one in self.taken(step))) for step in steps)
+        return answers, tuple(
+            (step, tuple((one.sha256, *one.readings.items()) for one in self.taken(step))) for step in steps
+        )
 
     @property
     def _answers(self) -> Mapping[str, Any]:
@@ -208,12 +204,15 @@ class SessionState:
     def _session_data(self, before: Mapping[str, Any]) -> dict[str, Any]:
         """session.yaml from answers and defaults. before : its content, whose other keys stay."""
         answers, board, scale = self._answers, self.board, self.scale
-        value = {key: answers.get(key, question.default) for key, question in BY_KEY.items()}
+        value = {key: answers.get(key, question.as_known(answers).default) for key, question in BY_KEY.items()}
         read = {
             section: {key: size * (value[name] or _PASSING.get(name, 0.0)) for key, (name, size) in keys.items()}
             for section, keys in _UNITS.items()
         }
-        data = dict(before) | {"schema": SCHEMA, "board": board.to_dict(), "antenna": read["antenna"]}
+        antenna = dict(before.get("antenna") or {}) | read["antenna"]
+        if "material" in answers:
+            antenna["material"] = answers["material"] if answers["material"] in MATERIALS else None
+        data = dict(before) | {"schema": SCHEMA, "board": board.to_dict(), "antenna": antenna}
         data["moment_sensor"] = dict(before.get("moment_sensor") or {}) | read["moment_sensor"]
         if {"distance_std_mm", "mass_std_percent"} & set(answers) or "load_readings" not in before:
             data["load_readings"] = read["load_readings"]
@@ -223,7 +222,7 @@ class SessionState:
         elif "board_given" not in answers:
             data.pop("print_scale_std", None)
         if "gravity" in answers or "gravity_world" not in before:
-            down = _DIRECTIONS.get(value["gravity"])
+            down = DIRECTIONS.get(value["gravity"])
             data["gravity_world"] = None if down is None else [STANDARD_GRAVITY_M_S2 * float(part) for part in down]
         way = value["plane_way"]
         # the calibration takes every way that session.yaml names: one that was chosen before must not stay
@@ -252,6 +251,13 @@ class SessionState:
 
     def taken(self, step: str) -> tuple[AcceptedPicture, ...]:
         return self.store.journal.of(step).taken
+
+    def readings(self, step: str, typed: Mapping[str, Any], where: str) -> dict[str, float]:
+        """Readings of a picture, under whichever names, as the session's tables hold them. Raises InputError."""
+        session, si = self.session, in_si(typed, where)
+        still = Still(None, si.get("pan_rad", 0.0), si.get("tilt_rad", 0.0), 0.0)
+        pull = session.gravity_antenna([still])[0]
+        return complete(self.store.folder(step), typed, pull, session.antenna.length_m, where)
 
     def _view(self, taken: AcceptedPicture) -> BoardView:
         path, spec = self.store.path(taken), self.board
@@ -316,18 +322,28 @@ class SessionState:
         distance_m = 1e-3 * float(answers.get("camera_distance_mm", 400.0))
         return WorkPlane.about(distance_m, float(np.radians(answers.get("camera_inclination_deg", 0.0))), length_m)
 
-    def observe(self, still: Still, step: str, image: np.ndarray, pose: Pose | None = None) -> Observation:
-        """The antenna in a still's picture (as `read_picture` gives it). pose : T_antenna_camera, if not plane C's."""
+    def observe(
+        self,
+        still: Still,
+        step: str,
+        image: np.ndarray,
+        pose: Pose | None = None,
+        antenna: NominalAntenna | None = None,
+    ) -> Observation:
+        """The antenna in a still's picture (as `read_picture` gives it). pose : T_antenna_camera, if not plane C's.
+        antenna : if not the session's."""
         session, plane, camera = self.session, self.plane(), self.lens().camera
-        nominal = nominal_parameters(session.antenna)
+        antenna = antenna or session.antenna
         pull = gravity_antenna(plane.kinematics, session.gravity_world_m_s2, [still])[0]
         # the first free picture shows how the antenna differs from its background
         first = self.taken("noload")[:1]
-        paint = self._observation("noload", first[0]).paint if first and step != "noload" else None
-        expected = ExpectedAntenna(session.antenna, camera, pose or fused(plane.estimates), nominal, paint)
+        paint = self.observation("noload", first[0]).paint if first and step != "noload" else None
+        pose = pose or fused(plane.estimates)
+        expected = ExpectedAntenna(antenna, camera, pose, nominal_parameters(antenna), paint)
         return expected.observe(still, image, pull)
 
-    def _observation(self, step: str, taken: AcceptedPicture) -> Observation:
+    def observation(self, step: str, taken: AcceptedPicture) -> Observation:
+        """The antenna in an accepted picture of a step."""
         inputs = taken.sha256, tuple(taken.readings.items()), self.inputs("lens", "plane")
         path = self.store.path(taken)
         still = still_of(step, path, taken.readings)
@@ -338,7 +354,7 @@ class SessionState:
 
         def made() -> BundleAdjustment:
             session, first = self.session, self.lens()
-            seen = [self._observation(step, one) for step in _STILLS for one in self.taken(step)]
+            seen = [self.observation(step, one) for step in _STILLS for one in self.taken(step)]
             if not seen:
                 raise InputError("no picture of the antenna yet", where=self.store.root, remedy="take one")
 

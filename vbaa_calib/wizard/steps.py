@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -29,11 +30,16 @@ from vbaa_calib.detect.quality.hints import picture_hints, wrong_board
 from vbaa_calib.detect.quality.screen import LEAST_CORNERS
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import load_session
+from vbaa_calib.sources import Picture
 
-from .against_answers import board_in_the_way, camera_distance, jig_refusal, thickness_that_shows_it
+from .against_answers import (
+    antenna_diagnoses,
+    camera_place,
+    entries_that_show_it,
+    jig_refusal,
+)
 from .questions import PICTURES, free_pose_deg
 from .session_state import SessionState, still_of
-from .sources import Picture
 
 
 @dataclass(frozen=True)
@@ -66,6 +72,19 @@ class Progress:
     numbers: tuple[Number, ...] = ()
     target: Target | None = None
     diagnoses: tuple[Diagnosis, ...] = ()
+
+    @property
+    def lines(self) -> list[str]:
+        """As text: grave problems before doubts, the next thing to do last."""
+        lines = [f"seen      {line}" for line in self.seen]
+        for number in self.numbers:
+            goal = f" (goal {number.goal}{', reached' if number.met else ''})" if number.goal else ""
+            lines.append(f"          {number.label}: {number.value}{goal}")
+        lines += [f"missing   {line}" for line in self.missing]
+        for diagnosis in sorted(self.diagnoses, key=lambda one: not one.grave):
+            lines.append(f"{'WRONG' if diagnosis.grave else diagnosis.label:9s} {diagnosis.words}")
+            lines.append(f"          → {diagnosis.remedy}")
+        return [*lines, f"next      {self.next}"] if self.next else lines
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +121,7 @@ class Step:
     check: Callable[[SessionState, Picture, Readings | None], PictureCheck] | None = None
 
 
-def counted(number: int, word: str) -> str:
+def _counted(number: int, word: str) -> str:
     """ "1 picture", "2 pictures"."""
     return f"{number} {word}{'' if number == 1 else 's'}"
 
@@ -142,6 +161,13 @@ def _check_plane(state: SessionState, picture: Picture, readings: Readings | Non
     return replace(check, refusal=jig_refusal(state, view, fast=readings is None))
 
 
+def _board_in_the_way(state: SessionState, image: np.ndarray) -> str:
+    """Why a picture (H, W) uint8 is not of the antenna: the jig's board is in it; or ""."""
+    if state.store.folder("plane") != "plane" or len(detect_corners(image, state.board, "").ids) < LEAST_CORNERS:
+        return ""
+    return "the board is still in the picture; take it and its jig away"
+
+
 def _check_antenna(step: str, state: SessionState, picture: Picture, readings: Readings | None) -> PictureCheck:
     """Whether the antenna is found in a picture; without readings, whether it is worth asking for them."""
     height, width = picture.image.shape
@@ -149,14 +175,16 @@ def _check_antenna(step: str, state: SessionState, picture: Picture, readings: R
     if changed is not None:
         return PictureCheck(str(changed), hints=(changed,))
     if not readings:
-        return PictureCheck(board_in_the_way(state, picture.image))
+        return PictureCheck(_board_in_the_way(state, picture.image))
     path = Path(picture.name)
     still, image = still_of(step, path, readings), read_picture(path, picture.data)
     try:
         seen = state.observe(still, step, image)
     except InputError as error:
-        if not state.taken(step) and (other := thickness_that_shows_it(state, still, step, image)):
-            return PictureCheck(other)
+        if not state.taken(step) and (other := entries_that_show_it(state, still, step, image)):
+            return PictureCheck(
+                f"the antenna is not where the jig's answers put it, but where {other} puts it: type that"
+            )
         jig = "" if state.taken(step) else "; or the answers about the jig are wrong, so that it is sought elsewhere"
         return PictureCheck(f"{error.what}; shoot it again with the antenna lit and wholly in view{jig}")
     return PictureCheck("", seen.points_px, words=f"antenna seen at {len(seen.points_px)} points")
@@ -213,7 +241,7 @@ def _lens_progress(state: SessionState) -> Progress:
     if state.given_lens is not None:
         known = state.lens().verdict
         return Progress((known.words,), next=_ENOUGH, enough=True, usable=True, diagnoses=known.diagnoses)
-    seen = [f"{counted(len(views), 'picture')}, {sum(len(view.ids) for view in views)} corners"]
+    seen = [f"{_counted(len(views), 'picture')}, {sum(len(view.ids) for view in views)} corners"]
     try:
         now = guidance(state)
     except VbaaError as error:
@@ -226,7 +254,7 @@ def _lens_progress(state: SessionState) -> Progress:
         seen += [f"{one.name} is left out: {one.reason}" for one in now.solution.dropped]
     verdict = now.solution.verdict.diagnoses if now.solution is not None else ()
     if len(views) < _FEWEST_VIEWS:
-        missing = f"{counted(_FEWEST_VIEWS - len(views), 'more picture')}, then there is a first lens"
+        missing = f"{_counted(_FEWEST_VIEWS - len(views), 'more picture')}, then there is a first lens"
     # a lens of few pictures agrees with them by its freedom
     means = now.solution is not None and np.isfinite(now.std_m) and len(views) >= _TRUSTED_VIEWS
     reached, goal = bool(now.std_m <= GOAL_M), f"{1e3 * GOAL_M:.2f} mm"
@@ -255,7 +283,7 @@ _WAYS = {
 def _plane_progress(state: SessionState) -> Progress:
     way, count = state.store.folder("plane"), len(state.taken("plane"))
     least, most, shoot = _WAYS[way]
-    seen = counted(count, "picture")
+    seen = _counted(count, "picture")
     if count < least:
         return Progress((seen,), (f"{least - count} more at least",), shoot)
     try:
@@ -279,7 +307,7 @@ def _plane_progress(state: SessionState) -> Progress:
     else:
         enough, missing = count >= most, f"{most - count} more would average out noise and show a board that moves"
     x, y, z = 1e3 * estimate.T_antenna_camera.translation_m
-    distance, doubts = camera_distance(state, estimate.T_antenna_camera)
+    distance, doubts = camera_place(state, estimate.T_antenna_camera)
     return Progress(
         seen=(seen, f"camera at ({x:.1f}, {y:.1f}, {z:.1f}) mm in the antenna frame", distance),
         missing=() if enough else (missing,),
@@ -298,20 +326,20 @@ _STIFFNESS_GOAL = 0.01
 
 def _free_progress(state: SessionState) -> Progress:
     taken = state.taken("noload")
-    missing, diagnoses, solved = [], [], False
+    missing, diagnoses, solved = list[str](), list[Diagnosis](), False
     if len(taken) < _FREE_ENOUGH:
-        missing.append(counted(_FREE_ENOUGH - len(taken), "more picture"))
+        missing.append(_counted(_FREE_ENOUGH - len(taken), "more picture"))
     if taken and np.ptp([np.degrees(one.readings["tilt_rad"]) for one in taken]) < 20.0:
         missing.append("another tilt: how the antenna sags under its weight shows gravity and the moment sensor's gain")
-    if len(taken) >= _FREE_LEAST:
-        try:
-            diagnoses = state.still_diagnoses()
-            solved = True
-        except VbaaError as error:
-            missing.append(str(error))
+    try:
+        diagnoses = antenna_diagnoses(state, together=False)
+        if len(taken) >= _FREE_LEAST:
+            diagnoses, solved = antenna_diagnoses(state), True
+    except VbaaError as error:
+        missing.append(str(error))
     pan, tilt = free_pose_deg(len(taken))
     return Progress(
-        seen=(f"{counted(len(taken), 'picture')} of the free antenna",),
+        seen=(f"{_counted(len(taken), 'picture')} of the free antenna",),
         missing=tuple(missing),
         next=f"free antenna at pan {pan:g}°, tilt {tilt:g}°, at rest" if missing else _ENOUGH,
         enough=not missing,
@@ -322,7 +350,7 @@ def _free_progress(state: SessionState) -> Progress:
 
 def _loads_progress(state: SessionState) -> Progress:
     taken = state.taken("loads")
-    seen = (counted(len(taken), "load"),)
+    seen = (_counted(len(taken), "load"),)
     masses = [1e-3 * float(mass) for mass in state.store.journal.answers["weights_g"]]
     try:
         now = load_progress(state.joint(), state.session, masses, state.plane().kinematics, _STIFFNESS_GOAL)
@@ -339,7 +367,7 @@ def _loads_progress(state: SessionState) -> Progress:
         enough=enough,
         usable=len(taken) >= _LOADS_LEAST,
         numbers=(std,) if taken else (),
-        diagnoses=tuple(state.still_diagnoses()) if taken else (),
+        diagnoses=tuple(antenna_diagnoses(state)) if taken else (),
     )
 
 
@@ -389,6 +417,20 @@ _PROGRESS = {
     "sensor": _sensor_progress,
     "verdict": _verdict_progress,
 }
+
+
+def _open_while_wrong(progress: Callable[[SessionState], Progress], state: SessionState) -> Progress:
+    """A step's progress, in which nothing is enough and no further picture is the next thing while something is wrong
+    that more pictures do not mend."""
+    now = progress(state)
+    wrong = next((one for one in now.diagnoses if one.grave), None)
+    if wrong is None or now.target is not None:
+        return now
+    rows = re.findall(r"row (\d+)", wrong.words) if wrong.name.startswith("load_") else []
+    row = f"; type `loads_{rows[0]} = …` with the whole line to correct it" if rows else ""
+    return replace(now, enough=False, next=f"{wrong.remedy}{row}; or type enough, and it stays as it is")
+
+
 _CHECK: dict[str, Callable[[SessionState, Picture, Readings | None], PictureCheck]] = {
     "lens": _check_lens,
     "plane": _check_plane,
@@ -397,5 +439,6 @@ _CHECK: dict[str, Callable[[SessionState, Picture, Readings | None], PictureChec
 }
 _WORDS = yaml.safe_load(Path(__file__).with_name("steps.yaml").read_text(encoding="utf-8"))
 STEP_BY_NAME = {
-    name: Step(name, **_WORDS[name], progress=progress, check=_CHECK.get(name)) for name, progress in _PROGRESS.items()
+    name: Step(name, **_WORDS[name], progress=partial(_open_while_wrong, progress), check=_CHECK.get(name))
+    for name, progress in _PROGRESS.items()
 }

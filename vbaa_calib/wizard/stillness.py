@@ -165,13 +165,6 @@ class Stillness:
     words: str
 
 
-@dataclass(frozen=True, eq=False)
-class _Hold:
-    first: _FrameFeatures
-    frames: int
-    best: float
-
-
 class StillnessDetector:
     """Decides for each frame whether the scene has been still for long enough to take it.
 
@@ -182,7 +175,7 @@ class StillnessDetector:
     def __init__(self, settings: _Settings | None = None) -> None:
         self._settings = settings or _Settings()
         self._last: _FrameFeatures | None = None
-        self._hold: _Hold | None = None
+        self._hold: tuple[_FrameFeatures, int, float] | None = None  # first frame, how many, largest sharpness
         self._taken: _FrameFeatures | None = None
         self._moved = True
 
@@ -221,22 +214,22 @@ class StillnessDetector:
         if not self._moved:
             self._hold = None
             return Stillness(0.0, False, "taken: now move on")
-        if self._hold is None or _motion_px(frame, self._hold.first) > self._settings.drift_px * scale:
+        if self._hold is None or _motion_px(frame, self._hold[0]) > self._settings.drift_px * scale:
             return self._restart(frame, "hold still")
         return self._go_on(frame, self._hold, scale)
 
-    def _go_on(self, frame: _FrameFeatures, hold: _Hold, scale: float) -> Stillness:
+    def _go_on(self, frame: _FrameFeatures, hold: tuple[_FrameFeatures, int, float], scale: float) -> Stillness:
         settings = self._settings
-        hold = self._hold = _Hold(hold.first, hold.frames + 1, max(hold.best, frame.sharpness))
-        held_s = frame.time_s - hold.first.time_s
+        first, frames, best = self._hold = (hold[0], hold[1] + 1, max(hold[2], frame.sharpness))
+        held_s = frame.time_s - first.time_s
         # a frame's time stamp is rounded, to milliseconds in videos
-        share = min((held_s + 1e-3) / settings.hold_s, hold.frames / settings.hold_frames)
+        share = min((held_s + 1e-3) / settings.hold_s, frames / settings.hold_frames)
         if share < 1:
             return Stillness(share, False, "hold still")
         before = None if settings.same else self._taken
         if before is not None and _motion_px(frame, before) <= 2 * settings.step_px * scale:
             return Stillness(0.0, False, "nothing has changed since the last picture: move on")
-        if frame.sharpness < settings.sharp_share * hold.best:
+        if frame.sharpness < settings.sharp_share * best:
             if held_s > 2 * settings.hold_s:
                 return self._restart(frame, "the focus has changed: hold still")
             return Stillness(1.0, False, "hold still: waiting for a sharp frame")
@@ -244,5 +237,5 @@ class StillnessDetector:
         return Stillness(1.0, True, "taken")
 
     def _restart(self, frame: _FrameFeatures, words: str) -> Stillness:
-        self._hold = _Hold(frame, 1, frame.sharpness)
+        self._hold = (frame, 1, frame.sharpness)
         return Stillness(0.0, False, words)

@@ -22,9 +22,9 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_json, replacing, sha256, write_json
 from vbaa_calib.core.folders import make_folder
 from vbaa_calib.core.images import SUFFIXES
+from vbaa_calib.sources import Picture
 
-from .questions import PICTURES, QUESTIONS, READINGS, SOURCES, STEPS, TABLES, Question
-from .sources import Picture
+from .questions import OF_MATERIAL, PICTURES, QUESTIONS, READINGS, SOURCES, STEPS, TABLES, Question
 
 NAME = "wizard.json"
 ASIDE = "aside"
@@ -226,7 +226,9 @@ class Store:
         changed = [key for key, value in answers.items() if before.get(key) != value]
         if not changed:
             return
-        journal = self.journal.with_answers({**before, **answers})
+        # of another material neither number is known any more
+        void = OF_MATERIAL if "material" in set(changed) & before.keys() and answers["material"] != "other" else ()
+        journal = self.journal.with_answers({**_without(before, void), **answers})
         if any((corrected or key in before) and not key.endswith(("source", "readings")) for key in changed):
             for step in ("plane", "noload", "loads"):
                 if journal.of(step).left:
@@ -257,6 +259,12 @@ class Store:
         taken = AcceptedPicture(file=file, source=picture.name, sha256=picture.sha256, readings=dict(readings))
         self._record(step, taken=(*before, taken))
         return taken
+
+    def correct(self, step: str, number: int, readings: Mapping[str, float]) -> None:
+        """Replace the readings of a step's accepted picture, counted from 0."""
+        taken = list(self.journal.of(step).taken)
+        taken[number] = taken[number].model_copy(update={"readings": {**taken[number].readings, **readings}})
+        self._record(step, taken=tuple(taken))
 
     def refuse(self, step: str, picture: Picture, why: str) -> None:
         refused = RefusedPicture(source=picture.name, sha256=picture.sha256, why=why)

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from typing import Any, TextIO
 
 from .questions import STEPS, Question, typed
-from .ui import COMMANDS, LivePicture, Ui, View, progress_lines
+from .ui import COMMANDS, LivePicture, Ui, View
 
 _WIDEST = 100
 _NARROWEST = 40
@@ -112,6 +112,7 @@ class _Screen:
 
 _STATUS_EVERY_S = 0.25
 _LABEL = 12 * " "
+_MOST_IN_PROMPT = 7  # choices; more stand above it
 _MESSAGE_STYLES = {"next": "next", "WRONG": "wrong", "look": "doubt"}
 _AFTER = "vbaa estimate finds contacts in a recording; vbaa check shows in a month whether the rig is still valid"
 
@@ -174,7 +175,7 @@ class Terminal(View):
                 self._write(ui.step.why, "dim")
                 self._shown, self._status = [], ""
             case "progress":
-                lines = progress_lines(ui.progress)
+                lines = ui.progress.lines
                 for line in lines:
                     label = line.split(maxsplit=1)[0]
                     if line not in self._shown:
@@ -185,6 +186,8 @@ class Terminal(View):
                 self._write(ui.words, "bold")
                 if ui.question.why:
                     self._write(f"({ui.question.why})", "dim", "  ", "   ")
+                if len(ui.question.choices) > _MOST_IN_PROMPT:
+                    self._write(", ".join(ui.question.choices), "", "  ")
             case "problem":
                 self._write(ui.problem, "doubt", "  ")
             case "doing":
@@ -224,7 +227,7 @@ def _live_words(view: LivePicture) -> str:
 def _prompt(question: Question) -> str:
     parts = [question.unit] if question.unit else []
     choices = ("yes", "no") if question.kind == "yesno" else question.choices
-    if choices:
+    if 0 < len(choices) <= _MOST_IN_PROMPT:
         parts.append(" / ".join(choices))
     if question.default is not None:
         parts.append(f"Enter for {typed(question.default)}")

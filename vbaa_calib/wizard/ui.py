@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from vbaa_calib.core.console import say
-from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.errors import Diagnosis, InputError
 
-from .questions import Question, typed
+from .questions import KEEP, Question, typed
 from .steps import PictureCheck, Progress, Step
 
 COMMANDS = {
@@ -42,7 +42,7 @@ class Interrupted(Exception):
 class LivePicture:
     """A picture (H, W) uint8, its check, how long it has been held still (0 to 1), and a comment.
 
-    live : of a stream; else the last one of a folder.
+    live : of a stream; else the last one of a folder. drawn : the same in colour with what is drawn in it, of any size.
     """
 
     image: np.ndarray
@@ -50,6 +50,7 @@ class LivePicture:
     held: float
     words: str = ""
     live: bool = True
+    drawn: np.ndarray | None = None
 
 
 class View:
@@ -61,7 +62,7 @@ class View:
             case "step":
                 say(ui.step.title if ui.step else "")
             case "progress":
-                for line in progress_lines(ui.progress):
+                for line in ui.progress.lines:
                     say(f"  {line}")
             case "line":
                 say(f"  {ui.lines[-1]}")
@@ -106,7 +107,7 @@ class Ui:
 
         Raises Interrupted for a command; InputError without a user and a default.
         """
-        words = question.words.format_map(facts or {})
+        words, before = question.words.format_map(facts or {}), (self.question, self.words)
         if not self.interactive:
             if question.default is None:
                 remedy = f"give {question.flag}, or {question.key}: in --answers FILE, or run it in a terminal"
@@ -121,7 +122,13 @@ class Ui:
                     problem = f"{error.what.removeprefix(f'{question.key} is ')}; {error.remedy}"
                     self._changed("problem", problem=problem)
         finally:
-            self._changed("answered", question=None, problem="")
+            self._changed("answered", question=before[0], words=before[1], problem="")
+
+    def keeps(self, doubts: Sequence[Diagnosis]) -> bool:
+        """Whether what looks wrong is to stay, which is asked where somebody is there."""
+        for doubt in doubts:
+            self.wrong(str(doubt))
+        return bool(self.ask(KEEP)) if self.interactive else True
 
     def _first_answer(self) -> object:
         while True:
@@ -187,16 +194,3 @@ class Ui:
     def close(self) -> None:
         for view in self.views:
             view.close()
-
-
-def progress_lines(progress: Progress) -> list[str]:
-    """A step's progress as lines: grave problems before doubts, the next thing to do last."""
-    lines = [f"seen      {line}" for line in progress.seen]
-    for number in progress.numbers:
-        goal = f" (goal {number.goal}{', reached' if number.met else ''})" if number.goal else ""
-        lines.append(f"          {number.label}: {number.value}{goal}")
-    lines += [f"missing   {line}" for line in progress.missing]
-    for diagnosis in sorted(progress.diagnoses, key=lambda one: not one.grave):
-        lines.append(f"{'WRONG' if diagnosis.grave else diagnosis.label:9s} {diagnosis.words}")
-        lines.append(f"          → {diagnosis.remedy}")
-    return [*lines, f"next      {progress.next}"] if progress.next else lines

@@ -81,7 +81,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 def _answers_given(args: argparse.Namespace) -> dict[str, Any]:
     """Answers of --answers and of flags, which win; checked. Raises InputError."""
     from vbaa_calib.wizard.asking import absolute
-    from vbaa_calib.wizard.questions import table_of
+    from vbaa_calib.wizard.questions import ReadingsTable
 
     questions = {question.key: question for question in _OPTIONS}
     found: dict[str, Any] = {}
@@ -91,7 +91,7 @@ def _answers_given(args: argparse.Namespace) -> dict[str, Any]:
             remedy = f"do you mean {close[0]}?" if close else f"the keys are {', '.join(questions)}"
             raise InputError(f"unknown key {key!r}", where=args.answers, remedy=remedy)
         if questions[key] in TABLES and isinstance(value, list):
-            table_of(value, f"{args.answers}: {key}")
+            ReadingsTable.written(value, f"{args.answers}: {key}")
             found[key] = value
         else:
             found[key] = questions[key].read(value, args.answers)

@@ -16,8 +16,8 @@ import pytest
 
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.images import read_gray
-from vbaa_calib.wizard.sources import Picture, Source, files, open_source
-from vbaa_calib.wizard.sources.files import FolderSource, Pace, SourceLost
+from vbaa_calib.sources import Picture, Source, files, open_source
+from vbaa_calib.sources.files import FolderSource, Pace, SourceLost
 
 QUICK = Pace(scan_s=0.02, settle_s=0.05, patience_s=0.25)
 

@@ -20,9 +20,9 @@ from hypothesis import strategies as st
 
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.images import read_gray
-from vbaa_calib.wizard.sources import Source, SourceLost, live, open_source
-from vbaa_calib.wizard.sources.files import frame_picture, without_secrets
-from vbaa_calib.wizard.sources.live import Patience, open_camera, open_stream, parse_camera
+from vbaa_calib.sources import Source, SourceLost, live, open_source
+from vbaa_calib.sources.files import frame_picture, without_secrets
+from vbaa_calib.sources.live import Patience, open_camera, open_stream, parse_camera
 
 QUICK = Patience(open_s=0.6, silence_s=0.4, failures=3)
 

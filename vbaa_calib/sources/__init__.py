@@ -1,4 +1,4 @@
-"""Sources of the wizard's pictures: a folder that is being filled, a camera, a video, a stream."""
+"""Sources of pictures: a folder that is being filled, a camera, a video, a stream."""
 
 from __future__ import annotations
 
