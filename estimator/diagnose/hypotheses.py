@@ -335,7 +335,7 @@ def explanations(case: Case) -> Iterator[Explanation[Case]]:
     yield from found
     best = max((one.log_odds for one in found), default=0.0)
     excess = case.cost - TableSettings.usual * len(case.recorded)
-    if not best > TableSettings.explained * max(excess, 0.0):
+    if not best > TableSettings.explained * excess > 0.0:
         yield from _changes(case)
 
 
