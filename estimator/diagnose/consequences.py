@@ -14,7 +14,7 @@ from .watch import RecordingVerdict, RecordingWatch
 
 
 @dataclass(frozen=True)
-class ConsequenceSettings:
+class _ConsequenceSettings:
     """When a recording is judged while it runs, and what of its witnesses may be missing."""
 
     first: int = 64  # frames after which a recording is judged for the first time; then at twice as many each time
@@ -31,20 +31,20 @@ def changed_row(verdict: RecordingVerdict, row: int, status: str, reason: str) -
     return "contradicted", f"{verdict.verdict.causes} (remedy: {remedy})"
 
 
-def with_set_aside(found: RecordingVerdict, counts: Mapping[str, int], frames: int) -> RecordingVerdict:
-    """A recording's verdict, and what is often set aside in its frames, unless a cause is known that explains that."""
+def with_unused(found: RecordingVerdict, counts: Mapping[str, int], frames: int) -> RecordingVerdict:
+    """A recording's verdict with what is not used in many of its frames, unless a mistake is known that may explain it.
+
+    counts : `Overview.unused`.
+    """
     if found.verdict.severity == "wrong":
         return found
-    more = set_aside(counts, frames)
+    more = _unused_witnesses(counts, frames)
     return replace(found, verdict=Verdict.of([*found.verdict.findings, *more])) if more else found
 
 
-def set_aside(counts: Mapping[str, int], frames: int) -> list[Diagnosis]:
-    """Witnesses that contradict the rest of their frame in too many frames.
-
-    counts : `set_aside` of `Overview.numbers`.
-    """
-    settings, found = ConsequenceSettings(), list[Diagnosis]()
+def _unused_witnesses(counts: Mapping[str, int], frames: int) -> list[Diagnosis]:
+    """Witnesses that contradict the rest of their frame, and are not used, in too many frames."""
+    settings, found = _ConsequenceSettings(), list[Diagnosis]()
     for unused, whole, what, remedy in (
         (
             counts["ends_unused"],
@@ -65,11 +65,6 @@ def set_aside(counts: Mapping[str, int], frames: int) -> list[Diagnosis]:
     return found
 
 
-def verdict_in_words(verdict: Verdict) -> list[str]:
-    """A line for each finding, the worst first, with what to do."""
-    return [f"{one.label}: {one}" for one in verdict.findings]
-
-
 @dataclass(eq=False)
 class RunningVerdict:
     """Frames of a recording in, as they come; what is wrong with it, worked out in a thread of its own.
@@ -83,7 +78,7 @@ class RunningVerdict:
     now: RecordingVerdict = field(default_factory=RecordingVerdict)
 
     def __post_init__(self) -> None:
-        self._watch, self._next = RecordingWatch(self.rig), ConsequenceSettings.first
+        self._watch, self._next = RecordingWatch(self.rig), _ConsequenceSettings.first
         self._thread: ThreadPoolExecutor | None = None
         self._coming: Future[RecordingVerdict] | None = None
 

@@ -156,9 +156,9 @@ class LiveEstimator:
         """A picture's contact at once, and the final ones that are ready with it."""
         (contact,) = self._now.push(seen.measured)
         item = frame_contact(each.frame, seen, contact)
+        latency_s = perf_counter() - each.taken.received_s
         self.verdict.push(seen.measured, item.contact)
         row = self._row(item, self.verdict.count - 1)
-        latency_s = perf_counter() - each.taken.received_s
         yield LiveContact(row, item, False, latency_s, each.age_s, each.taken.image)
         if self._later is not None:
             # without its picture, which would fill the memory

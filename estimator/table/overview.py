@@ -108,12 +108,12 @@ class Overview:
         return {
             "status": dict(self.status.most_common()),
             "readings": {"frames": self.frames, **read, "assumed_rad": dict(self.assumed_rad)},
-            "set_aside": self.set_aside,
+            "set_aside": self.unused,
             "reasons": sorted(self.reasons.values(), key=lambda one: (-one["frames"], one["frame"])),
         }
 
     @property
-    def set_aside(self) -> dict[str, int]:
+    def unused(self) -> dict[str, int]:
         """How many frames show the antenna's end, how many of these ends are not used, in how many frames points lie
         outside the picture, and how many such points."""
         counts = {f"ends_{name}": self.ends[name] for name in ("seen", "unused")}
@@ -164,7 +164,7 @@ def overview_in_words(numbers: Mapping[str, Any], most: int = 3) -> list[str]:
         f"{total} frames: " + ", ".join(f"{count} {name}" for name, count in statuses.items()),
         f"readings: {readings_in_words(numbers['readings'])}",
     ]
-    if unused := set_aside_in_words(numbers.get("set_aside", {}), total):
+    if unused := _unused_in_words(numbers.get("set_aside", {}), total):
         lines.append(f"set aside: {unused}")
     if not reasons:
         return lines
@@ -180,7 +180,7 @@ def overview_in_words(numbers: Mapping[str, Any], most: int = 3) -> list[str]:
     return [*lines, f"  {others} for {len(reasons) - most} other reasons"] if others else lines
 
 
-def set_aside_in_words(unused: Mapping[str, int], total: int) -> str:
+def _unused_in_words(unused: Mapping[str, int], total: int) -> str:
     """Of `Overview.numbers`, what contradicts the rest of its frame and is not used; empty where there is nothing."""
     words = []
     if unused.get("ends_unused"):

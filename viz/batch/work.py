@@ -20,7 +20,7 @@ from estimator.contact.estimate import ContactEstimator
 from estimator.contact.source import StreamOptions, estimate_source, inputs_digest, is_stream, open_source
 from estimator.contact.surroundings import AUTO, surroundings
 from estimator.diagnose import RecordingVerdict, RecordingWatch
-from estimator.diagnose.consequences import changed_row, with_set_aside
+from estimator.diagnose.consequences import changed_row, with_unused
 from estimator.table.contacts import STATUSES, ContactRow
 from estimator.table.overview import Overview
 from vbaa_calib.core.errors import clipped, sentence_of
@@ -127,7 +127,7 @@ def _estimated(recording: Recording, settings: Settings, results: Results, about
         }
 
     def judged() -> RecordingVerdict:
-        return with_set_aside(watch.verdict(), overview.set_aside, overview.frames)
+        return with_unused(watch.verdict(), overview.unused, overview.frames)
 
     return results.write(recording.name, rows(), judged, summarized)
 

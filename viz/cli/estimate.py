@@ -151,7 +151,7 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None, 
 
     from estimator.contact.drift import drift_in_words, summary
     from estimator.diagnose import RecordingVerdict, RecordingWatch
-    from estimator.diagnose.consequences import changed_row, verdict_in_words, with_set_aside
+    from estimator.diagnose.consequences import changed_row, with_unused
     from estimator.table.contacts import ContactRow
     from estimator.table.files import rewrite_contacts, write_contacts
     from estimator.table.overview import Overview, overview_in_words
@@ -187,15 +187,15 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None, 
                 models[row.model] += 1
                 std_m.append(row.distance_std_m)
                 yield row
-            verdict = with_set_aside(watch.verdict(), overview.set_aside, overview.frames)
-            remarks += verdict_in_words(verdict.verdict)
+            verdict = with_unused(watch.verdict(), overview.unused, overview.frames)
+            remarks += verdict.verdict.lines
 
     write_contacts(args.output, rows(), args.force)
     changed = partial(changed_row, verdict)
     if verdict.concerns_any:
         rewrite_contacts(args.output, changed)
         overview.amend(changed)
-    for words in verdict_in_words(verdict.verdict):
+    for words in verdict.verdict.lines:
         say(words)
     for note in (*given.notes(), *overview.outside_in_words(rig.camera.image_size)):
         say(note)

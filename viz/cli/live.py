@@ -300,11 +300,10 @@ class _Monitor:
 
     def _warn(self, frame: int) -> None:
         """Says once of each thing that is wrong with the recording, or looks wrong, that it is."""
-        from estimator.diagnose.consequences import verdict_in_words
         from vbaa_calib.core.console import say
 
         verdict = self.live.verdict.now.verdict
-        for one, words in zip(verdict.findings, verdict_in_words(verdict), strict=True):
+        for one, words in zip(verdict.findings, verdict.lines, strict=True):
             if one.name not in self.warned:
                 self.warned.add(one.name)
                 say(f"warning, frame {frame}: {words}")
@@ -330,7 +329,7 @@ class _Monitor:
         import numpy as np
 
         from estimator.contact.drift import drift_in_words
-        from estimator.diagnose.consequences import changed_row, verdict_in_words, with_set_aside
+        from estimator.diagnose.consequences import changed_row, with_unused
         from estimator.table.overview import overview_in_words
         from vbaa_calib.core.console import say
 
@@ -341,7 +340,7 @@ class _Monitor:
         for note in synchronizer.left_out():
             say(note)
         frames, dropped = self.overview.frames, self.source.dropped()
-        verdict = with_set_aside(self.live.verdict.now, self.overview.set_aside, frames)
+        verdict = with_unused(self.live.verdict.now, self.overview.unused, frames)
         if verdict.concerns_any:
             self.overview.amend(partial(changed_row, verdict))
         numbers = self.overview.numbers()
@@ -349,7 +348,7 @@ class _Monitor:
         if not frames:
             say("no frames")
         else:
-            for words in [*verdict_in_words(verdict.verdict), *overview_in_words(numbers)]:
+            for words in [*verdict.verdict.lines, *overview_in_words(numbers)]:
                 say(words)
             say(
                 f"latency {1e3 * median:.1f} ms (median), {1e3 * late:.1f} ms (99 %); pictures dropped: {dropped}; "

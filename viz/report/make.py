@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 import cv2
 import numpy as np
 
-from estimator.diagnose.consequences import verdict_in_words
 from estimator.table.contacts import ContactTable, joint_angles
 from estimator.table.files import read_contacts
 from estimator.table.overview import readings_in_words
@@ -96,7 +95,7 @@ def make_report(
         words = sentence(f"The verdict on the rig is wrong: {rig.verdict.causes}")
         facts = (Fact("Calibration", words, "look"), *facts)
     if sources.verdict is not None:
-        facts = (*(Fact("Verdict", sentence(line), "look") for line in verdict_in_words(sources.verdict)), *facts)
+        facts = (*(Fact("Verdict", sentence(line), "look") for line in sources.verdict.lines), *facts)
     if sources.picture is None:
         pictures = [scene_picture(table, rig, estimate, contents, sources.session)]
     else:
