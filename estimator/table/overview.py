@@ -83,7 +83,7 @@ class Overview:
         status, reason = one["status"], one["reason"]
         kind = re.sub(r"\([^)]*\)", "", reason.partition("; ")[0])
         kind = re.sub(r"[-+]?\d+(?:[.,]\d+)*(?:e[-+]?\d+)?", "#", kind)
-        first = one | {"frames": 0, "remedy": remedy(status, reason)}
+        first = one | {"frames": 0, "remedy": _remedy(status, reason)}
         self.reasons.setdefault((status, kind), first)["frames"] += one["frames"]
         return status, kind or "#"
 
@@ -130,7 +130,7 @@ class Overview:
         return [f"{counts} outside the picture of {image_size[0]}x{image_size[1]} px left out: {cause}"]
 
 
-def remedy(status: str, reason: str) -> str:
+def _remedy(status: str, reason: str) -> str:
     """What helps against a frame's reason, as in contacts.csv; empty where that says so itself, or nothing is known."""
     own = re.search(r"\(remedy: (.*)\)$", reason)
     match status:
