@@ -104,7 +104,8 @@ def _estimated(recording: Recording, settings: Settings, results: Results, about
             yield row
 
     def summarized(verdict: RecordingVerdict) -> Row:
-        overview.amend(partial(changed_row, verdict))
+        if verdict.concerns_any:
+            overview.amend(partial(changed_row, verdict))
         changed, numbers = summary(estimator.drift), overview.numbers()
         warnings = ["no frame shows the free antenna"] if rig.drift.of_rig and not changed["free_frames"] else []
         if changed["beyond"]:
