@@ -7,17 +7,31 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from estimator.contact.estimate import ContactEstimator
+    from estimator.diagnose.watch import RecordingVerdict, RecordingWatch, recording_verdict
     from estimator.object.next_touch import NextTouch, next_touch
     from estimator.recording.refined import Refined, refine
     from estimator.recording.views import View
     from estimator.table.contacts import Contact, Measured
 
-__all__ = ["Contact", "ContactEstimator", "Measured", "NextTouch", "Refined", "View", "next_touch", "refine"]
+__all__ = [
+    "Contact",
+    "ContactEstimator",
+    "Measured",
+    "NextTouch",
+    "RecordingVerdict",
+    "RecordingWatch",
+    "Refined",
+    "View",
+    "next_touch",
+    "recording_verdict",
+    "refine",
+]
 
 _HOMES = {
     "Contact": ".table.contacts",
     "Measured": ".table.contacts",
     "ContactEstimator": ".contact.estimate",
+    **dict.fromkeys(("RecordingVerdict", "RecordingWatch", "recording_verdict"), ".diagnose.watch"),
     "NextTouch": ".object.next_touch",
     "next_touch": ".object.next_touch",
     "Refined": ".recording.refined",

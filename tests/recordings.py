@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -11,6 +12,7 @@ import numpy as np
 
 from benchmarks.estimator.scenes import Scenes, push_for_deflection, rolled, scenes
 from benchmarks.estimator.setup import LENGTH_M, SIGMA_PX, STIFFNESS_NM2, Setup
+from estimator.table.contacts import Measured
 from vbaa_calib.session import DRIFTS
 
 RATE_HZ, PERIOD, FREE = 30.0, 120, 6
@@ -59,4 +61,20 @@ def write_recording(root: Path, frames: int, seed: int = 0, *, rolling: bool = F
             rows.write(f"{index},{time_s:.6f},0,0,{moment:.9g}\n")
             points = shown.points_px[at] + [1.0, 0.5] + SIGMA_PX * rng.normal(size=(20, 2))  # the rig has drifted
             lines.writelines(f"{index},{u:.4f},{v:.4f},{SIGMA_PX}\n" for u, v in points)
+    return root
+
+
+def write_measured(root: Path, several: Sequence[Measured]) -> Path:
+    """A session in a new folder with the centrelines and readings of frames; none of their ends."""
+    (root / "recording").mkdir(parents=True)
+    (root / "session.yaml").write_text(SESSION)
+    table = root / "recording" / "recording.csv"
+    with table.open("w") as rows, table.with_name("centrelines.csv").open("w") as lines:
+        rows.write("frame,time_s,pan_rad,tilt_rad,moment_Nm\n")
+        lines.write("frame,u_px,v_px,sigma_px\n")
+        for index, one in enumerate(several):
+            moment = "" if np.isnan(one.moment_Nm) else f"{one.moment_Nm:.12g}"
+            rows.write(f"{index},{one.time_s:.6f},{one.pan_rad:.12g},{one.tilt_rad:.12g},{moment}\n")
+            for (u, v), sigma in zip(one.points_px.tolist(), one.sigma_px.tolist(), strict=True):
+                lines.write(f"{index},{u:.6f},{v:.6f},{sigma:.6g}\n")
     return root

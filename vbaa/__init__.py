@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from estimator import next_touch, refine
+    from estimator import RecordingVerdict, RecordingWatch, next_touch, recording_verdict, refine
     from estimator.contact.estimate import ContactEstimator
     from estimator.object.estimate import estimate_object
     from estimator.table.contacts import Contact, Measured
@@ -22,18 +22,22 @@ __all__ = [
     "Contact",
     "ContactEstimator",
     "Measured",
+    "RecordingVerdict",
+    "RecordingWatch",
     "Rig",
     "__version__",
     "calibrate_lens",
     "estimate_object",
     "next_touch",
     "read_contacts",
+    "recording_verdict",
     "refine",
 ]
 
 _HOMES = {
     **dict.fromkeys(("Camera", "Rig", "calibrate_lens", "__version__"), "vbaa_calib"),
     **dict.fromkeys(("Contact", "ContactEstimator", "Measured", "next_touch", "refine"), "estimator"),
+    **dict.fromkeys(("RecordingVerdict", "RecordingWatch", "recording_verdict"), "estimator"),
     "estimate_object": "estimator.object.estimate",
     "read_contacts": "estimator.table.files",
 }

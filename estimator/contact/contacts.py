@@ -16,7 +16,7 @@ from vbaa_calib.rig import POSE_PARAMETERS, Rig
 
 from .inputs import Batch
 from .motion import Beam, Inertia, Motion, Shapes
-from .status import FAILED, NO_ANTENNA, NO_CONTACT, OK, TIP, reason, statuses
+from .status import FAILED, NO_ANTENNA, NO_CONTACT, ODD_END, OK, TIP, reason, statuses
 
 _LARGEST_SHIFT = 1 / 3  # inertia that would move the distance by more than this part of its deviation is too much
 
@@ -67,9 +67,11 @@ class Contacts(ContactEstimate[np.ndarray, np.ndarray, np.ndarray], Sequence[Con
         far = int(numbers.outliers[0])
         for count, which in ((outside, "outside the picture"), (far, "far from where the neighbours lie")):
             words += f"; {count} point{'s' * (count > 1)} {which}: left out" if count else ""
+        end_std = float(numbers.tip_std[0])
         return Contact(
             reason=words,
             outside_points=outside,
+            end_used=abs(end_std) <= ODD_END if np.isfinite(end_std) else None,
             bias={rung: value for rung, value in bias if np.isfinite(value)},
             **{name: value if value.ndim else value.item() for name, value in values.items()},
         )
@@ -208,6 +210,7 @@ def _at_rest(contact: Contact, shift: float) -> Contact:
         in_contact=True,
         moment_residual_Nm=contact.moment_residual_Nm,
         outside_points=contact.outside_points,
+        end_used=contact.end_used,
     )
 
 

@@ -189,13 +189,17 @@ def summary(learnt: LearntRig) -> dict[str, Any]:
 
     `picture_px` is how far the free antenna has moved in the picture, rms along the part that is visible before and
     after, None where there is none; `moment_zero_std` the sensor's zero, in standard deviations of its noise, None
-    where no moment was read; `beyond` names the parameters that changed by more than four standard deviations.
+    where no moment was read, as the sensor's parameters are left out then; `beyond` names the parameters that changed
+    by more than four standard deviations.
     """
     rig, now = learnt.calibrated, learnt.now
     if not learnt.history:
         return {"free_frames": 0, "picture_px": None, "moment_zero_std": None, "beyond": [], "parameters": {}}
     parameters = parameter_changes(rig, learnt.step, np.sqrt(np.diag(now.covariance)))
     offset = parameters["moment_offset_Nm"]["change"] / rig.moment_sensor.std_Nm
+    # of a sensor that was not read, only the correlation of its parameters with others is known
+    kept = [not name.startswith("moment_") or learnt.moments > 0 for name in parameters]
+    parameters = {name: one for (name, one), known in zip(parameters.items(), kept, strict=True) if known}
     return {
         "free_frames": learnt.frames,
         "picture_px": _moved_px(rig, now),
@@ -203,7 +207,11 @@ def summary(learnt: LearntRig) -> dict[str, Any]:
         "beyond": [name for name, one in parameters.items() if abs(one["change"]) > _BEYOND * one["prior_std"]],
         "parameters": parameters,
         "over_time": [
-            {"time_s": time_s if np.isfinite(time_s) else None, "change": step.tolist(), "std": std.tolist()}
+            {
+                "time_s": time_s if np.isfinite(time_s) else None,
+                "change": step[: len(kept)][kept].tolist(),
+                "std": std[: len(kept)][kept].tolist(),
+            }
             for time_s, step, std in learnt.history
         ],
     }
@@ -214,14 +222,14 @@ def drift_in_words(changed: Mapping[str, Any], *, watched: bool = True) -> list[
     if not changed.get("free_frames"):
         return ["no frame shows the free antenna: begin with some, and the rig's drift costs less"] if watched else []
     seen = f"the free antenna, seen in {changed['free_frames']} frames"
-    words = [f"since the calibration {seen}, {moved_in_words(changed)}"]
+    words = [f"since the calibration {seen}, {_moved_in_words(changed)}"]
     if changed["beyond"]:
         names = ", ".join(changed["beyond"])
         words.append(f"warning: {names} changed more than drift does: run vbaa check, or calibrate again")
     return words
 
 
-def moved_in_words(changed: Mapping[str, Any]) -> str:
+def _moved_in_words(changed: Mapping[str, Any]) -> str:
     """How far the free antenna has moved and, where the moment was read, the sensor's zero."""
     picture, zero = changed["picture_px"], changed["moment_zero_std"]
     words = "shows no part that was in the picture before" if picture is None else f"has moved by {picture:.2g} px"

@@ -48,6 +48,7 @@ STATUS_COLOURS = {
     "not_quasistatic": "#0072b2",
     "no_antenna": "#4b5563",
     "failed": "#d55e00",
+    "contradicted": "#9f1239",
 }
 """As in the report; told apart by the colour-blind as well."""
 CONTACT: Colour = (60, 220, 255)
@@ -249,9 +250,12 @@ def refuse_folder(path: Path, force: bool) -> None:
 
 @contextmanager
 def overlaid(
-    found: Iterable[FrameContact], estimator: ContactEstimator, path: Path, force: bool
+    found: Iterable[FrameContact], estimator: ContactEstimator, path: Path, force: bool, remarks: Sequence[str] = ()
 ) -> Iterator[Iterator[FrameContact]]:
-    """The same frames, each drawn into the folder as it passes; the folder is there once all went well."""
+    """The same frames, each drawn into the folder as it passes; the folder is there once all went well.
+
+    remarks : on the whole, which stand first on the page; complete after the last frame.
+    """
     refuse_folder(path, force)
     entries: list[dict[str, Any]] = []
 
@@ -291,5 +295,6 @@ def overlaid(
             meanings=STATUSES,
             colours=STATUS_COLOURS,
             thumbnails=_THUMBNAILS,
+            remarks=remarks,
         )
         (folder / _PAGE).write_text(page, encoding="utf-8")

@@ -91,6 +91,7 @@ def _marked(item: FrameContact, moved: _Movement) -> FrameContact:
             in_contact=True,
             moment_residual_Nm=moment,
             outside_points=contact.outside_points,
+            end_used=contact.end_used,
         )
     elif moved.exposure_px > BLURRED_PX:
         blur = f"moves by {moved.exposure_px:.0f} px during the exposure: expose shorter, or move slower"

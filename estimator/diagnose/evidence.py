@@ -245,7 +245,7 @@ def weighed(
     scale: np.ndarray,
     more: np.ndarray | None = None,
     as_free: np.ndarray | None = None,
-    log_density: float = 0.0,
+    log_density: float | np.ndarray = 0.0,
 ) -> Weighed:
     """The frames together, robustly. best, scale : (F,) least cost of each frame, and what its noise multiplies it by.
 
@@ -347,6 +347,6 @@ class Case:
         """Of all as reported."""
         return self.reported.cost
 
-    def cost_of(self, other: Recorded, log_density: float = 0.0) -> float:
+    def cost_of(self, other: Recorded, log_density: float | np.ndarray = 0.0) -> float:
         """Of the same frames with other readings, or another rig."""
         return weighed(other.fit, self.best, self.scale, log_density=log_density).cost

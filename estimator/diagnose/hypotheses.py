@@ -32,6 +32,7 @@ class TableSettings:
     tilts_rad: tuple[tuple[float, ...], ...] = (  # where a joint may be that is not read: coarse, then finer steps
         *((-1.2, -0.9, -0.6, -0.3, 0.0, 0.3, 0.6, 0.9, 1.2), (-0.1, 0.1), (-0.03, 0.03)),
     )
+    knows: float = 0.3  # standard deviation of what a picture says of its moment, of the readings' range, at most
     visible: float = 0.3  # of the points' or the moment's standard deviation, what other joint angles change at least
     offset_rad: float = 0.02  # of a joint's zero, by which it is moved to see whether that fits better
     fewest_after: int = 5  # frames after a change during the recording
@@ -364,6 +365,8 @@ def _moments_explained(case: Case) -> Iterator[Explanation[Case]]:
     if constant:
         return
     expected, own = without.fit.moments
+    # where the picture does not know the moment, a reading's unit is not for the frame to tell
+    known = own < TableSettings.knows * float(np.ptp(read[there]))
 
     def cost(moments: np.ndarray) -> float:
         """By the pictures' moments alone."""
@@ -384,7 +387,7 @@ def _moments_explained(case: Case) -> Iterator[Explanation[Case]]:
             likely += [] if case.sound else [(np.inf, row, corrected)]
         elif (gained := reported - cost(moments)) > 0.0 or (gained == 0.0 and not case.sound):
             likely.append((gained, row, corrected))
-    yield from _compared(case, likely)
+    yield from _compared(case, likely, known)
 
 
 def _drifting(recorded: Recorded, off: np.ndarray, std: np.ndarray) -> tuple[Reading, Recorded] | None:
@@ -429,10 +432,13 @@ def _others_explained(case: Case) -> Iterator[Explanation[Case]]:
     yield from _compared(case, likely)
 
 
-def _compared(case: Case, likely: list[tuple[float, Reading, Recorded]]) -> Iterator[Explanation[Case]]:
-    """The likeliest of some rows, by all frames."""
+def _compared(
+    case: Case, likely: list[tuple[float, Reading, Recorded]], known: np.ndarray | None = None
+) -> Iterator[Explanation[Case]]:
+    """The likeliest of some rows, by all frames. known : (F,) frames of which a reading's density counts."""
+    counts = np.ones(len(case.recorded)) if known is None else known
     for _, row, corrected in sorted(likely, key=lambda each: -each[0])[: TableSettings.followed]:
-        gained = case.cost - case.cost_of(corrected, row.log_density)
+        gained = case.cost - case.cost_of(corrected, row.log_density * counts)
         found = Diagnosis(row.name, row.words, row.remedy, row.severity)
         yield Explanation(found, gained - TableSettings.unlikely, partial(replace, case, recorded=corrected))
 

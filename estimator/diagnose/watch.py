@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter, deque
 from collections.abc import Sequence
+from copy import deepcopy
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -53,6 +54,11 @@ class RecordingVerdict:
     verdict: Verdict = field(default_factory=Verdict)
     first: int | None = None
     rows: frozenset[int] = frozenset()
+
+    @property
+    def concerns_any(self) -> bool:
+        """Whether it concerns any row."""
+        return self.first is not None or bool(self.rows)
 
     def concerns(self, row: int) -> bool:
         """Whether a row's numbers must not be used."""
@@ -132,6 +138,10 @@ class RecordingWatch:
         off = np.abs(_readings(measured) - _readings(before))
         noise = 6.0 * self.rig.moment_sensor.std_Nm
         return bool(np.nanmax(off[:2], initial=0.0) > noise or off[2:].max() > 1e-3)
+
+    def snapshot(self) -> RecordingWatch:
+        """The same as it is now: what is pushed from here on is not in it."""
+        return deepcopy(self, {id(self.rig): self.rig})
 
     def recorded(self) -> Recorded:
         """The witnesses."""

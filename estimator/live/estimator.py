@@ -24,6 +24,7 @@ from estimator.contact.recording import (
     gravity,
     prepared,
 )
+from estimator.diagnose.consequences import RunningVerdict, changed_row
 from estimator.table.contacts import ContactRow
 from vbaa_calib.antenna.shape import bend
 from vbaa_calib.core.arrays import gate
@@ -43,7 +44,8 @@ class LiveContact:
 
     Attributes
     ----------
-    row : as in contacts.csv. item : with what was seen.
+    row : as in contacts.csv, by the verdict on the recording so far. item : with what was seen, and the contact as the
+        frames by themselves have it.
     final : from all frames, as `vbaa estimate` gives it; else at once, from this frame and those before it.
     latency_s : from the picture's arrival to this. age_s : of the reading that was interpolated furthest.
     image : (H, W[, 3]) the picture; None with a final contact.
@@ -62,7 +64,8 @@ class LiveEstimator:
 
     Every picture is answered twice: at once, and with its final contact, some `STREAM` frames later: by then the rig's
     drift is learnt from the free frames around it, and motion is judged by the frames on either side. The final
-    contacts are those that `ContactEstimator.run` gives of the same frames, bit for bit.
+    contacts are those that `ContactEstimator.run` gives of the same frames, bit for bit; in their rows, those that the
+    verdict on the recording concerns are contradicted.
 
     Parameters
     ----------
@@ -87,7 +90,8 @@ class LiveEstimator:
         self._now = ContactStream(estimator, live=True, beside=self._later)
         self._before = np.empty((0, 2))
         self._frames: deque[tuple[Synchronized, Detection]] = deque()
-        self._watched = 0
+        self._finals = 0
+        self.verdict = RunningVerdict(estimator.rig, waits=not synchronizer.live)
 
     def warm(self) -> None:
         """Load and prepare what the first pictures would wait for: drawn ones go the way that theirs will go, and what
@@ -131,16 +135,13 @@ class LiveEstimator:
         """All that still waits; nothing comes after it."""
         for each in self.synchronizer.finish():
             yield from self._estimate(each)
+        self.verdict.finish()
         if self._later is not None:
             yield from map(self._finally, self._later.finish())
 
-    def changed(self) -> dict[str, Any] | None:
-        """How the rig has changed (`drift.summary`), if free frames have shown more of it since last asked."""
-        drift = (self._later or self._now).drift
-        if drift.frames == self._watched:
-            return None
-        self._watched = drift.frames
-        return summary(drift)
+    def changed(self) -> dict[str, Any]:
+        """How the rig has changed, by its free frames (`drift.summary`)."""
+        return summary((self._later or self._now).drift)
 
     def _estimate(self, each: Synchronized) -> Iterator[LiveContact]:
         return self._answered(each, self._looked(each))
@@ -156,7 +157,8 @@ class LiveEstimator:
         (contact,) = self._now.push(seen.measured)
         item = frame_contact(each.frame, seen, contact)
         latency_s = perf_counter() - each.taken.received_s
-        row = ContactRow.of(each.frame, item.contact)
+        self.verdict.push(seen.measured, item.contact)
+        row = self._row(item, self.verdict.count - 1)
         yield LiveContact(row, item, False, latency_s, each.age_s, each.taken.image)
         if self._later is not None:
             # without its picture, which would fill the memory
@@ -167,8 +169,14 @@ class LiveEstimator:
     def _finally(self, contact: Any) -> LiveContact:
         each, seen = self._frames.popleft()
         item = frame_contact(each.frame, seen, contact)
+        row, self._finals = self._row(item, self._finals), self._finals + 1
         latency_s = perf_counter() - each.taken.received_s
-        return LiveContact(ContactRow.of(each.frame, item.contact), item, True, latency_s, each.age_s)
+        return LiveContact(row, item, True, latency_s, each.age_s)
+
+    def _row(self, item: FrameContact, number: int) -> ContactRow:
+        contact = item.contact
+        status, reason = changed_row(self.verdict.now, number, contact.status, contact.reason)
+        return replace(ContactRow.of(item.frame, contact), status=status, reason=reason)
 
 
 _NO_PICTURE = np.empty((0, 0), np.uint8)

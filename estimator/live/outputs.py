@@ -10,9 +10,13 @@ import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import suppress
+from dataclasses import replace
+from itertools import count
 from pathlib import Path
 from typing import Any, TextIO
 
+from estimator.diagnose import RecordingVerdict
+from estimator.diagnose.consequences import changed_row
 from estimator.table.contacts import LOCATED, ContactRow
 from estimator.table.files import cells_of, check_format, write_contacts, write_header, write_row
 from vbaa_calib.core.errors import InputError
@@ -48,6 +52,7 @@ class GrowingTable:
         self._stream = _opened(self._grown)
         self._kept = tempfile.TemporaryFile(dir=path.parent)  # noqa: SIM115 -- it lives as long as this
         self._rows = [0, 0]
+        self.verdict = RecordingVerdict()
 
     def write(self, contact: LiveContact) -> None:
         with disk_errors_named(self._path):
@@ -55,11 +60,11 @@ class GrowingTable:
                 write_row(self._stream, cells_of(contact.row))
                 self._stream.flush()
             if contact.final == self._final:
-                pickle.dump(contact.row, self._kept)
+                pickle.dump(ContactRow.of(contact.item.frame, contact.item.contact), self._kept)
         self._rows[contact.final] += 1
 
     def close(self) -> None:
-        """Puts the final rows in place, if there is one of every frame."""
+        """Puts the final rows in place, if there is one of every frame; by `verdict`, the one on all of them."""
         with self._kept, disk_errors_named(self._path):
             self._stream.close()
             if self._rows[False] and self._rows[self._final] == self._rows[False]:
@@ -70,8 +75,10 @@ class GrowingTable:
 
     def _again(self) -> Iterator[ContactRow]:
         with suppress(EOFError):
-            while True:
-                yield pickle.load(self._kept)
+            for number in count():
+                row: ContactRow = pickle.load(self._kept)
+                status, reason = changed_row(self.verdict, number, row.status, row.reason)
+                yield replace(row, status=status, reason=reason)
 
 
 def _opened(path: Path) -> TextIO:

@@ -41,6 +41,7 @@ STATUSES = {
     "not_quasistatic": "the antenna was moving",
     "no_antenna": "the antenna was not seen well enough",
     "failed": "no single contact explains the picture",
+    "contradicted": "something that was reported is wrong: the row must not be used",
 }
 """What became of a frame, and what that means."""
 LOCATED = ("ok", "tip_contact")
@@ -159,11 +160,13 @@ class Contact(ContactEstimate[float, bool, str]):
 
     `reason` gives the status and the choice of the model in words; `bias` the predicted bias of the models that were
     compared, by name, in standard deviations of distance or force; `outside_points` is the number of centreline points
-    that lie outside the picture and are left out.
+    that lie outside the picture and are left out; `end_used` says whether the antenna's visible end agrees with the
+    rest and is used, None where no end is seen.
     """
 
     reason: str = ""
     outside_points: int = 0
+    end_used: bool | None = None
     bias: Mapping[str, float] = field(default_factory=dict)
 
     @property

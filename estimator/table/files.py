@@ -5,9 +5,9 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack
-from itertools import islice
+from itertools import count, islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
@@ -146,6 +146,51 @@ def read_contacts(path: Path, several: bool = False) -> ContactTable:
     if not parts:
         raise InputError("has no rows", where=path, remedy="one for every frame is needed")
     return ContactTable.joined(parts)
+
+
+def rewrite_contacts(
+    path: Path,
+    changed: Callable[[int, str, str], tuple[str, str]],
+    about: dict[bytes, bytes] | None = None,
+) -> None:
+    """Give rows of a file that `write_contacts` wrote another status and reason, whole or not at all, row by row.
+
+    changed : of a row's number from 0 on, its status and reason, those that it shall have. All else stays to the digit,
+    and so does a Parquet file's metadata, to which `about` is added.
+    """
+    number = count()
+
+    def cells(statuses: Iterable[str], reasons: Iterable[str]) -> list[tuple[str, str]]:
+        pairs = [changed(next(number), *pair) for pair in zip(statuses, reasons, strict=True)]
+        return [(status, " ".join(reason.split())) for status, reason in pairs]
+
+    with ExitStack() as open_files:
+        temporary = open_files.enter_context(replacing(path, True))
+        if path.suffix == _PARQUET:
+            import pyarrow
+            from pyarrow.parquet import ParquetFile
+
+            before = open_files.enter_context(ParquetFile(path))
+            kept = {key: value for key, value in before.metadata.metadata.items() if key != b"ARROW:schema"}
+            after = open_files.enter_context(_parquet_writer(temporary, before.schema_arrow))
+            for index in range(before.num_row_groups):
+                table = before.read_row_group(index)
+                pairs = cells(*(table[name].to_pylist() for name in ("status", "reason")))
+                for name, values in zip(("status", "reason"), zip(*pairs, strict=True), strict=True):
+                    place = table.column_names.index(name)
+                    table = table.set_column(place, table.schema.field(place), pyarrow.array(values, pyarrow.string()))
+                after.write_table(table)
+            after.add_key_value_metadata(kept | (about or {}))
+            return
+        old = open_files.enter_context(path.open(encoding="utf-8", newline=""))
+        new = open_files.enter_context(temporary.open("w", encoding="utf-8", newline=""))
+        rows, writer = csv.reader(old), csv.writer(new, lineterminator="\n")
+        header = next(rows)
+        writer.writerow(header)
+        status, reason = header.index("status"), header.index("reason")
+        for row in rows:
+            ((row[status], row[reason]),) = cells([row[status]], [row[reason]])
+            writer.writerow(row)
 
 
 def cells_of(row: ContactRow) -> dict[str, int | float | bool | str]:

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import re
+from array import array
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 from vbaa_calib.session import Frame
 from vbaa_calib.streams.messages import CHANNELS
 
-from .contacts import LOCATED, Measured
+from .contacts import LOCATED, Contact, Measured
 
 
 @dataclass(eq=False)
@@ -24,6 +25,8 @@ class Overview:
     status : how many frames have each. reasons : of those without a contact point, kinds of reasons that differ in
         numbers only: status, first frame and its reason, and how many.
     outside : centreline points outside the picture, which are left out; frames with such, and the points used in these.
+    ends : frames in which the antenna's visible end was seen, and those in which it contradicts the rest and is not
+        used.
     """
 
     second: bool = False
@@ -33,10 +36,18 @@ class Overview:
     status: Counter[str] = field(default_factory=Counter)
     reasons: dict[tuple[str, str], dict[str, Any]] = field(default_factory=dict)
     outside: Counter[str] = field(default_factory=Counter)
+    ends: Counter[str] = field(default_factory=Counter)
 
-    def add_readings(self, frame: Frame, measured: Measured | None = None) -> None:
-        """What was read with a frame, and which of its points are used."""
+    def __post_init__(self) -> None:
+        # of every frame its number and the kind of its result, all that is kept of the rows
+        self._rows, self._kinds = array("q"), array("q")
+        self._first: dict[tuple[str, str], tuple[int, str]] = {}
+
+    def add_readings(self, frame: Frame, measured: Measured | None = None, contact: Contact | None = None) -> None:
+        """What was read with a frame, and which of its points are used; by its contact, whether its end is."""
         self.frames += 1
+        if contact is not None and contact.end_used is not None:
+            self.ends.update({"seen": 1, "unused": int(not contact.end_used)})
         if measured is not None and measured.outside_points:
             used = len(measured.points_px)
             self.outside.update({"frames": 1, "points": measured.outside_points, "used": used})
@@ -50,15 +61,31 @@ class Overview:
     def add_result(self, frame: int, status: str, reason: str) -> None:
         """What became of a frame."""
         self.status[status] += 1
+        kind = status, ""
         if status not in (*LOCATED, "no_contact"):
-            self._add_reason({"status": status, "frames": 1, "frame": frame, "reason": reason})
+            kind = self._add_reason({"status": status, "frames": 1, "frame": frame, "reason": reason})
+        place, _ = self._first.setdefault(kind, (len(self._first), reason if kind[1] else ""))
+        self._rows.append(frame)
+        self._kinds.append(place)
 
-    def _add_reason(self, one: dict[str, Any]) -> None:
+    def amend(self, changed: Callable[[int, str, str], tuple[str, str]]) -> None:
+        """Count the results anew, with other statuses and reasons: `changed` gives them, of a row's number from 0 on,
+        its status and a reason of its kind."""
+        before = [(status, reason) for (status, _), (_, reason) in self._first.items()]
+        rows, kinds = self._rows, self._kinds
+        self.status, self.reasons = Counter(), {}
+        self.__post_init__()
+        for number, (frame, kind) in enumerate(zip(rows, kinds, strict=True)):
+            self.add_result(frame, *changed(number, *before[kind]))
+
+    def _add_reason(self, one: dict[str, Any]) -> tuple[str, str]:
+        """Count frames that have a reason of the same kind; status and kind."""
         status, reason = one["status"], one["reason"]
         kind = re.sub(r"\([^)]*\)", "", reason.partition("; ")[0])
         kind = re.sub(r"[-+]?\d+(?:[.,]\d+)*(?:e[-+]?\d+)?", "#", kind)
-        first = one | {"frames": 0, "remedy": remedy(status, reason)}
+        first = one | {"frames": 0, "remedy": _remedy(status, reason)}
         self.reasons.setdefault((status, kind), first)["frames"] += one["frames"]
+        return status, kind or "#"
 
     def join(self, numbers: Mapping[str, Any], **where: str) -> None:
         """Add another's `numbers`: of a further part, or recording. where : what tells its first frames apart."""
@@ -67,22 +94,34 @@ class Overview:
         self.read.update({name: readings[name] for name in CHANNELS if readings.get(name)})
         self.second |= "moment_z_Nm" in readings
         self.assumed_rad |= readings["assumed_rad"]
+        unused = numbers.get("set_aside", {})
+        self.outside["frames"] += unused.get("outside_frames", 0)
+        self.outside["points"] += unused.get("outside_points", 0)
+        self.ends.update({"seen": unused.get("ends_seen", 0), "unused": unused.get("ends_unused", 0)})
         self.status.update(numbers["status"])
         for one in numbers["reasons"]:
             self._add_reason(one | where)
 
     def numbers(self) -> dict[str, Any]:
-        """For `--json`: `status`, `readings`, and `reasons` with the commonest kind first."""
+        """For `--json`: `status`, `readings`, `set_aside`, and `reasons` with the commonest kind first."""
         read = {name: self.read[name] for name in CHANNELS if self.second or name != "moment_z_Nm"}
         return {
             "status": dict(self.status.most_common()),
             "readings": {"frames": self.frames, **read, "assumed_rad": dict(self.assumed_rad)},
+            "set_aside": self.unused,
             "reasons": sorted(self.reasons.values(), key=lambda one: (-one["frames"], one["frame"])),
         }
 
+    @property
+    def unused(self) -> dict[str, int]:
+        """How many frames show the antenna's end, how many of these ends are not used, in how many frames points lie
+        outside the picture, and how many such points."""
+        counts = {f"ends_{name}": self.ends[name] for name in ("seen", "unused")}
+        return counts | {f"outside_{name}": self.outside[name] for name in ("frames", "points")}
+
     def outside_in_words(self, image_size: tuple[int, int]) -> list[str]:
         """A sentence on the points outside pictures of this size, with the likely cause; none without such points."""
-        if not self.outside:
+        if not self.outside["points"]:
             return []
         points, frames, used = (self.outside[name] for name in ("points", "frames", "used"))
         exchanged = "are u_px and v_px exchanged, or are they of pictures of another size?"
@@ -91,7 +130,7 @@ class Overview:
         return [f"{counts} outside the picture of {image_size[0]}x{image_size[1]} px left out: {cause}"]
 
 
-def remedy(status: str, reason: str) -> str:
+def _remedy(status: str, reason: str) -> str:
     """What helps against a frame's reason, as in contacts.csv; empty where that says so itself, or nothing is known."""
     own = re.search(r"\(remedy: (.*)\)$", reason)
     match status:
@@ -125,6 +164,8 @@ def overview_in_words(numbers: Mapping[str, Any], most: int = 3) -> list[str]:
         f"{total} frames: " + ", ".join(f"{count} {name}" for name, count in statuses.items()),
         f"readings: {readings_in_words(numbers['readings'])}",
     ]
+    if unused := _unused_in_words(numbers.get("set_aside", {}), total):
+        lines.append(f"set aside: {unused}")
     if not reasons:
         return lines
     lines.append(
@@ -137,6 +178,17 @@ def overview_in_words(numbers: Mapping[str, Any], most: int = 3) -> list[str]:
         lines.append(f"  {one['frames']} {one['status']}, first {first}: {own}{what}")
     others = lost - sum(one["frames"] for one in reasons[:most])
     return [*lines, f"  {others} for {len(reasons) - most} other reasons"] if others else lines
+
+
+def _unused_in_words(unused: Mapping[str, int], total: int) -> str:
+    """Of `Overview.numbers`, what contradicts the rest of its frame and is not used; empty where there is nothing."""
+    words = []
+    if unused.get("ends_unused"):
+        words.append(f"the antenna's visible end in {unused['ends_unused']} of {unused['ends_seen']} frames with one")
+    if unused.get("outside_points"):
+        of = f"in {unused['outside_frames']} of {total} frames"
+        words.append(f"{unused['outside_points']} points outside the picture {of}")
+    return "; ".join(words)
 
 
 def readings_in_words(readings: Mapping[str, Any]) -> str:

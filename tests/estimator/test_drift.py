@@ -87,6 +87,10 @@ def test_nothing_is_said_of_a_zero_that_was_not_read(given: Draw, rig: Rig) -> N
     assert [each["free_frames"] for each in told] == [FREE, FREE]
     assert [each["moment_zero_std"] is None for each in told] == [False, True]
     assert [["zero" in words for words in drift_in_words(each)] for each in told] == [[True], [False]]
+    names = [[name for name in each["parameters"] if name.startswith("moment_")] for each in told]
+    assert names == [["moment_gain", "moment_offset_Nm"], []]
+    for each in told:
+        assert {len(past[key]) for past in each["over_time"] for key in ("change", "std")} == {len(each["parameters"])}
 
 
 def test_what_has_changed_is_said_where_the_lens_shows_a_part() -> None:

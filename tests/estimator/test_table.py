@@ -8,9 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pyarrow.parquet import read_metadata, read_table
 
 from estimator.table.contacts import COLUMNS, REQUIRED, Contact, ContactRow, ContactTable, column_names
-from estimator.table.files import read_contacts, write_contacts
+from estimator.table.files import read_contacts, rewrite_contacts, write_contacts
 from tests.viz.touching import cylinder, touch
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.session import Frame
@@ -139,3 +140,38 @@ def test_the_documented_columns_are_the_declared_ones() -> None:
     rows = [f"| {', '.join(column_names([name]))} | {one.unit} | {one.meaning} |" for name, one in COLUMNS.items()]
     table = "\n".join(["| column | unit | what |", "|---|---|---|", *rows])
     assert table in FORMATS.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+def test_rewriting_changes_statuses_alone(
+    suffix: str, rows: list[ContactRow], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As if the rows had been written so, to the byte of a CSV, over several row groups; a broken one leaves all."""
+    monkeypatch.setattr("estimator.table.files._ROW_GROUP", 3)
+    several = [replace(rows[number % len(rows)], frame=number) for number in range(11)]
+
+    def changed(number: int, status: str, reason: str) -> tuple[str, str]:
+        return ("contradicted", 'not so, "really"\nnot') if number in (1, 7, 10) else (status, reason)
+
+    path, direct = tmp_path / f"contacts{suffix}", tmp_path / f"direct{suffix}"
+    write_contacts(path, several, about={b"by": b"us"})
+    before = path.read_bytes()
+    with pytest.raises(ZeroDivisionError):
+        rewrite_contacts(path, lambda number, status, reason: (status, str(1 // (9 - number))))
+    assert path.read_bytes() == before
+    assert len(list(tmp_path.iterdir())) == 1
+    rewrite_contacts(path, changed, {b"done": b"yes"})
+    pairs = [changed(number, row.status, row.reason) for number, row in enumerate(several)]
+    write_contacts(
+        direct,
+        [replace(row, status=status, reason=why) for row, (status, why) in zip(several, pairs, strict=True)],
+    )
+    if suffix == ".csv":
+        assert path.read_bytes() == direct.read_bytes()
+        return
+    one, other = read_table(path), read_table(direct)
+    assert one.schema.equals(other.schema)
+    for name in one.column_names:
+        np.testing.assert_array_equal(one[name], other[name])
+    about = read_metadata(path)
+    assert (about.metadata[b"by"], about.metadata[b"done"], about.num_row_groups) == (b"us", b"yes", 4)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -35,7 +36,12 @@ def frames() -> list[Frame]:
 def shown(count: int = COUNT) -> list[tuple[float, Frame]]:
     """Times, s, and which of the frames is shown then: every eighth is free."""
     free, *touched = sorted(frames(), key=lambda frame: abs(frame.moment_Nm - rig().moment_sensor.offset_Nm))
-    return [(1.0 + n / RATE_HZ, free if n % 8 == 0 else touched[(n // 8) % len(touched)]) for n in range(count)]
+    noise = 0.1 * rig().moment_sensor.std_Nm * np.random.default_rng(0).normal(size=count)  # no reading comes twice
+    which = [free if n % 8 == 0 else touched[(n // 8) % len(touched)] for n in range(count)]
+    return [
+        (1.0 + n / RATE_HZ, replace(frame, moment_Nm=frame.moment_Nm + by))
+        for n, (frame, by) in enumerate(zip(which, noise.tolist(), strict=True))
+    ]
 
 
 def messages() -> list[Taken | Reading]:

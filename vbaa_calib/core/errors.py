@@ -160,6 +160,11 @@ class Verdict:
         """In words, all for which it must not be used; empty where there are none."""
         return "; ".join(one.words for one in self.findings if one.grave)
 
+    @property
+    def lines(self) -> list[str]:
+        """A line for each finding, with what to do."""
+        return [f"{one.label}: {one}" for one in self.findings]
+
     def to_dict(self) -> dict[str, Any]:
         """The mapping `verdict` of rig.json and of `--json`."""
         return {"severity": self.severity, "findings": [one.to_dict() for one in self.findings]}

@@ -226,7 +226,7 @@ class Synchronizer:
         self.counts: Counter[str] = Counter()
         self._notes = [] if notes is None else notes
         self._noted: set[tuple[str, str]] = set()
-        self._timing, self._live = timing, live
+        self._timing, self.live = timing, live
         self._channels = {_known(name): _Channel() for name in channels}
         self._stamps: dict[str, _Stamps] = {}
         self._waiting: deque[Taken] = deque()
@@ -247,11 +247,11 @@ class Synchronizer:
             self.counts["pictures out of order"] += 1
         else:
             stream = message.channel if isinstance(message, Reading) else "pictures"
-            stamps = self._stamps.setdefault(stream, _Stamps(self._timing, self._live))
+            stamps = self._stamps.setdefault(stream, _Stamps(self._timing, self.live))
             last, first = stamps.last, stamps.step_s == 0.0
             counted, wrong = stamps.judged(message, self._now_s)
             early = self._judged(stream, last, counted, wrong, jumped=len(counted) > 1, first=first)
-            if stamps.doubted and not self._live:
+            if stamps.doubted and not self.live:
                 return iter(early)
         self._now_s = message.arrived_s
         return chain(early, self.ready(message.arrived_s))
@@ -266,7 +266,7 @@ class Synchronizer:
         while self._waiting:
             taken = self._waiting[0]
             # where nobody waits for it, and its readings are kept meanwhile
-            several = self._live or self._stamps["pictures"].step_s > 0.0
+            several = self.live or self._stamps["pictures"].step_s > 0.0
             if not (several or any(len(each.times) > _KEPT for each in self._channels.values())):
                 return
             complete = all(each.times and each.times[-1] >= taken.time_s for each in self._channels.values())

@@ -17,13 +17,16 @@ from array import array
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from estimator.diagnose import RecordingVerdict
+from estimator.diagnose.consequences import changed_row
 from estimator.table.contacts import LOCATED, STATUSES, ContactRow
-from estimator.table.files import write_contacts
+from estimator.table.files import rewrite_contacts, write_contacts
 from estimator.table.overview import readings_in_words
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import read_json, write_json, write_text
@@ -33,7 +36,7 @@ from vbaa_calib.core.robust import finite_median, finite_or_none
 SCHEMA = "vbaa.batch/1"
 _KEY = b"vbaa.batch"
 _SUMMARY = (
-    *("recording", "state", "sentence", "path", "rig", "rig_sha256", "inputs_sha256", "digest", "version"),
+    *("recording", "state", "sentence", "verdict", "path", "rig", "rig_sha256", "inputs_sha256", "digest", "version"),
     *("frames", *STATUSES, "distance_median_m", "distance_std_median_m", "force_median_N", "force_std_median_N"),
     *("moment_residual_rms_Nm", "free_frames", "drift_picture_px", "drift_moment_zero_std", "drift_beyond"),
     *("outside_points", "warnings", "cpu_s", "object", "readings", "reasons"),
@@ -112,36 +115,55 @@ class Results:
         for _, row in sorted(rows.items()):
             words: Row = {} if "readings" not in row else {"readings": readings_in_words(row["readings"])}
             reasons = [f"{one['frames']} {one['reason']}" for one in row.get("reasons", ())[:3]]
-            writer.writerow({name: _cell({**row, **words, "reasons": reasons}.get(name)) for name in _SUMMARY})
+            findings = row.get("verdict", {}).get("findings", ())
+            verdict = [f"{one['severity']}: {one['words']}; {one['remedy']}" for one in findings]
+            cells = {**row, **words, "reasons": reasons, "verdict": verdict}
+            writer.writerow({name: _cell(cells.get(name)) for name in _SUMMARY})
         write_text(self.summary, text.getvalue())
         return list(rows.values())
 
-    def write(self, name: str, rows: Iterable[ContactRow], about: Callable[[], Row]) -> Row:
-        """Write a recording's contacts as they come; its summary: `about`, asked after the last row, and numbers."""
+    def write(
+        self,
+        name: str,
+        rows: Iterable[ContactRow],
+        judged: Callable[[], RecordingVerdict],
+        about: Callable[[RecordingVerdict], Row],
+    ) -> Row:
+        """Write a recording's contacts as they come; its summary: `about` and numbers, by the verdict on the recording,
+        which is asked for after the last row."""
         located: dict[str, array[float]] = {column: array("d") for column in _LOCATED}
-        residuals, summary, metadata = array("d"), dict[str, Any](), dict[bytes, bytes]()
+        places, residuals, verdict = array("q"), array("d"), RecordingVerdict()
+        summary, metadata, whole = dict[str, Any](), dict[bytes, bytes](), dict[bytes, bytes]()
 
         def counted() -> Iterator[ContactRow]:
-            for row in rows:
+            nonlocal verdict
+            for number, row in enumerate(rows):
                 if row.status in LOCATED:
+                    places.append(number)
                     for column, values in located.items():
                         values.append(getattr(row, column))
                 if math.isfinite(row.moment_residual_Nm):
                     residuals.append(row.moment_residual_Nm)
                 yield row
             self.object(name).unlink(missing_ok=True)  # it is no longer these contacts'
-            distance, distance_std, y, z, y_std, z_std = map(np.asarray, located.values())
+            verdict = judged()
+            kept = np.array([not verdict.concerns(place) for place in places], bool)
+            distance, distance_std, y, z, y_std, z_std = (np.asarray(each)[kept] for each in located.values())
             summary.update(
-                about(),
+                about(verdict),
                 distance_median_m=finite_or_none(finite_median(distance)),
                 distance_std_median_m=finite_or_none(finite_median(distance_std)),
                 force_median_N=finite_or_none(finite_median(np.hypot(y, z))),
                 force_std_median_N=finite_or_none(finite_median(np.hypot(y_std, z_std))),
                 moment_residual_rms_Nm=float(np.sqrt(np.mean(np.square(residuals)))) if residuals else None,
             )
-            metadata[_KEY] = json.dumps(summary, allow_nan=False).encode()
+            whole[_KEY] = json.dumps(summary, allow_nan=False).encode()
+            if not verdict.concerns_any:
+                metadata.update(whole)
 
         write_contacts(self.contacts(name), counted(), force=True, about=metadata)
+        if verdict.concerns_any:  # only then it counts as done
+            rewrite_contacts(self.contacts(name), partial(changed_row, verdict), whole)
         return summary
 
     def remove_work(self) -> None:

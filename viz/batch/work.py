@@ -7,6 +7,7 @@ import json
 import time
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -18,6 +19,8 @@ from estimator.contact.drift import summary
 from estimator.contact.estimate import ContactEstimator
 from estimator.contact.source import StreamOptions, estimate_source, inputs_digest, is_stream, open_source
 from estimator.contact.surroundings import AUTO, surroundings
+from estimator.diagnose import RecordingVerdict, RecordingWatch
+from estimator.diagnose.consequences import changed_row, with_unused
 from estimator.table.contacts import STATUSES, ContactRow
 from estimator.table.overview import Overview
 from vbaa_calib.core.errors import clipped, sentence_of
@@ -90,15 +93,19 @@ def _estimated(recording: Recording, settings: Settings, results: Results, about
     with TemporaryDirectory(prefix="vbaa-stills-") as folder:
         ground, _ = surroundings(rig, settings.background, lambda: source.stills(rig, Path(folder)))
     source, overview = source.clocked(estimator, ground), Overview(rig.second_moment_sensor is not None)
+    watch = RecordingWatch(rig)
 
     def rows() -> Iterator[ContactRow]:
         for item in estimate_source(estimator, source, ground):
             row = ContactRow.of(item.frame, item.contact)
-            overview.add_readings(item.frame, item.measured)
+            watch.push(item.measured, item.contact)
+            overview.add_readings(item.frame, item.measured, item.contact)
             overview.add_result(row.frame, row.status, row.reason)
             yield row
 
-    def summarized() -> Row:
+    def summarized(verdict: RecordingVerdict) -> Row:
+        if verdict.concerns_any:
+            overview.amend(partial(changed_row, verdict))
         changed, numbers = summary(estimator.drift), overview.numbers()
         warnings = ["no frame shows the free antenna"] if rig.drift.of_rig and not changed["free_frames"] else []
         if changed["beyond"]:
@@ -107,7 +114,9 @@ def _estimated(recording: Recording, settings: Settings, results: Results, about
             **about,
             "frames": overview.frames,
             **{status: overview.status[status] for status in STATUSES},
+            "verdict": verdict.verdict.to_dict(),
             "readings": numbers["readings"],
+            "set_aside": numbers["set_aside"],
             "reasons": numbers["reasons"],
             "free_frames": changed["free_frames"],
             "drift_picture_px": changed["picture_px"],
@@ -118,13 +127,16 @@ def _estimated(recording: Recording, settings: Settings, results: Results, about
             "cpu_s": time.process_time() - begun,
         }
 
-    return results.write(recording.name, rows(), summarized)
+    def judged() -> RecordingVerdict:
+        return with_unused(watch.verdict(), overview.unused, overview.frames)
+
+    return results.write(recording.name, rows(), judged, summarized)
 
 
 def _with_object(outcome: Outcome, recording: Recording, settings: Settings, results: Results) -> Outcome:
     """With the object's file, where it is asked for and not there."""
     path = results.object(recording.name)
-    if not settings.reconstruct or path.exists():
+    if not settings.reconstruct or path.exists() or outcome.row["verdict"]["severity"] == "wrong":
         return outcome
     from estimator.contact.common_errors import shared_errors
     from estimator.object.surface import reconstruct, touches_of
@@ -154,8 +166,8 @@ def _about(recording: Recording, settings: Settings) -> Row:
     """How a summary begins: what the recording is, and the digests of all that its contacts depend on."""
     rig_sha256, inputs_sha256 = sha256(recording.rig), inputs_digest(recording.path)
     about = {"rig_sha256": rig_sha256, "inputs_sha256": inputs_sha256, "version": vbaa_calib.__version__}
-    # 2: gross points are left out, and the summary has readings and reasons; what was done before is done again
-    whole = json.dumps([2, about, settings.said(recording.path)], sort_keys=True).encode()
+    # 3: recordings have a verdict; what was done before is done again
+    whole = json.dumps([3, about, settings.said(recording.path)], sort_keys=True).encode()
     return {
         "recording": recording.name,
         "state": "done",

@@ -44,7 +44,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
-    """Estimate every recording that is not done yet; the exit code is 1 where one is missing at the end."""
+    """Estimate every recording that is not done yet; the exit code is 1 where one is missing at the end, or wrong."""
     from estimator.contact.estimate import ContactEstimator
     from estimator.contact.source import is_stream
     from estimator.table.contacts import STATUSES
@@ -101,9 +101,18 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     states = {state: sorted(each.name for each in outcomes if each.state == state) for state in _STATES}
     missing = sorted({each.name for each in recordings} - set(states["done"]) - set(states["unchanged"]))
     own = [row for row in rows if row["recording"] in {each.name for each in recordings} - set(missing)]
-    say(
-        f"wrote {args.output}: {len(states['done'])} done, {len(states['unchanged'])} unchanged, {len(missing)} missing"
+    verdicts = {row["recording"]: row["verdict"] for row in own if row.get("verdict", {}).get("findings")}
+    bad, doubted = (
+        sorted(name for name, verdict in verdicts.items() if verdict["severity"] == severity)
+        for severity in ("wrong", "doubt")
     )
+    for label, names in (("wrong", bad), ("look at", doubted)):
+        for name in names[:_NAMED]:
+            worst = verdicts[name]["findings"][0]
+            say(f"{label}: {name}: {worst['words']}; {worst['remedy']}")
+    counts = {"done": len(states["done"]), "unchanged": len(states["unchanged"]), "missing": len(missing)}
+    counts |= {name: len(names) for name, names in (("wrong", bad), ("to look at", doubted)) if names}
+    say(f"wrote {args.output}: {', '.join(f'{count} {name}' for name, count in counts.items())}")
     outside = {row["recording"]: int(row["outside_points"]) for row in own if row.get("outside_points")}
     if outside:
         say(
@@ -124,12 +133,14 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         "recordings": len(recordings),
         **{state: len(names) for state, names in states.items()},
         "missing": missing,
+        "wrong": bad,
+        "verdicts": dict(sorted(verdicts.items())),
         "scheduler_lost": lost is not None,
         "frames": sum(int(row["frames"]) for row in own),
         "ok": sum(int(row["ok"]) for row in own),
         "outside_points": sum(outside.values()),
         **overview.numbers(),
-        "exit_code": 1 if missing else 0,
+        "exit_code": int(bool(missing or bad)),
     }
 
 

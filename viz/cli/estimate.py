@@ -8,7 +8,8 @@ from array import array
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from estimator.contact.estimate import ContactEstimator
     from estimator.contact.recording import FrameContact, Ground
     from estimator.table.contacts import ContactRow
+    from vbaa_calib.core.errors import Verdict
     from vbaa_calib.rig import Rig
     from vbaa_calib.session import Drift, Frame
     from vbaa_calib.streams import Source, Synchronizer
@@ -103,7 +105,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
-    """Estimate every frame of a recording, write contacts.csv, then report.html. Refuses before any work."""
+    """Estimate every frame of a recording, write contacts.csv, then report.html. Refuses before any work.
+
+    The exit code is 1 where the verdict on the recording is wrong.
+    """
     from estimator.table.files import check_format
     from vbaa_calib.session import refuse_measured
 
@@ -128,25 +133,27 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         return {**_estimate(args)[0], "report": None}
     output = report_beside(args.output) if args.report is None else args.report
     refuse_output(output, PAGES, args.force)
-    result, ground = _estimate(args)
+    result, ground, verdict = _estimate(args)
     from viz.report.make import Sources, make_report
 
     session = args.session if args.session is not None and _is_session(args.session) else None
-    sources = Sources(args.output, args.rig, session, ground=ground, drift=result["drift"], readings=result["readings"])
+    about = {name: result[name] for name in ("drift", "readings")}
+    sources = Sources(args.output, args.rig, session, ground=ground, verdict=verdict, **about)
     title = f"Contacts of the antenna: {(args.session or args.centrelines).resolve().name}"
     make_report(output, sources, title=title, argv=args.argv, force=args.force)
     say(f"wrote {output}: open it in a browser")
     return {**result, "report": str(output)}
 
 
-def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None]:
-    """contacts.csv; what became of the frames, and what was taken off them."""
+def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None, Verdict]:
+    """contacts.csv; what became of the frames, what was taken off them, and the verdict on the recording."""
     import numpy as np
 
     from estimator.contact.drift import drift_in_words, summary
-    from estimator.contact.watch import DriftWatch
+    from estimator.diagnose import RecordingVerdict, RecordingWatch
+    from estimator.diagnose.consequences import changed_row, with_unused
     from estimator.table.contacts import ContactRow
-    from estimator.table.files import write_contacts
+    from estimator.table.files import rewrite_contacts, write_contacts
     from estimator.table.overview import Overview, overview_in_words
 
     rig = usable_rig(args.rig, args.accept_rig)
@@ -156,42 +163,51 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None]:
     estimator, given = recording(args, rig)
     if given.words:
         say(f"background: {given.words}")
-    watch = DriftWatch(estimator.rig)
+    watch, verdict = RecordingWatch(estimator.rig), RecordingVerdict()
     overview = Overview(estimator.rig.second_moment_sensor is not None)
-    models, std_m = Counter[str](), array("d")  # all that is kept of the rows
+    models, std_m = Counter[str](), array("d")
 
     def rows() -> Iterator[ContactRow]:
         """Of every frame, each drawn into the overlay folder on its way where one is asked for."""
+        nonlocal verdict
         found = progress(given.items, "contacts", given.count)
+        remarks = list[str]()
         with ExitStack() as stack:
             if args.overlay is not None:
                 from estimator.contact.overlay import overlaid
 
-                found = stack.enter_context(overlaid(found, estimator, args.overlay, args.force))
+                found = stack.enter_context(overlaid(found, estimator, args.overlay, args.force, remarks))
             for item in found:
-                for change in watch.push(item.frame.frame, item.measured):
-                    say(f"warning, frame {change.frame}: {change.words}")
+                watch.push(item.measured, item.contact)
                 if item.frame.image is not None and item.frame.image.parent == args.unpacked:
                     item.frame.image.unlink()
                 row = ContactRow.of(item.frame, item.contact)
-                overview.add_readings(item.frame, item.measured)
+                overview.add_readings(item.frame, item.measured, item.contact)
                 overview.add_result(row.frame, row.status, row.reason)
                 models[row.model] += 1
-                if math.isfinite(row.distance_std_m):
-                    std_m.append(row.distance_std_m)
+                std_m.append(row.distance_std_m)
                 yield row
+            verdict = with_unused(watch.verdict(), overview.unused, overview.frames)
+            remarks += verdict.verdict.lines
 
     write_contacts(args.output, rows(), args.force)
+    changed = partial(changed_row, verdict)
+    if verdict.concerns_any:
+        rewrite_contacts(args.output, changed)
+        overview.amend(changed)
+    for words in verdict.verdict.lines:
+        say(words)
     for note in (*given.notes(), *overview.outside_in_words(rig.camera.image_size)):
         say(note)
     numbers = overview.numbers()
     for words in overview_in_words(numbers):
         say(words)
-    located = float(np.median(std_m)) if std_m else None
+    known = [std for row, std in enumerate(std_m) if math.isfinite(std) and not verdict.concerns(row)]
+    located = float(np.median(known)) if known else None
     if located is not None:
         say(f"contact distance known to {1e3 * located:.2f} mm (median standard deviation)")
-    changed = summary(estimator.drift)
-    for words in drift_in_words(changed, watched=estimator.rig.drift.of_rig):
+    drift = summary(estimator.drift)
+    for words in drift_in_words(drift, watched=estimator.rig.drift.of_rig):
         say(words)
     say(f"wrote {args.output}")
     if args.overlay is not None:
@@ -200,17 +216,18 @@ def _estimate(args: argparse.Namespace) -> tuple[dict[str, Any], Ground | None]:
         "contacts": str(args.output),
         "overlay": None if args.overlay is None else str(args.overlay),
         "frames": overview.frames,
+        "verdict": verdict.verdict.to_dict(),
         **numbers,
         "models": dict(models),
         "distance_std_median_m": located,
-        "drift": changed,
-        "changes": [asdict(change) for change in watch.changes],
+        "drift": drift,
         "background": given.words or None,
         "stream": dict(given.counts) or None,
         "outside_points": overview.outside["points"],
         "outside_frames": overview.outside["frames"],
+        "exit_code": int(verdict.verdict.severity == "wrong"),
     }
-    return result, given.ground
+    return result, given.ground, verdict.verdict
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,8 @@ import time
 from collections import deque
 from collections.abc import Iterator
 from contextlib import ExitStack, closing, contextmanager, suppress
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -22,7 +23,6 @@ from .estimate import add_estimator_options
 if TYPE_CHECKING:
     from estimator.contact.estimate import ContactEstimator
     from estimator.contact.recording import Ground
-    from estimator.contact.watch import Change
     from estimator.live import LiveContact, LiveEstimator
     from vbaa_calib.rig import Rig
     from vbaa_calib.streams import Source, Timing
@@ -73,7 +73,8 @@ class _Sink(Protocol):
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
-    """Estimate a stream until it ends or is interrupted. Returns the summary. Raises InputError before any work."""
+    """Estimate a stream until it ends or is interrupted. Returns the summary; the exit code is 1 where the verdict on
+    the recording is wrong. Raises InputError before any work."""
     from dataclasses import replace
 
     from estimator.contact.estimate import ContactEstimator
@@ -204,6 +205,7 @@ class _Lines:
 
 def _follow(source: Source, live: LiveEstimator, sinks: list[_Sink], monitor: _Monitor) -> None:
     """Every contact to every sink, until the source ends or Ctrl-C."""
+    from estimator.live.outputs import GrowingTable
     from vbaa_calib.streams import now_s
 
     def spread(contacts: Iterator[LiveContact]) -> None:
@@ -223,6 +225,9 @@ def _follow(source: Source, live: LiveEstimator, sinks: list[_Sink], monitor: _M
         if interrupted:
             source.notes.append("interrupted")
         spread(live.finish())
+    for sink in sinks:
+        if isinstance(sink, GrowingTable):
+            sink.verdict = live.verdict.now
 
 
 @contextmanager
@@ -258,34 +263,24 @@ class _Monitor:
     begin_s: float = field(default_factory=time.monotonic)
     warned: set[str] = field(default_factory=set)
     at_once: dict[int, str] = field(default_factory=dict)
-    drift: dict[str, Any] = field(default_factory=dict)
     told: int = 0
 
     def __post_init__(self) -> None:
-        from estimator.contact.watch import DriftWatch
         from estimator.table.overview import Overview
 
-        rig = self.live.estimator.rig
-        self.watch, self.overview = DriftWatch(rig), Overview(rig.second_moment_sensor is not None)
-
-    def _say(self, changes: list[Change]) -> None:
-        from vbaa_calib.core.console import say
-
-        for change in changes:
-            say(f"warning, frame {change.frame}: {change.words}")
+        self.overview = Overview(self.live.estimator.rig.second_moment_sensor is not None)
 
     def write(self, contact: LiveContact) -> None:
-        row = contact.row
+        frame, own = contact.row.frame, contact.item.contact
         if contact.final:
-            self.amended += self.at_once.pop(row.frame, row.status) != row.status
+            self.amended += self.at_once.pop(frame, own.status) != own.status
             return
-        self.overview.add_readings(contact.item.frame)
-        self.overview.add_result(row.frame, row.status, row.reason)
+        self.overview.add_readings(contact.item.frame, contact.item.measured, own)
+        self.overview.add_result(frame, own.status, own.reason)
         self.latency_s.append(contact.latency_s)
         if self.live.final:
-            self.at_once[row.frame] = row.status
-        self._watch(row.frame)
-        self._say(self.watch.push(row.frame, contact.item.measured))
+            self.at_once[frame] = own.status
+        self._warn(frame)
         now_s = time.monotonic()
         if now_s >= self.next_s and sys.stderr is not None and sys.stderr.isatty():
             self.next_s = now_s + _SHOWN_S
@@ -303,22 +298,15 @@ class _Monitor:
             self.warned.add(other)
             say(f"warning: {other} than the rig's come, and are left out")
 
-    def _watch(self, frame: int) -> None:
-        """Says once of each parameter when the free antenna shows that it has changed by more than drift does."""
-        from estimator.contact.drift import moved_in_words
+    def _warn(self, frame: int) -> None:
+        """Says once of each thing that is wrong with the recording, or looks wrong, that it is."""
         from vbaa_calib.core.console import say
 
-        changed = self.live.changed()
-        if changed is None:
-            return
-        self.drift = changed
-        new = set(changed["beyond"]) - self.warned
-        if new:
-            self.warned |= new
-            say(
-                f"warning, frame {frame}: {', '.join(sorted(new))} changed more than drift does since the calibration "
-                f"(the free antenna {moved_in_words(changed)}): run vbaa check"
-            )
+        verdict = self.live.verdict.now.verdict
+        for one, words in zip(verdict.findings, verdict.lines, strict=True):
+            if one.name not in self.warned:
+                self.warned.add(one.name)
+                say(f"warning, frame {frame}: {words}")
 
     def _show(self, contact: LiveContact, now_s: float) -> None:
         row = contact.row
@@ -341,6 +329,7 @@ class _Monitor:
         import numpy as np
 
         from estimator.contact.drift import drift_in_words
+        from estimator.diagnose.consequences import changed_row, with_unused
         from estimator.table.overview import overview_in_words
         from vbaa_calib.core.console import say
 
@@ -350,19 +339,23 @@ class _Monitor:
         self.news()
         for note in synchronizer.left_out():
             say(note)
-        frames, dropped, numbers = self.overview.frames, self.source.dropped(), self.overview.numbers()
+        frames, dropped = self.overview.frames, self.source.dropped()
+        verdict = with_unused(self.live.verdict.now, self.overview.unused, frames)
+        if verdict.concerns_any:
+            self.overview.amend(partial(changed_row, verdict))
+        numbers = self.overview.numbers()
         median, late = np.quantile(self.latency_s or [0.0], [0.5, 0.99]).tolist()
         if not frames:
             say("no frames")
         else:
-            for words in overview_in_words(numbers):
+            for words in [*verdict.verdict.lines, *overview_in_words(numbers)]:
                 say(words)
             say(
                 f"latency {1e3 * median:.1f} ms (median), {1e3 * late:.1f} ms (99 %); pictures dropped: {dropped}; "
                 f"contacts amended by later frames: {self.amended}"
             )
-        self.drift = self.live.changed() or self.drift
-        for words in drift_in_words(self.drift, watched=self.watched):
+        drift = self.live.changed()
+        for words in drift_in_words(drift, watched=self.watched):
             say(words)
         if not self.watched:
             say("the rig's drift is not watched: --drift none")
@@ -373,6 +366,7 @@ class _Monitor:
             "source": self.source.name,
             "contacts": None if args.output is None else str(args.output),
             "frames": frames,
+            "verdict": verdict.verdict.to_dict(),
             **numbers,
             "amended": self.amended,
             "dropped": dropped,
@@ -380,7 +374,7 @@ class _Monitor:
             "latency_p50_s": median if frames else None,
             "latency_p99_s": late if frames else None,
             "stream": dict(synchronizer.counts),
-            "drift": self.drift,
-            "changes": [asdict(change) for change in self.watch.changes],
+            "drift": drift,
             "notes": list(self.source.notes),
+            "exit_code": int(verdict.verdict.severity == "wrong"),
         }

@@ -15,7 +15,7 @@ import numpy as np
 from estimator.table.contacts import ContactTable, joint_angles
 from estimator.table.files import read_contacts
 from estimator.table.overview import readings_in_words
-from vbaa_calib.core.errors import InputError, VbaaError, require_extra
+from vbaa_calib.core.errors import InputError, VbaaError, Verdict, require_extra
 from vbaa_calib.core.files import read_json, write_text
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import load_session, read_recording
@@ -52,6 +52,7 @@ class Sources:
     drift : what has changed since the calibration (`estimator.contact.drift.summary`).
     framewise : contacts.csv that the contacts were refined from, drawn beside them.
     readings : what was read with the frames (`estimator.table.overview.Overview.numbers`).
+    verdict : on the recording.
     """
 
     contacts: Path
@@ -63,6 +64,7 @@ class Sources:
     drift: Mapping[str, Any] | None = None
     framewise: Path | None = None
     readings: Mapping[str, Any] | None = None
+    verdict: Verdict | None = None
 
 
 def make_report(
@@ -92,6 +94,8 @@ def make_report(
     if rig is not None and rig.verdict.severity == "wrong":
         words = sentence(f"The verdict on the rig is wrong: {rig.verdict.causes}")
         facts = (Fact("Calibration", words, "look"), *facts)
+    if sources.verdict is not None:
+        facts = (*(Fact("Verdict", sentence(line), "look") for line in sources.verdict.lines), *facts)
     if sources.picture is None:
         pictures = [scene_picture(table, rig, estimate, contents, sources.session)]
     else:

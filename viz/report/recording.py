@@ -106,6 +106,7 @@ def page(report: Report) -> str:
         for name, value, unit, goal in report.summary
     ]
     use = {name: "may be used" if name in LOCATED else "no contact point" for name in STATUS_COLOURS}
+    use["contradicted"] = "must not be used"
     statuses = [(_dotted(colour, name), STATUSES[name], use[name]) for name, colour in STATUS_COLOURS.items()]
     phases, models = (
         [(_dotted(colour, name), words) for name, (colour, words) in kinds.items()] for kinds in (_PHASES, _MODELS)

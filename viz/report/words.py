@@ -21,7 +21,7 @@ from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.files import sha256
 from vbaa_calib.core.robust import finite_median
 from vbaa_calib.rig import Rig
-from viz.figures.drawing import AMBER, SLATE, TEAL
+from viz.figures.drawing import AMBER, RED, SLATE, TEAL
 from viz.pages.page import decimals_of, number
 from viz.scene.scene import Fact, object_facts, sentence
 
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 _MANY = 0.2  # a larger part of the frames lost is said in the verdict's colour, too
 _LARGE_RESIDUAL = 3.0  # a moment residual of more than so many of the sensor's deviations (rms) is reported
 _MOST_TIMES = 8
-_LOST = ("no_antenna", "failed", "unobservable", "low_signal", "not_quasistatic")
+_LOST = ("no_antenna", "failed", "unobservable", "low_signal", "not_quasistatic", "contradicted")
 
 
 def object_found(table: ContactTable, rig: Rig | None) -> tuple[ObjectEstimate | None, Track | None, tuple[Fact, ...]]:
@@ -69,13 +69,14 @@ def facts_of(estimate: ObjectEstimate) -> tuple[Fact, ...]:
 
 
 def first_facts(table: ContactTable, facts: Sequence[Fact]) -> list[Fact]:
-    """All facts, behind the two that one asks for first: whether to trust it, and what was touched."""
+    """All facts, behind those that one asks for first: whether to trust it, and why not, and what was touched."""
     doubts = [fact.label for fact in facts if fact.kind == "look"]
     named = f": see {', '.join(doubts)} below" if doubts else ""
     words = f"Look first{named}." if doubts else "No frame was lost, and no check of these frames failed."
     if not table.located.any():
         words = f"No contact to trust or doubt{named}."
-    return [Fact("Trust", words, "look" if doubts else ""), *sorted(facts, key=lambda fact: fact.label != "Shape")]
+    first = sorted(facts, key=lambda fact: fact.label not in ("Verdict", "Shape"))
+    return [Fact("Trust", words, "look" if doubts else ""), *first]
 
 
 def _contacts(count: int) -> str:
@@ -107,6 +108,10 @@ def _event_fact(track: Track) -> Fact:
 def headline(table: ContactTable) -> tuple[str, str]:
     """The verdict in one line, and its colour."""
     located, frames = int(table.located.sum()), len(table)
+    contradicted = np.flatnonzero(table.status == "contradicted")
+    if len(contradicted):
+        causes = str(table.reason[contradicted[0]]).partition(" (remedy: ")[0]
+        return f"{len(contradicted)} of {frames} frames must not be used: {causes}", RED
     if not located:
         free = int(np.sum(table.status == "no_contact"))
         return ("Nothing was touched" if free == frames else "No contact was located"), SLATE

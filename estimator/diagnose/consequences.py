@@ -1,0 +1,114 @@
+"""What follows from what is wrong with a recording: rows that must not be used, findings in words, an exit code."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+
+from estimator.table.contacts import LOCATED, Contact, Measured
+from vbaa_calib.core.errors import Diagnosis, Verdict
+from vbaa_calib.rig import Rig
+
+from .watch import RecordingVerdict, RecordingWatch
+
+
+@dataclass(frozen=True)
+class _ConsequenceSettings:
+    """When a recording is judged while it runs, and what of its witnesses may be missing."""
+
+    first: int = 64  # frames after which a recording is judged for the first time; then at twice as many each time
+    set_aside: float = 0.1  # part of the frames in which a witness may contradict the rest before that is a finding
+    fewest: int = 20  # frames of which that part counts
+
+
+def changed_row(verdict: RecordingVerdict, row: int, status: str, reason: str) -> tuple[str, str]:
+    """Status and reason of a row under a recording's verdict: contradicted, with the cause, where that concerns it and
+    the row has numbers or says that nothing touches."""
+    if status not in (*LOCATED, "no_contact", "low_signal") or not verdict.concerns(row):
+        return status, reason
+    remedy = next((one.remedy for one in verdict.verdict.findings if one.grave), "")
+    return "contradicted", f"{verdict.verdict.causes} (remedy: {remedy})"
+
+
+def with_unused(found: RecordingVerdict, counts: Mapping[str, int], frames: int) -> RecordingVerdict:
+    """A recording's verdict with what is not used in many of its frames, unless a mistake is known that may explain it.
+
+    counts : `Overview.unused`.
+    """
+    if found.verdict.severity == "wrong":
+        return found
+    more = _unused_witnesses(counts, frames)
+    return replace(found, verdict=Verdict.of([*found.verdict.findings, *more])) if more else found
+
+
+def _unused_witnesses(counts: Mapping[str, int], frames: int) -> list[Diagnosis]:
+    """Witnesses that contradict the rest of their frame, and are not used, in too many frames."""
+    settings, found = _ConsequenceSettings(), list[Diagnosis]()
+    for unused, whole, what, remedy in (
+        (
+            counts["ends_unused"],
+            counts["ends_seen"],
+            "the antenna's visible end lies off its place and is not used",
+            "look at the end with --overlay, and check that the antenna has not slid in its clamp",
+        ),
+        (
+            counts["outside_frames"],
+            frames,
+            "centreline points lie outside the picture and are left out",
+            "check the tracker, and that the pictures have the size of the calibration",
+        ),
+    ):
+        if whole >= settings.fewest and unused > settings.set_aside * whole:
+            words = f"{what} in {unused} of {whole} frames"
+            found.append(Diagnosis("witness_set_aside", words, remedy, "doubt"))
+    return found
+
+
+@dataclass(eq=False)
+class RunningVerdict:
+    """Frames of a recording in, as they come; what is wrong with it, worked out in a thread of its own.
+
+    waits : whether frames wait for that, as those of a recording that lies on the disk may: the rows are then the same
+        whenever it is done.
+    """
+
+    rig: Rig
+    waits: bool = False
+    now: RecordingVerdict = field(default_factory=RecordingVerdict)
+
+    def __post_init__(self) -> None:
+        self._watch, self._next = RecordingWatch(self.rig), _ConsequenceSettings.first
+        self._thread: ThreadPoolExecutor | None = None
+        self._coming: Future[RecordingVerdict] | None = None
+
+    def push(self, measured: Measured, contact: Contact) -> None:
+        """Take the next frame, and the verdict on those before it where that is ready."""
+        self._watch.push(measured, contact)
+        if self._coming is None and self._watch.count >= self._next:
+            self._next = 2 * self._watch.count
+            self._begin()
+        if self._coming is not None and (self.waits or self._coming.done()):
+            self._take()
+
+    def finish(self) -> RecordingVerdict:
+        """The verdict on all frames."""
+        self._take()
+        self._begin()
+        self._take()
+        if self._thread is not None:
+            self._thread.shutdown()
+        return self.now
+
+    @property
+    def count(self) -> int:
+        """Of frames so far."""
+        return self._watch.count
+
+    def _begin(self) -> None:
+        self._thread = self._thread or ThreadPoolExecutor(1, "vbaa-verdict")
+        self._coming = self._thread.submit(self._watch.snapshot().verdict)
+
+    def _take(self) -> None:
+        if self._coming is not None:
+            self.now, self._coming = self._coming.result(), None

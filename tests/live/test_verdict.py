@@ -1,0 +1,102 @@
+"""The verdict on a running recording: the one on the same recording afterwards, and no frame waits for it."""
+
+from __future__ import annotations
+
+import json
+import threading
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from estimator import Contact, RecordingVerdict, RecordingWatch
+from estimator.diagnose.consequences import RunningVerdict, changed_row
+from estimator.table.contacts import Measured
+from estimator.table.files import read_contacts
+from tests.small_scene import small_rig
+from vbaa_calib.cli.main import main
+from vbaa_calib.core.errors import Diagnosis, Verdict
+
+from .recordings import COUNT, rig, write
+
+WRONG = RecordingVerdict(Verdict.of([Diagnosis("moment_sign", "wrong sign", "turn it", "wrong")]), 0)
+FRAME = Measured(np.zeros((0, 2)), np.zeros(0), 0.0, 0.0, 0.0)
+
+
+def test_a_running_recording_has_the_verdict_that_it_has_afterwards(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The moment's sign is turned: from the verdict on, rows are contradicted in every output; in the end all are."""
+    bag = write(tmp_path / "turned.mcap", torque=lambda frame: {"y": -frame.moment_Nm})
+    found, lines = {}, list[dict]()
+    for verb, words, more in (
+        ("estimate", (bag, "--rig", small_rig() / "rig.json"), ("--no-report", "--json")),
+        ("live", (small_rig() / "rig.json", bag), ("--lines",)),
+    ):
+        output = ("-o", tmp_path / f"{verb}.csv", "--gap", "0.5")
+        assert main(list(map(str, (verb, *words, *output, *more)))) == 1
+        captured = capsys.readouterr()
+        found[verb] = captured.err
+        lines = [json.loads(line) for line in captured.out.splitlines()]
+    rows = [(tmp_path / f"{verb}.csv").read_bytes() for verb in found]
+    assert rows[0] == rows[1]
+    contradicted = read_contacts(tmp_path / "live.csv").status == "contradicted"
+    assert contradicted.any()
+    assert not read_contacts(tmp_path / "live.csv").located.any()
+    # of a recording on the disk the verdict is there with the 64th frame
+    known = [line for line in lines if line["final"] or line["frame"] >= 63]
+    assert [line["status"] == "contradicted" for line in known if not line["final"]] == contradicted[63:].tolist()
+    assert [line["status"] == "contradicted" for line in known if line["final"]][-COUNT + 63 :] == (
+        contradicted[63:].tolist()
+    )
+    assert found["live"].count("warning, frame ") == 1
+    verdicts = [next(line for line in said.splitlines() if line.startswith("wrong: ")) for said in found.values()]
+    assert verdicts[0] == verdicts[1]
+
+
+def test_no_frame_waits_for_the_verdict(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Frames pass while it is worked out, of those before; it holds from when it is there; the end waits for it."""
+    go, counts = threading.Event(), list[int]()
+
+    def slow(watch: RecordingWatch) -> RecordingVerdict:
+        counts.append(watch.count)
+        assert go.wait(60.0)
+        return WRONG
+
+    monkeypatch.setattr(RecordingWatch, "verdict", slow)
+    running, contact = RunningVerdict(rig()), Contact(status="no_contact")
+    for _ in range(200):
+        running.push(FRAME, contact)
+    assert running.now.verdict.severity == "none"
+    go.set()
+    assert running.finish() is running.now is WRONG
+    assert counts == [64, 200]
+
+
+@pytest.mark.parametrize("waits", [True, False])
+def test_the_last_verdict_holds(waits: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where an earlier one was another; it is asked for whenever the frames have doubled."""
+    counts = list[int]()
+
+    def by_count(watch: RecordingWatch) -> RecordingVerdict:
+        counts.append(watch.count)
+        return WRONG if watch.count < 500 else RecordingVerdict()
+
+    monkeypatch.setattr(RecordingWatch, "verdict", by_count)
+    running, contact = RunningVerdict(rig(), waits), Contact(status="ok")
+    for _ in range(600):
+        running.push(FRAME, contact)
+    assert running.finish().verdict.severity == "none"
+    assert counts[-1] == 600
+    assert not waits or counts == [64, 128, 256, 512, 600]
+
+
+@pytest.mark.parametrize("status", ["ok", "tip_contact", "no_contact", "low_signal"])
+def test_only_rows_that_it_concerns_are_contradicted(status: str) -> None:
+    verdict = replace(WRONG, first=10, rows=frozenset({3}))
+    changed: Callable[[int], str] = lambda row: changed_row(verdict, row, status, "")[0]  # noqa: E731
+    assert [row for row in range(13) if changed(row) != status] == [3, 10, 11, 12]
+    for withheld in ("failed", "no_antenna", "unobservable", "not_quasistatic"):
+        assert changed_row(verdict, 10, withheld, "why") == (withheld, "why")
