@@ -159,7 +159,7 @@ CHANGES = (
         100.0,
         "%",
         1.0,
-        log_prior=2.0,
+        log_prior=4.0,
     ),
     Change(
         "other_diameter",

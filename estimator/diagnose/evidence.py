@@ -28,6 +28,9 @@ class EvidenceSettings:
     reweightings: int = 12  # of frames, in looking for the change that most of them share
     lost: float = 0.05  # part of the frames that nothing explains from which what most of them share is sought
     plain: float = 0.9  # part of the frames that are explained by themselves from which no wider rig is needed for it
+    suspicious: float = (
+        8.0  # log odds, to first order, from which a change of the rig, or of its pictures, is suspected
+    )
     settled: float = 4.0  # cost per frame that a right explanation leaves
     farthest: float = 30.0  # change of a rig, in the standard deviations of its row, that is still sought
     gain: float = 0.5  # least decrease of the cost by a further move
@@ -270,9 +273,16 @@ def weighed(
         steps = np.linalg.solve(np.einsum("b,bij->ij", weights, own) + np.eye(size), weights @ pull)
         if np.abs(steps - before).max(initial=0.0) < 1e-3:
             break
-    costs = base + (0.5 * np.einsum("bij,i,j->b", own, steps, steps) - pull @ steps) / scale
+
+    def clipped(steps: np.ndarray) -> np.ndarray:
+        costs = base + (0.5 * np.einsum("bij,i,j->b", own, steps, steps) - pull @ steps) / scale
+        return np.minimum(np.maximum(costs, 0.0) - log_density, settings.most)
+
+    # far from where the frames are linear, steps may lead nowhere
+    if not clipped(steps).sum() + 0.5 * steps @ steps < clipped(0.0 * steps).sum():
+        steps = 0.0 * steps
     each = weights[:, None, None] * information, weights[:, None] * score
-    return Weighed(np.minimum(np.maximum(costs, 0.0) - log_density, settings.most), steps, each)
+    return Weighed(clipped(steps), steps, each)
 
 
 @dataclass(frozen=True, eq=False)
@@ -321,6 +331,12 @@ class Case:
     def sound(self) -> bool:
         """Whether the frames cost no more together than they do where all is as reported."""
         return self.cost < self.settings.settled * len(self.recorded)
+
+    @cached_property
+    def changed(self) -> bool:
+        """Whether the rig seems to have changed along any of its axes, to first order."""
+        each = range(self.axes.shape[1])
+        return any(gained > self.settings.suspicious for axis in each for gained in self.gained(np.array([axis])))
 
     @property
     def many_lost(self) -> bool:

@@ -29,6 +29,7 @@ class TableSettings:
     varies_rad: float = 0.02  # range of a joint below which it says nothing
     varies_std: float = 6.0  # range of the moment, in standard deviations of its noise, likewise
     unlikely: float = 4.0  # log odds beforehand against each row
+    vague: float = 15.0  # the same against readings that say nothing: any that say something else go first
     tilts_rad: tuple[tuple[float, ...], ...] = (  # where a joint may be that is not read: coarse, then finer steps
         *((-1.2, -0.9, -0.6, -0.3, 0.0, 0.3, 0.6, 0.9, 1.2), (-0.1, 0.1), (-0.03, 0.03)),
     )
@@ -353,7 +354,7 @@ def _moments_explained(case: Case) -> Iterator[Explanation[Case]]:
     # a reading that says nothing lies anywhere within its range
     spread = max(float(np.ptp(read[there])), std * TableSettings.varies_std)
     density = 0.0 if constant else float(np.log(spread / (2.5 * std)))
-    gained = case.cost - case.cost_of(without, -density) - TableSettings.unlikely * (not constant)
+    gained = case.cost - case.cost_of(without, -density) - TableSettings.vague * (not constant)
     kind, words = "moment_dead", "the moment readings do not follow the antenna"
     if constant:
         zero = not read[there].any()
@@ -423,7 +424,11 @@ def _others_explained(case: Case) -> Iterator[Explanation[Case]]:
     bent = np.argsort(np.where(np.isfinite(evidence), evidence, np.inf))
     few, likely = case.picked(np.sort(bent[: settings.screened])), []
     for row in READINGS:
-        corrected = None if row.of_moment or (row.of_pictures and case.sound) else row.correct(few.recorded)
+        corrected = (
+            None
+            if row.of_moment or (row.of_pictures and case.sound and not case.changed)
+            else row.correct(few.recorded)
+        )
         if corrected is None or not _differs(corrected, few.recorded):
             continue
         gained = few.cost - few.cost_of(corrected, row.log_density)
@@ -437,7 +442,9 @@ def _compared(
 ) -> Iterator[Explanation[Case]]:
     """The likeliest of some rows, by all frames. known : (F,) frames of which a reading's density counts."""
     counts = np.ones(len(case.recorded)) if known is None else known
-    for _, row, corrected in sorted(likely, key=lambda each: -each[0])[: TableSettings.followed]:
+    ranked = sorted(likely, key=lambda each: -each[0])
+    unranked = sum(np.isinf(gained) for gained, *_ in ranked)
+    for _, row, corrected in ranked[: unranked + TableSettings.followed]:
         gained = case.cost - case.cost_of(corrected, row.log_density * counts)
         found = Diagnosis(row.name, row.words, row.remedy, row.severity)
         yield Explanation(found, gained - TableSettings.unlikely, partial(replace, case, recorded=corrected))
