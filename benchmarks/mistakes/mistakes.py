@@ -79,7 +79,8 @@ def outcomes(options: Options) -> Iterator[tuple[str, Mistake[Any], str, Outcome
         if not options.quick or index % len(KINDS) == number
     ]
     for name, index, mistake, number, draw in progress(tasks, "mistakes"):
-        yield name, mistake, KINDS[number].name, drawn(name, mistake, number, (options.seed, index, draw))
+        rig = list(SCENES)[number] if name == PICTURED else KINDS[number].name
+        yield name, mistake, rig, drawn(name, mistake, number, (options.seed, index, draw))
 
 
 def drawn(name: str, mistake: Mistake[Any], number: int, seed: tuple[int, int, int]) -> Outcome:
