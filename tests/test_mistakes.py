@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.mistakes.judge import ALARM, NAMED_RIGHT, SILENT, Outcome
+from benchmarks.mistakes.judge import ALARM, CLEAN, NAMED_RIGHT, SILENT, Outcome, judged_pictures
 from benchmarks.mistakes.mistakes import PICTURED, RECORDED, TABLES, TAKEN, clean_pair, drawn
+from benchmarks.mistakes.pictures import SCENES, clean_pictures
 from benchmarks.mistakes.recordings import DOUBTED, NAMED, Mistake
 from benchmarks.mistakes.rigs import KINDS
 
@@ -81,3 +82,14 @@ class TestCleanMaterial:
         assert len(doubted) <= MOST_DOUBTED * len(found), doubted
         far = [(what, one) for what, one in found if one.worst_std > LOUD_STD]
         assert len(far) <= 0.01 * len(found), far
+
+    @pytest.mark.slow
+    @pytest.mark.parametrize("traced", [False, True], ids=["drawn", "traced"])
+    @pytest.mark.parametrize("name", SCENES)
+    def test_nothing_is_reported_of_pictures(self, name: str, traced: bool) -> None:
+        if traced:
+            pytest.importorskip("mitsuba")
+        found = judged_pictures(CLEAN, clean_pictures(name, 3, traced), np.random.default_rng(0))
+        assert found.severity in ("none", "note"), found
+        assert found.located > 20
+        assert found.worst_std < LOUD_STD

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from benchmarks.figures import AMBER, GREEN, RED, label, panels
-from benchmarks.harness import Findings, Options, column, markdown, replace_marked, table
+from benchmarks.harness import Findings, Options, column, replace_marked, table
 from vbaa_calib.core.console import progress
 
 from .judge import (
@@ -29,7 +29,7 @@ from .judge import (
     judged_session,
 )
 from .pictures import PICTURES, SCENES, clean_pictures
-from .recordings import DOUBTED, NAMED, NOTHING, RECORDING, REPORTED, Mistake, clean_recording, motion, recorded
+from .recordings import DOUBTED, NAMED, NOTHING, RECORDING, Mistake, clean_recording, motion, recorded
 from .rigs import KINDS, calibrated_rig, drawn_kind, drifted
 from .sessions import SESSION, clean_session
 
@@ -79,7 +79,8 @@ def outcomes(options: Options) -> Iterator[tuple[str, Mistake[Any], str, Outcome
         if not options.quick or index % len(KINDS) == number
     ]
     for name, index, mistake, number, draw in progress(tasks, "mistakes"):
-        yield name, mistake, KINDS[number].name, drawn(name, mistake, number, (options.seed, index, draw))
+        rig = list(SCENES)[number] if name == PICTURED else KINDS[number].name
+        yield name, mistake, rig, drawn(name, mistake, number, (options.seed, index, draw))
 
 
 def drawn(name: str, mistake: Mistake[Any], number: int, seed: tuple[int, int, int]) -> Outcome:
@@ -176,34 +177,27 @@ def figure(rows: Sequence[Row]) -> Figure:
 
 
 def in_markdown(rows: Sequence[Row]) -> str:
-    """The matrix for a page: shares, and the mistakes that are named every time and those that are not."""
-    head = ["", "must be", "mistakes", "named %", "doubted %", "silent %", "worst std"]
-    musts = {NAMED: "named", DOUBTED: "doubted", REPORTED: "noted", NOTHING: "passed over"}
-    lines, words = [], []
+    """The matrix for a page: shares, and which mistakes are always named, doubted or silent, and which sometimes."""
+    words = []
     for name in TABLES:
-        own = [row for row in rows if row.table == name and row.what != CLEAN.what]
-        for must, said in musts.items():
-            some = [row for row in own if row.must == must]
-            if some:
-                part = (float(np.mean([getattr(row, each) for row in some])) for each in ("named", "doubted", "silent"))
-                worst = f"{max(row.worst for row in some):.0f}" if name != TAKEN else "–"
-                count = len({row.what for row in some})
-                lines.append([name, said, str(count), *(f"{100 * share:.0f}" for share in part), worst])
-        whats = {row.what: [each for each in own if each.what == row.what] for row in own if row.must != NOTHING}
-        shares_of = {what: (_mean(several, "named"), _mean(several, "silent")) for what, several in whats.items()}
-        always = [what for what, (named, _) in shares_of.items() if named == 1.0]
-        others = [f"{what} ({100 * n:.0f}, {100 * s:.0f})" for what, (n, s) in shares_of.items() if n < 1.0]
-        words += [f"**{name.capitalize()}**, named every time: {'; '.join(always) or 'nothing'}."] if always else []
-        words += [f"**{name.capitalize()}**, named and silent in %: {'; '.join(others)}."] if others else []
+        own = [row for row in rows if row.table == name and row.what != CLEAN.what and row.must != NOTHING]
+        groups: dict[str, list[str]] = {each: [] for each in ("named", "doubted", "silent", "sometimes named")}
+        for what in dict.fromkeys(row.what for row in own):
+            several = [row for row in own if row.what == what]
+            always = [each for each in ("named", "doubted", "silent") if _mean(several, each) == 1.0]
+            found = f"{what} ({100 * _mean(several, 'named'):.0f} %)" if not always else what
+            groups[always[0] if always else "sometimes named"].append(found.removeprefix("pictures "))
+        worst = "" if name == TAKEN else f", worst {max((row.worst for row in own), default=0.0):.0f}"
+        part = ", ".join(f"{100 * _mean(own, each):.0f} % {each}" for each in ("named", "doubted", "silent"))
+        lists = [f"*{each}*: {'; '.join(whats)}" for each, whats in groups.items() if whats]
+        words.append(f"**{name.capitalize()}** ({part}{worst}): {'. '.join(lists)}.")
     clean = [row for row in rows if row.what == CLEAN.what]
-    words += [
-        "Clean: " + ", ".join(f"{row.draws} {row.table}s, {100 * row.alarms:.0f} % doubted" for row in clean) + "."
-    ]
-    return "\n\n".join([markdown(head, lines), *words])
+    counted = ", ".join(f"{row.draws} {row.table}, {100 * row.alarms:.0f} % doubted" for row in clean)
+    return "\n\n".join([*words, f"Nothing wrong: {counted}."])
 
 
 def _mean(several: Sequence[Row], name: str) -> float:
-    return float(np.mean([getattr(row, name) for row in several]))
+    return float(np.mean([getattr(row, name) for row in several])) if several else 0.0
 
 
 def measure(options: Options) -> Findings:

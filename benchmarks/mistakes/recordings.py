@@ -364,6 +364,12 @@ def _longer(world: World, rng: np.random.Generator) -> World:
     return replace(world, length_m=world.length_m * (1.0 + _either(0.02, 0.06, rng)))
 
 
+def _other_rig(was: Recording, rng: np.random.Generator) -> Recording:
+    kind = was.worlds[0].kind
+    others = [known_rig(kind, seed).rig for seed in range(4)]
+    return replace(was, rig=next(rig for rig in others if rig is not was.rig))
+
+
 def _knocked(world: World, rng: np.random.Generator) -> World:
     return world.camera_moved(np.radians(rng.uniform(0.25, 0.6)) * _direction(rng), np.zeros(3))
 
@@ -500,6 +506,7 @@ RECORDING = (
         _rigs(_other_wire(diameter=0.1)),
     ),
     _row("another antenna: length by 2 to 6 %", NAMED, "other_length antenna_slid", _rigs(_longer)),
+    _row("rig of another camera of the same size", NAMED, f"other_rig {MOVED}", _other_rig),
     _row("points at (65535, 65535)", NOTHING, "points_outside", _gross((65535.0, 65535.0))),
     _row("points 3,000 px off", NOTHING, "points_outside", _gross((2500.0, 3500.0))),
     _row("u and v exchanged", NAMED, "points_exchanged", _lines(lambda p, was, rng: p[:, ::-1])),

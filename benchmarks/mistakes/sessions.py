@@ -430,6 +430,30 @@ def _cropped(was: Taken, rng: np.random.Generator) -> Taken:
     return replace(was, views=[cropped(view) for view in was.views])
 
 
+def _other_axis(rows: list[dict[str, Any]], rng: np.random.Generator) -> None:
+    """Moments about z: of the loads alone, for the weight has none there."""
+    noise = 0.01 * np.ptp([row["moment_Nm"] for row in rows]) * rng.normal(size=len(rows) + 1)
+    for row, own in zip(rows, noise[1:], strict=True):
+        row["moment_Nm"] = float(row.get("distance_m", 0.0) * row.get("force_y_N", 0.0) + noise[0] + 0.01 * own)
+
+
+def _other_lens(was: Taken, rng: np.random.Generator) -> Taken:
+    """The board's pictures by another camera of the same size."""
+    other = was.worlds[0].lens_moved(1.0 + _either(0.05, 0.12, rng), 0.02 * was.kind.image_size[0] * _on_circle(rng))
+    return replace(was, views=board_views(other, rng)[0])
+
+
+def _mirrored(was: Taken, rng: np.random.Generator) -> Taken:
+    """The antenna's pictures are mirrored, the board's are not."""
+    last = was.kind.image_size[0] - 1
+
+    def lines(index: int, one: Observation) -> Observation:
+        tip_px = np.array([last - one.tip_px[0], one.tip_px[1]])
+        return replace(one, points_px=np.column_stack([last - one.points_px[:, 0], one.points_px[:, 1]]), tip_px=tip_px)
+
+    return replace(was, lines=lines)
+
+
 def _row(what: str, must: str, right: str, altered: Changed) -> Mistake[Taken]:
     kinds = [pattern for name, pattern in SAYS.items() if name in right]
     return Mistake(what, must, frozenset(right.split()), altered, "|".join(kinds))
@@ -446,6 +470,7 @@ SAYS = {
     "sensor_": "moment",
     "joint_readings_wrong": "pan|tilt",
     "gravity": "gravity",
+    "mirrored": "mirrored",
     "jig": r"jig.*(cm|mm|inch|turn|sign|unit|exchange)",
     "camera_moved": "camera.*(moved|turned)",
     "focus_changed": "focus|focal",
@@ -488,6 +513,7 @@ SESSION = (
         *(NAMED, "sensor_not_connected"),
         _column("moment_Nm", lambda m, rng: 1e-2 * np.ptp(m) * rng.normal(size=len(m)), loads=False),
     ),
+    _row("moment about the other axis", NAMED, "sensor_axis", _rows(_other_axis, loads=False)),
     _row(
         "pan and tilt exchanged",
         *(NAMED, "joint_readings_wrong"),
@@ -505,6 +531,9 @@ SESSION = (
     ),
     _row("jig turned by 180°", NAMED, JIG, _jig(_half_turn)),
     _row("jig: one sign", NAMED, JIG, _jig(_sign)),
+    _row(
+        "jig: x and y exchanged", NAMED, JIG, _jig(lambda pose, rng: Pose(pose.rotation, pose.translation_m[[1, 0, 2]]))
+    ),
     _row("jig in cm", NAMED, JIG, _scaled_jig(100.0)),
     _row("jig in mm", NAMED, JIG, _scaled_jig(1000.0)),
     _row("jig in inch", NAMED, JIG, _scaled_jig(1.0 / 0.0254)),
@@ -512,6 +541,8 @@ SESSION = (
     _row("camera turned between loads", NAMED, f"{MOVED} clamp_slipped", _worlds(_camera_turned, "last")),
     _row("refocused after the jig by 1 to 3 %", NAMED, "focus_changed refocused", _worlds(_refocused(0.01, 0.03))),
     _row("board's pictures cropped", NAMED, "picture_cropped lens_contradicted focus_changed refocused", _cropped),
+    _row("antenna's pictures mirrored", NAMED, "pictures_mirrored picture_mirrored mirrored", _mirrored),
+    _row("lens of another camera", NAMED, "lens_contradicted other_camera focus_changed refocused", _other_lens),
     _row("antenna bent by the last loads", NAMED, "antenna_bent_between", _worlds(_bent, "last")),
     _row("clamp turned by 1.5 to 5 mrad", NAMED, "clamp_slipped", _worlds(_clamp_turned, "last")),
     _row("clamp shifted by 1 to 3 mm", NAMED, "clamp_slipped", _worlds(_clamp_shifted, "last")),

@@ -12,7 +12,7 @@ from estimator.solver.frames import Frames
 from estimator.solver.linearised import FreeAntennas, free_antennas
 from estimator.solver.rig_arrays import LINE_ERRORS, RigArrays
 from vbaa_calib.camera.compiled_lens import compiled_lens
-from vbaa_calib.core.robust import finite_or_none
+from vbaa_calib.core.robust import chi_square, finite_or_none
 from vbaa_calib.detect.whisker.antenna import free_curve
 from vbaa_calib.rig import RIG_PARAMETERS, Rig
 
@@ -106,15 +106,15 @@ class LearntRig:
             # with a prior that is wide, or it would say how large they are
             wide = replace(now, drift=replace(now.drift, line_px=_WIDE * now.drift.line_px))
             _, _, excess_px2 = yield from _posterior(free, wide)
-            own, count = own + float(excess_px2.sum()) / LINE_ERRORS, count + len(rows)
+            own, count = own + float(excess_px2.sum()) / LINE_ERRORS, count + len(excess_px2)
             line_px = max(float(np.sqrt(max(own, 0.0) / count)), self.calibrated.drift.line_px)
             now = replace(now, drift=replace(now.drift, line_px=line_px))
-        rig, covariance, _ = yield from _posterior(free, now)
+        rig, covariance, agreeing = yield from _posterior(free, now)
         step = rig.step_from(self.calibrated)
         now = rig.with_covariance(covariance)
         past = (*self.history[-_HISTORY:], (time_s, step, np.sqrt(np.diag(now.covariance))))
         moments = self.moments + int(np.isfinite(free.readings_Nm[:, 0]).sum())
-        return LearntRig(self.calibrated, now, self.frames + len(rows), count, own, time_s, step, past, moments)
+        return LearntRig(self.calibrated, now, self.frames + len(agreeing), count, own, time_s, step, past, moments)
 
 
 def _in_covariance(widened: Rig, before: Rig) -> Rig:
@@ -133,8 +133,8 @@ def _is_free(frames: Frames) -> Generator[None, None, np.ndarray]:
 
 
 def _posterior(batch: Batch, rig: Rig) -> Generator[None, None, tuple[Rig, np.ndarray, np.ndarray]]:
-    """The rig that explains frames of the free antenna best, its covariance, and what of the squares (B, L) of
-    their lines' errors, px², is not noise."""
+    """The rig that explains frames of the free antenna best, its covariance, and what of the squares (K, L) of their
+    lines' errors, px², is not noise: of those K that do not contradict the others."""
     rig_arrays, moving = RigArrays.from_rig(rig, 0.0), rig
     axes, line = rig_arrays.axes, rig_arrays.line
     size, at = axes.shape[1], np.zeros(axes.shape[1])
@@ -143,13 +143,15 @@ def _posterior(batch: Batch, rig: Rig) -> Generator[None, None, tuple[Rig, np.nd
             rig_arrays = replace(RigArrays.from_rig(moving, 0.0), axes=axes)
         frames = batch.frames(rig_arrays)
         yield
-        steps = np.zeros((len(batch), size + len(line)))
+        steps, kept = np.zeros((len(batch), size + len(line))), np.ones(len(batch), bool)
         for _ in range(_REWEIGHTINGS):
             equations = free_antennas(frames, steps, _BEYOND)
-            information, side, by_shared = _summed(equations, steps, size)
+            information, sides, by_shared = _on_the_rig(equations, steps, size)
             # the prior is about the rig as it came, not about where it was linearised
-            total = information + np.eye(size)
-            change = np.linalg.solve(total, side - at - steps[0, :size])
+            from_prior = at + steps[0, :size]
+            kept = _agreeing(information, sides, from_prior)
+            total = information[kept].sum(axis=0) + np.eye(size)
+            change = np.linalg.solve(total, sides[kept].sum(axis=0) - from_prior)
             own = by_shared[..., size] - (by_shared[..., :size] @ change) if len(line) else steps[:, size:]
             steps = steps + np.concatenate([np.broadcast_to(change, (len(batch), size)), own], axis=1)
             yield
@@ -161,20 +163,41 @@ def _posterior(batch: Batch, rig: Rig) -> Generator[None, None, tuple[Rig, np.nd
     own_information = equations.information[:, size:, size:]
     variance = np.diagonal(np.linalg.inv(own_information), axis1=1, axis2=2) if len(line) else steps[:, size:]
     excess_px2 = (steps[:, size:] ** 2 - variance) * rig.drift.line_px**2
-    return moving, 0.5 * (covariance + covariance.T), excess_px2
+    return moving, 0.5 * (covariance + covariance.T), excess_px2[kept]
 
 
-def _summed(equations: FreeAntennas, steps: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Information (R, R) and right side (R,) of all frames on the rig, without its prior; the lines' own eliminated.
+def _agreeing(information: np.ndarray, sides: np.ndarray, from_prior: np.ndarray) -> np.ndarray:
+    """(B,) bool, frames that do not contradict the rig that the others and its prior determine: one that was moved or
+    misread must not move the rig for all. All of them where more than a third seem to.
 
-    With (B, L, R + 1) the lines' own steps by the rig's, and by themselves.
+    information : (B, R, R), sides : (B, R) of each. from_prior : (R,) how far the rig is from its prior.
+    """
+    misfit, everything = np.zeros(len(sides)), np.ones(len(sides), bool)
+    if len(sides) < 4:  # which of three is wrong is not known
+        return everything
+    total, side = information.sum(axis=0) + np.eye(len(from_prior)), sides.sum(axis=0) - from_prior
+    for row, (own, right) in enumerate(zip(information, sides, strict=True)):
+        without = np.linalg.inv(total - own)
+        values, axes = np.linalg.eigh(own)
+        some = values > 1e-9 * values[-1]  # a line determines but a few directions
+        root, axes = np.sqrt(values[some]), axes[:, some]
+        off = axes.T @ (right - own @ (without @ (side - right))) / root
+        covariance = np.eye(len(root)) + (root[:, None] * axes.T) @ without @ (axes * root)
+        misfit[row] = np.sqrt(chi_square(off, covariance) / len(off))
+    agreeing = misfit <= _BEYOND * max(1.0, float(np.median(misfit)))
+    return agreeing if 3 * agreeing.sum() >= 2 * len(sides) else everything
+
+
+def _on_the_rig(equations: FreeAntennas, steps: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Information (B, R, R) and right side (B, R) of each frame on the rig, without its prior and the lines' own steps;
+    and (B, L, R + 1) the latter by the rig's, and by themselves.
     """
     whole, side = equations.information, equations.side
     across = np.concatenate([whole[:, size:, :size], side[:, size:, None]], axis=2)
     by_shared = np.linalg.solve(whole[:, size:, size:], across) if whole.shape[1] > size else across
     information = whole[:, :size, :size] - np.eye(size) - whole[:, :size, size:] @ by_shared[..., :size]
     right = side[:, :size] + steps[:, :size] - (whole[:, :size, size:] @ by_shared[..., size:])[..., 0]
-    return information.sum(axis=0), right.sum(axis=0), by_shared
+    return information, right, by_shared
 
 
 def parameter_changes(calibrated: Rig, change: np.ndarray, std: np.ndarray) -> dict[str, dict[str, float]]:

@@ -10,6 +10,8 @@ import pytest
 
 from benchmarks.coverage.rigs import Draw, coverage_rigs, draw
 from benchmarks.drift.drift import ALL, FREE, NONE, SEEN, UNSEEN, Change, calibrated, estimated, recorded
+from benchmarks.mistakes.recordings import clean_recording
+from benchmarks.mistakes.rigs import KINDS
 from estimator import Contact, ContactEstimator
 from estimator.contact.drift import drift_in_words, summary
 from estimator.contact.estimate import STREAM
@@ -257,3 +259,16 @@ def test_rig_json_keeps_it(rig: Rig) -> None:
     assert Rig.from_dict(changed.to_dict()).drift == DRIFTS["rough"]
     before = {key: value for key, value in rig.to_dict().items() if key != "drift"}
     assert Rig.from_dict(before).drift == LAB
+
+
+@pytest.mark.parametrize("number", range(3))
+def test_one_free_picture_that_was_moved_moves_no_contact(number: int) -> None:
+    """By a pixel, among ten and more: what drift may do, but the other free frames know better."""
+    was = clean_recording(KINDS[number], 5)
+    frames, free = list(was.frames), np.flatnonzero(was.free)
+    row = int(free[np.random.default_rng(number).integers(10)])
+    frames[row] = replace(frames[row], points_px=frames[row].points_px + np.array([0.6, 0.8]))
+    for before, after in zip(*(ContactEstimator(was.rig).run(each) for each in (was.frames, frames)), strict=True):
+        if before.status == after.status == "ok":
+            assert abs(before.distance_m - after.distance_m) < 0.3 * before.distance_std_m
+            assert (np.abs(before.force_N - after.force_N)[1:] < 0.3 * before.force_std_N[1:]).all()
