@@ -70,7 +70,8 @@ def _judged(
     verdict = verdict_of(recording.rig, several, contacts)
     names = tuple(one.name for one in verdict.findings)
     located = sum(one.status in LOCATED for one in contacts)
-    worst = errors_std(recording.truth, contacts)
+    # where the joints are not to be tested, and that is reported, only what the antenna's own frame says is judged
+    worst = errors_std(recording.truth, contacts, in_world="joints_untested" not in names)
     return Outcome(outcome_of(mistake, verdict), names, verdict.severity, worst, located)
 
 
@@ -116,7 +117,7 @@ def outcome_of(mistake: Mistake[Data], verdict: Verdict) -> str:
     return ONLY_DOUBTED if loud else SILENT
 
 
-def errors_std(truth: Truth, contacts: Sequence[Contact]) -> float:
+def errors_std(truth: Truth, contacts: Sequence[Contact], in_world: bool = True) -> float:
     """The largest error of a located row in its standard deviations: distance, force, place in the world.
 
     Where nothing touches, there is none to be located: that counts as infinite.
@@ -130,7 +131,7 @@ def errors_std(truth: Truth, contacts: Sequence[Contact]) -> float:
         off = [
             np.atleast_1d((one.distance_m - truth.distance_m[row]) / one.distance_std_m),
             (one.force_N - truth.force_N[row])[1:] / one.force_std_N[1:],
-            (one.point_world_m - truth.point_world_m[row]) / np.sqrt(np.diag(one.covariance_world_m2)),
+            in_world * (one.point_world_m - truth.point_world_m[row]) / np.sqrt(np.diag(one.covariance_world_m2)),
         ]
         worst = max(worst, float(np.nanmax(np.abs(np.concatenate(off)))))
     return worst

@@ -419,10 +419,7 @@ def _drifting(recorded: Recorded, off: np.ndarray, std: np.ndarray) -> tuple[Rea
 
 def _others_explained(case: Case) -> Iterator[Explanation[Case]]:
     """Joints and pictures that are not what they are reported to be: compared by few frames first."""
-    settings = TableSettings()
-    evidence = case.recorded.fit.numbers.evidence
-    bent = np.argsort(np.where(np.isfinite(evidence), evidence, np.inf))
-    few, likely = case.picked(np.sort(bent[: settings.screened])), []
+    few, likely = case.picked(_least_bent(case)), []
     for row in READINGS:
         corrected = (
             None
@@ -435,6 +432,25 @@ def _others_explained(case: Case) -> Iterator[Explanation[Case]]:
         if gained > 0.0 and (whole := row.correct(case.recorded)) is not None:
             likely.append((gained, row, whole))
     yield from _compared(case, likely)
+
+
+def unseen_joints(case: Case) -> list[str]:
+    """What could be wrong with the joint angles and would not show: words of the rows that fit about as well."""
+    few, found = case.picked(_least_bent(case)), []
+    for row in READINGS:
+        corrected = row.correct(few.recorded) if row.name in ("tilt_sign", "joints_exchanged", "joints_late") else None
+        if corrected is not None and row.words not in found:
+            differs = _sag_differs(corrected, few.recorded)
+            if not differs or few.cost_of(corrected) < few.cost + case.settings.suspicious:
+                found.append(row.words)
+    return found
+
+
+def _least_bent(case: Case) -> np.ndarray:
+    """Indices of the frames that may show the free antenna."""
+    evidence = case.recorded.fit.numbers.evidence
+    bent = np.argsort(np.where(np.isfinite(evidence), evidence, np.inf))
+    return np.sort(bent[: TableSettings.screened])
 
 
 def _compared(

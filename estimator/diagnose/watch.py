@@ -17,7 +17,7 @@ from vbaa_calib.rig import Rig
 
 from .changes import CHANGES, axes_of
 from .evidence import Case, Recorded
-from .hypotheses import TABLE
+from .hypotheses import TABLE, unseen_joints
 
 
 @dataclass(frozen=True)
@@ -251,20 +251,20 @@ class RecordingWatch:
 def _untested(case: Case) -> list[Diagnosis]:
     """What the recording cannot show to be wrong."""
     recorded, found = case.recorded, []
-    free = recorded.fit.free
-    tilt = np.ptp(recorded.batch.tilt_rad[free]) if free.any() else 0.0
-    if not free.any():
+    if not recorded.fit.free.any():
         words = "no frame shows the free antenna: a rig that has changed a little goes unnoticed"
         found.append(Diagnosis("no_free_frame", words, "begin recordings with ten frames without contact", "note"))
     if not np.isfinite(recorded.batch.readings_Nm[:, 0]).any():
         words = "no moment was read: forces along the line of sight, and a sensor's faults, go unnoticed"
         found.append(Diagnosis("no_readings", words, "give moment_Nm where there is a sensor", "note"))
     joints = np.ptp(np.stack([recorded.batch.pan_rad, recorded.batch.tilt_rad]), axis=1).max()
-    if joints > WatchSettings.joints_rad and tilt < np.radians(20.0):
-        words = f"the joint angles are untested: the free antenna is seen over {np.degrees(tilt):.0f}° of tilt"
-        found.append(
-            Diagnosis("joints_untested", words, "tilt the free antenna by 20° or more at the beginning", "note")
-        )
+    if joints == 0.0 and recorded.batch.tilt_rad.any():
+        words = f"all rows have the tilt {recorded.batch.tilt_rad[0]:.4g} rad, which is right if the base stood still"
+        found.append(Diagnosis("joints_untested", words, "connect the encoders if it moved", "note"))
+    elif joints > WatchSettings.joints_rad and (unseen := unseen_joints(case)):
+        words = f"it would not show if {', or '.join(unseen)}: the places in the world depend on that"
+        remedy = "begin with ten frames of the free antenna over 20° of tilt or more, and check the joints' columns"
+        found.append(Diagnosis("joints_untested", words, remedy, "note"))
     return found
 
 
