@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -17,13 +18,14 @@ from vbaa_calib.calibrate.pose.board_pose import BoardPose, jig_estimate, solve_
 from vbaa_calib.calibrate.pose.fusion import Difference, PoseEstimate, differences, fused, inflated, require_agreement
 from vbaa_calib.calibrate.pose.sweep import SweepSolution, solve_sweep
 from vbaa_calib.camera import Camera
-from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.errors import Diagnosis, InputError, VbaaError
 from vbaa_calib.core.images import list_images, read_gray
 from vbaa_calib.detect.board.corners import BoardView, detect_files, detect_folder
 from vbaa_calib.detect.over_board.line import LineEnd
+from vbaa_calib.diagnose.jig import JigEvidence, jig_diagnoses
 from vbaa_calib.geometry import Kinematics
 from vbaa_calib.geometry.independent_axes import conditioned
-from vbaa_calib.session import OverBoard, Session, has_over, has_sweep, read_sweep
+from vbaa_calib.session import OverBoard, Session, Still, has_over, has_sweep, read_noload, read_sweep
 
 _CORNER_BIAS_PX = 0.02
 """How far all corners may lie to one side of the antenna's centrelines: the board is measured on edges, the antenna on
@@ -145,8 +147,42 @@ def find_plane(session: Session, camera: Camera, board: BoardShape, views: Plane
     scale_std = float(np.hypot(session.print_scale_std, unread))
     estimates = [inflated(estimate, *_print_doubt(estimate, session, scale_std)) for estimate in estimates]
     apart = differences(estimates, np.zeros((0, 0)) if camera.covariance is None else camera.covariance)
-    require_agreement(apart, session.root)
+    _require_agreement(apart, session, camera, jig, [one for one in estimates if one.way != "jig"])
     return PlaneC(tuple(estimates), tuple(apart), jig, sweep, over, _kinematics(session, sweep, estimates))
+
+
+def _require_agreement(
+    apart: Sequence[Difference], session: Session, camera: Camera, jig: BoardPose | None, others: Sequence[PoseEstimate]
+) -> None:
+    """Raises InputError where estimates contradict each other, with what explains it, as far as the jig can."""
+    try:
+        require_agreement(apart, session.root)
+    except InputError as error:
+        evidence = jig_evidence(session, camera, jig, others)
+        found = [] if evidence is None else jig_diagnoses(evidence)
+        if not found:
+            raise
+        where, remedy = session.root / "session.yaml", f"{found[0].remedy}; or {error.remedy}"
+        raise InputError(f"{error.what}: {found[0].words}", where=where, remedy=remedy) from None
+
+
+def jig_evidence(
+    session: Session, camera: Camera, jig: BoardPose | None, others: Sequence[PoseEstimate] = ()
+) -> JigEvidence | None:
+    """What shows whether the jig is where session.yaml has it; None without a jig."""
+    if jig is None or session.T_antenna_board is None:
+        return None
+    free: Sequence[Still] = ()
+    with suppress(InputError):
+        free = read_noload(session)
+    return JigEvidence(session, camera, jig, others, free)
+
+
+def because(error: VbaaError, found: Sequence[Diagnosis], session: Session) -> VbaaError:
+    """The error, or in its stead one of the input with the likely cause."""
+    if not found:
+        return error
+    return InputError(found[0].words, where=session.root / "session.yaml", remedy=found[0].remedy)
 
 
 def _clamp_doubt(found: PoseEstimate, over: OverBoard, board: BoardSpec) -> tuple[np.ndarray, np.ndarray]:
