@@ -346,9 +346,7 @@ def slips(data: JigEvidence) -> Iterator[_Case]:
     for unit, (factor, meant) in units.items():
         words = f"{key}.translation_m is in {unit}, not in {meant}: ({_numbers(factor * shift)}) m fits"
         yield case("unit", words, Pose(turn, factor * shift))
-        words = (
-            f"{key}.translation_m is smaller than it is by the factor of {unit}: ({_numbers(shift / factor)}) m fits"
-        )
+        words = f"{key}.translation_m is too small, by {meant} for {unit}: ({_numbers(shift / factor)}) m fits"
         yield case("unit", words, Pose(turn, shift / factor))
     for axis, name in enumerate("xyz"):
         if abs(shift[axis]) > 0.0:
@@ -372,11 +370,9 @@ def slips(data: JigEvidence) -> Iterator[_Case]:
         yield case("turned", f"{words.format('its place')} where it is turned about its middle", typed @ about)
         words = f"the jig is turned by 180° about the antenna's {name} axis"
         yield case("turned", words, Pose(rotation, np.zeros(3)) @ typed)
-    for way in (1.0, -1.0):
-        quarter = Rotation.from_rotvec([0.0, 0.0, sign * np.pi / 2]).as_matrix()
-        words = (
-            f"the board in the jig is turned by {90 * sign:+.0f}° about its z axis: {_quaternion(turn @ quarter)} fits"
-        )
+    for degrees in (90.0, -90.0):
+        quarter = Rotation.from_rotvec([0.0, 0.0, np.radians(degrees)]).as_matrix()
+        words = f"the board in the jig is turned by {degrees:+.0f}° about its z axis: {_quaternion(turn @ quarter)} fits"
         yield case("turned", words, Pose(turn @ quarter, shift), -1.0)
     x, y, z, w = Rotation.from_matrix(turn).as_quat()
     for own in ((y, z, w, x), (-y, -z, -w, x)):
