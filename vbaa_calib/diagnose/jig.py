@@ -372,7 +372,7 @@ def slips(data: JigEvidence) -> Iterator[_Case]:
         yield case("turned", words, Pose(rotation, np.zeros(3)) @ typed)
     for degrees in (90.0, -90.0):
         quarter = Rotation.from_rotvec([0.0, 0.0, np.radians(degrees)]).as_matrix()
-        words = f"the board in the jig is turned by {degrees:+.0f}° about its z axis: {_quaternion(turn @ quarter)} fits"
+        words = f"the board in the jig is turned by {degrees:+.0f}° about its z axis: {_quaternion(turn @ quarter)}"
         yield case("turned", words, Pose(turn @ quarter, shift), -1.0)
     x, y, z, w = Rotation.from_matrix(turn).as_quat()
     for own in ((y, z, w, x), (-y, -z, -w, x)):
