@@ -117,7 +117,7 @@ def _outlier_view(
         if change is not None and change.pattern == "single":
             by = f"{scale * change.size:+.2f} ± {scale * change.std:.2f} {unit}"
             words = f"its {name} differs from the other pictures' by {by}"
-            return DroppedView(linear.names[change.index], words)
+            return DroppedView(linear.names[change.first], words)
     return _bending_view(views, solution, spec, rules) if len(solution.views) >= rules.fewest_views else None
 
 

@@ -30,7 +30,7 @@ from vbaa_calib.rig import Rig
 from vbaa_calib.session import Session, Still, check_pictures, read_loads, read_noload
 
 from .doubts import doubts
-from .given_lens import GivenLens, given_solution
+from .given_lens import GivenLens, focus_changed, given_solution
 from .plane_c import PlaneC, because, find_plane, jig_evidence, picture_folders, read_views
 
 
@@ -152,10 +152,13 @@ def calibrate(session: Session, lens_model: str = "auto", given: GivenLens | Non
     # plane C first: one picture shows whether the board is the one described
     views = read_views(session)
     lens_views = detect_folder(session.root / "intrinsics", session.board) if folders[0] == "intrinsics" else []
+    placed = [("plane", view) for view in views.jig or ()] + [("sweep", view) for view in views.sweep or ()]
     if given is None:
         lens = solve_lens(lens_views, session.board, lens_model)
+        words, remedy = "the lens of intrinsics/ is not that of", "take all pictures at one focus and zoom"
+        refocused = focus_changed(lens.camera, placed, lens.board_shape, Diagnosis("refocused", words, remedy))
+        lens = replace(lens, verdict=lens.verdict.with_diagnoses(one for one in refocused if one.grave))
     else:
-        placed = [("plane", view) for view in views.jig or ()] + [("sweep", view) for view in views.sweep or ()]
         lens = given_solution(given, lens_views, session.board, placed)
     begun: list[tuple[PlaneC, Sequence[Observation], Prior]] = []
 

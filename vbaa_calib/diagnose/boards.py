@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import cv2
 import numpy as np
@@ -164,11 +164,12 @@ def _print_stretched(shape: BoardShape) -> Diagnosis | None:
     )
 
 
-class ViewChange(NamedTuple):
+@dataclass(frozen=True)
+class ViewChange:
     """How a parameter that each view has to itself follows a pattern over the views."""
 
     pattern: Literal["step", "single", "creep"]
-    index: int  # of the view from which on it is so, or of the single one
+    first: int  # index of the view from which on it is so, or of the single one
     size: float  # in the parameter's unit
     std: float  # by the scatter of views or residuals
     log_odds: float  # of the evidence for it, all places of the pattern counted
@@ -276,7 +277,7 @@ class ViewSet:
     def without(self, parameter: int, change: ViewChange) -> ViewSet:
         """The set as it would be without a change."""
         views, count = np.arange(len(self.names)), len(self.names)
-        pattern = {"step": views >= change.index, "single": views == change.index, "creep": views / (count - 1)}
+        pattern = {"step": views >= change.first, "single": views == change.first, "creep": views / (count - 1)}
         values = change.size * np.asarray(pattern[change.pattern], float)
         moved = self.own[:, parameter] * np.repeat(values, np.diff(self.bounds))
         return replace(self, residuals=self.residuals - moved)
@@ -297,7 +298,7 @@ def _focus_changed(data: ViewSet) -> Iterator[Explanation[ViewSet]]:
         case "creep":
             name, words = "focus_crept", f"the focal length creeps {by} from {names[0]} to {names[-1]}"
         case "single":
-            name, other = "odd_view", names[change.index]
+            name, other = "odd_view", names[change.first]
             words = f"the focal length of {other} differs from the other pictures' {by}"
             remedy = f"remove {other}: it is of another camera or zoom, or was cropped or scaled"
     found = Diagnosis(name, words, remedy, "wrong" if abs(change.size) > _LIMITS.grave else "doubt")
@@ -318,7 +319,7 @@ def _centre_moved(data: ViewSet) -> Iterator[Explanation[ViewSet]]:
 
 
 def _sides(step: ViewChange, names: tuple[str, ...]) -> str:
-    return f"{names[step.index - 1]} and {names[step.index]}"
+    return f"{names[step.first - 1]} and {names[step.first]}"
 
 
 CHANGES = (_focus_changed, _centre_moved)

@@ -21,7 +21,7 @@ from .information import Candidate, Information, assess, information, observatio
 from .initialization import Guess, reposed, rough_lens, unfolded
 from .models import LENS_MODELS, LensModel, camera_of, is_monotonic
 from .outliers import DroppedView, Inliers, fit_without_outliers, usable_views
-from .verdict import Evidence, Verdict, judge
+from .verdict import LensVerdict, judge
 
 MIN_CORNERS = 6
 _MIN_VIEWS = 3
@@ -66,7 +66,7 @@ class LensSolution:
     camera: Camera
     model: str
     board_shape: BoardShape
-    verdict: Verdict
+    verdict: LensVerdict
     rms_px: float = np.nan
     rms_inliers_px: float = np.nan
     views: tuple[_UsedView, ...] = ()
@@ -79,6 +79,11 @@ class LensSolution:
     def board_points(self) -> np.ndarray:
         """(C, 3) m the board's corners as solved, in its frame."""
         return self.board_shape.points_m
+
+    @property
+    def chosen(self) -> Candidate | None:
+        """The row of the lens model in the comparison; None where it was not assessed."""
+        return next((candidate for candidate in self.comparison if candidate.model == self.model), None)
 
     @property
     def trusted(self) -> bool:
@@ -133,12 +138,11 @@ def solve_intrinsics(
     monotonic = is_monotonic(lens, bundle.intrinsics, options.image_size)
     shape = BoardShape.solved(nominal_m, bundle.shape, covariance)
     seen, scatter = [view.pixels for view in good], fit.information.view_scatter
-    known = Evidence(camera, lens.name, monotonic, fit.comparison, shape, seen, scatter)
     whole = [observations[index] for index in fit.inliers.views]
     squares = np.sum(np.concatenate(residuals_px(bundle, whole)) ** 2, axis=1)
     used = _used(fit, usable)
     left_out = {id(usable[index]): one.outlier_ids for index, one in zip(fit.inliers.views, used, strict=True)}
-    return LensSolution(
+    solution = LensSolution(
         camera=camera,
         model=lens.name,
         rms_px=float(np.sqrt(squares.mean())),
@@ -149,8 +153,9 @@ def solve_intrinsics(
         comparison=fit.comparison,
         monotonic=monotonic,
         board_shape=shape,
-        verdict=judge(known),
+        verdict=LensVerdict(),
     )
+    return replace(solution, verdict=judge(solution, seen, scatter))
 
 
 def _contradicting(usable: Sequence[BoardView], kept: np.ndarray) -> list[DroppedView]:
