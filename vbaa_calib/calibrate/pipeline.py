@@ -192,8 +192,11 @@ def calibrate(session: Session, lens_model: str = "auto", given: GivenLens | Non
 
     used, plane, observations, joint = first_solved(lens, others, solve, causes)
     held = still_diagnoses(session, plane.kinematics, joint)
-    if plane_contradicted(joint) and not any(one.grave for one in held):
-        held = [*by_jig(used, plane, observations), *held]
+    # the antenna's length is one of the table's hypotheses
+    rest = [one for one in held if one.name != "antenna_length"]
+    if plane_contradicted(joint) and not any(one.grave for one in rest):
+        found = by_jig(used, plane, observations)
+        held = [*found, *rest] if found else held
     rig = make_rig(session, plane.kinematics, joint, observations)
     made = Calibration(session, rig, used, plane, joint, check(joint), stills, tuple(held), given)
     return replace(made, rig=replace(rig, verdict=Verdict.of(doubts(made))))

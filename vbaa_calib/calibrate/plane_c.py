@@ -160,10 +160,8 @@ def _require_agreement(
     except InputError as error:
         evidence = jig_evidence(session, camera, jig, others)
         found = [] if evidence is None else jig_diagnoses(evidence)
-        if not found:
-            raise
-        where, remedy = session.root / "session.yaml", f"{found[0].remedy}; or {error.remedy}"
-        raise InputError(f"{error.what}: {found[0].words}", where=where, remedy=remedy) from None
+        named = [replace(one, words=f"{error.what}: {one.words}") for one in found]
+        raise because(error, named, session) from None
 
 
 def jig_evidence(

@@ -26,7 +26,7 @@ from .decision import DecisionSettings, Explanation, diagnose
 
 
 @dataclass(frozen=True)
-class BoardSettings:
+class _BoardSettings:
     """From when on something about the pictures of the board is reported."""
 
     same_shape: float = 0.01  # relative difference of width and height up to which a picture is scaled, not cropped
@@ -46,7 +46,7 @@ class BoardSettings:
     stretch: float = 2e-3  # stretch that matters
 
 
-_LIMITS = BoardSettings()
+_LIMITS = _BoardSettings()
 
 
 def resolution_changed(size: tuple[int, int], first: tuple[int, int]) -> Diagnosis | None:
@@ -165,7 +165,7 @@ def _print_stretched(shape: BoardShape) -> Diagnosis | None:
 
 
 @dataclass(frozen=True)
-class ViewChange:
+class _ViewChange:
     """How a parameter that each view has to itself follows a pattern over the views."""
 
     pattern: Literal["step", "single", "creep"]
@@ -254,7 +254,7 @@ class ViewSet:
         information = np.diag(np.add.reduceat(column**2, starts)) - shared @ shared.T
         return np.add.reduceat(column * left, starts), information
 
-    def clearest(self, parameter: int) -> ViewChange | None:
+    def clearest(self, parameter: int) -> _ViewChange | None:
         """The change over the views that explains most of a parameter, if one is clear and large enough: from a view
         on, of a single view, or, of the focal length, steady."""
         count, side, unit = len(self.names), _LIMITS.side_views, self.units[parameter]
@@ -270,11 +270,11 @@ class ViewSet:
             change = find_change(score, information, pattern, self.variance_px2, _LIMITS.focal_std * unit)
             if change is not None and abs(change[1]) > _LIMITS.noticeable * unit:
                 index = int(firsts[change[0]]) if name == "step" else change[0]
-                found.append(ViewChange(name, index, *change[1:]))
+                found.append(_ViewChange(name, index, *change[1:]))
         best = max(found, key=lambda one: abs(one.size / one.std), default=None)
         return best if best is not None and best.log_odds >= DecisionSettings().least_log_odds else None
 
-    def without(self, parameter: int, change: ViewChange) -> ViewSet:
+    def without(self, parameter: int, change: _ViewChange) -> ViewSet:
         """The set as it would be without a change."""
         views, count = np.arange(len(self.names)), len(self.names)
         pattern = {"step": views >= change.first, "single": views == change.first, "creep": views / (count - 1)}
@@ -318,11 +318,11 @@ def _centre_moved(data: ViewSet) -> Iterator[Explanation[ViewSet]]:
         yield Explanation(Diagnosis("centre_moved", words, remedy, "wrong"), change.log_odds, without)
 
 
-def _sides(step: ViewChange, names: tuple[str, ...]) -> str:
+def _sides(step: _ViewChange, names: tuple[str, ...]) -> str:
     return f"{names[step.first - 1]} and {names[step.first]}"
 
 
-CHANGES = (_focus_changed, _centre_moved)
+_CHANGES = (_focus_changed, _centre_moved)
 """What may have changed between the views."""
 
 
@@ -335,7 +335,7 @@ def view_set_diagnoses(
     if not used:
         return []
     data = ViewSet.of(used, solution, spec)
-    found = [] if data is None else diagnose(data, CHANGES)
+    found = [] if data is None else diagnose(data, _CHANGES)
     # a lens that did not stay the same shifts the print's aspect by several of its standard deviations
     stretched = None if found or data is None else _print_stretched(solution.board_shape)
     found += [one for one in (stretched, _poorly_covered(used, spec)) if one is not None]

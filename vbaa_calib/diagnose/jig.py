@@ -32,7 +32,7 @@ from .decision import Explanation, decide, joined
 
 
 @dataclass(frozen=True)
-class JigSettings:
+class _JigSettings:
     """How slips of the jig, and changes since its picture, are told apart."""
 
     log_prior: float = -6.0  # log probability of each slip in session.yaml
@@ -84,7 +84,7 @@ class JigEvidence:
     others: Sequence[PoseEstimate] = ()
     free: Sequence[Still] = ()
     lines: Sequence[Observation] | None = None
-    limits: JigSettings = JigSettings()
+    limits: _JigSettings = _JigSettings()
 
     @property
     def reported(self) -> _Case:
@@ -97,20 +97,24 @@ class JigEvidence:
         session = self.session
         std = session.jig_translation_std_m, session.jig_rotation_std_rad
         found = jig_estimate(self.board, case.T_antenna_board, *std)
-        covariance, by_lens = found.covariance, found.lens_sensitivity
         rotation = found.T_antenna_camera.rotation
-        if case.focal and self.camera.covariance is not None:
-            # the jig's picture was taken before
-            covariance, by_lens = covariance + by_lens @ self.camera.covariance @ by_lens.T, np.zeros_like(by_lens)
         turn, move = case.turn_rad**2 * np.eye(3), case.move_m**2 * rotation @ rotation.T
         if case.other is None:
             move = move + case.offset_m**2 * np.eye(3)
-        covariance = covariance + np.block([[turn, np.zeros((3, 3))], [np.zeros((3, 3)), move]])
-        return replace(found, covariance=covariance, lens_sensitivity=by_lens)
+        covariance = found.covariance + np.block([[turn, np.zeros((3, 3))], [np.zeros((3, 3)), move]])
+        return self._before(case, replace(found, covariance=covariance))
+
+    def _before(self, case: _Case, found: PoseEstimate) -> PoseEstimate:
+        """An estimate by pictures of the board, which were taken before a change of the focal length."""
+        by_lens = found.lens_sensitivity
+        if not case.focal or self.camera.covariance is None:
+            return found
+        covariance = found.covariance + by_lens @ self.camera.covariance @ by_lens.T
+        return replace(found, covariance=covariance, lens_sensitivity=np.zeros_like(by_lens))
 
     def by_others(self, case: _Case) -> list[PoseEstimate]:
         """The camera's pose by the other ways, where a hypothesis holds."""
-        found = list(self.others)
+        found = [self._before(case, one) for one in self.others]
         if case.other is not None:
             spread = np.repeat([0.0, case.offset_m], 3) ** 2
             found[case.other] = replace(found[case.other], covariance=found[case.other].covariance + np.diag(spread))
@@ -236,7 +240,7 @@ class JigEvidence:
             replace(self.reported, name=one.way, T_antenna_board=one.T_antenna_camera @ self.board.T_camera_board)
             for one in self.others
         ]
-        for case in [self.reported, *elsewhere, *slips(self), *mirrored_pictures(self)]:
+        for case in [self.reported, *elsewhere, *_slips(self), *_mirrored_pictures(self)]:
             pose = self.estimate(case).T_antenna_camera
             if any(flips == case.flips and np.abs(pose.tangent_from(other)).max() < 1e-4 for other, flips in places):
                 continue
@@ -332,7 +336,7 @@ def _typed(data: JigEvidence) -> Pose:
     return data.reported.T_antenna_board @ face.inverse()
 
 
-def slips(data: JigEvidence) -> Iterator[_Case]:
+def _slips(data: JigEvidence) -> Iterator[_Case]:
     """Slips in jig.T_antenna_board: units, signs, exchanged axes, half turns, the inverse pose, another order."""
     typed, key, limits = _typed(data), "jig.T_antenna_board", data.limits
     face = typed.inverse() @ data.reported.T_antenna_board
@@ -384,7 +388,7 @@ def slips(data: JigEvidence) -> Iterator[_Case]:
     yield case("turned", words, Pose(turn.T, shift), -1.0)
 
 
-def mirrored_pictures(data: JigEvidence) -> Iterator[_Case]:
+def _mirrored_pictures(data: JigEvidence) -> Iterator[_Case]:
     """The antenna's pictures are mirrored, or upside down, against the board's."""
     for flips, words in (
         ((True, False), "mirrored left to right"),
@@ -397,7 +401,7 @@ def mirrored_pictures(data: JigEvidence) -> Iterator[_Case]:
         yield _Case(name, words, remedy, data.reported.T_antenna_board, data.limits.log_prior, flips)
 
 
-def changes(data: JigEvidence) -> Iterator[_Case]:
+def _changes(data: JigEvidence) -> Iterator[_Case]:
     """What moved or changed by an unknown amount."""
     limits, pose = data.limits, data.reported.T_antenna_board
     again = "take the jig's and the antenna's pictures again, one after the other, with nothing touched in between"
@@ -429,7 +433,7 @@ def _quaternion(rotation: np.ndarray) -> str:
     return f"rotation_xyzw ({_numbers(Rotation.from_matrix(rotation).as_quat())})"
 
 
-_TABLE: tuple[Callable[[JigEvidence], Iterator[_Case]], ...] = (slips, mirrored_pictures, changes)
+_TABLE: tuple[Callable[[JigEvidence], Iterator[_Case]], ...] = (_slips, _mirrored_pictures, _changes)
 
 
 def jig_diagnoses(data: JigEvidence) -> list[Diagnosis]:
@@ -442,7 +446,7 @@ def jig_diagnoses(data: JigEvidence) -> list[Diagnosis]:
     return [] if not best or best[0].diagnosis.name == "antenna_length" else [joined([one.diagnosis for one in best])]
 
 
-def plane_contradicted(joint: BundleAdjustment, limits: JigSettings = JigSettings()) -> bool:
+def plane_contradicted(joint: BundleAdjustment, limits: _JigSettings = _JigSettings()) -> bool:
     """Whether the camera's pose, the clamp or the antenna's end lie so far off what was reported that a slip of the
     jig, or a change since its picture, may explain it: none can gain more than this costs."""
     priors = joint.solution.residuals[len(joint.solution.residuals) - joint.solution.certain :]
