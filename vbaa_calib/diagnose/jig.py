@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from targets.board import corner_points
 from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment, noise_scale
 from vbaa_calib.calibrate.antenna.inputs import Observation
-from vbaa_calib.calibrate.antenna.problem import Problem
+from vbaa_calib.calibrate.antenna.problem import POSE, Problem
 from vbaa_calib.calibrate.antenna.session_rig import ExpectedAntenna, nominal_parameters, prior
 from vbaa_calib.calibrate.pose.board_pose import BoardPose, jig_estimate
 from vbaa_calib.calibrate.pose.fusion import Difference, PoseEstimate
@@ -49,6 +49,8 @@ class _JigSettings:
     camera_rad: float = 5e-3  # the same of a camera that was knocked, per axis
     camera_m: float = 1e-3  # the same of its place
     focal: float = 0.02  # the same of a focal length, relative
+    loads_rad: float = 0.01  # the same of a camera that turned between the pictures without and with loads, per axis
+    rounds: int = 4  # in which its turn is estimated
     length: float = 0.02  # the same of the antenna's length, relative
     least_cost: float = 8.0  # of the priors, half their χ², from which another explanation is looked for
 
@@ -68,6 +70,7 @@ class _Case:
     offset_m: float = 0.0  # of the board's place in the jig
     focal: float = 0.0  # of the focal length since the boards' pictures, relative
     length_m: float = 0.0  # of the antenna's length
+    loads_rad: float = 0.0  # of the camera's turn between the free antenna's pictures and those of the loads
     other: int | None = None  # which of the other ways is off by `offset_m` in place of the jig
 
 
@@ -268,6 +271,8 @@ class JigEvidence:
     def explanation(self, case: _Case) -> Explanation[JigEvidence]:
         """How well a hypothesis explains the lines and the other ways."""
         lines, scale, reported = self.seen
+        if case.loads_rad:
+            return self._turned_before_loads(case)
         evidence, problem, solution = self.solved(case, lines, scale)
         words = case.words
         if "{}" in words:
@@ -276,6 +281,45 @@ class JigEvidence:
         if lines:
             words += f"; as it is in session.yaml, {self._off(lines)}"
         return Explanation(Diagnosis(case.name, words, case.remedy, severity), evidence - reported + case.log_prior)
+
+    def _turned_before_loads(self, case: _Case) -> Explanation[JigEvidence]:
+        """How well a turn of the camera between the pictures without and with loads explains them: estimated to first
+        order, and again with the loads' lines turned back."""
+        lines, scale, reported = self.seen
+        turn, std_rad, evidence = np.zeros(3), np.full(3, np.nan), -self.limits.lost
+        for _ in range(self.limits.rounds):
+            _, problem, solution = self.solved(case, [self._seen_before(one, turn) for one in lines], scale)
+            if problem is None or solution is None:
+                break
+            counts = [len(seen) for seen in problem.seen_at_lens]
+            loaded = np.repeat([one.loaded for one in lines], counts)
+            columns = np.zeros((len(solution.residuals), 3))
+            columns[: len(loaded)] = np.where(loaded[:, None], solution.jacobian[: len(loaded), POSE][:, :3], 0.0)
+            found = solution.score_test(columns, case.loads_rad)
+            if found is None:
+                break
+            turn, std_rad = turn + found.values, found.std
+        else:
+            evidence = self.solved(case, [self._seen_before(one, turn) for one in lines], scale)[0]
+            # what a turn that is known no better costs, and how far it is from none
+            evidence -= float(np.log(np.maximum(case.loads_rad / std_rad, 1.0)).sum())
+            evidence -= 0.5 * float((turn**2).sum()) / case.loads_rad**2
+        size = f"{np.degrees(np.linalg.norm(turn)):.2f} ± {np.degrees(np.linalg.norm(std_rad)):.2f}°"
+        found_so = Diagnosis(case.name, case.words.format(size), case.remedy, "wrong")
+        return Explanation(found_so, evidence - reported + case.log_prior)
+
+    def _seen_before(self, line: Observation, turn_rad: np.ndarray) -> Observation:
+        """A load's line as the camera would have seen it before it turned; any other as it is."""
+        if not line.loaded or not turn_rad.any():
+            return line
+        rotation = self.estimate(self.reported).T_antenna_camera.rotation
+        back = rotation.T @ Rotation.from_rotvec(turn_rad).as_matrix() @ rotation
+
+        def moved(pixels: np.ndarray) -> np.ndarray:
+            return self.camera.project(self.camera.unproject(pixels)[0] @ back.T)[0]
+
+        tip = moved(line.tip_px[None])[0] if np.isfinite(line.tip_px).all() else line.tip_px
+        return replace(line, points_px=moved(line.points_px), tip_px=tip)
 
     def _value(self, case: _Case, problem: Problem | None, solution: Linearised | None) -> str:
         """What a hypothesis leaves open, as it was found: for the sentence."""
@@ -417,6 +461,10 @@ def _changes(data: JigEvidence) -> Iterator[_Case]:
     words = "the camera turned by {} between the jig's picture and the antenna's"
     knocked = _Case("camera_moved", words, again, pose, limits.log_prior_change)
     yield replace(knocked, turn_rad=limits.camera_rad, move_m=limits.camera_m)
+    if data.lines is not None and 0 < sum(one.loaded for one in data.lines) < len(data.lines):
+        words = "the camera turned by {} between the pictures without and those with loads"
+        remedy = "fasten the camera, take both again, and the jig's picture with them"
+        yield replace(knocked, words=words, remedy=remedy, loads_rad=limits.loads_rad)
     words = "the focal length changed by {} between the board's pictures and the antenna's"
     remedy = f"switch autofocus and zoom off; {again}"
     yield _Case("refocused", words, remedy, pose, limits.log_prior_change, focal=limits.focal)
