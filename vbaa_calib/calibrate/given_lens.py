@@ -18,7 +18,7 @@ from vbaa_calib.core.files import read_json, sha256
 from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.geometry.independent_axes import independent_axes
 
-from .check.boards import check_lens
+from .check.boards import FOCUS, check_lens
 from .check.finding import FAILS, HOLDS, Evidence
 from .check.rig import at
 from .lens.board_shape import BoardShape
@@ -180,7 +180,9 @@ def focus_changed(
     folders = " and ".join(f"{name}/" for name in dict.fromkeys(folder for folder, _ in placed))
     size = f"{focus.evidence.size:.2g} px over the picture, {focus.evidence.distance_std:.0f} standard deviations"
     severity: Severity = "wrong" if focus.level == FAILS else "doubt"
-    words = f"{what.words} the board in {folders}: {size} ({focus.words.partition(' against')[0]})"
+    # one view determines a part of the numbers only
+    numbers = f" ({focus.words.partition(' against')[0]})" if focus.evidence.freedom == FOCUS else ""
+    words = f"{what.words} the board in {folders}: {size}{numbers}"
     return [replace(what, words=words, remedy=f"{what.remedy}, or calibrate it again", severity=severity)]
 
 

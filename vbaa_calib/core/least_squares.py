@@ -259,7 +259,7 @@ def change_test(
 ) -> ScoreTest:
     """Score test of a change of the parameters `wanted` (Q,) since they were estimated with covariance (P, P).
 
-    The data, of which `products` are given, are linear in e + δ, e the errors of that estimate and δ the change. With A
+    data : their `products`; they are linear in e + δ, e the errors of that estimate and δ the change. With A
     their information, s their score and W = A (I + Σ A)⁻¹, which needs no inverse of either, δ has the information W
     and the score (I + A Σ)⁻¹ s. scale : (P,) noticeable changes; directions of less information than one in its units
     are left out. free : parameters without a constraint.

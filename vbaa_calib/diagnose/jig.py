@@ -33,7 +33,7 @@ from .decision import Explanation, decide, joined
 
 @dataclass(frozen=True)
 class _JigSettings:
-    """How slips of the jig, and changes since its picture, are told apart."""
+    """How slips of the jig, and changes since its picture, are distinguished."""
 
     log_prior: float = -6.0  # log probability of each slip in session.yaml
     log_prior_change: float = -3.0  # the same of a camera that moved, a refocus, a length: these are commoner
@@ -52,6 +52,7 @@ class _JigSettings:
     loads_rad: float = 0.01  # the same of a camera that turned between the pictures without and with loads, per axis
     rounds: int = 4  # in which its turn is estimated
     length: float = 0.02  # the same of the antenna's length, relative
+    scattered: float = 2.0  # scatter of the lines, over their own, up to which they fit
     least_cost: float = 8.0  # of the priors, half their χ², from which another explanation is looked for
 
 
@@ -78,7 +79,7 @@ class _Case:
 class JigEvidence:
     """A session with a jig, the board in it as the camera sees it, and what else shows where the camera is.
 
-    others : the camera's pose by other ways. free : the free antenna's pictures; looked for where `lines` is None.
+    others : the camera's pose by other ways. free : the free antenna's pictures, searched for it where `lines` is None.
     """
 
     session: Session
@@ -226,6 +227,15 @@ class JigEvidence:
             square = Difference((one.way, other.way), step, covariance).statistic
             total -= 0.5 * (square + float(np.linalg.slogdet(covariance)[1]))
         return max(total, -self.limits.lost)
+
+    def fits(self, lines: Sequence[Observation], scale: float) -> bool:
+        """Whether the lines, and the other ways, lie so near to what was reported that nothing could explain them
+        better: no explanation gains more than the priors' cost."""
+        _, problem, solution = self.solved(self.reported, lines, scale)
+        if problem is None or solution is None or scale > self.limits.scattered * self.limits.correlated:
+            return False
+        priors = solution.residuals[len(solution.residuals) - solution.certain :]
+        return 0.5 * float(priors @ priors) < self.limits.least_cost
 
     @cached_property
     def seen(self) -> tuple[Sequence[Observation], float, float]:
@@ -487,7 +497,8 @@ _TABLE: tuple[Callable[[JigEvidence], Iterator[_Case]], ...] = (_slips, _mirrore
 def jig_diagnoses(data: JigEvidence) -> list[Diagnosis]:
     """What is wrong with the jig, or changed since its picture; empty where all may be as reported, or another cause
     explains the pictures as well."""
-    if not data.seen[0] and not data.others:
+    lines, scale, _ = data.seen
+    if data.fits(lines, scale) if lines else not data.others:
         return []
     best = decide(data.explanation(case) for row in _TABLE for case in row(data))
     # the antenna's length is for those who know its loads

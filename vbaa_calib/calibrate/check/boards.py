@@ -26,7 +26,7 @@ from vbaa_calib.session import Session
 from .finding import HOLDS, LOOK, Checked, Evidence, Finding, judged, not_given, plus_minus
 
 _MIN_CORNERS = 6
-_FOCUS = 4  # parameters that a refocus or a knock changes first: fx, fy, cx, cy
+FOCUS = 4  # parameters that a refocus or a knock changes first: fx, fy, cx, cy
 _NOTICEABLE_FOCAL, _NOTICEABLE_CENTRE_PX = 0.01, 10.0
 _MORE_RMS_PERCENT = 50.0  # excess scatter of corners that light and blur may explain
 _FLOOR_PX, _SIGNIFICANT_STD = 0.1, 3.0
@@ -101,7 +101,7 @@ def check_lens(
     data = products(jacobian / noise_px, residuals / noise_px)
     focal = _NOTICEABLE_FOCAL * camera.matrix[[0, 1], [0, 1]]
     scale = np.concatenate([focal, [_NOTICEABLE_CENTRE_PX] * 2, np.full(len(camera.distortion), 0.01)])
-    change = change_test(data, covariance, np.arange(_FOCUS), scale)
+    change = change_test(data, covariance, np.arange(FOCUS), scale)
     fit = _fit_finding(rms_px, expected_px, freedom, len(views))
     return Checked(
         (fit, _focus_finding(camera, change, len(views))),
@@ -134,7 +134,7 @@ def _focus_finding(camera: Camera, change: ScoreTest, views: int) -> Finding:
         return not_given("lens_focus", why)
     # the motion over the picture by what is significant, a turn of the camera compensated
     pixels = pixel_grid(camera.image_size)
-    by_focus = projection_jacobian(camera, pixels)[..., :_FOCUS] @ change.clear(_SIGNIFICANT_STD)
+    by_focus = projection_jacobian(camera, pixels)[..., :FOCUS] @ change.clear(_SIGNIFICANT_STD)
     moved = compensate(camera, pixels, by_focus[..., None])[..., 0]
     change_px = float(np.sqrt(np.nanmean((moved**2).sum(axis=-1))))
     focal, mean = 0.5 * (camera.matrix[0, 0] + camera.matrix[1, 1]), np.array([0.5, 0.5])
@@ -145,8 +145,8 @@ def _focus_finding(camera: Camera, change: ScoreTest, views: int) -> Finding:
         f"focal length {plus_minus(relative, relative_std)} %, centre ({centre}) px against the rig; beyond its "
         f"uncertainty this moves points by {change_px:.2f} px"
     )
-    if change.freedom < _FOCUS:
-        words = f"{_pictures(views)} determine{'s' * (views == 1)} {change.freedom} of these {_FOCUS} numbers: {words}"
+    if change.freedom < FOCUS:
+        words = f"{_pictures(views)} determine{'s' * (views == 1)} {change.freedom} of these {FOCUS} numbers: {words}"
     remedy = "lock focus, zoom and autofocus, then calibrate again: `vbaa calibrate`"
     return judged(
         "lens_focus", words, remedy, Evidence(change.distance_std, change.freedom, change_px, _FLOOR_PX, "px")
