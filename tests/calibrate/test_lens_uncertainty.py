@@ -12,7 +12,7 @@ from benchmarks.boards import BOARD, draw, rigs
 from benchmarks.calibration.methods import solve_ours
 from targets.board import corner_points
 from vbaa_calib.calibrate.lens.board_shape import SHAPE
-from vbaa_calib.calibrate.lens.bundle import Bundle, Observation, refine
+from vbaa_calib.calibrate.lens.bundle import BoardCorners, Bundle, refine
 from vbaa_calib.calibrate.lens.information import (
     AGREE,
     compare_split_half,
@@ -42,7 +42,7 @@ def solved(seed: int, count: int):
     found, covariances = [], []
     for _ in range(count):
         noisy = [
-            Observation(view.points_m, pixels + 0.15 * rng.normal(size=pixels.shape))
+            BoardCorners(view.points_m, pixels + 0.15 * rng.normal(size=pixels.shape))
             for view, pixels in zip(views, clean, strict=True)
         ]
         # poses solved for the noisy corners: the exact ones would be the truth only where no corner moved
@@ -85,7 +85,7 @@ def test_pixels_without_a_ray_have_no_uncertainty() -> None:
     assert np.isfinite(std[6, 8])
 
 
-def halves_of(views: list[Observation], poses: np.ndarray) -> tuple[float | None, float | None]:
+def halves_of(views: list[BoardCorners], poses: np.ndarray) -> tuple[float | None, float | None]:
     """Deviations and p-value."""
     bundle = refine(Bundle.start(RIG.model, RIG.intrinsics, poses), views)
     known = information(bundle, views)
@@ -100,7 +100,7 @@ def test_halves_of_two_cameras_do_not_agree() -> None:
     deviations, p_value = halves_of(views, given.poses)
     assert p_value > AGREE
     zoomed = [
-        view if index % 2 else Observation(view.points_m, view.pixels + 6e-3 * (view.pixels - RIG.intrinsics[2:4]))
+        view if index % 2 else BoardCorners(view.points_m, view.pixels + 6e-3 * (view.pixels - RIG.intrinsics[2:4]))
         for index, view in enumerate(views)
     ]
     spoilt, chance = halves_of(zoomed, given.poses)

@@ -29,7 +29,7 @@ from vbaa_calib.calibrate.guide.view_uncertainty import (
     view_blocks,
 )
 from vbaa_calib.calibrate.lens.board_shape import SHAPE, BoardShape, deformations
-from vbaa_calib.calibrate.lens.bundle import Bundle, Observation
+from vbaa_calib.calibrate.lens.bundle import BoardCorners, Bundle
 from vbaa_calib.calibrate.lens.information import information
 from vbaa_calib.calibrate.lens.intrinsics import solve_intrinsics
 from vbaa_calib.calibrate.lens.models import LENS_MODELS, camera_of
@@ -73,7 +73,7 @@ def test_blocks_are_the_information_of_the_solve():
     made, poses = views(6)
     own = design()
     own = replace(own, scale=own.scale[:, :-SHAPE])
-    observations = [Observation(corner_points(SPEC)[view.ids], view.corners_px) for view in made]
+    observations = [BoardCorners(corner_points(SPEC)[view.ids], view.corners_px) for view in made]
     bundle = Bundle.start(MODEL, INTRINSICS, np.array([pose.vector for pose in poses]))
     solved = information(bundle, observations)
     blocks, _ = view_blocks(own, bundle.poses, observations)
@@ -89,7 +89,7 @@ def test_another_picture_never_harms_and_the_suggested_one_is_best_of_the_set():
     found = view_candidates(known.design, SPEC, coarse_poses(known.design, SPEC, 0.24, 0.6))
     poses = np.array([candidate.T_camera_board.vector for candidate in found])
     observations = [
-        Observation(corner_points(SPEC)[c.ids], np.zeros((len(c.ids), 2)), deformations(corner_points(SPEC))[c.ids])
+        BoardCorners(corner_points(SPEC)[c.ids], np.zeros((len(c.ids), 2)), deformations(corner_points(SPEC))[c.ids])
         for c in found
     ]
     after = np.sqrt(mean_square(functional, known.information + view_blocks(known.design, poses, observations)[0]))

@@ -133,11 +133,11 @@ def find_plane(session: Session, camera: Camera, board: BoardShape, views: Plane
         )
         estimates.append(sweep.estimate)
     if views.over is not None and session.over is not None:
-        said = session.over
-        rotation = session.kinematics.T_world_antenna(said.pan_rad, said.tilt_rad).rotation
+        setting = session.over
+        rotation = session.kinematics.T_world_antenna(setting.pan_rad, setting.tilt_rad).rotation
         antenna = nominal_free_antenna(session.antenna, rotation.T @ session.gravity_world_m_s2)
-        mark = None if said.clamp_px is None else LineEnd(np.array(said.clamp_px), said.clamp_std_px)
-        setup = OverSetup(session.board, camera, antenna, said.height_m, said.height_std_m, mark)
+        mark = None if setting.clamp_px is None else LineEnd(np.array(setting.clamp_px), setting.clamp_std_px)
+        setup = OverSetup(session.board, camera, antenna, setting.height_m, setting.height_std_m, mark)
         estimate, over = solve_over_board(views.over, setup, fused(estimates) if estimates else None)
         doubt = _clamp_doubt(estimate, session.over, session.board)
         estimates.append(inflated(estimate, *doubt) if estimates else estimate)

@@ -218,10 +218,10 @@ def _number_finding(
     """change : of one number; or why there is none. hidden : why the data may not show it."""
     if isinstance(change, str) or change.freedom == 0:
         return not_given(name, change if isinstance(change, str) else hidden)
-    words, shown, factor, unit = _NUMBERS[name]
-    said = words.format(plus_minus(shown * change.values[0], shown * change.std[0]))
+    template, printed, factor, unit = _NUMBERS[name]
+    words = template.format(plus_minus(printed * change.values[0], printed * change.std[0]))
     return judged(
-        name, said, remedy, Evidence(change.distance_std, 1, factor * abs(float(change.values[0])), floor, unit)
+        name, words, remedy, Evidence(change.distance_std, 1, factor * abs(float(change.values[0])), floor, unit)
     )
 
 

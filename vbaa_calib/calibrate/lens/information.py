@@ -12,7 +12,7 @@ from vbaa_calib.core.robust import chi_square_p
 from vbaa_calib.detect.board.corners import BoardView
 
 from .board_shape import SHAPE, deformations
-from .bundle import CONVERGED, Bundle, Observation, refine, rows
+from .bundle import CONVERGED, BoardCorners, Bundle, refine, rows
 from .descent import unfolding_rows
 from .models import LensModel, camera_of, is_monotonic
 from .uncertainty import compensate, pixel_grid, projection_jacobian
@@ -78,7 +78,7 @@ class Information:
         return float(np.sqrt(max(ratio / _CHANCE_SCATTER, 1.0)))
 
 
-def information(bundle: Bundle, observations: Sequence[Observation]) -> Information | None:
+def information(bundle: Bundle, observations: Sequence[BoardCorners]) -> Information | None:
     """At a solution over these corners; None where the views leave a free parameter open."""
     counts = np.array([view.pixels.size for view in observations])
     if counts.sum() <= bundle.directions.shape[1] + 6 * len(observations):
@@ -118,7 +118,7 @@ def information(bundle: Bundle, observations: Sequence[Observation]) -> Informat
     )
 
 
-def held_out_squares(bundle: Bundle, observations: Sequence[Observation], known: Information) -> np.ndarray:
+def held_out_squares(bundle: Bundle, observations: Sequence[BoardCorners], known: Information) -> np.ndarray:
     """(V,) squared distances of each view's corners, px², under a lens fitted without a fifth of the views, the
     held-out views' poses solved for. One Gauss–Newton step from the solution over all, or where errors are much larger,
     solved anew.
@@ -137,7 +137,7 @@ def _folds(views: int) -> list[np.ndarray]:
     return [np.arange(views) % folds == fold for fold in range(folds)]
 
 
-def solved_squares(bundle: Bundle, observations: Sequence[Observation]) -> np.ndarray:
+def solved_squares(bundle: Bundle, observations: Sequence[BoardCorners]) -> np.ndarray:
     """(V,) as `held_out_squares`, each lens solved for."""
     squares = np.zeros(len(observations))
     for held in _folds(len(observations)):
@@ -217,7 +217,7 @@ class Candidate:
 
 
 def assess(
-    bundle: Bundle, observations: Sequence[Observation], image_size: tuple[int, int], known: Information
+    bundle: Bundle, observations: Sequence[BoardCorners], image_size: tuple[int, int], known: Information
 ) -> tuple[Candidate, np.ndarray]:
     """One lens model's row of the comparison, and its held-out squared errors (V,) px² by view."""
     squares = held_out_squares(bundle, observations, known)
@@ -228,15 +228,15 @@ def assess(
     return Candidate(bundle.model.name, free, bundle.rms_px, held_out_px, monotonic, *halves), squares
 
 
-def observations_of(views: Sequence[BoardView], nominal_m: np.ndarray) -> list[Observation]:
+def observations_of(views: Sequence[BoardView], nominal_m: np.ndarray) -> list[BoardCorners]:
     """The corners of views beside the board points (C, 3) they show."""
     moved = deformations(nominal_m)
-    return [Observation(nominal_m[view.ids], view.corners_px, moved[view.ids]) for view in views]
+    return [BoardCorners(nominal_m[view.ids], view.corners_px, moved[view.ids]) for view in views]
 
 
 def kept_observations(
     views: Sequence[BoardView], outlier_ids: Sequence[Sequence[int]], nominal_m: np.ndarray
-) -> list[Observation]:
+) -> list[BoardCorners]:
     """`observations_of` without the outliers of each view."""
     every = zip(observations_of(views, nominal_m), views, outlier_ids, strict=True)
     return [observation.picked(~np.isin(view.ids, ids)) for observation, view, ids in every]

@@ -84,7 +84,7 @@ class Markers:
 
 
 @dataclass(frozen=True, eq=False)
-class _Layout:
+class _MarkerLayout:
     """How well markers fit a layout.
 
     Attributes
@@ -116,7 +116,7 @@ class _Layout:
         return marker_cells(self.squares_x, self.on_even_squares, len(self.fits))
 
 
-def judge(pictures: Sequence[Markers], squares_x: int, on_even_squares: bool, count: int) -> _Layout:
+def judge(pictures: Sequence[Markers], squares_x: int, on_even_squares: bool, count: int) -> _MarkerLayout:
     """How well the markers with ids under `count` fit a layout.
 
     Each marker's outline predicts its neighbours' places; a pair fits if they are within 0.6 squares. This is local and
@@ -137,10 +137,10 @@ def judge(pictures: Sequence[Markers], squares_x: int, on_even_squares: bool, co
     ratio = float(np.clip(typical, *_RATIOS))
     good = np.linalg.norm(ratio * offset - step, axis=1) < _MISS_SQUARES
     fits = np.bincount(np.concatenate(ids)[good], minlength=count)
-    return _Layout(squares_x, on_even_squares, ratio, int((~good).sum()), len(good), fits)
+    return _MarkerLayout(squares_x, on_even_squares, ratio, int((~good).sum()), len(good), fits)
 
 
-def _distinctive_pairs(pictures: Sequence[Markers], here: _Layout, other: _Layout) -> int:
+def _distinctive_pairs(pictures: Sequence[Markers], here: _MarkerLayout, other: _MarkerLayout) -> int:
     """Number of pairs of neighbouring markers that fit the layout `here` and would lie differently in `other`."""
     cells, votes = (here.cells, other.cells), 0
     for picture in (picture.below(len(here.fits)) for picture in pictures):
@@ -150,7 +150,7 @@ def _distinctive_pairs(pictures: Sequence[Markers], here: _Layout, other: _Layou
     return votes
 
 
-def _best_layout(pictures: Sequence[Markers], prefer: tuple[int, bool]) -> _Layout | None:
+def _best_layout(pictures: Sequence[Markers], prefer: tuple[int, bool]) -> _MarkerLayout | None:
     """The layout with the smallest share of contradicting pairs, `prefer` (squares_x, on_even_squares) among equals.
 
     None with too few pairs, or if one in ten contradicts the best layout.
@@ -159,7 +159,7 @@ def _best_layout(pictures: Sequence[Markers], prefer: tuple[int, bool]) -> _Layo
         return None
     count = 1 + max((int(picture.ids.max(initial=-1)) for picture in pictures), default=-1)
     every = [(squares_x, even) for squares_x in range(2, _LARGEST_WIDTH + 1) for even in (False, True)]
-    best: _Layout | None = None
+    best: _MarkerLayout | None = None
     for squares_x, even in [prefer, *every]:
         layout = judge(pictures, squares_x, even, count)
         if layout.agreeing >= _PAIRS_NEEDED and (best is None or layout.share_wrong < best.share_wrong - 1e-9):
@@ -167,7 +167,7 @@ def _best_layout(pictures: Sequence[Markers], prefer: tuple[int, bool]) -> _Layo
     return best if best is not None and best.share_wrong <= 0.1 else None
 
 
-def _vacant_below(picture: Markers, layout: _Layout, row: int, image_size: tuple[int, int]) -> int:
+def _vacant_below(picture: Markers, layout: _MarkerLayout, row: int, image_size: tuple[int, int]) -> int:
     """Number of places for markers of the next row that lie well inside the picture, beside markers of `row`."""
     picture = picture.below(len(layout.fits))
     column, its_row = layout.cells[picture.ids].T
@@ -197,7 +197,7 @@ class _Sighting:
     dictionary: str
     turned: str
     markers: Sequence[Markers]
-    layout: _Layout
+    layout: _MarkerLayout
 
 
 def explain_mismatch(
@@ -248,7 +248,7 @@ def markers_within(picture: np.ndarray, corners_px: np.ndarray) -> int:
     return max(counts)
 
 
-def _legacy_is_wrong(markers: Sequence[Markers], own: _Layout, spec: BoardSpec) -> bool:
+def _legacy_is_wrong(markers: Sequence[Markers], own: _MarkerLayout, spec: BoardSpec) -> bool:
     """Whether the markers fit the board clearly better with the other legacy flag.
 
     With odd columns and even rows the two layouts differ by a shift of one square: corners are found under both, and
