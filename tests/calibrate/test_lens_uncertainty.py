@@ -15,11 +15,11 @@ from vbaa_calib.calibrate.lens.board_shape import SHAPE
 from vbaa_calib.calibrate.lens.bundle import BoardCorners, Bundle, refine
 from vbaa_calib.calibrate.lens.information import (
     AGREE,
-    compare_split_half,
-    held_out_squares,
+    _compare_split_half,
+    _held_out_squares,
+    _solved_squares,
     information,
     observations_of,
-    solved_squares,
 )
 from vbaa_calib.calibrate.lens.models import LENS_MODELS, camera_of
 from vbaa_calib.calibrate.lens.uncertainty import (
@@ -90,7 +90,7 @@ def halves_of(views: list[BoardCorners], poses: np.ndarray) -> tuple[float | Non
     bundle = refine(Bundle.start(RIG.model, RIG.intrinsics, poses), views)
     known = information(bundle, views)
     assert known is not None
-    return compare_split_half(RIG.model, bundle.intrinsics, known, RIG.image_size)
+    return _compare_split_half(RIG.model, bundle.intrinsics, known, RIG.image_size)
 
 
 def test_halves_of_two_cameras_do_not_agree() -> None:
@@ -128,9 +128,9 @@ def test_one_step_tells_what_views_left_out_would_be_missed_by(index: int) -> No
     views = observations_of(given.views, POINTS)
     bundle = refine(Bundle.start(rig.model, rig.intrinsics, given.poses), views)
     known = information(bundle, views)
-    anew = solved_squares(bundle, views)
+    anew = _solved_squares(bundle, views)
     assert anew.sum() > known.squares.sum()
-    chosen = held_out_squares(bundle, views, known)
+    chosen = _held_out_squares(bundle, views, known)
     np.testing.assert_allclose(chosen, anew, rtol=0.02)
 
 

@@ -14,7 +14,7 @@ import pytest
 
 from vbaa_calib.calibrate.check.assessment import Assessment, NewPictures, assess
 from vbaa_calib.calibrate.check.finding import Evidence, Finding
-from vbaa_calib.calibrate.check.rig import plane_map
+from vbaa_calib.calibrate.check.rig import _plane_map
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.least_squares import change_test, products
 from vbaa_calib.rig import Rig
@@ -111,7 +111,7 @@ def test_the_map_on_plane_c_is_what_sampling_gives() -> None:
     jacobian = rig.camera_on_plane().calibration_jacobian(pixels)
     own = jacobian @ covariance @ np.swapaxes(jacobian, -1, -2)
     np.testing.assert_allclose(worst_std, np.sqrt(np.linalg.eigvalsh(own)[:, -1]), rtol=0.12)
-    grid_px, std_mm = plane_map(rig)
+    grid_px, std_mm = _plane_map(rig)
     row, column = 18, 24
     again = rig.camera_on_plane().calibration_jacobian(grid_px[row, column][None])[0]
     expected = 1e3 * np.sqrt(np.linalg.eigvalsh(again @ covariance @ again.T)[-1])

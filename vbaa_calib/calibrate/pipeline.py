@@ -25,13 +25,13 @@ from vbaa_calib.core.arrays import gate
 from vbaa_calib.core.errors import Diagnosis, InputError, SolveError, VbaaError, Verdict
 from vbaa_calib.core.images import SUFFIXES, list_images, picture_size
 from vbaa_calib.detect.board.corners import BoardView, detect_folder
-from vbaa_calib.diagnose.jig import jig_diagnoses, plane_contradicted
+from vbaa_calib.diagnose.jig import plane_contradicted
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import Session, Still, check_pictures, read_loads, read_noload
 
 from .doubts import doubts
 from .given_lens import GivenLens, focus_changed, given_solution
-from .plane_c import PlaneC, because, find_plane, jig_evidence, picture_folders, read_views
+from .plane_c import PlaneC, because, find_plane, jig_causes, picture_folders, read_views
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,21 +168,16 @@ def calibrate(session: Session, lens_model: str = "auto", given: GivenLens | Non
         try:
             observations = observe_stills(session, plane.kinematics, before)
         except InputError as error:
-            raise because(error, by_jig(lens, plane), session) from None
+            raise because(error, jig_causes(session, lens.camera, plane), session) from None
         begun.append((plane, observations, before))
         return lens, plane, observations, solve_antenna(session, observations, before)
-
-    def by_jig(lens: LensSolution, plane: PlaneC, lines: Sequence[Observation] | None = None) -> list[Diagnosis]:
-        others = [one for one in plane.estimates if one.way != "jig"]
-        evidence = jig_evidence(session, lens.camera, plane.jig, others)
-        return [] if evidence is None else jig_diagnoses(replace(evidence, lines=lines))
 
     def causes() -> Sequence[Diagnosis]:
         if not begun:
             return ()
         plane, observations, before = begun[0]
         # a pose that is wrong spoils all else
-        if found := by_jig(lens, plane):
+        if found := jig_causes(session, lens.camera, plane):
             raise because(SolveError("camera, antenna and sensor have no common solution"), found, session)
         return failure_causes(session, plane.kinematics, observations, before)
 
@@ -195,7 +190,7 @@ def calibrate(session: Session, lens_model: str = "auto", given: GivenLens | Non
     # the antenna's length is one of the table's hypotheses, and what nothing explained may be the camera's
     rest = [one for one in held if one.name not in ("antenna_length", "stills_contradict")]
     if plane_contradicted(joint) and not any(one.grave for one in rest):
-        found = by_jig(used, plane, observations)
+        found = jig_causes(session, used.camera, plane, observations)
         held = [*found, *rest] if found else held
     rig = make_rig(session, plane.kinematics, joint, observations)
     made = Calibration(session, rig, used, plane, joint, check(joint), stills, tuple(held), given)

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from targets.board import BoardSpec
+from vbaa_calib.calibrate.antenna.inputs import Observation
 from vbaa_calib.calibrate.antenna.session_rig import CLAMP_ANGLE_STD_RAD, CLAMP_OFFSET_STD_M
 from vbaa_calib.calibrate.lens.board_shape import BoardShape
 from vbaa_calib.calibrate.over_board.fit import OverSetup, nominal_free_antenna
@@ -141,7 +142,7 @@ def find_plane(session: Session, camera: Camera, board: BoardShape, views: Plane
         estimate, over = solve_over_board(views.over, setup, fused(estimates) if estimates else None)
         doubt = _clamp_doubt(estimate, session.over, session.board)
         estimates.append(inflated(estimate, *doubt) if estimates else estimate)
-    estimates = [inflated(estimate, *corner_bias(estimate, camera)) for estimate in estimates]
+    estimates = [inflated(estimate, *_corner_bias(estimate, camera)) for estimate in estimates]
     # both rulers say which side of a stretched print is right
     unread = board.scale_doubt if session.board.stretch_std is None else 0.0
     scale_std = float(np.hypot(session.print_scale_std, unread))
@@ -158,13 +159,13 @@ def _require_agreement(
     try:
         require_agreement(apart, session.root)
     except InputError as error:
-        evidence = jig_evidence(session, camera, jig, others)
+        evidence = _jig_evidence(session, camera, jig, others)
         found = [] if evidence is None else jig_diagnoses(evidence)
         named = [replace(one, words=f"{error.what}: {one.words}") for one in found]
         raise because(error, named, session) from None
 
 
-def jig_evidence(
+def _jig_evidence(
     session: Session, camera: Camera, jig: BoardPose | None, others: Sequence[PoseEstimate] = ()
 ) -> JigEvidence | None:
     """What shows whether the jig is where session.yaml has it; None without a jig."""
@@ -174,6 +175,17 @@ def jig_evidence(
     with suppress(InputError):
         free = read_noload(session)
     return JigEvidence(session, camera, jig, others, free)
+
+
+def jig_causes(
+    session: Session, camera: Camera, plane: PlaneC, lines: Sequence[Observation] | None = None
+) -> list[Diagnosis]:
+    """What is wrong with the jig, or changed since its picture, by where the antenna lies; empty without a jig.
+
+    lines : of the antenna, with and without loads; None: the free antenna is searched for where each cause puts it.
+    """
+    evidence = _jig_evidence(session, camera, plane.jig, [one for one in plane.estimates if one.way != "jig"])
+    return [] if evidence is None else jig_diagnoses(replace(evidence, lines=lines))
 
 
 def because(error: VbaaError, found: Sequence[Diagnosis], session: Session) -> VbaaError:
@@ -193,7 +205,7 @@ def _clamp_doubt(found: PoseEstimate, over: OverBoard, board: BoardSpec) -> tupl
     return np.vstack([turns, across]), np.array([tilt, tilt, CLAMP_ANGLE_STD_RAD, *[CLAMP_OFFSET_STD_M] * 2])
 
 
-def corner_bias(estimate: PoseEstimate, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
+def _corner_bias(estimate: PoseEstimate, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
     """Directions (2, 6) and deviations (2,): a shift of all corners in the picture is a turn of the camera."""
     turns = np.hstack([estimate.T_antenna_camera.rotation[:, :2].T, np.zeros((2, 3))])
     return turns, _CORNER_BIAS_PX / np.diag(camera.matrix)[[1, 0]]

@@ -75,10 +75,10 @@ def best_next(
     # the first pictures find the board and start the lens: all of it has to be seen
     share = _WHOLE_SHARE if known.pictures < _WHOLE_PICTURES else _LEAST_SHARE
     limits = NEAREST * plane.distance_m, FURTHEST * plane.distance_m
-    placed = coarse_poses(known.design, spec, *limits)
+    placed = _coarse_poses(known.design, spec, *limits)
     candidate, square = None, np.nan
     for _ in range(1 + _ROUNDS):
-        found = view_candidates(known.design, spec, placed, share)
+        found = _view_candidates(known.design, spec, placed, share)
         if found:
             poses = np.array([one.T_camera_board.vector for one in found])
             blocks, _ = view_blocks(known.design, poses, [observation(one, spec) for one in found])
@@ -101,7 +101,7 @@ def best_next(
     )
 
 
-def coarse_poses(design: LensDesign, spec: BoardSpec, near_m: float, far_m: float) -> list[_BoardPlace]:
+def _coarse_poses(design: LensDesign, spec: BoardSpec, near_m: float, far_m: float) -> list[_BoardPlace]:
     """A grid of distances within limits, of places, and of tilts in every direction."""
     size = spec.square_m * np.array([spec.squares_x, spec.squares_y])
     filled_m = np.max(size * design.intrinsics[:2] / np.array(design.image_size))
@@ -122,7 +122,7 @@ def _finer_poses(best: _BoardPlace, near_m: float, far_m: float) -> list[_BoardP
     return placed
 
 
-def view_candidates(
+def _view_candidates(
     design: LensDesign, spec: BoardSpec, placed: Sequence[_BoardPlace], share: float = _LEAST_SHARE
 ) -> list[_ViewCandidate]:
     """Those poses that show at least a share of the board's corners, none too small or too steep to be read."""
@@ -231,10 +231,10 @@ def _pose_words(camera: Camera, T_camera_board: Pose, spec: BoardSpec, corners: 
         share = np.max(size * np.diag(camera.matrix)[:2] / seen.distance_m / np.array(camera.image_size))
         parts.append(f"so near that it fills {100 * min(share, 1.0):.0f} % of the picture's width or height")
     upright = ["its long side upright"] if abs(seen.roll_rad) > _UPRIGHT_RAD else []
-    return ", ".join([*parts, tilt_words(seen), *upright])
+    return ", ".join([*parts, _tilt_words(seen), *upright])
 
 
-def tilt_words(placed: _BoardPlace) -> str:
+def _tilt_words(placed: _BoardPlace) -> str:
     """Which edge is turned away from the camera, and by how much."""
     if placed.tilt_rad < _FACING_RAD:
         return "facing the camera"
@@ -271,7 +271,7 @@ def pose_match(
         (abs(across) / _PLACE_OFF, "further right" if across > 0 else "further left"),
         (abs(down) / _PLACE_OFF, "lower" if down > 0 else "higher"),
         (abs(farther) / _DISTANCE_OFF, "farther away" if farther > 0 else "nearer"),
-        (float(abs(tilt)) / _TILT_OFF_RAD, tilt_words(wanted)),
+        (float(abs(tilt)) / _TILT_OFF_RAD, _tilt_words(wanted)),
         (1.2 * max(abs(turn) / _ROLL_OFF_RAD - 0.5, 0.0), "turned by a quarter" if abs(turn) > 1.0 else "less askew"),
     ]
     share = float(1.0 / (1.0 + 0.4 * sum(size**2 for size, _ in parts)))

@@ -104,7 +104,7 @@ def nominal_intrinsics(image_size: tuple[int, int]) -> np.ndarray:
     return np.array([focal, focal, (image_size[0] - 1) / 2, (image_size[1] - 1) / 2])
 
 
-def design_about(
+def _design_about(
     name: str,
     intrinsics: np.ndarray,
     image_size: tuple[int, int],
@@ -232,7 +232,7 @@ class LensInformation:
         freedom = 2 * corners - 6 * len(poses) - len(camera.parameter_names)
         sigma_px = max(_LEAST_SIGMA_PX, solution.rms_inliers_px * float(np.sqrt(corners / max(freedom, 1))))
         board = solution.board_shape
-        design = design_about(solution.model, camera.parameters, camera.image_size, sigma_px, board)
+        design = _design_about(solution.model, camera.parameters, camera.image_size, sigma_px, board)
         blocks, gradients = view_blocks(design, poses, observations)
         chosen = [row for row in solution.comparison if row.model == solution.model and not row.split_half_agrees]
         inflation = max([1.0, *(float(row.halves) for row in chosen[:1] if row.halves is not None)])
@@ -244,7 +244,7 @@ class LensInformation:
     def nominal(views: Sequence[BoardView], spec: BoardSpec, image_size: tuple[int, int]) -> LensInformation:
         """Of views that are too few for a lens, under a nominal one."""
         intrinsics = nominal_intrinsics(image_size)
-        design = design_about(
+        design = _design_about(
             _NOMINAL_MODEL, intrinsics, image_size, _NOMINAL_SIGMA_PX, BoardShape.flat(corner_points(spec))
         )
         usable = usable_views(views, corner_points(spec), MIN_CORNERS)[0] if views else []

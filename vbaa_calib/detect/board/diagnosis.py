@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 
 from targets.board import DICTIONARIES, DICTIONARY_SIZES, BoardSpec, spec_line
+from vbaa_calib.core.errors import Diagnosis
 
 MIRRORED = "the markers are found only in the mirror image (the pictures are mirrored: mirror them back)"
 _NEGATIVE = "the markers are found only with black and white exchanged (the board is a negative: print it anew)"
@@ -182,14 +183,6 @@ def _vacant_below(picture: Markers, layout: _MarkerLayout, row: int, image_size:
     return vacant
 
 
-@dataclass(frozen=True)
-class _Mismatch:
-    """Causes in words, and a remedy: the fitting spec as a line of YAML, if there is one."""
-
-    causes: tuple[str, ...]
-    remedy: str
-
-
 @dataclass(frozen=True, eq=False)
 class _Sighting:
     """Markers per picture that agree on a layout, and how the pictures are mirrored or inverted ("" for not)."""
@@ -202,7 +195,7 @@ class _Sighting:
 
 def explain_mismatch(
     read: Callable[[int], np.ndarray], markers: Sequence[Markers], spec: BoardSpec, found: bool
-) -> _Mismatch | None:
+) -> Diagnosis | None:
     """What is wrong with the spec; None if nothing is, or if that cannot be determined.
 
     Parameters
@@ -284,13 +277,13 @@ def _find_markers(picture: np.ndarray, dictionary: str) -> Markers:
     return Markers(found, np.asarray(outlines, float).reshape(-1, 4, 2))
 
 
-def _compared(sighting: _Sighting, spec: BoardSpec) -> _Mismatch | None:
+def _compared(sighting: _Sighting, spec: BoardSpec) -> Diagnosis | None:
     """How the board in the pictures differs from the spec."""
     fitting = _fitting_spec(sighting, spec)
     if fitting is None:
         turned = (sighting.turned,) if sighting.turned else ()
         remedy = f"print a board whose markers are of one of {DICTIONARIES[0]} … {DICTIONARIES[-1]}"
-        return _Mismatch((*turned, f"its markers are of {sighting.dictionary}"), remedy)
+        return _mismatch((*turned, f"its markers are of {sighting.dictionary}"), remedy)
     legacy, named = (str(each.legacy_pattern).lower() for each in (fitting, spec))
     ratios = f"{sighting.layout.ratio:.2f} of a square, not {spec.marker_m / spec.square_m:.2f}"
     counts, exchanged = (spec.squares_x, spec.squares_y), (spec.squares_y, spec.squares_x)
@@ -304,7 +297,12 @@ def _compared(sighting: _Sighting, spec: BoardSpec) -> _Mismatch | None:
         (fitting.marker_m != spec.marker_m, f"marker_m: {fitting.marker_m:g} (markers measure {ratios})"),
     )
     causes = tuple(words for differs, words in differences if differs)
-    return _Mismatch(causes, f"this board fits: {spec_line(fitting)}") if causes else None
+    return _mismatch(causes, f"this board fits: {spec_line(fitting)}") if causes else None
+
+
+def _mismatch(causes: tuple[str, ...], remedy: str) -> Diagnosis:
+    name = "mirrored_picture" if causes == (MIRRORED,) else "wrong_board"
+    return Diagnosis(name, ", ".join(causes), remedy, "wrong")
 
 
 def _fitting_spec(sighting: _Sighting, spec: BoardSpec) -> BoardSpec | None:
