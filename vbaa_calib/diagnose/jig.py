@@ -53,6 +53,7 @@ class _JigSettings:
     rounds: int = 4  # in which its turn is estimated
     length: float = 0.02  # the same of the antenna's length, relative
     scattered: float = 2.0  # scatter of the lines, over their own, up to which they fit
+    most_cost: float = 50.0  # of the priors, that a hypothesis may leave: other things may be wrong besides
     least_cost: float = 8.0  # of the priors, half their χ², from which another explanation is looked for
 
 
@@ -98,15 +99,11 @@ class JigEvidence:
 
     def estimate(self, case: _Case) -> PoseEstimate:
         """The camera's pose in the antenna's pictures, by the jig."""
-        session = self.session
-        std = session.jig_translation_std_m, session.jig_rotation_std_rad
+        std = self.session.jig_translation_std_m, self.session.jig_rotation_std_rad
         found = jig_estimate(self.board, case.T_antenna_board, *std)
-        rotation = found.T_antenna_camera.rotation
-        turn, move = case.turn_rad**2 * np.eye(3), case.move_m**2 * rotation @ rotation.T
-        if case.other is None:
-            move = move + case.offset_m**2 * np.eye(3)
-        covariance = found.covariance + np.block([[turn, np.zeros((3, 3))], [np.zeros((3, 3)), move]])
-        return self._before(case, replace(found, covariance=covariance))
+        moved = np.hypot(case.move_m, case.offset_m if case.other is None else 0.0)
+        spread = np.diag(np.repeat([case.turn_rad, moved], 3) ** 2)
+        return self._before(case, replace(found, covariance=found.covariance + spread))
 
     def _before(self, case: _Case, found: PoseEstimate) -> PoseEstimate:
         """An estimate by pictures of the board, which were taken before a change of the focal length."""
@@ -234,8 +231,7 @@ class JigEvidence:
         _, problem, solution = self.solved(self.reported, lines, scale)
         if problem is None or solution is None or scale > self.limits.scattered * self.limits.correlated:
             return False
-        priors = solution.residuals[len(solution.residuals) - solution.certain :]
-        return 0.5 * float(priors @ priors) < self.limits.least_cost
+        return _cost_of_priors(solution) < self.limits.least_cost
 
     @cached_property
     def seen(self) -> tuple[Sequence[Observation], float, float]:
@@ -284,6 +280,9 @@ class JigEvidence:
         if case.loads_rad:
             return self._turned_before_loads(case)
         evidence, problem, solution = self.solved(case, lines, scale)
+        if solution is not None and _cost_of_priors(solution) > self.limits.most_cost:
+            # a line that is somewhere else under every hypothesis is not the antenna
+            evidence = -self.limits.lost
         words = case.words
         if "{}" in words:
             words = words.format(self._value(case, problem, solution) if problem or self.others else "an amount")
@@ -368,6 +367,12 @@ class JigEvidence:
             return "the antenna would be outside the picture"
         apart = np.linalg.norm(lines[0].points_px[:, None] - pixels[seen][None], axis=2).min(axis=1)
         return f"the antenna would lie {float(np.median(apart)):.0f} px beside where the pictures show it"
+
+
+def _cost_of_priors(solution: Linearised) -> float:
+    """Half the χ² of what was known before."""
+    priors = solution.residuals[len(solution.residuals) - solution.certain :]
+    return 0.5 * float(priors @ priors)
 
 
 def _some(lines: Sequence[Observation], count: int, loaded: bool) -> list[Observation]:
