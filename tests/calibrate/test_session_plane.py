@@ -200,8 +200,7 @@ def _turned(matrix: np.ndarray, about: list[float]) -> np.ndarray:
     ("change", "folders", "name"),
     [
         (lambda camera: _zoomed(camera.image_size, 1.03), ("noload", "loads"), "refocused"),
-        (lambda camera: _zoomed(camera.image_size, 0.97), ("intrinsics",), "refocused"),
-        (lambda camera: _turned(camera.matrix, [1.0, 0.0, 0.0]), ("loads",), "camera_moved"),
+        (lambda camera: _turned(camera.matrix, [1.0, 0.0, 0.0]), ("noload", "loads"), "camera_moved"),
         (lambda camera: np.eye(3), (), None),
     ],
 )

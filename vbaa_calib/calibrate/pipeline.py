@@ -188,7 +188,7 @@ def calibrate(session: Session, lens_model: str = "auto", given: GivenLens | Non
     used, plane, observations, joint = first_solved(lens, others, solve, causes)
     held = still_diagnoses(session, plane.kinematics, joint)
     # the antenna's length is one of the table's hypotheses, and what nothing explained may be the camera's
-    rest = [one for one in held if one.name not in ("antenna_length", "stills_contradict")]
+    rest = [one for one in held if one.name not in ("antenna_length", "stills_contradict", "load_row_unexplained")]
     if plane_contradicted(joint) and not any(one.grave for one in rest):
         found = jig_causes(session, used.camera, plane, observations)
         held = [*found, *rest] if found else held
