@@ -8,7 +8,7 @@ import numpy as np
 
 from benchmarks.board_faults import SCATTERED, VIEW, Corners, spoilt
 from targets.board import BoardSpec, corner_points
-from vbaa_calib.calibrate.lens.bundle import Bundle, Observation, refine
+from vbaa_calib.calibrate.lens.bundle import BoardCorners, Bundle, refine
 from vbaa_calib.calibrate.lens.models import LENS_MODELS, PROJECTIONS, LensModel, camera_of
 from vbaa_calib.camera import Camera
 from vbaa_calib.detect.board.corners import BoardView
@@ -230,7 +230,7 @@ def on_plane(points_m: np.ndarray) -> np.ndarray:
 
 def jig_pose(camera: Camera, start: Pose, points_m: np.ndarray, pixels: np.ndarray) -> Pose:
     """T_camera_plane as this camera has it, by points (M, 2) of the plane exactly seen at pixels (M, 2)."""
-    return pose_by(camera, start, Observation(on_plane(points_m), pixels))
+    return pose_by(camera, start, BoardCorners(on_plane(points_m), pixels))
 
 
 def rms_on_plane_mm(camera: Camera, T_camera_plane: Pose, points_m: np.ndarray, pixels: np.ndarray) -> float:
@@ -250,7 +250,7 @@ def offsets_on_plane_m(camera: Camera, T_camera_plane: Pose, points_m: np.ndarra
     return off * np.minimum(_NOWHERE_M / np.maximum(np.linalg.norm(off, axis=1), _NOWHERE_M), 1.0)[:, None]
 
 
-def pose_by(camera: Camera, start: Pose, board: Observation) -> Pose:
+def pose_by(camera: Camera, start: Pose, board: BoardCorners) -> Pose:
     """T_camera_board as this camera has it, by corners exactly seen."""
     model = LensModel("any", camera.model, len(camera.distortion), (), None)
     pose = refine(Bundle.start(model, camera.parameters, start.vector[None]).poses_only, [board]).poses[0]

@@ -18,7 +18,7 @@ import numpy as np
 
 from benchmarks.boards import Draw
 from targets.board import corner_points
-from vbaa_calib.calibrate.lens.bundle import Bundle, Observation, refine
+from vbaa_calib.calibrate.lens.bundle import BoardCorners, Bundle, refine
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution, solve_intrinsics
 from vbaa_calib.calibrate.lens.models import LENS_MODELS, camera_of
 from vbaa_calib.camera import Camera
@@ -66,7 +66,7 @@ def solve_oracle(given: Draw) -> Camera:
     """Least squares from the true start, outliers and the board's true shape known."""
     rig, points = given.rig, given.rig.board_points_m
     seen = [
-        Observation(points[view.ids[good]], view.corners_px[good])
+        BoardCorners(points[view.ids[good]], view.corners_px[good])
         for view, good in zip(given.views, given.good, strict=True)
     ]
     fixed = [len(view.pixels) >= _LEAST_CORNERS for view in seen]

@@ -18,7 +18,7 @@ from vbaa_calib.calibrate.guide.suggestion import (
 )
 from vbaa_calib.calibrate.guide.view_uncertainty import WorkPlane
 from vbaa_calib.calibrate.lens.board_shape import BoardShape
-from vbaa_calib.calibrate.lens.bundle import Observation
+from vbaa_calib.calibrate.lens.bundle import BoardCorners
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution
 from vbaa_calib.calibrate.pose.board_pose import solve_board_pose, start_poses
 from vbaa_calib.camera import Camera
@@ -80,7 +80,7 @@ def true_error_mm(camera: Camera, rig: Rig, board_pose: Pose | None = None) -> f
     if board_pose is None:
         points = corner_points(rig.board)
         corners, shown = _seen(truth, true_board @ points)
-        board_pose = pose_by(camera, true_board, Observation(points[shown], corners[shown]))
+        board_pose = pose_by(camera, true_board, BoardCorners(points[shown], corners[shown]))
     T_camera_plane = board_pose @ true_board.inverse() @ plane.T_camera_plane
     return rms_on_plane_mm(camera, T_camera_plane, plane.points[inside], pixels[inside])
 

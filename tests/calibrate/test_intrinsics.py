@@ -12,7 +12,7 @@ import pytest
 
 from targets.board import corner_points
 from vbaa_calib.calibrate.lens.board_shape import SHAPE
-from vbaa_calib.calibrate.lens.bundle import Bundle, Observation, refine
+from vbaa_calib.calibrate.lens.bundle import BoardCorners, Bundle, refine
 from vbaa_calib.calibrate.lens.information import information, observations_of
 from vbaa_calib.calibrate.lens.initialization import rough_lens
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution, solve_intrinsics
@@ -137,10 +137,10 @@ def test_predicted_standard_deviations_are_those_of_repeated_noise() -> None:
     rng, model, truth = np.random.default_rng(4), LENS_MODELS[name], LENSES[name]
     exact = solve_intrinsics(views_through(name, seed=5, count=10), SPEC, name)
     poses = np.array([[*v.T_camera_board.rotvec_rad, *v.T_camera_board.translation_m] for v in exact.views])
-    clean = [Observation(corner_points(SPEC)[v.ids], v.corners_px) for v in views_through(name, seed=5, count=10)]
+    clean = [BoardCorners(corner_points(SPEC)[v.ids], v.corners_px) for v in views_through(name, seed=5, count=10)]
     draws, predicted = [], []
     for _ in range(120):
-        noisy = [Observation(v.points_m, v.pixels + 0.2 * rng.normal(size=v.pixels.shape)) for v in clean]
+        noisy = [BoardCorners(v.points_m, v.pixels + 0.2 * rng.normal(size=v.pixels.shape)) for v in clean]
         bundle = refine(Bundle.start(model, truth, poses), noisy)
         known = information(bundle, noisy)
         draws.append(bundle.intrinsics)

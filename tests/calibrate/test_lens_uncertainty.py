@@ -12,14 +12,14 @@ from benchmarks.boards import BOARD, draw, rigs
 from benchmarks.calibration.methods import solve_ours
 from targets.board import corner_points
 from vbaa_calib.calibrate.lens.board_shape import SHAPE
-from vbaa_calib.calibrate.lens.bundle import Bundle, Observation, refine
+from vbaa_calib.calibrate.lens.bundle import BoardCorners, Bundle, refine
 from vbaa_calib.calibrate.lens.information import (
     AGREE,
-    compare_split_half,
-    held_out_squares,
+    _compare_split_half,
+    _held_out_squares,
+    _solved_squares,
     information,
     observations_of,
-    solved_squares,
 )
 from vbaa_calib.calibrate.lens.models import LENS_MODELS, camera_of
 from vbaa_calib.calibrate.lens.uncertainty import (
@@ -42,7 +42,7 @@ def solved(seed: int, count: int):
     found, covariances = [], []
     for _ in range(count):
         noisy = [
-            Observation(view.points_m, pixels + 0.15 * rng.normal(size=pixels.shape))
+            BoardCorners(view.points_m, pixels + 0.15 * rng.normal(size=pixels.shape))
             for view, pixels in zip(views, clean, strict=True)
         ]
         # poses solved for the noisy corners: the exact ones would be the truth only where no corner moved
@@ -85,12 +85,12 @@ def test_pixels_without_a_ray_have_no_uncertainty() -> None:
     assert np.isfinite(std[6, 8])
 
 
-def halves_of(views: list[Observation], poses: np.ndarray) -> tuple[float | None, float | None]:
+def halves_of(views: list[BoardCorners], poses: np.ndarray) -> tuple[float | None, float | None]:
     """Deviations and p-value."""
     bundle = refine(Bundle.start(RIG.model, RIG.intrinsics, poses), views)
     known = information(bundle, views)
     assert known is not None
-    return compare_split_half(RIG.model, bundle.intrinsics, known, RIG.image_size)
+    return _compare_split_half(RIG.model, bundle.intrinsics, known, RIG.image_size)
 
 
 def test_halves_of_two_cameras_do_not_agree() -> None:
@@ -100,7 +100,7 @@ def test_halves_of_two_cameras_do_not_agree() -> None:
     deviations, p_value = halves_of(views, given.poses)
     assert p_value > AGREE
     zoomed = [
-        view if index % 2 else Observation(view.points_m, view.pixels + 6e-3 * (view.pixels - RIG.intrinsics[2:4]))
+        view if index % 2 else BoardCorners(view.points_m, view.pixels + 6e-3 * (view.pixels - RIG.intrinsics[2:4]))
         for index, view in enumerate(views)
     ]
     spoilt, chance = halves_of(zoomed, given.poses)
@@ -128,9 +128,9 @@ def test_one_step_tells_what_views_left_out_would_be_missed_by(index: int) -> No
     views = observations_of(given.views, POINTS)
     bundle = refine(Bundle.start(rig.model, rig.intrinsics, given.poses), views)
     known = information(bundle, views)
-    anew = solved_squares(bundle, views)
+    anew = _solved_squares(bundle, views)
     assert anew.sum() > known.squares.sum()
-    chosen = held_out_squares(bundle, views, known)
+    chosen = _held_out_squares(bundle, views, known)
     np.testing.assert_allclose(chosen, anew, rtol=0.02)
 
 

@@ -11,25 +11,25 @@ from benchmarks.guided.rigs import Rig, true_error_mm
 from targets.board import corner_points
 from vbaa_calib.calibrate.guide.next_view import lens_progress
 from vbaa_calib.calibrate.guide.suggestion import (
+    _coarse_poses,
+    _tilt_words,
+    _view_candidates,
     best_next,
-    coarse_poses,
     pose_match,
     seen_as,
-    tilt_words,
-    view_candidates,
 )
 from vbaa_calib.calibrate.guide.view_uncertainty import (
     LensDesign,
     LensInformation,
     WorkPlane,
+    _design_about,
     bias_square,
-    design_about,
     mean_square,
     plane_sensitivity,
     view_blocks,
 )
 from vbaa_calib.calibrate.lens.board_shape import SHAPE, BoardShape, deformations
-from vbaa_calib.calibrate.lens.bundle import Bundle, Observation
+from vbaa_calib.calibrate.lens.bundle import BoardCorners, Bundle
 from vbaa_calib.calibrate.lens.information import information
 from vbaa_calib.calibrate.lens.intrinsics import solve_intrinsics
 from vbaa_calib.calibrate.lens.models import LENS_MODELS, camera_of
@@ -55,7 +55,7 @@ def views(count: int, seed: int = 0, sigma_px: float = 0.1):
 
 
 def design(sigma_px: float = 0.1) -> LensDesign:
-    return design_about("opencv4", INTRINSICS, SIZE, sigma_px, BoardShape.flat(corner_points(SPEC)))
+    return _design_about("opencv4", INTRINSICS, SIZE, sigma_px, BoardShape.flat(corner_points(SPEC)))
 
 
 def test_functional_is_what_a_wrong_lens_does_after_the_jig_is_solved_again():
@@ -73,7 +73,7 @@ def test_blocks_are_the_information_of_the_solve():
     made, poses = views(6)
     own = design()
     own = replace(own, scale=own.scale[:, :-SHAPE])
-    observations = [Observation(corner_points(SPEC)[view.ids], view.corners_px) for view in made]
+    observations = [BoardCorners(corner_points(SPEC)[view.ids], view.corners_px) for view in made]
     bundle = Bundle.start(MODEL, INTRINSICS, np.array([pose.vector for pose in poses]))
     solved = information(bundle, observations)
     blocks, _ = view_blocks(own, bundle.poses, observations)
@@ -86,10 +86,10 @@ def test_another_picture_never_harms_and_the_suggested_one_is_best_of_the_set():
     made, _ = views(5)
     known = LensInformation.of(solve_intrinsics(made, SPEC, "opencv5"), made, SPEC)
     functional = plane_sensitivity(known.design, PLANE, SPEC)
-    found = view_candidates(known.design, SPEC, coarse_poses(known.design, SPEC, 0.24, 0.6))
+    found = _view_candidates(known.design, SPEC, _coarse_poses(known.design, SPEC, 0.24, 0.6))
     poses = np.array([candidate.T_camera_board.vector for candidate in found])
     observations = [
-        Observation(corner_points(SPEC)[c.ids], np.zeros((len(c.ids), 2)), deformations(corner_points(SPEC))[c.ids])
+        BoardCorners(corner_points(SPEC)[c.ids], np.zeros((len(c.ids), 2)), deformations(corner_points(SPEC))[c.ids])
         for c in found
     ]
     after = np.sqrt(mean_square(functional, known.information + view_blocks(known.design, poses, observations)[0]))
@@ -155,7 +155,7 @@ def test_the_edge_named_is_the_one_that_is_farther(direction, words):
             pose = tilted(axis, (0.0, 0.0, 0.3))
             seen = seen_as(CAMERA, pose, SPEC)
             far = pose.rotation @ (np.array([*direction, 0.0]) * 0.05)
-            assert (words in tilt_words(seen)) == (far[2] > 0.01)
+            assert (words in _tilt_words(seen)) == (far[2] > 0.01)
             assert seen.tilt_rad == pytest.approx(0.6)
 
 

@@ -12,7 +12,7 @@ from benchmarks.boards import BOARD, Rig, draw, error_mm, rigs
 from benchmarks.calibration.methods import kept_corners, screening, solve_oracle, solve_ours
 from targets.board import corner_points
 from vbaa_calib.calibrate.lens.board_shape import ShapePrior, deformations
-from vbaa_calib.calibrate.lens.bundle import Bundle, Observation, refine, rows
+from vbaa_calib.calibrate.lens.bundle import BoardCorners, Bundle, refine, rows
 from vbaa_calib.calibrate.lens.homography import homography
 from vbaa_calib.calibrate.lens.information import information, observations_of
 from vbaa_calib.calibrate.lens.initialization import rough_lens, unfolded, widened
@@ -80,7 +80,7 @@ def test_the_shape_scatters_as_predicted() -> None:
     found, predicted = [], []
     for _ in range(60):
         noisy = [
-            Observation(v.points_m, pixels + 0.15 * rng.normal(size=pixels.shape), v.deformation)
+            BoardCorners(v.points_m, pixels + 0.15 * rng.normal(size=pixels.shape), v.deformation)
             for v, pixels in zip(clean, base, strict=True)
         ]
         bundle = refine(start.freed(square_pixels=False, prior=WIDE_PRIOR), noisy)
@@ -110,7 +110,7 @@ def test_corners_and_slopes_are_opencvs(model: LensModel) -> None:
     intrinsics = np.array([900.0, 880.0, 640.0, 350.0, *0.04 * rng.normal(size=model.distortion_count)])
     poses = np.array([[0.2, -0.3, 0.1, -0.1, -0.05, 0.6], [-0.4, 0.1, 1.5, 0.05, 0.0, 0.4]])
     shape = np.array([2e-3, -1e-3, 1e-3, 5e-3, -3e-3])
-    seen = [Observation(POINTS, np.zeros((len(POINTS), 2)), deformations(POINTS))] * 2
+    seen = [BoardCorners(POINTS, np.zeros((len(POINTS), 2)), deformations(POINTS))] * 2
     bundle = Bundle(model, intrinsics, poses, np.zeros((0, 0)), shape=shape)
     residuals, by_shared, by_pose, bounds = rows(bundle, seen)
     bent = POINTS + deformations(POINTS) @ shape

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from vbaa_calib.calibrate.plane_c import corner_bias
+from vbaa_calib.calibrate.plane_c import _corner_bias
 from vbaa_calib.calibrate.pose.fusion import inflated
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.core.robust import chi_square
@@ -32,7 +32,7 @@ VIEWS = {
 def nees(scene: Shown, **changes: object) -> float:
     """Squared error of the pose over its covariance, with the corners' common shift in it: 6 on average."""
     estimate = scene.solved(**changes)
-    estimate = inflated(estimate, *corner_bias(estimate, scene.camera))
+    estimate = inflated(estimate, *_corner_bias(estimate, scene.camera))
     step = estimate.T_antenna_camera.tangent_from(scene.truth)
     return chi_square(step, estimate.covariance)
 

@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 
 from vbaa_calib.calibrate.check.assessment import Assessment, NewPictures, assess
-from vbaa_calib.calibrate.check.change import Information, estimate_change
 from vbaa_calib.calibrate.check.finding import Evidence, Finding
-from vbaa_calib.calibrate.check.rig import plane_map
+from vbaa_calib.calibrate.check.rig import _plane_map
 from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.least_squares import change_test, products
 from vbaa_calib.rig import Rig
 from vbaa_calib.simulate.write import session_yaml
 
@@ -92,12 +92,12 @@ def test_unknowns_of_the_data_alone_are_what_further_parameters_would_be() -> No
     """Data with unknowns of their own say what all say together when those are solved for, known to one deviation."""
     rng = np.random.default_rng(5)
     jacobian, residuals, unknown = rng.normal(size=(40, 3)), rng.normal(size=40), 3.0 * rng.normal(size=(40, 2))
-    found = Information.of(jacobian, residuals, unknown)
+    found = products(jacobian, residuals, unknown)
     whole = np.vstack([np.hstack([jacobian, unknown]), np.hstack([np.zeros((2, 3)), np.eye(2)])])
     right = np.concatenate([residuals, [0.0, 0.0]])
-    np.testing.assert_allclose(np.linalg.inv(found.matrix), np.linalg.inv(whole.T @ whole)[:3, :3], rtol=1e-9)
+    np.testing.assert_allclose(np.linalg.inv(found[:3, :3]), np.linalg.inv(whole.T @ whole)[:3, :3], rtol=1e-9)
     step = np.linalg.lstsq(whole, right, rcond=None)[0][:3]
-    np.testing.assert_allclose(np.linalg.solve(found.matrix, found.score), step, rtol=1e-9)
+    np.testing.assert_allclose(np.linalg.solve(found[:3, :3], found[:3, 3]), step, rtol=1e-9)
 
 
 def test_the_map_on_plane_c_is_what_sampling_gives() -> None:
@@ -111,7 +111,7 @@ def test_the_map_on_plane_c_is_what_sampling_gives() -> None:
     jacobian = rig.camera_on_plane().calibration_jacobian(pixels)
     own = jacobian @ covariance @ np.swapaxes(jacobian, -1, -2)
     np.testing.assert_allclose(worst_std, np.sqrt(np.linalg.eigvalsh(own)[:, -1]), rtol=0.12)
-    grid_px, std_mm = plane_map(rig)
+    grid_px, std_mm = _plane_map(rig)
     row, column = 18, 24
     again = rig.camera_on_plane().calibration_jacobian(grid_px[row, column][None])[0]
     expected = 1e3 * np.sqrt(np.linalg.eigvalsh(again @ covariance @ again.T)[-1])
@@ -134,19 +134,19 @@ def test_a_change_is_estimated_as_plain_least_squares_does_it() -> None:
     distances = []
     for _ in range(300):
         residuals = jacobian @ (root @ rng.normal(size=5)) + rng.normal(size=40)
-        found = estimate_change(Information.of(jacobian, residuals), covariance, wanted, scale)
+        found = change_test(products(jacobian, residuals), covariance, wanted, scale)
         design = np.linalg.solve(whole, jacobian[:, wanted])
         expected = np.linalg.solve(jacobian[:, wanted].T @ design, design.T @ residuals)
-        np.testing.assert_allclose(found.step, expected, rtol=1e-6, atol=1e-9)
+        np.testing.assert_allclose(found.values, expected, rtol=1e-6, atol=1e-9)
         distances.append(found.distance_std**2)
     np.testing.assert_allclose(found.covariance, np.linalg.inv(jacobian[:, wanted].T @ design), rtol=1e-6)
     assert found.freedom == 2
     # χ² with two degrees of freedom has the mean 2; its mean over 300 draws scatters by 0.12
     assert np.mean(distances) == pytest.approx(2.0, abs=0.45)
-    free = estimate_change(Information.of(jacobian, residuals), covariance, wanted, scale, (4,))
+    free = change_test(products(jacobian, residuals), covariance, wanted, scale, (4,))
     design = np.linalg.solve(np.eye(40) + jacobian @ loosened @ jacobian.T, jacobian[:, wanted])
     expected = np.linalg.solve(jacobian[:, wanted].T @ design, design.T @ residuals)
-    np.testing.assert_allclose(free.step, expected, rtol=1e-5)
+    np.testing.assert_allclose(free.values, expected, rtol=1e-5)
 
 
 def test_a_difference_counts_only_when_improbable_and_large() -> None:

@@ -17,7 +17,7 @@ from vbaa_calib.calibrate.lens.intrinsics import solve_intrinsics
 from vbaa_calib.core.errors import InputError
 from vbaa_calib.detect.board.circles import circle_centres
 from vbaa_calib.detect.board.corners import BoardView, detect_corners, detect_files, detect_folder
-from vbaa_calib.detect.board.grids import find_grid, grid_readings
+from vbaa_calib.detect.board.grids import _grid_readings, find_grid
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
 ENDOSCOPE, LAPAROSCOPE = DATA / "ucl_axis_tests_charuco" / "ExtractedFrames_L", DATA / "ucl_laparoscope_chess_points"
@@ -70,7 +70,7 @@ def test_readings_are_the_symmetries_of_the_board() -> None:
         replace(ASYMMETRIC, rows=6): 2,
     }
     for spec, count in expected.items():
-        readings = grid_readings(spec)
+        readings = _grid_readings(spec)
         assert len(readings) == len({tuple(order) for order in readings.tolist()}) == count
         assert (np.sort(readings, axis=1) == np.arange(spec.corner_count)).all()
 

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from targets.board import BoardSpec, opencv_board
 from vbaa_calib.detect.over_board.line import BoardLine, LineEnd, PlaneAbove, find_over_board
-from vbaa_calib.detect.over_board.profile import Paint, Profiles, board_picture, fit, pattern_texture
+from vbaa_calib.detect.over_board.profile import Paint, Profiles, _pattern_texture, board_picture, fit
 
 from ..over_scenes import View, shown
 
@@ -45,7 +45,7 @@ def aside(line: BoardLine, truth: np.ndarray) -> np.ndarray:
     ],
 )
 def test_the_texture_is_the_board_that_opencv_prints(spec: BoardSpec) -> None:
-    ours = pattern_texture(spec, 96)
+    ours = _pattern_texture(spec, 96)
     printed = opencv_board(spec).generateImage(ours.shape[::-1], marginSize=0, borderBits=1) / 255.0
     assert ours.shape == (96 * spec.squares_y, 96 * spec.squares_x)
     # they may differ where a marker's bits begin, by a texel

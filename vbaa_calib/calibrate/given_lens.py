@@ -18,14 +18,14 @@ from vbaa_calib.core.files import read_json, sha256
 from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.geometry.independent_axes import independent_axes
 
-from .check.boards import check_lens
+from .check.boards import FOCUS, check_lens
 from .check.finding import FAILS, HOLDS, Evidence
 from .check.rig import at
 from .lens.board_shape import BoardShape
 from .lens.intrinsics import LensSolution
 from .lens.models import LENS_MODELS, LensModel, is_monotonic
 from .lens.uncertainty import compensate, is_covered, pixel_grid, projection_jacobian
-from .lens.verdict import Verdict
+from .lens.verdict import LensVerdict
 from .lens_from_views import solve_lens
 
 _FOCAL_STD, _ASPECT_STD, _CENTRE_PER_WIDTH, _CORNER_PER_WIDTH = 0.003, 0.001, 0.0025, 0.0008
@@ -160,17 +160,30 @@ def given_solution(
         except VbaaError as error:
             words = f"The pictures of the board cannot test it: {error}."
         reasons.append(words)
-    if placed and not any(one.name == _CONTRADICTED for one in found):
-        focus = next(one for one in check_lens(given.camera, placed, shape, None).findings if one.name == "lens_focus")
-        if focus.is_bad:
-            folders = " and ".join(f"{name}/" for name in dict.fromkeys(folder for folder, _ in placed))
-            off = focus.evidence
-            size = "" if off is None else f": {off.size:.2g} px over the picture, {off.distance_std:.0f} deviations"
-            words = f"{given.path.name} is contradicted by the board in {folders}{size}"
-            remedy = "take the file of this lens as it is focused now, or calibrate it again"
-            found.append(Diagnosis(_CONTRADICTED, words, remedy, "wrong" if focus.level == FAILS else "doubt"))
-    verdict = Verdict((), tuple(reasons)).with_diagnoses(found)
+    if not any(one.name == _CONTRADICTED for one in found):
+        words, remedy = f"{given.path.name} is contradicted by", "take the file of this lens as it is focused now"
+        found += focus_changed(given.camera, placed, shape, Diagnosis(_CONTRADICTED, words, remedy))
+    verdict = LensVerdict((), tuple(reasons)).with_diagnoses(found)
     return LensSolution(given.camera, _model_of(given.camera).name, shape, verdict)
+
+
+def focus_changed(
+    camera: Camera, placed: Sequence[tuple[str, BoardView]], shape: BoardShape, what: Diagnosis
+) -> list[Diagnosis]:
+    """Whether views of the board that show plane C, with their folders, contradict a lens: the diagnosis `what`, its
+    words continued."""
+    if not placed:
+        return []
+    focus = next(one for one in check_lens(camera, placed, shape, None).findings if one.name == "lens_focus")
+    if not focus.is_bad or focus.evidence is None:
+        return []
+    folders = " and ".join(f"{name}/" for name in dict.fromkeys(folder for folder, _ in placed))
+    size = f"{focus.evidence.size:.2g} px over the picture, {focus.evidence.distance_std:.0f} standard deviations"
+    severity: Severity = "wrong" if focus.level == FAILS else "doubt"
+    # one view determines a part of the numbers only
+    numbers = f" ({focus.words.partition(' against')[0]})" if focus.evidence.freedom == FOCUS else ""
+    words = f"{what.words} the board in {folders}: {size}{numbers}"
+    return [replace(what, words=words, remedy=f"{what.remedy}, or calibrate it again", severity=severity)]
 
 
 def _contradiction(given: GivenLens, own: LensSolution, views: Sequence[BoardView]) -> tuple[Diagnosis | None, str]:

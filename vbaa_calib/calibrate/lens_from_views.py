@@ -10,8 +10,8 @@ import numpy as np
 from targets.board import Board, BoardPoints, corner_points
 from vbaa_calib.core.errors import Diagnosis, InputError
 from vbaa_calib.detect.board.corners import BoardView
+from vbaa_calib.diagnose.boards import ViewSet, view_set_diagnoses
 
-from .faults.views import SetScores, clearest_change, set_scores, view_set_diagnoses
 from .lens.bundle import Bundle, refine
 from .lens.information import observations_of
 from .lens.initialization import reposed, robust_poses
@@ -105,19 +105,19 @@ def _outlier_view(
         usual = float(np.median([view.rms_px for view in solution.views]))
         words = f"its corners miss the lens by {worst.rms_px:.2f} px rms, those of the median view by {usual:.2f} px"
         return DroppedView(worst.name, words)
-    scores = set_scores(views, solution, spec)
-    if scores is None:
+    linear = ViewSet.of(views, solution, spec)
+    if linear is None:
         return None
     for parameter, name, scale, unit in (
-        (SetScores.FOCAL, "focal length", 100.0, "%"),
-        (SetScores.CENTRE_X, "centre", 1.0, "px in x"),
-        (SetScores.CENTRE_Y, "centre", 1.0, "px in y"),
+        (ViewSet.FOCAL, "focal length", 100.0, "%"),
+        (ViewSet.CENTRE_X, "centre", 1.0, "px in x"),
+        (ViewSet.CENTRE_Y, "centre", 1.0, "px in y"),
     ):
-        pattern, change = clearest_change(scores, parameter) or ("", None)
-        if change is not None and pattern == "single":
+        change = linear.clearest(parameter)
+        if change is not None and change.pattern == "single":
             by = f"{scale * change.size:+.2f} ± {scale * change.std:.2f} {unit}"
             words = f"its {name} differs from the other pictures' by {by}"
-            return DroppedView(scores.names[change.index], words)
+            return DroppedView(linear.names[change.first], words)
     return _bending_view(views, solution, spec, rules) if len(solution.views) >= rules.fewest_views else None
 
 

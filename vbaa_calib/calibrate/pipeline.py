@@ -25,12 +25,13 @@ from vbaa_calib.core.arrays import gate
 from vbaa_calib.core.errors import Diagnosis, InputError, SolveError, VbaaError, Verdict
 from vbaa_calib.core.images import SUFFIXES, list_images, picture_size
 from vbaa_calib.detect.board.corners import BoardView, detect_folder
+from vbaa_calib.diagnose.jig import plane_contradicted
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import Session, Still, check_pictures, read_loads, read_noload
 
 from .doubts import doubts
-from .given_lens import GivenLens, given_solution
-from .plane_c import PlaneC, find_plane, picture_folders, read_views
+from .given_lens import GivenLens, focus_changed, given_solution
+from .plane_c import PlaneC, because, find_plane, jig_causes, picture_folders, read_views
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,17 +152,23 @@ def calibrate(session: Session, lens_model: str = "auto", given: GivenLens | Non
     # plane C first: one picture shows whether the board is the one described
     views = read_views(session)
     lens_views = detect_folder(session.root / "intrinsics", session.board) if folders[0] == "intrinsics" else []
+    placed = [("plane", view) for view in views.jig or ()] + [("sweep", view) for view in views.sweep or ()]
     if given is None:
         lens = solve_lens(lens_views, session.board, lens_model)
+        words, remedy = "the lens of intrinsics/ is not that of", "take all pictures at one focus and zoom"
+        refocused = focus_changed(lens.camera, placed, lens.board_shape, Diagnosis("refocused", words, remedy))
+        lens = replace(lens, verdict=lens.verdict.with_diagnoses(one for one in refocused if one.grave))
     else:
-        placed = [("plane", view) for view in views.jig or ()] + [("sweep", view) for view in views.sweep or ()]
         lens = given_solution(given, lens_views, session.board, placed)
     begun: list[tuple[PlaneC, Sequence[Observation], Prior]] = []
 
     def solve(lens: LensSolution) -> tuple[LensSolution, PlaneC, Sequence[Observation], BundleAdjustment]:
         plane = find_plane(session, lens.camera, lens.board_shape, views)
         before = stills_prior(session, lens, plane)
-        observations = observe_stills(session, plane.kinematics, before)
+        try:
+            observations = observe_stills(session, plane.kinematics, before)
+        except InputError as error:
+            raise because(error, jig_causes(session, lens.camera, plane), session) from None
         begun.append((plane, observations, before))
         return lens, plane, observations, solve_antenna(session, observations, before)
 
@@ -169,6 +176,9 @@ def calibrate(session: Session, lens_model: str = "auto", given: GivenLens | Non
         if not begun:
             return ()
         plane, observations, before = begun[0]
+        # a pose that is wrong spoils all else
+        if found := jig_causes(session, lens.camera, plane):
+            raise because(SolveError("camera, antenna and sensor have no common solution"), found, session)
         return failure_causes(session, plane.kinematics, observations, before)
 
     def others() -> Iterable[LensSolution]:
@@ -177,6 +187,11 @@ def calibrate(session: Session, lens_model: str = "auto", given: GivenLens | Non
 
     used, plane, observations, joint = first_solved(lens, others, solve, causes)
     held = still_diagnoses(session, plane.kinematics, joint)
+    # the antenna's length is one of the table's hypotheses, and what nothing explained may be the camera's
+    rest = [one for one in held if one.name not in ("antenna_length", "stills_contradict", "load_row_unexplained")]
+    if plane_contradicted(joint) and not any(one.grave for one in rest):
+        found = jig_causes(session, used.camera, plane, observations)
+        held = [*found, *rest] if found else held
     rig = make_rig(session, plane.kinematics, joint, observations)
     made = Calibration(session, rig, used, plane, joint, check(joint), stills, tuple(held), given)
     return replace(made, rig=replace(rig, verdict=Verdict.of(doubts(made))))

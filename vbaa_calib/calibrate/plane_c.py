@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from targets.board import BoardSpec
+from vbaa_calib.calibrate.antenna.inputs import Observation
 from vbaa_calib.calibrate.antenna.session_rig import CLAMP_ANGLE_STD_RAD, CLAMP_OFFSET_STD_M
 from vbaa_calib.calibrate.lens.board_shape import BoardShape
 from vbaa_calib.calibrate.over_board.fit import OverSetup, nominal_free_antenna
@@ -17,13 +19,14 @@ from vbaa_calib.calibrate.pose.board_pose import BoardPose, jig_estimate, solve_
 from vbaa_calib.calibrate.pose.fusion import Difference, PoseEstimate, differences, fused, inflated, require_agreement
 from vbaa_calib.calibrate.pose.sweep import SweepSolution, solve_sweep
 from vbaa_calib.camera import Camera
-from vbaa_calib.core.errors import InputError
+from vbaa_calib.core.errors import Diagnosis, InputError, VbaaError
 from vbaa_calib.core.images import list_images, read_gray
 from vbaa_calib.detect.board.corners import BoardView, detect_files, detect_folder
 from vbaa_calib.detect.over_board.line import LineEnd
+from vbaa_calib.diagnose.jig import JigEvidence, jig_diagnoses
 from vbaa_calib.geometry import Kinematics
 from vbaa_calib.geometry.independent_axes import conditioned
-from vbaa_calib.session import OverBoard, Session, has_over, has_sweep, read_sweep
+from vbaa_calib.session import OverBoard, Session, Still, has_over, has_sweep, read_noload, read_sweep
 
 _CORNER_BIAS_PX = 0.02
 """How far all corners may lie to one side of the antenna's centrelines: the board is measured on edges, the antenna on
@@ -131,22 +134,65 @@ def find_plane(session: Session, camera: Camera, board: BoardShape, views: Plane
         )
         estimates.append(sweep.estimate)
     if views.over is not None and session.over is not None:
-        said = session.over
-        rotation = session.kinematics.T_world_antenna(said.pan_rad, said.tilt_rad).rotation
+        setting = session.over
+        rotation = session.kinematics.T_world_antenna(setting.pan_rad, setting.tilt_rad).rotation
         antenna = nominal_free_antenna(session.antenna, rotation.T @ session.gravity_world_m_s2)
-        mark = None if said.clamp_px is None else LineEnd(np.array(said.clamp_px), said.clamp_std_px)
-        setup = OverSetup(session.board, camera, antenna, said.height_m, said.height_std_m, mark)
+        mark = None if setting.clamp_px is None else LineEnd(np.array(setting.clamp_px), setting.clamp_std_px)
+        setup = OverSetup(session.board, camera, antenna, setting.height_m, setting.height_std_m, mark)
         estimate, over = solve_over_board(views.over, setup, fused(estimates) if estimates else None)
         doubt = _clamp_doubt(estimate, session.over, session.board)
         estimates.append(inflated(estimate, *doubt) if estimates else estimate)
-    estimates = [inflated(estimate, *corner_bias(estimate, camera)) for estimate in estimates]
+    estimates = [inflated(estimate, *_corner_bias(estimate, camera)) for estimate in estimates]
     # both rulers say which side of a stretched print is right
     unread = board.scale_doubt if session.board.stretch_std is None else 0.0
     scale_std = float(np.hypot(session.print_scale_std, unread))
     estimates = [inflated(estimate, *_print_doubt(estimate, session, scale_std)) for estimate in estimates]
     apart = differences(estimates, np.zeros((0, 0)) if camera.covariance is None else camera.covariance)
-    require_agreement(apart, session.root)
+    _require_agreement(apart, session, camera, jig, [one for one in estimates if one.way != "jig"])
     return PlaneC(tuple(estimates), tuple(apart), jig, sweep, over, _kinematics(session, sweep, estimates))
+
+
+def _require_agreement(
+    apart: Sequence[Difference], session: Session, camera: Camera, jig: BoardPose | None, others: Sequence[PoseEstimate]
+) -> None:
+    """Raises InputError where estimates contradict each other, with what explains it, as far as the jig can."""
+    try:
+        require_agreement(apart, session.root)
+    except InputError as error:
+        evidence = _jig_evidence(session, camera, jig, others)
+        found = [] if evidence is None else jig_diagnoses(evidence)
+        named = [replace(one, words=f"{error.what}: {one.words}") for one in found]
+        raise because(error, named, session) from None
+
+
+def _jig_evidence(
+    session: Session, camera: Camera, jig: BoardPose | None, others: Sequence[PoseEstimate] = ()
+) -> JigEvidence | None:
+    """What shows whether the jig is where session.yaml has it; None without a jig."""
+    if jig is None or session.T_antenna_board is None:
+        return None
+    free: Sequence[Still] = ()
+    with suppress(InputError):
+        free = read_noload(session)
+    return JigEvidence(session, camera, jig, others, free)
+
+
+def jig_causes(
+    session: Session, camera: Camera, plane: PlaneC, lines: Sequence[Observation] | None = None
+) -> list[Diagnosis]:
+    """What is wrong with the jig, or changed since its picture, by where the antenna lies; empty without a jig.
+
+    lines : of the antenna, with and without loads; None: the free antenna is searched for where each cause puts it.
+    """
+    evidence = _jig_evidence(session, camera, plane.jig, [one for one in plane.estimates if one.way != "jig"])
+    return [] if evidence is None else jig_diagnoses(replace(evidence, lines=lines))
+
+
+def because(error: VbaaError, found: Sequence[Diagnosis], session: Session) -> VbaaError:
+    """The error, or in its stead one of the input with the likely cause."""
+    if not found:
+        return error
+    return InputError(found[0].words, where=session.root / "session.yaml", remedy=found[0].remedy)
 
 
 def _clamp_doubt(found: PoseEstimate, over: OverBoard, board: BoardSpec) -> tuple[np.ndarray, np.ndarray]:
@@ -159,7 +205,7 @@ def _clamp_doubt(found: PoseEstimate, over: OverBoard, board: BoardSpec) -> tupl
     return np.vstack([turns, across]), np.array([tilt, tilt, CLAMP_ANGLE_STD_RAD, *[CLAMP_OFFSET_STD_M] * 2])
 
 
-def corner_bias(estimate: PoseEstimate, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
+def _corner_bias(estimate: PoseEstimate, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
     """Directions (2, 6) and deviations (2,): a shift of all corners in the picture is a turn of the camera."""
     turns = np.hstack([estimate.T_antenna_camera.rotation[:, :2].T, np.zeros((2, 3))])
     return turns, _CORNER_BIAS_PX / np.diag(camera.matrix)[[1, 0]]

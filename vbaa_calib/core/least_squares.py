@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Generic, NamedTuple, Protocol, TypeVar
@@ -192,6 +192,8 @@ class ScoreTest(NamedTuple):
     values: np.ndarray
     covariance: np.ndarray
     log_evidence: float
+    scale: float | np.ndarray = 1.0  # (K,) units in which directions are told apart
+    freedom: int = 0  # number of directions that the data determine, where it is not K
 
     @property
     def std(self) -> np.ndarray:
@@ -203,11 +205,17 @@ class ScoreTest(NamedTuple):
         """With K degrees of freedom where all are 0: twice the decrease of the cost."""
         return chi_square(self.values, self.covariance)
 
+    @property
+    def distance_std(self) -> float:
+        """Mahalanobis length of the values."""
+        return float(np.sqrt(self.chi_square))
+
     def clear(self, least_std: float) -> np.ndarray:
-        """(K,) the values along the directions in which they exceed so many standard deviations; all of one unit."""
-        variances, axes = np.linalg.eigh(self.covariance)
-        along = axes.T @ self.values
-        return np.asarray(axes @ np.where(along**2 > least_std**2 * variances, along, 0.0))
+        """(K,) the values along the directions in which they exceed so many standard deviations, in units of scale."""
+        scale = np.broadcast_to(np.asarray(self.scale, float), self.values.shape)
+        variances, axes = np.linalg.eigh(self.covariance / np.outer(scale, scale))
+        along = axes.T @ (self.values / scale)
+        return np.asarray(axes @ np.where(along**2 > least_std**2 * variances, along, 0.0)) * scale
 
 
 def score_test(
@@ -230,6 +238,43 @@ def score_test(
     step = covariance @ pull
     gained = 0.5 * float(pull @ step) - 0.5 * float(np.linalg.slogdet(unit + np.eye(len(unit)))[1])
     return ScoreTest(step * prior, covariance * np.outer(prior, prior), gained)
+
+
+def products(jacobian: np.ndarray, residuals: np.ndarray, nuisance: np.ndarray | None = None) -> np.ndarray:
+    """(P + 1, P + 1) of whitened derivatives (N, P) and residuals (N,), observed less predicted, with themselves; two
+    sets of data add up. nuisance : (N, K) by unknowns of these data alone, each 0 ± 1, which are marginalised."""
+    both = np.column_stack([jacobian, residuals])
+    whole = both.T @ both
+    if nuisance is None or not nuisance.any():
+        return np.asarray(whole)
+    mixed = nuisance.T @ both
+    return np.asarray(whole - mixed.T @ np.linalg.solve(np.eye(nuisance.shape[1]) + nuisance.T @ nuisance, mixed))
+
+
+_UNOBSERVED_STD, _FREE_STD = 10.0, 100.0  # in units of a scale: directions without information; free parameters
+
+
+def change_test(
+    data: np.ndarray, covariance: np.ndarray, wanted: np.ndarray, scale: np.ndarray, free: Sequence[int] = ()
+) -> ScoreTest:
+    """Score test of a change of the parameters `wanted` (Q,) since they were estimated with covariance (P, P).
+
+    data : their `products`; they are linear in e + δ, e the errors of that estimate and δ the change. With A
+    their information, s their score and W = A (I + Σ A)⁻¹, which needs no inverse of either, δ has the information W
+    and the score (I + A Σ)⁻¹ s. scale : (P,) noticeable changes; directions of less information than one in its units
+    are left out. free : parameters without a constraint.
+    """
+    # in units of the scale, so that metres and radians weigh alike
+    matrix, score = data[:-1, :-1] * np.outer(scale, scale), data[:-1, -1] * scale
+    prior = covariance / np.outer(scale, scale)
+    prior[list(free), list(free)] += _FREE_STD**2
+    spread = np.eye(len(covariance)) + matrix @ prior
+    weight, score = np.linalg.solve(spread, matrix), np.linalg.solve(spread, score)
+    values, axes = np.linalg.eigh(weight[np.ix_(wanted, wanted)])
+    seen, std = values > 1.0, 1.0 / np.sqrt(np.maximum(values, _UNOBSERVED_STD**-2))
+    along, units = np.where(seen, (axes.T @ score[wanted]) * std**2, 0.0), scale[wanted]
+    found = (axes * std**2) @ axes.T * np.outer(units, units)
+    return ScoreTest((axes @ along) * units, found, 0.5 * float(((along / std) ** 2).sum()), units, int(seen.sum()))
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,7 +15,6 @@ import yaml
 from targets.sheet import board_id, size_words
 from vbaa_calib.calibrate.antenna.problem import GAIN, OFFSET
 from vbaa_calib.calibrate.check.assessment import assess
-from vbaa_calib.calibrate.faults.views import resolution_changed, same_pose
 from vbaa_calib.calibrate.given_lens import GivenLens
 from vbaa_calib.calibrate.guide.next_load import load_progress
 from vbaa_calib.calibrate.guide.next_view import GOAL_M, ViewProgress, lens_progress, plane_progress
@@ -28,6 +27,7 @@ from vbaa_calib.core.images import read_picture
 from vbaa_calib.detect.board.corners import BoardView, detect_corners
 from vbaa_calib.detect.quality.hints import picture_hints, wrong_board
 from vbaa_calib.detect.quality.screen import LEAST_CORNERS
+from vbaa_calib.diagnose.boards import resolution_changed, same_pose
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import load_session
 from vbaa_calib.sources import Picture

@@ -11,13 +11,13 @@ import numpy as np
 from markupsafe import Markup
 
 from targets.board import Board
-from vbaa_calib.calibrate.faults.views import same_pose
 from vbaa_calib.calibrate.lens.board_shape import BoardShape
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution
 from vbaa_calib.calibrate.lens.uncertainty import projection_uncertainty
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.images import read_picture
 from vbaa_calib.detect.board.corners import BoardView
+from vbaa_calib.diagnose.boards import same_pose
 from viz.figures import check as figures
 from viz.figures.drawing import AMBER, RED, TEAL, svg
 from viz.pages.page import Table, fixed, number, records, render, with_std

@@ -41,9 +41,9 @@ from .problem import ANTENNA
 from .residual_checks import check
 
 _LEAST_SEEN_FREE = 0.6  # nothing hides the free antenna: less than this fraction seen means that something is wrong
-_ASIDE, _NEAR_FIRST = 0.067, (1.3, 3.0, None)
-"""How far aside an antenna lies, as a fraction of the distance from the clamp, by one deviation of the priors below; it
-is looked for within so many of them first, then all around: clutter farther away is not even tried."""
+_ASIDE = 0.067
+"""How far aside an antenna lies, as a fraction of the distance from the clamp, by one standard deviation of the priors
+below."""
 _CLAMP_STRAYS = (3.0, 10.0)
 """Deviations of the priors by which it may lie beside where its clamp should be; where it is looked for all around, as
 the jig may not be where it is said to be, or the camera have moved."""
@@ -68,6 +68,9 @@ class ExpectedAntenna:
     # (3,) how far the free antenna lies beside these parameters' in this rig's pictures: a polynomial in the way from
     # the clamp, both in lengths of the antenna's picture; None where not known
     course: np.ndarray | None = None
+    # standard deviations of the priors within which it is searched for, one after the other; None: all around. Clutter
+    # farther away is not even tried
+    reaches: tuple[float | None, ...] = (1.3, 3.0, None)
 
     def observe(self, still: Still, image: np.ndarray, gravity_m_s2: np.ndarray) -> Observation:
         """The antenna's seen points in one picture, as `read_picture` gives it; gravity (3,) in the antenna frame. One
@@ -76,7 +79,7 @@ class ExpectedAntenna:
         Raises InputError as `observe` does.
         """
         paint = self.learned([still], [image], [gravity_m_s2]) if self.paint is None else self.paint
-        for deviations in _NEAR_FIRST:
+        for deviations in self.reaches:
             looking = self._finder(still, gravity_m_s2, deviations)
             line = decided(paint.find(looking, image), looking.corridor.axis_px)
             accepted = line.found and (isinstance(still, Load) or line.seen >= _LEAST_SEEN_FREE)
@@ -138,7 +141,7 @@ class ExpectedAntenna:
         self, stills: Sequence[Still], images: Sequence[np.ndarray], gravity_m_s2: Sequence[np.ndarray]
     ) -> Paint:
         """What sets the antenna off from its background in these pictures; the default where none is found."""
-        for deviations in _NEAR_FIRST:
+        for deviations in self.reaches:
             looking = [self._finder(still, pull, deviations) for still, pull in zip(stills, gravity_m_s2, strict=True)]
             paint = learn(looking, images)
             if paint is not None:
@@ -157,7 +160,7 @@ class ExpectedAntenna:
                     self.parameters[None], length, gravity_m_s2[None], np.array([still.distance_m]), force, dead=True
                 )
                 # the stiffness may be anything within a factor of two
-                aside += float(np.linalg.norm(shape.points_m[0, -1] - free)) / length / _NEAR_FIRST[1]
+                aside += float(np.linalg.norm(shape.points_m[0, -1] - free)) / length / 3.0
             reach = min(deviations * aside, REACH_PER_LENGTH)
         path = corridor(self.camera, self.T_antenna_camera.inverse(), shape, self.antenna.diameter_m, reach)
         if len(path.axis_px) > 1:

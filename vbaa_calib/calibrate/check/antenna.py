@@ -14,12 +14,12 @@ from vbaa_calib.antenna.shape import bend
 from vbaa_calib.calibrate.antenna.inputs import EXACT, Observation, Prior, reading_keys
 from vbaa_calib.calibrate.antenna.problem import ANTENNA, GAIN, OFFSET, Problem, still_curves
 from vbaa_calib.calibrate.antenna.problem import RIG as LENS
+from vbaa_calib.core.least_squares import ScoreTest, change_test, products
 from vbaa_calib.core.robust import mad_std
 from vbaa_calib.rig import RIG_STEPS, Rig
 from vbaa_calib.rig.reprojection import feet, image_curves
 from vbaa_calib.session import Load, LoadReadings, Still
 
-from .change import Change, Information, estimate_change
 from .finding import HOLDS, Checked, Evidence, Finding, judged, not_given, plus_minus
 
 _POINTS, _MOMENT, _BOTH = slice(-1), slice(-1, None), slice(None)  # rows of a `CheckedStill`
@@ -39,7 +39,7 @@ _NUMBERS = {
     "sensor_gain": ("gain {} against the rig", 1.0, 100.0, "% of the reading"),
 }
 """What is said of a change, the factor of the number in it, and factor and unit of its size."""
-_FLOOR_PERCENT = 0.5
+_FLOOR_PERCENT, _SIGNIFICANT_STD = 0.5, 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,8 +124,8 @@ def check_antenna(rig: Rig, stills: Sequence[CheckedStill], camera_known: bool) 
     scale = np.concatenate([_SCALE, [10 * rig.moment_sensor.std_Nm], np.full(count - LENS, 0.01)])
     changed: list[int] = []
 
-    def change(data: Information, wanted: Sequence[int] | np.ndarray) -> Change:
-        return estimate_change(data, covariance, np.asarray(wanted), scale, changed)
+    def change(data: np.ndarray, wanted: Sequence[int] | np.ndarray) -> ScoreTest:
+        return change_test(data, covariance, np.asarray(wanted), scale, changed)
 
     data = _information(free, _POINTS, count)
     shape = _shape_finding(rig, free, [change(data, which) for which in (_FREE_SHAPE, _CLAMP, _BOW)], camera_known)
@@ -149,14 +149,14 @@ def check_antenna(rig: Rig, stills: Sequence[CheckedStill], camera_known: bool) 
     hidden = "the given loads do not show the gain: add one that leaves plane C (force_z_N)"
     remedy = "check the loads' signs and the sensor's wiring, then calibrate again"
     gain = _number_finding("sensor_gain", found, hidden, remedy)
-    rows = [_load_row(one, float(own.step[0]), float(own.std[0])) for one, own in zip(loaded, by_load, strict=True)]
+    rows = [_load_row(one, float(own.values[0]), float(own.std[0])) for one, own in zip(loaded, by_load, strict=True)]
     document = {"noload": [_free_row(rig.antenna.length_m, one) for one in free], "loads": rows}
     return Checked((shape, stiffness, offset, gain), document)
 
 
-def _information(stills: Sequence[CheckedStill], rows: slice, count: int) -> Information:
-    """Of some rows of stills about the rig's `count` parameters: places and weights that loads share are off alike, and
-    the points of a line have errors in common."""
+def _information(stills: Sequence[CheckedStill], rows: slice, count: int) -> np.ndarray:
+    """Products of some rows of stills by the rig's parameters, so many: places and weights that loads share are off
+    alike, and the points of a line have errors in common."""
     keys = [reading_keys(one.still) if isinstance(one.still, Load) else () for one in stills]
     names = list(dict.fromkeys(key for own in keys for key in own))
     jacobian, residuals, nuisance = [np.zeros((0, count))], [np.zeros(0)], [np.zeros((0, len(names) + 3 * len(stills)))]
@@ -167,15 +167,15 @@ def _information(stills: Sequence[CheckedStill], rows: slice, count: int) -> Inf
         jacobian.append(one.jacobian[rows])
         residuals.append(one.residuals[rows])
         nuisance.append(by_names[rows])
-    return Information.of(np.vstack(jacobian), np.concatenate(residuals), np.vstack(nuisance))
+    return products(np.vstack(jacobian), np.concatenate(residuals), np.vstack(nuisance))
 
 
-def _shape_finding(rig: Rig, free: Sequence[CheckedStill], changes: Sequence[Change], camera_known: bool) -> Finding:
+def _shape_finding(rig: Rig, free: Sequence[CheckedStill], changes: Sequence[ScoreTest], camera_known: bool) -> Finding:
     """changes : of clamp and bow together, and of each with the other fixed."""
     shape, clamp, bow = changes
     if shape.freedom == 0:
         return not_given("free_antenna", _NO_FREE)
-    step = np.concatenate([shape.significant, [0.0, 0.0, 0.0]])
+    step = np.concatenate([shape.clear(_SIGNIFICANT_STD), [0.0, 0.0, 0.0]])
     before_m, after_m = _free_points_m(rig, np.stack([np.zeros_like(step), step]))
     moved_mm = 1e3 * float(np.linalg.norm(after_m - before_m, axis=1).max())
     evidence = Evidence(shape.distance_std, shape.freedom, moved_mm, _FREE_FLOOR_MM, "mm along the antenna")
@@ -187,11 +187,11 @@ def _shape_finding(rig: Rig, free: Sequence[CheckedStill], changes: Sequence[Cha
     if evidence.level == HOLDS:
         return judged("free_antenna", words, "", evidence)
     if clamp.distance_std > bow.distance_std:
-        about_y, about_z = 1e3 * clamp.step[2:]
+        about_y, about_z = 1e3 * clamp.values[2:]
         words += f"; best explained by a clamp that turned: {about_y:+.1f} mrad about y, {about_z:+.1f} about z"
         remedy = "tighten the clamp, then calibrate again"
     else:
-        words += f"; best explained by a bent wire: bow {bow.step[0]:+.3f} and {bow.step[1]:+.3f} per m"
+        words += f"; best explained by a bent wire: bow {bow.values[0]:+.3f} and {bow.values[1]:+.3f} per m"
         remedy = "straighten or replace the wire, then calibrate again"
     if not camera_known:
         remedy = "put a board into the jig and check again: the camera may have moved instead. If not, " + remedy
@@ -213,15 +213,15 @@ def _free_points_m(rig: Rig, steps: np.ndarray) -> np.ndarray:
 
 
 def _number_finding(
-    name: str, change: Change | str, hidden: str, remedy: str, floor: float = _FLOOR_PERCENT
+    name: str, change: ScoreTest | str, hidden: str, remedy: str, floor: float = _FLOOR_PERCENT
 ) -> Finding:
     """change : of one number; or why there is none. hidden : why the data may not show it."""
     if isinstance(change, str) or change.freedom == 0:
         return not_given(name, change if isinstance(change, str) else hidden)
-    words, shown, factor, unit = _NUMBERS[name]
-    said = words.format(plus_minus(shown * change.step[0], shown * change.std[0]))
+    template, printed, factor, unit = _NUMBERS[name]
+    words = template.format(plus_minus(printed * change.values[0], printed * change.std[0]))
     return judged(
-        name, said, remedy, Evidence(change.distance_std, 1, factor * abs(float(change.step[0])), floor, unit)
+        name, words, remedy, Evidence(change.distance_std, 1, factor * abs(float(change.values[0])), floor, unit)
     )
 
 

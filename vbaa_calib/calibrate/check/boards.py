@@ -16,20 +16,20 @@ from vbaa_calib.calibrate.pose.board_pose import jig_estimate, solve_board_pose
 from vbaa_calib.calibrate.pose.fusion import PoseEstimate
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError, SolveError
+from vbaa_calib.core.least_squares import ScoreTest, change_test, products
 from vbaa_calib.core.robust import chi_square
 from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.geometry import Pose
 from vbaa_calib.rig import POSE_PARAMETERS, RIG_PARAMETERS, Rig
 from vbaa_calib.session import Session
 
-from .change import Change, Information, estimate_change
 from .finding import HOLDS, LOOK, Checked, Evidence, Finding, judged, not_given, plus_minus
 
 _MIN_CORNERS = 6
-_FOCUS = 4  # parameters that a refocus or a knock changes first: fx, fy, cx, cy
+FOCUS = 4  # parameters that a refocus or a knock changes first: fx, fy, cx, cy
 _NOTICEABLE_FOCAL, _NOTICEABLE_CENTRE_PX = 0.01, 10.0
 _MORE_RMS_PERCENT = 50.0  # excess scatter of corners that light and blur may explain
-_FLOOR_PX = 0.1
+_FLOOR_PX, _SIGNIFICANT_STD = 0.1, 3.0
 _CORRELATED = 4.0
 """Corners that share one error, as far as smooth changes go: rendered pictures of an unchanged lens give changes of
 1.7 times the deviations that independent corners would have."""
@@ -98,10 +98,10 @@ def check_lens(
     left = residuals - axes @ (axes.T @ residuals)
     variance_px2 = max(float(left @ left / max(freedom - axes.shape[1], 1)), 1e-12)
     noise_px = np.sqrt(_CORRELATED * variance_px2)
-    data = Information.of(jacobian / noise_px, residuals / noise_px)
+    data = products(jacobian / noise_px, residuals / noise_px)
     focal = _NOTICEABLE_FOCAL * camera.matrix[[0, 1], [0, 1]]
     scale = np.concatenate([focal, [_NOTICEABLE_CENTRE_PX] * 2, np.full(len(camera.distortion), 0.01)])
-    change = estimate_change(data, covariance, np.arange(_FOCUS), scale)
+    change = change_test(data, covariance, np.arange(FOCUS), scale)
     fit = _fit_finding(rms_px, expected_px, freedom, len(views))
     return Checked(
         (fit, _focus_finding(camera, change, len(views))),
@@ -127,26 +127,26 @@ def _fit_finding(rms_px: float, expected_px: float | None, freedom: int, views: 
     return judged("lens_fit", words, remedy, evidence)
 
 
-def _focus_finding(camera: Camera, change: Change, views: int) -> Finding:
+def _focus_finding(camera: Camera, change: ScoreTest, views: int) -> Finding:
     """change : of fx, fy, cx, cy."""
     if change.freedom == 0:
         why = f"{_pictures(views)} cannot decide: a board that fills the picture, tilted by 30 to 45 degrees, would"
         return not_given("lens_focus", why)
     # the motion over the picture by what is significant, a turn of the camera compensated
     pixels = pixel_grid(camera.image_size)
-    by_focus = projection_jacobian(camera, pixels)[..., :_FOCUS] @ change.significant
+    by_focus = projection_jacobian(camera, pixels)[..., :FOCUS] @ change.clear(_SIGNIFICANT_STD)
     moved = compensate(camera, pixels, by_focus[..., None])[..., 0]
     change_px = float(np.sqrt(np.nanmean((moved**2).sum(axis=-1))))
     focal, mean = 0.5 * (camera.matrix[0, 0] + camera.matrix[1, 1]), np.array([0.5, 0.5])
-    relative = 100 * float(mean @ change.step[:2]) / focal
+    relative = 100 * float(mean @ change.values[:2]) / focal
     relative_std = 100 * float(np.sqrt(mean @ change.covariance[:2, :2] @ mean)) / focal
+    centre = ", ".join(map(plus_minus, change.values[2:].tolist(), change.std[2:].tolist()))
     words = (
-        f"focal length {plus_minus(relative, relative_std)} %, centre ({plus_minus(change.step[2], change.std[2])}, "
-        f"{plus_minus(change.step[3], change.std[3])}) px against the rig; beyond its uncertainty this moves points by "
-        f"{change_px:.2f} px"
+        f"focal length {plus_minus(relative, relative_std)} %, centre ({centre}) px against the rig; beyond its "
+        f"uncertainty this moves points by {change_px:.2f} px"
     )
-    if change.freedom < _FOCUS:
-        words = f"{_pictures(views)} determine{'s' * (views == 1)} {change.freedom} of these {_FOCUS} numbers: {words}"
+    if change.freedom < FOCUS:
+        words = f"{_pictures(views)} determine{'s' * (views == 1)} {change.freedom} of these {FOCUS} numbers: {words}"
     remedy = "lock focus, zoom and autofocus, then calibrate again: `vbaa calibrate`"
     return judged(
         "lens_focus", words, remedy, Evidence(change.distance_std, change.freedom, change_px, _FLOOR_PX, "px")

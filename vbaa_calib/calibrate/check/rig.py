@@ -30,7 +30,7 @@ def rig_maps(rig: Rig) -> dict[str, Any]:
     if camera.covariance is not None:
         found = projection_uncertainty(camera, compensated=True, grid=_GRID)
         projection = _map_document(found.pixels, found.std_px, "px")
-    pixels, std_mm = plane_map(rig)
+    pixels, std_mm = _plane_map(rig)
     along = zip(*_along(rig), strict=True)
     return {
         "projection": projection,
@@ -43,7 +43,7 @@ def rig_maps(rig: Rig) -> dict[str, Any]:
     }
 
 
-def plane_map(rig: Rig) -> tuple[np.ndarray, np.ndarray]:
+def _plane_map(rig: Rig) -> tuple[np.ndarray, np.ndarray]:
     """Pixels (R, C, 2), worst deviation (R, C), mm, of the point on plane C that each shows; NaN out of reach."""
     pixels = pixel_grid(rig.camera.image_size, _GRID)
     points, seen = rig.camera_on_plane().project(pixels)

@@ -1,21 +1,18 @@
 """How well EI is known by the loads so far, and which weight to hang where next.
 
-A place or weight that is off by δ moves the residuals of the bundle adjustment by c·δ, and its solution by H⁻¹Jᵀc·δ.
-The solve knows that they are uncertain, and weighs the loads by it.
+The readings of places and weights are parameters of the bundle adjustment, and of the forecast.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import cast
 
 import numpy as np
 
 from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment
 from vbaa_calib.calibrate.antenna.inputs import Observation, reading_keys
 from vbaa_calib.calibrate.antenna.problem import ANTENNA, GAIN
-from vbaa_calib.calibrate.faults.explanations import StillRows
 from vbaa_calib.geometry import Kinematics
 from vbaa_calib.session import STANDARD_GRAVITY_M_S2, Load, LoadReadings, Session, Still, gravity_antenna
 
@@ -159,30 +156,27 @@ class _StiffnessForecast:
     @staticmethod
     def of(joint: BundleAdjustment, candidates: Sequence[_LoadCandidate], readings: LoadReadings) -> _StiffnessForecast:
         """From a joint solution and the loads that could be hung next."""
-        rows = StillRows.of(joint)
-        solution, slopes = rows.solution, rows.by_load()
-        matrix, _, scale = solution.normal_equations()
+        solution = joint.problem.linearised(joint.solution.parameters)
+        known = {"distance": readings.distance_std_m, "mass": readings.force_std_relative}
         # as noted: corrected numbers cannot be shared with another load
-        present = [cast(Load, joint.noted[index].still) for index in slopes]
-        names = list(
-            dict.fromkeys(key for one in (*present, *(c.load for c in candidates)) for key in reading_keys(one))
-        )
-        std, size = np.array([readings.distance_std_m, readings.force_std_relative]), len(scale)
+        loads = [one.still for one in joint.noted if isinstance(one.still, Load)] + [one.load for one in candidates]
+        names = [key for key in dict.fromkeys(key for one in loads for key in reading_keys(one)) if known[key[0]] > 0]
+        jacobian, size = solution.jacobian * solution.weights[:, None], joint.problem.lens.stop
+        scale = np.linalg.norm(jacobian[:, :size], axis=0)
+        jacobian[:, :size] /= scale
 
-        def gram(load: Load, jacobian: np.ndarray, by_readings: np.ndarray) -> np.ndarray:
-            both = np.hstack([jacobian / scale, np.zeros((len(jacobian), len(names)))])
-            both[:, [size + names.index(key) for key in reading_keys(load)]] = by_readings * std
+        def gram(one: _LoadCandidate) -> np.ndarray:
+            both = np.hstack([one.jacobian / scale, np.zeros((len(one.jacobian), len(names)))])
+            for key, slopes in zip(reading_keys(one.load), one.by_readings.T, strict=True):
+                if key in names:
+                    both[:, size + names.index(key)] = slopes * known[key[0]]
             return both.T @ both
 
-        information = np.eye(size + len(names))
-        for load, (index, by_readings) in zip(present, slopes.items(), strict=True):
-            mask = rows.of_stills([index])
-            weights = solution.weights[mask, None]
-            information += gram(load, solution.jacobian[mask] * weights, by_readings * weights)
-        # the parameters' own part has the free antenna and the priors in it as well
-        information[:size, :size] = matrix
-        added = [gram(one.load, one.jacobian, one.by_readings) for one in candidates]
-        return _StiffnessForecast(names, scale, information, np.array(added).reshape(-1, *information.shape))
+        information, own = np.eye(size + len(names)), jacobian.shape[1]
+        # the solve's own rows have the free antenna and the priors in them as well
+        information[:own, :own] = jacobian.T @ jacobian
+        added = np.array([gram(one) for one in candidates]).reshape(-1, *information.shape)
+        return _StiffnessForecast(names, scale, information, added)
 
     def now(self) -> _StiffnessStd:
         """With the present loads."""

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from targets.board import BoardSpec, corner_points
 from vbaa_calib.calibrate.lens.board_shape import deformations
-from vbaa_calib.calibrate.lens.bundle import Observation
+from vbaa_calib.calibrate.lens.bundle import BoardCorners
 from vbaa_calib.calibrate.lens.models import LENS_MODELS, camera_of
 from vbaa_calib.camera import Camera
 from vbaa_calib.detect.board.corners import BoardView
@@ -37,8 +37,8 @@ _PLACE_OFF, _DISTANCE_OFF, _TILT_OFF_RAD, _ROLL_OFF_RAD = 0.12, 0.2, np.radians(
 _SAY = 0.6
 
 
-class _HeldPose(NamedTuple):
-    """How a board is held before the camera."""
+class _BoardPlace(NamedTuple):
+    """How a board is placed before the camera."""
 
     place: tuple[float, float]  # of its middle in the picture, 0 to 1 from the upper left
     distance_m: float  # of its middle
@@ -51,7 +51,7 @@ class _HeldPose(NamedTuple):
 class _ViewCandidate(NamedTuple):
     """A pose of the board, and the ids (N,) of the corners that are visible with all their markers."""
 
-    held: _HeldPose
+    placed: _BoardPlace
     T_camera_board: Pose
     ids: np.ndarray
 
@@ -75,10 +75,10 @@ def best_next(
     # the first pictures find the board and start the lens: all of it has to be seen
     share = _WHOLE_SHARE if known.pictures < _WHOLE_PICTURES else _LEAST_SHARE
     limits = NEAREST * plane.distance_m, FURTHEST * plane.distance_m
-    held = coarse_poses(known.design, spec, *limits)
+    placed = _coarse_poses(known.design, spec, *limits)
     candidate, square = None, np.nan
     for _ in range(1 + _ROUNDS):
-        found = view_candidates(known.design, spec, held, share)
+        found = _view_candidates(known.design, spec, placed, share)
         if found:
             poses = np.array([one.T_camera_board.vector for one in found])
             blocks, _ = view_blocks(known.design, poses, [observation(one, spec) for one in found])
@@ -86,7 +86,7 @@ def best_next(
             candidate, square = found[int(np.argmin(squares))], float(squares.min())
         if candidate is None:
             return None
-        held = [candidate.held, *_finer_poses(candidate.held, *limits)]
+        placed = [candidate.placed, *_finer_poses(candidate.placed, *limits)]
     assert candidate is not None, "there is at least one round"
     points, camera = corner_points(spec)[candidate.ids], known.design.camera
     # corners outside the picture, where the lens may fold, by the homography of those inside
@@ -101,38 +101,38 @@ def best_next(
     )
 
 
-def coarse_poses(design: LensDesign, spec: BoardSpec, near_m: float, far_m: float) -> list[_HeldPose]:
+def _coarse_poses(design: LensDesign, spec: BoardSpec, near_m: float, far_m: float) -> list[_BoardPlace]:
     """A grid of distances within limits, of places, and of tilts in every direction."""
     size = spec.square_m * np.array([spec.squares_x, spec.squares_y])
     filled_m = np.max(size * design.intrinsics[:2] / np.array(design.image_size))
     distances = sorted({float(np.clip(filled_m / fill, near_m, far_m)) for fill in _FILLS})
     tilts = [(0.0, 0.0)] + [(_TILT_RAD, 2 * np.pi * index / _TILTS) for index in range(_TILTS)]
     places = [(x, y) for x in _GRID for y in _GRID]
-    return [_HeldPose(at, far, *tilt, 0.0) for far in distances for at in places for tilt in tilts]
+    return [_BoardPlace(at, far, *tilt, 0.0) for far in distances for at in places for tilt in tilts]
 
 
-def _finer_poses(best: _HeldPose, near_m: float, far_m: float) -> list[_HeldPose]:
+def _finer_poses(best: _BoardPlace, near_m: float, far_m: float) -> list[_BoardPlace]:
     """Poses near the best so far: other places, distances and tilts, and a quarter turn."""
     places = [(best.place[0] + dx, best.place[1] + dy) for dx in (-0.08, 0.0, 0.08) for dy in (-0.08, 0.0, 0.08)]
-    held = [best._replace(place=place) for place in places]
+    placed = [best._replace(place=place) for place in places]
     for ratio in (0.8, 1.0, 1.25):
         distance = float(np.clip(ratio * best.distance_m, near_m, far_m))
         for tilt in np.radians((0.0, 25.0, 38.0, 50.0)):
-            held += [_HeldPose(best.place, distance, float(tilt), best.away_rad, roll) for roll in (0.0, np.pi / 2)]
-    return held
+            placed += [_BoardPlace(best.place, distance, float(tilt), best.away_rad, roll) for roll in (0.0, np.pi / 2)]
+    return placed
 
 
-def view_candidates(
-    design: LensDesign, spec: BoardSpec, held: Sequence[_HeldPose], share: float = _LEAST_SHARE
+def _view_candidates(
+    design: LensDesign, spec: BoardSpec, placed: Sequence[_BoardPlace], share: float = _LEAST_SHARE
 ) -> list[_ViewCandidate]:
     """Those poses that show at least a share of the board's corners, none too small or too steep to be read."""
-    places = np.array([one.place for one in held]) * (np.array(design.image_size) - 1)
+    places = np.array([one.place for one in placed]) * (np.array(design.image_size) - 1)
     rays, seen = design.camera.unproject(places)
-    kept = [one for one, ok in zip(held, seen.tolist(), strict=True) if ok]
+    kept = [one for one, ok in zip(placed, seen.tolist(), strict=True) if ok]
     poses = _poses(kept, rays[seen], spec)
-    shown = visible_corners(design.camera, poses, spec)
+    visible = visible_corners(design.camera, poses, spec)
     least = max(_LEAST_CORNERS, round(share * spec.corner_count))
-    every = map(_ViewCandidate, kept, poses, shown)
+    every = map(_ViewCandidate, kept, poses, visible)
     return [one for one in every if len(one.ids) >= least]
 
 
@@ -158,20 +158,20 @@ def visible_corners(camera: Camera, poses: Sequence[Pose], spec: BoardSpec) -> l
     return found
 
 
-def _poses(held: Sequence[_HeldPose], rays: np.ndarray, spec: BoardSpec) -> list[Pose]:
+def _poses(placed: Sequence[_BoardPlace], rays: np.ndarray, spec: BoardSpec) -> list[Pose]:
     """The board's middle on each ray (N, 3), turned to the camera, then tilted and rolled."""
-    if not held:
+    if not placed:
         return []
     across = np.stack([-rays[:, 1], rays[:, 0], np.zeros(len(rays))], axis=1)
     sine = np.linalg.norm(across, axis=1)
     facing = across * (np.arctan2(sine, rays[:, 2]) / np.maximum(sine, 1e-12))[:, None]
     # tilted back towards `away`: the normal, which points away from the viewer, turns the opposite direction
-    tilt = np.array([[np.sin(one.away_rad), -np.cos(one.away_rad), 0.0] for one in held])
-    tilt *= np.array([one.tilt_rad for one in held])[:, None]
-    roll = np.array([[0.0, 0.0, one.roll_rad] for one in held])
+    tilt = np.array([[np.sin(one.away_rad), -np.cos(one.away_rad), 0.0] for one in placed])
+    tilt *= np.array([one.tilt_rad for one in placed])[:, None]
+    roll = np.array([[0.0, 0.0, one.roll_rad] for one in placed])
     turned = Rotation.from_rotvec(facing) * Rotation.from_rotvec(tilt) * Rotation.from_rotvec(roll)
     rotations = turned.as_matrix()
-    shifts = np.array([one.distance_m for one in held])[:, None] * rays - rotations @ _half(spec)
+    shifts = np.array([one.distance_m for one in placed])[:, None] * rays - rotations @ _half(spec)
     return [Pose(rotation, shift) for rotation, shift in zip(rotations, shifts, strict=True)]
 
 
@@ -190,16 +190,16 @@ def _lattice(spec: BoardSpec) -> tuple[np.ndarray, np.ndarray]:
     return lattice, np.stack(around, axis=1)
 
 
-def observation(candidate: _ViewCandidate, spec: BoardSpec) -> Observation:
+def observation(candidate: _ViewCandidate, spec: BoardSpec) -> BoardCorners:
     """Its corners, for derivatives alone: their pixels are 0."""
-    return Observation(
+    return BoardCorners(
         corner_points(spec)[candidate.ids],
         np.zeros((len(candidate.ids), 2)),
         deformations(corner_points(spec))[candidate.ids],
     )
 
 
-def seen_as(camera: Camera, T_camera_board: Pose, spec: BoardSpec) -> _HeldPose:
+def seen_as(camera: Camera, T_camera_board: Pose, spec: BoardSpec) -> _BoardPlace:
     """A pose as seen by the camera."""
     middle = T_camera_board @ _half(spec)
     distance = float(np.linalg.norm(middle))
@@ -213,7 +213,7 @@ def seen_as(camera: Camera, T_camera_board: Pose, spec: BoardSpec) -> _HeldPose:
     long_side = T_camera_board.rotation[:, 0 if spec.squares_x >= spec.squares_y else 1]
     angle = float(np.arctan2(long_side[1], long_side[0]))
     tilt, away = float(np.arccos(np.clip(abs(cosine), 0.0, 1.0))), float(np.arctan2(down, across))
-    return _HeldPose((float(x), float(y)), distance, tilt, away, float((angle + np.pi / 2) % np.pi - np.pi / 2))
+    return _BoardPlace((float(x), float(y)), distance, tilt, away, float((angle + np.pi / 2) % np.pi - np.pi / 2))
 
 
 def _pose_words(camera: Camera, T_camera_board: Pose, spec: BoardSpec, corners: int, metric: bool) -> str:
@@ -231,14 +231,14 @@ def _pose_words(camera: Camera, T_camera_board: Pose, spec: BoardSpec, corners: 
         share = np.max(size * np.diag(camera.matrix)[:2] / seen.distance_m / np.array(camera.image_size))
         parts.append(f"so near that it fills {100 * min(share, 1.0):.0f} % of the picture's width or height")
     upright = ["its long side upright"] if abs(seen.roll_rad) > _UPRIGHT_RAD else []
-    return ", ".join([*parts, tilt_words(seen), *upright])
+    return ", ".join([*parts, _tilt_words(seen), *upright])
 
 
-def tilt_words(held: _HeldPose) -> str:
+def _tilt_words(placed: _BoardPlace) -> str:
     """Which edge is turned away from the camera, and by how much."""
-    if held.tilt_rad < _FACING_RAD:
+    if placed.tilt_rad < _FACING_RAD:
         return "facing the camera"
-    side, tilt_deg = _SIDES[round(held.away_rad / (np.pi / 4)) % 8], 5 * round(np.degrees(held.tilt_rad) / 5)
+    side, tilt_deg = _SIDES[round(placed.away_rad / (np.pi / 4)) % 8], 5 * round(np.degrees(placed.tilt_rad) / 5)
     return f"its {side} {'corner' if ' ' in side else 'edge'} turned {tilt_deg}° away from the camera"
 
 
@@ -271,9 +271,9 @@ def pose_match(
         (abs(across) / _PLACE_OFF, "further right" if across > 0 else "further left"),
         (abs(down) / _PLACE_OFF, "lower" if down > 0 else "higher"),
         (abs(farther) / _DISTANCE_OFF, "farther away" if farther > 0 else "nearer"),
-        (float(abs(tilt)) / _TILT_OFF_RAD, tilt_words(wanted)),
+        (float(abs(tilt)) / _TILT_OFF_RAD, _tilt_words(wanted)),
         (1.2 * max(abs(turn) / _ROLL_OFF_RAD - 0.5, 0.0), "turned by a quarter" if abs(turn) > 1.0 else "less askew"),
     ]
     share = float(1.0 / (1.0 + 0.4 * sum(size**2 for size, _ in parts)))
-    said = [words for size, words in sorted(parts, reverse=True) if size > _SAY][:3]
-    return share, ", ".join(said) or "hold it there"
+    changes = [words for size, words in sorted(parts, reverse=True) if size > _SAY][:3]
+    return share, ", ".join(changes) or "hold it there"

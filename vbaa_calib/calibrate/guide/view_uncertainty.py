@@ -9,7 +9,7 @@ import numpy as np
 
 from targets.board import BoardPoints, BoardSpec, corner_points
 from vbaa_calib.calibrate.lens.board_shape import SHAPE, BoardShape, ShapePrior, deformations
-from vbaa_calib.calibrate.lens.bundle import Bundle, Observation, rows
+from vbaa_calib.calibrate.lens.bundle import BoardCorners, Bundle, rows
 from vbaa_calib.calibrate.lens.information import kept_observations
 from vbaa_calib.calibrate.lens.initialization import robust_poses, widened
 from vbaa_calib.calibrate.lens.intrinsics import MIN_CORNERS, LensSolution
@@ -104,7 +104,7 @@ def nominal_intrinsics(image_size: tuple[int, int]) -> np.ndarray:
     return np.array([focal, focal, (image_size[0] - 1) / 2, (image_size[1] - 1) / 2])
 
 
-def design_about(
+def _design_about(
     name: str,
     intrinsics: np.ndarray,
     image_size: tuple[int, int],
@@ -146,7 +146,7 @@ def _prior(model: LensModel, intrinsics: np.ndarray, image_size: tuple[int, int]
     rays, valid = camera_of(model, intrinsics, image_size).unproject(_grid(image_size))
     rays, moved = rays[valid & (rays[:, 2] > 0.05)], np.zeros(size)
     if len(rays):
-        seen = Observation(rays / rays[:, 2:], np.zeros((len(rays), 2)))
+        seen = BoardCorners(rays / rays[:, 2:], np.zeros((len(rays), 2)))
         by_shared = rows(Bundle.start(model, intrinsics, np.zeros((1, 6))), [seen])[1]
         moved = np.linalg.norm(by_shared, axis=1).max(axis=0)[:-SHAPE]
     for index in model.free:
@@ -158,7 +158,7 @@ def _prior(model: LensModel, intrinsics: np.ndarray, image_size: tuple[int, int]
 
 
 def view_blocks(
-    design: LensDesign, poses: np.ndarray, observations: Sequence[Observation]
+    design: LensDesign, poses: np.ndarray, observations: Sequence[BoardCorners]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Of views at poses (V, 6), eliminated: information (V, p, p) in `LensDesign` coordinates, gradient (V, p)."""
     residuals, by_shared, by_pose, bounds = rows(design.bundle(np.asarray(poses, float)), observations)
@@ -181,14 +181,14 @@ def plane_sensitivity(design: LensDesign, plane: WorkPlane, spec: BoardSpec) -> 
     if inside.mean() < 0.5 or seen.sum() < _LEAST_JIG_CORNERS:
         return None
 
-    def slopes(view: Observation) -> tuple[np.ndarray, np.ndarray]:
+    def slopes(view: BoardCorners) -> tuple[np.ndarray, np.ndarray]:
         _, by_shared, by_pose, _ = rows(design.bundle(T_camera_board.vector[None]), [view])
         return by_shared @ design.scale, by_pose
 
-    jig_shared, jig_pose = slopes(Observation(board[seen], board[seen, :2], moved[seen]))
+    jig_shared, jig_pose = slopes(BoardCorners(board[seen], board[seen, :2], moved[seen]))
     # the plane's points turn about the board's origin, as the board does
     on_board = T_camera_board.inverse() @ (plane.T_camera_plane @ space[inside])
-    own_shared, own_pose = slopes(Observation(on_board, on_board[:, :2]))
+    own_shared, own_pose = slopes(BoardCorners(on_board, on_board[:, :2]))
     compensated = np.linalg.lstsq(jig_pose.reshape(-1, 6), jig_shared.reshape(len(jig_shared) * 2, -1), rcond=None)[0]
     in_pixels = own_shared - own_pose @ compensated
     in_plane = own_pose[:, :, 3:] @ plane.T_camera_plane.rotation[:, :2]
@@ -232,7 +232,7 @@ class LensInformation:
         freedom = 2 * corners - 6 * len(poses) - len(camera.parameter_names)
         sigma_px = max(_LEAST_SIGMA_PX, solution.rms_inliers_px * float(np.sqrt(corners / max(freedom, 1))))
         board = solution.board_shape
-        design = design_about(solution.model, camera.parameters, camera.image_size, sigma_px, board)
+        design = _design_about(solution.model, camera.parameters, camera.image_size, sigma_px, board)
         blocks, gradients = view_blocks(design, poses, observations)
         chosen = [row for row in solution.comparison if row.model == solution.model and not row.split_half_agrees]
         inflation = max([1.0, *(float(row.halves) for row in chosen[:1] if row.halves is not None)])
@@ -244,12 +244,12 @@ class LensInformation:
     def nominal(views: Sequence[BoardView], spec: BoardSpec, image_size: tuple[int, int]) -> LensInformation:
         """Of views that are too few for a lens, under a nominal one."""
         intrinsics = nominal_intrinsics(image_size)
-        design = design_about(
+        design = _design_about(
             _NOMINAL_MODEL, intrinsics, image_size, _NOMINAL_SIGMA_PX, BoardShape.flat(corner_points(spec))
         )
         usable = usable_views(views, corner_points(spec), MIN_CORNERS)[0] if views else []
         points, count = corner_points(spec), design.scale.shape[1]
-        observations = [Observation(points[view.ids], view.corners_px) for view in usable]
+        observations = [BoardCorners(points[view.ids], view.corners_px) for view in usable]
         information, gradient = np.zeros((count, count)), np.zeros(count)
         if observations:
             blocks, gradients = view_blocks(

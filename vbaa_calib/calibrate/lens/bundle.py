@@ -24,7 +24,7 @@ _USUAL_NOISE_PX, _LEAST_NOISE_PX = 0.2, 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class Observation(Rows):
+class BoardCorners(Rows):
     """Corners of one view."""
 
     points_m: np.ndarray  # (N, 3) board frame
@@ -33,7 +33,7 @@ class Observation(Rows):
     weight: float = 1.0  # of its residuals; less than 1 for a noisy view
 
 
-def _corners_of(observations: Sequence[Observation]) -> Corners:
+def _corners_of(observations: Sequence[BoardCorners]) -> Corners:
     """All views' corners, concatenated."""
     counts = [len(view.pixels) for view in observations]
     rigid = [np.zeros((len(v.pixels), 3, SHAPE)) if v.deformation is None else v.deformation for v in observations]
@@ -46,7 +46,7 @@ def _corners_of(observations: Sequence[Observation]) -> Corners:
     )
 
 
-def rows(bundle: Bundle, observations: Sequence[Observation]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def rows(bundle: Bundle, observations: Sequence[BoardCorners]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Residuals (N, 2) px of all corners, negative derivatives by intrinsics and shape (N, 2, 4 + k + 5) and by the
     poses' tangents (N, 2, 6, `Pose.retract`), and bounds (V + 1,): view v has rows bounds[v] to bounds[v + 1]."""
     corners = _corners_of(observations)
@@ -137,7 +137,7 @@ def free_directions(model: LensModel, square_pixels: bool = False, shape: bool =
 
 
 def refine(
-    start: Bundle, observations: Sequence[Observation], rules: Rules = CONVERGED, robust: bool = False
+    start: Bundle, observations: Sequence[BoardCorners], rules: Rules = CONVERGED, robust: bool = False
 ) -> Bundle:
     """Levenberg–Marquardt on the reprojection error; robust : by Cauchy's loss, so gross errors do not pull."""
     corners, directions = _corners_of(observations), start.directions
@@ -159,13 +159,13 @@ def of_views(values: np.ndarray, bounds: np.ndarray) -> tuple[np.ndarray, ...]:
     return tuple(values[first:last] for first, last in pairwise(bounds.tolist()))
 
 
-def polished(bundle: Bundle, observations: Sequence[Observation]) -> Bundle:
+def polished(bundle: Bundle, observations: Sequence[BoardCorners]) -> Bundle:
     """Converged to a millionth of the deviations, so that results do not depend on where a descent stopped."""
     sizes = sum(view.pixels.size for view in observations) - bundle.directions.shape[1] - 6 * len(observations)
     return refine(bundle, observations, replace(_POLISH, tolerance=_STANDSTILL**2 / max(sizes, 1)))
 
 
-def residuals_px(bundle: Bundle, observations: Sequence[Observation]) -> tuple[np.ndarray, ...]:
+def residuals_px(bundle: Bundle, observations: Sequence[BoardCorners]) -> tuple[np.ndarray, ...]:
     """Per view (N, 2), observed minus projected, of any corners of the bundle's views."""
     residuals, _, _, bounds = rows(bundle, observations)
     return of_views(residuals, bounds)

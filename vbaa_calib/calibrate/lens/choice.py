@@ -18,7 +18,7 @@ _CENTRED, _DECENTRED = ("none", "radial", "fisheye"), "opencv4"
 
 
 @dataclass(frozen=True)
-class _Settings:
+class _ChoiceSettings:
     """What decides. Costs are ratios of held-out errors up to which a lens that is better otherwise is taken."""
 
     monotonic_may_cost: float = 1.1  # of lenses that do not fold: one that does maps two directions to one pixel
@@ -62,7 +62,7 @@ def choose(solutions: Sequence[Assessed], corners_px: np.ndarray) -> tuple[str, 
     worse on held-out views, those whose halves disagree or that have a pole near the picture only if every other is
     0.5 % worse.
     """
-    rules, every = _Settings(), {one.candidate.model: one for one in solutions}
+    rules, every = _ChoiceSettings(), {one.candidate.model: one for one in solutions}
     reasons: dict[str, str] = {}
 
     def preferred(names: Sequence[str], good: Sequence[str], may_cost: float, why: str) -> Sequence[str]:

@@ -12,7 +12,7 @@ from vbaa_calib.core.robust import chi_square_p
 from vbaa_calib.detect.board.corners import BoardView
 
 from .board_shape import SHAPE, deformations
-from .bundle import CONVERGED, Bundle, Observation, refine, rows
+from .bundle import CONVERGED, BoardCorners, Bundle, refine, rows
 from .descent import unfolding_rows
 from .models import LensModel, camera_of, is_monotonic
 from .uncertainty import compensate, pixel_grid, projection_jacobian
@@ -78,7 +78,7 @@ class Information:
         return float(np.sqrt(max(ratio / _CHANCE_SCATTER, 1.0)))
 
 
-def information(bundle: Bundle, observations: Sequence[Observation]) -> Information | None:
+def information(bundle: Bundle, observations: Sequence[BoardCorners]) -> Information | None:
     """At a solution over these corners; None where the views leave a free parameter open."""
     counts = np.array([view.pixels.size for view in observations])
     if counts.sum() <= bundle.directions.shape[1] + 6 * len(observations):
@@ -118,7 +118,7 @@ def information(bundle: Bundle, observations: Sequence[Observation]) -> Informat
     )
 
 
-def held_out_squares(bundle: Bundle, observations: Sequence[Observation], known: Information) -> np.ndarray:
+def _held_out_squares(bundle: Bundle, observations: Sequence[BoardCorners], known: Information) -> np.ndarray:
     """(V,) squared distances of each view's corners, px², under a lens fitted without a fifth of the views, the
     held-out views' poses solved for. One Gauss–Newton step from the solution over all, or where errors are much larger,
     solved anew.
@@ -128,7 +128,7 @@ def held_out_squares(bundle: Bundle, observations: Sequence[Observation], known:
         rest = known.blocks[~held].sum(axis=0) + known.prior
         step = np.linalg.lstsq(rest, -known.gradients[held].sum(axis=0), rcond=1e-12)[0]
         squares[held] += step @ known.blocks[held] @ step - 2.0 * known.gradients[held] @ step
-    return squares if squares.sum() <= _LITTLE_MORE * known.squares.sum() else solved_squares(bundle, observations)
+    return squares if squares.sum() <= _LITTLE_MORE * known.squares.sum() else _solved_squares(bundle, observations)
 
 
 def _folds(views: int) -> list[np.ndarray]:
@@ -137,8 +137,8 @@ def _folds(views: int) -> list[np.ndarray]:
     return [np.arange(views) % folds == fold for fold in range(folds)]
 
 
-def solved_squares(bundle: Bundle, observations: Sequence[Observation]) -> np.ndarray:
-    """(V,) as `held_out_squares`, each lens solved for."""
+def _solved_squares(bundle: Bundle, observations: Sequence[BoardCorners]) -> np.ndarray:
+    """(V,) as `_held_out_squares`, each lens solved for."""
     squares = np.zeros(len(observations))
     for held in _folds(len(observations)):
         seen = [view for view, out in zip(observations, held, strict=True) if not out]
@@ -157,7 +157,7 @@ def excess_in_errors(squares: np.ndarray, reference: np.ndarray) -> float:
     return float(excess.sum() / standard_error) if standard_error > 0.0 else 0.0
 
 
-def compare_split_half(
+def _compare_split_half(
     model: LensModel, intrinsics: np.ndarray, known: Information, image_size: tuple[int, int]
 ) -> tuple[float | None, float | None]:
     """Rms difference over the picture of the lenses of two halves of the views, in predicted deviations, and its
@@ -205,7 +205,7 @@ class Candidate:
     rms_px: float  # over the corners it was fitted to
     held_out_rms_px: float  # over views that only had their poses fitted
     monotonic: bool  # whether it maps the whole picture without folding, once it has converged
-    halves: float | None = None  # as `compare_split_half` gives them
+    halves: float | None = None  # as `_compare_split_half` gives them
     halves_p_value: float | None = None
     expected_error_px: float | None = None  # as `expected_errors_px` gives it; None for a single model
     passed_over: str = ""  # why it was not chosen, where that is not its expected error
@@ -217,26 +217,26 @@ class Candidate:
 
 
 def assess(
-    bundle: Bundle, observations: Sequence[Observation], image_size: tuple[int, int], known: Information
+    bundle: Bundle, observations: Sequence[BoardCorners], image_size: tuple[int, int], known: Information
 ) -> tuple[Candidate, np.ndarray]:
     """One lens model's row of the comparison, and its held-out squared errors (V,) px² by view."""
-    squares = held_out_squares(bundle, observations, known)
+    squares = _held_out_squares(bundle, observations, known)
     free = int(np.any(bundle.directions[:-SHAPE] != 0.0, axis=0).sum())
     monotonic = is_monotonic(bundle.model, bundle.intrinsics, image_size)
-    halves = compare_split_half(bundle.model, bundle.intrinsics, known, image_size)
+    halves = _compare_split_half(bundle.model, bundle.intrinsics, known, image_size)
     held_out_px = float(np.sqrt(squares.sum() / sum(view.weight**2 * len(view.pixels) for view in observations)))
     return Candidate(bundle.model.name, free, bundle.rms_px, held_out_px, monotonic, *halves), squares
 
 
-def observations_of(views: Sequence[BoardView], nominal_m: np.ndarray) -> list[Observation]:
+def observations_of(views: Sequence[BoardView], nominal_m: np.ndarray) -> list[BoardCorners]:
     """The corners of views beside the board points (C, 3) they show."""
     moved = deformations(nominal_m)
-    return [Observation(nominal_m[view.ids], view.corners_px, moved[view.ids]) for view in views]
+    return [BoardCorners(nominal_m[view.ids], view.corners_px, moved[view.ids]) for view in views]
 
 
 def kept_observations(
     views: Sequence[BoardView], outlier_ids: Sequence[Sequence[int]], nominal_m: np.ndarray
-) -> list[Observation]:
+) -> list[BoardCorners]:
     """`observations_of` without the outliers of each view."""
     every = zip(observations_of(views, nominal_m), views, outlier_ids, strict=True)
     return [observation.picked(~np.isin(view.ids, ids)) for observation, view, ids in every]

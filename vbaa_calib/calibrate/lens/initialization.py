@@ -10,7 +10,7 @@ import numpy as np
 
 from vbaa_calib.core.least_squares import Rules
 
-from .bundle import CONVERGED, Bundle, Observation, of_views, refine, residuals_px
+from .bundle import CONVERGED, BoardCorners, Bundle, of_views, refine, residuals_px
 from .homography import board_poses, homography
 from .models import LENS_MODELS, LensModel, Unfolding, camera_of, division_like, is_monotonic, rational_like
 
@@ -33,7 +33,7 @@ class Guess(NamedTuple):
     division: float
 
     @staticmethod
-    def of(observations: Sequence[Observation], image_size: tuple[int, int]) -> Guess:
+    def of(observations: Sequence[BoardCorners], image_size: tuple[int, int]) -> Guess:
         """The λ of least median error, each view by its own homography."""
         division, homographies = _undistorted_homographies(_thinned(observations), image_size)
         return Guess(_focal_length(homographies), division)
@@ -41,7 +41,7 @@ class Guess(NamedTuple):
 
 def rough_lens(
     model: LensModel,
-    observations: Sequence[Observation],
+    observations: Sequence[BoardCorners],
     image_size: tuple[int, int],
     known: Mapping[str, Bundle] | None = None,
     guess: Guess | None = None,
@@ -73,7 +73,7 @@ def _begun(model: LensModel, simpler: Bundle, image_size: tuple[int, int]) -> Bu
 
 
 def _from_homographies(
-    model: LensModel, observations: Sequence[Observation], image_size: tuple[int, int], guess: Guess
+    model: LensModel, observations: Sequence[BoardCorners], image_size: tuple[int, int], guess: Guess
 ) -> Bundle:
     """Of the first lens of a ladder that has a distortion, or of one without."""
     some = _thinned(observations)
@@ -92,13 +92,13 @@ def _from_homographies(
     return _posed(replace(best, poses=poses), observations, _TRIAL)
 
 
-def _thinned(observations: Sequence[Observation]) -> list[Observation]:
+def _thinned(observations: Sequence[BoardCorners]) -> list[BoardCorners]:
     """Some of the views, and some of their corners, evenly."""
     views = observations[:: -(-len(observations) // _MOST_VIEWS)]
     return [view.picked(np.arange(0, len(view.pixels), -(-len(view.pixels) // _MOST_CORNERS))) for view in views]
 
 
-def _start(model: LensModel, guess: Guess, observations: Sequence[Observation], image_size: tuple[int, int]) -> Bundle:
+def _start(model: LensModel, guess: Guess, observations: Sequence[BoardCorners], image_size: tuple[int, int]) -> Bundle:
     """From a focal length and a division model's distortion about the picture's centre."""
     (width, height), (focal, division) = image_size, guess
     reach = 0.5 * np.hypot(width, height) / focal
@@ -110,7 +110,7 @@ def _start(model: LensModel, guess: Guess, observations: Sequence[Observation], 
 
 
 def _undistorted_homographies(
-    observations: Sequence[Observation], image_size: tuple[int, int]
+    observations: Sequence[BoardCorners], image_size: tuple[int, int]
 ) -> tuple[float, list[np.ndarray]]:
     """`Guess.division`, and homographies (3, 3) from board points to undistorted pixels about the picture's centre."""
     centre, radius = (np.array(image_size) - 1) / 2, 0.5 * float(np.hypot(*image_size))
@@ -146,7 +146,7 @@ def _focal_length(homographies: Sequence[np.ndarray]) -> float:
     return float(1.0 / np.sqrt(inverse_square)) if inverse_square > 0.0 else np.nan
 
 
-def robust_poses(model: LensModel, intrinsics: np.ndarray, observations: Sequence[Observation]) -> np.ndarray:
+def robust_poses(model: LensModel, intrinsics: np.ndarray, observations: Sequence[BoardCorners]) -> np.ndarray:
     """(V, 6) poses of the views under a lens, each by the homography of most of its corners."""
     pixels = np.concatenate([view.pixels for view in observations])
     bounds = np.cumsum([0, *(len(view.pixels) for view in observations)])
@@ -158,12 +158,12 @@ def robust_poses(model: LensModel, intrinsics: np.ndarray, observations: Sequenc
     return board_poses([None if fit is None else fit[0] for fit in fits])
 
 
-def _posed(start: Bundle, observations: Sequence[Observation], rules: Rules) -> Bundle:
+def _posed(start: Bundle, observations: Sequence[BoardCorners], rules: Rules) -> Bundle:
     """Refined robustly; views whose median corner is far off are posed anew, for refining does not bring them back."""
     return reposed(refine(start, observations, rules, robust=True), observations, rules)
 
 
-def reposed(bundle: Bundle, observations: Sequence[Observation], rules: Rules = _FEW_STEPS) -> Bundle:
+def reposed(bundle: Bundle, observations: Sequence[BoardCorners], rules: Rules = _FEW_STEPS) -> Bundle:
     """A robust solution in which views whose median corner is far off have been posed anew."""
     median = np.array([np.median(np.linalg.norm(each, axis=1)) for each in bundle.residuals_px])
     bad = np.flatnonzero(median > _WRONG_POSE * np.median(median)).tolist()
@@ -192,7 +192,7 @@ def _ladder(model: LensModel) -> list[LensModel]:
 
 def unfolded(
     bundle: Bundle,
-    observations: Sequence[Observation],
+    observations: Sequence[BoardCorners],
     image_size: tuple[int, int],
     known: Mapping[str, Bundle] | None = None,
 ) -> Bundle:

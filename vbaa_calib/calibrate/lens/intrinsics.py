@@ -15,13 +15,13 @@ from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.geometry import Pose
 
 from .board_shape import SHAPE, BoardShape, ShapePrior
-from .bundle import CONVERGED, Bundle, Observation, polished, refine, residuals_px
+from .bundle import CONVERGED, BoardCorners, Bundle, polished, refine, residuals_px
 from .choice import Assessed, choose
 from .information import Candidate, Information, assess, information, observations_of
 from .initialization import Guess, reposed, rough_lens, unfolded
 from .models import LENS_MODELS, LensModel, camera_of, is_monotonic
 from .outliers import DroppedView, Inliers, fit_without_outliers, usable_views
-from .verdict import Evidence, Verdict, judge
+from .verdict import LensVerdict, judge
 
 MIN_CORNERS = 6
 _MIN_VIEWS = 3
@@ -66,7 +66,7 @@ class LensSolution:
     camera: Camera
     model: str
     board_shape: BoardShape
-    verdict: Verdict
+    verdict: LensVerdict
     rms_px: float = np.nan
     rms_inliers_px: float = np.nan
     views: tuple[_UsedView, ...] = ()
@@ -79,6 +79,11 @@ class LensSolution:
     def board_points(self) -> np.ndarray:
         """(C, 3) m the board's corners as solved, in its frame."""
         return self.board_shape.points_m
+
+    @property
+    def chosen(self) -> Candidate | None:
+        """The row of the lens model in the comparison; None where it was not assessed."""
+        return next((candidate for candidate in self.comparison if candidate.model == self.model), None)
 
     @property
     def trusted(self) -> bool:
@@ -115,7 +120,7 @@ def solve_intrinsics(
     usable, dropped = usable_views(sorted(views, key=rank), nominal_m, min_corners)
     observations = observations_of(usable, nominal_m)
     _require_enough(observations, dropped, model)
-    options = _Options(usable[0].image_size, ShapePrior.of(board), model, min_corners, square_pixels)
+    options = _LensOptions(usable[0].image_size, ShapePrior.of(board), model, min_corners, square_pixels)
     inliers, rough, warm = _screened(observations, options)
     _require_enough(inliers.of(observations), [*dropped, *_contradicting(usable, inliers.views)], model)
     fit = _decided(inliers, rough, warm, observations, options)
@@ -133,12 +138,11 @@ def solve_intrinsics(
     monotonic = is_monotonic(lens, bundle.intrinsics, options.image_size)
     shape = BoardShape.solved(nominal_m, bundle.shape, covariance)
     seen, scatter = [view.pixels for view in good], fit.information.view_scatter
-    known = Evidence(camera, lens.name, monotonic, fit.comparison, shape, seen, scatter)
     whole = [observations[index] for index in fit.inliers.views]
     squares = np.sum(np.concatenate(residuals_px(bundle, whole)) ** 2, axis=1)
     used = _used(fit, usable)
     left_out = {id(usable[index]): one.outlier_ids for index, one in zip(fit.inliers.views, used, strict=True)}
-    return LensSolution(
+    solution = LensSolution(
         camera=camera,
         model=lens.name,
         rms_px=float(np.sqrt(squares.mean())),
@@ -149,8 +153,9 @@ def solve_intrinsics(
         comparison=fit.comparison,
         monotonic=monotonic,
         board_shape=shape,
-        verdict=judge(known),
+        verdict=LensVerdict(),
     )
+    return replace(solution, verdict=judge(solution, seen, scatter))
 
 
 def _contradicting(usable: Sequence[BoardView], kept: np.ndarray) -> list[DroppedView]:
@@ -158,7 +163,7 @@ def _contradicting(usable: Sequence[BoardView], kept: np.ndarray) -> list[Droppe
     return [DroppedView(view.name, reason) for index, view in enumerate(usable) if index not in kept]
 
 
-def _require_enough(observations: Sequence[Observation], dropped: Sequence[DroppedView], model: str) -> None:
+def _require_enough(observations: Sequence[BoardCorners], dropped: Sequence[DroppedView], model: str) -> None:
     if len(observations) < _MIN_VIEWS:
         reasons = sorted({view.reason for view in dropped})
         raise InputError(
@@ -177,7 +182,7 @@ def _require_enough(observations: Sequence[Observation], dropped: Sequence[Dropp
 
 
 @dataclass(frozen=True)
-class _Options:
+class _LensOptions:
     """image_size : (width, height) px. prior : of the board's shape. model : "auto" or a name in `LENS_MODELS`."""
 
     image_size: tuple[int, int]
@@ -187,7 +192,9 @@ class _Options:
     square_pixels: bool
 
 
-def _screened(observations: Sequence[Observation], options: _Options) -> tuple[Inliers, Bundle, Mapping[str, Bundle]]:
+def _screened(
+    observations: Sequence[BoardCorners], options: _LensOptions
+) -> tuple[Inliers, Bundle, Mapping[str, Bundle]]:
     """The good corners under the given lens, or for "auto" the one of `_SCREENING` of least median error; its solution
     over them, and solutions of other lenses to start from."""
     known: dict[str, Bundle] = {}
@@ -207,7 +214,7 @@ def _posed(fits: Mapping[str, Bundle], views: np.ndarray) -> Mapping[str, Bundle
 
 
 @dataclass(frozen=True, eq=False)
-class _Fit:
+class _LensFit:
     """A lens over the good corners, with one pose for each good view; information : None where a parameter is open."""
 
     bundle: Bundle
@@ -220,10 +227,10 @@ def _decided(
     inliers: Inliers,
     bundle: Bundle,
     warm: Mapping[str, Bundle],
-    observations: Sequence[Observation],
-    options: _Options,
+    observations: Sequence[BoardCorners],
+    options: _LensOptions,
     folding: tuple[str, ...] = (),
-) -> _Fit:
+) -> _LensFit:
     """Lens model and outliers by turns, until neither changes.
 
     A lens that "auto" chose, and that folds once it has converged, is compared again as one of those that fold.
@@ -255,11 +262,11 @@ def _decided(
     known = information(bundle, good)
     if options.model != "auto" and known is not None:
         comparison = (assess(bundle, good, options.image_size, known)[0],)
-    return _Fit(bundle, inliers, comparison, known)
+    return _LensFit(bundle, inliers, comparison, known)
 
 
 def _fit_lens(
-    model: LensModel, observations: Sequence[Observation], options: _Options, warm: Mapping[str, Bundle]
+    model: LensModel, observations: Sequence[BoardCorners], options: _LensOptions, warm: Mapping[str, Bundle]
 ) -> Bundle:
     """The solution of a lens model and the board's shape, from `warm` (by name) where it has one."""
     near = warm.get(model.name)
@@ -270,7 +277,7 @@ def _fit_lens(
 
 
 def _choose_lens(
-    observations: Sequence[Observation], options: _Options, warm: Mapping[str, Bundle], folding: Sequence[str]
+    observations: Sequence[BoardCorners], options: _LensOptions, warm: Mapping[str, Bundle], folding: Sequence[str]
 ) -> tuple[Bundle, tuple[Candidate, ...]]:
     """The solution of the lens model that `choose` takes, and the comparison; warm : solutions by model name.
 
@@ -294,7 +301,7 @@ def _choose_lens(
     return fits[chosen], comparison
 
 
-def _used(fit: _Fit, usable: Sequence[BoardView]) -> tuple[_UsedView, ...]:
+def _used(fit: _LensFit, usable: Sequence[BoardView]) -> tuple[_UsedView, ...]:
     rms = fit.bundle.view_rms_px
     limit = np.median(rms) + _OUTLYING * mad_std(rms - np.median(rms))
     return tuple(

@@ -12,7 +12,7 @@ from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.detect.board.view_quality import fixes_homography
 from vbaa_calib.detect.quality.screen import screen_views, too_few
 
-from .bundle import Bundle, Observation, of_views, refine, residuals_px, rows
+from .bundle import BoardCorners, Bundle, of_views, refine, residuals_px, rows
 from .descent import factored
 
 _LEAST_CORNERS = 4
@@ -50,13 +50,13 @@ def usable_views(
 
 @dataclass(frozen=True, eq=False)
 class Inliers:
-    """The good views, as indices (V,), for each a mask (N,) of its good corners, and its weight (`Observation`)."""
+    """The good views, as indices (V,), for each a mask (N,) of its good corners, and its weight (`BoardCorners`)."""
 
     views: np.ndarray
     masks: tuple[np.ndarray, ...]
     weights: np.ndarray
 
-    def of(self, observations: Sequence[Observation]) -> list[Observation]:
+    def of(self, observations: Sequence[BoardCorners]) -> list[BoardCorners]:
         """The good corners of the good views."""
         every = zip(self.views.tolist(), self.masks, self.weights.tolist(), strict=True)
         return [replace(observations[index].picked(mask), weight=weight) for index, mask, weight in every]
@@ -81,7 +81,9 @@ def _outlier_limit(distances: np.ndarray) -> float:
     return limit
 
 
-def _standardised(bundle: Bundle, observations: Sequence[Observation], masks: Sequence[np.ndarray]) -> list[np.ndarray]:
+def _standardised(
+    bundle: Bundle, observations: Sequence[BoardCorners], masks: Sequence[np.ndarray]
+) -> list[np.ndarray]:
     """Per view (N,) px, length of each corner's residual over its standard deviation, which is 1 for a corner whose
     view's pose is known: less for those that the pose rests on, by `masks` (N,), more for the others."""
     residuals, _, by_pose, bounds = rows(bundle, observations)
@@ -131,7 +133,7 @@ def inlier_masks(distances: Sequence[np.ndarray]) -> list[np.ndarray]:
 
 
 def fit_without_outliers(
-    start: Bundle, observations: Sequence[Observation], min_corners: int, masks: tuple[np.ndarray, ...] | None = None
+    start: Bundle, observations: Sequence[BoardCorners], min_corners: int, masks: tuple[np.ndarray, ...] | None = None
 ) -> tuple[Inliers, Bundle]:
     """Which views and corners are good, and the solution over the good ones alone.
 
@@ -175,7 +177,7 @@ def _nearest(residuals: Sequence[np.ndarray]) -> list[np.ndarray]:
     return [own <= _BELOW * np.median(own) for own in lengths]
 
 
-def _fixes_pose(good: np.ndarray, view: Observation, min_corners: int) -> bool:
+def _fixes_pose(good: np.ndarray, view: BoardCorners, min_corners: int) -> bool:
     """Whether the good corners (N,) of a view are most of them and fix its pose; all its corners are taken to."""
     most = good.mean() > 0.5 and good.sum() >= max(min_corners, _LEAST_CORNERS)
     return bool(most and (good.all() or fixes_homography(view.points_m[good, :2])))

@@ -103,7 +103,7 @@ def expected_errors_px(
 
 
 @dataclass(frozen=True)
-class LinearRange:
+class _LinearRange:
     """How far a step of the lens counts as linear.
 
     shares : of a standard deviation, tried in turn; the last one is taken in any case.
@@ -128,7 +128,7 @@ def linear_axes(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
     standard deviation along one axis leads to a lens that folds inside the picture.
     """
     assert camera.covariance is not None
-    axes, shares, within = independent_axes(camera.covariance), np.ones(len(camera.covariance)), LinearRange()
+    axes, shares, within = independent_axes(camera.covariance), np.ones(len(camera.covariance)), _LinearRange()
     pixels = pixel_grid(camera.image_size, within.grid).reshape(-1, 2)
     slopes, (rays, valid) = projection_jacobian(camera, pixels), camera.unproject(pixels)
     valid &= np.isfinite(slopes).all(axis=(-1, -2))

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import Diagnosis
 
 from .board_shape import BoardShape
 from .information import Candidate
+
+if TYPE_CHECKING:
+    from .intrinsics import LensSolution
 
 _Grade = Literal["trusted", "look at", "do not use"]
 _VAGUE_FOCAL = 0.02
@@ -22,12 +24,12 @@ _SCATTERED = 2.0
 
 
 @dataclass(frozen=True)
-class Verdict:
+class LensVerdict:
     """The verdict on a lens: it is as good as the worst that was found."""
 
-    diagnoses: tuple[Diagnosis, ...]  # what is wrong, or looks wrong, the grave ones first
+    diagnoses: tuple[Diagnosis, ...] = ()  # what is wrong, or looks wrong, the grave ones first
     # sentences: why this lens model, whether halves of the views agree, whether the board is flat
-    reasons: tuple[str, ...]
+    reasons: tuple[str, ...] = ()
 
     @property
     def grade(self) -> _Grade:
@@ -60,7 +62,7 @@ class Verdict:
         """Of a verb whose result rests on the lens: 1 where it must not be used, else 0."""
         return int(self.grade == "do not use")
 
-    def with_diagnoses(self, found: Iterable[Diagnosis]) -> Verdict:
+    def with_diagnoses(self, found: Iterable[Diagnosis]) -> LensVerdict:
         """The verdict that knows of these, too."""
         return replace(self, diagnoses=_grave_first((*self.diagnoses, *found)))
 
@@ -75,43 +77,29 @@ class Verdict:
         }
 
 
-@dataclass(frozen=True, eq=False)
-class Evidence:
-    """What a solve knows of its lens."""
+def judge(solution: LensSolution, views_px: Sequence[np.ndarray], view_scatter: float) -> LensVerdict:
+    """The verdict on a lens by its solve alone; what the set of views shows is added with `with_diagnoses`.
 
-    camera: Camera  # with its covariance
-    model: str  # name of its lens model
-    monotonic: bool  # whether it maps the picture without folds
-    comparison: Sequence[Candidate]  # the lens models that were assessed
-    shape: BoardShape  # of the board
-    views_px: Sequence[np.ndarray]  # corners (N, 2) px of each view used
-    view_scatter: float = 1.0  # as `Information` has it
-
-    @property
-    def chosen(self) -> Candidate | None:
-        """The row of the lens model in the comparison; None where it was not assessed."""
-        return next((candidate for candidate in self.comparison if candidate.model == self.model), None)
-
-
-def judge(known: Evidence) -> Verdict:
-    """The verdict on a lens by its solve alone; what the set of views shows is added with `with_diagnoses`."""
-    return Verdict(_grave_first(_diagnoses(known)), (*_why(known), *_split_half(known), _board(known.shape)))
+    views_px : corners (N, 2) of each view used. view_scatter : as `Information` has it.
+    """
+    found = _grave_first(_diagnoses(solution, views_px, view_scatter))
+    return LensVerdict(found, (*_why(solution), *_split_half(solution.chosen), _board(solution.board_shape)))
 
 
 def _grave_first(found: Iterable[Diagnosis]) -> tuple[Diagnosis, ...]:
     return tuple(sorted(found, key=lambda one: not one.grave))
 
 
-def _diagnoses(known: Evidence) -> Iterator[Diagnosis]:
+def _diagnoses(solution: LensSolution, views_px: Sequence[np.ndarray], view_scatter: float) -> Iterator[Diagnosis]:
     """What speaks against trusting the lens."""
-    chosen, count = known.chosen, len(known.views_px)
+    chosen, count = solution.chosen, len(views_px)
     if count < _ENOUGH_VIEWS:
         words = f"the lens rests on {count} views: they fit almost any lens, and halves of them cannot be compared"
         missing = f"add {_ENOUGH_VIEWS - count} or more views"
         yield Diagnosis("few_views", words, f"{missing}, the board tilted by 30 to 45 degrees, each time another way")
-    if known.view_scatter >= _SCATTERED:
+    if view_scatter >= _SCATTERED:
         words = (
-            f"the views contradict each other {known.view_scatter:.1f} times as much as their corners scatter; the "
+            f"the views contradict each other {view_scatter:.1f} times as much as their corners scatter; the "
             "stated uncertainty counts that"
         )
         remedy = (
@@ -119,39 +107,39 @@ def _diagnoses(known: Evidence) -> Iterator[Diagnosis]:
             "board); or choose another --lens-model"
         )
         yield Diagnosis("views_scatter", words, remedy)
-    if not known.monotonic:
-        words = f"the {known.model} lens folds inside the picture: directions near its border are not to be trusted"
+    if not solution.monotonic:
+        words = f"the {solution.model} lens folds inside the picture: directions near its border are not to be trusted"
         yield Diagnosis("lens_folds", words, "show the board near the border, too, or choose another --lens-model")
     if chosen is not None and chosen.halves is not None and not chosen.split_half_agrees:
         words = f"two halves of the views give lenses that differ by {chosen.halves:.1f} times what is predicted"
         remedy = "the uncertainty is larger than stated by about as much: add views, or choose another --lens-model"
         yield Diagnosis("split_half_differs", words, remedy)
-    assert known.camera.covariance is not None
-    focal_std = float((np.sqrt(np.diag(known.camera.covariance)[:2]) / known.camera.parameters[:2]).max())
+    assert solution.camera.covariance is not None
+    focal_std = float((np.sqrt(np.diag(solution.camera.covariance)[:2]) / solution.camera.parameters[:2]).max())
     if focal_std > _VAGUE_FOCAL:
         words = f"the focal length is known to {100 * focal_std:.1f} % only"
         yield Diagnosis("focal_vague", words, "add views of the board tilted by 30 to 45 degrees")
     # of an 8 x 6 grid over the picture, the cells in which a corner was seen
-    places = (np.concatenate(known.views_px) + 0.5) / np.array(known.camera.image_size) * (8, 6)
+    places = (np.concatenate(views_px) + 0.5) / np.array(solution.camera.image_size) * (8, 6)
     share = len(np.unique(np.clip(places, 0, (7, 5)).astype(int), axis=0)) / 48
     if share < _COVERED:
         words = f"the corners cover {100 * share:.0f} % of the picture"
         yield Diagnosis("little_covered", words, "add views with the board near its border")
 
 
-def _why(known: Evidence) -> list[str]:
+def _why(solution: LensSolution) -> list[str]:
     """Why this lens model."""
-    chosen = known.chosen
+    chosen = solution.chosen
     if chosen is None:
         return []
     name, misses = chosen.model, f"misses held-out views by {chosen.held_out_rms_px:.3f} px rms"
-    if len(known.comparison) < 2:
+    if len(solution.comparison) < 2:
         return [f"The lens model {name} was given; it {misses}."]
     if chosen.expected_error_px is None:
         return [f"{name} {misses}."]
     expected = f"expected error ({chosen.expected_error_px:.2f} px)"
-    best = min(known.comparison, key=lambda candidate: candidate.held_out_rms_px)
-    others = [candidate for candidate in known.comparison if candidate.model != name]
+    best = min(solution.comparison, key=lambda candidate: candidate.held_out_rms_px)
+    others = [candidate for candidate in solution.comparison if candidate.model != name]
     less = [one for one in others if (one.expected_error_px or np.inf) < chosen.expected_error_px]
     words = f"The lens model {name} was taken for its {expected}"
     if not less:
@@ -164,8 +152,7 @@ def _why(known: Evidence) -> list[str]:
     return [f"{words}{''.join(why)}."]
 
 
-def _split_half(known: Evidence) -> list[str]:
-    chosen = known.chosen
+def _split_half(chosen: Candidate | None) -> list[str]:
     if chosen is None:
         return []
     if chosen.halves is None:

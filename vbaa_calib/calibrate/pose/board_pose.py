@@ -118,7 +118,7 @@ def solve_board_pose(views: Sequence[BoardView], board: BoardShape, camera: Came
             remedy="take the picture again with the board sharp, lit and wholly in view",
         )
     starts = start_poses(flat[seen], rays[seen, :2] / rays[seen, 2:])
-    whole = _Corners(camera, points, pixels)
+    whole = _SeenBoard(camera, points, pixels)
     found = [whole.refined(pose, SOFT_L1) for pose in starts]
     found.append(whole.refined(mirrored(found[0], points), SOFT_L1))
     first, *others = sorted(found, key=lambda pose: float(soft_l1_losses(whole.residual(pose)).sum()))
@@ -126,7 +126,7 @@ def solve_board_pose(views: Sequence[BoardView], board: BoardShape, camera: Came
     inliers = distance <= max(_GROSS_CORNER * radial_std(distance), _GROSS_LEAST_PX)
     if not fixes_homography(points[inliers, :2]):
         raise SolveError("no pose of the board explains its corners: is the lens that of this camera?")
-    good = _Corners(camera, points[inliers], pixels[inliers])
+    good = _SeenBoard(camera, points[inliers], pixels[inliers])
     first = good.refined(first, SQUARES)
     by_pose, by_lens = good.derivatives(first)
     inverse, residual = np.linalg.pinv(by_pose), good.residual(first)
@@ -183,7 +183,7 @@ class _Point(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class _Corners:
+class _SeenBoard:
     """Points (N, 3) of the board and where a camera sees them, pixels (N, 2)."""
 
     camera: Camera

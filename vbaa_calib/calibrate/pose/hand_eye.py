@@ -22,7 +22,7 @@ from vbaa_calib.detect.board.corners import BoardView
 from vbaa_calib.geometry import Pose
 from vbaa_calib.geometry.independent_axes import largest_std
 
-from .hand_eye_fit import HandEyeProblem, Misfits, Solved
+from .hand_eye_fit import HandEyeProblem, HandEyeSolution, Misfits
 from .hand_eye_start import Start, consensus, other_orders
 from .hand_eye_views import LEAST_CORNERS, SeenView, seen_view
 
@@ -311,7 +311,7 @@ def _start(
 
 def _consistent(
     problem: HandEyeProblem, start: Start, seen: Sequence[Pose], centre_m: np.ndarray
-) -> tuple[Solved, np.ndarray, Misfits]:
+) -> tuple[HandEyeSolution, np.ndarray, Misfits]:
     """The solution over the views that agree, which those are (V,), and how far off each is."""
     kept, X, Z = start.good, start.X, start.Z
     std = np.array([max(start.spread_m, 1e-6), max(start.spread_m, 1e-6), 1.0])
@@ -330,7 +330,7 @@ def _consistent(
     return solved, before, off
 
 
-def _refuse_loose(found: Solved, tools: Sequence[Pose], reach_m: float) -> None:
+def _refuse_loose(found: HandEyeSolution, tools: Sequence[Pose], reach_m: float) -> None:
     of_camera = found.covariance[:6, :6]
     turn, place = (float(largest_std(part)) for part in (of_camera[:3, :3], of_camera[3:, 3:]))
     if turn > _LOOSE_RAD or place > _LOOSE_SHARE * reach_m:
@@ -345,7 +345,7 @@ def _refuse_loose(found: Solved, tools: Sequence[Pose], reach_m: float) -> None:
 
 
 def _result(
-    solved: Solved, kept: np.ndarray, off: Misfits, problem: HandEyeProblem, seen: Sequence[SeenView]
+    solved: HandEyeSolution, kept: np.ndarray, off: Misfits, problem: HandEyeProblem, seen: Sequence[SeenView]
 ) -> HandEye:
     views, index = [], 0
     for one in seen:

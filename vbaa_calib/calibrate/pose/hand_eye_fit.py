@@ -77,7 +77,7 @@ class ViewCorners:
 
 
 @dataclass(frozen=True, eq=False)
-class _State:
+class _HandEyeState:
     """What is solved for: X, Z, and each view's E."""
 
     X: Pose
@@ -85,10 +85,10 @@ class _State:
     errors: tuple[Pose, ...]
 
 
-class _Rows(NamedTuple):
+class _HandEyeRows(NamedTuple):
     """A state, and per view the six numbers that its corners determine, in units of their noise."""
 
-    state: _State
+    state: _HandEyeState
     residuals: np.ndarray  # (V, 6) at the state
     # (V, 6, 12 + K) by the tangents of X and Z, and by K independent steps of the lens of unit deviation
     by_shared: np.ndarray
@@ -124,15 +124,15 @@ class _Normal(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Solved:
+class HandEyeSolution:
     """A minimum. log_std : (3,) deviations of the logarithms of `std`."""
 
-    rows: _Rows
+    rows: _HandEyeRows
     std: np.ndarray
     log_std: np.ndarray
 
     @property
-    def state(self) -> _State:
+    def state(self) -> _HandEyeState:
         return self.rows.state
 
     def covariance_for(self, std: np.ndarray) -> np.ndarray:
@@ -195,18 +195,18 @@ class HandEyeProblem:
         axes = independent_axes(self.camera.covariance)
         return axes[:, np.any(axes != 0.0, axis=0)]
 
-    def start(self, X: Pose, Z: Pose) -> _State:
+    def start(self, X: Pose, Z: Pose) -> _HandEyeState:
         """The state without robot errors."""
-        return _State(X, Z, (Pose.identity(),) * len(self.views))
+        return _HandEyeState(X, Z, (Pose.identity(),) * len(self.views))
 
-    def predicted(self, state: _State) -> list[Pose]:
+    def predicted(self, state: _HandEyeState) -> list[Pose]:
         """T_camera_board of each view."""
         back = state.X.inverse()
         if self.in_hand:
             return [back @ E @ G.inverse() @ state.Z for G, E in zip(self.readings, state.errors, strict=True)]
         return [back @ G @ E @ state.Z for G, E in zip(self.readings, state.errors, strict=True)]
 
-    def _tangents(self, state: _State, T_camera_board: Pose, view: int) -> np.ndarray:
+    def _tangents(self, state: _HandEyeState, T_camera_board: Pose, view: int) -> np.ndarray:
         """(6, 18) the tangent of a view's board pose by those of X, Z and E."""
         X, Z, G, E = state.X, state.Z, self.readings[view], state.errors[view]
         R_camera_base = X.rotation.T
@@ -222,7 +222,7 @@ class HandEyeProblem:
         found[3:, 12:15] = -_crossed(lever) @ through
         return found
 
-    def linearised(self, state: _State, std: np.ndarray) -> _Rows:
+    def linearised(self, state: _HandEyeState, std: np.ndarray) -> _HandEyeRows:
         """The rows at a state, and the cost there."""
         axes, squares, each = self._lens_axes, 0.0, []
         for index, (view, pose) in enumerate(zip(self.views, self.predicted(state), strict=True)):
@@ -235,13 +235,13 @@ class HandEyeProblem:
         own, by_shared, by_error, by_pose = (np.array(parts) for parts in zip(*each, strict=True))
         errors = np.array([E.vector for E in state.errors])
         squares += float(((errors / std[:2].repeat(3)) ** 2).sum())
-        return _Rows(state, own, by_shared, by_error, by_pose, errors, 0.5 * squares)
+        return _HandEyeRows(state, own, by_shared, by_error, by_pose, errors, 0.5 * squares)
 
-    def _descended(self, state: _State, std: np.ndarray) -> _Rows:
+    def _descended(self, state: _HandEyeState, std: np.ndarray) -> _HandEyeRows:
         """At the least cost."""
         variance = std[:2].repeat(3) ** 2
 
-        def step(at: _Rows, damping: float) -> tuple[np.ndarray, float]:
+        def step(at: _HandEyeRows, damping: float) -> tuple[np.ndarray, float]:
             normal = at.normal(std)
             A, b = normal.A[:_SHARED, :_SHARED], normal.b[:_SHARED]
             move = solve_scaled(A, b, damping)
@@ -251,15 +251,15 @@ class HandEyeProblem:
             promise = 0.5 * float(2.0 * b @ move - move @ A @ move + (own**2 / variance).sum())
             return np.concatenate([move, own.ravel()]), promise
 
-        def moved(at: _Rows, move: np.ndarray) -> _Rows:
+        def moved(at: _HandEyeRows, move: np.ndarray) -> _HandEyeRows:
             X, Z = at.state.X.retract(move[:6]), at.state.Z.retract(move[6:_SHARED])
             steps = move[_SHARED:].reshape(-1, 6)
             errors = tuple(E.retract(own) for E, own in zip(at.state.errors, steps, strict=True))
-            return self.linearised(_State(X, Z, errors), std)
+            return self.linearised(_HandEyeState(X, Z, errors), std)
 
         return levenberg_marquardt(self.linearised(state, std), step, moved, _RULES).at
 
-    def solved(self, state: _State, std: np.ndarray) -> Solved:
+    def solved(self, state: _HandEyeState, std: np.ndarray) -> HandEyeSolution:
         """The minimum, with the deviations re-estimated from the residuals (REML)."""
         starts = [std, *(np.array([turn, shift, 1.0]) for turn in _STARTS for shift in _STARTS)]
         for _ in range(_ROUNDS):
@@ -269,9 +269,9 @@ class HandEyeProblem:
             state = rows.state
             if np.abs(np.log(std / before)).max() < _SAME:
                 break
-        return Solved(self._descended(state, std), std, log_std)
+        return HandEyeSolution(self._descended(state, std), std, log_std)
 
-    def board_scale(self, solved: Solved) -> tuple[float, float]:
+    def board_scale(self, solved: HandEyeSolution) -> tuple[float, float]:
         """By what part the board is larger than stated, if the robot measures right, and its deviation."""
         # a larger board that is seen alike is as much further away
         further = np.array([np.append(np.zeros(3), pose.translation_m) for pose in self.predicted(solved.state)])
@@ -282,7 +282,7 @@ class HandEyeProblem:
         inverse = solve_scaled(normal.A, np.eye(len(normal.A)))
         return float((inverse @ normal.b)[-1]), float(np.sqrt(inverse[-1, -1]))
 
-    def misfits(self, solved: Solved, seen: Sequence[Pose], kept: np.ndarray, centre_m: np.ndarray) -> Misfits:
+    def misfits(self, solved: HandEyeSolution, seen: Sequence[Pose], kept: np.ndarray, centre_m: np.ndarray) -> Misfits:
         """Of all views, whose corners alone show the board at the poses `seen`, by a solution over those kept (V,)."""
         state = self.start(solved.state.X, solved.state.Z)
         rows, std = self.linearised(state, solved.std), solved.std
@@ -331,7 +331,7 @@ def _crossed(vector: np.ndarray) -> np.ndarray:
     return np.cross(vector, np.eye(3)).T
 
 
-def _deviations(rows: _Rows, starts: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+def _deviations(rows: _HandEyeRows, starts: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     """(3,) deviations, and those of their logarithms; the best start is taken, for there are flat stretches."""
 
     def badness(logs: np.ndarray) -> float:

@@ -95,7 +95,7 @@ class SweepState:
         )
 
 
-class _Linearised(NamedTuple):
+class _SweepRows(NamedTuple):
     """Residuals and their negative derivatives."""
 
     residuals_px: np.ndarray  # (N, 2) observed less predicted; far off where the lens does not see the point
@@ -116,7 +116,7 @@ def _tilted_x(corners: SweepCorners) -> np.ndarray:
     return np.stack([np.cos(tilt), np.zeros_like(tilt), -np.sin(tilt)], axis=1)
 
 
-def linearise(camera: Camera, state: SweepState, corners: SweepCorners) -> _Linearised:
+def linearise(camera: Camera, state: SweepState, corners: SweepCorners) -> _SweepRows:
     """Residuals and derivatives of all corners at a state."""
     X, B = state.T_actuator_camera, state.T_foot_board
     world = _turns_actuator_foot(corners, state.axis_skew_rad)[corners.picture]
@@ -137,7 +137,7 @@ def linearise(camera: Camera, state: SweepState, corners: SweepCorners) -> _Line
         np.cross(_Y, at)[:, None],
     ]
     by_state = seen.by_point @ X.rotation.T @ np.swapaxes(np.concatenate(moves, axis=1), -1, -2)
-    return _Linearised(corners.pixels - seen.pixels, by_state[..., :_STATE], by_state[..., _STATE:], seen.by_lens)
+    return _SweepRows(corners.pixels - seen.pixels, by_state[..., :_STATE], by_state[..., _STATE:], seen.by_lens)
 
 
 def initial_state(camera: Camera, corners: SweepCorners, kinematics: Kinematics) -> SweepState:
@@ -191,11 +191,11 @@ class SweepFit:
         return float(np.sqrt(self.angle_ratio * self.variance_px2))
 
 
-class _System(NamedTuple):
+class _SweepEquations(NamedTuple):
     """Normal equations A·step = b with the angles eliminated; `cost` is the sum of squares at no step."""
 
     state: SweepState
-    at: _Linearised
+    at: _SweepRows
     blocks: np.ndarray
     A: np.ndarray
     b: np.ndarray
@@ -215,24 +215,24 @@ class SweepProblem:
         """With the axes' skew and offset free, or fixed where they are."""
         return SweepProblem(camera, corners, np.ones(_STATE, bool) if axes else _AXES_FIXED)
 
-    def _blocks(self, at: _Linearised, weights: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    def _blocks(self, at: _SweepRows, weights: np.ndarray, columns: np.ndarray) -> np.ndarray:
         """(P, m, m) products of columns (N, 2, ...), then the residual, then the picture's own angles."""
         whole = np.concatenate([columns, at.residuals_px[..., None], at.by_angles], axis=-1)
         bounds = np.searchsorted(self.corners.picture, np.arange(self.corners.pictures + 1))
         return view_products(whole * np.sqrt(weights)[:, None, None], bounds)
 
-    def _descended(self, state: SweepState, weights: np.ndarray, angle_ratio: float, rules: Rules) -> _System:
-        def linearised(state: SweepState) -> _System:
+    def _descended(self, state: SweepState, weights: np.ndarray, angle_ratio: float, rules: Rules) -> _SweepEquations:
+        def linearised(state: SweepState) -> _SweepEquations:
             at = linearise(self.camera, state, self.corners)
             blocks = self._blocks(at, weights, at.by_state[..., self.free])
             whole = _without_angles(blocks, angle_ratio)
-            return _System(state, at, blocks, whole[:-1, :-1], whole[:-1, -1], float(whole[-1, -1]))
+            return _SweepEquations(state, at, blocks, whole[:-1, :-1], whole[:-1, -1], float(whole[-1, -1]))
 
-        def step(system: _System, damping: float) -> tuple[np.ndarray, float]:
+        def step(system: _SweepEquations, damping: float) -> tuple[np.ndarray, float]:
             move = solve_scaled(system.A, system.b, damping)
             return move, float(system.b @ move)
 
-        def moved(system: _System, move: np.ndarray) -> _System:
+        def moved(system: _SweepEquations, move: np.ndarray) -> _SweepEquations:
             whole = np.zeros(_STATE)
             whole[self.free] = move
             return linearised(system.state.moved(whole))

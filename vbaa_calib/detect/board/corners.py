@@ -203,7 +203,7 @@ def _refuse_wrong_spec(paths: Sequence[Path], views: Sequence[BoardView], spec: 
         found = sum(len(view.ids) >= _FEW_CORNERS for view in views) >= _FOUND_SHARE * len(views)
         mismatch = explain_mismatch(read, markers, spec, found)
         if mismatch is not None:
-            what = f"the board spec does not fit the pictures: {', '.join(mismatch.causes)}"
+            what = f"the board spec does not fit the pictures: {mismatch.words}"
             raise InputError(what, where=place, remedy=mismatch.remedy)
     if not isinstance(spec, BoardSpec) or not shown:
         other = explain_other_kind(read, [view.corners_px for view in views], spec)

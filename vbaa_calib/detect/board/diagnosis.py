@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 
 from targets.board import DICTIONARIES, DICTIONARY_SIZES, BoardSpec, spec_line
+from vbaa_calib.core.errors import Diagnosis
 
 MIRRORED = "the markers are found only in the mirror image (the pictures are mirrored: mirror them back)"
 _NEGATIVE = "the markers are found only with black and white exchanged (the board is a negative: print it anew)"
@@ -84,7 +85,7 @@ class Markers:
 
 
 @dataclass(frozen=True, eq=False)
-class _Layout:
+class _MarkerLayout:
     """How well markers fit a layout.
 
     Attributes
@@ -116,7 +117,7 @@ class _Layout:
         return marker_cells(self.squares_x, self.on_even_squares, len(self.fits))
 
 
-def judge(pictures: Sequence[Markers], squares_x: int, on_even_squares: bool, count: int) -> _Layout:
+def judge(pictures: Sequence[Markers], squares_x: int, on_even_squares: bool, count: int) -> _MarkerLayout:
     """How well the markers with ids under `count` fit a layout.
 
     Each marker's outline predicts its neighbours' places; a pair fits if they are within 0.6 squares. This is local and
@@ -137,10 +138,10 @@ def judge(pictures: Sequence[Markers], squares_x: int, on_even_squares: bool, co
     ratio = float(np.clip(typical, *_RATIOS))
     good = np.linalg.norm(ratio * offset - step, axis=1) < _MISS_SQUARES
     fits = np.bincount(np.concatenate(ids)[good], minlength=count)
-    return _Layout(squares_x, on_even_squares, ratio, int((~good).sum()), len(good), fits)
+    return _MarkerLayout(squares_x, on_even_squares, ratio, int((~good).sum()), len(good), fits)
 
 
-def _distinctive_pairs(pictures: Sequence[Markers], here: _Layout, other: _Layout) -> int:
+def _distinctive_pairs(pictures: Sequence[Markers], here: _MarkerLayout, other: _MarkerLayout) -> int:
     """Number of pairs of neighbouring markers that fit the layout `here` and would lie differently in `other`."""
     cells, votes = (here.cells, other.cells), 0
     for picture in (picture.below(len(here.fits)) for picture in pictures):
@@ -150,7 +151,7 @@ def _distinctive_pairs(pictures: Sequence[Markers], here: _Layout, other: _Layou
     return votes
 
 
-def _best_layout(pictures: Sequence[Markers], prefer: tuple[int, bool]) -> _Layout | None:
+def _best_layout(pictures: Sequence[Markers], prefer: tuple[int, bool]) -> _MarkerLayout | None:
     """The layout with the smallest share of contradicting pairs, `prefer` (squares_x, on_even_squares) among equals.
 
     None with too few pairs, or if one in ten contradicts the best layout.
@@ -159,7 +160,7 @@ def _best_layout(pictures: Sequence[Markers], prefer: tuple[int, bool]) -> _Layo
         return None
     count = 1 + max((int(picture.ids.max(initial=-1)) for picture in pictures), default=-1)
     every = [(squares_x, even) for squares_x in range(2, _LARGEST_WIDTH + 1) for even in (False, True)]
-    best: _Layout | None = None
+    best: _MarkerLayout | None = None
     for squares_x, even in [prefer, *every]:
         layout = judge(pictures, squares_x, even, count)
         if layout.agreeing >= _PAIRS_NEEDED and (best is None or layout.share_wrong < best.share_wrong - 1e-9):
@@ -167,7 +168,7 @@ def _best_layout(pictures: Sequence[Markers], prefer: tuple[int, bool]) -> _Layo
     return best if best is not None and best.share_wrong <= 0.1 else None
 
 
-def _vacant_below(picture: Markers, layout: _Layout, row: int, image_size: tuple[int, int]) -> int:
+def _vacant_below(picture: Markers, layout: _MarkerLayout, row: int, image_size: tuple[int, int]) -> int:
     """Number of places for markers of the next row that lie well inside the picture, beside markers of `row`."""
     picture = picture.below(len(layout.fits))
     column, its_row = layout.cells[picture.ids].T
@@ -182,14 +183,6 @@ def _vacant_below(picture: Markers, layout: _Layout, row: int, image_size: tuple
     return vacant
 
 
-@dataclass(frozen=True)
-class _Mismatch:
-    """Causes in words, and a remedy: the fitting spec as a line of YAML, if there is one."""
-
-    causes: tuple[str, ...]
-    remedy: str
-
-
 @dataclass(frozen=True, eq=False)
 class _Sighting:
     """Markers per picture that agree on a layout, and how the pictures are mirrored or inverted ("" for not)."""
@@ -197,12 +190,12 @@ class _Sighting:
     dictionary: str
     turned: str
     markers: Sequence[Markers]
-    layout: _Layout
+    layout: _MarkerLayout
 
 
 def explain_mismatch(
     read: Callable[[int], np.ndarray], markers: Sequence[Markers], spec: BoardSpec, found: bool
-) -> _Mismatch | None:
+) -> Diagnosis | None:
     """What is wrong with the spec; None if nothing is, or if that cannot be determined.
 
     Parameters
@@ -248,7 +241,7 @@ def markers_within(picture: np.ndarray, corners_px: np.ndarray) -> int:
     return max(counts)
 
 
-def _legacy_is_wrong(markers: Sequence[Markers], own: _Layout, spec: BoardSpec) -> bool:
+def _legacy_is_wrong(markers: Sequence[Markers], own: _MarkerLayout, spec: BoardSpec) -> bool:
     """Whether the markers fit the board clearly better with the other legacy flag.
 
     With odd columns and even rows the two layouts differ by a shift of one square: corners are found under both, and
@@ -284,13 +277,13 @@ def _find_markers(picture: np.ndarray, dictionary: str) -> Markers:
     return Markers(found, np.asarray(outlines, float).reshape(-1, 4, 2))
 
 
-def _compared(sighting: _Sighting, spec: BoardSpec) -> _Mismatch | None:
+def _compared(sighting: _Sighting, spec: BoardSpec) -> Diagnosis | None:
     """How the board in the pictures differs from the spec."""
     fitting = _fitting_spec(sighting, spec)
     if fitting is None:
         turned = (sighting.turned,) if sighting.turned else ()
         remedy = f"print a board whose markers are of one of {DICTIONARIES[0]} … {DICTIONARIES[-1]}"
-        return _Mismatch((*turned, f"its markers are of {sighting.dictionary}"), remedy)
+        return _mismatch((*turned, f"its markers are of {sighting.dictionary}"), remedy)
     legacy, named = (str(each.legacy_pattern).lower() for each in (fitting, spec))
     ratios = f"{sighting.layout.ratio:.2f} of a square, not {spec.marker_m / spec.square_m:.2f}"
     counts, exchanged = (spec.squares_x, spec.squares_y), (spec.squares_y, spec.squares_x)
@@ -304,7 +297,12 @@ def _compared(sighting: _Sighting, spec: BoardSpec) -> _Mismatch | None:
         (fitting.marker_m != spec.marker_m, f"marker_m: {fitting.marker_m:g} (markers measure {ratios})"),
     )
     causes = tuple(words for differs, words in differences if differs)
-    return _Mismatch(causes, f"this board fits: {spec_line(fitting)}") if causes else None
+    return _mismatch(causes, f"this board fits: {spec_line(fitting)}") if causes else None
+
+
+def _mismatch(causes: tuple[str, ...], remedy: str) -> Diagnosis:
+    name = "mirrored_picture" if causes == (MIRRORED,) else "wrong_board"
+    return Diagnosis(name, ", ".join(causes), remedy, "wrong")
 
 
 def _fitting_spec(sighting: _Sighting, spec: BoardSpec) -> BoardSpec | None:

@@ -28,7 +28,7 @@ _MOST_SPOTS, _GOES_ON = 3, 0.2
 _TURNS = tuple(np.array(turn) for turn in ([[1, 0], [0, 1]], [[0, -1], [1, 0]], [[-1, 0], [0, -1]], [[0, 1], [-1, 0]]))
 
 
-def grid_readings(spec: Chessboard | CircleGrid) -> np.ndarray:
+def _grid_readings(spec: Chessboard | CircleGrid) -> np.ndarray:
     """(K, corner_count) orders in which the marks may be numbered: by quarter turns and mirroring."""
     centred = 2 * spec.lattice - spec.lattice.min(axis=0) - spec.lattice.max(axis=0)
     index = {tuple(place): number for number, place in enumerate(centred.tolist())}
@@ -139,7 +139,7 @@ def _regular(marks: np.ndarray, spec: Chessboard | CircleGrid) -> bool:
 def _upright(marks: np.ndarray, image: np.ndarray, spec: Chessboard | CircleGrid) -> np.ndarray:
     """The marks in order: not mirrored, black square first, as upright as possible."""
     places = spec.lattice - spec.lattice.mean(axis=0)
-    readings = [marks[order] for order in grid_readings(spec)]
+    readings = [marks[order] for order in _grid_readings(spec)]
     slopes = [np.linalg.lstsq(places, reading - reading.mean(axis=0), rcond=None)[0].T for reading in readings]
     seen = [
         (abs(_angle(slope)), reading)

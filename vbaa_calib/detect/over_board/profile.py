@@ -73,7 +73,7 @@ def board_picture(image: np.ndarray, camera: Camera, T_camera_board: Pose, spec:
     return BoardPicture(seen, np.where(inside, pattern, np.nan).astype(np.float32), slope, noise, blur_px)
 
 
-def pattern_texture(spec: BoardSpec, texels: int = _TEXELS) -> np.ndarray:
+def _pattern_texture(spec: BoardSpec, texels: int = _TEXELS) -> np.ndarray:
     """(squares_y·texels, squares_x·texels) float32: 1 white, 0 black."""
     board = opencv_board(spec)
     modules = spec.modules
@@ -102,7 +102,7 @@ def _warped(camera: Camera, T_camera_board: Pose, spec: BoardSpec) -> tuple[np.n
     square = np.stack([x, y], axis=-1) / np.where(valid, w, 1.0)[..., None] / spec.square_m
     square = np.where(valid[..., None], square, -1.0)
     inside = valid & (square > 0).all(axis=-1) & (square < [spec.squares_x, spec.squares_y]).all(axis=-1)
-    texture = pattern_texture(spec)
+    texture = _pattern_texture(spec)
     fine_size = (width * _SUBPIXELS, height * _SUBPIXELS)
     texels = cv2.resize((square * _TEXELS - 0.5).astype(np.float32), fine_size, interpolation=cv2.INTER_LINEAR)
     limit = 30000.0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -10,7 +10,7 @@ import numpy as np
 from targets.board import BoardSpec
 from vbaa_calib.core.errors import Diagnosis, Severity
 from vbaa_calib.detect.board.corners import BoardView
-from vbaa_calib.detect.board.diagnosis import MIRRORED, Markers, explain_mismatch, px_per_square
+from vbaa_calib.detect.board.diagnosis import Markers, explain_mismatch, px_per_square
 
 from .flat import BoardMap, Levels, blemishes, board_map, levels
 from .screen import CLIPPED, GROWN, LEAST_CORNERS, MOST_BLUR_PER_GAP, NOISY_PX, corner_std_px
@@ -48,13 +48,10 @@ def wrong_board(image: np.ndarray, view: BoardView, spec: BoardSpec) -> Diagnosi
     """Whether the picture (H, W) shows another board, or is mirrored; None if undetermined. Takes up to seconds."""
     markers = [Markers(view.marker_ids, view.marker_corners_px)]
     mismatch = explain_mismatch(lambda _: image, markers, spec, len(view.ids) >= LEAST_CORNERS)
-    if mismatch is None:
-        return None
-    name, words, remedy = "wrong_board", f"not the board named: {', '.join(mismatch.causes)}", mismatch.remedy
-    if mismatch.causes == (MIRRORED,):
-        name, words = "mirrored_picture", "the board is found only in the mirror image"
-        remedy = "switch off mirroring at the camera, or mirror the pictures back"
-    return Diagnosis(name, words, remedy, "wrong")
+    if mismatch is None or mismatch.name == "wrong_board":
+        return mismatch and replace(mismatch, words=f"not the board named: {mismatch.words}")
+    remedy = "switch off mirroring at the camera, or mirror the pictures back"
+    return replace(mismatch, words="the board is found only in the mirror image", remedy=remedy)
 
 
 def _missing(image: np.ndarray, view: BoardView) -> list[Diagnosis]:
