@@ -10,16 +10,8 @@ from estimator.table.contacts import LOCATED, Contact, Measured
 from vbaa_calib.core.errors import Diagnosis, Verdict
 from vbaa_calib.rig import Rig
 
+from .settings import RecordingSettings
 from .watch import RecordingVerdict, RecordingWatch
-
-
-@dataclass(frozen=True)
-class _ConsequenceSettings:
-    """When a recording is judged while it runs, and what of its witnesses may be missing."""
-
-    first: int = 64  # frames after which a recording is judged for the first time; then at twice as many each time
-    set_aside: float = 0.1  # part of the frames in which a witness may contradict the rest before that is a finding
-    fewest: int = 20  # frames of which that part counts
 
 
 def changed_row(verdict: RecordingVerdict, row: int, status: str, reason: str) -> tuple[str, str]:
@@ -44,7 +36,7 @@ def with_unused(found: RecordingVerdict, counts: Mapping[str, int], frames: int)
 
 def _unused_witnesses(counts: Mapping[str, int], frames: int) -> list[Diagnosis]:
     """Witnesses that contradict the rest of their frame, and are not used, in too many frames."""
-    settings, found = _ConsequenceSettings(), list[Diagnosis]()
+    settings, found = RecordingSettings(), list[Diagnosis]()
     for unused, whole, what, remedy in (
         (
             counts["ends_unused"],
@@ -59,7 +51,7 @@ def _unused_witnesses(counts: Mapping[str, int], frames: int) -> list[Diagnosis]
             "check the tracker, and that the pictures have the size of the calibration",
         ),
     ):
-        if whole >= settings.fewest and unused > settings.set_aside * whole:
+        if whole >= settings.fewest_used and unused > settings.set_aside * whole:
             words = f"{what} in {unused} of {whole} frames"
             found.append(Diagnosis("witness_set_aside", words, remedy, "doubt"))
     return found
@@ -78,7 +70,7 @@ class RunningVerdict:
     now: RecordingVerdict = field(default_factory=RecordingVerdict)
 
     def __post_init__(self) -> None:
-        self._watch, self._next = RecordingWatch(self.rig), _ConsequenceSettings.first
+        self._watch, self._next = RecordingWatch(self.rig), RecordingSettings.first
         self._thread: ThreadPoolExecutor | None = None
         self._coming: Future[RecordingVerdict] | None = None
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -16,24 +16,7 @@ from estimator.solver.rig_arrays import UNKNOWNS, RigArrays
 from vbaa_calib.antenna.rungs import RUNGS
 from vbaa_calib.rig import Rig
 
-
-@dataclass(frozen=True)
-class EvidenceSettings:
-    """How frames are weighed. Costs are halves of squares: a difference is the logarithm of a ratio of odds."""
-
-    contact: float = 8.0  # cost of a contact's place and force, which a free antenna does not have (Occam factor)
-    most: float = 30.0  # cost of one frame: an outlier counts no more
-    friction_rad: float = 0.2  # standard deviation of the friction angle
-    iterations: int = 5  # moves of the rig towards a change
-    reweightings: int = 12  # of frames, in looking for the change that most of them share
-    lost: float = 0.05  # part of the frames that nothing explains from which what most of them share is sought
-    plain: float = 0.9  # part of the frames that are explained by themselves from which no wider rig is needed for it
-    suspicious: float = (
-        8.0  # log odds, to first order, from which a change of the rig, or of its pictures, is suspected
-    )
-    settled: float = 4.0  # cost per frame that a right explanation leaves
-    farthest: float = 30.0  # change of a rig, in the standard deviations of its row, that is still sought
-    gain: float = 0.5  # least decrease of the cost by a further move
+from .settings import RecordingSettings
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +38,7 @@ class Recorded:
     around: np.ndarray
     order: np.ndarray
     later: tuple[int, Rig] | None = None
-    friction_rad: float = EvidenceSettings.friction_rad
+    friction_rad: float = RecordingSettings.friction_rad
 
     def picked(self, rows: np.ndarray) -> Recorded:
         """Some of the frames, by their indices in order."""
@@ -93,8 +76,8 @@ class Recorded:
 class Fitted:
     """Fits of recorded frames, each as the free antenna or one contact, whichever is likelier."""
 
-    def __init__(self, recorded: Recorded, settings: EvidenceSettings = EvidenceSettings()) -> None:
-        self.recorded, self.settings = recorded, settings
+    def __init__(self, recorded: Recorded) -> None:
+        self.recorded, self.settings = recorded, RecordingSettings()
         self.numbers = FitNumbers.empty(len(recorded))
         self.points = np.zeros(len(recorded))
         self.parts = [(rows, RigArrays.from_rig(rig, recorded.friction_rad)) for rows, rig in recorded.parts]
@@ -214,7 +197,7 @@ class Weighed:
 
     Attributes
     ----------
-    costs : (F,) above what explains each frame best, no more than `EvidenceSettings.most`.
+    costs : (F,) above what explains each frame best, no more than `RecordingSettings.most`.
     steps : (R,) of the rig's axes, in their standard deviations.
     each : (F, S, S), (F, S) information and score of each frame about the rig's axes and those asked for, weighted,
         without prior.
@@ -298,14 +281,14 @@ class Case:
     best: np.ndarray
     scale: np.ndarray
     axes: np.ndarray
-    settings: EvidenceSettings = EvidenceSettings()
+    settings: RecordingSettings = field(default_factory=RecordingSettings)
 
     @staticmethod
     def of(recorded: Recorded, axes: np.ndarray) -> Case:
         """The case of frames with a rig that may have changed along axes (18 + P, Q)."""
         expected = 0.5 * np.maximum(recorded.fit.points, 1.0)
         least = recorded.fit.cost
-        if not recorded.fit.plain.mean() > EvidenceSettings.plain:
+        if not recorded.fit.plain.mean() > RecordingSettings.plain:
             rig = recorded.rig
             wide = rig.with_covariance(rig.covariance_with_tip + axes @ axes.T)
             silent = recorded.with_readings(readings_Nm=np.full_like(recorded.batch.readings_Nm, np.nan))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
@@ -14,35 +14,7 @@ from vbaa_calib.diagnose.decision import Explanation, Hypothesis
 
 from .changes import CHANGES, Change, axes_of, fitted
 from .evidence import Case, Recorded
-
-
-@dataclass(frozen=True)
-class TableSettings:
-    """Which rows of the table are worked out in full."""
-
-    screened: int = (
-        8  # frames, the least bent ones, by which hypotheses about joints and pictures are compared at first
-    )
-    fewest: int = 5  # moments of which something can be learnt
-    followed: int = 3  # of the best of them, and of the changes of the rig, are compared by all frames
-    promising: float = 3.0  # log odds by first order from which a change of the rig is fitted
-    varies_rad: float = 0.02  # range of a joint below which it says nothing
-    varies_std: float = 6.0  # range of the moment, in standard deviations of its noise, likewise
-    unlikely: float = 4.0  # log odds beforehand against each row
-    vague: float = 15.0  # the same against readings that say nothing: any that say something else go first
-    tilts_rad: tuple[tuple[float, ...], ...] = (  # where a joint may be that is not read: coarse, then finer steps
-        *((-1.2, -0.9, -0.6, -0.3, 0.0, 0.3, 0.6, 0.9, 1.2), (-0.1, 0.1), (-0.03, 0.03)),
-    )
-    knows: float = 0.3  # standard deviation of what a picture says of its moment, of the readings' range, at most
-    visible: float = 0.3  # of the points' or the moment's standard deviation, what other joint angles change at least
-    offset_rad: float = 0.02  # of a joint's zero, by which it is moved to see whether that fits better
-    fewest_after: int = 5  # frames after a change during the recording
-    hopeless: float = 0.5  # part of the frames that nothing explains from which the pictures may have another scale
-    usual: float = 2.5  # cost per frame where all is as reported
-    explained: float = (
-        0.8  # part of the cost beyond that, explained by readings, from which no change of the rig is sought
-    )
-    splits: int = 8  # places in a recording at which a rig may change
+from .settings import RecordingSettings
 
 
 class Reading(NamedTuple):
@@ -100,7 +72,7 @@ def _absolute(recorded: Recorded) -> Recorded | None:
 def _joints(turn: np.ndarray, recorded: Recorded) -> Recorded | None:
     angles = np.stack([recorded.batch.pan_rad, recorded.batch.tilt_rad])
     pan, tilt = turn @ angles
-    if max(np.abs(angles).max(), np.abs(pan).max(), np.abs(tilt).max()) < TableSettings.varies_rad:
+    if max(np.abs(angles).max(), np.abs(pan).max(), np.abs(tilt).max()) < RecordingSettings.varies_rad:
         return None
     if max(np.abs(pan).max(), np.abs(tilt).max()) > 2.0 * np.pi:
         return None
@@ -114,7 +86,7 @@ def _frozen(recorded: Recorded) -> Recorded | None:
         return None
     best = np.zeros(len(recorded))
     least = np.full(len(recorded), np.inf)
-    for steps in TableSettings.tilts_rad:
+    for steps in RecordingSettings.tilts_rad:
         middle = best.copy()
         for step in steps:
             cost = recorded.with_readings(tilt_rad=middle + step).fit.cost
@@ -124,7 +96,7 @@ def _frozen(recorded: Recorded) -> Recorded | None:
 
 def _offset(recorded: Recorded) -> Recorded | None:
     """The tilt's zero is off: by what the sampled frames together ask for, to second order."""
-    step = TableSettings.offset_rad
+    step = RecordingSettings.offset_rad
     costs = [
         float(np.minimum(recorded.with_readings(tilt_rad=recorded.batch.tilt_rad + by).fit.cost, 1e6).sum())
         for by in (-step, 0.0, step)
@@ -145,7 +117,7 @@ def _neighbour(row: int, which: tuple[str, ...], recorded: Recorded) -> Recorded
             return None
         columns["readings_Nm"] = around[:, :2]
     if "joints" in which:
-        if np.ptp(np.stack([batch.pan_rad, batch.tilt_rad]), axis=1).max() < TableSettings.varies_rad:
+        if np.ptp(np.stack([batch.pan_rad, batch.tilt_rad]), axis=1).max() < RecordingSettings.varies_rad:
             return None
         columns |= {"pan_rad": around[:, 2], "tilt_rad": around[:, 3]}
     known = np.isfinite(around[:, 2])
@@ -271,7 +243,7 @@ READINGS = (
         "the joint readings stand still while the antenna moves",
         "connect the encoders, and record again",
         _frozen,
-        -np.log(len(TableSettings.tilts_rad)),
+        -1.0,
     ),
     Reading(
         "joints_late",
@@ -336,8 +308,8 @@ def explanations(case: Case) -> Iterator[Explanation[Case]]:
     found = [*_moments_explained(case), *_others_explained(case)]
     yield from found
     best = max((one.log_odds for one in found), default=0.0)
-    excess = case.cost - TableSettings.usual * len(case.recorded)
-    if not best > TableSettings.explained * excess > 0.0:
+    excess = case.cost - RecordingSettings.usual * len(case.recorded)
+    if not best > RecordingSettings.explained * excess > 0.0:
         yield from _changes(case)
 
 
@@ -347,14 +319,14 @@ def _moments_explained(case: Case) -> Iterator[Explanation[Case]]:
     recorded, std = case.recorded, case.recorded.rig.moment_sensor.std_Nm
     read = recorded.batch.readings_Nm[:, 0]
     there = np.isfinite(read)
-    if there.sum() < TableSettings.fewest:
+    if there.sum() < RecordingSettings.fewest_moments:
         return
     without = recorded.with_readings(readings_Nm=np.full_like(recorded.batch.readings_Nm, np.nan))
     constant = np.ptp(read[there]) <= 1e-3 * std
     # a reading that says nothing lies anywhere within its range
-    spread = max(float(np.ptp(read[there])), std * TableSettings.varies_std)
+    spread = max(float(np.ptp(read[there])), std * RecordingSettings.varies_std)
     density = 0.0 if constant else float(np.log(spread / (2.5 * std)))
-    gained = case.cost - case.cost_of(without, -density) - TableSettings.vague * (not constant)
+    gained = case.cost - case.cost_of(without, -density) - RecordingSettings.vague * (not constant)
     kind, words = "moment_dead", "the moment readings do not follow the antenna"
     if constant:
         zero = not read[there].any()
@@ -367,7 +339,7 @@ def _moments_explained(case: Case) -> Iterator[Explanation[Case]]:
         return
     expected, own = without.fit.moments
     # where the picture does not know the moment, a reading's unit is not for the frame to tell
-    known = own < TableSettings.knows * float(np.ptp(read[there]))
+    known = own < RecordingSettings.knows * float(np.ptp(read[there]))
 
     def cost(moments: np.ndarray) -> float:
         """By the pictures' moments alone."""
@@ -394,7 +366,7 @@ def _moments_explained(case: Case) -> Iterator[Explanation[Case]]:
 def _drifting(recorded: Recorded, off: np.ndarray, std: np.ndarray) -> tuple[Reading, Recorded] | None:
     """The moments' zero walks, by the line through how far they lie off (F,) what the pictures say."""
     weights = np.where(np.isfinite(off) & np.isfinite(std), 1.0 / std, 0.0)
-    if (weights > 0.0).sum() < TableSettings.fewest or not np.ptp(recorded.order):
+    if (weights > 0.0).sum() < RecordingSettings.fewest_moments or not np.ptp(recorded.order):
         return None
     share = (recorded.order - recorded.order[0]) / np.ptp(recorded.order)
     design = np.column_stack([np.ones_like(share), share])
@@ -407,7 +379,7 @@ def _drifting(recorded: Recorded, off: np.ndarray, std: np.ndarray) -> tuple[Rea
         )
         weights = np.where(weights > 0.0, 1.0 / (std * (1.0 + (left / (3.0 * std)) ** 2)), 0.0)
     noise = recorded.rig.moment_sensor.std_Nm
-    if not abs(walk) > TableSettings.varies_std * noise:
+    if not abs(walk) > RecordingSettings.varies_std * noise:
         return None
     words = (
         f"the moment sensor's zero walks by {walk / noise:+.0f} standard deviations of its noise during the recording"
@@ -450,7 +422,7 @@ def _least_bent(case: Case) -> np.ndarray:
     """Indices of the frames that may show the free antenna."""
     evidence = case.recorded.fit.numbers.evidence
     bent = np.argsort(np.where(np.isfinite(evidence), evidence, np.inf))
-    return np.sort(bent[: TableSettings.screened])
+    return np.sort(bent[: RecordingSettings.screened])
 
 
 def _compared(
@@ -460,10 +432,10 @@ def _compared(
     counts = np.ones(len(case.recorded)) if known is None else known
     ranked = sorted(likely, key=lambda each: -each[0])
     unranked = sum(np.isinf(gained) for gained, *_ in ranked)
-    for _, row, corrected in ranked[: unranked + TableSettings.followed]:
+    for _, row, corrected in ranked[: unranked + RecordingSettings.followed]:
         gained = case.cost - case.cost_of(corrected, row.log_density * counts)
         found = Diagnosis(row.name, row.words, row.remedy, row.severity)
-        yield Explanation(found, gained - TableSettings.unlikely, partial(replace, case, recorded=corrected))
+        yield Explanation(found, gained - RecordingSettings.unlikely, partial(replace, case, recorded=corrected))
 
 
 def _differs(corrected: Recorded, recorded: Recorded) -> bool:
@@ -493,14 +465,14 @@ def _sag_differs(corrected: Recorded, recorded: Recorded) -> bool:
     load = antenna.mass_per_length_kg_m * across
     sag_px = load * antenna.length_m**4 / (8.0 * antenna.stiffness_Nm2) * rig.camera.matrix[0, 0] / distance_m
     seen_px = float(np.nanmedian(batch.sigma_px[np.isfinite(batch.points_px).all(axis=-1)]))
-    return sag_px > TableSettings.visible * seen_px or (
-        0.5 * load * antenna.length_m**2 > TableSettings.visible * rig.moment_sensor.std_Nm
+    return sag_px > RecordingSettings.visible * seen_px or (
+        0.5 * load * antenna.length_m**2 > RecordingSettings.visible * rig.moment_sensor.std_Nm
     )
 
 
 def _changes(case: Case) -> Iterator[Explanation[Case]]:
     """A rig that has changed since its calibration, or from some frame of the recording on."""
-    settings = TableSettings()
+    settings = RecordingSettings()
     axes, which = axes_of(case.recorded.rig, CHANGES)
     rows = [(row, own) for row, own in zip(CHANGES, which, strict=True) if len(own)]
     splits = _splits(case)
@@ -532,7 +504,7 @@ def _changes(case: Case) -> Iterator[Explanation[Case]]:
 
 def _splits(case: Case) -> list[int]:
     """Frames from which on the rig may have changed: from the first on, or where frames cease to be explained."""
-    count, settings = len(case.recorded), TableSettings()
+    count, settings = len(case.recorded), RecordingSettings()
     if not case.many_lost:
         return [0, *np.unique(np.linspace(0, count, settings.splits + 2)[1:-1].astype(int)).tolist()]
     excess = np.cumsum((case.reported.costs - 2.0 * case.settings.settled)[::-1])[::-1]

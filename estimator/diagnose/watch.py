@@ -18,26 +18,7 @@ from vbaa_calib.rig import Rig
 from .changes import CHANGES, axes_of
 from .evidence import Case, Recorded
 from .hypotheses import TABLE, unseen_joints
-
-
-@dataclass(frozen=True)
-class WatchSettings:
-    """Which frames are kept as witnesses, and what of the series of readings is no chance."""
-
-    first: int = 10  # frames at the beginning, which often show the free antenna
-    spread: int = 22  # further frames, spread over the recording
-    scatter: int = 10  # of them, by which the points' scatter is measured
-    fewest: int = 8  # frames with which anything can be told from noise
-    fewest_points: int = 5  # of a frame that is a witness
-    at_limit: int = 5  # moments that are exactly the largest or smallest of all from which on they are at a limit,
-    at_limit_share: float = 0.04  # and this part of all
-    repeated: int = 2  # rows with the picture of the row before from which on the camera stood still
-    joints_rad: float = 0.05  # range of the joints from which on they are to be tested
-    apart_s: float = 8.0  # time between frames that is more likely in another unit
-    other_shape: float = 2.0  # ratio of the points' distance from fitted shapes to their scatter, likewise
-    shared: float = 0.5  # part of the scatter that all lines share from which it is the antenna's shape
-    unexplained: float = 0.2  # part of the frames that nothing explains from which that is reported
-    contradicting: float = 0.5  # the same from which those that are left are not believed, either
+from .settings import RecordingSettings
 
 
 @dataclass(frozen=True)
@@ -79,7 +60,7 @@ class RecordingWatch:
     """Frames of a recording in, in order, in constant memory but for the numbers of single wrong rows."""
 
     rig: Rig
-    settings: WatchSettings = field(default_factory=WatchSettings)
+    settings: RecordingSettings = field(default_factory=RecordingSettings)
 
     def __post_init__(self) -> None:
         self.count = 0
@@ -261,7 +242,7 @@ def _untested(case: Case) -> list[Diagnosis]:
     if joints == 0.0 and recorded.batch.tilt_rad.any():
         words = f"all rows have the tilt {recorded.batch.tilt_rad[0]:.4g} rad, which is right if the base stood still"
         found.append(Diagnosis("joints_untested", words, "connect the encoders if it moved", "note"))
-    elif joints > WatchSettings.joints_rad and (unseen := unseen_joints(case)):
+    elif joints > RecordingSettings.joints_rad and (unseen := unseen_joints(case)):
         words = f"it would not show if {', or '.join(unseen)}: the places in the world depend on that"
         remedy = "begin with ten frames of the free antenna over 20° of tilt or more, and check the joints' columns"
         found.append(Diagnosis("joints_untested", words, remedy, "note"))

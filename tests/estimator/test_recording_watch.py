@@ -12,7 +12,8 @@ from benchmarks.mistakes.recordings import Recording, clean_recording
 from benchmarks.mistakes.rigs import KINDS
 from estimator.diagnose.changes import CHANGES, axes_of, fitted
 from estimator.diagnose.evidence import Case, Recorded, weighed
-from estimator.diagnose.watch import RecordingVerdict, RecordingWatch, WatchSettings
+from estimator.diagnose.settings import RecordingSettings
+from estimator.diagnose.watch import RecordingVerdict, RecordingWatch
 
 
 @cache
@@ -83,7 +84,7 @@ def test_frames_weigh_together_what_each_hides() -> None:
 
 def test_few_frames_of_a_long_recording_are_kept() -> None:
     """Memory does not grow with the recording, and witnesses are spread over all of it."""
-    recording, settings = clean(), WatchSettings()
+    recording, settings = clean(), RecordingSettings()
     watch = RecordingWatch(recording.rig)
     for row in range(3000):
         watch.push(replace(recording.frames[row % 60], time_s=row / 30.0))

@@ -1,0 +1,74 @@
+"""Thresholds of the diagnosis of recordings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class RecordingSettings:
+    """How frames of a recording are weighed as witnesses, what is compared, and what is reported.
+
+    Costs are halves of squares: a difference is the logarithm of a ratio of odds.
+    """
+
+    # weighing frames
+    contact: float = 8.0  # cost of a contact's place and force, which a free antenna does not have (Occam factor)
+    most: float = 30.0  # cost of one frame: an outlier counts no more
+    friction_rad: float = 0.2  # standard deviation of the friction angle
+    iterations: int = 5  # moves of the rig towards a change
+    reweightings: int = 12  # of frames, in looking for the change that most of them share
+    lost: float = 0.05  # part of the frames that nothing explains from which what most of them share is sought
+    plain: float = 0.9  # part of the frames that are explained by themselves from which no wider rig is needed for it
+    suspicious: float = (
+        8.0  # log odds, to first order, from which a change of the rig, or of its pictures, is suspected
+    )
+    settled: float = 4.0  # cost per frame that a right explanation leaves
+    farthest: float = 30.0  # change of a rig, in the standard deviations of its row, that is still sought
+    gain: float = 0.5  # least decrease of the cost by a further move
+
+    # the table of hypotheses
+    screened: int = (
+        8  # frames, the least bent ones, by which hypotheses about joints and pictures are compared at first
+    )
+    fewest_moments: int = 5  # moments of which something can be learnt
+    followed: int = 3  # of the best of them, and of the changes of the rig, are compared by all frames
+    promising: float = 3.0  # log odds by first order from which a change of the rig is fitted
+    varies_rad: float = 0.02  # range of a joint below which it says nothing
+    varies_std: float = 6.0  # range of the moment, in standard deviations of its noise, likewise
+    unlikely: float = 4.0  # log odds beforehand against each row
+    vague: float = 15.0  # the same against readings that say nothing: any that say something else go first
+    tilts_rad: tuple[tuple[float, ...], ...] = (  # where a joint may be that is not read: coarse, then finer steps
+        *((-1.2, -0.9, -0.6, -0.3, 0.0, 0.3, 0.6, 0.9, 1.2), (-0.1, 0.1), (-0.03, 0.03)),
+    )
+    knows: float = 0.3  # standard deviation of what a picture says of its moment, of the readings' range, at most
+    visible: float = 0.3  # of the points' or the moment's standard deviation, what other joint angles change at least
+    offset_rad: float = 0.02  # of a joint's zero, by which it is moved to see whether that fits better
+    fewest_after: int = 5  # frames after a change during the recording
+    hopeless: float = 0.5  # part of the frames that nothing explains from which the pictures may have another scale
+    usual: float = 2.5  # cost per frame where all is as reported
+    explained: float = (
+        0.8  # part of the cost beyond that, explained by readings, from which no change of the rig is sought
+    )
+    splits: int = 8  # places in a recording at which a rig may change
+
+    # which frames are kept, and what is no chance in the series of readings
+    first: int = 10  # frames at the beginning, which often show the free antenna
+    spread: int = 22  # further frames, spread over the recording
+    scatter: int = 10  # of them, by which the points' scatter is measured
+    fewest: int = 8  # frames with which anything can be told from noise
+    fewest_points: int = 5  # of a frame that is a witness
+    at_limit: int = 5  # moments that are exactly the largest or smallest of all from which on they are at a limit,
+    at_limit_share: float = 0.04  # and this part of all
+    repeated: int = 2  # rows with the picture of the row before from which on the camera stood still
+    joints_rad: float = 0.05  # range of the joints from which on they are to be tested
+    apart_s: float = 8.0  # time between frames that is more likely in another unit
+    other_shape: float = 2.0  # ratio of the points' distance from fitted shapes to their scatter, likewise
+    shared: float = 0.5  # part of the scatter that all lines share from which it is the antenna's shape
+    unexplained: float = 0.2  # part of the frames that nothing explains from which that is reported
+    contradicting: float = 0.5  # the same from which those that are left are not believed, either
+
+    # when a recording is judged while it runs, and what of its witnesses may be missing
+    judged: int = 64  # frames after which a recording is judged for the first time; then at twice as many each time
+    set_aside: float = 0.1  # part of the frames in which a witness may contradict the rest before that is a finding
+    fewest_used: int = 20  # frames of which that part counts
