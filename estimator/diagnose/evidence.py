@@ -89,7 +89,7 @@ class Fitted:
         touched = numbers.cost + self.points * np.log(np.maximum(numbers.scatter, 1.0))
         alone = touched + np.maximum(numbers.evidence, 0.0)
         lost = ~numbers.finite | np.isfinite(numbers.left_px) | ~np.isfinite(touched)
-        self.touched = np.where(lost, np.inf, touched + settings.contact)
+        self.touched = np.where(lost, np.inf, touched + self.settings.contact)
         self.alone = np.where(np.isfinite(alone) & ~lost, alone, np.inf)
 
     @property
