@@ -15,7 +15,6 @@ import numpy as np
 from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment
 from vbaa_calib.calibrate.antenna.inputs import Observation, reading_keys
 from vbaa_calib.calibrate.antenna.problem import ANTENNA, GAIN
-from vbaa_calib.calibrate.faults.explanations import StillRows
 from vbaa_calib.geometry import Kinematics
 from vbaa_calib.session import STANDARD_GRAVITY_M_S2, Load, LoadReadings, Session, Still, gravity_antenna
 
@@ -159,8 +158,7 @@ class _StiffnessForecast:
     @staticmethod
     def of(joint: BundleAdjustment, candidates: Sequence[_LoadCandidate], readings: LoadReadings) -> _StiffnessForecast:
         """From a joint solution and the loads that could be hung next."""
-        rows = StillRows.of(joint)
-        solution, slopes = rows.solution, rows.by_load()
+        solution, slopes, rows = joint.exact_loads()
         matrix, _, scale = solution.normal_equations()
         # as noted: corrected numbers cannot be shared with another load
         present = [cast(Load, joint.noted[index].still) for index in slopes]
@@ -176,7 +174,7 @@ class _StiffnessForecast:
 
         information = np.eye(size + len(names))
         for load, (index, by_readings) in zip(present, slopes.items(), strict=True):
-            mask = rows.of_stills([index])
+            mask = rows[index]
             weights = solution.weights[mask, None]
             information += gram(load, solution.jacobian[mask] * weights, by_readings * weights)
         # the parameters' own part has the free antenna and the priors in it as well
