@@ -23,7 +23,6 @@ from . import still_faults
 G = 9.80665
 GRAVITY = np.array([0.0, 0.0, -G])
 READINGS = LoadReadings(5e-4, 5e-3)
-SENSOR_STD_NM = 2e-5
 STEEL = NominalAntenna(0.24, 0.8e-3, 193e9, 7900.0)
 
 
@@ -184,7 +183,6 @@ def reported(truth: Truth, rng: np.random.Generator) -> Reported:
     antenna = truth.antenna
     pulls = gravity_antenna(Kinematics(), truth.gravity_world, truth.stills)
     s = np.linspace(0.01, 1.0, truth.points) * antenna.length_m
-    px_per_m = truth.camera.matrix[0, 0] / np.linalg.norm(truth.T_antenna_camera.translation_m)
     tip_std_m = antenna.tip_std_m or 0.0
     tip_m, found = tip_std_m * rng.normal(), []
     for index, (still, pull) in enumerate(zip(truth.stills, pulls, strict=True)):
@@ -210,16 +208,18 @@ def reported(truth: Truth, rng: np.random.Generator) -> Reported:
         light = np.polynomial.legendre.legval(np.linspace(-1, 1, len(s)), truth.line_px * rng.normal(size=3))
         pixels = pixels + (rng.normal(0.0, truth.sigma_px, len(s)) + light)[:, None] * across
         inside = ((pixels > 1) & (pixels < np.array(truth.camera.image_size) - 2)).all(axis=1)
-        moment = truth.gain * -shape.clamp_moment_Nm[0, 1] + 1.5e-4 + rng.normal(0.0, SENSOR_STD_NM)
-        noted = replace(still, moment_Nm=float(moment))
+        noted = replace(still, moment_Nm=truth.gain * -float(shape.clamp_moment_Nm[0, 1]))
         seen_tip = {"tip_px": tip, "tip_std_px": 0.1} if inside[-1] else {}
         found.append(Observation(noted, pixels[inside], np.full(inside.sum(), truth.sigma_px), pull, **seen_tip))
+    # a sensor that suits the rig
+    noise_Nm = 5e-4 * float(np.ptp([one.still.moment_Nm for one in found]))
+    read = [one.still.moment_Nm + noise_Nm * (7.0 + rng.normal()) for one in found]
+    found = [replace(a, still=replace(a.still, moment_Nm=b)) for a, b in zip(found, read, strict=True)]
     std = np.array([1e-3 * np.linalg.norm(truth.T_antenna_camera.translation_m)] * 3 + [3e-4] * 3)
     std[:3] = np.maximum(1e-4, 0.3 * std[:3])
     start = truth.T_antenna_camera.retract(std * rng.normal(size=6))
     estimate = PoseEstimate("jig", start, np.diag(std**2), np.zeros((6, 4 + len(truth.camera.distortion))))
-    told = replace(still_faults.session(), antenna=antenna, load_readings=READINGS)
-    assert px_per_m > 0
+    told = replace(still_faults.session(), antenna=antenna, load_readings=READINGS, moment_std_Nm=noise_Nm)
     return Reported(
         truth, told, found, prior(antenna, truth.camera, [estimate], readings=READINGS, line_px=truth.line_px)
     )
@@ -365,13 +365,15 @@ def _joints(change: Callable[[Still], Still], words: str) -> Callable[..., tuple
     return after
 
 
-def _tilted(angle_deg: float) -> Callable[..., tuple[Reported, str | float]]:
-    def after(rng: np.random.Generator, right: Reported) -> tuple[Reported, str | float]:
+def _tilted(angle_deg: float) -> Callable[[np.random.Generator, Truth], Truth]:
+    """A base that is not level."""
+
+    def before(rng: np.random.Generator, truth: Truth) -> Truth:
         about = rng.uniform(0, 2 * np.pi)
         turn = Rotation.from_rotvec(np.deg2rad(angle_deg) * np.array([np.cos(about), np.sin(about), 0.0]))
-        return right.with_gravity(turn.apply(GRAVITY)), angle_deg
+        return replace(truth, gravity_world=turn.apply(GRAVITY))
 
-    return after
+    return before
 
 
 def _changed(names: Sequence[int], sizes: Callable[[Truth], float]) -> Callable[[np.random.Generator, Truth], Truth]:
@@ -448,7 +450,7 @@ MISTAKES: dict[str, Mistake] = {
     "moment: gain 5 %": Mistake(("sensor_gain",), after=_moments(lambda index, read: 1.07 * read)),
     "moment: dead": Mistake(("sensor_not_connected",), after=_moments(lambda index, read: 0.0)),
     "moment: dead, noisy": Mistake(
-        ("sensor_not_connected",), after=_moments(lambda index, read: 2e-5 * float(np.sin(7.0 * index)))
+        ("sensor_not_connected",), after=_moments(lambda index, read: 1e-7 * float(np.sin(7.0 * index)))
     ),
     "pan and tilt exchanged": Mistake(
         ("joint_readings_wrong",),
@@ -461,8 +463,12 @@ MISTAKES: dict[str, Mistake] = {
         ("joint_readings_wrong",), after=_joints(lambda one: replace(one, tilt_rad=np.rad2deg(one.tilt_rad)), "degrees")
     ),
     "pan's sign": Mistake((), after=_joints(lambda one: replace(one, pan_rad=-one.pan_rad), "")),
-    "gravity tilted by 3 deg": Mistake(("gravity_tilted",), after=_tilted(3.5)),
-    "gravity tilted by 10 deg": Mistake(("gravity_tilted",), after=_tilted(10.0)),
+    "gravity tilted by 3 deg": Mistake(
+        ("gravity_tilted",), _tilted(3.5), lambda rng, right: (right.with_gravity(GRAVITY), 3.5)
+    ),
+    "gravity tilted by 10 deg": Mistake(
+        ("gravity_tilted",), _tilted(10.0), lambda rng, right: (right.with_gravity(GRAVITY), 10.0)
+    ),
     "no gravity": Mistake(("gravity_direction",), after=lambda rng, right: (right.with_gravity(np.zeros(3)), "−z")),
     "gravity upward": Mistake(("gravity_direction",), after=lambda rng, right: (right.with_gravity(-GRAVITY), "−z")),
     "bent by the last loads": Mistake(("antenna_bent_between",), before=_bent_by_last),
@@ -472,7 +478,7 @@ MISTAKES: dict[str, Mistake] = {
     "clamp turned 10 mrad": Mistake(("clamp_slipped",), before=_changed((2, 3), lambda truth: 1e-2)),
     "tapered": Mistake(
         ("stiffness_varies",),
-        before=lambda rng, truth: replace(truth, profile=lambda x: (1.0 - (0.2 + 0.2 * SHAPE[0]) * x) ** -4),
+        before=lambda rng, truth: replace(truth, profile=lambda x: (1.0 - 0.3 * x) ** -4),
     ),
     "two materials": Mistake(
         ("stiffness_varies",), before=lambda rng, truth: replace(truth, profile=lambda x: np.where(x < 0.5, 1.0, 1.6))
@@ -482,7 +488,6 @@ MISTAKES: dict[str, Mistake] = {
     "load rests": Mistake(("load_force_mistyped", "load_supported"), before=_resting),
     "clean": Mistake(()),
 }
-SHAPE = (0.5,)
 
 
 def session_with(name: str, seed: int) -> tuple[Reported, str | float]:

@@ -409,6 +409,9 @@ def _gravity(witness: Witness, s: SessionSettings) -> Iterator[Mistake]:
     worlds = {f"gravity pointed to {name} of the world": G * axis for name, axis in _AXES.items()}
     if world.any():
         worlds["there were no gravity"] = np.zeros(3)
+    # what is no further away is a tilt
+    near = np.cos(4.0 * s.turn_rad) * G * np.linalg.norm(world)
+    worlds = {words: gravity for words, gravity in worlds.items() if not gravity @ world > near}
     for words, gravity in worlds.items():
         pulls = gravity_antenna(kinematics, gravity, stills)
         numbers = ", ".join(f"{value + 0.0:g}" for value in gravity)
@@ -577,12 +580,13 @@ def _antenna(witness: Witness, s: SessionSettings) -> Iterator[Mistake]:
     )
 
     def varies(fit: RigFit) -> Diagnosis:
-        at = np.clip(1.0 + np.array([-fit.values[0] + fit.values[1], fit.values[0] + fit.values[1]]), 0.05, None)
-        side = "softer" if at[1] > at[0] else "stiffer"
-        ratio = max(at) / min(at)
+        # beyond the loads hardly anything bends it
+        clamp, half = np.clip([1.0 - fit.values[0] + fit.values[1], 1.0 - 0.5 * fit.values[1]], 0.05, None)
+        side, ratio = "softer" if half > clamp else "stiffer", max(half / clamp, clamp / half)
         return Diagnosis(
             "stiffness_varies",
-            f"the antenna is about {ratio:.1f} times {side} at its tip than at its clamp: tapered, or of two materials",
+            f"the antenna is about {ratio:.1f} times {side} half way to its tip than at its clamp: tapered, or of two "
+            "materials",
             "use a whisker of one diameter and material: contacts are solved for one EI all along",
             "wrong" if ratio > 1.3 else "doubt",
         )
@@ -665,7 +669,7 @@ def _single(witness: Witness, s: SessionSettings, reported: float) -> Iterator[M
     suspects, gross = [], witness.reported is None or witness.reported.scale > s.gross
     for index in range(len(observations)):
         out = _left_out(witness, s, index)
-        gain = witness.forecast(out.alter) - reported + witness.settings.left_out
+        gain = witness.forecast(out.alter)[0] - reported + witness.settings.left_out
         if gain > 0.7 * s.misfit or gross:
             suspects.append(index)
             yield out
@@ -677,7 +681,7 @@ def _single(witness: Witness, s: SessionSettings, reported: float) -> Iterator[M
             rough += _slips(witness, [index], s.mistake - less)
         else:
             yield from _touched(witness, s, index, less)
-    rough.sort(key=lambda cause: witness.forecast(cause.alter, roughly=True) + cause.log_prior, reverse=True)
+    rough.sort(key=lambda cause: witness.forecast(cause.alter, roughly=True)[0] + cause.log_prior, reverse=True)
     yield from rough[: 2 * s.tried]
 
 
@@ -686,9 +690,8 @@ def _explanations(
 ) -> Iterator[Explanation[Witness]]:
     """What would explain the pictures better than the reports do, with its log odds."""
     reported = witness.reported
-    base = -np.inf if reported is None else reported.log_likelihood
-    pictures = sum(len(seen) for seen in witness.problem.seen_at_lens)
-    excess = -base - 0.5 * max(pictures - witness.settings.fitted, 4)
+    base = -1e6 if reported is None else reported.log_likelihood
+    excess = -base - witness.settings.usual_cost * len(witness.problem.observations)
     ranked = []
     causes = [cause for row in _TABLE for cause in row(witness, s)]
     if excess > s.misfit:
@@ -696,17 +699,17 @@ def _explanations(
     for cause in causes:
         if cause.gross and excess <= s.misfit:
             continue
-        forecast = witness.forecast(cause.alter, cause.prior_std, slopes=cause.slopes) - base + cause.log_prior
-        short = s.by_moments if cause.moments else s.hopeless
-        if not np.isfinite(base) or forecast > least - short:
-            ranked.append((forecast, cause))
+        found, at = witness.forecast(cause.alter, cause.prior_std, slopes=cause.slopes)
+        forecast = found - base + cause.log_prior
+        if forecast > least - (s.by_moments if cause.moments else s.hopeless):
+            ranked.append((forecast, cause, at))
     ranked.sort(key=lambda one: one[0], reverse=True)
     moments = None if reported is None else _moments_of(witness, reported)
     best = ranked[0][0] if ranked else 0.0
-    for forecast, cause in ranked[: s.tried]:
+    for forecast, cause, at in ranked[: s.tried]:
         if forecast < best - s.far:
             break
-        fit = witness.fit(cause.alter, cause.prior_std)
+        fit = witness.fit(cause.alter, cause.prior_std, at)
         if fit is None or not cause.within(fit):
             continue
         odds = fit.log_likelihood - base + cause.log_prior

@@ -12,12 +12,14 @@ class SessionSettings:
     # how the pictures are compared with a rig
     points: int = 8  # that stand for a picture: values of the smooth curve that its points lie about
     sensor_off: float = 1e6  # factor on the moment sensor's noise by which it tells nothing
-    fitted: int = 12  # parameters that the pictures determine, about: degrees of freedom that they lose
+    common: float = 0.25  # of a point's own standard deviation, that its neighbours share and no scatter tells
+    picture_freedom: float = 8.0  # degrees of freedom of Student's errors that all points of a picture have in common
+    usual_cost: float = 5.5  # nats of a picture that fits
+    far_off: float = 10.0  # scatter of most pictures from which a solve begins with least squares
     moment_relative: float = 2e-3  # of a moment, by which it is predicted at best
     log_stiffness_std: float = 0.05  # of E·πd⁴/64 about EI, where modulus and diameter are as reported
     left_out: float = 30.0  # nats that a picture costs that nothing explains
-    rounds: int = 5  # of solving, each with the scatter that the one before left
-    same_scale: float = 0.05  # logarithm within which that scatter is the same
+    rounds: int = 5  # of weighing the pictures in a forecast
     # mistakes in a session
     mistake: float = -3.0  # log odds of one mistake in the session's own numbers
     rare: float = -5.0  # of one that few make: a whisker of two materials, a bent frame

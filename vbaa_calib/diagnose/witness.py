@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -15,7 +15,7 @@ from vbaa_calib.calibrate.antenna.inputs import Observation, Prior
 from vbaa_calib.calibrate.antenna.problem import ANTENNA, GAIN, OFFSET, LensLost, Problem
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import SolveError
-from vbaa_calib.core.least_squares import SQUARES, Linearised, Rules, minimise
+from vbaa_calib.core.least_squares import SQUARES, Linearised, Loss, Rules, minimise
 from vbaa_calib.core.robust import huber_weights, mad_std
 from vbaa_calib.geometry import Kinematics
 from vbaa_calib.rig.reprojection import ImageCurves, SeenPoints, feet, image_curves, see
@@ -28,7 +28,7 @@ Alteration = Callable[[Problem, np.ndarray], Problem]
 """Of a problem and values (K,), the problem as it were if a mistake of these values were put right."""
 
 
-_RULES = Rules(iterations=15, standstill=0.02, takes_last=True, may_rise=1e-3)
+_RULES = Rules(iterations=25, standstill=0.02, takes_last=True, may_rise=1e-3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +39,7 @@ class RigFit:
     ----------
     problem : as altered. parameters : (17 + P + K,) of the rig.
     values, covariance : of the alteration.
-    scale : scatter of the pictures about it, over their own.
+    scale : scatter of most pictures about it, over their own.
     log_likelihood : of pictures and priors, with the alteration's prior and what it costs to be adaptable.
     solution : the linearised end.
     """
@@ -77,7 +77,8 @@ def _condensed(problem: Problem, parameters: np.ndarray, settings: SessionSettin
     kinds = max(len({one.loaded for one in problem.observations}), 1)
     alike = sum(one.shared for one in problem.observations) / kinds
     scatter *= max(float(np.sqrt(alike)), 1.0)
-    seen = [one.at(nodes, scatter * np.sqrt(2.0 / (len(one.t) * weights))) for one in distances]
+    common = settings.common**2
+    seen = [one.at(nodes, scatter * np.sqrt(2.0 / (len(one.t) * weights) + common)) for one in distances]
     found = replace(problem, seen_at_lens=seen, noise_scale=1.0, known_axes=None)
     return replace(found, known_axes=found.line_axes(nodes)) if problem.prior.line_px else found
 
@@ -120,17 +121,38 @@ class _Distances:
     def at(self, nodes: np.ndarray, std: np.ndarray) -> SeenPoints:
         """The points nearest to the nodes, moved to the polynomial, with other standard deviations."""
         if self.smooth is None:
-            return self.seen
+            some = self.seen.picked(np.linspace(0.0, len(self.t) - 1.0, len(nodes)).round().astype(int))
+            return replace(some, covariance=some.covariance * len(nodes) / len(self.t))
         which = np.abs(self.t[:, None] - nodes).argmin(axis=0)
         some = self.seen.picked(which)
         points = self.feet[which] + legendre.legval(self.t[which], self.smooth)[:, None] * self.normals[which]
         return replace(some, points=points, covariance=some.covariance * (std**2)[:, None, None])
 
 
-def _scaled(now: Linearised, scale: float) -> Linearised:
-    """With the pictures' residuals by a scatter so many times larger."""
-    factor = np.append(np.full(len(now.residuals) - now.certain, 1.0 / scale), np.ones(now.certain))
-    return replace(now, residuals=now.residuals * factor, jacobian=now.jacobian * factor[:, None])
+def _squares(residuals: np.ndarray) -> np.ndarray:
+    """(F,) of each picture, from residuals (F·points,)."""
+    return np.asarray((residuals.reshape(-1, SETTINGS.points) ** 2).sum(axis=1))
+
+
+def _losses(residuals: np.ndarray) -> np.ndarray:
+    """(F,) of pictures whose errors are Student's, in common for all of one."""
+    freedom, points = SETTINGS.picture_freedom, SETTINGS.points
+    return 0.5 * (freedom + points) * np.log1p(_squares(residuals) / freedom)
+
+
+def _weights(residuals: np.ndarray) -> np.ndarray:
+    """(F·points,) on squares, that make least squares of the same."""
+    freedom, points = SETTINGS.picture_freedom, SETTINGS.points
+    return np.repeat((freedom + points) / (freedom + _squares(residuals)), points)
+
+
+_PICTURES = Loss(_losses, _weights)
+
+
+def _weighted(now: Linearised, weights: np.ndarray) -> Linearised:
+    """Least squares with weights (F·points,) on the pictures' residuals."""
+    factor = np.append(np.sqrt(weights), np.ones(now.certain))
+    return replace(now, residuals=now.residuals * factor, jacobian=now.jacobian * factor[:, None], loss=SQUARES)
 
 
 def _with_values(
@@ -159,6 +181,11 @@ def _with_tips(problem: Problem, camera: Camera) -> Problem:
         return problem.without_tips()
     tips = see(camera, np.array([ends[k][0] for k in which]), np.concatenate([ends[k][1] for k in which]))
     return replace(problem, tips=np.array(which), tips_at_lens=tips)
+
+
+def _scatter(now: Linearised) -> float:
+    """Scatter of the points of most pictures, over their own."""
+    return float(np.sqrt(np.median(_squares(now.residuals[: len(now.residuals) - now.certain])) / SETTINGS.points))
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,19 +222,19 @@ class Witness:
         whole = _with_tips(whole, before.camera)
         witness = Witness(session, kinematics, whole, whole, std_Nm, (whole.begin,), settings)
         free = np.array([not isinstance(one.still, Load) for one in observations])
-        if free.any() and not free.all():
-            # a wrong load must not affect what the free antenna says
-            alone = replace(witness, problem=replace(_condensed(whole, whole.begin, settings), kept=free)).fit()
-            witness = witness if alone is None else replace(witness, starts=(alone.parameters, whole.begin))
-        for _ in range(2):
-            try:
+        try:
+            if free.any() and not free.all():
+                # a wrong load must not affect what the free antenna says
+                alone = replace(witness, problem=replace(_condensed(whole, whole.begin, settings), kept=free)).fit()
+                witness = witness if alone is None else replace(witness, starts=(alone.parameters, whole.begin))
+            for _ in range(2):
                 witness = replace(witness, problem=_condensed(whole, witness.starts[0], settings))
-            except ValueError:
-                raise SolveError("the antenna has no shape under the reported loads") from None
-            fit = witness.reported
-            if fit is None:
-                break
-            witness = replace(witness, starts=(fit.parameters, *witness.starts))
+                fit = witness.reported
+                if fit is None:
+                    break
+                witness = replace(witness, starts=(fit.parameters, *witness.starts))
+        except (ValueError, np.linalg.LinAlgError):
+            raise SolveError("the antenna has no shape under the reported loads") from None
         return witness
 
     def applied(self, alter: Alteration, fit: RigFit) -> Witness:
@@ -224,53 +251,54 @@ class Witness:
     @cached_property
     def reported(self) -> RigFit | None:
         """All as reported."""
-        return self.fit()
+        found = self.fit()
+        if found is None or found.scale < self.settings.gross:
+            return found
+        others = [replace(self, starts=(start,)).fit() for start in self.starts]
+        return max((one for one in (found, *others) if one is not None), key=lambda one: one.log_likelihood)
 
     def fit(
         self,
         alter: Alteration = lambda problem, values: problem,
         prior_std: Sequence[float] = (),
-        at: Sequence[float] = (),
+        at: np.ndarray | None = None,
     ) -> RigFit | None:
         """The rig that explains the pictures best under an alteration whose values are N(0, prior_std²); None where
-        none has a shape. at : values to begin with."""
-        std, first = np.array(prior_std, float), np.zeros(len(prior_std))
-        first[: len(at)] = at
-        nearest = min(self.starts, key=lambda one: self._misfit(alter, first, one))
-        now = self._evaluated(alter, std, np.append(nearest, first))
+        none has a shape. at : parameters and values to begin with, as `forecast` has them."""
+        std = np.array(prior_std, float)
+        begin = [np.append(one, 0.0 * std) for one in self.starts]
+        begin += [] if at is None else [at]
+        count = len(self.starts[0])
+        nearest = min(begin, key=lambda one: self._misfit(alter, one[count:], one[:count]))
+        now = self._evaluated(alter, std, nearest)
         if now is None:
             return None
-        cost, scale = self._cost(now)
         upper = np.concatenate([self.problem.upper, np.full(len(std), np.inf)])
-        for _ in range(self.settings.rounds):
+        scatter = _scatter(now)
+        if scatter > self.settings.far_off:
+            # where most points are far off, which pictures are wrong does not show yet
+            even = np.full(len(now.residuals) - now.certain, scatter**-2)
 
-            def evaluate(at: np.ndarray, scale: float = scale) -> Linearised | None:
+            def roughly(at: np.ndarray) -> Linearised | None:
                 found = self._evaluated(alter, std, at)
-                return None if found is None else _scaled(found, scale)
+                return None if found is None else _weighted(found, even)
 
-            end = minimise(evaluate, _scaled(now, scale), _RULES, upper).at
-            now, before = _scaled(end, 1.0 / scale), scale
-            cost, scale = self._cost(now)
-            if abs(np.log(scale / before)) < self.settings.same_scale:
-                break
-        count, occam = len(now.parameters) - len(std), 0.0
+            end = minimise(roughly, _weighted(now, even), replace(_RULES, iterations=6), upper).at
+            now = self._evaluated(alter, std, end.parameters) or now
+        now = minimise(partial(self._evaluated, alter, std), now, _RULES, upper).at
+        occam = 0.0
         values, own = now.parameters[count:], np.zeros((len(std), len(std)))
-        solution = _scaled(now, scale)
         if len(std):
-            own = solution.covariance()[count:, count:]
+            own = now.covariance()[count:, count:]
             occam = 0.5 * float(np.linalg.slogdet(own / np.outer(std, std))[1])
-        return RigFit(alter(self.problem, values), now.parameters[:count], values, own, scale, occam - cost, solution)
+        likelihood = occam - self._cost(now)
+        return RigFit(alter(self.problem, values), now.parameters[:count], values, own, _scatter(now), likelihood, now)
 
-    def _cost(self, now: Linearised) -> tuple[float, float]:
-        """Negative logarithm of the likelihood, and the scatter of the pictures that makes it least."""
-        count = len(now.residuals) - now.certain
-        pictures, rest = now.residuals[:count], now.residuals[count:]
-        square, freedom = float(pictures @ pictures), max(count - self.settings.fitted, 4)
-        scale = max(1.0, float(np.sqrt(square / freedom)))
-        missing = sum(len(seen) for seen in self.problem.seen_at_lens) - count
-        cost = freedom * np.log(scale) + 0.5 * (square / scale**2 + float(rest @ rest))
-        cost += self.settings.left_out / self.settings.points * missing
-        return float(cost) if np.isfinite(cost) else np.inf, scale
+    def _cost(self, now: Linearised) -> float:
+        """Negative logarithm of the likelihood."""
+        missing = len(self.problem.kept) - (len(now.residuals) - now.certain) // self.settings.points
+        cost = now.cost + self.settings.left_out * missing
+        return float(cost) if np.isfinite(cost) else np.inf
 
     def _evaluated(self, alter: Alteration, std: np.ndarray, at: np.ndarray) -> Linearised | None:
         """The altered problem at parameters and values, without the moment sensor."""
@@ -286,7 +314,7 @@ class Witness:
             columns = self._columns(alter, std, at, residuals)
         except (ValueError, LensLost, np.linalg.LinAlgError):
             return None
-        return _with_values(Linearised(at, residuals, jacobian, problem.certain, loss=SQUARES), columns, values, std)
+        return _with_values(Linearised(at, residuals, jacobian, problem.certain, loss=_PICTURES), columns, values, std)
 
     def _columns(self, alter: Alteration, std: np.ndarray, at: np.ndarray, misfits: np.ndarray) -> list[np.ndarray]:
         """Slopes (R,) of the misfits by each of the values."""
@@ -303,32 +331,37 @@ class Witness:
         prior_std: Sequence[float] = (),
         roughly: bool = False,
         slopes: Callable[[np.ndarray], np.ndarray] | None = None,
-    ) -> float:
-        """The log likelihood that `fit` would find, to first order; −inf where the altered antenna has no shape.
+    ) -> tuple[float, np.ndarray]:
+        """The log likelihood that `fit` would find, to first order, and the parameters and values where; −inf where the
+        altered antenna has no shape.
 
         roughly : with the slopes as they are without the alteration. slopes : of a Jacobian (R, 17 + P + K), those
         (R, K) of the values; None: by differences.
         """
         std = np.array(prior_std, float)
-        if len(std) and self.reported is not None:
-            now = self._augmented(self.reported, alter, std, slopes)
-        elif roughly:
-            now = min((self._altered(one, alter) for one in self._begun), key=lambda one: self._cost(one)[0])
+        if roughly or (len(std) and self.reported is not None):
+            # where little fits, the reports' own solution leads nowhere
+            lost = roughly or self.reported is None or self.reported.scale > self.settings.gross
+            some = self._begun if lost or self.reported is None else [self.reported.solution]
+            every = [self._augmented(one, alter, std, slopes) for one in some]
         else:
             nearest = min(self.starts, key=lambda one: self._misfit(alter, 0.0 * std, one))
-            now = self._evaluated(alter, std, np.append(nearest, 0.0 * std))
-        if now is None:
-            return -np.inf
-        scale, after = self._cost(now)[1], now
-        for _ in range(3):
-            scaled = _scaled(now, scale)
-            step = scaled.step(0.0)[0]
-            after = replace(now, residuals=now.residuals + now.jacobian @ step)
-            cost, scale = self._cost(after)
+            every = [self._evaluated(alter, std, np.append(nearest, 0.0 * std))]
+        found = [self._stepped(one, std) for one in every if one is not None]
+        return max(found, key=lambda one: one[0], default=(-np.inf, np.zeros(0)))
+
+    def _stepped(self, now: Linearised, std: np.ndarray) -> tuple[float, np.ndarray]:
+        """Log likelihood and parameters at the least cost, to first order."""
+        after, count = now, len(now.residuals) - now.certain
+        for _ in range(self.settings.rounds):
+            weighted = _weighted(now, _weights(after.residuals[:count]))
+            step = weighted.step(0.0)[0]
+            after = replace(now, parameters=now.parameters + step, residuals=now.residuals + now.jacobian @ step)
         if not len(std):
-            return -cost
-        own = _scaled(now, scale).covariance()[-len(std) :, -len(std) :]
-        return 0.5 * float(np.linalg.slogdet(own / np.outer(std, std))[1]) - cost
+            return -self._cost(after), after.parameters
+        own = after.covariance()[-len(std) :, -len(std) :]
+        occam = 0.5 * float(np.linalg.slogdet(own / np.outer(std, std))[1])
+        return occam - self._cost(after), after.parameters
 
     @cached_property
     def _begun(self) -> list[Linearised]:
@@ -336,39 +369,36 @@ class Witness:
         every = (self._evaluated(lambda problem, values: problem, np.zeros(0), start) for start in self.starts)
         return [one for one in every if one is not None]
 
-    def _altered(self, now: Linearised, alter: Alteration) -> Linearised:
-        """With the misfits of an alteration, and the slopes as they are without."""
-        try:
-            off = alter(self.problem, np.zeros(0)).misfits(now.parameters)
-        except ValueError:
-            off = np.full(len(now.residuals), 1e6)
-        return replace(now, residuals=off if len(off) == len(now.residuals) else now.residuals)
-
     def _misfit(self, alter: Alteration, values: np.ndarray, parameters: np.ndarray) -> float:
-        """Sum of squares under an alteration, at parameters."""
+        """Loss of the pictures and priors under an alteration, at parameters."""
         try:
-            off = alter(self.problem, values).misfits(parameters)
+            problem = alter(self.problem, values)
+            off = problem.misfits(parameters)
         except ValueError:
             return np.inf
-        return float(off @ off) if np.isfinite(off).all() else np.inf
+        rest = len(off) - problem.certain
+        cost = float(_losses(off[:rest]).sum() + 0.5 * off[rest:] @ off[rest:])
+        return cost if np.isfinite(cost) else np.inf
 
     def _augmented(
         self,
-        fit: RigFit,
+        now: Linearised,
         alter: Alteration,
         std: np.ndarray,
         slopes: Callable[[np.ndarray], np.ndarray] | None,
     ) -> Linearised | None:
-        """A fit's end with the values of an alteration, zero there, among its parameters."""
-        at, none = _scaled(fit.solution, 1.0 / fit.scale), 0.0 * std
+        """The reports at some parameters with the values of an alteration, zero there, among them; without values, with
+        the alteration's misfits."""
+        none, at = 0.0 * std, np.append(now.parameters, 0.0 * std)
         try:
-            if slopes is None:
-                columns = self._columns(alter, std, np.append(fit.parameters, none), at.residuals)
-            else:
-                columns = list(slopes(at.jacobian[:, : len(fit.parameters)]).T)
+            if not len(std):
+                off = alter(self.problem, none).misfits(now.parameters)
+                return replace(now, residuals=off) if len(off) == len(now.residuals) else None
+            known = None if slopes is None else list(slopes(now.jacobian).T)
+            columns = self._columns(alter, std, at, now.residuals) if known is None else known
         except ValueError:
             return None
-        return _with_values(replace(at, parameters=np.append(fit.parameters, none)), columns, none, std)
+        return _with_values(replace(now, parameters=at), columns, none, std)
 
     def moments(self, fit: RigFit) -> MomentReadings:
         """The moment sensor's readings, and what a fit predicts."""
