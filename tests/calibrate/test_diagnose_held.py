@@ -29,7 +29,8 @@ def good() -> tuple[Prior, list[Observation]]:
 
 
 def diagnosed(known: Prior, observations: list[Observation], gravity: np.ndarray = GRAVITY_WORLD) -> list[Diagnosis]:
-    return session_diagnoses(session(gravity), Kinematics(), observations, known)
+    found = session_diagnoses(session(gravity), Kinematics(), observations, known)
+    return [one for one in found if one.severity != "note"]
 
 
 def injected(seed: int, faults: Faults) -> list[Diagnosis]:

@@ -14,7 +14,7 @@ class SessionSettings:
     sensor_off: float = 1e6  # factor on the moment sensor's noise by which it tells nothing
     common: float = 0.25  # of a point's own standard deviation, that its neighbours share and no scatter tells
     picture_freedom: float = 8.0  # degrees of freedom of Student's errors that all points of a picture have in common
-    usual_cost: float = 5.5  # nats of a picture that fits
+    usual_cost: float = 3.2  # nats of a picture that fits
     far_off: float = 10.0  # scatter of most pictures from which a solve begins with least squares
     moment_relative: float = 2e-3  # of a moment, by which it is predicted at best
     log_stiffness_std: float = 0.05  # of E·πd⁴/64 about EI, where modulus and diameter are as reported

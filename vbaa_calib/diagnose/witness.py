@@ -73,7 +73,8 @@ def _condensed(problem: Problem, parameters: np.ndarray, settings: SessionSettin
         for index, seen in enumerate(problem.seen_at_lens)
     ]
     left = [one.left for one in distances if one.smooth is not None]
-    scatter = noise_scale(left) if left else 1.0
+    freedom = [len(one) / (len(one) - count) for one in left]
+    scatter = noise_scale(left) * float(np.sqrt(np.median(freedom))) if left else 1.0
     kinds = max(len({one.loaded for one in problem.observations}), 1)
     alike = sum(one.shared for one in problem.observations) / kinds
     scatter *= max(float(np.sqrt(alike)), 1.0)
@@ -92,11 +93,10 @@ class _Distances:
     """Distances of a picture's N points from a curve, over their standard deviations, at places t in −1 to 1."""
 
     seen: SeenPoints
-    feet: np.ndarray  # (N, 2)
     normals: np.ndarray  # (N, 2) one standard deviation long
     t: np.ndarray
     smooth: np.ndarray | None  # of a robust polynomial through them; None of a picture with too few points
-    left: np.ndarray  # (N,) what it leaves
+    left: np.ndarray  # (N,) how far they lie off it
     scatter: float  # of that
 
     @staticmethod
@@ -108,15 +108,14 @@ class _Distances:
         off = ((seen.points - at) * normal).sum(axis=1) / std
         t = np.linspace(-1.0, 1.0, len(off))
         if len(t) < 2 * (degree + 1) or not np.isfinite(off).all():
-            return _Distances(seen, at, normal, t, None, off, np.inf)
+            return _Distances(seen, normal, t, None, off, np.inf)
         basis, weights = legendre.legvander(t, degree), np.ones(len(t))
         for _ in range(4):
             root = np.sqrt(weights)
             found = np.linalg.lstsq(basis * root[:, None], off * root, rcond=None)[0]
             left = off - basis @ found
             weights = huber_weights(left / max(mad_std(left), 1e-9))
-        left *= np.sqrt(len(t) / (len(t) - degree - 1))
-        return _Distances(seen, at, normal * std[:, None], t, found, left, mad_std(left))
+        return _Distances(seen, normal * std[:, None], t, found, left, mad_std(left))
 
     def at(self, nodes: np.ndarray, std: np.ndarray) -> SeenPoints:
         """The points nearest to the nodes, moved to the polynomial, with other standard deviations."""
@@ -125,7 +124,7 @@ class _Distances:
             return replace(some, covariance=some.covariance * len(nodes) / len(self.t))
         which = np.abs(self.t[:, None] - nodes).argmin(axis=0)
         some = self.seen.picked(which)
-        points = self.feet[which] + legendre.legval(self.t[which], self.smooth)[:, None] * self.normals[which]
+        points = some.points - self.left[which, None] * self.normals[which]
         return replace(some, points=points, covariance=some.covariance * (std**2)[:, None, None])
 
 
