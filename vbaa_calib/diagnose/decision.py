@@ -74,8 +74,8 @@ def explained(
     """
     found: list[Diagnosis] = []
     for _ in range(settings.rounds):
-        known = {one.words for one in found}
-        best = decide((one for row in table for one in row(data) if one.diagnosis.words not in known), settings)
+        known = {_subject(one) for one in found}
+        best = decide((one for row in table for one in row(data) if _subject(one.diagnosis) not in known), settings)
         if not best:
             break
         found.append(joined([one.diagnosis for one in best]))
@@ -83,6 +83,11 @@ def explained(
             break
         data = best[0].applied()
     return found, data
+
+
+def _subject(one: Diagnosis) -> str:
+    """What is named at most once: a mistake, or that of a row."""
+    return one.words if " row " in one.words else one.name
 
 
 def joined(alike: Sequence[Diagnosis]) -> Diagnosis:

@@ -33,7 +33,8 @@ class Mistake:
 
     alter : the problem with a mistake of some values put right. says : of a fit, what was wrong.
     prior_std : of its values, about 0. log_prior : log odds before anything was seen.
-    gross : whether it cannot hide: not tried where all fits as reported. moments : whether the sensor has a say.
+    gross : whether it cannot hide: not tried where all fits as reported; single : not even in one row.
+    moments : whether the sensor has a say.
     within : what the values must keep to. slopes : see `Witness.forecast`.
     """
 
@@ -42,6 +43,7 @@ class Mistake:
     prior_std: tuple[float, ...] = ()
     log_prior: float = 0.0
     gross: bool = False
+    single: bool = False
     moments: bool = False
     within: Callable[[RigFit], bool] = lambda fit: True
     slopes: Callable[[np.ndarray], np.ndarray] | None = None
@@ -64,6 +66,10 @@ def _reloaded(problem: Problem, which: Sequence[int], change: Callable[[Load], L
         return change(still) if isinstance(still, Load) and index in which else still
 
     return _restilled(problem, of)
+
+
+def _with_loads(which: Sequence[int], change: Callable[[Load], Load], problem: Problem, v: np.ndarray) -> Problem:
+    return _reloaded(problem, which, change)
 
 
 def _moved_load(load: Load, by_m: float, length_m: float) -> Load:
@@ -180,7 +186,9 @@ def _slips(witness: Witness, which: Sequence[int], log_prior: float) -> Iterator
             cells = "; ".join(f"row {index + 1}: {_cells(load, change(load))}" for index, load in rows[:3])
             return Diagnosis(f"load_{what}_mistyped", words, f"if so, correct {cells}", "wrong")
 
-        return Mistake(lambda problem, v: _reloaded(problem, which, change), says, (), log_prior - less, True)
+        return Mistake(
+            lambda problem, v: _reloaded(problem, which, change), says, (), log_prior - less, True, len(which) == 1
+        )
 
     for how, factor in FORCE_UNITS:
         yield cause("force", how, partial(_turned_load, matrix=factor * np.eye(2)), 1.0)
@@ -280,7 +288,7 @@ def _exchanges(witness: Witness, s: SessionSettings, suspects: Sequence[int]) ->
                 ]
                 return replace(problem, observations=seen)
 
-            return Mistake(alter, says, (), s.mistake - less, True)
+            return Mistake(alter, says, (), s.mistake - less, True, True)
 
         def with_load(index: int, load: Load) -> Observation:
             return replace(observations[index], still=load)
@@ -682,7 +690,7 @@ def _single(witness: Witness, s: SessionSettings, reported: float) -> Iterator[M
         else:
             yield from _touched(witness, s, index, less)
     rough.sort(key=lambda cause: witness.forecast(cause.alter, roughly=True)[0] + cause.log_prior, reverse=True)
-    yield from rough[: 2 * s.tried]
+    yield from rough[: s.tried]
 
 
 def _explanations(
@@ -696,8 +704,9 @@ def _explanations(
     causes = [cause for row in _TABLE for cause in row(witness, s)]
     if excess > s.misfit:
         causes += _single(witness, s, base)
+    widely = reported is None or reported.contradicted > 1 or reported.prior_cost > s.misfit
     for cause in causes:
-        if cause.gross and excess <= s.misfit:
+        if cause.gross and not (excess > s.misfit and (widely or cause.single)):
             continue
         found, at = witness.forecast(cause.alter, cause.prior_std, slopes=cause.slopes)
         forecast = found - base + cause.log_prior
@@ -707,7 +716,8 @@ def _explanations(
     moments = None if reported is None else _moments_of(witness, reported)
     best = ranked[0][0] if ranked else 0.0
     for forecast, cause, at in ranked[: s.tried]:
-        if forecast < best - s.far:
+        # where little fits, a forecast is far off
+        if forecast < best - s.far and reported is not None and reported.scale < s.gross:
             break
         fit = witness.fit(cause.alter, cause.prior_std, at)
         if fit is None or not cause.within(fit):

@@ -53,6 +53,18 @@ class RigFit:
     solution: Linearised
 
     @property
+    def contradicted(self) -> int:
+        """How many pictures lie far off it."""
+        own = self.solution.residuals[: len(self.solution.residuals) - self.solution.certain]
+        return int((_squares(own) > SETTINGS.points * SETTINGS.gross**2).sum())
+
+    @property
+    def prior_cost(self) -> float:
+        """Nats by which it is off what was known before the pictures."""
+        own = self.solution.residuals[len(self.solution.residuals) - self.solution.certain :]
+        return 0.5 * float(own @ own)
+
+    @property
     def std(self) -> np.ndarray:
         """(K,) standard deviations of the values."""
         return np.sqrt(np.diag(self.covariance))
@@ -226,12 +238,13 @@ class Witness:
                 # a wrong load must not affect what the free antenna says
                 alone = replace(witness, problem=replace(_condensed(whole, whole.begin, settings), kept=free)).fit()
                 witness = witness if alone is None else replace(witness, starts=(alone.parameters, whole.begin))
+            others = witness.starts
             for _ in range(2):
                 witness = replace(witness, problem=_condensed(whole, witness.starts[0], settings))
                 fit = witness.reported
                 if fit is None:
                     break
-                witness = replace(witness, starts=(fit.parameters, *witness.starts))
+                witness = replace(witness, starts=(fit.parameters, *others))
         except (ValueError, np.linalg.LinAlgError):
             raise SolveError("the antenna has no shape under the reported loads") from None
         return witness
@@ -340,7 +353,7 @@ class Witness:
         std = np.array(prior_std, float)
         if roughly or (len(std) and self.reported is not None):
             # where little fits, the reports' own solution leads nowhere
-            lost = roughly or self.reported is None or self.reported.scale > self.settings.gross
+            lost = self.reported is None or self.reported.scale > self.settings.gross
             some = self._begun if lost or self.reported is None else [self.reported.solution]
             every = [self._augmented(one, alter, std, slopes) for one in some]
         else:
