@@ -714,11 +714,7 @@ def _explanations(
             ranked.append((forecast, cause, at))
     ranked.sort(key=lambda one: one[0], reverse=True)
     moments = None if reported is None else _moments_of(witness, reported)
-    best = ranked[0][0] if ranked else 0.0
-    for forecast, cause, at in ranked[: s.tried]:
-        # where little fits, a forecast is far off
-        if forecast < best - s.far and reported is not None and reported.scale < s.gross:
-            break
+    for _, cause, at in ranked[: s.tried]:
         fit = witness.fit(cause.alter, cause.prior_std, at)
         if fit is None or not cause.within(fit):
             continue
