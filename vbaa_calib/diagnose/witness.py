@@ -28,7 +28,7 @@ Alteration = Callable[[Problem, np.ndarray], Problem]
 """Of a problem and values (K,), the problem as it were if a mistake of these values were put right."""
 
 
-_RULES = Rules(iterations=25, standstill=0.02, takes_last=True, may_rise=1e-3)
+_RULES = Rules(iterations=80, standstill=0.02, takes_last=True, may_rise=1e-3)
 
 
 @dataclass(frozen=True, eq=False)
