@@ -15,13 +15,12 @@ from scipy.spatial.transform import Rotation
 
 from vbaa_calib.antenna.rod import solve_rod
 from vbaa_calib.calibrate.antenna.inputs import Observation, Prior, reading_keys
-from vbaa_calib.calibrate.antenna.residual_checks import check
 from vbaa_calib.calibrate.antenna.session_rig import make_rig, prior, solve_antenna
 from vbaa_calib.calibrate.check.antenna import check_antenna, check_stills
-from vbaa_calib.calibrate.doubts import antenna_doubts, prior_doubts, row_doubts, sensor_doubts
-from vbaa_calib.calibrate.faults.stills import still_diagnoses
+from vbaa_calib.calibrate.doubts import prior_doubts, row_doubts
 from vbaa_calib.calibrate.pose.fusion import PoseEstimate
 from vbaa_calib.camera import Camera
+from vbaa_calib.diagnose.session import still_diagnoses
 from vbaa_calib.geometry import Kinematics
 from vbaa_calib.rig import MomentSensor, Rig
 from vbaa_calib.session import DRIFTS, Load, LoadReadings, Session, Still
@@ -174,11 +173,11 @@ def again(drawn: CleanSession, seed: int) -> list[Observation]:
 def said(drawn: CleanSession) -> tuple[list[str], Rig]:
     """What `vbaa calibrate` says of the stills, its diagnoses first, and the rig."""
     joint = solve_antenna(drawn.session, drawn.observations, drawn.before)
-    rig, checks = make_rig(drawn.session, Kinematics(), joint, drawn.observations), check(joint)
+    rig = make_rig(drawn.session, Kinematics(), joint, drawn.observations)
     diagnoses = still_diagnoses(drawn.session, Kinematics(), joint)
-    found = diagnoses + prior_doubts(joint, diagnoses) + row_doubts(joint, [one.still for one in joint.noted])
-    found += antenna_doubts(NOMINAL, rig, checks) + sensor_doubts(drawn.session, rig, checks)
-    return [f"{one.name}: {one}" for one in found], rig
+    found = diagnoses + prior_doubts(joint, diagnoses) + row_doubts(joint)
+    # a gain of its own is no fault of a sensor
+    return [f"{one.name}: {one}" for one in found if one.severity != "note"], rig
 
 
 def checked(rig: Rig, observations: Sequence[Observation], readings: LoadReadings = _RULER) -> list[str]:

@@ -18,7 +18,6 @@ from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment
 from vbaa_calib.calibrate.antenna.inputs import Observation, Prior
 from vbaa_calib.calibrate.antenna.residual_checks import Checks, check
 from vbaa_calib.calibrate.antenna.session_rig import make_rig, observe_stills, prior, solve_antenna
-from vbaa_calib.calibrate.faults.stills import failure_causes, still_diagnoses, with_cause
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution
 from vbaa_calib.calibrate.lens_from_views import solve_lens
 from vbaa_calib.core.arrays import gate
@@ -26,6 +25,7 @@ from vbaa_calib.core.errors import Diagnosis, InputError, SolveError, VbaaError,
 from vbaa_calib.core.images import SUFFIXES, list_images, picture_size
 from vbaa_calib.detect.board.corners import BoardView, detect_folder
 from vbaa_calib.diagnose.jig import plane_contradicted
+from vbaa_calib.diagnose.session import failure_causes, still_diagnoses, with_cause
 from vbaa_calib.rig import Rig
 from vbaa_calib.session import Session, Still, check_pictures, read_loads, read_noload
 

@@ -60,21 +60,34 @@ def _odds(one: Explanation[_Data]) -> float:
 def diagnose(
     data: _Data, table: Sequence[Hypothesis[_Data]], settings: DecisionSettings = DecisionSettings()
 ) -> list[Diagnosis]:
-    """What is wrong, the likeliest first: the table is gone through again with each round's best explanation applied.
+    """What is wrong, the likeliest first: see `explained`."""
+    return explained(data, table, settings)[0]
+
+
+def explained(
+    data: _Data, table: Sequence[Hypothesis[_Data]], settings: DecisionSettings = DecisionSettings()
+) -> tuple[list[Diagnosis], _Data]:
+    """What is wrong, the likeliest first, and the observations with all of it put right: the table is gone through
+    again with each round's best explanation applied.
 
     Where the data do not decide between several, the first one names the others.
     """
     found: list[Diagnosis] = []
     for _ in range(settings.rounds):
-        known = {one.name for one in found}
-        best = decide((one for row in table for one in row(data) if one.diagnosis.name not in known), settings)
+        known = {_subject(one) for one in found}
+        best = decide((one for row in table for one in row(data) if _subject(one.diagnosis) not in known), settings)
         if not best:
             break
         found.append(joined([one.diagnosis for one in best]))
         if best[0].applied is None:
             break
         data = best[0].applied()
-    return found
+    return found, data
+
+
+def _subject(one: Diagnosis) -> str:
+    """What is named at most once: a mistake, or that of a row."""
+    return one.words if " row " in one.words else one.name
 
 
 def joined(alike: Sequence[Diagnosis]) -> Diagnosis:

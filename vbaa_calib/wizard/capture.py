@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from vbaa_calib.calibrate.faults.loads import typed_load_diagnoses
 from vbaa_calib.core.errors import Diagnosis, InputError
 from vbaa_calib.core.images import read_gray
 from vbaa_calib.detect.quality.screen import LEAST_CORNERS
+from vbaa_calib.diagnose.typed_loads import typed_load_diagnoses
 from vbaa_calib.session import Load
 from vbaa_calib.sources import Picture, Source, SourceLost
 

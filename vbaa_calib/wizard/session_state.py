@@ -20,7 +20,6 @@ from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment, adj
 from vbaa_calib.calibrate.antenna.inputs import Observation
 from vbaa_calib.calibrate.antenna.session_rig import ExpectedAntenna, nominal_parameters
 from vbaa_calib.calibrate.doubts import prior_doubts
-from vbaa_calib.calibrate.faults.stills import failure_causes, still_diagnoses
 from vbaa_calib.calibrate.given_lens import GivenLens, given_solution, read_lens
 from vbaa_calib.calibrate.guide.view_uncertainty import WorkPlane
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution
@@ -33,6 +32,7 @@ from vbaa_calib.core.files import UniqueKeyDumper, read_yaml, write_text
 from vbaa_calib.core.images import read_gray, read_picture
 from vbaa_calib.detect.board.board_file import load_board
 from vbaa_calib.detect.board.corners import BoardView, detect_corners
+from vbaa_calib.diagnose.session import failure_causes, still_diagnoses
 from vbaa_calib.geometry import Pose
 from vbaa_calib.session import (
     SCHEMA,
@@ -379,11 +379,12 @@ class SessionState:
         remedy = "check the answers about the jig (place, axes, turn, how well it is known) and the clamp"
 
         def made() -> list[Diagnosis]:
+            found = still_diagnoses(self.session, self.plane().kinematics, joint)
             against_plane = [
                 replace(one, name="antenna_contradicts_plane", remedy=remedy, severity="wrong")
-                for one in prior_doubts(joint)
+                for one in prior_doubts(joint, found)
             ]
-            return [*against_plane, *still_diagnoses(self.session, self.plane().kinematics, joint)]
+            return [*against_plane, *found]
 
         return self.cached("diagnoses", self.inputs(*_ALL), made)
 

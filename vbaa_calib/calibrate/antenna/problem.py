@@ -38,25 +38,51 @@ def still_curves(
     antennas: np.ndarray,
     length_m: float,
     *,
-    compliance: np.ndarray | None = None,
+    changes: np.ndarray | None = None,
+    uneven: np.ndarray | None = None,
     loaded: bool = True,
 ) -> Curves:
-    """Shapes of A antennas (A, 9) in each of F stills, still by still: (F·A) curves. compliance : (A, 2) factors on
-    what bends each to y and to z; loaded : False takes the loads off, node `CONTACT` stays where they hang."""
+    """Shapes of A antennas (A, 9) in each of F observations, one by one: (F·A) curves.
+
+    changes : (F, 9) by which the antenna differs in each. uneven : see `Problem`. loaded : False takes the loads off,
+    node `CONTACT` stays where they hang.
+    """
     count, each = len(observations), len(antennas)
-    factor = np.tile(np.ones((each, 2)) if compliance is None else compliance, (count, 1))
+    parameters = np.tile(antennas, (count, 1))
+    if changes is not None:
+        parameters = parameters + np.repeat(changes, each, axis=0)
+    uneven = np.zeros(3) if uneven is None else uneven
+    factor = np.exp(uneven[0] * np.array([-0.5, 0.5]))
     gravity = np.repeat([one.gravity_m_s2 for one in observations], each, axis=0)
     load = np.repeat([one.load_N if loaded else np.zeros(2) for one in observations], each, axis=0)
     contact = [one.still.distance_m if isinstance(one.still, Load) else 0.5 * length_m for one in observations]
-    return bend(
-        np.tile(antennas, (count, 1)),
+    curves = bend(
+        parameters,
         length_m,
-        gravity * np.hstack([np.ones((len(factor), 1)), factor]),
+        gravity * [1.0, *factor],
         np.repeat(contact, each),
         load * factor,
         dead=True,
         sweeps=_SWEEPS,
     )
+    if not uneven.any():
+        return curves
+    return _unevenly_bent(replace(curves, moment_Nm=curves.moment_Nm / factor[1]), parameters, uneven[1:])
+
+
+def _unevenly_bent(curves: Curves, parameters: np.ndarray, profile: np.ndarray) -> Curves:
+    """Curves of antennas (B, 9) whose compliance is 1 + `profile` (2,) times the first Legendre polynomials, to first
+    order: what bends them stays."""
+    step = np.diff(curves.arclength_m)[..., None]
+    middle = (curves.arclength_m[:, 1:] + curves.arclength_m[:, :-1]) / curves.arclength_m[:, -1:] - 1.0
+    softer = np.polynomial.legendre.legval(middle, [0.0, *profile])[..., None]
+    bow = np.column_stack([np.zeros(len(parameters)), parameters[:, 4:6]])[:, None]
+    turn = softer * (np.cross(curves.tangents[:, :-1], curves.tangents[:, 1:]) - bow * step)
+    start = np.zeros((len(parameters), 1, 3))
+    turned = np.cross(np.concatenate([start, np.cumsum(turn, axis=1)], axis=1), curves.tangents)
+    moved = np.cumsum(0.5 * (turned[:, 1:] + turned[:, :-1]) * step, axis=1)
+    points = curves.points_m + np.concatenate([start, moved], axis=1)
+    return replace(curves, points_m=points, tangents=curves.tangents + turned)
 
 
 POSE, ANTENNA = slice(0, 6), slice(6, 6 + len(PARAMETERS))
@@ -98,6 +124,11 @@ class Problem:
     readings_at: np.ndarray  # (K,) parameters that are in `observations` already
     tips: np.ndarray = field(default_factory=lambda: np.zeros(0, int))  # (T,) of which observations the end is used
     tips_at_lens: SeenPoints | None = None
+    changes: np.ndarray | None = None  # (F, 9) by which the antenna differs in each observation
+    # (3,) logarithm of the compliance to z over that to y, and how it changes along the antenna: see `_unevenly_bent`
+    uneven: np.ndarray | None = None
+    # as `line_axes` gives them, where they are known
+    known_axes: list[tuple[np.ndarray, np.ndarray]] | None = None
 
     @staticmethod
     def of(observations: Sequence[Observation], prior: Prior, length_m: float, moment_std_Nm: float) -> Problem:
@@ -118,6 +149,7 @@ class Problem:
             kept=kept,
             groups=groups,
             readings_at=np.zeros(0),
+            changes=None,
         )
 
     def without_tips(self) -> Problem:
@@ -188,9 +220,9 @@ class Problem:
         step = self.prior.lens_axes @ (parameters[self.lens] - self.lens_at)
         return [points.with_lens_moved(step) for points in self.seen_at_lens]
 
-    def curves(self, antennas: np.ndarray, compliance: np.ndarray | None = None) -> Curves:
+    def curves(self, antennas: np.ndarray) -> Curves:
         """`still_curves` of A antennas (A, 9) in its observations."""
-        return still_curves(self.observations, antennas, self.length_m, compliance=compliance)
+        return still_curves(self.observations, antennas, self.length_m, changes=self.changes, uneven=self.uneven)
 
     def evaluate(self, parameters: np.ndarray) -> Evaluation:
         """What the parameters predict."""
@@ -252,11 +284,14 @@ class Problem:
         every = [whitened_residuals(one, projected.picked(own)) for one, own in zip(seen, three, strict=True)]
         return [_by_step(np.vstack([one, curves.moment_Nm[own]])) for one, own in zip(every, three, strict=True)]
 
-    def line_modes(self, index: int) -> np.ndarray:
-        """(N, 3) how an observation's residuals move with its line's common errors, each in its deviation."""
+    def line_modes(self, index: int, places: np.ndarray | None = None) -> np.ndarray:
+        """(N, 3) how an observation's residuals move with its line's common errors, each in its deviation.
+
+        places : (N,) of its points along the line, −1 to 1; None: evenly.
+        """
         seen, matrix = self.seen_at_lens[index], self.prior.camera.matrix
         std = np.sqrt(0.5 * matrix[0, 0] * matrix[1, 1] * np.trace(seen.covariance, axis1=1, axis2=2))
-        modes = np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, len(seen)), 2)
+        modes = np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, len(seen)) if places is None else places, 2)
         return modes * (self.prior.line_px / (self.noise_scale * std))[:, None]
 
     def without_line(self, index: int, rows: np.ndarray) -> np.ndarray:
@@ -268,8 +303,12 @@ class Problem:
 
     @cached_property
     def _line_axes(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        return self.line_axes() if self.known_axes is None else self.known_axes
+
+    def line_axes(self, places: np.ndarray | None = None) -> list[tuple[np.ndarray, np.ndarray]]:
         """Per observation (N, 3) axes of `line_modes`, and what whitening takes away along each."""
-        modes = [np.linalg.svd(self.line_modes(i), full_matrices=False) for i in range(len(self.seen_at_lens))]
+        own = [None if places is None or len(places) != len(seen) else places for seen in self.seen_at_lens]
+        modes = [np.linalg.svd(self.line_modes(i, each), full_matrices=False) for i, each in enumerate(own)]
         return [(axes, axes * (1.0 - 1.0 / np.hypot(1.0, std))) for axes, std, _ in modes]
 
     def tips_by_load(self, parameters: np.ndarray, ends: Mapping[int, SeenPoints]) -> dict[int, np.ndarray]:
@@ -283,7 +322,8 @@ class Problem:
         """Three curves of each of some observations: as its load is, and with each of its readings altered."""
         some = [self.observations[index] for index in which]
         three = [each for one in some for each in (one, *one.with_readings_altered())]
-        curves = replace(self, observations=three).curves(parameters[None, ANTENNA])
+        changes = None if self.changes is None else np.repeat(self.changes[list(which)], 3, axis=0)
+        curves = replace(self, observations=three, changes=changes).curves(parameters[None, ANTENNA])
         return curves, self.pose(parameters).inverse()
 
     def whitened_by_load(self, parameters: np.ndarray) -> list[np.ndarray]:
@@ -298,7 +338,7 @@ class Problem:
         """Per observation the residuals (N + 1,) of points and moment, and their slopes (N + 1, 17 + P + K)."""
         distances, moments, *_ = self.evaluate(parameters)
         read = -self.moment_residuals_Nm(parameters, moments) / self.moment_std_Nm
-        rows = self._moment_slopes(parameters, moments) / self.moment_std_Nm
+        rows = self.moment_slopes(parameters, moments) / self.moment_std_Nm
         points = [(block[:, 0] / self.noise_scale, self.by_all(block) / self.noise_scale) for block in distances]
         together = zip(points, read, rows, strict=True)
         return [(np.append(off, own), np.vstack([slopes, row])) for (off, slopes), own, row in together]
@@ -309,7 +349,7 @@ class Problem:
         evaluated = self.evaluate(parameters) if evaluated is None else evaluated
         moments = evaluated.moments
         points = np.vstack([self.without_line(i, evaluated.points[i]) for i in np.flatnonzero(self.kept).tolist()])
-        misfit, rows = -self.moment_residuals_Nm(parameters, moments), self._moment_slopes(parameters, moments)
+        misfit, rows = -self.moment_residuals_Nm(parameters, moments), self.moment_slopes(parameters, moments)
         parts = [
             (points[:, 0] / self.noise_scale, self.by_all(points) / self.noise_scale),
             (misfit[self.kept] / self.moment_std_Nm, rows[self.kept] / self.moment_std_Nm),
@@ -322,6 +362,24 @@ class Problem:
         parts.append((away / std, np.hstack([np.zeros((size - 6, 6)), np.diag(1 / std)])))
         return np.concatenate([part for part, _ in parts]), np.vstack([rows for _, rows in parts])
 
+    def misfits(self, parameters: np.ndarray) -> np.ndarray:
+        """(R − F,) `residuals` without the moments', and without slopes."""
+        here = self._loaded(parameters)
+        images = image_curves(here.curves(parameters[None, ANTENNA]), self.pose(parameters).inverse())
+        seen, ends = self.seen(parameters), self._ends(parameters)
+        own = [images.picked(slice(index, index + 1)) for index in range(len(seen))]
+        parts = [
+            self.without_line(index, whitened_residuals(seen[index], own[index])[:, 0]) / self.noise_scale
+            for index in np.flatnonzero(self.kept).tolist()
+        ]
+        parts += [self._away(estimate, parameters)[1] for estimate in self.prior.poses]
+        along = [whitened_along(end, own[index]) for index, end in ends.items()]
+        parts.append(self._common_whitening(np.array([each[2] for each in along])) @ [each[0][0, 0] for each in along])
+        size = len(parameters)
+        std = np.concatenate([self.prior.std, np.ones(size - RIG)])
+        parts.append((parameters[6:] - np.concatenate([self.prior.mean, np.zeros(size - RIG)])) / std)
+        return np.concatenate(parts)
+
     def linearised(self, parameters: np.ndarray) -> Linearised:
         """All residuals and their Jacobian, as the solver takes them."""
         return Linearised(parameters, *self.residuals(parameters), self.certain)
@@ -330,17 +388,21 @@ class Problem:
         """Residuals (T,) and their Jacobian; how far all ends together are off the length is marginalised."""
         if not len(self.tips):
             return np.zeros(0), np.zeros((0, self.lens.stop + self.groups.count))
-        assert self.prior.tip_std_m is not None
-        common = self.prior.tip_std_m * evaluated.by_length
-        whiten = np.linalg.inv(np.linalg.cholesky(np.eye(len(common)) + np.outer(common, common)))
+        whiten = self._common_whitening(evaluated.by_length)
         return whiten @ evaluated.tips[:, 0], whiten @ self.by_all(evaluated.tips)
+
+    def _common_whitening(self, by_length: np.ndarray) -> np.ndarray:
+        """(T, T) that whitens the ends' distances of what the length makes of all of them."""
+        common = (self.prior.tip_std_m or 0.0) * by_length
+        return np.asarray(np.linalg.inv(np.linalg.cholesky(np.eye(len(common)) + np.outer(common, common))))
 
     @staticmethod
     def by_all(rows: np.ndarray) -> np.ndarray:
         """Slopes by all parameters, of rows of an `Evaluation`; those of the sensor move no point."""
         return np.hstack([rows[:, 1 : 1 + GAIN], np.zeros((len(rows), 2)), rows[:, 1 + GAIN :]])
 
-    def _moment_slopes(self, parameters: np.ndarray, moments: np.ndarray) -> np.ndarray:
+    def moment_slopes(self, parameters: np.ndarray, moments: np.ndarray) -> np.ndarray:
+        """(F, 17 + P + K) of the predicted readings by the parameters, from an `Evaluation`'s moments."""
         rows = np.zeros((len(moments), len(parameters)))
         rows[:, ANTENNA] = parameters[GAIN] * (moments[:, 1:_BENT] - moments[:, :1]) / RIG_STEPS[6:]
         rows[:, self.lens.stop :] = parameters[GAIN] * moments[:, _BENT:]
@@ -353,15 +415,20 @@ class Problem:
         return readings - parameters[GAIN] * moments[:, 0] - parameters[OFFSET]
 
     def _pose_prior(self, estimate: PoseEstimate, parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        whiten = np.linalg.inv(np.linalg.cholesky(estimate.covariance))
-        away = self.pose(parameters).tangent_from(estimate.T_antenna_camera)
+        whiten, away = self._away(estimate, parameters)
         rows = np.zeros((6, len(parameters)))
         rows[:, POSE] = whiten
         if len(self.prior.lens_axes):
-            by_lens = estimate.lens_sensitivity @ self.prior.lens_axes
-            rows[:, self.lens] = -whiten @ by_lens
-            away = away - by_lens @ parameters[self.lens]
-        return whiten @ away, rows
+            rows[:, self.lens] = -whiten @ (estimate.lens_sensitivity @ self.prior.lens_axes)
+        return away, rows
+
+    def _away(self, estimate: PoseEstimate, parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(6, 6) that whitens an estimate of the pose, and (6,) how far the parameters' pose is from it, whitened."""
+        whiten = np.linalg.inv(np.linalg.cholesky(estimate.covariance))
+        away = self.pose(parameters).tangent_from(estimate.T_antenna_camera)
+        if len(self.prior.lens_axes):
+            away = away - estimate.lens_sensitivity @ self.prior.lens_axes @ parameters[self.lens]
+        return whiten, whiten @ away
 
 
 def _by_step(three: np.ndarray) -> np.ndarray:

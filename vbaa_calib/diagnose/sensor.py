@@ -1,0 +1,201 @@
+"""What goes wrong with the moment sensor: hypotheses that are judged by the moments that the pictures predict."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from vbaa_calib.core.errors import Diagnosis, Severity
+from vbaa_calib.session import STANDARD_GRAVITY_M_S2 as _G
+
+from .decision import Explanation
+from .settings import SETTINGS, SessionSettings
+
+_UNITS = (
+    ("mN·m or N·mm", 1e3, "divide the readings by 1000"),
+    ("N·cm", 1e2, "divide the readings by 100"),
+    ("kgf·m", 1 / _G, "multiply the readings by 9.80665"),
+    ("kgf·cm", 100 / _G, "divide the readings by 10.197"),
+    ("gf·cm", 1e5 / _G, "divide the readings by 10197"),
+    ("kN·m", 1e-3, "multiply the readings by 1000"),
+    ("µN·m", 1e6, "divide the readings by 1000000"),
+    ("lbf·in", 8.8507, "divide the readings by 8.8507"),
+    ("ozf·in", 141.61, "divide the readings by 141.61"),
+    ("lbf·ft", 0.73756, "divide the readings by 0.73756"),
+    ("decimetres for metres", 1e1, "divide the readings by 10"),
+)
+"""What moments are read in, as a factor on N·m, and what to do."""
+
+
+@dataclass(frozen=True, eq=False)
+class MomentReadings:
+    """The moment sensor's readings (F,) beside what the pictures predict.
+
+    Attributes
+    ----------
+    read, true : N·m. about_z : of the same loads about z.
+    root : (F, P) that times its transpose is the prediction's covariance. std_Nm : the sensor's noise, as stated.
+    when : (F,) times, or the order; per : their unit. names : of the rows.
+    """
+
+    read: np.ndarray
+    true: np.ndarray
+    about_z: np.ndarray
+    root: np.ndarray
+    std_Nm: float
+    when: np.ndarray
+    per: str
+    names: tuple[str, ...]
+    drift: np.ndarray | None = None  # (F,) an unknown error that is known of, in its standard deviation
+
+    @cached_property
+    def reported(self) -> float:
+        """Log likelihood of a sensor as it was reported."""
+        return self.log_likelihood(1.0, SETTINGS.gain_std, noise=1.0)[0]
+
+    def log_likelihood(
+        self,
+        gain: float,
+        gain_std: float,
+        noise: float | None = None,
+        column: np.ndarray | None = None,
+        offset_std_Nm: float = SETTINGS.offset_std_Nm,
+    ) -> tuple[float, float]:
+        """Of a sensor of this gain, and its noise over the stated one: the likeliest where not fixed.
+
+        column : (F,) of a further, unknown error in its standard deviation.
+        """
+        parts = [gain * self.root, gain_std * self.true[:, None], np.full((len(self.read), 1), offset_std_Nm)]
+        parts += [one[:, None] for one in (column, self.drift) if one is not None]
+        known = np.hstack(parts) / self.std_Nm
+        off = (self.read - gain * self.true) / self.std_Nm
+        variances, axes = np.linalg.eigh(known @ known.T)
+        square = (axes.T @ off) ** 2
+        scales = np.exp(np.linspace(0.0, 16.0, 161)) if noise is None else np.array([noise])
+        total = np.maximum(variances, 0.0) + (scales**2)[:, None]
+        every = -0.5 * (np.log(total) + square / total).sum(axis=1) - np.log(scales)
+        best = int(np.argmax(every))
+        return float(every[best]), float(scales[best])
+
+    def gain(self, about: np.ndarray | None = None) -> tuple[float, float, float]:
+        """Slope of the readings by the predicted moments, its standard deviation, and the scatter that it leaves."""
+        true = self.true if about is None else about
+        columns = np.column_stack([true, np.ones_like(true)])
+        found = np.linalg.lstsq(columns, self.read, rcond=None)[0]
+        left = float(np.sqrt(((self.read - columns @ found) ** 2).sum() / max(len(true) - 2, 1)))
+        spread = float(np.sqrt(((true - true.mean()) ** 2).sum()))
+        return float(found[0]), max(left, self.std_Nm) / max(spread, 1e-15), left
+
+
+def _explained(
+    readings: MomentReadings, diagnosis: Diagnosis, odds: float, right: MomentReadings | None = None
+) -> Explanation[MomentReadings]:
+    return Explanation(diagnosis, odds - readings.reported, None if right is None else lambda: right)
+
+
+def _dead(readings: MomentReadings, s: SessionSettings = SETTINGS) -> Iterator[Explanation[MomentReadings]]:
+    """MomentReadings that do not follow the moments."""
+    spread = f"while the true moments span {1e3 * np.ptp(readings.true):.3g} mN·m"
+    gain, std, _ = readings.gain()
+    words = f"the moment readings do not follow the loads: gain {gain:.3g} ± {std:.2g}, {spread}"
+    remedy = "check that the sensor is connected, sits between clamp and base, and that each row has its own reading"
+    if np.ptp(readings.read) <= 1e-3 * readings.std_Nm:
+        words = f"all {len(readings.read)} moment readings are {readings.read[0]:.4g} N·m, {spread}"
+        remedy = "connect the sensor, or leave moment_Nm to what it reads, not to a zero typed in"
+    odds = readings.log_likelihood(0.0, 0.0)[0] + s.sensor_fault
+    covers = ("sensor_unit", "sensor_sign", "sensor_axis", "sensor_gain")
+    found = _explained(readings, Diagnosis("sensor_not_connected", words, remedy, "wrong"), odds)
+    yield replace(found, covers=covers)
+
+
+def _sign_and_unit(readings: MomentReadings, s: SessionSettings = SETTINGS) -> Iterator[Explanation[MomentReadings]]:
+    """Exchanged leads, and other units."""
+    gain, std, _ = readings.gain()
+    known = f"gain {gain:.4g} ± {std:.2g}"
+    leads = "exchange its two leads, or change the sign of moment_Nm in all tables, the recording's too"
+    for sign in (1.0, -1.0):
+        for unit, factor, remedy in (("N·m", 1.0, ""), *_UNITS):
+            if (sign, factor) == (1.0, 1.0):
+                continue
+            words, name = f"the moment sensor's {known}, as if it were read in {unit}", "sensor_unit"
+            usual = s.usual_gains[0] < gain < s.usual_gains[1]
+            if sign < 0:
+                as_if = f", as if it were read in {unit}" if remedy else ""
+                words, name = f"the moment sensor reads with the wrong sign: {known}{as_if}", "sensor_sign"
+            what = "; ".join([leads] * (sign < 0) + [f"{remedy}: moment_Nm is in N·m"] * bool(remedy))
+            severity: Severity = "wrong" if remedy and not usual else "doubt"
+            width = s.unit_std if remedy else s.own_gain_std
+            odds = readings.log_likelihood(sign * factor, width * factor)[0] + s.sensor_fault - bool(remedy)
+            right = replace(readings, read=readings.read / (sign * factor))
+            yield _explained(readings, Diagnosis(name, words, what, severity), odds, right)
+
+
+def _own_gain(readings: MomentReadings, s: SessionSettings = SETTINGS) -> Iterator[Explanation[MomentReadings]]:
+    """A gain of its own."""
+    gain, std, _ = readings.gain()
+    right = replace(readings, read=readings.read / gain) if gain else None
+    words, usual = f"the moment sensor's gain is {gain:.4g} ± {std:.2g}", s.usual_gains[0] < gain < s.usual_gains[1]
+    if usual and abs(gain - 1.0) > 2.0 * s.gain_std:
+        odds = readings.log_likelihood(1.0, s.own_gain_std)[0]
+        yield _explained(readings, Diagnosis("sensor_gain", words, "the rig has it", "note"), odds, right)
+    elif gain > 0 and not usual:
+        remedy = "check its calibration and the unit of moment_Nm"
+        odds = readings.log_likelihood(0.0, max(s.any_gain_std, gain))[0] + s.sensor_fault
+        yield _explained(readings, Diagnosis("sensor_gain", f"{words}, far from 1", remedy), odds, right)
+
+
+def _other_axis(readings: MomentReadings, s: SessionSettings = SETTINGS) -> Iterator[Explanation[MomentReadings]]:
+    """MomentReadings of the moment about z."""
+    other = replace(readings, true=readings.about_z)
+    for sign in (1.0, -1.0):
+        gain, std, _ = readings.gain(readings.about_z)
+        words = f"the moment readings follow the loads along y, not along z: gain {gain:.3g} ± {std:.2g} about z"
+        remedy = "turn the sensor by 90° about the antenna, or take the channel of the moment about y"
+        odds = other.log_likelihood(sign, s.own_gain_std)[0] + s.sensor_fault
+        yield _explained(readings, Diagnosis("sensor_axis", words, remedy, "wrong"), odds)
+
+
+def _drift(readings: MomentReadings, s: SessionSettings = SETTINGS) -> Iterator[Explanation[MomentReadings]]:
+    """A zero that moves."""
+    if np.ptp(readings.when) == 0.0:
+        return
+    when = (readings.when - readings.when.mean()) / np.ptp(readings.when)
+    column = 300.0 * readings.std_Nm * when
+    columns = np.column_stack([readings.true, np.ones_like(when), when])
+    found = np.linalg.lstsq(columns, readings.read, rcond=None)[0]
+    words = f"the moment sensor drifts by {1e3 * found[2] / np.ptp(readings.when):.2g} mN·m per {readings.per}"
+    odds = readings.log_likelihood(1.0, s.own_gain_std, column=column)[0] + s.noisy
+    diagnosis = Diagnosis("sensor_drifts", words, "let it warm up, and zero it again before a recording")
+    yield _explained(readings, diagnosis, odds, replace(readings, drift=column))
+
+
+def _one_reading(readings: MomentReadings, s: SessionSettings = SETTINGS) -> Iterator[Explanation[MomentReadings]]:
+    """A single wrong reading."""
+    less = float(np.log(len(readings.read)))
+    for index, name in enumerate(readings.names):
+        rest = np.arange(len(readings.read)) != index
+        gain, zero = np.polyfit(readings.true[rest], readings.read[rest], 1)
+        off = readings.read[index] - gain * readings.true[index] - zero
+        column = np.where(rest, 0.0, 1e3 * readings.std_Nm)
+        odds = readings.log_likelihood(1.0, s.own_gain_std, column=column)[0] + s.noisy - less
+        words = f"{name}: the moment reading is {1e3 * off:+.3g} mN·m off"
+        diagnosis = Diagnosis("moment_reading_off", words, "is its row right?")
+        yield _explained(readings, diagnosis, odds, replace(readings, drift=column))
+
+
+def _noise(readings: MomentReadings, s: SessionSettings = SETTINGS) -> Iterator[Explanation[MomentReadings]]:
+    """More noise than stated."""
+    odds, noise = readings.log_likelihood(1.0, s.own_gain_std)
+    words = (
+        f"the moment sensor scatters by {1e3 * noise * readings.std_Nm:.3g} mN·m, the session says "
+        f"{1e3 * readings.std_Nm:.3g}"
+    )
+    diagnosis = Diagnosis("sensor_noise", words, "the former is used")
+    yield _explained(readings, diagnosis, odds + s.noisy, replace(readings, std_Nm=noise * readings.std_Nm))
+
+
+TABLE = (_dead, _sign_and_unit, _own_gain, _other_axis, _drift, _one_reading, _noise)
+"""What may be wrong with a moment sensor."""

@@ -1,0 +1,798 @@
+"""What people and hardware get wrong in a session: a table of hypotheses, of which the pictures are the witness."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import combinations
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from vbaa_calib.antenna.shape import PARAMETERS
+from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment
+from vbaa_calib.calibrate.antenna.inputs import Observation, Prior
+from vbaa_calib.calibrate.antenna.problem import Problem
+from vbaa_calib.core.errors import Diagnosis, InputError, SolveError
+from vbaa_calib.geometry import Kinematics, Pose
+from vbaa_calib.session import STANDARD_GRAVITY_M_S2 as G
+from vbaa_calib.session import Load, Session, Still, gravity_antenna
+
+from .decision import DecisionSettings, Explanation, explained
+from .sensor import TABLE as SENSOR
+from .sensor import MomentReadings
+from .settings import SETTINGS, SessionSettings
+from .typed_loads import FORCE_UNITS, LENGTH_UNITS, rows_name, typed_load_diagnoses, weighed
+from .witness import Alteration, RigFit, Witness, name_of
+
+
+@dataclass(frozen=True, eq=False)
+class Mistake:
+    """One possible mistake.
+
+    alter : the problem with a mistake of some values put right. says : of a fit, what was wrong.
+    prior_std : of its values, about 0. log_prior : log odds before anything was seen.
+    gross : whether it cannot hide: not tried where all fits as reported; single : not even in one row.
+    moments : whether the sensor has a say.
+    within : what the values must keep to. slopes : see `Witness.forecast`.
+    """
+
+    alter: Alteration
+    says: Callable[[RigFit], Diagnosis]
+    prior_std: tuple[float, ...] = ()
+    log_prior: float = 0.0
+    gross: bool = False
+    single: bool = False
+    moments: bool = False
+    within: Callable[[RigFit], bool] = lambda fit: True
+    slopes: Callable[[np.ndarray], np.ndarray] | None = None
+
+
+def _percent(value: float, std: float) -> str:
+    return f"{100 * abs(value):.2g} ± {100 * std:.1g} %"
+
+
+def _restilled(problem: Problem, change: Callable[[int, Still], Still]) -> Problem:
+    """With other readings."""
+    every = enumerate(problem.observations)
+    return replace(problem, observations=[replace(one, still=change(i, one.still)) for i, one in every])
+
+
+def _reloaded(problem: Problem, which: Sequence[int], change: Callable[[Load], Load]) -> Problem:
+    """With other readings of some loads."""
+
+    def of(index: int, still: Still) -> Still:
+        return change(still) if isinstance(still, Load) and index in which else still
+
+    return _restilled(problem, of)
+
+
+def _with_loads(which: Sequence[int], change: Callable[[Load], Load], problem: Problem, v: np.ndarray) -> Problem:
+    return _reloaded(problem, which, change)
+
+
+def _moved_load(load: Load, by_m: float, length_m: float) -> Load:
+    return replace(load, distance_m=float(np.clip(load.distance_m + by_m, 1e-3 * length_m, length_m)))
+
+
+def _turned_load(load: Load, matrix: np.ndarray) -> Load:
+    y, z = matrix @ [load.force_y_N, load.force_z_N]
+    return replace(load, force_y_N=float(y), force_z_N=float(z))
+
+
+def _rescaled(load: Load, factor: float) -> Load:
+    return replace(load, distance_m=factor * load.distance_m)
+
+
+def _plane_turn(angle: float) -> np.ndarray:
+    return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+
+
+# ---- lengths
+
+
+def _lengths(witness: Witness, s: SessionSettings) -> Iterator[Mistake]:
+    """antenna.length_m, and the board's squares, which put the camera nearer or further."""
+    if len(witness.problem.tips):
+        nominal = witness.problem.length_m
+
+        def length(fit: RigFit) -> Diagnosis:
+            found, std = 1e3 * fit.problem.length_m, 1e3 * nominal * fit.std[0]
+            return Diagnosis(
+                "antenna_length",
+                f"antenna.length_m is {1e3 * nominal:.4g} mm, the pictures show {found:.4g} ± {std:.2g} mm from clamp "
+                "to tip",
+                "measure it again from the clamp to the tip, or set antenna.tip: null where the visible end is not the "
+                "tip",
+            )
+
+        yield Mistake(
+            lambda problem, v: replace(problem, length_m=nominal * (1.0 + v[0])), length, (s.length,), s.mistake
+        )
+    jig = witness.session.T_antenna_board
+    origin = np.zeros(3) if jig is None else jig.translation_m
+
+    def scaled(problem: Problem, v: np.ndarray) -> Problem:
+        def moved(pose: Pose) -> Pose:
+            return Pose(pose.rotation, origin + (pose.translation_m - origin) / (1.0 + v[0]))
+
+        poses = [replace(one, T_antenna_camera=moved(one.T_antenna_camera)) for one in problem.prior.poses]
+        return replace(problem, prior=replace(problem.prior, poses=poses))
+
+    def board(fit: RigFit) -> Diagnosis:
+        side = "smaller" if fit.values[0] > 0 else "larger"
+        return Diagnosis(
+            "board_scale",
+            f"the board's squares are {_percent(fit.values[0], fit.std[0])} {side} than board.square_m",
+            "measure the printed board over many squares and correct square_m",
+            "wrong" if abs(fit.values[0]) > 0.015 else "doubt",
+        )
+
+    if any(one.way != "over board" for one in witness.problem.prior.poses):
+        yield Mistake(scaled, board, (s.board,), s.mistake)
+
+
+# ---- loads
+
+
+_SLIPS = (
+    ("with its sign turned round", -np.eye(2)),
+    ("with the sign of y turned round", np.diag([-1.0, 1.0])),
+    ("with the sign of z turned round", np.diag([1.0, -1.0])),
+    ("with y and z exchanged", np.array([[0.0, 1.0], [1.0, 0.0]])),
+    ("with y and z exchanged, and the sign turned round", np.array([[0.0, -1.0], [-1.0, 0.0]])),
+    ("with y and z exchanged, and the sign of one of them turned round", np.array([[0.0, 1.0], [-1.0, 0.0]])),
+    ("with y and z exchanged, and the sign of one of them turned round", np.array([[0.0, -1.0], [1.0, 0.0]])),
+)
+"""Wrong directions of a force, and the matrix that puts each right."""
+
+
+def _cells(before: Load, after: Load) -> str:
+    """The cells of a row that change."""
+    names = ("distance_m", "force_y_N", "force_z_N")
+    pairs = [(name, getattr(before, name), getattr(after, name)) for name in names]
+    size = weighed(before) + weighed(after)
+    return ", ".join(
+        f"{name} {a:.4g} → {b:.4g}"
+        for name, a, b in pairs
+        if abs(a - b) > 1e-6 * (size if name.startswith("force") else before.distance_m)
+    )
+
+
+def _question(what: str, how: str, before: Load, after: Load) -> str:
+    if what == "distance":
+        return f"{1e3 * after.distance_m:.4g} mm from the clamp that was typed as distance_m {before.distance_m:.4g}"
+    if "exchanged" in how or "sign" in how:
+        y, z = after.force_y_N, after.force_z_N
+        return f"({y:.4g}, {z:.4g}) N in (y, z) that was typed as ({before.force_y_N:.4g}, {before.force_z_N:.4g})"
+    typed, meant = weighed(before), weighed(after)
+    return f"{1e3 * meant / G:.4g} g, which is {meant:.4g} N, that was typed as {typed:.4g} newtons"
+
+
+def _slips(witness: Witness, which: Sequence[int], log_prior: float) -> Iterator[Mistake]:
+    """Units, signs and axes of some rows."""
+    loads = dict(witness.loads)
+    count, length_m = len(loads), witness.problem.length_m
+    rows = [(list(loads).index(index), loads[index]) for index in which]
+
+    def cause(what: str, how: str, change: Callable[[Load], Load], less: float) -> Mistake:
+        def says(fit: RigFit) -> Diagnosis:
+            first = rows[0][1]
+            words = (
+                f"{rows_name(rows, count)}: the picture contradicts the row, and would fit if the {what} was given "
+                f"{how}. Is it {_question(what, how, first, change(first))}?"
+            )
+            cells = "; ".join(f"row {index + 1}: {_cells(load, change(load))}" for index, load in rows[:3])
+            return Diagnosis(f"load_{what}_mistyped", words, f"if so, correct {cells}", "wrong")
+
+        return Mistake(
+            lambda problem, v: _reloaded(problem, which, change), says, (), log_prior - less, True, len(which) == 1
+        )
+
+    for how, factor in FORCE_UNITS:
+        yield cause("force", how, partial(_turned_load, matrix=factor * np.eye(2)), 1.0)
+    known: list[np.ndarray] = [np.eye(2)]
+    forces = np.array([[load.force_y_N, load.force_z_N] for _, load in rows]).T
+    for how, turn in _SLIPS:
+        if all(np.abs((turn - other) @ forces).max() > 1e-6 * np.abs(forces).max() for other in known):
+            known.append(turn)
+            yield cause("force", how, partial(_turned_load, matrix=turn), 1.5)
+    places = np.array([load.distance_m for _, load in rows])
+    for how, factor in LENGTH_UNITS:
+        if (factor * places <= length_m).all():
+            yield cause("distance", how, partial(_rescaled, factor=factor), 1.5)
+    if (places < length_m * (1 - 1e-6)).all() and (np.abs(length_m - 2 * places) > 0.02 * length_m).any():
+        yield cause("distance", "from the tip", lambda load: replace(load, distance_m=length_m - load.distance_m), 1.5)
+
+
+def _one_load(witness: Witness, s: SessionSettings, index: int, less: float) -> Iterator[Mistake]:
+    """Place and force of one load."""
+    name, load, length_m = (
+        name_of(witness.problem.observations, index),
+        dict(witness.loads)[index],
+        witness.problem.length_m,
+    )
+
+    def moved(problem: Problem, v: np.ndarray) -> Problem:
+        return _reloaded(problem, [index], lambda one: _moved_load(one, v[0], length_m))
+
+    def place(fit: RigFit) -> Diagnosis:
+        return Diagnosis(
+            "load_distance_mistyped",
+            f"{name}: the picture shows the load at {1e3 * (load.distance_m + fit.values[0]):.4g} ± "
+            f"{1e3 * fit.std[0]:.2g} mm, not at {1e3 * load.distance_m:.4g} mm",
+            f"correct distance_m of this row: it is off by {1e3 * fit.values[0]:+.2g} mm",
+            "wrong" if abs(fit.values[0]) > 0.02 * load.distance_m else "doubt",
+        )
+
+    yield Mistake(moved, place, (s.distance * length_m,), s.mistake - less)
+
+    def heavier(problem: Problem, v: np.ndarray) -> Problem:
+        return _reloaded(problem, [index], lambda one: _turned_load(one, np.exp(v[0]) * np.eye(2)))
+
+    def force(fit: RigFit) -> Diagnosis:
+        meant = weighed(load) * float(np.exp(fit.values[0]))
+        rests = ", or something carries part of it" if fit.values[0] < 0 else ""
+        return Diagnosis(
+            "load_force_mistyped",
+            f"{name}: the picture shows a load of {meant:.4g} N ± {100 * fit.std[0]:.2g} %, not of "
+            f"{weighed(load):.4g} N{rests}",
+            "weigh it again, correct the row, and see that it hangs free",
+            "wrong" if abs(fit.values[0]) > 0.03 else "doubt",
+        )
+
+    yield Mistake(heavier, force, (s.force,), s.mistake - less)
+
+    def turned(problem: Problem, v: np.ndarray) -> Problem:
+        return _reloaded(problem, [index], lambda one: _turned_load(one, _plane_turn(v[0])))
+
+    def direction(fit: RigFit) -> Diagnosis:
+        return Diagnosis(
+            "load_force_mistyped",
+            f"{name}: the picture shows a load turned by {np.rad2deg(fit.values[0]):+.2g} ± "
+            f"{np.rad2deg(fit.std[0]):.1g}° from y to z",
+            "check the pulley, and force_y_N and force_z_N of the row",
+            "wrong" if abs(fit.values[0]) > 0.03 else "doubt",
+        )
+
+    yield Mistake(turned, direction, (s.turn_rad,), s.mistake - less - 1.0)
+
+
+def _exchanges(witness: Witness, s: SessionSettings, suspects: Sequence[int]) -> Iterator[Mistake]:
+    """Weights, places or pictures of two loads."""
+    loads, observations = dict(witness.loads), witness.problem.observations
+    pairs = [pair for pair in combinations(loads, 2) if set(pair) & set(suspects)]
+    less = float(np.log(max(len(pairs), 1)))
+    for i, j in pairs:
+        a, b = loads[i], loads[j]
+
+        def cause(what: str, change: Mapping[int, Observation], i: int = i, j: int = j) -> Mistake:
+            names = [name_of(observations, index) for index in (i, j)]
+
+            def says(fit: RigFit) -> Diagnosis:
+                words = f"the {what} of {names[0]} and {names[1]} are exchanged"
+                new = [change[k].still for k in (i, j)]
+                cells = "; ".join(
+                    f"{name}: {_cells(loads[k], load)}"
+                    for name, k, load in zip(names, (i, j), new, strict=True)
+                    if isinstance(load, Load)
+                )
+                return Diagnosis("load_rows_exchanged", words, f"correct {cells}", "wrong")
+
+            def alter(problem: Problem, v: np.ndarray) -> Problem:
+                each = enumerate(problem.observations)
+                seen = [
+                    replace(one, still=change[k].still, gravity_m_s2=change[k].gravity_m_s2) if k in change else one
+                    for k, one in each
+                ]
+                return replace(problem, observations=seen)
+
+            return Mistake(alter, says, (), s.mistake - less, True, True)
+
+        def with_load(index: int, load: Load) -> Observation:
+            return replace(observations[index], still=load)
+
+        if abs(a.distance_m - b.distance_m) > 1e-6:
+            places = replace(a, distance_m=b.distance_m), replace(b, distance_m=a.distance_m)
+            yield cause("distances", {i: with_load(i, places[0]), j: with_load(j, places[1])})
+        ratio = weighed(b) / weighed(a) if weighed(a) > 0 else 1.0
+        if abs(np.log(max(ratio, 1e-9))) > 1e-3:
+            heavier = _turned_load(a, ratio * np.eye(2)), _turned_load(b, np.eye(2) / ratio)
+            yield cause("weights", {i: with_load(i, heavier[0]), j: with_load(j, heavier[1])})
+        yield cause(
+            "pictures",
+            {
+                i: replace(observations[j], still=replace(b, image=a.image)),
+                j: replace(observations[i], still=replace(a, image=b.image)),
+            },
+        )
+
+
+def _all_loads(witness: Witness, s: SessionSettings) -> Iterator[Mistake]:
+    """What all loads have in common."""
+    which, length_m = [index for index, _ in witness.loads], witness.problem.length_m
+    if not which:
+        return
+
+    def shifted(fit: RigFit) -> Diagnosis:
+        way = "further from" if fit.values[0] > 0 else "nearer to"
+        return Diagnosis(
+            "load_distances_shifted",
+            f"all loads hang {1e3 * abs(fit.values[0]):.2g} ± {1e3 * fit.std[0]:.1g} mm {way} the clamp than "
+            "distance_m",
+            "check from where the distances were measured: from the clamp's edge, where the antenna begins to bend",
+            "wrong" if abs(fit.values[0]) > 0.01 * length_m else "doubt",
+        )
+
+    yield Mistake(
+        lambda problem, v: _reloaded(problem, which, lambda one: _moved_load(one, v[0], length_m)),
+        shifted, (s.shift_m,), s.mistake,
+    )  # fmt: skip
+
+    def turned(fit: RigFit) -> Diagnosis:
+        return Diagnosis(
+            "loads_turned",
+            f"all loads pull in directions turned by {np.rad2deg(fit.values[0]):+.2g} ± {np.rad2deg(fit.std[0]):.1g}° "
+            "from y to z against force_y_N and force_z_N",
+            "check which way y and z point at the antenna, and the pulleys",
+            "wrong" if abs(fit.values[0]) > 0.03 else "doubt",
+        )
+
+    yield Mistake(
+        lambda problem, v: _reloaded(problem, which, lambda one: _turned_load(one, _plane_turn(v[0]))),
+        turned, (s.turn_rad,), s.mistake,
+    )  # fmt: skip
+    yield from _slips(witness, which, s.mistake)
+
+
+def _materials(witness: Witness, s: SessionSettings) -> Iterator[Mistake]:
+    """Another modulus, density or diameter."""
+    nominal = witness.session.antenna
+
+    def other(problem: Problem, v: np.ndarray) -> Problem:
+        mean = problem.prior.mean.copy()
+        mean[6:8] += v
+        return replace(problem, prior=replace(problem.prior, mean=mean))
+
+    def says(fit: RigFit) -> Diagnosis:
+        ratio, heavier = np.exp(fit.parameters[12:14] - witness.problem.prior.mean[6:8])
+        std = np.sqrt(np.diag(fit.solution.covariance())[12:14])
+        modulus, density = ratio * nominal.youngs_modulus_Pa, heavier * nominal.density_kg_m3
+        thick = nominal.diameter_m * ratio**0.25
+        words = (
+            f"EI is {100 * (ratio - 1):+.0f} % off E·πd⁴/64 = {nominal.stiffness_Nm2:.4g} N·m²: with the reported "
+            f"diameter its modulus is {1e-9 * modulus:.3g} GPa"
+        )
+        if std[1] < 0.15:
+            words += f" and its density {density:.3g} kg/m³"
+        words += f", or with the reported material its diameter is {1e3 * thick:.3g} mm"
+        return Diagnosis(
+            "stiffness_not_nominal", words, "check the material and diameter_m; EI itself is measured", "doubt"
+        )
+
+    def possible(fit: RigFit) -> bool:
+        ratio = float(np.exp(fit.parameters[12] - witness.problem.prior.mean[6]))
+        return s.moduli_Pa[0] <= ratio * nominal.youngs_modulus_Pa <= s.moduli_Pa[1]
+
+    yield Mistake(other, says, s.material, 0.0, within=possible)
+
+
+# ---- gravity and joints
+
+
+def _with_gravity(pulls: np.ndarray, problem: Problem, v: np.ndarray) -> Problem:
+    every = zip(problem.observations, pulls, strict=True)
+    return replace(problem, observations=[replace(one, gravity_m_s2=pull) for one, pull in every])
+
+
+def _always(diagnosis: Diagnosis, fit: RigFit) -> Diagnosis:
+    return diagnosis
+
+
+_AXES = {f"{'+−'[sign < 0]}{name}": sign * np.eye(3)[axis] for axis, name in enumerate("xyz") for sign in (1, -1)}
+_JOINTS = (
+    ("the tilt turned the other way", "the sign of tilt_rad", np.diag([1.0, -1.0])),
+    ("the pan turned the other way", "the sign of pan_rad", np.diag([-1.0, 1.0])),
+    ("pan and tilt were exchanged", "the columns pan_rad and tilt_rad", np.array([[0.0, 1.0], [1.0, 0.0]])),
+    ("the angles were in degrees", "the unit: angles are in rad", np.pi / 180 * np.eye(2)),
+    ("the angles had been turned into rad twice", "the angles: they are in rad once", 180 / np.pi * np.eye(2)),
+    ("the tilt stayed at 0", "tilt_rad, or connect its encoder", np.diag([1.0, 0.0])),
+)
+"""How the joints would have moved, what to correct, and the matrix that puts (pan, tilt) right."""
+
+
+def _gravity(witness: Witness, s: SessionSettings) -> Iterator[Mistake]:
+    """Where gravity points, and what the joints read."""
+    kinematics, world = witness.kinematics, witness.session.gravity_world_m_s2
+    stills = [one.still for one in witness.problem.observations]
+    noted = np.array([one.gravity_m_s2 for one in witness.problem.observations])
+    known = [noted]
+
+    def new(pulls: np.ndarray) -> bool:
+        differs = all(np.abs(pulls - other).max() > 0.05 for other in known)
+        known.append(pulls)
+        return differs
+
+    worlds = {f"gravity pointed to {name} of the world": G * axis for name, axis in _AXES.items()}
+    if world.any():
+        worlds["there were no gravity"] = np.zeros(3)
+    # what is no further away is a tilt
+    near = np.cos(4.0 * s.turn_rad) * G * np.linalg.norm(world)
+    worlds = {words: gravity for words, gravity in worlds.items() if not gravity @ world > near}
+    for words, gravity in worlds.items():
+        pulls = gravity_antenna(kinematics, gravity, stills)
+        numbers = ", ".join(f"{value + 0.0:g}" for value in gravity)
+        likely = Diagnosis(
+            "gravity_direction",
+            f"the antenna's pictures look as if {words}, not as reported",
+            f"gravity_world: [{numbers}] in session.yaml would fit; check where the world's axes point",
+            "wrong",
+        )
+        if new(pulls):
+            yield Mistake(partial(_with_gravity, pulls), partial(_always, likely), (), s.mistake - 1.5, moments=True)
+    for words, what, turn in _JOINTS:
+        angles = [turn @ (one.pan_rad, one.tilt_rad) for one in stills]
+        moved = [replace(one, pan_rad=float(a[0]), tilt_rad=float(a[1])) for one, a in zip(stills, angles, strict=True)]
+        pulls = gravity_antenna(kinematics, world, moved)
+        likely = Diagnosis(
+            "joint_readings_wrong",
+            f"the antenna's pictures look as if {words}, not as reported",
+            f"correct {what}, in all tables",
+            "wrong",
+        )
+        if new(pulls):
+            yield Mistake(partial(_with_gravity, pulls), partial(_always, likely), (), s.mistake - 1.5, moments=True)
+    if not world.any():
+        return
+
+    def tilted(problem: Problem, v: np.ndarray) -> Problem:
+        turn = Rotation.from_rotvec([v[0], v[1], 0.0]).as_matrix()
+
+        carried = kinematics.world_antenna(*np.array([(one.pan_rad, one.tilt_rad) for one in stills]).T)[0]
+        before = np.array([one.gravity_m_s2 for one in problem.observations])
+        world_pulls = np.einsum("fij,fj->fi", turn @ carried, before)
+        return _with_gravity(np.einsum("fji,fj->fi", carried, world_pulls), problem, v)
+
+    def tilt(fit: RigFit) -> Diagnosis:
+        x, y = np.rad2deg(fit.values)
+        size, std = float(np.hypot(x, y)), float(np.rad2deg(fit.std.max()))
+        pull = Rotation.from_rotvec([*fit.values, 0.0]).apply(world)
+        numbers = ", ".join(f"{value:.3f}" for value in pull)
+        return Diagnosis(
+            "gravity_tilted",
+            f"gravity is tilted by {size:.2g} ± {std:.1g}° against gravity_world ({x:+.2g}° about x, "
+            f"{y:+.2g}° about y)",
+            f"level the base, or write gravity_world: [{numbers}]; about the tilt's axis it may be the encoder's zero",
+            "wrong" if size > 2.0 else "doubt",
+        )
+
+    yield Mistake(tilted, tilt, (0.5 * s.turn_rad,) * 2, s.mistake, moments=True)
+
+
+# ---- antenna and clamp
+
+
+def _changed(which: list[int], kept: np.ndarray) -> Alteration:
+    """The antenna's parameters `which` differ by the values in observations of true `kept` (F,)."""
+
+    def alter(problem: Problem, v: np.ndarray) -> Problem:
+        changes = np.zeros((len(kept), len(PARAMETERS))) if problem.changes is None else problem.changes.copy()
+        changes[np.ix_(kept, np.array(which))] += v
+        return replace(problem, changes=changes)
+
+    return alter
+
+
+def _pair(fit: RigFit, factor: float, unit: str) -> str:
+    (y, z), (y_std, z_std) = factor * fit.values, factor * fit.std
+    return f"{y:.2g} ± {y_std:.1g}{unit} y and {z:.2g} ± {z_std:.1g}{unit} z"
+
+
+def _since(witness: Witness, s: SessionSettings) -> Iterator[Mistake]:
+    """A clamp that slipped, or an antenna that was bent, between two pictures."""
+    observations = witness.problem.observations
+    times = [one.still.time_s for one in observations]
+    order = list(range(len(times)))
+    if all(time is not None for time in times):
+        order = np.argsort(np.array(times, float), kind="stable").tolist()
+    less = float(np.log(max(len(order) - 1, 1)))
+    tight = "tighten the clamp, then take no-load frames and loads anew"
+    straight = "a load has bent it for good: straighten or replace it, then take all pictures anew with lighter loads"
+
+    kinds = (
+        ("clamp_slipped", [0, 1], s.slip_m, "the clamp has moved by {}", (1e3, " mm along"), tight),
+        ("clamp_slipped", [2, 3], s.slip_rad, "the clamp has turned by {}", (1e3, " mrad about"), tight),
+        (
+            *("antenna_bent_between", [4, 5], s.bow / witness.problem.length_m),
+            *("the antenna is bent by {} more than before,", (1.0, " per m about"), straight),
+        ),
+    )
+    ends = np.cumsum([0, *map(len, witness.problem.seen_at_lens)])
+    tips = witness.problem.tips
+    for split in range(1, len(order)):
+        later = np.zeros(len(order), bool)
+        later[order[split:]] = True
+
+        def slopes(jacobian: np.ndarray, which: list[int], later: np.ndarray = later) -> np.ndarray:
+            rows = np.zeros(len(jacobian), bool)
+            for index in np.flatnonzero(later).tolist():
+                rows[ends[index] : ends[index + 1]] = True
+            first = ends[-1] + 6 * len(witness.problem.prior.poses)
+            rows[first : first + len(tips)] = later[tips]
+            return np.where(rows[:, None], jacobian[:, [6 + each for each in which]], 0.0)
+
+        since = f"from {name_of(observations, order[split])} on"
+        for name, which, std, words, unit, remedy in kinds:
+
+            def says(
+                fit: RigFit,
+                name: str = name,
+                words: str = f"{words} {since}",
+                unit: tuple[float, str] = unit,
+                remedy: str = remedy,
+            ) -> Diagnosis:
+                return Diagnosis(name, words.format(_pair(fit, *unit)), remedy, "wrong")
+
+            alter = _changed(which, later)
+            by = partial(slopes, which=which)
+            yield Mistake(alter, says, (std, std), s.mistake - less, slopes=by)
+
+
+def _antenna(witness: Witness, s: SessionSettings) -> Iterator[Mistake]:
+    """Bow, soft clamp, and a whisker that is not the same all along or all round."""
+    length, loaded = witness.problem.length_m, bool(witness.loads)
+
+    def shifted(which: Sequence[int]) -> Alteration:
+        def alter(problem: Problem, v: np.ndarray) -> Problem:
+            mean = problem.prior.mean.copy()
+            mean[list(which)] += v
+            return replace(problem, prior=replace(problem.prior, mean=mean))
+
+        return alter
+
+    def bowed(fit: RigFit) -> Diagnosis:
+        y, z = fit.parameters[10:12]
+        return Diagnosis(
+            "antenna_bent",
+            f"the free antenna is bowed by {y:.2g} per m about y and {z:.2g} per m about z: "
+            f"{0.5e3 * float(np.hypot(y, z)) * length**2:.0f} mm at the tip of {1e3 * length:.0f} mm",
+            "straighten or replace the whisker, or set it with its bow in plane C, and check gravity_world",
+        )
+
+    yield Mistake(shifted([4, 5]), bowed, (0.5 / length,) * 2, s.mistake)
+    if not loaded:
+        return
+
+    def soft(fit: RigFit) -> Diagnosis:
+        return Diagnosis(
+            "clamp_soft",
+            f"the clamp turns with the load as {1e3 * fit.parameters[14]:.2f} ± "
+            f"{1e3 * float(np.sqrt(fit.solution.covariance()[14, 14])):.2f} mm more of the antenna would",
+            "clamp it over a longer piece, between metal, and check where the distances are measured from",
+        )
+
+    yield Mistake(shifted([8]), soft, (s.give_m,), s.rare, within=lambda fit: bool(fit.parameters[14] > 0))
+
+    def uneven(fit: RigFit) -> Diagnosis:
+        side = "y" if fit.values[0] > 0 else "z"
+        return Diagnosis(
+            "stiffness_uneven",
+            f"the antenna is {_percent(fit.values[0], fit.std[0])} stiffer against bending to {side} than to the other "
+            "side",
+            "is the whisker round? EI is the mean of both",
+        )
+
+    yield Mistake(
+        lambda problem, v: replace(problem, uneven=_uneven(problem, [v[0], 0, 0])), uneven, (s.uneven,), s.rare
+    )
+
+    def varies(fit: RigFit) -> Diagnosis:
+        # beyond the loads hardly anything bends it
+        clamp, half = np.clip([1.0 - fit.values[0] + fit.values[1], 1.0 - 0.5 * fit.values[1]], 0.05, None)
+        side, ratio = "softer" if half > clamp else "stiffer", max(half / clamp, clamp / half)
+        return Diagnosis(
+            "stiffness_varies",
+            f"the antenna is about {ratio:.1f} times {side} half way to its tip than at its clamp: tapered, or of two "
+            "materials",
+            "use a whisker of one diameter and material: contacts are solved for one EI all along",
+            "wrong" if ratio > 1.3 else "doubt",
+        )
+
+    yield Mistake(
+        lambda problem, v: replace(problem, uneven=_uneven(problem, [0, *v])),
+        varies,
+        (s.profile, 0.5 * s.profile),
+        s.rare,
+    )
+
+
+def _uneven(problem: Problem, by: Sequence[float]) -> np.ndarray:
+    return np.array(by, float) + (0.0 if problem.uneven is None else problem.uneven)
+
+
+# ---- single pictures
+
+
+def _touched(witness: Witness, s: SessionSettings, index: int, less: float) -> Iterator[Mistake]:
+    """A no-load frame in which something pushes the antenna aside."""
+    length, observations = witness.problem.length_m, witness.problem.observations
+    stiffness = float(np.exp(witness.problem.prior.mean[6]))
+    still = observations[index].still
+
+    for part in (0.35, 0.6, 0.95):
+        std = 3.0 * stiffness * s.touch * length / (part * length) ** 3 * part**2
+
+        def touched(problem: Problem, v: np.ndarray, part: float = part) -> Problem:
+            load = Load(
+                still.image, still.pan_rad, still.tilt_rad, still.moment_Nm, part * length, float(v[0]), float(v[1]),
+                time_s=still.time_s,
+            )  # fmt: skip
+            return _restilled(problem, lambda i, one: load if i == index else one)
+
+        def says(fit: RigFit) -> Diagnosis:
+            force = float(np.hypot(*fit.values))
+            return Diagnosis(
+                "noload_touched",
+                f"{name_of(observations, index)}: something pushes the antenna aside, by about {1e3 * force:.2g} mN",
+                "take the picture again with nothing near the antenna, or take its row out",
+                "wrong",
+            )
+
+        yield Mistake(touched, says, (std, std), s.mistake - less - 1.1)
+
+
+def _left_out(witness: Witness, s: SessionSettings, index: int) -> Mistake:
+    """A picture that contradicts all others for no reason that is known."""
+    observations = witness.problem.observations
+
+    def alter(problem: Problem, v: np.ndarray) -> Problem:
+        kept = problem.kept.copy()
+        kept[index] = False
+        return replace(problem, kept=kept)
+
+    likely = Diagnosis(
+        "load_row_unexplained" if isinstance(observations[index].still, Load) else "noload_row_unexplained",
+        f"{name_of(observations, index)}: the picture contradicts all others, and no usual mistake explains it",
+        "check the row, that the picture belongs to it, and that its line is the antenna",
+        "wrong",
+    )
+    return Mistake(alter, lambda fit: likely, (), s.rare)
+
+
+_TABLE: tuple[Callable[[Witness, SessionSettings], Iterator[Mistake]], ...] = (
+    _lengths,
+    _all_loads,
+    _materials,
+    _gravity,
+    _since,
+    _antenna,
+)
+"""Mistakes that concern a session; those of single rows follow where rows contradict the others."""
+
+
+def _single(witness: Witness, s: SessionSettings, reported: float) -> Iterator[Mistake]:
+    """Mistakes in single rows and pictures, of those that fit better without."""
+    observations = witness.problem.observations
+    suspects, gross = [], witness.reported is None or witness.reported.scale > s.gross
+    for index in range(len(observations)):
+        out = _left_out(witness, s, index)
+        gain = witness.forecast(out.alter)[0] - reported + witness.settings.left_out
+        if gain > 0.7 * s.misfit or gross:
+            suspects.append(index)
+            yield out
+    less = float(np.log(len(observations)))
+    rough: list[Mistake] = list(_exchanges(witness, s, suspects))
+    for index in suspects:
+        if isinstance(observations[index].still, Load):
+            yield from _one_load(witness, s, index, less)
+            rough += _slips(witness, [index], s.mistake - less)
+        else:
+            yield from _touched(witness, s, index, less)
+    rough.sort(key=lambda cause: witness.forecast(cause.alter, roughly=True)[0] + cause.log_prior, reverse=True)
+    yield from rough[: s.tried]
+
+
+def _explanations(
+    witness: Witness, s: SessionSettings = SETTINGS, least: float = DecisionSettings().least_log_odds
+) -> Iterator[Explanation[Witness]]:
+    """What would explain the pictures better than the reports do, with its log odds."""
+    reported = witness.reported
+    base = -1e6 if reported is None else reported.log_likelihood
+    excess = -base - witness.settings.usual_cost * len(witness.problem.observations)
+    ranked = []
+    causes = [cause for row in _TABLE for cause in row(witness, s)]
+    if excess > s.misfit:
+        causes += _single(witness, s, base)
+    widely = reported is None or reported.contradicted > 1 or reported.prior_cost > s.misfit
+    for cause in causes:
+        if cause.gross and not (excess > s.misfit and (widely or cause.single)):
+            continue
+        found, at = witness.forecast(cause.alter, cause.prior_std, slopes=cause.slopes)
+        forecast = found - base + cause.log_prior
+        if forecast > least - (s.by_moments if cause.moments else s.hopeless):
+            ranked.append((forecast, cause, at))
+    ranked.sort(key=lambda one: one[0], reverse=True)
+    moments = None if reported is None else _moments_of(witness, reported)
+    for _, cause, at in ranked[: s.tried]:
+        fit = witness.fit(cause.alter, cause.prior_std, at)
+        if fit is None or not cause.within(fit):
+            continue
+        odds = fit.log_likelihood - base + cause.log_prior
+        if moments is not None:
+            odds += _moments_of(witness, fit) - moments
+        yield Explanation(cause.says(fit), float(odds), partial(witness.applied, cause.alter, fit))
+
+
+def _moments_of(witness: Witness, fit: RigFit) -> float:
+    """Log likelihood of the moment sensor's readings, whatever its sign, unit, zero and noise are."""
+    readings = witness.moments(fit)
+    if len(readings.read) < 4 or not np.isfinite(readings.read).all():
+        return 0.0
+    spread = 10.0 * max(float(np.ptp(readings.read)), readings.std_Nm)
+    any_gain = spread / max(float(np.ptp(readings.true)), 1e-12)
+    return readings.log_likelihood(0.0, any_gain, offset_std_Nm=spread)[0]
+
+
+def _sensor_diagnoses(readings: MomentReadings, s: SessionSettings = SETTINGS) -> list[Diagnosis]:
+    """What is wrong with the moment sensor, the likeliest first."""
+    seen = np.isfinite(readings.read).all() and np.ptp(readings.true) >= s.seen_std * readings.std_Nm
+    if len(readings.read) < s.fewest or not seen:
+        return []
+    return explained(readings, SENSOR)[0]
+
+
+def still_diagnoses(session: Session, kinematics: Kinematics, joint: BundleAdjustment) -> list[Diagnosis]:
+    """What is wrong with a session's numbers, rows, antenna, clamp and moment sensor, the likeliest first; joint : of
+    all its pictures, from `solve_antenna`."""
+    try:
+        return session_diagnoses(session, kinematics, joint.noted, joint.problem.prior)
+    except SolveError:
+        return []
+
+
+def session_diagnoses(
+    session: Session, kinematics: Kinematics, observations: Sequence[Observation], before: Prior
+) -> list[Diagnosis]:
+    """`still_diagnoses` of observations that need not have a common solution. Raises SolveError."""
+    witness = Witness.of(session, kinematics, observations, before)
+    found, right = explained(witness, [_explanations])
+    fit = right.reported
+    if fit is None or fit.scale > SETTINGS.fits:
+        return [_contradiction(right, np.inf if fit is None else fit.scale), *found]
+    return [*found, *_sensor_diagnoses(right.moments(fit))]
+
+
+def with_cause(error: SolveError, causes: Sequence[Diagnosis]) -> SolveError | InputError:
+    """An error of `solve_antenna` with the likeliest of its `failure_causes`, or that none is found."""
+    typed = [one for one in causes if one.name.startswith("load_")]
+    if typed:
+        return InputError(f"{error}. {typed[0].words}", remedy=typed[0].remedy)
+    if causes:
+        return SolveError(f"{error}. Likely: {causes[0]}")
+    return SolveError(
+        f"{error}. No load, reading or joint angle explains it: look at the antenna's pictures with vbaa look, "
+        "add views of the board over the whole picture, or choose another --lens-model"
+    )
+
+
+def failure_causes(
+    session: Session, kinematics: Kinematics, observations: Sequence[Observation], before: Prior
+) -> list[Diagnosis]:
+    """Likely causes of a calibration that raised. Raises nothing."""
+    try:
+        found = session_diagnoses(session, kinematics, observations, before)
+    except SolveError:
+        found = []
+    loads = [one.still for one in observations if isinstance(one.still, Load)]
+    return [one for one in found if one.grave] or typed_load_diagnoses(loads, session.antenna) or found
+
+
+def _contradiction(witness: Witness, scale: float) -> Diagnosis:
+    return Diagnosis(
+        "stills_contradict",
+        f"the pictures do not fit one antenna: they lie {scale:.0f} times further off it than their own scatter; no "
+        "single cause explains it",
+        "check unit, sign and place of every load, the joints' angles (rad), gravity_world, and that nothing moved",
+        severity="wrong",
+    )

@@ -1,0 +1,60 @@
+"""How sure a hypothesis about a session must be, how likely it is beforehand, and how large its values may be."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class SessionSettings:
+    """Log odds and nats are natural logarithms; standard deviations are of values about what was reported."""
+
+    # how the pictures are compared with a rig
+    points: int = 8  # that stand for a picture: values of the smooth curve that its points lie about
+    sensor_off: float = 1e6  # factor on the moment sensor's noise by which it tells nothing
+    common: float = 0.25  # of a point's own standard deviation, that its neighbours share and no scatter tells
+    picture_freedom: float = 8.0  # degrees of freedom of Student's errors that all points of a picture have in common
+    usual_cost: float = 3.2  # nats of a picture that fits
+    far_off: float = 10.0  # scatter of most pictures from which a solve begins with least squares
+    moment_relative: float = 2e-3  # of a moment, by which it is predicted at best
+    log_stiffness_std: float = 0.05  # of E·πd⁴/64 about EI, where modulus and diameter are as reported
+    left_out: float = 30.0  # nats that a picture costs that nothing explains
+    rounds: int = 5  # of weighing the pictures in a forecast
+    # mistakes in a session
+    mistake: float = -3.0  # log odds of one mistake in the session's own numbers
+    rare: float = -5.0  # of one that few make: a whisker of two materials, a bent frame
+    length: float = 0.03  # relative standard deviation of a wrong length
+    board: float = 0.02  # the same of the board's squares
+    distance: float = 0.03  # of one load's place, in lengths of the antenna
+    shift_m: float = 5e-3  # of all loads' places
+    force: float = 0.7  # of the logarithm of one load's force
+    turn_rad: float = 0.15  # of the direction of loads, and of gravity
+    slip_m: float = 2e-3  # of a clamp that slipped
+    slip_rad: float = 0.02  # of a clamp that turned
+    bow: float = 0.05  # of a bend, in its change of slope over the whole length
+    give_m: float = 5e-3  # of a soft clamp
+    uneven: float = 0.2  # of the logarithm of EI's ratio between y and z
+    profile: float = 0.5  # of the change of compliance along the antenna
+    touch: float = 0.05  # of a touch, in its deflection over the length
+    material: tuple[float, float] = (1.5, 1.0)  # of the logarithms of EI and of the mass per length
+    moduli_Pa: tuple[float, float] = (1e9, 450e9)  # of what antennas are made of
+    misfit: float = 8.0  # nats beyond what noise makes, from which gross mistakes are tried
+    tried: int = 8  # hypotheses that are solved in full
+    hopeless: float = 4.0  # nats that a forecast may be short of the decision's least log odds
+    by_moments: float = 25.0  # the same where the moments have a say
+    gross: float = 2.0  # scatter from which any row may be wrong
+    fits: float = 3.0  # scatter of the pictures about the best rig, over their own, from which nothing explains them
+    # the moment sensor
+    gain_std: float = 0.01  # of one that was calibrated, and read in N·m
+    unit_std: float = 0.05  # relative, of one that was read in another unit
+    own_gain_std: float = 0.2  # of one with a gain of its own
+    any_gain_std: float = 2.0  # of one that was never calibrated
+    offset_std_Nm: float = 0.02
+    sensor_fault: float = -2.0
+    noisy: float = -3.0  # that it scatters more than its stated noise
+    seen_std: float = 30.0  # range of the moments, in its noise, from which it can be judged
+    fewest: int = 4  # readings from which more than a dead sensor is recognised
+    usual_gains: tuple[float, float] = (0.5, 2.0)  # of gains that a calibration may leave
+
+
+SETTINGS = SessionSettings()

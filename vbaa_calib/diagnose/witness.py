@@ -1,0 +1,460 @@
+"""The pictures of a session as a witness: how well a rig under altered reports explains them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+
+import numpy as np
+from numpy.polynomial import legendre
+
+from vbaa_calib.antenna.shape import Curves
+from vbaa_calib.calibrate.antenna.bundle_adjustment import noise_scale
+from vbaa_calib.calibrate.antenna.inputs import Observation, Prior
+from vbaa_calib.calibrate.antenna.problem import ANTENNA, GAIN, OFFSET, LensLost, Problem
+from vbaa_calib.camera import Camera
+from vbaa_calib.core.errors import SolveError
+from vbaa_calib.core.least_squares import SQUARES, Linearised, Loss, Rules, minimise
+from vbaa_calib.core.robust import huber_weights, mad_std
+from vbaa_calib.geometry import Kinematics
+from vbaa_calib.rig.reprojection import ImageCurves, SeenPoints, feet, image_curves, see
+from vbaa_calib.session import Load, Session, Still
+
+from .sensor import MomentReadings
+from .settings import SETTINGS, SessionSettings
+
+Alteration = Callable[[Problem, np.ndarray], Problem]
+"""Of a problem and values (K,), the problem as it were if a mistake of these values were put right."""
+
+
+_RULES = Rules(iterations=80, standstill=0.02, takes_last=True, may_rise=1e-3)
+
+
+@dataclass(frozen=True, eq=False)
+class RigFit:
+    """A rig that explains the pictures best, under altered reports.
+
+    Attributes
+    ----------
+    problem : as altered. parameters : (17 + P + K,) of the rig.
+    values, covariance : of the alteration.
+    scale : scatter of most pictures about it, over their own.
+    log_likelihood : of pictures and priors, with the alteration's prior and what it costs to be adaptable.
+    solution : the linearised end.
+    """
+
+    problem: Problem
+    parameters: np.ndarray
+    values: np.ndarray
+    covariance: np.ndarray
+    scale: float
+    log_likelihood: float
+    solution: Linearised
+
+    @property
+    def contradicted(self) -> int:
+        """How many pictures lie far off it."""
+        own = self.solution.residuals[: len(self.solution.residuals) - self.solution.certain]
+        return int((_squares(own) > SETTINGS.points * SETTINGS.gross**2).sum())
+
+    @property
+    def prior_cost(self) -> float:
+        """Nats by which it is off what was known before the pictures."""
+        own = self.solution.residuals[len(self.solution.residuals) - self.solution.certain :]
+        return 0.5 * float(own @ own)
+
+    @property
+    def std(self) -> np.ndarray:
+        """(K,) standard deviations of the values."""
+        return np.sqrt(np.diag(self.covariance))
+
+
+def _condensed(problem: Problem, parameters: np.ndarray, settings: SessionSettings = SETTINGS) -> Problem:
+    """The same with few points for each picture, which say all that a smooth curve can: values, at Gauss' nodes, of the
+    polynomial through the points' distances from a curve near them, which is the antenna of these parameters as it is
+    reported to be loaded, or without a load. They are independent, and have the pictures' own scatter."""
+    count = settings.points
+    nodes, weights = legendre.leggauss(count)
+    view = problem.pose(parameters).inverse()
+    unloaded = [replace(one, still=_without_load(one.still)) for one in problem.observations]
+    some = [problem, replace(problem, observations=unloaded)]
+    images = [image_curves(one.curves(parameters[None, ANTENNA]), view) for one in some]
+    distances = [
+        min((_Distances.of(seen, image, index, count - 1) for image in images), key=lambda one: one.scatter)
+        for index, seen in enumerate(problem.seen_at_lens)
+    ]
+    left = [one.left for one in distances if one.smooth is not None]
+    freedom = [len(one) / (len(one) - count) for one in left]
+    scatter = noise_scale(left) * float(np.sqrt(np.median(freedom))) if left else 1.0
+    kinds = max(len({one.loaded for one in problem.observations}), 1)
+    alike = sum(one.shared for one in problem.observations) / kinds
+    scatter *= max(float(np.sqrt(alike)), 1.0)
+    common = settings.common**2
+    seen = [one.at(nodes, scatter * np.sqrt(2.0 / (len(one.t) * weights) + common)) for one in distances]
+    found = replace(problem, seen_at_lens=seen, noise_scale=1.0, known_axes=None)
+    return replace(found, known_axes=found.line_axes(nodes)) if problem.prior.line_px else found
+
+
+def _without_load(still: Still) -> Still:
+    return replace(still, force_y_N=0.0, force_z_N=0.0) if isinstance(still, Load) else still
+
+
+@dataclass(frozen=True, eq=False)
+class _Distances:
+    """Distances of a picture's N points from a curve, over their standard deviations, at places t in −1 to 1."""
+
+    seen: SeenPoints
+    normals: np.ndarray  # (N, 2) one standard deviation long
+    t: np.ndarray
+    smooth: np.ndarray | None  # of a robust polynomial through them; None of a picture with too few points
+    left: np.ndarray  # (N,) how far they lie off it
+    scatter: float  # of that
+
+    @staticmethod
+    def of(seen: SeenPoints, images: ImageCurves, index: int, degree: int) -> _Distances:
+        image = images.picked(slice(index, index + 1))
+        at, along = image.at(0, feet(seen, image))
+        normal = np.column_stack([-along[:, 1], along[:, 0]]) / np.linalg.norm(along, axis=1)[:, None]
+        std = np.sqrt(np.einsum("ni,nij,nj->n", normal, seen.covariance, normal))
+        off = ((seen.points - at) * normal).sum(axis=1) / std
+        t = np.linspace(-1.0, 1.0, len(off))
+        if len(t) < 2 * (degree + 1) or not np.isfinite(off).all():
+            return _Distances(seen, normal, t, None, off, np.inf)
+        basis, weights = legendre.legvander(t, degree), np.ones(len(t))
+        for _ in range(4):
+            root = np.sqrt(weights)
+            found = np.linalg.lstsq(basis * root[:, None], off * root, rcond=None)[0]
+            left = off - basis @ found
+            weights = huber_weights(left / max(mad_std(left), 1e-9))
+        return _Distances(seen, normal * std[:, None], t, found, left, mad_std(left))
+
+    def at(self, nodes: np.ndarray, std: np.ndarray) -> SeenPoints:
+        """The points nearest to the nodes, moved to the polynomial, with other standard deviations."""
+        if self.smooth is None:
+            some = self.seen.picked(np.linspace(0.0, len(self.t) - 1.0, len(nodes)).round().astype(int))
+            return replace(some, covariance=some.covariance * len(nodes) / len(self.t))
+        which = np.abs(self.t[:, None] - nodes).argmin(axis=0)
+        some = self.seen.picked(which)
+        points = some.points - self.left[which, None] * self.normals[which]
+        return replace(some, points=points, covariance=some.covariance * (std**2)[:, None, None])
+
+
+def _squares(residuals: np.ndarray) -> np.ndarray:
+    """(F,) of each picture, from residuals (F·points,)."""
+    return np.asarray((residuals.reshape(-1, SETTINGS.points) ** 2).sum(axis=1))
+
+
+def _losses(residuals: np.ndarray) -> np.ndarray:
+    """(F,) of pictures whose errors are Student's, in common for all of one."""
+    freedom, points = SETTINGS.picture_freedom, SETTINGS.points
+    return 0.5 * (freedom + points) * np.log1p(_squares(residuals) / freedom)
+
+
+def _weights(residuals: np.ndarray) -> np.ndarray:
+    """(F·points,) on squares, that make least squares of the same."""
+    freedom, points = SETTINGS.picture_freedom, SETTINGS.points
+    return np.repeat((freedom + points) / (freedom + _squares(residuals)), points)
+
+
+_PICTURES = Loss(_losses, _weights)
+
+
+def _weighted(now: Linearised, weights: np.ndarray) -> Linearised:
+    """Least squares with weights (F·points,) on the pictures' residuals."""
+    factor = np.append(np.sqrt(weights), np.ones(now.certain))
+    return replace(now, residuals=now.residuals * factor, jacobian=now.jacobian * factor[:, None], loss=SQUARES)
+
+
+def _with_values(
+    now: Linearised, columns: Sequence[np.ndarray], values: np.ndarray, std: np.ndarray
+) -> Linearised | None:
+    """With values (K,) of prior N(0, std²) and Jacobian `columns` among the parameters; None where one is not
+    finite."""
+    prior = np.hstack([np.zeros((len(std), now.jacobian.shape[1])), np.diag(1.0 / std)])
+    jacobian = np.vstack([np.column_stack([now.jacobian, *columns]), prior])
+    residuals = np.append(now.residuals, values / std)
+    found = replace(now, residuals=residuals, jacobian=jacobian, certain=now.certain + len(std))
+    return found if found.is_finite else None
+
+
+def _with_tips(problem: Problem, camera: Camera) -> Problem:
+    """With the antenna's ends that are visible, but for those that the lens does not reach."""
+    if problem.prior.tip_std_m is None:
+        return problem.without_tips()
+    ends = [(np.array(one.tip_px), np.array([one.tip_std_px])) for one in problem.observations]
+    which = [
+        index
+        for index, (px, std) in enumerate(ends)
+        if np.isfinite([*px, *std]).all() and len(see(camera, px[None], std))
+    ]
+    if not which:
+        return problem.without_tips()
+    tips = see(camera, np.array([ends[k][0] for k in which]), np.concatenate([ends[k][1] for k in which]))
+    return replace(problem, tips=np.array(which), tips_at_lens=tips)
+
+
+def _scatter(now: Linearised) -> float:
+    """Scatter of the points of most pictures, over their own."""
+    return float(np.sqrt(np.median(_squares(now.residuals[: len(now.residuals) - now.certain])) / SETTINGS.points))
+
+
+@dataclass(frozen=True, eq=False)
+class Witness:
+    """A session's reports, and its pictures.
+
+    whole : the reports, the moment sensor left out. problem : with its pictures condensed.
+    moment_std_Nm : of that sensor. starts : (17 + P + K,) parameters from which a rig is sought.
+    """
+
+    session: Session
+    kinematics: Kinematics
+    whole: Problem
+    problem: Problem
+    moment_std_Nm: float
+    starts: tuple[np.ndarray, ...]
+    settings: SessionSettings = SETTINGS
+
+    @staticmethod
+    def of(
+        session: Session,
+        kinematics: Kinematics,
+        observations: Sequence[Observation],
+        before: Prior,
+        settings: SessionSettings = SETTINGS,
+    ) -> Witness:
+        """Of observations as they were reported. Raises SolveError."""
+        prior_std = before.std.copy()
+        prior_std[6] = min(prior_std[6], settings.log_stiffness_std)
+        std_Nm = session.moment_std_Nm
+        whole = Problem.of(
+            observations, replace(before, std=prior_std), session.antenna.length_m, settings.sensor_off * std_Nm
+        )
+        whole = _with_tips(whole, before.camera)
+        witness = Witness(session, kinematics, whole, whole, std_Nm, (whole.begin,), settings)
+        free = np.array([not isinstance(one.still, Load) for one in observations])
+        try:
+            if free.any() and not free.all():
+                # a wrong load must not affect what the free antenna says
+                alone = replace(witness, problem=replace(_condensed(whole, whole.begin, settings), kept=free)).fit()
+                witness = witness if alone is None else replace(witness, starts=(alone.parameters, whole.begin))
+            others = witness.starts
+            for _ in range(2):
+                witness = replace(witness, problem=_condensed(whole, witness.starts[0], settings))
+                fit = witness.reported
+                if fit is None:
+                    break
+                witness = replace(witness, starts=(fit.parameters, *others))
+        except (ValueError, np.linalg.LinAlgError):
+            raise SolveError("the antenna has no shape under the reported loads") from None
+        return witness
+
+    def applied(self, alter: Alteration, fit: RigFit) -> Witness:
+        """With the mistake of a fit put right."""
+        whole = alter(self.whole, fit.values)
+        starts = (fit.parameters, *self.starts[1:])
+        return replace(self, whole=whole, problem=_condensed(whole, fit.parameters, self.settings), starts=starts)
+
+    @property
+    def loads(self) -> list[tuple[int, Load]]:
+        """The known loads, with which observations they are."""
+        return [(i, one.still) for i, one in enumerate(self.problem.observations) if isinstance(one.still, Load)]
+
+    @cached_property
+    def reported(self) -> RigFit | None:
+        """All as reported."""
+        found = self.fit()
+        if found is None or found.scale < self.settings.gross:
+            return found
+        others = [replace(self, starts=(start,)).fit() for start in self.starts]
+        return max((one for one in (found, *others) if one is not None), key=lambda one: one.log_likelihood)
+
+    def fit(
+        self,
+        alter: Alteration = lambda problem, values: problem,
+        prior_std: Sequence[float] = (),
+        at: np.ndarray | None = None,
+    ) -> RigFit | None:
+        """The rig that explains the pictures best under an alteration whose values are N(0, prior_std²); None where
+        none has a shape. at : parameters and values to begin with, as `forecast` has them."""
+        std = np.array(prior_std, float)
+        begin = [np.append(one, 0.0 * std) for one in self.starts]
+        begin += [] if at is None else [at]
+        count = len(self.starts[0])
+        nearest = min(begin, key=lambda one: self._misfit(alter, one[count:], one[:count]))
+        now = self._evaluated(alter, std, nearest)
+        if now is None:
+            return None
+        upper = np.concatenate([self.problem.upper, np.full(len(std), np.inf)])
+        scatter = _scatter(now)
+        if scatter > self.settings.far_off:
+            # where most points are far off, which pictures are wrong does not show yet
+            even = np.full(len(now.residuals) - now.certain, scatter**-2)
+
+            def roughly(at: np.ndarray) -> Linearised | None:
+                found = self._evaluated(alter, std, at)
+                return None if found is None else _weighted(found, even)
+
+            end = minimise(roughly, _weighted(now, even), replace(_RULES, iterations=6), upper).at
+            now = self._evaluated(alter, std, end.parameters) or now
+        now = minimise(partial(self._evaluated, alter, std), now, _RULES, upper).at
+        occam = 0.0
+        values, own = now.parameters[count:], np.zeros((len(std), len(std)))
+        if len(std):
+            own = now.covariance()[count:, count:]
+            occam = 0.5 * float(np.linalg.slogdet(own / np.outer(std, std))[1])
+        likelihood = occam - self._cost(now)
+        return RigFit(alter(self.problem, values), now.parameters[:count], values, own, _scatter(now), likelihood, now)
+
+    def _cost(self, now: Linearised) -> float:
+        """Negative logarithm of the likelihood."""
+        missing = len(self.problem.kept) - (len(now.residuals) - now.certain) // self.settings.points
+        cost = now.cost + self.settings.left_out * missing
+        return float(cost) if np.isfinite(cost) else np.inf
+
+    def _evaluated(self, alter: Alteration, std: np.ndarray, at: np.ndarray) -> Linearised | None:
+        """The altered problem at parameters and values, without the moment sensor."""
+        count = len(at) - len(std)
+        parameters, values = at[:count], at[count:]
+        try:
+            problem = alter(self.problem, values)
+            residuals, jacobian = problem.residuals(parameters)
+            pictures = sum(len(seen) for seen, kept in zip(problem.seen_at_lens, problem.kept, strict=True) if kept)
+            rows = np.ones(len(residuals), bool)
+            rows[pictures : pictures + int(problem.kept.sum())] = False
+            residuals, jacobian = residuals[rows], jacobian[rows]
+            columns = self._columns(alter, std, at, residuals)
+        except (ValueError, LensLost, np.linalg.LinAlgError):
+            return None
+        return _with_values(Linearised(at, residuals, jacobian, problem.certain, loss=_PICTURES), columns, values, std)
+
+    def _columns(self, alter: Alteration, std: np.ndarray, at: np.ndarray, misfits: np.ndarray) -> list[np.ndarray]:
+        """Slopes (R,) of the misfits by each of the values."""
+        count, found = len(at) - len(std), []
+        for index, own in enumerate(std):
+            values = at[count:].copy()
+            values[index] += 1e-3 * own
+            found.append((alter(self.problem, values).misfits(at[:count]) - misfits) / (1e-3 * own))
+        return found
+
+    def forecast(
+        self,
+        alter: Alteration,
+        prior_std: Sequence[float] = (),
+        roughly: bool = False,
+        slopes: Callable[[np.ndarray], np.ndarray] | None = None,
+    ) -> tuple[float, np.ndarray]:
+        """The log likelihood that `fit` would find, to first order, and the parameters and values where; −inf where the
+        altered antenna has no shape.
+
+        roughly : with the slopes as they are without the alteration. slopes : of a Jacobian (R, 17 + P + K), those
+        (R, K) of the values; None: by differences.
+        """
+        std = np.array(prior_std, float)
+        if roughly or (len(std) and self.reported is not None):
+            # where little fits, the reports' own solution leads nowhere
+            lost = self.reported is None or self.reported.scale > self.settings.gross
+            some = self._begun if lost or self.reported is None else [self.reported.solution]
+            every = [self._augmented(one, alter, std, slopes) for one in some]
+        else:
+            nearest = min(self.starts, key=lambda one: self._misfit(alter, 0.0 * std, one))
+            every = [self._evaluated(alter, std, np.append(nearest, 0.0 * std))]
+        found = [self._stepped(one, std) for one in every if one is not None]
+        return max(found, key=lambda one: one[0], default=(-np.inf, np.zeros(0)))
+
+    def _stepped(self, now: Linearised, std: np.ndarray) -> tuple[float, np.ndarray]:
+        """Log likelihood and parameters at the least cost, to first order."""
+        after, count = now, len(now.residuals) - now.certain
+        for _ in range(self.settings.rounds):
+            weighted = _weighted(now, _weights(after.residuals[:count]))
+            step = weighted.step(0.0)[0]
+            after = replace(now, parameters=now.parameters + step, residuals=now.residuals + now.jacobian @ step)
+        if not len(std):
+            return -self._cost(after), after.parameters
+        own = after.covariance()[-len(std) :, -len(std) :]
+        occam = 0.5 * float(np.linalg.slogdet(own / np.outer(std, std))[1])
+        return occam - self._cost(after), after.parameters
+
+    @cached_property
+    def _begun(self) -> list[Linearised]:
+        """All as reported at each of the starts."""
+        every = (self._evaluated(lambda problem, values: problem, np.zeros(0), start) for start in self.starts)
+        return [one for one in every if one is not None]
+
+    def _misfit(self, alter: Alteration, values: np.ndarray, parameters: np.ndarray) -> float:
+        """Loss of the pictures and priors under an alteration, at parameters."""
+        try:
+            problem = alter(self.problem, values)
+            off = problem.misfits(parameters)
+        except ValueError:
+            return np.inf
+        rest = len(off) - problem.certain
+        cost = float(_losses(off[:rest]).sum() + 0.5 * off[rest:] @ off[rest:])
+        return cost if np.isfinite(cost) else np.inf
+
+    def _augmented(
+        self,
+        now: Linearised,
+        alter: Alteration,
+        std: np.ndarray,
+        slopes: Callable[[np.ndarray], np.ndarray] | None,
+    ) -> Linearised | None:
+        """The reports at some parameters with the values of an alteration, zero there, among them; without values, with
+        the alteration's misfits."""
+        none, at = 0.0 * std, np.append(now.parameters, 0.0 * std)
+        try:
+            if not len(std):
+                off = alter(self.problem, none).misfits(now.parameters)
+                return replace(now, residuals=off) if len(off) == len(now.residuals) else None
+            known = None if slopes is None else list(slopes(now.jacobian).T)
+            columns = self._columns(alter, std, at, now.residuals) if known is None else known
+        except ValueError:
+            return None
+        return _with_values(replace(now, parameters=at), columns, none, std)
+
+    def moments(self, fit: RigFit) -> MomentReadings:
+        """The moment sensor's readings, and what a fit predicts."""
+        problem, observations = replace(fit.problem, moment_std_Nm=self.moment_std_Nm), fit.problem.observations
+        evaluated = problem.evaluate(fit.parameters)
+        slopes = problem.moment_slopes(fit.parameters, evaluated.moments) / fit.parameters[GAIN]
+        slopes[:, [GAIN, OFFSET]] = 0.0
+        root = slopes @ fit.solution.covariance_root()[: len(fit.parameters)]
+        # what no model of antenna and sensor is better than
+        root = np.hstack([root, self.settings.moment_relative * np.diag(evaluated.moments[:, 0])])
+        times = [one.still.time_s for one in observations]
+        timed = not any(time is None for time in times)
+        found = MomentReadings(
+            np.array([one.still.moment_Nm for one in observations]),
+            evaluated.moments[:, 0],
+            _about_z(problem.curves(fit.parameters[None, ANTENNA]), observations, fit.parameters),
+            root,
+            self.moment_std_Nm,
+            np.array(times, float) if timed else np.arange(len(times), dtype=float),
+            "s" if timed else "row",
+            tuple(name_of(observations, index) for index in range(len(observations))),
+        )
+        return found
+
+
+def _about_z(curves: Curves, observations: Sequence[Observation], parameters: np.ndarray) -> np.ndarray:
+    """(F,) x·f_y − y·f_x of force and weight about the antenna frame's z."""
+    points, step = curves.points_m, np.diff(curves.arclength_m)
+    middle = np.einsum("fn,fni->fi", step, 0.5 * (points[:, 1:] + points[:, :-1]))
+    weight = np.exp(parameters[13]) * np.array([one.gravity_m_s2 for one in observations])
+    load = np.array([one.load_N for one in observations])
+    hook = curves.contact_m
+    return hook[:, 0] * load[:, 0] + middle[:, 0] * weight[:, 1] - middle[:, 1] * weight[:, 0]
+
+
+def name_of(observations: Sequence[Observation], index: int) -> str:
+    """Name of an observation: its row of its table, and its picture."""
+    still = observations[index].still
+    loaded = isinstance(still, Load)
+    row = 1 + sum(isinstance(one.still, Load) == loaded for one in observations[:index])
+    table = "loads.csv" if loaded else "noload.csv"
+    return f"{table} row {row}" + (f" ({still.image.name})" if still.image else "")
+
+
+def names_of(observations: Sequence[Observation], which: Iterable[int]) -> str:
+    """Names of several."""
+    return ", ".join(name_of(observations, index) for index in which)
