@@ -8,7 +8,6 @@ from itertools import combinations
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from scipy.interpolate import BSpline
 from scipy.spatial import cKDTree
 
 from estimator.solver.frames import Frames, frames_from_pixels
@@ -237,11 +236,10 @@ def _about_curve(
         if len(along) < settings.scatter_points or not np.ptp(along) > 0.0:
             return None
         inner = np.quantile(along, np.linspace(0.0, 1.0, intervals + 1)[1:-1])
-        knots = np.concatenate([[along[0]] * 4, inner, [along[-1]] * 4])
-        design = BSpline.design_matrix(along, knots, 3).toarray()
+        design, slopes = _cubic_spline(along, inner)
         basis, triangle = np.linalg.qr(design * (weights / sigma)[:, None])
         values = np.linalg.lstsq(triangle, basis.T @ (across * weights / sigma), rcond=None)[0]
-        off = (across - design @ values) / sigma / np.hypot(1.0, BSpline(knots, values, 3)(along, 1))
+        off = (across - design @ values) / sigma / np.hypot(1.0, slopes @ values)
         scatter = max(mad_std(off), 1e-9)
         if turn < settings.rounds - 2:
             # what lies far off counts less and less
@@ -252,6 +250,15 @@ def _about_curve(
     lags = range(settings.lags + 1)
     taken = np.array([np.einsum("nk,nk->", basis[lag:], basis[: len(basis) - lag]) for lag in lags]) / len(off)
     return off, taken
+
+
+def _cubic_spline(along: np.ndarray, inner: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(N, K + 4) cubic splines with K inner knots at places (N,), and their slopes."""
+    half = 0.5 * np.ptp(along)
+    at, knots = (along - along.mean()) / half, (inner - along.mean()) / half
+    beyond = np.maximum(at[:, None] - knots, 0.0)
+    powers, by_place = at[:, None] ** np.arange(4), np.arange(4) * at[:, None] ** np.maximum(np.arange(4) - 1, 0)
+    return np.hstack([powers, beyond**3]), np.hstack([by_place, 3.0 * beyond**2]) / half
 
 
 def without_outliers(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -275,6 +276,7 @@ class Case:
     best, scale : (F,) least cost of each frame, with a rig that may have changed in everything and without its moment;
         and by how much its points scatter more than their standard deviations say, squared.
     axes : (18 + P, Q) along which the rig may have changed.
+    tried : what was worked out of it already.
     """
 
     recorded: Recorded
@@ -282,6 +284,7 @@ class Case:
     scale: np.ndarray
     axes: np.ndarray
     settings: RecordingSettings = field(default_factory=RecordingSettings)
+    tried: dict[str, Any] = field(default_factory=dict)
 
     @staticmethod
     def of(recorded: Recorded, axes: np.ndarray) -> Case:
@@ -296,9 +299,13 @@ class Case:
         best = np.where(np.isfinite(least), least, expected)
         return Case(recorded, best, np.clip(best / expected, 1.0, None), axes)
 
+    def explained_by(self, recorded: Recorded) -> Case:
+        """The case of the same frames with other readings, or another rig."""
+        return Case(recorded, self.best, self.scale, self.axes, self.settings)
+
     def picked(self, rows: np.ndarray) -> Case:
         """With some of the frames."""
-        return replace(self, recorded=self.recorded.picked(rows), best=self.best[rows], scale=self.scale[rows])
+        return Case(self.recorded.picked(rows), self.best[rows], self.scale[rows], self.axes, self.settings)
 
     @cached_property
     def reported(self) -> Weighed:

@@ -334,7 +334,7 @@ def _moments_explained(case: Case) -> Iterator[Explanation[Case]]:
         words = f"all moment readings are {0 if zero else read[there][0]:.4g} N·m"
     remedy = "connect the sensor and check its amplifier, or estimate with --no-moment"
     found = Diagnosis(kind, f"{words}, which the pictures contradict", remedy, "wrong")
-    yield Explanation(found, gained, partial(replace, case, recorded=without))
+    yield Explanation(found, gained, partial(case.explained_by, without))
     if constant:
         return
     expected, own = without.fit.moments
@@ -358,7 +358,7 @@ def _moments_explained(case: Case) -> Iterator[Explanation[Case]]:
         if not np.isfinite(moments).any():
             # about another axis the pictures' moments say nothing
             likely += [] if case.sound else [(np.inf, row, corrected)]
-        elif (gained := reported - cost(moments)) > 0.0 or (gained == 0.0 and not case.sound):
+        elif (gained := reported - cost(moments)) > RecordingSettings.hinted or not (gained or case.sound):
             likely.append((gained, row, corrected))
     yield from _compared(case, likely, known)
 
@@ -391,30 +391,37 @@ def _drifting(recorded: Recorded, off: np.ndarray, std: np.ndarray) -> tuple[Rea
 
 def _others_explained(case: Case) -> Iterator[Explanation[Case]]:
     """Joints and pictures that are not what they are reported to be: compared by few frames first."""
-    few, likely = case.picked(_least_bent(case)), []
-    for row in READINGS:
-        corrected = (
-            None
-            if row.of_moment or (row.of_pictures and case.sound and not case.changed)
-            else row.correct(few.recorded)
-        )
-        if corrected is None or not _differs(corrected, few.recorded):
-            continue
-        gained = few.cost - few.cost_of(corrected, row.log_density)
-        if gained > 0.0 and (whole := row.correct(case.recorded)) is not None:
+    likely = []
+    for row, gained in _tried(case):
+        if gained > RecordingSettings.hinted and (whole := row.correct(case.recorded)) is not None:
             likely.append((gained, row, whole))
     yield from _compared(case, likely)
 
 
+def _tried(case: Case) -> list[tuple[Reading, float]]:
+    """Rows about joints and pictures that the least bent frames could tell, and what these gain by each."""
+    if "joints" not in case.tried:
+        few, found = case.picked(_least_bent(case)), []
+        for row in READINGS:
+            calm = case.sound and not case.changed
+            if row.of_moment or ((row.of_pictures or row.name == "joint_offset") and calm):
+                continue
+            corrected = row.correct(few.recorded)
+            if corrected is not None and _differs(corrected, few.recorded):
+                found.append((row, few.cost - few.cost_of(corrected, row.log_density)))
+        case.tried["joints"] = found
+    return case.tried["joints"]
+
+
 def unseen_joints(case: Case) -> list[str]:
-    """What could be wrong with the joint angles and would not show: words of the rows that fit about as well."""
-    few, found = case.picked(_least_bent(case)), []
+    """What could be wrong with the joint angles and would not show: rows that fit about as well, or look the same."""
+    gained = {row.words: value for row, value in _tried(case)}
+    few, found = case.recorded.picked(_least_bent(case)), []
     for row in READINGS:
-        corrected = row.correct(few.recorded) if row.name in ("tilt_sign", "joints_exchanged", "joints_late") else None
-        if corrected is not None and row.words not in found:
-            differs = _sag_differs(corrected, few.recorded)
-            if not differs or few.cost_of(corrected) < few.cost + case.settings.suspicious:
-                found.append(row.words)
+        of_joints = row.name in ("tilt_sign", "joints_exchanged", "joints_late") and row.correct(few) is not None
+        # a row that looks the same was not tried
+        if of_joints and gained.get(row.words, 0.0) > -case.settings.suspicious:
+            found.append(row.words)
     return found
 
 
@@ -435,7 +442,7 @@ def _compared(
     for _, row, corrected in ranked[: unranked + RecordingSettings.followed]:
         gained = case.cost - case.cost_of(corrected, row.log_density * counts)
         found = Diagnosis(row.name, row.words, row.remedy, row.severity)
-        yield Explanation(found, gained - RecordingSettings.unlikely, partial(replace, case, recorded=corrected))
+        yield Explanation(found, gained - RecordingSettings.unlikely, partial(case.explained_by, corrected))
 
 
 def _differs(corrected: Recorded, recorded: Recorded) -> bool:
@@ -499,7 +506,7 @@ def _changes(case: Case) -> Iterator[Explanation[Case]]:
         since = f", from row {int(case.recorded.order[first])} on" if first else ""
         diagnosis = Diagnosis(row.name, found.words + since, row.remedy, row.severity)
         odds = found.log_odds - settings.unlikely + row.log_prior - (fair if first else 0.0)
-        yield Explanation(diagnosis, odds, partial(replace, case, recorded=found.recorded))
+        yield Explanation(diagnosis, odds, partial(case.explained_by, found.recorded))
 
 
 def _splits(case: Case) -> list[int]:

@@ -37,6 +37,7 @@ class RecordingSettings:
     varies_rad: float = 0.02  # range of a joint below which it says nothing
     varies_std: float = 6.0  # range of the moment, in standard deviations of its noise, likewise
     unlikely: float = 4.0  # log odds beforehand against each row
+    hinted: float = 1.0  # log odds by few frames, or by the pictures alone, from which a row is compared by all frames
     vague: float = 15.0  # the same against readings that say nothing: any that say something else go first
     tilts_rad: tuple[tuple[float, ...], ...] = (  # where a joint may be that is not read: coarse, then finer steps
         *((-1.2, -0.9, -0.6, -0.3, 0.0, 0.3, 0.6, 0.9, 1.2), (-0.1, 0.1), (-0.03, 0.03)),

@@ -243,8 +243,8 @@ def _untested(case: Case) -> list[Diagnosis]:
         words = f"all rows have the tilt {recorded.batch.tilt_rad[0]:.4g} rad, which is right if the base stood still"
         found.append(Diagnosis("joints_untested", words, "connect the encoders if it moved", "note"))
     elif joints > RecordingSettings.joints_rad and (unseen := unseen_joints(case)):
-        words = f"it would not show if {', or '.join(unseen)}: the places in the world depend on that"
-        remedy = "begin with ten frames of the free antenna over 20° of tilt or more, and check the joints' columns"
+        words = f"not tested, and places in the world depend on it: whether {', or '.join(unseen)}"
+        remedy = "begin with ten frames of the free antenna over 20° of tilt or more"
         found.append(Diagnosis("joints_untested", words, remedy, "note"))
     return found
 
