@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -74,6 +74,10 @@ class Recorded:
         return Fitted(self)
 
 
+# many hypotheses are about readings, and have the same rig
+_arrays = lru_cache(maxsize=8)(RigArrays.from_rig)
+
+
 class Fitted:
     """Fits of recorded frames, each as the free antenna or one contact, whichever is likelier."""
 
@@ -81,7 +85,7 @@ class Fitted:
         self.recorded, self.settings = recorded, RecordingSettings()
         self.numbers = FitNumbers.empty(len(recorded))
         self.points = np.zeros(len(recorded))
-        self.parts = [(rows, RigArrays.from_rig(rig, recorded.friction_rad)) for rows, rig in recorded.parts]
+        self.parts = [(rows, _arrays(rig, recorded.friction_rad)) for rows, rig in recorded.parts]
         for rows, arrays in self.parts:
             frames = recorded.batch.picked(rows).frames(arrays)
             self.points[rows] = frames.usable.sum(axis=-1)
