@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vbaa_calib.core.errors import Severity
+from vbaa_calib.core.errors import Severity, VbaaError
 from vbaa_calib.rig import Rig
 
 from .evidence import Case, Recorded, weighed
@@ -178,7 +178,6 @@ CHANGES = (
         100.0,
         "%",
         2.0,
-        "doubt",
         log_prior=-2.0,
     ),
     Change(
@@ -189,7 +188,6 @@ CHANGES = (
         1.0,
         "standard deviations",
         5.0,
-        "doubt",
     ),
 )
 
@@ -280,7 +278,10 @@ def _descended(
 ) -> Changed | None:
     recorded, settings, cost, best = case.recorded, case.settings, np.inf, None
     for turn in range(settings.iterations):
-        now = recorded.with_rig(_moved(recorded.rig, row, axes @ steps), first) if steps.any() else recorded
+        try:
+            now = recorded.with_rig(_moved(recorded.rig, row, axes @ steps), first) if steps.any() else recorded
+        except VbaaError:
+            break  # no such lens
         free = np.ones(len(now), bool) if as_free and turn == 0 else None
         together = weighed(now.fit, case.best, case.scale, axes, free)
         information, score = together.about_others(first)

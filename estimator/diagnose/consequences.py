@@ -70,7 +70,7 @@ class RunningVerdict:
     now: RecordingVerdict = field(default_factory=RecordingVerdict)
 
     def __post_init__(self) -> None:
-        self._watch, self._next = RecordingWatch(self.rig), RecordingSettings.first
+        self._watch, self._next = RecordingWatch(self.rig), RecordingSettings.judged
         self._thread: ThreadPoolExecutor | None = None
         self._coming: Future[RecordingVerdict] | None = None
 

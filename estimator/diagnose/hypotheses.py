@@ -384,7 +384,7 @@ def _drifting(recorded: Recorded, off: np.ndarray, std: np.ndarray) -> tuple[Rea
     words = (
         f"the moment sensor's zero walks by {walk / noise:+.0f} standard deviations of its noise during the recording"
     )
-    row = Reading("moment_drift", words, "let it warm up, or give --track-zero", lambda _: None, severity="doubt")
+    row = Reading("moment_drift", words, "let it warm up, or give --track-zero", lambda _: None)
     readings = recorded.batch.readings_Nm - np.column_stack([walk * share, 0.0 * share])
     return row, recorded.with_readings(readings_Nm=readings)
 

@@ -61,6 +61,8 @@ class RecordingSettings:
     fewest_points: int = 5  # of a frame that is a witness
     at_limit: int = 5  # moments that are exactly the largest or smallest of all from which on they are at a limit,
     at_limit_share: float = 0.04  # and this part of all
+    distinct: float = 0.8  # part of the other moments that differ from each other, where they have digits enough
+    beyond_std: float = 4.0  # standard deviations by which pictures ask for more than a moment at the end of its range
     repeated: int = 2  # rows with the picture of the row before from which on the camera stood still
     joints_rad: float = 0.05  # range of the joints from which on they are to be tested
     apart_s: float = 8.0  # time between frames that is more likely in another unit

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Sequence
 from copy import deepcopy
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -71,7 +71,7 @@ class RecordingWatch:
         self._pictured: Measured | None = None  # the row in which the present picture was seen first
         self._repeated: list[int] = []
         self._limits = (np.inf, -np.inf)
-        self._at = Counter[float]()
+        self._at: dict[float, list[int]] = {}  # rows with the smallest and the largest moment so far
         self._contradicted: list[int] = []
         self._apart_s: deque[float] = deque(maxlen=64)
 
@@ -110,9 +110,9 @@ class RecordingWatch:
         low, high = self._limits
         self._limits = min(low, moment_Nm), max(high, moment_Nm)
         if self._limits != (low, high):
-            self._at = Counter({value: count for value, count in self._at.items() if value in self._limits})
+            self._at = {value: rows for value, rows in self._at.items() if value in self._limits}
         if moment_Nm in self._limits:
-            self._at[moment_Nm] += 1
+            self._at.setdefault(moment_Nm, []).append(self.count)
 
     def _moved(self, measured: Measured, before: Measured) -> bool:
         """Whether readings say that the antenna has moved."""
@@ -129,8 +129,6 @@ class RecordingWatch:
         chosen = np.unique(np.linspace(0, len(self._spread) - 1, self.settings.spread).astype(int))
         kept = [*self._first, *(self._spread[index] for index in chosen if self._spread)]
         batch = Batch.of(self.rig, [one.measured for one in kept])
-        at_limit = np.isin(batch.readings_Nm, self.limits)
-        batch = replace(batch, readings_Nm=np.where(at_limit, np.nan, batch.readings_Nm))
         around, order = np.array([one.around for one in kept]), np.array([one.order for one in kept])
         return Recorded(self.rig.drifted(), batch, around.reshape(-1, 2, 4), order)
 
@@ -142,17 +140,45 @@ class RecordingWatch:
             frozen = np.isin(recorded.order, self._repeated)
             if (~frozen).sum() >= self.settings.fewest:
                 recorded = recorded.picked(np.flatnonzero(~frozen))
+            saturated, recorded = self._saturated(recorded)
+            rows += [row for _, own in saturated for row in own]
+            found += [one for one, _ in saturated]
             case = Case.of(recorded, axes_of(recorded.rig, CHANGES)[0])
             causes = diagnose(case, TABLE)
-            found = [*causes, *found] if not found else [*found, *causes]
-            found += self._scatter(case, causes)
-            found += [] if any(one.grave for one in causes) else _untested(case)
-            if any(one.grave for one in causes):
-                first = min(_since(one) for one in causes if one.grave)
+            grave = [one for one in causes if one.grave]
+            # a cause of all is one of single rows, too
+            found = found if grave else [*found, *self._of_rows()]
+            found = [*causes, *found] if not found or not found[0].grave else [*found, *causes]
+            found += [*self._scatter(case, causes), *([] if grave else _untested(case))]
+            if grave:
+                first = min(map(_since, grave))
             elif (left := self._unexplained(case)) is not None:
                 found.append(left)
                 first = 0 if left.grave else None
         return RecordingVerdict(Verdict.of(found), first, frozenset(rows))
+
+    def _saturated(self, recorded: Recorded) -> tuple[list[tuple[Diagnosis, list[int]]], Recorded]:
+        """Moments at the end of the sensor's range, with their rows, and the frames without these readings."""
+        found, read = list[tuple[Diagnosis, list[int]]](), recorded.batch.readings_Nm
+        for value in self.limits:
+            side = "largest" if value == self._limits[1] else "smallest"
+            at, others = np.flatnonzero(read[:, 0] == value), read[:, 0][~np.isin(read[:, 0], self.limits)]
+            fine = len(np.unique(others)) > self.settings.distinct * len(others)
+            if not len(at) or not (fine or self._beyond(recorded.picked(at), value, side == "largest")):
+                continue  # the readings have few digits
+            rows = self._at[value]
+            words = f"{len(rows)} of {self.count} moments are exactly the {side}, {value:.4g} N·m"
+            words = f"{words}: the sensor is at the end of its range"
+            remedy = "press less, or use a sensor or amplifier with more range"
+            found.append((Diagnosis("moment_saturated", words, remedy, "wrong"), rows))
+            read = np.where((read == value) & [True, False], np.nan, read)
+        return found, recorded.with_readings(readings_Nm=read)
+
+    def _beyond(self, some: Recorded, value: float, largest: bool) -> bool:
+        """Whether pictures of some frames ask for a moment beyond one."""
+        expected, std = some.with_readings(readings_Nm=np.full((len(some), 2), np.nan)).fit.moments
+        off = (expected - value) * (1.0 if largest else -1.0) / np.hypot(std, self.rig.moment_sensor.std_Nm)
+        return bool((off[np.isfinite(std)] > self.settings.beyond_std).any())
 
     def _of_series(self) -> list[Diagnosis]:
         """What the series of readings, times and pictures alone show."""
@@ -162,30 +188,27 @@ class RecordingWatch:
             words = f"{count} rows, first row {start}, repeat the picture before them, while the readings go on"
             remedy = "look why the camera stood still, and leave these rows out"
             found.append(Diagnosis("camera_frozen", words, remedy, "wrong"))
-        for value, side in zip(self._limits, ("smallest", "largest"), strict=True):
-            if value in self.limits:
-                words = f"{self._at[value]} of {self.count} moments are exactly the {side}, {value:.4g} N·m"
-                remedy = "press less, or use a sensor or amplifier with more range"
-                words = f"{words}: the sensor is at the end of its range"
-                found.append(Diagnosis("moment_saturated", words, remedy, "wrong"))
-        if self._contradicted:
-            words = (
-                f"{len(self._contradicted)} rows' moments contradict their pictures, first row {self._contradicted[0]}"
-            )
-            remedy = "look for loose contacts and for rows that are exchanged"
-            found.append(Diagnosis("moment_spikes", words, remedy))
         apart = float(np.median(self._apart_s)) if self._apart_s else 0.0
         if apart > self.settings.apart_s:
             words = f"the frames are {apart:.4g} s apart: their times may be in milliseconds or nanoseconds"
             found.append(Diagnosis("time_unit", words, "give time_s in seconds"))
         return found
 
+    def _of_rows(self) -> list[Diagnosis]:
+        """Rows whose readings contradict their pictures."""
+        if not self._contradicted:
+            return []
+        count, first = len(self._contradicted), self._contradicted[0]
+        remedy = "look for loose contacts and for rows that are exchanged"
+        words = f"the moments of {count} rows contradict their pictures, first row {first}"
+        return [Diagnosis("moment_spikes", words, remedy)]
+
     @property
     def limits(self) -> tuple[float, ...]:
-        """Moments at which the sensor is at the end of its range."""
+        """Moments at which the sensor may be at the end of its range."""
         enough = max(self.settings.at_limit, self.settings.at_limit_share * self.count)
         varies = self._limits[1] > self._limits[0]
-        return tuple(value for value in self._limits if varies and self._at[value] >= enough)
+        return tuple(value for value in self._limits if varies and len(self._at.get(value, ())) >= enough)
 
     def _scatter(self, case: Case, causes: Sequence[Diagnosis]) -> list[Diagnosis]:
         """Standard deviations that are too small, and shapes that are not this antenna's."""
@@ -239,8 +262,9 @@ def _untested(case: Case) -> list[Diagnosis]:
         words = "no moment was read: forces along the line of sight, and a sensor's faults, go unnoticed"
         found.append(Diagnosis("no_readings", words, "give moment_Nm where there is a sensor", "note"))
     joints = np.ptp(np.stack([recorded.batch.pan_rad, recorded.batch.tilt_rad]), axis=1).max()
-    if joints == 0.0 and recorded.batch.tilt_rad.any():
-        words = f"all rows have the tilt {recorded.batch.tilt_rad[0]:.4g} rad, which is right if the base stood still"
+    if joints == 0.0:
+        pan, tilt = recorded.batch.pan_rad[0], recorded.batch.tilt_rad[0]
+        words = f"all rows have pan {pan:.4g} and tilt {tilt:.4g} rad, which is right if the base stood still"
         found.append(Diagnosis("joints_untested", words, "connect the encoders if it moved", "note"))
     elif joints > RecordingSettings.joints_rad and (unseen := unseen_joints(case)):
         words = f"not tested, and places in the world depend on it: whether {', or '.join(unseen)}"

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from vbaa_calib.antenna.materials import MATERIALS, materials_near
 from vbaa_calib.core.files import read_yaml
 from vbaa_calib.core.models import json_schema
 from vbaa_calib.session import load_session
-from vbaa_calib.session.materials import MATERIALS, materials_near
 from vbaa_calib.session.settings import SessionFile
 
 from .files import changed, complaint, write

@@ -14,12 +14,12 @@ import numpy as np
 import pytest
 import yaml
 
+from vbaa_calib.antenna.materials import MATERIALS
 from vbaa_calib.calibrate.antenna.session_rig import nominal_parameters
 from vbaa_calib.core.errors import Diagnosis, InputError
 from vbaa_calib.core.files import read_yaml, write_text
 from vbaa_calib.core.images import read_gray, read_picture
 from vbaa_calib.session import NominalAntenna
-from vbaa_calib.session.materials import MATERIALS
 from vbaa_calib.wizard import steps
 from vbaa_calib.wizard.against_answers import (
     _material_by_sag,

@@ -13,6 +13,7 @@ from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field
 from scipy.spatial.transform import Rotation
 
 from targets.board import BoardSpec
+from vbaa_calib.antenna.materials import MATERIALS, Material
 from vbaa_calib.core.arrays import gate
 from vbaa_calib.core.errors import Diagnosis, InputError
 from vbaa_calib.core.files import read_yaml
@@ -20,7 +21,6 @@ from vbaa_calib.core.models import ArrayOf, FileModel, Number, ReadAs, checked
 from vbaa_calib.geometry import Kinematics, Pose
 
 from .drift import DRIFTS, LAB, Drift, FileDrift
-from .materials import MATERIALS, Material
 
 if TYPE_CHECKING:
     from .tables import Still

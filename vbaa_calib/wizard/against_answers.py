@@ -11,6 +11,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from vbaa_calib.antenna.materials import MATERIALS
 from vbaa_calib.calibrate.antenna.inputs import Observation
 from vbaa_calib.calibrate.antenna.problem import ANTENNA
 from vbaa_calib.calibrate.antenna.session_rig import (
@@ -32,7 +33,6 @@ from vbaa_calib.detect.whisker.antenna import free_curve
 from vbaa_calib.geometry import Pose
 from vbaa_calib.session import Still
 from vbaa_calib.session.jig import jig_alternatives, jig_doubts
-from vbaa_calib.session.materials import MATERIALS
 
 from .questions import DIRECTIONS, keeps_jig, typed
 from .session_state import SessionState

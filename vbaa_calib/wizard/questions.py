@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 
 import yaml
 
+from vbaa_calib.antenna.materials import MATERIALS
 from vbaa_calib.core.csv_rows import read_csv
 from vbaa_calib.core.errors import InputError, shown
-from vbaa_calib.session.materials import MATERIALS
 
 if TYPE_CHECKING:
     import numpy as np

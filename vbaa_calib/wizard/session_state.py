@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from targets.board import BoardSpec
 from targets.print_scale import READING_STD_MM, PrintScale, print_scale, rescaled
+from vbaa_calib.antenna.materials import MATERIALS
 from vbaa_calib.calibrate.antenna.bundle_adjustment import BundleAdjustment, adjust_bundle
 from vbaa_calib.calibrate.antenna.inputs import Observation
 from vbaa_calib.calibrate.antenna.session_rig import ExpectedAntenna, nominal_parameters
@@ -46,7 +47,6 @@ from vbaa_calib.session import (
     load_session,
     session_from,
 )
-from vbaa_calib.session.materials import MATERIALS
 
 from .questions import BY_KEY, DIRECTIONS, READINGS, complete, in_si
 from .store import AcceptedPicture, Store
