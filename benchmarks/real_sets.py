@@ -112,11 +112,11 @@ def _lens_row(one: PhotoSet, solution: LensSolution) -> list[str]:
 
 def _uncertainty_row(one: PhotoSet, solution: LensSolution) -> list[str]:
     """One set's row of the second table."""
-    fixed, turning = (projection_uncertainty(solution.camera, compensated).std_px for compensated in (False, True))
+    fixed, turning = (projection_uncertainty(solution.camera, compensated)[2] for compensated in (False, True))
     row, column = (size // 2 for size in fixed.shape)
     middle = np.array(solution.camera.image_size) / 2.0 - 0.5
     distance = float(np.median([view.T_camera_board.translation_m[2] for view in solution.views]))
-    by_lens = ray_derivatives(solution.camera.intrinsics, middle).by_parameter
+    by_lens = ray_derivatives(solution.camera.intrinsics, middle)[2]
     ray = float(np.sqrt(np.linalg.eigvalsh(by_lens @ solution.camera.covariance @ by_lens.T)[-1]))
     cells = [fixed[row, column], np.nanmax(fixed), turning[row, column], np.nanmax(turning)]
     return [one.title, *(f"{cell:.3f}" for cell in cells), f"{distance:.2f}", f"{1e3 * distance * ray:.3f}"]

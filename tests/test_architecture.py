@@ -28,13 +28,13 @@ PRIVATE_WORDS = re.compile(
 )
 """Words that mean more in this project than in the field's books: docs/glossary.md has better ones."""
 MOST = {
-    "module constants": 2275,
-    "class names used twice": 55,
-    "classes": 544,
-    "public names": 1570,
-    "private words": 782,
+    "module constants": 2202,
+    "class names used twice": 52,
+    "classes": 542,
+    "public names": 1566,
+    "private words": 747,
     "type: ignore": 8,
-    "words on pages": 62450,
+    "words on pages": 62386,
 }
 """What there may be of each. A number only goes down: a change that needs fewer lowers it."""
 

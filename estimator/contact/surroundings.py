@@ -7,9 +7,10 @@ moves with them. The pictures themselves decide.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -35,18 +36,6 @@ _HARDLY_MOVES = 0.5
 """An antenna that always covers this part of what lies behind it hardly moves: nothing is learnt."""
 
 
-@dataclass(frozen=True, eq=False)
-class _Surroundings:
-    """Backgrounds by the joints' position: `grounds` by cell of `step_rad`, which is infinite for one background."""
-
-    grounds: Mapping[tuple[int, int], Background]
-    step_rad: float = np.inf
-
-    def of(self, still: Still) -> Background | None:
-        """What lies behind the antenna in this picture, if that is known."""
-        return self.grounds.get(_cell(still, self.step_rad))
-
-
 def surroundings(rig: Rig, given: Path | None, stills: Callable[[], Sequence[Still]]) -> tuple[Ground | None, str]:
     """What lies behind the antenna, as `--background` asks for it, and what came of that in words.
 
@@ -56,13 +45,12 @@ def surroundings(rig: Rig, given: Path | None, stills: Callable[[], Sequence[Sti
     if given is None:
         return None, ""
     if given == AUTO:
-        learnt, words = _learn_surroundings(rig, stills())
-        return None if learnt is None else learnt.of, words
+        return _learn_surroundings(rig, stills())
     empty = Background(_plane(rig, given).astype(np.float32))
     return lambda _: empty, f"{given.name} is taken off where it lies behind the antenna"
 
 
-def _learn_surroundings(rig: Rig, stills: Sequence[Still]) -> tuple[_Surroundings | None, str]:
+def _learn_surroundings(rig: Rig, stills: Sequence[Still]) -> tuple[Ground | None, str]:
     """Backgrounds from pictures with the antenna in them, and what came of it in words; None where none is of use."""
     shown = [still for still in stills if still.image is not None]
     why = f"fewer than {LEAST_PICTURES} pictures"
@@ -78,10 +66,15 @@ def _learn_surroundings(rig: Rig, stills: Sequence[Still]) -> tuple[_Surrounding
                 grounds |= {} if ground is None else {cell: ground}
         if grounds:
             where = "" if len(cells) == 1 else f" at {len(grounds)} of {len(cells)} positions of the joints"
-            return _Surroundings(grounds, step), f"what stands still behind the antenna is taken off{where}"
+            return partial(_ground_of, grounds, step), f"what stands still behind the antenna is taken off{where}"
         if len(cells) > 1 and np.isfinite(step):
             why = f"{why}, at none of {len(cells)} positions of the joints"
     return None, f"nothing is taken off: {why}"
+
+
+def _ground_of(grounds: dict[tuple[int, int], Background], step_rad: float, still: Still) -> Background | None:
+    """Of the cell of joint angles, `step_rad` wide (infinite for one background), that the picture was taken in."""
+    return grounds.get(_cell(still, step_rad))
 
 
 def beside(rig: Rig, still: Still) -> list[Still]:

@@ -87,10 +87,10 @@ def test_another_picture_never_harms_and_the_suggested_one_is_best_of_the_set():
     known = LensInformation.of(solve_intrinsics(made, SPEC, "opencv5"), made, SPEC)
     functional = plane_sensitivity(known.design, PLANE, SPEC)
     found = _view_candidates(known.design, SPEC, _coarse_poses(known.design, SPEC, 0.24, 0.6))
-    poses = np.array([candidate.T_camera_board.vector for candidate in found])
+    poses = np.array([pose.vector for _, pose, _ in found])
     observations = [
-        BoardCorners(corner_points(SPEC)[c.ids], np.zeros((len(c.ids), 2)), deformations(corner_points(SPEC))[c.ids])
-        for c in found
+        BoardCorners(corner_points(SPEC)[ids], np.zeros((len(ids), 2)), deformations(corner_points(SPEC))[ids])
+        for *_, ids in found
     ]
     after = np.sqrt(mean_square(functional, known.information + view_blocks(known.design, poses, observations)[0]))
     now = np.sqrt(mean_square(functional, known.information))

@@ -114,10 +114,10 @@ def test_a_batch_of_lenses():
 def test_closed_form_derivatives_are_autograd(name):
     camera, (pixels, K, c) = differentiable(name, count=3)
     by_pixel, by_K, by_c = torch.autograd.functional.jacobian(rays_of(camera), (pixels, K, c), vectorize=False)
-    moved = ray_derivatives(camera.intrinsics, pixels.detach().numpy())
+    _, ray_by_pixel, ray_by_parameter, _ = ray_derivatives(camera.intrinsics, pixels.detach().numpy())
     expected = torch.stack([by_pixel[i, :, i] for i in range(3)])
     by_parameter = torch.cat(
         [torch.stack([by_K[..., 0, 0], by_K[..., 1, 1], by_K[..., 0, 2], by_K[..., 1, 2]], -1), by_c], -1
     )
-    np.testing.assert_allclose(moved.by_pixel, expected, rtol=1e-8, atol=1e-13)
-    np.testing.assert_allclose(moved.by_parameter, by_parameter, rtol=1e-8, atol=1e-12)
+    np.testing.assert_allclose(ray_by_pixel, expected, rtol=1e-8, atol=1e-13)
+    np.testing.assert_allclose(ray_by_parameter, by_parameter, rtol=1e-8, atol=1e-12)

@@ -22,10 +22,10 @@ EACH_KIND += ["only tilted", "fisheye equidistant", "fisheye 200"]
 def by_rays(camera: Camera, pixels: np.ndarray) -> np.ndarray:
     """Slopes by pixel the long way: X/Z by the derivatives of the rays. NaN where not valid."""
     with np.errstate(all="ignore"):
-        moved = ray_derivatives(camera.intrinsics, pixels)
-        depth = moved.rays[..., 2, None, None]
-        by_pixel = (moved.by_pixel[..., :2, :] - moved.rays[..., :2, None] / depth * moved.by_pixel[..., 2:, :]) / depth
-    return np.where((moved.valid & (moved.rays[..., 2] > 1e-12))[..., None, None], by_pixel, np.nan)
+        rays, turned, _, valid = ray_derivatives(camera.intrinsics, pixels)
+        depth = rays[..., 2, None, None]
+        by_pixel = (turned[..., :2, :] - rays[..., :2, None] / depth * turned[..., 2:, :]) / depth
+    return np.where((valid & (rays[..., 2] > 1e-12))[..., None, None], by_pixel, np.nan)
 
 
 @pytest.mark.parametrize("name", sorted(LENSES))

@@ -110,8 +110,8 @@ def camera_document(solution: LensSolution, spec: Board) -> dict[str, Any]:
     covariance = solution.camera.covariance
     assert covariance is not None
     # null where there is no ray
-    free, fixed = (projection_uncertainty(solution.camera, compensated) for compensated in (True, False))
-    free_px, fixed_px = (np.where(np.isfinite(one.std_px), one.std_px, np.array(None)) for one in (free, fixed))
+    (pixels, _, free), (_, _, fixed) = (projection_uncertainty(solution.camera, each) for each in (True, False))
+    free_px, fixed_px = (np.where(np.isfinite(std), std, np.array(None)) for std in (free, fixed))
     return {
         **solution.camera.to_dict(),
         "std": dict(zip(solution.camera.parameter_names, covariance.diagonal().clip(0.0) ** 0.5, strict=True)),
@@ -121,8 +121,8 @@ def camera_document(solution: LensSolution, spec: Board) -> dict[str, Any]:
         "rms_px": finite_or_none(solution.rms_px),
         "rms_inliers_px": finite_or_none(solution.rms_inliers_px),
         "projection_uncertainty": {
-            "columns_px": free.pixels[0, :, 0].tolist(),
-            "rows_px": free.pixels[:, 0, 1].tolist(),
+            "columns_px": pixels[0, :, 0].tolist(),
+            "rows_px": pixels[:, 0, 1].tolist(),
             "std_px": free_px.tolist(),
             "std_fixed_camera_px": fixed_px.tolist(),
         },

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from itertools import product
 from types import ModuleType
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -55,15 +55,6 @@ class RadialTable:
         return low + (place - index) * step, low, step
 
 
-class _RadialSolution(NamedTuple):
-    """Radii (...) of distorted radii, whether each is on the branch and solved, and the gain and its slope by r²."""
-
-    radius: Array
-    valid: Array
-    gain: Array
-    d_gain: Array
-
-
 def tolerance(xp: ModuleType, distorted: Array) -> Array:
     """Residual that counts as none, (...): some tens of roundings of the largest term."""
     return (5e-14 if distorted.dtype == xp.float64 else 3e-6) * distorted + 1e-300
@@ -71,18 +62,18 @@ def tolerance(xp: ModuleType, distorted: Array) -> Array:
 
 def invert_radial(
     xp: ModuleType, model: LensModel, c: Sequence[float], table: RadialTable, distorted: Array, thorough: bool
-) -> _RadialSolution:
-    """Ideal radii of distorted ones (...) in [0, distorted_limit). Not thorough: not valid where a few Newton steps do
-    not converge."""
+) -> tuple[Array, Array, Array, Array]:
+    """Ideal radii of distorted ones (...) in [0, distorted_limit), whether each is on the branch and solved, and the
+    gain and its slope by r². Not thorough: not valid where a few Newton steps do not converge."""
     radius, _, _ = table.start(xp, distorted)
     for _ in range(_FAST_STEPS):
         s = radius * radius
         gain, d_gain = model.radial(s, c)
         radius = radius - (radius * gain - distorted) / (gain + 2.0 * s * d_gain)
     found = _checked(xp, model, c, table, radius, distorted)
-    if not thorough or bool(found.valid.all()):
+    if not thorough or bool(found[1].all()):
         return found
-    rest = ~found.valid
+    rest = ~found[1]
     _, node, step = table.start(xp, distorted[rest])
     radius[rest] = _bracketed(xp, model, c, distorted[rest], (node - step, node + 2.0 * step), _SAFE_STEPS)
     return _checked(xp, model, c, table, radius, distorted)
@@ -90,12 +81,12 @@ def invert_radial(
 
 def _checked(
     xp: ModuleType, model: LensModel, c: Sequence[float], table: RadialTable, radius: Array, distorted: Array
-) -> _RadialSolution:
+) -> tuple[Array, Array, Array, Array]:
     """Valid are radii at which the residual is at the rounding and ρ still grows."""
     s = radius * radius
     gain, d_gain = model.radial(s, c)
     solved = (xp.abs(radius * gain - distorted) <= tolerance(xp, distorted)) & (gain + 2.0 * s * d_gain > 0)
-    return _RadialSolution(radius, solved & (radius >= 0) & (radius <= table.ideal_limit), gain, d_gain)
+    return radius, solved & (radius >= 0) & (radius <= table.ideal_limit), gain, d_gain
 
 
 def _bracketed(

@@ -138,8 +138,8 @@ class CameraOnPlane(torch.nn.Module):
         """How a point slides on the plane while its ray turns and its origin moves."""
         (fx, _, cx), (_, fy, cy), _ = self.matrix.tolist()
         intrinsics = Intrinsics(MODELS[self.camera.model], fx, fy, cx, cy, tuple(self.distortion.tolist()))
-        moved = ray_derivatives(intrinsics, pixels)
-        directions, crossing = self._crossing(moved.rays)
+        rays, by_pixel, by_lens, valid = ray_derivatives(intrinsics, pixels)
+        directions, crossing = self._crossing(rays)
         # the origin moved by a step moves the point by (1 − m nᵀ/(n·m)) times it; the direction moved, by t times that
         identity, normal = torch.eye(3).to(pixels), self.normal.to(pixels)
         slide = identity - directions[..., :, None] * normal / crossing.slant[..., None, None]
@@ -147,7 +147,7 @@ class CameraOnPlane(torch.nn.Module):
         by_direction = by_origin * crossing.range_m[..., None, None]
         turned = by_direction @ self.rotation.to(pixels)
         if not by_parameter:
-            return masked(turned @ moved.by_pixel, moved.valid & crossing.valid)
+            return masked(turned @ by_pixel, valid & crossing.valid)
         by_rotation = torch.linalg.cross(directions[..., None, :], by_direction, dim=-1)
-        whole = torch.cat([turned @ moved.by_parameter, by_rotation, by_origin], -1)
-        return masked(whole, moved.valid & crossing.valid)
+        whole = torch.cat([turned @ by_lens, by_rotation, by_origin], -1)
+        return masked(whole, valid & crossing.valid)

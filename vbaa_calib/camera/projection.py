@@ -235,18 +235,9 @@ def by_lens_of_points(
     return *(column[row] for row in range(2) for column in columns), lens.contains(xp, x, y) & front, False
 
 
-@dataclass(frozen=True, eq=False)
-class _RayDerivatives:
-    """Rays of pixels, and how they move."""
-
-    rays: Array  # (..., 3) unit; the axis where not valid
-    by_pixel: Array  # (..., 3, 2) d(ray)/d(u, v)
-    by_parameter: Array  # (..., 3, 4 + k) d(ray)/d(fx, fy, cx, cy, *distortion) for a fixed pixel
-    valid: Array  # (...)
-
-
-def ray_derivatives(intrinsics: Intrinsics, pixels: Array) -> _RayDerivatives:
-    """Rays of pixels (..., 2) with their derivatives."""
+def ray_derivatives(intrinsics: Intrinsics, pixels: Array) -> tuple[Array, Array, Array, Array]:
+    """Rays of pixels (..., 3), unit, the axis where not valid; d(ray)/d(u, v) (..., 3, 2); d(ray)/d(fx, fy, cx, cy,
+    *distortion) for a fixed pixel (..., 3, 4 + k); validity (...)."""
     xp, chart = namespace(pixels), intrinsics.model.chart
     x, y, valid = pixel_to_chart(intrinsics, pixels[..., 0], pixels[..., 1])
     lens = lens_of(intrinsics.model, intrinsics.coefficients)
@@ -254,7 +245,7 @@ def ray_derivatives(intrinsics: Intrinsics, pixels: Array) -> _RayDerivatives:
     by_pixel = matrix(xp, [[xx / intrinsics.fx, xy / intrinsics.fy], [yx / intrinsics.fx, yy / intrinsics.fy]])
     by_parameter = matrix(xp, [[column[row] for column in columns] for row in range(2)])
     by_chart, rays = chart.ray_jacobian(xp, x, y), xp.stack(chart.to_ray(xp, x, y), -1)
-    return _RayDerivatives(rays, by_chart @ by_pixel, by_chart @ by_parameter, valid)
+    return rays, by_chart @ by_pixel, by_chart @ by_parameter, valid
 
 
 def _by_sensor_and_lens(

@@ -7,7 +7,6 @@ import io
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TextIO
 
@@ -104,18 +103,10 @@ def places_of(header: Sequence[str], columns: Sequence[str], optional: Sequence[
     return {name: header.index(name) for name in known}
 
 
-@dataclass(frozen=True, eq=False)
-class PlainRows:
-    """Rows of numbers. cells (R, K): of the wanted columns. begins, ends (R,): of each row, in bytes."""
-
-    cells: np.ndarray
-    begins: np.ndarray
-    ends: np.ndarray
-
-
-def plain_rows(lines: bytes, count: int, places: Sequence[int]) -> PlainRows | None:
+def plain_rows(lines: bytes, count: int, places: Sequence[int]) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
     """Whole lines of `count` cells as numbers, read by NumPy; None unless they are plain, with a number in each column
-    of `places`. Blank lines are left out."""
+    of `places`: the cells (R, K) of these columns, and where each row begins and ends (R,), in bytes. Blank lines are
+    left out."""
     if b'"' in lines or lines.count(b"\r") != lines.count(b"\r\n"):
         return None
     data = np.frombuffer(lines if lines.endswith(b"\n") else lines + b"\n", np.uint8)
@@ -133,7 +124,7 @@ def plain_rows(lines: bytes, count: int, places: Sequence[int]) -> PlainRows | N
             return None
     if len(cells) != filled.sum() or not np.isfinite(cells).all():
         return None
-    return PlainRows(cells, begins[filled], np.minimum(ends[filled], len(lines)))
+    return cells, begins[filled], np.minimum(ends[filled], len(lines))
 
 
 def loaded(text: str, places: Sequence[int]) -> np.ndarray:
@@ -149,8 +140,8 @@ def plain_columns(path: Path, columns: Sequence[str], optional: Sequence[str] = 
         header = [name.strip() for name in first.decode("utf-8-sig").split(",")]
         places = places_of(header, columns, optional, path)
         rows = plain_rows(lines, len(header), list(places.values())) if lines else None
-        if rows is not None and len(rows.cells):
-            return dict(zip(places, rows.cells.T.copy(), strict=True))
+        if rows is not None and len(rows[0]):
+            return dict(zip(places, rows[0].T.copy(), strict=True))
     return None
 
 

@@ -161,15 +161,16 @@ def _plain(block: bytes, layout: _Layout) -> np.ndarray | None:
     rows = plain_rows(block, layout.count, layout.places) if block else None
     if rows is None:
         return None
-    if not len(rows.cells):
+    cells, begins, ends = rows
+    if not len(cells):
         return np.empty((0, 3), np.int64)
-    frame, others = rows.cells[:, 0], rows.cells[:, 1:]
+    frame, others = cells[:, 0], cells[:, 1:]
     sound = ((frame >= 0) & (frame < MOST_WHOLE) & (frame == np.floor(frame))).all()
     if not sound or (np.abs(others) > FARTHEST_PX).any() or not (others[:, 2:] > 0.0).all():
         return None
     first = np.concatenate([[0], np.flatnonzero(np.diff(frame)) + 1])
     last = np.concatenate([first[1:], [len(frame)]]) - 1
-    return np.stack([frame[first].astype(np.int64), rows.begins[first], rows.ends[last]], axis=1)
+    return np.stack([frame[first].astype(np.int64), begins[first], ends[last]], axis=1)
 
 
 def _copy_plainly(path: Path, copy: BinaryIO) -> None:

@@ -18,7 +18,7 @@ from vbaa_calib.calibrate.check.assessment import assess
 from vbaa_calib.calibrate.given_lens import GivenLens
 from vbaa_calib.calibrate.guide.next_load import load_progress
 from vbaa_calib.calibrate.guide.next_view import GOAL_M, ViewProgress, lens_progress, plane_progress
-from vbaa_calib.calibrate.guide.suggestion import pose_match
+from vbaa_calib.calibrate.guide.suggestion import Suggestion, pose_match
 from vbaa_calib.calibrate.pipeline import calibrate
 from vbaa_calib.calibrate.report import rig_document
 from vbaa_calib.core.errors import Diagnosis, InputError, VbaaError
@@ -53,14 +53,6 @@ class Number:
 
 
 @dataclass(frozen=True, eq=False)
-class Target:
-    """Where to show the board next: outline (4, 2) px, clockwise from the print's top left."""
-
-    outline_px: np.ndarray
-    words: str
-
-
-@dataclass(frozen=True, eq=False)
 class Progress:
     """Progress of a step. enough : more pictures will not help. usable : the step may be closed."""
 
@@ -70,7 +62,7 @@ class Progress:
     enough: bool = False
     usable: bool = False
     numbers: tuple[Number, ...] = ()
-    target: Target | None = None
+    target: Suggestion | None = None  # where to show the board next
     diagnoses: tuple[Diagnosis, ...] = ()
 
     @property
@@ -248,7 +240,7 @@ def _lens_progress(state: SessionState) -> Progress:
         return Progress(tuple(seen), (str(error),), "show the board in another pose")
     target, missing = None, now.words
     if now.suggestion is not None and not now.enough:
-        target = Target(now.suggestion.outline_px, now.suggestion.words)
+        target = now.suggestion
     if now.solution is not None:
         seen.append(f"lens {now.solution.model}, rms {now.solution.rms_px:.2f} px")
         seen += [f"{one.name} is left out: {one.reason}" for one in now.solution.dropped]
@@ -363,7 +355,7 @@ def _loads_progress(state: SessionState) -> Progress:
     return Progress(
         seen=seen,
         missing=(*(() if enough or now.reached else (now.words,)), *now.missing),
-        next=_ENOUGH if enough else now.suggestion.words if now.suggestion else "",
+        next=_ENOUGH if enough else now.suggestion[2] if now.suggestion else "",
         enough=enough,
         usable=len(taken) >= _LOADS_LEAST,
         numbers=(std,) if taken else (),

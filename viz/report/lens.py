@@ -95,15 +95,15 @@ def _residuals(solution: LensSolution, views: Sequence[BoardView]) -> list[dict[
 
 def _maps(camera: Camera, distance_m: float) -> tuple[dict[str, Any], dict[str, Any]]:
     """Deviations over the picture, in the worst direction: on a plane across the axis, mm, and in the picture, px."""
-    known = projection_uncertainty(camera, grid=_GRID)
-    _, slopes, seen = camera.normalized_with_slopes(known.pixels)
+    pixels, covariance_px2, std_px = projection_uncertainty(camera, grid=_GRID)
+    _, slopes, seen = camera.normalized_with_slopes(pixels)
     slopes = 1e3 * distance_m * np.where(seen[..., None, None], slopes, np.nan)
-    on_plane = slopes @ known.covariance_px2 @ np.swapaxes(slopes, -1, -2)
+    on_plane = slopes @ covariance_px2 @ np.swapaxes(slopes, -1, -2)
     std_mm = np.full(seen.shape, np.nan)
     finite = np.isfinite(on_plane).all(axis=(-1, -2))
     std_mm[finite] = np.sqrt(np.linalg.eigvalsh(on_plane[finite])[:, -1].clip(0.0))
-    place = {"columns_px": known.pixels[0, :, 0], "rows_px": known.pixels[:, 0, 1], "has_ray": seen}
-    return {"unit": "mm", "std": std_mm, **place}, {"unit": "px", "std": known.std_px, **place}
+    place = {"columns_px": pixels[0, :, 0], "rows_px": pixels[:, 0, 1], "has_ray": seen}
+    return {"unit": "mm", "std": std_mm, **place}, {"unit": "px", "std": std_px, **place}
 
 
 def _straightened(camera: Camera, image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -22,7 +22,6 @@ from vbaa_calib.core.robust import MAD_SCALE, mad_std
 from vbaa_calib.geometry import Pose
 from vbaa_calib.rig import Tip
 from vbaa_calib.rig.reprojection import see
-from vbaa_calib.session import Load
 
 from .inputs import Observation, Prior
 from .problem import GAIN, OFFSET, RIG, Evaluation, LensLost, Problem
@@ -156,31 +155,6 @@ class BundleAdjustment:
     def kept(self) -> np.ndarray:
         """(F,) whether the observation took part; others lie far off what the rest agree on."""
         return self.problem.kept
-
-    def exact_loads(self) -> tuple[Linearised, dict[int, np.ndarray], dict[int, np.ndarray]]:
-        """The solution with the loads' readings fixed where they are; of each load that took part the slopes (N + 1, 2)
-        of its rows by its distance, per m, and log force, and which rows (N + 1,) those are."""
-        problem, kept, count = self.problem, self.kept, self.problem.groups.count
-        sizes = [len(seen) if inside else 0 for seen, inside in zip(problem.seen_at_lens, kept, strict=True)]
-        ends, solution = np.cumsum([0, *sizes]), self.solution
-        if len(solution.residuals) != ends[-1] + int(kept.sum()) + problem.certain:
-            # the last pass may have ended on other pictures than it began with
-            solution = problem.linearised(solution.parameters)
-        slopes = problem.whitened_by_load(solution.parameters)
-        some = [i for i, one in enumerate(self.noted) if isinstance(one.still, Load) and kept[i]]
-        moments = ends[-1] + np.cumsum(kept) - 1
-        by_load = {i: np.vstack([problem.without_line(i, slopes[i][:-1]), slopes[i][-1:]]) for i in some}
-        rows = {i: np.append(np.arange(ends[i], ends[i + 1]), moments[i]) for i in some}
-        if count:
-            free = slice(0, len(solution.parameters) - count)
-            solution = replace(
-                solution,
-                parameters=solution.parameters[free],
-                residuals=solution.residuals[:-count],
-                jacobian=solution.jacobian[:-count, free],
-                certain=solution.certain - count,
-            )
-        return solution, by_load, rows
 
     @property
     def sensor_gain_offset(self) -> tuple[float, float]:

@@ -28,8 +28,8 @@ def rig_maps(rig: Rig) -> dict[str, Any]:
     """For check.json: deviations of the projection, a turn of the camera taken out, and on plane C."""
     camera, projection = rig.camera, None
     if camera.covariance is not None:
-        found = projection_uncertainty(camera, compensated=True, grid=_GRID)
-        projection = _map_document(found.pixels, found.std_px, "px")
+        pixels, _, std_px = projection_uncertainty(camera, compensated=True, grid=_GRID)
+        projection = _map_document(pixels, std_px, "px")
     pixels, std_mm = _plane_map(rig)
     along = zip(*_along(rig), strict=True)
     return {

@@ -204,20 +204,13 @@ class _StiffnessForecast:
 
 
 @dataclass(frozen=True, eq=False)
-class _LoadSuggestion:
-    """The load to hang next: joints, distance and force to note, EI's deviations after it, and what a person does."""
-
-    load: Load
-    after: _StiffnessStd
-    words: str
-
-
-@dataclass(frozen=True, eq=False)
 class _LoadProgress:
     """How well EI is known."""
 
     now: _StiffnessStd  # EI's deviations
-    suggestion: _LoadSuggestion | None  # what to hang next; None where no weight helps
+    # what to hang next: joints, distance and force to note, EI's deviations after it, and what a person does; None
+    # where no weight helps
+    suggestion: tuple[Load, _StiffnessStd, str] | None
     enough: bool  # the goal is met, or no further load of these weights helps
     reached: bool  # the goal is met
     missing: tuple[str, ...]  # what the loads do not show, in words
@@ -273,7 +266,7 @@ def load_progress(
     return _LoadProgress(now, suggestion, enough, reached, missing, words)
 
 
-def _suggestion(one: _LoadCandidate, after: _StiffnessStd, gain_open: bool) -> _LoadSuggestion:
+def _suggestion(one: _LoadCandidate, after: _StiffnessStd, gain_open: bool) -> tuple[Load, _StiffnessStd, str]:
     load, direction = one.load, one.pull.direction
     axis = int(np.argmax(np.abs(direction)))
     pulling = f"over a pulley, pulling to {_AXES[axis, int(np.sign(direction[axis]))]}"
@@ -283,7 +276,7 @@ def _suggestion(one: _LoadCandidate, after: _StiffnessStd, gain_open: bool) -> _
         f"{np.rad2deg(load.tilt_rad):.0f}°): EI to ± {_percent(after.total)}"
         + (", and the sensor's gain" if gain_open else "")
     )
-    return _LoadSuggestion(load, after, words)
+    return load, after, words
 
 
 def _missing(hung: Sequence[Load], gain_std: float, possible: Sequence[_Pull]) -> tuple[str, ...]:

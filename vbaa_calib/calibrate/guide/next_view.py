@@ -10,7 +10,7 @@ import numpy as np
 from targets.board import BoardSpec
 from vbaa_calib.calibrate.lens.board_shape import BoardShape
 from vbaa_calib.calibrate.lens.intrinsics import LensSolution, solve_intrinsics
-from vbaa_calib.calibrate.lens.models import projected
+from vbaa_calib.calibrate.lens.models import pose_slopes, projected
 from vbaa_calib.calibrate.pose.board_pose import BoardPose, solve_board_pose
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.errors import InputError, SolveError
@@ -139,16 +139,16 @@ def _shares_m(board: BoardPose, camera: Camera, covariance: np.ndarray, plane: W
     inside = valid & camera.in_picture(pixels)
     if inside.mean() < 0.5:
         return np.nan, np.nan
-    seen = projected(camera, space[inside])
-    by_pose = seen.by_pose(space[inside] - board.T_camera_board.translation_m)
-    in_plane = seen.by_point @ plane.T_camera_plane.rotation[:, :2]
+    _, by_point, by_lens = projected(camera, space[inside])
+    by_board = pose_slopes(by_point, space[inside] - board.T_camera_board.translation_m)
+    in_plane = by_point @ plane.T_camera_plane.rotation[:, :2]
 
     def rms(in_pixels: np.ndarray, covariance: np.ndarray) -> float:
         jacobian = np.linalg.solve(in_plane, in_pixels)
         carried = jacobian @ covariance @ np.swapaxes(jacobian, -1, -2)
         return float(np.sqrt(np.trace(carried, axis1=-2, axis2=-1).mean()))
 
-    return rms(seen.by_lens + by_pose @ board.lens_sensitivity, covariance), rms(by_pose, board.covariance)
+    return rms(by_lens + by_board @ board.lens_sensitivity, covariance), rms(by_board, board.covariance)
 
 
 def _next_share(views: Sequence[BoardView], board: BoardPose) -> float:

@@ -48,14 +48,6 @@ class _BoardPlace(NamedTuple):
     roll_rad: float
 
 
-class _ViewCandidate(NamedTuple):
-    """A pose of the board, and the ids (N,) of the corners that are visible with all their markers."""
-
-    placed: _BoardPlace
-    T_camera_board: Pose
-    ids: np.ndarray
-
-
 @dataclass(frozen=True, eq=False)
 class Suggestion:
     """The picture to take next."""
@@ -80,23 +72,24 @@ def best_next(
     for _ in range(1 + _ROUNDS):
         found = _view_candidates(known.design, spec, placed, share)
         if found:
-            poses = np.array([one.T_camera_board.vector for one in found])
-            blocks, _ = view_blocks(known.design, poses, [observation(one, spec) for one in found])
+            poses = np.array([pose.vector for _, pose, _ in found])
+            blocks, _ = view_blocks(known.design, poses, [observation(ids, spec) for *_, ids in found])
             squares = mean_square(aim, known.information + blocks)
             candidate, square = found[int(np.argmin(squares))], float(squares.min())
         if candidate is None:
             return None
-        placed = [candidate.placed, *_finer_poses(candidate.placed, *limits)]
+        placed = [candidate[0], *_finer_poses(candidate[0], *limits)]
     assert candidate is not None, "there is at least one round"
-    points, camera = corner_points(spec)[candidate.ids], known.design.camera
+    _, pose, ids = candidate
+    points, camera = corner_points(spec)[ids], known.design.camera
     # corners outside the picture, where the lens may fold, by the homography of those inside
-    homography, _ = cv2.findHomography(points[:, :2], camera.project(candidate.T_camera_board @ points)[0])
+    homography, _ = cv2.findHomography(points[:, :2], camera.project(pose @ points)[0])
     outline = spec.square_m * np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) * (spec.squares_x, spec.squares_y)
     solved = known.solved and sensitivity is not None
     return Suggestion(
-        candidate.T_camera_board,
+        pose,
         cv2.perspectiveTransform(outline[None], homography)[0],
-        _pose_words(camera, candidate.T_camera_board, spec, len(candidate.ids), known.solved),
+        _pose_words(camera, pose, spec, len(ids), known.solved),
         known.inflation * float(np.sqrt(square)) if solved else np.nan,
     )
 
@@ -124,16 +117,16 @@ def _finer_poses(best: _BoardPlace, near_m: float, far_m: float) -> list[_BoardP
 
 def _view_candidates(
     design: LensDesign, spec: BoardSpec, placed: Sequence[_BoardPlace], share: float = _LEAST_SHARE
-) -> list[_ViewCandidate]:
-    """Those poses that show at least a share of the board's corners, none too small or too steep to be read."""
+) -> list[tuple[_BoardPlace, Pose, np.ndarray]]:
+    """Those that show at least a share of the board's corners, none too small or too steep to be read, T_camera_board
+    of each, and the ids (N,) of the corners that are visible with all their markers."""
     places = np.array([one.place for one in placed]) * (np.array(design.image_size) - 1)
     rays, seen = design.camera.unproject(places)
     kept = [one for one, ok in zip(placed, seen.tolist(), strict=True) if ok]
     poses = _poses(kept, rays[seen], spec)
     visible = visible_corners(design.camera, poses, spec)
     least = max(_LEAST_CORNERS, round(share * spec.corner_count))
-    every = map(_ViewCandidate, kept, poses, visible)
-    return [one for one in every if len(one.ids) >= least]
+    return [one for one in zip(kept, poses, visible, strict=True) if len(one[2]) >= least]
 
 
 def visible_corners(camera: Camera, poses: Sequence[Pose], spec: BoardSpec) -> list[np.ndarray]:
@@ -190,12 +183,12 @@ def _lattice(spec: BoardSpec) -> tuple[np.ndarray, np.ndarray]:
     return lattice, np.stack(around, axis=1)
 
 
-def observation(candidate: _ViewCandidate, spec: BoardSpec) -> BoardCorners:
-    """Its corners, for derivatives alone: their pixels are 0."""
+def observation(ids: np.ndarray, spec: BoardSpec) -> BoardCorners:
+    """Corners (N,), for derivatives alone: their pixels are 0."""
     return BoardCorners(
-        corner_points(spec)[candidate.ids],
-        np.zeros((len(candidate.ids), 2)),
-        deformations(corner_points(spec))[candidate.ids],
+        corner_points(spec)[ids],
+        np.zeros((len(ids), 2)),
+        deformations(corner_points(spec))[ids],
     )
 
 

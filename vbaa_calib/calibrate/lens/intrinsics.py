@@ -123,25 +123,25 @@ def solve_intrinsics(
     options = _LensOptions(usable[0].image_size, ShapePrior.of(board), model, min_corners, square_pixels)
     inliers, rough, warm = _screened(observations, options)
     _require_enough(inliers.of(observations), [*dropped, *_contradicting(usable, inliers.views)], model)
-    fit = _decided(inliers, rough, warm, observations, options)
-    good, bundle, lens = fit.inliers.of(observations), fit.bundle, fit.bundle.model
-    dropped += _contradicting(usable, fit.inliers.views)
+    bundle, inliers, comparison, known = _decided(inliers, rough, warm, observations, options)
+    good, lens = inliers.of(observations), bundle.model
+    dropped += _contradicting(usable, inliers.views)
     _require_enough(good, dropped, model)
-    if fit.information is None:
+    if known is None:
         raise InputError(
             f"the pictures leave the {lens.name} lens open",
             remedy="add views of the board tilted in different directions, or choose a simpler --lens-model",
         )
-    covariance = fit.information.covariance
+    covariance = known.covariance
     camera = camera_of(lens, bundle.intrinsics, options.image_size)
     camera = replace(camera, covariance=covariance[:-SHAPE, :-SHAPE])
     monotonic = is_monotonic(lens, bundle.intrinsics, options.image_size)
     shape = BoardShape.solved(nominal_m, bundle.shape, covariance)
-    seen, scatter = [view.pixels for view in good], fit.information.view_scatter
-    whole = [observations[index] for index in fit.inliers.views]
+    seen, scatter = [view.pixels for view in good], known.view_scatter
+    whole = [observations[index] for index in inliers.views]
     squares = np.sum(np.concatenate(residuals_px(bundle, whole)) ** 2, axis=1)
-    used = _used(fit, usable)
-    left_out = {id(usable[index]): one.outlier_ids for index, one in zip(fit.inliers.views, used, strict=True)}
+    used = _used(bundle, inliers, usable)
+    left_out = {id(usable[index]): one.outlier_ids for index, one in zip(inliers.views, used, strict=True)}
     solution = LensSolution(
         camera=camera,
         model=lens.name,
@@ -150,7 +150,7 @@ def solve_intrinsics(
         views=used,
         outliers=tuple(np.array(left_out.get(id(view), view.ids), int) for view in views),
         dropped=tuple(dropped),
-        comparison=fit.comparison,
+        comparison=comparison,
         monotonic=monotonic,
         board_shape=shape,
         verdict=LensVerdict(),
@@ -213,16 +213,6 @@ def _posed(fits: Mapping[str, Bundle], views: np.ndarray) -> Mapping[str, Bundle
     return {name: replace(fit, poses=fit.poses[views]) for name, fit in fits.items()}
 
 
-@dataclass(frozen=True, eq=False)
-class _LensFit:
-    """A lens over the good corners, with one pose for each good view; information : None where a parameter is open."""
-
-    bundle: Bundle
-    inliers: Inliers
-    comparison: tuple[Candidate, ...]
-    information: Information | None
-
-
 def _decided(
     inliers: Inliers,
     bundle: Bundle,
@@ -230,8 +220,9 @@ def _decided(
     observations: Sequence[BoardCorners],
     options: _LensOptions,
     folding: tuple[str, ...] = (),
-) -> _LensFit:
-    """Lens model and outliers by turns, until neither changes.
+) -> tuple[Bundle, Inliers, tuple[Candidate, ...], Information | None]:
+    """Lens model and outliers by turns, until neither changes: the lens over the good corners, with one pose for each
+    good view, and the information, None where a parameter is open.
 
     A lens that "auto" chose, and that folds once it has converged, is compared again as one of those that fold.
     """
@@ -262,7 +253,7 @@ def _decided(
     known = information(bundle, good)
     if options.model != "auto" and known is not None:
         comparison = (assess(bundle, good, options.image_size, known)[0],)
-    return _LensFit(bundle, inliers, comparison, known)
+    return bundle, inliers, comparison, known
 
 
 def _fit_lens(
@@ -301,8 +292,8 @@ def _choose_lens(
     return fits[chosen], comparison
 
 
-def _used(fit: _LensFit, usable: Sequence[BoardView]) -> tuple[_UsedView, ...]:
-    rms = fit.bundle.view_rms_px
+def _used(bundle: Bundle, inliers: Inliers, usable: Sequence[BoardView]) -> tuple[_UsedView, ...]:
+    rms = bundle.view_rms_px
     limit = np.median(rms) + _OUTLYING * mad_std(rms - np.median(rms))
     return tuple(
         _UsedView(
@@ -314,5 +305,5 @@ def _used(fit: _LensFit, usable: Sequence[BoardView]) -> tuple[_UsedView, ...]:
             T_camera_board=Pose.from_rotvec(pose[:3], pose[3:]),
             outlier_ids=tuple(usable[index].ids[~mask].tolist()),
         )
-        for index, mask, error, pose in zip(fit.inliers.views, fit.inliers.masks, rms, fit.bundle.poses, strict=True)
+        for index, mask, error, pose in zip(inliers.views, inliers.masks, rms, bundle.poses, strict=True)
     )

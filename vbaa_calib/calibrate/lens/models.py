@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -87,30 +86,25 @@ def camera_of(model: LensModel, intrinsics: np.ndarray, image_size: tuple[int, i
 _UNSEEN_PX = 1e4
 
 
-class _ProjectedPoints(NamedTuple):
-    """Pixels (N, 2), and their derivatives by the points (N, 2, 3), per m, and by the lens (N, 2, 4 + k).
+def projected(camera: Camera, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Pixels (N, 2) of points (N, 3) m in the camera frame, and their derivatives by the points (N, 2, 3), per m, and
+    by the lens (N, 2, 4 + k).
 
     Points that the lens does not see are far outside the picture, with derivatives of zero.
     """
-
-    pixels: np.ndarray
-    by_point: np.ndarray
-    by_lens: np.ndarray
-
-    def by_pose(self, lever: np.ndarray) -> np.ndarray:
-        """(N, 2, 6) by the tangent (`Pose.retract`) of a body's pose; lever (N, 3) from its origin to the points."""
-        return np.concatenate([np.cross(lever[:, None], self.by_point), self.by_point], axis=-1)
-
-
-def projected(camera: Camera, points: np.ndarray) -> _ProjectedPoints:
-    """Points (N, 3) m in the camera frame through the lens, with derivatives."""
     seen = camera.project(points)[1][:, None]
     ahead = np.where(seen, points, [0.0, 0.0, 1.0])
     pixels, by_lens, by_pose = PROJECTIONS[camera.model](ahead, np.zeros(6), camera.parameters)
-    slopes = (each.reshape(len(points), 2, -1) for each in (by_pose[:, 3:], by_lens))
-    return _ProjectedPoints(
-        np.where(seen, pixels, _UNSEEN_PX), *(np.where(seen[..., None], each, 0.0) for each in slopes)
+    by_point, by_lens = (
+        np.where(seen[..., None], each.reshape(len(points), 2, -1), 0.0) for each in (by_pose[:, 3:], by_lens)
     )
+    return np.where(seen, pixels, _UNSEEN_PX), by_point, by_lens
+
+
+def pose_slopes(by_point: np.ndarray, lever: np.ndarray) -> np.ndarray:
+    """Derivatives by points (N, 2, 3) turned to (N, 2, 6) by the tangent (`Pose.retract`) of a body's pose; lever
+    (N, 3) from its origin to the points."""
+    return np.concatenate([np.cross(lever[:, None], by_point), by_point], axis=-1)
 
 
 _NUMERATOR = {"opencv": (0, 1, 4), "fisheye": (0, 1, 2, 3)}

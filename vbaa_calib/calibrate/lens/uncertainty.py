@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -24,22 +23,11 @@ _GRID = (17, 13)
 _UNSEEN_PX, _LEAST_PX, _CHANCE = 1e3, 1e-4, 2.0
 
 
-class _ProjectionUncertainty(NamedTuple):
-    """Over a grid of pixels (R, C, 2), covariance (R, C, 2, 2) of the projection of each one's fixed ray; or NaN."""
-
-    pixels: np.ndarray
-    covariance_px2: np.ndarray
-
-    @property
-    def std_px(self) -> np.ndarray:
-        """(R, C) in the worst direction."""
-        return largest_std(self.covariance_px2)
-
-
 def projection_uncertainty(
     camera: Camera, compensated: bool = True, grid: tuple[int, int] = _GRID
-) -> _ProjectionUncertainty:
-    """Covariance of the projection over the whole picture, on `grid` = (columns, rows).
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Pixels (R, C, 2) over the whole picture, on `grid` = (columns, rows), covariances (R, C, 2, 2) px² of the
+    projection of each one's fixed ray, and standard deviations (R, C) px in the worst direction; NaN without a ray.
 
     compensated : without what a turn of the camera explains. Raises InputError when the camera has no covariance.
     """
@@ -49,7 +37,8 @@ def projection_uncertainty(
     jacobian = projection_jacobian(camera, pixels)
     if compensated:
         jacobian = compensate(camera, pixels, jacobian)
-    return _ProjectionUncertainty(pixels, jacobian @ camera.covariance @ np.swapaxes(jacobian, -1, -2))
+    covariance = jacobian @ camera.covariance @ np.swapaxes(jacobian, -1, -2)
+    return pixels, covariance, largest_std(covariance)
 
 
 def pixel_grid(image_size: tuple[int, int], grid: tuple[int, int] = _GRID) -> np.ndarray:
@@ -174,10 +163,11 @@ def _slopes(camera: Camera, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 @lru_cache(maxsize=4)
 def _slopes_at(camera: Camera, shape: tuple[int, ...], pixels: bytes) -> tuple[np.ndarray, np.ndarray]:
     """Cached: `projection_jacobian` and `compensate` ask for the same pixels."""
-    moved = ray_derivatives(camera.intrinsics, np.frombuffer(pixels).reshape(shape))
-    valid, turned = moved.valid[..., None, None], np.cross(np.eye(3), moved.rays[..., None, :])
-    safe = np.where(valid, moved.by_pixel, np.eye(3)[:, :2])
+    at = np.frombuffer(pixels).reshape(shape)
+    rays, by_pixel, by_parameter, valid = ray_derivatives(camera.intrinsics, at)
+    valid, turned = valid[..., None, None], np.cross(np.eye(3), rays[..., None, :])
+    safe = np.where(valid, by_pixel, np.eye(3)[:, :2])
     transposed = np.swapaxes(safe, -1, -2)
     # from a tangent of the ray sphere to pixels; NaN where not valid
     by_ray = np.where(valid, np.linalg.solve(transposed @ safe, transposed), np.nan)
-    return by_ray @ -moved.by_parameter, by_ray @ np.swapaxes(turned, -1, -2)
+    return by_ray @ -by_parameter, by_ray @ np.swapaxes(turned, -1, -2)

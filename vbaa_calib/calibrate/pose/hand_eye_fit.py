@@ -24,7 +24,7 @@ import numpy as np
 from scipy.optimize import minimize
 from scipy.special import chdtri, fdtri
 
-from vbaa_calib.calibrate.lens.models import projected
+from vbaa_calib.calibrate.lens.models import pose_slopes, projected
 from vbaa_calib.camera import Camera
 from vbaa_calib.core.least_squares import Rules, levenberg_marquardt, solve_scaled
 from vbaa_calib.core.robust import radial_std, soft_l1_weights
@@ -53,13 +53,13 @@ class ViewCorners:
         """Weighted residuals (2N,) px, observed less predicted, and derivatives of what is predicted by the pose's
         tangent (2N, 6) and by the lens (2N, 4 + k)."""
         lever = self.points_m @ T_camera_board.rotation.T
-        seen = projected(camera, lever + T_camera_board.translation_m)
-        residuals = (self.pixels - seen.pixels) * self.weights[:, None]
-        by_pose, by_lens = (
+        pixels, by_point, by_lens = projected(camera, lever + T_camera_board.translation_m)
+        residuals = (self.pixels - pixels) * self.weights[:, None]
+        weighted, by_lens = (
             (slopes * self.weights[:, None, None]).reshape(residuals.size, -1)
-            for slopes in (seen.by_pose(lever), seen.by_lens)
+            for slopes in (pose_slopes(by_point, lever), by_lens)
         )
-        return residuals.ravel(), by_pose, by_lens
+        return residuals.ravel(), weighted, by_lens
 
     def posed(self, camera: Camera, start: Pose) -> tuple[Pose, np.ndarray]:
         """The pose by IRLS (soft L1) from a start, and the residuals' lengths (N,) px there."""

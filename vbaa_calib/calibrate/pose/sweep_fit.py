@@ -124,7 +124,7 @@ def linearise(camera: Camera, state: SweepState, corners: SweepCorners) -> _Swee
     lever = corners.points_m @ B.rotation.T
     from_foot = np.einsum("nij,nj->ni", world, lever + B.translation_m)
     at = from_foot - state.axis_offset_m * across
-    seen = projected(camera, (at - X.translation_m) @ X.rotation)
+    pixels, by_point, by_lens = projected(camera, (at - X.translation_m) @ X.rotation)
     # how each step, then pan and tilt, moves the point as seen from the attachment: (N, 16, 3)
     moves = [
         np.cross((at - X.translation_m)[:, None], np.eye(3)),
@@ -136,8 +136,8 @@ def linearise(camera: Camera, state: SweepState, corners: SweepCorners) -> _Swee
         np.cross(from_foot, world[..., 2])[:, None],
         np.cross(_Y, at)[:, None],
     ]
-    by_state = seen.by_point @ X.rotation.T @ np.swapaxes(np.concatenate(moves, axis=1), -1, -2)
-    return _SweepRows(corners.pixels - seen.pixels, by_state[..., :_STATE], by_state[..., _STATE:], seen.by_lens)
+    by_state = by_point @ X.rotation.T @ np.swapaxes(np.concatenate(moves, axis=1), -1, -2)
+    return _SweepRows(corners.pixels - pixels, by_state[..., :_STATE], by_state[..., _STATE:], by_lens)
 
 
 def initial_state(camera: Camera, corners: SweepCorners, kinematics: Kinematics) -> SweepState:

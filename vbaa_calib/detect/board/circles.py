@@ -38,22 +38,22 @@ def circle_centres(image: np.ndarray, found_px: np.ndarray, spec: CircleGrid) ->
     """
     points = corner_points(spec)[:, :2]
     centres, bias = found_px.copy(), np.zeros_like(found_px)
-    ids, circle = np.arange(len(points)), _Circle(_first_radius_m(image, found_px, points, spec.pitch_m), spec.pitch_m)
+    ids, radius_m, blur_px = np.arange(len(points)), _first_radius_m(image, found_px, points, spec.pitch_m), np.inf
     areas: list[_Area] = []
     for _ in range(_ROUNDS):
         project = _board_to_picture(points[ids], centres[ids])
-        slopes = _slopes(project, points, spec.pitch_m)
+        slopes, circle = _slopes(project, points, spec.pitch_m), (radius_m, spec.pitch_m)
         seen = {
             int(index): area
             for index in ids
-            if (area := _area(image, centres[index] + bias[index], slopes[index], circle)) is not None
+            if (area := _area(image, centres[index] + bias[index], slopes[index], circle, blur_px)) is not None
         }
         ids, areas = np.array(list(seen), int), list(seen.values())
         if len(ids) < 4:
             return np.zeros(0, int), np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros((0, 2))
         sizes = np.array([area.px2 for area in areas]) / np.abs(np.linalg.det(slopes[ids])) / np.pi
         radius_m = min(float(np.sqrt(np.median(sizes))), 0.49 * spec.pitch_m)
-        circle = _Circle(radius_m, spec.pitch_m, float(np.median([area.blur_px for area in areas])))
+        blur_px = float(np.median([area.blur_px for area in areas]))
         bias[ids] = _bias(project, points[ids], radius_m)
         centres[ids] = np.array([area.centre for area in areas]) - bias[ids]
     noise = np.maximum(np.median([area.variances for area in areas], axis=0), QUANTISATION)
@@ -132,15 +132,6 @@ def _around(image: np.ndarray, centre: np.ndarray, slope: np.ndarray, reach_m: f
 
 
 @dataclass(frozen=True, eq=False)
-class _Circle:
-    """Radius and pitch of the circles, m, and the standard deviation of their edges' blur."""
-
-    radius_m: float
-    pitch_m: float
-    blur_px: float = np.inf
-
-
-@dataclass(frozen=True, eq=False)
 class _Area:
     """The area of a circle.
 
@@ -161,25 +152,29 @@ class _Area:
         return np.asarray((self.by_grey * (within + self.share * (around - within))) @ self.by_grey.T)
 
 
-def _area(image: np.ndarray, centre: np.ndarray, slope: np.ndarray, circle: _Circle) -> _Area | None:
+def _area(
+    image: np.ndarray, centre: np.ndarray, slope: np.ndarray, circle: tuple[float, float], blur_px: float
+) -> _Area | None:
     """The area of the circle at about `centre`; None if it is too small, or cut off by the picture's border.
 
+    circle : its radius and the circles' pitch, m. blur_px : standard deviation of its edge's blur.
     Grey levels are used only near the edge: pixels further inside count as covered, those further outside as not.
     """
-    gap_m = circle.pitch_m - 2.0 * circle.radius_m
-    inner_m, outer_m = circle.radius_m + _INSIDE * gap_m, circle.radius_m + _RING * gap_m
+    radius_m, pitch_m = circle
+    gap_m = pitch_m - 2.0 * radius_m
+    inner_m, outer_m = radius_m + _INSIDE * gap_m, radius_m + _RING * gap_m
     offsets, places, grey = _around(image, centre, slope, outer_m)
     distance_m = np.linalg.norm(places, axis=1)
     half = outer_m * np.linalg.norm(slope, axis=1)
     if ((centre - half < -0.5) | (centre + half > np.array(image.shape[::-1]) - 0.5)).any():
         return None
-    inside, core = distance_m < inner_m, distance_m < _CORE * circle.radius_m
+    inside, core = distance_m < inner_m, distance_m < _CORE * radius_m
     ring = ~inside & (distance_m < outer_m)
     if min(core.sum(), ring.sum()) < _LEAST_PIXELS:
         return None
     per_px = np.linalg.norm(places @ np.linalg.pinv(slope), axis=1) / np.maximum(distance_m, 1e-12)
-    beyond_px = (distance_m - circle.radius_m) / np.maximum(per_px, 1e-12)
-    reach_px = _EDGE_BLURS * circle.blur_px + 1.0
+    beyond_px = (distance_m - radius_m) / np.maximum(per_px, 1e-12)
+    reach_px = _EDGE_BLURS * blur_px + 1.0
     covered, edge = beyond_px < -reach_px, inside & (np.abs(beyond_px) <= reach_px)
     design = np.column_stack([np.ones(len(offsets)), offsets])
     by_ring = np.linalg.pinv(design[ring])
@@ -199,6 +194,6 @@ def _area(image: np.ndarray, centre: np.ndarray, slope: np.ndarray, circle: _Cir
     share = 1.0 - depth / contrast
     # over an edge with a Gaussian blur share · (1 − share) sums up to σ/√π
     between = float((share[inside] * (1.0 - share[inside])).sum() + inside.sum() * np.mean(variances) / contrast**2)
-    around_px = 2.0 * np.pi * circle.radius_m * np.linalg.norm(slope) / np.sqrt(2.0)
+    around_px = 2.0 * np.pi * radius_m * np.linalg.norm(slope) / np.sqrt(2.0)
     blur_px = np.sqrt(np.pi) * max(between, 0.0) / around_px
     return _Area(centre + moment, total / contrast, blur_px, variances, by_grey, np.clip(share, 0.0, 1.0))

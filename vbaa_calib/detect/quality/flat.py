@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -109,19 +108,12 @@ def levels(image: np.ndarray, where: BoardMap) -> Levels | None:
     return Levels(np.where(whole, dark, np.nan), float(black), float(white))
 
 
-class _Blemish(NamedTuple):
-    """A connected patch of squares without their black. centre : (2,) in squares along the board's x and y.
+def blemishes(seen: Levels) -> list[tuple[bool, int, tuple[float, float]]]:
+    """Connected patches of squares without black: every square, or its marker, has black in its middle.
 
-    shining : as bright as paper: a reflection; else something covers the board, or a shadow's edge.
+    Of each whether it is as bright as paper, a reflection (else something covers the board, or a shadow's edge), its
+    number of squares, and its centre in squares along the board's x and y.
     """
-
-    squares: int
-    centre: tuple[float, float]
-    shining: bool
-
-
-def blemishes(seen: Levels) -> list[_Blemish]:
-    """Patches of squares without black: every square, or its marker, has black in its middle."""
     rise = (np.nan_to_num(seen.dark, nan=seen.black) - seen.black) / max(seen.white - seen.black, 1.0)
     count, labels = cv2.connectedComponents((rise > _WASHED_OUT).astype(np.uint8), connectivity=8)
     shining = (seen.dark >= _CLIPPED) | (rise >= _BRIGHT)
@@ -129,5 +121,5 @@ def blemishes(seen: Levels) -> list[_Blemish]:
     for label in range(1, count):
         rows, columns = np.nonzero(labels == label)
         centre = float(columns.mean()) + 0.5, float(rows.mean()) + 0.5
-        found.append(_Blemish(len(rows), centre, bool(shining[rows, columns].mean() > _COVERED)))
+        found.append((bool(shining[rows, columns].mean() > _COVERED), len(rows), centre))
     return found

@@ -130,13 +130,14 @@ def _light(view: BoardView, seen: Levels | None) -> list[Diagnosis]:
 
 def _blemish(where: BoardMap, seen: Levels) -> list[Diagnosis]:
     """The largest patch of the board that has lost its black."""
-    patch = max(blemishes(seen), key=lambda one: (one.shining, one.squares), default=None)
+    patch = max(blemishes(seen), key=lambda one: one[:2], default=None)
     if patch is None or seen.white - seen.black < 0.5 * _PALE:
         return []
-    place = _place(where, np.array(patch.centre))
-    many = f"{patch.squares} square{'s' if patch.squares > 1 else ''}"
-    severity: Severity = "wrong" if patch.squares > 0.25 * seen.dark.size else "doubt"
-    if patch.shining:
+    shining, squares, centre = patch
+    place = _place(where, np.array(centre))
+    many = f"{squares} square{'s' if squares > 1 else ''}"
+    severity: Severity = "wrong" if squares > 0.25 * seen.dark.size else "doubt"
+    if shining:
         words = f"light is reflected {place} of the board: {many} washed out"
         return [Diagnosis("reflection", words, "turn the board or move the lamp until the patch is gone", severity)]
     words = f"something covers the board {place}: {many} not black where it should be"

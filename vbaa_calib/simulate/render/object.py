@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -23,20 +23,12 @@ _STEEPEST = math.exp(-0.5)
 _SUBPIXELS = 4
 
 
-@dataclass(frozen=True, eq=False)
-class _Hits:
-    """Where rays meet an object: depth (N,) in lengths of the ray's vector (inf: a miss), normal (N, 3), face (N,)."""
-
-    depth: np.ndarray
-    normal: np.ndarray
-    face: np.ndarray
-
-
-def cast(obj: TouchObject, origin_m: np.ndarray, directions: np.ndarray) -> _Hits:
-    """First hits of rays from one origin (3,) along directions (N, 3), world frame; a round side is face 0."""
+def cast(obj: TouchObject, origin_m: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """First hits of rays from one origin (3,) along directions (N, 3), world frame: depth (N,) in lengths of the ray's
+    vector (inf: a miss), normal (N, 3), face (N,), a round side being face 0."""
     normal, face = np.empty((len(directions), 3)), np.empty(len(directions), np.int64)
     depth = cast_rays(_body(obj), origin_m, np.ascontiguousarray(directions), normal, face)
-    return _Hits(depth, normal, face)
+    return depth, normal, face
 
 
 def _body(obj: TouchObject) -> Body:
@@ -81,7 +73,7 @@ def obstacle(place: Studio, obj: TouchObject, T_world_camera: Pose) -> DepthOfOb
     """The object as something that may stand in front of the antenna."""
 
     def depth(pixels: np.ndarray) -> np.ndarray:
-        return cast(obj, T_world_camera.translation_m, _world_rays(place.rays.at(pixels), T_world_camera)).depth
+        return cast(obj, T_world_camera.translation_m, _world_rays(place.rays.at(pixels), T_world_camera))[0]
 
     return depth
 
@@ -98,9 +90,13 @@ def _bounding_points(obj: TouchObject) -> np.ndarray:
     return obj.center_world_m + corners @ np.stack([half * axis, reach * side, reach * np.cross(axis, side)])
 
 
-def _shade(obj: TouchObject, hits: _Hits, origin_m: np.ndarray, directions: np.ndarray, albedo: float) -> np.ndarray:
-    light = _AMBIENT + (1.0 - _AMBIENT) * np.maximum(hits.normal @ LAMP_WORLD, 0.0)
-    return albedo * shade(_body(obj), origin_m, directions, hits.depth, light)
+def _shaded(
+    obj: TouchObject, origin_m: np.ndarray, directions: np.ndarray, albedo: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Brightness, whether the object is hit, and its face, each (N,)."""
+    depth, normal, face = cast(obj, origin_m, directions)
+    light = _AMBIENT + (1.0 - _AMBIENT) * np.maximum(normal @ LAMP_WORLD, 0.0)
+    return albedo * shade(_body(obj), origin_m, directions, depth, light), np.isfinite(depth), face
 
 
 def object_patch(place: Studio, obj: TouchObject, T_world_camera: Pose) -> Patch | None:
@@ -112,11 +108,10 @@ def object_patch(place: Studio, obj: TouchObject, T_world_camera: Pose) -> Patch
     origin, albedo = T_world_camera.translation_m, place.spec.object
     shape = (bottom - top, right - left)
     directions = _world_rays(place.rays.centres[top:bottom, left:right].reshape(-1, 2), T_world_camera)
-    hits = cast(obj, origin, directions)
-    brightness = _shade(obj, hits, origin, directions, albedo).reshape(shape)
-    alpha = np.isfinite(hits.depth).astype(float).reshape(shape)
+    brightness, hit, face = _shaded(obj, origin, directions, albedo)
+    brightness, alpha = brightness.reshape(shape), hit.astype(float).reshape(shape)
 
-    faces = (hits.face + 1).astype(np.uint8).reshape(shape)
+    faces = (face + 1).astype(np.uint8).reshape(shape)
     around = np.ones((3, 3), np.uint8)
     rows, columns = np.nonzero(cv2.dilate(faces, around) != cv2.erode(faces, around))
     if rows.size:
@@ -124,7 +119,7 @@ def object_patch(place: Studio, obj: TouchObject, T_world_camera: Pose) -> Patch
         inner = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(1, -1, 2)
         samples = np.stack([columns + left, rows + top], axis=1)[:, None, :] + inner
         fine = _world_rays(place.rays.at(samples.reshape(-1, 2)), T_world_camera)
-        fine_hits = cast(obj, origin, fine)
-        brightness[rows, columns] = _shade(obj, fine_hits, origin, fine, albedo).reshape(len(rows), -1).mean(axis=1)
-        alpha[rows, columns] = np.isfinite(fine_hits.depth).reshape(len(rows), -1).mean(axis=1)
+        brightness[rows, columns], alpha[rows, columns] = (
+            each.reshape(len(rows), -1).mean(axis=1) for each in _shaded(obj, origin, fine, albedo)[:2]
+        )
     return Patch(left, top, 1, brightness.astype(np.float32), alpha.astype(np.float32))

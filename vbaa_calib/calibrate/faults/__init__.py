@@ -1,1 +1,0 @@
-"""Diagnoses of typed values, pictures and hardware."""
