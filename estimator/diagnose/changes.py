@@ -193,7 +193,7 @@ CHANGES = (
 
 
 def axes_of(rig: Rig, rows: Sequence[Change]) -> tuple[np.ndarray, list[np.ndarray]]:
-    """(18 + P, Q) the parameters' steps by one standard deviation of each row's, and which columns (K,) are whose; an
+    """(18 + P, Q) the parameters' steps by one standard deviation of each row's, and the columns (K,) of each; an
     empty one where the rig does not have the parameter."""
     names = list(rig.parameter_names) + (["tip_offset_m"] if rig.tip is not None else [])
     units = {"moment_gain": abs(rig.moment_sensor.gain), "moment_offset_Nm": rig.moment_sensor.std_Nm}
@@ -261,7 +261,7 @@ def fitted(case: Case, row: Change, axes: np.ndarray, first: int = 0) -> Changed
         found = _descended(few, row, axes, steps, as_free, begin)
         if found is not None and (best is None or found.log_odds > best.log_odds):
             best = found
-            if few.cost - best.log_odds < case.settings.settled * len(few.recorded):
+            if few.cost - best.log_odds < case.settings.sound_cost * len(few.recorded):
                 break
     return best if best is None or few is case else _descended(case, row, axes, best.steps, False, first)
 

@@ -324,7 +324,7 @@ class Case:
     @property
     def sound(self) -> bool:
         """Whether the frames cost no more together than they do where all is as reported."""
-        return self.cost < self.settings.settled * len(self.recorded)
+        return self.cost < self.settings.sound_cost * len(self.recorded)
 
     @cached_property
     def changed(self) -> bool:

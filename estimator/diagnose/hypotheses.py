@@ -514,7 +514,7 @@ def _splits(case: Case) -> list[int]:
     count, settings = len(case.recorded), RecordingSettings()
     if not case.many_lost:
         return [0, *np.unique(np.linspace(0, count, settings.splits + 2)[1:-1].astype(int)).tolist()]
-    excess = np.cumsum((case.reported.costs - 2.0 * case.settings.settled)[::-1])[::-1]
+    excess = np.cumsum((case.reported.costs - 2.0 * case.settings.sound_cost)[::-1])[::-1]
     first = int(np.argmax(excess))
     return [first] if settings.fewest_after <= first <= count - settings.fewest_after else [0]
 

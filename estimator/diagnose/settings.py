@@ -23,7 +23,7 @@ class RecordingSettings:
     suspicious: float = (
         8.0  # log odds, to first order, from which a change of the rig, or of its pictures, is suspected
     )
-    settled: float = 4.0  # cost per frame that a right explanation leaves
+    sound_cost: float = 4.0  # cost per frame that a right explanation leaves
     farthest: float = 30.0  # change of a rig, in the standard deviations of its row, that is still sought
     gain: float = 0.5  # least decrease of the cost by a further move
 

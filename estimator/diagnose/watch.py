@@ -195,7 +195,7 @@ class RecordingWatch:
         return found
 
     def _of_rows(self) -> list[Diagnosis]:
-        """Rows whose readings contradict their pictures."""
+        """Rows with readings that contradict their pictures."""
         if not self._contradicted:
             return []
         count, first = len(self._contradicted), self._contradicted[0]
