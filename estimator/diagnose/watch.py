@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 from copy import deepcopy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from estimator.table.contacts import Contact, Measured
 from vbaa_calib.core.errors import Diagnosis, Verdict
 from vbaa_calib.diagnose.decision import diagnose
 from vbaa_calib.rig import Rig
+from vbaa_calib.session import Drift
 
 from .changes import CHANGES, axes_of
 from .evidence import Case, Recorded
@@ -130,13 +131,17 @@ class RecordingWatch:
         kept = [*self._first, *(self._spread[index] for index in chosen if self._spread)]
         batch = Batch.of(self.rig, [one.measured for one in kept])
         around, order = np.array([one.around for one in kept]), np.array([one.order for one in kept])
-        return Recorded(self.rig.drifted(), batch, around.reshape(-1, 2, 4), order)
+        drift = self.rig.drift
+        # what may have changed is in the covariance from here on
+        rig = replace(self.rig.drifted(), drift=Drift(line_px=drift.line_px, light_px=drift.light_px))
+        found = Recorded(rig, batch, around.reshape(-1, 2, 4), order)
+        seen = np.isfinite(batch.points_px).all(axis=-1).sum(axis=-1)
+        return found.picked(np.flatnonzero(seen >= self.settings.fewest_points))
 
     def verdict(self) -> RecordingVerdict:
         """What is wrong, by all rows so far."""
         found, rows, first = self._of_series(), list(self._repeated), None
-        if len(self._first) + len(self._spread) >= self.settings.fewest:
-            recorded = self.recorded()
+        if self._first and len(recorded := self.recorded()) >= self.settings.fewest:
             frozen = np.isin(recorded.order, self._repeated)
             if (~frozen).sum() >= self.settings.fewest:
                 recorded = recorded.picked(np.flatnonzero(~frozen))
