@@ -214,14 +214,16 @@ def _follow(source: Source, live: LiveEstimator, sinks: list[_Sink], monitor: _M
                 sink.write(contact)
             monitor.write(contact)
 
-    with _interruptible() as interrupted, closing(source.messages()) as messages:
-        for message in messages:
-            spread(live.push(message))
-            if source.live:
-                spread(live.tick(now_s()))
-            monitor.news()
-            if interrupted:
-                break
+    with _interruptible() as interrupted:
+        with closing(source.messages()) as messages:
+            for message in messages:
+                spread(live.push(message))
+                if source.live:
+                    spread(live.tick(now_s()))
+                monitor.news()
+                if interrupted:
+                    break
+        # the source is closed by now: what is left takes a moment
         if interrupted:
             source.notes.append("interrupted")
         spread(live.finish())
