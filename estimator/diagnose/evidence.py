@@ -333,6 +333,16 @@ class Case:
         return any(gained > self.settings.suspicious for axis in each for gained in self.gained(np.array([axis])))
 
     @property
+    def splits(self) -> list[int]:
+        """Frames from which on the rig may have changed: from the first on, or where frames cease to be explained."""
+        count, settings = len(self.recorded), self.settings
+        if not self.many_lost:
+            return [0, *np.unique(np.linspace(0, count, settings.splits + 2)[1:-1].astype(int)).tolist()]
+        excess = np.cumsum((self.reported.costs - 2.0 * settings.sound_cost)[::-1])[::-1]
+        first = int(np.argmax(excess))
+        return [first] if settings.fewest_after <= first <= count - settings.fewest_after else [0]
+
+    @property
     def many_lost(self) -> bool:
         """Whether nothing explains more frames than chance and a second contact do."""
         return float(np.mean(self.lost)) > self.settings.lost

@@ -482,11 +482,11 @@ def _changes(case: Case) -> Iterator[Explanation[Case]]:
     settings = RecordingSettings()
     axes, which = axes_of(case.recorded.rig, CHANGES)
     rows = [(row, own) for row, own in zip(CHANGES, which, strict=True) if len(own)]
-    splits = _splits(case)
-    fair = float(np.log(max(len(splits) - 1, 1)))
+    places = case.splits
+    fair = float(np.log(max(len(places) - 1, 1)))
     ranked = [
         (gained - (fair if first else 0.0), first, row, own)
-        for first in splits
+        for first in places
         for row, own in rows
         for gained in case.gained(own, first)
     ]
@@ -507,16 +507,6 @@ def _changes(case: Case) -> Iterator[Explanation[Case]]:
         diagnosis = Diagnosis(row.name, found.words + since, row.remedy, row.severity)
         odds = found.log_odds - settings.unlikely + row.log_prior - (fair if first else 0.0)
         yield Explanation(diagnosis, odds, partial(case.explained_by, found.recorded))
-
-
-def _splits(case: Case) -> list[int]:
-    """Frames from which on the rig may have changed: from the first on, or where frames cease to be explained."""
-    count, settings = len(case.recorded), RecordingSettings()
-    if not case.many_lost:
-        return [0, *np.unique(np.linspace(0, count, settings.splits + 2)[1:-1].astype(int)).tolist()]
-    excess = np.cumsum((case.reported.costs - 2.0 * case.settings.sound_cost)[::-1])[::-1]
-    first = int(np.argmax(excess))
-    return [first] if settings.fewest_after <= first <= count - settings.fewest_after else [0]
 
 
 TABLE: tuple[Hypothesis[Case], ...] = (explanations,)

@@ -240,7 +240,9 @@ class RecordingWatch:
     def _unexplained(self, case: Case) -> Diagnosis | None:
         """Frames that nothing in the table explains."""
         lost = case.lost
-        if not lost.mean() > self.settings.unexplained:
+        (first, *_), least = case.splits, self.settings.fewest // 2
+        later = lost.sum() >= least and lost[first:].mean() > self.settings.contradicting
+        if not (lost.mean() > self.settings.unexplained or later):
             return None
         silent = case.recorded.with_readings(readings_Nm=np.full_like(case.recorded.batch.readings_Nm, np.nan))
         alone = (silent.fit.cost - case.best)[lost] / case.scale[lost]
