@@ -32,9 +32,9 @@ MOST = {
     "class names used twice": 52,
     "classes": 542,
     "public names": 1566,
-    "private words": 747,
+    "private words": 745,
     "type: ignore": 8,
-    "words on pages": 62386,
+    "words on pages": 62238,
 }
 """What there may be of each. A number only goes down: a change that needs fewer lowers it."""
 
